@@ -1,0 +1,36 @@
+"""Shared fixtures: the folder of real data, and the check that no asyncio task outlives its test."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder of real data beside the project; skips where it is absent."""
+    if not SHARED.is_dir():
+        pytest.skip("no folder ../shared/data beside the project")
+    return SHARED
+
+
+@pytest.fixture(autouse=True)
+def no_leaked_tasks() -> Iterator[None]:
+    """A test that leaves an asyncio task unfinished fails."""
+    yield
+    gc.collect()
+    leaked = [task for task in gc.get_objects() if _is_pending_task(task)]
+    assert not leaked, f"tasks left unfinished: {leaked}"
+
+
+def _is_pending_task(thing: object) -> bool:
+    try:
+        return isinstance(thing, asyncio.Task) and not thing.done() and not thing.get_loop().is_running()
+    except ReferenceError:
+        return False

@@ -1,0 +1,1 @@
+"""Recorded flights: tlog, DataFlash, ulog, journal."""

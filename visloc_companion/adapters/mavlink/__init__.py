@@ -1,0 +1,1 @@
+"""MAVLink: codec, pymavlink link, time, parameters."""

@@ -1,0 +1,1 @@
+"""The shell: live daemon, worker, journal, replay."""

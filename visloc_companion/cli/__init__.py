@@ -1,0 +1,1 @@
+"""The visloc command."""

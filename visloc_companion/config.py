@@ -1,0 +1,224 @@
+"""Configuration: TOML to frozen models. Units are in the key names; an unknown key is an error with the nearest valid name."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from visloc_companion.errors import ConfigError
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Share = Annotated[float, Field(gt=0, lt=1)]
+
+
+class Section(BaseModel):
+    """Base of all sections: frozen, no unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+
+class LinkConfig(Section):
+    """The MAVLink connection."""
+
+    url: str = "udpin:127.0.0.1:14550"
+    """`udpin:HOST:PORT`, `udpout:HOST:PORT`, `tcp:HOST:PORT`, `tcpin:HOST:PORT` or `serial:DEVICE:BAUD`."""
+    system_id: Annotated[int, Field(ge=0, le=255)] = 0
+    """Only this autopilot is listened to; 0 takes the first one that is heard and keeps to it."""
+    component_id: Annotated[int, Field(ge=1, le=255)] = 197
+    """Our own MAVLink component (MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY)."""
+    attitude_rate_hz: Positive = 50.0
+    position_rate_hz: Positive = 10.0
+    gnss_rate_hz: Positive = 5.0
+    status_rate_hz: Positive = 2.0
+    reconnect_s: Positive = 2.0
+    """Silence after which the connection is opened anew, and the pause between tries."""
+
+
+class CameraConfig(Section):
+    """The camera and how it is mounted."""
+
+    url: str = ""
+    """`files:FOLDER` (with frames.csv), `video:FILE`, `device:/dev/video0` or `tcp:HOST:PORT` (length-prefixed frames)."""
+    width_px: Annotated[int, Field(ge=64, le=10000)] = 640
+    height_px: Annotated[int, Field(ge=48, le=10000)] = 480
+    fx_px: Positive = 500.0
+    fy_px: Positive = 500.0
+    cx_px: NonNegative = 319.5
+    cy_px: NonNegative = 239.5
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """Brown-Conrady k1 k2 p1 p2 k3."""
+    mount_roll_deg: float = 0.0
+    mount_pitch_deg: float = 0.0
+    mount_yaw_deg: float = 0.0
+    """Attitude of the camera's body in the vehicle's body; zero looks down with the image's top edge forward."""
+    mount_sigma_deg: NonNegative = 1.0
+    """1-sigma of the mounting and attitude together, as the localiser's prior of tilt."""
+    latency_s: NonNegative = 0.0
+    """Time from mid-exposure to arrival, where the camera gives no time stamp."""
+
+
+class MapConfig(Section):
+    """The map pack."""
+
+    pack: str = ""
+    """Folder of the pack (`visloc map build` makes it)."""
+    verify_hashes: bool = True
+
+
+class LocaliserConfig(Section):
+    """How frames are localised."""
+
+    method: Literal["gradient", "ncc", "keypoint"] = "gradient"
+    max_probability_wrong: Share = 0.01
+    """Fixes with a larger calibrated probability of being wrong are declined."""
+    max_rate_hz: Positive = 5.0
+    max_search_radius_m: Positive = 2000.0
+    """The search region never grows beyond this, however unsure the prior is."""
+
+
+class WorkerConfig(Section):
+    """The localisation process."""
+
+    deadline_s: Positive = 5.0
+    """A localisation that takes longer is killed and the worker restarted."""
+    max_restarts: Annotated[int, Field(ge=1)] = 3
+    """More restarts than this within 60 s give up the worker until the daemon restarts."""
+    nice: Annotated[int, Field(ge=0, le=19)] = 10
+
+
+class NavigatorConfig(Section):
+    """The filter and the modes."""
+
+    output_rate_hz: Annotated[float, Field(ge=5, le=30)] = 10.0
+    velocity_sigma_mps: Positive = 0.3
+    """1-sigma of the slowly varying error of the autopilot's velocity while its GNSS is trusted."""
+    velocity_sigma_aiding_mps: Positive = 0.8
+    """The same while the autopilot flies on our injections or on a GNSS that is not trusted."""
+    velocity_correlation_s: Positive = 20.0
+    """Correlation time of that error."""
+    gate_sigma: Positive = 4.0
+    """Fixes further than this many sigma from the filter are rejected."""
+    relocalise_after_rejections: Annotated[int, Field(ge=2)] = 4
+    """So many consecutive rejected fixes that agree with each other restart the filter from them."""
+    dead_reckoning_after_s: Positive = 2.0
+    lost_sigma_m: Positive = 60.0
+    """Horizontal 1-sigma beyond which injection stops."""
+    seed_sigma_m: Positive = 5.0
+    """1-sigma of the autopilot's position that seeds the filter while GNSS is trusted."""
+    min_height_m: NonNegative = 15.0
+    """Below this height above the surface no localisation is asked for."""
+    map_sigma_m: NonNegative = 0.5
+    """1-sigma of the map's own registration, added to the claimed position."""
+
+
+class GnssConfig(Section):
+    """The GNSS monitor."""
+
+    min_fix_type: Annotated[int, Field(ge=2, le=6)] = 3
+    min_satellites: Annotated[int, Field(ge=0)] = 6
+    max_h_acc_m: Positive = 10.0
+    silence_s: Positive = 2.0
+    suspect_sigma: Positive = 3.0
+    """Vision against GNSS: the normalised difference at which one comparison counts against GNSS."""
+    drift_threshold: Positive = 12.0
+    """Sequential test (CUSUM) threshold for vision against GNSS; higher is slower and has fewer false alarms."""
+    gnss_sigma_m: Positive = 1.5
+    """1-sigma of a healthy receiver where it states none."""
+    denied_after_s: Positive = 1.5
+    probation_s: Positive = 20.0
+    """A GNSS that comes back must agree with vision for so long before it is trusted again."""
+
+
+class InjectionConfig(Section):
+    """What is sent to the autopilot."""
+
+    policy: Literal["never", "when_unreliable", "always"] = "when_unreliable"
+    switch_source: bool = False
+    """Let the daemon switch the autopilot's position source (MAV_CMD_SET_EKF_SOURCE_SET, EKF2_GPS_CTRL)."""
+    gnss_source_set: Annotated[int, Field(ge=1, le=3)] = 1
+    vision_source_set: Annotated[int, Field(ge=1, le=3)] = 2
+    px4_gps_ctrl: Annotated[int, Field(ge=0, le=15)] = 7
+    """Value of EKF2_GPS_CTRL that is restored when GNSS is trusted again."""
+    min_sigma_m: Positive = 0.5
+    max_step_m: Positive = 5.0
+    """A larger step between two injections raises reset_counter."""
+
+
+class JournalConfig(Section):
+    """The flight record."""
+
+    folder: str = ""
+    """Where journals are written; empty writes none."""
+    record_frames: bool = False
+    max_bytes: Annotated[int, Field(ge=1_000_000)] = 2_000_000_000
+
+
+class ClockConfig(Section):
+    """Time base of the daemon."""
+
+    speed: Positive = 1.0
+    """Faster than real time, for simulators that run so; 1 on a vehicle."""
+
+
+class Config(Section):
+    """Everything that `visloc run --config FILE` reads."""
+
+    link: LinkConfig = LinkConfig()
+    camera: CameraConfig = CameraConfig()
+    map: MapConfig = MapConfig()
+    localiser: LocaliserConfig = LocaliserConfig()
+    worker: WorkerConfig = WorkerConfig()
+    navigator: NavigatorConfig = NavigatorConfig()
+    gnss: GnssConfig = GnssConfig()
+    injection: InjectionConfig = InjectionConfig()
+    journal: JournalConfig = JournalConfig()
+    clock: ClockConfig = ClockConfig()
+    seed: Annotated[int, Field(ge=0)] = 1
+    """Feeds whatever is random."""
+
+
+def load_config(path: Path) -> Config:
+    """Read a TOML file. Raises ConfigError naming the file, every wrong field and the remedy."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as why:
+        raise ConfigError(f"cannot be read: {why}", where=str(path), remedy="name a readable UTF-8 TOML file") from why
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as why:
+        raise ConfigError(f"is not valid TOML: {why}", where=str(path), remedy="correct the line that is named") from why
+    return parse_config(data, where=str(path))
+
+
+def parse_config(data: dict[str, Any], where: str = "configuration") -> Config:
+    """Validate a nested dictionary. Raises ConfigError with all problems at once."""
+    try:
+        return Config.model_validate(data)
+    except ValidationError as why:
+        problems = [_explain(error) for error in why.errors()]
+        raise ConfigError("; ".join(problems), where=where, remedy="see docs/configuration.md") from why
+
+
+def _explain(error: Any) -> str:
+    location = [str(part) for part in error["loc"]]
+    name = ".".join(location)
+    if error["type"] != "extra_forbidden":
+        return f"{name}: {error['msg']} (got {error.get('input')!r})"
+    near = difflib.get_close_matches(location[-1], _valid_names(location[:-1]), n=1, cutoff=0.5)
+    hint = f", did you mean {near[0]!r}?" if near else f", valid are {', '.join(_valid_names(location[:-1]))}"
+    return f"{name}: unknown key{hint}"
+
+
+def _valid_names(section: list[str]) -> list[str]:
+    model: type[BaseModel] = Config
+    for part in section:
+        annotation = model.model_fields[part].annotation
+        if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
+            return []
+        model = annotation
+    return list(model.model_fields)

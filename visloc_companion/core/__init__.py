@@ -1,0 +1,1 @@
+"""The navigator and its parts, pure: no I/O, no clock, no waiting."""

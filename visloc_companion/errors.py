@@ -1,0 +1,119 @@
+"""The tree of exceptions and the one enumeration of reasons.
+
+"No" is a value (`types.NoFix`, `types.Rejected`) that carries a `Reason`; "broken" is an exception of this tree:
+
+    VislocError
+    ├── ConfigError
+    ├── MapError ── OutsideMap, DatumMissing, HashMismatch, SignatureInvalid
+    ├── ModelError
+    ├── LinkError
+    ├── CameraError
+    ├── WorkerError
+    ├── JournalError
+    └── LogError
+"""
+
+from enum import StrEnum
+
+
+class VislocError(Exception):
+    """Base of everything this package raises on purpose.
+
+    `where` names the file (and the field in it), `remedy` says what the user can do; both are part of the text.
+    """
+
+    def __init__(self, what: str, *, where: str = "", remedy: str = "") -> None:
+        self.what, self.where, self.remedy = what, where, remedy
+        parts = [f"{where}: {what}" if where else what]
+        if remedy:
+            parts.append(f"remedy: {remedy}")
+        super().__init__("; ".join(parts))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (_rebuild, (type(self), self.what, self.where, self.remedy))
+
+
+def _rebuild(kind: type[VislocError], what: str, where: str, remedy: str) -> VislocError:
+    return kind(what, where=where, remedy=remedy)
+
+
+class ConfigError(VislocError):
+    """The configuration is wrong: unknown key, bad value, or parts that contradict each other."""
+
+
+class MapError(VislocError):
+    """A map pack or raster cannot be used."""
+
+
+class OutsideMap(MapError):
+    """The asked place lies wholly outside the map."""
+
+
+class DatumMissing(MapError):
+    """A height or coordinate system is needed that the map does not state."""
+
+
+class HashMismatch(MapError):
+    """A file of the pack is not the one that its manifest names."""
+
+
+class SignatureInvalid(MapError):
+    """The signature of the pack does not fit its manifest."""
+
+
+class ModelError(VislocError):
+    """A network file is missing, changed, or answers wrong."""
+
+
+class LinkError(VislocError):
+    """The MAVLink connection cannot be opened or used."""
+
+
+class CameraError(VislocError):
+    """The camera or its calibration cannot be used."""
+
+
+class WorkerError(VislocError):
+    """The localisation worker failed in a way that a restart does not mend."""
+
+
+class JournalError(VislocError):
+    """The journal cannot be written or read."""
+
+
+class LogError(VislocError):
+    """A recorded flight cannot be read."""
+
+
+class Reason(StrEnum):
+    """Why there is no fix, why a fix was rejected, or why something was dropped. One list for logs, metrics and reports."""
+
+    # the localiser has no answer
+    OUTSIDE_MAP = "outside_map"
+    LOW_TEXTURE = "low_texture"
+    TOO_DARK = "too_dark"
+    OVEREXPOSED = "overexposed"
+    LOW_OVERLAP = "low_overlap"
+    HORIZON_IN_VIEW = "horizon_in_view"
+    TOO_LOW = "too_low"
+    NO_MATCH = "no_match"
+    AMBIGUOUS = "ambiguous"
+    BLOCKS_DISAGREE = "blocks_disagree"
+    INCONSISTENT_WITH_PRIOR = "inconsistent_with_prior"
+    REFINEMENT_DIVERGED = "refinement_diverged"
+    TOO_FEW_FEATURES = "too_few_features"
+    POSE_FAILED = "pose_failed"
+    BAD_FRAME = "bad_frame"
+    BAD_INPUT = "bad_input"
+    # the worker or the queue has no answer
+    WORKER_TIMEOUT = "worker_timeout"
+    WORKER_DIED = "worker_died"
+    SUPERSEDED = "superseded"
+    # the navigator does not take it
+    GATED = "gated"
+    TOO_OLD = "too_old"
+    NOT_FINITE = "not_finite"
+    NO_ORIGIN = "no_origin"
+    NO_ATTITUDE = "no_attitude"
+    NOT_SEEDED = "not_seeded"
+    IMPLAUSIBLE_TIME = "implausible_time"

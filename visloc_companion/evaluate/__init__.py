@@ -1,0 +1,1 @@
+"""Judging: cases, metrics, reports."""

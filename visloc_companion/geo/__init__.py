@@ -1,0 +1,1 @@
+"""Geometry, pure: transforms, WGS 84, camera, rasters' half pixel, rays."""

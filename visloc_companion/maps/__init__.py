@@ -1,0 +1,1 @@
+"""Reference maps, read-only: packs and rasters."""

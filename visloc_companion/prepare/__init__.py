@@ -1,0 +1,1 @@
+"""Offline preparation of map packs."""

@@ -1,0 +1,1 @@
+"""Simulation as product code: landscape, camera, vehicle, autopilot, scenarios."""
