@@ -1,0 +1,76 @@
+"""What the navigator is told: frozen values. Names, units and defaults are those of the configuration (config.py)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from visloc_companion.types import InjectionPolicy, Quat
+
+
+@dataclass(frozen=True, slots=True)
+class NavigatorSettings:
+    """The filter and the modes (section `navigator`)."""
+
+    output_rate_hz: float = 10.0
+    velocity_sigma_mps: float = 0.3
+    velocity_sigma_aiding_mps: float = 0.8
+    velocity_correlation_s: float = 20.0
+    gate_sigma: float = 4.0
+    relocalise_after_rejections: int = 4
+    dead_reckoning_after_s: float = 2.0
+    lost_sigma_m: float = 60.0
+    seed_sigma_m: float = 5.0
+    min_height_m: float = 15.0
+    map_sigma_m: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class GnssSettings:
+    """The GNSS monitor (section `gnss`)."""
+
+    min_fix_type: int = 3
+    min_satellites: int = 6
+    max_h_acc_m: float = 10.0
+    silence_s: float = 2.0
+    suspect_sigma: float = 3.0
+    drift_threshold: float = 12.0
+    gnss_sigma_m: float = 1.5
+    denied_after_s: float = 1.5
+    probation_s: float = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class InjectionSettings:
+    """What is sent to the autopilot (section `injection`)."""
+
+    policy: InjectionPolicy = InjectionPolicy.WHEN_UNRELIABLE
+    switch_source: bool = False
+    gnss_source_set: int = 1
+    vision_source_set: int = 2
+    px4_gps_ctrl: int = 7
+    min_sigma_m: float = 0.5
+    max_step_m: float = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class CoreSettings:
+    """Everything that `Navigator` needs to know.
+
+    `q_frd_cambody` is the attitude of the camera's body (looks along its down axis, top edge of the image forward) in the
+    vehicle's body; `mount_sigma_rad` the 1-sigma tilt of mounting and attitude together. `max_rate_hz` bounds the requests
+    to the localiser, `max_search_radius_m` the 3-sigma radius of their search. The link rates go into RequestMessage.
+    """
+
+    navigator: NavigatorSettings = NavigatorSettings()
+    gnss: GnssSettings = GnssSettings()
+    injection: InjectionSettings = InjectionSettings()
+    q_frd_cambody: Quat = (1.0, 0.0, 0.0, 0.0)
+    mount_sigma_rad: float = math.radians(1.0)
+    max_rate_hz: float = 5.0
+    max_search_radius_m: float = 2000.0
+    attitude_rate_hz: float = 50.0
+    position_rate_hz: float = 10.0
+    gnss_rate_hz: float = 5.0
+    status_rate_hz: float = 2.0
+    seed: int = 1
