@@ -32,9 +32,13 @@ class LinkConfig(Section):
     component_id: Annotated[int, Field(ge=1, le=255)] = 197
     """Our own MAVLink component (MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY)."""
     attitude_rate_hz: Positive = 50.0
+    """ATTITUDE asked of the autopilot; ArduPlane denies 50 Hz and is then asked for less."""
     position_rate_hz: Positive = 10.0
+    """GLOBAL_POSITION_INT and LOCAL_POSITION_NED asked of the autopilot."""
     gnss_rate_hz: Positive = 5.0
+    """GPS_RAW_INT asked of the autopilot."""
     status_rate_hz: Positive = 2.0
+    """EKF_STATUS_REPORT or ESTIMATOR_STATUS asked of the autopilot."""
     reconnect_s: Positive = 2.0
     """Silence after which the connection is opened anew, and the pause between tries."""
 
@@ -45,15 +49,23 @@ class CameraConfig(Section):
     url: str = ""
     """`files:FOLDER` (with frames.csv), `video:FILE`, `device:/dev/video0` or `tcp:HOST:PORT` (length-prefixed frames)."""
     width_px: Annotated[int, Field(ge=64, le=10000)] = 640
+    """Width of the calibrated image; frames of another size are refused."""
     height_px: Annotated[int, Field(ge=48, le=10000)] = 480
+    """Height of the calibrated image."""
     fx_px: Positive = 500.0
+    """Focal length along the columns."""
     fy_px: Positive = 500.0
+    """Focal length along the rows."""
     cx_px: NonNegative = 319.5
+    """Principal point, column (centre of the top-left pixel is 0)."""
     cy_px: NonNegative = 239.5
+    """Principal point, row."""
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
     """Brown-Conrady k1 k2 p1 p2 k3."""
     mount_roll_deg: float = 0.0
+    """Roll of the camera's body in the vehicle's body."""
     mount_pitch_deg: float = 0.0
+    """Pitch of the camera's body in the vehicle's body; positive lifts the top edge of the image."""
     mount_yaw_deg: float = 0.0
     """Attitude of the camera's body in the vehicle's body; zero looks down with the image's top edge forward."""
     mount_sigma_deg: NonNegative = 1.0
@@ -68,15 +80,18 @@ class MapConfig(Section):
     pack: str = ""
     """Folder of the pack (`visloc map build` makes it)."""
     verify_hashes: bool = True
+    """Check the SHA-256 of every file of the pack at start-up."""
 
 
 class LocaliserConfig(Section):
     """How frames are localised."""
 
     method: Literal["gradient", "ncc", "keypoint"] = "gradient"
+    """Which localiser answers."""
     max_probability_wrong: Share = 0.01
     """Fixes with a larger calibrated probability of being wrong are declined."""
     max_rate_hz: Positive = 5.0
+    """Localisations asked for per second, at most."""
     max_search_radius_m: Positive = 2000.0
     """The search region never grows beyond this, however unsure the prior is."""
 
@@ -89,12 +104,14 @@ class WorkerConfig(Section):
     max_restarts: Annotated[int, Field(ge=1)] = 3
     """More restarts than this within 60 s give up the worker until the daemon restarts."""
     nice: Annotated[int, Field(ge=0, le=19)] = 10
+    """Niceness of the localisation process."""
 
 
 class NavigatorConfig(Section):
     """The filter and the modes."""
 
     output_rate_hz: Annotated[float, Field(ge=5, le=30)] = 10.0
+    """Rate of the output clock, and so of injected positions."""
     velocity_sigma_mps: Positive = 0.3
     """1-sigma of the slowly varying error of the autopilot's velocity while its GNSS is trusted."""
     velocity_sigma_aiding_mps: Positive = 0.8
@@ -106,6 +123,7 @@ class NavigatorConfig(Section):
     relocalise_after_rejections: Annotated[int, Field(ge=2)] = 4
     """So many consecutive rejected fixes that agree with each other restart the filter from them."""
     dead_reckoning_after_s: Positive = 2.0
+    """Without an accepted fix for so long the mode becomes DEAD_RECKONING."""
     lost_sigma_m: Positive = 60.0
     """Horizontal 1-sigma beyond which injection stops."""
     seed_sigma_m: Positive = 5.0
@@ -120,9 +138,13 @@ class GnssConfig(Section):
     """The GNSS monitor."""
 
     min_fix_type: Annotated[int, Field(ge=2, le=6)] = 3
+    """GPS_RAW_INT fix types below this are no position (3 is a 3-D fix)."""
     min_satellites: Annotated[int, Field(ge=0)] = 6
+    """Fewer satellites count against GNSS."""
     max_h_acc_m: Positive = 10.0
+    """A larger horizontal accuracy claimed by the receiver counts against GNSS."""
     silence_s: Positive = 2.0
+    """No GPS_RAW_INT for so long counts as lost."""
     suspect_sigma: Positive = 3.0
     """Vision against GNSS: the normalised difference at which one comparison counts against GNSS."""
     drift_threshold: Positive = 12.0
@@ -130,6 +152,7 @@ class GnssConfig(Section):
     gnss_sigma_m: Positive = 1.5
     """1-sigma of a healthy receiver where it states none."""
     denied_after_s: Positive = 1.5
+    """A GNSS that stays SUSPECT for lack of a position becomes DENIED after so long."""
     probation_s: Positive = 20.0
     """A GNSS that comes back must agree with vision for so long before it is trusted again."""
 
@@ -138,13 +161,17 @@ class InjectionConfig(Section):
     """What is sent to the autopilot."""
 
     policy: Literal["never", "when_unreliable", "always"] = "when_unreliable"
+    """When external positions are sent."""
     switch_source: bool = False
     """Let the daemon switch the autopilot's position source (MAV_CMD_SET_EKF_SOURCE_SET, EKF2_GPS_CTRL)."""
     gnss_source_set: Annotated[int, Field(ge=1, le=3)] = 1
+    """EK3_SRC set of ArduPilot that uses GNSS."""
     vision_source_set: Annotated[int, Field(ge=1, le=3)] = 2
+    """EK3_SRC set of ArduPilot that uses external positions."""
     px4_gps_ctrl: Annotated[int, Field(ge=0, le=15)] = 7
     """Value of EKF2_GPS_CTRL that is restored when GNSS is trusted again."""
     min_sigma_m: Positive = 0.5
+    """Smallest 1-sigma that is ever claimed to the autopilot."""
     max_step_m: Positive = 5.0
     """A larger step between two injections raises reset_counter."""
 
@@ -155,7 +182,9 @@ class JournalConfig(Section):
     folder: str = ""
     """Where journals are written; empty writes none."""
     record_frames: bool = False
+    """Also record the camera frames (large)."""
     max_bytes: Annotated[int, Field(ge=1_000_000)] = 2_000_000_000
+    """A journal stops growing at this size; a notice says so."""
 
 
 class ClockConfig(Section):

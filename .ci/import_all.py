@@ -1,0 +1,24 @@
+"""Imports every module of the installed wheel. Modules of an optional extra may only miss that extra's packages."""
+
+import importlib
+import pathlib
+import pkgutil
+import sys
+
+import visloc_companion
+
+OPTIONAL = {"torch", "onnx", "onnxscript", "onnxruntime", "open3d", "starlette", "uvicorn", "laspy", "jinja2", "pyulog", "rerun"}
+
+where = pathlib.Path(visloc_companion.__file__).parent
+if "site-packages" not in where.parts:
+    sys.exit(f"not the installed wheel: {where}")
+names = [module.name for module in pkgutil.walk_packages([str(where)], "visloc_companion.")]
+if len(names) < 50:
+    sys.exit(f"the wheel holds only {len(names)} modules")
+for name in names:
+    try:
+        importlib.import_module(name)
+    except ModuleNotFoundError as why:
+        if why.name is None or why.name.split(".")[0] not in OPTIONAL:
+            raise
+print(f"imported {len(names)} modules of {where.name}")

@@ -1,0 +1,53 @@
+"""Configuration: defaults, unknown keys, bad values, files that cannot be read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from visloc_companion.config import Config, load_config, parse_config
+from visloc_companion.errors import ConfigError
+
+
+def test_empty_file_gives_defaults(tmp_path: Path) -> None:
+    path = tmp_path / "visloc.toml"
+    path.write_text("")
+    assert load_config(path) == Config()
+
+
+def test_unknown_key_names_the_nearest_valid_one() -> None:
+    with pytest.raises(ConfigError, match=r"navigator.output_rate: unknown key, did you mean 'output_rate_hz'"):
+        parse_config({"navigator": {"output_rate": 10}})
+
+
+def test_unknown_section_lists_what_is_valid() -> None:
+    with pytest.raises(ConfigError, match=r"xyzzy: unknown key, valid are link, camera"):
+        parse_config({"xyzzy": {}})
+
+
+def test_all_problems_are_told_at_once() -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_config({"navigator": {"output_rate_hz": 50}, "link": {"urll": "x"}, "gnss": {"max_h_acc_m": float("nan")}})
+    text = str(caught.value)
+    assert "navigator.output_rate_hz" in text
+    assert "did you mean 'url'" in text
+    assert "gnss.max_h_acc_m" in text
+
+
+def test_unreadable_and_broken_files_are_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"absent.toml: cannot be read"):
+        load_config(tmp_path / "absent.toml")
+    bad = tmp_path / "bad.toml"
+    bad.write_text("[link\nurl = 1")
+    with pytest.raises(ConfigError, match=r"bad.toml: is not valid TOML: .*line 1"):
+        load_config(bad)
+    bad.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match=r"bad.toml: cannot be read"):
+        load_config(bad)
+
+
+def test_configuration_is_frozen() -> None:
+    with pytest.raises(ValidationError, match="frozen"):
+        Config().link.url = "x"

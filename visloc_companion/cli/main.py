@@ -1,0 +1,65 @@
+"""Entry point of the `visloc` command: subcommands and exit codes (0 ok, 1 gate failed, 2 usage, 3 data, 4 link)."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from visloc_companion import __version__
+from visloc_companion.cli.demo import demo
+from visloc_companion.cli.evaluate import evaluate_app
+from visloc_companion.cli.map import map_app
+from visloc_companion.cli.replay import replay
+from visloc_companion.cli.run import run
+from visloc_companion.cli.sim import sim
+from visloc_companion.errors import CameraError, ConfigError, LinkError, VislocError
+
+app = typer.Typer(
+    name="visloc",
+    help="Keeps a drone knowing where it is without satellite navigation.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command()(run)
+app.command()(replay)
+app.command()(sim)
+app.command()(demo)
+app.add_typer(map_app, name="map")
+app.add_typer(evaluate_app, name="evaluate")
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"visloc-companion {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version.")) -> None:
+    """Options before the subcommand."""
+
+
+def exit_code(error: VislocError) -> int:
+    """The process exit code that tells what kind of thing went wrong."""
+    if isinstance(error, ConfigError):
+        return 2
+    return 4 if isinstance(error, LinkError) else 3
+
+
+def main() -> None:
+    """Run the command line; errors of this package become one clear line and an exit code."""
+    try:
+        app()
+    except VislocError as error:
+        kind = "camera error" if isinstance(error, CameraError) else "error"
+        sys.stderr.write(f"{kind}: {error}\n")
+        sys.exit(exit_code(error))
+    except BrokenPipeError:
+        sys.exit(0)
+
+
+if __name__ == "__main__":
+    main()
