@@ -1,0 +1,58 @@
+"""From configuration to settings."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from visloc_companion.app.settings import camera_model, core_settings, mounting
+from visloc_companion.config import CameraConfig, parse_config
+from visloc_companion.core.settings import CoreSettings
+from visloc_companion.geo.se3 import rotate
+from visloc_companion.types import CameraModel, InjectionPolicy
+
+
+def test_the_default_configuration_gives_the_default_settings() -> None:
+    assert core_settings(parse_config({})) == CoreSettings()
+
+
+def test_every_value_reaches_its_place() -> None:
+    config = parse_config(
+        {
+            "navigator": {"gate_sigma": 3.5, "output_rate_hz": 20},
+            "gnss": {"probation_s": 7.0, "min_satellites": 9},
+            "injection": {"policy": "always", "switch_source": True},
+            "localiser": {"max_rate_hz": 2.0, "max_search_radius_m": 300.0},
+            "link": {"attitude_rate_hz": 25.0, "position_rate_hz": 4.0, "gnss_rate_hz": 3.0, "status_rate_hz": 1.0},
+            "camera": {"mount_sigma_deg": 2.0},
+            "seed": 77,
+        }
+    )
+    settings = core_settings(config)
+    assert (settings.navigator.gate_sigma, settings.navigator.output_rate_hz) == (3.5, 20.0)
+    assert (settings.gnss.probation_s, settings.gnss.min_satellites) == (7.0, 9)
+    assert settings.injection.policy is InjectionPolicy.ALWAYS
+    assert settings.injection.switch_source
+    assert (settings.max_rate_hz, settings.max_search_radius_m) == (2.0, 300.0)
+    rates = settings.attitude_rate_hz, settings.position_rate_hz, settings.gnss_rate_hz, settings.status_rate_hz
+    assert rates == (25.0, 4.0, 3.0, 1.0)
+    assert settings.mount_sigma_rad == pytest.approx(math.radians(2.0))
+    assert settings.seed == 77
+
+
+def test_a_camera_turned_to_the_right_sees_forward_where_the_vehicle_has_right() -> None:
+    q = mounting(CameraConfig(mount_yaw_deg=90.0))
+    assert rotate(q, (1.0, 0.0, 0.0)) == pytest.approx((0.0, 1.0, 0.0), abs=1e-12)
+
+
+def test_a_camera_pitched_up_by_90_degrees_looks_forward() -> None:
+    q = mounting(CameraConfig(mount_pitch_deg=90.0))
+    assert rotate(q, (0.0, 0.0, 1.0)) == pytest.approx((1.0, 0.0, 0.0), abs=1e-12)
+
+
+def test_camera_model_is_the_calibration() -> None:
+    camera = CameraConfig(
+        width_px=320, height_px=240, fx_px=250, fy_px=251, cx_px=160, cy_px=121, distortion=(0.1, -0.2, 0.001, 0.002, 0.05)
+    )
+    assert camera_model(camera) == CameraModel(320, 240, 250.0, 251.0, 160.0, 121.0, (0.1, -0.2, 0.001, 0.002, 0.05))

@@ -1,0 +1,51 @@
+"""From the configuration (degrees, urls, texts) to what the parts are told (radians, quaternions, models)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from typing import Any, TypeVar
+
+from visloc_companion.config import CameraConfig, Config, Section
+from visloc_companion.core.settings import CoreSettings, GnssSettings, InjectionSettings, NavigatorSettings
+from visloc_companion.geo.se3 import quat_from_euler
+from visloc_companion.types import CameraModel, InjectionPolicy, Quat
+
+_Settings = TypeVar("_Settings", NavigatorSettings, GnssSettings, InjectionSettings)
+
+
+def core_settings(config: Config) -> CoreSettings:
+    """What the navigator is told. Angles in radians; the mounting as quaternion `q_frd_cambody`."""
+    return CoreSettings(
+        navigator=_same_names(NavigatorSettings, config.navigator),
+        gnss=_same_names(GnssSettings, config.gnss),
+        injection=_same_names(InjectionSettings, config.injection, policy=InjectionPolicy(config.injection.policy)),
+        q_frd_cambody=mounting(config.camera),
+        mount_sigma_rad=math.radians(config.camera.mount_sigma_deg),
+        max_rate_hz=config.localiser.max_rate_hz,
+        max_search_radius_m=config.localiser.max_search_radius_m,
+        attitude_rate_hz=config.link.attitude_rate_hz,
+        position_rate_hz=config.link.position_rate_hz,
+        gnss_rate_hz=config.link.gnss_rate_hz,
+        status_rate_hz=config.link.status_rate_hz,
+        seed=config.seed,
+    )
+
+
+def camera_model(camera: CameraConfig) -> CameraModel:
+    """The calibrated pinhole model."""
+    return CameraModel(
+        camera.width_px, camera.height_px, camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, camera.distortion
+    )
+
+
+def mounting(camera: CameraConfig) -> Quat:
+    """Attitude of the camera's body in the vehicle's body, `q_frd_cambody` (intrinsic yaw, pitch, roll)."""
+    return quat_from_euler(
+        math.radians(camera.mount_roll_deg), math.radians(camera.mount_pitch_deg), math.radians(camera.mount_yaw_deg)
+    )
+
+
+def _same_names(kind: type[_Settings], section: Section, **translated: Any) -> _Settings:
+    values = {item.name: getattr(section, item.name) for item in fields(kind)}
+    return kind(**(values | translated))
