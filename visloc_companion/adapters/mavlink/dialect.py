@@ -1,0 +1,28 @@
+"""The one place that names the MAVLink dialect: pymavlink's ArduPilot dialect, wire format 2.
+
+`ardupilotmega` holds all of `common` and, beyond it, EKF_STATUS_REPORT and RANGEFINDER. It is imported directly, never through
+`mavutil`, whose default is MAVLink 1 (there VISION_POSITION_ESTIMATE has neither covariance nor reset_counter).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega
+
+mav: Any = ardupilotmega
+Message = Any
+"""A decoded MAVLink message of any pymavlink dialect, version 1 or 2: `get_type()` and named fields."""
+
+AUTOPILOT_COMPONENT = 1
+NO_AUTOPILOT_TYPES = frozenset(
+    (
+        mav.MAV_TYPE_GCS,
+        mav.MAV_TYPE_ONBOARD_CONTROLLER,
+        mav.MAV_TYPE_GIMBAL,
+        mav.MAV_TYPE_ADSB,
+        mav.MAV_TYPE_CAMERA,
+        mav.MAV_TYPE_ANTENNA_TRACKER,
+    )
+)
+"""MAV_TYPE of those that send heartbeats on a vehicle's link and do not fly it."""

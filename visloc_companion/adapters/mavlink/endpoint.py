@@ -1,0 +1,58 @@
+"""The address of a MAVLink connection, as it is written in the configuration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from visloc_companion.errors import LinkError
+
+VALID_FORMS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or serial:DEVICE:BAUD"
+
+
+class EndpointKind(StrEnum):
+    """How bytes travel: `udpin` and `tcpin` listen, `udpout` and `tcp` connect."""
+
+    UDPIN = "udpin"
+    UDPOUT = "udpout"
+    TCP = "tcp"
+    TCPIN = "tcpin"
+    SERIAL = "serial"
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """`number` is the port, or the baud rate of a serial line; `place` is the host or the device."""
+
+    kind: EndpointKind
+    place: str
+    number: int
+
+    def __str__(self) -> str:
+        return f"{self.kind}:{self.place}:{self.number}"
+
+
+def parse_endpoint(url: str) -> Endpoint:
+    """Read a link URL; an IPv6 host stands in brackets. Raises LinkError naming the URL and the valid forms."""
+    scheme, _, rest = url.partition(":")
+    place, _, number = rest.rpartition(":")
+    place = place.removeprefix("[").removesuffix("]")
+    try:
+        kind = EndpointKind(scheme)
+    except ValueError:
+        raise _wrong(url, f"{scheme!r} is no kind of connection") from None
+    if not place:
+        raise _wrong(url, "a part is missing")
+    if not (number.isascii() and number.isdigit()):
+        raise _wrong(url, f"{number!r} is no whole number")
+    value = int(number)
+    if kind is EndpointKind.SERIAL:
+        if not 0 < value <= 10_000_000:
+            raise _wrong(url, f"{value} is no baud rate")
+    elif value > 65535 or (value == 0 and kind in (EndpointKind.UDPOUT, EndpointKind.TCP)):
+        raise _wrong(url, f"{value} is no port to connect to")
+    return Endpoint(kind, place, value)
+
+
+def _wrong(url: str, why: str) -> LinkError:
+    return LinkError(f"the link URL {url!r} is not valid: {why}", where="link.url", remedy=f"write {VALID_FORMS}")

@@ -1,0 +1,106 @@
+"""Bytes to messages: cuts a stream into checked MAVLink 1 and 2 frames.
+
+pymavlink's own parser is not used on the live link for two reasons: a false start byte makes it swallow up to 280 bytes of good
+messages, and its buffer is freed only when it happens to be empty, so that it grows without bound on a busy stream.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from visloc_companion.adapters.mavlink.dialect import Message, mav
+
+_START = re.compile(b"[\xfd\xfe]")
+_HEADER_V1, _HEADER_V2, _CHECKSUM, _SIGNATURE = 6, 10, 2, 13
+MAX_FRAME = _HEADER_V2 + 255 + _CHECKSUM + _SIGNATURE
+
+
+@dataclass(slots=True)
+class FrameCounts:
+    """What went through: good messages, well-formed frames of unknown id, and bytes that were no message."""
+
+    messages: int = 0
+    unknown: int = 0
+    garbage_bytes: int = 0
+
+
+class Framer:
+    """Stateful and bounded: keeps at most one unfinished frame (293 bytes). Never raises for what bytes may hold.
+
+    After a wrong checksum the search goes on at the byte behind the false start, so no good message is lost to it. A false
+    start that still waits for its claimed length gives way as soon as a whole good message lies behind it.
+    Signatures are accepted and not checked here.
+    """
+
+    def __init__(self) -> None:
+        self.counts = FrameCounts()
+        self._buffer = bytearray()
+        self._parser = mav.MAVLink(None)
+
+    @property
+    def pending_bytes(self) -> int:
+        """Bytes kept for the next call."""
+        return len(self._buffer)
+
+    def feed(self, data: bytes) -> list[Message]:
+        """The messages that are complete with these bytes, in order."""
+        self._buffer += data
+        messages: list[Message] = []
+        at = 0
+        while (start := self._next_start(at)) is not None:
+            message, length = self._frame_at(start)
+            if length == 0:
+                better = self._good_frame_behind(start)
+                if better is None:
+                    at = start
+                    break
+                self.counts.garbage_bytes += better - start
+                at = better
+            elif message is None:
+                self.counts.unknown += length > 1
+                self.counts.garbage_bytes += length == 1
+                at = start + length
+            else:
+                self.counts.messages += 1
+                messages.append(message)
+                at = start + length
+        else:
+            at = len(self._buffer)
+        del self._buffer[:at]
+        return messages
+
+    def _next_start(self, at: int) -> int | None:
+        found = _START.search(self._buffer, at)
+        self.counts.garbage_bytes += (found.start() if found else len(self._buffer)) - at
+        return found.start() if found else None
+
+    def _frame_at(self, start: int) -> tuple[Message | None, int]:
+        """The message at a start byte and its length; (None, 1) for a false start, (None, n) for an unknown id, (None, 0)
+        where more bytes are needed."""
+        frame = self._buffer[start : start + MAX_FRAME]
+        if len(frame) < 3:
+            return None, 0
+        if frame[0] == mav.PROTOCOL_MARKER_V1:
+            length = _HEADER_V1 + frame[1] + _CHECKSUM
+        elif frame[2] & ~mav.MAVLINK_IFLAG_SIGNED:
+            return None, 1
+        else:
+            length = _HEADER_V2 + frame[1] + _CHECKSUM + _SIGNATURE * (frame[2] & mav.MAVLINK_IFLAG_SIGNED)
+        if len(frame) < length:
+            return None, 0
+        try:
+            message = self._parser.decode(frame[:length])
+        except mav.MAVError:
+            return None, 1
+        if message.get_msgId() < 0:
+            plausible = len(frame) == length or frame[length] in (mav.PROTOCOL_MARKER_V1, mav.PROTOCOL_MARKER_V2)
+            return None, length if plausible else 1
+        return message, length
+
+    def _good_frame_behind(self, start: int) -> int | None:
+        for found in _START.finditer(self._buffer, start + 1):
+            message, _ = self._frame_at(found.start())
+            if message is not None:
+                return found.start()
+        return None

@@ -1,0 +1,79 @@
+"""Bytes over a serial line on the running asyncio loop: pyserial opens and configures it, the loop watches its descriptor."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+
+import serial
+
+from visloc_companion.adapters.mavlink.channels import MAX_UNSENT_BYTES, Listener
+from visloc_companion.adapters.mavlink.endpoint import Endpoint
+
+_READ_BYTES = 4096
+
+
+class SerialChannel:
+    """An open serial line. Raises OSError (serial.SerialException is one) where it cannot be opened."""
+
+    port: int | None = None
+
+    def __init__(self, endpoint: Endpoint, listener: Listener) -> None:
+        self.dropped = 0
+        self._listener = listener
+        self._unsent = bytearray()
+        self._loop = asyncio.get_running_loop()
+        self._serial = serial.Serial(endpoint.place, endpoint.number, timeout=0, exclusive=True)
+        self._fd: int | None = self._serial.fileno()
+        self._loop.add_reader(self._fd, self._readable)
+
+    def write(self, packets: list[bytes]) -> None:
+        """Send packets, or drop them where the line cannot follow."""
+        for packet in packets:
+            if self._fd is None or len(self._unsent) > MAX_UNSENT_BYTES:
+                self.dropped += 1
+            else:
+                self._unsent += packet
+        self._writable()
+
+    def close(self) -> None:
+        """Release the port."""
+        if self._fd is not None:
+            self._loop.remove_reader(self._fd)
+            self._loop.remove_writer(self._fd)
+            self._fd = None
+            self._serial.close()
+
+    def _readable(self) -> None:
+        assert self._fd is not None
+        try:
+            data = os.read(self._fd, _READ_BYTES)
+        except BlockingIOError:
+            return
+        except OSError as why:
+            self._lost(str(why))
+            return
+        if data:
+            self._listener.on_data(data)
+        else:
+            self._lost("the device is gone")
+
+    def _writable(self) -> None:
+        if self._fd is None or not self._unsent:
+            return
+        try:
+            written = os.write(self._fd, self._unsent)
+        except BlockingIOError:
+            written = 0
+        except OSError as why:
+            self._lost(str(why))
+            return
+        del self._unsent[:written]
+        if self._unsent:
+            self._loop.add_writer(self._fd, self._writable)
+        else:
+            self._loop.remove_writer(self._fd)
+
+    def _lost(self, why: str) -> None:
+        self.close()
+        self._listener.on_lost(why)

@@ -1,0 +1,40 @@
+"""What a MAVLink session is told: frozen values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from visloc_companion.adapters.mavlink.dialect import mav
+
+
+class CompanionState(IntEnum):
+    """HEARTBEAT.system_status of the companion (MAV_STATE)."""
+
+    STANDBY = mav.MAV_STATE_STANDBY
+    ACTIVE = mav.MAV_STATE_ACTIVE
+    CRITICAL = mav.MAV_STATE_CRITICAL
+
+
+@dataclass(frozen=True, slots=True)
+class SessionSettings:
+    """Identity, source switching and the times of the conversation.
+
+    `system_id` 0 takes the first autopilot that is heard. `component_id` is our own. The source sets and `px4_gps_ctrl` are
+    those of section `injection` of the configuration. `timeout_s` of silence is a lost link; `reconnect_s` is the first pause
+    between tries to open the connection anew. A stream is judged over `window_s` after its request was acknowledged.
+    """
+
+    system_id: int = 0
+    component_id: int = 197
+    gnss_source_set: int = 1
+    vision_source_set: int = 2
+    px4_gps_ctrl: int = 7
+    timeout_s: float = 3.0
+    reconnect_s: float = 2.0
+    heartbeat_s: float = 1.0
+    timesync_s: float = 0.25
+    ack_timeout_s: float = 0.7
+    window_s: float = 3.0
+    origin_unknown_s: float = 1.0
+    origin_known_s: float = 5.0
