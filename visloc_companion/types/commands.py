@@ -1,0 +1,99 @@
+"""Commands: what the navigator wants done."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from visloc_companion.types.basic import Cov2, EkfSource, GeoPoint, Mode, Quat, Severity, Vec3, Verdict
+from visloc_companion.types.events import FrameRef
+
+
+@dataclass(frozen=True, slots=True)
+class PosePrior:
+    """A Gaussian prior of the camera's pose: place, attitude of the camera's body, and 1-sigma of each."""
+
+    place: GeoPoint
+    q_ned_frd: Quat
+    cov_ne_m2: Cov2
+    sigma_h_m: float
+    sigma_yaw_rad: float
+    sigma_tilt_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class LocaliseRequest:
+    """Ask the worker to localise the frame in `frame.slot`. `seed` feeds whatever is random."""
+
+    request_id: int
+    frame: FrameRef
+    prior: PosePrior
+    seed: int
+
+
+@dataclass(frozen=True, slots=True)
+class Injection:
+    """An external position for the autopilot, valid at `t_ns` (the propagated-to-now state).
+
+    `p_ned_m` is in the autopilot's own projection about its EKF origin (core/output.py converts). `place` is the same
+    position as geodetic coordinates. `cov_ne_m2` and `sigma_d_m` are true (co)variances; encoding them as each autopilot
+    reads them is the codec's work.
+    """
+
+    t_ns: int
+    p_ned_m: Vec3
+    place: GeoPoint
+    q_ned_frd: Quat
+    cov_ne_m2: Cov2
+    sigma_d_m: float
+    sigma_yaw_rad: float
+    reset_counter: int
+
+
+@dataclass(frozen=True, slots=True)
+class RequestMessage:
+    """Ask the autopilot to stream a MAVLink message at a rate (MAV_CMD_SET_MESSAGE_INTERVAL); 0 Hz asks once."""
+
+    message_id: int
+    rate_hz: float
+
+
+@dataclass(frozen=True, slots=True)
+class SwitchSource:
+    """Tell the autopilot which horizontal position to use (MAV_CMD_SET_EKF_SOURCE_SET, or EKF2_GPS_CTRL on PX4)."""
+
+    source: EkfSource
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """Something to log; `to_operator` also sends it as STATUSTEXT (at most 50 characters are shown)."""
+
+    severity: Severity
+    text: str
+    to_operator: bool = False
+    data: tuple[tuple[str, float | str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """The navigator's state at a Tick, for the journal, the status socket and reports; never sent to the autopilot.
+
+    `place`, `v_ned_mps` and the covariances are None / zero while there is no state. `protection_level_m` bounds the
+    horizontal error at the configured risk. `injected` tells whether this Tick also sent an Injection.
+    """
+
+    t_ns: int
+    mode: Mode
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    place: GeoPoint | None
+    v_ned_mps: Vec3
+    cov_ne_m2: Cov2
+    sigma_d_m: float
+    protection_level_m: float | None
+    age_of_fix_s: float | None
+    injected: bool
+    reset_counter: int
+
+
+Command = LocaliseRequest | Injection | RequestMessage | SwitchSource | Notice | Status

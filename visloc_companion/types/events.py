@@ -1,0 +1,246 @@
+"""Events: what the navigator is told. Each carries its arrival `t_rx_ns`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from visloc_companion.errors import Reason
+from visloc_companion.types.basic import AutopilotKind, Cov2, EkfSource, GeoPoint, Quat, Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class Attitude:
+    """Body attitude and rates (ATTITUDE, ATTITUDE_QUATERNION)."""
+
+    t_rx_ns: int
+    t_boot_ns: int
+    q_ned_frd: Quat
+    rate_frd_radps: Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class PriorPose:
+    """The autopilot's own global position (GLOBAL_POSITION_INT). `h_rel_m` is the height above home."""
+
+    t_rx_ns: int
+    t_boot_ns: int
+    place: GeoPoint
+    v_ned_mps: Vec3
+    h_rel_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class LocalPose:
+    """The autopilot's own local position (LOCAL_POSITION_NED), in the autopilot's projection about its EKF origin."""
+
+    t_rx_ns: int
+    t_boot_ns: int
+    p_ned_m: Vec3
+    v_ned_mps: Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class Gnss:
+    """The raw receiver (GPS_RAW_INT). Unknown accuracies are None. `receiver` numbers the receivers from 0 (GPS2_RAW is 1)."""
+
+    t_rx_ns: int
+    t_boot_ns: int
+    fix_type: int
+    n_satellites: int | None
+    place: GeoPoint
+    h_acc_m: float | None
+    v_acc_m: float | None
+    v_ned_mps: Vec3 | None
+    receiver: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorStatus:
+    """The autopilot's estimator health (EKF_STATUS_REPORT on ArduPilot, ESTIMATOR_STATUS on PX4).
+
+    Ratios are innovation test ratios (> 1 is rejected), None where the autopilot does not send them. `gnss_glitch` is
+    ArduPilot bit 15 or PX4 bit 0x400; `gnss_in_use` is PX4 bit 0x200, None on ArduPilot.
+    """
+
+    t_rx_ns: int
+    position_ratio: float | None
+    velocity_ratio: float | None
+    height_ratio: float | None
+    horizontal_position_ok: bool
+    gnss_glitch: bool
+    gnss_in_use: bool | None
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Distance along a body axis to the surface (DISTANCE_SENSOR, RANGEFINDER), metres; down-looking unless stated."""
+
+    t_rx_ns: int
+    t_boot_ns: int
+    distance_m: float
+    valid: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Baro:
+    """Static pressure (SCALED_PRESSURE), hPa, and temperature in degrees Celsius."""
+
+    t_rx_ns: int
+    t_boot_ns: int
+    pressure_hpa: float
+    temperature_c: float
+
+
+@dataclass(frozen=True, slots=True)
+class FrameRef:
+    """A camera frame that lies in a shared-memory slot. `t_ns` is mid-exposure on the shell's clock.
+
+    Where the camera is stamped with the autopilot's clock, `t_boot_ns` is set and the core converts it (core/timesync.py).
+    """
+
+    t_rx_ns: int
+    t_ns: int
+    frame_id: int
+    slot: int
+    width_px: int
+    height_px: int
+    channels: int
+    t_boot_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Odometry:
+    """Displacement between two frames, NED metres, with its 2x2 horizontal covariance."""
+
+    t_rx_ns: int
+    t_from_ns: int
+    t_to_ns: int
+    displacement_ned_m: Vec3
+    cov_ne_m2: Cov2
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """An absolute pose of the camera at image time, from one frame.
+
+    `place` is the camera's position; `q_ned_frd` the attitude of the camera's body (top edge of the image forward, optical
+    axis down). `cov_ne_m2` is the claimed covariance of the horizontal position, `sigma_h_m` that of the height.
+    `probability_wrong` is the calibrated probability that the fix is a wrong match (error beyond what the covariance
+    explains). `score` and `runner_up` are correlation peaks, `evidence` holds named numbers for reports.
+    """
+
+    t_rx_ns: int
+    t_ns: int
+    request_id: int
+    frame_id: int
+    method: str
+    place: GeoPoint
+    q_ned_frd: Quat
+    cov_ne_m2: Cov2
+    sigma_h_m: float
+    sigma_yaw_rad: float
+    probability_wrong: float
+    elapsed_ms: float
+    evidence: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class NoFix:
+    """The localiser declines to answer, and says why."""
+
+    t_rx_ns: int
+    t_ns: int
+    request_id: int
+    frame_id: int
+    method: str
+    reason: Reason
+    elapsed_ms: float
+    detail: str = ""
+    evidence: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class TimesyncSample:
+    """One finished TIMESYNC exchange that we asked for: remote clock (autopilot boot time, ns) at half of the round trip."""
+
+    t_rx_ns: int
+    t_sent_ns: int
+    t_remote_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class OriginChanged:
+    """The autopilot's EKF origin (GPS_GLOBAL_ORIGIN)."""
+
+    t_rx_ns: int
+    origin: GeoPoint
+
+
+@dataclass(frozen=True, slots=True)
+class LinkChanged:
+    """The link to the autopilot came up (kind, version and sysid known) or went down."""
+
+    t_rx_ns: int
+    up: bool
+    autopilot: AutopilotKind = AutopilotKind.UNKNOWN
+    version: str = ""
+    system_id: int = 0
+    armed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorFix:
+    """The operator says where the vehicle is: place and 1-sigma radius in metres."""
+
+    t_rx_ns: int
+    place: GeoPoint
+    sigma_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class SourceSwitched:
+    """The autopilot confirmed (or refused) a switch of its position source."""
+
+    t_rx_ns: int
+    source: EkfSource
+    accepted: bool
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerState:
+    """The worker came up or died; `restarts` counts those of the last 60 s."""
+
+    t_rx_ns: int
+    up: bool
+    restarts: int
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """The output clock."""
+
+    t_rx_ns: int
+
+
+Event = (
+    Attitude
+    | PriorPose
+    | LocalPose
+    | Gnss
+    | EstimatorStatus
+    | Range
+    | Baro
+    | FrameRef
+    | Odometry
+    | Fix
+    | NoFix
+    | TimesyncSample
+    | OriginChanged
+    | LinkChanged
+    | OperatorFix
+    | SourceSwitched
+    | WorkerState
+    | Tick
+)

@@ -1,0 +1,86 @@
+"""Values that localisers, maps and the filter exchange."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from visloc_companion.errors import Reason
+from visloc_companion.types.basic import Cov2, FloatArray, Image, Vec3, Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class CameraModel:
+    """Pinhole camera with Brown-Conrady distortion (OpenCV order k1 k2 p1 p2 k3), in pixels of `pix`."""
+
+    width_px: int
+    height_px: int
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReferencePatch:
+    """A window of the reference map, immutable: pixels, validity, heights and where it lies.
+
+    `T_map_pix` (2, 3) maps homogeneous `pix` coordinates (u, v, 1) (centre of the top-left pixel = 0, 0) to easting and
+    northing in the map's CRS. `dsm_amsl_m` is the surface height per pixel in metres above sea level.
+    """
+
+    pixels: Image
+    valid: NDArray[np.bool_]
+    dsm_amsl_m: NDArray[np.float32]
+    T_map_pix: FloatArray
+    gsd_m: float
+    heading_rad: float
+    features: dict[str, NDArray[Any]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class NavState:
+    """The filter's state at `t_ns`: position and velocity in NED at the EKF origin, covariances, and what they rest on."""
+
+    t_ns: int
+    p_ned_m: Vec3
+    v_ned_mps: Vec3
+    cov_ne_m2: Cov2
+    sigma_d_m: float
+    age_of_fix_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Accepted:
+    """The filter took the measurement; `nis` is its normalised innovation squared (2 degrees of freedom)."""
+
+    nis: float
+
+
+@dataclass(frozen=True, slots=True)
+class Rejected:
+    """The filter refused the measurement."""
+
+    reason: Reason
+    nis: float
+
+
+@dataclass(frozen=True, slots=True)
+class TooOld:
+    """The measurement is older than the filter's memory."""
+
+    age_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class GnssVerdict:
+    """The monitor's verdict with its evidence: each item is (name, value, threshold)."""
+
+    verdict: Verdict
+    since_ns: int
+    reasons: tuple[str, ...]
+    evidence: tuple[tuple[str, float, float], ...]
