@@ -1,0 +1,140 @@
+"""What the simulated autopilot does with each message of the companion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from visloc_companion.sim.autopilot_clock import JitterCorrection, Px4Timesync
+from visloc_companion.sim.autopilot_flight import Flight
+from visloc_companion.sim.autopilot_parameters import decode, encode
+from visloc_companion.sim.estimator_ardupilot import ArduPilotEstimator
+from visloc_companion.sim.estimator_status import ExternalPosition
+from visloc_companion.sim.streams import Streams
+from visloc_companion.sim.streams_messages import Message
+from visloc_companion.types import AutopilotKind, GeoPoint
+
+MAX_AGE_S = 10.0
+
+
+class Receiver:
+    """Takes messages; returns answers, and collects in `requested` the ids of messages that are to be sent at once."""
+
+    def __init__(self, flight: Flight, parameters: dict[str, float], system_id: int) -> None:
+        self.requested: list[int] = []
+        self.streams = Streams(flight.plan.kind, flight.plan.vehicle)
+        self._flight, self._parameters, self._system_id = flight, parameters, system_id
+        self._kind = flight.plan.kind
+        self._jitter, self._timesync = JitterCorrection(), Px4Timesync()
+        self._handlers: dict[str, Callable[[Message, int], list[Message]]] = {
+            "VISION_POSITION_ESTIMATE": self._vision,
+            "TIMESYNC": self._on_timesync,
+            "COMMAND_LONG": self._command,
+            "PARAM_REQUEST_READ": self._parameter_read,
+            "PARAM_SET": self._parameter_set,
+            "SET_GPS_GLOBAL_ORIGIN": self._set_origin,
+        }
+        if self._kind is AutopilotKind.ARDUPILOT:
+            self._handlers["GLOBAL_VISION_POSITION_ESTIMATE"] = self._vision
+
+    def take(self, message: Message, t_boot_ns: int) -> list[Message]:
+        """Handle one message; those for another system and unknown ones are ignored."""
+        handler = self._handlers.get(message.get_type())
+        if handler is None or getattr(message, "target_system", 0) not in (0, self._system_id):
+            return []
+        return handler(message, t_boot_ns)
+
+    def _vision(self, message: Message, t_boot_ns: int) -> list[Message]:
+        now_s, remote_s, flight = t_boot_ns / 1e9, message.usec / 1e6, self._flight
+        if self._kind is AutopilotKind.ARDUPILOT:
+            stamp_s = self._jitter.correct(remote_s, now_s)
+        else:
+            stamp_s = self._timesync.convert(remote_s, now_s)
+        age_s = min(now_s - stamp_s, MAX_AGE_S)
+        covariance = message.covariance
+        flight.estimator.on_external(
+            ExternalPosition(
+                flight.filter.t_s - age_s,
+                flight.filter.t_s,
+                (message.x, message.y, message.z),
+                (covariance[0], covariance[6], covariance[11]),
+                message.reset_counter,
+            )
+        )
+        return []
+
+    def _on_timesync(self, message: Message, t_boot_ns: int) -> list[Message]:
+        if message.tc1 == 0:
+            return [mavlink.MAVLink_timesync_message(t_boot_ns, message.ts1)]
+        if self._kind is AutopilotKind.PX4:
+            self._timesync.reply(message.ts1 / 1e9, message.tc1 / 1e9, t_boot_ns / 1e9)
+        return []
+
+    def _command(self, message: Message, t_boot_ns: int) -> list[Message]:
+        number = int(message.command)
+        if number == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            result = self.streams.set_interval(int(message.param1), message.param2, self._flight.t_s)
+        elif number == mavlink.MAV_CMD_REQUEST_MESSAGE:
+            result = self._request(int(message.param1))
+        elif number == mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
+            result = self._request(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+        elif number == mavlink.MAV_CMD_SET_EKF_SOURCE_SET:
+            result = self._use_set(message.param1)
+        else:
+            result = mavlink.MAV_RESULT_UNSUPPORTED
+        del t_boot_ns
+        return [mavlink.MAVLink_command_ack_message(number, result, 0, 0, message.get_srcSystem(), message.get_srcComponent())]
+
+    def _request(self, message_id: int) -> int:
+        if message_id not in self.streams.available:
+            return int(mavlink.MAV_RESULT_FAILED)
+        self.requested.append(message_id)
+        return int(mavlink.MAV_RESULT_ACCEPTED)
+
+    def _use_set(self, number: float) -> int:
+        estimator = self._flight.estimator
+        if not isinstance(estimator, ArduPilotEstimator):
+            return int(mavlink.MAV_RESULT_UNSUPPORTED)
+        if number not in (1, 2, 3):
+            return int(mavlink.MAV_RESULT_DENIED)
+        estimator.use_set(int(number))
+        return int(mavlink.MAV_RESULT_ACCEPTED)
+
+    def _parameter_read(self, message: Message, t_boot_ns: int) -> list[Message]:
+        del t_boot_ns
+        if message.param_index >= 0:
+            names = list(self._parameters)
+            return [self._parameter_value(names[message.param_index])] if message.param_index < len(names) else []
+        name = _name(message)
+        return [self._parameter_value(name)] if name in self._parameters else []
+
+    def _parameter_set(self, message: Message, t_boot_ns: int) -> list[Message]:
+        del t_boot_ns
+        name = _name(message)
+        if name not in self._parameters:
+            return []
+        value = decode(self._kind, name, message.param_value)
+        if math.isfinite(value):
+            self._parameters[name] = value
+        return [self._parameter_value(name)]
+
+    def _parameter_value(self, name: str) -> Message:
+        value, kind = encode(self._kind, name, self._parameters[name])
+        names = list(self._parameters)
+        return mavlink.MAVLink_param_value_message(name.encode(), value, kind, len(names), names.index(name))
+
+    def _set_origin(self, message: Message, t_boot_ns: int) -> list[Message]:
+        """ArduPilot takes an origin once and ignores further ones in silence; PX4 moves it at any time."""
+        del t_boot_ns
+        if self._kind is AutopilotKind.ARDUPILOT and self._flight.origin is not None:
+            return []
+        place = GeoPoint(message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1000)
+        self._flight.move_origin(place)
+        return []
+
+
+def _name(message: Message) -> str:
+    name = message.param_id
+    return str(name if isinstance(name, str) else name.decode("ascii", "replace")).rstrip("\0")

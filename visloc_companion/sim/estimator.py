@@ -1,0 +1,187 @@
+"""Inertial filter of the simulated autopilot: delayed fusion horizon, output predictor, and an account of what spoofing did.
+
+Each axis is a Kalman filter of position and velocity that runs `horizon_s` behind and integrates measured accelerations;
+corrections made there are carried to the present exactly (EKF3's and EKF2's output predictor). The same gains act on
+`pull`, the part of the estimate that false GNSS alone produced: the filter is linear, so this separation is exact.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from random import Random
+
+from visloc_companion.sim.vehicle_noise import GaussMarkov
+from visloc_companion.types import Vec3
+
+ACCEL_PSD = 0.13
+"""Spectral density of the assumed acceleration error, m²/s³: fitted to the facts sheet's table 5.1 (rms against rate)."""
+BARO_SIGMA_M, BARO_PERIOD_S = 2.0, 0.1
+
+
+class Axis:
+    """One axis: delayed position and velocity `p`, `v`, present ones `p_now`, `v_now`, covariance, and the pull of GNSS."""
+
+    __slots__ = ("P11", "P12", "P22", "lag_s", "p", "p_now", "pull_p", "pull_v", "v", "v_now")
+
+    def __init__(self, lag_s: float) -> None:
+        self.lag_s = lag_s
+        self.p = self.v = self.p_now = self.v_now = self.pull_p = self.pull_v = 0.0
+        self.P11, self.P12, self.P22 = 1.0, 0.0, 0.25
+
+    def predict(self, a_delayed: float, a_now: float, dt_s: float) -> None:
+        """Advance both times by one step."""
+        self.p += (self.v + 0.5 * a_delayed * dt_s) * dt_s
+        self.v += a_delayed * dt_s
+        self.p_now += (self.v_now + 0.5 * a_now * dt_s) * dt_s
+        self.v_now += a_now * dt_s
+        self.pull_p += self.pull_v * dt_s
+        self.P11 += (2 * self.P12 + self.P22 * dt_s) * dt_s
+        self.P12 += self.P22 * dt_s
+        self.P22 += ACCEL_PSD * dt_s
+
+    def correct_position(self, p: float, variance: float, false_m: float) -> None:
+        """Fuse a position valid at the delayed time; `false_m` is its spoofed part."""
+        s = self.P11 + variance
+        k1, k2 = self.P11 / s, self.P12 / s
+        self._apply(k1, k2, p - self.p, false_m - self.pull_p)
+        self.P22 -= k2 * self.P12
+        self.P12 *= 1 - k1
+        self.P11 *= 1 - k1
+
+    def correct_velocity(self, v: float, variance: float, false_mps: float) -> None:
+        """Fuse a velocity valid at the delayed time."""
+        s = self.P22 + variance
+        k1, k2 = self.P12 / s, self.P22 / s
+        self._apply(k1, k2, v - self.v, false_mps - self.pull_v)
+        self.P11 -= k1 * self.P12
+        self.P12 *= 1 - k2
+        self.P22 *= 1 - k2
+
+    def _apply(self, k1: float, k2: float, innovation: float, pull_innovation: float) -> None:
+        self.p += k1 * innovation
+        self.v += k2 * innovation
+        self.p_now += (k1 + k2 * self.lag_s) * innovation
+        self.v_now += k2 * innovation
+        self.pull_p += k1 * pull_innovation
+        self.pull_v += k2 * pull_innovation
+
+    def reset_position(self, p: float, variance: float, false_m: float) -> None:
+        """Jump to a position; the velocity stays."""
+        self.p_now += p - self.p
+        self.p, self.pull_p = p, false_m
+        self.P11, self.P12 = variance, 0.0
+
+    def reset_velocity(self, v: float, variance: float, false_mps: float) -> None:
+        """Jump to a velocity; the present position follows over the lag."""
+        self.p_now += (v - self.v) * self.lag_s
+        self.v_now += v - self.v
+        self.v, self.pull_v = v, false_mps
+        self.P22, self.P12 = variance, 0.0
+
+    @property
+    def pull_m(self) -> float:
+        """How far false GNSS has moved the present estimate."""
+        return self.pull_p + self.pull_v * self.lag_s
+
+
+@dataclass(frozen=True, slots=True)
+class Fixed:
+    """A horizontal position for fusion: valid at `t_s`, in the autopilot's local metres, with variances and its false part."""
+
+    t_s: float
+    north_m: float
+    east_m: float
+    var_north_m2: float
+    var_east_m2: float
+    false_north_m: float = 0.0
+    false_east_m: float = 0.0
+
+
+class InertialFilter:
+    """Three axes on measured accelerations, with height from a drifting barometer.
+
+    The accelerometer's net error (bias and tilt, as far as the autopilot has not learnt them) varies slowly with 1-sigma
+    0.02 m/s², plus white noise; the barometer drifts by 0.3 m in 120 s.
+    """
+
+    def __init__(self, rng: Random, horizon_s: float, dt_s: float) -> None:
+        self.horizon_s = horizon_s
+        self.north, self.east, self.down = (Axis(horizon_s) for _ in range(3))
+        self.t_s = 0.0
+        self._rng = rng
+        self._bias = tuple(GaussMarkov(rng, 0.02, 60.0) for _ in range(3))
+        self._baro_drift = GaussMarkov(rng, 0.3, 120.0)
+        self._baro_due_s = 0.0
+        self._accelerations: deque[Vec3] = deque([(0.0, 0.0, 0.0)] * max(1, round(horizon_s / dt_s)))
+        self.baro_down_m: float | None = 0.0
+        """The latest delayed barometer reading, consumed by `fuse_baro`."""
+        self._baro: deque[tuple[float, float]] = deque()
+
+    def align(self, p_ned_m: Vec3, v_ned_mps: Vec3) -> None:
+        """Start at a position and velocity, at rest in acceleration."""
+        for axis, p, v in zip((self.north, self.east, self.down), p_ned_m, v_ned_mps, strict=True):
+            axis.p_now, axis.v_now, axis.v, axis.p = p, v, v, p - v * self.horizon_s
+
+    @property
+    def t_delayed_s(self) -> float:
+        """The time at which measurements are fused."""
+        return self.t_s - self.horizon_s
+
+    def step(self, accel_ned_mps2: Vec3, yaw_error_rad: float, true_down_m: float, dt_s: float) -> None:
+        """Advance by the true acceleration, seen through the sensors' and the heading's errors, and sample the barometer."""
+        gauss = self._rng.gauss
+        a_n, a_e, a_d = accel_ned_mps2
+        now = (
+            a_n - a_e * yaw_error_rad + self._bias[0].step(dt_s) + gauss(0.0, 0.1),
+            a_e + a_n * yaw_error_rad + self._bias[1].step(dt_s) + gauss(0.0, 0.1),
+            a_d + self._bias[2].step(dt_s) + gauss(0.0, 0.1),
+        )
+        self._accelerations.append(now)
+        delayed = self._accelerations.popleft()
+        self.north.predict(delayed[0], now[0], dt_s)
+        self.east.predict(delayed[1], now[1], dt_s)
+        self.down.predict(delayed[2], now[2], dt_s)
+        self.t_s += dt_s
+        if self.t_s >= self._baro_due_s:
+            self._baro_due_s += BARO_PERIOD_S
+            self._baro.append((self.t_s, true_down_m + self._baro_drift.step(BARO_PERIOD_S) + gauss(0.0, 0.1)))
+
+    def fuse_baro(self, use: bool = True) -> None:
+        """Fuse (or pass over) the barometer readings that the fusion horizon has reached."""
+        while self._baro and self._baro[0][0] <= self.t_delayed_s:
+            down = self._baro.popleft()[1]
+            if use:
+                self.down.correct_position(down, BARO_SIGMA_M**2, 0.0)
+
+    def hold(self) -> None:
+        """Keep the position still, as the autopilots do without any aiding (constant position mode)."""
+        for axis in (self.north, self.east):
+            axis.v = axis.v_now = axis.pull_v = 0.0
+            axis.P11, axis.P12, axis.P22 = 25.0, 0.0, 1.0
+
+    def ratio(self, fix: Fixed, gate_sigma: float) -> float:
+        """Innovation test ratio of a position, 1 at the gate (squared; the status messages send its root)."""
+        n, e = fix.north_m - self.north.p, fix.east_m - self.east.p
+        s = (self.north.P11 + fix.var_north_m2 + self.east.P11 + fix.var_east_m2) / 2
+        return (n * n + e * e) / (gate_sigma * gate_sigma * s)
+
+    def velocity_ratio(self, v_north: float, v_east: float, variance: float, gate_sigma: float) -> float:
+        """The same for a velocity."""
+        n, e = v_north - self.north.v, v_east - self.east.v
+        return (n * n + e * e) / (gate_sigma * gate_sigma * ((self.north.P22 + self.east.P22) / 2 + variance))
+
+    def fuse(self, fix: Fixed) -> None:
+        """Fuse a position at the delayed time."""
+        self.north.correct_position(fix.north_m, fix.var_north_m2, fix.false_north_m)
+        self.east.correct_position(fix.east_m, fix.var_east_m2, fix.false_east_m)
+
+    def reset_to(self, fix: Fixed) -> None:
+        """Jump to a position at the delayed time."""
+        self.north.reset_position(fix.north_m, fix.var_north_m2, fix.false_north_m)
+        self.east.reset_position(fix.east_m, fix.var_east_m2, fix.false_east_m)
+
+    @property
+    def pull_ned_m(self) -> tuple[float, float]:
+        """North and east by which false GNSS has moved the present estimate, m."""
+        return self.north.pull_m, self.east.pull_m

@@ -1,0 +1,48 @@
+"""The simulated autopilot's error of attitude: small, slow, and the same for its own control as for what it streams."""
+
+from __future__ import annotations
+
+import math
+from random import Random
+
+from visloc_companion.sim.vehicle import Body
+from visloc_companion.sim.vehicle_noise import GaussMarkov
+
+YAW_SIGMA_RAD, TILT_SIGMA_RAD, RATE_SIGMA_RADPS = math.radians(1.0), math.radians(0.3), math.radians(0.2)
+PERIOD_S = 0.1
+
+
+class AttitudeEstimate:
+    """True attitude plus slowly varying errors: yaw 1° in 60 s, roll and pitch 0.3° in 20 s (1-sigma)."""
+
+    def __init__(self, rng: Random) -> None:
+        self._rng = rng
+        self._errors = (
+            GaussMarkov(rng, TILT_SIGMA_RAD, 20.0),
+            GaussMarkov(rng, TILT_SIGMA_RAD, 20.0),
+            GaussMarkov(rng, YAW_SIGMA_RAD, 60.0),
+        )
+        self._since_s = 0.0
+
+    def step(self, dt_s: float) -> None:
+        """Let the errors drift (ten times a second)."""
+        self._since_s += dt_s
+        if self._since_s >= PERIOD_S:
+            self._since_s -= PERIOD_S
+            for error in self._errors:
+                error.step(PERIOD_S)
+
+    @property
+    def yaw_error_rad(self) -> float:
+        """Estimated minus true yaw."""
+        return self._errors[2].value
+
+    def euler(self, body: Body) -> tuple[float, float, float]:
+        """Estimated roll, pitch, yaw, radians."""
+        roll, pitch, yaw = (error.value for error in self._errors)
+        return body.roll + roll, body.pitch + pitch, body.yaw + yaw
+
+    def rates(self, body: Body) -> tuple[float, float, float]:
+        """Gyroscope rates, rad/s."""
+        x, y, z = (self._rng.gauss(0.0, RATE_SIGMA_RADPS) for _ in range(3))
+        return body.rate_x + x, body.rate_y + y, body.rate_z + z

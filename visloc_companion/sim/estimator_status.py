@@ -1,0 +1,63 @@
+"""What both simulated estimators take in and tell: measurements, health, and the interface that the autopilot uses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from visloc_companion.sim.estimator import InertialFilter
+from visloc_companion.sim.gnss import GnssSample
+from visloc_companion.types import Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class ExternalPosition:
+    """VISION_POSITION_ESTIMATE as received: local NED metres, variances (cov[0], [6], [11]; NaN where unknown).
+
+    `t_s` is the time of validity that the autopilot made of the message's stamp; `t_rx_s` the arrival.
+    """
+
+    t_s: float
+    t_rx_s: float
+    p_ned_m: Vec3
+    var_ned_m2: Vec3
+    reset_counter: int
+
+
+@dataclass(frozen=True, slots=True)
+class GnssMeasurement:
+    """A receiver's sample with its position in the autopilot's local metres."""
+
+    sample: GnssSample
+    p_local_m: Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorHealth:
+    """Health as the status messages state it: `*_ratio` is squared and 1 at the gate; `flags` are the message's own."""
+
+    flags: int
+    position_ratio: float
+    velocity_ratio: float
+    height_ratio: float
+    position_ok: bool
+    dead_reckoning: bool
+    source: str
+
+
+class Estimator(Protocol):
+    """An autopilot's estimator of position and velocity."""
+
+    filter: InertialFilter
+
+    def on_gnss(self, measurement: GnssMeasurement) -> None:
+        """Take a receiver's sample."""
+
+    def on_external(self, external: ExternalPosition) -> None:
+        """Take an external position."""
+
+    def step(self, air_velocity_ne_mps: tuple[float, float] | None) -> list[str]:
+        """Fuse what is due after the filter's step; returns texts for the operator. The air velocity is a plane's."""
+
+    def health(self) -> EstimatorHealth:
+        """The present health."""

@@ -1,0 +1,74 @@
+"""A simulated satellite receiver: white and correlated errors, loss of fix, and whatever false place it is made to report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from random import Random
+
+from visloc_companion.sim.faults import GnssEffect
+from visloc_companion.sim.vehicle_noise import GaussMarkov
+from visloc_companion.types import Vec3
+
+FIX_GOOD, FIX_NONE = 6, 1
+SATELLITES_GOOD, SATELLITES_NONE = 10, 3
+H_ACC_M, V_ACC_M, SPEED_ACC_MPS = 0.4, 0.6, 0.2
+HDOP = 1.21
+
+
+@dataclass(frozen=True, slots=True)
+class GnssSample:
+    """One solution, valid at `t_s`: position NED about home (m, true metres), velocity, and what the receiver says of it.
+
+    `false_ned_m` is the part of the position that a spoofer put there (for the simulator's own accounts). Without a fix
+    position and velocity are the last good ones.
+    """
+
+    t_s: float
+    fix_type: int
+    n_satellites: int
+    p_ned_m: Vec3
+    v_ned_mps: Vec3
+    h_acc_m: float = H_ACC_M
+    v_acc_m: float = V_ACC_M
+    false_ned_m: Vec3 = (0.0, 0.0, 0.0)
+    false_v_ned_mps: Vec3 = (0.0, 0.0, 0.0)
+
+    @property
+    def has_fix(self) -> bool:
+        """Whether position and velocity mean anything."""
+        return self.fix_type >= 3
+
+
+class GnssReceiver:
+    """Makes a sample every `period_s`. Errors: correlated (1-sigma 0.35 m, 60 s) and white (0.15 m); velocity 0.08 m/s.
+
+    It loses its fix within 0.5 s of jamming and needs 3 s to regain it (autopilot facts, section 3: fix 6 -> 1, 10 -> 3
+    satellites, accuracies left at the last good value).
+    """
+
+    REGAIN_S = 3.0
+
+    def __init__(self, rng: Random, period_s: float = 0.2) -> None:
+        self.period_s = period_s
+        self._rng = rng
+        self._slow = tuple(GaussMarkov(rng, sigma, 60.0) for sigma in (0.35, 0.35, 0.6))
+        self._jammed_until_s = float("-inf")
+        self._last_good: tuple[Vec3, Vec3] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+    def sample(self, t_s: float, p_ned_m: Vec3, v_ned_mps: Vec3, effect: GnssEffect) -> GnssSample:
+        """The solution at a time, from the true position and velocity and what reaches the antenna."""
+        noise = [slow.step(self.period_s) + self._rng.gauss(0.0, 0.15) for slow in self._slow]
+        noise_v = [self._rng.gauss(0.0, 0.08) for _ in range(3)]
+        if effect.jammed:
+            self._jammed_until_s = t_s
+        if t_s < self._jammed_until_s + self.REGAIN_S:
+            return GnssSample(t_s, FIX_NONE, SATELLITES_NONE, *self._last_good)
+        shift, shift_v = effect.offset_ned_m, effect.offset_v_ned_mps
+        p = (p_ned_m[0] + noise[0] + shift[0], p_ned_m[1] + noise[1] + shift[1], p_ned_m[2] + noise[2] + shift[2])
+        v = (
+            v_ned_mps[0] + noise_v[0] + shift_v[0],
+            v_ned_mps[1] + noise_v[1] + shift_v[1],
+            v_ned_mps[2] + noise_v[2] + shift_v[2],
+        )
+        self._last_good = (p, v)
+        return GnssSample(t_s, FIX_GOOD, SATELLITES_GOOD, p, v, false_ned_m=shift, false_v_ned_mps=shift_v)

@@ -1,0 +1,187 @@
+"""The messages of the simulated autopilot, built from one snapshot of its state."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from visloc_companion.geo.se3 import quat_from_euler
+from visloc_companion.sim.estimator_status import EstimatorHealth
+from visloc_companion.sim.gnss import HDOP, SPEED_ACC_MPS, GnssSample
+from visloc_companion.sim.streams import STATUS_MESSAGE
+from visloc_companion.types import AutopilotKind, GeoPoint, Vec3
+
+FIRMWARE_VERSION = {AutopilotKind.ARDUPILOT: (4, 7, 0, 0), AutopilotKind.PX4: (1, 17, 0, 0)}
+"""Major, minor, patch and FIRMWARE_VERSION_TYPE (0 = development) of the trees that the facts sheet read."""
+GPS_BIT, VISION_BIT, XY_BIT = 1 << 5, 1 << 7, 1 << 14
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """The autopilot's state as it knows it. `place` is None where it sends no global position, `local` where no local one."""
+
+    kind: AutopilotKind
+    t_boot_ns: int
+    rpy_rad: Vec3
+    rates_radps: Vec3
+    p_ned_m: Vec3
+    v_ned_mps: Vec3
+    place: GeoPoint | None
+    home: GeoPoint
+    origin: GeoPoint | None
+    local: bool
+    gnss: GnssSample | None
+    gnss_place: GeoPoint | None
+    health: EstimatorHealth
+    external_healthy: bool
+    mav_type: int
+    custom_mode: int
+    armed: bool
+    failsafe: bool
+
+    @property
+    def t_ms(self) -> int:
+        """time_boot_ms."""
+        return self.t_boot_ns // 1_000_000 & 0xFFFFFFFF
+
+    @property
+    def t_us(self) -> int:
+        """time_usec."""
+        return self.t_boot_ns // 1000
+
+
+Message = Any
+Builder = Callable[[Snapshot], Message | None]
+
+
+def heartbeat(s: Snapshot) -> Message:
+    """HEARTBEAT: type, autopilot, mode, armed."""
+    ardupilot = s.kind is AutopilotKind.ARDUPILOT
+    mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if s.armed else 0)
+    state = mavlink.MAV_STATE_CRITICAL if s.failsafe else mavlink.MAV_STATE_ACTIVE if s.armed else mavlink.MAV_STATE_STANDBY
+    autopilot = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA if ardupilot else mavlink.MAV_AUTOPILOT_PX4
+    return mavlink.MAVLink_heartbeat_message(s.mav_type, autopilot, mode, s.custom_mode, state, 3)
+
+
+def sys_status(s: Snapshot) -> Message:
+    """SYS_STATUS: the GPS bit stays healthy without a fix (the receiver talks), vision's follows its messages."""
+    present = GPS_BIT | VISION_BIT | XY_BIT
+    healthy = GPS_BIT | (VISION_BIT if s.external_healthy else 0) | (XY_BIT if s.health.position_ok else 0)
+    return mavlink.MAVLink_sys_status_message(present, present, healthy, 300, 15800, -1, -1, 0, 0, 0, 0, 0, 0)
+
+
+def gps_raw_int(s: Snapshot) -> Message | None:
+    """GPS_RAW_INT. Without a fix ArduPilot keeps the last accuracies, PX4 sends eph 10000 and h_acc 100 m."""
+    if s.gnss is None or s.gnss_place is None:
+        return None
+    lost_px4 = s.kind is AutopilotKind.PX4 and not s.gnss.has_fix
+    v_n, v_e, _ = s.gnss.v_ned_mps
+    course_cdeg = round(math.degrees(math.atan2(v_e, v_n)) * 100) % 36000
+    alt_mm = round(s.gnss_place.h_amsl_m * 1000)
+    return mavlink.MAVLink_gps_raw_int_message(
+        s.t_us,
+        s.gnss.fix_type,
+        *_degrees_e7(s.gnss_place),
+        alt_mm,
+        10000 if lost_px4 else round(HDOP * 100),
+        10000 if lost_px4 else round(HDOP * 150),
+        min(round(math.hypot(v_n, v_e) * 100), 65534),
+        course_cdeg,
+        s.gnss.n_satellites,
+        alt_mm,
+        100000 if lost_px4 else round(s.gnss.h_acc_m * 1000),
+        100000 if lost_px4 else round(s.gnss.v_acc_m * 1000),
+        round(SPEED_ACC_MPS * 1000),
+    )
+
+
+def attitude(s: Snapshot) -> Message:
+    """ATTITUDE."""
+    roll, pitch, yaw = (_wrapped(angle) for angle in s.rpy_rad)
+    return mavlink.MAVLink_attitude_message(s.t_ms, roll, pitch, yaw, *s.rates_radps)
+
+
+def attitude_quaternion(s: Snapshot) -> Message:
+    """ATTITUDE_QUATERNION."""
+    return mavlink.MAVLink_attitude_quaternion_message(s.t_ms, *quat_from_euler(*s.rpy_rad), *s.rates_radps)
+
+
+def local_position_ned(s: Snapshot) -> Message | None:
+    """LOCAL_POSITION_NED, stopped while the autopilot has no position."""
+    return mavlink.MAVLink_local_position_ned_message(s.t_ms, *s.p_ned_m, *s.v_ned_mps) if s.local else None
+
+
+def global_position_int(s: Snapshot) -> Message | None:
+    """GLOBAL_POSITION_INT; ArduPilot sends latitude and longitude 0 before it has an origin, PX4 nothing."""
+    if s.place is None and s.kind is AutopilotKind.PX4:
+        return None
+    place = s.place or GeoPoint(0.0, 0.0, s.home.h_amsl_m - s.p_ned_m[2])
+    return mavlink.MAVLink_global_position_int_message(
+        s.t_ms,
+        *_degrees_e7(place),
+        round(place.h_amsl_m * 1000),
+        round((place.h_amsl_m - s.home.h_amsl_m) * 1000),
+        *(round(v * 100) for v in s.v_ned_mps),
+        round(math.degrees(s.rpy_rad[2]) * 100) % 36000,
+    )
+
+
+def gps_global_origin(s: Snapshot) -> Message | None:
+    """GPS_GLOBAL_ORIGIN, where there is one."""
+    if s.origin is None:
+        return None
+    return mavlink.MAVLink_gps_global_origin_message(*_degrees_e7(s.origin), round(s.origin.h_amsl_m * 1000), s.t_us)
+
+
+def autopilot_version(s: Snapshot) -> Message:
+    """AUTOPILOT_VERSION."""
+    major, minor, patch, kind = FIRMWARE_VERSION[s.kind]
+    version = major << 24 | minor << 16 | patch << 8 | kind
+    capabilities = mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2 | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+    if s.kind is AutopilotKind.PX4:
+        capabilities = mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2 | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+    return mavlink.MAVLink_autopilot_version_message(capabilities, version, 0, 0, 0, b"\0" * 8, b"\0" * 8, b"\0" * 8, 0, 0, 1)
+
+
+def ekf_status_report(s: Snapshot) -> Message:
+    """EKF_STATUS_REPORT (ArduPilot): roots of the test ratios."""
+    h = s.health
+    return mavlink.MAVLink_ekf_status_report_message(
+        h.flags, math.sqrt(h.velocity_ratio), math.sqrt(h.position_ratio), math.sqrt(h.height_ratio), 0.05, 0.0
+    )
+
+
+def estimator_status(s: Snapshot) -> Message:
+    """ESTIMATOR_STATUS (PX4): test ratios."""
+    h = s.health
+    return mavlink.MAVLink_estimator_status_message(
+        s.t_us, h.flags, math.sqrt(h.velocity_ratio), math.sqrt(h.position_ratio), math.sqrt(h.height_ratio), 0.05, 0.0, 0.0,
+        0.5, 0.5,
+    )  # fmt: skip
+
+
+BUILDERS: dict[int, Builder] = {
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: heartbeat,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: sys_status,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: gps_raw_int,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: attitude,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: attitude_quaternion,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: local_position_ned,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: global_position_int,
+    mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: gps_global_origin,
+    mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: autopilot_version,
+    STATUS_MESSAGE[AutopilotKind.ARDUPILOT]: ekf_status_report,
+    STATUS_MESSAGE[AutopilotKind.PX4]: estimator_status,
+}
+
+
+def _degrees_e7(place: GeoPoint) -> tuple[int, int]:
+    return round(place.lat_deg * 1e7), round(place.lon_deg * 1e7)
+
+
+def _wrapped(angle_rad: float) -> float:
+    return (angle_rad + math.pi) % (2 * math.pi) - math.pi

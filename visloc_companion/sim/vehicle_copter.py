@@ -1,0 +1,58 @@
+"""A multicopter as a point mass whose thrust leans with its attitude, with linear drag against the air."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from visloc_companion.sim.vehicle import GRAVITY_MPS2, Body, clamp
+from visloc_companion.types import Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class CopterCommand:
+    """What the control asks for: accelerations by thrust in the heading frame (m/s²), down acceleration and yaw rate."""
+
+    forward_mps2: float
+    right_mps2: float
+    down_mps2: float
+    yaw_rate_radps: float
+
+
+class Copter:
+    """Attitude answers as a second-order system (6 rad/s, damping 0.8), thrust within 0.1 s; lean is limited to 30°."""
+
+    DRAG_PER_S = 0.12
+    BANDWIDTH_RADPS, DAMPING, THRUST_TAU_S = 6.0, 0.8, 0.1
+    MAX_LEAN_RAD = math.radians(30)
+
+    def __init__(self, body: Body) -> None:
+        self.body = body
+        self._d_roll = self._d_pitch = self._yaw_rate = self._thrust_down = 0.0
+
+    def step(self, command: CopterCommand, wind_ned_mps: Vec3, dt_s: float) -> None:
+        """Advance the true state by one step."""
+        body = self.body
+        if body.landed:
+            if command.down_mps2 > -0.3:
+                return
+            body.landed = False
+        w2, damp = self.BANDWIDTH_RADPS**2, 2 * self.DAMPING * self.BANDWIDTH_RADPS
+        want_pitch = clamp(-math.atan2(command.forward_mps2, GRAVITY_MPS2), self.MAX_LEAN_RAD)
+        want_roll = clamp(math.atan2(command.right_mps2, GRAVITY_MPS2), self.MAX_LEAN_RAD)
+        self._d_roll += (w2 * (want_roll - body.roll) - damp * self._d_roll) * dt_s
+        self._d_pitch += (w2 * (want_pitch - body.pitch) - damp * self._d_pitch) * dt_s
+        self._yaw_rate += (command.yaw_rate_radps - self._yaw_rate) * min(1.0, dt_s / 0.2)
+        body.turn(body.roll + self._d_roll * dt_s, body.pitch + self._d_pitch * dt_s, body.yaw + self._yaw_rate * dt_s, dt_s)
+        self._thrust_down += (command.down_mps2 - self._thrust_down) * min(1.0, dt_s / self.THRUST_TAU_S)
+        forward = -GRAVITY_MPS2 * math.tan(body.pitch)
+        right = GRAVITY_MPS2 * math.tan(body.roll) / math.cos(body.pitch)
+        c, s = math.cos(body.yaw), math.sin(body.yaw)
+        body.move(
+            forward * c - right * s - self.DRAG_PER_S * (body.v_north - wind_ned_mps[0]),
+            forward * s + right * c - self.DRAG_PER_S * (body.v_east - wind_ned_mps[1]),
+            self._thrust_down - self.DRAG_PER_S * (body.v_down - wind_ned_mps[2]),
+            dt_s,
+        )
+        if body.down >= 0.0 and body.v_down >= 0.0:
+            body.rest()

@@ -1,0 +1,53 @@
+"""A fixed-wing aircraft as a point mass in coordinated flight: it banks to turn and drifts with the air."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from visloc_companion.sim.vehicle import GRAVITY_MPS2, Body, clamp
+from visloc_companion.types import Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class PlaneCommand:
+    """What the control asks for: bank angle (rad, right positive), climb rate (m/s) and airspeed (m/s)."""
+
+    bank_rad: float
+    climb_mps: float
+    airspeed_mps: float
+
+
+class Plane:
+    """Bank answers in 0.4 s (60°/s at most, 45° of bank), climb in 0.8 s, airspeed in 3 s; the nose is 3° above the path."""
+
+    ANGLE_OF_ATTACK_RAD = math.radians(3)
+    MAX_BANK_RAD, MAX_ROLL_RATE_RADPS = math.radians(45), math.radians(60)
+    MAX_CLIMB_MPS = 4.0
+
+    def __init__(self, body: Body, airspeed_mps: float) -> None:
+        self.body = body
+        self.airspeed_mps = airspeed_mps
+        self._climb = 0.0
+
+    def step(self, command: PlaneCommand, wind_ned_mps: Vec3, dt_s: float) -> None:
+        """Advance the true state by one step."""
+        body = self.body
+        if body.landed:
+            return
+        bank = clamp(command.bank_rad, self.MAX_BANK_RAD)
+        roll = body.roll + clamp((bank - body.roll) / 0.4, self.MAX_ROLL_RATE_RADPS) * dt_s
+        self._climb += (clamp(command.climb_mps, self.MAX_CLIMB_MPS) - self._climb) * dt_s / 0.8
+        self.airspeed_mps += (command.airspeed_mps - self.airspeed_mps) * dt_s / 3.0
+        path = math.asin(clamp(self._climb / self.airspeed_mps, 0.5))
+        yaw = body.yaw + GRAVITY_MPS2 * math.tan(roll) / self.airspeed_mps * dt_s
+        body.turn(roll, path + self.ANGLE_OF_ATTACK_RAD, yaw, dt_s)
+        level = self.airspeed_mps * math.cos(path)
+        body.move(
+            (level * math.cos(yaw) + wind_ned_mps[0] - body.v_north) / dt_s,
+            (level * math.sin(yaw) + wind_ned_mps[1] - body.v_east) / dt_s,
+            (-self._climb + wind_ned_mps[2] - body.v_down) / dt_s,
+            dt_s,
+        )
+        if body.down >= 0.0 and body.v_down >= 0.0:
+            body.rest()
