@@ -1,6 +1,6 @@
-"""A small autopilot that speaks MAVLink bytes, for tests of links: it hovers, streams what it is asked for and notes what it gets.
+"""A small autopilot that speaks MAVLink bytes, for tests of links: it hovers, streams what it is asked for, notes what it gets.
 
-It does not fly or estimate; `visloc_companion.sim` has one that does. Sans-IO: `receive`, `step`, `outgoing`, time as an argument.
+It does not fly or estimate; `visloc_companion.sim` has one that does. Sans-IO: `receive`, `step`, `outgoing`.
 """
 
 from __future__ import annotations
@@ -175,24 +175,26 @@ class FakeAutopilot:
         boot_ms, boot_us = self._boot_ns // 1_000_000, self._boot_ns // 1000
         px4 = self.kind is AutopilotKind.PX4
         place = self.origin or GeoPoint(0.0, 0.0, 0.0)
+        message: Message | None
         lat_e7, lon_e7, alt_mm = round(place.lat_deg * 1e7), round(place.lon_deg * 1e7), round(place.h_amsl_m * 1e3)
         match message_id:
             case mav.MAVLINK_MSG_ID_HEARTBEAT:
                 autopilot = mav.MAV_AUTOPILOT_PX4 if px4 else mav.MAV_AUTOPILOT_ARDUPILOTMEGA
-                return mav.MAVLink_heartbeat_message(mav.MAV_TYPE_QUADROTOR, autopilot, 0, 0, mav.MAV_STATE_STANDBY, 3)
+                message = mav.MAVLink_heartbeat_message(mav.MAV_TYPE_QUADROTOR, autopilot, 0, 0, mav.MAV_STATE_STANDBY, 3)
             case mav.MAVLINK_MSG_ID_TIMESYNC:
-                return mav.MAVLink_timesync_message(0, max(1, self._boot_ns))
+                message = mav.MAVLink_timesync_message(0, max(1, self._boot_ns))
             case mav.MAVLINK_MSG_ID_ATTITUDE:
-                return mav.MAVLink_attitude_message(boot_ms, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0)
+                message = mav.MAVLink_attitude_message(boot_ms, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0)
             case mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
-                return mav.MAVLink_global_position_int_message(boot_ms, lat_e7, lon_e7, alt_mm, 0, 0, 0, 0, 65535)
+                message = mav.MAVLink_global_position_int_message(boot_ms, lat_e7, lon_e7, alt_mm, 0, 0, 0, 0, 65535)
             case mav.MAVLINK_MSG_ID_GPS_RAW_INT:
-                return mav.MAVLink_gps_raw_int_message(boot_us, 3, lat_e7, lon_e7, alt_mm, 90, 120, 0, 0, 14, 0, 800, 1200)
+                message = mav.MAVLink_gps_raw_int_message(boot_us, 3, lat_e7, lon_e7, alt_mm, 90, 120, 0, 0, 14, 0, 800, 1200)
             case mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
                 version = (1 << 24 | 16 << 16 | 255) if px4 else (4 << 24 | 6 << 16 | 3 << 8 | 255)
                 nothing = [0] * 8
-                return mav.MAVLink_autopilot_version_message(0, version, 0, 0, 0, nothing, nothing, nothing, 0, 0, 0)
+                message = mav.MAVLink_autopilot_version_message(0, version, 0, 0, 0, nothing, nothing, nothing, 0, 0, 0)
             case mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN if self.origin is not None:
-                return mav.MAVLink_gps_global_origin_message(lat_e7, lon_e7, alt_mm, boot_us)
+                message = mav.MAVLink_gps_global_origin_message(lat_e7, lon_e7, alt_mm, boot_us)
             case _:
-                return None
+                message = None
+        return message
