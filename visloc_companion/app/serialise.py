@@ -16,7 +16,6 @@ from enum import StrEnum
 from functools import cache
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
-from visloc_companion import types
 from visloc_companion.errors import JournalError
 from visloc_companion.types import Command, Event
 
@@ -78,7 +77,7 @@ def json_schema(kind: type) -> dict[str, Any]:
 
 def _hints(kind: type) -> Iterator[tuple[str, Any, bool]]:
     """(name, type, required) of the fields of a dataclass."""
-    hints = get_type_hints(kind, vars(types))
+    hints = get_type_hints(kind)
     for item in fields(kind):
         yield item.name, hints[item.name], item.default is MISSING and item.default_factory is MISSING
 

@@ -40,7 +40,7 @@ def strategy(hint: Any) -> st.SearchStrategy[Any]:
         return st.tuples(strategy(first), *map(strategy, rest))
     if get_args(hint):
         return st.one_of(*map(strategy, get_args(hint)))
-    hints = get_type_hints(hint, vars(types))
+    hints = get_type_hints(hint)
     return st.builds(hint, **{item.name: strategy(hints[item.name]) for item in fields(hint)})
 
 

@@ -1,0 +1,339 @@
+"""The flight record: every event and command with its time, raw MAVLink, and if wished the frames, in one MCAP file.
+
+The first record is the effective configuration with versions and the map's hash. Topics: `/header`, `/event/TYPE`,
+`/command/TYPE`, `/shell/Notice` (what the shell itself reports), `/mavlink/in`, `/mavlink/out` (bytes as they came),
+`/camera/png` (frame number as little-endian uint64, then a PNG). The sequence number counts all records of all topics, so a
+gap tells that records were dropped.
+
+A thread writes, so a slow disk never holds the event loop. Chunks are at most 256 kB and are flushed to the disk every
+second. A full disk ends the journal with one report; the flight goes on.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import mmap
+import os
+import queue
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO, cast
+
+import numpy as np
+from mcap.writer import CompressionType, Writer
+
+from visloc_companion.app.salvage import OnDamage, Record, read_records
+from visloc_companion.app.serialise import COMMAND_TYPES, EVENT_TYPES, from_dict, json_schema, to_json
+from visloc_companion.errors import JournalError
+from visloc_companion.types import Command, Event, FrameRef, Image, Notice
+
+CHUNK_BYTES = 240 * 1024
+_FLUSH_S = 1.0
+_CLOSE_S = 10.0
+_QUEUE = 8192
+_FRAMES_QUEUED = 4
+_MESSAGE_OVERHEAD_BYTES = 56
+_SUMMARY_BYTES, _SUMMARY_CHUNK_BYTES = 131_072, 640
+"""Space kept for the summary at the end of the file: channels and schemas, and the index of a chunk."""
+_HEADER, _MAVLINK_IN, _MAVLINK_OUT, _NOTICE, _FRAME = "/header", "/mavlink/in", "/mavlink/out", "/shell/Notice", "/camera/png"
+
+
+@dataclass(frozen=True, slots=True)
+class JournalHeader:
+    """First record: what flew. `started_ns` (shell's clock) and `started_unix_ns` are the same instant."""
+
+    configuration: dict[str, Any]
+    versions: dict[str, str] = field(default_factory=dict)
+    map_manifest_sha256: str = ""
+    started_ns: int = 0
+    started_unix_ns: int = 0
+    schema: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """What the navigator was given (`event`) or answered (`command`; it follows its event) at a time. One of both is None."""
+
+    now_ns: int
+    event: Event | None
+    command: Command | None
+
+
+# --------------------------------------------------------------------------------------------------------------- reading
+
+
+def read_journal(path: Path, salvage: bool = True, on_damage: OnDamage | None = None) -> Iterator[Entry]:
+    """Events and commands in the order in which they happened.
+
+    With `salvage`, damaged parts are left out and told to `on_damage`, as are gaps in the numbering; without, they raise.
+    Raises JournalError for a file that is no journal.
+    """
+    expected: int | None = None
+    for record in _records(path, salvage, on_damage):
+        if expected is not None and record.sequence != expected and on_damage is not None:
+            on_damage(f"{(record.sequence - expected) % 2**32} records are missing before number {record.sequence}")
+        expected = (record.sequence + 1) % 2**32
+        if record.topic is None or record.topic.startswith(("/event/", "/command/")):
+            data = _parsed(record, path)
+            name = data.get("type") if isinstance(data, dict) else None
+            if record.topic is None and name not in EVENT_TYPES and name not in COMMAND_TYPES:
+                continue  # the chunk that described this channel was lost, and what is in it is no event
+            thing = cast(Any, from_dict(data))
+            is_event = name in EVENT_TYPES
+            yield Entry(record.log_time_ns, thing if is_event else None, None if is_event else thing)
+
+
+def read_header(path: Path) -> JournalHeader:
+    """The first record. Raises JournalError where there is none."""
+    for record in _records(path, True, None):
+        if record.topic == _HEADER:
+            try:
+                return JournalHeader(**_parsed(record, path))
+            except TypeError as why:
+                raise JournalError(f"its header cannot be read: {why}", where=str(path)) from why
+    raise JournalError("holds no header", where=str(path), remedy="it was cut before its first second; use another journal")
+
+
+def read_mavlink(path: Path, *, outgoing: bool) -> Iterator[tuple[int, bytes]]:
+    """Raw bytes of the link with their times."""
+    topic = _MAVLINK_OUT if outgoing else _MAVLINK_IN
+    return ((record.log_time_ns, record.data) for record in _records(path, True, None) if record.topic == topic)
+
+
+def read_frames(path: Path) -> Iterator[tuple[int, Image]]:
+    """Frame numbers and pixels, where frames were recorded. Raises JournalError for an image that cannot be decoded."""
+    import cv2
+
+    for record in _records(path, True, None):
+        if record.topic == _FRAME:
+            pixels = cv2.imdecode(np.frombuffer(record.data, np.uint8, offset=8), cv2.IMREAD_UNCHANGED)
+            if pixels is None:
+                raise JournalError(f"the frame of record {record.sequence} cannot be decoded", where=str(path))
+            rgb = pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[:, :, ::-1])
+            yield struct.unpack_from("<Q", record.data)[0], np.asarray(rgb, dtype=np.uint8)
+
+
+def _records(path: Path, salvage: bool, on_damage: OnDamage | None) -> Iterator[Record]:
+    def damaged(what: str) -> None:
+        if not salvage:
+            raise JournalError(f"is damaged: {what}", where=str(path), remedy="read it with salvage")
+        if on_damage is not None:
+            on_damage(what)
+
+    try:
+        with path.open("rb") as file:
+            if os.fstat(file.fileno()).st_size == 0:
+                raise JournalError("is empty", where=str(path), remedy="use another journal")
+            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+                yield from read_records(data, str(path), damaged)
+    except (OSError, ValueError) as why:
+        raise JournalError(f"cannot be read: {why}", where=str(path), remedy="name a readable .mcap file") from why
+
+
+def _parsed(record: Record, path: Path) -> Any:
+    try:
+        return json.loads(record.data)
+    except (ValueError, RecursionError) as why:
+        if record.topic is None:
+            return None
+        raise JournalError(f"record {record.sequence} is not JSON: {why}", where=str(path)) from why
+
+
+# --------------------------------------------------------------------------------------------------------------- writing
+
+
+class JournalWriter:
+    """Writes a journal from a thread of its own. No method but `close` blocks or raises."""
+
+    def __init__(
+        self,
+        stream: BinaryIO,
+        header: JournalHeader,
+        *,
+        max_bytes: int = 2_000_000_000,
+        on_problem: Callable[[str], None] | None = None,
+        path: Path | None = None,
+    ) -> None:
+        """`on_problem` is called at most once, from the writing thread, when the journal ends before the flight does."""
+        self.path = path
+        self.dropped = self.written = 0
+        self.problem = ""
+        self._stream, self._max_bytes, self._on_problem = stream, max_bytes, on_problem
+        self._sequence = self._frames_waiting = self._pending_bytes = self._chunks = 0
+        self._queue: queue.Queue[tuple[str, int, int, Any] | None] = queue.Queue(_QUEUE)
+        self._channels: dict[str, int] = {}
+        self._writer = Writer(cast(Any, stream), chunk_size=2**30, compression=CompressionType.ZSTD)
+        self._thread = threading.Thread(target=self._run, name="journal", daemon=True)
+        self._put(_HEADER, header.started_ns, header)
+        self._thread.start()
+
+    @classmethod
+    def create(
+        cls, folder: Path, header: JournalHeader, *, max_bytes: int, on_problem: Callable[[str], None] | None = None
+    ) -> JournalWriter:
+        """A new file named by date and time. Raises JournalError where none can be made in the folder."""
+        stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(header.started_unix_ns / 1e9))
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            for name in (f"visloc-{stamp}.mcap", *(f"visloc-{stamp}-{n}.mcap" for n in range(1, 1000))):
+                with contextlib.suppress(FileExistsError):
+                    path = folder / name
+                    return cls(path.open("xb"), header, max_bytes=max_bytes, on_problem=on_problem, path=path)
+        except OSError as why:
+            raise JournalError(f"cannot be written: {why}", where=str(folder), remedy="name a writable journal.folder") from why
+        raise JournalError("holds a thousand journals of this second", where=str(folder), remedy="empty the folder")
+
+    def event(self, now_ns: int, event: Event) -> None:
+        """Record what the navigator is given."""
+        self._put(f"/event/{type(event).__name__}", now_ns, event)
+
+    def command(self, now_ns: int, command: Command) -> None:
+        """Record what the navigator answered."""
+        self._put(f"/command/{type(command).__name__}", now_ns, command)
+
+    def notice(self, now_ns: int, notice: Notice) -> None:
+        """Record what the shell itself reports; it is no part of the replay."""
+        self._put(_NOTICE, now_ns, notice)
+
+    def mavlink(self, now_ns: int, data: bytes, *, outgoing: bool) -> None:
+        """Record raw bytes of the link."""
+        self._put(_MAVLINK_OUT if outgoing else _MAVLINK_IN, now_ns, data)
+
+    def frame(self, now_ns: int, frame: FrameRef, pixels: Image) -> None:
+        """Record a frame's pixels (copied here, encoded in the thread); drops it while others still wait."""
+        if self._frames_waiting >= _FRAMES_QUEUED:
+            self.dropped += 1
+            return
+        self._frames_waiting += 1
+        self._put(_FRAME, now_ns, (frame.frame_id, np.array(pixels)))
+
+    def close(self) -> None:
+        """Write what waits, flush to the disk and close the file."""
+        if self._thread.is_alive():
+            self._queue.put(None)
+            self._thread.join(_CLOSE_S)
+        if not self._stream.closed:
+            _abandon(self._stream)
+
+    def _put(self, topic: str, now_ns: int, thing: Any) -> None:
+        self._sequence = (self._sequence + 1) % 2**32
+        try:
+            if self.problem:
+                raise queue.Full
+            self._queue.put_nowait((topic, now_ns, self._sequence, thing))
+        except queue.Full:
+            self.dropped += 1
+
+    def _run(self) -> None:
+        try:
+            self._writer.start(profile="", library="visloc-companion")
+            flush_at = 0.0  # at once, so that the header is on the disk
+            while (item := self._next(flush_at)) is not None:
+                if item:
+                    self._write(*item)
+                if time.monotonic() >= flush_at:
+                    self._flush()
+                    flush_at = time.monotonic() + _FLUSH_S
+            self._finish()
+        except (OSError, _FullError) as why:
+            self._end(f"journal stopped: {getattr(why, 'strerror', None) or why}")
+            self._drain()
+
+    def _next(self, flush_at: float) -> tuple[str, int, int, Any] | tuple[()] | None:
+        """The next record, nothing when it is time to flush, None at the end."""
+        try:
+            return self._queue.get(timeout=max(0.0, flush_at - time.monotonic()))
+        except queue.Empty:
+            return ()
+
+    def _write(self, topic: str, now_ns: int, sequence: int, thing: Any) -> None:
+        try:
+            data = _payload(topic, thing)
+            if not 0 <= now_ns < 2**64:
+                raise JournalError(f"the time {now_ns} ns is outside of what MCAP can hold", where=topic)
+            if topic == _FRAME:
+                self._frames_waiting -= 1
+            if not self._has_room(len(data) + _MESSAGE_OVERHEAD_BYTES):
+                self._finish()
+                raise _FullError(f"it reached journal.max_bytes = {self._max_bytes}")
+            self._writer.add_message(self._channel(topic), now_ns, data, now_ns, sequence)
+            self.written += 1
+        except JournalError as why:
+            self.dropped += 1
+            self._report(f"journal record dropped: {why}")
+
+    def _has_room(self, n_bytes: int) -> bool:
+        """Whether a record fits; ends the chunk first where it would grow too large."""
+        if self._pending_bytes and self._pending_bytes + n_bytes > CHUNK_BYTES:
+            self._end_chunk()
+        self._pending_bytes += n_bytes
+        end_bytes = _SUMMARY_BYTES + _SUMMARY_CHUNK_BYTES * (self._chunks + 1)
+        return self._stream.tell() + self._pending_bytes + end_bytes <= self._max_bytes
+
+    def _channel(self, topic: str) -> int:
+        if topic not in self._channels:
+            name = topic.rsplit("/", 1)[1]
+            kind = {**EVENT_TYPES, **COMMAND_TYPES}.get(name)
+            schema = json_schema(kind) if kind else {"title": name, "type": "object"}
+            binary = topic in (_MAVLINK_IN, _MAVLINK_OUT, _FRAME)
+            schema_id = 0 if binary else self._writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
+            self._channels[topic] = self._writer.register_channel(topic, "binary" if binary else "json", schema_id)
+        return self._channels[topic]
+
+    def _end_chunk(self) -> None:
+        self._writer.flush()
+        self._chunks += self._pending_bytes > 0
+        self._pending_bytes = 0
+
+    def _flush(self) -> None:
+        self._end_chunk()
+        with contextlib.suppress(io.UnsupportedOperation):
+            os.fsync(self._stream.fileno())
+
+    def _finish(self) -> None:
+        self._writer.finish()
+        self._flush()
+        self._stream.close()
+
+    def _end(self, problem: str) -> None:
+        self.problem = problem
+        _abandon(self._stream)
+        self._report(problem)
+
+    def _report(self, problem: str) -> None:
+        on_problem, self._on_problem = self._on_problem, None
+        if on_problem is not None:
+            on_problem(problem)
+
+    def _drain(self) -> None:
+        with contextlib.suppress(queue.Empty):
+            while self._queue.get_nowait() is not None:
+                self.dropped += 1
+
+
+class _FullError(Exception):
+    pass
+
+
+def _abandon(stream: BinaryIO) -> None:
+    """Close a file whose buffer can no longer be written."""
+    with contextlib.suppress(OSError, ValueError):
+        getattr(stream, "raw", stream).close()
+
+
+def _payload(topic: str, thing: Any) -> bytes:
+    if topic == _HEADER:
+        return json.dumps(asdict(thing), allow_nan=False).encode()
+    if topic == _FRAME:
+        import cv2
+
+        frame_id, pixels = thing
+        bgr = pixels if pixels.ndim == 2 else pixels[:, :, ::-1]
+        return struct.pack("<Q", frame_id) + cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
+    return thing if isinstance(thing, bytes) else to_json(thing).encode()

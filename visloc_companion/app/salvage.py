@@ -1,0 +1,127 @@
+"""Reading MCAP files that may have lost their end or some of their bytes.
+
+The library's readers stop at the first damage and check no chunk unless asked. This one walks the records in file order,
+checks every chunk's CRC, and after damage searches for the next whole chunk, so a killed writer costs the last chunk and a
+flipped byte costs one. Format: https://mcap.dev/spec.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from mmap import mmap
+from typing import NamedTuple
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Message
+
+from visloc_companion.errors import JournalError
+
+MAGIC = b"\x89MCAP0\r\n"
+_RECORD = struct.Struct("<BQ")
+_CHUNK = struct.Struct("<QQQI")
+_MARK = struct.pack("<I", 4) + b"zstd"
+"""The compression field of every chunk that the journal writes; the search for the next chunk looks for it."""
+_MARK_OFFSET = _RECORD.size + _CHUNK.size
+_MAX_CHUNK_BYTES = 512 * 2**20
+_LAST_OPCODE = int(Opcode.DATA_END)
+
+OnDamage = Callable[[str], None]
+
+
+class Record(NamedTuple):
+    """One message of the file. `topic` is None where the channel's description was lost."""
+
+    topic: str | None
+    log_time_ns: int
+    sequence: int
+    data: bytes
+
+
+class _DamageError(Exception):
+    pass
+
+
+def read_records(data: bytes | mmap, where: str, on_damage: OnDamage) -> Iterator[Record]:
+    """Messages in file order. Raises JournalError where the file is no MCAP at all; all else is told to `on_damage`."""
+    if data[: len(MAGIC)] != MAGIC:
+        raise JournalError("is not a journal (no MCAP signature)", where=where, remedy="name a .mcap file that visloc wrote")
+    topics: dict[int, str] = {}
+    position = len(MAGIC)
+    while True:
+        try:
+            opcode, end = _frame(data, position)
+            messages = list(_chunk(data[position + _RECORD.size : end], topics)) if opcode == Opcode.CHUNK else []
+        except _DamageError as why:
+            on_damage(f"byte {position}: {why}")
+            following = _next_chunk(data, position + 1)
+            if following is None:
+                return
+            position = following
+            continue
+        yield from messages
+        if opcode == Opcode.FOOTER:
+            return
+        position = end
+
+
+def _frame(data: bytes | mmap, position: int) -> tuple[int, int]:
+    """Opcode and end of the record at a position."""
+    if position + _RECORD.size > len(data):
+        raise _DamageError("the file ends before its end was written (the writer was killed)")
+    opcode, length = _RECORD.unpack_from(data, position)
+    if not 0 < opcode <= _LAST_OPCODE:
+        raise _DamageError(f"record of unknown type {opcode}")
+    end = position + _RECORD.size + length
+    if end > len(data):
+        raise _DamageError("the file ends in the middle of a record (the writer was killed)")
+    return opcode, end
+
+
+def _chunk(payload: bytes, topics: dict[int, str]) -> Iterator[Record]:
+    """Messages of a chunk; learns the channels that it describes."""
+    try:
+        stream = ReadDataStream(BytesIO(_decompressed(payload)))
+        while True:
+            head = stream.read(_RECORD.size) if stream.count < _MAX_CHUNK_BYTES else b""
+            opcode, length = _RECORD.unpack(head)
+            body = ReadDataStream(BytesIO(stream.read(length)))
+            if opcode == Opcode.CHANNEL:
+                channel = Channel.read(body)
+                topics[channel.id] = channel.topic
+            elif opcode == Opcode.MESSAGE:
+                message = Message.read(body, length)
+                yield Record(topics.get(message.channel_id), message.log_time, message.sequence, message.data)
+    except McapError:
+        return  # EndOfFile: the chunk is read
+    except (struct.error, ValueError, zstandard.ZstdError, MemoryError) as why:
+        raise _DamageError(f"a chunk is damaged ({why})") from why
+
+
+def _decompressed(payload: bytes) -> bytes:
+    """Uncompressed records of a chunk, its CRC checked."""
+    size, crc = _CHUNK.unpack_from(payload)[2:]
+    body = payload[_CHUNK.size + len(_MARK) + 8 :]
+    if payload[_CHUNK.size : _CHUNK.size + len(_MARK)] != _MARK:
+        raise ValueError("compression is not zstd")
+    if size > _MAX_CHUNK_BYTES or zstandard.frame_content_size(body) != size:
+        raise ValueError("its size is wrong")
+    data = zstandard.ZstdDecompressor().decompress(body)
+    if zlib.crc32(data) != crc:
+        raise ValueError("its CRC is wrong")
+    return data
+
+
+def _next_chunk(data: bytes | mmap, start: int) -> int | None:
+    """Position of the next record that looks like a chunk."""
+    while (mark := data.find(_MARK, start + _MARK_OFFSET)) >= 0:
+        position = mark - _MARK_OFFSET
+        if data[position] == Opcode.CHUNK:
+            return position
+        start = position + 1
+    return None

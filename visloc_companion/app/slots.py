@@ -1,0 +1,129 @@
+"""Shared-memory slots for pixels: the daemon writes frames, the worker reads them, nothing is copied through a pipe.
+
+With three slots the writer always finds one: at most one is held by the worker, one is the newest frame that the core may
+still ask for, and the third gives way. All bookkeeping is the writer's (the daemon's), so a worker that is killed while it
+reads leaves nothing locked.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from dataclasses import dataclass
+from multiprocessing import shared_memory
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from visloc_companion.errors import CameraError
+from visloc_companion.types import CameraModel, FrameRef, Image
+
+N_SLOTS = 3
+_CHANNELS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class SlotsName:
+    """What another process needs to open the slots: the name of the memory and the largest frame in bytes."""
+
+    name: str
+    slot_bytes: int
+
+
+class _Slots:
+    """Shared memory cut into equal slots."""
+
+    def __init__(self, memory: shared_memory.SharedMemory, slot_bytes: int) -> None:
+        self._memory, self.slot_bytes = memory, slot_bytes
+
+    def _view(self, slot: int, shape: tuple[int, ...]) -> Image:
+        return np.ndarray(shape, dtype=np.uint8, buffer=self._memory.buf, offset=slot * self.slot_bytes)
+
+    def read(self, frame: FrameRef) -> Image:
+        """(H, W) or (H, W, 3) uint8 pixels of a frame, a view. Raises CameraError for a frame that no slot can hold."""
+        shape: tuple[int, ...] = (frame.height_px, frame.width_px)
+        shape = shape if frame.channels == 1 else (*shape, frame.channels)
+        fits = 0 < int(np.prod(shape, dtype=np.int64)) <= self.slot_bytes
+        if not (fits and 0 <= frame.slot < N_SLOTS and frame.channels in (1, _CHANNELS)):
+            raise CameraError(f"no slot holds a frame of {shape} in slot {frame.slot}", remedy="report this: it is a fault")
+        return self._view(frame.slot, shape)
+
+
+class SharedFrameSlots(_Slots):
+    """The daemon's side (protocols.FrameSlots): creates, writes, and removes the memory on close."""
+
+    def __init__(self, model: CameraModel) -> None:
+        slot_bytes = model.width_px * model.height_px * _CHANNELS
+        super().__init__(shared_memory.SharedMemory(create=True, size=N_SLOTS * slot_bytes), slot_bytes)
+        self._size = (model.height_px, model.width_px)
+        self._lock = threading.Lock()  # cameras may write from a thread
+        self._held: int | None = None
+        self._newest: int | None = None
+        self._generation = [0] * N_SLOTS
+        self._frames: dict[int, tuple[int, int]] = {}
+        self._closed = False
+
+    @property
+    def name(self) -> SlotsName:
+        """For WorkerSlots in the other process."""
+        return SlotsName(self._memory.name, self.slot_bytes)
+
+    def write(self, pixels: Image) -> int:
+        """Copy (H, W) or (H, W, 3) uint8 pixels into a slot that nobody reads; the oldest unread frame gives way.
+
+        Raises CameraError for an image of another size than the calibration's.
+        """
+        if pixels.shape[:2] != self._size or pixels.ndim not in (2, 3) or (pixels.ndim == 3 and pixels.shape[2] != _CHANNELS):
+            expected = f"{self._size[1]}x{self._size[0]} grey or RGB"
+            raise CameraError(
+                f"frame has shape {pixels.shape}, the calibration is for {expected}",
+                where="camera",
+                remedy="set width_px and height_px to the camera's image size and calibrate at that size",
+            )
+        with self._lock:
+            free = [slot for slot in range(N_SLOTS) if slot not in (self._held, self._newest)]
+            slot = min(free, key=self._generation.__getitem__)
+            np.copyto(self._view(slot, pixels.shape), pixels)
+            self._generation[slot] = max(self._generation) + 1
+            self._newest = slot
+            return slot
+
+    def announce(self, frame: FrameRef) -> None:
+        """Remember which writing of its slot a frame is; call it when the frame arrives from the camera."""
+        self._frames[frame.slot] = (frame.frame_id, self._generation[frame.slot])
+
+    def hold(self, frame: FrameRef) -> bool:
+        """Keep a frame's slot from being overwritten until `release`; False when another frame already took the slot."""
+        with self._lock:
+            current = self._frames.get(frame.slot) == (frame.frame_id, self._generation[frame.slot])
+            if current:
+                self._held = frame.slot
+            return current
+
+    def release(self) -> None:
+        """The worker no longer reads."""
+        with self._lock:
+            self._held = None
+
+    def close(self) -> None:
+        """Remove the memory; views that still exist keep theirs until they are gone."""
+        if self._closed:
+            return
+        self._closed = True
+        with contextlib.suppress(BufferError):
+            self._memory.close()
+        self._memory.unlink()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+
+class WorkerSlots(_Slots):
+    """The worker's side: reads only. The memory belongs to the daemon, and is left to it."""
+
+    def __init__(self, name: SlotsName) -> None:
+        super().__init__(shared_memory.SharedMemory(name=name.name), name.slot_bytes)
