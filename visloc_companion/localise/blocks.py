@@ -1,0 +1,88 @@
+"""Blocks of the frame, each matched to the map on its own: correspondences for the pose, and an independent check."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from visloc_companion.localise.features.gradient import Float32Array
+from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
+from visloc_companion.types import FloatArray
+
+REACH_PX = 6
+AGREE_PX = 2.0
+MIN_COVER = 0.6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockMatches:
+    """Centres (N, 2) in grid pixels, displacement (N, 2) of what the frame shows against the map (grid pixels), peak (N,) of
+    the normalised correlation, and whether the displacement is small enough to agree (N,)."""
+
+    centre_px: FloatArray
+    shift_px: FloatArray
+    peak: FloatArray
+    agrees: FloatArray
+
+
+def match_blocks(grid: MapGrid, frame: Float32Array, weight: Float32Array) -> BlockMatches:
+    """Match blocks of the rectified frame's features (H, W, C) within ±REACH_PX of where the pose puts them."""
+    area = float(weight.sum())
+    side = int(np.clip(round(np.sqrt(area) / 6), 14, 40))
+    rows, cols = np.flatnonzero(weight.any(1)), np.flatnonzero(weight.any(0))
+    if not len(rows) or rows[-1] - rows[0] < side or cols[-1] - cols[0] < side:
+        empty = np.zeros((0, 2))
+        return BlockMatches(empty, empty, np.zeros(0), np.zeros(0))
+    template = cv2.copyMakeBorder(grid.features * grid.weight[..., None], *(REACH_PX,) * 4, cv2.BORDER_CONSTANT, value=0)
+    masked = frame * weight[..., None]
+    found = []
+    for top in _starts(rows[0], rows[-1] + 1, side):
+        for left in _starts(cols[0], cols[-1] + 1, side):
+            inside = weight[top : top + side, left : left + side]
+            if inside.mean() < MIN_COVER:
+                continue
+            block = np.ascontiguousarray(masked[top : top + side, left : left + side])
+            window = template[top : top + side + 2 * REACH_PX, left : left + side + 2 * REACH_PX]
+            scores = cv2.matchTemplate(np.ascontiguousarray(window), block, cv2.TM_CCORR_NORMED)
+            u, v, peak = _peak(np.asarray(scores, dtype=np.float32))
+            found.append((left + (side - 1) / 2, top + (side - 1) / 2, u, v, peak))
+    table = np.array(found, dtype=np.float64).reshape(-1, 5)
+    agrees = (np.hypot(table[:, 2], table[:, 3]) < AGREE_PX).astype(np.float64)
+    return BlockMatches(table[:, :2], table[:, 2:4], table[:, 4], agrees)
+
+
+def correspondences(
+    matches: BlockMatches, grid: MapGrid, K: FloatArray, pose: CameraPose
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Ground points (N, 3) NED, undistorted frame pixels (N, 2) and one grid pixel in frame pixels (N,) for the pose.
+
+    What the frame shows at a block's centre, by the pose that rectified it, lies on the ground where the block was matched.
+    """
+    at, ground = _ground_points(grid, matches.centre_px), _ground_points(grid, matches.centre_px + matches.shift_px)
+    q = (at - pose.p_ned_m) @ pose.R_ned_cam
+    pix = q[:, :2] / q[:, 2:3] * np.array([K[0, 0], K[1, 1]]) + np.array([K[0, 2], K[1, 2]])
+    return ground, pix, K[0, 0] * grid.gsd_m / np.maximum(q[:, 2], 1.0)
+
+
+def _ground_points(grid: MapGrid, pix: FloatArray) -> FloatArray:
+    u, v = pix[:, 0].astype(np.float32), pix[:, 1].astype(np.float32)
+    up = cv2.remap(grid.surface_up_m, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel()
+    return np.column_stack([pix @ grid.A_ne_pix[:, :2].T + grid.A_ne_pix[:, 2], -up])
+
+
+def _starts(first: int, last: int, side: int) -> list[int]:
+    count = max(2, round((last - first) / side))
+    return [round(float(x)) for x in np.linspace(first, last - side, count)]
+
+
+def _peak(scores: Float32Array) -> tuple[float, float, float]:
+    _, value, _, (col, row) = cv2.minMaxLoc(scores)
+    du = dv = 0.0
+    if 0 < col < scores.shape[1] - 1 and 0 < row < scores.shape[0] - 1:
+        a, b, c = (float(x) for x in scores[row, col - 1 : col + 2])
+        d, _, f = (float(x) for x in scores[row - 1 : row + 2, col])
+        du = 0.5 * (a - c) / min(a - 2 * b + c, -1e-9)
+        dv = 0.5 * (d - f) / min(d - 2 * b + f, -1e-9)
+    return col + du - REACH_PX, row + dv - REACH_PX, float(value)

@@ -1,0 +1,80 @@
+"""The camera frame, prepared: checked, undistorted and reduced to the working resolution without aliasing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from visloc_companion.errors import Reason
+from visloc_companion.localise.features.gradient import Float32Array, grey
+from visloc_companion.types import CameraModel, FloatArray, Image
+
+DARK_GREY = 25.0
+BRIGHT_GREY = 228.0
+MIN_CONTRAST = 2.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameLevel:
+    """An undistorted frame at one resolution: (H, W) grey float32, (H, W) validity uint8 and the pinhole matrix (3, 3)."""
+
+    grey: Float32Array
+    valid: NDArray[np.uint8]
+    K: FloatArray
+
+
+def check_pixels(pixels: Image, model: CameraModel) -> tuple[Reason, str] | None:
+    """Why a frame cannot be localised whatever the map is, or None."""
+    if pixels.ndim not in {2, 3} or pixels.shape[:2] != (model.height_px, model.width_px):
+        return Reason.BAD_FRAME, f"frame is {pixels.shape}, the calibration is for {model.width_px} x {model.height_px} pixels"
+    if pixels.dtype != np.uint8 or (pixels.ndim == 3 and pixels.shape[2] != 3):
+        return Reason.BAD_FRAME, f"frame is {pixels.dtype} with shape {pixels.shape}, expected uint8 grey or RGB"
+    sample = pixels[::4, ::4] if pixels.ndim == 2 else pixels[::4, ::4, 1]
+    low, middle, high = (float(p) for p in np.percentile(sample, (5, 50, 95)))
+    if high < DARK_GREY:
+        return Reason.TOO_DARK, f"95 % of the pixels are darker than {high:.0f} of 255"
+    if middle > BRIGHT_GREY and low > BRIGHT_GREY - 15:
+        return Reason.OVEREXPOSED, f"95 % of the pixels are brighter than {low:.0f} of 255"
+    small = cv2.resize(sample, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    if float(np.std(small)) < MIN_CONTRAST:
+        return Reason.LOW_TEXTURE, f"contrast of {float(np.std(small)):.1f} grey levels"
+    return None
+
+
+def full_level(pixels: Image, model: CameraModel) -> FrameLevel:
+    """The undistorted frame at full resolution. The pinhole matrix stays that of the model."""
+    K = np.array([[model.fx_px, 0.0, model.cx_px], [0.0, model.fy_px, model.cy_px], [0.0, 0.0, 1.0]])
+    image = grey(pixels)
+    valid = np.full(image.shape, 255, np.uint8)
+    if any(model.distortion):
+        size = (model.width_px, model.height_px)
+        map_u, map_v = cv2.initUndistortRectifyMap(K, np.array(model.distortion), np.eye(3), K, size, cv2.CV_32FC1)
+        image = cv2.remap(image, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
+        valid = cv2.remap(valid, map_u, map_v, cv2.INTER_NEAREST, borderValue=0).astype(np.uint8)
+    return FrameLevel(image, valid, K)
+
+
+def reduced(level: FrameLevel, factor: float) -> FrameLevel:
+    """The frame resampled so that one of its pixels is about `factor` (> 1: coarser) of the old ones, low-pass filtered.
+
+    Factors below 1.15 return the frame as it is.
+    """
+    if factor < 1.15:
+        return level
+    height, width = level.grey.shape
+    whole = max(1, int(factor))
+    image, valid, K = level.grey, level.valid, level.K
+    if whole > 1:
+        size = (max(8, width // whole), max(8, height // whole))
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+        valid = ((cv2.resize(valid, size, interpolation=cv2.INTER_AREA) > 250) * np.uint8(255)).astype(np.uint8)
+        su, sv = size[0] / width, size[1] / height
+        S = np.array([[su, 0, su / 2 - 0.5], [0, sv, sv / 2 - 0.5], [0, 0, 1]])
+        K = S @ K
+    rest = factor / whole
+    if rest > 1.15:
+        image = cv2.GaussianBlur(image, (0, 0), 0.5 * float(np.sqrt(rest * rest - 1))).astype(np.float32)
+    return FrameLevel(image, valid, K)

@@ -1,0 +1,117 @@
+"""The dense search's hypotheses: heading x scale templates, the region of the nadir, and peaks back to poses."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from visloc_companion.localise.features.gradient import Float32Array, eroded
+from visloc_companion.localise.frame import FrameLevel
+from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, rectify_plane
+from visloc_companion.localise.plan import SIGMAS, SearchPlan, turned
+from visloc_companion.localise.search import Peak, ScoreVolume, Template, find_peaks, search
+from visloc_companion.localise.window import FeatureFunction
+from visloc_companion.types import FloatArray
+
+
+def hypotheses(plan: SearchPlan) -> list[tuple[float, float]]:
+    """All (heading, scale) pairs."""
+    return [(float(h), float(s)) for h in plan.headings_rad for s in plan.scales]
+
+
+def footprint_box(plan: SearchPlan, headings_rad: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
+    """Smallest box (low, high; metres north, east about the nadir) that holds the nadir and the turned, scaled footprints."""
+    c, s = np.cos(headings_rad)[:, None], np.sin(headings_rad)[:, None]
+    n, e = plan.footprint_ne_m[:, 0], plan.footprint_ne_m[:, 1]
+    corners = scale * np.stack([c * n - s * e, s * n + c * e], -1).reshape(-1, 2)
+    return np.minimum(corners.min(0), 0.0), np.maximum(corners.max(0), 0.0)
+
+
+def search_box(plan: SearchPlan) -> tuple[FloatArray, FloatArray]:
+    """Box (low, high; metres north, east of the local origin) of the map that the search may look at."""
+    low, high = footprint_box(plan, plan.headings_rad, float(plan.scales.max()))
+    half = _region_half_m(plan)
+    return plan.pose.p_ned_m[:2] + low - half, plan.pose.p_ned_m[:2] + high + half
+
+
+def search_window(
+    grid: MapGrid, level: FrameLevel, plan: SearchPlan, function: FeatureFunction, zero_mean: bool = False
+) -> ScoreVolume:
+    """Exhaustive search over the plan's region on a map window."""
+    pairs = hypotheses(plan)
+    linear = grid.A_ne_pix[:, :2]
+    inverse = np.linalg.inv(linear)
+    low, high = footprint_box(plan, plan.headings_rad, float(plan.scales.max()))
+    corners = np.array([[a, b] for a in (low[0], high[0]) for b in (low[1], high[1])]) @ inverse.T
+    extent = [int(x) for x in (*(np.floor(corners.min(0)) - 1), *(np.ceil(corners.max(0)) + 1))]
+    centre = inverse @ (plan.pose.p_ned_m[:2] - grid.A_ne_pix[:, 2])
+    reach = np.abs(inverse) @ _region_half_m(plan)
+    size = grid.weight.shape[::-1]
+    first, last = [], []
+    for k in range(2):
+        middle = (extent[k] + extent[k + 2]) / 2
+        first.append(max(math.floor(centre[k] - reach[k]), math.floor(-middle)))
+        last.append(max(first[k], min(math.ceil(centre[k] + reach[k]), math.ceil(size[k] - middle))))
+    return search(
+        grid.features,
+        grid.weight,
+        lambda k: make_template(level, plan, linear, *pairs[k], function),
+        len(pairs),
+        (first[0], first[1], last[0], last[1]),
+        (extent[0], extent[1], extent[2], extent[3]),
+        zero_mean,
+    )
+
+
+def make_template(
+    level: FrameLevel, plan: SearchPlan, linear: FloatArray, heading_rad: float, scale: float, function: FeatureFunction
+) -> Template:
+    """The frame rectified over a plane for one hypothesis, on the map's axes with the nadir on a pixel."""
+    p = np.array([0.0, 0.0, -plan.ground_up_m - plan.agl_m * scale])
+    outline = scale * plan.footprint_ne_m @ _turn(heading_rad).T @ np.linalg.inv(linear).T
+    first, last = np.floor(outline.min(0)).astype(int), np.ceil(outline.max(0)).astype(int)
+    A_ne_pix = np.column_stack([linear, linear @ first])
+    size = (int(last[0] - first[0] + 1), int(last[1] - first[1] + 1))
+    image, seen = rectify_plane(level, CameraPose(p, turned(plan.pose.R_ned_cam, heading_rad)), A_ne_pix, size, plan.ground_up_m)
+    return Template(function(image, seen), eroded(seen, 3), (int(first[0]), int(first[1])))
+
+
+def peaks_in_region(volume: ScoreVolume, grid: MapGrid, plan: SearchPlan, count: int, radius_px: float) -> list[Peak]:
+    """The best peaks within the prior's 3-sigma ellipse."""
+    height, width = volume.score.shape
+    u, v = np.arange(width) + volume.origin_px[0], np.arange(height)[:, None] + volume.origin_px[1]
+    A = grid.A_ne_pix
+    n = A[0, 0] * u + A[0, 1] * v + A[0, 2] - plan.pose.p_ned_m[0]
+    e = A[1, 0] * u + A[1, 1] * v + A[1, 2] - plan.pose.p_ned_m[1]
+    W = np.linalg.inv(plan.cov_ne_m2)
+    inside = W[0, 0] * n * n + 2 * W[0, 1] * n * e + W[1, 1] * e * e <= SIGMAS**2
+    return find_peaks(volume, inside & (n * n + e * e <= plan.radius_cap_m**2), radius_px, count)
+
+
+def pose_of_peak(peak: Peak, grid: MapGrid, plan: SearchPlan, footprint_up_m: Float32Array) -> CameraPose:
+    """The pose that a peak stands for. `footprint_up_m` (H, W): surface averaged over a footprint (`footprint_heights`)."""
+    heading, scale = hypotheses(plan)[peak.hypothesis]
+    ne = grid.A_ne_pix @ np.array([peak.u_px, peak.v_px, 1.0])
+    centre = ne + scale * _turn(heading) @ plan.footprint_ne_m.mean(0)
+    uv = np.linalg.inv(grid.A_ne_pix[:, :2]) @ (centre - grid.A_ne_pix[:, 2])
+    row = int(np.clip(round(float(uv[1])), 0, footprint_up_m.shape[0] - 1))
+    col = int(np.clip(round(float(uv[0])), 0, footprint_up_m.shape[1] - 1))
+    p = np.array([ne[0], ne[1], -float(footprint_up_m[row, col]) - plan.agl_m * scale])
+    return CameraPose(p, turned(plan.pose.R_ned_cam, heading))
+
+
+def footprint_heights(grid: MapGrid, plan: SearchPlan) -> Float32Array:
+    """Surface heights (H, W) averaged over about a footprint."""
+    side = min(max(3, int(math.sqrt(plan.area_m2) / grid.gsd_m)), 2 * min(grid.weight.shape) - 1) | 1
+    return np.asarray(cv2.blur(grid.surface_up_m, (side, side), borderType=cv2.BORDER_REPLICATE), dtype=np.float32)
+
+
+def _region_half_m(plan: SearchPlan) -> FloatArray:
+    return np.minimum(SIGMAS * np.sqrt(np.diag(plan.cov_ne_m2)), plan.radius_cap_m)
+
+
+def _turn(heading_rad: float) -> FloatArray:
+    c, s = math.cos(heading_rad), math.sin(heading_rad)
+    return np.array([[c, -s], [s, c]])

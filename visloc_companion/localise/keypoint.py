@@ -1,0 +1,141 @@
+"""Baseline `keypoint`: SIFT on the frame rectified north-up, ratio test, MAGSAC homography, PnP with the attitude prior."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from visloc_companion.errors import OutsideMap, Reason
+from visloc_companion.geo.raster import apply_affine
+from visloc_companion.localise.answer import Stopwatch, fix, no_fix
+from visloc_companion.localise.features.gradient import Float32Array
+from visloc_companion.localise.frame import FrameLevel, check_pixels, full_level, reduced
+from visloc_companion.localise.hypotheses import footprint_box, search_box
+from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, ground_homography, rectify_plane
+from visloc_companion.localise.plan import SearchPlan, make_plan
+from visloc_companion.localise.pose import PoseEstimate, PriorTerm, solve_pose
+from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.localise.template import grey_features
+from visloc_companion.localise.window import cropped, map_grid
+from visloc_companion.protocols import ReferenceMap
+from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix
+
+RATIO = 0.85
+MIN_INLIERS = 6
+MAGSAC_PX = 3.0
+MATCH_SIGMA_PX = 1.0
+SIGMA_FLOOR_PX = 0.4
+MAX_FEATURES = 4000
+Pairs = tuple[FloatArray, FloatArray]
+
+
+class KeypointLocaliser:
+    """protocols.Localiser by sparse features."""
+
+    method = "keypoint"
+
+    def __init__(self, model: CameraModel, settings: LocaliserSettings) -> None:
+        self._model, self._settings = model, settings
+
+    def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
+        """The pose from the consistent matches, or why there is none."""
+        watch = Stopwatch()
+        if why := check_pixels(pixels, self._model):
+            return no_fix(request, self.method, watch, why)
+        plan = make_plan(request.prior, self._model, ref, self._settings)
+        if not isinstance(plan, SearchPlan):
+            return no_fix(request, self.method, watch, plan)
+        level = full_level(pixels, self._model)
+        try:
+            pairs, grid, K, A_ne_pix = _matched(plan, level, ref, watch)
+        except OutsideMap as outside:
+            return no_fix(request, self.method, watch, (Reason.OUTSIDE_MAP, outside.what))
+        n = len(pairs[0])
+        p = _probability_wrong(n)
+        numbers = {"inliers": float(n), "p_wrong": p}
+        estimate = _pose(pairs, plan, grid, K, A_ne_pix, request.prior.sigma_tilt_rad) if n >= MIN_INLIERS else None
+        if estimate is None:
+            return no_fix(request, self.method, watch, (Reason.TOO_FEW_FEATURES, f"{n} consistent matches"), numbers)
+        if p > self._settings.max_probability_wrong:
+            return no_fix(request, self.method, watch, (Reason.NO_MATCH, f"probability of being wrong {p:.3f}"), numbers)
+        floor = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) * (SIGMA_FLOOR_PX * grid.gsd_m) ** 2
+        covariance = estimate.covariance + floor
+        return fix(
+            request, self.method, watch, plan.frame, ref, estimate.pose, covariance, p, self._settings.map_sigma_m, numbers
+        )
+
+
+def _matched(
+    plan: SearchPlan, full: FrameLevel, ref: ReferenceMap, watch: Stopwatch
+) -> tuple[Pairs, MapGrid, FloatArray, FloatArray]:
+    """Consistent matches, the map window, and the pinhole matrix and grid of the rectified frame."""
+    gsd_m = max(plan.frame_gsd_m, ref.gsd_m)
+    with watch:
+        low, high = search_box(plan)
+        grid = cropped(map_grid(ref, plan.frame, low, high, gsd_m, "keypoint", grey_features))
+        there = _detect(grid.features[..., 0], grid.weight > 0)
+    level = reduced(full, gsd_m / plan.frame_gsd_m)
+    A_ne_pix, size = _north_up(plan, grid)
+    image, seen = rectify_plane(level, plan.pose, A_ne_pix, size, plan.ground_up_m)
+    return _consistent(_detect(image, seen), there), grid, level.K, A_ne_pix
+
+
+def _north_up(plan: SearchPlan, grid: MapGrid) -> tuple[FloatArray, tuple[int, int]]:
+    """Grid of the rectified frame along the map's axes, just around the footprint."""
+    low, high = footprint_box(plan, np.zeros(1), 1.0)
+    linear = grid.A_ne_pix[:, :2]
+    corners = np.array([[a, b] for a in (low[0], high[0]) for b in (low[1], high[1])]) @ np.linalg.inv(linear).T
+    first, last = np.floor(corners.min(0)), np.ceil(corners.max(0))
+    A_ne_pix = np.column_stack([linear, plan.pose.p_ned_m[:2] + linear @ first])
+    return A_ne_pix, (int(last[0] - first[0] + 1), int(last[1] - first[1] + 1))
+
+
+def _detect(image: Float32Array, seen: NDArray[np.bool_]) -> Pairs:
+    """Key points (N, 2) pix and RootSIFT descriptors (N, 128)."""
+    low, high = float(image.min()), float(image.max())
+    stretched = ((image - low) * (255 / max(high - low, 1e-6))).astype(np.uint8)
+    sift = cv2.SIFT.create(nfeatures=MAX_FEATURES, contrastThreshold=0.01)
+    points, descriptors = sift.detectAndCompute(stretched, seen.astype(np.uint8))
+    if descriptors is None or len(points) < 2:
+        return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
+    roots = np.sqrt(descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-9))
+    return np.array([k.pt for k in points], dtype=np.float64), roots
+
+
+def _consistent(frame: Pairs, there: Pairs) -> Pairs:
+    """Matches that pass the ratio test and fit one homography: pix in the rectified frame and in the map window."""
+    nothing = np.zeros((0, 2))
+    if len(frame[0]) < 4 or len(there[0]) < 4:
+        return nothing, nothing
+    found = cv2.BFMatcher(cv2.NORM_L2).knnMatch(frame[1].astype(np.float32), there[1].astype(np.float32), k=2)
+    good = [m for m, n in found if m.distance < RATIO * n.distance]
+    if len(good) < 4:
+        return nothing, nothing
+    a = frame[0][[m.queryIdx for m in good]]
+    b = there[0][[m.trainIdx for m in good]]
+    keep = cv2.findHomography(a, b, cv2.USAC_MAGSAC, MAGSAC_PX, maxIters=5000, confidence=0.999)[1].ravel() > 0
+    return a[keep], b[keep]
+
+
+def _pose(
+    pairs: Pairs, plan: SearchPlan, grid: MapGrid, K: FloatArray, A_ne_pix: FloatArray, sigma_tilt_rad: float
+) -> PoseEstimate | None:
+    H = ground_homography(K, plan.pose, A_ne_pix, plan.ground_up_m)
+    q = np.column_stack([pairs[0], np.ones(len(pairs[0]))]) @ H.T
+    u, v = pairs[1][:, 0].astype(np.float32), pairs[1][:, 1].astype(np.float32)
+    up = cv2.remap(grid.surface_up_m, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel()
+    ne = apply_affine(grid.A_ne_pix, pairs[1])
+    ground = np.column_stack([ne, -up])
+    moved_ne = ne.mean(0) - apply_affine(A_ne_pix, pairs[0]).mean(0)
+    start = CameraPose(plan.pose.p_ned_m + np.array([*moved_ne, 0.0]), plan.pose.R_ned_cam)
+    sigma_px = np.full(len(u), MATCH_SIGMA_PX * K[0, 0] * grid.gsd_m / plan.agl_m)
+    prior = PriorTerm(plan.pose.R_ned_cam, sigma_tilt_rad)
+    return solve_pose(ground, q[:, :2] / q[:, 2:3], sigma_px, K, start, prior, iterations=15)
+
+
+def _probability_wrong(inliers: int) -> float:
+    """Logistic in the number of inliers, fitted on training rows (benchmarks/calibrate.py)."""
+    return 1 / (1 + math.exp(max(-50.0, min(50.0, 0.6 * (inliers - 8)))))

@@ -1,0 +1,131 @@
+"""Ortho-rectification: the frame as it would look on the map's grid, from a pose, a height and the surface.
+
+A pixel x of the map grid at ground point P (metres north, east; down) is filled with the frame at K R_cam_ned (P - p_cam).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from visloc_companion.localise.features.gradient import Float32Array
+from visloc_companion.localise.frame import FrameLevel
+from visloc_companion.types import FloatArray
+
+MAX_TAN_INCIDENCE = 3.0
+"""Ground seen flatter than atan(1/3) is left out: a map pixel there covers many heights and few frame pixels."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraPose:
+    """Position (3,) north, east, down (metres, down counted from sea level) about a local origin, and `R_ned_cam` (3, 3)."""
+
+    p_ned_m: FloatArray
+    R_ned_cam: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapGrid:
+    """A window of the map as the localiser uses it, at one level.
+
+    `features` (H, W, C) and `weight` (H, W) float32 in 0..1; `surface_up_m` (H, W) float32, height above sea level;
+    `A_ne_pix` (2, 3) maps `pix` to metres north and east of the local origin.
+    """
+
+    features: Float32Array
+    weight: Float32Array
+    surface_up_m: Float32Array
+    A_ne_pix: FloatArray
+    gsd_m: float
+
+
+def ground_homography(K: FloatArray, pose: CameraPose, A_ne_pix: FloatArray, ground_up_m: float) -> FloatArray:
+    """(3, 3) frame-from-grid homography of the plane at `ground_up_m`."""
+    columns = np.zeros((3, 3))
+    columns[:2] = A_ne_pix
+    columns[:2, 2] -= pose.p_ned_m[:2]
+    columns[2, 2] = -ground_up_m - pose.p_ned_m[2]
+    return np.asarray(K @ pose.R_ned_cam.T @ columns, dtype=np.float64)
+
+
+def rectify_plane(
+    level: FrameLevel, pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], ground_up_m: float
+) -> tuple[Float32Array, NDArray[np.bool_]]:
+    """Frame on a grid of (width, height) pixels over a horizontal plane: (H, W) grey and the mask of what the frame shows."""
+    H = ground_homography(level.K, pose, A_ne_pix, ground_up_m)
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    image = cv2.warpPerspective(level.grey, H, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    seen = cv2.warpPerspective(level.valid, H, size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP, borderValue=0) > 0
+    if _may_see_far(pose):
+        seen &= _near_enough(pose, A_ne_pix, size, ground_up_m) & _in_front(pose, A_ne_pix, size, ground_up_m)
+    return image.astype(np.float32), seen
+
+
+def rectify_surface(level: FrameLevel, pose: CameraPose, grid: MapGrid) -> tuple[Float32Array, NDArray[np.bool_]]:
+    """Frame on a map window over its surface model: (H, W) grey and the mask of what the frame shows unhidden."""
+    height, width = grid.weight.shape
+    low, high = float(grid.surface_up_m.min()), float(grid.surface_up_m.max())
+    if high - low < 0.05:
+        return rectify_plane(level, pose, grid.A_ne_pix, (width, height), (low + high) / 2)
+    base = ground_homography(level.K, pose, grid.A_ne_pix, low).astype(np.float32)
+    per_metre = (-(level.K @ pose.R_ned_cam.T)[:, 2]).astype(np.float32)
+    u, v = np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)
+    up = grid.surface_up_m - np.float32(low)
+    x, y, z = ((base[k, 0] * u + base[k, 2])[None, :] + (base[k, 1] * v)[:, None] + per_metre[k] * up for k in range(3))
+    ahead = z > 1e-3
+    z = np.where(ahead, z, np.float32(1.0))
+    map_u, map_v = x / z, y / z
+    image = cv2.remap(level.grey, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    seen = (cv2.remap(level.valid, map_u, map_v, cv2.INTER_NEAREST, borderValue=0) > 0) & ahead
+    if _may_see_far(pose):
+        seen &= _near_enough(pose, grid.A_ne_pix, (width, height), low)
+    return image.astype(np.float32), seen & ~_hidden(pose, grid)
+
+
+def nadir_offsets(A_ne_pix: FloatArray, p_ned_m: FloatArray, size: tuple[int, int]) -> tuple[Float32Array, Float32Array]:
+    """(H, W) metres north and east of each grid pixel from the camera's nadir."""
+    u, v = np.arange(size[0], dtype=np.float32)[None, :], np.arange(size[1], dtype=np.float32)[:, None]
+    a = A_ne_pix.astype(np.float32)
+    c = (A_ne_pix[:, 2] - p_ned_m[:2]).astype(np.float32)
+    return a[0, 0] * u + a[0, 1] * v + c[0], a[1, 0] * u + a[1, 1] * v + c[1]
+
+
+def _may_see_far(pose: CameraPose) -> bool:
+    return bool(pose.R_ned_cam[2, 2] < np.cos(np.radians(12)))
+
+
+def _near_enough(pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], up_m: float) -> NDArray[np.bool_]:
+    north, east = nadir_offsets(A_ne_pix, pose.p_ned_m, size)
+    reach_m = MAX_TAN_INCIDENCE * max(1.0, -float(pose.p_ned_m[2]) - up_m)
+    return np.asarray(north * north + east * east < reach_m * reach_m, dtype=np.bool_)
+
+
+def _in_front(pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], up_m: float) -> NDArray[np.bool_]:
+    north, east = nadir_offsets(A_ne_pix, pose.p_ned_m, size)
+    axis = pose.R_ned_cam[:, 2].astype(np.float32)
+    return np.asarray(axis[0] * north + axis[1] * east + axis[2] * np.float32(-up_m - pose.p_ned_m[2]) > 0, dtype=np.bool_)
+
+
+def _hidden(pose: CameraPose, grid: MapGrid, steps: int = 6) -> NDArray[np.bool_]:
+    """Pixels whose line to the camera passes under the surface: marched at half resolution over the height that can hide."""
+    surface = grid.surface_up_m[::2, ::2]
+    height, width = surface.shape
+    u, v = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    linear = np.linalg.inv(grid.A_ne_pix[:, :2])
+    nadir = (linear @ (pose.p_ned_m[:2] - grid.A_ne_pix[:, 2])) / 2
+    camera_up = -float(pose.p_ned_m[2])
+    highest = float(surface.max())
+    below = np.maximum(camera_up - surface, 1.0)
+    reach = np.clip((highest - surface) / below, 0, 1)
+    hidden = np.zeros(surface.shape, np.bool_)
+    for k in range(1, steps + 1):
+        share = reach * (k / steps)
+        su = u + (np.float32(nadir[0]) - u) * share
+        sv = v + (np.float32(nadir[1]) - v) * share
+        there = cv2.remap(surface, su, sv, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        hidden |= there > surface + below * share + 1.0
+    full = cv2.resize(hidden.astype(np.uint8), (grid.weight.shape[1], grid.weight.shape[0]), interpolation=cv2.INTER_NEAREST)
+    return np.asarray(full > 0, dtype=np.bool_)

@@ -1,0 +1,162 @@
+"""From the prior to what is searched: local coordinates, working resolutions, the region and the heading x scale grid."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from visloc_companion.errors import OutsideMap, Reason
+from visloc_companion.geo.camera import R_FRD_CAM, unproject
+from visloc_companion.geo.se3 import R_from_quat
+from visloc_companion.localise.ortho_rectify import MAX_TAN_INCIDENCE, CameraPose
+from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.protocols import ReferenceMap
+from visloc_companion.types import CameraModel, FloatArray, GeoPoint, PosePrior
+
+COARSE_PIXELS = 90.0
+"""Side (px) of the square with the footprint's area at the search level."""
+FINE_PIXELS = 200.0
+"""The same at the level of the refinement; neither is finer than the map or the frame."""
+STEP_PX = 1.6
+"""Largest misfit (px, at 0.7 of the footprint's half side) that the heading and scale grid leaves."""
+SIGMAS = 3.0
+MIN_SHARE_OF_GROUND = 0.4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalFrame:
+    """Metres north and east of a place, and the map's CRS linearised there."""
+
+    origin: GeoPoint
+    J_map_ne: FloatArray
+    origin_map: FloatArray
+
+    def A_ne_pix(self, T_map_pix: FloatArray) -> FloatArray:
+        """(2, 3) pix -> metres north, east, for a window of the map."""
+        inverse = np.linalg.inv(self.J_map_ne)
+        return np.column_stack([inverse @ T_map_pix[:, :2], inverse @ (T_map_pix[:, 2] - self.origin_map)])
+
+    def to_map(self, ne_m: FloatArray) -> tuple[float, float]:
+        """Map coordinates of a place given in metres north, east."""
+        x, y = self.origin_map + self.J_map_ne @ ne_m
+        return float(x), float(y)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchPlan:
+    """What is searched for. Lengths in metres, angles in radians; `footprint_ne_m` (N, 2) is the outline about the nadir.
+
+    `headings_rad` are turns about the vertical added to the prior attitude, `scales` factors of `agl_m`; `cov_ne_m2` (2, 2) is
+    the prior's covariance widened by what the unknown tilt moves the picture.
+    """
+
+    frame: LocalFrame
+    pose: CameraPose
+    ground_up_m: float
+    agl_m: float
+    footprint_ne_m: FloatArray
+    area_m2: float
+    frame_gsd_m: float
+    coarse_gsd_m: float
+    fine_gsd_m: float
+    cov_ne_m2: FloatArray
+    radius_cap_m: float
+    headings_rad: FloatArray
+    scales: FloatArray
+
+
+def local_frame(place: GeoPoint, ref: ReferenceMap) -> LocalFrame:
+    """Local coordinates about a place, zero height at sea level."""
+    projection = ref.projection_at(place)
+    return LocalFrame(
+        GeoPoint(place.lat_deg, place.lon_deg, 0.0),
+        np.asarray(projection.J_map_ne),
+        np.array(projection.origin_map_m, dtype=np.float64),
+    )
+
+
+def make_plan(
+    prior: PosePrior, model: CameraModel, ref: ReferenceMap, settings: LocaliserSettings
+) -> SearchPlan | tuple[Reason, str]:
+    """Plan the search, or say why there is nothing to search (too low, horizon in view, outside the map)."""
+    frame = local_frame(prior.place, ref)
+    ground = ground_near(prior, ref, frame, settings)
+    if ground is None:
+        return Reason.OUTSIDE_MAP, "no map within the search region"
+    agl = prior.place.h_amsl_m - ground
+    if agl < settings.min_height_m:
+        return Reason.TOO_LOW, f"{agl:.1f} m above the surface"
+    pose = CameraPose(np.array([0.0, 0.0, -prior.place.h_amsl_m]), R_from_quat(prior.q_ned_frd) @ R_FRD_CAM)
+    outline, share = footprint(model, pose.R_ned_cam)
+    if share < MIN_SHARE_OF_GROUND:
+        return Reason.HORIZON_IN_VIEW, f"only {100 * share:.0f} % of the frame looks down steeply enough"
+    outline = outline * agl
+    area = _area(outline)
+    frame_gsd = math.sqrt(area / (share * model.width_px * model.height_px))
+    finest = max(frame_gsd, ref.gsd_m)
+    coarse = max(finest, math.sqrt(area) / COARSE_PIXELS)
+    step = 2 * STEP_PX * coarse / (0.7 * math.sqrt(area) / 2 * 1.13)
+    tilt_m = prior.sigma_tilt_rad * agl
+    return SearchPlan(
+        frame=frame,
+        pose=pose,
+        ground_up_m=ground,
+        agl_m=agl,
+        footprint_ne_m=outline,
+        area_m2=area,
+        frame_gsd_m=frame_gsd,
+        coarse_gsd_m=coarse,
+        fine_gsd_m=max(finest, math.sqrt(area) / FINE_PIXELS),
+        cov_ne_m2=np.array(prior.cov_ne_m2) + np.eye(2) * (tilt_m**2 + (coarse / 2) ** 2),
+        radius_cap_m=settings.max_search_radius_m,
+        headings_rad=_grid(min(math.pi, SIGMAS * prior.sigma_yaw_rad), step),
+        scales=np.exp(_grid(math.log1p(min(1.5, SIGMAS * prior.sigma_h_m / agl)), step)),
+    )
+
+
+def ground_near(prior: PosePrior, ref: ReferenceMap, frame: LocalFrame, settings: LocaliserSettings) -> float | None:
+    """Surface height below the prior (median of a window), or of whatever map lies within the search region; else None."""
+    here = np.asarray(frame.origin_map)
+    sigma = math.sqrt(max(np.linalg.eigvalsh(np.array(prior.cov_ne_m2))[-1], 0.0))
+    for radius in (40.0, min(settings.max_search_radius_m, SIGMAS * sigma + 100.0)):
+        try:
+            patch = ref.patch((float(here[0]), float(here[1])), (32, 32), max(ref.gsd_m, radius / 16), 0.0)
+        except OutsideMap:
+            continue
+        heights = patch.dsm_amsl_m[patch.valid & np.isfinite(patch.dsm_amsl_m)]
+        if heights.size:
+            return float(np.median(heights))
+    return None
+
+
+def footprint(model: CameraModel, R_ned_cam: FloatArray) -> tuple[FloatArray, float]:
+    """Outline (N, 2) north, east of what the camera sees of a plane 1 m below, cut at the flattest useful view; and the share
+    of the frame within that cut."""
+    u, v = np.meshgrid(np.linspace(0, model.width_px - 1, 13), np.linspace(0, model.height_px - 1, 13))
+    rays = unproject(model, np.column_stack([u.ravel(), v.ravel()])) @ R_ned_cam.T
+    flat = np.hypot(rays[:, 0], rays[:, 1])
+    steep = (rays[:, 2] > 0) & (flat < MAX_TAN_INCIDENCE * rays[:, 2])
+    share = float(steep.mean())
+    ne = rays[steep, :2] / rays[steep, 2:3] if steep.any() else np.zeros((1, 2))
+    hull = cv2.convexHull(ne.astype(np.float32))
+    return np.asarray(hull.reshape(-1, 2), dtype=np.float64), share
+
+
+def turned(R_ned_cam: FloatArray, heading_rad: float) -> FloatArray:
+    """The attitude turned about the vertical by `heading_rad` clockwise seen from above."""
+    s, c = math.sin(heading_rad), math.cos(heading_rad)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R_ned_cam
+
+
+def _area(outline: FloatArray) -> float:
+    x, y = outline[:, 0], outline[:, 1]
+    return 0.5 * abs(float(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))))
+
+
+def _grid(reach: float, step: float) -> FloatArray:
+    """Symmetric grid of at most `step` spacing that covers ±(reach - step/2)."""
+    n = max(0, math.ceil((reach - step / 2) / step))
+    return np.asarray(np.arange(-n, n + 1) * (min(step, max(reach, 1e-9) / max(n, 1)) if n else step), dtype=np.float64)

@@ -1,0 +1,124 @@
+"""The camera's pose from correspondences of ground points and frame pixels, with the tilt as a Gaussian prior.
+
+Gauss-Newton on the reprojection error with Cauchy weights (iteratively reweighted). Unknowns: north, east, up and a rotation
+vector about the NED axes. The prior knows roll and pitch (from gravity), not the heading, not the position.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from visloc_companion.localise.align import moved
+from visloc_companion.localise.ortho_rectify import CameraPose
+from visloc_companion.types import FloatArray
+
+CAUCHY = 2.0
+SIGMA_FLOOR = 0.15
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseEstimate:
+    """Pose, covariance (6, 6) of (north, east, up, rotation about n, e, d), scatter of the residuals (in units of the given
+    sigmas) and the final weights (N,) of the correspondences."""
+
+    pose: CameraPose
+    covariance: FloatArray
+    scatter: float
+    weights: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PriorTerm:
+    """Gaussian prior of the attitude (tilt always, heading where `sigma_yaw_rad` is finite) and of the height."""
+
+    R_ned_cam: FloatArray
+    sigma_tilt_rad: float
+    sigma_yaw_rad: float = math.inf
+    up_m: float = 0.0
+    sigma_up_m: float = math.inf
+
+    def at(self, pose: CameraPose) -> tuple[FloatArray, FloatArray]:
+        """Information (6, 6) and pull (6,) of the prior's normal equations at a pose."""
+        heading, tilt = heading_and_tilt(pose.R_ned_cam, self.R_ned_cam)
+        deviation = np.array([0.0, 0.0, -pose.p_ned_m[2] - self.up_m, tilt[0], tilt[1], heading])
+        sigma = np.array([math.inf, math.inf, self.sigma_up_m, self.sigma_tilt_rad, self.sigma_tilt_rad, self.sigma_yaw_rad])
+        weight = 1 / np.maximum(sigma, 1e-5) ** 2
+        return np.diag(weight), -weight * deviation
+
+
+def heading_and_tilt(R_ned_cam: FloatArray, R_prior: FloatArray) -> tuple[float, FloatArray]:
+    """How an attitude differs from the prior's: turn about the vertical, and then (2,) rotation about north and east."""
+    relative = R_ned_cam @ R_prior.T
+    heading = math.atan2(relative[1, 0] - relative[0, 1], relative[0, 0] + relative[1, 1])
+    s, c = math.sin(heading), math.cos(heading)
+    tilt = cv2.Rodrigues(relative @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))[0].ravel()
+    return heading, np.asarray(tilt[:2], dtype=np.float64)
+
+
+def solve_pose(
+    ground_ned_m: FloatArray,
+    pix: FloatArray,
+    sigma_px: FloatArray,
+    K: FloatArray,
+    start: CameraPose,
+    prior: PriorTerm,
+    iterations: int = 8,
+) -> PoseEstimate | None:
+    """Pose from (N, 3) ground points and (N, 2) undistorted pixels of a pinhole camera, or None where it is undetermined.
+
+    The covariance is scaled by the residuals' robust scatter where that is larger than what the sigmas claim.
+    """
+    pose, weights, scatter = start, np.ones(len(pix)), 1.0
+    if len(pix) < 3:
+        return None
+    normal = np.eye(6)
+    for _ in range(iterations):
+        residual, J = _residuals(ground_ned_m, pix, K, pose)
+        if residual is None:
+            return None
+        whitened = np.hypot(residual[:, 0], residual[:, 1]) / sigma_px
+        scatter = max(SIGMA_FLOOR, 1.1774**-1 * float(np.median(whitened)) * math.sqrt(len(pix) / max(1.0, len(pix) - 2.0)))
+        weights = 1 / (1 + (whitened / (CAUCHY * scatter)) ** 2)
+        w = (weights / (sigma_px * scatter) ** 2)[:, None]
+        information, pull = prior.at(pose)
+        normal = np.einsum("nij,nik->jk", J * w[..., None], J) + information
+        if np.linalg.cond(_scaled(normal)) > 1e12:
+            return None
+        delta = np.linalg.solve(normal, np.einsum("nij,ni->j", J * w[..., None], residual) + pull)
+        pose = moved(pose, delta)
+        if abs(delta[:3]).max() < 1e-4:
+            break
+    return PoseEstimate(pose, np.asarray(np.linalg.inv(normal), dtype=np.float64), scatter, weights)
+
+
+def _residuals(
+    ground_ned_m: FloatArray, pix: FloatArray, K: FloatArray, pose: CameraPose
+) -> tuple[FloatArray | None, FloatArray]:
+    """Measured minus predicted pixels (N, 2) and their Jacobian (N, 2, 6); None where a point is not before the camera."""
+    r = ground_ned_m - pose.p_ned_m
+    q = r @ pose.R_ned_cam
+    if (q[:, 2] < 1e-3).any():
+        return None, np.zeros((0, 2, 6))
+    uv = q[:, :2] / q[:, 2:3]
+    predicted = uv * np.array([K[0, 0], K[1, 1]]) + np.array([K[0, 2], K[1, 2]])
+    d_q = np.zeros((len(r), 2, 3))
+    d_q[:, 0, 0], d_q[:, 1, 1] = K[0, 0] / q[:, 2], K[1, 1] / q[:, 2]
+    d_q[:, 0, 2], d_q[:, 1, 2] = -K[0, 0] * uv[:, 0] / q[:, 2], -K[1, 1] * uv[:, 1] / q[:, 2]
+    d_r = d_q @ pose.R_ned_cam.T  # per metre of r in NED
+    J = np.empty((len(r), 2, 6))
+    J[:, :, 0], J[:, :, 1], J[:, :, 2] = -d_r[:, :, 0], -d_r[:, :, 1], d_r[:, :, 2]
+    # q = (exp(w) R)^T r = R^T (r - w x r): d q = R^T (r x w) -> columns r x e_k
+    for k in range(3):
+        axis = np.zeros(3)
+        axis[k] = 1.0
+        J[:, :, 3 + k] = np.einsum("nij,nj->ni", d_r, np.cross(r, axis))
+    return pix - predicted, J
+
+
+def _scaled(normal: FloatArray) -> FloatArray:
+    d = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    return normal * np.outer(d, d)

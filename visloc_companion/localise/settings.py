@@ -1,0 +1,20 @@
+"""What a localiser is told at construction, beside the camera model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class LocaliserSettings:
+    """Limits and the map's own error.
+
+    `max_probability_wrong`: fixes with a larger calibrated probability of being wrong are declined.
+    `max_search_radius_m`: the search region never grows beyond this. `map_sigma_m`: 1-sigma of the map's registration, added
+    to the claimed covariance. `min_height_m`: below this height above the surface nothing is tried.
+    """
+
+    max_probability_wrong: float = 0.01
+    max_search_radius_m: float = 2000.0
+    map_sigma_m: float = 0.0
+    min_height_m: float = 8.0

@@ -1,0 +1,110 @@
+"""Baseline `ncc`: normalised cross-correlation of grey values in the same exhaustive search, without learning from edges.
+
+The best peak of the search level is searched again at the working resolution; its parabola is the answer.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from visloc_companion.errors import OutsideMap, Reason
+from visloc_companion.localise.answer import Stopwatch, fix, no_fix
+from visloc_companion.localise.features.gradient import Float32Array, grey
+from visloc_companion.localise.frame import FrameLevel, check_pixels, full_level, reduced
+from visloc_companion.localise.hypotheses import (
+    footprint_heights,
+    peaks_in_region,
+    pose_of_peak,
+    search_box,
+    search_window,
+)
+from visloc_companion.localise.ortho_rectify import CameraPose
+from visloc_companion.localise.plan import SearchPlan, make_plan
+from visloc_companion.localise.pose import heading_and_tilt
+from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.localise.window import cropped, map_grid
+from visloc_companion.protocols import ReferenceMap
+from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix
+
+SIGMA_PX = 1.5
+"""Claimed 1-sigma of the position, working pixels: a constant, as the method has no better measure."""
+SIGMA_ANGLE_RAD = 0.02
+
+
+def grey_features(image: NDArray[np.uint8] | Float32Array, valid: NDArray[np.bool_]) -> Float32Array:
+    """(H, W, 1) float32 luminance, zero where invalid."""
+    return (grey(image) * valid)[..., None].astype(np.float32)
+
+
+class NccLocaliser:
+    """protocols.Localiser by template matching of grey values."""
+
+    method = "ncc"
+
+    def __init__(self, model: CameraModel, settings: LocaliserSettings) -> None:
+        self._model, self._settings = model, settings
+
+    def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
+        """The pose at the highest correlation, or why there is none."""
+        watch = Stopwatch()
+        if why := check_pixels(pixels, self._model):
+            return no_fix(request, self.method, watch, why)
+        plan = make_plan(request.prior, self._model, ref, self._settings)
+        if not isinstance(plan, SearchPlan):
+            return no_fix(request, self.method, watch, plan)
+        full = full_level(pixels, self._model)
+        try:
+            poses, scores = _best(plan, plan.coarse_gsd_m, full, ref, watch)
+            if not poses:
+                return no_fix(request, self.method, watch, (Reason.NO_MATCH, "no likeness within the search region"))
+            narrow = _narrowed(plan, poses[0])
+            fine, fine_scores = _best(narrow, narrow.fine_gsd_m, full, ref, watch)
+        except OutsideMap as outside:
+            return no_fix(request, self.method, watch, (Reason.OUTSIDE_MAP, outside.what))
+        runner_up = scores[1] / scores[0] if len(scores) > 1 else 0.0
+        p = _probability_wrong(scores[0], runner_up)
+        numbers = {"score": scores[0], "runner_up": runner_up, "p_wrong": p}
+        if p > self._settings.max_probability_wrong or not fine:
+            reason = Reason.AMBIGUOUS if scores[0] > 0.3 else Reason.NO_MATCH
+            return no_fix(request, self.method, watch, (reason, f"probability of being wrong {p:.3f}"), numbers)
+        numbers["fine_score"] = fine_scores[0]
+        sigma = (
+            np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) * SIGMA_PX * plan.fine_gsd_m + np.array([0, 0, 0, 1, 1, 1]) * SIGMA_ANGLE_RAD
+        )
+        return fix(
+            request, self.method, watch, plan.frame, ref, fine[0], np.diag(sigma**2), p, self._settings.map_sigma_m, numbers
+        )
+
+
+def _best(
+    plan: SearchPlan, gsd_m: float, full: FrameLevel, ref: ReferenceMap, watch: Stopwatch
+) -> tuple[list[CameraPose], list[float]]:
+    """The two best distinct peaks of an exhaustive search at a level, as poses with scores."""
+    with watch:
+        low, high = search_box(plan)
+        grid = cropped(map_grid(ref, plan.frame, low, high, gsd_m, "ncc", grey_features))
+    volume = search_window(grid, reduced(full, gsd_m / plan.frame_gsd_m), plan, grey_features, zero_mean=True)
+    peaks = peaks_in_region(volume, grid, plan, 2, max(3.0, 0.06 * math.sqrt(plan.area_m2) / gsd_m))
+    heights = footprint_heights(grid, plan)
+    return [pose_of_peak(peak, grid, plan, heights) for peak in peaks], [peak.score for peak in peaks]
+
+
+def _narrowed(plan: SearchPlan, pose: CameraPose) -> SearchPlan:
+    """The plan of the second search: two coarse pixels, half a step of heading and scale about a pose."""
+    heading, _ = heading_and_tilt(pose.R_ned_cam, plan.pose.R_ned_cam)
+    step = 3.2 * plan.coarse_gsd_m / (0.4 * math.sqrt(plan.area_m2))
+    scale = (-float(pose.p_ned_m[2]) - plan.ground_up_m) / plan.agl_m
+    offsets = np.linspace(-0.5, 0.5, 5) * step
+    at = CameraPose(np.array([pose.p_ned_m[0], pose.p_ned_m[1], plan.pose.p_ned_m[2]]), plan.pose.R_ned_cam)
+    reach = (2 * plan.coarse_gsd_m / 3 + plan.fine_gsd_m) ** 2
+    return replace(plan, pose=at, headings_rad=heading + offsets, scales=scale * np.exp(offsets), cov_ne_m2=np.eye(2) * reach)
+
+
+def _probability_wrong(score: float, runner_up: float) -> float:
+    """Logistic in the score and the runner-up ratio, fitted on training rows (benchmarks/calibrate.py)."""
+    logit = -4.0 + 5.0 * score + 12.0 * (1 - runner_up)
+    return 1 / (1 + math.exp(-max(-50.0, min(50.0, logit))))

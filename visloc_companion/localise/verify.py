@@ -1,0 +1,63 @@
+"""From the evidence of a match to a calibrated probability that it is wrong, and to the reason where it is declined."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from visloc_companion.errors import Reason
+
+CHANCE = 0.0744
+"""Share of blocks that agree by chance: area of the agreement circle over that of the block search (blocks.py)."""
+WEIGHTS = (-2.0, 9.0, 3.0, 0.9)
+"""Logistic regression of being right on (1, score, 1 - runner-up ratio, block z-score); see `probability_wrong`."""
+MAX_CHI2_SIGMA = 4.5
+MIN_SCORE = 0.12
+AMBIGUOUS_RATIO = 0.93
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What is known of the best match.
+
+    `score`: correlation after refinement; `runner_up`: best other place's score over the best's, at the search level;
+    `blocks`, `agreeing`: blocks matched on their own and how many agree; `height_sigmas`, `yaw_sigmas`, `position_sigmas`:
+    distance from the prior.
+    """
+
+    score: float
+    runner_up: float
+    blocks: int
+    agreeing: float
+    height_sigmas: float
+    yaw_sigmas: float
+    position_sigmas: float
+
+    def block_z(self) -> float:
+        """Agreeing blocks beyond chance, in standard deviations of chance."""
+        return (self.agreeing - CHANCE * self.blocks) / math.sqrt(max(self.blocks, 1) * CHANCE * (1 - CHANCE))
+
+
+def probability_wrong(evidence: Evidence) -> float:
+    """Calibrated probability that the match is another place."""
+    x = (1.0, evidence.score, 1 - evidence.runner_up, math.sqrt(max(0.0, evidence.block_z())))
+    logit = sum(w * v for w, v in zip(WEIGHTS, x, strict=True))
+    return 1 / (1 + math.exp(min(50.0, max(-50.0, logit))))
+
+
+def refusal(evidence: Evidence, max_probability_wrong: float) -> tuple[Reason, str] | None:
+    """Why the match is declined, or None."""
+    worst = max(evidence.height_sigmas, evidence.yaw_sigmas, evidence.position_sigmas)
+    if worst > MAX_CHI2_SIGMA:
+        return Reason.INCONSISTENT_WITH_PRIOR, f"{worst:.1f} sigma from the prior"
+    p = probability_wrong(evidence)
+    if p <= max_probability_wrong:
+        return None
+    detail = f"probability of being wrong {p:.3f}"
+    if evidence.score < MIN_SCORE:
+        return Reason.NO_MATCH, detail
+    if evidence.runner_up > AMBIGUOUS_RATIO:
+        return Reason.AMBIGUOUS, detail
+    if evidence.block_z() < 4:
+        return Reason.BLOCKS_DISAGREE, detail
+    return Reason.NO_MATCH, detail
