@@ -1,0 +1,170 @@
+"""Coordinate reference systems: the only importer of pyproj.
+
+Every transformer is built with `always_xy=True` and `allow_ballpark=False`: pyproj's default silently treats heights of
+different datums, and coordinates of unknown datums, as equal.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from pyproj import CRS, Transformer
+from pyproj.exceptions import CRSError, ProjError
+
+from visloc_companion.errors import DatumMissing, MapError, OutsideMap
+from visloc_companion.geo.wgs84 import radii_m
+from visloc_companion.types import FloatArray, GeoPoint
+
+_REMEDY = "give the raster a projected or geographic CRS (gdal_edit.py -a_srs EPSG:..., gdalwarp -t_srs EPSG:...)"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linearisation:
+    """A CRS linearised at one place (protocols.LocalProjection): Jacobian and easting, northing of the place."""
+
+    J_map_ne: FloatArray
+    origin_map_m: tuple[float, float]
+
+    @property
+    def convergence_rad(self) -> float:
+        """Direction of grid north (increasing northing), clockwise from true north."""
+        north, east = np.linalg.solve(self.J_map_ne, np.array([0.0, 1.0]))
+        return math.atan2(east, north)
+
+    @property
+    def scale(self) -> float:
+        """Map units for a metre on the ground (geometric mean of the principal scales)."""
+        return math.sqrt(abs(float(np.linalg.det(self.J_map_ne))))
+
+
+class MapCrs:
+    """A horizontal CRS and its relation to WGS 84. Compare with `==`; build with `map_crs`."""
+
+    def __init__(self, crs: CRS, vertical: CRS | None, to_map: Transformer) -> None:
+        self._crs, self._to_map = crs, to_map
+        self.vertical_name = vertical.name if vertical else ""
+        self.vertical_metres_per_unit = float(vertical.axis_info[-1].unit_conversion_factor) if vertical else 1.0
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, MapCrs) and self._crs.equals(other._crs, ignore_axis_order=True)
+
+    def __hash__(self) -> int:
+        return hash(self._crs.name)
+
+    @property
+    def name(self) -> str:
+        """Name as the authority gives it."""
+        return str(self._crs.name)
+
+    @property
+    def wkt(self) -> str:
+        """WKT 2."""
+        return str(self._crs.to_wkt())
+
+    @property
+    def epsg(self) -> int | None:
+        """EPSG code, where the CRS has one."""
+        code = self._crs.to_epsg()
+        return None if code is None else int(code)
+
+    @property
+    def is_geographic(self) -> bool:
+        """Whether coordinates are angles."""
+        return bool(self._crs.is_geographic)
+
+    @property
+    def metres_per_unit(self) -> float:
+        """Of a projected CRS (feet: 0.3048); NaN of a geographic one."""
+        return math.nan if self.is_geographic else float(self._crs.axis_info[0].unit_conversion_factor)
+
+    @property
+    def accuracy_m(self) -> float | None:
+        """Stated accuracy of the transformation from WGS 84, metres; None where it depends on the place or is unknown."""
+        accuracy = self._to_map.accuracy
+        return None if accuracy is None or accuracy < 0 else float(accuracy)
+
+    def to_map(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
+        """Easting and northing (map units). Raises OutsideMap where the CRS has no coordinates for the place."""
+        easting, northing = self._to_map.transform(lon_deg, lat_deg)
+        if not (math.isfinite(easting) and math.isfinite(northing)):
+            raise OutsideMap(
+                f"latitude {lat_deg}, longitude {lon_deg} has no coordinates in {self.name}", remedy="use a map of the place"
+            )
+        return float(easting), float(northing)
+
+    def to_geo(self, easting: float, northing: float) -> tuple[float, float]:
+        """Latitude and longitude, degrees WGS 84. Raises OutsideMap where they are not defined."""
+        lon, lat = self._to_map.transform(easting, northing, direction="INVERSE")
+        if not (math.isfinite(lat) and math.isfinite(lon)):
+            raise OutsideMap(
+                f"easting {easting}, northing {northing} is no place in {self.name}", remedy="use a map of the place"
+            )
+        return float(lat), float(lon)
+
+    def to_map_array(self, lat_lon_deg: FloatArray) -> FloatArray:
+        """(N, 2) latitude, longitude to (N, 2) easting, northing; NaN where undefined."""
+        return _finite(self._to_map.transform(lat_lon_deg[:, 1], lat_lon_deg[:, 0]))
+
+    def to_geo_array(self, map_m: FloatArray) -> FloatArray:
+        """(N, 2) easting, northing to (N, 2) latitude, longitude; NaN where undefined."""
+        return _finite(self._to_map.transform(map_m[:, 0], map_m[:, 1], direction="INVERSE"))[:, ::-1]
+
+    def linearised_at(self, place: GeoPoint) -> Linearisation:
+        """Jacobian by central differences over ±1e-4 degrees (about 11 m): truncation and rounding stay below 1e-8."""
+        meridian_m, normal_m = radii_m(place.lat_deg)
+        parallel_m = normal_m * math.cos(math.radians(place.lat_deg))
+        step_deg = 1e-4
+        lat, lon = place.lat_deg, place.lon_deg
+        around = np.array(
+            [[lat, lon], [lat + step_deg, lon], [lat - step_deg, lon], [lat, lon + step_deg], [lat, lon - step_deg]]
+        )
+        p = self.to_map_array(around)
+        if not np.isfinite(p).all():
+            raise OutsideMap(
+                f"latitude {lat}, longitude {lon} has no coordinates in {self.name}", remedy="use a map of the place"
+            )
+        arc = 2 * math.radians(step_deg)
+        J = np.column_stack([(p[1] - p[2]) / (arc * meridian_m), (p[3] - p[4]) / (arc * parallel_m)])
+        return Linearisation(J, (float(p[0, 0]), float(p[0, 1])))
+
+    def linearised_at_map(self, easting: float, northing: float) -> Linearisation:
+        """The same, at a place given in the map's CRS."""
+        lat_deg, lon_deg = self.to_geo(easting, northing)
+        return Linearisation(self.linearised_at(GeoPoint(lat_deg, lon_deg, 0.0)).J_map_ne, (easting, northing))
+
+
+@lru_cache(maxsize=64)
+def map_crs(text: str, where: str = "") -> MapCrs:
+    """The CRS of an EPSG code or WKT; of a compound one, the horizontal part.
+
+    Raises MapError for text that is no CRS and for one without a horizontal position (geocentric, vertical, engineering);
+    DatumMissing where the relation to WGS 84 is unknown.
+    """
+    try:
+        full = CRS.from_user_input(text)
+    except CRSError as why:
+        raise MapError(f"is not a coordinate reference system: {text[:80]!r}", where=where, remedy=_REMEDY) from why
+    parts = full.sub_crs_list if full.is_compound else [full]
+    vertical = parts[1] if len(parts) > 1 and parts[1].is_vertical else None
+    horizontal = parts[0].to_2d()
+    if not (horizontal.is_projected or horizontal.is_geographic):
+        raise MapError(f"the CRS {full.name!r} is neither projected nor geographic", where=where, remedy=_REMEDY)
+    try:
+        to_map = Transformer.from_crs(CRS.from_epsg(4326), horizontal, always_xy=True, allow_ballpark=False)
+    except ProjError as why:
+        raise DatumMissing(f"the relation of {full.name!r} to WGS 84 is unknown", where=where, remedy=_REMEDY) from why
+    return MapCrs(horizontal, vertical, to_map)
+
+
+def utm_at(lat_deg: float, lon_deg: float) -> MapCrs:
+    """The UTM zone (WGS 84) of a place; the zones' exceptions in Norway and Svalbard are not applied."""
+    zone = int((lon_deg + 180) % 360 // 6) + 1
+    return map_crs(f"EPSG:{(32600 if lat_deg >= 0 else 32700) + zone}")
+
+
+def _finite(xy: tuple[FloatArray, FloatArray]) -> FloatArray:
+    points = np.column_stack(xy)
+    return np.where(np.isfinite(points).all(axis=1, keepdims=True), points, np.nan)

@@ -1,0 +1,185 @@
+"""GeoTIFF files: checks on opening, and layers over them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rasterio
+from numpy.typing import NDArray
+from rasterio.enums import ColorInterp, Resampling
+from rasterio.errors import RasterioError
+from rasterio.windows import Window
+
+from visloc_companion.errors import DatumMissing, MapError
+from visloc_companion.geo.raster import T_map_pix_from_gdal
+from visloc_companion.maps.crs import MapCrs, map_crs
+from visloc_companion.maps.layer import ArrayLayer, Layer, Validity, Values, array_layer, level_shapes
+from visloc_companion.types import FloatArray
+
+IN_MEMORY_BYTES = 400_000_000
+"""Rasters with fewer bytes than this are read whole; larger ones are read by windows."""
+_READ_AGAIN = "copy or download the file again (gdalinfo -checksum FILE names the damage)"
+FOOT_M = 0.3048
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GeoTiff:
+    """An open GeoTIFF, its CRS, its grid and which bands are used.
+
+    `stretch` maps other types than uint8 to 0-255; `height_unit_m` is None where
+    the bands are no heights.
+    """
+
+    path: Path
+    dataset: Any
+    crs: MapCrs
+    T_map_pix: FloatArray
+    bands: tuple[int, ...]
+    stretch: tuple[float, float] | None
+    height_unit_m: float | None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, cols)."""
+        return int(self.dataset.height), int(self.dataset.width)
+
+    @property
+    def gsd_m(self) -> float:
+        """Geometric mean of the pixel's sides on the ground, at the raster's centre, metres."""
+        return ground_gsd_m(self.crs, self.T_map_pix, self.shape)
+
+
+def ground_gsd_m(crs: MapCrs, T_map_pix: FloatArray, shape: tuple[int, int]) -> float:
+    """Geometric mean of a pixel's sides on the ground, at the centre of a raster of (rows, cols)."""
+    centre = T_map_pix @ np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2, 1.0])
+    J = crs.linearised_at_map(float(centre[0]), float(centre[1])).J_map_ne
+    return float(np.sqrt(abs(np.linalg.det(T_map_pix[:, :2]) / np.linalg.det(J))))
+
+
+def open_ortho(path: Path) -> GeoTiff:
+    """Open an orthophoto: colour (three bands) or grey (one). Raises MapError, DatumMissing."""
+    dataset, crs, T_map_pix = _open(path)
+    bands = _colour_bands(dataset)
+    stretch = None if dataset.dtypes[0] == "uint8" else _stretch(path, dataset, bands)
+    return GeoTiff(path, dataset, crs, T_map_pix, bands, stretch, None)
+
+
+def open_dsm(path: Path) -> GeoTiff:
+    """Open a surface model: heights in the first band, metres or feet. Raises MapError, DatumMissing."""
+    dataset, crs, T_map_pix = _open(path)
+    unit = (dataset.units[0] or "").lower()
+    if unit and unit not in ("m", "metre", "meter", "metres", "meters") and not unit.startswith(("ft", "foot", "feet", "us")):
+        raise MapError(f"heights are in {unit!r}", where=str(path), remedy="convert the heights to metres")
+    named = FOOT_M if unit.startswith(("ft", "foot", "feet", "us")) else 1.0
+    return GeoTiff(path, dataset, crs, T_map_pix, (1,), None, named if unit else crs.vertical_metres_per_unit)
+
+
+def layer_of(tiff: GeoTiff, in_memory_bytes: int = IN_MEMORY_BYTES) -> Layer:
+    """A layer of the file: read whole where it is small, by windows otherwise. Raises MapError for damaged pixels."""
+    lazy = DatasetLayer(tiff, level_shapes(*tiff.shape))
+    rows, cols = tiff.shape
+    if rows * cols * len(tiff.bands) * lazy.dtype.itemsize > in_memory_bytes:
+        return lazy
+    values, valid = lazy.read(0, (0, rows), (0, cols))
+    layer: ArrayLayer = array_layer(tiff.T_map_pix, values, valid > 0)
+    tiff.dataset.close()
+    return layer
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DatasetLayer:
+    """A layer whose windows are read from the file; levels come from its overviews, or are averaged when read."""
+
+    tiff: GeoTiff
+    shapes: tuple[tuple[int, int], ...]
+    dtype: np.dtype[Any] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "dtype", np.dtype(np.uint8 if self.tiff.height_unit_m is None else np.float32))
+
+    @property
+    def T_map_pix(self) -> FloatArray:
+        """(2, 3) of level 0."""
+        return self.tiff.T_map_pix
+
+    @property
+    def channels(self) -> int:
+        """1 or 3."""
+        return len(self.tiff.bands)
+
+    def read(self, level: int, rows: tuple[int, int], cols: tuple[int, int]) -> tuple[Values, Validity]:
+        """A window. Raises MapError where the file is damaged."""
+        n = 2**level
+        window = Window(cols[0] * n, rows[0] * n, (cols[1] - cols[0]) * n, (rows[1] - rows[0]) * n)
+        shape = (rows[1] - rows[0], cols[1] - cols[0])
+        how = Resampling.average if level else Resampling.nearest
+        try:
+            raw = self.tiff.dataset.read(list(self.tiff.bands), window=window, out_shape=(self.channels, *shape), resampling=how)
+            mask = self.tiff.dataset.dataset_mask(window=window, out_shape=shape, resampling=Resampling.nearest)
+        except RasterioError as why:
+            raise MapError(f"pixels cannot be read: {why}", where=str(self.tiff.path), remedy=_READ_AGAIN) from why
+        return self._converted(raw, np.asarray(mask, np.uint8))
+
+    def _converted(self, raw: NDArray[Any], mask: Validity) -> tuple[Values, Validity]:
+        if self.tiff.height_unit_m is not None:
+            heights = raw[0].astype(np.float32) * np.float32(self.tiff.height_unit_m)
+            return heights, np.where(np.isfinite(heights), mask, 0).astype(np.uint8)
+        if self.tiff.stretch is not None:
+            low, high = self.tiff.stretch
+            scaled = (raw.astype(np.float32) - low) * (255 / (high - low))
+            finite = np.isfinite(scaled).all(axis=0)
+            raw = np.clip(np.nan_to_num(scaled), 0, 255).astype(np.uint8)
+            mask = np.where(finite, mask, 0).astype(np.uint8)
+        pixels = raw[0] if self.channels == 1 else np.ascontiguousarray(raw.transpose(1, 2, 0))
+        return pixels, mask
+
+
+def _open(path: Path) -> tuple[Any, MapCrs, FloatArray]:
+    where = str(path)
+    if not path.is_file():
+        raise MapError("there is no such file", where=where, remedy="name a GeoTIFF")
+    try:
+        dataset = rasterio.open(path)
+    except RasterioError as why:
+        raise MapError(f"cannot be opened as a raster: {why}", where=where, remedy=_READ_AGAIN) from why
+    if dataset.crs is None:
+        raise DatumMissing(
+            "has no coordinate reference system",
+            where=where,
+            remedy="gdal_edit.py -a_srs EPSG:CODE FILE, with the code of its grid",
+        )
+    crs = map_crs(dataset.crs.to_wkt(version="WKT2_2019"), where)
+    a, b, c, d, e, f = tuple(dataset.transform)[:6]
+    if dataset.transform.is_identity or abs(a * e - b * d) < 1e-30:
+        raise DatumMissing("has no georeference", where=where, remedy="georeference it (gdal_translate -a_ullr, gdalwarp)")
+    return dataset, crs, T_map_pix_from_gdal((a, b, c, d, e, f))
+
+
+def _colour_bands(dataset: Any) -> tuple[int, ...]:
+    meaning = {interpretation: band for band, interpretation in zip(dataset.indexes, dataset.colorinterp, strict=True)}
+    rgb = tuple(meaning.get(colour, 0) for colour in (ColorInterp.red, ColorInterp.green, ColorInterp.blue))
+    if ColorInterp.palette in meaning:
+        raise MapError("has a colour table", where=str(dataset.name), remedy="expand it: gdal_translate -expand rgb")
+    if all(rgb):
+        return rgb
+    colours = [band for band in dataset.indexes if dataset.colorinterp[band - 1] is not ColorInterp.alpha]
+    return tuple(colours[:3]) if len(colours) >= 3 else (colours[0],)
+
+
+def _stretch(path: Path, dataset: Any, bands: tuple[int, ...]) -> tuple[float, float]:
+    """2 % and 98 % of the values, from a thinned read."""
+    shape = (min(512, dataset.height), min(512, dataset.width))
+    try:
+        sample = dataset.read(list(bands), out_shape=(len(bands), *shape)).astype(np.float64)
+        mask = dataset.dataset_mask(out_shape=shape) > 0
+    except RasterioError as why:
+        raise MapError(f"pixels cannot be read: {why}", where=str(path), remedy=_READ_AGAIN) from why
+    used = sample[:, mask]
+    used = used[np.isfinite(used)]
+    if not used.size:
+        raise MapError("has no valid pixel", where=str(path), remedy="name an orthophoto with content")
+    low, high = np.percentile(used, [2, 98])
+    return float(low), float(max(high, low + 1e-6))

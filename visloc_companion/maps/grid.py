@@ -1,0 +1,173 @@
+"""What both reference maps share: windows, heights and places over a layer of pixels and a source of heights."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from visloc_companion.errors import MapError, OutsideMap
+from visloc_companion.geo.raster import apply_affine, invert_affine, window_affine
+from visloc_companion.maps.crs import Linearisation, MapCrs
+from visloc_companion.maps.layer import Layer
+from visloc_companion.maps.warp import choose_level, interpolate, warp_affine
+from visloc_companion.types import FloatArray, GeoPoint, ReferencePatch
+
+_CELL_PX = 32
+"""Heights of another CRS are placed exactly on every such pixel and bilinearly between: 1 mm at 1 m/px in UTM."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Heights:
+    """Surface heights: a layer in its own CRS, or a plane where there is none."""
+
+    layer: Layer | None
+    crs: MapCrs
+    plane_amsl_m: float
+
+
+class GridMap:
+    """A reference map (protocols.ReferenceMap) over a layer of pixels.
+
+    A pixel is valid where the orthophoto has content and the height is known; heights are NaN elsewhere.
+    """
+
+    def __init__(self, crs: MapCrs, pixels: Layer, heights: Heights, gsd_m: float) -> None:
+        self._crs, self._pixels, self._heights, self._gsd_m = crs, pixels, heights, gsd_m
+        self._T_pix_map = invert_affine(pixels.T_map_pix)
+
+    @property
+    def gsd_m(self) -> float:
+        """Ground sample distance of the finest level at the map's centre, metres on the ground."""
+        return self._gsd_m
+
+    @property
+    def crs(self) -> MapCrs:
+        """The map's CRS."""
+        return self._crs
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, cols) of the finest level."""
+        return self._pixels.shapes[0]
+
+    @property
+    def T_map_pix(self) -> FloatArray:
+        """(2, 3) of the finest level."""
+        return self._pixels.T_map_pix
+
+    @property
+    def center_map_m(self) -> tuple[float, float]:
+        """Easting and northing of the middle of the raster."""
+        rows, cols = self.shape
+        middle = apply_affine(self.T_map_pix, np.array([(cols - 1) / 2, (rows - 1) / 2]))
+        return float(middle[0]), float(middle[1])
+
+    def patch(
+        self, center_map_m: tuple[float, float], size_px: tuple[int, int], gsd_m: float, heading_rad: float
+    ) -> ReferencePatch:
+        """Window of (width, height) pixels; see protocols.ReferenceMap.
+
+        Raises OutsideMap where no pixel is on the map, MapError for a size or GSD that is no window.
+        """
+        if min(size_px) < 1 or not (gsd_m > 0 and math.isfinite(gsd_m) and math.isfinite(heading_rad)):
+            raise MapError(
+                f"no window: size {size_px} px, GSD {gsd_m} m, heading {heading_rad} rad", remedy="correct the request"
+            )
+        here = self._crs.linearised_at_map(*center_map_m)
+        T_map_pix = window_affine(center_map_m, size_px, here.J_map_ne, gsd_m, heading_rad + here.convergence_rad)
+        pixels, valid = warp_affine(self._pixels, T_map_pix, size_px)
+        heights = self._height_window(T_map_pix, size_px)
+        valid &= np.isfinite(heights)
+        if not valid.any():
+            raise OutsideMap(f"the window about {center_map_m} is outside the map", remedy="use a map that covers the flight")
+        return ReferencePatch(pixels, valid, heights, T_map_pix, gsd_m, heading_rad, self._features(T_map_pix, size_px))
+
+    def projection_at(self, place: GeoPoint) -> Linearisation:
+        """The CRS linearised at a place."""
+        return self._crs.linearised_at(place)
+
+    def to_map(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
+        """Easting and northing in the map's CRS. Raises OutsideMap where it has none."""
+        return self._crs.to_map(lat_deg, lon_deg)
+
+    def to_geo(self, easting_m: float, northing_m: float) -> tuple[float, float]:
+        """Latitude and longitude, degrees WGS 84. Raises OutsideMap where there are none."""
+        return self._crs.to_geo(easting_m, northing_m)
+
+    def height_amsl_m(self, easting_m: float, northing_m: float) -> float:
+        """Surface height at a place (NaN outside)."""
+        return float(self.heights_amsl_m(np.array([[easting_m, northing_m]]))[0])
+
+    def heights_amsl_m(self, map_m: FloatArray) -> FloatArray:
+        """(N,) surface heights at (N, 2) easting, northing (NaN outside)."""
+        heights = self._heights
+        if heights.layer is None:
+            rows, cols = self.shape
+            pix = apply_affine(self._T_pix_map, map_m)
+            inside = (pix >= -0.5).all(axis=1) & (pix[:, 0] <= cols - 0.5) & (pix[:, 1] <= rows - 0.5)
+            return np.where(inside, heights.plane_amsl_m, np.nan)
+        return interpolate(heights.layer, self._height_pix(heights.layer, map_m))
+
+    def covers(self, lat_deg: float, lon_deg: float, margin_m: float = 0.0) -> bool:
+        """Whether a place lies on the map's rectangle, grown (or shrunk, if negative) by a margin."""
+        try:
+            easting, northing = self._crs.to_map(lat_deg, lon_deg)
+        except OutsideMap:
+            return False
+        u, v = apply_affine(self._T_pix_map, np.array([easting, northing]))
+        rows, cols = self.shape
+        margin = margin_m / self._gsd_m
+        return bool(-0.5 - margin <= u <= cols - 0.5 + margin and -0.5 - margin <= v <= rows - 0.5 + margin)
+
+    def _features(self, T_map_pix: FloatArray, size_px: tuple[int, int]) -> dict[str, NDArray[Any]]:
+        """Precomputed features of a window (maps/pack.py has some)."""
+        del T_map_pix, size_px
+        return {}
+
+    def _height_pix(self, layer: Layer, map_m: FloatArray) -> FloatArray:
+        """(N, 2) pix of the height layer at (N, 2) easting, northing of the map."""
+        if self._heights.crs != self._crs:
+            map_m = self._heights.crs.to_map_array(self._crs.to_geo_array(map_m))
+        return apply_affine(invert_affine(layer.T_map_pix), map_m)
+
+    def _height_window(self, T_map_pix: FloatArray, size_px: tuple[int, int]) -> NDArray[np.float32]:
+        width, height = size_px
+        heights = self._heights
+        if heights.layer is None:
+            return np.full((height, width), heights.plane_amsl_m, np.float32)
+        if heights.crs == self._crs:
+            return np.asarray(warp_affine(heights.layer, T_map_pix, size_px)[0], np.float32)
+        return self._warp_other_crs(heights.layer, T_map_pix, size_px)
+
+    def _warp_other_crs(self, layer: Layer, T_map_pix: FloatArray, size_px: tuple[int, int]) -> NDArray[np.float32]:
+        """Heights of a layer in another CRS: affine cell by cell, each from the exact places of its corners."""
+        out = np.empty((size_px[1], size_px[0]), np.float32)
+        side = _CELL_PX * 16
+        for top in range(0, size_px[1], side):
+            for left in range(0, size_px[0], side):
+                bottom, right = min(top + side, size_px[1]), min(left + side, size_px[0])
+                out[top:bottom, left:right] = self._remap_chunk(layer, T_map_pix, (top, bottom), (left, right))
+        return out
+
+    def _remap_chunk(
+        self, layer: Layer, T_map_pix: FloatArray, rows: tuple[int, int], cols: tuple[int, int]
+    ) -> NDArray[np.float32]:
+        n_v, n_u = (-(-(b - a) // _CELL_PX) + 1 for a, b in (rows, cols))
+        u, v = np.meshgrid(cols[0] + _CELL_PX * np.arange(n_u), rows[0] + _CELL_PX * np.arange(n_v))
+        places = apply_affine(T_map_pix, np.column_stack([u.ravel(), v.ravel()]).astype(np.float64))
+        knots = self._height_pix(layer, places).reshape(n_v, n_u, 2)
+        shape = (rows[1] - rows[0], cols[1] - cols[0])
+        fine_u, fine_v = np.arange(shape[1], dtype=np.float32) / _CELL_PX, np.arange(shape[0], dtype=np.float32) / _CELL_PX
+        where_u, where_v = np.meshgrid(fine_u, fine_v)
+        steps = np.diff(knots, axis=1) if n_u > 1 else np.diff(knots, axis=0)
+        ratio = float(np.nanmedian(np.linalg.norm(steps, axis=2))) / _CELL_PX
+        level, _ = choose_level(np.eye(2, 3) * ratio, len(layer.shapes))
+        origin = np.nanmin(knots.reshape(-1, 2), axis=0) if np.isfinite(knots).any() else np.zeros(2)
+        relative = (knots - origin).astype(np.float32)
+        fine = cv2.remap(relative, where_u, where_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return interpolate(layer, fine.reshape(-1, 2).astype(np.float64) + origin, level).astype(np.float32).reshape(shape)

@@ -1,0 +1,27 @@
+"""A reference map straight over GeoTIFF files (for evaluation and for building packs)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from visloc_companion.maps.geotiff import layer_of, open_dsm, open_ortho
+from visloc_companion.maps.grid import GridMap, Heights
+
+
+class RasterMap(GridMap):
+    """An orthophoto and, where there is one, a surface model; either may be in any projected or geographic CRS."""
+
+    @classmethod
+    def open(cls, ortho: Path, dsm: Path | None = None, ground_h_amsl_m: float = 0.0) -> RasterMap:
+        """Open the files. Heights are those of the surface model as they are (or the plane): metres above sea level.
+
+        Raises MapError for a file that cannot be read or is damaged, DatumMissing for one without a CRS or georeference.
+        """
+        image = open_ortho(ortho)
+        gsd_m = image.gsd_m
+        if dsm is None:
+            heights = Heights(None, image.crs, ground_h_amsl_m)
+        else:
+            surface = open_dsm(dsm)
+            heights = Heights(layer_of(surface), surface.crs, ground_h_amsl_m)
+        return cls(image.crs, layer_of(image), heights, gsd_m)
