@@ -1,0 +1,211 @@
+"""ArduPilot's on-board logs (.bin), those of 2014 as well as today's.
+
+ATT gives the attitude, GPS the receiver, ORGN the origin, POS with XKF1 (NKF1, EKF1) the autopilot's position and velocity, XKF4
+(NKF4, EKF4) its innovation ratios, EV arming, MSG the version. Logs of before the EKF have NTUN (position and velocity over home,
+cm) and CTUN (height, climb) instead; home is then the first mission item or the first fix.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from visloc_companion.adapters.logs.attitude_rates import rates_between
+from visloc_companion.adapters.logs.dataflash_format import Fields, messages
+from visloc_companion.adapters.logs.recording import (
+    NS_PER_MS,
+    NS_PER_S,
+    NS_PER_US,
+    Losses,
+    Recording,
+    in_order,
+    link_up,
+    read_bytes,
+)
+from visloc_companion.errors import LogError
+from visloc_companion.geo.se3 import quat_from_euler
+from visloc_companion.geo.wgs84 import geo_from_autopilot_ned
+from visloc_companion.types import (
+    Attitude,
+    AutopilotKind,
+    EstimatorStatus,
+    Event,
+    GeoPoint,
+    Gnss,
+    LocalPose,
+    OriginChanged,
+    PriorPose,
+    Vec3,
+)
+
+_KIND = AutopilotKind.ARDUPILOT
+_WANTED = frozenset(
+    ["ATT", "GPS", "POS", "XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4", "ORGN", "NTUN", "CTUN", "EV", "MSG", "CMD"]
+)
+_EV_ARMED, _EV_DISARMED = (10, 15), (11,)
+_MAX_STEP_NS = 3600 * NS_PER_S
+_GPS_EPOCH_UNIX_S = 315_964_800
+_LEAP_SECONDS = ((1_483_228_800, 18), (1_435_708_800, 17), (1_341_100_800, 16), (1_230_768_000, 15), (0, 14))
+"""UTC instants (Unix seconds) from which GPS time is so many seconds ahead of UTC."""
+
+
+def read_dataflash(path: Path) -> Recording:
+    """The flight in an on-board log. Raises LogError where nothing in it tells of a flight."""
+    losses = Losses()
+    reader = _Reader(losses)
+    for name, fields in messages(read_bytes(path), _WANTED, losses):
+        reader.take(name, fields)
+    if not reader.events:
+        raise LogError("holds no ATT, GPS or POS message", where=str(path), remedy="name a DataFlash log (.bin) of ArduPilot")
+    return Recording(path, _KIND, in_order(reader.events), losses, reader.unix_minus_boot_ns)
+
+
+class _Reader:
+    def __init__(self, losses: Losses) -> None:
+        self.events: list[tuple[int, Event]] = []
+        self.unix_minus_boot_ns: int | None = None
+        self._losses = losses
+        self._t_ns = 0
+        self._last_attitude: Attitude | None = None
+        self._v_ned_mps: Vec3 | None = None
+        self._height: tuple[float, float] | None = None
+        self._h_amsl_m: float | None = None
+        self._home: GeoPoint | None = None
+        self._version, self._armed = "", False
+
+    def take(self, name: str, fields: Fields) -> None:
+        """One message; those with missing or impossible values are counted and left out."""
+        handler = _HANDLERS.get(name)
+        if handler is None:
+            return
+        try:
+            event = handler(self, fields)
+        except (KeyError, TypeError, ValueError, OverflowError):
+            self._losses.dropped_messages += 1
+            return
+        if event is not None:
+            if not self.events:
+                self.events.append((self._t_ns, link_up(self._t_ns, _KIND, self._version, self._armed)))
+            self.events.append((self._t_ns, event))
+
+    def _at(self, fields: Fields, milliseconds: str = "TimeMS") -> int:
+        """Boot time of a message. Raises ValueError where it lies more than an hour from the one before."""
+        t_ns = fields["TimeUS"] * NS_PER_US if "TimeUS" in fields else fields[milliseconds] * NS_PER_MS
+        if self.events and not -NS_PER_S <= t_ns - self._t_ns <= _MAX_STEP_NS:
+            self._losses.clock_steps += 1
+            raise ValueError(t_ns)
+        self._t_ns = max(self._t_ns, int(t_ns)) if self.events else int(t_ns)
+        return self._t_ns
+
+    def _att(self, fields: Fields) -> Event:
+        t_ns = self._at(fields)
+        q = quat_from_euler(*(math.radians(_finite(fields[name])) for name in ("Roll", "Pitch", "Yaw")))
+        last = self._last_attitude
+        rates = rates_between(last.q_ned_frd, q, (t_ns - last.t_boot_ns) / NS_PER_S) if last else (0.0, 0.0, 0.0)
+        self._last_attitude = Attitude(t_ns, t_ns, q, rates)
+        return self._last_attitude
+
+    def _gps(self, fields: Fields) -> Event | None:
+        if fields.get("I", 0) != 0:
+            return None
+        t_ns = self._at(fields, "T")
+        place = _place(fields["Lat"], fields["Lng"], fields["Alt"])
+        status, speed, course = int(fields["Status"]), _finite(fields["Spd"]), math.radians(_finite(fields["GCrs"]))
+        if status >= 3:
+            self._h_amsl_m = place.h_amsl_m
+            self._home = self._home or place
+            self._set_unix(fields, t_ns)
+        v_ned_mps = (speed * math.cos(course), speed * math.sin(course), _finite(fields["VZ"]))
+        return Gnss(t_ns, t_ns, status, int(fields["NSats"]), place, None, None, v_ned_mps)
+
+    def _set_unix(self, fields: Fields, t_ns: int) -> None:
+        week, ms = fields.get("GWk", fields.get("Week")), fields.get("GMS", fields.get("TimeMS"))
+        if self.unix_minus_boot_ns is None and week and ms is not None:
+            gps_s = _GPS_EPOCH_UNIX_S + week * 604_800
+            leap = next(seconds for since, seconds in _LEAP_SECONDS if gps_s >= since)
+            self.unix_minus_boot_ns = (gps_s - leap) * NS_PER_S + int(ms) * NS_PER_MS - t_ns
+
+    def _orgn(self, fields: Fields) -> Event | None:
+        return (
+            OriginChanged(self._at(fields), _place(fields["Lat"], fields["Lng"], fields["Alt"])) if fields["Type"] == 0 else None
+        )
+
+    def _kf1(self, fields: Fields) -> Event | None:
+        if fields.get("C", 0) != 0:
+            return None
+        t_ns = self._at(fields)
+        self._v_ned_mps = (_finite(fields["VN"]), _finite(fields["VE"]), _finite(fields["VD"]))
+        return LocalPose(t_ns, t_ns, (_finite(fields["PN"]), _finite(fields["PE"]), _finite(fields["PD"])), self._v_ned_mps)
+
+    def _kf4(self, fields: Fields) -> Event | None:
+        if fields.get("C", 0) != 0:
+            return None
+        t_ns = self._at(fields)
+        ratios = (_finite(fields[name]) for name in ("SP", "SV", "SH"))
+        return EstimatorStatus(t_ns, *ratios, bool(fields["SS"] & 0x10), bool(fields["SS"] & 0x8000), None)
+
+    def _pos(self, fields: Fields) -> Event | None:
+        t_ns = self._at(fields)
+        place = _place(fields["Lat"], fields["Lng"], fields["Alt"])
+        if self._v_ned_mps is None:
+            return None
+        h_rel_m = fields.get("RelHomeAlt", fields.get("RelAlt"))
+        return PriorPose(t_ns, t_ns, place, self._v_ned_mps, _finite(h_rel_m))
+
+    def _ctun(self, fields: Fields) -> None:
+        if "CRt" in fields and "TimeMS" in fields:
+            self._height = (_finite(fields["Alt"]), _finite(fields["CRt"]) / 100)
+
+    def _ntun(self, fields: Fields) -> Event | None:
+        if "VelX" not in fields or self._home is None or self._height is None or self._h_amsl_m is None:
+            return None
+        t_ns = self._at(fields)
+        h_rel_m, climb_mps = self._height
+        north, east = _finite(fields["PosX"]) / 100, _finite(fields["PosY"]) / 100
+        level = geo_from_autopilot_ned(_KIND, (north, east, 0.0), self._home)
+        place = GeoPoint(level.lat_deg, level.lon_deg, self._h_amsl_m)
+        return PriorPose(t_ns, t_ns, place, (_finite(fields["VelX"]) / 100, _finite(fields["VelY"]) / 100, -climb_mps), h_rel_m)
+
+    def _ev(self, fields: Fields) -> Event | None:
+        if fields["Id"] not in (*_EV_ARMED, *_EV_DISARMED):
+            return None
+        self._armed = fields["Id"] in _EV_ARMED
+        return None if not self.events else link_up(self._t_ns, _KIND, self._version, self._armed)
+
+    def _msg(self, fields: Fields) -> None:
+        text = fields["Message"].split(b"\0", 1)[0].decode("ascii", errors="replace")
+        words = text.split()
+        if not self._version and len(words) > 1 and words[1].startswith("V"):
+            self._version = words[1][1:]
+
+    def _cmd(self, fields: Fields) -> None:
+        if self._home is None and fields["CNum"] == 0 and (fields["Lat"] or fields["Lng"]):
+            self._home = _place(fields["Lat"], fields["Lng"], fields["Alt"])
+
+
+_HANDLERS = {
+    "ATT": _Reader._att,
+    "GPS": _Reader._gps,
+    "ORGN": _Reader._orgn,
+    "POS": _Reader._pos,
+    "CTUN": _Reader._ctun,
+    "NTUN": _Reader._ntun,
+    "EV": _Reader._ev,
+    "MSG": _Reader._msg,
+    "CMD": _Reader._cmd,
+    **dict.fromkeys(("XKF1", "NKF1", "EKF1"), _Reader._kf1),
+    **dict.fromkeys(("XKF4", "NKF4", "EKF4"), _Reader._kf4),
+}
+
+
+def _finite(value: object) -> float:
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(value)
+    return float(value)
+
+
+def _place(lat_deg: object, lon_deg: object, h_amsl_m: object) -> GeoPoint:
+    lat, lon = _finite(lat_deg), _finite(lon_deg)
+    if abs(lat) > 90 or abs(lon) > 180:
+        raise ValueError(lat, lon)
+    return GeoPoint(lat, lon, _finite(h_amsl_m))

@@ -1,0 +1,100 @@
+"""The self-describing framing of ArduPilot's DataFlash logs (.bin): 0xA3 0x95, a type, then fields as an FMT message names them.
+
+pymavlink's own DFReader loads such files too, but writes what it meets in damaged ones to the terminal and can stop in the
+middle of them; its table of field types is used here.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from visloc_companion.adapters.logs.recording import Losses
+
+_HEAD = b"\xa3\x95"
+_FMT_TYPE, _FMT_LENGTH = 0x80, 89
+_FMT = struct.Struct("<BB4s16s64s")
+Fields = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class _Format:
+    name: str
+    length: int
+    layout: struct.Struct
+    columns: tuple[str, ...]
+    multipliers: tuple[float | None, ...]
+
+
+def messages(data: bytes, wanted: Collection[str], losses: Losses) -> Iterator[tuple[str, Fields]]:
+    """Names and fields (in the units of the log's multipliers) of the wanted messages, in the order of the file.
+
+    Bytes that are no message are skipped and counted. Never raises for what the bytes may hold.
+    """
+    formats: dict[int, _Format] = {}
+    at = 0
+    while (start := data.find(_HEAD, at)) >= 0:
+        _count_garbage(losses, start - at)
+        length = _length_at(data, start, formats)
+        if length == 0 or not _followed(data, start + length):
+            losses.garbage_pieces += 1
+            losses.garbage_bytes += 2
+            losses.truncated |= length > 0 and start + length > len(data)
+            at = start + 2
+            continue
+        kind, body = data[start + 2], data[start + 3 : start + length]
+        if kind == _FMT_TYPE:
+            _learn(formats, body)
+        elif formats[kind].name in wanted:
+            yield formats[kind].name, _fields(formats[kind], body)
+        at = start + length
+    _count_garbage(losses, len(data) - at)
+
+
+def _count_garbage(losses: Losses, n_bytes: int) -> None:
+    if n_bytes > 0:
+        losses.garbage_pieces += 1
+        losses.garbage_bytes += n_bytes
+
+
+def _length_at(data: bytes, start: int, formats: dict[int, _Format]) -> int:
+    if start + 3 > len(data):
+        return 0
+    kind = data[start + 2]
+    if kind == _FMT_TYPE:
+        return _FMT_LENGTH
+    known = formats.get(kind)
+    return known.length if known else 0
+
+
+def _followed(data: bytes, end: int) -> bool:
+    """Whether a message may end here: the file's end or the next header (there are no checksums in this format)."""
+    return end == len(data) or data[end : end + 2] in (_HEAD, _HEAD[:1]) or (end < len(data) and not any(data[end : end + 64]))
+
+
+def _learn(formats: dict[int, _Format], body: bytes) -> None:
+    from pymavlink.DFReader import FORMAT_TO_STRUCT
+
+    kind, length, name, layout, columns = _FMT.unpack(body)
+    names = tuple(part for part in _text(columns).split(",") if part)
+    types = [FORMAT_TO_STRUCT.get(letter) for letter in _text(layout)]
+    if kind == _FMT_TYPE or None in types or len(types) != len(names):
+        return
+    known = [item for item in types if item is not None]
+    packed = struct.Struct("<" + "".join(item[0] for item in known))
+    if packed.size + 3 == length:
+        formats[kind] = _Format(_text(name), length, packed, names, tuple(item[1] for item in known))
+
+
+def _text(raw: bytes) -> str:
+    return raw.split(b"\0", 1)[0].decode("ascii", errors="replace")
+
+
+def _fields(layout: _Format, body: bytes) -> Fields:
+    values = layout.layout.unpack(body)
+    return {
+        name: value * factor if factor is not None and not isinstance(value, bytes) else value
+        for name, value, factor in zip(layout.columns, values, layout.multipliers, strict=True)
+    }

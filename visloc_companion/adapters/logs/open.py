@@ -1,0 +1,44 @@
+"""Opens a recorded flight, whatever wrote it: by what the file begins with, then by its suffix."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+from visloc_companion.adapters.logs.dataflash import read_dataflash
+from visloc_companion.adapters.logs.recording import Recording, with_origin
+from visloc_companion.adapters.logs.tlog import read_tlog
+from visloc_companion.adapters.logs.ulog import read_ulog
+from visloc_companion.errors import LogError
+
+_Reader = Callable[[Path], Recording]
+_BY_SUFFIX: dict[str, _Reader] = {".tlog": read_tlog, ".bin": read_dataflash, ".ulg": read_ulog, ".ulog": read_ulog}
+LOG_SUFFIXES = tuple(_BY_SUFFIX)
+_REMEDY = "give a .tlog, .bin or .ulg file, an .mcap journal, or a folder with telemetry.*"
+
+
+def open_log(path: Path) -> Recording:
+    """The events of a telemetry log (.tlog), an ArduPilot log (.bin) or a PX4 log (.ulg), with an EKF origin.
+
+    Raises LogError naming the file where it is missing, of another kind, or holds no flight.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(16)
+    except OSError as why:
+        raise LogError(f"cannot be read: {why}", where=str(path), remedy=_REMEDY) from why
+    reader = _by_content(head) or _BY_SUFFIX.get(path.suffix.lower())
+    if reader is None:
+        raise LogError(f"is no log that is known (it begins with {head[:8].hex(' ')})", where=str(path), remedy=_REMEDY)
+    return with_origin(reader(path))
+
+
+def _by_content(head: bytes) -> _Reader | None:
+    if head.startswith(b"ULog\x01\x12\x35"):
+        return read_ulog
+    if head.startswith(b"\xa3\x95\x80"):
+        return read_dataflash
+    if len(head) >= 9 and head[8] in (0xFD, 0xFE) and 10**15 < struct.unpack(">Q", head[:8])[0] < 5 * 10**15:
+        return read_tlog
+    return None

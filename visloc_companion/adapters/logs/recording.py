@@ -1,0 +1,119 @@
+"""What a reader of logs gives back: events on one time base, and an honest account of what was lost on the way."""
+
+from __future__ import annotations
+
+import bisect
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+from visloc_companion.errors import LogError
+from visloc_companion.geo.wgs84 import geo_from_autopilot_ned
+from visloc_companion.types import AutopilotKind, Event, GeoPoint, Gnss, LinkChanged, LocalPose, OriginChanged, PriorPose
+
+NS_PER_US, NS_PER_MS, NS_PER_S = 1_000, 1_000_000, 1_000_000_000
+MAX_FILE_BYTES = 4_000_000_000
+_PAIR_NS = 60 * NS_PER_MS
+
+
+@dataclass(slots=True)
+class Losses:
+    """What could not be used: pieces and bytes of garbage, messages without meaning, and jumps of the clocks."""
+
+    garbage_pieces: int = 0
+    garbage_bytes: int = 0
+    unknown_messages: int = 0
+    dropped_messages: int = 0
+    foreign_messages: int = 0
+    clock_steps: int = 0
+    reboots: int = 0
+    truncated: bool = False
+
+    def as_dict(self) -> dict[str, int]:
+        """Names and counts, for results."""
+        return {item.name: int(getattr(self, item.name)) for item in fields(self)}
+
+
+@dataclass(slots=True)
+class Recording:
+    """Events of one autopilot in time order.
+
+    `events` are (t_ns, event): `t_ns` is the arrival on the autopilot's boot clock (continued across a reboot), equal to the
+    event's `t_rx_ns`. `unix_minus_boot_ns` places that clock on UTC where the log says so. `origin_inferred` tells that no
+    GPS_GLOBAL_ORIGIN was in the log and `with_origin` made one up from the positions.
+    """
+
+    path: Path
+    kind: AutopilotKind
+    events: list[tuple[int, Event]]
+    losses: Losses
+    unix_minus_boot_ns: int | None = None
+    origin_inferred: bool = False
+
+    @property
+    def duration_s(self) -> float:
+        """From the first to the last event, seconds."""
+        return (self.events[-1][0] - self.events[0][0]) / NS_PER_S if self.events else 0.0
+
+
+def read_bytes(path: Path) -> bytes:
+    """The whole file. Raises LogError for a file that is missing, unreadable, empty or larger than 4 GB."""
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise LogError("is larger than 4 GB", where=str(path), remedy="cut the log to the flight")
+        data = path.read_bytes()
+    except OSError as why:
+        raise LogError(f"cannot be read: {why}", where=str(path), remedy="name a readable log file") from why
+    if not data:
+        raise LogError("is empty", where=str(path), remedy="use another recording")
+    return data
+
+
+def in_order(events: list[tuple[int, Event]]) -> list[tuple[int, Event]]:
+    """The same events by time; those of equal time keep their order."""
+    return sorted(events, key=lambda item: item[0])
+
+
+def with_origin(recording: Recording) -> Recording:
+    """The recording with an EKF origin, which the navigator needs and most ground stations never asked for.
+
+    The origin is where the autopilot's local position and its global position of the same moment put it; without a local
+    position, the first global position with a GNSS fix. A log without any position stays as it is.
+    """
+    events = recording.events
+    if any(isinstance(event, OriginChanged) for _, event in events):
+        return recording
+    found = _origin_of_pair(events, recording.kind) or _first_position(events)
+    if found is None:
+        return recording
+    t_first = next(t for t, event in events if isinstance(event, PriorPose))
+    made = list(events)
+    made.insert(bisect.bisect_left(events, t_first, key=lambda item: item[0]), (t_first, OriginChanged(t_first, found)))
+    return replace(recording, events=made, origin_inferred=True)
+
+
+def _origin_of_pair(events: list[tuple[int, Event]], kind: AutopilotKind) -> GeoPoint | None:
+    latest: PriorPose | None = None
+    for _, event in events:
+        if isinstance(event, PriorPose):
+            latest = event
+        elif isinstance(event, LocalPose) and latest is not None and event.t_boot_ns > 0:
+            dt_ns = event.t_boot_ns - latest.t_boot_ns
+            if abs(dt_ns) <= _PAIR_NS and any(event.p_ned_m[:2]):
+                north, east, down = (p - v * dt_ns / NS_PER_S for p, v in zip(event.p_ned_m, event.v_ned_mps, strict=True))
+                return geo_from_autopilot_ned(kind, (-north, -east, -down), latest.place)
+    return None
+
+
+def _first_position(events: list[tuple[int, Event]]) -> GeoPoint | None:
+    has_fix = False
+    for _, event in events:
+        if isinstance(event, Gnss):
+            has_fix = event.fix_type >= 3
+        elif isinstance(event, PriorPose) and has_fix:
+            return GeoPoint(event.place.lat_deg, event.place.lon_deg, event.place.h_amsl_m - event.h_rel_m)
+    return None
+
+
+def link_up(t_ns: int, kind: AutopilotKind, version: str = "", armed: bool = False) -> LinkChanged:
+    """The event that opens a log of an autopilot's own (which has no heartbeat)."""
+    return LinkChanged(t_ns, up=True, autopilot=kind, version=version, system_id=1, armed=armed)

@@ -1,0 +1,254 @@
+"""PX4's logs (.ulg): vehicle_attitude, vehicle_angular_velocity, sensor_gps or vehicle_gps_position, vehicle_local_position,
+vehicle_global_position, estimator_status and vehicle_status.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import struct
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from visloc_companion.adapters.logs.attitude_rates import rates_between
+from visloc_companion.adapters.logs.recording import NS_PER_US, Losses, Recording, in_order, link_up, read_bytes
+from visloc_companion.errors import LogError
+from visloc_companion.geo.se3 import normalised
+from visloc_companion.types import (
+    Attitude,
+    AutopilotKind,
+    EstimatorStatus,
+    Event,
+    GeoPoint,
+    Gnss,
+    LinkChanged,
+    LocalPose,
+    OriginChanged,
+    PriorPose,
+)
+
+_MAGIC = b"ULog\x01\x12\x35"
+_GNSS_TOPICS = ("vehicle_gps_position", "sensor_gps")
+_TOPICS = (
+    "vehicle_attitude",
+    *_GNSS_TOPICS,
+    "vehicle_local_position",
+    "vehicle_global_position",
+    "estimator_status",
+    "vehicle_status",
+)
+_ARMED = 2
+_KIND = AutopilotKind.PX4
+Row = dict[str, Any]
+
+
+def read_ulog(path: Path) -> Recording:
+    """The flight in a ULog. Raises LogError for a file that pyulog cannot read or that tells nothing of a flight.
+
+    Needs pyulog (extra `eval`).
+    """
+    data, losses = read_bytes(path), Losses()
+    if not data.startswith(_MAGIC):
+        raise LogError("does not start as a ULog does", where=str(path), remedy="name a .ulg file of PX4")
+    topics = _topics(path, data, losses)
+    events: list[tuple[int, Event]] = []
+    for name, convert in _CONVERTERS.items():
+        if name in topics:
+            events += _converted(topics[name], convert, losses)
+    gnss = next((topics[name] for name in _GNSS_TOPICS if name in topics), None)
+    events += _converted(gnss, _gnss, losses) if gnss else []
+    events += _attitudes(topics.get("vehicle_attitude", {}), losses)
+    events += _origins(topics.get("vehicle_local_position", {}), losses)
+    events += _global_positions(topics, losses)
+    if not events:
+        raise LogError("holds no attitude and no position", where=str(path), remedy="log vehicle_attitude and the positions")
+    events = in_order(events)
+    opening = (events[0][0], link_up(events[0][0], _KIND))
+    return Recording(path, _KIND, list(_changes([opening, *events])), losses, _unix_minus_boot_ns(gnss))
+
+
+def _changes(events: list[tuple[int, Event]]) -> Iterator[tuple[int, Event]]:
+    """The events without those LinkChanged that repeat what is known."""
+    armed: bool | None = None
+    for t_ns, event in events:
+        if isinstance(event, LinkChanged):
+            if event.armed == armed:
+                continue
+            armed = event.armed
+        yield t_ns, event
+
+
+def _topics(path: Path, data: bytes, losses: Losses) -> dict[str, Row]:
+    try:
+        from pyulog import ULog
+    except ImportError as why:
+        raise LogError(
+            "needs pyulog, which is not installed", where=str(path), remedy="pip install 'visloc-companion[eval]'"
+        ) from why
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            log = ULog(io.BytesIO(data), list(_TOPICS))
+    except (struct.error, ValueError, TypeError, IndexError, KeyError, AttributeError, UnicodeDecodeError, MemoryError) as why:
+        raise LogError(
+            f"is damaged: {why}", where=str(path), remedy="repair it with pyulog's ulog_migratedb or use another"
+        ) from why
+    losses.truncated = bool(log.file_corruption)
+    losses.garbage_pieces = len(log.dropouts)
+    found: dict[str, Row] = {}
+    for item in log.data_list:
+        if item.multi_id == 0:
+            found[item.name] = item.data
+    return found
+
+
+def _rows(topic: Row) -> Iterator[tuple[int, Row]]:
+    """(t_ns, one row) of a topic, where its time does not go back."""
+    names = list(topic)
+    columns = [topic[name].tolist() for name in names]
+    last_ns = 0
+    for values in zip(*columns, strict=True):
+        row = dict(zip(names, values, strict=True))
+        t_ns = row["timestamp"] * NS_PER_US
+        if t_ns >= last_ns:
+            last_ns = t_ns
+            yield t_ns, row
+
+
+def _converted(topic: Row, convert: Callable[[int, Row], Event | None], losses: Losses) -> list[tuple[int, Event]]:
+    made: list[tuple[int, Event]] = []
+    for t_ns, row in _rows(topic):
+        try:
+            event = convert(t_ns, row)
+        except (KeyError, ValueError, TypeError):
+            losses.dropped_messages += 1
+            continue
+        if event is not None:
+            made.append((t_ns, event))
+    return made
+
+
+def _attitudes(topic: Row, losses: Losses) -> list[tuple[int, Event]]:
+    made: list[tuple[int, Event]] = []
+    last: Attitude | None = None
+    for t_ns, row in _rows(topic):
+        try:
+            q = normalised((row["q[0]"], row["q[1]"], row["q[2]"], row["q[3]"]))
+        except (KeyError, ValueError):
+            losses.dropped_messages += 1
+            continue
+        rates = rates_between(last.q_ned_frd, q, (t_ns - last.t_boot_ns) / 1e9) if last else (0.0, 0.0, 0.0)
+        last = Attitude(t_ns, t_ns, q, rates)
+        made.append((t_ns, last))
+    return made
+
+
+def _gnss(t_ns: int, row: Row) -> Event:
+    if "latitude_deg" in row:
+        place = _place(row["latitude_deg"], row["longitude_deg"], row["altitude_msl_m"])
+    else:
+        place = _place(row["lat"] / 1e7, row["lon"] / 1e7, row["alt"] / 1e3)
+    velocity = (row["vel_n_m_s"], row["vel_e_m_s"], row["vel_d_m_s"])
+    known = bool(row.get("vel_ned_valid", True)) and all(map(math.isfinite, velocity))
+    return Gnss(
+        t_ns,
+        t_ns,
+        int(row["fix_type"]),
+        int(row["satellites_used"]),
+        place,
+        _positive(row["eph"]),
+        _positive(row["epv"]),
+        velocity if known else None,
+    )
+
+
+def _local_position(t_ns: int, row: Row) -> Event | None:
+    if not (row["xy_valid"] and row["z_valid"] and row["v_xy_valid"]):
+        return None
+    return LocalPose(t_ns, t_ns, _vec3(row, "x", "y", "z"), _vec3(row, "vx", "vy", "vz"))
+
+
+def _estimator_status(t_ns: int, row: Row) -> Event:
+    return EstimatorStatus(
+        t_ns,
+        position_ratio=_ratio(row.get("pos_test_ratio")),
+        velocity_ratio=_ratio(row.get("vel_test_ratio")),
+        height_ratio=_ratio(row.get("hgt_test_ratio")),
+        horizontal_position_ok=bool(row.get("solution_status_flags", 0) & 0x10),
+        gnss_glitch=bool(row.get("solution_status_flags", 0) & 0x400),
+        gnss_in_use=bool(row["control_mode_flags"] & 0x4),
+    )
+
+
+def _origins(topic: Row, losses: Losses) -> list[tuple[int, Event]]:
+    last: GeoPoint | None = None
+    made: list[tuple[int, Event]] = []
+    for t_ns, row in _rows(topic):
+        if not (row.get("xy_global") and row.get("z_global")):
+            continue
+        try:
+            origin = _place(row["ref_lat"], row["ref_lon"], row["ref_alt"])
+        except (KeyError, ValueError):
+            losses.dropped_messages += 1
+            continue
+        if origin != last:
+            last = origin
+            made.append((t_ns, OriginChanged(t_ns, origin)))
+    return made
+
+
+def _global_positions(topics: dict[str, Row], losses: Losses) -> list[tuple[int, Event]]:
+    """vehicle_global_position with the velocity of the nearest vehicle_local_position (newer logs have none of its own)."""
+    local, places = topics.get("vehicle_local_position", {}), topics.get("vehicle_global_position", {})
+    if not local or not places:
+        return []
+    local_us = np.asarray(local["timestamp"])
+
+    def convert(t_ns: int, row: Row) -> Event:
+        i = min(int(np.searchsorted(local_us, row["timestamp"])), len(local_us) - 1)
+        near = {name: float(local[name][i]) for name in ("vx", "vy", "vz", "z")}
+        return PriorPose(t_ns, t_ns, _place(row["lat"], row["lon"], row["alt"]), _vec3(near, "vx", "vy", "vz"), -near["z"])
+
+    return _converted(places, convert, losses)
+
+
+def _vehicle_status(t_ns: int, row: Row) -> Event:
+    return link_up(t_ns, _KIND, armed=row["arming_state"] == _ARMED)
+
+
+_CONVERTERS: dict[str, Callable[[int, Row], Event | None]] = {
+    "vehicle_local_position": _local_position,
+    "estimator_status": _estimator_status,
+    "vehicle_status": _vehicle_status,
+}
+
+
+def _unix_minus_boot_ns(gnss: Row | None) -> int | None:
+    for t_ns, row in _rows(gnss or {}):
+        if row.get("time_utc_usec", 0) > 0 and row.get("fix_type", 0) >= 3:
+            return int(row["time_utc_usec"]) * NS_PER_US - t_ns
+    return None
+
+
+def _place(lat_deg: float, lon_deg: float, h_amsl_m: float) -> GeoPoint:
+    if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 180 and math.isfinite(h_amsl_m)):
+        raise ValueError(lat_deg, lon_deg, h_amsl_m)
+    return GeoPoint(lat_deg, lon_deg, h_amsl_m)
+
+
+def _vec3(row: Row, *names: str) -> tuple[float, float, float]:
+    x, y, z = (float(row[name]) for name in names)
+    if not all(map(math.isfinite, (x, y, z))):
+        raise ValueError(names)
+    return x, y, z
+
+
+def _ratio(value: float | None) -> float | None:
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
+def _positive(value: float) -> float | None:
+    return float(value) if math.isfinite(value) and value > 0 else None
