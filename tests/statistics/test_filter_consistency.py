@@ -1,0 +1,82 @@
+"""Monte-Carlo: the filter's claimed covariance fits its error, and an over-confident localiser fails the same check."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from visloc_companion.core import fusion
+from visloc_companion.core.estimator import PositionFilter, Velocity
+from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.geo import wgs84
+from visloc_companion.types import Fix, GeoPoint
+
+ORIGIN = GeoPoint(59.3, 18.1, 40.0)
+SETTINGS = NavigatorSettings()
+N_FLIGHTS = 40
+BAND = (0.8, 1.25)
+
+
+def ns(t_s: float) -> int:
+    return round(t_s * 1e9)
+
+
+def fix_at(t_s: float, ne_m: np.ndarray, sigma_m: float, frame_id: int) -> Fix:
+    place = wgs84.geo_from_ned((float(ne_m[0]), float(ne_m[1]), -100.0), ORIGIN)
+    cov = ((sigma_m**2, 0.0), (0.0, sigma_m**2))
+    return Fix(ns(t_s) + 300_000_000, ns(t_s), frame_id, frame_id, "t", place, (1.0, 0.0, 0.0, 0.0), cov, 2.0, 0.1, 0.001, 5.0)
+
+
+def normalised_errors(seed: int, claimed_share: float, feedback: bool, fix_period_s: float) -> list[float]:
+    """Errors over claimed sigma, both axes, through one flight of 150 s with 30 s without fixes at the end."""
+    rng = np.random.default_rng(seed)
+    tau, dt = SETTINGS.velocity_correlation_s, 0.1
+    sigma_v = SETTINGS.velocity_sigma_aiding_mps if feedback else SETTINGS.velocity_sigma_mps
+    p, b = np.zeros(2), sigma_v * rng.standard_normal(2)
+    map_error = SETTINGS.map_sigma_m * rng.standard_normal(2)
+
+    def velocity(t_s: float) -> np.ndarray:
+        return 10.0 * np.array([math.cos(t_s / 15), math.sin(t_s / 15)])
+
+    def sample(t_s: float) -> Velocity:
+        v = velocity(t_s) + b
+        return Velocity(ns(t_s), (float(v[0]), float(v[1]), 0.0), 140.0, sigma_v, feedback)
+
+    start = p + SETTINGS.seed_sigma_m * rng.standard_normal(2)
+    begin = fusion.seeded(0, (float(start[0]), float(start[1])), SETTINGS.seed_sigma_m, sigma_v, feedback, 3.0)
+    kalman_filter = PositionFilter(SETTINGS, ORIGIN, begin, sample(0.0))
+    errors: list[float] = []
+    a = math.exp(-dt / tau)
+    for k in range(1, 1501):
+        t = k * dt
+        p = p + (velocity(t - dt) + velocity(t)) / 2 * dt
+        b = a * b + sigma_v * math.sqrt(1 - a * a) * rng.standard_normal(2)
+        kalman_filter.drive(sample(t))
+        if t < 120 and k % round(fix_period_s / dt) == 0:
+            sigma = float(rng.uniform(0.7, 2.0))
+            measured = p + map_error + sigma * rng.standard_normal(2)
+            kalman_filter.observe(fix_at(t, measured, sigma * claimed_share, k))
+        if k % 50 == 0:
+            state = kalman_filter.at(ns(t))
+            for axis in range(2):
+                errors.append(float(state.p_ned_m[axis] - p[axis]) / math.sqrt(state.cov_ne_m2[axis][axis]))
+    return errors
+
+
+def rms(values: list[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+@pytest.mark.parametrize(("feedback", "fix_period_s"), [(False, 0.5), (True, 0.5), (True, 2.0)])
+def test_error_over_sigma_is_near_one_per_axis(feedback: bool, fix_period_s: float) -> None:
+    flights = [normalised_errors(seed, 1.0, feedback, fix_period_s) for seed in range(N_FLIGHTS)]
+    for axis in range(2):
+        assert BAND[0] <= rms([e for flight in flights for e in flight[axis::2]]) <= BAND[1]
+
+
+def test_an_over_confident_localiser_fails_the_same_check() -> None:
+    flights = [normalised_errors(seed, 1 / 3, False, 0.5) for seed in range(N_FLIGHTS)]
+    for axis in range(2):
+        assert rms([e for flight in flights for e in flight[axis::2]]) > BAND[1]

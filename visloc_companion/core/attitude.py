@@ -1,0 +1,83 @@
+"""Ring buffer of attitudes on the autopilot's clock: the attitude at mid-exposure of a frame."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections import deque
+
+from visloc_companion.errors import Reason
+from visloc_companion.geo import se3
+from visloc_companion.types import Quat, Vec3
+
+SPAN_S = 6.0
+MAX_EXTRAPOLATION_S = 0.1
+MAX_GAP_S = 0.5
+
+
+class AttitudeBuffer:
+    """The attitudes of the last seconds, by the autopilot's boot time.
+
+    Between two samples no further apart than `MAX_GAP_S` it interpolates (slerp); otherwise it turns the
+    nearest sample with its body rates, at most `MAX_EXTRAPOLATION_S` either way.
+    """
+
+    def __init__(self) -> None:
+        self._t_ns: deque[int] = deque()
+        self._q: deque[Quat] = deque()
+        self._rate: deque[Vec3] = deque()
+
+    def add(self, t_boot_ns: int, q_ned_frd: Quat, rate_frd_radps: Vec3) -> Reason | None:
+        """Take a sample; IMPLAUSIBLE_TIME for one that is not later than the last, NOT_FINITE for a broken one."""
+        if not all(math.isfinite(v) for v in (*q_ned_frd, *rate_frd_radps)):
+            return Reason.NOT_FINITE
+        try:
+            q = se3.normalised(q_ned_frd)
+        except ValueError:
+            return Reason.NOT_FINITE
+        if self._t_ns and t_boot_ns <= self._t_ns[-1]:
+            return Reason.IMPLAUSIBLE_TIME
+        self._t_ns.append(t_boot_ns)
+        self._q.append(q)
+        self._rate.append(rate_frd_radps)
+        while self._t_ns[0] < t_boot_ns - SPAN_S * 1e9:
+            self._t_ns.popleft()
+            self._q.popleft()
+            self._rate.popleft()
+        return None
+
+    def at(self, t_boot_ns: int) -> Quat | None:
+        """`q_ned_frd` at a time, or None where no sample is near enough."""
+        after = bisect_right(self._t_ns, t_boot_ns)
+        before = after - 1
+        if before >= 0 and after < len(self._t_ns):
+            gap_ns = self._t_ns[after] - self._t_ns[before]
+            if gap_ns <= MAX_GAP_S * 1e9:
+                return se3.slerp(self._q[before], self._q[after], (t_boot_ns - self._t_ns[before]) / gap_ns)
+        near = [k for k in (before, after) if 0 <= k < len(self._t_ns)]
+        if not near:
+            return None
+        nearest = min(near, key=lambda k: abs(t_boot_ns - self._t_ns[k]))
+        dt_s = (t_boot_ns - self._t_ns[nearest]) * 1e-9
+        if abs(dt_s) > MAX_EXTRAPOLATION_S:
+            return None
+        return turned(self._q[nearest], self._rate[nearest], dt_s)
+
+    def newest_boot_ns(self) -> int | None:
+        """Time of the newest sample."""
+        return self._t_ns[-1] if self._t_ns else None
+
+    def clear(self) -> None:
+        """Forget everything (the autopilot's clock stepped)."""
+        self._t_ns.clear()
+        self._q.clear()
+        self._rate.clear()
+
+
+def turned(q_ned_frd: Quat, rate_frd_radps: Vec3, dt_s: float) -> Quat:
+    """The attitude after turning with constant body rates."""
+    rate = math.sqrt(sum(r * r for r in rate_frd_radps))
+    half = rate * dt_s / 2
+    k = math.sin(half) / rate if rate > 1e-9 else dt_s / 2
+    x, y, z = rate_frd_radps
+    return se3.quat_multiply(q_ned_frd, se3.normalised((math.cos(half), k * x, k * y, k * z)))

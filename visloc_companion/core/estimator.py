@@ -1,0 +1,202 @@
+"""Delayed-state position filter: a sorted log of inputs folded by core/fusion.py, so that order of arrival does not matter.
+
+A late fix is inserted where it belongs and everything after it is done again (rewind). Between velocity samples the velocity
+is interpolated linearly, after the last it is held. The memory is HISTORY_S; what is older than that is TooOld.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from visloc_companion.core import fusion
+from visloc_companion.core.fusion import UNAIDED_GAP_S, UNAIDED_SIGMA_MPS, Belief, Position
+from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.geo import wgs84
+from visloc_companion.types import Accepted, Cov2, Fix, GeoPoint, NavState, Rejected, TooOld, Vec2, Vec3
+
+HISTORY_S = 6.0
+MAX_CLIMB_HELD_S = 1.0
+"""A vertical velocity is held no longer than this beyond its sample."""
+
+
+@dataclass(frozen=True, slots=True)
+class Velocity:
+    """The autopilot's velocity and height at a time, and how far that velocity is to be believed."""
+
+    t_ns: int
+    v_ned_mps: Vec3
+    h_amsl_m: float
+    sigma_mps: float
+    feedback: bool
+
+
+Input = Velocity | Position
+Outcome = Accepted | Rejected | None
+
+
+class PositionFilter:
+    """Position in NED at an origin. `observe` and `at` are protocols.Estimator; `drive` feeds it the autopilot's velocity.
+
+    States that it gives include the map's registration error (`map_sigma_m`), which no number of fixes averages away.
+    """
+
+    def __init__(self, settings: NavigatorSettings, origin: GeoPoint, start: Belief, velocity: Velocity) -> None:
+        self._settings = settings
+        self._origin = origin
+        self._base, self._base_velocity = start, velocity
+        self._log: list[Input] = []
+        self._beliefs: list[Belief] = []
+
+    @property
+    def newest(self) -> Belief:
+        """The belief after the last input."""
+        return self._beliefs[-1] if self._beliefs else self._base
+
+    def observe(self, fix: Fix) -> Accepted | Rejected | TooOld:
+        """Take a fix at its image time."""
+        north, east, _ = wgs84.ned_from_geo(fix.place, self._origin)
+        measured = Position(
+            fix.t_ns,
+            (north, east),
+            fix.cov_ne_m2,
+            from_fix=True,
+            probability_wrong=fix.probability_wrong,
+            h_amsl_m=fix.place.h_amsl_m,
+            sigma_h_m=fix.sigma_h_m,
+            tie=fix.frame_id,
+        )
+        return self._take(measured)
+
+    def observe_gnss(self, t_ns: int, place: GeoPoint, sigma_m: float) -> Accepted | Rejected | TooOld:
+        """Take a trusted GNSS position."""
+        north, east, _ = wgs84.ned_from_geo(place, self._origin)
+        cov: Cov2 = ((sigma_m**2, 0.0), (0.0, sigma_m**2))
+        return self._take(Position(t_ns, (north, east), cov, from_fix=False))
+
+    def drive(self, velocity: Velocity) -> None:
+        """Take a velocity sample; one that is older than the memory is dropped."""
+        if velocity.t_ns > self._base.t_ns:
+            self._insert(velocity)
+
+    def at(self, t_ns: int) -> NavState:
+        """The state at a time: between inputs, or propagated beyond the last."""
+        k = bisect_right(self._log, t_ns, key=_time)
+        belief = self._carried(self._beliefs[k - 1] if k else self._base, t_ns, k)
+        north, east, b_north, b_east = (float(v) for v in belief.x)
+        v_north, v_east = self._velocity_at(t_ns, k)
+        extra = self._settings.map_sigma_m**2
+        nn, ne, ee = float(belief.P[0, 0]), float(belief.P[0, 1]), float(belief.P[1, 1])
+        rested_ns = belief.started_ns if belief.last_fix_ns is None else belief.last_fix_ns
+        return NavState(
+            t_ns,
+            (north, east, self._origin.h_amsl_m - self._height_at(t_ns, k)),
+            (v_north - b_north, v_east - b_east, self._velocity_before(k).v_ned_mps[2]),
+            ((nn + extra, ne), (ne, ee + extra)),
+            float(np.sqrt(belief.height_var_m2)),
+            max(0.0, (t_ns - rested_ns) * 1e-9),
+        )
+
+    def move_origin(self, origin: GeoPoint) -> None:
+        """Express everything about another origin; the vehicle stays where it is."""
+        north, east = (float(v) for v in self.newest.x[:2])
+        place = wgs84.geo_from_ned((north, east, 0.0), self._origin)
+        moved_north, moved_east, _ = wgs84.ned_from_geo(place, origin)
+        shift = (moved_north - north, moved_east - east)
+        self._origin = origin
+        self._base = _shifted(self._base, shift)
+        self._beliefs = [_shifted(belief, shift) for belief in self._beliefs]
+        self._log = [
+            replace(entry, p_ne_m=(entry.p_ne_m[0] + shift[0], entry.p_ne_m[1] + shift[1]))
+            if isinstance(entry, Position)
+            else entry
+            for entry in self._log
+        ]
+
+    def _take(self, z: Position) -> Accepted | Rejected | TooOld:
+        if z.t_ns < self._base.t_ns:
+            return TooOld((self.newest.t_ns - z.t_ns) * 1e-9)
+        outcome = self._insert(z)
+        return outcome if outcome is not None else TooOld(0.0)
+
+    def _insert(self, entry: Input) -> Outcome:
+        index = bisect_right(self._log, _key(entry), key=_key)
+        self._log.insert(index, entry)
+        start = index
+        while start > 0 and not isinstance(self._log[start - 1], Velocity):
+            start -= 1
+        del self._beliefs[start:]
+        wanted: Outcome = None
+        for k in range(start, len(self._log)):
+            belief, outcome = self._folded(k)
+            self._beliefs.append(belief)
+            wanted = outcome if k == index else wanted
+        self._forget()
+        return wanted
+
+    def _folded(self, k: int) -> tuple[Belief, Outcome]:
+        entry = self._log[k]
+        belief = self._carried(self.newest, entry.t_ns, k)
+        if isinstance(entry, Velocity):
+            return fusion.with_velocity_trust(belief, entry.sigma_mps, entry.feedback), None
+        return fusion.observed(belief, entry, self._height_at(entry.t_ns, k), self._settings)
+
+    def _carried(self, belief: Belief, t_ns: int, k: int) -> Belief:
+        start, end = self._velocity_at(belief.t_ns, k), self._velocity_at(t_ns, k)
+        mean = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
+        carried = fusion.propagated(belief, t_ns, mean, self._settings)
+        before, after = self._velocity_before(k), self._velocity_from(k)
+        gap_s = ((t_ns if after is None else after.t_ns) - before.t_ns) * 1e-9
+        return fusion.blurred(carried, UNAIDED_SIGMA_MPS * (t_ns - belief.t_ns) * 1e-9) if gap_s > UNAIDED_GAP_S else carried
+
+    def _velocity_before(self, k: int) -> Velocity:
+        for entry in reversed(self._log[:k]):
+            if isinstance(entry, Velocity):
+                return entry
+        return self._base_velocity
+
+    def _velocity_from(self, k: int) -> Velocity | None:
+        return next((entry for entry in self._log[k:] if isinstance(entry, Velocity)), None)
+
+    def _share(self, t_ns: int, k: int) -> tuple[Velocity, Velocity, float]:
+        before, after = self._velocity_before(k), self._velocity_from(k)
+        if after is None or after.t_ns <= before.t_ns:
+            return before, before, 0.0
+        return before, after, (t_ns - before.t_ns) / (after.t_ns - before.t_ns)
+
+    def _velocity_at(self, t_ns: int, k: int) -> Vec2:
+        before, after, share = self._share(t_ns, k)
+        (n0, e0, _), (n1, e1, _) = before.v_ned_mps, after.v_ned_mps
+        return n0 + share * (n1 - n0), e0 + share * (e1 - e0)
+
+    def _height_at(self, t_ns: int, k: int) -> float:
+        before, after, share = self._share(t_ns, k)
+        if after is not before:
+            return before.h_amsl_m + share * (after.h_amsl_m - before.h_amsl_m)
+        held_s = min(MAX_CLIMB_HELD_S, max(0.0, (t_ns - before.t_ns) * 1e-9))
+        return before.h_amsl_m - before.v_ned_mps[2] * held_s
+
+    def _forget(self) -> None:
+        horizon_ns = self._log[-1].t_ns - round(HISTORY_S * 1e9)
+        n_old = bisect_right(self._log, horizon_ns, key=_time)
+        if n_old:
+            self._base, self._base_velocity = self._beliefs[n_old - 1], self._velocity_before(n_old)
+            del self._log[:n_old], self._beliefs[:n_old]
+
+
+def _time(entry: Input) -> int:
+    return entry.t_ns
+
+
+def _key(entry: Input) -> tuple[int, int, int]:
+    return (entry.t_ns, 1, entry.tie) if isinstance(entry, Position) else (entry.t_ns, 0, 0)
+
+
+def _shifted(belief: Belief, shift: Vec2) -> Belief:
+    def moved(p: Vec2) -> Vec2:
+        return p[0] + shift[0], p[1] + shift[1]
+
+    rejected = tuple(replace(c, anchor_ne_m=moved(c.anchor_ne_m)) for c in belief.rejected)
+    return replace(belief, x=belief.x + np.array([*shift, 0.0, 0.0]), rejected=rejected)

@@ -1,0 +1,209 @@
+"""One step of the position filter as a pure function: belief and input in, belief out. The log and rewind: estimator.py.
+
+State (4,): horizontal position north, east at the EKF origin, and the error of the autopilot's velocity (its velocity minus
+the true one), first-order Gauss-Markov. The autopilot's velocity is an input, never a measurement. While we inject, that
+velocity descends from our own fixes (`feedback`): correcting it by a learned error and injecting the result would feed the
+correction back into its own source and run away, so the error is then only considered (Schmidt), never estimated, and grows
+with the time since the last fix, as an inertial solution that nothing else holds does.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from visloc_companion.core import kalman
+from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.errors import Reason
+from visloc_companion.types import Accepted, Cov2, FloatArray, Rejected, Vec2
+
+H_POSITION: FloatArray = np.eye(2, 4)
+WALK_M_PER_SQRT_S = 0.05
+"""Random walk of the integration itself (time stamps, rounding of the velocity messages)."""
+UNAIDED_GAP_S = 1.0
+UNAIDED_SIGMA_MPS = 3.0
+"""1-sigma of the velocity error where no velocity arrived for UNAIDED_GAP_S, or the autopilot itself does not trust it."""
+INERTIAL_DRIFT_MPS2 = 0.02
+"""Growth of that sigma while the velocity rests on our own dead reckoning only."""
+HEIGHT_WALK_M_PER_SQRT_S = 0.1
+HEIGHT_GATE_SIGMA = 4.0
+AGREEMENT_SPAN_S = 30.0
+MEMORY_OF_WRONG = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A rejected fix, carried along by the velocity input: `anchor_ne_m` is its position minus the travel until then."""
+
+    t_ns: int
+    anchor_ne_m: Vec2
+    cov_ne_m2: Cov2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Belief:
+    """The filter at `t_ns`: mean x (4,), covariance P (4, 4), the integral of the velocity input, and its memory."""
+
+    t_ns: int
+    x: FloatArray
+    P: FloatArray
+    sigma_v_mps: float
+    feedback: bool
+    travel_ne_m: Vec2
+    height_offset_m: float
+    height_var_m2: float
+    started_ns: int
+    last_fix_ns: int | None = None
+    rejected: tuple[Candidate, ...] = ()
+    wrong: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """A horizontal position measurement. `from_fix` tells vision from GNSS; `h_amsl_m` is a fix's own height."""
+
+    t_ns: int
+    p_ne_m: Vec2
+    cov_ne_m2: Cov2
+    from_fix: bool
+    probability_wrong: float = 0.0
+    h_amsl_m: float | None = None
+    sigma_h_m: float = 1.0
+    tie: int = 0
+
+
+def seeded(t_ns: int, p_ne_m: Vec2, sigma_m: float, sigma_v_mps: float, feedback: bool, sigma_h_m: float) -> Belief:
+    """A belief that starts from one position."""
+    P = np.diag([sigma_m**2, sigma_m**2, sigma_v_mps**2, sigma_v_mps**2])
+    x = np.array([p_ne_m[0], p_ne_m[1], 0.0, 0.0])
+    return Belief(t_ns, x, P, sigma_v_mps, feedback, (0.0, 0.0), 0.0, sigma_h_m**2, t_ns)
+
+
+def with_velocity_trust(belief: Belief, sigma_mps: float, feedback: bool) -> Belief:
+    """Account for a change of where the velocity comes from.
+
+    A change of `feedback` makes it another velocity: its error starts anew. A larger sigma takes effect at once; a smaller
+    one over the correlation time.
+    """
+    if feedback != belief.feedback:
+        x, P = belief.x.copy(), belief.P.copy()
+        x[2:], P[2:, :2], P[:2, 2:] = 0.0, 0.0, 0.0
+        P[2:, 2:] = np.eye(2) * max(sigma_mps, belief.sigma_v_mps) ** 2
+        return replace(belief, x=x, P=P, sigma_v_mps=sigma_mps, feedback=feedback)
+    if sigma_mps > belief.sigma_v_mps:
+        P = belief.P.copy()
+        P[2:, 2:] += np.eye(2) * (sigma_mps**2 - belief.sigma_v_mps**2)
+        return replace(belief, P=P, sigma_v_mps=sigma_mps)
+    return belief if sigma_mps == belief.sigma_v_mps else replace(belief, sigma_v_mps=sigma_mps)
+
+
+def propagated(belief: Belief, t_ns: int, v_ne_mps: Vec2, settings: NavigatorSettings) -> Belief:
+    """The belief carried to a later time by a mean velocity; exact for any division of the interval.
+
+    Discretisation of the integrated Gauss-Markov process in closed form (e.g. Brown & Hwang, section 5.3).
+    """
+    dt = (t_ns - belief.t_ns) * 1e-9
+    if dt <= 0:
+        return belief
+    tau, sigma = settings.velocity_correlation_s, _sigma_with_drift(belief, settings)
+    a = math.exp(-dt / tau)
+    spread = dt / tau
+    q_bb = sigma**2 * (1 - a * a)
+    q_pb = -(sigma**2) * tau * (1 - a) ** 2
+    q_pp = sigma**2 * tau**2 * _integrated(spread) + WALK_M_PER_SQRT_S**2 * dt
+    eye, zero = np.eye(2), np.zeros((2, 2))
+    F = np.block([[eye, -tau * (1 - a) * eye], [zero, a * eye]])
+    Q = np.block([[q_pp * eye, q_pb * eye], [q_pb * eye, q_bb * eye]])
+    moved = (v_ne_mps[0] * dt, v_ne_mps[1] * dt)
+    x, P = kalman.predict(belief.x, belief.P, F, Q, np.array([*moved, 0.0, 0.0]))
+    travel = (belief.travel_ne_m[0] + moved[0], belief.travel_ne_m[1] + moved[1])
+    height_var = belief.height_var_m2 + HEIGHT_WALK_M_PER_SQRT_S**2 * dt
+    return replace(belief, t_ns=t_ns, x=x, P=P, travel_ne_m=travel, height_var_m2=height_var)
+
+
+def blurred(belief: Belief, sigma_m: float) -> Belief:
+    """The belief with an independent position error added."""
+    P = belief.P.copy()
+    P[:2, :2] += np.eye(2) * sigma_m**2
+    return replace(belief, P=P)
+
+
+def _integrated(spread: float) -> float:
+    """2 s - 3 + 4 exp(-s) - exp(-2 s), by its series where that cancels."""
+    if spread < 0.01:
+        return spread**3 * (2 / 3 - spread / 2 + 7 * spread**2 / 30)
+    return 2 * spread - 3 + 4 * math.exp(-spread) - math.exp(-2 * spread)
+
+
+def _sigma_with_drift(belief: Belief, settings: NavigatorSettings) -> float:
+    if not belief.feedback:
+        return belief.sigma_v_mps
+    rested_ns = belief.started_ns if belief.last_fix_ns is None else max(belief.last_fix_ns, belief.started_ns)
+    alone_s = max(0.0, (belief.t_ns - rested_ns) * 1e-9 - settings.dead_reckoning_after_s)
+    return belief.sigma_v_mps + INERTIAL_DRIFT_MPS2 * alone_s
+
+
+def observed(
+    belief: Belief, z: Position, h_autopilot_amsl_m: float | None, settings: NavigatorSettings
+) -> tuple[Belief, Accepted | Rejected]:
+    """The belief after a position at its own time. Rejected fixes that agree with each other restart it at last."""
+    got = kalman.update(
+        belief.x,
+        belief.P,
+        np.array(z.p_ne_m),
+        np.array(z.cov_ne_m2),
+        H_POSITION,
+        gate_sigma=settings.gate_sigma,
+        gate_extra_m2=settings.map_sigma_m**2,
+        n_considered=2 if belief.feedback else 0,
+    )
+    if isinstance(got, kalman.Updated):
+        after = replace(belief, x=got.x, P=got.P)
+        return (_fixed(after, z, h_autopilot_amsl_m) if z.from_fix else after), Accepted(got.nis)
+    if not z.from_fix or got.reason is not Reason.GATED:
+        return belief, got
+    candidates = _agreeing(belief, z, settings)
+    if len(candidates) < settings.relocalise_after_rejections:
+        return replace(belief, rejected=candidates), got
+    return _fixed(_restarted(belief, z, settings), z, h_autopilot_amsl_m), Accepted(got.nis)
+
+
+def _agreeing(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[Candidate, ...]:
+    """The rejected fixes that fit this one, with it as the last; alone where one of them does not fit."""
+    anchor = (z.p_ne_m[0] - belief.travel_ne_m[0], z.p_ne_m[1] - belief.travel_ne_m[1])
+    new = Candidate(z.t_ns, anchor, z.cov_ne_m2)
+    kept = tuple(c for c in belief.rejected if z.t_ns - c.t_ns <= AGREEMENT_SPAN_S * 1e9)
+    fits = all(_fit(c, new, max(belief.sigma_v_mps, settings.velocity_sigma_aiding_mps), settings.gate_sigma) for c in kept)
+    return (*kept, new) if fits else (new,)
+
+
+def _fit(a: Candidate, b: Candidate, sigma_v_mps: float, gate_sigma: float) -> bool:
+    growth = (sigma_v_mps * (b.t_ns - a.t_ns) * 1e-9) ** 2
+    S = np.array(a.cov_ne_m2) + np.array(b.cov_ne_m2) + growth * np.eye(2)
+    d = np.array(b.anchor_ne_m) - np.array(a.anchor_ne_m)
+    return float(d @ np.linalg.solve(S, d)) <= gate_sigma**2
+
+
+def _restarted(belief: Belief, z: Position, settings: NavigatorSettings) -> Belief:
+    """From the last of the agreeing fixes, with its own covariance: their errors may be one error, so nothing is averaged."""
+    sigma_v = max(belief.sigma_v_mps, settings.velocity_sigma_aiding_mps)
+    P = np.zeros((4, 4))
+    P[:2, :2], P[2:, 2:] = np.array(z.cov_ne_m2), np.eye(2) * sigma_v**2
+    return replace(belief, x=np.array([*z.p_ne_m, 0.0, 0.0]), P=P, started_ns=z.t_ns)
+
+
+def _fixed(belief: Belief, z: Position, h_autopilot_amsl_m: float | None) -> Belief:
+    wrong = (*belief.wrong, z.probability_wrong)[-MEMORY_OF_WRONG:]
+    after = replace(belief, last_fix_ns=z.t_ns, rejected=(), wrong=wrong)
+    if z.h_amsl_m is None or h_autopilot_amsl_m is None:
+        return after
+    innovation = z.h_amsl_m - h_autopilot_amsl_m - belief.height_offset_m
+    s2 = belief.height_var_m2 + z.sigma_h_m**2
+    if innovation**2 > HEIGHT_GATE_SIGMA**2 * s2:
+        return after
+    gain = belief.height_var_m2 / s2
+    return replace(
+        after, height_offset_m=belief.height_offset_m + gain * innovation, height_var_m2=(1 - gain) * belief.height_var_m2
+    )

@@ -1,0 +1,90 @@
+"""Kalman prediction and update, stateless and checked: the one room that imports filterpy.
+
+filterpy's textbook functions turn a singular innovation covariance or a NaN measurement into a NaN state without raising;
+here everything is checked first, so that a caller gets a finite, symmetric, positive definite answer, a `Rejected`, or a
+ValueError for what can only be a mistake in the program (wrong shapes, a broken prior).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from filterpy.kalman import predict as _predict
+from filterpy.kalman import update as _update
+
+from visloc_companion.errors import Reason
+from visloc_companion.types import FloatArray, Rejected
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Updated:
+    """Posterior mean (n,) and covariance (n, n), and the normalised innovation squared that the gate saw."""
+
+    x: FloatArray
+    P: FloatArray
+    nis: float
+
+
+def predict(x: FloatArray, P: FloatArray, F: FloatArray, Q: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean (n,) and covariance (n, n) after `x -> F x + step` with process noise Q. Raises ValueError for bad operands."""
+    n = len(x)
+    if not (P.shape == F.shape == Q.shape == (n, n) and step.shape == (n,)):
+        raise ValueError(f"predict: shapes x {x.shape} P {P.shape} F {F.shape} Q {Q.shape} step {step.shape} do not fit")
+    x1, P1 = _predict(x, P, F=F, Q=Q, u=step, B=1)
+    return _checked(x1, P1, "predict")
+
+
+def update(
+    x: FloatArray,
+    P: FloatArray,
+    z: FloatArray,
+    R: FloatArray,
+    H: FloatArray,
+    *,
+    gate_sigma: float = math.inf,
+    gate_extra_m2: float = 0.0,
+    n_considered: int = 0,
+) -> Updated | Rejected:
+    """Take a measurement z (m,) with covariance R (m, m) of H x.
+
+    Beyond `gate_sigma` (Mahalanobis distance, with `gate_extra_m2` added to the diagonal for errors that R leaves out) the
+    answer is Rejected(GATED); a non-finite measurement or an R that is not positive definite is Rejected(NOT_FINITE). The
+    last `n_considered` states keep their mean and variance (Schmidt's consider filter): their uncertainty counts, but the
+    measurement does not move them. Joseph form throughout. Raises ValueError for shapes that do not fit and a broken prior.
+    """
+    n, m = len(x), len(z)
+    if not (P.shape == (n, n) and R.shape == (m, m) and H.shape == (m, n)):
+        raise ValueError(f"update: shapes x {x.shape} P {P.shape} z {z.shape} R {R.shape} H {H.shape} do not fit")
+    if not (np.isfinite(z).all() and np.isfinite(R).all() and _is_positive_definite((R + R.T) / 2)):
+        return Rejected(Reason.NOT_FINITE, 0.0)
+    innovation = z - H @ x
+    S = H @ P @ H.T + R
+    nis = float(innovation @ np.linalg.solve(S + gate_extra_m2 * np.eye(m), innovation))
+    if not nis <= gate_sigma * gate_sigma:
+        return Rejected(Reason.GATED, nis)
+    if n_considered == 0:
+        x1, P1 = _update(x, P, z, R, H)
+    else:
+        K = np.linalg.solve(S, H @ P).T
+        K[n - n_considered :] = 0.0
+        keep = np.eye(n) - K @ H
+        x1, P1 = x + K @ innovation, keep @ P @ keep.T + K @ R @ K.T
+    x1, P1 = _checked(x1, P1, "update")
+    return Updated(x1, P1, nis)
+
+
+def _checked(x: FloatArray, P: FloatArray, where: str) -> tuple[FloatArray, FloatArray]:
+    P = (P + P.T) / 2
+    if not (np.isfinite(x).all() and np.isfinite(P).all() and _is_positive_definite(P)):
+        raise ValueError(f"{where}: the prior was not finite and positive definite")
+    return x, P
+
+
+def _is_positive_definite(matrix: FloatArray) -> bool:
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return False
+    return True

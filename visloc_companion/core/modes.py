@@ -1,0 +1,73 @@
+"""The navigator's modes: an explicit table of transitions, and nothing else.
+
+WAITING: link, origin, attitude or a first position is missing. SHADOW: navigating, not injecting. AIDING: injecting what
+rests on recent fixes. DEAD_RECKONING: injecting what the autopilot's velocity carries on from the last fix. LOST: too unsure
+to inject.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from visloc_companion.types import Mode
+
+RECOVERED_SHARE = 0.5
+"""LOST is left when sigma has fallen below this share of `lost_sigma_m`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What the transitions depend on.
+
+    `ready`: link, origin, attitude and a seeded filter are there. `due`: policy and verdict want injection. `recent_fix`:
+    the last fix is younger than `dead_reckoning_after_s`. `sigma_m` is the largest horizontal 1-sigma.
+    """
+
+    ready: bool
+    due: bool
+    recent_fix: bool
+    sigma_m: float
+    lost_sigma_m: float
+
+    @property
+    def lost(self) -> bool:
+        """Too unsure to inject."""
+        return self.sigma_m > self.lost_sigma_m
+
+    @property
+    def recovered(self) -> bool:
+        """Sure again, with hysteresis."""
+        return self.sigma_m < RECOVERED_SHARE * self.lost_sigma_m
+
+
+Condition = Callable[[Situation], bool]
+
+TRANSITIONS: tuple[tuple[Mode, Mode, Condition], ...] = (
+    (Mode.WAITING, Mode.SHADOW, lambda s: s.ready),
+    (Mode.SHADOW, Mode.WAITING, lambda s: not s.ready),
+    (Mode.SHADOW, Mode.LOST, lambda s: s.lost),
+    (Mode.SHADOW, Mode.AIDING, lambda s: s.due and s.recent_fix),
+    (Mode.SHADOW, Mode.DEAD_RECKONING, lambda s: s.due),
+    (Mode.AIDING, Mode.WAITING, lambda s: not s.ready),
+    (Mode.AIDING, Mode.LOST, lambda s: s.lost),
+    (Mode.AIDING, Mode.SHADOW, lambda s: not s.due),
+    (Mode.AIDING, Mode.DEAD_RECKONING, lambda s: not s.recent_fix),
+    (Mode.DEAD_RECKONING, Mode.WAITING, lambda s: not s.ready),
+    (Mode.DEAD_RECKONING, Mode.LOST, lambda s: s.lost),
+    (Mode.DEAD_RECKONING, Mode.SHADOW, lambda s: not s.due),
+    (Mode.DEAD_RECKONING, Mode.AIDING, lambda s: s.recent_fix),
+    (Mode.LOST, Mode.WAITING, lambda s: not s.ready),
+    (Mode.LOST, Mode.SHADOW, lambda s: s.recovered and not s.due),
+    (Mode.LOST, Mode.AIDING, lambda s: s.recovered and s.recent_fix),
+    (Mode.LOST, Mode.DEAD_RECKONING, lambda s: s.recovered),
+)
+"""From, to, when. The first row that fits is taken; one transition a Tick."""
+
+
+def next_mode(mode: Mode, situation: Situation) -> Mode:
+    """The mode after one step."""
+    for source, target, condition in TRANSITIONS:
+        if source is mode and condition(situation):
+            return target
+    return mode

@@ -1,0 +1,427 @@
+"""The navigator: every event goes in here, every command comes out. No I/O, no clock, no waiting; same events, same bytes.
+
+Trust runs one way. The filter is seeded once from the autopilot's position while GNSS is trusted; from then on the prior of
+every localisation is the filter's own state, so a spoofed autopilot cannot drag the search away. GNSS positions enter the
+filter only in SHADOW, only while the verdict is OK, and only when vision has given nothing for GNSS_AFTER_NS: with fixes coming
+GNSS would hide a drag, without them the prior would drift away from a position that is known. Range, Baro and Odometry are
+journalled but not used yet.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from visloc_companion.core import modes, output, requests
+from visloc_companion.core.attitude import AttitudeBuffer
+from visloc_companion.core.estimator import Velocity
+from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
+from visloc_companion.core.gnss import GnssMonitor
+from visloc_companion.core.guard import Complaints, TimeCheck, TimeGuard
+from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.settings import CoreSettings
+from visloc_companion.core.switching import SourceSwitch
+from visloc_companion.core.timesync import ClockOffset, ClockStep
+from visloc_companion.core.tracking import Tracker
+from visloc_companion.core.validate import fault, is_place
+from visloc_companion.errors import Reason
+from visloc_companion.types import (
+    Accepted,
+    Attitude,
+    AutopilotKind,
+    Command,
+    EkfSource,
+    EstimatorStatus,
+    Event,
+    Fix,
+    FrameRef,
+    GeoPoint,
+    Gnss,
+    Injection,
+    LinkChanged,
+    LocalPose,
+    Mode,
+    NavState,
+    NoFix,
+    Notice,
+    OperatorFix,
+    OriginChanged,
+    PriorPose,
+    Quat,
+    Rejected,
+    RequestMessage,
+    Severity,
+    SourceSwitched,
+    Tick,
+    TimesyncSample,
+    Vec3,
+    Verdict,
+    WorkerState,
+)
+
+INJECTING = (Mode.AIDING, Mode.DEAD_RECKONING)
+GNSS_AFTER_NS = 5_000_000_000
+GNSS_INTERVAL_NS = 1_000_000_000
+RESEED_AFTER_REJECTIONS = 5
+ATTITUDE_AGE_NS = 2_000_000_000
+CAMERA_SILENCE_NS = 2_000_000_000
+ORIGIN_RETRY_NS = 5_000_000_000
+MAX_STAMP_ERROR_NS = 1_000_000_000
+"""A message's own time is used when it differs from its arrival by no more than this."""
+MESSAGES = {"ATTITUDE": 30, "LOCAL_POSITION_NED": 32, "GLOBAL_POSITION_INT": 33, "GPS_RAW_INT": 24, "GPS_GLOBAL_ORIGIN": 49}
+STATUS_MESSAGES = {AutopilotKind.ARDUPILOT: (193,), AutopilotKind.PX4: (230,), AutopilotKind.UNKNOWN: (193, 230)}
+"""EKF_STATUS_REPORT on ArduPilot, ESTIMATOR_STATUS on PX4."""
+
+
+class Navigator:
+    """The pure navigation core (protocols.NavigatorLike)."""
+
+    def __init__(self, settings: CoreSettings) -> None:
+        self._settings = settings
+        self._complaints = Complaints()
+        self._restart()
+
+    def _restart(self) -> None:
+        settings = self._settings
+        self._time = TimeGuard()
+        self._clock = ClockOffset()
+        self._attitude = AttitudeBuffer()
+        self._attitude_rx_ns: int | None = None
+        self._tracker = Tracker(settings.navigator)
+        self._monitor = GnssMonitor(settings.gnss)
+        self._queue = requests.FrameQueue(settings.max_rate_hz, settings.seed)
+        self._switch = SourceSwitch(settings.injection.switch_source)
+        self._resets = output.ResetCounter(settings.injection.max_step_m)
+        self._mode = Mode.WAITING
+        self._link = LinkChanged(0, up=True)
+        self._anchored = False
+        self._status: EstimatorStatus | None = None
+        self._prior: PriorPose | None = None
+        self._gnss_fused_ns: int | None = None
+        self._gnss_rejected = 0
+        self._frame_rx_ns: int | None = None
+        self._camera_silent = False
+        self._origin_asked_ns: int | None = None
+
+    def on(self, event: Event, now_ns: int) -> list[Command]:
+        """Take one event at the shell's monotonic time; return what is to be done, in order."""
+        check = self._time.check(now_ns)
+        if check is TimeCheck.RESTART:
+            self._restart()
+            self._time.check(now_ns)
+            return [Notice(Severity.CRITICAL, "visloc: clock went back, starting anew", to_operator=True)]
+        if check is TimeCheck.DROP:
+            last_ns = now_ns if self._time.now_ns is None else self._time.now_ns
+            return [*self._complaints.about(event, Reason.IMPLAUSIBLE_TIME, last_ns)]
+        now_ns = now_ns if self._time.now_ns is None else self._time.now_ns
+        reason = fault(event, now_ns)
+        if reason is not None:
+            return [*self._complaints.about(event, reason, now_ns), *self._free_worker(event, now_ns)]
+        return self._dispatch(event, now_ns)
+
+    def _dispatch(self, event: Event, now_ns: int) -> list[Command]:  # noqa: PLR0911, PLR0912 (the table of events)
+        match event:
+            case Tick():
+                return self._on_tick(now_ns)
+            case Attitude():
+                return self._on_attitude(event, now_ns)
+            case PriorPose():
+                return self._on_prior(event)
+            case LocalPose():
+                return self._on_local(event)
+            case Gnss():
+                return self._on_gnss(event)
+            case EstimatorStatus():
+                self._status = event
+                self._monitor.on_status(event)
+                return []
+            case FrameRef():
+                return self._on_frame(event, now_ns)
+            case Fix():
+                return self._on_fix(event, now_ns)
+            case NoFix():
+                return self._free_worker(event, now_ns)
+            case TimesyncSample():
+                return self._on_step(self._clock.on_exchange(event))
+            case OriginChanged():
+                return self._on_origin(event)
+            case LinkChanged():
+                return self._on_link(event, now_ns)
+            case OperatorFix():
+                return self._on_operator(event, now_ns)
+            case SourceSwitched():
+                return self._switch.confirmed(event)
+            case WorkerState():
+                self._queue.worker(event.up)
+                return self._request(now_ns)
+            case _:
+                return []
+
+    # -------------------------------------------------------------------------------------------- what the autopilot says
+
+    def _stamped_ns(self, t_rx_ns: int, t_boot_ns: int) -> int:
+        t_ns = self._clock.shell_ns(t_boot_ns, t_rx_ns)
+        return t_ns if abs(t_ns - t_rx_ns) <= MAX_STAMP_ERROR_NS else t_rx_ns
+
+    def _on_step(self, step: ClockStep | None) -> list[Command]:
+        if step is None:
+            return []
+        self._attitude.clear()
+        self._tracker.forget_velocity()
+        self._switch.restarted()
+        text = f"visloc: autopilot clock stepped {step.jump_ns * 1e-9:.1f} s"
+        return [Notice(Severity.WARNING, text, to_operator=True)]
+
+    def _on_attitude(self, event: Attitude, now_ns: int) -> list[Command]:
+        commands = self._on_step(self._clock.on_arrival(event.t_rx_ns, event.t_boot_ns))
+        reason = self._attitude.add(event.t_boot_ns, event.q_ned_frd, event.rate_frd_radps)
+        if reason is not None:
+            return [*commands, *self._complaints.about(event, reason, now_ns)]
+        self._attitude_rx_ns = event.t_rx_ns
+        return commands
+
+    def _on_prior(self, event: PriorPose) -> list[Command]:
+        commands = self._on_step(self._clock.on_arrival(event.t_rx_ns, event.t_boot_ns))
+        self._prior = event
+        self._tracker.height_above_home_m = event.h_rel_m
+        self._drive(event.t_rx_ns, event.t_boot_ns, event.v_ned_mps, event.place.h_amsl_m)
+        return commands
+
+    def _on_local(self, event: LocalPose) -> list[Command]:
+        commands = self._on_step(self._clock.on_arrival(event.t_rx_ns, event.t_boot_ns))
+        if self._tracker.origin is not None:
+            self._drive(event.t_rx_ns, event.t_boot_ns, event.v_ned_mps, self._tracker.origin.h_amsl_m - event.p_ned_m[2])
+        return commands
+
+    def _drive(self, t_rx_ns: int, t_boot_ns: int, v_ned_mps: Vec3, h_amsl_m: float) -> None:
+        feedback = self._mode in INJECTING or self._switch.source is EkfSource.VISION
+        limits = self._settings.navigator
+        sigma = limits.velocity_sigma_mps if self._monitor.trusted and not feedback else limits.velocity_sigma_aiding_mps
+        if self._status is not None and not self._status.horizontal_position_ok:
+            sigma = max(sigma, UNAIDED_SIGMA_MPS)
+        self._tracker.drive(Velocity(self._stamped_ns(t_rx_ns, t_boot_ns), v_ned_mps, h_amsl_m, sigma, feedback))
+
+    def _on_gnss(self, event: Gnss) -> list[Command]:
+        if event.receiver != 0:
+            return []
+        self._monitor.on_gnss(event)
+        if event.fix_type < self._settings.gnss.min_fix_type or not is_place(event.place):
+            return []
+        t_ns = self._stamped_ns(event.t_rx_ns, event.t_boot_ns)
+        self._tracker.remember_gnss(t_ns, event.place)
+        sigma = self._monitor.sigma_m(event)
+        self._monitor.on_reach(self._tracker.out_of_reach(t_ns, event.place, sigma))
+        return self._keep_near(event, t_ns)
+
+    def _keep_near(self, event: Gnss, t_ns: int) -> list[Command]:
+        """Fuse (or, when the filter keeps refusing, restart from) a trusted GNSS while vision gives nothing."""
+        belief = self._tracker.belief
+        if belief is None or not self._monitor.trusted or self._mode not in (Mode.SHADOW, Mode.LOST):
+            return []
+        vision = belief.last_fix_ns is not None and t_ns - belief.last_fix_ns < GNSS_AFTER_NS
+        just_now = self._gnss_fused_ns is not None and t_ns - self._gnss_fused_ns < GNSS_INTERVAL_NS
+        if vision or just_now:
+            return []
+        self._gnss_fused_ns = t_ns
+        sigma = max(self._settings.navigator.seed_sigma_m, self._monitor.sigma_m(event))
+        if not isinstance(self._tracker.observe_gnss(t_ns, event.place, sigma), Rejected):
+            self._gnss_rejected = 0
+            return []
+        self._gnss_rejected += 1
+        if self._gnss_rejected < RESEED_AFTER_REJECTIONS and self._mode is not Mode.LOST:
+            return []
+        self._gnss_rejected = 0
+        self._tracker.seed(t_ns, event.place, sigma)
+        return [Notice(Severity.NOTICE, "visloc: restarted from trusted GNSS")]
+
+    def _on_origin(self, event: OriginChanged) -> list[Command]:
+        if self._tracker.set_origin(event.origin):
+            self._resets.bump()
+            return [Notice(Severity.NOTICE, "visloc: EKF origin moved")]
+        return []
+
+    def _on_link(self, event: LinkChanged, now_ns: int) -> list[Command]:
+        self._link = event
+        if not event.up:
+            return [Notice(Severity.WARNING, "autopilot link lost")]
+        self._origin_asked_ns = now_ns
+        s = self._settings
+        wanted: list[Command] = [
+            RequestMessage(MESSAGES["ATTITUDE"], s.attitude_rate_hz),
+            RequestMessage(MESSAGES["GLOBAL_POSITION_INT"], s.position_rate_hz),
+            RequestMessage(MESSAGES["LOCAL_POSITION_NED"], s.position_rate_hz),
+            RequestMessage(MESSAGES["GPS_RAW_INT"], s.gnss_rate_hz),
+        ]
+        wanted += [RequestMessage(message_id, s.status_rate_hz) for message_id in STATUS_MESSAGES[event.autopilot]]
+        return [*wanted, RequestMessage(MESSAGES["GPS_GLOBAL_ORIGIN"], 0.0)]
+
+    # -------------------------------------------------------------------------------------------------- frames and fixes
+
+    def _on_frame(self, event: FrameRef, now_ns: int) -> list[Command]:
+        self._frame_rx_ns = event.t_rx_ns
+        back: list[Command] = [Notice(Severity.NOTICE, "camera frames are back")] if self._camera_silent else []
+        self._camera_silent = False
+        if event.t_boot_ns is not None:
+            event = replace(event, t_ns=self._clock.shell_ns(event.t_boot_ns, event.t_ns))
+        self._queue.offer(event)
+        return [*back, *self._request(now_ns)]
+
+    def _request(self, now_ns: int) -> list[Command]:
+        frame = self._queue.next_frame(now_ns)
+        state = None if frame is None else self._tracker.at(frame.t_ns)
+        origin, belief = self._tracker.origin, self._tracker.belief
+        if frame is None or state is None or origin is None or belief is None:
+            return []
+        if self._tracker.height_above_home_m < self._settings.navigator.min_height_m:
+            return []
+        q_ned_frd = self._attitude_at(frame)
+        if q_ned_frd is None:
+            return []
+        prior = requests.pose_prior(
+            state,
+            origin,
+            q_ned_frd,
+            self._settings.q_frd_cambody,
+            belief.height_offset_m,
+            self._tracker.height_above_home_m,
+            self._settings.mount_sigma_rad,
+            self._settings.max_search_radius_m,
+        )
+        return [self._queue.taken(frame, prior, now_ns)]
+
+    def _attitude_at(self, frame: FrameRef) -> Quat | None:
+        t_boot_ns = self._clock.boot_ns(frame.t_ns) if frame.t_boot_ns is None else frame.t_boot_ns
+        return None if t_boot_ns is None else self._attitude.at(t_boot_ns)
+
+    def _free_worker(self, event: Event, now_ns: int) -> list[Command]:
+        if isinstance(event, Fix | NoFix):
+            self._queue.answered(event.request_id)
+            return self._request(now_ns)
+        return []
+
+    def _on_fix(self, fix: Fix, now_ns: int) -> list[Command]:
+        before = self._tracker.belief
+        outcome = self._tracker.observe(fix)
+        after = self._tracker.belief
+        commands: list[Command] = []
+        if isinstance(outcome, Accepted):
+            self._anchored = True
+            self._compare(fix)
+            if before is not None and after is not None and after.started_ns != before.started_ns:
+                commands.append(Notice(Severity.WARNING, "visloc: relocalised", to_operator=True))
+        elif isinstance(outcome, Rejected):
+            commands += self._complaints.about(fix, outcome.reason, now_ns, Severity.INFO)
+        else:
+            reason = Reason.NOT_SEEDED if outcome is None else Reason.TOO_OLD
+            commands += self._complaints.about(fix, reason, now_ns, Severity.INFO)
+        return [*commands, *self._free_worker(fix, now_ns)]
+
+    def _compare(self, fix: Fix) -> None:
+        """Show the monitor an accepted fix beside GNSS; the fix itself, since the filter rides on a dragged velocity."""
+        velocity = self._tracker.velocity
+        if velocity is None:
+            return
+        difference = self._tracker.gnss_minus(fix, velocity.v_ned_mps)
+        if difference is None:
+            return
+        speed = math.hypot(velocity.v_ned_mps[0], velocity.v_ned_mps[1])
+        self._monitor.on_vision(fix.t_ns, difference, fix.cov_ne_m2, self._settings.navigator.map_sigma_m, speed)
+
+    def _on_operator(self, event: OperatorFix, now_ns: int) -> list[Command]:
+        reason = self._tracker.implausible(event.place, event.sigma_m, self._monitor.trusted)
+        if reason is not None:
+            return [Notice(Severity.WARNING, f"visloc: position refused, {reason}", to_operator=True)]
+        self._tracker.seed(now_ns, event.place, event.sigma_m)
+        self._anchored = True
+        return [Notice(Severity.NOTICE, "visloc: position set by operator", to_operator=True)]
+
+    # ---------------------------------------------------------------------------------------------------------- the Tick
+
+    def _on_tick(self, now_ns: int) -> list[Command]:
+        commands = [*self._judge_gnss(now_ns), *self._watch(now_ns), *self._seed(now_ns)]
+        state = self._tracker.at(now_ns)
+        commands += self._change_mode(state, now_ns)
+        commands += self._steer_source(now_ns)
+        commands += self._request(now_ns)
+        return [*commands, *self._output(state, now_ns)]
+
+    def _judge_gnss(self, now_ns: int) -> list[Command]:
+        before = self._monitor.verdict.verdict
+        verdict = self._monitor.update(now_ns, self._switch.source)
+        if verdict.verdict is before:
+            return []
+        why = f" ({verdict.reasons[0]})" if verdict.reasons else ""
+        severity = Severity.NOTICE if verdict.verdict is Verdict.OK else Severity.WARNING
+        data = tuple((name, value) for name, value, _ in verdict.evidence)
+        return [Notice(severity, f"visloc: GNSS {verdict.verdict.value}{why}"[:50], to_operator=True, data=data)]
+
+    def _watch(self, now_ns: int) -> list[Command]:
+        """A camera that went silent, and an origin that has not come."""
+        commands: list[Command] = []
+        silent = self._frame_rx_ns is not None and now_ns - self._frame_rx_ns > CAMERA_SILENCE_NS
+        if silent and not self._camera_silent:
+            self._camera_silent = True
+            commands.append(Notice(Severity.WARNING, "visloc: no camera frames", to_operator=True))
+        asked = self._origin_asked_ns
+        if self._tracker.origin is None and self._link.up and asked is not None and now_ns - asked >= ORIGIN_RETRY_NS:
+            self._origin_asked_ns = now_ns
+            commands.append(RequestMessage(MESSAGES["GPS_GLOBAL_ORIGIN"], 0.0))
+        return commands
+
+    def _seed(self, now_ns: int) -> list[Command]:
+        prior, velocity = self._prior, self._tracker.velocity
+        if self._tracker.belief is not None or prior is None or velocity is None or not self._monitor.trusted:
+            return []
+        if now_ns - prior.t_rx_ns > MAX_STAMP_ERROR_NS:
+            return []
+        t_ns = self._stamped_ns(prior.t_rx_ns, prior.t_boot_ns)
+        if not self._tracker.seed(t_ns, prior.place, self._settings.navigator.seed_sigma_m):
+            return []
+        return [Notice(Severity.INFO, "filter seeded from the autopilot's position")]
+
+    def _change_mode(self, state: NavState | None, now_ns: int) -> list[Command]:
+        limits = self._settings.navigator
+        belief, seen = self._tracker.belief, self._attitude_rx_ns
+        attitude = seen is not None and now_ns - seen <= ATTITUDE_AGE_NS
+        last_fix_ns = None if belief is None else belief.last_fix_ns
+        situation = modes.Situation(
+            ready=self._link.up and attitude and state is not None,
+            due=self._anchored and output.is_due(self._settings.injection.policy, self._monitor.verdict.verdict),
+            recent_fix=last_fix_ns is not None and now_ns - last_fix_ns <= limits.dead_reckoning_after_s * 1e9,
+            sigma_m=0.0 if state is None else largest_sigma_m(state.cov_ne_m2),
+            lost_sigma_m=limits.lost_sigma_m,
+        )
+        before, self._mode = self._mode, modes.next_mode(self._mode, situation)
+        if self._mode is before:
+            return []
+        severity = Severity.CRITICAL if self._mode is Mode.LOST else Severity.NOTICE
+        data = (("from", before.value), ("sigma_m", situation.sigma_m))
+        return [Notice(severity, f"visloc: {self._mode.value.upper()}", to_operator=True, data=data)]
+
+    def _steer_source(self, now_ns: int) -> list[Command]:
+        if self._monitor.verdict.verdict is Verdict.OK:
+            return self._switch.want(EkfSource.GNSS, now_ns)
+        return self._switch.want(EkfSource.VISION, now_ns) if self._mode in INJECTING else []
+
+    def _output(self, state: NavState | None, now_ns: int) -> list[Command]:
+        belief, origin = self._tracker.belief, self._tracker.origin
+        verdict = self._monitor.verdict
+        if state is None or belief is None or origin is None:
+            return [output.empty_status(now_ns, self._mode, verdict, self._resets.count)]
+        counter = self._resets.follow(state, belief.started_ns)
+        injected = self._injection(state, origin, counter, now_ns) if self._mode in INJECTING else None
+        status = output.status(state, belief, origin, self._mode, verdict, counter, injected is not None)
+        return [status] if injected is None else [injected, status]
+
+    def _injection(self, state: NavState, origin: GeoPoint, counter: int, now_ns: int) -> Injection | None:
+        q_ned_frd = self._attitude_now(now_ns)
+        if q_ned_frd is None:
+            return None
+        sigma_d = requests.height_sigma_m(self._tracker.height_above_home_m)
+        return output.injection(state, q_ned_frd, origin, self._link.autopilot, self._settings.injection, counter, sigma_d)
+
+    def _attitude_now(self, now_ns: int) -> Quat | None:
+        t_boot_ns, newest = self._clock.boot_ns(now_ns), self._attitude.newest_boot_ns()
+        if t_boot_ns is None or newest is None:
+            return None
+        return self._attitude.at(t_boot_ns) or self._attitude.at(newest)

@@ -1,0 +1,146 @@
+"""What the autopilot is sent: the state now, in its own projection, with a finite covariance and an honest reset_counter."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from visloc_companion.core.fusion import Belief
+from visloc_companion.core.integrity import protection_level_m
+from visloc_companion.core.requests import SIGMA_YAW_RAD
+from visloc_companion.core.settings import InjectionSettings
+from visloc_companion.core.validate import is_covariance
+from visloc_companion.geo import wgs84
+from visloc_companion.types import (
+    AutopilotKind,
+    Cov2,
+    GeoPoint,
+    GnssVerdict,
+    Injection,
+    InjectionPolicy,
+    Mode,
+    NavState,
+    Quat,
+    Status,
+    Vec2,
+    Verdict,
+)
+
+RESET_MODULUS = 256
+"""reset_counter is a uint8 (VISION_POSITION_ESTIMATE)."""
+MAX_LOCAL_M = 1e6
+
+
+def is_due(policy: InjectionPolicy, verdict: Verdict) -> bool:
+    """Whether the policy wants injection under this verdict."""
+    if policy is InjectionPolicy.WHEN_UNRELIABLE:
+        return verdict is not Verdict.OK
+    return policy is InjectionPolicy.ALWAYS
+
+
+def floored(cov_ne_m2: Cov2, min_sigma_m: float) -> Cov2:
+    """The covariance with no principal sigma below a floor."""
+    values, vectors = np.linalg.eigh(np.array(cov_ne_m2))
+    raised = vectors @ np.diag(np.maximum(values, min_sigma_m**2)) @ vectors.T
+    off = float(raised[0, 1] + raised[1, 0]) / 2
+    return (float(raised[0, 0]), off), (off, float(raised[1, 1]))
+
+
+class ResetCounter:
+    """Counts the discontinuities of the output.
+
+    A discontinuity is a restart of the filter, a moved origin, or a step between two outputs (after motion by the velocity)
+    of more than `max_step_m`: each would otherwise be taken for motion, or be rejected for seconds (docs: facts sheet 0.6).
+    """
+
+    def __init__(self, max_step_m: float) -> None:
+        self._max_step_m = max_step_m
+        self._count = 0
+        self._last: NavState | None = None
+        self._started_ns: int | None = None
+
+    @property
+    def count(self) -> int:
+        """The counter as sent, modulo 256."""
+        return self._count
+
+    def bump(self) -> None:
+        """Count a discontinuity; the next output starts the comparison anew."""
+        self._count = (self._count + 1) % RESET_MODULUS
+        self._last = None
+
+    def follow(self, state: NavState, started_ns: int) -> int:
+        """The counter for an output of a filter that was started (or restarted) at a time."""
+        restarted = self._started_ns is not None and started_ns != self._started_ns
+        if restarted or (self._last is not None and _step_m(self._last, state) > self._max_step_m):
+            self.bump()
+        self._last, self._started_ns = state, started_ns
+        return self._count
+
+
+def _step_m(last: NavState, state: NavState) -> float:
+    dt_s = (state.t_ns - last.t_ns) * 1e-9
+    moved: Vec2 = (
+        (last.v_ned_mps[0] + state.v_ned_mps[0]) / 2 * dt_s,
+        (last.v_ned_mps[1] + state.v_ned_mps[1]) / 2 * dt_s,
+    )
+    return math.hypot(state.p_ned_m[0] - last.p_ned_m[0] - moved[0], state.p_ned_m[1] - last.p_ned_m[1] - moved[1])
+
+
+def injection(
+    state: NavState,
+    q_ned_frd: Quat,
+    origin: GeoPoint,
+    autopilot: AutopilotKind,
+    settings: InjectionSettings,
+    reset_counter: int,
+    sigma_d_m: float,
+) -> Injection | None:
+    """The external position for a state, or None where it would not be finite and sane (never NaN, never absurd).
+
+    The vertical is the autopilot's own height (baro), unchanged: nothing vertical that we estimate is sent back.
+    """
+    if not all(math.isfinite(v) for v in (*state.p_ned_m, *q_ned_frd, sigma_d_m)):
+        return None
+    if math.hypot(*state.p_ned_m) > MAX_LOCAL_M or not is_covariance(state.cov_ne_m2):
+        return None
+    place = wgs84.geo_from_ned(state.p_ned_m, origin)
+    return Injection(
+        state.t_ns,
+        wgs84.autopilot_ned_from_geo(autopilot, place, origin),
+        place,
+        q_ned_frd,
+        floored(state.cov_ne_m2, settings.min_sigma_m),
+        sigma_d_m,
+        SIGMA_YAW_RAD,
+        reset_counter,
+    )
+
+
+def status(
+    state: NavState, belief: Belief, origin: GeoPoint, mode: Mode, verdict: GnssVerdict, reset_counter: int, injected: bool
+) -> Status:
+    """The Status of a Tick."""
+    mean_wrong = sum(belief.wrong) / len(belief.wrong) if belief.wrong else 0.0
+    return Status(
+        state.t_ns,
+        mode,
+        verdict.verdict,
+        verdict.reasons,
+        wgs84.geo_from_ned(state.p_ned_m, origin),
+        state.v_ned_mps,
+        state.cov_ne_m2,
+        state.sigma_d_m,
+        protection_level_m(state.cov_ne_m2, state.age_of_fix_s, mean_wrong),
+        None if belief.last_fix_ns is None else max(0.0, (state.t_ns - belief.last_fix_ns) * 1e-9),
+        injected,
+        reset_counter,
+    )
+
+
+def empty_status(t_ns: int, mode: Mode, verdict: GnssVerdict, reset_counter: int) -> Status:
+    """The Status while there is no state."""
+    nothing: Cov2 = ((0.0, 0.0), (0.0, 0.0))
+    still = (0.0, 0.0, 0.0)
+    return Status(t_ns, mode, verdict.verdict, verdict.reasons, None, still, nothing, 0.0, None, None, False, reset_counter)

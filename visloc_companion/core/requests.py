@@ -1,0 +1,103 @@
+"""Which frame is localised next, and from which prior: newest frame wins, one request at a time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.geo import se3, wgs84
+from visloc_companion.types import Cov2, FrameRef, GeoPoint, LocaliseRequest, NavState, PosePrior, Quat
+
+SIGMA_YAW_RAD = math.radians(5.0)
+HEIGHT_SIGMA_M = 3.0
+HEIGHT_SIGMA_SHARE = 0.01
+LEARNED_HEIGHT_SIGMA_M = 1.0
+RATE_SLACK = 0.8
+"""Frames may come this much earlier than the greatest rate allows: cameras jitter."""
+MAX_FRAME_AGE_NS = 3_000_000_000
+SEED_STEP = 1_000_003
+MAX_SEED = 2**31
+
+
+def height_sigma_m(height_above_home_m: float) -> float:
+    """1-sigma of the autopilot's height above sea level: 3 m and 1 % of the height flown."""
+    return HEIGHT_SIGMA_M + HEIGHT_SIGMA_SHARE * abs(height_above_home_m)
+
+
+class FrameQueue:
+    """A busy flag and one waiting frame. The worker's answer, or its end, frees it."""
+
+    def __init__(self, max_rate_hz: float, seed: int) -> None:
+        self._min_interval_ns = round(RATE_SLACK * 1e9 / max_rate_hz)
+        self._seed = seed
+        self._waiting: FrameRef | None = None
+        self._busy_id: int | None = None
+        self._asked_ns: int | None = None
+        self._last_id = 0
+        self._worker_up = True
+
+    @property
+    def busy(self) -> bool:
+        """Whether an answer is outstanding."""
+        return self._busy_id is not None
+
+    def offer(self, frame: FrameRef) -> None:
+        """A new frame; it takes the place of one that still waits."""
+        if self._waiting is None or frame.t_ns >= self._waiting.t_ns:
+            self._waiting = frame
+
+    def answered(self, request_id: int) -> None:
+        """The worker answered a request."""
+        if request_id == self._busy_id:
+            self._busy_id = None
+
+    def worker(self, up: bool) -> None:
+        """The worker came up or ended; either way nothing is outstanding any more."""
+        self._worker_up, self._busy_id = up, None
+
+    def next_frame(self, now_ns: int) -> FrameRef | None:
+        """The frame to be localised now, if one may be; it stays until `taken` or `dropped`."""
+        if self._waiting is not None and now_ns - self._waiting.t_ns > MAX_FRAME_AGE_NS:
+            self._waiting = None
+        too_soon = self._asked_ns is not None and now_ns - self._asked_ns < self._min_interval_ns
+        return None if self.busy or too_soon or not self._worker_up else self._waiting
+
+    def taken(self, frame: FrameRef, prior: PosePrior, now_ns: int) -> LocaliseRequest:
+        """The request for a frame; it is outstanding from now on."""
+        self._last_id += 1
+        self._busy_id, self._asked_ns, self._waiting = self._last_id, now_ns, None
+        return LocaliseRequest(self._last_id, frame, prior, (self._seed * SEED_STEP + self._last_id) % MAX_SEED)
+
+
+def pose_prior(
+    state: NavState,
+    origin: GeoPoint,
+    q_ned_frd: Quat,
+    q_frd_cambody: Quat,
+    height_offset_m: float,
+    height_above_home_m: float,
+    sigma_tilt_rad: float,
+    max_search_radius_m: float,
+) -> PosePrior:
+    """The localiser's prior: the filter's own state at image time, never the autopilot's position.
+
+    Height is the autopilot's above sea level and the offset that earlier fixes found.
+    """
+    place = wgs84.geo_from_ned(state.p_ned_m, origin)
+    learned = LEARNED_HEIGHT_SIGMA_M + HEIGHT_SIGMA_SHARE / 2 * abs(height_above_home_m)
+    return PosePrior(
+        replace(place, h_amsl_m=place.h_amsl_m + height_offset_m),
+        se3.quat_multiply(q_ned_frd, q_frd_cambody),
+        bounded(state.cov_ne_m2, max_search_radius_m / 3),
+        min(max(state.sigma_d_m, learned), 2 * height_sigma_m(height_above_home_m)),
+        SIGMA_YAW_RAD,
+        sigma_tilt_rad,
+    )
+
+
+def bounded(cov_ne_m2: Cov2, max_sigma_m: float) -> Cov2:
+    """The covariance, scaled so that its largest sigma is at most a bound."""
+    scale = min(1.0, (max_sigma_m / largest_sigma_m(cov_ne_m2)) ** 2)
+    (nn, ne), (en, ee) = cov_ne_m2
+    return (scale * nn, scale * ne), (scale * en, scale * ee)

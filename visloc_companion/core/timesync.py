@@ -1,0 +1,109 @@
+"""The offset of the shell's clock from the autopilot's: `t_ns = t_boot_ns + offset`.
+
+Two sources. Every time-stamped message gives `arrival - boot time`, which is the offset plus a latency of at least zero, so
+the smallest of a window is an upper bound that is late by the shortest latency only. A TIMESYNC exchange gives the offset to
+within half of its round trip; the exchange with the shortest round trip of the window is taken. Windows are two buckets, so
+that a drifting clock is followed. Messages and their time bases: docs of `types.Attitude`, MAVLink TIMESYNC (111).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from visloc_companion.types import TimesyncSample
+
+BUCKET_NS = 10_000_000_000
+STEP_NS = 500_000_000
+"""A message that is this much earlier than any latency allows, or a boot time that falls back by it, is a clock step."""
+LATE_FOR_NS = 5_000_000_000
+"""Messages that are all later than the offset by STEP_NS for so long are a clock step, too."""
+MAX_ROUND_TRIP_NS = 50_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class ClockStep:
+    """The autopilot's clock was set or the autopilot restarted; `jump_ns` is by how much the offset changed."""
+
+    jump_ns: int
+
+
+class _Smallest:
+    """Entry with the smallest key over the last one to two buckets."""
+
+    def __init__(self) -> None:
+        self._start_ns = 0
+        self._current: tuple[int, int] | None = None
+        self._previous: tuple[int, int] | None = None
+
+    def add(self, t_ns: int, key: int, value: int) -> None:
+        if self._current is None or t_ns - self._start_ns > BUCKET_NS:
+            expired = t_ns - self._start_ns > 2 * BUCKET_NS
+            self._previous = None if expired else self._current
+            self._current, self._start_ns = (key, value), t_ns
+        self._current = min(self._current, (key, value))
+
+    def value(self) -> int | None:
+        known = [entry for entry in (self._current, self._previous) if entry is not None]
+        return min(known)[1] if known else None
+
+
+class ClockOffset:
+    """Estimates the offset from arrivals and TIMESYNC exchanges, and says when the autopilot's clock stepped."""
+
+    def __init__(self) -> None:
+        self._reset()
+
+    def _reset(self) -> None:
+        self._one_way = _Smallest()
+        self._exchanges = _Smallest()
+        self._last_boot_ns: int | None = None
+        self._late_since_ns: int | None = None
+
+    def on_arrival(self, t_rx_ns: int, t_boot_ns: int) -> ClockStep | None:
+        """Take the arrival of a message that carries boot time."""
+        arrived = t_rx_ns - t_boot_ns
+        offset = self.offset_ns()
+        step = None if offset is None else self._step(t_rx_ns, t_boot_ns, arrived - offset)
+        if step is not None:
+            self._reset()
+        self._last_boot_ns = t_boot_ns
+        self._one_way.add(t_rx_ns, arrived, arrived)
+        return step
+
+    def _step(self, t_rx_ns: int, t_boot_ns: int, late_ns: int) -> ClockStep | None:
+        fell_back = self._last_boot_ns is not None and t_boot_ns < self._last_boot_ns - STEP_NS
+        if late_ns < STEP_NS:
+            self._late_since_ns = None
+        elif self._late_since_ns is None:
+            self._late_since_ns = t_rx_ns
+        late_for_long = self._late_since_ns is not None and t_rx_ns - self._late_since_ns > LATE_FOR_NS
+        return ClockStep(late_ns) if fell_back or late_ns < -STEP_NS or late_for_long else None
+
+    def on_exchange(self, sample: TimesyncSample) -> ClockStep | None:
+        """Take a TIMESYNC exchange; those with an impossible or long round trip are not used."""
+        round_trip_ns = sample.t_rx_ns - sample.t_sent_ns
+        if not 0 <= round_trip_ns <= MAX_ROUND_TRIP_NS:
+            return None
+        measured = (sample.t_sent_ns + sample.t_rx_ns) // 2 - sample.t_remote_ns
+        offset = self.offset_ns()
+        step = None
+        if offset is not None and abs(measured - offset) > STEP_NS:
+            step = ClockStep(measured - offset)
+            self._reset()
+        self._exchanges.add(sample.t_rx_ns, round_trip_ns, measured)
+        return step
+
+    def offset_ns(self) -> int | None:
+        """Shell clock minus boot clock, or None before anything arrived."""
+        known = [v for v in (self._exchanges.value(), self._one_way.value()) if v is not None]
+        return min(known) if known else None
+
+    def shell_ns(self, t_boot_ns: int, fallback_ns: int) -> int:
+        """Shell time of a boot time; the fallback (arrival) where the offset is unknown."""
+        offset = self.offset_ns()
+        return fallback_ns if offset is None else t_boot_ns + offset
+
+    def boot_ns(self, t_ns: int) -> int | None:
+        """Boot time of a shell time."""
+        offset = self.offset_ns()
+        return None if offset is None else t_ns - offset

@@ -1,0 +1,139 @@
+"""The filter's life: origin, seeding, what drives it, and the comparison with GNSS."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from visloc_companion.core import fusion
+from visloc_companion.core.estimator import PositionFilter, Velocity
+from visloc_companion.core.requests import height_sigma_m
+from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.geo import wgs84
+from visloc_companion.types import Accepted, Fix, GeoPoint, NavState, Rejected, TooOld, Vec2, Vec3
+
+MIN_VELOCITY_INTERVAL_NS = 5_000_000
+GNSS_SPAN_NS = 12_000_000_000
+MAX_GNSS_GAP_NS = 1_500_000_000
+OPERATOR_REACH_M = 100_000.0
+OPERATOR_MARGIN_M = 50.0
+GNSS_BIAS_SIGMA_M = 3.0
+"""1-sigma of the constant difference between GNSS and map, for the question whether GNSS can be true at all."""
+
+
+class Tracker:
+    """Position filter with the inputs that it keeps for it: velocity, height, recent GNSS positions."""
+
+    def __init__(self, settings: NavigatorSettings) -> None:
+        self._settings = settings
+        self._filter: PositionFilter | None = None
+        self._velocity: Velocity | None = None
+        self._gnss: deque[tuple[int, GeoPoint]] = deque()
+        self.origin: GeoPoint | None = None
+        self.height_above_home_m = 0.0
+
+    @property
+    def belief(self) -> fusion.Belief | None:
+        """The filter's newest belief, None before seeding."""
+        return None if self._filter is None else self._filter.newest
+
+    @property
+    def velocity(self) -> Velocity | None:
+        """The last velocity sample."""
+        return self._velocity
+
+    def set_origin(self, origin: GeoPoint) -> bool:
+        """Take the EKF origin; True when it moved a frame that was in use."""
+        moved = self._filter is not None and origin != self.origin
+        if self._filter is not None and moved:
+            self._filter.move_origin(origin)
+        self.origin = origin
+        return moved
+
+    def drive(self, velocity: Velocity) -> bool:
+        """Take a velocity sample; the same sample in another message is ignored (False)."""
+        last = self._velocity
+        if last is not None and velocity.t_ns < last.t_ns + MIN_VELOCITY_INTERVAL_NS:
+            return False
+        self._velocity = velocity
+        if self._filter is not None:
+            self._filter.drive(velocity)
+        return True
+
+    def forget_velocity(self) -> None:
+        """The autopilot restarted; its next velocity may bear any time."""
+        self._velocity = None
+
+    def seed(self, t_ns: int, place: GeoPoint, sigma_m: float) -> bool:
+        """Start (or restart) the filter from a place; False while origin or velocity is missing."""
+        if self.origin is None or self._velocity is None:
+            return False
+        north, east, _ = wgs84.ned_from_geo(place, self.origin)
+        v = self._velocity
+        sigma_h = height_sigma_m(self.height_above_home_m)
+        start = fusion.seeded(max(t_ns, v.t_ns), (north, east), sigma_m, v.sigma_mps, v.feedback, sigma_h)
+        self._filter = PositionFilter(self._settings, self.origin, start, v)
+        return True
+
+    def at(self, t_ns: int) -> NavState | None:
+        """The state at a time."""
+        return None if self._filter is None else self._filter.at(t_ns)
+
+    def observe(self, fix: Fix) -> Accepted | Rejected | TooOld | None:
+        """Take a fix; None before seeding."""
+        return None if self._filter is None else self._filter.observe(fix)
+
+    def observe_gnss(self, t_ns: int, place: GeoPoint, sigma_m: float) -> Accepted | Rejected | TooOld | None:
+        """Take a trusted GNSS position; None before seeding."""
+        return None if self._filter is None else self._filter.observe_gnss(t_ns, place, sigma_m)
+
+    def remember_gnss(self, t_ns: int, place: GeoPoint) -> None:
+        """Keep a receiver's position for comparisons with fixes, which come later."""
+        if self._gnss and t_ns <= self._gnss[-1][0]:
+            return
+        self._gnss.append((t_ns, place))
+        while self._gnss[0][0] < t_ns - GNSS_SPAN_NS:
+            self._gnss.popleft()
+
+    def gnss_minus(self, fix: Fix, v_ned_mps: Vec3) -> Vec2 | None:
+        """GNSS minus a fix at the fix's image time, north and east metres.
+
+        Between two reports of the receiver it interpolates; outside of them it moves the nearest one by the velocity.
+        """
+        near = [item for item in self._gnss if abs(item[0] - fix.t_ns) <= MAX_GNSS_GAP_NS]
+        if not near:
+            return None
+        before = [item for item in near if item[0] <= fix.t_ns]
+        after = [item for item in near if item[0] > fix.t_ns]
+        if before and after:
+            (t0, place0), (t1, place1) = before[-1], after[0]
+            share = (fix.t_ns - t0) / (t1 - t0)
+            n0, e0, _ = wgs84.ned_from_geo(place0, fix.place)
+            n1, e1, _ = wgs84.ned_from_geo(place1, fix.place)
+            return n0 + share * (n1 - n0), e0 + share * (e1 - e0)
+        t0, place0 = before[-1] if before else after[0]
+        dt_s = (fix.t_ns - t0) * 1e-9
+        north, east, _ = wgs84.ned_from_geo(place0, fix.place)
+        return north + v_ned_mps[0] * dt_s, east + v_ned_mps[1] * dt_s
+
+    def out_of_reach(self, t_ns: int, place: GeoPoint, sigma_m: float) -> bool:
+        """Whether a GNSS position is outside the gate about our own state."""
+        state = self.at(t_ns)
+        if state is None or self.origin is None:
+            return False
+        north, east, _ = wgs84.ned_from_geo(place, self.origin)
+        d = np.array([north - state.p_ned_m[0], east - state.p_ned_m[1]])
+        S = np.array(state.cov_ne_m2) + (sigma_m**2 + GNSS_BIAS_SIGMA_M**2) * np.eye(2)
+        return float(d @ np.linalg.solve(S, d)) > self._settings.gate_sigma**2
+
+    def implausible(self, place: GeoPoint, sigma_m: float, gnss_trusted: bool) -> str | None:
+        """Why a position that the operator gives is not taken: far from the origin, or from a GNSS that is trusted."""
+        if self.origin is None or self._velocity is None:
+            return "no origin or telemetry yet"
+        if wgs84.distance_m(place, self.origin) > OPERATOR_REACH_M:
+            return "too far from origin"
+        far_m = 4 * sigma_m + OPERATOR_MARGIN_M
+        if gnss_trusted and self._gnss and wgs84.distance_m(place, self._gnss[-1][1]) > far_m:
+            return "far from trusted GNSS"
+        return None

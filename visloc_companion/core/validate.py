@@ -1,0 +1,88 @@
+"""Sanity of what comes in from outside: NaN, absurd places and covariances never reach the filter."""
+
+from __future__ import annotations
+
+import math
+
+from visloc_companion.errors import Reason
+from visloc_companion.types import (
+    Attitude,
+    Cov2,
+    EstimatorStatus,
+    Event,
+    Fix,
+    FrameRef,
+    GeoPoint,
+    Gnss,
+    LocalPose,
+    OperatorFix,
+    OriginChanged,
+    PriorPose,
+)
+
+MAX_SPEED_MPS = 200.0
+MAX_LEAD_NS = 200_000_000
+"""Times of validity may lie this far ahead of the shell's clock (clock offsets are estimates)."""
+
+
+def fault(event: Event, now_ns: int) -> Reason | None:  # noqa: PLR0911 (one return for each kind of event)
+    """Why an event must not be used, or None. Fields that autopilots may leave unknown (None) are fine."""
+    match event:
+        case Attitude():
+            return _unless(_finite(*event.q_ned_frd, *event.rate_frd_radps))
+        case PriorPose():
+            return _unless(is_place(event.place) and _is_velocity(event.v_ned_mps) and _finite(event.h_rel_m))
+        case LocalPose():
+            return _unless(_finite(*event.p_ned_m) and _is_velocity(event.v_ned_mps))
+        case Gnss():
+            known = [v for v in (event.h_acc_m, event.v_acc_m, *(event.v_ned_mps or ())) if v is not None]
+            place = (event.place.lat_deg, event.place.lon_deg, event.place.h_amsl_m)
+            return _unless(_finite(*place, *known))  # receivers without a fix report any place
+        case EstimatorStatus():
+            ratios = (event.position_ratio, event.velocity_ratio, event.height_ratio)
+            return _unless(_finite(*(r for r in ratios if r is not None)))
+        case OriginChanged():
+            return _unless(is_place(event.origin))
+        case OperatorFix():
+            return _unless(is_place(event.place) and _finite(event.sigma_m) and 0 < event.sigma_m <= 10_000)
+        case Fix():
+            return _fix_fault(event, now_ns)
+        case FrameRef():
+            return Reason.IMPLAUSIBLE_TIME if event.t_ns > now_ns + MAX_LEAD_NS else None
+        case _:
+            return None
+
+
+def _fix_fault(fix: Fix, now_ns: int) -> Reason | None:
+    if fix.t_ns > now_ns + MAX_LEAD_NS:
+        return Reason.IMPLAUSIBLE_TIME
+    numbers = _finite(*fix.q_ned_frd, fix.sigma_h_m, fix.sigma_yaw_rad, fix.probability_wrong)
+    return _unless(numbers and is_place(fix.place) and fix.sigma_h_m > 0 and is_covariance(fix.cov_ne_m2))
+
+
+def _unless(fine: bool) -> Reason | None:
+    return None if fine else Reason.NOT_FINITE
+
+
+def is_place(place: GeoPoint) -> bool:
+    """Finite, on the globe, and not the 0, 0 that autopilots send for "unknown"."""
+    if not _finite(place.lat_deg, place.lon_deg, place.h_amsl_m):
+        return False
+    on_globe = abs(place.lat_deg) <= 89 and abs(place.lon_deg) <= 180 and abs(place.h_amsl_m) <= 50_000
+    return on_globe and not (place.lat_deg == 0 and place.lon_deg == 0)
+
+
+def is_covariance(cov_m2: Cov2) -> bool:
+    """Finite, symmetric, positive definite, between 1 mm and 100 km."""
+    (nn, ne), (en, ee) = cov_m2
+    if not _finite(nn, ne, en, ee) or abs(ne - en) > 1e-9 * (nn + ee):
+        return False
+    return min(nn, ee) >= 1e-6 and max(nn, ee) <= 1e10 and nn * ee - ne * en > 1e-9 * nn * ee
+
+
+def _is_velocity(v_mps: tuple[float, float, float]) -> bool:
+    return _finite(*v_mps) and max(abs(v) for v in v_mps) <= MAX_SPEED_MPS
+
+
+def _finite(*numbers: float) -> bool:
+    return all(math.isfinite(number) for number in numbers)
