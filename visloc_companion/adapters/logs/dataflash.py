@@ -39,9 +39,8 @@ from visloc_companion.types import (
 )
 
 _KIND = AutopilotKind.ARDUPILOT
-_WANTED = frozenset(
-    ["ATT", "GPS", "POS", "XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4", "ORGN", "NTUN", "CTUN", "EV", "MSG", "CMD"]
-)
+_POSITIONS = ("POS", "ORGN", "XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4", "NTUN", "CTUN")
+_WANTED = frozenset(("ATT", "GPS", "EV", "MSG", "CMD", *_POSITIONS))
 _EV_ARMED, _EV_DISARMED = (10, 15), (11,)
 _MAX_STEP_NS = 3600 * NS_PER_S
 _GPS_EPOCH_UNIX_S = 315_964_800
@@ -141,8 +140,15 @@ class _Reader:
         if fields.get("C", 0) != 0:
             return None
         t_ns = self._at(fields)
-        ratios = (_finite(fields[name]) for name in ("SP", "SV", "SH"))
-        return EstimatorStatus(t_ns, *ratios, bool(fields["SS"] & 0x10), bool(fields["SS"] & 0x8000), None)
+        return EstimatorStatus(
+            t_ns,
+            position_ratio=_finite(fields["SP"]),
+            velocity_ratio=_finite(fields["SV"]),
+            height_ratio=_finite(fields["SH"]),
+            horizontal_position_ok=bool(fields["SS"] & 0x10),
+            gnss_glitch=bool(fields["SS"] & 0x8000),
+            gnss_in_use=None,
+        )
 
     def _pos(self, fields: Fields) -> Event | None:
         t_ns = self._at(fields)

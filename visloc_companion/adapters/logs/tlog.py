@@ -102,7 +102,7 @@ def _packet_length(data: bytes, start: int) -> int:
     if data[start] == mav.PROTOCOL_MARKER_V1:
         return 8 + data[start + 1]
     if data[start] == mav.PROTOCOL_MARKER_V2:
-        return 12 + data[start + 1] + 13 * (data[start + 2] & mav.MAVLINK_IFLAG_SIGNED)
+        return 12 + data[start + 1] + 13 * (data[start + 2] & int(mav.MAVLINK_IFLAG_SIGNED))
     return 0
 
 
