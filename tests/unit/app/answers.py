@@ -1,0 +1,84 @@
+"""Stand-ins for map and localiser; the worker process loads them by name (`answers:FUNCTION`)."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+
+from visloc_companion.config import Config
+from visloc_companion.errors import HashMismatch, Reason
+from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix
+
+Answer = Callable[[LocaliseRequest, Image], Fix | NoFix]
+
+
+def _fix(request: LocaliseRequest, pixels: Image) -> Fix:
+    prior = request.prior
+    evidence = (("mean", float(pixels.mean())), ("nice", float(os.nice(0))), ("threads", float(os.environ["OMP_NUM_THREADS"])))
+    return Fix(
+        0,
+        request.frame.t_ns,
+        request.request_id,
+        request.frame.frame_id,
+        "fake",
+        prior.place,
+        prior.q_ned_frd,
+        prior.cov_ne_m2,
+        1.0,
+        0.1,
+        0.001,
+        1.0,
+        evidence,
+    )
+
+
+def prior_is_right(config: Config) -> Answer:
+    """Answers with the prior at once."""
+    return _fix
+
+
+def by_request_id(config: Config) -> Answer:
+    """Misbehaves as the number of the request says."""
+
+    def answer(request: LocaliseRequest, pixels: Image) -> Fix | NoFix:
+        kind = request.request_id % 10
+        if kind == 1:
+            time.sleep(60)
+        if kind == 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+        if kind == 3:
+            raise ZeroDivisionError("a fault")
+        if kind == 4:
+            os._exit(7)
+        if kind == 5:
+            time.sleep(0.3)
+        if kind == 6:
+            return NoFix(0, 0, request.request_id, request.frame.frame_id, "fake", Reason.NO_MATCH, 1.0)
+        return _fix(request, pixels)
+
+    return answer
+
+
+def broken_pack(config: Config) -> Answer:
+    """The pack cannot be opened."""
+    raise HashMismatch("differs from the manifest", where="pack/ortho.tif", remedy="copy the pack again")
+
+
+def bug_at_start(config: Config) -> Answer:
+    """Fails in a way that nobody foresaw."""
+    raise KeyError("surprise")
+
+
+def dies_at_start(config: Config) -> Answer:
+    """Is killed while it starts."""
+    os.kill(os.getpid(), signal.SIGKILL)
+    raise AssertionError
+
+
+def starts_once(config: Config) -> Answer:
+    """The first start works, later ones (told by verify_hashes) do not."""
+    if not config.map.verify_hashes:
+        raise HashMismatch("is gone", where="pack")
+    return by_request_id(config)

@@ -1,0 +1,242 @@
+"""The worker and its supervisor, with real processes."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from multiprocessing import shared_memory
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from visloc_companion.app.clock import MonotonicClock
+from visloc_companion.app.slots import SharedFrameSlots
+from visloc_companion.app.worker import WorkerSupervisor
+from visloc_companion.app.worker_process import load_factory
+from visloc_companion.config import Config, parse_config
+from visloc_companion.errors import HashMismatch, Reason, VislocError, WorkerError
+from visloc_companion.types import CameraModel, Fix, FrameRef, GeoPoint, LocaliseRequest, NoFix, Notice, PosePrior, WorkerState
+
+MODEL = CameraModel(64, 48, 50.0, 50.0, 31.5, 23.5)
+PRIOR = PosePrior(GeoPoint(47.0, 8.0, 500.0), (1.0, 0.0, 0.0, 0.0), ((4.0, 0.0), (0.0, 4.0)), 2.0, 0.1, 0.02)
+
+
+@dataclass
+class Bench:
+    slots: SharedFrameSlots
+    worker: WorkerSupervisor
+    notices: list[Notice] = field(default_factory=list)
+    frames: int = 0
+
+    def ask(self, request_id: int) -> LocaliseRequest:
+        self.frames += 1
+        frame = FrameRef(
+            0, 1000 * self.frames, self.frames, self.slots.write(np.full((48, 64), self.frames, np.uint8)), 64, 48, 1
+        )
+        self.slots.announce(frame)
+        request = LocaliseRequest(request_id, frame, PRIOR, 1)
+        self.worker.submit(request)
+        return request
+
+    async def next(self) -> Fix | NoFix | WorkerState:
+        return await asyncio.wait_for(self.worker.events.get(), 60)
+
+
+@pytest.fixture(autouse=True)
+def _answers_can_be_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+
+
+@asynccontextmanager
+async def bench(factory: str, start: bool = True, **worker: float) -> AsyncIterator[Bench]:
+    config: Config = parse_config({"worker": worker})
+    notices: list[Notice] = []
+    with SharedFrameSlots(MODEL) as slots:
+        supervisor = WorkerSupervisor(config, slots, MonotonicClock(), on_notice=notices.append, factory=f"answers:{factory}")
+        try:
+            if start:
+                await supervisor.start()
+                state = await supervisor.events.get()
+                assert isinstance(state, WorkerState)
+                assert (state.up, state.restarts) == (True, 0)
+            yield Bench(slots, supervisor, notices)
+        finally:
+            await supervisor.close()
+
+
+async def test_a_request_is_answered_from_the_pixels_with_the_arrival_time() -> None:
+    async with bench("prior_is_right", nice=5) as b:
+        before = MonotonicClock().now_ns()
+        b.ask(10)
+        b.ask(11)  # while it is busy: declined, never queued
+        declined, fix = await b.next(), await b.next()
+        assert isinstance(declined, NoFix)
+        assert (declined.request_id, declined.reason, declined.detail) == (11, Reason.SUPERSEDED, "the worker is busy")
+        assert isinstance(fix, Fix)
+        assert (fix.request_id, fix.frame_id, fix.t_ns) == (10, 1, 1000)
+        assert before < fix.t_rx_ns <= MonotonicClock().now_ns()
+        evidence = dict(fix.evidence)
+        assert evidence["mean"] == 1.0
+        assert evidence["threads"] == 1.0
+        assert evidence["nice"] == os.nice(0) + 5
+
+
+async def test_a_frame_that_was_overwritten_is_superseded() -> None:
+    async with bench("prior_is_right") as b:
+        old = b.ask(10)
+        assert isinstance(await b.next(), Fix)
+        for value in range(4):
+            b.slots.write(np.full((48, 64), value, np.uint8))
+        b.worker.submit(old)
+        answer = await b.next()
+        assert isinstance(answer, NoFix)
+        assert (answer.reason, answer.detail) == (Reason.SUPERSEDED, "a newer frame took the slot")
+
+
+async def test_a_killed_worker_is_noticed_answered_and_replaced() -> None:
+    async with bench("by_request_id") as b:
+        assert b.worker.pid is not None
+        b.ask(1)  # would take a minute
+        os.kill(b.worker.pid, signal.SIGKILL)
+        answer, down, up = await b.next(), await b.next(), await b.next()
+        assert isinstance(answer, NoFix)
+        assert (answer.request_id, answer.reason) == (1, Reason.WORKER_DIED)
+        assert isinstance(down, WorkerState)
+        assert (down.up, down.restarts, down.detail) == (False, 1, "the worker ended with signal 9")
+        assert isinstance(up, WorkerState)
+        assert (up.up, up.restarts) == (True, 1)
+        b.ask(10)
+        assert isinstance(await b.next(), Fix)
+        assert [notice.text for notice in b.notices] == ["localiser restarts"]
+
+
+async def test_a_worker_that_is_killed_while_idle() -> None:
+    async with bench("by_request_id") as b:
+        assert b.worker.pid is not None
+        os.kill(b.worker.pid, signal.SIGKILL)
+        states = [await b.next(), await b.next()]
+        assert [isinstance(state, WorkerState) and state.up for state in states] == [False, True]
+
+
+async def test_a_deadline_that_passes_kills_and_restarts() -> None:
+    async with bench("by_request_id", deadline_s=0.3) as b:
+        pid = b.worker.pid
+        b.ask(1)
+        answer, down, up = await b.next(), await b.next(), await b.next()
+        assert isinstance(answer, NoFix)
+        assert (answer.reason, answer.detail) == (Reason.WORKER_TIMEOUT, "a localisation took longer than 0.3 s")
+        assert isinstance(down, WorkerState)
+        assert isinstance(up, WorkerState)
+        assert (down.up, up.up) == (False, True)
+        assert b.worker.pid != pid
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid or 0, 0)
+
+
+async def test_too_many_deaths_give_up_and_tell_the_operator() -> None:
+    async with bench("by_request_id", max_restarts=1) as b:
+        b.ask(2)
+        assert isinstance(await b.next(), NoFix)
+        assert [isinstance(state, WorkerState) and state.up for state in (await b.next(), await b.next())] == [False, True]
+        b.ask(4)
+        answer, down = await b.next(), await b.next()
+        assert isinstance(answer, NoFix)
+        assert answer.detail == "the worker ended with exit code 7"
+        assert isinstance(down, WorkerState)
+        assert (down.up, down.restarts, down.detail) == (False, 2, "given up: the worker ended with exit code 7")
+        assert b.worker.given_up
+        assert not b.worker.alive
+        assert b.notices[-1].to_operator
+        assert len(b.notices[-1].text) <= 50
+        b.ask(10)
+        late = await b.next()
+        assert isinstance(late, NoFix)
+        assert (late.reason, late.detail) == (Reason.WORKER_DIED, "there is no worker")
+
+
+async def test_a_restart_that_fails_counts_as_a_death() -> None:
+    async with bench("starts_once", max_restarts=1) as b:
+        b.ask(2)
+        answer, first, second = await b.next(), await b.next(), await b.next()
+        assert isinstance(answer, NoFix)
+        assert isinstance(first, WorkerState)
+        assert isinstance(second, WorkerState)
+        assert second.detail == "given up: pack: is gone"
+
+
+async def test_a_fault_in_one_frame_costs_that_frame_only() -> None:
+    async with bench("by_request_id") as b:
+        pid = b.worker.pid
+        b.ask(3)
+        answer = await b.next()
+        assert isinstance(answer, NoFix)
+        assert answer.reason is Reason.BAD_INPUT
+        assert answer.detail.startswith("ZeroDivisionError: a fault (answers.py:")
+        b.ask(6)
+        declined = await b.next()
+        assert isinstance(declined, NoFix)
+        assert declined.reason is Reason.NO_MATCH
+        assert b.worker.pid == pid
+
+
+@pytest.mark.parametrize(
+    ("factory", "kind", "what"),
+    [
+        ("broken_pack", HashMismatch, "pack/ortho.tif: differs from the manifest; remedy: copy the pack again"),
+        ("bug_at_start", WorkerError, "cannot start: KeyError: 'surprise'"),
+        ("dies_at_start", WorkerError, "the worker ended with signal 9"),
+        ("no_such", WorkerError, "no function 'answers:no_such'"),
+    ],
+)
+async def test_what_stands_against_the_start_is_raised(factory: str, kind: type[VislocError], what: str) -> None:
+    async with bench(factory, start=False) as b:
+        with pytest.raises(kind, match=what):
+            await b.worker.start()
+        assert b.worker.pid is None
+        assert len(b.worker.events) == 0
+
+
+async def test_close_ends_a_worker_that_computes_and_the_memory_goes() -> None:
+    async with bench("by_request_id") as b:
+        pid, name = b.worker.pid, b.slots.name.name
+        b.ask(1)
+        await asyncio.sleep(0.05)
+    assert pid is not None
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+    with pytest.raises(FileNotFoundError):
+        shared_memory.SharedMemory(name=name)
+
+
+async def test_the_workers_group_signals_do_not_end_it() -> None:
+    async with bench("by_request_id") as b:
+        assert b.worker.pid is not None
+        for number in (signal.SIGINT, signal.SIGTERM):
+            os.kill(b.worker.pid, number)
+        b.ask(5)
+        assert isinstance(await b.next(), Fix)
+
+
+async def test_a_start_that_is_cancelled_leaves_no_process() -> None:
+    async with bench("prior_is_right", start=False) as b:
+        task = asyncio.create_task(b.worker.start())
+        await asyncio.sleep(0.01)
+        pid = b.worker.pid
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        assert pid is not None
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+
+
+def test_a_factory_is_named_by_module_and_function() -> None:
+    factory: Callable[..., object] = load_factory("visloc_companion.app.worker_process:open_localiser")
+    assert factory.__name__ == "open_localiser"
+    with pytest.raises(WorkerError, match="no function 'nowhere:f'"):
+        load_factory("nowhere:f")

@@ -1,0 +1,231 @@
+"""Keeps one localisation process alive: starts it, feeds it, kills it at the deadline, restarts it, and gives up in time.
+
+A death is noticed at once by the process's sentinel. Whatever happens, every request is answered by exactly one Fix or NoFix,
+and everything is told to the core by WorkerState events.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import multiprocessing
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from typing import Any
+
+from visloc_companion.app.mailbox import Mailbox
+from visloc_companion.app.slots import SharedFrameSlots
+from visloc_companion.app.worker_process import REAL_ANSWERS, Failed, Ready, WorkerJob, no_fix, run_worker
+from visloc_companion.config import Config
+from visloc_companion.errors import Reason, VislocError, WorkerError
+from visloc_companion.protocols import Clock
+from visloc_companion.types import Fix, LocaliseRequest, NoFix, Notice, Severity, WorkerState
+
+WorkerEvent = Fix | NoFix | WorkerState
+_WINDOW_S = 60.0
+_START_S = 120.0
+_RESTART_S = 30.0
+_STOP_S = 1.0
+_CAPACITY = 16
+
+
+class WorkerSupervisor:
+    """One spawned worker. `events` holds its answers and states; `submit` never blocks or raises."""
+
+    def __init__(
+        self,
+        config: Config,
+        slots: SharedFrameSlots,
+        clock: Clock,
+        *,
+        on_notice: Callable[[Notice], None],
+        factory: str = REAL_ANSWERS,
+    ) -> None:
+        self.events: Mailbox[WorkerEvent] = Mailbox(_CAPACITY, newest_wins=True)
+        self.restarts = 0
+        self.up = False
+        self.given_up = False
+        self._config, self._slots, self._clock = config, slots, clock
+        self._on_notice, self._factory = on_notice, factory
+        self._context = multiprocessing.get_context("spawn")
+        self._process: Any = None
+        self._connection: Connection | None = None
+        self._in_flight: LocaliseRequest | None = None
+        self._deadline: asyncio.TimerHandle | None = None
+        self._deaths: deque[float] = deque()
+        self._started: asyncio.Future[None] | None = None
+        self._why, self._reason = "", Reason.WORKER_DIED
+
+    @property
+    def pid(self) -> int | None:
+        """Process number of the worker, None while there is none."""
+        return None if self._process is None else int(self._process.pid)
+
+    @property
+    def alive(self) -> bool:
+        """Whether answers can be expected: up, or being restarted."""
+        return self._process is not None and not self.given_up
+
+    async def start(self) -> None:
+        """Start the first worker and wait until map and localiser are open.
+
+        Raises what stands against it (MapError, ModelError, ConfigError, WorkerError).
+        """
+        self._started = asyncio.get_running_loop().create_future()
+        self._spawn(self._config, _START_S)
+        try:
+            await self._started
+        except BaseException:
+            await self.close()
+            raise
+
+    def submit(self, request: LocaliseRequest) -> None:
+        """Hand over a request; the answer comes through `events`, also where there is no worker or no such frame."""
+        if not self.up or self._connection is None:
+            self._decline(request, Reason.WORKER_DIED, "there is no worker")
+        elif self._in_flight is not None:
+            self._decline(request, Reason.SUPERSEDED, "the worker is busy")
+        elif not self._slots.hold(request.frame):
+            self._decline(request, Reason.SUPERSEDED, "a newer frame took the slot")
+        else:
+            self._in_flight = request
+            limit_s = self._config.worker.deadline_s
+            self._arm(limit_s, f"a localisation took longer than {limit_s:g} s", Reason.WORKER_TIMEOUT)
+            with contextlib.suppress(OSError):  # it died this instant: the sentinel says so and answers
+                self._connection.send(request)
+
+    async def close(self) -> None:
+        """End the worker: politely, then by force. Nothing is reported any more."""
+        self.given_up, self.up = True, False
+        process, connection = self._detach()
+        if process is None or connection is None:
+            return
+        connection.close()  # the worker reads the end and returns
+        loop, gone = asyncio.get_running_loop(), asyncio.Event()
+        loop.add_reader(process.sentinel, gone.set)
+        try:
+            await asyncio.wait_for(gone.wait(), _STOP_S)
+        except TimeoutError:
+            pass  # it computes; it will not miss what it loses
+        finally:
+            loop.remove_reader(process.sentinel)
+            process.kill()
+            process.join()
+            process.close()
+
+    # ------------------------------------------------------------------------------------------------------------ inside
+
+    def _spawn(self, config: Config, patience_s: float) -> None:
+        ours, theirs = self._context.Pipe(duplex=True)
+        job = WorkerJob(config, self._slots.name, self._factory)
+        process = self._context.Process(target=run_worker, args=(job, theirs), name="visloc-worker", daemon=True)
+        process.start()
+        theirs.close()
+        self._process, self._connection, self._why, self._reason = process, ours, "", Reason.WORKER_DIED
+        loop = asyncio.get_running_loop()
+        loop.add_reader(process.sentinel, self._died)
+        loop.add_reader(ours.fileno(), self._receive)
+        self._arm(patience_s, f"the worker did not start within {patience_s:g} s", Reason.WORKER_DIED)
+
+    def _arm(self, patience_s: float, why: str, reason: Reason) -> None:
+        self._disarm()
+        self._deadline = asyncio.get_running_loop().call_later(patience_s, self._kill, why, reason)
+
+    def _disarm(self) -> None:
+        if self._deadline is not None:
+            self._deadline.cancel()
+            self._deadline = None
+
+    def _kill(self, why: str, reason: Reason) -> None:
+        """The sentinel does the rest."""
+        self._why, self._reason = why, reason
+        self._process.kill()
+
+    def _receive(self) -> None:
+        connection = self._connection
+        if connection is None:
+            return
+        try:
+            message = connection.recv()
+        except (EOFError, OSError):
+            asyncio.get_running_loop().remove_reader(connection.fileno())
+            return
+        if isinstance(message, Ready):
+            self._disarm()
+            self.up = True
+            self._report("ready")
+            if self._started is not None and not self._started.done():
+                self._started.set_result(None)
+        elif isinstance(message, Failed):
+            self._failed(message.error)
+        elif self._in_flight is not None and message.request_id == self._in_flight.request_id:
+            self._disarm()
+            self._in_flight = None
+            self._slots.release()
+            self.events.put(replace(message, t_rx_ns=self._clock.now_ns()))
+
+    def _failed(self, error: VislocError) -> None:
+        self._why = str(error)
+        if self._started is not None and not self._started.done():
+            self._started.set_exception(error)
+
+    def _died(self) -> None:
+        """The sentinel fired: answer what was asked, report, and start another or give up."""
+        if self._connection is not None and self._connection.poll():
+            self._receive()  # its last words
+        process, connection = self._detach()
+        if process is None or connection is None:
+            return
+        connection.close()
+        process.join()
+        why = self._why or f"the worker ended with {_exit(process.exitcode)}"
+        process.close()
+        self.up = False
+        if self._in_flight is not None:
+            request, self._in_flight = self._in_flight, None
+            self._slots.release()
+            self._decline(request, self._reason, why)
+        if self._started is not None and not self._started.done():
+            self._started.set_exception(WorkerError(why, where="worker", remedy="see its messages above"))
+        elif self._started is not None and self._started.exception() is None:
+            self._restart_or_give_up(why)
+
+    def _restart_or_give_up(self, why: str) -> None:
+        now_s = asyncio.get_running_loop().time()
+        self._deaths.append(now_s)
+        while now_s - self._deaths[0] > _WINDOW_S:
+            self._deaths.popleft()
+        self.given_up = len(self._deaths) > self._config.worker.max_restarts
+        if self.given_up:
+            self._report(f"given up: {why}")
+            self._on_notice(Notice(Severity.CRITICAL, "localiser gave up, restart visloc", True, (("why", why),)))
+            return
+        self._report(why)
+        self._on_notice(Notice(Severity.WARNING, "localiser restarts", False, (("why", why),)))
+        self.restarts += 1
+        unverified = self._config.map.model_copy(update={"verify_hashes": False})  # verified at the start; be quick now
+        self._spawn(self._config.model_copy(update={"map": unverified}), _RESTART_S)
+
+    def _detach(self) -> tuple[Any, Connection | None]:
+        """Stop listening to the worker and forget it; its process and connection are the caller's to end."""
+        self._disarm()
+        process, connection = self._process, self._connection
+        self._process = self._connection = None
+        loop = asyncio.get_running_loop()
+        if process is not None:
+            loop.remove_reader(process.sentinel)
+        if connection is not None:
+            loop.remove_reader(connection.fileno())
+        return process, connection
+
+    def _report(self, detail: str) -> None:
+        self.events.put(WorkerState(self._clock.now_ns(), self.up, len(self._deaths), detail))
+
+    def _decline(self, request: LocaliseRequest, reason: Reason, detail: str) -> None:
+        self.events.put(no_fix(request, self._config.localiser.method, reason, detail, self._clock.now_ns()))
+
+
+def _exit(code: int | None) -> str:
+    return f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"

@@ -1,0 +1,128 @@
+"""What runs in the worker process: map and localiser, one request at a time. Started by app/worker.py."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from visloc_companion.app.settings import camera_model
+from visloc_companion.app.slots import SlotsName, WorkerSlots
+from visloc_companion.config import Config
+from visloc_companion.errors import Reason, VislocError, WorkerError
+from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix
+
+Answer = Callable[[LocaliseRequest, Image], Fix | NoFix]
+"""What the worker does with a request: pure, and it may take long."""
+AnswerFactory = Callable[[Config], Answer]
+REAL_ANSWERS = "visloc_companion.app.worker_process:open_localiser"
+_THREAD_LIMITS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "GDAL_NUM_THREADS")
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerJob:
+    """What a worker needs to start; travels to the process by pickle.
+
+    `factory` is `module:function`, a function of the configuration that opens map and localiser and returns the function that
+    answers requests.
+    """
+
+    config: Config
+    slots: SlotsName
+    factory: str = REAL_ANSWERS
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """The worker's first message: map and localiser are open."""
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """The worker's first message: why it cannot start."""
+
+    error: VislocError
+
+
+def open_localiser(config: Config) -> Answer:
+    """Open the pack and the localiser of a configuration. Raises MapError or ConfigError."""
+    from visloc_companion.localise.registry import make_localiser
+    from visloc_companion.maps.pack import PackMap
+
+    reference = PackMap.open(Path(config.map.pack), verify_hashes=config.map.verify_hashes)
+    localiser = make_localiser(
+        config.localiser.method,
+        camera_model(config.camera),
+        map_sigma_m=config.navigator.map_sigma_m,
+        max_probability_wrong=config.localiser.max_probability_wrong,
+        max_search_radius_m=config.localiser.max_search_radius_m,
+    )
+    return lambda request, pixels: localiser.localise(request, pixels, reference)
+
+
+def load_factory(name: str) -> AnswerFactory:
+    """The function that `module:function` names. Raises WorkerError where there is none."""
+    module, _, function = name.partition(":")
+    try:
+        factory: Any = getattr(importlib.import_module(module), function)
+    except (ImportError, AttributeError) as why:
+        raise WorkerError(f"no function {name!r}: {why}", where="worker", remedy="reinstall visloc-companion") from why
+    return factory  # type: ignore[no-any-return]
+
+
+def limit_threads() -> None:
+    """One thread for every numerical library, for this process and what it imports later."""
+    for name in _THREAD_LIMITS:
+        os.environ[name] = "1"
+    import cv2
+
+    cv2.setNumThreads(1)
+    cv2.ocl.setUseOpenCL(False)
+
+
+def run_worker(job: WorkerJob, connection: Connection) -> None:
+    """Body of the process: report readiness or the reason against it, then answer until the connection ends.
+
+    Signals for the whole process group (Ctrl-C) are the daemon's business: it ends its worker itself.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    os.nice(job.config.worker.nice)
+    limit_threads()
+    try:
+        answer = load_factory(job.factory)(job.config)
+        slots = WorkerSlots(job.slots)
+    except VislocError as error:
+        connection.send(Failed(error))
+        return
+    except Exception as error:  # whatever else it is, the operator must read it
+        connection.send(Failed(WorkerError(f"cannot start: {type(error).__name__}: {error}", where="worker")))
+        return
+    try:
+        connection.send(Ready())
+        while (request := connection.recv()) is not None:
+            connection.send(_answered(answer, request, slots, job.config.localiser.method))
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        return  # the daemon is gone
+
+
+def no_fix(request: LocaliseRequest, method: str, reason: Reason, detail: str, now_ns: int = 0) -> NoFix:
+    """The answer to a request that no localiser answered."""
+    frame = request.frame
+    return NoFix(now_ns, frame.t_ns, request.request_id, frame.frame_id, method, reason, 0.0, detail)
+
+
+def _answered(answer: Answer, request: LocaliseRequest, slots: WorkerSlots, method: str) -> Fix | NoFix:
+    """The answer; a fault that one frame provokes must not cost the process, so it is an answer too."""
+    try:
+        return answer(request, slots.read(request.frame))
+    except Exception as fault:
+        where = traceback.extract_tb(fault.__traceback__)[-1]
+        detail = f"{type(fault).__name__}: {fault} ({Path(where.filename).name}:{where.lineno})"
+        return no_fix(request, method, Reason.BAD_INPUT, detail)
