@@ -10,7 +10,8 @@
     ├── CameraError
     ├── WorkerError
     ├── JournalError
-    └── LogError
+    ├── LogError
+    └── CasesError
 """
 
 from enum import StrEnum
@@ -83,6 +84,10 @@ class JournalError(VislocError):
 
 class LogError(VislocError):
     """A recorded flight cannot be read."""
+
+
+class CasesError(VislocError):
+    """A folder of evaluation cases cannot be read."""
 
 
 class Reason(StrEnum):

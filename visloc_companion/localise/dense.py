@@ -152,7 +152,7 @@ class GradientLocaliser:
             return no_fix(request, self.method, watch, (Reason.POSE_FAILED, "the blocks do not determine a pose"))
         evidence = _evidence(best, max(others, default=0.0), plan, request.prior)
         p = probability_wrong(evidence)
-        numbers = _numbers(evidence, best, p)
+        numbers = _numbers(evidence, best, p, plan.agl_m)
         if why := refusal(evidence, self._settings.max_probability_wrong):
             return no_fix(request, self.method, watch, why, numbers)
         covariance = best.estimate.covariance * COVARIANCE_FACTOR**2
@@ -219,7 +219,7 @@ def _evidence(best: Match, runner_up: float, plan: SearchPlan, prior: PosePrior)
     )
 
 
-def _numbers(evidence: Evidence, best: Match, p: float) -> dict[str, float]:
+def _numbers(evidence: Evidence, best: Match, p: float, agl_m: float) -> dict[str, float]:
     return {
         "score": evidence.score,
         "coarse_score": best.coarse_score,
@@ -231,5 +231,6 @@ def _numbers(evidence: Evidence, best: Match, p: float) -> dict[str, float]:
         "height_sigmas": evidence.height_sigmas,
         "yaw_sigmas": evidence.yaw_sigmas,
         "position_sigmas": evidence.position_sigmas,
+        "agl_m": agl_m,
         "p_wrong": p,
     }

@@ -1,0 +1,72 @@
+"""`visloc evaluate`: measure the methods on cases with known truth."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+evaluate_app = typer.Typer(
+    help="Measure the methods on cases with known truth.",
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+DEFAULT_METHOD = "gradient"
+
+
+@evaluate_app.callback()
+def _evaluate() -> None:
+    """Keep `image` a subcommand while it is the only one."""
+
+
+@evaluate_app.command("image")
+def image(
+    cases: Annotated[Path | None, typer.Argument(help="Folder with cases.csv and, if known, truth.csv.")] = None,
+    method: Annotated[str, typer.Option(help="Method; see --list-methods.")] = DEFAULT_METHOD,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    limit: Annotated[int | None, typer.Option(min=1, help="Only the first so many cases.")] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the result here.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
+    list_methods: Annotated[bool, typer.Option("--list-methods", help="Print the methods of this version.")] = False,
+) -> None:
+    """Place frames on a map: fixes, errors against the truth, claimed accuracy and time."""
+    from visloc_companion.errors import ConfigError
+    from visloc_companion.localise.registry import METHODS
+
+    if list_methods:
+        typer.echo("\n".join(METHODS))
+        return
+    if method not in METHODS:
+        raise ConfigError(f"unknown method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
+    if cases is None:
+        raise ConfigError("no folder named", where="CASES", remedy="visloc evaluate image FOLDER (with cases.csv)")
+    _run(cases, method, jobs, limit, json_file, report)
+
+
+def _run(cases: Path, method: str, jobs: int, limit: int | None, json_file: Path | None, report: Path | None) -> None:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from visloc_companion.evaluate.cases import read_truth
+    from visloc_companion.evaluate.image import evaluate_image
+    from visloc_companion.evaluate.image_report import write_image_report
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(method, total=None)
+        document, results = evaluate_image(
+            cases, method, jobs, limit, lambda done, total: bar.update(task, completed=done, total=total)
+        )
+    if json_file is not None:
+        json_file.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    if report is not None:
+        typer.echo(write_image_report(report, document, results, read_truth(cases)))
+    for name, value in document["summary"].items():
+        typer.echo(f"{name:24} {_line(value)}")
+
+
+def _line(value: Any) -> str:
+    if isinstance(value, dict):
+        return "  ".join(f"{name} {_line(part)}" for name, part in value.items())
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,186 @@
+"""Folders of image cases: `cases.csv` and, where there is one, `truth.csv` (format: `visloc evaluate image --help`, docs)."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+
+from visloc_companion.errors import CasesError
+from visloc_companion.geo.se3 import quat_from_euler
+from visloc_companion.types import CameraModel, GeoPoint, Image, PosePrior
+
+COLUMNS = (
+    *("id", "frame", "ortho", "dsm", "fx_px", "fy_px", "cx_px", "cy_px", "distortion"),
+    *("prior_lat_deg", "prior_lon_deg", "prior_h_m", "prior_roll_deg", "prior_pitch_deg", "prior_yaw_deg"),
+    *("sigma_horizontal_m", "sigma_h_m", "sigma_yaw_deg", "sigma_tilt_deg"),
+)
+TRUTH_COLUMNS = ("id", "lat_deg", "lon_deg", "h_m", "roll_deg", "pitch_deg", "yaw_deg")
+EULER_COLUMNS = ("prior_roll_deg", "prior_pitch_deg", "prior_yaw_deg")
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """Calibration of a case; the size comes with the frame."""
+
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    distortion: tuple[float, float, float, float, float]
+
+    def model(self, frame: Image) -> CameraModel:
+        """The camera model of a frame of this size."""
+        height, width = frame.shape[:2]
+        return CameraModel(width, height, self.fx_px, self.fy_px, self.cx_px, self.cy_px, self.distortion)
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One frame to be placed on one map."""
+
+    case_id: str
+    frame: Path
+    ortho: Path
+    dsm: Path | None
+    camera: Camera
+    prior: PosePrior
+
+
+@dataclass(frozen=True, slots=True)
+class BadCase:
+    """A row that cannot be understood."""
+
+    case_id: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """Where the camera was. `gsd_m` (of the map) and `solvable` are 0 and True where the table does not say."""
+
+    lat_deg: float
+    lon_deg: float
+    h_m: float
+    yaw_deg: float
+    gsd_m: float
+    solvable: bool
+
+
+def read_cases(folder: Path) -> list[Case | BadCase]:
+    """The rows of `cases.csv`. Raises CasesError where the file or one of its columns is missing."""
+    rows = _table(folder / "cases.csv", COLUMNS)
+    return [_case(folder, row, k) for k, row in enumerate(rows)]
+
+
+def read_truth(folder: Path) -> dict[str, Truth]:
+    """Truth by case id; empty where there is no `truth.csv`. Raises CasesError for one that cannot be read."""
+    path = folder / "truth.csv"
+    if not path.exists():
+        return {}
+    try:
+        return {row["id"]: _truth(row) for row in _table(path, TRUTH_COLUMNS)}
+    except ValueError as why:
+        raise CasesError(str(why), where=str(path), remedy="correct the number") from why
+
+
+def read_frame(path: Path) -> Image | None:
+    """The frame as RGB or grey uint8; None where there is no readable image."""
+    if not path.is_file():
+        return None
+    pixels = cv2.imread(str(path), cv2.IMREAD_ANYCOLOR)
+    if pixels is None:
+        return None
+    if pixels.ndim == 2:
+        return pixels.astype("uint8", copy=False)
+    return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB).astype("uint8", copy=False)
+
+
+def _table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            reader = csv.DictReader(stream)
+            missing = [c for c in columns if c not in (reader.fieldnames or [])]
+            rows = [{k: (v or "") for k, v in row.items() if k is not None} for row in reader]
+    except (OSError, UnicodeDecodeError, csv.Error) as why:
+        raise CasesError(f"cannot be read: {why}", where=str(path), remedy="name a folder with cases.csv") from why
+    if missing:
+        raise CasesError(f"columns are missing: {', '.join(missing)}", where=str(path), remedy="add them")
+    return rows
+
+
+def _case(folder: Path, row: dict[str, str], number: int) -> Case | BadCase:
+    case_id = row["id"] or f"row{number + 1}"
+    try:
+        return Case(
+            case_id,
+            folder / _named(row, "frame"),
+            folder / _named(row, "ortho"),
+            folder / row["dsm"] if row["dsm"] else None,
+            _camera(row),
+            _prior(row),
+        )
+    except ValueError as why:
+        return BadCase(case_id, str(why))
+
+
+def _prior(row: dict[str, str]) -> PosePrior:
+    place = GeoPoint(_number(row, "prior_lat_deg"), _number(row, "prior_lon_deg"), _number(row, "prior_h_m"))
+    if not (-90 <= place.lat_deg <= 90 and -360 <= place.lon_deg <= 360):
+        raise ValueError(f"prior is not on earth: {place.lat_deg}, {place.lon_deg}")
+    roll, pitch, yaw = (math.radians(_number(row, c)) for c in EULER_COLUMNS)
+    variance = _sigma(row, "sigma_horizontal_m") ** 2
+    return PosePrior(
+        place,
+        quat_from_euler(roll, pitch, yaw),
+        ((variance, 0.0), (0.0, variance)),
+        _sigma(row, "sigma_h_m"),
+        math.radians(_sigma(row, "sigma_yaw_deg")),
+        math.radians(_sigma(row, "sigma_tilt_deg")),
+    )
+
+
+def _camera(row: dict[str, str]) -> Camera:
+    fx, fy, cx, cy = (_number(row, c) for c in ("fx_px", "fy_px", "cx_px", "cy_px"))
+    if min(fx, fy) <= 0:
+        raise ValueError(f"focal length is not positive: {fx}, {fy}")
+    return Camera(fx, fy, cx, cy, _distortion(row["distortion"]))
+
+
+def _truth(row: dict[str, str]) -> Truth:
+    lat, lon, h, yaw = (_number(row, c) for c in ("lat_deg", "lon_deg", "h_m", "yaw_deg"))
+    return Truth(lat, lon, h, yaw, float(row.get("gsd_m") or 0.0), (row.get("solvable") or "1") != "0")
+
+
+def _named(row: dict[str, str], column: str) -> str:
+    if not row[column]:
+        raise ValueError(f"{column} is empty")
+    return row[column]
+
+
+def _number(row: dict[str, str], column: str) -> float:
+    try:
+        value = float(row[column])
+    except ValueError:
+        raise ValueError(f"{column} is not a number: {row[column]!r}") from None
+    if not math.isfinite(value):
+        raise ValueError(f"{column} is not finite: {row[column]!r}")
+    return value
+
+
+def _sigma(row: dict[str, str], column: str) -> float:
+    value = _number(row, column)
+    if value < 0:
+        raise ValueError(f"{column} is negative: {value}")
+    return value
+
+
+def _distortion(text: str) -> tuple[float, float, float, float, float]:
+    values = [float(x) for x in text.replace(",", " ").split()]
+    if len(values) > 5:
+        raise ValueError(f"distortion has {len(values)} coefficients, expected at most 5: k1 k2 p1 p2 k3")
+    k1, k2, p1, p2, k3 = values + [0.0] * (5 - len(values))
+    return k1, k2, p1, p2, k3
