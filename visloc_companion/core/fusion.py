@@ -25,7 +25,7 @@ WALK_M_PER_SQRT_S = 0.05
 UNAIDED_GAP_S = 1.0
 UNAIDED_SIGMA_MPS = 3.0
 """1-sigma of the velocity error where no velocity arrived for UNAIDED_GAP_S, or the autopilot itself does not trust it."""
-INERTIAL_DRIFT_MPS2 = 0.02
+INERTIAL_DRIFT_MPS2 = 0.03
 """Growth of that sigma while the velocity rests on our own dead reckoning only."""
 HEIGHT_WALK_M_PER_SQRT_S = 0.1
 HEIGHT_GATE_SIGMA = 4.0

@@ -150,7 +150,7 @@ class Navigator:
             case OperatorFix():
                 return self._on_operator(event, now_ns)
             case SourceSwitched():
-                return self._switch.confirmed(event)
+                return self._switch.confirmed(event, now_ns)
             case WorkerState():
                 self._queue.worker(event.up)
                 return self._request(now_ns)

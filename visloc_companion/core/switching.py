@@ -5,42 +5,48 @@ from __future__ import annotations
 from visloc_companion.types import Command, EkfSource, Notice, Severity, SourceSwitched, SwitchSource
 
 RETRY_NS = 3_000_000_000
+RETRY_REFUSED_NS = 15_000_000_000
 
 
 class SourceSwitch:
-    """Commands the switch where that is allowed, repeats it until it is confirmed, and else asks the operator once."""
+    """Commands the switch where that is allowed, repeats it until it is confirmed, and else asks the operator once.
+
+    Until something was confirmed the autopilot may be on either source (the daemon may have restarted in flight), so the first
+    wish is always sent.
+    """
 
     def __init__(self, allowed: bool) -> None:
         self._allowed = allowed
-        self._source = EkfSource.GNSS
-        self._asked_ns: int | None = None
-        self._operator_told = EkfSource.GNSS
+        self.restarted()
 
     @property
     def source(self) -> EkfSource:
-        """What the autopilot flies on, as far as it confirmed."""
+        """What the autopilot flies on, as far as it confirmed; GNSS before that."""
         return self._source
 
-    def confirmed(self, event: SourceSwitched) -> list[Command]:
+    def restarted(self) -> None:
+        """The autopilot (or we) restarted: its source is what its parameters say, most likely GNSS."""
+        self._source, self._confirmed = EkfSource.GNSS, False
+        self._not_before_ns: int | None = None
+        self._operator_told = EkfSource.GNSS
+
+    def confirmed(self, event: SourceSwitched, now_ns: int) -> list[Command]:
         """The autopilot's answer; a refusal goes to the operator and is tried again later."""
         if event.accepted:
-            self._source, self._asked_ns = event.source, None
+            self._source, self._confirmed, self._not_before_ns = event.source, True, None
             return [Notice(Severity.INFO, f"visloc: EKF source is {event.source.value}")]
+        self._not_before_ns = now_ns + RETRY_REFUSED_NS
         text = f"visloc: EKF source {event.source.value} refused"
         return [Notice(Severity.WARNING, text, to_operator=True, data=(("detail", event.detail),))]
-
-    def restarted(self) -> None:
-        """The autopilot restarted: its source is what its parameters say, GNSS."""
-        self._source, self._asked_ns, self._operator_told = EkfSource.GNSS, None, EkfSource.GNSS
 
     def want(self, source: EkfSource, now_ns: int) -> list[Command]:
         """Bring the autopilot to a source."""
         if not self._allowed:
             return self._ask_operator(source)
-        waiting = self._asked_ns is not None and now_ns - self._asked_ns < RETRY_NS
-        if source is self._source or waiting:
+        waiting = self._not_before_ns is not None and now_ns < self._not_before_ns
+        if waiting or (self._confirmed and source is self._source):
             return []
-        self._asked_ns = now_ns
+        self._not_before_ns = now_ns + RETRY_NS
         return [SwitchSource(source)]
 
     def _ask_operator(self, source: EkfSource) -> list[Command]:
