@@ -121,7 +121,7 @@ class DatasetLayer:
             mask = self.tiff.dataset.dataset_mask(window=window, out_shape=shape, resampling=Resampling.nearest)
         except RasterioError as why:
             raise MapError(f"pixels cannot be read: {why}", where=str(self.tiff.path), remedy=_READ_AGAIN) from why
-        return self._converted(raw, np.asarray(mask, np.uint8))
+        return self._converted(raw, np.where(mask > 127, np.uint8(255), np.uint8(0)))
 
     def _converted(self, raw: NDArray[Any], mask: Validity) -> tuple[Values, Validity]:
         if self.tiff.height_unit_m is not None:

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,11 +13,8 @@ from visloc_companion.errors import MapError, OutsideMap
 from visloc_companion.geo.raster import apply_affine, invert_affine, window_affine
 from visloc_companion.maps.crs import Linearisation, MapCrs
 from visloc_companion.maps.layer import Layer
-from visloc_companion.maps.warp import choose_level, interpolate, warp_affine
+from visloc_companion.maps.warp import interpolate, warp_affine, warp_places
 from visloc_companion.types import FloatArray, GeoPoint, ReferencePatch
-
-_CELL_PX = 32
-"""Heights of another CRS are placed exactly on every such pixel and bilinearly between: 1 mm at 1 m/px in UTM."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,32 +138,6 @@ class GridMap:
             return np.full((height, width), heights.plane_amsl_m, np.float32)
         if heights.crs == self._crs:
             return np.asarray(warp_affine(heights.layer, T_map_pix, size_px)[0], np.float32)
-        return self._warp_other_crs(heights.layer, T_map_pix, size_px)
-
-    def _warp_other_crs(self, layer: Layer, T_map_pix: FloatArray, size_px: tuple[int, int]) -> NDArray[np.float32]:
-        """Heights of a layer in another CRS: affine cell by cell, each from the exact places of its corners."""
-        out = np.empty((size_px[1], size_px[0]), np.float32)
-        side = _CELL_PX * 16
-        for top in range(0, size_px[1], side):
-            for left in range(0, size_px[0], side):
-                bottom, right = min(top + side, size_px[1]), min(left + side, size_px[0])
-                out[top:bottom, left:right] = self._remap_chunk(layer, T_map_pix, (top, bottom), (left, right))
-        return out
-
-    def _remap_chunk(
-        self, layer: Layer, T_map_pix: FloatArray, rows: tuple[int, int], cols: tuple[int, int]
-    ) -> NDArray[np.float32]:
-        n_v, n_u = (-(-(b - a) // _CELL_PX) + 1 for a, b in (rows, cols))
-        u, v = np.meshgrid(cols[0] + _CELL_PX * np.arange(n_u), rows[0] + _CELL_PX * np.arange(n_v))
-        places = apply_affine(T_map_pix, np.column_stack([u.ravel(), v.ravel()]).astype(np.float64))
-        knots = self._height_pix(layer, places).reshape(n_v, n_u, 2)
-        shape = (rows[1] - rows[0], cols[1] - cols[0])
-        fine_u, fine_v = np.arange(shape[1], dtype=np.float32) / _CELL_PX, np.arange(shape[0], dtype=np.float32) / _CELL_PX
-        where_u, where_v = np.meshgrid(fine_u, fine_v)
-        steps = np.diff(knots, axis=1) if n_u > 1 else np.diff(knots, axis=0)
-        ratio = float(np.nanmedian(np.linalg.norm(steps, axis=2))) / _CELL_PX
-        level, _ = choose_level(np.eye(2, 3) * ratio, len(layer.shapes))
-        origin = np.nanmin(knots.reshape(-1, 2), axis=0) if np.isfinite(knots).any() else np.zeros(2)
-        relative = (knots - origin).astype(np.float32)
-        fine = cv2.remap(relative, where_u, where_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return interpolate(layer, fine.reshape(-1, 2).astype(np.float64) + origin, level).astype(np.float32).reshape(shape)
+        layer = heights.layer
+        places = warp_places(layer, lambda pix: self._height_pix(layer, apply_affine(T_map_pix, pix)), size_px)
+        return np.asarray(places[0], np.float32)

@@ -1,0 +1,186 @@
+"""The manifest of a map pack: what is in it, in which CRS and datum, from where, and the hash of every file.
+
+`manifest.json` is checked against `manifest.sha256` (as `sha256sum` writes it), so that a changed capture date is found as a
+changed pixel is.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from visloc_companion.errors import HashMismatch, MapError
+
+SCHEMA = 1
+KIND = "visloc-map-pack"
+MANIFEST = "manifest.json"
+DIGEST = "manifest.sha256"
+REBUILD = "build the pack again (visloc map build) or copy it again from where it was built"
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Size = Annotated[int, Field(gt=0)]
+Affine = tuple[Finite, Finite, Finite, Finite, Finite, Finite]
+FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+
+
+class Part(BaseModel):
+    """Base of the manifest's parts: frozen, no unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class FileEntry(Part):
+    """Size and SHA-256 of a file."""
+
+    bytes: Annotated[int, Field(ge=0)]
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class CrsEntry(Part):
+    """The pack's CRS."""
+
+    name: str
+    epsg: int | None
+    wkt: str
+
+
+class Bounds(Part):
+    """The rectangle of the pixels, in map coordinates and as the geographic box around it."""
+
+    west_map_m: Finite
+    south_map_m: Finite
+    east_map_m: Finite
+    north_map_m: Finite
+    west_deg: Finite
+    south_deg: Finite
+    east_deg: Finite
+    north_deg: Finite
+
+
+class Grid(Part):
+    """A raster: file, (rows, cols), and the affine (a, b, c, d, e, f) from ras (col, row) to map."""
+
+    file: FileName
+    rows: Size
+    cols: Size
+    transform: Affine
+
+
+class HeightEntry(Part):
+    """Heights of the pack are above mean sea level; `source_datum` says what they were made from."""
+
+    source_datum: Literal["amsl", "ellipsoidal"]
+    geoid_undulation_m: Finite | None
+    plane_amsl_m: Finite
+    grid: Grid | None
+    share_filled: Annotated[float, Field(ge=0, le=1)]
+
+
+class FeatureLevel(Grid):
+    """Features of one GSD: a .npy of (rows, cols, channels) int8; value = stored x `step`."""
+
+    name: str
+    step: Positive
+    gsd_m: Positive
+
+
+class SourceEntry(Part):
+    """A file that the pack was made from."""
+
+    file: str
+    sha256: str
+
+
+class Manifest(Part):
+    """`manifest.json`."""
+
+    kind: Literal["visloc-map-pack"]
+    schema_version: Literal[1]
+    name: str
+    software: str
+    crs: CrsEntry
+    gsd_m: Positive
+    bounds: Bounds
+    capture_date: str
+    source: str
+    licence: str
+    share_valid: Annotated[float, Field(ge=0, le=1)]
+    ortho: Grid
+    heights: HeightEntry
+    features: tuple[FeatureLevel, ...]
+    inputs: tuple[SourceEntry, ...]
+    files: dict[FileName, FileEntry]
+
+
+def sha256_file(path: Path) -> str:
+    """Hex digest of a file. Raises MapError where it cannot be read."""
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as why:
+        raise MapError(f"cannot be read: {why.strerror}", where=str(path), remedy=REBUILD) from why
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Write `manifest.json` and its digest."""
+    text = manifest.model_dump_json(indent=1) + "\n"
+    (folder / MANIFEST).write_text(text, encoding="utf-8")
+    (folder / DIGEST).write_text(_digest_line(text.encode()), encoding="utf-8")
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Read and check the manifest of a pack.
+
+    Raises HashMismatch where it is not the one that was written, MapError where it is missing, of another schema or wrong.
+    """
+    where = folder / MANIFEST
+    raw = _read(where)
+    digest = _read(folder / DIGEST)
+    version = _schema_of(raw, str(where))
+    if digest != _digest_line(raw).encode():
+        raise HashMismatch(f"does not have the hash that {DIGEST} names", where=str(where), remedy=REBUILD)
+    if version != SCHEMA:
+        raise MapError(
+            f"schema_version is {version!r}, this program reads {SCHEMA}",
+            where=str(where),
+            remedy="build the pack again with this version (visloc map build)",
+        )
+    try:
+        manifest = Manifest.model_validate_json(raw)
+    except ValidationError as why:
+        wrong = "; ".join(f"{'.'.join(str(p) for p in e['loc'])}: {e['msg']}" for e in why.errors())
+        raise MapError(wrong, where=str(where), remedy=REBUILD) from why
+    for grid in (manifest.ortho, manifest.heights.grid, *manifest.features):
+        if grid is not None and grid.file not in manifest.files:
+            raise MapError(f"files: has no entry {grid.file!r}", where=str(where), remedy=REBUILD)
+    return manifest
+
+
+def _schema_of(raw: bytes, where: str) -> object:
+    try:
+        data = json.loads(raw)
+    except (ValueError, RecursionError) as why:
+        raise MapError(f"is not valid JSON: {why}", where=where, remedy=REBUILD) from why
+    if not isinstance(data, dict) or data.get("kind") != KIND:
+        raise MapError(f"kind: is not {KIND!r}", where=where, remedy="name the folder that visloc map build wrote")
+    return data.get("schema_version")
+
+
+def _read(path: Path) -> bytes:
+    if not path.is_file():
+        raise MapError(
+            "there is no such file", where=str(path), remedy="name the folder of a pack, or build one (visloc map build)"
+        )
+    try:
+        return path.read_bytes()
+    except OSError as why:
+        raise MapError(f"cannot be read: {why.strerror}", where=str(path), remedy=REBUILD) from why
+
+
+def _digest_line(raw: bytes) -> str:
+    return f"{hashlib.sha256(raw).hexdigest()}  {MANIFEST}\n"
