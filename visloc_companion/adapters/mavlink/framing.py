@@ -8,12 +8,21 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from enum import Enum, auto
 
 from visloc_companion.adapters.mavlink.dialect import Message, mav
 
 _START = re.compile(b"[\xfd\xfe]")
 _HEADER_V1, _HEADER_V2, _CHECKSUM, _SIGNATURE = 6, 10, 2, 13
 MAX_FRAME = _HEADER_V2 + 255 + _CHECKSUM + _SIGNATURE
+
+
+class _Verdict(Enum):
+    GOOD = auto()
+    UNKNOWN = auto()
+    """Well formed, of an id that the dialect lacks: its checksum cannot be verified."""
+    UNFINISHED = auto()
+    FALSE = auto()
 
 
 @dataclass(slots=True)
@@ -29,7 +38,7 @@ class Framer:
     """Stateful and bounded: keeps at most one unfinished frame (293 bytes). Never raises for what bytes may hold.
 
     After a wrong checksum the search goes on at the byte behind the false start, so no good message is lost to it. A false
-    start that still waits for its claimed length gives way as soon as a whole good message lies behind it.
+    start that still waits for its claimed length, or claims an unknown id, gives way where a whole good message lies in it.
     Signatures are accepted and not checked here.
     """
 
@@ -49,22 +58,20 @@ class Framer:
         messages: list[Message] = []
         at = 0
         while (start := self._next_start(at)) is not None:
-            message, length = self._frame_at(start)
-            if length == 0:
-                better = self._good_frame_behind(start)
-                if better is None:
-                    at = start
-                    break
-                self.counts.garbage_bytes += better - start
-                at = better
-            elif message is None:
-                self.counts.unknown += length > 1
-                self.counts.garbage_bytes += length == 1
-                at = start + length
-            else:
+            verdict, length, message = self._frame_at(start)
+            if verdict is _Verdict.GOOD:
                 self.counts.messages += 1
                 messages.append(message)
                 at = start + length
+            elif verdict is _Verdict.UNKNOWN and self._good_frame_behind(start, start + length) is None:
+                self.counts.unknown += 1
+                at = start + length
+            elif verdict is _Verdict.UNFINISHED and self._good_frame_behind(start, len(self._buffer)) is None:
+                at = start
+                break
+            else:
+                self.counts.garbage_bytes += 1
+                at = start + 1
         else:
             at = len(self._buffer)
         del self._buffer[:at]
@@ -75,32 +82,31 @@ class Framer:
         self.counts.garbage_bytes += (found.start() if found else len(self._buffer)) - at
         return found.start() if found else None
 
-    def _frame_at(self, start: int) -> tuple[Message | None, int]:
-        """The message at a start byte and its length; (None, 1) for a false start, (None, n) for an unknown id, (None, 0)
-        where more bytes are needed."""
+    def _frame_at(self, start: int) -> tuple[_Verdict, int, Message | None]:
+        """What stands at a start byte: its verdict, its length, and the message where it is good."""
         frame = self._buffer[start : start + MAX_FRAME]
         if len(frame) < 3:
-            return None, 0
+            return _Verdict.UNFINISHED, 0, None
         if frame[0] == mav.PROTOCOL_MARKER_V1:
             length = _HEADER_V1 + frame[1] + _CHECKSUM
         elif frame[2] & ~mav.MAVLINK_IFLAG_SIGNED:
-            return None, 1
+            return _Verdict.FALSE, 0, None
         else:
             length = _HEADER_V2 + frame[1] + _CHECKSUM + _SIGNATURE * (frame[2] & mav.MAVLINK_IFLAG_SIGNED)
         if len(frame) < length:
-            return None, 0
+            return _Verdict.UNFINISHED, 0, None
         try:
             message = self._parser.decode(frame[:length])
         except mav.MAVError:
-            return None, 1
-        if message.get_msgId() < 0:
-            plausible = len(frame) == length or frame[length] in (mav.PROTOCOL_MARKER_V1, mav.PROTOCOL_MARKER_V2)
-            return None, length if plausible else 1
-        return message, length
+            return _Verdict.FALSE, 0, None
+        if message.get_msgId() >= 0:
+            return _Verdict.GOOD, length, message
+        followed = len(frame) > length and frame[length] not in (mav.PROTOCOL_MARKER_V1, mav.PROTOCOL_MARKER_V2)
+        return _Verdict.FALSE if followed else _Verdict.UNKNOWN, length, None
 
-    def _good_frame_behind(self, start: int) -> int | None:
-        for found in _START.finditer(self._buffer, start + 1):
-            message, _ = self._frame_at(found.start())
-            if message is not None:
+    def _good_frame_behind(self, start: int, end: int) -> int | None:
+        """Where a whole good message begins behind a start byte and before an end."""
+        for found in _START.finditer(self._buffer, start + 1, end):
+            if self._frame_at(found.start())[0] is _Verdict.GOOD:
                 return found.start()
         return None
