@@ -1,34 +1,32 @@
 """The navigator: every event goes in here, every command comes out. No I/O, no clock, no waiting; same events, same bytes.
 
 Trust runs one way. The filter is seeded once from the autopilot's position while GNSS is trusted; from then on the prior of
-every localisation is the filter's own state, so a spoofed autopilot cannot drag the search away. GNSS positions enter the
-filter only in SHADOW, only while the verdict is OK, and only when vision has given nothing for GNSS_AFTER_NS: with fixes coming
-GNSS would hide a drag, without them the prior would drift away from a position that is known. Range, Baro and Odometry are
-journalled but not used yet.
+every localisation is the filter's own state, so a spoofed autopilot cannot drag the search away. What GNSS may still do is in
+core/gnss_aiding.py. Nothing is injected before a first fix (or the operator's position) has anchored the filter. Range, Baro
+and Odometry are journalled but not used yet.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
-from visloc_companion.core import modes, output, requests
+from visloc_companion.core import modes, output, requests, streams
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.estimator import Velocity
 from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
 from visloc_companion.core.gnss import GnssMonitor
+from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.guard import Complaints, TimeCheck, TimeGuard
 from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.switching import SourceSwitch
 from visloc_companion.core.timesync import ClockOffset, ClockStep
 from visloc_companion.core.tracking import Tracker
-from visloc_companion.core.validate import fault, is_place
+from visloc_companion.core.validate import fault
 from visloc_companion.errors import Reason
 from visloc_companion.types import (
     Accepted,
     Attitude,
-    AutopilotKind,
     Command,
     EkfSource,
     EstimatorStatus,
@@ -49,7 +47,6 @@ from visloc_companion.types import (
     PriorPose,
     Quat,
     Rejected,
-    RequestMessage,
     Severity,
     SourceSwitched,
     Tick,
@@ -60,17 +57,11 @@ from visloc_companion.types import (
 )
 
 INJECTING = (Mode.AIDING, Mode.DEAD_RECKONING)
-GNSS_AFTER_NS = 5_000_000_000
-GNSS_INTERVAL_NS = 1_000_000_000
-RESEED_AFTER_REJECTIONS = 5
 ATTITUDE_AGE_NS = 2_000_000_000
 CAMERA_SILENCE_NS = 2_000_000_000
 ORIGIN_RETRY_NS = 5_000_000_000
 MAX_STAMP_ERROR_NS = 1_000_000_000
 """A message's own time is used when it differs from its arrival by no more than this."""
-MESSAGES = {"ATTITUDE": 30, "LOCAL_POSITION_NED": 32, "GLOBAL_POSITION_INT": 33, "GPS_RAW_INT": 24, "GPS_GLOBAL_ORIGIN": 49}
-STATUS_MESSAGES = {AutopilotKind.ARDUPILOT: (193,), AutopilotKind.PX4: (230,), AutopilotKind.UNKNOWN: (193, 230)}
-"""EKF_STATUS_REPORT on ArduPilot, ESTIMATOR_STATUS on PX4."""
 
 
 class Navigator:
@@ -89,6 +80,7 @@ class Navigator:
         self._attitude_rx_ns: int | None = None
         self._tracker = Tracker(settings.navigator)
         self._monitor = GnssMonitor(settings.gnss)
+        self._aiding = GnssAiding(settings, self._tracker, self._monitor)
         self._queue = requests.FrameQueue(settings.max_rate_hz, settings.seed)
         self._switch = SourceSwitch(settings.injection.switch_source)
         self._resets = output.ResetCounter(settings.injection.max_step_m)
@@ -97,8 +89,6 @@ class Navigator:
         self._anchored = False
         self._status: EstimatorStatus | None = None
         self._prior: PriorPose | None = None
-        self._gnss_fused_ns: int | None = None
-        self._gnss_rejected = 0
         self._frame_rx_ns: int | None = None
         self._camera_silent = False
         self._origin_asked_ns: int | None = None
@@ -130,7 +120,7 @@ class Navigator:
             case LocalPose():
                 return self._on_local(event)
             case Gnss():
-                return self._on_gnss(event)
+                return self._aiding.on_gnss(event, self._stamped_ns(event.t_rx_ns, event.t_boot_ns), self._mode)
             case EstimatorStatus():
                 self._status = event
                 self._monitor.on_status(event)
@@ -201,39 +191,6 @@ class Navigator:
             sigma = max(sigma, UNAIDED_SIGMA_MPS)
         self._tracker.drive(Velocity(self._stamped_ns(t_rx_ns, t_boot_ns), v_ned_mps, h_amsl_m, sigma, feedback))
 
-    def _on_gnss(self, event: Gnss) -> list[Command]:
-        if event.receiver != 0:
-            return []
-        self._monitor.on_gnss(event)
-        if event.fix_type < self._settings.gnss.min_fix_type or not is_place(event.place):
-            return []
-        t_ns = self._stamped_ns(event.t_rx_ns, event.t_boot_ns)
-        self._tracker.remember_gnss(t_ns, event.place)
-        sigma = self._monitor.sigma_m(event)
-        self._monitor.on_reach(self._tracker.out_of_reach(t_ns, event.place, sigma))
-        return self._keep_near(event, t_ns)
-
-    def _keep_near(self, event: Gnss, t_ns: int) -> list[Command]:
-        """Fuse (or, when the filter keeps refusing, restart from) a trusted GNSS while vision gives nothing."""
-        belief = self._tracker.belief
-        if belief is None or not self._monitor.trusted or self._mode not in (Mode.SHADOW, Mode.LOST):
-            return []
-        vision = belief.last_fix_ns is not None and t_ns - belief.last_fix_ns < GNSS_AFTER_NS
-        just_now = self._gnss_fused_ns is not None and t_ns - self._gnss_fused_ns < GNSS_INTERVAL_NS
-        if vision or just_now:
-            return []
-        self._gnss_fused_ns = t_ns
-        sigma = max(self._settings.navigator.seed_sigma_m, self._monitor.sigma_m(event))
-        if not isinstance(self._tracker.observe_gnss(t_ns, event.place, sigma), Rejected):
-            self._gnss_rejected = 0
-            return []
-        self._gnss_rejected += 1
-        if self._gnss_rejected < RESEED_AFTER_REJECTIONS and self._mode is not Mode.LOST:
-            return []
-        self._gnss_rejected = 0
-        self._tracker.seed(t_ns, event.place, sigma)
-        return [Notice(Severity.NOTICE, "visloc: restarted from trusted GNSS")]
-
     def _on_origin(self, event: OriginChanged) -> list[Command]:
         if self._tracker.set_origin(event.origin):
             self._resets.bump()
@@ -245,15 +202,7 @@ class Navigator:
         if not event.up:
             return [Notice(Severity.WARNING, "autopilot link lost")]
         self._origin_asked_ns = now_ns
-        s = self._settings
-        wanted: list[Command] = [
-            RequestMessage(MESSAGES["ATTITUDE"], s.attitude_rate_hz),
-            RequestMessage(MESSAGES["GLOBAL_POSITION_INT"], s.position_rate_hz),
-            RequestMessage(MESSAGES["LOCAL_POSITION_NED"], s.position_rate_hz),
-            RequestMessage(MESSAGES["GPS_RAW_INT"], s.gnss_rate_hz),
-        ]
-        wanted += [RequestMessage(message_id, s.status_rate_hz) for message_id in STATUS_MESSAGES[event.autopilot]]
-        return [*wanted, RequestMessage(MESSAGES["GPS_GLOBAL_ORIGIN"], 0.0)]
+        return streams.requests_for(event.autopilot, self._settings)
 
     # -------------------------------------------------------------------------------------------------- frames and fixes
 
@@ -306,7 +255,7 @@ class Navigator:
         commands: list[Command] = []
         if isinstance(outcome, Accepted):
             self._anchored = True
-            self._compare(fix)
+            self._aiding.compare(fix)
             if before is not None and after is not None and after.started_ns != before.started_ns:
                 commands.append(Notice(Severity.WARNING, "visloc: relocalised", to_operator=True))
         elif isinstance(outcome, Rejected):
@@ -315,17 +264,6 @@ class Navigator:
             reason = Reason.NOT_SEEDED if outcome is None else Reason.TOO_OLD
             commands += self._complaints.about(fix, reason, now_ns, Severity.INFO)
         return [*commands, *self._free_worker(fix, now_ns)]
-
-    def _compare(self, fix: Fix) -> None:
-        """Show the monitor an accepted fix beside GNSS; the fix itself, since the filter rides on a dragged velocity."""
-        velocity = self._tracker.velocity
-        if velocity is None:
-            return
-        difference = self._tracker.gnss_minus(fix, velocity.v_ned_mps)
-        if difference is None:
-            return
-        speed = math.hypot(velocity.v_ned_mps[0], velocity.v_ned_mps[1])
-        self._monitor.on_vision(fix.t_ns, difference, fix.cov_ne_m2, self._settings.navigator.map_sigma_m, speed)
 
     def _on_operator(self, event: OperatorFix, now_ns: int) -> list[Command]:
         reason = self._tracker.implausible(event.place, event.sigma_m, self._monitor.trusted)
@@ -365,7 +303,7 @@ class Navigator:
         asked = self._origin_asked_ns
         if self._tracker.origin is None and self._link.up and asked is not None and now_ns - asked >= ORIGIN_RETRY_NS:
             self._origin_asked_ns = now_ns
-            commands.append(RequestMessage(MESSAGES["GPS_GLOBAL_ORIGIN"], 0.0))
+            commands.append(streams.ORIGIN_REQUEST)
         return commands
 
     def _seed(self, now_ns: int) -> list[Command]:

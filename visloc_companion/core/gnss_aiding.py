@@ -1,0 +1,70 @@
+"""Where GNSS and the filter meet: GNSS keeps an idle filter near while it is trusted, and fixes are held against it.
+
+GNSS positions enter the filter only in SHADOW (or LOST), only while the verdict is OK, and only when vision has given nothing
+for GNSS_AFTER_NS: with fixes coming GNSS would hide a drag, without them the prior would drift away from a position that is
+known. A filter that keeps refusing a trusted GNSS starts again from it.
+"""
+
+from __future__ import annotations
+
+import math
+
+from visloc_companion.core.gnss import GnssMonitor
+from visloc_companion.core.settings import CoreSettings
+from visloc_companion.core.tracking import Tracker
+from visloc_companion.core.validate import is_place
+from visloc_companion.types import Command, Fix, Gnss, Mode, Notice, Rejected, Severity
+
+GNSS_AFTER_NS = 5_000_000_000
+GNSS_INTERVAL_NS = 1_000_000_000
+RESEED_AFTER_REJECTIONS = 5
+
+
+class GnssAiding:
+    """Feeds the monitor and, under these rules, the filter."""
+
+    def __init__(self, settings: CoreSettings, tracker: Tracker, monitor: GnssMonitor) -> None:
+        self._settings = settings
+        self._tracker, self._monitor = tracker, monitor
+        self._fused_ns: int | None = None
+        self._rejected = 0
+
+    def on_gnss(self, event: Gnss, t_ns: int, mode: Mode) -> list[Command]:
+        """Take a report of the first receiver; `t_ns` is its time of validity."""
+        if event.receiver != 0:
+            return []
+        self._monitor.on_gnss(event)
+        if event.fix_type < self._settings.gnss.min_fix_type or not is_place(event.place):
+            return []
+        self._tracker.remember_gnss(t_ns, event.place)
+        self._monitor.on_reach(self._tracker.out_of_reach(t_ns, event.place, self._monitor.sigma_m(event)))
+        return self._keep_near(event, t_ns, mode)
+
+    def _keep_near(self, event: Gnss, t_ns: int, mode: Mode) -> list[Command]:
+        belief = self._tracker.belief
+        if belief is None or not self._monitor.trusted or mode not in (Mode.SHADOW, Mode.LOST):
+            return []
+        vision = belief.last_fix_ns is not None and t_ns - belief.last_fix_ns < GNSS_AFTER_NS
+        just_now = self._fused_ns is not None and t_ns - self._fused_ns < GNSS_INTERVAL_NS
+        if vision or just_now:
+            return []
+        self._fused_ns = t_ns
+        sigma = max(self._settings.navigator.seed_sigma_m, self._monitor.sigma_m(event))
+        if not isinstance(self._tracker.observe_gnss(t_ns, event.place, sigma), Rejected):
+            self._rejected = 0
+            return []
+        self._rejected += 1
+        if self._rejected < RESEED_AFTER_REJECTIONS:
+            return []
+        self._rejected = 0
+        self._tracker.seed(t_ns, event.place, sigma)
+        return [Notice(Severity.NOTICE, "visloc: restarted from trusted GNSS")]
+
+    def compare(self, fix: Fix) -> None:
+        """Show the monitor an accepted fix beside GNSS: the fix itself, for the filter rides on a velocity that may be dragged."""
+        velocity = self._tracker.velocity
+        difference = None if velocity is None else self._tracker.gnss_minus(fix, velocity.v_ned_mps)
+        if velocity is None or difference is None:
+            return
+        speed = math.hypot(velocity.v_ned_mps[0], velocity.v_ned_mps[1])
+        self._monitor.on_vision(fix.t_ns, difference, fix.cov_ne_m2, self._settings.navigator.map_sigma_m, speed)

@@ -1,0 +1,27 @@
+"""Which MAVLink messages the core needs, and at what rate."""
+
+from __future__ import annotations
+
+from visloc_companion.core.settings import CoreSettings
+from visloc_companion.types import AutopilotKind, Command, RequestMessage
+
+ATTITUDE, LOCAL_POSITION_NED, GLOBAL_POSITION_INT, GPS_RAW_INT, GPS_GLOBAL_ORIGIN = 30, 32, 33, 24, 49
+EKF_STATUS_REPORT, ESTIMATOR_STATUS = 193, 230
+STATUS_MESSAGES = {
+    AutopilotKind.ARDUPILOT: (EKF_STATUS_REPORT,),
+    AutopilotKind.PX4: (ESTIMATOR_STATUS,),
+    AutopilotKind.UNKNOWN: (EKF_STATUS_REPORT, ESTIMATOR_STATUS),
+}
+ORIGIN_REQUEST = RequestMessage(GPS_GLOBAL_ORIGIN, 0.0)
+
+
+def requests_for(autopilot: AutopilotKind, settings: CoreSettings) -> list[Command]:
+    """The requests on a new link; the origin is asked for once (and again until it is there)."""
+    return [
+        RequestMessage(ATTITUDE, settings.attitude_rate_hz),
+        RequestMessage(GLOBAL_POSITION_INT, settings.position_rate_hz),
+        RequestMessage(LOCAL_POSITION_NED, settings.position_rate_hz),
+        RequestMessage(GPS_RAW_INT, settings.gnss_rate_hz),
+        *(RequestMessage(message_id, settings.status_rate_hz) for message_id in STATUS_MESSAGES[autopilot]),
+        ORIGIN_REQUEST,
+    ]
