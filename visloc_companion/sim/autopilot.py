@@ -15,7 +15,6 @@ from visloc_companion.sim.autopilot_flight import PHYSICS_DT_S, Flight, FlightPl
 from visloc_companion.sim.autopilot_modes import Failsafe, custom_mode
 from visloc_companion.sim.autopilot_parameters import prepared_parameters
 from visloc_companion.sim.autopilot_receive import Receiver
-from visloc_companion.sim.estimator_ardupilot import ArduPilotEstimator
 from visloc_companion.sim.faults import FaultSchedule
 from visloc_companion.sim.streams_messages import BUILDERS, Message, Snapshot, heartbeat
 from visloc_companion.sim.vehicle import Truth
@@ -28,9 +27,11 @@ class BuiltInAutopilot:
     """One vehicle with its autopilot.
 
     `mission_ned_m` are waypoints NED about `home` in true metres (home is on the ground, down = 0), flown in a loop; one
-    waypoint alone is held. `faults` count from the start of the simulation, when the autopilot has run for `boot_age_s` (by default it boots then).
+    waypoint alone is held. `faults` count from the start of the simulation, when the autopilot has run for `boot_age_s`
+    (by default it boots then).
     `start_airborne` begins at the first waypoint; else a copter takes off as soon as it has a position. Without GNSS at the
-    start the vehicle is flown by hand (it keeps its place by eye; a plane circles) until its estimator has a position.
+    start the vehicle is flown by hand (it keeps its place by eye; a plane circles) until its estimator has a position and
+    an origin; `origin` is one that the ground station set before, else the first fix or SET_GPS_GLOBAL_ORIGIN gives it.
     `parameters` change the prepared vehicle's (autopilot_parameters.PREPARED). Raises ValueError for a plan that cannot be
     flown. Deterministic by `seed` and by what is received.
     """
@@ -49,12 +50,13 @@ class BuiltInAutopilot:
         parameters: Mapping[str, float] | None = None,
         system_id: int = 1,
         boot_age_s: float = 0.0,
+        origin: GeoPoint | None = None,
     ) -> None:
         plan = FlightPlan(
             kind, vehicle, home, tuple(mission_ned_m), speed_mps, seed, faults or FaultSchedule(), wind_ned_mps, start_airborne
         )
         self.parameters = prepared_parameters(kind, parameters or {})
-        self.flight = Flight(plan, self.parameters)
+        self.flight = Flight(plan, self.parameters, origin)
         self._boot_ns = round(boot_age_s * 1e9)
         self._steps, self._owed_s = 0, 0.0
         self._mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=mavlink.MAV_COMP_ID_AUTOPILOT1)
@@ -189,8 +191,6 @@ class BuiltInAutopilot:
     def _snapshot(self) -> Snapshot:
         flight, plan = self.flight, self.flight.plan
         f, health = flight.filter, flight.health()
-        estimator = flight.estimator
-        external_healthy = estimator.external_healthy if isinstance(estimator, ArduPilotEstimator) else True
         return Snapshot(
             kind=plan.kind,
             t_boot_ns=self.t_boot_ns,
@@ -205,7 +205,7 @@ class BuiltInAutopilot:
             gnss=flight.gnss,
             gnss_place=flight.gnss_place or GeoPoint(0.0, 0.0, 0.0),
             health=health,
-            external_healthy=external_healthy,
+            external_healthy=flight.estimator.external_healthy,
             mav_type=mavlink.MAV_TYPE_FIXED_WING if plan.vehicle == "plane" else mavlink.MAV_TYPE_QUADROTOR,
             custom_mode=custom_mode(plan.kind, plan.vehicle, flight.phase),
             armed=flight.phase != "landed" and not (flight.phase == "by_hand" and flight.body.landed),

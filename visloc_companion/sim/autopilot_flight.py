@@ -29,7 +29,7 @@ from visloc_companion.types import AutopilotKind, GeoPoint, Vec3
 PHYSICS_DT_S = 0.01
 GNSS_LAG_MS = 200.0
 """ArduPilot's fusion horizon is at least the receiver's lag."""
-GUST_SHARE = 0.15
+GUST_SHARE = 0.1
 Phase = Literal["mission", "by_hand", "takeoff", "land", "landed"]
 
 
@@ -62,7 +62,7 @@ class FlightPlan:
 class Flight:
     """One flight. `step` advances everything by `PHYSICS_DT_S`."""
 
-    def __init__(self, plan: FlightPlan, parameters: Mapping[str, float]) -> None:
+    def __init__(self, plan: FlightPlan, parameters: Mapping[str, float], origin: GeoPoint | None = None) -> None:
         self.plan, self.t_s = plan, 0.0
         self.phase: Phase = "by_hand"
         self.origin: GeoPoint | None = None
@@ -86,17 +86,20 @@ class Flight:
         self.estimator: ArduPilotEstimator | Px4Estimator = estimator(self.filter, parameters, plane)
         self._receiver = GnssReceiver(self._rng["gnss"])
         self._gnss_due_s = 0.0
+        if origin is not None:
+            self.set_origin(origin)
         self._start()
 
     def _start(self) -> None:
         """Align: with GNSS the flight begins on its mission, without it is flown by hand until there is a position."""
         b = self.body
-        self.filter.align((b.north, b.east, b.down), (b.v_north, b.v_east, b.v_down))
         self._sample_gnss()
-        if self.origin is not None:
-            local = autopilot_ned_from_geo(self.plan.kind, geo_from_ned((b.north, b.east, b.down), self.plan.home), self.origin)
+        local = self.local_from_home((b.north, b.east, b.down))
+        if self._had_fix:
             self.filter.align(local, (b.v_north, b.v_east, b.v_down))
             self.estimator.start_aided()
+        else:
+            self.filter.align((0.0, 0.0, local[2]), (0.0, 0.0, 0.0))
 
     def set_origin(self, origin: GeoPoint) -> None:
         """Fix the EKF origin; the mission's waypoints become local to it."""
@@ -105,13 +108,17 @@ class Flight:
 
     def move_origin(self, origin: GeoPoint) -> None:
         """SET_GPS_GLOBAL_ORIGIN: the place stays, its local coordinates follow (before any origin they are kept)."""
-        place = self.place
+        place, shift_down = self.place, -self._origin_above_home_m
         self.set_origin(origin)
+        self.filter.down.shift(shift_down + self._origin_above_home_m)
         if place is not None and self.origin is not None:
             local = autopilot_ned_from_geo(self.plan.kind, place, self.origin)
-            for axis, p in zip((self.filter.north, self.filter.east, self.filter.down), local, strict=True):
-                axis.p += p - axis.p_now
-                axis.p_now = p
+            self.filter.north.shift(local[0] - self.filter.north.p_now)
+            self.filter.east.shift(local[1] - self.filter.east.p_now)
+
+    @property
+    def _origin_above_home_m(self) -> float:
+        return self.origin.h_amsl_m - self.plan.home.h_amsl_m if self.origin is not None else 0.0
 
     @property
     def local_position_sent(self) -> bool:
@@ -141,7 +148,7 @@ class Flight:
         self._fly(dt)
         self.t_s += dt
         self.attitude.step(dt)
-        self.filter.step((b.a_north, b.a_east, b.a_down), self.attitude.yaw_error_rad, b.down, dt)
+        self.filter.step((b.a_north, b.a_east, b.a_down), self.attitude.yaw_error_rad, b.down + self._origin_above_home_m, dt)
         if self.t_s >= self._gnss_due_s - 1e-9:
             self._sample_gnss()
         air = None
@@ -160,14 +167,14 @@ class Flight:
         if phase == "by_hand" and not self.body.landed:
             self._control.fly("hold", self._by_eye(), height, wind, dt_s)
         elif phase == "takeoff":
-            self._control.fly("hold", self._estimated(), height, wind, dt_s)
+            self._control.fly("hold", self._estimated(), height + self._origin_above_home_m, wind, dt_s)
         elif phase in ("mission", "land"):
             self._control.fly("mission" if phase == "mission" else "land", self._estimated(), height, wind, dt_s)
 
     def _next_phase(self) -> None:
         if self.phase == "by_hand" and self.origin is not None and self.health().position_ok:
             self.phase = "takeoff" if self.body.landed else "mission"
-        elif self.phase == "takeoff" and self.filter.down.p_now < self.plan.mission_ned_m[0][2] + 2.0:
+        elif self.phase == "takeoff" and self.body.down < self.plan.mission_ned_m[0][2] + 2.0:
             self.phase = "mission"
         elif self.phase == "land" and self.body.landed:
             self.phase = "landed"

@@ -74,7 +74,9 @@ class Receiver:
 
     def _command(self, message: Message, t_boot_ns: int) -> list[Message]:
         number = int(message.command)
-        if number == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+        if not (math.isfinite(message.param1) and math.isfinite(message.param2)):
+            result = mavlink.MAV_RESULT_DENIED
+        elif number == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
             result = self.streams.set_interval(int(message.param1), message.param2, self._flight.t_s)
         elif number == mavlink.MAV_CMD_REQUEST_MESSAGE:
             result = self._request(int(message.param1))
@@ -131,7 +133,8 @@ class Receiver:
         if self._kind is AutopilotKind.ARDUPILOT and self._flight.origin is not None:
             return []
         place = GeoPoint(message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1000)
-        self._flight.move_origin(place)
+        if abs(place.lat_deg) <= 90 and abs(place.lon_deg) <= 180:
+            self._flight.move_origin(place)
         return []
 
 

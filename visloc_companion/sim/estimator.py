@@ -14,7 +14,7 @@ from random import Random
 from visloc_companion.sim.vehicle_noise import GaussMarkov
 from visloc_companion.types import Vec3
 
-ACCEL_PSD = 0.13
+ACCEL_PSD = 0.16
 """Spectral density of the assumed acceleration error, m²/s³: fitted to the facts sheet's table 5.1 (rms against rate)."""
 BARO_SIGMA_M, BARO_PERIOD_S = 2.0, 0.1
 
@@ -79,6 +79,11 @@ class Axis:
         self.v, self.pull_v = v, false_mps
         self.P22, self.P12 = variance, 0.0
 
+    def shift(self, by_m: float) -> None:
+        """Move the origin of the axis."""
+        self.p += by_m
+        self.p_now += by_m
+
     @property
     def pull_m(self) -> float:
         """How far false GNSS has moved the present estimate."""
@@ -102,7 +107,7 @@ class InertialFilter:
     """Three axes on measured accelerations, with height from a drifting barometer.
 
     The accelerometer's net error (bias and tilt, as far as the autopilot has not learnt them) varies slowly with 1-sigma
-    0.02 m/s², plus white noise; the barometer drifts by 0.3 m in 120 s.
+    0.015 m/s², plus white noise; the barometer drifts by 0.3 m in 120 s.
     """
 
     def __init__(self, rng: Random, horizon_s: float, dt_s: float) -> None:
@@ -110,12 +115,10 @@ class InertialFilter:
         self.north, self.east, self.down = (Axis(horizon_s) for _ in range(3))
         self.t_s = 0.0
         self._rng = rng
-        self._bias = tuple(GaussMarkov(rng, 0.02, 60.0) for _ in range(3))
+        self._bias = tuple(GaussMarkov(rng, 0.015, 60.0) for _ in range(3))
         self._baro_drift = GaussMarkov(rng, 0.3, 120.0)
         self._baro_due_s = 0.0
         self._accelerations: deque[Vec3] = deque([(0.0, 0.0, 0.0)] * max(1, round(horizon_s / dt_s)))
-        self.baro_down_m: float | None = 0.0
-        """The latest delayed barometer reading, consumed by `fuse_baro`."""
         self._baro: deque[tuple[float, float]] = deque()
 
     def align(self, p_ned_m: Vec3, v_ned_mps: Vec3) -> None:
@@ -156,7 +159,9 @@ class InertialFilter:
 
     def hold(self) -> None:
         """Keep the position still, as the autopilots do without any aiding (constant position mode)."""
+        self._accelerations = deque((0.0, 0.0, a[2]) for a in self._accelerations)
         for axis in (self.north, self.east):
+            axis.p = axis.p_now
             axis.v = axis.v_now = axis.pull_v = 0.0
             axis.P11, axis.P12, axis.P22 = 25.0, 0.0, 1.0
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from visloc_companion.sim.estimator import InertialFilter
 
-LEARN_TAU_S, PERIOD_S, SIGMA_MPS = 15.0, 0.2, 1.0
+LEARN_TAU_S, PERIOD_S, SIGMA_MPS = 40.0, 0.2, 1.0
 
 
 class WindDeadReckoning:

@@ -11,8 +11,10 @@ from visloc_companion.sim.estimator_airspeed import WindDeadReckoning
 from visloc_companion.sim.estimator_status import EstimatorHealth, ExternalPosition, GnssMeasurement
 
 SOURCE_GPS, SOURCE_EXTERNAL = 3, 6
-RETRY_S, RETRY_WITH_VELOCITY_S, STOP_AIDING_S, GLITCH_AFTER_S = 7.0, 10.0, 15.0, 1.0
+RETRY_S, RETRY_WITH_VELOCITY_S, STOP_AIDING_S, GLITCH_AFTER_S = 7.0, 10.0, 15.0, 2.0
 PLANE_ABSOLUTE_S = 10.4
+GRACE_S = 1.0
+"""A position that GNSS velocity carries stays declared until the reset that ends the rejections."""
 MIN_INTERVAL_S = 0.02
 GPS_POSITION_SIGMA_M, GPS_VELOCITY_SIGMA_MPS, VELOCITY_GATE_SIGMA = 0.5, 0.3, 5.0
 FLAGS_GOOD, FLAGS_COASTING, FLAGS_UNAIDED, FLAGS_PLANE_RELATIVE, FLAG_GLITCH = 0x33F, 0x25, 0xA7, 0x12F, 0x8000
@@ -47,7 +49,7 @@ class ArduPilotEstimator:
         self._ever_aided, self._stopped, self._reset_wanted, self._started = False, False, True, False
         self._reset_counter: int | None = None
         self._position_ratio = self._velocity_ratio = 0.0
-        self._internal_error_due = False
+        self._internal_error = self._internal_error_told = False
 
     def start_aided(self) -> None:
         """Begin as after an alignment on GNSS: the present state counts as accepted."""
@@ -90,8 +92,8 @@ class ArduPilotEstimator:
         while self._external and self._external[0].t_s - delay_s <= self.filter.t_delayed_s:
             self._take_external(self._external.popleft())
         self.filter.fuse_baro(use=not self._height_external)
-        if self._internal_error_due:
-            self._internal_error_due = False
+        if self._internal_error and not self._internal_error_told:
+            self._internal_error_told = True
             texts.append("Internal Errors 0x400")
         if self._wind is not None and air_velocity_ne_mps is not None:
             self._wind.step(self.filter, air_velocity_ne_mps, self._age_s < 1.0)
@@ -107,6 +109,11 @@ class ArduPilotEstimator:
         return self.filter.t_s - self._last_pass_s
 
     @property
+    def _retry_s(self) -> float:
+        with_velocity = self.filter.t_delayed_s - self._last_velocity_pass_s < 1.0
+        return RETRY_WITH_VELOCITY_S if with_velocity else RETRY_S
+
+    @property
     def _height_external(self) -> bool:
         fresh = self.filter.t_s - self._last_height_s < HEIGHT_FALLBACK_S
         return int(self._parameters[f"EK3_SRC{self.active_set}_POSZ"]) == SOURCE_EXTERNAL and fresh
@@ -119,7 +126,7 @@ class ArduPilotEstimator:
         if self._velocity_ratio < 1.0:
             filter_.north.correct_velocity(v[0], variance_v, false_v[0])
             filter_.east.correct_velocity(v[1], variance_v, false_v[1])
-            self._last_velocity_pass_s = filter_.t_s
+            self._last_velocity_pass_s = filter_.t_delayed_s
         variance = max(GPS_POSITION_SIGMA_M, sample.h_acc_m) ** 2
         p, false = measurement.p_local_m, sample.false_ned_m
         fix = Fixed(sample.t_s, p[0], p[1], variance, variance, false[0], false[1])
@@ -130,7 +137,7 @@ class ArduPilotEstimator:
     def _take_external(self, external: ExternalPosition) -> None:
         error_m, internal_error = position_error_m(external.var_ned_m2, self._parameters["VISO_POS_M_NSE"])
         if self._source == SOURCE_EXTERNAL:
-            self._internal_error_due |= internal_error
+            self._internal_error |= internal_error
             if external.reset_counter != self._reset_counter:
                 self._reset_wanted |= self._reset_counter is not None
                 self._reset_counter = external.reset_counter
@@ -142,13 +149,11 @@ class ArduPilotEstimator:
 
     def _fuse_position(self, fix: Fixed) -> bool:
         """Fuse, reject or reset; True where the position was reset."""
-        filter_, now = self.filter, self.filter.t_s
+        filter_, now = self.filter, self.filter.t_delayed_s
         gate = max(self._parameters["EK3_POS_I_GATE"] / 100, 1.0)
         ratio = filter_.ratio(fix, gate)
         self._position_ratio = ratio
-        with_velocity = now - self._last_velocity_pass_s < 1.0
-        retry_s = RETRY_WITH_VELOCITY_S if with_velocity else RETRY_S
-        if self._reset_wanted or self._age_s > retry_s:
+        if self._reset_wanted or now - self._last_pass_s > self._retry_s:
             filter_.reset_to(fix)
             self._position_ratio, self._reset_wanted, self._stopped, self._ever_aided = 0.0, False, False, True
             self._last_pass_s = now
@@ -167,7 +172,7 @@ class ArduPilotEstimator:
     def health(self) -> EstimatorHealth:
         """EKF_STATUS_REPORT's flags and ratios. A plane keeps relative position on airspeed after the absolute one."""
         age, plane = self._age_s, self._wind is not None
-        if age < (PLANE_ABSOLUTE_S if plane else RETRY_S):
+        if age < (PLANE_ABSOLUTE_S if plane else self._retry_s + (GRACE_S if self._retry_s > RETRY_S else 0.0)):
             flags = FLAGS_GOOD
         elif plane and self._ever_aided:
             flags = FLAGS_PLANE_RELATIVE

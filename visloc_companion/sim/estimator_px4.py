@@ -17,6 +17,7 @@ COAST_EXTERNAL_S, COAST_CONTROL_S, COAST_LOST_S = 4.6, 4.0, 5.1
 """How long the position stays valid: after the last external sample, after EKF2_GPS_CTRL = 0, after the fix was lost."""
 GPS_POSITION_SIGMA_M, GPS_VELOCITY_SIGMA_MPS, GATE_SIGMA = 0.5, 0.3, 5.0
 BIAS_TAU_S = 1.0
+STAMP_TOLERANCE_S = 0.011
 FLAGS_ALWAYS, FLAGS_HORIZONTAL = 0x25, 0x1A
 FLAG_CONSTANT, FLAG_AIDED, FLAG_GNSS, FLAG_GLITCH = 0x80, 0x100, 0x200, 0x400
 
@@ -57,8 +58,13 @@ class Px4Estimator:
         if self._parameters["EKF2_EV_QMIN"] > 0:
             return
         external = replace(external, t_s=external.t_s - self._parameters["EKF2_EV_DELAY"] / 1000)
-        if external.t_s > self.filter.t_delayed_s:
+        if external.t_s > self.filter.t_delayed_s - STAMP_TOLERANCE_S:
             self._external.append(external)
+
+    @property
+    def external_healthy(self) -> bool:
+        """Whether external positions are being fused."""
+        return self._external_active
 
     def step(self, air_velocity_ne_mps: tuple[float, float] | None) -> list[str]:
         """Fuse what is due; PX4 sends no text of its own here."""
@@ -107,13 +113,18 @@ class Px4Estimator:
         if self._velocity_ratio < 1.0:
             filter_.north.correct_velocity(v[0], variance_v, false_v[0])
             filter_.east.correct_velocity(v[1], variance_v, false_v[1])
+            self._extend(COAST_LOST_S)
         if self._position_ratio < 1.0:
             filter_.fuse(fix)
             self._passed_gnss()
 
     def _passed_gnss(self) -> None:
         self._gnss_pass_s = self.filter.t_s
-        self._valid_until_s = self.filter.t_s + COAST_LOST_S - self.filter.horizon_s
+        self._extend(COAST_LOST_S)
+
+    def _extend(self, coast_s: float) -> None:
+        """Something horizontal was fused: the position is good for so long after the sample."""
+        self._valid_until_s = self.filter.t_delayed_s + coast_s
 
     def _take_external(self, external: ExternalPosition) -> None:
         filter_, gap_s = self.filter, external.t_s - self._previous_stamp_s
@@ -168,7 +179,7 @@ class Px4Estimator:
 
     def _passed_external(self) -> None:
         self._external_pass_s = self.filter.t_s
-        self._valid_until_s = self.filter.t_s + COAST_EXTERNAL_S - self.filter.horizon_s
+        self._extend(COAST_EXTERNAL_S)
 
     @property
     def _aided(self) -> bool:

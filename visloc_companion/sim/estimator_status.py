@@ -1,11 +1,9 @@
-"""What both simulated estimators take in and tell: measurements, health, and the interface that the autopilot uses."""
+"""What both simulated estimators take in and tell: measurements and health."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
-from visloc_companion.sim.estimator import InertialFilter
 from visloc_companion.sim.gnss import GnssSample
 from visloc_companion.types import Vec3
 
@@ -43,21 +41,3 @@ class EstimatorHealth:
     position_ok: bool
     dead_reckoning: bool
     source: str
-
-
-class Estimator(Protocol):
-    """An autopilot's estimator of position and velocity."""
-
-    filter: InertialFilter
-
-    def on_gnss(self, measurement: GnssMeasurement) -> None:
-        """Take a receiver's sample."""
-
-    def on_external(self, external: ExternalPosition) -> None:
-        """Take an external position."""
-
-    def step(self, air_velocity_ne_mps: tuple[float, float] | None) -> list[str]:
-        """Fuse what is due after the filter's step; returns texts for the operator. The air velocity is a plane's."""
-
-    def health(self) -> EstimatorHealth:
-        """The present health."""

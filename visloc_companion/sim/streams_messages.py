@@ -123,9 +123,9 @@ def global_position_int(s: Snapshot) -> Message | None:
     return mavlink.MAVLink_global_position_int_message(
         s.t_ms,
         *_degrees_e7(place),
-        round(place.h_amsl_m * 1000),
-        round((place.h_amsl_m - s.home.h_amsl_m) * 1000),
-        *(round(v * 100) for v in s.v_ned_mps),
+        _whole(place.h_amsl_m * 1000, 32),
+        _whole((place.h_amsl_m - s.home.h_amsl_m) * 1000, 32),
+        *(_whole(v * 100, 16) for v in s.v_ned_mps),
         round(math.degrees(s.rpy_rad[2]) * 100) % 36000,
     )
 
@@ -180,7 +180,13 @@ BUILDERS: dict[int, Builder] = {
 
 
 def _degrees_e7(place: GeoPoint) -> tuple[int, int]:
-    return round(place.lat_deg * 1e7), round(place.lon_deg * 1e7)
+    return _whole(place.lat_deg * 1e7, 32), _whole(place.lon_deg * 1e7, 32)
+
+
+def _whole(value: float, bits: int) -> int:
+    """Rounded and held within a signed field (an estimate that follows nonsense must not break the link)."""
+    limit = float(2 ** (bits - 1) - 1)
+    return round(min(max(value, -limit), limit))
 
 
 def _wrapped(angle_rad: float) -> float:

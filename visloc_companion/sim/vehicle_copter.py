@@ -25,6 +25,7 @@ class Copter:
     DRAG_PER_S = 0.12
     BANDWIDTH_RADPS, DAMPING, THRUST_TAU_S = 6.0, 0.8, 0.1
     MAX_LEAN_RAD = math.radians(30)
+    MAX_CLIMB_MPS = 6.0
 
     def __init__(self, body: Body) -> None:
         self.body = body
@@ -45,6 +46,9 @@ class Copter:
         self._yaw_rate += (command.yaw_rate_radps - self._yaw_rate) * min(1.0, dt_s / 0.2)
         body.turn(body.roll + self._d_roll * dt_s, body.pitch + self._d_pitch * dt_s, body.yaw + self._yaw_rate * dt_s, dt_s)
         self._thrust_down += (command.down_mps2 - self._thrust_down) * min(1.0, dt_s / self.THRUST_TAU_S)
+        room = (math.copysign(self.MAX_CLIMB_MPS, self._thrust_down) - body.v_down) / dt_s
+        if abs(room) < abs(self._thrust_down):
+            self._thrust_down = room
         forward = -GRAVITY_MPS2 * math.tan(body.pitch)
         right = GRAVITY_MPS2 * math.tan(body.roll) / math.cos(body.pitch)
         c, s = math.cos(body.yaw), math.sin(body.yaw)
