@@ -61,7 +61,7 @@ class GnssAiding:
         return [Notice(Severity.NOTICE, "visloc: restarted from trusted GNSS")]
 
     def compare(self, fix: Fix) -> None:
-        """Show the monitor an accepted fix beside GNSS: the fix itself, for the filter rides on a velocity that may be dragged."""
+        """Show the monitor an accepted fix beside GNSS: the fix itself, for the filter rides on a velocity that may be false."""
         velocity = self._tracker.velocity
         difference = None if velocity is None else self._tracker.gnss_minus(fix, velocity.v_ned_mps)
         if velocity is None or difference is None:

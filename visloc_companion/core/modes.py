@@ -59,8 +59,8 @@ TRANSITIONS: tuple[tuple[Mode, Mode, Condition], ...] = (
     (Mode.DEAD_RECKONING, Mode.AIDING, lambda s: s.recent_fix),
     (Mode.LOST, Mode.WAITING, lambda s: not s.ready),
     (Mode.LOST, Mode.SHADOW, lambda s: s.recovered and not s.due),
-    (Mode.LOST, Mode.AIDING, lambda s: s.recovered and s.recent_fix),
-    (Mode.LOST, Mode.DEAD_RECKONING, lambda s: s.recovered),
+    (Mode.LOST, Mode.AIDING, lambda s: s.recovered and s.due and s.recent_fix),
+    (Mode.LOST, Mode.DEAD_RECKONING, lambda s: s.recovered and s.due),
 )
 """From, to, when. The first row that fits is taken; one transition a Tick."""
 

@@ -1,0 +1,18 @@
+from __future__ import annotations
+
+import pytest
+
+from visloc_companion.core.settings import CoreSettings
+from visloc_companion.core.streams import requests_for
+from visloc_companion.types import AutopilotKind, RequestMessage
+
+
+@pytest.mark.parametrize(
+    ("kind", "status"), [(AutopilotKind.ARDUPILOT, {193}), (AutopilotKind.PX4, {230}), (AutopilotKind.UNKNOWN, {193, 230})]
+)
+def test_asks_for_what_each_autopilot_sends(kind: AutopilotKind, status: set[int]) -> None:
+    wanted = requests_for(kind, CoreSettings(attitude_rate_hz=40.0))
+    ids = {w.message_id for w in wanted if isinstance(w, RequestMessage)}
+    assert ids == {30, 32, 33, 24, 49} | status
+    assert RequestMessage(30, 40.0) in wanted
+    assert RequestMessage(49, 0.0) in wanted

@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from visloc_companion.core.validate import fault, is_covariance, is_place
+from visloc_companion.errors import Reason
+from visloc_companion.types import (
+    Attitude,
+    EstimatorStatus,
+    Event,
+    Fix,
+    FrameRef,
+    GeoPoint,
+    Gnss,
+    LocalPose,
+    OperatorFix,
+    OriginChanged,
+    PriorPose,
+    Tick,
+)
+
+NOW = 10**10
+HERE = GeoPoint(59.0, 18.0, 50.0)
+NOWHERE = GeoPoint(math.nan, 18.0, 50.0)
+Q = (1.0, 0.0, 0.0, 0.0)
+STILL = (0.0, 0.0, 0.0)
+NAN3 = (0.0, math.nan, 0.0)
+FIX = Fix(NOW, NOW, 1, 1, "m", HERE, Q, ((1.0, 0.0), (0.0, 1.0)), 1.0, 0.1, 0.01, 5.0)
+GNSS = Gnss(NOW, NOW, 3, 12, HERE, 1.0, None, None)
+
+GOOD: list[Event] = [
+    Attitude(NOW, NOW, Q, STILL),
+    PriorPose(NOW, NOW, HERE, STILL, 10.0),
+    LocalPose(NOW, NOW, STILL, STILL),
+    GNSS,
+    replace(GNSS, place=GeoPoint(0.0, 0.0, 0.0), fix_type=1),
+    replace(GNSS, v_ned_mps=STILL),
+    EstimatorStatus(NOW, None, 0.1, None, True, False, None),
+    OriginChanged(NOW, HERE),
+    OperatorFix(NOW, HERE, 20.0),
+    FIX,
+    FrameRef(NOW, NOW, 1, 0, 640, 480, 1),
+    Tick(NOW),
+]
+BAD: list[tuple[Event, Reason]] = [
+    (Attitude(NOW, NOW, (math.nan, 0.0, 0.0, 0.0), STILL), Reason.NOT_FINITE),
+    (Attitude(NOW, NOW, Q, NAN3), Reason.NOT_FINITE),
+    (PriorPose(NOW, NOW, NOWHERE, STILL, 10.0), Reason.NOT_FINITE),
+    (PriorPose(NOW, NOW, GeoPoint(0.0, 0.0, 0.0), STILL, 10.0), Reason.NOT_FINITE),
+    (PriorPose(NOW, NOW, HERE, (0.0, 300.0, 0.0), 10.0), Reason.NOT_FINITE),
+    (PriorPose(NOW, NOW, HERE, STILL, math.inf), Reason.NOT_FINITE),
+    (LocalPose(NOW, NOW, NAN3, STILL), Reason.NOT_FINITE),
+    (LocalPose(NOW, NOW, STILL, NAN3), Reason.NOT_FINITE),
+    (replace(GNSS, h_acc_m=math.nan), Reason.NOT_FINITE),
+    (replace(GNSS, place=NOWHERE), Reason.NOT_FINITE),
+    (EstimatorStatus(NOW, math.nan, 0.1, None, True, False, None), Reason.NOT_FINITE),
+    (OriginChanged(NOW, NOWHERE), Reason.NOT_FINITE),
+    (OperatorFix(NOW, HERE, 0.0), Reason.NOT_FINITE),
+    (OperatorFix(NOW, HERE, math.nan), Reason.NOT_FINITE),
+    (replace(FIX, t_ns=NOW + 10**9), Reason.IMPLAUSIBLE_TIME),
+    (replace(FIX, cov_ne_m2=((1.0, 2.0), (2.0, 1.0))), Reason.NOT_FINITE),
+    (replace(FIX, sigma_h_m=0.0), Reason.NOT_FINITE),
+    (replace(FIX, probability_wrong=math.nan), Reason.NOT_FINITE),
+    (FrameRef(NOW, NOW + 10**9, 1, 0, 640, 480, 1), Reason.IMPLAUSIBLE_TIME),
+]
+
+
+@pytest.mark.parametrize("event", GOOD)
+def test_good_events_pass(event: Event) -> None:
+    assert fault(event, NOW) is None
+
+
+@pytest.mark.parametrize(("event", "reason"), BAD)
+def test_bad_events_have_a_reason(event: Event, reason: Reason) -> None:
+    assert fault(event, NOW) is reason
+
+
+def test_places() -> None:
+    assert is_place(HERE)
+    assert not is_place(GeoPoint(95.0, 0.0, 0.0))
+    assert not is_place(GeoPoint(10.0, 190.0, 0.0))
+    assert not is_place(GeoPoint(10.0, 10.0, 1e6))
+
+
+def test_covariances() -> None:
+    assert is_covariance(((1.0, 0.5), (0.5, 1.0)))
+    assert not is_covariance(((1.0, 0.5), (0.4, 1.0)))
+    assert not is_covariance(((0.0, 0.0), (0.0, 0.0)))
+    assert not is_covariance(((math.inf, 0.0), (0.0, 1.0)))
+    assert not is_covariance(((1e12, 0.0), (0.0, 1.0)))
