@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -227,6 +227,20 @@ def from_entries(
         refusals=tuple(_refusal(a, start_ns) for a in got.answers if isinstance(a, NoFix)),
         n_frames=got.n_frames,
         n_requests=got.n_requests,
+    )
+
+
+def rebased(record: FlightRecord, origin: GeoPoint) -> FlightRecord:
+    """The same flight with its tracks about another origin near by (exact to centimetres within some kilometres)."""
+    shift = np.array(ned_from_geo(record.origin, origin))
+    return replace(
+        record,
+        origin=origin,
+        estimate_ned_m=record.estimate_ned_m + shift,
+        truth_ned_m=record.truth_ned_m + shift,
+        truth=Track(record.truth.t_s, record.truth.p_ned_m + shift),
+        gnss=Track(record.gnss.t_s, record.gnss.p_ned_m + shift),
+        fixes=tuple(replace(fix, p_ned_m=tuple(np.add(fix.p_ned_m, shift).tolist())) for fix in record.fixes),
     )
 
 

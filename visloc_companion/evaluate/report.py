@@ -1,0 +1,248 @@
+"""The report of a flight: one HTML file with nothing outside of it, for whoever must decide whether to trust the system."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from visloc_companion import __version__
+from visloc_companion.evaluate.gate import Check
+from visloc_companion.evaluate.metrics import DEFAULT_ALERT_LIMIT_M, alarms_s, error_figures, flight_summary
+from visloc_companion.evaluate.record import FixPoint, FlightRecord, Refusal, rebased
+from visloc_companion.evaluate.report_charts import latency_histogram, spans, time_chart, time_legend
+from visloc_companion.evaluate.report_map import MapImage, flight_map, map_legend, view_of
+from visloc_companion.evaluate.report_style import CSS
+from visloc_companion.types import FloatArray, Verdict
+
+_DEFINITIONS = (
+    ("Horizontal error", "distance between our estimate and the truth at one output tick."),
+    ("1-sigma", "the error that the estimate itself claims, along the larger axis of its covariance."),
+    ("Protection level", "the bound that the error is claimed to exceed only with the configured small risk."),
+    ("Misleading epoch", "a tick at which the error exceeded the protection level."),
+    ("HMI", "hazardously misleading: the error exceeded the alert limit while the protection level did not."),
+    ("Availability", "share of ticks since the first estimate at which the protection level was within the alert limit."),
+    ("NEES", "squared error over claimed covariance; 2 on average if the claim is right, more if it is too bold."),
+)
+
+
+def write_flight_report(
+    record: FlightRecord,
+    path: Path,
+    *,
+    title: str,
+    checks: Sequence[Check] = (),
+    baseline: FlightRecord | None = None,
+    map_image: MapImage | None = None,
+    alert_limit_m: float = DEFAULT_ALERT_LIMIT_M,
+    gnss_faults_s: Sequence[tuple[float, float]] | None = None,
+    notes: Sequence[str] = (),
+) -> None:
+    """Write the report of a flight.
+
+    `checks` decide PASS or FAIL (none: neither is stated). `baseline` is the same flight without the daemon; of it only the true
+    track is used. `map_image` lies under the tracks. `gnss_faults_s` are the intervals in which GNSS was really bad, where known.
+    `notes` are paragraphs on what was flown.
+    """
+    summary = flight_summary(record, alert_limit_m=alert_limit_m, gnss_faults_s=gnss_faults_s)
+    strayed = _strayed(record, baseline) if baseline is not None else None
+    parts = [
+        f"<h1>{escape(title)}</h1>",
+        *(f'<p class="soft">{escape(note)}</p>' for note in notes),
+        _headline(record, summary, checks),
+        _tiles(record, summary, alert_limit_m),
+        _checks_table(checks),
+        _maps(record, baseline, map_image, strayed, gnss_faults_s),
+        _over_time(record, alert_limit_m, strayed),
+        _answers(record, summary),
+        _events(record),
+        _definitions(),
+        f"<footer>visloc-companion {escape(__version__)}. Positions are metres north and east of the start; "
+        "times are seconds of the flight.</footer>",
+    ]
+    page = (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<link rel="icon" href="data:,"><title>{escape(title)}</title><style>{CSS}</style></head>'
+        f"<body><main>{''.join(parts)}</main></body></html>\n"
+    )
+    path.write_text(page, encoding="utf-8")
+
+
+def _headline(record: FlightRecord, summary: dict[str, Any], checks: Sequence[Check]) -> str:
+    failed = [check for check in checks if not check.passed]
+    state, word = ("open", "NO GATE") if not checks else ("fail", "FAIL") if failed else ("pass", "PASS")
+    denied = error_figures(record, record.while_verdict(Verdict.DENIED, Verdict.SUSPECT))
+    sentences = [f"{summary['duration_s']:.0f} s of flight, {summary['n_fixes']} fixes from {summary['n_frames']} frames."]
+    if denied["max"] is not None:
+        sentences.append(
+            f"While GNSS was not trusted the error was {_m(denied['median'])} (median) and {_m(denied['max'])} (maximum)."
+        )
+    if failed:
+        sentences.append(f"Not met: {', '.join(check.name for check in failed)}.")
+    return f'<section class="verdict {state}"><span class="badge">{word}</span><div>{escape(" ".join(sentences))}</div></section>'
+
+
+def _tiles(record: FlightRecord, summary: dict[str, Any], alert_limit_m: float) -> str:
+    error = summary["error_horizontal_m"]
+    tiles = [
+        (_m(error["median"]), "median horizontal error"),
+        (_m(error["p95"]), "95 % of errors below"),
+        (_m(error["max"]), "largest error"),
+        (_count(summary["hmi"]), f"HMI epochs (alert limit {alert_limit_m:g} m)"),
+        (_count(summary["misleading"]), f"misleading of {len(record.t_s)} epochs"),
+        (_share(summary["availability"]), "availability"),
+        (_plain(summary["nees"], "{:.2f}"), "NEES (2 is right)"),
+        (_plain(summary["gnss"]["detected_at_s"], "{:.1f} s"), "GNSS first declared bad"),
+        (_plain(summary["injected"]["gap_max_ms"], "{:.0f} ms"), "longest injection gap"),
+        (_plain(summary["latency_ms"]["p95"], "{:.0f} ms"), "latency, 95 % below"),
+    ]
+    cells = "".join(f'<div class="tile"><b>{escape(value)}</b><span>{escape(words)}</span></div>' for value, words in tiles)
+    return f'<section class="tiles">{cells}</section>'
+
+
+def _checks_table(checks: Sequence[Check]) -> str:
+    if not checks:
+        return ""
+    rows = [
+        (
+            escape(check.name),
+            _n(_value(check.value)),
+            _n(check.limit),
+            '<span class="yes">met</span>' if check.passed else '<span class="no">not met</span>',
+        )
+        for check in checks
+    ]
+    return f"<h2>What was required</h2>{_table(('requirement', 'measured|n', 'limit|n', ''), rows)}"
+
+
+def _maps(
+    record: FlightRecord,
+    baseline: FlightRecord | None,
+    image: MapImage | None,
+    strayed: tuple[FloatArray, FloatArray] | None,
+    faults: Sequence[tuple[float, float]] | None,
+) -> str:
+    tracks = [record.truth.p_ned_m, record.estimate_ned_m, record.gnss.p_ned_m]
+    lost_at = min((start for start, _ in faults), default=None) if faults else next(iter(alarms_s(record)), None)
+    moved = rebased(baseline, record.origin) if baseline is not None else None
+    view = view_of([*tracks, *([moved.truth.p_ned_m] if moved is not None else [])])
+    own = _panel(
+        "With the daemon" if moved is not None else "",
+        flight_map(record, view, "Map of the flight", image, lost_at_s=lost_at),
+        map_legend(record, "truth", "true track"),
+    )
+    if moved is None or strayed is None:
+        return f"<h2>Map</h2><div class=two>{own}</div>"
+    last = strayed[1][np.isfinite(strayed[1])]
+    end = f": {last[-1]:.0f} m away at the end" if len(last) else ""
+    other = _panel(
+        f"The same flight without it{end}",
+        flight_map(moved, view, "Map of the flight without the daemon", image, own="baseline", lost_at_s=lost_at),
+        map_legend(moved, "baseline", "true track without the daemon"),
+    )
+    return f'<h2>Map</h2><div class="two">{own}{other}</div>'
+
+
+def _panel(heading: str, drawing: str, key: str) -> str:
+    return f"<div>{f'<h3>{escape(heading)}</h3>' if heading else ''}{drawing}{key}</div>"
+
+
+def _over_time(record: FlightRecord, alert_limit_m: float, strayed: tuple[FloatArray, FloatArray] | None) -> str:
+    limit = alert_limit_m if np.isfinite(record.protection_level_m).any() else None
+    chart = time_chart(record, limit, strayed)
+    key = time_legend(record, limit, strayed is not None)
+    return f'<h2>Errors, verdicts and modes over time</h2>{key}<div class="scroll">{chart}</div>'
+
+
+def _answers(record: FlightRecord, summary: dict[str, Any]) -> str:
+    answers: list[FixPoint | Refusal] = [*record.fixes, *record.refusals]
+    if not answers:
+        return "<h2>Fixes and latency</h2><p>No frame was localised in this flight.</p>"
+    took: dict[str, list[float]] = defaultdict(list)
+    for fix in record.fixes:
+        took["fix"].append(fix.latency_ms)
+    for refusal in record.refusals:
+        took[f"no fix: {refusal.reason}"].append(refusal.latency_ms)
+    rows = [
+        (escape(name), _n(str(len(values))), _n(f"{100 * len(values) / len(answers):.1f} %"), _n(f"{np.median(values):.0f} ms"))
+        for name, values in sorted(took.items(), key=lambda item: -len(item[1]))
+    ]
+    table = _table(("answer", "number|n", "share|n", "median latency|n"), rows)
+    counts = (
+        f"<p>{record.n_frames} frames arrived, {record.n_requests} were asked to be localised, {len(answers)} were answered. "
+        f"Injections: {summary['injected']['n']}.</p>"
+    )
+    finite = np.array([answer.latency_ms for answer in answers if math.isfinite(answer.latency_ms)], dtype=np.float64)
+    chart = latency_histogram(finite, "latency from exposure to answer (ms)") if len(finite) else ""
+    return (
+        f'<h2>Fixes and latency</h2><div class="two"><div>{counts}<div class="scroll">{table}</div></div><div>{chart}</div></div>'
+    )
+
+
+def _events(record: FlightRecord) -> str:
+    reasons = {float(t): names for t, names in zip(record.t_s, record.reasons, strict=True)}
+    verdicts = [
+        (_n(f"{start:.1f}"), escape(name), _n(f"{stop - start:.1f}"), escape(", ".join(reasons.get(start, ()))))
+        for start, stop, name in spans(record, record.verdicts)
+    ]
+    modes = [
+        (_n(f"{start:.1f}"), escape(name.replace("_", " ")), _n(f"{stop - start:.1f}"))
+        for start, stop, name in spans(record, record.modes)
+    ]
+    if not verdicts:
+        return ""
+    left = _titled("GNSS verdict", _table(("from s|n", "verdict", "for s|n", "reasons"), verdicts))
+    right = _titled("Mode", _table(("from s|n", "mode", "for s|n"), modes))
+    return f'<h2>Verdicts and modes</h2><div class="two">{left}{right}</div>'
+
+
+def _titled(heading: str, table: str) -> str:
+    return f'<div><h3>{heading}</h3><div class="scroll">{table}</div></div>'
+
+
+def _definitions() -> str:
+    items = "".join(f"<dt>{escape(name)}</dt><dd>{escape(words)}</dd>" for name, words in _DEFINITIONS)
+    return f"<h2>What the figures mean</h2><dl>{items}</dl>"
+
+
+def _strayed(record: FlightRecord, baseline: FlightRecord) -> tuple[FloatArray, FloatArray]:
+    """(t_s, metres) between the true positions of two flights at the same time since their starts."""
+    t_s = baseline.truth.t_s
+    apart = rebased(baseline, record.origin).truth.p_ned_m[:, :2] - record.truth.at(t_s)[:, :2]
+    return t_s, np.asarray(np.hypot(*apart.T), dtype=np.float64)
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    cells = [f'<th class="n">{head[:-2]}</th>' if head.endswith("|n") else f"<th>{head}</th>" for head in heads]
+    body = "".join(f"<tr>{''.join(c if c.startswith('<td') else f'<td>{c}</td>' for c in row)}</tr>" for row in rows)
+    return f"<table><thead><tr>{''.join(cells)}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _n(words: str) -> str:
+    return f'<td class="n">{escape(words)}</td>'
+
+
+def _value(value: float | str | None) -> str:
+    return "unknown" if value is None else value if isinstance(value, str) else f"{value:.4g}"
+
+
+def _m(value: float | None) -> str:
+    return _plain(value, "{:.2f} m" if value is not None and value < 10 else "{:.0f} m")
+
+
+def _plain(value: float | None, layout: str) -> str:
+    return "–" if value is None else layout.format(value)
+
+
+def _count(value: int | None) -> str:
+    return "–" if value is None else str(value)
+
+
+def _share(value: float | None) -> str:
+    return "–" if value is None else f"{100 * value:.1f} %"
