@@ -194,6 +194,13 @@ class ClockConfig(Section):
     """Faster than real time, for simulators that run so; 1 on a vehicle."""
 
 
+class StatusConfig(Section):
+    """What other processes on the vehicle can ask the daemon."""
+
+    socket: str = ""
+    """Path of a Unix socket; each connection gets one JSON snapshot of the state. Empty makes none."""
+
+
 class Config(Section):
     """Everything that `visloc run --config FILE` reads."""
 
@@ -207,6 +214,7 @@ class Config(Section):
     injection: InjectionConfig = InjectionConfig()
     journal: JournalConfig = JournalConfig()
     clock: ClockConfig = ClockConfig()
+    status: StatusConfig = StatusConfig()
     seed: Annotated[int, Field(ge=0)] = 1
     """Feeds whatever is random."""
 

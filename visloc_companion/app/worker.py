@@ -68,6 +68,11 @@ class WorkerSupervisor:
         """Whether answers can be expected: up, or being restarted."""
         return self._process is not None and not self.given_up
 
+    @property
+    def overdue(self) -> bool:
+        """Whether a deadline has passed without anything being done about it; never, unless this class is at fault."""
+        return self._deadline is not None and asyncio.get_running_loop().time() > self._deadline.when() + _STOP_S
+
     async def start(self) -> None:
         """Start the first worker and wait until map and localiser are open.
 

@@ -1,0 +1,53 @@
+"""The one place where names of the configuration become adapters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from visloc_companion.adapters.mavlink.pymavlink_link import PymavlinkLink
+from visloc_companion.adapters.mavlink.settings import SessionSettings
+from visloc_companion.app.parts import Constructors
+from visloc_companion.app.settings import camera_model
+from visloc_companion.config import CameraConfig, Config
+from visloc_companion.errors import ConfigError
+from visloc_companion.protocols import AutopilotLink, Camera, Clock
+from visloc_companion.types import CameraModel
+
+MakeCamera = Callable[[str, CameraModel, CameraConfig, Clock], Camera]
+
+
+def _files(address: str, model: CameraModel, camera: CameraConfig, clock: Clock) -> Camera:
+    from visloc_companion.adapters.camera.files import FilesCamera
+
+    return FilesCamera(address, model, clock)
+
+
+CAMERAS: dict[str, MakeCamera] = {"files": _files}
+"""First part of `camera.url` -> constructor."""
+
+
+def make_link(
+    config: Config, clock: Clock, on_raw: Callable[[bytes, int, bool], None], on_warning: Callable[[str], None]
+) -> AutopilotLink:
+    """The MAVLink connection of a configuration. Raises LinkError for a URL that is not valid."""
+    settings = SessionSettings(
+        system_id=config.link.system_id,
+        component_id=config.link.component_id,
+        gnss_source_set=config.injection.gnss_source_set,
+        vision_source_set=config.injection.vision_source_set,
+        px4_gps_ctrl=config.injection.px4_gps_ctrl,
+        reconnect_s=config.link.reconnect_s,
+    )
+    return PymavlinkLink(config.link.url, settings, clock, on_raw=on_raw, on_warning=on_warning)
+
+
+def make_camera(config: Config, clock: Clock) -> Camera:
+    """The camera of a configuration. Raises ConfigError for an unknown kind, CameraError where it cannot be opened."""
+    kind, _, address = config.camera.url.partition(":")
+    if kind not in CAMERAS or not address:
+        valid = ", ".join(f"{name}:..." for name in CAMERAS)
+        raise ConfigError(f"{config.camera.url!r} names no camera", where="camera.url", remedy=f"use one of {valid}")
+    return CAMERAS[kind](address, camera_model(config.camera), config.camera, clock)
+
+
+CONSTRUCTORS = Constructors(link=make_link, camera=make_camera)

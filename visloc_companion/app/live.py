@@ -1,0 +1,329 @@
+"""The live daemon: one event loop that carries events into the navigator and its commands out into the world.
+
+Everything that happens is an event, and every event goes through `Daemon.handle`: it is journalled, given to the navigator,
+and the commands that come back are journalled and dispatched. Nothing else decides anything, which is why app/replay.py can
+repeat a flight from its journal byte for byte.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncGenerator, Callable, Coroutine
+from pathlib import Path
+from typing import Any
+
+import structlog
+
+from visloc_companion.adapters.systemd.notify import Notifier
+from visloc_companion.app.clock import MonotonicClock
+from visloc_companion.app.constructors import CONSTRUCTORS
+from visloc_companion.app.health import Health
+from visloc_companion.app.mailbox import Mailbox
+from visloc_companion.app.parts import Constructors, Parts, Reports, assemble
+from visloc_companion.app.serialise import to_json
+from visloc_companion.app.settings import core_settings
+from visloc_companion.app.status import status_server
+from visloc_companion.app.ticker import time_grid
+from visloc_companion.config import Config
+from visloc_companion.core.navigator import Navigator
+from visloc_companion.errors import CameraError
+from visloc_companion.protocols import Camera, Clock, FrameSlots
+from visloc_companion.types import (
+    Command,
+    Event,
+    FrameRef,
+    Injection,
+    LinkChanged,
+    LocaliseRequest,
+    Notice,
+    RequestMessage,
+    Severity,
+    Status,
+    SwitchSource,
+    Tick,
+)
+
+log = structlog.get_logger("visloc")
+
+SLOW_STEP_NS = 2_000_000
+CAMERA_STALL_S = 5.0
+CAMERA_RETRY_S = 2.0
+LIMITS_S = {"link": 10.0, "camera": 15.0, "worker": 10.0, "tick": 3.0}
+_ORDERS_AT_ONCE = 32
+_WATCH_S = 0.5
+
+
+class Daemon:
+    """A daemon whose parts are assembled. `run` serves until `stop` is set."""
+
+    def __init__(self, parts: Parts, make: Constructors, notifier: Notifier) -> None:
+        if parts.link is None:
+            raise ValueError("a daemon needs a link")
+        self.parts, self.link = parts, parts.link
+        self.navigator = Navigator(core_settings(parts.config))
+        self.status: Status | None = None
+        self.health = Health({part: limit for part, limit in LIMITS_S.items() if part != "camera" or parts.camera is not None})
+        self.slow_steps = self.slowest_ns = self.orders_dropped = 0
+        self._make, self._notifier = make, notifier
+        self._wall = MonotonicClock()  # health is about this process, whatever speed the flight's clock has
+        self._injections: Mailbox[Injection] = Mailbox(2, newest_wins=True)
+        self._notices: Mailbox[Notice] = Mailbox(16, newest_wins=True)
+        self._orders: set[asyncio.Task[None]] = set()
+        self._group: asyncio.TaskGroup | None = None
+        self._link_up = self._stopping = False
+
+    # ------------------------------------------------------------------------------------------------- events, commands
+
+    def handle(self, event: Event) -> None:
+        """Give an event to the navigator and do what it says."""
+        if self._stopping:
+            return
+        now_ns, journal = self.parts.clock.now_ns(), self.parts.journal
+        begun_ns = self._wall.now_ns()
+        if journal is not None:
+            journal.event(now_ns, event)
+        for command in self.navigator.on(event, now_ns):
+            if journal is not None:
+                journal.command(now_ns, command)
+            self._dispatch(command)
+        spent_ns = self._wall.now_ns() - begun_ns
+        self.slow_steps += spent_ns > SLOW_STEP_NS
+        self.slowest_ns = max(self.slowest_ns, spent_ns)
+
+    def _dispatch(self, command: Command) -> None:
+        match command:
+            case Status():
+                self.status = command
+            case Injection():
+                self._injections.put(command)
+            case LocaliseRequest():
+                if self.parts.worker is not None:
+                    self.parts.worker.submit(command)
+            case RequestMessage() | SwitchSource():
+                self._order(command)
+            case Notice():
+                self._tell(command)
+
+    def report(self, notice: Notice) -> None:
+        """The shell's own notice: logged, journalled apart from the navigator's, and sent where it is for the operator."""
+        if self.parts.journal is not None:
+            self.parts.journal.notice(self.parts.clock.now_ns(), notice)
+        self._tell(notice)
+
+    def _tell(self, notice: Notice) -> None:
+        level = {Severity.INFO: "info", Severity.NOTICE: "info", Severity.WARNING: "warning"}.get(notice.severity, "error")
+        getattr(log, level)(notice.text, **{name.replace("event", "event_"): value for name, value in notice.data})
+        if notice.to_operator:
+            self._notices.put(notice)
+
+    def _order(self, command: RequestMessage | SwitchSource) -> None:
+        """The autopilot answers within seconds, so each order waits in a task of its own; there are at most 32."""
+        if self._group is None or len(self._orders) >= _ORDERS_AT_ONCE:
+            self.orders_dropped += 1
+            return
+        task = self._group.create_task(self._carry_out(command))
+        self._orders.add(task)
+        task.add_done_callback(self._orders.discard)
+
+    async def _carry_out(self, command: RequestMessage | SwitchSource) -> None:
+        if isinstance(command, SwitchSource):
+            await self.link.switch(command)  # SourceSwitched tells the navigator
+        elif not await self.link.request(command):
+            log.warning("the autopilot does not stream a message", message_id=command.message_id, rate_hz=command.rate_hz)
+
+    # ------------------------------------------------------------------------------------------------------------ tasks
+
+    async def run(self, stop: asyncio.Event) -> None:
+        """Serve until `stop`. Then injection stops first; closing the other parts is the caller's."""
+        self.health.start(self._wall.now_ns())
+        try:
+            async with asyncio.TaskGroup() as group:
+                self._group = group
+                tasks = [group.create_task(work, name=name) for name, work in self._work().items()]
+                self._notifier.ready()
+                log.info("ready")
+                await stop.wait()
+                self._stopping = True
+                self._injections.clear()
+                self._notifier.stopping()
+                await self.link.close()
+                for task in (*tasks, *self._orders):
+                    task.cancel()
+        finally:
+            self._stopping, self._group = True, None
+            if self.parts.journal is not None:
+                self.parts.journal.notice(self.parts.clock.now_ns(), Notice(Severity.INFO, "stopped"))
+            log.info("stopped", slow_steps=self.slow_steps, cycle_slips=self.health.cycle_slips)
+
+    def _work(self) -> dict[str, Coroutine[Any, Any, None]]:
+        work = {
+            "link": self._serve_link(),
+            "tick": self._serve_ticks(),
+            "injections": self._send_injections(),
+            "notices": self._send_notices(),
+            "watch": self._watch(),
+        }
+        if self.parts.worker is not None:
+            work["worker"] = self._serve_worker()
+        if self.parts.camera is not None:
+            work["camera"] = self._serve_camera(self.parts.camera)
+        return work
+
+    async def _serve_link(self) -> None:
+        async for event in self.link.events():
+            self.health.beat("link", self._wall.now_ns())
+            if isinstance(event, LinkChanged):
+                self._link_up = event.up
+            self.handle(event)
+
+    async def _serve_ticks(self) -> None:
+        async for now_ns, slipped in time_grid(self.parts.clock, self.parts.config.navigator.output_rate_hz):
+            self.health.tick(self._wall.now_ns(), slipped)
+            self.handle(Tick(now_ns))
+
+    async def _serve_worker(self) -> None:
+        worker = self.parts.worker
+        while worker is not None:
+            self.handle(await worker.events.get())
+
+    async def _send_injections(self) -> None:
+        while True:
+            await self.link.send(await self._injections.get())
+
+    async def _send_notices(self) -> None:
+        while True:
+            await self.link.notify(await self._notices.get())
+
+    # ----------------------------------------------------------------------------------------------------------- camera
+
+    async def _serve_camera(self, camera: Camera) -> None:
+        """Take frames; open the camera again when it breaks or falls silent. The end of a recording is its end."""
+        said = ""
+        while True:
+            try:
+                await self._take_frames(camera)
+                break
+            except (CameraError, TimeoutError) as why:
+                text = str(why) or f"no frame for {CAMERA_STALL_S:g} s"
+            if text != said:
+                said = text
+                self.report(Notice(Severity.WARNING, "camera is opened again", data=(("why", text),)))
+            camera = await self._reopened(camera)
+        self.health.limits_s.pop("camera", None)
+        self.report(Notice(Severity.NOTICE, "the camera's recording has ended"))
+
+    async def _take_frames(self, camera: Camera) -> None:
+        if self.parts.slots is None:
+            return
+        async with contextlib.aclosing(_frames(camera, self.parts.slots)) as frames:
+            while True:
+                try:
+                    async with asyncio.timeout(CAMERA_STALL_S):
+                        frame = await anext(frames)
+                except StopAsyncIteration:
+                    return
+                self._take(frame)
+
+    def _take(self, frame: FrameRef) -> None:
+        self.health.beat("camera", self._wall.now_ns())
+        slots, journal = self.parts.slots, self.parts.journal
+        if slots is None:
+            return
+        slots.announce(frame)
+        if journal is not None and self.parts.config.journal.record_frames:
+            journal.frame(self.parts.clock.now_ns(), frame, slots.read(frame))
+        self.handle(frame)
+
+    async def _reopened(self, camera: Camera) -> Camera:
+        with contextlib.suppress(CameraError):
+            await camera.close()
+        while True:
+            self.health.beat("camera", self._wall.now_ns())
+            await asyncio.sleep(CAMERA_RETRY_S)
+            with contextlib.suppress(CameraError):
+                self.parts.camera = self._make.camera(self.parts.config, self.parts.clock)
+                return self.parts.camera
+
+    # ----------------------------------------------------------------------------------------------------------- health
+
+    async def _watch(self) -> None:
+        """Beat the watchdog while all parts beat; say which do not."""
+        late: list[str] = []
+        while True:
+            now_ns = self._wall.now_ns()
+            if not self._link_up:
+                self.health.beat("link", now_ns)  # it says itself that it is down, and connects again
+            if self.parts.worker is None or not self.parts.worker.overdue:
+                self.health.beat("worker", now_ns)
+            was_late, late = late, self.health.late(now_ns)
+            if late and late != was_late:
+                ages = tuple((f"{part}_s", age) for part, age in self.health.ages_s(now_ns).items())
+                self.report(Notice(Severity.CRITICAL, f"hangs: {', '.join(late)}", data=ages))
+            if not late:
+                self._notifier.watchdog()
+            await asyncio.sleep(_WATCH_S)
+
+    def snapshot(self) -> dict[str, Any]:
+        """State for other processes (app/status.py)."""
+        journal, worker = self.parts.journal, self.parts.worker
+        return {
+            "schema": 1,
+            "t_ns": self.parts.clock.now_ns(),
+            "status": None if self.status is None else json.loads(to_json(self.status)),
+            "link_up": self._link_up,
+            "worker": None if worker is None else {"up": worker.up, "restarts": worker.restarts, "given_up": worker.given_up},
+            "journal": None if journal is None else {"dropped": journal.dropped, "problem": journal.problem},
+            "cycle_slips": self.health.cycle_slips,
+            "slow_steps": self.slow_steps,
+            "slowest_ms": self.slowest_ns / 1e6,
+            "injections": {"sent": self._injections.taken, "dropped": self._injections.dropped},
+            "late": self.health.late(self._wall.now_ns()),
+        }
+
+
+async def _frames(camera: Camera, slots: FrameSlots) -> AsyncGenerator[FrameRef, None]:
+    async for frame in camera.frames(slots):
+        yield frame
+
+
+async def run_daemon(
+    config: Config,
+    *,
+    stop: asyncio.Event | None = None,
+    clock: Clock | None = None,
+    make: Constructors | None = None,
+    notifier: Notifier | None = None,
+    on_ready: Callable[[Daemon], None] | None = None,
+) -> None:
+    """Assemble and serve until `stop` is set. Raises StartFailed with all that stands against the start."""
+    clock = MonotonicClock(config.clock.speed) if clock is None else clock
+    make = CONSTRUCTORS if make is None else make
+    notifier = Notifier() if notifier is None else notifier
+    loop, early, daemons = asyncio.get_running_loop(), list[Notice](), list[Daemon]()
+
+    def report(notice: Notice) -> None:
+        daemons[0].report(notice) if daemons else early.append(notice)
+
+    def journal_problem(text: str) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop has ended, and with it whom to tell
+            loop.call_soon_threadsafe(report, Notice(Severity.WARNING, f"visloc: {text}"[:50], True, (("problem", text),)))
+
+    def link_warning(text: str) -> None:
+        report(Notice(Severity.WARNING, text))
+
+    parts = await assemble(config, clock, make, Reports(report, journal_problem, link_warning))
+    try:
+        daemon = Daemon(parts, make, notifier)
+        daemons.append(daemon)
+        for notice in early:
+            daemon.report(notice)
+        async with contextlib.AsyncExitStack() as stack:
+            if config.status.socket:
+                await stack.enter_async_context(status_server(Path(config.status.socket), daemon.snapshot))
+            if on_ready is not None:
+                on_ready(daemon)
+            await daemon.run(asyncio.Event() if stop is None else stop)
+    finally:
+        await parts.close()

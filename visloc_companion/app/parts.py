@@ -1,0 +1,168 @@
+"""Builds the parts of a daemon from a configuration, and collects everything that stands against the start at once."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import importlib.metadata
+import platform
+import time
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from visloc_companion.app.journal import JournalHeader, JournalWriter
+from visloc_companion.app.settings import camera_model
+from visloc_companion.app.slots import SharedFrameSlots
+from visloc_companion.app.worker import WorkerSupervisor
+from visloc_companion.app.worker_process import REAL_ANSWERS
+from visloc_companion.config import Config
+from visloc_companion.errors import CameraError, ConfigError, VislocError
+from visloc_companion.protocols import AutopilotLink, Camera, Clock
+from visloc_companion.types import Notice
+
+T = TypeVar("T")
+MakeLink = Callable[[Config, Clock, Callable[[bytes, int, bool], None], Callable[[str], None]], AutopilotLink]
+MakeCamera = Callable[[Config, Clock], Camera]
+_PACKAGES = ("visloc-companion", "numpy", "opencv-python-headless", "pymavlink", "filterpy", "rasterio", "pyproj", "mcap")
+
+
+@dataclass(frozen=True, slots=True)
+class Constructors:
+    """What makes the parts that touch the world; tests give others."""
+
+    link: MakeLink
+    camera: MakeCamera
+    answers: str = REAL_ANSWERS
+
+
+@dataclass(slots=True)
+class Parts:
+    """The parts of a running daemon. Without a camera there is no worker either; without a folder no journal."""
+
+    config: Config
+    clock: Clock
+    link: AutopilotLink | None = None
+    slots: SharedFrameSlots | None = None
+    camera: Camera | None = None
+    worker: WorkerSupervisor | None = None
+    journal: JournalWriter | None = None
+
+    async def close(self) -> None:
+        """Close whatever there is: the link first, so that nothing is sent any more, the journal last."""
+        if self.link is not None:
+            await self.link.close()
+        if self.camera is not None:
+            with contextlib.suppress(CameraError):  # it may be what broke
+                await self.camera.close()
+        if self.worker is not None:
+            await self.worker.close()
+        if self.slots is not None:
+            self.slots.close()
+        if self.journal is not None:
+            self.journal.close()
+
+
+class StartFailed(ExceptionGroup[VislocError]):
+    """Everything that stands against the start."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reports:
+    """Where parts report: notices of the worker, problems of the journal (from its thread), warnings of the link."""
+
+    notice: Callable[[Notice], None]
+    journal_problem: Callable[[str], None]
+    link_warning: Callable[[str], None]
+
+
+async def assemble(config: Config, clock: Clock, make: Constructors, reports: Reports) -> Parts:
+    """Build and start all parts. Raises StartFailed with everything that is wrong, and leaves nothing open then."""
+    parts = Parts(config, clock)
+    problems: list[VislocError] = []
+    parts.link = _tried(problems, lambda: make.link(config, clock, _raw_tap(parts), reports.link_warning))
+    if config.camera.url:
+        parts.camera = _tried(problems, lambda: make.camera(config, clock))
+        _tried(problems, lambda: check_calibration(config, parts.camera))
+        if _tried(problems, lambda: require_pack(config)):
+            parts.slots = SharedFrameSlots(camera_model(config.camera))
+            parts.worker = WorkerSupervisor(config, parts.slots, clock, on_notice=reports.notice, factory=make.answers)
+            await _tried_later(problems, parts.worker.start())
+    if config.journal.folder and not problems:
+        parts.journal = _tried(problems, lambda: _journal(config, clock, reports.journal_problem))
+    elif config.journal.folder:
+        _tried(problems, lambda: check_journal_folder(config))
+    if problems:
+        await parts.close()
+        raise StartFailed("visloc cannot start", problems)
+    return parts
+
+
+def check_calibration(config: Config, camera: Camera | None) -> None:
+    """The camera's own model, where it has one, must be that of the configuration. Raises CameraError."""
+    if camera is not None and (found := camera.model()) != (wanted := camera_model(config.camera)):
+        size = f"{found.width_px}x{found.height_px}, not {wanted.width_px}x{wanted.height_px}"
+        what = size if (found.width_px, found.height_px) != (wanted.width_px, wanted.height_px) else f"{found}, not {wanted}"
+        raise CameraError(f"its calibration is {what}", where=config.camera.url, remedy="correct section camera")
+
+
+def require_pack(config: Config) -> bool:
+    """A camera is of use only with a map. Raises ConfigError."""
+    if not config.map.pack:
+        raise ConfigError(
+            "is empty, but camera.url is set", where="map.pack", remedy="name the folder that `visloc map build` made"
+        )
+    return True
+
+
+def check_journal_folder(config: Config) -> None:
+    """Make a file in the journal's folder and remove it. Raises JournalError."""
+    writer = JournalWriter.create(Path(config.journal.folder), JournalHeader({}), max_bytes=config.journal.max_bytes)
+    writer.close()
+    if writer.path is not None:
+        writer.path.unlink()
+
+
+def journal_header(config: Config, clock: Clock) -> JournalHeader:
+    """What flies: effective configuration, versions, hash of the map's manifest."""
+    manifest = Path(config.map.pack) / "manifest.json"
+    digest = hashlib.sha256(manifest.read_bytes()).hexdigest() if config.map.pack and manifest.is_file() else ""
+    return JournalHeader(config.model_dump(mode="json"), versions(), digest, clock.now_ns(), time.time_ns())
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of what decides the results."""
+    found = {"python": platform.python_version()}
+    for name in _PACKAGES:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            found[name] = importlib.metadata.version(name)
+    return found
+
+
+def _journal(config: Config, clock: Clock, on_problem: Callable[[str], None]) -> JournalWriter:
+    header, folder = journal_header(config, clock), Path(config.journal.folder)
+    return JournalWriter.create(folder, header, max_bytes=config.journal.max_bytes, on_problem=on_problem)
+
+
+def _raw_tap(parts: Parts) -> Callable[[bytes, int, bool], None]:
+    def tap(data: bytes, t_ns: int, outgoing: bool) -> None:
+        if parts.journal is not None:
+            parts.journal.mavlink(t_ns, data, outgoing=outgoing)
+
+    return tap
+
+
+def _tried(problems: list[VislocError], build: Callable[[], T]) -> T | None:
+    try:
+        return build()
+    except VislocError as problem:
+        problems.append(problem)
+        return None
+
+
+async def _tried_later(problems: list[VislocError], start: Awaitable[None]) -> None:
+    try:
+        await start
+    except VislocError as problem:
+        problems.append(problem)

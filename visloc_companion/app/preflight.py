@@ -1,0 +1,41 @@
+"""Everything that `visloc run` needs, tried before the flight without starting it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from visloc_companion.app.clock import MonotonicClock
+from visloc_companion.app.constructors import CONSTRUCTORS
+from visloc_companion.app.parts import (
+    Constructors,
+    check_calibration,
+    check_journal_folder,
+    journal_header,
+    require_pack,
+    versions,
+)
+from visloc_companion.app.worker_process import load_factory
+from visloc_companion.config import Config
+from visloc_companion.errors import VislocError
+
+
+def preflight(config: Config, make: Constructors = CONSTRUCTORS) -> tuple[list[VislocError], dict[str, Any]]:
+    """All problems of link, camera, calibration, map, localiser and journal, and what was found."""
+    problems: list[VislocError] = []
+    clock = MonotonicClock()
+
+    def attempt(check: Callable[[], object]) -> None:
+        try:
+            check()
+        except VislocError as problem:
+            problems.append(problem)
+
+    attempt(lambda: make.link(config, clock, lambda *_: None, lambda _: None))
+    if config.camera.url:
+        attempt(lambda: check_calibration(config, make.camera(config, clock)))
+        attempt(lambda: require_pack(config) and load_factory(make.answers)(config))
+    if config.journal.folder:
+        attempt(lambda: check_journal_folder(config))
+    found = {"versions": versions(), "map_manifest_sha256": journal_header(config, clock).map_manifest_sha256}
+    return problems, found

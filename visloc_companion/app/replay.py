@@ -1,0 +1,66 @@
+"""A recorded flight once more: the same navigator, fed by a for loop. Same entries and settings, same bytes out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from visloc_companion.app.journal import Entry, read_header, read_journal
+from visloc_companion.app.serialise import to_json
+from visloc_companion.app.settings import core_settings
+from visloc_companion.config import parse_config
+from visloc_companion.core.navigator import Navigator
+from visloc_companion.core.settings import CoreSettings
+from visloc_companion.types import Command
+
+
+def replay(entries: Iterable[Entry], settings: CoreSettings) -> Iterator[tuple[Entry, list[Command]]]:
+    """Every recorded event with the commands that the navigator answers now; recorded commands are passed over."""
+    navigator = Navigator(settings)
+    for entry in entries:
+        if entry.event is not None:
+            yield entry, navigator.on(entry.event, entry.now_ns)
+
+
+def replay_entries(entries: Iterable[Entry], settings: CoreSettings) -> list[tuple[int, Command]]:
+    """The commands that the navigator answers to recorded events, with their times."""
+    return [(entry.now_ns, command) for entry, commands in replay(entries, settings) for command in commands]
+
+
+def recorded_commands(entries: Iterable[Entry]) -> list[tuple[int, Command]]:
+    """The commands that were given in flight, with their times."""
+    return [(entry.now_ns, entry.command) for entry in entries if entry.command is not None]
+
+
+def journal_settings(path: Path) -> CoreSettings:
+    """What the navigator of a recorded flight was told. Raises JournalError or ConfigError."""
+    return core_settings(parse_config(read_header(path).configuration, where=str(path)))
+
+
+def command_lines(commands: Iterable[tuple[int, Command]]) -> Iterator[str]:
+    """One line a command: time in ns and JSON. Two runs are the same when these are the same bytes."""
+    return (f"{now_ns} {to_json(command)}" for now_ns, command in commands)
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """A replay against its recording. `first_difference` is the number of the first command that differs, None if none does.
+
+    A journal whose end was lost has fewer recorded commands than the replay gives: `n_compared` tells how far both go.
+    """
+
+    n_recorded: int
+    n_replayed: int
+    n_compared: int
+    first_difference: int | None
+
+
+def compare_with_recording(path: Path) -> Comparison:
+    """Replay a journal and compare every command with the recorded one, byte for byte."""
+    entries = list(read_journal(path))
+    recorded = list(command_lines(recorded_commands(entries)))
+    replayed = list(command_lines(replay_entries(entries, journal_settings(path))))
+    n_compared = min(len(recorded), len(replayed))
+    differences = (n for n in range(n_compared) if recorded[n] != replayed[n])
+    return Comparison(len(recorded), len(replayed), n_compared, next(differences, None))

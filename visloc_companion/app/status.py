@@ -1,0 +1,46 @@
+"""The daemon's state for other processes: each connection to a Unix socket gets one JSON snapshot and is closed.
+
+The client pulls, so a slow or dead one cannot make the daemon keep anything: `socat - UNIX-CONNECT:/run/visloc/status.sock`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any
+
+from visloc_companion.errors import ConfigError
+
+_WRITE_S = 1.0
+
+
+@contextlib.asynccontextmanager
+async def status_server(path: Path, snapshot: Callable[[], dict[str, Any]]) -> AsyncIterator[None]:
+    """Serve snapshots while the context lasts. Raises ConfigError where the socket cannot be made."""
+
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with contextlib.suppress(OSError, TimeoutError):
+            writer.write(json.dumps(snapshot(), allow_nan=False).encode() + b"\n")
+            await asyncio.wait_for(writer.drain(), _WRITE_S)
+        writer.close()
+        with contextlib.suppress(OSError):
+            await writer.wait_closed()
+
+    try:
+        _remove(path)  # left by a daemon that was killed
+        server = await asyncio.start_unix_server(answer, path)
+    except OSError as why:
+        raise ConfigError(f"no status socket: {why}", where=str(path), remedy="name a path in a writable folder") from why
+    try:
+        yield
+    finally:
+        server.close()
+        _remove(path)
+
+
+def _remove(path: Path) -> None:
+    if path.is_socket():
+        path.unlink(missing_ok=True)

@@ -1,0 +1,111 @@
+"""`visloc run`: the daemon."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from visloc_companion.config import Config
+    from visloc_companion.errors import VislocError
+
+
+def run(
+    config: Annotated[Path, typer.Option("--config", help="Configuration (TOML), see docs/configuration.md.")],
+    check: Annotated[bool, typer.Option("--check", help="Validate everything, print the effective configuration, end.")] = False,
+    json: Annotated[Path | None, typer.Option("--json", help="Write what --check found as JSON.")] = None,
+) -> None:
+    """Localise and inject until SIGTERM or Ctrl-C. Exit codes: 0 ok, 2 configuration, 3 data, 4 link."""
+    from visloc_companion.config import load_config
+
+    settings = load_config(config)
+    if check:
+        _finish(_check(settings, json))
+    _start_logging()
+    _finish(_serve(settings))
+
+
+def _serve(config: Config) -> list[VislocError]:
+    import asyncio
+    import signal
+
+    from visloc_companion.app.live import run_daemon
+    from visloc_companion.errors import VislocError
+
+    async def serve() -> None:
+        stop = asyncio.Event()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+        await run_daemon(config, stop=stop)
+
+    problems: list[VislocError] = []
+    try:
+        asyncio.run(serve())
+    except* VislocError as group:
+        problems = _leaves(group)
+    return problems
+
+
+def _check(config: Config, json_path: Path | None) -> list[VislocError]:
+    import json
+
+    from visloc_companion.app.preflight import preflight
+    from visloc_companion.cli.toml import to_toml
+
+    problems, found = preflight(config)
+    sys.stdout.write(to_toml(config.model_dump(mode="json")))
+    if json_path is not None:
+        result = {
+            "schema": 1,
+            "configuration": config.model_dump(mode="json"),
+            "found": found,
+            "problems": [str(p) for p in problems],
+        }
+        json_path.write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    return problems
+
+
+def _leaves(group: BaseExceptionGroup[Any]) -> list[VislocError]:
+    leaves: list[VislocError] = []
+    for error in group.exceptions:
+        leaves += _leaves(error) if isinstance(error, BaseExceptionGroup) else [error]
+    return leaves
+
+
+def _finish(problems: list[VislocError]) -> None:
+    """Print the tree of problems, if there are any, and leave with the code of the gravest: 2, then 3, then 4."""
+    if not problems:
+        raise typer.Exit(0)
+    from rich.console import Console
+    from rich.text import Text
+    from rich.tree import Tree
+
+    from visloc_companion.cli.main import exit_code
+
+    tree = Tree(Text("visloc cannot start", style="bold red"))
+    for problem in problems:
+        branch = tree.add(Text(f"{problem.where}: {problem.what}" if problem.where else problem.what))
+        if problem.remedy:
+            branch.add(Text(f"remedy: {problem.remedy}", style="green"))
+    Console(stderr=True, soft_wrap=True).print(tree)
+    raise typer.Exit(min(exit_code(problem) for problem in problems))
+
+
+def _start_logging() -> None:
+    """Lines for people on a terminal, JSON lines for journald otherwise; always on stderr."""
+    import structlog
+
+    terminal = sys.stderr.isatty()
+    structlog.configure(
+        processors=[
+            structlog.processors.add_log_level,
+            structlog.processors.TimeStamper(fmt="iso", utc=True),
+            structlog.processors.format_exc_info,
+            structlog.dev.ConsoleRenderer() if terminal else structlog.processors.JSONRenderer(),
+        ],
+        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+        cache_logger_on_first_use=True,
+    )
