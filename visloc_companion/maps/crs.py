@@ -43,8 +43,9 @@ class Linearisation:
 class MapCrs:
     """A horizontal CRS and its relation to WGS 84. Compare with `==`; build with `map_crs`."""
 
-    def __init__(self, crs: CRS, vertical: CRS | None, to_map: Transformer) -> None:
+    def __init__(self, crs: CRS, vertical: CRS | None, to_map: Transformer, is_ellipsoidal_3d: bool = False) -> None:
         self._crs, self._to_map = crs, to_map
+        self.is_ellipsoidal_3d = is_ellipsoidal_3d
         self.vertical_name = vertical.name if vertical else ""
         self.vertical_metres_per_unit = float(vertical.axis_info[-1].unit_conversion_factor) if vertical else 1.0
 
@@ -156,7 +157,7 @@ def map_crs(text: str, where: str = "") -> MapCrs:
         to_map = Transformer.from_crs(CRS.from_epsg(4326), horizontal, always_xy=True, allow_ballpark=False)
     except ProjError as why:
         raise DatumMissing(f"the relation of {full.name!r} to WGS 84 is unknown", where=where, remedy=_REMEDY) from why
-    return MapCrs(horizontal, vertical, to_map)
+    return MapCrs(horizontal, vertical, to_map, is_ellipsoidal_3d=len(parts[0].axis_info) == 3)
 
 
 def utm_at(lat_deg: float, lon_deg: float) -> MapCrs:

@@ -15,8 +15,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from visloc_companion.errors import HashMismatch, MapError
 
-SCHEMA = 1
-KIND = "visloc-map-pack"
+SCHEMA: Literal[1] = 1
+KIND: Literal["visloc-map-pack"] = "visloc-map-pack"
 MANIFEST = "manifest.json"
 DIGEST = "manifest.sha256"
 REBUILD = "build the pack again (visloc map build) or copy it again from where it was built"
@@ -78,7 +78,10 @@ class HeightEntry(Part):
     geoid_undulation_m: Finite | None
     plane_amsl_m: Finite
     grid: Grid | None
+    share_known: Annotated[float, Field(ge=0, le=1)]
+    """Share of the orthophoto with a height."""
     share_filled: Annotated[float, Field(ge=0, le=1)]
+    """Share of the surface model that was filled from neighbours."""
 
 
 class FeatureLevel(Grid):
@@ -159,6 +162,15 @@ def read_manifest(folder: Path) -> Manifest:
         if grid is not None and grid.file not in manifest.files:
             raise MapError(f"files: has no entry {grid.file!r}", where=str(where), remedy=REBUILD)
     return manifest
+
+
+def is_manifest(path: Path) -> bool:
+    """Whether a file is the manifest of a pack of any version, changed or not."""
+    try:
+        _schema_of(path.read_bytes(), str(path))
+    except (OSError, MapError):
+        return False
+    return True
 
 
 def _schema_of(raw: bytes, where: str) -> object:

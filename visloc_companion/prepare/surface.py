@@ -1,0 +1,107 @@
+"""Heights of a pack: the surface model or clouds, their vertical datum, and the grid they are written in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from visloc_companion.errors import DatumMissing, MapError
+from visloc_companion.maps.geotiff import layer_of, open_dsm
+from visloc_companion.maps.manifest import Grid, HeightEntry
+from visloc_companion.prepare.cloud import cloud_surface
+from visloc_companion.prepare.mosaic import Step, write_heights
+from visloc_companion.prepare.target import Source, TargetGrid, grid_over, outline, outline_box
+
+Datum = Literal["amsl", "ellipsoidal"]
+DSM = "dsm.tif"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """Where heights come from, what is taken off them (the geoid undulation), and their grid in the pack."""
+
+    sources: tuple[Source, ...]
+    datum: Datum
+    undulation_m: float | None
+    grid: TargetGrid
+
+
+def surface_sources(dsm: Path | None, clouds: Sequence[Path]) -> tuple[Source, ...]:
+    """The surface model or, without one, the upper surfaces of the clouds. Raises MapError, DatumMissing."""
+    if dsm is None:
+        return tuple(cloud_surface(path) for path in clouds)
+    tiff = open_dsm(dsm)
+    gsd_m = tiff.gsd_m
+    return (Source(str(dsm), layer_of(tiff), tiff.crs, gsd_m),)
+
+
+def make_surface(
+    sources: tuple[Source, ...], grid: TargetGrid, stated: Datum | None, undulation_m: float | None
+) -> Surface | None:
+    """Settle datum and grid; None without a source.
+
+    Raises DatumMissing where heights are ellipsoidal and no undulation is known, MapError where a source does not overlap
+    the orthophoto.
+    """
+    if not sources:
+        return None
+    datum = _datum(sources, stated)
+    if datum == "ellipsoidal" and (undulation_m is None or not math.isfinite(undulation_m)):
+        raise DatumMissing(
+            "heights are ellipsoidal and the geoid undulation is not given",
+            where=sources[0].name,
+            remedy="--geoid-undulation-m N, the geoid's height above the ellipsoid at the place",
+        )
+    return Surface(sources, datum, undulation_m if datum == "ellipsoidal" else None, _height_grid(sources, grid))
+
+
+def write_surface(folder: Path, surface: Surface, grid: TargetGrid, plane_h_amsl_m: float, step: Step) -> HeightEntry:
+    """Write the heights above sea level. Raises MapError where the source has none on the orthophoto."""
+    own = surface.grid
+    known, filled = write_heights(folder / DSM, own, surface.sources, surface.undulation_m or 0.0, step)
+    if not known:
+        raise MapError(
+            "holds no height on the orthophoto", where=surface.sources[0].name, remedy="name the surface model of the place"
+        )
+    area = own.rows * own.cols * own.pixel**2 / (grid.rows * grid.cols * grid.pixel**2)
+    return HeightEntry(
+        source_datum=surface.datum,
+        geoid_undulation_m=surface.undulation_m,
+        plane_amsl_m=plane_h_amsl_m,
+        grid=Grid(file=DSM, rows=own.rows, cols=own.cols, transform=own.transform),
+        share_known=min(1.0, known * area),
+        share_filled=filled,
+    )
+
+
+def _datum(sources: tuple[Source, ...], stated: Datum | None) -> Datum:
+    """What the user says, else what the CRS says (three-dimensional: ellipsoidal), else above sea level."""
+    ellipsoidal = [source for source in sources if source.crs.is_ellipsoidal_3d]
+    if stated == "amsl" and ellipsoidal:
+        raise DatumMissing(
+            "its CRS says that heights are ellipsoidal", where=ellipsoidal[0].name, remedy="--vertical-datum ellipsoidal"
+        )
+    if 0 < len(ellipsoidal) < len(sources) and stated is None:
+        raise DatumMissing("heights of the clouds have different datums", where=ellipsoidal[0].name, remedy="convert them to one")
+    return stated or ("ellipsoidal" if ellipsoidal else "amsl")
+
+
+def _height_grid(sources: tuple[Source, ...], grid: TargetGrid) -> TargetGrid:
+    """Over what the sources and the orthophoto share; the pixel of the first source, but not finer than the orthophoto's."""
+    west, south, east, north = grid.bounds
+    for source in sources:
+        edge = outline(source, grid.crs)
+        known = edge[np.isfinite(edge).all(axis=1)]
+        apart = not len(known) or (known.max(axis=0) <= [west, south]).any() or (known.min(axis=0) >= [east, north]).any()
+        if apart:
+            raise MapError(
+                "does not overlap the orthophoto", where=source.name, remedy="name the surface model of the place, check its CRS"
+            )
+    box = outline_box(sources, grid.crs)
+    shared = max(west, box[0]), max(south, box[1]), min(east, box[2]), min(north, box[3])
+    return grid_over(sources[0], grid.crs, shared, smallest_pixel=grid.pixel)

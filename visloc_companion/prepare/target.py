@@ -1,0 +1,124 @@
+"""The grid of a pack: north up, square pixels, in a projected CRS in metres that is nearly true to scale."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from visloc_companion.errors import MapError
+from visloc_companion.geo.raster import T_map_pix_from_gdal, apply_affine
+from visloc_companion.maps.crs import MapCrs, utm_at
+from visloc_companion.maps.layer import Layer
+from visloc_companion.types import FloatArray
+
+BLOCK_PX = 256
+"""Tile of the pack's rasters; overviews go on until the raster fits into two of them."""
+MAX_PIXELS = 4_000_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Source:
+    """A raster that goes into the pack, in its own CRS. `name` is for messages."""
+
+    name: str
+    layer: Layer
+    crs: MapCrs
+    gsd_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class TargetGrid:
+    """North-west corner and pixel of a grid (map units), (rows, cols), and how often it halves evenly."""
+
+    crs: MapCrs
+    west: float
+    north: float
+    pixel: float
+    rows: int
+    cols: int
+    overviews: int
+
+    @property
+    def transform(self) -> tuple[float, float, float, float, float, float]:
+        """Affine (a, b, c, d, e, f) from ras (col, row)."""
+        return self.pixel, 0.0, self.west, 0.0, -self.pixel, self.north
+
+    @property
+    def T_map_pix(self) -> FloatArray:
+        """(2, 3)."""
+        return T_map_pix_from_gdal(self.transform)
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """West, south, east, north (map units)."""
+        return self.west, self.north - self.rows * self.pixel, self.west + self.cols * self.pixel, self.north
+
+
+def pack_grid(sources: Sequence[Source]) -> TargetGrid:
+    """The grid over all orthophotos: the first one's CRS, pixel and alignment where it is fit for it, else UTM."""
+    first = sources[0]
+    crs = pack_crs(first)
+    return grid_over(first, crs, outline_box(sources, crs))
+
+
+def pack_crs(first: Source) -> MapCrs:
+    """The orthophoto's own CRS if it is projected, in metres and true to scale within 2 % there; else the place's UTM zone."""
+    rows, cols = first.layer.shapes[0]
+    middle = apply_affine(first.layer.T_map_pix, np.array([(cols - 1) / 2, (rows - 1) / 2]))
+    easting, northing = float(middle[0]), float(middle[1])
+    here = first.crs.linearised_at_map(easting, northing)
+    stretch = np.linalg.svd(here.J_map_ne, compute_uv=False)
+    if not first.crs.is_geographic and first.crs.metres_per_unit == 1.0 and float(np.abs(stretch - 1).max()) < 0.02:
+        return first.crs
+    return utm_at(*first.crs.to_geo(easting, northing))
+
+
+def grid_over(model: Source, crs: MapCrs, box: tuple[float, float, float, float], smallest_pixel: float = 0.0) -> TargetGrid:
+    """A grid over a box (west, south, east, north) with the pixel of `model`, aligned with it if that is north up in `crs`."""
+    T = model.layer.T_map_pix
+    west, south, east, north = box
+    pixel = math.sqrt(abs(float(np.linalg.det(T[:, :2]))))
+    aligned = model.crs == crs and np.allclose(T[:, :2], [[pixel, 0.0], [0.0, -pixel]], rtol=1e-6, atol=pixel * 1e-7)
+    if model.crs != crs:
+        pixel = model.gsd_m
+    if aligned and pixel >= smallest_pixel:
+        corner = T[:, 2] + np.array([-pixel / 2, pixel / 2])
+        west = float(corner[0]) + math.floor((west - corner[0]) / pixel + 1e-6) * pixel
+        north = float(corner[1]) + math.ceil((north - corner[1]) / pixel - 1e-6) * pixel
+    pixel = max(pixel, smallest_pixel)
+    cols, rows = (max(1, math.ceil(extent / pixel - 1e-6)) for extent in (east - west, north - south))
+    overviews = max(0, math.ceil(math.log2(max(rows, cols) / (2 * BLOCK_PX))))
+    whole = 2**overviews
+    rows, cols = -(-rows // whole) * whole, -(-cols // whole) * whole
+    if rows * cols > MAX_PIXELS:
+        raise MapError(
+            f"the pack would have {cols} x {rows} pixels: the orthophotos lie far apart or are very fine",
+            where=model.name,
+            remedy="build several packs, or thin the orthophotos (gdalwarp -tr)",
+        )
+    return TargetGrid(crs, west, north, pixel, rows, cols, overviews)
+
+
+def outline_box(sources: Sequence[Source], crs: MapCrs) -> tuple[float, float, float, float]:
+    """West, south, east, north of all rasters in a CRS. Raises MapError where one has no place in it."""
+    boxes = []
+    for source in sources:
+        points = outline(source, crs)
+        if not np.isfinite(points).all():
+            raise MapError(f"has no place in {crs.name}", where=source.name, remedy="build a pack of its own from it")
+        boxes.append(np.concatenate([points.min(axis=0), points.max(axis=0)]))
+    low, high = np.min(boxes, axis=0)[:2], np.max(boxes, axis=0)[2:]
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def outline(source: Source, crs: MapCrs) -> FloatArray:
+    """(N, 2) points around the raster's edge, in a CRS; NaN where undefined."""
+    rows, cols = source.layer.shapes[0]
+    t = np.linspace(0.0, 1.0, 33)
+    zero, one = np.zeros_like(t), np.ones_like(t)
+    share = np.concatenate([np.column_stack(p) for p in ((t, zero), (t, one), (zero, t), (one, t))])
+    points = apply_affine(source.layer.T_map_pix, share * [cols, rows] - 0.5)
+    return points if source.crs == crs else crs.to_map_array(source.crs.to_geo_array(points))
