@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from visloc_companion.adapters.mavlink.dialect import mav
 from visloc_companion.adapters.mavlink.encode import vision_position_estimate
-from visloc_companion.adapters.mavlink.framing import MAX_FRAME, Framer
+from visloc_companion.adapters.mavlink.framing import MAX_PENDING, Framer
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.testing.conversation import Conversation
@@ -68,7 +68,7 @@ def test_floods_of_start_bytes(noise):
     framer = Framer()
     for piece in noise:
         framer.feed(piece)
-        assert framer.pending_bytes <= MAX_FRAME
+        assert framer.pending_bytes <= MAX_PENDING
     good = framer.feed(b"".join(attitude(n) for n in range(20)))
     assert [message.time_boot_ms for message in good][-10:] == list(range(10, 20))
 

@@ -7,7 +7,7 @@ from pymavlink.dialects.v10 import ardupilotmega as v10
 from pymavlink.dialects.v20 import development
 
 from visloc_companion.adapters.mavlink.dialect import mav
-from visloc_companion.adapters.mavlink.framing import MAX_FRAME, Framer
+from visloc_companion.adapters.mavlink.framing import MAX_PENDING, Framer
 
 
 def attitude(n: int) -> bytes:
@@ -83,9 +83,17 @@ def test_a_message_of_another_dialect_is_unknown_not_garbage():
     assert (framer.counts.unknown, framer.counts.garbage_bytes) == (1, 0)
 
 
+@pytest.mark.parametrize("cut", range(1, 40))
+def test_a_cut_message_that_reads_as_an_unknown_one_does_not_swallow_the_next(cut):
+    """Cut inside its header, the id comes from the next message; byte by byte the claimed length ends inside that one."""
+    framer = Framer()
+    data = attitude(1)[:cut] + attitude(2) + attitude(3)
+    assert times([m for i in range(len(data)) for m in framer.feed(data[i : i + 1])]) == [2, 3]
+
+
 def test_a_flood_of_start_bytes_keeps_memory_bounded():
     framer = Framer()
     for _ in range(20):
         framer.feed(b"\xfd" * 500 + b"\xfe\xff" * 200)
-        assert framer.pending_bytes <= MAX_FRAME
+        assert framer.pending_bytes <= MAX_PENDING
     assert times(framer.feed(attitude(9) + attitude(10)))[-1] == 10

@@ -15,6 +15,7 @@ from visloc_companion.adapters.mavlink.dialect import Message, mav
 _START = re.compile(b"[\xfd\xfe]")
 _HEADER_V1, _HEADER_V2, _CHECKSUM, _SIGNATURE = 6, 10, 2, 13
 MAX_FRAME = _HEADER_V2 + 255 + _CHECKSUM + _SIGNATURE
+MAX_PENDING = 2 * MAX_FRAME
 
 
 class _Verdict(Enum):
@@ -35,7 +36,7 @@ class FrameCounts:
 
 
 class Framer:
-    """Stateful and bounded: keeps at most one unfinished frame (293 bytes). Never raises for what bytes may hold.
+    """Stateful and bounded: keeps less than two unfinished frames (MAX_PENDING bytes). Never raises for what bytes may hold.
 
     After a wrong checksum the search goes on at the byte behind the false start, so no good message is lost to it. A false
     start that still waits for its claimed length, or claims an unknown id, gives way where a whole good message lies in it.
@@ -59,14 +60,16 @@ class Framer:
         at = 0
         while (start := self._next_start(at)) is not None:
             verdict, length, message = self._frame_at(start)
+            if verdict is _Verdict.UNKNOWN:
+                verdict = self._unknown_or_false(start, length)
             if verdict is _Verdict.GOOD:
                 self.counts.messages += 1
                 messages.append(message)
                 at = start + length
-            elif verdict is _Verdict.UNKNOWN and self._good_frame_behind(start, start + length) is None:
+            elif verdict is _Verdict.UNKNOWN:
                 self.counts.unknown += 1
                 at = start + length
-            elif verdict is _Verdict.UNFINISHED and self._good_frame_behind(start, len(self._buffer)) is None:
+            elif verdict is _Verdict.UNFINISHED and _Verdict.GOOD not in self._verdicts_behind(start, len(self._buffer)):
                 at = start
                 break
             else:
@@ -101,12 +104,18 @@ class Framer:
             return _Verdict.FALSE, 0, None
         if message.get_msgId() >= 0:
             return _Verdict.GOOD, length, message
-        followed = len(frame) > length and frame[length] not in (mav.PROTOCOL_MARKER_V1, mav.PROTOCOL_MARKER_V2)
-        return _Verdict.FALSE if followed else _Verdict.UNKNOWN, length, None
+        return _Verdict.UNKNOWN, length, None
 
-    def _good_frame_behind(self, start: int, end: int) -> int | None:
-        """Where a whole good message begins behind a start byte and before an end."""
-        for found in _START.finditer(self._buffer, start + 1, end):
-            if self._frame_at(found.start())[0] is _Verdict.GOOD:
-                return found.start()
-        return None
+    def _unknown_or_false(self, start: int, length: int) -> _Verdict:
+        """Nothing vouches for a frame of unknown id: it counts once another frame follows and none can begin inside it."""
+        if len(self._buffer) == start + length:
+            return _Verdict.UNFINISHED
+        if self._buffer[start + length] not in (mav.PROTOCOL_MARKER_V1, mav.PROTOCOL_MARKER_V2):
+            return _Verdict.FALSE
+        inside = self._verdicts_behind(start, start + length)
+        if _Verdict.GOOD in inside:
+            return _Verdict.FALSE
+        return _Verdict.UNFINISHED if _Verdict.UNFINISHED in inside else _Verdict.UNKNOWN
+
+    def _verdicts_behind(self, start: int, end: int) -> set[_Verdict]:
+        return {self._frame_at(found.start())[0] for found in _START.finditer(self._buffer, start + 1, end)}
