@@ -1,0 +1,161 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from visloc_companion.core import fusion
+from visloc_companion.core.fusion import Belief, Position
+from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.errors import Reason
+from visloc_companion.types import Accepted, Rejected
+
+SETTINGS = NavigatorSettings()
+S = 1_000_000_000
+
+
+def start(feedback: bool = False, sigma_m: float = 2.0) -> Belief:
+    return fusion.seeded(0, (0.0, 0.0), sigma_m, 0.3, feedback, 3.0)
+
+
+def fix(t_s: float, north: float, east: float, sigma: float = 1.0, **more: float) -> Position:
+    return Position(round(t_s * S), (north, east), ((sigma**2, 0.0), (0.0, sigma**2)), from_fix=True, **more)
+
+
+def test_propagation_does_not_depend_on_how_the_interval_is_divided() -> None:
+    whole = fusion.propagated(start(), 7 * S, (3.0, -1.0), SETTINGS)
+    parts = start()
+    for t in (1, 10_000_000, 2 * S, 2 * S + 77, 5 * S, 7 * S):
+        parts = fusion.propagated(parts, t, (3.0, -1.0), SETTINGS)
+    np.testing.assert_allclose(parts.x, whole.x, atol=1e-9)
+    np.testing.assert_allclose(parts.P, whole.P, atol=1e-9)
+    assert parts.travel_ne_m == pytest.approx((21.0, -7.0))
+
+
+def test_growth_is_that_of_an_integrated_gauss_markov_error() -> None:
+    """Against Monte-Carlo: 20 s of dead reckoning with the modelled velocity error."""
+    rng = np.random.default_rng(3)
+    tau, sigma, dt, n = SETTINGS.velocity_correlation_s, 0.3, 0.1, 20_000
+    b = sigma * rng.standard_normal(n)
+    p = np.zeros(n)
+    for _ in range(200):
+        following = b * math.exp(-dt / tau) + sigma * math.sqrt(1 - math.exp(-2 * dt / tau)) * rng.standard_normal(n)
+        p += (b + following) / 2 * dt
+        b = following
+    grown = fusion.propagated(start(sigma_m=0.001), 20 * S, (0.0, 0.0), SETTINGS).P
+    assert math.sqrt(grown[0, 0] - 20 * fusion.WALK_M_PER_SQRT_S**2) == pytest.approx(float(np.std(p)), rel=0.02)
+    assert grown[0, 2] == pytest.approx(-float(np.mean(p * b)), rel=0.06)
+
+
+def test_time_does_not_run_back() -> None:
+    belief = start()
+    assert fusion.propagated(belief, -5, (1.0, 1.0), SETTINGS) is belief
+
+
+def test_learns_the_velocity_error_from_fixes_only_without_feedback() -> None:
+    """The autopilot says 0, the truth moves north with 0.5 m/s."""
+    for feedback in (False, True):
+        belief = start(feedback)
+        for k in range(1, 61):
+            belief = fusion.propagated(belief, k * S, (0.0, 0.0), SETTINGS)
+            belief, _ = fusion.observed(belief, fix(k, 0.5 * k, 0.0), None, SETTINGS)
+        if feedback:
+            assert belief.x[2] == 0.0
+        else:
+            assert belief.x[2] == pytest.approx(-0.5, abs=0.1)
+            assert belief.x[0] == pytest.approx(30.0, abs=0.3)
+
+
+def test_dead_reckoning_on_our_own_injection_grows_faster_the_longer_it_lasts() -> None:
+    sigmas = []
+    belief = start(feedback=True)
+    for k in range(1, 61):
+        belief = fusion.propagated(belief, k * S, (0.0, 0.0), SETTINGS)
+        sigmas.append(math.sqrt(belief.P[0, 0]))
+    held = start()
+    held = fusion.propagated(held, 60 * S, (0.0, 0.0), SETTINGS)
+    assert all(b > a for a, b in zip(sigmas, sigmas[1:], strict=False))
+    assert sigmas[-1] > 2.5 * math.sqrt(held.P[0, 0])
+
+
+def test_velocity_trust() -> None:
+    learned = start()
+    for k in range(1, 31):
+        learned = fusion.propagated(learned, k * S, (0.0, 0.0), SETTINGS)
+        learned, _ = fusion.observed(learned, fix(k, 0.5 * k, 0.0), None, SETTINGS)
+    assert fusion.with_velocity_trust(learned, 0.3, feedback=False) is learned
+    wider = fusion.with_velocity_trust(learned, 0.8, feedback=False)
+    assert wider.x[2] == learned.x[2]
+    assert wider.P[2, 2] == pytest.approx(learned.P[2, 2] + 0.8**2 - 0.3**2)
+    narrower = fusion.with_velocity_trust(wider, 0.3, feedback=False)
+    assert narrower.P[2, 2] == wider.P[2, 2]
+    assert narrower.sigma_v_mps == 0.3
+    other = fusion.with_velocity_trust(learned, 0.8, feedback=True)
+    np.testing.assert_array_equal(other.x[2:], [0.0, 0.0])
+    np.testing.assert_allclose(other.P[2:, 2:], np.eye(2) * 0.64)
+    np.testing.assert_array_equal(other.P[:2, 2:], np.zeros((2, 2)))
+
+
+def test_rejected_fixes_that_agree_restart_the_filter_at_the_fourth() -> None:
+    belief = start(sigma_m=1.0)
+    outcomes = []
+    for k in range(1, 5):
+        belief = fusion.propagated(belief, k * S, (10.0, 0.0), SETTINGS)
+        belief, outcome = fusion.observed(belief, fix(k, 300.0 + 10 * k, 50.0), None, SETTINGS)
+        outcomes.append(type(outcome))
+    assert outcomes == [Rejected, Rejected, Rejected, Accepted]
+    np.testing.assert_allclose(belief.x[:2], [340.0, 50.0])
+    np.testing.assert_allclose(belief.P[:2, :2], np.eye(2))
+    assert belief.started_ns == 4 * S
+    assert belief.rejected == ()
+
+
+def test_rejected_fixes_that_contradict_each_other_never_restart() -> None:
+    belief = start(sigma_m=1.0)
+    for k in range(1, 20):
+        belief = fusion.propagated(belief, k * S, (10.0, 0.0), SETTINGS)
+        belief, outcome = fusion.observed(belief, fix(k, 300.0 + 10 * k + 40 * (k % 3), 50.0), None, SETTINGS)
+        assert isinstance(outcome, Rejected)
+        assert outcome.reason is Reason.GATED
+    assert belief.started_ns == 0
+
+
+def test_an_accepted_fix_or_a_long_pause_clears_the_candidates() -> None:
+    belief = start(sigma_m=1.0)
+    belief, _ = fusion.observed(belief, fix(0.0, 300.0, 0.0), None, SETTINGS)
+    assert len(belief.rejected) == 1
+    cleared, _ = fusion.observed(belief, fix(0.0, 0.5, 0.0), None, SETTINGS)
+    assert cleared.rejected == ()
+    later = fusion.propagated(belief, 40 * S, (0.0, 0.0), SETTINGS)
+    later, _ = fusion.observed(later, fix(40.0, 900.0, 0.0), None, SETTINGS)
+    assert len(later.rejected) == 1
+
+
+def test_gnss_neither_counts_as_a_fix_nor_as_a_candidate() -> None:
+    near = Position(0, (1.0, 0.0), ((25.0, 0.0), (0.0, 25.0)), from_fix=False)
+    belief, outcome = fusion.observed(start(), near, None, SETTINGS)
+    assert isinstance(outcome, Accepted)
+    assert belief.last_fix_ns is None
+    far = Position(0, (1000.0, 0.0), ((25.0, 0.0), (0.0, 25.0)), from_fix=False)
+    same, outcome = fusion.observed(belief, far, None, SETTINGS)
+    assert isinstance(outcome, Rejected)
+    assert same is belief
+
+
+def test_a_fix_that_is_not_finite_changes_nothing() -> None:
+    belief = start()
+    same, outcome = fusion.observed(belief, fix(0.0, math.nan, 0.0), None, SETTINGS)
+    assert same is belief
+    assert outcome == Rejected(Reason.NOT_FINITE, 0.0)
+
+
+def test_height_offset_is_learned_within_its_gate() -> None:
+    belief = start()
+    for _ in range(20):
+        belief, _ = fusion.observed(belief, fix(0.0, 0.0, 0.0, h_amsl_m=104.0, sigma_h_m=1.0), 100.0, SETTINGS)
+    assert belief.height_offset_m == pytest.approx(4.0, abs=0.2)
+    assert math.sqrt(belief.height_var_m2) < 0.3
+    same, _ = fusion.observed(belief, fix(0.0, 0.0, 0.0, h_amsl_m=150.0), 100.0, SETTINGS)
+    assert same.height_offset_m == belief.height_offset_m
+    assert len(same.wrong) == fusion.MEMORY_OF_WRONG
