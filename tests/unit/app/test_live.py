@@ -1,0 +1,406 @@
+"""The daemon with a fake link, a fake camera and a real worker process."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import structlog
+
+from visloc_companion.adapters.systemd.notify import Notifier
+from visloc_companion.app import live
+from visloc_companion.app.clock import MonotonicClock
+from visloc_companion.app.journal import Entry, read_header, read_journal
+from visloc_companion.app.live import Daemon, run_daemon
+from visloc_companion.app.parts import Constructors, StartFailed
+from visloc_companion.app.replay import compare_with_recording
+from visloc_companion.app.settings import camera_model
+from visloc_companion.config import Config, parse_config
+from visloc_companion.core.navigator import Navigator
+from visloc_companion.errors import CameraError, ConfigError, HashMismatch, JournalError, LinkError
+from visloc_companion.protocols import Camera, Clock, FrameSlots
+from visloc_companion.testing.fake_link import FakeLink
+from visloc_companion.types import (
+    Attitude,
+    CameraModel,
+    Fix,
+    FrameRef,
+    GeoPoint,
+    Gnss,
+    Injection,
+    LinkChanged,
+    LocaliseRequest,
+    LocalPose,
+    NoFix,
+    PriorPose,
+    Status,
+    Tick,
+    WorkerState,
+)
+
+HOME = GeoPoint(47.0, 8.0, 600.0)
+
+
+@pytest.fixture(autouse=True)
+def _answers_can_be_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+
+
+@pytest.fixture(autouse=True)
+def _quiet() -> None:
+    structlog.configure(logger_factory=structlog.ReturnLoggerFactory(), processors=[lambda _, __, event: str(event)])
+
+
+@dataclass
+class FakeCamera:
+    """Frames at a rate; does what its plan says after `n_frames`: end, break, hang."""
+
+    config: Config
+    clock: Clock
+    period_s: float = 0.02
+    n_frames: int = 10**9
+    then: str = "end"
+    closed: bool = False
+    first_id: int = 0
+
+    def model(self) -> CameraModel:
+        return camera_model(self.config.camera)
+
+    async def frames(self, slots: FrameSlots) -> AsyncIterator[FrameRef]:
+        model = self.model()
+        for n in range(self.n_frames):
+            await asyncio.sleep(self.period_s)
+            slot = slots.write(np.full((model.height_px, model.width_px), n % 256, np.uint8))
+            now_ns = self.clock.now_ns()
+            yield FrameRef(now_ns, now_ns, self.first_id + n, slot, model.width_px, model.height_px, 1)
+        if self.then == "break":
+            raise CameraError("the cable came out", where="camera")
+        if self.then == "hang":
+            await asyncio.Event().wait()
+
+    async def close(self) -> None:
+        self.closed = True
+
+
+@dataclass
+class FakeNotifier(Notifier):
+    """Notes what systemd would be told."""
+
+    said: list[str] = field(default_factory=list)
+    watchdog_s: float | None = None
+
+    def _send(self, message: str) -> bool:
+        self.said.append(message)
+        return True
+
+
+@dataclass
+class Flight:
+    daemon: Daemon
+    link: FakeLink
+    cameras: list[FakeCamera]
+    notifier: FakeNotifier
+    stop: asyncio.Event
+    clock: Clock
+    events: list[object] = field(default_factory=list)
+
+    async def until(self, happened: Callable[[], object], why: str) -> None:
+        """Wait for something that must come; a minute is for slow machines."""
+        try:
+            async with asyncio.timeout(60):
+                while not happened():  # noqa: ASYNC110 - what is waited for happens in other places
+                    await asyncio.sleep(0.01)
+        except TimeoutError:
+            pytest.fail(f"did not happen: {why}")
+
+
+def configuration(tmp_path: Path, **sections: dict[str, Any]) -> Config:
+    base: dict[str, Any] = {
+        "camera": {"url": "fake:1", "width_px": 64, "height_px": 48},
+        "map": {"pack": str(tmp_path)},
+        "journal": {"folder": str(tmp_path / "journals")},
+        "injection": {"policy": "always"},
+    }
+    for name, values in sections.items():
+        base[name] = base.get(name, {}) | values
+    return parse_config(base)
+
+
+def constructors(link: FakeLink, cameras: list[Any], answers: str, **camera: Any) -> Constructors:
+    def make_camera(config: Config, clock: Clock) -> Camera:
+        cameras.append(FakeCamera(config, clock, **(camera if not cameras else {}), first_id=1000 * len(cameras)))
+        made: Camera = cameras[-1]
+        return made
+
+    return Constructors(lambda *_: link, make_camera, f"answers:{answers}")
+
+
+@asynccontextmanager
+async def flight(config: Config, answers: str = "prior_is_right", **camera: Any) -> AsyncIterator[Flight]:
+    clock, stop, cameras = MonotonicClock(), asyncio.Event(), list[Any]()
+    link, notifier = FakeLink(clock, origin=HOME), FakeNotifier()
+    ready: asyncio.Future[Daemon] = asyncio.get_running_loop().create_future()
+    task = asyncio.create_task(
+        run_daemon(
+            config,
+            stop=stop,
+            clock=clock,
+            make=constructors(link, cameras, answers, **camera),
+            notifier=notifier,
+            on_ready=ready.set_result,
+        )
+    )
+    try:
+        await asyncio.wait({task, ready}, return_when=asyncio.FIRST_COMPLETED, timeout=60)
+        if task.done():
+            task.result()
+        yield Flight(ready.result(), link, cameras, notifier, stop, clock)
+    finally:
+        stop.set()
+        await task
+
+
+async def hover(f: Flight) -> None:
+    """An autopilot that hovers 100 m over home with good GNSS."""
+    while True:
+        now = f.clock.now_ns()
+        boot = now - 7_000_000_000
+        place = GeoPoint(HOME.lat_deg, HOME.lon_deg, HOME.h_amsl_m + 100)
+        f.link.feed(
+            Attitude(now, boot, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+            PriorPose(now, boot, place, (0.0, 0.0, 0.0), 100.0),
+            LocalPose(now, boot, (0.0, 0.0, -100.0), (0.0, 0.0, 0.0)),
+            Gnss(now, boot, 3, 15, place, 1.0, 1.5, (0.0, 0.0, 0.0)),
+        )
+        await asyncio.sleep(0.05)
+
+
+@asynccontextmanager
+async def hovering(f: Flight) -> AsyncIterator[None]:
+    task = asyncio.create_task(hover(f))
+    try:
+        yield
+    finally:
+        task.cancel()
+
+
+def entries(config: Config) -> list[Entry]:
+    (path,) = Path(config.journal.folder).glob("*.mcap")
+    return list(read_journal(path, salvage=False))
+
+
+def events_of(kind: type, recorded: list[Entry]) -> list[Any]:
+    return [entry.event for entry in recorded if isinstance(entry.event, kind)]
+
+
+def commands_of(kind: type, recorded: list[Entry]) -> list[Any]:
+    return [entry.command for entry in recorded if isinstance(entry.command, kind)]
+
+
+async def test_frames_are_localised_and_positions_injected_and_the_journal_replays(tmp_path: Path) -> None:
+    config = configuration(tmp_path)
+    async with flight(config) as f, hovering(f):
+        await f.until(lambda: len(f.link.injections) >= 10, "ten injections")
+    recorded = entries(config)
+    assert len(events_of(FrameRef, recorded)) > len(events_of(Fix, recorded)) > 0
+    assert {fix.request_id for fix in events_of(Fix, recorded)} <= {r.request_id for r in commands_of(LocaliseRequest, recorded)}
+    assert len(commands_of(Status, recorded)) == len(events_of(Tick, recorded))
+    sent = commands_of(Injection, recorded)
+    assert f.link.injections == sent[: len(f.link.injections)]
+    assert all(abs(injection.p_ned_m[2] + 100) < 5 for injection in f.link.injections)
+    assert f.cameras[0].closed
+    assert f.link.closed
+    assert f.notifier.said[0] == "READY=1"
+    assert "WATCHDOG=1" in f.notifier.said
+    assert f.notifier.said[-1] == "STOPPING=1"
+    (path,) = (tmp_path / "journals").glob("*.mcap")
+    assert read_header(path).configuration == config.model_dump(mode="json")
+    comparison = compare_with_recording(path)
+    assert comparison.first_difference is None
+    assert comparison.n_recorded == comparison.n_replayed > 30
+
+
+async def test_a_killed_worker_costs_nothing_but_its_frame(tmp_path: Path) -> None:
+    config = configuration(tmp_path)
+    async with flight(config) as f, hovering(f):
+        await f.until(lambda: f.link.injections, "an injection")
+        worker = f.daemon.parts.worker
+        assert worker is not None
+        first = worker.pid
+        assert first is not None
+        os.kill(first, signal.SIGKILL)
+        await f.until(lambda: worker.up and worker.pid != first, "another worker")
+        n_ticks, n_injections = f.daemon.health.ticks, len(f.link.injections)
+        await f.until(lambda: f.daemon.health.ticks > n_ticks + 5, "more ticks")
+        assert len(f.link.injections) > n_injections
+    states = events_of(WorkerState, entries(config))
+    assert [state.up for state in states] == [True, False, True]
+
+
+async def test_injection_stops_before_anything_else(tmp_path: Path) -> None:
+    config = configuration(tmp_path)
+    async with flight(config) as f, hovering(f):
+        await f.until(lambda: len(f.link.injections) >= 3, "injections")
+        f.stop.set()
+        sent = len(f.link.injections)
+        await asyncio.sleep(0)
+        f.daemon.handle(Tick(f.clock.now_ns()))  # whatever still comes
+        await f.until(lambda: f.link.closed, "the link's end")
+        assert len(f.link.injections) <= sent + 1
+        assert f.daemon.handle(Tick(f.clock.now_ns())) is None
+
+
+async def test_a_camera_that_breaks_is_opened_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live, "CAMERA_RETRY_S", 0.05)
+    config = configuration(tmp_path)
+    async with flight(config, n_frames=3, then="break") as f:
+        await f.until(lambda: len(f.cameras) == 2, "another camera")
+        assert f.cameras[0].closed
+        await f.until(lambda: f.daemon.health.ticks > 3, "ticks go on")
+    frames = events_of(FrameRef, entries(config))
+    assert [frame.frame_id for frame in frames[:3]] == [0, 1, 2]
+    assert all(frame.frame_id >= 1000 for frame in frames[3:])
+
+
+async def test_a_camera_that_falls_silent_is_opened_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live, "CAMERA_RETRY_S", 0.05)
+    monkeypatch.setattr(live, "CAMERA_STALL_S", 0.3)
+    config = configuration(tmp_path)
+    async with flight(config, n_frames=3, then="hang") as f:
+        await f.until(lambda: len(f.cameras) == 2, "another camera")
+        assert f.cameras[0].closed
+
+
+async def test_a_recording_that_ends_is_not_played_again(tmp_path: Path) -> None:
+    config = configuration(tmp_path)
+    async with flight(config, n_frames=3) as f:
+        await f.until(lambda: "camera" not in f.daemon.health.limits_s, "the end of the recording")
+        n_ticks = f.daemon.health.ticks
+        await f.until(lambda: f.daemon.health.ticks > n_ticks + 3, "ticks go on")
+        assert len(f.cameras) == 1
+    assert len(events_of(FrameRef, entries(config))) == 3
+
+
+async def test_a_full_disk_ends_the_journal_and_not_the_flight(tmp_path: Path) -> None:
+    config = configuration(tmp_path)
+    folder = tmp_path / "journals"
+    folder.mkdir()
+    async with flight(config) as f, hovering(f):
+        journal = f.daemon.parts.journal
+        assert journal is not None
+        os.dup2(os.open("/dev/full", os.O_WRONLY), journal._stream.fileno())
+        await f.until(lambda: journal.problem, "the journal's end")
+        assert journal.problem == "journal stopped: No space left on device"
+        await f.until(lambda: f.link.notices, "the operator's notice")
+        n = len(f.link.injections)
+        await f.until(lambda: len(f.link.injections) > n + 3, "injection goes on")
+        assert journal.dropped > 0
+        assert [notice.text for notice in f.link.notices if "journal" in notice.text] == [
+            "visloc: journal stopped: No space left on device"
+        ]
+
+
+class LeapingClock(MonotonicClock):
+    """A clock that a fault sets back."""
+
+    back_ns = 0
+
+    def now_ns(self) -> int:
+        return super().now_ns() - self.back_ns
+
+
+async def test_time_that_goes_back_is_survived(tmp_path: Path) -> None:
+    config, clock, stop = configuration(tmp_path, camera={"url": ""}), LeapingClock(), asyncio.Event()
+    link = FakeLink(clock, origin=HOME)
+    daemons: list[Daemon] = []
+    task = asyncio.create_task(
+        run_daemon(config, stop=stop, clock=clock, make=constructors(link, [], "prior_is_right"), on_ready=daemons.append)
+    )
+    for step_ns in (0, 300_000_000, 3_600_000_000_000):
+        clock.back_ns = step_ns
+        async with asyncio.timeout(30):
+            while not daemons or daemons[0].health.ticks < 2:  # noqa: ASYNC110
+                await asyncio.sleep(0.01)
+        daemons[0].handle(Tick(clock.now_ns()))
+        daemons[0].handle(Attitude(clock.now_ns(), 5, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    stop.set()
+    await task
+    (path,) = (tmp_path / "journals").glob("*.mcap")
+    assert compare_with_recording(path).first_difference is None
+
+
+async def test_everything_that_stands_against_the_start_is_told_at_once(tmp_path: Path) -> None:
+    config = configuration(tmp_path, journal={"folder": "/proc/none"})
+
+    def no_link(*_: object) -> FakeLink:
+        raise LinkError("names no link", where="link.url", remedy="correct it")
+
+    make = constructors(FakeLink(MonotonicClock()), [], "broken_pack")
+    with pytest.raises(StartFailed) as caught:
+        await run_daemon(config, make=Constructors(no_link, make.camera, make.answers))
+    assert [type(problem) for problem in caught.value.exceptions] == [LinkError, HashMismatch, JournalError]
+
+
+async def test_a_camera_without_a_map_is_refused(tmp_path: Path) -> None:
+    config = configuration(tmp_path, map={"pack": ""})
+    link = FakeLink(MonotonicClock())
+    with pytest.raises(StartFailed) as caught:
+        await run_daemon(config, make=constructors(link, [], "prior_is_right"))
+    (problem,) = caught.value.exceptions
+    assert isinstance(problem, ConfigError)
+    assert problem.where == "map.pack"
+    assert link.closed
+    assert not (tmp_path / "journals").exists() or not list((tmp_path / "journals").iterdir())
+
+
+async def test_without_a_camera_there_is_telemetry_only(tmp_path: Path) -> None:
+    config = configuration(tmp_path, camera={"url": ""}, map={"pack": ""}, status={"socket": str(tmp_path / "s.sock")})
+    async with flight(config) as f, hovering(f):
+        await f.until(lambda: f.daemon.status is not None, "a status")
+        reader, writer = await asyncio.open_unix_connection(tmp_path / "s.sock")
+        snapshot = json.loads(await reader.read())
+        writer.close()
+        await writer.wait_closed()
+        assert snapshot["schema"] == 1
+        assert snapshot["link_up"] is True
+        assert snapshot["worker"] is None
+        assert snapshot["status"]["type"] == "Status"
+        assert snapshot["late"] == []
+    assert not (tmp_path / "s.sock").exists()
+    recorded = entries(config)
+    assert events_of(LinkChanged, recorded)
+    assert not events_of(NoFix, recorded)
+
+
+async def test_a_fault_in_the_core_ends_the_daemon_loudly_and_cleanly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = configuration(tmp_path)
+
+    def fault(*_: object) -> list[object]:
+        raise ZeroDivisionError("fault")
+
+    with pytest.raises(ExceptionGroup) as caught:
+        async with flight(config) as f:
+            monkeypatch.setattr(Navigator, "on", fault)
+            await f.until(lambda: f.link.closed, "the end")
+    assert caught.value.subgroup(ZeroDivisionError) is not None
+
+
+async def test_the_watchdog_is_silent_while_a_part_hangs(tmp_path: Path) -> None:
+    config = configuration(tmp_path, camera={"url": ""}, map={"pack": ""}, journal={"folder": ""})
+    async with flight(config) as f:
+        await f.until(lambda: f.notifier.said.count("WATCHDOG=1") >= 1, "a beat")
+        f.daemon.health.limits_s["camera"] = 0.0
+        await f.until(lambda: f.daemon.health.late(f.daemon._wall.now_ns()) == ["camera"], "a late part")
+        await asyncio.sleep(1.1)
+        n = f.notifier.said.count("WATCHDOG=1")
+        await asyncio.sleep(1.1)
+        assert f.notifier.said.count("WATCHDOG=1") == n
