@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -75,7 +76,7 @@ def test_dead_reckoning_on_our_own_injection_grows_faster_the_longer_it_lasts() 
         sigmas.append(math.sqrt(belief.P[0, 0]))
     held = start()
     held = fusion.propagated(held, 60 * S, (0.0, 0.0), SETTINGS)
-    assert all(b > a for a, b in zip(sigmas, sigmas[1:], strict=False))
+    assert all(b > a for a, b in itertools.pairwise(sigmas))
     assert sigmas[-1] > 2.5 * math.sqrt(held.P[0, 0])
 
 

@@ -1,0 +1,176 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from visloc_companion.core.gnss import GnssMonitor
+from visloc_companion.core.settings import GnssSettings
+from visloc_companion.types import EkfSource, EstimatorStatus, GeoPoint, Gnss, GnssVerdict, Vec2, Verdict
+
+S = 1_000_000_000
+HERE = GeoPoint(59.0, 18.0, 50.0)
+GOOD = Gnss(0, 0, 3, 14, HERE, 1.0, 1.5, None)
+COV = ((1.0, 0.0), (0.0, 1.0))
+HEALTHY = EstimatorStatus(0, 0.2, 0.2, 0.2, horizontal_position_ok=True, gnss_glitch=False, gnss_in_use=None)
+
+
+class Feed:
+    """A monitor fed at 5 Hz."""
+
+    def __init__(self, settings: GnssSettings | None = None) -> None:
+        self.monitor = GnssMonitor(settings or GnssSettings())
+        self.k = 0
+
+    def run(
+        self,
+        seconds: float,
+        gnss: Gnss | None = GOOD,
+        status: EstimatorStatus | None = None,
+        vision: Vec2 | None = None,
+        source: EkfSource = EkfSource.GNSS,
+        out_of_reach: bool = False,
+    ) -> GnssVerdict:
+        for _ in range(round(seconds * 5)):
+            self.k += 1
+            now = self.k * S // 5
+            if gnss is not None:
+                self.monitor.on_gnss(replace(gnss, t_rx_ns=now))
+                self.monitor.on_reach(out_of_reach)
+            if status is not None:
+                self.monitor.on_status(replace(status, t_rx_ns=now))
+            if vision is not None:
+                self.monitor.on_vision(now, vision, COV, 0.5, 10.0)
+            self.monitor.update(now, source)
+        return self.monitor.verdict
+
+
+def trusted(**settings: float) -> Feed:
+    feed = Feed(GnssSettings(**settings))  # type: ignore[arg-type]
+    assert feed.run(5).verdict is Verdict.OK
+    return feed
+
+
+def test_denied_until_healthy_for_a_while() -> None:
+    feed = Feed()
+    got = feed.run(1, gnss=None)
+    assert (got.verdict, got.reasons) == (Verdict.DENIED, ("no_data",))
+    assert not feed.monitor.trusted
+    got = feed.run(1)
+    assert (got.verdict, got.reasons) == (Verdict.DENIED, ("probation",))
+    got = feed.run(1)
+    assert (got.verdict, got.reasons) == (Verdict.OK, ())
+    assert feed.monitor.trusted
+    since = got.since_ns
+    assert feed.run(10).since_ns == since
+
+
+@pytest.mark.parametrize(
+    ("bad", "verdict", "reason"),
+    [
+        (replace(GOOD, fix_type=1), Verdict.DENIED, "no_fix"),
+        (replace(GOOD, n_satellites=3), Verdict.DENIED, "few_satellites"),
+        (replace(GOOD, h_acc_m=25.0), Verdict.SUSPECT, "accuracy"),
+    ],
+)
+def test_bad_flags_count_when_they_last(bad: Gnss, verdict: Verdict, reason: str) -> None:
+    feed = trusted()
+    assert feed.run(1.4, bad).verdict is Verdict.OK
+    assert feed.run(1).verdict is Verdict.OK
+    got = feed.run(2, bad)
+    assert (got.verdict, got.reasons) == (verdict, (reason,))
+
+
+def test_unknown_satellites_and_accuracy_are_no_evidence() -> None:
+    assert Feed().run(5, replace(GOOD, n_satellites=None, h_acc_m=None)).verdict is Verdict.OK
+
+
+def test_silence() -> None:
+    feed = trusted()
+    assert feed.run(1.9, gnss=None).verdict is Verdict.OK
+    got = feed.run(0.5, gnss=None)
+    assert (got.verdict, got.reasons) == (Verdict.DENIED, ("silence",))
+
+
+@pytest.mark.parametrize(
+    ("status", "reason"),
+    [(replace(HEALTHY, gnss_glitch=True), "autopilot_glitch"), (replace(HEALTHY, position_ratio=1.4), "autopilot_rejects")],
+)
+def test_the_autopilots_flags_count_while_it_flies_on_gnss(status: EstimatorStatus, reason: str) -> None:
+    got = trusted().run(2, status=status)
+    assert (got.verdict, got.reasons) == (Verdict.SUSPECT, (reason,))
+    assert trusted().run(5, status=status, source=EkfSource.VISION).verdict is Verdict.OK
+    assert trusted().run(5, status=replace(HEALTHY, position_ratio=None)).verdict is Verdict.OK
+    stale = trusted()
+    stale.run(0.4, status=status)
+    assert stale.run(10).verdict is Verdict.SUSPECT  # 3 s of a standing report, then probation
+    assert stale.run(20).verdict is Verdict.OK
+
+
+def test_lost_gnss_returns_after_probation_even_without_vision() -> None:
+    feed = trusted()
+    feed.run(5, replace(GOOD, fix_type=0))
+    got = feed.run(19)
+    assert (got.verdict, got.reasons) == (Verdict.SUSPECT, ("probation",))
+    assert feed.run(2).verdict is Verdict.OK
+
+
+def test_an_interrupted_probation_starts_again() -> None:
+    feed = trusted()
+    feed.run(5, replace(GOOD, fix_type=0))
+    feed.run(15)
+    feed.run(0.4, replace(GOOD, fix_type=0))
+    assert feed.run(19).verdict is Verdict.SUSPECT
+    assert feed.run(2).verdict is Verdict.OK
+
+
+def test_a_disagreement_with_vision_is_a_spoof_and_needs_vision_to_mend() -> None:
+    feed = trusted()
+    feed.run(20, vision=(0.5, 0.0))
+    got = feed.run(5, vision=(40.0, 0.0))
+    assert (got.verdict, got.reasons) == (Verdict.SUSPECT, ("vision_disagrees",))
+    assert {name: value for name, value, _ in got.evidence}["drift_sum"] > 12.0
+    assert feed.run(60, vision=(40.0, 0.0)).verdict is Verdict.SUSPECT
+    assert feed.run(60).verdict is Verdict.SUSPECT  # flags healthy, but nothing agrees
+    assert feed.run(15, vision=(0.5, 0.0)).verdict is Verdict.SUSPECT
+    assert feed.run(10, vision=(0.5, 0.0)).verdict is Verdict.OK
+
+
+def test_gnss_that_comes_back_at_a_wrong_place_is_never_trusted() -> None:
+    feed = trusted()
+    feed.run(20, vision=(0.5, 0.0))
+    feed.run(10, replace(GOOD, fix_type=1))
+    got = feed.run(120, vision=(0.0, 30.0))
+    assert (got.verdict, got.reasons) == (Verdict.SUSPECT, ("vision_disagrees",))
+
+
+def test_a_single_disagreement_in_the_probation_starts_it_again() -> None:
+    feed = trusted()
+    feed.run(20, vision=(0.0, 0.0))
+    feed.run(5, replace(GOOD, fix_type=1))
+    feed.run(18, vision=(0.0, 0.0))
+    feed.run(1, vision=(12.0, 0.0))
+    assert feed.run(18, vision=(0.0, 0.0)).verdict is Verdict.SUSPECT
+    assert feed.run(3, vision=(0.0, 0.0)).verdict is Verdict.OK
+
+
+def test_without_vision_it_must_be_where_dead_reckoning_allows() -> None:
+    feed = trusted()
+    feed.run(5, replace(GOOD, fix_type=1))
+    got = feed.run(60, out_of_reach=True)
+    assert (got.verdict, got.reasons) == (Verdict.SUSPECT, ("out_of_reach",))
+    assert feed.run(21).verdict is Verdict.OK
+
+
+def test_a_poor_stated_accuracy_widens_the_test_only_so_far() -> None:
+    monitor = GnssMonitor(GnssSettings())
+    assert monitor.sigma_m(replace(GOOD, h_acc_m=None)) == 1.5
+    assert monitor.sigma_m(replace(GOOD, h_acc_m=0.3)) == 1.5
+    assert monitor.sigma_m(replace(GOOD, h_acc_m=2.0)) == 2.0
+    assert monitor.sigma_m(replace(GOOD, h_acc_m=9.0)) == 3.0
+
+
+def test_vision_before_any_receiver_is_harmless() -> None:
+    monitor = GnssMonitor(GnssSettings())
+    monitor.on_vision(S, (0.0, 0.0), COV, 0.5, 0.0)
+    assert monitor.update(S, EkfSource.GNSS).verdict is Verdict.DENIED

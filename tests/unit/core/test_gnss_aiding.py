@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+from visloc_companion.core.estimator import Velocity
+from visloc_companion.core.gnss import GnssMonitor
+from visloc_companion.core.gnss_aiding import GnssAiding
+from visloc_companion.core.settings import CoreSettings
+from visloc_companion.core.tracking import Tracker
+from visloc_companion.geo import wgs84
+from visloc_companion.types import EkfSource, Fix, GeoPoint, Gnss, Mode, Notice, Verdict
+
+S = 1_000_000_000
+ORIGIN = GeoPoint(59.3, 18.1, 40.0)
+
+
+def at(north: float) -> GeoPoint:
+    return wgs84.geo_from_ned((north, 0.0, -100.0), ORIGIN)
+
+
+def fix(t_s: float, north: float) -> Fix:
+    t, cov = round(t_s * S), ((1.0, 0.0), (0.0, 1.0))
+    return Fix(t, t, 1, 1, "t", at(north), (1.0, 0.0, 0.0, 0.0), cov, 1.0, 0.1, 0.0, 1.0)
+
+
+class Rig:
+    """A hovering vehicle with a seeded filter and a trusted GNSS."""
+
+    def __init__(self) -> None:
+        self.tracker, self.monitor = Tracker(CoreSettings().navigator), GnssMonitor(CoreSettings().gnss)
+        self.aiding = GnssAiding(CoreSettings(), self.tracker, self.monitor)
+        self.tracker.set_origin(ORIGIN)
+        self.t = 0.0
+        self.notices: list[object] = []
+        self.run(3.0, 0.0, seed=False)
+        assert self.monitor.trusted
+        self.tracker.seed(round(self.t * S), at(0.0), 2.0)
+
+    def run(self, seconds: float, gnss_north: float, mode: Mode = Mode.SHADOW, seed: bool = True, **more: object) -> None:
+        for _ in range(round(seconds * 5)):
+            self.t += 0.2
+            now = round(self.t * S)
+            self.tracker.drive(Velocity(now, (0.0, 0.0, 0.0), 140.0, 0.3, feedback=False))
+            gnss = Gnss(now, now, 3, 12, at(gnss_north), 1.0, None, None, **more)  # type: ignore[arg-type]
+            self.notices += self.aiding.on_gnss(gnss, now, mode)
+            self.monitor.update(now, EkfSource.GNSS)
+
+    def north(self) -> float:
+        state = self.tracker.at(round(self.t * S))
+        assert state is not None
+        return state.p_ned_m[0]
+
+
+def test_trusted_gnss_keeps_an_idle_filter_near() -> None:
+    rig = Rig()
+    rig.run(60, 6.0)
+    assert 4.5 < rig.north() < 6.5
+
+
+def test_not_while_fixes_come() -> None:
+    rig = Rig()
+    for _ in range(20):
+        rig.tracker.observe(fix(rig.t, 0.0))
+        rig.run(2, 6.0)
+    assert abs(rig.north()) < 0.3
+
+
+def test_not_while_injecting_and_not_from_another_receiver_or_an_impossible_place() -> None:
+    rig = Rig()
+    rig.run(30, 6.0, mode=Mode.AIDING)
+    rig.run(30, 6.0, receiver=1)
+    assert abs(rig.north()) < 0.01
+    now = round(rig.t * S)
+    assert rig.aiding.on_gnss(Gnss(now, now, 3, 12, GeoPoint(0.0, 0.0, 0.0), 1.0, None, None), now, Mode.SHADOW) == []
+    assert rig.aiding.on_gnss(Gnss(now, now, 1, 12, at(6.0), 1.0, None, None), now, Mode.SHADOW) == []
+    assert abs(rig.north()) < 0.01
+
+
+def test_not_when_gnss_is_not_trusted() -> None:
+    rig = Rig()
+    for _ in range(10):
+        rig.t += 0.2
+        now = round(rig.t * S)
+        rig.aiding.on_gnss(Gnss(now, now, 1, 3, at(0.0), 1.0, None, None), now, Mode.SHADOW)
+        rig.monitor.update(now, EkfSource.GNSS)
+    assert rig.monitor.verdict.verdict is Verdict.DENIED
+    rig.run(15, 6.0)
+    assert abs(rig.north()) < 0.01
+
+
+def test_a_filter_that_keeps_refusing_starts_again_from_it() -> None:
+    rig = Rig()
+    rig.run(4, 500.0)
+    assert abs(rig.north()) < 1.0
+    rig.run(3, 500.0)
+    assert abs(rig.north() - 500.0) < 1.0
+    assert [n.text for n in rig.notices if isinstance(n, Notice)] == ["visloc: restarted from trusted GNSS"]
+
+
+def test_comparison_needs_velocity_and_gnss() -> None:
+    rig = Rig()
+    for k in range(10):
+        rig.run(1, 0.0)
+        rig.aiding.compare(fix(rig.t, -40.0))
+        if k == 5:
+            assert rig.monitor.verdict.verdict is Verdict.SUSPECT
+    rig.aiding.compare(fix(rig.t + 60, 0.0))
+    rig.tracker.forget_velocity()
+    rig.aiding.compare(fix(rig.t, 0.0))
+    assert rig.monitor.verdict.reasons == ("vision_disagrees",)

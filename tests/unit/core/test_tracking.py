@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+import pytest
+
+from visloc_companion.core.estimator import Velocity
+from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.core.tracking import Tracker
+from visloc_companion.geo import wgs84
+from visloc_companion.types import Accepted, Fix, GeoPoint
+
+S = 1_000_000_000
+ORIGIN = GeoPoint(59.3, 18.1, 40.0)
+
+
+def at(north: float, east: float = 0.0) -> GeoPoint:
+    return wgs84.geo_from_ned((north, east, -100.0), ORIGIN)
+
+
+def velocity(t_s: float, north: float = 10.0) -> Velocity:
+    return Velocity(round(t_s * S), (north, 0.0, 0.0), 140.0, 0.3, feedback=False)
+
+
+def fix(t_s: float, north: float) -> Fix:
+    t, cov = round(t_s * S), ((1.0, 0.0), (0.0, 1.0))
+    return Fix(t, t, 1, 1, "t", at(north), (1.0, 0.0, 0.0, 0.0), cov, 1.0, 0.1, 0.0, 1.0)
+
+
+def ready() -> Tracker:
+    tracker = Tracker(NavigatorSettings())
+    tracker.set_origin(ORIGIN)
+    tracker.drive(velocity(0.0))
+    assert tracker.seed(0, at(0.0), 2.0)
+    return tracker
+
+
+def test_nothing_before_origin_and_velocity() -> None:
+    tracker = Tracker(NavigatorSettings())
+    assert not tracker.seed(0, at(0.0), 5.0)
+    assert tracker.set_origin(ORIGIN) is False
+    assert not tracker.seed(0, at(0.0), 5.0)
+    assert tracker.belief is None
+    assert tracker.at(0) is None
+    assert tracker.observe(fix(0.0, 0.0)) is None
+    assert tracker.observe_gnss(0, at(0.0), 2.0) is None
+    assert tracker.out_of_reach(0, at(500.0), 2.0) is False
+    assert tracker.implausible(at(0.0), 5.0, gnss_trusted=False) == "no origin or telemetry yet"
+    assert tracker.drive(velocity(0.0))
+    assert tracker.seed(0, at(0.0), 5.0)
+
+
+def test_the_same_velocity_in_another_message_is_taken_once() -> None:
+    tracker = ready()
+    assert tracker.drive(velocity(0.1))
+    assert not tracker.drive(velocity(0.1, north=11.0))
+    assert not tracker.drive(velocity(0.05))
+    assert tracker.velocity == velocity(0.1)
+    tracker.forget_velocity()
+    assert tracker.drive(velocity(0.05))
+
+
+def test_origin_moves_only_a_frame_in_use() -> None:
+    tracker = ready()
+    assert tracker.set_origin(ORIGIN) is False
+    assert tracker.set_origin(at(100.0)) is True
+    state = tracker.at(0)
+    assert state is not None
+    assert state.p_ned_m[0] == pytest.approx(-100.0, abs=1e-3)
+
+
+def test_gnss_minus_fix_at_image_time() -> None:
+    tracker = ready()
+    for k in range(5):
+        tracker.remember_gnss(k * S, at(10.0 * k + 7.0))
+    tracker.remember_gnss(2 * S, at(999.0))  # late: ignored
+    assert tracker.gnss_minus(fix(1.5, 15.0), (10.0, 0.0, 0.0)) == pytest.approx((7.0, 0.0), abs=1e-3)
+    assert tracker.gnss_minus(fix(4.5, 45.0), (10.0, 0.0, 0.0)) == pytest.approx((7.0, 0.0), abs=1e-3)
+    assert tracker.gnss_minus(fix(-0.5, -5.0), (10.0, 0.0, 0.0)) == pytest.approx((7.0, 0.0), abs=1e-3)
+    assert tracker.gnss_minus(fix(9.0, 90.0), (10.0, 0.0, 0.0)) is None
+    tracker.remember_gnss(100 * S, at(0.0))
+    assert tracker.gnss_minus(fix(2.0, 20.0), (10.0, 0.0, 0.0)) is None
+
+
+def test_reach() -> None:
+    tracker = ready()
+    assert not tracker.out_of_reach(0, at(10.0), 1.5)
+    assert tracker.out_of_reach(0, at(30.0), 1.5)
+    assert isinstance(tracker.observe(fix(0.0, 0.5)), Accepted)
+    assert isinstance(tracker.observe_gnss(0, at(0.5), 5.0), Accepted)
+
+
+def test_sanity_of_the_operators_position() -> None:
+    tracker = ready()
+    assert tracker.implausible(at(150_000.0), 5.0, gnss_trusted=False) == "too far from origin"
+    assert tracker.implausible(at(500.0), 5.0, gnss_trusted=True) is None
+    tracker.remember_gnss(0, at(0.0))
+    assert tracker.implausible(at(500.0), 5.0, gnss_trusted=True) == "far from trusted GNSS"
+    assert tracker.implausible(at(500.0), 5.0, gnss_trusted=False) is None
+    assert tracker.implausible(at(60.0), 5.0, gnss_trusted=True) is None
