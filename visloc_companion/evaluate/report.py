@@ -154,6 +154,8 @@ def _panel(heading: str, drawing: str, key: str) -> str:
 
 
 def _over_time(record: FlightRecord, alert_limit_m: float, strayed: tuple[FloatArray, FloatArray] | None) -> str:
+    if not len(record.t_s):
+        return "<h2>Errors, verdicts and modes over time</h2><p>No navigator ran in this flight.</p>"
     limit = alert_limit_m if np.isfinite(record.protection_level_m).any() else None
     chart = time_chart(record, limit, strayed)
     key = time_legend(record, limit, strayed is not None)

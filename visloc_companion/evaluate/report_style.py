@@ -25,7 +25,7 @@ background:var(--panel);border-left:8px solid var(--good)}
 font-variant-numeric:tabular-nums}.tile span{color:var(--soft);font-size:14px}
 table{border-collapse:collapse;width:100%;font-size:15px;font-variant-numeric:tabular-nums}
 th,td{text-align:left;padding:6px 10px;border-bottom:1px solid var(--rule);vertical-align:top}
-th{color:var(--soft);font-weight:600}td.n,th.n{text-align:right}.yes{color:var(--good);font-weight:650}.no{color:var(--bad);font-weight:650}
+th{color:var(--soft);font-weight:600}td.n,th.n{text-align:right}td.n{white-space:nowrap}.yes{color:var(--good);font-weight:650}.no{color:var(--bad);font-weight:650}
 .scroll{overflow-x:auto}.two{display:grid;grid-template-columns:repeat(2,minmax(0,1fr));gap:20px 28px}.two>*{min-width:0}
 svg{display:block;width:100%;height:auto}.scroll>svg.wide{min-width:720px}
 .legend{list-style:none;display:flex;flex-wrap:wrap;gap:4px 18px;margin:6px 0;padding:0;font-size:14px}

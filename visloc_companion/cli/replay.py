@@ -1,0 +1,107 @@
+"""`visloc replay`: a recorded flight once more, through the navigator of today."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from visloc_companion.cli.replay_sources import Source
+    from visloc_companion.evaluate.gate import Check
+
+
+def replay(
+    flight: Annotated[Path, typer.Argument(help="A .tlog, .bin, .ulg or .mcap file, or a folder with telemetry.* and frames.")],
+    pack: Annotated[Path | None, typer.Option("--map", help="Map pack; with it the frames are localised.")] = None,
+    config: Annotated[Path | None, typer.Option("--config", help="Configuration (TOML); a journal brings its own.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for report.html and epochs.csv.")] = None,
+    json: Annotated[Path | None, typer.Option("--json", help="Write the figures as JSON.")] = None,
+    gate: Annotated[str, typer.Option("--gate", help='Conditions, as in "hmi=0,p95_m<=12"; exit code 1 where one fails.')] = "",
+    speed: Annotated[str, typer.Option("--speed", help="max, or 1 for real time.")] = "max",
+    alert_limit_m: Annotated[float, typer.Option("--alert-limit", min=0.1, help="Alert limit of HMI, metres.")] = 25.0,
+    salvage: Annotated[bool, typer.Option("--salvage", help="Read a damaged journal as far as it goes.")] = False,
+) -> None:
+    """Replay a flight: GNSS verdicts and dead reckoning, with frames and a map its fixes, of a journal also its commands.
+
+    Exit codes: 0 ok, 1 the gate failed, 2 usage or configuration, 3 bad data.
+    """
+    from visloc_companion.cli.replay_sources import open_source
+    from visloc_companion.evaluate.gate import check_gate, parse_gate
+    from visloc_companion.evaluate.metrics import flight_summary, write_epochs
+
+    parse_gate(gate)
+    source = open_source(flight, pack, config, salvage, _speed(speed))
+    record = source.record()
+    epochs = _output_folder(out) / "epochs.csv" if out is not None else None
+    summary = flight_summary(record, alert_limit_m=alert_limit_m, latency=source.latency, epochs=str(epochs) if epochs else None)
+    summary |= {"flight": str(flight), **source.facts()}
+    checks = check_gate(gate, summary)
+    if out is not None and epochs is not None:
+        from visloc_companion.evaluate.report import write_flight_report
+
+        write_epochs(record, epochs)
+        write_flight_report(
+            record,
+            out / "report.html",
+            title=f"Replay of {flight.name}",
+            checks=checks,
+            map_image=source.map_image(record),
+            alert_limit_m=alert_limit_m,
+            notes=source.notes(),
+        )
+    if json is not None:
+        from visloc_companion.cli.progress import write_json
+
+        write_json(json, summary)
+    _tell(source, summary, checks, out)
+
+
+def _speed(text: str) -> float | None:
+    from visloc_companion.errors import ConfigError
+
+    if text == "max":
+        return None
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = 0.0
+    if not 0 < speed < 1e6:
+        raise ConfigError(f"{text!r} is no speed", where="--speed", remedy="use max, or 1 for real time")
+    return speed
+
+
+def _output_folder(out: Path) -> Path:
+    from visloc_companion.errors import ConfigError
+
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as why:
+        raise ConfigError(f"cannot be made: {why}", where=str(out), remedy="name a writable folder for --out") from why
+    return out
+
+
+def _tell(source: Source, summary: dict[str, Any], checks: list[Check], out: Path | None) -> None:
+    gnss, error, injected = summary["gnss"], summary["error_horizontal_m"], summary["injected"]
+    lines = [
+        f"{summary['flight']}: {summary['duration_s']:.0f} s, {summary['n_frames']} frames, {summary['n_fixes']} fixes, "
+        f"{summary['n_no_fix']} without, {injected['n']} injections",
+        f"GNSS: {_verdicts(summary['verdicts'])}",
+        f"modes: {_verdicts(summary['modes'])}",
+    ]
+    if error["median"] is not None:
+        lines.append(f"error: median {error['median']:.2f} m, 95 % {error['p95']:.2f} m, maximum {error['max']:.2f} m")
+        lines.append(f"HMI {summary['hmi']}, misleading {summary['misleading']}, false alarms {gnss['false_alarms']}")
+    lines += [*source.notes()]
+    if out is not None:
+        lines.append(f"report: {out / 'report.html'}")
+    lines += [f"{'ok' if c.passed else 'FAILED'}: {c.name} {c.limit} (is {c.value})" for c in checks]
+    typer.echo("\n".join(lines))
+    if not all(check.passed for check in checks):
+        raise typer.Exit(1)
+
+
+def _verdicts(changes: list[tuple[float, str]]) -> str:
+    shown = [f"{name} from {t_s:.1f} s" for t_s, name in changes[:8]]
+    return ", ".join(shown) + (f", and {len(changes) - 8} more changes" if len(changes) > 8 else "") if shown else "none"

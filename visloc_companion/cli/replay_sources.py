@@ -1,0 +1,204 @@
+"""What `visloc replay` reads: logs and folders that are flown through a new navigator, and journals that are compared."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+from visloc_companion.adapters.logs.folder import FlightFolder, TruthRow, open_folder
+from visloc_companion.adapters.logs.open import open_log
+from visloc_companion.adapters.logs.recording import Recording
+from visloc_companion.app.journal import Entry, read_header, read_journal
+from visloc_companion.app.replay import command_lines, recorded_commands, replay_entries
+from visloc_companion.app.settings import camera_model, core_settings
+from visloc_companion.cli.progress import bar
+from visloc_companion.config import Config, load_config, parse_config
+from visloc_companion.errors import ConfigError
+from visloc_companion.evaluate.flight import Pace, RecordedEyes, replay_recording
+from visloc_companion.evaluate.record import FlightRecord, from_entries
+from visloc_companion.evaluate.report_map import MapImage
+from visloc_companion.maps.pack import PackMap
+
+Latency = Literal["arrival", "computation"]
+
+
+class Source(Protocol):
+    """A flight that can be replayed. `latency` says which of the times that answers took is meaningful."""
+
+    latency: Latency
+
+    def record(self) -> FlightRecord:
+        """Replay it."""
+
+    def facts(self) -> dict[str, Any]:
+        """More of the result, after `record`."""
+
+    def notes(self) -> list[str]:
+        """Sentences for the terminal and the report, after `record`."""
+
+    def map_image(self, record: FlightRecord) -> MapImage | None:
+        """The ground under the tracks, where a map was given."""
+
+
+def open_source(flight: Path, pack: Path | None, config: Path | None, salvage: bool, speed: float | None) -> Source:
+    """The flight of a path. Raises LogError, JournalError, MapError or ConfigError naming what is wrong."""
+    if not flight.exists():
+        raise ConfigError("is not there", where=str(flight), remedy="name a log, a journal or a folder")
+    reference = PackMap.open(pack) if pack is not None else None
+    if flight.suffix.lower() == ".mcap":
+        return JournalSource(flight, load_config(config) if config else None, salvage, reference)
+    settings = load_config(config) if config else Config()
+    pace = _pace(speed) if speed is not None else None
+    if flight.is_dir():
+        folder = open_folder(flight)
+        if folder.camera is not None:
+            settings = settings.model_copy(update={"camera": folder.camera})
+        return LogSource(folder.recording, settings, reference, pace, folder)
+    return LogSource(open_log(flight), settings, reference, pace, None)
+
+
+def _pace(speed: float) -> Pace:
+    started: list[tuple[int, float]] = []
+
+    def wait(t_ns: int) -> None:
+        if not started:
+            started.append((t_ns, time.monotonic()))
+        due = started[0][1] + (t_ns - started[0][0]) / 1e9 / speed
+        time.sleep(max(0.0, due - time.monotonic()))
+
+    return wait
+
+
+@dataclass(slots=True)
+class LogSource:
+    """A log, alone or in a folder with frames, camera and truth."""
+
+    recording: Recording
+    config: Config
+    reference: PackMap | None
+    pace: Pace | None
+    folder: FlightFolder | None
+    latency: Latency = "computation"
+    changes: dict[str, Any] = field(default_factory=dict)
+
+    def record(self) -> FlightRecord:
+        """Fly it through a new navigator."""
+        truth: list[TruthRow] = self.folder.truth if self.folder else []
+        with bar(self.recording.path.name, self.recording.duration_s) as advance:
+            entries: Iterable[Entry] = replay_recording(
+                self.recording.events, core_settings(self.config), eyes=self._eyes(), on_progress=advance, pace=self.pace
+            )
+            events = self.recording.events
+            record = from_entries(entries, truth, t0_ns=events[0][0] if events else None)
+        self.changes = {"verdicts": record.changes(record.verdicts), "modes": record.changes(record.modes)}
+        return record
+
+    def _eyes(self) -> RecordedEyes | None:
+        from visloc_companion.localise.registry import make_localiser
+
+        if self.folder is None or self.folder.frames is None or self.reference is None:
+            return None
+        chosen = self.config.localiser
+        model = camera_model(self.config.camera)
+        localiser = make_localiser(
+            chosen.method,
+            model,
+            map_sigma_m=self.config.navigator.map_sigma_m,
+            max_probability_wrong=chosen.max_probability_wrong,
+            max_search_radius_m=chosen.max_search_radius_m,
+        )
+        return RecordedEyes(self.folder.frames, self.folder.boot_from_file_ns, model, localiser, self.reference)
+
+    def facts(self) -> dict[str, Any]:
+        """The autopilot, what was lost, and the verdicts and modes over time."""
+        return {
+            "autopilot": str(self.recording.kind),
+            "losses": self.recording.losses.as_dict(),
+            "origin_inferred": self.recording.origin_inferred,
+            **self.changes,
+        }
+
+    def notes(self) -> list[str]:
+        """What the log lacks."""
+        losses = {name: n for name, n in self.recording.losses.as_dict().items() if n and name != "foreign_messages"}
+        notes = [f"The log has losses: {', '.join(f'{name} {n}' for name, n in losses.items())}."] if losses else []
+        if self.recording.origin_inferred:
+            notes.append("The log states no EKF origin; it was inferred from the positions.")
+        has_frames = self.folder is not None and self.folder.frames is not None
+        if has_frames and self.reference is None:
+            notes.append("Frames are there, but no --map: they were not localised.")
+        if self.reference is not None and not has_frames:
+            notes.append("A map was given, but the flight has no frames: nothing was localised.")
+        return notes
+
+    def map_image(self, record: FlightRecord) -> MapImage | None:
+        """The pack's ortho under the tracks."""
+        from visloc_companion.evaluate.report_image import ground_image
+
+        return ground_image(self.reference, [record]) if self.reference is not None else None
+
+
+@dataclass(slots=True)
+class JournalSource:
+    """A journal: its events go through the navigator again, and every command is compared with the recorded one."""
+
+    path: Path
+    config: Config | None
+    salvage: bool
+    reference: PackMap | None
+    latency: Latency = "arrival"
+    result: dict[str, Any] = field(default_factory=dict)
+
+    def record(self) -> FlightRecord:
+        """Replay and compare. Raises JournalError for damage, unless it is to be salvaged."""
+        damages: list[str] = []
+        entries = list(read_journal(self.path, salvage=self.salvage, on_damage=damages.append))
+        effective = self.config or parse_config(read_header(self.path).configuration, where=str(self.path))
+        events = [entry for entry in entries if entry.event is not None]
+        replayed = replay_entries(events, core_settings(effective))
+        recorded_lines, replayed_lines = list(command_lines(recorded_commands(entries))), list(command_lines(replayed))
+        n_compared = min(len(recorded_lines), len(replayed_lines))
+        differences = (i for i in range(n_compared) if recorded_lines[i] != replayed_lines[i])
+        first = next(differences, None)
+        same_length = self.salvage or len(recorded_lines) == len(replayed_lines)
+        flown = [*events, *(Entry(now_ns, None, command) for now_ns, command in replayed)]
+        record = from_entries(sorted(flown, key=lambda entry: entry.now_ns))
+        self.result = {
+            "commands": {
+                "identical": first is None and same_length,
+                "n_recorded": len(recorded_lines),
+                "n_replayed": len(replayed_lines),
+                "first_difference": first,
+            },
+            "damages": damages,
+            "verdicts": record.changes(record.verdicts),
+            "modes": record.changes(record.modes),
+        }
+        return record
+
+    def facts(self) -> dict[str, Any]:
+        """Whether the commands are the recorded ones byte for byte, what was damaged, verdicts and modes over time."""
+        return self.result
+
+    def notes(self) -> list[str]:
+        """The outcome of the comparison in words."""
+        commands = self.result["commands"]
+        n, recorded = commands["n_replayed"], commands["n_recorded"]
+        if commands["identical"]:
+            words = f"All {min(n, recorded)} commands are byte for byte those of the flight."
+        elif commands["first_difference"] is None:
+            words = f"The replay gives {n} commands, the flight gave {recorded}; those that both have are the same."
+        else:
+            words = f"The replay differs from the flight, first at command {commands['first_difference'] + 1} of {recorded}."
+        if self.config is not None:
+            words += " The configuration is not the flight's own."
+        return [words, *(f"Damaged: {damage}." for damage in self.result["damages"])]
+
+    def map_image(self, record: FlightRecord) -> MapImage | None:
+        """The pack's ortho under the tracks."""
+        from visloc_companion.evaluate.report_image import ground_image
+
+        return ground_image(self.reference, [record]) if self.reference is not None else None
