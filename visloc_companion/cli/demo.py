@@ -1,0 +1,41 @@
+"""`visloc demo`: a whole flight through GNSS spoofing and jamming, ending with a report and a PASS or FAIL line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for the report, the journal and the logs.")] = Path("demo-out"),
+    dialect: Annotated[str, typer.Option(help="What the built-in autopilot behaves like: ardupilot or px4.")] = "ardupilot",
+    speed: Annotated[float, typer.Option(min=0.5, max=4.0, help="Times real time.")] = 2.0,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+) -> None:
+    """Fly through spoofing and jamming on the embedded procedural world. Exit code 1 when a requirement is missed."""
+    from visloc_companion.cli.progress import spinner, write_json
+    from visloc_companion.errors import ConfigError
+    from visloc_companion.evaluate.demo import run_demo
+    from visloc_companion.types import AutopilotKind
+
+    if dialect not in ("ardupilot", "px4"):
+        raise ConfigError(f"unknown dialect {dialect!r}", remedy="ardupilot or px4")
+    with spinner("demo") as tell:
+        result = run_demo(out, AutopilotKind(dialect), speed, tell)
+    checks = result.flown.checks
+    if json_file is not None:
+        expected = [{"name": c.name, "value": c.value, "limit": c.limit, "passed": c.passed} for c in checks]
+        write_json(json_file, {**result.flown.summary, "passed": result.passed, "expected": expected})
+    for check in checks:
+        typer.echo(f"{'ok  ' if check.passed else 'FAIL'} {check.name}: {check.value} (required {check.limit})")
+    typer.echo(f"report: {result.report}")
+    figures = {check.name: check.value for check in checks}
+    typer.echo(
+        f"{'PASS' if result.passed else 'FAIL'}: without GNSS median {figures['median error without GNSS']}, "
+        f"largest {figures['largest error without GNSS']}; spoof pulled {figures['pulled by false GNSS']}; "
+        f"failsafe {figures['failsafe']}; without the daemon {figures['off without the daemon']} off"
+    )
+    if not result.passed:
+        raise typer.Exit(1)

@@ -1,0 +1,62 @@
+"""Progress on stderr (plain lines where it is no terminal), and results as JSON with finite numbers only."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from visloc_companion.errors import ConfigError
+
+PLAIN_STEP = 0.1
+
+
+@contextmanager
+def bar(what: str, total: float) -> Iterator[Callable[[float], None]]:
+    """A progress bar; call with how much is done."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _plain(console, what, total)
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task(what, total=total)
+        yield lambda done: progress.update(task, completed=done)
+
+
+def _plain(console: Console, what: str, total: float) -> Callable[[float], None]:
+    told = 0.0
+
+    def advance(done: float) -> None:
+        nonlocal told
+        share = done / total if total > 0 else 1.0
+        if share >= told + PLAIN_STEP:
+            told = share
+            console.print(f"{what}: {share:.0%}", highlight=False)
+
+    return advance
+
+
+@contextmanager
+def spinner(what: str) -> Iterator[Callable[[str], None]]:
+    """A line that says what goes on; call with the stage."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda stage: console.print(f"{what}: {stage}", highlight=False)
+        return
+    with console.status(what) as status:
+        yield lambda stage: status.update(f"{what}: {stage}")
+
+
+def write_json(path: Path, result: dict[str, Any]) -> None:
+    """Write UTF-8 JSON. Raises ConfigError where the file cannot be written, ValueError for a number that is not finite."""
+    text = json.dumps(result, indent=1, allow_nan=False, ensure_ascii=False)
+    try:
+        path.write_text(text + "\n", encoding="utf-8")
+    except OSError as why:
+        raise ConfigError(f"cannot be written: {why}", where=str(path), remedy="name a writable file for --json") from why

@@ -1,0 +1,142 @@
+"""`visloc sim`: closed-loop flights over a map with the built-in autopilot, in simulated time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from visloc_companion.errors import ConfigError
+
+if TYPE_CHECKING:
+    from visloc_companion.evaluate.campaign import FlightSpec
+    from visloc_companion.evaluate.closed_loop import FlownScenario
+
+
+def sim(
+    scenario: Annotated[str, typer.Option(help="Name of the flight; --list shows them.")] = "",
+    map_pack: Annotated[Path | None, typer.Option("--map", help="Map pack; without it the embedded procedural world.")] = None,
+    camera_ortho: Annotated[Path | None, typer.Option(help="Orthophoto of another date, which the camera sees.")] = None,
+    camera_dsm: Annotated[Path | None, typer.Option(help="Surface model of that date.")] = None,
+    autopilot: Annotated[str, typer.Option(help="built-in, ardupilot or px4.")] = "built-in",
+    dialect: Annotated[str, typer.Option(help="What the built-in autopilot behaves like: ardupilot or px4.")] = "ardupilot",
+    vehicle: Annotated[str, typer.Option(help="copter or plane.")] = "copter",
+    seed: Annotated[int, typer.Option(help="Feeds wind, noise and errors.")] = 1,
+    method: Annotated[str, typer.Option(help="Localiser.")] = "gradient",
+    without_daemon: Annotated[bool, typer.Option("--without-daemon", help="The same flight, nobody helping.")] = False,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the result here.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Write an HTML report here.")] = None,
+    campaign: Annotated[str, typer.Option(help="Many flights: a name (--list) or a JSON file.")] = "",
+    jobs: Annotated[int, typer.Option(min=1, help="Flights at a time.")] = 1,
+    list_all: Annotated[bool, typer.Option("--list", help="Name scenarios and campaigns.")] = False,
+) -> None:
+    """Fly a scenario in simulated time and judge it. Exit code 1 when it does not show what is expected."""
+    from visloc_companion.evaluate.campaign import FlightSpec, campaign_specs, find_scenario
+
+    if list_all:
+        _list()
+        return
+    if autopilot != "built-in":
+        raise ConfigError(
+            f"--autopilot {autopilot}: flights against a real simulator are not part of this version",
+            remedy="use --autopilot built-in with --dialect ardupilot or px4",
+        )
+    if dialect not in ("ardupilot", "px4"):
+        raise ConfigError(f"unknown dialect {dialect!r}", remedy="ardupilot or px4")
+    if bool(scenario) == bool(campaign):
+        raise ConfigError("name either --scenario or --campaign", remedy="visloc sim --list")
+    if scenario:
+        find_scenario(scenario)
+    pack, ortho, dsm = _places(map_pack, camera_ortho, camera_dsm)
+    spec = FlightSpec(scenario, pack, ortho, dsm, dialect, vehicle, seed, method, not without_daemon)
+    if campaign:
+        _campaign(campaign_specs(campaign, spec), jobs, json_file)
+    else:
+        _single(spec, json_file, report)
+
+
+def _list() -> None:
+    from visloc_companion.evaluate.campaign import CAMPAIGNS
+    from visloc_companion.sim.scenarios import DEMO, SCENARIOS
+
+    for one in (*SCENARIOS.values(), DEMO):
+        typer.echo(f"{one.name:18} {one.duration_s:4.0f} s  {one.summary}")
+    for name, (dialects, vehicles, seeds) in CAMPAIGNS.items():
+        typer.echo(f"{name:18} campaign of all scenarios: {', '.join(dialects)}; {', '.join(vehicles)}; {len(seeds)} seed(s)")
+
+
+def _places(map_pack: Path | None, camera_ortho: Path | None, camera_dsm: Path | None) -> tuple[Path, Path, Path | None]:
+    if (map_pack is None) != (camera_ortho is None):
+        raise ConfigError("--map and --camera-ortho go together", remedy="give both, or neither for the procedural world")
+    if map_pack is not None and camera_ortho is not None:
+        return map_pack, camera_ortho, camera_dsm
+    from visloc_companion.cli.progress import spinner
+    from visloc_companion.prepare.world import procedural_world
+
+    with spinner("procedural world") as tell:
+        world = procedural_world(1, on_stage=tell)
+    return world.pack, world.flight_ortho, world.flight_dsm
+
+
+def _single(spec: FlightSpec, json_file: Path | None, report: Path | None) -> None:
+    from visloc_companion.cli.progress import bar, write_json
+    from visloc_companion.evaluate.campaign import find_scenario, fly_spec, result_of
+
+    with bar(f"flying {spec.scenario}", find_scenario(spec.scenario).duration_s) as advance:
+        flown = fly_spec(spec, advance)
+    result = result_of(spec, flown)
+    if json_file is not None:
+        write_json(json_file, result)
+    if report is not None:
+        _report(spec, flown, report)
+    typer.echo(_line(result))
+    for check in flown.checks:
+        typer.echo(f"  {'ok  ' if check.passed else 'FAIL'} {check.name}: {check.value} (limit {check.limit})")
+    if not flown.passed:
+        raise typer.Exit(1)
+
+
+def _report(spec: FlightSpec, flown: FlownScenario, path: Path) -> None:
+    from dataclasses import replace
+
+    from visloc_companion.evaluate.campaign import fly_spec
+    from visloc_companion.evaluate.map_image import map_image
+    from visloc_companion.evaluate.report import write_flight_report
+    from visloc_companion.maps.pack import PackMap
+
+    baseline = fly_spec(replace(spec, with_daemon=False)).record if spec.with_daemon else None
+    title = f"{spec.scenario}: {spec.dialect} {spec.vehicle}, {spec.method}"
+    image = map_image(PackMap.open(spec.pack, verify_hashes=False), flown.record)
+    write_flight_report(flown.record, path, title=title, checks=flown.checks, baseline=baseline, map_image=image)
+
+
+def _campaign(specs: list[FlightSpec], jobs: int, json_file: Path | None) -> None:
+    from visloc_companion.cli.progress import bar, write_json
+    from visloc_companion.evaluate.campaign import run_campaign
+
+    done = 0
+    with bar(f"{len(specs)} flights", len(specs)) as advance:
+
+        def tell(result: dict[str, Any]) -> None:
+            nonlocal done
+            done += 1
+            advance(done)
+            typer.echo(_line(result))
+
+        outcome = run_campaign(specs, jobs, tell)
+    if json_file is not None:
+        write_json(json_file, outcome)
+    typer.echo(" ".join(f"{name}={value}" for name, value in outcome["totals"].items()))
+    if outcome["totals"]["passed"] < len(specs):
+        raise typer.Exit(1)
+
+
+def _line(result: dict[str, Any]) -> str:
+    error = result["error_horizontal_m"]
+    return (
+        f"{'PASS' if result['passed'] else 'FAIL'} {result['scenario']} {result['dialect']} {result['vehicle']} "
+        f"seed {result['seed']}: "
+        f"error median {error['median']} max {error['max']} m, pulled {result['pulled_m']} m, "
+        f"GNSS declared bad at {result['gnss']['detected_at_s']} s, failsafe {result['failsafe'] or 'none'}"
+    )

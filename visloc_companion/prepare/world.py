@@ -1,0 +1,65 @@
+"""The embedded procedural world: the pack of its older date and the scene of its newer one, made once and kept."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Literal
+
+from visloc_companion.prepare.build import build_pack
+from visloc_companion.sim.landscape import VERSION, build_landscape
+
+Date = Literal["map", "flight"]
+
+
+@dataclass(frozen=True, slots=True)
+class ProceduralWorld:
+    """Files of one world: the pack that the navigator has, and what the camera sees years later."""
+
+    pack: Path
+    flight_ortho: Path
+    flight_dsm: Path
+
+
+def cache_folder() -> Path:
+    """Where worlds are kept: `$XDG_CACHE_HOME/visloc` or `~/.cache/visloc`."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "visloc"
+
+
+def procedural_world(seed: int, folder: Path | None = None, on_stage: Callable[[str], None] | None = None) -> ProceduralWorld:
+    """The world of a seed; the two dates are made side by side, then the pack is built. Made whole or not at all."""
+    home = (folder or cache_folder()) / f"landscape-{VERSION}-{seed}"
+    world = ProceduralWorld(home / "pack", home / "flight" / "ortho.tif", home / "flight" / "dsm.tif")
+    if home.is_dir():
+        return world
+    tell = on_stage or (lambda stage: None)
+    home.parent.mkdir(parents=True, exist_ok=True)
+    draft = Path(tempfile.mkdtemp(prefix=".landscape-", dir=home.parent))
+    try:
+        tell("making the landscape of two dates")
+        with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+            list(pool.map(_make_date, [seed, seed], ["map", "flight"], [draft, draft]))
+        tell("building the map pack")
+        build_pack(
+            [draft / "map" / "ortho.tif"],
+            draft / "map" / "dsm.tif",
+            draft / "pack",
+            source="procedural landscape",
+            licence="CC0-1.0",
+            capture_date="2021-07-15",
+        )
+        shutil.rmtree(draft / "map")
+        draft.rename(home)
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+    return world
+
+
+def _make_date(seed: int, date: Date, folder: Path) -> None:
+    build_landscape(seed, date).save(folder / date)

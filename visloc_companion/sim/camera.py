@@ -1,0 +1,20 @@
+"""The camera of a simulated vehicle: a mounting, and a renderer over a scene."""
+
+from __future__ import annotations
+
+from visloc_companion.geo.se3 import quat_multiply
+from visloc_companion.sim.render import CameraSimulator
+from visloc_companion.types import CameraModel, GeoPoint, Image, Quat
+
+LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
+
+
+class SimulatedCamera:
+    """Renders what a camera fixed to the vehicle sees. `q_frd_cambody` is the camera's body in the vehicle's body."""
+
+    def __init__(self, simulator: CameraSimulator, model: CameraModel, q_frd_cambody: Quat = LEVEL, seed: int = 1) -> None:
+        self._simulator, self.model, self._q_frd_cambody, self._seed = simulator, model, q_frd_cambody, seed
+
+    def render(self, place: GeoPoint, q_ned_frd: Quat, frame_id: int) -> Image:
+        """The frame from a place of the vehicle, with noise drawn from the seed and the frame's number."""
+        return self._simulator.frame(place, quat_multiply(q_ned_frd, self._q_frd_cambody), self._seed * 1_000_003 + frame_id)

@@ -1,0 +1,165 @@
+"""The built-in autopilot and its camera as a process of their own: MAVLink over UDP, frames over TCP, at a chosen speed.
+
+`python -m visloc_companion.sim.server PLAN.json` flies one scenario and writes what truly happened to the plan's `result`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from visloc_companion.adapters.camera.tcp import StreamedFrame, encode_frame
+from visloc_companion.app.clock import MonotonicClock
+from visloc_companion.sim.autopilot import BuiltInAutopilot
+from visloc_companion.sim.camera import SimulatedCamera
+from visloc_companion.sim.render import CameraEffects, CameraSimulator
+from visloc_companion.sim.scenarios import DEMO, SCENARIOS
+from visloc_companion.sim.scene import Scene
+from visloc_companion.sim.setup import FlightArea, FlightSetup, VehicleKind
+from visloc_companion.types import AutopilotKind, GeoPoint, Image
+
+WAKE_S = 0.005
+TRUTH_NS = 100_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class ServerPlan:
+    """What the process is told; `result` is the file that it writes."""
+
+    scenario: str
+    kind: AutopilotKind
+    vehicle: VehicleKind
+    seed: int
+    speed: float
+    mavlink_port: int
+    camera_port: int
+    frame_rate_hz: float
+    ortho: str
+    dsm: str | None
+    home: GeoPoint
+    reach_m: float
+    gsd_m: float
+    result: str
+
+    @classmethod
+    def load(cls, path: Path) -> ServerPlan:
+        """Read a plan that `save` wrote."""
+        data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        return cls(**{**data, "kind": AutopilotKind(data["kind"]), "home": GeoPoint(**data["home"])})
+
+    def save(self, path: Path) -> None:
+        """Write the plan as JSON."""
+        path.write_text(json.dumps(asdict(self)), encoding="utf-8")
+
+    def setup(self) -> FlightSetup:
+        """The flight that is asked for."""
+        scenario = DEMO if self.scenario == DEMO.name else SCENARIOS[self.scenario]
+        return FlightSetup(scenario, FlightArea(self.home, self.reach_m, self.gsd_m), self.kind, self.vehicle, self.seed)
+
+
+class _Datagrams(asyncio.DatagramProtocol):
+    def __init__(self, pilot: BuiltInAutopilot) -> None:
+        self._pilot = pilot
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        self._pilot.receive(data)
+
+    def error_received(self, exc: Exception) -> None:
+        """The daemon is not listening yet; it will be sent the next packet all the same."""
+
+
+class SimulationServer:
+    """Steps the autopilot with the clock and serves whoever connects."""
+
+    def __init__(self, plan: ServerPlan) -> None:
+        setup = plan.setup()
+        self._plan, self._duration_s = plan, setup.scenario.duration_s
+        self._clock = MonotonicClock(plan.speed)
+        self._pilot = setup.autopilot(boot_age_s=3.0)
+        scene = Scene.load(Path(plan.ortho), Path(plan.dsm) if plan.dsm else None, plan.home.h_amsl_m)
+        model = setup.camera_model()
+        self._camera = SimulatedCamera(CameraSimulator(scene, model, CameraEffects()), model, seed=plan.seed)
+        self._viewers: set[asyncio.StreamWriter] = set()
+        self._truth: list[list[float]] = []
+        self._frame_id = 0
+
+    async def run(self) -> None:
+        """Fly the scenario to its end and write the result."""
+        loop = asyncio.get_running_loop()
+        transport, _ = await loop.create_datagram_endpoint(
+            lambda: _Datagrams(self._pilot), remote_addr=("127.0.0.1", self._plan.mavlink_port)
+        )
+        server = await asyncio.start_server(self._view, "127.0.0.1", self._plan.camera_port)
+        frames = asyncio.create_task(self._frames())
+        try:
+            await self._fly(transport)
+        finally:
+            frames.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await frames
+            server.close()
+            for viewer in self._viewers:
+                viewer.close()
+            transport.close()
+        self._write_result()
+
+    async def _fly(self, transport: asyncio.DatagramTransport) -> None:
+        start_ns = self._clock.now_ns()
+        next_truth_ns = start_ns
+        while self._pilot.t_s < self._duration_s:
+            await asyncio.sleep(WAKE_S)
+            now_ns = self._clock.now_ns()
+            self._pilot.step((now_ns - start_ns) / 1e9 - self._pilot.t_s)
+            for packet in _datagrams(self._pilot.outgoing()):
+                transport.sendto(packet)
+            if now_ns >= next_truth_ns:
+                next_truth_ns += TRUTH_NS
+                self._note_truth(now_ns)
+
+    async def _frames(self) -> None:
+        period_ns = round(1e9 / self._plan.frame_rate_hz)
+        due_ns = self._clock.now_ns()
+        pixels: Image | None = None
+        while True:
+            await self._clock.sleep_until(due_ns)
+            due_ns = max(due_ns + period_ns, self._clock.now_ns())
+            pilot = self._pilot
+            if pilot.faults.camera_silent(pilot.t_s):
+                continue
+            truth, t_boot_ns = pilot.truth(), pilot.t_boot_ns
+            self._frame_id += 1
+            if pixels is None or not pilot.faults.camera_frozen(pilot.t_s):
+                pixels = await asyncio.to_thread(self._camera.render, truth.place, truth.q_ned_frd, self._frame_id)
+            data = encode_frame(StreamedFrame(pixels=pixels, t_us=t_boot_ns // 1000, autopilot_clock=True))
+            for viewer in list(self._viewers):
+                viewer.write(data)
+                with contextlib.suppress(ConnectionError):
+                    await viewer.drain()
+
+    async def _view(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._viewers.add(writer)
+        with contextlib.suppress(ConnectionError):
+            await reader.read()
+        self._viewers.discard(writer)
+        writer.close()
+
+    def _note_truth(self, now_ns: int) -> None:
+        place = self._pilot.truth().place
+        self._truth.append([now_ns, place.lat_deg, place.lon_deg, place.h_amsl_m])
+
+    def _write_result(self) -> None:
+        result = {"truth": self._truth, "failsafe": self._pilot.failsafe, "pulled_m": self._pilot.pulled_m}
+        Path(self._plan.result).write_text(json.dumps(result), encoding="utf-8")
+
+
+def _datagrams(data: bytes, limit: int = 1200) -> list[bytes]:
+    return [data[k : k + limit] for k in range(0, len(data), limit)]
+
+
+if __name__ == "__main__":
+    asyncio.run(SimulationServer(ServerPlan.load(Path(sys.argv[1]))).run())

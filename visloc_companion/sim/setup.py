@@ -1,0 +1,78 @@
+"""From a scenario and a place to a flight: the mission that fits the map, the camera, and the built-in autopilot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from visloc_companion.sim.autopilot import BuiltInAutopilot
+from visloc_companion.sim.scenarios import Scenario
+from visloc_companion.types import AutopilotKind, CameraModel, GeoPoint, Vec3
+
+VehicleKind = Literal["copter", "plane"]
+WIND_NED_MPS: Vec3 = (2.0, -4.0, 0.0)
+SPEED_MPS: dict[VehicleKind, float] = {"copter": 10.0, "plane": 25.0}
+FIELD_OF_VIEW_RAD = math.radians(60.0)
+
+
+@dataclass(frozen=True, slots=True)
+class FlightArea:
+    """Where a flight takes place: home on the ground in the middle, how far the map reaches, and its ground sample distance.
+
+    `reach_m` is the distance from home to the nearest edge of the map and of the camera's scene.
+    """
+
+    home: GeoPoint
+    reach_m: float
+    gsd_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class FlightSetup:
+    """Everything that makes a flight repeatable."""
+
+    scenario: Scenario
+    area: FlightArea
+    kind: AutopilotKind
+    vehicle: VehicleKind
+    seed: int
+
+    @property
+    def height_m(self) -> float:
+        """Height above home: low where the map is fine, so high that a frame covers about 170 pixels of a coarse one."""
+        return max(120.0, 150.0 * self.area.gsd_m)
+
+    def camera_model(self) -> CameraModel:
+        """640 x 480 pixels over 60 degrees."""
+        focal_px = 320.0 / math.tan(FIELD_OF_VIEW_RAD / 2)
+        return CameraModel(640, 480, focal_px, focal_px, 319.5, 239.5)
+
+    def mission_ned_m(self) -> tuple[Vec3, ...]:
+        """A bent loop about home that keeps the camera's footprint on the map. Raises ValueError where the map is too small."""
+        footprint_m = self.height_m * math.tan(FIELD_OF_VIEW_RAD / 2)
+        half_m = min(400.0, 0.9 * (self.area.reach_m - 1.3 * footprint_m))
+        if half_m < 60.0:
+            raise ValueError(f"the map reaches {self.area.reach_m:.0f} m from its middle, too little for a flight of this height")
+        down = -self.height_m
+        return (
+            (half_m, -0.6 * half_m, down),
+            (0.8 * half_m, half_m, down),
+            (-0.2 * half_m, 0.5 * half_m, down),
+            (-half_m, 0.9 * half_m, down),
+            (-0.7 * half_m, -half_m, down),
+        )
+
+    def autopilot(self, boot_age_s: float = 0.0) -> BuiltInAutopilot:
+        """The vehicle at its first waypoint, in the air."""
+        return BuiltInAutopilot(
+            self.kind,
+            self.vehicle,
+            self.area.home,
+            self.mission_ned_m(),
+            SPEED_MPS[self.vehicle],
+            self.seed,
+            self.scenario.faults,
+            WIND_NED_MPS,
+            boot_age_s=boot_age_s,
+        )
