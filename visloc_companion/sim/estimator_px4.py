@@ -73,7 +73,7 @@ class Px4Estimator:
         self._stop_gnss()
         while self._external and self._external[0].t_s <= self.filter.t_delayed_s:
             self._take_external(self._external.popleft())
-        if self._external_active and self.filter.t_s - self._last_external_s > STOP_GAP_S + self.filter.horizon_s:
+        if self._external_active and self.filter.t_s - self._last_external_s > STOP_GAP_S:
             self._external_active, self._previous_stamp_s = False, -math.inf
         self.filter.fuse_baro()
         if self._wind is not None and air_velocity_ne_mps is not None:

@@ -1,0 +1,152 @@
+"""What spoofing, jamming and boots without GNSS do to the simulated autopilots."""
+
+import math
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from visloc_companion.sim import faults
+from visloc_companion.types import GeoPoint
+
+GLITCH = 0x8000
+
+
+def watched(flight, duration_s, since_s):
+    """Fly and return when each set of flags was first seen, seconds after a time."""
+    seen = {}
+    flight.fly(duration_s, lambda: seen.setdefault(flight.pilot.flight.health().flags, flight.pilot.t_s - since_s))
+    return seen
+
+
+def test_a_slow_position_drag_pulls_28_m_in_30_s_without_a_flag(companion):
+    flight = companion(faults=faults.slow_drag(20.0, 1.0, 0.0, consistent_velocity=False), sending=False).fly(20.0)
+    seen = watched(flight, 30.0, 20.0)
+    assert list(seen) == [0x33F]
+    assert flight.error_m[-1][1] == pytest.approx(28.0, abs=1.0)
+    assert flight.pilot.pulled_m == pytest.approx(28.0, abs=1.0)
+    assert flight.pilot.flight.health().position_ratio < 1.0
+
+
+def test_a_fast_position_drag_is_a_glitch_at_first_and_believed_later(companion):
+    flight = companion(faults=faults.slow_drag(20.0, 5.0, 0.0, consistent_velocity=False), sending=False).fly(20.0)
+    seen = watched(flight, 10.0, 20.0)
+    assert 2.0 <= seen[0x33F | GLITCH] <= 2.8
+    assert flight.error_m[-1][1] < 3.0
+    flight.fly(2.0)
+    assert flight.first_s(20.0, 45.0) == pytest.approx(11.0, abs=0.8)
+    assert flight.pilot.failsafe is None
+
+
+@pytest.mark.parametrize("kind", ["ardupilot", "px4"])
+def test_a_consistent_drag_is_followed_fully_and_the_vehicle_goes_the_other_way(companion, kind):
+    flight = companion(
+        kind=kind, faults=faults.slow_drag(10.0, 1.0, 0.0), sending=False, mission=[(0, 0, -40)]
+    )  # fmt: skip
+    flight.fly(40.0)
+    assert flight.pilot.truth().p_ned_m[0] == pytest.approx(-30.0, abs=3.0)
+    assert flight.pilot.pulled_m == pytest.approx(30.0, abs=1.0)
+    assert flight.pilot.failsafe is None
+
+
+def test_pulled_is_zero_without_spoofing_whatever_vision_says(companion):
+    flight = companion(faults=faults.jam(15.0)).fly(10.0)
+    flight.command(mavlink.MAV_CMD_SET_EKF_SOURCE_SET, 2)
+    flight.offset_m = (40.0, 0.0)
+    flight.fly(20.0)
+    assert flight.error_m[-1][1] > 30.0
+    assert flight.pilot.pulled_m == 0.0
+
+
+def test_a_step_of_gnss_is_believed_after_the_time_out(companion):
+    flight = companion(faults=faults.step_spoof(10.0, (0.0, 60.0, 0.0)), sending=False).fly(25.0)
+    assert 9.0 <= flight.first_s(10.0, 50.0) <= 11.0
+    assert flight.pilot.pulled_m == pytest.approx(60.0, abs=2.0)
+
+
+def test_gnss_that_comes_back_wrong_is_taken_at_once_by_px4(companion):
+    flight = companion(kind="px4", faults=faults.gnss_returns_bad(10.0, 22.0, (80.0, 0.0, 0.0)), sigma_m=0.5).fly(22.0)
+    assert flight.pilot.source == "external"
+    assert flight.error_m[-1][1] < 3.0
+    flight.fly(6.0)
+    assert flight.pilot.source == "gnss"
+    assert flight.error_m[-1][1] == pytest.approx(80.0, abs=3.0)
+
+
+@pytest.mark.parametrize(("kind", "eph", "h_acc_mm"), [("ardupilot", 121, 400), ("px4", 10000, 100000)])
+def test_gps_raw_int_shows_the_loss_within_half_a_second(companion, kind, eph, h_acc_mm):
+    flight = companion(kind=kind, faults=faults.jam(5.0), sending=False)
+    flight.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, 2e5)
+    flight.fly(4.9)
+    good = flight.last["GPS_RAW_INT"]
+    assert (good.fix_type, good.satellites_visible, good.h_acc) == (6, 10, 400)
+    flight.fly(0.6)
+    lost = flight.last["GPS_RAW_INT"]
+    assert (lost.fix_type, lost.satellites_visible, lost.eph, lost.h_acc) == (1, 3, eph, h_acc_mm)
+    assert flight.pilot.gnss_reported() is None
+
+
+def test_gps_raw_int_reports_the_false_place(companion):
+    flight = companion(faults=faults.step_spoof(1.0, (0.0, 100.0, 0.0)), sending=False, mission=[(0, 0, -40)])
+    flight.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, 2e5)
+    flight.fly(3.0)
+    raw, true = flight.last["GPS_RAW_INT"], flight.pilot.truth().place
+    east_m = (raw.lon / 1e7 - true.lon_deg) * 111320 * math.cos(math.radians(true.lat_deg))
+    assert east_m == pytest.approx(100.0, abs=3.0)
+    assert flight.pilot.gnss_reported().lon_deg == pytest.approx(raw.lon / 1e7, abs=1e-6)
+
+
+def test_ardupilot_without_gnss_waits_for_an_origin_and_takes_only_the_first(companion):
+    flight = companion(faults=faults.no_gnss(), latency_s=0.02).fly(3.0)
+    for message_id in (mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT):
+        flight.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e5)
+    assert flight.pilot.mode == "by_hand"
+    assert flight.pilot.estimate() is None
+    flight.command(mavlink.MAV_CMD_SET_EKF_SOURCE_SET, 2)
+    flight.fly(3.0)
+    assert flight.last["EKF_STATUS_REPORT"].flags & 0x10  # POS_HORIZ_ABS, though it knows no origin
+    position = flight.last["GLOBAL_POSITION_INT"]
+    assert (position.lat, position.lon) == (0, 0)
+    assert "GPS_GLOBAL_ORIGIN" not in flight.heard
+    flight.send(mavlink.MAVLink_set_gps_global_origin_message(1, 473977000, 85456000, 488000))
+    flight.fly(25.0)
+    assert flight.pilot.mode == "mission"
+    assert flight.rms_m(12.0) < 1.0
+    flight.send(mavlink.MAVLink_set_gps_global_origin_message(1, 470000000, 80000000, 0))
+    assert flight.last["GPS_GLOBAL_ORIGIN"].latitude == 473977000
+    assert flight.pilot.flight.origin == GeoPoint(47.3977, 8.5456, 488.0)
+
+
+def test_px4_moves_its_origin_in_flight_and_stays_where_it_is(companion):
+    flight = companion(kind="px4", sending=False).fly(10.0)
+    flight.send(mavlink.MAVLink_set_gps_global_origin_message(1, 473987000, 85456000, 468000))
+    flight.fly(5.0)
+    assert flight.last["GPS_GLOBAL_ORIGIN"].latitude == 473987000
+    true = flight.pilot.truth().place
+    assert flight.pilot.estimate().lat_deg == pytest.approx(true.lat_deg, abs=2e-5)
+    assert flight.pilot.estimate().h_amsl_m == pytest.approx(true.h_amsl_m, abs=2.0)
+    assert flight.estimated_local()[2] == pytest.approx(468.0 - true.h_amsl_m, abs=2.0)
+
+
+@pytest.mark.parametrize("kind", ["ardupilot", "px4"])
+def test_a_flight_that_began_without_a_position_has_no_drift_between_filter_and_predictor(companion, kind):
+    """The hold without aiding once left the present velocity apart from the delayed one for good."""
+    flight = companion(kind=kind, faults=faults.no_gnss(), sigma_m=0.05, latency_s=0.02, origin=GeoPoint(47.3977, 8.5456, 488.0))
+    flight.command(mavlink.MAV_CMD_SET_EKF_SOURCE_SET, 2)
+    flight.fly(60.0)
+    assert flight.pilot.mode == "mission"
+    assert flight.rms_m(40.0) < 0.6
+
+
+@pytest.mark.parametrize("kind", ["ardupilot", "px4"])
+def test_a_copter_on_the_ground_takes_off_when_it_has_a_position(companion, kind):
+    flight = companion(kind=kind, start_airborne=False, sending=False)
+    assert flight.pilot.truth().p_ned_m == (0.0, 0.0, 0.0)
+    flight.fly(25.0)
+    assert flight.pilot.mode == "mission"
+    assert -flight.pilot.truth().p_ned_m[2] == pytest.approx(40.0, abs=3.0)
+
+
+def test_a_jam_without_a_companion_drifts_the_copter_far_away(companion):
+    flight = companion(faults=faults.jam(10.0), sending=False, mission=[(0, 0, -100)]).fly(110.0)
+    assert math.hypot(*flight.pilot.truth().p_ned_m[:2]) > 100.0
+    assert flight.pilot.failsafe is not None

@@ -1,0 +1,62 @@
+import math
+
+import pytest
+
+from visloc_companion.sim import faults
+from visloc_companion.sim.faults import FaultSchedule
+
+
+def test_an_empty_schedule_leaves_everything_alone():
+    effect = FaultSchedule().gnss(10.0)
+    assert (effect.jammed, effect.spoofed, effect.offset_ned_m) == (False, False, (0.0, 0.0, 0.0))
+    assert FaultSchedule().gnss_start_s is None
+
+
+def test_jam_has_a_beginning_and_an_end():
+    schedule = faults.jam(10.0, 20.0)
+    assert [schedule.gnss(t).jammed for t in (9.99, 10.0, 19.99, 20.0)] == [False, True, True, False]
+    assert schedule.gnss_start_s == 10.0
+
+
+def test_no_gnss_is_jammed_from_the_first_moment():
+    assert faults.no_gnss().gnss(0.0).jammed
+
+
+def test_slow_drag_moves_position_and_velocity_together_then_holds_then_releases():
+    schedule = faults.slow_drag(10.0, 2.0, math.pi / 2, end_s=20.0, release_s=30.0)
+    effect = schedule.gnss(15.0)
+    assert effect.offset_ned_m == pytest.approx((0.0, 10.0, 0.0))
+    assert effect.offset_v_ned_mps == pytest.approx((0.0, 2.0, 0.0))
+    assert effect.spoofed
+    held = schedule.gnss(25.0)
+    assert held.offset_ned_m == pytest.approx((0.0, 20.0, 0.0))
+    assert held.offset_v_ned_mps == (0.0, 0.0, 0.0)
+    assert not schedule.gnss(30.0).spoofed
+
+
+def test_position_only_drag_leaves_the_velocity_true():
+    effect = faults.slow_drag(0.0, 1.0, 0.0, consistent_velocity=False).gnss(5.0)
+    assert effect.offset_ned_m[0] == pytest.approx(5.0)
+    assert effect.offset_v_ned_mps == (0.0, 0.0, 0.0)
+
+
+def test_gnss_that_returns_bad_is_jammed_first_and_wrong_then():
+    schedule = faults.gnss_returns_bad(10.0, 20.0, (50.0, 0.0, 0.0), end_s=40.0)
+    assert schedule.gnss(15.0).jammed
+    assert schedule.gnss(25.0).offset_ned_m == (50.0, 0.0, 0.0)
+    assert not schedule.gnss(45.0).spoofed
+
+
+def test_jamming_wins_over_spoofing_and_offsets_add_up():
+    schedule = faults.step_spoof(0.0, (10.0, 0.0, 0.0)) + faults.slow_drag(0.0, 1.0, 0.0) + faults.jam(20.0)
+    assert schedule.gnss(5.0).offset_ned_m[0] == pytest.approx(15.0)
+    assert schedule.gnss(25.0).jammed
+    assert not schedule.gnss(25.0).spoofed
+
+
+def test_camera_faults_do_not_touch_gnss():
+    schedule = faults.camera_freeze(5.0, 6.0) + faults.camera_silence(7.0, 8.0)
+    assert [schedule.camera_frozen(t) for t in (4.9, 5.5, 6.0)] == [False, True, False]
+    assert [schedule.camera_silent(t) for t in (6.9, 7.5, 8.0)] == [False, True, False]
+    assert not schedule.gnss(5.5).jammed
+    assert schedule.gnss_start_s is None
