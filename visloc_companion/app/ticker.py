@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator
 
 from visloc_companion.protocols import Clock
 
 
-async def time_grid(clock: Clock, rate_hz: float) -> AsyncIterator[tuple[int, int]]:
+async def time_grid(clock: Clock, rate_hz: float) -> AsyncGenerator[tuple[int, int], None]:
     """(now_ns, ticks slipped) at the instants of the grid `start + k / rate`; a late one skips what it missed.
 
     The grid is computed from k, so it does not drift with the rounding of the period.

@@ -1,0 +1,52 @@
+"""Snapshots over a Unix socket."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+from pathlib import Path
+
+import pytest
+
+from visloc_companion.app.status import status_server
+from visloc_companion.errors import ConfigError
+
+
+async def ask(path: Path) -> object:
+    reader, writer = await asyncio.open_unix_connection(path)
+    answer = await reader.read()
+    writer.close()
+    await writer.wait_closed()
+    return json.loads(answer)
+
+
+async def test_every_connection_gets_one_snapshot(tmp_path: Path) -> None:
+    path, n = tmp_path / "status.sock", iter(range(9))
+    async with status_server(path, lambda: {"n": next(n)}):
+        assert [await ask(path) for _ in range(3)] == [{"n": 0}, {"n": 1}, {"n": 2}]
+    assert not path.exists()
+
+
+async def test_a_socket_left_by_a_killed_daemon_is_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "status.sock"
+    with socket.socket(socket.AF_UNIX) as dead:
+        dead.bind(str(path))
+    async with status_server(path, lambda: {"alive": True}):
+        assert await ask(path) == {"alive": True}
+
+
+async def test_a_client_that_goes_away_does_no_harm(tmp_path: Path) -> None:
+    path = tmp_path / "status.sock"
+    async with status_server(path, lambda: {"x": "y" * 2_000_000}):
+        with socket.socket(socket.AF_UNIX) as rude:
+            rude.connect(str(path))
+        await asyncio.sleep(0.05)
+        assert isinstance(await ask(path), dict)
+
+
+async def test_a_path_that_cannot_be(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("precious")
+    with pytest.raises(ConfigError, match="no status socket"):
+        async with status_server(tmp_path / "none" / "status.sock", dict):
+            pass
