@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.errors import MapError, OutsideMap
-from visloc_companion.geo.raster import apply_affine, invert_affine, window_affine
+from visloc_companion.geo.raster import apply_affine, compose_affine, invert_affine, window_affine
 from visloc_companion.maps.crs import Linearisation, MapCrs
 from visloc_companion.maps.layer import Layer
 from visloc_companion.maps.warp import interpolate, warp_affine, warp_places
@@ -119,6 +119,12 @@ class GridMap:
         rows, cols = self.shape
         margin = margin_m / self._gsd_m
         return bool(-0.5 - margin <= u <= cols - 0.5 + margin and -0.5 - margin <= v <= rows - 0.5 + margin)
+
+    def share_valid(self, T_map_pix: FloatArray, size_px: tuple[int, int]) -> FloatArray:
+        """(height, width) share of each pixel of a coarse window that holds map, from 4 x 4 samples (heights not asked)."""
+        fine = compose_affine(T_map_pix, np.array([[0.25, 0.0, -0.375], [0.0, 0.25, -0.375]]))
+        valid = warp_affine(self._pixels, fine, (4 * size_px[0], 4 * size_px[1]))[1]
+        return np.asarray(valid.reshape(size_px[1], 4, size_px[0], 4).mean(axis=(1, 3)), np.float64)
 
     def _features(self, T_map_pix: FloatArray, size_px: tuple[int, int]) -> dict[str, NDArray[Any]]:
         """Precomputed features of a window (maps/pack.py has some)."""

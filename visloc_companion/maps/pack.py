@@ -47,14 +47,14 @@ class StoredFeatures:
 
 
 class PackMap(GridMap):
-    """A reference map over a pack (protocols.ReferenceMap); `manifest` says what it is."""
+    """A reference map over a pack (protocols.ReferenceMap); `manifest` says what it is, `stored` are its features."""
 
     def __init__(
         self, manifest: Manifest, crs: MapCrs, pixels: Layer, heights: Heights, features: tuple[StoredFeatures, ...]
     ) -> None:
         super().__init__(crs, pixels, heights, manifest.gsd_m)
         self.manifest = manifest
-        self._stored = features
+        self.stored = features
 
     @classmethod
     def open(cls, folder: Path, verify_hashes: bool = True) -> PackMap:
@@ -73,7 +73,7 @@ class PackMap(GridMap):
 
     def stored_gsds_m(self, name: str = "gradient") -> tuple[float, ...]:
         """GSDs of the precomputed features, metres on the ground at the map's centre, finest first."""
-        return tuple(f.level.gsd_m for f in self._stored if f.level.name == name)
+        return tuple(f.level.gsd_m for f in self.stored if f.level.name == name)
 
     def snapped(
         self, center_map_m: tuple[float, float], size_px: tuple[int, int], gsd_m: float, name: str = "gradient"
@@ -84,7 +84,7 @@ class PackMap(GridMap):
         where no level is that near, both come back unchanged.
         """
         scale = self._crs.linearised_at_map(*center_map_m).scale
-        near = [f for f in self._stored if f.level.name == name]
+        near = [f for f in self.stored if f.level.name == name]
         if not near:
             return center_map_m, gsd_m
         best = min(near, key=lambda f: abs(math.log2(f.pixel_map / scale / gsd_m)))
@@ -98,7 +98,7 @@ class PackMap(GridMap):
     def _features(self, T_map_pix: FloatArray, size_px: tuple[int, int]) -> dict[str, NDArray[Any]]:
         found: dict[str, NDArray[Any]] = {}
         corners = np.array([[0.0, 0.0], [size_px[0], 0.0], [0.0, size_px[1]], [size_px[0], size_px[1]]])
-        for features in self._stored:
+        for features in self.stored:
             T = compose_affine(invert_affine(features.T_map_pix), T_map_pix)
             shift = np.rint(T[:, 2])
             if float(np.abs(apply_affine(T, corners) - corners - shift).max()) < 0.01:

@@ -1,0 +1,218 @@
+"""`visloc map`: build, describe and check map packs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+from typer.core import TyperCommand
+
+from visloc_companion.errors import ConfigError
+
+if TYPE_CHECKING:
+    from visloc_companion.maps.pack import PackMap
+
+map_app = typer.Typer(help="Build, describe and check map packs.", no_args_is_help=True)
+MANY = ("--ortho", "--cloud")
+Pack = Annotated[Path, typer.Argument(metavar="PACK", help="Folder of the pack.")]
+Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the result here.")]
+
+
+class ManyFiles(TyperCommand):
+    """Takes `--ortho A B C` for `--ortho A --ortho B --ortho C`, as shells expand `--ortho *.tif`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the arguments with the options repeated."""
+        return super().parse_args(ctx, repeated(args))
+
+
+def repeated(args: Sequence[str]) -> list[str]:
+    """Arguments in which each further value of an option in MANY has the option before it."""
+    out: list[str] = []
+    option = ""
+    for arg in args:
+        if arg.startswith("-"):
+            option = arg
+        elif option in MANY and out[-1] != option:
+            out.append(option)
+        out.append(arg)
+    return out
+
+
+@map_app.command(cls=ManyFiles)
+def build(
+    ortho: Annotated[list[Path], typer.Option(metavar="FILE...", help="Orthophotos (GeoTIFF); the first lies on top.")],
+    out: Annotated[Path, typer.Option(metavar="PACK", help="Folder to make; an existing pack is replaced.")],
+    dsm: Annotated[Path | None, typer.Option(metavar="FILE", help="Surface model (GeoTIFF).")] = None,
+    cloud: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE...", help="Point clouds (.las, .laz), used without --dsm.")
+    ] = None,
+    name: Annotated[str, typer.Option(help="Name of the pack; the folder's by default.")] = "",
+    source: Annotated[str, typer.Option(help="Where the imagery comes from.")] = "",
+    licence: Annotated[str, typer.Option(help="Licence of the imagery.")] = "",
+    capture_date: Annotated[str, typer.Option(metavar="YYYY-MM-DD", help="When it was taken.")] = "",
+    ground_height_m: Annotated[
+        float, typer.Option(help="Height of the ground above sea level where there is no surface model.")
+    ] = 0.0,
+    vertical_datum: Annotated[str, typer.Option(metavar="amsl|ellipsoidal", help="What the surface's heights are above.")] = "",
+    geoid_undulation_m: Annotated[
+        float | None, typer.Option(help="Geoid above the ellipsoid there, for ellipsoidal heights.")
+    ] = None,
+    json_file: Json = None,
+) -> None:
+    """Make a pack from orthophotos and a surface model or point clouds."""
+    from visloc_companion.cli.progress import write_json
+    from visloc_companion.prepare.build import build_pack
+
+    _check_date(capture_date)
+    if dsm is not None and cloud:
+        raise ConfigError("--dsm and --cloud both give the surface", remedy="give one of them")
+    with _stages() as report:
+        manifest = build_pack(
+            ortho,
+            dsm,
+            out,
+            clouds=cloud or (),
+            name=name,
+            source=source,
+            licence=licence,
+            capture_date=capture_date,
+            ground_h_amsl_m=ground_height_m,
+            vertical_datum=_datum(vertical_datum),
+            geoid_undulation_m=geoid_undulation_m,
+            progress=report,
+        )
+    if json_file is not None:
+        write_json(json_file, {"schema": 1, "folder": str(out), "manifest": manifest.model_dump(mode="json")})
+    size_mb = sum(entry.bytes for entry in manifest.files.values()) / 1e6
+    pixels = f"{manifest.ortho.cols} x {manifest.ortho.rows} px at {manifest.gsd_m:.3g} m"
+    typer.echo(f"{out}: {pixels}, {manifest.crs.name}, {size_mb:.1f} MB")
+    if manifest.heights.share_known < 1:
+        typer.echo(f"warning: {1 - manifest.heights.share_known:.1%} of it has no height and will not be used", err=True)
+
+
+@map_app.command()
+def info(pack: Pack, json_file: Json = None) -> None:
+    """Say what a pack holds; hashes are not checked."""
+    from visloc_companion.cli.progress import write_json
+    from visloc_companion.maps.pack import PackMap
+    from visloc_companion.prepare.check import pack_info
+
+    result = pack_info(PackMap.open(pack, verify_hashes=False), pack)
+    if json_file is not None:
+        write_json(json_file, result)
+    for key, value in _described(result):
+        typer.echo(f"{key:16} {value}")
+
+
+@map_app.command()
+def check(
+    pack: Pack,
+    route: Annotated[Path | None, typer.Option(metavar="FILE", help="CSV (lat_deg,lon_deg), .waypoints or .plan.")] = None,
+    margin_m: Annotated[float, typer.Option(min=0, help="How far around the route the map must reach.")] = 0.0,
+    json_file: Json = None,
+) -> None:
+    """Check hashes, how much can be matched, and whether a route stays on the map (exit code 1 if not)."""
+    from visloc_companion.cli.progress import write_json
+    from visloc_companion.prepare.check import check_pack
+
+    result = check_pack(_verified(pack), route, margin_m)
+    if json_file is not None:
+        write_json(json_file, result)
+    cells = result["matchability"]
+    typer.echo(f"{result['files']} files are as built")
+    typer.echo(f"{cells['share_matchable']:.0%} of {cells['cells']} cells of {cells['cell_m']:.0f} m can be matched")
+    if "route" in result:
+        leg = result["route"]
+        typer.echo(f"route of {leg['length_m'] / 1000:.2f} km: {leg['points_outside']} of {leg['points']} points off the map")
+    for warning in result["warnings"]:
+        typer.echo(f"warning: {warning}")
+    if not result["passed"]:
+        place = result["route"]["first_outside"]
+        typer.echo(f"the route leaves the map at {place['lat_deg']:.6f}, {place['lon_deg']:.6f}")
+        raise typer.Exit(1)
+
+
+def _verified(folder: Path) -> PackMap:
+    from visloc_companion.cli.progress import bar
+    from visloc_companion.maps.manifest import read_manifest
+    from visloc_companion.maps.pack import PackMap
+    from visloc_companion.maps.verify import verify_files
+
+    manifest = read_manifest(folder)
+    done = 0
+    with bar("hashes", sum(entry.bytes for entry in manifest.files.values())) as advance:
+
+        def checked(name: str, size: int) -> None:
+            nonlocal done
+            del name
+            done += size
+            advance(done)
+
+        verify_files(folder, manifest, progress=checked)
+    return PackMap.open(folder, verify_hashes=False)
+
+
+@contextmanager
+def _stages() -> Iterator[Callable[[str, float], None]]:
+    """One bar for each stage of the build, on stderr."""
+    from contextlib import ExitStack
+
+    from visloc_companion.cli.progress import bar
+
+    with ExitStack() as open_bar:
+        advance: Callable[[float], None] | None = None
+        current = ""
+
+        def report(stage: str, share: float) -> None:
+            nonlocal advance, current
+            if stage != current or advance is None:
+                open_bar.pop_all().close()
+                advance, current = open_bar.enter_context(bar(stage, 1.0)), stage
+            advance(share)
+
+        yield report
+
+
+def _datum(text: str) -> Literal["amsl", "ellipsoidal"] | None:
+    if text == "":
+        return None
+    if text == "amsl":
+        return "amsl"
+    if text == "ellipsoidal":
+        return "ellipsoidal"
+    raise ConfigError(f"--vertical-datum: unknown {text!r}", remedy="amsl or ellipsoidal")
+
+
+def _check_date(text: str) -> None:
+    from datetime import date
+
+    try:
+        _ = text and date.fromisoformat(text)
+    except ValueError as why:
+        raise ConfigError(f"--capture-date: {text!r} is no date", remedy="write it as YYYY-MM-DD") from why
+
+
+def _described(result: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    manifest = result["manifest"]
+    bounds, heights = manifest["bounds"], manifest["heights"]
+    yield "name", manifest["name"]
+    yield "CRS", manifest["crs"]["name"] + (f" (EPSG:{manifest['crs']['epsg']})" if manifest["crs"]["epsg"] else "")
+    yield "pixels", f"{manifest['ortho']['cols']} x {manifest['ortho']['rows']} at {manifest['gsd_m']:.4g} m"
+    yield "latitude", f"{bounds['south_deg']:.6f} to {bounds['north_deg']:.6f}"
+    yield "longitude", f"{bounds['west_deg']:.6f} to {bounds['east_deg']:.6f}"
+    yield "with content", f"{manifest['share_valid']:.1%}"
+    if heights["grid"] is None:
+        yield "heights", f"plane at {heights['plane_amsl_m']:g} m above sea level"
+    else:
+        grid = heights["grid"]
+        made = f"made from {heights['source_datum']} heights"
+        yield "heights", f"{grid['cols']} x {grid['rows']} at {grid['transform'][0]:.4g} m above sea level, {made}"
+    yield "features", ", ".join(f"{level['name']} {level['gsd_m']:.3g} m" for level in manifest["features"])
+    yield "capture date", manifest["capture_date"] or "not stated"
+    yield "source", manifest["source"] or "not stated"
+    yield "licence", manifest["licence"] or "not stated"
+    yield "size", f"{result['bytes'] / 1e6:.1f} MB in {len(manifest['files'])} files"

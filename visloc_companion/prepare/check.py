@@ -1,0 +1,101 @@
+"""What `visloc map check` says of a pack and a route."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from visloc_companion.errors import OutsideMap
+from visloc_companion.geo.wgs84 import distance_m
+from visloc_companion.maps.pack import PackMap
+from visloc_companion.prepare.matchability import Matchability, matchability
+from visloc_companion.prepare.route import along, read_route
+from visloc_companion.types import GeoPoint
+
+MIN_SHARE_MATCHABLE = 0.5
+WORTH_SAYING = 0.01
+
+
+def check_pack(pack: PackMap, route: Path | None, margin_m: float = 0.0) -> dict[str, Any]:
+    """Coverage, matchability and the route, as plain numbers; `passed` is False where the route leaves the map.
+
+    `margin_m` is how far around the route the map must reach. Raises MapError for a file that is no route.
+    """
+    cells = matchability(pack)
+    known = int(cells.known.sum())
+    result: dict[str, Any] = {
+        "schema": 1,
+        "name": pack.manifest.name,
+        "files": len(pack.manifest.files),
+        "share_valid": pack.manifest.share_valid,
+        "share_with_height": pack.manifest.heights.share_known,
+        "matchability": {
+            "cell_m": cells.cell_m,
+            "cells": known,
+            "share_matchable": float(cells.good.sum()) / max(1, known),
+            "share_flat": float(cells.flat.sum()) / max(1, known),
+            "share_one_direction": float(cells.one_way.sum()) / max(1, known),
+        },
+    }
+    if route is not None:
+        result["route"] = _route(pack, cells, read_route(route), margin_m)
+    result["warnings"] = _warnings(result)
+    result["passed"] = route is None or result["route"]["points_outside"] == 0
+    return result
+
+
+def _route(pack: PackMap, cells: Matchability, places: list[GeoPoint], margin_m: float) -> dict[str, Any]:
+    points = along(places, cells.cell_m / 2)
+    outside = [point for point in points if not on_map(pack, point, margin_m)]
+    inside = [point for point in points if on_map(pack, point, 0.0)]
+    good = cells.at(np.array([pack.to_map(p.lat_deg, p.lon_deg) for p in inside])) if inside else np.zeros(0, np.bool_)
+    first = outside[0] if outside else None
+    return {
+        "length_m": sum(distance_m(a, b) for a, b in pairwise(places)),
+        "waypoints": len(places),
+        "points": len(points),
+        "points_outside": len(outside),
+        "first_outside": None if first is None else {"lat_deg": first.lat_deg, "lon_deg": first.lon_deg},
+        "share_matchable": float(good.mean()) if good.size else 0.0,
+    }
+
+
+def on_map(pack: PackMap, place: GeoPoint, margin_m: float) -> bool:
+    """Whether the map has content and height at a place, and reaches `margin_m` around it."""
+    if not pack.covers(place.lat_deg, place.lon_deg, -margin_m):
+        return False
+    try:
+        patch = pack.patch(pack.to_map(place.lat_deg, place.lon_deg), (3, 3), max(pack.gsd_m, 2 * margin_m / 3), 0.0)
+    except OutsideMap:
+        return False
+    return bool(patch.valid.all() if margin_m else patch.valid[1, 1])
+
+
+def _warnings(result: dict[str, Any]) -> list[str]:
+    found = []
+    cells = result["matchability"]
+    if cells["share_matchable"] < MIN_SHARE_MATCHABLE:
+        found.append(f"only {cells['share_matchable']:.0%} of the map can be matched")
+    if cells["share_flat"] >= WORTH_SAYING:
+        found.append(f"{cells['share_flat']:.0%} of the map has little texture (water, snow, bare ground): fixes may fail there")
+    if cells["share_one_direction"] >= WORTH_SAYING:
+        found.append(f"{cells['share_one_direction']:.0%} of the map has edges of one direction only")
+    if result["share_with_height"] <= 1 - WORTH_SAYING:
+        found.append(f"{1 - result['share_with_height']:.0%} of the map has no height and is not used")
+    if "route" in result and result["route"]["points_outside"] == 0 and result["route"]["share_matchable"] < MIN_SHARE_MATCHABLE:
+        found.append(f"only {result['route']['share_matchable']:.0%} of the route can be matched")
+    return found
+
+
+def pack_info(pack: PackMap, folder: Path) -> dict[str, Any]:
+    """What `visloc map info` says: the manifest and the pack's size."""
+    manifest = pack.manifest
+    return {
+        "schema": 1,
+        "folder": str(folder),
+        "bytes": sum(entry.bytes for entry in manifest.files.values()),
+        "manifest": manifest.model_dump(mode="json"),
+    }
