@@ -6,6 +6,7 @@ pilot.receive(bytes_from_companion); pilot.step(0.01); bytes_to_companion = pilo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
@@ -32,6 +33,7 @@ class BuiltInAutopilot:
     `start_airborne` begins at the first waypoint; else a copter takes off as soon as it has a position. Without GNSS at the
     start the vehicle is flown by hand (it keeps its place by eye; a plane circles) until its estimator has a position and
     an origin; `origin` is one that the ground station set before, else the first fix or SET_GPS_GLOBAL_ORIGIN gives it.
+    ArduPilot is "ready" `ready_s` after the start: it accepts stream requests before that and forgets them.
     `parameters` change the prepared vehicle's (autopilot_parameters.PREPARED). Raises ValueError for a plan that cannot be
     flown. Deterministic by `seed` and by what is received.
     """
@@ -51,6 +53,7 @@ class BuiltInAutopilot:
         system_id: int = 1,
         boot_age_s: float = 0.0,
         origin: GeoPoint | None = None,
+        ready_s: float = 0.0,
     ) -> None:
         plan = FlightPlan(
             kind, vehicle, home, tuple(mission_ned_m), speed_mps, seed, faults or FaultSchedule(), wind_ned_mps, start_airborne
@@ -62,9 +65,10 @@ class BuiltInAutopilot:
         self._mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=mavlink.MAV_COMP_ID_AUTOPILOT1)
         self._mav.robust_parsing = True
         self._out = bytearray()
-        self._receiver = Receiver(self.flight, self.parameters, system_id)
+        self._receiver = Receiver(self.flight, self.parameters, system_id, ready_s)
         self._failsafe = Failsafe(kind, vehicle)
         self._heartbeat_due_s = self._timesync_due_s = 0.0
+        self._ready_due_s = ready_s if kind is AutopilotKind.ARDUPILOT and ready_s > 0 else math.inf
         self._origin_sent: GeoPoint | None = None
 
     # ------------------------------------------------------------------------------------------------------------- drive
@@ -93,8 +97,11 @@ class BuiltInAutopilot:
         texts = self.flight.step()
         texts += self._failsafe.step(self.flight, self.parameters)
         for text in texts:
-            self._send(mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_CRITICAL, text.encode()[:50]))
+            self._send(mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_CRITICAL, text.encode()))
         now_s = self.t_s
+        if now_s >= self._ready_due_s:
+            self._ready_due_s = math.inf
+            self._send(mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_INFO, b"ArduPilot Ready"))
         if now_s >= self._heartbeat_due_s:
             self._heartbeat_due_s += HEARTBEAT_S
             self._send(heartbeat(self._snapshot()))

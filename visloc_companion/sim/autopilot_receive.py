@@ -22,10 +22,10 @@ MAX_AGE_S = 10.0
 class Receiver:
     """Takes messages; returns answers, and collects in `requested` the ids of messages that are to be sent at once."""
 
-    def __init__(self, flight: Flight, parameters: dict[str, float], system_id: int) -> None:
+    def __init__(self, flight: Flight, parameters: dict[str, float], system_id: int, ready_s: float) -> None:
         self.requested: list[int] = []
         self.streams = Streams(flight.plan.kind, flight.plan.vehicle)
-        self._flight, self._parameters, self._system_id = flight, parameters, system_id
+        self._flight, self._parameters, self._system_id, self._ready_s = flight, parameters, system_id, ready_s
         self._kind = flight.plan.kind
         self._jitter, self._timesync = JitterCorrection(), Px4Timesync()
         self._handlers: dict[str, Callable[[Message, int], list[Message]]] = {
@@ -74,10 +74,10 @@ class Receiver:
 
     def _command(self, message: Message, t_boot_ns: int) -> list[Message]:
         number = int(message.command)
-        if not (math.isfinite(message.param1) and math.isfinite(message.param2)):
+        if not math.isfinite(message.param1):
             result = mavlink.MAV_RESULT_DENIED
         elif number == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
-            result = self.streams.set_interval(int(message.param1), message.param2, self._flight.t_s)
+            result = self._set_interval(int(message.param1), message.param2)
         elif number == mavlink.MAV_CMD_REQUEST_MESSAGE:
             result = self._request(int(message.param1))
         elif number == mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
@@ -88,6 +88,14 @@ class Receiver:
             result = mavlink.MAV_RESULT_UNSUPPORTED
         del t_boot_ns
         return [mavlink.MAVLink_command_ack_message(number, result, 0, 0, message.get_srcSystem(), message.get_srcComponent())]
+
+    def _set_interval(self, message_id: int, interval_us: float) -> int:
+        """ArduPilot accepts intervals before it is ready and then forgets them."""
+        if not math.isfinite(interval_us):
+            return int(mavlink.MAV_RESULT_DENIED)
+        if self._kind is AutopilotKind.ARDUPILOT and self._flight.t_s < self._ready_s:
+            return int(mavlink.MAV_RESULT_ACCEPTED)
+        return self.streams.set_interval(message_id, interval_us, self._flight.t_s)
 
     def _request(self, message_id: int) -> int:
         if message_id not in self.streams.available:

@@ -65,6 +65,17 @@ def test_intervals_are_granted_as_each_autopilot_does(companion, kind, vehicle, 
     )
 
 
+def test_ardupilot_accepts_streams_before_it_is_ready_and_forgets_them(companion):
+    flight = companion(sending=False, ready_s=3.0)
+    assert flight.command(INTERVAL, ATTITUDE, 1e5) == mavlink.MAV_RESULT_ACCEPTED
+    flight.fly(4.0)
+    assert [text for _, text in flight.texts] == ["ArduPilot Ready"]
+    assert "ATTITUDE" not in flight.heard
+    flight.command(INTERVAL, ATTITUDE, 1e5)
+    flight.fly(1.0)
+    assert flight.heard["ATTITUDE"] >= 10
+
+
 def test_each_autopilot_sends_its_own_estimator_message_only(companion):
     ekf, estimator = mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT, mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS
     results = {(kind, i): companion(kind=kind).command(INTERVAL, i, 5e5) for kind in KINDS for i in (ekf, estimator)}
