@@ -1,0 +1,103 @@
+"""`visloc run` as a process: exit codes, the tree of problems, --check, a clean end."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from visloc_companion.app.journal import read_header, read_journal
+from visloc_companion.config import parse_config
+
+COMMAND = [sys.executable, "-m", "visloc_companion.cli.main", "run", "--config"]
+ENVIRONMENT = {**os.environ, "COLUMNS": "200", "NO_COLOR": "1"}
+
+
+def configuration(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "visloc.toml"
+    path.write_text(text)
+    return path
+
+
+def visloc_run(path: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, str(path), *options], capture_output=True, text=True, timeout=100, check=False, env=ENVIRONMENT
+    )
+
+
+def test_check_prints_the_effective_configuration(tmp_path: Path) -> None:
+    path = configuration(tmp_path, '[link]\nurl = "udpin:127.0.0.1:0"\n[navigator]\noutput_rate_hz = 20\n')
+    done = visloc_run(path, "--check", "--json", str(tmp_path / "found.json"))
+    assert (done.returncode, done.stderr) == (0, "")
+    effective = parse_config(tomllib.loads(done.stdout))
+    assert effective == parse_config(tomllib.loads(path.read_text()))
+    assert "gate_sigma = 4.0" in done.stdout
+    found = json.loads((tmp_path / "found.json").read_text())
+    assert (found["schema"], found["problems"]) == (1, [])
+    assert found["configuration"]["navigator"]["output_rate_hz"] == 20
+    assert found["found"]["versions"]["visloc-companion"]
+
+
+def test_check_names_every_problem_in_one_tree(tmp_path: Path) -> None:
+    text = '[link]\nurl = "pigeon:home"\n[camera]\nurl = "teleport:x"\n[map]\npack = "/none"\n[journal]\nfolder = "/proc/none"\n'
+    done = visloc_run(configuration(tmp_path, text), "--check", "--json", str(tmp_path / "found.json"))
+    assert done.returncode == 2
+    for part in ("visloc cannot start", "pigeon", "'teleport:x' names no camera", "/none", "/proc/none", "remedy: "):
+        assert part in done.stderr
+    assert len(json.loads((tmp_path / "found.json").read_text())["problems"]) == 4
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "what"),
+    [
+        ("[link]\nulr = 1\n", 2, "did you mean 'url'"),
+        ("not toml", 2, "is not valid TOML"),
+        ('[journal]\nfolder = "/proc/none"\n', 3, "remedy: name a writable journal.folder"),
+    ],
+)
+def test_exit_codes_of_a_start_that_fails(tmp_path: Path, text: str, code: int, what: str) -> None:
+    done = visloc_run(configuration(tmp_path, text))
+    assert done.returncode == code
+    assert what in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_missing_configuration(tmp_path: Path) -> None:
+    done = visloc_run(tmp_path / "none.toml")
+    assert done.returncode == 2
+    assert "cannot be read" in done.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_it_cleanly_with_a_whole_journal(tmp_path: Path, number: signal.Signals) -> None:
+    journals = tmp_path / "journals"
+    path = configuration(tmp_path, f'[link]\nurl = "udpin:127.0.0.1:0"\n[journal]\nfolder = "{journals}"\n')
+    with subprocess.Popen([*COMMAND, str(path)], stderr=subprocess.PIPE, text=True, env=ENVIRONMENT) as process:
+        assert process.stderr is not None
+        lines = [process.stderr.readline()]
+        assert json.loads(lines[0])["event"] == "ready"
+        process.send_signal(number)
+        rest = process.stderr.read()
+        assert process.wait(60) == 0
+    assert json.loads(rest.splitlines()[-1])["event"] == "stopped"
+    (journal,) = journals.glob("*.mcap")
+    list(read_journal(journal, salvage=False))
+    assert read_header(journal).configuration["journal"]["folder"] == str(journals)
+
+
+def test_a_restart_begins_a_journal_of_its_own(tmp_path: Path) -> None:
+    journals = tmp_path / "journals"
+    path = configuration(tmp_path, f'[link]\nurl = "udpin:127.0.0.1:0"\n[journal]\nfolder = "{journals}"\n')
+    for number in (signal.SIGKILL, signal.SIGTERM):
+        with subprocess.Popen([*COMMAND, str(path)], stderr=subprocess.PIPE, text=True, env=ENVIRONMENT) as process:
+            assert process.stderr is not None
+            process.stderr.readline()
+            process.send_signal(number)
+            process.stderr.read()
+    assert len(list(journals.glob("*.mcap"))) == 2
