@@ -190,6 +190,25 @@ def test_silence_takes_the_link_down_and_a_heartbeat_brings_it_up_with_everythin
     assert sum(isinstance(e, Attitude) for e in events) > 40
 
 
+def test_a_lost_connection_takes_the_link_down_at_once():
+    talking = talk()
+    talking.run(2.0)
+    events = talking.session.disconnected("unplugged", talking.now_ns)
+    assert [link.up for link in links(events)] == [False]
+    assert talking.session.disconnected("again", talking.now_ns) == []
+    assert talking.session.warnings() == ["unplugged", "again"]
+
+
+def test_a_stall_of_our_own_is_not_held_against_the_autopilot():
+    talking = talk()
+    talking.run(2.0)
+    talking.now_ns += 10_000_000_000
+    assert links(talking.session.poll(talking.now_ns)) == []
+    assert talking.session.link.up
+    talking.autopilot.behaviour.silent = True
+    assert [link.up for link in links(talking.run(4.0))] == [False]
+
+
 def test_a_restart_of_the_autopilot_without_silence_is_noticed():
     talking = talk()
     talking.session.request(RequestMessage(ATTITUDE, 20.0), talking.now_ns)

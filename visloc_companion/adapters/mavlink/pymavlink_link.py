@@ -165,7 +165,7 @@ class PymavlinkLink:
             if stream and now_ns - self._data_ns > patience_ns:
                 self._lost = "nothing arrives"
             await self._clock.sleep_until(now_ns + _POLL_NS)
-        self._warn(f"lost {self.endpoint}: {self._lost}; opening it again")
+        self._emit(self.session.disconnected(f"lost {self.endpoint}: {self._lost}; opening it again", self._clock.now_ns()))
         if self._channel is not None:
             self._channel.close()
             self._channel = None

@@ -38,6 +38,7 @@ from visloc_companion.types import (
 _NS_PER_S = 1_000_000_000
 _ACTIVE_FOR_NS = 2 * _NS_PER_S
 _REBOOT_NS = 5 * _NS_PER_S
+_STALL_NS = _NS_PER_S // 2
 _VERSION_TRIES = 5
 _MAX_WARNINGS = 50
 _REFUSAL_TEXTS = {
@@ -50,6 +51,8 @@ _REFUSAL_TEXTS = {
 
 class MavlinkSession:
     """Pins to one autopilot, keeps its streams, answers its clock, carries injections and switches.
+
+    `poll` at least twice a second: a longer pause is taken for a stall of our own and not held against the autopilot.
 
     Pinning: the first HEARTBEAT of an autopilot (component 1) fixes the system id for good, or the settings name it. What
     another system says is ignored; a second autopilot is warned of once. Time that goes backwards is held at its latest.
@@ -73,6 +76,7 @@ class MavlinkSession:
         self._pending: list[Event] = []
         self._now_ns = 0
         self._heard_ns = 0
+        self._polled_ns = 0
         self._boot_ns = 0
         self._origin: GeoPoint | None = None
         self._last_injection_ns = -_ACTIVE_FOR_NS
@@ -128,6 +132,9 @@ class MavlinkSession:
     def poll(self, now_ns: int) -> list[Event]:
         """What time brings: heartbeat, own TIMESYNC requests, requests that are due, the silence of the autopilot."""
         now_ns = self._advance(now_ns)
+        if now_ns - self._polled_ns > _STALL_NS:
+            self._heard_ns += now_ns - self._polled_ns  # we were away ourselves: what came meanwhile is not read yet
+        self._polled_ns = now_ns
         if self.link.up and now_ns - self._heard_ns > self.settings.timeout_s * _NS_PER_S:
             self._lose(f"the autopilot is silent for {self.settings.timeout_s:g} s", now_ns)
         if now_ns >= self._next_heartbeat_ns:
@@ -162,6 +169,15 @@ class MavlinkSession:
         self._last_injection_ns = injection.t_ns
         self._outbox.put(message)
         return True
+
+    def disconnected(self, why: str, now_ns: int) -> list[Event]:
+        """The connection is gone: the link is down at once, not after its silence."""
+        now_ns = self._advance(now_ns)
+        if self.link.up:
+            self._lose(why, now_ns)
+        else:
+            self._warn(why)
+        return self._drain_events()
 
     def request(self, message: RequestMessage, now_ns: int) -> None:
         """Keep a message coming at a rate (0 Hz: once). `stream_state` tells how it goes."""
