@@ -1,0 +1,131 @@
+"""The real worker: a pack on disk, the real localiser, frames through shared memory."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import os
+import shutil
+import signal
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import rasterio
+from affine import Affine
+
+from visloc_companion.app.clock import MonotonicClock
+from visloc_companion.app.settings import camera_model
+from visloc_companion.app.slots import SharedFrameSlots
+from visloc_companion.app.worker import WorkerSupervisor
+from visloc_companion.config import Config, parse_config
+from visloc_companion.errors import MapError
+from visloc_companion.maps.pack import PackMap
+from visloc_companion.prepare.build import build_pack
+from visloc_companion.types import Fix, FrameRef, GeoPoint, Image, LocaliseRequest, NoFix, PosePrior, WorkerState
+
+GSD_M, SIZE_PX, HEIGHT_M = 0.5, 600, 80.0
+EAST_M, NORTH_M = 500_000.0, 5_205_000.0
+
+
+@pytest.fixture(scope="module")
+def pack(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """300 x 300 m of blobs and edges on flat ground at height 0."""
+    folder = tmp_path_factory.mktemp("pack")
+    rng = np.random.default_rng(8)
+    grey = cv2.GaussianBlur(rng.normal(size=(SIZE_PX, SIZE_PX)), (0, 0), 3) * 900 + 128
+    for _ in range(60):
+        (u, v), side = rng.integers(0, SIZE_PX, 2), int(rng.integers(8, 40))
+        grey[v : v + side, u : u + side] = rng.uniform(30, 220)
+    pixels = np.clip(grey, 0, 255).astype(np.uint8)
+    profile = {"driver": "GTiff", "width": SIZE_PX, "height": SIZE_PX, "count": 3, "dtype": "uint8", "crs": "EPSG:32632"}
+    with rasterio.open(folder / "o.tif", "w", transform=Affine(GSD_M, 0, EAST_M, 0, -GSD_M, NORTH_M), **profile) as file:
+        file.write(np.stack([pixels] * 3))
+    build_pack([folder / "o.tif"], None, folder / "pack", ground_h_amsl_m=0.0, capture_date="2026-01-01")
+    return folder / "pack"
+
+
+def configuration(pack: Path) -> Config:
+    """A camera whose pixels are as large on the ground as the map's, from HEIGHT_M."""
+    focal = HEIGHT_M / GSD_M
+    camera = {"url": "x:y", "width_px": 240, "height_px": 200, "fx_px": focal, "fy_px": focal, "cx_px": 119.5, "cy_px": 99.5}
+    return parse_config({"camera": camera, "map": {"pack": str(pack)}, "navigator": {"map_sigma_m": 0.1}})
+
+
+def nadir(pack: Path, config: Config) -> tuple[Image, GeoPoint]:
+    """What the camera sees north-up over the middle of the map, and from where."""
+    world = PackMap.open(pack)
+    centre = (EAST_M + 140.0, NORTH_M - 160.0)
+    seen = world.patch(centre, (config.camera.width_px, config.camera.height_px), GSD_M, 0.0)
+    lat, lon = world.to_geo(*centre)
+    grey = seen.pixels if seen.pixels.ndim == 2 else seen.pixels[:, :, 0]
+    return np.ascontiguousarray(grey), GeoPoint(lat, lon, HEIGHT_M)
+
+
+@asynccontextmanager
+async def worker(config: Config) -> AsyncIterator[tuple[SharedFrameSlots, WorkerSupervisor]]:
+    with SharedFrameSlots(camera_model(config.camera)) as slots:
+        supervisor = WorkerSupervisor(config, slots, MonotonicClock(), on_notice=lambda _: None)
+        try:
+            await supervisor.start()
+            assert isinstance(await supervisor.events.get(), WorkerState)
+            yield slots, supervisor
+        finally:
+            await supervisor.close()
+
+
+async def answer(supervisor: WorkerSupervisor) -> Fix | NoFix:
+    while not isinstance(event := await asyncio.wait_for(supervisor.events.get(), 60), (Fix, NoFix)):
+        pass
+    return event
+
+
+async def test_a_frame_is_localised_before_and_after_the_worker_was_killed(pack: Path) -> None:
+    config = configuration(pack)
+    pixels, truth = nadir(pack, config)
+    north_m = 111_200.0
+    seen_from = GeoPoint(truth.lat_deg + 9.0 / north_m, truth.lon_deg - 7.0 / north_m, truth.h_amsl_m + 1.0)
+    prior = PosePrior(seen_from, (1.0, 0.0, 0.0, 0.0), ((64.0, 0.0), (0.0, 64.0)), 2.0, math.radians(3), math.radians(1))
+    async with worker(config) as (slots, supervisor):
+        for n in range(2):
+            frame = FrameRef(0, 5, n, slots.write(pixels), config.camera.width_px, config.camera.height_px, 1)
+            slots.announce(frame)
+            supervisor.submit(LocaliseRequest(n, frame, prior, 1))
+            fix = await answer(supervisor)
+            assert isinstance(fix, Fix), fix
+            assert (fix.request_id, fix.frame_id, fix.method) == (n, n, "gradient")
+            assert abs(fix.place.lat_deg - truth.lat_deg) * north_m < 0.7
+            assert abs(fix.place.lon_deg - truth.lon_deg) * north_m * math.cos(math.radians(47)) < 0.7
+            pid = supervisor.pid
+            assert pid is not None
+            if n == 0:
+                os.kill(pid, signal.SIGKILL)
+                states = [await supervisor.events.get(), await supervisor.events.get()]
+                assert [isinstance(state, WorkerState) and state.up for state in states] == [False, True]
+
+
+def damage(pack: Path, target: Path) -> None:
+    """A copy with one bit of every raster changed."""
+    shutil.copytree(pack, target)
+    for file in target.rglob("*"):
+        if file.is_file() and file.suffix != ".json":
+            data = bytearray(file.read_bytes())
+            data[len(data) // 2] ^= 1
+            file.write_bytes(data)
+
+
+async def test_a_damaged_pack_stands_against_the_start(pack: Path, tmp_path: Path) -> None:
+    damaged = tmp_path / "pack"
+    damage(pack, damaged)
+    with pytest.raises(MapError, match="remedy"):
+        async with worker(configuration(damaged)):
+            pass
+
+
+async def test_a_pack_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(MapError, match="remedy"):
+        async with worker(configuration(tmp_path / "none")):
+            pass
