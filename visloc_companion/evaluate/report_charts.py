@@ -147,7 +147,7 @@ def _fix_strip(record: FlightRecord, t: Scale, y: float) -> list[str]:
     return parts
 
 
-_H_WIDTH, _H_HEIGHT, _H_LEFT, _H_BOTTOM, _H_TOP = 600.0, 330.0, 74.0, 270.0, 30.0
+_H_WIDTH, _H_HEIGHT, _H_LEFT, _H_BOTTOM, _H_TOP = 600.0, 340.0, 74.0, 280.0, 50.0
 
 
 def latency_histogram(values_ms: FloatArray, words: str) -> str:
@@ -161,11 +161,11 @@ def latency_histogram(values_ms: FloatArray, words: str) -> str:
         if count:
             parts.append(rect(x(left) + 0.6, y(count), x(right) - x(left) - 1.2, _H_BOTTOM - y(count), "bar", f"{count} answers"))
     median, p95 = np.percentile(values_ms, (50, 95))
-    parts += _percentile(x, median, "median", "end") + _percentile(x, p95, "95 %", "start")
+    parts += _percentile(x, median, "median", _H_TOP - 30) + _percentile(x, p95, "95 % within", _H_TOP - 8)
     return figure(_H_WIDTH, _H_HEIGHT, parts, "Histogram of latencies", "half")
 
 
-def _percentile(x: Scale, value: float, name: str, anchor: str) -> list[str]:
+def _percentile(x: Scale, value: float, name: str, y: float) -> list[str]:
     at = x(value)
-    words = text(at + (-6 if anchor == "end" else 6), _H_TOP - 8, f"{name} {value:.0f} ms", "over", anchor)
-    return [line(at, _H_TOP - 4, at, _H_BOTTOM, "cut"), words]
+    side, anchor = (-7, "end") if at > _H_WIDTH * 0.6 else (7, "start")
+    return [line(at, y - 12, at, _H_BOTTOM, "cut"), text(at + side, y, f"{name} {value:.0f} ms", "over", anchor)]

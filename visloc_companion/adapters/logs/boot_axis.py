@@ -1,4 +1,4 @@
-"""One monotonic time base out of a ground station's clock and an autopilot's boot clock, either of which may jump."""
+"""One monotonic time base out of an autopilot's boot clock and a ground station's clock, either of which may jump."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from visloc_companion.adapters.logs.recording import NS_PER_MS, NS_PER_S, NS_PER
 _BACK_NS = 1 * NS_PER_S
 _FORWARD_NS = 3600 * NS_PER_S
 _MAX_LAG_NS = 10 * NS_PER_S
-"""More delay than this between the autopilot's stamp and the ground station's is a step of the latter's clock."""
+_SILENCE_NS = 5 * NS_PER_S
+"""Only when no stamped message came for so long, the ground station's clock moves time on."""
 
 
 @dataclass(frozen=True, slots=True)
 class Instant:
-    """When a record arrived (`t_ns`), what to add to its boot time (`boot_shift_ns`), and whether the autopilot restarted."""
+    """When a record was sent (`t_ns`), what to add to its boot time (`boot_shift_ns`), and whether the autopilot restarted."""
 
     t_ns: int
     boot_shift_ns: int
@@ -22,44 +23,53 @@ class Instant:
 
 
 class BootAxis:
-    """Places records with wall-clock stamps on the autopilot's boot clock of the log's first part.
+    """Places records on the autopilot's boot clock of the log's first part.
 
-    `unix_minus_boot_ns` is the smallest difference that was seen, so that a record is never earlier than it was sent.
-    Time never goes back: small disorder is flattened, a step of the wall clock is taken out, and after a reboot the boot
-    clock is continued (its shift grows), so that times before and after stay apart. Steps and reboots are counted.
+    A record whose message has a boot time lies there: a ground station writes in bursts, which would look like silence of the
+    autopilot. A record without one lies at the last stamped record. Time never goes back: small disorder is flattened, a step
+    of the wall clock has no effect but in long stretches without stamps, and after a reboot the boot clock is continued (its
+    shift grows) so that times before and after stay apart. Steps and reboots are counted in `losses`.
+    `unix_minus_boot_ns` places records before the first stamped one.
     """
 
     def __init__(self, unix_minus_boot_ns: int, losses: Losses) -> None:
         self._zero_ns = unix_minus_boot_ns
         self._losses = losses
-        self._last_ns: int | None = None
-        self._last_boot_ns: int | None = None
+        self._t_ns: int | None = None
+        self._wall_ns = 0
+        self._stamped: tuple[int, int] | None = None
+        self._boot_ns: int | None = None
         self._shift_ns = 0
 
     def place(self, wall_us: int, boot_ms: int | None) -> Instant:
-        """The instant of a record, from its stamp and, where its message has one, its boot time."""
-        t_ns = wall_us * NS_PER_US - self._zero_ns
-        if self._last_ns is not None and not -_BACK_NS <= t_ns - self._last_ns <= _FORWARD_NS:
-            self._step(t_ns - self._last_ns)
-            t_ns = self._last_ns
+        """The instant of a record, from the ground station's stamp and, where its message has one, its boot time."""
+        wall_ns = wall_us * NS_PER_US
+        if self._t_ns is not None and not -_BACK_NS <= wall_ns - self._wall_ns <= _FORWARD_NS:
+            self._losses.clock_steps += 1
+            self._zero_ns += wall_ns - self._wall_ns
+            if self._stamped is not None:
+                self._stamped = (self._stamped[0], self._stamped[1] + wall_ns - self._wall_ns)
+        self._wall_ns = wall_ns
         rebooted = False
-        if boot_ms is not None:
+        if boot_ms is None:
+            t_ns = self._between(wall_ns)
+        else:
             boot_ns = boot_ms * NS_PER_MS
-            rebooted = self._last_boot_ns is not None and not -_BACK_NS <= boot_ns - self._last_boot_ns <= _FORWARD_NS
-            if rebooted:
+            rebooted = self._boot_ns is not None and not -_BACK_NS <= boot_ns - self._boot_ns <= _FORWARD_NS
+            if rebooted and self._stamped is not None:
                 self._losses.reboots += 1
-                self._shift_ns = t_ns - boot_ns
-            lag_ns = t_ns - (boot_ns + self._shift_ns)
-            if not -_BACK_NS <= lag_ns <= _MAX_LAG_NS:
-                self._step(lag_ns)
-                t_ns -= lag_ns
-            self._last_boot_ns = boot_ns
-        self._last_ns = t_ns if self._last_ns is None else max(t_ns, self._last_ns)
-        return Instant(self._last_ns, self._shift_ns, rebooted)
+                self._shift_ns = self._stamped[0] + max(0, wall_ns - self._stamped[1]) - boot_ns
+            self._boot_ns = boot_ns
+            t_ns = boot_ns + self._shift_ns
+            self._stamped = (t_ns, wall_ns)
+        self._t_ns = t_ns if self._t_ns is None else max(t_ns, self._t_ns)
+        return Instant(self._t_ns, self._shift_ns, rebooted)
 
-    def _step(self, by_ns: int) -> None:
-        self._losses.clock_steps += 1
-        self._zero_ns += by_ns
+    def _between(self, wall_ns: int) -> int:
+        if self._stamped is None:
+            return wall_ns - self._zero_ns
+        t_ns, then_ns = self._stamped
+        return t_ns + max(0, wall_ns - then_ns - _SILENCE_NS)
 
 
 def smallest_difference_ns(stamps: list[tuple[int, int]]) -> int:

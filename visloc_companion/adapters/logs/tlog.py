@@ -44,7 +44,7 @@ def read_tlog(path: Path) -> Recording:
     vehicle = _vehicle(records)
     if vehicle is None:
         raise LogError("holds no MAVLink packet of an autopilot", where=str(path), remedy="name a telemetry log (.tlog)")
-    own = [record for record in records if record.message.get_srcSystem() == vehicle]
+    own = [record for record in records if _source(record.message) == vehicle]
     losses.foreign_messages = len(records) - len(own)
     zero_ns = _anchor_ns(own)
     axis, link = BootAxis(zero_ns, losses), LinkState()
@@ -126,11 +126,14 @@ def _next_record(data: bytes, at: int, parser: Any) -> int:
     return len(data)
 
 
-def _vehicle(records: list[Record]) -> int | None:
-    heard: Counter[int] = Counter(
-        record.message.get_srcSystem()
-        for record in records
-        if record.message.get_type() == "HEARTBEAT" and is_autopilot(record.message)
+def _source(message: Message) -> tuple[int, int]:
+    return message.get_srcSystem(), message.get_srcComponent()
+
+
+def _vehicle(records: list[Record]) -> tuple[int, int] | None:
+    """System and component of the autopilot that is heard most; a companion beside it has a boot clock of its own."""
+    heard: Counter[tuple[int, int]] = Counter(
+        _source(record.message) for record in records if record.message.get_type() == "HEARTBEAT" and is_autopilot(record.message)
     )
     return heard.most_common(1)[0][0] if heard else None
 

@@ -1,0 +1,101 @@
+"""The report as Chromium renders it: everything is there, the console stays silent, no text leaves its drawing."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from types import ModuleType
+
+import cv2
+import numpy as np
+import pytest
+
+from visloc_companion.evaluate.gate import Check
+from visloc_companion.evaluate.report import write_flight_report
+
+pytestmark = pytest.mark.browser
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+FLAGS = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"),
+    *("--disable-component-update", "--disable-sync", "--disable-dev-shm-usage", "--enable-logging=stderr", "--v=0"),
+)
+PROBE = """
+<script>
+addEventListener('load', () => {
+  const out = [];
+  const page = document.documentElement;
+  if (page.scrollWidth > page.clientWidth + 1) out.push('page is wider than the window: ' + page.scrollWidth);
+  for (const svg of document.querySelectorAll('main svg[role=img]')) {
+    const box = svg.getBoundingClientRect();
+    const texts = [...svg.querySelectorAll('text')];
+    for (const t of texts) {
+      const r = t.getBoundingClientRect();
+      if (r.left < box.left - 2 || r.right > box.right + 2 || r.top < box.top - 2 || r.bottom > box.bottom + 2)
+        out.push('outside: ' + t.textContent);
+    }
+    for (let i = 0; i < texts.length; i++) for (let j = i + 1; j < texts.length; j++) {
+      const a = texts[i].getBoundingClientRect(), b = texts[j].getBoundingClientRect();
+      const w = Math.min(a.right, b.right) - Math.max(a.left, b.left), h = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+      if (w > 1 && h > 3) out.push('overlap: ' + texts[i].textContent + ' / ' + texts[j].textContent);
+    }
+  }
+  const pre = document.createElement('pre');
+  pre.id = 'probe';
+  pre.textContent = 'faults ' + out.length + ': ' + out.join('; ');
+  document.body.append(pre);
+});
+</script>
+"""
+
+
+def chromium(page: Path, profile: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    if CHROMIUM is None:
+        pytest.skip("Chromium is not installed (apt-get install chromium)")
+    command = [CHROMIUM, *FLAGS, f"--user-data-dir={profile}", *arguments, page.as_uri()]
+    return subprocess.run(command, capture_output=True, text=True, timeout=90, check=True)
+
+
+@pytest.fixture(scope="module")
+def report(synthetic: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    page = tmp_path_factory.mktemp("report") / "report.html"
+    checks = [Check("median error while GNSS is denied (m)", 0.9, "<= 2", True), Check("failsafe", "none", "none", True)]
+    write_flight_report(
+        synthetic.make_record(),
+        page,
+        title="Slow drag, then jamming",
+        checks=checks,
+        baseline=synthetic.make_baseline(),
+        gnss_faults_s=[(60.0, 200.0)],
+    )
+    return page
+
+
+def test_everything_is_on_the_page(report: Path, tmp_path: Path) -> None:
+    shown = chromium(report, tmp_path / "profile", "--dump-dom")
+    for words in ("PASS", "Slow drag, then jamming", "The same flight without it", "no fix: ambiguous"):
+        assert words in shown.stdout
+    assert shown.stdout.count('role="img"') == 4
+    assert not re.findall(r"CONSOLE|Uncaught|Failed to load|ERR_", shown.stderr)
+
+
+@pytest.mark.parametrize("width", [1280, 800, 500])
+def test_no_text_overlaps_or_leaves_its_drawing(report: Path, tmp_path: Path, width: int) -> None:
+    probed = tmp_path / "probed.html"
+    probed.write_text(report.read_text().replace("</main>", "</main>" + PROBE))
+    shown = chromium(probed, tmp_path / "profile", "--dump-dom", f"--window-size={width},2400")
+    found = re.search(r'<pre id="probe">(.*?)</pre>', shown.stdout, re.DOTALL)
+    assert found is not None
+    assert found.group(1) == "faults 0: "
+
+
+def test_tracks_are_drawn_in_their_colours(report: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "shot.png"
+    chromium(report, tmp_path / "profile", f"--screenshot={picture}", "--window-size=1280,2600")
+    pixels = cv2.imread(str(picture))
+    assert pixels is not None
+    for name, bgr in (("estimate", (180, 104, 0)), ("baseline", (156, 58, 139)), ("gnss", (10, 71, 208))):
+        near = np.abs(pixels.astype(int) - bgr).max(axis=2) < 12
+        assert near.sum() > 100, name

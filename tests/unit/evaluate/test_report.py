@@ -1,0 +1,138 @@
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from types import ModuleType
+
+import cv2
+import numpy as np
+import pytest
+
+from visloc_companion.evaluate.gate import Check
+from visloc_companion.evaluate.record import FlightRecord, from_entries
+from visloc_companion.evaluate.report import write_flight_report
+from visloc_companion.evaluate.report_map import MapImage, view_of
+from visloc_companion.evaluate.report_svg import Scale, decades, nice_step, number, path, thinned, ticks
+
+VOID = {"meta", "link", "line", "circle", "path", "image"}
+
+
+class Checker(HTMLParser):
+    """Collects what a page refers to, and whether its elements are closed in order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.references: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.references += [value or "" for name, value in attrs if name in ("href", "src")]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.references += [value or "" for name, value in attrs if name in ("href", "src")]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def page_of(record: FlightRecord, folder: Path, **options: object) -> str:
+    write_flight_report(record, folder / "report.html", title="A <flight> & more", **options)  # type: ignore[arg-type]
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    checker = Checker()
+    checker.feed(page)
+    assert checker.open == []
+    assert all(reference.startswith("data:") for reference in checker.references)
+    assert "url(" not in page.replace("url(#clip", "")
+    assert "nan" not in re.sub(r"base64,[^\"]*", "", page).lower().replace("nanum", "")
+    return page
+
+
+def test_the_page_is_whole_and_stands_alone(synthetic: ModuleType, tmp_path: Path) -> None:
+    jpeg = cv2.imencode(".jpg", np.full((80, 90, 3), 120, np.uint8))[1].tobytes()
+    corners = (synthetic.place((700, -500, 0)), synthetic.place((700, 800, 0)), synthetic.place((-700, -500, 0)))
+    checks = [Check("hmi", 0, "= 0", True), Check("p95_m", 14.0, "<= 12", False)]
+    page = page_of(
+        synthetic.make_record(),
+        tmp_path,
+        checks=checks,
+        baseline=synthetic.make_baseline(),
+        map_image=MapImage(jpeg, (90, 80), *corners),
+        notes=["seed 1 < 2"],
+    )
+    assert "A &lt;flight&gt; &amp; more" in page
+    assert "seed 1 &lt; 2" in page
+    assert '<span class="badge">FAIL</span>' in page
+    assert "Not met: p95_m." in page
+    assert re.search(r"The same flight without it: \d{3} m away at the end", page)
+    assert page.count("data:image/jpeg;base64,") == 2
+    for words in ("no fix: ambiguous", "disagrees with vision", "dead reckoning", "protection level", "GNSS bad from 85 s"):
+        assert words in page
+
+
+def test_pass_needs_every_check(synthetic: ModuleType, tmp_path: Path) -> None:
+    record = synthetic.make_record(30.0)
+    assert '<span class="badge">PASS</span>' in page_of(record, tmp_path, checks=[Check("hmi", 0, "= 0", True)])
+    assert '<span class="badge">NO GATE</span>' in page_of(record, tmp_path)
+
+
+def test_a_flight_without_anything_is_still_a_page(synthetic: ModuleType, tmp_path: Path) -> None:
+    page = page_of(from_entries([]), tmp_path, checks=[Check("hmi", None, "= 0", False)])
+    assert "No navigator ran" in page
+    assert "No frame was localised" in page
+    assert "unknown" in page
+    assert "true track" in page_of(synthetic.make_baseline(), tmp_path)
+
+
+def test_the_error_curve_is_where_the_error_is(synthetic: ModuleType, tmp_path: Path) -> None:
+    """The highest point of the error's path is the largest error, on the chart's log axis."""
+    record = synthetic.make_record()
+    page = page_of(record, tmp_path)
+    curve = re.search(r'<path class="error" d="([^"]*)"', page)
+    assert curve is not None
+    points = np.array([[float(v) for v in pair.split()] for pair in re.split("[ML]", curve.group(1)) if pair])
+    grid = {
+        float(label): float(y) - 4.5 for y, label in re.findall(r'y="([\d.]+)" class="label" text-anchor="end">([\d.]+)<', page)
+    }
+    per_decade = grid[1.0] - grid[10.0]
+    peak = points[np.argmin(points[:, 1])]
+    assert 10 ** ((grid[1.0] - peak[1]) / per_decade) == pytest.approx(np.nanmax(record.error_m), rel=0.02)
+    share = (peak[0] - 118) / (1182 - 118)
+    assert share * record.duration_s == pytest.approx(record.t_s[np.nanargmax(record.error_m)], abs=0.5)
+
+
+def test_scales_and_ticks() -> None:
+    scale = Scale(0.1, 1000.0, 340.0, 20.0, log=True)
+    assert scale(10.0) == pytest.approx(180.0)
+    assert scale(0.001) == 340.0
+    assert decades(0.1, 1000.0) == pytest.approx([0.1, 1, 10, 100, 1000])
+    assert ticks(0, 200, 10) == pytest.approx([20 * k for k in range(11)])
+    assert ticks(-1.3, 1.3, 4) == pytest.approx([-1, 0, 1])
+    assert nice_step(0.37, 5) == pytest.approx(0.1)
+    assert (number(-0.0), number(0.30000000000000004), number(1000.0)) == ("0", "0.3", "1000")
+
+
+def test_a_path_breaks_where_nothing_is_known() -> None:
+    assert path(np.array([0, 1, np.nan, 3.0]), np.array([0, 1, 2, 3.0]), "x") == '<path class="x" d="M0.0 0.0L1.0 1.0M3.0 3.0"/>'
+    assert path(np.array([np.nan]), np.array([1.0]), "x") == ""
+
+
+def test_thinning_keeps_peaks_and_gaps() -> None:
+    t = np.arange(100_000.0)
+    values = np.ones_like(t)
+    values[54_321], values[70_000:70_500] = 99.0, np.nan
+    few_t, few = thinned(t, values)
+    assert len(few_t) < 3000
+    assert few_t[np.nanargmax(few)] == 54_321
+    assert np.isnan(few).any()
+    assert (np.diff(few_t) > 0).all()
+
+
+def test_a_view_holds_every_track_and_survives_none() -> None:
+    view = view_of([np.array([[0.0, 0, 0], [100, 900, 0]]), np.full((3, 3), np.nan)])
+    east, north = view.scales()
+    assert east.low < 0 < 900 < east.high
+    assert north.low < 0 < 100 < north.high
+    assert view_of([]).width_m > 0
