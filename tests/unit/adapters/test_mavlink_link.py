@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import pytest
 
+from visloc_companion.adapters.mavlink.dialect import mav
 from visloc_companion.adapters.mavlink.framing import Framer
 from visloc_companion.adapters.mavlink.pymavlink_link import PymavlinkLink
 from visloc_companion.adapters.mavlink.settings import SessionSettings
@@ -16,7 +17,7 @@ from visloc_companion.app.clock import ManualClock, MonotonicClock
 from visloc_companion.errors import LinkError
 from visloc_companion.testing.fake_autopilot import FakeAutopilot
 from visloc_companion.testing.loopback import HOST, tcp_autopilot, tcp_client_autopilot, udp_autopilot
-from visloc_companion.types import EkfSource, SwitchSource
+from visloc_companion.types import EkfSource, GeoPoint, Injection, SwitchSource
 
 SPEED = 5.0
 SETTINGS = SessionSettings(window_s=1.0, reconnect_s=0.2)
@@ -55,17 +56,54 @@ async def test_udpout_waits_for_somebody_to_listen():
     await link.close()
 
 
-async def test_tcpin_takes_the_newest_client():
+async def test_tcpin_keeps_to_its_client_and_takes_another_once_that_is_silent():
     clock = MonotonicClock(SPEED)
-    link = PymavlinkLink(f"tcpin:{HOST}:0", SETTINGS, clock)
+    warnings: list[str] = []
+    link = PymavlinkLink(f"tcpin:{HOST}:0", SETTINGS, clock, on_warning=warnings.append)
     link.open()
     await until(lambda: link.port is not None)
     assert link.port
-    first, second = FakeAutopilot(), FakeAutopilot()
+    first, second, third = FakeAutopilot(), FakeAutopilot(), FakeAutopilot()
     async with tcp_client_autopilot(first, clock, link.port):
         await until(lambda: link.session.link.up)
         async with tcp_client_autopilot(second, clock, link.port):
-            await until(lambda: len(second.heartbeats) > 0)
+            await until(lambda: bool(warnings))
+            assert "is ignored" in warnings[0]
+        first.behaviour.silent = True
+        await until(lambda: not link.session.link.up)
+        async with tcp_client_autopilot(third, clock, link.port):
+            await until(lambda: len(third.heartbeats) > 0)
+    assert second.heartbeats == []
+    await link.close()
+
+
+async def test_udpin_speaks_to_its_own_autopilot_only():
+    """Two vehicles on one port, even with the same system id: an external position names no addressee."""
+    clock = MonotonicClock(SPEED)
+    warnings: list[str] = []
+    ours, other, station = FakeAutopilot(), FakeAutopilot(), FakeAutopilot(system_id=255)
+    station.send(mav.MAVLink_heartbeat_message(mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3))
+    greeting = station.outgoing()
+    link = PymavlinkLink(f"udpin:{HOST}:0", SETTINGS, clock, on_warning=warnings.append)
+    link.open()
+    await until(lambda: link.port is not None)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
+        ground.bind((HOST, 0))
+        ground.setblocking(False)
+        ground.sendto(greeting, (HOST, link.port))
+        async with udp_autopilot(ours, clock, lambda: link.port):
+            await until(lambda: link.session.origin is not None)
+            async with udp_autopilot(other, clock, lambda: link.port):
+                await until(lambda: bool(warnings))
+                n_beats = len(ours.heartbeats)
+                cov = ((1.0, 0.0), (0.0, 1.0))
+                place = GeoPoint(47.0, 8.0, 500.0)
+                await link.send(Injection(clock.now_ns(), (1.0, 2.0, -3.0), place, (1.0, 0.0, 0.0, 0.0), cov, 1.0, 0.1, 0))
+                await until(lambda: bool(ours.poses) and len(ours.heartbeats) > n_beats + 1)
+        with pytest.raises(BlockingIOError):
+            ground.recv(1000)
+    assert (other.heartbeats, other.poses) == ([], [])
+    assert len(warnings) == 1
     await link.close()
 
 

@@ -23,7 +23,10 @@ def line() -> Iterator[tuple[int, str]]:
 
 
 def open_line(name: str, lost: list[str]) -> SerialChannel:
-    return SerialChannel(Endpoint(EndpointKind.SERIAL, name, 921600), Listener(lambda _: None, lost.append))
+    return SerialChannel(
+        Endpoint(EndpointKind.SERIAL, name, 921600),
+        Listener(lambda _data, _source: None, lost.append, lambda: False, lost.append),
+    )
 
 
 async def test_what_does_not_fit_waits_then_is_dropped_whole(line):

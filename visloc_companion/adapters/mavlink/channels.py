@@ -13,18 +13,23 @@ from typing import Any, Protocol
 
 from visloc_companion.adapters.mavlink.endpoint import Endpoint, EndpointKind
 
-MAX_UNSENT_BYTES = 32_768
-_MAX_PEERS = 4
-_CONNECT_TIMEOUT_S = 3.0
 Address = tuple[Any, ...]
+MAX_UNSENT_BYTES = 32_768
+_MAX_STRANGERS = 16
+_CONNECT_TIMEOUT_S = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class Listener:
-    """Who is told of what arrives and of the end."""
+    """Who is told of what arrives (with the sender's address, None on a serial line) and of the end.
 
-    on_data: Callable[[bytes], None]
+    `has_autopilot` tells whether the autopilot is being heard; `on_stranger` is told of a sender that is turned away for it.
+    """
+
+    on_data: Callable[[bytes, Address | None], None]
     on_lost: Callable[[str], None]
+    has_autopilot: Callable[[], bool]
+    on_stranger: Callable[[str], None]
 
 
 class Channel(Protocol):
@@ -41,19 +46,24 @@ class Channel(Protocol):
     def write(self, packets: list[bytes]) -> None:
         """Send packets, each whole."""
 
+    def speak_to(self, source: Address | None) -> None:
+        """The autopilot was heard from this address."""
+
     def close(self) -> None:
         """Release the socket or port; `on_lost` is not called any more."""
 
 
 class UdpChannel(asyncio.DatagramProtocol):
-    """One datagram a packet. A listening one sends to the (at most four) latest addresses that it heard from."""
+    """One datagram a packet. A listening one speaks only to the address that its autopilot is heard from, and while it is heard
+    takes nothing from other addresses: external positions name no addressee, so a second vehicle would believe them too."""
 
     def __init__(self, listener: Listener, connected: bool) -> None:
         self.dropped = 0
         self.port: int | None = None
         self._listener = listener
         self._connected = connected
-        self._peers: list[Address] = []
+        self._peer: Address | None = None
+        self._strangers: set[Address] = set()
         self._transport: Any = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -63,9 +73,15 @@ class UdpChannel(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: Address) -> None:
         """Called by asyncio."""
-        if not self._connected and (not self._peers or self._peers[0] != addr):
-            self._peers = [addr, *(peer for peer in self._peers if peer != addr)][:_MAX_PEERS]
-        self._listener.on_data(data)
+        if self._connected or addr == self._peer or self._peer is None or not self._listener.has_autopilot():
+            self._listener.on_data(data, addr)
+        elif addr not in self._strangers and len(self._strangers) < _MAX_STRANGERS:
+            self._strangers.add(addr)
+            self._listener.on_stranger(f"{addr[0]}:{addr[1]}")
+
+    def speak_to(self, source: Address | None) -> None:
+        """The autopilot was heard from this address."""
+        self._peer = source
 
     def error_received(self, exc: Exception) -> None:
         """Called by asyncio: nobody listens at the far port yet, or no route. Datagrams are simply sent again."""
@@ -83,9 +99,8 @@ class UdpChannel(asyncio.DatagramProtocol):
                 self.dropped += 1
             elif self._connected:
                 transport.sendto(packet)
-            else:
-                for peer in self._peers:
-                    transport.sendto(packet, peer)
+            elif self._peer is not None:
+                transport.sendto(packet, self._peer)
 
     def close(self) -> None:
         """Release the socket."""
@@ -95,7 +110,7 @@ class UdpChannel(asyncio.DatagramProtocol):
 
 
 class TcpChannel(asyncio.Protocol):
-    """A byte stream. A listening one (`serve`) talks to the client that came last: after a crash the old one may look alive."""
+    """A byte stream. A listening one talks to one client; a new one is turned away while the autopilot is heard."""
 
     def __init__(self, listener: Listener, listening: bool) -> None:
         self.dropped = 0
@@ -109,13 +124,17 @@ class TcpChannel(asyncio.Protocol):
         """Called by asyncio."""
         assert isinstance(transport, asyncio.Transport)
         if self._transport is not None:
+            if self._listener.has_autopilot():
+                self._listener.on_stranger("{}:{}".format(*transport.get_extra_info("peername")[:2]))
+                transport.abort()
+                return
             self._transport.abort()
         self._transport = transport
         self.port = transport.get_extra_info("sockname")[1]
 
     def data_received(self, data: bytes) -> None:
         """Called by asyncio."""
-        self._listener.on_data(data)
+        self._listener.on_data(data, None)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Called by asyncio. A listening channel waits for the next client."""
@@ -123,6 +142,9 @@ class TcpChannel(asyncio.Protocol):
             self._transport = None
         if not self._listening:
             self._listener.on_lost("the other side closed the connection" if exc is None else str(exc))
+
+    def speak_to(self, source: Address | None) -> None:
+        """There is one other side only."""
 
     def write(self, packets: list[bytes]) -> None:
         """Send packets, or drop them where the other side does not read."""
@@ -141,7 +163,7 @@ class TcpChannel(asyncio.Protocol):
             self._transport.abort()
 
 
-_DEAF = Listener(lambda _data: None, lambda _why: None)
+_DEAF = Listener(lambda _data, _source: None, lambda _why: None, lambda: False, lambda _who: None)
 
 
 async def open_network_channel(endpoint: Endpoint, listener: Listener) -> Channel:

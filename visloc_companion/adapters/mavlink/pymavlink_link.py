@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable
 
-from visloc_companion.adapters.mavlink.channels import Channel, Listener, open_network_channel
+from visloc_companion.adapters.mavlink.channels import Address, Channel, Listener, open_network_channel
 from visloc_companion.adapters.mavlink.endpoint import Endpoint, EndpointKind, parse_endpoint
 from visloc_companion.adapters.mavlink.event_queue import EventQueue
 from visloc_companion.adapters.mavlink.serial_channel import SerialChannel
@@ -143,7 +143,7 @@ class PymavlinkLink:
 
     async def _connect(self) -> bool:
         self._lost = None
-        listener = Listener(self._received, self._connection_lost)
+        listener = Listener(self._received, self._connection_lost, lambda: self.session.link.up, self._stranger)
         try:
             if self.endpoint.kind is EndpointKind.SERIAL:
                 self._channel = SerialChannel(self.endpoint, listener)
@@ -181,16 +181,22 @@ class PymavlinkLink:
         self._emit(self.session.poll(now_ns))
         self._flush()
 
-    def _received(self, data: bytes) -> None:
+    def _received(self, data: bytes, source: Address | None) -> None:
         now_ns = self._data_ns = self._clock.now_ns()
         if self._on_raw is not None:
             self._on_raw(data, now_ns, False)
+        n_heard = self.session.n_heard
         events = self.session.receive(data, now_ns)
+        if self._channel is not None and self.session.n_heard > n_heard:
+            self._channel.speak_to(source)
         self._flush()
         self._emit(events)
 
     def _connection_lost(self, why: str) -> None:
         self._lost = why
+
+    def _stranger(self, who: str) -> None:
+        self._warn(f"{who} also speaks on {self.endpoint} and is ignored while the autopilot is heard")
 
     def _emit(self, events: list[Event]) -> None:
         for event in events:

@@ -7,7 +7,7 @@ import os
 
 import serial
 
-from visloc_companion.adapters.mavlink.channels import MAX_UNSENT_BYTES, Listener
+from visloc_companion.adapters.mavlink.channels import MAX_UNSENT_BYTES, Address, Listener
 from visloc_companion.adapters.mavlink.endpoint import Endpoint
 
 _READ_BYTES = 4096
@@ -36,6 +36,9 @@ class SerialChannel:
                 self._unsent += packet
         self._writable()
 
+    def speak_to(self, source: Address | None) -> None:
+        """There is one other side only."""
+
     def close(self) -> None:
         """Release the port."""
         if self._fd is not None:
@@ -54,7 +57,7 @@ class SerialChannel:
             self._lost(str(why))
             return
         if data:
-            self._listener.on_data(data)
+            self._listener.on_data(data, None)
         else:
             self._lost("the device is gone")
 

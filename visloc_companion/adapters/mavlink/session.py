@@ -76,6 +76,7 @@ class MavlinkSession:
         self._pending: list[Event] = []
         self._now_ns = 0
         self._heard_ns = 0
+        self._n_heard = 0
         self._polled_ns = 0
         self._boot_ns = 0
         self._origin: GeoPoint | None = None
@@ -99,6 +100,11 @@ class MavlinkSession:
     def origin(self) -> GeoPoint | None:
         """The autopilot's EKF origin, None while it is not known (then nothing is injected)."""
         return self._origin
+
+    @property
+    def n_heard(self) -> int:
+        """How many messages the autopilot has sent so far."""
+        return self._n_heard
 
     @property
     def counts(self) -> FrameCounts:
@@ -215,6 +221,7 @@ class MavlinkSession:
         if msg.get_srcComponent() != AUTOPILOT_COMPONENT or not self._is_pinned(msg):
             return
         self._heard_ns = now_ns
+        self._n_heard += 1
         kind = msg.get_type()
         if not self.link.up and kind != "HEARTBEAT":
             return
