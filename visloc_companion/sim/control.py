@@ -24,7 +24,6 @@ class Estimated:
     v_down: float
     yaw: float
     position_ok: bool
-    airspeed_mps: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

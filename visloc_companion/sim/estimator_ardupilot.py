@@ -121,7 +121,7 @@ class ArduPilotEstimator:
     def _fuse_gnss(self, measurement: GnssMeasurement) -> None:
         sample, filter_ = measurement.sample, self.filter
         v, false_v = sample.v_ned_mps, sample.false_v_ned_mps
-        variance_v = max(GPS_VELOCITY_SIGMA_MPS, 0.2) ** 2
+        variance_v = GPS_VELOCITY_SIGMA_MPS**2
         self._velocity_ratio = filter_.velocity_ratio(v[0], v[1], variance_v, VELOCITY_GATE_SIGMA)
         if self._velocity_ratio < 1.0:
             filter_.north.correct_velocity(v[0], variance_v, false_v[0])
@@ -187,4 +187,4 @@ class ArduPilotEstimator:
             flags |= FLAG_GLITCH
         ok = bool(flags & 0x18)
         source = "external" if self._source == SOURCE_EXTERNAL else "gnss"
-        return EstimatorHealth(flags, self._position_ratio, self._velocity_ratio, 0.01, ok, age > 1.0, source)
+        return EstimatorHealth(flags, self._position_ratio, self._velocity_ratio, 0.01, ok, source)

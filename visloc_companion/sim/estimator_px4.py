@@ -159,14 +159,14 @@ class Px4Estimator:
             return
         north, east = fix.north_m - self._bias[0], fix.east_m - self._bias[1]
         fix = Fixed(fix.t_s, north, east, fix.var_north_m2, fix.var_east_m2, *self._bias_pull)
-        self._position_ratio = filter_.ratio(fix, self._parameters["EKF2_EVP_GATE"])
+        self._position_ratio = filter_.ratio(fix, max(self._parameters["EKF2_EVP_GATE"], 1.0))
         if self._position_ratio < 1.0:
             filter_.fuse(fix)
             self._passed_external()
 
     def _fuse_alone(self, fix: Fixed, bumped: bool) -> None:
         filter_ = self.filter
-        self._position_ratio = filter_.ratio(fix, self._parameters["EKF2_EVP_GATE"])
+        self._position_ratio = filter_.ratio(fix, max(self._parameters["EKF2_EVP_GATE"], 1.0))
         failing = filter_.t_s - self._external_pass_s > RESET_AFTER_S and self._resets < MAX_RESETS
         if self._external_reset_wanted or bumped or failing:
             self._resets += failing and not (self._external_reset_wanted or bumped)
@@ -196,4 +196,4 @@ class Px4Estimator:
         flags |= FLAG_GNSS if gnss_in_use else 0
         flags |= FLAG_GLITCH if self._gnss_active and now - self._gnss_pass_s > 1.0 and self._position_ratio >= 1.0 else 0
         source = "gnss" if self._gnss_active else "external" if self._external_active else "none"
-        return EstimatorHealth(flags, self._position_ratio, self._velocity_ratio, 0.01, ok, not self._aided, source)
+        return EstimatorHealth(flags, self._position_ratio, self._velocity_ratio, 0.01, ok, source)

@@ -39,5 +39,4 @@ class EstimatorHealth:
     velocity_ratio: float
     height_ratio: float
     position_ok: bool
-    dead_reckoning: bool
     source: str

@@ -60,10 +60,6 @@ class Streams:
         self._next_s = min(self._next_s, now_s)
         return int(mavlink.MAV_RESULT_ACCEPTED)
 
-    def interval_us(self, message_id: int) -> int:
-        """The interval in force, -1 where it is off (MESSAGE_INTERVAL)."""
-        return round(self._interval_s[message_id] * 1e6) if message_id in self._interval_s else -1
-
     def due(self, now_s: float) -> list[int]:
         """The messages to send now."""
         if now_s + 1e-9 < self._next_s:

@@ -62,6 +62,7 @@ class Companion:
         self.answers_timesync, self._step_s = True, step_s
         self._mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=197)
         self._ears = mavlink.MAVLink(None)
+        self._judge_s = 0.0
         self._rng, self._due_s, self._under_way = random.Random(seed), 0.0, deque[Any]()
 
     def send(self, message: Any) -> None:
@@ -105,10 +106,13 @@ class Companion:
         return f.north.p_now, f.east.p_now, f.down.p_now
 
     def _inject(self) -> None:
-        now_s, true = self.pilot.t_s, self.true_local()
-        estimated = self.estimated_local()
-        self.error_m.append((now_s, math.hypot(estimated[0] - true[0], estimated[1] - true[1])))
+        now_s = self.pilot.t_s
+        if now_s >= self._judge_s:
+            self._judge_s = now_s + 0.05
+            true, estimated = self.true_local(), self.estimated_local()
+            self.error_m.append((now_s, math.hypot(estimated[0] - true[0], estimated[1] - true[1])))
         if self.sending and now_s >= self._due_s - 1e-9:
+            true = self.true_local()
             self._due_s = max(self._due_s, now_s - 0.1) + 1 / self.rate_hz
             north, east = (true[i] + self._rng.gauss(0, self.sigma_m) + self.offset_m[i] for i in (0, 1))
             self._under_way.append((now_s + self.latency_s, now_s, north, east, true[2], self.reset_counter))

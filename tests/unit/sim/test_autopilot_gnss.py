@@ -150,3 +150,19 @@ def test_a_jam_without_a_companion_drifts_the_copter_far_away(companion):
     flight = companion(faults=faults.jam(10.0), sending=False, mission=[(0, 0, -100)]).fly(110.0)
     assert math.hypot(*flight.pilot.truth().p_ned_m[:2]) > 100.0
     assert flight.pilot.failsafe is not None
+
+
+def test_a_plane_without_gnss_circles_by_hand_until_vision_gives_it_a_position(companion):
+    flight = companion(
+        vehicle="plane", speed_mps=20.0, mission=[(0, 0, -100), (600, 0, -100)], faults=faults.no_gnss(), sending=False,
+        latency_s=0.02,
+    )  # fmt: skip
+    flight.fly(20.0)
+    assert flight.pilot.mode == "by_hand"
+    assert -flight.pilot.truth().p_ned_m[2] == pytest.approx(100.0, abs=4.0)
+    flight.send(mavlink.MAVLink_set_gps_global_origin_message(1, 473977000, 85456000, 488000))
+    flight.command(mavlink.MAV_CMD_SET_EKF_SOURCE_SET, 2)
+    flight.sending = True
+    flight.fly(30.0)
+    assert flight.pilot.mode == "mission"
+    assert flight.rms_m(35.0) < 2.0

@@ -172,3 +172,38 @@ def test_the_blind_landing_descends_and_drifts_with_the_wind(companion):
     assert after[2] == 0.0
     assert after[0] - before[0] > 40.0  # 3 m/s north, 2.6 m/s east
     assert flight.pilot.truth().landed
+
+
+def test_unknown_covariance_counts_as_ten_centimetres_and_is_worse_than_an_honest_one(companion):
+    rms_m = []
+    for variance_m2 in (None, (NAN, NAN, NAN)):
+        flight = fly_px4(companion, variance_m2=variance_m2)
+        gnss_off(flight)
+        rms_m.append(flight.fly(60.0).rms_m(20.0))
+    assert rms_m[1] > 1.5 * rms_m[0]
+
+
+def test_a_gate_of_zero_does_not_stop_the_flight(companion):
+    flight = fly_px4(companion, parameters={"EKF2_EVP_GATE": 0.0})
+    gnss_off(flight)
+    assert flight.fly(10.0).pilot.t_s > 17.0
+
+
+def test_a_plane_stays_valid_on_airspeed(companion):
+    flight = fly_px4(companion, vehicle="plane", mission=[(0, 0, -100)], speed_mps=22.0, sending=False)
+    gnss_off(flight)
+    flight.fly(30.0)
+    assert flight.pilot.failsafe is None
+    assert flight.pilot.position_ok
+    assert flight.rms_m(10.0) < 30.0
+
+
+def test_a_reset_counter_beside_gnss_only_moves_the_bias(companion):
+    flight = fly_px4(companion)
+    flight.offset_m = (50.0, 0.0)
+    flight.reset_counter += 1
+    flight.fly(5.0)
+    assert flight.max_m(6.0) < 1.5
+    gnss_off(flight)
+    flight.fly(2.0)
+    assert flight.error_m[-1][1] == pytest.approx(50.0, abs=2.0)  # raw external positions now

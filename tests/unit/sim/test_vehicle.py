@@ -5,6 +5,8 @@ from random import Random
 import pytest
 
 from visloc_companion.sim.autopilot import BuiltInAutopilot
+from visloc_companion.sim.control import Estimated, MissionPath
+from visloc_companion.sim.control_plane import PlaneControl
 from visloc_companion.sim.vehicle import GRAVITY_MPS2, Body
 from visloc_companion.sim.vehicle_copter import Copter, CopterCommand
 from visloc_companion.sim.vehicle_noise import GaussMarkov, Wind
@@ -122,3 +124,33 @@ def test_a_plane_loiters_about_a_single_waypoint():
         radii.append(math.hypot(north - 100.0, east))
     assert max(radii) - min(radii) < 25.0
     assert 80.0 < statistics.fmean(radii) < 130.0
+
+
+def test_a_plane_told_to_land_circles_down_to_the_ground():
+    body = Body(down=-20.0, v_north=20.0)
+    control = PlaneControl(Plane(body, 20.0), 20.0)
+    for _ in range(2500):
+        control.fly("land", Estimated(0, 0, body.down, 0, 0, body.v_down, body.yaw, False), -20.0, CALM, 0.01)
+    assert body.landed
+    assert math.hypot(body.north, body.east) < 400.0
+
+
+@pytest.mark.parametrize("waypoints", [[(5.0, 5.0, -30.0)], [(5.0, 5.0, -30.0)] * 3])
+def test_waypoints_that_are_all_the_same_are_a_place_to_stay_at(waypoints):
+    point = MissionPath(waypoints).at(8.0, 9.0, 2.0)
+    assert point.single
+    assert (point.cross_north, point.cross_east, point.down_m) == (3.0, 4.0, -30.0)
+
+
+def test_the_path_goes_on_to_the_next_leg_and_interpolates_the_height():
+    path = MissionPath([(0.0, 0.0, -20.0), (100.0, 0.0, -40.0), (100.0, 100.0, -40.0)])
+    half = path.at(50.0, 3.0, 2.0)
+    assert (half.along_north, half.along_east) == (1.0, 0.0)
+    assert (half.cross_north, half.cross_east) == (0.0, 3.0)
+    assert (half.remaining_m, half.down_m) == pytest.approx((50.0, -30.0))
+    assert path.at(99.0, 0.0, 2.0).along_east == 1.0
+
+
+def test_a_mission_without_waypoints_is_refused():
+    with pytest.raises(ValueError, match="waypoint"):
+        MissionPath([])
