@@ -1,4 +1,4 @@
-"""The one place where names of the configuration become adapters."""
+"""The one place where sections of the configuration become adapters (the kinds of camera: adapters/camera/factory.py)."""
 
 from __future__ import annotations
 
@@ -7,23 +7,8 @@ from collections.abc import Callable
 from visloc_companion.adapters.mavlink.pymavlink_link import PymavlinkLink
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.app.parts import Constructors
-from visloc_companion.app.settings import camera_model
-from visloc_companion.config import CameraConfig, Config
-from visloc_companion.errors import ConfigError
+from visloc_companion.config import Config
 from visloc_companion.protocols import AutopilotLink, Camera, Clock
-from visloc_companion.types import CameraModel
-
-MakeCamera = Callable[[str, CameraModel, CameraConfig, Clock], Camera]
-
-
-def _files(address: str, model: CameraModel, camera: CameraConfig, clock: Clock) -> Camera:
-    from visloc_companion.adapters.camera.files import FilesCamera
-
-    return FilesCamera(address, model, clock)
-
-
-CAMERAS: dict[str, MakeCamera] = {"files": _files}
-"""First part of `camera.url` -> constructor."""
 
 
 def make_link(
@@ -42,12 +27,10 @@ def make_link(
 
 
 def make_camera(config: Config, clock: Clock) -> Camera:
-    """The camera of a configuration. Raises ConfigError for an unknown kind, CameraError where it cannot be opened."""
-    kind, _, address = config.camera.url.partition(":")
-    if kind not in CAMERAS or not address:
-        valid = ", ".join(f"{name}:..." for name in CAMERAS)
-        raise ConfigError(f"{config.camera.url!r} names no camera", where="camera.url", remedy=f"use one of {valid}")
-    return CAMERAS[kind](address, camera_model(config.camera), config.camera, clock)
+    """The camera of a configuration. Raises ConfigError for an unknown kind, CameraError where it cannot be used."""
+    from visloc_companion.adapters.camera.factory import make_camera as make
+
+    return make(config.camera, clock)
 
 
 CONSTRUCTORS = Constructors(link=make_link, camera=make_camera)

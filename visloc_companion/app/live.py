@@ -11,6 +11,7 @@ import asyncio
 import contextlib
 import json
 from collections.abc import AsyncGenerator, Callable, Coroutine
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +74,8 @@ class Daemon:
         self._orders: set[asyncio.Task[None]] = set()
         self._group: asyncio.TaskGroup | None = None
         self._link_up = self._stopping = False
+        self._camera_trouble = ""
+        self._first_frame_id = self._frame_id = 0
 
     # ------------------------------------------------------------------------------------------------- events, commands
 
@@ -179,7 +182,8 @@ class Daemon:
             self.handle(event)
 
     async def _serve_ticks(self) -> None:
-        async for now_ns, slipped in time_grid(self.parts.clock, self.parts.config.navigator.output_rate_hz):
+        rate_hz = self.parts.config.navigator.output_rate_hz
+        async for now_ns, slipped in time_grid(self.parts.clock, rate_hz):
             self.health.tick(self._wall.now_ns(), slipped)
             self.handle(Tick(now_ns))
 
@@ -200,15 +204,14 @@ class Daemon:
 
     async def _serve_camera(self, camera: Camera) -> None:
         """Take frames; open the camera again when it breaks or falls silent. The end of a recording is its end."""
-        said = ""
         while True:
             try:
                 await self._take_frames(camera)
                 break
             except (CameraError, TimeoutError) as why:
                 text = str(why) or f"no frame for {CAMERA_STALL_S:g} s"
-            if text != said:
-                said = text
+            if text != self._camera_trouble:
+                self._camera_trouble = text
                 self.report(Notice(Severity.WARNING, "camera is opened again", data=(("why", text),)))
             camera = await self._reopened(camera)
         self.health.limits_s.pop("camera", None)
@@ -231,12 +234,16 @@ class Daemon:
         slots, journal = self.parts.slots, self.parts.journal
         if slots is None:
             return
+        self._camera_trouble = ""
+        self._frame_id = self._first_frame_id + frame.frame_id
+        frame = replace(frame, frame_id=self._frame_id)  # a camera that was opened again counts from its start
         slots.announce(frame)
         if journal is not None and self.parts.config.journal.record_frames:
             journal.frame(self.parts.clock.now_ns(), frame, slots.read(frame))
         self.handle(frame)
 
     async def _reopened(self, camera: Camera) -> Camera:
+        self._first_frame_id = self._frame_id + 1
         with contextlib.suppress(CameraError):
             await camera.close()
         while True:

@@ -1,0 +1,93 @@
+"""An old flight with a new map, localiser or configuration: recorded frames are localised again and the navigator flies on that.
+
+Unlike app/replay.py this does not repeat the flight: the recorded answers of the worker are left out, the requests that the
+navigator makes now are answered now, and each answer arrives as late as the recorded ones did.
+"""
+
+from __future__ import annotations
+
+import heapq
+import statistics
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+
+from visloc_companion.app.journal import Entry
+from visloc_companion.app.worker_process import no_fix
+from visloc_companion.core.navigator import Navigator
+from visloc_companion.core.settings import CoreSettings
+from visloc_companion.errors import Reason
+from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix
+
+Answer = Callable[[LocaliseRequest, Image], Fix | NoFix]
+_FRAMES_KEPT = 64
+_DEFAULT_LATENCY_NS = 200_000_000
+
+
+class RecordedFrames:
+    """Frames by number from a stream in the order of recording; the last 64 are kept, for requests ask for recent ones."""
+
+    def __init__(self, frames: Iterator[tuple[int, Image]]) -> None:
+        self._frames = frames
+        self._kept: OrderedDict[int, Image] = OrderedDict()
+
+    def get(self, frame_id: int) -> Image | None:
+        """Pixels of a frame, None where it was not recorded."""
+        while frame_id not in self._kept and not (self._kept and next(reversed(self._kept)) > frame_id):
+            following = next(self._frames, None)
+            if following is None:
+                return None
+            self._kept[following[0]] = following[1]
+            if len(self._kept) > _FRAMES_KEPT:
+                self._kept.popitem(last=False)
+        return self._kept.get(frame_id)
+
+
+def rerun(
+    entries: Iterable[Entry],
+    frames: RecordedFrames,
+    answer: Answer,
+    settings: CoreSettings,
+    latency_ns: int = _DEFAULT_LATENCY_NS,
+) -> Iterator[Entry]:
+    """The entries of the new flight: recorded events but the worker's, new answers, new commands.
+
+    Deterministic where `answer` is: the answer to a request made at t arrives at t + `latency_ns`, whatever it took here.
+    """
+    navigator = Navigator(settings)
+    due: list[tuple[int, int, Fix | NoFix]] = []
+
+    def taken(event: object, now_ns: int) -> Iterator[Entry]:
+        entry = Entry(now_ns, event, None)  # type: ignore[arg-type]
+        yield entry
+        for command in navigator.on(entry.event, now_ns):  # type: ignore[arg-type]
+            yield Entry(now_ns, None, command)
+            if isinstance(command, LocaliseRequest):
+                found = replace(_answered(command, frames, answer), t_rx_ns=now_ns + latency_ns)
+                heapq.heappush(due, (now_ns + latency_ns, command.request_id, found))
+
+    for entry in entries:
+        while due and due[0][0] <= entry.now_ns:
+            arrival_ns, _, found = heapq.heappop(due)
+            yield from taken(found, arrival_ns)
+        if entry.event is not None and not isinstance(entry.event, (Fix, NoFix)):
+            yield from taken(entry.event, entry.now_ns)
+
+
+def recorded_latency_ns(entries: Iterable[Entry]) -> int:
+    """Median time from a recorded request to its answer; 200 ms where there is none."""
+    asked: dict[int, int] = {}
+    found: list[int] = []
+    for entry in entries:
+        if isinstance(entry.command, LocaliseRequest):
+            asked[entry.command.request_id] = entry.now_ns
+        elif isinstance(entry.event, (Fix, NoFix)) and entry.event.request_id in asked:
+            found.append(entry.now_ns - asked[entry.event.request_id])
+    return round(statistics.median(found)) if found else _DEFAULT_LATENCY_NS
+
+
+def _answered(request: LocaliseRequest, frames: RecordedFrames, answer: Answer) -> Fix | NoFix:
+    pixels = frames.get(request.frame.frame_id)
+    if pixels is None:
+        return no_fix(request, "rerun", Reason.BAD_FRAME, "the frame was not recorded")
+    return answer(request, pixels)
