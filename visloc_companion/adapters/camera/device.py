@@ -1,0 +1,101 @@
+"""A camera of this machine through OpenCV (`device:/dev/video0`, `device:0`, or a GStreamer or RTSP address)."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+
+from visloc_companion.adapters.camera.image import require_size, rgb, stored
+from visloc_companion.errors import CameraError
+from visloc_companion.protocols import Clock, FrameSlots
+from visloc_companion.types import CameraModel, FrameRef, Image
+
+MAX_FAILED_READS = 5
+
+
+class Capture(Protocol):
+    """What is used of cv2.VideoCapture."""
+
+    def read(self) -> tuple[bool, Any]:
+        """The next frame (blocks until there is one)."""
+
+    def release(self) -> None:
+        """Give the device back."""
+
+
+class DeviceCamera:
+    """Frames are stamped on arrival less `latency_s` (mid-exposure to arrival, which the driver does not tell).
+
+    `capture` replaces the device in tests. Raises CameraError where the device cannot be opened.
+    """
+
+    def __init__(
+        self, address: str, model: CameraModel, clock: Clock, latency_s: float = 0.0, capture: Capture | None = None
+    ) -> None:
+        self._address, self._model, self._clock = address, model, clock
+        self._latency_ns = round(latency_s * 1e9)
+        self._capture = _opened(address, model) if capture is None else capture
+        self._idle = asyncio.Event()
+        self._idle.set()
+        self._closed = False
+
+    def model(self) -> CameraModel:
+        """The configured calibration."""
+        return self._model
+
+    async def frames(self, slots: FrameSlots) -> AsyncIterator[FrameRef]:
+        """Frames as the device gives them, read in a thread.
+
+        Raises CameraError when it gives none several times running, or one of another size than the calibration's.
+        """
+        frame_id, failed = 0, 0
+        while True:
+            pixels = await self._read()
+            now_ns = self._clock.now_ns()
+            if self._closed:
+                return
+            if pixels is None:
+                failed += 1
+                if failed >= MAX_FAILED_READS:
+                    raise CameraError(
+                        "gives no frames", where=self._address, remedy="check the cable and that nothing else uses it"
+                    )
+                continue
+            frame_id, failed = frame_id + 1, 0
+            require_size(pixels.shape[1], pixels.shape[0], self._model, self._address)
+            yield stored(slots, pixels, frame_id, now_ns, now_ns - self._latency_ns)
+
+    async def _read(self) -> Image | None:
+        self._idle.clear()
+        try:
+            ok, pixels = await asyncio.to_thread(self._capture.read)
+        finally:
+            self._idle.set()
+        return rgb(np.asarray(pixels, dtype=np.uint8)) if ok else None
+
+    async def close(self) -> None:
+        """Stop, and release the device once the read in progress is over (at most a second is waited for it)."""
+        self._closed = True
+        try:
+            async with asyncio.timeout(1.0):
+                await self._idle.wait()
+        except TimeoutError:
+            return
+        self._capture.release()
+
+
+def _opened(address: str, model: CameraModel) -> Capture:
+    source = int(address) if address.isdecimal() else address
+    capture = cv2.VideoCapture(source)
+    if not capture.isOpened():
+        raise CameraError(
+            "cannot be opened", where=address, remedy="check the name (ls /dev/video*) and the right to use it (group video)"
+        )
+    capture.set(cv2.CAP_PROP_FRAME_WIDTH, model.width_px)
+    capture.set(cv2.CAP_PROP_FRAME_HEIGHT, model.height_px)
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+    return capture
