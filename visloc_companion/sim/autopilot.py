@@ -137,7 +137,7 @@ class BuiltInAutopilot:
     @property
     def t_s(self) -> float:
         """Time since the start of the simulation, the time base of the faults."""
-        return self._steps * PHYSICS_DT_S
+        return self.flight.t_s
 
     @property
     def t_boot_ns(self) -> int:
@@ -177,6 +177,7 @@ class BuiltInAutopilot:
 
         The estimator is linear between resets, so the part of its position that false GNSS alone produced is carried beside
         the estimate with the same gains; the vehicle, which flies on the estimate, is moved by just that part, reversed.
+        It counts only while the autopilot has a position to fly on.
         """
         return self.flight.pulled_m
 

@@ -63,7 +63,7 @@ class Flight:
     """One flight. `step` advances everything by `PHYSICS_DT_S`."""
 
     def __init__(self, plan: FlightPlan, parameters: Mapping[str, float], origin: GeoPoint | None = None) -> None:
-        self.plan, self.t_s = plan, 0.0
+        self.plan, self.t_s, self._steps = plan, 0.0, 0
         self.phase: Phase = "by_hand"
         self.origin: GeoPoint | None = None
         self.gnss: GnssSample | None = None
@@ -146,7 +146,8 @@ class Flight:
         b, dt = self.body, PHYSICS_DT_S
         self.wind_ned_mps = wind = self._wind.step(dt)
         self._fly(dt)
-        self.t_s += dt
+        self._steps += 1
+        self.t_s = round(self._steps * dt, 9)
         self.attitude.step(dt)
         self.filter.step((b.a_north, b.a_east, b.a_down), self.attitude.yaw_error_rad, b.down + self._origin_above_home_m, dt)
         if self.t_s >= self._gnss_due_s - 1e-9:
@@ -157,8 +158,8 @@ class Flight:
             air = (b.v_north - wind[0] - error * (b.v_east - wind[1]), b.v_east - wind[1] + error * (b.v_north - wind[0]))
         texts = self.estimator.step(air)
         self._position_ok = self.health().position_ok
-        north, east = self.filter.pull_ned_m
-        self.pulled_m = max(self.pulled_m, math.hypot(north, east))
+        if self._position_ok:
+            self.pulled_m = max(self.pulled_m, math.hypot(*self.filter.pull_ned_m))
         return texts
 
     def _fly(self, dt_s: float) -> None:

@@ -166,3 +166,13 @@ def test_a_plane_without_gnss_circles_by_hand_until_vision_gives_it_a_position(c
     flight.fly(30.0)
     assert flight.pilot.mode == "mission"
     assert flight.rms_m(35.0) < 2.0
+
+
+def test_a_blind_landing_after_spoofing_does_not_count_as_pulled(companion):
+    flight = companion(kind="px4", faults=faults.slow_drag(5.0, 1.0, 0.0, end_s=25.0) + faults.jam(25.0), sending=False)
+    flight.fly(30.5)
+    assert flight.pilot.mode == "land"
+    pulled_m = flight.pilot.pulled_m
+    assert pulled_m == pytest.approx(25.0, abs=2.0)  # 20 m while spoofed and 5 s of a velocity that is 1 m/s off
+    flight.fly(30.0)
+    assert flight.pilot.pulled_m == pulled_m
