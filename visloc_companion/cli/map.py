@@ -50,6 +50,7 @@ def build(
     cloud: Annotated[
         list[Path] | None, typer.Option(metavar="FILE...", help="Point clouds (.las, .laz), used without --dsm.")
     ] = None,
+    cloud_crs: Annotated[str, typer.Option(metavar="EPSG:CODE", help="CRS of clouds that state none.")] = "",
     name: Annotated[str, typer.Option(help="Name of the pack; the folder's by default.")] = "",
     source: Annotated[str, typer.Option(help="Where the imagery comes from.")] = "",
     licence: Annotated[str, typer.Option(help="Licence of the imagery.")] = "",
@@ -76,6 +77,7 @@ def build(
             dsm,
             out,
             clouds=cloud or (),
+            cloud_crs=cloud_crs,
             name=name,
             source=source,
             licence=licence,

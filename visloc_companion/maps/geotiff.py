@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 import rasterio
 from numpy.typing import NDArray
 from rasterio.enums import ColorInterp, Resampling
-from rasterio.errors import RasterioError
+from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window
 
 from visloc_companion.errors import DatumMissing, MapError
@@ -142,7 +143,9 @@ def _open(path: Path) -> tuple[Any, MapCrs, FloatArray]:
     if not path.is_file():
         raise MapError("there is no such file", where=where, remedy="name a GeoTIFF")
     try:
-        dataset = rasterio.open(path)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            dataset = rasterio.open(path)
     except RasterioError as why:
         raise MapError(f"cannot be opened as a raster: {why}", where=where, remedy=_READ_AGAIN) from why
     if dataset.crs is None:

@@ -45,6 +45,7 @@ def build_pack(
     out: Path,
     *,
     clouds: Sequence[Path] = (),
+    cloud_crs: str = "",
     name: str = "",
     source: str = "",
     licence: str = "",
@@ -55,6 +56,7 @@ def build_pack(
     progress: Progress | None = None,
 ) -> Manifest:
     """Build a pack from GeoTIFFs (the first orthophoto on top), and from clouds where there is no surface model.
+    `cloud_crs` is that of clouds that state none.
 
     Without either the ground is the plane `ground_h_amsl_m`. `vertical_datum` is that of the surface; where heights are
     ellipsoidal, h_amsl = h_ell - `geoid_undulation_m`. An existing pack is replaced when the new one is whole; a build that
@@ -67,7 +69,7 @@ def build_pack(
         raise MapError("no orthophoto is given", remedy="--ortho FILE")
     sources = [_ortho_source(path) for path in orthos]
     grid = pack_grid(sources)
-    surface = make_surface(surface_sources(dsm, clouds), grid, vertical_datum, geoid_undulation_m)
+    surface = make_surface(surface_sources(dsm, clouds, cloud_crs), grid, vertical_datum, geoid_undulation_m)
     _check_space(out, grid, surface, max(each.layer.channels for each in sources))
     building = out.absolute().with_name(f".{out.name}.building")
     shutil.rmtree(building, ignore_errors=True)

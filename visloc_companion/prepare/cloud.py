@@ -24,17 +24,18 @@ _CHUNK = 2_000_000
 MAX_CELLS = 400_000_000
 
 
-def cloud_surface(path: Path) -> Source:
+def cloud_surface(path: Path, crs_text: str = "") -> Source:
     """Upper surface of a cloud in its own CRS, heights in metres.
 
-    The cell holds about three points. Raises MapError for a file that cannot be read, DatumMissing for one without a CRS.
+    The cell holds about three points. `crs_text` (EPSG:CODE or WKT) serves where the file states no CRS.
+    Raises MapError for a file that cannot be read, DatumMissing for one without a CRS.
     """
     laspy = _laspy(path)
     if not path.is_file():
         raise MapError("there is no such file", where=str(path), remedy="name a .las or .laz file")
     try:
         with laspy.open(path) as reader:
-            return _rasterised(path, reader)
+            return _rasterised(path, reader, crs_text)
     except (laspy.errors.LaspyException, OSError, ValueError, EOFError, RuntimeError) as why:
         raise MapError(f"cannot be read as a point cloud: {why}", where=str(path), remedy="copy the file again") from why
 
@@ -49,7 +50,7 @@ def _laspy(path: Path) -> Any:
     return laspy
 
 
-def _rasterised(path: Path, reader: Any) -> Source:
+def _rasterised(path: Path, reader: Any, crs_text: str) -> Source:
     header = reader.header
     found = header.parse_crs()
     if found is None:

@@ -11,9 +11,11 @@ from visloc_companion.geo.raster import apply_affine, invert_affine
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.types import FloatArray
 
-CELL_PX = 32
+LEVEL = 4
+"""Stored level that is judged, four times coarser than the map: sensor noise has averaged out, structure has not."""
+CELL_PX = 16
 MIN_TEXTURE = 0.4
-"""Mean magnitude of the gradient features: a mean gradient of 0.4 grey levels a pixel (noise on still water gives less)."""
+"""Mean magnitude of the gradient features: a mean gradient of 0.4 grey levels a pixel."""
 MAX_COHERENCE = 0.9
 """Share of the gradients that have one direction; rows and shores above it leave the place along them open."""
 MIN_VALID = 0.5
@@ -58,8 +60,8 @@ class Matchability:
 
 
 def matchability(pack: PackMap) -> Matchability:
-    """Judge the stored features at about twice the map's GSD, in cells of 32 px."""
-    stored = pack.stored[min(2, len(pack.stored) - 1)]
+    """Judge the stored features at four times the map's GSD (coarsest, where there is none), in cells of 16 px of it."""
+    stored = pack.stored[min(LEVEL, len(pack.stored) - 1)]
     rows, cols = (-(-n // CELL_PX) for n in stored.stored.shape[:2])
     texture, coherence = np.full((rows, cols), np.nan), np.zeros((rows, cols))
     for row in range(rows):

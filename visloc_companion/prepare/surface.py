@@ -31,10 +31,10 @@ class Surface:
     grid: TargetGrid
 
 
-def surface_sources(dsm: Path | None, clouds: Sequence[Path]) -> tuple[Source, ...]:
+def surface_sources(dsm: Path | None, clouds: Sequence[Path], cloud_crs: str = "") -> tuple[Source, ...]:
     """The surface model or, without one, the upper surfaces of the clouds. Raises MapError, DatumMissing."""
     if dsm is None:
-        return tuple(cloud_surface(path) for path in clouds)
+        return tuple(cloud_surface(path, cloud_crs) for path in clouds)
     tiff = open_dsm(dsm)
     gsd_m = tiff.gsd_m
     return (Source(str(dsm), layer_of(tiff), tiff.crs, gsd_m),)

@@ -1,0 +1,61 @@
+import numpy as np
+import pytest
+
+from visloc_companion.geo.ray import intersect_plane, intersect_surface
+
+CAMERA = np.array([10.0, 20.0, -100.0])
+
+
+def rays(n: int = 60, spread: float = 0.8) -> np.ndarray:
+    rng = np.random.default_rng(5)
+    return np.column_stack([rng.uniform(-spread, spread, (n, 2)), np.ones(n)]) * rng.uniform(0.5, 2, (n, 1))
+
+
+def test_plane_below() -> None:
+    straight = intersect_plane(CAMERA, np.array([[0.0, 0.0, 1.0], [1.0, -0.5, 1.0]]), -40.0)
+    assert straight == pytest.approx(np.array([[10.0, 20.0], [70.0, -10.0]]))
+    each = intersect_plane(CAMERA, np.array([[1.0, 0.0, 1.0], [1.0, 0.0, 1.0]]), np.array([0.0, -90.0]))
+    assert each[:, 0] == pytest.approx([110.0, 20.0])
+
+
+def test_rays_that_do_not_meet_the_plane() -> None:
+    missed = intersect_plane(CAMERA, np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), 0.0)
+    assert np.isnan(missed).all()
+    assert np.isnan(intersect_plane(CAMERA, np.array([[0.0, 0.0, 1.0]]), -200.0)).all(), "a plane above the camera"
+
+
+def test_flat_surface_is_the_plane() -> None:
+    got = intersect_surface(CAMERA, rays(), lambda p: np.full(len(p), 30.0), 60.0, 0.0)
+    assert got[:, :2] == pytest.approx(intersect_plane(CAMERA, rays(), -30.0), abs=0.01)
+    assert got[:, 2] == pytest.approx(np.full(60, -30.0), abs=0.01)
+
+
+def test_slope_is_met_where_algebra_says() -> None:
+    a, b, c = 0.2, -0.15, 25.0
+    got = intersect_surface(CAMERA, rays(), lambda p: a * p[:, 0] + b * p[:, 1] + c, 90.0, -60.0)
+    r = rays()
+    t = (100 - (a * CAMERA[0] + b * CAMERA[1] + c)) / (r[:, 2] + a * r[:, 0] + b * r[:, 1])
+    assert got == pytest.approx(CAMERA + r * t[:, None], abs=0.02)
+
+
+def test_wall_hides_what_is_behind_it() -> None:
+    wall = intersect_surface(
+        CAMERA, np.array([[0.5, 0.0, 1.0]]), lambda p: np.where(p[:, 0] > 40.0, 60.0, 0.0), highest_up_m=60.0, lowest_up_m=0.0
+    )
+    assert wall[0, 0] == pytest.approx(40.0, abs=0.02)
+    assert wall[0, 2] == pytest.approx(-40.0, abs=0.05)
+
+
+def test_rays_that_miss_the_surface() -> None:
+    def bounded(p: np.ndarray) -> np.ndarray:
+        return np.where(np.abs(p).max(axis=1) < 50, 0.0, np.nan)
+
+    got = intersect_surface(CAMERA, np.array([[3.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]), bounded, 10.0, -10.0)
+    assert np.isnan(got[:2]).all()
+    assert got[2] == pytest.approx([10.0, 20.0, 0.0], abs=0.01)
+
+
+def test_camera_below_the_highest_point() -> None:
+    low = np.array([0.0, 0.0, -20.0])
+    got = intersect_surface(low, np.array([[1.0, 0.0, 1.0]]), lambda p: np.zeros(len(p)), 500.0, 0.0)
+    assert got[0] == pytest.approx([20.0, 0.0, 0.0], abs=0.02)

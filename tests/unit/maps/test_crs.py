@@ -1,0 +1,104 @@
+import math
+
+import numpy as np
+import pytest
+
+from visloc_companion.errors import DatumMissing, MapError, OutsideMap
+from visloc_companion.geo.wgs84 import geo_from_ned
+from visloc_companion.maps.crs import map_crs, utm_at
+from visloc_companion.types import GeoPoint
+
+PLACES = [
+    ("EPSG:32612", 40.5, -112.9),
+    ("EPSG:32719", -23.3, -67.1),
+    ("EPSG:4326", 61.2, 25.1),
+    ("EPSG:3857", 48.0, 9.0),
+    ("EPSG:2193", -41.3, 174.8),
+    ("EPSG:2227", 37.5, -122.0),
+    ("EPSG:3035", 63.0, 27.0),
+]
+
+
+@pytest.mark.parametrize(("text", "lat", "lon"), PLACES)
+def test_jacobian_predicts_where_a_step_on_the_ground_leads(text: str, lat: float, lon: float) -> None:
+    crs, place = map_crs(text), GeoPoint(lat, lon, 0.0)
+    here = crs.linearised_at(place)
+    for north, east in ((30.0, 0.0), (0.0, 30.0), (-20.0, 25.0)):
+        there, back = geo_from_ned((north, east, 0.0), place), geo_from_ned((-north, -east, 0.0), place)
+        moved = (np.array(crs.to_map(there.lat_deg, there.lon_deg)) - crs.to_map(back.lat_deg, back.lon_deg)) / 2
+        off = here.J_map_ne @ [north, east] - moved
+        assert np.linalg.norm(off) < 1e-5 * np.linalg.norm(moved)
+
+
+@pytest.mark.parametrize(("text", "lat", "lon"), PLACES)
+def test_there_and_back(text: str, lat: float, lon: float) -> None:
+    crs = map_crs(text)
+    assert crs.to_geo(*crs.to_map(lat, lon)) == pytest.approx((lat, lon), abs=1e-8)
+    assert crs.to_geo_array(crs.to_map_array(np.array([[lat, lon]])))[0] == pytest.approx((lat, lon), abs=1e-8)
+
+
+def test_convergence_and_scale_of_utm() -> None:
+    central = map_crs("EPSG:32633").linearised_at(GeoPoint(47.0, 15.0, 0.0))
+    assert central.convergence_rad == pytest.approx(0.0, abs=1e-9)
+    assert central.scale == pytest.approx(0.9996, abs=1e-6)
+    east = map_crs("EPSG:32633").linearised_at(GeoPoint(47.0, 17.0, 0.0))
+    tan = math.tan(math.radians(2.0)) * math.sin(math.radians(47.0))
+    assert east.convergence_rad == pytest.approx(math.atan(tan), abs=2e-5), (
+        "east of the meridian grid north lies east of true north"
+    )
+    south = map_crs("EPSG:32733").linearised_at(GeoPoint(-47.0, 17.0, 0.0))
+    assert south.convergence_rad == pytest.approx(-math.atan(tan), abs=2e-5)
+
+
+def test_properties() -> None:
+    feet, degrees = map_crs("EPSG:2227"), map_crs("EPSG:4326")
+    assert feet.metres_per_unit == pytest.approx(0.3048006)
+    assert math.isnan(degrees.metres_per_unit)
+    assert degrees.is_geographic and not feet.is_geographic
+    assert (feet.epsg, map_crs(feet.wkt).epsg) == (2227, 2227)
+    assert map_crs(feet.wkt) == feet != degrees and hash(map_crs(feet.wkt)) == hash(feet)
+    assert feet != "EPSG:2227"
+    assert map_crs("EPSG:26912").accuracy_m == 4.0
+    assert map_crs("EPSG:27700").accuracy_m is None
+    assert map_crs("EPSG:4979").is_ellipsoidal_3d and not degrees.is_ellipsoidal_3d
+
+
+def test_compound_crs_keeps_its_vertical_unit() -> None:
+    assert map_crs("EPSG:32612+5703").vertical_metres_per_unit == 1.0
+    compound = map_crs("EPSG:32612+6360")
+    assert compound.vertical_metres_per_unit == pytest.approx(0.3048006)
+    assert "height" in compound.vertical_name
+    assert compound == map_crs("EPSG:32612")
+
+
+@pytest.mark.parametrize("text", ["EPSG:4978", "EPSG:5703", "nonsense", "EPSG:99999999"])
+def test_no_horizontal_crs_is_refused(text: str) -> None:
+    with pytest.raises(MapError, match=r"here\.tif.*remedy"):
+        map_crs(text, "here.tif")
+
+
+def test_unknown_datum_is_refused() -> None:
+    wkt = (
+        'GEOGCRS["?",DATUM["Moon somewhere",ELLIPSOID["Moon",1737400,0]],CS[ellipsoidal,2],'
+        'AXIS["lat",north],AXIS["lon",east],ANGLEUNIT["degree",0.0174532925199433]]'
+    )
+    with pytest.raises(DatumMissing, match="relation"):
+        map_crs(wkt, "moon.tif")
+
+
+def test_places_without_coordinates() -> None:
+    utm = map_crs("EPSG:32612")
+    with pytest.raises(OutsideMap):
+        utm.to_map(95.0, 10.0)
+    with pytest.raises(OutsideMap):
+        utm.to_geo(math.nan, 0.0)
+    with pytest.raises(OutsideMap):
+        utm.linearised_at(GeoPoint(math.nan, 10.0, 0.0))
+    assert np.isnan(utm.to_map_array(np.array([[95.0, 10.0], [40.0, -111.0]]))).tolist() == [[True, True], [False, False]]
+
+
+@pytest.mark.parametrize(
+    ("lat", "lon", "epsg"), [(47.0, 15.0, 32633), (-33.0, 18.4, 32734), (10.0, 179.9, 32660), (10.0, -180.0, 32601)]
+)
+def test_utm_zone(lat: float, lon: float, epsg: int) -> None:
+    assert utm_at(lat, lon).epsg == epsg
