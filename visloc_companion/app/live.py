@@ -280,7 +280,14 @@ class Daemon:
             "t_ns": self.parts.clock.now_ns(),
             "status": None if self.status is None else json.loads(to_json(self.status)),
             "link_up": self._link_up,
-            "worker": None if worker is None else {"up": worker.up, "restarts": worker.restarts, "given_up": worker.given_up},
+            "worker": None
+            if worker is None
+            else {
+                "up": worker.up,
+                "pid": worker.pid,
+                "restarts": worker.restarts,
+                "given_up": worker.given_up,
+            },
             "journal": None if journal is None else {"dropped": journal.dropped, "problem": journal.problem},
             "cycle_slips": self.health.cycle_slips,
             "slow_steps": self.slow_steps,

@@ -10,12 +10,10 @@ import signal
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
-import cv2
 import numpy as np
 import pytest
-import rasterio
-from affine import Affine
 
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.settings import camera_model
@@ -24,28 +22,15 @@ from visloc_companion.app.worker import WorkerSupervisor
 from visloc_companion.config import Config, parse_config
 from visloc_companion.errors import MapError
 from visloc_companion.maps.pack import PackMap
-from visloc_companion.prepare.build import build_pack
 from visloc_companion.types import Fix, FrameRef, GeoPoint, Image, LocaliseRequest, NoFix, PosePrior, WorkerState
 
-GSD_M, SIZE_PX, HEIGHT_M = 0.5, 600, 80.0
+GSD_M, HEIGHT_M = 0.5, 80.0
 EAST_M, NORTH_M = 500_000.0, 5_205_000.0
 
 
-@pytest.fixture(scope="module")
-def pack(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """300 x 300 m of blobs and edges on flat ground at height 0."""
-    folder = tmp_path_factory.mktemp("pack")
-    rng = np.random.default_rng(8)
-    grey = cv2.GaussianBlur(rng.normal(size=(SIZE_PX, SIZE_PX)), (0, 0), 3) * 900 + 128
-    for _ in range(60):
-        (u, v), side = rng.integers(0, SIZE_PX, 2), int(rng.integers(8, 40))
-        grey[v : v + side, u : u + side] = rng.uniform(30, 220)
-    pixels = np.clip(grey, 0, 255).astype(np.uint8)
-    profile = {"driver": "GTiff", "width": SIZE_PX, "height": SIZE_PX, "count": 3, "dtype": "uint8", "crs": "EPSG:32632"}
-    with rasterio.open(folder / "o.tif", "w", transform=Affine(GSD_M, 0, EAST_M, 0, -GSD_M, NORTH_M), **profile) as file:
-        file.write(np.stack([pixels] * 3))
-    build_pack([folder / "o.tif"], None, folder / "pack", ground_h_amsl_m=0.0, capture_date="2026-01-01")
-    return folder / "pack"
+@pytest.fixture
+def pack(small_world: Any) -> Path:
+    return small_world.pack
 
 
 def configuration(pack: Path) -> Config:
