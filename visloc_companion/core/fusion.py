@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from visloc_companion.core import kalman
+from visloc_companion.core import kalman, relocalise
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.errors import Reason
 from visloc_companion.types import Accepted, Cov2, FloatArray, Rejected, Vec2
@@ -29,17 +29,11 @@ INERTIAL_DRIFT_MPS2 = 0.03
 """Growth of that sigma while the velocity rests on our own dead reckoning only."""
 HEIGHT_WALK_M_PER_SQRT_S = 0.1
 HEIGHT_GATE_SIGMA = 4.0
-AGREEMENT_SPAN_S = 30.0
+DOUBT_AFTER = 2
+DOUBT_MPS = 4.0
+MAX_DOUBT_MPS = 12.0
+"""Added 1-sigma of the velocity error for each rejection from the second on, and where that ends."""
 MEMORY_OF_WRONG = 10
-
-
-@dataclass(frozen=True, slots=True)
-class Candidate:
-    """A rejected fix, carried along by the velocity input: `anchor_ne_m` is its position minus the travel until then."""
-
-    t_ns: int
-    anchor_ne_m: Vec2
-    cov_ne_m2: Cov2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +50,7 @@ class Belief:
     height_var_m2: float
     started_ns: int
     last_fix_ns: int | None = None
-    rejected: tuple[Candidate, ...] = ()
+    rejected: tuple[relocalise.Candidate, ...] = ()
     wrong: tuple[float, ...] = ()
 
 
@@ -107,7 +101,7 @@ def propagated(belief: Belief, t_ns: int, v_ne_mps: Vec2, settings: NavigatorSet
     dt = (t_ns - belief.t_ns) * 1e-9
     if dt <= 0:
         return belief
-    tau, sigma = settings.velocity_correlation_s, _sigma_with_drift(belief, settings)
+    tau, sigma = settings.velocity_correlation_s, _effective_sigma_mps(belief, settings)
     a = math.exp(-dt / tau)
     spread = dt / tau
     q_bb = sigma**2 * (1 - a * a)
@@ -137,9 +131,9 @@ def _integrated(spread: float) -> float:
     return 2 * spread - 3 + 4 * math.exp(-spread) - math.exp(-2 * spread)
 
 
-def _sigma_with_drift(belief: Belief, settings: NavigatorSettings) -> float:
-    if not belief.feedback:
-        return belief.sigma_v_mps
+def _effective_sigma_mps(belief: Belief, settings: NavigatorSettings) -> float:
+    if not belief.feedback:  # a large learned error does not relax to zero as the model says: allow for that
+        return max(belief.sigma_v_mps, math.hypot(float(belief.x[2]), float(belief.x[3])) / 2)
     rested_ns = belief.started_ns if belief.last_fix_ns is None else max(belief.last_fix_ns, belief.started_ns)
     alone_s = max(0.0, (belief.t_ns - rested_ns) * 1e-9 - settings.dead_reckoning_after_s)
     return belief.sigma_v_mps + INERTIAL_DRIFT_MPS2 * alone_s
@@ -164,34 +158,43 @@ def observed(
         return (_fixed(after, z, h_autopilot_amsl_m) if z.from_fix else after), Accepted(got.nis)
     if not z.from_fix or got.reason is not Reason.GATED:
         return belief, got
-    candidates = _agreeing(belief, z, settings)
-    if len(candidates) < settings.relocalise_after_rejections:
-        return replace(belief, rejected=candidates), got
-    return _fixed(_restarted(belief, z, settings), z, h_autopilot_amsl_m), Accepted(got.nis)
+    belief = _remembering(belief, z)
+    restart = relocalise.restart(belief.rejected, belief.sigma_v_mps, settings)
+    if restart is None:
+        return _doubting(belief, z), got
+    return _fixed(_restarted(belief, z, restart, settings), z, h_autopilot_amsl_m), Accepted(got.nis)
 
 
-def _agreeing(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[Candidate, ...]:
-    """The rejected fixes that fit this one, with it as the last; alone where one of them does not fit."""
+def _remembering(belief: Belief, z: Position) -> Belief:
     anchor = (z.p_ne_m[0] - belief.travel_ne_m[0], z.p_ne_m[1] - belief.travel_ne_m[1])
-    new = Candidate(z.t_ns, anchor, z.cov_ne_m2)
-    kept = tuple(c for c in belief.rejected if z.t_ns - c.t_ns <= AGREEMENT_SPAN_S * 1e9)
-    fits = all(_fit(c, new, max(belief.sigma_v_mps, settings.velocity_sigma_aiding_mps), settings.gate_sigma) for c in kept)
-    return (*kept, new) if fits else (new,)
+    new = relocalise.Candidate(z.t_ns, anchor, z.cov_ne_m2)
+    return replace(belief, rejected=relocalise.remembered(belief.rejected, new))
 
 
-def _fit(a: Candidate, b: Candidate, sigma_v_mps: float, gate_sigma: float) -> bool:
-    growth = (sigma_v_mps * (b.t_ns - a.t_ns) * 1e-9) ** 2
-    S = np.array(a.cov_ne_m2) + np.array(b.cov_ne_m2) + growth * np.eye(2)
-    d = np.array(b.anchor_ne_m) - np.array(a.anchor_ne_m)
-    return float(d @ np.linalg.solve(S, d)) <= gate_sigma**2
+def _doubting(belief: Belief, z: Position) -> Belief:
+    """After repeated rejections that a wrong velocity could explain: doubt the velocity, so that the search region follows.
+
+    A false velocity (GNSS velocity is spoofed, too) otherwise carries the filter away from the fixes that contradict it.
+    """
+    rested_ns = belief.started_ns if belief.last_fix_ns is None else belief.last_fix_ns
+    off_m = math.hypot(z.p_ne_m[0] - float(belief.x[0]), z.p_ne_m[1] - float(belief.x[1]))
+    explained = off_m <= relocalise.MAX_VELOCITY_ERROR_MPS * (z.t_ns - rested_ns) * 1e-9
+    if len(belief.rejected) < DOUBT_AFTER or not explained or float(belief.P[2, 2]) > MAX_DOUBT_MPS**2:
+        return belief
+    P = belief.P.copy()
+    P[2:, 2:] += np.eye(2) * DOUBT_MPS**2
+    return replace(belief, P=P)
 
 
-def _restarted(belief: Belief, z: Position, settings: NavigatorSettings) -> Belief:
+def _restarted(belief: Belief, z: Position, found: relocalise.Restart, settings: NavigatorSettings) -> Belief:
     """From the last of the agreeing fixes, with its own covariance: their errors may be one error, so nothing is averaged."""
-    sigma_v = max(belief.sigma_v_mps, settings.velocity_sigma_aiding_mps)
+    sigma_v = max(belief.sigma_v_mps, settings.velocity_sigma_aiding_mps, found.sigma_mps)
+    error = found.velocity_error_ne_mps
+    if belief.feedback:
+        sigma_v, error = max(sigma_v, math.hypot(*error)), (0.0, 0.0)
     P = np.zeros((4, 4))
     P[:2, :2], P[2:, 2:] = np.array(z.cov_ne_m2), np.eye(2) * sigma_v**2
-    return replace(belief, x=np.array([*z.p_ne_m, 0.0, 0.0]), P=P, started_ns=z.t_ns)
+    return replace(belief, x=np.array([*z.p_ne_m, *error]), P=P, started_ns=z.t_ns)
 
 
 def _fixed(belief: Belief, z: Position, h_autopilot_amsl_m: float | None) -> Belief:

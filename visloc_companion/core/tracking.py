@@ -130,7 +130,7 @@ class Tracker:
     def implausible(self, place: GeoPoint, sigma_m: float, gnss_trusted: bool) -> str | None:
         """Why a position that the operator gives is not taken: far from the origin, or from a GNSS that is trusted."""
         if self.origin is None or self._velocity is None:
-            return "no origin or telemetry yet"
+            return "no telemetry yet"
         if wgs84.distance_m(place, self.origin) > OPERATOR_REACH_M:
             return "too far from origin"
         far_m = 4 * sigma_m + OPERATOR_MARGIN_M

@@ -122,6 +122,39 @@ def test_rejected_fixes_that_contradict_each_other_never_restart() -> None:
     assert belief.started_ns == 0
 
 
+def test_repeated_rejections_that_a_false_velocity_explains_widen_the_search() -> None:
+    def after_two(off_m: float) -> Belief:
+        belief = start(sigma_m=1.0)
+        for k in range(10, 12):
+            belief = fusion.propagated(belief, k * S, (0.0, 0.0), SETTINGS)
+            belief, outcome = fusion.observed(belief, fix(k, off_m * (k - 8), 0.0), None, SETTINGS)
+            assert isinstance(outcome, Rejected)
+        return belief
+
+    assert after_two(50.0).P[2, 2] > fusion.DOUBT_MPS**2
+    assert after_two(5000.0).P[2, 2] < 1.0
+    belief = after_two(50.0)
+    for k in range(12, 60):
+        belief, _ = fusion.observed(belief, fix(11, 100.0 + 37 * (k % 3), 0.0), None, SETTINGS)
+    assert belief.P[2, 2] < fusion.MAX_DOUBT_MPS**2 + fusion.DOUBT_MPS**2 + 1
+
+
+def test_six_fixes_on_a_line_teach_the_velocity_error_unless_it_is_our_own() -> None:
+    """The input says 30 m/s, the truth stands still far away."""
+    for feedback in (False, True):
+        belief = start(feedback, sigma_m=1.0)
+        for k in range(1, 7):
+            belief = fusion.propagated(belief, k * S // 2, (30.0, 0.0), SETTINGS)
+            belief, outcome = fusion.observed(belief, fix(k / 2, -500.0, 0.0), None, SETTINGS)
+        assert isinstance(outcome, Accepted)
+        assert belief.x[0] == pytest.approx(-500.0)
+        if feedback:
+            assert belief.x[2] == 0.0
+            assert belief.P[2, 2] >= 30.0**2 - 1
+        else:
+            assert belief.x[2] == pytest.approx(30.0, abs=0.1)
+
+
 def test_an_accepted_fix_or_a_long_pause_clears_the_candidates() -> None:
     belief = start(sigma_m=1.0)
     belief, _ = fusion.observed(belief, fix(0.0, 300.0, 0.0), None, SETTINGS)

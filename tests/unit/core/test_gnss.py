@@ -136,6 +136,15 @@ def test_a_disagreement_with_vision_is_a_spoof_and_needs_vision_to_mend() -> Non
     assert feed.run(10, vision=(0.5, 0.0)).verdict is Verdict.OK
 
 
+def test_an_agreement_that_breaks_off_is_no_probation() -> None:
+    feed = trusted()
+    feed.run(20, vision=(0.5, 0.0))
+    feed.run(5, vision=(40.0, 0.0))
+    feed.run(6, vision=(0.5, 0.0))
+    got = feed.run(60)
+    assert (got.verdict, got.reasons) == (Verdict.SUSPECT, ("vision_disagrees",))
+
+
 def test_gnss_that_comes_back_at_a_wrong_place_is_never_trusted() -> None:
     feed = trusted()
     feed.run(20, vision=(0.5, 0.0))

@@ -43,7 +43,7 @@ def test_nothing_before_origin_and_velocity() -> None:
     assert tracker.observe(fix(0.0, 0.0)) is None
     assert tracker.observe_gnss(0, at(0.0), 2.0) is None
     assert tracker.out_of_reach(0, at(500.0), 2.0) is False
-    assert tracker.implausible(at(0.0), 5.0, gnss_trusted=False) == "no origin or telemetry yet"
+    assert tracker.implausible(at(0.0), 5.0, gnss_trusted=False) == "no telemetry yet"
     assert tracker.drive(velocity(0.0))
     assert tracker.seed(0, at(0.0), 5.0)
 
