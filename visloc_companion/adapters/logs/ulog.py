@@ -4,18 +4,15 @@ vehicle_global_position, estimator_status and vehicle_status.
 
 from __future__ import annotations
 
-import contextlib
-import io
 import math
-import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from visloc_companion.adapters.logs.attitude_rates import rates_between
 from visloc_companion.adapters.logs.recording import NS_PER_US, Losses, Recording, in_order, link_up, read_bytes
+from visloc_companion.adapters.logs.ulog_format import MAGIC, Row, read_topics
 from visloc_companion.errors import LogError
 from visloc_companion.geo.se3 import normalised
 from visloc_companion.types import (
@@ -31,7 +28,6 @@ from visloc_companion.types import (
     PriorPose,
 )
 
-_MAGIC = b"ULog\x01\x12\x35"
 _GNSS_TOPICS = ("vehicle_gps_position", "sensor_gps")
 _TOPICS = (
     "vehicle_attitude",
@@ -43,26 +39,23 @@ _TOPICS = (
 )
 _ARMED = 2
 _KIND = AutopilotKind.PX4
-Row = dict[str, Any]
+Topic = list[Row]
 
 
 def read_ulog(path: Path) -> Recording:
-    """The flight in a ULog. Raises LogError for a file that pyulog cannot read or that tells nothing of a flight.
-
-    Needs pyulog (extra `eval`).
-    """
+    """The flight in a ULog. Raises LogError for a file that is none or that tells nothing of a flight."""
     data, losses = read_bytes(path), Losses()
-    if not data.startswith(_MAGIC):
+    if not data.startswith(MAGIC):
         raise LogError("does not start as a ULog does", where=str(path), remedy="name a .ulg file of PX4")
-    topics = _topics(path, data, losses)
+    topics = read_topics(data, _TOPICS, losses)
     events: list[tuple[int, Event]] = []
     for name, convert in _CONVERTERS.items():
         if name in topics:
             events += _converted(topics[name], convert, losses)
     gnss = next((topics[name] for name in _GNSS_TOPICS if name in topics), None)
     events += _converted(gnss, _gnss, losses) if gnss else []
-    events += _attitudes(topics.get("vehicle_attitude", {}), losses)
-    events += _origins(topics.get("vehicle_local_position", {}), losses)
+    events += _attitudes(topics.get("vehicle_attitude", []), losses)
+    events += _origins(topics.get("vehicle_local_position", []), losses)
     events += _global_positions(topics, losses)
     if not events:
         raise LogError("holds no attitude and no position", where=str(path), remedy="log vehicle_attitude and the positions")
@@ -82,43 +75,17 @@ def _changes(events: list[tuple[int, Event]]) -> Iterator[tuple[int, Event]]:
         yield t_ns, event
 
 
-def _topics(path: Path, data: bytes, losses: Losses) -> dict[str, Row]:
-    try:
-        from pyulog import ULog
-    except ImportError as why:
-        raise LogError(
-            "needs pyulog, which is not installed", where=str(path), remedy="pip install 'visloc-companion[eval]'"
-        ) from why
-    try:
-        with contextlib.redirect_stdout(io.StringIO()):
-            log = ULog(io.BytesIO(data), list(_TOPICS))
-    except (struct.error, ValueError, TypeError, IndexError, KeyError, AttributeError, UnicodeDecodeError, MemoryError) as why:
-        raise LogError(
-            f"is damaged: {why}", where=str(path), remedy="repair it with pyulog's ulog_migratedb or use another"
-        ) from why
-    losses.truncated = bool(log.file_corruption)
-    losses.garbage_pieces = len(log.dropouts)
-    found: dict[str, Row] = {}
-    for item in log.data_list:
-        if item.multi_id == 0:
-            found[item.name] = item.data
-    return found
-
-
-def _rows(topic: Row) -> Iterator[tuple[int, Row]]:
+def _rows(topic: Topic) -> Iterator[tuple[int, Row]]:
     """(t_ns, one row) of a topic, where its time does not go back."""
-    names = list(topic)
-    columns = [topic[name].tolist() for name in names]
     last_ns = 0
-    for values in zip(*columns, strict=True):
-        row = dict(zip(names, values, strict=True))
+    for row in topic:
         t_ns = row["timestamp"] * NS_PER_US
         if t_ns >= last_ns:
             last_ns = t_ns
             yield t_ns, row
 
 
-def _converted(topic: Row, convert: Callable[[int, Row], Event | None], losses: Losses) -> list[tuple[int, Event]]:
+def _converted(topic: Topic, convert: Callable[[int, Row], Event | None], losses: Losses) -> list[tuple[int, Event]]:
     made: list[tuple[int, Event]] = []
     for t_ns, row in _rows(topic):
         try:
@@ -131,7 +98,7 @@ def _converted(topic: Row, convert: Callable[[int, Row], Event | None], losses: 
     return made
 
 
-def _attitudes(topic: Row, losses: Losses) -> list[tuple[int, Event]]:
+def _attitudes(topic: Topic, losses: Losses) -> list[tuple[int, Event]]:
     made: list[tuple[int, Event]] = []
     last: Attitude | None = None
     for t_ns, row in _rows(topic):
@@ -183,7 +150,7 @@ def _estimator_status(t_ns: int, row: Row) -> Event:
     )
 
 
-def _origins(topic: Row, losses: Losses) -> list[tuple[int, Event]]:
+def _origins(topic: Topic, losses: Losses) -> list[tuple[int, Event]]:
     last: GeoPoint | None = None
     made: list[tuple[int, Event]] = []
     for t_ns, row in _rows(topic):
@@ -200,17 +167,17 @@ def _origins(topic: Row, losses: Losses) -> list[tuple[int, Event]]:
     return made
 
 
-def _global_positions(topics: dict[str, Row], losses: Losses) -> list[tuple[int, Event]]:
+def _global_positions(topics: dict[str, Topic], losses: Losses) -> list[tuple[int, Event]]:
     """vehicle_global_position with the velocity of the nearest vehicle_local_position (newer logs have none of its own)."""
-    local, places = topics.get("vehicle_local_position", {}), topics.get("vehicle_global_position", {})
+    local, places = topics.get("vehicle_local_position", []), topics.get("vehicle_global_position", [])
     if not local or not places:
         return []
-    local_us = np.asarray(local["timestamp"])
+    local_us = np.array([row["timestamp"] for row in local])
 
     def convert(t_ns: int, row: Row) -> Event:
         i = min(int(np.searchsorted(local_us, row["timestamp"])), len(local_us) - 1)
-        near = {name: float(local[name][i]) for name in ("vx", "vy", "vz", "z")}
-        return PriorPose(t_ns, t_ns, _place(row["lat"], row["lon"], row["alt"]), _vec3(near, "vx", "vy", "vz"), -near["z"])
+        near = local[i]
+        return PriorPose(t_ns, t_ns, _place(row["lat"], row["lon"], row["alt"]), _vec3(near, "vx", "vy", "vz"), -float(near["z"]))
 
     return _converted(places, convert, losses)
 
@@ -226,8 +193,8 @@ _CONVERTERS: dict[str, Callable[[int, Row], Event | None]] = {
 }
 
 
-def _unix_minus_boot_ns(gnss: Row | None) -> int | None:
-    for t_ns, row in _rows(gnss or {}):
+def _unix_minus_boot_ns(gnss: Topic | None) -> int | None:
+    for t_ns, row in _rows(gnss or []):
         if row.get("time_utc_usec", 0) > 0 and row.get("fix_type", 0) >= 3:
             return int(row["time_utc_usec"]) * NS_PER_US - t_ns
     return None

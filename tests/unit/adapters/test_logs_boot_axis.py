@@ -1,0 +1,65 @@
+from __future__ import annotations
+
+from visloc_companion.adapters.logs.boot_axis import BootAxis, smallest_difference_ns
+from visloc_companion.adapters.logs.recording import Losses
+
+S_US, S_MS, S_NS = 1_000_000, 1000, 1_000_000_000
+UNIX_US = 1_500_000_000 * S_US
+
+
+def axis() -> tuple[BootAxis, Losses]:
+    losses = Losses()
+    return BootAxis(UNIX_US * 1000 - 100 * S_NS, losses), losses
+
+
+def test_bursts_of_the_ground_station_do_not_shift_time() -> None:
+    line, losses = axis()
+    walls_s = [0.0, 2.0, 2.001, 2.002, 2.003]
+    placed = [line.place(UNIX_US + round(w * S_US), 100_000 + 500 * k) for k, w in enumerate(walls_s)]
+    assert [instant.t_ns / S_NS for instant in placed] == [100.0, 100.5, 101.0, 101.5, 102.0]
+    assert losses == Losses()
+
+
+def test_records_without_stamp_lie_at_the_last_stamped_one() -> None:
+    line, _ = axis()
+    before = line.place(UNIX_US - S_US, None)
+    stamped = line.place(UNIX_US, 100_000)
+    after = line.place(UNIX_US + S_US, None)
+    assert (before.t_ns, stamped.t_ns, after.t_ns) == (99 * S_NS, 100 * S_NS, 100 * S_NS)
+    assert line.place(UNIX_US + 60 * S_US, None).t_ns == 155 * S_NS, "a long stretch without stamps is not a standstill"
+
+
+def test_time_never_goes_back_and_small_disorder_is_no_reboot() -> None:
+    line, losses = axis()
+    times = [line.place(UNIX_US + k, boot).t_ns for k, boot in enumerate((100_000, 100_400, 100_200, 100_600))]
+    assert times == sorted(times)
+    assert losses.reboots == 0
+
+
+def test_a_reboot_continues_the_clock() -> None:
+    line, losses = axis()
+    line.place(UNIX_US, 100_000)
+    again = line.place(UNIX_US + 7 * S_US, 2_000)
+    assert again.rebooted
+    assert again.t_ns == 107 * S_NS
+    assert again.boot_shift_ns == 105 * S_NS
+    following = line.place(UNIX_US + 8 * S_US, 3_000)
+    assert not following.rebooted
+    assert following.t_ns == 108 * S_NS
+    assert losses.reboots == 1
+
+
+def test_steps_of_the_wall_clock_change_nothing() -> None:
+    line, losses = axis()
+    line.place(UNIX_US, 100_000)
+    assert line.place(UNIX_US - 9_000 * S_US, 101_000).t_ns == 101 * S_NS
+    assert line.place(UNIX_US - 9_000 * S_US, None).t_ns == 101 * S_NS
+    assert line.place(UNIX_US + 10**9 * S_US, None).t_ns == 101 * S_NS
+    assert line.place(UNIX_US + 10**9 * S_US + S_US, 102_000).t_ns == 102 * S_NS
+    assert losses.clock_steps == 2
+
+
+def test_the_least_delayed_record_places_utc_and_a_reboot_ends_the_search() -> None:
+    stamps = [(UNIX_US + 1_300, 1), (UNIX_US + 6_050, 6), (UNIX_US + 9 * S_US, 9_000), (UNIX_US + 60 * S_US, 1)]
+    assert smallest_difference_ns(stamps) == (UNIX_US + 9 * S_US) * 1000 - 9 * S_NS
+    assert smallest_difference_ns([]) == 0

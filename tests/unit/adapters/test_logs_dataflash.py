@@ -1,0 +1,172 @@
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import pytest
+
+from visloc_companion.adapters.logs.open import open_log
+from visloc_companion.adapters.logs.recording import Losses
+from visloc_companion.errors import LogError
+from visloc_companion.geo.se3 import euler_from_quat
+from visloc_companion.geo.wgs84 import distance_m
+from visloc_companion.types import (
+    Attitude,
+    AutopilotKind,
+    EstimatorStatus,
+    GeoPoint,
+    Gnss,
+    LinkChanged,
+    LocalPose,
+    OriginChanged,
+    PriorPose,
+)
+
+HEAD = b"\xa3\x95"
+CODES = {"B": "B", "Q": "Q", "c": "h", "C": "H", "L": "i", "e": "i", "f": "f", "I": "I", "H": "H", "i": "i", "E": "I", "Z": "64s"}
+MODERN = {
+    "ATT": (1, "Qccc", "TimeUS,Roll,Pitch,Yaw"),
+    "GPS": (2, "QBBIHBcLLeffff", "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw"),
+    "POS": (3, "QLLfff", "TimeUS,Lat,Lng,Alt,RelHomeAlt,RelOriginAlt"),
+    "XKF1": (4, "QBffffff", "TimeUS,C,VN,VE,VD,PN,PE,PD"),
+    "XKF4": (5, "QBcccI", "TimeUS,C,SV,SP,SH,SS"),
+    "ORGN": (6, "QBLLe", "TimeUS,Type,Lat,Lng,Alt"),
+    "EV": (7, "QB", "TimeUS,Id"),
+    "MSG": (8, "QZ", "TimeUS,Message"),
+    "BARO": (9, "Qf", "TimeUS,Alt"),
+}
+OLD = {
+    "ATT": (1, "Iccc", "TimeMS,Roll,Pitch,Yaw"),
+    "GPS": (2, "BIHBcLLeeEefI", "Status,TimeMS,Week,NSats,HDop,Lat,Lng,RelAlt,Alt,Spd,GCrs,VZ,T"),
+    "NTUN": (3, "Iffff", "TimeMS,PosX,PosY,VelX,VelY"),
+    "CTUN": (4, "Ifh", "TimeMS,Alt,CRt"),
+    "EV": (5, "B", "Id"),
+}
+CODES["h"] = "h"
+
+
+def layout(code: str) -> struct.Struct:
+    return struct.Struct("<" + "".join(CODES[letter] for letter in code))
+
+
+def formats(table: dict[str, tuple[int, str, str]]) -> bytes:
+    return b"".join(
+        HEAD + b"\x80" + struct.pack("<BB4s16s64s", kind, layout(code).size + 3, name.encode(), code.encode(), columns.encode())
+        for name, (kind, code, columns) in table.items()
+    )
+
+
+def message(table: dict[str, tuple[int, str, str]], name: str, *values: object) -> bytes:
+    kind, code, _ = table[name]
+    return HEAD + bytes([kind]) + layout(code).pack(*values)
+
+
+def modern_flight(n: int = 20) -> bytes:
+    parts = [formats(MODERN), message(MODERN, "MSG", 900_000, b"ArduCopter V4.5.7 (abc)")]
+    parts += [
+        message(MODERN, "ORGN", 1_000_000, 0, 474_000_000, 85_500_000, 50_000),
+        message(MODERN, "ORGN", 1_000_000, 1, 1, 1, 1),
+    ]
+    for k in range(n):
+        us = 1_000_000 + k * 100_000
+        lat = 474_000_000 + k * 90
+        parts += [
+            message(MODERN, "ATT", us, 1000, -500, 9000 + 100 * k),
+            message(MODERN, "XKF1", us, 0, 10.0, 0.5, -0.1, float(k), 0.0, -40.0),
+            message(MODERN, "XKF1", us, 1, 99.0, 99.0, 99.0, 99.0, 99.0, 99.0),
+            message(MODERN, "XKF4", us, 0, 12, 34, 5, 0x831F),
+            message(MODERN, "POS", us, lat, 85_500_000, 540.0, 40.0, 40.0),
+            message(MODERN, "GPS", us, 0, 3, 3_600_000, 2200, 15, 80, lat, 85_500_000, 54_000, 10.0, 90.0, -0.1, 0.0),
+            message(MODERN, "GPS", us, 1, 3, 3_600_000, 2200, 5, 80, 0, 0, 0, 0.0, 0.0, 0.0, 0.0),
+            message(MODERN, "BARO", us, 40.0),
+        ]
+        parts += [message(MODERN, "EV", us, 10)] if k == 10 else []
+    return b"".join(parts)
+
+
+def write(path: Path, data: bytes) -> Path:
+    path.write_bytes(data)
+    return path
+
+
+def test_a_log_of_today(tmp_path: Path) -> None:
+    recording = open_log(write(tmp_path / "a.bin", modern_flight()))
+    by_type = {kind: [e for _, e in recording.events if isinstance(e, kind)] for kind in (Attitude, Gnss, PriorPose, LocalPose)}
+    assert {kind.__name__: len(found) for kind, found in by_type.items()} == {
+        "Attitude": 20, "Gnss": 20, "PriorPose": 20, "LocalPose": 20
+    }  # fmt: skip
+    attitude = by_type[Attitude][3]
+    assert isinstance(attitude, Attitude)
+    assert euler_from_quat(attitude.q_ned_frd) == pytest.approx([0.1745, -0.0873, 1.6232], abs=1e-3)
+    assert attitude.rate_frd_radps[2] == pytest.approx(0.1745 * 0.98, abs=0.01), "1 degree in 0.1 s about the down axis"
+    gnss, pose = by_type[Gnss][0], by_type[PriorPose][5]
+    assert isinstance(gnss, Gnss)
+    assert isinstance(pose, PriorPose)
+    assert gnss.v_ned_mps == pytest.approx((0.0, 10.0, -0.1), abs=1e-6)
+    assert (gnss.fix_type, gnss.n_satellites, gnss.t_boot_ns) == (3, 15, 1_000_000_000)
+    assert gnss.place.lat_deg == pytest.approx(47.4)
+    assert pose.v_ned_mps == pytest.approx((10.0, 0.5, -0.1))
+    assert pose.h_rel_m == 40.0
+    (origin,) = [e.origin for _, e in recording.events if isinstance(e, OriginChanged)]
+    assert origin == GeoPoint(pytest.approx(47.4), pytest.approx(8.55), 500.0)
+    assert not recording.origin_inferred
+    status = next(e for _, e in recording.events if isinstance(e, EstimatorStatus))
+    assert (status.position_ratio, status.velocity_ratio, status.gnss_glitch) == (pytest.approx(0.34), pytest.approx(0.12), True)
+    links = [e for _, e in recording.events if isinstance(e, LinkChanged)]
+    assert [(e.autopilot, e.version, e.armed) for e in links] == [
+        (AutopilotKind.ARDUPILOT, "4.5.7", False),
+        (AutopilotKind.ARDUPILOT, "4.5.7", True),
+    ]
+    assert recording.losses == Losses()
+    gps_week_start_unix_s = 315_964_800 + 2200 * 604_800 - 18
+    assert recording.unix_minus_boot_ns == (gps_week_start_unix_s + 3600 - 1) * 10**9
+
+
+def test_a_log_of_before_the_ekf(tmp_path: Path) -> None:
+    parts = [formats(OLD), message(OLD, "EV", 10)]
+    for k in range(10):
+        ms = 300_000 + 100 * k
+        parts += [
+            message(OLD, "ATT", ms, 0, 0, 9000),
+            message(OLD, "GPS", 3, 1000, 1815, 9, 150, 301_557_000, -979_575_000, 0, 29_700, 0, 0, 0.0, ms),
+            message(OLD, "CTUN", ms, 8.0, 50),
+            message(OLD, "NTUN", ms, 1000.0 + 100 * k, -500.0, 1000.0, 0.0),
+        ]
+    recording = open_log(write(tmp_path / "a.bin", b"".join(parts)))
+    poses = [e for _, e in recording.events if isinstance(e, PriorPose)]
+    home = GeoPoint(30.1557, -97.9575, 297.0)
+    assert len(poses) == 10
+    assert distance_m(poses[0].place, home) == pytest.approx((10**2 + 5**2) ** 0.5, rel=0.005)
+    assert poses[0].v_ned_mps == pytest.approx((10.0, 0.0, -0.5))
+    assert poses[0].h_rel_m == 8.0
+    assert poses[0].t_boot_ns == 300_000_000_000
+    assert recording.origin_inferred
+    assert all(e.armed for _, e in recording.events if isinstance(e, LinkChanged))
+
+
+def test_garbage_and_truncation_cost_only_what_they_hit(tmp_path: Path) -> None:
+    whole = modern_flight()
+    clean = open_log(write(tmp_path / "a.bin", whole))
+    middle = whole.index(message(MODERN, "BARO", 1_500_000, 40.0))
+    noisy = open_log(write(tmp_path / "b.bin", whole[:middle] + b"\x00\xa3\x95\xee garbage" * 5 + whole[middle:]))
+    assert noisy.losses.garbage_bytes > 50
+    assert len(noisy.events) >= len(clean.events) - 1
+    cut = open_log(write(tmp_path / "c.bin", whole[: len(whole) * 2 // 3]))
+    assert len(clean.events) / 2 < len(cut.events) < len(clean.events)
+
+
+def test_impossible_values_and_times_are_left_out(tmp_path: Path) -> None:
+    bad = [
+        message(MODERN, "XKF1", 1_100_000, 0, float("nan"), 0.0, 0.0, 0.0, 0.0, 0.0),
+        message(MODERN, "POS", 1_100_000, 2_000_000_000, 0, 0.0, 0.0, 0.0),
+        message(MODERN, "ATT", 10**15, 0, 0, 0),
+    ]
+    recording = open_log(write(tmp_path / "a.bin", modern_flight(2) + b"".join(bad) + message(MODERN, "ATT", 1_200_000, 0, 0, 0)))
+    assert recording.losses.dropped_messages == 3
+    assert recording.losses.clock_steps == 1
+    assert recording.events[-1][0] == 1_200_000_000
+
+
+def test_a_log_that_tells_nothing_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"a\.bin: holds no ATT"):
+        open_log(write(tmp_path / "a.bin", formats(MODERN) + message(MODERN, "BARO", 1, 2.0)))

@@ -1,0 +1,206 @@
+from __future__ import annotations
+
+import math
+import struct
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v10 import ardupilotmega as mavlink1
+from pymavlink.dialects.v20 import ardupilotmega as mavlink2
+
+from visloc_companion.adapters.logs.open import open_log
+from visloc_companion.adapters.logs.recording import Losses
+from visloc_companion.adapters.logs.tlog import read_tlog, records_of
+from visloc_companion.errors import LogError
+from visloc_companion.geo.se3 import euler_from_quat
+from visloc_companion.geo.wgs84 import ned_from_geo
+from visloc_companion.types import Attitude, AutopilotKind, Gnss, LinkChanged, LocalPose, OriginChanged, PriorPose
+
+UNIX_US = 1_600_000_000_000_000
+LAT, LON = 47.4, 8.55
+
+
+def writer(dialect: Any, system: int = 1, component: int = 1) -> Any:
+    return dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+
+
+def stamped(wall_us: int, message: Any, mav: Any) -> bytes:
+    return struct.pack(">Q", wall_us) + bytes(message.pack(mav))
+
+
+def heartbeat(mav: Any, autopilot: int = 3, kind: int = 2) -> Any:
+    return mav.heartbeat_encode(kind, autopilot, 0x81, 0, 4)
+
+
+def flight(dialect: Any, n: int = 50, boot0_ms: int = 60_000, wall0_us: int = UNIX_US) -> list[bytes]:
+    """One record a list item, 10 Hz: heartbeat each second, attitude, receiver and both positions."""
+    mav = writer(dialect)
+    records = []
+    for k in range(n):
+        boot_ms, wall_us = boot0_ms + 100 * k, wall0_us + 100_000 * k
+        if k % 10 == 0:
+            records.append(stamped(wall_us, heartbeat(mav), mav))
+        lat_e7 = round((LAT + k * 1e-5) * 1e7)
+        north_m = 20.0 + k * 1.1119
+        records += [
+            stamped(wall_us, mav.attitude_encode(boot_ms, 0.1, -0.05, 1.0, 0, 0, 0.01), mav),
+            stamped(
+                wall_us, mav.gps_raw_int_encode(boot_ms * 1000, 3, lat_e7, round(LON * 1e7), 500_000, 90, 90, 1100, 0, 12), mav
+            ),
+            stamped(
+                wall_us, mav.global_position_int_encode(boot_ms, lat_e7, round(LON * 1e7), 500_000, 40_000, 1111, 0, 0, 0), mav
+            ),
+            stamped(wall_us, mav.local_position_ned_encode(boot_ms, north_m, -3.0, -40.0, 11.11, 0, 0), mav),
+        ]
+    return records
+
+
+def write(path: Path, *pieces: bytes) -> Path:
+    path.write_bytes(b"".join(pieces))
+    return path
+
+
+@pytest.mark.parametrize("dialect", [mavlink1, mavlink2], ids=["mavlink1", "mavlink2"])
+def test_both_versions_are_read(tmp_path: Path, dialect: Any) -> None:
+    recording = read_tlog(write(tmp_path / "a.tlog", *flight(dialect)))
+    assert recording.kind is AutopilotKind.ARDUPILOT
+    assert recording.losses == Losses()
+    attitudes = [(t_ns, event) for t_ns, event in recording.events if isinstance(event, Attitude)]
+    assert len(attitudes) == 50
+    assert attitudes[7][0] == attitudes[7][1].t_boot_ns == attitudes[7][1].t_rx_ns == 60_700_000_000
+    assert euler_from_quat(attitudes[7][1].q_ned_frd) == pytest.approx((0.1, -0.05, 1.0), abs=1e-6)
+    assert recording.unix_minus_boot_ns == UNIX_US * 1000 - 60 * 10**9
+    assert recording.duration_s == pytest.approx(4.9)
+    ups = [event for _, event in recording.events if isinstance(event, LinkChanged)]
+    assert [(up.up, up.armed, up.system_id) for up in ups] == [(True, True, 1)]
+
+
+def test_the_origin_is_inferred_from_both_positions(tmp_path: Path) -> None:
+    recording = open_log(write(tmp_path / "a.tlog", *flight(mavlink2)))
+    assert recording.origin_inferred
+    (origin,) = [event.origin for _, event in recording.events if isinstance(event, OriginChanged)]
+    pose = next(event for _, event in recording.events if isinstance(event, PriorPose))
+    local = next(event for _, event in recording.events if isinstance(event, LocalPose))
+    assert ned_from_geo(pose.place, origin) == pytest.approx(local.p_ned_m, abs=0.1)
+    first_pose = next(k for k, (_, event) in enumerate(recording.events) if isinstance(event, PriorPose))
+    assert any(isinstance(event, OriginChanged) for _, event in recording.events[:first_pose])
+
+
+def test_a_stated_origin_is_kept(tmp_path: Path) -> None:
+    mav = writer(mavlink2)
+    stated = stamped(UNIX_US, mav.gps_global_origin_encode(round(46 * 1e7), round(8 * 1e7), 300_000), mav)
+    recording = open_log(write(tmp_path / "a.tlog", stated, *flight(mavlink2)))
+    assert not recording.origin_inferred
+    (origin,) = [event.origin for _, event in recording.events if isinstance(event, OriginChanged)]
+    assert origin.lat_deg == 46.0
+
+
+def test_garbage_between_records_is_counted_and_costs_no_good_one(tmp_path: Path) -> None:
+    records = flight(mavlink2)
+    noise = bytes(range(256)) + b"\xfd\xfe\xfd\x00\x01" + bytes(40)
+    clean = read_tlog(write(tmp_path / "a.tlog", *records))
+    noisy = read_tlog(write(tmp_path / "b.tlog", noise, *records[:20], noise, *records[20:90], noise[:7], *records[90:]))
+    assert noisy.events == clean.events
+    assert noisy.losses.garbage_pieces == 3
+    assert noisy.losses.garbage_bytes == 2 * len(noise) + 7
+    assert not noisy.losses.truncated
+
+
+def test_a_damaged_packet_is_lost_alone(tmp_path: Path) -> None:
+    records = flight(mavlink2)
+    broken = bytearray(records[33])
+    broken[20] ^= 0x55
+    recording = read_tlog(write(tmp_path / "a.tlog", *records[:33], bytes(broken), *records[34:]))
+    assert len(recording.events) == len(read_tlog(write(tmp_path / "b.tlog", *records)).events) - 1
+    assert recording.losses.garbage_pieces == 1
+
+
+def test_a_truncated_file_gives_what_is_whole(tmp_path: Path) -> None:
+    data = b"".join(flight(mavlink2))
+    recording = read_tlog(write(tmp_path / "a.tlog", data[: len(data) // 2]))
+    assert recording.losses.truncated
+    assert 90 < len(recording.events) < 120
+
+
+def test_other_systems_are_left_out(tmp_path: Path) -> None:
+    station, companion, other = writer(mavlink2, 255, 190), writer(mavlink2, 1, 191), writer(mavlink2, 2)
+    foreign = [
+        stamped(UNIX_US, heartbeat(station, 8, 6), station),
+        stamped(UNIX_US, companion.attitude_encode(999, 3.0, 0, 0, 0, 0, 0), companion),
+        stamped(UNIX_US, other.attitude_encode(60_000, -3.0, 0, 0, 0, 0, 0), other),
+        stamped(UNIX_US, heartbeat(other), other),
+    ]
+    recording = read_tlog(write(tmp_path / "a.tlog", *foreign, *flight(mavlink2)))
+    assert recording.losses.foreign_messages == 4
+    assert recording.losses.reboots == 0
+    rolls = [euler_from_quat(event.q_ned_frd)[0] for _, event in recording.events if isinstance(event, Attitude)]
+    assert rolls == pytest.approx([0.1] * 50, abs=1e-6)
+
+
+def test_a_reboot_brings_the_link_down_and_continues_time(tmp_path: Path) -> None:
+    before, after = flight(mavlink2), flight(mavlink2, boot0_ms=1_000, wall0_us=UNIX_US + 20_000_000)
+    recording = read_tlog(write(tmp_path / "a.tlog", *before, *after))
+    assert recording.losses.reboots == 1
+    assert [t for t, _ in recording.events] == sorted(t for t, _ in recording.events)
+    ups = [event.up for _, event in recording.events if isinstance(event, LinkChanged)]
+    assert ups == [True, False, True]
+    last = next(event for _, event in reversed(recording.events) if isinstance(event, Attitude))
+    assert last.t_boot_ns == last.t_rx_ns == pytest.approx(84.9e9)
+
+
+def test_a_signed_packet_is_read(tmp_path: Path) -> None:
+    mav = writer(mavlink2)
+    mav.signing.secret_key, mav.signing.sign_outgoing, mav.signing.timestamp = b"k" * 32, True, 1
+    signed = stamped(UNIX_US + 4_950_000, mav.attitude_encode(64_950, 0.3, 0, 0, 0, 0, 0), mav)
+    recording = read_tlog(write(tmp_path / "a.tlog", *flight(mavlink2), signed))
+    assert recording.losses == Losses()
+    assert euler_from_quat(recording.events[-1][1].q_ned_frd)[0] == pytest.approx(0.3)  # type: ignore[union-attr]
+
+
+def test_positions_that_mean_nothing_make_no_events(tmp_path: Path) -> None:
+    mav = writer(mavlink2)
+    nowhere = stamped(UNIX_US, mav.global_position_int_encode(60_000, 0, 0, 0, 0, 0, 0, 0, 0), mav)
+    nan = stamped(UNIX_US, mav.attitude_encode(60_000, math.nan, 0, 0, 0, 0, 0), mav)
+    recording = read_tlog(write(tmp_path / "a.tlog", stamped(UNIX_US, heartbeat(mav), mav), nowhere, nan))
+    assert [type(event) for _, event in recording.events] == [LinkChanged]
+
+
+@pytest.mark.parametrize("data", [b"", b"\xfe" * 4000, b"hello world, no log at all\n" * 9, struct.pack(">Q", UNIX_US)])
+def test_what_is_no_log_is_refused_by_name(tmp_path: Path, data: bytes) -> None:
+    with pytest.raises(LogError, match=r"a\.tlog: .*; remedy: "):
+        open_log(write(tmp_path / "a.tlog", data))
+
+
+def test_a_log_without_an_autopilot_is_refused(tmp_path: Path) -> None:
+    station = writer(mavlink2, 255, 190)
+    with pytest.raises(LogError, match="no MAVLink packet of an autopilot"):
+        read_tlog(write(tmp_path / "a.tlog", stamped(UNIX_US, heartbeat(station, 8, 6), station)))
+
+
+def test_missing_and_unknown_files(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="cannot be read"):
+        open_log(tmp_path / "none.tlog")
+    with pytest.raises(LogError, match="is no log that is known"):
+        open_log(write(tmp_path / "a.pdf", b"%PDF-1.7 nothing"))
+
+
+def test_the_content_decides_before_the_suffix(tmp_path: Path) -> None:
+    assert open_log(write(tmp_path / "flight.dat", *flight(mavlink1))).duration_s == pytest.approx(4.9)
+
+
+def test_unknown_messages_are_counted_only_where_records_go_on() -> None:
+    mav = writer(mavlink2)
+    unknown = struct.pack(">Q", UNIX_US) + b"\xfd\x02\x00\x00\x00\x01\x01\xff\xff\xee" + b"ab" + b"cc"
+    good = stamped(UNIX_US, heartbeat(mav), mav)
+    losses = Losses()
+    assert len(list(records_of(unknown + good + unknown[:-1] + good, losses))) == 2
+    assert losses.unknown_messages == 1
+    assert losses.garbage_pieces == 1
+
+
+def test_gnss_keeps_its_receiver(tmp_path: Path) -> None:
+    recording = read_tlog(write(tmp_path / "a.tlog", *flight(mavlink2)))
+    gnss = [event for _, event in recording.events if isinstance(event, Gnss)]
+    assert {event.receiver for event in gnss} == {0}
+    assert gnss[3].v_ned_mps == pytest.approx((11.0, 0.0, 0.0))

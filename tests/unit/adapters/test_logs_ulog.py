@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import pytest
+
+from visloc_companion.adapters.logs.open import open_log
+from visloc_companion.errors import LogError
+from visloc_companion.geo.se3 import euler_from_quat, quat_from_euler
+from visloc_companion.types import Attitude, AutopilotKind, Gnss, LinkChanged, LocalPose, OriginChanged, PriorPose
+
+MAGIC = b"ULog\x01\x12\x35\x01"
+TYPES = {"uint64_t": "Q", "float": "f", "double": "d", "int32_t": "i", "uint8_t": "B", "bool": "?"}
+TOPICS = {
+    "vehicle_attitude": [("uint64_t", "timestamp"), ("float[4]", "q")],
+    "vehicle_gps_position": [
+        *[("uint64_t", "timestamp"), ("uint64_t", "time_utc_usec"), ("int32_t", "lat"), ("int32_t", "lon"), ("int32_t", "alt")],
+        *[("float", "eph"), ("float", "epv"), ("float", "vel_n_m_s"), ("float", "vel_e_m_s"), ("float", "vel_d_m_s")],
+        *[("uint8_t", "fix_type"), ("bool", "vel_ned_valid"), ("uint8_t", "satellites_used")],
+    ],
+    "vehicle_local_position": [
+        *[("uint64_t", "timestamp"), ("double", "ref_lat"), ("double", "ref_lon"), ("float", "ref_alt")],
+        *[("float", name) for name in ("x", "y", "z", "vx", "vy", "vz")],
+        *[("bool", name) for name in ("xy_valid", "z_valid", "v_xy_valid", "xy_global", "z_global")],
+    ],
+    "vehicle_global_position": [("uint64_t", "timestamp"), ("double", "lat"), ("double", "lon"), ("float", "alt")],
+    "vehicle_status": [("uint64_t", "timestamp"), ("uint8_t", "arming_state")],
+}
+
+
+def block(kind: bytes, body: bytes) -> bytes:
+    return struct.pack("<Hc", len(body), kind) + body
+
+
+def packed(topic: str, *values: object) -> bytes:
+    code = "<" + "".join(TYPES[name.split("[")[0]] * (4 if "[4]" in name else 1) for name, _ in TOPICS[topic])
+    return block(b"D", struct.pack("<H", list(TOPICS).index(topic)) + struct.pack(code, *values))
+
+
+def header() -> bytes:
+    parts = [MAGIC + struct.pack("<Q", 0)]
+    for name, fields in TOPICS.items():
+        parts.append(block(b"F", f"{name}:{';'.join(' '.join(field) for field in fields)};".encode()))
+    parts += [block(b"A", struct.pack("<BH", 0, k) + name.encode()) for k, name in enumerate(TOPICS)]
+    return b"".join(parts)
+
+
+def flight(n: int = 30, nan_at: int = -1) -> bytes:
+    parts = [header()]
+    for k in range(n):
+        us = 20_000_000 + 100_000 * k
+        q = quat_from_euler(0.1, 0.0, 0.02 * k) if k != nan_at else (float("nan"),) * 4
+        parts += [
+            packed("vehicle_attitude", us, *q),
+            packed("vehicle_local_position", us, 47.4, 8.55, 488.0, 1.0 * k, 2.0, -30.0, 10.0, 0.5, 0.0, *(k > 2,) * 5),
+            packed("vehicle_global_position", us, 47.4 + k * 1e-5, 8.55, 518.0),
+            packed("vehicle_status", us, 2 if k >= 5 else 1),
+        ]
+        utc = 1_600_000_000_000_000 + us
+        parts.append(
+            packed("vehicle_gps_position", us, utc, 474_000_000, 85_500_000, 518_000, 0.9, 1.4, 10.0, 0.5, 0.1, 3, True, 17)
+        )
+    return b"".join(parts)
+
+
+def write(path: Path, data: bytes) -> Path:
+    path.write_bytes(data)
+    return path
+
+
+def test_a_flight_is_read(tmp_path: Path) -> None:
+    recording = open_log(write(tmp_path / "a.ulg", flight()))
+    assert recording.kind is AutopilotKind.PX4
+    assert recording.unix_minus_boot_ns == 1_600_000_000 * 10**9
+    attitude = [e for _, e in recording.events if isinstance(e, Attitude)][9]
+    assert euler_from_quat(attitude.q_ned_frd) == pytest.approx((0.1, 0.0, 0.18), abs=1e-5)
+    assert (attitude.t_boot_ns, attitude.t_rx_ns) == (20_900_000_000, 20_900_000_000)
+    assert sum(rate**2 for rate in attitude.rate_frd_radps) ** 0.5 == pytest.approx(0.2, abs=1e-3)
+    gnss = next(e for _, e in recording.events if isinstance(e, Gnss))
+    assert (gnss.fix_type, gnss.n_satellites, gnss.place.h_amsl_m) == (3, 17, 518.0)
+    assert gnss.v_ned_mps == pytest.approx((10.0, 0.5, 0.1))
+    assert gnss.h_acc_m == pytest.approx(0.9)
+    poses = [e for _, e in recording.events if isinstance(e, PriorPose)]
+    assert poses[4].v_ned_mps == pytest.approx((10.0, 0.5, 0.0))
+    assert poses[4].h_rel_m == pytest.approx(30.0)
+    locals_ = [e for _, e in recording.events if isinstance(e, LocalPose)]
+    assert [e.p_ned_m[0] for e in locals_][:2] == [3.0, 4.0], "positions that are not valid make no event"
+    (origin,) = [e for _, e in recording.events if isinstance(e, OriginChanged)]
+    assert (origin.t_rx_ns, origin.origin.lat_deg) == (20_300_000_000, 47.4)
+    links = [(e.t_rx_ns, e.armed) for _, e in recording.events if isinstance(e, LinkChanged)]
+    assert links == [(20_000_000_000, False), (20_500_000_000, True)]
+
+
+def test_not_finite_values_are_left_out(tmp_path: Path) -> None:
+    recording = open_log(write(tmp_path / "a.ulg", flight(nan_at=4)))
+    assert recording.losses.dropped_messages == 1
+    assert sum(isinstance(e, Attitude) for _, e in recording.events) == 29
+
+
+def test_truncation_and_garbage(tmp_path: Path) -> None:
+    whole = flight()
+    cut = open_log(write(tmp_path / "a.ulg", whole[: len(whole) * 2 // 3]))
+    assert sum(isinstance(e, Attitude) for _, e in cut.events) in range(15, 25)
+    middle = whole.index(packed("vehicle_status", 21_000_000, 2))
+    noisy = open_log(write(tmp_path / "e.ulg", whole[:middle] + b"\xff\x00garbage" * 9 + whole[middle:]))
+    assert sum(isinstance(e, Attitude) for _, e in noisy.events) >= 28
+    assert noisy.losses.garbage_bytes > 50
+    with pytest.raises(LogError, match=r"b\.ulg: "):
+        open_log(write(tmp_path / "b.ulg", MAGIC + b"\xff" * 500))
+    with pytest.raises(LogError, match="does not start as a ULog"):
+        open_log(write(tmp_path / "c.ulg", b"nothing of the kind"))
+    with pytest.raises(LogError, match="no attitude and no position"):
+        open_log(write(tmp_path / "d.ulg", header()))

@@ -1,0 +1,118 @@
+"""The framing of PX4's ULog files: a header, then messages (size, type, body) that define formats, subscribe and carry data.
+
+pyulog reads such files too, but loops without end on some damaged ones; a damaged place is skipped here and counted.
+Format: docs.px4.io, "ULog File Format".
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Collection
+from typing import Any
+
+from visloc_companion.adapters.logs.recording import Losses
+
+MAGIC = b"ULog\x01\x12\x35"
+_HEADER_BYTES = 16
+_TYPES = frozenset(b"BFIMPQALRCDSO")
+_CODES = {
+    **{"int8_t": "b", "uint8_t": "B", "int16_t": "h", "uint16_t": "H", "int32_t": "i", "uint32_t": "I"},
+    **{"int64_t": "q", "uint64_t": "Q", "float": "f", "double": "d", "bool": "?", "char": "c"},
+}
+_FIELD = re.compile(r"^(\w+?)(?:\[(\d+)\])? (\w+)$")
+Row = dict[str, Any]
+
+
+class _Format:
+    """Names and struct codes of a topic's fields; trailing padding is not written in data messages."""
+
+    def __init__(self, names: list[str], codes: list[str]) -> None:
+        while names and names[-1].startswith("_padding"):
+            names.pop()
+            codes.pop()
+        self.names = names
+        self.layout = struct.Struct("<" + "".join(codes))
+
+
+def read_topics(data: bytes, wanted: Collection[str], losses: Losses) -> dict[str, list[Row]]:
+    """Rows of the wanted topics (first instance of each), in the order of the file. Never raises for what bytes may hold."""
+    formats: dict[str, _Format] = {}
+    subscribed: dict[int, str] = {}
+    found: dict[str, list[Row]] = {}
+    at = _HEADER_BYTES
+    while at + 3 <= len(data):
+        size, kind = struct.unpack_from("<HB", data, at)
+        end = at + 3 + size
+        if not _plausible(data, at):
+            at = _resynchronised(data, at, losses)
+            continue
+        if end > len(data):
+            losses.truncated = True
+            break
+        body = data[at + 3 : end]
+        if kind == ord("F"):
+            _learn(formats, body)
+        elif kind == ord("A") and size > 3:
+            multi_id, number = struct.unpack_from("<BH", body)
+            name = body[3:].decode("ascii", errors="replace")
+            if multi_id == 0 and name in wanted and name in formats:
+                subscribed[number] = name
+        elif kind == ord("D") and size > 2:
+            _take(body, formats, subscribed, found, losses)
+        elif kind == ord("O"):
+            losses.garbage_pieces += 1
+        at = end
+    return found
+
+
+def _plausible(data: bytes, at: int) -> bool:
+    """Whether a message starts here: a known type, and another one (or the file's end) behind it."""
+    size, kind = struct.unpack_from("<HB", data, at)
+    following = at + 3 + size
+    return kind in _TYPES and size > 0 and (following + 3 > len(data) or data[following + 2] in _TYPES)
+
+
+def _resynchronised(data: bytes, at: int, losses: Losses) -> int:
+    start = at + 1
+    while start + 3 <= len(data):
+        if _plausible(data, start) and start + 3 + struct.unpack_from("<H", data, start)[0] + 3 <= len(data):
+            break
+        start += 1
+    else:
+        start = len(data)
+    losses.garbage_pieces += 1
+    losses.garbage_bytes += start - at
+    return start
+
+
+def _learn(formats: dict[str, _Format], body: bytes) -> None:
+    """Take a format whose fields are all of basic types; others are not needed."""
+    name, _, listed = body.decode("ascii", errors="replace").partition(":")
+    names: list[str] = []
+    codes: list[str] = []
+    for part in filter(None, listed.split(";")):
+        field = _FIELD.match(part)
+        code = _CODES.get(field.group(1)) if field else None
+        if field is None or code is None:
+            return
+        count, own = int(field.group(2) or 0), field.group(3)
+        if count > 1024:
+            return
+        names += [f"{own}[{k}]" for k in range(count)] if count else [own]
+        codes += [code] * max(count, 1)
+    if "timestamp" in names:
+        formats[name] = _Format(names, codes)
+
+
+def _take(
+    body: bytes, formats: dict[str, _Format], subscribed: dict[int, str], found: dict[str, list[Row]], losses: Losses
+) -> None:
+    name = subscribed.get(struct.unpack_from("<H", body)[0])
+    if name is None:
+        return
+    known = formats[name]
+    if len(body) - 2 < known.layout.size:
+        losses.dropped_messages += 1
+        return
+    found.setdefault(name, []).append(dict(zip(known.names, known.layout.unpack_from(body, 2), strict=True)))
