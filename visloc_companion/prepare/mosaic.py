@@ -140,11 +140,10 @@ def _to_cog(plain: Path, path: Path, grid: TargetGrid) -> None:
             driver="COG",
             COMPRESS="NONE",
             BLOCKSIZE=BLOCK_PX,
-            OVERVIEWS="IGNORE_EXISTING",
-            OVERVIEW_COUNT=grid.overviews,
+            **({"OVERVIEWS": "IGNORE_EXISTING", "OVERVIEW_COUNT": grid.overviews} if grid.overviews else {"OVERVIEWS": "NONE"}),
             OVERVIEW_RESAMPLING="AVERAGE",
             BIGTIFF="IF_SAFER",
         )
-    except RasterioError as why:
+    except (RasterioError, SystemError) as why:  # rasterio gives SystemError where GDAL names no reason
         raise MapError(f"cannot be written: {why}", where=str(path), remedy="check the disk and its free space") from why
     plain.unlink()

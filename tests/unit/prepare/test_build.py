@@ -1,0 +1,281 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+
+from visloc_companion.errors import DatumMissing, MapError
+from visloc_companion.geo.raster import apply_affine, invert_affine
+from visloc_companion.localise.features.gradient import gradient_features
+from visloc_companion.maps.crs import map_crs
+from visloc_companion.maps.pack import PackMap
+from visloc_companion.maps.raster import RasterMap
+from visloc_companion.prepare.build import build_pack
+from visloc_companion.types import GeoPoint
+
+UTM, PLACE = "EPSG:32633", (47.0, 15.3)
+
+
+def picture(side: int, seed: int = 1) -> np.ndarray:
+    coarse = np.random.default_rng(seed).uniform(20, 235, (side // 8 + 2, side // 8 + 2))
+    t = np.arange(side) / 8
+    i, f = t.astype(int), t - t.astype(int)
+    rows = coarse[i] * (1 - f)[:, None] + coarse[i + 1] * f[:, None]
+    return np.rint(rows[:, i] * (1 - f) + rows[:, i + 1] * f).astype(np.uint8)
+
+
+def slope(side: int) -> np.ndarray:
+    v, u = np.mgrid[:side, :side]
+    return (400 + 0.1 * u + 0.05 * v).astype(np.float32)
+
+
+def test_pack_shows_what_the_files_show(tmp_path: Path, write_raster) -> None:
+    rgb = np.dstack([picture(700, k) for k in range(3)])
+    write_raster(tmp_path / "a.tif", rgb, UTM, PLACE, 0.5, photometric="RGB")
+    write_raster(tmp_path / "dsm.tif", slope(300), UTM, PLACE, 1.5)
+    stages: list[tuple[str, float]] = []
+    manifest = build_pack(
+        [tmp_path / "a.tif"], tmp_path / "dsm.tif", tmp_path / "pack", capture_date="2021-05-06", source="s", licence="CC0-1.0",
+        progress=lambda stage, share: stages.append((stage, share)),
+    )  # fmt: skip
+    pack, files = PackMap.open(tmp_path / "pack"), RasterMap.open(tmp_path / "a.tif", tmp_path / "dsm.tif")
+    assert pack.manifest == manifest
+    assert (manifest.capture_date, manifest.source, manifest.licence, manifest.name) == ("2021-05-06", "s", "CC0-1.0", "pack")
+    assert manifest.crs.epsg == 32633 and manifest.gsd_m == pytest.approx(0.5, rel=1e-4)
+    for size, gsd, heading in (((200, 150), 0.5, 0.0), ((200, 150), 0.5, 0.7), ((90, 90), 1.3, 2.0), ((40, 40), 4.0, 0.3)):
+        a, b = (ref.patch(files.center_map_m, size, gsd, heading) for ref in (pack, files))
+        both = a.valid & b.valid
+        assert both.mean() > 0.95
+        assert np.abs(a.pixels[both].astype(int) - b.pixels[both]).max() <= 2
+        assert np.abs(a.dsm_amsl_m[both] - b.dsm_amsl_m[both]).max() < 0.02
+    assert {stage for stage, _ in stages} == {"orthophoto", "surface model", "features", "hashes"}
+    assert all(0 <= share <= 1 for _, share in stages) and stages[-1] == ("hashes", 1.0)
+    assert not list(tmp_path.glob(".pack*"))
+
+
+def test_rasters_are_cloud_optimised_and_uncompressed(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", picture(1300), UTM, PLACE, 0.5)
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+    with rasterio.open(tmp_path / "pack" / "ortho.tif") as cog:
+        assert cog.tags(ns="IMAGE_STRUCTURE").get("LAYOUT") == "COG"
+        assert cog.compression is None
+        assert cog.block_shapes[0] == (256, 256)
+        assert cog.overviews(1) == [2, 4]
+        assert (cog.width % 4, cog.height % 4) == (0, 0)
+
+
+def test_stored_features_are_those_of_the_pixels(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", picture(1400), UTM, PLACE, 0.5)
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+    pack = PackMap.open(tmp_path / "pack")
+    gsds = pack.stored_gsds_m()
+    assert gsds[:3] == pytest.approx((0.5, 0.5 * 2**0.5, 1.0), rel=1e-3)
+    for asked in (0.5, 0.62, 0.8, 1.1):
+        centre, gsd = pack.snapped(pack.center_map_m, (300, 260), asked)
+        assert min(abs(gsd / g - 1) for g in gsds) < 1e-4
+        assert np.abs(np.subtract(centre, pack.center_map_m)).max() <= 0.5001 * gsd
+        patch = pack.patch(centre, (300, 260), gsd, 0.0)
+        want = gradient_features(patch.pixels, patch.valid)
+        inner = slice(64, -64), slice(64, -64)
+        got = patch.features["gradient"]
+        assert got.shape == (260, 300, 2) and got.dtype == np.float32
+        assert np.abs(got - want)[inner].mean() < 0.03
+        assert np.corrcoef(got[inner].ravel(), want[inner].ravel())[0, 1] > 0.999
+    turned = pack.patch(*pack.snapped(pack.center_map_m, (30, 30), 0.5)[:1], (30, 30), 0.5, 0.01)
+    assert turned.features == {}
+    assert pack.snapped(pack.center_map_m, (30, 30), 500.0) == (pack.center_map_m, 500.0)
+    assert pack.snapped(pack.center_map_m, (30, 30), 0.5, "other") == (pack.center_map_m, 0.5)
+
+
+def test_features_off_the_map_are_zero(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", picture(300), UTM, PLACE, 1.0)
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+    pack = PackMap.open(tmp_path / "pack")
+    easting, northing = pack.center_map_m
+    centre, gsd = pack.snapped((easting - 150, northing), (100, 80), 1.0)
+    patch = pack.patch(centre, (100, 80), gsd, 0.0)
+    assert not patch.features["gradient"][~patch.valid].any()
+    assert np.abs(patch.features["gradient"][patch.valid]).mean() > 0.1
+
+
+def test_geographic_rasters_become_utm(tmp_path: Path, write_raster) -> None:
+    T = write_raster(tmp_path / "a.tif", picture(500), "EPSG:4326", PLACE, 0.5)
+    write_raster(tmp_path / "dsm.tif", slope(200), "EPSG:4326", PLACE, 2.0)
+    manifest = build_pack([tmp_path / "a.tif"], tmp_path / "dsm.tif", tmp_path / "pack")
+    assert manifest.crs.epsg == 32633 and manifest.gsd_m == pytest.approx(0.5, rel=1e-3)
+    pack, files = PackMap.open(tmp_path / "pack"), RasterMap.open(tmp_path / "a.tif", tmp_path / "dsm.tif")
+    patch = pack.patch(pack.center_map_m, (120, 100), 0.5, 0.4)
+    v, u = np.mgrid[:100, :120]
+    places = apply_affine(patch.T_map_pix, np.stack([u, v], axis=-1).reshape(-1, 2).astype(float))
+    geo = pack.crs.to_geo_array(places)
+    heights = files.heights_amsl_m(geo[:, ::-1])
+    assert np.abs(patch.dsm_amsl_m.ravel() - heights).max() < 0.02
+    truth = picture(500)
+    at = apply_affine(invert_affine(T), geo[:, ::-1])
+    nearest = truth[np.rint(at[:, 1]).astype(int), np.rint(at[:, 0]).astype(int)]
+    assert np.corrcoef(nearest, patch.pixels.ravel())[0, 1] > 0.98
+
+
+def test_turned_feet_and_mercator_rasters_become_metric_and_north_up(tmp_path: Path, write_raster) -> None:
+    for crs, place, turn in (("EPSG:2227", (37.5, -122.0), 0.0), ("EPSG:3857", PLACE, 0.0), (UTM, PLACE, 25.0)):
+        write_raster(tmp_path / "a.tif", picture(300), crs, place, 1.0, turn)
+        manifest = build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+        a, b, _, d, e, _ = manifest.ortho.transform
+        assert (b, d, a) == (0.0, 0.0, -e)
+        assert map_crs(manifest.crs.wkt).metres_per_unit == 1.0
+        assert manifest.gsd_m == pytest.approx(1.0, rel=2e-3)
+        assert PackMap.open(tmp_path / "pack").covers(*place)
+
+
+def test_first_orthophoto_lies_on_top_and_others_fill(tmp_path: Path, write_raster) -> None:
+    first = np.full((200, 200), 200, np.uint8)
+    first[:, 150:] = 0
+    write_raster(tmp_path / "a.tif", first, UTM, PLACE, 1.0, nodata=0)
+    write_raster(tmp_path / "b.tif", np.full((200, 200, 3), 90, np.uint8), "EPSG:32634", PLACE, 1.0, photometric="RGB")
+    build_pack([tmp_path / "a.tif", tmp_path / "b.tif"], None, tmp_path / "pack")
+    pack = PackMap.open(tmp_path / "pack")
+    patch = pack.patch(map_crs(UTM).to_map(*PLACE), (180, 180), 1.0, 0.0)
+    assert patch.pixels.shape[2] == 3
+    assert patch.valid.all()
+    assert (patch.pixels[20:160, 20:130] == 200).all() and (patch.pixels[20:160, 145:170] == 90).all()
+
+
+def test_small_holes_of_the_surface_are_filled_and_large_ones_are_not(tmp_path: Path, write_raster) -> None:
+    heights = slope(300)
+    heights[100:106, 100:106] = -9999
+    heights[180:260, 180:260] = -9999
+    write_raster(tmp_path / "a.tif", picture(300), UTM, PLACE, 1.0)
+    write_raster(tmp_path / "dsm.tif", heights, UTM, PLACE, 1.0, nodata=-9999)
+    manifest = build_pack([tmp_path / "a.tif"], tmp_path / "dsm.tif", tmp_path / "pack")
+    assert 0.9 < manifest.heights.share_known < 0.99
+    assert manifest.heights.share_filled > 36 / 300**2 * 0.8
+    pack = PackMap.open(tmp_path / "pack")
+    easting, northing = pack.T_map_pix @ [103, 103, 1]
+    assert pack.height_amsl_m(easting, northing) == pytest.approx(slope(300)[103, 103], abs=1.0)
+    easting, northing = pack.T_map_pix @ [220, 220, 1]
+    assert np.isnan(pack.height_amsl_m(easting, northing))
+
+
+def test_ellipsoidal_heights_need_and_get_the_undulation(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", picture(200), UTM, PLACE, 1.0)
+    write_raster(tmp_path / "dsm.tif", slope(200), UTM, PLACE, 1.0)
+    with pytest.raises(DatumMissing, match=r"dsm\.tif.*--geoid-undulation-m"):
+        build_pack([tmp_path / "a.tif"], tmp_path / "dsm.tif", tmp_path / "pack", vertical_datum="ellipsoidal")
+    build_pack(
+        [tmp_path / "a.tif"], tmp_path / "dsm.tif", tmp_path / "pack", vertical_datum="ellipsoidal", geoid_undulation_m=46.5
+    )
+    pack = PackMap.open(tmp_path / "pack")
+    assert pack.height_amsl_m(*pack.center_map_m) == pytest.approx(slope(200)[99:101, 99:101].mean() - 46.5, abs=0.01)
+    assert (pack.manifest.heights.source_datum, pack.manifest.heights.geoid_undulation_m) == ("ellipsoidal", 46.5)
+
+
+def test_three_dimensional_crs_is_ellipsoidal(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", picture(100), "EPSG:4326", PLACE, 1.0)
+    write_raster(tmp_path / "dsm.tif", slope(100), "EPSG:4979", PLACE, 1.0)
+    for stated in (None, "amsl"):
+        with pytest.raises(DatumMissing, match="ellipsoidal"):
+            build_pack([tmp_path / "a.tif"], tmp_path / "dsm.tif", tmp_path / "pack", vertical_datum=stated)
+
+
+def test_plane_ground(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack", ground_h_amsl_m=321.0)
+    pack = PackMap.open(tmp_path / "pack")
+    assert pack.height_amsl_m(*pack.center_map_m) == 321.0
+    with pytest.raises(MapError, match="no orthophoto"):
+        build_pack([], None, tmp_path / "pack")
+
+
+def test_unusable_input_is_named_and_leaves_nothing_behind(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", picture(600), UTM, PLACE, 1.0, compress="deflate")
+    write_raster(tmp_path / "far.tif", slope(50), UTM, (48.0, 15.3), 1.0)
+    write_raster(tmp_path / "empty.tif", np.full((50, 50), -9999, np.float32), UTM, PLACE, 1.0, nodata=-9999)
+    write_raster(tmp_path / "blank.tif", np.zeros((50, 50), np.uint8), UTM, PLACE, 1.0, nodata=0)
+    cut = (tmp_path / "a.tif").read_bytes()
+    (tmp_path / "cut.tif").write_bytes(cut[: len(cut) * 2 // 3])
+    for ortho, dsm, named in (
+        ("cut.tif", None, "cut.tif"),
+        ("absent.tif", None, "absent.tif"),
+        ("a.tif", "far.tif", "far.tif.*overlap"),
+        ("a.tif", "empty.tif", "empty.tif.*no height"),
+        ("a.tif", "cut.tif", "cut.tif"),
+        ("blank.tif", None, "blank.tif.*no valid pixel"),
+    ):
+        with pytest.raises(MapError, match=rf"{named}.*remedy"):
+            build_pack([tmp_path / ortho], tmp_path / dsm if dsm else None, tmp_path / "pack")
+        assert not (tmp_path / "pack").exists() and not list(tmp_path.glob(".pack*"))
+
+
+def test_large_damaged_files_are_found_while_building(tmp_path: Path, write_raster, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_raster(tmp_path / "a.tif", picture(600), UTM, PLACE, 1.0, compress="deflate")
+    cut = (tmp_path / "a.tif").read_bytes()
+    (tmp_path / "cut.tif").write_bytes(cut[: len(cut) * 2 // 3])
+    monkeypatch.setattr("visloc_companion.maps.geotiff.IN_MEMORY_BYTES", 1000)
+    with pytest.raises(MapError, match=r"cut\.tif.*remedy"):
+        build_pack([tmp_path / "cut.tif"], None, tmp_path / "pack")
+    assert not (tmp_path / "pack").exists() and not list(tmp_path.glob(".pack*"))
+
+
+def test_targets(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
+    orthos = [tmp_path / "a.tif"]
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("years of work")
+    (tmp_path / "file").write_text("x")
+    for target in ("mine", "file"):
+        with pytest.raises(MapError, match=f"{target}: exists"):
+            build_pack(orthos, None, tmp_path / target)
+    assert (tmp_path / "mine" / "thesis.txt").read_text() == "years of work"
+    (tmp_path / "mine" / "manifest.json").write_text(json.dumps({"kind": "something else"}))
+    with pytest.raises(MapError, match="mine: exists"):
+        build_pack(orthos, None, tmp_path / "mine")
+    (tmp_path / "empty").mkdir()
+    build_pack(orthos, None, tmp_path / "empty", name="first")
+    (tmp_path / ".empty.building").mkdir()
+    (tmp_path / ".empty.building" / "left.tif").write_text("from a build that was killed")
+    build_pack(orthos, None, tmp_path / "empty", name="second")
+    assert PackMap.open(tmp_path / "empty").manifest.name == "second"
+    assert not list(tmp_path.glob(".empty*"))
+
+
+def test_old_pack_survives_a_failing_build(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack", name="old")
+
+    def stop(stage: str, share: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        build_pack([tmp_path / "a.tif"], None, tmp_path / "pack", name="new", progress=stop)
+    assert PackMap.open(tmp_path / "pack").manifest.name == "old"
+    assert not list(tmp_path.glob(".pack*"))
+
+
+def test_disk_space_is_asked_for_first(tmp_path: Path, write_raster, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
+    monkeypatch.setattr("shutil.disk_usage", lambda path: type("Usage", (), {"free": 10_000})())
+    with pytest.raises(MapError, match="GB of disk"):
+        build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+
+
+def test_orthophotos_a_continent_apart_are_refused(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 0.5)
+    write_raster(tmp_path / "b.tif", picture(100), UTM, (40.0, 15.3), 0.5)
+    with pytest.raises(MapError, match="far apart"):
+        build_pack([tmp_path / "a.tif", tmp_path / "b.tif"], None, tmp_path / "pack")
+
+
+@pytest.mark.shared
+def test_real_orthophoto_is_copied_pixel_by_pixel(tmp_path: Path, shared_data: Path) -> None:
+    ortho = shared_data / "naip" / "20150926.tif"
+    build_pack([ortho], None, tmp_path / "pack")
+    pack = PackMap.open(tmp_path / "pack")
+    with rasterio.open(ortho) as source:
+        want = source.read()[:3]
+        lat, lon = map_crs(source.crs.to_wkt()).to_geo(*(source.transform @ (0.5, 0.5)))
+    rows, cols = want.shape[1:]
+    with rasterio.open(tmp_path / "pack" / "ortho.tif") as got:
+        assert (got.read()[:3, :rows, :cols] == want).all()
+    assert pack.covers(lat, lon)
+    assert pack.projection_at(GeoPoint(lat, lon, 0.0)).scale == pytest.approx(0.9996, abs=1e-4)
