@@ -15,7 +15,7 @@ from visloc_companion.types import Fix, GeoPoint
 
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
 SETTINGS = NavigatorSettings()
-N_FLIGHTS = 40
+N_FLIGHTS = 30
 BAND = (0.8, 1.25)
 
 

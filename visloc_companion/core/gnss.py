@@ -23,6 +23,7 @@ VISION_AGE_S = 5.0
 """Vision counts as present while its last comparison is younger."""
 RATIO_REJECTED = 1.0
 STATUS_AGE_S = 3.0
+TELEMETRY_GAP_NS = 1_000_000_000
 
 DENYING = ("no_data", "silence", "no_fix", "few_satellites")
 """Reasons that mean there is no position at all; every other reason makes it suspect."""
@@ -42,6 +43,8 @@ class GnssMonitor:
         self._vision_ns: int | None = None
         self._vision_sigma = 0.0
         self._out_of_reach = False
+        self._telemetry_ns: int | None = None
+        self._talking_since_ns = 0
         self._verdict = GnssVerdict(Verdict.DENIED, 0, ("no_data",), ())
 
     @property
@@ -58,6 +61,12 @@ class GnssMonitor:
         """1-sigma of a receiver's horizontal position per axis, as far as it is believed."""
         stated = self._settings.gnss_sigma_m if gnss.h_acc_m is None else gnss.h_acc_m
         return min(max(stated, self._settings.gnss_sigma_m), MAX_SIGMA_SHARE * self._settings.gnss_sigma_m)
+
+    def on_telemetry(self, t_rx_ns: int) -> None:
+        """Something else came from the autopilot: the link is alive."""
+        if self._telemetry_ns is None or t_rx_ns - self._telemetry_ns > TELEMETRY_GAP_NS:
+            self._talking_since_ns = t_rx_ns
+        self._telemetry_ns = t_rx_ns
 
     def on_gnss(self, gnss: Gnss) -> None:
         """Take a receiver's report."""
@@ -105,7 +114,7 @@ class GnssMonitor:
         gnss, limits = self._gnss, self._settings
         if gnss is None:
             return ("no_data",)
-        if now_ns - gnss.t_rx_ns > limits.silence_s * 1e9:
+        if self._silent(now_ns, gnss):
             return ("silence",)
         signs = []
         if gnss.fix_type < limits.min_fix_type:
@@ -115,6 +124,13 @@ class GnssMonitor:
         if gnss.h_acc_m is not None and gnss.h_acc_m > limits.max_h_acc_m:
             signs.append("accuracy")
         return (*signs, *self._autopilot_signs(now_ns, source))
+
+    def _silent(self, now_ns: int, gnss: Gnss) -> bool:
+        """The receiver is silent while the autopilot talks; when nothing comes at all, the link is at fault, not GNSS."""
+        if self._telemetry_ns is None:
+            return now_ns - gnss.t_rx_ns > self._settings.silence_s * 1e9
+        talking = now_ns - self._telemetry_ns <= TELEMETRY_GAP_NS
+        return talking and now_ns - max(gnss.t_rx_ns, self._talking_since_ns) > self._settings.silence_s * 1e9
 
     def _autopilot_signs(self, now_ns: int, source: EkfSource) -> tuple[str, ...]:
         status = self._status

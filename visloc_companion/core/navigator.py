@@ -168,6 +168,7 @@ class Navigator:
         if reason is not None:
             return [*commands, *self._complaints.about(event, reason, now_ns)]
         self._attitude_rx_ns = event.t_rx_ns
+        self._monitor.on_telemetry(event.t_rx_ns)
         return commands
 
     def _on_prior(self, event: PriorPose) -> list[Command]:

@@ -14,7 +14,9 @@ from visloc_companion.types import TimesyncSample
 
 BUCKET_NS = 10_000_000_000
 STEP_NS = 500_000_000
-"""A message that is this much earlier than any latency allows, or a boot time that falls back by it, is a clock step."""
+"""A boot time that falls back by so much is a clock step."""
+EARLY_NS = 5_000_000_000
+"""A message may be so much earlier than the ones before, which then were late; beyond that the clock was set forward."""
 LATE_FOR_NS = 5_000_000_000
 """Messages that are all later than the offset by STEP_NS for so long are a clock step, too."""
 MAX_ROUND_TRIP_NS = 50_000_000
@@ -77,7 +79,7 @@ class ClockOffset:
         elif self._late_since_ns is None:
             self._late_since_ns = t_rx_ns
         late_for_long = self._late_since_ns is not None and t_rx_ns - self._late_since_ns > LATE_FOR_NS
-        return ClockStep(late_ns) if fell_back or late_ns < -STEP_NS or late_for_long else None
+        return ClockStep(late_ns) if fell_back or late_ns < -EARLY_NS or late_for_long else None
 
     def on_exchange(self, sample: TimesyncSample) -> ClockStep | None:
         """Take a TIMESYNC exchange; those with an impossible or long round trip are not used."""
@@ -87,7 +89,7 @@ class ClockOffset:
         measured = (sample.t_sent_ns + sample.t_rx_ns) // 2 - sample.t_remote_ns
         offset = self.offset_ns()
         step = None
-        if offset is not None and abs(measured - offset) > STEP_NS:
+        if offset is not None and not -EARLY_NS <= measured - offset <= STEP_NS:
             step = ClockStep(measured - offset)
             self._reset()
         self._exchanges.add(sample.t_rx_ns, round_trip_ns, measured)

@@ -92,6 +92,19 @@ def test_silence() -> None:
     assert (got.verdict, got.reasons) == (Verdict.DENIED, ("silence",))
 
 
+def test_silence_of_the_whole_link_is_not_that_of_gnss() -> None:
+    feed = trusted()
+    for _ in range(5):
+        feed.monitor.on_telemetry(feed.k * S // 5)
+        feed.run(0.2)
+    assert feed.run(30, gnss=None).verdict is Verdict.OK  # nothing at all comes
+    talking = [Verdict.OK]
+    for _ in range(20):
+        feed.monitor.on_telemetry(feed.k * S // 5)
+        talking.append(feed.run(0.2, gnss=None).verdict)
+    assert talking.index(Verdict.DENIED) == 11  # two seconds after the link is back
+
+
 @pytest.mark.parametrize(
     ("status", "reason"),
     [(replace(HEALTHY, gnss_glitch=True), "autopilot_glitch"), (replace(HEALTHY, position_ratio=1.4), "autopilot_rejects")],

@@ -93,8 +93,23 @@ def test_a_stalled_link_is_no_step_but_lasting_lateness_is() -> None:
     assert [s for s in steps if s is not None] == [ClockStep(S)]
 
 
-def test_timesync_finds_a_step_too() -> None:
+def test_first_messages_that_lay_in_a_buffer_are_no_step() -> None:
+    """A radio delivers the first messages 1.5 s late: better knowledge, not another clock."""
+    clock = ClockOffset()
+    clock.on_arrival(OFFSET + 1500 * MS, 0)
+    assert clock.on_arrival(OFFSET + 1600 * MS, 800 * MS) is None
+    assert clock.on_arrival(OFFSET + 1700 * MS, 1690 * MS) is None
+    assert clock.offset_ns() == OFFSET + 10 * MS
+    late = ClockOffset()
+    late.on_arrival(OFFSET + 1500 * MS, 0)
+    assert late.on_exchange(TimesyncSample(OFFSET + 2002 * MS, OFFSET + 2000 * MS, 2001 * MS)) is None
+    assert late.offset_ns() == OFFSET
+
+
+@pytest.mark.parametrize("jump_s", [-6, 1])
+def test_timesync_finds_a_step_too(jump_s: int) -> None:
     clock = ClockOffset()
     clock.on_exchange(TimesyncSample(OFFSET + 2 * MS, OFFSET, MS))
-    assert clock.on_exchange(TimesyncSample(OFFSET + S + 2 * MS, OFFSET + S, 5 * S + MS)) == ClockStep(-4 * S)
-    assert clock.offset_ns() == OFFSET - 4 * S
+    got = clock.on_exchange(TimesyncSample(OFFSET + S + 2 * MS, OFFSET + S, S - jump_s * S + MS))
+    assert got == ClockStep(jump_s * S)
+    assert clock.offset_ns() == OFFSET + jump_s * S
