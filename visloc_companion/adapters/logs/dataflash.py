@@ -42,7 +42,7 @@ _KIND = AutopilotKind.ARDUPILOT
 _POSITIONS = ("POS", "ORGN", "XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4", "NTUN", "CTUN")
 _WANTED = frozenset(("ATT", "GPS", "EV", "MSG", "CMD", *_POSITIONS))
 _EV_ARMED, _EV_DISARMED = (10, 15), (11,)
-_MAX_STEP_NS = 3600 * NS_PER_S
+_LEAP_NS, _MAX_STEP_NS = 2 * NS_PER_S, 3600 * NS_PER_S
 _GPS_EPOCH_UNIX_S = 315_964_800
 _LEAP_SECONDS = ((1_483_228_800, 18), (1_435_708_800, 17), (1_341_100_800, 16), (1_230_768_000, 15), (0, 14))
 """UTC instants (Unix seconds) from which GPS time is so many seconds ahead of UTC."""
@@ -65,6 +65,7 @@ class _Reader:
         self.unix_minus_boot_ns: int | None = None
         self._losses = losses
         self._t_ns = 0
+        self._leap_ns: int | None = None
         self._last_attitude: Attitude | None = None
         self._v_ned_mps: Vec3 | None = None
         self._height: tuple[float, float] | None = None
@@ -88,12 +89,17 @@ class _Reader:
             self.events.append((self._t_ns, event))
 
     def _at(self, fields: Fields, milliseconds: str = "TimeMS") -> int:
-        """Boot time of a message. Raises ValueError where it lies more than an hour from the one before."""
-        t_ns = fields["TimeUS"] * NS_PER_US if "TimeUS" in fields else fields[milliseconds] * NS_PER_MS
-        if self.events and not -NS_PER_S <= t_ns - self._t_ns <= _MAX_STEP_NS:
-            self._losses.clock_steps += 1
-            raise ValueError(t_ns)
-        self._t_ns = max(self._t_ns, int(t_ns)) if self.events else int(t_ns)
+        """Boot time of a message. Raises ValueError where it goes back, or leaps and the next message does not confirm it."""
+        t_ns = int(fields["TimeUS"] * NS_PER_US if "TimeUS" in fields else fields[milliseconds] * NS_PER_MS)
+        if not self.events:
+            self._t_ns = t_ns
+        elif not -NS_PER_S <= t_ns - self._t_ns <= _LEAP_NS:
+            confirmed = t_ns > self._t_ns and self._leap_ns is not None and abs(t_ns - self._leap_ns) <= _LEAP_NS
+            self._leap_ns = t_ns
+            if not confirmed or t_ns - self._t_ns > _MAX_STEP_NS:
+                self._losses.clock_steps += 1
+                raise ValueError(t_ns)
+        self._t_ns = max(self._t_ns, t_ns)
         return self._t_ns
 
     def _att(self, fields: Fields) -> Event:

@@ -1,0 +1,161 @@
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink2
+
+from visloc_companion.adapters.logs.folder import open_folder
+from visloc_companion.errors import ConfigError, LogError
+
+UNIX_US = 1_600_000_000_000_000
+
+
+def telemetry(folder: Path) -> None:
+    mav = mavlink2.MAVLink(None, srcSystem=1, srcComponent=1)
+    pieces = []
+    for k in range(20):
+        for message in (mav.heartbeat_encode(2, 3, 0, 0, 4), mav.attitude_encode(60_000 + 100 * k, 0, 0, 0, 0, 0, 0)):
+            pieces.append(struct.pack(">Q", UNIX_US + 100_000 * k) + bytes(message.pack(mav)))
+    (folder / "telemetry.tlog").write_bytes(b"".join(pieces))
+
+
+@pytest.fixture
+def flight(tmp_path: Path) -> Path:
+    telemetry(tmp_path)
+    for k in range(3):
+        cv2.imwrite(str(tmp_path / f"f{k}.png"), np.full((48, 64, 3), (10, 20, 30 + k), np.uint8))
+    (tmp_path / "frames.csv").write_text("t_us,file\n60200000,f2.png\n60000000,f0.png\n60100000,f1.png\n")
+    (tmp_path / "camera.toml").write_text('width_px = 64\nheight_px = 48\nfx_px = 50.0\ntime_base = "autopilot_boot"\n')
+    (tmp_path / "truth.csv").write_text("t_us, lat_deg, lon_deg, h_amsl_m\n60100000,47.4,8.55,500\n60000000,47.3,8.55,501\n")
+    return tmp_path
+
+
+def test_a_whole_folder(flight: Path) -> None:
+    opened = open_folder(flight)
+    assert opened.camera is not None
+    assert (opened.camera.width_px, opened.camera.fx_px) == (64, 50.0)
+    assert opened.frames is not None
+    assert opened.frames.t_us == (60_000_000, 60_100_000, 60_200_000)
+    pixels = opened.frames.pixels(2)
+    assert pixels is not None
+    assert pixels[0, 0].tolist() == [32, 20, 10], "RGB"
+    assert [(row.t_ns, row.place.lat_deg) for row in opened.truth] == [(60_000_000_000, 47.3), (60_100_000_000, 47.4)]
+    assert opened.boot_from_file_ns == 0
+
+
+def test_unix_times_are_placed_by_the_log(flight: Path) -> None:
+    (flight / "camera.toml").write_text('width_px = 64\nheight_px = 48\ntime_base = "unix"\n')
+    (flight / "truth.csv").write_text(f"t_us,lat_deg,lon_deg,h_amsl_m\n{UNIX_US + 500_000},47.4,8.55,500\n")
+    opened = open_folder(flight)
+    assert opened.truth[0].t_ns == 60_500_000_000
+
+
+def test_an_offset_is_added(flight: Path) -> None:
+    (flight / "camera.toml").write_text('width_px = 64\nheight_px = 48\ntime_base = "offset"\noffset_s = -0.25\n')
+    opened = open_folder(flight)
+    assert opened.truth[0].t_ns == 59_750_000_000
+    assert opened.boot_from_file_ns == -250_000_000
+
+
+@pytest.mark.parametrize(
+    ("toml", "words"),
+    [
+        ('time_base = "gps"', "time_base: 'gps' is unknown"),
+        ('time_base = "offset"', "offset_s: needed"),
+        ('time_base = "offset"\noffset_s = nan', "offset_s: needed"),
+        ("width_pxx = 64", "did you mean 'width_px'"),
+        ("width_px = ", "cannot be read"),
+        ("video_start_us = 1.5", "video_start_us"),
+    ],
+)
+def test_a_wrong_camera_file_is_named(flight: Path, toml: str, words: str) -> None:
+    (flight / "camera.toml").write_text(toml)
+    with pytest.raises(ConfigError, match=r"camera\.toml") as caught:
+        open_folder(flight)
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("frames.csv", "t_us,file\nsoon,f0.png\n", "row 1, column t_us"),
+        ("frames.csv", "t_us,file\n1,\n", "column file"),
+        ("frames.csv", "t_us,file\n", "has no rows"),
+        ("frames.csv", "time,name\n1,a.png\n", "column t_us"),
+        ("truth.csv", "t_us,lat_deg,lon_deg,h_amsl_m\n1,47,8,\n", "row 1, column h_amsl_m"),
+        ("truth.csv", "t_us,lat_deg,lon_deg\n1,47,8\n", "column h_amsl_m"),
+    ],
+)
+def test_a_wrong_table_is_named(flight: Path, name: str, text: str, words: str) -> None:
+    (flight / name).write_text(text)
+    with pytest.raises(LogError, match=name.replace(".", r"\.")) as caught:
+        open_folder(flight)
+    assert words in str(caught.value)
+
+
+def test_a_frame_that_is_missing_or_damaged_is_none(flight: Path) -> None:
+    (flight / "f0.png").unlink()
+    (flight / "f1.png").write_bytes(b"\x89PNG damaged")
+    (flight / "f2.png").write_bytes(b"")
+    opened = open_folder(flight)
+    assert opened.frames is not None
+    assert [opened.frames.pixels(k) for k in range(3)] == [None, None, None]
+
+
+def test_frames_need_a_camera(flight: Path) -> None:
+    (flight / "camera.toml").unlink()
+    with pytest.raises(LogError, match="describe the camera"):
+        open_folder(flight)
+
+
+def test_telemetry_must_be_there_once(flight: Path) -> None:
+    (flight / "telemetry.bin").write_bytes(b"x")
+    with pytest.raises(LogError, match=r"telemetry\.bin, telemetry\.tlog"):
+        open_folder(flight)
+    (flight / "telemetry.bin").unlink()
+    (flight / "telemetry.tlog").unlink()
+    with pytest.raises(LogError, match="has none"):
+        open_folder(flight)
+
+
+def make_video(flight: Path, n: int = 6) -> None:
+    (flight / "frames.csv").unlink()
+    out = cv2.VideoWriter(str(flight / "video.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
+    for k in range(n):
+        out.write(np.full((48, 64, 3), 40 * k, np.uint8))
+    out.release()
+
+
+def test_a_video_is_timed_by_its_rate_and_read_forwards_and_back(flight: Path) -> None:
+    make_video(flight)
+    (flight / "camera.toml").write_text("width_px = 64\nheight_px = 48\nvideo_start_us = 60000000\n")
+    frames = open_folder(flight).frames
+    assert frames is not None
+    assert frames.t_us == tuple(60_000_000 + 100_000 * k for k in range(6))
+    for number in (1, 4, 2):
+        pixels = frames.pixels(number)
+        assert pixels is not None
+        assert abs(int(pixels[20, 20, 0]) - 40 * number) <= 3
+    assert frames.pixels(6) is None
+
+
+def test_a_video_needs_its_start_or_times(flight: Path) -> None:
+    make_video(flight)
+    with pytest.raises(LogError, match="video_start_us"):
+        open_folder(flight)
+    (flight / "frames.csv").write_text("t_us\n60000000\n60100000\n")
+    frames = open_folder(flight).frames
+    assert frames is not None
+    assert frames.t_us == (60_000_000, 60_100_000)
+
+
+def test_a_video_that_is_none_is_refused(flight: Path) -> None:
+    (flight / "frames.csv").unlink()
+    (flight / "video.mp4").write_bytes(b"no video")
+    (flight / "camera.toml").write_text("width_px = 64\nheight_px = 48\nvideo_start_us = 60000000\n")
+    with pytest.raises(LogError, match="cannot be decoded as a video"):
+        open_folder(flight)
