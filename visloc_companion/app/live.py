@@ -10,14 +10,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-from collections.abc import AsyncGenerator, Callable, Coroutine
-from dataclasses import replace
+from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
 import structlog
 
 from visloc_companion.adapters.systemd.notify import Notifier
+from visloc_companion.app.camera_feed import CameraFeed
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.constructors import CONSTRUCTORS
 from visloc_companion.app.health import Health
@@ -29,8 +29,8 @@ from visloc_companion.app.status import status_server
 from visloc_companion.app.ticker import time_grid
 from visloc_companion.config import Config
 from visloc_companion.core.navigator import Navigator
-from visloc_companion.errors import CameraError
-from visloc_companion.protocols import Camera, Clock, FrameSlots
+from visloc_companion.errors import LinkError
+from visloc_companion.protocols import Clock, FrameSlots
 from visloc_companion.types import (
     Command,
     Event,
@@ -49,8 +49,6 @@ from visloc_companion.types import (
 log = structlog.get_logger("visloc")
 
 SLOW_STEP_NS = 2_000_000
-CAMERA_STALL_S = 5.0
-CAMERA_RETRY_S = 2.0
 LIMITS_S = {"link": 10.0, "camera": 15.0, "worker": 10.0, "tick": 3.0}
 _ORDERS_AT_ONCE = 32
 _WATCH_S = 0.5
@@ -74,8 +72,6 @@ class Daemon:
         self._orders: set[asyncio.Task[None]] = set()
         self._group: asyncio.TaskGroup | None = None
         self._link_up = self._stopping = False
-        self._camera_trouble = ""
-        self._first_frame_id = self._frame_id = 0
 
     # ------------------------------------------------------------------------------------------------- events, commands
 
@@ -170,8 +166,8 @@ class Daemon:
         }
         if self.parts.worker is not None:
             work["worker"] = self._serve_worker()
-        if self.parts.camera is not None:
-            work["camera"] = self._serve_camera(self.parts.camera)
+        if self.parts.camera is not None and self.parts.slots is not None:
+            work["camera"] = self._serve_camera(self.parts.slots)
         return work
 
     async def _serve_link(self) -> None:
@@ -180,6 +176,8 @@ class Daemon:
             if isinstance(event, LinkChanged):
                 self._link_up = event.up
             self.handle(event)
+        if not self._stopping:
+            raise LinkError("ended by itself", where=self.parts.config.link.url, remedy="this is a fault; start visloc again")
 
     async def _serve_ticks(self) -> None:
         rate_hz = self.parts.config.navigator.output_rate_hz
@@ -200,58 +198,23 @@ class Daemon:
         while True:
             await self.link.notify(await self._notices.get())
 
-    # ----------------------------------------------------------------------------------------------------------- camera
-
-    async def _serve_camera(self, camera: Camera) -> None:
-        """Take frames; open the camera again when it breaks or falls silent. The end of a recording is its end."""
-        while True:
-            try:
-                await self._take_frames(camera)
-                break
-            except (CameraError, TimeoutError) as why:
-                text = str(why) or f"no frame for {CAMERA_STALL_S:g} s"
-            if text != self._camera_trouble:
-                self._camera_trouble = text
-                self.report(Notice(Severity.WARNING, "camera is opened again", data=(("why", text),)))
-            camera = await self._reopened(camera)
-        self.health.limits_s.pop("camera", None)
-        self.report(Notice(Severity.NOTICE, "the camera's recording has ended"))
-
-    async def _take_frames(self, camera: Camera) -> None:
-        if self.parts.slots is None:
-            return
-        async with contextlib.aclosing(_frames(camera, self.parts.slots)) as frames:
-            while True:
-                try:
-                    async with asyncio.timeout(CAMERA_STALL_S):
-                        frame = await anext(frames)
-                except StopAsyncIteration:
-                    return
-                self._take(frame)
-
     def _take(self, frame: FrameRef) -> None:
-        self.health.beat("camera", self._wall.now_ns())
+        """A frame has come: note which one lies in its slot, record it if wished, and tell the navigator."""
         slots, journal = self.parts.slots, self.parts.journal
         if slots is None:
             return
-        self._camera_trouble = ""
-        self._frame_id = self._first_frame_id + frame.frame_id
-        frame = replace(frame, frame_id=self._frame_id)  # a camera that was opened again counts from its start
         slots.announce(frame)
         if journal is not None and self.parts.config.journal.record_frames:
             journal.frame(self.parts.clock.now_ns(), frame, slots.read(frame))
         self.handle(frame)
 
-    async def _reopened(self, camera: Camera) -> Camera:
-        self._first_frame_id = self._frame_id + 1
-        with contextlib.suppress(CameraError):
-            await camera.close()
-        while True:
-            self.health.beat("camera", self._wall.now_ns())
-            await asyncio.sleep(CAMERA_RETRY_S)
-            with contextlib.suppress(CameraError):
-                self.parts.camera = self._make.camera(self.parts.config, self.parts.clock)
-                return self.parts.camera
+    async def _serve_camera(self, slots: FrameSlots) -> None:
+        feed = CameraFeed(
+            self.parts, slots, self._make.camera, self.report, lambda: self.health.beat("camera", self._wall.now_ns())
+        )
+        async for frame in feed.frames():
+            self._take(frame)
+        self.health.limits_s.pop("camera", None)
 
     # ----------------------------------------------------------------------------------------------------------- health
 
@@ -270,7 +233,7 @@ class Daemon:
                 self.report(Notice(Severity.CRITICAL, f"hangs: {', '.join(late)}", data=ages))
             if not late:
                 self._notifier.watchdog()
-            await asyncio.sleep(_WATCH_S)
+            await asyncio.sleep(min(_WATCH_S, (self._notifier.watchdog_s or 60.0) / 4))
 
     def snapshot(self) -> dict[str, Any]:
         """State for other processes (app/status.py)."""
@@ -295,11 +258,6 @@ class Daemon:
             "injections": {"sent": self._injections.taken, "dropped": self._injections.dropped},
             "late": self.health.late(self._wall.now_ns()),
         }
-
-
-async def _frames(camera: Camera, slots: FrameSlots) -> AsyncGenerator[FrameRef, None]:
-    async for frame in camera.frames(slots):
-        yield frame
 
 
 async def run_daemon(
@@ -327,7 +285,11 @@ async def run_daemon(
     def link_warning(text: str) -> None:
         report(Notice(Severity.WARNING, text))
 
-    parts = await assemble(config, clock, make, Reports(report, journal_problem, link_warning))
+    stop = asyncio.Event() if stop is None else stop
+    assembling = asyncio.create_task(assemble(config, clock, make, Reports(report, journal_problem, link_warning)))
+    parts = await _unless(stop, assembling)
+    if parts is None:
+        return
     try:
         daemon = Daemon(parts, make, notifier)
         daemons.append(daemon)
@@ -338,6 +300,20 @@ async def run_daemon(
                 await stack.enter_async_context(status_server(Path(config.status.socket), daemon.snapshot))
             if on_ready is not None:
                 on_ready(daemon)
-            await daemon.run(asyncio.Event() if stop is None else stop)
+            await daemon.run(stop)
     finally:
         await parts.close()
+
+
+async def _unless(stop: asyncio.Event, assembling: asyncio.Task[Parts]) -> Parts | None:
+    """The parts, or None where the daemon is stopped while it still starts (hashing a large map takes its time)."""
+    stopped = asyncio.create_task(stop.wait())
+    try:
+        await asyncio.wait({stopped, assembling}, return_when=asyncio.FIRST_COMPLETED)
+        if assembling.done():
+            return assembling.result()
+        return None
+    finally:
+        for task in (stopped, assembling):
+            task.cancel()
+        await asyncio.gather(stopped, assembling, return_exceptions=True)

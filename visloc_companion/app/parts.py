@@ -80,23 +80,34 @@ class Reports:
 async def assemble(config: Config, clock: Clock, make: Constructors, reports: Reports) -> Parts:
     """Build and start all parts. Raises StartFailed with everything that is wrong, and leaves nothing open then."""
     parts = Parts(config, clock)
+    try:
+        problems = await _build(parts, make, reports)
+        if problems:
+            raise StartFailed("visloc cannot start", problems)
+    except BaseException:
+        await parts.close()
+        raise
+    return parts
+
+
+async def _build(parts: Parts, make: Constructors, reports: Reports) -> list[VislocError]:
+    """Fill in the parts; what stands against them."""
+    config, clock = parts.config, parts.clock
     problems: list[VislocError] = []
     parts.link = _tried(problems, lambda: make.link(config, clock, _raw_tap(parts), reports.link_warning))
     if config.camera.url:
         parts.camera = _tried(problems, lambda: make.camera(config, clock))
         _tried(problems, lambda: check_calibration(config, parts.camera))
-        if _tried(problems, lambda: require_pack(config)):
-            parts.slots = SharedFrameSlots(camera_model(config.camera))
-            parts.worker = WorkerSupervisor(config, parts.slots, clock, on_notice=reports.notice, factory=make.answers)
+        _tried(problems, lambda: require_pack(config))
+        slots = parts.slots = _tried(problems, lambda: SharedFrameSlots(camera_model(config.camera)))
+        if config.map.pack and slots is not None:
+            parts.worker = WorkerSupervisor(config, slots, clock, on_notice=reports.notice, factory=make.answers)
             await _tried_later(problems, parts.worker.start())
     if config.journal.folder and not problems:
         parts.journal = _tried(problems, lambda: _journal(config, clock, reports.journal_problem))
     elif config.journal.folder:
         _tried(problems, lambda: check_journal_folder(config))
-    if problems:
-        await parts.close()
-        raise StartFailed("visloc cannot start", problems)
-    return parts
+    return problems
 
 
 def check_calibration(config: Config, camera: Camera | None) -> None:

@@ -8,6 +8,7 @@ reads leaves nothing locked.
 from __future__ import annotations
 
 import contextlib
+import shutil
 import threading
 from dataclasses import dataclass
 from multiprocessing import shared_memory
@@ -21,6 +22,7 @@ from visloc_companion.types import CameraModel, FrameRef, Image
 
 N_SLOTS = 3
 _CHANNELS = 3
+_SHARED_MEMORY = "/dev/shm"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,12 +52,28 @@ class _Slots:
         return self._view(frame.slot, shape)
 
 
+def _create(n_bytes: int) -> shared_memory.SharedMemory:
+    """New shared memory. Raises CameraError where there is too little: what is missing would else be noticed in flight."""
+    with contextlib.suppress(OSError):
+        free = shutil.disk_usage(_SHARED_MEMORY).free
+        if free < n_bytes:
+            raise CameraError(
+                f"three frames need {n_bytes / 1e6:.0f} MB of shared memory, {free / 1e6:.0f} MB are free",
+                where=_SHARED_MEMORY,
+                remedy="make /dev/shm larger or the images smaller",
+            )
+    try:
+        return shared_memory.SharedMemory(create=True, size=n_bytes)
+    except OSError as why:
+        raise CameraError(f"no shared memory: {why}", where=_SHARED_MEMORY, remedy="mount /dev/shm") from why
+
+
 class SharedFrameSlots(_Slots):
     """The daemon's side (protocols.FrameSlots): creates, writes, and removes the memory on close."""
 
     def __init__(self, model: CameraModel) -> None:
         slot_bytes = model.width_px * model.height_px * _CHANNELS
-        super().__init__(shared_memory.SharedMemory(create=True, size=N_SLOTS * slot_bytes), slot_bytes)
+        super().__init__(_create(N_SLOTS * slot_bytes), slot_bytes)
         self._size = (model.height_px, model.width_px)
         self._lock = threading.Lock()  # cameras may write from a thread
         self._held: int | None = None

@@ -85,7 +85,7 @@ def _finish(problems: list[VislocError]) -> None:
 
     from visloc_companion.cli.main import exit_code
 
-    tree = Tree(Text("visloc cannot start", style="bold red"))
+    tree = Tree(Text("visloc cannot run", style="bold red"))
     for problem in problems:
         branch = tree.add(Text(f"{problem.where}: {problem.what}" if problem.where else problem.what))
         if problem.remedy:

@@ -19,7 +19,7 @@ import pytest
 from visloc_companion.adapters.camera.framing import StreamedFrame, encode_frame
 from visloc_companion.adapters.mavlink.dialect import mav
 from visloc_companion.app.clock import MonotonicClock
-from visloc_companion.app.journal import read_header, read_journal, read_mavlink
+from visloc_companion.app.journal import read_frames, read_header, read_journal, read_mavlink
 from visloc_companion.app.replay import compare_with_recording
 from visloc_companion.app.settings import camera_model
 from visloc_companion.cli.toml import to_toml
@@ -64,6 +64,8 @@ class World:
         self.pilot = BuiltInAutopilot(AutopilotKind.ARDUPILOT, "copter", home, there, 2.0, 3, boot_age_s=30.0)
         self.camera = CameraSimulator(Scene.load(small_world.ortho, None, 0.0), camera_model(config.camera))
         self.injections = 0
+        self.landed = False
+        self.films: set[asyncio.Task[None] | None] = set()
         self._parser: Any = mav.MAVLink(None)
         self._parser.robust_parsing = True
 
@@ -93,8 +95,9 @@ class World:
         self.injections += sum(message.get_type() == "VISION_POSITION_ESTIMATE" for message in messages)
 
     async def film(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.films.add(asyncio.current_task())
         with contextlib.suppress(ConnectionError):
-            while True:
+            while not self.landed:
                 truth, t_us = self.pilot.truth(), self.pilot.t_boot_ns // 1000
                 pixels = await asyncio.to_thread(self.camera.frame, truth.place, truth.q_ned_frd, 1)
                 writer.write(encode_frame(StreamedFrame(pixels, t_us, autopilot_clock=True)))
@@ -111,9 +114,10 @@ async def world(config: Config, small_world: Any) -> AsyncIterator[World]:
     try:
         yield made
     finally:
+        made.landed = True
         flying.cancel()
         server.close()
-        await asyncio.gather(flying, return_exceptions=True)
+        await asyncio.gather(flying, *(film for film in made.films if film), return_exceptions=True)
 
 
 async def status(config: Config) -> dict[str, Any]:
@@ -144,6 +148,7 @@ def gone(pid: int) -> bool:
     return False
 
 
+@pytest.mark.slow
 async def test_a_flight_with_a_killed_worker_a_clean_end_and_a_killed_daemon(tmp_path: Path, small_world: Any) -> None:
     config = configuration(tmp_path, small_world.pack)
     path = tmp_path / "visloc.toml"
@@ -198,6 +203,7 @@ async def test_a_flight_with_a_killed_worker_a_clean_end_and_a_killed_daemon(tmp
     comparison = compare_with_recording(whole)
     assert (comparison.first_difference, comparison.n_recorded) == (None, comparison.n_replayed)
     assert len(read_header(whole).map_manifest_sha256) == 64
+    assert sum(1 for _ in read_frames(whole)) > 10
     assert sum(1 for _ in read_mavlink(whole, outgoing=False)) > 50
     assert sum(1 for _ in read_mavlink(whole, outgoing=True)) > 50
     assert compare_with_recording(killed).first_difference is None

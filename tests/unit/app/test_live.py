@@ -17,7 +17,7 @@ import pytest
 import structlog
 
 from visloc_companion.adapters.systemd.notify import Notifier
-from visloc_companion.app import live
+from visloc_companion.app import camera_feed
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.journal import Entry, read_header, read_journal
 from visloc_companion.app.live import Daemon, run_daemon
@@ -259,7 +259,7 @@ async def test_injection_stops_before_anything_else(tmp_path: Path) -> None:
 
 
 async def test_a_camera_that_breaks_is_opened_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(live, "CAMERA_RETRY_S", 0.05)
+    monkeypatch.setattr(camera_feed, "RETRY_S", 0.05)
     config = configuration(tmp_path)
     async with flight(config, n_frames=3, then="break") as f:
         await f.until(lambda: len(f.cameras) == 2, "another camera")
@@ -271,8 +271,8 @@ async def test_a_camera_that_breaks_is_opened_again(tmp_path: Path, monkeypatch:
 
 
 async def test_a_camera_that_falls_silent_is_opened_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(live, "CAMERA_RETRY_S", 0.05)
-    monkeypatch.setattr(live, "CAMERA_STALL_S", 0.3)
+    monkeypatch.setattr(camera_feed, "RETRY_S", 0.05)
+    monkeypatch.setattr(camera_feed, "STALL_S", 0.3)
     config = configuration(tmp_path)
     async with flight(config, n_frames=3, then="hang") as f:
         await f.until(lambda: len(f.cameras) == 2, "another camera")
@@ -359,6 +359,25 @@ async def test_a_camera_without_a_map_is_refused(tmp_path: Path) -> None:
     assert problem.where == "map.pack"
     assert link.closed
     assert not (tmp_path / "journals").exists() or not list((tmp_path / "journals").iterdir())
+
+
+async def test_a_stop_while_it_starts_ends_it(tmp_path: Path) -> None:
+    stop = asyncio.Event()
+    link = FakeLink(MonotonicClock())
+    task = asyncio.create_task(run_daemon(configuration(tmp_path), stop=stop, make=constructors(link, [], "prior_is_right")))
+    await asyncio.sleep(0.02)
+    stop.set()
+    await asyncio.wait_for(task, 30)
+    assert link.closed
+    assert not list((tmp_path / "journals").glob("*.mcap"))
+
+
+async def test_a_link_that_ends_by_itself_ends_the_daemon(tmp_path: Path) -> None:
+    with pytest.raises(ExceptionGroup) as caught:
+        async with flight(configuration(tmp_path, camera={"url": ""})) as f:
+            await f.link.close()
+            await asyncio.sleep(0.5)
+    assert caught.value.subgroup(LinkError) is not None
 
 
 async def test_without_a_camera_there_is_telemetry_only(tmp_path: Path) -> None:

@@ -95,6 +95,11 @@ def test_a_frame_that_no_slot_holds(slots: SharedFrameSlots, slot: int, width: i
         slots.read(FrameRef(0, 0, 0, slot, width, height, channels))
 
 
+def test_too_little_shared_memory_is_told_at_the_start() -> None:
+    with pytest.raises(CameraError, match=r"three frames need \d+ MB of shared memory.*remedy: make /dev/shm larger"):
+        SharedFrameSlots(CameraModel(10**7, 10**6, 1.0, 1.0, 0.0, 0.0))
+
+
 def test_close_removes_the_memory_once() -> None:
     slots = SharedFrameSlots(MODEL)
     name = slots.name.name

@@ -48,7 +48,7 @@ def test_check_names_every_problem_in_one_tree(tmp_path: Path) -> None:
     text = '[link]\nurl = "pigeon:home"\n[camera]\nurl = "teleport:x"\n[map]\npack = "/none"\n[journal]\nfolder = "/proc/none"\n'
     done = visloc_run(configuration(tmp_path, text), "--check", "--json", str(tmp_path / "found.json"))
     assert done.returncode == 2
-    for part in ("visloc cannot start", "pigeon", "'teleport:x' names no camera", "/none", "/proc/none", "remedy: "):
+    for part in ("visloc cannot run", "pigeon", "'teleport:x' names no camera", "/none", "/proc/none", "remedy: "):
         assert part in done.stderr
     assert len(json.loads((tmp_path / "found.json").read_text())["problems"]) == 4
 

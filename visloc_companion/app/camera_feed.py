@@ -1,0 +1,81 @@
+"""Frames for as long as the daemon runs: a camera that breaks or falls silent is opened again."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncGenerator, Callable
+from dataclasses import replace
+
+from visloc_companion.app.parts import MakeCamera, Parts
+from visloc_companion.errors import CameraError
+from visloc_companion.protocols import Camera, FrameSlots
+from visloc_companion.types import FrameRef, Notice, Severity
+
+STALL_S = 5.0
+RETRY_S = 2.0
+
+
+class CameraFeed:
+    """`beat` is called on every frame and every attempt; `report` gets one notice an outage. `parts.camera` is the open one."""
+
+    def __init__(
+        self,
+        parts: Parts,
+        slots: FrameSlots,
+        make_camera: MakeCamera,
+        report: Callable[[Notice], None],
+        beat: Callable[[], None],
+    ) -> None:
+        self._parts, self._slots, self._make_camera = parts, slots, make_camera
+        self._report, self._beat = report, beat
+        self._first_id = self._last_id = 0
+        self._trouble = ""
+
+    async def frames(self) -> AsyncGenerator[FrameRef, None]:
+        """Frames, numbered through. Ends with the end of a recording."""
+        while self._parts.camera is not None:
+            try:
+                async with contextlib.aclosing(self._until_trouble(self._parts.camera)) as frames:
+                    async for frame in frames:
+                        yield frame
+            except (CameraError, TimeoutError) as why:
+                self._complain(str(why) or f"no frame for {STALL_S:g} s")
+            else:
+                self._report(Notice(Severity.NOTICE, "the camera's recording has ended"))
+                return
+            await self._open_again(self._parts.camera)
+
+    async def _until_trouble(self, camera: Camera) -> AsyncGenerator[FrameRef, None]:
+        async with contextlib.aclosing(_generator(camera, self._slots)) as frames:
+            while True:
+                try:
+                    async with asyncio.timeout(STALL_S):
+                        frame = await anext(frames)
+                except StopAsyncIteration:
+                    return
+                self._trouble = ""
+                self._beat()
+                self._last_id = self._first_id + frame.frame_id  # a camera that was opened again counts from its start
+                yield replace(frame, frame_id=self._last_id)
+
+    def _complain(self, trouble: str) -> None:
+        if trouble != self._trouble:
+            self._trouble = trouble
+            self._report(Notice(Severity.WARNING, "camera is opened again", data=(("why", trouble),)))
+
+    async def _open_again(self, camera: Camera) -> None:
+        self._first_id = self._last_id + 1
+        with contextlib.suppress(CameraError):
+            await camera.close()
+        while True:
+            self._beat()
+            await asyncio.sleep(RETRY_S)
+            with contextlib.suppress(CameraError):
+                self._parts.camera = self._make_camera(self._parts.config, self._parts.clock)
+                return
+
+
+async def _generator(camera: Camera, slots: FrameSlots) -> AsyncGenerator[FrameRef, None]:
+    async for frame in camera.frames(slots):
+        yield frame
