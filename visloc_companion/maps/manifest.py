@@ -88,6 +88,7 @@ class FeatureLevel(Grid):
     """Features of one GSD: a .npy of (rows, cols, channels) int8; value = stored x `step`."""
 
     name: str
+    channels: Size
     step: Positive
     gsd_m: Positive
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.lib.format import write_array_header_1_0
 from numpy.typing import NDArray
 
 from visloc_companion.errors import MapError
@@ -116,11 +118,15 @@ def _layer(tiff: GeoTiff, grid: Grid, crs: MapCrs) -> DatasetLayer:
 
 
 def _features(folder: Path, level: FeatureLevel) -> StoredFeatures:
+    """Map the array. Its header is compared, not parsed: numpy's reader evaluates it, and fails in many ways."""
     path = folder / level.file
-    try:
-        stored = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError, EOFError) as why:
-        raise MapError(f"is no array: {why}", where=str(path), remedy=REBUILD) from why
-    if stored.dtype != np.int8 or stored.ndim != 3 or stored.shape[:2] != (level.rows, level.cols):
-        raise MapError(f"holds {stored.dtype} {stored.shape}, not what the manifest says", where=str(path), remedy=REBUILD)
+    shape = (level.rows, level.cols, level.channels)
+    header = BytesIO()
+    write_array_header_1_0(header, {"descr": "|i1", "fortran_order": False, "shape": shape})
+    want = header.getvalue()
+    with path.open("rb") as stream:
+        got = stream.read(len(want))
+    if got != want or path.stat().st_size != len(want) + math.prod(shape):
+        raise MapError(f"is not the array of int8 {shape} that the manifest says", where=str(path), remedy=REBUILD)
+    stored = np.memmap(path, dtype=np.int8, mode="r", offset=len(want), shape=shape)
     return StoredFeatures(level, T_map_pix_from_gdal(level.transform), stored)

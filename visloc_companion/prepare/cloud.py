@@ -53,13 +53,9 @@ def _laspy(path: Path) -> Any:
 def _rasterised(path: Path, reader: Any, crs_text: str) -> Source:
     header = reader.header
     found = header.parse_crs()
-    if found is None:
-        raise DatumMissing(
-            "has no coordinate reference system",
-            where=str(path),
-            remedy="write one (pdal translate --writers.las.a_srs=EPSG:...)",
-        )
-    crs = map_crs(found.to_wkt(), str(path))
+    if found is None and not crs_text:
+        raise DatumMissing("has no coordinate reference system", where=str(path), remedy="--cloud-crs EPSG:CODE")
+    crs = map_crs(crs_text if found is None else found.to_wkt(), str(path))
     if crs.is_geographic:
         raise MapError("is in degrees", where=str(path), remedy="reproject it to a CRS in metres (pdal, las2las)")
     low, high = np.array(header.mins[:2]), np.array(header.maxs[:2])

@@ -19,6 +19,7 @@ from visloc_companion.prepare.mosaic import Step
 from visloc_companion.prepare.target import TargetGrid
 
 NAME = "gradient"
+CHANNELS = 2
 STEP = CLIP / 127
 SMALLEST_PX = 48
 _TILE_PX, _MARGIN_PX = 1024, 64
@@ -54,7 +55,7 @@ def _write_level(
     transform = (pixel, 0.0, grid.west, 0.0, -pixel, grid.north)
     T_map_pix = T_map_pix_from_gdal(transform)
     file = f"{NAME}_{k:02d}.npy"
-    out = open_memmap(folder / file, mode="w+", dtype=np.int8, shape=(rows, cols, 2))
+    out = open_memmap(folder / file, mode="w+", dtype=np.int8, shape=(rows, cols, CHANNELS))
     for top in range(0, rows, _TILE_PX):
         for left in range(0, cols, _TILE_PX):
             bottom, right = min(top + _TILE_PX, rows), min(left + _TILE_PX, cols)
@@ -67,7 +68,9 @@ def _write_level(
     out.flush()
     middle = T_map_pix @ np.array([(cols - 1) / 2, (rows - 1) / 2, 1.0])
     gsd_m = pixel / _scale(grid.crs, float(middle[0]), float(middle[1]))
-    return FeatureLevel(file=file, rows=rows, cols=cols, transform=transform, name=NAME, step=STEP, gsd_m=gsd_m)
+    return FeatureLevel(
+        file=file, rows=rows, cols=cols, transform=transform, name=NAME, channels=CHANNELS, step=STEP, gsd_m=gsd_m
+    )
 
 
 def _scale(crs: MapCrs, easting: float, northing: float) -> float:

@@ -1,0 +1,81 @@
+"""Whatever is flipped, cut off or added anywhere in a pack: a MapError that names the file, never a crash, never silence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from visloc_companion.errors import MapError
+from visloc_companion.maps.pack import PackMap
+from visloc_companion.prepare.build import build_pack
+
+FUZZ = settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+@pytest.fixture(scope="module")
+def pack(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("fuzz")
+    image = np.random.default_rng(1).integers(1, 255, (70, 60)).astype(np.uint8)
+    place = rasterio.Affine(1.0, 0.0, 500_000.0, 0.0, -1.0, 5_200_000.0)
+    for name, values in (("a.tif", image), ("dsm.tif", image.astype(np.float32))):
+        shape = {"width": 60, "height": 70, "count": 1, "dtype": values.dtype}
+        with rasterio.open(folder / name, "w", driver="GTiff", crs="EPSG:32633", transform=place, **shape) as out:
+            out.write(values, 1)
+    build_pack([folder / "a.tif"], folder / "dsm.tif", folder / "pack")
+    return folder / "pack"
+
+
+def damaged(raw: bytes, data: st.DataObject) -> bytes:
+    kind = data.draw(st.sampled_from(["flip", "cut", "extend", "swap"]))
+    at = data.draw(st.integers(0, len(raw) - 1))
+    if kind == "flip":
+        return raw[:at] + bytes([raw[at] ^ (1 << data.draw(st.integers(0, 7)))]) + raw[at + 1 :]
+    if kind == "cut":
+        return raw[:at]
+    if kind == "extend":
+        return raw + data.draw(st.binary(min_size=1, max_size=20))
+    part = data.draw(st.binary(min_size=1, max_size=20))
+    return raw[:at] + part + raw[at + len(part) :]
+
+
+@FUZZ
+@given(data=st.data())
+def test_any_damage_is_a_map_error(pack: Path, data: st.DataObject) -> None:
+    path = data.draw(st.sampled_from(sorted(pack.iterdir())))
+    raw = path.read_bytes()
+    changed = damaged(raw, data)
+    path.write_bytes(changed)
+    try:
+        if changed == raw:
+            PackMap.open(pack)
+            return
+        with pytest.raises(MapError) as why:
+            PackMap.open(pack)
+        assert why.value.where.startswith(str(pack))
+        assert why.value.remedy
+    finally:
+        path.write_bytes(raw)
+
+
+@FUZZ
+@given(data=st.data())
+def test_unverified_damage_never_crashes(pack: Path, data: st.DataObject) -> None:
+    """Without hashes a changed pixel may pass; opening and reading end in a patch or a MapError."""
+    path = data.draw(st.sampled_from(sorted(pack.glob("*.tif")) + sorted(pack.glob("*.npy"))))
+    raw = path.read_bytes()
+    at = data.draw(st.integers(0, min(len(raw), 2000) - 1))
+    part = data.draw(st.binary(min_size=1, max_size=8))
+    path.write_bytes((raw[:at] + part + raw[at + len(part) :])[: len(raw)])
+    try:
+        damaged_pack = PackMap.open(pack, verify_hashes=False)
+        centre, gsd_m = damaged_pack.snapped(damaged_pack.center_map_m, (40, 40), 1.0)
+        damaged_pack.patch(centre, (40, 40), gsd_m, 0.0)
+    except MapError:
+        pass
+    finally:
+        path.write_bytes(raw)

@@ -1,0 +1,198 @@
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from visloc_companion.errors import MapError
+from visloc_companion.geo.wgs84 import distance_m
+from visloc_companion.maps.pack import PackMap
+from visloc_companion.prepare.build import build_pack
+from visloc_companion.prepare.check import check_pack
+from visloc_companion.prepare.matchability import matchability
+from visloc_companion.prepare.route import along, read_route
+from visloc_companion.types import GeoPoint
+
+UTM, PLACE = "EPSG:32633", (47.0, 15.3)
+
+
+def textured(rows: int, cols: int) -> np.ndarray:
+    """Blobs of some 10 px with edges in all directions, and sensor noise."""
+    rng = np.random.default_rng(4)
+    v, u = np.mgrid[:rows, :cols]
+    waves = sum(
+        np.sin((u * np.cos(a) + v * np.sin(a)) / rng.uniform(4, 15) + rng.uniform(0, 6)) for a in rng.uniform(0, np.pi, 24)
+    )
+    return np.clip(120 + 18 * waves + rng.normal(0, 3, (rows, cols)), 1, 255).astype(np.uint8)
+
+
+@pytest.fixture
+def lake(tmp_path: Path, write_raster) -> PackMap:
+    """A map of 1000 m: land in the west half, still water with noise in the east half, a hole of 100 m in the south-west."""
+    image = textured(1000, 1000)
+    image[:, 500:] = np.clip(60 + np.random.default_rng(5).normal(0, 2, (1000, 500)), 1, 255).astype(np.uint8)
+    image[800:900, 100:200] = 0
+    write_raster(tmp_path / "a.tif", image, UTM, PLACE, 1.0, nodata=0)
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+    return PackMap.open(tmp_path / "pack")
+
+
+def place(pack: PackMap, east_m: float, north_m: float) -> GeoPoint:
+    easting, northing = pack.T_map_pix @ [499.5, 499.5, 1.0]
+    return GeoPoint(*pack.to_geo(easting + east_m, northing + north_m), 0.0)
+
+
+def write_route(path: Path, points: list[GeoPoint]) -> Path:
+    path.write_text("lat_deg,lon_deg\n" + "".join(f"{p.lat_deg:.9f},{p.lon_deg:.9f}\n" for p in points))
+    return path
+
+
+def test_water_is_flat_and_land_is_not(lake: PackMap) -> None:
+    cells = matchability(lake)
+    assert cells.cell_m == pytest.approx(64, rel=0.01)
+    land, water = cells.good[:, :7], cells.flat[:, 9:15]
+    assert land[cells.known[:, :7]].mean() > 0.95
+    assert water.mean() > 0.95
+    result = check_pack(lake, None)
+    assert 0.4 < result["matchability"]["share_flat"] < 0.6
+    assert any("little texture" in warning for warning in result["warnings"])
+    assert result["passed"]
+    json.dumps(result, allow_nan=False)
+
+
+def test_rows_of_one_direction_are_warned_of(tmp_path: Path, write_raster) -> None:
+    v, u = np.mgrid[:900, :900]
+    rows = np.clip(120 + 60 * np.sin((u + 0.6 * v) / 9), 1, 255).astype(np.uint8)
+    write_raster(tmp_path / "a.tif", rows, UTM, PLACE, 1.0)
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+    result = check_pack(PackMap.open(tmp_path / "pack"), None)
+    assert result["matchability"]["share_one_direction"] > 0.8
+    assert any("one direction" in warning for warning in result["warnings"])
+
+
+def test_routes_on_and_off_the_map(lake: PackMap, tmp_path: Path) -> None:
+    over_land = write_route(tmp_path / "land.csv", [place(lake, -300, 300), place(lake, -150, -100)])
+    result = check_pack(lake, over_land)
+    assert result["passed"] and result["route"]["points_outside"] == 0
+    assert result["route"]["share_matchable"] > 0.9
+    assert result["route"]["length_m"] == pytest.approx(427.2, abs=0.5)
+    over_water = check_pack(lake, write_route(tmp_path / "water.csv", [place(lake, 100, 300), place(lake, 400, -100)]))
+    assert over_water["passed"] and any("route" in warning for warning in over_water["warnings"])
+    away = check_pack(lake, write_route(tmp_path / "away.csv", [place(lake, 0, 0), place(lake, 0, 900), place(lake, 0, 0)]))
+    assert not away["passed"]
+    first = GeoPoint(**away["route"]["first_outside"], h_amsl_m=0.0)
+    assert 490 < distance_m(first, place(lake, 0, 0)) < 540, "between the waypoints, at the edge"
+    hole = check_pack(lake, write_route(tmp_path / "hole.csv", [place(lake, -350, -350)]))
+    assert not hole["passed"], "a place without content is off the map"
+    elsewhere = check_pack(lake, write_route(tmp_path / "else.csv", [GeoPoint(0.0, 100.0, 0.0)]))
+    assert not elsewhere["passed"] and elsewhere["route"]["share_matchable"] == 0.0
+    json.dumps(elsewhere, allow_nan=False)
+
+
+def test_margin_around_the_route(lake: PackMap, tmp_path: Path) -> None:
+    near_edge = write_route(tmp_path / "r.csv", [place(lake, -440, 200)])
+    assert check_pack(lake, near_edge, 40.0)["passed"]
+    assert not check_pack(lake, near_edge, 80.0)["passed"]
+    near_hole = write_route(tmp_path / "h.csv", [place(lake, -230, -350)])
+    assert check_pack(lake, near_hole, 0.0)["passed"]
+    assert not check_pack(lake, near_hole, 150.0)["passed"]
+
+
+def test_unknown_heights_are_warned_of(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", textured(400, 400), UTM, PLACE, 1.0)
+    heights = np.full((400, 400), 100, np.float32)
+    heights[:, 200:] = -9999
+    write_raster(tmp_path / "dsm.tif", heights, UTM, PLACE, 1.0, nodata=-9999)
+    build_pack([tmp_path / "a.tif"], tmp_path / "dsm.tif", tmp_path / "pack")
+    pack = PackMap.open(tmp_path / "pack")
+    result = check_pack(pack, None)
+    assert any("no height" in warning for warning in result["warnings"])
+    assert result["share_with_height"] == pytest.approx(0.53, abs=0.05)
+
+
+def test_small_packs_are_judged_at_their_coarsest_level(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", textured(70, 70), UTM, PLACE, 1.0)
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+    assert matchability(PackMap.open(tmp_path / "pack")).good.any()
+
+
+def test_csv(tmp_path: Path) -> None:
+    path = tmp_path / "r.csv"
+    path.write_bytes(b"\xef\xbb\xbfname,lat_deg,lon_deg\na,47.1,15.2\nb,-3,170.5\n")
+    assert read_route(path) == [GeoPoint(47.1, 15.2, 0.0), GeoPoint(-3.0, 170.5, 0.0)]
+
+
+def test_waypoints(tmp_path: Path) -> None:
+    """Home, take-off without a place, waypoint, region of interest (not flown to), return to launch."""
+    path = tmp_path / "r.waypoints"
+    path.write_text(
+        "QGC WPL 110\n"
+        "0\t1\t0\t16\t0\t0\t0\t0\t-35.363\t149.165\t584\t1\n"
+        "1\t0\t3\t22\t0\t0\t0\t0\t0\t0\t20\t1\n"
+        "2\t0\t3\t16\t0\t0\t0\t0\t-35.36\t149.17\t100\t1\n"
+        "3\t0\t3\t201\t0\t0\t0\t0\t-30.0\t140.0\t0\t1\n"
+        "4\t0\t3\t20\t0\t0\t0\t0\t0\t0\t0\t1\n"
+    )
+    home = GeoPoint(-35.363, 149.165, 0.0)
+    assert read_route(path) == [home, GeoPoint(-35.36, 149.17, 0.0), home]
+
+
+def test_waypoints_without_home(tmp_path: Path) -> None:
+    path = tmp_path / "r.txt"
+    path.write_text("QGC WPL 110\n0 1 0 16 0 0 0 0 0 0 0 1\n1 0 3 16 0 0 0 0 47.0 15.0 50 1\n2 0 3 20 0 0 0 0 0 0 0 1\n")
+    assert read_route(path) == [GeoPoint(47.0, 15.0, 0.0)]
+
+
+def test_plan(tmp_path: Path) -> None:
+    simple = {"type": "SimpleItem", "command": 16, "params": [0, 0, 0, None, 47.001, 15.001, 50]}
+    survey = {
+        "type": "ComplexItem",
+        "TransectStyleComplexItem": {
+            "Items": [{"type": "SimpleItem", "command": 16, "params": [0, 0, 0, None, 47.002, 15.002, 50]}]
+        },
+    }
+    camera = {"type": "SimpleItem", "command": 206, "params": [20, 0, 1, 0, 0, 0, 0]}
+    plan = {"fileType": "Plan", "mission": {"plannedHomePosition": [47.0, 15.0, 400], "items": [simple, survey, camera]}}
+    path = tmp_path / "r.plan"
+    path.write_text(json.dumps(plan))
+    assert [(p.lat_deg, p.lon_deg) for p in read_route(path)] == [(47.0, 15.0), (47.001, 15.001), (47.002, 15.002)]
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("r.csv", "latitude,longitude\n47,15\n"),
+        ("r.csv", "lat_deg,lon_deg\nnorth,east\n"),
+        ("r.csv", "lat_deg,lon_deg\n470,15\n"),
+        ("r.csv", "lat_deg,lon_deg\nnan,15\n"),
+        ("r.csv", "lat_deg,lon_deg\n"),
+        ("r.csv", ""),
+        ("r.plan", "{"),
+        ("r.plan", '{"mission": {"items": [{"type": "SimpleItem"}]}}'),
+        ("r.plan", '{"mission": {"items": [{"type": "ComplexItem"}]}}'),
+        ("r.plan", "[]"),
+        ("r.waypoints", "QGC WPL 110\n0 1 0\n"),
+        ("r.waypoints", "QGC WPL 110\n"),
+    ],
+)
+def test_what_is_no_route_is_named(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(MapError, match=rf"{name}.*remedy"):
+        read_route(tmp_path / name)
+
+
+def test_unreadable_route(tmp_path: Path) -> None:
+    (tmp_path / "r.csv").write_bytes(b"\xff\xfe\x00lat")
+    for name in ("r.csv", "absent.csv"):
+        with pytest.raises(MapError, match=name):
+            read_route(tmp_path / name)
+
+
+def test_points_along_a_route() -> None:
+    a, b = GeoPoint(47.0, 15.0, 0.0), GeoPoint(47.01, 15.0, 0.0)
+    points = along([a, b, b], 100.0)
+    assert points[0] == a and points[-1] == b
+    steps = [distance_m(p, q) for p, q in pairwise(points)]
+    assert max(steps) <= 100.0 and sum(steps) == pytest.approx(distance_m(b, a), rel=1e-6)
+    assert along([a], 10.0) == [a]
