@@ -49,6 +49,10 @@ def lasting_layers(grid: Grid, plan: Plan) -> Lasting:
         grid.draw(boundary, way.points_m, max(1.0, grid.gsd_m))
     grid.draw(shore, plan.river_m, 25.0)
     grid.draw(water, plan.river_m, 15.0)
+    lake = grid.blank()
+    grid.fill(lake, plan.lake_m, 255)
+    for layer in (*lines.values(), verge):
+        layer[lake > 0] = 0
     for layer, width in ((shore, 9.0), (water, 0.0)):
         cv2.fillPoly(layer, [grid.fixed(plan.lake_m)], 255, cv2.LINE_AA, 4)
         if width:
@@ -84,7 +88,7 @@ def field_table(seed: int, plan: Plan, season: Season, felled: frozenset[int]) -
     """Crops of one date. Strips and row directions are drawn anew for each date; most parcels keep their direction."""
     rng = rng_of(seed, f"fields {season.years}")
     parcels: list[tuple[float, float, float, float, int, int]] = []
-    covers: list[tuple[Rgb, Cover, float]] = []
+    covers: list[tuple[Rgb, Cover, float, float]] = []
     for number, parcel in enumerate(plan.parcels):
         along = parcel.along_rad + (np.pi / 2 if rng.random() < 0.18 else 0.0) + rng.normal(0, 0.02)
         across = parcel.outline_m @ np.array([-np.sin(along), np.cos(along)])
@@ -95,21 +99,23 @@ def field_table(seed: int, plan: Plan, season: Season, felled: frozenset[int]) -
             cover = _cover(rng, parcel.use, season, number in felled)
             tone = rng.normal(1.0, 0.06) + rng.normal(0, 0.02, 3)
             r, g, b = (float(c * t) for c, t in zip(cover.color, tone, strict=True))
-            covers.append(((r, g, b), cover, rng.uniform(10, 16) if parcel.use is Use.ARABLE else 0.0))
+            headland = rng.uniform(10, 16) if parcel.use is Use.ARABLE else 0.0
+            sense = rng.uniform(0.6, 1.3) * (-1.0 if rng.random() < 0.45 else 1.0)
+            covers.append(((r, g, b), cover, headland, sense))
     columns = list(zip(*parcels, strict=True))
     f = [np.array(column, np.float32) for column in columns[:4]]
     i = [np.array(column, np.int32) for column in columns[4:]]
 
     def of(name: str) -> Raster:
-        return np.array([getattr(cover, name) for _, cover, _ in covers], np.float32)
+        return np.array([getattr(cover, name) for _, cover, _, _ in covers], np.float32)
 
     row, tram = of("row_m"), of("tramline_m")
     return FieldTable(
         f[0], f[1], f[2], f[3], i[0], i[1],
-        np.array([color for color, _, _ in covers], np.float32),
+        np.array([color for color, _, _, _ in covers], np.float32),
         np.where(row > 0, 2 * np.pi / np.where(row > 0, row, 1), 0).astype(np.float32), of("row_strength"),
         np.where(tram > 0, tram, NEVER_M).astype(np.float32), of("tramline_strength"),
-        of("mottle"), of("soil"), of("grain"), np.array([headland for _, _, headland in covers], np.float32), of("height_m"),
+        of("mottle"), of("soil") * np.array([sense for _, _, _, sense in covers], np.float32), of("grain"), np.array([headland for _, _, headland, _ in covers], np.float32), of("height_m"),
     )  # fmt: skip
 
 
@@ -126,7 +132,7 @@ def paint_ground(seed: int, grid: Grid, plan: Plan, lasting: Lasting, table: Fie
     """Albedo (H, W, 3) and crop height (H, W) of the ground."""
     size, gsd = grid.size_px, grid.gsd_m
     wobble = smooth_noise(rng_of(seed, f"wobble {season.years}"), size, 45 / gsd) * np.float32(0.7)
-    soil = fractal_noise(rng_of(seed, "soil"), size, 90 / gsd, 3)
+    soil = _soil(seed, size, gsd)
     mottle = fractal_noise(rng_of(seed, f"mottle {season.years}"), size, 14 / gsd, 4, 0.7)
     grain_rng = rng_of(seed, f"grain {season.years}")
     albedo = np.empty((size, size, 3), np.uint8)
@@ -151,6 +157,15 @@ def paint_ground(seed: int, grid: Grid, plan: Plan, lasting: Lasting, table: Fie
         crop[band] = table.height_m[strip] * np.where(edge > 1.5, 1, 0)
     _overlay(seed, grid, plan, albedo, lasting, season, crop)
     return albedo, crop
+
+
+def _soil(seed: int, size_px: int, gsd_m: float) -> Raster:
+    """What the soil shows through every crop: patches of clay and sand, and old channels as winding bands."""
+    patches = fractal_noise(rng_of(seed, "soil"), size_px, 60 / gsd_m, 7, 0.8)
+    for number, cell_m in enumerate((75.0, 48.0)):
+        bend = smooth_noise(rng_of(seed, f"channels {number}"), size_px, cell_m / gsd_m)
+        patches += np.float32(1.6) * cv2.exp(-((bend * np.float32(9.0 * 60 / cell_m)) ** 2))
+    return patches
 
 
 def _bump(offset_m: Raster) -> Raster:

@@ -64,7 +64,7 @@ def plant_trees(seed: int, plan: Plan) -> Trees:
             parts.append(
                 _orchard(rng, parcel) if rng.random() < 0.12 else _scattered(rng, parcel, 9000.0, (2.5, 6.0), (8.0, 18.0))
             )
-    parts += [_along(rng, way) for way in plan.ways if way.hedge]
+    parts += [_along(rng, way) if way.hedge else _shrubs(rng, way) for way in plan.ways]
     parts.append(_banks(rng, plan.river_m, 13.0))
     parts.append(_banks(rng, np.vstack([plan.lake_m, plan.lake_m[:1]]), 7.0))
     return Trees(*(np.concatenate([getattr(part, name) for part in parts]) for name in Trees.__dataclass_fields__))
@@ -145,6 +145,15 @@ def _along(rng: np.random.Generator, way: Way) -> Trees:
     tall = rng.random(len(xy)) < 0.08
     size = rng.uniform(0.7, 1.3, len(xy))
     return _trees(rng, xy, np.where(tall, 4.6, 2.1) * size, np.where(tall, 13.0, 4.5) * size, rng.random(len(xy)) < 0.04)
+
+
+def _shrubs(rng: np.random.Generator, way: Way) -> Trees:
+    """Single shrubs and small trees along a way without a hedge."""
+    xy, _ = _beside(way.points_m, 11.0, WIDTH_M[way.kind] / 2 + 1.6)
+    xy = xy[rng.random(len(xy)) < 0.3]
+    xy = xy + rng.normal(0, 0.8, xy.shape)
+    size = rng.uniform(0.5, 1.4, len(xy))
+    return _trees(rng, xy, 1.7 * size, 3.2 * size, np.zeros(len(xy), bool))
 
 
 def _banks(rng: np.random.Generator, line_m: FloatArray, offset_m: float) -> Trees:

@@ -107,7 +107,7 @@ class _Cutter:
     def cut(self, polygon: FloatArray) -> None:
         area, kind = abs(_area(polygon)), Line.BOUNDARY
         settled = float(np.hypot(*(polygon.mean(0) - self._village))) < self._radius
-        target = 6000.0 if settled else float(np.exp(self._rng.normal(np.log(32000.0), 0.5)))
+        target = 6000.0 if settled else float(np.exp(self._rng.normal(np.log(15000.0), 0.5)))
         if area < target:
             self.pieces.append(polygon)
             return

@@ -90,12 +90,12 @@ def _crown(half_steps: int, conifer: bool, variant: int, dense: bool) -> tuple[R
     rho = np.hypot(x, y) / (radius * edge)
     lumps = rng.standard_normal(x.shape)
     if conifer:
-        profile = 0.25 + 0.75 * np.clip(1 - rho, 0, 1) ** 0.9
+        profile = 0.15 + 0.85 * np.clip(1 - rho, 0, 1) ** 0.9
         shade = 128 * (1 + 0.10 * lumps)
     else:
         dome = np.sqrt(np.clip(1 - rho * rho, 0, 1))
-        profile = 0.55 + 0.45 * dome * (1 + (0.10 if dense else 0.22) * lumps)
-        shade = 128 * (1 + (0.09 if dense else 0.22) * lumps)
+        profile = 0.30 + 0.70 * dome * (1 + 0.09 * lumps)
+        shade = 128 * (1 + (0.09 if dense else 0.16) * lumps)
     profile = np.where(rho < 1, np.clip(profile, 0.05, 1.15), 0)
     return profile.astype(np.float32), np.clip(shade, 40, 250).astype(np.uint8)
 

@@ -91,7 +91,7 @@ class CameraSimulator:
         level = np.log2(np.maximum(covered, 1.0))
         first, last = int(level.min()), int(np.ceil(level.max() - 0.02))
         if last == 0:
-            return np.asarray(sample(self.scene.pixels, u, v), dtype=np.uint8)
+            return np.asarray(sample(self.scene.pixels, u, v, cv2.INTER_CUBIC), dtype=np.uint8)
         total = np.zeros((*self._shape, 3), np.float32)
         for k in range(first, last + 1):
             weight = np.clip(1 - np.abs(level - np.float32(k)), 0, 1)
