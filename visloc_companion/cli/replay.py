@@ -25,7 +25,7 @@ def replay(
 ) -> None:
     """Replay a flight: GNSS verdicts and dead reckoning, with frames and a map its fixes, of a journal also its commands.
 
-    Exit codes: 0 ok, 1 the gate failed, 2 usage or configuration, 3 bad data.
+    Exit codes: 0 ok, 1 the gate failed or a journal's commands differ, 2 usage or configuration, 3 bad data.
     """
     from visloc_companion.cli.replay_sources import open_source
     from visloc_companion.evaluate.gate import check_gate, parse_gate
@@ -37,7 +37,7 @@ def replay(
     epochs = _output_folder(out) / "epochs.csv" if out is not None else None
     summary = flight_summary(record, alert_limit_m=alert_limit_m, latency=source.latency, epochs=str(epochs) if epochs else None)
     summary |= {"flight": str(flight), **source.facts()}
-    checks = check_gate(gate, summary)
+    checks = [*source.checks(), *check_gate(gate, summary)]
     if out is not None and epochs is not None:
         from visloc_companion.evaluate.report import write_flight_report
 

@@ -18,6 +18,7 @@ from visloc_companion.cli.progress import bar
 from visloc_companion.config import Config, load_config, parse_config
 from visloc_companion.errors import ConfigError
 from visloc_companion.evaluate.flight import Pace, RecordedEyes, replay_recording
+from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.record import FlightRecord, from_entries
 from visloc_companion.evaluate.report_map import MapImage
 from visloc_companion.maps.pack import PackMap
@@ -38,6 +39,9 @@ class Source(Protocol):
 
     def notes(self) -> list[str]:
         """Sentences for the terminal and the report, after `record`."""
+
+    def checks(self) -> list[Check]:
+        """What must hold besides the gate, after `record`."""
 
     def map_image(self, record: FlightRecord) -> MapImage | None:
         """The ground under the tracks, where a map was given."""
@@ -134,6 +138,10 @@ class LogSource:
             notes.append("A map was given, but the flight has no frames: nothing was localised.")
         return notes
 
+    def checks(self) -> list[Check]:
+        """Nothing besides the gate."""
+        return []
+
     def map_image(self, record: FlightRecord) -> MapImage | None:
         """The pack's ortho under the tracks."""
         from visloc_companion.evaluate.report_image import ground_image
@@ -196,6 +204,13 @@ class JournalSource:
         if self.config is not None:
             words += " The configuration is not the flight's own."
         return [words, *(f"Damaged: {damage}." for damage in self.result["damages"])]
+
+    def checks(self) -> list[Check]:
+        """With the flight's own configuration the commands must be the recorded ones."""
+        if self.config is not None:
+            return []
+        identical = self.result["commands"]["identical"]
+        return [Check("commands", "identical" if identical else "different", "identical to the recording", identical)]
 
     def map_image(self, record: FlightRecord) -> MapImage | None:
         """The pack's ortho under the tracks."""

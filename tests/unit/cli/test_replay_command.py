@@ -1,0 +1,152 @@
+"""`visloc replay` on logs, folders and journals: figures, files, gates and clear refusals."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import struct
+from pathlib import Path
+
+import pytest
+import typer
+from pymavlink.dialects.v20 import ardupilotmega as mavlink2
+from typer.testing import CliRunner
+
+from visloc_companion.app.journal import JournalHeader, JournalWriter
+from visloc_companion.app.settings import core_settings
+from visloc_companion.cli.replay import replay
+from visloc_companion.config import Config
+from visloc_companion.core.navigator import Navigator
+from visloc_companion.errors import ConfigError, JournalError, LogError, MapError
+from visloc_companion.types import Attitude, Tick
+
+UNIX_US = 1_600_000_000_000_000
+app = typer.Typer()
+app.command()(replay)
+
+
+def run(*arguments: str | Path) -> tuple[int, str]:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result.exit_code, result.output
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    mav = mavlink2.MAVLink(None, srcSystem=1, srcComponent=1)
+    pieces = []
+    for k in range(100):
+        boot, lat = 60_000 + 100 * k, round((47.4 + k * 4.5e-6) * 1e7)
+        for message in (
+            mav.heartbeat_encode(2, 3, 0x81, 0, 4),
+            mav.attitude_encode(boot, 0, 0, 0, 0, 0, 0),
+            mav.gps_raw_int_encode(boot * 1000, 3, lat, 85_500_000, 540_000, 90, 90, 500, 0, 14),
+            mav.global_position_int_encode(boot, lat, 85_500_000, 540_000, 50_000, 500, 0, 0, 0),
+        ):
+            pieces.append(struct.pack(">Q", UNIX_US + 100_000 * k) + bytes(message.pack(mav)))
+    path = tmp_path / "telemetry.tlog"
+    path.write_bytes(b"".join(pieces))
+    return path
+
+
+def test_a_log_gives_figures_files_and_a_report(log: Path, tmp_path: Path) -> None:
+    out, figures = tmp_path / "out", tmp_path / "figures.json"
+    code, text = run(log, "--out", out, "--json", figures)
+    assert code == 0
+    assert "GNSS: denied from 0.0 s, ok from" in text
+    result = json.loads(figures.read_text())
+    assert result["schema"] == 1
+    assert result["duration_s"] == pytest.approx(9.9, abs=0.1)
+    assert result["autopilot"] == "ardupilot"
+    assert result["hmi"] is None
+    assert result["verdicts"][-1][1] == "ok"
+    rows = list(csv.DictReader(Path(result["epochs"]).read_text().splitlines()))
+    assert len(rows) == pytest.approx(99, abs=1)
+    assert "Replay of telemetry.tlog" in (out / "report.html").read_text()
+
+
+def test_truth_in_a_folder_makes_errors_and_gates(log: Path, tmp_path: Path) -> None:
+    rows = [f"{60_000_000 + 100_000 * k},{47.4 + k * 4.5e-6},8.55,540" for k in range(100)]
+    (tmp_path / "truth.csv").write_text("t_us,lat_deg,lon_deg,h_amsl_m\n" + "\n".join(rows))
+    figures = tmp_path / "figures.json"
+    code, text = run(tmp_path, "--json", figures, "--gate", "hmi=0,max_m<=5,false_alarms=0")
+    assert code == 0
+    assert text.count("ok: ") == 3
+    assert json.loads(figures.read_text())["error_horizontal_m"]["max"] < 5
+    code, text = run(tmp_path, "--gate", "hmi=0,n_fixes>=1")
+    assert code == 1
+    assert "FAILED: n_fixes >= 1 (is 0)" in text
+
+
+def test_gates_on_what_is_undefined_fail(log: Path) -> None:
+    assert run(log, "--gate", "p95_m<=100")[0] == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "kind", "words"),
+    [
+        (["--gate", "p95_mm<3"], ConfigError, "--gate: 'p95_mm' is no figure"),
+        (["--speed", "fast"], ConfigError, "--speed: 'fast' is no speed"),
+        (["--speed", "0"], ConfigError, "--speed"),
+        (["--map", "nowhere"], MapError, "nowhere"),
+        (["--config", "nowhere.toml"], ConfigError, "nowhere.toml"),
+        (["--out", "/proc/nowhere/out"], ConfigError, "/proc/nowhere/out"),
+    ],
+)
+def test_wrong_arguments_are_named(log: Path, arguments: list[str], kind: type[Exception], words: str) -> None:
+    with pytest.raises(kind) as caught:
+        run(log, *arguments)
+    assert words in str(caught.value)
+
+
+def test_wrong_flights_are_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="is not there"):
+        run(tmp_path / "none.tlog")
+    with pytest.raises(LogError, match="needs one telemetry file"):
+        run(tmp_path)
+    (tmp_path / "a.mcap").write_bytes(b"no journal")
+    with pytest.raises(JournalError, match=r"a\.mcap"):
+        run(tmp_path / "a.mcap")
+
+
+def journal(path: Path, *, tamper: bool = False) -> Path:
+    config = Config(seed=7)
+    navigator = Navigator(core_settings(config))
+    writer = JournalWriter(path.open("wb"), JournalHeader(config.model_dump(mode="json")), path=path)
+    for k in range(100):
+        now_ns = 10**9 + k * 10**8
+        event = Tick(now_ns) if k % 2 else Attitude(now_ns, now_ns, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        writer.event(now_ns, event)
+        for command in navigator.on(event, now_ns):
+            writer.command(now_ns + (5 if tamper and k == 61 else 0), command)
+    writer.close()
+    return path
+
+
+def test_a_journal_is_compared_command_by_command(tmp_path: Path) -> None:
+    figures = tmp_path / "figures.json"
+    code, text = run(journal(tmp_path / "a.mcap"), "--json", figures)
+    assert code == 0
+    assert re.search(r"All \d+ commands are byte for byte those of the flight", text)
+    assert json.loads(figures.read_text())["commands"]["identical"] is True
+
+
+def test_a_journal_that_differs_says_where(tmp_path: Path) -> None:
+    figures = tmp_path / "figures.json"
+    code, text = run(journal(tmp_path / "a.mcap", tamper=True), "--json", figures)
+    commands = json.loads(figures.read_text())["commands"]
+    assert code == 1
+    assert not commands["identical"]
+    assert f"first at command {commands['first_difference'] + 1}" in text
+
+
+def test_a_cut_journal_needs_salvage(tmp_path: Path) -> None:
+    path = journal(tmp_path / "a.mcap")
+    path.write_bytes(path.read_bytes()[:-400])
+    with pytest.raises(JournalError, match="is damaged"):
+        run(path)
+    code, text = run(path, "--salvage")
+    assert code == 0
+    assert "Damaged: " in text
