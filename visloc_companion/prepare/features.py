@@ -10,7 +10,7 @@ import numpy as np
 from numpy.lib.format import open_memmap
 
 from visloc_companion.geo.raster import T_map_pix_from_gdal, compose_affine
-from visloc_companion.localise.features.gradient import CLIP, gradient_features
+from visloc_companion.localise.features.gradient import CLIP, LOCAL_MEAN_SIGMA_PX, gradient_features
 from visloc_companion.maps.crs import MapCrs
 from visloc_companion.maps.layer import Layer
 from visloc_companion.maps.manifest import FeatureLevel
@@ -22,8 +22,9 @@ NAME = "gradient"
 CHANNELS = 2
 STEP = CLIP / 127
 SMALLEST_PX = 48
-_TILE_PX, _MARGIN_PX = 1024, 64
-"""The margin exceeds the reach of the local mean (5 x 12 px); both are multiples of the 4 px of its thinning."""
+_TILE_PX = 1024
+_MARGIN_PX = 4 * math.ceil(LOCAL_MEAN_SIGMA_PX)
+"""Reach of the local mean; like the tile a multiple of the 4 px of its thinning."""
 
 
 def level_grids(grid: TargetGrid) -> Iterator[tuple[float, int, int]]:

@@ -1,0 +1,134 @@
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from typer.testing import CliRunner
+
+from visloc_companion.cli.map import map_app, repeated
+from visloc_companion.errors import ConfigError, DatumMissing, HashMismatch, MapError
+from visloc_companion.maps.crs import map_crs
+
+Visloc = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture
+def visloc() -> Visloc:
+    """Run `visloc map ...`; errors of the package are raised, as main() gets them."""
+
+    def run(*args: object) -> tuple[int, str]:
+        result = CliRunner().invoke(map_app, [str(arg) for arg in args])
+        if result.exception is not None and not isinstance(result.exception, SystemExit):
+            raise result.exception
+        return result.exit_code, result.output
+
+    return run
+
+
+def write(path: Path, values: np.ndarray, east_m: float = 0.0) -> Path:
+    shape = {"width": values.shape[1], "height": values.shape[0], "count": 1, "dtype": values.dtype}
+    place = rasterio.Affine(1.0, 0.0, 500_000.0 + east_m, 0.0, -1.0, 5_200_000.0)
+    with rasterio.open(path, "w", driver="GTiff", crs="EPSG:32633", transform=place, **shape) as out:
+        out.write(values, 1)
+    return path
+
+
+@pytest.fixture
+def ortho(tmp_path: Path) -> Path:
+    return write(tmp_path / "a.tif", np.random.default_rng(1).integers(1, 255, (200, 200)).astype(np.uint8))
+
+
+def test_build_info_check(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:
+    more = write(tmp_path / "b.tif", np.random.default_rng(2).integers(1, 255, (200, 200)).astype(np.uint8), 150.0)
+    pack, result = tmp_path / "pack", tmp_path / "result.json"
+    options = (
+        "--capture-date",
+        "2020-02-03",
+        "--source",
+        "survey",
+        "--licence",
+        "CC0-1.0",
+        "--ground-height-m",
+        "12",
+        "--json",
+        result,
+    )
+    code, text = visloc("build", "--ortho", ortho, more, "--out", pack, *options)
+    assert code == 0 and "350 x 200 px" in text
+    built = json.loads(result.read_text())["manifest"]
+    assert [entry["file"] for entry in built["inputs"]] == ["a.tif", "b.tif"]
+    assert built["heights"]["plane_amsl_m"] == 12.0
+    code, text = visloc("info", pack, "--json", result)
+    assert code == 0
+    for part in ("EPSG:32633", "2020-02-03", "survey", "CC0-1.0", "plane at 12 m", "gradient 1 m"):
+        assert part in text
+    assert json.loads(result.read_text())["manifest"] == built
+    code, text = visloc("check", pack, "--json", result)
+    assert code == 0 and "files are as built" in text
+    assert json.loads(result.read_text())["passed"] is True
+
+
+def test_surface_of_another_extent_is_warned_of(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:
+    dsm = write(tmp_path / "dsm.tif", np.full((200, 200), 300, np.float32), 100.0)
+    code, text = visloc("build", "--ortho", ortho, "--dsm", dsm, "--out", tmp_path / "pack")
+    assert code == 0 and "has no height" in text
+    assert "above sea level, made from amsl heights" in visloc("info", tmp_path / "pack")[1]
+
+
+def test_route_that_leaves_the_map_fails_the_gate(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:
+    visloc("build", "--ortho", ortho, "--out", tmp_path / "pack")
+    route = tmp_path / "r.csv"
+    lat, lon = map_crs("EPSG:32633").to_geo(500_100.0, 5_199_900.0)
+    for end, code in ((lat, 0), (lat + 0.01, 1)):
+        route.write_text(f"lat_deg,lon_deg\n{lat},{lon}\n{end},{lon}\n")
+        got, text = visloc("check", tmp_path / "pack", "--route", route)
+        assert got == code, text
+        assert ("leaves the map at" in text) == bool(code)
+
+
+def test_ellipsoidal_heights_through_the_options(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:
+    dsm = write(tmp_path / "dsm.tif", np.full((200, 200), 300, np.float32))
+    command = ("build", "--ortho", ortho, "--dsm", dsm, "--out", tmp_path / "pack", "--vertical-datum", "ellipsoidal")
+    with pytest.raises(DatumMissing, match="--geoid-undulation-m"):
+        visloc(*command)
+    visloc(*command, "--geoid-undulation-m", "-20.5", "--json", tmp_path / "r.json")
+    assert json.loads((tmp_path / "r.json").read_text())["manifest"]["heights"]["geoid_undulation_m"] == -20.5
+
+
+def test_wrong_options_are_named(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:
+    base = ("build", "--ortho", ortho, "--out", tmp_path / "pack")
+    with pytest.raises(ConfigError, match=r"--vertical-datum.*amsl or ellipsoidal"):
+        visloc(*base, "--vertical-datum", "sea")
+    with pytest.raises(ConfigError, match=r"--capture-date.*YYYY-MM-DD"):
+        visloc(*base, "--capture-date", "last summer")
+    with pytest.raises(ConfigError, match="--dsm and --cloud"):
+        visloc(*base, "--dsm", ortho, "--cloud", "c.laz")
+    assert visloc("build", "--out", tmp_path / "pack")[0] == 2
+    assert visloc(*base, "--vertical-datum", "amsl")[0] == 0
+
+
+def test_damaged_pack_is_found(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:
+    visloc("build", "--ortho", ortho, "--out", tmp_path / "pack")
+    raw = bytearray((tmp_path / "pack" / "ortho.tif").read_bytes())
+    raw[-100] ^= 4
+    (tmp_path / "pack" / "ortho.tif").write_bytes(raw)
+    with pytest.raises(HashMismatch, match=r"ortho\.tif"):
+        visloc("check", tmp_path / "pack")
+    with pytest.raises(MapError, match=r"manifest\.json"):
+        visloc("info", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("args", "want"),
+    [
+        (["--ortho", "a", "b", "--out", "p"], ["--ortho", "a", "--ortho", "b", "--out", "p"]),
+        (["--cloud", "a", "b", "c"], ["--cloud", "a", "--cloud", "b", "--cloud", "c"]),
+        (["--ortho", "a", "--ortho", "b"], ["--ortho", "a", "--ortho", "b"]),
+        (["--out", "p", "q"], ["--out", "p", "q"]),
+        (["--json", "-20", "--ortho"], ["--json", "-20", "--ortho"]),
+    ],
+)
+def test_options_that_take_many_files(args: list[str], want: list[str]) -> None:
+    assert repeated(args) == want
