@@ -21,7 +21,7 @@ class Situation:
     """What the transitions depend on.
 
     `ready`: link, origin, attitude and a seeded filter are there. `due`: policy and verdict want injection. `recent_fix`:
-    the last fix is younger than `dead_reckoning_after_s`. `sigma_m` is the largest horizontal 1-sigma.
+    the last accepted fix arrived less than `dead_reckoning_after_s` ago. `sigma_m` is the largest horizontal 1-sigma.
     """
 
     ready: bool

@@ -87,6 +87,7 @@ class Navigator:
         self._mode = Mode.WAITING
         self._link = LinkChanged(0, up=True)
         self._anchored = False
+        self._fix_taken_ns: int | None = None
         self._status: EstimatorStatus | None = None
         self._prior: PriorPose | None = None
         self._frame_rx_ns: int | None = None
@@ -255,7 +256,7 @@ class Navigator:
         after = self._tracker.belief
         commands: list[Command] = []
         if isinstance(outcome, Accepted):
-            self._anchored = True
+            self._anchored, self._fix_taken_ns = True, now_ns
             self._aiding.compare(fix)
             if before is not None and after is not None and after.started_ns != before.started_ns:
                 commands.append(Notice(Severity.WARNING, "visloc: relocalised", to_operator=True))
@@ -320,13 +321,13 @@ class Navigator:
 
     def _change_mode(self, state: NavState | None, now_ns: int) -> list[Command]:
         limits = self._settings.navigator
-        belief, seen = self._tracker.belief, self._attitude_rx_ns
+        seen = self._attitude_rx_ns
         attitude = seen is not None and now_ns - seen <= ATTITUDE_AGE_NS
-        last_fix_ns = None if belief is None else belief.last_fix_ns
+        taken_ns = self._fix_taken_ns  # by arrival: a slow localiser must not make the mode flap
         situation = modes.Situation(
             ready=self._link.up and attitude and state is not None,
             due=self._anchored and output.is_due(self._settings.injection.policy, self._monitor.verdict.verdict),
-            recent_fix=last_fix_ns is not None and now_ns - last_fix_ns <= limits.dead_reckoning_after_s * 1e9,
+            recent_fix=taken_ns is not None and now_ns - taken_ns <= limits.dead_reckoning_after_s * 1e9,
             sigma_m=0.0 if state is None else largest_sigma_m(state.cov_ne_m2),
             lost_sigma_m=limits.lost_sigma_m,
         )

@@ -171,6 +171,11 @@ def test_a_learned_velocity_error_is_not_fed_back(world: type[World]) -> None:
     assert error < 3 * math.sqrt(status.cov_ne_m2[0][0])
 
 
+def test_a_slow_localiser_does_not_make_the_mode_flap(world: type[World]) -> None:
+    w = started(world, jammed=lambda t: t > 30, latency_s=1.6).fly(60)
+    assert modes(w) == [Mode.WAITING, Mode.SHADOW, Mode.AIDING]
+
+
 def test_vision_that_returns_after_dead_reckoning_is_taken(world: type[World]) -> None:
     w = started(world, jammed=lambda t: t > 60, blind=lambda t: 65 < t < 95).fly(125)
     assert modes(w) == [Mode.WAITING, Mode.SHADOW, Mode.AIDING, Mode.DEAD_RECKONING, Mode.AIDING]
