@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from visloc_companion.localise.features.gradient import Float32Array
-from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
+from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, ground_points
 from visloc_companion.types import FloatArray
 
 REACH_PX = 6
@@ -60,16 +60,10 @@ def correspondences(
 
     What the frame shows at a block's centre, by the pose that rectified it, lies on the ground where the block was matched.
     """
-    at, ground = _ground_points(grid, matches.centre_px), _ground_points(grid, matches.centre_px + matches.shift_px)
+    at, ground = ground_points(grid, matches.centre_px), ground_points(grid, matches.centre_px + matches.shift_px)
     q = (at - pose.p_ned_m) @ pose.R_ned_cam
     pix = q[:, :2] / q[:, 2:3] * np.array([K[0, 0], K[1, 1]]) + np.array([K[0, 2], K[1, 2]])
     return ground, pix, K[0, 0] * grid.gsd_m / np.maximum(q[:, 2], 1.0)
-
-
-def _ground_points(grid: MapGrid, pix: FloatArray) -> FloatArray:
-    u, v = pix[:, 0].astype(np.float32), pix[:, 1].astype(np.float32)
-    up = cv2.remap(grid.surface_up_m, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel()
-    return np.column_stack([pix @ grid.A_ne_pix[:, :2].T + grid.A_ne_pix[:, 2], -up])
 
 
 def _starts(first: int, last: int, side: int) -> list[int]:

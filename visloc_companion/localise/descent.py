@@ -14,7 +14,7 @@ from visloc_companion.localise.pose import PriorTerm
 from visloc_companion.localise.window import FeatureFunction
 from visloc_companion.types import FloatArray
 
-CORRELATED_PX = 20.0
+CORRELATED_PX = 200.0
 """Pixels that share one independent measurement of the gradient features (their noise is as smooth as they are)."""
 MIN_PIXELS = 100.0
 MAX_STEP_PX = 8.0

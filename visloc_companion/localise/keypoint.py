@@ -14,7 +14,7 @@ from visloc_companion.localise.answer import Stopwatch, fix, no_fix
 from visloc_companion.localise.features.gradient import Float32Array
 from visloc_companion.localise.frame import FrameLevel, check_pixels, full_level, reduced
 from visloc_companion.localise.hypotheses import footprint_box, search_box
-from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, ground_homography, rectify_plane
+from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, ground_homography, ground_points, rectify_plane
 from visloc_companion.localise.plan import SearchPlan, make_plan
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, solve_pose
 from visloc_companion.localise.settings import LocaliserSettings
@@ -125,13 +125,10 @@ def _pose(
 ) -> PoseEstimate | None:
     H = ground_homography(K, plan.pose, A_ne_pix, plan.ground_up_m)
     q = np.column_stack([pairs[0], np.ones(len(pairs[0]))]) @ H.T
-    u, v = pairs[1][:, 0].astype(np.float32), pairs[1][:, 1].astype(np.float32)
-    up = cv2.remap(grid.surface_up_m, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel()
-    ne = apply_affine(grid.A_ne_pix, pairs[1])
-    ground = np.column_stack([ne, -up])
-    moved_ne = ne.mean(0) - apply_affine(A_ne_pix, pairs[0]).mean(0)
+    ground = ground_points(grid, pairs[1])
+    moved_ne = ground[:, :2].mean(0) - apply_affine(A_ne_pix, pairs[0]).mean(0)
     start = CameraPose(plan.pose.p_ned_m + np.array([*moved_ne, 0.0]), plan.pose.R_ned_cam)
-    sigma_px = np.full(len(u), MATCH_SIGMA_PX * K[0, 0] * grid.gsd_m / plan.agl_m)
+    sigma_px = np.full(len(q), MATCH_SIGMA_PX * K[0, 0] * grid.gsd_m / plan.agl_m)
     prior = PriorTerm(plan.pose.R_ned_cam, sigma_tilt_rad)
     return solve_pose(ground, q[:, :2] / q[:, 2:3], sigma_px, K, start, prior, iterations=15)
 

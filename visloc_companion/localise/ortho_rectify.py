@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from visloc_companion.geo.raster import apply_affine
 from visloc_companion.localise.features.gradient import Float32Array
 from visloc_companion.localise.frame import FrameLevel
 from visloc_companion.types import FloatArray
@@ -91,6 +92,15 @@ def nadir_offsets(A_ne_pix: FloatArray, p_ned_m: FloatArray, size: tuple[int, in
     a = A_ne_pix.astype(np.float32)
     c = (A_ne_pix[:, 2] - p_ned_m[:2]).astype(np.float32)
     return a[0, 0] * u + a[0, 1] * v + c[0], a[1, 0] * u + a[1, 1] * v + c[1]
+
+
+def ground_points(grid: MapGrid, pix: FloatArray) -> FloatArray:
+    """(N, 3) north, east, down (metres) of the surface at (N, 2) grid pixels, which may be none."""
+    if not len(pix):
+        return np.zeros((0, 3))
+    u, v = pix[:, 0].astype(np.float32), pix[:, 1].astype(np.float32)
+    up = cv2.remap(grid.surface_up_m, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.column_stack([apply_affine(grid.A_ne_pix, pix), -np.asarray(up, dtype=np.float64).ravel()])
 
 
 def _may_see_far(pose: CameraPose) -> bool:

@@ -19,8 +19,10 @@ from visloc_companion.types import CameraModel, FloatArray, GeoPoint, PosePrior
 COARSE_PIXELS = 90.0
 """Side (px) of the square with the footprint's area at the search level."""
 FINE_PIXELS = 200.0
-"""The same at the level of the refinement; neither is finer than the map or the frame."""
-STEP_PX = 1.6
+"""The same at the level of the refinement, ..."""
+FINEST_PIXELS = 400.0
+"""... and of the last one, of the winner only. None is finer than the map or the frame."""
+STEP_PX = 1.3
 """Largest misfit (px, at 0.7 of the footprint's half side) that the heading and scale grid leaves."""
 SIGMAS = 3.0
 MIN_SHARE_OF_GROUND = 0.4
@@ -62,6 +64,7 @@ class SearchPlan:
     frame_gsd_m: float
     coarse_gsd_m: float
     fine_gsd_m: float
+    finest_gsd_m: float
     cov_ne_m2: FloatArray
     radius_cap_m: float
     headings_rad: FloatArray
@@ -83,16 +86,17 @@ def make_plan(
 ) -> SearchPlan | tuple[Reason, str]:
     """Plan the search, or say why there is nothing to search (too low, horizon in view, outside the map)."""
     frame = local_frame(prior.place, ref)
-    ground = ground_near(prior, ref, frame, settings)
-    if ground is None:
-        return Reason.OUTSIDE_MAP, "no map within the search region"
-    agl = prior.place.h_amsl_m - ground
-    if agl < settings.min_height_m:
-        return Reason.TOO_LOW, f"{agl:.1f} m above the surface"
     pose = CameraPose(np.array([0.0, 0.0, -prior.place.h_amsl_m]), R_from_quat(prior.q_ned_frd) @ R_FRD_CAM)
     outline, share = footprint(model, pose.R_ned_cam)
     if share < MIN_SHARE_OF_GROUND:
         return Reason.HORIZON_IN_VIEW, f"only {100 * share:.0f} % of the frame looks down steeply enough"
+    surface = ground_near(prior, ref, frame, outline, settings)
+    if surface is None:
+        return Reason.OUTSIDE_MAP, "no map within the search region"
+    ground, spread = surface
+    agl = prior.place.h_amsl_m - ground
+    if agl < settings.min_height_m:
+        return Reason.TOO_LOW, f"{agl:.1f} m above the surface"
     outline = outline * agl
     area = _area(outline)
     frame_gsd = math.sqrt(area / (share * model.width_px * model.height_px))
@@ -110,26 +114,43 @@ def make_plan(
         frame_gsd_m=frame_gsd,
         coarse_gsd_m=coarse,
         fine_gsd_m=max(finest, math.sqrt(area) / FINE_PIXELS),
+        finest_gsd_m=max(finest, math.sqrt(area) / FINEST_PIXELS),
         cov_ne_m2=np.array(prior.cov_ne_m2) + np.eye(2) * (tilt_m**2 + (coarse / 2) ** 2),
         radius_cap_m=settings.max_search_radius_m,
         headings_rad=_grid(min(math.pi, SIGMAS * prior.sigma_yaw_rad), step),
-        scales=np.exp(_grid(math.log1p(min(1.5, SIGMAS * prior.sigma_h_m / agl)), step)),
+        scales=np.exp(_grid(math.log1p(min(1.5, (SIGMAS * prior.sigma_h_m + spread) / agl)), step)),
     )
 
 
-def ground_near(prior: PosePrior, ref: ReferenceMap, frame: LocalFrame, settings: LocaliserSettings) -> float | None:
-    """Surface height below the prior (median of a window), or of whatever map lies within the search region; else None."""
-    here = np.asarray(frame.origin_map)
+def ground_near(
+    prior: PosePrior, ref: ReferenceMap, frame: LocalFrame, outline: FloatArray, settings: LocaliserSettings
+) -> tuple[float, float] | None:
+    """Surface height where the prior looks, averaged over a footprint, and half its spread over the search region; else None.
+
+    `outline` (N, 2) is the footprint 1 m below. None where no map lies within the region.
+    """
     sigma = math.sqrt(max(np.linalg.eigvalsh(np.array(prior.cov_ne_m2))[-1], 0.0))
-    for radius in (40.0, min(settings.max_search_radius_m, SIGMAS * sigma + 100.0)):
+    reach = min(settings.max_search_radius_m, SIGMAS * sigma)
+    agl, ground, spread = 100.0, 0.0, 0.0
+    for _ in range(3):
+        side = max(20.0, agl * math.sqrt(_area(outline)))
+        at = frame.to_map(outline.mean(0) * agl)
+        gsd = max(ref.gsd_m, 2 * (reach + side) / 48)
         try:
-            patch = ref.patch((float(here[0]), float(here[1])), (32, 32), max(ref.gsd_m, radius / 16), 0.0)
+            patch = ref.patch(at, (49, 49), gsd, 0.0)
         except OutsideMap:
-            continue
-        heights = patch.dsm_amsl_m[patch.valid & np.isfinite(patch.dsm_amsl_m)]
-        if heights.size:
-            return float(np.median(heights))
-    return None
+            return None
+        known = patch.valid & np.isfinite(patch.dsm_amsl_m)
+        if not known.any():
+            return None
+        heights = np.where(known, patch.dsm_amsl_m, np.float32(np.median(patch.dsm_amsl_m[known])))
+        mean = cv2.blur(heights, (max(1, round(side / gsd)) | 1,) * 2, borderType=cv2.BORDER_REPLICATE)
+        middle = mean[24 - int(reach / gsd) : 25 + int(reach / gsd), 24 - int(reach / gsd) : 25 + int(reach / gsd)]
+        ground, spread = float(mean[24, 24]), float(np.percentile(middle, 95) - np.percentile(middle, 5)) / 2
+        agl, before = max(1.0, prior.place.h_amsl_m - ground), agl
+        if abs(agl - before) < 0.1 * agl:
+            break
+    return ground, spread
 
 
 def footprint(model: CameraModel, R_ned_cam: FloatArray) -> tuple[FloatArray, float]:

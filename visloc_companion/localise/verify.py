@@ -9,8 +9,8 @@ from visloc_companion.errors import Reason
 
 CHANCE = 0.0744
 """Share of blocks that agree by chance: area of the agreement circle over that of the block search (blocks.py)."""
-WEIGHTS = (-2.0, 9.0, 3.0, 0.9)
-"""Logistic regression of being right on (1, score, 1 - runner-up ratio, block z-score); see `probability_wrong`."""
+WEIGHTS = (-6.0, 10.0, 3.0, 0.9, 8.0, 1.0)
+"""Logistic regression of being right on `Evidence.regressors` (`python -m benchmarks.calibrate`, training rows only)."""
 MAX_CHI2_SIGMA = 4.5
 MIN_SCORE = 0.12
 AMBIGUOUS_RATIO = 0.93
@@ -21,27 +21,34 @@ class Evidence:
     """What is known of the best match.
 
     `score`: correlation after refinement; `runner_up`: best other place's score over the best's, at the search level;
-    `blocks`, `agreeing`: blocks matched on their own and how many agree; `height_sigmas`, `yaw_sigmas`, `position_sigmas`:
-    distance from the prior.
+    `blocks`, `agreeing`: blocks matched on their own and how many agree; `footprint_px`: side of the footprint;
+    `height_sigmas`, `yaw_sigmas`, `position_sigmas`: distance from the prior.
     """
 
     score: float
     runner_up: float
     blocks: int
     agreeing: float
+    footprint_px: float
     height_sigmas: float
     yaw_sigmas: float
     position_sigmas: float
 
-    def block_z(self) -> float:
-        """Agreeing blocks beyond chance, in standard deviations of chance."""
-        return (self.agreeing - CHANCE * self.blocks) / math.sqrt(max(self.blocks, 1) * CHANCE * (1 - CHANCE))
+    def regressors(self) -> tuple[float, ...]:
+        """What the logistic regression is on."""
+        z = math.sqrt(max(0.0, block_z(self.blocks, self.agreeing)))
+        size = math.log(self.footprint_px / 173)
+        return 1.0, self.score, self.score * size, z, 1 - self.runner_up, size
+
+
+def block_z(blocks: int, agreeing: float) -> float:
+    """Agreeing blocks beyond chance, in standard deviations of chance."""
+    return (agreeing - CHANCE * blocks) / math.sqrt(max(blocks, 1) * CHANCE * (1 - CHANCE))
 
 
 def probability_wrong(evidence: Evidence) -> float:
     """Calibrated probability that the match is another place."""
-    x = (1.0, evidence.score, 1 - evidence.runner_up, math.sqrt(max(0.0, evidence.block_z())))
-    logit = sum(w * v for w, v in zip(WEIGHTS, x, strict=True))
+    logit = sum(w * v for w, v in zip(WEIGHTS, evidence.regressors(), strict=True))
     return 1 / (1 + math.exp(min(50.0, max(-50.0, logit))))
 
 
@@ -58,6 +65,6 @@ def refusal(evidence: Evidence, max_probability_wrong: float) -> tuple[Reason, s
         return Reason.NO_MATCH, detail
     if evidence.runner_up > AMBIGUOUS_RATIO:
         return Reason.AMBIGUOUS, detail
-    if evidence.block_z() < 4:
+    if block_z(evidence.blocks, evidence.agreeing) < 4:
         return Reason.BLOCKS_DISAGREE, detail
     return Reason.NO_MATCH, detail

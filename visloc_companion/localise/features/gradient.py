@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 Float32Array = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-LOCAL_MEAN_SIGMA_PX = 12.0
-CLIP = 2.5
+LOCAL_MEAN_SIGMA_PX = 20.0
+CLIP = 2.0
 SMOOTHING_SIGMA_PX = 0.8
-NOISE_FLOOR = 0.6
+NOISE_FLOOR = 0.3
 """Grey levels per pixel added to the local mean: keeps sensor noise on plain surfaces from being blown up to texture."""
 
 

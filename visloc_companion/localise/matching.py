@@ -1,0 +1,183 @@
+"""Candidates of the exhaustive search, refined level by level: from the score volume to the strongest match."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from visloc_companion.localise import align
+from visloc_companion.localise.answer import Stopwatch
+from visloc_companion.localise.blocks import BlockMatches, correspondences, match_blocks
+from visloc_companion.localise.descent import Descended, descend, rectified
+from visloc_companion.localise.frame import FrameLevel, reduced
+from visloc_companion.localise.hypotheses import (
+    footprint_box,
+    footprint_heights,
+    peaks_in_region,
+    pose_of_peak,
+    search_box,
+    search_window,
+)
+from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
+from visloc_companion.localise.plan import SearchPlan
+from visloc_companion.localise.pose import PoseEstimate, PriorTerm, heading_and_tilt, solve_pose
+from visloc_companion.localise.verify import block_z
+from visloc_companion.localise.window import FeatureFunction, cropped, map_grid
+from visloc_companion.protocols import ReferenceMap
+from visloc_companion.types import FloatArray, PosePrior
+
+COARSE_STEPS, FINE_STEPS = 5, 4
+MAX_CANDIDATES, MAX_FINE = 10, 5
+PEAK_SHARE, FINE_SHARE = 0.55, 0.75
+MARGIN_PX = 8
+BLOCKS_IN_RANK, PRIOR_IN_RANK = 0.04, 0.012
+MIN_COARSE_SCORE = 0.05
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Task:
+    """One frame to be matched to one map, with the features that are used and the watch that times the map's side."""
+
+    plan: SearchPlan
+    prior: PosePrior
+    full: FrameLevel
+    ref: ReferenceMap
+    watch: Stopwatch
+    name: str
+    function: FeatureFunction
+
+    def level(self, gsd_m: float) -> FrameLevel:
+        """The frame at about a ground sample distance."""
+        return reduced(self.full, gsd_m / self.plan.frame_gsd_m)
+
+    def whole_prior(self) -> PriorTerm:
+        """Attitude, heading and height of the prior: what keeps the descent of a faint match together."""
+        up_m = -float(self.plan.pose.p_ned_m[2])
+        R = self.plan.pose.R_ned_cam
+        return PriorTerm(R, self.prior.sigma_tilt_rad, self.prior.sigma_yaw_rad, up_m, self.prior.sigma_h_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Match:
+    """A candidate refined at a level, with the blocks' independent check and the pose that they give."""
+
+    descended: Descended
+    coarse_score: float
+    blocks: BlockMatches
+    estimate: PoseEstimate | None
+    gsd_m: float
+
+    def strength(self, prior_chi2: float) -> float:
+        """What candidates are ranked by: correlation, blocks that agree, and the prior (conditional logit, training rows)."""
+        z = block_z(len(self.blocks.agrees), float(self.blocks.agrees.sum()))
+        return self.descended.score + BLOCKS_IN_RANK * math.sqrt(max(0.0, z)) - PRIOR_IN_RANK * prior_chi2
+
+
+def find_candidates(task: Task) -> list[Descended]:
+    """Peaks of the exhaustive search, each refined at the search level, best first. Raises OutsideMap."""
+    plan = task.plan
+    with task.watch:
+        low, high = search_box(plan)
+        grid = cropped(map_grid(task.ref, plan.frame, low, high, plan.coarse_gsd_m, task.name, task.function))
+        descent = align.prepare(grid)
+    level = task.level(plan.coarse_gsd_m)
+    volume = search_window(grid, level, plan, task.function)
+    radius_px = max(3.0, 0.06 * math.sqrt(plan.area_m2) / grid.gsd_m)
+    peaks = peaks_in_region(volume, grid, plan, MAX_CANDIDATES, radius_px)
+    heights = footprint_heights(grid, plan)
+    found = []
+    for peak in peaks:
+        if peak.score < PEAK_SHARE * peaks[0].score:
+            break
+        start = pose_of_peak(peak, grid, plan, heights)
+        part, part_descent = _around(grid, descent, plan, start)
+        found.append(descend(level, start, part, part_descent, task.whole_prior(), task.function, COARSE_STEPS))
+    return sorted(found, key=lambda c: -c.score)
+
+
+def best_match(task: Task, candidates: list[Descended]) -> Match | None:
+    """The strongest of the best candidates after refinement at the fine level. Raises OutsideMap."""
+    matches = []
+    for candidate in distinct(candidates, 2 * task.plan.coarse_gsd_m)[:MAX_FINE]:
+        if candidate.score < max(MIN_COARSE_SCORE, FINE_SHARE * candidates[0].score):
+            break
+        match = refined(task, candidate.pose, candidate.score, task.plan.fine_gsd_m)
+        if match is not None:
+            matches.append(match)
+    return max(matches, key=lambda m: m.strength(_prior_chi2(task, m.descended.pose)), default=None)
+
+
+def sharpened(task: Task, match: Match) -> Match:
+    """The match refined once more at the finest useful resolution, where that is finer and does not lead elsewhere."""
+    if task.plan.finest_gsd_m > 0.85 * match.gsd_m:
+        return match
+    finest = refined(task, match.descended.pose, match.coarse_score, task.plan.finest_gsd_m)
+    if finest is None or finest.estimate is None or apart_m(finest.descended.pose, match.descended.pose) > 4 * match.gsd_m:
+        return match
+    return finest
+
+
+def refined(task: Task, start: CameraPose, coarse_score: float, gsd_m: float) -> Match | None:
+    """Lucas-Kanade, blocks and pose at one resolution; None where frame and map do not overlap."""
+    with task.watch:
+        low, high = _footprint_at(task.plan, start)
+        margin = MARGIN_PX * gsd_m
+        grid = map_grid(task.ref, task.plan.frame, low - margin, high + margin, gsd_m, task.name, task.function)
+        descent = align.prepare(grid)
+    level = task.level(gsd_m)
+    end = descend(level, start, grid, descent, task.whole_prior(), task.function, FINE_STEPS)
+    if end.score <= 0:
+        return None
+    seen = rectified(level, end.pose, grid, task.function)
+    blocks = match_blocks(grid, seen.features, seen.weight)
+    ground, pix, sigma_px = correspondences(blocks, grid, level.K, end.pose)
+    estimate = solve_pose(ground, pix, sigma_px, level.K, end.pose, task.whole_prior())
+    return Match(end, coarse_score, blocks, estimate, gsd_m)
+
+
+def distinct(candidates: list[Descended], radius_m: float) -> list[Descended]:
+    """The candidates without those that ended within a radius of a better one."""
+    kept: list[Descended] = []
+    for candidate in candidates:
+        if all(apart_m(candidate.pose, other.pose) > radius_m for other in kept):
+            kept.append(candidate)
+    return kept
+
+
+def apart_m(a: CameraPose, b: CameraPose) -> float:
+    """Horizontal distance of two poses."""
+    return float(np.hypot(*(a.p_ned_m[:2] - b.p_ned_m[:2])))
+
+
+def _prior_chi2(task: Task, pose: CameraPose) -> float:
+    """Squared distance of position and heading from the prior, in sigmas."""
+    offset = pose.p_ned_m[:2] - task.plan.pose.p_ned_m[:2]
+    heading, _ = heading_and_tilt(pose.R_ned_cam, task.plan.pose.R_ned_cam)
+    turn = heading / max(task.prior.sigma_yaw_rad, math.radians(0.5))
+    return float(offset @ np.linalg.solve(task.plan.cov_ne_m2, offset)) + turn * turn
+
+
+def _footprint_at(plan: SearchPlan, pose: CameraPose) -> tuple[FloatArray, FloatArray]:
+    """Box (low, high) metres north, east of what a pose sees."""
+    heading, _ = heading_and_tilt(pose.R_ned_cam, plan.pose.R_ned_cam)
+    scale = max(0.1, (-float(pose.p_ned_m[2]) - plan.ground_up_m) / plan.agl_m)
+    low, high = footprint_box(plan, np.array([heading]), scale)
+    return pose.p_ned_m[:2] + low, pose.p_ned_m[:2] + high
+
+
+def _around(grid: MapGrid, descent: align.Descent, plan: SearchPlan, pose: CameraPose) -> tuple[MapGrid, align.Descent]:
+    """The part of a window that a pose sees, with a margin."""
+    low, high = _footprint_at(plan, pose)
+    corners = np.array([[a, b] for a in (low[0], high[0]) for b in (low[1], high[1])]) - grid.A_ne_pix[:, 2]
+    pix = corners @ np.linalg.inv(grid.A_ne_pix[:, :2]).T
+    height, width = grid.weight.shape
+    u0, v0 = (int(max(0, x)) for x in np.floor(pix.min(0)) - MARGIN_PX)
+    u1, v1 = (int(x) for x in np.ceil(pix.max(0)) + MARGIN_PX)
+    u0, v0 = min(u0, width - 8), min(v0, height - 8)
+    rows, cols = slice(v0, max(v1, v0 + 8)), slice(u0, max(u1, u0 + 8))
+    A = grid.A_ne_pix.copy()
+    A[:, 2] += A[:, :2] @ np.array([u0, v0], dtype=np.float64)
+    part = MapGrid(grid.features[rows, cols], grid.weight[rows, cols], grid.surface_up_m[rows, cols], A, grid.gsd_m)
+    return part, align.Descent(descent.template[rows, cols], descent.d_north[rows, cols], descent.d_east[rows, cols])
