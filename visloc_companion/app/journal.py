@@ -12,6 +12,7 @@ second. A full disk ends the journal with one report; the flight goes on.
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import json
 import mmap
@@ -293,8 +294,13 @@ class JournalWriter:
 
     def _flush(self) -> None:
         self._end_chunk()
-        with contextlib.suppress(io.UnsupportedOperation):
+        try:
             os.fsync(self._stream.fileno())
+        except io.UnsupportedOperation:
+            return  # a stream without a file
+        except OSError as why:
+            if why.errno != errno.EINVAL:  # a file that cannot be synchronised, as pipes and devices
+                raise
 
     def _finish(self) -> None:
         self._writer.finish()
