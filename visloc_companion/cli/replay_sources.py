@@ -144,9 +144,9 @@ class LogSource:
 
     def map_image(self, record: FlightRecord) -> MapImage | None:
         """The pack's ortho under the tracks."""
-        from visloc_companion.evaluate.report_image import ground_image
+        from visloc_companion.evaluate.map_image import map_image
 
-        return ground_image(self.reference, [record]) if self.reference is not None else None
+        return map_image(self.reference, record) if self.reference is not None else None
 
 
 @dataclass(slots=True)
@@ -214,6 +214,6 @@ class JournalSource:
 
     def map_image(self, record: FlightRecord) -> MapImage | None:
         """The pack's ortho under the tracks."""
-        from visloc_companion.evaluate.report_image import ground_image
+        from visloc_companion.evaluate.map_image import map_image
 
-        return ground_image(self.reference, [record]) if self.reference is not None else None
+        return map_image(self.reference, record) if self.reference is not None else None

@@ -9,8 +9,7 @@ import pytest
 from visloc_companion.core.settings import CoreSettings, NavigatorSettings
 from visloc_companion.evaluate.flight import ANSWER_DELAY_S, RecordedEyes, replay_recording
 from visloc_companion.evaluate.record import from_entries
-from visloc_companion.evaluate.report_image import ground_image
-from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
+from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.testing.fake_localiser import FakeLocaliser
 from visloc_companion.testing.fake_map import AnalyticMap
 from visloc_companion.types import (
@@ -149,18 +148,3 @@ def test_progress_and_pace_are_told() -> None:
     assert told == pytest.approx([0, 1, 2, 3, 4], abs=0.2)
     assert paced == sorted(paced)
     assert paced[0] == T0_NS
-
-
-def test_the_ground_lies_where_the_tracks_are() -> None:
-    record = from_entries(replay_recording(telemetry(30.0, 99.0), CoreSettings()), t0_ns=T0_NS)
-    image = ground_image(AnalyticMap(ORIGIN), [record], width_px=200)
-    assert image is not None
-    assert image.jpeg.startswith(b"\xff\xd8")
-    north_west, north_east = (ned_from_geo(place, record.origin) for place in (image.north_west, image.north_east))
-    track = record.estimate_ned_m[np.isfinite(record.estimate_ned_m[:, 0])]
-    assert north_west[0] > track[:, 0].max()
-    assert north_west[1] < track[:, 1].min()
-    assert north_east[1] > track[:, 1].max()
-    elsewhere = AnalyticMap(GeoPoint(10.0, 20.0, 0.0))
-    assert ground_image(elsewhere, [record]) is None
-    assert ground_image(elsewhere, []) is None
