@@ -89,6 +89,8 @@ class FeatureLevel(Grid):
 
     name: str
     channels: Size
+    recipe: str = ""
+    """What they were computed with; features of another recipe must not be compared with these."""
     step: Positive
     gsd_m: Positive
 

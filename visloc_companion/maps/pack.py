@@ -77,6 +77,10 @@ class PackMap(GridMap):
         """GSDs of the precomputed features, metres on the ground at the map's centre, finest first."""
         return tuple(f.level.gsd_m for f in self.stored if f.level.name == name)
 
+    def recipe(self, name: str = "gradient") -> str:
+        """What the stored features were computed with; empty where there are none."""
+        return next((f.level.recipe for f in self.stored if f.level.name == name), "")
+
     def snapped(
         self, center_map_m: tuple[float, float], size_px: tuple[int, int], gsd_m: float, name: str = "gradient"
     ) -> tuple[tuple[float, float], float]:

@@ -10,7 +10,13 @@ import numpy as np
 from numpy.lib.format import open_memmap
 
 from visloc_companion.geo.raster import T_map_pix_from_gdal, compose_affine
-from visloc_companion.localise.features.gradient import CLIP, LOCAL_MEAN_SIGMA_PX, gradient_features
+from visloc_companion.localise.features.gradient import (
+    CLIP,
+    LOCAL_MEAN_SIGMA_PX,
+    NOISE_FLOOR,
+    SMOOTHING_SIGMA_PX,
+    gradient_features,
+)
 from visloc_companion.maps.crs import MapCrs
 from visloc_companion.maps.layer import Layer
 from visloc_companion.maps.manifest import FeatureLevel
@@ -20,6 +26,7 @@ from visloc_companion.prepare.target import TargetGrid
 
 NAME = "gradient"
 CHANNELS = 2
+RECIPE = f"smoothing {SMOOTHING_SIGMA_PX:g} mean {LOCAL_MEAN_SIGMA_PX:g} floor {NOISE_FLOOR:g} clip {CLIP:g}"
 STEP = CLIP / 127
 SMALLEST_PX = 48
 _TILE_PX = 1024
@@ -70,7 +77,7 @@ def _write_level(
     middle = T_map_pix @ np.array([(cols - 1) / 2, (rows - 1) / 2, 1.0])
     gsd_m = pixel / _scale(grid.crs, float(middle[0]), float(middle[1]))
     return FeatureLevel(
-        file=file, rows=rows, cols=cols, transform=transform, name=NAME, channels=CHANNELS, step=STEP, gsd_m=gsd_m
+        file=file, rows=rows, cols=cols, transform=transform, name=NAME, channels=CHANNELS, recipe=RECIPE, step=STEP, gsd_m=gsd_m
     )
 
 
