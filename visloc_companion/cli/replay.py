@@ -50,6 +50,7 @@ def replay(
             map_image=source.map_image(record),
             alert_limit_m=alert_limit_m,
             notes=source.notes(),
+            latency=source.latency,
         )
     if json is not None:
         from visloc_companion.cli.progress import write_json

@@ -177,9 +177,14 @@ def _paused(record: FlightRecord, times: FloatArray) -> NDArray[np.bool_]:
 def latency_figures(record: FlightRecord, which: Literal["arrival", "computation"] = "arrival") -> dict[str, float | None]:
     """Percentiles of the time (ms) that answers took, fixes and refusals together."""
     answers: list[FixPoint | Refusal] = [*record.fixes, *record.refusals]
-    values = [a.latency_ms if which == "arrival" else a.elapsed_ms for a in answers]
+    values = [latency_ms(answer, which) for answer in answers]
     finite = [value for value in values if math.isfinite(value)]
     return {f"p{q}": _rounded(np.percentile(finite, q)) if finite else None for q in (50, 95, 99)}
+
+
+def latency_ms(answer: FixPoint | Refusal, which: Literal["arrival", "computation"]) -> float:
+    """What an answer took: from exposure to its arrival, or the computation alone."""
+    return answer.latency_ms if which == "arrival" else answer.elapsed_ms
 
 
 EPOCH_COLUMNS = (

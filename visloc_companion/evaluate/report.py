@@ -7,13 +7,13 @@ from collections import defaultdict
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from visloc_companion import __version__
 from visloc_companion.evaluate.gate import Check
-from visloc_companion.evaluate.metrics import DEFAULT_ALERT_LIMIT_M, alarms_s, error_figures, flight_summary
+from visloc_companion.evaluate.metrics import DEFAULT_ALERT_LIMIT_M, alarms_s, error_figures, flight_summary, latency_ms
 from visloc_companion.evaluate.record import FixPoint, FlightRecord, Refusal, rebased
 from visloc_companion.evaluate.report_charts import latency_histogram, spans, time_chart, time_legend
 from visloc_companion.evaluate.report_map import MapImage, flight_map, map_legend, view_of
@@ -31,6 +31,9 @@ _DEFINITIONS = (
 )
 
 
+_LATENCY_WORDS = {"arrival": "latency from exposure to answer (ms)", "computation": "computation of an answer (ms)"}
+
+
 def write_flight_report(
     record: FlightRecord,
     path: Path,
@@ -42,14 +45,15 @@ def write_flight_report(
     alert_limit_m: float = DEFAULT_ALERT_LIMIT_M,
     gnss_faults_s: Sequence[tuple[float, float]] | None = None,
     notes: Sequence[str] = (),
+    latency: Literal["arrival", "computation"] = "arrival",
 ) -> None:
     """Write the report of a flight.
 
     `checks` decide PASS or FAIL (none: neither is stated). `baseline` is the same flight without the daemon; of it only the true
     track is used. `map_image` lies under the tracks. `gnss_faults_s` are the intervals in which GNSS was really bad, where known.
-    `notes` are paragraphs on what was flown.
+    `notes` are paragraphs on what was flown. `latency` is as in `flight_summary`: a replay states the computation alone.
     """
-    summary = flight_summary(record, alert_limit_m=alert_limit_m, gnss_faults_s=gnss_faults_s)
+    summary = flight_summary(record, alert_limit_m=alert_limit_m, gnss_faults_s=gnss_faults_s, latency=latency)
     strayed = _strayed(record, baseline) if baseline is not None else None
     parts = [
         f"<h1>{escape(title)}</h1>",
@@ -59,7 +63,7 @@ def write_flight_report(
         _checks_table(checks),
         _maps(record, baseline, map_image, strayed, gnss_faults_s),
         _over_time(record, alert_limit_m, strayed),
-        _answers(record, summary),
+        _answers(record, summary, latency),
         _events(record),
         _definitions(),
         f"<footer>visloc-companion {escape(__version__)}. Positions are metres north and east of the start; "
@@ -162,15 +166,15 @@ def _over_time(record: FlightRecord, alert_limit_m: float, strayed: tuple[FloatA
     return f'<h2>Errors, verdicts and modes over time</h2>{key}<div class="scroll">{chart}</div>'
 
 
-def _answers(record: FlightRecord, summary: dict[str, Any]) -> str:
+def _answers(record: FlightRecord, summary: dict[str, Any], latency: Literal["arrival", "computation"]) -> str:
     answers: list[FixPoint | Refusal] = [*record.fixes, *record.refusals]
     if not answers:
         return "<h2>Fixes and latency</h2><p>No frame was localised in this flight.</p>"
     took: dict[str, list[float]] = defaultdict(list)
     for fix in record.fixes:
-        took["fix"].append(fix.latency_ms)
+        took["fix"].append(latency_ms(fix, latency))
     for refusal in record.refusals:
-        took[f"no fix: {refusal.reason}"].append(refusal.latency_ms)
+        took[f"no fix: {refusal.reason}"].append(latency_ms(refusal, latency))
     rows = [
         (escape(name), _n(str(len(values))), _n(f"{100 * len(values) / len(answers):.1f} %"), _n(f"{np.median(values):.0f} ms"))
         for name, values in sorted(took.items(), key=lambda item: -len(item[1]))
@@ -180,8 +184,9 @@ def _answers(record: FlightRecord, summary: dict[str, Any]) -> str:
         f"<p>{record.n_frames} frames arrived, {record.n_requests} were asked to be localised, {len(answers)} were answered. "
         f"Injections: {summary['injected']['n']}.</p>"
     )
-    finite = np.array([answer.latency_ms for answer in answers if math.isfinite(answer.latency_ms)], dtype=np.float64)
-    chart = latency_histogram(finite, "latency from exposure to answer (ms)") if len(finite) else ""
+    values = (latency_ms(answer, latency) for answer in answers)
+    finite = np.array([value for value in values if math.isfinite(value)], dtype=np.float64)
+    chart = latency_histogram(finite, _LATENCY_WORDS[latency]) if len(finite) else ""
     return (
         f'<h2>Fixes and latency</h2><div class="two"><div>{counts}<div class="scroll">{table}</div></div><div>{chart}</div></div>'
     )

@@ -103,6 +103,15 @@ def test_the_error_curve_is_where_the_error_is(synthetic: ModuleType, tmp_path: 
     assert share * record.duration_s == pytest.approx(record.t_s[np.nanargmax(record.error_m)], abs=0.5)
 
 
+def test_a_replay_states_the_computation_alone(synthetic: ModuleType, tmp_path: Path) -> None:
+    record = synthetic.make_record(60.0)
+    medians = [
+        float(re.findall(r"median (\d+) ms</text>", page_of(record, tmp_path, latency=which))[0])
+        for which in ("arrival", "computation")
+    ]
+    assert medians[0] - medians[1] == pytest.approx(20, abs=1)
+
+
 def test_scales_and_ticks() -> None:
     scale = Scale(0.1, 1000.0, 340.0, 20.0, log=True)
     assert scale(10.0) == pytest.approx(180.0)
