@@ -97,11 +97,11 @@ def _shade(ground_m: Raster, surface_m: Raster, objects: Objects, trees: Trees, 
     sun = (grid.gsd_m, season.sun_azimuth_deg, season.sun_elevation_deg)
     bare = _bare(objects, trees, season)
     if not bare.any():
-        return np.clip(cast_shadow(surface_m, *sun) * np.float32(1 / 1.2), 0, 1)
+        return np.asarray(np.clip(cast_shadow(surface_m, *sun) * np.float32(1 / 1.2), 0, 1), dtype=np.float32)
     solid = np.where(bare, ground_m, surface_m)
     by_solid = np.clip((cast_shadow(solid, *sun) - (surface_m - solid)) * np.float32(1 / 1.2), 0, 1)
     by_bare = np.clip(cast_shadow(surface_m, *sun) * np.float32(1 / 3.0), 0, 1)
-    return np.maximum(by_solid, by_bare * np.float32(POROUS_SHADE))
+    return np.asarray(np.maximum(by_solid, by_bare * np.float32(POROUS_SHADE)), dtype=np.float32)
 
 
 def _clouds(photo: Image, seed: int, gsd_m: float, season: Season) -> None:

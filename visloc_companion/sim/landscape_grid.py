@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -28,14 +29,14 @@ class Grid:
         """(N, 2) plan metres to OpenCV's fixed-point pix."""
         return np.asarray(np.round(self.pix(points_m) * (1 << SHIFT)), dtype=np.int32)
 
-    def fill(self, layer: NDArray[np.generic], outline_m: FloatArray, value: int) -> None:
+    def fill(self, layer: NDArray[np.integer[Any]], outline_m: FloatArray, value: int) -> None:
         """Fill a closed outline with a value, in place."""
         cv2.fillPoly(layer, [self.fixed(outline_m)], value, lineType=cv2.LINE_8, shift=SHIFT)
 
     def draw(self, layer: NDArray[np.uint8], points_m: FloatArray, width_m: float, closed: bool = False) -> None:
         """Draw a line of a width with soft edges into an opacity layer (0..255), in place; thin lines become fainter."""
         width_px = width_m / self.gsd_m
-        opacity = int(round(255 * min(1.0, width_px)))
+        opacity = round(255 * min(1.0, width_px))
         thickness = max(1, round(width_px))
         cv2.polylines(layer, [self.fixed(points_m)], closed, opacity, thickness, cv2.LINE_AA, SHIFT)
 

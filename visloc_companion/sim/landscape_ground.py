@@ -28,12 +28,8 @@ class Lasting:
     verge: NDArray[np.uint8]
     water: NDArray[np.uint8]
     shore: NDArray[np.uint8]
-
-    @property
-    def blocked(self) -> NDArray[np.uint8]:
-        """Where no tree stands."""
-        wide = cv2.max(self.lines[Line.MAIN], self.lines[Line.MINOR])
-        return np.asarray(cv2.max(cv2.max(wide, self.lines[Line.TRACK]), self.water), dtype=np.uint8)
+    blocked: NDArray[np.uint8]
+    """Where no tree stands: ways with their clearance, and water."""
 
 
 def lasting_layers(grid: Grid, plan: Plan) -> Lasting:
@@ -42,10 +38,12 @@ def lasting_layers(grid: Grid, plan: Plan) -> Lasting:
     for number, piece in enumerate(plan.parcels):
         grid.fill(parcel, piece.outline_m, number)
     lines = {kind: grid.blank() for kind in Line}
-    verge, water, shore, boundary = grid.blank(), grid.blank(), grid.blank(), grid.blank()
+    verge, water, shore, boundary, clear = (grid.blank() for _ in range(5))
     for way in plan.ways:
         grid.draw(lines[way.kind], way.points_m, WIDTH_M[way.kind])
         grid.draw(verge, way.points_m, WIDTH_M[way.kind] + (1.6 if way.kind is Line.BOUNDARY else 4.0))
+        if way.kind is not Line.BOUNDARY:
+            grid.draw(clear, way.points_m, WIDTH_M[way.kind] + 2.6)
         grid.draw(boundary, way.points_m, max(1.0, grid.gsd_m))
     grid.draw(shore, plan.river_m, 25.0)
     grid.draw(water, plan.river_m, 15.0)
@@ -59,7 +57,7 @@ def lasting_layers(grid: Grid, plan: Plan) -> Lasting:
             grid.draw(layer, plan.lake_m, width, closed=True)
     far = np.where(boundary > 0, 0, 255).astype(np.uint8)
     edge_m = cv2.distanceTransform(far, cv2.DIST_L2, 3) * np.float32(grid.gsd_m)
-    return Lasting(parcel, np.asarray(edge_m, dtype=np.float32), lines, verge, water, shore)
+    return Lasting(parcel, np.asarray(edge_m, dtype=np.float32), lines, verge, water, shore, np.maximum(clear, water))
 
 
 @dataclass(frozen=True)
@@ -99,9 +97,9 @@ def field_table(seed: int, plan: Plan, season: Season, felled: frozenset[int]) -
             cover = _cover(rng, parcel.use, season, number in felled)
             tone = rng.normal(1.0, 0.06) + rng.normal(0, 0.02, 3)
             r, g, b = (float(c * t) for c, t in zip(cover.color, tone, strict=True))
-            headland = rng.uniform(10, 16) if parcel.use is Use.ARABLE else 0.0
-            sense = rng.uniform(0.6, 1.3) * (-1.0 if rng.random() < 0.45 else 1.0)
-            covers.append(((r, g, b), cover, headland, sense))
+            headland_m = rng.uniform(10, 16) if parcel.use is Use.ARABLE else 0.0
+            inverted = rng.uniform(0.6, 1.3) * (-1.0 if rng.random() < season.soil_inverted else 1.0)
+            covers.append(((r, g, b), cover, headland_m, inverted))
     columns = list(zip(*parcels, strict=True))
     f = [np.array(column, np.float32) for column in columns[:4]]
     i = [np.array(column, np.int32) for column in columns[4:]]
@@ -110,12 +108,14 @@ def field_table(seed: int, plan: Plan, season: Season, felled: frozenset[int]) -
         return np.array([getattr(cover, name) for _, cover, _, _ in covers], np.float32)
 
     row, tram = of("row_m"), of("tramline_m")
+    headland = np.array([metres for _, _, metres, _ in covers], np.float32)
+    sense = np.array([sign for _, _, _, sign in covers], np.float32)
     return FieldTable(
         f[0], f[1], f[2], f[3], i[0], i[1],
         np.array([color for color, _, _, _ in covers], np.float32),
         np.where(row > 0, 2 * np.pi / np.where(row > 0, row, 1), 0).astype(np.float32), of("row_strength"),
         np.where(tram > 0, tram, NEVER_M).astype(np.float32), of("tramline_strength"),
-        of("mottle"), of("soil") * np.array([sense for _, _, _, sense in covers], np.float32), of("grain"), np.array([headland for _, _, headland, _ in covers], np.float32), of("height_m"),
+        of("mottle"), of("soil") * sense, of("grain"), headland, of("height_m"),
     )  # fmt: skip
 
 

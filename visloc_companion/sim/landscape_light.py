@@ -28,9 +28,9 @@ def cast_shadow(surface_m: Raster, gsd_m: float, azimuth_deg: float, elevation_d
     while step * gsd_m <= FURTHEST_SHADOW_M:
         shift = np.array([[1.0, 0.0, towards[0] * step], [0.0, 1.0, towards[1] * step]])
         moved = cv2.warpAffine(shadow, shift, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
-        shadow = cv2.max(shadow, cv2.subtract(moved, climb_m * step))
+        shadow = np.maximum(shadow, moved - np.float32(climb_m * step))
         step *= 2
-    return np.asarray(cv2.subtract(shadow, surface_m), dtype=np.float32)
+    return np.asarray(shadow - surface_m, dtype=np.float32)
 
 
 def light_up(albedo: Image, surface_m: Raster, shaded: Raster, gsd_m: float, season: Season) -> Image:

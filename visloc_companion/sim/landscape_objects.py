@@ -46,7 +46,7 @@ class Building:
 def felled_parcels(seed: int, plan: Plan) -> frozenset[int]:
     """Numbers of the forest parcels that are cut between the dates."""
     rng = rng_of(seed, "felling")
-    return frozenset(i for i, p in enumerate(plan.parcels) if p.use is Use.FOREST and rng.random() < 0.15)
+    return frozenset(i for i, p in enumerate(plan.parcels) if p.use is Use.FOREST and rng.random() < 0.09)
 
 
 def plant_trees(seed: int, plan: Plan) -> Trees:
@@ -62,7 +62,7 @@ def plant_trees(seed: int, plan: Plan) -> Trees:
             parts.append(_scattered(rng, parcel, 260.0, (1.6, 3.6), (4.0, 10.0)))
         elif parcel.use is Use.MEADOW:
             parts.append(
-                _orchard(rng, parcel) if rng.random() < 0.12 else _scattered(rng, parcel, 9000.0, (2.5, 6.0), (8.0, 18.0))
+                _orchard(rng, parcel) if rng.random() < 0.04 else _scattered(rng, parcel, 9000.0, (2.5, 6.0), (8.0, 18.0))
             )
     parts += [_along(rng, way) if way.hedge else _shrubs(rng, way) for way in plan.ways]
     parts.append(_banks(rng, plan.river_m, 13.0))
@@ -85,7 +85,7 @@ def _trees(
 
 def _forest(rng: np.random.Generator, parcel: Parcel, conifers: Waves, felled: bool) -> Trees:
     age = rng.uniform(0.35, 1.0)
-    share = float(np.clip(0.45 + 0.9 * conifers(parcel.outline_m.mean(0)[None])[0], 0.04, 0.96))
+    share = float(np.clip(0.60 + 0.9 * conifers(parcel.outline_m.mean(0)[None])[0], 0.04, 0.96))
     spacing = 3.2 + 3.4 * age
     low, high = parcel.outline_m.min(0), parcel.outline_m.max(0)
     grid = np.stack(np.meshgrid(np.arange(low[0], high[0], spacing), np.arange(low[1], high[1], spacing)), -1).reshape(-1, 2)
@@ -116,8 +116,8 @@ def _orchard(rng: np.random.Generator, parcel: Parcel) -> Trees:
     at = np.arange(-reach, reach, 9.0)
     grid = np.stack(np.meshgrid(at, at), -1).reshape(-1, 2) @ np.array([[c, s], [-s, c]]) + centre
     xy = grid[inside(grid, parcel.outline_m)] + 0.0
-    xy = xy + rng.normal(0, 0.4, xy.shape)
-    size = rng.uniform(0.7, 1.2, len(xy))
+    xy = (xy + rng.normal(0, 0.9, xy.shape))[rng.random(len(xy)) < 0.85]
+    size = rng.uniform(0.5, 1.4, len(xy))
     return _trees(rng, xy, 2.4 * size, 5.0 * size, np.zeros(len(xy), bool), gone=0.1)
 
 

@@ -181,7 +181,7 @@ def _parcel(
     use = Use.MEADOW if rng.random() < 0.28 else Use.ARABLE
     if away < radius:
         use = Use.VILLAGE
-    elif wooded > 0.72 and away > radius + 60:
+    elif wooded > 0.85 and away > radius + 60:
         use = Use.FOREST
     return Parcel(bend(dense_line(outline, closed=True)), use, _long_side_rad(outline), area)
 
@@ -203,7 +203,7 @@ def _river(rng: np.random.Generator, size_m: float, village: FloatArray, radius:
 
 def _lake(rng: np.random.Generator, centre: FloatArray, size_m: float) -> FloatArray:
     angle = np.linspace(0, 2 * np.pi, 90, endpoint=False)
-    radius = min(95.0, 0.06 * size_m) * np.ones_like(angle)
+    radius = min(65.0, 0.04 * size_m) * np.ones_like(angle)
     for order in (2, 3, 5, 7):
         radius += radius.mean() * rng.normal(0, 0.22 / order**0.5) * np.cos(order * angle + rng.uniform(0, 2 * np.pi))
     return np.asarray(centre + radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))

@@ -56,7 +56,7 @@ def _stamp_crowns(
     ok &= (blocked[inner[:, 1], inner[:, 0]] < 100) & (layers.roof[inner[:, 1], inner[:, 0]] == 0)
     growth = 1 + np.where(trees.height_m < 15, 0.05, 0.02) * season.years
     radius_px = trees.radius_m * growth**0.6 / grid.gsd_m
-    height = trees.height_m * growth
+    height = trees.height_m * growth * np.where(trees.conifer, 1.0, season.bare_height)
     half_steps = np.clip(np.round(radius_px * 2), 2, 40).astype(int)
     for i in np.flatnonzero(ok):
         conifer = bool(trees.conifer[i])
@@ -103,7 +103,7 @@ def _crown(half_steps: int, conifer: bool, variant: int, dense: bool) -> tuple[R
 def _stamp_roof(grid: Grid, layers: Objects, building: Building) -> None:
     centre = grid.pix(building.center_m[None])[0]
     reach = int(np.hypot(building.length_m, building.width_m) / 2 / grid.gsd_m) + 2
-    x0, y0 = int(round(centre[0])) - reach, int(round(centre[1])) - reach
+    x0, y0 = int(np.round(centre[0])) - reach, int(np.round(centre[1])) - reach
     x1, y1 = min(x0 + 2 * reach + 1, grid.size_px), min(y0 + 2 * reach + 1, grid.size_px)
     x0, y0 = max(0, x0), max(0, y0)
     if x1 <= x0 or y1 <= y0:

@@ -1,4 +1,4 @@
-"""A camera over a scene: rays through the lens, first hit on the surface model, area-correct colours, then the sensor's effects."""
+"""A camera over a scene: rays through the lens, first hit on the surface, area-correct colours, then the sensor's effects."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from visloc_companion.geo.raster import apply_affine, invert_affine
 from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.sim.render_effects import AIRLIGHT, NO_EFFECTS, CameraEffects, apply_effects
-from visloc_companion.sim.render_rays import Plane, Rays, hit_levels, sample
+from visloc_companion.sim.render_rays import Plane, Rays, hit_levels
 from visloc_companion.sim.scene import Scene
 from visloc_companion.types import CameraModel, GeoPoint, Image, Quat
 
@@ -52,7 +52,7 @@ class CameraSimulator:
         z = hit_levels(self.scene.dsm_amsl_m, rays, highest, lowest)
         u, v = rays.at(z)
         drop = np.float32(place.h_amsl_m) - z
-        range_m = cv2.multiply(cv2.divide(drop, down), self._ray_length)
+        range_m = drop / down * self._ray_length
         pixels = self._colors(u, v, range_m, down, rays.px_per_m)
         width, height = self.scene.size_px
         beyond = (u < -0.5) | (v < -0.5) | (u > width - 0.5) | (v > height - 0.5) | ~seen
@@ -91,12 +91,12 @@ class CameraSimulator:
         level = np.log2(np.maximum(covered, 1.0))
         first, last = int(level.min()), int(np.ceil(level.max() - 0.02))
         if last == 0:
-            return np.asarray(sample(self.scene.pixels, u, v, cv2.INTER_CUBIC), dtype=np.uint8)
+            return _colors_at(self.scene.pixels, u, v, cv2.INTER_CUBIC)
         total = np.zeros((*self._shape, 3), np.float32)
         for k in range(first, last + 1):
             weight = np.clip(1 - np.abs(level - np.float32(k)), 0, 1)
             scale = np.float32(2.0**-k)
-            colors = sample(self._level(k), (u + 0.5) * scale - 0.5, (v + 0.5) * scale - 0.5)
+            colors = _colors_at(self._level(k), (u + 0.5) * scale - 0.5, (v + 0.5) * scale - 0.5, cv2.INTER_LINEAR)
             total += weight[:, :, None] * colors
         return np.asarray(np.clip(total + 0.5, 0, 255), dtype=np.uint8)
 
@@ -107,6 +107,10 @@ class CameraSimulator:
             size = (max(1, even.shape[1] // 2), max(1, even.shape[0] // 2))
             self._levels.append(np.asarray(cv2.resize(even, size, interpolation=cv2.INTER_AREA), dtype=np.uint8))
         return self._levels[k]
+
+
+def _colors_at(layer: Image, u: Plane, v: Plane, interpolation: int) -> Image:
+    return np.asarray(cv2.remap(layer, u, v, interpolation, borderMode=cv2.BORDER_REPLICATE), dtype=np.uint8)
 
 
 def _block_extremes(dsm_m: Plane) -> tuple[Plane, Plane]:

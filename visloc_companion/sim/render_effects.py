@@ -54,7 +54,7 @@ def apply_effects(pixels: Image, range_m: Plane, effects: CameraEffects, seed: i
         light *= np.float32(gain)
     if effects.read_noise > 0 or effects.shot_noise > 0:
         _add_noise(light, effects, rng)
-    return np.asarray(cv2.convertScaleAbs(cv2.max(light, 0.0)), dtype=np.uint8)
+    return np.asarray(np.clip(light, 0, 255), dtype=np.uint8)
 
 
 def _haze(light: Plane, range_m: Plane, visibility_m: float) -> Plane:
@@ -105,7 +105,7 @@ def _add_noise(light: Plane, effects: CameraEffects, rng: np.random.Generator) -
     row, column = (int(v) for v in rng.integers(0, 257, 2))
     sign = 1.0 if rng.random() < 0.5 else -1.0
     noise = _noise_bank(width, height)[row : row + height, column : column + width]
-    variance = cv2.max(light, 0.0) * np.float32(effects.shot_noise**2 / 255) + np.float32(effects.read_noise**2)
+    variance = np.maximum(light, 0) * np.float32(effects.shot_noise**2 / 255) + np.float32(effects.read_noise**2)
     cv2.sqrt(variance, variance)
     variance *= np.float32(sign)
     variance *= noise

@@ -26,7 +26,11 @@ class Cover:
 
 @dataclass(frozen=True)
 class Season:
-    """One date. `years` have passed since the map; angles in degrees, azimuth clockwise from north."""
+    """One date. `years` have passed since the map; angles in degrees, azimuth clockwise from north.
+
+    `bare_alpha` is the opacity of a crown without leaves, `bare_height` the share of its height at which a surface model sees it.
+    `soil_inverted` is the share of fields where moist soil shows pale (a thriving crop) and not dark (bare ground).
+    """
 
     years: float
     leaf_on: bool
@@ -50,6 +54,8 @@ class Season:
     deciduous: tuple[Rgb, ...]
     conifer: tuple[Rgb, ...]
     bare_alpha: float
+    bare_height: float
+    soil_inverted: float
 
 
 MAP = Season(
@@ -89,6 +95,8 @@ MAP = Season(
     deciduous=((80, 112, 52), (92, 124, 58), (70, 102, 50), (104, 130, 66), (84, 106, 46), (64, 96, 52)),
     conifer=((58, 84, 58), (52, 76, 54), (64, 90, 60)),
     bare_alpha=1.0,
+    bare_height=1.0,
+    soil_inverted=0.75,
 )
 
 FLIGHT = Season(
@@ -128,6 +136,8 @@ FLIGHT = Season(
     deciduous=((128, 112, 96), (118, 104, 92), (134, 120, 104), (124, 102, 84), (146, 108, 72), (112, 100, 90)),
     conifer=((58, 78, 60), (52, 72, 58), (64, 84, 62)),
     bare_alpha=0.45,
+    bare_height=0.6,
+    soil_inverted=0.25,
 )
 
 

@@ -79,9 +79,9 @@ def test_dots_on_plane_and_block_appear_where_the_pinhole_says(
     errors = []
     for dot in dots:
         expected = expected_pix(scene, model, camera, q, dot)
-        if np.isfinite(expected).all() and (expected > 14).all() and (expected < np.array([305, 225])).all():
-            if not _hidden(scene, model, camera, q, dot):
-                errors.append(np.hypot(*(seen_pix(image, expected) - expected)))
+        in_view = np.isfinite(expected).all() and (expected > 14).all() and (expected < np.array([305, 225])).all()
+        if in_view and not _hidden(scene, camera, dot):
+            errors.append(np.hypot(*(seen_pix(image, expected) - expected)))
     assert len(errors) >= 12
     assert np.median(errors) < 0.05
     assert max(errors) < 0.1
@@ -92,7 +92,7 @@ def _near_edge(u: int, v: int) -> bool:
     return -9 < outside < 9
 
 
-def _hidden(scene: Scene, model: CameraModel, camera: GeoPoint, q: Quat, dot: tuple[int, int]) -> bool:
+def _hidden(scene: Scene, camera: GeoPoint, dot: tuple[int, int]) -> bool:
     """Whether the straight line from a ground dot (or its surroundings) to the camera passes through the block."""
     if scene.dsm_amsl_m[dot[1], dot[0]] > GROUND_M:
         return False

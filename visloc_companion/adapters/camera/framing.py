@@ -1,7 +1,8 @@
 """Frames on a byte stream, sans-IO: a header of 36 bytes with its own checksum, then the pixels (raw, PNG or JPEG).
 
 Header, little endian: magic `VLCF`, version u8, flags u8 (bit 0: t_us counts from the autopilot's boot), encoding u8 (0 raw,
-1 PNG, 2 JPEG), channels u8, t_us u64, width u32, height u32, payload length u32, CRC-32 of the payload, CRC-32 of the header before it.
+1 PNG, 2 JPEG), channels u8, t_us u64, width u32, height u32, payload length u32, CRC-32 of the payload, CRC-32 of the header
+before it.
 """
 
 from __future__ import annotations

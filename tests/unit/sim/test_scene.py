@@ -1,0 +1,94 @@
+"""Scenes on disk: exact round trips, foreign GeoTIFFs, and faults that are named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from rasterio.transform import Affine
+
+from visloc_companion.errors import MapError
+from visloc_companion.sim.scene import Scene
+
+
+def scene() -> Scene:
+    rng = np.random.default_rng(4)
+    pixels = rng.integers(0, 256, (70, 90, 3), dtype=np.uint8)
+    heights = rng.normal(400, 20, (70, 90)).astype(np.float32)
+    return Scene(pixels, heights, np.array([[0.5, 0.0, 604_000.25], [0.0, -0.5, 5_350_000.0]]), "EPSG:32632")
+
+
+def write(path: Path, bands: np.ndarray, crs: str | None = "EPSG:26914", gsd_m: float = 5.0) -> Path:
+    count, height, width = bands.shape
+    transform = Affine(gsd_m, 0, 485_905.0, 0, -gsd_m, 5_209_240.0)
+    profile = {"driver": "GTiff", "count": count, "height": height, "width": width, "dtype": bands.dtype.name}
+    with rasterio.open(path, "w", **profile, crs=crs, transform=transform) as target:
+        target.write(bands)
+    return path
+
+
+def test_a_saved_scene_comes_back_exactly(tmp_path: Path) -> None:
+    before = scene()
+    after = Scene.load(*before.save(tmp_path / "new" / "folder"))
+    assert np.array_equal(after.pixels, before.pixels)
+    assert np.array_equal(after.dsm_amsl_m, before.dsm_amsl_m)
+    assert np.array_equal(after.T_map_pix, before.T_map_pix)
+    assert (after.crs, after.size_px) == ("EPSG:32632", (90, 70))
+    assert after.center_map == pytest.approx((604_000.25 + 44.5 * 0.5, 5_350_000.0 - 34.5 * 0.5))
+
+
+def test_the_first_three_of_four_bands_over_a_plane(tmp_path: Path) -> None:
+    bands = np.arange(4 * 6 * 8, dtype=np.uint8).reshape(4, 6, 8)
+    loaded = Scene.load(write(tmp_path / "naip.tif", bands), ground_h_amsl_m=470.0)
+    assert np.array_equal(loaded.pixels, np.moveaxis(bands[:3], 0, 2))
+    assert (loaded.dsm_amsl_m == 470.0).all()
+    assert loaded.T_map_pix[:, 2] == pytest.approx([485_907.5, 5_209_237.5])
+
+
+def test_one_grey_band_serves_as_all_three(tmp_path: Path) -> None:
+    grey = np.arange(48, dtype=np.uint8).reshape(1, 6, 8)
+    loaded = Scene.load(write(tmp_path / "grey.tif", grey))
+    assert np.array_equal(loaded.pixels, np.dstack([grey[0]] * 3))
+
+
+def test_a_surface_model_of_another_grid_is_resampled_and_its_holes_are_low(tmp_path: Path) -> None:
+    ortho = write(tmp_path / "ortho.tif", np.zeros((3, 40, 40), np.uint8), gsd_m=5.0)
+    columns = np.tile(np.arange(20, dtype=np.float32) * 10 + 400, (10, 1))[None]
+    loaded = Scene.load(ortho, write(tmp_path / "dsm.tif", columns, gsd_m=10.0))
+    assert loaded.dsm_amsl_m[5, 9] == pytest.approx(400 + (9 * 5 + 2.5) - 5, abs=0.1)
+    assert (loaded.dsm_amsl_m[25:] == loaded.dsm_amsl_m[:18].min()).all(), "below the surface model's ten rows"
+
+
+@pytest.mark.parametrize(
+    ("bands", "crs", "text"),
+    [
+        (np.zeros((3, 4, 4), np.uint16), "EPSG:32632", r"bad\.tif: has uint16 bands.*remedy: gdal_translate"),
+        (np.zeros((3, 4, 4), np.uint8), None, r"bad\.tif: has no coordinate reference system.*remedy"),
+    ],
+)
+def test_orthophotos_that_cannot_be_used_are_named(tmp_path: Path, bands: np.ndarray, crs: str | None, text: str) -> None:
+    with pytest.raises(MapError, match=text):
+        Scene.load(write(tmp_path / "bad.tif", bands, crs))
+
+
+def test_damaged_and_missing_files_are_named(tmp_path: Path) -> None:
+    (tmp_path / "noise.tif").write_bytes(b"not a picture")
+    for name in ("noise.tif", "nowhere.tif"):
+        with pytest.raises(MapError, match=rf"{name}.*cannot be read"):
+            Scene.load(tmp_path / name)
+
+
+def test_a_surface_model_of_another_place_is_named(tmp_path: Path) -> None:
+    ortho = write(tmp_path / "ortho.tif", np.zeros((3, 4, 4), np.uint8))
+    elsewhere = write(tmp_path / "dsm.tif", np.zeros((1, 4, 4), np.float32), "EPSG:32632")
+    with pytest.raises(MapError, match=r"dsm\.tif: does not overlap"):
+        Scene.load(ortho, elsewhere)
+
+
+def test_layers_of_different_size_are_refused() -> None:
+    with pytest.raises(MapError, match="differ in size"):
+        Scene(np.zeros((4, 4, 3), np.uint8), np.zeros((4, 5), np.float32), np.eye(2, 3), "EPSG:32632")
+    with pytest.raises(MapError, match="uint8"):
+        Scene(np.zeros((4, 4, 4), np.uint8), np.zeros((4, 4), np.float32), np.eye(2, 3), "EPSG:32632")
