@@ -24,7 +24,8 @@ from visloc_companion.localise.registry import make_localiser
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes, FlightLog, OperatorEntry
-from visloc_companion.sim.render import CameraEffects, CameraSimulator
+from visloc_companion.sim.render import CameraSimulator
+from visloc_companion.sim.render_effects import CameraEffects
 from visloc_companion.sim.scenarios import Scenario
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightArea, FlightSetup
@@ -149,7 +150,7 @@ def checks_of(scenario: Scenario, log: FlightLog, record: FlightRecord, summary:
 
 def _at_most(name: str, value: float | None, limit: float, unit: str) -> Check:
     shown = "never" if value is None else f"{value:.3g} {unit}".strip()
-    return Check(name, shown, f"≤ {limit:g} {unit}".strip(), value is not None and value <= limit)
+    return Check(name, shown, f"≤ {limit:.3g} {unit}".strip(), value is not None and value <= limit)
 
 
 def _operator(setup: FlightSetup, start: GeoPoint) -> OperatorEntry | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import tempfile
@@ -12,8 +13,9 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Literal
 
+import visloc_companion
 from visloc_companion.prepare.build import build_pack
-from visloc_companion.sim.landscape import VERSION, build_landscape
+from visloc_companion.sim.landscape import build_landscape
 
 Date = Literal["map", "flight"]
 
@@ -34,7 +36,7 @@ def cache_folder() -> Path:
 
 def procedural_world(seed: int, folder: Path | None = None, on_stage: Callable[[str], None] | None = None) -> ProceduralWorld:
     """The world of a seed; the two dates are made side by side, then the pack is built. Made whole or not at all."""
-    home = (folder or cache_folder()) / f"landscape-{VERSION}-{seed}"
+    home = (folder or cache_folder()) / f"landscape-{seed}-{_sources_digest()}"
     world = ProceduralWorld(home / "pack", home / "flight" / "ortho.tif", home / "flight" / "dsm.tif")
     if home.is_dir():
         return world
@@ -59,6 +61,17 @@ def procedural_world(seed: int, folder: Path | None = None, on_stage: Callable[[
     finally:
         shutil.rmtree(draft, ignore_errors=True)
     return world
+
+
+def _sources_digest() -> str:
+    """Digest of the code that makes a world, so that a kept one never outlives a change."""
+    root = Path(visloc_companion.__file__).parent
+    patterns = ("sim/landscape*.py", "sim/season.py", "sim/scene.py", "prepare/*.py", "maps/*.py", "localise/features/*.py")
+    makers = [path for pattern in patterns for path in root.glob(pattern)]
+    digest = hashlib.blake2b(digest_size=6)
+    for path in sorted(makers):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def _make_date(seed: int, date: Date, folder: Path) -> None:

@@ -17,7 +17,8 @@ from visloc_companion.adapters.camera.tcp import StreamedFrame, encode_frame
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.camera import SimulatedCamera
-from visloc_companion.sim.render import CameraEffects, CameraSimulator
+from visloc_companion.sim.render import CameraSimulator
+from visloc_companion.sim.render_effects import CameraEffects
 from visloc_companion.sim.scenarios import DEMO, SCENARIOS
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightArea, FlightSetup, VehicleKind
