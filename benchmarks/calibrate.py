@@ -41,11 +41,12 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--method", default="gradient")
+    parser.add_argument("--limit", type=int, help="cases of each set")
     args = parser.parse_args()
     x, y, whitened = [], [], []
     for case_set in SETS:
         folder = make(case_set, args.folder)
-        cases, truth = read_cases(folder), read_truth(folder)
+        cases, truth = read_cases(folder)[: args.limit], read_truth(folder)
         with ProcessPoolExecutor(args.jobs, initializer=cv2.setNumThreads, initargs=(1,)) as pool:
             results = list(pool.map(run_case, cases, [args.method] * len(cases), [1.0] * len(cases)))
         errors = [(r, case_error(r, truth[r.case_id])) for r in results]

@@ -26,7 +26,7 @@ SIGMA_FLOOR_PX = 0.2
 
 
 class GradientLocaliser:
-    """protocols.Localiser on double-angle gradient orientation features. Deterministic; keeps nothing between frames."""
+    """protocols.Localiser on double-angle gradient orientation features. Keeps nothing between frames, draws nothing at random."""
 
     method = "gradient"
 

@@ -119,7 +119,7 @@ def _in_front(pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], up_
     return np.asarray(axis[0] * north + axis[1] * east + axis[2] * np.float32(-up_m - pose.p_ned_m[2]) > 0, dtype=np.bool_)
 
 
-def _hidden(pose: CameraPose, grid: MapGrid, steps: int = 6) -> NDArray[np.bool_]:
+def _hidden(pose: CameraPose, grid: MapGrid, steps: int = 8) -> NDArray[np.bool_]:
     """Pixels whose line to the camera passes under the surface: marched at half resolution over the height that can hide."""
     surface = grid.surface_up_m[::2, ::2]
     height, width = surface.shape

@@ -9,7 +9,7 @@ from visloc_companion.errors import Reason
 
 CHANCE = 0.0744
 """Share of blocks that agree by chance: area of the agreement circle over that of the block search (blocks.py)."""
-WEIGHTS = (-6.0, 10.0, 3.0, 0.9, 8.0, 1.0)
+WEIGHTS = (-4.99, 10.1, 1.39, 1.23, 4.98, 0.738)
 """Logistic regression of being right on `Evidence.regressors` (`python -m benchmarks.calibrate`, training rows only)."""
 MAX_CHI2_SIGMA = 4.5
 MIN_SCORE = 0.12

@@ -1,0 +1,227 @@
+from __future__ import annotations
+
+import csv
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import rasterio
+from rasterio.transform import Affine
+from typer.testing import CliRunner
+
+from visloc_companion.cli.evaluate import evaluate_app
+from visloc_companion.errors import CasesError, ConfigError, Reason
+from visloc_companion.evaluate.cases import COLUMNS, BadCase, Case, read_cases, read_truth
+from visloc_companion.evaluate.image import evaluate_image, protection_level_m, run_case
+from visloc_companion.evaluate.image_metrics import CaseResult, case_error, summarise
+from visloc_companion.types import Fix
+
+TRUTH_COLUMNS = ("id", "lat_deg", "lon_deg", "h_m", "roll_deg", "pitch_deg", "yaw_deg")
+LAT, LON = 47.0, 9.0
+
+
+def texture() -> np.ndarray:
+    rng = np.random.default_rng(4)
+    image = np.full((300, 320), 110, np.uint8)
+    for _ in range(350):
+        box = cv2.boxPoints((tuple(rng.uniform(0, 310, 2)), tuple(rng.uniform(4, 40, 2)), rng.uniform(0, 180)))
+        cv2.fillPoly(image, [np.int32(box)], int(rng.uniform(30, 220)))
+    return cv2.GaussianBlur(image, (0, 0), 0.8)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """A map of 1 m/px in UTM 32N centred on its meridian (true north is up) and frames cut from it: nadir, yaw 0, 100 m up."""
+    root = tmp_path_factory.mktemp("cases")
+    image = texture()
+    easting, northing = 500000.0, 5205353.0
+    with rasterio.open(
+        root / "map.tif",
+        "w",
+        driver="GTiff",
+        width=320,
+        height=300,
+        count=1,
+        dtype="uint8",
+        crs="EPSG:32632",
+        transform=Affine(1, 0, easting - 160, 0, -1, northing + 150),
+    ) as out:
+        out.write(image, 1)
+    from pyproj import Transformer
+
+    to_geo = Transformer.from_crs(32632, 4326, always_xy=True)
+    rows, truths = [], []
+    for k, (row, col) in enumerate([(150, 160), (120, 190), (170, 120)]):
+        cv2.imwrite(str(root / f"f{k}.png"), image[row - 50 : row + 50, col - 60 : col + 60])
+        lon, lat = to_geo.transform(easting - 160 + col, northing + 150 - row)
+        prior_lon, prior_lat = to_geo.transform(easting - 160 + col + 6, northing + 150 - row - 4)
+        rows.append(
+            dict.fromkeys(COLUMNS, "0")
+            | {
+                "id": f"c{k}",
+                "frame": f"f{k}.png",
+                "ortho": "map.tif",
+                "dsm": "",
+                "distortion": "",
+                "fx_px": "100",
+                "fy_px": "100",
+            }
+            | {"cx_px": "59.5", "cy_px": "49.5", "prior_lat_deg": repr(prior_lat), "prior_lon_deg": repr(prior_lon)}
+            | {"prior_h_m": "101", "prior_yaw_deg": "1", "sigma_horizontal_m": "6", "sigma_h_m": "2", "sigma_yaw_deg": "1.5"}
+            | {"sigma_tilt_deg": "0.1"}
+        )
+        truths.append(dict(zip(TRUTH_COLUMNS, (f"c{k}", repr(lat), repr(lon), "100", "0", "0", "0"), strict=True)))
+    bad = [
+        rows[0] | {"id": "no_frame", "frame": "absent.png"},
+        rows[0] | {"id": "no_map", "ortho": "absent.tif"},
+        rows[0] | {"id": "not_a_number", "prior_h_m": "high"},
+        rows[0] | {"id": "infinite", "sigma_h_m": "inf"},
+        rows[0] | {"id": "far", "prior_lat_deg": "-33.0"},
+        rows[0] | {"id": "text_for_frame", "frame": "cases.csv"},
+        rows[0] | {"id": "off_earth", "prior_lat_deg": "95"},
+        rows[0] | {"id": "long_distortion", "distortion": "1 2 3 4 5 6"},
+        rows[0] | {"id": "no_focal_length", "fx_px": "0"},
+    ]
+    write(root / "cases.csv", rows + bad)
+    write(root / "truth.csv", truths)
+    return root
+
+
+def write(path: Path, rows: list[dict[str, str]]) -> None:
+    with path.open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+@pytest.fixture(scope="module")
+def document(folder):
+    return evaluate_image(folder, "gradient")[0]
+
+
+def test_good_cases_are_fixed_and_bad_ones_declined_with_a_reason(document):
+    by_id = {case["id"]: case for case in document["cases"]}
+    assert [by_id[f"c{k}"]["status"] for k in range(3)] == ["fix"] * 3
+    reasons = {name: case["reason"] for name, case in by_id.items() if case["status"] == "no_fix"}
+    assert reasons == {
+        "no_frame": "bad_frame",
+        "no_map": "bad_input",
+        "not_a_number": "bad_input",
+        "infinite": "bad_input",
+        "far": "outside_map",
+        "text_for_frame": "bad_frame",
+        "off_earth": "bad_input",
+        "long_distortion": "bad_input",
+        "no_focal_length": "bad_input",
+    }
+    assert all(case["lat_deg"] is None for case in by_id.values() if case["status"] == "no_fix")
+
+
+def test_document_has_the_agreed_fields_and_is_strict_json(document):
+    json.loads(json.dumps(document, allow_nan=False))
+    assert list(document) == ["schema", "method", "environment", "cases", "summary"]
+    assert set(document["cases"][0]) == {
+        *("id", "status", "reason", "lat_deg", "lon_deg", "h_m", "roll_deg", "pitch_deg", "yaw_deg", "cov_ne_m2"),
+        *("sigma_h_m", "protection_level_m", "probability_wrong", "elapsed_ms"),
+    }
+    fix = document["cases"][0]
+    largest = math.sqrt(max(np.linalg.eigvalsh(fix["cov_ne_m2"])))
+    assert fix["protection_level_m"] == pytest.approx(4.80 * largest, rel=1e-3)
+
+
+def test_summary_tells_errors_against_the_truth(document):
+    summary = document["summary"]
+    assert (summary["n"], summary["n_fix"], summary["n_with_truth"]) == (12, 3, 3)
+    assert summary["error_m"]["max"] < 0.5
+    assert summary["error_px"]["max"] == pytest.approx(summary["error_m"]["max"], rel=0.01)
+    assert summary["within_5px_share"] == 1.0
+    assert summary["wrong_and_accepted"] == 0
+    assert summary["altitude_error_m"]["max"] < 1.0
+    assert summary["heading_error_deg"]["max"] < 0.3
+    assert summary["map_side_ms"]["mean"] > 0
+
+
+def test_two_processes_give_the_same_as_one(folder, document):
+    again = evaluate_image(folder, "gradient", jobs=2, limit=2)[0]
+    for a, b in zip(again["cases"], document["cases"], strict=False):
+        assert a["lat_deg"] == pytest.approx(b["lat_deg"], abs=1e-8)
+
+
+def test_wrong_fixes_and_unsolvable_cases_count_as_wrong_and_accepted(folder):
+    case = read_cases(folder)[0]
+    assert isinstance(case, Case)
+    result = run_case(case, "gradient")
+    truth = read_truth(folder)["c0"]
+    from dataclasses import replace
+
+    error = case_error(result, truth)
+    assert error is not None
+    assert not error.wrong
+    for other in (replace(truth, solvable=False), replace(truth, lat_deg=truth.lat_deg + 1e-4)):
+        assert summarise([result], {"c0": other})["wrong_and_accepted"] == 1
+    assert case_error(CaseResult("c0", None, Reason.NO_MATCH), truth) is None
+
+
+def test_protection_level_uses_the_largest_axis(folder):
+    case = read_cases(folder)[0]
+    assert isinstance(case, Case)
+    fix = run_case(case, "gradient").fix
+    assert isinstance(fix, Fix)
+    from dataclasses import replace
+
+    assert protection_level_m(replace(fix, cov_ne_m2=((1.0, 0.0), (0.0, 9.0)))) == pytest.approx(14.39, abs=0.02)
+
+
+def test_folders_that_are_none_are_errors(tmp_path):
+    with pytest.raises(CasesError, match="cannot be read"):
+        read_cases(tmp_path)
+    (tmp_path / "cases.csv").write_text("id,frame\na,b\n")
+    with pytest.raises(CasesError, match="ortho"):
+        read_cases(tmp_path)
+    (tmp_path / "truth.csv").write_text(",".join(TRUTH_COLUMNS) + "\na,north,0,0,0,0,0\n")
+    with pytest.raises(CasesError, match="lat_deg"):
+        read_truth(tmp_path)
+
+
+def test_rows_that_are_cut_short_are_bad_cases(tmp_path, folder):
+    text = (folder / "cases.csv").read_text().splitlines()
+    (tmp_path / "cases.csv").write_text("\n".join([text[0], text[1][:60]]))
+    assert isinstance(read_cases(tmp_path)[0], BadCase)
+
+
+def test_command_writes_json_and_report(folder, tmp_path):
+    out, report = tmp_path / "out.json", tmp_path / "report"
+    result = CliRunner().invoke(
+        evaluate_app, ["image", str(folder), "--limit", "1", "--json", str(out), "--report", str(report), "--method", "ncc"]
+    )
+    assert result.exit_code == 0, result.output
+    assert json.loads(out.read_text())["method"] == "ncc"
+    page = (report / "report.html").read_text()
+    assert "c0" in page
+    assert "http" not in page
+
+
+def test_methods_are_listed_and_unknown_ones_refused(folder):
+    listed = CliRunner().invoke(evaluate_app, ["image", "--list-methods"])
+    assert listed.output.split() == ["gradient", "ncc", "keypoint"]
+    refused = CliRunner().invoke(evaluate_app, ["image", str(folder), "--method", "psychic"])
+    assert isinstance(refused.exception, ConfigError)
+    assert isinstance(CliRunner().invoke(evaluate_app, ["image"]).exception, ConfigError)
+
+
+@pytest.mark.shared
+def test_two_years_of_naip_agree(shared_data, tmp_path):
+    tool = shared_data.parent / "tools" / "make_image_cases.py"
+    subprocess.run(
+        [sys.executable, str(tool), str(shared_data / "naip"), str(tmp_path), "--n", "8", "--seed", "5", "--rows", "400:"],
+        check=True,
+    )
+    summary = evaluate_image(tmp_path, "gradient")[0]["summary"]
+    assert summary["wrong_and_accepted"] == 0
+    assert summary["n_fix"] >= 6
+    assert summary["error_px"]["mean"] < 1.5

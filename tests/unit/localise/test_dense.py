@@ -1,0 +1,156 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from visloc_companion.errors import ConfigError, Reason
+from visloc_companion.geo.se3 import euler_from_quat
+from visloc_companion.geo.wgs84 import distance_m, ned_from_geo
+from visloc_companion.localise.dense import GradientLocaliser
+from visloc_companion.localise.registry import METHODS, make_localiser
+from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.protocols import Localiser
+from visloc_companion.types import CameraModel, Fix, GeoPoint, Image, NoFix
+
+HOME = GeoPoint(47.0, 8.0, 0.0)
+MODEL = CameraModel(160, 120, 140.0, 140.0, 79.5, 59.5)
+LEVEL = (0.0, 0.0, 0.6)
+
+
+def error_m(answer: Fix | NoFix, p_ned_m: tuple[float, float, float]) -> tuple[float, float]:
+    assert isinstance(answer, Fix), answer
+    north, east, down = ned_from_geo(answer.place, HOME)
+    return math.hypot(north - p_ned_m[0], east - p_ned_m[1]), abs(down - p_ned_m[2])
+
+
+@pytest.mark.parametrize(
+    ("world", "euler"),
+    [("flat", LEVEL), ("hilly", LEVEL), ("flat", (0.3, -0.2, 2.5)), ("hilly", (-0.1, 0.6, -1.0))],
+)
+def test_pose_of_a_frame_is_found_to_a_fraction_of_a_pixel(world, euler, support, request):
+    ref = request.getfixturevalue(world)
+    truth = (23.0, -41.0, -235.0)
+    frame = support.render(ref, MODEL, truth, euler)
+    prior = support.request_at((12.0, -29.0, -232.0), (euler[0], euler[1], euler[2] + 0.05))
+    answer = GradientLocaliser(MODEL, LocaliserSettings()).localise(prior, frame, ref)
+    horizontal, vertical = error_m(answer, truth)
+    assert horizontal < 0.35
+    assert vertical < 0.7
+    assert isinstance(answer, Fix)
+    assert abs(euler_from_quat(answer.q_ned_frd)[2] - euler[2]) < 0.01
+    assert answer.probability_wrong < 0.01
+    assert (answer.request_id, answer.frame_id, answer.t_ns, answer.method) == (7, 3, 2, "gradient")
+
+
+def test_lens_distortion_is_undone(flat, support):
+    model = CameraModel(160, 120, 140.0, 140.0, 79.5, 59.5, (-0.15, 0.03, 0.001, -0.001, 0.0))
+    truth = (5.0, 8.0, -240.0)
+    answer = GradientLocaliser(model, LocaliserSettings()).localise(
+        support.request_at((0.0, 0.0, -240.0), LEVEL), support.render(flat, model, truth, LEVEL), flat
+    )
+    assert error_m(answer, truth)[0] < 0.35
+
+
+def test_same_request_gives_the_same_answer(flat, support):
+    frame = support.render(flat, MODEL, (5.0, 8.0, -240.0), LEVEL)
+    localiser = GradientLocaliser(MODEL, LocaliserSettings())
+    a, b = (localiser.localise(support.request_at((0.0, 0.0, -240.0), LEVEL), frame, flat) for _ in range(2))
+    assert isinstance(a, Fix)
+    assert isinstance(b, Fix)
+    assert distance_m(a.place, b.place) < 1e-5
+    assert a.place.h_amsl_m == pytest.approx(b.place.h_amsl_m, abs=1e-5)
+    assert a.probability_wrong == pytest.approx(b.probability_wrong, rel=1e-4)
+
+
+def test_map_sigma_enters_the_claimed_covariance(flat, support):
+    frame = support.render(flat, MODEL, (5.0, 8.0, -240.0), LEVEL)
+    request = support.request_at((0.0, 0.0, -240.0), LEVEL)
+    bare, padded = (GradientLocaliser(MODEL, LocaliserSettings(map_sigma_m=s)).localise(request, frame, flat) for s in (0.0, 2.0))
+    assert isinstance(bare, Fix)
+    assert isinstance(padded, Fix)
+    assert padded.cov_ne_m2[0][0] - bare.cov_ne_m2[0][0] == pytest.approx(4.0)
+
+
+def noise(low: float, high: float) -> Image:
+    return np.random.default_rng(1).uniform(low, high, (120, 160)).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("frame", "reason"),
+    [
+        (np.zeros((120, 160), np.uint8), Reason.TOO_DARK),
+        (noise(236, 246), Reason.OVEREXPOSED),
+        (np.full((120, 160, 3), 90, np.uint8), Reason.LOW_TEXTURE),
+        (np.zeros((100, 160), np.uint8), Reason.BAD_FRAME),
+        (np.zeros((120, 160, 4), np.uint8), Reason.BAD_FRAME),
+        (np.zeros((120, 160), np.float32), Reason.BAD_FRAME),
+        (np.zeros(5, np.uint8), Reason.BAD_FRAME),
+        (np.zeros((0, 0), np.uint8), Reason.BAD_FRAME),
+    ],
+)
+@pytest.mark.parametrize("method", METHODS)
+def test_frames_that_show_nothing_are_declined(frame, reason, method, flat, support):
+    answer = make_localiser(method, MODEL).localise(support.request_at((0.0, 0.0, -240.0), LEVEL), frame, flat)
+    assert isinstance(answer, NoFix)
+    assert answer.reason is reason
+    assert answer.method == method
+
+
+@pytest.mark.parametrize(
+    ("p", "euler", "reason"),
+    [
+        ((9000.0, 0.0, -240.0), LEVEL, Reason.OUTSIDE_MAP),
+        ((0.0, 0.0, -104.0), LEVEL, Reason.TOO_LOW),
+        ((0.0, 0.0, -90.0), LEVEL, Reason.TOO_LOW),
+        ((0.0, 0.0, -240.0), (0.0, 1.5, 0.0), Reason.HORIZON_IN_VIEW),
+        ((0.0, 0.0, -240.0), (3.1, 0.0, 0.0), Reason.HORIZON_IN_VIEW),
+    ],
+)
+@pytest.mark.parametrize("method", METHODS)
+def test_poses_that_cannot_see_the_map_are_declined(p, euler, reason, method, flat, support):
+    frame = support.render(flat, MODEL, (0.0, 0.0, -240.0), LEVEL)
+    answer = make_localiser(method, MODEL).localise(support.request_at(p, euler), frame, flat)
+    assert isinstance(answer, NoFix)
+    assert answer.reason is reason
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_frames_of_another_place_or_of_noise_are_declined(seed, flat, support):
+    if seed % 2:
+        frame = np.random.default_rng(seed).uniform(0, 255, (120, 160)).astype(np.uint8)
+    else:
+        pixels = support.texture(100 + seed)
+        other = support.FlatMap(pixels, np.full(pixels.shape, 100.0, np.float32))
+        frame = support.render(other, MODEL, (0.0, 0.0, -240.0), LEVEL)
+    answer = GradientLocaliser(MODEL, LocaliserSettings()).localise(support.request_at((0.0, 0.0, -240.0), LEVEL), frame, flat)
+    assert isinstance(answer, NoFix)
+    assert answer.reason in {Reason.NO_MATCH, Reason.AMBIGUOUS, Reason.BLOCKS_DISAGREE, Reason.INCONSISTENT_WITH_PRIOR}
+
+
+def test_tiny_overlap_of_frame_and_map_never_raises(flat, support):
+    """Blocks without any overlap once reached OpenCV as empty arrays."""
+    frame = support.render(flat, MODEL, (0.0, 0.0, -240.0), LEVEL)
+    for north in (200.0, 250.0, 290.0):
+        answer = GradientLocaliser(MODEL, LocaliserSettings(max_probability_wrong=1.0)).localise(
+            support.request_at((north, north, -240.0), LEVEL, sigma_m=5.0), frame, flat
+        )
+        assert isinstance(answer, Fix | NoFix)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_finds_an_easy_frame_and_keeps_the_protocol(method, flat, support):
+    localiser = make_localiser(method, MODEL, map_sigma_m=0.3)
+    assert isinstance(localiser, Localiser)
+    truth = (5.0, 8.0, -240.0)
+    frame = support.render(flat, MODEL, truth, LEVEL)
+    answer = localiser.localise(support.request_at((0.0, 0.0, -238.0), LEVEL), frame, flat)
+    horizontal, vertical = error_m(answer, truth)
+    assert horizontal < (1.5 if method == "ncc" else 0.6)
+    assert vertical < 6.0
+
+
+def test_unknown_method_is_named():
+    with pytest.raises(ConfigError, match="telepathy"):
+        make_localiser("telepathy", MODEL)

@@ -1,0 +1,112 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from visloc_companion.geo.camera import R_FRD_CAM
+from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
+from visloc_companion.localise.align import displacements, moved
+from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
+from visloc_companion.localise.pose import PriorTerm, heading_and_tilt, solve_pose
+
+K = np.array([[400.0, 0, 320], [0, 400.0, 240], [0, 0, 1]])
+
+
+def pose_of(p, roll, pitch, yaw) -> CameraPose:
+    return CameraPose(np.array(p, dtype=float), R_from_quat(quat_from_euler(roll, pitch, yaw)) @ R_FRD_CAM)
+
+
+def project(points, pose):
+    q = (points - pose.p_ned_m) @ pose.R_ned_cam
+    return q[:, :2] / q[:, 2:] * 400 + np.array([320, 240])
+
+
+def ground(n, seed, relief_m):
+    rng = np.random.default_rng(seed)
+    return np.column_stack([rng.uniform(-80, 80, (n, 2)), -rng.uniform(0, relief_m, n)])
+
+
+@pytest.mark.parametrize("relief_m", [0.0, 20.0])
+def test_exact_points_give_the_exact_pose(relief_m):
+    truth = pose_of((10, -5, -150), 0.05, -0.1, 1.0)
+    points = ground(30, 1, relief_m)
+    start = pose_of((0, 0, -140), 0.04, -0.09, 0.95)
+    estimate = solve_pose(points, project(points, truth), np.ones(30), K, start, PriorTerm(start.R_ned_cam, math.radians(5)), 30)
+    assert estimate is not None
+    np.testing.assert_allclose(estimate.pose.p_ned_m, truth.p_ned_m, atol=0.02)
+
+
+def test_outliers_hardly_move_the_pose():
+    truth = pose_of((0, 0, -150), 0, 0, 0)
+    points = ground(40, 2, 0)
+    pix = project(points, truth) + np.random.default_rng(1).normal(0, 0.3, (40, 2))
+    pix[:10] += 15
+    estimate = solve_pose(points, pix, np.full(40, 0.3), K, truth, PriorTerm(truth.R_ned_cam, math.radians(0.05)), 20)
+    assert estimate is not None
+    assert np.hypot(*estimate.pose.p_ned_m[:2]) < 0.2
+    assert estimate.weights[:10].max() < 0.1
+
+
+def test_claimed_covariance_is_what_repetition_shows():
+    truth = pose_of((0, 0, -150), 0.02, 0.1, 0.4)
+    rng = np.random.default_rng(5)
+    errors, claimed = [], []
+    for seed in range(150):
+        points = ground(25, seed, 10)
+        turn = rng.normal(0, math.radians(0.3), 2)
+        prior = moved(truth, np.array([0, 0, 0, *turn, 0.0]))
+        pix = project(points, truth) + rng.normal(0, 0.8, (25, 2))
+        estimate = solve_pose(points, pix, np.full(25, 0.8), K, prior, PriorTerm(prior.R_ned_cam, math.radians(0.3)))
+        assert estimate is not None
+        errors.append((estimate.pose.p_ned_m - truth.p_ned_m) * [1, 1, -1])
+        claimed.append(np.sqrt(np.diag(estimate.covariance)[:3]))
+    ratio = np.sqrt(np.mean((np.array(errors) / np.array(claimed)) ** 2, axis=0))
+    assert (ratio > 0.75).all()
+    assert (ratio < 1.35).all()
+
+
+def test_too_few_points_and_points_behind_the_camera_give_none():
+    truth = pose_of((0, 0, -150), 0, 0, 0)
+    prior = PriorTerm(truth.R_ned_cam, 0.01)
+    assert solve_pose(np.zeros((2, 3)), np.zeros((2, 2)), np.ones(2), K, truth, prior) is None
+    above = np.column_stack([ground(5, 1, 0)[:, :2], np.full(5, -300.0)])
+    assert solve_pose(above, np.zeros((5, 2)), np.ones(5), K, truth, prior) is None
+
+
+def test_heading_and_tilt_come_apart():
+    prior = pose_of((0, 0, -1), 0.1, 0.3, 1.0)
+    turned = pose_of((0, 0, -1), 0.1, 0.3, 1.7)
+    heading, tilt = heading_and_tilt(turned.R_ned_cam, prior.R_ned_cam)
+    assert heading == pytest.approx(0.7)
+    np.testing.assert_allclose(tilt, 0, atol=1e-9)
+    tilted = moved(prior, np.array([0, 0, 0, 0.02, -0.01, 0.0]))
+    heading, tilt = heading_and_tilt(tilted.R_ned_cam, prior.R_ned_cam)
+    np.testing.assert_allclose(tilt, [0.02, -0.01], atol=1e-4)
+    information, pull = PriorTerm(prior.R_ned_cam, 0.1).at(tilted)
+    np.testing.assert_allclose(np.diag(information), [0, 0, 0, 100, 100, 0])
+    np.testing.assert_allclose(pull[3:5], [-2.0, 1.0], atol=1e-2)
+
+
+def test_displacements_are_the_derivative_of_where_rays_meet_the_ground():
+    pose = pose_of((3, 4, -120), 0.1, -0.2, 0.7)
+    grid = MapGrid(
+        np.zeros((5, 7, 2), np.float32),
+        np.ones((5, 7), np.float32),
+        np.full((5, 7), 20.0, np.float32),
+        np.array([[0.0, -6.0, 20.0], [6.0, 0.0, -15.0]]),
+        6.0,
+    )
+    north, east = displacements(grid, pose)
+    v, u = np.mgrid[0:5, 0:7]
+    points = np.stack([-6.0 * v + 20, 6.0 * u - 15, np.full(v.shape, -20.0)], -1)
+    rays = (points - pose.p_ned_m) @ pose.R_ned_cam
+    for k in range(6):
+        delta = np.zeros(6)
+        delta[k] = 1e-5
+        after = moved(pose, delta)
+        w = rays @ after.R_ned_cam.T
+        hit = after.p_ned_m + w * ((-20.0 - after.p_ned_m[2]) / w[..., 2])[..., None]
+        np.testing.assert_allclose((hit - points)[..., 0] / 1e-5, north[k], atol=2e-2 * max(1.0, np.abs(north[k]).max()))
+        np.testing.assert_allclose((hit - points)[..., 1] / 1e-5, east[k], atol=2e-2 * max(1.0, np.abs(east[k]).max()))

@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from visloc_companion.localise.search import ScoreVolume, Template, find_peaks, search
+
+RNG = np.random.default_rng(3)
+
+
+def direct(features, weight, template: Template, u: int, v: int, zero_mean: bool) -> tuple[float, float]:
+    """The score by its definition, and the share of the template on valid map."""
+    h, w = template.mask.shape
+    top, left = v + template.offset_px[1], u + template.offset_px[0]
+    t = template.features * template.mask[..., None]
+    if zero_mean:
+        t = t - template.mask[..., None] * t.sum((0, 1)) / template.mask.sum()
+    m, seen = np.zeros_like(t), np.zeros((h, w))
+    for row in range(h):
+        for col in range(w):
+            if 0 <= top + row < features.shape[0] and 0 <= left + col < features.shape[1]:
+                seen[row, col] = weight[top + row, left + col] * template.mask[row, col]
+                m[row, col] = features[top + row, left + col] * seen[row, col]
+    energy = (m * m).sum()
+    if zero_mean:
+        energy -= m.sum() ** 2 / max(seen.sum(), 1)
+    share = seen.sum() / template.mask.sum()
+    if share < 0.5:
+        return 0.0, float(share)
+    return float((t * m).sum() / np.sqrt((t * t).sum() * share * energy)), float(share)
+
+
+@pytest.mark.parametrize("zero_mean", [False, True])
+def test_scores_equal_the_direct_sum_also_across_the_border(zero_mean):
+    channels = 1 if zero_mean else 2
+    features = RNG.normal(size=(30, 41, channels)).astype(np.float32)
+    weight = np.ones((30, 41), np.float32)
+    weight[:, :6] = 0
+    features *= weight[..., None]
+    mask = np.ones((9, 11), np.float32)
+    mask[:3, :4] = 0
+    template = Template(RNG.normal(size=(9, 11, channels)).astype(np.float32), mask, (-4, -7))
+    volume = search(features, weight, lambda _: template, 1, (-2, 0, 44, 33), (-4, -7, 6, 1), zero_mean)
+    for u, v in [(20, 15), (3, 10), (8, 10), (40, 20), (-2, 0), (30, 33), (38, 7)]:
+        expected, share = direct(features, weight, template, u, v, zero_mean)
+        got = volume.score[v - volume.origin_px[1], u - volume.origin_px[0]]
+        assert got == pytest.approx(expected if share >= 0.5 else -1.0, abs=2e-3), (u, v, share)
+
+
+def test_the_right_hypothesis_and_place_win():
+    features = RNG.normal(size=(60, 60, 2)).astype(np.float32)
+    cut = features[20:32, 30:45].copy()
+    templates = [
+        Template(RNG.normal(size=cut.shape).astype(np.float32), np.ones(cut.shape[:2], np.float32), (2, 3)) for _ in range(3)
+    ]
+    templates[1] = Template(cut, np.ones(cut.shape[:2], np.float32), (2, 3))
+    volume = search(features, np.ones((60, 60), np.float32), templates.__getitem__, 3, (0, 0, 59, 59), (2, 3, 16, 14))
+    peak = find_peaks(volume, np.ones(volume.score.shape, np.bool_), 3, 2)[0]
+    assert (round(peak.u_px), round(peak.v_px), peak.hypothesis) == (28, 17, 1)
+    assert peak.score == pytest.approx(1.0, abs=1e-3)
+
+
+def test_peaks_are_apart_allowed_and_sub_pixel():
+    v, u = np.mgrid[0:40, 0:50]
+    score = np.exp(-((u - 12.3) ** 2 + (v - 20.6) ** 2) / 20) + 0.8 * np.exp(-((u - 35) ** 2 + (v - 8) ** 2) / 20)
+    volume = ScoreVolume(score.astype(np.float32), np.zeros(score.shape, np.int32), (100, 200))
+    first, second = find_peaks(volume, np.ones(score.shape, np.bool_), 8, 2)
+    assert (first.u_px, first.v_px) == pytest.approx((112.3, 220.6), abs=0.1)
+    assert (second.u_px, second.v_px) == pytest.approx((135, 208), abs=0.1)
+    only = find_peaks(volume, u > 25, 8, 1)[0]
+    assert only.u_px == pytest.approx(135, abs=0.1)
+    assert find_peaks(volume, np.zeros(score.shape, np.bool_), 8, 3) == []

@@ -1,0 +1,43 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from visloc_companion.errors import Reason
+from visloc_companion.localise.verify import Evidence, block_z, probability_wrong, refusal
+
+GOOD = Evidence(0.6, 0.5, 36, 30.0, 170.0, 0.5, 0.5, 0.5)
+
+
+def test_good_evidence_is_accepted():
+    assert probability_wrong(GOOD) < 0.001
+    assert refusal(GOOD, 0.01) is None
+
+
+@pytest.mark.parametrize(("name", "worse"), [("score", 0.2), ("runner_up", 1.0), ("agreeing", 4.0)])
+def test_probability_rises_with_worse_evidence(name, worse):
+    assert probability_wrong(replace(GOOD, **{name: worse})) > probability_wrong(GOOD)
+
+
+@pytest.mark.parametrize(
+    ("evidence", "reason"),
+    [
+        (replace(GOOD, height_sigmas=5.0), Reason.INCONSISTENT_WITH_PRIOR),
+        (replace(GOOD, yaw_sigmas=5.0), Reason.INCONSISTENT_WITH_PRIOR),
+        (replace(GOOD, position_sigmas=5.0), Reason.INCONSISTENT_WITH_PRIOR),
+        (replace(GOOD, score=0.05, agreeing=3.0), Reason.NO_MATCH),
+        (replace(GOOD, score=0.2, runner_up=0.99, agreeing=6.0), Reason.AMBIGUOUS),
+        (replace(GOOD, score=0.2, runner_up=0.8, agreeing=3.0), Reason.BLOCKS_DISAGREE),
+    ],
+)
+def test_refusals_name_their_reason(evidence, reason):
+    refused = refusal(evidence, 0.01)
+    assert refused is not None
+    assert refused[0] is reason
+
+
+def test_agreement_by_chance_counts_nothing():
+    assert abs(block_z(100, 7.44)) < 1e-9
+    assert block_z(36, 30) > 10
+    assert block_z(0, 0) == 0
