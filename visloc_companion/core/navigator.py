@@ -223,18 +223,22 @@ class Navigator:
         origin, belief = self._tracker.origin, self._tracker.belief
         if frame is None or state is None or origin is None or belief is None:
             return []
-        if self._tracker.height_above_home_m < self._settings.navigator.min_height_m:
+        height = self._tracker.height_above_home_m
+        if height is not None and height < self._settings.navigator.min_height_m:
             return []
         q_ned_frd = self._attitude_at(frame)
         if q_ned_frd is None:
             return []
+        if self._mode not in INJECTING:
+            cov = requests.held_by_gnss(state.cov_ne_m2, state.age_of_fix_s, self._settings.navigator.seed_sigma_m)
+            state = replace(state, cov_ne_m2=cov)
         prior = requests.pose_prior(
             state,
             origin,
             q_ned_frd,
             self._settings.q_frd_cambody,
             belief.height_offset_m,
-            self._tracker.height_above_home_m,
+            height or 0.0,
             self._settings.mount_sigma_rad,
             self._settings.max_search_radius_m,
         )
@@ -271,6 +275,8 @@ class Navigator:
         reason = self._tracker.implausible(event.place, event.sigma_m, self._monitor.trusted)
         if reason is not None:
             return [Notice(Severity.WARNING, f"visloc: position refused, {reason}", to_operator=True)]
+        if self._tracker.velocity is None:
+            self._tracker.seed_without_velocity(now_ns, event.place, event.sigma_m)
         self._tracker.seed(now_ns, event.place, event.sigma_m)
         self._anchored = True
         return [Notice(Severity.NOTICE, "visloc: position set by operator", to_operator=True)]
@@ -357,7 +363,7 @@ class Navigator:
         q_ned_frd = self._attitude_now(now_ns)
         if q_ned_frd is None:
             return None
-        sigma_d = requests.height_sigma_m(self._tracker.height_above_home_m)
+        sigma_d = requests.height_sigma_m(self._tracker.height_above_home_m or 0.0)
         return output.injection(state, q_ned_frd, origin, self._link.autopilot, self._settings.injection, counter, sigma_d)
 
     def _attitude_now(self, now_ns: int) -> Quat | None:

@@ -13,8 +13,14 @@ SIGMA_YAW_RAD = math.radians(5.0)
 HEIGHT_SIGMA_M = 3.0
 HEIGHT_SIGMA_SHARE = 0.01
 LEARNED_HEIGHT_SIGMA_M = 1.0
+UNKNOWN_HEIGHT_SIGMA_M = 20.0
+"""1-sigma of a height that nobody measured yet; no prior is wider."""
 RATE_SLACK = 0.8
 """Frames may come this much earlier than the greatest rate allows: cameras jitter."""
+HELD_AFTER_S = 5.0
+DRAG_MPS = 0.8
+MAX_DRAG_M = 40.0
+"""What a GNSS that is followed may have pulled undetected, for each second without a fix, as 1-sigma, and its limit."""
 MAX_FRAME_AGE_NS = 3_000_000_000
 SEED_STEP = 1_000_003
 MAX_SEED = 2**31
@@ -90,10 +96,23 @@ def pose_prior(
         replace(place, h_amsl_m=place.h_amsl_m + height_offset_m),
         se3.quat_multiply(q_ned_frd, q_frd_cambody),
         bounded(state.cov_ne_m2, max_search_radius_m / 3),
-        min(max(state.sigma_d_m, learned), 2 * height_sigma_m(height_above_home_m)),
+        min(max(state.sigma_d_m, learned), UNKNOWN_HEIGHT_SIGMA_M),
         SIGMA_YAW_RAD,
         sigma_tilt_rad,
     )
+
+
+def held_by_gnss(cov_ne_m2: Cov2, since_fix_s: float, seed_sigma_m: float) -> Cov2:
+    """The covariance of the search while GNSS, not vision, holds the filter.
+
+    Nothing checks GNSS then, so the truth may be where a drag has left it behind; a search no wider than the filter's own
+    covariance would never see it again.
+    """
+    if since_fix_s < HELD_AFTER_S:
+        return cov_ne_m2
+    extra = seed_sigma_m**2 + min(DRAG_MPS * since_fix_s, MAX_DRAG_M) ** 2
+    (nn, ne), (en, ee) = cov_ne_m2
+    return (nn + extra, ne), (en, ee + extra)
 
 
 def bounded(cov_ne_m2: Cov2, max_sigma_m: float) -> Cov2:

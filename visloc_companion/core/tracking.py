@@ -8,7 +8,7 @@ import numpy as np
 
 from visloc_companion.core import fusion
 from visloc_companion.core.estimator import PositionFilter, Velocity
-from visloc_companion.core.requests import height_sigma_m
+from visloc_companion.core.requests import UNKNOWN_HEIGHT_SIGMA_M, height_sigma_m
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Fix, GeoPoint, NavState, Rejected, TooOld, Vec2, Vec3
@@ -31,7 +31,7 @@ class Tracker:
         self._velocity: Velocity | None = None
         self._gnss: deque[tuple[int, GeoPoint]] = deque()
         self.origin: GeoPoint | None = None
-        self.height_above_home_m = 0.0
+        self.height_above_home_m: float | None = None
 
     @property
     def belief(self) -> fusion.Belief | None:
@@ -71,10 +71,18 @@ class Tracker:
             return False
         north, east, _ = wgs84.ned_from_geo(place, self.origin)
         v = self._velocity
-        sigma_h = height_sigma_m(self.height_above_home_m)
+        sigma_h = UNKNOWN_HEIGHT_SIGMA_M if self.height_above_home_m is None else height_sigma_m(self.height_above_home_m)
         start = fusion.seeded(max(t_ns, v.t_ns), (north, east), sigma_m, v.sigma_mps, v.feedback, sigma_h)
         self._filter = PositionFilter(self._settings, self.origin, start, v)
         return True
+
+    def seed_without_velocity(self, t_ns: int, place: GeoPoint, sigma_m: float) -> None:
+        """Start from a place while the autopilot gives no velocity or height (PX4 without any position).
+
+        The velocity is taken as zero with a large error, which fixes teach; the height is that of the place.
+        """
+        self.drive(Velocity(t_ns, (0.0, 0.0, 0.0), place.h_amsl_m, fusion.UNAIDED_SIGMA_MPS, feedback=False))
+        self.seed(t_ns, place, sigma_m)
 
     def at(self, t_ns: int) -> NavState | None:
         """The state at a time."""
@@ -129,8 +137,8 @@ class Tracker:
 
     def implausible(self, place: GeoPoint, sigma_m: float, gnss_trusted: bool) -> str | None:
         """Why a position that the operator gives is not taken: far from the origin, or from a GNSS that is trusted."""
-        if self.origin is None or self._velocity is None:
-            return "no telemetry yet"
+        if self.origin is None:
+            return "no EKF origin yet"
         if wgs84.distance_m(place, self.origin) > OPERATOR_REACH_M:
             return "too far from origin"
         far_m = 4 * sigma_m + OPERATOR_MARGIN_M

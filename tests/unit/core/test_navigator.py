@@ -210,6 +210,26 @@ def test_a_flight_without_gnss_starts_from_the_operator(world: type[World]) -> N
     assert max(errors(w, 15)) < 6
 
 
+def test_a_drag_while_vision_is_blind_is_found_when_it_sees_again(world: type[World]) -> None:
+    """GNSS holds the filter through the drag; the search must still reach the truth, which the localiser then finds."""
+    w = started(world, pull_m=lambda t: (0.8 * max(0.0, t - 40), 0.0), blind=lambda t: 35 < t < 75).fly(100)
+    assert w.status_at(74)[1] > 20
+    wide = [r for t, r, _ in w.requests if 70 < t < 75]
+    assert all(math.sqrt(r.prior.cov_ne_m2[0][0]) * 3 > 28 for r in wide)
+    assert w.status_at(100)[0].verdict is Verdict.SUSPECT
+    assert max(errors(w, 85)) < 6
+
+
+def test_an_operator_can_start_it_before_there_is_any_velocity(world: type[World]) -> None:
+    navigator = Navigator(CoreSettings())
+    navigator.on(OriginChanged(0, ORIGIN), 0)
+    navigator.on(OperatorFix(0, GeoPoint(59.3, 18.1, 140.0), 10.0), 0)
+    navigator.on(Attitude(S, S, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), S)
+    (request,) = requests(navigator.on(frame(1.0), S))
+    assert request.prior.place.h_amsl_m == pytest.approx(140.0)
+    assert request.prior.sigma_h_m == pytest.approx(20.0, abs=0.1)
+
+
 def test_policies(world: type[World]) -> None:
     never = CoreSettings(injection=InjectionSettings(policy=InjectionPolicy.NEVER))
     always = CoreSettings(injection=InjectionSettings(policy=InjectionPolicy.ALWAYS))
@@ -424,7 +444,7 @@ def test_operator_fix_needs_sense(world: type[World]) -> None:
     w.navigator.on(LinkChanged(0, up=True), 0)
     (refused,) = w.navigator.on(OperatorFix(0, ORIGIN, 10.0), 0)
     assert isinstance(refused, Notice)
-    assert refused.text == "visloc: position refused, no telemetry yet"
+    assert refused.text == "visloc: position refused, no EKF origin yet"
     w = started(world).fly(10)
     (refused,) = w.send(OperatorFix(0, wgs84.geo_from_ned((900.0, 0.0, 0.0), ORIGIN), 10.0))
     assert "far from trusted GNSS" in refused.text

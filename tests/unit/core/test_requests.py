@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from visloc_companion.core.requests import FrameQueue, bounded, height_sigma_m, pose_prior
+from visloc_companion.core.requests import FrameQueue, bounded, height_sigma_m, held_by_gnss, pose_prior
 from visloc_companion.geo import se3, wgs84
 from visloc_companion.types import FrameRef, GeoPoint, LocaliseRequest, NavState, PosePrior
 
@@ -90,7 +90,7 @@ def test_prior_is_the_filters_state_with_the_cameras_attitude() -> None:
     assert height_sigma_m(120.0) == pytest.approx(4.2)
 
 
-@pytest.mark.parametrize(("sigma_d", "expected"), [(0.01, 1.6), (3.0, 3.0), (50.0, 8.4)])
+@pytest.mark.parametrize(("sigma_d", "expected"), [(0.01, 1.6), (3.0, 3.0), (50.0, 20.0)])
 def test_height_sigma_has_bounds(sigma_d: float, expected: float) -> None:
     state = NavState(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), ((1.0, 0.0), (0.0, 1.0)), sigma_d, 0.0)
     prior: PosePrior = pose_prior(state, ORIGIN, LEVEL, LEVEL, 0.0, 120.0, 0.02, 2000.0)
@@ -100,3 +100,10 @@ def test_height_sigma_has_bounds(sigma_d: float, expected: float) -> None:
 def test_search_region_has_a_bound() -> None:
     assert bounded(((100.0**2, 0.0), (0.0, 50.0**2)), 10.0) == ((pytest.approx(100.0), 0.0), (0.0, pytest.approx(25.0)))
     assert bounded(STATE.cov_ne_m2, 10.0) == STATE.cov_ne_m2
+
+
+def test_search_widens_while_gnss_holds_the_filter() -> None:
+    cov = ((4.0, 1.0), (1.0, 9.0))
+    assert held_by_gnss(cov, 4.0, 5.0) == cov
+    assert held_by_gnss(cov, 10.0, 5.0) == ((4.0 + 25 + 64, 1.0), (1.0, pytest.approx(9.0 + 25 + 64)))
+    assert held_by_gnss(cov, 1e6, 5.0)[0][0] == pytest.approx(4.0 + 25 + 1600)

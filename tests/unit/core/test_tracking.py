@@ -36,6 +36,7 @@ def ready() -> Tracker:
 def test_nothing_before_origin_and_velocity() -> None:
     tracker = Tracker(NavigatorSettings())
     assert not tracker.seed(0, at(0.0), 5.0)
+    assert tracker.implausible(at(0.0), 5.0, gnss_trusted=False) == "no EKF origin yet"
     assert tracker.set_origin(ORIGIN) is False
     assert not tracker.seed(0, at(0.0), 5.0)
     assert tracker.belief is None
@@ -43,7 +44,6 @@ def test_nothing_before_origin_and_velocity() -> None:
     assert tracker.observe(fix(0.0, 0.0)) is None
     assert tracker.observe_gnss(0, at(0.0), 2.0) is None
     assert tracker.out_of_reach(0, at(500.0), 2.0) is False
-    assert tracker.implausible(at(0.0), 5.0, gnss_trusted=False) == "no telemetry yet"
     assert tracker.drive(velocity(0.0))
     assert tracker.seed(0, at(0.0), 5.0)
 
@@ -56,6 +56,20 @@ def test_the_same_velocity_in_another_message_is_taken_once() -> None:
     assert tracker.velocity == velocity(0.1)
     tracker.forget_velocity()
     assert tracker.drive(velocity(0.05))
+
+
+def test_without_velocity_fixes_teach_it() -> None:
+    """PX4 without any position tells no velocity; the vehicle flies 8 m/s north."""
+    tracker = Tracker(NavigatorSettings())
+    tracker.set_origin(ORIGIN)
+    tracker.seed_without_velocity(0, at(0.0), 10.0)
+    for k in range(1, 101):
+        tracker.observe(fix(0.2 * k, 8.0 * 0.2 * k))
+    state = tracker.at(20 * S)
+    assert state is not None
+    assert state.v_ned_mps[0] == pytest.approx(8.0, abs=1.0)
+    assert state.p_ned_m[0] == pytest.approx(160.0, abs=1.0)
+    assert state.p_ned_m[2] == pytest.approx(-100.0)
 
 
 def test_origin_moves_only_a_frame_in_use() -> None:
