@@ -167,7 +167,7 @@ def observed(
 
 def _remembering(belief: Belief, z: Position) -> Belief:
     anchor = (z.p_ne_m[0] - belief.travel_ne_m[0], z.p_ne_m[1] - belief.travel_ne_m[1])
-    new = relocalise.Candidate(z.t_ns, anchor, z.cov_ne_m2)
+    new = relocalise.Candidate(z.t_ns, z.p_ne_m, anchor, z.cov_ne_m2)
     return replace(belief, rejected=relocalise.remembered(belief.rejected, new))
 
 
@@ -179,7 +179,8 @@ def _doubting(belief: Belief, z: Position) -> Belief:
     rested_ns = belief.started_ns if belief.last_fix_ns is None else belief.last_fix_ns
     off_m = math.hypot(z.p_ne_m[0] - float(belief.x[0]), z.p_ne_m[1] - float(belief.x[1]))
     explained = off_m <= relocalise.MAX_VELOCITY_ERROR_MPS * (z.t_ns - rested_ns) * 1e-9
-    if len(belief.rejected) < DOUBT_AFTER or not explained or float(belief.P[2, 2]) > MAX_DOUBT_MPS**2:
+    doubtful = len(belief.rejected) >= DOUBT_AFTER and explained and not relocalise.standing(belief.rejected)
+    if not doubtful or float(belief.P[2, 2]) > MAX_DOUBT_MPS**2:
         return belief
     P = belief.P.copy()
     P[2:, 2:] += np.eye(2) * DOUBT_MPS**2

@@ -2,7 +2,8 @@
 
 Candidates are carried along by the velocity input, so that those of one truth coincide. Two kinds of agreement: the last n all
 coincide pairwise; or, when the velocity input itself is false (a spoofed GNSS drags it), the last n + 2 lie on a line in time,
-whose slope is the velocity's error.
+whose slope is the velocity's error. Fixes that stand still while the velocity input moves are no such line: that is what a
+frozen camera looks like.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ SPAN_S = 30.0
 MEMORY = 12
 MAX_VELOCITY_ERROR_MPS = 40.0
 MIN_LINE_SPAN_S = 1.0
+STANDING_MPS = 2.0
 LINE_SIGMA_MPS = 2.0
 
 
@@ -29,6 +31,7 @@ class Candidate:
     """A rejected fix: `anchor_ne_m` is its position minus the travel by the velocity input until then."""
 
     t_ns: int
+    p_ne_m: Vec2
     anchor_ne_m: Vec2
     cov_ne_m2: Cov2
 
@@ -54,7 +57,15 @@ def restart(rejected: tuple[Candidate, ...], sigma_v_mps: float, settings: Navig
     if len(last) == n and all(_coincide(a, b, sigma_v, settings.gate_sigma) for a, b in combinations(last, 2)):
         return Restart((0.0, 0.0), 0.0)
     line = rejected[-(n + 2) :]
-    return _on_a_line(line, settings.gate_sigma) if len(line) == n + 2 else None
+    return _on_a_line(line, settings.gate_sigma) if len(line) == n + 2 and not standing(line) else None
+
+
+def standing(rejected: Sequence[Candidate]) -> bool:
+    """Whether the fixes stand still while the velocity input does not."""
+    first, last = rejected[0], rejected[-1]
+    reach_m = STANDING_MPS * (last.t_ns - first.t_ns) * 1e-9
+    noise_m = 2 * math.sqrt(last.cov_ne_m2[0][0] + last.cov_ne_m2[1][1])
+    return math.dist(first.p_ne_m, last.p_ne_m) <= reach_m + noise_m and math.dist(first.anchor_ne_m, last.anchor_ne_m) > reach_m
 
 
 def _coincide(a: Candidate, b: Candidate, sigma_v_mps: float, gate_sigma: float) -> bool:

@@ -66,6 +66,7 @@ class World:
     jammed: Callable[[float], bool] = lambda t: False
     blind: Callable[[float], bool] = lambda t: False
     camera: Callable[[float], bool] = lambda t: True
+    frozen: Callable[[float], bool] = lambda t: False
     false_velocity_mps: Callable[[float], tuple[float, float]] = lambda t: (0.0, 0.0)
     accel_bias_mps2: tuple[float, float] = (0.02, -0.02)
     map_error_m: tuple[float, float] = (0.4, -0.3)
@@ -74,7 +75,7 @@ class World:
         self.rng = np.random.default_rng(self.seed)
         self.navigator = Navigator(self.settings)
         self.source = EkfSource.GNSS
-        self.p = np.zeros(2)
+        self.p = self.seen = np.zeros(2)
         self.ekf_p, self.ekf_v = np.zeros(2), np.array(self.velocity(0.0))
         self.gnss_walk = np.zeros(2)
         self.last_injection: Injection | None = None
@@ -117,7 +118,8 @@ class World:
         if self.blind(self.t):
             answer: Event = NoFix(0, frame.t_ns, request.request_id, frame.frame_id, "test", Reason.NO_MATCH, 5.0)
         else:
-            measured = self.p + np.array(self.map_error_m) + self.fix_sigma_m * self.rng.standard_normal(2)
+            self.seen = self.seen if self.frozen(self.t) else self.p
+            measured = self.seen + np.array(self.map_error_m) + self.fix_sigma_m * self.rng.standard_normal(2)
             claimed = (self.fix_sigma_m * self.claimed_share) ** 2
             cov = ((claimed, 0.0), (0.0, claimed))
             place, q = place_of(measured), request.prior.q_ned_frd

@@ -192,6 +192,14 @@ def test_camera_that_stops(world: type[World]) -> None:
     assert len(w.notices("frames are back")) == 1
 
 
+def test_a_camera_that_repeats_one_picture_does_not_stop_the_filter(world: type[World]) -> None:
+    """Its fixes agree with each other perfectly, and with a vehicle that stands; the autopilot's velocity says that it flies."""
+    w = started(world, jammed=lambda t: t > 40, frozen=lambda t: 60 < t < 72).fly(100)
+    assert max(errors(w, 60, 75)) < 25
+    assert max(errors(w, 80)) < 6
+    assert Mode.DEAD_RECKONING in modes(w)
+
+
 def test_without_vision_the_filter_follows_trusted_gnss_and_nothing_is_injected_when_that_ends(world: type[World]) -> None:
     w = started(world, blind=lambda t: True, jammed=lambda t: t > 90).fly(110)
     assert max(errors(w, 5, 90)) < 8

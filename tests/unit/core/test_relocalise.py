@@ -10,8 +10,9 @@ S = 1_000_000_000
 UNIT = ((1.0, 0.0), (0.0, 1.0))
 
 
-def candidates(*points: tuple[float, float, float]) -> tuple[Candidate, ...]:
-    return tuple(Candidate(round(t * S), (north, east), UNIT) for t, north, east in points)
+def candidates(*points: tuple[float, float, float], input_mps: float = 30.0) -> tuple[Candidate, ...]:
+    """From anchors, under a velocity input to the north."""
+    return tuple(Candidate(round(t * S), (n + input_mps * t, e), (n, e), UNIT) for t, n, e in points)
 
 
 def test_four_that_coincide_restart() -> None:
@@ -45,6 +46,13 @@ def test_six_on_a_line_restart_with_the_velocitys_error() -> None:
 )
 def test_what_is_no_line_does_not(points: list[tuple[float, float, float]]) -> None:
     assert restart(candidates(*points), 0.3, SETTINGS) is None
+
+
+def test_a_frozen_camera_is_no_line() -> None:
+    """The vehicle flies on with 10 m/s, the fixes stay: their anchors fall back by 10 m each second."""
+    line = [(0.5 * k, 300.0 - 5.0 * k, 0.0) for k in range(6)]
+    assert restart(candidates(*line, input_mps=10.0), 0.3, SETTINGS) is None
+    assert restart(candidates(*line, input_mps=20.0), 0.3, SETTINGS) is not None
 
 
 def test_memory_is_bounded_in_number_and_time() -> None:
