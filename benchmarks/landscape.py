@@ -1,6 +1,7 @@
 """How hard the two dates of the procedural landscape are for each localiser.
 
     python -m benchmarks.landscape [--frames 60] [--seed 1] [--methods gradient,ncc,keypoint] [--json FILE]
+        [--max-probability-wrong 0.01]
 
 Frames of the flight's date are rendered with tilt, lens and sensor effects at about 120 m above ground and any heading; each
 localiser gets the map's date as its reference and a prior drawn with 10 m horizontal, 3 degrees of heading, 2 % of height and
@@ -61,9 +62,11 @@ def cases(scene: Scene, seed: int, n: int) -> list[tuple[GeoPoint, Image, Locali
     return found
 
 
-def judge(method: str, reference: RasterMap, todo: list[tuple[GeoPoint, Image, LocaliseRequest]]) -> dict[str, object]:
+def judge(
+    method: str, reference: RasterMap, todo: list[tuple[GeoPoint, Image, LocaliseRequest]], max_probability_wrong: float = 0.01
+) -> dict[str, object]:
     """Success, wrong fixes, reasons and errors of one method."""
-    localiser = make_localiser(method, MODEL)
+    localiser = make_localiser(method, MODEL, max_probability_wrong=max_probability_wrong)
     errors: list[float] = []
     reasons: dict[str, int] = {}
     started = time.process_time()
@@ -90,6 +93,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--methods", default="gradient,ncc,keypoint")
+    parser.add_argument("--max-probability-wrong", type=float, default=0.01, help="fixes above it are declined")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--pictures", type=Path, help="folder for the frames")
     options = parser.parse_args()
@@ -102,7 +106,7 @@ def main() -> None:
     with TemporaryDirectory() as folder:
         ortho, dsm = build_landscape(options.seed, "map").save(Path(folder))
         reference = RasterMap.open(ortho, dsm)
-        results = [judge(method, reference, todo) for method in options.methods.split(",")]
+        results = [judge(method, reference, todo, options.max_probability_wrong) for method in options.methods.split(",")]
     for row in results:
         median = row["median_error_m"]
         print(

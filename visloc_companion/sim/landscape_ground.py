@@ -165,7 +165,7 @@ def _soil(seed: int, size_px: int, gsd_m: float) -> Raster:
     for number, cell_m in enumerate((75.0, 48.0)):
         bend = smooth_noise(rng_of(seed, f"channels {number}"), size_px, cell_m / gsd_m)
         patches += np.float32(1.6) * cv2.exp(-((bend * np.float32(9.0 * 60 / cell_m)) ** 2))
-    return patches
+    return np.clip(patches, -1.9, 2.2)
 
 
 def _bump(offset_m: Raster) -> Raster:

@@ -95,7 +95,7 @@ def _crown(half_steps: int, conifer: bool, variant: int, dense: bool) -> tuple[R
     else:
         dome = np.sqrt(np.clip(1 - rho * rho, 0, 1))
         profile = 0.30 + 0.70 * dome * (1 + 0.09 * lumps)
-        shade = 128 * (1 + (0.09 if dense else 0.16) * lumps)
+        shade = 128 * (1 + (0.09 if dense else 0.07) * lumps)
     profile = np.where(rho < 1, np.clip(profile, 0.05, 1.15), 0)
     return profile.astype(np.float32), np.clip(shade, 40, 250).astype(np.uint8)
 
