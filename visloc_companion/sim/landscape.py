@@ -1,7 +1,8 @@
 """A procedural landscape, deterministic by seed, on two dates years and seasons apart.
 
-`map` is an early summer with leaves on; `flight` is a leafless early March five years later: bare trees, ploughed fields divided anew,
-felled stands, new buildings, a low sun from the other side. Roads, most boundaries, hedges, houses, water and most trees stay.
+`map` is an early summer with leaves on; `flight` is a leafless early March five years later: bare trees, ploughed fields
+divided anew, felled stands, new buildings, a low sun from the other side. Roads, most boundaries, hedges, houses, water and most
+trees stay.
 """
 
 from __future__ import annotations
