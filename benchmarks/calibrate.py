@@ -76,13 +76,23 @@ def regressors(method: str, result: CaseResult) -> tuple[float, ...]:
         return 1.0, e["inliers"]
     if method == "ncc":
         return 1.0, e["score"], 1 - e["runner_up"]
-    blocks, agreeing = int(e["blocks"]), e["blocks_agreeing"]
-    return Evidence(e["score"], e["runner_up"], blocks, agreeing, e["footprint_px"], 0, 0, 0).regressors()
+    return Evidence(
+        score=e["score"],
+        runner_up=e["runner_up"],
+        blocks=int(e["blocks"]),
+        agreeing=e["blocks_agreeing"],
+        footprint_px=e["footprint_px"],
+        scatter=e["scatter_px"],
+        height_sigmas=e["height_sigmas"],
+        yaw_sigmas=e["yaw_sigmas"],
+        position_sigmas=e["position_sigmas"],
+    ).regressors()
 
 
 def fit_logistic(x: np.ndarray, y: np.ndarray, ridge: float = 0.3) -> np.ndarray:
     """Weights of a logistic regression by Newton's method, with a slight ridge on all but the constant."""
-    weights = np.zeros(x.shape[1])
+    scale = np.append(1.0, np.maximum(x[:, 1:].std(0), 1e-9))
+    x, weights = x / scale, np.zeros(x.shape[1])
     penalty = np.diag([0.0] + [ridge] * (x.shape[1] - 1))
     for _ in range(100):
         p = 1 / (1 + np.exp(-np.clip(x @ weights, -30, 30)))
@@ -91,7 +101,7 @@ def fit_logistic(x: np.ndarray, y: np.ndarray, ridge: float = 0.3) -> np.ndarray
         weights = weights + step * min(1.0, 3.0 / np.abs(step).max())
         if np.abs(step).max() < 1e-6:
             break
-    return weights
+    return np.asarray(weights / scale)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Real imagery of two years a case: `python -m benchmarks.naip FOLDER [--jobs N] [--n N] [--photos]`.
 
-Cases are made from the test rows (>= 400) of ../shared/data/naip; nothing of the product is fitted on them. Prints a markdown table. `--photos` adds the
-drone photographs of ../shared/data/drone_urban, which are only ever scored on.
+Cases are made from the test rows (>= 400) of ../shared/data/naip; nothing of the product is fitted on them. Prints a markdown
+table. `--photos` adds the drone photographs of ../shared/data/drone_urban, which are only ever scored on.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def main() -> None:
     if args.photos:
         folders.append(drone_urban(args.folder / "drone_urban"))
     print(HEADER)
-    print("|---|" * 1 + "---|" * 13)
+    print("|" + "---|" * 14)
     for folder in folders:
         for method in args.methods:
             print(row(folder.name, method, evaluate_image(folder, method, args.jobs)[0]["summary"]), flush=True)

@@ -68,7 +68,7 @@ def run_cases(cases: list[Case | BadCase], method: str, jobs: int) -> Iterator[C
         yield from pool.map(run_case, cases, [method] * len(cases), chunksize=4)
 
 
-def run_case(case: Case | BadCase, method: str, max_probability_wrong: float = 0.01) -> CaseResult:
+def run_case(case: Case | BadCase, method: str, max_probability_wrong: float = 0.05) -> CaseResult:
     """Localise one case. Whatever is wrong with its files becomes a `no_fix`."""
     if isinstance(case, BadCase):
         return CaseResult(case.case_id, None, Reason.BAD_INPUT, case.why)

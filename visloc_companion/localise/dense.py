@@ -19,14 +19,14 @@ from visloc_companion.localise.verify import Evidence, block_z, probability_wron
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix, PosePrior
 
-COVARIANCE_FACTOR = 1.7
+COVARIANCE_FACTOR = 1.2
 """Factor on the pose's formal sigmas, and ..."""
-SIGMA_FLOOR_PX = 0.2
+SIGMA_FLOOR_PX = 0.15
 """... what is added to the horizontal sigma (working pixels): errors common to all blocks. Both fitted on training rows."""
 
 
 class GradientLocaliser:
-    """protocols.Localiser on double-angle gradient orientation features. Keeps nothing between frames, draws nothing at random."""
+    """protocols.Localiser on double-angle gradient orientation features. Nothing is kept between frames or random."""
 
     method = "gradient"
 
@@ -86,6 +86,7 @@ def _evidence(best: Match, estimate: PoseEstimate, runner_up: float, plan: Searc
         blocks=len(best.blocks.agrees),
         agreeing=float(best.blocks.agrees.sum()),
         footprint_px=math.sqrt(plan.area_m2) / plan.fine_gsd_m,
+        scatter=estimate.scatter,
         height_sigmas=abs(float(pose.p_ned_m[2] - plan.pose.p_ned_m[2])) / max(prior.sigma_h_m, 1.0),
         yaw_sigmas=abs(heading) / max(prior.sigma_yaw_rad, math.radians(0.5)),
         position_sigmas=math.sqrt(float(offset @ np.linalg.solve(plan.cov_ne_m2, offset))),

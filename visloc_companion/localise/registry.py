@@ -23,7 +23,7 @@ def make_localiser(
     model: CameraModel,
     *,
     map_sigma_m: float = 0.0,
-    max_probability_wrong: float = 0.01,
+    max_probability_wrong: float = 0.05,
     max_search_radius_m: float = 2000.0,
 ) -> Localiser:
     """The localiser of a name. Raises ConfigError for a name that this version does not have."""

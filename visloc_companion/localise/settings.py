@@ -14,7 +14,7 @@ class LocaliserSettings:
     to the claimed covariance. `min_height_m`: below this height above the surface nothing is tried.
     """
 
-    max_probability_wrong: float = 0.01
+    max_probability_wrong: float = 0.05
     max_search_radius_m: float = 2000.0
     map_sigma_m: float = 0.0
     min_height_m: float = 8.0

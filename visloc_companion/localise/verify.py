@@ -9,7 +9,7 @@ from visloc_companion.errors import Reason
 
 CHANCE = 0.0744
 """Share of blocks that agree by chance: area of the agreement circle over that of the block search (blocks.py)."""
-WEIGHTS = (-4.99, 10.1, 1.39, 1.23, 4.98, 0.738)
+WEIGHTS = (-2.18, 21.5, 12.0, 0.155, 5.53, -1.67, -2.07, -0.417)
 """Logistic regression of being right on `Evidence.regressors` (`python -m benchmarks.calibrate`, training rows only)."""
 MAX_CHI2_SIGMA = 4.5
 MIN_SCORE = 0.12
@@ -22,6 +22,7 @@ class Evidence:
 
     `score`: correlation after refinement; `runner_up`: best other place's score over the best's, at the search level;
     `blocks`, `agreeing`: blocks matched on their own and how many agree; `footprint_px`: side of the footprint;
+    `scatter`: of the blocks about the pose, pixels;
     `height_sigmas`, `yaw_sigmas`, `position_sigmas`: distance from the prior.
     """
 
@@ -30,6 +31,7 @@ class Evidence:
     blocks: int
     agreeing: float
     footprint_px: float
+    scatter: float
     height_sigmas: float
     yaw_sigmas: float
     position_sigmas: float
@@ -38,7 +40,9 @@ class Evidence:
         """What the logistic regression is on."""
         z = math.sqrt(max(0.0, block_z(self.blocks, self.agreeing)))
         size = math.log(self.footprint_px / 173)
-        return 1.0, self.score, self.score * size, z, 1 - self.runner_up, size
+        spread = math.log(0.3 + self.scatter)
+        away = min(self.position_sigmas, 5.0) ** 2
+        return 1.0, self.score, self.score * size, z, 1 - self.runner_up, size, spread, away
 
 
 def block_z(blocks: int, agreeing: float) -> float:

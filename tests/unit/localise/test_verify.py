@@ -7,7 +7,17 @@ import pytest
 from visloc_companion.errors import Reason
 from visloc_companion.localise.verify import Evidence, block_z, probability_wrong, refusal
 
-GOOD = Evidence(0.6, 0.5, 36, 30.0, 170.0, 0.5, 0.5, 0.5)
+GOOD = Evidence(
+    score=0.6,
+    runner_up=0.5,
+    blocks=36,
+    agreeing=30.0,
+    footprint_px=170.0,
+    scatter=0.8,
+    height_sigmas=0.5,
+    yaw_sigmas=0.5,
+    position_sigmas=0.5,
+)
 
 
 def test_good_evidence_is_accepted():
@@ -15,7 +25,9 @@ def test_good_evidence_is_accepted():
     assert refusal(GOOD, 0.01) is None
 
 
-@pytest.mark.parametrize(("name", "worse"), [("score", 0.2), ("runner_up", 1.0), ("agreeing", 4.0)])
+@pytest.mark.parametrize(
+    ("name", "worse"), [("score", 0.2), ("runner_up", 1.0), ("agreeing", 4.0), ("scatter", 4.0), ("position_sigmas", 3.0)]
+)
 def test_probability_rises_with_worse_evidence(name, worse):
     assert probability_wrong(replace(GOOD, **{name: worse})) > probability_wrong(GOOD)
 
