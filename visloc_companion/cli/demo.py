@@ -26,8 +26,7 @@ def demo(
         result = run_demo(out, AutopilotKind(dialect), speed, tell)
     checks = result.flown.checks
     if json_file is not None:
-        expected = [{"name": c.name, "value": c.value, "limit": c.limit, "passed": c.passed} for c in checks]
-        write_json(json_file, {**result.flown.summary, "passed": result.passed, "expected": expected})
+        write_json(json_file, result.as_json())
     for check in checks:
         typer.echo(f"{'ok  ' if check.passed else 'FAIL'} {check.name}: {check.value} (required {check.limit})")
     typer.echo(f"report: {result.report}")

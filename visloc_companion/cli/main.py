@@ -57,8 +57,6 @@ def main() -> None:
         kind = "camera error" if isinstance(error, CameraError) else "error"
         sys.stderr.write(f"{kind}: {error}\n")
         sys.exit(exit_code(error))
-    except BrokenPipeError:
-        sys.exit(0)
 
 
 if __name__ == "__main__":

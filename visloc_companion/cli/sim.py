@@ -25,14 +25,18 @@ def sim(
     seed: Annotated[int, typer.Option(help="Feeds wind, noise and errors.")] = 1,
     method: Annotated[str, typer.Option(help="Localiser.")] = "gradient",
     without_daemon: Annotated[bool, typer.Option("--without-daemon", help="The same flight, nobody helping.")] = False,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the result here.")] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", help="Write the result here, and one flight's epochs beside it as CSV.")
+    ] = None,
     report: Annotated[Path | None, typer.Option(help="Write an HTML report here.")] = None,
     campaign: Annotated[str, typer.Option(help="Many flights: a name (--list) or a JSON file.")] = "",
     jobs: Annotated[int, typer.Option(min=1, help="Flights at a time.")] = 1,
     list_all: Annotated[bool, typer.Option("--list", help="Name scenarios and campaigns.")] = False,
 ) -> None:
     """Fly a scenario in simulated time and judge it. Exit code 1 when it does not show what is expected."""
-    from visloc_companion.evaluate.campaign import FlightSpec, campaign_specs, find_scenario
+    from dataclasses import replace
+
+    from visloc_companion.evaluate.campaign import FlightSpec, campaign_specs
 
     if list_all:
         _list()
@@ -42,18 +46,19 @@ def sim(
             f"--autopilot {autopilot}: flights against a real simulator are not part of this version",
             remedy="use --autopilot built-in with --dialect ardupilot or px4",
         )
-    if dialect not in ("ardupilot", "px4"):
-        raise ConfigError(f"unknown dialect {dialect!r}", remedy="ardupilot or px4")
     if bool(scenario) == bool(campaign):
         raise ConfigError("name either --scenario or --campaign", remedy="visloc sim --list")
-    if scenario:
-        find_scenario(scenario)
+    if campaign and report is not None:
+        raise ConfigError("--report shows one flight", remedy="give it with --scenario")
+    nowhere = Path()
+    spec = FlightSpec(scenario or "demo", nowhere, nowhere, None, dialect, vehicle, seed, method, not without_daemon)
+    specs = campaign_specs(campaign, spec) if campaign else [spec]
     pack, ortho, dsm = _places(map_pack, camera_ortho, camera_dsm)
-    spec = FlightSpec(scenario, pack, ortho, dsm, dialect, vehicle, seed, method, not without_daemon)
+    specs = [replace(one, pack=pack, camera_ortho=ortho, camera_dsm=dsm) for one in specs]
     if campaign:
-        _campaign(campaign_specs(campaign, spec), jobs, json_file)
+        _campaign(specs, jobs, json_file)
     else:
-        _single(spec, json_file, report)
+        _single(specs[0], json_file, report)
 
 
 def _list() -> None:
@@ -82,12 +87,15 @@ def _places(map_pack: Path | None, camera_ortho: Path | None, camera_dsm: Path |
 def _single(spec: FlightSpec, json_file: Path | None, report: Path | None) -> None:
     from visloc_companion.cli.progress import bar, write_json
     from visloc_companion.evaluate.campaign import find_scenario, fly_spec, result_of
+    from visloc_companion.evaluate.metrics import write_epochs
 
     with bar(f"flying {spec.scenario}", find_scenario(spec.scenario).duration_s) as advance:
         flown = fly_spec(spec, advance)
-    result = result_of(spec, flown)
+    result = result_of(flown, spec.method, spec.with_daemon)
     if json_file is not None:
-        write_json(json_file, result)
+        epochs = json_file.with_name(f"{json_file.stem}-epochs.csv")
+        write_json(json_file, {**result, "epochs": str(epochs)})
+        write_epochs(flown.record, epochs)
     if report is not None:
         _report(spec, flown, report)
     typer.echo(_line(result))
@@ -100,15 +108,23 @@ def _single(spec: FlightSpec, json_file: Path | None, report: Path | None) -> No
 def _report(spec: FlightSpec, flown: FlownScenario, path: Path) -> None:
     from dataclasses import replace
 
-    from visloc_companion.evaluate.campaign import fly_spec
+    from visloc_companion.evaluate.campaign import find_scenario, fly_spec
+    from visloc_companion.evaluate.closed_loop import ALERT_LIMIT_M, fault_intervals
     from visloc_companion.evaluate.map_image import map_image
     from visloc_companion.evaluate.report import write_flight_report
     from visloc_companion.maps.pack import PackMap
 
     baseline = fly_spec(replace(spec, with_daemon=False)).record if spec.with_daemon else None
-    title = f"{spec.scenario}: {spec.dialect} {spec.vehicle}, {spec.method}"
-    image = map_image(PackMap.open(spec.pack, verify_hashes=False), flown.record)
-    write_flight_report(flown.record, path, title=title, checks=flown.checks, baseline=baseline, map_image=image)
+    write_flight_report(
+        flown.record,
+        path,
+        title=f"{spec.scenario}: {spec.dialect} {spec.vehicle}, {spec.method}",
+        checks=flown.checks,
+        baseline=baseline,
+        map_image=map_image(PackMap.open(spec.pack, verify_hashes=False), flown.record, baseline),
+        alert_limit_m=ALERT_LIMIT_M,
+        gnss_faults_s=fault_intervals(find_scenario(spec.scenario)),
+    )
 
 
 def _campaign(specs: list[FlightSpec], jobs: int, json_file: Path | None) -> None:

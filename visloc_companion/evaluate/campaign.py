@@ -3,33 +3,36 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, cast, get_args
 
 import numpy as np
 
 from visloc_companion.errors import ConfigError
 from visloc_companion.evaluate.closed_loop import FlightWorld, FlownScenario, fly
+from visloc_companion.localise.registry import METHODS
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.sim.scenarios import DEMO, SCENARIOS, Scenario
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightSetup, VehicleKind
-from visloc_companion.types import AutopilotKind
+from visloc_companion.types import AutopilotKind, FloatArray
 
 CAMPAIGNS = {
     "scenarios": (("ardupilot", "px4"), ("copter",), (1,)),
     "vehicles": (("ardupilot", "px4"), ("copter", "plane"), (1, 2)),
 }
 """Name -> dialects, vehicles and seeds; each with every scenario."""
+DIALECTS = ("ardupilot", "px4")
+VEHICLES: tuple[VehicleKind, ...] = get_args(VehicleKind)
 
 
 @dataclass(frozen=True, slots=True)
 class FlightSpec:
-    """One flight to fly. Paths are those of a pack and of what the camera sees."""
+    """One flight to fly. Paths are those of a pack and of what the camera sees. Raises ConfigError for a name that is none."""
 
     scenario: str
     pack: Path
@@ -41,48 +44,59 @@ class FlightSpec:
     method: str = "gradient"
     with_daemon: bool = True
 
+    def __post_init__(self) -> None:
+        kinds = {"seed": int, "with_daemon": bool}
+        for item in ("scenario", "dialect", "vehicle", "seed", "method", "with_daemon"):
+            value, kind = getattr(self, item), kinds.get(item, str)
+            if type(value) is not kind:
+                raise ConfigError(f"{item} is {value!r}, no {kind.__name__}", remedy="see visloc sim --help")
+        find_scenario(self.scenario)
+        _one_of("dialect", self.dialect, DIALECTS)
+        _one_of("vehicle", self.vehicle, VEHICLES)
+        _one_of("method", self.method, METHODS)
+
+
+def _one_of(what: str, name: str, known: Sequence[str]) -> None:
+    if name not in known:
+        raise ConfigError(f"unknown {what} {name!r}", remedy=f"one of {', '.join(known)}")
+
 
 def find_scenario(name: str) -> Scenario:
     """The scenario of a name. Raises ConfigError that lists the names."""
-    if name == DEMO.name:
-        return DEMO
-    if name not in SCENARIOS:
-        raise ConfigError(f"unknown scenario {name!r}", remedy=f"one of {', '.join([*SCENARIOS, DEMO.name])}")
-    return SCENARIOS[name]
+    known = {**SCENARIOS, DEMO.name: DEMO}
+    _one_of("scenario", name, list(known))
+    return known[name]
 
 
 def fly_spec(spec: FlightSpec, on_progress: Callable[[float], None] | None = None) -> FlownScenario:
-    """Open the files and fly. Raises ConfigError, MapError."""
-    if spec.vehicle not in get_args(VehicleKind):
-        raise ConfigError(f"unknown vehicle {spec.vehicle!r}", remedy="copter or plane")
-    scenario = find_scenario(spec.scenario)
+    """Open the files and fly. Raises MapError."""
     reference = PackMap.open(spec.pack, verify_hashes=False)
     easting, northing = reference.center_map_m
     ground = float(np.nan_to_num(reference.height_amsl_m(easting, northing)))
     world = FlightWorld(spec.pack, reference, Scene.load(spec.camera_ortho, spec.camera_dsm, ground))
-    vehicle: VehicleKind = "plane" if spec.vehicle == "plane" else "copter"
-    setup = FlightSetup(scenario, world.area(), AutopilotKind(spec.dialect), vehicle, spec.seed)
+    vehicle = cast("VehicleKind", spec.vehicle)
+    setup = FlightSetup(find_scenario(spec.scenario), world.area(), AutopilotKind(spec.dialect), vehicle, spec.seed)
     return fly(setup, world, method=spec.method, with_daemon=spec.with_daemon, on_progress=on_progress)
 
 
-def result_of(spec: FlightSpec, flown: FlownScenario) -> dict[str, Any]:
-    """The JSON of one flight."""
-    expected = [{"name": c.name, "value": c.value, "limit": c.limit, "passed": c.passed} for c in flown.checks]
+def result_of(flown: FlownScenario, method: str, with_daemon: bool = True) -> dict[str, Any]:
+    """The JSON of one flight: the figures of the summary, what was flown, and what was expected."""
+    setup, log, record = flown.setup, flown.log, flown.record
     return {
         **flown.summary,
-        "scenario": spec.scenario,
+        "scenario": setup.scenario.name,
         "autopilot": "built-in",
-        "dialect": spec.dialect,
-        "vehicle": spec.vehicle,
-        "seed": spec.seed,
-        "method": spec.method,
-        "with_daemon": spec.with_daemon,
-        "failsafe": flown.log.failsafe,
-        "pulled_m": round(flown.log.pulled_m, 3),
-        "modes": flown.record.changes(flown.record.modes),
-        "verdicts": flown.record.changes(flown.record.verdicts),
+        "dialect": setup.kind.value,
+        "vehicle": setup.vehicle,
+        "seed": setup.seed,
+        "method": method,
+        "with_daemon": with_daemon,
+        "failsafe": log.failsafe,
+        "pulled_m": round(log.pulled_m, 3),
+        "modes": record.changes(record.modes),
+        "verdicts": record.changes(record.verdicts),
         "passed": flown.passed,
-        "expected": expected,
+        "expected": [asdict(check) for check in flown.checks],
     }
 
 
@@ -117,8 +131,10 @@ def _specs_of_file(path: Path, template: FlightSpec) -> Iterator[FlightSpec]:
             raise ConfigError(
                 f"entry {k} needs scenario and may have {', '.join(sorted(allowed))}", where=str(path), remedy=remedy
             )
-        find_scenario(item["scenario"])
-        yield replace(template, **item)
+        try:
+            yield replace(template, **item)
+        except ConfigError as why:
+            raise ConfigError(f"entry {k}: {why.what}", where=str(path), remedy=why.remedy) from why
 
 
 def run_campaign(specs: list[FlightSpec], jobs: int, on_flight: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
@@ -144,11 +160,11 @@ def run_campaign(specs: list[FlightSpec], jobs: int, on_flight: Callable[[dict[s
     return {"schema": 1, "flights": results, "totals": totals}
 
 
-def _fly_one(spec: FlightSpec) -> tuple[dict[str, Any], Any, Any]:
+def _fly_one(spec: FlightSpec) -> tuple[dict[str, Any], FloatArray, FloatArray]:
     flown = fly_spec(spec)
-    return result_of(spec, flown), flown.record.protection_level_m, flown.record.error_m
+    return result_of(flown, spec.method, spec.with_daemon), flown.record.protection_level_m, flown.record.error_m
 
 
-def _median(values: Any) -> float | None:
+def _median(values: FloatArray) -> float | None:
     finite = values[np.isfinite(values)]
     return round(float(np.median(finite)), 3) if len(finite) else None

@@ -29,11 +29,12 @@ from visloc_companion.sim.render_effects import CameraEffects
 from visloc_companion.sim.scenarios import Scenario
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightArea, FlightSetup
-from visloc_companion.types import GeoPoint
+from visloc_companion.types import GeoPoint, Verdict
 
 ALERT_LIMIT_M = 25.0
 FRAME_RATE_HZ = 4.0
 OPERATOR_SIGMA_M = 20.0
+TICKS_AT_THE_END = 10
 UNSEEN_PX = 3.0
 """A drag at 1 m/s needs so many seconds per metre of pixel size before it leaves the map's own error."""
 
@@ -81,31 +82,41 @@ def fly(
     with_daemon: bool = True,
     on_progress: Callable[[float], None] | None = None,
 ) -> FlownScenario:
-    """Fly one scenario in simulated time. Without the daemon only the autopilot flies, and nothing is expected."""
+    """Fly one scenario in simulated time over a world. Raises MapError, ConfigError.
+
+    Without the daemon only the autopilot flies, and nothing is expected.
+    """
+    return fly_with(setup, eyes_over(setup, world, method) if with_daemon else None, on_progress)
+
+
+def fly_with(setup: FlightSetup, eyes: Eyes | None, on_progress: Callable[[float], None] | None = None) -> FlownScenario:
+    """Fly one scenario with these eyes; with None nobody helps the autopilot, and nothing is expected."""
     pilot = setup.autopilot()
-    if not with_daemon:
+    if eyes is None:
         log = ClosedLoopFlight(pilot, None, None, None).run(setup.scenario.duration_s, on_progress)
         record = from_entries(log.entries, log.truth, t0_ns=CLOCK_OFFSET_NS)
-        return FlownScenario(setup, log, record, flight_summary(record), [])
-    config = simulated_config(setup, method)
-    model = setup.camera_model()
-    localiser = make_localiser(method, model, max_search_radius_m=config.localiser.max_search_radius_m)
-    camera = SimulatedCamera(CameraSimulator(world.scene, model, CameraEffects()), model, seed=setup.seed)
-    eyes = Eyes(camera, FreshFramesOnly(localiser), world.reference, FRAME_RATE_HZ)
-    session = MavlinkSession(SessionSettings())
-    flight = ClosedLoopFlight(
-        pilot, Navigator(core_settings(config)), session, eyes, operator=_operator(setup, pilot.truth().place)
-    )
+        return FlownScenario(setup, log, record, flight_summary(record, alert_limit_m=ALERT_LIMIT_M), [])
+    navigator = Navigator(core_settings(simulated_config(setup)))
+    operator = _operator(setup, pilot.truth().place)
+    flight = ClosedLoopFlight(pilot, navigator, MavlinkSession(SessionSettings()), eyes, operator=operator)
     log = flight.run(setup.scenario.duration_s, on_progress)
     return judged(setup, log, from_entries(log.entries, log.truth, t0_ns=CLOCK_OFFSET_NS))
 
 
-def simulated_config(setup: FlightSetup, method: str) -> Config:
+def eyes_over(setup: FlightSetup, world: FlightWorld, method: str) -> Eyes:
+    """The rendering camera and the localiser of a name. Raises ConfigError for a name that there is not."""
+    model = setup.camera_model()
+    localiser = make_localiser(method, model, max_search_radius_m=Config().localiser.max_search_radius_m)
+    camera = SimulatedCamera(CameraSimulator(world.scene, model, CameraEffects()), model, seed=setup.seed)
+    return Eyes(camera, FreshFramesOnly(localiser), world.reference, FRAME_RATE_HZ)
+
+
+def simulated_config(setup: FlightSetup) -> Config:
     """The configuration of the daemon on the simulated vehicle; it may switch the autopilot's source."""
     return Config(
         injection=InjectionConfig(switch_source=True),
         navigator=NavigatorConfig(map_sigma_m=map_sigma_m(setup.area.gsd_m)),
-        localiser=LocaliserConfig.model_validate({"method": method, "max_rate_hz": FRAME_RATE_HZ}),
+        localiser=LocaliserConfig(max_rate_hz=FRAME_RATE_HZ),
         seed=setup.seed,
     )
 
@@ -135,22 +146,27 @@ def checks_of(scenario: Scenario, log: FlightLog, record: FlightRecord, summary:
     detected, start_s = summary["gnss"]["detected_at_s"], scenario.fault_start_s
     delay = None if detected is None else detected - start_s
     gap_ms = summary["injected"]["gap_max_ms"]
-    final = set(record.verdicts[-10:])
     return [
         _at_most("median error without GNSS", error["median"], expected.median_error_m * coarse, "m"),
         _at_most("largest error without GNSS", error["max"], expected.max_error_m * coarse, "m"),
-        _at_most("GNSS declared bad after", delay, expected.verdict_within_s + UNSEEN_PX * (coarse - 1.0), "s"),
+        _at_most("GNSS declared bad after", delay, expected.verdict_within_s + UNSEEN_PX * (coarse - 1.0), "s", "never"),
         _at_most("pulled by false GNSS", log.pulled_m, expected.pulled_m * coarse, "m"),
         _at_most("longest gap between injections", gap_ms, 1e3 * expected.injection_gap_s, "ms"),
         _at_most("false alarms", summary["gnss"]["false_alarms"], 0, ""),
         Check("failsafe", log.failsafe or "none", "none", log.failsafe is None),
-        Check("verdict at the end", ", ".join(sorted(final)), "not ok", bool(final) and final <= set(expected.final_verdicts)),
+        _verdict_at_the_end(record, expected.final_verdicts),
     ]
 
 
-def _at_most(name: str, value: float | None, limit: float, unit: str) -> Check:
-    shown = "never" if value is None else f"{value:.3g} {unit}".strip()
+def _at_most(name: str, value: float | None, limit: float, unit: str, missing: str = "none known") -> Check:
+    shown = missing if value is None else f"{value:.3g} {unit}".strip()
     return Check(name, shown, f"≤ {limit:.3g} {unit}".strip(), value is not None and value <= limit)
+
+
+def _verdict_at_the_end(record: FlightRecord, allowed: tuple[Verdict, ...]) -> Check:
+    seen = set(record.verdicts[-TICKS_AT_THE_END:])
+    passed = bool(seen) and seen <= set(allowed)
+    return Check("verdict at the end", ", ".join(sorted(seen)) or "none", " or ".join(allowed), passed)
 
 
 def _operator(setup: FlightSetup, start: GeoPoint) -> OperatorEntry | None:

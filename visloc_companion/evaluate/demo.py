@@ -15,7 +15,8 @@ from typing import Any
 
 from visloc_companion.app.journal import read_journal
 from visloc_companion.errors import LinkError
-from visloc_companion.evaluate.closed_loop import FlightWorld, FlownScenario, fly, judged
+from visloc_companion.evaluate.campaign import result_of
+from visloc_companion.evaluate.closed_loop import ALERT_LIMIT_M, FlightWorld, FlownScenario, fault_intervals, fly, judged
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.map_image import map_image
 from visloc_companion.evaluate.record import from_entries
@@ -30,6 +31,7 @@ from visloc_companion.sim.setup import FlightSetup
 from visloc_companion.types import AutopilotKind, GeoPoint
 
 FRAME_RATE_HZ = 2.5
+METHOD = "gradient"
 BASELINE_OFF_M = 100.0
 STARTUP_S = 60.0
 SHUTDOWN_S = 15.0
@@ -49,6 +51,11 @@ class DemoResult:
     def passed(self) -> bool:
         """Whether every requirement was met."""
         return self.flown.passed
+
+    def as_json(self) -> dict[str, Any]:
+        """The result as `visloc sim` states it, and how far off the flight without the daemon ended."""
+        extra = {"off_without_daemon_m": round(self.baseline_off_m, 3), "report": str(self.report)}
+        return result_of(self.flown, METHOD) | extra
 
 
 def run_demo(out: Path, dialect: AutopilotKind, speed: float, on_stage: Stage) -> DemoResult:
@@ -73,8 +80,16 @@ def run_demo(out: Path, dialect: AutopilotKind, speed: float, on_stage: Stage) -
     on_stage("writing the report")
     report = out / "report.html"
     title = f"GNSS loss over the procedural world, {dialect.value} copter"
-    image = map_image(reference, record)
-    write_flight_report(record, report, title=title, checks=flown.checks, baseline=baseline.record, map_image=image)
+    write_flight_report(
+        record,
+        report,
+        title=title,
+        checks=flown.checks,
+        baseline=baseline.record,
+        map_image=map_image(reference, record, baseline.record),
+        alert_limit_m=ALERT_LIMIT_M,
+        gnss_faults_s=fault_intervals(setup.scenario),
+    )
     return DemoResult(flown, off_m, report)
 
 
@@ -165,6 +180,7 @@ cy_px = {model.cy_px}
 pack = {json.dumps(str(world.pack))}
 
 [localiser]
+method = "{METHOD}"
 max_rate_hz = {plan.frame_rate_hz}
 
 [injection]

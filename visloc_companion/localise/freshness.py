@@ -16,7 +16,7 @@ from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix
 
 
 class FreshFramesOnly:
-    """A Localiser that asks another one, but only about frames that differ from the last one asked about."""
+    """A Localiser that asks another one, but only about frames that differ from the last one answered."""
 
     def __init__(self, localiser: Localiser) -> None:
         self._localiser = localiser
@@ -32,8 +32,8 @@ class FreshFramesOnly:
         digest = hashlib.blake2b(np.ascontiguousarray(pixels).data, digest_size=16).digest()
         frame_id = request.frame.frame_id
         repeated = self._last is not None and self._last[0] != frame_id and self._last[1] == digest
-        self._last = (frame_id, digest)
         if not repeated:
+            self._last = (frame_id, digest)
             return self._localiser.localise(request, pixels, ref)
         return NoFix(
             request.frame.t_rx_ns,

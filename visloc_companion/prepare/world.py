@@ -34,9 +34,14 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "visloc"
 
 
-def procedural_world(seed: int, folder: Path | None = None, on_stage: Callable[[str], None] | None = None) -> ProceduralWorld:
-    """The world of a seed; the two dates are made side by side, then the pack is built. Made whole or not at all."""
-    home = (folder or cache_folder()) / f"landscape-{seed}-{_sources_digest()}"
+def procedural_world(
+    seed: int, folder: Path | None = None, on_stage: Callable[[str], None] | None = None, size_m: float = 2000.0
+) -> ProceduralWorld:
+    """The world of a seed, a square of `size_m`; kept in `folder` (by default the cache) and made only where it is missing.
+
+    The two dates are made side by side, then the pack is built. Made whole or not at all.
+    """
+    home = (folder or cache_folder()) / f"landscape-{seed}-{size_m:g}m-{_sources_digest()}"
     world = ProceduralWorld(home / "pack", home / "flight" / "ortho.tif", home / "flight" / "dsm.tif")
     if home.is_dir():
         return world
@@ -46,7 +51,7 @@ def procedural_world(seed: int, folder: Path | None = None, on_stage: Callable[[
     try:
         tell("making the landscape of two dates")
         with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-            list(pool.map(_make_date, [seed, seed], ["map", "flight"], [draft, draft]))
+            list(pool.map(_make_date, [seed] * 2, [size_m] * 2, ["map", "flight"], [draft] * 2))
         tell("building the map pack")
         build_pack(
             [draft / "map" / "ortho.tif"],
@@ -57,10 +62,18 @@ def procedural_world(seed: int, folder: Path | None = None, on_stage: Callable[[
             capture_date="2021-07-15",
         )
         shutil.rmtree(draft / "map")
-        draft.rename(home)
+        _keep(draft, home)
     finally:
         shutil.rmtree(draft, ignore_errors=True)
     return world
+
+
+def _keep(draft: Path, home: Path) -> None:
+    try:
+        draft.rename(home)
+    except OSError:
+        if not home.is_dir():  # else another process was faster, with the very same world
+            raise
 
 
 def _sources_digest() -> str:
@@ -74,5 +87,5 @@ def _sources_digest() -> str:
     return digest.hexdigest()
 
 
-def _make_date(seed: int, date: Date, folder: Path) -> None:
-    build_landscape(seed, date).save(folder / date)
+def _make_date(seed: int, size_m: float, date: Date, folder: Path) -> None:
+    build_landscape(seed, date, size_m).save(folder / date)

@@ -1,13 +1,15 @@
 """A whole flight in one process and in simulated time: vehicle, autopilot, MAVLink bytes, navigator, localiser.
 
 Nothing sleeps and nothing is threaded, so a flight is deterministic by its seed and runs as fast as the machine allows.
-The bytes between autopilot and navigator are real MAVLink; the localiser's answer arrives `latency_s` after its frame.
+The bytes between autopilot and navigator are real MAVLink. Each way takes `LINK_DELAY_NS` of the navigator's time, and question
+and answer fit into one step of the autopilot: PX4 believes only clock exchanges that are back within 10 ms. The localiser's
+answer arrives `latency_s` after it was asked.
 """
 
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -37,9 +39,10 @@ from visloc_companion.types import (
 )
 
 STEP_S = 0.01
+STEPS_A_SAMPLE, STEPS_A_PROGRESS = 10, 100
 VIEWS_KEPT = 50
 ORIGIN_SETTLES_NS = 500_000_000
-LINK_DELAY_NS = 4_000_000
+LINK_DELAY_NS = 1_000_000
 CLOCK_OFFSET_NS = 7_000_000_000
 """The navigator's clock minus the autopilot's boot clock: not zero, so that the time conversion is always exercised."""
 
@@ -113,49 +116,50 @@ class ClosedLoopFlight:
     ) -> None:
         self._autopilot, self._navigator, self._session, self._eyes = autopilot, navigator, session, eyes
         self._operator = operator
-        self._tick_ns = round(1e9 / output_rate_hz)
-        self._next_tick_ns = 0
-        self._next_frame_ns = 0
+        self._ticks = _Every(output_rate_hz)
+        self._exposures = _Every(eyes.rate_hz if eyes is not None else 1.0)
         self._frame_id = 0
         self._origin_due_ns: int | None = None
         self._views: dict[int, View] = {}
         self._view: View | None = None
         self._due: list[tuple[int, int, Fix | NoFix]] = []
-        self._to_navigator: list[tuple[int, bytes]] = []
-        self._to_autopilot: list[tuple[int, bytes]] = []
         self.log = FlightLog()
 
     def run(self, duration_s: float, on_progress: Callable[[float], None] | None = None) -> FlightLog:
-        """Fly for so long, or until the failsafe has put the vehicle on the ground."""
+        """Fly for so long; a vehicle that its failsafe has put on the ground stays there."""
         for step in range(round(duration_s / STEP_S)):
             self._autopilot.step(STEP_S)
             now_ns = self._autopilot.t_boot_ns + CLOCK_OFFSET_NS
-            if step % 10 == 0:
-                self.log.truth.append(TruthSample(now_ns, self._autopilot.truth().place, self._autopilot.estimate()))
+            if step % STEPS_A_SAMPLE == 0:
+                self._note_truth(now_ns)
             if self._navigator is not None and self._session is not None:
                 self._exchange(self._navigator, self._session, now_ns)
             else:
                 self._autopilot.outgoing()
-            if on_progress is not None and step % 100 == 0:
+            if on_progress is not None and step % STEPS_A_PROGRESS == 0:
                 on_progress(step * STEP_S)
+        self._note_truth(self._autopilot.t_boot_ns + CLOCK_OFFSET_NS + LINK_DELAY_NS)
         self.log.failsafe, self.log.pulled_m = self._autopilot.failsafe, self._autopilot.pulled_m
         self.log.duration_s = duration_s
         return self.log
 
-    def _exchange(self, navigator: Navigator, session: MavlinkSession, now_ns: int) -> None:
-        self._to_navigator.append((now_ns + LINK_DELAY_NS, self._autopilot.outgoing()))
-        for data in _arrived(self._to_navigator, now_ns):
-            self._feed(navigator, session, session.receive(data, now_ns), now_ns)
-        self._feed(navigator, session, session.poll(now_ns), now_ns)
-        self._feed(navigator, session, self._operate(now_ns), now_ns)
-        self._feed(navigator, session, self._frame(now_ns), now_ns)
-        self._feed(navigator, session, self._answers(now_ns), now_ns)
-        if now_ns >= self._next_tick_ns:
-            self._next_tick_ns = max(self._next_tick_ns + self._tick_ns, now_ns)
-            self._feed(navigator, session, [Tick(now_ns)], now_ns)
-        self._to_autopilot.append((now_ns + LINK_DELAY_NS, session.outgoing()))
-        for data in _arrived(self._to_autopilot, now_ns):
-            self._autopilot.receive(data)
+    def _note_truth(self, t_ns: int) -> None:
+        self.log.truth.append(TruthSample(t_ns, self._autopilot.truth().place, self._autopilot.estimate()))
+
+    def _exchange(self, navigator: Navigator, session: MavlinkSession, sent_ns: int) -> None:
+        """What the autopilot sent arrives, the navigator does what is due, and its questions are answered at once."""
+        heard_ns = sent_ns + LINK_DELAY_NS
+        self._feed(navigator, session, session.receive(self._autopilot.outgoing(), heard_ns), heard_ns)
+        self._feed(navigator, session, session.poll(heard_ns), heard_ns)
+        self._feed(navigator, session, self._operate(heard_ns), heard_ns)
+        self._feed(navigator, session, self._frame(sent_ns, heard_ns), heard_ns)
+        self._feed(navigator, session, self._answers(heard_ns), heard_ns)
+        if self._ticks.due(heard_ns):
+            self._feed(navigator, session, [Tick(heard_ns)], heard_ns)
+        self._autopilot.receive(session.outgoing())
+        answered_ns = heard_ns + 2 * LINK_DELAY_NS
+        self._feed(navigator, session, session.receive(self._autopilot.outgoing(), answered_ns), answered_ns)
+        self._autopilot.receive(session.outgoing())
 
     def _feed(self, navigator: Navigator, session: MavlinkSession, events: Sequence[Event], now_ns: int) -> None:
         for event in events:
@@ -189,20 +193,19 @@ class ClosedLoopFlight:
         self._operator = None
         return [OperatorFix(now_ns, operator.place, operator.sigma_m)]
 
-    def _frame(self, now_ns: int) -> list[Event]:
+    def _frame(self, exposed_ns: int, now_ns: int) -> list[Event]:
         eyes, pilot = self._eyes, self._autopilot
-        if eyes is None or now_ns < self._next_frame_ns or pilot.faults.camera_silent(pilot.t_s):
+        if eyes is None or pilot.faults.camera_silent(pilot.t_s) or not self._exposures.due(exposed_ns):
             return []
-        self._next_frame_ns = max(self._next_frame_ns + round(1e9 / eyes.rate_hz), now_ns)
         self._frame_id += 1
         if self._view is None or not pilot.faults.camera_frozen(pilot.t_s):
-            truth = self._autopilot.truth()
+            truth = pilot.truth()
             self._view = View(truth.place, truth.q_ned_frd, self._frame_id)
         self._views[self._frame_id] = self._view
         self._views.pop(self._frame_id - VIEWS_KEPT, None)
         model = eyes.camera.model
-        boot_ns = self._autopilot.t_boot_ns
-        return [FrameRef(now_ns, now_ns, self._frame_id, 0, model.width_px, model.height_px, 3, t_boot_ns=boot_ns)]
+        size_px = model.width_px, model.height_px
+        return [FrameRef(now_ns, exposed_ns, self._frame_id, 0, *size_px, 3, t_boot_ns=pilot.t_boot_ns)]
 
     def _localise(self, request: LocaliseRequest, now_ns: int) -> None:
         eyes = self._eyes
@@ -220,11 +223,20 @@ class ClosedLoopFlight:
         return answers
 
 
-def _arrived(queue: list[tuple[int, bytes]], now_ns: int) -> Iterator[bytes]:
-    while queue and queue[0][0] <= now_ns:
-        data = queue.pop(0)[1]
-        if data:
-            yield data
+class _Every:
+    """Says when it is time again. What was missed is left out, not made up for."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._period_ns = round(1e9 / rate_hz)
+        self._next_ns = 0
+
+    def due(self, now_ns: int) -> bool:
+        """Whether a period has passed since the last time that it was due."""
+        if now_ns < self._next_ns:
+            return False
+        on_time = now_ns < self._next_ns + self._period_ns
+        self._next_ns = (self._next_ns if on_time else now_ns) + self._period_ns
+        return True
 
 
 def _origin_message(place: GeoPoint) -> bytes:

@@ -9,12 +9,13 @@ import asyncio
 import contextlib
 import json
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from visloc_companion.adapters.camera.tcp import StreamedFrame, encode_frame
 from visloc_companion.app.clock import MonotonicClock
+from visloc_companion.errors import ConfigError, VislocError
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.render import CameraSimulator
@@ -49,9 +50,19 @@ class ServerPlan:
 
     @classmethod
     def load(cls, path: Path) -> ServerPlan:
-        """Read a plan that `save` wrote."""
-        data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        return cls(**{**data, "kind": AutopilotKind(data["kind"]), "home": GeoPoint(**data["home"])})
+        """Read a plan that `save` wrote. Raises ConfigError naming the file and what is wrong with it."""
+        try:
+            data: Any = json.loads(path.read_text(encoding="utf-8"))
+            wanted = {item.name for item in fields(cls)}
+            if not isinstance(data, dict) or set(data) != wanted:
+                differing = ", ".join(sorted(wanted.symmetric_difference(data)))
+                raise ValueError(f"missing or unknown fields: {differing}")
+            plan = cls(**{**data, "kind": AutopilotKind(data["kind"]), "home": GeoPoint(**data["home"])})
+            if plan.scenario not in (DEMO.name, *SCENARIOS):
+                raise ValueError(f"scenario: unknown name {plan.scenario!r}")
+        except (OSError, TypeError, ValueError) as why:
+            raise ConfigError(f"is no plan of a flight: {why}", where=str(path), remedy="write it with ServerPlan.save") from why
+        return plan
 
     def save(self, path: Path) -> None:
         """Write the plan as JSON."""
@@ -85,7 +96,7 @@ class SimulationServer:
         scene = Scene.load(Path(plan.ortho), Path(plan.dsm) if plan.dsm else None, plan.home.h_amsl_m)
         model = setup.camera_model()
         self._camera = SimulatedCamera(CameraSimulator(scene, model, CameraEffects()), model, seed=plan.seed)
-        self._viewers: set[asyncio.StreamWriter] = set()
+        self._viewers: dict[asyncio.Task[Any], asyncio.StreamWriter] = {}
         self._truth: list[list[float]] = []
         self._frame_id = 0
 
@@ -96,26 +107,24 @@ class SimulationServer:
             lambda: _Datagrams(self._pilot), remote_addr=("127.0.0.1", self._plan.mavlink_port)
         )
         server = await asyncio.start_server(self._view, "127.0.0.1", self._plan.camera_port)
-        frames = asyncio.create_task(self._frames())
         try:
-            await self._fly(transport)
+            async with asyncio.TaskGroup() as group:
+                frames = group.create_task(self._frames())
+                await self._fly(transport)
+                frames.cancel()
         finally:
-            frames.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await frames
             server.close()
-            for viewer in self._viewers:
-                viewer.close()
+            await self._dismiss_viewers()
             transport.close()
         self._write_result()
 
     async def _fly(self, transport: asyncio.DatagramTransport) -> None:
-        start_ns = self._clock.now_ns()
-        next_truth_ns = start_ns
+        stepped_ns = next_truth_ns = self._clock.now_ns()
         while self._pilot.t_s < self._duration_s:
             await asyncio.sleep(WAKE_S)
             now_ns = self._clock.now_ns()
-            self._pilot.step((now_ns - start_ns) / 1e9 - self._pilot.t_s)
+            self._pilot.step((now_ns - stepped_ns) / 1e9)
+            stepped_ns = now_ns
             for packet in _datagrams(self._pilot.outgoing()):
                 transport.sendto(packet)
             if now_ns >= next_truth_ns:
@@ -130,24 +139,35 @@ class SimulationServer:
             await self._clock.sleep_until(due_ns)
             due_ns = max(due_ns + period_ns, self._clock.now_ns())
             pilot = self._pilot
-            if pilot.faults.camera_silent(pilot.t_s):
+            if pilot.faults.camera_silent(pilot.t_s) or not self._viewers:
                 continue
             truth, t_boot_ns = pilot.truth(), pilot.t_boot_ns
             self._frame_id += 1
             if pixels is None or not pilot.faults.camera_frozen(pilot.t_s):
                 pixels = await asyncio.to_thread(self._camera.render, truth.place, truth.q_ned_frd, self._frame_id)
             data = encode_frame(StreamedFrame(pixels=pixels, t_us=t_boot_ns // 1000, autopilot_clock=True))
-            for viewer in list(self._viewers):
-                viewer.write(data)
-                with contextlib.suppress(ConnectionError):
-                    await viewer.drain()
+            for viewer in self._viewers.values():
+                if viewer.transport.get_write_buffer_size() == 0:
+                    viewer.write(data)
 
     async def _view(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._viewers.add(writer)
-        with contextlib.suppress(ConnectionError):
-            await reader.read()
-        self._viewers.discard(writer)
-        writer.close()
+        """A viewer stays until it hangs up; one that has not taken its last frame yet is not given the next."""
+        task = asyncio.current_task()
+        assert task is not None
+        self._viewers[task] = writer
+        try:
+            with contextlib.suppress(ConnectionError):
+                await reader.read()
+        finally:
+            del self._viewers[task]
+            writer.close()
+
+    async def _dismiss_viewers(self) -> None:
+        """Hang up and let the viewers' tasks end: one that is still reading when the loop ends is cancelled noisily."""
+        viewers = dict(self._viewers)
+        for writer in viewers.values():
+            writer.transport.abort()
+        await asyncio.gather(*viewers)
 
     def _note_truth(self, now_ns: int) -> None:
         place = self._pilot.truth().place
@@ -162,5 +182,16 @@ def _datagrams(data: bytes, limit: int = 1200) -> list[bytes]:
     return [data[k : k + limit] for k in range(0, len(data), limit)]
 
 
+def main(arguments: list[str]) -> None:
+    """Fly the plan that the only argument names; what is wrong with it becomes one line and exit code 2."""
+    try:
+        if len(arguments) != 1:
+            raise ConfigError("needs one argument", where="sim.server", remedy="name a file that ServerPlan.save wrote")
+        asyncio.run(SimulationServer(ServerPlan.load(Path(arguments[0]))).run())
+    except VislocError as error:
+        sys.stderr.write(f"error: {error}\n")
+        sys.exit(2)
+
+
 if __name__ == "__main__":
-    asyncio.run(SimulationServer(ServerPlan.load(Path(sys.argv[1]))).run())
+    main(sys.argv[1:])

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from visloc_companion.errors import MapError
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.scenarios import Scenario
 from visloc_companion.types import AutopilotKind, CameraModel, GeoPoint, Vec3
@@ -13,6 +14,7 @@ from visloc_companion.types import AutopilotKind, CameraModel, GeoPoint, Vec3
 VehicleKind = Literal["copter", "plane"]
 WIND_NED_MPS: Vec3 = (2.0, -4.0, 0.0)
 SPEED_MPS: dict[VehicleKind, float] = {"copter": 10.0, "plane": 25.0}
+LEAST_HALF_M = 60.0
 FIELD_OF_VIEW_RAD = math.radians(60.0)
 
 
@@ -49,11 +51,15 @@ class FlightSetup:
         return CameraModel(640, 480, focal_px, focal_px, 319.5, 239.5)
 
     def mission_ned_m(self) -> tuple[Vec3, ...]:
-        """A bent loop about home that keeps the camera's footprint on the map. Raises ValueError where the map is too small."""
+        """A bent loop about home that keeps the camera's footprint on the map. Raises MapError where the map is too small."""
         footprint_m = self.height_m * math.tan(FIELD_OF_VIEW_RAD / 2)
         half_m = min(400.0, 0.9 * (self.area.reach_m - 1.3 * footprint_m))
-        if half_m < 60.0:
-            raise ValueError(f"the map reaches {self.area.reach_m:.0f} m from its middle, too little for a flight of this height")
+        if half_m < LEAST_HALF_M:
+            needed_m = LEAST_HALF_M / 0.9 + 1.3 * footprint_m
+            raise MapError(
+                f"the map reaches {self.area.reach_m:.0f} m from its middle, too little for a flight {self.height_m:.0f} m above",
+                remedy=f"give a map that reaches {needed_m:.0f} m in every direction",
+            )
         down = -self.height_m
         return (
             (half_m, -0.6 * half_m, down),
@@ -64,7 +70,7 @@ class FlightSetup:
         )
 
     def autopilot(self, boot_age_s: float = 0.0) -> BuiltInAutopilot:
-        """The vehicle at its first waypoint, in the air."""
+        """The vehicle at its first waypoint, in the air. Raises MapError where the map is too small."""
         return BuiltInAutopilot(
             self.kind,
             self.vehicle,

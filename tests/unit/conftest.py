@@ -1,0 +1,76 @@
+"""Eyes that know the truth: closed-loop flights without rendering, in a second or two each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from random import Random
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from visloc_companion.errors import Reason
+from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
+from visloc_companion.localise.freshness import FreshFramesOnly
+from visloc_companion.protocols import ReferenceMap
+from visloc_companion.sim.camera import SimulatedCamera
+from visloc_companion.sim.flight import Eyes
+from visloc_companion.types import CameraModel, Fix, GeoPoint, Image, LocaliseRequest, NoFix, Quat, Vec3
+
+
+class PoseCamera:
+    """A camera whose pixels are the bytes of its pose."""
+
+    def __init__(self) -> None:
+        self.model = CameraModel(640, 480, 554.0, 554.0, 319.5, 239.5)
+        self.rendered: list[int] = []
+
+    def render(self, place: GeoPoint, q_ned_frd: Quat, frame_id: int) -> Image:
+        self.rendered.append(frame_id)
+        numbers = np.array([place.lat_deg, place.lon_deg, place.h_amsl_m, *q_ned_frd])
+        return np.frombuffer(numbers.tobytes(), np.uint8)
+
+
+class Oracle:
+    """A localiser that reads the pose from the pixels, adds seeded noise, and only finds what the prior lets it search."""
+
+    method = "oracle"
+
+    def __init__(self, seed: int, sigma_m: float = 1.0, misses: float = 0.1, bias_ned_m: Vec3 = (0.0, 0.0, 0.0)) -> None:
+        self._random, self._sigma_m, self._misses, self._bias_ned_m = Random(seed), sigma_m, misses, bias_ned_m
+
+    def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
+        lat_deg, lon_deg, h_amsl_m, *q = np.frombuffer(pixels.tobytes(), np.float64).tolist()
+        place, frame, prior = GeoPoint(lat_deg, lon_deg, h_amsl_m), request.frame, request.prior
+        north_m, east_m, _ = ned_from_geo(place, prior.place)
+        reach_m = 3 * math.sqrt(np.linalg.eigvalsh(np.array(prior.cov_ne_m2))[-1]) + 5.0
+        if math.hypot(north_m, east_m) > reach_m or self._random.random() < self._misses:
+            return NoFix(0, frame.t_ns, request.request_id, frame.frame_id, self.method, Reason.NO_MATCH, 50.0)
+        noise_m = [self._random.gauss(bias, self._sigma_m) for bias in self._bias_ned_m[:2]]
+        found = geo_from_ned((noise_m[0], noise_m[1], self._bias_ned_m[2]), place)
+        cov = ((self._sigma_m**2, 0.0), (0.0, self._sigma_m**2))
+        return Fix(
+            0,
+            frame.t_ns,
+            request.request_id,
+            frame.frame_id,
+            self.method,
+            found,
+            cast("Quat", tuple(q)),
+            cov,
+            2.0,
+            0.02,
+            1e-3,
+            50.0,
+        )
+
+
+def make_oracle_eyes(seed: int = 5, **how: Any) -> Eyes:
+    return Eyes(cast("SimulatedCamera", PoseCamera()), FreshFramesOnly(Oracle(seed, **how)), cast("ReferenceMap", None), 4.0)
+
+
+@pytest.fixture
+def oracle_eyes() -> Callable[..., Eyes]:
+    """`oracle_eyes(seed, sigma_m=, misses=, bias_ned_m=)`: the camera of poses and the oracle that reads them."""
+    return make_oracle_eyes

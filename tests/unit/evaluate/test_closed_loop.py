@@ -1,0 +1,214 @@
+"""Whole flights in a closed loop: real MAVLink bytes, the real navigator, an autopilot that flies on what it believes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from statistics import median
+
+import numpy as np
+import pytest
+
+from visloc_companion.errors import ConfigError, MapError
+from visloc_companion.evaluate.closed_loop import (
+    FlightWorld,
+    FlownScenario,
+    checks_of,
+    fault_intervals,
+    fly,
+    fly_with,
+    map_sigma_m,
+)
+from visloc_companion.geo.wgs84 import distance_m
+from visloc_companion.maps.pack import PackMap
+from visloc_companion.prepare.world import procedural_world
+from visloc_companion.sim import faults
+from visloc_companion.sim.flight import Eyes
+from visloc_companion.sim.scenarios import DEMO, SCENARIOS, Expectation, Scenario
+from visloc_companion.sim.scene import Scene
+from visloc_companion.sim.setup import FlightArea, FlightSetup
+from visloc_companion.types import AutopilotKind, Fix, GeoPoint, NoFix, Verdict
+
+HOME = GeoPoint(47.4, 8.55, 480.0)
+AREA = FlightArea(HOME, 1000.0, 0.5)
+KINDS = (AutopilotKind.ARDUPILOT, AutopilotKind.PX4)
+MakeEyes = Callable[..., Eyes]
+
+
+def setup_of(scenario: Scenario, kind: AutopilotKind = AutopilotKind.ARDUPILOT, seed: int = 3) -> FlightSetup:
+    return FlightSetup(scenario, AREA, kind, "copter", seed)
+
+
+def failed(flown: FlownScenario) -> list[str]:
+    return [f"{check.name}: {check.value} (limit {check.limit})" for check in flown.checks if not check.passed]
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=str)
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_every_scenario_meets_its_expectation(name: str, kind: AutopilotKind, oracle_eyes: MakeEyes) -> None:
+    flown = fly_with(setup_of(SCENARIOS[name], kind), oracle_eyes())
+    assert flown.passed, failed(flown)
+    assert len(flown.checks) == 8
+    assert flown.summary["hmi"] == 0
+    end = flown.log.truth[-1]
+    assert end.off_m is not None
+    assert end.off_m < 10.0, "the autopilot itself knows where it is"
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=str)
+@pytest.mark.parametrize(
+    ("name", "at_least_off_m", "landed_by_failsafe"),
+    [
+        ("jam", 100.0, True),
+        ("step_spoof", 55.0, False),
+        ("slow_drag", 100.0, False),
+        ("gnss_returns_bad", 60.0, True),
+        ("camera_freeze", 100.0, True),
+    ],
+)
+def test_without_the_daemon_it_ends_far_off(
+    name: str, kind: AutopilotKind, at_least_off_m: float, landed_by_failsafe: bool
+) -> None:
+    """Jamming ends in the failsafe; spoofing goes unnoticed and takes the vehicle along."""
+    flown = fly_with(setup_of(SCENARIOS[name], kind), None)
+    off_m = flown.log.truth[-1].off_m
+    assert off_m is not None
+    assert off_m > at_least_off_m
+    assert (flown.log.failsafe is not None) == landed_by_failsafe
+    assert flown.checks == []
+    assert flown.passed, "nothing is expected of a flight without the daemon"
+    if "spoof" in name or "drag" in name:
+        assert flown.log.pulled_m > at_least_off_m
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=str)
+def test_without_gnss_and_daemon_it_never_has_a_position(kind: AutopilotKind) -> None:
+    flown = fly_with(setup_of(SCENARIOS["no_gnss"], kind), None)
+    assert {sample.believed for sample in flown.log.truth} == {None}
+
+
+def test_the_demonstration_passes_with_an_oracle_and_strays_without(oracle_eyes: MakeEyes) -> None:
+    flown = fly_with(setup_of(DEMO), oracle_eyes())
+    assert flown.passed, failed(flown)
+    off_m = fly_with(setup_of(DEMO), None).log.truth[-1].off_m
+    assert off_m is not None
+    assert off_m > 100.0
+
+
+JAM_SOON = replace(SCENARIOS["jam"], duration_s=60.0, faults=faults.jam(12.0))
+
+
+def test_the_same_seed_flies_the_same_flight(oracle_eyes: MakeEyes) -> None:
+    one, two = (fly_with(setup_of(JAM_SOON), oracle_eyes(7)).log for _ in range(2))
+    assert one.entries == two.entries
+    assert one.truth == two.truth
+    other = fly_with(setup_of(JAM_SOON, seed=4), oracle_eyes(7)).log
+    assert other.truth != one.truth
+
+
+def test_a_wrong_injection_makes_the_vehicle_fly_wrong(oracle_eyes: MakeEyes) -> None:
+    """All fixes are 50 m too far north, so the vehicle is flown 50 m too far south: the loop is closed."""
+    scenario = replace(SCENARIOS["no_gnss"], duration_s=60.0)
+    right = fly_with(setup_of(scenario), oracle_eyes())
+    wrong = fly_with(setup_of(scenario), oracle_eyes(bias_ned_m=(50.0, 0.0, 0.0)))
+    ends = right.log.truth[-1], wrong.log.truth[-1]
+    assert all(end.believed is not None for end in ends)
+    south_m = (ends[0].place.lat_deg - ends[1].place.lat_deg) * 111_320.0
+    assert south_m == pytest.approx(50.0, abs=8.0)
+    assert wrong.log.truth[-1].off_m == pytest.approx(50.0, abs=5.0)
+    assert not wrong.passed
+    assert any(name.startswith("median error") for name in failed(wrong))
+    assert wrong.summary["hmi"] > 100, "a biased localiser is hazardous, and the figures say so"
+
+
+def test_a_frozen_camera_is_refused(oracle_eyes: MakeEyes) -> None:
+    """Every picture of the freeze but the first is refused; the fixes before and after go on."""
+    flown = fly_with(setup_of(SCENARIOS["camera_freeze"]), oracle_eyes(misses=0.0))
+    refused_s = [refusal.t_s for refusal in flown.record.refusals if refusal.reason == "bad_frame"]
+    assert len(refused_s) == pytest.approx(12 * 4, abs=2)
+    assert min(refused_s) > 60.0
+    assert max(refused_s) < 72.0
+    fixes_s = [fix.t_s for fix in flown.record.fixes]
+    assert not [t_s for t_s in fixes_s if min(refused_s) <= t_s <= max(refused_s)]
+    assert "dead_reckoning" in flown.record.modes
+
+
+def test_errors_of_a_coarse_map_may_be_larger(oracle_eyes: MakeEyes) -> None:
+    """With pixels of 5 m the same flight is judged by limits five times as wide, and 12 s more for a slow drag."""
+    flown = fly_with(setup_of(JAM_SOON), oracle_eyes())
+    fine, coarse = (
+        {c.name: c.limit for c in checks_of(JAM_SOON, flown.log, flown.record, flown.summary, gsd_m)} for gsd_m in (0.5, 5.0)
+    )
+    assert fine["median error without GNSS"] == "≤ 2 m"
+    assert coarse["median error without GNSS"] == "≤ 10 m"
+    assert fine["GNSS declared bad after"] == "≤ 5 s"
+    assert coarse["GNSS declared bad after"] == "≤ 17 s"
+    assert fine["longest gap between injections"] == coarse["longest gap between injections"] == "≤ 200 ms"
+
+
+def test_a_flight_that_shows_nothing_fails(oracle_eyes: MakeEyes) -> None:
+    """Eyes that never see: no verdict is expected of them but DENIED; whatever could not be measured counts as failed."""
+    flown = fly_with(setup_of(replace(JAM_SOON, duration_s=10.0)), oracle_eyes(misses=1.0))
+    values = {check.name: (check.value, check.passed) for check in flown.checks}
+    assert values["median error without GNSS"] == ("none known", False)
+    assert values["GNSS declared bad after"] == ("never", False)
+    assert values["verdict at the end"] == ("ok", False)
+    assert values["failsafe"] == ("none", True)
+
+
+def test_verdicts_allowed_at_the_end_are_the_scenarios(oracle_eyes: MakeEyes) -> None:
+    wanted_ok = replace(JAM_SOON, expected=Expectation(final_verdicts=(Verdict.OK,)))
+    flown = fly_with(setup_of(wanted_ok), oracle_eyes())
+    assert failed(flown) == ["verdict at the end: denied (limit ok)"]
+
+
+def test_when_gnss_is_bad() -> None:
+    assert fault_intervals(SCENARIOS["jam"]) == [(30.0, 120.0)]
+    assert fault_intervals(SCENARIOS["no_gnss"]) == [(0.0, 110.0)]
+    assert fault_intervals(Scenario("calm", "Nothing goes wrong.", 60.0, faults.FaultSchedule())) == []
+
+
+def test_a_map_without_known_registration_is_half_a_pixel_off() -> None:
+    assert map_sigma_m(0.3) == 0.5
+    assert map_sigma_m(5.0) == 2.5
+
+
+@pytest.fixture(scope="module")
+def small_world(tmp_path_factory: pytest.TempPathFactory) -> FlightWorld:
+    files = procedural_world(1, tmp_path_factory.mktemp("worlds"), size_m=600.0)
+    return FlightWorld(files.pack, PackMap.open(files.pack), Scene.load(files.flight_ortho, files.flight_dsm))
+
+
+def test_home_and_reach_are_the_maps(small_world: FlightWorld) -> None:
+    area = small_world.area()
+    lat_deg, lon_deg = small_world.reference.to_geo(*small_world.reference.center_map_m)
+    assert distance_m(area.home, GeoPoint(lat_deg, lon_deg, 0.0)) < 0.5
+    assert area.reach_m == pytest.approx(300.0, abs=8.0)
+    assert area.gsd_m == pytest.approx(0.5, rel=0.01)
+
+
+def test_rendered_frames_and_the_real_localiser_carry_a_flight(small_world: FlightWorld) -> None:
+    """Two dates years apart, jammed after 5 s of 13: the autopilot flies on what the gradient localiser finds."""
+    scenario = replace(SCENARIOS["jam"], duration_s=13.0, faults=faults.jam(5.0))
+    told: list[float] = []
+    setup = FlightSetup(scenario, small_world.area(), AutopilotKind.PX4, "copter", 1)
+    flown = fly(setup, small_world, method="gradient", on_progress=told.append)
+    assert flown.passed, failed(flown)
+    assert told == [float(t_s) for t_s in range(13)]
+    answers = [entry.event for entry in flown.log.entries if isinstance(entry.event, Fix | NoFix)]
+    fixes = [answer for answer in answers if isinstance(answer, Fix)]
+    assert len(fixes) > 0.8 * len(answers)
+    off_m = [math.dist(fix.p_ned_m[:2], flown.record.truth.at(np.array([fix.t_s]))[0, :2]) for fix in flown.record.fixes]
+    assert median(off_m) < 1.5
+
+
+def test_a_map_with_a_hole_in_its_middle_is_refused(small_world: FlightWorld, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(PackMap, "height_amsl_m", lambda *_: math.nan)
+    with pytest.raises(MapError, match="no surface height in its middle"):
+        small_world.area()
+
+
+def test_an_unknown_method_is_refused(small_world: FlightWorld) -> None:
+    with pytest.raises(ConfigError, match="unknown method 'guess'"):
+        fly(FlightSetup(JAM_SOON, small_world.area(), AutopilotKind.PX4, "copter", 1), small_world, method="guess")
