@@ -52,6 +52,7 @@ class Failed:
 
 def open_localiser(config: Config) -> Answer:
     """Open the pack and the localiser of a configuration. Raises MapError or ConfigError."""
+    from visloc_companion.localise.freshness import FreshFramesOnly
     from visloc_companion.localise.registry import make_localiser
     from visloc_companion.maps.pack import PackMap
 
@@ -63,7 +64,8 @@ def open_localiser(config: Config) -> Answer:
         max_probability_wrong=config.localiser.max_probability_wrong,
         max_search_radius_m=config.localiser.max_search_radius_m,
     )
-    return lambda request, pixels: localiser.localise(request, pixels, reference)
+    watchful = FreshFramesOnly(localiser)
+    return lambda request, pixels: watchful.localise(request, pixels, reference)
 
 
 def load_factory(name: str) -> AnswerFactory:

@@ -86,25 +86,27 @@ class _Datagrams(asyncio.DatagramProtocol):
 
 
 class SimulationServer:
-    """Steps the autopilot with the clock and serves whoever connects."""
+    """Steps the autopilot (`pilot`) with the clock and serves whoever connects. Raises MapError for a scene that is none."""
 
     def __init__(self, plan: ServerPlan) -> None:
         setup = plan.setup()
         self._plan, self._duration_s = plan, setup.scenario.duration_s
         self._clock = MonotonicClock(plan.speed)
-        self._pilot = setup.autopilot(boot_age_s=3.0)
+        self.pilot = setup.autopilot(boot_age_s=3.0)
         scene = Scene.load(Path(plan.ortho), Path(plan.dsm) if plan.dsm else None, plan.home.h_amsl_m)
         model = setup.camera_model()
         self._camera = SimulatedCamera(CameraSimulator(scene, model, CameraEffects()), model, seed=plan.seed)
         self._viewers: dict[asyncio.Task[Any], asyncio.StreamWriter] = {}
         self._truth: list[list[float]] = []
+        self._start_ns = 0
+        self._stepped_ns: int | None = None
         self._frame_id = 0
 
     async def run(self) -> None:
         """Fly the scenario to its end and write the result."""
         loop = asyncio.get_running_loop()
         transport, _ = await loop.create_datagram_endpoint(
-            lambda: _Datagrams(self._pilot), remote_addr=("127.0.0.1", self._plan.mavlink_port)
+            lambda: _Datagrams(self.pilot), remote_addr=("127.0.0.1", self._plan.mavlink_port)
         )
         server = await asyncio.start_server(self._view, "127.0.0.1", self._plan.camera_port)
         try:
@@ -118,18 +120,23 @@ class SimulationServer:
             transport.close()
         self._write_result()
 
+    def advance_to(self, now_ns: int) -> None:
+        """Step the autopilot to a time of the clock, up to a step of physics behind it; the first call starts the flight."""
+        since_ns, self._stepped_ns = self._stepped_ns, now_ns
+        self._start_ns = now_ns if since_ns is None else self._start_ns
+        self.pilot.step(0.0 if since_ns is None else (now_ns - since_ns) / 1e9)
+
     async def _fly(self, transport: asyncio.DatagramTransport) -> None:
-        stepped_ns = next_truth_ns = self._clock.now_ns()
-        while self._pilot.t_s < self._duration_s:
-            await asyncio.sleep(WAKE_S)
+        next_truth_ns = self._clock.now_ns()
+        while self.pilot.t_s < self._duration_s:
             now_ns = self._clock.now_ns()
-            self._pilot.step((now_ns - stepped_ns) / 1e9)
-            stepped_ns = now_ns
-            for packet in _datagrams(self._pilot.outgoing()):
+            self.advance_to(now_ns)
+            for packet in _datagrams(self.pilot.outgoing()):
                 transport.sendto(packet)
             if now_ns >= next_truth_ns:
                 next_truth_ns += TRUTH_NS
-                self._note_truth(now_ns)
+                self._note_truth()
+            await asyncio.sleep(WAKE_S)
 
     async def _frames(self) -> None:
         period_ns = round(1e9 / self._plan.frame_rate_hz)
@@ -138,7 +145,7 @@ class SimulationServer:
         while True:
             await self._clock.sleep_until(due_ns)
             due_ns = max(due_ns + period_ns, self._clock.now_ns())
-            pilot = self._pilot
+            pilot = self.pilot
             if pilot.faults.camera_silent(pilot.t_s) or not self._viewers:
                 continue
             truth, t_boot_ns = pilot.truth(), pilot.t_boot_ns
@@ -169,12 +176,12 @@ class SimulationServer:
             writer.transport.abort()
         await asyncio.gather(*viewers)
 
-    def _note_truth(self, now_ns: int) -> None:
-        place = self._pilot.truth().place
-        self._truth.append([now_ns, place.lat_deg, place.lon_deg, place.h_amsl_m])
+    def _note_truth(self) -> None:
+        place, t_ns = self.pilot.truth().place, self._start_ns + round(self.pilot.t_s * 1e9)
+        self._truth.append([t_ns, place.lat_deg, place.lon_deg, place.h_amsl_m])
 
     def _write_result(self) -> None:
-        result = {"truth": self._truth, "failsafe": self._pilot.failsafe, "pulled_m": self._pilot.pulled_m}
+        result = {"truth": self._truth, "failsafe": self.pilot.failsafe, "pulled_m": self.pilot.pulled_m}
         Path(self._plan.result).write_text(json.dumps(result), encoding="utf-8")
 
 

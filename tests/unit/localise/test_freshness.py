@@ -1,0 +1,77 @@
+"""A camera that froze repeats its last picture; two exposures never agree in every pixel."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+
+from visloc_companion.errors import Reason
+from visloc_companion.localise.freshness import FreshFramesOnly
+from visloc_companion.protocols import Localiser, ReferenceMap
+from visloc_companion.types import FrameRef, GeoPoint, Image, LocaliseRequest, NoFix, PosePrior
+
+NOWHERE = cast("ReferenceMap", None)
+PRIOR = PosePrior(GeoPoint(47.0, 8.0, 100.0), (1.0, 0.0, 0.0, 0.0), ((1.0, 0.0), (0.0, 1.0)), 1.0, 0.1, 0.1)
+
+
+class Witness:
+    """Answers NO_MATCH, and remembers which frames it was asked about."""
+
+    method = "witness"
+
+    def __init__(self) -> None:
+        self.asked: list[int] = []
+
+    def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> NoFix:
+        self.asked.append(request.frame.frame_id)
+        return NoFix(0, 0, request.request_id, request.frame.frame_id, self.method, Reason.NO_MATCH, 1.0)
+
+
+def ask(localiser: Localiser, frame_id: int, pixels: Image, request_id: int = 1) -> NoFix:
+    request = LocaliseRequest(request_id, FrameRef(70, 60, frame_id, 0, 4, 3, 1), PRIOR, 1)
+    answer = localiser.localise(request, pixels, NOWHERE)
+    assert isinstance(answer, NoFix)
+    return answer
+
+
+def picture(seed: int) -> Image:
+    return np.random.default_rng(seed).integers(0, 255, (3, 4), dtype=np.uint8)
+
+
+def test_pictures_that_differ_in_one_bit_are_asked_about() -> None:
+    witness = Witness()
+    fresh, still = FreshFramesOnly(witness), picture(1)
+    nearly = still.copy()
+    nearly[2, 3] ^= 1
+    assert [ask(fresh, n, pixels).reason for n, pixels in enumerate((still, nearly, still))] == [Reason.NO_MATCH] * 3
+    assert witness.asked == [0, 1, 2]
+    assert fresh.method == "witness"
+
+
+def test_a_repeated_picture_is_refused_until_another_one_comes() -> None:
+    witness = Witness()
+    fresh = FreshFramesOnly(witness)
+    ask(fresh, 1, picture(1))
+    refused = ask(fresh, 2, picture(1), request_id=9)
+    assert refused.reason is Reason.BAD_FRAME
+    assert "frozen" in refused.detail
+    assert (refused.request_id, refused.frame_id, refused.t_ns, refused.method) == (9, 2, 60, "witness")
+    assert ask(fresh, 3, picture(1)).reason is Reason.BAD_FRAME
+    assert ask(fresh, 4, picture(2)).reason is Reason.NO_MATCH
+    assert witness.asked == [1, 4]
+
+
+def test_the_same_frame_may_be_asked_about_again() -> None:
+    """With another prior one frame can be tried twice; a refused frame stays refused."""
+    witness = Witness()
+    fresh = FreshFramesOnly(witness)
+    assert [ask(fresh, 1, picture(1)).reason for _ in range(2)] == [Reason.NO_MATCH] * 2
+    assert [ask(fresh, 2, picture(1)).reason for _ in range(2)] == [Reason.BAD_FRAME] * 2
+
+
+def test_pixels_need_not_be_contiguous() -> None:
+    fresh = FreshFramesOnly(Witness())
+    wide = np.repeat(picture(3), 2, axis=1)
+    ask(fresh, 1, wide[:, ::2])
+    assert ask(fresh, 2, picture(3)).reason is Reason.BAD_FRAME

@@ -1,0 +1,169 @@
+"""The simulated autopilot and its camera as a process of their own."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+import threading
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from visloc_companion.adapters.camera.tcp import FrameDecoder, StreamedFrame
+from visloc_companion.errors import ConfigError, MapError
+from visloc_companion.geo.wgs84 import distance_m
+from visloc_companion.maps.crs import map_crs
+from visloc_companion.sim.scene import Scene
+from visloc_companion.sim.server import ServerPlan, SimulationServer, main
+from visloc_companion.types import AutopilotKind, GeoPoint
+
+EAST_M, NORTH_M, SIZE_PX = 500_000.0, 5_205_000.0, 300
+BOOT_AGE_S = 3.0
+
+
+def free_port(kind: socket.SocketKind) -> int:
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> ServerPlan:
+    """The flight with the frozen camera over 300 x 300 m of noise, forty times as fast as the clock."""
+    pixels = np.random.default_rng(1).integers(0, 255, (SIZE_PX, SIZE_PX, 3)).astype(np.uint8)
+    T_map_pix = np.array([[1.0, 0.0, EAST_M], [0.0, -1.0, NORTH_M]])
+    ortho, dsm = Scene(pixels, np.full((SIZE_PX, SIZE_PX), 480.0, np.float32), T_map_pix, "EPSG:32632").save(tmp_path)
+    lat_deg, lon_deg = map_crs("EPSG:32632").to_geo(EAST_M + SIZE_PX / 2, NORTH_M - SIZE_PX / 2)
+    return ServerPlan(
+        scenario="camera_freeze",
+        kind=AutopilotKind.PX4,
+        vehicle="copter",
+        seed=1,
+        speed=40.0,
+        mavlink_port=free_port(socket.SOCK_DGRAM),
+        camera_port=free_port(socket.SOCK_STREAM),
+        frame_rate_hz=1.0,
+        ortho=str(ortho),
+        dsm=str(dsm),
+        home=GeoPoint(lat_deg, lon_deg, 480.0),
+        reach_m=200.0,
+        gsd_m=0.5,
+        result=str(tmp_path / "truth.json"),
+    )
+
+
+def test_a_plan_is_read_as_it_was_written(plan: ServerPlan, tmp_path: Path) -> None:
+    plan.save(tmp_path / "plan.json")
+    assert ServerPlan.load(tmp_path / "plan.json") == plan
+    without_dsm = replace(plan, dsm=None)
+    without_dsm.save(tmp_path / "plan.json")
+    assert ServerPlan.load(tmp_path / "plan.json") == without_dsm
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"sped": 2.0}, "missing or unknown fields: sped"),
+        ({"seed": ...}, "missing or unknown fields: seed"),
+        ({"kind": "betaflight"}, "'betaflight' is not a valid AutopilotKind"),
+        ({"home": {"lat": 1.0}}, "lat"),
+        ({"scenario": "picnic"}, "scenario: unknown name 'picnic'"),
+    ],
+)
+def test_a_wrong_plan_is_named(plan: ServerPlan, tmp_path: Path, change: dict[str, Any], complaint: str) -> None:
+    path = tmp_path / "plan.json"
+    plan.save(path)
+    data = json.loads(path.read_text(encoding="utf-8")) | change
+    path.write_text(json.dumps({name: value for name, value in data.items() if value is not ...}), encoding="utf-8")
+    with pytest.raises(ConfigError, match=complaint) as caught:
+        ServerPlan.load(path)
+    assert str(path) in str(caught.value)
+    assert "remedy" in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "[1, 2]", "{", "null"])
+def test_what_is_no_plan_at_all_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "plan.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match="is no plan of a flight"):
+        ServerPlan.load(path)
+
+
+def test_the_process_says_in_one_line_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments in ([], [str(tmp_path / "none.json")]):
+        with pytest.raises(SystemExit) as end:
+            main(arguments)
+        assert end.value.code == 2
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1
+        assert said.startswith("error: ")
+
+
+def test_a_scene_that_is_none_is_refused(plan: ServerPlan) -> None:
+    with pytest.raises(MapError):
+        SimulationServer(replace(plan, ortho=plan.result))
+
+
+def test_the_autopilot_is_never_ahead_of_the_clock(plan: ServerPlan) -> None:
+    server = SimulationServer(plan)
+    start_ns = now_ns = 123_456_789
+    for wait_ns in [3_700_000] * 200 + [250_000_000, 1, 9_999_999]:
+        server.advance_to(now_ns)
+        elapsed_s = (now_ns - start_ns) / 1e9
+        assert elapsed_s - 0.01 - 1e-6 < server.pilot.t_s <= elapsed_s + 1e-6
+        now_ns += wait_ns
+
+
+def watch(port: int, frames: list[StreamedFrame]) -> None:
+    """Connect as soon as somebody listens, and take frames until the other end hangs up."""
+    decoder = FrameDecoder(1 << 20)
+    for _ in range(400):
+        try:
+            stream = socket.create_connection(("127.0.0.1", port), timeout=0.1)
+            break
+        except OSError:
+            threading.Event().wait(0.05)
+    with stream:
+        stream.settimeout(30.0)
+        try:
+            while data := stream.recv(1 << 18):
+                frames += [decoded for frame in decoder.feed(data) if (decoded := frame.decoded()) is not None]
+        except ConnectionResetError:
+            return
+
+
+def test_it_flies_serves_and_ends_without_a_word(plan: ServerPlan, tmp_path: Path) -> None:
+    """A viewer that still watches at the end is hung up on: exit code 0, nothing on stderr, and the truth is written."""
+    plan.save(tmp_path / "plan.json")
+    frames: list[StreamedFrame] = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
+        station.bind(("127.0.0.1", plan.mavlink_port))
+        station.settimeout(30.0)
+        viewer = threading.Thread(target=watch, args=(plan.camera_port, frames))
+        viewer.start()
+        command = [sys.executable, "-m", "visloc_companion.sim.server", str(tmp_path / "plan.json")]
+        process = subprocess.Popen(command, stderr=subprocess.PIPE)
+        first = station.recv(2000)
+        _, said = process.communicate(timeout=60)
+    viewer.join()
+    assert (process.returncode, said) == (0, b"")
+    assert "HEARTBEAT" in {message.get_type() for message in mavlink.MAVLink(None).parse_buffer(first)}
+    result = json.loads(Path(plan.result).read_text(encoding="utf-8"))
+    assert result["pulled_m"] == 0.0
+    assert "land" in result["failsafe"], "nobody helped the vehicle through the jamming"
+    times_ns = [row[0] for row in result["truth"]]
+    assert times_ns == sorted(times_ns)
+    assert times_ns[-1] - times_ns[0] == pytest.approx(130e9, abs=2e9)
+    assert max(distance_m(GeoPoint(*row[1:]), plan.home) for row in result["truth"]) < 400.0
+    assert len(frames) >= 5
+    assert all(frame.autopilot_clock and frame.pixels.shape == (480, 640, 3) for frame in frames)
+    times_s = [frame.t_us / 1e6 - BOOT_AGE_S for frame in frames]
+    assert times_s == sorted(times_s)
+    for one, two, t_s in zip(frames, frames[1:], times_s[1:], strict=False):
+        assert np.array_equal(one.pixels, two.pixels) == (60.0 <= t_s < 72.0), f"at {t_s:.1f} s"
