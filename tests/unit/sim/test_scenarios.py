@@ -1,0 +1,61 @@
+"""The library of flights says what goes wrong, when."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from visloc_companion.sim.faults import FaultSchedule
+from visloc_companion.sim.scenarios import DEMO, SCENARIOS, Scenario
+from visloc_companion.types import Verdict
+
+
+def test_the_six_flights_are_there() -> None:
+    assert list(SCENARIOS) == ["jam", "step_spoof", "slow_drag", "gnss_returns_bad", "camera_freeze", "no_gnss"]
+    assert all(scenario.name == name and scenario.summary.endswith(".") for name, scenario in SCENARIOS.items())
+
+
+@pytest.mark.parametrize("scenario", [*SCENARIOS.values(), DEMO], ids=lambda scenario: scenario.name)
+def test_every_fault_falls_into_the_flight(scenario: Scenario) -> None:
+    """GNSS is right until the fault and stays bad to the end; what is expected can be seen within the flight."""
+    start_s = scenario.fault_start_s
+    effects = {t_s: scenario.faults.gnss(float(t_s)) for t_s in range(round(scenario.duration_s))}
+    for t_s, effect in effects.items():
+        assert (effect.jammed or effect.spoofed) == (t_s >= start_s), f"at {t_s} s"
+    assert start_s + scenario.expected.verdict_within_s < scenario.duration_s - 20.0
+    assert Verdict.OK not in scenario.expected.final_verdicts
+
+
+def test_a_slow_drag_pulls_position_and_velocity_alike() -> None:
+    drag = SCENARIOS["slow_drag"].faults
+    assert drag.gnss(50.0).offset_ned_m == pytest.approx((0.0, 20.0, 0.0))
+    assert drag.gnss(50.0).offset_v_ned_mps == pytest.approx((0.0, 1.0, 0.0))
+
+
+def test_gnss_returns_at_a_wrong_place() -> None:
+    fault = SCENARIOS["gnss_returns_bad"].faults
+    assert fault.gnss(69.9).jammed
+    back = fault.gnss(70.1)
+    assert not back.jammed
+    assert math.hypot(*back.offset_ned_m) == pytest.approx(78.1, abs=0.1)
+
+
+def test_only_one_camera_freezes_and_only_for_twelve_seconds() -> None:
+    frozen = {
+        name: [t_s for t_s in range(200) if scenario.faults.camera_frozen(float(t_s))] for name, scenario in SCENARIOS.items()
+    }
+    assert frozen.pop("camera_freeze") == list(range(60, 72))
+    assert not any(frozen.values())
+
+
+def test_the_demonstration_is_dragged_then_jammed() -> None:
+    assert DEMO.fault_start_s == 60.0
+    assert DEMO.faults.gnss(119.9).spoofed
+    assert not DEMO.faults.gnss(119.9).jammed
+    assert DEMO.faults.gnss(120.1).jammed
+
+
+def test_a_flight_without_faults_has_no_start_of_them() -> None:
+    assert Scenario("calm", "Nothing.", 60.0, FaultSchedule()).fault_start_s == math.inf
+    assert SCENARIOS["no_gnss"].fault_start_s == 0.0
