@@ -1,4 +1,4 @@
-"""Real imagery of two years a case: `python -m benchmarks.naip FOLDER [--jobs N] [--n N] [--photos]`.
+"""Real imagery of two years a case: `python -m benchmarks.naip FOLDER [--jobs N] [--n N] [--limit-p P] [--photos]`.
 
 Cases are made from the test rows (>= 400) of ../shared/data/naip; nothing of the product is fitted on them. Prints a markdown
 table. `--photos` adds the drone photographs of ../shared/data/drone_urban, which are only ever scored on.
@@ -32,6 +32,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--n", type=int, default=200)
     parser.add_argument("--methods", nargs="*", default=list(METHODS))
+    parser.add_argument("--limit-p", type=float, default=0.05, help="largest probability of being wrong; 1 takes all answers")
     parser.add_argument("--photos", action="store_true")
     args = parser.parse_args()
     half = max(1, args.n // 2)
@@ -51,7 +52,14 @@ def main() -> None:
     print("|" + "---|" * 14)
     for folder in folders:
         for method in args.methods:
-            print(row(folder.name, method, evaluate_image(folder, method, args.jobs)[0]["summary"]), flush=True)
+            print(
+                row(
+                    folder.name,
+                    method,
+                    evaluate_image(folder, method, args.jobs, max_probability_wrong=args.limit_p)[0]["summary"],
+                ),
+                flush=True,
+            )
 
 
 def row(name: str, method: str, s: dict[str, Any]) -> str:

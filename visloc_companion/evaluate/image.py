@@ -29,12 +29,19 @@ POSE_FIELDS = (
     *("cov_ne_m2", "sigma_h_m", "protection_level_m", "probability_wrong"),
 )
 MAPS_AT_HAND = 6
+MAX_PROBABILITY_WRONG = 0.05
+"""Fixes with a larger calibrated probability of being wrong become refusals."""
 RAYLEIGH_1E5 = math.sqrt(-2 * math.log(1e-5))
 """4.80: radius, in sigmas of a circular Gaussian, that an error exceeds once in 100,000."""
 
 
 def evaluate_image(
-    folder: Path, method: str, jobs: int = 1, limit: int | None = None, progress: Callable[[int, int], None] | None = None
+    folder: Path,
+    method: str,
+    jobs: int = 1,
+    limit: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    max_probability_wrong: float = MAX_PROBABILITY_WRONG,
 ) -> tuple[dict[str, Any], list[CaseResult]]:
     """Localise all cases of a folder; the result as it is written to JSON, and case by case.
 
@@ -44,7 +51,7 @@ def evaluate_image(
     cases = read_cases(folder)[:limit]
     truth = read_truth(folder)
     results = []
-    for result in run_cases(cases, method, jobs):
+    for result in run_cases(cases, method, jobs, max_probability_wrong):
         results.append(result)
         if progress:
             progress(len(results), len(cases))
@@ -58,17 +65,20 @@ def evaluate_image(
     return document, results
 
 
-def run_cases(cases: list[Case | BadCase], method: str, jobs: int) -> Iterator[CaseResult]:
+def run_cases(
+    cases: list[Case | BadCase], method: str, jobs: int, max_probability_wrong: float = MAX_PROBABILITY_WRONG
+) -> Iterator[CaseResult]:
     """Results in the order of the cases, by so many processes."""
     if jobs <= 1:
         cv2.setNumThreads(1)
-        yield from (run_case(case, method) for case in cases)
+        yield from (run_case(case, method, max_probability_wrong) for case in cases)
         return
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)) as pool:
-        yield from pool.map(run_case, cases, [method] * len(cases), chunksize=4)
+        limits = [max_probability_wrong] * len(cases)
+        yield from pool.map(run_case, cases, [method] * len(cases), limits, chunksize=4)
 
 
-def run_case(case: Case | BadCase, method: str, max_probability_wrong: float = 0.05) -> CaseResult:
+def run_case(case: Case | BadCase, method: str, max_probability_wrong: float = MAX_PROBABILITY_WRONG) -> CaseResult:
     """Localise one case. Whatever is wrong with its files becomes a `no_fix`."""
     if isinstance(case, BadCase):
         return CaseResult(case.case_id, None, Reason.BAD_INPUT, case.why)

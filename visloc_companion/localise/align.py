@@ -18,6 +18,8 @@ from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, nadir_o
 from visloc_companion.types import FloatArray
 
 TEMPLATE_SIGMA_PX = 1.0
+DENSE_PIXELS = 20000
+"""Larger windows are aligned on every other pixel of every other row: the features are smoother than that."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +34,7 @@ class Descent:
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
     """One Gauss-Newton step: `delta` (6,) metres north, east, up and radians about north, east, down; its normal equations'
-    matrix scaled to information (6, 6); correlation before the step; share of the pixels that both show."""
+    matrix scaled to information (6, 6); correlation before the step; number of pixels used."""
 
     delta: FloatArray
     information: FloatArray
@@ -84,30 +86,30 @@ def gauss_newton_step(
     `prior_information` (6, 6) and `prior_pull` (6,) are a Gaussian prior's normal equations at this pose.
     `correlated_px`: neighbouring pixels that carry one independent measurement.
     """
-    T, F = descent.template, frame
-    w = weight[..., None]
-    tt, ft, ff = (float(np.sum(a * b * w)) for a, b in ((T, T), (F, T), (F, F)))
+    stride = 2 if weight.size > DENSE_PIXELS else 1
+    picked = weight[::stride, ::stride] > 0
+    w = weight[::stride, ::stride][picked]
+    T, F, d_north, d_east = (a[::stride, ::stride][picked] for a in (descent.template, frame, descent.d_north, descent.d_east))
+    tt, ft, ff = (float(np.sum(w[:, None] * a * b)) for a, b in ((T, T), (F, T), (F, F)))
     score = ft / max(np.sqrt(tt * ff), 1e-9)
     rho = max(ft / max(tt, 1e-9), 0.05)
-    rows = np.flatnonzero(weight.ravel() > 0)
-    north, east = displacements(grid, pose)
-    N, E = north.reshape(6, -1)[:, rows], east.reshape(6, -1)[:, rows]
-    wr = weight.ravel()[rows]
+    north, east = displacements(grid, pose, stride)
+    N, E = north[:, picked], east[:, picked]
     H, b, g_t = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
-    residual_2 = 0.0
-    for c in range(T.shape[2]):
-        t, f = T[..., c].ravel()[rows], F[..., c].ravel()[rows]
-        G = N * descent.d_north[..., c].ravel()[rows] + E * descent.d_east[..., c].ravel()[rows]
-        Gw = G * wr
+    residual_2 = residual_t = 0.0
+    for c in range(T.shape[1]):
+        G = N * d_north[:, c] + E * d_east[:, c]
+        Gw = G * w
+        r = F[:, c] / np.float32(rho) - T[:, c]
         H += Gw @ G.T
-        r = f / rho - t
         b += Gw @ r
-        g_t += Gw @ t
-        residual_2 += float(np.sum(wr * r * r))
+        g_t += Gw @ T[:, c]
+        residual_2 += float(np.sum(w * r * r))
+        residual_t += float(np.sum(w * r * T[:, c]))
     H -= np.outer(g_t, g_t) / max(tt, 1e-9)
-    b -= g_t * (float(np.sum(w * T * (F / rho - T))) / max(tt, 1e-9))
-    n_pixels = float(wr.sum())
-    noise = max(residual_2 / max(n_pixels * T.shape[2], 1.0), 1e-6) * correlated_px
+    b -= g_t * (residual_t / max(tt, 1e-9))
+    n_pixels = float(w.sum())
+    noise = max(residual_2 / max(n_pixels * T.shape[1], 1.0), 1e-6) * correlated_px / stride**2
     information = H / noise
     total = information + prior_information
     damping = np.diag(np.diag(total)) * 1e-6 + np.eye(6) * 1e-9

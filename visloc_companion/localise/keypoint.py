@@ -135,4 +135,4 @@ def _pose(
 
 def _probability_wrong(inliers: int) -> float:
     """Logistic in the number of inliers, fitted on training rows (benchmarks/calibrate.py)."""
-    return 1 / (1 + math.exp(max(-50.0, min(50.0, 0.6 * (inliers - 8)))))
+    return 1 / (1 + math.exp(max(-50.0, min(50.0, 0.394 * inliers - 2.21))))

@@ -120,12 +120,13 @@ def _in_front(pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], up_
 
 
 def _hidden(pose: CameraPose, grid: MapGrid, steps: int = 8) -> NDArray[np.bool_]:
-    """Pixels whose line to the camera passes under the surface: marched at half resolution over the height that can hide."""
-    surface = grid.surface_up_m[::2, ::2]
+    """Pixels whose line to the camera passes under the surface: marched at a reduced resolution over the height that can hide."""
+    stride = max(2, round(max(grid.weight.shape) / 120))
+    surface = np.ascontiguousarray(grid.surface_up_m[::stride, ::stride])
     height, width = surface.shape
     u, v = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
     linear = np.linalg.inv(grid.A_ne_pix[:, :2])
-    nadir = (linear @ (pose.p_ned_m[:2] - grid.A_ne_pix[:, 2])) / 2
+    nadir = (linear @ (pose.p_ned_m[:2] - grid.A_ne_pix[:, 2])) / stride
     camera_up = -float(pose.p_ned_m[2])
     highest = float(surface.max())
     below = np.maximum(camera_up - surface, 1.0)

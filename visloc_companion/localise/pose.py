@@ -17,7 +17,9 @@ from visloc_companion.localise.ortho_rectify import CameraPose
 from visloc_companion.types import FloatArray
 
 CAUCHY = 2.0
-SIGMA_FLOOR = 0.15
+SIGMA_FLOOR = 0.8
+"""Least scatter that is believed (in the given sigmas): errors that neighbouring blocks share, of surface model and map, do not
+show in their differences."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -106,5 +106,5 @@ def _narrowed(plan: SearchPlan, pose: CameraPose) -> SearchPlan:
 
 def _probability_wrong(score: float, runner_up: float) -> float:
     """Logistic in the score and the runner-up ratio, fitted on training rows (benchmarks/calibrate.py)."""
-    logit = -4.0 + 5.0 * score + 12.0 * (1 - runner_up)
+    logit = -2.32 - 0.676 * score + 24.6 * (1 - runner_up)
     return 1 / (1 + math.exp(max(-50.0, min(50.0, logit))))
