@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 from random import Random
 from typing import Any, cast
 
@@ -13,9 +15,11 @@ import pytest
 from visloc_companion.errors import Reason
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
 from visloc_companion.localise.freshness import FreshFramesOnly
+from visloc_companion.prepare.build import build_pack
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.flight import Eyes
+from visloc_companion.sim.scene import Scene
 from visloc_companion.types import CameraModel, Fix, GeoPoint, Image, LocaliseRequest, NoFix, Quat, Vec3
 
 
@@ -74,3 +78,25 @@ def make_oracle_eyes(seed: int = 5, **how: Any) -> Eyes:
 def oracle_eyes() -> Callable[..., Eyes]:
     """`oracle_eyes(seed, sigma_m=, misses=, bias_ned_m=)`: the camera of poses and the oracle that reads them."""
     return make_oracle_eyes
+
+
+@dataclass(frozen=True)
+class TinyWorld:
+    """400 x 400 m of noise with one hill, 1 m pixels: a pack, and the files of what the camera sees (the same date)."""
+
+    pack: Path
+    ortho: Path
+    dsm: Path
+
+
+@pytest.fixture(scope="session")
+def tiny_world(tmp_path_factory: pytest.TempPathFactory) -> TinyWorld:
+    """Built once."""
+    folder, size_px, rng = tmp_path_factory.mktemp("tiny_world"), 400, np.random.default_rng(2)
+    pixels = rng.integers(0, 255, (size_px, size_px, 3)).astype(np.uint8)
+    v, u = np.mgrid[0:size_px, 0:size_px]
+    heights = 300.0 + 10.0 * np.exp(-((u - 120.0) ** 2 + (v - 250.0) ** 2) / 800.0)
+    T_map_pix = np.array([[1.0, 0.0, 500_000.0], [0.0, -1.0, 5_205_000.0]])
+    ortho, dsm = Scene(pixels, heights.astype(np.float32), T_map_pix, "EPSG:32632").save(folder)
+    build_pack([ortho], dsm, folder / "pack", capture_date="2026-01-01")
+    return TinyWorld(folder / "pack", ortho, dsm)

@@ -53,6 +53,12 @@ def spinner(what: str) -> Iterator[Callable[[str], None]]:
         yield lambda stage: status.update(f"{what}: {stage}")
 
 
+def require_folder(path: Path | None, option: str) -> None:
+    """Find out before long work that its result could not be written. Raises ConfigError naming the option."""
+    if path is not None and not path.parent.is_dir():
+        raise ConfigError("its folder does not exist", where=str(path), remedy=f"name a file in an existing folder for {option}")
+
+
 def write_json(path: Path, result: dict[str, Any]) -> None:
     """Write UTF-8 JSON. Raises ConfigError where the file cannot be written, ValueError for a number that is not finite."""
     text = json.dumps(result, indent=1, allow_nan=False, ensure_ascii=False)

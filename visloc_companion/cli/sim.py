@@ -36,6 +36,7 @@ def sim(
     """Fly a scenario in simulated time and judge it. Exit code 1 when it does not show what is expected."""
     from dataclasses import replace
 
+    from visloc_companion.cli.progress import require_folder
     from visloc_companion.evaluate.campaign import FlightSpec, campaign_specs
 
     if list_all:
@@ -50,6 +51,8 @@ def sim(
         raise ConfigError("name either --scenario or --campaign", remedy="visloc sim --list")
     if campaign and report is not None:
         raise ConfigError("--report shows one flight", remedy="give it with --scenario")
+    require_folder(json_file, "--json")
+    require_folder(report, "--report")
     nowhere = Path()
     spec = FlightSpec(scenario or "demo", nowhere, nowhere, None, dialect, vehicle, seed, method, not without_daemon)
     specs = campaign_specs(campaign, spec) if campaign else [spec]

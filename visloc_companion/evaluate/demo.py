@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from visloc_companion.app.journal import read_journal
-from visloc_companion.errors import LinkError
+from visloc_companion.errors import ConfigError, LinkError
 from visloc_companion.evaluate.campaign import result_of
 from visloc_companion.evaluate.closed_loop import ALERT_LIMIT_M, FlightWorld, FlownScenario, fault_intervals, fly, judged
 from visloc_companion.evaluate.gate import Check
@@ -61,9 +61,12 @@ class DemoResult:
 def run_demo(out: Path, dialect: AutopilotKind, speed: float, on_stage: Stage) -> DemoResult:
     """Make the world, fly with the daemon and without, judge, and write `out/report.html`.
 
-    Raises LinkError where one of the processes ended early, with the end of its log.
+    Raises LinkError where one of the processes ended early, with the end of its log, ConfigError where `out` cannot be made.
     """
-    out.mkdir(parents=True, exist_ok=True)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as why:
+        raise ConfigError(f"cannot be made: {why}", where=str(out), remedy="name a writable folder for --out") from why
     world_files = procedural_world(1, on_stage=on_stage)
     reference = PackMap.open(world_files.pack, verify_hashes=True)
     scene = Scene.load(world_files.flight_ortho, world_files.flight_dsm)

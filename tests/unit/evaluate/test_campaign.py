@@ -1,0 +1,185 @@
+"""Flights by description: names, files of campaigns, results and totals."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from visloc_companion.errors import ConfigError, MapError
+from visloc_companion.evaluate import closed_loop
+from visloc_companion.evaluate.campaign import (
+    CAMPAIGNS,
+    FlightSpec,
+    campaign_specs,
+    find_scenario,
+    fly_spec,
+    result_of,
+    run_campaign,
+)
+from visloc_companion.sim.flight import Eyes
+from visloc_companion.sim.scenarios import DEMO, SCENARIOS
+
+REPLAY_FIELDS = {
+    *("schema", "duration_s", "n_frames", "n_fixes", "n_no_fix", "reasons", "error_horizontal_m", "availability", "hmi"),
+    *("misleading", "nees", "gnss", "injected", "latency_ms", "epochs"),
+}
+SIM_FIELDS = {"scenario", "autopilot", "vehicle", "seed", "failsafe", "pulled_m", "modes", "verdicts", "passed", "expected"}
+EXTRAS = {"dialect", "method", "with_daemon"}
+NOWHERE = Path()
+MakeEyes = Callable[..., Eyes]
+
+
+@pytest.fixture
+def spec(tiny_world: Any) -> FlightSpec:
+    return FlightSpec("jam", tiny_world.pack, tiny_world.ortho, tiny_world.dsm)
+
+
+def numbers(value: Any) -> list[float]:
+    if isinstance(value, dict):
+        return [number for item in value.values() for number in numbers(item)]
+    if isinstance(value, list | tuple):
+        return [number for item in value for number in numbers(item)]
+    return [value] if isinstance(value, float) else []
+
+
+def test_the_result_has_the_fields_of_the_interface(
+    spec: FlightSpec, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(closed_loop, "eyes_over", lambda *_: oracle_eyes())
+    told: list[float] = []
+    flown = fly_spec(replace(spec, dialect="px4", seed=3), told.append)
+    result = json.loads(json.dumps(result_of(flown, "gradient"), allow_nan=False))
+    assert set(result) == REPLAY_FIELDS | SIM_FIELDS | EXTRAS
+    assert set(result["error_horizontal_m"]) == {"mean", "median", "p95", "max"}
+    assert set(result["gnss"]) == {"detected_at_s", "false_alarms"}
+    assert set(result["injected"]) == {"n", "rate_hz", "gap_max_ms"}
+    assert set(result["latency_ms"]) == {"p50", "p95", "p99"}
+    assert all(math.isfinite(number) for number in numbers(result))
+    assert [result[name] for name in ("scenario", "autopilot", "dialect", "vehicle", "seed")] == [
+        "jam",
+        "built-in",
+        "px4",
+        "copter",
+        3,
+    ]
+    assert result["passed"] is True
+    assert result["failsafe"] is None
+    assert {"name", "value", "limit", "passed"} == set(result["expected"][0])
+    assert [name for _, name in result["modes"]] == ["waiting", "shadow", "aiding"]
+    assert [name for _, name in result["verdicts"]] == ["denied", "ok", "denied"]
+    assert result["verdicts"][-1][0] == result["gnss"]["detected_at_s"] == pytest.approx(31.5, abs=1.5)
+    assert len(told) == 120
+
+
+def test_without_the_daemon_nothing_is_expected(spec: FlightSpec) -> None:
+    result = result_of(fly_spec(replace(spec, scenario="slow_drag", with_daemon=False)), "gradient", with_daemon=False)
+    json.dumps(result, allow_nan=False)
+    assert (result["n_frames"], result["expected"], result["passed"], result["modes"]) == (0, [], True, [])
+    assert result["pulled_m"] == pytest.approx(120.0, abs=3.0)
+    assert result["with_daemon"] is False
+
+
+def test_a_plane_flies_too(spec: FlightSpec, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(closed_loop, "eyes_over", lambda *_: oracle_eyes())
+    flown = fly_spec(replace(spec, vehicle="plane"))
+    assert flown.setup.vehicle == "plane"
+    assert flown.passed, [check for check in flown.checks if not check.passed]
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"scenario": "picnic"}, "unknown scenario 'picnic'.*jam, .*demo"),
+        ({"dialect": "betaflight"}, "unknown dialect 'betaflight'.*ardupilot, px4"),
+        ({"vehicle": "boat"}, "unknown vehicle 'boat'.*copter, plane"),
+        ({"method": "guess"}, "unknown method 'guess'.*gradient"),
+        ({"seed": "1"}, "seed is '1', no int"),
+        ({"seed": True}, "seed is True, no int"),
+        ({"with_daemon": 1}, "with_daemon is 1, no bool"),
+        ({"scenario": ["jam"]}, "scenario is .*, no str"),
+    ],
+)
+def test_a_flight_that_is_none_is_refused(change: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(ConfigError, match=complaint):
+        FlightSpec(**{"scenario": "jam", "pack": NOWHERE, "camera_ortho": NOWHERE, "camera_dsm": None} | change)
+
+
+def test_scenarios_are_found_by_name() -> None:
+    assert find_scenario("demo") is DEMO
+    assert find_scenario("no_gnss") is SCENARIOS["no_gnss"]
+
+
+def test_files_that_are_not_there_are_named(spec: FlightSpec, tmp_path: Path) -> None:
+    with pytest.raises(MapError, match="none"):
+        fly_spec(replace(spec, pack=tmp_path / "none"))
+    with pytest.raises(MapError, match=r"none\.tif"):
+        fly_spec(replace(spec, camera_ortho=tmp_path / "none.tif"))
+
+
+@pytest.mark.parametrize("name", CAMPAIGNS)
+def test_a_named_campaign_flies_every_scenario(name: str, spec: FlightSpec) -> None:
+    specs = campaign_specs(name, spec)
+    dialects, vehicles, seeds = CAMPAIGNS[name]
+    assert len(specs) == len(set(specs)) == len(SCENARIOS) * len(dialects) * len(vehicles) * len(seeds)
+    assert {one.scenario for one in specs} == set(SCENARIOS)
+    assert {one.pack for one in specs} == {spec.pack}
+
+
+def test_a_campaign_file_changes_the_template(spec: FlightSpec, tmp_path: Path) -> None:
+    path = tmp_path / "campaign.json"
+    path.write_text(json.dumps([{"scenario": "jam", "seed": 7}, {"scenario": "demo", "dialect": "px4", "vehicle": "plane"}]))
+    assert campaign_specs(str(path), spec) == [
+        replace(spec, seed=7),
+        replace(spec, scenario="demo", dialect="px4", vehicle="plane"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("{", "is no campaign"),
+        ("[]", "holds no list of flights"),
+        ('{"scenario": "jam"}', "holds no list of flights"),
+        ('[{"seed": 1}]', "entry 0 needs scenario"),
+        ('["jam"]', "entry 0 needs scenario"),
+        ('[{"scenario": "jam"}, {"scenario": "jam", "sead": 1}]', "entry 1 needs scenario and may have dialect"),
+        ('[{"scenario": "jam"}, {"scenario": "picnic"}]', "entry 1: unknown scenario 'picnic'"),
+        ('[{"scenario": "jam", "seed": 1.5}]', "entry 0: seed is 1.5, no int"),
+    ],
+)
+def test_a_wrong_campaign_file_is_named_with_its_entry(spec: FlightSpec, tmp_path: Path, text: str, complaint: str) -> None:
+    path = tmp_path / "campaign.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match=complaint) as caught:
+        campaign_specs(str(path), spec)
+    assert str(path) in str(caught.value)
+
+
+def test_an_unknown_campaign_names_the_known_ones(spec: FlightSpec) -> None:
+    with pytest.raises(ConfigError, match="scenarios, vehicles or a JSON file"):
+        campaign_specs("nothing", spec)
+
+
+def test_a_campaign_adds_its_flights_up(spec: FlightSpec) -> None:
+    """In processes of their own, told one by one in the order asked for."""
+    told: list[str] = []
+    specs = [replace(spec, scenario=name, with_daemon=False) for name in ("step_spoof", "no_gnss")]
+    outcome = run_campaign(specs, 2, lambda result: told.append(result["scenario"]))
+    assert told == ["step_spoof", "no_gnss"]
+    assert [flight["scenario"] for flight in outcome["flights"]] == told
+    assert outcome["totals"] == {
+        "flights": 2,
+        "passed": 2,
+        "fix_epochs": 0,
+        "hmi": 0,
+        "availability": None,
+        "protection_level_median_m": None,
+        "error_median_m": None,
+    }
+    json.dumps(outcome, allow_nan=False)
