@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from visloc_companion.errors import ConfigError
 
-PLAIN_STEP = 0.1
+PLAIN_STEPS = 10
 
 
 @contextmanager
@@ -25,19 +26,20 @@ def bar(what: str, total: float) -> Iterator[Callable[[float], None]]:
         return
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task(what, total=total)
+        task = progress.add_task(escape(what), total=total)
         yield lambda done: progress.update(task, completed=done)
 
 
 def _plain(console: Console, what: str, total: float) -> Callable[[float], None]:
-    told = 0.0
+    told = 0
 
     def advance(done: float) -> None:
         nonlocal told
         share = done / total if total > 0 else 1.0
-        if share >= told + PLAIN_STEP:
-            told = share
-            console.print(f"{what}: {share:.0%}", highlight=False)
+        steps = int(share * PLAIN_STEPS + 1e-9)
+        if steps > told:
+            told = steps
+            console.print(f"{what}: {share:.0%}", highlight=False, markup=False)
 
     return advance
 
@@ -47,10 +49,10 @@ def spinner(what: str) -> Iterator[Callable[[str], None]]:
     """A line that says what goes on; call with the stage."""
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield lambda stage: console.print(f"{what}: {stage}", highlight=False)
+        yield lambda stage: console.print(f"{what}: {stage}", highlight=False, markup=False)
         return
-    with console.status(what) as status:
-        yield lambda stage: status.update(f"{what}: {stage}")
+    with console.status(escape(what)) as status:
+        yield lambda stage: status.update(escape(f"{what}: {stage}"))
 
 
 def require_folder(path: Path | None, option: str) -> None:

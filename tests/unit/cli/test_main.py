@@ -1,0 +1,86 @@
+"""The command itself: quick to start, and clear about what went wrong."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+from visloc_companion import __version__, errors
+from visloc_companion.cli import main as module
+from visloc_companion.errors import CameraError, ConfigError, JournalError, LinkError, MapError, VislocError, WorkerError
+
+HEAVY = {"cv2", "numpy", "rasterio", "pymavlink", "pydantic", "pyproj", "filterpy", "mcap", "structlog", "serial"}
+PRINT_MODULES = "import sys, visloc_companion.cli.main; print(*sorted(m.partition('.')[0] for m in sys.modules))"
+
+
+def test_nothing_heavy_is_imported_before_a_command_runs() -> None:
+    """`visloc --help` answers at once because the libraries are imported by the commands that need them."""
+    done = subprocess.run([sys.executable, "-c", PRINT_MODULES], capture_output=True, text=True, check=True)
+    assert HEAVY & set(done.stdout.split()) == set()
+    assert "typer" in done.stdout.split()
+
+
+def test_every_command_is_named_in_the_help() -> None:
+    result = CliRunner().invoke(module.app, ["--help"])
+    assert result.exit_code == 0
+    for command in ("run", "replay", "sim", "demo", "map", "evaluate"):
+        assert f" {command} " in result.output
+    assert CliRunner().invoke(module.app, []).output.strip() == result.output.strip()
+
+
+@pytest.mark.parametrize("command", ["run", "replay", "sim", "demo", "map", "evaluate"])
+def test_every_command_has_help(command: str) -> None:
+    result = CliRunner().invoke(module.app, [command, "-h"])
+    assert result.exit_code == 0
+    assert "Usage" in result.output
+
+
+def test_the_version_is_the_packages() -> None:
+    result = CliRunner().invoke(module.app, ["--version"])
+    assert (result.exit_code, result.output) == (0, f"visloc-companion {__version__}\n")
+
+
+@pytest.mark.parametrize("arguments", [["fly"], ["sim", "--sead", "1"], ["sim", "--seed", "one"], ["sim", "--jobs", "0"]])
+def test_wrong_usage_is_2(arguments: list[str]) -> None:
+    assert CliRunner().invoke(module.app, arguments).exit_code == 2
+
+
+def test_the_exit_code_tells_the_kind_of_error() -> None:
+    codes = {ConfigError: 2, LinkError: 4, MapError: 3, CameraError: 3, JournalError: 3, WorkerError: 3}
+    for kind, code in codes.items():
+        assert module.exit_code(kind("what")) == code
+    kinds = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, VislocError)]
+    assert {module.exit_code(kind("what")) for kind in kinds} == {2, 3, 4}
+
+
+@pytest.mark.parametrize(
+    ("error", "line", "code"),
+    [
+        (ConfigError("is wrong", where="a.toml", remedy="mend it"), "error: a.toml: is wrong; remedy: mend it\n", 2),
+        (CameraError("is gone", where="/dev/video0"), "camera error: /dev/video0: is gone\n", 3),
+        (LinkError("is silent"), "error: is silent\n", 4),
+    ],
+)
+def test_an_error_becomes_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], error: VislocError, line: str, code: int
+) -> None:
+    def fail() -> None:
+        raise error
+
+    monkeypatch.setattr(module, "app", fail)
+    with pytest.raises(SystemExit) as end:
+        module.main()
+    assert end.value.code == code
+    assert capsys.readouterr().err == line
+
+
+def test_other_exceptions_are_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(module, "app", fail)
+    with pytest.raises(ZeroDivisionError):
+        module.main()

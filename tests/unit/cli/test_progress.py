@@ -1,0 +1,73 @@
+"""Progress goes to stderr in plain lines where it is no terminal; results are JSON without infinities."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from visloc_companion.cli import progress
+from visloc_companion.cli.progress import bar, require_folder, spinner, write_json
+from visloc_companion.errors import ConfigError
+
+
+def test_a_bar_tells_every_tenth_once(capsys: pytest.CaptureFixture[str]) -> None:
+    with bar("flying", 200.0) as advance:
+        for done in range(201):
+            advance(float(done))
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.splitlines() == [f"flying: {share}%" for share in range(10, 101, 10)]
+
+
+def test_a_bar_of_nothing_is_done(capsys: pytest.CaptureFixture[str]) -> None:
+    with bar("flying", 0.0) as advance:
+        advance(0.0)
+    assert capsys.readouterr().err == "flying: 100%\n"
+
+
+def test_a_spinner_tells_its_stages(capsys: pytest.CaptureFixture[str]) -> None:
+    with spinner("world") as tell:
+        tell("making [the] landscape")
+        tell("building")
+    told = capsys.readouterr()
+    assert (told.out, told.err) == ("", "world: making [the] landscape\nworld: building\n")
+
+
+def test_a_terminal_is_left_clean(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """On a terminal the bar and the spinner vanish when they are done, and an error inside passes through."""
+    monkeypatch.setattr(progress, "Console", lambda **_: Console(stderr=True, force_terminal=True, width=80))
+    with bar("flying", 10.0) as advance:
+        advance(5.0)
+    with pytest.raises(ZeroDivisionError), spinner("world") as tell:
+        tell("making")
+        raise ZeroDivisionError
+    assert capsys.readouterr().out == ""
+
+
+def test_json_is_utf8_and_finite(tmp_path: Path) -> None:
+    path = tmp_path / "result.json"
+    write_json(path, {"limit": "≤ 2 m", "median_m": 0.5, "modes": [(0.0, "waiting")], "failsafe": None})
+    text = path.read_text(encoding="utf-8")
+    assert "≤ 2 m" in text
+    assert text.endswith("}\n")
+    assert json.loads(text)["modes"] == [[0.0, "waiting"]]
+    for number in (math.nan, math.inf):
+        with pytest.raises(ValueError, match="not JSON compliant"):
+            write_json(tmp_path / "never.json", {"value": number})
+    assert not (tmp_path / "never.json").exists()
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"cannot be written.*--json"):
+        write_json(tmp_path, {})
+
+
+def test_a_folder_that_is_missing_is_found_before_the_work(tmp_path: Path) -> None:
+    require_folder(None, "--json")
+    require_folder(tmp_path / "result.json", "--json")
+    with pytest.raises(ConfigError, match=r"its folder does not exist.*--report"):
+        require_folder(tmp_path / "none" / "report.html", "--report")

@@ -1,0 +1,141 @@
+"""`visloc sim`: flights, campaigns, their files and exit codes."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from visloc_companion.cli.sim import sim
+from visloc_companion.errors import ConfigError, MapError
+from visloc_companion.evaluate import closed_loop
+from visloc_companion.prepare import world
+from visloc_companion.sim.flight import Eyes
+from visloc_companion.sim.scenarios import SCENARIOS
+
+app = typer.Typer()
+app.command()(sim)
+MakeEyes = Callable[..., Eyes]
+
+
+def run(*arguments: str | Path) -> tuple[int, str]:
+    """Exit code and output; errors of the package are raised."""
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result.exit_code, result.stdout
+
+
+@pytest.fixture
+def places(tiny_world: Any) -> list[str]:
+    return ["--map", str(tiny_world.pack), "--camera-ortho", str(tiny_world.ortho), "--camera-dsm", str(tiny_world.dsm)]
+
+
+def test_the_list_names_scenarios_and_campaigns() -> None:
+    code, text = run("--list")
+    assert code == 0
+    assert [line.split()[0] for line in text.splitlines()] == [*SCENARIOS, "demo", "scenarios", "vehicles"]
+
+
+def test_a_good_flight_is_told_judged_and_written(
+    places: list[str], tmp_path: Path, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(closed_loop, "eyes_over", lambda *_: oracle_eyes())
+    files = "--json", tmp_path / "jam.json", "--report", tmp_path / "jam.html"
+    code, text = run("--scenario", "jam", "--dialect", "px4", "--seed", "3", *places, *files)
+    assert code == 0
+    assert text.startswith("PASS jam px4 copter seed 3: error median ")
+    assert text.count("\n  ok   ") == 8
+    result = json.loads((tmp_path / "jam.json").read_text(encoding="utf-8"))
+    assert (result["scenario"], result["autopilot"], result["passed"]) == ("jam", "built-in", True)
+    assert result["epochs"] == str(tmp_path / "jam-epochs.csv")
+    with (tmp_path / "jam-epochs.csv").open(encoding="utf-8", newline="") as file:
+        epochs = list(csv.DictReader(file))
+    assert len(epochs) == 1200
+    assert epochs[-1]["verdict"] == "denied"
+    page = (tmp_path / "jam.html").read_text(encoding="utf-8")
+    assert "PASS" in page
+    assert "With the daemon" in page, "the flight without it is shown beside"
+    assert "data:image/jpeg" in page
+
+
+def test_a_flight_that_fails_exits_with_1(
+    places: list[str], tmp_path: Path, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(closed_loop, "eyes_over", lambda *_: oracle_eyes(misses=1.0))
+    code, text = run("--scenario", "jam", *places, "--json", tmp_path / "jam.json")
+    assert code == 1
+    assert text.startswith("FAIL jam ardupilot copter")
+    assert "  FAIL failsafe: " in text
+    result = json.loads((tmp_path / "jam.json").read_text(encoding="utf-8"))
+    assert result["passed"] is False
+    assert result["failsafe"]
+
+
+def test_without_the_daemon(places: list[str], tmp_path: Path) -> None:
+    files = "--json", tmp_path / "jam.json", "--report", tmp_path / "jam.html"
+    code, text = run("--scenario", "jam", "--without-daemon", *places, *files)
+    assert code == 0
+    assert "failsafe EKF Failsafe" in text
+    result = json.loads((tmp_path / "jam.json").read_text(encoding="utf-8"))
+    assert (result["with_daemon"], result["n_frames"], result["expected"]) == (False, 0, [])
+    assert "NO GATE" in (tmp_path / "jam.html").read_text(encoding="utf-8")
+
+
+def test_a_campaign_from_a_file(places: list[str], tmp_path: Path) -> None:
+    campaign = tmp_path / "two.json"
+    flights = [{"scenario": "jam", "with_daemon": False}, {"scenario": "slow_drag", "with_daemon": False, "vehicle": "plane"}]
+    campaign.write_text(json.dumps(flights), encoding="utf-8")
+    code, text = run("--campaign", campaign, *places, "--json", tmp_path / "out.json", "--jobs", "2")
+    assert code == 0
+    assert "flights=2 passed=2" in text
+    outcome = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
+    assert [(flight["scenario"], flight["vehicle"]) for flight in outcome["flights"]] == [
+        ("jam", "copter"),
+        ("slow_drag", "plane"),
+    ]
+    needed = {"flights", "fix_epochs", "hmi", "availability", "protection_level_median_m", "error_median_m"}
+    assert needed <= set(outcome["totals"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        ([], "name either --scenario or --campaign"),
+        (["--scenario", "jam", "--campaign", "scenarios"], "name either --scenario or --campaign"),
+        (["--scenario", "picnic"], "unknown scenario 'picnic'"),
+        (["--scenario", "jam", "--dialect", "betaflight"], "unknown dialect 'betaflight'"),
+        (["--scenario", "jam", "--vehicle", "boat"], "unknown vehicle 'boat'"),
+        (["--scenario", "jam", "--method", "guess"], "unknown method 'guess'"),
+        (["--scenario", "jam", "--autopilot", "px4"], "--autopilot px4: flights against a real simulator"),
+        (["--campaign", "scenarios", "--report", "report.html"], "--report shows one flight"),
+        (["--campaign", "nothing.json"], "is no campaign"),
+        (["--scenario", "jam", "--json", "none/result.json"], "its folder does not exist"),
+        (["--scenario", "jam", "--map", "pack"], "--map and --camera-ortho go together"),
+        (["--scenario", "jam", "--camera-ortho", "ortho.tif"], "--map and --camera-ortho go together"),
+    ],
+)
+def test_what_cannot_be_flown_is_refused_before_any_work(
+    arguments: list[str], complaint: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Before the procedural world is made, which takes half a minute."""
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("the world was made")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(world, "procedural_world", never)
+    with pytest.raises(ConfigError, match=complaint):
+        run(*arguments)
+
+
+def test_a_map_that_is_too_small_is_refused(tiny_world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(closed_loop, "_reach_m", lambda *_: 100.0)
+    with pytest.raises(MapError, match="too little for a flight"):
+        run("--scenario", "jam", "--without-daemon", "--map", tiny_world.pack, "--camera-ortho", tiny_world.ortho)

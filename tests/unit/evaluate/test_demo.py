@@ -1,0 +1,160 @@
+"""The demonstration: what its processes are told, what becomes of their ends, and how the flight is judged."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from visloc_companion.adapters.mavlink.session import MavlinkSession
+from visloc_companion.adapters.mavlink.settings import SessionSettings
+from visloc_companion.app.settings import camera_model, core_settings
+from visloc_companion.config import load_config
+from visloc_companion.core.navigator import Navigator
+from visloc_companion.errors import ConfigError, LinkError
+from visloc_companion.evaluate import demo
+from visloc_companion.evaluate.closed_loop import simulated_config
+from visloc_companion.evaluate.demo import run_demo
+from visloc_companion.prepare.world import ProceduralWorld
+from visloc_companion.sim.flight import ClosedLoopFlight, Eyes, FlightLog
+from visloc_companion.sim.scenarios import DEMO
+from visloc_companion.sim.server import ServerPlan
+from visloc_companion.sim.setup import FlightArea, FlightSetup
+from visloc_companion.types import AutopilotKind, GeoPoint
+
+MakeEyes = Callable[..., Eyes]
+SETUP = FlightSetup(DEMO, FlightArea(GeoPoint(47.4, 8.55, 480.0), 1000.0, 0.5), AutopilotKind.PX4, "copter", 1)
+
+
+@pytest.fixture
+def world(tiny_world: Any) -> ProceduralWorld:
+    return ProceduralWorld(tiny_world.pack, tiny_world.ortho, tiny_world.dsm)
+
+
+def test_the_daemon_is_told_what_the_autopilot_is_told(world: ProceduralWorld, tmp_path: Path) -> None:
+    """Ports, camera, clock and pack of both processes fit together, in a file that the daemon accepts."""
+    plan = demo._plan(tmp_path, SETUP, world, 2.0)
+    plan.save(tmp_path / "plan.json")
+    assert ServerPlan.load(tmp_path / "plan.json") == plan
+    assert plan.setup() == SETUP
+    path = tmp_path / "visloc.toml"
+    path.write_text(demo._config_text(SETUP, plan, world), encoding="utf-8")
+    config = load_config(path)
+    assert config.link.url == f"udpin:127.0.0.1:{plan.mavlink_port}"
+    assert config.camera.url == f"tcp:127.0.0.1:{plan.camera_port}"
+    assert camera_model(config.camera) == SETUP.camera_model()
+    assert config.clock.speed == plan.speed == 2.0
+    assert config.localiser.max_rate_hz == plan.frame_rate_hz
+    assert Path(config.map.pack) == world.pack
+    assert Path(config.journal.folder) == tmp_path
+    assert config.injection.switch_source
+    assert not list(tmp_path.glob("*.mcap"))
+
+
+@contextmanager
+def processes(*codes: str) -> Iterator[list[subprocess.Popen[bytes]]]:
+    running = [subprocess.Popen([sys.executable, "-c", code]) for code in codes]
+    try:
+        yield running
+    finally:
+        for process in running:
+            demo._stop(process)
+            assert process.poll() is not None
+
+
+SLEEPS = "import time; time.sleep(60)"
+
+
+def test_a_daemon_that_ends_early_is_told_with_its_log(tmp_path: Path) -> None:
+    (tmp_path / "daemon.log").write_text("error: camera: no such device\n")
+    with (
+        processes(SLEEPS, "pass") as (pilot, daemon),
+        pytest.raises(LinkError, match=r"ended early: error: camera: no such device"),
+    ):
+        demo._wait(pilot, daemon, tmp_path, 30.0)
+
+
+def test_an_autopilot_that_fails_is_told_with_its_log(tmp_path: Path) -> None:
+    (tmp_path / "autopilot.log").write_text("error: plan\n")
+    with (
+        processes("raise SystemExit(2)", SLEEPS) as (pilot, daemon),
+        pytest.raises(LinkError, match=r"autopilot ended early: error"),
+    ):
+        demo._wait(pilot, daemon, tmp_path, 30.0)
+
+
+def test_a_flight_that_does_not_end_is_broken_off(tmp_path: Path) -> None:
+    with processes(SLEEPS, SLEEPS) as (pilot, daemon), pytest.raises(LinkError, match="did not end in time"):
+        demo._wait(pilot, daemon, tmp_path, -demo.STARTUP_S)
+
+
+def test_a_process_that_ignores_the_signal_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(demo, "SHUTDOWN_S", 0.3)
+    stubborn = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print(flush=True); time.sleep(60)"
+    process = subprocess.Popen([sys.executable, "-c", stubborn], stdout=subprocess.PIPE)
+    with process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        demo._stop(process)
+    assert process.returncode == -9
+
+
+def test_a_daemon_without_a_journal_is_told(tmp_path: Path) -> None:
+    with pytest.raises(LinkError, match=r"wrote no journal.*daemon\.log"):
+        demo._journal(tmp_path)
+
+
+def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(ConfigError, match=r"cannot be made.*--out"):
+        run_demo(tmp_path / "file" / "out", AutopilotKind.PX4, 2.0, lambda _: None)
+
+
+@pytest.fixture
+def fly_here(world: ProceduralWorld, monkeypatch: pytest.MonkeyPatch) -> Callable[[Eyes], None]:
+    """In place of the two processes and their journal: the same flight in simulated time, in this process."""
+
+    def prepare(eyes: Eyes) -> None:
+        def fly(out: Path, setup: FlightSetup, *_: object) -> FlightLog:
+            navigator = Navigator(core_settings(simulated_config(setup)))
+            log = ClosedLoopFlight(setup.autopilot(), navigator, MavlinkSession(SessionSettings()), eyes).run(DEMO.duration_s)
+            (out / "flight.mcap").touch()
+            monkeypatch.setattr(demo, "read_journal", lambda _: log.entries)
+            return log
+
+        monkeypatch.setattr(demo, "procedural_world", lambda *_, **__: world)
+        monkeypatch.setattr(demo, "_fly_processes", fly)
+
+    return prepare
+
+
+def test_a_good_flight_passes_and_is_reported(tmp_path: Path, oracle_eyes: MakeEyes, fly_here: Callable[[Eyes], None]) -> None:
+    fly_here(oracle_eyes())
+    stages: list[str] = []
+    result = run_demo(tmp_path / "out", AutopilotKind.ARDUPILOT, 2.0, stages.append)
+    assert result.passed, [check for check in result.flown.checks if not check.passed]
+    assert stages == ["flying without the daemon", "writing the report"]
+    names = [check.name for check in result.flown.checks]
+    assert names[-1] == "off without the daemon"
+    stated = json.loads(json.dumps(result.as_json(), allow_nan=False))
+    assert stated["scenario"] == "demo"
+    assert stated["passed"] is True
+    assert stated["off_without_daemon_m"] > 100.0
+    assert stated["gnss"]["detected_at_s"] == pytest.approx(75.0, abs=16.0)
+    page = result.report.read_text(encoding="utf-8")
+    assert page.count("PASS") >= 1
+    assert "data:image/jpeg" in page
+    assert "off without the daemon" in page
+
+
+def test_a_blind_flight_fails(tmp_path: Path, oracle_eyes: MakeEyes, fly_here: Callable[[Eyes], None]) -> None:
+    fly_here(oracle_eyes(misses=1.0))
+    result = run_demo(tmp_path, AutopilotKind.ARDUPILOT, 2.0, lambda _: None)
+    assert not result.passed
+    assert "FAIL" in result.report.read_text(encoding="utf-8")

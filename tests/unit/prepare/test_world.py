@@ -1,0 +1,90 @@
+"""The procedural world: made once, whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from visloc_companion.maps.pack import PackMap
+from visloc_companion.prepare import world as module
+from visloc_companion.prepare.world import ProceduralWorld, cache_folder, procedural_world
+from visloc_companion.sim.landscape import build_landscape
+from visloc_companion.sim.scene import Scene
+
+SIZE_M = 400.0
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ProceduralWorld, list[str]]:
+    folder, told = tmp_path_factory.mktemp("worlds"), list[str]()
+    return folder, procedural_world(3, folder, told.append, SIZE_M), told
+
+
+def test_the_pack_is_the_older_date_and_the_scene_the_newer(kept: tuple[Path, ProceduralWorld, list[str]]) -> None:
+    _, world, _ = kept
+    pack = PackMap.open(world.pack, verify_hashes=True)
+    assert pack.shape == (800, 800)
+    newer = Scene.load(world.flight_ortho, world.flight_dsm)
+    assert np.array_equal(newer.pixels, build_landscape(3, "flight", SIZE_M).pixels)
+    assert newer.center_map == pytest.approx(pack.center_map_m, abs=0.01)
+    older = build_landscape(3, "map", SIZE_M)
+    patch = pack.patch(pack.center_map_m, (300, 300), 0.5, 0.0)
+    assert np.mean(np.abs(patch.pixels.astype(float) - older.pixels[250:550, 250:550])) < 3.0
+    assert np.mean(np.abs(patch.pixels.astype(float) - newer.pixels[250:550, 250:550])) > 10.0
+
+
+def test_it_is_made_only_once(kept: tuple[Path, ProceduralWorld, list[str]]) -> None:
+    folder, world, told = kept
+    again: list[str] = []
+    before = sorted((path, path.stat().st_mtime_ns) for path in folder.rglob("*"))
+    assert procedural_world(3, folder, again.append, SIZE_M) == world
+    assert sorted((path, path.stat().st_mtime_ns) for path in folder.rglob("*")) == before
+    assert (told, again) == (["making the landscape of two dates", "building the map pack"], [])
+
+
+def test_nothing_is_left_of_a_world_that_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The next attempt begins anew, and never finds half a world."""
+    monkeypatch.setattr(module, "ProcessPoolExecutor", _Broken)
+    with pytest.raises(OSError, match="no space left"):
+        procedural_world(3, tmp_path, size_m=SIZE_M)
+    assert list(tmp_path.iterdir()) == []
+
+
+class _Broken:
+    def __init__(self, *_: object, **__: object) -> None:
+        raise OSError("no space left")
+
+
+def test_who_was_faster_wins(tmp_path: Path) -> None:
+    """Two processes make the same world: the second one's draft gives way to the first one's world."""
+    draft, home = tmp_path / "draft", tmp_path / "home"
+    for folder in (draft, home):
+        folder.mkdir()
+        (folder / folder.name).touch()
+    module._keep(draft, home)
+    assert [path.name for path in home.iterdir()] == ["home"]
+    with pytest.raises(OSError, match="missing"):
+        module._keep(tmp_path / "missing", tmp_path / "other")
+
+
+def test_the_cache_is_the_users(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache_folder() == tmp_path / "visloc"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert cache_folder() == tmp_path / ".cache" / "visloc"
+
+
+def test_other_code_makes_another_world(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The digest of the code that makes worlds is part of the folder's name."""
+    package = tmp_path / "visloc_companion"
+    (package / "sim").mkdir(parents=True)
+    monkeypatch.setattr(module.visloc_companion, "__file__", str(package / "__init__.py"))
+    digests = []
+    for text in ("a = 1\n", "a = 2\n"):
+        (package / "sim" / "landscape_x.py").write_text(text)
+        digests.append(module._sources_digest())
+    (package / "sim" / "vehicle.py").write_text("b = 1\n")
+    assert digests[0] != digests[1] == module._sources_digest()
