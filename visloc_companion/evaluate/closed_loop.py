@@ -18,7 +18,7 @@ from visloc_companion.errors import MapError
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.metrics import Interval, error_figures, flight_summary
 from visloc_companion.evaluate.record import FlightRecord, from_entries
-from visloc_companion.geo.wgs84 import distance_m, geo_from_ned
+from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.localise.freshness import FreshFramesOnly
 from visloc_companion.localise.registry import make_localiser
 from visloc_companion.maps.pack import PackMap
@@ -97,8 +97,8 @@ def fly_with(setup: FlightSetup, eyes: Eyes | None, on_progress: Callable[[float
         record = from_entries(log.entries, log.truth, t0_ns=CLOCK_OFFSET_NS)
         return FlownScenario(setup, log, record, flight_summary(record, alert_limit_m=ALERT_LIMIT_M), [])
     navigator = Navigator(core_settings(simulated_config(setup)))
-    operator = _operator(setup, pilot.truth().place)
-    flight = ClosedLoopFlight(pilot, navigator, MavlinkSession(SessionSettings()), eyes, operator=operator)
+    session, operator = MavlinkSession(SessionSettings()), _operator(setup.scenario)
+    flight = ClosedLoopFlight(pilot, navigator, session, eyes, operator=operator)
     log = flight.run(setup.scenario.duration_s, on_progress)
     return judged(setup, log, from_entries(log.entries, log.truth, t0_ns=CLOCK_OFFSET_NS))
 
@@ -169,12 +169,10 @@ def _verdict_at_the_end(record: FlightRecord, allowed: tuple[Verdict, ...]) -> C
     return Check("verdict at the end", ", ".join(sorted(seen)) or "none", " or ".join(allowed), passed)
 
 
-def _operator(setup: FlightSetup, start: GeoPoint) -> OperatorEntry | None:
-    at_s = setup.scenario.operator_fix_at_s
-    if at_s is None:
-        return None
-    told = geo_from_ned((0.6 * OPERATOR_SIGMA_M, -0.5 * OPERATOR_SIGMA_M, 0.0), start)
-    return OperatorEntry(at_s, told, OPERATOR_SIGMA_M)
+def _operator(scenario: Scenario) -> OperatorEntry | None:
+    at_s = scenario.operator_fix_at_s
+    error_ned_m = (0.6 * OPERATOR_SIGMA_M, -0.5 * OPERATOR_SIGMA_M, 0.0)
+    return None if at_s is None else OperatorEntry(at_s, error_ned_m, OPERATOR_SIGMA_M)
 
 
 def _reach_m(reference: PackMap, home: GeoPoint) -> float:

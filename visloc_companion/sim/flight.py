@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.app.journal import Entry
 from visloc_companion.core.navigator import Navigator
-from visloc_companion.geo.wgs84 import distance_m
+from visloc_companion.geo.wgs84 import distance_m, geo_from_ned
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.camera import SimulatedCamera
@@ -36,6 +36,7 @@ from visloc_companion.types import (
     RequestMessage,
     SwitchSource,
     Tick,
+    Vec3,
 )
 
 STEP_S = 0.01
@@ -83,10 +84,13 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class OperatorEntry:
-    """The operator sets the EKF origin from the ground station, and `at_s` tells the daemon where the vehicle is."""
+    """At `at_s` the operator sets the EKF origin from the ground station, and soon after tells the daemon where the vehicle is.
+
+    Both are the true place at that moment plus `error_ned_m`; `sigma_m` is what is claimed.
+    """
 
     at_s: float
-    place: GeoPoint
+    error_ned_m: Vec3
     sigma_m: float
 
 
@@ -185,13 +189,14 @@ class ClosedLoopFlight:
         operator = self._operator
         if operator is None or self._autopilot.t_s < operator.at_s:
             return []
+        told = geo_from_ned(operator.error_ned_m, self._autopilot.truth().place)
         if self._origin_due_ns is None:
-            self._autopilot.receive(_origin_message(operator.place))
+            self._autopilot.receive(_origin_message(told))
             self._origin_due_ns = now_ns + ORIGIN_SETTLES_NS
         if now_ns < self._origin_due_ns:
             return []
         self._operator = None
-        return [OperatorFix(now_ns, operator.place, operator.sigma_m)]
+        return [OperatorFix(now_ns, told, operator.sigma_m)]
 
     def _frame(self, exposed_ns: int, now_ns: int) -> list[Event]:
         eyes, pilot = self._eyes, self._autopilot

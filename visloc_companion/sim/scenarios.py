@@ -80,7 +80,7 @@ SCENARIOS: dict[str, Scenario] = {
         ),
         Scenario(
             "no_gnss",
-            "There never was any GNSS; the operator says where the flight starts, to 20 m.",
+            "There never was any GNSS; the operator says where the vehicle is, to 20 m.",
             110.0,
             faults.no_gnss(),
             Expectation(max_error_m=30.0),

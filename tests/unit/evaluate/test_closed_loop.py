@@ -82,6 +82,14 @@ def test_without_the_daemon_it_ends_far_off(
         assert flown.log.pulled_m > at_least_off_m
 
 
+def test_the_operator_may_speak_of_a_moving_plane(oracle_eyes: MakeEyes) -> None:
+    """What the operator says is true when it is said, not half a minute of flight before."""
+    scenario = replace(SCENARIOS["no_gnss"], duration_s=40.0, operator_fix_at_s=8.0)
+    flown = fly_with(FlightSetup(scenario, AREA, AutopilotKind.PX4, "plane", 2), oracle_eyes())
+    largest = next(check for check in flown.checks if check.name.startswith("largest error"))
+    assert largest.passed, largest
+
+
 @pytest.mark.parametrize("kind", KINDS, ids=str)
 def test_without_gnss_and_daemon_it_never_has_a_position(kind: AutopilotKind) -> None:
     flown = fly_with(setup_of(SCENARIOS["no_gnss"], kind), None)

@@ -14,7 +14,7 @@ from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings, InjectionSettings
-from visloc_companion.geo.wgs84 import distance_m, geo_from_ned
+from visloc_companion.geo.wgs84 import distance_m, ned_from_geo
 from visloc_companion.sim import faults
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.faults import FaultSchedule
@@ -152,12 +152,12 @@ def test_injections_reach_the_autopilot_and_the_source_is_switched(oracle_eyes: 
 
 def test_the_operator_sets_the_origin_before_the_position(oracle_eyes: MakeEyes) -> None:
     pilot = Overheard(AutopilotKind.PX4, faults.no_gnss())
-    told = geo_from_ned((9.0, -7.0, 0.0), pilot.truth().place)
-    log = fly(pilot, 8.0, oracle_eyes(), OperatorEntry(1.0, told, 15.0))
+    log = fly(pilot, 8.0, oracle_eyes(), OperatorEntry(1.0, (9.0, -7.0, 0.0), 15.0))
     origins, entered = events_of(log, OriginChanged), events_of(log, OperatorFix)
-    assert [(fix.place, fix.sigma_m) for fix in entered] == [(told, 15.0)]
-    assert origins
-    assert distance_m(origins[0].origin, told) < 0.1
+    assert [fix.sigma_m for fix in entered] == [15.0]
+    for told, t_ns in ((origins[0].origin, origins[0].t_rx_ns), (entered[0].place, entered[0].t_rx_ns)):
+        true = min(log.truth, key=lambda sample: abs(sample.t_ns - t_ns)).place
+        assert ned_from_geo(told, true)[:2] == pytest.approx((9.0, -7.0), abs=1.0)
     assert origins[0].t_rx_ns < entered[0].t_rx_ns
     assert log.truth[-1].believed is not None
 
