@@ -7,6 +7,7 @@ import os
 import platform
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from functools import lru_cache
 from multiprocessing import get_context
 from pathlib import Path
@@ -68,14 +69,20 @@ def evaluate_image(
 def run_cases(
     cases: list[Case | BadCase], method: str, jobs: int, max_probability_wrong: float = MAX_PROBABILITY_WRONG
 ) -> Iterator[CaseResult]:
-    """Results in the order of the cases, by so many processes."""
+    """Results in the order of the cases, by so many processes; where one of them is killed, this process does the rest."""
     if jobs <= 1:
         cv2.setNumThreads(1)
         yield from (run_case(case, method, max_probability_wrong) for case in cases)
         return
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)) as pool:
-        limits = [max_probability_wrong] * len(cases)
-        yield from pool.map(run_case, cases, [method] * len(cases), limits, chunksize=4)
+    done = 0
+    try:
+        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)) as pool:
+            limits = [max_probability_wrong] * len(cases)
+            for result in pool.map(run_case, cases, [method] * len(cases), limits, chunksize=4):
+                done += 1
+                yield result
+    except BrokenProcessPool:
+        yield from run_cases(cases[done:], method, 1, max_probability_wrong)
 
 
 def run_case(case: Case | BadCase, method: str, max_probability_wrong: float = MAX_PROBABILITY_WRONG) -> CaseResult:

@@ -5,6 +5,8 @@ import json
 import math
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import cv2
@@ -150,6 +152,20 @@ def test_two_processes_give_the_same_as_one(folder, document):
     again = evaluate_image(folder, "gradient", jobs=2, limit=2)[0]
     for a, b in zip(again["cases"], document["cases"], strict=False):
         assert a["lat_deg"] == pytest.approx(b["lat_deg"], abs=1e-8)
+
+
+def test_a_killed_worker_does_not_end_the_run(folder, document, monkeypatch):
+    class Dying(ThreadPoolExecutor):
+        def __init__(self, jobs, mp_context, initializer, initargs):
+            super().__init__(jobs)
+
+        def map(self, *args, **kwargs):
+            yield next(iter(super().map(*args)))
+            raise BrokenProcessPool
+
+    monkeypatch.setattr("visloc_companion.evaluate.image.ProcessPoolExecutor", Dying)
+    cases = evaluate_image(folder, "gradient", jobs=2)[0]["cases"]
+    assert [case["id"] for case in cases] == [case["id"] for case in document["cases"]]
 
 
 def test_wrong_fixes_and_unsolvable_cases_count_as_wrong_and_accepted(folder):
