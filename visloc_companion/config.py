@@ -88,7 +88,7 @@ class LocaliserConfig(Section):
 
     method: Literal["gradient", "ncc", "keypoint"] = "gradient"
     """Which localiser answers."""
-    max_probability_wrong: Share = 0.01
+    max_probability_wrong: Share = 0.05
     """Fixes with a larger calibrated probability of being wrong are declined."""
     max_rate_hz: Positive = 5.0
     """Localisations asked for per second, at most."""

@@ -60,7 +60,6 @@ def open_localiser(config: Config) -> Answer:
     localiser = make_localiser(
         config.localiser.method,
         camera_model(config.camera),
-        map_sigma_m=config.navigator.map_sigma_m,
         max_probability_wrong=config.localiser.max_probability_wrong,
         max_search_radius_m=config.localiser.max_search_radius_m,
     )

@@ -110,7 +110,6 @@ class LogSource:
         localiser = make_localiser(
             chosen.method,
             model,
-            map_sigma_m=self.config.navigator.map_sigma_m,
             max_probability_wrong=chosen.max_probability_wrong,
             max_search_radius_m=chosen.max_search_radius_m,
         )

@@ -106,7 +106,12 @@ def fly_with(setup: FlightSetup, eyes: Eyes | None, on_progress: Callable[[float
 def eyes_over(setup: FlightSetup, world: FlightWorld, method: str) -> Eyes:
     """The rendering camera and the localiser of a name. Raises ConfigError for a name that there is not."""
     model = setup.camera_model()
-    localiser = make_localiser(method, model, max_search_radius_m=Config().localiser.max_search_radius_m)
+    localiser = make_localiser(
+        method,
+        model,
+        max_probability_wrong=LocaliserConfig().max_probability_wrong,
+        max_search_radius_m=LocaliserConfig().max_search_radius_m,
+    )
     camera = SimulatedCamera(CameraSimulator(world.scene, model, CameraEffects()), model, seed=setup.seed)
     return Eyes(camera, FreshFramesOnly(localiser), world.reference, FRAME_RATE_HZ)
 
