@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ from typer.testing import CliRunner
 
 from visloc_companion.cli.sim import sim
 from visloc_companion.errors import ConfigError, MapError
-from visloc_companion.evaluate import closed_loop
+from visloc_companion.evaluate import campaign, closed_loop
+from visloc_companion.evaluate.campaign import FlightSpec
 from visloc_companion.prepare import world
 from visloc_companion.sim.flight import Eyes
 from visloc_companion.sim.scenarios import SCENARIOS
@@ -88,20 +90,36 @@ def test_without_the_daemon(places: list[str], tmp_path: Path) -> None:
     assert "NO GATE" in (tmp_path / "jam.html").read_text(encoding="utf-8")
 
 
-def test_a_campaign_from_a_file(places: list[str], tmp_path: Path) -> None:
-    campaign = tmp_path / "two.json"
-    flights = [{"scenario": "jam", "with_daemon": False}, {"scenario": "slow_drag", "with_daemon": False, "vehicle": "plane"}]
-    campaign.write_text(json.dumps(flights), encoding="utf-8")
-    code, text = run("--campaign", campaign, *places, "--json", tmp_path / "out.json", "--jobs", "2")
-    assert code == 0
-    assert "flights=2 passed=2" in text
-    outcome = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
-    assert [(flight["scenario"], flight["vehicle"]) for flight in outcome["flights"]] == [
-        ("jam", "copter"),
-        ("slow_drag", "plane"),
+@pytest.mark.parametrize(("passed", "code"), [(2, 0), (1, 1)])
+def test_a_campaign_is_flown_told_and_written(
+    passed: int, code: int, places: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Any] = []
+
+    def run_campaign(specs: list[FlightSpec], jobs: int, on_flight: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
+        asked.append((specs, jobs))
+        figures = {"error_horizontal_m": {"median": 1.0, "max": 2.0}, "pulled_m": 0.0, "gnss": {"detected_at_s": 31.0}}
+        flights = [{**asdict(spec), **figures, "passed": k < passed, "failsafe": None} for k, spec in enumerate(specs)]
+        for flight in flights:
+            on_flight(flight)
+        return {"schema": 1, "flights": [], "totals": {"flights": 2, "passed": passed}}
+
+    monkeypatch.setattr(campaign, "run_campaign", run_campaign)
+    path = tmp_path / "two.json"
+    path.write_text(json.dumps([{"scenario": "jam"}, {"scenario": "slow_drag", "vehicle": "plane"}]), encoding="utf-8")
+    told = run("--campaign", path, "--dialect", "px4", *places, "--json", tmp_path / "out.json", "--jobs", "2")
+    assert told[0] == code
+    [(specs, jobs)] = asked
+    assert jobs == 2
+    assert [(spec.scenario, spec.vehicle, spec.dialect) for spec in specs] == [
+        ("jam", "copter", "px4"),
+        ("slow_drag", "plane", "px4"),
     ]
-    needed = {"flights", "fix_epochs", "hmi", "availability", "protection_level_median_m", "error_median_m"}
-    assert needed <= set(outcome["totals"])
+    assert {str(spec.pack) for spec in specs} == {places[1]}
+    lines = told[1].splitlines()
+    assert [line.split()[0] for line in lines[:2]] == ["PASS", "PASS" if passed == 2 else "FAIL"]
+    assert lines[2] == f"flights=2 passed={passed}"
+    assert json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))["totals"]["passed"] == passed
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.world import procedural_world
 from visloc_companion.sim import faults
 from visloc_companion.sim.flight import Eyes
-from visloc_companion.sim.scenarios import DEMO, SCENARIOS, Expectation, Scenario
+from visloc_companion.sim.scenarios import SCENARIOS, Expectation, Scenario
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightArea, FlightSetup
 from visloc_companion.types import AutopilotKind, Fix, GeoPoint, NoFix, Verdict
@@ -96,15 +96,7 @@ def test_without_gnss_and_daemon_it_never_has_a_position(kind: AutopilotKind) ->
     assert {sample.believed for sample in flown.log.truth} == {None}
 
 
-def test_the_demonstration_passes_with_an_oracle_and_strays_without(oracle_eyes: MakeEyes) -> None:
-    flown = fly_with(setup_of(DEMO), oracle_eyes())
-    assert flown.passed, failed(flown)
-    off_m = fly_with(setup_of(DEMO), None).log.truth[-1].off_m
-    assert off_m is not None
-    assert off_m > 100.0
-
-
-JAM_SOON = replace(SCENARIOS["jam"], duration_s=60.0, faults=faults.jam(12.0))
+JAM_SOON = replace(SCENARIOS["jam"], duration_s=30.0, faults=faults.jam(12.0))
 
 
 def test_the_same_seed_flies_the_same_flight(oracle_eyes: MakeEyes) -> None:
