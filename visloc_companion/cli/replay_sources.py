@@ -101,6 +101,7 @@ class LogSource:
         return record
 
     def _eyes(self) -> RecordedEyes | None:
+        from visloc_companion.localise.freshness import FreshFramesOnly
         from visloc_companion.localise.registry import make_localiser
 
         if self.folder is None or self.folder.frames is None or self.reference is None:
@@ -113,7 +114,7 @@ class LogSource:
             max_probability_wrong=chosen.max_probability_wrong,
             max_search_radius_m=chosen.max_search_radius_m,
         )
-        return RecordedEyes(self.folder.frames, self.folder.boot_from_file_ns, model, localiser, self.reference)
+        return RecordedEyes(self.folder.frames, self.folder.boot_from_file_ns, model, FreshFramesOnly(localiser), self.reference)
 
     def facts(self) -> dict[str, Any]:
         """The autopilot, what was lost, and the verdicts and modes over time."""
