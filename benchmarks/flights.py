@@ -1,6 +1,6 @@
 """Closed-loop flights: the scenarios over the procedural world, and GNSS loss over NAIP of two years.
 
-    python -m benchmarks.flights [--jobs N] [--naip-report FILE]
+    python -m benchmarks.flights [--jobs N] [--worlds procedural naip] [--naip-report FILE]
 
 Prints a markdown table. The camera's date is never the map's. Needs ../shared/data/naip for the second part.
 """
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.cases import SHARED
-from visloc_companion.evaluate.campaign import FlightSpec, campaign_specs, find_scenario, fly_spec, result_of, run_campaign
+from visloc_companion.evaluate.campaign import FlightSpec, campaign_specs, find_scenario, fly_spec, run_campaign
 from visloc_companion.evaluate.closed_loop import fault_intervals
 from visloc_companion.evaluate.map_image import map_image
 from visloc_companion.evaluate.report import write_flight_report
@@ -34,15 +34,17 @@ def main() -> None:
     """Fly and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--worlds", nargs="+", default=["procedural", "naip"], choices=["procedural", "naip"])
     parser.add_argument("--naip-report", type=Path)
     options = parser.parse_args()
     print(HEADER)
     print("|" + "---|" * 14)
-    world = procedural_world(1)
-    template = FlightSpec("jam", world.pack, world.flight_ortho, world.flight_dsm)
-    report("procedural, 0.5 m/px", campaign_specs("scenarios", template), options.jobs)
-    naip = SHARED / "naip"
-    if naip.is_dir():
+    if "procedural" in options.worlds:
+        world = procedural_world(1)
+        template = FlightSpec("jam", world.pack, world.flight_ortho, world.flight_dsm)
+        report("procedural, 0.5 m/px", campaign_specs("scenarios", template), options.jobs)
+    naip = SHARED / "data" / "naip"
+    if "naip" in options.worlds and naip.is_dir():
         with tempfile.TemporaryDirectory() as folder:
             pack = Path(folder) / "pack"
             build_pack([naip / f"{MAP_YEAR}.tif"], None, pack, source="USDA NAIP", licence="public domain")
@@ -104,7 +106,7 @@ def naip_report(spec: FlightSpec, path: Path) -> None:
         gnss_faults_s=fault_intervals(scenario),
         notes=[
             "The map has 5 m per pixel and the two years are misregistered by about half a pixel.",
-            f"{result_of(spec, flown)['n_fixes']} fixes.",
+            f"{flown.summary['n_fixes']} fixes.",
         ],
     )
 
