@@ -16,9 +16,7 @@ from typing import Any
 from benchmarks.cases import SHARED
 from visloc_companion.evaluate.campaign import FlightSpec, campaign_specs, find_scenario, fly_spec, run_campaign
 from visloc_companion.evaluate.closed_loop import fault_intervals
-from visloc_companion.evaluate.map_image import map_image
 from visloc_companion.evaluate.report import write_flight_report
-from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.build import build_pack
 from visloc_companion.prepare.world import procedural_world
 
@@ -92,17 +90,15 @@ def without_daemon(spec: FlightSpec) -> str:
 
 
 def naip_report(spec: FlightSpec, path: Path) -> None:
-    """The HTML report of one flight over NAIP."""
+    """The HTML report of one flight over NAIP, without the imagery: it is not the project's to pass on."""
     flown, baseline = fly_spec(spec), fly_spec(replace(spec, with_daemon=False))
     scenario = find_scenario(spec.scenario)
-    image = map_image(PackMap.open(spec.pack, verify_hashes=False), flown.record, baseline.record)
     write_flight_report(
         flown.record,
         path,
         title=f"GNSS loss over NAIP: map of {MAP_YEAR}, camera of {CAMERA_YEAR}, {spec.dialect} {spec.vehicle}",
         checks=flown.checks,
         baseline=baseline.record,
-        map_image=image,
         gnss_faults_s=fault_intervals(scenario),
         notes=[
             "The map has 5 m per pixel and the two years are misregistered by about half a pixel.",
