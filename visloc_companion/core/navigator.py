@@ -346,8 +346,18 @@ class Navigator:
 
     def _steer_source(self, now_ns: int) -> list[Command]:
         if self._monitor.verdict.verdict is Verdict.OK:
-            return self._switch.want(EkfSource.GNSS, now_ns)
+            proven = self._switch.known or self._gnss_proven(now_ns)
+            return self._switch.want(EkfSource.GNSS, now_ns) if proven else []
         return self._switch.want(EkfSource.VISION, now_ns) if self._mode in INJECTING else []
+
+    def _gnss_proven(self, now_ns: int) -> bool:
+        """Whether GNSS may take over from a source that nobody confirmed: on the ground at once, in flight (we may have been
+        restarted amid a spoofing) only after fixes have gone with it for the probation."""
+        taken_ns = self._fix_taken_ns
+        if not self._link.armed:
+            return True
+        recent = taken_ns is not None and now_ns - taken_ns <= self._settings.navigator.dead_reckoning_after_s * 1e9
+        return recent and now_ns - self._monitor.verdict.since_ns >= self._settings.gnss.probation_s * 1e9
 
     def _output(self, state: NavState | None, now_ns: int) -> list[Command]:
         belief, origin = self._tracker.belief, self._tracker.origin

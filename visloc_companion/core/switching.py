@@ -12,7 +12,7 @@ class SourceSwitch:
     """Commands the switch where that is allowed, repeats it until it is confirmed, and else asks the operator once.
 
     Until something was confirmed the autopilot may be on either source (the daemon may have restarted in flight), so the first
-    wish is always sent.
+    wish is always sent. When GNSS may be wished for then is the navigator's to say.
     """
 
     def __init__(self, allowed: bool) -> None:
@@ -23,6 +23,11 @@ class SourceSwitch:
     def source(self) -> EkfSource:
         """What the autopilot flies on, as far as it confirmed; GNSS before that."""
         return self._source
+
+    @property
+    def known(self) -> bool:
+        """Whether the autopilot ever confirmed a source since we know it."""
+        return self._confirmed
 
     def restarted(self) -> None:
         """The autopilot (or we) restarted: its source is what its parameters say, most likely GNSS."""

@@ -87,6 +87,18 @@ def test_healthy_flight_stays_in_shadow_and_injects_nothing(world: type[World]) 
     assert [c for _, c in w.commands if isinstance(c, SwitchSource)] == [SwitchSource(EkfSource.GNSS)]  # once, to make sure
 
 
+@pytest.mark.parametrize(("blind", "expected"), [(False, 1), (True, 0)])
+def test_in_flight_an_unconfirmed_source_goes_to_gnss_only_after_fixes_agreed(
+    world: type[World], blind: bool, expected: int
+) -> None:
+    w = started(world, blind=lambda t: blind)
+    w.send(LinkChanged(0, up=True, autopilot=AutopilotKind.ARDUPILOT, system_id=1, armed=True))
+    w.fly(40)
+    switches = [t for t, c in w.commands if isinstance(c, SwitchSource)]
+    assert len(switches) == expected
+    assert all(t > 20 for t in switches)
+
+
 def test_slow_drag_is_declared_early_and_the_flight_goes_on_vision(world: type[World]) -> None:
     w = started(world, pull_m=lambda t: (max(0.0, t - 60), 0.0)).fly(130)
     declared = w.first(Status, verdict=Verdict.SUSPECT)
