@@ -225,7 +225,7 @@ async def test_frames_are_localised_and_positions_injected_and_the_journal_repla
     assert read_header(path).configuration == config.model_dump(mode="json")
     comparison = compare_with_recording(path)
     assert comparison.first_difference is None
-    assert comparison.n_recorded == comparison.n_replayed > 30
+    assert comparison.n_recorded == comparison.n_replayed >= 20  # ten injections, each with its Status
 
 
 async def test_a_killed_worker_costs_nothing_but_its_frame(tmp_path: Path) -> None:
