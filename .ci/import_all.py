@@ -7,7 +7,7 @@ import sys
 
 import visloc_companion
 
-OPTIONAL = {"torch", "onnx", "onnxscript", "onnxruntime", "open3d", "starlette", "uvicorn", "laspy", "jinja2", "pyulog", "rerun"}
+OPTIONAL = {"torch", "onnx", "onnxscript", "onnxruntime", "open3d", "starlette", "uvicorn", "laspy", "rerun"}
 
 where = pathlib.Path(visloc_companion.__file__).parent
 if "site-packages" not in where.parts:

@@ -1,4 +1,4 @@
-"""Eyes that know the truth: closed-loop flights without rendering, in a second or two each."""
+"""Eyes that know the truth (closed-loop flights without rendering, in a second or two each), and small GeoTIFFs in any CRS."""
 
 from __future__ import annotations
 
@@ -11,16 +11,20 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+import rasterio
+from rasterio.transform import Affine
 
 from visloc_companion.errors import Reason
+from visloc_companion.geo.raster import T_map_pix_from_gdal
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
 from visloc_companion.localise.freshness import FreshFramesOnly
+from visloc_companion.maps.crs import map_crs
 from visloc_companion.prepare.build import build_pack
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.flight import Eyes
 from visloc_companion.sim.scene import Scene
-from visloc_companion.types import CameraModel, Fix, GeoPoint, Image, LocaliseRequest, NoFix, Quat, Vec3
+from visloc_companion.types import CameraModel, Fix, FloatArray, GeoPoint, Image, LocaliseRequest, NoFix, Quat, Vec3
 
 
 class PoseCamera:
@@ -100,3 +104,29 @@ def tiny_world(tmp_path_factory: pytest.TempPathFactory) -> TinyWorld:
     ortho, dsm = Scene(pixels, heights.astype(np.float32), T_map_pix, "EPSG:32632").save(folder)
     build_pack([ortho], dsm, folder / "pack", capture_date="2026-01-01")
     return TinyWorld(folder / "pack", ortho, dsm)
+
+
+WriteRaster = Callable[..., FloatArray]
+
+
+@pytest.fixture
+def write_raster() -> WriteRaster:
+    """(path, values (H, W) or (H, W, C), crs, (lat, lon) of the middle, gsd_m, turn_deg) -> T_map_pix."""
+
+    def write(
+        path: Path, values: np.ndarray, crs: str, middle: tuple[float, float], gsd_m: float, turn_deg: float = 0.0, **profile: Any
+    ) -> FloatArray:
+        rows, cols = values.shape[:2]
+        here = map_crs(crs).linearised_at(GeoPoint(*middle, 0.0))
+        north, east = np.linalg.norm(here.J_map_ne, axis=0) * gsd_m
+        c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+        linear = np.array([[c, -s], [s, c]]) @ np.diag([east, -north])
+        corner = np.array(here.origin_map_m) - linear @ [cols / 2, rows / 2]
+        affine = Affine(*linear[0], corner[0], *linear[1], corner[1])
+        bands = values[None] if values.ndim == 2 else values.transpose(2, 0, 1)
+        shape = {"width": cols, "height": rows, "count": len(bands), "dtype": values.dtype}
+        with rasterio.open(path, "w", driver="GTiff", crs=crs, transform=affine, **shape, **profile) as out:
+            out.write(bands)
+        return T_map_pix_from_gdal(tuple(affine)[:6])
+
+    return write
