@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from visloc_companion.localise.features.gradient import Float32Array
+from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, nadir_offsets
 from visloc_companion.types import FloatArray
 

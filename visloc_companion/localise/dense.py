@@ -9,7 +9,7 @@ import numpy as np
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
 from visloc_companion.localise.descent import Descended
-from visloc_companion.localise.features.gradient import gradient_features
+from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import check_pixels, full_level
 from visloc_companion.localise.matching import Match, Task, apart_m, best_match, find_candidates, sharpened
 from visloc_companion.localise.plan import SearchPlan, make_plan
@@ -43,7 +43,7 @@ class GradientLocaliser:
             if not isinstance(plan, SearchPlan):
                 return no_fix(request, self.method, watch, plan)
             full = full_level(pixels, self._model)
-            task = Task(plan, request.prior, full, ref, watch, self.method, gradient_features)
+            task = Task(plan, request.prior, full, ref, watch, GRADIENT)
             candidates = find_candidates(task)
             match = best_match(task, candidates)
             if match is None:

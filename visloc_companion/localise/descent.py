@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from visloc_companion.localise import align
-from visloc_companion.localise.features.gradient import Float32Array, eroded
+from visloc_companion.localise.features.base import Features, Float32Array
+from visloc_companion.localise.features.gradient import eroded
 from visloc_companion.localise.frame import FrameLevel
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, rectify_surface
 from visloc_companion.localise.pose import PriorTerm
-from visloc_companion.localise.window import FeatureFunction
 from visloc_companion.types import FloatArray
 
 CORRELATED_PX = 200.0
@@ -39,11 +39,11 @@ class Descended:
     information: FloatArray
 
 
-def rectified(level: FrameLevel, pose: CameraPose, grid: MapGrid, function: FeatureFunction) -> Rectified:
+def rectified(level: FrameLevel, pose: CameraPose, grid: MapGrid, features: Features) -> Rectified:
     """Features of the frame rectified over the map window's surface."""
     image, seen = rectify_surface(level, pose, grid)
-    features = function(image, seen)
-    return Rectified(features, align.smoothed(features), eroded(seen, 3) * grid.weight)
+    values = features(image, seen)
+    return Rectified(values, align.smoothed(values), eroded(seen, 3) * grid.weight)
 
 
 def descend(
@@ -52,13 +52,13 @@ def descend(
     grid: MapGrid,
     descent: align.Descent,
     prior: PriorTerm,
-    function: FeatureFunction,
+    features: Features,
     steps: int,
 ) -> Descended:
     """At most `steps` Gauss-Newton steps. Ends early where it has converged, leaps, or gets clearly worse."""
     pose, best = start, Descended(start, -1.0, np.zeros((6, 6)))
     for k in range(steps + 1):
-        seen = rectified(level, pose, grid, function)
+        seen = rectified(level, pose, grid, features)
         if seen.weight.sum() < MIN_PIXELS:
             break
         information, pull = prior.at(pose)

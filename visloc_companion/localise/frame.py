@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.errors import Reason
-from visloc_companion.localise.features.gradient import Float32Array, grey
+from visloc_companion.localise.features.base import Float32Array
+from visloc_companion.localise.features.gradient import grey
 from visloc_companion.types import CameraModel, FloatArray, Image
 
 DARK_GREY = 25.0

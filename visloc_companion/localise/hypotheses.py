@@ -7,12 +7,12 @@ import math
 import cv2
 import numpy as np
 
-from visloc_companion.localise.features.gradient import Float32Array, eroded
+from visloc_companion.localise.features.base import Features, Float32Array
+from visloc_companion.localise.features.gradient import eroded
 from visloc_companion.localise.frame import FrameLevel
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, rectify_plane
 from visloc_companion.localise.plan import SIGMAS, SearchPlan, turned
 from visloc_companion.localise.search import Peak, ScoreVolume, Template, find_peaks, search
-from visloc_companion.localise.window import FeatureFunction
 from visloc_companion.types import FloatArray
 
 
@@ -36,9 +36,7 @@ def search_box(plan: SearchPlan) -> tuple[FloatArray, FloatArray]:
     return plan.pose.p_ned_m[:2] + low - half, plan.pose.p_ned_m[:2] + high + half
 
 
-def search_window(
-    grid: MapGrid, level: FrameLevel, plan: SearchPlan, function: FeatureFunction, zero_mean: bool = False
-) -> ScoreVolume:
+def search_window(grid: MapGrid, level: FrameLevel, plan: SearchPlan, features: Features, zero_mean: bool = False) -> ScoreVolume:
     """Exhaustive search over the plan's region on a map window."""
     pairs = hypotheses(plan)
     linear = grid.A_ne_pix[:, :2]
@@ -57,7 +55,7 @@ def search_window(
     return search(
         grid.features,
         grid.weight,
-        lambda k: make_template(level, plan, linear, *pairs[k], function),
+        lambda k: make_template(level, plan, linear, *pairs[k], features),
         len(pairs),
         (first[0], first[1], last[0], last[1]),
         (extent[0], extent[1], extent[2], extent[3]),
@@ -66,7 +64,7 @@ def search_window(
 
 
 def make_template(
-    level: FrameLevel, plan: SearchPlan, linear: FloatArray, heading_rad: float, scale: float, function: FeatureFunction
+    level: FrameLevel, plan: SearchPlan, linear: FloatArray, heading_rad: float, scale: float, features: Features
 ) -> Template:
     """The frame rectified over a plane for one hypothesis, on the map's axes with the nadir on a pixel."""
     p = np.array([0.0, 0.0, -plan.ground_up_m - plan.agl_m * scale])
@@ -75,7 +73,7 @@ def make_template(
     A_ne_pix = np.column_stack([linear, linear @ first])
     size = (int(last[0] - first[0] + 1), int(last[1] - first[1] + 1))
     image, seen = rectify_plane(level, CameraPose(p, turned(plan.pose.R_ned_cam, heading_rad)), A_ne_pix, size, plan.ground_up_m)
-    return Template(function(image, seen), eroded(seen, 3), (int(first[0]), int(first[1])))
+    return Template(features(image, seen), eroded(seen, 3), (int(first[0]), int(first[1])))
 
 
 def peaks_in_region(volume: ScoreVolume, grid: MapGrid, plan: SearchPlan, count: int, radius_px: float) -> list[Peak]:

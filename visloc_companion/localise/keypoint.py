@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.geo.raster import apply_affine
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
-from visloc_companion.localise.features.gradient import Float32Array
+from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.frame import FrameLevel, check_pixels, full_level, reduced
 from visloc_companion.localise.hypotheses import footprint_box, search_box
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, ground_homography, ground_points, rectify_plane
 from visloc_companion.localise.plan import SearchPlan, make_plan
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, solve_pose
 from visloc_companion.localise.settings import LocaliserSettings
-from visloc_companion.localise.template import grey_features
+from visloc_companion.localise.template import GREY
 from visloc_companion.localise.window import cropped, map_grid
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix
@@ -75,7 +75,7 @@ def _matched(
     gsd_m = max(plan.frame_gsd_m, ref.gsd_m)
     with watch:
         low, high = search_box(plan)
-        grid = cropped(map_grid(ref, plan.frame, low, high, gsd_m, "keypoint", grey_features))
+        grid = cropped(map_grid(ref, plan.frame, low, high, gsd_m, GREY))
         there = _detect(grid.features[..., 0], grid.weight > 0)
     level = reduced(full, gsd_m / plan.frame_gsd_m)
     A_ne_pix, size = _north_up(plan, grid)

@@ -11,6 +11,7 @@ from visloc_companion.localise import align
 from visloc_companion.localise.answer import Stopwatch
 from visloc_companion.localise.blocks import BlockMatches, correspondences, match_blocks
 from visloc_companion.localise.descent import Descended, descend, rectified
+from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.frame import FrameLevel, reduced
 from visloc_companion.localise.hypotheses import (
     footprint_box,
@@ -24,7 +25,7 @@ from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import SearchPlan
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, heading_and_tilt, solve_pose
 from visloc_companion.localise.verify import block_z
-from visloc_companion.localise.window import FeatureFunction, cropped, map_grid
+from visloc_companion.localise.window import cropped, map_grid
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import FloatArray, PosePrior
 
@@ -45,8 +46,7 @@ class Task:
     full: FrameLevel
     ref: ReferenceMap
     watch: Stopwatch
-    name: str
-    function: FeatureFunction
+    features: Features
 
     def level(self, gsd_m: float) -> FrameLevel:
         """The frame at about a ground sample distance."""
@@ -80,10 +80,10 @@ def find_candidates(task: Task) -> list[Descended]:
     plan = task.plan
     with task.watch:
         low, high = search_box(plan)
-        grid = cropped(map_grid(task.ref, plan.frame, low, high, plan.coarse_gsd_m, task.name, task.function))
+        grid = cropped(map_grid(task.ref, plan.frame, low, high, plan.coarse_gsd_m, task.features))
         descent = align.prepare(grid)
     level = task.level(plan.coarse_gsd_m)
-    volume = search_window(grid, level, plan, task.function)
+    volume = search_window(grid, level, plan, task.features)
     radius_px = max(3.0, 0.06 * math.sqrt(plan.area_m2) / grid.gsd_m)
     peaks = peaks_in_region(volume, grid, plan, MAX_CANDIDATES, radius_px)
     heights = footprint_heights(grid, plan)
@@ -93,7 +93,7 @@ def find_candidates(task: Task) -> list[Descended]:
             break
         start = pose_of_peak(peak, grid, plan, heights)
         part, part_descent = _around(grid, descent, plan, start)
-        found.append(descend(level, start, part, part_descent, task.whole_prior(), task.function, COARSE_STEPS))
+        found.append(descend(level, start, part, part_descent, task.whole_prior(), task.features, COARSE_STEPS))
     return sorted(found, key=lambda c: -c.score)
 
 
@@ -124,13 +124,13 @@ def refined(task: Task, start: CameraPose, coarse_score: float, gsd_m: float) ->
     with task.watch:
         low, high = _footprint_at(task.plan, start)
         margin = MARGIN_PX * gsd_m
-        grid = map_grid(task.ref, task.plan.frame, low - margin, high + margin, gsd_m, task.name, task.function)
+        grid = map_grid(task.ref, task.plan.frame, low - margin, high + margin, gsd_m, task.features)
         descent = align.prepare(grid)
     level = task.level(gsd_m)
-    end = descend(level, start, grid, descent, task.whole_prior(), task.function, FINE_STEPS)
+    end = descend(level, start, grid, descent, task.whole_prior(), task.features, FINE_STEPS)
     if end.score <= 0:
         return None
-    seen = rectified(level, end.pose, grid, task.function)
+    seen = rectified(level, end.pose, grid, task.features)
     blocks = match_blocks(grid, seen.features, seen.weight)
     ground, pix, sigma_px = correspondences(blocks, grid, level.K, end.pose)
     estimate = solve_pose(ground, pix, sigma_px, level.K, end.pose, task.whole_prior())

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.geo.raster import apply_affine
-from visloc_companion.localise.features.gradient import Float32Array
+from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.frame import FrameLevel
 from visloc_companion.types import FloatArray
 

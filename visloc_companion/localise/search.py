@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.localise.features.gradient import Float32Array
+from visloc_companion.localise.features.base import Float32Array
 
 MIN_OVERLAP = 0.5
 

@@ -6,14 +6,15 @@ The best peak of the search level is searched again at the working resolution; i
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
-from visloc_companion.localise.features.gradient import Float32Array, grey
+from visloc_companion.localise.features.base import Float32Array
+from visloc_companion.localise.features.gradient import grey
 from visloc_companion.localise.frame import FrameLevel, check_pixels, full_level, reduced
 from visloc_companion.localise.hypotheses import (
     footprint_heights,
@@ -35,9 +36,23 @@ SIGMA_PX = 1.5
 SIGMA_ANGLE_RAD = 0.02
 
 
-def grey_features(image: NDArray[np.uint8] | Float32Array, valid: NDArray[np.bool_]) -> Float32Array:
-    """(H, W, 1) float32 luminance, zero where invalid."""
-    return (grey(image) * valid)[..., None].astype(np.float32)
+@dataclass(frozen=True, slots=True)
+class GreyFeatures:
+    """(H, W, 1) luminance, zero where invalid (localise.features.base.Features)."""
+
+    name: str = "grey"
+    recipe: str = "luminance"
+    channels: int = 1
+    oriented: int = 0
+    bound: float = 255.0
+    context_px: int = 0
+
+    def __call__(self, image: NDArray[np.uint8] | Float32Array, valid: NDArray[np.bool_]) -> Float32Array:
+        """The luminance."""
+        return (grey(image) * valid)[..., None].astype(np.float32)
+
+
+GREY = GreyFeatures()
 
 
 class NccLocaliser:
@@ -86,8 +101,8 @@ def _best(
     """The two best distinct peaks of an exhaustive search at a level, as poses with scores."""
     with watch:
         low, high = search_box(plan)
-        grid = cropped(map_grid(ref, plan.frame, low, high, gsd_m, "ncc", grey_features))
-    volume = search_window(grid, reduced(full, gsd_m / plan.frame_gsd_m), plan, grey_features, zero_mean=True)
+        grid = cropped(map_grid(ref, plan.frame, low, high, gsd_m, GREY))
+    volume = search_window(grid, reduced(full, gsd_m / plan.frame_gsd_m), plan, GREY, zero_mean=True)
     peaks = peaks_in_region(volume, grid, plan, 2, max(3.0, 0.06 * math.sqrt(plan.area_m2) / gsd_m))
     heights = footprint_heights(grid, plan)
     return [pose_of_peak(peak, grid, plan, heights) for peak in peaks], [peak.score for peak in peaks]

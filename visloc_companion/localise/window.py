@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.localise.features.gradient import Float32Array, eroded
+from visloc_companion.localise.features.base import Features, Float32Array
+from visloc_companion.localise.features.gradient import eroded
 from visloc_companion.localise.ortho_rectify import MapGrid
 from visloc_companion.localise.plan import LocalFrame
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import FloatArray
 
-FeatureFunction = Callable[[NDArray[np.uint8] | Float32Array, NDArray[np.bool_]], Float32Array]
 MAX_SIDE_PX = 4000
 
 
@@ -24,12 +23,11 @@ def map_grid(
     low_ne_m: FloatArray,
     high_ne_m: FloatArray,
     gsd_m: float,
-    name: str,
-    feature_function: FeatureFunction,
+    features: Features,
 ) -> MapGrid:
     """The map over a box of metres north, east (grown to the map's axes), along grid north.
 
-    Features come from the map where it holds them (`ReferencePatch.features[name]`), else they are computed.
+    Features come from the map where it holds them (`ReferencePatch.features[features.name]`), else they are computed.
     Raises OutsideMap where no pixel is on the map.
     """
     centre = (low_ne_m + high_ne_m) / 2
@@ -41,11 +39,11 @@ def map_grid(
         for extent in (c * half[1] + s * half[0], c * half[0] + s * half[1])
     )
     patch = ref.patch(frame.to_map(centre), (size[0], size[1]), gsd_m, 0.0)
-    features = patch.features.get(name)
-    if features is None:
-        features = feature_function(patch.pixels, patch.valid)
+    values = patch.features.get(features.name)
+    if values is None:
+        values = features(patch.pixels, patch.valid)
     return MapGrid(
-        np.asarray(features, dtype=np.float32),
+        np.asarray(values, dtype=np.float32),
         eroded(patch.valid, 3),
         _filled(patch.dsm_amsl_m, patch.valid),
         frame.A_ne_pix(patch.T_map_pix),

@@ -10,13 +10,7 @@ import numpy as np
 from numpy.lib.format import open_memmap
 
 from visloc_companion.geo.raster import T_map_pix_from_gdal, compose_affine
-from visloc_companion.localise.features.gradient import (
-    CLIP,
-    LOCAL_MEAN_SIGMA_PX,
-    NOISE_FLOOR,
-    SMOOTHING_SIGMA_PX,
-    gradient_features,
-)
+from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.maps.crs import MapCrs
 from visloc_companion.maps.layer import Layer
 from visloc_companion.maps.manifest import FeatureLevel
@@ -24,14 +18,10 @@ from visloc_companion.maps.warp import warp_affine
 from visloc_companion.prepare.mosaic import Step
 from visloc_companion.prepare.target import TargetGrid
 
-NAME = "gradient"
-CHANNELS = 2
-RECIPE = f"smoothing {SMOOTHING_SIGMA_PX:g} mean {LOCAL_MEAN_SIGMA_PX:g} floor {NOISE_FLOOR:g} clip {CLIP:g}"
-STEP = CLIP / 127
 SMALLEST_PX = 48
 _TILE_PX = 1024
-_MARGIN_PX = 4 * math.ceil(LOCAL_MEAN_SIGMA_PX)
-"""Reach of the local mean; like the tile a multiple of the 4 px of its thinning."""
+_MARGIN_PX = GRADIENT.context_px
+_STEP = GRADIENT.bound / 127
 
 
 def level_grids(grid: TargetGrid) -> Iterator[tuple[float, int, int]]:
@@ -62,22 +52,30 @@ def _write_level(
     pixel, rows, cols = shape
     transform = (pixel, 0.0, grid.west, 0.0, -pixel, grid.north)
     T_map_pix = T_map_pix_from_gdal(transform)
-    file = f"{NAME}_{k:02d}.npy"
-    out = open_memmap(folder / file, mode="w+", dtype=np.int8, shape=(rows, cols, CHANNELS))
+    file = f"{GRADIENT.name}_{k:02d}.npy"
+    out = open_memmap(folder / file, mode="w+", dtype=np.int8, shape=(rows, cols, GRADIENT.channels))
     for top in range(0, rows, _TILE_PX):
         for left in range(0, cols, _TILE_PX):
             bottom, right = min(top + _TILE_PX, rows), min(left + _TILE_PX, cols)
             start = np.array([[1.0, 0.0, left - _MARGIN_PX], [0.0, 1.0, top - _MARGIN_PX]])
             size = (right - left + 2 * _MARGIN_PX, bottom - top + 2 * _MARGIN_PX)
             image, valid = warp_affine(pixels, compose_affine(T_map_pix, start), size)
-            values = gradient_features(image, valid)[_MARGIN_PX:-_MARGIN_PX, _MARGIN_PX:-_MARGIN_PX]
-            out[top:bottom, left:right] = np.clip(np.rint(values / STEP), -127, 127).astype(np.int8)
+            values = GRADIENT(image, valid)[_MARGIN_PX:-_MARGIN_PX, _MARGIN_PX:-_MARGIN_PX]
+            out[top:bottom, left:right] = np.clip(np.rint(values / _STEP), -127, 127).astype(np.int8)
             step((bottom - top) * (right - left))
     out.flush()
     middle = T_map_pix @ np.array([(cols - 1) / 2, (rows - 1) / 2, 1.0])
     gsd_m = pixel / _scale(grid.crs, float(middle[0]), float(middle[1]))
     return FeatureLevel(
-        file=file, rows=rows, cols=cols, transform=transform, name=NAME, channels=CHANNELS, recipe=RECIPE, step=STEP, gsd_m=gsd_m
+        file=file,
+        rows=rows,
+        cols=cols,
+        transform=transform,
+        name=GRADIENT.name,
+        channels=GRADIENT.channels,
+        recipe=GRADIENT.recipe,
+        step=_STEP,
+        gsd_m=gsd_m,
     )
 
 

@@ -10,7 +10,7 @@ from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
 from visloc_companion.localise.frame import full_level, reduced
 from visloc_companion.localise.ortho_rectify import CameraPose, rectify_plane, rectify_surface
 from visloc_companion.localise.plan import local_frame
-from visloc_companion.localise.template import grey_features
+from visloc_companion.localise.template import GREY
 from visloc_companion.localise.window import cropped, map_grid
 from visloc_companion.types import CameraModel, GeoPoint
 
@@ -25,7 +25,7 @@ def test_rectified_frame_lies_on_the_map(world, tilt_deg, support, request):
     euler = (0.1, math.radians(tilt_deg), 0.8)
     truth = (10.0, -20.0, -220.0)
     frame = support.render(ref, MODEL, truth, euler)
-    grid = map_grid(ref, local_frame(HOME, ref), np.array([-150.0, -170]), np.array([170.0, 130]), 1.0, "grey", grey_features)
+    grid = map_grid(ref, local_frame(HOME, ref), np.array([-150.0, -170]), np.array([170.0, 130]), 1.0, GREY)
     pose = CameraPose(np.array(truth), R_from_quat(quat_from_euler(*euler)) @ R_FRD_CAM)
     image, seen = rectify_surface(full_level(frame, MODEL), pose, grid)
     both = seen & (grid.weight > 0)
@@ -42,7 +42,7 @@ def test_what_a_wall_hides_is_masked(flat, support):
     surface[200:300, 270:280] = 140.0
     walled = support.FlatMap(flat.pixels, surface)
     frame = np.full((240, 320), 100, np.uint8)
-    grid = map_grid(walled, local_frame(HOME, walled), np.array([-60.0, -60]), np.array([60.0, 60]), 1.0, "grey", grey_features)
+    grid = map_grid(walled, local_frame(HOME, walled), np.array([-60.0, -60]), np.array([60.0, 60]), 1.0, GREY)
     pose = CameraPose(np.array([0.0, 0.0, -220.0]), R_FRD_CAM)
     _, seen = rectify_surface(full_level(frame, MODEL), pose, grid)
     # the wall is 20.5 to 29.5 m east, 40 m high; from 120 m above the ground it hides the ground to 29.5 * 120 / 80 = 44 m
@@ -76,7 +76,7 @@ def test_reduction_keeps_the_rays_and_does_not_alias():
 
 
 def test_cropping_keeps_places(flat):
-    grid = map_grid(flat, local_frame(HOME, flat), np.array([200.0, 200]), np.array([400.0, 400]), 2.0, "grey", grey_features)
+    grid = map_grid(flat, local_frame(HOME, flat), np.array([200.0, 200]), np.array([400.0, 400]), 2.0, GREY)
     small = cropped(grid)
     assert small.weight.shape < grid.weight.shape
     rows, cols = np.flatnonzero(grid.weight.any(1)), np.flatnonzero(grid.weight.any(0))

@@ -7,12 +7,11 @@ import rasterio
 
 from visloc_companion.errors import DatumMissing, MapError
 from visloc_companion.geo.raster import apply_affine, invert_affine
-from visloc_companion.localise.features.gradient import gradient_features
+from visloc_companion.localise.features.gradient import GRADIENT, gradient_features
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.raster import RasterMap
 from visloc_companion.prepare.build import build_pack
-from visloc_companion.prepare.features import RECIPE
 from visloc_companion.types import GeoPoint
 
 UTM, PLACE = "EPSG:32633", (47.0, 15.3)
@@ -71,7 +70,7 @@ def test_stored_features_are_those_of_the_pixels(tmp_path: Path, write_raster) -
     build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
     pack = PackMap.open(tmp_path / "pack")
     gsds = pack.stored_gsds_m()
-    assert pack.recipe() == RECIPE and pack.recipe("other") == ""
+    assert pack.recipe() == GRADIENT.recipe and pack.recipe("other") == ""
     assert gsds[:3] == pytest.approx((0.5, 0.5 * 2**0.5, 1.0), rel=1e-3)
     for asked in (0.5, 0.62, 0.8, 1.1):
         centre, gsd = pack.snapped(pack.center_map_m, (300, 260), asked)

@@ -6,18 +6,36 @@ same vector. The magnitude is divided by its local mean, so that a faint hedge c
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Float32Array = NDArray[np.float32]
-Mask = NDArray[np.bool_]
+from visloc_companion.localise.features.base import Float32Array, Mask
 
 LOCAL_MEAN_SIGMA_PX = 20.0
 CLIP = 2.0
 SMOOTHING_SIGMA_PX = 0.8
 NOISE_FLOOR = 0.3
 """Grey levels per pixel added to the local mean: keeps sensor noise on plain surfaces from being blown up to texture."""
+
+
+@dataclass(frozen=True, slots=True)
+class GradientFeatures:
+    """`gradient_features` as localise.features.base.Features."""
+
+    name: str = "gradient"
+    recipe: str = f"smoothing {SMOOTHING_SIGMA_PX:g} mean {LOCAL_MEAN_SIGMA_PX:g} floor {NOISE_FLOOR:g} clip {CLIP:g}"
+    channels: int = 2
+    oriented: int = 1
+    bound: float = CLIP
+    context_px: int = 80
+    """Reach of the local mean: four sigmas, a multiple of the 4 px of its thinning."""
+
+    def __call__(self, image: NDArray[np.uint8] | Float32Array, valid: Mask) -> Float32Array:
+        """See `gradient_features`."""
+        return gradient_features(image, valid)
 
 
 def grey(image: NDArray[np.uint8] | Float32Array) -> Float32Array:
@@ -68,3 +86,6 @@ def local_mean(values: Float32Array, weight: Float32Array, sigma_px: float) -> F
     ]
     mean = sums[0] / np.maximum(sums[1], 1e-3)
     return np.asarray(cv2.resize(mean, (width, height), interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+
+
+GRADIENT = GradientFeatures()
