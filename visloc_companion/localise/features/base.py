@@ -1,0 +1,43 @@
+"""What a dense feature function is: the seam between the networks, the pack's stored features and the localisers."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float32Array = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+
+class Features(Protocol):
+    """Dense features of an image at one resolution, on the image's own pixels.
+
+    `name` is the key under which a map pack stores them, `recipe` says what they were computed with (features of another recipe
+    must not be compared with these). Of the `channels` the first `2 * oriented` are pairs (cosine, sine of twice an angle of the
+    image axes) and turn with the image; the others do not. Values lie within ±`bound`. `context_px`: how far a pixel's features
+    depend on the image around it.
+    """
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+
+    @property
+    def recipe(self) -> str: ...  # noqa: D102
+
+    @property
+    def channels(self) -> int: ...  # noqa: D102
+
+    @property
+    def oriented(self) -> int: ...  # noqa: D102
+
+    @property
+    def bound(self) -> float: ...  # noqa: D102
+
+    @property
+    def context_px(self) -> int: ...  # noqa: D102
+
+    def __call__(self, image: NDArray[np.uint8] | Float32Array, valid: Mask) -> Float32Array:
+        """(H, W, channels) float32 of an (H, W) or (H, W, 3) RGB image; zero where `valid` (H, W) is not."""
+        ...
