@@ -2,36 +2,57 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from visloc_companion.errors import ConfigError
 from visloc_companion.localise.dense import GradientLocaliser
+from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.keypoint import KeypointLocaliser
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.template import NccLocaliser
 from visloc_companion.protocols import Localiser
 from visloc_companion.types import CameraModel
 
-LOCALISERS: dict[str, type[GradientLocaliser] | type[NccLocaliser] | type[KeypointLocaliser]] = {
+ON_FEATURES: dict[str, Callable[[CameraModel, LocaliserSettings, Features], Localiser]] = {}
+"""Those that look through dense features that somebody else opens: a network's."""
+ON_PIXELS: dict[str, Callable[[CameraModel, LocaliserSettings], Localiser]] = {
     "gradient": GradientLocaliser,
     "ncc": NccLocaliser,
     "keypoint": KeypointLocaliser,
 }
-METHODS: tuple[str, ...] = tuple(LOCALISERS)
+"""Those that need nothing but frame and map."""
+METHODS: tuple[str, ...] = (*ON_FEATURES, *ON_PIXELS)
+
+
+def needs_features(method: str) -> bool:
+    """Whether `make_localiser` must be given features for this method."""
+    return method in ON_FEATURES
 
 
 def make_localiser(
     method: str,
     model: CameraModel,
     *,
+    features: Features | None = None,
     map_sigma_m: float = 0.0,
     max_probability_wrong: float = 0.05,
     max_search_radius_m: float = 2000.0,
 ) -> Localiser:
-    """The localiser of a name. Raises ConfigError for a name that this version does not have."""
-    if method not in LOCALISERS:
-        raise ConfigError(f"unknown method {method!r}", where="localiser.method", remedy=f"use one of {', '.join(METHODS)}")
-    return LOCALISERS[method](
-        model,
-        LocaliserSettings(
-            max_probability_wrong=max_probability_wrong, max_search_radius_m=max_search_radius_m, map_sigma_m=map_sigma_m
-        ),
+    """The localiser of a name; `features` are ignored by those that need none.
+
+    Raises ConfigError for a name that this version does not have, or where features are needed and none are given.
+    """
+    settings = LocaliserSettings(
+        max_probability_wrong=max_probability_wrong, max_search_radius_m=max_search_radius_m, map_sigma_m=map_sigma_m
     )
+    if method in ON_PIXELS:
+        return ON_PIXELS[method](model, settings)
+    if method not in ON_FEATURES:
+        raise ConfigError(f"unknown method {method!r}", where="localiser.method", remedy=f"use one of {', '.join(METHODS)}")
+    if features is None:
+        raise ConfigError(
+            f"method {method!r} needs a network's features and got none",
+            where="localiser.method",
+            remedy="open a model (localise.features.onnx.open_features), or use one of " + ", ".join(ON_PIXELS),
+        )
+    return ON_FEATURES[method](model, settings, features)

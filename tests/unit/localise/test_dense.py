@@ -9,6 +9,7 @@ from visloc_companion.errors import ConfigError, Reason
 from visloc_companion.geo.se3 import euler_from_quat
 from visloc_companion.geo.wgs84 import distance_m, ned_from_geo
 from visloc_companion.localise.dense import GradientLocaliser
+from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.registry import METHODS, make_localiser
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.protocols import Localiser
@@ -92,7 +93,7 @@ def noise(low: float, high: float) -> Image:
 )
 @pytest.mark.parametrize("method", METHODS)
 def test_frames_that_show_nothing_are_declined(frame, reason, method, flat, support):
-    answer = make_localiser(method, MODEL).localise(support.request_at((0.0, 0.0, -240.0), LEVEL), frame, flat)
+    answer = make_localiser(method, MODEL, features=GRADIENT).localise(support.request_at((0.0, 0.0, -240.0), LEVEL), frame, flat)
     assert isinstance(answer, NoFix)
     assert answer.reason is reason
     assert answer.method == method
@@ -111,7 +112,7 @@ def test_frames_that_show_nothing_are_declined(frame, reason, method, flat, supp
 @pytest.mark.parametrize("method", METHODS)
 def test_poses_that_cannot_see_the_map_are_declined(p, euler, reason, method, flat, support):
     frame = support.render(flat, MODEL, (0.0, 0.0, -240.0), LEVEL)
-    answer = make_localiser(method, MODEL).localise(support.request_at(p, euler), frame, flat)
+    answer = make_localiser(method, MODEL, features=GRADIENT).localise(support.request_at(p, euler), frame, flat)
     assert isinstance(answer, NoFix)
     assert answer.reason is reason
 
@@ -141,7 +142,7 @@ def test_tiny_overlap_of_frame_and_map_never_raises(flat, support):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_finds_an_easy_frame_and_keeps_the_protocol(method, flat, support):
-    localiser = make_localiser(method, MODEL, map_sigma_m=0.3)
+    localiser = make_localiser(method, MODEL, features=GRADIENT, map_sigma_m=0.3)
     assert isinstance(localiser, Localiser)
     truth = (5.0, 8.0, -240.0)
     frame = support.render(flat, MODEL, truth, LEVEL)

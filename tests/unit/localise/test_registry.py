@@ -1,0 +1,49 @@
+"""Names to localisers: which need features, and what is said where they are missing."""
+
+from typing import Any
+
+import pytest
+
+from visloc_companion.errors import ConfigError
+from visloc_companion.localise import registry
+from visloc_companion.localise.features.base import Features
+from visloc_companion.localise.features.gradient import GRADIENT
+from visloc_companion.localise.registry import METHODS, ON_FEATURES, make_localiser, needs_features
+from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.protocols import ReferenceMap
+from visloc_companion.types import CameraModel, Image, LocaliseRequest, NoFix
+
+MODEL = CameraModel(160, 120, 150.0, 150.0, 79.5, 59.5)
+
+
+class OnFeatures:
+    method = "on-features"
+
+    def __init__(self, model: CameraModel, settings: LocaliserSettings, features: Features) -> None:
+        self.features = features
+
+    def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> NoFix:
+        raise NotImplementedError
+
+
+def test_every_name_is_there_once() -> None:
+    assert len(set(METHODS)) == len(METHODS)
+    assert {"gradient", "ncc", "keypoint"} <= set(METHODS)
+
+
+def test_a_method_on_features_gets_them_or_says_that_it_needs_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(registry.ON_FEATURES, "on-features", OnFeatures)
+    made: Any = make_localiser("on-features", MODEL, features=GRADIENT)
+    assert made.features is GRADIENT
+    with pytest.raises(ConfigError, match=r"localiser.method: method 'on-features' needs a network's features and got none"):
+        make_localiser("on-features", MODEL)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_what_a_method_needs_is_enough(method: str) -> None:
+    assert needs_features(method) == (method in ON_FEATURES)
+    assert make_localiser(method, MODEL, features=GRADIENT if needs_features(method) else None).method == method
+
+
+def test_features_that_nobody_needs_are_no_error() -> None:
+    assert make_localiser("gradient", MODEL, features=GRADIENT).method == "gradient"
