@@ -31,9 +31,9 @@ POROUS_SHADE = 0.45
 """Share of the sunlight that a bare crown blocks."""
 
 
-def build_landscape(seed: int, date: Date, size_m: float = 2000.0, gsd_m: float = 0.5) -> Scene:
+def build_landscape(seed: int, date: Date | Season, size_m: float = 2000.0, gsd_m: float = 0.5) -> Scene:
     """The scene of one date: a square of `size_m` about a fixed centre in UTM zone 32 north."""
-    season = season_of(date)
+    season = date if isinstance(date, Season) else season_of(date)
     grid, plan = Grid(round(size_m / gsd_m), gsd_m), make_plan(seed, size_m)
     lasting, trees = lasting_layers(grid, plan), plant_trees(seed, plan)
     table = field_table(seed, plan, season, felled_parcels(seed, plan))

@@ -1,4 +1,4 @@
-"""What the feature network sees of an image: locally normalised grey and the gradient features, the same in training and flight."""
+"""What the feature network sees of an image: locally normalised grey and the gradient features; in training as in flight."""
 
 from __future__ import annotations
 

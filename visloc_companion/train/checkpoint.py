@@ -1,0 +1,76 @@
+"""State of a training run on disk: whole or not at all, and enough of it that a resumed run equals an uninterrupted one."""
+
+from __future__ import annotations
+
+import io
+import os
+import pickle
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from visloc_companion.errors import ConfigError, ModelError
+
+FORMAT = "visloc-training-checkpoint"
+VERSION = 1
+START_AGAIN = "name an undamaged checkpoint, or train again into another folder"
+
+
+@dataclass(frozen=True, slots=True)
+class Checkpoint:
+    """What a run is after `step` steps. Everything is plain data or tensors, so that reading one executes nothing."""
+
+    step: int
+    seconds: float
+    """Time spent training so far, over all sittings."""
+    config: dict[str, Any]
+    """The configuration as plain data; a run goes on only with the same one."""
+    network: dict[str, Any]
+    optimiser: dict[str, Any]
+    schedule: dict[str, Any]
+    random: dict[str, Any]
+    """States of the generators, by name."""
+    hardware: str
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Replace a file by new content, whole or not at all. Raises ConfigError where the disk is full or forbids it."""
+    draft = path.with_name(f".{path.name}.part")
+    try:
+        with draft.open("wb") as out:
+            out.write(content)
+            out.flush()
+            os.fsync(out.fileno())
+        draft.replace(path)
+    except OSError as why:
+        draft.unlink(missing_ok=True)
+        raise ConfigError(
+            f"cannot be written: {why.strerror}", where=str(path), remedy="free some space or name another folder for --out"
+        ) from why
+
+
+def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
+    """Write atomically; the previous checkpoint stays until the new one is whole. Raises ConfigError as `write_file`."""
+    buffer = io.BytesIO()
+    torch.save(
+        {"format": FORMAT, "version": VERSION, **{name: getattr(checkpoint, name) for name in Checkpoint.__slots__}}, buffer
+    )
+    write_file(path, buffer.getvalue())
+
+
+def load_checkpoint(path: Path) -> Checkpoint:
+    """Read one, tensors on the CPU. Raises ModelError for a missing, damaged or foreign file."""
+    try:
+        data = torch.load(io.BytesIO(path.read_bytes()), map_location="cpu", weights_only=True)
+    except OSError as why:
+        raise ModelError(f"cannot be read: {why.strerror}", where=str(path), remedy="name a checkpoint.pt that is there") from why
+    except (RuntimeError, EOFError, IndexError, KeyError, ValueError, TypeError, AttributeError, pickle.UnpicklingError) as why:
+        raise ModelError("is damaged or no checkpoint", where=str(path), remedy=START_AGAIN) from why
+    if not isinstance(data, dict) or data.get("format") != FORMAT or data.get("version") != VERSION:
+        raise ModelError(f"is no {FORMAT} of version {VERSION}", where=str(path), remedy=START_AGAIN)
+    fields = {name: data[name] for name in Checkpoint.__slots__ if name in data}
+    if missing := set(Checkpoint.__slots__) - set(fields):
+        raise ModelError(f"lacks {', '.join(sorted(missing))}", where=str(path), remedy=START_AGAIN)
+    return Checkpoint(**fields)
