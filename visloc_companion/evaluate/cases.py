@@ -60,7 +60,10 @@ class BadCase:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """Where the camera was. `gsd_m` (of the map) and `solvable` are 0 and True where the table does not say."""
+    """Where the camera was. `gsd_m` (of the map) and `solvable` are 0 and True where the table does not say.
+
+    `map_date` and `frame_date` are as the table writes them (YYYYMMDD where they are known), else empty.
+    """
 
     lat_deg: float
     lon_deg: float
@@ -68,6 +71,10 @@ class Truth:
     yaw_deg: float
     gsd_m: float
     solvable: bool
+    roll_deg: float = 0.0
+    pitch_deg: float = 0.0
+    map_date: str = ""
+    frame_date: str = ""
 
 
 def read_cases(folder: Path) -> list[Case | BadCase]:
@@ -151,8 +158,9 @@ def _camera(row: dict[str, str]) -> Camera:
 
 
 def _truth(row: dict[str, str]) -> Truth:
-    lat, lon, h, yaw = (_number(row, c) for c in ("lat_deg", "lon_deg", "h_m", "yaw_deg"))
-    return Truth(lat, lon, h, yaw, float(row.get("gsd_m") or 0.0), (row.get("solvable") or "1") != "0")
+    lat, lon, h, yaw, roll, pitch = (_number(row, c) for c in ("lat_deg", "lon_deg", "h_m", "yaw_deg", "roll_deg", "pitch_deg"))
+    gsd_m, solvable = float(row.get("gsd_m") or 0.0), (row.get("solvable") or "1") != "0"
+    return Truth(lat, lon, h, yaw, gsd_m, solvable, roll, pitch, row.get("map_date") or "", row.get("frame_date") or "")
 
 
 def _named(row: dict[str, str], column: str) -> str:

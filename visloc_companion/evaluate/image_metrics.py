@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from visloc_companion.errors import Reason
 from visloc_companion.evaluate.cases import Truth
-from visloc_companion.geo.se3 import euler_from_quat, wrap_pi
+from visloc_companion.evaluate.reliability import reliability
+from visloc_companion.geo.se3 import R_from_quat, euler_from_quat, quat_from_euler, wrap_pi
 from visloc_companion.geo.wgs84 import ned_from_geo
 from visloc_companion.types import Fix, FloatArray, GeoPoint
 
 WRONG_PX = 5.0
+"""A fix that is off by as much is wrong; ..."""
+FAR_PX = 10.0
+"""... by more than this it is far off: what must not be accepted."""
+CHI2_95 = 5.991
+"""95 % of the chi-squared distribution of two degrees of freedom."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +40,8 @@ class CaseResult:
 
 @dataclass(frozen=True, slots=True)
 class CaseError:
-    """Errors of one fix: metres north and east, height (also per cent of that above ground), heading, and over the sigmas."""
+    """Errors of one fix: metres north and east, height (also per cent of that above ground), heading, tilt (angle between the
+    camera's true and found vertical axes), over the sigmas, and `chi2` of the horizontal error under the claimed covariance."""
 
     north_m: float
     east_m: float
@@ -41,7 +49,9 @@ class CaseError:
     h_m: float
     h_percent: float
     yaw_deg: float
+    tilt_deg: float
     sigmas: tuple[float, float, float]
+    chi2: float
     solvable: bool
 
     @property
@@ -59,6 +69,11 @@ class CaseError:
         """Whether the fix is another place."""
         return not self.solvable or self.horizontal_px >= WRONG_PX
 
+    @property
+    def far(self) -> bool:
+        """Whether the fix is far off."""
+        return not self.solvable or self.horizontal_px > FAR_PX
+
 
 def case_error(result: CaseResult, truth: Truth) -> CaseError | None:
     """Errors of a case, None where there is no fix."""
@@ -69,16 +84,43 @@ def case_error(result: CaseResult, truth: Truth) -> CaseError | None:
     up = fix.place.h_amsl_m - truth.h_m
     yaw = wrap_pi(euler_from_quat(fix.q_ned_frd)[2] - math.radians(truth.yaw_deg))
     sigmas = tuple(math.sqrt(max(v, 1e-12)) for v in (fix.cov_ne_m2[0][0], fix.cov_ne_m2[1][1]))
+    off, covariance = np.array([north, east]), np.array(fix.cov_ne_m2) + 1e-12 * np.eye(2)
     return CaseError(
-        north,
-        east,
-        truth.gsd_m or result.map_gsd_m or 1.0,
-        up,
-        100 * up / (result.evidence.get("agl_m") or truth.h_m or 1.0),
-        math.degrees(yaw),
-        (north / sigmas[0], east / sigmas[1], up / max(fix.sigma_h_m, 1e-6)),
-        truth.solvable,
+        north_m=north,
+        east_m=east,
+        gsd_m=truth.gsd_m or result.map_gsd_m or 1.0,
+        h_m=up,
+        h_percent=100 * up / (result.evidence.get("agl_m") or truth.h_m or 1.0),
+        yaw_deg=math.degrees(yaw),
+        tilt_deg=tilt_between_deg(fix, truth),
+        sigmas=(north / sigmas[0], east / sigmas[1], up / max(fix.sigma_h_m, 1e-6)),
+        chi2=float(off @ np.linalg.solve(covariance, off)),
+        solvable=truth.solvable,
     )
+
+
+def tilt_between_deg(fix: Fix, truth: Truth) -> float:
+    """Angle between where the body's down axis points by the fix and by the truth, both turned to north: without the heading."""
+    down = []
+    for roll, pitch in (euler_from_quat(fix.q_ned_frd)[:2], (math.radians(truth.roll_deg), math.radians(truth.pitch_deg))):
+        down.append(R_from_quat(quat_from_euler(roll, pitch, 0.0))[:, 2])
+    return math.degrees(math.acos(float(np.clip(down[0] @ down[1], -1, 1))))
+
+
+def accepted(results: list[CaseResult], max_probability_wrong: float) -> list[CaseResult]:
+    """The same results with a stricter limit: fixes that claim a larger probability of being wrong become refusals."""
+    return [
+        replace(r, fix=None, reason=Reason.NO_MATCH)
+        if r.fix is not None and r.fix.probability_wrong > max_probability_wrong
+        else r
+        for r in results
+    ]
+
+
+def claims(judged: list[tuple[CaseResult, Truth]]) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Claimed probability of being wrong (N,) of every fix, and whether it is (N,)."""
+    pairs = [(r.fix.probability_wrong, e.wrong) for r, t in judged if r.fix is not None and (e := case_error(r, t)) is not None]
+    return np.array([p for p, _ in pairs], dtype=np.float64), np.array([w for _, w in pairs], dtype=np.bool_)
 
 
 def summarise(results: list[CaseResult], truth: dict[str, Truth]) -> dict[str, Any]:
@@ -104,21 +146,30 @@ def _against_truth(judged: list[tuple[CaseResult, Truth]]) -> dict[str, Any]:
     errors = [e for e in (case_error(r, t) for r, t in judged) if e is not None]
     solvable = sum(t.solvable for _, t in judged)
     right = [e for e in errors if not e.wrong]
+    near = [e for e in errors if not e.far]
     px = np.array([e.horizontal_px for e in errors if e.solvable])
     metres = np.array([e.horizontal_m for e in errors if e.solvable])
-    sigmas = np.array([e.sigmas for e in right]).reshape(-1, 3)
+    sigmas = np.array([e.sigmas for e in near]).reshape(-1, 3)
     return {
         "n_with_truth": len(judged),
         "n_solvable": solvable,
         "within_5px_share": _share(int((px < WRONG_PX).sum()), solvable),
         "within_2px_share": _share(int((px < 2.0).sum()), solvable),
         "wrong_and_accepted": sum(e.wrong for e in errors),
+        "far_and_accepted": sum(e.far for e in errors),
+        "accepted_of_solvable_share": _share(sum(e.solvable for e in errors), solvable),
+        "refused_of_unsolvable_share": _share(
+            len(judged) - solvable - sum(not e.solvable for e in errors), len(judged) - solvable
+        ),
         "error_m": _spread(metres),
         "error_px": _spread(px),
         "rms_error_over_sigma": {axis: _rms(sigmas[:, k]) for k, axis in enumerate(("north", "east", "height"))},
+        "inside_95_ellipse_share": _share(sum(e.chi2 <= CHI2_95 for e in near), len(near)),
         "altitude_error_m": _spread(np.array([abs(e.h_m) for e in right])),
         "altitude_error_percent": _spread(np.array([abs(e.h_percent) for e in right])),
         "heading_error_deg": _spread(np.array([abs(e.yaw_deg) for e in right])),
+        "tilt_error_deg": _spread(np.array([e.tilt_deg for e in right])),
+        "reliability": reliability(*claims(judged)),
     }
 
 
