@@ -87,8 +87,8 @@ def _shadowed(rng: Rng, image: Float32Array) -> Float32Array:
         axes = (int(rng.uniform(0.03, 0.3) * width), int(rng.uniform(0.03, 0.3) * height))
         centre = (int(rng.integers(width)), int(rng.integers(height)))
         cv2.ellipse(mask, centre, axes, float(rng.uniform(0, 180)), 0, 360, 1.0, -1)
-    mask = cv2.GaussianBlur(mask, (0, 0), float(rng.uniform(0.5, 6)))
-    return np.asarray(image * (1 - mask * rng.uniform(0.2, 0.6)), dtype=np.float32)
+    soft = np.asarray(cv2.GaussianBlur(mask, (0, 0), float(rng.uniform(0.5, 6))), dtype=np.float32)
+    return np.asarray(image * (1 - soft * rng.uniform(0.2, 0.6)), dtype=np.float32)
 
 
 def _compressed(rng: Rng, image: Float32Array) -> Float32Array:

@@ -47,7 +47,8 @@ def correlation_surface(reference: Tensor, query: Tensor, mask: Tensor) -> Tenso
     energy = torch.fft.irfft2(torch.fft.rfft2((reference * reference).sum(1), s=shape) * F_mask, s=shape)[:, :n, :n]
     own = (masked * query).sum((1, 2, 3))[:, None, None]
     floor = 1e-3 * mask.sum((1, 2))[:, None, None]
-    return numerator / torch.sqrt((energy.clamp(min=0) + floor) * (own + floor))
+    scores: Tensor = numerator / torch.sqrt((energy.clamp(min=0) + floor) * (own + floor))
+    return scores
 
 
 def offset_loss(surface: Tensor, offset_px: Tensor, sharpness: Tensor) -> Tensor:

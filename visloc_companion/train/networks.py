@@ -45,7 +45,7 @@ class FeatureNetwork(nn.Module):
         for block in self.blocks:
             nn.init.normal_(cast(Tensor, block.weight), std=0.3 / (9 * half) ** 0.5)
         with torch.no_grad():
-            self.head.bias[:2] = torch.tensor([2.0, -1.0])
+            cast(Tensor, self.head.bias)[:2] = torch.tensor([2.0, -1.0])
             self.head.weight[:2] *= 0.1
 
     def forward(self, image: Tensor) -> Tensor:

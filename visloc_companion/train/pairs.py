@@ -20,8 +20,9 @@ Rng = np.random.Generator
 
 @dataclass(frozen=True, slots=True)
 class PairSettings:
-    """`reference_px`: side of the map piece; `windows_px`: sides of the frame's raster; the frame's footprint is `footprint_share`
-    of that, at any angle. Turn and scale are what the network must bear, the misfits what the search grid leaves over."""
+    """`reference_px`: side of the map piece; `windows_px`: sides of the frame's raster; its footprint is `footprint_share`
+    of that, at any angle. Turn and scale are what the network must bear, the misfits what the search grid leaves over.
+    """
 
     reference_px: int = 144
     windows_px: tuple[int, ...] = (48, 56, 64, 80, 100)
@@ -39,8 +40,8 @@ class PairSettings:
 class Pair:
     """`reference` (3, R, R) and `query` (3, Q, Q) network inputs, their masks (R, R), (Q, Q) float32.
 
-    `window_to_query` (2, 3): pixels of the upright window to the query's, `turn_rad` is the turn in it; `offset_px` (2,): place of
-    the window's first pixel (u, v) in the reference.
+    `window_to_query` (2, 3): pixels of the upright window to the query's, `turn_rad` is the turn in it; `offset_px` (2,):
+    place of the window's first pixel (u, v) in the reference.
     """
 
     reference: Float32Array
@@ -59,8 +60,7 @@ class StackPyramid:
         self.name, self._shift = stack.name, stack.shift_px
         self._levels = [list(stack.dates)]
         while min(self._levels[-1][0].shape[:2]) >= 320:
-            halved = [cv2.resize(d, (d.shape[1] // 2, d.shape[0] // 2), interpolation=cv2.INTER_AREA) for d in self._levels[-1]]
-            self._levels.append(halved)
+            self._levels.append([_halved(image) for image in self._levels[-1]])
         self.dates = len(stack.dates)
         self.shape = stack.dates[0].shape[:2]
 
@@ -86,6 +86,11 @@ class StackPyramid:
         return np.asarray(
             cv2.warpAffine(grey, A, (size_px, size_px), flags=flags, borderMode=cv2.BORDER_REFLECT), dtype=np.float32
         )
+
+
+def _halved(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    size = (image.shape[1] // 2, image.shape[0] // 2)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 class PaintedStack:
