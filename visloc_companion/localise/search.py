@@ -5,22 +5,35 @@ For every heading and scale the rectified frame's features T (mask m) are correl
     score(s) = sum m w T . M(s) / sqrt( sum m w |T|^2  sum m w |M(s)|^2 )
 
 (Padfield 2012, masked normalised cross-correlation; no mean is removed from features that have none, `zero_mean` for grey
-values). The template lies in the FFT array at its offset from the camera's nadir, so an index of the result is the pixel of the
-nadir, for every hypothesis the same grid.
+values). The template lies at its offset from the camera's nadir, so an index of the result is the pixel of the nadir, for every
+hypothesis the same grid. The sums without T vary as slowly as a template is wide: for templates of LARGE_PX and more they are
+computed on a grid of COARSE px and interpolated.
+
+Cost: with A positions, templates of B x B pixels, C channels and K hypotheses about K A C (a + b log2 B) operations, linear in
+the area as the transforms have the size that suits the template, and never that of the map (`benchmarks/search.py` measures
+it). Memory: the spectra of the map, 8 C bytes a position and somewhat more, at most SPECTRA_BYTES at a time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.localise.features.base import Float32Array
+from visloc_companion.localise.spectra import BlockCorrelator, Box, Complex64Array
 
 MIN_OVERLAP = 0.5
+LARGE_PX, COARSE = 64, 3
+SPECTRA_BYTES, SPECTRA_OVERHEAD = 128 << 20, 2.5
+"""Limit of the map's spectra, and their size for one position over that of its features, because blocks overlap."""
+NO_SCORE = -1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +47,7 @@ class Template:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScoreVolume:
-    """Scores at nadir pixels `origin_px` + (column, row): best over the hypotheses, which one, and the overlap there."""
+    """Scores at nadir pixels `origin_px` + (column, row): best over the hypotheses, and which one. -1: too little overlap."""
 
     score: Float32Array
     hypothesis: NDArray[np.int32]
@@ -56,33 +69,35 @@ def search(
     weight: Float32Array,
     make_template: Callable[[int], Template],
     n_hypotheses: int,
-    box_px: tuple[int, int, int, int],
-    extent_px: tuple[int, int, int, int],
+    box_px: Box,
+    extent_px: Box,
     zero_mean: bool = False,
+    threads: int = 1,
 ) -> ScoreVolume:
     """Scores of all hypotheses at the nadir pixels of a box.
 
     `features` (H, W, C) and `weight` (H, W) are the map window's. `box_px` is (u_first, v_first, u_last, v_last) of the nadir in
-    window pixels (may lie outside the window), `extent_px` the same of all templates about the nadir.
+    window pixels (may lie outside the window), `extent_px` the same of all templates about the nadir. `make_template` must be
+    pure: with `threads` > 1 it is called from several threads. The result does not depend on their number.
     """
-    height, width = weight.shape
-    u0, v0, u1, v1 = box_px
-    left, top = min(0, u0 + extent_px[0]), min(0, v0 + extent_px[1])
-    size = (
-        cv2.getOptimalDFTSize(max(width, u1 + extent_px[2] + 1) - left),
-        cv2.getOptimalDFTSize(max(height, v1 + extent_px[3] + 1) - top),
-    )
-    window = _MapSpectra(features, weight, size, zero_mean)
-    rows = np.arange(v0, v1 + 1) % size[1]
-    cols = np.arange(u0, u1 + 1) % size[0]
-    best = np.full((len(rows), len(cols)), -1.0, np.float32)
-    which = np.zeros(best.shape, np.int32)
-    for k in range(n_hypotheses):
-        score = window.correlate(make_template(k))[np.ix_(rows, cols)]
-        better = score > best
-        best[better] = score[better]
-        which[better] = k
-    return ScoreVolume(best, which, (u0, v0))
+    fields = _paired(features * weight[..., None])
+    sums = _paired(np.stack([weight, np.einsum("ijk,ijk,ij->ij", features, features, weight)], -1))
+    if zero_mean:
+        sums = np.concatenate([sums, fields[:1]])
+    workers = max(1, min(threads, n_hypotheses))
+    shares = [range(n_hypotheses * t // workers, n_hypotheses * (t + 1) // workers) for t in range(workers)]
+    parts = []
+    for strip in _strips(box_px, extent_px, len(fields)):
+        field = BlockCorrelator(fields, strip, extent_px, n_hypotheses)
+        norm = _Norm(sums, strip, extent_px, n_hypotheses, zero_mean)
+        run = partial(_best, field, norm, make_template)
+        if workers == 1:
+            parts.append(run(shares[0]))
+        else:
+            with ThreadPoolExecutor(workers) as pool:
+                parts.append(_merged(list(pool.map(run, shares))))
+    best, which = (np.concatenate([part[k] for part in parts]) for k in range(2))
+    return ScoreVolume(best, which, (box_px[0], box_px[1]))
 
 
 def find_peaks(volume: ScoreVolume, allowed: NDArray[np.bool_], radius_px: float, count: int) -> list[Peak]:
@@ -116,52 +131,109 @@ def _parabola(score: Float32Array, row: int, col: int) -> tuple[float, float]:
     return offsets[0], offsets[1]
 
 
-class _MapSpectra:
-    """Transforms of the map window, shared by all hypotheses."""
-
-    def __init__(self, features: Float32Array, weight: Float32Array, size: tuple[int, int], zero_mean: bool) -> None:
-        self._size = size
-        self._zero_mean = zero_mean
-        weighted = features * weight[..., None]
-        self._channels = [self._forward(weighted[..., k]) for k in range(features.shape[2])]
-        self._energy = self._forward(np.einsum("ijk,ijk->ij", weighted, features))
-        self._weight = self._forward(weight)
-
-    def correlate(self, template: Template) -> Float32Array:
-        """Scores on the FFT grid; -1 where too little of the template lies on valid map."""
-        mask = self._placed(template.mask, template.offset_px)
+def _best(
+    field: BlockCorrelator, norm: _Norm, make_template: Callable[[int], Template], hypotheses: range
+) -> tuple[Float32Array, NDArray[np.int32]]:
+    """Best score and its hypothesis at each position, the lower hypothesis of equals."""
+    best, which = np.full(field.shape, NO_SCORE, np.float32), np.zeros(field.shape, np.int32)
+    blocks = field.blocks()
+    for k in hypotheses:
+        template = make_template(k)
         masked = template.features * template.mask[..., None]
-        if self._zero_mean:
-            masked = masked - template.mask[..., None] * (masked.sum((0, 1)) / max(float(template.mask.sum()), 1.0))
-        parts = [_product(s, self._placed(masked[..., k], template.offset_px)) for k, s in enumerate(self._channels)]
-        numerator = self._inverse(np.sum(parts, axis=0, dtype=np.float32))
-        seen = self._inverse(_product(self._weight, mask))
-        under = self._inverse(_product(self._energy, mask))
-        area = max(float(template.mask.sum()), 1.0)
-        if self._zero_mean:
-            mean = self._inverse(_product(self._channels[0], mask))
-            under = np.asarray(under - mean * mean / np.maximum(seen, 1.0), dtype=np.float32)
-        share = seen / area
-        own = float(np.sum(masked * masked)) * np.clip(share, 0, 1)
-        score = numerator / np.sqrt(np.maximum(own * under, 1e-6 * area * area + 1e-6))
-        return np.where(share >= MIN_OVERLAP, score, -1.0).astype(np.float32)
-
-    def _placed(self, values: Float32Array, offset_px: tuple[int, int]) -> Float32Array:
-        array = np.zeros((self._size[1], self._size[0]), np.float32)
-        rows = (np.arange(values.shape[0]) + offset_px[1]) % self._size[1]
-        cols = (np.arange(values.shape[1]) + offset_px[0]) % self._size[0]
-        array[np.ix_(rows, cols)] = values
-        return np.asarray(cv2.dft(array), dtype=np.float32)
-
-    def _forward(self, values: Float32Array) -> Float32Array:
-        array = np.zeros((self._size[1], self._size[0]), np.float32)
-        array[: values.shape[0], : values.shape[1]] = values
-        return np.asarray(cv2.dft(array), dtype=np.float32)
-
-    def _inverse(self, spectrum: Float32Array) -> Float32Array:
-        return np.asarray(cv2.idft(spectrum, flags=cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT), dtype=np.float32)
+        if norm.zero_mean:
+            masked -= template.mask[..., None] * (masked.sum((0, 1)) / max(float(template.mask.sum()), 1.0))
+        factor, little = norm.factor(template.mask, template.offset_px, float(np.vdot(masked, masked)))
+        spectrum = field.spectrum(_paired(masked), template.offset_px)
+        for block, at in enumerate(blocks):
+            score = field.summed(block, spectrum).real * factor[at]
+            if little is not None:
+                score[little[at]] = NO_SCORE
+            better = score > best[at]
+            np.maximum(best[at], score, out=best[at])
+            np.maximum(which[at], np.multiply(better, np.int32(k)), out=which[at])  # hypotheses ascend: the last better one
+    return best, which
 
 
-def _product(map_spectrum: Float32Array, template_spectrum: Float32Array) -> Float32Array:
-    """Spectrum of the correlation, in OpenCV's packed format."""
-    return np.asarray(cv2.mulSpectrums(map_spectrum, template_spectrum, 0, conjB=True), dtype=np.float32)
+def _merged(parts: list[tuple[Float32Array, NDArray[np.int32]]]) -> tuple[Float32Array, NDArray[np.int32]]:
+    """The better of each position, the earlier part (the lower hypotheses) of equals."""
+    best, which = parts[0]
+    for score, hypothesis in parts[1:]:
+        better = score > best
+        np.copyto(best, score, where=better)
+        np.copyto(which, hypothesis, where=better)
+    return best, which
+
+
+class _Norm:
+    """What scores are divided by: the sums of the definition that the template's features do not enter."""
+
+    def __init__(self, sums: Complex64Array, box: Box, extent: Box, templates: int, zero_mean: bool) -> None:
+        self.zero_mean = zero_mean
+        wide = min(extent[2] - extent[0], extent[3] - extent[1]) + 1 >= LARGE_PX
+        self._coarse = COARSE if wide and not zero_mean else 1
+        u0, v0, u1, v1 = box
+        self._shape = (v1 - v0 + 1, u1 - u0 + 1)
+        self._before = (v0 % self._coarse, u0 % self._coarse)
+        samples = (u0 // self._coarse, v0 // self._coarse, -(-u1 // self._coarse), -(-v1 // self._coarse))
+        left, top, right, bottom = (v // self._coarse for v in extent)
+        self._sums = BlockCorrelator(_thinned(sums, self._coarse), samples, (left, top, right, bottom), templates)
+
+    def factor(
+        self, mask: Float32Array, offset_px: tuple[int, int], energy: float
+    ) -> tuple[Float32Array, NDArray[np.bool_] | None]:
+        """(rows, cols) of the box: 1 / the score's denominator; and where too little is seen, None if nowhere.
+
+        `energy` is the template's sum m |T|^2.
+        """
+        coarse, area = self._coarse, max(float(mask.sum()), 1.0)
+        ahead = ((0, 0), (offset_px[1] % coarse, 0), (offset_px[0] % coarse, 0))
+        thinned = _thinned(np.pad(mask[None], ahead), coarse)
+        spectrum = self._sums.spectrum(thinned, (offset_px[0] // coarse, offset_px[1] // coarse))
+        seen, under = np.empty(self._sums.shape, np.float32), np.empty(self._sums.shape, np.float32)
+        for block, at in enumerate(self._sums.blocks()):
+            both, *mean = self._sums.each(block, spectrum)
+            seen[at], under[at] = both.real, both.imag
+            for m in mean:
+                under[at] -= m.real**2 / np.maximum(seen[at], 1.0)
+        share = seen * np.float32(coarse * coarse / area)
+        own = np.clip(share, 0, 1) * np.float32(energy * coarse * coarse)
+        factor = 1 / np.sqrt(np.maximum(own * under, np.float32(1e-6 * area * area + 1e-6)))
+        if float(share.min()) >= MIN_OVERLAP:
+            return self._full(factor), None
+        return self._full(factor), self._full(share) < MIN_OVERLAP
+
+    def _full(self, values: Float32Array) -> Float32Array:
+        """(rows, cols) of the box, linearly from the samples at every multiple of the coarse step."""
+        coarse = self._coarse
+        if coarse > 1:
+            size = (values.shape[1] * coarse, values.shape[0] * coarse)
+            values = np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+        row, col = (before + coarse // 2 for before in self._before)
+        return values[row : row + self._shape[0], col : col + self._shape[1]]
+
+
+def _strips(box: Box, extent: Box, fields: int) -> Iterator[Box]:
+    """The box in strips whose map spectra fit SPECTRA_BYTES."""
+    u0, v0, u1, v1 = box
+    reach = extent[3] - extent[1] + 1
+    rows = max(reach, int(SPECTRA_BYTES / (SPECTRA_OVERHEAD * 8 * fields * (u1 - u0 + 1 + extent[2] - extent[0]))))
+    for first in range(v0, v1 + 1, rows):
+        yield u0, first, u1, min(v1, first + rows - 1)
+
+
+def _paired(values: Float32Array) -> Complex64Array:
+    """(K, H, W) complex64: the channels of (H, W, C), two by two."""
+    if values.shape[2] % 2:
+        values = np.concatenate([values, np.zeros_like(values[..., :1])], -1)
+    return np.ascontiguousarray(np.moveaxis(np.ascontiguousarray(values).view(np.complex64), -1, 0))
+
+
+def _thinned(fields: NDArray[Any], step: int) -> NDArray[Any]:
+    """(K, H, W) averaged over cells of `step` pixels, those at the far borders as if zeros followed."""
+    if step == 1:
+        return fields
+    count, height, width = fields.shape
+    rows, cols = -(-height // step), -(-width // step)
+    padded = np.zeros((count, rows * step, cols * step), fields.dtype)
+    padded[:, :height, :width] = fields
+    return np.asarray(padded.reshape(count, rows, step, cols, step).mean((2, 4)), dtype=fields.dtype)

@@ -1,0 +1,139 @@
+"""Correlation of complex fields with many templates by overlapping blocks of the discrete Fourier transform.
+
+    c(s) = sum over k, x of  conj(T_k(x)) F_k(s + offset + x)        s: every pixel of a box
+
+The fields outside their array are zero. A field holds two real channels as real and imaginary part: the real part of c is then
+the sum of both real correlations, and against a real template the two parts are the two correlations. The box is cut into
+blocks whose size is chosen for the least work (overlap-save: Oppenheim & Schafer, Discrete-Time Signal Processing, section 8.7),
+so that a template is transformed at its own size, not at the map's.
+
+OpenCV's transform is used where Intel's primitives are in it, else SciPy's: measured for 256 x 256 complex values 0.08 ms with
+the primitives, 0.20 ms SciPy, 0.82 ms OpenCV without them.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import cv2
+import numpy as np
+import scipy.fft  # type: ignore[import-untyped]
+from numpy.typing import NDArray
+
+from visloc_companion.localise.features.base import Float32Array
+
+Complex64Array = NDArray[np.complex64]
+Box = tuple[int, int, int, int]
+"""(u_first, v_first, u_last, v_last), both ends included."""
+
+LARGEST_SIZE = 4800
+PRODUCT_WORK = 4.0
+"""Work of a complex multiply-add in units of a transform's work per value and bit of its length (measured)."""
+
+
+class BlockCorrelator:
+    """The fields' block spectra over a box of positions, shared by all templates.
+
+    `fields` (K, H, W) complex64; `box` the positions wanted, in pixels of the fields, inside or outside; `extent` the smallest
+    box that holds all templates about their position; `templates` how many will follow (for the choice of the block size).
+    Read-only after construction: any number of threads may correlate.
+    """
+
+    def __init__(self, fields: Complex64Array, box: Box, extent: Box, templates: int) -> None:
+        self.shape = (box[3] - box[1] + 1, box[2] - box[0] + 1)
+        self._extent = extent
+        span = (extent[3] - extent[1] + 1, extent[2] - extent[0] + 1)
+        self.size = block_size(self.shape, span, fields.shape[0], templates)
+        step = (self.size[0] - span[0] + 1, self.size[1] - span[1] + 1)
+        self._corners = [(r, c) for r in range(0, self.shape[0], step[0]) for c in range(0, self.shape[1], step[1])]
+        self._step = step
+        top, left = box[1] + extent[1], box[0] + extent[0]
+        self._spectra = [_forward(_window(fields, top + r, left + c, self.size)) for r, c in self._corners]
+
+    def spectrum(self, template: Complex64Array | Float32Array, offset_px: tuple[int, int]) -> Complex64Array:
+        """(K, h, w) conjugate spectrum of a template whose first pixel lies `offset_px` (u, v) from the position."""
+        left, top = offset_px[0] - self._extent[0], offset_px[1] - self._extent[1]
+        height, width = template.shape[-2:]
+        if min(left, top) < 0 or top + height > self.size[0] or left + width > self.size[1]:
+            raise ValueError(f"template of {width} x {height} px at {offset_px} is outside the extent {self._extent}")
+        padded = np.zeros((template.shape[0], *self.size), np.complex64)
+        padded[:, top : top + height, left : left + width] = template
+        spectra = _forward(padded)
+        return np.conjugate(spectra, out=spectra)
+
+    def blocks(self) -> list[tuple[slice, slice]]:
+        """Rows and columns of the box that each block covers."""
+        rows, cols = self.shape
+        return [(slice(r, min(rows, r + self._step[0])), slice(c, min(cols, c + self._step[1]))) for r, c in self._corners]
+
+    def summed(self, block: int, spectrum: Complex64Array) -> Complex64Array:
+        """(rows, cols) correlation summed over the fields, over a block."""
+        fields = self._spectra[block]
+        total = fields[0] * spectrum[0]
+        if len(fields) > 1:
+            product = np.empty_like(total)
+            for field, of_template in zip(fields[1:], spectrum[1:], strict=True):
+                np.multiply(field, of_template, out=product)
+                total += product
+        return self._cut(block, total)
+
+    def each(self, block: int, spectrum: Complex64Array) -> list[Complex64Array]:
+        """(rows, cols) correlation of each field with the one template of `spectrum` (1, h, w), over a block."""
+        return [self._cut(block, field * spectrum[0]) for field in self._spectra[block]]
+
+    def _cut(self, block: int, spectrum: Complex64Array) -> Complex64Array:
+        rows, cols = self.blocks()[block]
+        return _inverse(spectrum)[: rows.stop - rows.start, : cols.stop - cols.start]
+
+
+def block_size(positions: tuple[int, int], span: tuple[int, int], fields: int, templates: int) -> tuple[int, int]:
+    """Height and width of the transforms that do the least work for (rows, cols) positions and templates of a span."""
+    along = []
+    for wanted, reach in zip(positions, span, strict=True):
+        sizes = _fast_sizes()
+        enough = int(np.searchsorted(sizes, wanted + reach - 1))
+        sizes = sizes[int(np.searchsorted(sizes, reach)) : enough + 1]
+        if not len(sizes):
+            raise ValueError(f"a template of {reach} px is beyond the largest transform of {LARGEST_SIZE} px")
+        along.append((sizes, -(-wanted // (sizes - reach + 1))))
+    (heights, across), (widths, down) = along
+    values = np.multiply.outer(heights, widths).astype(np.float64)
+    blocks = np.multiply.outer(across, down)
+    transform = values * np.log2(values)
+    work = templates * (fields * transform + blocks * (transform + PRODUCT_WORK * fields * values))
+    work += blocks * fields * transform
+    row, col = np.unravel_index(int(np.argmin(work)), work.shape)
+    return int(heights[row]), int(widths[col])
+
+
+@cache
+def _fast_sizes() -> NDArray[np.int64]:
+    """Multiples of 8 without prime factors beyond 5."""
+    found = {2**a * 3**b * 5**c for a in range(3, 13) for b in range(8) for c in range(6)}
+    return np.array(sorted(size for size in found if size <= LARGEST_SIZE))
+
+
+def _window(fields: Complex64Array, top: int, left: int, size: tuple[int, int]) -> Complex64Array:
+    """(K, *size) of the fields from a pixel on, zero outside them."""
+    found = np.zeros((fields.shape[0], *size), np.complex64)
+    r0, c0 = max(0, top), max(0, left)
+    r1, c1 = min(fields.shape[1], top + size[0]), min(fields.shape[2], left + size[1])
+    if r1 > r0 and c1 > c0:
+        found[:, r0 - top : r1 - top, c0 - left : c1 - left] = fields[:, r0:r1, c0:c1]
+    return found
+
+
+def _forward(values: Complex64Array) -> Complex64Array:
+    if not cv2.ipp.useIPP():
+        return np.asarray(scipy.fft.fft2(values, overwrite_x=True), dtype=np.complex64)
+    for plane in values.view(np.float32).reshape(*values.shape, 2):
+        cv2.dft(plane, dst=plane)
+    return values
+
+
+def _inverse(spectrum: Complex64Array) -> Complex64Array:
+    if not cv2.ipp.useIPP():
+        return np.asarray(scipy.fft.ifft2(spectrum, overwrite_x=True), dtype=np.complex64)
+    parts = spectrum.view(np.float32).reshape(*spectrum.shape, 2)
+    cv2.dft(parts, dst=parts, flags=cv2.DFT_INVERSE | cv2.DFT_SCALE)
+    return spectrum
