@@ -17,7 +17,18 @@ from rasterio.transform import Affine
 from visloc_companion.errors import Reason
 from visloc_companion.geo.raster import T_map_pix_from_gdal
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
+from visloc_companion.localise.features.network_input import RECIPE
 from visloc_companion.localise.freshness import FreshFramesOnly
+from visloc_companion.localise.model_folder import (
+    InputSpec,
+    ModelManifest,
+    OutputSpec,
+    Training,
+    variant_entry,
+    write_golden,
+    write_manifest,
+)
+from visloc_companion.localise.runtime import run_onnx
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.prepare.build import build_pack
 from visloc_companion.protocols import ReferenceMap
@@ -130,3 +141,39 @@ def write_raster() -> WriteRaster:
         return T_map_pix_from_gdal(tuple(affine)[:6])
 
     return write
+
+
+TINY = Path(__file__).parents[1] / "data" / "tiny.onnx"
+
+
+@pytest.fixture(scope="session")
+def make_network() -> Callable[..., Path]:
+    """Fills a folder with a network of 10 channels that has learned nothing; keywords replace fields of its manifest."""
+    pytest.importorskip("onnxruntime")
+
+    def make(folder: Path, onnx: Path = TINY, **changes: Any) -> Path:
+        folder.mkdir(parents=True, exist_ok=True)
+        content = onnx.read_bytes()
+        (folder / "model.onnx").write_bytes(content)
+        given = np.random.default_rng(3).standard_normal((1, 3, 32, 32)).astype(np.float32)
+        manifest = ModelManifest(
+            name="tiny",
+            licence="Apache-2.0",
+            opset=20,
+            variants={"float32": variant_entry(folder / "model.onnx", 1e-4, 1e-5)},
+            input=InputSpec(name="image", channels=3, channel_names=("grey", "cosine", "sine"), recipe=RECIPE),
+            output=OutputSpec(name="features", channels=10, oriented=1, bound=2.0, multiple_px=4, context_px=7),
+            training=Training(data=(), split="none", seeds=(7,), steps=0, hours=0.0, hardware="none", software="onnx"),
+            figures={},
+            golden=write_golden(folder, given, run_onnx(content, given)),
+        )
+        write_manifest(folder, manifest.model_copy(update=changes))
+        return folder
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def network(make_network: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of such a network, for reading only."""
+    return make_network(tmp_path_factory.mktemp("models") / "tiny")

@@ -17,12 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+import visloc_companion
 from visloc_companion.errors import ModelError
 
 SCHEMA: Literal[1] = 1
 KIND: Literal["visloc-feature-model"] = "visloc-feature-model"
 MANIFEST = "manifest.json"
 GOLDEN = "golden.npz"
+DEFAULT = "default"
+"""File in `models/` with the name of the folder that is used where none is configured."""
 COPY_AGAIN = "copy the model's folder again from where it was made, or export it again (visloc train export)"
 MAX_BYTES = 64 * 1024 * 1024
 """Larger files are refused unread: no network of this project comes near."""
@@ -51,7 +54,7 @@ class FileEntry(Part):
     """A file of the folder with its size and SHA-256."""
 
     file: FileName
-    bytes: Size
+    bytes: Count
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
@@ -144,6 +147,23 @@ class ModelManifest(Part):
     def identity(self) -> str:
         """Name and the float32 file's hash: what features of this network are kept under, whichever variant made them."""
         return f"{self.name}-{self.variants['float32'].sha256[:12]}"
+
+
+def shipped_model() -> Path:
+    """Folder of the network that came with this version: the one that `models/default` names, of the wheel or of the checkout.
+
+    Raises ModelError where none came with it.
+    """
+    package = Path(visloc_companion.__file__).parent
+    for models in (package / "models", package.parent / "models"):
+        pointer = models / DEFAULT
+        if pointer.is_file():
+            return models / pointer.read_text(encoding="utf-8").strip()
+    raise ModelError(
+        "no network came with this version",
+        where=str(package / "models" / DEFAULT),
+        remedy="set localiser.model to the folder of one, or use a method that needs none (gradient)",
+    )
 
 
 def file_entry(path: Path) -> FileEntry:
