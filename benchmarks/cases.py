@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import csv
+import importlib.util
 import subprocess
 import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 PROJECT = Path(__file__).resolve().parents[1]
 SHARED = PROJECT.parent / "shared"
@@ -32,12 +38,37 @@ def make(case_set: CaseSet, root: Path) -> Path:
     folder = root / case_set.name
     if (folder / "cases.csv").exists():
         return folder
-    if not MAKER.exists():
-        raise SystemExit(f"{MAKER} is missing: the benchmarks need the shared folder beside the project")
     dates = SHARED / "data" / case_set.dates
-    command = [sys.executable, str(MAKER), str(dates), str(folder), "--kind", case_set.kind, "--n", str(case_set.n)]
+    command = [sys.executable, str(_maker_file()), str(dates), str(folder), "--kind", case_set.kind, "--n", str(case_set.n)]
     command += ["--seed", str(case_set.seed), "--foot", str(case_set.foot), "--rows", case_set.rows]
     if case_set.elsewhere:
         command += ["--elsewhere", str(SHARED / "data" / case_set.elsewhere)]
     subprocess.run(command, check=True)
     return folder
+
+
+@cache
+def maker() -> ModuleType:
+    """The shared tool as a module: its `render`, `read`, `pix_per_metre`, `R_ned_frd` and constants."""
+    spec = importlib.util.spec_from_file_location("make_image_cases", _maker_file())
+    if spec is None or spec.loader is None:
+        raise SystemExit(f"{MAKER} cannot be imported")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def write_tables(folder: Path, cases: Sequence[Mapping[str, Any]], truths: Sequence[Mapping[str, Any]]) -> Path:
+    """Write `truth.csv`, then `cases.csv` (whose presence says that the folder is complete); returns the folder."""
+    for file, table in (("truth.csv", truths), ("cases.csv", cases)):
+        with (folder / file).open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.DictWriter(stream, list(table[0]))
+            writer.writeheader()
+            writer.writerows(table)
+    return folder
+
+
+def _maker_file() -> Path:
+    if not MAKER.exists():
+        raise SystemExit(f"{MAKER} is missing: the benchmarks need the shared folder beside the project")
+    return MAKER

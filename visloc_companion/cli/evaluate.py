@@ -49,7 +49,7 @@ def _run(cases: Path, method: str, jobs: int, limit: int | None, json_file: Path
     from rich.console import Console
     from rich.progress import Progress
 
-    from visloc_companion.evaluate.cases import read_truth
+    from visloc_companion.evaluate.cases import read_cases, read_truth
     from visloc_companion.evaluate.image import evaluate_image
     from visloc_companion.evaluate.image_report import write_image_report
 
@@ -61,7 +61,7 @@ def _run(cases: Path, method: str, jobs: int, limit: int | None, json_file: Path
     if json_file is not None:
         json_file.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     if report is not None:
-        typer.echo(write_image_report(report, document, results, read_truth(cases)))
+        typer.echo(write_image_report(report, document, results, read_truth(cases), cases=read_cases(cases)[:limit]))
     for name, value in document["summary"].items():
         typer.echo(f"{name:24} {_line(value)}")
 

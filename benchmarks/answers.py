@@ -1,0 +1,105 @@
+"""Every answer of a method on a set of cases, kept on disk: a run that was broken off goes on, a refit needs no new run.
+
+Answers are taken whatever their claimed probability of being wrong, so that any limit can be applied afterwards. The file's name
+holds a digest of the code (and of the model) that gave them: answers of other code are never mixed in.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+import time
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from benchmarks.cases import PROJECT
+from visloc_companion.errors import Reason
+from visloc_companion.evaluate.cases import BadCase, Case, Truth, read_cases, read_truth
+from visloc_companion.evaluate.image import run_cases
+from visloc_companion.evaluate.image_metrics import CaseResult
+from visloc_companion.types import Fix, GeoPoint
+
+Judged = tuple[CaseResult, Truth]
+Named = TypeVar("Named", CaseResult, Case, BadCase)
+PACKAGE = PROJECT / "visloc_companion"
+CODE = ("localise", "maps", "geo")
+TAKE_ALL = 1.0
+
+
+def code_digest(model: Path | None, *, without_verdict: bool = False) -> str:
+    """Twelve hexadecimal digits of what determines the answers: the code of the localisers and the model's manifest.
+
+    `without_verdict` leaves out verify.py, whose coefficients turn the evidence into a probability and change no evidence.
+    """
+    digest = hashlib.sha256()
+    for room in CODE:
+        for path in sorted((PACKAGE / room).rglob("*.py")):
+            if not (without_verdict and path.name == "verify.py"):
+                digest.update(path.name.encode() + path.read_bytes())
+    folders = [model] if model else sorted((PROJECT / "models").glob("*"))
+    for folder in folders:
+        manifest = folder / "manifest.json"
+        if manifest.exists():
+            digest.update(manifest.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def answers(
+    folder: Path, method: str, store: Path, digest: str, jobs: int = 1, limit: int | None = None, model: Path | None = None
+) -> list[Judged]:
+    """Answers and truths of the first `limit` cases of a folder: from the store, or computed and stored."""
+    cases, truth = read_cases(folder)[:limit], read_truth(folder)
+    file = store / f"{folder.name}.{method}.{digest}.jsonl"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    kept = _read(file)
+    missing = [case for case in cases if case.case_id not in kept]
+    if missing:
+        started = time.monotonic()
+        with file.open("a", encoding="utf-8") as stream:
+            for k, result in enumerate(run_cases(missing, method, jobs, TAKE_ALL, **({"model": model} if model else {})), 1):
+                stream.write(json.dumps(_as_json(result)) + "\n")
+                stream.flush()
+                kept[result.case_id] = result
+                _progress(f"{folder.name} {method}", k, len(missing), started)
+    return [(named(kept[case.case_id], folder), truth[case.case_id]) for case in cases if case.case_id in truth]
+
+
+def named(of_case: Named, folder: Path) -> Named:
+    """A case or its result with an id that is unique over all folders."""
+    return replace(of_case, case_id=f"{folder.name}/{of_case.case_id}")
+
+
+def _read(file: Path) -> dict[str, CaseResult]:
+    if not file.exists():
+        return {}
+    whole = file.read_text(encoding="utf-8")
+    lines = whole.split("\n")
+    if lines.pop():  # broken off within a line
+        file.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    return {(result := _from_json(json.loads(line))).case_id: result for line in lines}
+
+
+def _as_json(result: CaseResult) -> dict[str, Any]:
+    document = asdict(result)
+    document["reason"] = str(result.reason) if result.reason is not None else None
+    return document
+
+
+def _from_json(document: dict[str, Any]) -> CaseResult:
+    fix = document["fix"]
+    if fix is not None:
+        place = GeoPoint(**fix["place"])
+        covariance = tuple(tuple(row) for row in fix["cov_ne_m2"])
+        evidence = tuple((name, value) for name, value in fix["evidence"])
+        fix = Fix(**fix | {"place": place, "q_ned_frd": tuple(fix["q_ned_frd"]), "cov_ne_m2": covariance, "evidence": evidence})
+    reason = Reason(document["reason"]) if document["reason"] is not None else None
+    return CaseResult(**document | {"fix": fix, "reason": reason})
+
+
+def _progress(what: str, done: int, total: int, started: float) -> None:
+    if done % 20 and done != total:
+        return
+    left_s = (time.monotonic() - started) / done * (total - done)
+    print(f"{what}: {done} of {total}, {left_s:.0f} s left", file=sys.stderr, flush=True)
