@@ -66,3 +66,12 @@ def test_erosion_leaves_the_image_border():
     assert weight[0, 0] == 1
     assert not weight[28:33, 28:33].any()
     assert weight.sum() == 64 * 64 - 25
+
+
+def test_the_same_image_gives_the_same_bits_wherever_it_lies_in_memory():
+    image = np.random.default_rng(0).integers(0, 255, (80, 88)).astype(np.uint8)
+    valid, kept, answers = np.ones(image.shape, bool), [], set()
+    for size in np.random.default_rng(1).integers(1, 9000, 100):
+        kept.append(np.empty(size, np.uint8))
+        answers.add(gradient_features(image, valid).tobytes())
+    assert len(answers) == 1

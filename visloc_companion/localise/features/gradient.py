@@ -32,6 +32,7 @@ class GradientFeatures:
     bound: float = CLIP
     context_px: int = 80
     """Reach of the local mean: four sigmas, a multiple of the 4 px of its thinning."""
+    tolerance: tuple[float, float] | None = None
 
     def __call__(self, image: NDArray[np.uint8] | Float32Array, valid: Mask) -> Float32Array:
         """See `gradient_features`."""
@@ -55,7 +56,7 @@ def gradient_features(image: NDArray[np.uint8] | Float32Array, valid: Mask) -> F
     gx = cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=1 / 32)
     gy = cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=1 / 32)
     inside = eroded(valid, 3)
-    magnitude = cv2.magnitude(gx, gy) * inside
+    magnitude = np.sqrt(gx * gx + gy * gy) * inside  # cv2.magnitude's last bit depends on where in memory the arrays lie
     mean = local_mean(np.asarray(magnitude, dtype=np.float32), inside, LOCAL_MEAN_SIGMA_PX)
     scale = np.minimum(1 / (mean + NOISE_FLOOR), CLIP / np.maximum(magnitude, 1e-6)) * inside / np.maximum(magnitude, 1e-6)
     return np.dstack([(gx * gx - gy * gy) * scale, 2 * gx * gy * scale]).astype(np.float32)
