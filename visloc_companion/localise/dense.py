@@ -43,7 +43,7 @@ class GradientLocaliser:
             if not isinstance(plan, SearchPlan):
                 return no_fix(request, self.method, watch, plan)
             full = full_level(pixels, self._model)
-            task = Task(plan, request.prior, full, ref, watch, GRADIENT)
+            task = Task(plan, request.prior, full, ref, watch, GRADIENT, GRADIENT)
             candidates = find_candidates(task)
             match = best_match(task, candidates)
             if match is None:

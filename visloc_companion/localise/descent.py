@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from visloc_companion.localise import align
-from visloc_companion.localise.features.base import Features, Float32Array
-from visloc_companion.localise.features.gradient import eroded
-from visloc_companion.localise.frame import FrameLevel
-from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, rectify_surface
+from visloc_companion.localise.features.base import Float32Array
+from visloc_companion.localise.frame_features import FrameFeatures
+from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.pose import PriorTerm
 from visloc_companion.types import FloatArray
 
@@ -39,26 +38,24 @@ class Descended:
     information: FloatArray
 
 
-def rectified(level: FrameLevel, pose: CameraPose, grid: MapGrid, features: Features) -> Rectified:
+def rectified(frame: FrameFeatures, pose: CameraPose, grid: MapGrid) -> Rectified:
     """Features of the frame rectified over the map window's surface."""
-    image, seen = rectify_surface(level, pose, grid)
-    values = features(image, seen)
-    return Rectified(values, align.smoothed(values), eroded(seen, 3) * grid.weight)
+    values, mask = frame.on_surface(pose, grid)
+    return Rectified(values, align.smoothed(values), mask * grid.weight)
 
 
 def descend(
-    level: FrameLevel,
+    frame: FrameFeatures,
     start: CameraPose,
     grid: MapGrid,
     descent: align.Descent,
     prior: PriorTerm,
-    features: Features,
     steps: int,
 ) -> Descended:
     """At most `steps` Gauss-Newton steps. Ends early where it has converged, leaps, or gets clearly worse."""
     pose, best = start, Descended(start, -1.0, np.zeros((6, 6)))
     for k in range(steps + 1):
-        seen = rectified(level, pose, grid, features)
+        seen = rectified(frame, pose, grid)
         if seen.weight.sum() < MIN_PIXELS:
             break
         information, pull = prior.at(pose)

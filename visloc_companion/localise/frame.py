@@ -20,7 +20,10 @@ MIN_CONTRAST = 2.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameLevel:
-    """An undistorted frame at one resolution: (H, W) grey float32, (H, W) validity uint8 and the pinhole matrix (3, 3)."""
+    """An undistorted frame at one resolution: (H, W) grey float32, (H, W) validity uint8 and the pinhole matrix (3, 3).
+
+    Features of the frame resampled to a plane are one too (frame_features.py): `grey` is (H, W, C) then, and `K` any (3, 3).
+    """
 
     grey: Float32Array
     valid: NDArray[np.uint8]

@@ -7,10 +7,9 @@ import math
 import cv2
 import numpy as np
 
-from visloc_companion.localise.features.base import Features, Float32Array
-from visloc_companion.localise.features.gradient import eroded
-from visloc_companion.localise.frame import FrameLevel
-from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, rectify_plane
+from visloc_companion.localise.features.base import Float32Array
+from visloc_companion.localise.frame_features import FrameFeatures, plane_raster
+from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import SIGMAS, SearchPlan, turned
 from visloc_companion.localise.search import Peak, ScoreVolume, Template, find_peaks, search
 from visloc_companion.types import FloatArray
@@ -36,7 +35,7 @@ def search_box(plan: SearchPlan) -> tuple[FloatArray, FloatArray]:
     return plan.pose.p_ned_m[:2] + low - half, plan.pose.p_ned_m[:2] + high + half
 
 
-def search_window(grid: MapGrid, level: FrameLevel, plan: SearchPlan, features: Features, zero_mean: bool = False) -> ScoreVolume:
+def search_window(grid: MapGrid, frame: FrameFeatures, plan: SearchPlan, zero_mean: bool = False) -> ScoreVolume:
     """Exhaustive search over the plan's region on a map window."""
     pairs = hypotheses(plan)
     linear = grid.A_ne_pix[:, :2]
@@ -55,7 +54,7 @@ def search_window(grid: MapGrid, level: FrameLevel, plan: SearchPlan, features: 
     return search(
         grid.features,
         grid.weight,
-        lambda k: make_template(level, plan, linear, *pairs[k], features),
+        lambda k: make_template(frame, plan, linear, *pairs[k]),
         len(pairs),
         (first[0], first[1], last[0], last[1]),
         (extent[0], extent[1], extent[2], extent[3]),
@@ -63,17 +62,12 @@ def search_window(grid: MapGrid, level: FrameLevel, plan: SearchPlan, features: 
     )
 
 
-def make_template(
-    level: FrameLevel, plan: SearchPlan, linear: FloatArray, heading_rad: float, scale: float, features: Features
-) -> Template:
+def make_template(frame: FrameFeatures, plan: SearchPlan, linear: FloatArray, heading_rad: float, scale: float) -> Template:
     """The frame rectified over a plane for one hypothesis, on the map's axes with the nadir on a pixel."""
-    p = np.array([0.0, 0.0, -plan.ground_up_m - plan.agl_m * scale])
-    outline = scale * plan.footprint_ne_m @ _turn(heading_rad).T @ np.linalg.inv(linear).T
-    first, last = np.floor(outline.min(0)).astype(int), np.ceil(outline.max(0)).astype(int)
-    A_ne_pix = np.column_stack([linear, linear @ first])
-    size = (int(last[0] - first[0] + 1), int(last[1] - first[1] + 1))
-    image, seen = rectify_plane(level, CameraPose(p, turned(plan.pose.R_ned_cam, heading_rad)), A_ne_pix, size, plan.ground_up_m)
-    return Template(features(image, seen), eroded(seen, 3), (int(first[0]), int(first[1])))
+    pose = CameraPose(np.array([0.0, 0.0, -plan.ground_up_m - plan.agl_m * scale]), turned(plan.pose.R_ned_cam, heading_rad))
+    A_ne_pix, size = plane_raster(plan, linear, heading_rad, scale)
+    first = np.rint(np.linalg.solve(linear, A_ne_pix[:, 2])).astype(int)
+    return Template(*frame.on_plane(pose, A_ne_pix, size, plan.ground_up_m), (int(first[0]), int(first[1])))
 
 
 def peaks_in_region(volume: ScoreVolume, grid: MapGrid, plan: SearchPlan, count: int, radius_px: float) -> list[Peak]:

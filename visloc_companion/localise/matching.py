@@ -13,6 +13,7 @@ from visloc_companion.localise.blocks import BlockMatches, correspondences, matc
 from visloc_companion.localise.descent import Descended, descend, rectified
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.frame import FrameLevel, reduced
+from visloc_companion.localise.frame_features import frame_features
 from visloc_companion.localise.hypotheses import (
     footprint_box,
     footprint_heights,
@@ -39,7 +40,7 @@ MIN_COARSE_SCORE = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
-    """One frame to be matched to one map, with the features that are used and the watch that times the map's side."""
+    """One frame to be matched to one map: the features to search with, those to refine with, and the watch of the map's side."""
 
     plan: SearchPlan
     prior: PosePrior
@@ -47,6 +48,7 @@ class Task:
     ref: ReferenceMap
     watch: Stopwatch
     features: Features
+    fine_features: Features
 
     def level(self, gsd_m: float) -> FrameLevel:
         """The frame at about a ground sample distance."""
@@ -82,8 +84,8 @@ def find_candidates(task: Task) -> list[Descended]:
         low, high = search_box(plan)
         grid = cropped(map_grid(task.ref, plan.frame, low, high, plan.coarse_gsd_m, task.features))
         descent = align.prepare(grid)
-    level = task.level(plan.coarse_gsd_m)
-    volume = search_window(grid, level, plan, task.features)
+    frame = frame_features(task.level(grid.gsd_m), plan, grid.A_ne_pix[:, :2], task.features)
+    volume = search_window(grid, frame, plan)
     radius_px = max(3.0, 0.06 * math.sqrt(plan.area_m2) / grid.gsd_m)
     peaks = peaks_in_region(volume, grid, plan, MAX_CANDIDATES, radius_px)
     heights = footprint_heights(grid, plan)
@@ -93,7 +95,7 @@ def find_candidates(task: Task) -> list[Descended]:
             break
         start = pose_of_peak(peak, grid, plan, heights)
         part, part_descent = _around(grid, descent, plan, start)
-        found.append(descend(level, start, part, part_descent, task.whole_prior(), task.features, COARSE_STEPS))
+        found.append(descend(frame, start, part, part_descent, task.whole_prior(), COARSE_STEPS))
     return sorted(found, key=lambda c: -c.score)
 
 
@@ -124,17 +126,18 @@ def refined(task: Task, start: CameraPose, coarse_score: float, gsd_m: float) ->
     with task.watch:
         low, high = _footprint_at(task.plan, start)
         margin = MARGIN_PX * gsd_m
-        grid = map_grid(task.ref, task.plan.frame, low - margin, high + margin, gsd_m, task.features)
+        grid = map_grid(task.ref, task.plan.frame, low - margin, high + margin, gsd_m, task.fine_features)
         descent = align.prepare(grid)
-    level = task.level(gsd_m)
-    end = descend(level, start, grid, descent, task.whole_prior(), task.features, FINE_STEPS)
+    level = task.level(grid.gsd_m)
+    frame = frame_features(level, task.plan, grid.A_ne_pix[:, :2], task.fine_features)
+    end = descend(frame, start, grid, descent, task.whole_prior(), FINE_STEPS)
     if end.score <= 0:
         return None
-    seen = rectified(level, end.pose, grid, task.features)
+    seen = rectified(frame, end.pose, grid)
     blocks = match_blocks(grid, seen.features, seen.weight)
     ground, pix, sigma_px = correspondences(blocks, grid, level.K, end.pose)
     estimate = solve_pose(ground, pix, sigma_px, level.K, end.pose, task.whole_prior())
-    return Match(end, coarse_score, blocks, estimate, gsd_m)
+    return Match(end, coarse_score, blocks, estimate, grid.gsd_m)
 
 
 def distinct(candidates: list[Descended], radius_m: float) -> list[Descended]:

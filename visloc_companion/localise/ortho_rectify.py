@@ -5,10 +5,12 @@ A pixel x of the map grid at ground point P (metres north, east; down) is filled
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from cv2.typing import MatLike
 from numpy.typing import NDArray
 
 from visloc_companion.geo.raster import apply_affine
@@ -55,14 +57,17 @@ def ground_homography(K: FloatArray, pose: CameraPose, A_ne_pix: FloatArray, gro
 def rectify_plane(
     level: FrameLevel, pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], ground_up_m: float
 ) -> tuple[Float32Array, NDArray[np.bool_]]:
-    """Frame on a grid of (width, height) pixels over a horizontal plane: (H, W) grey and the mask of what the frame shows."""
+    """Frame on a grid of (width, height) pixels over a horizontal plane: (H, W) grey and the mask of what the frame shows.
+
+    (H, W, C) where the level holds features.
+    """
     H = ground_homography(level.K, pose, A_ne_pix, ground_up_m)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    image = cv2.warpPerspective(level.grey, H, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    image = _by_fours(level.grey, lambda part: cv2.warpPerspective(part, H, size, flags=flags, borderMode=cv2.BORDER_REPLICATE))
     seen = cv2.warpPerspective(level.valid, H, size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP, borderValue=0) > 0
     if _may_see_far(pose):
         seen &= _near_enough(pose, A_ne_pix, size, ground_up_m) & _in_front(pose, A_ne_pix, size, ground_up_m)
-    return image.astype(np.float32), seen
+    return image, seen
 
 
 def rectify_surface(level: FrameLevel, pose: CameraPose, grid: MapGrid) -> tuple[Float32Array, NDArray[np.bool_]]:
@@ -79,11 +84,11 @@ def rectify_surface(level: FrameLevel, pose: CameraPose, grid: MapGrid) -> tuple
     ahead = z > 1e-3
     z = np.where(ahead, z, np.float32(1.0))
     map_u, map_v = x / z, y / z
-    image = cv2.remap(level.grey, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    image = _by_fours(level.grey, lambda part: cv2.remap(part, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
     seen = (cv2.remap(level.valid, map_u, map_v, cv2.INTER_NEAREST, borderValue=0) > 0) & ahead
     if _may_see_far(pose):
         seen &= _near_enough(pose, grid.A_ne_pix, (width, height), low)
-    return image.astype(np.float32), seen & ~_hidden(pose, grid)
+    return image, seen & ~_hidden(pose, grid)
 
 
 def nadir_offsets(A_ne_pix: FloatArray, p_ned_m: FloatArray, size: tuple[int, int]) -> tuple[Float32Array, Float32Array]:
@@ -101,6 +106,14 @@ def ground_points(grid: MapGrid, pix: FloatArray) -> FloatArray:
     u, v = pix[:, 0].astype(np.float32), pix[:, 1].astype(np.float32)
     up = cv2.remap(grid.surface_up_m, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.column_stack([apply_affine(grid.A_ne_pix, pix), -np.asarray(up, dtype=np.float64).ravel()])
+
+
+def _by_fours(image: Float32Array, warp: Callable[[Float32Array], MatLike]) -> Float32Array:
+    """OpenCV resamples at most four channels at once."""
+    if image.ndim == 2:
+        return np.asarray(warp(image), dtype=np.float32)
+    parts = [warp(np.ascontiguousarray(image[..., k : k + 4])) for k in range(0, image.shape[2], 4)]
+    return np.dstack([np.asarray(part, dtype=np.float32) for part in parts])
 
 
 def _may_see_far(pose: CameraPose) -> bool:

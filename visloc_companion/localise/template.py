@@ -16,6 +16,7 @@ from visloc_companion.localise.answer import Stopwatch, fix, no_fix
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.features.gradient import grey
 from visloc_companion.localise.frame import FrameLevel, check_pixels, full_level, reduced
+from visloc_companion.localise.frame_features import ForEachPose
 from visloc_companion.localise.hypotheses import (
     footprint_heights,
     peaks_in_region,
@@ -46,6 +47,7 @@ class GreyFeatures:
     oriented: int = 0
     bound: float = 255.0
     context_px: int = 0
+    tolerance: tuple[float, float] | None = None
 
     def __call__(self, image: NDArray[np.uint8] | Float32Array, valid: NDArray[np.bool_]) -> Float32Array:
         """The luminance."""
@@ -102,7 +104,8 @@ def _best(
     with watch:
         low, high = search_box(plan)
         grid = cropped(map_grid(ref, plan.frame, low, high, gsd_m, GREY))
-    volume = search_window(grid, reduced(full, gsd_m / plan.frame_gsd_m), plan, GREY, zero_mean=True)
+    frame = ForEachPose(reduced(full, grid.gsd_m / plan.frame_gsd_m), GREY)
+    volume = search_window(grid, frame, plan, zero_mean=True)
     peaks = peaks_in_region(volume, grid, plan, 2, max(3.0, 0.06 * math.sqrt(plan.area_m2) / gsd_m))
     heights = footprint_heights(grid, plan)
     return [pose_of_peak(peak, grid, plan, heights) for peak in peaks], [peak.score for peak in peaks]

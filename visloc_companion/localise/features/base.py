@@ -38,6 +38,14 @@ class Features(Protocol):
     @property
     def context_px(self) -> int: ...  # noqa: D102
 
+    @property
+    def tolerance(self) -> tuple[float, float] | None:
+        """Turn (radians) and change of scale (logarithm) that features computed once may be resampled by.
+
+        None: quick to compute, so that every pose gets its own.
+        """
+        ...
+
     def __call__(self, image: NDArray[np.uint8] | Float32Array, valid: Mask) -> Float32Array:
         """(H, W, channels) float32 of an (H, W) or (H, W, 3) RGB image; zero where `valid` (H, W) is not."""
         ...
