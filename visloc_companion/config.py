@@ -86,8 +86,16 @@ class MapConfig(Section):
 class LocaliserConfig(Section):
     """How frames are localised."""
 
-    method: Literal["gradient", "ncc", "keypoint"] = "gradient"
+    method: Literal["gradient", "deep", "iclk", "ncc", "mi", "keypoint"] = "gradient"
     """Which localiser answers."""
+    model: str = ""
+    """Folder of the network for `deep` and `iclk`; empty takes the one that came with this version."""
+    model_variant: Literal["float32", "float16", "int8"] = "float32"
+    """Which of the network's files is used."""
+    providers: Annotated[tuple[Literal["tensorrt", "cuda", "openvino", "qnn", "cpu"], ...], Field(min_length=1)] = ("cpu",)
+    """What the network may compute on, in order: the first that is really there is taken; `cpu` always is."""
+    threads: Annotated[int, Field(ge=0, le=256)] = 0
+    """Threads of the network; 0 takes one less than the cores."""
     max_probability_wrong: Share = 0.05
     """Fixes with a larger calibrated probability of being wrong are declined."""
     max_rate_hz: Positive = 5.0

@@ -51,3 +51,18 @@ def test_unreadable_and_broken_files_are_named(tmp_path: Path) -> None:
 def test_configuration_is_frozen() -> None:
     with pytest.raises(ValidationError, match="frozen"):
         Config().link.url = "x"
+
+
+def test_every_method_may_be_configured() -> None:
+    from visloc_companion.localise.registry import METHODS
+
+    for method in METHODS:
+        assert parse_config({"localiser": {"method": method}}).localiser.method == method
+
+
+def test_providers_are_an_ordered_choice() -> None:
+    assert parse_config({"localiser": {"providers": ["cuda", "cpu"]}}).localiser.providers == ("cuda", "cpu")
+    with pytest.raises(ConfigError, match=r"localiser.providers.0: .* \(got 'vulkan'\)"):
+        parse_config({"localiser": {"providers": ["vulkan"]}})
+    with pytest.raises(ConfigError, match=r"localiser.providers: .* at least 1 item"):
+        parse_config({"localiser": {"providers": []}})

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields
+from pathlib import Path
 from typing import Any, TypeVar
 
-from visloc_companion.config import CameraConfig, Config, Section
+from visloc_companion.config import CameraConfig, Config, LocaliserConfig, Section
 from visloc_companion.core.settings import CoreSettings, GnssSettings, InjectionSettings, NavigatorSettings
 from visloc_companion.geo.se3 import quat_from_euler
+from visloc_companion.localise.runtime import NetworkChoice
 from visloc_companion.types import CameraModel, InjectionPolicy, Quat
 
 _Settings = TypeVar("_Settings", NavigatorSettings, GnssSettings, InjectionSettings)
@@ -37,6 +39,12 @@ def camera_model(camera: CameraConfig) -> CameraModel:
     return CameraModel(
         camera.width_px, camera.height_px, camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, camera.distortion
     )
+
+
+def network_choice(localiser: LocaliserConfig) -> NetworkChoice:
+    """Which network, and on what."""
+    folder = Path(localiser.model) if localiser.model else None
+    return NetworkChoice(folder, localiser.providers, localiser.threads or None, localiser.model_variant)
 
 
 def mounting(camera: CameraConfig) -> Quat:

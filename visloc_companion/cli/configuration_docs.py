@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
+from typing import get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -55,11 +57,13 @@ def _toml(value: object) -> str:
         return str(value).lower()
     if isinstance(value, str):
         return f'"{value}"'
-    return str(list(value)) if isinstance(value, tuple) else str(value)
+    return json.dumps(value) if isinstance(value, tuple) else str(value)
 
 
 def _allowed(info: FieldInfo) -> str:
-    choices = getattr(info.annotation, "__args__", ())
+    choices = get_args(info.annotation)
+    if get_origin(info.annotation) is tuple:
+        choices = get_args(choices[0])
     if choices and all(isinstance(choice, str) for choice in choices):
         return " ".join(f"`{choice}`" for choice in choices)
     limits = [(symbol, getattr(part, key)) for part in info.metadata for key, symbol in _SYMBOLS if hasattr(part, key)]

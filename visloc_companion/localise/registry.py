@@ -7,7 +7,9 @@ from collections.abc import Callable
 from visloc_companion.errors import ConfigError
 from visloc_companion.localise.dense import GradientLocaliser
 from visloc_companion.localise.features.base import Features
+from visloc_companion.localise.features.onnx import NetworkFeatures, open_features
 from visloc_companion.localise.keypoint import KeypointLocaliser
+from visloc_companion.localise.runtime import NetworkChoice
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.template import NccLocaliser
 from visloc_companion.protocols import Localiser
@@ -27,6 +29,16 @@ METHODS: tuple[str, ...] = (*ON_FEATURES, *ON_PIXELS)
 def needs_features(method: str) -> bool:
     """Whether `make_localiser` must be given features for this method."""
     return method in ON_FEATURES
+
+
+def open_features_for(method: str, network: NetworkChoice) -> NetworkFeatures | None:
+    """Open and test the network where the method needs its features; None where it does not.
+
+    Raises ConfigError or ModelError as `open_features` does.
+    """
+    if not needs_features(method):
+        return None
+    return open_features(network.folder, network.providers, network.threads, network.variant)
 
 
 def make_localiser(
@@ -53,6 +65,6 @@ def make_localiser(
         raise ConfigError(
             f"method {method!r} needs a network's features and got none",
             where="localiser.method",
-            remedy="open a model (localise.features.onnx.open_features), or use one of " + ", ".join(ON_PIXELS),
+            remedy="open a network (open_features_for), or use one of " + ", ".join(ON_PIXELS),
         )
     return ON_FEATURES[method](model, settings, features)

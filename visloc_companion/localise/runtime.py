@@ -40,6 +40,18 @@ _ERRORS_ONLY = 3
 
 
 @dataclass(frozen=True, slots=True)
+class NetworkChoice:
+    """Which network is wanted, and on what; as in the section `localiser` of the configuration."""
+
+    folder: Path | None = None
+    """None: the one that came with this version."""
+    providers: tuple[ProviderName, ...] = ("cpu",)
+    threads: int | None = None
+    """None: one less than the cores."""
+    variant: VariantName = "float32"
+
+
+@dataclass(frozen=True, slots=True)
 class NetworkSession:
     """A network that passed its self-test. Belongs to the process that opened it."""
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnxruntime
 import pytest
 
 from visloc_companion.errors import ConfigError, ModelError
@@ -17,6 +16,7 @@ from visloc_companion.localise import runtime
 from visloc_companion.localise.model_folder import ModelManifest, read_manifest, variant_entry, write_golden, write_manifest
 from visloc_companion.localise.runtime import default_threads, open_session, run_onnx
 
+onnxruntime = pytest.importorskip("onnxruntime")
 DATA = Path(__file__).parents[2] / "data"
 Make = Callable[..., Path]
 
