@@ -76,17 +76,7 @@ def regressors(method: str, result: CaseResult) -> tuple[float, ...]:
         return 1.0, e["inliers"]
     if method == "ncc":
         return 1.0, e["score"], 1 - e["runner_up"]
-    return Evidence(
-        score=e["score"],
-        runner_up=e["runner_up"],
-        blocks=int(e["blocks"]),
-        agreeing=e["blocks_agreeing"],
-        footprint_px=e["footprint_px"],
-        scatter=e["scatter_px"],
-        height_sigmas=e["height_sigmas"],
-        yaw_sigmas=e["yaw_sigmas"],
-        position_sigmas=e["position_sigmas"],
-    ).regressors()
+    return Evidence.from_numbers(e).regressors()
 
 
 def fit_logistic(x: np.ndarray, y: np.ndarray, ridge: float = 0.3) -> np.ndarray:

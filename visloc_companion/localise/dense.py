@@ -9,13 +9,22 @@ import numpy as np
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
 from visloc_companion.localise.descent import Descended
+from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import check_pixels, full_level
 from visloc_companion.localise.matching import Match, Task, apart_m, best_match, find_candidates, sharpened
 from visloc_companion.localise.plan import SearchPlan, make_plan
 from visloc_companion.localise.pose import PoseEstimate, heading_and_tilt
 from visloc_companion.localise.settings import LocaliserSettings
-from visloc_companion.localise.verify import Evidence, block_z, probability_wrong, refusal
+from visloc_companion.localise.verify import (
+    DEEP_WEIGHTS,
+    GRADIENT_WEIGHTS,
+    Evidence,
+    Weights,
+    block_z,
+    probability_wrong,
+    refusal,
+)
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix, PosePrior
 
@@ -25,13 +34,14 @@ SIGMA_FLOOR_PX = 0.15
 """... what is added to the horizontal sigma (working pixels): errors common to all blocks. Both fitted on training rows."""
 
 
-class GradientLocaliser:
-    """protocols.Localiser on double-angle gradient orientation features. Nothing is kept between frames or random."""
+class DenseLocaliser:
+    """protocols.Localiser on dense features. Nothing is kept between frames or random."""
 
-    method = "gradient"
-
-    def __init__(self, model: CameraModel, settings: LocaliserSettings) -> None:
-        self._model, self._settings = model, settings
+    def __init__(
+        self, method: str, model: CameraModel, settings: LocaliserSettings, features: Features, weights: Weights
+    ) -> None:
+        self.method = method
+        self._model, self._settings, self._features, self._weights = model, settings, features, weights
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The pose of the camera, or why there is none. Never raises for what an image or a place may contain."""
@@ -43,7 +53,7 @@ class GradientLocaliser:
             if not isinstance(plan, SearchPlan):
                 return no_fix(request, self.method, watch, plan)
             full = full_level(pixels, self._model)
-            task = Task(plan, request.prior, full, ref, watch, GRADIENT, GRADIENT)
+            task = Task(plan, request.prior, full, ref, watch, self._features, GRADIENT)
             candidates = find_candidates(task)
             match = best_match(task, candidates)
             if match is None:
@@ -58,15 +68,25 @@ class GradientLocaliser:
         plan = task.plan
         others = [c.score for c in candidates if apart_m(c.pose, match.descended.pose) > 4 * plan.coarse_gsd_m]
         evidence = _evidence(match, match.estimate, max(others, default=0.0), plan, request.prior)
-        p = probability_wrong(evidence)
-        numbers = _numbers(evidence, match, match.estimate, p, plan.agl_m)
-        if why := refusal(evidence, self._settings.max_probability_wrong):
+        p = probability_wrong(evidence, self._weights)
+        numbers = _numbers(evidence, p, plan.agl_m)
+        if why := refusal(evidence, p, self._settings.max_probability_wrong):
             return no_fix(request, self.method, task.watch, why, numbers)
         final = sharpened(task, match)
         estimate = final.estimate or match.estimate
         covariance = claimed_covariance(estimate, final.gsd_m)
         sigma_m = self._settings.map_sigma_m
         return fix(request, self.method, task.watch, plan.frame, task.ref, estimate.pose, covariance, p, sigma_m, numbers)
+
+
+def gradient_localiser(model: CameraModel, settings: LocaliserSettings) -> DenseLocaliser:
+    """Method `gradient`: double-angle gradient orientation throughout."""
+    return DenseLocaliser("gradient", model, settings, GRADIENT, GRADIENT_WEIGHTS)
+
+
+def deep_localiser(model: CameraModel, settings: LocaliserSettings, features: Features) -> DenseLocaliser:
+    """Method `deep`: the network's features where candidates are found and judged, gradients where they are sharpened."""
+    return DenseLocaliser("deep", model, settings, features, DEEP_WEIGHTS)
 
 
 def claimed_covariance(estimate: PoseEstimate, gsd_m: float) -> FloatArray:
@@ -82,6 +102,7 @@ def _evidence(best: Match, estimate: PoseEstimate, runner_up: float, plan: Searc
     offset = pose.p_ned_m[:2] - plan.pose.p_ned_m[:2]
     return Evidence(
         score=best.descended.score,
+        coarse_score=best.coarse_score,
         runner_up=min(2.0, runner_up / max(best.coarse_score, 1e-6)),
         blocks=len(best.blocks.agrees),
         agreeing=float(best.blocks.agrees.sum()),
@@ -93,19 +114,5 @@ def _evidence(best: Match, estimate: PoseEstimate, runner_up: float, plan: Searc
     )
 
 
-def _numbers(evidence: Evidence, best: Match, estimate: PoseEstimate, p: float, agl_m: float) -> dict[str, float]:
-    return {
-        "score": evidence.score,
-        "coarse_score": best.coarse_score,
-        "runner_up": evidence.runner_up,
-        "blocks": evidence.blocks,
-        "blocks_agreeing": evidence.agreeing,
-        "block_z": block_z(evidence.blocks, evidence.agreeing),
-        "scatter_px": estimate.scatter,
-        "height_sigmas": evidence.height_sigmas,
-        "yaw_sigmas": evidence.yaw_sigmas,
-        "position_sigmas": evidence.position_sigmas,
-        "agl_m": agl_m,
-        "footprint_px": evidence.footprint_px,
-        "p_wrong": p,
-    }
+def _numbers(evidence: Evidence, p: float, agl_m: float) -> dict[str, float]:
+    return evidence.numbers() | {"block_z": block_z(evidence.blocks, evidence.agreeing), "agl_m": agl_m, "p_wrong": p}

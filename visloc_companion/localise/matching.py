@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from visloc_companion.localise.blocks import BlockMatches, correspondences, matc
 from visloc_companion.localise.descent import Descended, descend, rectified
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.frame import FrameLevel, reduced
-from visloc_companion.localise.frame_features import frame_features
+from visloc_companion.localise.frame_features import FrameFeatures, frame_features
 from visloc_companion.localise.hypotheses import (
     footprint_box,
     footprint_heights,
@@ -49,6 +49,18 @@ class Task:
     watch: Stopwatch
     features: Features
     fine_features: Features
+    frames: dict[tuple[str, float], FrameFeatures] = field(default_factory=dict)
+
+    def frame(self, grid: MapGrid, features: Features) -> FrameFeatures:
+        """The frame's features for a map window's resolution, made once."""
+        key = features.name, grid.gsd_m
+        if key not in self.frames:
+            self.frames[key] = frame_features(self.level(grid.gsd_m), self.plan, grid.A_ne_pix[:, :2], features)
+        return self.frames[key]
+
+    def refinement(self, gsd_m: float) -> Features:
+        """Features for a resolution: those searched with are at hand, and stronger, where there is nothing finer."""
+        return self.features if 0.95 < gsd_m / self.plan.coarse_gsd_m < 1.05 else self.fine_features
 
     def level(self, gsd_m: float) -> FrameLevel:
         """The frame at about a ground sample distance."""
@@ -84,7 +96,7 @@ def find_candidates(task: Task) -> list[Descended]:
         low, high = search_box(plan)
         grid = cropped(map_grid(task.ref, plan.frame, low, high, plan.coarse_gsd_m, task.features))
         descent = align.prepare(grid)
-    frame = frame_features(task.level(grid.gsd_m), plan, grid.A_ne_pix[:, :2], task.features)
+    frame = task.frame(grid, task.features)
     volume = search_window(grid, frame, plan)
     radius_px = max(3.0, 0.06 * math.sqrt(plan.area_m2) / grid.gsd_m)
     peaks = peaks_in_region(volume, grid, plan, MAX_CANDIDATES, radius_px)
@@ -126,10 +138,10 @@ def refined(task: Task, start: CameraPose, coarse_score: float, gsd_m: float) ->
     with task.watch:
         low, high = _footprint_at(task.plan, start)
         margin = MARGIN_PX * gsd_m
-        grid = map_grid(task.ref, task.plan.frame, low - margin, high + margin, gsd_m, task.fine_features)
+        features = task.refinement(gsd_m)
+        grid = map_grid(task.ref, task.plan.frame, low - margin, high + margin, gsd_m, features)
         descent = align.prepare(grid)
-    level = task.level(grid.gsd_m)
-    frame = frame_features(level, task.plan, grid.A_ne_pix[:, :2], task.fine_features)
+    frame, level = task.frame(grid, features), task.level(grid.gsd_m)
     end = descend(frame, start, grid, descent, task.whole_prior(), FINE_STEPS)
     if end.score <= 0:
         return None

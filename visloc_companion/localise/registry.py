@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from visloc_companion.errors import ConfigError
-from visloc_companion.localise.dense import GradientLocaliser
+from visloc_companion.localise.dense import deep_localiser, gradient_localiser
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.onnx import NetworkFeatures, open_features
 from visloc_companion.localise.keypoint import KeypointLocaliser
@@ -15,10 +15,10 @@ from visloc_companion.localise.template import NccLocaliser
 from visloc_companion.protocols import Localiser
 from visloc_companion.types import CameraModel
 
-ON_FEATURES: dict[str, Callable[[CameraModel, LocaliserSettings, Features], Localiser]] = {}
+ON_FEATURES: dict[str, Callable[[CameraModel, LocaliserSettings, Features], Localiser]] = {"deep": deep_localiser}
 """Those that look through dense features that somebody else opens: a network's."""
 ON_PIXELS: dict[str, Callable[[CameraModel, LocaliserSettings], Localiser]] = {
-    "gradient": GradientLocaliser,
+    "gradient": gradient_localiser,
     "ncc": NccLocaliser,
     "keypoint": KeypointLocaliser,
 }

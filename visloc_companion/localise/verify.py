@@ -3,32 +3,40 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
 
 from visloc_companion.errors import Reason
 
 CHANCE = 0.0744
 """Share of blocks that agree by chance: area of the agreement circle over that of the block search (blocks.py)."""
-WEIGHTS = (-2.18, 21.5, 12.0, 0.155, 5.53, -1.67, -2.07, -0.417)
-"""Logistic regression of being right on `Evidence.regressors` (`python -m benchmarks.calibrate`, training rows only)."""
+Weights = tuple[float, ...]
+GRADIENT_WEIGHTS: Weights = (-2.18, 21.5, 12.0, 0.155, 5.53, -1.67, -2.07, -0.417, 0.0, 0.0)
+"""Logistic regression of being right on `Evidence.regressors` (`python -m benchmarks.calibrate`, training rows only) for gradient
+features, and ..."""
+DEEP_WEIGHTS: Weights = GRADIENT_WEIGHTS
+"""... for the network's."""
 MAX_CHI2_SIGMA = 4.5
 MIN_SCORE = 0.12
 AMBIGUOUS_RATIO = 0.93
+
+
+REPORTED_AS = {"agreeing": "blocks_agreeing", "scatter": "scatter_px"}
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
     """What is known of the best match.
 
-    `score`: correlation after refinement; `runner_up`: best other place's score over the best's, at the search level;
-    `blocks`, `agreeing`: blocks matched on their own and how many agree; `footprint_px`: side of the footprint;
-    `scatter`: of the blocks about the pose, pixels;
-    `height_sigmas`, `yaw_sigmas`, `position_sigmas`: distance from the prior.
+    `score`: correlation after refinement, `coarse_score`: at the search level; `runner_up`: best other place's score there over
+    the best's; `blocks`, `agreeing`: blocks matched on their own and how many agree; `footprint_px`: side of the footprint;
+    `scatter`: of the blocks about the pose, pixels; `height_sigmas`, `yaw_sigmas`, `position_sigmas`: distance from the prior.
     """
 
     score: float
+    coarse_score: float
     runner_up: float
-    blocks: int
+    blocks: float
     agreeing: float
     footprint_px: float
     scatter: float
@@ -36,32 +44,41 @@ class Evidence:
     yaw_sigmas: float
     position_sigmas: float
 
+    @classmethod
+    def from_numbers(cls, numbers: Mapping[str, float]) -> Evidence:
+        """From what a fix or refusal reports (`numbers`)."""
+        return cls(**{f.name: numbers[REPORTED_AS.get(f.name, f.name)] for f in fields(cls)})
+
+    def numbers(self) -> dict[str, float]:
+        """As a fix or refusal reports it."""
+        return {REPORTED_AS.get(name, name): float(value) for name, value in asdict(self).items()}
+
     def regressors(self) -> tuple[float, ...]:
         """What the logistic regression is on."""
         z = math.sqrt(max(0.0, block_z(self.blocks, self.agreeing)))
         size = math.log(self.footprint_px / 173)
         spread = math.log(0.3 + self.scatter)
         away = min(self.position_sigmas, 5.0) ** 2
-        return 1.0, self.score, self.score * size, z, 1 - self.runner_up, size, spread, away
+        coarse = self.coarse_score, self.coarse_score * size
+        return 1.0, self.score, self.score * size, z, 1 - self.runner_up, size, spread, away, *coarse
 
 
-def block_z(blocks: int, agreeing: float) -> float:
+def block_z(blocks: float, agreeing: float) -> float:
     """Agreeing blocks beyond chance, in standard deviations of chance."""
     return (agreeing - CHANCE * blocks) / math.sqrt(max(blocks, 1) * CHANCE * (1 - CHANCE))
 
 
-def probability_wrong(evidence: Evidence) -> float:
+def probability_wrong(evidence: Evidence, weights: Weights) -> float:
     """Calibrated probability that the match is another place."""
-    logit = sum(w * v for w, v in zip(WEIGHTS, evidence.regressors(), strict=True))
+    logit = sum(w * v for w, v in zip(weights, evidence.regressors(), strict=True))
     return 1 / (1 + math.exp(min(50.0, max(-50.0, logit))))
 
 
-def refusal(evidence: Evidence, max_probability_wrong: float) -> tuple[Reason, str] | None:
+def refusal(evidence: Evidence, p: float, max_probability_wrong: float) -> tuple[Reason, str] | None:
     """Why the match is declined, or None."""
     worst = max(evidence.height_sigmas, evidence.yaw_sigmas, evidence.position_sigmas)
     if worst > MAX_CHI2_SIGMA:
         return Reason.INCONSISTENT_WITH_PRIOR, f"{worst:.1f} sigma from the prior"
-    p = probability_wrong(evidence)
     if p <= max_probability_wrong:
         return None
     detail = f"probability of being wrong {p:.3f}"

@@ -8,7 +8,7 @@ import pytest
 from visloc_companion.errors import ConfigError, Reason
 from visloc_companion.geo.se3 import euler_from_quat
 from visloc_companion.geo.wgs84 import distance_m, ned_from_geo
-from visloc_companion.localise.dense import GradientLocaliser
+from visloc_companion.localise.dense import gradient_localiser
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.registry import METHODS, make_localiser
 from visloc_companion.localise.settings import LocaliserSettings
@@ -35,7 +35,7 @@ def test_pose_of_a_frame_is_found_to_a_fraction_of_a_pixel(world, euler, support
     truth = (23.0, -41.0, -235.0)
     frame = support.render(ref, MODEL, truth, euler)
     prior = support.request_at((12.0, -29.0, -232.0), (euler[0], euler[1], euler[2] + 0.05))
-    answer = GradientLocaliser(MODEL, LocaliserSettings()).localise(prior, frame, ref)
+    answer = gradient_localiser(MODEL, LocaliserSettings()).localise(prior, frame, ref)
     horizontal, vertical = error_m(answer, truth)
     assert horizontal < 0.35
     assert vertical < 0.7
@@ -48,7 +48,7 @@ def test_pose_of_a_frame_is_found_to_a_fraction_of_a_pixel(world, euler, support
 def test_lens_distortion_is_undone(flat, support):
     model = CameraModel(160, 120, 140.0, 140.0, 79.5, 59.5, (-0.15, 0.03, 0.001, -0.001, 0.0))
     truth = (5.0, 8.0, -240.0)
-    answer = GradientLocaliser(model, LocaliserSettings()).localise(
+    answer = gradient_localiser(model, LocaliserSettings()).localise(
         support.request_at((0.0, 0.0, -240.0), LEVEL), support.render(flat, model, truth, LEVEL), flat
     )
     assert error_m(answer, truth)[0] < 0.35
@@ -56,7 +56,7 @@ def test_lens_distortion_is_undone(flat, support):
 
 def test_same_request_gives_the_same_answer(flat, support):
     frame = support.render(flat, MODEL, (5.0, 8.0, -240.0), LEVEL)
-    localiser = GradientLocaliser(MODEL, LocaliserSettings())
+    localiser = gradient_localiser(MODEL, LocaliserSettings())
     a, b = (localiser.localise(support.request_at((0.0, 0.0, -240.0), LEVEL), frame, flat) for _ in range(2))
     assert isinstance(a, Fix)
     assert isinstance(b, Fix)
@@ -68,7 +68,9 @@ def test_same_request_gives_the_same_answer(flat, support):
 def test_map_sigma_enters_the_claimed_covariance(flat, support):
     frame = support.render(flat, MODEL, (5.0, 8.0, -240.0), LEVEL)
     request = support.request_at((0.0, 0.0, -240.0), LEVEL)
-    bare, padded = (GradientLocaliser(MODEL, LocaliserSettings(map_sigma_m=s)).localise(request, frame, flat) for s in (0.0, 2.0))
+    bare, padded = (
+        gradient_localiser(MODEL, LocaliserSettings(map_sigma_m=s)).localise(request, frame, flat) for s in (0.0, 2.0)
+    )
     assert isinstance(bare, Fix)
     assert isinstance(padded, Fix)
     assert padded.cov_ne_m2[0][0] - bare.cov_ne_m2[0][0] == pytest.approx(4.0)
@@ -125,7 +127,7 @@ def test_frames_of_another_place_or_of_noise_are_declined(seed, flat, support):
         pixels = support.texture(100 + seed)
         other = support.FlatMap(pixels, np.full(pixels.shape, 100.0, np.float32))
         frame = support.render(other, MODEL, (0.0, 0.0, -240.0), LEVEL)
-    answer = GradientLocaliser(MODEL, LocaliserSettings()).localise(support.request_at((0.0, 0.0, -240.0), LEVEL), frame, flat)
+    answer = gradient_localiser(MODEL, LocaliserSettings()).localise(support.request_at((0.0, 0.0, -240.0), LEVEL), frame, flat)
     assert isinstance(answer, NoFix)
     assert answer.reason in {Reason.NO_MATCH, Reason.AMBIGUOUS, Reason.BLOCKS_DISAGREE, Reason.INCONSISTENT_WITH_PRIOR}
 
@@ -134,7 +136,7 @@ def test_tiny_overlap_of_frame_and_map_never_raises(flat, support):
     """Blocks without any overlap once reached OpenCV as empty arrays."""
     frame = support.render(flat, MODEL, (0.0, 0.0, -240.0), LEVEL)
     for north in (200.0, 250.0, 290.0):
-        answer = GradientLocaliser(MODEL, LocaliserSettings(max_probability_wrong=1.0)).localise(
+        answer = gradient_localiser(MODEL, LocaliserSettings(max_probability_wrong=1.0)).localise(
             support.request_at((north, north, -240.0), LEVEL, sigma_m=5.0), frame, flat
         )
         assert isinstance(answer, Fix | NoFix)

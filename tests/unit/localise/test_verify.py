@@ -5,12 +5,13 @@ from dataclasses import replace
 import pytest
 
 from visloc_companion.errors import Reason
-from visloc_companion.localise.verify import Evidence, block_z, probability_wrong, refusal
+from visloc_companion.localise.verify import GRADIENT_WEIGHTS, Evidence, block_z, probability_wrong, refusal
 
 GOOD = Evidence(
     score=0.6,
+    coarse_score=0.6,
     runner_up=0.5,
-    blocks=36,
+    blocks=36.0,
     agreeing=30.0,
     footprint_px=170.0,
     scatter=0.8,
@@ -21,15 +22,15 @@ GOOD = Evidence(
 
 
 def test_good_evidence_is_accepted():
-    assert probability_wrong(GOOD) < 0.001
-    assert refusal(GOOD, 0.01) is None
+    assert probability_wrong(GOOD, GRADIENT_WEIGHTS) < 0.001
+    assert refusal(GOOD, 0.001, 0.01) is None
 
 
 @pytest.mark.parametrize(
     ("name", "worse"), [("score", 0.2), ("runner_up", 1.0), ("agreeing", 4.0), ("scatter", 4.0), ("position_sigmas", 3.0)]
 )
 def test_probability_rises_with_worse_evidence(name, worse):
-    assert probability_wrong(replace(GOOD, **{name: worse})) > probability_wrong(GOOD)
+    assert probability_wrong(replace(GOOD, **{name: worse}), GRADIENT_WEIGHTS) > probability_wrong(GOOD, GRADIENT_WEIGHTS)
 
 
 @pytest.mark.parametrize(
@@ -44,7 +45,7 @@ def test_probability_rises_with_worse_evidence(name, worse):
     ],
 )
 def test_refusals_name_their_reason(evidence, reason):
-    refused = refusal(evidence, 0.01)
+    refused = refusal(evidence, probability_wrong(evidence, GRADIENT_WEIGHTS), 0.01)
     assert refused is not None
     assert refused[0] is reason
 
@@ -53,3 +54,7 @@ def test_agreement_by_chance_counts_nothing():
     assert abs(block_z(100, 7.44)) < 1e-9
     assert block_z(36, 30) > 10
     assert block_z(0, 0) == 0
+
+
+def test_evidence_survives_being_reported():
+    assert Evidence.from_numbers(GOOD.numbers() | {"p_wrong": 0.1}) == GOOD
