@@ -6,8 +6,7 @@ For every heading and scale the rectified frame's features T (mask m) are correl
 
 (Padfield 2012, masked normalised cross-correlation; no mean is removed from features that have none, `zero_mean` for grey
 values). The template lies at its offset from the camera's nadir, so an index of the result is the pixel of the nadir, for every
-hypothesis the same grid. The sums without T vary as slowly as a template is wide: for templates of LARGE_PX and more they are
-computed on a grid of COARSE px and interpolated.
+hypothesis the same grid.
 
 Cost: with A positions, templates of B x B pixels, C channels and K hypotheses about K A C (a + b log2 B) operations, linear in
 the area as the transforms have the size that suits the template, and never that of the map (`benchmarks/search.py` measures
@@ -20,17 +19,15 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.localise.features.base import Float32Array
-from visloc_companion.localise.spectra import BlockCorrelator, Box, Complex64Array
+from visloc_companion.localise.spectra import BlockCorrelator, Box, Complex64Array, block_size
 
 MIN_OVERLAP = 0.5
-LARGE_PX, COARSE = 64, 3
 SPECTRA_BYTES, SPECTRA_OVERHEAD = 128 << 20, 2.5
 """Limit of the map's spectra, and their size for one position over that of its features, because blocks overlap."""
 NO_SCORE = -1.0
@@ -88,9 +85,9 @@ def search(
     shares = [range(n_hypotheses * t // workers, n_hypotheses * (t + 1) // workers) for t in range(workers)]
     parts = []
     for strip in _strips(box_px, extent_px, len(fields)):
-        field = BlockCorrelator(fields, strip, extent_px, n_hypotheses)
-        norm = _Norm(sums, strip, extent_px, n_hypotheses, zero_mean)
-        run = partial(_best, field, norm, make_template)
+        size = block_size(strip, extent_px, len(fields) + len(sums), n_hypotheses)
+        of_fields, of_sums = (BlockCorrelator(values, strip, extent_px, size) for values in (fields, sums))
+        run = partial(_best, of_fields, of_sums, make_template, zero_mean)
         if workers == 1:
             parts.append(run(shares[0]))
         else:
@@ -132,26 +129,41 @@ def _parabola(score: Float32Array, row: int, col: int) -> tuple[float, float]:
 
 
 def _best(
-    field: BlockCorrelator, norm: _Norm, make_template: Callable[[int], Template], hypotheses: range
+    fields: BlockCorrelator, sums: BlockCorrelator, make_template: Callable[[int], Template], zero_mean: bool, hypotheses: range
 ) -> tuple[Float32Array, NDArray[np.int32]]:
-    """Best score and its hypothesis at each position, the lower hypothesis of equals."""
-    best, which = np.full(field.shape, NO_SCORE, np.float32), np.zeros(field.shape, np.int32)
-    blocks = field.blocks()
+    """Best score and its hypothesis at each position, the lower hypothesis of equals. `hypotheses` ascend."""
+    shape = (fields.blocks[-1][0].stop, fields.blocks[-1][1].stop)
+    best, which = np.full(shape, NO_SCORE, np.float32), np.zeros(shape, np.int32)
     for k in hypotheses:
         template = make_template(k)
-        masked = template.features * template.mask[..., None]
-        if norm.zero_mean:
-            masked -= template.mask[..., None] * (masked.sum((0, 1)) / max(float(template.mask.sum()), 1.0))
-        factor, little = norm.factor(template.mask, template.offset_px, float(np.vdot(masked, masked)))
-        spectrum = field.spectrum(_paired(masked), template.offset_px)
-        for block, at in enumerate(blocks):
-            score = field.summed(block, spectrum).real * factor[at]
-            if little is not None:
-                score[little[at]] = NO_SCORE
+        masked, area = template.features * template.mask[..., None], max(float(template.mask.sum()), 1.0)
+        if zero_mean:
+            masked -= template.mask[..., None] * (masked.sum((0, 1)) / area)
+        energy = float(np.vdot(masked, masked))
+        of_features = fields.spectrum(_paired(masked), template.offset_px)
+        of_mask = sums.spectrum(template.mask[None], template.offset_px)
+        for block, at in enumerate(fields.blocks):
+            product = fields.summed(block, of_features).real
+            score = _score(product, sums.each(block, of_mask), area, energy)
             better = score > best[at]
             np.maximum(best[at], score, out=best[at])
-            np.maximum(which[at], np.multiply(better, np.int32(k)), out=which[at])  # hypotheses ascend: the last better one
+            np.maximum(which[at], np.multiply(better, np.int32(k)), out=which[at])
     return best, which
+
+
+def _score(product: Float32Array, sums: list[Complex64Array], area: float, energy: float) -> Float32Array:
+    """Scores (rows, cols) from sum m w T . M; sum m w + i sum m w |M|^2; for `zero_mean` sum m w M; sum m; sum m |T|^2."""
+    seen: Float32Array = sums[0].real
+    under: Float32Array = sums[0].imag
+    if len(sums) > 1:
+        under = np.asarray(under - np.square(sums[1].real) / np.maximum(seen, 1), dtype=np.float32)
+    share = seen * np.float32(1 / area)
+    own = np.minimum(share, np.float32(1)) * np.float32(energy)
+    score: Float32Array = product / np.sqrt(np.maximum(own * under, np.float32(1e-6 * area * area + 1e-6)))
+    little = share < MIN_OVERLAP
+    if little.any():
+        score[little] = NO_SCORE
+    return score
 
 
 def _merged(parts: list[tuple[Float32Array, NDArray[np.int32]]]) -> tuple[Float32Array, NDArray[np.int32]]:
@@ -162,54 +174,6 @@ def _merged(parts: list[tuple[Float32Array, NDArray[np.int32]]]) -> tuple[Float3
         np.copyto(best, score, where=better)
         np.copyto(which, hypothesis, where=better)
     return best, which
-
-
-class _Norm:
-    """What scores are divided by: the sums of the definition that the template's features do not enter."""
-
-    def __init__(self, sums: Complex64Array, box: Box, extent: Box, templates: int, zero_mean: bool) -> None:
-        self.zero_mean = zero_mean
-        wide = min(extent[2] - extent[0], extent[3] - extent[1]) + 1 >= LARGE_PX
-        self._coarse = COARSE if wide and not zero_mean else 1
-        u0, v0, u1, v1 = box
-        self._shape = (v1 - v0 + 1, u1 - u0 + 1)
-        self._before = (v0 % self._coarse, u0 % self._coarse)
-        samples = (u0 // self._coarse, v0 // self._coarse, -(-u1 // self._coarse), -(-v1 // self._coarse))
-        left, top, right, bottom = (v // self._coarse for v in extent)
-        self._sums = BlockCorrelator(_thinned(sums, self._coarse), samples, (left, top, right, bottom), templates)
-
-    def factor(
-        self, mask: Float32Array, offset_px: tuple[int, int], energy: float
-    ) -> tuple[Float32Array, NDArray[np.bool_] | None]:
-        """(rows, cols) of the box: 1 / the score's denominator; and where too little is seen, None if nowhere.
-
-        `energy` is the template's sum m |T|^2.
-        """
-        coarse, area = self._coarse, max(float(mask.sum()), 1.0)
-        ahead = ((0, 0), (offset_px[1] % coarse, 0), (offset_px[0] % coarse, 0))
-        thinned = _thinned(np.pad(mask[None], ahead), coarse)
-        spectrum = self._sums.spectrum(thinned, (offset_px[0] // coarse, offset_px[1] // coarse))
-        seen, under = np.empty(self._sums.shape, np.float32), np.empty(self._sums.shape, np.float32)
-        for block, at in enumerate(self._sums.blocks()):
-            both, *mean = self._sums.each(block, spectrum)
-            seen[at], under[at] = both.real, both.imag
-            for m in mean:
-                under[at] -= m.real**2 / np.maximum(seen[at], 1.0)
-        share = seen * np.float32(coarse * coarse / area)
-        own = np.clip(share, 0, 1) * np.float32(energy * coarse * coarse)
-        factor = 1 / np.sqrt(np.maximum(own * under, np.float32(1e-6 * area * area + 1e-6)))
-        if float(share.min()) >= MIN_OVERLAP:
-            return self._full(factor), None
-        return self._full(factor), self._full(share) < MIN_OVERLAP
-
-    def _full(self, values: Float32Array) -> Float32Array:
-        """(rows, cols) of the box, linearly from the samples at every multiple of the coarse step."""
-        coarse = self._coarse
-        if coarse > 1:
-            size = (values.shape[1] * coarse, values.shape[0] * coarse)
-            values = np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
-        row, col = (before + coarse // 2 for before in self._before)
-        return values[row : row + self._shape[0], col : col + self._shape[1]]
 
 
 def _strips(box: Box, extent: Box, fields: int) -> Iterator[Box]:
@@ -226,14 +190,3 @@ def _paired(values: Float32Array) -> Complex64Array:
     if values.shape[2] % 2:
         values = np.concatenate([values, np.zeros_like(values[..., :1])], -1)
     return np.ascontiguousarray(np.moveaxis(np.ascontiguousarray(values).view(np.complex64), -1, 0))
-
-
-def _thinned(fields: NDArray[Any], step: int) -> NDArray[Any]:
-    """(K, H, W) averaged over cells of `step` pixels, those at the far borders as if zeros followed."""
-    if step == 1:
-        return fields
-    count, height, width = fields.shape
-    rows, cols = -(-height // step), -(-width // step)
-    padded = np.zeros((count, rows * step, cols * step), fields.dtype)
-    padded[:, :height, :width] = fields
-    return np.asarray(padded.reshape(count, rows, step, cols, step).mean((2, 4)), dtype=fields.dtype)

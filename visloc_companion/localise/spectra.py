@@ -26,7 +26,8 @@ Complex64Array = NDArray[np.complex64]
 Box = tuple[int, int, int, int]
 """(u_first, v_first, u_last, v_last), both ends included."""
 
-LARGEST_SIZE = 4800
+USUAL_SIZE, LARGEST_SIZE = 640, 4800
+"""Longest transform that is chosen where the template is shorter (longer ones leave the cache: measured), and of all."""
 PRODUCT_WORK = 4.0
 """Work of a complex multiply-add in units of a transform's work per value and bit of its length (measured)."""
 
@@ -35,36 +36,33 @@ class BlockCorrelator:
     """The fields' block spectra over a box of positions, shared by all templates.
 
     `fields` (K, H, W) complex64; `box` the positions wanted, in pixels of the fields, inside or outside; `extent` the smallest
-    box that holds all templates about their position; `templates` how many will follow (for the choice of the block size).
-    Read-only after construction: any number of threads may correlate.
+    box that holds all templates about their position; `size` the transforms' height and width (`block_size`). `blocks` are the
+    rows and columns of the box that each block covers. Read-only after construction: any number of threads may correlate.
     """
 
-    def __init__(self, fields: Complex64Array, box: Box, extent: Box, templates: int) -> None:
-        self.shape = (box[3] - box[1] + 1, box[2] - box[0] + 1)
-        self._extent = extent
-        span = (extent[3] - extent[1] + 1, extent[2] - extent[0] + 1)
-        self.size = block_size(self.shape, span, fields.shape[0], templates)
-        step = (self.size[0] - span[0] + 1, self.size[1] - span[1] + 1)
-        self._corners = [(r, c) for r in range(0, self.shape[0], step[0]) for c in range(0, self.shape[1], step[1])]
-        self._step = step
+    def __init__(self, fields: Complex64Array, box: Box, extent: Box, size: tuple[int, int]) -> None:
+        self._extent, self._size = extent, size
+        rows, cols = box[3] - box[1] + 1, box[2] - box[0] + 1
+        down, right = size[0] - (extent[3] - extent[1]), size[1] - (extent[2] - extent[0])
+        self.blocks = [
+            (slice(r, min(rows, r + down)), slice(c, min(cols, c + right)))
+            for r in range(0, rows, down)
+            for c in range(0, cols, right)
+        ]
         top, left = box[1] + extent[1], box[0] + extent[0]
-        self._spectra = [_forward(_window(fields, top + r, left + c, self.size)) for r, c in self._corners]
+        self._spectra = [_forward(_window(fields, top + r.start, left + c.start, size)) for r, c in self.blocks]
 
     def spectrum(self, template: Complex64Array | Float32Array, offset_px: tuple[int, int]) -> Complex64Array:
         """(K, h, w) conjugate spectrum of a template whose first pixel lies `offset_px` (u, v) from the position."""
         left, top = offset_px[0] - self._extent[0], offset_px[1] - self._extent[1]
         height, width = template.shape[-2:]
-        if min(left, top) < 0 or top + height > self.size[0] or left + width > self.size[1]:
+        right, bottom = self._extent[2] - self._extent[0] + 1, self._extent[3] - self._extent[1] + 1
+        if min(left, top) < 0 or top + height > bottom or left + width > right:
             raise ValueError(f"template of {width} x {height} px at {offset_px} is outside the extent {self._extent}")
-        padded = np.zeros((template.shape[0], *self.size), np.complex64)
+        padded = np.zeros((template.shape[0], *self._size), np.complex64)
         padded[:, top : top + height, left : left + width] = template
         spectra = _forward(padded)
         return np.conjugate(spectra, out=spectra)
-
-    def blocks(self) -> list[tuple[slice, slice]]:
-        """Rows and columns of the box that each block covers."""
-        rows, cols = self.shape
-        return [(slice(r, min(rows, r + self._step[0])), slice(c, min(cols, c + self._step[1]))) for r, c in self._corners]
 
     def summed(self, block: int, spectrum: Complex64Array) -> Complex64Array:
         """(rows, cols) correlation summed over the fields, over a block."""
@@ -82,17 +80,18 @@ class BlockCorrelator:
         return [self._cut(block, field * spectrum[0]) for field in self._spectra[block]]
 
     def _cut(self, block: int, spectrum: Complex64Array) -> Complex64Array:
-        rows, cols = self.blocks()[block]
+        rows, cols = self.blocks[block]
         return _inverse(spectrum)[: rows.stop - rows.start, : cols.stop - cols.start]
 
 
-def block_size(positions: tuple[int, int], span: tuple[int, int], fields: int, templates: int) -> tuple[int, int]:
-    """Height and width of the transforms that do the least work for (rows, cols) positions and templates of a span."""
+def block_size(box: Box, extent: Box, fields: int, templates: int) -> tuple[int, int]:
+    """Height and width of the transforms that do the least work: summed over so many fields but one, the last for itself."""
     along = []
-    for wanted, reach in zip(positions, span, strict=True):
+    for axis in (1, 0):
+        wanted, reach = (area[axis + 2] - area[axis] + 1 for area in (box, extent))
         sizes = _fast_sizes()
-        enough = int(np.searchsorted(sizes, wanted + reach - 1))
-        sizes = sizes[int(np.searchsorted(sizes, reach)) : enough + 1]
+        sizes = sizes[int(np.searchsorted(sizes, reach)) : int(np.searchsorted(sizes, wanted + reach - 1)) + 1]
+        sizes = sizes[: max(1, int(np.searchsorted(sizes, USUAL_SIZE, side="right")))]
         if not len(sizes):
             raise ValueError(f"a template of {reach} px is beyond the largest transform of {LARGEST_SIZE} px")
         along.append((sizes, -(-wanted // (sizes - reach + 1))))
@@ -100,7 +99,7 @@ def block_size(positions: tuple[int, int], span: tuple[int, int], fields: int, t
     values = np.multiply.outer(heights, widths).astype(np.float64)
     blocks = np.multiply.outer(across, down)
     transform = values * np.log2(values)
-    work = templates * (fields * transform + blocks * (transform + PRODUCT_WORK * fields * values))
+    work = templates * (fields * transform + blocks * (2 * transform + PRODUCT_WORK * fields * values))
     work += blocks * fields * transform
     row, col = np.unravel_index(int(np.argmin(work)), work.shape)
     return int(heights[row]), int(widths[col])

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
+from visloc_companion.localise import search as search_module
 from visloc_companion.localise.search import ScoreVolume, Template, find_peaks, search
 
 RNG = np.random.default_rng(3)
@@ -45,6 +47,50 @@ def test_scores_equal_the_direct_sum_also_across_the_border(zero_mean):
         expected, share = direct(features, weight, template, u, v, zero_mean)
         got = volume.score[v - volume.origin_px[1], u - volume.origin_px[0]]
         assert got == pytest.approx(expected if share >= 0.5 else -1.0, abs=2e-3), (u, v, share)
+
+
+def scene(channels: int) -> tuple[np.ndarray, np.ndarray, list[Template], tuple[int, int, int, int]]:
+    """A map with a hole, templates of unlike sizes, masks and offsets, and the extent of all."""
+    rng = np.random.default_rng(channels)
+    features = rng.normal(size=(57, 74, channels)).astype(np.float32)
+    weight = (cv2.GaussianBlur(rng.random((57, 74)), (0, 0), 4) > 0.45).astype(np.float32)
+    templates = []
+    for k in range(7):
+        height, width = 9 + k, 14 - k
+        mask = (rng.random((height, width)) > 0.2).astype(np.float32)
+        templates.append(Template(rng.normal(size=(height, width, channels)).astype(np.float32), mask, (k - 9, -k)))
+    return features, weight, templates, (-9, -6, 8, 13)
+
+
+@pytest.mark.parametrize("channels", [1, 3, 10])
+@pytest.mark.parametrize("size", [None, (24, 24), (32, 40)])
+@pytest.mark.parametrize("strips", [False, True])
+def test_any_block_size_and_any_strips_give_the_best_direct_score(channels, size, strips, monkeypatch):
+    features, weight, templates, extent = scene(channels)
+    box = (-5, -4, 80, 60)
+    if size:
+        monkeypatch.setattr(search_module, "block_size", lambda *_: size)
+    if strips:
+        monkeypatch.setattr(search_module, "SPECTRA_BYTES", 1)
+    volume = search(features, weight, templates.__getitem__, len(templates), box, extent)
+    assert volume.score.shape == volume.hypothesis.shape == (65, 86)
+    for u, v in np.random.default_rng(1).integers((-5, -4), (81, 61), (40, 2)):
+        expected = [direct(features, weight, template, u, v, False) for template in templates]
+        scores = [score if share >= 0.5 else -1.0 for score, share in expected]
+        assert volume.score[v + 4, u + 5] == pytest.approx(max(scores), abs=1e-4)
+        if max(scores) > -1:
+            assert scores[volume.hypothesis[v + 4, u + 5]] == pytest.approx(max(scores), abs=1e-4)
+
+
+def test_the_number_of_threads_changes_nothing():
+    features, weight, templates, extent = scene(5)
+    templates += templates[::-1]
+    one = search(features, weight, templates.__getitem__, 14, (0, 0, 73, 56), extent)
+    for threads in (2, 3, 20):
+        more = search(features, weight, templates.__getitem__, 14, (0, 0, 73, 56), extent, threads=threads)
+        assert np.array_equal(one.score, more.score)
+        assert np.array_equal(one.hypothesis, more.hypothesis)
+    assert one.hypothesis.max() < 7, "of equal hypotheses the first is named"
 
 
 def test_the_right_hypothesis_and_place_win():
