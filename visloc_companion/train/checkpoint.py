@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import pickle
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from visloc_companion.errors import ConfigError, ModelError
 
 FORMAT = "visloc-training-checkpoint"
 VERSION = 1
+FREE_SPACE = "free some space or name another folder for --out"
 START_AGAIN = "name an undamaged checkpoint, or train again into another folder"
 
 
@@ -28,10 +30,10 @@ class Checkpoint:
     config: dict[str, Any]
     """The configuration as plain data; a run goes on only with the same one."""
     network: dict[str, Any]
+    log_sharpness: torch.Tensor
     optimiser: dict[str, Any]
-    schedule: dict[str, Any]
-    random: dict[str, Any]
-    """States of the generators, by name."""
+    random: torch.Tensor
+    """State of PyTorch's generator. Pairs follow from the seed and the step alone."""
     hardware: str
 
 
@@ -45,10 +47,9 @@ def write_file(path: Path, content: bytes) -> None:
             os.fsync(out.fileno())
         draft.replace(path)
     except OSError as why:
-        draft.unlink(missing_ok=True)
-        raise ConfigError(
-            f"cannot be written: {why.strerror}", where=str(path), remedy="free some space or name another folder for --out"
-        ) from why
+        with suppress(OSError):
+            draft.unlink()
+        raise ConfigError(f"cannot be written: {why.strerror}", where=str(path), remedy=FREE_SPACE) from why
 
 
 def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:

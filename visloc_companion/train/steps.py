@@ -107,7 +107,7 @@ def validate(network: FeatureNetwork | None, batches: Sequence[Batch]) -> tuple[
         else:
             surface = surfaces(network, batch)[0]
         n = surface.shape[-1]
-        axis = torch.arange(n, dtype=surface.dtype)
+        axis = torch.arange(n, dtype=surface.dtype, device=surface.device)
         du, dv = axis[None, None] - batch.offset_px[:, 0, None, None], axis[None, :, None] - batch.offset_px[:, 1, None, None]
         near = torch.hypot(du, dv) <= WITHIN_PX + 0.75
         best_near = torch.where(near, surface, torch.tensor(-1.0)).flatten(1).amax(1)

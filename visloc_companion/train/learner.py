@@ -1,0 +1,110 @@
+"""What learns: network, sharpness of the search's softmax, optimiser; made fresh from a seed or taken from a checkpoint."""
+
+from __future__ import annotations
+
+import math
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from visloc_companion.errors import ConfigError, ModelError
+from visloc_companion.train.checkpoint import load_checkpoint
+from visloc_companion.train.config import NetworkConfig, ScheduleConfig, TrainingConfig
+from visloc_companion.train.networks import FeatureNetwork, NetworkSettings
+
+FIRST_LOG_SHARPNESS = 4.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Learner:
+    """What changes from step to step."""
+
+    network: FeatureNetwork
+    log_sharpness: Tensor
+    optimiser: torch.optim.Optimizer
+
+
+def new_learner(config: TrainingConfig, device: torch.device) -> Learner:
+    """First weights from the seed, the same on every device."""
+    torch.manual_seed(config.seed)
+    network = FeatureNetwork(network_settings(config.network)).to(device)
+    log_sharpness = torch.tensor(FIRST_LOG_SHARPNESS, device=device, requires_grad=True)
+    groups: list[dict[str, Any]] = [
+        {"params": network.parameters(), "weight_decay": config.schedule.weight_decay},
+        {"params": [log_sharpness], "weight_decay": 0.0},
+    ]
+    return Learner(network, log_sharpness, torch.optim.AdamW(groups, config.schedule.learning_rate))
+
+
+def network_settings(config: NetworkConfig) -> NetworkSettings:
+    """The network's own settings."""
+    return NetworkSettings(config.full_width, config.half_width, config.dilations, config.descriptors)
+
+
+def learning_rate(schedule: ScheduleConfig, step: int) -> float:
+    """Rate of the step with this number (the first is 0): a linear rise times half a cosine down to a remainder."""
+    rise = min(1.0, (step + 1) / schedule.warm_up_steps)
+    fall = 0.5 * (1 + math.cos(math.pi * step / schedule.steps))
+    return schedule.learning_rate * rise * (fall * (1 - schedule.final_share) + schedule.final_share)
+
+
+def begun(config: TrainingConfig, path: Path, device: torch.device) -> tuple[Learner, int, float]:
+    """Fresh, or as the checkpoint at `path` left it: a learner, the steps it has behind it and the seconds these took.
+
+    Raises ConfigError for a checkpoint of another configuration, ModelError for one that cannot be used.
+    """
+    learner = new_learner(config, device)
+    if not path.exists():
+        return learner, 0, 0.0
+    saved = load_checkpoint(path)
+    if differing := _differences(saved.config, config.plain()):
+        raise ConfigError(
+            f"holds a run of another configuration ({', '.join(differing)})",
+            where=str(path.parent),
+            remedy="name another folder for --out, or give that run's configuration to go on with it",
+        )
+    try:
+        learner.network.load_state_dict(saved.network)
+        learner.optimiser.load_state_dict(saved.optimiser)
+        with torch.no_grad():
+            learner.log_sharpness.copy_(saved.log_sharpness)
+        torch.set_rng_state(saved.random)
+    except (RuntimeError, ValueError, KeyError, TypeError) as why:
+        raise ModelError("does not fit this version's network", where=str(path), remedy="train into another folder") from why
+    return learner, saved.step, saved.seconds
+
+
+def _differences(a: Mapping[str, Any], b: Mapping[str, Any], prefix: str = "") -> list[str]:
+    """Dotted names of the keys whose values differ."""
+    names: list[str] = []
+    for key in dict.fromkeys([*a, *b]):
+        left, right = a.get(key), b.get(key)
+        if isinstance(left, dict) and isinstance(right, dict):
+            names += _differences(left, right, f"{prefix}{key}.")
+        elif left != right:
+            names.append(prefix + key)
+    return names
+
+
+def checked_device(name: str) -> torch.device:
+    """`cpu`, `cuda`, `cuda:1`. Raises ConfigError for one that is not there."""
+    try:
+        device = torch.device(name)
+        torch.zeros(1, device=device)
+    except (RuntimeError, AssertionError, NotImplementedError) as why:
+        raise ConfigError(
+            f"{name!r} cannot be used: {str(why).splitlines()[0]}", where="--device", remedy="cpu, or a PyTorch built for the GPU"
+        ) from why
+    return device
+
+
+def hardware(device: torch.device, threads: int) -> str:
+    """What a run was computed on, in words."""
+    if device.type == "cuda":
+        return torch.cuda.get_device_name(device)
+    return f"CPU ({platform.machine()}), {threads} threads"
