@@ -35,7 +35,9 @@ def search_box(plan: SearchPlan) -> tuple[FloatArray, FloatArray]:
     return plan.pose.p_ned_m[:2] + low - half, plan.pose.p_ned_m[:2] + high + half
 
 
-def search_window(grid: MapGrid, frame: FrameFeatures, plan: SearchPlan, zero_mean: bool = False) -> ScoreVolume:
+def search_window(
+    grid: MapGrid, frame: FrameFeatures, plan: SearchPlan, zero_mean: bool = False, threads: int = 1
+) -> ScoreVolume:
     """Exhaustive search over the plan's region on a map window."""
     pairs = hypotheses(plan)
     linear = grid.A_ne_pix[:, :2]
@@ -59,6 +61,7 @@ def search_window(grid: MapGrid, frame: FrameFeatures, plan: SearchPlan, zero_me
         (first[0], first[1], last[0], last[1]),
         (extent[0], extent[1], extent[2], extent[3]),
         zero_mean,
+        threads,
     )
 
 
