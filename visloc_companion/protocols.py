@@ -10,6 +10,7 @@ from visloc_companion.types import (
     CameraModel,
     Command,
     Event,
+    FeaturePatch,
     Fix,
     FloatArray,
     FrameRef,
@@ -129,6 +130,21 @@ class ReferenceMap(Protocol):
 
     def covers(self, lat_deg: float, lon_deg: float, margin_m: float = 0.0) -> bool:
         """Whether a place lies on the map, grown by a margin."""
+
+
+@runtime_checkable
+class FeatureMap(Protocol):
+    """What a reference map with stored features can do beside (maps/pack.py). `name` and `recipe` are those of the features
+    that the localiser uses: what was stored under another name or with another recipe does not exist for it."""
+
+    def stored_gsd_m(self, center_map_m: tuple[float, float], gsd_m: float, name: str, recipe: str) -> float | None:
+        """The stored GSD nearest to a wanted one at a place, metres on the ground; None where none is within 2^0.25 of it."""
+
+    def stored_patch(
+        self, center_map_m: tuple[float, float], size_px: tuple[int, int], gsd_m: float, name: str, recipe: str
+    ) -> FeaturePatch | None:
+        """Window of (width, height) pixels, heading 0, at the nearest stored GSD, its centre at most half a pixel away from the
+        wanted one in each axis; None where `stored_gsd_m` is None. Raises OutsideMap where no pixel is on the map."""
 
 
 @runtime_checkable

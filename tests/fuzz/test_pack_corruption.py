@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from visloc_companion.errors import MapError
+from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.build import build_pack
 
@@ -73,8 +74,8 @@ def test_unverified_damage_never_crashes(pack: Path, data: st.DataObject) -> Non
     path.write_bytes((raw[:at] + part + raw[at + len(part) :])[: len(raw)])
     try:
         damaged_pack = PackMap.open(pack, verify_hashes=False)
-        centre, gsd_m = damaged_pack.snapped(damaged_pack.center_map_m, (40, 40), 1.0)
-        damaged_pack.patch(centre, (40, 40), gsd_m, 0.0)
+        damaged_pack.patch(damaged_pack.center_map_m, (40, 40), 1.0, 0.0)
+        damaged_pack.stored_patch(damaged_pack.center_map_m, (40, 40), 1.0, GRADIENT.name, GRADIENT.recipe)
     except MapError:
         pass
     finally:

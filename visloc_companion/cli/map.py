@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer.core import TyperCommand
 
+from visloc_companion.cli.map_features import (
+    FinestFeatures,
+    Model,
+    chosen_networks,
+    described_features,
+    echo_features,
+    features,
+    stages,
+)
 from visloc_companion.errors import ConfigError
+from visloc_companion.prepare.defaults import FINEST_FEATURES_M
 
 if TYPE_CHECKING:
     from visloc_companion.maps.pack import PackMap
 
 map_app = typer.Typer(help="Build, describe and check map packs.", no_args_is_help=True)
+map_app.command()(features)
 MANY = ("--ortho", "--cloud")
 Pack = Annotated[Path, typer.Argument(metavar="PACK", help="Folder of the pack.")]
 Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the result here.")]
@@ -62,6 +72,8 @@ def build(
     geoid_undulation_m: Annotated[
         float | None, typer.Option(help="Geoid above the ellipsoid there, for ellipsoidal heights.")
     ] = None,
+    model: Model = "",
+    finest_features_m: FinestFeatures = FINEST_FEATURES_M,
     json_file: Json = None,
 ) -> None:
     """Make a pack from orthophotos and a surface model or point clouds."""
@@ -71,7 +83,8 @@ def build(
     _check_date(capture_date)
     if dsm is not None and cloud:
         raise ConfigError("--dsm and --cloud both give the surface", remedy="give one of them")
-    with _stages() as report:
+    networks = chosen_networks(model)
+    with stages() as report:
         manifest = build_pack(
             ortho,
             dsm,
@@ -85,6 +98,8 @@ def build(
             ground_h_amsl_m=ground_height_m,
             vertical_datum=_datum(vertical_datum),
             geoid_undulation_m=geoid_undulation_m,
+            networks=networks,
+            finest_features_m=finest_features_m,
             progress=report,
         )
     if json_file is not None:
@@ -92,6 +107,7 @@ def build(
     size_mb = sum(entry.bytes for entry in manifest.files.values()) / 1e6
     pixels = f"{manifest.ortho.cols} x {manifest.ortho.rows} px at {manifest.gsd_m:.3g} m"
     typer.echo(f"{out}: {pixels}, {manifest.crs.name}, {size_mb:.1f} MB")
+    echo_features(manifest)
     if manifest.heights.share_known < 1:
         typer.echo(f"warning: {1 - manifest.heights.share_known:.1%} of it has no height and will not be used", err=True)
 
@@ -115,13 +131,14 @@ def check(
     pack: Pack,
     route: Annotated[Path | None, typer.Option(metavar="FILE", help="CSV (lat_deg,lon_deg), .waypoints or .plan.")] = None,
     margin_m: Annotated[float, typer.Option(min=0, help="How far around the route the map must reach.")] = 0.0,
+    model: Model = "",
     json_file: Json = None,
 ) -> None:
     """Check hashes, how much can be matched, and whether a route stays on the map (exit code 1 if not)."""
     from visloc_companion.cli.progress import write_json
     from visloc_companion.prepare.check import check_pack
 
-    result = check_pack(_verified(pack), route, margin_m)
+    result = check_pack(_verified(pack), route, margin_m, chosen_networks(model))
     if json_file is not None:
         write_json(json_file, result)
     cells = result["matchability"]
@@ -158,27 +175,6 @@ def _verified(folder: Path) -> PackMap:
     return PackMap.open(folder, verify_hashes=False)
 
 
-@contextmanager
-def _stages() -> Iterator[Callable[[str, float], None]]:
-    """One bar for each stage of the build, on stderr."""
-    from contextlib import ExitStack
-
-    from visloc_companion.cli.progress import bar
-
-    with ExitStack() as open_bar:
-        advance: Callable[[float], None] | None = None
-        current = ""
-
-        def report(stage: str, share: float) -> None:
-            nonlocal advance, current
-            if stage != current or advance is None:
-                open_bar.pop_all().close()
-                advance, current = open_bar.enter_context(bar(stage, 1.0)), stage
-            advance(share)
-
-        yield report
-
-
 def _datum(text: str) -> Literal["amsl", "ellipsoidal"] | None:
     if text == "":
         return None
@@ -213,7 +209,8 @@ def _described(result: dict[str, Any]) -> Iterator[tuple[str, str]]:
         grid = heights["grid"]
         made = f"made from {heights['source_datum']} heights"
         yield "heights", f"{grid['cols']} x {grid['rows']} at {grid['transform'][0]:.4g} m above sea level, {made}"
-    yield "features", ", ".join(f"{level['name']} {level['gsd_m']:.3g} m" for level in manifest["features"])
+    for each in result["features"]:
+        yield "features", described_features(each)
     yield "capture date", manifest["capture_date"] or "not stated"
     yield "source", manifest["source"] or "not stated"
     yield "licence", manifest["licence"] or "not stated"

@@ -11,8 +11,9 @@ from visloc_companion.localise.features.base import Features, Float32Array
 from visloc_companion.localise.features.gradient import eroded
 from visloc_companion.localise.ortho_rectify import MapGrid
 from visloc_companion.localise.plan import LocalFrame
-from visloc_companion.protocols import ReferenceMap
-from visloc_companion.types import FloatArray
+from visloc_companion.localise.working_gsd import working_gsd_m
+from visloc_companion.protocols import FeatureMap, ReferenceMap
+from visloc_companion.types import FeaturePatch, FloatArray
 
 MAX_SIDE_PX = 4000
 
@@ -27,28 +28,38 @@ def map_grid(
 ) -> MapGrid:
     """The map over a box of metres north, east (grown to the map's axes), along grid north.
 
-    Features come from the map where it holds them (`ReferencePatch.features[features.name]`), else they are computed.
+    Where the map holds the features, of this name and recipe, they are taken from it at the stored GSD nearest to `gsd_m` (see
+    `working_gsd_m`; `MapGrid.gsd_m` is the one that was used) and no pixel is read; else they are computed.
     Raises OutsideMap where no pixel is on the map.
     """
-    centre = (low_ne_m + high_ne_m) / 2
+    middle = (low_ne_m + high_ne_m) / 2
     half = (high_ne_m - low_ne_m) / 2
+    centre = frame.to_map(middle)
+    gsd_m = working_gsd_m(ref, centre, gsd_m, features)
     up = np.linalg.solve(frame.J_map_ne, np.array([0.0, 1.0]))
     c, s = np.abs(up) / np.linalg.norm(up)
-    size = tuple(
+    width, height = (
         min(MAX_SIDE_PX, max(8, math.ceil(2 * extent / gsd_m) + 1))
         for extent in (c * half[1] + s * half[0], c * half[0] + s * half[1])
     )
-    patch = ref.patch(frame.to_map(centre), (size[0], size[1]), gsd_m, 0.0)
-    values = patch.features.get(features.name)
-    if values is None:
-        values = features(patch.pixels, patch.valid)
+    patch = _feature_patch(ref, centre, (width, height), gsd_m, features)
     return MapGrid(
-        np.asarray(values, dtype=np.float32),
+        np.asarray(patch.features, dtype=np.float32),
         eroded(patch.valid, 3),
         _filled(patch.dsm_amsl_m, patch.valid),
         frame.A_ne_pix(patch.T_map_pix),
-        gsd_m,
+        patch.gsd_m,
     )
+
+
+def _feature_patch(
+    ref: ReferenceMap, centre: tuple[float, float], size_px: tuple[int, int], gsd_m: float, features: Features
+) -> FeaturePatch:
+    stored = ref.stored_patch(centre, size_px, gsd_m, features.name, features.recipe) if isinstance(ref, FeatureMap) else None
+    if stored is not None:
+        return stored
+    patch = ref.patch(centre, size_px, gsd_m, 0.0)
+    return FeaturePatch(features(patch.pixels, patch.valid), patch.valid, patch.dsm_amsl_m, patch.T_map_pix, patch.gsd_m)
 
 
 def cropped(grid: MapGrid) -> MapGrid:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +80,7 @@ class GridMap:
         valid &= np.isfinite(heights)
         if not valid.any():
             raise OutsideMap(f"the window about {center_map_m} is outside the map", remedy="use a map that covers the flight")
-        return ReferencePatch(pixels, valid, heights, T_map_pix, gsd_m, heading_rad, self._features(T_map_pix, size_px))
+        return ReferencePatch(pixels, valid, heights, T_map_pix, gsd_m, heading_rad)
 
     def projection_at(self, place: GeoPoint) -> Linearisation:
         """The CRS linearised at a place."""
@@ -125,11 +124,6 @@ class GridMap:
         fine = compose_affine(T_map_pix, np.array([[0.25, 0.0, -0.375], [0.0, 0.25, -0.375]]))
         valid = warp_affine(self._pixels, fine, (4 * size_px[0], 4 * size_px[1]))[1]
         return np.asarray(valid.reshape(size_px[1], 4, size_px[0], 4).mean(axis=(1, 3)), np.float64)
-
-    def _features(self, T_map_pix: FloatArray, size_px: tuple[int, int]) -> dict[str, NDArray[Any]]:
-        """Precomputed features of a window (maps/pack.py has some)."""
-        del T_map_pix, size_px
-        return {}
 
     def _height_pix(self, layer: Layer, map_m: FloatArray) -> FloatArray:
         """(N, 2) pix of the height layer at (N, 2) easting, northing of the map."""

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from visloc_companion.errors import HashMismatch, MapError
 
-SCHEMA: Literal[1] = 1
+SCHEMA: Literal[2] = 2
 KIND: Literal["visloc-map-pack"] = "visloc-map-pack"
 MANIFEST = "manifest.json"
 DIGEST = "manifest.sha256"
@@ -85,14 +85,19 @@ class HeightEntry(Part):
 
 
 class FeatureLevel(Grid):
-    """Features of one GSD: a .npy of (rows, cols, channels) int8; value = stored x `step`."""
+    """Features of one GSD: a .npy of int8 in tiles (maps/stored.py); value = stored x `step`.
 
-    name: str
+    `name` and `recipe` are those of `localise.features.base.Features`: for a network they hold the hash of the model. Features
+    of another recipe must not be compared with these. The first 2 x `oriented` channels turn with the image.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    recipe: Annotated[str, Field(min_length=1)]
     channels: Size
-    recipe: str = ""
-    """What they were computed with; features of another recipe must not be compared with these."""
+    oriented: Annotated[int, Field(ge=0)]
     step: Positive
     gsd_m: Positive
+    tile_px: Annotated[int, Field(gt=0, le=4096)]
 
 
 class SourceEntry(Part):
@@ -106,7 +111,7 @@ class Manifest(Part):
     """`manifest.json`."""
 
     kind: Literal["visloc-map-pack"]
-    schema_version: Literal[1]
+    schema_version: Literal[2]
     name: str
     software: str
     crs: CrsEntry

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 import visloc_companion
-from visloc_companion.errors import MapError
-from visloc_companion.maps.geotiff import DatasetLayer, ground_gsd_m, layer_of, open_ortho
-from visloc_companion.maps.layer import level_shapes
+from visloc_companion.errors import MapError, VislocError
+from visloc_companion.localise.features.base import Features
+from visloc_companion.localise.features.gradient import GRADIENT
+from visloc_companion.maps.geotiff import ground_gsd_m, layer_of, open_ortho
 from visloc_companion.maps.manifest import (
     KIND,
     MANIFEST,
     SCHEMA,
     Bounds,
     CrsEntry,
-    FileEntry,
     Grid,
     HeightEntry,
     Manifest,
@@ -29,14 +26,20 @@ from visloc_companion.maps.manifest import (
     sha256_file,
     write_manifest,
 )
-from visloc_companion.prepare import features
-from visloc_companion.prepare.mosaic import Step, write_ortho
+from visloc_companion.prepare.defaults import FINEST_FEATURES_M
+from visloc_companion.prepare.features import (
+    check_names,
+    feature_levels,
+    stored_bytes,
+    wanted_levels,
+)
+from visloc_companion.prepare.mosaic import write_ortho
 from visloc_companion.prepare.surface import Datum, Surface, make_surface, surface_sources, write_surface
 from visloc_companion.prepare.target import Source, TargetGrid, pack_grid
+from visloc_companion.prepare.work_folder import Progress, WorkFolder, stage, synced, work_key
 
-Progress = Callable[[str, float], None]
-"""Called with the name of the stage and the share of it (0 to 1) that is done."""
 ORTHO = "ortho.tif"
+SOFTWARE = f"visloc-companion {visloc_companion.__version__}"
 
 
 def build_pack(
@@ -53,40 +56,44 @@ def build_pack(
     ground_h_amsl_m: float = 0.0,
     vertical_datum: Datum | None = None,
     geoid_undulation_m: float | None = None,
+    networks: Sequence[Features] = (),
+    finest_features_m: float = FINEST_FEATURES_M,
     progress: Progress | None = None,
 ) -> Manifest:
     """Build a pack from GeoTIFFs (the first orthophoto on top), and from clouds where there is no surface model.
     `cloud_crs` is that of clouds that state none.
 
     Without either the ground is the plane `ground_h_amsl_m`. `vertical_datum` is that of the surface; where heights are
-    ellipsoidal, h_amsl = h_ell - `geoid_undulation_m`. An existing pack is replaced when the new one is whole; a build that
-    was broken off starts anew. Returns the manifest. Raises MapError and DatumMissing for files that cannot be used, too
-    little disk space, and a target that is something else than a pack.
+    ellipsoidal, h_amsl = h_ell - `geoid_undulation_m`. The gradient's features are stored at all levels, those of `networks`
+    at levels from the GSD `finest_features_m` on. An existing pack is replaced when the new one is whole; a build of the same
+    inputs that was broken off is gone on with, and ends in the same bytes. Returns the manifest. Raises MapError and
+    DatumMissing for files that cannot be used, too little disk space, and a target that is something else than a pack,
+    ModelError for networks whose names are no file names.
     """
     report = progress or _no_progress
     _check_target(out)
+    functions = (GRADIENT, *networks)
+    check_names(functions)
     if not orthos:
         raise MapError("no orthophoto is given", remedy="--ortho FILE")
     sources = [_ortho_source(path) for path in orthos]
     grid = pack_grid(sources)
     surface = make_surface(surface_sources(dsm, clouds, cloud_crs), grid, vertical_datum, geoid_undulation_m)
-    _check_space(out, grid, surface, max(each.layer.channels for each in sources))
-    building = out.absolute().with_name(f".{out.name}.building")
-    shutil.rmtree(building, ignore_errors=True)
-    building.mkdir(parents=True)
+    inputs = tuple(_inputs([*orthos, *([dsm] if dsm else clouds)], report))
+    made_from: list[object] = [cloud_crs, ground_h_amsl_m, vertical_datum, geoid_undulation_m, len(orthos), dsm is None]
+    made_from += [finest_features_m, *(entry.sha256 for entry in inputs), *((each.name, each.recipe) for each in functions)]
+    work = WorkFolder(out, work_key("build", SOFTWARE, made_from))
     try:
-        share = write_ortho(building / ORTHO, grid, sources, _stage(report, "orthophoto", grid.rows * grid.cols))
-        if not share:
-            raise MapError("holds no valid pixel", where=str(orthos[0]), remedy="name an orthophoto with content")
-        heights = _heights(building, grid, surface, ground_h_amsl_m, report)
-        pixels = DatasetLayer(open_ortho(building / ORTHO), level_shapes(grid.rows, grid.cols))
-        levels = features.write_features(building, grid, pixels, _stage(report, "features", features.total_pixels(grid)))
-        inputs = [*orthos, *([dsm] if dsm else clouds)]
+        _check_space(work, grid, surface, max(each.layer.channels for each in sources), functions, finest_features_m)
+        share = _ortho(work, grid, sources, report)
+        heights = _heights(work, grid, surface, ground_h_amsl_m, report)
+        levels = feature_levels(work, grid, work.path / ORTHO, functions, finest_features_m, report)
+        names = [ORTHO, *([heights.grid.file] if heights.grid else []), *(level.file for level in levels)]
         manifest = Manifest(
             kind=KIND,
             schema_version=SCHEMA,
             name=name or out.name,
-            software=f"visloc-companion {visloc_companion.__version__}",
+            software=SOFTWARE,
             crs=CrsEntry(name=grid.crs.name, epsg=grid.crs.epsg, wkt=grid.crs.wkt),
             gsd_m=ground_gsd_m(grid.crs, grid.T_map_pix, (grid.rows, grid.cols)),
             bounds=_bounds(grid),
@@ -97,14 +104,36 @@ def build_pack(
             ortho=Grid(file=ORTHO, rows=grid.rows, cols=grid.cols, transform=grid.transform),
             heights=heights,
             features=levels,
-            inputs=tuple(SourceEntry(file=path.name, sha256=sha256_file(path)) for path in inputs),
-            files=_hashed(building, report),
+            inputs=inputs,
+            files=work.hashed(names, report),
         )
-        write_manifest(building, manifest)
-        _replace(building, out.absolute())
+        write_manifest(work.path, manifest)
+        work.take_name()
+    except VislocError:
+        work.remove()
+        raise
     finally:
-        shutil.rmtree(building, ignore_errors=True)
+        work.close()
     return manifest
+
+
+def _inputs(paths: Sequence[Path], report: Progress) -> Iterator[SourceEntry]:
+    for n, path in enumerate(paths):
+        yield SourceEntry(file=path.name, sha256=sha256_file(path))
+        report("inputs", (n + 1) / len(paths))
+
+
+def _ortho(work: WorkFolder, grid: TargetGrid, sources: Sequence[Source], report: Progress) -> float:
+    """Share of valid pixels of the orthophoto, which is written unless it is there."""
+    known = work.result(ORTHO)
+    if known is not None:
+        return float(known)
+    share = write_ortho(work.path / ORTHO, grid, sources, stage(report, "orthophoto", grid.rows * grid.cols))
+    if not share:
+        raise MapError("holds no valid pixel", where=sources[0].name, remedy="name an orthophoto with content")
+    synced(work.path / ORTHO)
+    work.record(ORTHO, share)
+    return share
 
 
 def _ortho_source(path: Path) -> Source:
@@ -113,7 +142,10 @@ def _ortho_source(path: Path) -> Source:
     return Source(str(path), layer_of(tiff), tiff.crs, gsd_m)
 
 
-def _heights(folder: Path, grid: TargetGrid, surface: Surface | None, plane_h_amsl_m: float, report: Progress) -> HeightEntry:
+def _heights(work: WorkFolder, grid: TargetGrid, surface: Surface | None, plane_h_amsl_m: float, report: Progress) -> HeightEntry:
+    known = work.result("heights")
+    if known is not None:
+        return HeightEntry.model_validate(known)
     if surface is None:
         return HeightEntry(
             source_datum="amsl",
@@ -123,8 +155,12 @@ def _heights(folder: Path, grid: TargetGrid, surface: Surface | None, plane_h_am
             share_known=1.0,
             share_filled=0.0,
         )
-    step = _stage(report, "surface model", surface.grid.rows * surface.grid.cols)
-    return write_surface(folder, surface, grid, plane_h_amsl_m, step)
+    step = stage(report, "surface model", surface.grid.rows * surface.grid.cols)
+    entry = write_surface(work.path, surface, grid, plane_h_amsl_m, step)
+    if entry.grid is not None:
+        synced(work.path / entry.grid.file)
+    work.record("heights", entry.model_dump(mode="json"))
+    return entry
 
 
 def _check_target(out: Path) -> None:
@@ -134,18 +170,19 @@ def _check_target(out: Path) -> None:
     raise MapError("exists and is no map pack", where=str(out), remedy="name a folder that does not exist yet, or remove it")
 
 
-def _check_space(out: Path, grid: TargetGrid, surface: Surface | None, channels: int) -> None:
+def _check_space(
+    work: WorkFolder,
+    grid: TargetGrid,
+    surface: Surface | None,
+    channels: int,
+    functions: Sequence[Features],
+    finest_gsd_m: float,
+) -> None:
     """The plain raster and its optimised copy (with overviews) lie side by side for a while."""
-    need = grid.rows * grid.cols * (channels + 1) * 2.4 + features.total_pixels(grid) * 2
+    need = grid.rows * grid.cols * (channels + 1) * 2.4
+    need += sum(stored_bytes(wanted_levels(grid, each, finest_gsd_m), each) for each in functions)
     need += surface.grid.rows * surface.grid.cols * 4 * 2.4 if surface else 0
-    folder = next(parent for parent in out.absolute().parents if parent.exists())
-    free = shutil.disk_usage(folder).free
-    if free < need * 1.05:
-        raise MapError(
-            f"needs {need / 1e9:.2f} GB of disk, {free / 1e9:.2f} GB are free",
-            where=str(folder),
-            remedy="free space, or build elsewhere",
-        )
+    work.check_free(need)
 
 
 def _bounds(grid: TargetGrid) -> Bounds:
@@ -163,43 +200,6 @@ def _bounds(grid: TargetGrid) -> Bounds:
         east_deg=east_deg,
         north_deg=north_deg,
     )
-
-
-def _hashed(folder: Path, report: Progress) -> dict[str, FileEntry]:
-    paths = sorted(folder.iterdir())
-    entries = {}
-    for n, path in enumerate(paths):
-        with path.open("rb") as stream:
-            os.fsync(stream.fileno())
-        entries[path.name] = FileEntry(bytes=path.stat().st_size, sha256=sha256_file(path))
-        report("hashes", (n + 1) / len(paths))
-    return entries
-
-
-def _replace(building: Path, out: Path) -> None:
-    """Give the finished folder its name; an old pack goes only after that."""
-    old = out.with_name(f".{out.name}.old")
-    shutil.rmtree(old, ignore_errors=True)
-    if out.exists():
-        out.rename(old)
-    try:
-        building.rename(out)
-    except OSError:
-        with suppress(OSError):
-            old.rename(out)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
-
-
-def _stage(report: Progress, name: str, total: int) -> Step:
-    done = 0
-
-    def step(pixels: int) -> None:
-        nonlocal done
-        done += pixels
-        report(name, min(1.0, done / max(1, total)))
-
-    return step
 
 
 def _no_progress(stage: str, share: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,9 @@ import numpy as np
 
 from visloc_companion.errors import OutsideMap
 from visloc_companion.geo.wgs84 import distance_m
+from visloc_companion.localise.features.base import Features
+from visloc_companion.localise.features.gradient import GRADIENT
+from visloc_companion.maps.manifest import FeatureLevel, Manifest
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.matchability import Matchability, matchability
 from visloc_companion.prepare.route import along, read_route
@@ -19,10 +23,11 @@ MIN_SHARE_MATCHABLE = 0.5
 WORTH_SAYING = 0.01
 
 
-def check_pack(pack: PackMap, route: Path | None, margin_m: float = 0.0) -> dict[str, Any]:
+def check_pack(pack: PackMap, route: Path | None, margin_m: float = 0.0, networks: Sequence[Features] = ()) -> dict[str, Any]:
     """Coverage, matchability and the route, as plain numbers; `passed` is False where the route leaves the map.
 
-    `margin_m` is how far around the route the map must reach. Raises MapError for a file that is no route.
+    `margin_m` is how far around the route the map must reach. `networks` are those that will fly: a warning says where the pack
+    does not hold their features. Raises MapError for a file that is no route.
     """
     cells = matchability(pack)
     known = int(cells.known.sum())
@@ -42,7 +47,9 @@ def check_pack(pack: PackMap, route: Path | None, margin_m: float = 0.0) -> dict
     }
     if route is not None:
         result["route"] = _route(pack, cells, read_route(route), margin_m)
+    result["features"] = features_info(pack.manifest)
     result["warnings"] = _warnings(result)
+    result["warnings"] += [why for each in (GRADIENT, *networks) if (why := pack.why_not_stored(each.name, each.recipe))]
     result["passed"] = route is None or result["route"]["points_outside"] == 0
     return result
 
@@ -97,5 +104,27 @@ def pack_info(pack: PackMap, folder: Path) -> dict[str, Any]:
         "schema": 1,
         "folder": str(folder),
         "bytes": sum(entry.bytes for entry in manifest.files.values()),
+        "features": features_info(manifest),
         "manifest": manifest.model_dump(mode="json"),
+    }
+
+
+def features_info(manifest: Manifest) -> list[dict[str, Any]]:
+    """For each function whose features are stored: GSDs, channels, recipe, bytes, and bytes for each square kilometre."""
+    bounds = manifest.bounds
+    area_km2 = (bounds.east_map_m - bounds.west_map_m) * (bounds.north_map_m - bounds.south_map_m) / 1e6
+    names = dict.fromkeys(level.name for level in manifest.features)
+    return [_function_info(manifest, [level for level in manifest.features if level.name == name], area_km2) for name in names]
+
+
+def _function_info(manifest: Manifest, levels: list[FeatureLevel], area_km2: float) -> dict[str, Any]:
+    size = sum(manifest.files[level.file].bytes for level in levels)
+    return {
+        "name": levels[0].name,
+        "recipe": levels[0].recipe,
+        "channels": levels[0].channels,
+        "oriented": levels[0].oriented,
+        "gsd_m": [level.gsd_m for level in levels],
+        "bytes": size,
+        "bytes_per_km2": size / max(area_km2, 1e-9),
     }

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.geo.raster import apply_affine, invert_affine
+from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.types import FloatArray
 
@@ -60,12 +61,14 @@ class Matchability:
 
 
 def matchability(pack: PackMap) -> Matchability:
-    """Judge the stored features at four times the map's GSD (coarsest, where there is none), in cells of 16 px of it."""
-    stored = pack.stored[min(LEVEL, len(pack.stored) - 1)]
-    rows, cols = (-(-n // CELL_PX) for n in stored.stored.shape[:2])
+    """Judge the stored gradients at four times the map's GSD (coarsest, where there is none), in cells of 16 px of it."""
+    gradients = [entry for entry in pack.stored if entry.level.name == GRADIENT.name]
+    stored = gradients[min(LEVEL, len(gradients) - 1)]
+    rows, cols = (-(-n // CELL_PX) for n in (stored.level.rows, stored.level.cols))
     texture, coherence = np.full((rows, cols), np.nan), np.zeros((rows, cols))
     for row in range(rows):
-        band = stored.stored[row * CELL_PX : (row + 1) * CELL_PX].astype(np.float32) * np.float32(stored.level.step)
+        height = min(CELL_PX, stored.level.rows - row * CELL_PX)
+        band, _ = stored.window((0, row * CELL_PX), (stored.level.cols, height))
         magnitude = np.hypot(band[..., 0], band[..., 1])
         for col in range(cols):
             part = slice(col * CELL_PX, (col + 1) * CELL_PX)

@@ -6,7 +6,7 @@ import hashlib
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 import visloc_companion
+from visloc_companion.localise.features.base import Features
 from visloc_companion.prepare.build import build_pack
 from visloc_companion.sim.landscape import build_landscape
 
@@ -35,13 +36,17 @@ def cache_folder() -> Path:
 
 
 def procedural_world(
-    seed: int, folder: Path | None = None, on_stage: Callable[[str], None] | None = None, size_m: float = 2000.0
+    seed: int,
+    folder: Path | None = None,
+    on_stage: Callable[[str], None] | None = None,
+    size_m: float = 2000.0,
+    networks: Sequence[Features] = (),
 ) -> ProceduralWorld:
     """The world of a seed, a square of `size_m`; kept in `folder` (by default the cache) and made only where it is missing.
 
-    The two dates are made side by side, then the pack is built. Made whole or not at all.
+    The two dates are made side by side, then the pack is built, with the features of `networks`. Made whole or not at all.
     """
-    home = (folder or cache_folder()) / f"landscape-{seed}-{size_m:g}m-{_sources_digest()}"
+    home = (folder or cache_folder()) / f"landscape-{seed}-{size_m:g}m-{_digest(networks)}"
     world = ProceduralWorld(home / "pack", home / "flight" / "ortho.tif", home / "flight" / "dsm.tif")
     if home.is_dir():
         return world
@@ -60,6 +65,7 @@ def procedural_world(
             source="procedural landscape",
             licence="CC0-1.0",
             capture_date="2021-07-15",
+            networks=networks,
         )
         shutil.rmtree(draft / "map")
         _keep(draft, home)
@@ -76,14 +82,16 @@ def _keep(draft: Path, home: Path) -> None:
             raise
 
 
-def _sources_digest() -> str:
-    """Digest of the code that makes a world, so that a kept one never outlives a change."""
+def _digest(networks: Sequence[Features]) -> str:
+    """Digest of the code and the networks that make a world, so that a kept one never outlives a change."""
     root = Path(visloc_companion.__file__).parent
     patterns = ("sim/landscape*.py", "sim/season.py", "sim/scene.py", "prepare/*.py", "maps/*.py", "localise/features/*.py")
     makers = [path for pattern in patterns for path in root.glob(pattern)]
     digest = hashlib.blake2b(digest_size=6)
     for path in sorted(makers):
         digest.update(path.read_bytes())
+    for each in networks:
+        digest.update(f"{each.name}\n{each.recipe}\n".encode())
     return digest.hexdigest()
 
 

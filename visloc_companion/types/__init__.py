@@ -52,7 +52,16 @@ from visloc_companion.types.events import (
     TimesyncSample,
     WorkerState,
 )
-from visloc_companion.types.values import Accepted, CameraModel, GnssVerdict, NavState, ReferencePatch, Rejected, TooOld
+from visloc_companion.types.values import (
+    Accepted,
+    CameraModel,
+    FeaturePatch,
+    GnssVerdict,
+    NavState,
+    ReferencePatch,
+    Rejected,
+    TooOld,
+)
 
 __all__ = [
     "Accepted",
@@ -65,6 +74,7 @@ __all__ = [
     "EkfSource",
     "EstimatorStatus",
     "Event",
+    "FeaturePatch",
     "Fix",
     "FloatArray",
     "FrameRef",

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +38,17 @@ class ReferencePatch:
     T_map_pix: FloatArray
     gsd_m: float
     heading_rad: float
-    features: dict[str, NDArray[Any]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeaturePatch:
+    """A window of a map's stored features, heading 0: (H, W, C) float32, zero where not valid; the rest as `ReferencePatch`."""
+
+    features: NDArray[np.float32]
+    valid: NDArray[np.bool_]
+    dsm_amsl_m: NDArray[np.float32]
+    T_map_pix: FloatArray
+    gsd_m: float
 
 
 @dataclass(frozen=True, slots=True)

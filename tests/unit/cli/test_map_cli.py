@@ -62,7 +62,7 @@ def test_build_info_check(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:
     assert built["heights"]["plane_amsl_m"] == 12.0
     code, text = visloc("info", pack, "--json", result)
     assert code == 0
-    for part in ("EPSG:32633", "2020-02-03", "survey", "CC0-1.0", "plane at 12 m", "gradient 1 m"):
+    for part in ("EPSG:32633", "2020-02-03", "survey", "CC0-1.0", "plane at 12 m", "gradient 1 m to"):
         assert part in text
     assert json.loads(result.read_text())["manifest"] == built
     code, text = visloc("check", pack, "--json", result)

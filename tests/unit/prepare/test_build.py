@@ -7,7 +7,6 @@ import rasterio
 
 from visloc_companion.errors import DatumMissing, MapError
 from visloc_companion.geo.raster import apply_affine, invert_affine
-from visloc_companion.localise.features.gradient import GRADIENT, gradient_features
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.raster import RasterMap
@@ -49,7 +48,7 @@ def test_pack_shows_what_the_files_show(tmp_path: Path, write_raster) -> None:
         assert both.mean() > 0.95
         assert np.abs(a.pixels[both].astype(int) - b.pixels[both]).max() <= 2
         assert np.abs(a.dsm_amsl_m[both] - b.dsm_amsl_m[both]).max() < 0.02
-    assert {stage for stage, _ in stages} == {"orthophoto", "surface model", "features", "hashes"}
+    assert {stage for stage, _ in stages} == {"inputs", "orthophoto", "surface model", "features gradient", "hashes"}
     assert all(0 <= share <= 1 for _, share in stages) and stages[-1] == ("hashes", 1.0)
     assert not list(tmp_path.glob(".pack*"))
 
@@ -63,41 +62,6 @@ def test_rasters_are_cloud_optimised_and_uncompressed(tmp_path: Path, write_rast
         assert cog.block_shapes[0] == (256, 256)
         assert cog.overviews(1) == [2, 4]
         assert (cog.width % 4, cog.height % 4) == (0, 0)
-
-
-def test_stored_features_are_those_of_the_pixels(tmp_path: Path, write_raster) -> None:
-    write_raster(tmp_path / "a.tif", picture(1400), UTM, PLACE, 0.5)
-    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
-    pack = PackMap.open(tmp_path / "pack")
-    gsds = pack.stored_gsds_m()
-    assert pack.recipe() == GRADIENT.recipe and pack.recipe("other") == ""
-    assert gsds[:3] == pytest.approx((0.5, 0.5 * 2**0.5, 1.0), rel=1e-3)
-    for asked in (0.5, 0.62, 0.8, 1.1):
-        centre, gsd = pack.snapped(pack.center_map_m, (300, 260), asked)
-        assert min(abs(gsd / g - 1) for g in gsds) < 1e-4
-        assert np.abs(np.subtract(centre, pack.center_map_m)).max() <= 0.5001 * gsd
-        patch = pack.patch(centre, (300, 260), gsd, 0.0)
-        want = gradient_features(patch.pixels, patch.valid)
-        inner = slice(64, -64), slice(64, -64)
-        got = patch.features["gradient"]
-        assert got.shape == (260, 300, 2) and got.dtype == np.float32
-        assert np.abs(got - want)[inner].mean() < 0.03
-        assert np.corrcoef(got[inner].ravel(), want[inner].ravel())[0, 1] > 0.999
-    turned = pack.patch(*pack.snapped(pack.center_map_m, (30, 30), 0.5)[:1], (30, 30), 0.5, 0.01)
-    assert turned.features == {}
-    assert pack.snapped(pack.center_map_m, (30, 30), 500.0) == (pack.center_map_m, 500.0)
-    assert pack.snapped(pack.center_map_m, (30, 30), 0.5, "other") == (pack.center_map_m, 0.5)
-
-
-def test_features_off_the_map_are_zero(tmp_path: Path, write_raster) -> None:
-    write_raster(tmp_path / "a.tif", picture(300), UTM, PLACE, 1.0)
-    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
-    pack = PackMap.open(tmp_path / "pack")
-    easting, northing = pack.center_map_m
-    centre, gsd = pack.snapped((easting - 150, northing), (100, 80), 1.0)
-    patch = pack.patch(centre, (100, 80), gsd, 0.0)
-    assert not patch.features["gradient"][~patch.valid].any()
-    assert np.abs(patch.features["gradient"][patch.valid]).mean() > 0.1
 
 
 def test_geographic_rasters_become_utm(tmp_path: Path, write_raster) -> None:
@@ -234,7 +198,7 @@ def test_targets(tmp_path: Path, write_raster) -> None:
     (tmp_path / "empty").mkdir()
     build_pack(orthos, None, tmp_path / "empty", name="first")
     (tmp_path / ".empty.building").mkdir()
-    (tmp_path / ".empty.building" / "left.tif").write_text("from a build that was killed")
+    (tmp_path / ".empty.building" / "left.tif").write_text("from a build of something else that was killed")
     build_pack(orthos, None, tmp_path / "empty", name="second")
     assert PackMap.open(tmp_path / "empty").manifest.name == "second"
     assert not list(tmp_path.glob(".empty*"))
@@ -250,6 +214,8 @@ def test_old_pack_survives_a_failing_build(tmp_path: Path, write_raster) -> None
     with pytest.raises(KeyboardInterrupt):
         build_pack([tmp_path / "a.tif"], None, tmp_path / "pack", name="new", progress=stop)
     assert PackMap.open(tmp_path / "pack").manifest.name == "old"
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack", name="new")
+    assert PackMap.open(tmp_path / "pack").manifest.name == "new"
     assert not list(tmp_path.glob(".pack*"))
 
 

@@ -1,0 +1,106 @@
+"""`visloc map features`, and what `build` and `check` share with it: which networks, how they are described, the bars."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from visloc_companion.errors import ConfigError, ModelError
+from visloc_companion.prepare.defaults import FINEST_FEATURES_M
+
+if TYPE_CHECKING:
+    from visloc_companion.localise.features.base import Features
+    from visloc_companion.maps.manifest import Manifest
+
+NO_MODEL = "none"
+Model = Annotated[
+    str,
+    typer.Option(
+        metavar=f"DIR|{NO_MODEL}", help="Network whose features the pack holds; the one that came with this version by default."
+    ),
+]
+FinestFeatures = Annotated[
+    float,
+    typer.Option(min=0, help="Store a network's features from about this GSD (metres) on; finer ones are computed in flight."),
+]
+
+
+def features(
+    pack: Annotated[Path, typer.Argument(metavar="PACK", help="Folder of the pack.")],
+    model: Model = "",
+    finest_features_m: FinestFeatures = FINEST_FEATURES_M,
+    replace: Annotated[bool, typer.Option("--replace", help="Drop the features of other networks.")] = False,
+    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the result here.")] = None,
+) -> None:
+    """Store a network's features in a pack that exists; the old one stays as it is until the new one is whole."""
+    from visloc_companion.cli.progress import write_json
+    from visloc_companion.prepare.add_features import add_features
+
+    if model == NO_MODEL and not replace:
+        raise ConfigError(f"--model {NO_MODEL} stores nothing", remedy="name a model, or drop all networks' with --replace")
+    networks = () if model == NO_MODEL else (_opened(model),)
+    with stages() as report:
+        manifest = add_features(pack, networks, finest_features_m=finest_features_m, replace=replace, progress=report)
+    if json_file is not None:
+        write_json(json_file, {"schema": 1, "folder": str(pack), "manifest": manifest.model_dump(mode="json")})
+    echo_features(manifest)
+
+
+def chosen_networks(model: str) -> tuple[Features, ...]:
+    """The network that `--model` names; none, with a warning, where none is named and this version's cannot be opened.
+
+    Raises ModelError or ConfigError for a named one that cannot be opened.
+    """
+    if model == NO_MODEL:
+        return ()
+    if model:
+        return (_opened(model),)
+    try:
+        return (_opened(""),)
+    except (ModelError, ConfigError) as why:
+        typer.echo(f"warning: no network's features: {why}", err=True)
+        return ()
+
+
+def echo_features(manifest: Manifest) -> None:
+    """One line for each function whose features a pack holds."""
+    from visloc_companion.prepare.check import features_info
+
+    for each in features_info(manifest):
+        typer.echo(f"features {described_features(each)}")
+
+
+def described_features(each: dict[str, Any]) -> str:
+    """Name, GSDs and size of one function's features."""
+    gsds = f"{each['gsd_m'][0]:.3g} m" + (f" to {each['gsd_m'][-1]:.3g} m" if len(each["gsd_m"]) > 1 else "")
+    size = f"{each['bytes'] / 1e6:.1f} MB, {each['bytes_per_km2'] / 1e6:.3g} MB/km²"
+    return f"{each['name']} {gsds} in {len(each['gsd_m'])} levels, {each['channels']} channels, {size}"
+
+
+@contextmanager
+def stages() -> Iterator[Callable[[str, float], None]]:
+    """One bar for each stage of the work, on stderr."""
+    from visloc_companion.cli.progress import bar
+
+    with ExitStack() as open_bar:
+        advance: Callable[[float], None] | None = None
+        current = ""
+
+        def report(stage: str, share: float) -> None:
+            nonlocal advance, current
+            if stage != current or advance is None:
+                open_bar.pop_all().close()
+                advance, current = open_bar.enter_context(bar(stage, 1.0)), stage
+            advance(share)
+
+        yield report
+
+
+def _opened(model: str) -> Features:
+    from visloc_companion.localise.features.onnx import open_features
+
+    return open_features(Path(model) if model else None)

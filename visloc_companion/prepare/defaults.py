@@ -1,0 +1,4 @@
+"""Defaults that the commands show: nothing heavy is imported for them."""
+
+FINEST_FEATURES_M = 0.4
+"""Features of networks are stored from about this GSD on: what a camera of 60 degrees works with from 80 m above ground."""

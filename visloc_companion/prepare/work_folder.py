@@ -1,0 +1,161 @@
+"""A folder in the making, beside the one it will replace: what of it is done survives being broken off."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from visloc_companion.errors import MapError
+from visloc_companion.maps.manifest import FileEntry, sha256_file
+
+LOG = ".work.jsonl"
+Progress = Callable[[str, float], None]
+"""Called with the name of the stage and the share of it (0 to 1) that is done."""
+
+
+class WorkFolder:
+    """`.NAME.building` beside the target `NAME`, with a log of the finished parts of the work.
+
+    `key` says what the work is made from: a folder that was left behind with the same key is gone on with, another one is
+    emptied. Each part is recorded after its data were handed to the disk, so that also a loss of power costs one part at most.
+    One process at a time: a second one gets a MapError.
+    """
+
+    def __init__(self, target: Path, key: str) -> None:
+        self.target = target.absolute()
+        self.path = self.target.with_name(f".{target.name}.building")
+        self.path.mkdir(parents=True, exist_ok=True)
+        self._log = (self.path / LOG).open("a+", encoding="utf-8", errors="replace")
+        self._lock()
+        self._done = self._read(key)
+        if not self._done:
+            self._start(key)
+
+    def result(self, part: str) -> Any:
+        """What a finished part was recorded with; None where it is not finished."""
+        return self._done.get(part)
+
+    def record(self, part: str, result: object = True) -> None:
+        """Note that a part is finished; its data must be on the disk (`synced`)."""
+        self._done[part] = result
+        self._log.write(json.dumps({part: result}) + "\n")
+        self._log.flush()
+        os.fsync(self._log.fileno())
+
+    def hashed(self, names: Sequence[str], report: Progress, known: dict[str, FileEntry] | None = None) -> dict[str, FileEntry]:
+        """Size and SHA-256 of the files of these names, which are on the disk after that; any other file is removed.
+
+        `known` entries are taken as they are.
+        """
+        for path in self.path.iterdir():
+            if path.name not in names and path.name != LOG:
+                path.unlink()
+        entries = dict(known or {})
+        for n, name in enumerate(names):
+            path = self.path / name
+            if name not in entries:
+                synced(path)
+                entries[name] = FileEntry(bytes=path.stat().st_size, sha256=sha256_file(path))
+            report("hashes", (n + 1) / len(names))
+        return dict(sorted(entries.items()))
+
+    def check_free(self, need_bytes: float) -> None:
+        """Raise MapError where the disk lacks space, counting what was left in the folder by work that was broken off."""
+        there = sum(path.stat().st_blocks * 512 for path in self.path.iterdir())
+        free = shutil.disk_usage(self.path).free
+        if free + there < need_bytes * 1.05:
+            raise MapError(
+                f"needs {need_bytes / 1e9:.2f} GB of disk, {(free + there) / 1e9:.2f} GB are free",
+                where=str(self.target.parent),
+                remedy="free space, build elsewhere, or store features of coarser levels only (--finest-features-m)",
+            )
+
+    def take_name(self) -> None:
+        """Give the finished folder its name; what had it before goes only after that. Closes the folder."""
+        (self.path / LOG).unlink()
+        old = self.target.with_name(f".{self.target.name}.old")
+        shutil.rmtree(old, ignore_errors=True)
+        if self.target.exists():
+            self.target.rename(old)
+        try:
+            self.path.rename(self.target)
+        except OSError:
+            with suppress(OSError):
+                old.rename(self.target)
+            raise
+        finally:
+            self.close()
+        shutil.rmtree(old, ignore_errors=True)
+
+    def remove(self) -> None:
+        """Leave nothing behind, for work that cannot be gone on with."""
+        shutil.rmtree(self.path, ignore_errors=True)
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the folder; the work can be gone on with."""
+        self._log.close()
+
+    def _lock(self) -> None:
+        try:
+            fcntl.flock(self._log, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as why:
+            self._log.close()
+            raise MapError(
+                "another process is at work on it", where=str(self.target), remedy="wait until it is done, or end it"
+            ) from why
+
+    def _read(self, key: str) -> dict[str, Any]:
+        """The finished parts; empty where the log is of other work. A line that was broken off ends the log."""
+        self._log.seek(0)
+        done: dict[str, Any] = {}
+        whole = 0
+        for line in self._log:
+            try:
+                entry = json.loads(line) if line.endswith("\n") else None
+            except ValueError:
+                entry = None
+            if not isinstance(entry, dict):
+                break
+            done |= entry
+            whole += len(line.encode())
+        self._log.truncate(whole)
+        return done if done.get("key") == key else {}
+
+    def _start(self, key: str) -> None:
+        for path in self.path.iterdir():
+            if path.name == LOG:
+                continue
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        self._log.truncate(0)
+        self.record("key", key)
+
+
+def synced(path: Path) -> None:
+    """Hand a file's data to the disk."""
+    with path.open("rb") as stream:
+        os.fsync(stream.fileno())
+
+
+def work_key(kind: str, software: str, made_from: Sequence[object]) -> str:
+    """What a piece of work is made from, as a digest: only work with the same one is gone on with."""
+    return hashlib.sha256(json.dumps([kind, software, *made_from]).encode()).hexdigest()
+
+
+def stage(report: Progress, name: str, total: int) -> Callable[[int], None]:
+    """Reports a stage: call with the number of pixels that are done."""
+    done = 0
+
+    def step(pixels: int) -> None:
+        nonlocal done
+        done += pixels
+        report(name, min(1.0, done / max(1, total)))
+
+    return step
