@@ -19,6 +19,7 @@ from visloc_companion.errors import Reason
 from visloc_companion.evaluate.cases import BadCase, Case, Truth, read_cases, read_truth
 from visloc_companion.evaluate.image import run_cases
 from visloc_companion.evaluate.image_metrics import CaseResult
+from visloc_companion.localise.runtime import NetworkChoice
 from visloc_companion.types import Fix, GeoPoint
 
 Judged = tuple[CaseResult, Truth]
@@ -58,7 +59,7 @@ def answers(
     if missing:
         started = time.monotonic()
         with file.open("a", encoding="utf-8") as stream:
-            for k, result in enumerate(run_cases(missing, method, jobs, TAKE_ALL, **({"model": model} if model else {})), 1):
+            for k, result in enumerate(run_cases(missing, method, jobs, TAKE_ALL, network=NetworkChoice(model)), 1):
                 stream.write(json.dumps(_as_json(result)) + "\n")
                 stream.flush()
                 kept[result.case_id] = result

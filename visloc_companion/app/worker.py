@@ -160,7 +160,7 @@ class WorkerSupervisor:
         if isinstance(message, Ready):
             self._disarm()
             self.up = True
-            self._report("ready")
+            self._report(f"ready: {message.about}" if message.about else "ready")
             if self._started is not None and not self._started.done():
                 self._started.set_result(None)
         elif isinstance(message, Failed):

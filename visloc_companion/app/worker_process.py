@@ -12,10 +12,11 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from visloc_companion.app.settings import camera_model
+from visloc_companion.app.settings import camera_model, network_choice
 from visloc_companion.app.slots import SlotsName, WorkerSlots
 from visloc_companion.config import Config
 from visloc_companion.errors import Reason, VislocError, WorkerError
+from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix
 
 Answer = Callable[[LocaliseRequest, Image], Fix | NoFix]
@@ -40,7 +41,9 @@ class WorkerJob:
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """The worker's first message: map and localiser are open."""
+    """The worker's first message: map and localiser are open; `about` says what computes, where that is a question."""
+
+    about: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,21 +53,38 @@ class Failed:
     error: VislocError
 
 
-def open_localiser(config: Config) -> Answer:
-    """Open the pack and the localiser of a configuration. Raises MapError or ConfigError."""
+@dataclass(frozen=True, slots=True)
+class OverMap:
+    """An `Answer`: a localiser over a map; `about` goes to the log."""
+
+    localiser: Localiser
+    reference: ReferenceMap
+    about: str = ""
+
+    def __call__(self, request: LocaliseRequest, pixels: Image) -> Fix | NoFix:
+        """Localise a frame."""
+        return self.localiser.localise(request, pixels, self.reference)
+
+
+def open_localiser(config: Config) -> OverMap:
+    """Open the pack and the localiser of a configuration; a network is opened in the worker alone and tested at once.
+
+    Raises MapError, ModelError or ConfigError.
+    """
     from visloc_companion.localise.freshness import FreshFramesOnly
-    from visloc_companion.localise.registry import make_localiser
+    from visloc_companion.localise.registry import make_localiser, open_features_for
     from visloc_companion.maps.pack import PackMap
 
     reference = PackMap.open(Path(config.map.pack), verify_hashes=config.map.verify_hashes)
+    features = open_features_for(config.localiser.method, network_choice(config.localiser))
     localiser = make_localiser(
         config.localiser.method,
         camera_model(config.camera),
+        features=features,
         max_probability_wrong=config.localiser.max_probability_wrong,
         max_search_radius_m=config.localiser.max_search_radius_m,
     )
-    watchful = FreshFramesOnly(localiser)
-    return lambda request, pixels: watchful.localise(request, pixels, reference)
+    return OverMap(FreshFramesOnly(localiser), reference, features.session.about if features else "")
 
 
 def load_factory(name: str) -> AnswerFactory:
@@ -106,7 +126,7 @@ def run_worker(job: WorkerJob, connection: Connection) -> None:
         connection.send(Failed(WorkerError(f"cannot start: {type(error).__name__}: {error}", where="worker")))
         return
     try:
-        connection.send(Ready())
+        connection.send(Ready(answer.about if isinstance(answer, OverMap) else ""))
         while (request := connection.recv()) is not None:
             connection.send(_answered(answer, request, slots, job.config.localiser.method))
     except (EOFError, BrokenPipeError, ConnectionResetError):

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
+
+if TYPE_CHECKING:
+    from visloc_companion.localise.runtime import NetworkChoice, ProviderName
 
 evaluate_app = typer.Typer(
     help="Measure the methods on cases with known truth.",
@@ -28,12 +31,17 @@ def image(
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     limit: Annotated[int | None, typer.Option(min=1, help="Only the first so many cases.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the result here.")] = None,
+    model: Annotated[Path | None, typer.Option(help="Folder of a network, instead of the one that came with it.")] = None,
+    provider: Annotated[
+        list[str] | None, typer.Option(help="What the network may compute on, in order of wish (repeat it); cpu by default.")
+    ] = None,
     report: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
     list_methods: Annotated[bool, typer.Option("--list-methods", help="Print the methods of this version.")] = False,
 ) -> None:
     """Place frames on a map: fixes, errors against the truth, claimed accuracy and time."""
     from visloc_companion.errors import ConfigError
     from visloc_companion.localise.registry import METHODS
+    from visloc_companion.localise.runtime import NetworkChoice
 
     if list_methods:
         typer.echo("\n".join(METHODS))
@@ -42,10 +50,22 @@ def image(
         raise ConfigError(f"unknown method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
     if cases is None:
         raise ConfigError("no folder named", where="CASES", remedy="visloc evaluate image FOLDER (with cases.csv)")
-    _run(cases, method, jobs, limit, json_file, report)
+    network = NetworkChoice(model, _providers(provider or ["cpu"]))
+    _run(cases, method, jobs, limit, json_file, report, network)
 
 
-def _run(cases: Path, method: str, jobs: int, limit: int | None, json_file: Path | None, report: Path | None) -> None:
+def _providers(names: list[str]) -> tuple[ProviderName, ...]:
+    from visloc_companion.errors import ConfigError
+    from visloc_companion.localise.runtime import PROVIDERS
+
+    if unknown := [name for name in names if name not in PROVIDERS]:
+        raise ConfigError(f"unknown provider {unknown[0]!r}", where="--provider", remedy=f"use one of {', '.join(PROVIDERS)}")
+    return tuple(cast("list[ProviderName]", names))
+
+
+def _run(
+    cases: Path, method: str, jobs: int, limit: int | None, json_file: Path | None, report: Path | None, network: NetworkChoice
+) -> None:
     from rich.console import Console
     from rich.progress import Progress
 
@@ -56,7 +76,7 @@ def _run(cases: Path, method: str, jobs: int, limit: int | None, json_file: Path
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(method, total=None)
         document, results = evaluate_image(
-            cases, method, jobs, limit, lambda done, total: bar.update(task, completed=done, total=total)
+            cases, method, jobs, limit, lambda done, total: bar.update(task, completed=done, total=total), network=network
         )
     if json_file is not None:
         json_file.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")

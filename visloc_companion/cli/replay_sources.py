@@ -13,7 +13,7 @@ from visloc_companion.adapters.logs.open import open_log
 from visloc_companion.adapters.logs.recording import Recording
 from visloc_companion.app.journal import Entry, read_header, read_journal
 from visloc_companion.app.replay import command_lines, recorded_commands, replay_entries
-from visloc_companion.app.settings import camera_model, core_settings
+from visloc_companion.app.settings import camera_model, core_settings, network_choice
 from visloc_companion.cli.progress import bar
 from visloc_companion.config import Config, load_config, parse_config
 from visloc_companion.errors import ConfigError
@@ -102,7 +102,7 @@ class LogSource:
 
     def _eyes(self) -> RecordedEyes | None:
         from visloc_companion.localise.freshness import FreshFramesOnly
-        from visloc_companion.localise.registry import make_localiser
+        from visloc_companion.localise.registry import make_localiser, open_features_for
 
         if self.folder is None or self.folder.frames is None or self.reference is None:
             return None
@@ -111,6 +111,7 @@ class LogSource:
         localiser = make_localiser(
             chosen.method,
             model,
+            features=open_features_for(chosen.method, network_choice(chosen)),
             max_probability_wrong=chosen.max_probability_wrong,
             max_search_radius_m=chosen.max_search_radius_m,
         )

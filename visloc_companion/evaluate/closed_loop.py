@@ -20,7 +20,8 @@ from visloc_companion.evaluate.metrics import Interval, error_figures, flight_su
 from visloc_companion.evaluate.record import FlightRecord, from_entries
 from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.localise.freshness import FreshFramesOnly
-from visloc_companion.localise.registry import make_localiser
+from visloc_companion.localise.registry import make_localiser, open_features_for
+from visloc_companion.localise.runtime import NetworkChoice
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes, FlightLog, OperatorEntry
@@ -104,11 +105,15 @@ def fly_with(setup: FlightSetup, eyes: Eyes | None, on_progress: Callable[[float
 
 
 def eyes_over(setup: FlightSetup, world: FlightWorld, method: str) -> Eyes:
-    """The rendering camera and the localiser of a name. Raises ConfigError for a name that there is not."""
+    """The rendering camera and the localiser of a name, on the network that came with this version.
+
+    Raises ConfigError for a name that there is not, ModelError where the network cannot be used.
+    """
     model = setup.camera_model()
     localiser = make_localiser(
         method,
         model,
+        features=open_features_for(method, NetworkChoice(threads=1)),
         max_probability_wrong=LocaliserConfig().max_probability_wrong,
         max_search_radius_m=LocaliserConfig().max_search_radius_m,
     )

@@ -17,10 +17,12 @@ from rasterio.transform import Affine
 from typer.testing import CliRunner
 
 from visloc_companion.cli.evaluate import evaluate_app
-from visloc_companion.errors import CasesError, ConfigError, Reason
+from visloc_companion.errors import CasesError, ConfigError, ModelError, Reason
 from visloc_companion.evaluate.cases import COLUMNS, BadCase, Case, read_cases, read_truth
 from visloc_companion.evaluate.image import evaluate_image, protection_level_m, run_case
 from visloc_companion.evaluate.image_metrics import CaseResult, case_error, summarise
+from visloc_companion.localise.registry import METHODS, ON_FEATURES
+from visloc_companion.localise.runtime import NetworkChoice
 from visloc_companion.types import Fix
 
 TRUTH_COLUMNS = ("id", "lat_deg", "lon_deg", "h_m", "roll_deg", "pitch_deg", "yaw_deg")
@@ -224,7 +226,7 @@ def test_command_writes_json_and_report(folder, tmp_path):
 
 def test_methods_are_listed_and_unknown_ones_refused(folder):
     listed = CliRunner().invoke(evaluate_app, ["image", "--list-methods"])
-    assert listed.output.split() == ["gradient", "ncc", "keypoint"]
+    assert listed.output.split() == list(METHODS) and {"gradient", "deep", "ncc", "keypoint"} <= set(METHODS)
     refused = CliRunner().invoke(evaluate_app, ["image", str(folder), "--method", "psychic"])
     assert isinstance(refused.exception, ConfigError)
     assert isinstance(CliRunner().invoke(evaluate_app, ["image"]).exception, ConfigError)
@@ -241,3 +243,23 @@ def test_two_years_of_naip_agree(shared_data, tmp_path):
     assert summary["wrong_and_accepted"] == 0
     assert summary["n_fix"] >= 6
     assert summary["error_px"]["mean"] < 1.5
+
+
+@pytest.mark.parametrize("method", list(ON_FEATURES))
+def test_a_network_that_is_named_is_used_and_stated(folder, network, method):
+    chosen = NetworkChoice(network, ("tensorrt", "cpu"), threads=1)
+    document, results = evaluate_image(folder, method, limit=2, network=chosen)
+    assert document["environment"]["provider"] == "cpu"
+    assert document["environment"]["network"].startswith("tiny-") and "passed over tensorrt" in document["environment"]["network"]
+    assert all(result.reason is not Reason.BAD_INPUT for result in results)
+
+
+def test_methods_without_a_network_state_none(document):
+    assert document["environment"]["provider"] == "cpu" and document["environment"]["network"] is None
+
+
+def test_a_network_that_cannot_be_used_is_said_before_any_case(folder, tmp_path):
+    with pytest.raises(ModelError, match=r"manifest.json: there is no such file"):
+        evaluate_image(folder, next(iter(ON_FEATURES)), network=NetworkChoice(tmp_path / "nowhere"))
+    wrong = CliRunner().invoke(evaluate_app, ["image", str(folder), "--method", "gradient", "--provider", "vulkan"])
+    assert isinstance(wrong.exception, ConfigError) and "--provider: unknown provider 'vulkan'" in str(wrong.exception)
