@@ -191,7 +191,7 @@ def _cut(
 
 def _rows(name: str, place: Place, recipe: Recipe, rng: np.random.Generator) -> tuple[dict[str, Any], dict[str, Any]]:
     tool = maker()
-    _, transform, crs = _georeference(place.ortho)
+    transform, crs = georeference(place.ortho)
     lon, lat = _lon_lat(transform, crs, place.camera_pix)
     gsd_m = transform.a
     north, east = rng.uniform(-recipe.offset_px, recipe.offset_px, 2) * gsd_m
@@ -226,9 +226,17 @@ def _rows(name: str, place: Place, recipe: Recipe, rng: np.random.Generator) -> 
     return case, truth
 
 
-def _georeference(path: Path) -> tuple[tuple[int, int], Any, Any]:
+def georeference(path: Path) -> tuple[Any, Any]:
+    """Transform and CRS of a raster."""
     with rasterio.open(path) as source:
-        return (source.height, source.width), source.transform, source.crs
+        return source.transform, source.crs
+
+
+def pix_of(georeferenced: tuple[Any, Any], lat_deg: float, lon_deg: float) -> tuple[float, float]:
+    """`pix` (column, row) of a place on a raster of that transform and CRS."""
+    transform, crs = georeferenced
+    col, row = ~transform * maker().pyproj.Transformer.from_crs(4326, crs, always_xy=True).transform(lon_deg, lat_deg)
+    return float(col) - 0.5, float(row) - 0.5
 
 
 def _lon_lat(transform: Any, crs: Any, pix: NDArray[np.float64]) -> tuple[float, float]:

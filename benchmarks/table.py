@@ -57,7 +57,9 @@ def main() -> None:
 
 
 def figures(judged: list[Judged], limit_p: float) -> dict[str, Any]:
-    """Figures of one set and method: accuracy of all answers, the rest of those accepted."""
+    """Figures of one set and method: accuracy of all answers, the rest of those accepted; `n` alone where there are no cases."""
+    if not judged:
+        return {"n": 0}
     truth = {r.case_id: t for r, t in judged}
     results = [r for r, _ in judged]
     everything, taken = summarise(results, truth), summarise(accepted(results, limit_p), truth)
@@ -65,9 +67,9 @@ def figures(judged: list[Judged], limit_p: float) -> dict[str, Any]:
     return {
         "n": n,
         **{key: everything[key] for key in ("within_5px_share", "within_2px_share", "error_px")},
-        "accepted_right_share": (taken["n_fix"] - taken["far_and_accepted"]) / n if n else None,
+        "accepted_right_share": (taken["n_fix"] - taken["far_and_accepted"]) / n,
         "accepted_far": taken["far_and_accepted"],
-        "refused_share": 1 - taken["n_fix"] / n if n else None,
+        "refused_share": 1 - taken["n_fix"] / n,
         **{key: taken[key] for key in ("altitude_error_percent", "heading_error_deg", "tilt_error_deg", "rms_error_over_sigma")},
         "inside_95_ellipse_share": taken["inside_95_ellipse_share"],
         "expected_calibration_error": everything["reliability"]["expected_calibration_error"],
@@ -89,11 +91,11 @@ def pooled_figures(judged: dict[str, list[Judged]], limit_p: float) -> dict[str,
     }
     return {
         "reliability": reliability(*claims(whole)),
-        "solvable_accepted_share": good["accepted_right_share"],
+        "solvable_accepted_share": good.get("accepted_right_share"),
         "far_of_accepted_share": both["accepted_far"] / n_accepted if n_accepted else None,
         "accepted": n_accepted,
         "negatives": bad["n"],
-        "negatives_refused_share": bad["refused_share"],
+        "negatives_refused_share": bad.get("refused_share"),
         "inside_95_ellipse_share": both["inside_95_ellipse_share"],
         "within_5px_share_by_place": families,
     }

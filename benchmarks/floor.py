@@ -1,0 +1,140 @@
+"""How far the NAIP dates themselves are apart: `python -m benchmarks.floor FOLDER [--methods gradient ...] [--n N] [--jobs N]`.
+
+The local shift between two dates, at rows >= 400, is measured directly, image against image, without a camera: a window of the
+size of T2's footprint of one date is looked for within ±5 px on the other, by correlation of gradient orientation.
+
+Closure of triangles says how good that is: shifts A to B, B to C and C to A must add up to nothing, so a third of the variance of
+their sum is that of one measurement (what a date does to all its measurements cancels, as its misregistration does).
+
+The localiser's answers to the cases of T2 (`benchmarks/table.py` keeps them in FOLDER) are then compared with the shift at the
+same place: what is left is the localiser's own error.
+"""
+
+from __future__ import annotations
+
+import argparse
+from itertools import combinations
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.answers import answers, code_digest
+from benchmarks.cases import SHARED, maker
+from benchmarks.frames import georeference, pix_of
+from benchmarks.sets import SCORED_ROWS, SETS
+from visloc_companion.evaluate.image_metrics import case_error
+from visloc_companion.localise.features.gradient import gradient_features
+
+SIDE_PX, REACH_PX, SPACING_PX = 173, 5, 80
+SIGMAS_PX = (0.0, 1.0, 2.0)
+"""Roads weigh most in sharp features; shores and edges of fields, which move, in smooth ones. The second is align.py's own."""
+Array = NDArray[np.float64]
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--methods", nargs="*", default=["gradient"])
+    parser.add_argument("--n", type=int)
+    parser.add_argument("--jobs", type=int, default=1)
+    args = parser.parse_args()
+    cv2.setNumThreads(1)
+    print(
+        "| smoothing px | n | mean shift px | median | noise of one measurement, an axis, px | rms shift less noise px |"
+    )
+    print("|---|---|---|---|---|---|")
+    for sigma_px in SIGMAS_PX:
+        print(_floor_row(sigma_px, grid_shifts(dated_features(sigma_px))), flush=True)
+    dates = dated_features(SIGMAS_PX[1])
+    print("\n| method | n | mean error px | mean shift of the dates there px | excess px | mean error less that shift px |")
+    print("|---|---|---|---|---|---|")
+    folder = SETS["t2"](args.folder / "cases")
+    for method in args.methods:
+        print(_against_floor(method, folder, args, dates))
+
+
+def dated_features(sigma_px: float) -> dict[str, NDArray[np.float32]]:
+    """Gradient features (H, W, 2) of every date, by its name, smoothed by a Gaussian of `sigma_px`."""
+    found = {}
+    for path in sorted((SHARED / "data" / "naip").glob("*.tif")):
+        image = maker().read(path)[0]
+        features = gradient_features(image, np.ones(image.shape[:2], dtype=np.bool_))
+        found[path.stem] = cv2.GaussianBlur(features, (0, 0), sigma_px).astype(np.float32) if sigma_px else features
+    return found
+
+
+def shift_px(a: NDArray[np.float32], b: NDArray[np.float32], centre: tuple[float, float], side_px: int = SIDE_PX) -> Array | None:
+    """(2,) columns and rows from a's window to where b shows the same; None off the image or with the peak at the rim."""
+    half = side_px // 2
+    col, row = (round(x) - half for x in centre)
+    height, width = a.shape[:2]
+    if min(col, row) < REACH_PX or col + side_px + REACH_PX > width or row + side_px + REACH_PX > height:
+        return None
+    window = np.ascontiguousarray(a[row : row + side_px, col : col + side_px])
+    there = b[row - REACH_PX : row + side_px + REACH_PX, col - REACH_PX : col + side_px + REACH_PX]
+    scores = cv2.matchTemplate(np.ascontiguousarray(there), window, cv2.TM_CCORR_NORMED).astype(np.float64)
+    r, c = np.unravel_index(int(scores.argmax()), scores.shape)
+    if not (0 < r < 2 * REACH_PX and 0 < c < 2 * REACH_PX):
+        return None
+    across, down = scores[r, c - 1 : c + 2], scores[r - 1 : r + 2, c]
+    return np.array([c + _vertex(across) - REACH_PX, r + _vertex(down) - REACH_PX])
+
+
+def grid_shifts(dates: dict[str, NDArray[np.float32]]) -> dict[tuple[str, str], Array]:
+    """Shifts (windows, 2) of all pairs of dates (a before b), at windows on a grid over the scored rows; NaN where undetermined.
+
+    A window of a pair counts only where it is determined for all pairs, so that triangles close at every window.
+    """
+    half = SIDE_PX // 2 + REACH_PX + 1
+    height, width = next(iter(dates.values())).shape[:2]
+    centres = [
+        (float(col), float(row))
+        for row in range(max(SCORED_ROWS[0], half), min(SCORED_ROWS[1], height) - half, SPACING_PX)
+        for col in range(half, width - half, SPACING_PX)
+    ]
+    raw = {(a, b): [shift_px(dates[a], dates[b], centre) for centre in centres] for a, b in combinations(sorted(dates), 2)}
+    known = np.all([[shift is not None for shift in row] for row in raw.values()], axis=0)
+    return {pair: np.array([s for s, k in zip(row, known, strict=True) if k and s is not None]) for pair, row in raw.items()}
+
+
+def closure_noise(shifts: dict[tuple[str, str], Array], names: list[str]) -> float:
+    """Standard deviation (px, one axis) of one measured shift, from the triangles of all triples of dates."""
+    sums = [shifts[a, b] + shifts[b, c] - shifts[a, c] for a, b, c in combinations(names, 3)]
+    return float(np.sqrt((np.concatenate(sums) ** 2).mean() / 3))
+
+
+def _floor_row(sigma_px: float, shifts: dict[tuple[str, str], Array]) -> str:
+    d = np.concatenate(list(shifts.values()))
+    noise = closure_noise(shifts, sorted({name for pair in shifts for name in pair}))
+    length = np.hypot(*d.T)
+    clean = float(np.sqrt(max((length**2).mean() - 2 * noise**2, 0.0)))
+    return f"| {sigma_px:g} | {len(d)} | {length.mean():.3f} | {np.median(length):.3f} | {noise:.3f} | {clean:.3f} |"
+
+
+def _against_floor(method: str, folder: Path, args: argparse.Namespace, dates: dict[str, NDArray[np.float32]]) -> str:
+    georeferenced = georeference(next(iter((SHARED / "data" / "naip").glob("*.tif"))))
+    found = []
+    for result, truth in answers(folder, method, args.folder / "answers", code_digest(None), args.jobs, args.n):
+        error = case_error(result, truth)
+        centre = pix_of(georeferenced, truth.lat_deg, truth.lon_deg)
+        shift = shift_px(dates[truth.frame_date], dates[truth.map_date], centre)
+        if error is not None and not error.wrong and shift is not None:
+            found.append([error.east_m / error.gsd_m, -error.north_m / error.gsd_m, *shift])
+    if not found:
+        return f"| {method} | 0 |  |  |  |  |"
+    e, d = np.hsplit(np.array(found), 2)
+    error, shift, own = (float(np.hypot(*v.T).mean()) for v in (e, d, e - d))
+    return f"| {method} | {len(e)} | {error:.3f} | {shift:.3f} | {error - shift:+.3f} | {own:.3f} |"
+
+
+def _vertex(three: Array) -> float:
+    """Where the parabola through three equally spaced values has its extreme, from the middle one."""
+    a, b, c = (float(x) for x in three)
+    return 0.5 * (a - c) / min(a - 2 * b + c, -1e-12)
+
+
+if __name__ == "__main__":
+    main()
