@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -131,8 +132,7 @@ def _ortho(work: WorkFolder, grid: TargetGrid, sources: Sequence[Source], report
     share = write_ortho(work.path / ORTHO, grid, sources, stage(report, "orthophoto", grid.rows * grid.cols))
     if not share:
         raise MapError("holds no valid pixel", where=sources[0].name, remedy="name an orthophoto with content")
-    synced(work.path / ORTHO)
-    work.record(ORTHO, share)
+    work.record(ORTHO, share, partial(synced, work.path / ORTHO))
     return share
 
 
@@ -157,9 +157,8 @@ def _heights(work: WorkFolder, grid: TargetGrid, surface: Surface | None, plane_
         )
     step = stage(report, "surface model", surface.grid.rows * surface.grid.cols)
     entry = write_surface(work.path, surface, grid, plane_h_amsl_m, step)
-    if entry.grid is not None:
-        synced(work.path / entry.grid.file)
-    work.record("heights", entry.model_dump(mode="json"))
+    flush = None if entry.grid is None else partial(synced, work.path / entry.grid.file)
+    work.record("heights", entry.model_dump(mode="json"), flush)
     return entry
 
 

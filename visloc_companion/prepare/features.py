@@ -120,13 +120,13 @@ def _write_level(
         tile_px=TILE_PX,
     )
     out = _opened(work, entry)
+    flush = out.flush
     for number, (top, left, bottom, right) in enumerate(_blocks(level)):
         part = f"{entry.file} {number}"
         if work.result(part) is None:
             origin = compose_affine(T_map_pix, np.array([[1.0, 0.0, left], [0.0, 1.0, top]]))
             _put(out, top, left, _block(features, pixels, origin, (right - left, bottom - top), entry.step))
-            out.flush()
-            work.record(part)
+            work.record(part, flush=flush)
         step((bottom - top) * (right - left))
     return entry
 
@@ -138,8 +138,7 @@ def _opened(work: WorkFolder, entry: FeatureLevel) -> np.memmap[Any, np.dtype[np
     if work.result(part) is not None:
         return _memmap(path, "r+", None)
     out = _memmap(path, "w+", shape)
-    out.flush()
-    work.record(part)
+    work.record(part, flush=out.flush)
     return out
 
 

@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import shutil
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -16,6 +17,8 @@ from visloc_companion.errors import MapError
 from visloc_companion.maps.manifest import FileEntry, sha256_file
 
 LOG = ".work.jsonl"
+SYNC_S = 2.0
+"""At most so much work, and one part, is lost where it is broken off."""
 Progress = Callable[[str, float], None]
 """Called with the name of the stage and the share of it (0 to 1) that is done."""
 
@@ -24,7 +27,7 @@ class WorkFolder:
     """`.NAME.building` beside the target `NAME`, with a log of the finished parts of the work.
 
     `key` says what the work is made from: a folder that was left behind with the same key is gone on with, another one is
-    emptied. Each part is recorded after its data were handed to the disk, so that also a loss of power costs one part at most.
+    emptied. A part is noted only after its data were handed to the disk, so that even a loss of power costs SYNC_S at most.
     One process at a time: a second one gets a MapError.
     """
 
@@ -34,6 +37,8 @@ class WorkFolder:
         self.path.mkdir(parents=True, exist_ok=True)
         self._log = (self.path / LOG).open("a+", encoding="utf-8", errors="replace")
         self._lock()
+        self._pending: dict[str, tuple[object, Callable[[], object] | None]] = {}
+        self._synced_at = time.monotonic()
         self._done = self._read(key)
         if not self._done:
             self._start(key)
@@ -42,12 +47,23 @@ class WorkFolder:
         """What a finished part was recorded with; None where it is not finished."""
         return self._done.get(part)
 
-    def record(self, part: str, result: object = True) -> None:
-        """Note that a part is finished; its data must be on the disk (`synced`)."""
+    def record(self, part: str, result: object = True, flush: Callable[[], object] | None = None) -> None:
+        """Note that a part is finished. `flush` hands its data to the disk; it is called at the latest after some seconds, and
+        only then the part counts: waiting for the disk after each small part would take longer than the work."""
         self._done[part] = result
-        self._log.write(json.dumps({part: result}) + "\n")
+        self._pending[part] = (result, flush)
+        if time.monotonic() - self._synced_at >= SYNC_S:
+            self.sync()
+
+    def sync(self) -> None:
+        """Hand everything that is finished to the disk, and note it in the log."""
+        for flush in {id(flush): flush for _, flush in self._pending.values() if flush is not None}.values():
+            flush()
+        self._log.writelines(json.dumps({part: result}) + "\n" for part, (result, _) in self._pending.items())
         self._log.flush()
         os.fsync(self._log.fileno())
+        self._pending.clear()
+        self._synced_at = time.monotonic()
 
     def hashed(self, names: Sequence[str], report: Progress, known: dict[str, FileEntry] | None = None) -> dict[str, FileEntry]:
         """Size and SHA-256 of the files of these names, which are on the disk after that; any other file is removed.
@@ -136,6 +152,7 @@ class WorkFolder:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
         self._log.truncate(0)
         self.record("key", key)
+        self.sync()
 
 
 def synced(path: Path) -> None:
