@@ -1,85 +1,110 @@
-"""Fit what the localisers claim, on training data only: `python -m benchmarks.calibrate FOLDER [--jobs N]`.
+"""Fit what the localisers claim, on training data only: `python -m benchmarks.calibrate FOLDER [--method NAME] [--n N]`.
 
-Data: NAIP rows above 400 (cases t2, wide, low, oblique, elsewhere, blind) and the bi-temporal pairs. Prints the logistic
-coefficients of localise/verify.py, and the ratio of errors to claimed sigmas for the covariance factor of localise/dense.py.
+Data: three families of places. NAIP rows above 400 with frames of water, cloud, other places and ground outside the map; the
+bi-temporal pairs, and NAIP frames looked for on them; the procedural landscape's seeds below 100 at 0.3 to 1 m a pixel.
+
+Prints the logistic coefficients (localise/verify.py for the dense methods), how honest they are when fitted without a family and
+judged on it, and the ratio of errors to claimed sigmas. FOLDER keeps the evidence of every case; it outlives changes of
+verify.py, so a refit takes seconds. `--model DIR` fits for the network of that folder.
 """
 
 from __future__ import annotations
 
 import argparse
-import math
-from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from benchmarks.cases import TRAINING_ROWS, CaseSet, make
-from visloc_companion.evaluate.cases import read_cases, read_truth
-from visloc_companion.evaluate.image import run_case
-from visloc_companion.evaluate.image_metrics import CaseResult, case_error
+from benchmarks.answers import Judged, answers, code_digest
+from benchmarks.training_sets import FAMILIES, SETS
+from visloc_companion.evaluate.image_metrics import CHI2_95, CaseError, CaseResult, case_error
+from visloc_companion.evaluate.reliability import reliability
+from visloc_companion.localise import iclk, mutual_information
 from visloc_companion.localise.verify import Evidence
 
-SETS = [
-    CaseSet("t2", "t2", 200, TRAINING_ROWS, 101),
-    CaseSet("wide", "wide", 150, TRAINING_ROWS, 102),
-    *(CaseSet(f"low{foot}", "low", 120, TRAINING_ROWS, 103 + foot, foot=foot) for foot in (128, 96, 64, 48)),
-    CaseSet("oblique", "oblique", 120, TRAINING_ROWS, 104),
-    CaseSet("elsewhere", "elsewhere", 200, TRAINING_ROWS, 105, elsewhere="bitemporal/bragg_2006_2009"),
-    CaseSet("elsewhere64", "elsewhere", 100, TRAINING_ROWS, 106, foot=64, elsewhere="bitemporal/bragg_2010_2014"),
-    CaseSet("blind", "blind", 60, TRAINING_ROWS, 107),
-    *(
-        CaseSet(f"pair_{pair}", "t2", 25, ":", 108, dates=f"bitemporal/bragg_{pair}")
-        for pair in ("2006_2009", "2006_2014", "2009_2012", "2010_2014", "2012_2014")
-    ),
-]
+LIMITS = (0.1, 0.05, 0.03, 0.01, 0.003)
+DENSE = ("gradient", "deep")
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Regressors (N, K), whether right (N,) and family (N,) of every answer; `near` are errors that are no wrong matches."""
+
+    x: Array
+    right: Array
+    family: NDArray[np.str_]
+    near: dict[str, list[CaseError]]
 
 
 def main() -> None:
     """Make the cases, localise them with every answer accepted, fit, print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--method", default="gradient")
-    parser.add_argument("--limit", type=int, help="cases of each set")
+    parser.add_argument("--n", type=int, help="the first so many cases of each set")
+    parser.add_argument("--sets", nargs="*", choices=list(SETS), default=list(SETS))
+    parser.add_argument("--model", type=Path, help="folder of the network, instead of the shipped one")
     args = parser.parse_args()
-    x, y, whitened = [], [], []
-    for case_set in SETS:
-        folder = make(case_set, args.folder)
-        cases, truth = read_cases(folder)[: args.limit], read_truth(folder)
-        with ProcessPoolExecutor(args.jobs, initializer=cv2.setNumThreads, initargs=(1,)) as pool:
-            results = list(pool.map(run_case, cases, [args.method] * len(cases), [1.0] * len(cases)))
-        errors = [(r, case_error(r, truth[r.case_id])) for r in results]
-        right = [e for _, e in errors if e is not None and not e.wrong]
-        px = np.array([e.horizontal_px for e in right])
-        print(f"{case_set.name}: {len(right)} of {len(cases)} right, mean of these {px.mean() if len(px) else math.nan:.3f} px")
-        x += [regressors(args.method, r) for r, e in errors if e is not None]
-        y += [not e.wrong for _, e in errors if e is not None]
-        if "pair" not in case_set.name:
-            whitened += [e.sigmas for e in right]
-    weights = fit_logistic(np.array(x), np.array(y, dtype=float))
-    p_wrong = 1 / (1 + np.exp(np.array(x) @ weights))
-    print("weights", tuple(float(f"{w:.3g}") for w in weights))
-    print("rms(error / sigma) north, east, height:", np.sqrt((np.array(whitened) ** 2).mean(0)).round(2))
-    robust = np.percentile(np.abs(np.array(whitened)), 68.3, axis=0).round(2)
-    print("68 % of |error / sigma| below:", robust)
-    for limit in (0.1, 0.03, 0.01, 0.003):
-        taken = p_wrong <= limit
-        wrong, right_taken = int((1 - np.array(y))[taken].sum()), np.array(y)[taken].sum() / np.sum(y)
-        print(f"p <= {limit}: {taken.sum()} accepted, {wrong} wrong, {100 * right_taken:.1f} % of the right ones kept")
+    digest = code_digest(args.model, without_verdict=True)
+    judged: dict[str, list[Judged]] = {}
+    for name in args.sets:
+        folder = SETS[name](args.folder / "cases")
+        judged[name] = answers(folder, args.method, args.folder / "answers", digest, args.jobs, args.n, args.model)
+        print(_set_line(name, judged[name]), flush=True)
+    samples = collect(args.method, judged)
+    weights = fit_logistic(samples.x, samples.right)
+    print("\nweights", tuple(float(f"{w:.3g}") for w in weights))
+    print(_honesty("fitted and judged on all", probability_wrong(samples.x, weights), samples.right))
+    for family in sorted(set(samples.family)):
+        here = samples.family == family
+        if 0 < samples.right[~here].sum() < (~here).sum():
+            p = probability_wrong(samples.x[here], fit_logistic(samples.x[~here], samples.right[~here]))
+            print(_honesty(f"fitted without {family}, judged on it", p, samples.right[here]))
+    for family, errors in samples.near.items():
+        print(_covariance_line(family, errors))
+
+
+def collect(method: str, judged: dict[str, list[Judged]]) -> Samples:
+    """What the fit is on, from the answers of all sets. A refusal that holds whatever is claimed is no sample."""
+    x, right, family = [], [], []
+    near: dict[str, list[CaseError]] = {}
+    for name, pairs in judged.items():
+        place = next(f for f, names in FAMILIES.items() if name in names)
+        for result, truth in pairs:
+            error = case_error(result, truth)
+            if error is None:
+                continue
+            wrong = error.far if place == "bitemporal" else error.wrong  # its dates are up to 3.5 px apart
+            x.append(regressors(method, result))
+            right.append(not wrong)
+            family.append(place)
+            if not wrong:
+                near.setdefault(place, []).append(error)
+    return Samples(np.array(x, dtype=np.float64), np.array(right, dtype=np.float64), np.array(family), near)
 
 
 def regressors(method: str, result: CaseResult) -> tuple[float, ...]:
     """What the logistic regression of a method is on."""
     e = result.evidence
-    if method == "keypoint":
-        return 1.0, e["inliers"]
-    if method == "ncc":
-        return 1.0, e["score"], 1 - e["runner_up"]
-    return Evidence.from_numbers(e).regressors()
+    if method in DENSE:
+        return Evidence.from_numbers(e).regressors()
+    if method == "iclk":
+        return iclk.regressors(e)
+    if method == "mi":
+        return mutual_information.regressors(e)
+    return (1.0, e["inliers"]) if method == "keypoint" else (1.0, e["score"], 1 - e["runner_up"])
 
 
-def fit_logistic(x: np.ndarray, y: np.ndarray, ridge: float = 0.3) -> np.ndarray:
+def probability_wrong(x: Array, weights: Array) -> Array:
+    """(N,) of regressors (N, K)."""
+    return np.asarray(1 / (1 + np.exp(np.clip(x @ weights, -50, 50))), dtype=np.float64)
+
+
+def fit_logistic(x: Array, y: Array, ridge: float = 0.3) -> Array:
     """Weights of a logistic regression by Newton's method, with a slight ridge on all but the constant."""
     scale = np.append(1.0, np.maximum(x[:, 1:].std(0), 1e-9))
     x, weights = x / scale, np.zeros(x.shape[1])
@@ -92,6 +117,40 @@ def fit_logistic(x: np.ndarray, y: np.ndarray, ridge: float = 0.3) -> np.ndarray
         if np.abs(step).max() < 1e-6:
             break
     return np.asarray(weights / scale)
+
+
+def _set_line(name: str, judged: list[Judged]) -> str:
+    errors = [e for r, t in judged if (e := case_error(r, t)) is not None]
+    right = [e.horizontal_px for e in errors if not e.wrong]
+    mean = f", mean of these {np.mean(right):.3f} px" if right else ""
+    return f"{name}: {len(judged)} cases, {len(errors)} answers, {len(right)} right{mean}"
+
+
+def _honesty(what: str, p: Array, right: Array) -> str:
+    figures = reliability(p, right < 0.5)
+    separation = figures["separation"]
+    lines = [
+        f"{what}: {figures['n']} answers, {figures['n_wrong']} wrong, claimed {figures['claimed_wrong']:.1f}, ECE "
+        f"{figures['expected_calibration_error']:.4f}, excess {figures['excess_sigmas']:+.1f} sigma"
+        + ("" if separation is None else f", AUC {separation:.4f}")
+    ]
+    for limit in LIMITS:
+        taken = p <= limit
+        kept = 100 * right[taken].sum() / max(right.sum(), 1.0)
+        lines.append(
+            f"  p <= {limit}: {int(taken.sum())} accepted, {int((1 - right)[taken].sum())} wrong, {kept:.1f} % of the right"
+        )
+    return "\n".join(lines)
+
+
+def _covariance_line(family: str, errors: list[CaseError]) -> str:
+    whitened = np.array([e.sigmas for e in errors])
+    inside = np.mean([e.chi2 <= CHI2_95 for e in errors])
+    rms, robust = np.sqrt((whitened**2).mean(0)), np.percentile(np.abs(whitened), 68.3, axis=0)
+    return (
+        f"{family}: rms(error / sigma) north, east, height {rms.round(2)}, 68 % of |error / sigma| below {robust.round(2)}, "
+        f"{100 * inside:.1f} % inside the 95 % ellipse ({len(errors)} right answers)"
+    )
 
 
 if __name__ == "__main__":

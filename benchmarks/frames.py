@@ -111,14 +111,14 @@ def water(foot_px: float, rows: tuple[int, int]) -> Draw:
 
 
 def outside(pack: Path, frame_rows: tuple[int, int], foot_px: float) -> Draw:
-    """NAIP frames over ground that the map (one of the files in `pack`, of other rows) does not hold."""
+    """NAIP frames over ground that the map (one of the files in `pack`: other rows, or another place) does not hold."""
     files = sorted((SHARED / "data" / "naip").glob("*.tif"))
     scenes = [maker().read(path)[0] for path in files]
     maps = [(path, *maker().read(path)) for path in sorted(pack.glob("*.tif"))]
     margin = 0.62 * foot_px
 
     def draw(rng: np.random.Generator) -> Place | None:
-        a, b = rng.choice(len(files), 2, replace=False)
+        a, b = int(rng.integers(len(files))), int(rng.integers(len(maps)))
         map_file, ortho, transform, crs = maps[b]
         low, high = frame_rows[0] + margin, min(frame_rows[1], scenes[a].shape[0]) - margin
         seen_at = np.array([rng.uniform(margin, scenes[a].shape[1] - margin), rng.uniform(low, high)])

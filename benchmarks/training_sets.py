@@ -1,0 +1,64 @@
+"""What claims are fitted on: case sets by family. NAIP rows above 400, the bi-temporal pairs, landscape seeds below 100."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from benchmarks.cases import SHARED, TRAINING_ROWS, CaseSet, make
+from benchmarks.frames import Recipe, clouds, outside, two_dates, water, write_cases, write_pack
+from benchmarks.landscape_cases import Worlds, write_landscape
+
+Maker = Callable[[Path], Path]
+ROWS = (0, 400)
+FITTED_PAIRS = ("2006_2009", "2006_2014", "2009_2012", "2010_2014", "2012_2014")
+
+
+def _tool(name: str, kind: str, n: int, seed: int, foot: float = 173, elsewhere: str = "") -> Maker:
+    return lambda root: make(CaseSet(name, kind, n, TRAINING_ROWS, seed, "naip", foot, elsewhere), root)
+
+
+def _pairs() -> list[Path]:
+    return [SHARED / "data" / "bitemporal" / f"bragg_{pair}" for pair in FITTED_PAIRS]
+
+
+def _pairs_at(name: str, foot: float, n: int, seed: int) -> Maker:
+    return lambda root: write_cases(root / name, n, seed, two_dates(_pairs(), foot, Recipe()), Recipe())
+
+
+def _outside(name: str, foot: float, seed: int, pack: Callable[[Path], Path], rows: tuple[int, int], n: int = 100) -> Maker:
+    return lambda root: write_cases(root / name, n, seed, outside(pack(root), rows, foot), Recipe())
+
+
+def _north(root: Path) -> Path:
+    return write_pack(root / "north", (0, 210))
+
+
+def _bragg(_: Path) -> Path:
+    return SHARED / "data" / "bitemporal" / "bragg_2009_2012"
+
+
+NAIP: dict[str, Maker] = {
+    "t2": _tool("t2", "t2", 200, 101),
+    "wide": _tool("wide", "wide", 150, 102),
+    **{f"low{foot}": _tool(f"low{foot}", "low", 150, 103 + foot, foot) for foot in (128, 96, 64, 48)},
+    "oblique": _tool("oblique", "oblique", 150, 104),
+    "elsewhere": _tool("elsewhere", "elsewhere", 200, 105, elsewhere="bitemporal/bragg_2006_2009"),
+    "elsewhere64": _tool("elsewhere64", "elsewhere", 150, 106, 64, elsewhere="bitemporal/bragg_2010_2014"),
+    "blind": _tool("blind", "blind", 100, 107),
+    "water": lambda root: write_cases(root / "water", 100, 121, water(48, ROWS), Recipe()),
+    "clouds": lambda root: write_cases(root / "clouds", 60, 122, clouds(ROWS, 96), Recipe()),
+    "outside": _outside("outside", 128, 123, _north, (210, 400)),
+    "outside64": _outside("outside64", 64, 124, _north, (210, 400)),
+}
+BITEMPORAL: dict[str, Maker] = {
+    "pairs128": _pairs_at("pairs128", 128, 150, 131),
+    "pairs64": _pairs_at("pairs64", 64, 150, 132),
+    "naip_on_pairs": _outside("naip_on_pairs", 96, 133, _bragg, ROWS),
+}
+LANDSCAPE: dict[str, Maker] = {
+    "land128": lambda root: write_landscape(root / "land128", Worlds(tuple(range(60, 72)), 12)),
+    "land64": lambda root: write_landscape(root / "land64", Worlds(tuple(range(72, 84)), 12, foot_px=64, gsds_m=(0.7, 1.0))),
+}
+SETS = NAIP | BITEMPORAL | LANDSCAPE
+FAMILIES = {"naip": tuple(NAIP), "bitemporal": tuple(BITEMPORAL), "landscape": tuple(LANDSCAPE)}
