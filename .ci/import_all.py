@@ -1,4 +1,7 @@
-"""Imports every module of the installed wheel. Modules of an optional extra may only miss that extra's packages."""
+"""Imports every module of the installed wheel, and checks the networks that it brings.
+
+Modules of an optional extra may only miss that extra's packages.
+"""
 
 import importlib
 import pathlib
@@ -22,3 +25,15 @@ for name in names:
         if why.name is None or why.name.split(".")[0] not in OPTIONAL:
             raise
 print(f"imported {len(names)} modules of {where.name}")
+
+from visloc_companion.localise.model_folder import read_golden, read_manifest, read_variant, shipped_model  # noqa: E402
+
+checkout = pathlib.Path(__file__).resolve().parents[1] / "models"
+for folder in sorted(path.parent for path in checkout.glob("*/manifest.json")):
+    installed = where / "models" / folder.name
+    manifest = read_manifest(installed)
+    read_golden(installed, manifest)
+    sizes = {variant: len(read_variant(installed, manifest, variant)) for variant in manifest.variants}
+    print(f"network {manifest.identity}: {sizes} bytes")
+if (checkout / "default").exists():
+    print(f"shipped is {read_manifest(shipped_model()).identity}")
