@@ -93,8 +93,7 @@ def water(foot_px: float, rows: tuple[int, int]) -> Draw:
     """NAIP frames that show nothing but lake, by the rule above, on both dates within 0.75 footprints of the camera."""
     files = sorted((SHARED / "data" / "naip").glob("*.tif"))
     images = [maker().read(path) for path in files]
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * int(0.75 * foot_px) + 1,) * 2)
-    lakes = [cv2.erode(_lake(path).astype(np.uint8), disc, borderValue=0) > 0 for path in files]
+    lakes = [_from_shore_px(_lake(path)) > 0.75 * foot_px for path in files]
 
     def draw(rng: np.random.Generator) -> Place | None:
         a, b = rng.choice(len(files), 2, replace=False)
@@ -249,6 +248,12 @@ def _lake(path: Path) -> NDArray[np.bool_]:
     with rasterio.open(path) as source:
         green, near_infrared = (source.read(band).astype(np.float32) for band in (2, 4))
     return np.asarray((green - near_infrared) / (green + near_infrared + 1) > NDWI_WATER, dtype=np.bool_)
+
+
+def _from_shore_px(lake: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Distance of every pixel of a lake from the nearest that is none, or from the image's border."""
+    padded = np.pad(lake.astype(np.uint8), 1)
+    return np.asarray(cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1], dtype=np.float32)
 
 
 def _cloud(rng: np.random.Generator) -> NDArray[np.float64]:
