@@ -101,13 +101,18 @@ def open_session(
     return opened
 
 
-def run_onnx(content: bytes, batch: Float32Array) -> Float32Array:
-    """What an ONNX file of one input and one output answers on the CPU, before there is a manifest to check it against.
+def load_onnx(content: bytes, threads: int | None = None) -> Callable[[Float32Array], Float32Array]:
+    """An ONNX file of one input and one output as a function on the CPU, before there is a manifest to check it against.
 
-    For the exporter. Raises ConfigError without onnxruntime, ModelError where it cannot be loaded or run.
+    For the exporter. Raises ConfigError without onnxruntime, ModelError where it cannot be loaded; the function raises it too.
     """
-    session = _start(content, "cpu", default_threads(), "ONNX file")
-    return _runner(session, session.get_outputs()[0].name, "ONNX file")(batch)
+    session = _start(content, "cpu", threads or default_threads(), "ONNX file")
+    return _runner(session, session.get_outputs()[0].name, "ONNX file")
+
+
+def run_onnx(content: bytes, batch: Float32Array) -> Float32Array:
+    """What such a file answers once. Raises as `load_onnx` and its function do."""
+    return load_onnx(content)(batch)
 
 
 def _onnxruntime() -> Any:

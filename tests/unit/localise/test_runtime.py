@@ -14,7 +14,7 @@ import pytest
 from visloc_companion.errors import ConfigError, ModelError
 from visloc_companion.localise import runtime
 from visloc_companion.localise.model_folder import ModelManifest, read_manifest, variant_entry, write_golden, write_manifest
-from visloc_companion.localise.runtime import default_threads, open_session, run_onnx
+from visloc_companion.localise.runtime import default_threads, load_onnx, open_session, run_onnx
 
 onnxruntime = pytest.importorskip("onnxruntime")
 DATA = Path(__file__).parents[2] / "data"
@@ -50,6 +50,14 @@ def test_any_batch_and_size_are_answered(network: Path, shape: tuple[int, ...]) 
     assert answer.shape == (shape[0], 10, *shape[2:]) and answer.dtype == np.float32
     for one, expected in zip(batch, answer, strict=True):
         np.testing.assert_allclose(session.run(one[None])[0], expected, atol=1e-5)
+
+
+def test_a_file_without_a_manifest_answers_as_with_one(network: Path) -> None:
+    batch = np.random.default_rng(5).standard_normal((2, 3, 12, 16)).astype(np.float32)
+    answer = load_onnx((network / "model.onnx").read_bytes(), threads=1)
+    np.testing.assert_array_equal(answer(batch), open_session(network, threads=1).run(batch))
+    with pytest.raises(ModelError, match=r"ONNX file: does not run on \(2, 3, 5, 16\)"):
+        answer(batch[:, :, :5])
 
 
 def test_what_was_opened_is_said(network: Path) -> None:
