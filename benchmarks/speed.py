@@ -1,7 +1,8 @@
 """Time of a localisation against a fixed piece of work measured in the same run: `python -m benchmarks.speed [--frames N]`.
 
 Absolute times depend on the machine and on who else uses it; the ratio to OpenCV's SIFT on the same frame (detection and
-description, one thread) does so much less. Both run alternately, the medians are compared.
+description, one thread) does so much less. Both run alternately, the medians are compared. The cost of the search
+alone follows (`benchmarks.search_cost`).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from benchmarks import search_cost
 from benchmarks.landscape import MODEL, cases
 from visloc_companion.localise.registry import make_localiser
 from visloc_companion.maps.raster import RasterMap
@@ -47,6 +49,8 @@ def main() -> None:
     print("|---|---|---|")
     for name, values in (("gradient, whole", whole), ("gradient, map's features at hand", claimed), ("SIFT on the frame", base)):
         print(f"| {name} | {np.median(values):.0f} | {np.median(values) / np.median(base):.2f} |")
+    print()
+    search_cost.report(repeats=5)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -89,6 +90,13 @@ def samples(temperature: float, count: int) -> list[KnownPosition]:
 @pytest.mark.parametrize("temperature", [0.015, 0.04])
 def test_the_temperature_that_drew_the_positions_is_found(temperature):
     assert fit_temperature(samples(temperature, 150), 0.5) == pytest.approx(temperature, rel=0.15)
+
+
+def test_samples_of_unlike_units_share_one_factor():
+    mixed = [
+        replace(case, unit=unit) for temperature, unit in ((0.02, 1 / 50), (0.04, 1 / 25)) for case in samples(temperature, 60)
+    ]
+    assert fit_temperature(mixed, 0.5) == pytest.approx(1, rel=0.15)
 
 
 def test_masses_under_the_fitted_temperature_are_calibrated():
