@@ -23,7 +23,7 @@ from visloc_companion.localise.runtime import NetworkChoice
 from visloc_companion.types import Fix, GeoPoint
 
 Judged = tuple[CaseResult, Truth]
-Named = TypeVar("Named", CaseResult, Case, BadCase)
+Named = TypeVar("Named", bound=CaseResult | Case | BadCase)
 PACKAGE = PROJECT / "visloc_companion"
 CODE = ("localise", "maps", "geo")
 TAKE_ALL = 1.0

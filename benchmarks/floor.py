@@ -42,9 +42,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     args = parser.parse_args()
     cv2.setNumThreads(1)
-    print(
-        "| smoothing px | n | mean shift px | median | noise of one measurement, an axis, px | rms shift less noise px |"
-    )
+    print("| smoothing px | n | mean shift px | median | noise of one measurement, an axis, px | rms shift less noise px |")
     print("|---|---|---|---|---|---|")
     for sigma_px in SIGMAS_PX:
         print(_floor_row(sigma_px, grid_shifts(dated_features(sigma_px))), flush=True)
@@ -125,9 +123,9 @@ def _against_floor(method: str, folder: Path, args: argparse.Namespace, dates: d
             found.append([error.east_m / error.gsd_m, -error.north_m / error.gsd_m, *shift])
     if not found:
         return f"| {method} | 0 |  |  |  |  |"
-    e, d = np.hsplit(np.array(found), 2)
-    error, shift, own = (float(np.hypot(*v.T).mean()) for v in (e, d, e - d))
-    return f"| {method} | {len(e)} | {error:.3f} | {shift:.3f} | {error - shift:+.3f} | {own:.3f} |"
+    errors, shifts = np.hsplit(np.array(found), 2)
+    mean_error, mean_shift, own = (float(np.hypot(*v.T).mean()) for v in (errors, shifts, errors - shifts))
+    return f"| {method} | {len(errors)} | {mean_error:.3f} | {mean_shift:.3f} | {mean_error - mean_shift:+.3f} | {own:.3f} |"
 
 
 def _vertex(three: Array) -> float:

@@ -4,7 +4,8 @@ Makes the cases (`benchmarks/sets.py`: 500 a row, 1,300 of them without a right 
 prints one row for each set and method, then the pooled figures of each method: reliability, refusals, and (with several families
 of places) what each family gives. FOLDER keeps the answers: a run that was broken off goes on where it was, `--n` takes the first
 so many cases of each set. `--model DIR` scores the network of that folder, e.g. one that was trained without a place.
-`--report DIR` writes a page for each method with breakdowns, reliability and the worst cases; `--json FILE` the figures.
+`--breakdown` prints the errors by year gap, season, cover and texture; `--report DIR` writes a page for each method with these,
+the reliability diagram and the worst cases; `--json FILE` the figures.
 
 Accuracy is that of all answers, however doubtful; accepted are those that claim at most `--limit-p`. Far is off by more than
 10 px of the map, or any answer where there is no right one.
@@ -19,8 +20,9 @@ from typing import Any
 
 from benchmarks.answers import Judged, answers, code_digest, named
 from benchmarks.sets import FAMILIES, NEGATIVE, POSITIVE, SETS
-from visloc_companion.evaluate.cases import read_cases
+from visloc_companion.evaluate.cases import BadCase, Case, read_cases
 from visloc_companion.evaluate.image import MAX_PROBABILITY_WRONG, environment
+from visloc_companion.evaluate.image_breakdown import breakdown, grounds_under
 from visloc_companion.evaluate.image_metrics import accepted, claims, summarise
 from visloc_companion.evaluate.image_report import write_image_report
 from visloc_companion.evaluate.reliability import reliability
@@ -50,6 +52,8 @@ def main() -> None:
         pooled = pooled_figures(judged, args.limit_p)
         document["rows"].append({"cases": "all", "method": method, **pooled})
         print(f"\n{method}, all: {_words(pooled)}\n", flush=True)
+        if args.breakdown:
+            print("\n".join(breakdown_lines(method, folders, judged, args.limit_p)), flush=True)
         if args.report:
             _report(args.report / method, method, folders, judged, args.limit_p)
     if args.json:
@@ -101,6 +105,18 @@ def pooled_figures(judged: dict[str, list[Judged]], limit_p: float) -> dict[str,
     }
 
 
+def breakdown_lines(method: str, folders: dict[str, Path], judged: dict[str, list[Judged]], limit_p: float) -> list[str]:
+    """Markdown of what the errors over NAIP depend on, all of its sets together."""
+    names = [name for name in FAMILIES["naip"] if name in judged]
+    pairs = [pair for name in names for pair in judged[name]]
+    cases = {case.case_id: case for name in names for case in _cases(folders[name])}
+    lines = [f"| {method} over NAIP, by | | n | < 5 px | < 2 px | mean px | accepted | of these far |", f"|{'---|' * 8}"]
+    for g in breakdown(pairs, grounds_under(pairs, cases), limit_p):
+        cells = (g.group, g.label, g.n, share(g.within_5px), share(g.within_2px), figure(g.error_px), g.accepted, g.far)
+        lines.append("| " + " | ".join(str(cell) for cell in cells) + " |")
+    return [*lines, ""]
+
+
 def row(name: str, method: str, s: dict[str, Any]) -> str:
     """One row of the table."""
     px = s["error_px"] or dict.fromkeys(("mean", "median", "p95"))
@@ -134,10 +150,14 @@ def _words(value: Any) -> str:
 def _report(folder: Path, method: str, folders: dict[str, Path], judged: dict[str, list[Judged]], limit_p: float) -> None:
     results = [r for pairs in judged.values() for r, _ in pairs]
     truth = {r.case_id: t for pairs in judged.values() for r, t in pairs}
-    cases = [named(case, folders[name]) for name in judged for case in read_cases(folders[name])]
+    cases = [case for name in judged for case in _cases(folders[name])]
     taken = accepted(results, limit_p)
     document = {"schema": 1, "method": method, "environment": environment(), "summary": summarise(taken, truth)}
     print(write_image_report(folder, document, results, truth, cases=cases, max_probability_wrong=limit_p), flush=True)
+
+
+def _cases(folder: Path) -> list[Case | BadCase]:
+    return [named(case, folder) for case in read_cases(folder)]
 
 
 def _arguments() -> argparse.Namespace:
@@ -149,6 +169,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--sets", nargs="*", choices=list(SETS))
     parser.add_argument("--limit-p", type=float, default=MAX_PROBABILITY_WRONG, help="largest probability of being wrong")
     parser.add_argument("--model", type=Path, help="folder of the network to score, instead of the shipped one")
+    parser.add_argument("--breakdown", action="store_true", help="print what the errors over NAIP depend on")
     parser.add_argument("--report", type=Path, help="folder for the pages")
     parser.add_argument("--json", type=Path)
     return parser.parse_args()

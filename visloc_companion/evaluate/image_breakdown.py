@@ -11,7 +11,7 @@ Labels come from the truth's dates (YYYYMMDD) and from the map under the frame, 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from functools import lru_cache
@@ -100,6 +100,17 @@ def ground_under(case: Case | BadCase, truth: Truth, agl_m: float) -> Ground | N
     share, rough = float(water.mean()), float((deviation > ROUGH_DEVIATION).mean())
     cover = "water" if share > 0.5 else "shore" if share > 0.15 else "rough" if rough > 0.5 else "smooth"
     return Ground(cover, float(deviation.mean(dtype=np.float64)))
+
+
+def grounds_under(judged: Sequence[Judged], cases: Mapping[str, Case | BadCase]) -> dict[str, Ground]:
+    """By case id, the ground under every solvable case whose files can be read."""
+    found = {}
+    for result, truth in judged:
+        if result.case_id in cases and truth.solvable:
+            ground = ground_under(cases[result.case_id], truth, result.evidence.get("agl_m") or truth.h_m)
+            if ground is not None:
+                found[result.case_id] = ground
+    return found
 
 
 def years_apart(a: str, b: str) -> float | None:

@@ -10,7 +10,7 @@ from typing import Any
 
 from visloc_companion import __version__
 from visloc_companion.evaluate.cases import BadCase, Case, Truth
-from visloc_companion.evaluate.image_breakdown import Ground, GroupFigures, breakdown, ground_under
+from visloc_companion.evaluate.image_breakdown import GroupFigures, breakdown, grounds_under
 from visloc_companion.evaluate.image_metrics import CaseResult, accepted, case_error, claims
 from visloc_companion.evaluate.image_worst import worst_section
 from visloc_companion.evaluate.reliability import reliability, reliability_diagram
@@ -45,7 +45,7 @@ def write_image_report(
     (folder / "result.json").write_text(json.dumps(document, indent=1, allow_nan=False), encoding="utf-8")
     judged = [(r, truth[r.case_id]) for r in results if r.case_id in truth]
     by_id = {case.case_id: case for case in cases}
-    grounds = _grounds(judged, by_id)
+    grounds = grounds_under(judged, by_id)
     title = f"Image evaluation, method {document['method']}"
     parts = [
         f"<h1>{escape(title)}</h1>",
@@ -65,16 +65,6 @@ def write_image_report(
     path = folder / "report.html"
     path.write_text(page, encoding="utf-8")
     return path
-
-
-def _grounds(judged: Sequence[Judged], cases: dict[str, Case | BadCase]) -> dict[str, Ground]:
-    found = {}
-    for result, truth in judged:
-        if result.case_id in cases and truth.solvable:
-            ground = ground_under(cases[result.case_id], truth, result.evidence.get("agl_m") or truth.h_m)
-            if ground is not None:
-                found[result.case_id] = ground
-    return found
 
 
 def _tiles(summary: dict[str, Any]) -> str:
