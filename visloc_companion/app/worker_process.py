@@ -84,7 +84,8 @@ def open_localiser(config: Config) -> OverMap:
         max_probability_wrong=config.localiser.max_probability_wrong,
         max_search_radius_m=config.localiser.max_search_radius_m,
     )
-    return OverMap(FreshFramesOnly(localiser), reference, features.session.about if features else "")
+    about = [features.session.about, reference.why_not_stored(features.name, features.recipe)] if features else []
+    return OverMap(FreshFramesOnly(localiser), reference, "; ".join(part for part in about if part))
 
 
 def load_factory(name: str) -> AnswerFactory:

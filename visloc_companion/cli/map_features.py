@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from visloc_companion.errors import ConfigError, ModelError
+from visloc_companion.errors import ConfigError
 from visloc_companion.prepare.defaults import FINEST_FEATURES_M
 
 if TYPE_CHECKING:
@@ -59,11 +59,12 @@ def chosen_networks(model: str) -> tuple[Features, ...]:
         return ()
     if model:
         return (_opened(model),)
-    try:
-        return (_opened(""),)
-    except (ModelError, ConfigError) as why:
+    from visloc_companion.prepare.shipped import shipped_networks
+
+    networks, why = shipped_networks()
+    if why:
         typer.echo(f"warning: no network's features: {why}", err=True)
-        return ()
+    return networks
 
 
 def echo_features(manifest: Manifest) -> None:

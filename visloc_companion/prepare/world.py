@@ -16,6 +16,7 @@ from typing import Literal
 import visloc_companion
 from visloc_companion.localise.features.base import Features
 from visloc_companion.prepare.build import build_pack
+from visloc_companion.prepare.shipped import shipped_networks
 from visloc_companion.sim.landscape import build_landscape
 
 Date = Literal["map", "flight"]
@@ -40,12 +41,14 @@ def procedural_world(
     folder: Path | None = None,
     on_stage: Callable[[str], None] | None = None,
     size_m: float = 2000.0,
-    networks: Sequence[Features] = (),
+    networks: Sequence[Features] | None = None,
 ) -> ProceduralWorld:
     """The world of a seed, a square of `size_m`; kept in `folder` (by default the cache) and made only where it is missing.
 
-    The two dates are made side by side, then the pack is built, with the features of `networks`. Made whole or not at all.
+    The two dates are made side by side, then the pack is built, with the features of `networks` (None: of the
+    one that came with this version, where it can be opened). Made whole or not at all.
     """
+    networks = shipped_networks()[0] if networks is None else networks
     home = (folder or cache_folder()) / f"landscape-{seed}-{size_m:g}m-{_digest(networks)}"
     world = ProceduralWorld(home / "pack", home / "flight" / "ortho.tif", home / "flight" / "dsm.tif")
     if home.is_dir():

@@ -8,7 +8,7 @@ import rasterio
 from typer.testing import CliRunner
 
 from visloc_companion.cli.map import map_app, repeated
-from visloc_companion.errors import ConfigError, DatumMissing, HashMismatch, MapError
+from visloc_companion.errors import ConfigError, DatumMissing, HashMismatch, MapError, ModelError
 from visloc_companion.maps.crs import map_crs
 
 Visloc = Callable[..., tuple[int, str]]
@@ -132,3 +132,32 @@ def test_damaged_pack_is_found(tmp_path: Path, ortho: Path, visloc: Visloc) -> N
 )
 def test_options_that_take_many_files(args: list[str], want: list[str]) -> None:
     assert repeated(args) == want
+
+
+def test_features_of_a_network(tmp_path: Path, ortho: Path, network: Path, visloc: Visloc) -> None:
+    pack, result = tmp_path / "pack", tmp_path / "r.json"
+    code, text = visloc("build", "--ortho", ortho, "--out", pack, "--model", "none")
+    assert code == 0 and "features gradient" in text and "MB/km²" in text and "warning" not in text
+    assert "computed in flight" in visloc("check", pack, "--model", network)[1]
+    assert "computed in flight" not in visloc("check", pack, "--model", "none")[1]
+    code, text = visloc("features", pack, "--model", network, "--finest-features-m", 2, "--json", result)
+    assert code == 0
+    levels = [level for level in json.loads(result.read_text())["manifest"]["features"] if level["name"] != "gradient"]
+    assert levels[0]["gsd_m"] == pytest.approx(2.0, rel=1e-3) and levels[0]["name"] in text
+    assert "computed in flight" not in visloc("check", pack, "--model", network)[1]
+    assert visloc("build", "--ortho", ortho, "--out", tmp_path / "other", "--model", network)[0] == 0
+    assert "computed in flight" not in visloc("check", tmp_path / "other", "--model", network)[1]
+    code, text = visloc("features", pack, "--model", "none", "--replace")
+    assert code == 0 and levels[0]["name"] not in text
+    with pytest.raises(ConfigError, match="--model none stores nothing"):
+        visloc("features", pack, "--model", "none")
+    with pytest.raises(ModelError, match="absent"):
+        visloc("build", "--ortho", ortho, "--out", tmp_path / "third", "--model", tmp_path / "absent")
+
+
+def test_without_a_network_packs_are_built_with_a_warning(
+    tmp_path: Path, ortho: Path, visloc: Visloc, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("visloc_companion.prepare.shipped.shipped_networks", lambda: ((), "there is no model"))
+    code, text = visloc("build", "--ortho", ortho, "--out", tmp_path / "pack")
+    assert code == 0 and "warning: no network's features: there is no model" in text

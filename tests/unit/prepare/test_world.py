@@ -12,6 +12,7 @@ from visloc_companion.prepare import world as module
 from visloc_companion.prepare.world import ProceduralWorld, cache_folder, procedural_world
 from visloc_companion.sim.landscape import build_landscape
 from visloc_companion.sim.scene import Scene
+from visloc_companion.testing.fake_features import FakeNetwork
 
 SIZE_M = 400.0
 
@@ -19,7 +20,7 @@ SIZE_M = 400.0
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ProceduralWorld, list[str]]:
     folder, told = tmp_path_factory.mktemp("worlds"), list[str]()
-    return folder, procedural_world(3, folder, told.append, SIZE_M), told
+    return folder, procedural_world(3, folder, told.append, SIZE_M, ()), told
 
 
 def test_the_pack_is_the_older_date_and_the_scene_the_newer(kept: tuple[Path, ProceduralWorld, list[str]]) -> None:
@@ -39,16 +40,21 @@ def test_it_is_made_only_once(kept: tuple[Path, ProceduralWorld, list[str]]) -> 
     folder, world, told = kept
     again: list[str] = []
     before = sorted((path, path.stat().st_mtime_ns) for path in folder.rglob("*"))
-    assert procedural_world(3, folder, again.append, SIZE_M) == world
+    assert procedural_world(3, folder, again.append, SIZE_M, ()) == world
     assert sorted((path, path.stat().st_mtime_ns) for path in folder.rglob("*")) == before
     assert (told, again) == (["making the landscape of two dates", "building the map pack"], [])
+
+
+def test_another_network_makes_another_world() -> None:
+    digests = {module._digest(networks) for networks in ((), [FakeNetwork()], [FakeNetwork(recipe="fake 2")])}
+    assert len(digests) == 3
 
 
 def test_nothing_is_left_of_a_world_that_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The next attempt begins anew, and never finds half a world."""
     monkeypatch.setattr(module, "ProcessPoolExecutor", _Broken)
     with pytest.raises(OSError, match="no space left"):
-        procedural_world(3, tmp_path, size_m=SIZE_M)
+        procedural_world(3, tmp_path, size_m=SIZE_M, networks=())
     assert list(tmp_path.iterdir()) == []
 
 
@@ -85,6 +91,6 @@ def test_other_code_makes_another_world(monkeypatch: pytest.MonkeyPatch, tmp_pat
     digests = []
     for text in ("a = 1\n", "a = 2\n"):
         (package / "sim" / "landscape_x.py").write_text(text)
-        digests.append(module._sources_digest())
+        digests.append(module._digest(()))
     (package / "sim" / "vehicle.py").write_text("b = 1\n")
     assert digests[0] != digests[1] == module._sources_digest()
