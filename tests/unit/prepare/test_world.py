@@ -93,4 +93,4 @@ def test_other_code_makes_another_world(monkeypatch: pytest.MonkeyPatch, tmp_pat
         (package / "sim" / "landscape_x.py").write_text(text)
         digests.append(module._digest(()))
     (package / "sim" / "vehicle.py").write_text("b = 1\n")
-    assert digests[0] != digests[1] == module._sources_digest()
+    assert digests[0] != digests[1] == module._digest(())
