@@ -8,19 +8,25 @@ from visloc_companion.errors import ConfigError
 from visloc_companion.localise.dense import deep_localiser, gradient_localiser
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.onnx import NetworkFeatures, open_features
+from visloc_companion.localise.iclk import IclkLocaliser
 from visloc_companion.localise.keypoint import KeypointLocaliser
+from visloc_companion.localise.mutual_information import MutualInformationLocaliser
 from visloc_companion.localise.runtime import NetworkChoice
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.template import NccLocaliser
 from visloc_companion.protocols import Localiser
 from visloc_companion.types import CameraModel
 
-ON_FEATURES: dict[str, Callable[[CameraModel, LocaliserSettings, Features], Localiser]] = {"deep": deep_localiser}
+ON_FEATURES: dict[str, Callable[[CameraModel, LocaliserSettings, Features], Localiser]] = {
+    "deep": deep_localiser,
+    "iclk": IclkLocaliser,
+}
 """Those that look through dense features that somebody else opens: a network's."""
 ON_PIXELS: dict[str, Callable[[CameraModel, LocaliserSettings], Localiser]] = {
     "gradient": gradient_localiser,
     "ncc": NccLocaliser,
     "keypoint": KeypointLocaliser,
+    "mi": MutualInformationLocaliser,
 }
 """Those that need nothing but frame and map."""
 METHODS: tuple[str, ...] = (*ON_FEATURES, *ON_PIXELS)
