@@ -33,7 +33,7 @@ from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.spectra import BlockCorrelator, Box, Complex64Array, block_size
 
 MIN_OVERLAP = 0.5
-SPECTRA_BYTES, SPECTRA_OVERHEAD = 128 << 20, 2.5
+SPECTRA_BYTES, SPECTRA_OVERHEAD = 48 << 20, 2.5
 """Limit of the map's spectra, and their size for one position over that of its features, because blocks overlap."""
 NO_SCORE = -1.0
 
@@ -82,16 +82,11 @@ def search(
     window pixels (may lie outside the window), `extent_px` the same of all templates about the nadir. `make_template` must be
     pure: with `threads` > 1 it is called from several threads. The result does not depend on their number.
     """
-    fields = _paired(features * weight[..., None])
-    sums = _paired(np.stack([weight, np.einsum("ijk,ijk,ij->ij", features, features, weight)], -1))
-    if zero_mean:
-        sums = np.concatenate([sums, fields[:1]])
     workers = max(1, min(threads, n_hypotheses))
     shares = [range(n_hypotheses * t // workers, n_hypotheses * (t + 1) // workers) for t in range(workers)]
     parts = []
-    for strip in _strips(box_px, extent_px, len(fields)):
-        size = block_size(strip, extent_px, len(fields) + len(sums), n_hypotheses)
-        of_fields, of_sums = (BlockCorrelator(values, strip, extent_px, size) for values in (fields, sums))
+    for strip in _strips(box_px, extent_px, features.shape[2]):
+        of_fields, of_sums = _spectra(features, weight, strip, extent_px, n_hypotheses, zero_mean)
         run = partial(_best, of_fields, of_sums, make_template, zero_mean)
         if workers == 1:
             parts.append(run(shares[0]))
@@ -131,6 +126,23 @@ def _parabola(score: Float32Array, row: int, col: int) -> tuple[float, float]:
         curvature = a - 2 * b + c
         offsets.append(max(-0.5, min(0.5, 0.5 * (a - c) / curvature)) if curvature < -1e-9 else 0.0)
     return offsets[0], offsets[1]
+
+
+def _spectra(
+    features: Float32Array, weight: Float32Array, strip: Box, extent: Box, n_hypotheses: int, zero_mean: bool
+) -> tuple[BlockCorrelator, BlockCorrelator]:
+    """Spectra of the map about a strip: its weighted features; and its weight, their energy, for `zero_mean` their first too."""
+    u0, v0, u1, v1 = strip
+    top = max(0, v0 + extent[1])
+    rows = slice(top, max(top, v1 + extent[3] + 1))
+    seen, valid = features[rows], weight[rows]
+    fields = _paired(seen * valid[..., None])
+    sums = _paired(np.stack([valid, np.einsum("ijk,ijk,ij->ij", seen, seen, valid)], -1))
+    if zero_mean:
+        sums = np.concatenate([sums, fields[:1]])
+    box = (u0, v0 - top, u1, v1 - top)
+    size = block_size(box, extent, len(fields) + len(sums), n_hypotheses)
+    return BlockCorrelator(fields, box, extent, size), BlockCorrelator(sums, box, extent, size)
 
 
 def _best(
@@ -181,11 +193,11 @@ def _merged(parts: list[tuple[Float32Array, NDArray[np.int32]]]) -> tuple[Float3
     return best, which
 
 
-def _strips(box: Box, extent: Box, fields: int) -> Iterator[Box]:
+def _strips(box: Box, extent: Box, channels: int) -> Iterator[Box]:
     """The box in strips whose map spectra fit SPECTRA_BYTES."""
     u0, v0, u1, v1 = box
     reach = extent[3] - extent[1] + 1
-    rows = max(reach, int(SPECTRA_BYTES / (SPECTRA_OVERHEAD * 8 * fields * (u1 - u0 + 1 + extent[2] - extent[0]))))
+    rows = max(reach, int(SPECTRA_BYTES / (SPECTRA_OVERHEAD * 4 * channels * (u1 - u0 + 1 + extent[2] - extent[0]))))
     for first in range(v0, v1 + 1, rows):
         yield u0, first, u1, min(v1, first + rows - 1)
 
