@@ -15,7 +15,7 @@ from visloc_companion.app.parts import (
     require_pack,
     versions,
 )
-from visloc_companion.app.worker_process import load_factory
+from visloc_companion.app.worker_process import OverMap, load_factory
 from visloc_companion.config import Config
 from visloc_companion.errors import VislocError
 
@@ -24,6 +24,7 @@ def preflight(config: Config, make: Constructors = CONSTRUCTORS) -> tuple[list[V
     """All problems of link, camera, calibration, map, localiser and journal, and what was found."""
     problems: list[VislocError] = []
     clock = MonotonicClock()
+    about = ""
 
     def attempt(check: Callable[[], object]) -> None:
         try:
@@ -31,11 +32,21 @@ def preflight(config: Config, make: Constructors = CONSTRUCTORS) -> tuple[list[V
         except VislocError as problem:
             problems.append(problem)
 
+    def open_worker() -> None:
+        nonlocal about
+        if require_pack(config):
+            answer = load_factory(make.answers)(config)
+            about = answer.about if isinstance(answer, OverMap) else ""
+
     attempt(lambda: make.link(config, clock, lambda *_: None, lambda _: None))
     if config.camera.url:
         attempt(lambda: check_calibration(config, make.camera(config, clock)))
-        attempt(lambda: require_pack(config) and load_factory(make.answers)(config))
+        attempt(open_worker)
     if config.journal.folder:
         attempt(lambda: check_journal_folder(config))
-    found = {"versions": versions(), "map_manifest_sha256": journal_header(config, clock).map_manifest_sha256}
+    found = {
+        "versions": versions(),
+        "map_manifest_sha256": journal_header(config, clock).map_manifest_sha256,
+        "localiser": about,
+    }
     return problems, found

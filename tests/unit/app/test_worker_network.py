@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from visloc_companion.app.clock import MonotonicClock
+from visloc_companion.app.preflight import preflight
 from visloc_companion.app.settings import camera_model, network_choice
 from visloc_companion.app.slots import SharedFrameSlots
 from visloc_companion.app.worker import WorkerSupervisor
@@ -88,3 +89,10 @@ def test_the_configuration_names_the_network(network: Path) -> None:
 def test_methods_without_a_network_open_none(small_world: Any) -> None:
     config = configuration(small_world.pack, Path("nowhere"), method="gradient")
     assert open_localiser(config).about == ""
+
+
+def test_the_check_before_the_flight_opens_it_and_says_what_computes(small_world: Any, network: Path) -> None:
+    _, found = preflight(configuration(small_world.pack, network))
+    assert found["localiser"].startswith(f"{read_manifest(network).identity} float32 on cpu, 1 thread")
+    problems, found = preflight(configuration(small_world.pack, network / "none"))
+    assert found["localiser"] == "" and any(isinstance(problem, ModelError) for problem in problems)
