@@ -1,0 +1,145 @@
+"""What the benchmarks compute themselves; what they measure is the localisers' business."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from visloc_companion.errors import Reason
+from visloc_companion.evaluate.image_metrics import CaseResult
+from visloc_companion.geo.se3 import quat_from_euler
+from visloc_companion.types import Fix, GeoPoint
+
+ROOT = Path(__file__).resolve().parents[3]
+HEADER = (
+    "id,frame,ortho,dsm,fx_px,fy_px,cx_px,cy_px,distortion,prior_lat_deg,prior_lon_deg,prior_h_m,prior_roll_deg,prior_pitch_deg,"
+    "prior_yaw_deg,sigma_horizontal_m,sigma_h_m,sigma_yaw_deg,sigma_tilt_deg"
+)
+COVARIANCE = ((2.0, 0.5), (0.5, 3.0))
+FIX = Fix(0, 0, 0, 0, "gradient", GeoPoint(47.0, 9.0, 100.0), quat_from_euler(0.1, 0.2, 0.3), COVARIANCE, 1.0, 0.02, 0.25, 7.0)
+
+
+@pytest.fixture
+def load(monkeypatch):
+    """A module of the benchmarks, which are no part of the installed package."""
+    monkeypatch.syspath_prepend(str(ROOT))
+    return lambda name: importlib.import_module(f"benchmarks.{name}")
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    path = tmp_path / "some_set"
+    path.mkdir()
+    rows = [f"c{k},f.png,map.tif,,100,100,50,50,,47,9,100,0,0,0,10,2,3,1" for k in range(5)]
+    (path / "cases.csv").write_text("\n".join([HEADER, *rows]))
+    truths = [f"c{k},47,9,100,0,0,0" for k in range(5)]
+    (path / "truth.csv").write_text("\n".join(["id,lat_deg,lon_deg,h_m,roll_deg,pitch_deg,yaw_deg", *truths]))
+    return path
+
+
+@pytest.fixture
+def asked(load, monkeypatch) -> list[str]:
+    """The cases that were really localised, by a localiser that answers every other one."""
+    seen: list[str] = []
+
+    def run(cases, *_, **__):
+        for case in cases:
+            seen.append(case.case_id)
+            fix, reason = (FIX, None) if int(case.case_id[1:]) % 2 == 0 else (None, Reason.NO_MATCH)
+            yield CaseResult(case.case_id, fix, reason, "why", 3.5, {"score": 0.5}, 0.5)
+
+    monkeypatch.setattr(load("answers"), "run_cases", run)
+    return seen
+
+
+def test_answers_are_kept_as_they_were(load, folder, tmp_path, asked):
+    answers = load("answers").answers
+    first = answers(folder, "gradient", tmp_path / "store", "abc")
+    again = answers(folder, "gradient", tmp_path / "store", "abc")
+    assert first == again
+    assert asked == [f"c{k}" for k in range(5)]
+    assert first[0][0] == CaseResult("some_set/c0", FIX, None, "why", 3.5, {"score": 0.5}, 0.5)
+    assert first[1][0].reason is Reason.NO_MATCH
+
+
+def test_a_run_that_was_broken_off_goes_on(load, folder, tmp_path, asked):
+    answers = load("answers").answers
+    whole = answers(folder, "gradient", tmp_path / "store", "abc")
+    (file,) = (tmp_path / "store").iterdir()
+    text = file.read_text()
+    file.write_text(text[: text.index("\n", text.index("c2")) - 20])
+    asked.clear()
+    assert answers(folder, "gradient", tmp_path / "store", "abc") == whole
+    assert asked == ["c2", "c3", "c4"]
+    assert file.read_text() == text
+
+
+def test_a_limit_is_filled_up_later_and_other_code_starts_anew(load, folder, tmp_path, asked):
+    answers = load("answers").answers
+    assert len(answers(folder, "gradient", tmp_path / "store", "abc", limit=2)) == 2
+    answers(folder, "gradient", tmp_path / "store", "abc")
+    assert asked == [f"c{k}" for k in range(5)]
+    answers(folder, "gradient", tmp_path / "store", "def", limit=1)
+    assert asked[5:] == ["c0"]
+
+
+def test_the_digest_follows_code_and_model(load, tmp_path, monkeypatch):
+    module = load("answers")
+    package = tmp_path / "package"
+    for room in module.CODE:
+        (package / room).mkdir(parents=True)
+    (package / "localise" / "dense.py").write_text("a = 1")
+    (package / "localise" / "verify.py").write_text("b = 1")
+    monkeypatch.setattr(module, "PACKAGE", package)
+    before, evidence = module.code_digest(tmp_path), module.code_digest(tmp_path, without_verdict=True)
+    (package / "localise" / "verify.py").write_text("b = 2")
+    assert module.code_digest(tmp_path) != before
+    assert module.code_digest(tmp_path, without_verdict=True) == evidence
+    (tmp_path / "manifest.json").write_text("{}")
+    assert module.code_digest(tmp_path, without_verdict=True) != evidence
+
+
+def test_a_logistic_regression_finds_the_weights_that_made_the_data(load):
+    rng = np.random.default_rng(2)
+    x = np.column_stack([np.ones(4000), rng.normal(size=(4000, 2))])
+    weights = np.array([0.5, 2.0, -1.0])
+    y = (rng.uniform(size=4000) < 1 / (1 + np.exp(-x @ weights))).astype(float)
+    module = load("calibrate")
+    fitted = module.fit_logistic(x, y)
+    assert fitted == pytest.approx(weights, abs=0.2)
+    assert module.probability_wrong(x, fitted).mean() == pytest.approx(1 - y.mean(), abs=0.005)
+
+
+def test_a_shift_between_images_is_measured_to_a_fraction_of_a_pixel(load):
+    rng = np.random.default_rng(5)
+    a = cv2.GaussianBlur(rng.normal(size=(120, 120, 2)).astype(np.float32), (0, 0), 2.0)
+    b = cv2.warpAffine(a, np.float32([[1, 0, 1.4], [0, 1, -0.7]]), (120, 120), flags=cv2.INTER_CUBIC)
+    floor = load("floor")
+    assert floor.shift_px(a, b, (60.0, 60.0), 61) == pytest.approx([1.4, -0.7], abs=0.06)
+    assert floor.shift_px(a, b, (10.0, 60.0), 61) is None
+
+
+def test_closure_tells_the_noise_from_the_shift(load):
+    rng = np.random.default_rng(6)
+    names = ["a", "b", "c", "d"]
+    offset = {name: rng.normal(0, 1.0, (500, 2)) for name in names}
+    shifts = {(a, b): offset[b] - offset[a] + rng.normal(0, 0.1, (500, 2)) for a, b in combinations(names, 2)}
+    assert load("floor").closure_noise(shifts, names) == pytest.approx(0.1, rel=0.1)
+
+
+def test_a_row_of_the_table_counts_refusals_and_far_answers(load, folder, tmp_path, asked):
+    judged = load("answers").answers(folder, "gradient", tmp_path / "store", "abc")
+    far = replace(judged[0][0], fix=replace(FIX, place=GeoPoint(47.001, 9.0, 100.0), probability_wrong=0.01))
+    figures = load("table").figures([*judged, (far, judged[0][1])], 0.05)
+    assert figures["n"] == 6
+    assert figures["within_5px_share"] == pytest.approx(3 / 6)
+    assert (figures["accepted_right_share"], figures["accepted_far"]) == (0.0, 1)
+    assert figures["refused_share"] == pytest.approx(5 / 6)
+    assert load("table").row("t2", "gradient", figures).count("|") == load("table").HEADER.count("|")
+    assert load("table").figures([], 0.05) == {"n": 0}
