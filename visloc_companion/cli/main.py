@@ -13,6 +13,7 @@ from visloc_companion.cli.map import map_app
 from visloc_companion.cli.replay import replay
 from visloc_companion.cli.run import run
 from visloc_companion.cli.sim import sim
+from visloc_companion.cli.train import train_app
 from visloc_companion.errors import CameraError, ConfigError, LinkError, VislocError
 
 app = typer.Typer(
@@ -29,6 +30,7 @@ app.command()(sim)
 app.command()(demo)
 app.add_typer(map_app, name="map")
 app.add_typer(evaluate_app, name="evaluate")
+app.add_typer(train_app, name="train")
 
 
 def _version(asked: bool) -> None:

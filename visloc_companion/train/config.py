@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -151,8 +152,19 @@ def parse_training_config(data: dict[str, Any], where: str) -> TrainingConfig:
     try:
         return TrainingConfig.model_validate(data)
     except ValidationError as why:
-        problems = [_explain(error) for error in why.errors()]
+        problems = [_explain(error) for error in _causes(why.errors())]
         raise ConfigError("; ".join(problems), where=where, remedy="see docs/training.md") from why
+
+
+def _causes(errors: Sequence[Any]) -> list[Any]:
+    """Without the lists that are too short only because an item of theirs is wrong."""
+    places = [error["loc"] for error in errors]
+
+    def follows(error: Any) -> bool:
+        own = error["loc"]
+        return error["type"] == "too_short" and any(place != own and place[: len(own)] == own for place in places)
+
+    return [error for error in errors if not follows(error)]
 
 
 def _explain(error: Any) -> str:
@@ -161,7 +173,7 @@ def _explain(error: Any) -> str:
     if error["type"] == "missing":
         return f"{name}: is missing"
     if error["type"] in ("value_error", "union_tag_not_found"):
-        return f"{name}: {error['msg']}"
+        return f"{name}: {error['msg'].removeprefix('Value error, ')}"
     if error["type"] != "extra_forbidden":
         return f"{name}: {error['msg']} (got {error.get('input')!r})"
     valid = _keys_at(location[:-1])

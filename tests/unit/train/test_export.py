@@ -1,0 +1,129 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="PyTorch is not installed: make install-train")
+onnx = pytest.importorskip("onnx", reason="onnx is not installed: make install-train")
+pytest.importorskip("onnxscript", reason="onnxscript is not installed: make install-train")
+pytest.importorskip("onnxruntime")
+
+from visloc_companion.errors import ModelError  # noqa: E402
+from visloc_companion.localise.model_folder import ModelManifest, read_manifest  # noqa: E402
+from visloc_companion.localise.runtime import open_session  # noqa: E402
+from visloc_companion.train import export as exporting  # noqa: E402
+from visloc_companion.train.checkpoint import Checkpoint, save_checkpoint  # noqa: E402
+from visloc_companion.train.config import TrainingConfig  # noqa: E402
+from visloc_companion.train.export import ExportOrder, context_px, export  # noqa: E402
+from visloc_companion.train.learner import new_learner  # noqa: E402
+from visloc_companion.train.networks import FeatureNetwork, NetworkSettings  # noqa: E402
+from visloc_companion.train.onnx_file import reduced  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def order(tmp_path_factory: pytest.TempPathFactory, tiny: Callable[..., TrainingConfig]) -> ExportOrder:
+    """Of a network with its first weights."""
+    folder, config = tmp_path_factory.mktemp("export"), tiny()
+    learner = new_learner(config, torch.device("cpu"))
+    saved = (learner.network.state_dict(), learner.log_sharpness.detach(), {}, torch.get_rng_state(), "CPU (test)")
+    save_checkpoint(folder / "checkpoint.pt", Checkpoint(4, 7200.0, config.plain(), *saved))
+    return ExportOrder(folder / "checkpoint.pt", "tiny", folder / "model", "Apache-2.0", data=folder)
+
+
+@pytest.fixture(scope="module")
+def exported(order: ExportOrder) -> ModelManifest:
+    """Written once."""
+    return export(order, lambda stage: None)
+
+
+def test_every_variant_opens_in_the_runtime_and_answers_any_size(order: ExportOrder, exported: ModelManifest) -> None:
+    given = np.random.default_rng(1).normal(0, 1, (2, 3, 20, 36)).astype(np.float32)
+    answers = [open_session(order.out, threads=1, variant=variant).run(given) for variant in exported.variants]
+    assert list(exported.variants) == ["float32", "float16", "int8"]
+    sizes = [entry.bytes for entry in exported.variants.values()]
+    assert sizes == sorted(sizes, reverse=True)
+    assert {answer.shape for answer in answers} == {(2, 4, 20, 36)}
+    largest = [float(np.abs(answer - answers[0]).max()) for answer in answers]
+    assert 0 == largest[0] < largest[1] < 1e-2
+    assert largest[2] < 0.1
+
+
+def test_the_manifest_says_how_the_network_came_about(order: ExportOrder, exported: ModelManifest) -> None:
+    assert read_manifest(order.out) == exported
+    training = exported.training
+    assert (training.steps, training.hours, training.seeds, training.split) == (4, 2.0, (5,), "nothing held out")
+    assert [(source.name, source.licence) for source in training.data] == [("shapes", "own work")]
+    assert exported.output.channels == 4
+    assert exported.figures["float32: largest difference of a feature to PyTorch"] <= 1e-4
+    assert "int8: validation queries placed wrong, shapes" in exported.figures
+    assert "gradient features alone: validation queries placed wrong, shapes" in exported.figures
+
+
+def test_the_card_states_what_the_manifest_does(order: ExportOrder, exported: ModelManifest) -> None:
+    card = (order.out / "MODEL_CARD.md").read_text(encoding="utf-8")
+    assert card.startswith("# tiny\n")
+    for words in ("nothing held out", "Apache-2.0", "own work", "CPU (test)", exported.variants["int8"].sha256[:16], "## Limits"):
+        assert words in card
+    assert all(f"| {name} | " in card for name in exported.figures)
+
+
+def test_the_same_checkpoint_gives_the_same_bytes_with_nothing_of_this_machine(
+    order: ExportOrder, exported: ModelManifest
+) -> None:
+    again = replace(order, out=order.out.with_name("again"))
+    export(again, lambda stage: None)
+    files = {path.name: path.read_bytes() for path in order.out.iterdir()}
+    assert files == {path.name: path.read_bytes() for path in again.out.iterdir()}
+    assert set(files) == {"model.onnx", "model_fp16.onnx", "model_int8.onnx", "golden.npz", "manifest.json", "MODEL_CARD.md"}
+    for content in files.values():
+        assert b"site-packages" not in content
+        assert b".py" not in content
+        assert str(Path(__file__).parents[3]).encode() not in content
+
+
+def _spoilt(content: bytes, name: str) -> bytes:
+    """The file with one of its tensors off by a hundredth."""
+    model = onnx.load_from_string(content)
+    tensor = next(tensor for tensor in model.graph.initializer if tensor.name == name)
+    values = onnx.numpy_helper.to_array(tensor)
+    tensor.CopyFrom(onnx.numpy_helper.from_array((values * 1.5 + 0.01).astype(values.dtype), name))
+    return model.SerializeToString()
+
+
+@pytest.mark.parametrize(
+    ("target", "made", "expected"),
+    [
+        ("onnx_bytes", lambda content: lambda network: _spoilt(content, "head.bias"), "the float32 file answers otherwise"),
+        ("reduced", lambda _: lambda content, kind: _spoilt(reduced(content, kind), f"merge.weight_{kind}"), "the float16 file"),
+        ("MAX_FILE_BYTES", lambda _: 1000, "1000 are allowed"),
+    ],
+)
+def test_nothing_is_written_where_a_file_is_wrong(
+    order: ExportOrder, exported: ModelManifest, monkeypatch: pytest.MonkeyPatch, target: str, made: Any, expected: str
+) -> None:
+    right = (order.out / exported.variants["float32"].file).read_bytes()
+    monkeypatch.setattr(exporting, "onnx_bytes", lambda network: right)
+    monkeypatch.setattr(exporting, target, made(right))
+    out = order.out.with_name(f"wrong-{target}")
+    with pytest.raises(ModelError, match=expected):
+        export(replace(order, out=out, data=None), lambda stage: None)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("dilations", [(1,), (1, 2, 4)])
+def test_the_stated_context_is_what_an_output_pixel_depends_on(dilations: tuple[int, ...]) -> None:
+    torch.manual_seed(2)
+    settings = NetworkSettings(8, 8, dilations, 2)
+    network, size = FeatureNetwork(settings).double(), 96
+    image = torch.randn(1, 3, size, size, dtype=torch.float64, requires_grad=True)
+    reach = 0
+    for at in range(44, 48):
+        (gradient,) = torch.autograd.grad(network(image)[0, :, 44, at].sum(), image)
+        columns = torch.nonzero(gradient[0].abs().sum((0, 1)))
+        reach = max(reach, int((columns - at).abs().max()))
+    assert context_px(settings) - 4 <= reach <= context_px(settings)

@@ -1,0 +1,127 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="PyTorch is not installed: make install-train")
+
+from visloc_companion.errors import ConfigError, ModelError  # noqa: E402
+from visloc_companion.train import run  # noqa: E402
+from visloc_companion.train.checkpoint import Checkpoint, load_checkpoint  # noqa: E402
+from visloc_companion.train.config import TrainingConfig  # noqa: E402
+from visloc_companion.train.learner import checked_device, learning_rate  # noqa: E402
+
+Tiny = Callable[..., TrainingConfig]
+
+
+def log_of(out: Path) -> list[dict[str, Any]]:
+    lines = [json.loads(line) for line in (out / "log.jsonl").read_text(encoding="utf-8").splitlines()]
+    return [{key: value for key, value in line.items() if key != "seconds"} for line in lines]
+
+
+def assert_same(a: Any, b: Any) -> None:
+    if isinstance(a, dict):
+        assert a.keys() == b.keys()
+        for key in a:
+            assert_same(a[key], b[key])
+    elif isinstance(a, list | tuple):
+        assert len(a) == len(b)
+        for left, right in zip(a, b, strict=True):
+            assert_same(left, right)
+    elif isinstance(a, torch.Tensor):
+        assert torch.equal(a, b)
+    else:
+        assert a == b
+
+
+def assert_same_state(a: Checkpoint, b: Checkpoint) -> None:
+    for name in ("step", "config", "network", "log_sharpness", "optimiser", "random"):
+        assert_same(getattr(a, name), getattr(b, name))
+
+
+def test_a_run_that_is_broken_off_and_resumed_equals_an_uninterrupted_one(tmp_path: Path, tiny: Tiny, watcher: Any) -> None:
+    config, whole, parts = tiny(), watcher(), watcher(break_at=3)
+    uninterrupted = load_checkpoint(run.train(config, tmp_path, tmp_path / "whole", whole))
+    with pytest.raises(KeyboardInterrupt):
+        run.train(config, tmp_path, tmp_path / "parts", parts)
+    assert load_checkpoint(tmp_path / "parts" / "checkpoint.pt").step == 2
+    torch.rand(3)
+    resumed = watcher()
+    assert_same_state(load_checkpoint(run.train(config, tmp_path, tmp_path / "parts", resumed)), uninterrupted)
+    assert log_of(tmp_path / "parts") == log_of(tmp_path / "whole")
+    assert (whole.steps, parts.steps, resumed.steps) == ([1, 2, 3, 4], [1, 2, 3], [3, 4])
+    assert whole.validations == [2, 4]
+    assert (tmp_path / "parts" / "curves.svg").read_bytes() == (tmp_path / "whole" / "curves.svg").read_bytes()
+
+
+def test_another_seed_gives_other_weights_and_the_run_of_another_configuration_is_not_gone_on_with(
+    tmp_path: Path, tiny: Tiny, watcher: Any
+) -> None:
+    short = {"steps": 1, "check_every": 1}
+    weights = []
+    for seed in (1, 2):
+        config = tiny(seed=seed, schedule=short)
+        weights.append(load_checkpoint(run.train(config, tmp_path, tmp_path / str(seed), watcher())).network["entry.weight"])
+    assert not torch.equal(*weights)
+    with pytest.raises(ConfigError, match=r"another configuration \(seed, schedule.batch\)"):
+        run.train(tiny(seed=3, schedule={**short, "batch": 3}), tmp_path, tmp_path / "1", watcher())
+
+
+def test_a_finished_run_is_left_as_it_is(tmp_path: Path, tiny: Tiny, watcher: Any) -> None:
+    config = tiny(schedule={"steps": 1, "check_every": 1})
+    path = run.train(config, tmp_path, tmp_path / "run", watcher())
+    before = path.read_bytes()
+    again = watcher()
+    run.train(config, tmp_path, tmp_path / "run", again)
+    assert path.read_bytes() == before
+    assert again.steps == []
+
+
+def test_missing_data_and_small_images_are_told_before_anything_is_learned(
+    tmp_path: Path, tiny: Tiny, watcher: Any, write_raster: Any
+) -> None:
+    import numpy as np
+
+    dates = {"kind": "dates", "name": "own", "folder": "own"}
+    with pytest.raises(ConfigError, match=r"source 'own': there is no such folder; remedy: .*--data"):
+        run.train(tiny(sources=[dates]), tmp_path, tmp_path / "run", watcher())
+    pairs = {"kind": "pairs", "name": "own", "folder": "own"}
+    (tmp_path / "own").mkdir()
+    with pytest.raises(ConfigError, match=r"holds no folder with a\.tif and b\.tif"):
+        run.train(tiny(sources=[pairs]), tmp_path, tmp_path / "run", watcher())
+    pixels = np.random.default_rng(0).integers(0, 255, (120, 130, 3)).astype(np.uint8)
+    for year in (2019, 2024):
+        write_raster(tmp_path / "own" / f"{year}.tif", pixels, "EPSG:32632", (48.0, 9.0), 1.0)
+    with pytest.raises(ConfigError, match="only 130 x 40 px are left"):
+        run.train(tiny(sources=[{**dates, "first_row": 80}]), tmp_path, tmp_path / "run", watcher())
+    done = run.train(tiny(sources=[dates], schedule={"steps": 1, "check_every": 1}), tmp_path, tmp_path / "run", watcher())
+    assert load_checkpoint(done).step == 1
+
+
+def test_a_loss_that_is_not_finite_ends_the_run(
+    tmp_path: Path, tiny: Tiny, watcher: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "training_loss", lambda network, sharpness, batch, seed: sharpness * float("inf"))
+    with pytest.raises(ModelError, match=r"the loss is inf at step 1.*learning_rate"):
+        run.train(tiny(), tmp_path, tmp_path / "run", watcher())
+    assert not (tmp_path / "run" / "checkpoint.pt").exists()
+
+
+def test_the_rate_rises_and_falls(tiny: Tiny) -> None:
+    schedule = tiny(schedule={"steps": 1000, "warm_up_steps": 100, "learning_rate": 0.01, "final_share": 0.1}).schedule
+    rates = [learning_rate(schedule, step) for step in range(1000)]
+    assert rates[0] == pytest.approx(1e-4)
+    assert max(rates) == pytest.approx(0.01, rel=0.03)
+    assert rates[-1] == pytest.approx(0.001, rel=0.01)
+    assert rates[200:] == sorted(rates[200:], reverse=True)
+
+
+def test_a_device_that_is_not_there() -> None:
+    assert checked_device("cpu").type == "cpu"
+    for name in ("cuda:99", "toaster"):
+        with pytest.raises(ConfigError, match=f"--device: '{name}' cannot be used"):
+            checked_device(name)
