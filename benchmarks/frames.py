@@ -23,6 +23,11 @@ NDWI_WATER = 0.15
 """Water is where (green - NIR) / (green + NIR) exceeds this (McFeeters 1996; lakes of all ten dates lie clearly above)."""
 
 
+HALF_DIAGONAL = 0.77
+"""Of a footprint of side 1 at the largest height drawn."""
+MAX_TRIES = 2000
+
+
 @dataclass(frozen=True, slots=True)
 class Recipe:
     """What is drawn of a case: half ranges of the prior's offset (px), heading (deg), height (share), largest tilt (deg)."""
@@ -58,9 +63,9 @@ def write_cases(folder: Path, n: int, seed: int, draw: Draw, recipe: Recipe) -> 
     rng = np.random.default_rng(seed)
     cases, truths = [], []
     while len(cases) < n:
-        place = draw(rng)
+        place = next((drawn for _ in range(MAX_TRIES) if (drawn := draw(rng)) is not None), None)
         if place is None:
-            continue
+            raise SystemExit(f"{folder.name}: no place for a case in {MAX_TRIES} draws")
         case, truth = _rows(f"{folder.name}{len(cases):04d}", place, recipe, rng)
         noisy = np.clip(place.frame * rng.uniform(0.8, 1.2) + rng.normal(0, 3, place.frame.shape), 0, 255).astype(np.uint8)
         cv2.imwrite(str(folder / case["frame"]), noisy[..., ::-1])
@@ -90,10 +95,10 @@ def two_dates(folders: list[Path], foot_px: float, recipe: Recipe) -> Draw:
 
 
 def water(foot_px: float, rows: tuple[int, int]) -> Draw:
-    """NAIP frames that show nothing but lake, by the rule above, on both dates within 0.75 footprints of the camera."""
+    """NAIP frames that show nothing but lake, by the rule above, on both dates, however the footprint is turned."""
     files = sorted((SHARED / "data" / "naip").glob("*.tif"))
     images = [maker().read(path) for path in files]
-    lakes = [_from_shore_px(_lake(path)) > 0.75 * foot_px for path in files]
+    lakes = [_from_shore_px(_lake(path)) > HALF_DIAGONAL * foot_px for path in files]
 
     def draw(rng: np.random.Generator) -> Place | None:
         a, b = rng.choice(len(files), 2, replace=False)

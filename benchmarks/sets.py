@@ -50,7 +50,7 @@ NEGATIVE: dict[str, Maker] = {
     "outside64": lambda root: write_cases(
         root / "outside64", 150, 23, outside(write_pack(root / "pack", (0, 300)), SCORED_ROWS, 64), Recipe()
     ),
-    "water": lambda root: write_cases(root / "water", 150, 24, water(64, SCORED_ROWS), Recipe()),
+    "water": lambda root: write_cases(root / "water", 150, 24, water(40, SCORED_ROWS), Recipe()),
     "clouds": lambda root: write_cases(root / "clouds", 100, 25, clouds(SCORED_ROWS, 128), Recipe()),
     "blind": _tool("blind", "blind", 7, 200),
 }
