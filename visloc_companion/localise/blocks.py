@@ -45,12 +45,29 @@ def match_blocks(grid: MapGrid, frame: Float32Array, weight: Float32Array) -> Bl
                 continue
             block = np.ascontiguousarray(masked[top : top + side, left : left + side])
             window = template[top : top + side + 2 * REACH_PX, left : left + side + 2 * REACH_PX]
-            scores = cv2.matchTemplate(np.ascontiguousarray(window), block, cv2.TM_CCORR_NORMED)
-            u, v, peak = _peak(np.asarray(scores, dtype=np.float32))
+            u, v, peak = _peak(normalised_correlation(window, block))
             found.append((left + (side - 1) / 2, top + (side - 1) / 2, u, v, peak))
     table = np.array(found, dtype=np.float64).reshape(-1, 5)
     agrees = (np.hypot(table[:, 2], table[:, 3]) < AGREE_PX).astype(np.float64)
     return BlockMatches(table[:, :2], table[:, 2:4], table[:, 4], agrees)
+
+
+def normalised_correlation(window: Float32Array, block: Float32Array) -> Float32Array:
+    """(H - h + 1, W - w + 1) normalised correlation of (h, w, C) features at all offsets in (H, W, C).
+
+    OpenCV normalises no more than four channels: beyond, numerators and energies are added up by fours.
+    """
+    parts = [
+        (np.ascontiguousarray(window[..., k : k + 4]), np.ascontiguousarray(block[..., k : k + 4]))
+        for k in range(0, block.shape[2], 4)
+    ]
+    if len(parts) == 1:
+        return np.asarray(cv2.matchTemplate(*parts[0], cv2.TM_CCORR_NORMED), dtype=np.float32)
+    total = np.sum([cv2.matchTemplate(w, b, cv2.TM_CCORR) for w, b in parts], axis=0, dtype=np.float32)
+    energy = np.einsum("ijk,ijk->ij", window, window, dtype=np.float32)
+    under = cv2.matchTemplate(energy, np.ones(block.shape[:2], np.float32), cv2.TM_CCORR)
+    own = float(np.sum(block * block))
+    return np.asarray(total / np.sqrt(np.maximum(under * own, 1e-12)), dtype=np.float32)
 
 
 def correspondences(
