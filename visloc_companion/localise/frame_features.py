@@ -17,13 +17,20 @@ from numpy.typing import NDArray
 from visloc_companion.localise.features.base import Features, Float32Array
 from visloc_companion.localise.features.gradient import eroded
 from visloc_companion.localise.frame import FrameLevel
-from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, ground_homography, rectify_plane, rectify_surface
+from visloc_companion.localise.ortho_rectify import (
+    CameraPose,
+    MapGrid,
+    ground_homography,
+    rectify_plane,
+    rectify_surface,
+    sampling_weight,
+)
 from visloc_companion.localise.plan import SearchPlan, turned
 from visloc_companion.localise.pose import heading_and_tilt
 from visloc_companion.types import FloatArray
 
 Seen = tuple[Float32Array, Float32Array]
-"""Features (H, W, C) and the mask (H, W) of 0 and 1 where they rest on what the frame shows."""
+"""Features (H, W, C) and the weight (H, W) in 0..1: 0 where the frame shows nothing, less than 1 where it samples thinly."""
 
 
 class FrameFeatures(Protocol):
@@ -54,11 +61,13 @@ class ForEachPose:
 
     def on_plane(self, pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], ground_up_m: float) -> Seen:
         """See FrameFeatures."""
-        return self._of(*rectify_plane(self.level, pose, A_ne_pix, size, ground_up_m))
+        values, mask = self._of(*rectify_plane(self.level, pose, A_ne_pix, size, ground_up_m))
+        return values, sampled(mask, self.level.K, pose, A_ne_pix, ground_up_m)
 
     def on_surface(self, pose: CameraPose, grid: MapGrid) -> Seen:
         """See FrameFeatures."""
-        return self._of(*rectify_surface(self.level, pose, grid))
+        values, mask = self._of(*rectify_surface(self.level, pose, grid))
+        return values, sampled(mask, self.level.K, pose, grid.A_ne_pix, float(grid.surface_up_m.mean()))
 
     def _of(self, image: Float32Array, seen: NDArray[np.bool_]) -> Seen:
         return self.features(image, seen), eroded(seen, 3)
@@ -70,7 +79,7 @@ class Resampled:
     def __init__(
         self, level: FrameLevel, plan: SearchPlan, linear: FloatArray, features: Features, tolerance: tuple[float, float]
     ) -> None:
-        self._plan, self._features = plan, features
+        self._plan, self._features, self._K = plan, features, level.K
         self._headings = _middles(plan.headings_rad, tolerance[0])
         self._log_scales = _middles(np.log(plan.scales), tolerance[1])
         self._passes = [
@@ -80,14 +89,14 @@ class Resampled:
     def on_plane(self, pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], ground_up_m: float) -> Seen:
         """See FrameFeatures."""
         level, turn = self._nearest(pose)
-        values, seen = rectify_plane(level, pose, A_ne_pix, size, ground_up_m)
-        return self._turned(values, seen, turn)
+        values, mask = self._turned(*rectify_plane(level, pose, A_ne_pix, size, ground_up_m), turn)
+        return values, sampled(mask, self._K, pose, A_ne_pix, ground_up_m)
 
     def on_surface(self, pose: CameraPose, grid: MapGrid) -> Seen:
         """See FrameFeatures."""
         level, turn = self._nearest(pose)
-        values, seen = rectify_surface(level, pose, grid)
-        return self._turned(values, seen, turn)
+        values, mask = self._turned(*rectify_surface(level, pose, grid), turn)
+        return values, sampled(mask, self._K, pose, grid.A_ne_pix, float(grid.surface_up_m.mean()))
 
     def _nearest(self, pose: CameraPose) -> tuple[FrameLevel, float]:
         """The pass nearest a pose, and how far the pose is turned against it."""
@@ -104,6 +113,12 @@ class Resampled:
             x, y = values[..., k].copy(), values[..., k + 1].copy()
             values[..., k], values[..., k + 1] = c * x - s * y, s * x + c * y
         return values * mask[..., None], mask
+
+
+def sampled(mask: Float32Array, K: FloatArray, pose: CameraPose, A_ne_pix: FloatArray, ground_up_m: float) -> Float32Array:
+    """The mask (H, W) weighted by how well a frame of calibration matrix K samples the ground."""
+    weight = sampling_weight(K, pose, A_ne_pix, (mask.shape[1], mask.shape[0]), ground_up_m)
+    return mask if weight is None else mask * weight
 
 
 def _computed(

@@ -48,11 +48,11 @@ def search_window(
     centre = inverse @ (plan.pose.p_ned_m[:2] - grid.A_ne_pix[:, 2])
     reach = np.abs(inverse) @ _region_half_m(plan)
     size = grid.weight.shape[::-1]
+    looked_at = np.array([inverse @ _turn(heading) @ plan.looked_at_ne_m for heading in plan.headings_rad])
     first, last = [], []
     for k in range(2):
-        middle = (extent[k] + extent[k + 2]) / 2
-        first.append(max(math.floor(centre[k] - reach[k]), math.floor(-middle)))
-        last.append(max(first[k], min(math.ceil(centre[k] + reach[k]), math.ceil(size[k] - middle))))
+        first.append(max(math.floor(centre[k] - reach[k]), math.floor(-looked_at[:, k].max())))
+        last.append(max(first[k], min(math.ceil(centre[k] + reach[k]), math.ceil(size[k] - looked_at[:, k].min()))))
     return search(
         grid.features,
         grid.weight,

@@ -21,6 +21,9 @@ from visloc_companion.types import FloatArray
 MAX_TAN_INCIDENCE = 3.0
 """Ground seen flatter than atan(1/3) is left out: a map pixel there covers many heights and few frame pixels."""
 
+FULL_SAMPLING = 1.5
+"""Grid pixels that hold 1 / FULL_SAMPLING pixels of the frame or more count fully."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraPose:
@@ -89,6 +92,24 @@ def rectify_surface(level: FrameLevel, pose: CameraPose, grid: MapGrid) -> tuple
     if _may_see_far(pose):
         seen &= _near_enough(pose, grid.A_ne_pix, (width, height), low)
     return image, seen & ~_hidden(pose, grid)
+
+
+def sampling_weight(
+    K: FloatArray, pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], ground_up_m: float
+) -> Float32Array | None:
+    """(H, W) in 0..1: how well a frame samples each pixel of a grid of (width, height) pixels on a horizontal plane.
+
+    A frame pixel at depth q covers q^3 / (fx fy z) of a plane z below the camera. Where that is more than a grid pixel, the
+    grid holds more pixels than there are measurements. None near nadir, where all would be alike.
+    """
+    if not _may_see_far(pose):
+        return None
+    z = np.float32(max(1.0, -float(pose.p_ned_m[2]) - ground_up_m))
+    north, east = nadir_offsets(A_ne_pix, pose.p_ned_m, size)
+    axis = pose.R_ned_cam[:, 2].astype(np.float32)
+    depth = np.maximum(axis[0] * north + axis[1] * east + axis[2] * z, np.float32(0.05) * z)
+    full = np.float32(FULL_SAMPLING * K[0, 0] * K[1, 1] * abs(np.linalg.det(A_ne_pix[:, :2]))) * z
+    return np.asarray(np.minimum(full / (depth * depth * depth), np.float32(1.0)), dtype=np.float32)
 
 
 def nadir_offsets(A_ne_pix: FloatArray, p_ned_m: FloatArray, size: tuple[int, int]) -> tuple[Float32Array, Float32Array]:

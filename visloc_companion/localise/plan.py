@@ -26,6 +26,8 @@ STEP_PX = 1.3
 """Largest misfit (px, at 0.7 of the footprint's half side) that the heading and scale grid leaves."""
 SIGMAS = 3.0
 MIN_SHARE_OF_GROUND = 0.4
+SAMPLES = 13
+"""Rows and columns of the lattice of the frame whose rays are followed to the ground."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +51,8 @@ class LocalFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchPlan:
-    """What is searched for. Lengths in metres, angles in radians; `footprint_ne_m` (N, 2) is the outline about the nadir.
+    """What is searched for. Lengths in metres, angles in radians; `footprint_ne_m` (N, 2) is the outline about the nadir,
+    `looked_at_ne_m` (2,) the middle of the view there and `area_m2` the footprint's area if all of it were seen as in the middle.
 
     `headings_rad` are turns about the vertical added to the prior attitude, `scales` factors of `agl_m`; `cov_ne_m2` (2, 2) is
     the prior's covariance widened by what the unknown tilt moves the picture.
@@ -60,6 +63,7 @@ class SearchPlan:
     ground_up_m: float
     agl_m: float
     footprint_ne_m: FloatArray
+    looked_at_ne_m: FloatArray
     area_m2: float
     frame_gsd_m: float
     coarse_gsd_m: float
@@ -97,9 +101,10 @@ def make_plan(
     agl = prior.place.h_amsl_m - ground
     if agl < settings.min_height_m:
         return Reason.TOO_LOW, f"{agl:.1f} m above the surface"
-    outline = outline * agl
-    area = _area(outline)
-    frame_gsd = math.sqrt(area / (share * model.width_px * model.height_px))
+    looked_at, pixel_m2 = middle_of_view(model, pose.R_ned_cam)
+    pixels = share * model.width_px * model.height_px
+    area = agl * agl * min(_area(outline), pixel_m2 * pixels)
+    frame_gsd = math.sqrt(area / pixels)
     finest = max(frame_gsd, ref.gsd_m)
     coarse = max(finest, math.sqrt(area) / COARSE_PIXELS)
     step = 2 * STEP_PX * coarse / (0.7 * math.sqrt(area) / 2 * 1.13)
@@ -109,7 +114,8 @@ def make_plan(
         pose=pose,
         ground_up_m=ground,
         agl_m=agl,
-        footprint_ne_m=outline,
+        footprint_ne_m=outline * agl,
+        looked_at_ne_m=looked_at * agl,
         area_m2=area,
         frame_gsd_m=frame_gsd,
         coarse_gsd_m=coarse,
@@ -156,20 +162,37 @@ def ground_near(
 def footprint(model: CameraModel, R_ned_cam: FloatArray) -> tuple[FloatArray, float]:
     """Outline (N, 2) north, east of what the camera sees of a plane 1 m below, cut at the flattest useful view; and the share
     of the frame within that cut."""
-    u, v = np.meshgrid(np.linspace(0, model.width_px - 1, 13), np.linspace(0, model.height_px - 1, 13))
-    rays = unproject(model, np.column_stack([u.ravel(), v.ravel()])) @ R_ned_cam.T
-    flat = np.hypot(rays[:, 0], rays[:, 1])
-    steep = (rays[:, 2] > 0) & (flat < MAX_TAN_INCIDENCE * rays[:, 2])
-    share = float(steep.mean())
-    ne = rays[steep, :2] / rays[steep, 2:3] if steep.any() else np.zeros((1, 2))
+    rays = _useful_rays(model, R_ned_cam)
+    ne = rays[:, :2] / rays[:, 2:3] if len(rays) else np.zeros((1, 2))
     hull = cv2.convexHull(ne.astype(np.float32))
-    return np.asarray(hull.reshape(-1, 2), dtype=np.float64), share
+    return np.asarray(hull.reshape(-1, 2), dtype=np.float64), len(rays) / SAMPLES**2
+
+
+def middle_of_view(model: CameraModel, R_ned_cam: FloatArray) -> tuple[FloatArray, float]:
+    """Median place (2,) north, east that the camera sees of a plane 1 m below, and the median area that a pixel covers there.
+
+    Half of the frame lies to either side of it, however much ground the far half covers.
+    """
+    rays = _useful_rays(model, R_ned_cam)
+    if not len(rays):
+        return np.zeros(2), math.inf
+    ne = rays[:, :2] / rays[:, 2:]
+    depth = rays @ R_ned_cam[:, 2] / rays[:, 2]
+    return np.asarray(np.median(ne, axis=0)), float(np.median(depth) ** 3) / (model.fx_px * model.fy_px)
 
 
 def turned(R_ned_cam: FloatArray, heading_rad: float) -> FloatArray:
     """The attitude turned about the vertical by `heading_rad` clockwise seen from above."""
     s, c = math.sin(heading_rad), math.cos(heading_rad)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R_ned_cam
+
+
+def _useful_rays(model: CameraModel, R_ned_cam: FloatArray) -> FloatArray:
+    """(N, 3) NED rays of a lattice of the frame that meet the ground steeply enough."""
+    u, v = np.meshgrid(np.linspace(0, model.width_px - 1, SAMPLES), np.linspace(0, model.height_px - 1, SAMPLES))
+    rays = unproject(model, np.column_stack([u.ravel(), v.ravel()])) @ R_ned_cam.T
+    steep = (rays[:, 2] > 0) & (np.hypot(rays[:, 0], rays[:, 1]) < MAX_TAN_INCIDENCE * rays[:, 2])
+    return np.asarray(rays[steep], dtype=np.float64)
 
 
 def _area(outline: FloatArray) -> float:

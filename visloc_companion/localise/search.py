@@ -156,7 +156,7 @@ def _best(
         masked, area = template.features * template.mask[..., None], max(float(template.mask.sum()), 1.0)
         if zero_mean:
             masked -= template.mask[..., None] * (masked.sum((0, 1)) / area)
-        energy = float(np.vdot(masked, masked))
+        energy = float(np.sum(masked * masked / np.maximum(template.mask, np.float32(1e-6))[..., None]))
         of_features = fields.spectrum(_paired(masked), template.offset_px)
         of_mask = sums.spectrum(template.mask[None], template.offset_px)
         for block, at in enumerate(fields.blocks):

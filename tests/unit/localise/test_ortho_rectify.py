@@ -8,7 +8,7 @@ import pytest
 from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
 from visloc_companion.localise.frame import full_level, reduced
-from visloc_companion.localise.ortho_rectify import CameraPose, rectify_plane, rectify_surface
+from visloc_companion.localise.ortho_rectify import CameraPose, rectify_plane, rectify_surface, sampling_weight
 from visloc_companion.localise.plan import local_frame
 from visloc_companion.localise.template import GREY
 from visloc_companion.localise.window import cropped, map_grid
@@ -83,3 +83,22 @@ def test_cropping_keeps_places(flat):
     a = grid.A_ne_pix @ np.array([cols[0], rows[0], 1.0])
     np.testing.assert_allclose(small.A_ne_pix @ np.array([0.0, 0.0, 1.0]), a)
     np.testing.assert_array_equal(small.features[0, 0], grid.features[rows[0], cols[0]])
+
+
+def test_thinly_sampled_ground_counts_by_the_frame_pixels_that_it_holds():
+    K = np.array([[200.0, 0, 160], [0, 200.0, 120], [0, 0, 1]])
+    A = np.array([[0.0, -1.0, 300.0], [1.0, 0.0, 0.0]])
+    pose = CameraPose(np.array([0.0, 0, -100]), R_from_quat(quat_from_euler(0, math.radians(45), 0)) @ R_FRD_CAM)
+    weight = sampling_weight(K, pose, A, (1, 301), 0.0)
+    assert weight is not None
+    assert weight[290, 0] == 1.0
+    axis = np.array([math.sin(math.radians(45)), 0, math.cos(math.radians(45))])
+    for row in (0, 60):
+        P = np.array([[300.0 - row, 0, 0], [301.0 - row, 0, 0], [300.0 - row, 1.0, 0]]) - pose.p_ned_m
+        q = P @ pose.R_ned_cam
+        uv = q[:, :2] / q[:, 2:] * 200
+        pixels = abs(np.linalg.det(uv[1:] - uv[0]))
+        assert P[0] @ axis == pytest.approx(q[0, 2])
+        assert weight[row, 0] == pytest.approx(1.5 * pixels, rel=0.03)
+    down = CameraPose(pose.p_ned_m, R_from_quat((1.0, 0.0, 0.0, 0.0)) @ R_FRD_CAM)
+    assert sampling_weight(K, down, A, (1, 301), 0.0) is None

@@ -5,8 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from visloc_companion.localise.plan import SearchPlan, make_plan
+from visloc_companion.geo.camera import R_FRD_CAM
+from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
+from visloc_companion.localise.features.gradient import GRADIENT
+from visloc_companion.localise.frame import full_level, reduced
+from visloc_companion.localise.frame_features import ForEachPose
+from visloc_companion.localise.hypotheses import search_box, search_window
+from visloc_companion.localise.plan import SearchPlan, make_plan, middle_of_view
 from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.localise.window import cropped, map_grid
 from visloc_companion.types import CameraModel
 
 MODEL = CameraModel(160, 120, 140.0, 140.0, 79.5, 59.5)
@@ -58,3 +65,24 @@ def test_unknown_tilt_widens_the_region(flat, support):
     plan = make_plan(request.prior, MODEL, flat, LocaliserSettings())
     assert isinstance(plan, SearchPlan)
     assert plan.cov_ne_m2[0, 0] >= 1.0 + (140 * request.prior.sigma_tilt_rad) ** 2
+
+
+def test_middle_of_an_oblique_view_has_half_of_the_frame_to_either_side():
+    R = R_from_quat(quat_from_euler(0.0, math.radians(40), 0.0)) @ R_FRD_CAM
+    (north, east), pixel_m2 = middle_of_view(MODEL, R)
+    assert north == pytest.approx(math.tan(math.radians(40)), abs=0.02)
+    assert east == pytest.approx(0.0, abs=1e-6)
+    assert pixel_m2 * 140.0**2 == pytest.approx(math.cos(math.radians(40)) ** -3, rel=0.05)
+
+
+def test_search_goes_wherever_the_middle_of_the_view_is_on_the_map(flat, support):
+    """The box about an oblique footprint has its middle far beyond that of the picture: here off the map."""
+    plan = plan_of(flat, support, p=(120.0, 0.0, -230.0), euler=(0.0, math.radians(42), 0.0))
+    assert plan.footprint_ne_m[:, 0].max() / 2 > plan.looked_at_ne_m[0] + 10
+    low, high = search_box(plan)
+    grid = cropped(map_grid(flat, plan.frame, low, high, plan.coarse_gsd_m, GRADIENT))
+    level = reduced(full_level(np.zeros((120, 160), np.uint8), MODEL), plan.coarse_gsd_m / plan.frame_gsd_m)
+    volume = search_window(grid, ForEachPose(level, GRADIENT), plan)
+    pix = np.linalg.solve(grid.A_ne_pix[:, :2], plan.pose.p_ned_m[:2] - grid.A_ne_pix[:, 2]) - volume.origin_px
+    assert (pix >= 0).all()
+    assert (pix < volume.score.shape[::-1]).all()
