@@ -7,15 +7,11 @@ table. `--photos` adds the drone photographs of ../shared/data/drone_urban, whic
 from __future__ import annotations
 
 import argparse
-import csv
-import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from benchmarks.cases import SHARED, TEST_ROWS, CaseSet, make
-from visloc_companion.evaluate.cases import COLUMNS
+from benchmarks.cases import TEST_ROWS, CaseSet, make
+from benchmarks.photos import TILT_KNOWN, TILT_UNKNOWN, drone_urban
 from visloc_companion.evaluate.image import evaluate_image
 from visloc_companion.localise.registry import METHODS
 
@@ -47,7 +43,8 @@ def main() -> None:
     ]
     folders = [make(case_set, args.folder) for case_set in sets]
     if args.photos:
-        folders.append(drone_urban(args.folder / "drone_urban"))
+        folders.append(drone_urban(args.folder / "photos_tilt_known", TILT_KNOWN))
+        folders.append(drone_urban(args.folder / "photos_tilt_unknown", TILT_UNKNOWN))
     print(HEADER)
     print("|" + "---|" * 14)
     for folder in folders:
@@ -82,47 +79,6 @@ def share(value: float | None) -> str:
 
 def figure(value: float | None, digits: int = 2) -> str:
     return "" if value is None else f"{value:.{digits}f}"
-
-
-def drone_urban(folder: Path) -> Path:
-    """Cases of the 35 photographs: prior up to 30 m, 5 degrees and 5 % off, tilt known to 1 degree; h is above the streets."""
-    data, rng = SHARED / "data" / "drone_urban", np.random.default_rng(1)
-    folder.mkdir(parents=True, exist_ok=True)
-    cases, truths = [], []
-    with (data / "photos.csv").open(newline="") as stream:
-        for photo in csv.DictReader(stream):
-            lat, lon, h = float(photo["lat_deg"]), float(photo["lon_deg"]), float(photo["h_agl_m"])
-            north, east = rng.uniform(-30, 30, 2)
-            attitude = {
-                "roll_deg": float(photo["roll_deg"]),
-                "pitch_deg": 90 + float(photo["pitch_deg"]),
-                "yaw_deg": float(photo["yaw_deg"]),
-            }
-            name = Path(photo["file"]).stem
-            case = dict.fromkeys(COLUMNS, "") | {
-                "id": name,
-                "frame": str(data / photo["file"]),
-                "ortho": str(data / "map.tif"),
-                **{k: photo[k] for k in ("fx_px", "fy_px", "cx_px", "cy_px")},
-                "prior_lat_deg": lat + north / 110770,
-                "prior_lon_deg": lon + east / (111320 * math.cos(math.radians(lat))),
-                "prior_h_m": h * (1 + rng.uniform(-0.05, 0.05)),
-                "prior_roll_deg": attitude["roll_deg"] + rng.normal(0, 1),
-                "prior_pitch_deg": attitude["pitch_deg"] + rng.normal(0, 1),
-                "prior_yaw_deg": attitude["yaw_deg"] + rng.uniform(-5, 5),
-                "sigma_horizontal_m": 30 / 3**0.5,
-                "sigma_h_m": 0.05 * h / 3**0.5,
-                "sigma_yaw_deg": 5 / 3**0.5,
-                "sigma_tilt_deg": 1.0,
-            }
-            cases.append(case)
-            truths.append({"id": name, "lat_deg": lat, "lon_deg": lon, "h_m": h, **attitude, "gsd_m": 1.0})
-    for file, table in (("cases.csv", cases), ("truth.csv", truths)):
-        with (folder / file).open("w", newline="") as stream:
-            writer = csv.DictWriter(stream, table[0].keys())
-            writer.writeheader()
-            writer.writerows(table)
-    return folder
 
 
 if __name__ == "__main__":
