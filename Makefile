@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: install demo test lint bench sitl clean
+.PHONY: install install-train demo test test-train lint bench sitl clean
 
 install: $(STAMP)
 
@@ -14,11 +14,20 @@ $(STAMP): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[cpu,prep,eval,dev]'
 	@touch $(STAMP)
 
+# PyTorch takes 750 MB, and many times that where the package index only has builds for GPUs; only training needs it.
+# Without a GPU: PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu make install-train
+install-train: install
+	@$(BIN)/python -c 'import torch, onnx, onnxscript' 2>/dev/null || \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[train]'
+
 demo: install
 	$(BIN)/visloc demo
 
 test: install
 	$(BIN)/pytest -n 2 --dist loadgroup
+
+test-train: install-train
+	$(BIN)/pytest tests/unit/train
 
 lint: install
 	$(BIN)/ruff check .

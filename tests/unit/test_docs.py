@@ -31,7 +31,7 @@ PARAMETERS = {AutopilotKind.ARDUPILOT: "ardupilot", AutopilotKind.PX4: "px4"}
 FILE_SUFFIXES = ("toml", "mcap")
 SETTINGS = r"`((?:link|camera|map|localiser|worker|navigator|gnss|injection|journal|clock|status)\.[a-z_0-9]+)`"
 
-COMMAND = re.compile(r"(?:\S*/)?visloc ((?:run|replay|sim|demo|map|evaluate)\b.*)$")
+COMMAND = re.compile(r"(?:\S*/)?visloc ((?:run|replay|sim|demo|map|evaluate|train)\b.*)$")
 
 
 def text_of(page: Path) -> str:
@@ -90,7 +90,7 @@ def test_commands_exist_with_these_options(page: str, words: list[str]) -> None:
 
 def test_the_documentation_names_every_command() -> None:
     named = {path for _, words in every_command() for path in [command_and_arguments(words)[2]]}
-    expected = {"run", "replay", "sim", "demo", "map build", "map check", "map info", "evaluate image"}
+    expected = {"run", "replay", "sim", "demo", "map build", "map check", "map info", "evaluate image", "train features", "train export"}
     assert {f"visloc {name}" for name in expected} <= named
 
 

@@ -105,7 +105,8 @@ def _network(saved: Checkpoint, config: TrainingConfig, where: Path) -> FeatureN
         network.load_state_dict(saved.network)
     except RuntimeError as why:
         raise ModelError("does not fit this version's network", where=str(where), remedy="train again with this version") from why
-    return network.eval()
+    network.eval()
+    return network
 
 
 def _batches(config: TrainingConfig, data: Path | None, tell: Tell) -> dict[str, Sequence[Batch]]:

@@ -106,5 +106,5 @@ def checked_device(name: str) -> torch.device:
 def hardware(device: torch.device, threads: int) -> str:
     """What a run was computed on, in words."""
     if device.type == "cuda":
-        return torch.cuda.get_device_name(device)
+        return str(torch.cuda.get_device_name(device))
     return f"CPU ({platform.machine()}), {threads} threads"
