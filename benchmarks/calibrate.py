@@ -78,11 +78,10 @@ def collect(method: str, judged: dict[str, list[Judged]]) -> Samples:
             error = case_error(result, truth)
             if error is None:
                 continue
-            wrong = error.far if place == "bitemporal" else error.wrong  # its dates are up to 3.5 px apart
             x.append(regressors(method, result))
-            right.append(not wrong)
+            right.append(not error.wrong)
             family.append(place)
-            if not wrong:
+            if not error.wrong:
                 near.setdefault(place, []).append(error)
     return Samples(np.array(x, dtype=np.float64), np.array(right, dtype=np.float64), np.array(family), near)
 

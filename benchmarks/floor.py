@@ -24,10 +24,11 @@ from benchmarks.answers import answers, code_digest
 from benchmarks.cases import SHARED, maker
 from benchmarks.frames import georeference, pix_of
 from benchmarks.sets import SCORED_ROWS, SETS
+from benchmarks.shift import REACH_PX, shift_px
 from visloc_companion.evaluate.image_metrics import case_error
 from visloc_companion.localise.features.gradient import gradient_features
 
-SIDE_PX, REACH_PX, SPACING_PX = 173, 5, 80
+SIDE_PX, SPACING_PX = 173, 80
 SIGMAS_PX = (0.0, 1.0, 2.0)
 """Roads weigh most in sharp features; shores and edges of fields, which move, in smooth ones. The second is align.py's own."""
 Array = NDArray[np.float64]
@@ -64,23 +65,6 @@ def dated_features(sigma_px: float) -> dict[str, NDArray[np.float32]]:
     return found
 
 
-def shift_px(a: NDArray[np.float32], b: NDArray[np.float32], centre: tuple[float, float], side_px: int = SIDE_PX) -> Array | None:
-    """(2,) columns and rows from a's window to where b shows the same; None off the image or with the peak at the rim."""
-    half = side_px // 2
-    col, row = (round(x) - half for x in centre)
-    height, width = a.shape[:2]
-    if min(col, row) < REACH_PX or col + side_px + REACH_PX > width or row + side_px + REACH_PX > height:
-        return None
-    window = np.ascontiguousarray(a[row : row + side_px, col : col + side_px])
-    there = b[row - REACH_PX : row + side_px + REACH_PX, col - REACH_PX : col + side_px + REACH_PX]
-    scores = cv2.matchTemplate(np.ascontiguousarray(there), window, cv2.TM_CCORR_NORMED).astype(np.float64)
-    r, c = np.unravel_index(int(scores.argmax()), scores.shape)
-    if not (0 < r < 2 * REACH_PX and 0 < c < 2 * REACH_PX):
-        return None
-    across, down = scores[r, c - 1 : c + 2], scores[r - 1 : r + 2, c]
-    return np.array([c + _vertex(across) - REACH_PX, r + _vertex(down) - REACH_PX])
-
-
 def grid_shifts(dates: dict[str, NDArray[np.float32]]) -> dict[tuple[str, str], Array]:
     """Shifts (windows, 2) of all pairs of dates (a before b), at windows on a grid over the scored rows; NaN where undetermined.
 
@@ -93,7 +77,9 @@ def grid_shifts(dates: dict[str, NDArray[np.float32]]) -> dict[tuple[str, str], 
         for row in range(max(SCORED_ROWS[0], half), min(SCORED_ROWS[1], height) - half, SPACING_PX)
         for col in range(half, width - half, SPACING_PX)
     ]
-    raw = {(a, b): [shift_px(dates[a], dates[b], centre) for centre in centres] for a, b in combinations(sorted(dates), 2)}
+    raw = {
+        (a, b): [shift_px(dates[a], dates[b], centre, SIDE_PX) for centre in centres] for a, b in combinations(sorted(dates), 2)
+    }
     known = np.all([[shift is not None for shift in row] for row in raw.values()], axis=0)
     return {pair: np.array([s for s, k in zip(row, known, strict=True) if k and s is not None]) for pair, row in raw.items()}
 
@@ -118,7 +104,7 @@ def _against_floor(method: str, folder: Path, args: argparse.Namespace, dates: d
     for result, truth in answers(folder, method, args.folder / "answers", code_digest(None), args.jobs, args.n):
         error = case_error(result, truth)
         centre = pix_of(georeferenced, truth.lat_deg, truth.lon_deg)
-        shift = shift_px(dates[truth.frame_date], dates[truth.map_date], centre)
+        shift = shift_px(dates[truth.frame_date], dates[truth.map_date], centre, SIDE_PX)
         if error is not None and not error.wrong and shift is not None:
             found.append([error.east_m / error.gsd_m, -error.north_m / error.gsd_m, *shift])
     if not found:
@@ -126,12 +112,6 @@ def _against_floor(method: str, folder: Path, args: argparse.Namespace, dates: d
     errors, shifts = np.hsplit(np.array(found), 2)
     mean_error, mean_shift, own = (float(np.hypot(*v.T).mean()) for v in (errors, shifts, errors - shifts))
     return f"| {method} | {len(errors)} | {mean_error:.3f} | {mean_shift:.3f} | {mean_error - mean_shift:+.3f} | {own:.3f} |"
-
-
-def _vertex(three: Array) -> float:
-    """Where the parabola through three equally spaced values has its extreme, from the middle one."""
-    a, b, c = (float(x) for x in three)
-    return 0.5 * (a - c) / min(a - 2 * b + c, -1e-12)
 
 
 if __name__ == "__main__":

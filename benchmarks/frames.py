@@ -1,4 +1,4 @@
-"""Case folders that the shared tool has no kind for: frames cut from one image and looked for on another, and negatives.
+"""Case folders that the shared tool has no kind for: frames cut from one image and looked for on another.
 
 All use the tool's camera (256 px, 60 degrees) and its `render`, so that the figures compare. Offsets are uniform, in map pixels.
 """
@@ -15,16 +15,11 @@ import cv2
 import numpy as np
 import rasterio
 from numpy.typing import NDArray
-from rasterio.windows import Window
 
-from benchmarks.cases import SHARED, maker, write_tables
+from benchmarks.cases import maker, write_tables
+from benchmarks.shift import REACH_PX, shift_px
+from visloc_companion.localise.features.gradient import gradient_features
 
-NDWI_WATER = 0.15
-"""Water is where (green - NIR) / (green + NIR) exceeds this (McFeeters 1996; lakes of all ten dates lie clearly above)."""
-
-
-HALF_DIAGONAL = 0.77
-"""Of a footprint of side 1 at the largest height drawn."""
 MAX_TRIES = 2000
 
 
@@ -80,95 +75,41 @@ def nominal_height_m(foot_px: float, gsd_m: float) -> float:
 
 
 def two_dates(folders: list[Path], foot_px: float, recipe: Recipe) -> Draw:
-    """Frames of one date on the map of another of the same folder, anywhere on it (both ways round)."""
+    """Frames of one date on the map of another of the same folder, anywhere on it (both ways round).
+
+    Dates may be apart by a few pixels, uniformly (README of the bi-temporal data): by how much is measured over the whole image,
+    and the camera is put where it sees what the map shows at the case's place.
+    """
     images = {folder: [(path, *maker().read(path)) for path in sorted(folder.glob("*.tif"))] for folder in folders}
+    shifts: dict[tuple[Path, Path], NDArray[np.float64]] = {}
 
     def draw(rng: np.random.Generator) -> Place | None:
         dates = images[folders[rng.integers(len(folders))]]
-        (frame_file, scene, _, _), (map_file, ortho, transform, crs) = (
-            dates[k] for k in rng.choice(len(dates), 2, replace=False)
-        )
-        at = _anywhere(rng, ortho.shape, 0.62 * foot_px)
-        return _cut(rng, scene, at, (map_file, transform, crs), at, recipe, foot_px, (map_file.stem, frame_file.stem), True)
+        a, b = rng.choice(len(dates), 2, replace=False)
+        (frame_file, scene, _, _), (map_file, ortho, transform, crs) = dates[a], dates[b]
+        if (frame_file, map_file) not in shifts:
+            shifts[frame_file, map_file] = _apart_px(scene, ortho)
+        at = anywhere(rng, ortho.shape, 0.62 * foot_px)
+        seen_at, names = at - shifts[frame_file, map_file], (map_file.stem, frame_file.stem)
+        return cut(rng, scene, seen_at, (map_file, transform, crs), at, recipe, foot_px, names, True)
 
     return draw
 
 
-def water(foot_px: float, rows: tuple[int, int]) -> Draw:
-    """NAIP frames that show nothing but lake, by the rule above, on both dates, however the footprint is turned."""
-    files = sorted((SHARED / "data" / "naip").glob("*.tif"))
-    images = [maker().read(path) for path in files]
-    lakes = [_from_shore_px(_lake(path)) > HALF_DIAGONAL * foot_px for path in files]
-
-    def draw(rng: np.random.Generator) -> Place | None:
-        a, b = rng.choice(len(files), 2, replace=False)
-        inside = np.argwhere((lakes[a] & lakes[b])[rows[0] : rows[1]])
-        if not len(inside):
-            return None
-        row, col = inside[rng.integers(len(inside))]
-        at = np.array([col, row + rows[0]], dtype=np.float64)
-        _, transform, crs = images[b]
-        dates = (files[b].stem, files[a].stem)
-        return _cut(rng, images[a][0], at, (files[b], transform, crs), at, Recipe(), foot_px, dates, False)
-
-    return draw
+def _apart_px(scene: NDArray[Any], ortho: NDArray[Any]) -> NDArray[np.float64]:
+    """(2,) columns and rows from where the scene shows something to where the map shows it; zero where undetermined."""
+    side = min(scene.shape[:2]) - 2 * REACH_PX
+    a, b = (gradient_features(image, np.ones(image.shape[:2], dtype=np.bool_)) for image in (scene, ortho))
+    found = shift_px(a, b, (scene.shape[1] / 2, scene.shape[0] / 2), side)
+    return np.zeros(2) if found is None else found
 
 
-def outside(pack: Path, frame_rows: tuple[int, int], foot_px: float) -> Draw:
-    """NAIP frames over ground that the map (one of the files in `pack`: other rows, or another place) does not hold."""
-    files = sorted((SHARED / "data" / "naip").glob("*.tif"))
-    scenes = [maker().read(path)[0] for path in files]
-    maps = [(path, *maker().read(path)) for path in sorted(pack.glob("*.tif"))]
-    margin = 0.62 * foot_px
-
-    def draw(rng: np.random.Generator) -> Place | None:
-        a, b = int(rng.integers(len(files))), int(rng.integers(len(maps)))
-        map_file, ortho, transform, crs = maps[b]
-        low, high = frame_rows[0] + margin, min(frame_rows[1], scenes[a].shape[0]) - margin
-        seen_at = np.array([rng.uniform(margin, scenes[a].shape[1] - margin), rng.uniform(low, high)])
-        at = _anywhere(rng, ortho.shape, margin)
-        dates = (map_file.stem, files[a].stem)
-        return _cut(rng, scenes[a], seen_at, (map_file, transform, crs), at, Recipe(), foot_px, dates, False)
-
-    return draw
-
-
-def clouds(rows: tuple[int, int], foot_px: float) -> Draw:
-    """Frames of nothing but cloud: noise of a power law (exponent 1.2 to 2 in amplitude), bright, of little or much contrast."""
-    files = sorted((SHARED / "data" / "naip").glob("*.tif"))
-    images = [maker().read(path) for path in files]
-
-    def draw(rng: np.random.Generator) -> Place:
-        k = int(rng.integers(len(files)))
-        ortho, transform, _ = images[k]
-        margin = 0.62 * foot_px
-        at = np.array([rng.uniform(margin, ortho.shape[1] - margin), rng.uniform(max(margin, rows[0]), rows[1] - margin)])
-        height = nominal_height_m(foot_px, transform.a) * (1 + rng.uniform(-0.08, 0.08))
-        attitude = (0.0, 0.0, float(rng.uniform(0, 360)))
-        return Place(_cloud(rng), files[k], at, height, attitude, (files[k].stem, "cloud"), foot_px, False)
-
-    return draw
-
-
-def write_pack(folder: Path, rows: tuple[int, int]) -> Path:
-    """The NAIP dates cut to some rows, as maps that end there."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for path in sorted((SHARED / "data" / "naip").glob("*.tif")):
-        if (folder / path.name).exists():
-            continue
-        with rasterio.open(path) as source:
-            window = Window(0, rows[0], source.width, rows[1] - rows[0])
-            profile = source.profile | {"height": rows[1] - rows[0], "transform": source.window_transform(window)}
-            with rasterio.open(folder / path.name, "w", **profile) as target:
-                target.write(source.read(window=window))
-    return folder
-
-
-def _anywhere(rng: np.random.Generator, shape: tuple[int, ...], margin: float) -> NDArray[np.float64]:
+def anywhere(rng: np.random.Generator, shape: tuple[int, ...], margin: float) -> NDArray[np.float64]:
+    """(2,) column and row, uniform, at least a margin away from the border."""
     return np.array([rng.uniform(margin, shape[1] - margin), rng.uniform(margin, shape[0] - margin)])
 
 
-def _cut(
+def cut(
     rng: np.random.Generator,
     scene: NDArray[Any],
     seen_at: NDArray[np.float64],
@@ -181,7 +122,7 @@ def _cut(
 ) -> Place | None:
     """A frame of `scene` about `seen_at` that claims to be at `at` of the map; None where it leaves the scene."""
     tool, (map_file, transform, crs) = maker(), on
-    lon, lat = _lon_lat(transform, crs, at)
+    lon, lat = lon_lat(transform, crs, at)
     height = nominal_height_m(foot_px, transform.a) * (1 + rng.uniform(-recipe.height, recipe.height))
     tilt, direction = rng.uniform(0, recipe.tilt_deg) if recipe.tilt_deg else 0.0, rng.uniform(0, 2 * math.pi)
     roll, pitch, yaw = tilt * math.sin(direction), tilt * math.cos(direction), float(rng.uniform(0, 360))
@@ -196,7 +137,7 @@ def _cut(
 def _rows(name: str, place: Place, recipe: Recipe, rng: np.random.Generator) -> tuple[dict[str, Any], dict[str, Any]]:
     tool = maker()
     transform, crs = georeference(place.ortho)
-    lon, lat = _lon_lat(transform, crs, place.camera_pix)
+    lon, lat = lon_lat(transform, crs, place.camera_pix)
     gsd_m = transform.a
     north, east = rng.uniform(-recipe.offset_px, recipe.offset_px, 2) * gsd_m
     prior_lon, prior_lat, _ = tool.GEOD.fwd(lon, lat, math.degrees(math.atan2(east, north)), math.hypot(north, east))
@@ -243,29 +184,7 @@ def pix_of(georeferenced: tuple[Any, Any], lat_deg: float, lon_deg: float) -> tu
     return float(col) - 0.5, float(row) - 0.5
 
 
-def _lon_lat(transform: Any, crs: Any, pix: NDArray[np.float64]) -> tuple[float, float]:
+def lon_lat(transform: Any, crs: Any, pix: NDArray[np.float64]) -> tuple[float, float]:
     easting, northing = transform * tuple(pix + 0.5)
     lon, lat = maker().pyproj.Transformer.from_crs(crs, 4326, always_xy=True).transform(easting, northing)
     return float(lon), float(lat)
-
-
-def _lake(path: Path) -> NDArray[np.bool_]:
-    with rasterio.open(path) as source:
-        green, near_infrared = (source.read(band).astype(np.float32) for band in (2, 4))
-    return np.asarray((green - near_infrared) / (green + near_infrared + 1) > NDWI_WATER, dtype=np.bool_)
-
-
-def _from_shore_px(lake: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Distance of every pixel of a lake from the nearest that is none, or from the image's border."""
-    padded = np.pad(lake.astype(np.uint8), 1)
-    return np.asarray(cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1], dtype=np.float32)
-
-
-def _cloud(rng: np.random.Generator) -> NDArray[np.float64]:
-    side = maker().FRAME_PX
-    frequency = np.hypot(np.fft.fftfreq(side)[:, None], np.fft.rfftfreq(side)[None, :])
-    frequency[0, 0] = 1.0
-    spectrum = np.fft.rfft2(rng.normal(size=(side, side))) / frequency ** rng.uniform(1.2, 2.0)
-    noise = np.fft.irfft2(spectrum, (side, side))
-    grey = rng.uniform(150, 215) + rng.uniform(4, 40) * (noise - noise.mean()) / noise.std()
-    return np.asarray(np.repeat(grey[..., None], 3, axis=2), dtype=np.float64)

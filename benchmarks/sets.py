@@ -9,8 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.cases import SHARED, TEST_ROWS, CaseSet, make
-from benchmarks.frames import Recipe, clouds, outside, two_dates, water, write_cases, write_pack
+from benchmarks.frames import Recipe, two_dates, write_cases
 from benchmarks.landscape_cases import FIRST_SCORING_SEED, Worlds, write_landscape
+from benchmarks.negatives import clouds, outside, water, write_pack
 
 N = 500
 SCORED_ROWS = (400, 721)

@@ -6,8 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.cases import SHARED, TRAINING_ROWS, CaseSet, make
-from benchmarks.frames import Recipe, clouds, outside, two_dates, water, write_cases, write_pack
+from benchmarks.frames import Recipe, two_dates, write_cases
 from benchmarks.landscape_cases import Worlds, write_landscape
+from benchmarks.negatives import clouds, outside, water, write_pack
 
 Maker = Callable[[Path], Path]
 ROWS = (0, 400)

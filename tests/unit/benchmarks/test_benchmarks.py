@@ -120,9 +120,9 @@ def test_a_shift_between_images_is_measured_to_a_fraction_of_a_pixel(load):
     rng = np.random.default_rng(5)
     a = cv2.GaussianBlur(rng.normal(size=(120, 120, 2)).astype(np.float32), (0, 0), 2.0)
     b = cv2.warpAffine(a, np.float32([[1, 0, 1.4], [0, 1, -0.7]]), (120, 120), flags=cv2.INTER_CUBIC)
-    floor = load("floor")
-    assert floor.shift_px(a, b, (60.0, 60.0), 61) == pytest.approx([1.4, -0.7], abs=0.06)
-    assert floor.shift_px(a, b, (10.0, 60.0), 61) is None
+    shift = load("shift")
+    assert shift.shift_px(a, b, (60.0, 60.0), 61) == pytest.approx([1.4, -0.7], abs=0.06)
+    assert shift.shift_px(a, b, (10.0, 60.0), 61) is None
 
 
 def test_closure_tells_the_noise_from_the_shift(load):

@@ -1,0 +1,33 @@
+"""By how much the content of two images of one place is apart."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+REACH_PX = 5
+Array = NDArray[np.float64]
+
+
+def shift_px(a: NDArray[np.float32], b: NDArray[np.float32], centre: tuple[float, float], side_px: int) -> Array | None:
+    """(2,) columns and rows from a's window to where b shows the same; None off the image or with the peak at the rim."""
+    half = side_px // 2
+    col, row = (round(x) - half for x in centre)
+    height, width = a.shape[:2]
+    if min(col, row) < REACH_PX or col + side_px + REACH_PX > width or row + side_px + REACH_PX > height:
+        return None
+    window = np.ascontiguousarray(a[row : row + side_px, col : col + side_px])
+    there = b[row - REACH_PX : row + side_px + REACH_PX, col - REACH_PX : col + side_px + REACH_PX]
+    scores = cv2.matchTemplate(np.ascontiguousarray(there), window, cv2.TM_CCORR_NORMED).astype(np.float64)
+    r, c = np.unravel_index(int(scores.argmax()), scores.shape)
+    if not (0 < r < 2 * REACH_PX and 0 < c < 2 * REACH_PX):
+        return None
+    across, down = scores[r, c - 1 : c + 2], scores[r - 1 : r + 2, c]
+    return np.array([c + _vertex(across) - REACH_PX, r + _vertex(down) - REACH_PX])
+
+
+def _vertex(three: Array) -> float:
+    """Where the parabola through three equally spaced values has its extreme, from the middle one."""
+    a, b, c = (float(x) for x in three)
+    return 0.5 * (a - c) / min(a - 2 * b + c, -1e-12)
