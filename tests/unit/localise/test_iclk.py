@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,6 +20,11 @@ MODEL = CameraModel(160, 120, 140.0, 140.0, 79.5, 59.5)
 
 def localiser() -> IclkLocaliser:
     return IclkLocaliser(MODEL, LocaliserSettings(), GRADIENT)
+
+
+def resampled() -> IclkLocaliser:
+    """On features that are computed once and resampled, as a network's are."""
+    return IclkLocaliser(MODEL, LocaliserSettings(), replace(GRADIENT, tolerance=(math.radians(12), 0.15)))
 
 
 def off_m(answer: Fix | NoFix, p_ned_m: tuple[float, float, float]) -> tuple[float, float]:
@@ -41,6 +47,14 @@ def test_descent_from_the_prior_ends_at_the_true_pose(world, euler, support, req
     assert abs(euler_from_quat(answer.q_ned_frd)[2] - euler[2]) < 0.01
     assert answer.sigma_h_m < 3.0
     assert 0 < answer.cov_ne_m2[0][0] < 4.0
+
+
+def test_features_computed_once_and_resampled_do_as_well(flat, support):
+    truth = (23.0, -41.0, -235.0)
+    prior = support.request_at((17.0, -35.0, -238.0), (0.0, 0.0, 0.68), sigma_h_m=8.0, sigma_yaw_deg=6.0)
+    horizontal, vertical = off_m(resampled().localise(prior, support.render(flat, MODEL, truth, (0.0, 0.0, 0.6)), flat), truth)
+    assert horizontal < 0.6
+    assert vertical < 1.0
 
 
 def test_a_prior_beyond_the_reach_of_the_descent_is_declined(flat, support):
