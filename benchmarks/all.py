@@ -1,4 +1,4 @@
-"""All benchmarks one after the other: `python -m benchmarks.all` (about an hour on two cores)."""
+"""All benchmarks one after the other: `python -m benchmarks.all` (several hours on two cores)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ def main() -> None:
     """Run each as a process of its own; ends with the first failure's code."""
     steps = [["speed"], ["landscape"], ["flights"]]
     if SHARED.is_dir():
-        steps.append(["naip", tempfile.mkdtemp(prefix="visloc-naip-"), "--jobs", "2", "--photos"])
+        folder = tempfile.mkdtemp(prefix="visloc-cases-")
+        steps += [["table", folder, "--jobs", "2", "--breakdown"], ["floor", folder, "--jobs", "2"]]
     for step in steps:
         print(f"\n## {step[0]}\n", flush=True)
         subprocess.run([sys.executable, "-m", f"benchmarks.{step[0]}", *step[1:]], check=True)

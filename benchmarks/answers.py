@@ -1,7 +1,7 @@
 """Every answer of a method on a set of cases, kept on disk: a run that was broken off goes on, a refit needs no new run.
 
 Answers are taken whatever their claimed probability of being wrong, so that any limit can be applied afterwards. The file's name
-holds a digest of the code (and of the model) that gave them: answers of other code are never mixed in.
+holds digests of the code (and of the model) that gave them and of the cases: answers of others are never mixed in.
 """
 
 from __future__ import annotations
@@ -52,7 +52,8 @@ def answers(
 ) -> list[Judged]:
     """Answers and truths of the first `limit` cases of a folder: from the store, or computed and stored."""
     cases, truth = read_cases(folder)[:limit], read_truth(folder)
-    file = store / f"{folder.name}.{method}.{digest}.jsonl"
+    of_cases = hashlib.sha256((folder / "cases.csv").read_bytes()).hexdigest()[:8]
+    file = store / f"{folder.name}.{method}.{digest}.{of_cases}.jsonl"
     file.parent.mkdir(parents=True, exist_ok=True)
     kept = _read(file)
     missing = [case for case in cases if case.case_id not in kept]

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.answers import Judged, answers, code_digest, named
-from benchmarks.sets import FAMILIES, NEGATIVE, POSITIVE, SETS
+from benchmarks.sets import FAMILIES, NEGATIVE, PHOTOS, POSITIVE, SETS
 from visloc_companion.evaluate.cases import BadCase, Case, read_cases
 from visloc_companion.evaluate.image import MAX_PROBABILITY_WRONG, environment
 from visloc_companion.evaluate.image_breakdown import breakdown, grounds_under
@@ -29,8 +29,8 @@ from visloc_companion.evaluate.reliability import reliability
 from visloc_companion.localise.registry import METHODS
 
 HEADER = (
-    "| cases | method | n | < 5 px | < 2 px | mean px | median px | p95 px | accepted, right | accepted, far | refused | "
-    "altitude % | heading deg | rms(e/s) N, E, height | in 95 % ellipse | ECE | ms |"
+    "| cases | method | n | < 15 px | < 5 px | < 2 px | mean px | median px | p95 px | accepted, right | accepted, far | "
+    "refused | altitude % | heading deg | tilt deg | rms(e/s) N, E, height | in 95 % ellipse | ECE | ms |"
 )
 
 
@@ -70,7 +70,7 @@ def figures(judged: list[Judged], limit_p: float) -> dict[str, Any]:
     n = len(judged)
     return {
         "n": n,
-        **{key: everything[key] for key in ("within_5px_share", "within_2px_share", "error_px")},
+        **{key: everything[key] for key in ("within_15px_share", "within_5px_share", "within_2px_share", "error_px")},
         "accepted_right_share": (taken["n_fix"] - taken["far_and_accepted"]) / n,
         "accepted_far": taken["far_and_accepted"],
         "refused_share": 1 - taken["n_fix"] / n,
@@ -83,11 +83,13 @@ def figures(judged: list[Judged], limit_p: float) -> dict[str, Any]:
 
 def pooled_figures(judged: dict[str, list[Judged]], limit_p: float) -> dict[str, Any]:
     """Figures over all sets: reliability of all claims, accepted and far among the accepted, refusals of negatives, places."""
-    whole = [pair for pairs in judged.values() for pair in pairs]
+    whole = [pair for name, pairs in judged.items() if name not in PHOTOS for pair in pairs]
     negative = [pair for name, pairs in judged.items() if name in NEGATIVE for pair in pairs]
     positive = [pair for name, pairs in judged.items() if name in POSITIVE for pair in pairs]
     good, bad, both = (figures(pairs, limit_p) for pairs in (positive, negative, whole))
-    n_accepted = round((1 - both["refused_share"]) * both["n"]) if whole else 0
+    if not whole:
+        return {"n": 0}
+    n_accepted = round((1 - both["refused_share"]) * both["n"])
     families = {
         family: figures([pair for name in names if name in judged for pair in judged[name]], limit_p)["within_5px_share"]
         for family, names in FAMILIES.items()
@@ -122,10 +124,11 @@ def row(name: str, method: str, s: dict[str, Any]) -> str:
     px = s["error_px"] or dict.fromkeys(("mean", "median", "p95"))
     sigma = s["rms_error_over_sigma"]
     cells = [
-        *(name, method, s["n"], share(s["within_5px_share"]), share(s["within_2px_share"])),
+        *(name, method, s["n"], *(share(s[f"within_{limit}px_share"]) for limit in (15, 5, 2))),
         *(figure(px[k]) for k in ("mean", "median", "p95")),
         *(share(s["accepted_right_share"]), s["accepted_far"], share(s["refused_share"])),
-        *(figure((s["altitude_error_percent"] or {}).get("mean")), figure((s["heading_error_deg"] or {}).get("median"))),
+        figure((s["altitude_error_percent"] or {}).get("mean")),
+        *(figure((s[f"{angle}_error_deg"] or {}).get("median")) for angle in ("heading", "tilt")),
         ", ".join(figure(sigma[axis]) for axis in ("north", "east", "height")).strip(", "),
         *(share(s["inside_95_ellipse_share"]), figure(s["expected_calibration_error"], 3)),
         figure((s["elapsed_ms"] or {}).get("median"), 0),

@@ -155,6 +155,7 @@ def _against_truth(judged: list[tuple[CaseResult, Truth]]) -> dict[str, Any]:
         "n_solvable": solvable,
         "within_5px_share": _share(int((px < WRONG_PX).sum()), solvable),
         "within_2px_share": _share(int((px < 2.0).sum()), solvable),
+        "within_15px_share": _share(int((px < 15.0).sum()), solvable),
         "wrong_and_accepted": sum(e.wrong for e in errors),
         "far_and_accepted": sum(e.far for e in errors),
         "accepted_of_solvable_share": _share(sum(e.solvable for e in errors), solvable),
