@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from visloc_companion.train.run import Watcher
 
 train_app = typer.Typer(help="Train feature networks and export them (needs the extra `train`).", no_args_is_help=True)
+INTERRUPTED = 130
+"""Exit code of a program that Ctrl-C ended."""
 PLAIN_EVERY = 50
 """Steps between lines where stderr is no terminal."""
 
@@ -37,8 +39,12 @@ def features(
     from visloc_companion.train.run import train
 
     settings = load_training_config(config)
-    with _watcher() as watcher:
-        checkpoint = train(settings, data or config.parent, out, watcher, device)
+    try:
+        with _watcher() as watcher:
+            checkpoint = train(settings, data or config.parent, out, watcher, device)
+    except KeyboardInterrupt:
+        typer.echo(f"broken off; the same command goes on from the last checkpoint in {out}", err=True)
+        raise typer.Exit(INTERRUPTED) from None
     typer.echo(
         f"{checkpoint}: {settings.schedule.steps} steps; now: visloc train export --checkpoint {checkpoint} --name NAME --out DIR"
     )

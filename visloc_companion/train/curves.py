@@ -53,7 +53,9 @@ def smoothed(values: FloatArray) -> FloatArray:
 
 def _losses(t: Scale, losses: Points) -> list[str]:
     at, values = _columns(losses)
-    scale = Scale(min(0.0, *values, 0.0), max([*values, 1e-3]), _LOSS_BOTTOM, _LOSS_TOP)
+    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
+    room = max(0.1 * (high - low), 0.05)
+    scale = Scale(low - room, high + room, _LOSS_BOTTOM, _LOSS_TOP)
     parts = _axes(t, scale, "loss", "")
     for drawn, css in ((values, "raw"), (smoothed(values), "smooth")):
         few_at, few = thinned(at, drawn)
