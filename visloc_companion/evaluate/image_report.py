@@ -109,7 +109,6 @@ def _scatter(judged: Sequence[Judged]) -> str:
     """Error over sigma, north against east, with the 1, 2 and 3 sigma circles; far errors lie on the rim."""
     errors = [e for r, t in judged if (e := case_error(r, t)) is not None and e.solvable]
     parts = [f'<circle cx="300" cy="300" r="{60 * k}" class="ring"/>' for k in (1, 2, 3)]
-    parts += [text(300, 300 - 60 * k - 5, f"{k} sigma") for k in (1, 2, 3)]
     for e in errors:
         east, north = (max(-4.8, min(4.8, e.sigmas[k])) for k in (1, 0))
         parts.append(circle(300 + 60 * east, 300 - 60 * north, 3.2, "dotgnss" if e.wrong else "dotfix"))
