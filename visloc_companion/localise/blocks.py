@@ -45,7 +45,7 @@ def match_blocks(grid: MapGrid, frame: Float32Array, weight: Float32Array) -> Bl
                 continue
             block = np.ascontiguousarray(masked[top : top + side, left : left + side])
             window = template[top : top + side + 2 * REACH_PX, left : left + side + 2 * REACH_PX]
-            u, v, peak = _peak(normalised_correlation(window, block))
+            u, v, peak = _peak(normalised_correlation(np.asarray(window, dtype=np.float32), block))
             found.append((left + (side - 1) / 2, top + (side - 1) / 2, u, v, peak))
     table = np.array(found, dtype=np.float64).reshape(-1, 5)
     agrees = (np.hypot(table[:, 2], table[:, 3]) < AGREE_PX).astype(np.float64)

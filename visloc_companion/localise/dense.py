@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from visloc_companion.localise.frame import check_pixels, full_level
 from visloc_companion.localise.matching import Match, Task, apart_m, best_match, find_candidates, sharpened
 from visloc_companion.localise.plan import SearchPlan, make_plan
 from visloc_companion.localise.pose import PoseEstimate, heading_and_tilt
+from visloc_companion.localise.ranking import DEEP_RANK, GRADIENT_RANK, RankWeights
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.verify import (
     DEEP_WEIGHTS,
@@ -34,14 +36,20 @@ SIGMA_FLOOR_PX = 0.15
 """... what is added to the horizontal sigma (working pixels): errors common to all blocks. Both fitted on training rows."""
 
 
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """What was fitted for a method's features: weights of being right, and of the ranking."""
+
+    right: Weights
+    rank: RankWeights
+
+
 class DenseLocaliser:
     """protocols.Localiser on dense features. Nothing is kept between frames or random."""
 
-    def __init__(
-        self, method: str, model: CameraModel, settings: LocaliserSettings, features: Features, weights: Weights
-    ) -> None:
+    def __init__(self, method: str, model: CameraModel, settings: LocaliserSettings, features: Features, fitted: Fitted) -> None:
         self.method = method
-        self._model, self._settings, self._features, self._weights = model, settings, features, weights
+        self._model, self._settings, self._features, self._fitted = model, settings, features, fitted
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The pose of the camera, or why there is none. Never raises for what an image or a place may contain."""
@@ -53,22 +61,24 @@ class DenseLocaliser:
             if not isinstance(plan, SearchPlan):
                 return no_fix(request, self.method, watch, plan)
             full = full_level(pixels, self._model)
-            task = Task(plan, request.prior, full, ref, watch, self._features, GRADIENT)
+            task = Task(plan, request.prior, full, ref, watch, self._features, GRADIENT, self._fitted.rank)
             candidates = find_candidates(task)
-            match = best_match(task, candidates)
-            if match is None:
+            found = best_match(task, candidates)
+            if found is None:
                 return no_fix(request, self.method, watch, (Reason.NO_MATCH, "no likeness within the search region"))
-            return self._answer(request, task, candidates, match)
+            return self._answer(request, task, candidates, *found)
         except OutsideMap as outside:
             return no_fix(request, self.method, watch, (Reason.OUTSIDE_MAP, outside.what))
 
-    def _answer(self, request: LocaliseRequest, task: Task, candidates: list[Descended], match: Match) -> Fix | NoFix:
+    def _answer(
+        self, request: LocaliseRequest, task: Task, candidates: list[Descended], match: Match, lead: float
+    ) -> Fix | NoFix:
         if match.estimate is None:
             return no_fix(request, self.method, task.watch, (Reason.POSE_FAILED, "the blocks do not determine a pose"))
         plan = task.plan
         others = [c.score for c in candidates if apart_m(c.pose, match.descended.pose) > 4 * plan.coarse_gsd_m]
-        evidence = _evidence(match, match.estimate, max(others, default=0.0), plan, request.prior)
-        p = probability_wrong(evidence, self._weights)
+        evidence = _evidence(match, match.estimate, max(others, default=0.0), lead, plan, request.prior)
+        p = probability_wrong(evidence, self._fitted.right)
         numbers = _numbers(evidence, p, plan.agl_m)
         if why := refusal(evidence, p, self._settings.max_probability_wrong):
             return no_fix(request, self.method, task.watch, why, numbers)
@@ -81,12 +91,12 @@ class DenseLocaliser:
 
 def gradient_localiser(model: CameraModel, settings: LocaliserSettings) -> DenseLocaliser:
     """Method `gradient`: double-angle gradient orientation throughout."""
-    return DenseLocaliser("gradient", model, settings, GRADIENT, GRADIENT_WEIGHTS)
+    return DenseLocaliser("gradient", model, settings, GRADIENT, Fitted(GRADIENT_WEIGHTS, GRADIENT_RANK))
 
 
 def deep_localiser(model: CameraModel, settings: LocaliserSettings, features: Features) -> DenseLocaliser:
     """Method `deep`: the network's features where candidates are found and judged, gradients where they are sharpened."""
-    return DenseLocaliser("deep", model, settings, features, DEEP_WEIGHTS)
+    return DenseLocaliser("deep", model, settings, features, Fitted(DEEP_WEIGHTS, DEEP_RANK))
 
 
 def claimed_covariance(estimate: PoseEstimate, gsd_m: float) -> FloatArray:
@@ -96,7 +106,7 @@ def claimed_covariance(estimate: PoseEstimate, gsd_m: float) -> FloatArray:
     return covariance
 
 
-def _evidence(best: Match, estimate: PoseEstimate, runner_up: float, plan: SearchPlan, prior: PosePrior) -> Evidence:
+def _evidence(best: Match, estimate: PoseEstimate, runner_up: float, lead: float, plan: SearchPlan, prior: PosePrior) -> Evidence:
     pose = estimate.pose
     heading, _ = heading_and_tilt(pose.R_ned_cam, plan.pose.R_ned_cam)
     offset = pose.p_ned_m[:2] - plan.pose.p_ned_m[:2]
@@ -104,6 +114,7 @@ def _evidence(best: Match, estimate: PoseEstimate, runner_up: float, plan: Searc
         score=best.descended.score,
         coarse_score=best.coarse_score,
         runner_up=min(2.0, runner_up / max(best.coarse_score, 1e-6)),
+        lead=lead,
         blocks=len(best.blocks.agrees),
         agreeing=float(best.blocks.agrees.sum()),
         footprint_px=math.sqrt(plan.area_m2) / plan.fine_gsd_m,

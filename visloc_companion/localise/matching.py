@@ -15,7 +15,6 @@ from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.frame import FrameLevel, reduced
 from visloc_companion.localise.frame_features import FrameFeatures, frame_features
 from visloc_companion.localise.hypotheses import (
-    footprint_box,
     footprint_heights,
     peaks_in_region,
     pose_of_peak,
@@ -23,18 +22,18 @@ from visloc_companion.localise.hypotheses import (
     search_window,
 )
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
-from visloc_companion.localise.plan import SearchPlan
+from visloc_companion.localise.plan import SearchPlan, view_box
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, heading_and_tilt, solve_pose
+from visloc_companion.localise.ranking import RankWeights, Standing, lead
 from visloc_companion.localise.verify import block_z
 from visloc_companion.localise.window import cropped, map_grid
 from visloc_companion.protocols import ReferenceMap
-from visloc_companion.types import FloatArray, PosePrior
+from visloc_companion.types import PosePrior
 
 COARSE_STEPS, FINE_STEPS = 5, 4
 MAX_CANDIDATES, MAX_FINE = 10, 5
 PEAK_SHARE, FINE_SHARE = 0.55, 0.75
 MARGIN_PX = 8
-BLOCKS_IN_RANK, PRIOR_IN_RANK = 0.04, 0.012
 MIN_COARSE_SCORE = 0.05
 
 
@@ -49,6 +48,7 @@ class Task:
     watch: Stopwatch
     features: Features
     fine_features: Features
+    rank: RankWeights
     frames: dict[tuple[str, float], FrameFeatures] = field(default_factory=dict)
 
     def frame(self, grid: MapGrid, features: Features) -> FrameFeatures:
@@ -83,11 +83,6 @@ class Match:
     estimate: PoseEstimate | None
     gsd_m: float
 
-    def strength(self, prior_chi2: float) -> float:
-        """What candidates are ranked by: correlation, blocks that agree, and the prior (conditional logit, training rows)."""
-        z = block_z(len(self.blocks.agrees), float(self.blocks.agrees.sum()))
-        return self.descended.score + BLOCKS_IN_RANK * math.sqrt(max(0.0, z)) - PRIOR_IN_RANK * prior_chi2
-
 
 def find_candidates(task: Task) -> list[Descended]:
     """Peaks of the exhaustive search, each refined at the search level, best first. Raises OutsideMap."""
@@ -111,8 +106,18 @@ def find_candidates(task: Task) -> list[Descended]:
     return sorted(found, key=lambda c: -c.score)
 
 
-def best_match(task: Task, candidates: list[Descended]) -> Match | None:
-    """The strongest of the best candidates after refinement at the fine level. Raises OutsideMap."""
+def best_match(task: Task, candidates: list[Descended]) -> tuple[Match, float] | None:
+    """The strongest of the best candidates after refinement at the fine level, and its lead (nats). Raises OutsideMap."""
+    matches = refined_candidates(task, candidates)
+    if not matches:
+        return None
+    strengths = [standing(task, match).strength(task.rank) for match in matches]
+    best = int(np.argmax(strengths))
+    return matches[best], lead(strengths, best)
+
+
+def refined_candidates(task: Task, candidates: list[Descended]) -> list[Match]:
+    """The best candidates, refined at the fine level. Raises OutsideMap."""
     matches = []
     for candidate in distinct(candidates, 2 * task.plan.coarse_gsd_m)[:MAX_FINE]:
         if candidate.score < max(MIN_COARSE_SCORE, FINE_SHARE * candidates[0].score):
@@ -120,7 +125,19 @@ def best_match(task: Task, candidates: list[Descended]) -> Match | None:
         match = refined(task, candidate.pose, candidate.score, task.plan.fine_gsd_m)
         if match is not None:
             matches.append(match)
-    return max(matches, key=lambda m: m.strength(_prior_chi2(task, m.descended.pose)), default=None)
+    return matches
+
+
+def standing(task: Task, match: Match) -> Standing:
+    """What a candidate is ranked by."""
+    blocks = match.blocks.agrees
+    return Standing(
+        score=match.descended.score,
+        coarse_score=match.coarse_score,
+        block_z=block_z(len(blocks), float(blocks.sum())),
+        prior_chi2=_prior_chi2(task, match.descended.pose),
+        footprint_px=math.sqrt(task.plan.area_m2) / match.gsd_m,
+    )
 
 
 def sharpened(task: Task, match: Match) -> Match:
@@ -136,7 +153,7 @@ def sharpened(task: Task, match: Match) -> Match:
 def refined(task: Task, start: CameraPose, coarse_score: float, gsd_m: float) -> Match | None:
     """Lucas-Kanade, blocks and pose at one resolution; None where frame and map do not overlap."""
     with task.watch:
-        low, high = _footprint_at(task.plan, start)
+        low, high = view_box(task.plan, start)
         margin = MARGIN_PX * gsd_m
         features = task.refinement(gsd_m)
         grid = map_grid(task.ref, task.plan.frame, low - margin, high + margin, gsd_m, features)
@@ -174,17 +191,9 @@ def _prior_chi2(task: Task, pose: CameraPose) -> float:
     return float(offset @ np.linalg.solve(task.plan.cov_ne_m2, offset)) + turn * turn
 
 
-def _footprint_at(plan: SearchPlan, pose: CameraPose) -> tuple[FloatArray, FloatArray]:
-    """Box (low, high) metres north, east of what a pose sees."""
-    heading, _ = heading_and_tilt(pose.R_ned_cam, plan.pose.R_ned_cam)
-    scale = max(0.1, (-float(pose.p_ned_m[2]) - plan.ground_up_m) / plan.agl_m)
-    low, high = footprint_box(plan, np.array([heading]), scale)
-    return pose.p_ned_m[:2] + low, pose.p_ned_m[:2] + high
-
-
 def _around(grid: MapGrid, descent: align.Descent, plan: SearchPlan, pose: CameraPose) -> tuple[MapGrid, align.Descent]:
     """The part of a window that a pose sees, with a margin."""
-    low, high = _footprint_at(plan, pose)
+    low, high = view_box(plan, pose)
     corners = np.array([[a, b] for a in (low[0], high[0]) for b in (low[1], high[1])]) - grid.A_ne_pix[:, 2]
     pix = corners @ np.linalg.inv(grid.A_ne_pix[:, :2]).T
     height, width = grid.weight.shape

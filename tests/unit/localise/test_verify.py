@@ -11,6 +11,7 @@ GOOD = Evidence(
     score=0.6,
     coarse_score=0.6,
     runner_up=0.5,
+    lead=6.0,
     blocks=36.0,
     agreeing=30.0,
     footprint_px=170.0,
