@@ -181,6 +181,17 @@ def middle_of_view(model: CameraModel, R_ned_cam: FloatArray) -> tuple[FloatArra
     return np.asarray(np.median(ne, axis=0)), float(np.median(depth) ** 3) / (model.fx_px * model.fy_px)
 
 
+def view_box(plan: SearchPlan, pose: CameraPose) -> tuple[FloatArray, FloatArray]:
+    """Smallest box (low, high; metres north, east of the local origin) of the ground that a pose sees, its tilt included."""
+    at_prior = np.column_stack([plan.footprint_ne_m, np.full(len(plan.footprint_ne_m), plan.agl_m)])
+    rays = at_prior @ plan.pose.R_ned_cam @ pose.R_ned_cam.T
+    flat = np.hypot(rays[:, 0], rays[:, 1])
+    tan = np.where(rays[:, 2] > 0, np.minimum(flat / np.maximum(rays[:, 2], 1e-9), MAX_TAN_INCIDENCE), MAX_TAN_INCIDENCE)
+    z = max(1.0, -float(pose.p_ned_m[2]) - plan.ground_up_m)
+    seen = pose.p_ned_m[:2] + rays[:, :2] * (z * tan / np.maximum(flat, 1e-9))[:, None]
+    return seen.min(0), seen.max(0)
+
+
 def turned(R_ned_cam: FloatArray, heading_rad: float) -> FloatArray:
     """The attitude turned about the vertical by `heading_rad` clockwise seen from above."""
     s, c = math.sin(heading_rad), math.cos(heading_rad)

@@ -11,7 +11,8 @@ from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import full_level, reduced
 from visloc_companion.localise.frame_features import ForEachPose
 from visloc_companion.localise.hypotheses import search_box, search_window
-from visloc_companion.localise.plan import SearchPlan, make_plan, middle_of_view
+from visloc_companion.localise.ortho_rectify import CameraPose
+from visloc_companion.localise.plan import SearchPlan, make_plan, middle_of_view, view_box
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.window import cropped, map_grid
 from visloc_companion.types import CameraModel
@@ -86,3 +87,17 @@ def test_search_goes_wherever_the_middle_of_the_view_is_on_the_map(flat, support
     pix = np.linalg.solve(grid.A_ne_pix[:, :2], plan.pose.p_ned_m[:2] - grid.A_ne_pix[:, 2]) - volume.origin_px
     assert (pix >= 0).all()
     assert (pix < volume.score.shape[::-1]).all()
+
+
+def test_box_of_a_view_follows_the_tilt_of_the_pose(flat, support):
+    plan = plan_of(flat, support, p=(0.0, 0.0, -240.0))
+    low, high = view_box(plan, plan.pose)
+    np.testing.assert_allclose(high - low, [119, 159], rtol=0.01)
+    tilted = CameraPose(plan.pose.p_ned_m, R_from_quat(quat_from_euler(0.0, math.radians(10), 0.0)) @ R_FRD_CAM)
+    ahead_low, ahead_high = view_box(plan, tilted)
+    half = math.atan(59.5 / 140)
+    assert ahead_high[0] == pytest.approx(140 * math.tan(math.radians(10) + half), rel=0.01)
+    assert ahead_low[0] == pytest.approx(140 * math.tan(math.radians(10) - half), rel=0.01)
+    flat_low, flat_high = view_box(plan, CameraPose(plan.pose.p_ned_m, R_from_quat(quat_from_euler(0, 1.4, 0)) @ R_FRD_CAM))
+    assert np.isfinite([flat_low, flat_high]).all()
+    assert flat_high[0] <= 3.0 * 140 + 1
