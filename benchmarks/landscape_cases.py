@@ -25,8 +25,8 @@ from visloc_companion.types import CameraModel, GeoPoint
 
 FIRST_SCORING_SEED = 100
 SIDE_PX = 900
-SMALLEST_FOOTPRINT_M = 45.0
-"""Below, a frame over a wood shows three trees."""
+SMALLEST_FOOTPRINT_M = 80.0
+"""70 m above the ground. From half of that, trees of 15 m lean over a third of the frame."""
 
 
 @dataclass(frozen=True, slots=True)

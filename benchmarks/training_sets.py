@@ -59,7 +59,7 @@ BITEMPORAL: dict[str, Maker] = {
 }
 LANDSCAPE: dict[str, Maker] = {
     "land128": lambda root: write_landscape(root / "land128", Worlds(tuple(range(60, 72)), 12)),
-    "land64": lambda root: write_landscape(root / "land64", Worlds(tuple(range(72, 84)), 12, foot_px=64, gsds_m=(0.7, 1.0))),
+    "land64": lambda root: write_landscape(root / "land64", Worlds(tuple(range(72, 84)), 12, foot_px=64, gsds_m=(1.0, 1.5))),
 }
 SETS = NAIP | BITEMPORAL | LANDSCAPE
 FAMILIES = {"naip": tuple(NAIP), "bitemporal": tuple(BITEMPORAL), "landscape": tuple(LANDSCAPE)}

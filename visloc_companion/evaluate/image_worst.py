@@ -46,7 +46,7 @@ def _one(result: CaseResult, truth: Truth, error: CaseError, pictures: CasePictu
     verdict = "accepted" if p <= max_probability_wrong else "refused"
     words = f"{error.horizontal_px:.1f} px ({error.horizontal_m:.1f} m) off" if error.solvable else "there is no right answer"
     evidence = ", ".join(f"{name} {result.evidence[name]:.3g}" for name in EVIDENCE if name in result.evidence)
-    dates = f"map {truth.map_date}, frame {truth.frame_date}" if truth.map_date else ""
+    dates = f"map of {truth.map_date}, frame of {truth.frame_date}" if truth.map_date else ""
     shots = (
         (pictures.frame_at_truth, "frame, laid out at the truth"),
         (pictures.map_at_truth, "map at the truth"),
