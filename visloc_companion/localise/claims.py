@@ -1,0 +1,28 @@
+"""The covariance that a fix claims, from what the blocks of the frame show of themselves.
+
+The pose's formal covariance takes the blocks' errors for independent. Neighbours share the surface model's and the map's
+errors, and the more the wider the blocks scatter: the formal sigmas are widened by a power of the scatter. What all blocks
+share shows in none of them: a floor.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from visloc_companion.localise.pose import PoseEstimate
+from visloc_companion.types import FloatArray
+
+FACTOR = 1.05
+"""On the formal sigmas of blocks that scatter by a pixel or less, ..."""
+SHARED_POWER = 0.25
+"""... times this power of a larger scatter, ..."""
+FLOOR_PX = 0.15
+"""... and the horizontal sigma (working pixels) that is added in any case. Fitted on NAIP rows < 400, nadir and oblique."""
+
+
+def claimed_covariance(estimate: PoseEstimate, gsd_m: float) -> FloatArray:
+    """(6, 6) of north, east, up (metres) and rotation about them (radians) from a pose of blocks at a working resolution."""
+    factor = FACTOR * max(1.0, estimate.scatter) ** SHARED_POWER
+    covariance = np.asarray(estimate.covariance * factor**2, dtype=np.float64)
+    covariance[:2, :2] += np.eye(2) * (FLOOR_PX * gsd_m) ** 2
+    return covariance
