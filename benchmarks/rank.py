@@ -78,8 +78,8 @@ def candidates_of(todo: tuple[Case, Truth, Path | None]) -> Candidates | None:
     if not isinstance(plan, SearchPlan):
         return None
     features: Features = GRADIENT if network is None else _network(network)
-    task = Task(plan, case.prior, full_level(pixels, model), ref, Stopwatch(), features, GRADIENT, DEEP_RANK)
-    matches = refined_candidates(task, find_candidates(task))
+    task = Task(plan, case.prior, full_level(pixels, model), ref, Stopwatch(), features, GRADIENT, DEEP_RANK, 1.0)
+    matches = refined_candidates(task, find_candidates(task).candidates)
     places = [plan.frame.to_map(m.descended.pose.p_ned_m[:2]) for m in matches]
     at = GeoPoint(truth.lat_deg, truth.lon_deg, 0.0)
     apart = [distance_m(_geo(ref, place), at) for place in places]

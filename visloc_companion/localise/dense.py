@@ -9,11 +9,11 @@ import numpy as np
 
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
-from visloc_companion.localise.descent import Descended
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import check_pixels, full_level
-from visloc_companion.localise.matching import Match, Task, apart_m, best_match, find_candidates, sharpened
+from visloc_companion.localise.matching import Found, Match, Task, apart_m, best_match, find_candidates, sharpened
+from visloc_companion.localise.modes import mass_near, mode_numbers
 from visloc_companion.localise.plan import SearchPlan, make_plan
 from visloc_companion.localise.pose import PoseEstimate, heading_and_tilt
 from visloc_companion.localise.ranking import DEEP_RANK, GRADIENT_RANK, RankWeights
@@ -36,12 +36,18 @@ SIGMA_FLOOR_PX = 0.15
 """... what is added to the horizontal sigma (working pixels): errors common to all blocks. Both fitted on training rows."""
 
 
+MODE_RADIUS = 0.08
+"""A refined candidate belongs to the modes within this share of the footprint's side."""
+
+
 @dataclass(frozen=True, slots=True)
 class Fitted:
     """What was fitted for a method's features: weights of being right, and of the ranking."""
 
     right: Weights
     rank: RankWeights
+    temperature: float
+    """Of the score volume's posterior, times the footprint's side in pixels."""
 
 
 class DenseLocaliser:
@@ -61,25 +67,24 @@ class DenseLocaliser:
             if not isinstance(plan, SearchPlan):
                 return no_fix(request, self.method, watch, plan)
             full = full_level(pixels, self._model)
-            task = Task(plan, request.prior, full, ref, watch, self._features, GRADIENT, self._fitted.rank)
-            candidates = find_candidates(task)
-            found = best_match(task, candidates)
-            if found is None:
+            rank, temperature = self._fitted.rank, self._fitted.temperature
+            task = Task(plan, request.prior, full, ref, watch, self._features, GRADIENT, rank, temperature)
+            found = find_candidates(task)
+            best = best_match(task, found.candidates)
+            if best is None:
                 return no_fix(request, self.method, watch, (Reason.NO_MATCH, "no likeness within the search region"))
-            return self._answer(request, task, candidates, *found)
+            return self._answer(request, task, found, *best)
         except OutsideMap as outside:
             return no_fix(request, self.method, watch, (Reason.OUTSIDE_MAP, outside.what))
 
-    def _answer(
-        self, request: LocaliseRequest, task: Task, candidates: list[Descended], match: Match, lead: float
-    ) -> Fix | NoFix:
+    def _answer(self, request: LocaliseRequest, task: Task, found: Found, match: Match, lead: float) -> Fix | NoFix:
         if match.estimate is None:
             return no_fix(request, self.method, task.watch, (Reason.POSE_FAILED, "the blocks do not determine a pose"))
         plan = task.plan
-        others = [c.score for c in candidates if apart_m(c.pose, match.descended.pose) > 4 * plan.coarse_gsd_m]
-        evidence = _evidence(match, match.estimate, max(others, default=0.0), lead, plan, request.prior)
+        others = [c.score for c in found.candidates if apart_m(c.pose, match.descended.pose) > 4 * plan.coarse_gsd_m]
+        evidence = _evidence(match, match.estimate, max(others, default=0.0), lead, found, plan, request.prior)
         p = probability_wrong(evidence, self._fitted.right)
-        numbers = _numbers(evidence, p, plan.agl_m)
+        numbers = _numbers(evidence, p, plan.agl_m) | mode_numbers(found.modes, plan.pose.p_ned_m)
         if why := refusal(evidence, p, self._settings.max_probability_wrong):
             return no_fix(request, self.method, task.watch, why, numbers)
         final = sharpened(task, match)
@@ -91,12 +96,12 @@ class DenseLocaliser:
 
 def gradient_localiser(model: CameraModel, settings: LocaliserSettings) -> DenseLocaliser:
     """Method `gradient`: double-angle gradient orientation throughout."""
-    return DenseLocaliser("gradient", model, settings, GRADIENT, Fitted(GRADIENT_WEIGHTS, GRADIENT_RANK))
+    return DenseLocaliser("gradient", model, settings, GRADIENT, Fitted(GRADIENT_WEIGHTS, GRADIENT_RANK, 1.04))
 
 
 def deep_localiser(model: CameraModel, settings: LocaliserSettings, features: Features) -> DenseLocaliser:
     """Method `deep`: the network's features where candidates are found and judged, gradients where they are sharpened."""
-    return DenseLocaliser("deep", model, settings, features, Fitted(DEEP_WEIGHTS, DEEP_RANK))
+    return DenseLocaliser("deep", model, settings, features, Fitted(DEEP_WEIGHTS, DEEP_RANK, 1.04))
 
 
 def claimed_covariance(estimate: PoseEstimate, gsd_m: float) -> FloatArray:
@@ -106,7 +111,9 @@ def claimed_covariance(estimate: PoseEstimate, gsd_m: float) -> FloatArray:
     return covariance
 
 
-def _evidence(best: Match, estimate: PoseEstimate, runner_up: float, lead: float, plan: SearchPlan, prior: PosePrior) -> Evidence:
+def _evidence(
+    best: Match, estimate: PoseEstimate, runner_up: float, lead: float, found: Found, plan: SearchPlan, prior: PosePrior
+) -> Evidence:
     pose = estimate.pose
     heading, _ = heading_and_tilt(pose.R_ned_cam, plan.pose.R_ned_cam)
     offset = pose.p_ned_m[:2] - plan.pose.p_ned_m[:2]
@@ -115,6 +122,7 @@ def _evidence(best: Match, estimate: PoseEstimate, runner_up: float, lead: float
         coarse_score=best.coarse_score,
         runner_up=min(2.0, runner_up / max(best.coarse_score, 1e-6)),
         lead=lead,
+        mode_mass=mass_near(found.modes, best.descended.pose.p_ned_m, MODE_RADIUS * math.sqrt(plan.area_m2)),
         blocks=len(best.blocks.agrees),
         agreeing=float(best.blocks.agrees.sum()),
         footprint_px=math.sqrt(plan.area_m2) / plan.fine_gsd_m,

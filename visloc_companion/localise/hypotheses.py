@@ -6,6 +6,7 @@ import math
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.frame_features import FrameFeatures, plane_raster
@@ -75,6 +76,11 @@ def make_template(frame: FrameFeatures, plan: SearchPlan, linear: FloatArray, he
 
 def peaks_in_region(volume: ScoreVolume, grid: MapGrid, plan: SearchPlan, count: int, radius_px: float) -> list[Peak]:
     """The best peaks within the prior's 3-sigma ellipse."""
+    return find_peaks(volume, region(volume, grid, plan), radius_px, count)
+
+
+def region(volume: ScoreVolume, grid: MapGrid, plan: SearchPlan) -> NDArray[np.bool_]:
+    """Mask of a volume's positions within the prior's 3-sigma ellipse."""
     height, width = volume.score.shape
     u, v = np.arange(width) + volume.origin_px[0], np.arange(height)[:, None] + volume.origin_px[1]
     A = grid.A_ne_pix
@@ -82,7 +88,7 @@ def peaks_in_region(volume: ScoreVolume, grid: MapGrid, plan: SearchPlan, count:
     e = A[1, 0] * u + A[1, 1] * v + A[1, 2] - plan.pose.p_ned_m[1]
     W = np.linalg.inv(plan.cov_ne_m2)
     inside = W[0, 0] * n * n + 2 * W[0, 1] * n * e + W[1, 1] * e * e <= SIGMAS**2
-    return find_peaks(volume, inside & (n * n + e * e <= plan.radius_cap_m**2), radius_px, count)
+    return np.asarray(inside & (n * n + e * e <= plan.radius_cap_m**2), dtype=np.bool_)
 
 
 def pose_of_peak(peak: Peak, grid: MapGrid, plan: SearchPlan, footprint_up_m: Float32Array) -> CameraPose:

@@ -18,9 +18,11 @@ from visloc_companion.localise.hypotheses import (
     footprint_heights,
     peaks_in_region,
     pose_of_peak,
+    region,
     search_box,
     search_window,
 )
+from visloc_companion.localise.modes import PlaceMode, place_modes
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import SearchPlan, view_box
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, heading_and_tilt, solve_pose
@@ -49,6 +51,7 @@ class Task:
     features: Features
     fine_features: Features
     rank: RankWeights
+    temperature: float
     frames: dict[tuple[str, float], FrameFeatures] = field(default_factory=dict)
 
     def frame(self, grid: MapGrid, features: Features) -> FrameFeatures:
@@ -84,8 +87,16 @@ class Match:
     gsd_m: float
 
 
-def find_candidates(task: Task) -> list[Descended]:
-    """Peaks of the exhaustive search, each refined at the search level, best first. Raises OutsideMap."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """What the exhaustive search found: peaks refined at the search level, best first, and the posterior's modes."""
+
+    candidates: list[Descended]
+    modes: list[PlaceMode]
+
+
+def find_candidates(task: Task) -> Found:
+    """Peaks of the exhaustive search, each refined at the search level, and what it leaves open. Raises OutsideMap."""
     plan = task.plan
     with task.watch:
         low, high = search_box(plan)
@@ -103,7 +114,9 @@ def find_candidates(task: Task) -> list[Descended]:
         start = pose_of_peak(peak, grid, plan, heights)
         part, part_descent = _around(grid, descent, plan, start)
         found.append(descend(frame, start, part, part_descent, task.whole_prior(), COARSE_STEPS))
-    return sorted(found, key=lambda c: -c.score)
+    temperature = task.temperature * grid.gsd_m / math.sqrt(plan.area_m2)
+    modes = place_modes(volume, region(volume, grid, plan), grid, temperature)
+    return Found(sorted(found, key=lambda c: -c.score), modes)
 
 
 def best_match(task: Task, candidates: list[Descended]) -> tuple[Match, float] | None:

@@ -12,6 +12,7 @@ GOOD = Evidence(
     coarse_score=0.6,
     runner_up=0.5,
     lead=6.0,
+    mode_mass=0.9,
     blocks=36.0,
     agreeing=30.0,
     footprint_px=170.0,
