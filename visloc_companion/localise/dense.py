@@ -9,6 +9,7 @@ import numpy as np
 
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
+from visloc_companion.localise.claims import claimed_covariance
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import check_pixels, full_level
@@ -28,13 +29,7 @@ from visloc_companion.localise.verify import (
     refusal,
 )
 from visloc_companion.protocols import ReferenceMap
-from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix, PosePrior
-
-COVARIANCE_FACTOR = 1.2
-"""Factor on the pose's formal sigmas, and ..."""
-SIGMA_FLOOR_PX = 0.15
-"""... what is added to the horizontal sigma (working pixels): errors common to all blocks. Both fitted on training rows."""
-
+from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix, PosePrior
 
 MODE_RADIUS = 0.08
 """A refined candidate belongs to the modes within this share of the footprint's side."""
@@ -102,13 +97,6 @@ def gradient_localiser(model: CameraModel, settings: LocaliserSettings) -> Dense
 def deep_localiser(model: CameraModel, settings: LocaliserSettings, features: Features) -> DenseLocaliser:
     """Method `deep`: the network's features where candidates are found and judged, gradients where they are sharpened."""
     return DenseLocaliser("deep", model, settings, features, Fitted(DEEP_WEIGHTS, DEEP_RANK, 1.04))
-
-
-def claimed_covariance(estimate: PoseEstimate, gsd_m: float) -> FloatArray:
-    """(6, 6) of north, east, up and rotation: the blocks' covariance, scaled and with a floor as calibrated."""
-    covariance = estimate.covariance * COVARIANCE_FACTOR**2
-    covariance[:2, :2] += np.eye(2) * (SIGMA_FLOOR_PX * gsd_m) ** 2
-    return covariance
 
 
 def _evidence(

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 RankWeights = tuple[float, ...]
-GRADIENT_RANK: RankWeights = (26.0, 0.0, 1.04, -0.31, 0.0, 0.0)
+GRADIENT_RANK: RankWeights = (39.9, -4.99, 1.24, -0.533, 11.8, 2.41)
 """On `Standing.regressors` (`python -m benchmarks.rank`, training rows only) for gradient features, and ..."""
 DEEP_RANK: RankWeights = GRADIENT_RANK
 """... for the network's."""
