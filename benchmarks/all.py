@@ -15,6 +15,7 @@ def main() -> None:
     if SHARED.is_dir():
         folder = tempfile.mkdtemp(prefix="visloc-cases-")
         steps += [["table", folder, "--jobs", "2", "--breakdown"], ["floor", folder, "--jobs", "2"]]
+        steps += [["joint", "--n", "60"], ["joint", "--n", "60", "--method", "deep"]]
     for step in steps:
         print(f"\n## {step[0]}\n", flush=True)
         subprocess.run([sys.executable, "-m", f"benchmarks.{step[0]}", *step[1:]], check=True)

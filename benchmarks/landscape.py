@@ -1,11 +1,11 @@
 """How hard the two dates of the procedural landscape are for each localiser.
 
-    python -m benchmarks.landscape [--frames 60] [--seed 1] [--methods gradient,ncc,keypoint] [--json FILE]
+    python -m benchmarks.landscape [--frames 60] [--seed 1] [--methods deep,gradient,ncc,keypoint] [--json FILE]
         [--max-probability-wrong 0.01]
 
 Frames of the flight's date are rendered with tilt, lens and sensor effects at about 120 m above ground and any heading; each
-localiser gets the map's date as its reference and a prior drawn with 10 m horizontal, 3 degrees of heading, 2 % of height and
-1 degree of tilt (1-sigma each). A fix within 5 m horizontally is a success.
+localiser gets the pack of the map's date, with its features, as its reference and a prior drawn with 10 m horizontal, 3 degrees
+of heading, 2 % of height and 1 degree of tilt (1-sigma each). A fix within 5 m horizontally is a success.
 """
 
 from __future__ import annotations
@@ -15,17 +15,18 @@ import json
 import math
 import time
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.geo.wgs84 import distance_m, geo_from_ned
-from visloc_companion.localise.registry import make_localiser
+from visloc_companion.localise.registry import make_localiser, open_features_for
+from visloc_companion.localise.runtime import NetworkChoice
 from visloc_companion.maps.crs import map_crs
-from visloc_companion.maps.raster import RasterMap
-from visloc_companion.sim.landscape import build_landscape
+from visloc_companion.maps.pack import PackMap
+from visloc_companion.prepare.world import procedural_world
+from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.sim.render import CameraSimulator
 from visloc_companion.sim.render_effects import CameraEffects
 from visloc_companion.sim.scene import Scene
@@ -62,11 +63,17 @@ def cases(scene: Scene, seed: int, n: int) -> list[tuple[GeoPoint, Image, Locali
     return found
 
 
+def localiser_of(method: str, max_probability_wrong: float = 0.05) -> Localiser:
+    """The localiser of a name for the camera of these cases, on one thread."""
+    features = open_features_for(method, NetworkChoice(threads=1))
+    return make_localiser(method, MODEL, features=features, max_probability_wrong=max_probability_wrong)
+
+
 def judge(
-    method: str, reference: RasterMap, todo: list[tuple[GeoPoint, Image, LocaliseRequest]], max_probability_wrong: float = 0.01
+    method: str, reference: ReferenceMap, todo: list[tuple[GeoPoint, Image, LocaliseRequest]], max_probability_wrong: float = 0.01
 ) -> dict[str, object]:
     """Success, wrong fixes, reasons and errors of one method."""
-    localiser = make_localiser(method, MODEL, max_probability_wrong=max_probability_wrong)
+    localiser = localiser_of(method, max_probability_wrong)
     errors: list[float] = []
     reasons: dict[str, int] = {}
     started = time.process_time()
@@ -92,21 +99,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--methods", default="gradient,ncc,keypoint")
+    parser.add_argument("--methods", default="deep,gradient,ncc,keypoint")
     parser.add_argument("--max-probability-wrong", type=float, default=0.01, help="fixes above it are declined")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--pictures", type=Path, help="folder for the frames")
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    todo = cases(build_landscape(options.seed, "flight"), options.seed, options.frames)
+    world = procedural_world(options.seed)
+    todo = cases(Scene.load(world.flight_ortho, world.flight_dsm), options.seed, options.frames)
     if options.pictures:
         options.pictures.mkdir(parents=True, exist_ok=True)
         for number, (_, pixels, _) in enumerate(todo):
             cv2.imwrite(str(options.pictures / f"{number:03}.png"), pixels[:, :, ::-1])
-    with TemporaryDirectory() as folder:
-        ortho, dsm = build_landscape(options.seed, "map").save(Path(folder))
-        reference = RasterMap.open(ortho, dsm)
-        results = [judge(method, reference, todo, options.max_probability_wrong) for method in options.methods.split(",")]
+    reference = PackMap.open(world.pack, verify_hashes=False)
+    results = [judge(method, reference, todo, options.max_probability_wrong) for method in options.methods.split(",")]
     for row in results:
         median = row["median_error_m"]
         print(

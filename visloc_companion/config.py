@@ -14,6 +14,9 @@ from visloc_companion.errors import ConfigError
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(gt=0, lt=1)]
+Method = Literal["deep", "gradient", "iclk", "ncc", "mi", "keypoint"]
+DEFAULT_METHOD: Method = "deep"
+"""What localises where nobody chose: the daemon, `visloc evaluate image`, simulated and demonstrated flights."""
 
 
 class Section(BaseModel):
@@ -86,8 +89,8 @@ class MapConfig(Section):
 class LocaliserConfig(Section):
     """How frames are localised."""
 
-    method: Literal["gradient", "deep", "iclk", "ncc", "mi", "keypoint"] = "gradient"
-    """Which localiser answers."""
+    method: Method = DEFAULT_METHOD
+    """Which localiser answers; `deep` and `iclk` need onnxruntime (`pip install 'visloc-companion[cpu]'`)."""
     model: str = ""
     """Folder of the network for `deep` and `iclk`; empty takes the one that came with this version."""
     model_variant: Literal["float32", "float16", "int8"] = "float32"

@@ -53,6 +53,14 @@ def test_configuration_is_frozen() -> None:
         Config().link.url = "x"
 
 
+def test_the_default_method_is_the_same_everywhere() -> None:
+    from visloc_companion.cli import evaluate, sim
+    from visloc_companion.evaluate.campaign import FlightSpec
+
+    spec = FlightSpec("jam", Path(), Path(), None)
+    assert {Config().localiser.method, evaluate.DEFAULT_METHOD, sim.DEFAULT_METHOD, spec.method} == {"deep"}
+
+
 def test_every_method_may_be_configured() -> None:
     from visloc_companion.localise.registry import METHODS
 

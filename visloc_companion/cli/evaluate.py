@@ -16,7 +16,8 @@ evaluate_app = typer.Typer(
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-DEFAULT_METHOD = "gradient"
+DEFAULT_METHOD = "deep"
+"""config.DEFAULT_METHOD, which is not imported for it: --help is quick without pydantic."""
 
 
 @evaluate_app.callback()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from visloc_companion.cli.evaluate import DEFAULT_METHOD
 from visloc_companion.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ def sim(
     dialect: Annotated[str, typer.Option(help="What the built-in autopilot behaves like: ardupilot or px4.")] = "ardupilot",
     vehicle: Annotated[str, typer.Option(help="copter or plane.")] = "copter",
     seed: Annotated[int, typer.Option(help="Feeds wind, noise and errors.")] = 1,
-    method: Annotated[str, typer.Option(help="Localiser.")] = "gradient",
+    method: Annotated[str, typer.Option(help="Localiser; visloc evaluate image --list-methods names them.")] = DEFAULT_METHOD,
     without_daemon: Annotated[bool, typer.Option("--without-daemon", help="The same flight, nobody helping.")] = False,
     json_file: Annotated[
         Path | None, typer.Option("--json", help="Write the result here, and one flight's epochs beside it as CSV.")

@@ -12,6 +12,7 @@ from typing import Any, cast, get_args
 
 import numpy as np
 
+from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.errors import ConfigError
 from visloc_companion.evaluate.closed_loop import FlightWorld, FlownScenario, fly
 from visloc_companion.localise.registry import METHODS
@@ -41,8 +42,10 @@ class FlightSpec:
     dialect: str = "ardupilot"
     vehicle: str = "copter"
     seed: int = 1
-    method: str = "gradient"
+    method: str = DEFAULT_METHOD
     with_daemon: bool = True
+    height_m: float | None = None
+    """Above home; None: what suits the map's pixels."""
 
     def __post_init__(self) -> None:
         kinds = {"seed": int, "with_daemon": bool}
@@ -75,7 +78,9 @@ def fly_spec(spec: FlightSpec, on_progress: Callable[[float], None] | None = Non
     ground = float(np.nan_to_num(reference.height_amsl_m(easting, northing)))
     world = FlightWorld(spec.pack, reference, Scene.load(spec.camera_ortho, spec.camera_dsm, ground))
     vehicle = cast("VehicleKind", spec.vehicle)
-    setup = FlightSetup(find_scenario(spec.scenario), world.area(), AutopilotKind(spec.dialect), vehicle, spec.seed)
+    setup = FlightSetup(
+        find_scenario(spec.scenario), world.area(), AutopilotKind(spec.dialect), vehicle, spec.seed, spec.height_m
+    )
     return fly(setup, world, method=spec.method, with_daemon=spec.with_daemon, on_progress=on_progress)
 
 

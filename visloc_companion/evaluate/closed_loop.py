@@ -12,7 +12,7 @@ import numpy as np
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.app.settings import core_settings
-from visloc_companion.config import Config, InjectionConfig, LocaliserConfig, NavigatorConfig
+from visloc_companion.config import DEFAULT_METHOD, Config, InjectionConfig, LocaliserConfig, NavigatorConfig
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.errors import MapError
 from visloc_companion.evaluate.gate import Check
@@ -79,7 +79,7 @@ def fly(
     setup: FlightSetup,
     world: FlightWorld,
     *,
-    method: str = "gradient",
+    method: str = DEFAULT_METHOD,
     with_daemon: bool = True,
     on_progress: Callable[[float], None] | None = None,
 ) -> FlownScenario:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from visloc_companion.app.journal import read_journal
+from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.errors import ConfigError, LinkError
 from visloc_companion.evaluate.campaign import result_of
 from visloc_companion.evaluate.closed_loop import ALERT_LIMIT_M, FlightWorld, FlownScenario, fault_intervals, fly, judged
@@ -21,6 +22,8 @@ from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.map_image import map_image
 from visloc_companion.evaluate.record import from_entries
 from visloc_companion.evaluate.report import write_flight_report
+from visloc_companion.localise.registry import open_features_for
+from visloc_companion.localise.runtime import NetworkChoice
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.world import ProceduralWorld, procedural_world
 from visloc_companion.sim.flight import FlightLog, TruthSample
@@ -31,7 +34,6 @@ from visloc_companion.sim.setup import FlightSetup
 from visloc_companion.types import AutopilotKind, GeoPoint
 
 FRAME_RATE_HZ = 2.5
-METHOD = "gradient"
 BASELINE_OFF_M = 100.0
 STARTUP_S = 60.0
 SHUTDOWN_S = 15.0
@@ -55,19 +57,21 @@ class DemoResult:
     def as_json(self) -> dict[str, Any]:
         """The result as `visloc sim` states it, and how far off the flight without the daemon ended."""
         extra = {"off_without_daemon_m": round(self.baseline_off_m, 3), "report": str(self.report)}
-        return result_of(self.flown, METHOD) | extra
+        return result_of(self.flown, DEFAULT_METHOD) | extra
 
 
 def run_demo(out: Path, dialect: AutopilotKind, speed: float, on_stage: Stage) -> DemoResult:
     """Make the world, fly with the daemon and without, judge, and write `out/report.html`.
 
-    Raises LinkError where one of the processes ended early, with the end of its log, ConfigError where `out` cannot be made.
+    Raises LinkError where one of the processes ended early, with the end of its log, ConfigError where `out` cannot be made,
+    ConfigError or ModelError before anything is made where the localiser's network cannot be used.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as why:
         raise ConfigError(f"cannot be made: {why}", where=str(out), remedy="name a writable folder for --out") from why
-    world_files = procedural_world(1, on_stage=on_stage)
+    network = open_features_for(DEFAULT_METHOD, NetworkChoice())
+    world_files = procedural_world(1, on_stage=on_stage, networks=[network] if network else None)
     reference = PackMap.open(world_files.pack, verify_hashes=True)
     scene = Scene.load(world_files.flight_ortho, world_files.flight_dsm)
     world = FlightWorld(world_files.pack, reference, scene)
@@ -183,7 +187,7 @@ cy_px = {model.cy_px}
 pack = {json.dumps(str(world.pack))}
 
 [localiser]
-method = "{METHOD}"
+method = "{DEFAULT_METHOD}"
 max_rate_hz = {plan.frame_rate_hz}
 
 [injection]

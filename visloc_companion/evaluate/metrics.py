@@ -74,6 +74,13 @@ def error_figures(record: FlightRecord, epochs: NDArray[np.bool_] | None = None)
     }
 
 
+def fix_errors_m(record: FlightRecord) -> FloatArray:
+    """(K,) horizontal distance of each fix from the truth at its exposure, NaN where that is unknown."""
+    found = np.array([fix.p_ned_m[:2] for fix in record.fixes], dtype=np.float64).reshape(-1, 2)
+    truth = record.truth.at(np.array([fix.t_s for fix in record.fixes], dtype=np.float64))
+    return np.asarray(np.hypot(*(found - truth[:, :2]).T), dtype=np.float64)
+
+
 def availability(record: FlightRecord, alert_limit_m: float) -> float | None:
     """Share of the epochs since the first estimate whose protection level is stated and within the alert limit.
 

@@ -79,7 +79,7 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class FixPoint:
-    """One fix: when its frame was exposed (s), where it puts the camera (NED, m), how long it took (ms), what it claims.
+    """One fix: when its frame was exposed (s), where it puts the camera (NED, m), how long it took (ms), what it claims, by whom.
 
     `latency_ms` runs from exposure to the arrival of the answer, `elapsed_ms` is the computation alone.
     """
@@ -90,16 +90,18 @@ class FixPoint:
     elapsed_ms: float
     sigma_m: float
     probability_wrong: float
+    method: str
 
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """One frame without a fix: when it was exposed (s), why not, how long that took (ms)."""
+    """One frame without a fix: when it was exposed (s), why not, how long that took (ms), by whom."""
 
     t_s: float
     reason: str
     latency_ms: float
     elapsed_ms: float
+    method: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -270,9 +272,9 @@ def _fix_point(fix: Fix, origin: GeoPoint, start_ns: int) -> FixPoint:
     sigma = float(np.sqrt(max(0.0, np.linalg.eigvalsh(np.array(fix.cov_ne_m2))[-1])))
     latency_ms = (fix.t_rx_ns - fix.t_ns) / 1e6
     t_s = (fix.t_ns - start_ns) / NS_PER_S
-    return FixPoint(t_s, ned_from_geo(fix.place, origin), latency_ms, fix.elapsed_ms, sigma, fix.probability_wrong)
+    return FixPoint(t_s, ned_from_geo(fix.place, origin), latency_ms, fix.elapsed_ms, sigma, fix.probability_wrong, fix.method)
 
 
 def _refusal(answer: NoFix, start_ns: int) -> Refusal:
     latency_ms = (answer.t_rx_ns - answer.t_ns) / 1e6
-    return Refusal((answer.t_ns - start_ns) / NS_PER_S, str(answer.reason), latency_ms, answer.elapsed_ms)
+    return Refusal((answer.t_ns - start_ns) / NS_PER_S, str(answer.reason), latency_ms, answer.elapsed_ms, answer.method)

@@ -13,7 +13,14 @@ import numpy as np
 
 from visloc_companion import __version__
 from visloc_companion.evaluate.gate import Check
-from visloc_companion.evaluate.metrics import DEFAULT_ALERT_LIMIT_M, alarms_s, error_figures, flight_summary, latency_ms
+from visloc_companion.evaluate.metrics import (
+    DEFAULT_ALERT_LIMIT_M,
+    alarms_s,
+    error_figures,
+    fix_errors_m,
+    flight_summary,
+    latency_ms,
+)
 from visloc_companion.evaluate.record import FixPoint, FlightRecord, Refusal, rebased
 from visloc_companion.evaluate.report_charts import latency_histogram, spans, time_chart, time_legend
 from visloc_companion.evaluate.report_map import MapImage, flight_map, map_legend, view_of
@@ -31,6 +38,7 @@ _DEFINITIONS = (
 )
 
 
+_TABLE_WORDS = {"arrival": "median latency", "computation": "median computation"}
 _LATENCY_WORDS = {"arrival": "latency from exposure to answer (ms)", "computation": "computation of an answer (ms)"}
 
 
@@ -170,19 +178,24 @@ def _answers(record: FlightRecord, summary: dict[str, Any], latency: Literal["ar
     answers: list[FixPoint | Refusal] = [*record.fixes, *record.refusals]
     if not answers:
         return "<h2>Fixes and latency</h2><p>No frame was localised in this flight.</p>"
-    took: dict[str, list[float]] = defaultdict(list)
-    for fix in record.fixes:
-        took["fix"].append(latency_ms(fix, latency))
-    for refusal in record.refusals:
-        took[f"no fix: {refusal.reason}"].append(latency_ms(refusal, latency))
+    measures: tuple[Literal["arrival", "computation"], ...] = ("arrival", "computation") if latency == "arrival" else (latency,)
+    kinds: dict[tuple[str, str], list[FixPoint | Refusal]] = defaultdict(list)
+    for answer in answers:
+        kinds[answer.method, f"no fix: {answer.reason}" if isinstance(answer, Refusal) else "fix"].append(answer)
     rows = [
-        (escape(name), _n(str(len(values))), _n(f"{100 * len(values) / len(answers):.1f} %"), _n(f"{np.median(values):.0f} ms"))
-        for name, values in sorted(took.items(), key=lambda item: -len(item[1]))
+        (
+            escape(method),
+            escape(name),
+            _n(str(len(some))),
+            _n(f"{100 * len(some) / len(answers):.1f} %"),
+            *(_n(f"{np.median([latency_ms(each, which) for each in some]):.0f} ms") for which in measures),
+        )
+        for (method, name), some in sorted(kinds.items(), key=lambda item: -len(item[1]))
     ]
-    table = _table(("answer", "number|n", "share|n", "median latency|n"), rows)
+    table = _table(("method", "answer", "number|n", "share|n", *(f"{_TABLE_WORDS[which]}|n" for which in measures)), rows)
     counts = (
         f"<p>{record.n_frames} frames arrived, {record.n_requests} were asked to be localised, {len(answers)} were answered. "
-        f"Injections: {summary['injected']['n']}.</p>"
+        f"{_off(record)}Injections: {summary['injected']['n']}.</p>"
     )
     values = (latency_ms(answer, latency) for answer in answers)
     finite = np.array([value for value in values if math.isfinite(value)], dtype=np.float64)
@@ -190,6 +203,14 @@ def _answers(record: FlightRecord, summary: dict[str, Any], latency: Literal["ar
     return (
         f'<h2>Fixes and latency</h2><div class="two"><div>{counts}<div class="scroll">{table}</div></div><div>{chart}</div></div>'
     )
+
+
+def _off(record: FlightRecord) -> str:
+    off_m = fix_errors_m(record)
+    off_m = off_m[np.isfinite(off_m)]
+    if not len(off_m):
+        return ""
+    return f"Fixes are {_m(float(np.median(off_m)))} off (median), 95 % of them below {_m(float(np.percentile(off_m, 95)))}. "
 
 
 def _events(record: FlightRecord) -> str:

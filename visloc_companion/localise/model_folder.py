@@ -162,7 +162,7 @@ def shipped_model() -> Path:
     raise ModelError(
         "no network came with this version",
         where=str(package / "models" / DEFAULT),
-        remedy="set localiser.model to the folder of one, or use a method that needs none (gradient)",
+        remedy="name the folder of one (localiser.model, --model), or choose a method that needs none (gradient)",
     )
 
 

@@ -35,7 +35,7 @@ PROVIDERS: dict[ProviderName, str] = {
 }
 _OPTIONS: dict[ProviderName, dict[str, str]] = {"cuda": {"use_tf32": "0"}}
 """TF32 rounds float32 to 10 bits: wrong by more than a golden vector forgives."""
-INSTALL = "pip install 'visloc-companion[cpu]' (or [gpu])"
+INSTALL = "pip install 'visloc-companion[cpu]' (or [gpu]), or choose a method that needs no network (gradient)"
 _ERRORS_ONLY = 3
 
 

@@ -39,11 +39,12 @@ class FlightSetup:
     kind: AutopilotKind
     vehicle: VehicleKind
     seed: int
+    height_asked_m: float | None = None
 
     @property
     def height_m(self) -> float:
-        """Height above home: low where the map is fine, so high that a frame covers about 170 pixels of a coarse one."""
-        return max(120.0, 150.0 * self.area.gsd_m)
+        """Height above home: as asked; else low where the map is fine, and 170 pixels of a coarse one to a frame."""
+        return self.height_asked_m or max(120.0, 150.0 * self.area.gsd_m)
 
     def camera_model(self) -> CameraModel:
         """640 x 480 pixels over 60 degrees."""

@@ -133,6 +133,17 @@ def test_closure_tells_the_noise_from_the_shift(load):
     assert load("floor").closure_noise(shifts, names) == pytest.approx(0.1, rel=0.1)
 
 
+def test_flights_of_a_method_become_one_row(load):
+    flights = load("flights")
+    result = {"passed": True, "n_fixes": 3, "n_no_fix": 1, "availability": 0.5, "hmi": 0}
+    one = flights.Flown(result, np.array([1.0, 2.0, np.nan]), np.array([3.0]), np.array([10.0, 20.0, 30.0]))
+    two = flights.Flown({**result, "passed": False, "availability": 1.0}, np.array([6.0]), np.array([]), np.array([40.0]))
+    cells = [cell.strip() for cell in flights.gain_row("here", "deep", [one, two]).strip("|").split("|")]
+    assert cells[:5] == ["here", "deep", "1 of 2", "8", "75.0 %"]
+    assert cells[5:] == ["2.00", "5.60", "3.00", "3.00", "75.0 %", "0", "25"]
+    assert flights.GAIN_HEADER.count("|") == len(cells) + 1
+
+
 def test_a_row_of_the_table_counts_refusals_and_far_answers(load, folder, tmp_path, asked):
     judged = load("answers").answers(folder, "gradient", tmp_path / "store", "abc")
     far = replace(judged[0][0], fix=replace(FIX, place=GeoPoint(47.001, 9.0, 100.0), probability_wrong=0.01))

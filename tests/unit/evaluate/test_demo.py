@@ -21,6 +21,7 @@ from visloc_companion.errors import ConfigError, LinkError
 from visloc_companion.evaluate import demo
 from visloc_companion.evaluate.closed_loop import simulated_config
 from visloc_companion.evaluate.demo import run_demo
+from visloc_companion.localise.features import onnx
 from visloc_companion.prepare.world import ProceduralWorld
 from visloc_companion.sim.flight import ClosedLoopFlight, Eyes, FlightLog
 from visloc_companion.sim.scenarios import DEMO
@@ -116,6 +117,15 @@ def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
         run_demo(tmp_path / "file" / "out", AutopilotKind.PX4, 2.0, lambda _: None)
 
 
+def test_without_onnxruntime_the_remedy_is_told_before_anything_is_made(
+    network: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(onnx, "shipped_model", lambda: network)
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    with pytest.raises(ConfigError, match=r"networks need onnxruntime.*visloc-companion\[cpu\].*gradient"):
+        run_demo(tmp_path / "out", AutopilotKind.PX4, 2.0, pytest.fail)
+
+
 @pytest.fixture
 def fly_here(world: ProceduralWorld, monkeypatch: pytest.MonkeyPatch) -> Callable[[Eyes], None]:
     """In place of the two processes and their journal: the same flight in simulated time, in this process."""
@@ -128,6 +138,7 @@ def fly_here(world: ProceduralWorld, monkeypatch: pytest.MonkeyPatch) -> Callabl
             monkeypatch.setattr(demo, "read_journal", lambda _: log.entries)
             return log
 
+        monkeypatch.setattr(demo, "open_features_for", lambda *_: None)
         monkeypatch.setattr(demo, "procedural_world", lambda *_, **__: world)
         monkeypatch.setattr(demo, "_fly_processes", fly)
 

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import math
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from types import ModuleType
@@ -70,6 +72,18 @@ def test_the_page_is_whole_and_stands_alone(synthetic: ModuleType, tmp_path: Pat
     assert page.count("data:image/jpeg;base64,") == 2
     for words in ("no fix: ambiguous", "disagrees with vision", "dead reckoning", "protection level", "GNSS bad from 85 s"):
         assert words in page
+
+
+def test_answers_are_told_by_method_with_their_times_and_how_far_fixes_are_off(synthetic: ModuleType, tmp_path: Path) -> None:
+    record = synthetic.make_record(60.0)
+    other = replace(record.fixes[0], method="deep", latency_ms=200.0, elapsed_ms=80.0)
+    page = page_of(replace(record, fixes=(other, *record.fixes[1:])), tmp_path)
+    assert re.search(r"<td>deep</td><td>fix</td><td class=\"n\">1</td><td class=\"n\">[\d.]+ %</td>.*?>200 ms<.*?>80 ms<", page)
+    assert "<td>gradient</td><td>fix</td>" in page
+    off = re.search(r"Fixes are ([\d.]+) m off \(median\)", page)
+    assert off is not None
+    assert float(off.group(1)) == pytest.approx(0.8 * math.sqrt(2 * math.log(2)), rel=0.2)
+    assert "median latency" not in page_of(record, tmp_path, latency="computation")
 
 
 def test_pass_needs_every_check(synthetic: ModuleType, tmp_path: Path) -> None:

@@ -168,7 +168,7 @@ def test_the_shipped_network_is_the_one_that_is_named(
     """Beside the package in a checkout, inside it in a wheel; the wheel's goes first."""
     package = tmp_path / "visloc_companion"
     monkeypatch.setattr(model_folder.visloc_companion, "__file__", str(package / "__init__.py"))
-    with pytest.raises(ModelError, match=r"no network came with this version; remedy: set localiser.model"):
+    with pytest.raises(ModelError, match=r"no network came with this version; remedy: name the folder of one"):
         open_features()
     make_network(tmp_path / "models" / "first")
     (tmp_path / "models" / "default").write_text("first\n")

@@ -42,6 +42,12 @@ def test_a_coarse_map_is_flown_higher() -> None:
     assert footprint_px == pytest.approx(173.2, abs=0.1)
 
 
+def test_a_height_that_is_asked_for_is_flown() -> None:
+    low = replace(setup_of(1500.0, 5.0), height_asked_m=277.0)
+    assert low.height_m == 277.0
+    assert {down_m for _, _, down_m in low.mission_ned_m()} == {-277.0}
+
+
 def test_a_map_that_is_too_small_is_refused_with_the_size_that_would_do() -> None:
     with pytest.raises(MapError, match=r"reaches 100 m .* remedy: give a map that reaches 157 m") as caught:
         setup_of(100.0).autopilot()
