@@ -2,16 +2,20 @@
 
 The frame rectified with a pose p shows F(x) = rho T(x + D(x) delta), where T are the map's features, delta the correction of
 the pose and D (2 x 6) the displacement that it causes on the ground. Gradients, steepest-descent images G = grad T D and the
-Hessian belong to the map alone (Baker & Matthews 2004). rho, the gain between two dates, is solved for with delta, as in the
-enhanced correlation coefficient (Evangelidis & Psarakis 2008): without it a faint likeness shrinks the picture.
+sums of their products over blocks belong to the map alone and are made once, about the pose where a descent starts (Baker &
+Matthews 2004; by blocks: Baker, Gross & Matthews 2003, section 3.4): a step only multiplies the frame's features with them.
+rho, the gain between two dates, is solved for with delta, as in the enhanced correlation coefficient (Evangelidis & Psarakis
+2008): without it a faint likeness shrinks the picture.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, nadir_offsets
@@ -20,6 +24,8 @@ from visloc_companion.types import FloatArray
 TEMPLATE_SIGMA_PX = 1.0
 DENSE_PIXELS = 20000
 """Larger windows are aligned on every other pixel of every other row: the features are smoother than that."""
+BLOCK_PX = 8
+"""Side of the blocks that the map's sums are kept for; those that the frame fills in part are summed anew."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,6 +35,19 @@ class Descent:
     template: Float32Array
     d_north: Float32Array
     d_east: Float32Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockSums:
+    """The map's side of the alignment about one pose, by blocks of P = BLOCK_PX^2 pixels, every `stride`-th of each axis.
+
+    `images` (B, P, C, 7): steepest-descent images of the six unknowns, then the template; `whole` (B, 7, 7): their products
+    summed over whole blocks.
+    """
+
+    images: Float32Array
+    whole: FloatArray
+    stride: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,10 +90,23 @@ def displacements(grid: MapGrid, pose: CameraPose, stride: int = 1) -> tuple[Flo
     return north, east
 
 
+def block_sums(descent: Descent, grid: MapGrid, pose: CameraPose) -> BlockSums:
+    """The map's side about a pose. It serves while the pose moves by little against the height above ground."""
+    stride = 2 if grid.weight.size > DENSE_PIXELS else 1
+    T, d_north, d_east = (a[::stride, ::stride] for a in (descent.template, descent.d_north, descent.d_east))
+    north, east = displacements(grid, pose, stride)
+    images = np.empty((*T.shape, 7), dtype=np.float32)
+    for k in range(6):
+        np.multiply(north[k][..., None], d_north, out=images[..., k])
+        images[..., k] += east[k][..., None] * d_east
+    images[..., 6] = T
+    blocks = _blocks(images.reshape(*T.shape[:2], -1)).reshape(-1, BLOCK_PX**2, T.shape[2], 7)
+    flat = blocks.reshape(len(blocks), -1, 7)
+    return BlockSums(blocks, np.asarray(flat.transpose(0, 2, 1) @ flat, dtype=np.float64), stride)
+
+
 def gauss_newton_step(
-    descent: Descent,
-    grid: MapGrid,
-    pose: CameraPose,
+    sums: BlockSums,
     frame: Float32Array,
     weight: Float32Array,
     prior_information: FloatArray,
@@ -86,35 +118,26 @@ def gauss_newton_step(
     `prior_information` (6, 6) and `prior_pull` (6,) are a Gaussian prior's normal equations at this pose.
     `correlated_px`: neighbouring pixels that carry one independent measurement.
     """
-    stride = 2 if weight.size > DENSE_PIXELS else 1
-    picked = weight[::stride, ::stride] > 0
-    w = weight[::stride, ::stride][picked]
-    T, F, d_north, d_east = (a[::stride, ::stride][picked] for a in (descent.template, frame, descent.d_north, descent.d_east))
-    tt, ft, ff = (float(np.sum(w[:, None] * a * b)) for a, b in ((T, T), (F, T), (F, F)))
-    score = ft / max(np.sqrt(tt * ff), 1e-9)
+    stride, channels = sums.stride, frame.shape[2]
+    w = _blocks(weight[::stride, ::stride, None])
+    seen = np.flatnonzero(w.max((1, 2)) > 0)
+    w = w[seen]
+    F = _blocks(frame[::stride, ::stride])[seen]
+    weighted = F * w
+    M = _products(sums, seen, w).sum(0)
+    v = (weighted.reshape(len(seen), 1, -1) @ sums.images[seen].reshape(len(seen), -1, 7)).sum((0, 1), dtype=np.float64)
+    ff, n_pixels = float(np.sum(weighted * F, dtype=np.float64)), float(w.sum(dtype=np.float64))
+    g_t, ft, tt = M[:6, 6], float(v[6]), float(M[6, 6])
     rho = max(ft / max(tt, 1e-9), 0.05)
-    north, east = displacements(grid, pose, stride)
-    N, E = north[:, picked], east[:, picked]
-    H, b, g_t = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
-    residual_2 = residual_t = 0.0
-    for c in range(T.shape[1]):
-        G = N * d_north[:, c] + E * d_east[:, c]
-        Gw = G * w
-        r = F[:, c] / np.float32(rho) - T[:, c]
-        H += Gw @ G.T
-        b += Gw @ r
-        g_t += Gw @ T[:, c]
-        residual_2 += float(np.sum(w * r * r))
-        residual_t += float(np.sum(w * r * T[:, c]))
-    H -= np.outer(g_t, g_t) / max(tt, 1e-9)
-    b -= g_t * (residual_t / max(tt, 1e-9))
-    n_pixels = float(w.sum())
-    noise = max(residual_2 / max(n_pixels * T.shape[1], 1.0), 1e-6) * correlated_px / stride**2
+    residual_2, residual_t = ff / rho**2 - 2 * ft / rho + tt, ft / rho - tt
+    H = M[:6, :6] - np.outer(g_t, g_t) / max(tt, 1e-9)
+    b = v[:6] / rho - g_t - g_t * (residual_t / max(tt, 1e-9))
+    noise = max(residual_2 / max(n_pixels * channels, 1.0), 1e-6) * correlated_px / stride**2
     information = H / noise
     total = information + prior_information
     damping = np.diag(np.diag(total)) * 1e-6 + np.eye(6) * 1e-9
     delta = np.linalg.solve(total + damping, b / noise + prior_pull)
-    return Step(delta, information, score, n_pixels)
+    return Step(delta, information, ft / max(math.sqrt(tt * ff), 1e-9), n_pixels)
 
 
 def moved(pose: CameraPose, delta: FloatArray) -> CameraPose:
@@ -127,3 +150,25 @@ def moved(pose: CameraPose, delta: FloatArray) -> CameraPose:
 def rotation_between(R_from: FloatArray, R_to: FloatArray) -> FloatArray:
     """(3,) rotation vector w with R_to = exp(w) R_from."""
     return np.asarray(cv2.Rodrigues(R_to @ R_from.T)[0].ravel(), dtype=np.float64)
+
+
+def _products(sums: BlockSums, seen: NDArray[np.intp], weight: Float32Array) -> FloatArray:
+    """(N, 7, 7) weighted sums of products over the blocks `seen` (N,) under a weight (N, P, 1)."""
+    products = sums.whole[seen]
+    cut = np.flatnonzero(weight.min((1, 2)) < 1)
+    if len(cut):
+        images = sums.images[seen[cut]]
+        weighted = (images * weight[cut][..., None]).reshape(len(cut), -1, 7)
+        products[cut] = weighted.transpose(0, 2, 1) @ images.reshape(len(cut), -1, 7)
+    return products
+
+
+def _blocks(image: Float32Array) -> Float32Array:
+    """(B, P, K) blocks of an image (H, W, K), zero beyond its border."""
+    height, width = (-(-side // BLOCK_PX) for side in image.shape[:2])
+    if (height * BLOCK_PX, width * BLOCK_PX) != image.shape[:2]:
+        whole = np.zeros((height * BLOCK_PX, width * BLOCK_PX, image.shape[2]), dtype=np.float32)
+        whole[: image.shape[0], : image.shape[1]] = image
+        image = whole
+    tiles = image.reshape(height, BLOCK_PX, width, BLOCK_PX, -1).swapaxes(1, 2)
+    return np.ascontiguousarray(tiles).reshape(height * width, BLOCK_PX**2, -1)

@@ -54,12 +54,13 @@ def descend(
 ) -> Descended:
     """At most `steps` Gauss-Newton steps. Ends early where it has converged, leaps, or gets clearly worse."""
     pose, best = start, Descended(start, -1.0, np.zeros((6, 6)))
+    sums = align.block_sums(descent, grid, start)
     for k in range(steps + 1):
         seen = rectified(frame, pose, grid)
         if seen.weight.sum() < MIN_PIXELS:
             break
         information, pull = prior.at(pose)
-        step = align.gauss_newton_step(descent, grid, pose, seen.smooth, seen.weight, information, pull, CORRELATED_PX)
+        step = align.gauss_newton_step(sums, seen.smooth, seen.weight, information, pull, CORRELATED_PX)
         if step.score > best.score:
             best = Descended(pose, step.score, step.information + information)
         moved_px = float(np.abs(step.delta[:3]).max()) / grid.gsd_m

@@ -72,12 +72,12 @@ class JointResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sight:
-    """A frame at one pass: its features, the map's window and the window's side of the alignment."""
+    """A frame at one pass: its features, the map's window and the window's side of the alignment, about where the pass starts."""
 
     view: View
     features: FrameFeatures
     grid: MapGrid
-    descent: align.Descent
+    sums: align.BlockSums
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,8 +118,8 @@ def joint_alignment(
         for sigma_px, steps in level.passes:
             smooth = [blurred(grid, sigma_px) for grid in grids]
             sights = [
-                _Sight(v, LowPassed(look, sigma_px), grid, align.prepare(grid))
-                for v, look, grid in zip(views, looks, smooth, strict=True)
+                _Sight(v, LowPassed(look, sigma_px), grid, align.block_sums(align.prepare(grid), grid, pose))
+                for v, look, grid, pose in zip(views, looks, smooth, poses, strict=True)
             ]
             poses, equations = _descended(sights, poses, odometry, steps)
     if equations is None:
@@ -165,9 +165,7 @@ def _equations(sights: list[_Sight], poses: list[CameraPose], odometry: Sequence
         b[at] += pull
         if seen[k].weight.sum() < MIN_PIXELS:
             continue
-        step = align.gauss_newton_step(
-            sight.descent, sight.grid, pose, seen[k].smooth, seen[k].weight, information, pull, CORRELATED_PX
-        )
+        step = align.gauss_newton_step(sight.sums, seen[k].smooth, seen[k].weight, information, pull, CORRELATED_PX)
         H[at, at] += step.information
         b[at] += (step.information + information) @ step.delta - pull
         scores[k] = step.score
