@@ -13,6 +13,7 @@ from visloc_companion.types import FloatArray
 
 REACH_PX = 6
 AGREE_PX = 2.0
+RETURN_PX = 1.5
 MIN_COVER = 0.6
 
 
@@ -50,6 +51,17 @@ def match_blocks(grid: MapGrid, frame: Float32Array, weight: Float32Array) -> Bl
     table = np.array(found, dtype=np.float64).reshape(-1, 5)
     agrees = (np.hypot(table[:, 2], table[:, 3]) < AGREE_PX).astype(np.float64)
     return BlockMatches(table[:, :2], table[:, 2:4], table[:, 4], agrees)
+
+
+def share_returning(matches: BlockMatches, grid: MapGrid, frame: Float32Array, weight: Float32Array) -> float:
+    """Share of the blocks that agree and come back: the map's block at the same place, searched in the frame, answers with the
+    opposite displacement (forward-backward check, Kalal, Mikolajczyk & Matas 2010)."""
+    if not len(matches.agrees):
+        return 0.0
+    swapped = MapGrid(frame * weight[..., None], (weight > 0).astype(np.float32), grid.surface_up_m, grid.A_ne_pix, grid.gsd_m)
+    back = match_blocks(swapped, grid.features, weight)
+    apart = np.hypot(*(matches.shift_px + back.shift_px).T)
+    return float(np.mean((apart < RETURN_PX) & (matches.agrees > 0)))
 
 
 def normalised_correlation(window: Float32Array, block: Float32Array) -> Float32Array:

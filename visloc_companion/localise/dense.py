@@ -118,6 +118,7 @@ def _evidence(
         height_sigmas=abs(float(pose.p_ned_m[2] - plan.pose.p_ned_m[2])) / max(prior.sigma_h_m, 1.0),
         yaw_sigmas=abs(heading) / max(prior.sigma_yaw_rad, math.radians(0.5)),
         position_sigmas=math.sqrt(float(offset @ np.linalg.solve(plan.cov_ne_m2, offset))),
+        returning=best.returning(),
     )
 
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from visloc_companion.localise import align
 from visloc_companion.localise.answer import Stopwatch
-from visloc_companion.localise.blocks import BlockMatches, correspondences, match_blocks
+from visloc_companion.localise.blocks import BlockMatches, correspondences, match_blocks, share_returning
 from visloc_companion.localise.descent import Descended, descend, rectified
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.frame import FrameLevel, reduced
@@ -85,6 +87,8 @@ class Match:
     blocks: BlockMatches
     estimate: PoseEstimate | None
     gsd_m: float
+    returning: Callable[[], float]
+    """Share of the blocks that agree in both directions (blocks.py); worked out when it is asked for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,7 +183,8 @@ def refined(task: Task, start: CameraPose, coarse_score: float, gsd_m: float) ->
     blocks = match_blocks(grid, seen.features, seen.weight)
     ground, pix, sigma_px = correspondences(blocks, grid, level.K, end.pose)
     estimate = solve_pose(ground, pix, sigma_px, level.K, end.pose, task.whole_prior())
-    return Match(end, coarse_score, blocks, estimate, grid.gsd_m)
+    returning = partial(share_returning, blocks, grid, seen.features, seen.weight)
+    return Match(end, coarse_score, blocks, estimate, grid.gsd_m, returning)
 
 
 def distinct(candidates: list[Descended], radius_m: float) -> list[Descended]:

@@ -11,7 +11,7 @@ from visloc_companion.errors import Reason
 CHANCE = 0.0744
 """Share of blocks that agree by chance: area of the agreement circle over that of the block search (blocks.py)."""
 Weights = tuple[float, ...]
-GRADIENT_WEIGHTS: Weights = (-2.18, 21.5, 12.0, 0.155, 5.53, -1.67, -2.07, -0.417, 0.0, 0.0, 0.0, 0.0)
+GRADIENT_WEIGHTS: Weights = (-2.18, 21.5, 12.0, 0.155, 5.53, -1.67, -2.07, -0.417, 0.0, 0.0, 0.0, 0.0, 0.0)
 """Logistic regression of being right on `Evidence.regressors` (`python -m benchmarks.calibrate`, training rows only) for gradient
 features, and ..."""
 DEEP_WEIGHTS: Weights = GRADIENT_WEIGHTS
@@ -32,7 +32,8 @@ class Evidence:
     the best's; `lead`: log-odds against the other candidates (ranking.py), `mode_mass`:
     probability of its place by the search's posterior; `blocks`, `agreeing`: blocks matched on their own
     and how many agree; `footprint_px`: side of the footprint; `scatter`: of the blocks about the pose, pixels;
-    `height_sigmas`, `yaw_sigmas`, `position_sigmas`: distance from the prior.
+    `height_sigmas`, `yaw_sigmas`, `position_sigmas`: distance from the prior; `returning`: share of blocks that
+    agree from frame to map and back.
     """
 
     score: float
@@ -47,6 +48,7 @@ class Evidence:
     height_sigmas: float
     yaw_sigmas: float
     position_sigmas: float
+    returning: float
 
     @classmethod
     def from_numbers(cls, numbers: Mapping[str, float]) -> Evidence:
@@ -66,7 +68,20 @@ class Evidence:
         outside = max(1 - self.mode_mass, 1e-4)
         mass = math.log(max(self.mode_mass, 1e-4) / outside)
         coarse = self.coarse_score, self.coarse_score * size
-        return 1.0, self.score, self.score * size, z, 1 - self.runner_up, size, spread, away, *coarse, self.lead, mass
+        return (
+            1.0,
+            self.score,
+            self.score * size,
+            z,
+            1 - self.runner_up,
+            size,
+            spread,
+            away,
+            *coarse,
+            self.lead,
+            mass,
+            self.returning,
+        )
 
 
 def block_z(blocks: float, agreeing: float) -> float:

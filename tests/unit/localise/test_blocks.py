@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
-from visloc_companion.localise.blocks import normalised_correlation
+from visloc_companion.localise.blocks import match_blocks, normalised_correlation, share_returning
+from visloc_companion.localise.ortho_rectify import MapGrid
 
 
 def test_many_channels_are_correlated_as_a_few_are():
@@ -17,3 +19,18 @@ def test_many_channels_are_correlated_as_a_few_are():
     few = normalised_correlation(window[..., :4], block[..., :4])
     padded = [np.dstack([x[..., :4], np.zeros((*x.shape[:2], 2), np.float32)]) for x in (window, block)]
     np.testing.assert_allclose(normalised_correlation(*padded), few, atol=1e-4)
+
+
+def test_blocks_come_back_where_frame_and_map_show_the_same_and_not_where_they_do_not():
+    rng = np.random.default_rng(5)
+    a, b = (cv2.GaussianBlur(rng.normal(size=(120, 120, 2)).astype(np.float32), (0, 0), 1.5) for _ in range(2))
+    weight = np.zeros((120, 120), np.float32)
+    weight[10:110, 10:110] = 1
+    grid = MapGrid(a, np.ones_like(weight), np.zeros_like(weight), np.eye(2, 3), 1.0)
+
+    def share(frame):
+        return share_returning(match_blocks(grid, frame, weight), grid, frame, weight)
+
+    assert share(np.roll(a, 1, axis=1)) > 0.95
+    assert share(b) < 0.1
+    assert share_returning(match_blocks(grid, a, weight * 0), grid, a, weight * 0) == 0.0

@@ -20,6 +20,7 @@ GOOD = Evidence(
     height_sigmas=0.5,
     yaw_sigmas=0.5,
     position_sigmas=0.5,
+    returning=0.7,
 )
 
 
