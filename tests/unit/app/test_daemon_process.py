@@ -47,6 +47,7 @@ def configuration(tmp_path: Path, pack: Path) -> Config:
             "link": {"url": f"udpin:127.0.0.1:{free_port(socket.SOCK_DGRAM)}"},
             "camera": {"url": f"tcp:127.0.0.1:{free_port(socket.SOCK_STREAM)}", **camera},
             "map": {"pack": str(pack)},
+            "localiser": {"method": "gradient"},
             "injection": {"policy": "always"},
             "journal": {"folder": str(tmp_path / "journals"), "record_frames": True},
             "status": {"socket": str(tmp_path / "status.sock")},

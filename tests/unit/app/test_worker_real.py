@@ -37,7 +37,8 @@ def configuration(pack: Path) -> Config:
     """A camera whose pixels are as large on the ground as the map's, from HEIGHT_M."""
     focal = HEIGHT_M / GSD_M
     camera = {"url": "x:y", "width_px": 240, "height_px": 200, "fx_px": focal, "fy_px": focal, "cx_px": 119.5, "cy_px": 99.5}
-    return parse_config({"camera": camera, "map": {"pack": str(pack)}, "navigator": {"map_sigma_m": 0.1}})
+    own = {"localiser": {"method": "gradient"}, "navigator": {"map_sigma_m": 0.1}}
+    return parse_config({"camera": camera, "map": {"pack": str(pack)}, **own})
 
 
 def nadir(pack: Path, config: Config) -> tuple[Image, GeoPoint]:
