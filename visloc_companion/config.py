@@ -98,7 +98,7 @@ class LocaliserConfig(Section):
     providers: Annotated[tuple[Literal["tensorrt", "cuda", "openvino", "qnn", "cpu"], ...], Field(min_length=1)] = ("cpu",)
     """What the network may compute on, in order: the first that is really there is taken; `cpu` always is."""
     threads: Annotated[int, Field(ge=0, le=256)] = 0
-    """Threads of the network; 0 takes one less than the cores."""
+    """Threads of the network and of the search; 0 takes one less than the cores."""
     max_probability_wrong: Share = 0.05
     """Fixes with a larger calibrated probability of being wrong are declined."""
     max_rate_hz: Positive = 5.0

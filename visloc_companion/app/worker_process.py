@@ -73,6 +73,7 @@ def open_localiser(config: Config) -> OverMap:
     """
     from visloc_companion.localise.freshness import FreshFramesOnly
     from visloc_companion.localise.registry import make_localiser, open_features_for
+    from visloc_companion.localise.runtime import default_threads
     from visloc_companion.maps.pack import PackMap
 
     reference = PackMap.open(Path(config.map.pack), verify_hashes=config.map.verify_hashes)
@@ -83,6 +84,7 @@ def open_localiser(config: Config) -> OverMap:
         features=features,
         max_probability_wrong=config.localiser.max_probability_wrong,
         max_search_radius_m=config.localiser.max_search_radius_m,
+        threads=config.localiser.threads or default_threads(),
     )
     about = [features.session.about, reference.why_not_stored(features.name, features.recipe)] if features else []
     return OverMap(FreshFramesOnly(localiser), reference, "; ".join(part for part in about if part))

@@ -103,6 +103,7 @@ class LogSource:
     def _eyes(self) -> RecordedEyes | None:
         from visloc_companion.localise.freshness import FreshFramesOnly
         from visloc_companion.localise.registry import make_localiser, open_features_for
+        from visloc_companion.localise.runtime import default_threads
 
         if self.folder is None or self.folder.frames is None or self.reference is None:
             return None
@@ -114,6 +115,7 @@ class LogSource:
             features=open_features_for(chosen.method, network_choice(chosen)),
             max_probability_wrong=chosen.max_probability_wrong,
             max_search_radius_m=chosen.max_search_radius_m,
+            threads=chosen.threads or default_threads(),
         )
         return RecordedEyes(self.folder.frames, self.folder.boot_from_file_ns, model, FreshFramesOnly(localiser), self.reference)
 

@@ -24,7 +24,7 @@ from visloc_companion.evaluate.image_metrics import CaseResult, summarise
 from visloc_companion.geo.se3 import euler_from_quat
 from visloc_companion.localise.features.onnx import NetworkFeatures
 from visloc_companion.localise.registry import make_localiser, open_features_for
-from visloc_companion.localise.runtime import NetworkChoice
+from visloc_companion.localise.runtime import NetworkChoice, default_threads
 from visloc_companion.maps.raster import RasterMap
 from visloc_companion.types import Fix, FrameRef, LocaliseRequest
 
@@ -110,7 +110,13 @@ def run_case(
     if pixels is None:
         return CaseResult(case.case_id, None, Reason.BAD_FRAME, f"{case.frame}: not a readable image")
     model = case.camera.model(pixels)
-    localiser = make_localiser(method, model, features=_features(method, network), max_probability_wrong=max_probability_wrong)
+    localiser = make_localiser(
+        method,
+        model,
+        features=_features(method, network),
+        max_probability_wrong=max_probability_wrong,
+        threads=network.threads or default_threads(),
+    )
     channels = 1 if pixels.ndim == 2 else 3
     frame = FrameRef(0, 0, 0, 0, model.width_px, model.height_px, channels)
     try:

@@ -11,11 +11,10 @@ rho, the gain between two dates, is solved for with delta, as in the enhanced co
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, nadir_offsets
@@ -30,22 +29,46 @@ BLOCK_PX = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Descent:
-    """The map's side of the alignment: smoothed features, their gradients per metre north and east (H, W, C)."""
+    """The map's side of the alignment: smoothed features, their gradients per metre north and east (H, W, C).
+
+    `products` (6, H, W) are sums over the channels: north², north east, east² of the gradients, both times the features, and the
+    features' square. `stride`: the arrays hold every so manieth row and column of the window that they were made from.
+    """
 
     template: Float32Array
     d_north: Float32Array
     d_east: Float32Array
+    products: Float32Array
+    stride: int = 1
+
+    def part(self, rows: slice, cols: slice) -> Descent:
+        """That of a part of the window."""
+        return Descent(
+            self.template[rows, cols],
+            self.d_north[rows, cols],
+            self.d_east[rows, cols],
+            self.products[:, rows, cols],
+            self.stride,
+        )
+
+    def every(self, stride: int) -> Descent:
+        """Every `stride`-th row and column of it."""
+        step = slice(None, None, stride)
+        return replace(self.part(step, step), stride=self.stride * stride)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockSums:
     """The map's side of the alignment about one pose, by blocks of P = BLOCK_PX^2 pixels, every `stride`-th of each axis.
 
-    `images` (B, P, C, 7): steepest-descent images of the six unknowns, then the template; `whole` (B, 7, 7): their products
-    summed over whole blocks.
+    `descent` is at that stride; `north`, `east` (B, P, 6): displacements of the six unknowns; `products` (B, P, 6) as the
+    descent's; `whole` (B, 7, 7): products of the steepest-descent images and the template, summed over whole blocks.
     """
 
-    images: Float32Array
+    descent: Descent
+    north: Float32Array
+    east: Float32Array
+    products: Float32Array
     whole: FloatArray
     stride: int
 
@@ -61,13 +84,15 @@ class Step:
     n_pixels: float
 
 
-def prepare(grid: MapGrid) -> Descent:
-    """Gradients of the map's features with respect to metres north and east."""
-    template = smoothed(grid.features)
-    du = cv2.Sobel(template, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
-    dv = cv2.Sobel(template, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
+def prepare(grid: MapGrid, stride: int = 1) -> Descent:
+    """Gradients of the map's features with respect to metres north and east, at every `stride`-th row and column."""
+    full = smoothed(grid.features)
+    du, dv = (cv2.Sobel(full, cv2.CV_32F, *axes, ksize=3, scale=1 / 8)[::stride, ::stride] for axes in ((1, 0), (0, 1)))
+    template = np.ascontiguousarray(full[::stride, ::stride])
     J = np.linalg.inv(grid.A_ne_pix[:, :2]).astype(np.float32)  # pix per metre: columns north, east
-    return Descent(template, du * J[0, 0] + dv * J[1, 0], du * J[0, 1] + dv * J[1, 1])
+    north, east = du * J[0, 0] + dv * J[1, 0], du * J[0, 1] + dv * J[1, 1]
+    pairs = ((north, north), (north, east), (east, east), (north, template), (east, template), (template, template))
+    return Descent(template, north, east, np.stack([_over_channels(a, b) for a, b in pairs]), stride)
 
 
 def smoothed(features: Float32Array) -> Float32Array:
@@ -75,7 +100,7 @@ def smoothed(features: Float32Array) -> Float32Array:
     return np.asarray(cv2.GaussianBlur(features, (0, 0), TEMPLATE_SIGMA_PX), dtype=np.float32)
 
 
-def displacements(grid: MapGrid, pose: CameraPose, stride: int = 1) -> tuple[FloatArray, FloatArray]:
+def displacements(grid: MapGrid, pose: CameraPose, stride: int = 1) -> tuple[Float32Array, Float32Array]:
     """(6, H, W) each: metres north and east by which what is seen moves per unit of (north, east, up, w_n, w_e, w_d).
 
     Rotations are about the NED axes, applied on the left of the attitude.
@@ -87,22 +112,16 @@ def displacements(grid: MapGrid, pose: CameraPose, stride: int = 1) -> tuple[Flo
     one, zero = np.ones_like(z), np.zeros_like(z)
     north = np.stack([one, zero, n / z, -n * e / z, z + n * n / z, -e])
     east = np.stack([zero, one, e / z, -z - e * e / z, n * e / z, n])
-    return north, east
+    return np.asarray(north, dtype=np.float32), np.asarray(east, dtype=np.float32)
 
 
 def block_sums(descent: Descent, grid: MapGrid, pose: CameraPose) -> BlockSums:
     """The map's side about a pose. It serves while the pose moves by little against the height above ground."""
     stride = 2 if grid.weight.size > DENSE_PIXELS else 1
-    T, d_north, d_east = (a[::stride, ::stride] for a in (descent.template, descent.d_north, descent.d_east))
-    north, east = displacements(grid, pose, stride)
-    images = np.empty((*T.shape, 7), dtype=np.float32)
-    for k in range(6):
-        np.multiply(north[k][..., None], d_north, out=images[..., k])
-        images[..., k] += east[k][..., None] * d_east
-    images[..., 6] = T
-    blocks = _blocks(images.reshape(*T.shape[:2], -1)).reshape(-1, BLOCK_PX**2, T.shape[2], 7)
-    flat = blocks.reshape(len(blocks), -1, 7)
-    return BlockSums(blocks, np.asarray(flat.transpose(0, 2, 1) @ flat, dtype=np.float64), stride)
+    thin = descent.every(stride)
+    north, east = (_blocks(np.moveaxis(a, 0, -1)) for a in displacements(grid, pose, stride))
+    products = _blocks(np.moveaxis(thin.products, 0, -1))
+    return BlockSums(thin, north, east, products, _moments(north, east, products), stride)
 
 
 def gauss_newton_step(
@@ -118,21 +137,19 @@ def gauss_newton_step(
     `prior_information` (6, 6) and `prior_pull` (6,) are a Gaussian prior's normal equations at this pose.
     `correlated_px`: neighbouring pixels that carry one independent measurement.
     """
-    stride, channels = sums.stride, frame.shape[2]
-    w = _blocks(weight[::stride, ::stride, None])
-    seen = np.flatnonzero(w.max((1, 2)) > 0)
-    w = w[seen]
-    F = _blocks(frame[::stride, ::stride])[seen]
-    weighted = F * w
-    M = _products(sums, seen, w).sum(0)
-    v = (weighted.reshape(len(seen), 1, -1) @ sums.images[seen].reshape(len(seen), -1, 7)).sum((0, 1), dtype=np.float64)
-    ff, n_pixels = float(np.sum(weighted * F, dtype=np.float64)), float(w.sum(dtype=np.float64))
-    g_t, ft, tt = M[:6, 6], float(v[6]), float(M[6, 6])
+    stride, channels, map_side = sums.stride, frame.shape[2], sums.descent
+    w, F = _blocks(weight[::stride, ::stride, None]), frame[::stride, ::stride]
+    seen = np.stack([_over_channels(F, a) for a in (map_side.d_north, map_side.d_east, map_side.template, F)], -1)
+    f_n, f_e, f_t, f_f = np.moveaxis(_blocks(seen) * w, -1, 0)
+    M = _summed(sums, w)
+    pull = sums.north.reshape(-1, 6).T @ f_n.ravel() + sums.east.reshape(-1, 6).T @ f_e.ravel()
+    ft, ff, n_pixels = (float(a.sum(dtype=np.float64)) for a in (f_t, f_f, w))
+    g_t, tt = M[:6, 6], float(M[6, 6])
     rho = max(ft / max(tt, 1e-9), 0.05)
-    residual_2, residual_t = ff / rho**2 - 2 * ft / rho + tt, ft / rho - tt
+    residual_2, residual_t = max(0.0, ff / rho**2 - 2 * ft / rho + tt), ft / rho - tt
     H = M[:6, :6] - np.outer(g_t, g_t) / max(tt, 1e-9)
-    b = v[:6] / rho - g_t - g_t * (residual_t / max(tt, 1e-9))
-    noise = max(residual_2 / max(n_pixels * channels, 1.0), 1e-6) * correlated_px / stride**2
+    b = pull.astype(np.float64) / rho - g_t - g_t * (residual_t / max(tt, 1e-9))
+    noise = max(residual_2 / max(n_pixels * channels, 1.0), 1e-6) * correlated_px / map_side.stride**2
     information = H / noise
     total = information + prior_information
     damping = np.diag(np.diag(total)) * 1e-6 + np.eye(6) * 1e-9
@@ -152,15 +169,22 @@ def rotation_between(R_from: FloatArray, R_to: FloatArray) -> FloatArray:
     return np.asarray(cv2.Rodrigues(R_to @ R_from.T)[0].ravel(), dtype=np.float64)
 
 
-def _products(sums: BlockSums, seen: NDArray[np.intp], weight: Float32Array) -> FloatArray:
-    """(N, 7, 7) weighted sums of products over the blocks `seen` (N,) under a weight (N, P, 1)."""
-    products = sums.whole[seen]
-    cut = np.flatnonzero(weight.min((1, 2)) < 1)
-    if len(cut):
-        images = sums.images[seen[cut]]
-        weighted = (images * weight[cut][..., None]).reshape(len(cut), -1, 7)
-        products[cut] = weighted.transpose(0, 2, 1) @ images.reshape(len(cut), -1, 7)
-    return products
+def _summed(sums: BlockSums, weight: Float32Array) -> FloatArray:
+    """(7, 7) products of the images and the template, summed under a weight (B, P, 1): whole blocks from the map's sums."""
+    least, most = weight.min((1, 2)), weight.max((1, 2))
+    cut = np.flatnonzero((most > 0) & (least < 1))
+    total = sums.whole[least >= 1].sum(0)
+    return np.asarray(total + _moments(sums.north[cut], sums.east[cut], sums.products[cut] * weight[cut]).sum(0))
+
+
+def _moments(north: Float32Array, east: Float32Array, products: Float32Array) -> FloatArray:
+    """(B, 7, 7) sums over pixels and channels of G G^T, G T and T^2, from displacements and products (B, P, 6)."""
+    nn, ne, ee, nt, et, tt = (products[..., k, None] for k in range(6))
+    found = np.empty((len(north), 7, 7))
+    found[:, :6, :6] = (north * nn + east * ne).transpose(0, 2, 1) @ north + (north * ne + east * ee).transpose(0, 2, 1) @ east
+    found[:, :6, 6] = found[:, 6, :6] = (north * nt + east * et).sum(1)
+    found[:, 6, 6] = tt.sum((1, 2))
+    return found
 
 
 def _blocks(image: Float32Array) -> Float32Array:
@@ -172,3 +196,8 @@ def _blocks(image: Float32Array) -> Float32Array:
         image = whole
     tiles = image.reshape(height, BLOCK_PX, width, BLOCK_PX, -1).swapaxes(1, 2)
     return np.ascontiguousarray(tiles).reshape(height * width, BLOCK_PX**2, -1)
+
+
+def _over_channels(a: Float32Array, b: Float32Array) -> Float32Array:
+    """(H, W) sum over the channels of a product of (H, W, C) arrays."""
+    return np.asarray(cv2.transform(a * b, np.ones((1, a.shape[2]), np.float32)), dtype=np.float32)

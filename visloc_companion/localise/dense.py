@@ -63,7 +63,8 @@ class DenseLocaliser:
                 return no_fix(request, self.method, watch, plan)
             full = full_level(pixels, self._model)
             rank, temperature = self._fitted.rank, self._fitted.temperature
-            task = Task(plan, request.prior, full, ref, watch, self._features, GRADIENT, rank, temperature)
+            features, threads = self._features, self._settings.threads
+            task = Task(plan, request.prior, full, ref, watch, features, GRADIENT, rank, temperature, threads=threads)
             found = find_candidates(task)
             best = best_match(task, found.candidates)
             if best is None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from visloc_companion.localise import align
 from visloc_companion.localise.features.base import Float32Array
-from visloc_companion.localise.frame_features import FrameFeatures
-from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
+from visloc_companion.localise.frame_features import FrameFeatures, FramePass, Seen
+from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, hidden
 from visloc_companion.localise.pose import PriorTerm
 from visloc_companion.types import FloatArray
 
@@ -18,6 +20,8 @@ CORRELATED_PX = 200.0
 MIN_PIXELS = 100.0
 MAX_STEP_PX = 8.0
 CONVERGED_PX = 0.02
+HOPELESS = (0.5, 0.65, 0.72)
+"""A descent ends where it scores less than this share of the best one's score, at its start and after one and more steps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +42,27 @@ class Descended:
     information: FloatArray
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Rivals:
+    """Where other descents of the same search ended: one that comes within `radius_m` of them, or is hopeless, ends there."""
+
+    found: Sequence[Descended]
+    radius_m: float
+
+    def reached(self, pose: CameraPose) -> bool:
+        """Whether a pose is where another ended."""
+        p = pose.p_ned_m
+        return any(math.hypot(p[0] - c.pose.p_ned_m[0], p[1] - c.pose.p_ned_m[1]) < self.radius_m for c in self.found)
+
+    def hopeless(self, score: float, step: int) -> bool:
+        """Whether a score after so many steps is too far behind the best."""
+        best = max((c.score for c in self.found), default=0.0)
+        return score < HOPELESS[min(step, len(HOPELESS) - 1)] * best
+
+
+NO_RIVALS = Rivals((), 0.0)
+
+
 def rectified(frame: FrameFeatures, pose: CameraPose, grid: MapGrid) -> Rectified:
     """Features of the frame rectified over the map window's surface."""
     values, mask = frame.on_surface(pose, grid)
@@ -52,21 +77,60 @@ def descend(
     prior: PriorTerm,
     steps: int,
 ) -> Descended:
-    """At most `steps` Gauss-Newton steps. Ends early where it has converged, leaps, or gets clearly worse."""
+    """At most `steps` Gauss-Newton steps, the frame's features made anew for each."""
+
+    def look(pose: CameraPose) -> Seen:
+        seen = rectified(frame, pose, grid)
+        return seen.smooth, seen.weight
+
+    return _descended(look, start, grid, descent, prior, steps, NO_RIVALS)[0]
+
+
+def descend_resampled(
+    smooth: FramePass,
+    start: CameraPose,
+    grid: MapGrid,
+    descent: align.Descent,
+    prior: PriorTerm,
+    steps: int,
+    rivals: Rivals = NO_RIVALS,
+) -> tuple[Descended, bool]:
+    """The same on low-passed features that are resampled for each step; and whether it came to where a rival had ended."""
+    behind = hidden(start, grid)
+
+    def look(pose: CameraPose) -> Seen:
+        values, mask = smooth.on_surface(pose, grid, behind)
+        return values, mask * grid.weight
+
+    return _descended(look, start, grid, descent, prior, steps, rivals)
+
+
+def _descended(
+    look: Callable[[CameraPose], Seen],
+    start: CameraPose,
+    grid: MapGrid,
+    descent: align.Descent,
+    prior: PriorTerm,
+    steps: int,
+    rivals: Rivals,
+) -> tuple[Descended, bool]:
+    """Ends early where it has converged, leaps, gets clearly worse, or because of its rivals."""
     pose, best = start, Descended(start, -1.0, np.zeros((6, 6)))
     sums = align.block_sums(descent, grid, start)
     for k in range(steps + 1):
-        seen = rectified(frame, pose, grid)
-        if seen.weight.sum() < MIN_PIXELS:
+        smooth, weight = look(pose)
+        if weight.sum() * descent.stride**2 < MIN_PIXELS:
             break
         information, pull = prior.at(pose)
-        step = align.gauss_newton_step(sums, seen.smooth, seen.weight, information, pull, CORRELATED_PX)
+        step = align.gauss_newton_step(sums, smooth, weight, information, pull, CORRELATED_PX)
         if step.score > best.score:
             best = Descended(pose, step.score, step.information + information)
         moved_px = float(np.abs(step.delta[:3]).max()) / grid.gsd_m
-        if k == steps or moved_px > MAX_STEP_PX or step.score < best.score - 0.1:
+        if k == steps or moved_px > MAX_STEP_PX or step.score < best.score - 0.1 or rivals.hopeless(best.score, k):
             break
         pose = align.moved(pose, step.delta)
+        if rivals.reached(pose):
+            return best, True
         if moved_px < CONVERGED_PX:
             break
-    return best
+    return best, False

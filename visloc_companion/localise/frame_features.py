@@ -2,18 +2,20 @@
 
 A network's pass is dear, so it is run once on the frame rectified for the middle of a range of headings and scales, and its
 features are then resampled as if they were the picture of a camera at the same place: the raster of a plane and the frame are
-related by a homography, which takes the place of the calibration matrix.
+related by a homography, which takes the place of the calibration matrix. A descent moves so little that it needs one pass of any
+features.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from visloc_companion.localise.align import smoothed
 from visloc_companion.localise.features.base import Features, Float32Array
 from visloc_companion.localise.features.gradient import eroded
 from visloc_companion.localise.frame import FrameLevel
@@ -45,7 +47,15 @@ class FrameFeatures(Protocol):
         ...
 
 
-def frame_features(level: FrameLevel, plan: SearchPlan, linear: FloatArray, features: Features) -> FrameFeatures:
+class DescentFeatures(FrameFeatures, Protocol):
+    """Features that a descent can be given at once."""
+
+    def about(self, pose: CameraPose, grid: MapGrid, stride: int) -> FramePass:
+        """Low-passed features to be resampled for poses that see about the same of a map window thinned by `stride`."""
+        ...
+
+
+def frame_features(level: FrameLevel, plan: SearchPlan, linear: FloatArray, features: Features) -> DescentFeatures:
     """The frame's features at a level; `linear` (2, 2): metres north, east of a step of one grid pixel in u, v."""
     if features.tolerance is None:
         return ForEachPose(level, features)
@@ -69,8 +79,49 @@ class ForEachPose:
         values, mask = self._of(*rectify_surface(self.level, pose, grid))
         return values, sampled(mask, self.level.K, pose, grid.A_ne_pix, float(grid.surface_up_m.mean()))
 
+    def about(self, pose: CameraPose, grid: MapGrid, stride: int) -> FramePass:
+        """See DescentFeatures."""
+        size = grid.weight.shape[1] * stride, grid.weight.shape[0] * stride
+        A_ne_pix = grid.A_ne_pix / np.array([stride, stride, 1.0])
+        return smooth(_computed(self.level, pose, A_ne_pix, size, float(grid.surface_up_m.mean()), self.features))
+
     def _of(self, image: Float32Array, seen: NDArray[np.bool_]) -> Seen:
         return self.features(image, seen), eroded(seen, 3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FramePass:
+    """Features computed at once for a pose, and resampled for poses near it.
+
+    `level` holds the features as a picture from the pose's place, `K` is the frame's own calibration matrix, `oriented` as in
+    Features.
+    """
+
+    level: FrameLevel
+    R_ned_cam: FloatArray
+    K: FloatArray
+    oriented: int
+
+    def on_plane(self, pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], ground_up_m: float) -> Seen:
+        """See FrameFeatures."""
+        values, mask = self._turned(*rectify_plane(self.level, pose, A_ne_pix, size, ground_up_m), pose)
+        return values, sampled(mask, self.K, pose, A_ne_pix, ground_up_m)
+
+    def on_surface(self, pose: CameraPose, grid: MapGrid, behind: NDArray[np.bool_] | None = None) -> Seen:
+        """See FrameFeatures. The window may be thinned; `behind` is what is known to be hidden."""
+        values, mask = self._turned(*rectify_surface(self.level, pose, grid, behind), pose)
+        return values, sampled(mask, self.K, pose, grid.A_ne_pix, float(grid.surface_up_m.mean()), grid.gsd_m**2)
+
+    def _turned(self, values: Float32Array, seen: NDArray[np.bool_], pose: CameraPose) -> Seen:
+        """Oriented channels turned from the pass to the pose."""
+        turn_rad, _ = heading_and_tilt(pose.R_ned_cam, self.R_ned_cam)
+        mask = seen.astype(np.float32)
+        c, s = np.float32(math.cos(2 * turn_rad)), np.float32(math.sin(2 * turn_rad))
+        for k in range(0, 2 * self.oriented, 2):
+            x, y = values[..., k].copy(), values[..., k + 1].copy()
+            values[..., k], values[..., k + 1] = c * x - s * y, s * x + c * y
+        values *= mask[..., None]
+        return values, mask
 
 
 class Resampled:
@@ -79,58 +130,75 @@ class Resampled:
     def __init__(
         self, level: FrameLevel, plan: SearchPlan, linear: FloatArray, features: Features, tolerance: tuple[float, float]
     ) -> None:
-        self._plan, self._features, self._K = plan, features, level.K
+        self._plan = plan
         self._headings = _middles(plan.headings_rad, tolerance[0])
         self._log_scales = _middles(np.log(plan.scales), tolerance[1])
         self._passes = [
-            [_computed(level, plan, linear, features, float(h), math.exp(s)) for s in self._log_scales] for h in self._headings
+            [_pass_of(level, plan, linear, features, float(h), math.exp(s)) for s in self._log_scales] for h in self._headings
         ]
+        self._smooth: dict[tuple[int, int], FramePass] = {}
 
     def on_plane(self, pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], ground_up_m: float) -> Seen:
         """See FrameFeatures."""
-        level, turn = self._nearest(pose)
-        values, mask = self._turned(*rectify_plane(level, pose, A_ne_pix, size, ground_up_m), turn)
-        return values, sampled(mask, self._K, pose, A_ne_pix, ground_up_m)
+        i, j = self._nearest(pose)
+        return self._passes[i][j].on_plane(pose, A_ne_pix, size, ground_up_m)
 
     def on_surface(self, pose: CameraPose, grid: MapGrid) -> Seen:
         """See FrameFeatures."""
-        level, turn = self._nearest(pose)
-        values, mask = self._turned(*rectify_surface(level, pose, grid), turn)
-        return values, sampled(mask, self._K, pose, grid.A_ne_pix, float(grid.surface_up_m.mean()))
+        i, j = self._nearest(pose)
+        return self._passes[i][j].on_surface(pose, grid)
 
-    def _nearest(self, pose: CameraPose) -> tuple[FrameLevel, float]:
-        """The pass nearest a pose, and how far the pose is turned against it."""
+    def about(self, pose: CameraPose, grid: MapGrid, stride: int) -> FramePass:
+        """See DescentFeatures."""
+        i, j = self._nearest(pose)
+        if (i, j) not in self._smooth:
+            self._smooth[i, j] = smooth(self._passes[i][j])
+        return self._smooth[i, j]
+
+    def _nearest(self, pose: CameraPose) -> tuple[int, int]:
+        """Which pass, of heading and scale, is nearest a pose."""
         heading, _ = heading_and_tilt(pose.R_ned_cam, self._plan.pose.R_ned_cam)
         apart = np.mod(heading - self._headings + math.pi, 2 * math.pi) - math.pi
         up_m = max(1.0, -float(pose.p_ned_m[2]) - self._plan.ground_up_m)
-        i, j = int(np.abs(apart).argmin()), int(np.abs(math.log(up_m / self._plan.agl_m) - self._log_scales).argmin())
-        return self._passes[i][j], float(apart[i])
-
-    def _turned(self, values: Float32Array, seen: NDArray[np.bool_], turn_rad: float) -> Seen:
-        mask = seen.astype(np.float32)
-        c, s = np.float32(math.cos(2 * turn_rad)), np.float32(math.sin(2 * turn_rad))
-        for k in range(0, 2 * self._features.oriented, 2):
-            x, y = values[..., k].copy(), values[..., k + 1].copy()
-            values[..., k], values[..., k + 1] = c * x - s * y, s * x + c * y
-        return values * mask[..., None], mask
+        return int(np.abs(apart).argmin()), int(np.abs(math.log(up_m / self._plan.agl_m) - self._log_scales).argmin())
 
 
-def sampled(mask: Float32Array, K: FloatArray, pose: CameraPose, A_ne_pix: FloatArray, ground_up_m: float) -> Float32Array:
-    """The mask (H, W) weighted by how well a frame of calibration matrix K samples the ground."""
-    weight = sampling_weight(K, pose, A_ne_pix, (mask.shape[1], mask.shape[0]), ground_up_m)
+def smooth(computed: FramePass) -> FramePass:
+    """The pass with its features low-passed as the alignment wants them."""
+    return replace(computed, level=replace(computed.level, grey=smoothed(computed.level.grey)))
+
+
+def sampled(
+    mask: Float32Array,
+    K: FloatArray,
+    pose: CameraPose,
+    A_ne_pix: FloatArray,
+    ground_up_m: float,
+    pixel_m2: float | None = None,
+) -> Float32Array:
+    """The mask (H, W) weighted by how well a frame of calibration matrix K samples the ground in pixels of an area."""
+    weight = sampling_weight(K, pose, A_ne_pix, (mask.shape[1], mask.shape[0]), ground_up_m, pixel_m2)
     return mask if weight is None else mask * weight
 
 
-def _computed(
+def _pass_of(
     level: FrameLevel, plan: SearchPlan, linear: FloatArray, features: Features, heading_rad: float, scale: float
-) -> FrameLevel:
-    """Features of the frame rectified for a heading and scale, with the matrix that makes them a picture from the same place."""
+) -> FramePass:
+    """Features of the frame rectified for a heading and scale."""
     pose = CameraPose(np.array([0.0, 0.0, -plan.ground_up_m - plan.agl_m * scale]), turned(plan.pose.R_ned_cam, heading_rad))
     A_ne_pix, size = plane_raster(plan, linear, heading_rad, scale)
-    image, seen = rectify_plane(level, pose, A_ne_pix, size, plan.ground_up_m)
+    return _computed(level, pose, A_ne_pix, size, plan.ground_up_m, features)
+
+
+def _computed(
+    level: FrameLevel, pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], ground_up_m: float, features: Features
+) -> FramePass:
+    """Features of the frame rectified for a pose, with the matrix that makes them a picture from the same place."""
+    image, seen = rectify_plane(level, pose, A_ne_pix, size, ground_up_m)
     valid = (eroded(seen, 3) > 0).astype(np.uint8) * np.uint8(255)
-    K = np.linalg.inv(ground_homography(level.K, pose, A_ne_pix, plan.ground_up_m)) @ level.K
-    return FrameLevel(features(image, seen), valid, K / float(K[2] @ pose.R_ned_cam.T[:, 2]))
+    K = np.linalg.inv(ground_homography(level.K, pose, A_ne_pix, ground_up_m)) @ level.K
+    picture = FrameLevel(features(image, seen), valid, K / float(K[2] @ pose.R_ned_cam.T[:, 2]))
+    return FramePass(picture, pose.R_ned_cam, level.K, features.oriented)
 
 
 def plane_raster(plan: SearchPlan, linear: FloatArray, heading_rad: float, scale: float) -> tuple[FloatArray, tuple[int, int]]:

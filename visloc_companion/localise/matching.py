@@ -12,10 +12,10 @@ import numpy as np
 from visloc_companion.localise import align
 from visloc_companion.localise.answer import Stopwatch
 from visloc_companion.localise.blocks import BlockMatches, correspondences, match_blocks, share_returning
-from visloc_companion.localise.descent import Descended, descend, rectified
+from visloc_companion.localise.descent import Descended, Rivals, descend_resampled
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.frame import FrameLevel, reduced
-from visloc_companion.localise.frame_features import FrameFeatures, frame_features
+from visloc_companion.localise.frame_features import DescentFeatures, frame_features
 from visloc_companion.localise.hypotheses import (
     footprint_heights,
     peaks_in_region,
@@ -30,14 +30,18 @@ from visloc_companion.localise.plan import SearchPlan, view_box
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, heading_and_tilt, solve_pose
 from visloc_companion.localise.ranking import RankWeights, Standing, lead
 from visloc_companion.localise.verify import block_z
-from visloc_companion.localise.window import cropped, map_grid
+from visloc_companion.localise.window import cropped, map_grid, thinned
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import PosePrior
 
 COARSE_STEPS, FINE_STEPS = 5, 4
 MAX_CANDIDATES, MAX_FINE = 10, 5
 PEAK_SHARE, FINE_SHARE = 0.55, 0.75
+SAME_PX = 1.0
+"""A descent that comes so near to where another ended leads there too."""
 MARGIN_PX = 8
+ENOUGH_PX = 80
+"""Larger footprints are aligned on every other pixel of every other row."""
 MIN_COARSE_SCORE = 0.05
 
 
@@ -54,9 +58,11 @@ class Task:
     fine_features: Features
     rank: RankWeights
     temperature: float
-    frames: dict[tuple[str, float], FrameFeatures] = field(default_factory=dict)
+    frames: dict[tuple[str, float], DescentFeatures] = field(default_factory=dict)
+    levels: dict[float, FrameLevel] = field(default_factory=dict)
+    threads: int = 1
 
-    def frame(self, grid: MapGrid, features: Features) -> FrameFeatures:
+    def frame(self, grid: MapGrid, features: Features) -> DescentFeatures:
         """The frame's features for a map window's resolution, made once."""
         key = features.name, grid.gsd_m
         if key not in self.frames:
@@ -69,7 +75,9 @@ class Task:
 
     def level(self, gsd_m: float) -> FrameLevel:
         """The frame at about a ground sample distance."""
-        return reduced(self.full, gsd_m / self.plan.frame_gsd_m)
+        if gsd_m not in self.levels:
+            self.levels[gsd_m] = reduced(self.full, gsd_m / self.plan.frame_gsd_m)
+        return self.levels[gsd_m]
 
     def whole_prior(self) -> PriorTerm:
         """Attitude, heading and height of the prior: what keeps the descent of a faint match together."""
@@ -105,19 +113,26 @@ def find_candidates(task: Task) -> Found:
     with task.watch:
         low, high = search_box(plan)
         grid = cropped(map_grid(task.ref, plan.frame, low, high, plan.coarse_gsd_m, task.features))
-        descent = align.prepare(grid)
+        stride = _stride(plan, grid.gsd_m)
+        thin, descent = thinned(grid, stride), align.prepare(grid, stride)
     frame = task.frame(grid, task.features)
-    volume = search_window(grid, frame, plan)
+    volume = search_window(grid, frame, plan, threads=task.threads)
     radius_px = max(3.0, 0.06 * math.sqrt(plan.area_m2) / grid.gsd_m)
     peaks = peaks_in_region(volume, grid, plan, MAX_CANDIDATES, radius_px)
     heights = footprint_heights(grid, plan)
-    found = []
+    found: list[Descended] = []
     for peak in peaks:
         if peak.score < PEAK_SHARE * peaks[0].score:
             break
         start = pose_of_peak(peak, grid, plan, heights)
-        part, part_descent = _around(grid, descent, plan, start)
-        found.append(descend(frame, start, part, part_descent, task.whole_prior(), COARSE_STEPS))
+        if peak.score < PEAK_SHARE * max((c.score for c in found), default=0.0):
+            found.append(Descended(start, peak.score, np.zeros((6, 6))))
+            continue
+        part, part_descent = _around(thin, descent, plan, start)
+        near, rivals = frame.about(start, part, stride), Rivals(found, SAME_PX * grid.gsd_m)
+        end, joined = descend_resampled(near, start, part, part_descent, task.whole_prior(), COARSE_STEPS, rivals)
+        if not joined:
+            found.append(end)
     temperature = task.temperature * grid.gsd_m / math.sqrt(plan.area_m2)
     modes = place_modes(volume, region(volume, grid, plan), grid, temperature)
     return Found(sorted(found, key=lambda c: -c.score), modes)
@@ -174,16 +189,18 @@ def refined(task: Task, start: CameraPose, coarse_score: float, gsd_m: float) ->
         margin = MARGIN_PX * gsd_m
         features = task.refinement(gsd_m)
         grid = map_grid(task.ref, task.plan.frame, low - margin, high + margin, gsd_m, features)
-        descent = align.prepare(grid)
+        stride = _stride(task.plan, gsd_m)
+        thin, descent = thinned(grid, stride), align.prepare(grid, stride)
     frame, level = task.frame(grid, features), task.level(grid.gsd_m)
-    end = descend(frame, start, grid, descent, task.whole_prior(), FINE_STEPS)
+    end, _ = descend_resampled(frame.about(start, thin, stride), start, thin, descent, task.whole_prior(), FINE_STEPS)
     if end.score <= 0:
         return None
-    seen = rectified(frame, end.pose, grid)
-    blocks = match_blocks(grid, seen.features, seen.weight)
+    values, mask = frame.on_surface(end.pose, grid)
+    weight = mask * grid.weight
+    blocks = match_blocks(grid, values, weight)
     ground, pix, sigma_px = correspondences(blocks, grid, level.K, end.pose)
     estimate = solve_pose(ground, pix, sigma_px, level.K, end.pose, task.whole_prior())
-    returning = partial(share_returning, blocks, grid, seen.features, seen.weight)
+    returning = partial(share_returning, blocks, grid, values, weight)
     return Match(end, coarse_score, blocks, estimate, grid.gsd_m, returning)
 
 
@@ -209,17 +226,22 @@ def _prior_chi2(task: Task, pose: CameraPose) -> float:
     return float(offset @ np.linalg.solve(task.plan.cov_ne_m2, offset)) + turn * turn
 
 
+def _stride(plan: SearchPlan, gsd_m: float) -> int:
+    """How a window is thinned for the alignment: what is low-passed and large loses nothing by it."""
+    return 2 if math.sqrt(plan.area_m2) > ENOUGH_PX * gsd_m else 1
+
+
 def _around(grid: MapGrid, descent: align.Descent, plan: SearchPlan, pose: CameraPose) -> tuple[MapGrid, align.Descent]:
     """The part of a window that a pose sees, with a margin."""
     low, high = view_box(plan, pose)
     corners = np.array([[a, b] for a in (low[0], high[0]) for b in (low[1], high[1])]) - grid.A_ne_pix[:, 2]
     pix = corners @ np.linalg.inv(grid.A_ne_pix[:, :2]).T
     height, width = grid.weight.shape
-    u0, v0 = (int(max(0, x)) for x in np.floor(pix.min(0)) - MARGIN_PX)
-    u1, v1 = (int(x) for x in np.ceil(pix.max(0)) + MARGIN_PX)
+    u0, v0 = (int(max(0, x)) for x in np.floor(pix.min(0)) - MARGIN_PX // descent.stride)
+    u1, v1 = (int(x) for x in np.ceil(pix.max(0)) + MARGIN_PX // descent.stride)
     u0, v0 = min(u0, width - 8), min(v0, height - 8)
     rows, cols = slice(v0, max(v1, v0 + 8)), slice(u0, max(u1, u0 + 8))
     A = grid.A_ne_pix.copy()
     A[:, 2] += A[:, :2] @ np.array([u0, v0], dtype=np.float64)
     part = MapGrid(grid.features[rows, cols], grid.weight[rows, cols], grid.surface_up_m[rows, cols], A, grid.gsd_m)
-    return part, align.Descent(descent.template[rows, cols], descent.d_north[rows, cols], descent.d_east[rows, cols])
+    return part, descent.part(rows, cols)

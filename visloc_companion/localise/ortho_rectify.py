@@ -5,12 +5,10 @@ A pixel x of the map grid at ground point P (metres north, east; down) is filled
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from cv2.typing import MatLike
 from numpy.typing import NDArray
 
 from visloc_companion.geo.raster import apply_affine
@@ -66,15 +64,20 @@ def rectify_plane(
     """
     H = ground_homography(level.K, pose, A_ne_pix, ground_up_m)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    image = _by_fours(level.grey, lambda part: cv2.warpPerspective(part, H, size, flags=flags, borderMode=cv2.BORDER_REPLICATE))
+    image = np.asarray(cv2.warpPerspective(level.grey, H, size, flags=flags, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
     seen = cv2.warpPerspective(level.valid, H, size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP, borderValue=0) > 0
     if _may_see_far(pose):
         seen &= _near_enough(pose, A_ne_pix, size, ground_up_m) & _in_front(pose, A_ne_pix, size, ground_up_m)
     return image, seen
 
 
-def rectify_surface(level: FrameLevel, pose: CameraPose, grid: MapGrid) -> tuple[Float32Array, NDArray[np.bool_]]:
-    """Frame on a map window over its surface model: (H, W) grey and the mask of what the frame shows unhidden."""
+def rectify_surface(
+    level: FrameLevel, pose: CameraPose, grid: MapGrid, behind: NDArray[np.bool_] | None = None
+) -> tuple[Float32Array, NDArray[np.bool_]]:
+    """Frame on a map window over its surface model: (H, W) grey and the mask of what the frame shows unhidden.
+
+    `behind` (H, W): what is `hidden`, where that is known from a pose nearby.
+    """
     height, width = grid.weight.shape
     low, high = float(grid.surface_up_m.min()), float(grid.surface_up_m.max())
     if high - low < 0.05:
@@ -87,17 +90,24 @@ def rectify_surface(level: FrameLevel, pose: CameraPose, grid: MapGrid) -> tuple
     ahead = z > 1e-3
     z = np.where(ahead, z, np.float32(1.0))
     map_u, map_v = x / z, y / z
-    image = _by_fours(level.grey, lambda part: cv2.remap(part, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+    image = np.asarray(cv2.remap(level.grey, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
     seen = (cv2.remap(level.valid, map_u, map_v, cv2.INTER_NEAREST, borderValue=0) > 0) & ahead
     if _may_see_far(pose):
         seen &= _near_enough(pose, grid.A_ne_pix, (width, height), low)
-    return image, seen & ~_hidden(pose, grid)
+    return image, seen & ~(hidden(pose, grid) if behind is None else behind)
 
 
 def sampling_weight(
-    K: FloatArray, pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], ground_up_m: float
+    K: FloatArray,
+    pose: CameraPose,
+    A_ne_pix: FloatArray,
+    size: tuple[int, int],
+    ground_up_m: float,
+    pixel_m2: float | None = None,
 ) -> Float32Array | None:
     """(H, W) in 0..1: how well a frame samples each pixel of a grid of (width, height) pixels on a horizontal plane.
+
+    `pixel_m2`: area of a pixel where that is not the grid's step (a thinned window).
 
     A frame pixel at depth q covers q^3 / (fx fy z) of a plane z below the camera. Where that is more than a grid pixel, the
     grid holds more pixels than there are measurements. None near nadir, where all would be alike.
@@ -108,7 +118,8 @@ def sampling_weight(
     north, east = nadir_offsets(A_ne_pix, pose.p_ned_m, size)
     axis = pose.R_ned_cam[:, 2].astype(np.float32)
     depth = np.maximum(axis[0] * north + axis[1] * east + axis[2] * z, np.float32(0.05) * z)
-    full = np.float32(FULL_SAMPLING * K[0, 0] * K[1, 1] * abs(np.linalg.det(A_ne_pix[:, :2]))) * z
+    area_m2 = abs(np.linalg.det(A_ne_pix[:, :2])) if pixel_m2 is None else pixel_m2
+    full = np.float32(FULL_SAMPLING * K[0, 0] * K[1, 1] * area_m2) * z
     return np.asarray(np.minimum(full / (depth * depth * depth), np.float32(1.0)), dtype=np.float32)
 
 
@@ -129,14 +140,6 @@ def ground_points(grid: MapGrid, pix: FloatArray) -> FloatArray:
     return np.column_stack([apply_affine(grid.A_ne_pix, pix), -np.asarray(up, dtype=np.float64).ravel()])
 
 
-def _by_fours(image: Float32Array, warp: Callable[[Float32Array], MatLike]) -> Float32Array:
-    """OpenCV resamples at most four channels at once."""
-    if image.ndim == 2:
-        return np.asarray(warp(image), dtype=np.float32)
-    parts = [warp(np.ascontiguousarray(image[..., k : k + 4])) for k in range(0, image.shape[2], 4)]
-    return np.dstack([np.asarray(part, dtype=np.float32) for part in parts])
-
-
 def _may_see_far(pose: CameraPose) -> bool:
     return bool(pose.R_ned_cam[2, 2] < np.cos(np.radians(12)))
 
@@ -153,7 +156,7 @@ def _in_front(pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], up_
     return np.asarray(axis[0] * north + axis[1] * east + axis[2] * np.float32(-up_m - pose.p_ned_m[2]) > 0, dtype=np.bool_)
 
 
-def _hidden(pose: CameraPose, grid: MapGrid, steps: int = 8) -> NDArray[np.bool_]:
+def hidden(pose: CameraPose, grid: MapGrid, steps: int = 8) -> NDArray[np.bool_]:
     """Pixels whose line to the camera passes under the surface: marched at a reduced resolution over the height that can hide."""
     stride = max(2, round(max(grid.weight.shape) / 120))
     surface = np.ascontiguousarray(grid.surface_up_m[::stride, ::stride])
@@ -165,12 +168,12 @@ def _hidden(pose: CameraPose, grid: MapGrid, steps: int = 8) -> NDArray[np.bool_
     highest = float(surface.max())
     below = np.maximum(camera_up - surface, 1.0)
     reach = np.clip((highest - surface) / below, 0, 1)
-    hidden = np.zeros(surface.shape, np.bool_)
+    found = np.zeros(surface.shape, np.bool_)
     for k in range(1, steps + 1):
         share = reach * (k / steps)
         su = u + (np.float32(nadir[0]) - u) * share
         sv = v + (np.float32(nadir[1]) - v) * share
         there = cv2.remap(surface, su, sv, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        hidden |= there > surface + below * share + 1.0
-    full = cv2.resize(hidden.astype(np.uint8), (grid.weight.shape[1], grid.weight.shape[0]), interpolation=cv2.INTER_NEAREST)
+        found |= there > surface + below * share + 1.0
+    full = cv2.resize(found.astype(np.uint8), (grid.weight.shape[1], grid.weight.shape[0]), interpolation=cv2.INTER_NEAREST)
     return np.asarray(full > 0, dtype=np.bool_)

@@ -55,13 +55,17 @@ def make_localiser(
     map_sigma_m: float = 0.0,
     max_probability_wrong: float = 0.05,
     max_search_radius_m: float = 2000.0,
+    threads: int = 1,
 ) -> Localiser:
     """The localiser of a name; `features` are ignored by those that need none.
 
     Raises ConfigError for a name that this version does not have, or where features are needed and none are given.
     """
     settings = LocaliserSettings(
-        max_probability_wrong=max_probability_wrong, max_search_radius_m=max_search_radius_m, map_sigma_m=map_sigma_m
+        max_probability_wrong=max_probability_wrong,
+        max_search_radius_m=max_search_radius_m,
+        map_sigma_m=map_sigma_m,
+        threads=threads,
     )
     if method in ON_PIXELS:
         return ON_PIXELS[method](model, settings)

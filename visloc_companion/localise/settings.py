@@ -11,10 +11,12 @@ class LocaliserSettings:
 
     `max_probability_wrong`: fixes with a larger calibrated probability of being wrong are declined.
     `max_search_radius_m`: the search region never grows beyond this. `map_sigma_m`: 1-sigma of the map's registration, added
-    to the claimed covariance. `min_height_m`: below this height above the surface nothing is tried.
+    to the claimed covariance. `min_height_m`: below this height above the surface nothing is tried. `threads` search together;
+    no answer depends on their number.
     """
 
     max_probability_wrong: float = 0.05
     max_search_radius_m: float = 2000.0
     map_sigma_m: float = 0.0
     min_height_m: float = 8.0
+    threads: int = 1

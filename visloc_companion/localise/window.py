@@ -79,6 +79,16 @@ def cropped(grid: MapGrid) -> MapGrid:
     )
 
 
+def thinned(grid: MapGrid, stride: int) -> MapGrid:
+    """Every `stride`-th row and column of a window; `gsd_m` stays that of its features."""
+    if stride == 1:
+        return grid
+    features, weight, surface = (
+        np.ascontiguousarray(a[::stride, ::stride]) for a in (grid.features, grid.weight, grid.surface_up_m)
+    )
+    return MapGrid(features, weight, surface, grid.A_ne_pix * np.array([stride, stride, 1.0]), grid.gsd_m)
+
+
 def _filled(heights: NDArray[np.float32], valid: NDArray[np.bool_]) -> Float32Array:
     known = np.isfinite(heights) & valid
     if known.all():
