@@ -2,8 +2,8 @@
 
 Absolute times depend on the machine and on who else uses it; the ratio to OpenCV's SIFT on the same frame (detection and
 description, one thread) does so much less. All run in turn on every frame, the medians are compared. Each method runs over a pack
-that holds its features, as in flight, and over the bare rasters, where the map's are computed for every frame. The cost of the
-search alone follows (`benchmarks.search_cost`).
+that holds its features, as in flight, and over the bare rasters, where the map's are computed for every frame. Wall
+times and memory of a worker (`benchmarks.worker_speed`) and the cost of the search alone (`benchmarks.search_cost`) follow.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from benchmarks import search_cost
+from benchmarks import search_cost, worker_speed
 from benchmarks.landscape import cases, localiser_of
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.raster import RasterMap
@@ -31,7 +31,8 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=30)
-    parser.add_argument("--methods", nargs="+", default=["deep", "gradient"])
+    parser.add_argument("--methods", nargs="+", default=["deep", "gradient", "keypoint"])
+    parser.add_argument("--threads", type=int, default=2, help="of the worker whose wall time is measured")
     options = parser.parse_args()
     cv2.setNumThreads(1)
     world = procedural_world(1, size_m=SIZE_M)
@@ -53,6 +54,8 @@ def main() -> None:
     print("|---|---|---|")
     for name, values in took.items():
         print(f"| {name} | {np.median(values):.0f} | {np.median(values) / np.median(took[SIFT]):.2f} |")
+    print()
+    worker_speed.report(world.pack, todo, options.methods, options.threads)
     print()
     search_cost.report(repeats=5)
 
