@@ -69,6 +69,21 @@ def main() -> None:
 def candidates_of(todo: tuple[Case, Truth, Path | None]) -> Candidates | None:
     """The refined candidates of a case; None where there are none."""
     case, truth, network = todo
+    task = task_of(case, network)
+    if task is None:
+        return None
+    matches = refined_candidates(task, find_candidates(task).candidates)
+    if not matches:
+        return None
+    at = GeoPoint(truth.lat_deg, truth.lon_deg, 0.0)
+    crs = RasterMap.open(case.ortho, case.dsm).crs
+    places = [crs.to_geo(*task.plan.frame.to_map(m.descended.pose.p_ned_m[:2])) for m in matches]
+    apart = [distance_m(GeoPoint(lat, lon, 0.0), at) for lat, lon in places]
+    return np.array([standing(task, m).regressors() for m in matches]), np.array(apart) < RIGHT_PX * task.ref.gsd_m
+
+
+def task_of(case: Case, network: Path | None) -> Task | None:
+    """A case as the dense localiser takes it up; `network`: None for gradient features, an empty path for the shipped one."""
     cv2.setNumThreads(1)
     pixels, ref = read_frame(case.frame), RasterMap.open(case.ortho, case.dsm)
     if pixels is None:
@@ -78,14 +93,7 @@ def candidates_of(todo: tuple[Case, Truth, Path | None]) -> Candidates | None:
     if not isinstance(plan, SearchPlan):
         return None
     features: Features = GRADIENT if network is None else _network(network)
-    task = Task(plan, case.prior, full_level(pixels, model), ref, Stopwatch(), features, GRADIENT, DEEP_RANK, 1.0)
-    matches = refined_candidates(task, find_candidates(task).candidates)
-    places = [plan.frame.to_map(m.descended.pose.p_ned_m[:2]) for m in matches]
-    at = GeoPoint(truth.lat_deg, truth.lon_deg, 0.0)
-    apart = [distance_m(_geo(ref, place), at) for place in places]
-    if not matches:
-        return None
-    return np.array([standing(task, m).regressors() for m in matches]), np.array(apart) < RIGHT_PX * ref.gsd_m
+    return Task(plan, case.prior, full_level(pixels, model), ref, Stopwatch(), features, GRADIENT, DEEP_RANK, 1.0)
 
 
 def fit(cases: list[Candidates], ridge: float = 0.3) -> Array:
@@ -107,11 +115,6 @@ def fit(cases: list[Candidates], ridge: float = 0.3) -> Array:
         if np.abs(step).max() < 1e-6:
             break
     return np.asarray(weights / scale)
-
-
-def _geo(ref: RasterMap, place: tuple[float, float]) -> GeoPoint:
-    lat, lon = ref.crs.to_geo(*place)
-    return GeoPoint(lat, lon, 0.0)
 
 
 @lru_cache(maxsize=1)

@@ -97,7 +97,7 @@ def gradient_localiser(model: CameraModel, settings: LocaliserSettings) -> Dense
 
 def deep_localiser(model: CameraModel, settings: LocaliserSettings, features: Features) -> DenseLocaliser:
     """Method `deep`: the network's features where candidates are found and judged, gradients where they are sharpened."""
-    return DenseLocaliser("deep", model, settings, features, Fitted(DEEP_WEIGHTS, DEEP_RANK, 1.04))
+    return DenseLocaliser("deep", model, settings, features, Fitted(DEEP_WEIGHTS, DEEP_RANK, 0.673))
 
 
 def _evidence(

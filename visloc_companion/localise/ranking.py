@@ -12,7 +12,7 @@ from dataclasses import dataclass
 RankWeights = tuple[float, ...]
 GRADIENT_RANK: RankWeights = (39.9, -4.99, 1.24, -0.533, 11.8, 2.41)
 """On `Standing.regressors` (`python -m benchmarks.rank`, training rows only) for gradient features, and ..."""
-DEEP_RANK: RankWeights = GRADIENT_RANK
+DEEP_RANK: RankWeights = (19.9, -8.23, 2.02, -0.964, 35.1, -17.0)
 """... for the network's."""
 CLEAR_LEAD = 12.0
 """Lead (nats) of a candidate without rivals, and the greatest that is told apart."""
