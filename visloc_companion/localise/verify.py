@@ -11,10 +11,10 @@ from visloc_companion.errors import Reason
 CHANCE = 0.0744
 """Share of blocks that agree by chance: area of the agreement circle over that of the block search (blocks.py)."""
 Weights = tuple[float, ...]
-GRADIENT_WEIGHTS: Weights = (-2.18, 21.5, 12.0, 0.155, 5.53, -1.67, -2.07, -0.417, 0.0, 0.0, 0.0, 0.0, 0.0)
+GRADIENT_WEIGHTS: Weights = (-1.94, 14.5, 7.67, 0.916, 2.56, -1.73, -2.6, -0.45, 4.18, 4.27, -0.038, 0.218, 0.102)
 """Logistic regression of being right on `Evidence.regressors` (`python -m benchmarks.calibrate`, training rows only) for gradient
 features, and ..."""
-DEEP_WEIGHTS: Weights = GRADIENT_WEIGHTS
+DEEP_WEIGHTS: Weights = (-9.51, 8.65, 7.23, 1.21, 0.881, 0.409, -0.859, -0.42, 14.4, -1.11, 0.142, 0.304, 0.309)
 """... for the network's."""
 MAX_CHI2_SIGMA = 4.5
 MIN_SCORE = 0.12

@@ -43,8 +43,8 @@ def test_probability_rises_with_worse_evidence(name, worse):
         (replace(GOOD, yaw_sigmas=5.0), Reason.INCONSISTENT_WITH_PRIOR),
         (replace(GOOD, position_sigmas=5.0), Reason.INCONSISTENT_WITH_PRIOR),
         (replace(GOOD, score=0.05, agreeing=3.0), Reason.NO_MATCH),
-        (replace(GOOD, score=0.2, runner_up=0.99, agreeing=6.0), Reason.AMBIGUOUS),
-        (replace(GOOD, score=0.2, runner_up=0.8, agreeing=3.0), Reason.BLOCKS_DISAGREE),
+        (replace(GOOD, score=0.2, coarse_score=0.2, runner_up=0.99, lead=0.1, mode_mass=0.5, agreeing=6.0), Reason.AMBIGUOUS),
+        (replace(GOOD, score=0.2, coarse_score=0.2, runner_up=0.8, agreeing=3.0), Reason.BLOCKS_DISAGREE),
     ],
 )
 def test_refusals_name_their_reason(evidence, reason):
