@@ -90,7 +90,18 @@ def test_commands_exist_with_these_options(page: str, words: list[str]) -> None:
 
 def test_the_documentation_names_every_command() -> None:
     named = {path for _, words in every_command() for path in [command_and_arguments(words)[2]]}
-    expected = {"run", "replay", "sim", "demo", "map build", "map check", "map info", "evaluate image", "train features", "train export"}
+    expected = {
+        "run",
+        "replay",
+        "sim",
+        "demo",
+        "map build",
+        "map check",
+        "map info",
+        "evaluate image",
+        "train features",
+        "train export",
+    }
     assert {f"visloc {name}" for name in expected} <= named
 
 
