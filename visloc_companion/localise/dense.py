@@ -12,10 +12,10 @@ from visloc_companion.localise.answer import Stopwatch, fix, no_fix
 from visloc_companion.localise.claims import claimed_covariance
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
-from visloc_companion.localise.frame import check_pixels, full_level
+from visloc_companion.localise.frame import full_level
 from visloc_companion.localise.matching import Found, Match, Task, apart_m, best_match, find_candidates, sharpened
 from visloc_companion.localise.modes import mass_near, mode_numbers
-from visloc_companion.localise.plan import SearchPlan, make_plan
+from visloc_companion.localise.plan import SearchPlan, planned
 from visloc_companion.localise.pose import PoseEstimate, heading_and_tilt
 from visloc_companion.localise.ranking import DEEP_RANK, GRADIENT_RANK, RankWeights
 from visloc_companion.localise.settings import LocaliserSettings
@@ -55,10 +55,8 @@ class DenseLocaliser:
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The pose of the camera, or why there is none. Never raises for what an image or a place may contain."""
         watch = Stopwatch()
-        if why := check_pixels(pixels, self._model):
-            return no_fix(request, self.method, watch, why)
         try:
-            plan = make_plan(request.prior, self._model, ref, self._settings)
+            plan = planned(request.prior, pixels, self._model, ref, self._settings)
             if not isinstance(plan, SearchPlan):
                 return no_fix(request, self.method, watch, plan)
             full = full_level(pixels, self._model)

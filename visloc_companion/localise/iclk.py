@@ -18,9 +18,8 @@ from visloc_companion.localise import align
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
 from visloc_companion.localise.descent import Descended, descend
 from visloc_companion.localise.features.base import Features
-from visloc_companion.localise.frame import check_pixels
 from visloc_companion.localise.ortho_rectify import CameraPose
-from visloc_companion.localise.plan import SearchPlan, make_plan
+from visloc_companion.localise.plan import SearchPlan, planned
 from visloc_companion.localise.pose import heading_and_tilt
 from visloc_companion.localise.pyramid import LEVELS, LowPassed, View, blurred, view, window
 from visloc_companion.localise.settings import LocaliserSettings
@@ -56,9 +55,7 @@ class IclkLocaliser:
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The pose where the descent from the prior ended, or why it is not believed."""
         watch = Stopwatch()
-        if why := check_pixels(pixels, self._model):
-            return no_fix(request, self.method, watch, why)
-        plan = make_plan(request.prior, self._model, ref, self._settings)
+        plan = planned(request.prior, pixels, self._model, ref, self._settings)
         if not isinstance(plan, SearchPlan):
             return no_fix(request, self.method, watch, plan)
         try:

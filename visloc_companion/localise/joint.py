@@ -21,10 +21,9 @@ from visloc_companion.errors import Reason
 from visloc_companion.localise import align
 from visloc_companion.localise.descent import CORRELATED_PX, MAX_STEP_PX, MIN_PIXELS, Rectified, rectified
 from visloc_companion.localise.features.base import Features
-from visloc_companion.localise.frame import check_pixels
 from visloc_companion.localise.frame_features import FrameFeatures
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
-from visloc_companion.localise.plan import LocalFrame, SearchPlan, local_frame, make_plan
+from visloc_companion.localise.plan import LocalFrame, SearchPlan, local_frame, planned
 from visloc_companion.localise.pyramid import LEVELS, LowPassed, View, blurred, view, window
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.protocols import ReferenceMap
@@ -105,8 +104,7 @@ def joint_alignment(
     local = local_frame(frames[0].prior.place, ref)
     views = []
     for number, frame in enumerate(frames):
-        why = check_pixels(frame.pixels, model)
-        plan = why or make_plan(frame.prior, model, ref, settings or LocaliserSettings())
+        plan = planned(frame.prior, frame.pixels, model, ref, settings or LocaliserSettings())
         if not isinstance(plan, SearchPlan):
             return plan[0], f"frame {number}: {plan[1]}"
         views.append(_shared_prior(view(frame.pixels, model, plan, frame.prior, local), len(frames)))

@@ -12,10 +12,10 @@ from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.geo.raster import apply_affine
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
 from visloc_companion.localise.features.base import Float32Array
-from visloc_companion.localise.frame import FrameLevel, check_pixels, full_level, reduced
+from visloc_companion.localise.frame import FrameLevel, full_level, reduced
 from visloc_companion.localise.hypotheses import footprint_box, search_box
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, ground_homography, ground_points, rectify_plane
-from visloc_companion.localise.plan import SearchPlan, make_plan
+from visloc_companion.localise.plan import SearchPlan, planned
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, solve_pose
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.template import GREY
@@ -43,9 +43,7 @@ class KeypointLocaliser:
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The pose from the consistent matches, or why there is none."""
         watch = Stopwatch()
-        if why := check_pixels(pixels, self._model):
-            return no_fix(request, self.method, watch, why)
-        plan = make_plan(request.prior, self._model, ref, self._settings)
+        plan = planned(request.prior, pixels, self._model, ref, self._settings)
         if not isinstance(plan, SearchPlan):
             return no_fix(request, self.method, watch, plan)
         level = full_level(pixels, self._model)

@@ -13,7 +13,7 @@ import numpy as np
 
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
-from visloc_companion.localise.frame import FrameLevel, check_pixels, full_level, reduced
+from visloc_companion.localise.frame import FrameLevel, full_level, reduced
 from visloc_companion.localise.hypotheses import (
     footprint_box,
     footprint_heights,
@@ -23,7 +23,7 @@ from visloc_companion.localise.hypotheses import (
 )
 from visloc_companion.localise.joint_histogram import Labels, bin_edges, labelled, mutual_information, search_histograms
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, rectify_surface
-from visloc_companion.localise.plan import SearchPlan, make_plan, turned
+from visloc_companion.localise.plan import SearchPlan, planned, turned
 from visloc_companion.localise.pose import heading_and_tilt
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.template import GREY
@@ -67,9 +67,7 @@ class MutualInformationLocaliser:
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The pose at the highest mutual information, or why there is none."""
         watch = Stopwatch()
-        if why := check_pixels(pixels, self._model):
-            return no_fix(request, self.method, watch, why)
-        plan = make_plan(request.prior, self._model, ref, self._settings)
+        plan = planned(request.prior, pixels, self._model, ref, self._settings)
         if not isinstance(plan, SearchPlan):
             return no_fix(request, self.method, watch, plan)
         full = full_level(pixels, self._model)

@@ -11,10 +11,11 @@ import numpy as np
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.geo.camera import R_FRD_CAM, unproject
 from visloc_companion.geo.se3 import R_from_quat
+from visloc_companion.localise.frame import check_pixels
 from visloc_companion.localise.ortho_rectify import MAX_TAN_INCIDENCE, CameraPose
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.protocols import ReferenceMap
-from visloc_companion.types import CameraModel, FloatArray, GeoPoint, PosePrior
+from visloc_companion.types import CameraModel, FloatArray, GeoPoint, Image, PosePrior
 
 COARSE_PIXELS = 90.0
 """Side (px) of the square with the footprint's area at the search level."""
@@ -130,6 +131,13 @@ def make_plan(
         headings_rad=_grid(min(math.pi, SIGMAS * prior.sigma_yaw_rad), step),
         scales=np.exp(_grid(math.log1p(min(1.5, (SIGMAS * prior.sigma_h_m + spread) / agl)), step)),
     )
+
+
+def planned(
+    prior: PosePrior, pixels: Image, model: CameraModel, ref: ReferenceMap, settings: LocaliserSettings
+) -> SearchPlan | tuple[Reason, str]:
+    """The plan for a frame, or why it cannot be localised: what is wrong with its pixels, or with where it was taken."""
+    return check_pixels(pixels, model) or make_plan(prior, model, ref, settings)
 
 
 def ground_near(

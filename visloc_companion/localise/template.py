@@ -15,7 +15,7 @@ from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.features.gradient import grey
-from visloc_companion.localise.frame import FrameLevel, check_pixels, full_level, reduced
+from visloc_companion.localise.frame import FrameLevel, full_level, reduced
 from visloc_companion.localise.frame_features import ForEachPose
 from visloc_companion.localise.hypotheses import (
     footprint_heights,
@@ -25,7 +25,7 @@ from visloc_companion.localise.hypotheses import (
     search_window,
 )
 from visloc_companion.localise.ortho_rectify import CameraPose
-from visloc_companion.localise.plan import SearchPlan, make_plan
+from visloc_companion.localise.plan import SearchPlan, planned
 from visloc_companion.localise.pose import heading_and_tilt
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.window import cropped, map_grid
@@ -68,9 +68,7 @@ class NccLocaliser:
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The pose at the highest correlation, or why there is none."""
         watch = Stopwatch()
-        if why := check_pixels(pixels, self._model):
-            return no_fix(request, self.method, watch, why)
-        plan = make_plan(request.prior, self._model, ref, self._settings)
+        plan = planned(request.prior, pixels, self._model, ref, self._settings)
         if not isinstance(plan, SearchPlan):
             return no_fix(request, self.method, watch, plan)
         full = full_level(pixels, self._model)
