@@ -7,7 +7,6 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from visloc_companion.errors import VislocError
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.maps.crs import map_crs
@@ -43,8 +42,7 @@ def add_features(
     files = {name: entry for name, entry in old.files.items() if name not in dropped}
     grid = _grid(old, folder)
     made_from = [sha256_file(folder / MANIFEST), replace, finest_features_m, *((each.name, each.recipe) for each in networks)]
-    work = WorkFolder(folder, work_key("add", SOFTWARE, made_from))
-    try:
+    with WorkFolder(folder, work_key("add", SOFTWARE, made_from)) as work:
         need = sum(stored_bytes(wanted_levels(grid, each, finest_features_m), each) for each in networks)
         work.check_free(need)
         levels = feature_levels(work, grid, folder / old.ortho.file, networks, finest_features_m, report)
@@ -54,11 +52,6 @@ def add_features(
         manifest = old.model_copy(update={"features": kept + levels, "files": entries})
         write_manifest(work.path, manifest)
         work.take_name()
-    except VislocError:
-        work.remove()
-        raise
-    finally:
-        work.close()
     return manifest
 
 

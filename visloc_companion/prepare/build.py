@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import visloc_companion
-from visloc_companion.errors import MapError, VislocError
+from visloc_companion.errors import MapError
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.maps.geotiff import ground_gsd_m, layer_of, open_ortho
@@ -83,8 +83,7 @@ def build_pack(
     inputs = tuple(_inputs([*orthos, *([dsm] if dsm else clouds)], report))
     made_from: list[object] = [cloud_crs, ground_h_amsl_m, vertical_datum, geoid_undulation_m, len(orthos), dsm is None]
     made_from += [finest_features_m, *(entry.sha256 for entry in inputs), *((each.name, each.recipe) for each in functions)]
-    work = WorkFolder(out, work_key("build", SOFTWARE, made_from))
-    try:
+    with WorkFolder(out, work_key("build", SOFTWARE, made_from)) as work:
         _check_space(work, grid, surface, max(each.layer.channels for each in sources), functions, finest_features_m)
         share = _ortho(work, grid, sources, report)
         heights = _heights(work, grid, surface, ground_h_amsl_m, report)
@@ -110,11 +109,6 @@ def build_pack(
         )
         write_manifest(work.path, manifest)
         work.take_name()
-    except VislocError:
-        work.remove()
-        raise
-    finally:
-        work.close()
     return manifest
 
 

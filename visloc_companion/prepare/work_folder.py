@@ -11,9 +11,9 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
-from visloc_companion.errors import MapError
+from visloc_companion.errors import MapError, VislocError
 from visloc_companion.maps.manifest import FileEntry, sha256_file
 
 LOG = ".work.jsonl"
@@ -28,7 +28,8 @@ class WorkFolder:
 
     `key` says what the work is made from: a folder that was left behind with the same key is gone on with, another one is
     emptied. A part is noted only after its data were handed to the disk, so that even a loss of power costs SYNC_S at most.
-    One process at a time: a second one gets a MapError.
+    One process at a time: a second one gets a MapError. As a context it is closed at the end, and removed by a VislocError: what
+    is refused once is refused again.
     """
 
     def __init__(self, target: Path, key: str) -> None:
@@ -42,6 +43,16 @@ class WorkFolder:
         self._done = self._read(key)
         if not self._done:
             self._start(key)
+
+    def __enter__(self) -> Self:
+        """The folder itself."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Remove after a refusal; else only let go."""
+        if kind is not None and issubclass(kind, VislocError):
+            self.remove()
+        self.close()
 
     def result(self, part: str) -> Any:
         """What a finished part was recorded with; None where it is not finished."""
