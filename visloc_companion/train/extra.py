@@ -21,5 +21,5 @@ def require_training() -> None:
         raise ConfigError(
             f"needs {', '.join(missing)}",
             where="visloc train",
-            remedy="pip install 'visloc-companion[train]' (without a GPU: --extra-index-url https://download.pytorch.org/whl/cpu)",
+            remedy="pip install 'visloc-companion[train]' (docs/training.md says how without a GPU)",
         )

@@ -11,6 +11,7 @@ import rasterio
 from numpy.typing import NDArray
 
 from visloc_companion.errors import CasesError
+from visloc_companion.localise.features.gradient import gradient_features
 from visloc_companion.sim.landscape import build_landscape
 from visloc_companion.sim.season import Cover, Rgb, Season, season_of
 
@@ -55,8 +56,6 @@ def _pair(folder: Path) -> Stack:
 
 def measured_shift_px(a: Bands, b: Bands, reach_px: int = 6) -> NDArray[np.float64]:
     """(2,) columns and rows by which b's content lies right of and below a's: peak of the correlation of gradient features."""
-    from visloc_companion.localise.features.gradient import gradient_features
-
     fa, fb = (gradient_features(image[..., :3], np.ones(image.shape[:2], bool)) for image in (a, b))
     inner = np.ascontiguousarray(fa[reach_px:-reach_px, reach_px:-reach_px])
     scores = cv2.matchTemplate(np.ascontiguousarray(fb), inner, cv2.TM_CCORR_NORMED)
