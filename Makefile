@@ -15,7 +15,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@touch $(STAMP)
 
 # PyTorch takes 750 MB, and many times that where the package index only has builds for GPUs; only training needs it.
-# Without a GPU: PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu make install-train
+# Without a GPU: name the index of its builds for CPUs in PIP_EXTRA_INDEX_URL.
 install-train: install
 	@$(BIN)/python -c 'import torch, onnx, onnxscript' 2>/dev/null || \
 	  $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[train]'

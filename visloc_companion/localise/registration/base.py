@@ -1,0 +1,61 @@
+"""What every registration method is asked and what it answers. Colour plays no part: clouds are points in metres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from visloc_companion.errors import Reason
+from visloc_companion.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class RegistrationPrior:
+    """1-sigma of the source's place in the reference about the identity (a uniform ±a is given as a/√3: 3 sigma covers it).
+
+    `sigma_scale` is relative, the angles are radians about the source's middle: `sigma_yaw_rad` about up, `sigma_tilt_rad` about
+    each horizontal axis.
+    """
+
+    sigma_horizontal_m: float
+    sigma_vertical_m: float
+    sigma_yaw_rad: float
+    sigma_tilt_rad: float
+    sigma_scale: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Registered:
+    """`T_reference_source` (4, 4) similarity: p_reference = T [p_source, 1], metres; errors are of the source's middle.
+
+    `covariance_m2` (3, 3) east, north, up of the reference's axes; `sigma_yaw_rad`, `sigma_scale` 1-sigma as well.
+    `probability_wrong` is calibrated (off by more than 5 m horizontally), `evidence` what it was computed from.
+    """
+
+    T_reference_source: FloatArray
+    covariance_m2: FloatArray
+    sigma_yaw_rad: float
+    sigma_scale: float
+    probability_wrong: float
+    evidence: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class NotRegistered:
+    """The method declines: water, a flat field, several places alike, too few points."""
+
+    reason: Reason
+    detail: str
+    evidence: tuple[tuple[str, float], ...] = ()
+
+
+class RegistrationMethod(Protocol):
+    """A method: pure and deterministic, one thread."""
+
+    def __call__(self, source_m: FloatArray, reference_m: FloatArray, prior: RegistrationPrior) -> Registered | NotRegistered:
+        """Register `source_m` (N, 3) to `reference_m` (M, 3), east, north, up in metres.
+
+        Raises ValueError for arrays of another shape or with values that are not finite (readers refuse these with the file's
+        name before).
+        """
+        ...
