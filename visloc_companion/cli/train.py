@@ -29,6 +29,9 @@ def features(
     data: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder that the sources' folders lie in; the configuration's by default.")
     ] = None,
+    first: Annotated[
+        Path | None, typer.Option("--from", metavar="FILE", help="checkpoint.pt of another run whose weights to begin with.")
+    ] = None,
     device: Annotated[str, typer.Option(help="cpu, cuda or cuda:N.")] = "cpu",
 ) -> None:
     """Train a network that makes dense features of map and frame."""
@@ -41,7 +44,7 @@ def features(
     settings = load_training_config(config)
     try:
         with _watcher() as watcher:
-            checkpoint = train(settings, data or config.parent, out, watcher, device)
+            checkpoint = train(settings, data or config.parent, out, watcher, device, first)
     except KeyboardInterrupt:
         typer.echo(f"broken off; the same command goes on from the last checkpoint in {out}", err=True)
         raise typer.Exit(INTERRUPTED) from None

@@ -6,7 +6,7 @@ import io
 import os
 import pickle
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,18 @@ import torch
 from visloc_companion.errors import ConfigError, ModelError
 
 FORMAT = "visloc-training-checkpoint"
-VERSION = 1
+VERSION = 2
 FREE_SPACE = "free some space or name another folder for --out"
 START_AGAIN = "name an undamaged checkpoint, or train again into another folder"
+
+
+@dataclass(frozen=True, slots=True)
+class Ancestor:
+    """A run that another one's first weights came from."""
+
+    config: dict[str, Any]
+    step: int
+    seconds: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +44,8 @@ class Checkpoint:
     random: torch.Tensor
     """State of PyTorch's generator. Pairs follow from the seed and the step alone."""
     hardware: str
+    ancestors: tuple[Ancestor, ...]
+    """The runs before this one, the first one first; empty for a run that began with fresh weights."""
 
 
 def write_file(path: Path, content: bytes) -> None:
@@ -56,7 +67,13 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     """Write atomically; the previous checkpoint stays until the new one is whole. Raises ConfigError as `write_file`."""
     buffer = io.BytesIO()
     torch.save(
-        {"format": FORMAT, "version": VERSION, **{name: getattr(checkpoint, name) for name in Checkpoint.__slots__}}, buffer
+        {
+            "format": FORMAT,
+            "version": VERSION,
+            **{name: getattr(checkpoint, name) for name in Checkpoint.__slots__},
+            "ancestors": [asdict(ancestor) for ancestor in checkpoint.ancestors],
+        },
+        buffer,
     )
     write_file(path, buffer.getvalue())
 
@@ -74,4 +91,4 @@ def load_checkpoint(path: Path) -> Checkpoint:
     fields = {name: data[name] for name in Checkpoint.__slots__ if name in data}
     if missing := set(Checkpoint.__slots__) - set(fields):
         raise ModelError(f"lacks {', '.join(sorted(missing))}", where=str(path), remedy=START_AGAIN)
-    return Checkpoint(**fields)
+    return Checkpoint(**{**fields, "ancestors": tuple(Ancestor(**ancestor) for ancestor in fields["ancestors"])})

@@ -32,6 +32,10 @@ class NetworkConfig(Section):
     """One residual block for each, in pixels of the half resolution: how far the network sees."""
     descriptors: Annotated[int, Field(ge=1, le=32)] = 8
     """Learned channels beside the two of gradient orientation."""
+    quarter_width: Annotated[int, Field(ge=4, le=256)] = 48
+    """Channels at quarter resolution."""
+    quarter_dilations: Annotated[tuple[Whole, ...], Field(max_length=16)] = ()
+    """One residual block for each, in pixels of the quarter resolution; none: the network has no quarter resolution."""
 
 
 class PairsConfig(Section):

@@ -96,6 +96,8 @@ def export(order: ExportOrder, tell: Tell) -> ModelManifest:
 def context_px(settings: NetworkSettings) -> int:
     """How far an output pixel depends on the input around it (networks.py): entry, down, blocks and bilinear rise, merge."""
     half = 1 + sum(settings.dilations) + 1
+    if settings.quarter_dilations:
+        half += 1 + 2 * (sum(settings.quarter_dilations) + 1)
     return 1 + 2 * half + 1 + 1
 
 
@@ -211,16 +213,21 @@ def _written(
 
 
 def training_of(saved: Checkpoint, config: TrainingConfig) -> Training:
-    """How the weights came about, as the manifest states it."""
+    """How the weights came about, as the manifest states it: this run and those that its first weights came from."""
+    runs = (*(parse_training_config(run.config, where="ancestor") for run in saved.ancestors), config)
     return Training(
-        data=tuple(TrainingData(name=s.name, part=part_of(s), licence=s.licence) for s in config.sources),
+        data=tuple(dict.fromkeys(_trained_on(source) for run in runs for source in run.sources)),
         split=config.split or "not stated",
-        seeds=(config.seed,),
-        steps=saved.step,
-        hours=round(saved.seconds / 3600, 2),
+        seeds=tuple(run.seed for run in runs),
+        steps=saved.step + sum(run.step for run in saved.ancestors),
+        hours=round((saved.seconds + sum(run.seconds for run in saved.ancestors)) / 3600, 2),
         hardware=saved.hardware,
         software=f"torch {torch.__version__}, numpy {np.__version__}, opencv {cv2.__version__}",
     )
+
+
+def _trained_on(source: SourceConfig) -> TrainingData:
+    return TrainingData(name=source.name, part=part_of(source), licence=source.licence)
 
 
 def part_of(source: SourceConfig) -> str:

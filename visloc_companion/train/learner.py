@@ -13,11 +13,12 @@ import torch
 from torch import Tensor
 
 from visloc_companion.errors import ConfigError, ModelError
-from visloc_companion.train.checkpoint import load_checkpoint
+from visloc_companion.train.checkpoint import Ancestor, load_checkpoint
 from visloc_companion.train.config import NetworkConfig, ScheduleConfig, TrainingConfig
 from visloc_companion.train.networks import FeatureNetwork, NetworkSettings
 
 FIRST_LOG_SHARPNESS = 4.0
+SAME_WIDTHS = "give network.full_width, half_width, dilations and descriptors of that run; only a quarter resolution may be added"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +44,14 @@ def new_learner(config: TrainingConfig, device: torch.device) -> Learner:
 
 def network_settings(config: NetworkConfig) -> NetworkSettings:
     """The network's own settings."""
-    return NetworkSettings(config.full_width, config.half_width, config.dilations, config.descriptors)
+    return NetworkSettings(
+        config.full_width,
+        config.half_width,
+        config.dilations,
+        config.descriptors,
+        config.quarter_width,
+        config.quarter_dilations,
+    )
 
 
 def learning_rate(schedule: ScheduleConfig, step: int) -> float:
@@ -53,15 +61,33 @@ def learning_rate(schedule: ScheduleConfig, step: int) -> float:
     return schedule.learning_rate * rise * (fall * (1 - schedule.final_share) + schedule.final_share)
 
 
-def begun(config: TrainingConfig, path: Path, device: torch.device) -> tuple[Learner, int, float]:
-    """Fresh, or as the checkpoint at `path` left it: a learner, the steps it has behind it and the seconds these took.
+@dataclass(frozen=True, slots=True, eq=False)
+class Beginning:
+    """Where a run begins: the learner, the steps and seconds that are behind it, the runs that its first weights came from."""
 
-    Raises ConfigError for a checkpoint of another configuration, ModelError for one that cannot be used.
+    learner: Learner
+    step: int = 0
+    seconds: float = 0.0
+    ancestors: tuple[Ancestor, ...] = ()
+
+
+def begun(config: TrainingConfig, path: Path, device: torch.device, first: Path | None = None) -> Beginning:
+    """As the checkpoint at `path` left it; where there is none, with the weights of the checkpoint `first`, or fresh ones.
+
+    What a smaller network of `first` has no weights for begins fresh. Raises ConfigError for a checkpoint of another
+    configuration or with other ancestors, ModelError for one that cannot be used.
     """
     learner = new_learner(config, device)
+    ancestors = _taken_over(learner, first) if first is not None else ()
     if not path.exists():
-        return learner, 0, 0.0
+        return Beginning(learner, ancestors=ancestors)
     saved = load_checkpoint(path)
+    if first is not None and tuple(saved.ancestors) != ancestors:
+        raise ConfigError(
+            "holds a run that began with other weights",
+            where=str(path.parent),
+            remedy="name another folder for --out, or the same --from as when it was begun",
+        )
     if differing := _differences(saved.config, config.plain()):
         raise ConfigError(
             f"holds a run of another configuration ({', '.join(differing)})",
@@ -76,7 +102,21 @@ def begun(config: TrainingConfig, path: Path, device: torch.device) -> tuple[Lea
         torch.set_rng_state(saved.random)
     except (RuntimeError, ValueError, KeyError, TypeError) as why:
         raise ModelError("does not fit this version's network", where=str(path), remedy="train into another folder") from why
-    return learner, saved.step, saved.seconds
+    return Beginning(learner, saved.step, saved.seconds, tuple(saved.ancestors))
+
+
+def _taken_over(learner: Learner, first: Path) -> tuple[Ancestor, ...]:
+    """Copy the weights of a finished or broken-off run into the learner; that run and its own ancestors."""
+    saved = load_checkpoint(first)
+    try:
+        lacking = learner.network.load_state_dict(saved.network, strict=False)
+        with torch.no_grad():
+            learner.log_sharpness.copy_(saved.log_sharpness)
+    except (RuntimeError, ValueError, KeyError, TypeError) as why:
+        raise ModelError("does not fit the configuration's network", where=str(first), remedy=SAME_WIDTHS) from why
+    if lacking.unexpected_keys or not all(key.startswith("quarter.") for key in lacking.missing_keys):
+        raise ModelError("does not fit the configuration's network", where=str(first), remedy=SAME_WIDTHS)
+    return (*saved.ancestors, Ancestor(saved.config, saved.step, saved.seconds))
 
 
 def _differences(a: Mapping[str, Any], b: Mapping[str, Any], prefix: str = "") -> list[str]:

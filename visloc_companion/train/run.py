@@ -21,7 +21,7 @@ from visloc_companion.errors import ConfigError, ModelError
 from visloc_companion.train.checkpoint import FREE_SPACE, Checkpoint, save_checkpoint, write_file
 from visloc_companion.train.config import TrainingConfig
 from visloc_companion.train.curves import curves_svg
-from visloc_companion.train.learner import Learner, begun, checked_device, hardware, learning_rate
+from visloc_companion.train.learner import Beginning, begun, checked_device, hardware, learning_rate
 from visloc_companion.train.log import RunLog
 from visloc_companion.train.mixture import Places, pair_settings, training_sources, validation_batches
 from visloc_companion.train.steps import Batch, make_batch, training_loss, validate
@@ -45,10 +45,13 @@ class Watcher(Protocol):
         ...
 
 
-def train(config: TrainingConfig, data: Path, out: Path, watcher: Watcher, device_name: str = "cpu") -> Path:
+def train(
+    config: TrainingConfig, data: Path, out: Path, watcher: Watcher, device_name: str = "cpu", first: Path | None = None
+) -> Path:
     """Train, or go on where `out` holds a checkpoint of the same configuration; the path of the last checkpoint.
 
-    `data` is the folder that the sources' folders lie in. Writes `checkpoint.pt`, `log.jsonl` and `curves.svg` as it goes.
+    `data` is the folder that the sources' folders lie in; `first` a checkpoint whose weights to begin with. Writes
+    `checkpoint.pt`, `log.jsonl` and `curves.svg` as it goes.
     Raises ConfigError (missing data, full disk, another configuration's run in `out`), CasesError (images that cannot be used),
     ModelError (damaged checkpoint, loss that is not finite).
     """
@@ -56,12 +59,13 @@ def train(config: TrainingConfig, data: Path, out: Path, watcher: Watcher, devic
     torch.set_num_threads(config.threads)
     cv2.setNumThreads(1)
     _make_folder(out)
-    learner, start, seconds = begun(config, out / CHECKPOINT, device)
+    beginning = begun(config, out / CHECKPOINT, device, first)
+    start = beginning.step
     places, settings = Places(data, watcher.preparing), pair_settings(config.pairs)
     sources = training_sources(config, places)
     watcher.preparing("validation pairs")
     checks = validation_batches(config.validation, settings, places)
-    run = _Run(config, learner, checks, RunLog(out / LOG, start), out, watcher, seconds - time.monotonic())
+    run = _Run(config, beginning, checks, RunLog(out / LOG, start), out, watcher)
     if start == 0:
         run.baseline()
 
@@ -79,18 +83,19 @@ class _Run:
     def __init__(
         self,
         config: TrainingConfig,
-        learner: Learner,
+        beginning: Beginning,
         checks: Mapping[str, Sequence[Batch]],
         log: RunLog,
         out: Path,
         watcher: Watcher,
-        clock_offset_s: float,
     ) -> None:
-        self._config, self._learner, self._log, self._out, self._watcher = config, learner, log, out, watcher
-        self._device = learner.log_sharpness.device
+        self._config, self._log, self._out, self._watcher = config, log, out, watcher
+        self._learner, self._ancestors = beginning.learner, beginning.ancestors
+        self._device = self._learner.log_sharpness.device
         self._checks = {name: [_moved(batch, self._device) for batch in batches] for name, batches in checks.items()}
-        self._clock_offset_s, self._losses = clock_offset_s, list[float]()
+        self._losses = list[float]()
         self._began, self._steps_done = time.monotonic(), 0
+        self._seconds_before = beginning.seconds
 
     def baseline(self) -> None:
         """What gradient features alone do on the validation pairs."""
@@ -146,10 +151,11 @@ class _Run:
             learner.optimiser.state_dict(),
             torch.get_rng_state(),
             hardware(self._device, self._config.threads),
+            self._ancestors,
         )
 
     def _seconds(self) -> float:
-        return time.monotonic() + self._clock_offset_s
+        return self._seconds_before + time.monotonic() - self._began
 
 
 def _ahead(make: Callable[[int], Batch], start: int, stop: int) -> Iterator[tuple[int, Batch]]:
