@@ -1,0 +1,48 @@
+"""Clouds as arrays: what every method checks before it begins, and how dense a cloud is."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from visloc_companion.types import FloatArray
+
+FEWEST_POINTS = 50
+"""Fewer points have no shape."""
+DENSITY_CELL_M = 4.0
+"""A 4 m cell with a point in it counts as covered."""
+
+
+def checked(points_m: FloatArray, name: str) -> FloatArray:
+    """The points as (N, 3) float64. Raises ValueError for another shape or values that are not finite."""
+    points = np.asarray(points_m, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"{name}: points are (N, 3), got {points.shape}")
+    if not np.isfinite(points).all():
+        raise ValueError(f"{name}: {int((~np.isfinite(points)).any(1).sum())} of {len(points)} points are not finite")
+    return points
+
+
+def density_per_m2(points_m: FloatArray) -> float:
+    """Points per square metre of the ground that they cover."""
+    cells = np.floor(points_m[:, :2] / DENSITY_CELL_M).astype(np.int64)
+    cells -= cells.min(0)
+    covered = np.unique(cells[:, 0] * (int(cells[:, 1].max()) + 1) + cells[:, 1])
+    return len(points_m) / (len(covered) * DENSITY_CELL_M**2)
+
+
+def middle_m(points_m: FloatArray) -> FloatArray:
+    """(3,) The source's middle: the centre of its horizontal box at its mean height. Outliers in height hardly move it."""
+    low, high = points_m[:, :2].min(0), points_m[:, :2].max(0)
+    return np.array([*(low + high) / 2, float(points_m[:, 2].mean())])
+
+
+def yaw_of(T: FloatArray) -> float:
+    """Heading (radians) by which a similarity turns about up."""
+    return math.atan2(T[1, 0] - T[0, 1], T[0, 0] + T[1, 1])
+
+
+def scale_of(T: FloatArray) -> float:
+    """Scale of a similarity."""
+    return float(np.cbrt(np.linalg.det(T[:3, :3])))
