@@ -9,13 +9,14 @@ import pytest
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: make install-train")
 
 from visloc_companion.errors import ConfigError, ModelError  # noqa: E402
-from visloc_companion.train.checkpoint import Checkpoint, load_checkpoint, save_checkpoint, write_file  # noqa: E402
+from visloc_companion.train.checkpoint import Ancestor, Checkpoint, load_checkpoint, save_checkpoint, write_file  # noqa: E402
 from visloc_companion.train.log import RunLog  # noqa: E402
 
 
 def checkpoint(step: int = 3) -> Checkpoint:
     weights = {"w": torch.arange(6.0).reshape(2, 3) + step}
-    return Checkpoint(step, 1.5, {"seed": 1}, weights, torch.tensor(4.0), {"state": {}}, torch.get_rng_state(), "CPU")
+    before = (Ancestor({"seed": 0}, 9, 2.5),)
+    return Checkpoint(step, 1.5, {"seed": 1}, weights, torch.tensor(4.0), {"state": {}}, torch.get_rng_state(), "CPU", before)
 
 
 def full_disk(*_: object) -> None:
@@ -26,6 +27,7 @@ def test_what_was_saved_is_loaded(tmp_path: Path) -> None:
     save_checkpoint(tmp_path / "checkpoint.pt", checkpoint(7))
     loaded = load_checkpoint(tmp_path / "checkpoint.pt")
     assert (loaded.step, loaded.seconds, loaded.config, loaded.hardware) == (7, 1.5, {"seed": 1}, "CPU")
+    assert loaded.ancestors == (Ancestor({"seed": 0}, 9, 2.5),)
     assert torch.equal(loaded.network["w"], checkpoint(7).network["w"])
     assert torch.equal(loaded.random, checkpoint().random)
     assert [path.name for path in tmp_path.iterdir()] == ["checkpoint.pt"]

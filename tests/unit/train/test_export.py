@@ -17,9 +17,9 @@ from visloc_companion.errors import ModelError  # noqa: E402
 from visloc_companion.localise.model_folder import ModelManifest, read_manifest  # noqa: E402
 from visloc_companion.localise.runtime import open_session  # noqa: E402
 from visloc_companion.train import export as exporting  # noqa: E402
-from visloc_companion.train.checkpoint import Checkpoint, save_checkpoint  # noqa: E402
+from visloc_companion.train.checkpoint import Ancestor, Checkpoint, save_checkpoint  # noqa: E402
 from visloc_companion.train.config import TrainingConfig  # noqa: E402
-from visloc_companion.train.export import ExportOrder, context_px, export  # noqa: E402
+from visloc_companion.train.export import ExportOrder, context_px, export, training_of  # noqa: E402
 from visloc_companion.train.learner import new_learner  # noqa: E402
 from visloc_companion.train.networks import FeatureNetwork, NetworkSettings  # noqa: E402
 from visloc_companion.train.onnx_file import reduced  # noqa: E402
@@ -28,10 +28,11 @@ from visloc_companion.train.onnx_file import reduced  # noqa: E402
 @pytest.fixture(scope="module")
 def order(tmp_path_factory: pytest.TempPathFactory, tiny: Callable[..., TrainingConfig]) -> ExportOrder:
     """Of a network with its first weights."""
-    folder, config = tmp_path_factory.mktemp("export"), tiny()
+    folder, config = tmp_path_factory.mktemp("export"), tiny(network={"quarter_width": 4, "quarter_dilations": [1, 2]})
     learner = new_learner(config, torch.device("cpu"))
+    torch.nn.init.normal_(learner.network.quarter.back.weight)
     saved = (learner.network.state_dict(), learner.log_sharpness.detach(), {}, torch.get_rng_state(), "CPU (test)")
-    save_checkpoint(folder / "checkpoint.pt", Checkpoint(4, 7200.0, config.plain(), *saved))
+    save_checkpoint(folder / "checkpoint.pt", Checkpoint(4, 7200.0, config.plain(), *saved, ()))
     return ExportOrder(folder / "checkpoint.pt", "tiny", folder / "model", "Apache-2.0", data=folder)
 
 
@@ -115,11 +116,22 @@ def test_nothing_is_written_where_a_file_is_wrong(
     assert not out.exists()
 
 
-@pytest.mark.parametrize("dilations", [(1,), (1, 2, 4)])
-def test_the_stated_context_is_what_an_output_pixel_depends_on(dilations: tuple[int, ...]) -> None:
+def test_the_manifest_counts_the_runs_that_the_weights_came_from(tiny: Callable[..., TrainingConfig]) -> None:
+    config, before = tiny(seed=7), tiny(seed=6, split="before")
+    saved = Checkpoint(4, 1800.0, config.plain(), {}, torch.tensor(4.0), {}, torch.get_rng_state(), "CPU", ())
+    alone = training_of(saved, config)
+    stated = training_of(replace(saved, ancestors=(Ancestor(before.plain(), 6, 3600.0),)), config)
+    assert (stated.steps, stated.hours, stated.seeds, stated.data) == (10, 1.5, (6, 7), alone.data)
+    assert stated.split == config.split
+
+
+@pytest.mark.parametrize(("dilations", "quarter"), [((1,), ()), ((1, 2, 4), ()), ((1,), (1,)), ((1, 2), (1, 2))])
+def test_the_stated_context_is_what_an_output_pixel_depends_on(dilations: tuple[int, ...], quarter: tuple[int, ...]) -> None:
     torch.manual_seed(2)
-    settings = NetworkSettings(8, 8, dilations, 2)
+    settings = NetworkSettings(8, 8, dilations, 2, 8, quarter)
     network, size = FeatureNetwork(settings).double(), 96
+    if network.quarter is not None:
+        torch.nn.init.normal_(network.quarter.back.weight)
     image = torch.randn(1, 3, size, size, dtype=torch.float64, requires_grad=True)
     reach = 0
     for at in range(44, 48):

@@ -11,9 +11,9 @@ torch = pytest.importorskip("torch", reason="PyTorch is not installed: make inst
 
 from visloc_companion.errors import ConfigError, ModelError  # noqa: E402
 from visloc_companion.train import run  # noqa: E402
-from visloc_companion.train.checkpoint import Checkpoint, load_checkpoint  # noqa: E402
+from visloc_companion.train.checkpoint import Ancestor, Checkpoint, load_checkpoint  # noqa: E402
 from visloc_companion.train.config import TrainingConfig  # noqa: E402
-from visloc_companion.train.learner import checked_device, learning_rate  # noqa: E402
+from visloc_companion.train.learner import begun, checked_device, learning_rate, new_learner  # noqa: E402
 
 Tiny = Callable[..., TrainingConfig]
 
@@ -79,6 +79,47 @@ def test_a_finished_run_is_left_as_it_is(tmp_path: Path, tiny: Tiny, watcher: An
     run.train(config, tmp_path, tmp_path / "run", again)
     assert path.read_bytes() == before
     assert again.steps == []
+
+
+WIDER = {"quarter_width": 4, "quarter_dilations": [1, 2]}
+
+
+def test_a_wider_network_begins_with_what_another_run_learned_and_answers_as_it_did(
+    tmp_path: Path, tiny: Tiny, watcher: Any
+) -> None:
+    first = run.train(tiny(), tmp_path, tmp_path / "first", watcher())
+    learned = load_checkpoint(first)
+    beginning = begun(tiny(network=WIDER), tmp_path / "none", torch.device("cpu"), first)
+    smaller = new_learner(tiny(), torch.device("cpu"))
+    smaller.network.load_state_dict(learned.network)
+    image = torch.rand(1, 3, 24, 32)
+    assert torch.equal(beginning.learner.network(image), smaller.network(image))
+    assert torch.equal(beginning.learner.log_sharpness, learned.log_sharpness)
+    assert beginning.ancestors == (Ancestor(learned.config, learned.step, learned.seconds),)
+
+
+def test_a_run_that_began_with_another_ones_weights_is_resumed_with_the_same_only(
+    tmp_path: Path, tiny: Tiny, watcher: Any
+) -> None:
+    first = run.train(tiny(), tmp_path, tmp_path / "first", watcher())
+    other = run.train(tiny(seed=6), tmp_path, tmp_path / "other", watcher())
+    config = tiny(network=WIDER)
+    whole = load_checkpoint(run.train(config, tmp_path, tmp_path / "whole", watcher(), first=first))
+    with pytest.raises(KeyboardInterrupt):
+        run.train(config, tmp_path, tmp_path / "parts", watcher(break_at=3), first=first)
+    with pytest.raises(ConfigError, match=r"began with other weights.*the same --from"):
+        run.train(config, tmp_path, tmp_path / "parts", watcher(), first=other)
+    resumed = load_checkpoint(run.train(config, tmp_path, tmp_path / "parts", watcher()))
+    assert_same_state(resumed, whole)
+    assert resumed.ancestors == whole.ancestors
+    assert len(whole.ancestors) == 1
+
+
+def test_weights_that_do_not_fit_are_refused(tmp_path: Path, tiny: Tiny, watcher: Any) -> None:
+    first = run.train(tiny(network=WIDER), tmp_path, tmp_path / "first", watcher())
+    for network in ({"half_width": 8, **WIDER}, {}, {**WIDER, "dilations": [1, 2, 1]}):
+        with pytest.raises(ModelError, match=r"does not fit.*only a quarter resolution may be added"):
+            run.train(tiny(network=network), tmp_path, tmp_path / "out", watcher(), first=first)
 
 
 def test_missing_data_and_small_images_are_told_before_anything_is_learned(
