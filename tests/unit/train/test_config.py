@@ -12,7 +12,9 @@ from visloc_companion.train.config import TrainingConfig, load_training_config, 
 from visloc_companion.train.config_sources import DatesSource, LandscapeSource, PairsSource
 
 MODELS = Path(__file__).resolve().parents[3] / "models"
-SHIPPED = pytest.mark.parametrize("shipped", [MODELS / "features_first.toml", MODELS / "features.toml"], ids=lambda path: path.stem)
+SHIPPED = pytest.mark.parametrize(
+    "shipped", [MODELS / "features_first.toml", MODELS / "features.toml"], ids=lambda path: path.stem
+)
 SHAPES = {"kind": "shapes", "name": "shapes"}
 LEAST: dict[str, Any] = {"sources": [SHAPES], "validation": {"sources": [SHAPES]}}
 
