@@ -4,7 +4,7 @@
 
     VislocError
     ├── ConfigError
-    ├── MapError ── OutsideMap, DatumMissing, HashMismatch, SignatureInvalid
+    ├── MapError ── OutsideMap, DatumMissing, HashMismatch, SignatureInvalid, CloudError
     ├── ModelError
     ├── LinkError
     ├── CameraError
@@ -62,6 +62,10 @@ class SignatureInvalid(MapError):
     """The signature of the pack does not fit its manifest."""
 
 
+class CloudError(MapError):
+    """A point cloud cannot be used."""
+
+
 class ModelError(VislocError):
     """A network file is missing, changed, or answers wrong."""
 
@@ -98,6 +102,9 @@ class Reason(StrEnum):
     LOW_TEXTURE = "low_texture"
     TOO_DARK = "too_dark"
     OVEREXPOSED = "overexposed"
+    BLURRED = "blurred"
+    NO_BASELINE = "no_baseline"
+    NO_PARALLAX = "no_parallax"
     LOW_OVERLAP = "low_overlap"
     HORIZON_IN_VIEW = "horizon_in_view"
     TOO_LOW = "too_low"

@@ -1,0 +1,124 @@
+"""LAS, LAZ and COPC files by laspy (the extra `prep`): read once from the first point to the last, in chunks of bounded memory.
+
+A COPC file is a LAZ file whose points are sorted; it is read like any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from visloc_companion.errors import CloudError, VislocError
+from visloc_companion.maps.crs import MapCrs, map_crs
+from visloc_companion.types import FloatArray
+
+NOISE_CLASSES = (7, 18)
+"""ASPRS LAS 1.4: low point, high noise."""
+CHUNK_POINTS = 1_000_000
+READ_AGAIN = "copy or download the file again"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LasFile:
+    """An open file. `low`, `high` (3,) are the header's bounds in the units of the file."""
+
+    path: Path
+    reader: Any
+    crs: MapCrs | None
+    point_count: int
+    low: FloatArray
+    high: FloatArray
+
+    @property
+    def metres_per_unit(self) -> FloatArray:
+        """(3,) of easting, northing and height; 1 where the file states no CRS."""
+        if self.crs is None:
+            return np.ones(3)
+        return np.array([self.crs.metres_per_unit] * 2 + [self.crs.vertical_metres_per_unit])
+
+    def chunks(self, chunk_points: int = CHUNK_POINTS) -> Iterator[FloatArray]:
+        """(N, 3) points in the file's CRS and units, without noise classes and withheld points.
+
+        Raises CloudError where the file ends before the points that its header states.
+        """
+        done = 0
+        while done < self.point_count:
+            with las_errors(self.path):
+                records = self.reader.read_points(chunk_points)
+                if not len(records):
+                    break
+                done += len(records)
+                points = _surface_points(records)
+            yield points
+        if done < self.point_count:
+            raise CloudError(
+                f"is cut off: the header states {self.point_count} points, {done} are there",
+                where=str(self.path),
+                remedy=READ_AGAIN,
+            )
+
+
+@contextmanager
+def open_las(path: Path, crs_text: str = "") -> Iterator[LasFile]:
+    """Open a file; `crs_text` (EPSG:CODE or WKT) serves where it states no CRS.
+
+    Raises CloudError where it cannot be read, states no point, or is in degrees, and where laspy is missing; MapError for a CRS
+    that is none.
+    """
+    laspy = _laspy(path)
+    if not path.is_file():
+        raise CloudError("there is no such file", where=str(path), remedy="name a .las or .laz file")
+    wanted = laspy.DecompressionSelection
+    with las_errors(path):
+        reader = laspy.open(
+            path, decompression_selection=wanted.XY_RETURNS_CHANNEL | wanted.Z | wanted.CLASSIFICATION | wanted.FLAGS
+        )
+    with reader:
+        with las_errors(path):
+            header = reader.header
+            found = header.parse_crs()
+            count = int(header.point_count)
+            low, high = np.array(header.mins, np.float64), np.array(header.maxs, np.float64)
+            text = crs_text if found is None else found.to_wkt()
+        if count == 0:
+            raise CloudError("holds no point", where=str(path), remedy="name a cloud with content")
+        if not (np.isfinite(low).all() and np.isfinite(high).all() and (low <= high).all()):
+            raise CloudError(f"header: bounds {low} to {high} are no box", where=str(path), remedy=READ_AGAIN)
+        crs = map_crs(text, str(path)) if text else None
+        if crs is not None and crs.is_geographic:
+            raise CloudError("is in degrees", where=str(path), remedy="reproject it to a CRS in metres (pdal, las2las)")
+        yield LasFile(path, reader, crs, count, low, high)
+
+
+@contextmanager
+def las_errors(path: Path) -> Iterator[None]:
+    """What laspy and the decoder raise for a damaged file (of any type: they trust what they read) as a CloudError."""
+    try:
+        yield
+    except VislocError:
+        raise
+    except Exception as why:
+        raise CloudError(f"cannot be read as a point cloud: {why}", where=str(path), remedy=READ_AGAIN) from why
+
+
+def _surface_points(records: Any) -> FloatArray:
+    keep = ~np.isin(np.asarray(records.classification), NOISE_CLASSES) & (np.asarray(records.withheld) == 0)
+    points = np.empty((int(np.count_nonzero(keep)), 3))
+    for k, axis in enumerate((records.x, records.y, records.z)):
+        points[:, k] = np.asarray(axis)[keep]
+    return points
+
+
+def _laspy(path: Path) -> Any:
+    try:
+        import laspy
+    except ImportError as why:
+        raise CloudError(
+            "reading .las and .laz needs laspy", where=str(path), remedy="pip install 'visloc-companion[prep]'"
+        ) from why
+    return laspy
