@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
@@ -12,8 +13,11 @@ import cv2
 import numpy as np
 import pytest
 
+from visloc_companion.evaluate.cloud_metrics import CloudResult, accepted, cloud_error, summarise
+from visloc_companion.evaluate.cloud_report import write_cloud_report
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.report import write_flight_report
+from visloc_companion.localise.registration.base import Registered
 
 pytestmark = pytest.mark.browser
 
@@ -99,3 +103,31 @@ def test_tracks_are_drawn_in_their_colours(report: Path, tmp_path: Path) -> None
     for name, bgr in (("estimate", (180, 104, 0)), ("baseline", (156, 58, 139)), ("gnss", (10, 71, 208))):
         near = np.abs(pixels.astype(int) - bgr).max(axis=2) < 12
         assert near.sum() > 100, name
+
+
+@pytest.mark.parametrize("width", [1280, 500])
+def test_the_page_of_a_cloud_evaluation(tmp_path: Path, width: int) -> None:
+    """Nine answers, one far off: pictures are shown, the console stays silent, nothing leaves its drawing."""
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-30, 30, (900, 3)) * [1, 1, 0.1]
+    np.savez(tmp_path / "cloud.npz", points=points)
+    sigmas = {f"sigma_{name}": 1.0 for name in ("horizontal_m", "vertical_m", "yaw_deg", "tilt_deg", "scale")}
+    cases = [{"id": f"wood_A_{k:02d}", "source": "cloud.npz", "reference": "cloud.npz", **sigmas} for k in range(9)]
+    (tmp_path / "cases.json").write_text(json.dumps(cases))
+    truth = [{"id": case["id"], "T_reference_source": np.eye(4).tolist()} for case in cases]
+    (tmp_path / "truth.json").write_text(json.dumps(truth))
+    results = []
+    for k, case in enumerate(cases):
+        T = np.eye(4)
+        T[:2, 3] = rng.normal(size=2) if k else (12.0, 0.0)
+        answer = Registered(T, np.eye(3), 0.01, 0.001, 0.3 if k > 6 else 0.01, (("peak", 0.8),))
+        error = cloud_error(answer, np.eye(4), points)
+        results.append(CloudResult(case["id"], answer, None, elapsed_ms=100.0, error=error, has_truth=True))
+    judged = accepted(results, 0.05)
+    page = write_cloud_report(tmp_path / "report", {"method": "any", "summary": summarise(judged)}, judged, tmp_path)
+    page.write_text(page.read_text().replace("</main>", "</main>" + PROBE))
+    shown = chromium(page, tmp_path / "profile", "--dump-dom", f"--window-size={width},2400")
+    found = re.search(r'<pre id="probe">(.*?)</pre>', shown.stdout, re.DOTALL)
+    assert found is not None and found.group(1) == "faults 0: "
+    assert shown.stdout.count("<figure") == 45
+    assert not re.findall(r"CONSOLE|Uncaught|Failed to load|ERR_", shown.stderr)

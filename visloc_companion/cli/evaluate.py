@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
+
+from visloc_companion.cli.evaluate_cloud import cloud
 
 if TYPE_CHECKING:
     from visloc_companion.localise.runtime import NetworkChoice, ProviderName
@@ -20,9 +22,7 @@ DEFAULT_METHOD = "deep"
 """config.DEFAULT_METHOD, which is not imported for it: --help is quick without pydantic."""
 
 
-@evaluate_app.callback()
-def _evaluate() -> None:
-    """Keep `image` a subcommand while it is the only one."""
+evaluate_app.command()(cloud)
 
 
 @evaluate_app.command("image")
@@ -70,6 +70,7 @@ def _run(
     from rich.console import Console
     from rich.progress import Progress
 
+    from visloc_companion.cli.figures import figure_lines
     from visloc_companion.evaluate.cases import read_cases, read_truth
     from visloc_companion.evaluate.image import evaluate_image
     from visloc_companion.evaluate.image_report import write_image_report
@@ -83,11 +84,5 @@ def _run(
         json_file.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     if report is not None:
         typer.echo(write_image_report(report, document, results, read_truth(cases), cases=read_cases(cases)[:limit]))
-    for name, value in document["summary"].items():
-        typer.echo(f"{name:24} {_line(value)}")
-
-
-def _line(value: Any) -> str:
-    if isinstance(value, dict):
-        return "  ".join(f"{name} {_line(part)}" for name, part in value.items())
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    for line in figure_lines(document["summary"]):
+        typer.echo(line)

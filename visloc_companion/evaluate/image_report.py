@@ -8,23 +8,24 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from visloc_companion import __version__
 from visloc_companion.evaluate.cases import BadCase, Case, Truth
 from visloc_companion.evaluate.image_breakdown import GroupFigures, breakdown, grounds_under
 from visloc_companion.evaluate.image_metrics import CaseResult, accepted, case_error, claims
 from visloc_companion.evaluate.image_worst import worst_section
 from visloc_companion.evaluate.reliability import reliability, reliability_diagram
-from visloc_companion.evaluate.report_style import CSS
-from visloc_companion.evaluate.report_svg import circle, figure, legend, text
+from visloc_companion.evaluate.report_parts import (
+    claims_words,
+    figures_table,
+    html_page,
+    percent,
+    rounded,
+    sigma_scatter,
+    tiles,
+)
+from visloc_companion.evaluate.report_svg import legend
 
 LISTED = 400
 Judged = tuple[CaseResult, Truth]
-_STYLE = (
-    ".cases{display:grid;gap:18px}.case{background:var(--panel);border-radius:8px;padding:10px 12px}"
-    ".shots{display:grid;grid-template-columns:repeat(auto-fit,minmax(150px,1fr));gap:10px;max-width:960px;margin-top:6px}"
-    ".shots figure{margin:0}.shots img{width:100%;display:block;border-radius:4px}figcaption{color:var(--soft);font-size:13px}"
-    ".ring{fill:none;stroke:var(--soft)}.dotmark{fill:var(--estimate)}"
-)
 
 
 def write_image_report(
@@ -54,35 +55,28 @@ def write_image_report(
         _breakdown_table(breakdown(judged, grounds, max_probability_wrong)),
         worst_section(judged, by_id, max_probability_wrong),
         _cases_table(accepted(results, max_probability_wrong), truth),
-        f"<h2>All figures</h2><div class=scroll><table>{_rows(document['summary'])}</table></div>",
-        f"<footer>visloc-companion {escape(__version__)}. Errors in pixels are those of the map.</footer>",
+        figures_table(document["summary"]),
     ]
-    page = (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">'
-        f"<title>{escape(title)}</title><style>{CSS}{_STYLE}</style></head><body><main>{''.join(parts)}</main></body></html>\n"
-    )
     path = folder / "report.html"
-    path.write_text(page, encoding="utf-8")
+    path.write_text(html_page(title, parts, "Errors in pixels are those of the map."), encoding="utf-8")
     return path
 
 
 def _tiles(summary: dict[str, Any]) -> str:
-    tiles = [(str(summary["n"]), "cases"), (_percent(summary["fix_share"]), "answered with a fix")]
+    shown = [(str(summary["n"]), "cases"), (percent(summary["fix_share"]), "answered with a fix")]
     if "n_with_truth" in summary:
         error = summary["error_px"] or {}
-        tiles += [
-            (_percent(summary["within_5px_share"]), "of the solvable within 5 px"),
-            (_number(error.get("mean"), " px"), "mean error of the fixes"),
-            (_number(error.get("p95"), " px"), "95 % of the errors below"),
+        shown += [
+            (percent(summary["within_5px_share"]), "of the solvable within 5 px"),
+            (rounded(error.get("mean"), " px"), "mean error of the fixes"),
+            (rounded(error.get("p95"), " px"), "95 % of the errors below"),
             (str(summary["far_and_accepted"]), "accepted, but off by more than 10 px or without a right answer"),
-            (_percent(summary["refused_of_unsolvable_share"]), "of the unsolvable refused"),
-            (_percent(summary["inside_95_ellipse_share"]), "of the errors inside the claimed 95 % ellipse"),
+            (percent(summary["refused_of_unsolvable_share"]), "of the unsolvable refused"),
+            (percent(summary["inside_95_ellipse_share"]), "of the errors inside the claimed 95 % ellipse"),
         ]
     if summary["elapsed_ms"]:
-        tiles.append((_number(summary["elapsed_ms"]["median"], " ms", 0), "median time"))
-    cells = "".join(f'<div class="tile"><b>{escape(value)}</b><span>{escape(words)}</span></div>' for value, words in tiles)
-    return f'<div class="tiles">{cells}</div>'
+        shown.append((rounded(summary["elapsed_ms"]["median"], " ms", 0), "median time"))
+    return tiles(shown)
 
 
 def _reliability(judged: Sequence[Judged]) -> str:
@@ -90,13 +84,7 @@ def _reliability(judged: Sequence[Judged]) -> str:
     if not len(p):
         return ""
     figures = reliability(p, wrong)
-    separation = figures["separation"]
-    words = (
-        f"{figures['n']} answers, {figures['n_wrong']} of them wrong (5 px and more), by their claims "
-        f"{figures['claimed_wrong']:.1f}. Expected calibration error {figures['expected_calibration_error']:.4f}, "
-        f"excess of wrong ones {figures['excess_sigmas']:+.1f} standard deviations of chance"
-        + ("." if separation is None else f", area under the ROC curve {separation:.4f}.")
-    )
+    words = claims_words(figures, "5 px and more")
     key = legend([("dotmark", "share that is wrong, by bin"), ("level", "what chance allows"), ("limit", "a true claim")])
     return (
         f'<h2>Are the claims true?</h2><p>{escape(words)}</p><div class="two"><div><h3>Probability of being wrong</h3>'
@@ -108,14 +96,8 @@ def _reliability(judged: Sequence[Judged]) -> str:
 def _scatter(judged: Sequence[Judged]) -> str:
     """Error over sigma, north against east, with the 1, 2 and 3 sigma circles; far errors lie on the rim."""
     errors = [e for r, t in judged if (e := case_error(r, t)) is not None and e.solvable]
-    parts = [f'<circle cx="300" cy="300" r="{60 * k}" class="ring"/>' for k in (1, 2, 3)]
-    for e in errors:
-        east, north = (max(-4.8, min(4.8, e.sigmas[k])) for k in (1, 0))
-        parts.append(circle(300 + 60 * east, 300 - 60 * north, 3.2, "dotgnss" if e.wrong else "dotfix"))
     key = legend([("dotfix", "within 5 px"), ("dotgnss", "wrong")])
-    return key + figure(
-        600, 600, [*parts, text(300, 592, "east, over sigma"), text(60, 24, "north")], "Errors over sigma", "half"
-    )
+    return key + sigma_scatter([(e.sigmas[1], e.sigmas[0], e.wrong) for e in errors])
 
 
 def _breakdown_table(rows: Sequence[GroupFigures]) -> str:
@@ -126,7 +108,7 @@ def _breakdown_table(rows: Sequence[GroupFigures]) -> str:
         if r.group != group:
             body += f'<tr><th colspan="7">{escape(r.group)}</th></tr>'
             group = r.group
-        cells = (str(r.n), _percent(r.within_5px), _percent(r.within_2px), _number(r.error_px), str(r.accepted), str(r.far))
+        cells = (str(r.n), percent(r.within_5px), percent(r.within_2px), rounded(r.error_px), str(r.accepted), str(r.far))
         body += f"<tr><td>{escape(r.label)}</td>{''.join(f'<td class=n>{cell}</td>' for cell in cells)}</tr>"
     head = "".join(f"<th class=n>{h}</th>" for h in ("cases", "&lt; 5 px", "&lt; 2 px", "mean px", "accepted", "of these far"))
     return (
@@ -156,21 +138,3 @@ def _case_row(result: CaseResult, truth: Truth | None) -> str:
     cells = [*errors, f"{sigma:.2f}", f"{fix.probability_wrong:.2g}", f"{result.elapsed_ms:.0f}"]
     status = '<td class="no">wrong</td>' if error and error.wrong else "<td>fix</td>"
     return f"<tr><td>{name}</td>{status}{''.join(f'<td class=n>{cell}</td>' for cell in cells)}</tr>"
-
-
-def _rows(summary: dict[str, Any]) -> str:
-    return "".join(f"<tr><td>{escape(name)}</td><td>{escape(_text(value))}</td></tr>" for name, value in summary.items())
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, dict):
-        return ", ".join(f"{k} {_text(v)}" for k, v in value.items())
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
-
-
-def _percent(value: float | None) -> str:
-    return "–" if value is None else f"{100 * value:.1f} %"
-
-
-def _number(value: float | None, unit: str = "", digits: int = 2) -> str:
-    return "–" if value is None else f"{value:.{digits}f}{unit}"

@@ -1,0 +1,214 @@
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from visloc_companion.cli.evaluate import evaluate_app
+from visloc_companion.errors import CasesError, ConfigError, Reason
+from visloc_companion.evaluate import cloud as room
+from visloc_companion.evaluate.cloud import evaluate_cloud
+from visloc_companion.evaluate.cloud_cases import BadCloudCase, CloudCase, read_cloud_cases, read_cloud_truth
+from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
+from visloc_companion.localise.registration.registry import METHODS
+
+SIGMAS = {
+    "sigma_horizontal_m": 10.0,
+    "sigma_vertical_m": 3.0,
+    "sigma_yaw_deg": 3.0,
+    "sigma_tilt_deg": 0.3,
+    "sigma_scale": 0.01,
+}
+SHIFT = np.array([3.0, -2.0, 0.5])
+FAR_ORIGIN = np.array([5e5, 5.2e6, 300.0])
+
+
+class Means:
+    """Answers the shift between the means, claims 1 m and a probability of 1 % for shifts below 4 m, 60 % above."""
+
+    def __init__(self, max_probability_wrong: float = 0.05) -> None:
+        self.max_probability_wrong = max_probability_wrong
+
+    def __call__(self, source: np.ndarray, reference: np.ndarray, prior: RegistrationPrior) -> Registered | NotRegistered:
+        assert prior.sigma_yaw_rad == pytest.approx(np.radians(3.0))
+        assert np.abs(reference).max() < 2000, "clouds are moved to the origin"
+        if len(source) < 50:
+            return NotRegistered(Reason.TOO_FEW_FEATURES, "few", (("points", float(len(source))),))
+        T = np.eye(4)
+        T[:3, 3] = reference.mean(0) - source.mean(0)
+        p = 0.01 if np.linalg.norm(T[:3, 3]) < 4.0 else 0.6
+        return Registered(T, np.diag([1.0, 4.0, 0.25]), 0.01, 0.001, p, (("peak", 0.7),))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Two cases that fit (one in far coordinates), one 30 m off, one that the method declines, and what cannot be read."""
+    cloud = np.random.default_rng(1).uniform(-30, 30, (400, 3)) * [1, 1, 0.1]
+    for name, points in (("a", cloud), ("far", cloud + FAR_ORIGIN), ("few", cloud[:20])):
+        np.savez_compressed(tmp_path / f"{name}_source.npz", points=points - SHIFT)
+        np.savez_compressed(tmp_path / f"{name}_reference.npz", points=points)
+    np.savez_compressed(tmp_path / "off_reference.npz", points=cloud + np.array([30.0, 0, 0]))
+    np.savez_compressed(tmp_path / "nan.npz", points=np.full((60, 3), np.nan))
+    entry = {"source": "a_source.npz", "reference": "a_reference.npz", **SIGMAS}
+    cases = [
+        entry | {"id": "town_A_00"},
+        entry | {"id": "town_A_01", "source": "far_source.npz", "reference": str(tmp_path / "far_reference.npz")},
+        entry | {"id": "wood_B_00", "reference": "off_reference.npz"},
+        entry | {"id": "wood_B_01", "source": "few_source.npz"},
+        entry | {"id": "unknown", "source": "nan.npz"},
+        entry | {"id": "absent", "reference": "absent.laz"},
+        entry | {"id": "text", "sigma_scale": "wide"},
+        entry | {"id": "negative", "sigma_yaw_deg": -1.0},
+        entry | {"id": "endless", "sigma_vertical_m": float("inf")},
+        entry | {"id": "nameless", "source": None},
+        {"id": "nothing"},
+        7,
+    ]
+    (tmp_path / "cases.json").write_text(json.dumps(cases))
+    T = np.eye(4)
+    T[:3, 3] = SHIFT
+    truth = [
+        {"id": f"{name}", "cloud": "x", "T_reference_source": T.tolist()} for name in ("town_A_00", "town_A_01", "wood_B_00")
+    ]
+    (tmp_path / "truth.json").write_text(json.dumps([*truth, truth[0] | {"id": "wood_B_01"}]))
+    return tmp_path
+
+
+@pytest.fixture(autouse=True)
+def simple_method(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(METHODS, "means", Means)
+
+
+def test_every_case_is_answered_or_refused_with_a_reason(folder: Path) -> None:
+    document = evaluate_cloud(folder, "means")[0]
+    json.loads(json.dumps(document, allow_nan=False))
+    assert list(document)[:2] == ["schema", "method"] and document["environment"]["numpy"] == np.__version__
+    by_id = {case["id"]: case for case in document["cases"]}
+    assert {name: case["reason"] for name, case in by_id.items() if case["status"] == "no_fix"} == {
+        "wood_B_00": "no_match",
+        "wood_B_01": "too_few_features",
+        **dict.fromkeys(("unknown", "absent", "text", "negative", "endless", "nameless", "nothing", "entry12"), "bad_input"),
+    }
+    assert set(by_id["unknown"]) == {
+        *("id", "status", "reason", "T_reference_source", "sigma_horizontal_m", "sigma_vertical_m"),
+        *("protection_level_m", "probability_wrong", "elapsed_ms"),
+    }
+    assert by_id["wood_B_00"]["T_reference_source"] is None
+    fix = by_id["town_A_00"]
+    np.testing.assert_allclose(fix["T_reference_source"], np.vstack([np.c_[np.eye(3), SHIFT], [0, 0, 0, 1]]), atol=1e-9)
+    assert fix["sigma_horizontal_m"] == pytest.approx(2.5**0.5) and fix["sigma_vertical_m"] == 0.5
+    assert fix["protection_level_m"] == pytest.approx(4.80 * 2.0, rel=1e-3)
+    assert fix["elapsed_ms"] > 0 and fix["reason"] is None
+
+
+def test_a_similarity_of_far_coordinates_is_about_their_own_zero(folder: Path) -> None:
+    case = next(c for c in evaluate_cloud(folder, "means")[0]["cases"] if c["id"] == "town_A_01")
+    np.testing.assert_allclose(np.array(case["T_reference_source"])[:3, 3], SHIFT, atol=1e-6)
+    T = np.eye(4)
+    T[:3, :3] = 1.02 * np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    moved = room.about_zero(Registered(T, np.eye(3), 0.0, 0.0, 0.0, ()), FAR_ORIGIN).T_reference_source
+    point = FAR_ORIGIN + np.array([7.0, 8.0, 9.0])
+    np.testing.assert_allclose(moved[:3, :3] @ point + moved[:3, 3], FAR_ORIGIN + T[:3, :3] @ [7.0, 8.0, 9.0], atol=1e-6)
+
+
+def test_summary_counts_refused_cases_as_not_within(folder: Path) -> None:
+    document, results = evaluate_cloud(folder, "means")
+    summary = document["summary"]
+    assert (summary["n"], summary["n_fix"], summary["n_with_truth"]) == (12, 2, 4)
+    assert summary["mtre_m"]["max"] < 1e-6
+    assert summary["within_1m_share"] == 0.5 and summary["within_5m_of_fixes_share"] == 1.0
+    assert summary["far_and_accepted"] == 0
+    assert summary["answers"]["mtre_m"]["max"] == pytest.approx(30.0)
+    assert summary["reliability"]["separation"] == 1.0, "the doubted answer is judged although it is refused"
+    assert {name: group["n_with_truth"] for name, group in summary["by_place"].items()} == {"town": 2, "wood": 2}
+    assert [r.detail for r in results if r.case_id == "wood_B_00"] == ["probability of being wrong 0.6"]
+    everything = evaluate_cloud(folder, "means", max_probability_wrong=1.0)[0]["summary"]
+    assert (everything["n_fix"], everything["far_and_accepted"], everything["wrong_and_accepted"]) == (3, 1, 1)
+
+
+def test_without_truth_there_are_counts_only(folder: Path) -> None:
+    (folder / "truth.json").unlink()
+    summary = evaluate_cloud(folder, "means", limit=2)[0]["summary"]
+    assert list(summary) == ["n", "n_fix", "fix_share", "reasons", "elapsed_ms"] and summary["n"] == 2
+
+
+def test_a_killed_process_does_not_end_the_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Dying(ThreadPoolExecutor):
+        def __init__(self, jobs, mp_context, initializer, initargs):
+            super().__init__(jobs)
+
+        def map(self, *args, **kwargs):
+            yield next(iter(super().map(*args)))
+            raise BrokenProcessPool
+
+    monkeypatch.setattr(room, "ProcessPoolExecutor", Dying)
+    done: list[int] = []
+    cases = evaluate_cloud(folder, "means", jobs=2, progress=lambda k, n: done.append(k))[0]["cases"]
+    assert [case["id"] for case in cases][:2] == ["town_A_00", "town_A_01"] and done == list(range(1, 13))
+
+
+def test_processes_of_their_own_give_the_same(folder: Path) -> None:
+    one, two = (evaluate_cloud(folder, "gicp", jobs=jobs, limit=2, max_probability_wrong=1.0)[0]["cases"] for jobs in (1, 2))
+    assert [case["T_reference_source"] for case in one] == [case["T_reference_source"] for case in two]
+
+
+@pytest.mark.parametrize("text", ["", "{", '{"id": 1}', "[" * 100_000])
+def test_files_that_are_no_list_of_cases(tmp_path: Path, text: str) -> None:
+    with pytest.raises(CasesError, match=r"cases\.json.*remedy"):
+        read_cloud_cases(tmp_path)
+    (tmp_path / "cases.json").write_text(text)
+    with pytest.raises(CasesError, match=r"cases\.json.*remedy"):
+        read_cloud_cases(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        5,
+        {"id": "a"},
+        *({"id": "a", "T_reference_source": T} for T in ("x", [[1, 2]], np.zeros((4, 4)).tolist(), [[None] * 4] * 4)),
+    ],
+)
+def test_truth_that_is_no_similarity(tmp_path: Path, entry: object) -> None:
+    assert read_cloud_truth(tmp_path) == {}
+    (tmp_path / "truth.json").write_text(json.dumps([entry]))
+    with pytest.raises(CasesError, match=r"truth\.json: entry 1: .*T_reference_source.*remedy"):
+        read_cloud_truth(tmp_path)
+
+
+def test_priors_come_in_radians(folder: Path) -> None:
+    case = read_cloud_cases(folder)[0]
+    assert isinstance(case, CloudCase)
+    assert case.prior == RegistrationPrior(10.0, 3.0, np.radians(3.0), np.radians(0.3), 0.01)
+    bad = read_cloud_cases(folder)[6]
+    assert isinstance(bad, BadCloudCase) and bad.why == "sigma_scale is not a number: 'wide'"
+
+
+def test_command_writes_json_and_report(folder: Path, tmp_path: Path) -> None:
+    out, report = tmp_path / "out.json", tmp_path / "report"
+    command = ["cloud", str(folder), "--method", "means", "--json", str(out), "--report", str(report)]
+    result = CliRunner().invoke(evaluate_app, command)
+    assert result.exit_code == 0, result.output
+    written = json.loads(out.read_text())
+    assert written["method"] == "means" and written["schema"] == 1 and len(written["cases"]) == 12
+    for words in ("nan.npz: points: 180 values are not finite", "town                     2 of 2 accepted", "far_and_accepted"):
+        assert words in result.output
+    page = (report / "report.html").read_text()
+    for words in ("By place", "wood_B_00", "data:image/jpeg;base64", "(refused)", "Are the claims true?"):
+        assert words in page
+    assert "http" not in page and ">nan" not in page
+    assert page.count("<tr") == page.count("</tr>")
+
+
+def test_methods_are_listed_and_unknown_ones_refused(folder: Path) -> None:
+    listed = CliRunner().invoke(evaluate_app, ["cloud", "--list-methods"])
+    assert listed.output.split() == list(METHODS) and "gicp" in METHODS
+    for arguments in (["cloud", str(folder), "--method", "psychic"], ["cloud", "--method", "means"]):
+        assert isinstance(CliRunner().invoke(evaluate_app, arguments).exception, ConfigError)
+    with pytest.raises(ConfigError, match="psychic"):
+        evaluate_cloud(folder, "psychic")

@@ -1,0 +1,63 @@
+"""`visloc evaluate cloud`: register clouds with known truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+DEFAULT_METHOD = "height-search"
+
+
+def cloud(
+    cases: Annotated[Path | None, typer.Argument(help="Folder with cases.json and, if known, truth.json.")] = None,
+    method: Annotated[str, typer.Option(help="Method; see --list-methods.")] = DEFAULT_METHOD,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    limit: Annotated[int | None, typer.Option(min=1, help="Only the first so many cases.")] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the result here.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
+    list_methods: Annotated[bool, typer.Option("--list-methods", help="Print the methods of this version.")] = False,
+) -> None:
+    """Place clouds in a georeferenced cloud by their shape: transforms, errors against the truth, claimed accuracy and time."""
+    from visloc_companion.errors import ConfigError
+    from visloc_companion.localise.registration.registry import METHODS
+
+    if list_methods:
+        typer.echo("\n".join(METHODS))
+        return
+    if method not in METHODS:
+        raise ConfigError(f"unknown method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
+    if cases is None:
+        raise ConfigError("no folder named", where="CASES", remedy="visloc evaluate cloud FOLDER (with cases.json)")
+    _run(cases, method, jobs, limit, json_file, report)
+
+
+def _run(cases: Path, method: str, jobs: int, limit: int | None, json_file: Path | None, report: Path | None) -> None:
+    from visloc_companion.cli.figures import figure_lines
+    from visloc_companion.cli.progress import bar, require_folder, write_json
+    from visloc_companion.errors import Reason
+    from visloc_companion.evaluate.cloud import evaluate_cloud
+    from visloc_companion.evaluate.cloud_report import write_cloud_report
+
+    require_folder(json_file, "--json")
+    with bar(method, 1.0) as advance:
+        document, results = evaluate_cloud(cases, method, jobs, limit, lambda done, total: advance(done / total))
+    if json_file is not None:
+        write_json(json_file, document)
+    for result in results:
+        if result.detail and (result.fix is not None or result.reason is Reason.BAD_INPUT):
+            typer.echo(f"{result.case_id}: {result.detail}", err=True)
+    if report is not None:
+        typer.echo(write_cloud_report(report, document, results, cases))
+    summary = dict(document["summary"])
+    places = summary.pop("by_place", {})
+    for line in (*figure_lines(summary), *(_place_line(name, figures) for name, figures in places.items())):
+        typer.echo(line)
+
+
+def _place_line(name: str, figures: dict[str, Any]) -> str:
+    horizontal = figures["horizontal_m"]
+    median = "" if horizontal is None else f", median {horizontal['median']:.2f} m horizontally"
+    accepted = f"{figures['n_answered']} of {figures['n_with_truth']} accepted"
+    return f"{name:24} {accepted}{median}, {figures['far_and_accepted']} of these far off"

@@ -1,0 +1,154 @@
+"""Run a registration method over a folder of cloud cases."""
+
+from __future__ import annotations
+
+import math
+import os
+import platform
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from importlib.metadata import PackageNotFoundError, version
+from itertools import repeat
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from visloc_companion import __version__
+from visloc_companion.errors import MapError, Reason
+from visloc_companion.evaluate.cloud_cases import BadCloudCase, CloudCase, read_cloud_cases, read_cloud_truth
+from visloc_companion.evaluate.cloud_metrics import CloudResult, accepted, cloud_error, summarise
+from visloc_companion.localise.registration.base import NotRegistered, Registered
+from visloc_companion.localise.registration.registry import DEFAULT_MAX_PROBABILITY_WRONG, make_registration
+from visloc_companion.maps.cloud import read_cloud, require_same_crs
+from visloc_companion.types import FloatArray
+
+RAYLEIGH_1E5 = math.sqrt(-2 * math.log(1e-5))
+"""4.80: radius, in sigmas of a circular Gaussian, that an error exceeds once in 100,000."""
+ORIGIN_STEP_M = 1000.0
+"""Clouds are registered about the reference's middle, rounded to this: clouds about zero stay as they are to the bit."""
+LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "small-gicp", "open3d", "open3d-cpu", "laspy", "lazrs")
+ANSWER_FIELDS = ("T_reference_source", "sigma_horizontal_m", "sigma_vertical_m", "protection_level_m", "probability_wrong")
+Truth = dict[str, FloatArray]
+
+
+def evaluate_cloud(
+    folder: Path,
+    method: str,
+    jobs: int = 1,
+    limit: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    max_probability_wrong: float = DEFAULT_MAX_PROBABILITY_WRONG,
+) -> tuple[dict[str, Any], list[CloudResult]]:
+    """Register all cases of a folder; the result as it is written to JSON, and case by case.
+
+    The method is asked for whatever it finds, and what it doubts more than `max_probability_wrong` is refused here: so the
+    doubted answers are judged as well. Raises CasesError where the folder cannot be read, ConfigError for a method that there is
+    not. A case that cannot be read is a `no_fix` with its reason.
+    """
+    make_registration(method)
+    cases = read_cloud_cases(folder)[:limit]
+    truth = read_cloud_truth(folder)
+    results = []
+    for result in run_cases(cases, method, truth, jobs):
+        results.append(result)
+        if progress:
+            progress(len(results), len(cases))
+    judged = accepted(results, max_probability_wrong)
+    document = {
+        "schema": 1,
+        "method": method,
+        "max_probability_wrong": max_probability_wrong,
+        "environment": environment(),
+        "cases": [as_json(result) for result in judged],
+        "summary": summarise(judged),
+    }
+    return document, judged
+
+
+def run_cases(cases: Sequence[CloudCase | BadCloudCase], method: str, truth: Truth, jobs: int) -> Iterator[CloudResult]:
+    """Results in the order of the cases, by so many processes; where one of them is killed, this process does the rest."""
+    if jobs <= 1:
+        cv2.setNumThreads(1)
+        yield from (run_case(case, method, truth.get(case.case_id)) for case in cases)
+        return
+    done = 0
+    try:
+        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)) as pool:
+            truths = [truth.get(case.case_id) for case in cases]
+            for result in pool.map(run_case, cases, repeat(method), truths):
+                done += 1
+                yield result
+    except BrokenProcessPool:
+        yield from run_cases(cases[done:], method, truth, 1)
+
+
+def run_case(case: CloudCase | BadCloudCase, method: str, T_true: FloatArray | None) -> CloudResult:
+    """Register one case and judge the answer. Whatever is wrong with its files becomes a refusal."""
+    known = T_true is not None
+    if isinstance(case, BadCloudCase):
+        return CloudResult(case.case_id, None, Reason.BAD_INPUT, case.why, has_truth=known)
+    register = make_registration(method, 1.0)
+    try:
+        source, reference = read_cloud(case.source), read_cloud(case.reference)
+        require_same_crs(source, reference)
+    except MapError as why:
+        return CloudResult(case.case_id, None, Reason.BAD_INPUT, str(why), has_truth=known)
+    origin = np.rint(reference.points_m.mean(axis=0) / ORIGIN_STEP_M) * ORIGIN_STEP_M
+    start = time.perf_counter()
+    answer = register(source.points_m - origin, reference.points_m - origin, case.prior)
+    elapsed_ms = 1000 * (time.perf_counter() - start)
+    notes = "; ".join(cloud.note for cloud in (source, reference) if cloud.note)
+    if isinstance(answer, NotRegistered):
+        detail = "; ".join(text for text in (answer.detail, notes) if text)
+        return CloudResult(case.case_id, None, answer.reason, detail, elapsed_ms, answer.evidence, has_truth=known)
+    placed = about_zero(answer, origin)
+    error = None if T_true is None else cloud_error(placed, T_true, source.points_m)
+    return CloudResult(case.case_id, placed, None, notes, elapsed_ms, answer.evidence, error, known)
+
+
+def about_zero(answer: Registered, origin_m: FloatArray) -> Registered:
+    """An answer for clouds less (3,) `origin_m` as one for the clouds themselves."""
+    T = answer.T_reference_source.copy()
+    T[:3, 3] += origin_m - T[:3, :3] @ origin_m
+    return Registered(
+        T, answer.covariance_m2, answer.sigma_yaw_rad, answer.sigma_scale, answer.probability_wrong, answer.evidence
+    )
+
+
+def as_json(result: CloudResult) -> dict[str, Any]:
+    """One case as evaluation.md section 3.2 wants it; what a `no_fix` does not have is null.
+
+    `sigma_horizontal_m` is that of one axis: the root of the mean of both variances. The protection level bounds the horizontal
+    error at a risk of 1e-5 if the place is right (`probability_wrong` says whether): 4.80 times the largest horizontal sigma.
+    """
+    fix = result.fix
+    numbers: dict[str, Any] = dict.fromkeys(ANSWER_FIELDS)
+    if fix is not None:
+        horizontal = fix.covariance_m2[:2, :2]
+        largest = float(np.linalg.eigvalsh(horizontal)[-1])
+        values = (
+            fix.T_reference_source.tolist(),
+            math.sqrt(float(np.trace(horizontal)) / 2),
+            math.sqrt(float(fix.covariance_m2[2, 2])),
+            RAYLEIGH_1E5 * math.sqrt(largest),
+            float(fix.probability_wrong),
+        )
+        numbers = dict(zip(ANSWER_FIELDS, values, strict=True))
+    status, reason = ("no_fix", str(result.reason)) if fix is None else ("fix", None)
+    return {"id": result.case_id, "status": status, "reason": reason, **numbers, "elapsed_ms": result.elapsed_ms}
+
+
+def environment() -> dict[str, Any]:
+    """What the figures depend on beside the data; a library that is not installed is null."""
+    about: dict[str, Any] = {"visloc_companion": __version__, "python": platform.python_version()}
+    for name in LIBRARIES:
+        try:
+            about[name] = version(name)
+        except PackageNotFoundError:
+            about[name] = None
+    return about | {"machine": platform.machine(), "cores": os.cpu_count() or 1, "provider": "cpu"}

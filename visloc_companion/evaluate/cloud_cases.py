@@ -1,0 +1,112 @@
+"""Folders of cloud cases: `cases.json` and, where there is one, `truth.json` (format: docs/structure.md)."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from visloc_companion.errors import CasesError
+from visloc_companion.localise.registration.base import RegistrationPrior
+from visloc_companion.types import FloatArray
+
+FIELDS = (
+    *("id", "source", "reference", "sigma_horizontal_m", "sigma_vertical_m"),
+    *("sigma_yaw_deg", "sigma_tilt_deg", "sigma_scale"),
+)
+TRUTH_FIELDS = ("id", "T_reference_source")
+
+
+@dataclass(frozen=True, slots=True)
+class CloudCase:
+    """One cloud to be placed in another, the prior about the identity."""
+
+    case_id: str
+    source: Path
+    reference: Path
+    prior: RegistrationPrior
+
+
+@dataclass(frozen=True, slots=True)
+class BadCloudCase:
+    """An entry that cannot be understood."""
+
+    case_id: str
+    why: str
+
+
+def read_cloud_cases(folder: Path) -> list[CloudCase | BadCloudCase]:
+    """The entries of `cases.json`. Raises CasesError where the file is missing or no list."""
+    return [_case(folder, entry, k) for k, entry in enumerate(_entries(folder / "cases.json"))]
+
+
+def read_cloud_truth(folder: Path) -> dict[str, FloatArray]:
+    """T_reference_source (4, 4) by case id; empty where there is no `truth.json`. Raises CasesError for one that is none."""
+    path = folder / "truth.json"
+    if not path.exists():
+        return {}
+    truth: dict[str, FloatArray] = {}
+    for number, entry in enumerate(_entries(path)):
+        where = f"{path}: entry {number + 1}"
+        if not isinstance(entry, dict) or any(field not in entry for field in TRUTH_FIELDS):
+            raise CasesError(f"needs {' and '.join(TRUTH_FIELDS)}", where=where, remedy="add them")
+        truth[str(entry["id"])] = _similarity(entry["T_reference_source"], where)
+    return truth
+
+
+def _entries(path: Path) -> list[Any]:
+    try:
+        entries = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as why:
+        raise CasesError(f"cannot be read: {why}", where=str(path), remedy="name a folder with cases.json") from why
+    if not isinstance(entries, list):
+        raise CasesError("is no list of cases", where=str(path), remedy="write a list of objects, one for each case")
+    return entries
+
+
+def _case(folder: Path, entry: object, number: int) -> CloudCase | BadCloudCase:
+    if not isinstance(entry, dict):
+        return BadCloudCase(f"entry{number + 1}", "is no object")
+    case_id = str(entry.get("id") or f"entry{number + 1}")
+    try:
+        prior = RegistrationPrior(
+            _sigma(entry, "sigma_horizontal_m"),
+            _sigma(entry, "sigma_vertical_m"),
+            math.radians(_sigma(entry, "sigma_yaw_deg")),
+            math.radians(_sigma(entry, "sigma_tilt_deg")),
+            _sigma(entry, "sigma_scale"),
+        )
+        return CloudCase(case_id, folder / _text(entry, "source"), folder / _text(entry, "reference"), prior)
+    except ValueError as why:
+        return BadCloudCase(case_id, str(why))
+
+
+def _sigma(entry: dict[str, Any], field: str) -> float:
+    value = entry.get(field)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"{field} is not a number: {value!r}")
+    if not (math.isfinite(value) and value >= 0):
+        raise ValueError(f"{field} is not a finite number from 0 on: {value}")
+    return float(value)
+
+
+def _text(entry: dict[str, Any], field: str) -> str:
+    value = entry.get(field)
+    if not isinstance(value, str) or not value:
+        raise ValueError(f"{field} names no file: {value!r}")
+    return value
+
+
+def _similarity(value: object, where: str) -> FloatArray:
+    """(4, 4) with the last row 0 0 0 1 and a positive determinant."""
+    try:
+        T = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as why:
+        raise CasesError(f"T_reference_source: {why}", where=where, remedy="write 4 x 4 numbers, row by row") from why
+    if T.shape != (4, 4) or not np.isfinite(T).all() or not np.array_equal(T[3], [0, 0, 0, 1]) or np.linalg.det(T[:3, :3]) <= 0:
+        raise CasesError("T_reference_source: is no similarity", where=where, remedy="write 4 x 4 numbers, row by row")
+    return T
