@@ -1,0 +1,191 @@
+"""From posed frames to a local cloud: choose, track, adjust, rectify, match, triangulate, merge, scale.
+
+Pure and deterministic: nothing is drawn at random, and no answer depends on the number of threads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from visloc_companion.errors import Reason
+from visloc_companion.geo.camera import project
+from visloc_companion.localise.frame import check_pixels
+from visloc_companion.localise.structure.base import LocalCloud, NoCloud, PosedFrame, StereoSettings
+from visloc_companion.localise.structure.bundle import Bundle, PosePriors, adjust, rotation_only_px
+from visloc_companion.localise.structure.disparity import match
+from visloc_companion.localise.structure.pairs import Star, choose
+from visloc_companion.localise.structure.rectify import rectify
+from visloc_companion.localise.structure.scale import Scale, baseline_sigma, from_heights
+from visloc_companion.localise.structure.sharpness import blur_px
+from visloc_companion.localise.structure.surface import Points, triangulated, upper_surface
+from visloc_companion.localise.structure.tracks import Tracks, follow
+from visloc_companion.types import CameraModel, FloatArray, Image
+
+TURN_ONLY_PX = 1.5
+"""Rays that fit a mere turn to within this show no parallax."""
+MOST_CHI2 = 9.0
+MOST_APART_SIGMAS = 5.0
+
+Evidence = dict[str, float]
+
+
+def local_cloud(frames: Sequence[PosedFrame], model: CameraModel, settings: StereoSettings | None = None) -> LocalCloud | NoCloud:
+    """A cloud of the ground that overlapping frames (two or more, in the order taken) of one camera have in common.
+
+    Raises ValueError, naming frame and field, for poses, sigmas or heights that are none.
+    """
+    settings = settings or StereoSettings()
+    for number, frame in enumerate(frames):
+        _check(number, frame)
+        why = check_pixels(frame.pixels, model)
+        if why:
+            return NoCloud(why[0], f"frame {number}: {why[1]}")
+    if len(frames) < 2:
+        return NoCloud(Reason.BAD_INPUT, f"{len(frames)} frames; stereo needs two")
+    star = choose(frames, model, settings)
+    if isinstance(star, NoCloud):
+        return star
+    used = (star.hub, *star.partners)
+    greys = {i: _grey(frames[i].pixels) for i in used}
+    blur = max(blur_px(grey) for grey in greys.values())
+    evidence = {"base_to_height": max(star.base_to_height), "overlap": max(star.overlap), "blur_px": blur}
+    if blur > settings.max_blur_px:
+        return _no(Reason.BLURRED, f"edges are smeared over {blur:.1f} px (1-sigma)", evidence)
+    bundle = _adjusted(frames, greys, star, model, settings, evidence)
+    if isinstance(bundle, NoCloud):
+        return bundle
+    return _dense(frames, greys, used, bundle, model, settings, evidence)
+
+
+def _check(number: int, frame: PosedFrame) -> None:
+    T = np.asarray(frame.T_local_cam)
+    if T.shape != (4, 4) or not np.isfinite(T).all() or abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max() > 1e-6:
+        raise ValueError(f"frame {number}: T_local_cam is no rigid (4, 4) transform")
+    for name in ("sigma_position_m", "sigma_tilt_rad", "sigma_yaw_rad", "height_m", "sigma_height_m"):
+        if not getattr(frame, name) > 0:
+            raise ValueError(f"frame {number}: {name} is {getattr(frame, name)}, it must be positive")
+
+
+def _grey(pixels: Image) -> Image:
+    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), dtype=np.uint8) if pixels.ndim == 3 else pixels
+
+
+def _no(reason: Reason, detail: str, evidence: Evidence) -> NoCloud:
+    return NoCloud(reason, detail, tuple(evidence.items()))
+
+
+def _adjusted(
+    frames: Sequence[PosedFrame],
+    greys: dict[int, Image],
+    star: Star,
+    model: CameraModel,
+    settings: StereoSettings,
+    evidence: Evidence,
+) -> Bundle | NoCloud:
+    """Refined poses of the hub and its partners."""
+    tracks = follow(frames, greys, star, model, settings)
+    focal = float(np.sqrt(model.fx_px * model.fy_px))
+    why = _bad_tracks(tracks, focal, settings, evidence)
+    if why:
+        return _no(*why, evidence)
+    bundle = adjust(tracks, _priors(frames, (star.hub, *star.partners)), focal, settings.sigma_track_px)
+    if bundle is None:
+        return _no(Reason.REFINEMENT_DIVERGED, "relative poses are undetermined", evidence)
+    evidence |= {"scatter_px": bundle.scatter_px, "chi2": bundle.chi2, "good_tracks": float(bundle.good.sum())}
+    if min(int(bundle.good[tracks.of(k)[0]].sum()) for k in range(1, tracks.frames)) < settings.min_tracks:
+        return _no(Reason.TOO_FEW_FEATURES, f"{bundle.good.sum()} of {len(bundle.good)} tracks agree on poses", evidence)
+    if bundle.chi2 > MOST_CHI2:
+        return _no(Reason.INCONSISTENT_WITH_PRIOR, f"poses move by {bundle.chi2**0.5:.1f} of their sigmas", evidence)
+    return bundle
+
+
+def _bad_tracks(tracks: Tracks, focal_px: float, settings: StereoSettings, evidence: Evidence) -> tuple[Reason, str] | None:
+    """Why tracks do not determine relative poses, or None."""
+    least = min(len(tracks.of(k)[0]) for k in range(1, tracks.frames))
+    evidence |= {"corners": float(tracks.corners), "tracks": float(least)}
+    if tracks.corners < settings.min_tracks:
+        return Reason.LOW_TEXTURE, f"{tracks.corners} corners"
+    if least < settings.min_tracks:
+        return Reason.TOO_FEW_FEATURES, f"{least} of {tracks.corners} corners are found again"
+    turned = min(rotation_only_px(tracks, k, focal_px) for k in range(1, tracks.frames))
+    evidence["rotation_only_px"] = turned
+    if turned < TURN_ONLY_PX:
+        return Reason.NO_PARALLAX, f"rotation alone explains the frames to {turned:.1f} px"
+    return None
+
+
+def _priors(frames: Sequence[PosedFrame], used: tuple[int, ...]) -> PosePriors:
+    taken = [frames[i] for i in used]
+    sigma = [[*[f.sigma_position_m] * 3, f.sigma_tilt_rad, f.sigma_tilt_rad, f.sigma_yaw_rad] for f in taken]
+    return PosePriors(np.array([f.T_local_cam for f in taken], dtype=np.float64), np.array(sigma, dtype=np.float64))
+
+
+def _dense(
+    frames: Sequence[PosedFrame],
+    greys: dict[int, Image],
+    used: tuple[int, ...],
+    bundle: Bundle,
+    model: CameraModel,
+    settings: StereoSettings,
+    evidence: Evidence,
+) -> LocalCloud | NoCloud:
+    """The cloud of refined frames, the hub first."""
+    parts: list[Points] = []
+    matched = common = 0
+    for number, T in zip(used[1:], bundle.T_local_cam[1:], strict=True):
+        pair = rectify(greys[used[0]], greys[number], bundle.T_local_cam[0], T, bundle.points[bundle.good], model)
+        if pair is None:
+            continue
+        disparity = match(pair, settings)
+        parts.append(triangulated(pair, disparity))
+        matched, common = matched + int(disparity.good.sum()), common + int(disparity.common.sum())
+    completeness = matched / max(common, 1)
+    evidence["completeness"] = completeness
+    if completeness < settings.min_completeness:
+        return _no(Reason.LOW_TEXTURE, f"{completeness:.0%} of the common ground can be matched", evidence)
+    height = float(np.median([frames[i].height_m for i in used]))
+    cell = settings.cell_m or 2 * height / float(np.sqrt(model.fx_px * model.fy_px))
+    surface = upper_surface(parts, cell)
+    if len(surface.m) < settings.min_points:
+        return _no(Reason.TOO_FEW_FEATURES, f"{len(surface.m)} points", evidence)
+    scale = from_heights([frames[i] for i in used], bundle.T_local_cam, surface.m, baseline_sigma(bundle))
+    evidence |= {"scale": scale.factor, "scale_apart_sigmas": scale.apart_sigmas}
+    if scale.apart_sigmas > MOST_APART_SIGMAS:
+        return _no(Reason.INCONSISTENT_WITH_PRIOR, f"baseline and height differ by {scale.apart_sigmas:.1f} sigma", evidence)
+    return _cloud(used, bundle, surface, scale, model, evidence)
+
+
+def _cloud(
+    used: tuple[int, ...], bundle: Bundle, surface: Points, scale: Scale, model: CameraModel, evidence: Evidence
+) -> LocalCloud:
+    middle = bundle.T_local_cam[:, :3, 3].mean(0)
+    points = middle + (surface.m - middle) * scale.factor
+    T = bundle.T_local_cam.copy()
+    T[:, :3, 3] = middle + (T[:, :3, 3] - middle) * scale.factor
+    latest = int(np.argmax(used))
+    tilt, yaw = np.sqrt(np.diag(bundle.covariance)[[3, 4]].max()), np.sqrt(bundle.covariance[5, 5])
+    return LocalCloud(
+        points_m=points,
+        sigma_m=surface.sigma_m * scale.factor,
+        pix=_pixels(points, T[latest], model),
+        frames=used,
+        T_local_cam=T,
+        reference=used[latest],
+        sigma_scale=scale.sigma,
+        sigma_tilt_rad=float(tilt),
+        sigma_yaw_rad=float(yaw),
+        evidence=tuple(evidence.items()),
+    )
+
+
+def _pixels(points: FloatArray, T_local_cam: FloatArray, model: CameraModel) -> FloatArray:
+    """(N, 2) where a frame shows points; NaN outside it."""
+    pix = project(model, (points - T_local_cam[:3, 3]) @ T_local_cam[:3, :3])
+    size = np.array([model.width_px - 1, model.height_px - 1])
+    with np.errstate(invalid="ignore"):
+        outside = ((pix < 0) | (pix > size)).any(1)
+    pix[outside] = np.nan
+    return pix

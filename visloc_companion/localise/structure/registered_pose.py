@@ -1,0 +1,79 @@
+"""The reference frame's pose from the registered cloud: PnP of its pixels, and a covariance that knows what the points share.
+
+Every point of a cloud moves with the cloud's similarity, so the scatter of their pixels says little about where the camera is:
+the registration's own covariance is carried over to the camera, tilt and scale included, and then weighed with the attitude.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from visloc_companion.errors import Reason
+from visloc_companion.geo.camera import unproject
+from visloc_companion.localise.align import moved
+from visloc_companion.localise.ortho_rectify import CameraPose
+from visloc_companion.localise.pose import PoseEstimate, PriorTerm, solve_pose
+from visloc_companion.localise.registration.base import Registered
+from visloc_companion.localise.registration.clouds import middle_m
+from visloc_companion.localise.structure.base import LocalCloud, NoCloud
+from visloc_companion.types import CameraModel, FloatArray
+
+MOST_POINTS = 400
+FEWEST_POINTS = 12
+SIGMA_PX = 0.5
+NED_ENU: FloatArray = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+
+
+def pose_from_registration(
+    cloud: LocalCloud, registered: Registered, model: CameraModel, prior: PriorTerm
+) -> PoseEstimate | NoCloud:
+    """Pose (north, east, down of the reference's axes) and covariance of `cloud.reference`.
+
+    `prior` is the autopilot's attitude (and height, where it has one) in the reference's axes: it is weighed with the tilt that
+    the registration gives to the frame, whose sigma is that of the cloud's height divided by the cloud's half-width.
+    """
+    shown = np.flatnonzero(np.isfinite(cloud.pix).all(1))
+    if len(shown) < FEWEST_POINTS:
+        return NoCloud(Reason.TOO_FEW_FEATURES, f"the frame shows {len(shown)} points of the cloud")
+    shown = shown[:: max(1, len(shown) // MOST_POINTS)]
+    T = registered.T_reference_source
+    ground = (cloud.points_m[shown] @ T[:3, :3].T + T[:3, 3]) @ NED_ENU.T
+    K = np.array([[model.fx_px, 0.0, model.cx_px], [0.0, model.fy_px, model.cy_px], [0.0, 0.0, 1.0]])
+    pix = unproject(model, cloud.pix[shown]) @ K.T
+    free = PriorTerm(prior.R_ned_cam, math.inf)
+    found = solve_pose(ground, pix[:, :2], np.full(len(shown), SIGMA_PX), K, _carried(cloud, T), free)
+    if found is None:
+        return NoCloud(Reason.POSE_FAILED, f"PnP of {len(shown)} points is undetermined")
+    covariance = found.covariance + _shared(cloud, registered, found.pose)
+    information, pull = prior.at(found.pose)
+    posterior = np.asarray(np.linalg.inv(np.linalg.inv(covariance) + information), dtype=np.float64)
+    return replace(found, pose=moved(found.pose, posterior @ pull), covariance=posterior)
+
+
+def _carried(cloud: LocalCloud, T: FloatArray) -> CameraPose:
+    """The reference frame's pose in the cloud, carried to the reference: where the PnP starts."""
+    camera = cloud.pose_of(cloud.reference)
+    R = T[:3, :3] / np.cbrt(np.linalg.det(T[:3, :3]))
+    return CameraPose(NED_ENU @ (T[:3, :3] @ camera[:3, 3] + T[:3, 3]), NED_ENU @ R @ camera[:3, :3])
+
+
+def _shared(cloud: LocalCloud, registered: Registered, pose: CameraPose) -> FloatArray:
+    """(6, 6) of north, east, up, rotation about n, e, d of the camera from the registration's errors about the cloud's middle."""
+    T = registered.T_reference_source
+    middle = middle_m(cloud.points_m)
+    reach = float(np.sqrt(((cloud.points_m[:, :2] - middle[:2]) ** 2).mean()))
+    tilt = math.sqrt(float(registered.covariance_m2[2, 2])) / max(reach, 1e-3)
+    arm = pose.p_ned_m - NED_ENU @ (T[:3, :3] @ middle + T[:3, 3])
+    J = np.zeros((6, 7))  # of north, east, down shifts; rotation about n, e, d; scale
+    J[:3, :3] = np.eye(3)
+    J[:3, 3:6] = -np.array([[0.0, -arm[2], arm[1]], [arm[2], 0.0, -arm[0]], [-arm[1], arm[0], 0.0]])
+    J[:3, 6] = arm
+    J[3:, 3:6] = np.eye(3)
+    J[2] *= -1  # up
+    error = np.zeros((7, 7))
+    error[:3, :3] = NED_ENU @ registered.covariance_m2 @ NED_ENU.T
+    error[3:, 3:] = np.diag([tilt**2, tilt**2, registered.sigma_yaw_rad**2, registered.sigma_scale**2])
+    return J @ error @ J.T
