@@ -2,8 +2,9 @@
 
 The frame rectified with a pose p shows F(x) = rho T(x + D(x) delta), where T are the map's features, delta the correction of
 the pose and D (2 x 6) the displacement that it causes on the ground. Gradients, steepest-descent images G = grad T D and the
-sums of their products over blocks belong to the map alone and are made once, about the pose where a descent starts (Baker &
-Matthews 2004; by blocks: Baker, Gross & Matthews 2003, section 3.4): a step only multiplies the frame's features with them.
+products of both belong to the map alone and are made once, about the pose where a descent starts (Baker & Matthews 2004): a
+step only multiplies the frame's features with them and adds up under the weight of both masks, which changes with the pose. The
+products are kept for each pixel, the limit of keeping their sums by blocks (Baker, Gross & Matthews 2003, section 3.4).
 rho, the gain between two dates, is solved for with delta, as in the enhanced correlation coefficient (Evangelidis & Psarakis
 2008): without it a faint likeness shrinks the picture.
 """
@@ -23,8 +24,9 @@ from visloc_companion.types import FloatArray
 TEMPLATE_SIGMA_PX = 1.0
 DENSE_PIXELS = 20000
 """Larger windows are aligned on every other pixel of every other row: the features are smoother than that."""
-BLOCK_PX = 8
-"""Side of the blocks that the map's sums are kept for; those that the frame fills in part are summed anew."""
+RUN_PX = 512
+"""Pixels that are added up in single precision."""
+_UPPER = np.triu_indices(7)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,18 +60,21 @@ class Descent:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BlockSums:
-    """The map's side of the alignment about one pose, by blocks of P = BLOCK_PX^2 pixels, every `stride`-th of each axis.
+class MapSums:
+    """The map's side of the alignment about one pose, for P pixels: every `stride`-th of each axis of `descent`, row by row.
 
-    `descent` is at that stride; `north`, `east` (B, P, 6): displacements of the six unknowns; `products` (B, P, 6) as the
-    descent's; `whole` (B, 7, 7): products of the steepest-descent images and the template, summed over whole blocks.
+    `north`, `east` (6, P): displacements of the six unknowns; `d_north`, `d_east`, `template` (C, P) as the descent's, which is
+    at that stride; `products` (28, P): those of the six steepest-descent images and the template, summed over the channels, the
+    upper triangle of (7, 7).
     """
 
     descent: Descent
     north: Float32Array
     east: Float32Array
+    d_north: Float32Array
+    d_east: Float32Array
+    template: Float32Array
     products: Float32Array
-    whole: FloatArray
     stride: int
 
 
@@ -115,17 +120,17 @@ def displacements(grid: MapGrid, pose: CameraPose, stride: int = 1) -> tuple[Flo
     return np.asarray(north, dtype=np.float32), np.asarray(east, dtype=np.float32)
 
 
-def block_sums(descent: Descent, grid: MapGrid, pose: CameraPose) -> BlockSums:
+def map_sums(descent: Descent, grid: MapGrid, pose: CameraPose) -> MapSums:
     """The map's side about a pose. It serves while the pose moves by little against the height above ground."""
     stride = 2 if grid.weight.size > DENSE_PIXELS else 1
     thin = descent.every(stride)
-    north, east = (_blocks(np.moveaxis(a, 0, -1)) for a in displacements(grid, pose, stride))
-    products = _blocks(np.moveaxis(thin.products, 0, -1))
-    return BlockSums(thin, north, east, products, _moments(north, east, products), stride)
+    north, east = (a.reshape(6, -1) for a in displacements(grid, pose, stride))
+    planes = (_planes(a) for a in (thin.d_north, thin.d_east, thin.template))
+    return MapSums(thin, north, east, *planes, _products(north, east, thin.products.reshape(6, -1)), stride)
 
 
 def gauss_newton_step(
-    sums: BlockSums,
+    sums: MapSums,
     frame: Float32Array,
     weight: Float32Array,
     prior_information: FloatArray,
@@ -138,17 +143,18 @@ def gauss_newton_step(
     `correlated_px`: neighbouring pixels that carry one independent measurement.
     """
     stride, channels, map_side = sums.stride, frame.shape[2], sums.descent
-    w, F = _blocks(weight[::stride, ::stride, None]), frame[::stride, ::stride]
-    seen = np.stack([_over_channels(F, a) for a in (map_side.d_north, map_side.d_east, map_side.template, F)], -1)
-    f_n, f_e, f_t, f_f = np.moveaxis(_blocks(seen) * w, -1, 0)
-    M = _summed(sums, w)
-    pull = sums.north.reshape(-1, 6).T @ f_n.ravel() + sums.east.reshape(-1, 6).T @ f_e.ravel()
+    w, F = weight[::stride, ::stride].ravel(), _planes(frame[::stride, ::stride])
+    f_n, f_e, f_t, f_f = (np.einsum("cp,cp->p", F, a) * w for a in (sums.d_north, sums.d_east, sums.template, F))
+    M = np.zeros((7, 7))
+    M[_UPPER] = _summed(sums.products, w)
+    M = M + np.triu(M, 1).T
+    pull = _summed(sums.north, f_n) + _summed(sums.east, f_e)
     ft, ff, n_pixels = (float(a.sum(dtype=np.float64)) for a in (f_t, f_f, w))
     g_t, tt = M[:6, 6], float(M[6, 6])
     rho = max(ft / max(tt, 1e-9), 0.05)
     residual_2, residual_t = max(0.0, ff / rho**2 - 2 * ft / rho + tt), ft / rho - tt
     H = M[:6, :6] - np.outer(g_t, g_t) / max(tt, 1e-9)
-    b = pull.astype(np.float64) / rho - g_t - g_t * (residual_t / max(tt, 1e-9))
+    b = pull / rho - g_t - g_t * (residual_t / max(tt, 1e-9))
     noise = max(residual_2 / max(n_pixels * channels, 1.0), 1e-6) * correlated_px / map_side.stride**2
     information = H / noise
     total = information + prior_information
@@ -169,33 +175,32 @@ def rotation_between(R_from: FloatArray, R_to: FloatArray) -> FloatArray:
     return np.asarray(cv2.Rodrigues(R_to @ R_from.T)[0].ravel(), dtype=np.float64)
 
 
-def _summed(sums: BlockSums, weight: Float32Array) -> FloatArray:
-    """(7, 7) products of the images and the template, summed under a weight (B, P, 1): whole blocks from the map's sums."""
-    least, most = weight.min((1, 2)), weight.max((1, 2))
-    cut = np.flatnonzero((most > 0) & (least < 1))
-    total = sums.whole[least >= 1].sum(0)
-    return np.asarray(total + _moments(sums.north[cut], sums.east[cut], sums.products[cut] * weight[cut]).sum(0))
+def _summed(images: Float32Array, weight: Float32Array) -> FloatArray:
+    """(K,) sums of images (K, P) under a weight (P,): by runs in single precision, the runs in double."""
+    whole = len(weight) // RUN_PX * RUN_PX
+    runs = np.einsum("krp,rp->kr", images[:, :whole].reshape(len(images), -1, RUN_PX), weight[:whole].reshape(-1, RUN_PX))
+    rest = np.einsum("kp,p->k", images[:, whole:], weight[whole:])
+    return np.asarray(runs.sum(1, dtype=np.float64) + rest, dtype=np.float64)
 
 
-def _moments(north: Float32Array, east: Float32Array, products: Float32Array) -> FloatArray:
-    """(B, 7, 7) sums over pixels and channels of G G^T, G T and T^2, from displacements and products (B, P, 6)."""
-    nn, ne, ee, nt, et, tt = (products[..., k, None] for k in range(6))
-    found = np.empty((len(north), 7, 7))
-    found[:, :6, :6] = (north * nn + east * ne).transpose(0, 2, 1) @ north + (north * ne + east * ee).transpose(0, 2, 1) @ east
-    found[:, :6, 6] = found[:, 6, :6] = (north * nt + east * et).sum(1)
-    found[:, 6, 6] = tt.sum((1, 2))
+def _products(north: Float32Array, east: Float32Array, sums: Float32Array) -> Float32Array:
+    """(28, P) products of G = d_north north + d_east east and T, from displacements (6, P) and a descent's products (6, P)."""
+    nn, ne, ee, nt, et, tt = sums
+    by_north, by_east = north * nn + east * ne, north * ne + east * ee
+    with_template = north * nt + east * et
+    found = np.empty((28, north.shape[1]), np.float32)
+    row = 0
+    for i in range(6):
+        found[row : row + 6 - i] = north[i:] * by_north[i] + east[i:] * by_east[i]
+        found[row + 6 - i] = with_template[i]
+        row += 7 - i
+    found[row] = tt
     return found
 
 
-def _blocks(image: Float32Array) -> Float32Array:
-    """(B, P, K) blocks of an image (H, W, K), zero beyond its border."""
-    height, width = (-(-side // BLOCK_PX) for side in image.shape[:2])
-    if (height * BLOCK_PX, width * BLOCK_PX) != image.shape[:2]:
-        whole = np.zeros((height * BLOCK_PX, width * BLOCK_PX, image.shape[2]), dtype=np.float32)
-        whole[: image.shape[0], : image.shape[1]] = image
-        image = whole
-    tiles = image.reshape(height, BLOCK_PX, width, BLOCK_PX, -1).swapaxes(1, 2)
-    return np.ascontiguousarray(tiles).reshape(height * width, BLOCK_PX**2, -1)
+def _planes(image: Float32Array) -> Float32Array:
+    """(C, P) pixels row by row, a plane for each channel, of an image (H, W, C)."""
+    return np.ascontiguousarray(cv2.split(np.ascontiguousarray(image)), dtype=np.float32).reshape(image.shape[2], -1)
 
 
 def _over_channels(a: Float32Array, b: Float32Array) -> Float32Array:

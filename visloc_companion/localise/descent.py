@@ -116,7 +116,7 @@ def _descended(
 ) -> tuple[Descended, bool]:
     """Ends early where it has converged, leaps, gets clearly worse, or because of its rivals."""
     pose, best = start, Descended(start, -1.0, np.zeros((6, 6)))
-    sums = align.block_sums(descent, grid, start)
+    sums = align.map_sums(descent, grid, start)
     for k in range(steps + 1):
         smooth, weight = look(pose)
         if weight.sum() * descent.stride**2 < MIN_PIXELS:

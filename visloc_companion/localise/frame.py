@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -54,11 +55,22 @@ def full_level(pixels: Image, model: CameraModel) -> FrameLevel:
     image = grey(pixels)
     valid = np.full(image.shape, 255, np.uint8)
     if any(model.distortion):
-        size = (model.width_px, model.height_px)
-        map_u, map_v = cv2.initUndistortRectifyMap(K, np.array(model.distortion), np.eye(3), K, size, cv2.CV_32FC1)
-        image = cv2.remap(image, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
-        valid = cv2.remap(valid, map_u, map_v, cv2.INTER_NEAREST, borderValue=0).astype(np.uint8)
+        map_u, map_v, valid = _undistortion(model)
+        image = np.asarray(cv2.remap(image, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
     return FrameLevel(image, valid, K)
+
+
+@lru_cache(maxsize=2)
+def _undistortion(model: CameraModel) -> tuple[Float32Array, Float32Array, NDArray[np.uint8]]:
+    """Where each undistorted pixel is in the frame (u, v), and which are in it at all: the same for all frames of a camera."""
+    K = np.array([[model.fx_px, 0.0, model.cx_px], [0.0, model.fy_px, model.cy_px], [0.0, 0.0, 1.0]])
+    size = (model.width_px, model.height_px)
+    map_u, map_v = cv2.initUndistortRectifyMap(K, np.array(model.distortion), np.eye(3), K, size, cv2.CV_32FC1)
+    everywhere = np.full((model.height_px, model.width_px), 255, np.uint8)
+    valid = np.asarray(cv2.remap(everywhere, map_u, map_v, cv2.INTER_NEAREST, borderValue=0), dtype=np.uint8)
+    for shared in (map_u, map_v, valid):
+        shared.setflags(write=False)
+    return map_u, map_v, valid
 
 
 def reduced(level: FrameLevel, factor: float) -> FrameLevel:

@@ -8,10 +8,12 @@ features.
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -115,13 +117,10 @@ class FramePass:
     def _turned(self, values: Float32Array, seen: NDArray[np.bool_], pose: CameraPose) -> Seen:
         """Oriented channels turned from the pass to the pose."""
         turn_rad, _ = heading_and_tilt(pose.R_ned_cam, self.R_ned_cam)
-        mask = seen.astype(np.float32)
-        c, s = np.float32(math.cos(2 * turn_rad)), np.float32(math.sin(2 * turn_rad))
-        for k in range(0, 2 * self.oriented, 2):
-            x, y = values[..., k].copy(), values[..., k + 1].copy()
-            values[..., k], values[..., k + 1] = c * x - s * y, s * x + c * y
-        values *= mask[..., None]
-        return values, mask
+        oriented = np.ascontiguousarray(values[..., : 2 * self.oriented]).view(np.complex64)
+        values[..., : 2 * self.oriented] = (oriented * np.complex64(cmath.exp(2j * turn_rad))).view(np.float32)
+        values = np.asarray(cv2.copyTo(values, seen.view(np.uint8)), dtype=np.float32).reshape(values.shape)
+        return values, seen.astype(np.float32)
 
 
 class Resampled:

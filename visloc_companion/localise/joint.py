@@ -76,7 +76,7 @@ class _Sight:
     view: View
     features: FrameFeatures
     grid: MapGrid
-    sums: align.BlockSums
+    sums: align.MapSums
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +116,7 @@ def joint_alignment(
         for sigma_px, steps in level.passes:
             smooth = [blurred(grid, sigma_px) for grid in grids]
             sights = [
-                _Sight(v, LowPassed(look, sigma_px), grid, align.block_sums(align.prepare(grid), grid, pose))
+                _Sight(v, LowPassed(look, sigma_px), grid, align.map_sums(align.prepare(grid), grid, pose))
                 for v, look, grid, pose in zip(views, looks, smooth, poses, strict=True)
             ]
             poses, equations = _descended(sights, poses, odometry, steps)

@@ -36,7 +36,9 @@ from visloc_companion.types import PosePrior
 
 COARSE_STEPS, FINE_STEPS = 5, 4
 MAX_CANDIDATES, MAX_FINE = 10, 5
-PEAK_SHARE, FINE_SHARE = 0.55, 0.75
+PEAK_SHARE, DESCENT_SHARE, FINE_SHARE = 0.55, 0.7, 0.75
+"""Of the best one's score: a peak counts, it deserves a descent (else it is taken to gain as much as the best one did), and where
+its descent ended deserves the fine level."""
 SAME_PX = 1.0
 """A descent that comes so near to where another ended leads there too."""
 MARGIN_PX = 8
@@ -125,8 +127,8 @@ def find_candidates(task: Task) -> Found:
         if peak.score < PEAK_SHARE * peaks[0].score:
             break
         start = pose_of_peak(peak, grid, plan, heights)
-        if peak.score < PEAK_SHARE * max((c.score for c in found), default=0.0):
-            found.append(Descended(start, peak.score, np.zeros((6, 6))))
+        if peak.score < DESCENT_SHARE * peaks[0].score:
+            found.append(Descended(start, peak.score * found[0].score / peaks[0].score, np.zeros((6, 6))))
             continue
         part, part_descent = _around(thin, descent, plan, start)
         near, rivals = frame.about(start, part, stride), Rivals(found, SAME_PX * grid.gsd_m)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -11,11 +12,12 @@ import numpy as np
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.geo.camera import R_FRD_CAM, unproject
 from visloc_companion.geo.se3 import R_from_quat
+from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import check_pixels
 from visloc_companion.localise.ortho_rectify import MAX_TAN_INCIDENCE, CameraPose
 from visloc_companion.localise.settings import LocaliserSettings
-from visloc_companion.protocols import ReferenceMap
-from visloc_companion.types import CameraModel, FloatArray, GeoPoint, Image, PosePrior
+from visloc_companion.protocols import FeatureMap, ReferenceMap
+from visloc_companion.types import CameraModel, FeaturePatch, FloatArray, GeoPoint, Image, PosePrior, ReferencePatch
 
 COARSE_PIXELS = 90.0
 """Side (px) of the square with the footprint's area at the search level."""
@@ -30,6 +32,8 @@ STEP_SHARE = 0.0155
 48 px)."""
 SIGMAS = 3.0
 MIN_SHARE_OF_GROUND = 0.4
+HALF_WINDOW = 24
+"""Half side (px) of the window that the ground's height is taken from."""
 SAMPLES = 13
 """Rows and columns of the lattice of the frame whose rays are followed to the ground."""
 
@@ -153,22 +157,39 @@ def ground_near(
     for _ in range(3):
         side = max(20.0, agl * math.sqrt(_area(outline)))
         at = frame.to_map(outline.mean(0) * agl)
-        gsd = max(ref.gsd_m, 2 * (reach + side) / 48)
         try:
-            patch = ref.patch(at, (49, 49), gsd, 0.0)
+            patch = _surface(ref, at, reach + side)
         except OutsideMap:
             return None
         known = patch.valid & np.isfinite(patch.dsm_amsl_m)
         if not known.any():
             return None
         heights = np.where(known, patch.dsm_amsl_m, np.float32(np.median(patch.dsm_amsl_m[known])))
-        mean = cv2.blur(heights, (max(1, round(side / gsd)) | 1,) * 2, borderType=cv2.BORDER_REPLICATE)
-        middle = mean[24 - int(reach / gsd) : 25 + int(reach / gsd), 24 - int(reach / gsd) : 25 + int(reach / gsd)]
-        ground, spread = float(mean[24, 24]), float(np.percentile(middle, 95) - np.percentile(middle, 5)) / 2
+        mean = cv2.blur(heights, (max(1, round(side / patch.gsd_m)) | 1,) * 2, borderType=cv2.BORDER_REPLICATE)
+        centre, around = len(mean) // 2, int(reach / patch.gsd_m)
+        within = slice(centre - around, centre + around + 1)
+        low, high = np.percentile(mean[within, within], (5, 95))
+        ground, spread = float(mean[centre, centre]), float(high - low) / 2
         agl, before = max(1.0, prior.place.h_amsl_m - ground), agl
         if abs(agl - before) < 0.1 * agl:
             break
     return ground, spread
+
+
+def _surface(ref: ReferenceMap, centre_map_m: tuple[float, float], reach_m: float) -> ReferencePatch | FeaturePatch:
+    """Surface heights on about 49 x 49 pixels that reach so far from a place. Raises OutsideMap.
+
+    Stored features mark where the map holds anything: over a pack that has them no pixel is read.
+    """
+    gsd_m = max(ref.gsd_m, reach_m / HALF_WINDOW)
+    if isinstance(ref, FeatureMap):
+        of = (GRADIENT.name, GRADIENT.recipe)
+        stored_m = ref.stored_gsd_m(centre_map_m, gsd_m, *of)
+        side = 1 + 2 * math.ceil(HALF_WINDOW * gsd_m / (stored_m or gsd_m))
+        stored = ref.stored_patch(centre_map_m, (side, side), gsd_m, *of)
+        if stored is not None:
+            return stored
+    return ref.patch(centre_map_m, (2 * HALF_WINDOW + 1,) * 2, gsd_m, 0.0)
 
 
 def footprint(model: CameraModel, R_ned_cam: FloatArray) -> tuple[FloatArray, float]:
@@ -212,10 +233,18 @@ def turned(R_ned_cam: FloatArray, heading_rad: float) -> FloatArray:
 
 def _useful_rays(model: CameraModel, R_ned_cam: FloatArray) -> FloatArray:
     """(N, 3) NED rays of a lattice of the frame that meet the ground steeply enough."""
-    u, v = np.meshgrid(np.linspace(0, model.width_px - 1, SAMPLES), np.linspace(0, model.height_px - 1, SAMPLES))
-    rays = unproject(model, np.column_stack([u.ravel(), v.ravel()])) @ R_ned_cam.T
+    rays = _lattice(model) @ R_ned_cam.T
     steep = (rays[:, 2] > 0) & (np.hypot(rays[:, 0], rays[:, 1]) < MAX_TAN_INCIDENCE * rays[:, 2])
     return np.asarray(rays[steep], dtype=np.float64)
+
+
+@lru_cache(maxsize=4)
+def _lattice(model: CameraModel) -> FloatArray:
+    """(SAMPLES^2, 3) rays in the camera's frame: the same for all frames of a camera."""
+    u, v = np.meshgrid(np.linspace(0, model.width_px - 1, SAMPLES), np.linspace(0, model.height_px - 1, SAMPLES))
+    rays = unproject(model, np.column_stack([u.ravel(), v.ravel()]))
+    rays.setflags(write=False)
+    return rays
 
 
 def _area(outline: FloatArray) -> float:

@@ -98,8 +98,12 @@ def search(
 
 
 def find_peaks(volume: ScoreVolume, allowed: NDArray[np.bool_], radius_px: float, count: int) -> list[Peak]:
-    """The highest maxima at least `radius_px` apart, best first, among the allowed positions. Sub-pixel by a parabola."""
+    """The highest maxima at least `radius_px` apart, best first, among the allowed positions. Sub-pixel by a parabola.
+
+    A position that only leads up to a neighbour is none: what is cut out about a peak leaves its slope standing.
+    """
     score = np.where(allowed, volume.score, -1.0).astype(np.float32)
+    score[score < cv2.dilate(score, np.ones((3, 3), np.uint8))] = -1.0
     peaks = []
     for _ in range(count):
         row, col = np.unravel_index(int(np.argmax(score)), score.shape)
@@ -153,11 +157,11 @@ def _best(
     best, which = np.full(shape, NO_SCORE, np.float32), np.zeros(shape, np.int32)
     for k in hypotheses:
         template = make_template(k)
-        masked, area = template.features * template.mask[..., None], max(float(template.mask.sum()), 1.0)
+        values, area = template.features, max(float(template.mask.sum()), 1.0)
         if zero_mean:
-            masked -= template.mask[..., None] * (masked.sum((0, 1)) / area)
-        energy = float(np.sum(masked * masked / np.maximum(template.mask, np.float32(1e-6))[..., None]))
-        of_features = fields.spectrum(_paired(masked), template.offset_px)
+            values = values - np.einsum("ijk,ij->k", values, template.mask) / np.float32(area)
+        masked, energy = _masked(values, template.mask)
+        of_features = fields.spectrum(masked, template.offset_px)
         of_mask = sums.spectrum(template.mask[None], template.offset_px)
         for block, at in enumerate(fields.blocks):
             product = fields.summed(block, of_features).real
@@ -166,6 +170,16 @@ def _best(
             np.maximum(best[at], score, out=best[at])
             np.maximum(which[at], np.multiply(better, np.int32(k)), out=which[at])
     return best, which
+
+
+def _masked(values: Float32Array, mask: Float32Array) -> tuple[Complex64Array, float]:
+    """(K, h, w) complex64 channels two by two under a mask, and sum m |T|^2."""
+    pairs = _paired(values)
+    parts = pairs.view(np.float32)  # real and imaginary part side by side
+    weight = np.repeat(mask, 2, axis=1)
+    squares = np.einsum("kij,kij->ij", parts, parts)
+    parts *= weight
+    return pairs, float(np.einsum("ij,ij->i", squares, weight).sum(dtype=np.float64))
 
 
 def _score(product: Float32Array, sums: list[Complex64Array], area: float, energy: float) -> Float32Array:

@@ -49,7 +49,7 @@ def test_a_step_from_blocks_is_the_step_from_pixels(size: tuple[int, int], strid
     weight[5:-7, 9:-3] = 1
     weight[20:30, 30:50] = 0.3
     frame *= weight[..., None] > 0
-    step = align.gauss_newton_step(align.block_sums(descent, grid, pose), frame, weight, np.zeros((6, 6)), np.zeros(6), 1.0)
+    step = align.gauss_newton_step(align.map_sums(descent, grid, pose), frame, weight, np.zeros((6, 6)), np.zeros(6), 1.0)
     H, delta = _by_pixels(descent, grid, pose, frame, weight, stride)
     apart = step.delta - delta
     assert apart @ H @ apart < 1e-4 * (delta @ H @ delta)
@@ -62,7 +62,7 @@ def test_a_frame_that_shows_the_map_asks_for_no_correction() -> None:
     grid = _grid(64, 64, 2)
     pose = CameraPose(np.array([0.0, 0.0, -60.0]), LEVEL_NADIR)
     descent = align.prepare(grid)
-    sums = align.block_sums(descent, grid, pose)
+    sums = align.map_sums(descent, grid, pose)
     step = align.gauss_newton_step(sums, descent.template * np.float32(0.5), grid.weight, np.eye(6) * 1e-6, np.zeros(6), 1.0)
     assert step.score == pytest.approx(1.0, abs=1e-5)
     assert np.abs(step.delta).max() < 1e-4

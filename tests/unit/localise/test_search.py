@@ -116,3 +116,13 @@ def test_peaks_are_apart_allowed_and_sub_pixel():
     only = find_peaks(volume, u > 25, 8, 1)[0]
     assert only.u_px == pytest.approx(135, abs=0.1)
     assert find_peaks(volume, np.zeros(score.shape, np.bool_), 8, 3) == []
+
+
+def test_the_slope_of_a_peak_is_no_other_peak():
+    """Also where it is higher than a real one further off; at the edge of what is allowed it may lead up to what is not."""
+    v, u = np.mgrid[0:40, 0:60]
+    score = np.exp(-((u - 15) ** 2 + (v - 20) ** 2) / 200) + 0.3 * np.exp(-((u - 50) ** 2 + (v - 20) ** 2) / 8)
+    volume = ScoreVolume(score.astype(np.float32), np.zeros(score.shape, np.int32), (0, 0))
+    everywhere = np.ones(score.shape, np.bool_)
+    assert [(round(p.u_px), round(p.v_px)) for p in find_peaks(volume, everywhere, 4, 10)] == [(15, 20), (50, 20)]
+    assert [round(p.u_px) for p in find_peaks(volume, u > 20, 4, 10)] == [20, 50]
