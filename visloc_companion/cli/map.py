@@ -13,6 +13,7 @@ from visloc_companion.cli.map_features import (
     FinestFeatures,
     Model,
     chosen_networks,
+    described_cloud,
     described_features,
     echo_features,
     features,
@@ -58,7 +59,7 @@ def build(
     out: Annotated[Path, typer.Option(metavar="PACK", help="Folder to make; an existing pack is replaced.")],
     dsm: Annotated[Path | None, typer.Option(metavar="FILE", help="Surface model (GeoTIFF).")] = None,
     cloud: Annotated[
-        list[Path] | None, typer.Option(metavar="FILE...", help="Point clouds (.las, .laz), used without --dsm.")
+        list[Path] | None, typer.Option(metavar="FILE...", help="Point clouds (.las, .laz): kept, and the surface without --dsm.")
     ] = None,
     cloud_crs: Annotated[str, typer.Option(metavar="EPSG:CODE", help="CRS of clouds that state none.")] = "",
     name: Annotated[str, typer.Option(help="Name of the pack; the folder's by default.")] = "",
@@ -76,13 +77,12 @@ def build(
     finest_features_m: FinestFeatures = FINEST_FEATURES_M,
     json_file: Json = None,
 ) -> None:
-    """Make a pack from orthophotos and a surface model or point clouds."""
+    """Make a pack from orthophotos, a surface model and point clouds."""
     from visloc_companion.cli.progress import write_json
     from visloc_companion.prepare.build import build_pack
+    from visloc_companion.prepare.check import cloud_info
 
     _check_date(capture_date)
-    if dsm is not None and cloud:
-        raise ConfigError("--dsm and --cloud both give the surface", remedy="give one of them")
     networks = chosen_networks(model)
     with stages() as report:
         manifest = build_pack(
@@ -108,6 +108,8 @@ def build(
     pixels = f"{manifest.ortho.cols} x {manifest.ortho.rows} px at {manifest.gsd_m:.3g} m"
     typer.echo(f"{out}: {pixels}, {manifest.crs.name}, {size_mb:.1f} MB")
     echo_features(manifest)
+    if (points := cloud_info(manifest)) is not None:
+        typer.echo(f"cloud {described_cloud(points)}")
     if manifest.heights.share_known < 1:
         typer.echo(f"warning: {1 - manifest.heights.share_known:.1%} of it has no height and will not be used", err=True)
 
@@ -209,6 +211,8 @@ def _described(result: dict[str, Any]) -> Iterator[tuple[str, str]]:
         grid = heights["grid"]
         made = f"made from {heights['source_datum']} heights"
         yield "heights", f"{grid['cols']} x {grid['rows']} at {grid['transform'][0]:.4g} m above sea level, {made}"
+    if result["cloud"] is not None:
+        yield "cloud", described_cloud(result["cloud"])
     for each in result["features"]:
         yield "features", described_features(each)
     yield "capture date", manifest["capture_date"] or "not stated"

@@ -82,6 +82,12 @@ def described_features(each: dict[str, Any]) -> str:
     return f"{each['name']} {gsds} in {len(each['gsd_m'])} levels, {each['channels']} channels, {size}"
 
 
+def described_cloud(each: dict[str, Any]) -> str:
+    """Points, their density, what they cover, and size."""
+    points = f"{each['points']} points, {each['points_per_m2']:.3g} a square metre on {each['share_covered']:.1%} of the map"
+    return f"{points}, {each['bytes'] / 1e6:.1f} MB"
+
+
 @contextmanager
 def stages() -> Iterator[Callable[[str, float], None]]:
     """One bar for each stage of the work, on stderr."""

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from visloc_companion.errors import MapError, OutsideMap
 from visloc_companion.geo.raster import apply_affine, compose_affine, invert_affine, window_affine
+from visloc_companion.maps.around import MAX_POINTS, on_the_ground, sampled_surface
 from visloc_companion.maps.crs import Linearisation, MapCrs
+from visloc_companion.maps.geotiff import ground_gsd_m
 from visloc_companion.maps.layer import Layer
 from visloc_companion.maps.warp import interpolate, warp_affine, warp_places
 from visloc_companion.types import FloatArray, GeoPoint, ReferencePatch
@@ -118,6 +120,32 @@ class GridMap:
         rows, cols = self.shape
         margin = margin_m / self._gsd_m
         return bool(-0.5 - margin <= u <= cols - 0.5 + margin and -0.5 - margin <= v <= rows - 0.5 + margin)
+
+    def cloud_around(self, center_map_m: tuple[float, float], radius_m: float, max_points: int = MAX_POINTS) -> FloatArray:
+        """(N, 3) points of the upper surface within `radius_m` of a place: metres true east and true north of it, and above mean
+        sea level. Grid convergence and scale of the CRS are taken out (`projection_at` leads back).
+
+        From the map's cloud where it has one there, else from its surface model; at most `max_points`, thinned evenly. Raises
+        OutsideMap where there is none, MapError for a map whose ground is a plane, and for a radius that is none.
+        """
+        if not (radius_m > 0 and math.isfinite(radius_m) and max_points > 0):
+            raise MapError(f"no circle: radius {radius_m} m, {max_points} points", remedy="correct the request")
+        here = self._crs.linearised_at_map(*center_map_m)
+        points = self._points_within(center_map_m, radius_m * here.scale, max_points)
+        if not len(points):
+            raise OutsideMap(f"the circle about {center_map_m} is outside the map", remedy="use a map that covers the flight")
+        return on_the_ground(points, here)
+
+    def _points_within(self, center_map_m: tuple[float, float], radius_map: float, max_points: int) -> FloatArray:
+        """(N, 3) easting, northing, height of the surface model's samples in a circle."""
+        heights, layer = self._heights, self._heights.layer
+        if layer is None:
+            raise MapError("the map has no shape: its ground is a plane", remedy="build it with --dsm or --cloud")
+        same = heights.crs == self._crs
+        gsd_m = ground_gsd_m(heights.crs, layer.T_map_pix, layer.shapes[0])
+        pixel = gsd_m * self._crs.linearised_at_map(*center_map_m).scale
+        T_map_pix = layer.T_map_pix if same else None
+        return sampled_surface(self._height_window, T_map_pix, pixel, center_map_m, radius_map, max_points)
 
     def share_valid(self, T_map_pix: FloatArray, size_px: tuple[int, int]) -> FloatArray:
         """(height, width) share of each pixel of a coarse window that holds map, from 4 x 4 samples (heights not asked)."""

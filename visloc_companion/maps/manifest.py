@@ -100,6 +100,29 @@ class FeatureLevel(Grid):
     tile_px: Annotated[int, Field(gt=0, le=4096)]
 
 
+class CloudEntry(Part):
+    """Points of the upper surface in square tiles (maps/cloud_tiles.py), row by row from the north-west corner.
+
+    `points` is a .npy of uint16 (n_points, 3), `tiles` one of int64 (tile_rows x tile_cols + 1, 2). Heights are above mean sea
+    level, made from `source_datum` heights. `spacing_m` is the side of the cell of which the highest point was kept.
+    """
+
+    points: FileName
+    tiles: FileName
+    n_points: Size
+    tile_rows: Size
+    tile_cols: Size
+    west_map_m: Finite
+    north_map_m: Finite
+    tile_m: Positive
+    spacing_m: Positive
+    step_m: Positive
+    source_datum: Literal["amsl", "ellipsoidal"]
+    geoid_undulation_m: Finite | None
+    share_covered: Annotated[float, Field(ge=0, le=1)]
+    """Share of the orthophoto's rectangle with points, in squares of 4 m."""
+
+
 class SourceEntry(Part):
     """A file that the pack was made from."""
 
@@ -124,6 +147,7 @@ class Manifest(Part):
     ortho: Grid
     heights: HeightEntry
     features: tuple[FeatureLevel, ...]
+    cloud: CloudEntry | None = None
     inputs: tuple[SourceEntry, ...]
     files: dict[FileName, FileEntry]
 
@@ -166,10 +190,16 @@ def read_manifest(folder: Path) -> Manifest:
     except ValidationError as why:
         wrong = "; ".join(f"{'.'.join(str(p) for p in e['loc'])}: {e['msg']}" for e in why.errors())
         raise MapError(wrong, where=str(where), remedy=REBUILD) from why
-    for grid in (manifest.ortho, manifest.heights.grid, *manifest.features):
-        if grid is not None and grid.file not in manifest.files:
-            raise MapError(f"files: has no entry {grid.file!r}", where=str(where), remedy=REBUILD)
+    if missing := [name for name in _files_of(manifest) if name not in manifest.files]:
+        raise MapError(f"files: has no entry {missing[0]!r}", where=str(where), remedy=REBUILD)
     return manifest
+
+
+def _files_of(manifest: Manifest) -> list[str]:
+    """Names of the files that the parts of a manifest name."""
+    grids = (manifest.ortho, manifest.heights.grid, *manifest.features)
+    cloud = manifest.cloud
+    return [grid.file for grid in grids if grid is not None] + ([cloud.points, cloud.tiles] if cloud is not None else [])
 
 
 def is_manifest(path: Path) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 
 from visloc_companion.errors import MapError, OutsideMap
 from visloc_companion.geo.raster import T_map_pix_from_gdal, apply_affine, compose_affine, invert_affine
+from visloc_companion.maps.cloud_tiles import StoredCloud, open_cloud
 from visloc_companion.maps.crs import MapCrs, map_crs
 from visloc_companion.maps.geotiff import DatasetLayer, GeoTiff, open_dsm, open_ortho
 from visloc_companion.maps.grid import GridMap, Heights
@@ -16,18 +17,25 @@ from visloc_companion.maps.layer import Layer, level_shapes
 from visloc_companion.maps.manifest import REBUILD, Grid, Manifest, read_manifest
 from visloc_companion.maps.stored import NEAR_OCTAVES, StoredFeatures, open_stored
 from visloc_companion.maps.verify import verify_files
-from visloc_companion.types import FeaturePatch
+from visloc_companion.types import FeaturePatch, FloatArray
 
 
 class PackMap(GridMap):
     """A reference map over a pack (protocols.ReferenceMap, FeatureMap); `manifest` says what it is, `stored` are its features."""
 
     def __init__(
-        self, manifest: Manifest, crs: MapCrs, pixels: Layer, heights: Heights, features: tuple[StoredFeatures, ...]
+        self,
+        manifest: Manifest,
+        crs: MapCrs,
+        pixels: Layer,
+        heights: Heights,
+        features: tuple[StoredFeatures, ...],
+        cloud: StoredCloud | None,
     ) -> None:
         super().__init__(crs, pixels, heights, manifest.gsd_m)
         self.manifest = manifest
         self.stored = features
+        self.cloud = cloud
 
     @classmethod
     def open(cls, folder: Path, verify_hashes: bool = True) -> PackMap:
@@ -42,7 +50,8 @@ class PackMap(GridMap):
         entry = manifest.heights
         surface = None if entry.grid is None else _layer(open_dsm(folder / entry.grid.file), entry.grid, crs)
         features = tuple(open_stored(folder, level) for level in manifest.features)
-        return cls(manifest, crs, pixels, Heights(surface, crs, entry.plane_amsl_m), features)
+        cloud = None if manifest.cloud is None else open_cloud(folder, manifest.cloud)
+        return cls(manifest, crs, pixels, Heights(surface, crs, entry.plane_amsl_m), features, cloud)
 
     def stored_gsd_m(self, center_map_m: tuple[float, float], gsd_m: float, name: str, recipe: str) -> float | None:
         """See protocols.FeatureMap."""
@@ -76,6 +85,10 @@ class PackMap(GridMap):
         if all(level.recipe != recipe for level in of_name):
             return f"the pack's features {name!r} are of another recipe ({of_name[0].recipe}): they are computed in flight"
         return ""
+
+    def _points_within(self, center_map_m: tuple[float, float], radius_map: float, max_points: int) -> FloatArray:
+        points = np.zeros((0, 3)) if self.cloud is None else self.cloud.within(center_map_m, radius_map, max_points)
+        return points if len(points) else super()._points_within(center_map_m, radius_map, max_points)
 
     def _nearest(self, center_map_m: tuple[float, float], gsd_m: float, name: str, recipe: str) -> StoredFeatures | None:
         """The level of a function nearest to a GSD; None where none is within a factor 2^NEAR_OCTAVES."""

@@ -10,9 +10,10 @@ import math
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.lib.format import write_array_header_1_0
+from numpy.lib.format import dtype_to_descr, write_array_header_1_0
 from numpy.typing import NDArray
 
 from visloc_companion.errors import MapError
@@ -75,18 +76,30 @@ def tiled_shape(rows: int, cols: int, channels: int, tile_px: int = TILE_PX) -> 
 
 
 def open_stored(folder: Path, level: FeatureLevel) -> StoredFeatures:
-    """Map a file. Its header is compared, not parsed: numpy's reader evaluates it, and fails in many ways. Raises MapError."""
-    path = folder / level.file
+    """Map a file. Raises MapError where it is not the array that the manifest says."""
     shape = tiled_shape(level.rows, level.cols, level.channels, level.tile_px)
-    header = BytesIO()
-    write_array_header_1_0(header, {"descr": "|i1", "fortran_order": False, "shape": shape})
-    want = header.getvalue()
+    tiles = mapped_array(folder / level.file, np.dtype(np.int8), shape)
+    return StoredFeatures(level, T_map_pix_from_gdal(level.transform), tiles)
+
+
+def mapped_array(path: Path, kind: np.dtype[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Map a .npy file read-only. Its header is compared, not parsed: numpy's reader evaluates it, and fails in many ways.
+
+    Raises MapError where it is another array.
+    """
+    want = npy_header(kind, shape)
     with path.open("rb") as stream:
         got = stream.read(len(want))
-    if got != want or path.stat().st_size != len(want) + math.prod(shape):
-        raise MapError(f"is not the array of int8 {shape} that the manifest says", where=str(path), remedy=REBUILD)
-    tiles = np.memmap(path, dtype=np.int8, mode="r", offset=len(want), shape=shape)
-    return StoredFeatures(level, T_map_pix_from_gdal(level.transform), tiles)
+    if got != want or path.stat().st_size != len(want) + math.prod(shape) * kind.itemsize:
+        raise MapError(f"is not the array of {kind} {shape} that the manifest says", where=str(path), remedy=REBUILD)
+    return np.memmap(path, dtype=kind, mode="r", offset=len(want), shape=shape)
+
+
+def npy_header(kind: np.dtype[Any], shape: tuple[int, ...]) -> bytes:
+    """The header of a .npy file, as numpy writes it; its length does not depend on the number of rows."""
+    header = BytesIO()
+    write_array_header_1_0(header, {"descr": dtype_to_descr(kind), "fortran_order": False, "shape": shape})
+    return header.getvalue()
 
 
 def _spans(first: int, last: int, side: int) -> list[tuple[int, int, int]]:

@@ -27,6 +27,7 @@ from visloc_companion.maps.manifest import (
     sha256_file,
     write_manifest,
 )
+from visloc_companion.prepare.cloud_points import PackCloud, pack_cloud, write_cloud
 from visloc_companion.prepare.defaults import FINEST_FEATURES_M
 from visloc_companion.prepare.features import (
     check_names,
@@ -61,10 +62,10 @@ def build_pack(
     finest_features_m: float = FINEST_FEATURES_M,
     progress: Progress | None = None,
 ) -> Manifest:
-    """Build a pack from GeoTIFFs (the first orthophoto on top), and from clouds where there is no surface model.
-    `cloud_crs` is that of clouds that state none.
+    """Build a pack from GeoTIFFs (the first orthophoto on top) and clouds. `cloud_crs` is that of clouds that state none.
 
-    Without either the ground is the plane `ground_h_amsl_m`. `vertical_datum` is that of the surface; where heights are
+    The pack keeps the clouds' upper points; where there is no surface model, they make that as well. Without either the ground
+    is the plane `ground_h_amsl_m`. `vertical_datum` is that of the surface; where heights are
     ellipsoidal, h_amsl = h_ell - `geoid_undulation_m`. The gradient's features are stored at all levels, those of `networks`
     at levels from the GSD `finest_features_m` on. An existing pack is replaced when the new one is whole; a build of the same
     inputs that was broken off is gone on with, and ends in the same bytes. Returns the manifest. Raises MapError and
@@ -79,16 +80,19 @@ def build_pack(
         raise MapError("no orthophoto is given", remedy="--ortho FILE")
     sources = [_ortho_source(path) for path in orthos]
     grid = pack_grid(sources)
+    cloud = pack_cloud(clouds, cloud_crs, grid, vertical_datum, geoid_undulation_m)
     surface = make_surface(surface_sources(dsm, clouds, cloud_crs), grid, vertical_datum, geoid_undulation_m)
-    inputs = tuple(_inputs([*orthos, *([dsm] if dsm else clouds)], report))
-    made_from: list[object] = [cloud_crs, ground_h_amsl_m, vertical_datum, geoid_undulation_m, len(orthos), dsm is None]
+    inputs = tuple(_inputs([*orthos, *([dsm] if dsm else []), *clouds], report))
+    made_from: list[object] = [cloud_crs, ground_h_amsl_m, vertical_datum, geoid_undulation_m, len(orthos), len(clouds)]
     made_from += [finest_features_m, *(entry.sha256 for entry in inputs), *((each.name, each.recipe) for each in functions)]
     with WorkFolder(out, work_key("build", SOFTWARE, made_from)) as work:
-        _check_space(work, grid, surface, max(each.layer.channels for each in sources), functions, finest_features_m)
+        _check_space(work, grid, surface, cloud, max(each.layer.channels for each in sources), functions, finest_features_m)
         share = _ortho(work, grid, sources, report)
         heights = _heights(work, grid, surface, ground_h_amsl_m, report)
+        points = write_cloud(work, cloud, report)
         levels = feature_levels(work, grid, work.path / ORTHO, functions, finest_features_m, report)
         names = [ORTHO, *([heights.grid.file] if heights.grid else []), *(level.file for level in levels)]
+        names += [points.points, points.tiles] if points else []
         manifest = Manifest(
             kind=KIND,
             schema_version=SCHEMA,
@@ -104,6 +108,7 @@ def build_pack(
             ortho=Grid(file=ORTHO, rows=grid.rows, cols=grid.cols, transform=grid.transform),
             heights=heights,
             features=levels,
+            cloud=points,
             inputs=inputs,
             files=work.hashed(names, report),
         )
@@ -167,6 +172,7 @@ def _check_space(
     work: WorkFolder,
     grid: TargetGrid,
     surface: Surface | None,
+    cloud: PackCloud | None,
     channels: int,
     functions: Sequence[Features],
     finest_gsd_m: float,
@@ -175,6 +181,7 @@ def _check_space(
     need = grid.rows * grid.cols * (channels + 1) * 2.4
     need += sum(stored_bytes(wanted_levels(grid, each, finest_gsd_m), each) for each in functions)
     need += surface.grid.rows * surface.grid.cols * 4 * 2.4 if surface else 0
+    need += cloud.bytes_needed if cloud else 0
     work.check_free(need)
 
 

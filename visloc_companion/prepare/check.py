@@ -48,6 +48,7 @@ def check_pack(pack: PackMap, route: Path | None, margin_m: float = 0.0, network
     if route is not None:
         result["route"] = _route(pack, cells, read_route(route), margin_m)
     result["features"] = features_info(pack.manifest)
+    result["cloud"] = cloud_info(pack.manifest)
     result["warnings"] = _warnings(result)
     result["warnings"] += [why for each in (GRADIENT, *networks) if (why := pack.why_not_stored(each.name, each.recipe))]
     result["passed"] = route is None or result["route"]["points_outside"] == 0
@@ -92,6 +93,8 @@ def _warnings(result: dict[str, Any]) -> list[str]:
         found.append(f"{cells['share_one_direction']:.0%} of the map has edges of one direction only")
     if result["share_with_height"] <= 1 - WORTH_SAYING:
         found.append(f"{1 - result['share_with_height']:.0%} of the map has no height and is not used")
+    if result["cloud"] is not None and result["cloud"]["share_covered"] <= 1 - WORTH_SAYING:
+        found.append(f"{1 - result['cloud']['share_covered']:.0%} of the map has no point of the cloud")
     if "route" in result and result["route"]["points_outside"] == 0 and result["route"]["share_matchable"] < MIN_SHARE_MATCHABLE:
         found.append(f"only {result['route']['share_matchable']:.0%} of the route can be matched")
     return found
@@ -105,6 +108,7 @@ def pack_info(pack: PackMap, folder: Path) -> dict[str, Any]:
         "folder": str(folder),
         "bytes": sum(entry.bytes for entry in manifest.files.values()),
         "features": features_info(manifest),
+        "cloud": cloud_info(manifest),
         "manifest": manifest.model_dump(mode="json"),
     }
 
@@ -115,6 +119,21 @@ def features_info(manifest: Manifest) -> list[dict[str, Any]]:
     area_km2 = (bounds.east_map_m - bounds.west_map_m) * (bounds.north_map_m - bounds.south_map_m) / 1e6
     names = dict.fromkeys(level.name for level in manifest.features)
     return [_function_info(manifest, [level for level in manifest.features if level.name == name], area_km2) for name in names]
+
+
+def cloud_info(manifest: Manifest) -> dict[str, Any] | None:
+    """Points of the pack's cloud, their density where there are any, the share of the map with points, and bytes."""
+    cloud = manifest.cloud
+    if cloud is None:
+        return None
+    bounds = manifest.bounds
+    area_m2 = (bounds.east_map_m - bounds.west_map_m) * (bounds.north_map_m - bounds.south_map_m)
+    return {
+        "points": cloud.n_points,
+        "points_per_m2": cloud.n_points / max(1e-9, area_m2 * cloud.share_covered),
+        "share_covered": cloud.share_covered,
+        "bytes": sum(manifest.files[name].bytes for name in (cloud.points, cloud.tiles)),
+    }
 
 
 def _function_info(manifest: Manifest, levels: list[FeatureLevel], area_km2: float) -> dict[str, Any]:

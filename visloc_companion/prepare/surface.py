@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from visloc_companion.errors import DatumMissing, MapError
+from visloc_companion.maps.crs import MapCrs
 from visloc_companion.maps.geotiff import layer_of, open_dsm
 from visloc_companion.maps.manifest import Grid, HeightEntry
 from visloc_companion.prepare.cloud import cloud_surface
@@ -50,14 +51,27 @@ def make_surface(
     """
     if not sources:
         return None
-    datum = _datum(sources, stated)
-    if datum == "ellipsoidal" and (undulation_m is None or not math.isfinite(undulation_m)):
+    datum, undulation_m = settled_datum([(source.name, source.crs) for source in sources], stated, undulation_m)
+    return Surface(sources, datum, undulation_m, _height_grid(sources, grid))
+
+
+def settled_datum(
+    named: Sequence[tuple[str, MapCrs]], stated: Datum | None, undulation_m: float | None
+) -> tuple[Datum, float | None]:
+    """Datum of files given by name and CRS, and what is taken off their heights (None above sea level).
+
+    Raises DatumMissing where heights are ellipsoidal and no undulation is known, and where CRS and statement contradict.
+    """
+    datum = _datum(named, stated)
+    if datum == "amsl":
+        return datum, None
+    if undulation_m is None or not math.isfinite(undulation_m):
         raise DatumMissing(
             "heights are ellipsoidal and the geoid undulation is not given",
-            where=sources[0].name,
+            where=named[0][0],
             remedy="--geoid-undulation-m N, the geoid's height above the ellipsoid at the place",
         )
-    return Surface(sources, datum, undulation_m if datum == "ellipsoidal" else None, _height_grid(sources, grid))
+    return datum, undulation_m
 
 
 def write_surface(folder: Path, surface: Surface, grid: TargetGrid, plane_h_amsl_m: float, step: Step) -> HeightEntry:
@@ -79,15 +93,15 @@ def write_surface(folder: Path, surface: Surface, grid: TargetGrid, plane_h_amsl
     )
 
 
-def _datum(sources: tuple[Source, ...], stated: Datum | None) -> Datum:
+def _datum(named: Sequence[tuple[str, MapCrs]], stated: Datum | None) -> Datum:
     """What the user says, else what the CRS says (three-dimensional: ellipsoidal), else above sea level."""
-    ellipsoidal = [source for source in sources if source.crs.is_ellipsoidal_3d]
+    ellipsoidal = [name for name, crs in named if crs.is_ellipsoidal_3d]
     if stated == "amsl" and ellipsoidal:
         raise DatumMissing(
-            "its CRS says that heights are ellipsoidal", where=ellipsoidal[0].name, remedy="--vertical-datum ellipsoidal"
+            "its CRS says that heights are ellipsoidal", where=ellipsoidal[0], remedy="--vertical-datum ellipsoidal"
         )
-    if 0 < len(ellipsoidal) < len(sources) and stated is None:
-        raise DatumMissing("heights of the clouds have different datums", where=ellipsoidal[0].name, remedy="convert them to one")
+    if 0 < len(ellipsoidal) < len(named) and stated is None:
+        raise DatumMissing("heights of the clouds have different datums", where=ellipsoidal[0], remedy="convert them to one")
     return stated or ("ellipsoidal" if ellipsoidal else "amsl")
 
 

@@ -8,7 +8,7 @@ import rasterio
 from typer.testing import CliRunner
 
 from visloc_companion.cli.map import map_app, repeated
-from visloc_companion.errors import ConfigError, DatumMissing, HashMismatch, MapError, ModelError
+from visloc_companion.errors import CloudError, ConfigError, DatumMissing, HashMismatch, MapError, ModelError
 from visloc_companion.maps.crs import map_crs
 
 Visloc = Callable[..., tuple[int, str]]
@@ -103,7 +103,7 @@ def test_wrong_options_are_named(tmp_path: Path, ortho: Path, visloc: Visloc) ->
         visloc(*base, "--vertical-datum", "sea")
     with pytest.raises(ConfigError, match=r"--capture-date.*YYYY-MM-DD"):
         visloc(*base, "--capture-date", "last summer")
-    with pytest.raises(ConfigError, match="--dsm and --cloud"):
+    with pytest.raises(CloudError, match=r"c\.laz: there is no such file"):
         visloc(*base, "--dsm", ortho, "--cloud", "c.laz")
     assert visloc("build", "--out", tmp_path / "pack")[0] == 2
     assert visloc(*base, "--vertical-datum", "amsl")[0] == 0

@@ -1,0 +1,270 @@
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from typer.testing import CliRunner
+
+from visloc_companion.cli.map import map_app
+from visloc_companion.errors import CloudError, DatumMissing, HashMismatch, MapError, OutsideMap
+from visloc_companion.maps.crs import map_crs
+from visloc_companion.maps.manifest import MANIFEST
+from visloc_companion.maps.pack import PackMap
+from visloc_companion.prepare import cloud_points
+from visloc_companion.prepare.add_features import add_features
+from visloc_companion.prepare.build import build_pack
+from visloc_companion.types import GeoPoint
+
+laspy = pytest.importorskip("laspy")
+PLACE = (47.0, 15.3)
+SIZE = 200
+MIDDLE = map_crs("EPSG:32633").to_map(*PLACE)
+
+
+def ground(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Sloping ground with a house of 20 m x 20 m in the middle."""
+    return 300 + 0.05 * x - 0.02 * y + np.where((np.abs(x) < 10) & (np.abs(y) < 10), 8.0, 0.0)
+
+
+def write_las(path: Path, points: np.ndarray, crs: str) -> Path:
+    from pyproj import CRS
+
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.offsets, header.scales = np.floor(points.min(axis=0)), np.array([0.001] * 3)
+    if CRS.from_user_input(crs).is_geographic:
+        header.scales = np.array([1e-9, 1e-9, 0.001])
+    header.add_crs(CRS.from_user_input(crs))
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = points.T
+    las.write(path)
+    return path
+
+
+def scene(middle: tuple[float, float], density: float = 5.0, half: float = 90.0, seed: int = 2) -> np.ndarray:
+    xy = np.random.default_rng(seed).uniform(-half, half, (int(density * 4 * half * half), 2))
+    return np.column_stack([xy + middle, ground(*xy.T)])
+
+
+def write_tif(path: Path, values: np.ndarray) -> Path:
+    place = rasterio.Affine(1.0, 0.0, MIDDLE[0] - SIZE / 2, 0.0, -1.0, MIDDLE[1] + SIZE / 2)
+    shape = {"width": SIZE, "height": SIZE, "count": 1, "dtype": values.dtype}
+    with rasterio.open(path, "w", driver="GTiff", crs="EPSG:32633", transform=place, **shape) as out:
+        out.write(values, 1)
+    return path
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """a.tif, 200 m x 200 m in UTM 33N, away from its meridian, a cloud over it, and the pack of both: for reading only."""
+    folder = tmp_path_factory.mktemp("cloud")
+    write_tif(folder / "a.tif", np.random.default_rng(1).integers(1, 255, (SIZE, SIZE)).astype(np.uint8))
+    las = write_las(folder / "c.laz", scene(MIDDLE), "EPSG:32633")
+    build_pack([folder / "a.tif"], None, folder / "pack", clouds=[las])
+    return folder
+
+
+@pytest.fixture
+def ortho(built: Path) -> tuple[Path, tuple[float, float]]:
+    """The orthophoto, and easting and northing of its middle."""
+    return built / "a.tif", MIDDLE
+
+
+@pytest.fixture
+def pack(built: Path, tmp_path: Path) -> PackMap:
+    """A copy, to be damaged."""
+    shutil.copytree(built / "pack", tmp_path / "pack")
+    return PackMap.open(tmp_path / "pack")
+
+
+def test_points_are_metres_east_and_north_of_the_place(pack: PackMap) -> None:
+    """The place is the house's corner; true north is taken, 0.2 degrees from grid north here."""
+    easting, northing = pack.to_map(*PLACE)
+    corner = (easting + 10.0, northing + 10.0)
+    points = pack.cloud_around(corner, 40.0)
+    assert np.hypot(points[:, 0], points[:, 1]).max() <= 40.0
+    assert len(points) == pytest.approx(np.pi * 40**2 * 4 * (1 - np.exp(-5 / 4)), rel=0.05), (
+        "one of each cell of 0.5 m that has any"
+    )
+    J = pack.projection_at(GeoPoint(*pack.to_geo(*corner), 0.0)).J_map_ne
+    back = points[:, 1::-1] @ J.T + [10.0, 10.0]
+    edge = (np.abs(np.abs(back) - 10.0) < 0.05).any(axis=1)
+    np.testing.assert_allclose(points[~edge, 2], ground(*back[~edge].T), atol=0.012)
+
+
+def test_the_highest_point_of_a_cell_is_kept_and_wild_ones_are_not(tmp_path: Path, ortho) -> None:
+    image, middle = ortho
+    points = scene(middle)
+    below = points[::2] - np.array([0.0, 0.0, 3.0])
+    inner = points[np.hypot(*(points[:, :2] - middle).T) < 80]
+    wild = np.array([inner[0] + [0, 0, 90.0], inner[1] - [0, 0, 150.0]])
+    files = [write_las(tmp_path / f"{k}.laz", part, "EPSG:32633") for k, part in enumerate((below, points, wild))]
+    build_pack([image], None, tmp_path / "pack", clouds=files)
+    folders = (tmp_path / "pack", image.parent / "pack")
+    both, one = ({tuple(point) for point in PackMap.open(folder).cloud_around(middle, 90.0)} for folder in folders)
+    assert both < one and len(one - both) == 1, "but for the cell that the wild point had taken"
+
+
+def test_clouds_of_another_crs_and_feet_come_to_the_same_place(tmp_path: Path, ortho) -> None:
+    """The next UTM zone, heights in feet."""
+    image, middle = ortho
+    points = scene(middle, 2.0)
+    utm32 = points.copy()
+    utm32[:, :2] = map_crs("EPSG:32632").to_map_array(map_crs("EPSG:32633").to_geo_array(points[:, :2]))
+    feet = utm32 / [1, 1, 0.3048006096012192]
+    build_pack([image], None, tmp_path / "pack", clouds=[write_las(tmp_path / "c.laz", feet, "EPSG:32632+6360")])
+    found = PackMap.open(tmp_path / "pack").cloud_around(middle, 60.0)
+    assert found[:, 2].min() > 290 and found[:, 2].max() == pytest.approx(308, abs=1.0)
+
+
+def test_ellipsoidal_heights_lose_the_undulation(tmp_path: Path, ortho) -> None:
+    image, middle = ortho
+    las = write_las(tmp_path / "c.laz", scene(middle, 2.0), "EPSG:32633")
+    with pytest.raises(DatumMissing, match=r"c\.laz.*--geoid-undulation-m"):
+        build_pack([image], None, tmp_path / "pack", clouds=[las], vertical_datum="ellipsoidal")
+    manifest = build_pack([image], None, tmp_path / "pack", clouds=[las], vertical_datum="ellipsoidal", geoid_undulation_m=45.0)
+    assert manifest.cloud is not None and manifest.cloud.geoid_undulation_m == 45.0
+    found = PackMap.open(tmp_path / "pack").cloud_around(middle, 5.0)
+    assert np.median(found[:, 2]) == pytest.approx(308 - 45, abs=0.3)
+
+
+def test_a_surface_model_answers_the_same_call(tmp_path: Path, ortho) -> None:
+    image, middle = ortho
+    x, y = np.meshgrid(np.arange(SIZE) - SIZE / 2 + 0.5, SIZE / 2 - np.arange(SIZE) - 0.5)
+    write_tif(tmp_path / "dsm.tif", ground(x, y).astype(np.float32))
+    build_pack([image], tmp_path / "dsm.tif", tmp_path / "pack")
+    pack = PackMap.open(tmp_path / "pack")
+    points = pack.cloud_around(middle, 30.0)
+    assert len(points) == pytest.approx(np.pi * 30**2, rel=0.02)
+    J = pack.projection_at(GeoPoint(*PLACE, 0.0)).J_map_ne
+    np.testing.assert_allclose(points[:, 2], ground(*(points[:, 1::-1] @ J.T).T), atol=1e-3)
+    assert len(pack.cloud_around(middle, 30.0, max_points=200)) == pytest.approx(200, rel=0.15)
+    build_pack([image], None, tmp_path / "flat")
+    with pytest.raises(MapError, match=r"its ground is a plane.*--dsm or --cloud"):
+        PackMap.open(tmp_path / "flat").cloud_around(middle, 30.0)
+
+
+def test_both_a_surface_model_and_clouds(tmp_path: Path, ortho) -> None:
+    """The points come from the cloud where it has any, else from the surface model, which is 100 m higher here."""
+    image, middle = ortho
+    write_tif(tmp_path / "dsm.tif", np.full((SIZE, SIZE), 400, np.float32))
+    half = write_las(tmp_path / "c.las", scene((middle[0] - 60, middle[1]), half=30.0), "EPSG:32633")
+    manifest = build_pack([image], tmp_path / "dsm.tif", tmp_path / "pack", clouds=[half])
+    assert [entry.file for entry in manifest.inputs] == ["a.tif", "dsm.tif", "c.las"]
+    pack = PackMap.open(tmp_path / "pack")
+    assert pack.height_amsl_m(*middle) == 400.0
+    assert pack.cloud_around((middle[0] - 60, middle[1]), 20.0)[:, 2].max() < 320
+    assert np.allclose(pack.cloud_around((middle[0] + 60, middle[1]), 20.0)[:, 2], 400.0)
+
+
+def test_large_circles_are_thinned_evenly(pack: PackMap) -> None:
+    middle = pack.center_map_m
+    every, few = pack.cloud_around(middle, 80.0), pack.cloud_around(middle, 80.0, max_points=3000)
+    assert 0.3 * 3000 < len(few) <= 3000
+    kept = {tuple(point) for point in np.round(every, 6)}
+    assert all(tuple(point) in kept for point in np.round(few, 6))
+    quarters = [np.count_nonzero((few[:, 0] > 0) == a) for a in (True, False)]
+    assert min(quarters) > 0.9 * max(quarters)
+
+
+def test_places_and_circles_that_are_none(pack: PackMap) -> None:
+    easting, northing = pack.center_map_m
+    with pytest.raises(OutsideMap):
+        pack.cloud_around((easting + 5000, northing), 50.0)
+    for radius, most in ((0.0, 10), (float("nan"), 10), (float("inf"), 10), (5.0, 0)):
+        with pytest.raises(MapError, match="no circle"):
+            pack.cloud_around((easting, northing), radius, most)
+
+
+def test_clouds_off_the_orthophoto_are_named(tmp_path: Path, ortho) -> None:
+    image, (easting, northing) = ortho
+    write_tif(tmp_path / "dsm.tif", np.full((SIZE, SIZE), 400, np.float32))
+    away = write_las(tmp_path / "away.laz", scene((easting + 900, northing), 1.0), "EPSG:32633")
+    for dsm, what in ((None, "does not overlap"), (tmp_path / "dsm.tif", "no point on the orthophoto")):
+        with pytest.raises(MapError, match=rf"away\.laz: .*{what}.*remedy"):
+            build_pack([image], dsm, tmp_path / "pack", clouds=[away])
+    assert not (tmp_path / ".pack.building").exists()
+
+
+def test_a_build_that_was_broken_off_ends_in_the_same_bytes(tmp_path: Path, ortho, monkeypatch: pytest.MonkeyPatch) -> None:
+    image, middle = ortho
+    files = [write_las(tmp_path / f"{k}.laz", scene(middle, 1.0, seed=k), "EPSG:32633") for k in range(3)]
+    build_pack([image], None, tmp_path / "whole", clouds=files)
+    fold, calls = cloud_points._fold, 0
+
+    def interrupted(*args):
+        nonlocal calls
+        calls += 1
+        done = fold(*args)
+        if calls == 2:
+            raise KeyboardInterrupt
+        return done
+
+    monkeypatch.setattr(cloud_points, "_fold", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        build_pack([image], None, tmp_path / "pack", clouds=files, name="whole")
+    assert (tmp_path / ".pack.building" / cloud_points.SCRATCH).exists()
+    build_pack([image], None, tmp_path / "pack", clouds=files, name="whole")
+    names = sorted(path.name for path in (tmp_path / "whole").iterdir())
+    assert names == sorted(path.name for path in (tmp_path / "pack").iterdir()) and cloud_points.SCRATCH not in names
+    for name in ("cloud.npy", "cloud_tiles.npy", "dsm.tif", MANIFEST):
+        assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "pack" / name).read_bytes()
+
+
+def test_damaged_tiles_are_named(tmp_path: Path, pack: PackMap) -> None:
+    for name in ("cloud.npy", "cloud_tiles.npy"):
+        path = tmp_path / "pack" / name
+        raw = path.read_bytes()
+        flipped = bytearray(raw)
+        flipped[len(raw) * 2 // 3] ^= 1
+        path.write_bytes(flipped)
+        with pytest.raises(HashMismatch, match=rf"{name}.*SHA-256.*remedy"):
+            PackMap.open(tmp_path / "pack")
+        path.write_bytes(raw[:-6])
+        with pytest.raises(HashMismatch, match=rf"{name}: has \d+ bytes"):
+            PackMap.open(tmp_path / "pack", verify_hashes=False)
+        path.write_bytes(b"\x00" * 64 + raw[64:])
+        with pytest.raises(MapError, match=rf"{name}: is not the array of .*int.* that the manifest says"):
+            PackMap.open(tmp_path / "pack", verify_hashes=False)
+        path.unlink()
+        with pytest.raises(MapError, match=rf"{name}: the pack lacks this file"):
+            PackMap.open(tmp_path / "pack")
+        path.write_bytes(raw)
+
+
+def test_tiles_that_do_not_divide_the_points(tmp_path: Path, pack: PackMap) -> None:
+    path = tmp_path / "pack" / "cloud_tiles.npy"
+    raw = path.read_bytes()
+    for at, value in ((len(raw) - 16, 0), (128, 5), (128 + 16, 10**12)):
+        path.write_bytes(raw[:at] + np.int64(value).tobytes() + raw[at + 8 :])
+        with pytest.raises(MapError, match=r"cloud_tiles\.npy: does not divide the points"):
+            PackMap.open(tmp_path / "pack", verify_hashes=False)
+
+
+def test_added_features_leave_the_cloud(tmp_path: Path, pack: PackMap) -> None:
+    before = pack.cloud_around(pack.center_map_m, 30.0)
+    add_features(tmp_path / "pack", ())
+    np.testing.assert_array_equal(PackMap.open(tmp_path / "pack").cloud_around(pack.center_map_m, 30.0), before)
+
+
+def test_info_and_check_tell_of_the_cloud(tmp_path: Path, pack: PackMap) -> None:
+    assert pack.manifest.cloud is not None
+    told = CliRunner().invoke(map_app, ["info", str(tmp_path / "pack"), "--json", str(tmp_path / "i.json")])
+    count = pack.manifest.cloud.n_points
+    assert f"{count} points, 2.7" in told.output and "% of the map" in told.output
+    assert json.loads((tmp_path / "i.json").read_text())["cloud"]["points"] == count
+    checked = CliRunner().invoke(map_app, ["check", str(tmp_path / "pack"), "--model", "none"])
+    assert checked.exit_code == 0 and "of the map has no point of the cloud" in checked.output
+
+
+def test_noise_alone_is_no_cloud(tmp_path: Path, ortho) -> None:
+    image, middle = ortho
+    write_tif(tmp_path / "dsm.tif", np.full((SIZE, SIZE), 400, np.float32))
+    las = laspy.read(write_las(tmp_path / "c.laz", scene(middle, 1.0), "EPSG:32633"))
+    las.classification = np.full(len(las.x), 7, np.uint8)
+    las.write(tmp_path / "noise.laz")
+    with pytest.raises(CloudError, match=r"noise\.laz: has no point on the orthophoto"):
+        build_pack([image], tmp_path / "dsm.tif", tmp_path / "pack", clouds=[tmp_path / "noise.laz"])
