@@ -14,7 +14,8 @@ class RegistrationPrior:
     """1-sigma of the source's place in the reference about the identity (a uniform ±a is given as a/√3: 3 sigma covers it).
 
     `sigma_scale` is relative, the angles are radians about the source's middle: `sigma_yaw_rad` about up, `sigma_tilt_rad` about
-    each horizontal axis.
+    each horizontal axis. `sigma_growth_m`: how much the surface may have risen since the reference was captured; it
+    widens what is claimed of the height and what counts as a change, and moves nothing.
     """
 
     sigma_horizontal_m: float
@@ -22,6 +23,7 @@ class RegistrationPrior:
     sigma_yaw_rad: float
     sigma_tilt_rad: float
     sigma_scale: float
+    sigma_growth_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

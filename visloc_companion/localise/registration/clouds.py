@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from visloc_companion.types import FloatArray
@@ -38,11 +36,8 @@ def middle_m(points_m: FloatArray) -> FloatArray:
     return np.array([*(low + high) / 2, float(points_m[:, 2].mean())])
 
 
-def yaw_of(T: FloatArray) -> float:
-    """Heading (radians) by which a similarity turns about up."""
-    return math.atan2(T[1, 0] - T[0, 1], T[0, 0] + T[1, 1])
-
-
-def scale_of(T: FloatArray) -> float:
-    """Scale of a similarity."""
-    return float(np.cbrt(np.linalg.det(T[:3, :3])))
+def within(points_m: FloatArray, low_m: FloatArray, high_m: FloatArray, margin_share: float = 0.0) -> FloatArray:
+    """The points in a horizontal box, widened on each side by a share of it."""
+    margin = margin_share * (high_m - low_m)
+    inside = ((points_m[:, :2] >= low_m - margin) & (points_m[:, :2] <= high_m + margin)).all(1)
+    return points_m if inside.all() else points_m[inside]

@@ -1,27 +1,36 @@
-"""Refinement only: generalised ICP (Segal, Haehnel, Thrun 2009) from the prior, by small_gicp on one thread."""
+"""Refinement only: generalised ICP (Segal, Haehnel and Thrun 2009) from the prior, by small_gicp on one thread.
+
+It is rigid: the prior's scale stays.
+"""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import small_gicp
 
-from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
-from visloc_companion.localise.registration.clouds import FEWEST_POINTS, checked, density_per_m2, middle_m
+from visloc_companion.localise.registration.clouds import density_per_m2
+from visloc_companion.localise.registration.pair import make_pair
+from visloc_companion.localise.registration.settle import Settler
 from visloc_companion.types import FloatArray
 
+NAME = "gicp"
 REACHES_M = (10.0, 4.0, 2.0)
 """Correspondences up to this far, from coarse to fine."""
+LEAST_SPACING_M = 0.5
+STEPS = 30
 
 
 def gicp_from(source_m: FloatArray, reference_m: FloatArray, start: FloatArray) -> FloatArray:
     """(4, 4) rigid T_reference_source from a start, both clouds thinned to the reference's spacing."""
-    spacing = max(0.5, 1 / np.sqrt(density_per_m2(reference_m)))
+    spacing = max(LEAST_SPACING_M, 1 / math.sqrt(density_per_m2(reference_m)))
     target, tree = small_gicp.preprocess_points(reference_m, downsampling_resolution=spacing, num_threads=1)
     source, _ = small_gicp.preprocess_points(source_m, downsampling_resolution=spacing, num_threads=1)
     T = start
     for reach in REACHES_M:
-        found = small_gicp.align(target, source, tree, T, max_correspondence_distance=reach, num_threads=1, max_iterations=30)
+        found = small_gicp.align(target, source, tree, T, max_correspondence_distance=reach, num_threads=1, max_iterations=STEPS)
         T = np.asarray(found.T_target_source, dtype=np.float64)
     return T
 
@@ -34,15 +43,8 @@ class GicpRegistration:
 
     def __call__(self, source_m: FloatArray, reference_m: FloatArray, prior: RegistrationPrior) -> Registered | NotRegistered:
         """As base.RegistrationMethod."""
-        source, reference = checked(source_m, "source"), checked(reference_m, "reference")
-        if min(len(source), len(reference)) < FEWEST_POINTS:
-            return NotRegistered(Reason.TOO_FEW_FEATURES, f"{len(source)} and {len(reference)} points")
-        centre = middle_m(source)
-        T = gicp_from(source, reference, np.eye(4))
-        moved = T[:3, :3] @ centre + T[:3, 3] - centre
-        far = float(np.hypot(moved[0], moved[1])) / prior.sigma_horizontal_m
-        sigma = np.array([prior.sigma_horizontal_m, prior.sigma_horizontal_m, prior.sigma_vertical_m])
-        wrong = 1.0 if far > 3 else 0.5
-        if wrong > self.max_probability_wrong:
-            return NotRegistered(Reason.NO_MATCH, f"probability of being wrong {wrong:.2f}", (("moved_sigmas", far),))
-        return Registered(T, np.diag(sigma**2), prior.sigma_yaw_rad, prior.sigma_scale, wrong, (("moved_sigmas", far),))
+        pair = make_pair(source_m, reference_m, prior)
+        if isinstance(pair, NotRegistered):
+            return pair
+        T = gicp_from(pair.source_m, pair.reference_m, np.eye(4))
+        return Settler(pair, prior).judged(NAME, T, self.max_probability_wrong)

@@ -6,12 +6,17 @@ from collections.abc import Callable
 
 from visloc_companion.errors import ConfigError
 from visloc_companion.localise.registration.base import RegistrationMethod
+from visloc_companion.localise.registration.features import FeaturesRegistration
 from visloc_companion.localise.registration.gicp import GicpRegistration
+from visloc_companion.localise.registration.height_search import HeightSearchRegistration
 
 METHODS: dict[str, Callable[[float], RegistrationMethod]] = {
+    "height-search": HeightSearchRegistration,
     "gicp": GicpRegistration,
+    "features": FeaturesRegistration,
 }
-"""Constructors of a largest `probability_wrong` that is still answered."""
+"""Constructors of a largest `probability_wrong` that is still answered; the first is the default."""
+DEFAULT_METHOD = "height-search"
 DEFAULT_MAX_PROBABILITY_WRONG = 0.05
 
 

@@ -1,0 +1,67 @@
+"""What a registration claims of itself: the probability of being wrong, and a covariance that its errors keep to.
+
+Fitted by `python -m benchmarks.calibrate_clouds` on the places named there; scored on other places.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from visloc_companion.errors import Reason
+from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
+from visloc_companion.localise.registration.evidence import Evidence
+from visloc_companion.localise.registration.refine import Refined
+from visloc_companion.types import FloatArray
+
+WEIGHTS: dict[str, tuple[float, ...]] = {
+    "height-search": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    "gicp": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    "features": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+}
+"""Of each method on `regressors`: log-odds of being right."""
+FORMAL_FACTOR = 3.0
+FLOOR_M = (0.1, 0.1)
+HEIGHT_SHARE = 0.15
+"""Sigmas: the formal ones times a factor, a floor (horizontal, vertical), and of the height a share of the heights' deviation."""
+FLAT_M, LOOSE_M, CLEAR_LEAD = 0.1, 0.5, 0.1
+"""A refusal is for want of texture where the relief is flatter or the place looser, else ambiguous where another is as good."""
+
+
+def regressors(e: Evidence) -> tuple[float, ...]:
+    """What the log-odds are linear in."""
+    strength = math.atanh(min(max(e.correlation, 0.0), 0.98))
+    return (1.0, strength, e.score - e.rival, math.log(max(e.formal_sigma_m, 1e-3)), e.blocks, math.sqrt(e.overlap))
+
+
+def probability_wrong(method: str, e: Evidence) -> float:
+    """Calibrated probability of being off by more than 5 m horizontally."""
+    odds = float(np.dot(WEIGHTS[method], regressors(e)))
+    return 1 / (1 + math.exp(min(max(odds, -50), 50)))
+
+
+def answer(
+    method: str, refined: Refined, e: Evidence, prior: RegistrationPrior, max_probability_wrong: float
+) -> Registered | NotRegistered:
+    """The registration with its claims, or the refusal where it is wrong with more than the given probability."""
+    wrong = probability_wrong(method, e)
+    if wrong > max_probability_wrong:
+        return NotRegistered(_reason(e), f"wrong with a probability of {wrong:.3f}", (*e.named(), ("probability_wrong", wrong)))
+    formal = np.zeros((3, 3))
+    formal[:2, :2], formal[2, 2] = refined.placed[:2, :2], refined.raised[0, 0]
+    spread = FORMAL_FACTOR**2 * formal + np.diag(_floor_m2(e, prior))
+    yaw, scale = (FORMAL_FACTOR * math.sqrt(refined.placed[k, k]) for k in (2, 3))
+    return Registered(refined.T, spread, min(yaw, prior.sigma_yaw_rad), min(scale, prior.sigma_scale), wrong, e.named())
+
+
+def _floor_m2(e: Evidence, prior: RegistrationPrior) -> FloatArray:
+    height = (HEIGHT_SHARE * e.deviation_m) ** 2 + FLOOR_M[1] ** 2 + prior.sigma_growth_m**2
+    return np.array([FLOOR_M[0] ** 2, FLOOR_M[0] ** 2, height])
+
+
+def _reason(e: Evidence) -> Reason:
+    """Which of the evidence is worst."""
+    if e.relief_m < FLAT_M or e.formal_sigma_m > LOOSE_M:
+        return Reason.LOW_TEXTURE
+    return Reason.AMBIGUOUS if e.score - e.rival < CLEAR_LEAD else Reason.NO_MATCH

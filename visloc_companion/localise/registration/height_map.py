@@ -1,0 +1,129 @@
+"""The upper surface of a cloud as a raster of heights with a mask.
+
+A cell of the surface is the mean of the highest points of its parts: crowns and roofs from above, as stereo sees them, with the
+gaps between crowns averaged in. The parts are as fine as the cloud's own density fills, so that a dense and a sparse cloud of one
+place get the same surface. Raster frame: column to the east, row to the north (row 0 is the southernmost), metres.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from visloc_companion.localise.features.base import Float32Array, Mask
+from visloc_companion.types import FloatArray
+
+FINEST_M = 0.5
+"""Parts of a cell are no finer: stereo from 90 m does not see finer."""
+POINTS_PER_PART = 1.2
+"""Side of a part in mean distances of points."""
+SPIKE_M = 2.5
+"""A part that stands out of all its neighbours by so much is an outlier."""
+FEWEST_NEIGHBOURS = 4
+HIGH_PASS_M = 8.0
+KNOWN_SHARE, FADED = 0.3, 0.02
+"""Shares of a Gaussian's weight on known cells: of a smoothed cell that counts as known, and that has a height at all."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeightMap:
+    """`height_m` (H, W) float32, to be used where `known` (H, W); `corner_m` (2,) south-west corner of cell (0, 0)."""
+
+    height_m: Float32Array
+    known: Mask
+    corner_m: FloatArray
+    cell_m: float
+
+    def cells_of(self, xy_m: FloatArray) -> FloatArray:
+        """(N, 2) column and row, in cells from the centre of the first cell."""
+        return np.asarray((xy_m - self.corner_m) / self.cell_m - 0.5, dtype=np.float64)
+
+    def around(self, xy_m: FloatArray, half_m: float) -> HeightMap:
+        """The part within a square about a place; empty where the two do not meet."""
+        shape = np.array(self.known.shape[::-1])
+        low, high = (np.clip(np.round(self.cells_of(xy_m + side)), 0, shape).astype(int) for side in (-half_m, half_m))
+        at = (slice(low[1], high[1]), slice(low[0], high[0]))
+        return HeightMap(self.height_m[at], self.known[at], self.corner_m + low * self.cell_m, self.cell_m)
+
+
+def upper_surface(points_m: FloatArray, cell_m: float, density_per_m2: float = math.inf) -> HeightMap:
+    """The surface of (N, 3) points on cells of a size.
+
+    Without a density the points are taken to lie on the surface already, as those of stereo do, however few.
+    """
+    parts = max(1, math.floor(min(cell_m * math.sqrt(density_per_m2) / POINTS_PER_PART, cell_m / FINEST_M)))
+    fine = _highest(points_m, cell_m / parts, parts)
+    weight = _without_spikes(fine).astype(np.float32)
+    rows, cols = (n // parts for n in weight.shape)
+    blocks = (rows, parts, cols, parts)
+    count = weight.reshape(blocks).sum((1, 3))
+    total = (np.where(weight > 0, fine.height_m, 0)).reshape(blocks).sum((1, 3))
+    height = np.where(count > 0, total / np.maximum(count, 1), 0).astype(np.float32)
+    return HeightMap(height, count > 0, fine.corner_m, cell_m)
+
+
+def smoothed(heights: HeightMap, sigma_m: float, least: float = KNOWN_SHARE) -> HeightMap:
+    """Gaussian mean of the known cells; known where these have at least that share of the weight. Fills gaps of about a cell.
+
+    Heights go on a little beyond what is known, so that slopes at its border are those of the surface.
+    """
+    sigma = sigma_m / heights.cell_m
+    weight = _blur(heights.known.astype(np.float32), sigma)
+    height = _blur(np.where(heights.known, heights.height_m, 0), sigma) / np.maximum(weight, 1e-6)
+    return HeightMap(np.where(weight > FADED, height, 0).astype(np.float32), weight > least, heights.corner_m, heights.cell_m)
+
+
+def high_passed(heights: HeightMap, sigma_m: float = HIGH_PASS_M) -> HeightMap:
+    """What stands out of the Gaussian mean of the known cells: neither tilt nor bowl nor a hill's side is left in it.
+
+    The plane of best fit goes first: at the border, where the mean is one-sided, a slope would stand out.
+    """
+    flat = _without_plane(heights)
+    low = smoothed(flat, sigma_m)
+    rest = np.where(heights.known, flat.height_m - low.height_m, 0).astype(np.float32)
+    return HeightMap(rest, heights.known, heights.corner_m, heights.cell_m)
+
+
+def _without_plane(heights: HeightMap) -> HeightMap:
+    rows, cols = np.nonzero(heights.known)
+    if len(rows) < 3:
+        return heights
+    design = np.column_stack([np.ones(len(rows)), rows, cols]).astype(np.float64)
+    z = heights.height_m[rows, cols].astype(np.float64)
+    plane = np.linalg.lstsq(design.T @ design, design.T @ z, rcond=None)[0]
+    u, v = np.arange(heights.known.shape[1]), np.arange(heights.known.shape[0])[:, None]
+    flat = heights.height_m - (plane[0] + plane[1] * v + plane[2] * u)
+    return HeightMap(flat.astype(np.float32), heights.known, heights.corner_m, heights.cell_m)
+
+
+def _highest(points_m: FloatArray, cell_m: float, multiple: int) -> HeightMap:
+    """The highest point of each cell; sides are multiples of `multiple` cells."""
+    corner = points_m[:, :2].min(0)
+    index = np.floor((points_m[:, :2] - corner) / cell_m).astype(np.int64)
+    cols, rows = (-(-(int(n) + 1) // multiple) * multiple for n in index.max(0))
+    height = np.full(rows * cols, -np.inf, np.float32)
+    np.maximum.at(height, index[:, 1] * cols + index[:, 0], points_m[:, 2].astype(np.float32))
+    known = height > -np.inf
+    shape = (rows, cols)
+    return HeightMap(np.where(known, height, 0).reshape(shape), known.reshape(shape), corner, cell_m)
+
+
+def _without_spikes(heights: HeightMap) -> Mask:
+    """The known cells that do not stand out of their eight neighbours, where at least half of these are known."""
+    ring = np.ones((3, 3), np.uint8)
+    ring[1, 1] = 0
+    far = np.float32(1e6)
+    top = cv2.dilate(np.where(heights.known, heights.height_m, -far), ring)
+    bottom = cv2.erode(np.where(heights.known, heights.height_m, far), ring)
+    enough = cv2.filter2D(heights.known.astype(np.float32), -1, ring.astype(np.float32), borderType=cv2.BORDER_CONSTANT)
+    out = (heights.height_m > top + SPIKE_M) | (heights.height_m < bottom - SPIKE_M)
+    return np.asarray(heights.known & ~(out & (enough >= FEWEST_NEIGHBOURS)))
+
+
+def _blur(values: Float32Array, sigma_px: float) -> Float32Array:
+    if sigma_px < 0.05:
+        return values
+    return np.asarray(cv2.GaussianBlur(values, (0, 0), sigma_px, borderType=cv2.BORDER_CONSTANT), dtype=np.float32)

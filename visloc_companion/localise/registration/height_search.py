@@ -1,0 +1,48 @@
+"""The default: exhaustive search of height maps over the prior's region, bounded refinement, judged by what it sees.
+
+The search compares what stands out of the upper surface (high-passed at 8 m): unlike heights, that knows no tilt, no bowl and
+no growth of a whole forest. The few best places are refined, and the one whose relief agrees best is taken.
+"""
+
+from __future__ import annotations
+
+from visloc_companion.errors import Reason
+from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
+from visloc_companion.localise.registration.claims import answer
+from visloc_companion.localise.registration.evidence import evidence_of
+from visloc_companion.localise.registration.pair import make_pair
+from visloc_companion.localise.registration.search import find_places, runner_up
+from visloc_companion.localise.registration.settle import Settler
+from visloc_companion.localise.registration.similarity import moved
+from visloc_companion.types import FloatArray
+
+NAME = "height-search"
+REFINED = 3
+"""Places that are refined."""
+SLIDE_M, SLIDE_CELLS = 4.0, 2.0
+"""A refinement that goes farther from its start than this has slid away."""
+
+
+class HeightSearchRegistration:
+    """As base.RegistrationMethod."""
+
+    def __init__(self, max_probability_wrong: float) -> None:
+        self.max_probability_wrong = max_probability_wrong
+
+    def __call__(self, source_m: FloatArray, reference_m: FloatArray, prior: RegistrationPrior) -> Registered | NotRegistered:
+        """Search, refine, judge."""
+        pair = make_pair(source_m, reference_m, prior)
+        if isinstance(pair, NotRegistered):
+            return pair
+        places, scores = find_places(pair, prior, REFINED)
+        settler = Settler(pair, prior)
+        settled = [s for place in places if (s := settler.settle(place.T)) is not None]
+        if not settled:
+            return NotRegistered(Reason.LOW_OVERLAP, "too little of the source lies on the reference")
+        best = max(settled, key=lambda s: s.found.score)
+        if best.slid_m > max(SLIDE_M, SLIDE_CELLS * pair.source.cell_m):
+            what = f"the refinement slid {best.slid_m:.1f} m from where the search had found it"
+            return NotRegistered(Reason.REFINEMENT_DIVERGED, what)
+        rival = runner_up(pair, scores, moved(best.refined.T, pair.centre_m)[:2])
+        evidence = evidence_of(pair, best.found, best.refined, rival, prior.sigma_vertical_m)
+        return answer(NAME, best.refined, evidence, prior, self.max_probability_wrong)

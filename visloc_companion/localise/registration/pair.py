@@ -1,0 +1,66 @@
+"""What all methods look at: the surfaces of source and reference on cells of one size."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from visloc_companion.errors import Reason
+from visloc_companion.localise.registration.base import NotRegistered, RegistrationPrior
+from visloc_companion.localise.registration.clouds import FEWEST_POINTS, checked, density_per_m2, middle_m, within
+from visloc_companion.localise.registration.height_map import HeightMap, high_passed, smoothed, upper_surface
+from visloc_companion.types import FloatArray
+
+FINEST_CELL_M = 1.0
+MOST_CELLS = 2048
+"""A reference wider than this many finest cells gets coarser ones."""
+SMOOTHING_CELLS = 0.6
+STRAY_SHARE = 0.05
+"""Source points farther out than this share of the width of 99.8 % of them are strays."""
+SIGMAS = 3.0
+"""The prior is searched, and the reference looked at, so far."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pair:
+    """Points in metres, `reference_m` only what the prior reaches; smoothed surfaces and what stands out of them (`relief`).
+
+    `centre_m` (3,) is the source's middle, about which it is turned and scaled.
+    """
+
+    source_m: FloatArray
+    reference_m: FloatArray
+    centre_m: FloatArray
+    source: HeightMap
+    reference: HeightMap
+    source_relief: HeightMap
+    reference_relief: HeightMap
+
+    @property
+    def half_m(self) -> float:
+        """Half the longer side of the source."""
+        return float(0.5 * self.source.cell_m * max(self.source.known.shape))
+
+
+def make_pair(source_m: FloatArray, reference_m: FloatArray, prior: RegistrationPrior) -> Pair | NotRegistered:
+    """The pair, or why there is none. Raises ValueError as base.RegistrationMethod."""
+    source, reference = checked(source_m, "source"), checked(reference_m, "reference")
+    if len(source) >= FEWEST_POINTS:
+        low, high = np.percentile(source[:, :2], [0.1, 99.9], axis=0)
+        source = within(source, low, high, STRAY_SHARE)
+        reach = SIGMAS * prior.sigma_horizontal_m + (0.5 + STRAY_SHARE) * float(np.hypot(*(high - low)))
+        centre = middle_m(source)
+        reference = within(reference, centre[:2] - reach, centre[:2] + reach)
+    if len(source) < FEWEST_POINTS:
+        return NotRegistered(Reason.TOO_FEW_FEATURES, f"the source has {len(source)} points, fewer than {FEWEST_POINTS}")
+    if len(reference) < FEWEST_POINTS:
+        what = f"the reference has {len(reference)} points where the prior reaches, fewer than {FEWEST_POINTS}"
+        return NotRegistered(Reason.OUTSIDE_MAP, what)
+    density = density_per_m2(reference)
+    side = float(np.ptp(reference[:, :2], axis=0).max())
+    cell = max(FINEST_CELL_M, 1 / math.sqrt(density), side / MOST_CELLS)
+    surfaces = [upper_surface(source, cell), upper_surface(reference, cell, density)]
+    smooth = [smoothed(surface, SMOOTHING_CELLS * cell) for surface in surfaces]
+    return Pair(source, reference, centre, *smooth, *(high_passed(surface) for surface in smooth))

@@ -1,0 +1,93 @@
+"""Where the source may lie in the reference: the best places of an exhaustive search of height maps over the prior's region."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from visloc_companion.localise.registration.base import RegistrationPrior
+from visloc_companion.localise.registration.correlation import HeightCorrelator, Scores, Template, peaks
+from visloc_companion.localise.registration.height_map import HeightMap
+from visloc_companion.localise.registration.pair import SIGMAS, Pair
+from visloc_companion.localise.registration.similarity import about
+from visloc_companion.types import FloatArray
+
+EDGE_STEP_CELLS = 1.5
+"""Headings and scales are so close that the source's edge moves by this many cells between them."""
+APART_M = 6.0
+"""Two places are two where they are this far from each other."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """A candidate: `T` (4, 4) start of a refinement, and its correlation."""
+
+    T: FloatArray
+    score: float
+
+
+def hypotheses(half_m: float, cell_m: float, prior: RegistrationPrior) -> list[tuple[float, float]]:
+    """(heading, scale) that cover three sigma."""
+    step = EDGE_STEP_CELLS * cell_m / half_m
+    headings = _ladder(SIGMAS * prior.sigma_yaw_rad, step)
+    scales = _ladder(SIGMAS * prior.sigma_scale, step)
+    return [(yaw, math.exp(log_scale)) for log_scale, yaw in itertools.product(scales, headings)]
+
+
+def find_places(pair: Pair, prior: RegistrationPrior, most: int) -> tuple[list[Place], Scores]:
+    """The best places, best first, and the scores at the reference's cells. None where the two nowhere overlap enough."""
+    pairs = hypotheses(pair.half_m, pair.reference.cell_m, prior)
+    scores = search(pair, pairs, prior)
+    found = []
+    for u, v, k, score in peaks(scores, APART_M / pair.reference.cell_m, most):
+        to = pair.reference.corner_m + pair.reference.cell_m * (np.array([u, v]) + 0.5)
+        shift = np.array([*(to - pair.centre_m[:2]), 0.0])
+        found.append(Place(about(pair.centre_m, *pairs[k], shift), score))
+    return found, scores
+
+
+def search(pair: Pair, pairs: list[tuple[float, float]], prior: RegistrationPrior) -> Scores:
+    """Scores of the source's relief, turned and scaled by (heading, scale), over the prior's region of the reference."""
+    cell = pair.reference.cell_m
+    reach = math.ceil(pair.half_m * math.sqrt(2) * max(s for _, s in pairs) / cell) + 1
+    middle, far = pair.reference.cells_of(pair.centre_m[:2]), SIGMAS * prior.sigma_horizontal_m / cell
+    rows, cols = pair.reference.known.shape
+    low = np.maximum(np.floor(middle - far), 0).astype(int)
+    high = np.minimum(np.ceil(middle + far), [cols - 1, rows - 1]).astype(int)
+    if (high < low).any():
+        return Scores(np.zeros((0, 0), np.float32), np.zeros((0, 0), np.int32), (0, 0))
+    box = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+    correlator = HeightCorrelator(pair.reference_relief, box, (-reach, -reach, reach, reach), len(pairs))
+    return correlator.scores(template(pair.source_relief, pair.centre_m, *p, cell, reach) for p in pairs)
+
+
+def runner_up(pair: Pair, scores: Scores, at_m: FloatArray) -> float:
+    """The best score at least APART_M from a place (2,); 0 where there is none."""
+    u, v = pair.reference.cells_of(at_m) - scores.origin
+    rows, cols = np.ogrid[: scores.score.shape[0], : scores.score.shape[1]]
+    away = (rows - v) ** 2 + (cols - u) ** 2 >= (APART_M / pair.reference.cell_m) ** 2
+    return max(0.0, float(np.max(scores.score, where=away, initial=0.0)))
+
+
+def template(source: HeightMap, centre_m: FloatArray, yaw: float, scale: float, cell_m: float, reach: int) -> Template:
+    """The source turned and scaled about its centre, on the reference's cells."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    to_source = np.array([[c, s], [-s, c]]) * (cell_m / (scale * source.cell_m))
+    middle = source.cells_of(centre_m[:2])
+    matrix = np.column_stack([to_source, middle - to_source @ np.array([reach, reach])])
+    size = (2 * reach + 1, 2 * reach + 1)
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    weight = cv2.warpAffine(source.known.astype(np.float32), matrix, size, flags=flags)
+    height = cv2.warpAffine(source.height_m, matrix, size, flags=flags) / np.maximum(weight, 1e-6)
+    known = weight > 0.5
+    return Template(np.where(known, height * np.float32(scale), 0).astype(np.float32), known, (-reach, -reach))
+
+
+def _ladder(far: float, step: float) -> list[float]:
+    """Steps no longer than `step` that cover ±far: an odd number, so that zero is one; half a step is left at the ends."""
+    n = max(0, math.ceil(far / step - 0.5))
+    return [far * k / (n + 0.5) for k in range(-n, n + 1)] if n else [0.0]

@@ -1,0 +1,76 @@
+"""From a start to an answer: refined on the surfaces, looked at, claimed or declined. Shared by all methods."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from visloc_companion.errors import Reason
+from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
+from visloc_companion.localise.registration.claims import answer
+from visloc_companion.localise.registration.evidence import Agreement, agreement, evidence_of
+from visloc_companion.localise.registration.pair import Pair
+from visloc_companion.localise.registration.refine import Refined, SourceCells, Surface, cells_of, refine, surface_of
+from visloc_companion.localise.registration.search import runner_up, search
+from visloc_companion.localise.registration.similarity import moved, scale_of, yaw_of
+from visloc_companion.types import FloatArray
+
+STEPS = 20
+MARGIN_M = 12.0
+"""The reference is looked at this far beyond the source."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Settled:
+    """A refined candidate, how well it agrees, and how far it went from its start (horizontally, metres)."""
+
+    refined: Refined
+    found: Agreement
+    slid_m: float
+
+
+class Settler:
+    """Refines and judges candidates of one pair."""
+
+    def __init__(self, pair: Pair, prior: RegistrationPrior) -> None:
+        self.pair, self.prior = pair, prior
+        self.cells: SourceCells = cells_of(pair.source, pair.source_relief, pair.centre_m)
+
+    def settle(self, start: FloatArray) -> Settled | None:
+        """Refine a start whose height is not known yet; None where hardly anything of the source lies on the reference."""
+        surface, relief = self._near(start)
+        lifted = self._lifted(start, surface)
+        return None if lifted is None else self._settled(lifted, surface, relief, STEPS)
+
+    def judged(self, method: str, T: FloatArray, max_probability_wrong: float) -> Registered | NotRegistered:
+        """The answer of a method that found T by itself: T as it is, judged against all other places at its heading and scale."""
+        settled = self._settled(T, *self._near(T), 0)
+        if settled is None:
+            return NotRegistered(Reason.LOW_OVERLAP, "too little of the source lies on the reference")
+        scores = search(self.pair, [(yaw_of(T), scale_of(T))], self.prior)
+        rival = runner_up(self.pair, scores, moved(T, self.pair.centre_m)[:2])
+        evidence = evidence_of(self.pair, settled.found, settled.refined, rival, self.prior.sigma_vertical_m)
+        return answer(method, settled.refined, evidence, self.prior, max_probability_wrong)
+
+    def _settled(self, start: FloatArray, surface: Surface, relief: Surface, steps: int) -> Settled | None:
+        refined = refine(self.cells, surface, relief, start, self.prior, steps)
+        if refined is None:
+            return None
+        slid = moved(refined.T, self.pair.centre_m)[:2] - moved(start, self.pair.centre_m)[:2]
+        return Settled(refined, agreement(self.pair, self.cells, relief, refined.T), float(np.hypot(*slid)))
+
+    def _near(self, T: FloatArray) -> tuple[Surface, Surface]:
+        """Heights and relief of the reference about where T puts the source."""
+        near = moved(T, self.pair.centre_m)[:2], 1.5 * self.pair.half_m + MARGIN_M
+        return surface_of(self.pair.reference.around(*near)), surface_of(self.pair.reference_relief.around(*near))
+
+    def _lifted(self, start: FloatArray, surface: Surface) -> FloatArray | None:
+        at = moved(start, self.cells.points_m)
+        layers = surface.at(at[:, :2])
+        used = surface.holds(layers)
+        if not used.any():
+            return None
+        lifted = start.copy()
+        lifted[2, 3] += np.median(layers[used, 0] - at[used, 2])
+        return lifted
