@@ -1,7 +1,8 @@
 """Fit what the localisers claim, on training data only: `python -m benchmarks.calibrate FOLDER [--method NAME] [--n N]`.
 
 Data: three families of places. NAIP rows above 400 with frames of water, cloud, other places and ground outside the map; the
-bi-temporal pairs, and NAIP frames looked for on them; the procedural landscape's seeds below 100 at 0.3 to 1 m a pixel.
+bi-temporal pairs, and NAIP frames looked for on them; the procedural landscape's seeds below 100 at 0.3 to 1 m a pixel. NAIP and
+the landscape also with a tilt that the prior does not know, the landscape with and without its surface model.
 
 Prints the logistic coefficients (localise/verify.py for the dense methods), how honest they are when fitted without a family and
 judged on it, and the ratio of errors to claimed sigmas. FOLDER keeps the evidence of every case; it outlives changes of
@@ -22,7 +23,7 @@ from benchmarks.training_sets import FAMILIES, SETS
 from visloc_companion.evaluate.image_metrics import CHI2_95, CaseError, CaseResult, case_error
 from visloc_companion.evaluate.reliability import reliability
 from visloc_companion.localise import iclk, mutual_information
-from visloc_companion.localise.verify import Evidence
+from visloc_companion.localise.verify import Evidence, probability_near
 
 LIMITS = (0.1, 0.05, 0.03, 0.01, 0.003)
 DENSE = ("gradient", "deep")
@@ -31,10 +32,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """Regressors (N, K), whether right (N,) and family (N,) of every answer; `near` are errors that are no wrong matches."""
+    """Regressors (N, K), whether right (N,) and family (N,) of every answer; `near` are errors that are no wrong matches.
+
+    `sure` (N,) is the probability that the right place is near enough by its claimed sigma, 1 for methods that do without it.
+    """
 
     x: Array
     right: Array
+    sure: Array
     family: NDArray[np.str_]
     near: dict[str, list[CaseError]]
 
@@ -56,34 +61,38 @@ def main() -> None:
         judged[name] = answers(folder, args.method, args.folder / "answers", digest, args.jobs, args.n, args.model)
         print(_set_line(name, judged[name]), flush=True)
     samples = collect(args.method, judged)
-    weights = fit_logistic(samples.x, samples.right)
+    weights = fit_logistic(samples.x, samples.right, samples.sure)
     print("\nweights", tuple(float(f"{w:.3g}") for w in weights))
-    print(_honesty("fitted and judged on all", probability_wrong(samples.x, weights), samples.right))
+    print(_honesty("fitted and judged on all", probability_wrong(samples.x, weights, samples.sure), samples.right))
     for family in sorted(set(samples.family)):
         here = samples.family == family
         if 0 < samples.right[~here].sum() < (~here).sum():
-            p = probability_wrong(samples.x[here], fit_logistic(samples.x[~here], samples.right[~here]))
+            others = fit_logistic(samples.x[~here], samples.right[~here], samples.sure[~here])
+            p = probability_wrong(samples.x[here], others, samples.sure[here])
             print(_honesty(f"fitted without {family}, judged on it", p, samples.right[here]))
     for family, errors in samples.near.items():
         print(_covariance_line(family, errors))
 
 
 def collect(method: str, judged: dict[str, list[Judged]]) -> Samples:
-    """What the fit is on, from the answers of all sets. A refusal that holds whatever is claimed is no sample."""
-    x, right, family = [], [], []
+    """What the fit is on, from the answers of all sets. A refusal that holds whatever is claimed is no sample, nor is an answer
+    that is between wrong and far and lies within its claimed ellipse: that place is right."""
+    x, right, sure, family = [], [], [], []
     near: dict[str, list[CaseError]] = {}
     for name, pairs in judged.items():
         place = next(f for f, names in FAMILIES.items() if name in names)
         for result, truth in pairs:
             error = case_error(result, truth)
-            if error is None:
+            if error is None or (error.wrong and not error.far and error.chi2 <= CHI2_95):
                 continue
             x.append(regressors(method, result))
+            sure.append(probability_near(result.evidence["sigma_px"]) if method in DENSE else 1.0)
             right.append(not error.wrong)
             family.append(place)
             if not error.wrong:
                 near.setdefault(place, []).append(error)
-    return Samples(np.array(x, dtype=np.float64), np.array(right, dtype=np.float64), np.array(family), near)
+    table, truths, near_enough = (np.array(values, dtype=np.float64) for values in (x, right, sure))
+    return Samples(table, truths, near_enough, np.array(family), near)
 
 
 def regressors(method: str, result: CaseResult) -> tuple[float, ...]:
@@ -98,20 +107,26 @@ def regressors(method: str, result: CaseResult) -> tuple[float, ...]:
     return (1.0, e["inliers"]) if method == "keypoint" else (1.0, e["score"], 1 - e["runner_up"])
 
 
-def probability_wrong(x: Array, weights: Array) -> Array:
-    """(N,) of regressors (N, K)."""
-    return np.asarray(1 / (1 + np.exp(np.clip(x @ weights, -50, 50))), dtype=np.float64)
+def probability_wrong(x: Array, weights: Array, sure: Array | float = 1.0) -> Array:
+    """(N,) of regressors (N, K), and of the probability (N,) that the right place is near enough."""
+    return np.asarray(1 - sure / (1 + np.exp(-np.clip(x @ weights, -50, 50))), dtype=np.float64)
 
 
-def fit_logistic(x: Array, y: Array, ridge: float = 0.3) -> Array:
-    """Weights of a logistic regression by Newton's method, with a slight ridge on all but the constant."""
+def fit_logistic(x: Array, y: Array, sure: Array | float = 1.0, ridge: float = 0.3) -> Array:
+    """Weights of a logistic regression with a slight ridge on all but the constant, by Fisher's scoring.
+
+    y (N,) is 1 with the probability sure (N,) times the logistic function of x (N, K) and the weights.
+    """
     scale = np.append(1.0, np.maximum(x[:, 1:].std(0), 1e-9))
+    sure = np.minimum(sure, 1 - 1e-12)
     x, weights = x / scale, np.zeros(x.shape[1])
     penalty = np.diag([0.0] + [ridge] * (x.shape[1] - 1))
     for _ in range(100):
         p = 1 / (1 + np.exp(-np.clip(x @ weights, -30, 30)))
-        gradient = x.T @ (y - p) - penalty @ weights
-        step = np.linalg.solve((x * (p * (1 - p))[:, None]).T @ x + penalty + 1e-9 * np.eye(len(weights)), gradient)
+        slope = (1 - p) / (1 - sure * p)  # of the log-odds of y over those of the place
+        gradient = x.T @ ((y - sure * p) * slope) - penalty @ weights
+        fisher = (x * (sure * p * (1 - p) * slope)[:, None]).T @ x
+        step = np.linalg.solve(fisher + penalty + 1e-9 * np.eye(len(weights)), gradient)
         weights = weights + step * min(1.0, 3.0 / np.abs(step).max())
         if np.abs(step).max() < 1e-6:
             break

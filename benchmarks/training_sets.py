@@ -9,9 +9,13 @@ from benchmarks.cases import SHARED, TRAINING_ROWS, CaseSet, make
 from benchmarks.frames import Recipe, two_dates, write_cases
 from benchmarks.landscape_cases import Worlds, write_landscape
 from benchmarks.negatives import clouds, outside, water, write_pack
+from benchmarks.tilt_cases import untold
 
 Maker = Callable[[Path], Path]
 ROWS = (0, 400)
+OTHER_PLACE = "bitemporal/bragg_2006_2009"
+LARGEST_TILT_DEG = 12.0
+"""Of the cases whose prior says nadir and 6 degrees."""
 FITTED_PAIRS = ("2006_2009", "2006_2014", "2009_2012", "2010_2014", "2012_2014")
 
 
@@ -31,6 +35,15 @@ def _outside(name: str, foot: float, seed: int, pack: Callable[[Path], Path], ro
     return lambda root: write_cases(root / name, n, seed, outside(pack(root), rows, foot), Recipe())
 
 
+def _untold(name: str, source: Maker, n: int, largest_deg: float = LARGEST_TILT_DEG, *, without_surface: bool = False) -> Maker:
+    return lambda root: untold(source(root), root / name, largest_deg=largest_deg, n=n, without_surface=without_surface)
+
+
+def _tilted_land(root: Path) -> Path:
+    worlds = Worlds(tuple(range(10, 26)), 6, foot_px=160, tilt_deg=LARGEST_TILT_DEG)
+    return write_landscape(root / "tilted_land", worlds)
+
+
 def _north(root: Path) -> Path:
     return write_pack(root / "north", (0, 210))
 
@@ -44,7 +57,9 @@ NAIP: dict[str, Maker] = {
     "wide": _tool("wide", "wide", 150, 102),
     **{f"low{foot}": _tool(f"low{foot}", "low", 150, 103 + foot, foot) for foot in (128, 96, 64, 48)},
     "oblique": _tool("oblique", "oblique", 150, 104),
-    "elsewhere": _tool("elsewhere", "elsewhere", 200, 105, elsewhere="bitemporal/bragg_2006_2009"),
+    "tilt_naip": _untold("tilt_naip", _tool("tilted_naip", "oblique", 500, 151), 120),
+    "tilt_elsewhere": _untold("tilt_elsewhere", _tool("elsewhere_tilted", "elsewhere", 100, 152, elsewhere=OTHER_PLACE), 100),
+    "elsewhere": _tool("elsewhere", "elsewhere", 200, 105, elsewhere=OTHER_PLACE),
     "elsewhere64": _tool("elsewhere64", "elsewhere", 150, 106, 64, elsewhere="bitemporal/bragg_2010_2014"),
     "blind": _tool("blind", "blind", 100, 107),
     "water": lambda root: write_cases(root / "water", 100, 121, water(48, ROWS), Recipe()),
@@ -59,6 +74,8 @@ BITEMPORAL: dict[str, Maker] = {
 }
 LANDSCAPE: dict[str, Maker] = {
     "land128": lambda root: write_landscape(root / "land128", Worlds(tuple(range(60, 72)), 12)),
+    "tilt_land": _untold("tilt_land", _tilted_land, 96),
+    "tilt_plane": _untold("tilt_plane", _tilted_land, 96, without_surface=True),
     "land64": lambda root: write_landscape(root / "land64", Worlds(tuple(range(72, 84)), 12, foot_px=64, gsds_m=(1.0, 1.5))),
 }
 SETS = NAIP | BITEMPORAL | LANDSCAPE

@@ -26,3 +26,8 @@ def claimed_covariance(estimate: PoseEstimate, gsd_m: float) -> FloatArray:
     covariance = np.asarray(estimate.covariance * factor**2, dtype=np.float64)
     covariance[:2, :2] += np.eye(2) * (FLOOR_PX * gsd_m) ** 2
     return covariance
+
+
+def horizontal_sigma(covariance: FloatArray) -> float:
+    """1-sigma (metres) along the worst horizontal axis of a covariance of north, east, ..."""
+    return float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))

@@ -11,11 +11,13 @@ import numpy as np
 
 from visloc_companion.localise import align
 from visloc_companion.localise.answer import Stopwatch
-from visloc_companion.localise.blocks import BlockMatches, correspondences, match_blocks, share_returning
+from visloc_companion.localise.block_pose import block_pose
+from visloc_companion.localise.blocks import BlockMatches, share_returning
 from visloc_companion.localise.descent import Descended, Rivals, descend_resampled
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.frame import FrameLevel, reduced
 from visloc_companion.localise.frame_features import DescentFeatures, frame_features
+from visloc_companion.localise.ground import sigma_slope_rad
 from visloc_companion.localise.hypotheses import (
     footprint_heights,
     peaks_in_region,
@@ -27,8 +29,9 @@ from visloc_companion.localise.hypotheses import (
 from visloc_companion.localise.modes import PlaceMode, place_modes
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import SearchPlan, view_box
-from visloc_companion.localise.pose import PoseEstimate, PriorTerm, heading_and_tilt, solve_pose
+from visloc_companion.localise.pose import PoseEstimate, PriorTerm, heading_and_tilt
 from visloc_companion.localise.ranking import RankWeights, Standing, lead
+from visloc_companion.localise.tilt_starts import likeliest, starts, tilt_is_known
 from visloc_companion.localise.verify import block_z
 from visloc_companion.localise.window import cropped, map_grid, thinned
 from visloc_companion.protocols import ReferenceMap
@@ -45,6 +48,8 @@ MARGIN_PX = 8
 ENOUGH_PX = 80
 """Larger footprints are aligned on every other pixel of every other row."""
 MIN_COARSE_SCORE = 0.05
+ROUNDS = 4
+"""Of matching blocks anew, where the tilt is not known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,9 +137,10 @@ def find_candidates(task: Task) -> Found:
             continue
         part, part_descent = _around(thin, descent, plan, start)
         near, rivals = frame.about(start, part, stride), Rivals(found, SAME_PX * grid.gsd_m)
-        end, joined = descend_resampled(near, start, part, part_descent, task.whole_prior(), COARSE_STEPS, rivals)
-        if not joined:
-            found.append(end)
+        tilted = starts(start, plan.ground_up_m, task.prior.sigma_tilt_rad)
+        ends = [descend_resampled(near, at, part, part_descent, task.whole_prior(), COARSE_STEPS, rivals) for at in tilted]
+        if apart := [end for end, joined in ends if not joined]:
+            found.append(likeliest(apart, plan.pose.R_ned_cam, task.prior.sigma_tilt_rad, task.rank[0] + task.rank[4]))
     temperature = task.temperature * grid.gsd_m / math.sqrt(plan.area_m2)
     modes = place_modes(volume, region(volume, grid, plan), grid, temperature)
     return Found(sorted(found, key=lambda c: -c.score), modes)
@@ -197,13 +203,13 @@ def refined(task: Task, start: CameraPose, coarse_score: float, gsd_m: float) ->
     end, _ = descend_resampled(frame.about(start, thin, stride), start, thin, descent, task.whole_prior(), FINE_STEPS)
     if end.score <= 0:
         return None
-    values, mask = frame.on_surface(end.pose, grid)
-    weight = mask * grid.weight
-    blocks = match_blocks(grid, values, weight)
-    ground, pix, sigma_px = correspondences(blocks, grid, level.K, end.pose)
-    estimate = solve_pose(ground, pix, sigma_px, level.K, end.pose, task.whole_prior())
-    returning = partial(share_returning, blocks, grid, values, weight)
-    return Match(end, coarse_score, blocks, estimate, grid.gsd_m, returning)
+    leaning = sigma_slope_rad(grid.surface_up_m, math.sqrt(task.plan.area_m2))
+    rounds = 1 if tilt_is_known(task.prior.sigma_tilt_rad) else ROUNDS
+    found = block_pose(frame, level.K, grid, end.pose, task.whole_prior(), leaning, rounds)
+    if found.pose is not end.pose:
+        end, _ = descend_resampled(frame.about(start, thin, stride), found.pose, thin, descent, task.whole_prior(), 0)
+    returning = partial(share_returning, found.blocks, grid, found.values, found.weight)
+    return Match(end, coarse_score, found.blocks, found.estimate, grid.gsd_m, returning)
 
 
 def distinct(candidates: list[Descended], radius_m: float) -> list[Descended]:

@@ -2,12 +2,16 @@
 
 Gauss-Newton on the reprojection error with Cauchy weights (iteratively reweighted). Unknowns: north, east, up and a rotation
 vector about the NED axes. The prior knows roll and pitch (from gravity), not the heading, not the position.
+
+Ground that leans looks like a camera that tilts (ground.py). Where the slope is open, what is solved for is the apparent pose,
+with a prior as much wider; the true one differs by a turn about the ground looked at, of which prior and slope each explain
+their share. Slope and tilt differ in the second order only, and no real ground is so much of a plane that this tells them apart.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -50,6 +54,50 @@ class PriorTerm:
         sigma = np.array([math.inf, math.inf, self.sigma_up_m, self.sigma_tilt_rad, self.sigma_tilt_rad, self.sigma_yaw_rad])
         weight = 1 / np.maximum(sigma, 1e-5) ** 2
         return np.diag(weight), -weight * deviation
+
+
+def widened(prior: PriorTerm, sigma_slope_rad: float) -> PriorTerm:
+    """The prior of the apparent pose over ground of unknown slope (1-sigma on each axis)."""
+    return replace(prior, sigma_tilt_rad=math.hypot(prior.sigma_tilt_rad, sigma_slope_rad))
+
+
+def freed_of_slope(apparent: PoseEstimate, prior: PriorTerm, sigma_slope_rad: float, ground_up_m: float) -> PoseEstimate:
+    """The true pose and its covariance from the apparent one, which was solved for with the widened prior.
+
+    Of the apparent tilt's distance from the prior's, the slope explains the share of its variance; what stays open of it is
+    added to the covariance, with what it moves the position by.
+    """
+    if sigma_slope_rad <= 0:
+        return apparent
+    slope_2, tilt_2 = sigma_slope_rad**2, prior.sigma_tilt_rad**2
+    share = slope_2 / (slope_2 + tilt_2)
+    _, tilt = heading_and_tilt(apparent.pose.R_ned_cam, prior.R_ned_cam)
+    turn = _turns_about_view(apparent.pose, ground_up_m)
+    kept = np.eye(6)
+    kept[:, 3:5] -= share * turn
+    covariance = kept @ apparent.covariance @ kept.T + share * tilt_2 * turn @ turn.T
+    pose = turned_about_view(apparent.pose, ground_up_m, np.append(-share * tilt, 0.0))
+    return replace(apparent, pose=pose, covariance=np.asarray(covariance, dtype=np.float64))
+
+
+def turned_about_view(pose: CameraPose, ground_up_m: float, turn_rad: FloatArray) -> CameraPose:
+    """The pose turned (rotation vector about north, east, down) about the ground that the camera's axis meets."""
+    arm = _to_view(pose, ground_up_m)
+    turned = moved(pose, np.concatenate([np.zeros(3), turn_rad]))
+    return CameraPose(pose.p_ned_m + arm - turned.R_ned_cam @ pose.R_ned_cam.T @ arm, turned.R_ned_cam)
+
+
+def _turns_about_view(pose: CameraPose, ground_up_m: float) -> FloatArray:
+    """(6, 2) change of north, east, up and rotation by a turn about north and about east around the ground looked at."""
+    arm = _to_view(pose, ground_up_m)
+    columns = [np.append(-np.cross(axis, arm) * (1, 1, -1), axis) for axis in np.eye(3)[:2]]
+    return np.column_stack(columns)
+
+
+def _to_view(pose: CameraPose, ground_up_m: float) -> FloatArray:
+    """(3,) from the camera to the ground that its axis meets; no flatter than 1 in 5."""
+    axis = pose.R_ned_cam[:, 2]
+    return np.asarray(axis * (max(1.0, -float(pose.p_ned_m[2]) - ground_up_m) / max(float(axis[2]), 0.2)))
 
 
 def heading_and_tilt(R_ned_cam: FloatArray, R_prior: FloatArray) -> tuple[float, FloatArray]:

@@ -1,4 +1,9 @@
-"""From the evidence of a match to a calibrated probability that it is wrong, and to the reason where it is declined."""
+"""From the evidence of a match to a calibrated probability that it is wrong, and to the reason where it is declined.
+
+An answer is wrong where it is another place, or where the place is right and the position far off all the same: what is not
+known of the tilt moves the camera by the height times its tangent. The first is a logistic regression, the second follows from
+the claimed covariance.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +21,8 @@ GRADIENT_WEIGHTS: Weights = (-1.94, 14.5, 7.67, 0.916, 2.56, -1.73, -2.6, -0.45,
 features, and ..."""
 DEEP_WEIGHTS: Weights = (-9.51, 8.65, 7.23, 1.21, 0.881, 0.409, -0.859, -0.42, 14.4, -1.11, 0.142, 0.304, 0.309)
 """... for the network's."""
+FAR_PX = 10.0
+"""Pixels of the refinement's level: an answer that is off by more is wrong though the place be right."""
 MAX_CHI2_SIGMA = 4.5
 MIN_SCORE = 0.12
 AMBIGUOUS_RATIO = 0.93
@@ -33,7 +40,7 @@ class Evidence:
     probability of its place by the search's posterior; `blocks`, `agreeing`: blocks matched on their own
     and how many agree; `footprint_px`: side of the footprint; `scatter`: of the blocks about the pose, pixels;
     `height_sigmas`, `yaw_sigmas`, `position_sigmas`: distance from the prior; `returning`: share of blocks that
-    agree from frame to map and back.
+    agree from frame to map and back; `sigma_px`: claimed 1-sigma along the worst horizontal axis, pixels of the refinement.
     """
 
     score: float
@@ -49,6 +56,7 @@ class Evidence:
     yaw_sigmas: float
     position_sigmas: float
     returning: float
+    sigma_px: float
 
     @classmethod
     def from_numbers(cls, numbers: Mapping[str, float]) -> Evidence:
@@ -90,9 +98,15 @@ def block_z(blocks: float, agreeing: float) -> float:
 
 
 def probability_wrong(evidence: Evidence, weights: Weights) -> float:
-    """Calibrated probability that the match is another place."""
+    """Calibrated probability that the match is another place, or is this place and far off."""
     logit = sum(w * v for w, v in zip(weights, evidence.regressors(), strict=True))
-    return 1 / (1 + math.exp(min(50.0, max(-50.0, logit))))
+    right_place = 1 / (1 + math.exp(min(50.0, max(-50.0, -logit))))
+    return 1 - right_place * probability_near(evidence.sigma_px)
+
+
+def probability_near(sigma_px: float) -> float:
+    """Probability that a position of this 1-sigma on each axis is not far off (Rayleigh's distribution)."""
+    return 1 - math.exp(-0.5 * (FAR_PX / max(sigma_px, 1e-3)) ** 2)
 
 
 def refusal(evidence: Evidence, p: float, max_probability_wrong: float) -> tuple[Reason, str] | None:
@@ -102,7 +116,7 @@ def refusal(evidence: Evidence, p: float, max_probability_wrong: float) -> tuple
         return Reason.INCONSISTENT_WITH_PRIOR, f"{worst:.1f} sigma from the prior"
     if p <= max_probability_wrong:
         return None
-    detail = f"probability of being wrong {p:.3f}"
+    detail = f"probability of being wrong {p:.3f}, sigma {evidence.sigma_px:.1f} px"
     if evidence.score < MIN_SCORE:
         return Reason.NO_MATCH, detail
     if evidence.runner_up > AMBIGUOUS_RATIO:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visloc_companion.localise.claims import claimed_covariance
+from visloc_companion.localise.claims import claimed_covariance, horizontal_sigma
 from visloc_companion.localise.ortho_rectify import CameraPose
 from visloc_companion.localise.pose import PoseEstimate
 
@@ -33,3 +33,9 @@ def test_estimate_is_left_as_it_was():
     before = estimate(2.0)
     claimed_covariance(before, 1.0)
     np.testing.assert_array_equal(before.covariance, FORMAL)
+
+
+def test_worst_horizontal_axis_may_lie_across_the_compass():
+    turned = np.zeros((6, 6))
+    turned[:2, :2] = [[5.0, 4.0], [4.0, 5.0]]
+    assert horizontal_sigma(turned) == pytest.approx(3.0)

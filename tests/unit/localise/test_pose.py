@@ -9,7 +9,15 @@ from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
 from visloc_companion.localise.align import displacements, moved
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
-from visloc_companion.localise.pose import PriorTerm, heading_and_tilt, solve_pose
+from visloc_companion.localise.pose import (
+    PoseEstimate,
+    PriorTerm,
+    freed_of_slope,
+    heading_and_tilt,
+    solve_pose,
+    turned_about_view,
+    widened,
+)
 
 K = np.array([[400.0, 0, 320], [0, 400.0, 240], [0, 0, 1]])
 
@@ -65,6 +73,66 @@ def test_claimed_covariance_is_what_repetition_shows():
     ratio = np.sqrt(np.mean((np.array(errors) / np.array(claimed)) ** 2, axis=0))
     assert (ratio > 0.75).all()
     assert (ratio < 1.35).all()
+
+
+def test_claims_hold_over_ground_of_unknown_slope():
+    """A lean of the ground looks like a tilt: prior and picture share it, and the position's claim holds what that moves."""
+    truth = pose_of((0, 0, -150), 0.06, -0.1, 0.4)
+    sigma_tilt, sigma_slope = math.radians(6), math.radians(2.5)
+    rng = np.random.default_rng(7)
+    errors, claimed, formal = [], [], []
+    for seed in range(120):
+        points = ground(36, seed, 0)
+        arm = points[:, :2] - points[:, :2].mean(0)
+        real = points - np.outer(arm @ rng.normal(0, sigma_slope, 2), (0, 0, 1))
+        prior = moved(truth, np.array([0, 0, 0, *rng.normal(0, sigma_tilt, 2), 0.0]))
+        pix = project(real, truth) + rng.normal(0, 0.8, (36, 2))
+        term = PriorTerm(prior.R_ned_cam, sigma_tilt)
+        known = solve_pose(points, pix, np.full(36, 0.8), K, prior, term, 15)
+        apparent = solve_pose(points, pix, np.full(36, 0.8), K, prior, widened(term, sigma_slope), 15)
+        assert known is not None
+        assert apparent is not None
+        open_ = freed_of_slope(apparent, term, sigma_slope, 0.0)
+        errors.append(open_.pose.p_ned_m[:2] - truth.p_ned_m[:2])
+        claimed.append(np.sqrt(np.diag(open_.covariance)[:2]))
+        formal.append(np.sqrt(np.diag(known.covariance)[:2]))
+    ratio = np.sqrt(np.mean((np.array(errors) / np.array(claimed)) ** 2, axis=0))
+    assert (ratio > 0.75).all()
+    assert (ratio < 1.3).all()
+    assert np.median(claimed) > 3 * np.median(formal)
+
+
+def test_a_well_known_tilt_is_not_given_up_for_the_slope():
+    truth = pose_of((0, 0, -150), 0, 0, 0)
+    points = ground(30, 3, 0)
+    leaning = points - np.outer(points[:, :2] @ np.array([math.radians(4), 0]), (0, 0, 1))
+    term = PriorTerm(truth.R_ned_cam, math.radians(0.2))
+    sigma_slope = math.radians(3)
+    apparent = solve_pose(points, project(leaning, truth), np.full(30, 0.5), K, truth, widened(term, sigma_slope), 15)
+    assert apparent is not None
+    estimate = freed_of_slope(apparent, term, sigma_slope, 0.0)
+    assert np.hypot(*apparent.pose.p_ned_m[:2]) > 5
+    assert np.hypot(*estimate.pose.p_ned_m[:2]) < 0.5
+
+
+def test_a_known_slope_leaves_the_pose_as_it_was():
+    truth = pose_of((0, 0, -150), 0, 0.1, 0)
+    points = ground(30, 3, 0)
+    term = PriorTerm(truth.R_ned_cam, math.radians(2))
+    apparent = solve_pose(points, project(points, truth), np.full(30, 0.5), K, truth, term)
+    assert apparent is not None
+    assert freed_of_slope(apparent, term, 0.0, 0.0) is apparent
+
+
+def test_what_a_picture_without_a_tilt_leaves_open_is_the_prior():
+    """Where only the prior knows the tilt, its sigma is claimed, neither less nor that of prior and slope together."""
+    pose = pose_of((0, 0, -150), 0.0, 0.0, 0.3)
+    term, sigma_slope = PriorTerm(pose.R_ned_cam, math.radians(4)), math.radians(3)
+    turn = (turned_about_view(pose, 0.0, np.array([1e-6, 0, 0])).p_ned_m - pose.p_ned_m) / 1e-6
+    np.testing.assert_allclose(turn, [0, 150, 0], atol=1e-3)
+    covariance = np.diag([1e-4, 1e-4, 1e-4, *[widened(term, sigma_slope).sigma_tilt_rad ** 2] * 2, 1e-6])
+    freed = freed_of_slope(PoseEstimate(pose, covariance, 1.0, np.ones(4)), term, sigma_slope, 0.0)
+    assert np.sqrt(np.diag(freed.covariance)[3:5]) == pytest.approx(math.radians(4))
 
 
 def test_too_few_points_and_points_behind_the_camera_give_none():

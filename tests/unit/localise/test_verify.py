@@ -2,10 +2,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from visloc_companion.errors import Reason
-from visloc_companion.localise.verify import GRADIENT_WEIGHTS, Evidence, block_z, probability_wrong, refusal
+from visloc_companion.localise.verify import (
+    FAR_PX,
+    GRADIENT_WEIGHTS,
+    Evidence,
+    block_z,
+    probability_near,
+    probability_wrong,
+    refusal,
+)
 
 GOOD = Evidence(
     score=0.6,
@@ -21,6 +30,7 @@ GOOD = Evidence(
     yaw_sigmas=0.5,
     position_sigmas=0.5,
     returning=0.7,
+    sigma_px=0.4,
 )
 
 
@@ -30,7 +40,8 @@ def test_good_evidence_is_accepted():
 
 
 @pytest.mark.parametrize(
-    ("name", "worse"), [("score", 0.2), ("runner_up", 1.0), ("agreeing", 4.0), ("scatter", 4.0), ("position_sigmas", 3.0)]
+    ("name", "worse"),
+    [("score", 0.2), ("runner_up", 1.0), ("agreeing", 4.0), ("scatter", 4.0), ("position_sigmas", 3.0), ("sigma_px", 6.0)],
 )
 def test_probability_rises_with_worse_evidence(name, worse):
     assert probability_wrong(replace(GOOD, **{name: worse}), GRADIENT_WEIGHTS) > probability_wrong(GOOD, GRADIENT_WEIGHTS)
@@ -61,3 +72,17 @@ def test_agreement_by_chance_counts_nothing():
 
 def test_evidence_survives_being_reported():
     assert Evidence.from_numbers(GOOD.numbers() | {"p_wrong": 0.1}) == GOOD
+
+
+def test_a_position_that_may_be_far_off_is_declined_though_the_place_be_right():
+    vague = replace(GOOD, sigma_px=6.0)
+    p = probability_wrong(vague, GRADIENT_WEIGHTS)
+    assert p == pytest.approx(1 - probability_near(6.0), abs=0.001)
+    assert refusal(vague, p, 0.05) is not None
+
+
+def test_share_of_positions_that_are_near_is_what_repetition_shows():
+    errors = np.random.default_rng(1).normal(0, 5.0, (20000, 2))
+    assert probability_near(5.0) == pytest.approx(float(np.mean(np.hypot(*errors.T) <= FAR_PX)), abs=0.01)
+    assert probability_near(1.0) == pytest.approx(1.0)
+    assert probability_near(0.0) == 1.0

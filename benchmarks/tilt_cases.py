@@ -1,0 +1,64 @@
+"""Cases whose tilt the prior does not know, made of others: the prior says nadir and a sigma that holds the truth.
+
+`without_surface` also takes the surface model away: a common real case is a map without one over ground with roofs and trees.
+Heights then count from the mean surface under the frame, as they do where a barometer and a picture of the place are all that
+there is.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import rasterio
+
+from benchmarks.cases import write_tables
+from benchmarks.frames import georeference, pix_of
+
+SIGMA_TILT_DEG = 6.0
+NADIR = {"prior_roll_deg": 0.0, "prior_pitch_deg": 0.0, "sigma_tilt_deg": SIGMA_TILT_DEG}
+FOOTPRINT_HEIGHTS = 2 * math.tan(math.radians(30))
+"""Side of the shared tool's footprint over the height above the ground."""
+
+
+def untold(source: Path, folder: Path, *, largest_deg: float, n: int, without_surface: bool = False) -> Path:
+    """The first `n` cases of a folder that tilt by no more than `largest_deg`, with a prior that says nadir."""
+    if (folder / "cases.csv").exists():
+        return folder
+    cases, truths = [], []
+    for told, truth in zip(_rows(source / "cases.csv"), _rows(source / "truth.csv"), strict=True):
+        if len(cases) == n or tilt_deg(truth) > largest_deg:
+            continue
+        case = told | NADIR | {"frame": str((source / told["frame"]).resolve())}
+        found = _on_a_plane(case, truth) if without_surface else (case, truth)
+        cases.append(found[0])
+        truths.append(found[1])
+    folder.mkdir(parents=True, exist_ok=True)
+    return write_tables(folder, cases, truths)
+
+
+def tilt_deg(truth: Mapping[str, Any]) -> float:
+    """Angle between the camera's down axis and the vertical."""
+    roll, pitch = (math.radians(float(truth[k])) for k in ("roll_deg", "pitch_deg"))
+    return math.degrees(math.acos(math.cos(roll) * math.cos(pitch)))
+
+
+def _on_a_plane(case: dict[str, Any], truth: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """A case without its surface model, with heights above the mean surface under the frame."""
+    dsm = Path(case["dsm"])
+    col, row = (round(x) for x in pix_of(georeference(dsm), float(truth["lat_deg"]), float(truth["lon_deg"])))
+    with rasterio.open(dsm) as source:
+        surface, gsd_m = source.read(1), source.transform.a
+    above_m = float(truth["h_m"]) - float(surface[row, col])
+    half = int(above_m * FOOTPRINT_HEIGHTS / 2 / gsd_m)
+    plane_m = float(surface[max(0, row - half) : row + half, max(0, col - half) : col + half].mean())
+    lowered = case | {"dsm": "", "prior_h_m": float(case["prior_h_m"]) - plane_m}
+    return lowered, truth | {"h_m": float(truth["h_m"]) - plane_m}
+
+
+def _rows(path: Path) -> list[dict[str, Any]]:
+    with path.open(newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))

@@ -1,0 +1,60 @@
+"""The pose that the frame's blocks give: matched once or, where the tilt is not known, again about what they gave before.
+
+A tilt that is still wrong after the alignment shears the blocks and puts those at the border out of reach; matched again at the
+pose that the others gave, they come back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from visloc_companion.localise.blocks import BlockMatches, correspondences, match_blocks
+from visloc_companion.localise.features.base import Float32Array
+from visloc_companion.localise.frame_features import FrameFeatures
+from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
+from visloc_companion.localise.pose import PoseEstimate, PriorTerm, freed_of_slope, solve_pose, widened
+from visloc_companion.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockPose:
+    """Blocks as matched about `pose`, which rectified the frame to features `values` (H, W, C) under `weight` (H, W), and the
+    estimate from them (None where they determine none)."""
+
+    pose: CameraPose
+    values: Float32Array
+    weight: Float32Array
+    blocks: BlockMatches
+    estimate: PoseEstimate | None
+
+
+def block_pose(
+    frame: FrameFeatures,
+    K: FloatArray,
+    grid: MapGrid,
+    start: CameraPose,
+    prior: PriorTerm,
+    sigma_slope_rad: float = 0.0,
+    rounds: int = 1,
+) -> BlockPose:
+    """Match and solve at most so many times, each about the last pose; the round in which most blocks agreed is kept."""
+    wide = widened(prior, sigma_slope_rad)
+    kept = last = _matched(frame, K, grid, start, wide)
+    for _ in range(rounds - 1):
+        if last.estimate is None:
+            break
+        last = _matched(frame, K, grid, last.estimate.pose, wide)
+        if last.estimate is not None and last.blocks.agrees.sum() > kept.blocks.agrees.sum():
+            kept = last
+    if kept.estimate is None:
+        return kept
+    ground_up_m = float(grid.surface_up_m.mean())
+    return replace(kept, estimate=freed_of_slope(kept.estimate, prior, sigma_slope_rad, ground_up_m))
+
+
+def _matched(frame: FrameFeatures, K: FloatArray, grid: MapGrid, pose: CameraPose, prior: PriorTerm) -> BlockPose:
+    values, mask = frame.on_surface(pose, grid)
+    weight = mask * grid.weight
+    blocks = match_blocks(grid, values, weight)
+    ground, pix, sigma_px = correspondences(blocks, grid, K, pose)
+    return BlockPose(pose, values, weight, blocks, solve_pose(ground, pix, sigma_px, K, pose, prior))
