@@ -125,8 +125,8 @@ def map_sums(descent: Descent, grid: MapGrid, pose: CameraPose) -> MapSums:
     stride = 2 if grid.weight.size > DENSE_PIXELS else 1
     thin = descent.every(stride)
     north, east = (a.reshape(6, -1) for a in displacements(grid, pose, stride))
-    planes = (_planes(a) for a in (thin.d_north, thin.d_east, thin.template))
-    return MapSums(thin, north, east, *planes, _products(north, east, thin.products.reshape(6, -1)), stride)
+    d_north, d_east, template = (_planes(a) for a in (thin.d_north, thin.d_east, thin.template))
+    return MapSums(thin, north, east, d_north, d_east, template, _products(north, east, thin.products.reshape(6, -1)), stride)
 
 
 def gauss_newton_step(

@@ -10,7 +10,7 @@ import numpy as np
 
 from visloc_companion.localise import align
 from visloc_companion.localise.features.base import Float32Array
-from visloc_companion.localise.frame_features import FrameFeatures, FramePass, Seen
+from visloc_companion.localise.frame_features import FrameFeatures, FramePass, Seen, shown
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, hidden
 from visloc_companion.localise.pose import PriorTerm
 from visloc_companion.types import FloatArray
@@ -66,6 +66,7 @@ NO_RIVALS = Rivals((), 0.0)
 def rectified(frame: FrameFeatures, pose: CameraPose, grid: MapGrid) -> Rectified:
     """Features of the frame rectified over the map window's surface."""
     values, mask = frame.on_surface(pose, grid)
+    values = shown(values, mask)
     return Rectified(values, align.smoothed(values), mask * grid.weight)
 
 

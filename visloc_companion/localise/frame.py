@@ -65,7 +65,8 @@ def _undistortion(model: CameraModel) -> tuple[Float32Array, Float32Array, NDArr
     """Where each undistorted pixel is in the frame (u, v), and which are in it at all: the same for all frames of a camera."""
     K = np.array([[model.fx_px, 0.0, model.cx_px], [0.0, model.fy_px, model.cy_px], [0.0, 0.0, 1.0]])
     size = (model.width_px, model.height_px)
-    map_u, map_v = cv2.initUndistortRectifyMap(K, np.array(model.distortion), np.eye(3), K, size, cv2.CV_32FC1)
+    maps = cv2.initUndistortRectifyMap(K, np.array(model.distortion), np.eye(3), K, size, cv2.CV_32FC1)
+    map_u, map_v = (np.asarray(of_axis, dtype=np.float32) for of_axis in maps)
     everywhere = np.full((model.height_px, model.width_px), 255, np.uint8)
     valid = np.asarray(cv2.remap(everywhere, map_u, map_v, cv2.INTER_NEAREST, borderValue=0), dtype=np.uint8)
     for shared in (map_u, map_v, valid):

@@ -13,7 +13,6 @@ import math
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,7 +33,8 @@ from visloc_companion.localise.pose import heading_and_tilt
 from visloc_companion.types import FloatArray
 
 Seen = tuple[Float32Array, Float32Array]
-"""Features (H, W, C) and the weight (H, W) in 0..1: 0 where the frame shows nothing, less than 1 where it samples thinly."""
+"""Features (H, W, C) and the weight (H, W) in 0..1: 0 where the frame shows nothing, whatever the features are there (`shown`),
+less than 1 where it samples thinly."""
 
 
 class FrameFeatures(Protocol):
@@ -106,21 +106,23 @@ class FramePass:
 
     def on_plane(self, pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], ground_up_m: float) -> Seen:
         """See FrameFeatures."""
-        values, mask = self._turned(*rectify_plane(self.level, pose, A_ne_pix, size, ground_up_m), pose)
-        return values, sampled(mask, self.K, pose, A_ne_pix, ground_up_m)
+        values, seen = rectify_plane(self.level, pose, A_ne_pix, size, ground_up_m)
+        mask = seen.astype(np.float32)
+        return self._turned(values, pose), sampled(mask, self.K, pose, A_ne_pix, ground_up_m)
 
     def on_surface(self, pose: CameraPose, grid: MapGrid, behind: NDArray[np.bool_] | None = None) -> Seen:
         """See FrameFeatures. The window may be thinned; `behind` is what is known to be hidden."""
-        values, mask = self._turned(*rectify_surface(self.level, pose, grid, behind), pose)
-        return values, sampled(mask, self.K, pose, grid.A_ne_pix, float(grid.surface_up_m.mean()), grid.gsd_m**2)
+        values, seen = rectify_surface(self.level, pose, grid, behind)
+        mask = seen.astype(np.float32)
+        return self._turned(values, pose), sampled(
+            mask, self.K, pose, grid.A_ne_pix, float(grid.surface_up_m.mean()), grid.gsd_m**2
+        )
 
-    def _turned(self, values: Float32Array, seen: NDArray[np.bool_], pose: CameraPose) -> Seen:
-        """Oriented channels turned from the pass to the pose."""
+    def _turned(self, values: Float32Array, pose: CameraPose) -> Float32Array:
+        """Oriented channels turned from the pass to the pose, in their place."""
         turn_rad, _ = heading_and_tilt(pose.R_ned_cam, self.R_ned_cam)
-        oriented = np.ascontiguousarray(values[..., : 2 * self.oriented]).view(np.complex64)
-        values[..., : 2 * self.oriented] = (oriented * np.complex64(cmath.exp(2j * turn_rad))).view(np.float32)
-        values = np.asarray(cv2.copyTo(values, seen.view(np.uint8)), dtype=np.float32).reshape(values.shape)
-        return values, seen.astype(np.float32)
+        values[..., : 2 * self.oriented].view(np.complex64)[:] *= np.complex64(cmath.exp(2j * turn_rad))
+        return values
 
 
 class Resampled:
@@ -160,6 +162,11 @@ class Resampled:
         apart = np.mod(heading - self._headings + math.pi, 2 * math.pi) - math.pi
         up_m = max(1.0, -float(pose.p_ned_m[2]) - self._plan.ground_up_m)
         return int(np.abs(apart).argmin()), int(np.abs(math.log(up_m / self._plan.agl_m) - self._log_scales).argmin())
+
+
+def shown(values: Float32Array, weight: Float32Array) -> Float32Array:
+    """Features (H, W, C) with zeros where the frame shows nothing: before anything is taken from a pixel's neighbours."""
+    return np.where(weight[..., None] > 0, values, np.float32(0))
 
 
 def smooth(computed: FramePass) -> FramePass:

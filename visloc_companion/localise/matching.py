@@ -44,7 +44,8 @@ PEAK_SHARE, DESCENT_SHARE, FINE_SHARE = 0.55, 0.7, 0.75
 its descent ended deserves the fine level."""
 SAME_PX = 1.0
 """A descent that comes so near to where another ended leads there too."""
-MARGIN_PX = 8
+MARGIN_PX, LEAST_PX = 8, 16
+"""Of a window about what a pose sees: its margin and its least side."""
 ENOUGH_PX = 80
 """Larger footprints are aligned on every other pixel of every other row."""
 MIN_COARSE_SCORE = 0.05
@@ -120,8 +121,7 @@ def find_candidates(task: Task) -> Found:
     with task.watch:
         low, high = search_box(plan)
         grid = cropped(map_grid(task.ref, plan.frame, low, high, plan.coarse_gsd_m, task.features))
-        stride = _stride(plan, grid.gsd_m)
-        thin, descent = thinned(grid, stride), align.prepare(grid, stride)
+    stride = _stride(plan, grid.gsd_m)
     frame = task.frame(grid, task.features)
     volume = search_window(grid, frame, plan, threads=task.threads)
     radius_px = max(3.0, 0.06 * math.sqrt(plan.area_m2) / grid.gsd_m)
@@ -135,7 +135,9 @@ def find_candidates(task: Task) -> Found:
         if peak.score < DESCENT_SHARE * peaks[0].score:
             found.append(Descended(start, peak.score * found[0].score / peaks[0].score, np.zeros((6, 6))))
             continue
-        part, part_descent = _around(thin, descent, plan, start)
+        with task.watch:
+            around = _around(grid, plan, start)
+            part, part_descent = thinned(around, stride), align.prepare(around, stride)
         near, rivals = frame.about(start, part, stride), Rivals(found, SAME_PX * grid.gsd_m)
         tilted = starts(start, plan.ground_up_m, task.prior.sigma_tilt_rad)
         ends = [descend_resampled(near, at, part, part_descent, task.whole_prior(), COARSE_STEPS, rivals) for at in tilted]
@@ -239,17 +241,17 @@ def _stride(plan: SearchPlan, gsd_m: float) -> int:
     return 2 if math.sqrt(plan.area_m2) > ENOUGH_PX * gsd_m else 1
 
 
-def _around(grid: MapGrid, descent: align.Descent, plan: SearchPlan, pose: CameraPose) -> tuple[MapGrid, align.Descent]:
+def _around(grid: MapGrid, plan: SearchPlan, pose: CameraPose) -> MapGrid:
     """The part of a window that a pose sees, with a margin."""
     low, high = view_box(plan, pose)
     corners = np.array([[a, b] for a in (low[0], high[0]) for b in (low[1], high[1])]) - grid.A_ne_pix[:, 2]
     pix = corners @ np.linalg.inv(grid.A_ne_pix[:, :2]).T
     height, width = grid.weight.shape
-    u0, v0 = (int(max(0, x)) for x in np.floor(pix.min(0)) - MARGIN_PX // descent.stride)
-    u1, v1 = (int(x) for x in np.ceil(pix.max(0)) + MARGIN_PX // descent.stride)
-    u0, v0 = min(u0, width - 8), min(v0, height - 8)
-    rows, cols = slice(v0, max(v1, v0 + 8)), slice(u0, max(u1, u0 + 8))
+    u0, v0 = (int(max(0, x)) for x in np.floor(pix.min(0)) - MARGIN_PX)
+    u1, v1 = (int(x) for x in np.ceil(pix.max(0)) + MARGIN_PX)
+    u0, v0 = max(0, min(u0, width - LEAST_PX)), max(0, min(v0, height - LEAST_PX))
+    rows, cols = slice(v0, max(v1, v0 + LEAST_PX)), slice(u0, max(u1, u0 + LEAST_PX))
     A = grid.A_ne_pix.copy()
     A[:, 2] += A[:, :2] @ np.array([u0, v0], dtype=np.float64)
-    part = MapGrid(grid.features[rows, cols], grid.weight[rows, cols], grid.surface_up_m[rows, cols], A, grid.gsd_m)
-    return part, descent.part(rows, cols)
+    features, weight, surface = (np.ascontiguousarray(a[rows, cols]) for a in (grid.features, grid.weight, grid.surface_up_m))
+    return MapGrid(features, weight, surface, A, grid.gsd_m)

@@ -15,7 +15,7 @@ import numpy as np
 
 from visloc_companion.localise.features.base import Features, Float32Array
 from visloc_companion.localise.frame import FrameLevel, full_level, reduced
-from visloc_companion.localise.frame_features import FrameFeatures, Seen, frame_features
+from visloc_companion.localise.frame_features import FrameFeatures, Seen, frame_features, shown
 from visloc_companion.localise.hypotheses import footprint_box
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import LocalFrame, SearchPlan
@@ -49,12 +49,12 @@ class LowPassed:
     def on_plane(self, pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], ground_up_m: float) -> Seen:
         """See FrameFeatures."""
         values, mask = self.inner.on_plane(pose, A_ne_pix, size, ground_up_m)
-        return low_passed(values, self.sigma_px), mask
+        return low_passed(shown(values, mask), self.sigma_px), mask
 
     def on_surface(self, pose: CameraPose, grid: MapGrid) -> Seen:
         """See FrameFeatures."""
         values, mask = self.inner.on_surface(pose, grid)
-        return low_passed(values, self.sigma_px), mask
+        return low_passed(shown(values, mask), self.sigma_px), mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)

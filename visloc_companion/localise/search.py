@@ -140,8 +140,8 @@ def _spectra(
     top = max(0, v0 + extent[1])
     rows = slice(top, max(top, v1 + extent[3] + 1))
     seen, valid = features[rows], weight[rows]
-    fields = _paired(seen * valid[..., None])
-    sums = _paired(np.stack([valid, np.einsum("ijk,ijk,ij->ij", seen, seen, valid)], -1))
+    fields, squares = _weighted(seen, valid)
+    sums = _paired(np.stack([valid, squares], -1))
     if zero_mean:
         sums = np.concatenate([sums, fields[:1]])
     box = (u0, v0 - top, u1, v1 - top)
@@ -155,14 +155,16 @@ def _best(
     """Best score and its hypothesis at each position, the lower hypothesis of equals. `hypotheses` ascend."""
     shape = (fields.blocks[-1][0].stop, fields.blocks[-1][1].stop)
     best, which = np.full(shape, NO_SCORE, np.float32), np.zeros(shape, np.int32)
+    of_features, of_mask = fields.room(), sums.room(1)
     for k in hypotheses:
         template = make_template(k)
         values, area = template.features, max(float(template.mask.sum()), 1.0)
         if zero_mean:
             values = values - np.einsum("ijk,ij->k", values, template.mask) / np.float32(area)
-        masked, energy = _masked(values, template.mask)
-        of_features = fields.spectrum(masked, template.offset_px)
-        of_mask = sums.spectrum(template.mask[None], template.offset_px)
+        masked, squares = _weighted(values, template.mask)
+        energy = float(squares.sum(dtype=np.float64))
+        fields.transform(masked, template.offset_px, of_features)
+        sums.transform(template.mask[None], template.offset_px, of_mask)
         for block, at in enumerate(fields.blocks):
             product = fields.summed(block, of_features).real
             score = _score(product, sums.each(block, of_mask), area, energy)
@@ -172,14 +174,13 @@ def _best(
     return best, which
 
 
-def _masked(values: Float32Array, mask: Float32Array) -> tuple[Complex64Array, float]:
-    """(K, h, w) complex64 channels two by two under a mask, and sum m |T|^2."""
+def _weighted(values: Float32Array, weight: Float32Array) -> tuple[Complex64Array, Float32Array]:
+    """(K, H, W) complex64 channels two by two times a weight (H, W), and (H, W) the weighted sum of their squares."""
     pairs = _paired(values)
     parts = pairs.view(np.float32)  # real and imaginary part side by side
-    weight = np.repeat(mask, 2, axis=1)
     squares = np.einsum("kij,kij->ij", parts, parts)
-    parts *= weight
-    return pairs, float(np.einsum("ij,ij->i", squares, weight).sum(dtype=np.float64))
+    parts *= np.repeat(weight, 2, axis=1)
+    return pairs, (squares[:, ::2] + squares[:, 1::2]) * weight
 
 
 def _score(product: Float32Array, sums: list[Complex64Array], area: float, energy: float) -> Float32Array:

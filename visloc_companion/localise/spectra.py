@@ -54,15 +54,24 @@ class BlockCorrelator:
 
     def spectrum(self, template: Complex64Array | Float32Array, offset_px: tuple[int, int]) -> Complex64Array:
         """(K, h, w) conjugate spectrum of a template whose first pixel lies `offset_px` (u, v) from the position."""
+        out = self.room(len(template))
+        self.transform(template, offset_px, out)
+        return out
+
+    def room(self, fields: int | None = None) -> Complex64Array:
+        """An array for `transform`: for templates of as many fields, or of so many."""
+        return np.empty((len(self._spectra[0]) if fields is None else fields, *self._size), np.complex64)
+
+    def transform(self, template: Complex64Array | Float32Array, offset_px: tuple[int, int], out: Complex64Array) -> None:
+        """Write a template's `spectrum` to an array that may serve for many."""
         left, top = offset_px[0] - self._extent[0], offset_px[1] - self._extent[1]
         height, width = template.shape[-2:]
         right, bottom = self._extent[2] - self._extent[0] + 1, self._extent[3] - self._extent[1] + 1
         if min(left, top) < 0 or top + height > bottom or left + width > right:
             raise ValueError(f"template of {width} x {height} px at {offset_px} is outside the extent {self._extent}")
-        padded = np.zeros((template.shape[0], *self._size), np.complex64)
-        padded[:, top : top + height, left : left + width] = template
-        spectra = _forward(padded)
-        return np.conjugate(spectra, out=spectra)
+        out.fill(0)
+        out[:, top : top + height, left : left + width] = template
+        np.conjugate(_forward(out), out=out)
 
     def summed(self, block: int, spectrum: Complex64Array) -> Complex64Array:
         """(rows, cols) correlation summed over the fields, over a block."""
