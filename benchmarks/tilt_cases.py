@@ -13,10 +13,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import rasterio
 
 from benchmarks.cases import write_tables
-from benchmarks.frames import georeference, pix_of
+from visloc_companion.geo.raster import T_map_pix_from_gdal, apply_affine, invert_affine
+from visloc_companion.maps.crs import map_crs
 
 SIGMA_TILT_DEG = 6.0
 NADIR = {"prior_roll_deg": 0.0, "prior_pitch_deg": 0.0, "sigma_tilt_deg": SIGMA_TILT_DEG}
@@ -28,7 +30,8 @@ def untold(source: Path, folder: Path, *, largest_deg: float, n: int, without_su
     """The first `n` cases of a folder that tilt by no more than `largest_deg`, with a prior that says nadir."""
     if (folder / "cases.csv").exists():
         return folder
-    cases, truths = [], []
+    cases: list[dict[str, Any]] = []
+    truths: list[dict[str, Any]] = []
     for told, truth in zip(_rows(source / "cases.csv"), _rows(source / "truth.csv"), strict=True):
         if len(cases) == n or tilt_deg(truth) > largest_deg:
             continue
@@ -48,12 +51,12 @@ def tilt_deg(truth: Mapping[str, Any]) -> float:
 
 def _on_a_plane(case: dict[str, Any], truth: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """A case without its surface model, with heights above the mean surface under the frame."""
-    dsm = Path(case["dsm"])
-    col, row = (round(x) for x in pix_of(georeference(dsm), float(truth["lat_deg"]), float(truth["lon_deg"])))
-    with rasterio.open(dsm) as source:
-        surface, gsd_m = source.read(1), source.transform.a
+    with rasterio.open(case["dsm"]) as source:
+        surface, T_map_pix = source.read(1), T_map_pix_from_gdal(tuple(source.transform)[:6])
+        at = map_crs(source.crs.to_string()).to_map(float(truth["lat_deg"]), float(truth["lon_deg"]))
+    col, row = (round(float(x)) for x in apply_affine(invert_affine(T_map_pix), np.array(at)))
     above_m = float(truth["h_m"]) - float(surface[row, col])
-    half = int(above_m * FOOTPRINT_HEIGHTS / 2 / gsd_m)
+    half = int(above_m * FOOTPRINT_HEIGHTS / 2 / float(T_map_pix[0, 0]))
     plane_m = float(surface[max(0, row - half) : row + half, max(0, col - half) : col + half].mean())
     lowered = case | {"dsm": "", "prior_h_m": float(case["prior_h_m"]) - plane_m}
     return lowered, truth | {"h_m": float(truth["h_m"]) - plane_m}
