@@ -1,0 +1,137 @@
+"""One flight against the terrain: stretches are collected until they hold enough, matched, and fused; every answer is judged."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from benchmarks import terrain_flight as facts
+from benchmarks.terrain_filter import ErrorFilter
+from benchmarks.terrain_flight import SCAN_S, SPEED_MPS, STEP_S, Flight, beam, scan
+from benchmarks.terrain_world import World
+from visloc_companion.localise.terrain.base import Kind, NoTerrainFix, Soundings, TerrainFix, TerrainPrior
+from visloc_companion.localise.terrain.elevation import ElevationMap
+from visloc_companion.localise.terrain.information import expected_sigma_m
+from visloc_companion.localise.terrain.match import locate
+from visloc_companion.localise.terrain.settings import TerrainSettings
+from visloc_companion.types import FloatArray, Rejected
+
+START_SIGMA_M = 15.0
+CHECK_STEPS = round(300 / SPEED_MPS / STEP_S)
+SHORTEST_M = {Kind.PATCH: 600.0, Kind.PROFILE: 1500.0}
+LONGEST_M = {Kind.PATCH: 3000.0, Kind.PROFILE: 6000.0}
+ENOUGH_M = {Kind.PATCH: 3.0, Kind.PROFILE: 6.0}
+"""A stretch ends when the model promises this 1-sigma at its worse axis, or at LONGEST_M."""
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """An answer, the errors of its position (north, east) and height where it has one, where it was and what it cost."""
+
+    answer: TerrainFix | NoTerrainFix
+    error_ne_m: FloatArray
+    error_h_m: float
+    region: str
+    length_m: float
+    prior_error_m: float
+    cpu_ms: float
+
+
+@dataclass(slots=True)
+class Outcome:
+    """All stretches of a flight; the filter's errors and sigmas (north, east, height) after each; fixes that it refused."""
+
+    judged: list[Judged] = field(default_factory=list)
+    filter_error: list[FloatArray] = field(default_factory=list)
+    filter_sigma: list[FloatArray] = field(default_factory=list)
+    gated: int = 0
+
+
+class Run:
+    """A flight with one sensor."""
+
+    def __init__(
+        self, world: World, elevation: ElevationMap, flight: Flight, seed: int, kind: Kind, range_sigma_m: float
+    ) -> None:
+        self.world, self.elevation, self.flight, self.kind = world, elevation, flight, kind
+        self.range_sigma_m = range_sigma_m
+        self.rng = np.random.default_rng([seed, 4])
+        start = self.rng.normal(0, START_SIGMA_M, 2)
+        self.dead_reckoned = flight.p_ne_m + start + np.cumsum(flight.velocity_error_mps, axis=0) * STEP_S
+        self.filter = ErrorFilter(flight.drift, START_SIGMA_M)
+
+    def fly(self, settings: TerrainSettings) -> Outcome:
+        """From the first step to the last."""
+        outcome, at, last = Outcome(), 0, len(self.flight.p_ne_m) - 1
+        while at + 2 * CHECK_STEPS < last:
+            first, soundings, length = at, [], 0.0
+            while at < last and length < LONGEST_M[self.kind]:
+                until = min(at + CHECK_STEPS, last)
+                soundings.append(self._measured(at, until))
+                self._carry(at, until)
+                at, length = until, (until - first) * STEP_S * SPEED_MPS
+                stretch = self.stretch(soundings, at)
+                if stretch is not None and length >= SHORTEST_M[self.kind] and self._enough(stretch, at, settings):
+                    break
+            self._match(outcome, self.stretch(soundings, at), at, length, settings)
+        return outcome
+
+    def prior(self, step: int, stretch: Soundings) -> TerrainPrior:
+        """What the filter believes at a step."""
+        x, P = self.filter.x, self.filter.P
+        place = self.dead_reckoned[step] - x[:2]
+        drift = self.flight.drift
+        heading = math.hypot(drift.heading_rad, facts.GYROSCOPE * step * STEP_S if drift.inertial else 0.0)
+        cov = ((float(P[0, 0]), float(P[0, 1])), (float(P[0, 1]), float(P[1, 1])))
+        sigma_v = math.sqrt(max(float(P[2, 2]), float(P[3, 3])) + (0.0 if drift.inertial else facts.ODOMETRY_MPS**2 / 4))
+        h = float(self.flight.h_indicated_m[step] - x[6])
+        sigma_h = math.hypot(math.sqrt(float(P[6, 6])), facts.BARO_NOISE_M)
+        return TerrainPrior((float(place[0]), float(place[1])), cov, h, sigma_h, heading, drift.tilt_rad, sigma_v)
+
+    def stretch(self, measured: list[tuple[FloatArray, FloatArray]], end: int) -> Soundings | None:
+        """Points about the beams' origins put together by dead reckoning, relative to the vehicle at a step; None for too few."""
+        points = np.concatenate([m[0] for m in measured])
+        if len(points) < 30:
+            return None
+        steps = np.concatenate([m[1] for m in measured])
+        age = (end - steps) * STEP_S
+        moved = self.dead_reckoned[steps] - self.dead_reckoned[end] + age[:, None] * self.filter.x[2:4]
+        climbed = self.flight.h_indicated_m[steps] - self.flight.h_indicated_m[end]
+        placed = points + np.column_stack([moved, climbed])
+        return Soundings(end * round(STEP_S * 1e9), placed, age, math.hypot(self.range_sigma_m, facts.BARO_NOISE_M), self.kind)
+
+    def _measured(self, first: int, end: int) -> tuple[FloatArray, FloatArray]:
+        if self.kind is Kind.PATCH:
+            return scan(self.world, self.flight, np.arange(first, end, round(SCAN_S / STEP_S)), self.rng, self.range_sigma_m)
+        return beam(self.world, self.flight, np.arange(first, end), self.rng, self.range_sigma_m)
+
+    def _enough(self, stretch: Soundings, at: int, settings: TerrainSettings) -> bool:
+        return expected_sigma_m(stretch, self.prior(at, stretch), self.elevation, settings) <= ENOUGH_M[self.kind]
+
+    def _carry(self, first: int, end: int) -> None:
+        self.filter.carry((end - first) * STEP_S, float(abs(self.flight.course_rad[end] - self.flight.course_rad[first])))
+
+    def _match(self, outcome: Outcome, stretch: Soundings | None, at: int, length: float, settings: TerrainSettings) -> None:
+        flight = self.flight
+        region = self.world.class_at(flight.p_ne_m[at - round(length / 2 / SPEED_MPS / STEP_S)][None])[0]
+        if stretch is None:
+            return
+        prior = self.prior(at, stretch)
+        start = time.process_time()
+        answer = locate(stretch, prior, self.elevation, settings)
+        took = 1e3 * (time.process_time() - start)
+        error, error_h = np.full(2, np.nan), math.nan
+        if isinstance(answer, TerrainFix):
+            error = np.array(answer.p_ne_m) - flight.p_ne_m[at]
+            error_h = answer.h_amsl_m - float(flight.h_amsl_m[at])
+            got = self.filter.observe(answer, self.dead_reckoned[at], float(flight.h_indicated_m[at]))
+            outcome.gated += isinstance(got, Rejected)
+        off = float(np.hypot(*(np.array(prior.p_ne_m) - flight.p_ne_m[at])))
+        outcome.judged.append(Judged(answer, error, error_h, region, length, off, took))
+        now = self.dead_reckoned[at] - self.filter.x[:2] - flight.p_ne_m[at]
+        high = flight.h_indicated_m[at] - self.filter.x[6] - flight.h_amsl_m[at]
+        outcome.filter_error.append(np.array([*now, high]))
+        outcome.filter_sigma.append(np.sqrt(np.diag(self.filter.P)[[0, 1, 6]]))

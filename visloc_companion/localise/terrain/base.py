@@ -1,0 +1,102 @@
+"""What terrain navigation is asked and what it answers. Axes: metres north and east of one origin, heights above sea level."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from visloc_companion.core.fusion import Position
+from visloc_companion.errors import Reason
+from visloc_companion.types import Cov2, FloatArray, Vec2
+
+
+class Kind(StrEnum):
+    """What the soundings are: an area swept by stereo or a scanner, or a line under the track."""
+
+    PATCH = "patch"
+    PROFILE = "profile"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Soundings:
+    """Surface points of one stretch of flight, by dead reckoning relative to where the vehicle was at `t_ns`.
+
+    `points_m` (N, 3) north, east, up of the vehicle at `t_ns`; `age_s` (N,) seconds before `t_ns` at which each was measured;
+    `sigma_m` 1-sigma of a measured height. Raises ValueError for other shapes or values that are not finite.
+    """
+
+    t_ns: int
+    points_m: FloatArray
+    age_s: FloatArray
+    sigma_m: float
+    kind: Kind = Kind.PATCH
+
+    def __post_init__(self) -> None:
+        if self.points_m.ndim != 2 or self.points_m.shape[1] != 3 or self.age_s.shape != (len(self.points_m),):
+            raise ValueError(f"soundings are (N, 3) with ages (N,), got {self.points_m.shape} and {self.age_s.shape}")
+        if not (np.isfinite(self.points_m).all() and np.isfinite(self.age_s).all()):
+            raise ValueError("soundings hold values that are not finite: leave out what the sensor did not measure")
+        if not self.sigma_m > 0:
+            raise ValueError(f"the soundings' sigma is {self.sigma_m} m: give a positive one")
+
+
+@dataclass(frozen=True, slots=True)
+class TerrainPrior:
+    """Where the vehicle believes to be at the soundings' `t_ns`, and how far its dead reckoning is to be believed (1-sigma).
+
+    `h_amsl_m` is the navigation height (barometer), `sigma_tilt_rad` of roll and pitch each, `sigma_drift_mps` of the
+    velocity error per axis over the stretch.
+    """
+
+    p_ne_m: Vec2
+    cov_ne_m2: Cov2
+    h_amsl_m: float
+    sigma_h_m: float
+    sigma_yaw_rad: float = 0.005
+    sigma_tilt_rad: float = 0.001
+    sigma_drift_mps: float = 0.1
+
+    def __post_init__(self) -> None:
+        numbers = (*self.p_ne_m, *self.cov_ne_m2[0], *self.cov_ne_m2[1], self.h_amsl_m, self.sigma_h_m)
+        if not np.isfinite(numbers).all() or np.linalg.eigvalsh(np.array(self.cov_ne_m2))[0] <= 0 or self.sigma_h_m <= 0:
+            raise ValueError(f"the prior {self} is not finite with a positive definite covariance")
+
+
+@dataclass(frozen=True, slots=True)
+class TerrainFix:
+    """Position of the vehicle at `t_ns` from the terrain alone: the prior chose where to look and is not part of the covariance.
+
+    `probability_wrong` is the calibrated probability that the place is another one (off by more than `verify.RIGHT_M`).
+    """
+
+    t_ns: int
+    p_ne_m: Vec2
+    cov_ne_m2: Cov2
+    h_amsl_m: float
+    sigma_h_m: float
+    probability_wrong: float
+    evidence: tuple[tuple[str, float], ...] = ()
+
+    def as_position(self) -> Position:
+        """The measurement as the navigation filter takes it (core/fusion.py), of the filter's own origin."""
+        return Position(
+            self.t_ns,
+            self.p_ne_m,
+            self.cov_ne_m2,
+            from_fix=True,
+            probability_wrong=self.probability_wrong,
+            h_amsl_m=self.h_amsl_m,
+            sigma_h_m=self.sigma_h_m,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class NoTerrainFix:
+    """The terrain gives no position, and why: LOW_TEXTURE is flat ground or water, OUTSIDE_MAP no elevations about the prior."""
+
+    t_ns: int
+    reason: Reason
+    detail: str
+    evidence: tuple[tuple[str, float], ...] = ()

@@ -1,0 +1,33 @@
+"""What the refinement of soundings rests on: expected noise, blocks of ground, and how many soundings are independent."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from visloc_companion.localise.terrain.base import Soundings, TerrainPrior
+from visloc_companion.localise.terrain.elevation import Terrain
+from visloc_companion.localise.terrain.noise import HeightNoise
+from visloc_companion.localise.terrain.refine import Fitting
+from visloc_companion.localise.terrain.settings import TerrainSettings
+
+BLOCKS_OF_CORRELATION = 1.5
+"""Side of a block of the cluster-robust covariance, in correlation lengths."""
+
+
+def fitting_of(
+    terrain: Terrain, thinned: Soundings, prior: TerrainPrior, sigma_elevation_m: float, settings: TerrainSettings
+) -> Fitting:
+    """What the refinement of thinned soundings needs."""
+    noise = HeightNoise(math.hypot(sigma_elevation_m, thinned.sigma_m))
+    false_slope = settings.false_slope * sigma_elevation_m / settings.correlation_m
+    block = BLOCKS_OF_CORRELATION * settings.correlation_m
+    level = settings.level_share * sigma_elevation_m
+    return Fitting(terrain, thinned, prior, noise, block, independent_share(thinned, settings), false_slope, level)
+
+
+def independent_share(thinned: Soundings, settings: TerrainSettings) -> float:
+    """Patches of correlated ground that the soundings touch, over the soundings."""
+    cells = np.floor(thinned.points_m[:, :2] / settings.correlation_m).astype(np.int64)
+    return min(1.0, len(np.unique(cells, axis=0)) / len(cells))

@@ -1,0 +1,28 @@
+"""What a stretch of soundings can tell before it is matched: whether it is long enough yet."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from visloc_companion.localise.terrain import refine as fine
+from visloc_companion.localise.terrain.base import Soundings, TerrainPrior
+from visloc_companion.localise.terrain.elevation import ElevationMap
+from visloc_companion.localise.terrain.fitting import fitting_of
+from visloc_companion.localise.terrain.settings import TerrainSettings
+from visloc_companion.localise.terrain.thin import lowest
+
+FEW = 800
+"""Soundings that suffice to judge by."""
+
+
+def expected_sigma_m(soundings: Soundings, prior: TerrainPrior, elevation: ElevationMap, settings: TerrainSettings) -> float:
+    """1-sigma of the worse horizontal axis that a fix at the prior's place would claim; infinite where the model is unknown."""
+    thinned = lowest(soundings, settings.thin_cell_m, FEW)
+    half = np.abs(thinned.points_m[:, :2]).max(0) + 4 * elevation.cell_m
+    terrain = elevation.window(prior.p_ne_m, (float(half[0]), float(half[1])), elevation.cell_m)
+    if not terrain.known.any():
+        return math.inf
+    covariance = fine.expected_covariance(fitting_of(terrain, thinned, prior, elevation.sigma_m, settings), np.zeros(8))
+    return math.sqrt(max(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]), 0.0))

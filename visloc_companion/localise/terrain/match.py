@@ -1,0 +1,208 @@
+"""One stretch of soundings against the elevation model: search, refinement of the likeliest places, judgement."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from visloc_companion.errors import Reason
+from visloc_companion.localise.posterior import posterior
+from visloc_companion.localise.search import NO_SCORE
+from visloc_companion.localise.terrain import refine as fine
+from visloc_companion.localise.terrain.base import NoTerrainFix, Soundings, TerrainFix, TerrainPrior
+from visloc_companion.localise.terrain.elevation import ElevationMap, Terrain
+from visloc_companion.localise.terrain.fitting import fitting_of, independent_share
+from visloc_companion.localise.terrain.noise import HeightNoise
+from visloc_companion.localise.terrain.refine import Fitting, Refined
+from visloc_companion.localise.terrain.settings import TerrainSettings
+from visloc_companion.localise.terrain.thin import lowest
+from visloc_companion.localise.terrain.verify import MIN_SOUNDINGS, Evidence, probability_wrong, refusal
+from visloc_companion.localise.terrain.volume import Stretch, Volume, search
+from visloc_companion.types import FloatArray, Vec2
+
+SIGMAS = 3.0
+MIN_KNOWN_REGION = 0.5
+MODES = 4
+LEAST_MASS = 1e-4
+COARSEST_M = 120.0
+SAME_CELLS = 2.0
+COVARIANCE_SCALE = (1.0, 1.0)
+"""Factors of the claimed covariance, horizontal and vertical (fitted: benchmarks/terrain_fit.py)."""
+
+
+def locate(
+    soundings: Soundings, prior: TerrainPrior, elevation: ElevationMap, settings: TerrainSettings
+) -> TerrainFix | NoTerrainFix:
+    """Where the vehicle was at the soundings' `t_ns`, or why that cannot be told. Deterministic, one thread."""
+    if len(soundings.points_m) < MIN_SOUNDINGS:
+        return NoTerrainFix(soundings.t_ns, Reason.TOO_FEW_FEATURES, f"{len(soundings.points_m)} soundings")
+    thinned = lowest(soundings, settings.thin_cell_m)
+    if len(thinned.points_m) < MIN_SOUNDINGS:
+        return NoTerrainFix(soundings.t_ns, Reason.TOO_FEW_FEATURES, f"{len(thinned.points_m)} cells with soundings")
+    reach = _reach_m(thinned, prior)
+    extent = _extent_m(thinned)
+    cell, hypotheses = _planned(thinned, prior, elevation, reach, settings)
+    half = (reach[0] + extent[0] + 4 * cell, reach[1] + extent[1] + 4 * cell)
+    coarse = elevation.window(prior.p_ne_m, half, cell)
+    if _known_region(coarse, prior, reach) < MIN_KNOWN_REGION:
+        return NoTerrainFix(soundings.t_ns, Reason.OUTSIDE_MAP, "the elevation model does not cover where the prior looks")
+    temper = independent_share(thinned, settings)
+    slope = coarse.slope_rms()
+    stretches = [Stretch(fine.placed(thinned, h), prior.h_amsl_m + thinned.points_m[:, 2]) for h in hypotheses]
+    noise = HeightNoise(math.hypot(elevation.sigma_m, soundings.sigma_m, slope * cell * SEARCH_BLUR))
+    volume = search(coarse, stretches, noise, prior.p_ne_m, reach, prior.sigma_h_m, temper)
+    starts = _starts(volume, coarse, prior, hypotheses)
+    if not starts:
+        return NoTerrainFix(soundings.t_ns, Reason.LOW_OVERLAP, "too few soundings lie on known elevations")
+    terrain = coarse if abs(cell - elevation.cell_m) < 1e-6 else elevation.window(prior.p_ne_m, half, elevation.cell_m)
+    fitting = fitting_of(terrain, thinned, prior, elevation.sigma_m, settings)
+    found, weights = _refined(fitting, starts, prior)
+    best = int(np.argmax(weights))
+    evidence = _evidence(fitting, found[best], 1 - float(weights[best]))
+    return _judged(soundings.t_ns, prior, found[best], evidence, settings)
+
+
+SEARCH_BLUR = 0.4
+"""Cells by which a sounding lies off its place in the search: 1/sqrt(12) each for the sounding's cell and for the position's."""
+
+
+def _reach_m(soundings: Soundings, prior: TerrainPrior) -> Vec2:
+    slack = 2 * prior.sigma_drift_mps * float(soundings.age_s.max(initial=0.0))
+    north, east = (SIGMAS * math.sqrt(v) + slack for v in np.diag(np.array(prior.cov_ne_m2)))
+    return float(north), float(east)
+
+
+def _extent_m(soundings: Soundings) -> Vec2:
+    north, east = np.abs(soundings.points_m[:, :2]).max(0)
+    return float(north), float(east)
+
+
+def _planned(
+    soundings: Soundings, prior: TerrainPrior, elevation: ElevationMap, reach: Vec2, settings: TerrainSettings
+) -> tuple[float, list[FloatArray]]:
+    """The search's cell (m) and its hypotheses: the cell grows until both together are no more than `most_work`."""
+    cell = max(elevation.cell_m, settings.search_cell_m)
+    extent = _extent_m(soundings)
+    while True:
+        hypotheses = _hypotheses(soundings, prior, cell)
+        area = 4 * (reach[0] + extent[0]) * (reach[1] + extent[1]) / cell**2
+        if area * len(hypotheses) <= settings.most_work or cell > COARSEST_M:
+            return cell, hypotheses
+        cell *= 1.25
+
+
+def _known_region(terrain: Terrain, prior: TerrainPrior, reach: Vec2) -> float:
+    rows, cols = (
+        slice(max(0, round((p - r - f) / terrain.cell_m)), round((p + r - f) / terrain.cell_m) + 1)
+        for p, r, f in zip(prior.p_ne_m, reach, terrain.first_ne_m, strict=True)
+    )
+    return float(terrain.known[rows, cols].mean())
+
+
+def _hypotheses(soundings: Soundings, prior: TerrainPrior, cell_m: float) -> list[FloatArray]:
+    """Headings and drifts (as `Refined.unknowns`) such that one of them leaves less than about a cell of misfit."""
+    radius = float(np.percentile(np.hypot(soundings.points_m[:, 0], soundings.points_m[:, 1]), 80))
+    span = float(np.ptp(soundings.age_s)) / 2
+    yaw = _steps(prior.sigma_yaw_rad, cell_m / max(radius, 1.0))
+    drift = _steps(prior.sigma_drift_mps, cell_m / max(span, 1e-3))
+    return [np.array([0, 0, 0, y, 0, 0, n, e], np.float64) for y, n, e in product(yaw, drift, drift)]
+
+
+def _steps(sigma: float, step: float) -> FloatArray:
+    """Symmetric grid over two sigma of at most twice a step's spacing."""
+    n = max(0, math.ceil((2 * sigma - step) / (2 * step)))
+    return np.asarray(np.linspace(-2 * sigma, 2 * sigma, 2 * n + 1) if n else np.zeros(1), dtype=np.float64)
+
+
+def _starts(volume: Volume, terrain: Terrain, prior: TerrainPrior, hypotheses: list[FloatArray]) -> list[FloatArray]:
+    """Where to refine: the likeliest places of the posterior under the prior."""
+    scores = volume.scores
+    rows, cols = scores.score.shape
+    v, u = np.mgrid[0:rows, 0:cols]
+    cells = np.stack([v + scores.origin_px[1], u + scores.origin_px[0]], -1)
+    ne = terrain.first_ne_m + cells * terrain.cell_m
+    away = _squared_sigmas(ne - np.array(prior.p_ne_m), prior, terrain.cell_m)
+    known = scores.score > NO_SCORE
+    weighted = scores.score - 0.5 * away
+    lifted = np.where(known, weighted - weighted[known].min() + 1 if known.any() else 0, NO_SCORE).astype(np.float32)
+    found = posterior(replace(scores, score=lifted), known & (away <= SIGMAS**2 + 1), 1.0)
+    starts = []
+    for mode in found.modes[:MODES]:
+        if mode.mass < LEAST_MASS:
+            continue
+        row, col = mode.v_px - scores.origin_px[1], mode.u_px - scores.origin_px[0]
+        start = hypotheses[mode.hypothesis].copy()
+        start[:2] = ne[row, col] - np.array(prior.p_ne_m)
+        start[2] = -volume.offset_m[row, col]
+        starts.append(start)
+    return starts
+
+
+def _squared_sigmas(away_ne_m: FloatArray, prior: TerrainPrior, extra_m: float) -> FloatArray:
+    cov = np.array(prior.cov_ne_m2) + np.eye(2) * extra_m**2
+    return np.asarray(np.einsum("...i,ij,...j->...", away_ne_m, np.linalg.inv(cov), away_ne_m))
+
+
+def _refined(fitting: Fitting, starts: list[FloatArray], prior: TerrainPrior) -> tuple[list[Refined], FloatArray]:
+    """The refined places, each once, and their posterior probabilities under the prior."""
+    found: list[Refined] = []
+    for start in starts:
+        one = fine.refine(fitting, start)
+        near = SAME_CELLS * fitting.terrain.cell_m
+        if all(np.hypot(*(one.unknowns[:2] - other.unknowns[:2])) > near for other in found):
+            found.append(one)
+    logs = np.array(
+        [
+            one.log_likelihood
+            - 0.5 * float(_squared_sigmas(one.unknowns[:2], prior, 0.0))
+            - 0.5 * (one.unknowns[2] / prior.sigma_h_m) ** 2
+            + 0.5 * float(np.linalg.slogdet(one.covariance[:3, :3])[1])
+            for one in found
+        ]
+    )
+    weights = np.exp(logs - logs.max())
+    return found, weights / weights.sum()
+
+
+def _evidence(fitting: Fitting, best: Refined, others: float) -> Evidence:
+    prior = fitting.prior
+    cov = best.covariance[:2, :2] * COVARIANCE_SCALE[0]
+    both = np.array(prior.cov_ne_m2) + cov
+    away = best.unknowns[:2]
+    return Evidence(
+        others,
+        math.sqrt(float(np.linalg.eigvalsh(cov)[-1])),
+        best.gain,
+        best.reliability,
+        best.noise.sigma_m / fitting.noise.sigma_m,
+        best.ground,
+        fitting.temper * len(fitting.soundings.points_m),
+        math.sqrt(float(away @ np.linalg.solve(both, away))),
+        abs(float(best.unknowns[2])) / math.hypot(prior.sigma_h_m, math.sqrt(best.covariance[2, 2])),
+        best.known,
+        float(best.converged),
+    )
+
+
+def _judged(
+    t_ns: int, prior: TerrainPrior, best: Refined, evidence: Evidence, settings: TerrainSettings
+) -> TerrainFix | NoTerrainFix:
+    p = probability_wrong(evidence)
+    declined = refusal(evidence, p, settings)
+    numbers = (*evidence.numbers(), ("probability_wrong", p))
+    if declined is not None:
+        return NoTerrainFix(t_ns, *declined, numbers)
+    north, east, up = (float(v) for v in best.unknowns[:3])
+    (nn, ne), (_, ee) = best.covariance[:2, :2] * COVARIANCE_SCALE[0]
+    return TerrainFix(
+        t_ns,
+        (prior.p_ne_m[0] + north, prior.p_ne_m[1] + east),
+        ((float(nn), float(ne)), (float(ne), float(ee))),
+        prior.h_amsl_m + up,
+        math.sqrt(best.covariance[2, 2] * COVARIANCE_SCALE[1]),
+        p,
+        numbers,
+    )

@@ -1,0 +1,227 @@
+"""The position to a fraction of a cell: maximum likelihood of the one-sided mixture over position, height and what is uncertain.
+
+Unknowns (8,): north, east, height offset, heading, tilt of the soundings to north and east, drift to north and east; the last
+five have the prior's Gaussian. Fisher scoring: the gradient is that of the full mixture, the Hessian that of the points that
+are ground. The covariance is the cluster-robust one (White 1980; Liang & Zeger 1986),
+
+    A^-1 (sum over blocks g g') A^-1,
+
+for errors of the model and crowns are alike over a block of ground: soundings beside each other do not count twice. It is pooled
+with the model's own at a fitted number of independent soundings, since the blocks are few.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree  # type: ignore[import-untyped]
+
+from visloc_companion.localise.terrain.base import Soundings, TerrainPrior
+from visloc_companion.localise.terrain.elevation import Terrain
+from visloc_companion.localise.terrain.noise import HeightNoise, Parts, parts, refitted
+from visloc_companion.types import FloatArray
+
+N_UNKNOWNS = 8
+ROUNDS = 40
+STEP_CELLS = 1.0
+"""Longest step, cells of the window."""
+DONE_M = 0.1
+LEAST_GROUND = 0.05
+"""Weight that a sounding keeps in the Hessian."""
+SIGMA_BOUNDS = (0.5, 2.5)
+"""Of the refitted sigma, as a multiple of the expected one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Refined:
+    """`unknowns` (8,) with covariance (8, 8) before calibration; `log_likelihood` (of independent soundings, the prior's of the
+    last five unknowns included) and its `gain` on that of level ground; `ground` and `known`: share of soundings that are ground,
+    and that lie on known model; `reliability` as `reliable_share`.
+    """
+
+    unknowns: FloatArray
+    covariance: FloatArray
+    noise: HeightNoise
+    log_likelihood: float
+    gain: float
+    ground: float
+    known: float
+    reliability: float
+    converged: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fitting:
+    """What the fit is of: `block_m` is the side of a block, `temper` the share of soundings that is independent, `false_slope`
+    the slope (metres a metre, per axis, 1-sigma) that the model's errors pretend, `sigma_level_m` that of its level."""
+
+    terrain: Terrain
+    soundings: Soundings
+    prior: TerrainPrior
+    noise: HeightNoise
+    block_m: float
+    temper: float
+    false_slope: float
+    sigma_level_m: float
+
+
+def refine(fitting: Fitting, start: FloatArray) -> Refined:
+    """The likeliest unknowns near a start (8,)."""
+    unknowns, noise = start.copy(), fitting.noise
+    weight = _prior_information(fitting.prior)
+    converged = False
+    for turn in range(ROUNDS):
+        difference, J, known = _linearised(fitting, unknowns)
+        if turn in (2, 5, 9):
+            noise = refitted(
+                noise, difference[known], (SIGMA_BOUNDS[0] * fitting.noise.sigma_m, SIGMA_BOUNDS[1] * fitting.noise.sigma_m)
+            )
+        p = parts(noise, difference)
+        gradient = -fitting.temper * J.T @ (p.score * known) - weight @ unknowns
+        step = np.linalg.solve(_information(J, p, noise, known, fitting.temper) + weight, gradient)
+        far = float(np.hypot(step[0], step[1])) / (STEP_CELLS * fitting.terrain.cell_m)
+        unknowns = unknowns + step / max(1.0, far)
+        converged = turn > 9 and float(np.abs(step[:3]).max()) < DONE_M
+        if converged:
+            break
+    return _result(fitting, unknowns, noise, weight, converged)
+
+
+def expected_covariance(fitting: Fitting, start: FloatArray) -> FloatArray:
+    """(3, 3) covariance of north, east, height that soundings at such places would give: what there is to see, before looking."""
+    _, J, known = _linearised(fitting, start)
+    certain = Parts(np.zeros(len(J)), np.zeros(len(J)), np.ones(len(J)))
+    full = _information(J, certain, fitting.noise, known, 1.0)
+    full = _without_false_slopes(full, fitting, float(known.sum()) / fitting.noise.sigma_m**2)
+    information = fitting.temper * full + _prior_information(fitting.prior)
+    return np.asarray(np.linalg.inv(information + 1e-9 * np.eye(N_UNKNOWNS))[:3, :3])
+
+
+def _result(fitting: Fitting, unknowns: FloatArray, noise: HeightNoise, weight: FloatArray, converged: bool) -> Refined:
+    difference, J, known = _linearised(fitting, unknowns)
+    p = parts(noise, difference)
+    full = _information(J, p, noise, known, 1.0)
+    spread, n_blocks = _spread(fitting, J * (p.score * known)[:, None])
+    share = n_blocks / (n_blocks + PRIOR_BLOCKS)
+    pooled = fitting.temper**2 * (share * spread + (1 - share) * full / fitting.temper) + weight
+    reliability = reliable_share(fitting, unknowns, difference, p.ground * known)
+    true = _scaled(full, np.eye(2) * math.sqrt(max(reliability, LEAST_RELIABLE)))
+    inverse = np.linalg.inv(fitting.temper * true + weight + 1e-9 * np.eye(N_UNKNOWNS))
+    covariance = inverse @ pooled @ inverse
+    covariance[2, 2] += fitting.sigma_level_m**2
+    density = fitting.temper * float(p.log_density[known].sum())
+    level = fitting.temper * _level_log_density(fitting, known)
+    return Refined(
+        unknowns,
+        (covariance + covariance.T) / 2,
+        noise,
+        density - 0.5 * float(unknowns[3:] @ weight[3:, 3:] @ unknowns[3:]),
+        density - level,
+        float(p.ground[known].mean()) if known.any() else 0.0,
+        float(known.mean()),
+        reliability,
+        converged,
+    )
+
+
+PRIOR_BLOCKS = 12.0
+"""How many blocks the fitted number of independent soundings is worth against the blocks of this stretch."""
+NULL_ROUNDS = 12
+PAIRS_M = (40.0, 80.0)
+MOST_OF_PAIRS, FEWEST_PAIRS = 800, 20
+LEAST_RELIABLE = 0.02
+
+
+def _without_false_slopes(information: FloatArray, fitting: Fitting, weight: float) -> FloatArray:
+    """Less what slopes that are errors of the model are expected to add; never below a thousandth in any direction."""
+    values, vectors = np.linalg.eigh(information[:2, :2])
+    values = np.maximum(values, 1e-12)
+    kept = np.maximum(1 - weight * fitting.false_slope**2 / values, 1e-3)
+    return _scaled(information, (vectors * np.sqrt(kept)) @ vectors.T)
+
+
+def _scaled(information: FloatArray, by: FloatArray) -> FloatArray:
+    """Information whose derivatives by north and east are multiplied by a symmetric (2, 2)."""
+    every = np.eye(N_UNKNOWNS)
+    every[:2, :2] = by
+    return np.asarray(every @ information @ every)
+
+
+def reliable_share(fitting: Fitting, unknowns: FloatArray, difference: FloatArray, weight: FloatArray) -> float:
+    """Share of the model's slopes that the soundings confirm: 1 for a perfect model, 0 where its slopes are errors, or at another
+    place. The regression of measured height differences between places PAIRS_M apart on the model's: its attenuation is that of
+    errors in the variables (Fuller 1987), and curvature and information of the match are less by as much."""
+    every = max(1, len(difference) // MOST_OF_PAIRS)
+    pick = slice(None, None, every)
+    at = placed(fitting.soundings, unknowns)[pick]
+    tree = cKDTree(at)
+    pairs = tree.query_pairs(PAIRS_M[1], output_type="ndarray")
+    pairs = pairs[np.hypot(*(at[pairs[:, 0]] - at[pairs[:, 1]]).T) > PAIRS_M[0]]
+    if len(pairs) < FEWEST_PAIRS:
+        return 0.0
+    model = fitting.terrain.heights(np.array(fitting.prior.p_ne_m) + unknowns[:2] + at)
+    measured, w = model + difference[pick], weight[pick]
+    of_model, of_measured = (values[pairs[:, 0]] - values[pairs[:, 1]] for values in (model, measured))
+    both = w[pairs[:, 0]] * w[pairs[:, 1]]
+    return float((both * of_model * of_measured).sum() / max(float((both * np.square(of_model)).sum()), 1e-9))
+
+
+def _level_log_density(fitting: Fitting, known: NDArray[np.bool_]) -> float:
+    """The soundings' log density if the ground were level: the same mixture about its likeliest level, of any width."""
+    up = fitting.soundings.points_m[known, 2]
+    if not len(up):
+        return 0.0
+    middle = float(np.percentile(up, 30))
+    noise = HeightNoise(max(fitting.noise.sigma_m, float(np.std(up)) / 2))
+    for _ in range(NULL_ROUNDS):
+        noise = refitted(noise, up - middle, (SIGMA_BOUNDS[0] * fitting.noise.sigma_m, np.inf), 1)
+        ground = parts(noise, up - middle).ground
+        middle += float(ground @ (up - middle)) / max(float(ground.sum()), 1.0)
+    return float(parts(noise, up - middle).log_density.sum())
+
+
+def _linearised(fitting: Fitting, unknowns: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Measured minus model (N,), derivative of model minus measured by the unknowns (N, 8), and what is known (N,)."""
+    points, age = fitting.soundings.points_m, fitting.soundings.age_s
+    ne = placed(fitting.soundings, unknowns)
+    at = np.array(fitting.prior.p_ne_m) + unknowns[:2] + ne
+    model, slope = fitting.terrain.heights_and_slopes(at)
+    tilt = points[:, 0] * unknowns[4] + points[:, 1] * unknowns[5]
+    difference = fitting.prior.h_amsl_m + unknowns[2] + points[:, 2] + tilt - model
+    by_yaw = slope[:, 1] * ne[:, 0] - slope[:, 0] * ne[:, 1]
+    ones = np.ones(len(points))
+    by_tilt = -points[:, :2] - slope * points[:, 2:]
+    by_drift = -slope * age[:, None]
+    J = np.column_stack([slope, -ones, by_yaw, by_tilt, by_drift])
+    return difference, J, fitting.terrain.knows(at)
+
+
+def placed(soundings: Soundings, unknowns: FloatArray) -> FloatArray:
+    """(N, 2) north, east of the soundings from the position after tilt, drift (a velocity error moves old ones back), heading."""
+    c, s = np.cos(unknowns[3]), np.sin(unknowns[3])
+    ne = soundings.points_m[:, :2] - soundings.points_m[:, 2:] * unknowns[4:6] - soundings.age_s[:, None] * unknowns[6:8]
+    return np.column_stack([c * ne[:, 0] - s * ne[:, 1], s * ne[:, 0] + c * ne[:, 1]])
+
+
+def _information(J: FloatArray, p: Parts, noise: HeightNoise, known: NDArray[np.bool_], temper: float) -> FloatArray:
+    w = np.maximum(p.ground, LEAST_GROUND) * known / noise.sigma_m**2
+    return np.asarray(temper * (J.T * w) @ J)
+
+
+def _prior_information(prior: TerrainPrior) -> FloatArray:
+    sigma = [prior.sigma_yaw_rad, prior.sigma_tilt_rad, prior.sigma_tilt_rad, prior.sigma_drift_mps, prior.sigma_drift_mps]
+    return np.diag([0.0, 0.0, 0.0, *(1 / max(s, 1e-9) ** 2 for s in sigma)])
+
+
+def _spread(fitting: Fitting, gradients: FloatArray) -> tuple[FloatArray, int]:
+    """(8, 8) sum over blocks of the outer product of their gradients, for as many degrees of freedom, and the blocks."""
+    cell = np.floor(fitting.soundings.points_m[:, :2] / fitting.block_m).astype(np.int64)
+    _, block = np.unique(cell, axis=0, return_inverse=True)
+    block = block.ravel()
+    n = int(block.max()) + 1
+    sums = np.column_stack([np.bincount(block, gradients[:, k], n) for k in range(N_UNKNOWNS)])
+    sums -= sums.mean(0)
+    return np.asarray(sums.T @ sums * (n / max(n - 3.0, 1.0)), dtype=np.float64), n
