@@ -6,7 +6,6 @@ RANSAC draws from a seeded generator: the same answer again where the process ha
 
 from __future__ import annotations
 
-import importlib
 from types import ModuleType
 from typing import Any
 
@@ -85,10 +84,12 @@ def _described(o3d: ModuleType, points_m: FloatArray) -> tuple[Any, Any]:
 
 def _open3d() -> ModuleType:
     try:
-        return importlib.import_module("open3d")
+        import open3d
     except ImportError as missing:
         raise ConfigError(
             f"method 'features' needs Open3D, which cannot be imported ({missing})",
             where="registration.method",
             remedy="pip install 'visloc-companion[open3d]', or use height-search or gicp",
         ) from missing
+    assert isinstance(open3d, ModuleType)
+    return open3d
