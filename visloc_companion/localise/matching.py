@@ -33,7 +33,7 @@ from visloc_companion.localise.pose import PoseEstimate, PriorTerm, heading_and_
 from visloc_companion.localise.ranking import RankWeights, Standing, lead
 from visloc_companion.localise.tilt_starts import likeliest, starts, tilt_is_known
 from visloc_companion.localise.verify import block_z
-from visloc_companion.localise.window import cropped, map_grid, thinned
+from visloc_companion.localise.window import cropped, map_grid, part_of_box, thinned
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import PosePrior
 
@@ -44,8 +44,7 @@ PEAK_SHARE, DESCENT_SHARE, FINE_SHARE = 0.55, 0.7, 0.75
 its descent ended deserves the fine level."""
 SAME_PX = 1.0
 """A descent that comes so near to where another ended leads there too."""
-MARGIN_PX, LEAST_PX = 8, 16
-"""Of a window about what a pose sees: its margin and its least side."""
+MARGIN_PX = 8
 ENOUGH_PX = 80
 """Larger footprints are aligned on every other pixel of every other row."""
 MIN_COARSE_SCORE = 0.05
@@ -136,7 +135,7 @@ def find_candidates(task: Task) -> Found:
             found.append(Descended(start, peak.score * found[0].score / peaks[0].score, np.zeros((6, 6))))
             continue
         with task.watch:
-            around = _around(grid, plan, start)
+            around = part_of_box(grid, *view_box(plan, start), MARGIN_PX)
             part, part_descent = thinned(around, stride), align.prepare(around, stride)
         near, rivals = frame.about(start, part, stride), Rivals(found, SAME_PX * grid.gsd_m)
         tilted = starts(start, plan.ground_up_m, task.prior.sigma_tilt_rad)
@@ -239,19 +238,3 @@ def _prior_chi2(task: Task, pose: CameraPose) -> float:
 def _stride(plan: SearchPlan, gsd_m: float) -> int:
     """How a window is thinned for the alignment: what is low-passed and large loses nothing by it."""
     return 2 if math.sqrt(plan.area_m2) > ENOUGH_PX * gsd_m else 1
-
-
-def _around(grid: MapGrid, plan: SearchPlan, pose: CameraPose) -> MapGrid:
-    """The part of a window that a pose sees, with a margin."""
-    low, high = view_box(plan, pose)
-    corners = np.array([[a, b] for a in (low[0], high[0]) for b in (low[1], high[1])]) - grid.A_ne_pix[:, 2]
-    pix = corners @ np.linalg.inv(grid.A_ne_pix[:, :2]).T
-    height, width = grid.weight.shape
-    u0, v0 = (int(max(0, x)) for x in np.floor(pix.min(0)) - MARGIN_PX)
-    u1, v1 = (int(x) for x in np.ceil(pix.max(0)) + MARGIN_PX)
-    u0, v0 = max(0, min(u0, width - LEAST_PX)), max(0, min(v0, height - LEAST_PX))
-    rows, cols = slice(v0, max(v1, v0 + LEAST_PX)), slice(u0, max(u1, u0 + LEAST_PX))
-    A = grid.A_ne_pix.copy()
-    A[:, 2] += A[:, :2] @ np.array([u0, v0], dtype=np.float64)
-    features, weight, surface = (np.ascontiguousarray(a[rows, cols]) for a in (grid.features, grid.weight, grid.surface_up_m))
-    return MapGrid(features, weight, surface, A, grid.gsd_m)

@@ -16,6 +16,7 @@ from visloc_companion.protocols import FeatureMap, ReferenceMap
 from visloc_companion.types import FeaturePatch, FloatArray
 
 MAX_SIDE_PX = 4000
+LEAST_PX = 16
 
 
 def map_grid(
@@ -67,16 +68,24 @@ def cropped(grid: MapGrid) -> MapGrid:
     rows, cols = np.flatnonzero(grid.weight.any(1)), np.flatnonzero(grid.weight.any(0))
     if not len(rows):
         return grid
-    r, c = slice(rows[0], rows[-1] + 1), slice(cols[0], cols[-1] + 1)
+    return _part(grid, slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1))
+
+
+def part_of_box(grid: MapGrid, low_ne_m: FloatArray, high_ne_m: FloatArray, margin_px: int) -> MapGrid:
+    """The part of a window that holds a box of metres north, east and a margin; LEAST_PX a side where the window has that."""
+    corners = np.array([[a, b] for a in (low_ne_m[0], high_ne_m[0]) for b in (low_ne_m[1], high_ne_m[1])])
+    pix = (corners - grid.A_ne_pix[:, 2]) @ np.linalg.inv(grid.A_ne_pix[:, :2]).T
+    height, width = grid.weight.shape
+    (u0, v0), (u1, v1) = np.floor(pix.min(0)).astype(int) - margin_px, np.ceil(pix.max(0)).astype(int) + margin_px
+    u0, v0 = max(0, min(int(u0), width - LEAST_PX)), max(0, min(int(v0), height - LEAST_PX))
+    return _part(grid, slice(v0, max(int(v1), v0 + LEAST_PX)), slice(u0, max(int(u1), u0 + LEAST_PX)))
+
+
+def _part(grid: MapGrid, rows: slice, cols: slice) -> MapGrid:
     A = grid.A_ne_pix.copy()
-    A[:, 2] += A[:, :2] @ np.array([cols[0], rows[0]], dtype=np.float64)
-    return MapGrid(
-        np.ascontiguousarray(grid.features[r, c]),
-        np.ascontiguousarray(grid.weight[r, c]),
-        np.ascontiguousarray(grid.surface_up_m[r, c]),
-        A,
-        grid.gsd_m,
-    )
+    A[:, 2] += A[:, :2] @ np.array([cols.start, rows.start], dtype=np.float64)
+    features, weight, surface = (np.ascontiguousarray(a[rows, cols]) for a in (grid.features, grid.weight, grid.surface_up_m))
+    return MapGrid(features, weight, surface, A, grid.gsd_m)
 
 
 def thinned(grid: MapGrid, stride: int) -> MapGrid:

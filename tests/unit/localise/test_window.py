@@ -8,7 +8,7 @@ import pytest
 from visloc_companion.errors import OutsideMap
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.plan import local_frame
-from visloc_companion.localise.window import map_grid
+from visloc_companion.localise.window import LEAST_PX, map_grid, part_of_box
 from visloc_companion.localise.working_gsd import working_gsd_m
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.raster import RasterMap
@@ -120,3 +120,13 @@ def test_window_over_the_edge_of_the_content(pack: PackMap) -> None:
     assert 0.5 < off.mean() < 0.9 and not grid.features[off & (np.abs(grid.features).sum(-1) == 0)].any()
     with pytest.raises(OutsideMap):
         window(pack, 0.5, GRADIENT, middle=(0.0, -900.0))
+
+
+def test_a_part_of_a_window_lies_where_the_window_has_it(files: RasterMap) -> None:
+    grid = window(files, 1.0, GRADIENT)
+    part = part_of_box(grid, np.array([-20.0, -5.0]), np.array([15.0, 30.0]), 4)
+    corner = part.A_ne_pix @ np.array([3.0, 2.0, 1.0])
+    u, v = np.rint(np.linalg.solve(grid.A_ne_pix[:, :2], corner - grid.A_ne_pix[:, 2])).astype(int)
+    assert np.array_equal(part.features[2:12, 3:13], grid.features[v : v + 10, u : u + 10])
+    assert all(35 + 2 * 4 <= side <= 35 + 2 * 4 + 4 for side in part.weight.shape)
+    assert part_of_box(grid, np.array([900.0, 900.0]), np.array([905.0, 905.0]), 4).weight.shape == (LEAST_PX, LEAST_PX)
