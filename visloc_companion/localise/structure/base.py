@@ -37,27 +37,31 @@ class PosedFrame:
 class StereoSettings:
     """Limits of pairs, points and the cloud. Pixels are those of the frames.
 
-    Pairs: `overlap` and `base_to_height` are preferred ranges; below their lower ends, or beyond `max_base_to_height`, a pair is
-    not used. `max_partners` frames are matched with the one in their middle. `max_blur_px` is the largest 1-sigma of a smear.
+    Pairs: `overlap` and `base_to_height` are preferred ranges; a pair below `min_overlap`, below the least or beyond
+    `max_base_to_height` is not used. `max_partners` frames are matched with the one in their middle. `max_blur_px`: where too
+    little is found, a smear of a larger 1-sigma is given as the reason.
     Tracks: spacing of corners, their least number and measuring error. Matching: half-width of the window of the sub-pixel step,
     least correlation of a window, largest 1-sigma of a disparity. Cloud: side of the cells that keep one point of the upper
-    surface (0: two pixels on the ground), least number of points, least share of the common ground that has points.
+    surface (0: two pixels on the ground), least number of points, least share of the common ground that has points, largest
+    median 1-sigma of the heights as a share of the height above ground.
     """
 
     overlap: tuple[float, float] = (0.5, 0.8)
+    min_overlap: float = 0.4
     base_to_height: tuple[float, float] = (0.1, 0.4)
     max_base_to_height: float = 0.6
     max_partners: int = 2
-    max_blur_px: float = 5.0
+    max_blur_px: float = 4.5
     corner_spacing_px: int = 20
     min_tracks: int = 30
     sigma_track_px: float = 0.25
     window_half_px: int = 3
-    min_correlation: float = 0.6
+    min_correlation: float = 0.5
     max_sigma_px: float = 0.7
     cell_m: float = 0.0
     min_points: int = 500
-    min_completeness: float = 0.15
+    min_completeness: float = 0.2
+    max_sigma_share: float = 0.005
 
 
 @dataclass(frozen=True, slots=True, eq=False)

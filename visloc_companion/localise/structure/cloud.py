@@ -5,6 +5,7 @@ Pure and deterministic: nothing is drawn at random, and no answer depends on the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import cv2
@@ -50,14 +51,11 @@ def local_cloud(frames: Sequence[PosedFrame], model: CameraModel, settings: Ster
         return star
     used = (star.hub, *star.partners)
     greys = {i: _grey(frames[i].pixels) for i in used}
-    blur = max(blur_px(grey) for grey in greys.values())
-    evidence = {"base_to_height": max(star.base_to_height), "overlap": max(star.overlap), "blur_px": blur}
-    if blur > settings.max_blur_px:
-        return _no(Reason.BLURRED, f"edges are smeared over {blur:.1f} px (1-sigma)", evidence)
-    bundle = _adjusted(frames, greys, star, model, settings, evidence)
-    if isinstance(bundle, NoCloud):
-        return bundle
-    return _dense(frames, greys, used, bundle, model, settings, evidence)
+    evidence = {"base_to_height": max(star.base_to_height), "overlap": max(star.overlap)}
+    found: Bundle | LocalCloud | NoCloud = _adjusted(frames, greys, star, model, settings, evidence)
+    if isinstance(found, Bundle):
+        found = _dense(frames, greys, used, found, model, settings, evidence)
+    return found if isinstance(found, LocalCloud) else _blamed_on_blur(found, greys, settings)
 
 
 def _check(number: int, frame: PosedFrame) -> None:
@@ -71,6 +69,16 @@ def _check(number: int, frame: PosedFrame) -> None:
 
 def _grey(pixels: Image) -> Image:
     return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), dtype=np.uint8) if pixels.ndim == 3 else pixels
+
+
+def _blamed_on_blur(refusal: NoCloud, greys: dict[int, Image], settings: StereoSettings) -> NoCloud:
+    """A refusal for want of features is one for blur where the frames are smeared."""
+    if refusal.reason not in {Reason.LOW_TEXTURE, Reason.TOO_FEW_FEATURES}:
+        return refusal
+    blur = max(blur_px(grey) for grey in greys.values())
+    if not settings.max_blur_px < blur < math.inf:
+        return refusal
+    return NoCloud(Reason.BLURRED, f"{refusal.detail}; edges are smeared over {blur:.1f} px (1-sigma)", refusal.evidence)
 
 
 def _no(reason: Reason, detail: str, evidence: Evidence) -> NoCloud:
@@ -151,6 +159,9 @@ def _dense(
     surface = upper_surface(parts, cell)
     if len(surface.m) < settings.min_points:
         return _no(Reason.TOO_FEW_FEATURES, f"{len(surface.m)} points", evidence)
+    evidence["sigma_m"] = sigma = float(np.median(surface.sigma_m))
+    if sigma > settings.max_sigma_share * height:
+        return _no(Reason.LOW_TEXTURE, f"heights are good to {sigma:.2f} m only", evidence)
     scale = from_heights([frames[i] for i in used], bundle.T_local_cam, surface.m, baseline_sigma(bundle))
     evidence |= {"scale": scale.factor, "scale_apart_sigmas": scale.apart_sigmas}
     if scale.apart_sigmas > MOST_APART_SIGMAS:

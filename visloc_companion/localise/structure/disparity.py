@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.structure.base import StereoSettings
+from visloc_companion.localise.structure.contrast import as_bytes, evened
 from visloc_companion.localise.structure.rectify import RectifiedPair, seen_in_right
-from visloc_companion.types import Image
 
-BLOCK_PX = 5
+BLOCK_PX = 3
 SPECKLE_PX, SPECKLE_STEP_PX = 60, 2
 UNIQUENESS_PERCENT = 5
 LEFT_RIGHT_PX = 1
@@ -52,26 +52,14 @@ def match(pair: RectifiedPair, settings: StereoSettings) -> Disparity:
         speckleRange=SPECKLE_STEP_PX,
         mode=cv2.STEREO_SGBM_MODE_SGBM,
     )
-    left, right = _evened(pair.left), _evened(pair.right)
-    coarse = np.asarray(matcher.compute(_bytes(left), _bytes(right)), dtype=np.float32) / np.float32(16)
+    left, right = evened(pair.left), evened(pair.right)
+    coarse = np.asarray(matcher.compute(as_bytes(left), as_bytes(right)), dtype=np.float32) / np.float32(16)
     matched = coarse >= 0
     value, sigma, correlation = _refined(left, right, np.maximum(coarse, 0), settings.window_half_px)
     common = pair.left_seen & seen_in_right(pair, np.where(matched, value, np.float32(pair.count / 2)))
     good = matched & common & (correlation >= settings.min_correlation) & (sigma <= settings.max_sigma_px)
     good &= np.abs(value - coarse) <= FARTHEST_STEP_PX
     return Disparity(value, sigma, good, common)
-
-
-def _evened(picture: Image) -> Float32Array:
-    """Grey levels without slow changes of brightness and contrast (exposure, vignetting, haze), about unit spread."""
-    image = picture.astype(np.float32)
-    mean = cv2.blur(image, (31, 31))
-    spread = cv2.sqrt(np.maximum(cv2.blur(image * image, (31, 31)) - mean * mean, 0)) + np.float32(4.0)
-    return np.asarray((image - mean) / spread, dtype=np.float32)
-
-
-def _bytes(evened: Float32Array) -> Image:
-    return np.asarray(np.clip(evened * 40 + 128, 0, 255), dtype=np.uint8)
 
 
 def _refined(

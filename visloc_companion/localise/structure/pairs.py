@@ -66,10 +66,10 @@ def _pair(frames: Sequence[PosedFrame], i: int, j: int, model: CameraModel, sett
     inside = _inside(ground, b, model)
     overlap = float(inside.mean())
     ratio = float(np.hypot(*(b.T_local_cam[:2, 3] - a.T_local_cam[:2, 3]))) / a.height_m
-    low, high = settings.overlap[0], settings.max_base_to_height
-    if overlap < low or not settings.base_to_height[0] <= ratio <= high:
+    if overlap < settings.min_overlap or not settings.base_to_height[0] <= ratio <= settings.max_base_to_height:
         return _Pair(overlap, ratio, inside, 0.0)
-    beyond = max(0.0, ratio / settings.base_to_height[1] - 1) + max(0.0, overlap / settings.overlap[1] - 1)
+    low, high = settings.overlap
+    beyond = max(0.0, ratio / settings.base_to_height[1] - 1, overlap / high - 1, low / overlap - 1)
     return _Pair(overlap, ratio, inside, math.sqrt(min(1.0, ratio / settings.base_to_height[1])) / (1 + 2 * beyond))
 
 
@@ -105,4 +105,4 @@ def _refusal(frames: Sequence[PosedFrame], pairs: list[_Pair], settings: StereoS
         if turned > TURNED_RAD:
             return NoCloud(Reason.NO_PARALLAX, f"rotation only: {math.degrees(turned):.0f}° on a base of {widest:.3f}", evidence)
         return NoCloud(Reason.NO_BASELINE, f"hover: base is {widest:.3f} of the height", evidence)
-    return NoCloud(Reason.LOW_OVERLAP, f"no pair overlaps by {settings.overlap[0]:.0%} on a usable base", evidence)
+    return NoCloud(Reason.LOW_OVERLAP, f"no pair overlaps by {settings.min_overlap:.0%} on a usable base", evidence)

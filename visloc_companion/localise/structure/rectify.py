@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from visloc_companion.localise.structure.view import View, level_axes, plane_outline
 from visloc_companion.types import CameraModel, FloatArray, Image
 
-UP_SHARE, DOWN_SHARE = 0.10, 0.05
+UP_SHARE, DOWN_SHARE = 0.25, 0.05
 """Relief beyond that of the tracked points, above and below, as shares of the depth: tops of trees are seldom corners."""
 MOST_DISPARITIES = 256
 

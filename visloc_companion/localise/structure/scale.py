@@ -14,12 +14,14 @@ from visloc_companion.types import FloatArray
 
 BEAM_SHARE, LEAST_BEAM_M = 0.03, 1.5
 """The surface straight below is that within this share of the height (and at least so far) of the camera's nadir."""
+UNIFORM = 12**0.5
 LEAST_BELOW = 5
 
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """Factor on the distances from the cameras' middle, its relative 1-sigma, and by how many sigmas the sources differ."""
+    """Factor on the distances from the cameras' middle, its relative 1-sigma, and by how many sigmas the heights differ from the
+    baselines (median over the frames)."""
 
     factor: float
     sigma: float
@@ -42,7 +44,7 @@ def baseline_sigma(bundle: Bundle) -> float:
 def from_heights(frames: Sequence[PosedFrame], T_local_cam: FloatArray, points_m: FloatArray, sigma: float) -> Scale:
     """Weigh the baselines' scale (1, `sigma`) with the heights that frames claim above the points below them.
 
-    What is below is as uncertain as its heights scatter (a beam meets one place of a crown).
+    A beam among crowns meets anything between the lowest and the highest of what is below.
     """
     information, pull = 1 / sigma**2, 0.0
     measured: list[tuple[float, float]] = []
@@ -52,11 +54,11 @@ def from_heights(frames: Sequence[PosedFrame], T_local_cam: FloatArray, points_m
             continue
         below = points_m[near, 2]
         height = float(T[2, 3] - np.median(below))
-        scatter = 1.4826 * float(np.median(np.abs(below - np.median(below))))
-        variance = (frame.sigma_height_m**2 + scatter**2) / height**2
+        low, high = np.percentile(below, (2, 98))
+        variance = (frame.sigma_height_m**2 + float(high - low) ** 2 / UNIFORM**2) / height**2
         measured.append((frame.height_m / height - 1, variance))
         information += 1 / variance
         pull += (frame.height_m / height - 1) / variance
     change = pull / information
-    apart = max((abs(r) / math.sqrt(v + sigma**2) for r, v in measured), default=0.0)
+    apart = float(np.median([abs(r) / math.sqrt(v + sigma**2) for r, v in measured])) if measured else 0.0
     return Scale(1 + change, math.sqrt(1 / information), apart)

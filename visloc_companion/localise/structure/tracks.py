@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.localise.structure.base import PosedFrame, StereoSettings
+from visloc_companion.localise.structure.contrast import as_bytes, evened
 from visloc_companion.localise.structure.pairs import Star
 from visloc_companion.localise.structure.view import View, level_axes, view_of
 from visloc_companion.types import CameraModel, FloatArray, Image
 
-WINDOW_PX = 21
+WINDOW_PX = 31
+SMOOTHING_PX = 1.0
 LEVELS = 4
 RETURN_PX = 0.5
 """A corner that does not come back to within this was not the same one."""
@@ -84,8 +86,9 @@ def _heading(T_local_cam: FloatArray) -> FloatArray:
 
 def _drawn(view: View, frame: PosedFrame, grey: Image, model: CameraModel) -> tuple[Image, NDArray[np.bool_]]:
     picture, seen = view.render(grey, model, frame.T_local_cam[:3, :3])
+    smooth = np.asarray(cv2.GaussianBlur(picture, (0, 0), SMOOTHING_PX), dtype=np.uint8)
     inner = cv2.erode(seen.astype(np.uint8), np.ones((2 * BORDER_PX + 1,) * 2, np.uint8), borderValue=0) > 0
-    return picture, inner
+    return as_bytes(evened(smooth)), inner
 
 
 def _corners(picture: Image, seen: NDArray[np.bool_], spacing: int) -> FloatArray:

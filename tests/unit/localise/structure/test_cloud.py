@@ -174,8 +174,8 @@ def test_water_with_glitter_is_refused(structure):
 
 
 def test_a_smear_is_refused(structure, town, frames):
-    kernel = np.zeros((41, 41), np.float32)
-    kernel[20] = 1 / 41
+    kernel = np.zeros((61, 61), np.float32)
+    kernel[:, 30] = 1 / 61  # along the flight, as a long exposure smears
     smeared = [replace(f, pixels=cv2.filter2D(f.pixels, -1, kernel)) for f in frames]
     found = refusal(structure, smeared)
     assert found.reason is Reason.BLURRED

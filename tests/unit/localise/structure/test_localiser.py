@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from visloc_companion.errors import Reason
+from visloc_companion.geo.camera import R_FRD_CAM
+from visloc_companion.geo.se3 import quat_from_euler, quat_from_R
+from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
+from visloc_companion.localise.registration.registry import make_registration
+from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.localise.structure.history import MAX_AGE_NS, MOST_FRAMES, FrameHistory
+from visloc_companion.localise.structure.localiser import StructureLocaliser
+from visloc_companion.localise.structure.registered_pose import NED_ENU
+from visloc_companion.localise.votes import TwoVotes
+from visloc_companion.types import Fix, FrameRef, GeoPoint, LocaliseRequest, NoFix, PosePrior, Vote
+
+HOME = GeoPoint(47.0, 8.0, 0.0)
+OFF_NED_M = (6.0, -8.0, 1.5)
+HOUSES_M = ((-60, -40), (-25, -50), (10, -45), (50, -35), (-50, 0), (-12, -8), (20, 5), (55, 10), (-35, 40), (0, 45), (40, 50))
+NORTHS = (-20.0, -8.0, 4.0, 16.0)
+
+
+@pytest.fixture(scope="module")
+def village(structure):
+    """A dozen houses of several heights on level ground, nowhere alike."""
+    rng = np.random.default_rng(4)
+    boxes = []
+    for east, north in HOUSES_M:
+        half_e, half_n = rng.uniform(4, 9, 2)
+        boxes.append(structure.Box(east - half_e, east + half_e, north - half_n, north + half_n, float(rng.uniform(5, 16))))
+    return structure.World(structure.texture(1), tuple(boxes))
+
+
+def map_of(support, world, shape=True):
+    """A map of the world's heights under a picture that has nothing to do with it."""
+    v, u = np.mgrid[0:320, 0:320]
+    places = np.column_stack([(u - 159.5).ravel(), (159.5 - v).ravel()])
+    heights = world.height(places).reshape(u.shape).astype(np.float32)
+    flat = support.FlatMap(support.texture(9, 320), heights)
+    if not shape:
+        return flat
+
+    def cloud_around(center_map_m, radius_m, max_points):
+        axis = np.arange(-radius_m, radius_m, 0.5)
+        east, north = (a.ravel() for a in np.meshgrid(axis, axis))
+        near = np.hypot(east, north) <= radius_m
+        en = np.column_stack([east, north])[near]
+        return np.column_stack([en, world.height(en + np.array(center_map_m))])
+
+    flat.cloud_around = cloud_around
+    return flat
+
+
+def shots(structure, world, norths=NORTHS, off=OFF_NED_M, vote=Vote.STRUCTURE):
+    """Requests and pixels along a line, all priors off by the same."""
+    out = []
+    for k, north in enumerate(norths):
+        T = structure.pose(2.0, north, 90.0, 1.0, -2.0, 5.0)
+        q = quat_from_R(NED_ENU @ T[:3, :3] @ R_FRD_CAM.T)
+        true = (north, 2.0, -90.0)
+        place = geo_from_ned(tuple(a + b for a, b in zip(true, off, strict=True)), HOME)
+        prior = PosePrior(place, q, ((64.0, 0.0), (0.0, 64.0)), 3.0, math.radians(2), math.radians(0.5))
+        frame = FrameRef(0, (k + 1) * 1_000_000_000, k, 0, 320, 240, 1)
+        out.append((LocaliseRequest(k, frame, prior, 1, vote), world.render(structure.MODEL, T, seed=k), true))
+    return out
+
+
+def localiser(structure) -> StructureLocaliser:
+    settings = LocaliserSettings(max_probability_wrong=1.0)
+    return StructureLocaliser(structure.MODEL, settings, make_registration("height-search", 1.0))
+
+
+def asked(structure, world, reference, **other) -> tuple[Fix | NoFix, tuple[float, float, float]]:
+    structural, answer, true = localiser(structure), None, (0.0, 0.0, 0.0)
+    for request, pixels, true in shots(structure, world, **other):  # noqa: B007 (the last one counts)
+        structural.remember(request, pixels, reference)
+        answer = structural.localise(request, pixels, reference)
+    assert answer is not None
+    return answer, true
+
+
+def test_shape_alone_corrects_a_prior_that_is_ten_metres_off(structure, support, village) -> None:
+    answer, true = asked(structure, village, map_of(support, village))
+    assert isinstance(answer, Fix), answer
+    assert (answer.method, answer.frame_id, answer.t_ns) == ("structure", 3, 4_000_000_000)
+    error = np.subtract(ned_from_geo(answer.place, HOME), true)
+    assert np.hypot(*error[:2]) < 1.0
+    assert abs(error[2]) < 4.0
+    assert 0.05 < math.sqrt(answer.cov_ne_m2[0][0]) < 3.0
+
+
+def test_the_same_frames_give_the_same_answer(structure, support, village) -> None:
+    one, other = (asked(structure, village, map_of(support, village))[0] for _ in range(2))
+    assert one.place == other.place
+    assert one.cov_ne_m2 == other.cov_ne_m2
+
+
+@pytest.mark.parametrize(("norths", "reason"), [((0.0,), Reason.NO_PARALLAX), ((0.0, 0.2, 0.4), Reason.NO_BASELINE)])
+def test_without_a_base_line_there_is_no_cloud(structure, support, village, norths, reason) -> None:
+    answer, _ = asked(structure, village, map_of(support, village), norths=norths)
+    assert isinstance(answer, NoFix)
+    assert answer.reason is reason
+
+
+def test_level_ground_says_nothing_of_the_place(structure, support) -> None:
+    plain = structure.World(structure.texture(1))
+    answer, _ = asked(structure, plain, map_of(support, plain))
+    assert isinstance(answer, NoFix)
+
+
+def test_a_map_without_a_shape_is_told(structure, support, village) -> None:
+    answer, _ = asked(structure, village, map_of(support, village, shape=False))
+    assert isinstance(answer, NoFix)
+    assert (answer.reason, answer.detail) == (Reason.BAD_INPUT, "the map has no shape to compare with")
+
+
+class Picture:
+    """An image localiser that says that it was asked."""
+
+    method = "picture"
+
+    def localise(self, request, pixels, ref):
+        return NoFix(0, request.frame.t_ns, request.request_id, request.frame.frame_id, "picture", Reason.NO_MATCH, 0.0)
+
+
+def test_the_request_says_who_votes_and_structure_sees_every_frame(structure, support, village) -> None:
+    both, reference = TwoVotes(Picture(), localiser(structure)), map_of(support, village)
+    assert both.method == "picture"
+    for request, pixels, _ in shots(structure, village, vote=Vote.IMAGE)[:-1]:
+        assert both.localise(request, pixels, reference).method == "picture"
+    request, pixels, _ = shots(structure, village)[-1]
+    answer = both.localise(request, pixels, reference)
+    assert isinstance(answer, Fix)
+    assert answer.method == "structure"
+
+
+def request(north: float, t_s: float) -> LocaliseRequest:
+    prior = PosePrior(geo_from_ned((north, 0.0, -90.0), HOME), quat_from_euler(0, 0, 0), ((1.0, 0.0), (0.0, 1.0)), 1, 0.1, 0.1)
+    return LocaliseRequest(0, FrameRef(0, round(t_s * 1e9), round(10 * t_s), 0, 4, 3, 1), prior, 1)
+
+
+def times(history: FrameHistory) -> list[float]:
+    return [seen.request.frame.t_ns * 1e-9 for seen in history.frames()]
+
+
+def test_frames_too_near_each_other_give_way_to_the_newest() -> None:
+    history, pixels = FrameHistory(), np.zeros((3, 4), np.uint8)
+    for k in range(40):
+        history.add(request(0.5 * k, 0.1 * k), pixels, 100.0)
+    assert times(history)[-1] == pytest.approx(3.9)
+    assert all(later - earlier >= 0.8 - 1e-6 for earlier, later in zip(times(history)[:-2], times(history)[1:-1], strict=True))
+
+
+def test_frames_are_copied_bounded_and_forgotten_with_age_and_a_step_back() -> None:
+    history, pixels = FrameHistory(), np.zeros((3, 4), np.uint8)
+    history.add(request(0.0, 1.0), pixels, 100.0)
+    pixels[:] = 7
+    assert not history.frames()[0].pixels.any()
+    for k in range(1, 30):
+        history.add(request(20.0 * k, 1.0 + 0.2 * k), pixels, 100.0)
+    assert len(history.frames()) == MOST_FRAMES
+    history.add(request(900.0, 1e-9 * MAX_AGE_NS + 7.0), pixels, 100.0)
+    assert len(history.frames()) == 1
+    history.add(request(920.0, 3.0), pixels, 100.0)
+    assert times(history) == [3.0]

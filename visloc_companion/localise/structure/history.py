@@ -1,0 +1,85 @@
+"""The frames that were asked about lately: what motion stereo is made from in flight."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from visloc_companion.geo.camera import R_FRD_CAM
+from visloc_companion.geo.se3 import R_from_quat
+from visloc_companion.geo.wgs84 import distance_m, ned_from_geo
+from visloc_companion.localise.structure.base import PosedFrame
+from visloc_companion.localise.structure.registered_pose import NED_ENU
+from visloc_companion.types import FloatArray, GeoPoint, Image, LocaliseRequest, PosePrior
+
+MOST_FRAMES = 8
+MAX_AGE_NS = 12_000_000_000
+SPACING = 0.04
+"""Frames are kept this share of the height apart: a base-to-height ratio of 0.1 to 0.4 is then always among them."""
+SIGMA_RELATIVE_M = 0.5
+"""1-sigma of each axis of a prior's place relative to that of a moment before, where the filter is no worse."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """A frame with the request that it came with."""
+
+    request: LocaliseRequest
+    pixels: Image
+
+    @property
+    def prior(self) -> PosePrior:
+        """Where it was believed to be taken."""
+        return self.request.prior
+
+
+class FrameHistory:
+    """Frames in the order taken, each far enough from the one before; the newest is always there."""
+
+    def __init__(self) -> None:
+        self._seen: list[Seen] = []
+
+    def add(self, request: LocaliseRequest, pixels: Image, height_m: float) -> None:
+        """Remember a frame (its pixels are copied); one with an earlier time than the last starts anew."""
+        t_ns = request.frame.t_ns
+        if self._seen and t_ns <= self._seen[-1].request.frame.t_ns:
+            self._seen.clear()
+        near = SPACING * height_m
+        if len(self._seen) > 1 and distance_m(self._seen[-1].prior.place, self._seen[-2].prior.place) < near:
+            self._seen.pop()
+        self._seen.append(Seen(request, pixels.copy()))
+        self._seen = [seen for seen in self._seen if t_ns - seen.request.frame.t_ns <= MAX_AGE_NS][-MOST_FRAMES:]
+
+    def frames(self) -> tuple[Seen, ...]:
+        """The oldest first."""
+        return tuple(self._seen)
+
+
+def posed(seen: Seen, origin: GeoPoint, height_m: float, sigma_height_m: float) -> PosedFrame:
+    """A frame in east, north, up about `origin` (its height counts as zero), `height_m` above the surface."""
+    prior = seen.prior
+    T = np.eye(4)
+    T[:3, :3] = NED_ENU.T @ R_from_quat(prior.q_ned_frd) @ R_FRD_CAM
+    T[:3, 3] = NED_ENU.T @ np.array(ned_from_geo(prior.place, origin))
+    return PosedFrame(
+        seen.pixels,
+        T,
+        relative_sigma_m(prior),
+        prior.sigma_tilt_rad,
+        prior.sigma_yaw_rad,
+        height_m,
+        sigma_height_m,
+    )
+
+
+def relative_sigma_m(prior: PosePrior) -> float:
+    """1-sigma of a place relative to another frame's: between them the filter may have been corrected by as much as its own."""
+    return max(SIGMA_RELATIVE_M, horizontal_sigma_m(prior))
+
+
+def horizontal_sigma_m(prior: PosePrior) -> float:
+    """The largest 1-sigma of the horizontal place."""
+    cov: FloatArray = np.array(prior.cov_ne_m2)
+    return math.sqrt(max(float(np.linalg.eigvalsh(cov)[-1]), 0.0))
