@@ -118,7 +118,7 @@ def _evidence(
         yaw_sigmas=abs(heading) / max(prior.sigma_yaw_rad, math.radians(0.5)),
         position_sigmas=math.sqrt(float(offset @ np.linalg.solve(plan.cov_ne_m2, offset))),
         returning=best.returning(),
-        sigma_px=horizontal_sigma(claimed_covariance(estimate, best.gsd_m)) / best.gsd_m,
+        sigma_px=horizontal_sigma(claimed_covariance(estimate, best.gsd_m)) / plan.coarse_gsd_m,
     )
 
 

@@ -21,8 +21,8 @@ GRADIENT_WEIGHTS: Weights = (-1.94, 14.5, 7.67, 0.916, 2.56, -1.73, -2.6, -0.45,
 features, and ..."""
 DEEP_WEIGHTS: Weights = (-9.51, 8.65, 7.23, 1.21, 0.881, 0.409, -0.859, -0.42, 14.4, -1.11, 0.142, 0.304, 0.309)
 """... for the network's."""
-FAR_PX = 10.0
-"""Pixels of the refinement's level: an answer that is off by more is wrong though the place be right."""
+FAR_PX = 5.0
+"""Pixels of the search level (90 across a footprint, fewer where the map has no more): an answer that is off by more is wrong though the place be right."""
 MAX_CHI2_SIGMA = 4.5
 MIN_SCORE = 0.12
 AMBIGUOUS_RATIO = 0.93
@@ -40,7 +40,7 @@ class Evidence:
     probability of its place by the search's posterior; `blocks`, `agreeing`: blocks matched on their own
     and how many agree; `footprint_px`: side of the footprint; `scatter`: of the blocks about the pose, pixels;
     `height_sigmas`, `yaw_sigmas`, `position_sigmas`: distance from the prior; `returning`: share of blocks that
-    agree from frame to map and back; `sigma_px`: claimed 1-sigma along the worst horizontal axis, pixels of the refinement.
+    agree from frame to map and back; `sigma_px`: claimed 1-sigma along the worst horizontal axis, pixels of the search.
     """
 
     score: float

@@ -41,7 +41,7 @@ def test_good_evidence_is_accepted():
 
 @pytest.mark.parametrize(
     ("name", "worse"),
-    [("score", 0.2), ("runner_up", 1.0), ("agreeing", 4.0), ("scatter", 4.0), ("position_sigmas", 3.0), ("sigma_px", 6.0)],
+    [("score", 0.2), ("runner_up", 1.0), ("agreeing", 4.0), ("scatter", 4.0), ("position_sigmas", 3.0), ("sigma_px", 3.0)],
 )
 def test_probability_rises_with_worse_evidence(name, worse):
     assert probability_wrong(replace(GOOD, **{name: worse}), GRADIENT_WEIGHTS) > probability_wrong(GOOD, GRADIENT_WEIGHTS)
@@ -75,14 +75,14 @@ def test_evidence_survives_being_reported():
 
 
 def test_a_position_that_may_be_far_off_is_declined_though_the_place_be_right():
-    vague = replace(GOOD, sigma_px=6.0)
+    vague = replace(GOOD, sigma_px=3.0)
     p = probability_wrong(vague, GRADIENT_WEIGHTS)
-    assert p == pytest.approx(1 - probability_near(6.0), abs=0.001)
+    assert p == pytest.approx(1 - probability_near(3.0), abs=0.001)
     assert refusal(vague, p, 0.05) is not None
 
 
 def test_share_of_positions_that_are_near_is_what_repetition_shows():
-    errors = np.random.default_rng(1).normal(0, 5.0, (20000, 2))
-    assert probability_near(5.0) == pytest.approx(float(np.mean(np.hypot(*errors.T) <= FAR_PX)), abs=0.01)
-    assert probability_near(1.0) == pytest.approx(1.0)
+    errors = np.random.default_rng(1).normal(0, 2.5, (20000, 2))
+    assert probability_near(2.5) == pytest.approx(float(np.mean(np.hypot(*errors.T) <= FAR_PX)), abs=0.01)
+    assert probability_near(0.5) == pytest.approx(1.0)
     assert probability_near(0.0) == 1.0
