@@ -22,7 +22,8 @@ features, and ..."""
 DEEP_WEIGHTS: Weights = (-9.51, 8.65, 7.23, 1.21, 0.881, 0.409, -0.859, -0.42, 14.4, -1.11, 0.142, 0.304, 0.309)
 """... for the network's."""
 FAR_PX = 5.0
-"""Pixels of the search level (90 across a footprint, fewer where the map has no more): an answer that is off by more is wrong though the place be right."""
+"""Pixels of the search level (90 across a footprint, fewer where the map has no more): an answer that is off by more is wrong
+though the place be right."""
 MAX_CHI2_SIGMA = 4.5
 MIN_SCORE = 0.12
 AMBIGUOUS_RATIO = 0.93
