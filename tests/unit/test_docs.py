@@ -17,6 +17,7 @@ from visloc_companion.cli.map import MANY
 from visloc_companion.config import Config, load_config
 from visloc_companion.errors import ConfigError, Reason
 from visloc_companion.evaluate.cases import COLUMNS, TRUTH_COLUMNS
+from visloc_companion.evaluate.cloud_cases import FIELDS, GROWTH, TRUTH_FIELDS
 from visloc_companion.evaluate.gate import parse_gate
 from visloc_companion.sim.autopilot_parameters import PREPARED
 from visloc_companion.sim.scenarios import DEMO, SCENARIOS
@@ -99,6 +100,7 @@ def test_the_documentation_names_every_command() -> None:
         "map check",
         "map info",
         "evaluate image",
+        "evaluate cloud",
         "train features",
         "train export",
     }
@@ -231,6 +233,11 @@ def test_columns_and_gates_that_are_named_exist() -> None:
     section = page.split("`--gate` takes")[1].split("dotted paths")[0]
     for name in re.findall(r"\b[a-z]+[a-z0-9]*_[a-z0-9_]+\b|\bhmi\b|\bnees\b", section):
         assert parse_gate(f"{name}<=1")
+
+
+def test_every_field_of_cloud_cases_is_described() -> None:
+    page = text_of(DOCS / "structure.md")
+    assert all(f"`{field}`" in page for field in (*FIELDS, *TRUTH_FIELDS, GROWTH))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())

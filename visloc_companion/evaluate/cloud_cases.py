@@ -19,6 +19,8 @@ FIELDS = (
     *("sigma_yaw_deg", "sigma_tilt_deg", "sigma_scale"),
 )
 TRUTH_FIELDS = ("id", "T_reference_source")
+GROWTH = "sigma_growth_m"
+"""A field that may be missing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +81,7 @@ def _case(folder: Path, entry: object, number: int) -> CloudCase | BadCloudCase:
             math.radians(_sigma(entry, "sigma_yaw_deg")),
             math.radians(_sigma(entry, "sigma_tilt_deg")),
             _sigma(entry, "sigma_scale"),
+            _sigma({GROWTH: 0.0} | entry, GROWTH),
         )
         return CloudCase(case_id, folder / _text(entry, "source"), folder / _text(entry, "reference"), prior)
     except ValueError as why:

@@ -55,9 +55,10 @@ def folder(tmp_path: Path) -> Path:
     np.savez_compressed(tmp_path / "off_reference.npz", points=cloud + np.array([30.0, 0, 0]))
     np.savez_compressed(tmp_path / "nan.npz", points=np.full((60, 3), np.nan))
     entry = {"source": "a_source.npz", "reference": "a_reference.npz", **SIGMAS}
+    elsewhere = {"source": "far_source.npz", "reference": str(tmp_path / "far_reference.npz")}
     cases = [
         entry | {"id": "town_A_00"},
-        entry | {"id": "town_A_01", "source": "far_source.npz", "reference": str(tmp_path / "far_reference.npz")},
+        entry | elsewhere | {"id": "town_A_01", "sigma_growth_m": 1.5},
         entry | {"id": "wood_B_00", "reference": "off_reference.npz"},
         entry | {"id": "wood_B_01", "source": "few_source.npz"},
         entry | {"id": "unknown", "source": "nan.npz"},
@@ -185,6 +186,8 @@ def test_priors_come_in_radians(folder: Path) -> None:
     case = read_cloud_cases(folder)[0]
     assert isinstance(case, CloudCase)
     assert case.prior == RegistrationPrior(10.0, 3.0, np.radians(3.0), np.radians(0.3), 0.01)
+    grown = read_cloud_cases(folder)[1]
+    assert isinstance(grown, CloudCase) and grown.prior.sigma_growth_m == 1.5
     bad = read_cloud_cases(folder)[6]
     assert isinstance(bad, BadCloudCase) and bad.why == "sigma_scale is not a number: 'wide'"
 
