@@ -103,6 +103,10 @@ class LocaliserConfig(Section):
     """Fixes with a larger calibrated probability of being wrong are declined."""
     max_rate_hz: Positive = 5.0
     """Localisations asked for per second, at most."""
+    structure: bool = False
+    """Ask for the structure vote (motion stereo against the map's shape) when the image is not recognised."""
+    structure_every: Annotated[int, Field(ge=0, le=1000)] = 0
+    """Ask for it in turn as well, after so many image fixes; 0 asks only when the image is not recognised."""
     max_search_radius_m: Positive = 2000.0
     """The search region never grows beyond this, however unsure the prior is."""
 

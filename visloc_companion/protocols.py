@@ -148,6 +148,16 @@ class FeatureMap(Protocol):
 
 
 @runtime_checkable
+class ShapeMap(Protocol):
+    """What a reference map with a surface model or a cloud can do beside (maps/grid.py)."""
+
+    def cloud_around(self, center_map_m: tuple[float, float], radius_m: float, max_points: int) -> FloatArray:
+        """(N, 3) points of the upper surface within `radius_m` of a place in the map's CRS: metres true east and true north of
+        it, and above mean sea level; at most `max_points`, thinned evenly. Raises OutsideMap where there is none, MapError for
+        a map whose ground is a plane."""
+
+
+@runtime_checkable
 class Localiser(Protocol):
     """Finds the camera's pose from one frame. Synchronous, pure, seeded by the request."""
 

@@ -25,6 +25,8 @@ def core_settings(config: Config) -> CoreSettings:
         q_frd_cambody=mounting(config.camera),
         mount_sigma_rad=math.radians(config.camera.mount_sigma_deg),
         max_rate_hz=config.localiser.max_rate_hz,
+        structure=config.localiser.structure,
+        structure_every=config.localiser.structure_every,
         max_search_radius_m=config.localiser.max_search_radius_m,
         attitude_rate_hz=config.link.attitude_rate_hz,
         position_rate_hz=config.link.position_rate_hz,

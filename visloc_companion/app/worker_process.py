@@ -71,23 +71,24 @@ def open_localiser(config: Config) -> OverMap:
 
     Raises MapError, ModelError or ConfigError.
     """
-    from visloc_companion.localise.freshness import FreshFramesOnly
-    from visloc_companion.localise.registry import make_localiser, open_features_for
+    from visloc_companion.localise.flight import flight_localiser
+    from visloc_companion.localise.registry import open_features_for
     from visloc_companion.localise.runtime import default_threads
     from visloc_companion.maps.pack import PackMap
 
     reference = PackMap.open(Path(config.map.pack), verify_hashes=config.map.verify_hashes)
     features = open_features_for(config.localiser.method, network_choice(config.localiser))
-    localiser = make_localiser(
+    localiser = flight_localiser(
         config.localiser.method,
         camera_model(config.camera),
-        features=features,
+        features,
         max_probability_wrong=config.localiser.max_probability_wrong,
         max_search_radius_m=config.localiser.max_search_radius_m,
         threads=config.localiser.threads or default_threads(),
+        structure=config.localiser.structure,
     )
     about = [features.session.about, reference.why_not_stored(features.name, features.recipe)] if features else []
-    return OverMap(FreshFramesOnly(localiser), reference, "; ".join(part for part in about if part))
+    return OverMap(localiser, reference, "; ".join(part for part in about if part))
 
 
 def load_factory(name: str) -> AnswerFactory:

@@ -101,23 +101,24 @@ class LogSource:
         return record
 
     def _eyes(self) -> RecordedEyes | None:
-        from visloc_companion.localise.freshness import FreshFramesOnly
-        from visloc_companion.localise.registry import make_localiser, open_features_for
+        from visloc_companion.localise.flight import flight_localiser
+        from visloc_companion.localise.registry import open_features_for
         from visloc_companion.localise.runtime import default_threads
 
         if self.folder is None or self.folder.frames is None or self.reference is None:
             return None
         chosen = self.config.localiser
         model = camera_model(self.config.camera)
-        localiser = make_localiser(
+        localiser = flight_localiser(
             chosen.method,
             model,
-            features=open_features_for(chosen.method, network_choice(chosen)),
+            open_features_for(chosen.method, network_choice(chosen)),
             max_probability_wrong=chosen.max_probability_wrong,
             max_search_radius_m=chosen.max_search_radius_m,
             threads=chosen.threads or default_threads(),
+            structure=chosen.structure,
         )
-        return RecordedEyes(self.folder.frames, self.folder.boot_from_file_ns, model, FreshFramesOnly(localiser), self.reference)
+        return RecordedEyes(self.folder.frames, self.folder.boot_from_file_ns, model, localiser, self.reference)
 
     def facts(self) -> dict[str, Any]:
         """The autopilot, what was lost, and the verdicts and modes over time."""

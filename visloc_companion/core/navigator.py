@@ -22,6 +22,7 @@ from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.switching import SourceSwitch
 from visloc_companion.core.timesync import ClockOffset, ClockStep
 from visloc_companion.core.tracking import Tracker
+from visloc_companion.core.turns import Turns
 from visloc_companion.core.validate import fault
 from visloc_companion.errors import Reason
 from visloc_companion.types import (
@@ -81,7 +82,9 @@ class Navigator:
         self._tracker = Tracker(settings.navigator)
         self._monitor = GnssMonitor(settings.gnss)
         self._aiding = GnssAiding(settings, self._tracker, self._monitor)
-        self._queue = requests.FrameQueue(settings.max_rate_hz, settings.seed)
+        self._queue = requests.FrameQueue(
+            settings.max_rate_hz, settings.seed, Turns(settings.structure, settings.structure_every)
+        )
         self._switch = SourceSwitch(settings.injection.switch_source)
         self._resets = output.ResetCounter(settings.injection.max_step_m)
         self._mode = Mode.WAITING
@@ -250,7 +253,7 @@ class Navigator:
 
     def _free_worker(self, event: Event, now_ns: int) -> list[Command]:
         if isinstance(event, Fix | NoFix):
-            self._queue.answered(event.request_id)
+            self._queue.answered(event.request_id, isinstance(event, Fix))
             return self._request(now_ns)
         return []
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.turns import Turns
 from visloc_companion.geo import se3, wgs84
 from visloc_companion.types import Cov2, FrameRef, GeoPoint, LocaliseRequest, NavState, PosePrior, Quat
 
@@ -34,9 +35,9 @@ def height_sigma_m(height_above_home_m: float) -> float:
 class FrameQueue:
     """A busy flag and one waiting frame. The worker's answer, or its end, frees it."""
 
-    def __init__(self, max_rate_hz: float, seed: int) -> None:
+    def __init__(self, max_rate_hz: float, seed: int, turns: Turns) -> None:
         self._min_interval_ns = round(RATE_SLACK * 1e9 / max_rate_hz)
-        self._seed = seed
+        self._seed, self._turns = seed, turns
         self._waiting: FrameRef | None = None
         self._busy_id: int | None = None
         self._asked_ns: int | None = None
@@ -53,10 +54,11 @@ class FrameQueue:
         if self._waiting is None or frame.t_ns >= self._waiting.t_ns:
             self._waiting = frame
 
-    def answered(self, request_id: int) -> None:
-        """The worker answered a request."""
+    def answered(self, request_id: int, found: bool) -> None:
+        """The worker answered a request, with a fix or without."""
         if request_id == self._busy_id:
             self._busy_id = None
+            self._turns.answered(found)
 
     def worker(self, up: bool) -> None:
         """The worker came up or ended; either way nothing is outstanding any more."""
@@ -73,7 +75,8 @@ class FrameQueue:
         """The request for a frame; it is outstanding from now on."""
         self._last_id += 1
         self._busy_id, self._asked_ns, self._waiting = self._last_id, now_ns, None
-        return LocaliseRequest(self._last_id, frame, prior, (self._seed * SEED_STEP + self._last_id) % MAX_SEED)
+        seed = (self._seed * SEED_STEP + self._last_id) % MAX_SEED
+        return LocaliseRequest(self._last_id, frame, prior, seed, self._turns.vote)
 
 
 def pose_prior(

@@ -59,7 +59,8 @@ class CoreSettings:
 
     `q_frd_cambody` is the attitude of the camera's body (looks along its down axis, top edge of the image forward) in the
     vehicle's body; `mount_sigma_rad` the 1-sigma tilt of mounting and attitude together. `max_rate_hz` bounds the requests
-    to the localiser, `max_search_radius_m` the 3-sigma radius of their search. The link rates go into RequestMessage.
+    to the localiser, `max_search_radius_m` the 3-sigma radius of their search. For `structure`,
+    `structure_every` see core/turns.py. The link rates go into RequestMessage.
     """
 
     navigator: NavigatorSettings = NavigatorSettings()
@@ -68,6 +69,8 @@ class CoreSettings:
     q_frd_cambody: Quat = (1.0, 0.0, 0.0, 0.0)
     mount_sigma_rad: float = math.radians(1.0)
     max_rate_hz: float = 5.0
+    structure: bool = False
+    structure_every: int = 0
     max_search_radius_m: float = 2000.0
     attitude_rate_hz: float = 50.0
     position_rate_hz: float = 10.0

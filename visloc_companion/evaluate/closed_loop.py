@@ -19,8 +19,8 @@ from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.metrics import Interval, error_figures, flight_summary
 from visloc_companion.evaluate.record import FlightRecord, from_entries
 from visloc_companion.geo.wgs84 import distance_m
-from visloc_companion.localise.freshness import FreshFramesOnly
-from visloc_companion.localise.registry import make_localiser, open_features_for
+from visloc_companion.localise.flight import flight_localiser
+from visloc_companion.localise.registry import open_features_for
 from visloc_companion.localise.runtime import NetworkChoice
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.sim.camera import SimulatedCamera
@@ -110,15 +110,17 @@ def eyes_over(setup: FlightSetup, world: FlightWorld, method: str) -> Eyes:
     Raises ConfigError for a name that there is not, ModelError where the network cannot be used.
     """
     model = setup.camera_model()
-    localiser = make_localiser(
+    localiser = flight_localiser(
         method,
         model,
-        features=open_features_for(method, NetworkChoice(threads=1)),
+        open_features_for(method, NetworkChoice(threads=1)),
         max_probability_wrong=LocaliserConfig().max_probability_wrong,
         max_search_radius_m=LocaliserConfig().max_search_radius_m,
+        threads=1,
+        structure=LocaliserConfig().structure,
     )
     camera = SimulatedCamera(CameraSimulator(world.scene, model, CameraEffects()), model, seed=setup.seed)
-    return Eyes(camera, FreshFramesOnly(localiser), world.reference, FRAME_RATE_HZ)
+    return Eyes(camera, localiser, world.reference, FRAME_RATE_HZ)
 
 
 def simulated_config(setup: FlightSetup) -> Config:

@@ -20,6 +20,7 @@ from visloc_companion.types.basic import (
     Vec2,
     Vec3,
     Verdict,
+    Vote,
 )
 from visloc_companion.types.commands import (
     Command,
@@ -111,5 +112,6 @@ __all__ = [
     "Vec2",
     "Vec3",
     "Verdict",
+    "Vote",
     "WorkerState",
 ]

@@ -52,6 +52,13 @@ class InjectionPolicy(StrEnum):
     ALWAYS = "always"
 
 
+class Vote(StrEnum):
+    """Which of the two independent localisers is asked: by the map's picture, or by its shape."""
+
+    IMAGE = "image"
+    STRUCTURE = "structure"
+
+
 class Severity(StrEnum):
     """Severity of a Notice, mapped to MAV_SEVERITY when it goes to the operator."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from visloc_companion.types.basic import Cov2, EkfSource, GeoPoint, Mode, Quat, Severity, Vec3, Verdict
+from visloc_companion.types.basic import Cov2, EkfSource, GeoPoint, Mode, Quat, Severity, Vec3, Verdict, Vote
 from visloc_companion.types.events import FrameRef
 
 
@@ -28,6 +28,7 @@ class LocaliseRequest:
     frame: FrameRef
     prior: PosePrior
     seed: int
+    vote: Vote = Vote.IMAGE
 
 
 @dataclass(frozen=True, slots=True)

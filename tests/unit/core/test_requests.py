@@ -5,6 +5,7 @@ import math
 import pytest
 
 from visloc_companion.core.requests import FrameQueue, bounded, height_sigma_m, held_by_gnss, pose_prior
+from visloc_companion.core.turns import Turns
 from visloc_companion.geo import se3, wgs84
 from visloc_companion.types import FrameRef, GeoPoint, LocaliseRequest, NavState, PosePrior
 
@@ -25,7 +26,7 @@ def take(queue: FrameQueue, now_ms: int) -> LocaliseRequest | None:
 
 
 def test_newest_frame_wins_while_busy() -> None:
-    queue = FrameQueue(5.0, seed=3)
+    queue = FrameQueue(5.0, seed=3, turns=Turns(False, 0))
     queue.offer(frame(0))
     first = take(queue, 1)
     assert first is not None
@@ -34,9 +35,9 @@ def test_newest_frame_wins_while_busy() -> None:
         queue.offer(frame(t))
     queue.offer(frame(250))  # late and older: ignored
     assert take(queue, 310) is None
-    queue.answered(99)
+    queue.answered(99, True)
     assert queue.busy
-    queue.answered(first.request_id)
+    queue.answered(first.request_id, True)
     second = take(queue, 320)
     assert second is not None
     assert second.frame.frame_id == 300
@@ -46,19 +47,19 @@ def test_newest_frame_wins_while_busy() -> None:
 
 
 def test_rate_is_bounded() -> None:
-    queue = FrameQueue(2.0, seed=1)
+    queue = FrameQueue(2.0, seed=1, turns=Turns(False, 0))
     asked = []
     for t in range(0, 4000, 50):
         queue.offer(frame(t))
         got = take(queue, t)
         if got is not None:
             asked.append(t)
-            queue.answered(got.request_id)
+            queue.answered(got.request_id, True)
     assert len(asked) == pytest.approx(4.0 * 2.0 / 0.8, abs=1)
 
 
 def test_a_dead_worker_frees_the_queue_and_is_not_asked() -> None:
-    queue = FrameQueue(5.0, seed=1)
+    queue = FrameQueue(5.0, seed=1, turns=Turns(False, 0))
     queue.offer(frame(0))
     assert take(queue, 0) is not None
     queue.worker(up=False)
@@ -70,7 +71,7 @@ def test_a_dead_worker_frees_the_queue_and_is_not_asked() -> None:
 
 
 def test_frames_that_waited_too_long_are_dropped() -> None:
-    queue = FrameQueue(5.0, seed=1)
+    queue = FrameQueue(5.0, seed=1, turns=Turns(False, 0))
     queue.offer(frame(0))
     assert take(queue, 3001) is None
     queue.offer(frame(3000))

@@ -1,0 +1,44 @@
+"""What localises in flight: the image localiser of a name, the structure vote beside it, and no frame twice."""
+
+from __future__ import annotations
+
+from visloc_companion.localise.features.base import Features
+from visloc_companion.localise.freshness import FreshFramesOnly
+from visloc_companion.localise.registration.registry import make_registration
+from visloc_companion.localise.registry import make_localiser
+from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.localise.structure.localiser import StructureLocaliser
+from visloc_companion.localise.votes import TwoVotes
+from visloc_companion.protocols import Localiser
+from visloc_companion.types import CameraModel
+
+REGISTRATION = "height-search"
+
+
+def flight_localiser(
+    method: str,
+    model: CameraModel,
+    features: Features | None,
+    *,
+    max_probability_wrong: float,
+    max_search_radius_m: float,
+    threads: int,
+    structure: bool,
+) -> Localiser:
+    """The localiser of a name (localise/registry.py) with the structure vote, if wanted.
+
+    Raises ConfigError as `make_localiser`.
+    """
+    image = make_localiser(
+        method,
+        model,
+        features=features,
+        max_probability_wrong=max_probability_wrong,
+        max_search_radius_m=max_search_radius_m,
+        threads=threads,
+    )
+    if not structure:
+        return FreshFramesOnly(image)
+    settings = LocaliserSettings(max_probability_wrong, max_search_radius_m)
+    register = make_registration(REGISTRATION, max_probability_wrong)
+    return FreshFramesOnly(TwoVotes(image, StructureLocaliser(model, settings, register)))
