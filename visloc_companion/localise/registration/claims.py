@@ -16,13 +16,15 @@ from visloc_companion.localise.registration.refine import Refined
 from visloc_companion.types import FloatArray
 
 WEIGHTS: dict[str, tuple[float, ...]] = {
-    "height-search": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    "gicp": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    "features": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    "height-search": (-4.05, 25.22, 3.47, -0.51),
+    "gicp": (-4.05, 25.22, 3.47, -0.51),
+    "features": (-4.05, 25.22, 3.47, -0.51),
 }
 """Of each method on `regressors`: log-odds of being right."""
-FORMAL_FACTOR = 3.0
-FLOOR_M = (0.1, 0.1)
+NOISE = 0.05
+"""Scores below this are chance."""
+FORMAL_FACTOR = 6.0
+FLOOR_M = (0.05, 0.1)
 HEIGHT_SHARE = 0.15
 """Sigmas: the formal ones times a factor, a floor (horizontal, vertical), and of the height a share of the heights' deviation."""
 FLAT_M, LOOSE_M, CLEAR_LEAD = 0.1, 0.5, 0.1
@@ -31,8 +33,8 @@ FLAT_M, LOOSE_M, CLEAR_LEAD = 0.1, 0.5, 0.1
 
 def regressors(e: Evidence) -> tuple[float, ...]:
     """What the log-odds are linear in."""
-    strength = math.atanh(min(max(e.correlation, 0.0), 0.98))
-    return (1.0, strength, e.score - e.rival, math.log(max(e.formal_sigma_m, 1e-3)), e.blocks, math.sqrt(e.overlap))
+    ratio = math.log((max(e.score, 0.0) + NOISE) / (e.rival + NOISE))
+    return (1.0, e.score - e.rival, ratio, math.log(max(e.formal_sigma_m, 1e-3)))
 
 
 def probability_wrong(method: str, e: Evidence) -> float:

@@ -44,7 +44,7 @@ class HeightMap:
     def around(self, xy_m: FloatArray, half_m: float) -> HeightMap:
         """The part within a square about a place; empty where the two do not meet."""
         shape = np.array(self.known.shape[::-1])
-        low, high = (np.clip(np.round(self.cells_of(xy_m + side)), 0, shape).astype(int) for side in (-half_m, half_m))
+        low, high = (np.clip(np.floor(self.cells_of(xy_m + side) + 0.5), 0, shape).astype(int) for side in (-half_m, half_m))
         at = (slice(low[1], high[1]), slice(low[0], high[0]))
         return HeightMap(self.height_m[at], self.known[at], self.corner_m + low * self.cell_m, self.cell_m)
 

@@ -1,0 +1,112 @@
+"""Fit what registration claims: `python -m benchmarks.calibrate_clouds CLOUDS WORK [--method NAME] [--n N]`.
+
+On four places of CLOUDS (`benchmarks.cloud_cases.FITTED`), both levels; the same with a thinned reference; sources on the
+reference of another of these places, where there is no right answer; and made clouds without information
+(`benchmarks/bare_clouds.py`). Prints the logistic weights of `probability_wrong`, what they say of each place when fitted on the
+others, and the ratio of errors to claimed sigmas.
+"""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from benchmarks.bare_clouds import write_bare_clouds
+from benchmarks.cloud_answers import CloudAnswer, answer_of
+from benchmarks.cloud_cases import FITTED, LEVELS, SPARSE, CloudCase, elsewhere, make, read, thinned
+from visloc_companion.evaluate.reliability import reliability
+from visloc_companion.localise.registration.claims import regressors
+from visloc_companion.localise.registration.evidence import Evidence
+from visloc_companion.localise.registration.registry import METHODS, make_registration
+
+Array = NDArray[np.float64]
+SEED = 71
+RIDGE = 0.3
+
+
+def fit_cases(clouds: Path, work: Path, n: int) -> list[CloudCase]:
+    """Of every kind; sources on another place's reference are as many as right ones at one level."""
+    cases: list[CloudCase] = []
+    bare = write_bare_clouds(work / "bare", SEED)
+    for level in LEVELS:
+        real = list(read(make(clouds, work / "real", level, n, SEED), level, FITTED))
+        cases += real + [thinned(c, SPARSE, k) for k, c in enumerate(real) if k % 2]
+        cases += list(read(make(bare, work / "bare_cases", level, n, SEED), level))
+        for k, case in enumerate(real):
+            others = [c for c in real if c.cloud != case.cloud and c.scenario == case.scenario]
+            cases += [elsewhere(case, others[k % len(others)])] if k % 2 else []
+    return cases
+
+
+def main() -> None:
+    """Make the cases, register them with every answer accepted, fit, print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("clouds", type=Path)
+    parser.add_argument("work", type=Path)
+    parser.add_argument("--method", choices=list(METHODS), default="height-search")
+    parser.add_argument("--n", type=int, default=10, help="cases a cloud, scenario and level")
+    args = parser.parse_args()
+    method = make_registration(args.method, 1.0)
+    found = [answer_of(method, case) for case in fit_cases(args.clouds, args.work, args.n)]
+    found = [a for a in found if not a.reason]
+    x = np.array([regressors(Evidence(**a.evidence)) for a in found])
+    right = np.array([not a.wrong for a in found], dtype=np.float64)
+    weights, p = fitted(x, right), crossed(x, right, np.array([a.cloud for a in found]))
+    figures = reliability(p, right < 0.5)
+    print(
+        f"{args.method}: {len(found)} answers, {int((1 - right).sum())} wrong, claimed {p.sum():.1f}, AUC {figures['separation']}"
+    )
+    print("WEIGHTS", ", ".join(f"{w:.3g}" for w in weights))
+    for limit in (0.01, 0.02, 0.05, 0.1):
+        taken = p <= limit
+        print(
+            f"  p <= {limit}: {100 * right[taken].sum() / right.sum():.1f} % of the right, {int((1 - right)[taken].sum())} wrong"
+        )
+    for line in sigma_lines([a for a in found if not a.wrong]):
+        print(line)
+
+
+def fitted(x: Array, right: Array) -> Array:
+    """Weights of a logistic regression, the first for the constant, with a ridge on the others of what is standardised."""
+    mean, scale = x[:, 1:].mean(0), np.maximum(x[:, 1:].std(0), 1e-9)
+    z = np.column_stack([np.ones(len(x)), (x[:, 1:] - mean) / scale])
+
+    def cost(w: Array) -> tuple[float, Array]:
+        odds = z @ w
+        held = np.append(0.0, RIDGE * w[1:])
+        value = float(np.sum(np.logaddexp(0, odds) - right * odds) + 0.5 * held @ w)
+        return value, z.T @ (1 / (1 + np.exp(-odds)) - right) + held
+
+    w = minimize(cost, np.zeros(z.shape[1]), jac=True, method="L-BFGS-B").x
+    return np.append(w[0] - w[1:] / scale @ mean, w[1:] / scale)
+
+
+def crossed(x: Array, right: Array, group: Array) -> Array:
+    """Probability of being wrong of each answer by weights that were fitted on the other groups."""
+    p = np.empty(len(x))
+    for name in np.unique(group):
+        own = group == name
+        p[own] = 1 / (1 + np.exp(np.clip(x[own] @ fitted(x[~own], right[~own]), -50, 50)))
+    return p
+
+
+def sigma_lines(right: list[CloudAnswer]) -> list[str]:
+    """Errors of right answers over the claimed sigmas, by cloud and of all."""
+    lines = []
+    for cloud in [*sorted({a.cloud for a in right}), ""]:
+        some = [a for a in right if cloud in ("", a.cloud)]
+        z = np.array([a.error_m / np.sqrt(np.diag(a.covariance_m2)) for a in some])
+        inside = np.mean([a.error_m[:2] @ np.linalg.solve(a.covariance_m2[:2, :2], a.error_m[:2]) <= 5.991 for a in some])
+        rms = np.sqrt((z**2).mean(0)).round(2)
+        lines.append(f"{cloud or 'all'}: rms(error / sigma) {rms}, {100 * inside:.1f} % inside the 95 % ellipse ({len(some)})")
+    return lines
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("error")
+    main()

@@ -1,0 +1,35 @@
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+
+from visloc_companion.errors import ConfigError
+from visloc_companion.localise.registration.registry import DEFAULT_METHOD, METHODS, make_registration
+
+
+def test_the_default_is_the_first_name():
+    assert next(iter(METHODS)) == DEFAULT_METHOD
+    assert set(METHODS) == {"height-search", "gicp", "features"}
+
+
+def test_refuses_unknown_names_and_probabilities():
+    with pytest.raises(ConfigError, match="use one of height-search, gicp, features"):
+        make_registration("icp")
+    with pytest.raises(ConfigError, match="max_probability_wrong"):
+        make_registration("gicp", 1.5)
+
+
+def test_names_the_extra_where_open3d_is_missing(monkeypatch):
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    with pytest.raises(ConfigError, match=r"visloc-companion\[open3d\]"):
+        make_registration("features")
+
+
+def test_gicp_refines_from_a_prior_that_is_near(scene):
+    near = scene.source_m @ scene.T_true[:3, :3].T + scene.T_true[:3, 3] + [1.5, -1.0, 0.5]
+    found = make_registration("gicp", 1.0)(near, scene.reference_m, scene.prior)
+    T = found.T_reference_source
+    off = near @ T[:3, :3].T + T[:3, 3] - (near - [1.5, -1.0, 0.5])
+    assert np.abs(off.mean(0)).max() < 0.3
