@@ -23,7 +23,8 @@ FLOOR_PX = 0.15
 def claimed_covariance(estimate: PoseEstimate, gsd_m: float) -> FloatArray:
     """(6, 6) of north, east, up (metres) and rotation about them (radians) from a pose of blocks at a working resolution."""
     factor = FACTOR * max(1.0, estimate.scatter) ** SHARED_POWER
-    covariance = np.asarray(estimate.covariance * factor**2, dtype=np.float64)
+    of_blocks = estimate.covariance - estimate.of_slope
+    covariance = np.asarray(of_blocks * factor**2 + estimate.of_slope, dtype=np.float64)
     covariance[:2, :2] += np.eye(2) * (FLOOR_PX * gsd_m) ** 2
     return covariance
 

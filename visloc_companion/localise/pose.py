@@ -11,7 +11,7 @@ their share. Slope and tilt differ in the second order only, and no real ground 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -29,12 +29,14 @@ show in their differences."""
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseEstimate:
     """Pose, covariance (6, 6) of (north, east, up, rotation about n, e, d), scatter of the residuals (in units of the given
-    sigmas) and the final weights (N,) of the correspondences."""
+    sigmas), the final weights (N,) of the correspondences, and how much of the covariance (6, 6) is of the ground's open slope,
+    which no scatter tells of."""
 
     pose: CameraPose
     covariance: FloatArray
     scatter: float
     weights: FloatArray
+    of_slope: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,9 +77,10 @@ def freed_of_slope(apparent: PoseEstimate, prior: PriorTerm, sigma_slope_rad: fl
     turn = _turns_about_view(apparent.pose, ground_up_m)
     kept = np.eye(6)
     kept[:, 3:5] -= share * turn
-    covariance = kept @ apparent.covariance @ kept.T + share * tilt_2 * turn @ turn.T
+    of_slope = np.asarray(share * tilt_2 * turn @ turn.T, dtype=np.float64)
+    covariance = np.asarray(kept @ apparent.covariance @ kept.T + of_slope, dtype=np.float64)
     pose = turned_about_view(apparent.pose, ground_up_m, np.append(-share * tilt, 0.0))
-    return replace(apparent, pose=pose, covariance=np.asarray(covariance, dtype=np.float64))
+    return replace(apparent, pose=pose, covariance=covariance, of_slope=of_slope)
 
 
 def turned_about_view(pose: CameraPose, ground_up_m: float, turn_rad: FloatArray) -> CameraPose:

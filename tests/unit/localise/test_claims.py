@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -39,3 +41,10 @@ def test_worst_horizontal_axis_may_lie_across_the_compass():
     turned = np.zeros((6, 6))
     turned[:2, :2] = [[5.0, 4.0], [4.0, 5.0]]
     assert horizontal_sigma(turned) == pytest.approx(3.0)
+
+
+def test_what_the_slope_leaves_open_is_not_widened_by_the_scatter():
+    of_slope = np.diag([3.0, 3.0, 0.0, 0.0, 0.0, 0.0])
+    whole = estimate(4.0)
+    with_slope = replace(whole, covariance=whole.covariance + of_slope, of_slope=of_slope)
+    np.testing.assert_allclose(claimed_covariance(with_slope, 1.0) - claimed_covariance(whole, 1.0), of_slope, atol=1e-12)
