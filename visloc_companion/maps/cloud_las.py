@@ -5,6 +5,7 @@ A COPC file is a LAZ file whose points are sorted; it is read like any other.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -75,8 +76,11 @@ def open_las(path: Path, crs_text: str = "") -> Iterator[LasFile]:
         raise CloudError("there is no such file", where=str(path), remedy="name a .las or .laz file")
     wanted = laspy.DecompressionSelection
     with las_errors(path):
+        _check_records(path)
         reader = laspy.open(
-            path, decompression_selection=wanted.XY_RETURNS_CHANNEL | wanted.Z | wanted.CLASSIFICATION | wanted.FLAGS
+            path,
+            laz_backend=laspy.LazBackend.Lazrs,  # the parallel one takes what memory a damaged file asks for, and aborts
+            decompression_selection=wanted.XY_RETURNS_CHANNEL | wanted.Z | wanted.CLASSIFICATION | wanted.FLAGS,
         )
     with reader:
         with las_errors(path):
@@ -104,6 +108,23 @@ def las_errors(path: Path) -> Iterator[None]:
         raise
     except Exception as why:
         raise CloudError(f"cannot be read as a point cloud: {why}", where=str(path), remedy=READ_AGAIN) from why
+
+
+def _check_records(path: Path) -> None:
+    """Refuse a header that states more records of variable length than fit the file: laspy would make room for them all.
+
+    Offsets and sizes: ASPRS LAS 1.4, tables 3, 5 and 6.
+    """
+    with path.open("rb") as stream:
+        head = stream.read(247)
+    if head[:4] != b"LASF":
+        raise CloudError("is no LAS file: it does not begin with LASF", where=str(path), remedy=READ_AGAIN)
+    header_size, to_points, count = struct.unpack_from("<HII", head, 94)
+    (more,) = struct.unpack_from("<I", head, 243) if (head[24], head[25]) >= (1, 4) else (0,)
+    if count * 54 > max(0, to_points - header_size) or more * 60 > path.stat().st_size:
+        raise CloudError(
+            f"header: states {count} and {more} records, for which it has no room", where=str(path), remedy=READ_AGAIN
+        )
 
 
 def _surface_points(records: Any) -> FloatArray:

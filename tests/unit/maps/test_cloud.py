@@ -205,6 +205,15 @@ def test_bounds_that_are_none(tmp_path: Path) -> None:
         read_cloud(tmp_path / "a.las")
 
 
+@pytest.mark.parametrize("at", [103, 246])
+def test_a_header_that_states_billions_of_records_is_refused_at_once(tmp_path: Path, at: int) -> None:
+    raw = bytearray(write_las(tmp_path / "a.laz", scene()).read_bytes())
+    raw[at] = 200  # LAS 1.4, table 3: number of variable length records, and of extended ones
+    (tmp_path / "a.laz").write_bytes(raw)
+    with pytest.raises(CloudError, match=r"a\.laz: header: states .* records, for which it has no room; remedy"):
+        read_cloud(tmp_path / "a.laz")
+
+
 def test_las_without_a_surface_is_named(tmp_path: Path) -> None:
     write_las(tmp_path / "empty.laz", np.zeros((0, 3)))
     write_las(tmp_path / "noise.las", scene(50), None, np.full(50, 7, np.uint8))
