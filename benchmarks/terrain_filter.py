@@ -64,6 +64,10 @@ class ErrorFilter:
         Q[6, 6] = facts.BARO_M**2 * 2 * dt_s / facts.BARO_S
         self.x, self.P = kalman.predict(self.x, self.P, F, Q, np.zeros(7))
 
+    def doubt(self) -> None:
+        """Something well seen contradicts the filter: its uncertainty doubles, so that the search reaches as far."""
+        self.P = self.P * 4.0
+
     def observe(self, fix: TerrainFix, p_dead_reckoned_m: FloatArray, h_indicated_m: float) -> Accepted | Rejected:
         """Take a fix at the time that the filter stands at."""
         R = np.zeros((3, 3))

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import argparse
 import math
+import pickle
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -57,9 +59,12 @@ def main() -> None:
     """Collect, fit, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="*", default=[100, 101])
-    parser.add_argument("--every", type=int, default=2, help="use each so many-th stretch under the wider priors")
+    parser.add_argument("--every", type=int, default=6, help="use each so many-th stretch under the wider priors")
+    parser.add_argument("--keep", type=Path, help="write the samples to this file (pickle)")
     args = parser.parse_args()
     samples = [s for seed in args.seeds for s in collected(seed, args.every)]
+    if args.keep:
+        args.keep.write_bytes(pickle.dumps(samples))
     tracked = np.array([s.sigmas for s in samples if s.tracked and s.off_m <= RIGHT_M and usable(s.evidence)])
     print(f"{len(samples)} matches, {sum(s.off_m > RIGHT_M for s in samples)} wrong; {len(tracked)} right ones of the tracking")
     print("rms(error/sigma) north, east, height:", np.sqrt(np.mean(np.square(tracked), axis=0)).round(2))
@@ -71,9 +76,8 @@ def main() -> None:
     p = 1 / (1 + np.exp(np.clip(X @ weights, -50, 50)))
     print("WEIGHTS =", tuple(float(f"{w:.3g}") for w in weights))
     taken = p <= TerrainSettings().max_probability_wrong
-    print(
-        f"AUC {auc(p, y < 0.5):.4f}; accepted: {(taken & (y > 0.5)).sum()} of {int(y.sum())} right, {(taken & (y < 0.5)).sum()} wrong"
-    )
+    wrong = taken & (y < 0.5)
+    print(f"AUC {auc(p, y < 0.5):.4f}; accepted: {taken.sum() - wrong.sum()} of {int(y.sum())} right, {wrong.sum()} wrong")
 
 
 def usable(evidence: Evidence) -> bool:

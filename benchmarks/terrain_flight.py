@@ -8,7 +8,7 @@ Track: legs of the world's length joined by turns, 50 m/s, about 300 m above the
 * `mems`: odometry with a MEMS attitude: scale error 1 % (visual odometry's drift is of that order), heading error 1 deg,
   noise 0.2 m/s over 10 s; roll and pitch 0.2 deg.
 
-Barometer: bias 10 m over an hour (weather, temperature) and 0.3 m noise. Scanner: 60 beams over 90 degrees every 0.2 s, 0.3 m
+Barometer: bias 10 m over an hour (weather, temperature) and 0.3 m noise. Scanner: 120 beams over 90 degrees every 0.1 s, 0.3 m
 noise; stereo would be 0.5 % of the height: 1.5 m. Altimeter: one beam down, 10 Hz, 0.5 m.
 """
 
@@ -30,8 +30,8 @@ ABOVE_GROUND_M = 300.0
 TURN_RADIUS_M = 1000.0
 MARGIN_M = 4000.0
 GRAVITY = 9.81
-SCAN_S = 0.2
-BEAMS = np.tan(np.deg2rad(np.linspace(-45, 45, 60)))
+SCAN_S = 0.1
+BEAMS = np.tan(np.deg2rad(np.linspace(-45, 45, 120)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,15 +12,25 @@ from benchmarks import terrain_flight as facts
 from benchmarks.terrain_filter import ErrorFilter
 from benchmarks.terrain_flight import SCAN_S, SPEED_MPS, STEP_S, Flight, beam, scan
 from benchmarks.terrain_world import World
+from visloc_companion.errors import Reason
 from visloc_companion.localise.terrain.base import Kind, NoTerrainFix, Soundings, TerrainFix, TerrainPrior
 from visloc_companion.localise.terrain.elevation import ElevationMap
 from visloc_companion.localise.terrain.information import expected_sigma_m
 from visloc_companion.localise.terrain.match import locate
 from visloc_companion.localise.terrain.settings import TerrainSettings
+from visloc_companion.localise.terrain.thin import lowest_in_cells
 from visloc_companion.types import FloatArray, Rejected
 
 START_SIGMA_M = 15.0
 CHECK_STEPS = round(300 / SPEED_MPS / STEP_S)
+THIN_M = 10.0
+"""The sensor's own points are thinned to the lowest of such cells as they come."""
+TURN_RAD = math.radians(20)
+"""A stretch ends in a turn of more than this: the dead reckoning's error changes with the course."""
+WANDER = 0.3
+"""Of a random walk's spread at its end, what remains when a line is fitted to it."""
+CHECK_GROWTH = 1.3
+"""A stretch that does not tell enough is asked again when it is longer by this factor."""
 SHORTEST_M = {Kind.PATCH: 600.0, Kind.PROFILE: 1500.0}
 LONGEST_M = {Kind.PATCH: 3000.0, Kind.PROFILE: 6000.0}
 ENOUGH_M = {Kind.PATCH: 3.0, Kind.PROFILE: 6.0}
@@ -67,15 +77,18 @@ class Run:
         """From the first step to the last."""
         outcome, at, last = Outcome(), 0, len(self.flight.p_ne_m) - 1
         while at + 2 * CHECK_STEPS < last:
-            first, soundings, length = at, [], 0.0
+            first, soundings, length, wanted = at, [], 0.0, SHORTEST_M[self.kind]
             while at < last and length < LONGEST_M[self.kind]:
                 until = min(at + CHECK_STEPS, last)
                 soundings.append(self._measured(at, until))
                 self._carry(at, until)
                 at, length = until, (until - first) * STEP_S * SPEED_MPS
-                stretch = self.stretch(soundings, at)
-                if stretch is not None and length >= SHORTEST_M[self.kind] and self._enough(stretch, at, settings):
+                if length < wanted:
+                    continue
+                turned = abs(self.flight.course_rad[at] - self.flight.course_rad[first]) > TURN_RAD
+                if turned or self._enough(self.stretch(soundings, at), at, settings):
                     break
+                wanted = CHECK_GROWTH * length
             self._match(outcome, self.stretch(soundings, at), at, length, settings)
         return outcome
 
@@ -86,10 +99,19 @@ class Run:
         drift = self.flight.drift
         heading = math.hypot(drift.heading_rad, facts.GYROSCOPE * step * STEP_S if drift.inertial else 0.0)
         cov = ((float(P[0, 0]), float(P[0, 1])), (float(P[0, 1]), float(P[1, 1])))
-        sigma_v = math.sqrt(max(float(P[2, 2]), float(P[3, 3])) + (0.0 if drift.inertial else facts.ODOMETRY_MPS**2 / 4))
+        sigma_v, sigma_a = (math.sqrt(max(float(P[k, k]), float(P[k + 1, k + 1]))) for k in (2, 4))
+        wander = 0.0
+        if not drift.inertial:
+            span = float(stretch.age_s.max())
+            walk = self.filter.sigma_v_mps * math.sqrt(2 / facts.SCALE_S)  # of the velocity error, m/s/sqrt(s)
+            bent = walk * span**1.5 / math.sqrt(3)
+            sigma_a = 2 * bent / span**2
+            wander = math.hypot(0.1 * bent, WANDER * facts.ODOMETRY_MPS * math.sqrt(2 * facts.ODOMETRY_S * span))
         h = float(self.flight.h_indicated_m[step] - x[6])
         sigma_h = math.hypot(math.sqrt(float(P[6, 6])), facts.BARO_NOISE_M)
-        return TerrainPrior((float(place[0]), float(place[1])), cov, h, sigma_h, heading, drift.tilt_rad, sigma_v)
+        return TerrainPrior(
+            (float(place[0]), float(place[1])), cov, h, sigma_h, heading, drift.tilt_rad, sigma_v, sigma_a, wander
+        )
 
     def stretch(self, measured: list[tuple[FloatArray, FloatArray]], end: int) -> Soundings | None:
         """Points about the beams' origins put together by dead reckoning, relative to the vehicle at a step; None for too few."""
@@ -99,16 +121,26 @@ class Run:
         steps = np.concatenate([m[1] for m in measured])
         age = (end - steps) * STEP_S
         moved = self.dead_reckoned[steps] - self.dead_reckoned[end] + age[:, None] * self.filter.x[2:4]
+        moved = moved - np.square(age)[:, None] / 2 * self.filter.x[4:6]
         climbed = self.flight.h_indicated_m[steps] - self.flight.h_indicated_m[end]
         placed = points + np.column_stack([moved, climbed])
         return Soundings(end * round(STEP_S * 1e9), placed, age, math.hypot(self.range_sigma_m, facts.BARO_NOISE_M), self.kind)
 
     def _measured(self, first: int, end: int) -> tuple[FloatArray, FloatArray]:
         if self.kind is Kind.PATCH:
-            return scan(self.world, self.flight, np.arange(first, end, round(SCAN_S / STEP_S)), self.rng, self.range_sigma_m)
+            points, steps = scan(
+                self.world, self.flight, np.arange(first, end, round(SCAN_S / STEP_S)), self.rng, self.range_sigma_m
+            )
+            if not len(points):
+                return points, steps
+            north_east = points[:, :2] + self.dead_reckoned[steps]
+            low = lowest_in_cells(np.column_stack([north_east, points[:, 2] + self.flight.h_indicated_m[steps]]), THIN_M)
+            return points[low], steps[low]
         return beam(self.world, self.flight, np.arange(first, end), self.rng, self.range_sigma_m)
 
-    def _enough(self, stretch: Soundings, at: int, settings: TerrainSettings) -> bool:
+    def _enough(self, stretch: Soundings | None, at: int, settings: TerrainSettings) -> bool:
+        if stretch is None:
+            return False
         return expected_sigma_m(stretch, self.prior(at, stretch), self.elevation, settings) <= ENOUGH_M[self.kind]
 
     def _carry(self, first: int, end: int) -> None:
@@ -129,9 +161,12 @@ class Run:
             error_h = answer.h_amsl_m - float(flight.h_amsl_m[at])
             got = self.filter.observe(answer, self.dead_reckoned[at], float(flight.h_indicated_m[at]))
             outcome.gated += isinstance(got, Rejected)
+        elif answer.reason is Reason.INCONSISTENT_WITH_PRIOR:
+            self.filter.doubt()
         off = float(np.hypot(*(np.array(prior.p_ne_m) - flight.p_ne_m[at])))
         outcome.judged.append(Judged(answer, error, error_h, region, length, off, took))
         now = self.dead_reckoned[at] - self.filter.x[:2] - flight.p_ne_m[at]
         high = flight.h_indicated_m[at] - self.filter.x[6] - flight.h_amsl_m[at]
         outcome.filter_error.append(np.array([*now, high]))
-        outcome.filter_sigma.append(np.sqrt(np.diag(self.filter.P)[[0, 1, 6]]))
+        model = np.array([self.elevation.sigma_ne_m, self.elevation.sigma_ne_m, 0.0])  # which no number of fixes averages away
+        outcome.filter_sigma.append(np.sqrt(np.diag(self.filter.P)[[0, 1, 6]] + np.square(model)))

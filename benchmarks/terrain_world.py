@@ -36,6 +36,7 @@ FOREST = (0.5, 0.5, 0.35, 0.2)
 """Share of forest by class."""
 TALLEST_M = 25.0
 SIGMA_M = {10.0: 1.0, 20.0: 1.5, 30.0: 2.5}
+SHIFT_M = 1.0
 DETAIL_PX, DETAIL_M = 512, 5.0
 
 
@@ -102,7 +103,7 @@ def elevation_model(world: World, cell_m: float, seed: int, sigma_m: float | Non
     rng = np.random.default_rng([seed, 2])
     sigma = SIGMA_M[cell_m] if sigma_m is None else sigma_m
     rows, cols = (int(s // cell_m) - 1 for s in world.size_m)
-    shift = rng.normal(0, 1.0, 2)
+    shift = rng.normal(0, SHIFT_M, 2)
     heights = np.zeros((rows, cols), np.float32)
     east = np.arange(cols) * cell_m
     for row in range(rows):  # means of four samples a cell, a row at a time
@@ -114,7 +115,7 @@ def elevation_model(world: World, cell_m: float, seed: int, sigma_m: float | Non
     error = smooth(rng, heights.shape, 60.0, cell_m) + smooth(rng, heights.shape, 400.0, cell_m)
     heights += np.float32(sigma / np.sqrt(2)) * error
     heights[_ranked(smooth(rng, heights.shape, 150.0, cell_m)) < 0.005] = np.nan
-    return ElevationMap(heights, np.array([[0.0, cell_m, 0.0], [cell_m, 0.0, 0.0]]), sigma)
+    return ElevationMap(heights, np.array([[0.0, cell_m, 0.0], [cell_m, 0.0, 0.0]]), sigma, SHIFT_M)
 
 
 def smooth(rng: np.random.Generator, shape: tuple[int, int], length_m: float, cell_m: float = GRID_M) -> Raster:

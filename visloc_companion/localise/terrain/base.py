@@ -46,8 +46,9 @@ class Soundings:
 class TerrainPrior:
     """Where the vehicle believes to be at the soundings' `t_ns`, and how far its dead reckoning is to be believed (1-sigma).
 
-    `h_amsl_m` is the navigation height (barometer), `sigma_tilt_rad` of roll and pitch each, `sigma_drift_mps` of the
-    velocity error per axis over the stretch.
+    `h_amsl_m` is the navigation height (barometer), `sigma_tilt_rad` of roll and pitch each; over the stretch and per axis,
+    `sigma_drift_mps` and `sigma_drift_mps2` are of the error of velocity and acceleration, `sigma_wander_m` of what remains
+    of the track's error beside these.
     """
 
     p_ne_m: Vec2
@@ -57,6 +58,8 @@ class TerrainPrior:
     sigma_yaw_rad: float = 0.005
     sigma_tilt_rad: float = 0.001
     sigma_drift_mps: float = 0.1
+    sigma_drift_mps2: float = 0.0
+    sigma_wander_m: float = 0.0
 
     def __post_init__(self) -> None:
         numbers = (*self.p_ne_m, *self.cov_ne_m2[0], *self.cov_ne_m2[1], self.h_amsl_m, self.sigma_h_m)

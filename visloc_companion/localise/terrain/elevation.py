@@ -22,12 +22,14 @@ KNOWN = 0.999
 @dataclass(frozen=True, eq=False)
 class ElevationMap:
     """Heights above sea level (H, W), NaN where void; `T_ne_pix` (2, 3) maps pix (u, v) to metres north, east of the filter's
-    origin; `sigma_m` is the 1-sigma of a height. Raises ValueError for another shape, a singular transform or a sigma that is
+    origin; `sigma_m` is the 1-sigma of a height, `sigma_ne_m` that of the whole model's place,
+    each axis. Raises ValueError for another shape, a singular transform or a sigma that is
     not positive."""
 
     height_amsl_m: Float32Array
     T_ne_pix: FloatArray
     sigma_m: float
+    sigma_ne_m: float = 0.0
 
     def __post_init__(self) -> None:
         if self.height_amsl_m.ndim != 2 or self.T_ne_pix.shape != (2, 3):
@@ -116,10 +118,10 @@ class Terrain:
         return math.sqrt(float(every.mean())) if every.size else 0.0
 
 
-def elevation_of(patch: ReferencePatch, frame: LocalFrame, sigma_m: float) -> ElevationMap:
+def elevation_of(patch: ReferencePatch, frame: LocalFrame, sigma_m: float, sigma_ne_m: float = 0.0) -> ElevationMap:
     """The surface heights of a window of a reference map, in metres north and east of the frame's origin."""
     heights = np.where(patch.valid, patch.dsm_amsl_m, np.nan).astype(np.float32)
-    return ElevationMap(heights, frame.A_ne_pix(patch.T_map_pix), sigma_m)
+    return ElevationMap(heights, frame.A_ne_pix(patch.T_map_pix), sigma_m, sigma_ne_m)
 
 
 def _filled(heights: Float32Array, known: Mask) -> Float32Array:

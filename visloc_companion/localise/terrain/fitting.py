@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from visloc_companion.localise.terrain.base import Soundings, TerrainPrior
-from visloc_companion.localise.terrain.elevation import Terrain
+from visloc_companion.localise.terrain.elevation import ElevationMap, Terrain
 from visloc_companion.localise.terrain.noise import HeightNoise
 from visloc_companion.localise.terrain.refine import Fitting
 from visloc_companion.localise.terrain.settings import TerrainSettings
@@ -17,14 +17,15 @@ BLOCKS_OF_CORRELATION = 1.5
 
 
 def fitting_of(
-    terrain: Terrain, thinned: Soundings, prior: TerrainPrior, sigma_elevation_m: float, settings: TerrainSettings
+    terrain: Terrain, thinned: Soundings, prior: TerrainPrior, elevation: ElevationMap, settings: TerrainSettings
 ) -> Fitting:
     """What the refinement of thinned soundings needs."""
-    noise = HeightNoise(math.hypot(sigma_elevation_m, thinned.sigma_m))
-    false_slope = settings.false_slope * sigma_elevation_m / settings.correlation_m
+    noise = HeightNoise(math.hypot(elevation.sigma_m, thinned.sigma_m))
+    false_slope = settings.false_slope * elevation.sigma_m / settings.correlation_m
     block = BLOCKS_OF_CORRELATION * settings.correlation_m
-    level = settings.level_share * sigma_elevation_m
-    return Fitting(terrain, thinned, prior, noise, block, independent_share(thinned, settings), false_slope, level)
+    level = settings.level_share * elevation.sigma_m
+    share = independent_share(thinned, settings)
+    return Fitting(terrain, thinned, prior, noise, block, share, false_slope, level, elevation.sigma_ne_m)
 
 
 def independent_share(thinned: Soundings, settings: TerrainSettings) -> float:

@@ -24,5 +24,5 @@ def expected_sigma_m(soundings: Soundings, prior: TerrainPrior, elevation: Eleva
     terrain = elevation.window(prior.p_ne_m, (float(half[0]), float(half[1])), elevation.cell_m)
     if not terrain.known.any():
         return math.inf
-    covariance = fine.expected_covariance(fitting_of(terrain, thinned, prior, elevation.sigma_m, settings), np.zeros(8))
+    covariance = fine.expected_covariance(fitting_of(terrain, thinned, prior, elevation, settings), np.zeros(fine.N_UNKNOWNS))
     return math.sqrt(max(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]), 0.0))

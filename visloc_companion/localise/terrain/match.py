@@ -47,7 +47,7 @@ def locate(
     cell, hypotheses = _planned(thinned, prior, elevation, reach, settings)
     half = (reach[0] + extent[0] + 4 * cell, reach[1] + extent[1] + 4 * cell)
     coarse = elevation.window(prior.p_ne_m, half, cell)
-    if _known_region(coarse, prior, reach) < MIN_KNOWN_REGION:
+    if float(coarse.known.mean()) < MIN_KNOWN_REGION:
         return NoTerrainFix(soundings.t_ns, Reason.OUTSIDE_MAP, "the elevation model does not cover where the prior looks")
     temper = independent_share(thinned, settings)
     slope = coarse.slope_rms()
@@ -58,7 +58,7 @@ def locate(
     if not starts:
         return NoTerrainFix(soundings.t_ns, Reason.LOW_OVERLAP, "too few soundings lie on known elevations")
     terrain = coarse if abs(cell - elevation.cell_m) < 1e-6 else elevation.window(prior.p_ne_m, half, elevation.cell_m)
-    fitting = fitting_of(terrain, thinned, prior, elevation.sigma_m, settings)
+    fitting = fitting_of(terrain, thinned, prior, elevation, settings)
     found, weights = _refined(fitting, starts, prior)
     best = int(np.argmax(weights))
     evidence = _evidence(fitting, found[best], 1 - float(weights[best]))
@@ -94,21 +94,13 @@ def _planned(
         cell *= 1.25
 
 
-def _known_region(terrain: Terrain, prior: TerrainPrior, reach: Vec2) -> float:
-    rows, cols = (
-        slice(max(0, round((p - r - f) / terrain.cell_m)), round((p + r - f) / terrain.cell_m) + 1)
-        for p, r, f in zip(prior.p_ne_m, reach, terrain.first_ne_m, strict=True)
-    )
-    return float(terrain.known[rows, cols].mean())
-
-
 def _hypotheses(soundings: Soundings, prior: TerrainPrior, cell_m: float) -> list[FloatArray]:
     """Headings and drifts (as `Refined.unknowns`) such that one of them leaves less than about a cell of misfit."""
     radius = float(np.percentile(np.hypot(soundings.points_m[:, 0], soundings.points_m[:, 1]), 80))
     span = float(np.ptp(soundings.age_s)) / 2
     yaw = _steps(prior.sigma_yaw_rad, cell_m / max(radius, 1.0))
     drift = _steps(prior.sigma_drift_mps, cell_m / max(span, 1e-3))
-    return [np.array([0, 0, 0, y, 0, 0, n, e], np.float64) for y, n, e in product(yaw, drift, drift)]
+    return [np.array([0, 0, 0, y, 0, 0, n, e, 0, 0], np.float64) for y, n, e in product(yaw, drift, drift)]
 
 
 def _steps(sigma: float, step: float) -> FloatArray:

@@ -1,8 +1,9 @@
 """The position to a fraction of a cell: maximum likelihood of the one-sided mixture over position, height and what is uncertain.
 
-Unknowns (8,): north, east, height offset, heading, tilt of the soundings to north and east, drift to north and east; the last
-five have the prior's Gaussian. Fisher scoring: the gradient is that of the full mixture, the Hessian that of the points that
-are ground. The covariance is the cluster-robust one (White 1980; Liang & Zeger 1986),
+Unknowns (10,): north, east, height offset, heading, and to the north and east each: tilt of the soundings, velocity and
+acceleration error of the dead reckoning; all but the first three have the prior's Gaussian. Fisher scoring: the gradient is that
+of the full mixture, the Hessian that of the points that are ground. The covariance is the cluster-robust one (White 1980; Liang &
+Zeger 1986),
 
     A^-1 (sum over blocks g g') A^-1,
 
@@ -24,11 +25,11 @@ from visloc_companion.localise.terrain.elevation import Terrain
 from visloc_companion.localise.terrain.noise import HeightNoise, Parts, parts, refitted
 from visloc_companion.types import FloatArray
 
-N_UNKNOWNS = 8
+N_UNKNOWNS = 10
 ROUNDS = 40
 STEP_CELLS = 1.0
 """Longest step, cells of the window."""
-DONE_M = 0.1
+DONE_M = 0.2
 LEAST_GROUND = 0.05
 """Weight that a sounding keeps in the Hessian."""
 SIGMA_BOUNDS = (0.5, 2.5)
@@ -37,9 +38,9 @@ SIGMA_BOUNDS = (0.5, 2.5)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refined:
-    """`unknowns` (8,) with covariance (8, 8) before calibration; `log_likelihood` (of independent soundings, the prior's of the
-    last five unknowns included) and its `gain` on that of level ground; `ground` and `known`: share of soundings that are ground,
-    and that lie on known model; `reliability` as `reliable_share`.
+    """`unknowns` (10,) with covariance (10, 10) before calibration; `log_likelihood` (of independent soundings, the unknowns' own
+    included) and its `gain` on that of level ground; `ground` and `known`: share of soundings that are ground, and that lie on
+    known model; `reliability` as `reliable_share`.
     """
 
     unknowns: FloatArray
@@ -56,7 +57,8 @@ class Refined:
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitting:
     """What the fit is of: `block_m` is the side of a block, `temper` the share of soundings that is independent, `false_slope`
-    the slope (metres a metre, per axis, 1-sigma) that the model's errors pretend, `sigma_level_m` that of its level."""
+    the slope (metres a metre, per axis, 1-sigma) that the model's errors pretend, `sigma_level_m` that of its level,
+    `sigma_ne_m` that of its place."""
 
     terrain: Terrain
     soundings: Soundings
@@ -66,10 +68,11 @@ class Fitting:
     temper: float
     false_slope: float
     sigma_level_m: float
+    sigma_ne_m: float
 
 
 def refine(fitting: Fitting, start: FloatArray) -> Refined:
-    """The likeliest unknowns near a start (8,)."""
+    """The likeliest unknowns near a start (10,)."""
     unknowns, noise = start.copy(), fitting.noise
     weight = _prior_information(fitting.prior)
     converged = False
@@ -111,6 +114,7 @@ def _result(fitting: Fitting, unknowns: FloatArray, noise: HeightNoise, weight: 
     true = _scaled(full, np.eye(2) * math.sqrt(max(reliability, LEAST_RELIABLE)))
     inverse = np.linalg.inv(fitting.temper * true + weight + 1e-9 * np.eye(N_UNKNOWNS))
     covariance = inverse @ pooled @ inverse
+    covariance[:2, :2] += np.eye(2) * (fitting.prior.sigma_wander_m**2 + fitting.sigma_ne_m**2)
     covariance[2, 2] += fitting.sigma_level_m**2
     density = fitting.temper * float(p.log_density[known].sum())
     level = fitting.temper * _level_log_density(fitting, known)
@@ -130,6 +134,8 @@ def _result(fitting: Fitting, unknowns: FloatArray, noise: HeightNoise, weight: 
 PRIOR_BLOCKS = 12.0
 """How many blocks the fitted number of independent soundings is worth against the blocks of this stretch."""
 NULL_ROUNDS = 12
+SURE = 1e-6
+"""1-sigma below which an unknown counts as known (keeps the information matrix solvable)."""
 PAIRS_M = (40.0, 80.0)
 MOST_OF_PAIRS, FEWEST_PAIRS = 800, 20
 LEAST_RELIABLE = 0.02
@@ -184,7 +190,7 @@ def _level_log_density(fitting: Fitting, known: NDArray[np.bool_]) -> float:
 
 
 def _linearised(fitting: Fitting, unknowns: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Measured minus model (N,), derivative of model minus measured by the unknowns (N, 8), and what is known (N,)."""
+    """Measured minus model (N,), derivative of model minus measured by the unknowns (N, 10), and what is known (N,)."""
     points, age = fitting.soundings.points_m, fitting.soundings.age_s
     ne = placed(fitting.soundings, unknowns)
     at = np.array(fitting.prior.p_ne_m) + unknowns[:2] + ne
@@ -194,15 +200,17 @@ def _linearised(fitting: Fitting, unknowns: FloatArray) -> tuple[FloatArray, Flo
     by_yaw = slope[:, 1] * ne[:, 0] - slope[:, 0] * ne[:, 1]
     ones = np.ones(len(points))
     by_tilt = -points[:, :2] - slope * points[:, 2:]
-    by_drift = -slope * age[:, None]
-    J = np.column_stack([slope, -ones, by_yaw, by_tilt, by_drift])
+    by_drift, by_acceleration = -slope * age[:, None], slope * np.square(age)[:, None] / 2
+    J = np.column_stack([slope, -ones, by_yaw, by_tilt, by_drift, by_acceleration])
     return difference, J, fitting.terrain.knows(at)
 
 
 def placed(soundings: Soundings, unknowns: FloatArray) -> FloatArray:
     """(N, 2) north, east of the soundings from the position after tilt, drift (a velocity error moves old ones back), heading."""
     c, s = np.cos(unknowns[3]), np.sin(unknowns[3])
-    ne = soundings.points_m[:, :2] - soundings.points_m[:, 2:] * unknowns[4:6] - soundings.age_s[:, None] * unknowns[6:8]
+    age = soundings.age_s[:, None]
+    ne = soundings.points_m[:, :2] - soundings.points_m[:, 2:] * unknowns[4:6]
+    ne = ne - age * unknowns[6:8] + np.square(age) / 2 * unknowns[8:10]
     return np.column_stack([c * ne[:, 0] - s * ne[:, 1], s * ne[:, 0] + c * ne[:, 1]])
 
 
@@ -212,12 +220,13 @@ def _information(J: FloatArray, p: Parts, noise: HeightNoise, known: NDArray[np.
 
 
 def _prior_information(prior: TerrainPrior) -> FloatArray:
-    sigma = [prior.sigma_yaw_rad, prior.sigma_tilt_rad, prior.sigma_tilt_rad, prior.sigma_drift_mps, prior.sigma_drift_mps]
-    return np.diag([0.0, 0.0, 0.0, *(1 / max(s, 1e-9) ** 2 for s in sigma)])
+    each = (prior.sigma_tilt_rad, prior.sigma_drift_mps, prior.sigma_drift_mps2)
+    sigma = [prior.sigma_yaw_rad, *(s for s in each for _ in range(2))]
+    return np.diag([0.0, 0.0, 0.0, *(1 / max(s, SURE) ** 2 for s in sigma)])
 
 
 def _spread(fitting: Fitting, gradients: FloatArray) -> tuple[FloatArray, int]:
-    """(8, 8) sum over blocks of the outer product of their gradients, for as many degrees of freedom, and the blocks."""
+    """(10, 10) sum over blocks of the outer product of their gradients, for as many degrees of freedom, and the blocks."""
     cell = np.floor(fitting.soundings.points_m[:, :2] / fitting.block_m).astype(np.int64)
     _, block = np.unique(cell, axis=0, return_inverse=True)
     block = block.ravel()

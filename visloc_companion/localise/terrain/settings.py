@@ -21,4 +21,4 @@ class TerrainSettings:
     max_sigma_m: float = 12.0
     max_probability_wrong: float = 0.02
     search_cell_m: float = 20.0
-    most_work: float = 8e5
+    most_work: float = 3e5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from visloc_companion.localise.terrain.base import Soundings
 from visloc_companion.types import FloatArray
@@ -15,7 +16,7 @@ MOST_POINTS = 4000
 def lowest(soundings: Soundings, cell_m: float, most: int = MOST_POINTS) -> Soundings:
     """One point of each cell, with its own place (so that slopes do not lower it); larger cells where there are too many."""
     while True:
-        chosen = _chosen(soundings.points_m, cell_m)
+        chosen = lowest_in_cells(soundings.points_m, cell_m)
         if len(chosen) <= most:
             return Soundings(
                 soundings.t_ns, soundings.points_m[chosen], soundings.age_s[chosen], soundings.sigma_m, soundings.kind
@@ -23,7 +24,8 @@ def lowest(soundings: Soundings, cell_m: float, most: int = MOST_POINTS) -> Soun
         cell_m *= max(1.1, float(np.sqrt(len(chosen) / most)))
 
 
-def _chosen(points_m: FloatArray, cell_m: float) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+def lowest_in_cells(points_m: FloatArray, cell_m: float) -> NDArray[np.int64]:
+    """(M,) indices of the low point of each cell of (N, 3) points, N > 0."""
     cells = np.floor(points_m[:, :2] / cell_m).astype(np.int64)
     cells -= cells.min(0)
     key = cells[:, 0] * (int(cells[:, 1].max()) + 1) + cells[:, 1]

@@ -1,0 +1,50 @@
+"""The one-sided mixture of ground and what stands on it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from visloc_companion.localise.terrain.noise import RANGE_M, HeightNoise, expected_log_density, parts, refitted
+
+NOISE = HeightNoise(1.5)
+AT = np.arange(-60, 100, 0.05)
+
+
+def test_it_is_a_density() -> None:
+    inside = np.exp(parts(NOISE, AT).log_density).sum() * 0.05
+    assert inside == pytest.approx(1 - NOISE.outliers + NOISE.outliers * 160 / RANGE_M, abs=2e-3)
+
+
+def test_its_score_is_its_derivative() -> None:
+    p = parts(NOISE, AT)
+    assert np.abs(np.gradient(p.log_density, 0.05) - p.score).max() < 0.05
+
+
+def test_what_stands_above_costs_less_than_what_lies_below() -> None:
+    above, below = parts(NOISE, np.array([12.0, -12.0])).log_density
+    assert above > below + 2
+
+
+def test_crowns_neither_lift_nor_push() -> None:
+    p = parts(NOISE, np.array([14.0]))
+    assert abs(p.score[0]) < 1e-3
+    assert p.ground[0] < 0.01
+
+
+def test_sigma_and_share_are_found_again() -> None:
+    rng = np.random.default_rng(1)
+    d = rng.normal(0, 0.8, 4000) + (rng.random(4000) < 0.4) * rng.uniform(0, 25, 4000)
+    found = refitted(NOISE, d, (0.3, 5.0), 30)
+    assert found.sigma_m == pytest.approx(0.8, rel=0.1)
+    assert found.standing == pytest.approx(0.4, abs=0.06)
+
+
+def test_a_handful_of_differences_changes_nothing() -> None:
+    assert refitted(NOISE, np.zeros(3), (0.3, 5.0)) == NOISE
+
+
+def test_the_expected_log_density_is_that_of_samples() -> None:
+    rng = np.random.default_rng(2)
+    d = AT[rng.choice(len(AT), 20000, p=(w := np.exp(parts(NOISE, AT).log_density)) / w.sum())]
+    assert expected_log_density(NOISE) == pytest.approx(parts(NOISE, d).log_density.mean(), abs=0.08)
