@@ -35,11 +35,11 @@ class PosedFrame:
 
 @dataclass(frozen=True, slots=True)
 class StereoSettings:
-    """Limits of pairs, points and the cloud. Pixels are those of the frames.
+    """Limits of pairs, points and the cloud. Pixels are those of the frames as worked on.
 
     Pairs: `overlap` and `base_to_height` are preferred ranges; a pair below `min_overlap`, below the least or beyond
     `max_base_to_height` is not used. `max_partners` frames are matched with the one in their middle. `max_blur_px`: where too
-    little is found, a smear of a larger 1-sigma is given as the reason.
+    little is found, a smear of a larger 1-sigma is given as the reason. Frames of more than `working_px` pixels are reduced.
     Tracks: spacing of corners, their least number and measuring error. Matching: half-width of the window of the sub-pixel step,
     least correlation of a window, largest 1-sigma of a disparity. Cloud: side of the cells that keep one point of the upper
     surface (0: two pixels on the ground), least number of points, least share of the common ground that has points, largest
@@ -52,6 +52,7 @@ class StereoSettings:
     max_base_to_height: float = 0.6
     max_partners: int = 2
     max_blur_px: float = 4.5
+    working_px: int = 400_000
     corner_spacing_px: int = 20
     min_tracks: int = 30
     sigma_track_px: float = 0.25

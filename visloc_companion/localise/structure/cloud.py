@@ -25,6 +25,8 @@ from visloc_companion.localise.structure.surface import Points, triangulated, up
 from visloc_companion.localise.structure.tracks import Tracks, follow
 from visloc_companion.types import CameraModel, FloatArray, Image
 
+LEAST_REDUCTION = 0.9
+"""A frame that is hardly too large is not worth resampling."""
 TURN_ONLY_PX = 1.5
 """Rays that fit a mere turn to within this show no parallax."""
 MOST_CHI2 = 9.0
@@ -50,11 +52,12 @@ def local_cloud(frames: Sequence[PosedFrame], model: CameraModel, settings: Ster
     if isinstance(star, NoCloud):
         return star
     used = (star.hub, *star.partners)
-    greys = {i: _grey(frames[i].pixels) for i in used}
+    worked = _reduced(model, settings.working_px)
+    greys = {i: _grey(frames[i].pixels, worked) for i in used}
     evidence = {"base_to_height": max(star.base_to_height), "overlap": max(star.overlap)}
-    found: Bundle | LocalCloud | NoCloud = _adjusted(frames, greys, star, model, settings, evidence)
+    found: Bundle | LocalCloud | NoCloud = _adjusted(frames, greys, star, worked, settings, evidence)
     if isinstance(found, Bundle):
-        found = _dense(frames, greys, used, found, model, settings, evidence)
+        found = _dense(frames, greys, used, found, (worked, model), settings, evidence)
     return found if isinstance(found, LocalCloud) else _blamed_on_blur(found, greys, settings)
 
 
@@ -67,8 +70,24 @@ def _check(number: int, frame: PosedFrame) -> None:
             raise ValueError(f"frame {number}: {name} is {getattr(frame, name)}, it must be positive")
 
 
-def _grey(pixels: Image) -> Image:
-    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), dtype=np.uint8) if pixels.ndim == 3 else pixels
+def _reduced(model: CameraModel, most_px: int) -> CameraModel:
+    """The model of frames resized to at most so many pixels; itself where that is hardly less."""
+    factor = math.sqrt(most_px / (model.width_px * model.height_px))
+    if factor >= LEAST_REDUCTION:
+        return model
+    width, height = round(model.width_px * factor), round(model.height_px * factor)
+    across, down = width / model.width_px, height / model.height_px
+    fx, fy = model.fx_px * across, model.fy_px * down
+    cx, cy = (model.cx_px + 0.5) * across - 0.5, (model.cy_px + 0.5) * down - 0.5
+    return CameraModel(width, height, fx, fy, cx, cy, model.distortion)
+
+
+def _grey(pixels: Image, model: CameraModel) -> Image:
+    """The frame in grey, at the model's size."""
+    grey = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY) if pixels.ndim == 3 else pixels
+    size = (model.width_px, model.height_px)
+    reduced = grey if grey.shape == size[::-1] else cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(reduced, dtype=np.uint8)
 
 
 def _blamed_on_blur(refusal: NoCloud, greys: dict[int, Image], settings: StereoSettings) -> NoCloud:
@@ -136,11 +155,12 @@ def _dense(
     greys: dict[int, Image],
     used: tuple[int, ...],
     bundle: Bundle,
-    model: CameraModel,
+    models: tuple[CameraModel, CameraModel],
     settings: StereoSettings,
     evidence: Evidence,
 ) -> LocalCloud | NoCloud:
-    """The cloud of refined frames, the hub first."""
+    """The cloud of refined frames, the hub first. `models`: of the frames as worked on and as delivered."""
+    model, delivered = models
     parts: list[Points] = []
     matched = common = 0
     for number, T in zip(used[1:], bundle.T_local_cam[1:], strict=True):
@@ -166,7 +186,7 @@ def _dense(
     evidence |= {"scale": scale.factor, "scale_apart_sigmas": scale.apart_sigmas}
     if scale.apart_sigmas > MOST_APART_SIGMAS:
         return _no(Reason.INCONSISTENT_WITH_PRIOR, f"baseline and height differ by {scale.apart_sigmas:.1f} sigma", evidence)
-    return _cloud(used, bundle, surface, scale, model, evidence)
+    return _cloud(used, bundle, surface, scale, delivered, evidence)
 
 
 def _cloud(

@@ -103,6 +103,15 @@ def test_any_heading_and_tilts_to_twenty_degrees_through_a_lens(structure, town,
     assert np.median(abs(shape)) < 0.15
 
 
+def test_large_frames_are_reduced_and_pixels_are_those_delivered(structure, frames, cloud, town):
+    found = local_cloud(frames, structure.MODEL, StereoSettings(working_px=38_000))
+    assert isinstance(found, LocalCloud), found
+    assert len(found.points_m) < 0.7 * len(cloud.points_m) or found.sigma_m.mean() > cloud.sigma_m.mean()
+    assert np.median(abs(shape_errors(found, town)[0])) < 0.2
+    assert np.nanmax(found.pix[:, 0]) > 300
+    assert np.nanmedian(found.pix, axis=0) == pytest.approx(np.nanmedian(cloud.pix, axis=0), abs=8)
+
+
 def test_a_slope_is_a_slope(structure):
     world = structure.World(structure.texture(2), slope=0.25)
     truth = [structure.pose(s, 0, 90) for s in (-26, 0)]
