@@ -13,7 +13,7 @@ from visloc_companion.maps.crs import Linearisation
 from visloc_companion.types import FloatArray
 
 MAX_POINTS = 2_000_000
-"""Enough for a circle of 400 m at four points a square metre; a larger one is thinned."""
+"""Enough for a circle of 280 m at eight points a square metre; a larger one is thinned."""
 SPACING_M = 0.5
 """A surface model is not sampled more finely than this."""
 HeightWindow = Callable[[FloatArray, tuple[int, int]], NDArray[np.float32]]

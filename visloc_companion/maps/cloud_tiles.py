@@ -20,7 +20,9 @@ from visloc_companion.maps.stored import mapped_array
 from visloc_companion.types import FloatArray
 
 TILE_M = 64.0
-SPACING_M = 0.5
+SPACING_M = 0.25
+"""Laser clouds of 13 to 14 points a square metre keep 8 to 9.5, as many as registration was fitted on. With cells of 0.5 m they
+kept 3.6 to 3.8, and a plantation's surface, taken from so few, came out 6 m high."""
 STEP_M = 0.01
 POINTS_TYPE = np.dtype("<u2")
 TILES_TYPE = np.dtype("<i8")

@@ -86,8 +86,8 @@ def test_points_are_metres_east_and_north_of_the_place(pack: PackMap) -> None:
     corner = (easting + 10.0, northing + 10.0)
     points = pack.cloud_around(corner, 40.0)
     assert np.hypot(points[:, 0], points[:, 1]).max() <= 40.0
-    assert len(points) == pytest.approx(np.pi * 40**2 * 4 * (1 - np.exp(-5 / 4)), rel=0.05), (
-        "one of each cell of 0.5 m that has any"
+    assert len(points) == pytest.approx(np.pi * 40**2 * 16 * (1 - np.exp(-5 / 16)), rel=0.05), (
+        "one of each cell of 0.25 m that has any"
     )
     J = pack.projection_at(GeoPoint(*pack.to_geo(*corner), 0.0)).J_map_ne
     back = points[:, 1::-1] @ J.T + [10.0, 10.0]
@@ -253,8 +253,9 @@ def test_added_features_leave_the_cloud(tmp_path: Path, pack: PackMap) -> None:
 def test_info_and_check_tell_of_the_cloud(tmp_path: Path, pack: PackMap) -> None:
     assert pack.manifest.cloud is not None
     told = CliRunner().invoke(map_app, ["info", str(tmp_path / "pack"), "--json", str(tmp_path / "i.json")])
-    count = pack.manifest.cloud.n_points
-    assert f"{count} points, 2.7" in told.output and "% of the map" in told.output
+    count, share = pack.manifest.cloud.n_points, pack.manifest.cloud.share_covered
+    assert 0.8 < share < 0.86
+    assert f"{count} points, {count / (SIZE**2 * share):.3g} a square" in told.output and "% of the map" in told.output
     assert json.loads((tmp_path / "i.json").read_text())["cloud"]["points"] == count
     checked = CliRunner().invoke(map_app, ["check", str(tmp_path / "pack"), "--model", "none"])
     assert checked.exit_code == 0 and "of the map has no point of the cloud" in checked.output
