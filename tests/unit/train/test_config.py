@@ -11,10 +11,7 @@ from visloc_companion.errors import ConfigError
 from visloc_companion.train.config import TrainingConfig, load_training_config, parse_training_config
 from visloc_companion.train.config_sources import DatesSource, LandscapeSource, PairsSource
 
-MODELS = Path(__file__).resolve().parents[3] / "models"
-SHIPPED = pytest.mark.parametrize(
-    "shipped", [MODELS / "features_first.toml", MODELS / "features.toml"], ids=lambda path: path.stem
-)
+SHIPPED = Path(__file__).resolve().parents[3] / "models" / "features.toml"
 SHAPES = {"kind": "shapes", "name": "shapes"}
 LEAST: dict[str, Any] = {"sources": [SHAPES], "validation": {"sources": [SHAPES]}}
 
@@ -26,9 +23,8 @@ def problem_of(**changes: Any) -> str:
     return caught.value.what
 
 
-@SHIPPED
-def test_the_shipped_configuration_is_valid_and_trains_on_no_held_out_row(shipped: Path) -> None:
-    config = load_training_config(shipped)
+def test_the_shipped_configuration_is_valid_and_trains_on_no_held_out_row() -> None:
+    config = load_training_config(SHIPPED)
     every = [*config.sources, *config.validation.sources]
     assert all(source.last_row <= 400 for source in every if isinstance(source, DatesSource))
     assert {source.folder for source in every if isinstance(source, DatesSource | PairsSource)} <= {"naip", "bitemporal"}
@@ -39,9 +35,8 @@ def test_the_shipped_configuration_is_valid_and_trains_on_no_held_out_row(shippe
     assert not trained & checked
 
 
-@SHIPPED
-def test_the_shipped_configuration_states_every_default_that_matters(shipped: Path) -> None:
-    data = tomllib.loads(shipped.read_text(encoding="utf-8"))
+def test_the_shipped_configuration_states_every_default_that_matters() -> None:
+    data = tomllib.loads(SHIPPED.read_text(encoding="utf-8"))
     for section in ("network", "pairs", "schedule"):
         assert data[section].keys() == TrainingConfig.model_fields[section].default.model_dump().keys()
 
