@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 DEFAULT_METHOD = "height-search"
+"""registry.DEFAULT_METHOD, which is not imported for it: --help is quick without the libraries of the methods."""
 
 
 def cloud(

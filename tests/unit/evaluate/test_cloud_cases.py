@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from visloc_companion.cli import evaluate_cloud as evaluate_cloud_command
 from visloc_companion.cli.evaluate import evaluate_app
 from visloc_companion.errors import CasesError, ConfigError, Reason
 from visloc_companion.evaluate import cloud as room
 from visloc_companion.evaluate.cloud import evaluate_cloud
 from visloc_companion.evaluate.cloud_cases import BadCloudCase, CloudCase, read_cloud_cases, read_cloud_truth
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
-from visloc_companion.localise.registration.registry import METHODS
+from visloc_companion.localise.registration.registry import DEFAULT_METHOD, METHODS
 
 SIGMAS = {
     "sigma_horizontal_m": 10.0,
@@ -211,6 +212,7 @@ def test_command_writes_json_and_report(folder: Path, tmp_path: Path) -> None:
 def test_methods_are_listed_and_unknown_ones_refused(folder: Path) -> None:
     listed = CliRunner().invoke(evaluate_app, ["cloud", "--list-methods"])
     assert listed.output.split() == list(METHODS) and "gicp" in METHODS
+    assert evaluate_cloud_command.DEFAULT_METHOD == DEFAULT_METHOD
     for arguments in (["cloud", str(folder), "--method", "psychic"], ["cloud", "--method", "means"]):
         assert isinstance(CliRunner().invoke(evaluate_app, arguments).exception, ConfigError)
     with pytest.raises(ConfigError, match="psychic"):
