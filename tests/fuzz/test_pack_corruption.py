@@ -15,6 +15,7 @@ from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.build import build_pack
 
+laspy = pytest.importorskip("laspy")
 FUZZ = settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
@@ -27,8 +28,17 @@ def pack(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shape = {"width": 60, "height": 70, "count": 1, "dtype": values.dtype}
         with rasterio.open(folder / name, "w", driver="GTiff", crs="EPSG:32633", transform=place, **shape) as out:
             out.write(values, 1)
-    build_pack([folder / "a.tif"], folder / "dsm.tif", folder / "pack")
+    build_pack([folder / "a.tif"], folder / "dsm.tif", folder / "pack", clouds=[cloud(folder / "c.las")], cloud_crs="EPSG:32633")
     return folder / "pack"
+
+
+def cloud(path: Path) -> Path:
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales, header.offsets = np.array([0.01] * 3), np.array([500_000.0, 5_199_930.0, 0.0])
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = (np.random.default_rng(2).uniform(0, 60, (900, 3)) * [1, 1, 0.1] + header.offsets).T
+    las.write(path)
+    return path
 
 
 def damaged(raw: bytes, data: st.DataObject) -> bytes:
@@ -76,6 +86,7 @@ def test_unverified_damage_never_crashes(pack: Path, data: st.DataObject) -> Non
         damaged_pack = PackMap.open(pack, verify_hashes=False)
         damaged_pack.patch(damaged_pack.center_map_m, (40, 40), 1.0, 0.0)
         damaged_pack.stored_patch(damaged_pack.center_map_m, (40, 40), 1.0, GRADIENT.name, GRADIENT.recipe)
+        assert np.isfinite(damaged_pack.cloud_around(damaged_pack.center_map_m, 40.0)).all()
     except MapError:
         pass
     finally:
