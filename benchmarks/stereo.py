@@ -7,9 +7,10 @@ Three frames of 640 x 480 px (73.9° x 58.9°) 90 m above the procedural landsca
 frame on its own). A box world first shows what renderer and stereo make of known heights. Seeds 1 to 3 served for tuning.
 
 Height error: of a point against the surface model at its own place. `raw` as it is, with the scale of the baselines or of a
-rangefinder (0.3 m); `shape` after the shift, tilt and scale that all points share, which registration finds. `bowl`: what a
+rangefinder (0.3 m); `shape` after the similarity that all points share, which registration finds. `bowl`: what a
 paraboloid through the errors rises from the middle to 50 m. Complete: share of the 1 m cells within two frames or more that have
-a point (what is hidden counts as missing); `and right`: to 1 m. sigma: errors' robust spread in claimed sigmas. Rough: median
+a point (what is hidden counts as missing); `and right`: to 1 m. sigma: errors' robust spread in claimed sigmas; offset:
+that of the clouds' shift in height, by scale and by the middle of three priors. Rough: median
 height by which the truth itself stands off its mean over 1.25 m, which no window of stereo resolves.
 """
 
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import time
 from pathlib import Path
 from typing import Any
@@ -26,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.stereo_report import picture, table
-from benchmarks.stereo_world import COVERS, HEIGHT_M, MODEL, Flight, World, box_world, fly, landscape, ranged
+from benchmarks.stereo_world import COVERS, HEIGHT_M, MODEL, SIGMA_BASELINE_M, Flight, World, box_world, fly, landscape, ranged
 from visloc_companion.localise.structure.base import LocalCloud, StereoSettings
 from visloc_companion.localise.structure.cloud import local_cloud
 from visloc_companion.types import FloatArray
@@ -44,13 +46,15 @@ def judged(flight: Flight, rng: np.random.Generator, settings: StereoSettings) -
     row: Row = {"date": flight.world.date, "overlap": flight.overlap, "seconds": seconds}
     if not isinstance(cloud, LocalCloud):
         return {**row, "refused": cloud.reason.value, "detail": cloud.detail}, None, np.zeros(0)
-    truth, cover = flight.truth_at(cloud.points_m[:, :2])
-    raw = cloud.points_m[:, 2] - truth
+    raw = _raw(cloud, flight)
     with_range = local_cloud(ranged(flight, rng, SIGMA_RANGE_M), MODEL, settings)
-    shape, bowl = _shape(cloud.points_m, raw)
-    cell_cover, rough, has, right = _cells(flight, cloud, shape)
+    points, shape, bowl = _aligned(flight, cloud.points_m)
+    cell_cover, rough, has, right = _cells(flight, points, shape)
     row |= {
         "raw": _median(raw),
+        "offset": abs(float(np.nanmedian(raw)))
+        / math.hypot(HEIGHT_M * cloud.sigma_scale, SIGMA_BASELINE_M / math.sqrt(6))
+        / 0.6745,
         "raw_range": _median(_raw(with_range, flight)) if isinstance(with_range, LocalCloud) else None,
         "shape": _median(shape),
         "p90": float(np.nanpercentile(np.abs(shape), 90)),
@@ -64,6 +68,7 @@ def judged(flight: Flight, rng: np.random.Generator, settings: StereoSettings) -
         "evidence": dict(cloud.evidence),
         "covers": {},
     }
+    cover = flight.truth_at(points[:, :2])[1]
     for number, name in enumerate(COVERS):
         mine, ground = cover == number, cell_cover == number
         if mine.sum() >= 300 and ground.sum() >= 100:
@@ -84,29 +89,42 @@ def _median(errors: FloatArray) -> float:
     return float(np.nanmedian(np.abs(errors)))
 
 
-def _shape(points: FloatArray, raw: FloatArray) -> tuple[FloatArray, float]:
-    """Errors after a shift, tilt and scale (robustly fitted), and the bowl that is left."""
-    centred = points - np.array([*points[:, :2].mean(0), 0.0])
-    A = np.column_stack([np.ones(len(raw)), centred])
-    near = np.abs(raw - np.nanmedian(raw)) < 3
-    left = raw
-    for _ in range(4):
-        left = raw - A @ np.linalg.lstsq(A[near], raw[near], rcond=None)[0]
-        near = np.abs(left) < max(0.15, 3 * 1.4826 * float(np.nanmedian(np.abs(left))))
-    square = (centred[:, :2] ** 2).sum(1)
-    B = np.column_stack([A, square])
-    return left, float(np.linalg.lstsq(B[near], left[near], rcond=None)[0][-1] * 50**2)
+def _aligned(flight: Flight, points: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """The points after the similarity that fits them best to the surface (robust point-to-surface steps), errors, the bowl."""
+    moved, left = points, np.zeros(len(points))
+    middle = points.mean(0)
+    near = np.ones(len(points), np.bool_)
+    for step in range(7):
+        left = moved[:, 2] - flight.truth_at(moved[:, :2])[0]
+        left = np.where(np.isfinite(left), left, 99.0)
+        near = np.abs(left - np.median(left)) < max(0.3, 4.5 * float(np.median(np.abs(left - np.median(left)))))
+        if step == 6:
+            break
+        J = _columns(flight, moved, middle)
+        turn_e, turn_n, yaw, scale, *shift = np.linalg.lstsq(J[near], -left[near], rcond=None)[0]
+        r = moved - middle
+        moved = moved + np.array(shift) + scale * r + np.cross(np.array([turn_e, turn_n, yaw]), r)
+    bowl = np.column_stack([_columns(flight, moved, middle), ((moved - middle)[:, :2] ** 2).sum(1)])
+    return moved, left, float(np.linalg.lstsq(bowl[near], left[near], rcond=None)[0][-1] * 50**2)
+
+
+def _columns(flight: Flight, points: FloatArray, middle: FloatArray) -> FloatArray:
+    """(N, 7) by how much an error changes with a turn about east, north, up, with scale, and with a shift."""
+    e, n = (flight.slope_at(points[:, :2], axis) for axis in (0, 1))
+    normal = np.column_stack([-e, -n, np.ones(len(points))])
+    r = points - middle
+    return np.column_stack([np.cross(r, normal), (r * normal).sum(1), normal])
 
 
 def _cells(
-    flight: Flight, cloud: LocalCloud, shape: FloatArray
+    flight: Flight, points: FloatArray, shape: FloatArray
 ) -> tuple[NDArray[np.uint8], FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
     """1 m cells within two frames: cover, roughness, which have a point, and one that is right."""
     reach = int(2.2 * HEIGHT_M)
     e, n = np.meshgrid(np.arange(-reach, reach) + 0.5, np.arange(-reach, reach) + 0.5)
     cells = np.column_stack([e.ravel(), n.ravel()])
     cells = cells[flight.seen_twice(cells)]
-    has, right = (_occupied(cells, cloud.points_m[mine, :2], reach) for mine in (slice(None), np.abs(shape) < RIGHT_M))
+    has, right = (_occupied(cells, points[mine, :2], reach) for mine in (slice(None), np.abs(shape) < RIGHT_M))
     return flight.truth_at(cells)[1], flight.roughness_at(cells), has, right
 
 

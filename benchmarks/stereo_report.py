@@ -18,7 +18,7 @@ SEASONS = {"map": "leaves", "flight": "bare"}
 SHARES = {"within", "complete", "right"}
 COLUMNS = {
     **{"raw": "raw m", "raw_range": "raw, ranged m", "shape": "shape m", "p90": "shape p90 m", "within": "within 1 m"},
-    **{"bowl": "bowl m", "complete": "complete", "right": "and right", "sigma": "sigma", "seconds": "s"},
+    **{"bowl": "bowl m", "complete": "complete", "right": "and right", "sigma": "sigma", "offset": "offset", "seconds": "s"},
 }
 COVER_COLUMNS = {
     **{"shape": "shape m", "bias": "bias m", "p90": "p90 m", "within": "within 1 m", "complete": "complete"},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -58,23 +59,25 @@ class Flight:
 
     def truth_at(self, points_en: FloatArray) -> tuple[FloatArray, NDArray[np.uint8]]:
         """Surface height (bilinear) and cover at (N, 2) east, north."""
-        n, row = len(points_en), 8192  # remap takes no row of 32767 and more
-        pix = np.full((-(-n // row) * row, 2), -9.0, np.float32)
-        pix[:n] = apply_affine(self.A_pix_en, points_en)
-        u, v = (np.ascontiguousarray(pix[:, k].reshape(-1, row)) for k in (0, 1))
-        no = {"borderMode": cv2.BORDER_CONSTANT}
-        up = cv2.remap(self.world.scene.dsm_amsl_m, u, v, cv2.INTER_LINEAR, borderValue=math.nan, **no)
-        cover = cv2.remap(self.world.cover, u, v, cv2.INTER_NEAREST, borderValue=255, **no)
-        return np.asarray(up, dtype=np.float64).ravel()[:n], np.asarray(cover, dtype=np.uint8).ravel()[:n]
+        scene = self.world.scene
+        return _looked_up(scene.dsm_amsl_m, self.A_pix_en, points_en), self._nearest(self.world.cover, points_en)
+
+    def slope_at(self, points_en: FloatArray, axis: int) -> FloatArray:
+        """Slope (N,) of the surface, smoothed over half a metre, towards east (axis 0) or north (1)."""
+        step = np.eye(2)[axis] * 0.5
+        ahead, behind = (_looked_up(self.world.scene.dsm_amsl_m, self.A_pix_en, points_en + s * step) for s in (1, -1))
+        return np.nan_to_num(np.clip(ahead - behind, -3, 3))
+
+    def _nearest(self, layer: NDArray[Any], points_en: FloatArray) -> NDArray[Any]:
+        u, v = np.round(apply_affine(self.A_pix_en, points_en)).astype(int).T
+        return np.asarray(layer[v.clip(0, layer.shape[0] - 1), u.clip(0, layer.shape[1] - 1)])
 
     def roughness_at(self, points_en: FloatArray) -> FloatArray:
         """Metres (N,) by which the surface stands off its mean over 1.25 m (no less than 3 pixels)."""
         scene = self.world.scene
         side = max(3, round(1.25 / float(np.hypot(*scene.T_map_pix[:, 0]))) // 2 * 2 + 1)
         off = np.abs(scene.dsm_amsl_m - cv2.blur(scene.dsm_amsl_m, (side, side)))
-        u, v = np.round(apply_affine(self.A_pix_en, points_en)).astype(int).T
-        width, height = scene.size_px
-        return np.asarray(off[v.clip(0, height - 1), u.clip(0, width - 1)], dtype=np.float64)
+        return self._nearest(off, points_en)
 
     def seen_twice(self, cells_en: FloatArray) -> NDArray[np.bool_]:
         """Which places on the surface lie within two frames or more. What hides them is not asked."""
@@ -89,6 +92,16 @@ class Flight:
             with np.errstate(invalid="ignore"):
                 count += near & (pix >= 0).all(1) & (pix <= size).all(1)
         return np.asarray(count >= 2, dtype=np.bool_)
+
+
+def _looked_up(layer: NDArray[np.float32], A_pix_en: FloatArray, points_en: FloatArray) -> FloatArray:
+    """(N,) bilinear values, NaN outside."""
+    n, row = len(points_en), 8192  # remap takes no row of 32767 and more
+    pix = np.full((-(-n // row) * row, 2), -9.0, np.float32)
+    pix[:n] = apply_affine(A_pix_en, points_en)
+    u, v = (np.ascontiguousarray(pix[:, k].reshape(-1, row)) for k in (0, 1))
+    values = cv2.remap(layer, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=math.nan)
+    return np.asarray(values, dtype=np.float64).ravel()[:n]
 
 
 def landscape(seed: int, date: Date, size_m: float, gsd_m: float) -> World:
