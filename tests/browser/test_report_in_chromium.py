@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 import pytest
 
-from visloc_companion.evaluate.cloud_metrics import CloudResult, accepted, cloud_error, summarise
+from visloc_companion.errors import Reason
+from visloc_companion.evaluate.cloud_metrics import CloudResult, cloud_error, summarise
 from visloc_companion.evaluate.cloud_report import write_cloud_report
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.report import write_flight_report
@@ -122,9 +123,9 @@ def test_the_page_of_a_cloud_evaluation(tmp_path: Path, width: int) -> None:
         T[:2, 3] = rng.normal(size=2) if k else (12.0, 0.0)
         answer = Registered(T, np.eye(3), 0.01, 0.001, 0.3 if k > 6 else 0.01, (("peak", 0.8),))
         error = cloud_error(answer, np.eye(4), points)
-        results.append(CloudResult(case["id"], answer, None, elapsed_ms=100.0, error=error, has_truth=True))
-    judged = accepted(results, 0.05)
-    page = write_cloud_report(tmp_path / "report", {"method": "any", "summary": summarise(judged)}, judged, tmp_path)
+        reason = Reason.AMBIGUOUS if k > 6 else None
+        results.append(CloudResult(case["id"], answer, reason, elapsed_ms=100.0, error=error, has_truth=True))
+    page = write_cloud_report(tmp_path / "report", {"method": "any", "summary": summarise(results)}, results, tmp_path)
     page.write_text(page.read_text().replace("</main>", "</main>" + PROBE))
     shown = chromium(page, tmp_path / "profile", "--dump-dom", f"--window-size={width},2400")
     found = re.search(r'<pre id="probe">(.*?)</pre>', shown.stdout, re.DOTALL)

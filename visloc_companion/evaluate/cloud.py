@@ -21,7 +21,7 @@ import numpy as np
 from visloc_companion import __version__
 from visloc_companion.errors import MapError, Reason
 from visloc_companion.evaluate.cloud_cases import BadCloudCase, CloudCase, read_cloud_cases, read_cloud_truth
-from visloc_companion.evaluate.cloud_metrics import CloudResult, accepted, cloud_error, summarise
+from visloc_companion.evaluate.cloud_metrics import CloudResult, cloud_error, summarise
 from visloc_companion.localise.registration.base import NotRegistered, Registered
 from visloc_companion.localise.registration.registry import DEFAULT_MAX_PROBABILITY_WRONG, make_registration
 from visloc_companion.maps.cloud import read_cloud, require_same_crs
@@ -46,69 +46,90 @@ def evaluate_cloud(
 ) -> tuple[dict[str, Any], list[CloudResult]]:
     """Register all cases of a folder; the result as it is written to JSON, and case by case.
 
-    The method is asked for whatever it finds, and what it doubts more than `max_probability_wrong` is refused here: so the
-    doubted answers are judged as well. Raises CasesError where the folder cannot be read, ConfigError for a method that there is
-    not. A case that cannot be read is a `no_fix` with its reason.
+    The method is asked for whatever it finds, and once more, for the reason, where it doubts that more than
+    `max_probability_wrong`: so the doubted answers are judged as well. Raises CasesError where the folder cannot be read,
+    ConfigError for a method that there is not. A case that cannot be read is a `no_fix` with its reason.
     """
     make_registration(method)
     cases = read_cloud_cases(folder)[:limit]
     truth = read_cloud_truth(folder)
     results = []
-    for result in run_cases(cases, method, truth, jobs):
+    for result in run_cases(cases, method, truth, jobs, max_probability_wrong):
         results.append(result)
         if progress:
             progress(len(results), len(cases))
-    judged = accepted(results, max_probability_wrong)
     document = {
         "schema": 1,
         "method": method,
         "max_probability_wrong": max_probability_wrong,
         "environment": environment(),
-        "cases": [as_json(result) for result in judged],
-        "summary": summarise(judged),
+        "cases": [as_json(result) for result in results],
+        "summary": summarise(results),
     }
-    return document, judged
+    return document, results
 
 
-def run_cases(cases: Sequence[CloudCase | BadCloudCase], method: str, truth: Truth, jobs: int) -> Iterator[CloudResult]:
+def run_cases(
+    cases: Sequence[CloudCase | BadCloudCase],
+    method: str,
+    truth: Truth,
+    jobs: int,
+    max_probability_wrong: float = DEFAULT_MAX_PROBABILITY_WRONG,
+) -> Iterator[CloudResult]:
     """Results in the order of the cases, by so many processes; where one of them is killed, this process does the rest."""
     if jobs <= 1:
         cv2.setNumThreads(1)
-        yield from (run_case(case, method, truth.get(case.case_id)) for case in cases)
+        yield from (run_case(case, method, truth.get(case.case_id), max_probability_wrong) for case in cases)
         return
     done = 0
     try:
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)) as pool:
             truths = [truth.get(case.case_id) for case in cases]
-            for result in pool.map(run_case, cases, repeat(method), truths):
+            for result in pool.map(run_case, cases, repeat(method), truths, repeat(max_probability_wrong)):
                 done += 1
                 yield result
     except BrokenProcessPool:
-        yield from run_cases(cases[done:], method, truth, 1)
+        yield from run_cases(cases[done:], method, truth, 1, max_probability_wrong)
 
 
-def run_case(case: CloudCase | BadCloudCase, method: str, T_true: FloatArray | None) -> CloudResult:
+def run_case(
+    case: CloudCase | BadCloudCase,
+    method: str,
+    T_true: FloatArray | None,
+    max_probability_wrong: float = DEFAULT_MAX_PROBABILITY_WRONG,
+) -> CloudResult:
     """Register one case and judge the answer. Whatever is wrong with its files becomes a refusal."""
     known = T_true is not None
     if isinstance(case, BadCloudCase):
         return CloudResult(case.case_id, None, Reason.BAD_INPUT, case.why, has_truth=known)
-    register = make_registration(method, 1.0)
     try:
         source, reference = read_cloud(case.source), read_cloud(case.reference)
         require_same_crs(source, reference)
     except MapError as why:
         return CloudResult(case.case_id, None, Reason.BAD_INPUT, str(why), has_truth=known)
     origin = np.rint(reference.points_m.mean(axis=0) / ORIGIN_STEP_M) * ORIGIN_STEP_M
+    clouds = source.points_m - origin, reference.points_m - origin
+    register = make_registration(method, 1.0)
     start = time.perf_counter()
-    answer = register(source.points_m - origin, reference.points_m - origin, case.prior)
+    answer = register(*clouds, case.prior)
     elapsed_ms = 1000 * (time.perf_counter() - start)
-    notes = "; ".join(cloud.note for cloud in (source, reference) if cloud.note)
+    notes = tuple(cloud.note for cloud in (source, reference) if cloud.note)
+    placed, refusal, error = None, None, None
     if isinstance(answer, NotRegistered):
-        detail = "; ".join(text for text in (answer.detail, notes) if text)
-        return CloudResult(case.case_id, None, answer.reason, detail, elapsed_ms, answer.evidence, has_truth=known)
-    placed = about_zero(answer, origin)
-    error = None if T_true is None else cloud_error(placed, T_true, source.points_m)
-    return CloudResult(case.case_id, placed, None, notes, elapsed_ms, answer.evidence, error, known)
+        refusal = answer
+    else:
+        placed = about_zero(answer, origin)
+        error = None if T_true is None else cloud_error(placed, T_true, source.points_m)
+        if answer.probability_wrong > max_probability_wrong:
+            refusal = _refusal(make_registration(method, max_probability_wrong)(*clouds, case.prior))
+    reason, detail = (None, "") if refusal is None else (refusal.reason, refusal.detail)
+    text = "; ".join(part for part in (detail, *notes) if part)
+    return CloudResult(case.case_id, placed, reason, text, elapsed_ms, answer.evidence, error, known)
+
+
+def _refusal(answer: Registered | NotRegistered) -> NotRegistered:
+    """The refusal of a doubted answer; a method that claims otherwise the second time is refused all the same."""
+    return answer if isinstance(answer, NotRegistered) else NotRegistered(Reason.NO_MATCH, "answered otherwise when asked again")
 
 
 def about_zero(answer: Registered, origin_m: FloatArray) -> Registered:

@@ -10,7 +10,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -76,16 +76,6 @@ class CloudResult:
     def fix(self) -> Registered | None:
         """The answer where it is accepted."""
         return self.answer if self.reason is None else None
-
-
-def accepted(results: Sequence[CloudResult], max_probability_wrong: float) -> list[CloudResult]:
-    """The same results with a stricter limit: fixes that claim a larger probability of being wrong become refusals."""
-    return [
-        replace(r, reason=Reason.NO_MATCH, detail=f"probability of being wrong {r.fix.probability_wrong:.2g}")
-        if r.fix is not None and r.fix.probability_wrong > max_probability_wrong
-        else r
-        for r in results
-    ]
 
 
 def cloud_error(answer: Registered, T_true: FloatArray, source_m: FloatArray) -> CloudError3d:

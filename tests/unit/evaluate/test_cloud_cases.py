@@ -43,6 +43,8 @@ class Means:
         T = np.eye(4)
         T[:3, 3] = reference.mean(0) - source.mean(0)
         p = 0.01 if np.linalg.norm(T[:3, 3]) < 4.0 else 0.6
+        if p > self.max_probability_wrong:
+            return NotRegistered(Reason.AMBIGUOUS, f"doubted: {p}", (("peak", 0.7),))
         return Registered(T, np.diag([1.0, 4.0, 0.25]), 0.01, 0.001, p, (("peak", 0.7),))
 
 
@@ -92,7 +94,7 @@ def test_every_case_is_answered_or_refused_with_a_reason(folder: Path) -> None:
     assert list(document)[:2] == ["schema", "method"] and document["environment"]["numpy"] == np.__version__
     by_id = {case["id"]: case for case in document["cases"]}
     assert {name: case["reason"] for name, case in by_id.items() if case["status"] == "no_fix"} == {
-        "wood_B_00": "no_match",
+        "wood_B_00": "ambiguous",
         "wood_B_01": "too_few_features",
         **dict.fromkeys(("unknown", "absent", "text", "negative", "endless", "nameless", "nothing", "entry12"), "bad_input"),
     }
@@ -128,7 +130,7 @@ def test_summary_counts_refused_cases_as_not_within(folder: Path) -> None:
     assert summary["answers"]["mtre_m"]["max"] == pytest.approx(30.0)
     assert summary["reliability"]["separation"] == 1.0, "the doubted answer is judged although it is refused"
     assert {name: group["n_with_truth"] for name, group in summary["by_place"].items()} == {"town": 2, "wood": 2}
-    assert [r.detail for r in results if r.case_id == "wood_B_00"] == ["probability of being wrong 0.6"]
+    assert [r.detail for r in results if r.case_id == "wood_B_00"] == ["doubted: 0.6"]
     everything = evaluate_cloud(folder, "means", max_probability_wrong=1.0)[0]["summary"]
     assert (everything["n_fix"], everything["far_and_accepted"], everything["wrong_and_accepted"]) == (3, 1, 1)
 

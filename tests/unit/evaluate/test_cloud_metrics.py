@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from visloc_companion.errors import Reason
-from visloc_companion.evaluate.cloud_metrics import CloudResult, accepted, by_place, cloud_error, place_of, summarise
+from visloc_companion.evaluate.cloud_metrics import CloudResult, by_place, cloud_error, place_of, summarise
 from visloc_companion.evaluate.cloud_pictures import SIDE_PX, UNKNOWN, coloured, coloured_difference, height_map
 from visloc_companion.evaluate.cloud_report import worst_cases
 from visloc_companion.localise.registration.base import Registered
@@ -21,8 +21,8 @@ def placed(off: tuple[float, float, float], p: float = 0.01, covariance: np.ndar
 
 
 def result(name: str, off: tuple[float, float, float], p: float = 0.01) -> CloudResult:
-    answer = placed(off, p)
-    return CloudResult(name, answer, None, elapsed_ms=5.0, error=cloud_error(answer, np.eye(4), SOURCE), has_truth=True)
+    answer, reason = placed(off, p), Reason.AMBIGUOUS if p > 0.05 else None
+    return CloudResult(name, answer, reason, elapsed_ms=5.0, error=cloud_error(answer, np.eye(4), SOURCE), has_truth=True)
 
 
 def test_a_shift_is_its_own_error() -> None:
@@ -64,7 +64,7 @@ def test_true_claims_are_called_true_and_small_ones_are_seen() -> None:
 
 def test_far_answers_count_where_they_are_accepted() -> None:
     results = [result("a", (0.5, 0, 0)), result("b", (20.0, 0, 0), p=0.3), result("c", (6.0, 0, 0)), result("d", (0, 0, 11.0))]
-    summary = summarise(accepted(results, 0.05))
+    summary = summarise(results)
     assert (summary["n_fix"], summary["wrong_and_accepted"], summary["far_and_accepted"]) == (3, 1, 1)
     assert summary["within_1m_share"] == 0.25 and summary["within_5m_horizontal_share"] == 0.5
     assert summary["separation_of_far"] == pytest.approx(0.75) and summary["reliability"]["n_wrong"] == 2
@@ -74,7 +74,7 @@ def test_far_answers_count_where_they_are_accepted() -> None:
 
 def test_worst_are_the_accepted_far_ones_then_the_largest_errors() -> None:
     results = [result("small", (1, 0, 0)), result("doubted", (50, 0, 0), p=0.5), result("far", (11, 0, 0))]
-    assert [r.case_id for r in worst_cases(accepted(results, 0.05), 3)] == ["far", "doubted", "small"]
+    assert [r.case_id for r in worst_cases(results, 3)] == ["far", "doubted", "small"]
 
 
 def test_height_maps_lie_north_up() -> None:
