@@ -26,7 +26,7 @@ from visloc_companion.localise.registration.registry import METHODS, make_regist
 
 Array = NDArray[np.float64]
 SEED = 71
-RIDGE = 0.3
+RIDGE = 0.03
 
 
 def fit_cases(clouds: Path, work: Path, n: int) -> list[CloudCase]:

@@ -16,25 +16,24 @@ from visloc_companion.localise.registration.refine import Refined
 from visloc_companion.types import FloatArray
 
 WEIGHTS: dict[str, tuple[float, ...]] = {
-    "height-search": (-4.05, 25.22, 3.47, -0.51),
-    "gicp": (-4.05, 25.22, 3.47, -0.51),
-    "features": (-4.05, 25.22, 3.47, -0.51),
+    "height-search": (-0.47, 38.0, -0.31),
+    "gicp": (-0.47, 38.0, -0.31),
+    "features": (-0.47, 38.0, -0.31),
 }
 """Of each method on `regressors`: log-odds of being right."""
-NOISE = 0.05
-"""Scores below this are chance."""
-FORMAL_FACTOR = 6.0
-FLOOR_M = (0.05, 0.1)
-HEIGHT_SHARE = 0.15
+MOST_CHI2 = 30.0
+"""Beyond this, farther from the prior is not likelier to be wrong."""
+FORMAL_FACTOR = 1.3
+FLOOR_M = (0.12, 0.14)
+HEIGHT_SHARE = 0.18
 """Sigmas: the formal ones times a factor, a floor (horizontal, vertical), and of the height a share of the heights' deviation."""
-FLAT_M, LOOSE_M, CLEAR_LEAD = 0.1, 0.5, 0.1
+FLAT_M, LOOSE_M, CLEAR_LEAD = 0.1, 1.5, 0.1
 """A refusal is for want of texture where the relief is flatter or the place looser, else ambiguous where another is as good."""
 
 
 def regressors(e: Evidence) -> tuple[float, ...]:
     """What the log-odds are linear in."""
-    ratio = math.log((max(e.score, 0.0) + NOISE) / (e.rival + NOISE))
-    return (1.0, e.score - e.rival, ratio, math.log(max(e.formal_sigma_m, 1e-3)))
+    return (1.0, e.score - e.rival, min(e.prior_chi2, MOST_CHI2))
 
 
 def probability_wrong(method: str, e: Evidence) -> float:

@@ -94,12 +94,18 @@ def _score(sums: list[Complex64Array], squares: Float32Array, area: float) -> Fl
     return score
 
 
+def summits(scores: Scores) -> Mask:
+    """(rows, cols) which positions are no lower than their eight neighbours."""
+    if not scores.score.size:
+        return np.zeros(scores.score.shape, np.bool_)
+    return np.asarray(scores.score == cv2.dilate(scores.score, np.ones((3, 3), np.uint8)))
+
+
 def peaks(scores: Scores, apart: float, most: int) -> list[tuple[int, int, int, float]]:
     """(u, v, hypothesis, score) of the highest positions at least so many cells from each other, best first."""
     if not scores.score.size:
         return []
-    ridge = cv2.dilate(scores.score, np.ones((3, 3), np.uint8))
-    left = np.where(scores.score == ridge, scores.score, np.float32(NO_SCORE))
+    left = np.where(summits(scores), scores.score, np.float32(NO_SCORE))
     rows, cols = np.ogrid[: left.shape[0], : left.shape[1]]
     found = []
     for _ in range(most):

@@ -6,10 +6,12 @@ import math
 from dataclasses import astuple, dataclass, fields
 
 import numpy as np
+from numpy.typing import NDArray
 
+from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.localise.registration.pair import Pair
 from visloc_companion.localise.registration.refine import Refined, SourceCells, Surface
-from visloc_companion.localise.registration.similarity import moved
+from visloc_companion.localise.registration.similarity import moved, scale_of, yaw_of
 from visloc_companion.types import FloatArray
 
 BLOCKS = 5
@@ -17,14 +19,16 @@ BLOCKS = 5
 FEWEST_IN_BLOCK = 12
 BLOCK_AGREES = 0.3
 """Correlation of a block's relief from which it agrees."""
+LEAST_VARIANCE_M2 = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """`correlation` of the reliefs where both are known, `overlap` share of the source that this is; `rival`: the best score
-    (correlation times the root of the overlap) at least 6 m away; `blocks`: share of the source's blocks that agree;
-    `formal_sigma_m`: worst horizontal sigma of the refinement, `deviation_m` of its height differences, `relief_m` deviation of
-    the reference's relief there; `bowl_m` that was taken out; `lift_sigmas` of the height against the prior."""
+    """`correlation` of the reliefs where both are known, `overlap`: share of the source that this is; `rival`: the best score
+    (correlation times the root of the overlap) of another place, at least 6 m away;
+    `blocks`: share of the source's blocks that agree, by relief; `formal_sigma_m`: worst horizontal sigma of the refinement,
+    `deviation_m` of its height differences, `relief_m` of the reference's relief there; `bowl_m` that was taken out;
+    `prior_chi2`: squared distance of place, height, heading and scale from the prior in sigmas."""
 
     correlation: float
     overlap: float
@@ -34,7 +38,7 @@ class Evidence:
     deviation_m: float
     relief_m: float
     bowl_m: float
-    lift_sigmas: float
+    prior_chi2: float
 
     @property
     def score(self) -> float:
@@ -70,16 +74,15 @@ def agreement(pair: Pair, source: SourceCells, relief: Surface, T: FloatArray) -
     a, b = source.relief_m[used], layers[used, 0].astype(np.float64)
     off = (source.points_m[used, :2] - pair.centre_m[:2]) / (2 * pair.half_m) + 0.5
     block = np.clip((off * BLOCKS).astype(int), 0, BLOCKS - 1) @ np.array([BLOCKS, 1])
-    each = _correlations(a, b, block)
-    blocks = float(np.mean(each > BLOCK_AGREES)) if len(each) else 0.0
-    whole = _correlations(a, b, np.zeros(len(a), np.int64))[0]
-    return Agreement(float(whole), float(used.mean()), blocks, float(b.std()))
+    each, deviation = _correlations(a, b, block)
+    blocks = float(deviation @ (each > BLOCK_AGREES) / max(float(deviation.sum()), 1e-9))
+    whole, _ = _correlations(a, b, np.zeros(len(a), np.int64))
+    return Agreement(float(whole[0]), float(used.mean()), blocks, float(b.std()))
 
 
-def evidence_of(pair: Pair, found: Agreement, refined: Refined, rival: float, sigma_vertical_m: float) -> Evidence:
+def evidence_of(pair: Pair, found: Agreement, refined: Refined, rival: float, prior: RegistrationPrior) -> Evidence:
     """All that is known of one registration."""
     horizontal = np.linalg.eigvalsh(refined.placed[:2, :2])
-    lift = moved(refined.T, pair.centre_m)[2] - pair.centre_m[2]
     return Evidence(
         found.correlation,
         found.overlap,
@@ -89,16 +92,23 @@ def evidence_of(pair: Pair, found: Agreement, refined: Refined, rival: float, si
         refined.height_sigma_m,
         found.relief_m,
         refined.bowl_m,
-        float(lift) / sigma_vertical_m,
+        prior_chi2(refined.T, pair.centre_m, prior),
     )
 
 
-def _correlations(a: FloatArray, b: FloatArray, group: FloatArray) -> FloatArray:
-    """Correlation of a and b in each group of enough values."""
+def prior_chi2(T: FloatArray, centre_m: FloatArray, prior: RegistrationPrior) -> float:
+    """Squared distance (five degrees of freedom) of a similarity from the prior; growth is no distance."""
+    shift = moved(T, centre_m) - centre_m
+    height = math.hypot(prior.sigma_vertical_m, prior.sigma_growth_m)
+    off = [*shift, yaw_of(T), math.log(scale_of(T))]
+    sigmas = [prior.sigma_horizontal_m, prior.sigma_horizontal_m, height, prior.sigma_yaw_rad, prior.sigma_scale]
+    return float(sum((o / max(s, 1e-9)) ** 2 for o, s in zip(off, sigmas, strict=True)))
+
+
+def _correlations(a: FloatArray, b: FloatArray, group: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
+    """Correlation of a and b in each group of enough values, and the deviation of a there."""
     n = np.bincount(group)
-    sums = [np.bincount(group, values) for values in (a, b, a * b, a * a, b * b)]
     enough = n >= FEWEST_IN_BLOCK
-    n = n[enough]
-    sa, sb, sab, saa, sbb = (s[enough] / n for s in sums)
-    spread = np.maximum(saa - sa * sa, 1e-6) * np.maximum(sbb - sb * sb, 1e-6)
-    return np.asarray((sab - sa * sb) / np.sqrt(spread), dtype=np.float64)
+    sa, sb, sab, saa, sbb = (np.bincount(group, values)[enough] / n[enough] for values in (a, b, a * b, a * a, b * b))
+    var_a, var_b = np.maximum(saa - sa * sa, LEAST_VARIANCE_M2), np.maximum(sbb - sb * sb, LEAST_VARIANCE_M2)
+    return (sab - sa * sb) / np.sqrt(var_a * var_b), np.sqrt(var_a)

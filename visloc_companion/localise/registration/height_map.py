@@ -7,7 +7,6 @@ place get the same surface. Raster frame: column to the east, row to the north (
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import cv2
@@ -16,10 +15,6 @@ import numpy as np
 from visloc_companion.localise.features.base import Float32Array, Mask
 from visloc_companion.types import FloatArray
 
-FINEST_M = 0.5
-"""Parts of a cell are no finer: stereo from 90 m does not see finer."""
-POINTS_PER_PART = 1.2
-"""Side of a part in mean distances of points."""
 SPIKE_M = 2.5
 """A part that stands out of all its neighbours by so much is an outlier."""
 FEWEST_NEIGHBOURS = 4
@@ -49,12 +44,8 @@ class HeightMap:
         return HeightMap(self.height_m[at], self.known[at], self.corner_m + low * self.cell_m, self.cell_m)
 
 
-def upper_surface(points_m: FloatArray, cell_m: float, density_per_m2: float = math.inf) -> HeightMap:
-    """The surface of (N, 3) points on cells of a size.
-
-    Without a density the points are taken to lie on the surface already, as those of stereo do, however few.
-    """
-    parts = max(1, math.floor(min(cell_m * math.sqrt(density_per_m2) / POINTS_PER_PART, cell_m / FINEST_M)))
+def upper_surface(points_m: FloatArray, cell_m: float, parts: int) -> HeightMap:
+    """The surface of (N, 3) points on cells of a size, each of so many parts along its side."""
     fine = _highest(points_m, cell_m / parts, parts)
     weight = _without_spikes(fine).astype(np.float32)
     rows, cols = (n // parts for n in weight.shape)

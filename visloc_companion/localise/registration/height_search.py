@@ -8,18 +8,15 @@ from __future__ import annotations
 
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
-from visloc_companion.localise.registration.claims import answer
-from visloc_companion.localise.registration.evidence import evidence_of
 from visloc_companion.localise.registration.pair import make_pair
-from visloc_companion.localise.registration.search import find_places, runner_up
+from visloc_companion.localise.registration.search import find_places
 from visloc_companion.localise.registration.settle import Settler
-from visloc_companion.localise.registration.similarity import moved
 from visloc_companion.types import FloatArray
 
 NAME = "height-search"
-REFINED = 3
+REFINED = 4
 """Places that are refined."""
-SLIDE_M, SLIDE_CELLS = 4.0, 2.0
+SLIDE_M, SLIDE_CELLS = 6.0, 3.0
 """A refinement that goes farther from its start than this has slid away."""
 
 
@@ -39,10 +36,10 @@ class HeightSearchRegistration:
         settled = [s for place in places if (s := settler.settle(place.T)) is not None]
         if not settled:
             return NotRegistered(Reason.LOW_OVERLAP, "too little of the source lies on the reference")
-        best = max(settled, key=lambda s: s.found.score)
+        found = max(settled, key=lambda s: s.found.score)
+        best = settler.polished(found)
         if best.slid_m > max(SLIDE_M, SLIDE_CELLS * pair.source.cell_m):
             what = f"the refinement slid {best.slid_m:.1f} m from where the search had found it"
             return NotRegistered(Reason.REFINEMENT_DIVERGED, what)
-        rival = runner_up(pair, scores, moved(best.refined.T, pair.centre_m)[:2])
-        evidence = evidence_of(pair, best.found, best.refined, rival, prior.sigma_vertical_m)
-        return answer(NAME, best.refined, evidence, prior, self.max_probability_wrong)
+        rest = [s for s in settled if s is not found]
+        return settler.answer(NAME, best, rest, scores, self.max_probability_wrong)

@@ -13,9 +13,13 @@ from visloc_companion.localise.registration.clouds import FEWEST_POINTS, checked
 from visloc_companion.localise.registration.height_map import HeightMap, high_passed, smoothed, upper_surface
 from visloc_companion.types import FloatArray
 
-FINEST_CELL_M = 1.0
+FINEST_PART_M = 0.5
+"""Side of a cell's parts: finer is not seen by stereo from 90 m; of the reference no less than the distance of its points. Those
+of the source lie on the surface already, however few there are."""
+USUAL_CELL_M = 1.0
+"""About which a cell is a whole number of parts."""
 MOST_CELLS = 2048
-"""A reference wider than this many finest cells gets coarser ones."""
+"""A reference wider than this many cells gets coarser ones."""
 SMOOTHING_CELLS = 0.6
 STRAY_SHARE = 0.05
 """Source points farther out than this share of the width of 99.8 % of them are strays."""
@@ -60,7 +64,9 @@ def make_pair(source_m: FloatArray, reference_m: FloatArray, prior: Registration
         return NotRegistered(Reason.OUTSIDE_MAP, what)
     density = density_per_m2(reference)
     side = float(np.ptp(reference[:, :2], axis=0).max())
-    cell = max(FINEST_CELL_M, 1 / math.sqrt(density), side / MOST_CELLS)
-    surfaces = [upper_surface(source, cell), upper_surface(reference, cell, density)]
+    part = max(FINEST_PART_M, 1 / math.sqrt(density))
+    parts = max(1, round(USUAL_CELL_M / part), math.ceil(side / (MOST_CELLS * part)))
+    cell = part * parts
+    surfaces = [upper_surface(source, cell, max(1, int(cell / FINEST_PART_M))), upper_surface(reference, cell, parts)]
     smooth = [smoothed(surface, SMOOTHING_CELLS * cell) for surface in surfaces]
     return Pair(source, reference, centre, *smooth, *(high_passed(surface) for surface in smooth))

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from visloc_companion.localise.features.base import Float32Array, Mask
 from visloc_companion.localise.registration.base import RegistrationPrior
@@ -25,6 +26,8 @@ SIGMA_BOWL_M = 0.5
 WEIGHT_SIGMAS = 2.0
 """Height differences, in robust deviations of all, at which a cell's weight is a quarter."""
 LEAST_SIGMA_M = 0.1
+ALIKE = 16.0
+"""So many cells count as one: their differences are alike. Errors were 4 times those of independent cells (places fitted on)."""
 ROW = 1024
 """Places are looked up in rows of so many: OpenCV takes no wider ones than 32,767."""
 FEWEST_CELLS = 30
@@ -59,17 +62,21 @@ class Surface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceCells:
-    """The source's known cells as points (N, 3), their relief (N,), and the height (N,) of a bowl of 1 m at each."""
+    """The source's known cells as points (N, 3), their relief (N,), the height (N,) of a bowl of 1 m at each, and
+    where they are in the map's `shape`."""
 
     points_m: FloatArray
     relief_m: FloatArray
     centre_m: FloatArray
     bowl: FloatArray
+    rows: NDArray[np.int64]
+    cols: NDArray[np.int64]
+    shape: tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refined:
-    """`T` (4, 4), `bowl_m`; formal covariances, as if the cells' errors were independent, of what is `placed` (4, 4: east, north,
+    """`T` (4, 4), `bowl_m`; formal covariances of what is `placed` (4, 4: east, north,
     heading, scale) and `raised` (4, 4: up, tilt about east and north, bowl); robust deviations of either kind of differences."""
 
     T: FloatArray
@@ -97,7 +104,9 @@ def cells_of(heights: HeightMap, relief: HeightMap, centre_m: FloatArray) -> Sou
     out = points[:, :2] - centre_m[:2]
     squared = (out**2).sum(1)
     bowl = squared / max(2 * float(squared.mean()), 1e-9)
-    return SourceCells(points, relief.height_m[rows, cols].astype(np.float64), centre_m, bowl - float(bowl.mean()))
+    bowl -= float(bowl.mean())
+    own = relief.height_m[rows, cols].astype(np.float64)
+    return SourceCells(points, own, centre_m, bowl, rows, cols, heights.known.shape)
 
 
 def refine(
@@ -106,25 +115,25 @@ def refine(
     """Refined from a start in at most so many steps (0: looked at as it is); None where too few cells lie on the reference."""
     T, bowl_m = start, 0.0
     for left in range(steps, -1, -1):
-        raised = _raising(source, surface, T, bowl_m, prior)
+        raised = raising(source, surface, T, bowl_m, prior)
         if raised is None:
             return None
         up, tilt_x, tilt_y, more = raised.step()
         if left:
-            T, bowl_m = _stepped(T, source.centre_m, np.array([0, 0, up]), (tilt_x, tilt_y, 0.0), 0.0), bowl_m + more
+            T, bowl_m = stepped(T, source.centre_m, np.array([0, 0, up]), (tilt_x, tilt_y, 0.0), 0.0), bowl_m + more
         placed = _placing(source, relief, T, prior)
         if placed is None:
             return None
         east, north, yaw, scale = placed.step()
         if not left or max(abs(east), abs(north), abs(up)) < SMALL_STEP_M:
             return Refined(T, bowl_m, placed.covariance(), raised.covariance(), placed.sigma_m, raised.sigma_m)
-        T = _stepped(T, source.centre_m, np.array([east, north, 0]), (0.0, 0.0, yaw), scale)
+        T = stepped(T, source.centre_m, np.array([east, north, 0]), (0.0, 0.0, yaw), scale)
     return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Equations:
-    """Of four parameters: jacobian^T W jacobian and - jacobian^T W residual, the prior's precision and wish."""
+class Equations:
+    """Normal equations of four parameters: jacobian^T W jacobian and - jacobian^T W residual, the prior's precision and wish."""
 
     information: FloatArray
     pull: FloatArray
@@ -133,18 +142,44 @@ class _Equations:
     wish: FloatArray
 
     def step(self) -> tuple[float, float, float, float]:
-        variance = self.sigma_m**2
-        found = np.linalg.solve(
-            self.information / variance + np.diag(self.precision + TINY), self.pull / variance + self.precision * self.wish
-        )
+        """The Gauss-Newton step."""
+        found = np.linalg.solve(self._held(), self.pull / (ALIKE * self.sigma_m**2) + self.precision * self.wish)
         return float(found[0]), float(found[1]), float(found[2]), float(found[3])
 
     def covariance(self) -> FloatArray:
-        held = self.information / self.sigma_m**2 + np.diag(self.precision + TINY)
-        return np.asarray(np.linalg.inv(held), dtype=np.float64)
+        """(4, 4) with what the prior knows."""
+        return np.asarray(np.linalg.inv(self._held()), dtype=np.float64)
+
+    def _held(self) -> FloatArray:
+        held = self.information / (ALIKE * self.sigma_m**2) + np.diag(self.precision + TINY)
+        return np.asarray(held, dtype=np.float64)
 
 
-def _placing(source: SourceCells, relief: Surface, T: FloatArray, prior: RegistrationPrior) -> _Equations | None:
+def differences(source: SourceCells, surface: Surface, T: FloatArray, bowl_m: float) -> tuple[Mask, FloatArray, FloatArray]:
+    """The cells used (N,), their differences of height (n,) and how these change (n, 4) with east, north, heading, scale."""
+    at = moved(T, source.points_m + np.outer(bowl_m * source.bowl, [0, 0, 1]))
+    layers = surface.at(at[:, :2])
+    used = surface.holds(layers)
+    u, v, w = (at[used] - moved(T, source.centre_m)).T
+    height, east, north = (layers[used, k].astype(np.float64) for k in range(3))
+    jacobian = np.column_stack([east, north, north * u - east * v, east * u + north * v - w])
+    return used, np.asarray(height - at[used, 2]), jacobian
+
+
+def prior_of_placing(T: FloatArray, prior: RegistrationPrior) -> tuple[FloatArray, FloatArray]:
+    """Precision of east, north, heading, scale, and their distance from what is expected. Of the place itself: none."""
+    precision = _precision(np.inf, np.inf, prior.sigma_yaw_rad, prior.sigma_scale)
+    return precision, -np.array([0.0, 0.0, yaw_of(T), np.log(scale_of(T))])
+
+
+def robust(residual: FloatArray, least_m: float) -> tuple[float, FloatArray]:
+    """Robust deviation of the residuals (N,), and their weights (N,) of Geman and McClure about their median."""
+    off = residual - float(np.median(residual))
+    sigma = max(LEAST_SIGMA_M, least_m, 1.4826 * float(np.median(np.abs(off))))
+    return sigma, np.asarray(1 / np.square(1 + np.square(off / (WEIGHT_SIGMAS * sigma))))
+
+
+def _placing(source: SourceCells, relief: Surface, T: FloatArray, prior: RegistrationPrior) -> Equations | None:
     """Equations of east, north, heading, scale on the relief."""
     at = moved(T, source.points_m)
     layers = relief.at(at[:, :2])
@@ -155,11 +190,10 @@ def _placing(source: SourceCells, relief: Surface, T: FloatArray, prior: Registr
     own = source.relief_m[used] * scale_of(T)
     height, east, north = (layers[used, k].astype(np.float64) for k in range(3))
     jacobian = np.column_stack([east, north, north * u - east * v, east * u + north * v - own])
-    precision = _precision(np.inf, np.inf, prior.sigma_yaw_rad, prior.sigma_scale)
-    return _weighted(jacobian, height - own, precision, -np.array([0, 0, yaw_of(T), np.log(scale_of(T))]), 0.0)
+    return _weighted(jacobian, height - own, *prior_of_placing(T, prior), 0.0)
 
 
-def _raising(source: SourceCells, surface: Surface, T: FloatArray, bowl_m: float, prior: RegistrationPrior) -> _Equations | None:
+def raising(source: SourceCells, surface: Surface, T: FloatArray, bowl_m: float, prior: RegistrationPrior) -> Equations | None:
     """Equations of up, tilt about east, tilt about north, bowl on the heights."""
     at = moved(T, source.points_m + np.outer(bowl_m * source.bowl, [0, 0, 1]))
     layers = surface.at(at[:, :2])
@@ -177,15 +211,13 @@ def _precision(*sigmas: float) -> FloatArray:
     return np.asarray(1 / np.square(np.maximum(sigmas, LEAST_PRIOR)), dtype=np.float64)
 
 
-def _weighted(jacobian: FloatArray, residual: FloatArray, precision: FloatArray, wish: FloatArray, least_m: float) -> _Equations:
-    off = residual - float(np.median(residual))
-    sigma = max(LEAST_SIGMA_M, least_m, 1.4826 * float(np.median(np.abs(off))))
-    weight = 1 / np.square(1 + np.square(off / (WEIGHT_SIGMAS * sigma)))
+def _weighted(jacobian: FloatArray, residual: FloatArray, precision: FloatArray, wish: FloatArray, least_m: float) -> Equations:
+    sigma, weight = robust(residual, least_m)
     weighted = jacobian * weight[:, None]
-    return _Equations(weighted.T @ jacobian, -weighted.T @ residual, sigma, precision, wish)
+    return Equations(weighted.T @ jacobian, -weighted.T @ residual, sigma, precision, wish)
 
 
-def _stepped(
+def stepped(
     T: FloatArray, centre_m: FloatArray, shift_m: FloatArray, turn: tuple[float, float, float], log_scale: float
 ) -> FloatArray:
     """T, then turned, scaled and shifted by a step about the moved centre."""

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from visloc_companion.localise.registration.base import RegistrationPrior
-from visloc_companion.localise.registration.correlation import HeightCorrelator, Scores, Template, peaks
+from visloc_companion.localise.registration.correlation import HeightCorrelator, Scores, Template, peaks, summits
 from visloc_companion.localise.registration.height_map import HeightMap
 from visloc_companion.localise.registration.pair import SIGMAS, Pair
 from visloc_companion.localise.registration.similarity import about
@@ -66,11 +66,11 @@ def search(pair: Pair, pairs: list[tuple[float, float]], prior: RegistrationPrio
 
 
 def runner_up(pair: Pair, scores: Scores, at_m: FloatArray) -> float:
-    """The best score at least APART_M from a place (2,); 0 where there is none."""
+    """The highest peak at least APART_M from a place (2,), 0 where there is none. The sides of the place's own are no peaks."""
     u, v = pair.reference.cells_of(at_m) - scores.origin
-    rows, cols = np.ogrid[: scores.score.shape[0], : scores.score.shape[1]]
+    rows, cols = np.nonzero(summits(scores))
     away = (rows - v) ** 2 + (cols - u) ** 2 >= (APART_M / pair.reference.cell_m) ** 2
-    return max(0.0, float(np.max(scores.score, where=away, initial=0.0)))
+    return max(0.0, float(np.max(scores.score[rows, cols], where=away, initial=0.0)))
 
 
 def template(source: HeightMap, centre_m: FloatArray, yaw: float, scale: float, cell_m: float, reach: int) -> Template:

@@ -9,10 +9,12 @@ import numpy as np
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
 from visloc_companion.localise.registration.claims import answer
+from visloc_companion.localise.registration.correlation import Scores
 from visloc_companion.localise.registration.evidence import Agreement, agreement, evidence_of
 from visloc_companion.localise.registration.pair import Pair
+from visloc_companion.localise.registration.polish import polish
 from visloc_companion.localise.registration.refine import Refined, SourceCells, Surface, cells_of, refine, surface_of
-from visloc_companion.localise.registration.search import runner_up, search
+from visloc_companion.localise.registration.search import APART_M, runner_up, search
 from visloc_companion.localise.registration.similarity import moved, scale_of, yaw_of
 from visloc_companion.types import FloatArray
 
@@ -43,15 +45,33 @@ class Settler:
         lifted = self._lifted(start, surface)
         return None if lifted is None else self._settled(lifted, surface, relief, STEPS)
 
+    def polished(self, settled: Settled) -> Settled:
+        """The same after the last steps; as it was where they go astray."""
+        surface, relief = self._near(settled.refined.T)
+        refined = polish(self.cells, surface, settled.refined, self.prior)
+        if refined is None:
+            return settled
+        slid = moved(refined.T, self.pair.centre_m)[:2] - moved(settled.refined.T, self.pair.centre_m)[:2]
+        found = agreement(self.pair, self.cells, relief, refined.T)
+        return Settled(refined, found, settled.slid_m + float(np.hypot(*slid)))
+
     def judged(self, method: str, T: FloatArray, max_probability_wrong: float) -> Registered | NotRegistered:
         """The answer of a method that found T by itself: T as it is, judged against all other places at its heading and scale."""
         settled = self._settled(T, *self._near(T), 0)
         if settled is None:
             return NotRegistered(Reason.LOW_OVERLAP, "too little of the source lies on the reference")
         scores = search(self.pair, [(yaw_of(T), scale_of(T))], self.prior)
-        rival = runner_up(self.pair, scores, moved(T, self.pair.centre_m)[:2])
-        evidence = evidence_of(self.pair, settled.found, settled.refined, rival, self.prior.sigma_vertical_m)
-        return answer(method, settled.refined, evidence, self.prior, max_probability_wrong)
+        return self.answer(method, settled, [], scores, max_probability_wrong)
+
+    def answer(
+        self, method: str, best: Settled, rest: list[Settled], scores: Scores, max_probability_wrong: float
+    ) -> Registered | NotRegistered:
+        """The claim for the best of the candidates, against what else scores well and the rest of them, which are refined too."""
+        here = moved(best.refined.T, self.pair.centre_m)[:2]
+        away = [s.found.score for s in rest if np.hypot(*(moved(s.refined.T, self.pair.centre_m)[:2] - here)) >= APART_M]
+        rival = max([runner_up(self.pair, scores, here), *away])
+        evidence = evidence_of(self.pair, best.found, best.refined, rival, self.prior)
+        return answer(method, best.refined, evidence, self.prior, max_probability_wrong)
 
     def _settled(self, start: FloatArray, surface: Surface, relief: Surface, steps: int) -> Settled | None:
         refined = refine(self.cells, surface, relief, start, self.prior, steps)

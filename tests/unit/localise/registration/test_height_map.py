@@ -13,7 +13,7 @@ def grid_points(heights: np.ndarray, step: float = 1.0) -> np.ndarray:
 def test_a_cell_is_the_mean_of_the_highest_points_of_its_parts():
     corners = [[0.0, 0.0, 0.0], [5.9, 5.9, 0.0]]
     cell = [[2.1, 2.1, 1], [2.2, 2.2, 3], [2.6, 2.1, 5]]  # two parts of 0.5 m: highest 3 and 5
-    surface = upper_surface(np.array(corners + cell), 1.0, 100.0)
+    surface = upper_surface(np.array(corners + cell), 1.0, 2)
     assert surface.known[2, 2]
     assert surface.height_m[2, 2] == 4
     assert not surface.known[3, 3]
@@ -21,7 +21,7 @@ def test_a_cell_is_the_mean_of_the_highest_points_of_its_parts():
 
 def test_rows_run_north_and_columns_east():
     heights = np.arange(30.0).reshape(5, 6)
-    surface = upper_surface(grid_points(heights), 1.0, 1.0)
+    surface = upper_surface(grid_points(heights), 1.0, 1)
     np.testing.assert_array_equal(surface.corner_m, [0.5, 0.5])
     column, row = np.round(surface.cells_of(np.array([[4.0, 2.0]]))[0]).astype(int)
     assert (column, row) == (3, 1)
@@ -31,7 +31,7 @@ def test_rows_run_north_and_columns_east():
 def test_a_spike_among_known_neighbours_is_left_out():
     heights = np.zeros((9, 9))
     heights[4, 4] = 8.0
-    surface = upper_surface(grid_points(heights), 1.0, 1.0)
+    surface = upper_surface(grid_points(heights), 1.0, 1)
     assert surface.known.sum() == 80
     assert surface.height_m.max() == 0
 

@@ -1,0 +1,90 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from visloc_companion.localise.registration.base import RegistrationPrior
+from visloc_companion.localise.registration.height_map import HeightMap, high_passed
+from visloc_companion.localise.registration.polish import polish
+from visloc_companion.localise.registration.refine import cells_of, refine, surface_of
+from visloc_companion.localise.registration.similarity import about, moved, tilt_of, turned, with_linear
+
+PRIOR = RegistrationPrior(10.0, 3.0, np.radians(3.0), np.radians(2.0), 0.012)
+
+
+def relief(rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
+    return 2.0 * np.sin(cols / 4.3) * np.cos(rows / 5.1) + 1.5 * np.sin((rows + 2 * cols) / 7.7)
+
+
+def height_map(size: int, corner: tuple[float, float], shift: tuple[float, float] = (0, 0), up: float = 0.0) -> HeightMap:
+    rows, cols = np.indices((size, size)).astype(float)
+    z = relief(rows + corner[1] + shift[1], cols + corner[0] + shift[0]) + up
+    return HeightMap(z.astype(np.float32), np.ones((size, size), bool), np.array(corner, float), 1.0)
+
+
+def parts(source: HeightMap):
+    reference = height_map(120, (0, 0))
+    centre = np.array([60.0, 60.0, 0.0])
+    return cells_of(source, high_passed(source), centre), surface_of(reference), surface_of(high_passed(reference)), centre
+
+
+def test_finds_shift_height_and_heading():
+    cells, surface, of_relief, centre = parts(height_map(50, (35, 35), (1.5, -1.0), -2.0))
+    found = refine(cells, surface, of_relief, np.eye(4), PRIOR, 20)
+    np.testing.assert_allclose(moved(found.T, centre) - centre, [1.5, -1.0, 2.0], atol=0.2)
+    last = polish(cells, surface, found, PRIOR)
+    np.testing.assert_allclose(moved(last.T, centre) - centre, [1.5, -1.0, 2.0], atol=0.05)
+    turned_start = about(centre, 0.03, 1.01, np.zeros(3))
+    again = refine(cells, surface, of_relief, turned_start, PRIOR, 20)
+    np.testing.assert_allclose(again.T[:3, :3], found.T[:3, :3], atol=2e-3)
+
+
+def test_no_steps_is_a_look():
+    cells, surface, of_relief, _ = parts(height_map(50, (35, 35), (1.5, -1.0)))
+    assert np.array_equal(refine(cells, surface, of_relief, np.eye(4), PRIOR, 0).T, np.eye(4))
+
+
+def test_what_was_built_moves_nothing_and_a_bowl_is_seen():
+    source = height_map(50, (35, 35), (1.0, 0.5))
+    changed = source.height_m.copy()
+    changed[8:22, 10:26] += 6
+    rows, cols = np.indices(changed.shape)
+    changed += (0.002 * ((rows - 24.5) ** 2 + (cols - 24.5) ** 2)).astype(np.float32)
+    cells, surface, of_relief, centre = parts(replace(source, height_m=changed))
+    first = refine(cells, surface, of_relief, np.eye(4), PRIOR, 20)
+    last = polish(cells, surface, first, PRIOR)
+    off = moved(last.T, centre) - centre
+    np.testing.assert_allclose(off[:2], [1.0, 0.5], atol=0.05)
+    assert last.bowl_m < -0.3
+
+
+def test_tilt_is_found_within_its_prior_and_held_where_the_prior_is_sharp():
+    cells, surface, of_relief, centre = parts(height_map(50, (35, 35)))
+    tilt = with_linear(turned(0.03, -0.02, 0.0), centre, centre)
+    free = refine(cells, surface, of_relief, tilt, PRIOR, 20)
+    assert np.abs(tilt_of(free.T)).max() < 2e-3
+    sharp = refine(cells, surface, of_relief, np.eye(4), replace(PRIOR, sigma_tilt_rad=1e-6), 20)
+    assert np.abs(tilt_of(sharp.T)).max() < 1e-6
+
+
+def test_a_plane_tells_nothing_of_the_place():
+    flat = height_map(50, (35, 35))
+    flat = replace(flat, height_m=np.zeros_like(flat.height_m))
+    plane = replace(height_map(120, (0, 0)), height_m=np.zeros((120, 120), np.float32))
+    cells = cells_of(flat, flat, np.array([60.0, 60.0, 0.0]))
+    found = refine(cells, surface_of(plane), surface_of(plane), np.eye(4), PRIOR, 5)
+    assert np.sqrt(np.linalg.eigvalsh(found.placed[:2, :2])[-1]) > 100
+
+
+def test_nothing_in_common_is_no_answer():
+    cells, surface, of_relief, centre = parts(height_map(50, (35, 35)))
+    away = about(centre, 0.0, 1.0, np.array([500.0, 0, 0]))
+    assert refine(cells, surface, of_relief, away, PRIOR, 5) is None
+
+
+def test_growth_widens_what_counts_as_alike():
+    cells, surface, of_relief, _ = parts(height_map(50, (35, 35), (0.5, 0.0)))
+    grown = refine(cells, surface, of_relief, np.eye(4), replace(PRIOR, sigma_growth_m=2.0), 20)
+    assert grown.height_sigma_m == pytest.approx(2.0)

@@ -1,0 +1,88 @@
+"""The last steps of a refinement: the relief of the differences themselves, free of what has changed.
+
+A relief is what stands out of a local mean; what was felled or built, or is a hole in one cloud alone, bends that mean for metres
+around. Here the mean is taken away from the differences of height of the cells that both clouds know, by their weights: a change
+loses its weight and with it its pull on its neighbours. The slopes that a step is computed from lose their mean in the same way,
+so that the step is that of generalised least squares under differences that are alike over 8 m (Aitken 1936).
+
+The covariance is the one of clusters (Liang and Zeger 1986): what the cells of a block pull together counts once.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from visloc_companion.localise.features.base import Mask
+from visloc_companion.localise.registration.base import RegistrationPrior
+from visloc_companion.localise.registration.height_map import HIGH_PASS_M
+from visloc_companion.localise.registration.refine import (
+    ALIKE,
+    SMALL_STEP_M,
+    TINY,
+    Refined,
+    SourceCells,
+    Surface,
+    differences,
+    prior_of_placing,
+    raising,
+    robust,
+    stepped,
+)
+from visloc_companion.types import FloatArray
+
+STEPS = 8
+CLUSTER_M = 8.0
+FITTED = 4
+"""Parameters."""
+
+
+def polish(source: SourceCells, surface: Surface, refined: Refined, prior: RegistrationPrior) -> Refined | None:
+    """Refined on the differences' relief; None where too few cells lie on the reference."""
+    T, bowl_m = refined.T, refined.bowl_m
+    weight = np.ones(len(source.points_m))
+    for left in range(STEPS, -1, -1):
+        raised = raising(source, surface, T, bowl_m, prior)
+        if raised is None:
+            return None
+        up, tilt_x, tilt_y, more = raised.step()
+        if left:
+            T, bowl_m = stepped(T, source.centre_m, np.array([0, 0, up]), (tilt_x, tilt_y, 0.0), 0.0), bowl_m + more
+        used, residual, jacobian = differences(source, surface, T, bowl_m)
+        values = np.column_stack([residual, jacobian])
+        values -= _local_mean(source, values, used, weight[used], surface.heights.cell_m)
+        residual, jacobian = values[:, 0], values[:, 1:]
+        sigma, weight[used] = robust(residual, prior.sigma_growth_m)
+        weighted = jacobian * (weight[used] / (ALIKE * sigma**2))[:, None]
+        precision, wish = prior_of_placing(T, prior)
+        bread = np.linalg.inv(weighted.T @ jacobian + np.diag(precision + TINY))
+        step = bread @ (precision * wish - weighted.T @ residual)
+        if not left or max(abs(step[0]), abs(step[1]), abs(up)) < SMALL_STEP_M:
+            placed = bread + bread @ _meat(source, used, weighted * residual[:, None], weighted * jacobian) @ bread
+            return Refined(T, bowl_m, np.asarray(placed, dtype=np.float64), raised.covariance(), sigma, raised.sigma_m)
+        T = stepped(T, source.centre_m, np.array([step[0], step[1], 0]), (0.0, 0.0, float(step[2])), float(step[3]))
+    return None
+
+
+def _local_mean(source: SourceCells, values: FloatArray, used: Mask, weight: FloatArray, cell_m: float) -> FloatArray:
+    """(n, K) Gaussian mean of the values of the cells used, about each of them, by their weights."""
+    rows, cols = source.rows[used], source.cols[used]
+    image = np.zeros((*source.shape, values.shape[1] + 1), np.float32)
+    image[rows, cols, 0] = weight
+    image[rows, cols, 1:] = values * weight[:, None]
+    blurred = cv2.GaussianBlur(image, (0, 0), HIGH_PASS_M / cell_m, borderType=cv2.BORDER_CONSTANT)[rows, cols]
+    return np.asarray(blurred[:, 1:] / np.maximum(blurred[:, :1], 1e-6), dtype=np.float64)
+
+
+def _meat(source: SourceCells, used: Mask, pulls: FloatArray, informs: FloatArray) -> FloatArray:
+    """(4, 4) sum over blocks of the square of what their cells pull (n, 4), enlarged for few blocks.
+
+    Few are those that hold most of what the cells inform (n, 4) of the place (Kish's effective number): they fit themselves.
+    """
+    block = np.floor(source.points_m[used, :2] / CLUSTER_M).astype(np.int64)
+    block -= block.min(0)
+    index = block[:, 0] * (int(block[:, 1].max()) + 1) + block[:, 1]
+    pulled = np.column_stack([np.bincount(index, pull) for pull in pulls.T])
+    informed = np.bincount(index, informs[:, 0] + informs[:, 1])
+    number = float(informed.sum() ** 2 / max(float(informed @ informed), 1e-30))
+    return np.asarray(pulled.T @ pulled * (number / max(number - FITTED, 1.0)), dtype=np.float64)
