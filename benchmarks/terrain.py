@@ -12,6 +12,7 @@ import argparse
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ import numpy as np
 from benchmarks import terrain_converge
 from benchmarks.terrain_flight import DRIFTS, make_flight
 from benchmarks.terrain_run import Judged, Outcome, Run
-from benchmarks.terrain_world import CLASSES, elevation_model, make_world
+from benchmarks.terrain_world import CLASSES, World, elevation_model, make_world
 from visloc_companion.localise.terrain.base import Kind, TerrainFix
 from visloc_companion.localise.terrain.settings import TerrainSettings
 from visloc_companion.types import FloatArray
@@ -81,8 +82,13 @@ def main() -> None:
         terrain_converge.report(seeds, args.dem)
 
 
+@lru_cache(maxsize=4)
+def _world(seed: int, dem: Path | None) -> World:
+    return make_world(seed, dem)
+
+
 def _flown(row: Row, seed: int, dem: Path | None) -> Outcome:
-    world = make_world(seed, dem)
+    world = _world(seed, dem)
     kind, sigma = SENSORS[row.sensor]
     elevation = elevation_model(world, row.cell_m, seed)
     return Run(world, elevation, make_flight(world, DRIFTS[row.drift], seed), seed, kind, sigma).fly(TerrainSettings())

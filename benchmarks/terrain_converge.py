@@ -26,7 +26,7 @@ from visloc_companion.localise.terrain.settings import TerrainSettings
 from visloc_companion.types import FloatArray
 
 CELL_M = 20.0
-STARTS = 6
+STARTS = 4
 LONGEST_M, BATCH_M, SPACING_M = 15_000.0, 3000.0, 30.0
 SIGMA_H_M = 10.0
 RANGE_SIGMA_M = 0.5
@@ -87,7 +87,7 @@ def point_mass(world: World, elevation: ElevationMap, flight: Flight, first: int
     """Soundings one by one until the probability has gathered at one place."""
     start = time.process_time()
     cell = 2 * sigma / 33
-    noise = HeightNoise(math.hypot(elevation.sigma_m, RANGE_SIGMA_M, 0.04 * cell))
+    noise = HeightNoise(math.hypot(elevation.sigma_m, RANGE_SIGMA_M))
     grid = PointMassFilter(elevation, Region((0.0, 0.0, 0.0), (3 * sigma, 3 * sigma, 24.0), cell, 2.0), noise)
     drift = np.cumsum(flight.velocity_error_mps[first:], axis=0) * STEP_S
     every = round(SPACING_M / SPEED_MPS / STEP_S)

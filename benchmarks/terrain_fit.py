@@ -22,14 +22,18 @@ from visloc_companion.localise.terrain.base import Kind, NoTerrainFix, Soundings
 from visloc_companion.localise.terrain.elevation import ElevationMap
 from visloc_companion.localise.terrain.match import locate
 from visloc_companion.localise.terrain.settings import TerrainSettings
-from visloc_companion.localise.terrain.verify import RIGHT_M, Evidence
+from visloc_companion.localise.terrain.verify import RIGHT_M, RIGHT_SIGMAS, Evidence
 from visloc_companion.types import FloatArray
 
 OPEN = TerrainSettings(max_probability_wrong=1.0, max_sigma_m=math.inf)
 RIDGE = 0.3
 WIDER_M = (300.0, 1000.0)
 FALSE_M = 4000.0
-FLIGHTS = (("tactical", 20.0, Kind.PATCH, 0.3), ("mems", 30.0, Kind.PATCH, 1.5), ("mems", 20.0, Kind.PROFILE, 0.5))
+FLIGHTS = (
+    ("scanner", "tactical", 20.0, Kind.PATCH, 0.3),
+    ("stereo", "mems", 30.0, Kind.PATCH, 1.5),
+    ("altimeter", "mems", 20.0, Kind.PROFILE, 0.5),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +43,12 @@ class Sample:
     evidence: Evidence
     off_m: float
     sigmas: FloatArray
-    tracked: bool
+    flight: str
+
+    @property
+    def wrong(self) -> bool:
+        """Another place (verify.py)."""
+        return self.off_m > max(RIGHT_M, RIGHT_SIGMAS * self.evidence.sigma_m)
 
 
 class _Collecting(Run):
@@ -61,21 +70,33 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="*", default=[100, 101])
     parser.add_argument("--every", type=int, default=6, help="use each so many-th stretch under the wider priors")
     parser.add_argument("--keep", type=Path, help="write the samples to this file (pickle)")
+    parser.add_argument("--kept", type=Path, nargs="*", help="fit to samples that were written before")
     args = parser.parse_args()
-    samples = [s for seed in args.seeds for s in collected(seed, args.every)]
+    if args.kept:
+        samples = [s for path in args.kept for s in pickle.loads(path.read_bytes())]
+    else:
+        samples = [s for seed in args.seeds for s in collected(seed, args.every)]
     if args.keep:
         args.keep.write_bytes(pickle.dumps(samples))
-    tracked = np.array([s.sigmas for s in samples if s.tracked and s.off_m <= RIGHT_M and usable(s.evidence)])
-    print(f"{len(samples)} matches, {sum(s.off_m > RIGHT_M for s in samples)} wrong; {len(tracked)} right ones of the tracking")
-    print("rms(error/sigma) north, east, height:", np.sqrt(np.mean(np.square(tracked), axis=0)).round(2))
-    print("the same by the median:", (1.4826 * np.median(np.abs(tracked), axis=0)).round(2))
+    _report(samples)
+
+
+def _report(samples: list[Sample]) -> None:
+    limit = TerrainSettings()
     judged = [s for s in samples if usable(s.evidence)]
+    print(f"{len(samples)} matches, {len(judged)} beyond the fixed limits, {sum(s.wrong for s in judged)} of these wrong")
+    for flight in FLIGHTS:
+        tracked = [s.sigmas for s in judged if s.flight == flight[0] and not s.wrong and s.evidence.sigma_m <= limit.max_sigma_m]
+        if tracked:
+            ratio = np.array(tracked)
+            rms, median = np.sqrt(np.mean(np.square(ratio), axis=0)), 1.4826 * np.median(np.abs(ratio), axis=0)
+            print(f"{flight[0]}: {len(ratio)}, error/sigma (N, E, h): rms {rms.round(2)}, of the median {median.round(2)}")
     X = np.array([s.evidence.regressors() for s in judged])
-    y = np.array([s.off_m <= RIGHT_M for s in judged], np.float64)
+    y = np.array([not s.wrong for s in judged], np.float64)
     weights = fitted(X, y)
     p = 1 / (1 + np.exp(np.clip(X @ weights, -50, 50)))
     print("WEIGHTS =", tuple(float(f"{w:.3g}") for w in weights))
-    taken = p <= TerrainSettings().max_probability_wrong
+    taken = p <= limit.max_probability_wrong
     wrong = taken & (y < 0.5)
     print(f"AUC {auc(p, y < 0.5):.4f}; accepted: {taken.sum() - wrong.sum()} of {int(y.sum())} right, {wrong.sum()} wrong")
 
@@ -89,7 +110,7 @@ def collected(seed: int, every: int) -> list[Sample]:
     """Matches of a training world."""
     world = make_world(seed)
     found = []
-    for name, cell, kind, sigma in FLIGHTS:
+    for label, name, cell, kind, sigma in FLIGHTS:
         elevation = elevation_model(world, cell, seed)
         flight = make_flight(world, DRIFTS[name], seed)
         run = _Collecting(world, elevation, flight, seed, kind, sigma)
@@ -97,15 +118,15 @@ def collected(seed: int, every: int) -> list[Sample]:
         rng = np.random.default_rng(seed)
         for k, (stretch, prior, at) in enumerate(run.asked):
             truth = np.array([*flight.p_ne_m[at], flight.h_amsl_m[at]])
-            found += _sampled(stretch, prior, elevation, truth, True)
+            found += _sampled(stretch, prior, elevation, truth, label)
             if k % every:
                 continue
             for wide in WIDER_M:
                 place = truth[:2] + rng.normal(0, wide, 2)
-                found += _sampled(stretch, _moved(prior, place, wide), elevation, truth, False)
+                found += _sampled(stretch, _moved(prior, place, wide), elevation, truth, "wide prior")
             angle = rng.uniform(0, 2 * math.pi)
             place = truth[:2] + FALSE_M * np.array([math.cos(angle), math.sin(angle)])
-            found += _sampled(stretch, _moved(prior, place, WIDER_M[0]), elevation, truth, False)
+            found += _sampled(stretch, _moved(prior, place, WIDER_M[0]), elevation, truth, "wide prior")
     return found
 
 
@@ -114,7 +135,7 @@ def _moved(prior: TerrainPrior, place: FloatArray, sigma: float) -> TerrainPrior
     return replace(prior, p_ne_m=(float(place[0]), float(place[1])), cov_ne_m2=cov, sigma_h_m=max(prior.sigma_h_m, 5.0))
 
 
-def _sampled(stretch: Soundings, prior: TerrainPrior, elevation: ElevationMap, truth: FloatArray, tracked: bool) -> list[Sample]:
+def _sampled(stretch: Soundings, prior: TerrainPrior, elevation: ElevationMap, truth: FloatArray, label: str) -> list[Sample]:
     answer = locate(stretch, prior, elevation, OPEN)
     if isinstance(answer, NoTerrainFix):
         return []
@@ -123,7 +144,7 @@ def _sampled(stretch: Soundings, prior: TerrainPrior, elevation: ElevationMap, t
     evidence = Evidence(**{name: value for name, value in numbers.items() if name != "probability_wrong"})
     error = np.array([*answer.p_ne_m, answer.h_amsl_m]) - truth
     sigma = np.sqrt([answer.cov_ne_m2[0][0], answer.cov_ne_m2[1][1], answer.sigma_h_m**2])
-    return [Sample(evidence, float(np.hypot(error[0], error[1])), error / sigma, tracked)]
+    return [Sample(evidence, float(np.hypot(error[0], error[1])), error / sigma, label)]
 
 
 def fitted(X: FloatArray, y: FloatArray) -> FloatArray:

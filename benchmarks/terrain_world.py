@@ -124,7 +124,7 @@ def smooth(rng: np.random.Generator, shape: tuple[int, int], length_m: float, ce
 
 
 def _fractal(rng: np.random.Generator, n: int) -> tuple[Raster, NDArray[np.uint8], NDArray[np.bool_]]:
-    rank = _ranked(smooth(rng, (n, n), 7000.0))
+    rank = _ordered(smooth(rng, (n, n), 7000.0))
     edges = np.cumsum(SHARES)
     region = np.searchsorted(edges[:-1], rank).astype(np.uint8)
     centres = edges - np.array(SHARES) / 2
@@ -193,6 +193,13 @@ def _ranked(field: Raster) -> Raster:
     """Share of cells that are lower (normal noise: by its distribution)."""
     z = (field - field.mean()) / field.std()
     return np.asarray(1 / (1 + np.exp(-1.5976 * z - 0.07056 * z**3)), np.float32)
+
+
+def _ordered(field: Raster) -> Raster:
+    """Share of cells that are lower, exactly."""
+    rank = np.empty(field.size, np.float32)
+    rank[np.argsort(field, axis=None)] = np.arange(field.size, dtype=np.float32) / field.size
+    return rank.reshape(field.shape)
 
 
 def _looked_up(raster: Raster, at_rc: FloatArray, how: int = cv2.INTER_LINEAR) -> FloatArray:

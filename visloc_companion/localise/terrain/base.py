@@ -71,7 +71,8 @@ class TerrainPrior:
 class TerrainFix:
     """Position of the vehicle at `t_ns` from the terrain alone: the prior chose where to look and is not part of the covariance.
 
-    `probability_wrong` is the calibrated probability that the place is another one (off by more than `verify.RIGHT_M`).
+    `probability_wrong` is the calibrated probability that the place is another one: off by more than `verify.RIGHT_M` and than
+    the covariance explains.
     """
 
     t_ns: int

@@ -10,7 +10,7 @@ terrain's alone, for the same filter as a patch's fix.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.ndimage  # type: ignore[import-untyped]
@@ -25,8 +25,8 @@ FINER = 6.0
 """Cells of the grid to its 1-sigma below which the grid is laid anew, ..."""
 SPAN_SIGMAS = 6.0
 """... reaching so far."""
-FADED = 1e-12
-"""Probability against the likeliest below which a cell counts as ruled out when the grid is laid anew."""
+WITHIN_CELL = 0.3
+"""Places of a cell are this many cells (1-sigma, per axis) from its centre."""
 
 
 WINDOW_MARGIN_M = 1500.0
@@ -67,9 +67,9 @@ class PointMassFilter:
                 shape[axis] = len(values)
                 self.p = self.p * np.exp(-0.5 * np.square((values - middle) / sigma)).reshape(shape)
         self.p /= self.p.sum()
-        self._neutral = expected_log_density(noise)
         self._waiting_m2 = 0.0
         self._terrain: Terrain | None = None
+        self._slope = 0.0
 
     @staticmethod
     def _steps(region: Region) -> Vec3:
@@ -98,10 +98,11 @@ class PointMassFilter:
         rows, cols = np.meshgrid(at_ne_m[0] - north, at_ne_m[1] - east, indexing="ij")
         places = np.stack([rows, cols], -1).reshape(-1, 2)
         terrain = self._window(places)
+        noise = self._blurred()
         difference = (surface_amsl_m - terrain.heights(places)).reshape(rows.shape)
         known = terrain.knows(places).reshape(rows.shape)
-        log_density = parts(self._noise, difference[None] - offset[:, None, None]).log_density
-        log_density = np.where(known, log_density, self._neutral)
+        log_density = parts(noise, difference[None] - offset[:, None, None]).log_density
+        log_density = np.where(known, log_density, expected_log_density(noise))
         p = self.p * np.exp(independent * (log_density - log_density.max()))
         total = p.sum()
         if total > 0:
@@ -142,6 +143,10 @@ class PointMassFilter:
         self._axes = [*new, offset]
         return True
 
+    def _blurred(self) -> HeightNoise:
+        """The noise with what the ground rises within a cell of the grid."""
+        return replace(self._noise, sigma_m=math.hypot(self._noise.sigma_m, WITHIN_CELL * self._slope * self.cell_m))
+
     def _core_sigma(self, plane: FloatArray, row: int, col: int) -> float:
         """1-sigma of the part of the plane above a tenth of its peak that lies within ten cells of it."""
         r, c = np.ogrid[: plane.shape[0], : plane.shape[1]]
@@ -160,6 +165,7 @@ class PointMassFilter:
         middle, half = (low + high) / 2, (high - low) / 2 + WINDOW_MARGIN_M
         cell = self._elevation.cell_m
         self._terrain = self._elevation.window((float(middle[0]), float(middle[1])), (float(half[0]), float(half[1])), cell)
+        self._slope = self._terrain.slope_rms()
         return self._terrain
 
 
