@@ -21,9 +21,10 @@ GRADIENT_WEIGHTS: Weights = (-1.94, 14.5, 7.67, 0.916, 2.56, -1.73, -2.6, -0.45,
 features, and ..."""
 DEEP_WEIGHTS: Weights = (-9.51, 8.65, 7.23, 1.21, 0.881, 0.409, -0.859, -0.42, 14.4, -1.11, 0.142, 0.304, 0.309)
 """... for the network's."""
-FAR_PX = 5.0
+FAR_PX = 7.0
 """Pixels of the search level (90 across a footprint, fewer where the map has no more): an answer that is off by more is wrong
-though the place be right."""
+though the place be right. Of 150 training cases of unknown tilt 67 were accepted with 6 (none off by more than 10 px of the map),
+83 with 7 (one), 114 with 10 (ten)."""
 MAX_CHI2_SIGMA = 4.5
 MIN_SCORE = 0.12
 AMBIGUOUS_RATIO = 0.93
