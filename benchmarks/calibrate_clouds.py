@@ -27,6 +27,8 @@ from visloc_companion.localise.registration.registry import METHODS, make_regist
 Array = NDArray[np.float64]
 SEED = 71
 RIDGE = 0.03
+PLACES = ("buildings", "mixed", "field", "forest", "gullies")
+"""Covers that tell one place from another: on the others an answer is wrong even where chance brought it near."""
 
 
 def fit_cases(clouds: Path, work: Path, n: int) -> list[CloudCase]:
@@ -55,7 +57,7 @@ def main() -> None:
     found = [answer_of(method, case) for case in fit_cases(args.clouds, args.work, args.n)]
     found = [a for a in found if not a.reason]
     x = np.array([regressors(Evidence(**a.evidence)) for a in found])
-    right = np.array([not a.wrong for a in found], dtype=np.float64)
+    right = np.array([not a.wrong and a.cover in PLACES for a in found], dtype=np.float64)
     weights, p = fitted(x, right), crossed(x, right, np.array([a.cloud for a in found]))
     figures = reliability(p, right < 0.5)
     print(
@@ -67,7 +69,7 @@ def main() -> None:
         print(
             f"  p <= {limit}: {100 * right[taken].sum() / right.sum():.1f} % of the right, {int((1 - right)[taken].sum())} wrong"
         )
-    for line in sigma_lines([a for a in found if not a.wrong]):
+    for line in sigma_lines([a for a, r in zip(found, right, strict=True) if r]):
         print(line)
 
 

@@ -16,14 +16,14 @@ from visloc_companion.localise.registration.refine import Refined
 from visloc_companion.types import FloatArray
 
 WEIGHTS: dict[str, tuple[float, ...]] = {
-    "height-search": (-0.47, 38.0, -0.31),
+    "height-search": (-1.88, 53.3, -0.258),
     "gicp": (-0.47, 38.0, -0.31),
     "features": (-0.47, 38.0, -0.31),
 }
 """Of each method on `regressors`: log-odds of being right."""
 MOST_CHI2 = 30.0
 """Beyond this, farther from the prior is not likelier to be wrong."""
-FORMAL_FACTOR = 1.3
+FORMAL_FACTOR = 1.6
 FLOOR_M = (0.12, 0.14)
 HEIGHT_SHARE = 0.18
 """Sigmas: the formal ones times a factor, a floor (horizontal, vertical), and of the height a share of the heights' deviation."""

@@ -17,7 +17,8 @@ FINEST_PART_M = 0.5
 """Side of a cell's parts: finer is not seen by stereo from 90 m; of the reference no less than the distance of its points. Those
 of the source lie on the surface already, however few there are."""
 USUAL_CELL_M = 1.0
-"""About which a cell is a whole number of parts."""
+LEAST_CELL_M = 0.9
+"""A cell is a whole number of parts, about the usual side and not below the least."""
 MOST_CELLS = 2048
 """A reference wider than this many cells gets coarser ones."""
 SMOOTHING_CELLS = 0.6
@@ -66,7 +67,7 @@ def make_pair(source_m: FloatArray, reference_m: FloatArray, prior: Registration
     side = float(np.ptp(reference[:, :2], axis=0).max())
     part = max(FINEST_PART_M, 1 / math.sqrt(density))
     parts = max(1, round(USUAL_CELL_M / part), math.ceil(side / (MOST_CELLS * part)))
-    cell = part * parts
+    cell = max(part * parts, LEAST_CELL_M)
     surfaces = [upper_surface(source, cell, max(1, int(cell / FINEST_PART_M))), upper_surface(reference, cell, parts)]
     smooth = [smoothed(surface, SMOOTHING_CELLS * cell) for surface in surfaces]
     return Pair(source, reference, centre, *smooth, *(high_passed(surface) for surface in smooth))
