@@ -2,8 +2,8 @@
 
 Each seed is a world of its own (benchmarks/terrain_world.py) and a flight over it; with --dem the ground is that model (GeoTIFF,
 metres). Every stretch of soundings counts, over lakes and plains as well, except where nothing came back at all. Matched:
-accepted and right (off by at most 20 m and 5 m in height, the published bounds). The constants are fitted on seeds 100 and 101
-(`benchmarks/terrain_fit.py`); seeds here begin at 1.
+accepted and right (off by at most 20 m and 5 m in height, the published bounds). The constants are fitted on seeds 100 and
+101 (`benchmarks/terrain_fit.py`); seeds here begin at 1.
 """
 
 from __future__ import annotations

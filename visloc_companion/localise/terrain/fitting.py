@@ -12,8 +12,10 @@ from visloc_companion.localise.terrain.noise import HeightNoise
 from visloc_companion.localise.terrain.refine import Fitting
 from visloc_companion.localise.terrain.settings import TerrainSettings
 
-BLOCKS_OF_CORRELATION = 1.5
-"""Side of a block of the cluster-robust covariance, in correlation lengths."""
+BLOCKS = 20.0
+SMALLEST, LARGEST = 1.5, 4.5
+"""Side of a block of the cluster-robust covariance, in correlation lengths: as large as leaves so many blocks, for the errors of
+elevation models have long waves as well, and these are what misleads on even ground."""
 
 
 def fitting_of(
@@ -22,9 +24,10 @@ def fitting_of(
     """What the refinement of thinned soundings needs."""
     noise = HeightNoise(math.hypot(elevation.sigma_m, thinned.sigma_m))
     false_slope = settings.false_slope * elevation.sigma_m / settings.correlation_m
-    block = BLOCKS_OF_CORRELATION * settings.correlation_m
     level = settings.level_share * elevation.sigma_m
     share = independent_share(thinned, settings)
+    side = math.sqrt(share * len(thinned.points_m) / BLOCKS)
+    block = settings.correlation_m * min(max(side, SMALLEST), LARGEST)
     return Fitting(terrain, thinned, prior, noise, block, share, false_slope, level, elevation.sigma_ne_m)
 
 

@@ -30,7 +30,7 @@ LEAST_MASS = 1e-4
 COARSEST_M = 120.0
 SAME_CELLS = 2.0
 COVARIANCE_SCALE = (1.3, 1.0)
-"""Factors of the claimed covariance, horizontal and vertical (seed 101 of benchmarks.terrain_fit)."""
+"""Factors of the claimed covariance, horizontal and vertical (training seeds 100 and 101: benchmarks.terrain_fit)."""
 
 
 def locate(

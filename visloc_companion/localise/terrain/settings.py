@@ -18,7 +18,7 @@ class TerrainSettings:
     false_slope: float = 1.5
     level_share: float = 0.85
     thin_cell_m: float = 10.0
-    max_sigma_m: float = 10.0
+    max_sigma_m: float = 8.0
     max_probability_wrong: float = 0.05
     search_cell_m: float = 20.0
     most_work: float = 3e5

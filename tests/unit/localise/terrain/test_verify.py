@@ -1,0 +1,65 @@
+"""The reasons why a match is declined, and what makes one doubtful."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from visloc_companion.errors import Reason
+from visloc_companion.localise.terrain.settings import TerrainSettings
+from visloc_companion.localise.terrain.verify import Evidence, probability_wrong, refusal
+
+GOOD = Evidence(
+    others=0.0,
+    sigma_m=1.5,
+    gain=150.0,
+    reliability=0.98,
+    sigma_ratio=0.9,
+    ground=0.8,
+    independent=60.0,
+    position_sigmas=0.8,
+    height_sigmas=0.5,
+    known=1.0,
+    converged=1.0,
+)
+
+
+def test_a_good_match_is_not_declined() -> None:
+    p = probability_wrong(GOOD)
+    assert p < 0.05
+    assert refusal(GOOD, p, TerrainSettings()) is None
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"gain": 1.0}, Reason.LOW_TEXTURE),
+        ({"reliability": 0.1}, Reason.LOW_TEXTURE),
+        ({"sigma_m": 40.0}, Reason.LOW_TEXTURE),
+        ({"position_sigmas": 6.0}, Reason.INCONSISTENT_WITH_PRIOR),
+        ({"height_sigmas": 6.0}, Reason.INCONSISTENT_WITH_PRIOR),
+        ({"converged": 0.0}, Reason.REFINEMENT_DIVERGED),
+        ({"others": 0.4}, Reason.AMBIGUOUS),
+    ],
+)
+def test_each_reason_has_its_evidence(change: dict[str, float], reason: Reason) -> None:
+    evidence = replace(GOOD, **change)
+    declined = refusal(evidence, probability_wrong(evidence), TerrainSettings())
+    assert declined is not None
+    assert declined[0] is reason
+
+
+def test_a_doubtful_match_without_another_place_is_no_match() -> None:
+    declined = refusal(GOOD, 0.5, TerrainSettings())
+    assert declined is not None
+    assert declined[0] is Reason.NO_MATCH
+
+
+@pytest.mark.parametrize("change", [{"others": 0.3}, {"sigma_m": 9.0}, {"position_sigmas": 3.5}, {"ground": 0.1}])
+def test_worse_evidence_is_more_doubtful(change: dict[str, float]) -> None:
+    assert probability_wrong(replace(GOOD, **change)) > probability_wrong(GOOD)
+
+
+def test_the_posterior_of_other_places_is_a_lower_bound() -> None:
+    assert probability_wrong(replace(GOOD, others=0.5)) >= 0.5
