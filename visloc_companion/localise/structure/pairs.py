@@ -17,6 +17,8 @@ from visloc_companion.types import CameraModel, FloatArray
 
 GRID = 24
 """The ground under a frame is sampled by so many points each way."""
+ENOUGH_SHARE = 0.75
+"""Of the largest preferred base: beyond it heights gain little, and crowns look too different to be matched."""
 TURNED_RAD = math.radians(3.0)
 """Frames of one place that differ by more than this were turned, not merely held."""
 
@@ -70,7 +72,8 @@ def _pair(frames: Sequence[PosedFrame], i: int, j: int, model: CameraModel, sett
         return _Pair(overlap, ratio, inside, 0.0)
     low, high = settings.overlap
     beyond = max(0.0, ratio / settings.base_to_height[1] - 1, overlap / high - 1, low / overlap - 1)
-    return _Pair(overlap, ratio, inside, math.sqrt(min(1.0, ratio / settings.base_to_height[1])) / (1 + 2 * beyond))
+    wide = ENOUGH_SHARE * settings.base_to_height[1]
+    return _Pair(overlap, ratio, inside, math.sqrt(min(1.0, ratio / wide)) / (1 + 2 * beyond))
 
 
 def ground_under(frame: PosedFrame, model: CameraModel) -> FloatArray:
