@@ -15,12 +15,9 @@ from visloc_companion.localise.registration.evidence import Evidence
 from visloc_companion.localise.registration.refine import Refined
 from visloc_companion.types import FloatArray
 
-WEIGHTS: dict[str, tuple[float, ...]] = {
-    "height-search": (-1.88, 53.3, -0.258),
-    "gicp": (-0.47, 38.0, -0.31),
-    "features": (-0.47, 38.0, -0.31),
-}
-"""Of each method on `regressors`: log-odds of being right."""
+WEIGHTS = (-1.88, 53.3, -0.258)
+"""On `regressors`: log-odds of being right. Fitted on answers of the search; they fit those of the other methods as well, since
+the evidence asks nothing of how a registration was found."""
 MOST_CHI2 = 30.0
 """Beyond this, farther from the prior is not likelier to be wrong."""
 FORMAL_FACTOR = 1.6
@@ -36,17 +33,15 @@ def regressors(e: Evidence) -> tuple[float, ...]:
     return (1.0, e.score - e.rival, min(e.prior_chi2, MOST_CHI2))
 
 
-def probability_wrong(method: str, e: Evidence) -> float:
+def probability_wrong(e: Evidence) -> float:
     """Calibrated probability of being off by more than 5 m horizontally."""
-    odds = float(np.dot(WEIGHTS[method], regressors(e)))
+    odds = float(np.dot(WEIGHTS, regressors(e)))
     return 1 / (1 + math.exp(min(max(odds, -50), 50)))
 
 
-def answer(
-    method: str, refined: Refined, e: Evidence, prior: RegistrationPrior, max_probability_wrong: float
-) -> Registered | NotRegistered:
+def answer(refined: Refined, e: Evidence, prior: RegistrationPrior, max_probability_wrong: float) -> Registered | NotRegistered:
     """The registration with its claims, or the refusal where it is wrong with more than the given probability."""
-    wrong = probability_wrong(method, e)
+    wrong = probability_wrong(e)
     if wrong > max_probability_wrong:
         return NotRegistered(_reason(e), f"wrong with a probability of {wrong:.3f}", (*e.named(), ("probability_wrong", wrong)))
     formal = np.zeros((3, 3))

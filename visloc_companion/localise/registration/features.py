@@ -17,7 +17,6 @@ from visloc_companion.localise.registration.pair import make_pair
 from visloc_companion.localise.registration.settle import Settler
 from visloc_companion.types import FloatArray
 
-NAME = "features"
 VOXEL_M = 1.5
 NORMAL_VOXELS, FEATURE_VOXELS, MATCH_VOXELS, FINE_VOXELS = 2.0, 5.0, 1.5, 1.0
 """Radii of normals and features; largest distance of a correspondence in RANSAC and ICP."""
@@ -40,7 +39,7 @@ class FeaturesRegistration:
         if isinstance(pair, NotRegistered):
             return pair
         T = matched(self._o3d, pair.source_m, pair.reference_m)
-        return Settler(pair, prior).judged(NAME, T, self.max_probability_wrong)
+        return Settler(pair, prior).judged(T, self.max_probability_wrong)
 
 
 def matched(o3d: ModuleType, source_m: FloatArray, reference_m: FloatArray) -> FloatArray:

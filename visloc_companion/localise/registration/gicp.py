@@ -16,7 +16,6 @@ from visloc_companion.localise.registration.pair import make_pair
 from visloc_companion.localise.registration.settle import Settler
 from visloc_companion.types import FloatArray
 
-NAME = "gicp"
 REACHES_M = (10.0, 4.0, 2.0)
 """Correspondences up to this far, from coarse to fine."""
 LEAST_SPACING_M = 0.5
@@ -47,4 +46,4 @@ class GicpRegistration:
         if isinstance(pair, NotRegistered):
             return pair
         T = gicp_from(pair.source_m, pair.reference_m, np.eye(4))
-        return Settler(pair, prior).judged(NAME, T, self.max_probability_wrong)
+        return Settler(pair, prior).judged(T, self.max_probability_wrong)

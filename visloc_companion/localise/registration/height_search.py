@@ -13,7 +13,6 @@ from visloc_companion.localise.registration.search import find_places
 from visloc_companion.localise.registration.settle import Settler
 from visloc_companion.types import FloatArray
 
-NAME = "height-search"
 REFINED = 4
 """Places that are refined."""
 SLIDE_M, SLIDE_CELLS = 6.0, 3.0
@@ -42,4 +41,4 @@ class HeightSearchRegistration:
             what = f"the refinement slid {best.slid_m:.1f} m from where the search had found it"
             return NotRegistered(Reason.REFINEMENT_DIVERGED, what)
         rest = [s for s in settled if s is not found]
-        return settler.answer(NAME, best, rest, scores, self.max_probability_wrong)
+        return settler.answer(best, rest, scores, self.max_probability_wrong)

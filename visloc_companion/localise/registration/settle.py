@@ -55,23 +55,23 @@ class Settler:
         found = agreement(self.pair, self.cells, relief, refined.T)
         return Settled(refined, found, settled.slid_m + float(np.hypot(*slid)))
 
-    def judged(self, method: str, T: FloatArray, max_probability_wrong: float) -> Registered | NotRegistered:
+    def judged(self, T: FloatArray, max_probability_wrong: float) -> Registered | NotRegistered:
         """The answer of a method that found T by itself: T as it is, judged against all other places at its heading and scale."""
         settled = self._settled(T, *self._near(T), 0)
         if settled is None:
             return NotRegistered(Reason.LOW_OVERLAP, "too little of the source lies on the reference")
         scores = search(self.pair, [(yaw_of(T), scale_of(T))], self.prior)
-        return self.answer(method, settled, [], scores, max_probability_wrong)
+        return self.answer(settled, [], scores, max_probability_wrong)
 
     def answer(
-        self, method: str, best: Settled, rest: list[Settled], scores: Scores, max_probability_wrong: float
+        self, best: Settled, rest: list[Settled], scores: Scores, max_probability_wrong: float
     ) -> Registered | NotRegistered:
         """The claim for the best of the candidates, against what else scores well and the rest of them, which are refined too."""
         here = moved(best.refined.T, self.pair.centre_m)[:2]
         away = [s.found.score for s in rest if np.hypot(*(moved(s.refined.T, self.pair.centre_m)[:2] - here)) >= APART_M]
         rival = max([runner_up(self.pair, scores, here), *away])
         evidence = evidence_of(self.pair, best.found, best.refined, rival, self.prior)
-        return answer(method, best.refined, evidence, self.prior, max_probability_wrong)
+        return answer(best.refined, evidence, self.prior, max_probability_wrong)
 
     def _settled(self, start: FloatArray, surface: Surface, relief: Surface, steps: int) -> Settled | None:
         refined = refine(self.cells, surface, relief, start, self.prior, steps)

@@ -10,7 +10,6 @@ from visloc_companion.localise.registration.base import NotRegistered, Registere
 from visloc_companion.localise.registration.claims import WEIGHTS, answer, probability_wrong, regressors
 from visloc_companion.localise.registration.evidence import Evidence
 from visloc_companion.localise.registration.refine import Refined
-from visloc_companion.localise.registration.registry import METHODS
 
 GOOD = Evidence(
     correlation=0.9,
@@ -27,21 +26,25 @@ PRIOR = RegistrationPrior(20.0, 3.0, 0.05, 0.01, 0.012)
 REFINED = Refined(np.eye(4), 0.1, np.diag([1e-3, 2e-3, 1e-6, 1e-6]), np.diag([1e-4, 1e-6, 1e-6, 1e-3]), 0.3, 0.4)
 
 
-def test_every_method_has_weights():
-    assert set(WEIGHTS) == set(METHODS)
-    assert {len(w) for w in WEIGHTS.values()} == {len(regressors(GOOD))}
+def test_a_weight_for_every_regressor():
+    assert len(WEIGHTS) == len(regressors(GOOD))
+
+
+def test_the_distance_from_the_prior_is_doubt_up_to_a_limit():
+    near, far, farther = (probability_wrong(replace(GOOD, rival=0.8, prior_chi2=c)) for c in (2.0, 30.0, 300.0))
+    assert near < far == farther
 
 
 def test_a_rival_nearly_as_good_is_doubt():
-    claims = [probability_wrong("height-search", replace(GOOD, rival=rival)) for rival in (0.2, 0.5, 0.8, 0.86)]
+    claims = [probability_wrong(replace(GOOD, rival=rival)) for rival in (0.2, 0.5, 0.8, 0.86)]
     assert claims == sorted(claims)
     assert claims[0] < 0.02
     assert claims[-1] > 0.3
 
 
 def test_declines_with_the_reason_that_is_worst():
-    alike = answer("height-search", REFINED, replace(GOOD, rival=0.87), PRIOR, 0.05)
-    flat = answer("height-search", REFINED, replace(GOOD, correlation=0.1, rival=0.1, relief_m=0.02), PRIOR, 0.05)
+    alike = answer(REFINED, replace(GOOD, rival=0.87), PRIOR, 0.05)
+    flat = answer(REFINED, replace(GOOD, correlation=0.1, rival=0.1, relief_m=0.02), PRIOR, 0.05)
     assert isinstance(alike, NotRegistered)
     assert isinstance(flat, NotRegistered)
     assert (alike.reason, flat.reason) == (Reason.AMBIGUOUS, Reason.LOW_TEXTURE)
@@ -49,8 +52,8 @@ def test_declines_with_the_reason_that_is_worst():
 
 
 def test_growth_widens_the_height_alone():
-    before = answer("height-search", REFINED, GOOD, PRIOR, 1.0)
-    after = answer("height-search", REFINED, GOOD, replace(PRIOR, sigma_growth_m=2.0), 1.0)
+    before = answer(REFINED, GOOD, PRIOR, 1.0)
+    after = answer(REFINED, GOOD, replace(PRIOR, sigma_growth_m=2.0), 1.0)
     assert isinstance(before, Registered)
     assert isinstance(after, Registered)
     np.testing.assert_array_equal(after.covariance_m2[:2, :2], before.covariance_m2[:2, :2])
