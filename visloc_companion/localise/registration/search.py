@@ -31,9 +31,9 @@ class Place:
 
 
 def hypotheses(half_m: float, cell_m: float, prior: RegistrationPrior) -> list[tuple[float, float]]:
-    """(heading, scale) that cover three sigma."""
+    """(heading, scale) that cover three sigma, of headings at most the circle."""
     step = EDGE_STEP_CELLS * cell_m / half_m
-    headings = _ladder(SIGMAS * prior.sigma_yaw_rad, step)
+    headings = _ladder(min(SIGMAS * prior.sigma_yaw_rad, math.pi), step)
     scales = _ladder(SIGMAS * prior.sigma_scale, step)
     return [(yaw, math.exp(log_scale)) for log_scale, yaw in itertools.product(scales, headings)]
 

@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from visloc_companion.localise.registration.correlation import NO_SCORE, Scores
+from visloc_companion.localise.registration.pair import make_pair
+from visloc_companion.localise.registration.search import find_places, hypotheses, runner_up, template
+from visloc_companion.localise.registration.similarity import moved, yaw_of
+
+
+def test_hypotheses_cover_three_sigma_by_steps_of_the_edge(scene):
+    pairs = hypotheses(30.0, 1.0, scene.prior)
+    headings = sorted({yaw for yaw, _ in pairs})
+    step = headings[1] - headings[0]
+    assert step <= 1.5 / 30 + 1e-12
+    assert headings[-1] + step / 2 == pytest.approx(3 * scene.prior.sigma_yaw_rad)
+    assert 0.0 in headings
+    everywhere = hypotheses(30.0, 1.0, replace(scene.prior, sigma_yaw_rad=5.0))
+    assert max(yaw for yaw, _ in everywhere) < np.pi
+    assert hypotheses(30.0, 1.0, replace(scene.prior, sigma_yaw_rad=0.0, sigma_scale=0.0)) == [(0.0, 1.0)]
+
+
+def test_the_best_place_is_within_a_cell_of_the_right_one(scene):
+    pair = make_pair(scene.source_m, scene.reference_m, scene.prior)
+    places, _ = find_places(pair, scene.prior, 3)
+    off = moved(places[0].T, pair.centre_m) - moved(scene.T_true, pair.centre_m)
+    assert np.abs(off[:2]).max() < 1.5
+    assert yaw_of(places[0].T) == pytest.approx(np.radians(2.5), abs=np.radians(1.6))
+    assert [p.score for p in places] == sorted((p.score for p in places), reverse=True)
+
+
+def test_a_template_turns_with_its_heading(scene):
+    pair = make_pair(scene.source_m, scene.reference_m, scene.prior)
+    upright = template(pair.source_relief, pair.centre_m, 0.0, 1.0, 1.0, 45)
+    quarter = template(pair.source_relief, pair.centre_m, np.pi / 2, 1.0, 1.0, 45)
+    turned = np.rot90(upright.height_m, -1)  # rows run north: a quarter to the left is one to the right of the array
+    both = quarter.known & np.rot90(upright.known, -1)
+    assert both.sum() > 2000
+    np.testing.assert_allclose(quarter.height_m[both], turned[both], atol=1e-3)
+
+
+def test_the_side_of_a_peak_is_no_rival(scene):
+    pair = make_pair(scene.source_m, scene.reference_m, scene.prior)
+    score = np.full((120, 120), NO_SCORE, np.float32)
+    rows, cols = np.indices(score.shape)
+    score[:] = 0.9 - 0.01 * np.hypot(rows - 60, cols - 60)
+    score[20, 20] += 0.2
+    here = pair.reference.corner_m + pair.reference.cell_m * np.array([60.5, 60.5])
+    rival = runner_up(pair, Scores(score, np.zeros(score.shape, np.int32), (0, 0)), here)
+    assert rival == pytest.approx(float(score[20, 20]))
