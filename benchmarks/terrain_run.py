@@ -124,7 +124,9 @@ class Run:
         moved = moved - np.square(age)[:, None] / 2 * self.filter.x[4:6]
         climbed = self.flight.h_indicated_m[steps] - self.flight.h_indicated_m[end]
         placed = points + np.column_stack([moved, climbed])
-        return Soundings(end * round(STEP_S * 1e9), placed, age, math.hypot(self.range_sigma_m, facts.BARO_NOISE_M), self.kind)
+        return Soundings(
+            end * round(STEP_S * 1e9), placed, age, math.hypot(self.range_sigma_m, facts.BARO_NOISE_M), self.kind, points
+        )
 
     def _measured(self, first: int, end: int) -> tuple[FloatArray, FloatArray]:
         if self.kind is Kind.PATCH:

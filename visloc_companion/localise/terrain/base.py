@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from visloc_companion.core.fusion import Position
 from visloc_companion.errors import Reason
@@ -24,7 +25,9 @@ class Soundings:
     """Surface points of one stretch of flight, by dead reckoning relative to where the vehicle was at `t_ns`.
 
     `points_m` (N, 3) north, east, up of the vehicle at `t_ns`; `age_s` (N,) seconds before `t_ns` at which each was measured;
-    `sigma_m` 1-sigma of a measured height. Raises ValueError for other shapes or values that are not finite.
+    `sigma_m` 1-sigma of a measured height; `beam_m` (N, 3) the same points north, east, up of the vehicle when it measured them,
+    about which errors of heading and tilt turn them (None: of the vehicle at `t_ns`, as of one shot). Raises ValueError for other
+    shapes or values that are not finite.
     """
 
     t_ns: int
@@ -32,14 +35,27 @@ class Soundings:
     age_s: FloatArray
     sigma_m: float
     kind: Kind = Kind.PATCH
+    beam_m: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if self.points_m.ndim != 2 or self.points_m.shape[1] != 3 or self.age_s.shape != (len(self.points_m),):
             raise ValueError(f"soundings are (N, 3) with ages (N,), got {self.points_m.shape} and {self.age_s.shape}")
+        if self.beam_m is not None and self.beam_m.shape != self.points_m.shape:
+            raise ValueError(f"beams are (N, 3) as the soundings, got {self.beam_m.shape} for {self.points_m.shape}")
         if not (np.isfinite(self.points_m).all() and np.isfinite(self.age_s).all()):
             raise ValueError("soundings hold values that are not finite: leave out what the sensor did not measure")
         if not self.sigma_m > 0:
             raise ValueError(f"the soundings' sigma is {self.sigma_m} m: give a positive one")
+
+    @property
+    def beams_m(self) -> FloatArray:
+        """(N, 3) points from the vehicle when it measured them."""
+        return self.points_m if self.beam_m is None else self.beam_m
+
+    def picked(self, which: NDArray[np.int64]) -> Soundings:
+        """The soundings of (M,) indices."""
+        beam = None if self.beam_m is None else self.beam_m[which]
+        return replace(self, points_m=self.points_m[which], age_s=self.age_s[which], beam_m=beam)
 
 
 @dataclass(frozen=True, slots=True)

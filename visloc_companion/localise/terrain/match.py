@@ -96,7 +96,7 @@ def _planned(
 
 def _hypotheses(soundings: Soundings, prior: TerrainPrior, cell_m: float) -> list[FloatArray]:
     """Headings and drifts (as `Refined.unknowns`) such that one of them leaves less than about a cell of misfit."""
-    radius = float(np.percentile(np.hypot(soundings.points_m[:, 0], soundings.points_m[:, 1]), 80))
+    radius = float(np.percentile(np.hypot(soundings.beams_m[:, 0], soundings.beams_m[:, 1]), 80))
     span = float(np.ptp(soundings.age_s)) / 2
     yaw = _steps(prior.sigma_yaw_rad, cell_m / max(radius, 1.0))
     drift = _steps(prior.sigma_drift_mps, cell_m / max(span, 1e-3))

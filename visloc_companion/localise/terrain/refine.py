@@ -191,15 +191,15 @@ def _level_log_density(fitting: Fitting, known: NDArray[np.bool_]) -> float:
 
 def _linearised(fitting: Fitting, unknowns: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Measured minus model (N,), derivative of model minus measured by the unknowns (N, 10), and what is known (N,)."""
-    points, age = fitting.soundings.points_m, fitting.soundings.age_s
+    points, beam, age = fitting.soundings.points_m, fitting.soundings.beams_m, fitting.soundings.age_s
     ne = placed(fitting.soundings, unknowns)
     at = np.array(fitting.prior.p_ne_m) + unknowns[:2] + ne
     model, slope = fitting.terrain.heights_and_slopes(at)
-    tilt = points[:, 0] * unknowns[4] + points[:, 1] * unknowns[5]
+    tilt = beam[:, :2] @ unknowns[4:6]
     difference = fitting.prior.h_amsl_m + unknowns[2] + points[:, 2] + tilt - model
-    by_yaw = slope[:, 1] * ne[:, 0] - slope[:, 0] * ne[:, 1]
+    by_yaw = slope[:, 1] * beam[:, 0] - slope[:, 0] * beam[:, 1]
     ones = np.ones(len(points))
-    by_tilt = -points[:, :2] - slope * points[:, 2:]
+    by_tilt = -beam[:, :2] - slope * beam[:, 2:]
     by_drift, by_acceleration = -slope * age[:, None], slope * np.square(age)[:, None] / 2
     J = np.column_stack([slope, -ones, by_yaw, by_tilt, by_drift, by_acceleration])
     return difference, J, fitting.terrain.knows(at)
@@ -208,10 +208,11 @@ def _linearised(fitting: Fitting, unknowns: FloatArray) -> tuple[FloatArray, Flo
 def placed(soundings: Soundings, unknowns: FloatArray) -> FloatArray:
     """(N, 2) north, east of the soundings from the position after tilt, drift (a velocity error moves old ones back), heading."""
     c, s = np.cos(unknowns[3]), np.sin(unknowns[3])
-    age = soundings.age_s[:, None]
-    ne = soundings.points_m[:, :2] - soundings.points_m[:, 2:] * unknowns[4:6]
-    ne = ne - age * unknowns[6:8] + np.square(age) / 2 * unknowns[8:10]
-    return np.column_stack([c * ne[:, 0] - s * ne[:, 1], s * ne[:, 0] + c * ne[:, 1]])
+    age, beam = soundings.age_s[:, None], soundings.beams_m
+    track = soundings.points_m[:, :2] - beam[:, :2] - age * unknowns[6:8] + np.square(age) / 2 * unknowns[8:10]
+    level = beam[:, :2] - beam[:, 2:] * unknowns[4:6]
+    turned = np.column_stack([c * level[:, 0] - s * level[:, 1], s * level[:, 0] + c * level[:, 1]])
+    return np.asarray(track + turned, dtype=np.float64)
 
 
 def _information(J: FloatArray, p: Parts, noise: HeightNoise, known: NDArray[np.bool_], temper: float) -> FloatArray:

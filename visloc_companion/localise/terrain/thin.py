@@ -18,9 +18,7 @@ def lowest(soundings: Soundings, cell_m: float, most: int = MOST_POINTS) -> Soun
     while True:
         chosen = lowest_in_cells(soundings.points_m, cell_m)
         if len(chosen) <= most:
-            return Soundings(
-                soundings.t_ns, soundings.points_m[chosen], soundings.age_s[chosen], soundings.sigma_m, soundings.kind
-            )
+            return soundings.picked(chosen)
         cell_m *= max(1.1, float(np.sqrt(len(chosen) / most)))
 
 
