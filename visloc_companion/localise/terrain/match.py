@@ -44,7 +44,13 @@ def locate(
         return NoTerrainFix(soundings.t_ns, Reason.TOO_FEW_FEATURES, f"{len(thinned.points_m)} cells with soundings")
     reach = _reach_m(thinned, prior)
     extent = _extent_m(thinned)
-    cell, hypotheses = _planned(thinned, prior, elevation, reach, settings)
+    planned = _planned(thinned, prior, elevation, reach, settings)
+    if planned is None:
+        detail = (
+            f"three sigma of the prior are {max(reach):.0f} m with {prior.sigma_drift_mps:.1f} m/s of drift: too much to search"
+        )
+        return NoTerrainFix(soundings.t_ns, Reason.AMBIGUOUS, detail)
+    cell, hypotheses = planned
     half = (reach[0] + extent[0] + 4 * cell, reach[1] + extent[1] + 4 * cell)
     coarse = elevation.window(prior.p_ne_m, half, cell)
     if float(coarse.known.mean()) < MIN_KNOWN_REGION:
@@ -82,16 +88,18 @@ def _extent_m(soundings: Soundings) -> Vec2:
 
 def _planned(
     soundings: Soundings, prior: TerrainPrior, elevation: ElevationMap, reach: Vec2, settings: TerrainSettings
-) -> tuple[float, list[FloatArray]]:
-    """The search's cell (m) and its hypotheses: the cell grows until both together are no more than `most_work`."""
+) -> tuple[float, list[FloatArray]] | None:
+    """The search's cell (m) and its hypotheses: the cell grows until both together are no more than `most_work`; None where that
+    is not so at the coarsest."""
     cell = max(elevation.cell_m, settings.search_cell_m)
     extent = _extent_m(soundings)
-    while True:
+    while cell <= max(COARSEST_M, 4 * elevation.cell_m):
         hypotheses = _hypotheses(soundings, prior, cell)
         area = 4 * (reach[0] + extent[0]) * (reach[1] + extent[1]) / cell**2
-        if area * len(hypotheses) <= settings.most_work or cell > COARSEST_M:
+        if area * len(hypotheses) <= settings.most_work:
             return cell, hypotheses
         cell *= 1.25
+    return None
 
 
 def _hypotheses(soundings: Soundings, prior: TerrainPrior, cell_m: float) -> list[FloatArray]:

@@ -52,6 +52,20 @@ def test_an_error_of_heading_and_tilt_is_borne(world: SimpleNamespace) -> None:
     assert np.hypot(off[0], off[1]) < 5.0
 
 
+def test_an_error_of_heading_turns_what_is_seen_and_not_the_track(world: SimpleNamespace) -> None:
+    ground = world.waves(30)
+    rng, angle, length = np.random.default_rng(7), 0.02, 1500.0
+    age = rng.uniform(0, length / 50, 3000)
+    track = np.column_stack([-50 * age, np.zeros(len(age))])
+    level = np.column_stack([np.zeros(len(age)), rng.uniform(-300, 300, len(age))])
+    up = ground(track + level + np.array(world.true_ne)) - world.true_h + rng.normal(0, 0.3, len(age))
+    turned = level @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    beam = np.column_stack([turned, up])
+    seen = Soundings(9, beam + np.column_stack([track, np.zeros(len(age))]), age, 0.4, beam_m=beam)
+    off = error(locate(seen, replace(world.prior(), sigma_yaw_rad=0.02), world.elevation(ground), SETTINGS), world)
+    assert np.hypot(off[0], off[1]) < 2.0
+
+
 def test_flat_ground_is_refused(world: SimpleNamespace) -> None:
     answer = locate(world.patch(world.waves(0.0)), world.prior(), world.elevation(world.waves(0.0), noise_m=1.0), SETTINGS)
     assert isinstance(answer, NoTerrainFix)
@@ -111,6 +125,13 @@ def test_a_prior_outside_the_model_is_refused(world: SimpleNamespace) -> None:
     assert answer.reason is Reason.OUTSIDE_MAP
 
 
+def test_a_prior_too_wide_to_search_is_refused(world: SimpleNamespace) -> None:
+    ground = world.waves(30)
+    answer = locate(world.patch(ground), world.prior(sigma_m=30_000.0), world.elevation(ground), SETTINGS)
+    assert isinstance(answer, NoTerrainFix)
+    assert answer.reason is Reason.AMBIGUOUS
+
+
 def test_another_country_is_refused(world: SimpleNamespace) -> None:
     answer = locate(world.patch(world.waves(30)), world.prior(), world.elevation(world.waves(30, seed=8)), SETTINGS)
     assert isinstance(answer, NoTerrainFix)
@@ -149,6 +170,8 @@ def test_bad_input_is_named() -> None:
         Soundings(1, np.zeros((3, 2)), np.zeros(3), 0.3)
     with pytest.raises(ValueError, match="sigma"):
         Soundings(1, np.zeros((3, 3)), np.zeros(3), 0.0)
+    with pytest.raises(ValueError, match="beams"):
+        Soundings(1, np.zeros((3, 3)), np.zeros(3), 0.3, beam_m=np.zeros((2, 3)))
     with pytest.raises(ValueError, match="positive definite"):
         TerrainPrior((0.0, 0.0), ((1.0, 2.0), (2.0, 1.0)), 100.0, 1.0)
     with pytest.raises(ValueError, match="elevations"):
