@@ -35,6 +35,7 @@ from visloc_companion.sim.landscape import build_landscape
 from visloc_companion.sim.render import CameraSimulator
 from visloc_companion.sim.render_effects import CameraEffects
 from visloc_companion.sim.scene import Scene
+from visloc_companion.sim.season import SNOW
 from visloc_companion.types import CameraModel, Fix, FrameRef, GeoPoint, Image, LocaliseRequest, NoFix, PosePrior
 
 MODEL = CameraModel(640, 480, 425.5, 425.5, 319.5, 239.5, (-0.05, 0.01, 0.0, 0.0, 0.0))
@@ -150,6 +151,7 @@ def main() -> None:
     parser.add_argument("--n", type=int, default=10, help="flights over each world")
     parser.add_argument("--image", default="deep", help="method of the image's vote")
     parser.add_argument("--max-probability-wrong", type=float, default=0.05)
+    parser.add_argument("--snow", action="store_true", help="the later date under snow")
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
     features = open_features_for(chosen.image, NetworkChoice(threads=1))
@@ -160,7 +162,7 @@ def main() -> None:
         paths = (kept / "ortho.tif", kept / "dsm.tif")
         if not paths[1].exists():
             paths = build_landscape(seed, "map", SIZE_M, GSD_M).save(kept)
-        reference, scene = RasterMap.open(*paths), build_landscape(seed, "flight", SIZE_M, GSD_M)
+        reference, scene = RasterMap.open(*paths), build_landscape(seed, SNOW if chosen.snow else "flight", SIZE_M, GSD_M)
         camera = CameraSimulator(scene, MODEL, CameraEffects())
         for number in range(chosen.n):
             case = f"{seed}_{number}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 Date = Literal["map", "flight"]
@@ -139,6 +139,36 @@ FLIGHT = Season(
     bare_height=0.6,
     soil_inverted=0.16,
 )
+
+
+SNOW_WHITE: Rgb = (232, 236, 242)
+
+
+def _snowed(cover: Cover, color: Rgb = SNOW_WHITE) -> Cover:
+    """Under snow: white, and a fifth of the rows and wheel tracks still to be made out."""
+    tracks = {"row_strength": cover.row_strength / 5, "tramline_strength": cover.tramline_strength / 5}
+    return replace(cover, color=color, mottle=0.006, soil=0.01, grain=0.004, **tracks)
+
+
+SNOW = replace(
+    FLIGHT,
+    sun_elevation_deg=14.0,
+    ambient=(0.62, 0.66, 0.74),
+    direct=(0.34, 0.31, 0.28),
+    contrast=0.8,
+    haze=0.12,
+    crops=tuple(_snowed(cover) for cover in FLIGHT.crops),
+    meadows=tuple(_snowed(cover) for cover in FLIGHT.meadows),
+    forest_floor=_snowed(FLIGHT.forest_floor, (222, 226, 232)),
+    garden=_snowed(FLIGHT.garden),
+    clearing=_snowed(FLIGHT.clearing),
+    asphalt=(176, 178, 182),
+    track=(218, 220, 224),
+    verge=SNOW_WHITE,
+    water=(205, 212, 220),
+    shore=SNOW_WHITE,
+)
+"""The later date under snow: fields, meadows, gardens and ice white, roads cleared, a low veiled sun."""
 
 
 def season_of(date: Date) -> Season:

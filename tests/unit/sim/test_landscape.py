@@ -16,6 +16,7 @@ from visloc_companion.sim.landscape_objects import place_buildings, plant_trees
 from visloc_companion.sim.landscape_plan import Line, Use, make_plan
 from visloc_companion.sim.landscape_terrain import terrain
 from visloc_companion.sim.scene import Scene
+from visloc_companion.sim.season import SNOW
 from visloc_companion.types import GeoPoint
 
 SIZE_M, GSD_M = 900.0, 1.0
@@ -54,6 +55,16 @@ def test_colours_of_the_fields_change_but_the_directions_of_edges_stay(dates: tu
     assert abs(correlation(before[fields], after[fields])) < 0.4
     assert agreement(before, after, 0) > 0.15, "the same edges, whichever side is brighter"
     assert abs(agreement(before, after, 40)) < 0.05, "edges agree in place only"
+
+
+def test_snow_takes_the_fields_colours_and_leaves_the_shape(dates: tuple[Scene, Scene]) -> None:
+    bare, snow = dates[1], build_landscape(3, SNOW, SIZE_M, GSD_M)
+    assert np.array_equal(snow.dsm_amsl_m, bare.dsm_amsl_m)
+    lasting = lasting_layers(Grid(900, GSD_M), make_plan(3, SIZE_M))
+    fields = (lasting.edge_m > 4) & (lasting.blocked == 0)
+    chroma_bare, chroma_snow = (float(np.median(np.ptp(scene.pixels[fields].astype(int), axis=-1))) for scene in (bare, snow))
+    assert np.median(snow.pixels[fields]) > np.median(bare.pixels[fields]) + 40
+    assert chroma_snow < 0.6 * chroma_bare
 
 
 def agreement(a: np.ndarray, b: np.ndarray, shift_px: int) -> float:
