@@ -191,7 +191,9 @@ def _judged(
     t_ns: int, prior: TerrainPrior, best: Refined, evidence: Evidence, settings: TerrainSettings
 ) -> TerrainFix | NoTerrainFix:
     p = probability_wrong(evidence)
-    declined = refusal(evidence, p, settings)
+    prior_sigma = math.sqrt(float(np.linalg.eigvalsh(np.array(prior.cov_ne_m2))[-1]))
+    worst = max(settings.max_sigma_m, settings.sigma_share * prior_sigma)
+    declined = refusal(evidence, p, replace(settings, max_sigma_m=worst))
     numbers = (*evidence.numbers(), ("probability_wrong", p))
     if declined is not None:
         return NoTerrainFix(t_ns, *declined, numbers)

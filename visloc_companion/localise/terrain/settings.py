@@ -10,7 +10,8 @@ class TerrainSettings:
     """`correlation_m`: side of the ground over which errors of the model and crowns are alike (one independent sounding each);
     `false_slope`: slope that the model's own errors pretend, in its sigma over that length; `level_share`: error of its
     level over a stretch, in its sigma;
-    `thin_cell_m`: the lowest sounding of each such cell is used; `max_sigma_m`: worst 1-sigma of a fix; `max_probability_wrong`:
+    `thin_cell_m`: the lowest sounding of each such cell is used; `max_sigma_m`: worst 1-sigma of a fix, or `sigma_share` of
+    the prior's where that is more (a lost vehicle is helped by little); `max_probability_wrong`:
     what is still answered; `search_cell_m`: the search's cells are no finer; `most_work`: cells times hypotheses
     of the search, more than which makes its cells coarser."""
 
@@ -19,6 +20,7 @@ class TerrainSettings:
     level_share: float = 0.85
     thin_cell_m: float = 10.0
     max_sigma_m: float = 8.0
+    sigma_share: float = 0.2
     max_probability_wrong: float = 0.05
     search_cell_m: float = 20.0
     most_work: float = 3e5
