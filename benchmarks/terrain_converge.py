@@ -2,10 +2,12 @@
 
 From places along the flight, with an initial error of 1-sigma 500 m or 2 km (each axis; height 10 m) and MEMS odometry: the batch
 matches the last 3, then 6, 9, ... km, the filter takes the soundings one by one; each until it answers, or for 15 km.
+`python -m benchmarks.terrain_converge [--seeds N]`; benchmarks.terrain ends with the same table.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
 import time
 from collections.abc import Iterable
@@ -134,3 +136,9 @@ def _row(name: str, sigma: float, every: list[Converged]) -> str:
     off = " / ".join(f"{v:.0f}" for v in np.percentile(error, [50, 95]))
     cost = np.median([c.cpu_s for c in every])
     return f"| {name} | {sigma:.0f} | {len(every)} | {len(answered)} | {far} | {km} | {off} | {cost:.1f} |"
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=3)
+    report(range(1, 1 + parser.parse_args().seeds), None)

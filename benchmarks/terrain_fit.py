@@ -26,6 +26,8 @@ from visloc_companion.localise.terrain.verify import RIGHT_M, RIGHT_SIGMAS, Evid
 from visloc_companion.types import FloatArray
 
 OPEN = TerrainSettings(max_probability_wrong=1.0, max_sigma_m=math.inf)
+LENIENT = TerrainSettings(max_probability_wrong=0.5)
+"""With which the flights are flown: poor stretches are to be among the samples, and the flight is not to be lost for them."""
 RIDGE = 0.3
 WIDER_M = (300.0, 1000.0)
 FALSE_M = 4000.0
@@ -114,7 +116,7 @@ def collected(seed: int, every: int) -> list[Sample]:
         elevation = elevation_model(world, cell, seed)
         flight = make_flight(world, DRIFTS[name], seed)
         run = _Collecting(world, elevation, flight, seed, kind, sigma)
-        run.fly(TerrainSettings())
+        run.fly(LENIENT)
         rng = np.random.default_rng(seed)
         for k, (stretch, prior, at) in enumerate(run.asked):
             truth = np.array([*flight.p_ne_m[at], flight.h_amsl_m[at]])

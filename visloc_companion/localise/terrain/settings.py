@@ -21,6 +21,6 @@ class TerrainSettings:
     thin_cell_m: float = 10.0
     max_sigma_m: float = 8.0
     sigma_share: float = 0.2
-    max_probability_wrong: float = 0.05
+    max_probability_wrong: float = 0.1
     search_cell_m: float = 20.0
     most_work: float = 3e5
