@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.freshness import FreshFramesOnly
-from visloc_companion.localise.registration.registry import make_registration
 from visloc_companion.localise.registry import make_localiser
 from visloc_companion.localise.settings import LocaliserSettings
-from visloc_companion.localise.structure.localiser import StructureLocaliser
-from visloc_companion.localise.votes import TwoVotes
 from visloc_companion.protocols import Localiser
 from visloc_companion.types import CameraModel
 
@@ -39,6 +36,11 @@ def flight_localiser(
     )
     if not structure:
         return FreshFramesOnly(image)
+    # here, not above: without the vote the worker starts without the libraries of the registration
+    from visloc_companion.localise.registration.registry import make_registration
+    from visloc_companion.localise.structure.localiser import StructureLocaliser
+    from visloc_companion.localise.votes import TwoVotes
+
     settings = LocaliserSettings(max_probability_wrong, max_search_radius_m)
     register = make_registration(REGISTRATION, max_probability_wrong)
     return FreshFramesOnly(TwoVotes(image, StructureLocaliser(model, settings, register)))
