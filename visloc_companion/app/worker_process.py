@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from visloc_companion.app.settings import camera_model, network_choice
+from visloc_companion.app.settings import camera_model
 from visloc_companion.app.slots import SlotsName, WorkerSlots
 from visloc_companion.config import Config
 from visloc_companion.errors import Reason, VislocError, WorkerError
@@ -71,22 +71,11 @@ def open_localiser(config: Config) -> OverMap:
 
     Raises MapError, ModelError or ConfigError.
     """
-    from visloc_companion.localise.flight import flight_localiser
-    from visloc_companion.localise.registry import open_features_for
-    from visloc_companion.localise.runtime import default_threads
+    from visloc_companion.app.localiser import configured_localiser
     from visloc_companion.maps.pack import PackMap
 
     reference = PackMap.open(Path(config.map.pack), verify_hashes=config.map.verify_hashes)
-    features = open_features_for(config.localiser.method, network_choice(config.localiser))
-    localiser = flight_localiser(
-        config.localiser.method,
-        camera_model(config.camera),
-        features,
-        max_probability_wrong=config.localiser.max_probability_wrong,
-        max_search_radius_m=config.localiser.max_search_radius_m,
-        threads=config.localiser.threads or default_threads(),
-        structure=config.localiser.structure,
-    )
+    localiser, features = configured_localiser(config.localiser, camera_model(config.camera))
     about = [features.session.about, reference.why_not_stored(features.name, features.recipe)] if features else []
     return OverMap(localiser, reference, "; ".join(part for part in about if part))
 

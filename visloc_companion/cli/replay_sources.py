@@ -13,7 +13,7 @@ from visloc_companion.adapters.logs.open import open_log
 from visloc_companion.adapters.logs.recording import Recording
 from visloc_companion.app.journal import Entry, read_header, read_journal
 from visloc_companion.app.replay import command_lines, recorded_commands, replay_entries
-from visloc_companion.app.settings import camera_model, core_settings, network_choice
+from visloc_companion.app.settings import camera_model, core_settings
 from visloc_companion.cli.progress import bar
 from visloc_companion.config import Config, load_config, parse_config
 from visloc_companion.errors import ConfigError
@@ -101,23 +101,12 @@ class LogSource:
         return record
 
     def _eyes(self) -> RecordedEyes | None:
-        from visloc_companion.localise.flight import flight_localiser
-        from visloc_companion.localise.registry import open_features_for
-        from visloc_companion.localise.runtime import default_threads
+        from visloc_companion.app.localiser import configured_localiser
 
         if self.folder is None or self.folder.frames is None or self.reference is None:
             return None
-        chosen = self.config.localiser
         model = camera_model(self.config.camera)
-        localiser = flight_localiser(
-            chosen.method,
-            model,
-            open_features_for(chosen.method, network_choice(chosen)),
-            max_probability_wrong=chosen.max_probability_wrong,
-            max_search_radius_m=chosen.max_search_radius_m,
-            threads=chosen.threads or default_threads(),
-            structure=chosen.structure,
-        )
+        localiser, _ = configured_localiser(self.config.localiser, model)
         return RecordedEyes(self.folder.frames, self.folder.boot_from_file_ns, model, localiser, self.reference)
 
     def facts(self) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
+from visloc_companion.app.localiser import configured_localiser
 from visloc_companion.app.settings import core_settings
 from visloc_companion.config import DEFAULT_METHOD, Config, InjectionConfig, LocaliserConfig, NavigatorConfig
 from visloc_companion.core.navigator import Navigator
@@ -19,9 +20,6 @@ from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.metrics import Interval, error_figures, flight_summary
 from visloc_companion.evaluate.record import FlightRecord, from_entries
 from visloc_companion.geo.wgs84 import distance_m
-from visloc_companion.localise.flight import flight_localiser
-from visloc_companion.localise.registry import open_features_for
-from visloc_companion.localise.runtime import NetworkChoice
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes, FlightLog, OperatorEntry
@@ -110,15 +108,8 @@ def eyes_over(setup: FlightSetup, world: FlightWorld, method: str) -> Eyes:
     Raises ConfigError for a name that there is not, ModelError where the network cannot be used.
     """
     model = setup.camera_model()
-    localiser = flight_localiser(
-        method,
-        model,
-        open_features_for(method, NetworkChoice(threads=1)),
-        max_probability_wrong=LocaliserConfig().max_probability_wrong,
-        max_search_radius_m=LocaliserConfig().max_search_radius_m,
-        threads=1,
-        structure=LocaliserConfig().structure,
-    )
+    chosen = LocaliserConfig(threads=1).model_copy(update={"method": method})  # unchecked: the registry refuses a wrong name
+    localiser, _ = configured_localiser(chosen, model)
     camera = SimulatedCamera(CameraSimulator(world.scene, model, CameraEffects()), model, seed=setup.seed)
     return Eyes(camera, localiser, world.reference, FRAME_RATE_HZ)
 

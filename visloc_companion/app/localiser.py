@@ -1,0 +1,30 @@
+"""From the section `localiser` of the configuration to what localises: the same in flight, in a re-run and in simulation."""
+
+from __future__ import annotations
+
+from visloc_companion.app.settings import network_choice
+from visloc_companion.config import LocaliserConfig
+from visloc_companion.localise.features.onnx import NetworkFeatures
+from visloc_companion.localise.flight import flight_localiser
+from visloc_companion.localise.registry import open_features_for
+from visloc_companion.localise.runtime import default_threads
+from visloc_companion.protocols import Localiser
+from visloc_companion.types import CameraModel
+
+
+def configured_localiser(chosen: LocaliserConfig, model: CameraModel) -> tuple[Localiser, NetworkFeatures | None]:
+    """The localiser that flies, and the network's features that it looks through, where its method needs them.
+
+    Raises ConfigError for a method that there is not, ModelError where the network cannot be used.
+    """
+    features = open_features_for(chosen.method, network_choice(chosen))
+    localiser = flight_localiser(
+        chosen.method,
+        model,
+        features,
+        max_probability_wrong=chosen.max_probability_wrong,
+        max_search_radius_m=chosen.max_search_radius_m,
+        threads=chosen.threads or default_threads(),
+        structure=chosen.structure,
+    )
+    return localiser, features
