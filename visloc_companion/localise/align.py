@@ -12,7 +12,7 @@ rho, the gain between two dates, is solved for with delta, as in the enhanced co
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -43,20 +43,11 @@ class Descent:
     products: Float32Array
     stride: int = 1
 
-    def part(self, rows: slice, cols: slice) -> Descent:
-        """That of a part of the window."""
-        return Descent(
-            self.template[rows, cols],
-            self.d_north[rows, cols],
-            self.d_east[rows, cols],
-            self.products[:, rows, cols],
-            self.stride,
-        )
-
     def every(self, stride: int) -> Descent:
         """Every `stride`-th row and column of it."""
-        step = slice(None, None, stride)
-        return replace(self.part(step, step), stride=self.stride * stride)
+        at = (slice(None, None, stride),) * 2
+        template, d_north, d_east = (a[at] for a in (self.template, self.d_north, self.d_east))
+        return Descent(template, d_north, d_east, self.products[:, *at], self.stride * stride)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,11 +159,6 @@ def moved(pose: CameraPose, delta: FloatArray) -> CameraPose:
     p = pose.p_ned_m + np.array([delta[0], delta[1], -delta[2]])
     R = cv2.Rodrigues(np.asarray(delta[3:6], dtype=np.float64))[0]
     return CameraPose(p, R @ pose.R_ned_cam)
-
-
-def rotation_between(R_from: FloatArray, R_to: FloatArray) -> FloatArray:
-    """(3,) rotation vector w with R_to = exp(w) R_from."""
-    return np.asarray(cv2.Rodrigues(R_to @ R_from.T)[0].ravel(), dtype=np.float64)
 
 
 def _summed(images: Float32Array, weight: Float32Array) -> FloatArray:

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.localise.registration.pair import Pair
-from visloc_companion.localise.registration.refine import Refined, SourceCells, Surface
+from visloc_companion.localise.registration.refine import Refined
 from visloc_companion.localise.registration.similarity import moved, scale_of, yaw_of
+from visloc_companion.localise.registration.surfaces import SourceCells, Surface, met
 from visloc_companion.types import FloatArray
 
 BLOCKS = 5
@@ -67,17 +68,16 @@ class Agreement:
 
 def agreement(pair: Pair, source: SourceCells, relief: Surface, T: FloatArray) -> Agreement:
     """How well the source's relief agrees with the reference's after T."""
-    layers = relief.at(moved(T, source.points_m)[:, :2])
-    used = relief.holds(layers)
-    if used.sum() < FEWEST_IN_BLOCK:
+    on = met(source, relief, T)
+    if len(on.at_m) < FEWEST_IN_BLOCK:
         return Agreement(0.0, 0.0, 0.0, 0.0)
-    a, b = source.relief_m[used], layers[used, 0].astype(np.float64)
-    off = (source.points_m[used, :2] - pair.centre_m[:2]) / (2 * pair.half_m) + 0.5
+    a, b = source.relief_m[on.used], on.height_m
+    off = (source.points_m[on.used, :2] - pair.centre_m[:2]) / (2 * pair.half_m) + 0.5
     block = np.clip((off * BLOCKS).astype(int), 0, BLOCKS - 1) @ np.array([BLOCKS, 1])
     each, deviation = _correlations(a, b, block)
     blocks = float(deviation @ (each > BLOCK_AGREES) / max(float(deviation.sum()), 1e-9))
     whole, _ = _correlations(a, b, np.zeros(len(a), np.int64))
-    return Agreement(float(whole[0]), float(used.mean()), blocks, float(b.std()))
+    return Agreement(float(whole[0]), float(on.used.mean()), blocks, float(b.std()))
 
 
 def evidence_of(pair: Pair, found: Agreement, refined: Refined, rival: float, prior: RegistrationPrior) -> Evidence:

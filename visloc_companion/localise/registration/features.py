@@ -6,6 +6,7 @@ RANSAC draws from a seeded generator: the same answer again where the process ha
 
 from __future__ import annotations
 
+from functools import partial
 from types import ModuleType
 from typing import Any
 
@@ -13,8 +14,7 @@ import numpy as np
 
 from visloc_companion.errors import ConfigError
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
-from visloc_companion.localise.registration.pair import make_pair
-from visloc_companion.localise.registration.settle import Settler
+from visloc_companion.localise.registration.settle import judged
 from visloc_companion.types import FloatArray
 
 VOXEL_M = 1.5
@@ -35,11 +35,7 @@ class FeaturesRegistration:
 
     def __call__(self, source_m: FloatArray, reference_m: FloatArray, prior: RegistrationPrior) -> Registered | NotRegistered:
         """Match features, refine, judge."""
-        pair = make_pair(source_m, reference_m, prior)
-        if isinstance(pair, NotRegistered):
-            return pair
-        T = matched(self._o3d, pair.source_m, pair.reference_m)
-        return Settler(pair, prior).judged(T, self.max_probability_wrong)
+        return judged(partial(matched, self._o3d), (source_m, reference_m), prior, self.max_probability_wrong)
 
 
 def matched(o3d: ModuleType, source_m: FloatArray, reference_m: FloatArray) -> FloatArray:

@@ -12,8 +12,7 @@ import small_gicp
 
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
 from visloc_companion.localise.registration.clouds import density_per_m2
-from visloc_companion.localise.registration.pair import make_pair
-from visloc_companion.localise.registration.settle import Settler
+from visloc_companion.localise.registration.settle import judged
 from visloc_companion.types import FloatArray
 
 REACHES_M = (10.0, 4.0, 2.0)
@@ -22,12 +21,12 @@ LEAST_SPACING_M = 0.5
 STEPS = 30
 
 
-def gicp_from(source_m: FloatArray, reference_m: FloatArray, start: FloatArray) -> FloatArray:
-    """(4, 4) rigid T_reference_source from a start, both clouds thinned to the reference's spacing."""
+def gicp_from(source_m: FloatArray, reference_m: FloatArray) -> FloatArray:
+    """(4, 4) rigid T_reference_source from the prior's (identity), both clouds thinned to the reference's spacing."""
     spacing = max(LEAST_SPACING_M, 1 / math.sqrt(density_per_m2(reference_m)))
     target, tree = small_gicp.preprocess_points(reference_m, downsampling_resolution=spacing, num_threads=1)
     source, _ = small_gicp.preprocess_points(source_m, downsampling_resolution=spacing, num_threads=1)
-    T = start
+    T = np.eye(4)
     for reach in REACHES_M:
         found = small_gicp.align(target, source, tree, T, max_correspondence_distance=reach, num_threads=1, max_iterations=STEPS)
         T = np.asarray(found.T_target_source, dtype=np.float64)
@@ -42,8 +41,4 @@ class GicpRegistration:
 
     def __call__(self, source_m: FloatArray, reference_m: FloatArray, prior: RegistrationPrior) -> Registered | NotRegistered:
         """As base.RegistrationMethod."""
-        pair = make_pair(source_m, reference_m, prior)
-        if isinstance(pair, NotRegistered):
-            return pair
-        T = gicp_from(pair.source_m, pair.reference_m, np.eye(4))
-        return Settler(pair, prior).judged(T, self.max_probability_wrong)
+        return judged(gicp_from, (source_m, reference_m), prior, self.max_probability_wrong)

@@ -10,7 +10,7 @@ from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
 from visloc_companion.localise.registration.pair import make_pair
 from visloc_companion.localise.registration.search import find_places
-from visloc_companion.localise.registration.settle import Settler
+from visloc_companion.localise.registration.settle import Settler, too_little_overlap
 from visloc_companion.types import FloatArray
 
 REFINED = 4
@@ -34,7 +34,7 @@ class HeightSearchRegistration:
         settler = Settler(pair, prior)
         settled = [s for place in places if (s := settler.settle(place.T)) is not None]
         if not settled:
-            return NotRegistered(Reason.LOW_OVERLAP, "too little of the source lies on the reference")
+            return too_little_overlap()
         found = max(settled, key=lambda s: s.found.score)
         best = settler.polished(found)
         if best.slid_m > max(SLIDE_M, SLIDE_CELLS * pair.source.cell_m):

@@ -21,14 +21,13 @@ from visloc_companion.localise.registration.refine import (
     SMALL_STEP_M,
     TINY,
     Refined,
-    SourceCells,
-    Surface,
     differences,
+    levelled,
     prior_of_placing,
-    raising,
     robust,
     stepped,
 )
+from visloc_companion.localise.registration.surfaces import SourceCells, Surface
 from visloc_companion.types import FloatArray
 
 STEPS = 8
@@ -42,12 +41,10 @@ def polish(source: SourceCells, surface: Surface, refined: Refined, prior: Regis
     T, bowl_m = refined.T, refined.bowl_m
     weight = np.ones(len(source.points_m))
     for left in range(STEPS, -1, -1):
-        raised = raising(source, surface, T, bowl_m, prior)
-        if raised is None:
+        level = levelled(source, surface, T, bowl_m, prior, left > 0)
+        if level is None:
             return None
-        up, tilt_x, tilt_y, more = raised.step()
-        if left:
-            T, bowl_m = stepped(T, source.centre_m, np.array([0, 0, up]), (tilt_x, tilt_y, 0.0), 0.0), bowl_m + more
+        T, bowl_m = level.T, level.bowl_m
         used, residual, jacobian = differences(source, surface, T, bowl_m)
         values = np.column_stack([residual, jacobian])
         values -= _local_mean(source, values, used, weight[used], surface.heights.cell_m)
@@ -57,8 +54,9 @@ def polish(source: SourceCells, surface: Surface, refined: Refined, prior: Regis
         precision, wish = prior_of_placing(T, prior)
         bread = np.linalg.inv(weighted.T @ jacobian + np.diag(precision + TINY))
         step = bread @ (precision * wish - weighted.T @ residual)
-        if not left or max(abs(step[0]), abs(step[1]), abs(up)) < SMALL_STEP_M:
+        if not left or max(abs(step[0]), abs(step[1]), abs(level.up_m)) < SMALL_STEP_M:
             placed = bread + bread @ _meat(source, used, weighted * residual[:, None], weighted * jacobian) @ bread
+            raised = level.raised
             return Refined(T, bowl_m, np.asarray(placed, dtype=np.float64), raised.covariance(), sigma, raised.sigma_m)
         T = stepped(T, source.centre_m, np.array([step[0], step[1], 0]), (0.0, 0.0, float(step[2])), float(step[3]))
     return None

@@ -11,14 +11,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from visloc_companion.localise.features.base import Float32Array, Mask
+from visloc_companion.localise.features.base import Mask
 from visloc_companion.localise.registration.base import RegistrationPrior
-from visloc_companion.localise.registration.height_map import HeightMap
 from visloc_companion.localise.registration.similarity import moved, scale_of, tilt_of, turned, with_linear, yaw_of
+from visloc_companion.localise.registration.surfaces import SourceCells, Surface, met
 from visloc_companion.types import FloatArray
 
 SIGMA_BOWL_M = 0.5
@@ -28,50 +26,10 @@ WEIGHT_SIGMAS = 2.0
 LEAST_SIGMA_M = 0.1
 ALIKE = 16.0
 """So many cells count as one: their differences are alike. Errors were 4 times those of independent cells (places fitted on)."""
-ROW = 1024
-"""Places are looked up in rows of so many: OpenCV takes no wider ones than 32,767."""
 FEWEST_CELLS = 30
 SMALL_STEP_M = 2e-3
 LEAST_PRIOR, TINY = 1e-6, 1e-9
 """Least 1-sigma of a prior; information that keeps the equations of a plane solvable (1-sigma of 30 km)."""
-IN_REFERENCE = 0.7
-"""Interpolated `known` from which a place counts as on the reference."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Surface:
-    """A reference for refinement: (H, W, 4) height, its slope to the east and north, known or not; of `heights`."""
-
-    layers: Float32Array
-    heights: HeightMap
-
-    def at(self, xy_m: FloatArray) -> Float32Array:
-        """(N, 4) the layers at places (N, 2)."""
-        n, rows = len(xy_m), -(-len(xy_m) // ROW)
-        cells = np.full((rows * ROW, 2), -10, np.float32)
-        cells[:n] = self.heights.cells_of(xy_m)
-        u, v = np.ascontiguousarray(cells.T).reshape(2, rows, ROW)
-        found = cv2.remap(self.layers, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT)
-        return np.asarray(found.reshape(-1, 4)[:n], dtype=np.float32)
-
-    @staticmethod
-    def holds(layers: Float32Array) -> Mask:
-        """(N,) which of the places are on the surface."""
-        return np.asarray(layers[:, 3] > IN_REFERENCE)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SourceCells:
-    """The source's known cells as points (N, 3), their relief (N,), the height (N,) of a bowl of 1 m at each, and
-    where they are in the map's `shape`."""
-
-    points_m: FloatArray
-    relief_m: FloatArray
-    centre_m: FloatArray
-    bowl: FloatArray
-    rows: NDArray[np.int64]
-    cols: NDArray[np.int64]
-    shape: tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,46 +45,20 @@ class Refined:
     height_sigma_m: float
 
 
-def surface_of(heights: HeightMap) -> Surface:
-    """Slopes by central differences."""
-    h, step = heights.height_m, np.float32(0.5 / heights.cell_m)
-    east, north = np.zeros_like(h), np.zeros_like(h)
-    east[:, 1:-1] = (h[:, 2:] - h[:, :-2]) * step
-    north[1:-1] = (h[2:] - h[:-2]) * step
-    return Surface(np.stack([h, east, north, heights.known.astype(np.float32)], -1), heights)
-
-
-def cells_of(heights: HeightMap, relief: HeightMap, centre_m: FloatArray) -> SourceCells:
-    """The known cells of the source's map, which are those of its relief."""
-    rows, cols = np.nonzero(heights.known)
-    xy = np.column_stack([cols, rows]) * heights.cell_m + heights.corner_m + heights.cell_m / 2
-    points = np.column_stack([xy, heights.height_m[rows, cols].astype(np.float64)])
-    out = points[:, :2] - centre_m[:2]
-    squared = (out**2).sum(1)
-    bowl = squared / max(2 * float(squared.mean()), 1e-9)
-    bowl -= float(bowl.mean())
-    own = relief.height_m[rows, cols].astype(np.float64)
-    return SourceCells(points, own, centre_m, bowl, rows, cols, heights.known.shape)
-
-
 def refine(
     source: SourceCells, surface: Surface, relief: Surface, start: FloatArray, prior: RegistrationPrior, steps: int
 ) -> Refined | None:
     """Refined from a start in at most so many steps (0: looked at as it is); None where too few cells lie on the reference."""
     T, bowl_m = start, 0.0
     for left in range(steps, -1, -1):
-        raised = raising(source, surface, T, bowl_m, prior)
-        if raised is None:
+        level = levelled(source, surface, T, bowl_m, prior, left > 0)
+        placed = None if level is None else _placing(source, relief, level.T, prior)
+        if level is None or placed is None:
             return None
-        up, tilt_x, tilt_y, more = raised.step()
-        if left:
-            T, bowl_m = stepped(T, source.centre_m, np.array([0, 0, up]), (tilt_x, tilt_y, 0.0), 0.0), bowl_m + more
-        placed = _placing(source, relief, T, prior)
-        if placed is None:
-            return None
+        T, bowl_m = level.T, level.bowl_m
         east, north, yaw, scale = placed.step()
-        if not left or max(abs(east), abs(north), abs(up)) < SMALL_STEP_M:
-            return Refined(T, bowl_m, placed.covariance(), raised.covariance(), placed.sigma_m, raised.sigma_m)
+        if not left or max(abs(east), abs(north), abs(level.up_m)) < SMALL_STEP_M:
+            return Refined(T, bowl_m, placed.covariance(), level.raised.covariance(), placed.sigma_m, level.raised.sigma_m)
         T = stepped(T, source.centre_m, np.array([east, north, 0]), (0.0, 0.0, yaw), scale)
     return None
 
@@ -155,15 +87,36 @@ class Equations:
         return np.asarray(held, dtype=np.float64)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Levelled:
+    """`T` and `bowl_m` after a step of height, tilt and bowl; the step's `up_m` and its equations."""
+
+    T: FloatArray
+    bowl_m: float
+    up_m: float
+    raised: Equations
+
+
+def levelled(
+    source: SourceCells, surface: Surface, T: FloatArray, bowl_m: float, prior: RegistrationPrior, moves: bool
+) -> Levelled | None:
+    """One step of height, tilt and bowl, taken where it `moves`; None where too few cells lie on the reference."""
+    raised = _raising(source, surface, T, bowl_m, prior)
+    if raised is None:
+        return None
+    up, tilt_x, tilt_y, more = raised.step()
+    if not moves:
+        return Levelled(T, bowl_m, up, raised)
+    T = stepped(T, source.centre_m, np.array([0, 0, up]), (tilt_x, tilt_y, 0.0), 0.0)
+    return Levelled(T, bowl_m + more, up, raised)
+
+
 def differences(source: SourceCells, surface: Surface, T: FloatArray, bowl_m: float) -> tuple[Mask, FloatArray, FloatArray]:
     """The cells used (N,), their differences of height (n,) and how these change (n, 4) with east, north, heading, scale."""
-    at = moved(T, source.points_m + np.outer(bowl_m * source.bowl, [0, 0, 1]))
-    layers = surface.at(at[:, :2])
-    used = surface.holds(layers)
-    u, v, w = (at[used] - moved(T, source.centre_m)).T
-    height, east, north = (layers[used, k].astype(np.float64) for k in range(3))
-    jacobian = np.column_stack([east, north, north * u - east * v, east * u + north * v - w])
-    return used, np.asarray(height - at[used, 2]), jacobian
+    on = met(source, surface, T, bowl_m)
+    u, v, w = on.out_m.T
+    jacobian = np.column_stack([on.east, on.north, on.north * u - on.east * v, on.east * u + on.north * v - w])
+    return on.used, np.asarray(on.height_m - on.at_m[:, 2]), jacobian
 
 
 def prior_of_placing(T: FloatArray, prior: RegistrationPrior) -> tuple[FloatArray, FloatArray]:
@@ -181,30 +134,25 @@ def robust(residual: FloatArray, least_m: float) -> tuple[float, FloatArray]:
 
 def _placing(source: SourceCells, relief: Surface, T: FloatArray, prior: RegistrationPrior) -> Equations | None:
     """Equations of east, north, heading, scale on the relief."""
-    at = moved(T, source.points_m)
-    layers = relief.at(at[:, :2])
-    used = relief.holds(layers)
-    if used.sum() < FEWEST_CELLS:
+    on = met(source, relief, T)
+    if len(on.at_m) < FEWEST_CELLS:
         return None
-    u, v, _ = (at[used] - moved(T, source.centre_m)).T
-    own = source.relief_m[used] * scale_of(T)
-    height, east, north = (layers[used, k].astype(np.float64) for k in range(3))
-    jacobian = np.column_stack([east, north, north * u - east * v, east * u + north * v - own])
-    return _weighted(jacobian, height - own, *prior_of_placing(T, prior), 0.0)
+    u, v, _ = on.out_m.T
+    own = source.relief_m[on.used] * scale_of(T)
+    jacobian = np.column_stack([on.east, on.north, on.north * u - on.east * v, on.east * u + on.north * v - own])
+    return _weighted(jacobian, on.height_m - own, *prior_of_placing(T, prior), 0.0)
 
 
-def raising(source: SourceCells, surface: Surface, T: FloatArray, bowl_m: float, prior: RegistrationPrior) -> Equations | None:
+def _raising(source: SourceCells, surface: Surface, T: FloatArray, bowl_m: float, prior: RegistrationPrior) -> Equations | None:
     """Equations of up, tilt about east, tilt about north, bowl on the heights."""
-    at = moved(T, source.points_m + np.outer(bowl_m * source.bowl, [0, 0, 1]))
-    layers = surface.at(at[:, :2])
-    used = surface.holds(layers)
-    if used.sum() < FEWEST_CELLS:
+    on = met(source, surface, T, bowl_m)
+    if len(on.at_m) < FEWEST_CELLS:
         return None
-    u, v, w = (at[used] - moved(T, source.centre_m)).T
-    height, east, north = (layers[used, k].astype(np.float64) for k in range(3))
-    jacobian = np.column_stack([-np.ones_like(u), -north * w - v, east * w + u, -source.bowl[used]])
+    u, v, w = on.out_m.T
+    jacobian = np.column_stack([-np.ones_like(u), -on.north * w - v, on.east * w + u, -source.bowl[on.used]])
     precision = _precision(np.inf, prior.sigma_tilt_rad, prior.sigma_tilt_rad, SIGMA_BOWL_M)
-    return _weighted(jacobian, height - at[used, 2], precision, -np.array([0, *tilt_of(T), bowl_m]), prior.sigma_growth_m)
+    wish = -np.array([0, *tilt_of(T), bowl_m])
+    return _weighted(jacobian, on.height_m - on.at_m[:, 2], precision, wish, prior.sigma_growth_m)
 
 
 def _precision(*sigmas: float) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,11 +12,12 @@ from visloc_companion.localise.registration.base import NotRegistered, Registere
 from visloc_companion.localise.registration.claims import answer
 from visloc_companion.localise.registration.correlation import Scores
 from visloc_companion.localise.registration.evidence import Agreement, agreement, evidence_of
-from visloc_companion.localise.registration.pair import Pair
+from visloc_companion.localise.registration.pair import Pair, make_pair
 from visloc_companion.localise.registration.polish import polish
-from visloc_companion.localise.registration.refine import Refined, SourceCells, Surface, cells_of, refine, surface_of
+from visloc_companion.localise.registration.refine import Refined, refine
 from visloc_companion.localise.registration.search import APART_M, runner_up, search
 from visloc_companion.localise.registration.similarity import moved, scale_of, yaw_of
+from visloc_companion.localise.registration.surfaces import SourceCells, Surface, cells_of, met, surface_of
 from visloc_companion.types import FloatArray
 
 STEPS = 20
@@ -55,13 +57,9 @@ class Settler:
         found = agreement(self.pair, self.cells, relief, refined.T)
         return Settled(refined, found, settled.slid_m + float(np.hypot(*slid)))
 
-    def judged(self, T: FloatArray, max_probability_wrong: float) -> Registered | NotRegistered:
-        """The answer of a method that found T by itself: T as it is, judged against all other places at its heading and scale."""
-        settled = self._settled(T, *self._near(T), 0)
-        if settled is None:
-            return NotRegistered(Reason.LOW_OVERLAP, "too little of the source lies on the reference")
-        scores = search(self.pair, [(yaw_of(T), scale_of(T))], self.prior)
-        return self.answer(settled, [], scores, max_probability_wrong)
+    def looked_at(self, T: FloatArray) -> Settled | None:
+        """T as it is; None where hardly anything of the source lies on the reference."""
+        return self._settled(T, *self._near(T), 0)
 
     def answer(
         self, best: Settled, rest: list[Settled], scores: Scores, max_probability_wrong: float
@@ -86,11 +84,37 @@ class Settler:
         return surface_of(self.pair.reference.around(*near)), surface_of(self.pair.reference_relief.around(*near))
 
     def _lifted(self, start: FloatArray, surface: Surface) -> FloatArray | None:
-        at = moved(start, self.cells.points_m)
-        layers = surface.at(at[:, :2])
-        used = surface.holds(layers)
-        if not used.any():
+        on = met(self.cells, surface, start)
+        if not len(on.at_m):
             return None
         lifted = start.copy()
-        lifted[2, 3] += np.median(layers[used, 0] - at[used, 2])
+        lifted[2, 3] += np.median(on.height_m - on.at_m[:, 2])
         return lifted
+
+
+def judged(
+    align: Callable[[FloatArray, FloatArray], FloatArray],
+    clouds_m: tuple[FloatArray, FloatArray],
+    prior: RegistrationPrior,
+    max_probability_wrong: float,
+) -> Registered | NotRegistered:
+    """The answer of a method that finds T (4, 4) of (source, reference) points by itself.
+
+    T is taken as it is, and judged against all other places at its heading and scale. Raises ValueError as
+    base.RegistrationMethod.
+    """
+    pair = make_pair(*clouds_m, prior)
+    if isinstance(pair, NotRegistered):
+        return pair
+    T = align(pair.source_m, pair.reference_m)
+    settler = Settler(pair, prior)
+    settled = settler.looked_at(T)
+    if settled is None:
+        return too_little_overlap()
+    scores = search(pair, [(yaw_of(T), scale_of(T))], prior)
+    return settler.answer(settled, [], scores, max_probability_wrong)
+
+
+def too_little_overlap() -> NotRegistered:
+    """The refusal where nothing could be refined."""
+    return NotRegistered(Reason.LOW_OVERLAP, "too little of the source lies on the reference")

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.geo.wgs84 import distance_m, ned_from_geo
 from visloc_companion.localise.structure.base import PosedFrame
 from visloc_companion.localise.structure.registered_pose import NED_ENU
-from visloc_companion.types import FloatArray, GeoPoint, Image, LocaliseRequest, PosePrior
+from visloc_companion.types import GeoPoint, Image, LocaliseRequest, PosePrior
 
 MOST_FRAMES = 8
 MAX_AGE_NS = 12_000_000_000
@@ -76,10 +76,4 @@ def posed(seen: Seen, origin: GeoPoint, height_m: float, sigma_height_m: float) 
 
 def relative_sigma_m(prior: PosePrior) -> float:
     """1-sigma of a place relative to another frame's: between them the filter may have been corrected by as much as its own."""
-    return max(SIGMA_RELATIVE_M, horizontal_sigma_m(prior))
-
-
-def horizontal_sigma_m(prior: PosePrior) -> float:
-    """The largest 1-sigma of the horizontal place."""
-    cov: FloatArray = np.array(prior.cov_ne_m2)
-    return math.sqrt(max(float(np.linalg.eigvalsh(cov)[-1]), 0.0))
+    return max(SIGMA_RELATIVE_M, largest_sigma_m(prior.cov_ne_m2))

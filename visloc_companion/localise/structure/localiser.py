@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.errors import MapError, OutsideMap, Reason
 from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat
@@ -21,7 +22,7 @@ from visloc_companion.localise.registration.base import NotRegistered, Registere
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.structure.base import LocalCloud, NoCloud, StereoSettings
 from visloc_companion.localise.structure.cloud import local_cloud
-from visloc_companion.localise.structure.history import FrameHistory, Seen, horizontal_sigma_m, posed
+from visloc_companion.localise.structure.history import FrameHistory, Seen, posed
 from visloc_companion.localise.structure.registered_pose import pose_from_registration
 from visloc_companion.protocols import ReferenceMap, ShapeMap
 from visloc_companion.types import CameraModel, Fix, GeoPoint, Image, LocaliseRequest, NoFix, PosePrior
@@ -85,7 +86,7 @@ class StructureLocaliser:
     ) -> Registered | NotRegistered | NoCloud:
         """The cloud's place in the map's upper surface, taken from wherever it may lie."""
         low, high = cloud.points_m[:, :2].min(0), cloud.points_m[:, :2].max(0)
-        reach = min(REACH_SIGMAS * horizontal_sigma_m(request.prior), self._settings.max_search_radius_m)
+        reach = min(REACH_SIGMAS * largest_sigma_m(request.prior.cov_ne_m2), self._settings.max_search_radius_m)
         radius = float(np.hypot(*(high - low))) / 2 + reach + MARGIN_M
         try:
             with watch:
@@ -118,7 +119,7 @@ class StructureLocaliser:
 def _prior(cloud: LocalCloud, prior: PosePrior) -> RegistrationPrior:
     """How far the cloud may lie from where the frames' priors put it."""
     return RegistrationPrior(
-        max(horizontal_sigma_m(prior), 1.0),
+        max(largest_sigma_m(prior.cov_ne_m2), 1.0),
         prior.sigma_h_m,
         math.hypot(cloud.sigma_yaw_rad, prior.sigma_yaw_rad),
         math.hypot(cloud.sigma_tilt_rad, prior.sigma_tilt_rad),

@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 
+from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.errors import Reason
 from visloc_companion.localise.posterior import posterior
 from visloc_companion.localise.search import NO_SCORE
@@ -191,7 +192,7 @@ def _judged(
     t_ns: int, prior: TerrainPrior, best: Refined, evidence: Evidence, settings: TerrainSettings
 ) -> TerrainFix | NoTerrainFix:
     p = probability_wrong(evidence)
-    prior_sigma = math.sqrt(float(np.linalg.eigvalsh(np.array(prior.cov_ne_m2))[-1]))
+    prior_sigma = largest_sigma_m(prior.cov_ne_m2)
     worst = max(settings.max_sigma_m, settings.sigma_share * prior_sigma)
     declined = refusal(evidence, p, replace(settings, max_sigma_m=worst))
     numbers = (*evidence.numbers(), ("probability_wrong", p))

@@ -8,8 +8,9 @@ import pytest
 from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.localise.registration.height_map import HeightMap, high_passed
 from visloc_companion.localise.registration.polish import polish
-from visloc_companion.localise.registration.refine import cells_of, refine, surface_of
+from visloc_companion.localise.registration.refine import refine
 from visloc_companion.localise.registration.similarity import about, moved, tilt_of, turned, with_linear
+from visloc_companion.localise.registration.surfaces import cells_of, surface_of
 
 PRIOR = RegistrationPrior(10.0, 3.0, np.radians(3.0), np.radians(2.0), 0.012)
 
