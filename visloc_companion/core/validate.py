@@ -15,6 +15,7 @@ from visloc_companion.types import (
     GeoPoint,
     Gnss,
     LocalPose,
+    MapAtGnss,
     OperatorFix,
     OriginChanged,
     PriorPose,
@@ -38,6 +39,8 @@ def fault(event: Event, now_ns: int) -> Reason | None:  # noqa: PLR0911 (one ret
             known = [v for v in (event.h_acc_m, event.v_acc_m, *(event.v_ned_mps or ())) if v is not None]
             place = (event.place.lat_deg, event.place.lon_deg, event.place.h_amsl_m)
             return _unless(_finite(*place, *known))  # receivers without a fix report any place
+        case MapAtGnss():
+            return _unless(_finite(event.place.h_amsl_m, event.surface_amsl_m or 0.0))
         case EstimatorStatus():
             ratios = (event.position_ratio, event.velocity_ratio, event.height_ratio)
             return _unless(_finite(*(r for r in ratios if r is not None)))

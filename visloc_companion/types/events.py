@@ -55,6 +55,40 @@ class Gnss:
 
 
 @dataclass(frozen=True, slots=True)
+class GnssIntegrity:
+    """What the receiver itself says of interference (GNSS_INTEGRITY; PX4's STATUSTEXT); None where it does not know.
+
+    `jammed` and `spoofed` are True for "detected"; what the receiver has mitigated is False. `authentic` is False where the
+    signals' authentication failed.
+    """
+
+    t_rx_ns: int
+    receiver: int
+    jammed: bool | None
+    spoofed: bool | None
+    authentic: bool | None
+
+
+@dataclass(frozen=True, slots=True)
+class GnssTime:
+    """Calendar time that the autopilot took from GNSS (SYSTEM_TIME), beside its own clock; `t_boot_ns` 0 where unknown."""
+
+    t_rx_ns: int
+    t_boot_ns: int
+    t_unix_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class MapAtGnss:
+    """What the map says of the place where GNSS puts the vehicle: inside it or not, and the height of its surface there."""
+
+    t_rx_ns: int
+    place: GeoPoint
+    inside: bool
+    surface_amsl_m: float | None
+
+
+@dataclass(frozen=True, slots=True)
 class EstimatorStatus:
     """The autopilot's estimator health (EKF_STATUS_REPORT on ArduPilot, ESTIMATOR_STATUS on PX4).
 
@@ -229,6 +263,9 @@ Event = (
     | PriorPose
     | LocalPose
     | Gnss
+    | GnssIntegrity
+    | GnssTime
+    | MapAtGnss
     | EstimatorStatus
     | Range
     | Baro

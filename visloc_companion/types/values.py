@@ -87,9 +87,13 @@ class TooOld:
 
 @dataclass(frozen=True, slots=True)
 class GnssVerdict:
-    """The monitor's verdict with its evidence: each item is (name, value, threshold)."""
+    """The monitor's verdict with its evidence: each item is (name, value, threshold).
+
+    `probability_false` is the posterior probability that the position which the receiver reports is false (core/gnss.py).
+    """
 
     verdict: Verdict
     since_ns: int
     reasons: tuple[str, ...]
     evidence: tuple[tuple[str, float, float], ...]
+    probability_false: float = 0.0
