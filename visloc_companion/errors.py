@@ -115,6 +115,7 @@ class Reason(StrEnum):
     REFINEMENT_DIVERGED = "refinement_diverged"
     TOO_FEW_FEATURES = "too_few_features"
     POSE_FAILED = "pose_failed"
+    MOVING_SURFACE = "moving_surface"
     BAD_FRAME = "bad_frame"
     BAD_INPUT = "bad_input"
     # the worker or the queue has no answer

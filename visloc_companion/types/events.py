@@ -144,13 +144,22 @@ class FrameRef:
 
 @dataclass(frozen=True, slots=True)
 class Odometry:
-    """Displacement between two frames, NED metres, with its 2x2 horizontal covariance."""
+    """Displacement between two frames, NED metres, with its 2x2 horizontal covariance.
+
+    Of that covariance, `sigma_scale` (a share of the displacement) and `sigma_heading_rad` are errors that neighbouring
+    displacements have in common: they add up along a flight and cancel on a way back (core/odometry.py).
+    `inlier_share` of the tracks fit the motion.
+    """
 
     t_rx_ns: int
     t_from_ns: int
     t_to_ns: int
     displacement_ned_m: Vec3
     cov_ne_m2: Cov2
+    sigma_scale: float = 0.0
+    sigma_heading_rad: float = 0.0
+    inlier_share: float = 1.0
+    method: str = ""
 
 
 @dataclass(frozen=True, slots=True)

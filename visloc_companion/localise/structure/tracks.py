@@ -57,7 +57,7 @@ def follow(
     views = {i: replace(v, size=size) for i, v in views.items()}  # Lucas-Kanade wants pictures of one size
     view = views[star.hub]
     picture, seen = _drawn(view, hub, greys[star.hub], model)
-    corners = _corners(picture, seen, settings.corner_spacing_px)
+    corners = corners_of(picture, seen, settings.corner_spacing_px)
     parts: list[tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]] = []
     for k, number in enumerate(star.partners):
         other = frames[number]
@@ -67,7 +67,7 @@ def follow(
         start = (view.rays(corners) + shift) if len(corners) else np.zeros((0, 3))
         start_pix = other_view.pixels(np.column_stack([start[:, :2], np.ones(len(start))]))
         candidates = np.flatnonzero(_within(start_pix, other_seen))
-        kept, found = _lucas_kanade(picture, other_picture, corners[candidates], start_pix[candidates])
+        kept, found = lucas_kanade(picture, other_picture, corners[candidates], start_pix[candidates])
         number_of = candidates[kept]
         inside = _within(found, other_seen)
         number_of, found = number_of[inside], found[inside]
@@ -91,7 +91,7 @@ def _drawn(view: View, frame: PosedFrame, grey: Image, model: CameraModel) -> tu
     return as_bytes(evened(smooth)), inner
 
 
-def _corners(picture: Image, seen: NDArray[np.bool_], spacing: int) -> FloatArray:
+def corners_of(picture: Image, seen: NDArray[np.bool_], spacing: int) -> FloatArray:
     """(N, 2) the best corner of each cell of `spacing` pixels."""
     strength = cv2.cornerMinEigenVal(picture, 5) * np.where(seen, np.float32(1), np.float32(0))
     h, w = (n // spacing * spacing for n in strength.shape)
@@ -103,11 +103,13 @@ def _corners(picture: Image, seen: NDArray[np.bool_], spacing: int) -> FloatArra
     return np.column_stack([column * spacing + inner % spacing, row * spacing + inner // spacing]).astype(np.float64)
 
 
-def _lucas_kanade(a: Image, b: Image, at: FloatArray, start: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
-    """Which corners come back, and where these are in `b`."""
+def lucas_kanade(
+    a: Image, b: Image, at: FloatArray, start: FloatArray, window_px: int = WINDOW_PX, levels: int = LEVELS
+) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Which corners (N, 2) of `a` come back when followed to `b` and back from `start` (N, 2), and where these are in `b`."""
     if not len(at):
         return np.zeros(0, np.bool_), np.zeros((0, 2))
-    options = {"winSize": (WINDOW_PX, WINDOW_PX), "maxLevel": LEVELS, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
+    options = {"winSize": (window_px, window_px), "maxLevel": levels, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
     here = np.ascontiguousarray(at[:, None], dtype=np.float32)
     there, forth, _ = cv2.calcOpticalFlowPyrLK(a, b, here, start[:, None].astype(np.float32), **options)  # type: ignore[call-overload]
     again, back, _ = cv2.calcOpticalFlowPyrLK(b, a, there, here.copy(), **options)  # type: ignore[call-overload]
