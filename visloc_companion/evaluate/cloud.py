@@ -6,34 +6,31 @@ import math
 import os
 import platform
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
-from itertools import repeat
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from visloc_companion import __version__
 from visloc_companion.errors import MapError, Reason
+from visloc_companion.evaluate.batch import run_all
 from visloc_companion.evaluate.cloud_cases import BadCloudCase, CloudCase, read_cloud_cases, read_cloud_truth
 from visloc_companion.evaluate.cloud_metrics import CloudResult, cloud_error, summarise
+from visloc_companion.evaluate.protection import horizontal_bound_m
 from visloc_companion.localise.registration.base import NotRegistered, Registered
 from visloc_companion.localise.registration.registry import DEFAULT_MAX_PROBABILITY_WRONG, make_registration
 from visloc_companion.maps.cloud import read_cloud, require_same_crs
 from visloc_companion.types import FloatArray
 
-RAYLEIGH_1E5 = math.sqrt(-2 * math.log(1e-5))
-"""4.80: radius, in sigmas of a circular Gaussian, that an error exceeds once in 100,000."""
 ORIGIN_STEP_M = 1000.0
 """Clouds are registered about the reference's middle, rounded to this: clouds about zero stay as they are to the bit."""
 LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "small-gicp", "open3d", "open3d-cpu", "laspy", "lazrs")
 ANSWER_FIELDS = ("T_reference_source", "sigma_horizontal_m", "sigma_vertical_m", "protection_level_m", "probability_wrong")
-Truth = dict[str, FloatArray]
+Posed = tuple[CloudCase | BadCloudCase, FloatArray | None]
+"""A case and its true T_reference_source (4, 4), where that is known."""
 
 
 def evaluate_cloud(
@@ -53,8 +50,10 @@ def evaluate_cloud(
     make_registration(method)
     cases = read_cloud_cases(folder)[:limit]
     truth = read_cloud_truth(folder)
+    posed = [(case, truth.get(case.case_id)) for case in cases]
+    run = partial(run_case, method=method, max_probability_wrong=max_probability_wrong)
     results = []
-    for result in run_cases(cases, method, truth, jobs, max_probability_wrong):
+    for result in run_all(posed, run, run, jobs):
         results.append(result)
         if progress:
             progress(len(results), len(cases))
@@ -69,36 +68,9 @@ def evaluate_cloud(
     return document, results
 
 
-def run_cases(
-    cases: Sequence[CloudCase | BadCloudCase],
-    method: str,
-    truth: Truth,
-    jobs: int,
-    max_probability_wrong: float = DEFAULT_MAX_PROBABILITY_WRONG,
-) -> Iterator[CloudResult]:
-    """Results in the order of the cases, by so many processes; where one of them is killed, this process does the rest."""
-    if jobs <= 1:
-        cv2.setNumThreads(1)
-        yield from (run_case(case, method, truth.get(case.case_id), max_probability_wrong) for case in cases)
-        return
-    done = 0
-    try:
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)) as pool:
-            truths = [truth.get(case.case_id) for case in cases]
-            for result in pool.map(run_case, cases, repeat(method), truths, repeat(max_probability_wrong)):
-                done += 1
-                yield result
-    except BrokenProcessPool:
-        yield from run_cases(cases[done:], method, truth, 1, max_probability_wrong)
-
-
-def run_case(
-    case: CloudCase | BadCloudCase,
-    method: str,
-    T_true: FloatArray | None,
-    max_probability_wrong: float = DEFAULT_MAX_PROBABILITY_WRONG,
-) -> CloudResult:
+def run_case(posed: Posed, method: str, max_probability_wrong: float = DEFAULT_MAX_PROBABILITY_WRONG) -> CloudResult:
     """Register one case and judge the answer. Whatever is wrong with its files becomes a refusal."""
+    case, T_true = posed
     known = T_true is not None
     if isinstance(case, BadCloudCase):
         return CloudResult(case.case_id, None, Reason.BAD_INPUT, case.why, has_truth=known)
@@ -144,19 +116,17 @@ def about_zero(answer: Registered, origin_m: FloatArray) -> Registered:
 def as_json(result: CloudResult) -> dict[str, Any]:
     """One case as evaluation.md section 3.2 wants it; what a `no_fix` does not have is null.
 
-    `sigma_horizontal_m` is that of one axis: the root of the mean of both variances. The protection level bounds the horizontal
-    error at a risk of 1e-5 if the place is right (`probability_wrong` says whether): 4.80 times the largest horizontal sigma.
+    `sigma_horizontal_m` is that of one axis: the root of the mean of both variances.
     """
     fix = result.fix
     numbers: dict[str, Any] = dict.fromkeys(ANSWER_FIELDS)
     if fix is not None:
         horizontal = fix.covariance_m2[:2, :2]
-        largest = float(np.linalg.eigvalsh(horizontal)[-1])
         values = (
             fix.T_reference_source.tolist(),
             math.sqrt(float(np.trace(horizontal)) / 2),
             math.sqrt(float(fix.covariance_m2[2, 2])),
-            RAYLEIGH_1E5 * math.sqrt(largest),
+            horizontal_bound_m(horizontal),
             float(fix.probability_wrong),
         )
         numbers = dict(zip(ANSWER_FIELDS, values, strict=True))

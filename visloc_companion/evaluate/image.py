@@ -6,11 +6,8 @@ import math
 import os
 import platform
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
-from functools import lru_cache
-from multiprocessing import get_context
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +16,10 @@ import numpy as np
 
 from visloc_companion import __version__
 from visloc_companion.errors import MapError, OutsideMap, Reason
+from visloc_companion.evaluate.batch import run_all
 from visloc_companion.evaluate.cases import BadCase, Case, read_cases, read_frame, read_truth
 from visloc_companion.evaluate.image_metrics import CaseResult, summarise
+from visloc_companion.evaluate.protection import horizontal_bound_m
 from visloc_companion.geo.se3 import euler_from_quat
 from visloc_companion.localise.features.onnx import NetworkFeatures
 from visloc_companion.localise.registry import make_localiser, open_features_for
@@ -37,8 +36,8 @@ NETWORKS_AT_HAND = 2
 SHIPPED = NetworkChoice()
 MAX_PROBABILITY_WRONG = 0.05
 """Fixes with a larger calibrated probability of being wrong become refusals."""
-RAYLEIGH_1E5 = math.sqrt(-2 * math.log(1e-5))
-"""4.80: radius, in sigmas of a circular Gaussian, that an error exceeds once in 100,000."""
+CASES_AT_ONCE = 4
+"""Handed to a process."""
 
 
 def evaluate_image(
@@ -80,21 +79,12 @@ def run_cases(
     max_probability_wrong: float = MAX_PROBABILITY_WRONG,
     network: NetworkChoice = SHIPPED,
 ) -> Iterator[CaseResult]:
-    """Results in the order of the cases, by so many processes; where one of them is killed, this process does the rest."""
-    if jobs <= 1:
-        cv2.setNumThreads(1)
-        yield from (run_case(case, method, max_probability_wrong, network) for case in cases)
-        return
-    done = 0
-    try:
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)) as pool:
-            alone = replace(network, threads=1)
-            same = ([each] * len(cases) for each in (method, max_probability_wrong, alone))
-            for result in pool.map(run_case, cases, *same, chunksize=4):
-                done += 1
-                yield result
-    except BrokenProcessPool:
-        yield from run_cases(cases[done:], method, 1, max_probability_wrong, network)
+    """Results in the order of the cases; of several processes (as `run_all`) each gives the network one thread."""
+    here, there = (
+        partial(run_case, method=method, max_probability_wrong=max_probability_wrong, network=each)
+        for each in (network, replace(network, threads=1))
+    )
+    return run_all(cases, here, there, jobs, CASES_AT_ONCE)
 
 
 def run_case(
@@ -133,17 +123,11 @@ def run_case(
     return CaseResult(case.case_id, None, answer.reason, answer.detail, elapsed_ms, evidence, reference.gsd_m)
 
 
-def protection_level_m(fix: Fix) -> float:
-    """Provisional bound of the horizontal error at a risk of 1e-5, from one vote alone.
-
-    4.80 times the largest sigma of the claimed covariance (the map's own included): right if the match is right and its error
-    Gaussian. It says nothing of wrong matches; `probability_wrong` does.
-    """
-    return RAYLEIGH_1E5 * math.sqrt(float(np.linalg.eigvalsh(np.array(fix.cov_ne_m2))[-1]))
-
-
 def as_json(result: CaseResult) -> dict[str, Any]:
-    """One case as evaluation.md section 3.1 wants it; what a `no_fix` does not have is null."""
+    """One case as evaluation.md section 3.1 wants it; what a `no_fix` does not have is null.
+
+    The protection level is provisional, from one vote alone; the covariance includes the map's own.
+    """
     fix = result.fix
     if fix is None:
         numbers: dict[str, Any] = dict.fromkeys(POSE_FIELDS)
@@ -160,7 +144,7 @@ def as_json(result: CaseResult) -> dict[str, Any]:
             "yaw_deg": yaw % 360,
             "cov_ne_m2": [list(row) for row in fix.cov_ne_m2],
             "sigma_h_m": fix.sigma_h_m,
-            "protection_level_m": protection_level_m(fix),
+            "protection_level_m": horizontal_bound_m(np.array(fix.cov_ne_m2)),
             "probability_wrong": fix.probability_wrong,
         }
     status = "no_fix" if fix is None else "fix"

@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import json
-from concurrent.futures import ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import numpy as np
@@ -141,16 +139,7 @@ def test_without_truth_there_are_counts_only(folder: Path) -> None:
     assert list(summary) == ["n", "n_fix", "fix_share", "reasons", "elapsed_ms"] and summary["n"] == 2
 
 
-def test_a_killed_process_does_not_end_the_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Dying(ThreadPoolExecutor):
-        def __init__(self, jobs, mp_context, initializer, initargs):
-            super().__init__(jobs)
-
-        def map(self, *args, **kwargs):
-            yield next(iter(super().map(*args)))
-            raise BrokenProcessPool
-
-    monkeypatch.setattr(room, "ProcessPoolExecutor", Dying)
+def test_a_killed_process_does_not_end_the_run(folder: Path, dying_pool: None) -> None:
     done: list[int] = []
     cases = evaluate_cloud(folder, "means", jobs=2, progress=lambda k, n: done.append(k))[0]["cases"]
     assert [case["id"] for case in cases][:2] == ["town_A_00", "town_A_01"] and done == list(range(1, 13))
