@@ -17,7 +17,7 @@ from visloc_companion.cli.map import MANY
 from visloc_companion.config import Config, load_config
 from visloc_companion.errors import ConfigError, Reason
 from visloc_companion.evaluate.cases import COLUMNS, TRUTH_COLUMNS
-from visloc_companion.evaluate.cloud_cases import FIELDS, GROWTH, TRUTH_FIELDS
+from visloc_companion.evaluate.cloud_cases import CLOUD_FIELDS, GROWTH, SIGMA_FIELDS, TRUTH_FIELDS
 from visloc_companion.evaluate.gate import parse_gate
 from visloc_companion.sim.autopilot_parameters import PREPARED
 from visloc_companion.sim.scenarios import DEMO, SCENARIOS
@@ -237,7 +237,7 @@ def test_columns_and_gates_that_are_named_exist() -> None:
 
 def test_every_field_of_cloud_cases_is_described() -> None:
     page = text_of(DOCS / "structure.md")
-    assert all(f"`{field}`" in page for field in (*FIELDS, *TRUTH_FIELDS, GROWTH))
+    assert all(f"`{field}`" in page for field in (*CLOUD_FIELDS, *SIGMA_FIELDS, *TRUTH_FIELDS, GROWTH))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())

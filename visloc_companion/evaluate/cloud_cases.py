@@ -14,10 +14,8 @@ from visloc_companion.errors import CasesError
 from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.types import FloatArray
 
-FIELDS = (
-    *("id", "source", "reference", "sigma_horizontal_m", "sigma_vertical_m"),
-    *("sigma_yaw_deg", "sigma_tilt_deg", "sigma_scale"),
-)
+CLOUD_FIELDS = ("source", "reference")
+SIGMA_FIELDS = ("sigma_horizontal_m", "sigma_vertical_m", "sigma_yaw_deg", "sigma_tilt_deg", "sigma_scale")
 TRUTH_FIELDS = ("id", "T_reference_source")
 GROWTH = "sigma_growth_m"
 """A field that may be missing."""
@@ -75,17 +73,13 @@ def _case(folder: Path, entry: object, number: int) -> CloudCase | BadCloudCase:
         return BadCloudCase(f"entry{number + 1}", "is no object")
     case_id = str(entry.get("id") or f"entry{number + 1}")
     try:
-        prior = RegistrationPrior(
-            _sigma(entry, "sigma_horizontal_m"),
-            _sigma(entry, "sigma_vertical_m"),
-            math.radians(_sigma(entry, "sigma_yaw_deg")),
-            math.radians(_sigma(entry, "sigma_tilt_deg")),
-            _sigma(entry, "sigma_scale"),
-            _sigma({GROWTH: 0.0} | entry, GROWTH),
-        )
-        return CloudCase(case_id, folder / _text(entry, "source"), folder / _text(entry, "reference"), prior)
+        horizontal_m, vertical_m, yaw_deg, tilt_deg, scale = (_sigma(entry, field) for field in SIGMA_FIELDS)
+        growth_m = _sigma({GROWTH: 0.0} | entry, GROWTH)
+        source, reference = (folder / _text(entry, field) for field in CLOUD_FIELDS)
     except ValueError as why:
         return BadCloudCase(case_id, str(why))
+    angles = math.radians(yaw_deg), math.radians(tilt_deg)
+    return CloudCase(case_id, source, reference, RegistrationPrior(horizontal_m, vertical_m, *angles, scale, growth_m))
 
 
 def _sigma(entry: dict[str, Any], field: str) -> float:
