@@ -2,12 +2,13 @@
 
 Trust runs one way. The filter is seeded once from the autopilot's position while GNSS is trusted; from then on the prior of
 every localisation is the filter's own state, so a spoofed autopilot cannot drag the search away. What GNSS may still do is in
-core/gnss_aiding.py. Nothing is injected before a first fix (or the operator's position) has anchored the filter. Range, Baro
-and Odometry are journalled but not used yet.
+core/gnss_aiding.py. Nothing is injected before a first fix (or the operator's position) has anchored the filter. Distances
+to the ground: core/terrain_aiding.py. Baro and Odometry are journalled but not used yet.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from visloc_companion.core import modes, output, requests, streams
@@ -20,6 +21,8 @@ from visloc_companion.core.guard import Complaints, TimeCheck, TimeGuard
 from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.switching import SourceSwitch
+from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
+from visloc_companion.core.terrain_aiding import TerrainAiding
 from visloc_companion.core.timesync import ClockOffset, ClockStep
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.core.turns import Turns
@@ -45,8 +48,10 @@ from visloc_companion.types import (
     Notice,
     OperatorFix,
     OriginChanged,
+    PosePrior,
     PriorPose,
     Quat,
+    Range,
     Rejected,
     Severity,
     SourceSwitched,
@@ -57,6 +62,7 @@ from visloc_companion.types import (
     WorkerState,
 )
 
+LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 INJECTING = (Mode.AIDING, Mode.DEAD_RECKONING)
 ATTITUDE_AGE_NS = 2_000_000_000
 CAMERA_SILENCE_NS = 2_000_000_000
@@ -85,6 +91,7 @@ class Navigator:
         self._queue = requests.FrameQueue(
             settings.max_rate_hz, settings.seed, Turns(settings.structure, settings.structure_every)
         )
+        self._terrain = TerrainAiding() if settings.terrain else None
         self._switch = SourceSwitch(settings.injection.switch_source)
         self._resets = output.ResetCounter(settings.injection.max_step_m)
         self._mode = Mode.WAITING
@@ -129,6 +136,8 @@ class Navigator:
                 self._status = event
                 self._monitor.on_status(event)
                 return []
+            case Range():
+                return self._on_range(event)
             case FrameRef():
                 return self._on_frame(event, now_ns)
             case Fix():
@@ -147,6 +156,8 @@ class Navigator:
                 return self._switch.confirmed(event, now_ns)
             case WorkerState():
                 self._queue.worker(event.up)
+                if self._terrain is not None:
+                    self._terrain.abandoned()
                 return self._request(now_ns)
             case _:
                 return []
@@ -162,6 +173,8 @@ class Navigator:
             return []
         self._attitude.clear()
         self._tracker.forget_velocity()
+        if self._terrain is not None:
+            self._terrain.clear()
         self._switch.restarted()
         text = f"visloc: autopilot clock stepped {step.jump_ns * 1e-9:.1f} s"
         return [Notice(Severity.WARNING, text, to_operator=True)]
@@ -194,7 +207,16 @@ class Navigator:
         sigma = limits.velocity_sigma_mps if self._monitor.trusted and not feedback else limits.velocity_sigma_aiding_mps
         if self._status is not None and not self._status.horizontal_position_ok:
             sigma = max(sigma, UNAIDED_SIGMA_MPS)
-        self._tracker.drive(Velocity(self._stamped_ns(t_rx_ns, t_boot_ns), v_ned_mps, h_amsl_m, sigma, feedback))
+        velocity = Velocity(self._stamped_ns(t_rx_ns, t_boot_ns), v_ned_mps, h_amsl_m, sigma, feedback)
+        if self._tracker.drive(velocity) and self._terrain is not None:
+            self._terrain.drive(velocity)
+
+    def _on_range(self, event: Range) -> list[Command]:
+        t_ns = self._stamped_ns(event.t_rx_ns, event.t_boot_ns)
+        q_ned_frd = self._attitude_now(t_ns)
+        if self._terrain is not None and q_ned_frd is not None:
+            self._terrain.on_range(event, t_ns, q_ned_frd)
+        return []
 
     def _on_origin(self, event: OriginChanged) -> list[Command]:
         if self._tracker.set_origin(event.origin):
@@ -221,10 +243,26 @@ class Navigator:
         return [*back, *self._request(now_ns)]
 
     def _request(self, now_ns: int) -> list[Command]:
+        """The worker's next question: about the ground below the track where that is due, else about a frame."""
+        return self._ask_about_terrain(now_ns) or self._ask_about_frame(now_ns)
+
+    def _ask_about_terrain(self, now_ns: int) -> list[Command]:
+        terrain, state, belief = self._terrain, self._tracker.at(now_ns), self._tracker.belief
+        q_ned_frd = self._attitude_now(now_ns)
+        if terrain is None or state is None or belief is None or q_ned_frd is None:
+            return []
+        if not self._queue.free or not terrain.due(now_ns):
+            return []
+        prior = self._prior_at(state, q_ned_frd, LEVEL)
+        steady = self._monitor.trusted and not belief.feedback
+        sigma_v_mps = math.sqrt(max(float(belief.P[2, 2]), float(belief.P[3, 3])))
+        asked = None if prior is None else terrain.request(self._queue.claimed(), now_ns, prior, sigma_v_mps, steady)
+        return [] if asked is None else [asked]
+
+    def _ask_about_frame(self, now_ns: int) -> list[Command]:
         frame = self._queue.next_frame(now_ns)
         state = None if frame is None else self._tracker.at(frame.t_ns)
-        origin, belief = self._tracker.origin, self._tracker.belief
-        if frame is None or state is None or origin is None or belief is None:
+        if frame is None or state is None:
             return []
         height = self._tracker.height_above_home_m
         if height is not None and height < self._settings.navigator.min_height_m:
@@ -232,20 +270,27 @@ class Navigator:
         q_ned_frd = self._attitude_at(frame)
         if q_ned_frd is None:
             return []
+        prior = self._prior_at(state, q_ned_frd, self._settings.q_frd_cambody)
+        return [] if prior is None else [self._queue.taken(frame, prior, now_ns)]
+
+    def _prior_at(self, state: NavState, q_ned_frd: Quat, q_frd_body: Quat) -> PosePrior | None:
+        """The prior of a state for the camera's body, or for another one that is mounted so."""
+        origin, belief = self._tracker.origin, self._tracker.belief
+        if origin is None or belief is None:
+            return None
         if self._mode not in INJECTING:
             cov = requests.held_by_gnss(state.cov_ne_m2, state.age_of_fix_s, self._settings.navigator.seed_sigma_m)
             state = replace(state, cov_ne_m2=cov)
-        prior = requests.pose_prior(
+        return requests.pose_prior(
             state,
             origin,
             q_ned_frd,
-            self._settings.q_frd_cambody,
+            q_frd_body,
             belief.height_offset_m,
-            height or 0.0,
+            self._tracker.height_above_home_m or 0.0,
             self._settings.mount_sigma_rad,
             self._settings.max_search_radius_m,
         )
-        return [self._queue.taken(frame, prior, now_ns)]
 
     def _attitude_at(self, frame: FrameRef) -> Quat | None:
         t_boot_ns = self._clock.boot_ns(frame.t_ns) if frame.t_boot_ns is None else frame.t_boot_ns
@@ -254,10 +299,17 @@ class Navigator:
     def _free_worker(self, event: Event, now_ns: int) -> list[Command]:
         if isinstance(event, Fix | NoFix):
             self._queue.answered(event.request_id, isinstance(event, Fix))
+            if self._terrain is not None and isinstance(event, NoFix):
+                self._terrain.answered(event)
+            elif self._terrain is not None:
+                self._terrain.abandoned(event.request_id)
             return self._request(now_ns)
         return []
 
     def _on_fix(self, fix: Fix, now_ns: int) -> list[Command]:
+        if self._terrain is not None and fix.method == TERRAIN and self._terrain.answered(fix) is None:
+            waits = Notice(Severity.INFO, "a fix of the terrain from far off waits for a second one")
+            return [waits, *self._free_worker(fix, now_ns)]
         before = self._tracker.belief
         outcome = self._tracker.observe(fix)
         after = self._tracker.belief

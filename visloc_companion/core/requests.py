@@ -40,6 +40,7 @@ class FrameQueue:
         self._seed, self._turns = seed, turns
         self._waiting: FrameRef | None = None
         self._busy_id: int | None = None
+        self._aside_id: int | None = None
         self._asked_ns: int | None = None
         self._last_id = 0
         self._worker_up = True
@@ -48,6 +49,17 @@ class FrameQueue:
     def busy(self) -> bool:
         """Whether an answer is outstanding."""
         return self._busy_id is not None
+
+    @property
+    def free(self) -> bool:
+        """Whether the worker is there and has nothing to do."""
+        return self._worker_up and not self.busy
+
+    def claimed(self) -> int:
+        """The number of a question that is about no frame; it is outstanding from now on."""
+        self._last_id += 1
+        self._busy_id = self._aside_id = self._last_id
+        return self._last_id
 
     def offer(self, frame: FrameRef) -> None:
         """A new frame; it takes the place of one that still waits."""
@@ -58,7 +70,8 @@ class FrameQueue:
         """The worker answered a request, with a fix or without."""
         if request_id == self._busy_id:
             self._busy_id = None
-            self._turns.answered(found)
+            if request_id != self._aside_id:
+                self._turns.answered(found)
 
     def worker(self, up: bool) -> None:
         """The worker came up or ended; either way nothing is outstanding any more."""

@@ -60,7 +60,7 @@ class CoreSettings:
     `q_frd_cambody` is the attitude of the camera's body (looks along its down axis, top edge of the image forward) in the
     vehicle's body; `mount_sigma_rad` the 1-sigma tilt of mounting and attitude together. `max_rate_hz` bounds the requests
     to the localiser, `max_search_radius_m` the 3-sigma radius of their search. For `structure`,
-    `structure_every` see core/turns.py. The link rates go into RequestMessage.
+    `structure_every` see core/turns.py, for `terrain` core/terrain_aiding.py. The link rates go into RequestMessage.
     """
 
     navigator: NavigatorSettings = NavigatorSettings()
@@ -71,6 +71,7 @@ class CoreSettings:
     max_rate_hz: float = 5.0
     structure: bool = False
     structure_every: int = 0
+    terrain: bool = False
     max_search_radius_m: float = 2000.0
     attitude_rate_hz: float = 50.0
     position_rate_hz: float = 10.0

@@ -19,6 +19,7 @@ from visloc_companion.types import (
     OperatorFix,
     OriginChanged,
     PriorPose,
+    Range,
 )
 
 MAX_SPEED_MPS = 200.0
@@ -44,6 +45,8 @@ def fault(event: Event, now_ns: int) -> Reason | None:  # noqa: PLR0911 (one ret
         case EstimatorStatus():
             ratios = (event.position_ratio, event.velocity_ratio, event.height_ratio)
             return _unless(_finite(*(r for r in ratios if r is not None)))
+        case Range():
+            return _unless(_finite(event.distance_m))
         case OriginChanged():
             return _unless(is_place(event.origin))
         case OperatorFix():
