@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
+from visloc_companion.cli.evaluate_choice import chosen_cases
 from visloc_companion.cli.evaluate_cloud import cloud
 
 if TYPE_CHECKING:
@@ -40,19 +40,13 @@ def image(
     list_methods: Annotated[bool, typer.Option("--list-methods", help="Print the methods of this version.")] = False,
 ) -> None:
     """Place frames on a map: fixes, errors against the truth, claimed accuracy and time."""
-    from visloc_companion.errors import ConfigError
     from visloc_companion.localise.registry import METHODS
     from visloc_companion.localise.runtime import NetworkChoice
 
-    if list_methods:
-        typer.echo("\n".join(METHODS))
-        return
-    if method not in METHODS:
-        raise ConfigError(f"unknown method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
-    if cases is None:
-        raise ConfigError("no folder named", where="CASES", remedy="visloc evaluate image FOLDER (with cases.csv)")
-    network = NetworkChoice(model, _providers(provider or ["cpu"]))
-    _run(cases, method, jobs, limit, json_file, report, network)
+    folder = chosen_cases(cases, method, METHODS, list_methods, "visloc evaluate image FOLDER (with cases.csv)")
+    if folder is not None:
+        network = NetworkChoice(model, _providers(provider or ["cpu"]))
+        _run(folder, method, jobs, limit, json_file, report, network)
 
 
 def _providers(names: list[str]) -> tuple[ProviderName, ...]:
@@ -71,17 +65,19 @@ def _run(
     from rich.progress import Progress
 
     from visloc_companion.cli.figures import figure_lines
+    from visloc_companion.cli.progress import require_folder, write_json
     from visloc_companion.evaluate.cases import read_cases, read_truth
     from visloc_companion.evaluate.image import evaluate_image
     from visloc_companion.evaluate.image_report import write_image_report
 
+    require_folder(json_file, "--json")
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(method, total=None)
         document, results = evaluate_image(
             cases, method, jobs, limit, lambda done, total: bar.update(task, completed=done, total=total), network=network
         )
     if json_file is not None:
-        json_file.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        write_json(json_file, document)
     if report is not None:
         typer.echo(write_image_report(report, document, results, read_truth(cases), cases=read_cases(cases)[:limit]))
     for line in figure_lines(document["summary"]):

@@ -7,6 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
+from visloc_companion.cli.evaluate_choice import chosen_cases
+
 DEFAULT_METHOD = "height-search"
 """registry.DEFAULT_METHOD, which is not imported for it: --help is quick without the libraries of the methods."""
 
@@ -21,17 +23,11 @@ def cloud(
     list_methods: Annotated[bool, typer.Option("--list-methods", help="Print the methods of this version.")] = False,
 ) -> None:
     """Place clouds in a georeferenced cloud by their shape: transforms, errors against the truth, claimed accuracy and time."""
-    from visloc_companion.errors import ConfigError
     from visloc_companion.localise.registration.registry import METHODS
 
-    if list_methods:
-        typer.echo("\n".join(METHODS))
-        return
-    if method not in METHODS:
-        raise ConfigError(f"unknown method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
-    if cases is None:
-        raise ConfigError("no folder named", where="CASES", remedy="visloc evaluate cloud FOLDER (with cases.json)")
-    _run(cases, method, jobs, limit, json_file, report)
+    folder = chosen_cases(cases, method, METHODS, list_methods, "visloc evaluate cloud FOLDER (with cases.json)")
+    if folder is not None:
+        _run(folder, method, jobs, limit, json_file, report)
 
 
 def _run(cases: Path, method: str, jobs: int, limit: int | None, json_file: Path | None, report: Path | None) -> None:

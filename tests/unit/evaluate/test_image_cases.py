@@ -210,6 +210,12 @@ def test_methods_are_listed_and_unknown_ones_refused(folder):
     assert isinstance(CliRunner().invoke(evaluate_app, ["image"]).exception, ConfigError)
 
 
+def test_a_result_that_could_not_be_written_is_refused_before_the_work(folder, tmp_path):
+    command = ["image", str(folder), "--method", "gradient", "--json", str(tmp_path / "none" / "out.json")]
+    refused = CliRunner().invoke(evaluate_app, command)
+    assert isinstance(refused.exception, ConfigError) and "its folder does not exist" in str(refused.exception)
+
+
 @pytest.mark.shared
 def test_two_years_of_naip_agree(shared_data, tmp_path):
     tool = shared_data.parent / "tools" / "make_image_cases.py"
