@@ -13,9 +13,9 @@ import numpy as np
 from visloc_companion.evaluate.cloud_cases import BadCloudCase, CloudCase, read_cloud_cases, read_cloud_truth
 from visloc_companion.evaluate.cloud_metrics import FAR_M, WRONG_M, CloudResult
 from visloc_companion.evaluate.cloud_pictures import CloudPictures, cloud_pictures
-from visloc_companion.evaluate.image_pictures import data_uri
 from visloc_companion.evaluate.reliability import reliability, reliability_diagram
 from visloc_companion.evaluate.report_parts import (
+    case_section,
     claims_words,
     figures_table,
     html_page,
@@ -23,6 +23,7 @@ from visloc_companion.evaluate.report_parts import (
     rounded,
     sigma_scatter,
     tiles,
+    worst_cases_section,
 )
 from visloc_companion.evaluate.report_svg import legend
 from visloc_companion.types import FloatArray
@@ -124,13 +125,13 @@ def _claims(results: Sequence[CloudResult]) -> str:
 def _worst_section(results: Sequence[CloudResult], folder: Path) -> str:
     by_id: dict[str, CloudCase | BadCloudCase] = {case.case_id: case for case in read_cloud_cases(folder)}
     truth: dict[str, FloatArray] = read_cloud_truth(folder)
-    shown = ""
+    shown = []
     for result in worst_cases(results, WORST):
         found = None if result.answer is None else result.answer.T_reference_source
         pictures = cloud_pictures(by_id[result.case_id], truth.get(result.case_id), found)
         if pictures is not None:
-            shown += _one(result, pictures)
-    return f'<h2>The worst cases</h2><div class="cases">{shown}</div>' if shown else ""
+            shown.append(_one(result, pictures))
+    return worst_cases_section(shown)
 
 
 def _one(result: CloudResult, pictures: CloudPictures) -> str:
@@ -147,16 +148,8 @@ def _one(result: CloudResult, pictures: CloudPictures) -> str:
         (pictures.reference_at_answer, "reference at the answer"),
         (pictures.difference, "source less reference at the answer, red above, ±5 m"),
     )
-    images = "".join(
-        f'<figure><img src="{data_uri(image)}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
-        for image, caption in shots
-        if image is not None
-    )
-    evidence = escape(", ".join(f"{name} {value:.3g}" for name, value in result.evidence))
-    return (
-        f'<section class="case"><b>{escape(result.case_id)}</b>: {off}{claim} ({verdict})<br>'
-        f'<span class="soft">{evidence}</span><div class="shots">{images}</div></section>'
-    )
+    evidence = ", ".join(f"{name} {value:.3g}" for name, value in result.evidence)
+    return case_section(result.case_id, f"{off}{claim} ({verdict})", evidence, shots)
 
 
 def _cases_table(results: Sequence[CloudResult]) -> str:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import base64
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from visloc_companion.errors import MapError, OutsideMap
@@ -56,12 +54,6 @@ def case_pictures(case: Case | BadCase, truth: Truth, result: CaseResult) -> Cas
         except OutsideMap:
             there = (None, None)
     return CasePictures(*here, *there)
-
-
-def data_uri(picture: Image) -> str:
-    """A JPEG of (H, W, 3) RGB for the `src` of an image within a page."""
-    _, encoded = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 88])
-    return "data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode("ascii")
 
 
 def _laid_out(case: Case, pixels: Image, ref: ReferenceMap, place: GeoPoint, q_ned_frd: Quat) -> tuple[Image, Image]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 
 from visloc_companion.evaluate.cases import BadCase, Case, Truth
 from visloc_companion.evaluate.image_metrics import CaseError, CaseResult, case_error
-from visloc_companion.evaluate.image_pictures import CasePictures, case_pictures, data_uri
+from visloc_companion.evaluate.image_pictures import CasePictures, case_pictures
+from visloc_companion.evaluate.report_parts import case_section, worst_cases_section
 
 WORST = 10
 EVIDENCE = ("score", "runner_up", "blocks_agreeing", "blocks", "scatter_px", "position_sigmas", "height_sigmas", "yaw_sigmas")
@@ -33,12 +33,12 @@ def worst_cases(
 
 def worst_section(judged: Sequence[Judged], cases: dict[str, Case | BadCase], max_probability_wrong: float) -> str:
     """HTML of the worst cases whose files can be read; empty without any."""
-    shown = ""
+    shown = []
     for result, truth, error in worst_cases(judged, WORST, max_probability_wrong) if cases else ():
         pictures = case_pictures(cases[result.case_id], truth, result) if result.case_id in cases else None
         if pictures is not None:
-            shown += _one(result, truth, error, pictures, max_probability_wrong)
-    return f'<h2>The worst cases</h2><div class="cases">{shown}</div>' if shown else ""
+            shown.append(_one(result, truth, error, pictures, max_probability_wrong))
+    return worst_cases_section(shown)
 
 
 def _one(result: CaseResult, truth: Truth, error: CaseError, pictures: CasePictures, max_probability_wrong: float) -> str:
@@ -53,13 +53,5 @@ def _one(result: CaseResult, truth: Truth, error: CaseError, pictures: CasePictu
         (pictures.frame_at_answer, "frame, laid out at the answer"),
         (pictures.map_at_answer, "map at the answer"),
     )
-    images = "".join(
-        f'<figure><img src="{data_uri(image)}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
-        for image, caption in shots
-        if image is not None
-    )
-    note = escape("; ".join(x for x in (dates, evidence) if x))
-    return (
-        f'<section class="case"><b>{escape(result.case_id)}</b>: {words}, claimed p {p:.3g} ({verdict})<br>'
-        f'<span class="soft">{note}</span><div class="shots">{images}</div></section>'
-    )
+    note = "; ".join(x for x in (dates, evidence) if x)
+    return case_section(result.case_id, f"{words}, claimed p {p:.3g} ({verdict})", note, shots)

@@ -1,14 +1,18 @@
-"""Pieces that the pages of image and cloud evaluations share: the page, tiles, tables of figures, errors over sigmas."""
+"""Pieces that the pages of image and cloud evaluations share: page, tiles, tables of figures, errors over sigmas, pictures."""
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Sequence
 from html import escape
 from typing import Any
 
+import cv2
+
 from visloc_companion import __version__
 from visloc_companion.evaluate.report_style import CSS
 from visloc_companion.evaluate.report_svg import circle, figure, text
+from visloc_companion.types import Image
 
 STYLE = (
     ".cases{display:grid;grid-template-columns:minmax(0,1fr);gap:18px}"
@@ -19,6 +23,7 @@ STYLE = (
 )
 _RIM = 4.8
 """Errors of more sigmas are drawn at so many, on the rim."""
+_JPEG_QUALITY = 88
 
 
 def html_page(title: str, parts: Sequence[str], footnote: str) -> str:
@@ -64,6 +69,20 @@ def sigma_scatter(errors: Sequence[tuple[float, float, bool]]) -> str:
     return figure(600, 600, parts, "Errors over sigma", "half")
 
 
+def worst_cases_section(cases: Sequence[str]) -> str:
+    """The heading over the `case_section` of the worst cases; empty without any."""
+    return f'<h2>The worst cases</h2><div class="cases">{"".join(cases)}</div>' if cases else ""
+
+
+def case_section(case_id: str, words: str, note: str, shots: Sequence[tuple[Image | None, str]]) -> str:
+    """One case: what is to be said, a note in small print, and its pictures (H, W, 3) RGB with captions, None for none."""
+    images = "".join(_captioned(image, caption) for image, caption in shots if image is not None)
+    return (
+        f'<section class="case"><b>{escape(case_id)}</b>: {escape(words)}<br>'
+        f'<span class="soft">{escape(note)}</span><div class="shots">{images}</div></section>'
+    )
+
+
 def percent(value: float | None) -> str:
     """A share in per cent."""
     return "–" if value is None else f"{100 * value:.1f} %"
@@ -72,6 +91,12 @@ def percent(value: float | None) -> str:
 def rounded(value: float | None, unit: str = "", digits: int = 2) -> str:
     """A number with its unit."""
     return "–" if value is None else f"{value:.{digits}f}{unit}"
+
+
+def _captioned(picture: Image, caption: str) -> str:
+    _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    data, words = base64.b64encode(jpeg.tobytes()).decode("ascii"), escape(caption)
+    return f'<figure><img src="data:image/jpeg;base64,{data}" alt="{words}"><figcaption>{words}</figcaption></figure>'
 
 
 def _text(value: Any) -> str:
