@@ -2,7 +2,7 @@
 
 `map` is an early summer with leaves on; `flight` is a leafless early March five years later: bare trees, ploughed fields
 divided anew, felled stands, new buildings, a low sun from the other side. Roads, most boundaries, hedges, houses, water and most
-trees stay.
+trees stay. `snow` is the flight's winter: the same things under snow.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from visloc_companion.sim.landscape_light import cast_shadow, light_up
 from visloc_companion.sim.landscape_noise import Raster, rng_of, smooth_noise
 from visloc_companion.sim.landscape_objects import Trees, felled_parcels, place_buildings, plant_trees
 from visloc_companion.sim.landscape_plan import make_plan
+from visloc_companion.sim.landscape_snow import drifted, snowed
 from visloc_companion.sim.landscape_stamps import Objects, stamp_objects
 from visloc_companion.sim.landscape_terrain import terrain
 from visloc_companion.sim.scene import Scene
@@ -42,6 +43,9 @@ def build_landscape(seed: int, date: Date | Season, size_m: float = 2000.0, gsd_
     objects = stamp_objects(grid, trees, place_buildings(seed, plan), standing, lasting.blocked, season)
     _paint_objects(albedo, objects, trees, season)
     ground_m = terrain(seed, grid, plan)
+    if season.snow is not None:
+        albedo = snowed(seed, albedo, objects, trees.conifer, season.snow, gsd_m)
+        ground_m = drifted(seed, ground_m, season.snow, gsd_m)
     np.maximum(objects.height_m, crop_m, out=crop_m)
     surface_m = ground_m + crop_m
     photo = light_up(albedo, surface_m, _shade(ground_m, surface_m, objects, trees, grid, season), gsd_m, season)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-Date = Literal["map", "flight"]
+Date = Literal["map", "flight", "snow"]
 Rgb = tuple[float, float, float]
 
 
@@ -22,6 +22,26 @@ class Cover:
     soil: float = 0.05
     grain: float = 0.015
     height_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class SnowCover:
+    """Snow that hides what it lies on: shares of open ground, roofs, and crowns with and without needles that are white.
+
+    On crowns it lies in clumps: `clump` is the 1-sigma of the share over `clump_m`. Wind has drifted what lies on the ground:
+    1-sigma height `drift_m`, widest forms `drift_cell_m` across, down to a sixteenth of that (ripples of the crust).
+    """
+
+    ground: float
+    roofs: float
+    conifer: float
+    bare: float
+    clump: float = 0.35
+    clump_m: float = 1.5
+    drift_m: float = 0.08
+    drift_cell_m: float = 9.0
+    color: Rgb = (232, 236, 242)
+    grain: float = 0.006
 
 
 @dataclass(frozen=True)
@@ -56,6 +76,7 @@ class Season:
     bare_alpha: float
     bare_height: float
     soil_inverted: float
+    snow: SnowCover | None = None
 
 
 MAP = Season(
@@ -170,7 +191,25 @@ SNOW = replace(
 )
 """The later date under snow: fields, meadows, gardens and ice white, roads cleared, a low veiled sun."""
 
+DEEP_SNOW = replace(
+    FLIGHT,
+    sun_azimuth_deg=217.0,
+    sun_elevation_deg=10.0,
+    ambient=(0.56, 0.61, 0.70),
+    direct=(0.44, 0.38, 0.30),
+    contrast=0.85,
+    saturation=0.9,
+    haze=0.06,
+    snow=SnowCover(ground=0.98, roofs=0.93, conifer=0.7, bare=0.45),
+)
+"""The morning's map on an afternoon about the winter solstice at 48° north (20 minutes to three by the sun), after a snowstorm.
+
+Fields, ways, verges and ice lie under snow too deep to show any of them, drifted by wind and not yet cleared or walked on; roofs
+and crowns carry it too. The sun is 42° lower than over the map and 79° further west: shadows are seven times as long as the map's
+and fall elsewhere; more than half of the light comes from the sky.
+"""
+
 
 def season_of(date: Date) -> Season:
     """The season of a date."""
-    return MAP if date == "map" else FLIGHT
+    return {"map": MAP, "flight": FLIGHT, "snow": DEEP_SNOW}[date]

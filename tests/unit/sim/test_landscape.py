@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -14,9 +16,11 @@ from visloc_companion.sim.landscape_ground import lasting_layers
 from visloc_companion.sim.landscape_light import cast_shadow
 from visloc_companion.sim.landscape_objects import place_buildings, plant_trees
 from visloc_companion.sim.landscape_plan import Line, Use, make_plan
+from visloc_companion.sim.landscape_snow import drifted, snowed
+from visloc_companion.sim.landscape_stamps import Objects
 from visloc_companion.sim.landscape_terrain import terrain
 from visloc_companion.sim.scene import Scene
-from visloc_companion.sim.season import SNOW
+from visloc_companion.sim.season import DEEP_SNOW, SNOW, SnowCover
 from visloc_companion.types import GeoPoint
 
 SIZE_M, GSD_M = 900.0, 1.0
@@ -65,6 +69,40 @@ def test_snow_takes_the_fields_colours_and_leaves_the_shape(dates: tuple[Scene, 
     chroma_bare, chroma_snow = (float(np.median(np.ptp(scene.pixels[fields].astype(int), axis=-1))) for scene in (bare, snow))
     assert np.median(snow.pixels[fields]) > np.median(bare.pixels[fields]) + 40
     assert chroma_snow < 0.6 * chroma_bare
+
+
+def test_deep_snow_hides_what_lies_on_the_ground_and_leaves_the_shape(dates: tuple[Scene, Scene]) -> None:
+    bare, snow = dates[1], build_landscape(3, "snow", SIZE_M, GSD_M)
+    assert np.median(np.abs(snow.dsm_amsl_m - bare.dsm_amsl_m)) < 0.2, "drifts"
+    assert np.percentile(np.abs(snow.dsm_amsl_m - bare.dsm_amsl_m), 99) < 1.0
+    otherwise = replace(DEEP_SNOW, crops=DEEP_SNOW.crops[::-1], asphalt=(60, 60, 60), track=(200, 190, 170))
+    apart = np.abs(build_landscape(3, otherwise, SIZE_M, GSD_M).pixels.astype(int) - snow.pixels)
+    assert np.percentile(apart, 95) <= 4, "whatever lies under it"
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_snow_lies_where_it_is_said_to(share: float) -> None:
+    """Of a bare tree, a conifer, a roof and open ground, only that is white which carries snow."""
+    tree = np.full((40, 40), -1, np.int32)
+    tree[:20, :20], tree[:20, 20:] = 0, 1
+    roof = np.zeros((40, 40), np.uint8)
+    roof[20:, :20] = 9
+    objects = Objects(np.zeros((40, 40), np.float32), tree, np.full((40, 40), 128, np.uint8), roof)
+    dark = np.full((40, 40, 3), 40, np.uint8)
+    cover = SnowCover(1 - share, share, 1 - share, share, clump=0.0, grain=0.0)
+    white = snowed(1, dark, objects, np.array([False, True]), cover, 1.0)[:, :, 0] > 200
+    assert white[:20, :20].all() == white[20:, :20].all() == bool(share), "bare tree, roof"
+    assert white[:20, 20:].any() != bool(share), "conifer"
+    assert white[20:, 20:].mean() == pytest.approx(1 - share, abs=0.5), "open ground, thinner here and there"
+
+
+def test_drifts_are_as_high_as_the_wind_makes_them() -> None:
+    cover = SnowCover(1.0, 1.0, 1.0, 1.0, drift_m=0.1)
+    level = np.full((400, 400), 480.0, np.float32)
+    drifts = drifted(1, level, cover, 0.5)
+    assert float(drifts.std()) == pytest.approx(0.1, abs=0.03)
+    assert float(drifts.mean()) == pytest.approx(480.0, abs=0.02)
+    assert np.array_equal(drifts, drifted(1, level, cover, 0.5))
 
 
 def agreement(a: np.ndarray, b: np.ndarray, shift_px: int) -> float:
