@@ -107,6 +107,10 @@ class LocaliserConfig(Section):
     """Ask for the structure vote (motion stereo against the map's shape) when the image is not recognised."""
     structure_every: Annotated[int, Field(ge=0, le=1000)] = 0
     """Ask for it in turn as well, after so many image fixes; 0 asks only when the image is not recognised."""
+    terrain: bool = False
+    """Ask the autopilot for DISTANCE_SENSOR, and match the profile of the ground below the track with the map's surface model."""
+    terrain_sigma_m: Positive = 2.0
+    """1-sigma of the heights of the map's surface model."""
     max_search_radius_m: Positive = 2000.0
     """The search region never grows beyond this, however unsure the prior is."""
 
@@ -161,9 +165,10 @@ class GnssConfig(Section):
     silence_s: Positive = 2.0
     """No GPS_RAW_INT for so long counts as lost."""
     suspect_sigma: Positive = 3.0
-    """Vision against GNSS: the normalised difference at which one comparison counts against GNSS."""
-    drift_threshold: Positive = 12.0
-    """Sequential test (CUSUM) threshold for vision against GNSS; higher is slower and has fewer false alarms."""
+    """Vision against GNSS: the normalised difference at which one comparison starts a probation anew."""
+    drift_threshold: Positive = 10.5
+    """Threshold of the sequential tests of GNSS against vision, odometry and barometer; one more means about 2.7 times fewer
+    false alarms (docs/gnss-verdict.md)."""
     gnss_sigma_m: Positive = 1.5
     """1-sigma of a healthy receiver where it states none."""
     denied_after_s: Positive = 1.5

@@ -32,16 +32,16 @@ def differences(
 
 
 def alarm(test: DriftTest, t_s: float, d: np.ndarray, fix_sigma_m: float) -> bool:
-    common = SETTINGS.gnss_sigma_m**2 + MAP_SIGMA_M**2 + SPEED_TERM_M**2
-    test.add(round(t_s * 1e9), (float(d[0]), float(d[1])), fix_sigma_m**2, common, learn=True)
-    return test.largest_sum > SETTINGS.drift_threshold
+    common = MAP_SIGMA_M**2 + SPEED_TERM_M**2 / 2
+    test.add(round(t_s * 1e9), (float(d[0]), float(d[1])), fix_sigma_m**2, common)
+    return test.log_r > SETTINGS.drift_threshold
 
 
 @pytest.mark.parametrize(
     ("fix_sigma_m", "gnss_m", "gnss_tau_s", "bias_m"), [(1.5, 1.2, 100.0, 0.0), (2.0, 1.5, 60.0, 3.0), (1.0, 1.5, 30.0, 2.0)]
 )
 def test_at_most_one_false_alarm_in_ten_hours(fix_sigma_m: float, gnss_m: float, gnss_tau_s: float, bias_m: float) -> None:
-    test, alarms, was = DriftTest(SETTINGS.suspect_sigma, SETTINGS.drift_threshold), 0, False
+    test, alarms, was = DriftTest(SETTINGS.gnss_sigma_m), 0, False
     rng = np.random.default_rng(7)
     for k, d in enumerate(differences(rng, 36_000, 1.0, fix_sigma_m, gnss_m, gnss_tau_s, bias_m)):
         now = alarm(test, float(k), d, fix_sigma_m)
@@ -54,7 +54,7 @@ def pulled_m(seed: int, drag_mps: float, period_s: float, fix_sigma_m: float) ->
     rng = np.random.default_rng(seed)
     heading = rng.uniform(0, 2 * math.pi)
     drag = drag_mps * np.array([math.cos(heading), math.sin(heading)])
-    test = DriftTest(SETTINGS.suspect_sigma, SETTINGS.drift_threshold)
+    test = DriftTest(SETTINGS.gnss_sigma_m)
     for k, d in enumerate(differences(rng, round(240 / period_s), period_s, fix_sigma_m, 1.2, 100.0, 2.0)):
         since_s = max(0.0, k * period_s - 120)
         if alarm(test, k * period_s, d + drag * since_s, fix_sigma_m):
@@ -64,7 +64,7 @@ def pulled_m(seed: int, drag_mps: float, period_s: float, fix_sigma_m: float) ->
 
 @pytest.mark.parametrize(
     ("drag_mps", "period_s", "fix_sigma_m", "median_m", "max_m"),
-    [(1.0, 0.5, 1.0, 12, 16), (1.0, 1.0, 1.5, 13, 18), (1.0, 1.0, 2.0, 15, 20), (0.5, 0.5, 1.5, 12, 16), (5.0, 0.5, 1.5, 22, 28)],
+    [(1.0, 0.5, 1.0, 10, 14), (1.0, 1.0, 1.5, 11, 15), (1.0, 1.0, 2.0, 12, 15), (0.5, 0.5, 1.5, 10, 14), (5.0, 0.5, 1.5, 20, 26)],
 )
 def test_a_drag_is_declared_long_before_30_m(
     drag_mps: float, period_s: float, fix_sigma_m: float, median_m: float, max_m: float

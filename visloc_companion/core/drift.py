@@ -1,12 +1,10 @@
-"""Vision against GNSS over time: a sequential test that finds a slow drag and leaves a constant offset alone.
+"""Vision against GNSS over time: finds a step, a slow drag, and a GNSS that comes back beside the truth.
 
-Differences (GNSS minus vision, NED metres) are averaged over blocks of one second, because the errors of both are correlated
-over shorter times. Each block, less the learned bias and divided by its sigma, is projected on eight directions; in each a
-one-sided CUSUM (Page 1954) sums what exceeds `suspect_sigma`, times `suspect_sigma`. So large a slack is deliberate: GNSS and
-map errors wander for minutes, and excursions of 2 to 3 sigma for ten seconds are healthy. Compared with half the slack and a
-threshold three times as high it finds a drag of 1 m/s as early (median 11 m) with a hundredth of the false alarms
-(tests/statistics). The bias (satellite orbits and clocks, the map's registration) is a Kalman random walk about zero,
-learned only while GNSS is trusted, and bounded, so that a drag cannot hide in it.
+Differences (GNSS minus vision, NED metres) are averaged over blocks of one second and go into a `ShiftTest` (core/shift.py). What
+is healthy: a constant (registration of the map, orbits), the receiver's wander over a minute or two, and what lasts for some
+seconds (fixes from overlapping frames err alike; delays act along the track). While GNSS is trusted the test learns the healthy
+difference. When trust is lost it is kept, less what the shift put into it; the probation is a test that begins anew from there,
+with a large weight on "false since it came back", which only agreement takes away.
 """
 
 from __future__ import annotations
@@ -14,6 +12,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
+from visloc_companion.core.shift import ShiftModel, ShiftTest
 from visloc_companion.types import Vec2
 
 BLOCK_S = 1.0
@@ -23,86 +24,85 @@ STALE_S = 3.0
 MAX_BIAS_M = 4.0
 BIAS_SIGMA_M = 2.0
 BIAS_WALK_M_PER_SQRT_S = 0.02
-CLIP_SIGMA = 6.0
-"""One block counts at most this much, so that a single wrong fix never decides."""
-N_DIRECTIONS = 8
-SUM_LIMIT = 2.0
-"""The sums are held at this many thresholds, so that they can come down again."""
+WANDER_S = 100.0
+QUICK_S = 5.0
+QUICK_SHARE = 0.5
+"""Share of a fix's claimed variance that lasts for QUICK_S; the rest differs from frame to frame."""
+STEPS_M = (5.0, 30.0, 300.0)
+DRAGS_MPS = (0.3, 1.0, 3.0)
 
 
 @dataclass(frozen=True, slots=True)
 class BlockResult:
-    """One finished block: distance from the bias in sigma, and the largest CUSUM."""
+    """One finished block: distance from the healthy difference in sigma, and log R of the test that runs."""
 
     t_ns: int
     distance_sigma: float
-    largest_sum: float
+    log_r: float
 
 
 class DriftTest:
-    """The sequential test; `add` answers when a block is finished."""
+    """The test while GNSS is trusted, and in its probation; `add` answers when a block is finished."""
 
-    def __init__(self, suspect_sigma: float, threshold: float) -> None:
-        self._clip = max(CLIP_SIGMA, 2 * suspect_sigma)
-        self._suspect_sigma = suspect_sigma
-        self._limit = SUM_LIMIT * threshold
-        self._sums = [0.0] * N_DIRECTIONS
-        self._bias: Vec2 = (0.0, 0.0)
-        self._bias_var_m2 = BIAS_SIGMA_M**2
+    def __init__(self, gnss_sigma_m: float) -> None:
+        model = ShiftModel(
+            BIAS_SIGMA_M, BIAS_WALK_M_PER_SQRT_S, gnss_sigma_m, WANDER_S, QUICK_S, STEPS_M, DRAGS_MPS, max_constant=MAX_BIAS_M
+        )
+        self._home = ShiftTest(model, 2)
+        self._trial: ShiftTest | None = None
         self._finished_ns: int | None = None
         self._clear_block()
 
     @property
     def bias_m(self) -> Vec2:
-        """The learned constant part of the difference, north and east."""
-        return self._bias
+        """The learned part of the difference that lasts, north and east."""
+        north, east = self._running.healthy
+        return float(north), float(east)
 
     @property
-    def largest_sum(self) -> float:
-        """The largest of the eight sums."""
-        return max(self._sums)
+    def log_r(self) -> float:
+        """The running test's statistic; minus infinity before its first block."""
+        return self._running.log_r
+
+    @property
+    def in_probation(self) -> bool:
+        """Whether a GNSS that is not trusted is being tested."""
+        return self._trial is not None
+
+    @property
+    def _running(self) -> ShiftTest:
+        return self._home if self._trial is None else self._trial
+
+    def lose(self) -> None:
+        """Trust is lost: from now on nothing is learned for good."""
+        self._home = self._home.fork()
+
+    def probation(self, first_weight_s: float) -> None:
+        """Begin (again) to test a GNSS that is not trusted; `first_weight_s` weighs "false from the beginning"."""
+        self._trial = self._home.fork(first_weight_s)
+
+    def regain(self) -> None:
+        """GNSS is trusted again, as it was in the probation."""
+        self._home, self._trial = self._running.fork(), None
 
     def _clear_block(self) -> None:
         self._n = 0
-        self._north, self._east, self._white_var = 0.0, 0.0, 0.0
+        self._north, self._east, self._fix_var = 0.0, 0.0, 0.0
 
-    def add(self, t_ns: int, difference_ne_m: Vec2, white_var_m2: float, common_var_m2: float, learn: bool) -> BlockResult | None:
-        """Take one comparison; `white_var_m2` averages out within a block (the fix's own), `common_var_m2` does not."""
+    def add(self, t_ns: int, difference_ne_m: Vec2, fix_var_m2: float, common_var_m2: float) -> BlockResult | None:
+        """Take one comparison: variance per axis that the fix claims, and that of map and delays, which lasts a while."""
         since_s = math.inf if self._finished_ns is None else (t_ns - self._finished_ns) * 1e-9
         if since_s > STALE_S:
             self._clear_block()
         self._n += 1
         self._north += difference_ne_m[0]
         self._east += difference_ne_m[1]
-        self._white_var += white_var_m2
+        self._fix_var += fix_var_m2
         if since_s < ALMOST * BLOCK_S:
             return None
-        mean = (self._north / self._n, self._east / self._n)
-        result = self._finish(t_ns, mean, self._white_var / self._n**2 + common_var_m2, learn)
+        n, fix_var = self._n, self._fix_var / self._n
+        mean = np.array([self._north / n, self._east / n])
         self._clear_block()
         self._finished_ns = t_ns
-        return result
-
-    def _finish(self, t_ns: int, mean_ne_m: Vec2, var_m2: float, learn: bool) -> BlockResult:
-        self._bias_var_m2 += BIAS_WALK_M_PER_SQRT_S**2 * BLOCK_S
-        sigma = math.sqrt(var_m2 + self._bias_var_m2)
-        north, east = (mean_ne_m[0] - self._bias[0]) / sigma, (mean_ne_m[1] - self._bias[1]) / sigma
-        distance = math.hypot(north, east)
-        scale = min(1.0, self._clip / distance) if distance > 0 else 1.0
-        for k in range(N_DIRECTIONS):
-            angle = 2 * math.pi * k / N_DIRECTIONS
-            along = scale * (north * math.cos(angle) + east * math.sin(angle))
-            excess = self._suspect_sigma * (along - self._suspect_sigma)
-            self._sums[k] = min(self._limit, max(0.0, self._sums[k] + excess))
-        if learn and distance < self._suspect_sigma:
-            self._learn(mean_ne_m, var_m2)
-        return BlockResult(t_ns, distance, self.largest_sum)
-
-    def _learn(self, mean_ne_m: Vec2, var_m2: float) -> None:
-        gain = self._bias_var_m2 / (self._bias_var_m2 + var_m2)
-        north = self._bias[0] + gain * (mean_ne_m[0] - self._bias[0])
-        east = self._bias[1] + gain * (mean_ne_m[1] - self._bias[1])
-        length = math.hypot(north, east)
-        scale = min(1.0, MAX_BIAS_M / length) if length > 0 else 1.0
-        self._bias = (scale * north, scale * east)
-        self._bias_var_m2 *= 1 - gain
+        result = self._running.update(t_ns * 1e-9, mean, (1 - QUICK_SHARE) * fix_var / n, QUICK_SHARE * fix_var + common_var_m2)
+        return BlockResult(t_ns, result.distance_sigma, result.log_r)

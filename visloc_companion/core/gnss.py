@@ -1,32 +1,44 @@
-"""The GNSS verdict: OK, SUSPECT or DENIED, with reasons and evidence.
+"""The GNSS verdict: OK, SUSPECT or DENIED, with reasons, evidence and the probability that the position is false.
 
-Three kinds of evidence: the receiver's own state (GPS_RAW_INT: fix type, satellites, accuracy; silence), the autopilot's
-estimator (glitch bit, innovation ratios, while it uses GNSS), and the difference from vision (core/drift.py). Bad signs must
-last `denied_after_s` to count, except the sequential test, which has waited already. Trust that was lost comes back after
-`probation_s` without any bad sign in which, where there is vision, GNSS agreed with it; after a disagreement with vision
-only agreement with vision restores it. Without vision the position must be where dead reckoning allows it to be.
+Evidence: the receivers and the autopilot of themselves (core/gnss_receiver.py), GNSS time (core/gnss_clock.py), the map before
+arming (core/gnss_map.py), and sequential tests of GNSS against vision (core/drift.py), odometry (core/gnss_odometry.py) and
+barometer (core/gnss_height.py). Signs must last `denied_after_s`; the sequential tests have waited already. Trust that was lost
+comes back after `probation_s` without any sign in which, where there is vision, GNSS agreed with it (core/gnss_trust.py).
 """
 
 from __future__ import annotations
 
 import math
 
+from visloc_companion.core import gnss_odds
 from visloc_companion.core.drift import MAX_BIAS_M, DriftTest
+from visloc_companion.core.gnss_clock import GnssClock
+from visloc_companion.core.gnss_height import HeightTest
+from visloc_companion.core.gnss_map import MapCheck
+from visloc_companion.core.gnss_odometry import OdometryTest
+from visloc_companion.core.gnss_receiver import Reports, Talk, autopilot_signs, integrity_signs, receiver_sign, receiver_signs
+from visloc_companion.core.gnss_trust import VISION_AGE_S, Trust
 from visloc_companion.core.settings import GnssSettings
-from visloc_companion.types import Cov2, EkfSource, EstimatorStatus, Gnss, GnssVerdict, Vec2, Verdict
+from visloc_companion.types import (
+    Baro,
+    Cov2,
+    EkfSource,
+    EstimatorStatus,
+    Gnss,
+    GnssIntegrity,
+    GnssTime,
+    GnssVerdict,
+    MapAtGnss,
+    Vec2,
+    Verdict,
+)
 
 MAX_SIGMA_SHARE = 2.0
 """A receiver that states a poor accuracy is believed up to this multiple of `gnss_sigma_m`: no spoofer may widen the gate."""
 TIMING_SIGMA_S = 0.1
 """1-sigma of the receiver's own delay, which acts along the track."""
-VISION_AGE_S = 5.0
-"""Vision counts as present while its last comparison is younger."""
-RATIO_REJECTED = 1.0
-STATUS_AGE_S = 3.0
-TELEMETRY_GAP_NS = 1_000_000_000
-
-DENYING = ("no_data", "silence", "no_fix", "few_satellites")
-"""Reasons that mean there is no position at all; every other reason makes it suspect."""
+FALSE_AGAIN = 0.9
+"""In a probation vision disagrees at this probability."""
 
 
 class GnssMonitor:
@@ -34,17 +46,19 @@ class GnssMonitor:
 
     def __init__(self, settings: GnssSettings) -> None:
         self._settings = settings
-        self._drift = DriftTest(settings.suspect_sigma, settings.drift_threshold)
-        self._gnss: Gnss | None = None
-        self._status: EstimatorStatus | None = None
-        self._bad_since_ns: dict[str, int] = {}
-        self._trusted, self._ever_trusted, self._vision_disagreed = False, False, False
-        self._clean_since_ns: int | None = None
+        self._reports = Reports()
+        self._drift = DriftTest(settings.gnss_sigma_m)
+        self._odometry, self._height = OdometryTest(), HeightTest()
+        self._clock, self._map = GnssClock(), MapCheck()
+        self._trust = Trust(settings)
+        self._disagreed: tuple[str, ...] = ()
+        self._decided = (-math.inf, -math.inf, -math.inf)
+        self._anew = False
         self._vision_ns: int | None = None
         self._vision_sigma = 0.0
         self._out_of_reach = False
-        self._telemetry_ns: int | None = None
-        self._talking_since_ns = 0
+        self._armed = False
+        self._talk = Talk()
         self._verdict = GnssVerdict(Verdict.DENIED, 0, ("no_data",), ())
 
     @property
@@ -55,26 +69,50 @@ class GnssMonitor:
     @property
     def trusted(self) -> bool:
         """Whether GNSS may feed the filter."""
-        return self._trusted
+        return self._trust.trusted
+
+    @property
+    def ever_trusted(self) -> bool:
+        """Whether it was trusted at any time of this flight."""
+        return self._trust.ever
 
     def sigma_m(self, gnss: Gnss) -> float:
         """1-sigma of a receiver's horizontal position per axis, as far as it is believed."""
         stated = self._settings.gnss_sigma_m if gnss.h_acc_m is None else gnss.h_acc_m
         return min(max(stated, self._settings.gnss_sigma_m), MAX_SIGMA_SHARE * self._settings.gnss_sigma_m)
 
+    # ------------------------------------------------------------------------------------------------------- the evidence
+
     def on_telemetry(self, t_rx_ns: int) -> None:
         """Something else came from the autopilot: the link is alive."""
-        if self._telemetry_ns is None or t_rx_ns - self._telemetry_ns > TELEMETRY_GAP_NS:
-            self._talking_since_ns = t_rx_ns
-        self._telemetry_ns = t_rx_ns
+        self._talk.heard(t_rx_ns)
 
     def on_gnss(self, gnss: Gnss) -> None:
-        """Take a receiver's report."""
-        self._gnss = gnss
+        """Take a receiver's report; the first receiver is judged, the second is held against it."""
+        if gnss.receiver != 0:
+            self._reports.second = gnss
+            return
+        self._reports.gnss = gnss
+        if gnss.fix_type >= self._settings.min_fix_type:
+            self._height.on_gnss(gnss.t_rx_ns, gnss.place.h_amsl_m, gnss.v_acc_m)
 
-    def on_status(self, status: EstimatorStatus) -> None:
-        """Take the autopilot's estimator health."""
-        self._status = status
+    def on_evidence(self, event: EstimatorStatus | GnssIntegrity | GnssTime | MapAtGnss | Baro) -> None:
+        """Take what else bears on GNSS."""
+        match event:
+            case EstimatorStatus():
+                self._reports.status = event
+            case GnssIntegrity():
+                self._reports.integrity = event
+            case GnssTime():
+                self._clock.on_time(event)
+            case MapAtGnss():
+                self._map.on_map(event)
+            case Baro():
+                self._height.on_baro(event)
+
+    def on_armed(self, armed: bool) -> None:
+        """Whether the vehicle is armed: the map is asked before that only."""
+        self._armed = armed
 
     def on_reach(self, out_of_reach: bool) -> None:
         """Whether the position is further from the navigator's own than both covariances allow."""
@@ -82,107 +120,121 @@ class GnssMonitor:
 
     def on_vision(self, t_ns: int, difference_ne_m: Vec2, fix_cov_m2: Cov2, map_sigma_m: float, speed_mps: float) -> None:
         """Take a comparison: GNSS minus an accepted fix, at the fix's image time, while the receiver has a position."""
-        sigma_m = self._settings.gnss_sigma_m if self._gnss is None else self.sigma_m(self._gnss)
-        white = (fix_cov_m2[0][0] + fix_cov_m2[1][1]) / 2
-        common = sigma_m**2 + map_sigma_m**2 + (TIMING_SIGMA_S * speed_mps) ** 2
-        block = self._drift.add(t_ns, difference_ne_m, white, common, learn=self._trusted)
+        fix_var = (fix_cov_m2[0][0] + fix_cov_m2[1][1]) / 2
+        delay_var = (TIMING_SIGMA_S * speed_mps) ** 2 / 2  # along the track only
+        gnss, own_var = self._reports.gnss, self._settings.gnss_sigma_m**2
+        poor_var = 0.0 if gnss is None else self.sigma_m(gnss) ** 2 - own_var
+        block = self._drift.add(t_ns, difference_ne_m, fix_var, map_sigma_m**2 + delay_var + poor_var)
         if block is None:
             return
         self._vision_ns, self._vision_sigma = t_ns, block.distance_sigma
-        if block.largest_sum > self._settings.drift_threshold:
-            self._vision_disagreed = True
-        if block.distance_sigma > self._settings.suspect_sigma or self._vision_disagreed_now():
-            self._clean_since_ns = None
+        if block.distance_sigma > self._settings.suspect_sigma:
+            self._trust.interrupt()
 
-    def _vision_disagreed_now(self) -> bool:
-        return self._drift.largest_sum > self._settings.drift_threshold
+    def on_displacement(self, t_from_ns: int, t_to_ns: int, difference_ne_m: Vec2, var_m2: float) -> None:
+        """Take GNSS displacement minus that of odometry over an interval, with the variance per axis that odometry claims."""
+        self._odometry.add(t_from_ns, t_to_ns, difference_ne_m, var_m2)
+
+    # -------------------------------------------------------------------------------------------------------- the verdict
 
     def update(self, now_ns: int, source: EkfSource) -> GnssVerdict:
         """The verdict now. `source` is what the autopilot is flying on: its ratios tell of GNSS only while that is GNSS."""
-        lasting = self._lasting(now_ns, self._bad_signs(now_ns, source))
-        if self._trusted and (lasting or self._vision_disagreed_now()):
-            self._trusted, self._clean_since_ns = False, None
-        if not self._trusted:
-            self._consider_trust(now_ns)
+        trust = self._trust
+        lasting, against = trust.lasting(now_ns, self._signs(now_ns, source)), self._against()
+        if trust.trusted and (lasting or against):
+            trust.lose()
+            self._drift.lose()
+            self._begin_tests()
+        if against:
+            self._disagreed = tuple(dict.fromkeys((*self._disagreed, *against)))
+            self._decided = self._log_r()
+            trust.interrupt()
+            self._begin_tests()
+        elif not trust.trusted:
+            self._consider(now_ns)
         reasons = self._reasons(lasting)
-        verdict = _verdict(self._trusted, self._ever_trusted, reasons)
+        verdict = trust.verdict(now_ns, reasons)
         since = self._verdict.since_ns if verdict is self._verdict.verdict else now_ns
-        self._verdict = GnssVerdict(verdict, since, reasons, self._evidence(now_ns))
+        self._verdict = GnssVerdict(verdict, since, reasons, self._evidence(now_ns), self._probability())
         return self._verdict
 
-    def _bad_signs(self, now_ns: int, source: EkfSource) -> tuple[str, ...]:
-        gnss, limits = self._gnss, self._settings
+    def _consider(self, now_ns: int) -> None:
+        """Count the time without anything against GNSS and trust it (again) at the end of the probation."""
+        trust = self._trust
+        blind = self._needs_vision and not self._sees(now_ns)
+        if trust.signs or blind or (trust.ever and self._out_of_reach):
+            trust.interrupt()
+            self._anew = True
+            return
+        trust.begin(now_ns)
+        if self._anew and (trust.ever or self._disagreed):
+            self._begin_tests()
+        if trust.earned(now_ns, gnss_odds.probability_false(*self._log_r())):
+            self._drift.regain()
+            self._disagreed = ()
+
+    def _begin_tests(self) -> None:
+        """A probation begins: the tests forget what spoke against GNSS, and weigh that it may be false from now on."""
+        prior = gnss_odds.FALSE_AFTER_DISAGREEMENT if self._disagreed else gnss_odds.FALSE_RETURN
+        self._anew = False
+        self._drift.probation(gnss_odds.first_weight_s(prior))
+        self._odometry.forget()
+        self._height.forget()
+
+    @property
+    def _needs_vision(self) -> bool:
+        return any(reason != "height_disagrees" for reason in self._disagreed)
+
+    def _log_r(self) -> tuple[float, float, float]:
+        return self._drift.log_r, self._odometry.log_r, self._height.log_r
+
+    def _against(self) -> tuple[str, ...]:
+        """The sequential tests that have decided against GNSS."""
+        limit = self._settings.drift_threshold
+        vision = max(limit, gnss_odds.log_r(FALSE_AGAIN)) if self._drift.in_probation else limit
+        tests = zip(("vision", "odometry", "height"), self._log_r(), (vision, limit, limit), strict=True)
+        return tuple(f"{name}_disagrees" for name, log_r, most in tests if log_r > most)
+
+    def _probability(self) -> float:
+        """Of a false position. What is not compared yet since trust was lost has what decided that, or the prior's."""
+        if not self._drift.in_probation or self._drift.log_r > -math.inf:
+            return gnss_odds.probability_false(*self._log_r())
+        return gnss_odds.probability_false(*self._decided) if self._disagreed else gnss_odds.FALSE_RETURN
+
+    def _signs(self, now_ns: int, source: EkfSource) -> tuple[str, ...]:
+        reports, limits = self._reports, self._settings
+        gnss = reports.gnss
         if gnss is None:
             return ("no_data",)
-        if self._silent(now_ns, gnss):
+        if self._talk.silent(now_ns, gnss.t_rx_ns, limits.silence_s):
             return ("silence",)
-        signs = []
-        if gnss.fix_type < limits.min_fix_type:
-            signs.append("no_fix")
-        if gnss.n_satellites is not None and gnss.n_satellites < limits.min_satellites:
-            signs.append("few_satellites")
-        if gnss.h_acc_m is not None and gnss.h_acc_m > limits.max_h_acc_m:
-            signs.append("accuracy")
-        return (*signs, *self._autopilot_signs(now_ns, source))
+        agrees = self._sees(now_ns) and self._vision_sigma <= limits.suspect_sigma
+        return (
+            *receiver_signs(gnss, limits),
+            *integrity_signs(reports.integrity, now_ns, agrees),
+            *receiver_sign(gnss, reports.second, self.sigma_m(gnss), limits),
+            *self._clock.signs(now_ns),
+            *self._map.signs(now_ns, gnss, self._armed),
+            *autopilot_signs(reports.status, now_ns, source),
+        )
 
-    def _silent(self, now_ns: int, gnss: Gnss) -> bool:
-        """The receiver is silent while the autopilot talks; when nothing comes at all, the link is at fault, not GNSS."""
-        if self._telemetry_ns is None:
-            return now_ns - gnss.t_rx_ns > self._settings.silence_s * 1e9
-        talking = now_ns - self._telemetry_ns <= TELEMETRY_GAP_NS
-        return talking and now_ns - max(gnss.t_rx_ns, self._talking_since_ns) > self._settings.silence_s * 1e9
-
-    def _autopilot_signs(self, now_ns: int, source: EkfSource) -> tuple[str, ...]:
-        status = self._status
-        if source is not EkfSource.GNSS or status is None or now_ns - status.t_rx_ns > STATUS_AGE_S * 1e9:
-            return ()
-        rejects = status.position_ratio is not None and status.position_ratio > RATIO_REJECTED
-        return (("autopilot_glitch",) if status.gnss_glitch else ()) + (("autopilot_rejects",) if rejects else ())
-
-    def _lasting(self, now_ns: int, signs: tuple[str, ...]) -> tuple[str, ...]:
-        """The signs that have been there for `denied_after_s` (silence has waited by itself)."""
-        self._bad_since_ns = {sign: self._bad_since_ns.get(sign, now_ns) for sign in signs}
-        if signs:
-            self._clean_since_ns = None
-        after_ns = self._settings.denied_after_s * 1e9
-        return tuple(s for s in signs if s in ("silence", "no_data") or now_ns - self._bad_since_ns[s] >= after_ns)
-
-    def _consider_trust(self, now_ns: int) -> None:
-        """Count the time without bad signs and trust again at the end of the probation."""
-        if self._bad_since_ns or self._vision_disagreed_now() or (self._ever_trusted and self._out_of_reach):
-            self._clean_since_ns = None
-            return
-        vision = self._vision_ns is not None and now_ns - self._vision_ns <= VISION_AGE_S * 1e9
-        if self._vision_disagreed and not vision:
-            self._clean_since_ns = None
-            return
-        if self._clean_since_ns is None:
-            self._clean_since_ns = now_ns
-        probation_s = self._settings.probation_s if self._ever_trusted else self._settings.denied_after_s
-        if now_ns - self._clean_since_ns >= probation_s * 1e9:
-            self._trusted, self._ever_trusted, self._vision_disagreed = True, True, False
+    def _sees(self, now_ns: int) -> bool:
+        return self._vision_ns is not None and now_ns - self._vision_ns <= VISION_AGE_S * 1e9
 
     def _reasons(self, lasting: tuple[str, ...]) -> tuple[str, ...]:
-        if self._trusted:
+        if self._trust.trusted:
             return ()
-        vision = ("vision_disagrees",) if self._vision_disagreed else ()
-        reach = ("out_of_reach",) if self._out_of_reach and self._ever_trusted else ()
-        return (*lasting, *vision, *reach) or ("probation",)
+        reach = ("out_of_reach",) if self._out_of_reach and self._trust.ever else ()
+        return (*lasting, *self._disagreed, *reach) or ("probation",)
 
     def _evidence(self, now_ns: int) -> tuple[tuple[str, float, float], ...]:
-        limits, gnss = self._settings, self._gnss
-        items = [("drift_sum", self._drift.largest_sum, limits.drift_threshold)]
+        limits, gnss = self._settings, self._reports.gnss
+        sums = self._decided if self._disagreed else self._log_r()
+        tests = zip(("drift_sum", "odometry_sum", "height_sum"), sums, strict=True)
+        items = [(name, value, limits.drift_threshold) for name, value in tests if value > -math.inf]
         items.append(("vision_sigma", self._vision_sigma, limits.suspect_sigma))
         items.append(("bias_m", math.hypot(*self._drift.bias_m), MAX_BIAS_M))
         if gnss is not None:
             items.append(("age_s", (now_ns - gnss.t_rx_ns) * 1e-9, limits.silence_s))
             items.append(("fix_type", float(gnss.fix_type), float(limits.min_fix_type)))
         return tuple(items)
-
-
-def _verdict(trusted: bool, ever_trusted: bool, reasons: tuple[str, ...]) -> Verdict:
-    if trusted:
-        return Verdict.OK
-    if not ever_trusted or any(reason in DENYING for reason in reasons):
-        return Verdict.DENIED
-    return Verdict.SUSPECT

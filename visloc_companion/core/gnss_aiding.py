@@ -1,4 +1,4 @@
-"""Where GNSS and the filter meet: GNSS keeps an idle filter near while it is trusted, and fixes are held against it.
+"""Where GNSS and the filter meet: GNSS keeps an idle filter near while it is trusted; fixes and odometry are held against it.
 
 GNSS positions enter the filter only in SHADOW (or LOST), only while the verdict is OK, and only when vision has given nothing
 for GNSS_AFTER_NS: with fixes coming GNSS would hide a drag, without them the prior would drift away from a position that is
@@ -8,16 +8,20 @@ known. A filter that keeps refusing a trusted GNSS starts again from it.
 from __future__ import annotations
 
 import math
+from collections import deque
 
 from visloc_companion.core.gnss import GnssMonitor
+from visloc_companion.core.gnss_track import GnssTrack
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.core.validate import is_place
-from visloc_companion.types import Command, Fix, Gnss, Mode, Notice, Rejected, Severity
+from visloc_companion.types import Command, Fix, Gnss, Mode, Notice, Odometry, Rejected, Severity
 
 GNSS_AFTER_NS = 5_000_000_000
 GNSS_INTERVAL_NS = 1_000_000_000
 RESEED_AFTER_REJECTIONS = 5
+ODOMETRY_WAITING = 64
+"""Displacements wait for the receiver's position after them; more than these are dropped."""
 
 
 class GnssAiding:
@@ -28,14 +32,19 @@ class GnssAiding:
         self._tracker, self._monitor = tracker, monitor
         self._fused_ns: int | None = None
         self._rejected = 0
+        self._track = GnssTrack()
+        self._odometry: deque[Odometry] = deque(maxlen=ODOMETRY_WAITING)
 
     def on_gnss(self, event: Gnss, t_ns: int, mode: Mode) -> list[Command]:
-        """Take a report of the first receiver; `t_ns` is its time of validity."""
+        """Take a receiver's report; `t_ns` is its time of validity. Only the first receiver may feed the filter."""
+        self._monitor.on_gnss(event)
         if event.receiver != 0:
             return []
-        self._monitor.on_gnss(event)
         if event.fix_type < self._settings.gnss.min_fix_type or not is_place(event.place):
+            self._track.clear()
             return []
+        self._track.add(t_ns, event.place)
+        self._compare_odometry()
         self._tracker.remember_gnss(t_ns, event.place)
         self._monitor.on_reach(self._tracker.out_of_reach(t_ns, event.place, self._monitor.sigma_m(event)))
         return self._keep_near(event, t_ns, mode)
@@ -59,6 +68,21 @@ class GnssAiding:
         self._rejected = 0
         self._tracker.seed(t_ns, event.place, sigma)
         return [Notice(Severity.NOTICE, "visloc: restarted from trusted GNSS")]
+
+    def on_odometry(self, event: Odometry) -> None:
+        """Hold a displacement that the camera saw against that of the receiver, once its position after it is there."""
+        self._odometry.append(event)
+        self._compare_odometry()
+
+    def _compare_odometry(self) -> None:
+        newest_ns = self._track.newest_ns
+        while newest_ns is not None and self._odometry and self._odometry[0].t_to_ns <= newest_ns:
+            seen = self._odometry.popleft()
+            moved = self._track.displacement(seen.t_from_ns, seen.t_to_ns)
+            if moved is not None:
+                difference = (moved[0] - seen.displacement_ned_m[0], moved[1] - seen.displacement_ned_m[1])
+                var_m2 = (seen.cov_ne_m2[0][0] + seen.cov_ne_m2[1][1]) / 2
+                self._monitor.on_displacement(seen.t_from_ns, seen.t_to_ns, difference, var_m2)
 
     def compare(self, fix: Fix) -> None:
         """Show the monitor an accepted fix beside GNSS: the fix itself, for the filter rides on a velocity that may be false."""

@@ -3,7 +3,7 @@
 Trust runs one way. The filter is seeded once from the autopilot's position while GNSS is trusted; from then on the prior of
 every localisation is the filter's own state, so a spoofed autopilot cannot drag the search away. What GNSS may still do is in
 core/gnss_aiding.py. Nothing is injected before a first fix (or the operator's position) has anchored the filter. Distances
-to the ground: core/terrain_aiding.py. Baro and Odometry are journalled but not used yet.
+to the ground: core/terrain_aiding.py. Baro and Odometry bear on the GNSS verdict only.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from visloc_companion.core import modes, output, requests, streams
+from visloc_companion.core import gnss_words, modes, output, requests, streams
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.estimator import Velocity
 from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
@@ -31,6 +31,7 @@ from visloc_companion.errors import Reason
 from visloc_companion.types import (
     Accepted,
     Attitude,
+    Baro,
     Command,
     EkfSource,
     EstimatorStatus,
@@ -39,13 +40,17 @@ from visloc_companion.types import (
     FrameRef,
     GeoPoint,
     Gnss,
+    GnssIntegrity,
+    GnssTime,
     Injection,
     LinkChanged,
     LocalPose,
+    MapAtGnss,
     Mode,
     NavState,
     NoFix,
     Notice,
+    Odometry,
     OperatorFix,
     OriginChanged,
     PosePrior,
@@ -134,7 +139,13 @@ class Navigator:
                 return self._aiding.on_gnss(event, self._stamped_ns(event.t_rx_ns, event.t_boot_ns), self._mode)
             case EstimatorStatus():
                 self._status = event
-                self._monitor.on_status(event)
+                self._monitor.on_evidence(event)
+                return []
+            case GnssIntegrity() | GnssTime() | MapAtGnss() | Baro():
+                self._monitor.on_evidence(event)
+                return []
+            case Odometry():
+                self._aiding.on_odometry(event)
                 return []
             case Range():
                 return self._on_range(event)
@@ -159,8 +170,6 @@ class Navigator:
                 if self._terrain is not None:
                     self._terrain.abandoned()
                 return self._request(now_ns)
-            case _:
-                return []
 
     # -------------------------------------------------------------------------------------------- what the autopilot says
 
@@ -226,6 +235,7 @@ class Navigator:
 
     def _on_link(self, event: LinkChanged, now_ns: int) -> list[Command]:
         self._link = event
+        self._monitor.on_armed(event.armed)
         if not event.up:
             return [Notice(Severity.WARNING, "autopilot link lost")]
         self._origin_asked_ns = now_ns
@@ -351,10 +361,7 @@ class Navigator:
         verdict = self._monitor.update(now_ns, self._switch.source)
         if verdict.verdict is before:
             return []
-        why = f" ({verdict.reasons[0]})" if verdict.reasons else ""
-        severity = Severity.NOTICE if verdict.verdict is Verdict.OK else Severity.WARNING
-        data = tuple((name, value) for name, value, _ in verdict.evidence)
-        return [Notice(severity, f"visloc: GNSS {verdict.verdict.value}{why}"[:50], to_operator=True, data=data)]
+        return [gnss_words.notice(verdict, self._monitor.ever_trusted)]
 
     def _watch(self, now_ns: int) -> list[Command]:
         """A camera that went silent, and an origin that has not come."""

@@ -34,7 +34,7 @@ class GnssSettings:
     max_h_acc_m: float = 10.0
     silence_s: float = 2.0
     suspect_sigma: float = 3.0
-    drift_threshold: float = 12.0
+    drift_threshold: float = 10.5
     gnss_sigma_m: float = 1.5
     denied_after_s: float = 1.5
     probation_s: float = 20.0

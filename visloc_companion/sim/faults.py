@@ -16,17 +16,21 @@ from visloc_companion.types import Vec3
 class GnssEffect:
     """What reaches the antenna: nothing usable (`jammed`), or a position and a velocity that are off by so much.
 
-    `offset_ned_m` and `offset_v_ned_mps` are added to the true position and velocity (north, east, down).
+    `offset_ned_m` and `offset_v_ned_mps` are added to the true position and velocity (north, east, down). Signals received
+    elsewhere and sent on (meaconing) show that antenna's place: `meacon_ned_m` stands for the true position then, and the
+    velocity is zero.
     """
 
     jammed: bool = False
     offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
     offset_v_ned_mps: Vec3 = (0.0, 0.0, 0.0)
+    meacon_ned_m: Vec3 | None = None
 
     @property
     def spoofed(self) -> bool:
         """Whether the receiver is made to report a false place."""
-        return not self.jammed and (any(self.offset_ned_m) or any(self.offset_v_ned_mps))
+        false = self.meacon_ned_m is not None or any(self.offset_ned_m) or any(self.offset_v_ned_mps)
+        return not self.jammed and false
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +66,15 @@ class SlowDrag:
 
 
 @dataclass(frozen=True, slots=True)
+class Meacon:
+    """Signals received at another antenna (NED about home) and sent on from `start_s` to `end_s`: that place is reported."""
+
+    start_s: float
+    place_ned_m: Vec3
+    end_s: float = math.inf
+
+
+@dataclass(frozen=True, slots=True)
 class CameraFreeze:
     """The camera goes on sending one and the same picture."""
 
@@ -77,7 +90,8 @@ class CameraSilence:
     end_s: float = math.inf
 
 
-Fault = Jam | StepSpoof | SlowDrag | CameraFreeze | CameraSilence
+GnssFault = Jam | StepSpoof | SlowDrag | Meacon
+Fault = GnssFault | CameraFreeze | CameraSilence
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,17 +106,20 @@ class FaultSchedule:
     def gnss(self, t_s: float) -> GnssEffect:
         """What the receiver gets at a time since the start of the flight, seconds."""
         offset, velocity = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        meacon: Vec3 | None = None
         for fault in self.faults:
             match fault:
                 case Jam(start_s, end_s) if start_s <= t_s < end_s:
                     return GnssEffect(jammed=True)
                 case StepSpoof(start_s, shift, end_s) if start_s <= t_s < end_s:
                     offset = _sum(offset, shift)
+                case Meacon(start_s, place, end_s) if start_s <= t_s < end_s:
+                    meacon = place
                 case SlowDrag() if fault.start_s <= t_s < fault.release_s:
                     offset = _sum(offset, _scaled(fault.velocity_ned_mps, min(t_s, fault.end_s) - fault.start_s))
                     if fault.consistent_velocity and t_s < fault.end_s:
                         velocity = _sum(velocity, fault.velocity_ned_mps)
-        return GnssEffect(False, offset, velocity)
+        return GnssEffect(False, offset, velocity, meacon)
 
     def camera_frozen(self, t_s: float) -> bool:
         """Whether the camera repeats its last picture."""
@@ -115,7 +132,7 @@ class FaultSchedule:
     @property
     def gnss_start_s(self) -> float | None:
         """When the first fault of GNSS begins, None without any."""
-        return min((f.start_s for f in self.faults if isinstance(f, Jam | StepSpoof | SlowDrag)), default=None)
+        return min((f.start_s for f in self.faults if isinstance(f, GnssFault)), default=None)
 
 
 def jam(start_s: float, end_s: float = math.inf) -> FaultSchedule:
@@ -149,6 +166,18 @@ def slow_drag(
 def gnss_returns_bad(start_s: float, return_s: float, offset_ned_m: Vec3, end_s: float = math.inf) -> FaultSchedule:
     """GNSS is jammed and comes back at a wrong place."""
     return jam(start_s, return_s) + step_spoof(return_s, offset_ned_m, end_s)
+
+
+def meaconed(start_s: float, return_s: float, place_ned_m: Vec3, end_s: float = math.inf) -> FaultSchedule:
+    """GNSS is jammed and then shows the place of another antenna."""
+    return FaultSchedule((Jam(start_s, return_s), Meacon(return_s, place_ned_m, end_s)))
+
+
+def intermittent(start_s: float, on_s: float, off_s: float, end_s: float) -> FaultSchedule:
+    """GNSS is jammed for `on_s`, free for `off_s`, and so on until `end_s`."""
+    n = math.ceil((end_s - start_s) / (on_s + off_s))
+    begins = [start_s + k * (on_s + off_s) for k in range(n)]
+    return FaultSchedule(tuple(Jam(begin, min(begin + on_s, end_s)) for begin in begins))
 
 
 def camera_freeze(start_s: float, end_s: float = math.inf) -> FaultSchedule:

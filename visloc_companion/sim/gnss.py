@@ -39,8 +39,22 @@ class GnssSample:
         return self.fix_type >= 3
 
 
+@dataclass(frozen=True, slots=True)
+class ReceiverErrors:
+    """1-sigma per axis of a receiver's errors: what wanders (first-order Gauss-Markov over `slow_s`), white, velocity.
+
+    The default is a good receiver in the open; single-frequency receivers wander by 1 to 2 m over a minute or two.
+    """
+
+    slow_m: float = 0.35
+    slow_down_m: float = 0.6
+    slow_s: float = 60.0
+    white_m: float = 0.15
+    velocity_mps: float = 0.08
+
+
 class GnssReceiver:
-    """Makes a sample every `period_s`. Errors: correlated (1-sigma 0.35 m, 60 s) and white (0.15 m); velocity 0.08 m/s.
+    """Makes a sample every `period_s`, with the errors given.
 
     It loses its fix within 0.5 s of jamming and needs 3 s to regain it (autopilot facts, section 3: fix 6 -> 1, 10 -> 3
     satellites, accuracies left at the last good value).
@@ -48,22 +62,25 @@ class GnssReceiver:
 
     REGAIN_S = 3.0
 
-    def __init__(self, rng: Random, period_s: float = 0.2) -> None:
+    def __init__(self, rng: Random, period_s: float = 0.2, errors: ReceiverErrors | None = None) -> None:
         self.period_s = period_s
         self._rng = rng
-        self._slow = tuple(GaussMarkov(rng, sigma, 60.0) for sigma in (0.35, 0.35, 0.6))
+        self._errors = errors or ReceiverErrors()
+        sigmas = (self._errors.slow_m, self._errors.slow_m, self._errors.slow_down_m)
+        self._slow = tuple(GaussMarkov(rng, sigma, self._errors.slow_s) for sigma in sigmas)
         self._jammed_until_s = float("-inf")
         self._last_good: tuple[Vec3, Vec3] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
     def sample(self, t_s: float, p_ned_m: Vec3, v_ned_mps: Vec3, effect: GnssEffect) -> GnssSample:
         """The solution at a time, from the true position and velocity and what reaches the antenna."""
-        noise = [slow.step(self.period_s) + self._rng.gauss(0.0, 0.15) for slow in self._slow]
-        noise_v = [self._rng.gauss(0.0, 0.08) for _ in range(3)]
+        errors = self._errors
+        noise = [slow.step(self.period_s) + self._rng.gauss(0.0, errors.white_m) for slow in self._slow]
+        noise_v = [self._rng.gauss(0.0, errors.velocity_mps) for _ in range(3)]
         if effect.jammed:
             self._jammed_until_s = t_s
         if t_s < self._jammed_until_s + self.REGAIN_S:
             return GnssSample(t_s, FIX_NONE, SATELLITES_NONE, *self._last_good)
-        shift, shift_v = effect.offset_ned_m, effect.offset_v_ned_mps
+        shift, shift_v = _false(p_ned_m, v_ned_mps, effect)
         p = (p_ned_m[0] + noise[0] + shift[0], p_ned_m[1] + noise[1] + shift[1], p_ned_m[2] + noise[2] + shift[2])
         v = (
             v_ned_mps[0] + noise_v[0] + shift_v[0],
@@ -72,3 +89,11 @@ class GnssReceiver:
         )
         self._last_good = (p, v)
         return GnssSample(t_s, FIX_GOOD, SATELLITES_GOOD, p, v, false_ned_m=shift, false_v_ned_mps=shift_v)
+
+
+def _false(p_ned_m: Vec3, v_ned_mps: Vec3, effect: GnssEffect) -> tuple[Vec3, Vec3]:
+    """What a transmitter adds to position and velocity."""
+    if effect.meacon_ned_m is None:
+        return effect.offset_ned_m, effect.offset_v_ned_mps
+    n, e, d = effect.meacon_ned_m
+    return (n - p_ned_m[0], e - p_ned_m[1], d - p_ned_m[2]), (-v_ned_mps[0], -v_ned_mps[1], -v_ned_mps[2])

@@ -38,7 +38,7 @@ class Feed:
                 self.monitor.on_gnss(replace(gnss, t_rx_ns=now))
                 self.monitor.on_reach(out_of_reach)
             if status is not None:
-                self.monitor.on_status(replace(status, t_rx_ns=now))
+                self.monitor.on_evidence(replace(status, t_rx_ns=now))
             if vision is not None:
                 self.monitor.on_vision(now, vision, COV, 0.5, 10.0)
             self.monitor.update(now, source)

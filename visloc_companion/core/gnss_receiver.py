@@ -1,0 +1,99 @@
+"""Signs against GNSS in what the receivers and the autopilot say of themselves: pure functions of their latest reports."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from visloc_companion.core.settings import GnssSettings
+from visloc_companion.core.validate import is_place
+from visloc_companion.geo import wgs84
+from visloc_companion.types import EkfSource, EstimatorStatus, Gnss, GnssIntegrity
+
+TELEMETRY_GAP_NS = 1_000_000_000
+RATIO_REJECTED = 1.0
+STATUS_AGE_S = 3.0
+INTEGRITY_AGE_S = 5.0
+RECEIVER_AGE_S = 1.0
+"""Two receivers are compared while their reports are no further apart."""
+ANTENNAS_APART_M = 5.0
+APART_SIGMA = 4.0
+
+
+@dataclass(slots=True)
+class Reports:
+    """The latest of each kind; None before the first."""
+
+    gnss: Gnss | None = None
+    second: Gnss | None = None
+    integrity: GnssIntegrity | None = None
+    status: EstimatorStatus | None = None
+
+
+class Talk:
+    """Tells a receiver that is silent from a link that is: when nothing comes at all, the link is at fault, not GNSS."""
+
+    def __init__(self) -> None:
+        self._heard_ns: int | None = None
+        self._since_ns = 0
+
+    def heard(self, t_rx_ns: int) -> None:
+        """Something else came from the autopilot."""
+        if self._heard_ns is None or t_rx_ns - self._heard_ns > TELEMETRY_GAP_NS:
+            self._since_ns = t_rx_ns
+        self._heard_ns = t_rx_ns
+
+    def silent(self, now_ns: int, gnss_ns: int, silence_s: float) -> bool:
+        """Whether the receiver's last report is too old although the autopilot talks."""
+        if self._heard_ns is None:
+            return now_ns - gnss_ns > silence_s * 1e9
+        talking = now_ns - self._heard_ns <= TELEMETRY_GAP_NS
+        return talking and now_ns - max(gnss_ns, self._since_ns) > silence_s * 1e9
+
+
+def receiver_signs(gnss: Gnss, limits: GnssSettings) -> tuple[str, ...]:
+    """What GPS_RAW_INT itself shows: no fix, few satellites, poor accuracy."""
+    signs = []
+    if gnss.fix_type < limits.min_fix_type:
+        signs.append("no_fix")
+    if gnss.n_satellites is not None and gnss.n_satellites < limits.min_satellites:
+        signs.append("few_satellites")
+    if gnss.h_acc_m is not None and gnss.h_acc_m > limits.max_h_acc_m:
+        signs.append("accuracy")
+    return tuple(signs)
+
+
+def integrity_signs(report: GnssIntegrity | None, now_ns: int, vision_agrees: bool) -> tuple[str, ...]:
+    """What the receiver says of interference.
+
+    Jamming that leaves a position which vision confirms is no sign: receivers report it long before it does harm.
+    """
+    if report is None or now_ns - report.t_rx_ns > INTEGRITY_AGE_S * 1e9:
+        return ()
+    signs = ["receiver_spoofing"] * (report.spoofed is True) + ["receiver_authentication"] * (report.authentic is False)
+    return (*signs, "receiver_jamming") if report.jammed and not vision_agrees else tuple(signs)
+
+
+def receivers_apart_m(first: Gnss, second: Gnss | None, limits: GnssSettings) -> float | None:
+    """Horizontal distance of two receivers' positions, None where they cannot be compared."""
+    if second is None or abs(first.t_rx_ns - second.t_rx_ns) > RECEIVER_AGE_S * 1e9:
+        return None
+    if min(first.fix_type, second.fix_type) < limits.min_fix_type or not (is_place(first.place) and is_place(second.place)):
+        return None
+    return wgs84.distance_m(first.place, second.place)
+
+
+def receiver_sign(first: Gnss, second: Gnss | None, sigma_m: float, limits: GnssSettings) -> tuple[str, ...]:
+    """Two receivers that see different places; `sigma_m` is that of each. The distance covers antennas and delays."""
+    apart_m = receivers_apart_m(first, second, limits)
+    speed = 0.0 if first.v_ned_mps is None else math.hypot(first.v_ned_mps[0], first.v_ned_mps[1])
+    allowed_m = ANTENNAS_APART_M + RECEIVER_AGE_S / 2 * speed + APART_SIGMA * math.sqrt(2) * sigma_m
+    return ("receivers_differ",) if apart_m is not None and apart_m > allowed_m else ()
+
+
+def autopilot_signs(status: EstimatorStatus | None, now_ns: int, source: EkfSource) -> tuple[str, ...]:
+    """The autopilot's glitch bit and innovation ratio, which tell of GNSS only while it flies on GNSS."""
+    if source is not EkfSource.GNSS or status is None or now_ns - status.t_rx_ns > STATUS_AGE_S * 1e9:
+        return ()
+    rejects = status.position_ratio is not None and status.position_ratio > RATIO_REJECTED
+    return (("autopilot_glitch",) if status.gnss_glitch else ()) + (("autopilot_rejects",) if rejects else ())

@@ -1,0 +1,44 @@
+"""The verdict in words for the operator: one message a change, at most 50 characters (STATUSTEXT)."""
+
+from __future__ import annotations
+
+from visloc_companion.types import GnssVerdict, Notice, Severity, Verdict
+
+WORDS = {
+    "no_data": "none received yet",
+    "silence": "receiver silent",
+    "no_fix": "no fix",
+    "few_satellites": "too few satellites",
+    "accuracy": "poor accuracy",
+    "autopilot_glitch": "autopilot sees glitch",
+    "autopilot_rejects": "autopilot rejects it",
+    "vision_disagrees": "camera and map say elsewhere",
+    "odometry_disagrees": "moves unlike the camera",
+    "height_disagrees": "height unlike barometer",
+    "receiver_spoofing": "receiver reports spoofing",
+    "receiver_jamming": "receiver reports jamming",
+    "receiver_authentication": "signals not authentic",
+    "receivers_differ": "two receivers differ",
+    "clock_jump": "its time jumped",
+    "off_map": "outside the map",
+    "off_surface": "height unlike the map's",
+    "out_of_reach": "back at wrong place",
+    "probation": "being checked",
+}
+STATE = {Verdict.OK: "trusted", Verdict.SUSPECT: "not trusted", Verdict.DENIED: "lost"}
+FIRST = "waiting"
+MAX_TEXT = 50
+
+
+def text(verdict: GnssVerdict, ever_trusted: bool = True) -> str:
+    """ "visloc: GNSS not trusted, poor accuracy". Before it was ever trusted it is "waiting", not "lost"."""
+    state = STATE[verdict.verdict] if ever_trusted or verdict.verdict is Verdict.OK else FIRST
+    why = f", {WORDS.get(verdict.reasons[0], verdict.reasons[0])}" if verdict.reasons else ""
+    return f"visloc: GNSS {state}{why}"[:MAX_TEXT]
+
+
+def notice(verdict: GnssVerdict, ever_trusted: bool = True) -> Notice:
+    """What goes to the operator and into the journal on a change."""
+    severity = Severity.NOTICE if verdict.verdict is Verdict.OK else Severity.WARNING
+    data = (*((name, value) for name, value, _ in verdict.evidence), ("probability_false", verdict.probability_false))
+    return Notice(severity, text(verdict, ever_trusted), to_operator=True, data=(*data, ("reasons", " ".join(verdict.reasons))))
