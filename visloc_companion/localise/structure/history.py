@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.geo.wgs84 import distance_m, ned_from_geo
 from visloc_companion.localise.structure.base import PosedFrame
 from visloc_companion.localise.structure.registered_pose import NED_ENU
-from visloc_companion.types import GeoPoint, Image, LocaliseRequest, PosePrior
+from visloc_companion.types import FloatArray, GeoPoint, Image, LocaliseRequest, PosePrior
 
 MOST_FRAMES = 8
 MAX_AGE_NS = 12_000_000_000
 SPACING = 0.04
 """Frames are kept this share of the height apart: a base-to-height ratio of 0.1 to 0.4 is then always among them."""
 SIGMA_RELATIVE_M = 0.5
-"""1-sigma of each axis of a prior's place relative to that of a moment before, where the filter is no worse."""
+"""1-sigma of each axis of a prior's place relative to that of a moment before, where its variance stayed as it was."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,23 +59,29 @@ class FrameHistory:
         return tuple(self._seen)
 
 
-def posed(seen: Seen, origin: GeoPoint, height_m: float, sigma_height_m: float) -> PosedFrame:
-    """A frame in east, north, up about `origin` (its height counts as zero), `height_m` above the surface."""
-    prior = seen.prior
+def posed(seen: Sequence[Seen], origin: GeoPoint, height_m: float, sigma_height_m: float) -> list[PosedFrame]:
+    """Frames in east, north, up about `origin` (its height counts as zero), `height_m` above the surface."""
+    sigma_m = relative_sigma_m([s.prior for s in seen])
+    return [
+        PosedFrame(
+            s.pixels, _pose(s.prior, origin), sigma_m, s.prior.sigma_tilt_rad, s.prior.sigma_yaw_rad, height_m, sigma_height_m
+        )
+        for s in seen
+    ]
+
+
+def _pose(prior: PosePrior, origin: GeoPoint) -> FloatArray:
     T = np.eye(4)
     T[:3, :3] = NED_ENU.T @ R_from_quat(prior.q_ned_frd) @ R_FRD_CAM
     T[:3, 3] = NED_ENU.T @ np.array(ned_from_geo(prior.place, origin))
-    return PosedFrame(
-        seen.pixels,
-        T,
-        relative_sigma_m(prior),
-        prior.sigma_tilt_rad,
-        prior.sigma_yaw_rad,
-        height_m,
-        sigma_height_m,
-    )
+    return T
 
 
-def relative_sigma_m(prior: PosePrior) -> float:
-    """1-sigma of a place relative to another frame's: between them the filter may have been corrected by as much as its own."""
-    return max(SIGMA_RELATIVE_M, largest_sigma_m(prior.cov_ne_m2))
+def relative_sigma_m(priors: Sequence[PosePrior]) -> float:
+    """1-sigma of each axis of a place relative to those of the other frames.
+
+    Between two frames a filter's variance grows by what it lost, and shrinks by the mean square of what a measurement corrected:
+    an error that all of them share changes neither.
+    """
+    variance = [prior.cov_ne_m2[0][0] + prior.cov_ne_m2[1][1] for prior in priors]
+    return math.sqrt(SIGMA_RELATIVE_M**2 + sum(abs(after - before) for before, after in pairwise(variance)))

@@ -16,12 +16,13 @@ BEAM_SHARE, LEAST_BEAM_M = 0.03, 1.5
 """The surface straight below is that within this share of the height (and at least so far) of the camera's nadir."""
 UNIFORM = 12**0.5
 LEAST_BELOW = 5
+TINY = 1e-8
 
 
 @dataclass(frozen=True, slots=True)
 class Scale:
     """Factor on the distances from the cameras' middle, its relative 1-sigma, and by how many sigmas the heights differ from the
-    baselines (median over the frames)."""
+    baselines."""
 
     factor: float
     sigma: float
@@ -44,10 +45,10 @@ def baseline_sigma(bundle: Bundle) -> float:
 def from_heights(frames: Sequence[PosedFrame], T_local_cam: FloatArray, points_m: FloatArray, sigma: float) -> Scale:
     """Weigh the baselines' scale (1, `sigma`) with the heights that frames claim above the points below them.
 
-    A beam among crowns meets anything between the lowest and the highest of what is below.
+    A beam among crowns meets anything between the lowest and the highest of what is below. What a frame claims to be wrong by,
+    all of them are: one barometer and one map gave all the heights.
     """
-    information, pull = 1 / sigma**2, 0.0
-    measured: list[tuple[float, float]] = []
+    ratios, scatter, shared = [], [], []
     for frame, T in zip(frames, T_local_cam, strict=True):
         near = np.hypot(*(points_m[:, :2] - T[:2, 3]).T) < max(LEAST_BEAM_M, BEAM_SHARE * frame.height_m)
         if not math.isfinite(frame.sigma_height_m) or int(near.sum()) < LEAST_BELOW:
@@ -55,10 +56,13 @@ def from_heights(frames: Sequence[PosedFrame], T_local_cam: FloatArray, points_m
         below = points_m[near, 2]
         height = float(T[2, 3] - np.median(below))
         low, high = np.percentile(below, (2, 98))
-        variance = (frame.sigma_height_m**2 + float(high - low) ** 2 / UNIFORM**2) / height**2
-        measured.append((frame.height_m / height - 1, variance))
-        information += 1 / variance
-        pull += (frame.height_m / height - 1) / variance
-    change = pull / information
-    apart = float(np.median([abs(r) / math.sqrt(v + sigma**2) for r, v in measured])) if measured else 0.0
-    return Scale(1 + change, math.sqrt(1 / information), apart)
+        ratios.append(frame.height_m / height - 1)
+        scatter.append((float(high - low) / UNIFORM / height) ** 2)
+        shared.append((frame.sigma_height_m / height) ** 2)
+    if not ratios:
+        return Scale(1.0, sigma, 0.0)
+    weight = 1 / (np.array(scatter) + TINY)
+    ratio, variance = float(np.average(ratios, weights=weight)), float(1 / weight.sum() + np.mean(shared))
+    information = 1 / sigma**2 + 1 / variance
+    apart = abs(ratio) / math.sqrt(variance + sigma**2)
+    return Scale(1 + ratio / variance / information, math.sqrt(1 / information), apart)

@@ -11,7 +11,7 @@ from visloc_companion.geo.se3 import quat_from_euler, quat_from_R
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
 from visloc_companion.localise.registration.registry import make_registration
 from visloc_companion.localise.settings import LocaliserSettings
-from visloc_companion.localise.structure.history import MAX_AGE_NS, MOST_FRAMES, FrameHistory
+from visloc_companion.localise.structure.history import MAX_AGE_NS, MOST_FRAMES, SIGMA_RELATIVE_M, FrameHistory, relative_sigma_m
 from visloc_companion.localise.structure.localiser import StructureLocaliser
 from visloc_companion.localise.structure.registered_pose import NED_ENU
 from visloc_companion.localise.votes import TwoVotes
@@ -166,3 +166,15 @@ def test_frames_are_copied_bounded_and_forgotten_with_age_and_a_step_back() -> N
     assert len(history.frames()) == 1
     history.add(request(920.0, 3.0), pixels, 100.0)
     assert times(history) == [3.0]
+
+
+def prior_of(variance_m2: float) -> PosePrior:
+    return PosePrior(HOME, quat_from_euler(0, 0, 0), ((variance_m2, 0.0), (0.0, variance_m2)), 1, 0.1, 0.1)
+
+
+def test_frames_lie_to_each_other_as_well_as_the_filter_s_variance_stayed_the_same() -> None:
+    assert relative_sigma_m([prior_of(100.0)] * 4) == SIGMA_RELATIVE_M  # all are off by the same
+    lost = relative_sigma_m([prior_of(100.0), prior_of(104.0)])
+    corrected = relative_sigma_m([prior_of(100.0), prior_of(1.0), prior_of(1.0)])
+    assert lost == pytest.approx(math.sqrt(SIGMA_RELATIVE_M**2 + 8.0))
+    assert corrected == pytest.approx(math.sqrt(SIGMA_RELATIVE_M**2 + 198.0))

@@ -24,11 +24,12 @@ def test_without_a_height_the_baselines_scale_stays(flat):
 
 def test_heights_and_baselines_are_weighed_by_their_sigmas(flat):
     frames, T, points = flat
-    measured = [replace(f, height_m=91.8, sigma_height_m=0.9) for f in frames]  # 2 % more, good to 1 % each
-    found = from_heights(measured, T, points, 0.01)
-    assert found.factor == pytest.approx(1 + 0.02 * 2 / 3, rel=1e-3)
-    assert found.sigma == pytest.approx(0.01 / math.sqrt(3), rel=1e-3)
-    assert found.apart_sigmas == pytest.approx(math.sqrt(2), rel=1e-3)
+    measured = [replace(f, height_m=91.8, sigma_height_m=0.9) for f in frames]  # 2 % more, good to 1 %: all wrong by the same
+    for some in (slice(1), slice(2)):
+        found = from_heights(measured[some], T[some], points, 0.01)
+        assert found.factor == pytest.approx(1.01, rel=1e-3)
+        assert found.sigma == pytest.approx(0.01 / math.sqrt(2), rel=1e-2)
+        assert found.apart_sigmas == pytest.approx(math.sqrt(2), rel=1e-2)
 
 
 def test_a_beam_among_crowns_says_little(flat):
@@ -37,7 +38,7 @@ def test_a_beam_among_crowns_says_little(flat):
     forest[::2, 2] = 20.0
     measured = [replace(f, height_m=91.8, sigma_height_m=0.2) for f in frames]
     assert from_heights(measured, T, forest, 0.01).sigma > 0.9 * 0.01
-    assert from_heights(measured, T, points, 0.01).sigma < 0.2 * 0.01
+    assert from_heights(measured, T, points, 0.01).sigma < 0.3 * 0.01
 
 
 def test_the_baseline_s_sigma_is_that_of_its_length(flat):
