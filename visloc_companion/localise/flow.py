@@ -1,0 +1,161 @@
+"""Frame-to-frame odometry: the camera's displacement from tracked corners, the autopilot's attitude, and the height.
+
+A frame is compared with a keyframe for as long as enough of it is in view, so that what hovers does not drift, and a straight
+flight adds up one error for each leg of about half a footprint. Each frame is drawn as the keyframe's camera would have seen it
+(a homography of the level plane), followed there and back by pyramidal Lucas-Kanade (tracks.py), and the motion is solved with
+the ground's relief, the attitude and the heights as unknowns with priors (solve.py). What cannot be seen is said (Blind).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from visloc_companion.errors import Reason
+from visloc_companion.localise.odometry.base import Blind, FlowSettings, Sight, Step, Surface
+from visloc_companion.localise.odometry.below import READING_APART_M, Reading
+from visloc_companion.localise.odometry.checks import Refused, refused, why_lost, why_unsure
+from visloc_companion.localise.odometry.claims import odometry_of
+from visloc_companion.localise.odometry.follow import Followed, first_guess, follow
+from visloc_companion.localise.odometry.keyframe import Keyframe, attitude, keyframe_of, with_readings
+from visloc_companion.localise.odometry.picture import Picture, prepared
+from visloc_companion.localise.odometry.solve import Motion, MotionPrior, solve
+from visloc_companion.types import CameraModel, FloatArray
+
+MOST_READINGS = 40
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _View:
+    """A frame, ready to be followed, and the camera's displacement from the keyframe when it was taken."""
+
+    sight: Sight
+    picture: Picture
+    d_ned_m: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Moved:
+    """A motion that was found, and what it was found from."""
+
+    motion: Motion
+    followed: Followed
+
+
+class FrameToFrame:
+    """Frames in, displacements out. Deterministic, for one camera; the state is the keyframe, the last frame and its speed."""
+
+    def __init__(self, model: CameraModel, settings: FlowSettings | None = None) -> None:
+        self._model, self._settings = model, settings or FlowSettings()
+        self._key: Keyframe | None = None
+        self._last: _View | None = None
+        self._v_ned_mps: FloatArray | None = None
+        self._readings: deque[Reading] = deque(maxlen=MOST_READINGS)
+
+    def step(self, sight: Sight, surface: Surface | None = None) -> Step | Blind:
+        """The displacement from the keyframe to this frame, or why there is none. Never raises for what a frame may contain."""
+        newest = None if self._last is None else self._last.sight.t_ns
+        why = refused(sight, surface, self._model, self._settings, newest)
+        if why is not None:
+            return Blind(sight.t_ns, *why)
+        view = _View(sight, prepared(sight.pixels, self._model), np.zeros(3))
+        key, last = self._key, self._last
+        if key is None or last is None:
+            return self._restarted(view, surface, (Reason.NO_BASELINE, "the first frame of a stretch"))
+        found = self._motion(key, view, last.d_ned_m)
+        if not isinstance(found, _Moved) and last.sight.t_ns > key.sight.t_ns:
+            later = keyframe_of(last.sight, last.picture, surface, key.place_ne_m + last.d_ned_m[:2], self._settings)
+            again = self._motion(later, view, np.zeros(3)) if isinstance(later, Keyframe) else found
+            if isinstance(later, Keyframe) and isinstance(again, _Moved):
+                self._rekey(later, last)
+                key, found = later, again
+        if isinstance(found, _Moved):
+            return self._answer(key, view, found, surface)
+        if found[0] is Reason.LOW_OVERLAP or sight.t_ns - last.sight.t_ns > self._settings.patience_ns:
+            return self._restarted(view, surface, found)
+        return Blind(sight.t_ns, *found)
+
+    def _motion(self, key: Keyframe, view: _View, last_d_m: FloatArray) -> _Moved | Refused:
+        """From the place where the last speed leads to; if that fails, from the shift of the picture as a whole."""
+        sight, settings = view.sight, self._settings
+        down = key.sight.up_m - sight.up_m
+        R = attitude(sight)
+        start = np.array([*(last_d_m + self._travelled(sight))[:2], down])
+        result: _Moved | Refused = (Reason.NO_MATCH, "")
+        for attempt in range(2):
+            if attempt == 1 or self._v_ned_mps is None:
+                guess = first_guess(key, view.picture, R, np.array([0.0, 0.0, down]) if attempt else start)
+                if guess is None and attempt:
+                    break
+                start = start if guess is None else np.array([guess[0], guess[1], down])
+            followed = follow(key, view.picture, R, start, settings.min_overlap)
+            result = self._solved(key, view, followed, R, start)
+            if isinstance(result, _Moved):
+                break
+        return result
+
+    def _solved(self, key: Keyframe, view: _View, followed: Followed, R: FloatArray, start: FloatArray) -> _Moved | Refused:
+        settings = self._settings
+        if len(followed.number) < settings.min_tracks:
+            return why_lost(view.sight, view.picture, followed, len(key.corners), settings)
+        prior = MotionPrior(R, start, start[2], settings.sigma_turn_rad, key.sight.sigma_tilt_rad, settings.sigma_climb_m)
+        motion = solve(key.ground_of(followed.number), followed.xy, prior, float(np.sqrt(np.linalg.det(view.picture.K))))
+        if motion is None:
+            return Reason.TOO_FEW_FEATURES, "the tracks leave the motion undetermined"
+        why = why_unsure(motion, view.sight, view.picture, key.height_m, settings)
+        return _Moved(motion, followed) if why is None else why
+
+    def _travelled(self, sight: Sight) -> FloatArray:
+        if self._v_ned_mps is None or self._last is None:
+            return np.zeros(3)
+        return self._v_ned_mps * (sight.t_ns - self._last.sight.t_ns) * 1e-9
+
+    def _answer(self, key: Keyframe, view: _View, found: _Moved, surface: Surface | None) -> Step:
+        """The step; where too little of the keyframe is left in view, this frame becomes the next one."""
+        sight, motion, settings = view.sight, found.motion, self._settings
+        last = self._last
+        if last is not None:
+            self._v_ned_mps = (motion.d_ned_m - last.d_ned_m) / ((sight.t_ns - last.sight.t_ns) * 1e-9)
+        self._last = _View(sight, view.picture, motion.d_ned_m)
+        place = key.place_ne_m + motion.d_ned_m[:2]
+        self._note(sight, place)
+        left = int(motion.fits.sum()) / len(key.corners)
+        closes = min(found.followed.overlap, 1.6 * left) < settings.keep_overlap
+        if closes:
+            later = keyframe_of(sight, view.picture, surface, place, settings)
+            closes = isinstance(later, Keyframe)
+            if isinstance(later, Keyframe):
+                self._rekey(later, self._last)
+        if not closes:
+            self._key = with_readings(key, self._readings, settings)
+        return odometry_of(key, sight, motion, closes)
+
+    def _rekey(self, key: Keyframe, view: _View) -> None:
+        """Go on from a frame that a motion was found for."""
+        self._key = with_readings(key, self._readings, self._settings)
+        self._last = _View(view.sight, view.picture, np.zeros(3))
+
+    def _restarted(self, view: _View, surface: Surface | None, why: Refused) -> Blind:
+        """A new stretch, which nothing ties to the one before."""
+        key = keyframe_of(view.sight, view.picture, surface, np.zeros(2), self._settings)
+        self._key, self._last, self._v_ned_mps = None, None, None
+        if not isinstance(key, Keyframe):
+            return Blind(view.sight.t_ns, *key)
+        self._readings.clear()
+        self._note(view.sight, np.zeros(2))
+        self._rekey(key, view)
+        return Blind(view.sight.t_ns, *why, anchored=True)
+
+    def _note(self, sight: Sight, place_ne_m: FloatArray) -> None:
+        """Keep a height above the surface, unless the last one is near."""
+        if not math.isfinite(sight.height_m):
+            return
+        north, east = float(place_ne_m[0]), float(place_ne_m[1])
+        if self._readings:
+            last = self._readings[-1].place_ne_m
+            if math.hypot(north - last[0], east - last[1]) < READING_APART_M:
+                return
+        self._readings.append(Reading((north, east), sight.up_m, sight.height_m))

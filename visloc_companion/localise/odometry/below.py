@@ -1,0 +1,101 @@
+"""Where the keyframe's rays meet the ground: the map's surface where it is given, else a level plane under the camera."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from visloc_companion.geo.raster import apply_affine, invert_affine
+from visloc_companion.geo.ray import intersect_surface
+from visloc_companion.localise.odometry.base import FlowSettings, Sight, Surface
+from visloc_companion.localise.odometry.solve import Ground
+from visloc_companion.types import FloatArray, Vec2
+
+STEEPEST = math.cos(math.radians(72.0))
+"""Rays flatter than this (72 degrees from straight down) see too much relief for each pixel."""
+READING_APART_M = 10.0
+"""Heights read closer to each other than this see the same tree or roof."""
+REACH = 0.7
+"""Heights read further away than this share of the height say nothing of the ground in view."""
+ROW = 8192
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A height above the surface read at a place (north, east of any origin) at an altitude."""
+
+    place_ne_m: Vec2
+    up_m: float
+    height_m: float
+
+
+def descends(rays_ned: FloatArray) -> NDArray[np.bool_]:
+    """(N,) which rays look down steeply enough."""
+    return np.asarray(rays_ned[:, 2] > STEEPEST * np.linalg.norm(rays_ned, axis=1), dtype=np.bool_)
+
+
+def on_plane(rays_ned: FloatArray, sight: Sight, settings: FlowSettings) -> Ground:
+    """Points of a level plane straight below; what it departs by from the true ground is the settings' relief and slope."""
+    at = rays_ned * (sight.height_m / rays_ned[:, 2:3])
+    level = 3 * settings.relief_m + settings.slope_rad * sight.height_m
+    up = 0.0 if sight.ranged else sight.sigma_height_m
+    return Ground(at, np.full(len(at), settings.relief_m), np.zeros(len(at), np.bool_), level, settings.slope_rad, up)
+
+
+def on_surface(rays_ned: FloatArray, sight: Sight, surface: Surface, settings: FlowSettings) -> Ground | None:
+    """Points of the surface model that the rays meet; rays that miss it have NaN. None where the camera is not above it."""
+    lookup = _Lookup(surface, sight.sigma_place_m, settings)
+    low, high = float(np.nanmin(surface.up_m)), float(np.nanmax(surface.up_m))
+    if not sight.up_m > low + settings.min_height_m:
+        return None
+    camera = np.array([*sight.place_ne_m, -sight.up_m])
+    met = intersect_surface(camera, rays_ned, lookup.height, min(high + 0.1, sight.up_m - 1.0), low - 0.1)
+    spread = lookup.spread(met[:, :2])
+    known = np.isfinite(spread)
+    level = math.hypot(settings.surface_m, settings.surface_share * float(np.median(spread[known]))) if known.any() else math.inf
+    at = met - camera
+    return Ground(at, spread, np.zeros(len(at), np.bool_), level, settings.surface_slope_rad, sight.sigma_up_m)
+
+
+def read_near(readings: Sequence[Reading], place_ne_m: FloatArray, up_m: float, height_m: float) -> FloatArray:
+    """(M, 3) where heights that were read near a keyframe found the surface: north, east, down from its camera."""
+    found: list[tuple[float, float, float]] = []
+    for reading in readings:
+        north, east = reading.place_ne_m[0] - place_ne_m[0], reading.place_ne_m[1] - place_ne_m[1]
+        if math.hypot(north, east) <= REACH * height_m:
+            found.append((north, east, reading.height_m - (reading.up_m - up_m)))
+    return np.array(found).reshape(-1, 3)
+
+
+class _Lookup:
+    """Heights of a surface model, and how sure they are where the camera's place is not."""
+
+    def __init__(self, surface: Surface, sigma_place_m: float, settings: FlowSettings) -> None:
+        self._A_pix_ne = invert_affine(surface.A_ne_pix)
+        self._up = np.ascontiguousarray(surface.up_m, dtype=np.float32)
+        pixel_m = math.sqrt(abs(float(np.linalg.det(surface.A_ne_pix[:, :2]))))
+        side = 2 * max(1, round(1.5 * max(sigma_place_m, pixel_m) / pixel_m)) + 1
+        known = np.nan_to_num(self._up, nan=float(np.nanmedian(self._up)))
+        middle = np.float32(known.mean())
+        mean = cv2.blur(known - middle, (side, side))
+        variance = cv2.blur((known - middle) ** 2, (side, side)) - mean**2
+        self._spread = np.sqrt(np.maximum(variance, 0) + np.float32(settings.surface_m**2))
+
+    def height(self, ne: FloatArray) -> FloatArray:
+        """(N,) heights at (N, 2) north, east; NaN outside."""
+        return self._at(self._up, ne)
+
+    def spread(self, ne: FloatArray) -> FloatArray:
+        """(N,) 1-sigma of the heights."""
+        return self._at(self._spread.astype(np.float32), ne)
+
+    def _at(self, layer: NDArray[np.float32], ne: FloatArray) -> FloatArray:
+        pix = np.nan_to_num(apply_affine(self._A_pix_ne, ne), nan=-9.0).astype(np.float32)
+        u, v = (np.ascontiguousarray(pix[:, k : k + 1]) for k in (0, 1))
+        border = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": math.nan}
+        return np.asarray(cv2.remap(layer, u, v, cv2.INTER_LINEAR, **border), dtype=np.float64).ravel()  # type: ignore[call-overload]

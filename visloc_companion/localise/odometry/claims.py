@@ -1,0 +1,58 @@
+"""The answer: a displacement with the covariance that it is worth."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from visloc_companion.localise.odometry.base import Sight, Step
+from visloc_companion.localise.odometry.keyframe import Keyframe
+from visloc_companion.localise.odometry.solve import Motion
+from visloc_companion.types import FloatArray, Odometry
+
+METHOD = "flow"
+OWN = 1.0
+"""Factor on the 1-sigma of a leg's own error, fitted on training flights (python -m benchmarks.odometry --fit)."""
+LEAST_SHARE = 0.02
+"""Displacements shorter than this share of the height tell nothing of their scale."""
+
+
+def odometry_of(key: Keyframe, sight: Sight, motion: Motion, closes: bool) -> Step:
+    """The step from a keyframe to a frame."""
+    d = motion.d_ned_m
+    scale = _scale(motion, key)
+    own = OWN**2 * (motion.covariance - motion.shared)
+    across = key.sight.sigma_yaw_rad * np.array([-d[1], d[0]])
+    along = scale * d[:2]
+    cov = own[:2, :2] + np.outer(across, across) + np.outer(along, along)
+    cov = (cov + cov.T) / 2
+    odometry = Odometry(
+        sight.t_ns,
+        key.sight.t_ns,
+        sight.t_ns,
+        (float(d[0]), float(d[1]), float(d[2])),
+        ((float(cov[0, 0]), float(cov[0, 1])), (float(cov[1, 0]), float(cov[1, 1]))),
+        scale,
+        key.sight.sigma_yaw_rad,
+        float(motion.fits.mean()),
+        METHOD,
+    )
+    evidence = (
+        ("tracks", float(len(motion.fits))),
+        ("scatter_px", motion.scatter_px),
+        ("roughness", motion.roughness),
+        ("turn_rad", float(np.linalg.norm(motion.turn_rad))),
+        ("height_m", key.height_m),
+    )
+    return Step(odometry, math.sqrt(max(float(motion.covariance[2, 2]), 0.0)), closes, evidence)
+
+
+def _scale(motion: Motion, key: Keyframe) -> float:
+    """1-sigma of the share by which this displacement and its neighbours are all too long or too short."""
+    d: FloatArray = motion.d_ned_m[:2]
+    length2 = float(d @ d)
+    if length2 < (LEAST_SHARE * key.height_m) ** 2:
+        heights = key.sight.sigma_up_m if key.mapped else key.sight.sigma_height_m
+        return heights / key.height_m
+    return math.sqrt(max(float(d @ motion.shared[:2, :2] @ d), 0.0)) / length2
