@@ -20,7 +20,7 @@ from visloc_companion.evaluate.cases import COLUMNS, TRUTH_COLUMNS
 from visloc_companion.evaluate.cloud_cases import CLOUD_FIELDS, GROWTH, SIGMA_FIELDS, TRUTH_FIELDS
 from visloc_companion.evaluate.gate import parse_gate
 from visloc_companion.sim.autopilot_parameters import PREPARED
-from visloc_companion.sim.scenarios import DEMO, SCENARIOS
+from visloc_companion.sim.scenarios import FLIGHTS
 from visloc_companion.types import AutopilotKind, Mode
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -199,7 +199,7 @@ def test_the_floor_of_the_covariance_is_the_one_that_the_daemon_claims() -> None
     assert parameters_of(AutopilotKind.ARDUPILOT)["VISO_POS_M_NSE"] == Config().injection.min_sigma_m
 
 
-@pytest.mark.parametrize("scenario", [*SCENARIOS.values(), DEMO], ids=lambda scenario: scenario.name)
+@pytest.mark.parametrize("scenario", FLIGHTS.values(), ids=lambda scenario: scenario.name)
 def test_the_table_of_scenarios_states_their_limits(scenario: Any) -> None:
     page = text_of(DOCS / "simulation.md")
     row = re.search(rf"^\| `{scenario.name}` \|(.*)\|$", page, re.MULTILINE)

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from visloc_companion.evaluate.campaign import FlightSpec
     from visloc_companion.evaluate.closed_loop import FlownScenario
 
+WORLD_SEED = 1
+
 
 def sim(
     scenario: Annotated[str, typer.Option(help="Name of the flight; --list shows them.")] = "",
@@ -25,6 +27,9 @@ def sim(
     vehicle: Annotated[str, typer.Option(help="copter or plane.")] = "copter",
     seed: Annotated[int, typer.Option(help="Feeds wind, noise and errors.")] = 1,
     method: Annotated[str, typer.Option(help="Localiser; visloc evaluate image --list-methods names them.")] = DEFAULT_METHOD,
+    without_structure: Annotated[
+        bool, typer.Option("--without-structure", help="Never ask for the structure vote, whatever the image fails at.")
+    ] = False,
     without_daemon: Annotated[bool, typer.Option("--without-daemon", help="The same flight, nobody helping.")] = False,
     json_file: Annotated[
         Path | None, typer.Option("--json", help="Write the result here, and one flight's epochs beside it as CSV.")
@@ -56,9 +61,8 @@ def sim(
     require_folder(report, "--report")
     nowhere = Path()
     spec = FlightSpec(scenario or "demo", nowhere, nowhere, None, dialect, vehicle, seed, method, not without_daemon)
-    specs = campaign_specs(campaign, spec) if campaign else [spec]
-    pack, ortho, dsm = _places(map_pack, camera_ortho, camera_dsm)
-    specs = [replace(one, pack=pack, camera_ortho=ortho, camera_dsm=dsm) for one in specs]
+    spec = replace(spec, structure=not without_structure)
+    specs = _placed(campaign_specs(campaign, spec) if campaign else [spec], map_pack, camera_ortho, camera_dsm)
     if campaign:
         _campaign(specs, jobs, json_file)
     else:
@@ -67,25 +71,34 @@ def sim(
 
 def _list() -> None:
     from visloc_companion.evaluate.campaign import CAMPAIGNS
-    from visloc_companion.sim.scenarios import DEMO, SCENARIOS
+    from visloc_companion.sim.scenarios import FLIGHTS
 
-    for one in (*SCENARIOS.values(), DEMO):
+    for one in FLIGHTS.values():
         typer.echo(f"{one.name:18} {one.duration_s:4.0f} s  {one.summary}")
     for name, (dialects, vehicles, seeds) in CAMPAIGNS.items():
         typer.echo(f"{name:18} campaign of all scenarios: {', '.join(dialects)}; {', '.join(vehicles)}; {len(seeds)} seed(s)")
 
 
-def _places(map_pack: Path | None, camera_ortho: Path | None, camera_dsm: Path | None) -> tuple[Path, Path, Path | None]:
+def _placed(
+    specs: list[FlightSpec], map_pack: Path | None, camera_ortho: Path | None, camera_dsm: Path | None
+) -> list[FlightSpec]:
+    """The flights over the map that is given, or over the procedural world on the date of each scenario."""
+    from dataclasses import replace
+
     if (map_pack is None) != (camera_ortho is None):
         raise ConfigError("--map and --camera-ortho go together", remedy="give both, or neither for the procedural world")
     if map_pack is not None and camera_ortho is not None:
-        return map_pack, camera_ortho, camera_dsm
+        return [replace(one, pack=map_pack, camera_ortho=camera_ortho, camera_dsm=camera_dsm) for one in specs]
     from visloc_companion.cli.progress import spinner
-    from visloc_companion.prepare.world import procedural_world
+    from visloc_companion.evaluate.campaign import find_scenario
+    from visloc_companion.prepare.world import procedural_world, scene_on
 
     with spinner("procedural world") as tell:
-        world = procedural_world(1, on_stage=tell)
-    return world.pack, world.flight_ortho, world.flight_dsm
+        world = procedural_world(WORLD_SEED, on_stage=tell)
+        seen = [scene_on(world, find_scenario(one.scenario).date, WORLD_SEED, tell) for one in specs]
+    return [
+        replace(one, pack=world.pack, camera_ortho=ortho, camera_dsm=dsm) for one, (ortho, dsm) in zip(specs, seen, strict=True)
+    ]
 
 
 def _single(spec: FlightSpec, json_file: Path | None, report: Path | None) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
@@ -17,7 +18,7 @@ from visloc_companion.errors import ConfigError
 from visloc_companion.evaluate.closed_loop import FlightWorld, FlownScenario, fly
 from visloc_companion.localise.registry import METHODS
 from visloc_companion.maps.pack import PackMap
-from visloc_companion.sim.scenarios import DEMO, SCENARIOS, Scenario
+from visloc_companion.sim.scenarios import FLIGHTS, SCENARIOS, Scenario
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightSetup, VehicleKind
 from visloc_companion.types import AutopilotKind, FloatArray
@@ -46,10 +47,12 @@ class FlightSpec:
     with_daemon: bool = True
     height_m: float | None = None
     """Above home; None: what suits the map's pixels."""
+    structure: bool = True
+    """Whether the structure vote is asked for where the image fails."""
 
     def __post_init__(self) -> None:
-        kinds = {"seed": int, "with_daemon": bool}
-        for item in ("scenario", "dialect", "vehicle", "seed", "method", "with_daemon"):
+        kinds = {"seed": int, "with_daemon": bool, "structure": bool}
+        for item in ("scenario", "dialect", "vehicle", "seed", "method", "with_daemon", "structure"):
             value, kind = getattr(self, item), kinds.get(item, str)
             if type(value) is not kind:
                 raise ConfigError(f"{item} is {value!r}, no {kind.__name__}", remedy="see visloc sim --help")
@@ -66,9 +69,8 @@ def _one_of(what: str, name: str, known: Sequence[str]) -> None:
 
 def find_scenario(name: str) -> Scenario:
     """The scenario of a name. Raises ConfigError that lists the names."""
-    known = {**SCENARIOS, DEMO.name: DEMO}
-    _one_of("scenario", name, list(known))
-    return known[name]
+    _one_of("scenario", name, list(FLIGHTS))
+    return FLIGHTS[name]
 
 
 def fly_spec(spec: FlightSpec, on_progress: Callable[[float], None] | None = None) -> FlownScenario:
@@ -78,9 +80,8 @@ def fly_spec(spec: FlightSpec, on_progress: Callable[[float], None] | None = Non
     ground = float(np.nan_to_num(reference.height_amsl_m(easting, northing)))
     world = FlightWorld(spec.pack, reference, Scene.load(spec.camera_ortho, spec.camera_dsm, ground))
     vehicle = cast("VehicleKind", spec.vehicle)
-    setup = FlightSetup(
-        find_scenario(spec.scenario), world.area(), AutopilotKind(spec.dialect), vehicle, spec.seed, spec.height_m
-    )
+    scenario, kind = find_scenario(spec.scenario), AutopilotKind(spec.dialect)
+    setup = FlightSetup(scenario, world.area(), kind, vehicle, spec.seed, spec.height_m, spec.structure)
     return fly(setup, world, method=spec.method, with_daemon=spec.with_daemon, on_progress=on_progress)
 
 
@@ -96,6 +97,8 @@ def result_of(flown: FlownScenario, method: str, with_daemon: bool = True) -> di
         "seed": setup.seed,
         "method": method,
         "with_daemon": with_daemon,
+        "structure": setup.structure,
+        "fixes_by_method": dict(sorted(Counter(fix.method for fix in record.fixes).items())),
         "failsafe": log.failsafe,
         "pulled_m": round(log.pulled_m, 3),
         "modes": record.changes(record.modes),
@@ -106,7 +109,7 @@ def result_of(flown: FlownScenario, method: str, with_daemon: bool = True) -> di
 
 
 def campaign_specs(name: str, template: FlightSpec) -> list[FlightSpec]:
-    """The flights of a named campaign, or of a JSON file with a list of objects {scenario, dialect, vehicle, seed, method}.
+    """The flights of a named campaign, or of a JSON file: a list of {scenario, dialect, vehicle, seed, method, structure}.
 
     Raises ConfigError naming the file and the entry.
     """
@@ -130,7 +133,7 @@ def _specs_of_file(path: Path, template: FlightSpec) -> Iterator[FlightSpec]:
         raise ConfigError(f"is no campaign: {why}", where=str(path), remedy=remedy) from why
     if not isinstance(items, list) or not items:
         raise ConfigError("holds no list of flights", where=str(path), remedy=remedy)
-    allowed = {"scenario", "dialect", "vehicle", "seed", "method", "with_daemon"}
+    allowed = {"scenario", "dialect", "vehicle", "seed", "method", "with_daemon", "structure"}
     for k, item in enumerate(items):
         if not isinstance(item, dict) or not set(item) <= allowed or "scenario" not in item:
             raise ConfigError(

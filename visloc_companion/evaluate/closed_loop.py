@@ -20,6 +20,7 @@ from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.metrics import Interval, error_figures, flight_summary
 from visloc_companion.evaluate.record import FlightRecord, from_entries
 from visloc_companion.geo.wgs84 import distance_m
+from visloc_companion.localise.structure.localiser import METHOD as STRUCTURE
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes, FlightLog, OperatorEntry
@@ -108,7 +109,8 @@ def eyes_over(setup: FlightSetup, world: FlightWorld, method: str) -> Eyes:
     Raises ConfigError for a name that there is not, ModelError where the network cannot be used.
     """
     model = setup.camera_model()
-    chosen = LocaliserConfig(threads=1).model_copy(update={"method": method})  # unchecked: the registry refuses a wrong name
+    chosen = LocaliserConfig(threads=1, structure=setup.structure)
+    chosen = chosen.model_copy(update={"method": method})  # unchecked: the registry refuses a wrong name
     localiser, _ = configured_localiser(chosen, model)
     camera = SimulatedCamera(CameraSimulator(world.scene, model, CameraEffects()), model, seed=setup.seed)
     return Eyes(camera, localiser, world.reference, FRAME_RATE_HZ)
@@ -119,7 +121,7 @@ def simulated_config(setup: FlightSetup) -> Config:
     return Config(
         injection=InjectionConfig(switch_source=True),
         navigator=NavigatorConfig(map_sigma_m=map_sigma_m(setup.area.gsd_m)),
-        localiser=LocaliserConfig(max_rate_hz=FRAME_RATE_HZ),
+        localiser=LocaliserConfig(max_rate_hz=FRAME_RATE_HZ, structure=setup.structure),
         seed=setup.seed,
     )
 
@@ -149,7 +151,7 @@ def checks_of(scenario: Scenario, log: FlightLog, record: FlightRecord, summary:
     detected, start_s = summary["gnss"]["detected_at_s"], scenario.fault_start_s
     delay = None if detected is None else detected - start_s
     gap_ms = summary["injected"]["gap_max_ms"]
-    return [
+    checks = [
         _at_most("median error without GNSS", error["median"], expected.median_error_m * coarse, "m"),
         _at_most("largest error without GNSS", error["max"], expected.max_error_m * coarse, "m"),
         _at_most("GNSS declared bad after", delay, expected.verdict_within_s + UNSEEN_PX * (coarse - 1.0), "s", "never"),
@@ -159,6 +161,9 @@ def checks_of(scenario: Scenario, log: FlightLog, record: FlightRecord, summary:
         Check("failsafe", log.failsafe or "none", "none", log.failsafe is None),
         _verdict_at_the_end(record, expected.final_verdicts),
     ]
+    return (
+        checks if expected.structure_share == 0 else [*checks, _carried_by_structure(record, start_s, expected.structure_share)]
+    )
 
 
 def _at_most(name: str, value: float | None, limit: float, unit: str, missing: str = "none known") -> Check:
@@ -170,6 +175,13 @@ def _verdict_at_the_end(record: FlightRecord, allowed: tuple[Verdict, ...]) -> C
     seen = set(record.verdicts[-TICKS_AT_THE_END:])
     passed = bool(seen) and seen <= set(allowed)
     return Check("verdict at the end", ", ".join(sorted(seen)) or "none", " or ".join(allowed), passed)
+
+
+def _carried_by_structure(record: FlightRecord, start_s: float, least: float) -> Check:
+    methods = [fix.method for fix in record.fixes if fix.t_s >= start_s]
+    share = methods.count(STRUCTURE) / len(methods) if methods else 0.0
+    shown = f"{share:.0%} of {len(methods)}"
+    return Check("fixes by structure without GNSS", shown, f"≥ {least:.0%}", share >= least)
 
 
 def _operator(scenario: Scenario) -> OperatorEntry | None:

@@ -11,15 +11,13 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Literal
 
 import visloc_companion
 from visloc_companion.localise.features.base import Features
 from visloc_companion.prepare.build import build_pack
 from visloc_companion.prepare.shipped import shipped_networks
 from visloc_companion.sim.landscape import build_landscape
-
-Date = Literal["map", "flight"]
+from visloc_companion.sim.season import Date
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +73,28 @@ def procedural_world(
     finally:
         shutil.rmtree(draft, ignore_errors=True)
     return world
+
+
+def scene_on(
+    world: ProceduralWorld, date: Date, seed: int, on_stage: Callable[[str], None] | None = None, size_m: float = 2000.0
+) -> tuple[Path, Path]:
+    """Orthophoto and surface model of what the camera sees on a date over the world of a seed and a size.
+
+    Any date but the world's own is made where it is missing, and kept beside it.
+    """
+    if date == "flight":
+        return world.flight_ortho, world.flight_dsm
+    home = world.pack.parent / date
+    if not home.is_dir():
+        if on_stage is not None:
+            on_stage(f"making the landscape's {date}")
+        draft = Path(tempfile.mkdtemp(prefix=f".{date}-", dir=home.parent))
+        try:
+            _make_date(seed, size_m, date, draft)
+            _keep(draft / date, home)
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
+    return home / "ortho.tif", home / "dsm.tif"
 
 
 def _keep(draft: Path, home: Path) -> None:

@@ -3,7 +3,7 @@
 Nothing sleeps and nothing is threaded, so a flight is deterministic by its seed and runs as fast as the machine allows.
 The bytes between autopilot and navigator are real MAVLink. Each way takes `LINK_DELAY_NS` of the navigator's time, and question
 and answer fit into one step of the autopilot: PX4 believes only clock exchanges that are back within 10 ms. The localiser's
-answer arrives `latency_s` after it was asked.
+answer arrives `latency_s` after it was asked, that of the structure vote `structure_latency_s`.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from visloc_companion.types import (
     SwitchSource,
     Tick,
     Vec3,
+    Vote,
 )
 
 STEP_S = 0.01
@@ -103,6 +104,7 @@ class Eyes:
     reference: ReferenceMap
     rate_hz: float = 5.0
     latency_s: float = 0.15
+    structure_latency_s: float = 1.0
 
 
 class ClosedLoopFlight:
@@ -219,7 +221,8 @@ class ClosedLoopFlight:
         view = self._views[request.frame.frame_id]
         pixels = eyes.camera.render(view.place, view.q_ned_frd, view.frame_id)
         answer = eyes.localiser.localise(request, pixels, eyes.reference)
-        heapq.heappush(self._due, (now_ns + round(eyes.latency_s * 1e9), request.request_id, answer))
+        latency_s = eyes.structure_latency_s if request.vote is Vote.STRUCTURE else eyes.latency_s
+        heapq.heappush(self._due, (now_ns + round(latency_s * 1e9), request.request_id, answer))
 
     def _answers(self, now_ns: int) -> list[Event]:
         answers: list[Event] = []

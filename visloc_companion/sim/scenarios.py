@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from visloc_companion.sim import faults
 from visloc_companion.sim.faults import FaultSchedule
+from visloc_companion.sim.season import Date
 from visloc_companion.types import Vec3, Verdict
 
 
@@ -16,7 +17,7 @@ class Expectation:
 
     Errors are those of the navigator's position against truth while GNSS is denied or spoofed and positions are injected
     (without any GNSS the first of them are the operator's). `verdict_within_s` counts from the first fault of GNSS;
-    `final_verdicts` are allowed in the last second.
+    `final_verdicts` are allowed in the last second. At least `structure_share` of the fixes of that time are the structure's.
     """
 
     median_error_m: float = 2.0
@@ -25,11 +26,12 @@ class Expectation:
     pulled_m: float = 30.0
     injection_gap_s: float = 0.2
     final_verdicts: tuple[Verdict, ...] = (Verdict.DENIED, Verdict.SUSPECT)
+    structure_share: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """A flight: its faults, its length, and what is expected of it."""
+    """A flight: its faults, its length, what is expected of it, and the date on which the procedural world is seen."""
 
     name: str
     summary: str
@@ -37,6 +39,7 @@ class Scenario:
     faults: FaultSchedule
     expected: Expectation = field(default_factory=Expectation)
     operator_fix_at_s: float | None = None
+    date: Date = "flight"
 
     @property
     def fault_start_s(self) -> float:
@@ -96,3 +99,15 @@ DEMO = Scenario(
     faults.slow_drag(60.0, 1.0, EAST, end_s=120.0, release_s=120.0) + faults.jam(120.0),
     Expectation(verdict_within_s=30.0),
 )
+
+SEASON_CHANGE = Scenario(
+    "season_change",
+    "GNSS is jammed for good over deep snow; the map is of a summer.",
+    180.0,
+    faults.jam(30.0),
+    Expectation(structure_share=0.5),
+    date="snow",
+)
+
+FLIGHTS: dict[str, Scenario] = {**SCENARIOS, DEMO.name: DEMO, SEASON_CHANGE.name: SEASON_CHANGE}
+"""All by name. The last two are no part of campaigns: one is the demonstration, one needs a world under snow."""

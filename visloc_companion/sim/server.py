@@ -20,7 +20,7 @@ from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.render import CameraSimulator
 from visloc_companion.sim.render_effects import CameraEffects
-from visloc_companion.sim.scenarios import DEMO, SCENARIOS
+from visloc_companion.sim.scenarios import FLIGHTS
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightArea, FlightSetup, VehicleKind
 from visloc_companion.types import AutopilotKind, GeoPoint, Image
@@ -58,7 +58,7 @@ class ServerPlan:
                 differing = ", ".join(sorted(wanted.symmetric_difference(data)))
                 raise ValueError(f"missing or unknown fields: {differing}")
             plan = cls(**{**data, "kind": AutopilotKind(data["kind"]), "home": GeoPoint(**data["home"])})
-            if plan.scenario not in (DEMO.name, *SCENARIOS):
+            if plan.scenario not in FLIGHTS:
                 raise ValueError(f"scenario: unknown name {plan.scenario!r}")
         except (OSError, TypeError, ValueError) as why:
             raise ConfigError(f"is no plan of a flight: {why}", where=str(path), remedy="write it with ServerPlan.save") from why
@@ -70,8 +70,8 @@ class ServerPlan:
 
     def setup(self) -> FlightSetup:
         """The flight that is asked for."""
-        scenario = DEMO if self.scenario == DEMO.name else SCENARIOS[self.scenario]
-        return FlightSetup(scenario, FlightArea(self.home, self.reach_m, self.gsd_m), self.kind, self.vehicle, self.seed)
+        area = FlightArea(self.home, self.reach_m, self.gsd_m)
+        return FlightSetup(FLIGHTS[self.scenario], area, self.kind, self.vehicle, self.seed)
 
 
 class _Datagrams(asyncio.DatagramProtocol):

@@ -32,7 +32,7 @@ class FlightArea:
 
 @dataclass(frozen=True, slots=True)
 class FlightSetup:
-    """Everything that makes a flight repeatable."""
+    """Everything that makes a flight repeatable. `structure`: whether that vote is asked for where the image fails."""
 
     scenario: Scenario
     area: FlightArea
@@ -40,6 +40,7 @@ class FlightSetup:
     vehicle: VehicleKind
     seed: int
     height_asked_m: float | None = None
+    structure: bool = True
 
     @property
     def height_m(self) -> float:

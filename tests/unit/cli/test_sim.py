@@ -42,7 +42,7 @@ def places(tiny_world: Any) -> list[str]:
 def test_the_list_names_scenarios_and_campaigns() -> None:
     code, text = run("--list")
     assert code == 0
-    assert [line.split()[0] for line in text.splitlines()] == [*SCENARIOS, "demo", "scenarios", "vehicles"]
+    assert [line.split()[0] for line in text.splitlines()] == [*SCENARIOS, "demo", "season_change", "scenarios", "vehicles"]
 
 
 def test_a_good_flight_is_told_judged_and_written(
@@ -88,6 +88,27 @@ def test_without_the_daemon(places: list[str], tmp_path: Path) -> None:
     result = json.loads((tmp_path / "jam.json").read_text(encoding="utf-8"))
     assert (result["with_daemon"], result["n_frames"], result["expected"]) == (False, 0, [])
     assert "NO GATE" in (tmp_path / "jam.html").read_text(encoding="utf-8")
+
+
+def test_every_scenario_is_seen_on_its_date(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a map of one's own it is the procedural world, on the date that the scenario names."""
+    made = world.ProceduralWorld(tmp_path / "pack", tmp_path / "flight.tif", tmp_path / "flight-dsm.tif")
+    monkeypatch.setattr(world, "procedural_world", lambda *_, **__: made)
+    monkeypatch.setattr(world, "_make_date", lambda seed, size_m, date, folder: (folder / date).mkdir())
+    flown: list[FlightSpec] = []
+
+    def fly_spec(spec: FlightSpec, *_: object) -> None:
+        flown.append(spec)
+        raise MapError("enough")
+
+    monkeypatch.setattr(campaign, "fly_spec", fly_spec)
+    for arguments in (["--scenario", "jam"], ["--scenario", "season_change", "--without-structure"]):
+        with pytest.raises(MapError, match="enough"):
+            run(*arguments)
+    assert [(spec.camera_ortho, spec.structure) for spec in flown] == [
+        (tmp_path / "flight.tif", True),
+        (tmp_path / "snow" / "ortho.tif", False),
+    ]
 
 
 @pytest.mark.parametrize(("passed", "code"), [(2, 0), (1, 1)])

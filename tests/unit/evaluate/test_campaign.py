@@ -23,7 +23,7 @@ from visloc_companion.evaluate.campaign import (
     run_campaign,
 )
 from visloc_companion.sim.flight import Eyes
-from visloc_companion.sim.scenarios import DEMO, SCENARIOS
+from visloc_companion.sim.scenarios import DEMO, SCENARIOS, SEASON_CHANGE
 
 REPLAY_FIELDS = {
     *("schema", "duration_s", "n_frames", "n_fixes", "n_no_fix", "reasons", "error_horizontal_m", "availability", "hmi"),
@@ -105,6 +105,7 @@ def test_a_flight_that_is_none_is_refused(change: dict[str, Any], complaint: str
 
 def test_scenarios_are_found_by_name() -> None:
     assert find_scenario("demo") is DEMO
+    assert find_scenario("season_change") is SEASON_CHANGE
     assert find_scenario("no_gnss") is SCENARIOS["no_gnss"]
 
 

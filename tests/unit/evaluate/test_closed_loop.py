@@ -28,7 +28,7 @@ from visloc_companion.sim.flight import Eyes
 from visloc_companion.sim.scenarios import SCENARIOS, Expectation, Scenario
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightArea, FlightSetup
-from visloc_companion.types import AutopilotKind, Fix, GeoPoint, NoFix, Verdict
+from visloc_companion.types import AutopilotKind, Fix, GeoPoint, LocaliseRequest, NoFix, Verdict, Vote
 
 HOME = GeoPoint(47.4, 8.55, 480.0)
 AREA = FlightArea(HOME, 1000.0, 0.5)
@@ -161,6 +161,34 @@ def test_verdicts_allowed_at_the_end_are_the_scenarios(oracle_eyes: MakeEyes) ->
     wanted_ok = replace(JAM_SOON, expected=Expectation(final_verdicts=(Verdict.OK,)))
     flown = fly_with(setup_of(wanted_ok), oracle_eyes())
     assert failed(flown) == ["verdict at the end: denied (limit ok)"]
+
+
+def test_fixes_of_the_time_without_gnss_are_counted_by_vote(oracle_eyes: MakeEyes) -> None:
+    """An oracle that calls itself deep carries no flight for structure; before the jamming nobody counts."""
+    flown = fly_with(setup_of(JAM_SOON), oracle_eyes())
+    asked = replace(JAM_SOON, expected=Expectation(structure_share=0.5))
+    share = checks_of(asked, flown.log, flown.record, flown.summary, 0.5)[-1]
+    later = sum(fix.t_s >= 12.0 for fix in flown.record.fixes)
+    assert (share.name, share.value, share.passed) == ("fixes by structure without GNSS", f"0% of {later}", False)
+    by_vote = tuple(replace(fix, method="structure" if fix.t_s >= 12.0 else "deep") for fix in flown.record.fixes)
+    share = checks_of(asked, flown.log, replace(flown.record, fixes=by_vote), flown.summary, 0.5)[-1]
+    assert (share.value, share.limit, share.passed) == (f"100% of {later}", "≥ 50%", True)
+
+
+def test_the_answer_of_the_structure_vote_takes_longer(oracle_eyes: MakeEyes) -> None:
+    """After an image that was not recognised structure is asked for, and nothing else until it has answered."""
+    flown = fly_with(setup_of(replace(JAM_SOON, duration_s=20.0)), replace(oracle_eyes(misses=1.0), structure_latency_s=0.9))
+    commands = [entry.command for entry in flown.log.entries]
+    asked = {c.request_id: c.vote for c in commands if isinstance(c, LocaliseRequest)}
+    took = {vote: set[float]() for vote in Vote}
+    for entry in flown.log.entries:
+        if isinstance(entry.event, NoFix):
+            took[asked[entry.event.request_id]].add(round((entry.now_ns - entry.event.t_ns) * 1e-9, 1))
+    assert max(took[Vote.IMAGE]) < 0.5
+    assert min(took[Vote.STRUCTURE]) >= 0.9
+    without = fly_with(replace(setup_of(replace(JAM_SOON, duration_s=20.0)), structure=False), oracle_eyes(misses=1.0))
+    votes = {entry.command.vote for entry in without.log.entries if isinstance(entry.command, LocaliseRequest)}
+    assert votes == {Vote.IMAGE}
 
 
 def test_when_gnss_is_bad() -> None:

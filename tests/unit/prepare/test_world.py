@@ -9,7 +9,7 @@ import pytest
 
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare import world as module
-from visloc_companion.prepare.world import ProceduralWorld, cache_folder, procedural_world
+from visloc_companion.prepare.world import ProceduralWorld, cache_folder, procedural_world, scene_on
 from visloc_companion.sim.landscape import build_landscape
 from visloc_companion.sim.scene import Scene
 from visloc_companion.testing.fake_features import FakeNetwork
@@ -43,6 +43,19 @@ def test_it_is_made_only_once(kept: tuple[Path, ProceduralWorld, list[str]]) -> 
     assert procedural_world(3, folder, again.append, SIZE_M, ()) == world
     assert sorted((path, path.stat().st_mtime_ns) for path in folder.rglob("*")) == before
     assert (told, again) == (["making the landscape of two dates", "building the map pack"], [])
+
+
+def test_another_date_is_made_once_and_kept_beside(kept: tuple[Path, ProceduralWorld, list[str]]) -> None:
+    _, world, _ = kept
+    told: list[str] = []
+    ortho, dsm = scene_on(world, "snow", 3, told.append, SIZE_M)
+    snow = Scene.load(ortho, dsm)
+    assert np.array_equal(snow.pixels, build_landscape(3, "snow", SIZE_M).pixels)
+    assert told == ["making the landscape's snow"]
+    assert scene_on(world, "snow", 3, told.append, SIZE_M) == (ortho, dsm)
+    assert len(told) == 1
+    assert scene_on(world, "flight", 3, told.append, SIZE_M) == (world.flight_ortho, world.flight_dsm)
+    assert not [path for path in ortho.parent.parent.iterdir() if path.name.startswith(".")], "no draft is left"
 
 
 def test_another_network_makes_another_world() -> None:

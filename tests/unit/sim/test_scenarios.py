@@ -7,7 +7,7 @@ import math
 import pytest
 
 from visloc_companion.sim.faults import FaultSchedule
-from visloc_companion.sim.scenarios import DEMO, SCENARIOS, Scenario
+from visloc_companion.sim.scenarios import DEMO, FLIGHTS, SCENARIOS, SEASON_CHANGE, Scenario
 from visloc_companion.types import Verdict
 
 
@@ -16,7 +16,7 @@ def test_the_six_flights_are_there() -> None:
     assert all(scenario.name == name and scenario.summary.endswith(".") for name, scenario in SCENARIOS.items())
 
 
-@pytest.mark.parametrize("scenario", [*SCENARIOS.values(), DEMO], ids=lambda scenario: scenario.name)
+@pytest.mark.parametrize("scenario", FLIGHTS.values(), ids=lambda scenario: scenario.name)
 def test_every_fault_falls_into_the_flight(scenario: Scenario) -> None:
     """GNSS is right until the fault and stays bad to the end; what is expected can be seen within the flight."""
     start_s = scenario.fault_start_s
@@ -54,6 +54,15 @@ def test_the_demonstration_is_dragged_then_jammed() -> None:
     assert DEMO.faults.gnss(119.9).spoofed
     assert not DEMO.faults.gnss(119.9).jammed
     assert DEMO.faults.gnss(120.1).jammed
+
+
+def test_only_the_change_of_season_is_seen_under_snow_and_asks_for_structure() -> None:
+    others = [scenario for scenario in FLIGHTS.values() if scenario is not SEASON_CHANGE]
+    assert len(others) == len(SCENARIOS) + 1
+    assert {(scenario.date, scenario.expected.structure_share) for scenario in others} == {("flight", 0.0)}
+    assert SEASON_CHANGE.date == "snow"
+    assert SEASON_CHANGE.expected.structure_share >= 0.5
+    assert SEASON_CHANGE.faults.gnss(SEASON_CHANGE.duration_s - 1).jammed
 
 
 def test_a_flight_without_faults_has_no_start_of_them() -> None:
