@@ -8,8 +8,8 @@ a rangefinder and no surface model, `home` the height above the start and nothin
 errors drawn anew. Seeds below 100 served for tuning and for the factors of the claims.
 
 drift: error at the end as a share of the path, root mean square and worst; `heading known`: the same after the drawn constant
-error of the heading (1 degree) is turned back. error/sigma: root mean square over legs (keyframe to keyframe) and over whole flights
-(core/odometry.py), north and east. CPU: process time of one frame beside that of SIFT on the same pictures.
+error of the heading (1 degree) is turned back. error/sigma: root mean square over legs (keyframe to keyframe) and over whole
+flights (core/odometry.py), north and east. CPU: process time of one frame beside that of SIFT on the same pictures.
 """
 
 from __future__ import annotations

@@ -21,8 +21,8 @@ from visloc_companion.types import FloatArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Keyframe:
-    """A frame with its corners (N, 2) and the ground below them, from a map's surface if `mapped`; `height_m` is that of the camera
-    above them (median), `place_ne_m` (2,) where it was along the stretch."""
+    """A frame with its corners (N, 2) and the ground below them, from a map's surface if `mapped`; `height_m` is that of the
+    camera above them (median), `place_ne_m` (2,) where it was along the stretch."""
 
     sight: Sight
     picture: Picture

@@ -57,7 +57,7 @@ def warped(picture: Picture, H_frame_key: FloatArray) -> tuple[Image, NDArray[np
 
 
 def shift_between(key: Image, frame: Image) -> FloatArray | None:
-    """(2,) pixels by which the content of `frame` lies beside that of `key` (phase correlation); None where nothing stands out."""
+    """(2,) pixels from the content of `key` to that of `frame` (phase correlation); None where nothing stands out."""
     size = (key.shape[1] // COARSE, key.shape[0] // COARSE)
     a, b = (cv2.resize(p, size, interpolation=cv2.INTER_AREA).astype(np.float32) for p in (key, frame))
     window = cv2.createHanningWindow(size, cv2.CV_32F)

@@ -1,10 +1,10 @@
 """The camera's motion from points followed from one frame to another, with what the autopilot knows as Gaussian terms.
 
 Unknowns: the displacement (3), the second frame's turn against the first beyond the autopilot's (3), both frames' common error of
-tilt (2), the ground's level and slope (3), what is wrong with a rangefinder and with the altitude all the time, and one departure
-from that ground for each point. Departures are shares of the height: in metres, a world that is smaller than it is would cost less,
-and shrink. They are eliminated one by one (a point's departure moves it along its ray only), Gauss-Newton does the rest, with Cauchy
-weights. What is left of the ambiguities (a turn against a shift, the scale against the height) is in the covariance.
+tilt (2), the ground's level and slope (3), what is wrong with a rangefinder and with the altitude all the time, and one
+departure from that ground for each point. Departures are shares of the height: in metres, a world that is smaller than it is
+would cost less, and shrink. They are eliminated one by one (a point's departure moves it along its ray only), Gauss-Newton does
+the rest, with Cauchy weights. What is left of the ambiguities (a turn against a shift, the scale against the height) is in the covariance.
 """
 
 from __future__ import annotations
@@ -64,9 +64,9 @@ class MotionPrior:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Displacement (3,) with covariance (3, 3), heading's error left out; `shared` (3, 3) is the part of it that neighbouring legs
-    share (heights, tilt). `fits` (N,) says which tracks fit, `scatter_px` how well; `roughness` is the rms departure of points from
-    the ground in their sigmas; `turn_rad` (3,) the correction of the attitude."""
+    """Displacement (3,) with covariance (3, 3), heading's error left out; `shared` (3, 3) is the part of it that neighbouring
+    legs share (heights, tilt). `fits` (N,) says which tracks fit, `scatter_px` how well; `roughness` is the rms departure of
+    points from the ground in their sigmas; `turn_rad` (3,) the correction of the attitude."""
 
     d_ned_m: FloatArray
     covariance: FloatArray
