@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 
-from visloc_companion.evaluate.record import FlightRecord
+from visloc_companion.evaluate.record import FixPoint, FlightRecord, Refusal
 from visloc_companion.evaluate.report_svg import (
     Scale,
     circle,
@@ -31,6 +32,7 @@ WIDTH, _LEFT, _RIGHT = 1200.0, 118.0, 1182.0
 _PLOT_TOP, _PLOT_BOTTOM = 12.0, 340.0
 _STRIP, _STRIP_GAP = 24.0, 9.0
 _FLOOR_M, _MAX_DOTS = 0.1, 1500
+_RADIUS = {"dotfix": 2.2, "dotring": 3.2}
 _WORDS = {"dead_reckoning": "dead reckoning", "ok": "OK", "suspect": "SUSPECT", "denied": "DENIED", "on": "injecting", "off": ""}
 
 
@@ -41,20 +43,21 @@ def time_chart(record: FlightRecord, alert_limit_m: float | None, strayed: tuple
     """
     t = Scale(0.0, max(record.duration_s, 1.0), _LEFT, _RIGHT)
     curves = _curves(record, strayed)
-    fix_t_s, fix_error_m = _fix_errors(record)
-    shown = [values for _, values, _ in curves] + [fix_error_m]
+    fixes = [(css, *_fix_errors(record, method)) for method, css in _dots(record)]
+    shown = [values for _, values, _ in curves] + [error_m for _, _, error_m in fixes]
     top = max([20.0, alert_limit_m or 0.0, *(float(np.nanmax(v)) for v in shown if np.isfinite(v).any())])
     metres = Scale(
         _FLOOR_M, 10 ** math.ceil(math.log10(top) * 2) if top > 1e5 else _round_up(top), _PLOT_BOTTOM, _PLOT_TOP, log=True
     )
-    bottom = _PLOT_BOTTOM + 14 + 4 * (_STRIP + _STRIP_GAP)
+    bottom = _PLOT_BOTTOM + 14 + (3 + max(1, len(_methods(record)))) * (_STRIP + _STRIP_GAP)
     parts = [*_bands(record, t), *y_axis(metres, _LEFT, _RIGHT, "metres (log scale)", decades(metres.low, metres.high))]
     parts += x_axis(t, _PLOT_TOP, bottom, "time since the start (s)")
     if alert_limit_m is not None:
         parts.append(line(_LEFT, metres(alert_limit_m), _RIGHT, metres(alert_limit_m), "limit"))
-    step = max(1, len(fix_t_s) // _MAX_DOTS)
-    dots = zip(fix_t_s[::step], fix_error_m[::step], strict=True)
-    parts += [circle(t(x), metres(y), 2.2, "dotfix") for x, y in dots if math.isfinite(y)]
+    for css, fix_t_s, fix_error_m in fixes:
+        step = max(1, len(fix_t_s) // _MAX_DOTS)
+        dots = zip(fix_t_s[::step], fix_error_m[::step], strict=True)
+        parts += [circle(t(x), metres(y), _RADIUS[css], css) for x, y in dots if math.isfinite(y)]
     for times, values, css in curves:
         few_t, few = thinned(times, values)
         parts.append(path(t.many(few_t), metres.many(few), css))
@@ -68,7 +71,10 @@ def time_legend(record: FlightRecord, alert_limit_m: float | None, strayed: bool
     if np.isfinite(record.error_m).any():
         items.append(("error", "horizontal error of our estimate"))
     if record.fixes and len(record.truth.t_s):
-        items.append(("dotfix", "error of single fixes"))
+        named = len(_methods(record)) > 1
+        items += [
+            (css, f"error of single fixes by {method}" if named else "error of single fixes") for method, css in _dots(record)
+        ]
     if np.isfinite(record.sigma_m).any():
         items.append(("sigma", "claimed 1-sigma (larger axis)"))
     if np.isfinite(record.protection_level_m).any():
@@ -92,9 +98,21 @@ def _curves(record: FlightRecord, strayed: tuple[FloatArray, FloatArray] | None)
     return [(*strayed, "baseline"), *curves] if strayed is not None else curves
 
 
-def _fix_errors(record: FlightRecord) -> tuple[FloatArray, FloatArray]:
-    t_s = np.array([fix.t_s for fix in record.fixes], dtype=np.float64)
-    p = np.array([fix.p_ned_m for fix in record.fixes], dtype=np.float64).reshape(-1, 3)
+def _methods(record: FlightRecord) -> tuple[str, ...]:
+    """Names of the localisers that answered, the one with the most answers first."""
+    answers: list[FixPoint | Refusal] = [*record.fixes, *record.refusals]
+    return tuple(name for name, _ in Counter(answer.method for answer in answers).most_common())
+
+
+def _dots(record: FlightRecord) -> list[tuple[str, str]]:
+    """(method, class of its dots): discs for the one that answered most, rings for any other."""
+    return [(method, "dotring" if rank else "dotfix") for rank, method in enumerate(_methods(record))]
+
+
+def _fix_errors(record: FlightRecord, method: str) -> tuple[FloatArray, FloatArray]:
+    fixes = [fix for fix in record.fixes if fix.method == method]
+    t_s = np.array([fix.t_s for fix in fixes], dtype=np.float64)
+    p = np.array([fix.p_ned_m for fix in fixes], dtype=np.float64).reshape(-1, 3)
     apart = p[:, :2] - record.truth.at(t_s)[:, :2]
     return t_s, np.asarray(np.hypot(*apart.T), dtype=np.float64)
 
@@ -133,14 +151,21 @@ def _strips(record: FlightRecord, t: Scale) -> list[str]:
             if title != "injecting" and words and width > 8.5 * len(words):
                 parts.append(text(t(start) + width / 2, y + 17, words, "strip"))
         y += _STRIP + _STRIP_GAP
-    return parts + _fix_strip(record, t, y)
+    for method in _methods(record) or ("",):
+        parts += _fix_strip(record, method, t, y)
+        y += _STRIP + _STRIP_GAP
+    return parts
 
 
-def _fix_strip(record: FlightRecord, t: Scale, y: float) -> list[str]:
-    parts = [text(_LEFT - 10, y + 17, "fix / none", "strip", "end"), rect(_LEFT, y, _RIGHT - _LEFT, _STRIP, "s-off")]
+def _fix_strip(record: FlightRecord, method: str, t: Scale, y: float) -> list[str]:
+    title = method if len(_methods(record)) > 1 else "fix / none"
+    parts = [
+        text(_LEFT - 10, y + 17, title, "strip", "end"),
+        rect(_LEFT, y, _RIGHT - _LEFT, _STRIP, "s-off", f"{title}: fix, none"),
+    ]
     for times, top, css in (
-        ([fix.t_s for fix in record.fixes], y, "mark"),
-        ([refusal.t_s for refusal in record.refusals], y + _STRIP / 2, "markno"),
+        ([fix.t_s for fix in record.fixes if fix.method == method], y, "mark"),
+        ([refusal.t_s for refusal in record.refusals if refusal.method == method], y + _STRIP / 2, "markno"),
     ):
         columns = sorted({round(t(x)) for x in times if t.low <= x <= t.high})
         parts += [rect(x - 0.5, top, 1.2, _STRIP / 2, css) for x in columns]

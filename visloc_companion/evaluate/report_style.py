@@ -41,7 +41,7 @@ text{fill:var(--ink);font-size:14px;font-family:inherit}.label{fill:var(--soft);
 .halo{stroke:var(--halo);stroke-width:6;opacity:.75}.error{stroke:var(--estimate);stroke-width:1.8}
 .sigma{stroke:var(--sigma);stroke-width:1.8;stroke-dasharray:7 4}.level{stroke:var(--level);stroke-width:2}
 .limit{stroke:var(--limit);stroke-width:1.6;stroke-dasharray:10 5}.cut{stroke:var(--ink);stroke-width:1.4;stroke-dasharray:4 4}
-.dotfix{fill:var(--fix);fill-opacity:.6}.dotgnss{fill:var(--gnss);stroke:var(--halo);stroke-width:1.5}.dotstart{fill:var(--good);stroke:var(--halo);stroke-width:2}
+.dotfix{fill:var(--fix);fill-opacity:.6}.dotring{fill:none;stroke:var(--baseline);stroke-width:1.6}.dotgnss{fill:var(--gnss);stroke:var(--halo);stroke-width:1.5}.dotstart{fill:var(--good);stroke:var(--halo);stroke-width:2}
 .dotend{fill:var(--bad);stroke:var(--halo);stroke-width:2}.bar{fill:var(--estimate)}.mark{fill:var(--estimate)}.markno{fill:var(--bad)}
 .band-suspect{fill:var(--suspect-fill);opacity:.45}.band-denied{fill:var(--denied-fill);opacity:.45}.plate{fill:var(--bg);opacity:.82}
 .s-ok{fill:var(--ok-fill)}.s-suspect{fill:var(--suspect-fill)}.s-denied{fill:var(--denied-fill)}.s-waiting{fill:var(--waiting-fill)}

@@ -159,3 +159,18 @@ def test_a_view_holds_every_track_and_survives_none() -> None:
     assert east.low < 0 < 900 < east.high
     assert north.low < 0 < 100 < north.high
     assert view_of([]).width_m > 0
+
+
+def test_who_gave_each_fix_is_shown_where_several_did(synthetic: ModuleType, tmp_path: Path) -> None:
+    record = synthetic.make_record()
+    alone = page_of(record, tmp_path)
+    fixes = tuple(replace(fix, method="structure") if k % 3 == 0 else fix for k, fix in enumerate(record.fixes))
+    both = page_of(replace(record, fixes=fixes), tmp_path)
+    name = record.fixes[0].method
+    assert "fix / none" in alone
+    assert "fix / none" not in both
+    assert f">{name}</text>" in both
+    assert ">structure</text>" in both
+    assert "error of single fixes by structure" in both
+    assert alone.count('class="dotring"') == 0
+    assert both.count('class="dotring"') == len(fixes[::3]) + 1, "one more in the legend"
