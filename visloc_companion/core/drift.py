@@ -12,8 +12,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from visloc_companion.core.shift import ShiftModel, ShiftTest
 from visloc_companion.types import Vec2
 
@@ -28,6 +26,9 @@ WANDER_S = 100.0
 QUICK_S = 5.0
 QUICK_SHARE = 0.5
 """Share of a fix's claimed variance that lasts for QUICK_S; the rest differs from frame to frame."""
+DELAY_SIGMA_S = 0.1
+DELAY_WALK_S_PER_SQRT_S = 0.002
+"""1-sigma of the receiver's own delay, and how it may change."""
 STEPS_M = (5.0, 30.0, 300.0)
 DRAGS_MPS = (0.3, 1.0, 3.0)
 
@@ -46,9 +47,18 @@ class DriftTest:
 
     def __init__(self, gnss_sigma_m: float) -> None:
         model = ShiftModel(
-            BIAS_SIGMA_M, BIAS_WALK_M_PER_SQRT_S, gnss_sigma_m, WANDER_S, QUICK_S, STEPS_M, DRAGS_MPS, max_constant=MAX_BIAS_M
+            constant=BIAS_SIGMA_M,
+            constant_walk_per_sqrt_s=BIAS_WALK_M_PER_SQRT_S,
+            slow=gnss_sigma_m,
+            slow_s=WANDER_S,
+            quick_s=QUICK_S,
+            steps=STEPS_M,
+            ramps=DRAGS_MPS,
+            factor=DELAY_SIGMA_S,
+            factor_walk_per_sqrt_s=DELAY_WALK_S_PER_SQRT_S,
+            max_constant=MAX_BIAS_M,
         )
-        self._home = ShiftTest(model, 2)
+        self._home = ShiftTest(model)
         self._trial: ShiftTest | None = None
         self._finished_ns: int | None = None
         self._clear_block()
@@ -56,8 +66,7 @@ class DriftTest:
     @property
     def bias_m(self) -> Vec2:
         """The learned part of the difference that lasts, north and east."""
-        north, east = self._running.healthy
-        return float(north), float(east)
+        return self._running.healthy.real, self._running.healthy.imag
 
     @property
     def log_r(self) -> float:
@@ -89,8 +98,10 @@ class DriftTest:
         self._n = 0
         self._north, self._east, self._fix_var = 0.0, 0.0, 0.0
 
-    def add(self, t_ns: int, difference_ne_m: Vec2, fix_var_m2: float, common_var_m2: float) -> BlockResult | None:
-        """Take one comparison: variance per axis that the fix claims, and that of map and delays, which lasts a while."""
+    def add(
+        self, t_ns: int, difference_ne_m: Vec2, fix_var_m2: float, common_var_m2: float, v_ne_mps: Vec2 = (0.0, 0.0)
+    ) -> BlockResult | None:
+        """Take one comparison: variance per axis that the fix claims, and that of the map, which lasts a while; the velocity."""
         since_s = math.inf if self._finished_ns is None else (t_ns - self._finished_ns) * 1e-9
         if since_s > STALE_S:
             self._clear_block()
@@ -101,8 +112,9 @@ class DriftTest:
         if since_s < ALMOST * BLOCK_S:
             return None
         n, fix_var = self._n, self._fix_var / self._n
-        mean = np.array([self._north / n, self._east / n])
+        mean = complex(self._north, self._east) / n
         self._clear_block()
         self._finished_ns = t_ns
-        result = self._running.update(t_ns * 1e-9, mean, (1 - QUICK_SHARE) * fix_var / n, QUICK_SHARE * fix_var + common_var_m2)
+        white, quick = (1 - QUICK_SHARE) * fix_var / n, QUICK_SHARE * fix_var + common_var_m2
+        result = self._running.update(t_ns * 1e-9, mean, white, quick, complex(*v_ne_mps))
         return BlockResult(t_ns, result.distance_sigma, result.log_r)

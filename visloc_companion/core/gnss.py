@@ -35,8 +35,6 @@ from visloc_companion.types import (
 
 MAX_SIGMA_SHARE = 2.0
 """A receiver that states a poor accuracy is believed up to this multiple of `gnss_sigma_m`: no spoofer may widen the gate."""
-TIMING_SIGMA_S = 0.1
-"""1-sigma of the receiver's own delay, which acts along the track."""
 FALSE_AGAIN = 0.9
 """In a probation vision disagrees at this probability."""
 
@@ -118,22 +116,21 @@ class GnssMonitor:
         """Whether the position is further from the navigator's own than both covariances allow."""
         self._out_of_reach = out_of_reach
 
-    def on_vision(self, t_ns: int, difference_ne_m: Vec2, fix_cov_m2: Cov2, map_sigma_m: float, speed_mps: float) -> None:
+    def on_vision(self, t_ns: int, difference_ne_m: Vec2, fix_cov_m2: Cov2, map_sigma_m: float, v_ne_mps: Vec2) -> None:
         """Take a comparison: GNSS minus an accepted fix, at the fix's image time, while the receiver has a position."""
         fix_var = (fix_cov_m2[0][0] + fix_cov_m2[1][1]) / 2
-        delay_var = (TIMING_SIGMA_S * speed_mps) ** 2 / 2  # along the track only
         gnss, own_var = self._reports.gnss, self._settings.gnss_sigma_m**2
         poor_var = 0.0 if gnss is None else self.sigma_m(gnss) ** 2 - own_var
-        block = self._drift.add(t_ns, difference_ne_m, fix_var, map_sigma_m**2 + delay_var + poor_var)
+        block = self._drift.add(t_ns, difference_ne_m, fix_var, map_sigma_m**2 + poor_var, v_ne_mps)
         if block is None:
             return
         self._vision_ns, self._vision_sigma = t_ns, block.distance_sigma
         if block.distance_sigma > self._settings.suspect_sigma:
             self._trust.interrupt()
 
-    def on_displacement(self, t_from_ns: int, t_to_ns: int, difference_ne_m: Vec2, var_m2: float) -> None:
-        """Take GNSS displacement minus that of odometry over an interval, with the variance per axis that odometry claims."""
-        self._odometry.add(t_from_ns, t_to_ns, difference_ne_m, var_m2)
+    def on_displacement(self, t_from_ns: int, t_to_ns: int, gnss_ne_m: Vec2, odometry_ne_m: Vec2, var_m2: float) -> None:
+        """Take what GNSS and odometry moved over an interval, with the variance per axis that odometry claims."""
+        self._odometry.add(t_from_ns, t_to_ns, gnss_ne_m, odometry_ne_m, var_m2)
 
     # -------------------------------------------------------------------------------------------------------- the verdict
 

@@ -7,7 +7,6 @@ known. A filter that keeps refusing a trusted GNSS starts again from it.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 
 from visloc_companion.core.gnss import GnssMonitor
@@ -80,9 +79,9 @@ class GnssAiding:
             seen = self._odometry.popleft()
             moved = self._track.displacement(seen.t_from_ns, seen.t_to_ns)
             if moved is not None:
-                difference = (moved[0] - seen.displacement_ned_m[0], moved[1] - seen.displacement_ned_m[1])
                 var_m2 = (seen.cov_ne_m2[0][0] + seen.cov_ne_m2[1][1]) / 2
-                self._monitor.on_displacement(seen.t_from_ns, seen.t_to_ns, difference, var_m2)
+                north, east, _ = seen.displacement_ned_m
+                self._monitor.on_displacement(seen.t_from_ns, seen.t_to_ns, moved, (north, east), var_m2)
 
     def compare(self, fix: Fix) -> None:
         """Show the monitor an accepted fix beside GNSS: the fix itself, for the filter rides on a velocity that may be false."""
@@ -90,5 +89,5 @@ class GnssAiding:
         difference = None if velocity is None else self._tracker.gnss_minus(fix, velocity.v_ned_mps)
         if velocity is None or difference is None:
             return
-        speed = math.hypot(velocity.v_ned_mps[0], velocity.v_ned_mps[1])
-        self._monitor.on_vision(fix.t_ns, difference, fix.cov_ne_m2, self._settings.navigator.map_sigma_m, speed)
+        north, east, _ = velocity.v_ned_mps
+        self._monitor.on_vision(fix.t_ns, difference, fix.cov_ne_m2, self._settings.navigator.map_sigma_m, (north, east))

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from visloc_companion.core.shift import ShiftModel, ShiftTest
 from visloc_companion.types import Baro
 
 SEA_LEVEL_HPA = 1013.25
-BLOCK_NS = 1_000_000_000
+BLOCK_NS = 2_000_000_000
 BARO_AGE_NS = 1_000_000_000
 LEVEL_S = 60.0
 CLIMB_SHARE = 0.1
@@ -23,13 +21,14 @@ BLOCK_SIGMA_M = 1.0
 PRESSURE_SIGMA_M = 1.0
 """Static pressure follows airspeed and wind, for some seconds."""
 MODEL = ShiftModel(
-    constant_sigma=100.0,
+    constant=100.0,
     constant_walk_per_sqrt_s=0.1,
-    slow_sigma=3.0,
+    slow=3.0,
     slow_s=100.0,
     quick_s=10.0,
     steps=(20.0, 100.0),
     ramps=(1.0, 3.0),
+    components=1,
 )
 
 
@@ -42,7 +41,7 @@ class HeightTest:
     """The sequential test of GNSS height against the barometer."""
 
     def __init__(self) -> None:
-        self._test = ShiftTest(MODEL, 1)
+        self._test = ShiftTest(MODEL)
         self._baro: tuple[int, float] | None = None
         self._level_m: float | None = None
         self._finished_ns: int | None = None
@@ -62,7 +61,7 @@ class HeightTest:
             self._baro = (baro.t_rx_ns, pressure_altitude_m(baro.pressure_hpa))
 
     def on_gnss(self, t_rx_ns: int, h_amsl_m: float, v_acc_m: float | None) -> None:
-        """Hold a receiver's height against the latest pressure, once a second."""
+        """Hold a receiver's height against the latest pressure, every other second."""
         if self._baro is None or t_rx_ns - self._baro[0] > BARO_AGE_NS:
             return
         elapsed_ns = BLOCK_NS if self._finished_ns is None else t_rx_ns - self._finished_ns
@@ -73,4 +72,4 @@ class HeightTest:
         self._level_m = h_m + (level_m - h_m) * math.exp(-elapsed_ns * 1e-9 / LEVEL_S)
         quick_var = PRESSURE_SIGMA_M**2 + (CLIMB_SHARE * (h_m - self._level_m)) ** 2
         white_var = BLOCK_SIGMA_M**2 + min(v_acc_m or 0.0, 10.0) ** 2
-        self._test.update(t_rx_ns * 1e-9, np.array([h_amsl_m - h_m]), white_var, quick_var)
+        self._test.update(t_rx_ns * 1e-9, h_amsl_m - h_m, white_var, quick_var)

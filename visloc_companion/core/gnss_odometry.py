@@ -18,29 +18,42 @@ BLOCK_S = 2.0
 GAP_S = 1.0
 """Longer holes between two intervals begin anew."""
 GNSS_WHITE_M = 0.3
+DELAY_S = 0.1
+"""A delay between the two shows where the velocity changes."""
 ODOMETRY_S = 20.0
-"""Errors of odometry (scale, heading, height) last for so long."""
+"""Errors of odometry last for so long; those of scale and heading for longer: they are learned."""
+SCALE_SIGMA, SCALE_WALK_PER_SQRT_S = 0.02, 0.001
 RATES_MPS = (0.3, 1.0, 3.0)
 STEPS_M = (10.0, 100.0)
 MIN_RATE_SIGMA_MPS = 0.05
-RATE = ShiftModel(0.05, 0.002, 0.05, 100.0, ODOMETRY_S, RATES_MPS)
+RATE = ShiftModel(
+    constant=0.05,
+    constant_walk_per_sqrt_s=0.002,
+    slow=0.05,
+    slow_s=100.0,
+    quick_s=ODOMETRY_S,
+    steps=RATES_MPS,
+    factor=SCALE_SIGMA,
+    factor_walk_per_sqrt_s=SCALE_WALK_PER_SQRT_S,
+)
 
 
 class OdometryTest:
     """Two sequential tests of GNSS against odometry; `log_r` is that of both together."""
 
     def __init__(self) -> None:
-        self._rate = ShiftTest(RATE, 2)
+        self._rate = ShiftTest(RATE)
         self._to_ns: int | None = None
         self._restart()
 
     def _restart(self) -> None:
-        self._sum = np.zeros(2)
-        self._clear_block()
+        self._apart = self._path = 0j
+        self._v: complex | None = None
         self._place: ShiftTest | None = None
+        self._clear_block()
 
     def _clear_block(self) -> None:
-        self._north = self._east = self._var = self._span_s = 0.0
+        self._gnss, self._odometry, self._var, self._span_s = 0j, 0j, 0.0, 0.0
 
     @property
     def log_r(self) -> float:
@@ -53,13 +66,13 @@ class OdometryTest:
         self._rate = self._rate.fork()
         self._restart()
 
-    def add(self, t_from_ns: int, t_to_ns: int, difference_ne_m: Vec2, var_m2: float) -> None:
-        """Take GNSS displacement minus that of odometry over an interval; `var_m2` is what odometry claims, per axis."""
+    def add(self, t_from_ns: int, t_to_ns: int, gnss_ne_m: Vec2, odometry_ne_m: Vec2, var_m2: float) -> None:
+        """Take the displacements of both over an interval; `var_m2` is what odometry claims, per axis."""
         if self._to_ns is not None and not -0.5 * GAP_S <= (t_from_ns - self._to_ns) * 1e-9 <= GAP_S:
             self._restart()
         self._to_ns = t_to_ns
-        self._north += difference_ne_m[0]
-        self._east += difference_ne_m[1]
+        self._gnss += complex(*gnss_ne_m)
+        self._odometry += complex(*odometry_ne_m)
         self._var += var_m2
         self._span_s += (t_to_ns - t_from_ns) * 1e-9
         if self._span_s >= BLOCK_S:
@@ -67,12 +80,21 @@ class OdometryTest:
             self._clear_block()
 
     def _finish(self, t_s: float) -> None:
-        """The claimed variances are summed as if independent; errors that last are the quick part, no smaller than a floor."""
-        moved, span_s = np.array([self._north, self._east]), self._span_s
+        """What lasts of the odometry's error is no smaller than a floor; its claimed variances add up as independent ones."""
+        span_s, v = self._span_s, self._odometry / self._span_s
+        turn_var = 0.0 if self._v is None else (DELAY_S * abs(v - self._v)) ** 2
+        self._v = v
+        apart = self._gnss - self._odometry
         rate_var = max(self._var / span_s**2, MIN_RATE_SIGMA_MPS**2)
-        self._rate.update(t_s, moved / span_s, 2 * (GNSS_WHITE_M / span_s) ** 2, rate_var)
-        self._sum = self._sum + moved
+        self._rate.update(t_s, apart / span_s, (2 * GNSS_WHITE_M**2 + turn_var) / span_s**2, rate_var, v)
+        self._apart += apart
+        self._path += self._odometry
         if self._place is None:
-            walk = math.sqrt(2 * ODOMETRY_S * rate_var)
-            self._place = ShiftTest(ShiftModel(GNSS_WHITE_M, walk, GNSS_WHITE_M, 100.0, ODOMETRY_S, STEPS_M), 2)
-        self._place.update(t_s, self._sum, GNSS_WHITE_M**2, 0.0)
+            self._place = ShiftTest(_place_model(rate_var))
+        self._place.update(t_s, self._apart, GNSS_WHITE_M**2 + turn_var, 0.0, self._path)
+
+
+def _place_model(rate_var: float) -> ShiftModel:
+    """The summed difference: velocity errors of ODOMETRY_S walk, those of scale and heading grow with the path."""
+    walk = math.sqrt(2 * ODOMETRY_S * rate_var)
+    return ShiftModel(GNSS_WHITE_M, walk, GNSS_WHITE_M, 100.0, ODOMETRY_S, STEPS_M, (), SCALE_SIGMA, SCALE_WALK_PER_SQRT_S)

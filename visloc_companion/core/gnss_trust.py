@@ -9,8 +9,8 @@ VISION_AGE_S = 5.0
 """Vision counts as present while its last comparison is younger."""
 TRUSTED_BELOW = 0.05
 """A GNSS comes back only when it is false with less than this probability."""
-HOLD_DENIED_S = 5.0
-"""DENIED is given up after so long without a reason for it, so that a GNSS that comes and goes does not fill the screen."""
+HOLD_DENIED_S = 15.0
+"""DENIED stands through the first part of a probation, so that a GNSS that comes and goes does not fill the screen."""
 DENYING = ("no_data", "silence", "no_fix", "few_satellites")
 """Reasons that mean there is no position at all; every other reason makes it suspect."""
 AT_ONCE = ("silence", "no_data")
@@ -71,4 +71,6 @@ class Trust:
             self._denying_ns = None
             return Verdict.OK
         held = self._denying_ns is not None and now_ns - self._denying_ns < HOLD_DENIED_S * 1e9
-        return Verdict.DENIED if held or not self.ever else Verdict.SUSPECT
+        held = held and all(reason in DENYING or reason == "probation" for reason in reasons)
+        denying = self._denying_ns == now_ns
+        return Verdict.DENIED if denying or held or not self.ever else Verdict.SUSPECT

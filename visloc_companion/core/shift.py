@@ -1,14 +1,16 @@
 """A sequential test that notices when the mean of a series shifts, by a step or a ramp, at an unknown time.
 
 The series is what two sources say of one quantity, differenced: GNSS minus vision (metres), GNSS minus odometry (metres a
-second), GNSS height minus barometer. Healthy differences are coloured, so a small Kalman filter models them: a constant, a slow
-and a quick Gauss-Markov part, and white noise. Its innovations are white while nothing shifts. A shift that began at t0 leaves a
-known signature in them (Willsky and Jones 1976, "A generalized likelihood ratio approach to the detection and estimation of
-jumps in linear systems"), so each start t0 needs two sums only: A = sum s^2/S and b = sum s nu/S, where s is the innovation that
-a unit shift causes. With a Gaussian prior N(0, sigma^2 I) of the shift the likelihood ratio in closed form is
-(1 + A sigma^2)^(-d/2) exp(|b|^2 sigma^2 / (2 (1 + A sigma^2))). Its average over sizes, summed over the starts (weighted by
-their seconds), is the Shiryaev-Roberts statistic R (Roberts 1966; Pollak 1985): under the model the mean time between false
-alarms at R > exp(h) is at least exp(h) seconds, and R times the rate of attacks a second is the posterior odds of one.
+second), GNSS height minus barometer. A value is a complex number, north + i east, or real where there is one component only.
+Healthy differences are coloured, so a small Kalman filter models them: a constant, a slow and a quick Gauss-Markov part, a
+complex factor times a known complex quantity (delay times velocity; errors of scale and heading times velocity), white noise.
+Its innovations are white while nothing shifts. A shift that began at t0 leaves a known signature in them (Willsky and Jones
+1976, "A generalized likelihood ratio approach to the detection and estimation of jumps in linear systems"), so each start t0
+needs two sums only: A = sum |s|^2/S and b = sum s* nu/S, where s is the innovation that a unit shift causes. With a Gaussian
+prior of 1-sigma w per component the likelihood ratio in closed form is (1 + A w^2)^(-d/2) exp(|b|^2 w^2 / (2 (1 + A w^2))) in d
+components. Its average over sizes, summed over the starts (weighted by their seconds), is the Shiryaev-Roberts statistic R
+(Roberts 1966; Pollak 1985): under the model the mean time between false alarms at R > exp(h) is at least exp(h) seconds, and R
+times the rate of attacks a second is the posterior odds of one.
 """
 
 from __future__ import annotations
@@ -18,8 +20,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from visloc_companion.types import FloatArray
+ComplexArray = NDArray[np.complex128]
 
 FINE_S, MEDIUM_S, LONG_S = 32, 128, 512
 """Starts are kept one by one while younger than FINE_S, then every 4th until MEDIUM_S, then every 16th until LONG_S."""
@@ -30,25 +33,29 @@ MIN_LOG_R_OF_SHIFT = 5.0
 """Below this nothing that was learned is taken for a shift's work."""
 CLIP_SIGMA = 4.0
 """A difference further out is weighed down to this distance, so that a single wrong one never decides."""
+STATES = 4
 
 
 @dataclass(frozen=True, slots=True)
 class ShiftModel:
-    """What is healthy, and which shifts are looked for.
+    """What is healthy, and which shifts are looked for; all 1-sigma per component.
 
-    1-sigma of the constant and its random walk, 1-sigma and correlation time of the slow part, correlation time of the quick
-    part (whose variance comes with each difference); 1-sigma of the steps (unit of the series) and ramps (unit a second).
-    `max_constant` bounds the constant that is ever learned (infinity: unbounded).
+    The constant and its random walk; the slow part and its correlation time; the correlation time of the quick part (whose
+    variance comes with each difference); the factor and its random walk; steps (unit of the series) and ramps (unit a
+    second). `max_constant` bounds the constant that is ever learned (infinity: unbounded); `components` is 1 or 2.
     """
 
-    constant_sigma: float
+    constant: float
     constant_walk_per_sqrt_s: float
-    slow_sigma: float
+    slow: float
     slow_s: float
     quick_s: float
     steps: tuple[float, ...]
     ramps: tuple[float, ...] = ()
+    factor: float = 0.0
+    factor_walk_per_sqrt_s: float = 0.0
     max_constant: float = math.inf
+    components: int = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,24 +67,24 @@ class ShiftResult:
 
 
 class ShiftTest:
-    """The test for a series of `dimension` components with the same noise in each."""
+    """The test of one series."""
 
-    def __init__(self, model: ShiftModel, dimension: int) -> None:
-        self._model, self._dim = model, dimension
+    def __init__(self, model: ShiftModel) -> None:
+        self._model = model
         self._is_step = np.array([True] * bool(model.steps) + [False] * bool(model.ramps))[:, None]
         sizes = [s for s in (model.steps, model.ramps) if s]
         n = max(len(s) for s in sizes)
         self._var = np.array([[s[min(i, len(s) - 1)] ** 2 for i in range(n)] for s in sizes])[:, :, None]
         self._log_share = -math.log(self._var.size)
-        self._x = np.zeros((3, dimension))
-        self._P = np.diag([model.constant_sigma**2, model.slow_sigma**2, 0.0])
+        self._x: ComplexArray = np.zeros(STATES, dtype=complex)
+        self._P: ComplexArray = np.diag([model.constant**2, model.slow**2, 0.0, model.factor**2]).astype(complex)
         self._t_s: float | None = None
         self.forget()
 
     @property
-    def healthy(self) -> FloatArray:
-        """The learned part of the difference that lasts (constant and slow), (dimension,)."""
-        return np.asarray(self._x[0] + self._x[1])
+    def healthy(self) -> complex:
+        """The learned part of the difference that lasts: constant and slow."""
+        return complex(self._x[0] + self._x[1])
 
     @property
     def log_r(self) -> float:
@@ -86,8 +93,11 @@ class ShiftTest:
 
     def forget(self, first_weight_s: float = FIRST_WEIGHT_S) -> None:
         """Drop all starts; what was learned of the healthy difference stays. The next start weighs so many seconds."""
+        k = len(self._is_step)
         self._starts = np.zeros((3, 0))  # time, number, log of the weight
-        self._sums = np.zeros((len(self._is_step), 0, 4 + self._dim))  # response of the three states, A, b
+        self._response: ComplexArray = np.zeros((k, 0, STATES), dtype=complex)
+        self._A = np.zeros((k, 0))
+        self._b: ComplexArray = np.zeros((k, 0), dtype=complex)
         self._n, self._log_r, self._first_weight_s = 0, -math.inf, first_weight_s
 
     def fork(self, first_weight_s: float = FIRST_WEIGHT_S) -> ShiftTest:
@@ -97,38 +107,39 @@ class ShiftTest:
         other.forget(first_weight_s)
         return other
 
-    def _likeliest_response(self) -> FloatArray:
+    def _likeliest_response(self) -> ComplexArray:
         if self._log_r < MIN_LOG_R_OF_SHIFT:
             return np.zeros_like(self._x)
-        gain = (self._sums[..., 4:] ** 2).sum(axis=2) / np.maximum(self._sums[..., 3], TINY)
-        kind, start = np.unravel_index(int(np.argmax(gain)), gain.shape)
-        sums = self._sums[kind, start]
-        return np.outer(sums[:3], sums[4:] / max(sums[3], TINY))
+        gain = np.abs(self._b) ** 2 / np.maximum(self._A, TINY)
+        at = np.unravel_index(int(np.argmax(gain)), gain.shape)
+        return np.asarray(self._response[at] * self._b[at] / max(self._A[at], TINY))
 
-    def update(self, t_s: float, difference: FloatArray, white_var: float, quick_var: float) -> ShiftResult:
-        """Take a difference (dimension,) at a time; variances per component of its white and of its quick error."""
+    def update(self, t_s: float, difference: complex, white_var: float, quick_var: float, regressor: complex = 0j) -> ShiftResult:
+        """Take a difference at a time: variances per component of its white and its quick error; what the factor multiplies."""
         dt_s = 0.0 if self._t_s is None else max(0.0, t_s - self._t_s)
         self._predict(dt_s, quick_var)
         self._add_start(t_s if self._t_s is None else self._t_s, dt_s)
         self._t_s = t_s
-        h_p = self._P.sum(axis=1)
-        s_var = float(h_p.sum()) + white_var
-        nu = difference - self._x.sum(axis=0)
-        distance = math.sqrt(float(nu @ nu) / s_var)
+        h = np.array([1.0, 1.0, 1.0, regressor])
+        p_h = self._P @ h.conj()
+        s_var = float((h @ p_h).real) + white_var
+        nu = difference - complex(h @ self._x)
+        distance = abs(nu) / math.sqrt(s_var)
         if distance > CLIP_SIGMA:
             s_var *= (distance / CLIP_SIGMA) ** 2
-        self._sum_up(t_s, nu, h_p, s_var)
-        self._learn(nu, h_p, s_var)
+        self._sum_up(t_s, nu, h, p_h / s_var, s_var)
+        self._learn(nu, p_h, s_var)
         self._log_r = self._statistic()
         return ShiftResult(distance, self._log_r)
 
     def _predict(self, dt_s: float, quick_var: float) -> None:
         model = self._model
         slow, quick = math.exp(-dt_s / model.slow_s), 0.0 if self._t_s is None else math.exp(-dt_s / model.quick_s)
-        decay = np.array([1.0, slow, quick])
-        self._x = self._x * decay[:, None]
-        self._sums[..., :3] *= decay
-        noise = (model.constant_walk_per_sqrt_s**2 * dt_s, model.slow_sigma**2 * (1 - slow**2), quick_var * (1 - quick**2))
+        decay = np.array([1.0, slow, quick, 1.0])
+        self._x = self._x * decay
+        self._response = self._response * decay
+        walks = (model.constant_walk_per_sqrt_s**2 * dt_s, model.factor_walk_per_sqrt_s**2 * dt_s)
+        noise = (walks[0], model.slow**2 * (1 - slow**2), quick_var * (1 - quick**2), walks[1])
         self._P = self._P * np.outer(decay, decay) + np.diag(noise)
 
     def _add_start(self, start_s: float, dt_s: float) -> None:
@@ -137,32 +148,32 @@ class ShiftTest:
             (age < FINE_S) | ((age < MEDIUM_S) & (number % MEDIUM_EVERY == 0)) | ((age < LONG_S) & (number % COARSE_EVERY == 0))
         )
         if not keep.all():
-            self._starts, self._sums = self._starts[:, keep], self._sums[:, keep]
+            self._starts, self._response = self._starts[:, keep], self._response[:, keep]
+            self._A, self._b = self._A[:, keep], self._b[:, keep]
         weight_s = self._first_weight_s if self._n == 0 else max(dt_s, FIRST_WEIGHT_S)
-        start = np.array([[start_s], [self._n], [math.log(weight_s)]])
-        self._starts = np.concatenate((self._starts, start), axis=1)
-        self._sums = np.concatenate((self._sums, np.zeros((len(self._is_step), 1, 4 + self._dim))), axis=1)
+        k = len(self._is_step)
+        self._starts = np.concatenate((self._starts, np.array([[start_s], [self._n], [math.log(weight_s)]])), axis=1)
+        self._response = np.concatenate((self._response, np.zeros((k, 1, STATES), dtype=complex)), axis=1)
+        self._A = np.concatenate((self._A, np.zeros((k, 1))), axis=1)
+        self._b = np.concatenate((self._b, np.zeros((k, 1), dtype=complex)), axis=1)
         self._n += 1
 
-    def _sum_up(self, t_s: float, nu: FloatArray, h_p: FloatArray, s_var: float) -> None:
-        shift = np.where(self._is_step, 1.0, t_s - self._starts[0])
-        signature = shift - self._sums[..., :3].sum(axis=2)
-        weight = signature / s_var
-        self._sums[..., :3] += weight[..., None] * h_p
-        self._sums[..., 3] += signature * weight
-        self._sums[..., 4:] += weight[..., None] * nu
+    def _sum_up(self, t_s: float, nu: complex, h: ComplexArray, gain: ComplexArray, s_var: float) -> None:
+        signature = np.where(self._is_step, 1.0, t_s - self._starts[0]) - self._response @ h
+        self._A = self._A + np.abs(signature) ** 2 / s_var
+        self._b = self._b + signature.conj() * (nu / s_var)
+        self._response = self._response + signature[..., None] * gain
 
-    def _learn(self, nu: FloatArray, h_p: FloatArray, s_var: float) -> None:
-        self._x = self._x + np.outer(h_p / s_var, nu)
-        self._P = self._P - np.outer(h_p, h_p) / s_var
-        length = math.sqrt(float(self._x[0] @ self._x[0]))
-        if length > self._model.max_constant:
-            self._x[0] *= self._model.max_constant / length
+    def _learn(self, nu: complex, p_h: ComplexArray, s_var: float) -> None:
+        self._x = self._x + p_h * (nu / s_var)
+        self._P = self._P - np.outer(p_h, p_h.conj()) / s_var
+        if abs(self._x[0]) > self._model.max_constant:
+            self._x[0] *= self._model.max_constant / abs(self._x[0])
 
     def _statistic(self) -> float:
         """log of the sum over kinds, sizes and starts of the likelihood ratios, (kinds, sizes, starts) at once."""
-        b_2 = (self._sums[..., 4:] ** 2).sum(axis=2)[:, None, :]
-        spread = 1 + self._sums[:, None, :, 3] * self._var
-        log_ratio = 0.5 * (b_2 * self._var / spread - self._dim * np.log(spread)) + self._starts[2]
+        b_2 = (self._b.real**2 + self._b.imag**2)[:, None, :]
+        spread = 1 + self._A[:, None, :] * self._var
+        log_ratio = 0.5 * (b_2 * self._var / spread - self._model.components * np.log(spread)) + self._starts[2]
         top = float(log_ratio.max())
         return top + math.log(float(np.exp(log_ratio - top).sum())) + self._log_share

@@ -40,7 +40,7 @@ class Feed:
             if status is not None:
                 self.monitor.on_evidence(replace(status, t_rx_ns=now))
             if vision is not None:
-                self.monitor.on_vision(now, vision, COV, 0.5, 10.0)
+                self.monitor.on_vision(now, vision, COV, 0.5, (10.0, 0.0))
             self.monitor.update(now, source)
         return self.monitor.verdict
 
@@ -194,5 +194,5 @@ def test_a_poor_stated_accuracy_widens_the_test_only_so_far() -> None:
 
 def test_vision_before_any_receiver_is_harmless() -> None:
     monitor = GnssMonitor(GnssSettings())
-    monitor.on_vision(S, (0.0, 0.0), COV, 0.5, 0.0)
+    monitor.on_vision(S, (0.0, 0.0), COV, 0.5, (0.0, 0.0))
     assert monitor.update(S, EkfSource.GNSS).verdict is Verdict.DENIED
