@@ -43,6 +43,7 @@ from visloc_companion.types import (
     Severity,
     Status,
     SwitchSource,
+    TerrainRequest,
     Tick,
 )
 
@@ -97,7 +98,7 @@ class Daemon:
                 self.status = command
             case Injection():
                 self._injections.put(command)
-            case LocaliseRequest():
+            case LocaliseRequest() | TerrainRequest():
                 if self.parts.worker is not None:
                     self.parts.worker.submit(command)
             case RequestMessage() | SwitchSource():

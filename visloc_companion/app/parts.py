@@ -39,7 +39,8 @@ class Constructors:
 
 @dataclass(slots=True)
 class Parts:
-    """The parts of a running daemon. Without a camera there is no worker either; without a folder no journal."""
+    """The parts of a running daemon. Without a camera, or terrain to be asked about, there is no worker either; without a folder
+    no journal."""
 
     config: Config
     clock: Clock
@@ -98,6 +99,7 @@ async def _build(parts: Parts, make: Constructors, reports: Reports) -> list[Vis
     if config.camera.url:
         parts.camera = _tried(problems, lambda: make.camera(config, clock))
         _tried(problems, lambda: check_calibration(config, parts.camera))
+    if config.camera.url or config.localiser.terrain:
         _tried(problems, lambda: require_pack(config))
         slots = parts.slots = _tried(problems, lambda: SharedFrameSlots(camera_model(config.camera)))
         if config.map.pack and slots is not None:
@@ -119,10 +121,11 @@ def check_calibration(config: Config, camera: Camera | None) -> None:
 
 
 def require_pack(config: Config) -> bool:
-    """A camera is of use only with a map. Raises ConfigError."""
+    """Camera and rangefinder are of use only with a map. Raises ConfigError."""
     if not config.map.pack:
+        why = "camera.url" if config.camera.url else "localiser.terrain"
         raise ConfigError(
-            "is empty, but camera.url is set", where="map.pack", remedy="name the folder that `visloc map build` made"
+            f"is empty, but {why} is set", where="map.pack", remedy="name the folder that `visloc map build` made"
         )
     return True
 

@@ -13,11 +13,12 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 from visloc_companion.app.journal import Entry
-from visloc_companion.app.worker_process import no_fix
+from visloc_companion.app.terrain import TerrainAnswer
+from visloc_companion.app.worker_process import about_terrain, no_fix
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.errors import Reason
-from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix
+from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix, TerrainRequest
 
 Answer = Callable[[LocaliseRequest, Image], Fix | NoFix]
 _FRAMES_KEPT = 64
@@ -49,9 +50,11 @@ def rerun(
     answer: Answer,
     settings: CoreSettings,
     latency_ns: int = _DEFAULT_LATENCY_NS,
+    terrain: TerrainAnswer | None = None,
 ) -> Iterator[Entry]:
     """The entries of the new flight: recorded events but the worker's, new answers, new commands.
 
+    `terrain` answers about the ground below the track.
     Deterministic where `answer` is: the answer to a request made at t arrives at t + `latency_ns`, whatever it took here.
     """
     navigator = Navigator(settings)
@@ -62,8 +65,13 @@ def rerun(
         yield entry
         for command in navigator.on(entry.event, now_ns):  # type: ignore[arg-type]
             yield Entry(now_ns, None, command)
-            if isinstance(command, LocaliseRequest):
-                found = replace(_answered(command, frames, answer), t_rx_ns=now_ns + latency_ns)
+            if isinstance(command, LocaliseRequest | TerrainRequest):
+                found = (
+                    _answered(command, frames, answer)
+                    if isinstance(command, LocaliseRequest)
+                    else about_terrain(terrain, command)
+                )
+                found = replace(found, t_rx_ns=now_ns + latency_ns)
                 heapq.heappush(due, (now_ns + latency_ns, command.request_id, found))
 
     for entry in entries:

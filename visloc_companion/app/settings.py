@@ -27,6 +27,7 @@ def core_settings(config: Config) -> CoreSettings:
         max_rate_hz=config.localiser.max_rate_hz,
         structure=config.localiser.structure,
         structure_every=config.localiser.structure_every,
+        terrain=config.localiser.terrain,
         max_search_radius_m=config.localiser.max_search_radius_m,
         attitude_rate_hz=config.link.attitude_rate_hz,
         position_rate_hz=config.link.position_rate_hz,

@@ -17,7 +17,7 @@ from typing import Any
 
 from visloc_companion.app.mailbox import Mailbox
 from visloc_companion.app.slots import SharedFrameSlots
-from visloc_companion.app.worker_process import REAL_ANSWERS, Failed, Ready, WorkerJob, no_fix, run_worker
+from visloc_companion.app.worker_process import REAL_ANSWERS, Failed, Ready, WorkerJob, WorkerRequest, no_fix, run_worker
 from visloc_companion.config import Config
 from visloc_companion.errors import Reason, VislocError, WorkerError
 from visloc_companion.protocols import Clock
@@ -52,7 +52,7 @@ class WorkerSupervisor:
         self._context = multiprocessing.get_context("spawn")
         self._process: Any = None
         self._connection: Connection | None = None
-        self._in_flight: LocaliseRequest | None = None
+        self._in_flight: WorkerRequest | None = None
         self._deadline: asyncio.TimerHandle | None = None
         self._deaths: deque[float] = deque()
         self._started: asyncio.Future[None] | None = None
@@ -86,13 +86,13 @@ class WorkerSupervisor:
             await self.close()
             raise
 
-    def submit(self, request: LocaliseRequest) -> None:
+    def submit(self, request: WorkerRequest) -> None:
         """Hand over a request; the answer comes through `events`, also where there is no worker or no such frame."""
         if not self.up or self._connection is None:
             self._decline(request, Reason.WORKER_DIED, "there is no worker")
         elif self._in_flight is not None:
             self._decline(request, Reason.SUPERSEDED, "the worker is busy")
-        elif not self._slots.hold(request.frame):
+        elif isinstance(request, LocaliseRequest) and not self._slots.hold(request.frame):
             self._decline(request, Reason.SUPERSEDED, "a newer frame took the slot")
         else:
             self._in_flight = request
@@ -228,7 +228,7 @@ class WorkerSupervisor:
     def _report(self, detail: str) -> None:
         self.events.put(WorkerState(self._clock.now_ns(), self.up, len(self._deaths), detail))
 
-    def _decline(self, request: LocaliseRequest, reason: Reason, detail: str) -> None:
+    def _decline(self, request: WorkerRequest, reason: Reason, detail: str) -> None:
         self.events.put(no_fix(request, self._config.localiser.method, reason, detail, self._clock.now_ns()))
 
 

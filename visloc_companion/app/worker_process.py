@@ -14,11 +14,14 @@ from typing import Any
 
 from visloc_companion.app.settings import camera_model
 from visloc_companion.app.slots import SlotsName, WorkerSlots
+from visloc_companion.app.terrain import TerrainAnswer
 from visloc_companion.config import Config
+from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.errors import Reason, VislocError, WorkerError
 from visloc_companion.protocols import Localiser, ReferenceMap
-from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix
+from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix, TerrainRequest
 
+WorkerRequest = LocaliseRequest | TerrainRequest
 Answer = Callable[[LocaliseRequest, Image], Fix | NoFix]
 """What the worker does with a request: pure, and it may take long."""
 AnswerFactory = Callable[[Config], Answer]
@@ -55,11 +58,12 @@ class Failed:
 
 @dataclass(frozen=True, slots=True)
 class OverMap:
-    """An `Answer`: a localiser over a map; `about` goes to the log."""
+    """An `Answer`: a localiser over a map, and who answers about the ground below the track; `about` goes to the log."""
 
     localiser: Localiser
     reference: ReferenceMap
     about: str = ""
+    terrain: TerrainAnswer | None = None
 
     def __call__(self, request: LocaliseRequest, pixels: Image) -> Fix | NoFix:
         """Localise a frame."""
@@ -72,12 +76,14 @@ def open_localiser(config: Config) -> OverMap:
     Raises MapError, ModelError or ConfigError.
     """
     from visloc_companion.app.localiser import configured_localiser
+    from visloc_companion.app.terrain import configured_terrain
     from visloc_companion.maps.pack import PackMap
 
     reference = PackMap.open(Path(config.map.pack), verify_hashes=config.map.verify_hashes)
     localiser, features = configured_localiser(config.localiser, camera_model(config.camera))
     about = [features.session.about, reference.why_not_stored(features.name, features.recipe)] if features else []
-    return OverMap(localiser, reference, "; ".join(part for part in about if part))
+    terrain = configured_terrain(config.localiser, reference)
+    return OverMap(localiser, reference, "; ".join(part for part in about if part), terrain)
 
 
 def load_factory(name: str) -> AnswerFactory:
@@ -126,15 +132,26 @@ def run_worker(job: WorkerJob, connection: Connection) -> None:
         return  # the daemon is gone
 
 
-def no_fix(request: LocaliseRequest, method: str, reason: Reason, detail: str, now_ns: int = 0) -> NoFix:
-    """The answer to a request that no localiser answered."""
+def no_fix(request: WorkerRequest, method: str, reason: Reason, detail: str, now_ns: int = 0) -> NoFix:
+    """The answer to a request that nobody answered."""
+    if isinstance(request, TerrainRequest):
+        return NoFix(now_ns, request.t_ns, request.request_id, 0, TERRAIN, reason, 0.0, detail)
     frame = request.frame
     return NoFix(now_ns, frame.t_ns, request.request_id, frame.frame_id, method, reason, 0.0, detail)
 
 
-def _answered(answer: Answer, request: LocaliseRequest, slots: WorkerSlots, method: str) -> Fix | NoFix:
+def about_terrain(terrain: TerrainAnswer | None, request: TerrainRequest) -> Fix | NoFix:
+    """The answer about the ground; nobody to ask is an answer too."""
+    if terrain is None:
+        return no_fix(request, TERRAIN, Reason.OUTSIDE_MAP, "there is no map to compare the ground with", request.t_ns)
+    return terrain(request)
+
+
+def _answered(answer: Answer, request: WorkerRequest, slots: WorkerSlots, method: str) -> Fix | NoFix:
     """The answer; a fault that one frame provokes must not cost the process, so it is an answer too."""
     try:
+        if isinstance(request, TerrainRequest):
+            return about_terrain(answer.terrain if isinstance(answer, OverMap) else None, request)
         return answer(request, slots.read(request.frame))
     except Exception as fault:
         where = traceback.extract_tb(fault.__traceback__)[-1]

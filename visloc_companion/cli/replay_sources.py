@@ -14,6 +14,7 @@ from visloc_companion.adapters.logs.recording import Recording
 from visloc_companion.app.journal import Entry, read_header, read_journal
 from visloc_companion.app.replay import command_lines, recorded_commands, replay_entries
 from visloc_companion.app.settings import camera_model, core_settings
+from visloc_companion.app.terrain import TerrainAnswer, configured_terrain
 from visloc_companion.cli.progress import bar
 from visloc_companion.config import Config, load_config, parse_config
 from visloc_companion.errors import ConfigError
@@ -93,7 +94,12 @@ class LogSource:
         truth: list[TruthRow] = self.folder.truth if self.folder else []
         with bar(self.recording.path.name, self.recording.duration_s) as advance:
             entries: Iterable[Entry] = replay_recording(
-                self.recording.events, core_settings(self.config), eyes=self._eyes(), on_progress=advance, pace=self.pace
+                self.recording.events,
+                core_settings(self.config),
+                eyes=self._eyes(),
+                terrain=self._terrain(),
+                on_progress=advance,
+                pace=self.pace,
             )
             events = self.recording.events
             record = from_entries(entries, truth, t0_ns=events[0][0] if events else None)
@@ -108,6 +114,9 @@ class LogSource:
         model = camera_model(self.config.camera)
         localiser, _ = configured_localiser(self.config.localiser, model)
         return RecordedEyes(self.folder.frames, self.folder.boot_from_file_ns, model, localiser, self.reference)
+
+    def _terrain(self) -> TerrainAnswer | None:
+        return None if self.reference is None else configured_terrain(self.config.localiser, self.reference)
 
     def facts(self) -> dict[str, Any]:
         """The autopilot, what was lost, and the verdicts and modes over time."""
@@ -127,7 +136,7 @@ class LogSource:
         has_frames = self.folder is not None and self.folder.frames is not None
         if has_frames and self.reference is None:
             notes.append("Frames are there, but no --map: they were not localised.")
-        if self.reference is not None and not has_frames:
+        if self.reference is not None and not has_frames and not self.config.localiser.terrain:
             notes.append("A map was given, but the flight has no frames: nothing was localised.")
         return notes
 

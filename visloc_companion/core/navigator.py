@@ -216,7 +216,10 @@ class Navigator:
         sigma = limits.velocity_sigma_mps if self._monitor.trusted and not feedback else limits.velocity_sigma_aiding_mps
         if self._status is not None and not self._status.horizontal_position_ok:
             sigma = max(sigma, UNAIDED_SIGMA_MPS)
-        velocity = Velocity(self._stamped_ns(t_rx_ns, t_boot_ns), v_ned_mps, h_amsl_m, sigma, feedback)
+        t_ns = self._stamped_ns(t_rx_ns, t_boot_ns)
+        if self._terrain is not None and feedback:
+            v_ned_mps = self._terrain.corrected(t_ns, v_ned_mps)
+        velocity = Velocity(t_ns, v_ned_mps, h_amsl_m, sigma, feedback)
         if self._tracker.drive(velocity) and self._terrain is not None:
             self._terrain.drive(velocity)
 
@@ -320,9 +323,12 @@ class Navigator:
         if self._terrain is not None and fix.method == TERRAIN and self._terrain.answered(fix) is None:
             waits = Notice(Severity.INFO, "a fix of the terrain from far off waits for a second one")
             return [waits, *self._free_worker(fix, now_ns)]
-        before = self._tracker.belief
+        before, state = self._tracker.belief, self._tracker.at(fix.t_ns)
         outcome = self._tracker.observe(fix)
         after = self._tracker.belief
+        origin = self._tracker.origin
+        if self._terrain is not None and fix.method == TERRAIN and isinstance(outcome, Accepted) and state and origin:
+            self._terrain.learn(fix, state, origin)
         commands: list[Command] = []
         if isinstance(outcome, Accepted):
             self._anchored, self._fix_taken_ns = True, now_ns

@@ -16,17 +16,17 @@ import numpy as np
 from visloc_companion.core.estimator import Velocity
 from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.geo import se3, wgs84
-from visloc_companion.types import Fix, NoFix, PosePrior, Quat, Range, Sounding, TerrainRequest, Vec2
+from visloc_companion.types import Fix, GeoPoint, NavState, NoFix, PosePrior, Quat, Range, Sounding, TerrainRequest, Vec2, Vec3
 
 METHOD = "terrain"
 SPACING_M = 5.0
 """Of each so much of the track the lowest sounding is kept: where crowns have gaps, that is the ground."""
-SHORTEST_M, LONGEST_M, GROWTH = 1000.0, 8000.0, 1.3
+SHORTEST_M, LONGEST_M, GROWTH = 600.0, 8000.0, 1.3
 LONGEST_NS = 400_000_000_000
 MAX_GAP_NS = 1_000_000_000
 """Velocities further apart end the stretch: how far the vehicle came meanwhile is not known."""
 MAX_TILT_RAD = math.radians(25.0)
-FAR_SIGMA_M = 100.0
+FAR_SIGMA_M = 150.0
 """A prior with a larger 1-sigma may be fitted by a wrong valley: its first answer waits for a second."""
 AGREE_SIGMA = 3.0
 FEWEST = 30
@@ -36,6 +36,12 @@ STEADY_MPS2, DRIFTING_MPS2 = 0.005, 0.02
 WANDER = 0.02
 """Share of the way made by an acceleration error that remains beside the best parabola when the error changes over a minute
 (first-order Gauss-Markov, simulated for stretches of 40 to 250 s)."""
+
+
+LEARN_AFTER_S, MAX_LEARNED_MPS = 10.0, 10.0
+FORGOTTEN_S = 2.0
+"""A learnt error of the velocity is taken off for about this time: until the autopilot, to which the corrected position is
+injected, has corrected its own velocity. One that is quicker is corrected wholly, a slower one in part, none too much."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,21 +85,38 @@ class TerrainAiding:
         self._now: _Node | None = None
         self._soundings: deque[_Sounded] = deque()
         self._lowest: _Sounded | None = None
-        self._cell_start_m = self._next_m = 0.0
+        self._next_m, self._cell = 0.0, 0
         self._asked: _Asked | None = None
         self._waiting: tuple[Fix, _Asked] | None = None
+        self._learned: tuple[int, Vec2] = (0, (0.0, 0.0))
 
     def clear(self) -> None:
         """Forget the stretch (the track is interrupted)."""
         self._velocity = self._now = self._lowest = self._waiting = None
         self._soundings.clear()
-        self._cell_start_m = self._next_m = 0.0
+        self._next_m, self._cell = 0.0, 0
+
+    def learn(self, fix: Fix, state: NavState, origin: GeoPoint) -> None:
+        """What a fix that the filter took says of the velocity since the last one; `state` is the filter's without it."""
+        north, east, _ = wgs84.ned_from_geo(fix.place, origin)
+        off_north, off_east = state.p_ned_m[0] - north, state.p_ned_m[1] - east
+        squared, noise = off_north**2 + off_east**2, largest_sigma_m(fix.cov_ne_m2) ** 2
+        if state.age_of_fix_s >= LEARN_AFTER_S and squared > noise:
+            share = min((1 - noise / squared) / state.age_of_fix_s, MAX_LEARNED_MPS / math.sqrt(squared))
+            self._learned = (fix.t_ns, (share * off_north, share * off_east))
+
+    def corrected(self, t_ns: int, v_ned_mps: Vec3) -> Vec3:
+        """A velocity of the autopilot that descends from injected positions, less what was learnt of its error."""
+        learned_ns, (north, east) = self._learned
+        left = math.exp(-max(0, t_ns - learned_ns) * 1e-9 / FORGOTTEN_S)
+        return v_ned_mps[0] - left * north, v_ned_mps[1] - left * east, v_ned_mps[2]
 
     def drive(self, velocity: Velocity) -> None:
         """Carry the dead reckoning on by a velocity sample."""
         last, now = self._velocity, self._now
         gap_ns = 0 if last is None else velocity.t_ns - last.t_ns
-        if last is None or now is None or not 0 < gap_ns <= MAX_GAP_NS:
+        other = last is not None and last.feedback != velocity.feedback  # another velocity, with another error
+        if last is None or now is None or other or not 0 < gap_ns <= MAX_GAP_NS:
             self.clear()
             self._velocity, self._now = velocity, _Node(velocity.t_ns, 0.0, 0.0, 0.0, velocity.h_amsl_m)
             return
@@ -107,11 +130,11 @@ class TerrainAiding:
         if node is None or not event.valid or not event.distance_m > 0 or down[2] < math.cos(MAX_TILT_RAD):
             return
         new = _Sounded(node, (event.distance_m * down[0], event.distance_m * down[1], -event.distance_m * down[2]))
-        low = self._lowest
-        if low is None or node.flown_m - self._cell_start_m >= SPACING_M:
+        low, cell = self._lowest, math.floor(node.flown_m / SPACING_M)
+        if low is None or cell != self._cell:
             if low is not None:
                 self._soundings.append(low)
-            self._lowest, self._cell_start_m = new, node.flown_m
+            self._lowest, self._cell = new, cell
         elif new.surface_m < low.surface_m:
             self._lowest = new
         while self._soundings and _too_far(self._soundings[0].at, node):

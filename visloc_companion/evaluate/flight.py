@@ -10,11 +10,13 @@ from itertools import count
 
 from visloc_companion.adapters.logs.frames import FrameSource
 from visloc_companion.app.journal import Entry
+from visloc_companion.app.terrain import TerrainAnswer
+from visloc_companion.app.worker_process import about_terrain
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.errors import Reason
 from visloc_companion.protocols import Localiser, ReferenceMap
-from visloc_companion.types import CameraModel, Event, Fix, FrameRef, LocaliseRequest, NoFix, Tick
+from visloc_companion.types import CameraModel, Event, Fix, FrameRef, LocaliseRequest, NoFix, TerrainRequest, Tick
 
 NS_PER_S = 1_000_000_000
 ANSWER_DELAY_S = 0.15
@@ -62,11 +64,13 @@ def replay_recording(
     settings: CoreSettings,
     *,
     eyes: RecordedEyes | None = None,
+    terrain: TerrainAnswer | None = None,
     on_progress: Callable[[float], None] | None = None,
     pace: Pace | None = None,
 ) -> Iterator[Entry]:
     """The entries (events and commands, as a journal holds them) of a recording that is flown through a new navigator.
 
+    `terrain` answers about the ground below the track.
     `events` are in time order on the recording's clock, which is the navigator's. `pace(t_ns)` is called before each event, to
     replay in real time. `on_progress` is told the seconds that are done.
     """
@@ -85,6 +89,9 @@ def replay_recording(
             if isinstance(command, LocaliseRequest) and eyes is not None:
                 at_ns = t_ns + round(ANSWER_DELAY_S * NS_PER_S)
                 heapq.heappush(due, (at_ns, next(order), replace(eyes.answer(command), t_rx_ns=at_ns)))
+            elif isinstance(command, TerrainRequest):
+                at_ns = t_ns + round(ANSWER_DELAY_S * NS_PER_S)
+                heapq.heappush(due, (at_ns, next(order), replace(about_terrain(terrain, command), t_rx_ns=at_ns)))
         done_s = (t_ns - start_ns) / NS_PER_S
         if on_progress is not None and done_s - told_s >= 1:
             told_s = done_s

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from random import Random
 from typing import Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -17,7 +19,8 @@ from visloc_companion.sim.autopilot_modes import Failsafe, custom_mode
 from visloc_companion.sim.autopilot_parameters import prepared_parameters
 from visloc_companion.sim.autopilot_receive import Receiver
 from visloc_companion.sim.faults import FaultSchedule
-from visloc_companion.sim.streams_messages import BUILDERS, Message, Snapshot, heartbeat
+from visloc_companion.sim.rangefinder import Rangefinder
+from visloc_companion.sim.streams_messages import BUILDERS, Message, Ranged, Snapshot, heartbeat
 from visloc_companion.sim.vehicle import Truth
 from visloc_companion.types import AutopilotKind, GeoPoint, Vec3
 
@@ -33,6 +36,7 @@ class BuiltInAutopilot:
     `start_airborne` begins at the first waypoint; else a copter takes off as soon as it has a position. Without GNSS at the
     start the vehicle is flown by hand (it keeps its place by eye; a plane circles) until its estimator has a position and
     an origin; `origin` is one that the ground station set before, else the first fix or SET_GPS_GLOBAL_ORIGIN gives it.
+    With a `rangefinder` it sends DISTANCE_SENSOR to who asks for it.
     ArduPilot is "ready" `ready_s` after the start: it accepts stream requests before that and forgets them.
     `parameters` change the prepared vehicle's (autopilot_parameters.PREPARED). Raises ValueError for a plan that cannot be
     flown. Deterministic by `seed` and by what is received.
@@ -54,6 +58,7 @@ class BuiltInAutopilot:
         boot_age_s: float = 0.0,
         origin: GeoPoint | None = None,
         ready_s: float = 0.0,
+        rangefinder: Rangefinder | None = None,
     ) -> None:
         plan = FlightPlan(
             kind, vehicle, home, tuple(mission_ned_m), speed_mps, seed, faults or FaultSchedule(), wind_ned_mps, start_airborne
@@ -70,6 +75,7 @@ class BuiltInAutopilot:
         self._heartbeat_due_s = self._timesync_due_s = 0.0
         self._ready_due_s = ready_s if kind is AutopilotKind.ARDUPILOT and ready_s > 0 else math.inf
         self._origin_sent: GeoPoint | None = None
+        self._rangefinder, self._range_rng = rangefinder, Random(f"{seed}/range")
 
     # ------------------------------------------------------------------------------------------------------------- drive
 
@@ -119,6 +125,8 @@ class BuiltInAutopilot:
             return
         wanted, self._receiver.requested = self._receiver.requested, []
         snapshot = self._snapshot()
+        if mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR in wanted:
+            snapshot = replace(snapshot, range=self._ranged())
         for message_id in wanted:
             message = BUILDERS[message_id](snapshot)
             if message is not None:
@@ -195,6 +203,12 @@ class BuiltInAutopilot:
     def faults(self) -> FaultSchedule:
         """The schedule of faults (the camera's side asks it too)."""
         return self.flight.plan.faults
+
+    def _ranged(self) -> Ranged | None:
+        sensor, truth = self._rangefinder, self.truth()
+        if sensor is None:
+            return None
+        return Ranged(sensor.measured_m(truth.place, truth.q_ned_frd, self._range_rng), sensor.min_m, sensor.max_m)
 
     def _snapshot(self) -> Snapshot:
         flight, plan = self.flight, self.flight.plan

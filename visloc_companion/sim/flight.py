@@ -16,6 +16,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.app.journal import Entry
+from visloc_companion.app.terrain import TerrainAnswer
+from visloc_companion.app.worker_process import about_terrain
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.geo.wgs84 import distance_m, geo_from_ned
 from visloc_companion.protocols import Localiser, ReferenceMap
@@ -35,6 +37,7 @@ from visloc_companion.types import (
     Quat,
     RequestMessage,
     SwitchSource,
+    TerrainRequest,
     Tick,
     Vec3,
     Vote,
@@ -97,7 +100,8 @@ class OperatorEntry:
 
 @dataclass(frozen=True, slots=True)
 class Eyes:
-    """What the navigator sees with: the camera over the scene, the localiser, its map, and how long an answer takes."""
+    """What the navigator sees with: the camera over the scene, the localiser, its map, and how long an answer takes;
+    `terrain` answers questions about the ground below the track, where there is who can."""
 
     camera: SimulatedCamera
     localiser: Localiser
@@ -105,6 +109,7 @@ class Eyes:
     rate_hz: float = 5.0
     latency_s: float = 0.15
     structure_latency_s: float = 1.0
+    terrain: TerrainAnswer | None = None
 
 
 class ClosedLoopFlight:
@@ -178,6 +183,8 @@ class ClosedLoopFlight:
         match command:
             case LocaliseRequest():
                 self._localise(command, now_ns)
+            case TerrainRequest():
+                self._sound(command, now_ns)
             case Injection():
                 session.send(command, now_ns)
             case RequestMessage():
@@ -223,6 +230,12 @@ class ClosedLoopFlight:
         answer = eyes.localiser.localise(request, pixels, eyes.reference)
         latency_s = eyes.structure_latency_s if request.vote is Vote.STRUCTURE else eyes.latency_s
         heapq.heappush(self._due, (now_ns + round(latency_s * 1e9), request.request_id, answer))
+
+    def _sound(self, request: TerrainRequest, now_ns: int) -> None:
+        eyes = self._eyes
+        if eyes is not None:
+            answer = about_terrain(eyes.terrain, request)
+            heapq.heappush(self._due, (now_ns + round(eyes.latency_s * 1e9), request.request_id, answer))
 
     def _answers(self, now_ns: int) -> list[Event]:
         answers: list[Event] = []

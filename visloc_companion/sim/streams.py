@@ -19,6 +19,7 @@ COMMON = frozenset(
         mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN,
         mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
         mavlink.MAVLINK_MSG_ID_HEARTBEAT,
+        mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR,
     }
 )
 STATUS_MESSAGE = {

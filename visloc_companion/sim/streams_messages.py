@@ -21,6 +21,15 @@ GPS_BIT, VISION_BIT, XY_BIT = 1 << 5, 1 << 7, 1 << 14
 
 
 @dataclass(frozen=True, slots=True)
+class Ranged:
+    """What the rangefinder measured (None: nothing came back), and between which distances it measures, m."""
+
+    distance_m: float | None
+    min_m: float
+    max_m: float
+
+
+@dataclass(frozen=True, slots=True)
 class Snapshot:
     """The autopilot's state as it knows it. `place` is None where it sends no global position, `local` where no local one."""
 
@@ -42,6 +51,7 @@ class Snapshot:
     custom_mode: int
     armed: bool
     failsafe: bool
+    range: Ranged | None = None
 
     @property
     def t_ms(self) -> int:
@@ -164,6 +174,16 @@ def estimator_status(s: Snapshot) -> Message:
     )  # fmt: skip
 
 
+def distance_sensor(s: Snapshot) -> Message | None:
+    """DISTANCE_SENSOR looking down, where there is one; what is out of reach is sent as farther than it measures."""
+    if s.range is None:
+        return None
+    far_cm = min(round(s.range.max_m * 100), 0xFFFF - 1)
+    distance_cm = far_cm + 1 if s.range.distance_m is None else min(round(s.range.distance_m * 100), 0xFFFF)
+    laser, down = mavlink.MAV_DISTANCE_SENSOR_LASER, mavlink.MAV_SENSOR_ROTATION_PITCH_270
+    return mavlink.MAVLink_distance_sensor_message(s.t_ms, round(s.range.min_m * 100), far_cm, distance_cm, laser, 0, down, 255)
+
+
 BUILDERS: dict[int, Builder] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: heartbeat,
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: sys_status,
@@ -174,6 +194,7 @@ BUILDERS: dict[int, Builder] = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: global_position_int,
     mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: gps_global_origin,
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: autopilot_version,
+    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: distance_sensor,
     STATUS_MESSAGE[AutopilotKind.ARDUPILOT]: ekf_status_report,
     STATUS_MESSAGE[AutopilotKind.PX4]: estimator_status,
 }

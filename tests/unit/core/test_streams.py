@@ -16,3 +16,9 @@ def test_asks_for_what_each_autopilot_sends(kind: AutopilotKind, status: set[int
     assert ids == {30, 32, 33, 24, 49} | status
     assert RequestMessage(30, 40.0) in wanted
     assert RequestMessage(49, 0.0) in wanted
+
+
+@pytest.mark.parametrize("terrain", [True, False])
+def test_distances_to_the_ground_are_asked_for_only_where_they_are_used(terrain: bool) -> None:
+    wanted = requests_for(AutopilotKind.ARDUPILOT, CoreSettings(terrain=terrain))
+    assert any(isinstance(w, RequestMessage) and w.message_id == 132 for w in wanted) is terrain

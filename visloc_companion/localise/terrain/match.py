@@ -30,6 +30,8 @@ MODES = 4
 LEAST_MASS = 1e-4
 COARSEST_M = 120.0
 SAME_CELLS = 2.0
+LATE_SHARE, FEWEST_LATE = 0.6, 100
+"""Of a stretch that is too long to be searched under a wide prior, the latest part is, while so many soundings remain."""
 COVARIANCE_SCALE = (1.3, 1.0)
 """Factors of the claimed covariance, horizontal and vertical (training seeds 100 and 101: benchmarks.terrain_fit)."""
 
@@ -43,17 +45,15 @@ def locate(
     thinned = lowest(soundings, settings.thin_cell_m)
     if len(thinned.points_m) < MIN_SOUNDINGS:
         return NoTerrainFix(soundings.t_ns, Reason.TOO_FEW_FEATURES, f"{len(thinned.points_m)} cells with soundings")
+    thinned, planned = _searchable(thinned, prior, elevation, settings)
     reach = _reach_m(thinned, prior)
-    extent = _extent_m(thinned)
-    planned = _planned(thinned, prior, elevation, reach, settings)
     if planned is None:
         detail = (
             f"three sigma of the prior are {max(reach):.0f} m with {prior.sigma_drift_mps:.1f} m/s of drift: too much to search"
         )
         return NoTerrainFix(soundings.t_ns, Reason.AMBIGUOUS, detail)
     cell, hypotheses = planned
-    half = (reach[0] + extent[0] + 4 * cell, reach[1] + extent[1] + 4 * cell)
-    coarse = elevation.window(prior.p_ne_m, half, cell)
+    coarse = _window(elevation, thinned, prior, reach, cell)
     if float(coarse.known.mean()) < MIN_KNOWN_REGION:
         return NoTerrainFix(soundings.t_ns, Reason.OUTSIDE_MAP, "the elevation model does not cover where the prior looks")
     temper = independent_share(thinned, settings)
@@ -64,7 +64,8 @@ def locate(
     starts = _starts(volume, coarse, prior, hypotheses)
     if not starts:
         return NoTerrainFix(soundings.t_ns, Reason.LOW_OVERLAP, "too few soundings lie on known elevations")
-    terrain = coarse if abs(cell - elevation.cell_m) < 1e-6 else elevation.window(prior.p_ne_m, half, elevation.cell_m)
+    same = abs(cell - elevation.cell_m) < 1e-6
+    terrain = coarse if same else _window(elevation, thinned, prior, reach, elevation.cell_m)
     fitting = fitting_of(terrain, thinned, prior, elevation, settings)
     found, weights = _refined(fitting, starts, prior)
     best = int(np.argmax(weights))
@@ -82,9 +83,23 @@ def _reach_m(soundings: Soundings, prior: TerrainPrior) -> Vec2:
     return float(north), float(east)
 
 
-def _extent_m(soundings: Soundings) -> Vec2:
-    north, east = np.abs(soundings.points_m[:, :2]).max(0)
-    return float(north), float(east)
+def _window(elevation: ElevationMap, soundings: Soundings, prior: TerrainPrior, reach: Vec2, cell_m: float) -> Terrain:
+    """The elevations wherever the soundings may lie."""
+    low, high = soundings.points_m[:, :2].min(0), soundings.points_m[:, :2].max(0)
+    centre, half = np.array(prior.p_ne_m) + (low + high) / 2, (high - low) / 2 + np.array(reach) + 4 * cell_m
+    return elevation.window((float(centre[0]), float(centre[1])), (float(half[0]), float(half[1])), cell_m)
+
+
+def _searchable(
+    thinned: Soundings, prior: TerrainPrior, elevation: ElevationMap, settings: TerrainSettings
+) -> tuple[Soundings, tuple[float, list[FloatArray]] | None]:
+    """The soundings with their search, or the latest part of them that can be searched: over less time a drift does less."""
+    while True:
+        planned = _planned(thinned, prior, elevation, _reach_m(thinned, prior), settings)
+        late = np.flatnonzero(thinned.age_s <= LATE_SHARE * float(thinned.age_s.max(initial=0.0)))
+        if planned is not None or len(late) < FEWEST_LATE or len(late) == len(thinned.age_s):
+            return thinned, planned
+        thinned = thinned.picked(late)
 
 
 def _planned(
@@ -93,7 +108,7 @@ def _planned(
     """The search's cell (m) and its hypotheses: the cell grows until both together are no more than `most_work`; None where that
     is not so at the coarsest."""
     cell = max(elevation.cell_m, settings.search_cell_m)
-    extent = _extent_m(soundings)
+    extent = np.ptp(soundings.points_m[:, :2], axis=0) / 2
     while cell <= max(COARSEST_M, 4 * elevation.cell_m):
         hypotheses = _hypotheses(soundings, prior, cell)
         area = 4 * (reach[0] + extent[0]) * (reach[1] + extent[1]) / cell**2

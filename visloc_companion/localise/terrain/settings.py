@@ -23,4 +23,4 @@ class TerrainSettings:
     sigma_share: float = 0.2
     max_probability_wrong: float = 0.1
     search_cell_m: float = 20.0
-    most_work: float = 3e5
+    most_work: float = 5e5
