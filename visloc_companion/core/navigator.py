@@ -69,6 +69,7 @@ from visloc_companion.types import (
 
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 INJECTING = (Mode.AIDING, Mode.DEAD_RECKONING)
+WORKER_LOST = (Reason.WORKER_TIMEOUT, Reason.WORKER_DIED)
 ATTITUDE_AGE_NS = 2_000_000_000
 CAMERA_SILENCE_NS = 2_000_000_000
 ORIGIN_RETRY_NS = 5_000_000_000
@@ -311,7 +312,8 @@ class Navigator:
 
     def _free_worker(self, event: Event, now_ns: int) -> list[Command]:
         if isinstance(event, Fix | NoFix):
-            self._queue.answered(event.request_id, isinstance(event, Fix))
+            lost = isinstance(event, NoFix) and event.reason in WORKER_LOST
+            self._queue.answered(event.request_id, isinstance(event, Fix), lost)
             if self._terrain is not None and isinstance(event, NoFix):
                 self._terrain.answered(event)
             elif self._terrain is not None:

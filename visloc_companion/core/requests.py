@@ -66,12 +66,12 @@ class FrameQueue:
         if self._waiting is None or frame.t_ns >= self._waiting.t_ns:
             self._waiting = frame
 
-    def answered(self, request_id: int, found: bool) -> None:
-        """The worker answered a request, with a fix or without."""
+    def answered(self, request_id: int, found: bool, lost: bool = False) -> None:
+        """The worker answered a request, with a fix or without; `lost` with its life."""
         if request_id == self._busy_id:
             self._busy_id = None
             if request_id != self._aside_id:
-                self._turns.answered(found)
+                self._turns.answered(found, lost)
 
     def worker(self, up: bool) -> None:
         """The worker came up or ended; either way nothing is outstanding any more."""

@@ -44,6 +44,7 @@ from visloc_companion.types import (
     Tick,
     TimesyncSample,
     Verdict,
+    Vote,
     WorkerState,
 )
 
@@ -537,6 +538,21 @@ def test_answers_and_the_end_of_the_worker_free_the_queue(world: type[World]) ->
     attitude(w, w.t + 0.9)
     assert w.navigator.on(frame(w.t + 0.9), last_ns) == []
     assert len(requests(w.navigator.on(bad, last_ns))) == 1  # a broken answer is an answer, too
+
+
+def test_a_structure_vote_that_the_worker_does_not_survive_is_given_up(world: type[World]) -> None:
+    """Every structure vote runs into the deadline, every image is not recognised: the image is asked for all the same."""
+    w = started(world, settings=CoreSettings(structure=True), camera=lambda t: False).fly(10)
+    votes, t_s = [], w.t
+    for _ in range(40):
+        t_s += 0.3
+        attitude(w, t_s)
+        for request in requests(w.navigator.on(frame(t_s), round(t_s * S))):
+            votes.append(request.vote)
+            reason = Reason.WORKER_TIMEOUT if request.vote is Vote.STRUCTURE else Reason.NO_MATCH
+            w.navigator.on(NoFix(0, 0, request.request_id, 1, "t", reason, 1.0), round(t_s * S))
+    assert len(votes) > 30
+    assert votes.count(Vote.STRUCTURE) == 2
 
 
 def test_fixes_that_cannot_be_placed_say_why(world: type[World]) -> None:

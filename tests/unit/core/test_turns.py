@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from visloc_companion.core.turns import REST, Turns
+from visloc_companion.core.turns import MOST_LOST, REST, Turns
 from visloc_companion.types import Vote
 
 
@@ -34,3 +34,23 @@ def test_image_fixes_alone_ask_for_no_structure_unless_it_has_its_turn() -> None
 def test_a_structure_that_fails_rests() -> None:
     asked = votes(Turns(True, 0), {Vote.IMAGE: False, Vote.STRUCTURE: False}, 2 + 2 * (REST + 1))
     assert asked == [Vote.IMAGE, Vote.STRUCTURE, *([Vote.IMAGE] * REST + [Vote.STRUCTURE]) * 2]
+
+
+def test_a_structure_that_costs_the_worker_its_life_is_not_asked_again_and_again() -> None:
+    """A small computer may miss the deadline with it: after the second time the image is left alone."""
+    turns = Turns(True, 0)
+    asked = []
+    for _ in range(4 * (REST + 1)):
+        asked.append(turns.vote)
+        turns.answered(False, lost=turns.vote is Vote.STRUCTURE)
+    assert asked.count(Vote.STRUCTURE) == MOST_LOST
+    assert set(asked[-REST:]) == {Vote.IMAGE}
+
+
+def test_a_lost_image_vote_takes_nothing_away_from_structure() -> None:
+    turns = Turns(True, 0)
+    for _ in range(5):
+        turns.answered(False, lost=turns.vote is Vote.IMAGE)
+        turns.answered(True)
+    turns.answered(False)
+    assert turns.vote is Vote.STRUCTURE
