@@ -103,9 +103,9 @@ DEMO = Scenario(
 SEASON_CHANGE = Scenario(
     "season_change",
     "GNSS is jammed for good over deep snow; the map is of a summer.",
-    180.0,
+    150.0,
     faults.jam(30.0),
-    Expectation(structure_share=0.5),
+    Expectation(median_error_m=3.0, max_error_m=15.0, structure_share=0.2),
     date="snow",
 )
 
