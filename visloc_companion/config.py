@@ -151,6 +151,8 @@ class NavigatorConfig(Section):
     """Below this height above the surface no localisation is asked for."""
     map_sigma_m: NonNegative = 0.5
     """1-sigma of the map's own registration, added to the claimed position."""
+    integrity_risk: Annotated[float, Field(gt=0, lt=0.1)] = 1e-5
+    """Probability, at any time, that the true position is further away than the protection level."""
 
 
 class GnssConfig(Section):

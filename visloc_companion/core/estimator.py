@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from visloc_companion.core import fusion
+from visloc_companion.core import fusion, integrity, separation
 from visloc_companion.core.fusion import UNAIDED_GAP_S, UNAIDED_SIGMA_MPS, Belief, Position
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
@@ -63,6 +63,7 @@ class PositionFilter:
             (north, east),
             fix.cov_ne_m2,
             from_fix=True,
+            method=fix.method,
             probability_wrong=fix.probability_wrong,
             h_amsl_m=fix.place.h_amsl_m,
             sigma_h_m=fix.sigma_h_m,
@@ -89,15 +90,21 @@ class PositionFilter:
         v_north, v_east = self._velocity_at(t_ns, k)
         extra = self._settings.map_sigma_m**2
         nn, ne, ee = float(belief.P[0, 0]), float(belief.P[0, 1]), float(belief.P[1, 1])
-        rested_ns = belief.started_ns if belief.last_fix_ns is None else belief.last_fix_ns
         return NavState(
             t_ns,
             (north, east, self._origin.h_amsl_m - self._height_at(t_ns, k)),
             (v_north - b_north, v_east - b_east, self._velocity_before(k).v_ned_mps[2]),
             ((nn + extra, ne), (ne, ee + extra)),
             float(np.sqrt(belief.height_var_m2)),
-            max(0.0, (t_ns - rested_ns) * 1e-9),
+            max(0.0, (t_ns - _rested_ns(belief)) * 1e-9),
         )
+
+    def protection_level_m(self, t_ns: int) -> float:
+        """Horizontal protection level at a time (core/integrity.py)."""
+        k = bisect_right(self._log, t_ns, key=_time)
+        belief = self._carried(self._beliefs[k - 1] if k else self._base, t_ns, k)
+        level_m = integrity.protection_level_m(belief.x, belief.P, belief.without, self._settings)
+        return integrity.aged(level_m, (t_ns - _rested_ns(belief)) * 1e-9)
 
     def move_origin(self, origin: GeoPoint) -> None:
         """Express everything about another origin; the vehicle stays where it is."""
@@ -186,6 +193,10 @@ class PositionFilter:
             del self._log[:n_old], self._beliefs[:n_old]
 
 
+def _rested_ns(belief: Belief) -> int:
+    return belief.started_ns if belief.last_fix_ns is None else belief.last_fix_ns
+
+
 def _time(entry: Input) -> int:
     return entry.t_ns
 
@@ -199,4 +210,5 @@ def _shifted(belief: Belief, shift: Vec2) -> Belief:
         return p[0] + shift[0], p[1] + shift[1]
 
     rejected = tuple(replace(c, anchor_ne_m=moved(c.anchor_ne_m)) for c in belief.rejected)
-    return replace(belief, x=belief.x + np.array([*shift, 0.0, 0.0]), rejected=rejected)
+    without = separation.shifted(belief.without, np.array(shift))
+    return replace(belief, x=belief.x + np.array([*shift, 0.0, 0.0]), rejected=rejected, without=without)

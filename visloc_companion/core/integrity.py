@@ -1,15 +1,18 @@
-"""How far the truth may be: largest sigma and a provisional horizontal protection level."""
+"""How far the truth may be: the horizontal protection level, from where the vehicle would be if fixes were wrong."""
 
 from __future__ import annotations
 
 import math
 
-from visloc_companion.types import Cov2
+import numpy as np
 
-PROTECTION_FACTOR = 4.80
-"""sqrt(2 ln 1e5): a circular Gaussian is further out than this many sigma once in 1e5."""
+from visloc_companion.core.separation import Solutions
+from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.types import Cov2, FloatArray
+
 AGE_DOUBLES_S = 30.0
-WRONG_WEIGHT = 10.0
+"""The growth of dead reckoning is a model: what it claims without a fix is doubled after so long."""
+GRID = 33
 
 
 def largest_sigma_m(cov_ne_m2: Cov2) -> float:
@@ -18,13 +21,30 @@ def largest_sigma_m(cov_ne_m2: Cov2) -> float:
     return math.sqrt((nn + ee) / 2 + math.hypot((nn - ee) / 2, ne))
 
 
-def protection_level_m(cov_ne_m2: Cov2, age_of_fix_s: float, probability_wrong: float) -> float:
-    """Provisional bound on the horizontal error, metres.
+def aged(level_m: float, age_of_fix_s: float) -> float:
+    """A protection level so long after the last fix."""
+    return level_m * (1 + max(0.0, age_of_fix_s) / AGE_DOUBLES_S)
 
-    4.80 largest sigma (the covariance includes the map's registration), doubled for each 30 s since the last fix, because
-    the growth model of dead reckoning is not yet validated at that risk, and raised by ten times the mean probability that
-    the recent fixes were wrong matches.
+
+def protection_level_m(x: FloatArray, P: FloatArray, without: Solutions, settings: NavigatorSettings) -> float:
+    """The smallest radius r for which the probability that the horizontal error exceeds it is at most `integrity_risk`:
+
+        Q(r / s0) + sum over k of  p_k Q((r - d_k) / s_k)  =  risk,     Q(a) = exp(-a^2 / 2) for a > 0, else 1
+
+    s0: largest sigma of the filter's position, k: the solutions that leave fixes out (separation.py), p_k their probability,
+    d_k their distance from the filter's position, s_k their own largest sigma. Q bounds a Gaussian error of no larger sigma in
+    any direction (Rayleigh). Every sigma includes the map's registration, which no solution can do without.
+    x (4,), P (4, 4): the filter's. The answer is at most a thousandth too large.
     """
-    age = 1 + max(0.0, age_of_fix_s) / AGE_DOUBLES_S
-    wrong = 1 + WRONG_WEIGHT * min(1.0, max(0.0, probability_wrong))
-    return PROTECTION_FACTOR * largest_sigma_m(cov_ne_m2) * age * wrong
+    P_ne = np.concatenate([P[None, :2, :2], without.P[:, :2, :2]])
+    nn, ee, ne = P_ne[:, 0, 0], P_ne[:, 1, 1], P_ne[:, 0, 1]
+    sigma = np.sqrt((nn + ee) / 2 + np.hypot((nn - ee) / 2, ne) + settings.map_sigma_m**2)
+    apart = np.concatenate([[0.0], np.hypot(*(without.x[:, :2] - x[:2]).T)])
+    probability = np.concatenate([[1.0], without.probability])
+    low, high = 0.0, float(np.max(apart + sigma * math.sqrt(2 * math.log(len(sigma) / settings.integrity_risk))))
+    for _ in range(2):
+        radii = np.linspace(low, high, GRID)
+        beyond = np.maximum(radii[:, None] - apart, 0.0) / sigma
+        enough = int(np.argmax(np.exp(-0.5 * beyond * beyond) @ probability <= settings.integrity_risk))
+        low, high = float(radii[max(0, enough - 1)]), float(radii[enough])
+    return high

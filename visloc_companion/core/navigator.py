@@ -436,7 +436,10 @@ class Navigator:
             return [output.empty_status(now_ns, self._mode, verdict, self._resets.count)]
         counter = self._resets.follow(state, belief.started_ns)
         injected = self._injection(state, origin, counter, now_ns) if self._mode in INJECTING else None
-        status = output.status(state, belief, origin, self._mode, verdict, counter, injected is not None)
+        level_m = self._tracker.protection_level_m(state.t_ns)
+        status = output.status(
+            state, belief.last_fix_ns, level_m, origin, self._mode, verdict, counter, injected is not None
+        )
         return [status] if injected is None else [injected, status]
 
     def _injection(self, state: NavState, origin: GeoPoint, counter: int, now_ns: int) -> Injection | None:

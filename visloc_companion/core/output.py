@@ -6,8 +6,6 @@ import math
 
 import numpy as np
 
-from visloc_companion.core.fusion import Belief
-from visloc_companion.core.integrity import protection_level_m
 from visloc_companion.core.requests import SIGMA_YAW_RAD
 from visloc_companion.core.settings import InjectionSettings
 from visloc_companion.core.validate import is_covariance
@@ -119,10 +117,16 @@ def injection(
 
 
 def status(
-    state: NavState, belief: Belief, origin: GeoPoint, mode: Mode, verdict: GnssVerdict, reset_counter: int, injected: bool
+    state: NavState,
+    last_fix_ns: int | None,
+    protection_level_m: float | None,
+    origin: GeoPoint,
+    mode: Mode,
+    verdict: GnssVerdict,
+    reset_counter: int,
+    injected: bool,
 ) -> Status:
     """The Status of a Tick."""
-    mean_wrong = sum(belief.wrong) / len(belief.wrong) if belief.wrong else 0.0
     return Status(
         state.t_ns,
         mode,
@@ -132,8 +136,8 @@ def status(
         state.v_ned_mps,
         state.cov_ne_m2,
         state.sigma_d_m,
-        protection_level_m(state.cov_ne_m2, state.age_of_fix_s, mean_wrong),
-        None if belief.last_fix_ns is None else max(0.0, (state.t_ns - belief.last_fix_ns) * 1e-9),
+        protection_level_m,
+        None if last_fix_ns is None else max(0.0, (state.t_ns - last_fix_ns) * 1e-9),
         injected,
         reset_counter,
     )

@@ -23,6 +23,7 @@ class NavigatorSettings:
     seed_sigma_m: float = 5.0
     min_height_m: float = 15.0
     map_sigma_m: float = 0.5
+    integrity_risk: float = 1e-5
 
 
 @dataclass(frozen=True, slots=True)

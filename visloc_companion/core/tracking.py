@@ -88,6 +88,10 @@ class Tracker:
         """The state at a time."""
         return None if self._filter is None else self._filter.at(t_ns)
 
+    def protection_level_m(self, t_ns: int) -> float | None:
+        """Horizontal protection level at a time; None before seeding."""
+        return None if self._filter is None else self._filter.protection_level_m(t_ns)
+
     def observe(self, fix: Fix) -> Accepted | Rejected | TooOld | None:
         """Take a fix; None before seeding."""
         return None if self._filter is None else self._filter.observe(fix)

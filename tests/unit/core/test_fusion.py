@@ -192,4 +192,3 @@ def test_height_offset_is_learned_within_its_gate() -> None:
     assert math.sqrt(belief.height_var_m2) < 0.3
     same, _ = fusion.observed(belief, fix(0.0, 0.0, 0.0, h_amsl_m=150.0), 100.0, SETTINGS)
     assert same.height_offset_m == belief.height_offset_m
-    assert len(same.wrong) == fusion.MEMORY_OF_WRONG

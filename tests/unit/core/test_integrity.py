@@ -1,26 +1,84 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from visloc_companion.core.integrity import PROTECTION_FACTOR, largest_sigma_m, protection_level_m
+from visloc_companion.core.integrity import aged, largest_sigma_m, protection_level_m
+from visloc_companion.core.separation import EVERY, NONE, Solutions
+from visloc_companion.core.settings import NavigatorSettings
 
 COV = ((4.0, 1.5), (1.5, 2.0))
+SETTINGS = replace(NavigatorSettings(), map_sigma_m=0.0)
+P = np.diag([1.0, 0.64, 0.04, 0.04])
+ORIGIN = np.zeros(4)
+
+
+def away(north_m: float, sigma_m: float, probability: float) -> Solutions:
+    """One solution without the fixes."""
+    cov = np.diag([sigma_m**2, sigma_m**2, 0.04, 0.04])[None]
+    x = np.array([[north_m, 0.0, 0.0, 0.0]])
+    return Solutions(x, cov, np.array([probability]), np.zeros(1, np.int64), (EVERY,), (frozenset({"deep"}),))
 
 
 def test_largest_sigma_is_that_of_the_eigenvalues() -> None:
     assert largest_sigma_m(COV) == pytest.approx(math.sqrt(np.linalg.eigvalsh(np.array(COV))[-1]))
 
 
-def test_factor_is_exceeded_once_in_1e5_by_a_circular_gaussian() -> None:
-    assert math.exp(-(PROTECTION_FACTOR**2) / 2) == pytest.approx(1e-5, rel=0.02)
+def test_where_all_fixes_are_right_it_is_the_radius_of_a_gaussian() -> None:
+    level = protection_level_m(ORIGIN, P, NONE, SETTINGS)
+    assert math.exp(-(level**2) / 2) == pytest.approx(1e-5, rel=0.05)
+    assert protection_level_m(ORIGIN, P, NONE, replace(SETTINGS, integrity_risk=1e-3)) < level
 
 
-def test_grows_with_age_and_with_doubt() -> None:
-    fresh = protection_level_m(COV, 0.0, 0.0)
-    assert fresh == pytest.approx(4.80 * largest_sigma_m(COV))
-    assert protection_level_m(COV, 30.0, 0.0) == pytest.approx(2 * fresh)
-    assert protection_level_m(COV, 0.0, 0.01) == pytest.approx(1.1 * fresh)
-    assert protection_level_m(COV, -1.0, 2.0) == pytest.approx(11 * fresh)
+def test_the_registration_of_the_map_is_part_of_it() -> None:
+    wider = protection_level_m(ORIGIN, P, NONE, replace(SETTINGS, map_sigma_m=1.0))
+    assert wider == pytest.approx(math.sqrt(2) * protection_level_m(ORIGIN, P, NONE, SETTINGS), rel=2e-3)
+
+
+def test_a_likely_wrong_match_holds_what_would_be_without_it() -> None:
+    alone = protection_level_m(ORIGIN, P, NONE, SETTINGS)
+    level = protection_level_m(ORIGIN, P, away(8.0, 1.0, 0.01), SETTINGS)
+    assert level > 8.0 + math.sqrt(2 * math.log(0.01 / 1e-5)) * 0.99
+    assert protection_level_m(ORIGIN, P, away(8.0, 1.0, 1e-7), SETTINGS) == pytest.approx(alone, rel=0.01)
+
+
+@given(
+    st.lists(st.tuples(st.floats(0, 200), st.floats(0.1, 30), st.floats(1e-8, 1.0)), min_size=0, max_size=12),
+    st.floats(1e-7, 1e-2),
+)
+def test_the_risk_beyond_it_is_what_was_allowed(others: list[tuple[float, float, float]], risk: float) -> None:
+    settings = replace(SETTINGS, integrity_risk=risk)
+    many = [away(*other) for other in others]
+    without = (
+        Solutions(
+            np.concatenate([m.x for m in many]),
+            np.concatenate([m.P for m in many]),
+            np.concatenate([m.probability for m in many]),
+            np.zeros(len(many), np.int64),
+            (EVERY,) * len(many),
+            (frozenset({"deep"}),) * len(many),
+        )
+        if many
+        else NONE
+    )
+    level = protection_level_m(ORIGIN, P, without, settings)
+
+    def beyond(radius_m: float) -> float:
+        tails = [(1.0, 0.0, 1.0), *((p, d, s) for d, s, p in others)]
+        return sum(p * math.exp(-0.5 * (max(0.0, radius_m - d) / s) ** 2) for p, d, s in tails)
+
+    assert beyond(level) <= risk * (1 + 1e-6)
+    sigmas = math.sqrt(2 * math.log((len(others) + 1) / risk))
+    farthest = max(d + s * sigmas for d, s in [(0.0, 1.0), *((d, s) for d, s, _ in others)])
+    assert beyond(level - 0.01 * farthest) > risk
+
+
+def test_grows_with_the_time_since_the_last_fix() -> None:
+    assert aged(5.0, 0.0) == 5.0
+    assert aged(5.0, -1.0) == 5.0
+    assert aged(5.0, 30.0) == 10.0

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from visloc_companion.core import fusion, output
+from visloc_companion.core import output
 from visloc_companion.core.settings import InjectionSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import AutopilotKind, Cov2, GeoPoint, GnssVerdict, InjectionPolicy, Mode, NavState, Verdict
@@ -110,16 +110,12 @@ def test_reset_counter_is_a_byte() -> None:
 
 
 def test_status() -> None:
-    belief = fusion.seeded(0, (0.0, 0.0), 1.0, 0.3, False, 3.0)
-    got = output.status(STATE, belief, ORIGIN, Mode.SHADOW, VERDICT, 3, injected=False)
+    got = output.status(STATE, None, 6.5, ORIGIN, Mode.SHADOW, VERDICT, 3, injected=False)
     assert got.age_of_fix_s is None
     assert got.place is not None
     assert got.reasons == ("vision_disagrees",)
-    after = replace(belief, last_fix_ns=S // 2, wrong=(0.01, 0.03))
-    fixed = output.status(STATE, after, ORIGIN, Mode.AIDING, VERDICT, 3, injected=True)
+    assert got.protection_level_m == 6.5
+    fixed = output.status(STATE, S // 2, None, ORIGIN, Mode.AIDING, VERDICT, 3, injected=True)
     assert fixed.age_of_fix_s == pytest.approx(0.5)
-    assert fixed.protection_level_m is not None
-    assert got.protection_level_m is not None
-    assert fixed.protection_level_m == pytest.approx(1.2 * got.protection_level_m)
     empty = output.empty_status(5, Mode.WAITING, VERDICT, 2)
     assert (empty.place, empty.protection_level_m, empty.age_of_fix_s, empty.injected) == (None, None, None, False)

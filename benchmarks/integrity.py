@@ -1,0 +1,270 @@
+"""Does the protection level hold? `python -m benchmarks.integrity [--flights N] [--seed N] [--votes image structure] ...`.
+
+Flights of the filter alone, without pictures: truth, the autopilot's velocity (its slow error, and what it learns of our own
+injections), and fixes with the covariance and the probability of being wrong that they claim. They are wrong as often as they
+claim, and then stay wrong in the same way with the probability `--persistence`. A wrong fix lies anywhere in the search region.
+
+Prints for each kind of flight: epochs (every fix and every second), fixes, wrong ones and those of them that the filter took,
+misleading epochs (error beyond the protection level), hazardously misleading ones (error beyond the alert limit, the level not),
+availability (level within the limit), medians of error and level. `--blind` judges the level that believes every match: 4.80
+sigma of the filter alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from visloc_companion.core import fusion, separation
+from visloc_companion.core.estimator import PositionFilter, Velocity
+from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.geo import wgs84
+from visloc_companion.types import Accepted, Fix, FloatArray, GeoPoint
+
+ORIGIN = GeoPoint(59.3, 18.1, 40.0)
+DT_S = 0.1
+HEIGHT_M = 100.0
+LATENCY_NS = 250_000_000
+FACTOR = math.sqrt(2 * math.log(1e5))
+TILT_RAD = math.radians(1.0)
+BANDWIDTH_RADPS, DAMPING = 0.5, 0.8
+"""How the autopilot's own filter follows what we inject: an alpha-beta filter."""
+CLAIMS = (1e-4, 0.05)
+"""Least and greatest claim of an accepted fix; between them its logarithm is uniform."""
+
+
+@dataclass(frozen=True, slots=True)
+class Vote:
+    """A localiser: how often it answers, its 1-sigma range (metres), and how often it has nothing to say for a while."""
+
+    method: str
+    period_s: float
+    sigma_m: tuple[float, float]
+    outage_share: float = 0.05
+
+
+VOTES = {
+    "image": Vote("deep", 0.5, (0.3, 1.2)),
+    "structure": Vote("structure", 5.0, (0.3, 1.0)),
+    "terrain": Vote("terrain", 30.0, (2.0, 6.0), 0.3),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """What is flown: `speed_mps`, the votes, persistence of what is wrong, and the 1-sigma error of the velocity (m/s)."""
+
+    speed_mps: float = 10.0
+    votes: tuple[str, ...] = ("image",)
+    persistence: float = separation.CORRELATION
+    velocity_sigma_mps: float = 0.8
+    duration_s: float = 300.0
+
+
+@dataclass(slots=True)
+class Tally:
+    """Counts and the figures of every epoch: true horizontal error and protection level, metres."""
+
+    n_fixes: int = 0
+    n_wrong: int = 0
+    n_wrong_taken: int = 0
+    n_rejected: int = 0
+    errors: list[float] = field(default_factory=list)
+    levels: list[float] = field(default_factory=list)
+
+    def add(self, other: Tally) -> None:
+        """Count another flight, too."""
+        self.n_fixes += other.n_fixes
+        self.n_wrong += other.n_wrong
+        self.n_wrong_taken += other.n_wrong_taken
+        self.n_rejected += other.n_rejected
+        self.errors += other.errors
+        self.levels += other.levels
+
+    def figures(self, alert_limit_m: float) -> dict[str, Any]:
+        """What is printed."""
+        error, level = np.array(self.errors), np.array(self.levels)
+        return {
+            "epochs": len(error),
+            "fixes": self.n_fixes,
+            "wrong": self.n_wrong,
+            "wrong_taken": self.n_wrong_taken,
+            "rejected": self.n_rejected,
+            "misleading": int((error > level).sum()),
+            "hmi": int(((error > alert_limit_m) & (level <= alert_limit_m)).sum()),
+            "availability": float((level <= alert_limit_m).mean()),
+            "error_median_m": float(np.median(error)),
+            "error_p95_m": float(np.percentile(error, 95)),
+            "level_median_m": float(np.median(level)),
+            "level_over_error": float(np.median(level) / np.median(error)),
+        }
+
+
+@dataclass(slots=True)
+class Source:
+    """A vote's state within a flight: whether it is silent, and the offset (2,) that it is wrong by, or None."""
+
+    vote: Vote
+    silent_until_s: float = -1.0
+    wrong_by_m: FloatArray | None = None
+
+
+def flown(flight: Flight, seed: int, settings: NavigatorSettings | None = None, *, blind: bool = False) -> Tally:
+    """One flight, with an epoch at every fix and every second."""
+    settings = settings or NavigatorSettings()
+    rng = np.random.default_rng(seed)
+    truth, heading = np.zeros(2), 0.0
+    bias = flight.velocity_sigma_mps * rng.standard_normal(2)
+    map_error = settings.map_sigma_m * rng.standard_normal(2)
+    autopilot_p, autopilot_dv = map_error.copy(), np.zeros(2)
+    sources = [Source(VOTES[name]) for name in flight.votes]
+    position_filter = _started(settings, truth + map_error, rng)
+    tally = Tally()
+    a = math.exp(-DT_S / settings.velocity_correlation_s)
+    for k in range(1, round(flight.duration_s / DT_S) + 1):
+        t_s = k * DT_S
+        heading += 0.05 * math.sin(t_s / 20) * DT_S
+        step = flight.speed_mps * DT_S * np.array([math.cos(heading), math.sin(heading)])
+        truth = truth + step
+        bias = a * bias + flight.velocity_sigma_mps * math.sqrt(1 - a * a) * rng.standard_normal(2)
+        v = step / DT_S + bias + autopilot_dv
+        position_filter.drive(
+            Velocity(_ns(t_s), (float(v[0]), float(v[1]), 0.0), HEIGHT_M, settings.velocity_sigma_aiding_mps, feedback=True)
+        )
+        observed = [_observe(position_filter, source, t_s, truth + map_error, flight, tally, rng) for source in sources]
+        state = position_filter.at(_ns(t_s))
+        ours = np.array(state.p_ned_m[:2])
+        autopilot_p, autopilot_dv = _followed(autopilot_p + step, autopilot_dv, ours)
+        if any(observed) or k % 10 == 0:
+            tally.errors.append(float(np.hypot(*(ours - truth))))
+            level_m = FACTOR * largest_sigma_m(state.cov_ne_m2) if blind else position_filter.protection_level_m(_ns(t_s))
+            tally.levels.append(level_m)
+    return tally
+
+
+def _started(settings: NavigatorSettings, at: FloatArray, rng: np.random.Generator) -> PositionFilter:
+    start = at + settings.seed_sigma_m * rng.standard_normal(2)
+    belief = fusion.seeded(
+        0,
+        (float(start[0]), float(start[1])),
+        settings.seed_sigma_m,
+        settings.velocity_sigma_aiding_mps,
+        feedback=True,
+        sigma_h_m=3.0,
+    )
+    still = Velocity(0, (0.0, 0.0, 0.0), HEIGHT_M, settings.velocity_sigma_aiding_mps, feedback=True)
+    return PositionFilter(settings, ORIGIN, belief, still)
+
+
+def _followed(p: FloatArray, dv: FloatArray, injected: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The autopilot's position, and the error of its velocity that our injections cause, a step later."""
+    innovation = injected - p
+    gain = BANDWIDTH_RADPS * DT_S
+    return p + dv * DT_S + 2 * DAMPING * gain * innovation, (1 - gain * DAMPING) * dv + gain * BANDWIDTH_RADPS * innovation
+
+
+def _observe(
+    position_filter: PositionFilter,
+    source: Source,
+    t_s: float,
+    seen: FloatArray,
+    flight: Flight,
+    tally: Tally,
+    rng: np.random.Generator,
+) -> bool:
+    """Let a vote answer where it is its turn; True where it did."""
+    vote = source.vote
+    if round(t_s / DT_S) % round(vote.period_s / DT_S) or t_s < source.silent_until_s:
+        return False
+    if rng.random() < vote.outage_share * vote.period_s / 10:
+        source.silent_until_s = t_s + 10.0
+        return False
+    claim = float(np.exp(rng.uniform(*np.log(CLAIMS))))
+    _err(source, claim, position_filter, t_s, flight, rng)
+    sigma = float(rng.uniform(*vote.sigma_m))
+    at = seen + sigma * rng.standard_normal(2) + (0.0 if source.wrong_by_m is None else source.wrong_by_m)
+    outcome = position_filter.observe(_fix(t_s, at, sigma, claim, vote.method, tally.n_fixes))
+    wrong, taken = source.wrong_by_m is not None, isinstance(outcome, Accepted)
+    tally.n_fixes += 1
+    tally.n_wrong += wrong
+    tally.n_wrong_taken += wrong and taken
+    tally.n_rejected += not taken
+    return True
+
+
+def _err(
+    source: Source, claim: float, position_filter: PositionFilter, t_s: float, flight: Flight, rng: np.random.Generator
+) -> None:
+    """Whether the vote's next answer is wrong: as it was with the flight's persistence, else as often as it claims."""
+    if source.wrong_by_m is not None and rng.random() < flight.persistence:
+        return
+    source.wrong_by_m = None
+    if rng.random() < claim:
+        state = position_filter.at(_ns(t_s))
+        reach = 3 * math.hypot(largest_sigma_m(state.cov_ne_m2), HEIGHT_M * TILT_RAD)
+        angle, distance = rng.uniform(0, 2 * math.pi), reach * math.sqrt(rng.random())
+        source.wrong_by_m = distance * np.array([math.cos(angle), math.sin(angle)])
+
+
+def _fix(t_s: float, ne_m: FloatArray, sigma_m: float, claim: float, method: str, number: int) -> Fix:
+    place = wgs84.geo_from_ned((float(ne_m[0]), float(ne_m[1]), -HEIGHT_M), ORIGIN)
+    cov = ((sigma_m**2, 0.0), (0.0, sigma_m**2))
+    t_ns = _ns(t_s)
+    return Fix(t_ns + LATENCY_NS, t_ns, number, number, method, place, (1.0, 0.0, 0.0, 0.0), cov, 2.0, 0.1, claim, 5.0)
+
+
+def _ns(t_s: float) -> int:
+    return round(t_s * 1e9)
+
+
+def kinds(args: argparse.Namespace) -> Iterator[tuple[str, Flight, NavigatorSettings]]:
+    """The kinds of flight, by name."""
+    for speed in args.speeds:
+        for votes in args.votes:
+            flight = Flight(speed, tuple(votes.split("+")), args.persistence, args.velocity_sigma)
+            settings = replace(NavigatorSettings(), velocity_sigma_aiding_mps=args.velocity_sigma)
+            yield f"{votes}, {speed:.0f} m/s", flight, settings
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Fly, count, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--flights", type=int, default=40, help="of each kind")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--speeds", type=float, nargs="*", default=[10.0, 25.0])
+    parser.add_argument("--votes", nargs="*", default=["image", "image+structure", "image+structure+terrain"])
+    parser.add_argument("--persistence", type=float, default=separation.CORRELATION)
+    parser.add_argument("--velocity-sigma", type=float, default=NavigatorSettings().velocity_sigma_aiding_mps)
+    parser.add_argument("--alert-limit", type=float, default=25.0)
+    parser.add_argument("--blind", action="store_true")
+    parser.add_argument("--json", type=Path)
+    args = parser.parse_args(argv)
+    rows = []
+    print("| flights | epochs | fixes | wrong | taken | misleading | HMI | available | error 50/95 m | level 50 m | ratio |")
+    print("|" + "---|" * 11)
+    for name, flight, settings in kinds(args):
+        tally = Tally()
+        for k in range(args.flights):
+            tally.add(flown(flight, 1000 * args.seed + k, settings, blind=args.blind))
+        f = tally.figures(args.alert_limit)
+        rows.append({"flights": name, **asdict(flight), **f})
+        print(
+            f"| {name} | {f['epochs']} | {f['fixes']} | {f['wrong']} | {f['wrong_taken']} | {f['misleading']} | {f['hmi']} | "
+            f"{100 * f['availability']:.2f} % | {f['error_median_m']:.2f} / {f['error_p95_m']:.2f} | {f['level_median_m']:.1f} | "
+            f"{f['level_over_error']:.1f} |",
+            flush=True,
+        )
+    if args.json:
+        args.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

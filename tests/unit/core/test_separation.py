@@ -1,0 +1,139 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from visloc_companion.core import fusion, separation
+from visloc_companion.core.fusion import Belief, Position
+from visloc_companion.core.separation import CLAIM_FLOOR, CORRELATION, EVERY, ONE
+from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.types import Accepted
+
+S = 1_000_000_000
+SETTINGS = NavigatorSettings()
+COV = ((1.0, 0.0), (0.0, 1.0))
+
+
+def start(feedback: bool = True) -> Belief:
+    return fusion.seeded(0, (0.0, 0.0), 2.0, 0.3, feedback, 3.0)
+
+
+def taken(belief: Belief, t_s: float, north_m: float, method: str = "deep", p: float = 0.01, from_fix: bool = True) -> Belief:
+    at = Position(round(t_s * S), (north_m, 0.0), COV, from_fix, method, p)
+    moved = fusion.propagated(belief, at.t_ns, (0.0, 0.0), SETTINGS)
+    after, outcome = fusion.observed(moved, at, None, SETTINGS)
+    assert isinstance(outcome, Accepted)
+    return after
+
+
+def by_kind(belief: Belief, kind: str) -> list[tuple[float, float]]:
+    """Probability and north of the solutions of a kind, oldest first."""
+    w = belief.without
+    return [(float(w.probability[k]), float(w.x[k, 0])) for k in range(len(w)) if w.leaves[k] == kind]
+
+
+def test_without_its_only_fix_the_position_is_what_it_was_before() -> None:
+    before = fusion.propagated(start(), S, (0.0, 0.0), SETTINGS)
+    after = taken(start(), 1.0, 3.0)
+    (alone,) = by_kind(after, EVERY)
+    assert alone == (0.01, 0.0)
+    assert after.without.P[0] == pytest.approx(before.P)
+    assert after.x[0] > 1.0
+
+
+def test_solutions_move_and_spread_as_a_filter_that_never_had_the_fix() -> None:
+    without = fusion.propagated(start(), 5 * S, (4.0, -1.0), SETTINGS)
+    after = fusion.propagated(taken(start(), 0.0, 1.0), 5 * S, (4.0, -1.0), SETTINGS)
+    w = after.without
+    assert len(w) == 2
+    np.testing.assert_allclose(w.x[0], without.x)
+    np.testing.assert_allclose(w.P[0], without.P, rtol=1e-9)
+
+
+def test_one_that_takes_the_later_fixes_is_the_filter_without_the_first() -> None:
+    only_second = taken(start(), 1.0, 0.2)
+    both = taken(taken(start(), 0.0, 4.0), 1.0, 0.2)
+    w = both.without
+    one = w.leaves.index(ONE)
+    np.testing.assert_allclose(w.x[one], only_second.x, atol=1e-12)
+    np.testing.assert_allclose(w.P[one], only_second.P, rtol=1e-9)
+
+
+def test_a_method_errs_again_more_often_than_at_first_and_other_methods_independently() -> None:
+    belief = taken(taken(start(), 0.0, 0.0, p=0.01), 1.0, 0.0, p=0.004)
+    assert by_kind(belief, EVERY)[0][0] == pytest.approx(0.01 * CORRELATION)
+    belief = taken(belief, 2.0, 0.0, "structure", 0.02)
+    assert by_kind(belief, EVERY)[0][0] == pytest.approx(0.01 * CORRELATION * 0.02)
+    assert by_kind(belief, "structure") == [(0.02, pytest.approx(by_kind(belief, EVERY)[-1][1]))]
+
+
+def test_a_vote_left_out_takes_the_other_votes_fixes() -> None:
+    belief = taken(taken(start(), 0.0, 0.0, "structure"), 1.0, 3.0, "deep")
+    after = taken(belief, 2.0, 0.0, "structure")
+    k = after.without.leaves.index("deep")
+    alone = taken(taken(start(), 0.0, 0.0, "structure"), 2.0, 0.0, "structure")
+    np.testing.assert_allclose(after.without.x[k], alone.x, atol=1e-12)
+    assert after.without.rested_ns[k] == 2 * S
+
+
+def test_gnss_is_taken_by_all_and_founds_none() -> None:
+    belief = taken(start(), 0.0, 3.0)
+    after = taken(belief, 1.0, 0.0, from_fix=False)
+    assert len(after.without) == len(belief.without)
+    assert np.trace(after.without.P[0, :2, :2]) < np.trace(belief.without.P[0, :2, :2])
+
+
+def test_no_claim_is_believed_below_the_floor_and_none_above_one() -> None:
+    assert by_kind(taken(start(), 0.0, 0.0, p=0.0), EVERY)[0][0] == CLAIM_FLOOR
+    assert by_kind(taken(start(), 0.0, 0.0, p=5.0), EVERY)[0][0] == 1.0
+
+
+def test_there_are_never_too_many_and_the_improbable_go_first() -> None:
+    belief = start()
+    for k in range(80):
+        belief = taken(belief, 0.1 * k, 0.3 * (-1) ** k, p=0.5)
+    w = belief.without
+    assert len(w) <= separation.MAX_SOLUTIONS
+    assert w.probability.min() >= separation.NEGLIGIBLE
+    assert w.leaves.count(EVERY) > 5
+    assert np.isfinite(w.x).all()
+    assert (np.linalg.eigvalsh(w.P) > 0).all()
+
+
+def test_a_new_velocity_leaves_no_learned_error() -> None:
+    belief = taken(taken(start(feedback=False), 0.0, 0.0), 3.0, 2.0)
+    other = fusion.with_velocity_trust(belief, 0.8, feedback=True)
+    assert (other.without.x[:, 2:] == 0).all()
+    np.testing.assert_allclose(other.without.P[:, 2, 2], 0.64)
+    assert (other.without.P[:, :2, 2:] == 0).all()
+    wider = fusion.with_velocity_trust(other, 1.0, feedback=True)
+    np.testing.assert_allclose(wider.without.P[:, 3, 3], 1.0)
+
+
+def test_the_origin_moves_them_along() -> None:
+    w = taken(start(), 0.0, 3.0).without
+    moved = separation.shifted(w, np.array([5.0, -2.0]))
+    np.testing.assert_allclose(moved.x - w.x, np.tile([5.0, -2.0, 0.0, 0.0], (len(w), 1)))
+    assert separation.shifted(separation.NONE, np.array([5.0, -2.0])) is separation.NONE
+
+
+def test_what_a_filter_was_before_it_started_anew_stays_a_solution() -> None:
+    belief = start()
+    for k in range(SETTINGS.relocalise_after_rejections):
+        at = Position(round((0.5 + 0.2 * k) * S), (60.0, 0.0), COV, from_fix=True, method="deep", probability_wrong=0.01)
+        belief = fusion.propagated(belief, at.t_ns, (0.0, 0.0), SETTINGS)
+        belief, outcome = fusion.observed(belief, at, None, SETTINGS)
+    assert isinstance(outcome, Accepted)
+    assert belief.x[0] == 60.0
+    assert min(abs(north) for _, north in by_kind(belief, EVERY)) < 1e-9
+
+
+def test_only_those_that_say_nothing_of_their_own_are_merged() -> None:
+    w = taken(start(), 0.0, 3.0).without
+    x, P = w.x[0], w.P[0]
+    kept = separation.apart(w, x, P)
+    assert kept.leaves == (EVERY,)
+    assert len(separation.apart(replace(w, x=w.x + math.sqrt(np.trace(P[:2, :2]))), x, P)) == 2

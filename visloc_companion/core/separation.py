@@ -1,0 +1,172 @@
+"""Solutions that leave fixes out: where the vehicle would be if the last fixes were wrong matches, and how probable that is.
+
+Solution separation (Brown & McBurney, "Self-contained GPS integrity check using maximum solution separation", 1988; Blanch et
+al., "Baseline advanced RAIM user algorithm and possible improvements", 2015) over time and over votes. Every fix that the filter
+takes founds up to three solutions that do without it:
+
+* one takes no fix from then on (`EVERY`): the last n fixes are wrong, whatever gave them;
+* one takes those of other methods only (the method's name): one vote is wrong for a while, the others are right;
+* one takes all later fixes (`ONE`): that single fix was wrong.
+
+The first fix of a method is wrong with the probability that it claims, but no claim is believed below CLAIM_FLOOR. A later one
+of the same method is wrong in the same way with a probability of at least CORRELATION, because it looks at the same ground;
+another method fails for other reasons. integrity.py makes the protection level of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from visloc_companion.types import FloatArray
+
+EVERY: Final = "*"
+ONE: Final = ""
+CLAIM_FLOOR = 1e-3
+"""1 of 974 accepted fixes of unseen ground was a wrong match (docs/benchmarks.md): claims below that are not proven."""
+CORRELATION = 0.5
+"""Probability that the next fix of a method errs with the last one: an assumption, stated in docs/safety.md."""
+NEGLIGIBLE = 1e-8
+MAX_SOLUTIONS = 40
+MERGED_SIGMA, MERGED_VARIANCE = 0.1, 1.1
+"""A `ONE` that is nearer to the filter than this share of its sigma, with hardly more variance, says what the filter says."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solutions:
+    """K solutions: means (K, 4), covariances (K, 4, 4) of the filter's state, their probabilities (K,), and the time (K,) of the
+    last fix that each rests on. `leaves`: what each goes on to leave out; `left`: the methods of what it left out."""
+
+    x: FloatArray
+    P: FloatArray
+    probability: FloatArray
+    rested_ns: NDArray[np.int64]
+    leaves: tuple[str, ...] = ()
+    left: tuple[frozenset[str], ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.leaves)
+
+
+NONE = Solutions(np.zeros((0, 4)), np.zeros((0, 4, 4)), np.zeros(0), np.zeros(0, np.int64))
+
+
+def propagated(solutions: Solutions, F: FloatArray, Q: FloatArray, step: FloatArray) -> Solutions:
+    """All solutions through x -> F x + step with process noise Q (K, 4, 4)."""
+    if not len(solutions):
+        return solutions
+    return replace(solutions, x=solutions.x @ F.T + step, P=F @ solutions.P @ F.T + Q)
+
+
+def widened(solutions: Solutions, more: FloatArray) -> Solutions:
+    """With a covariance (4, 4) added to each."""
+    return replace(solutions, P=solutions.P + more) if len(solutions) else solutions
+
+
+def with_new_velocity(solutions: Solutions, variance_m2ps2: float) -> Solutions:
+    """With another velocity to ride on: its error is unknown and has nothing to do with the positions."""
+    if not len(solutions):
+        return solutions
+    x, P = solutions.x.copy(), solutions.P.copy()
+    x[:, 2:] = 0.0
+    P[:, 2:, :2] = P[:, :2, 2:] = 0.0
+    P[:, 2:, 2:] = variance_m2ps2 * np.eye(2)
+    return replace(solutions, x=x, P=P)
+
+
+def shifted(solutions: Solutions, shift_ne_m: FloatArray) -> Solutions:
+    """With positions (2,) moved, as an origin is."""
+    return replace(solutions, x=solutions.x + np.array([*shift_ne_m, 0.0, 0.0])) if len(solutions) else solutions
+
+
+def updated(
+    solutions: Solutions, z: FloatArray, R: FloatArray, *, take: NDArray[np.bool_], n_considered: int, t_ns: int | None = None
+) -> Solutions:
+    """With a position z (2,), R (2, 2) taken by some of them (K,), in Joseph's form, without a gate.
+
+    The last `n_considered` states keep mean and variance (kalman.update). `t_ns`: of a fix that they rest on from now on.
+    """
+    if not take.any():
+        return solutions
+    x, P, rested = solutions.x.copy(), solutions.P.copy(), solutions.rested_ns.copy()
+    K = P[take][:, :, :2] @ np.linalg.inv(P[take][:, :2, :2] + R)
+    if n_considered:
+        K[:, 4 - n_considered :] = 0.0
+    keep = np.eye(4) - np.concatenate([K, np.zeros_like(K)], axis=2)
+    x[take] += np.einsum("kij,kj->ki", K, z - x[take][:, :2])
+    P[take] = keep @ P[take] @ keep.transpose(0, 2, 1) + K @ R @ K.transpose(0, 2, 1)
+    if t_ns is not None:
+        rested[take] = t_ns
+    return replace(solutions, x=x, P=(P + P.transpose(0, 2, 1)) / 2, rested_ns=rested)
+
+
+def without_fix(
+    solutions: Solutions, method: str, claimed: float, before: tuple[FloatArray, FloatArray, int], among: frozenset[str]
+) -> Solutions:
+    """After a fix that the filter took: those that leave it out are less probable for it, and new ones are founded.
+
+    `before`: mean, covariance of the filter before the fix, and the time of the last fix that it rested on. `among`: methods of
+    the filter's recent fixes; a vote of its own is left out only where there is another.
+    """
+    p = min(1.0, max(claimed, CLAIM_FLOOR))
+    leaving = leaving_out(solutions, method)
+    factor = [
+        1.0 if not leaves_it else max(p, CORRELATION) if method in left else p
+        for leaves_it, left in zip(leaving, solutions.left, strict=True)
+    ]
+    left = tuple(left | {method} if leaves_it else left for leaves_it, left in zip(leaving, solutions.left, strict=True))
+    kinds = (EVERY, method, ONE) if among - {method} else (EVERY, ONE)
+    x, P, rested_ns = before
+    n = len(kinds)
+    return likely(
+        Solutions(
+            np.concatenate([solutions.x, np.tile(x, (n, 1))]),
+            np.concatenate([solutions.P, np.tile(P, (n, 1, 1))]),
+            np.concatenate([solutions.probability * factor, np.full(n, p)]),
+            np.concatenate([solutions.rested_ns, np.full(n, rested_ns, np.int64)]),
+            (*solutions.leaves, *kinds),
+            (*left, *([frozenset({method})] * n)),
+        )
+    )
+
+
+def leaving_out(solutions: Solutions, method: str) -> NDArray[np.bool_]:
+    """(K,) which of them leave a fix of a method out."""
+    return np.array([leaves in (EVERY, method) for leaves in solutions.leaves], dtype=np.bool_)
+
+
+def likely(solutions: Solutions) -> Solutions:
+    """Without those of negligible probability, and never more than MAX_SOLUTIONS: the most probable ones."""
+    keep = solutions.probability >= NEGLIGIBLE
+    if int(keep.sum()) > MAX_SOLUTIONS:
+        order = np.argsort(-solutions.probability, kind="stable")
+        keep[order[MAX_SOLUTIONS:]] = False
+    return chosen(solutions, keep)
+
+
+def apart(solutions: Solutions, x: FloatArray, P: FloatArray) -> Solutions:
+    """Without each `ONE` that says no more than the filter itself, x (4,) and P (4, 4), does."""
+    if not len(solutions):
+        return solutions
+    variance = float(np.trace(P[:2, :2]))
+    near = np.square(solutions.x[:, :2] - x[:2]).sum(1) < MERGED_SIGMA**2 * variance
+    same = near & (np.trace(solutions.P[:, :2, :2], axis1=1, axis2=2) < MERGED_VARIANCE * variance)
+    return chosen(solutions, ~(same & np.array([leaves == ONE for leaves in solutions.leaves])))
+
+
+def chosen(solutions: Solutions, keep: NDArray[np.bool_]) -> Solutions:
+    """Some of them (K,)."""
+    if keep.all():
+        return solutions
+    at = np.flatnonzero(keep)
+    return Solutions(
+        solutions.x[at],
+        solutions.P[at],
+        solutions.probability[at],
+        solutions.rested_ns[at],
+        tuple(solutions.leaves[k] for k in at),
+        tuple(solutions.left[k] for k in at),
+    )
