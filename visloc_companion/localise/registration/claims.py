@@ -15,22 +15,25 @@ from visloc_companion.localise.registration.evidence import Evidence
 from visloc_companion.localise.registration.refine import Refined
 from visloc_companion.types import FloatArray
 
-WEIGHTS = (-1.88, 53.3, -0.258)
+WEIGHTS = (-0.686, 59.8, -0.442)
 """On `regressors`: log-odds of being right. Fitted on answers of the search; they fit those of the other methods as well, since
 the evidence asks nothing of how a registration was found."""
+POWER = 1.5
+"""Of the scores. Their squares are the log-likelihoods of independent cells; how many cells are independent falls with the score,
+as it does from a plantation to a lawn with a few trees."""
 MOST_CHI2 = 30.0
 """Beyond this, farther from the prior is not likelier to be wrong."""
-FORMAL_FACTOR = 1.6
-FLOOR_M = (0.12, 0.14)
-HEIGHT_SHARE = 0.18
-"""Sigmas: the formal ones times a factor, a floor (horizontal, vertical), and of the height a share of the heights' deviation."""
+FLOOR_M = (0.05, 0.08)
+HEIGHT_SHARE = 0.22
+"""Sigmas: the refinement's, a floor (horizontal, vertical), and of the height a share of the heights' deviation: crowns that are
+lower in one cloud than in the other."""
 FLAT_M, LOOSE_M, CLEAR_LEAD = 0.1, 1.5, 0.1
 """A refusal is for want of texture where the relief is flatter or the place looser, else ambiguous where another is as good."""
 
 
 def regressors(e: Evidence) -> tuple[float, ...]:
-    """What the log-odds are linear in."""
-    return (1.0, e.score - e.rival, min(e.prior_chi2, MOST_CHI2))
+    """What the log-odds are linear in: how much likelier the place is than its rival, and how far it is from the prior."""
+    return (1.0, max(e.score, 0.0) ** POWER - e.rival**POWER, min(e.prior_chi2, MOST_CHI2))
 
 
 def probability_wrong(e: Evidence) -> float:
@@ -46,8 +49,8 @@ def answer(refined: Refined, e: Evidence, prior: RegistrationPrior, max_probabil
         return NotRegistered(_reason(e), f"wrong with a probability of {wrong:.3f}", (*e.named(), ("probability_wrong", wrong)))
     formal = np.zeros((3, 3))
     formal[:2, :2], formal[2, 2] = refined.placed[:2, :2], refined.raised[0, 0]
-    spread = FORMAL_FACTOR**2 * formal + np.diag(_floor_m2(e, prior))
-    yaw, scale = (FORMAL_FACTOR * math.sqrt(refined.placed[k, k]) for k in (2, 3))
+    spread = formal + np.diag(_floor_m2(e, prior))
+    yaw, scale = (math.sqrt(refined.placed[k, k]) for k in (2, 3))
     return Registered(refined.T, spread, min(yaw, prior.sigma_yaw_rad), min(scale, prior.sigma_scale), wrong, e.named())
 
 

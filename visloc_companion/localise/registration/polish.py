@@ -5,6 +5,9 @@ around. Here the mean is taken away from the differences of height of the cells 
 loses its weight and with it its pull on its neighbours. The slopes that a step is computed from lose their mean in the same way,
 so that the step is that of generalised least squares under differences that are alike over 8 m (Aitken 1936).
 
+A difference counts in their robust deviation by its slope: on a lawn with a few trees that of all cells is the lawn's, beside
+which every edge of a crown, which alone says where things are, would look like a change.
+
 The covariance is the one of clusters (Liang and Zeger 1986): what the cells of a block pull together counts once.
 """
 
@@ -49,7 +52,7 @@ def polish(source: SourceCells, surface: Surface, refined: Refined, prior: Regis
         values = np.column_stack([residual, jacobian])
         values -= _local_mean(source, values, used, weight[used], surface.heights.cell_m)
         residual, jacobian = values[:, 0], values[:, 1:]
-        sigma, weight[used] = robust(residual, prior.sigma_growth_m)
+        sigma, weight[used] = robust(residual, prior.sigma_growth_m, np.hypot(jacobian[:, 0], jacobian[:, 1]))
         weighted = jacobian * (weight[used] / (ALIKE * sigma**2))[:, None]
         precision, wish = prior_of_placing(T, prior)
         bread = np.linalg.inv(weighted.T @ jacobian + np.diag(precision + TINY))

@@ -42,6 +42,12 @@ def test_a_rival_nearly_as_good_is_doubt():
     assert claims[-1] > 0.3
 
 
+def test_what_is_the_opposite_of_the_map_is_no_evidence():
+    assert probability_wrong(replace(GOOD, correlation=-0.9, rival=0.0)) == probability_wrong(
+        replace(GOOD, correlation=0.0, rival=0.0)
+    )
+
+
 def test_declines_with_the_reason_that_is_worst():
     alike = answer(REFINED, replace(GOOD, rival=0.87), PRIOR, 0.05)
     flat = answer(REFINED, replace(GOOD, correlation=0.1, rival=0.1, relief_m=0.02), PRIOR, 0.05)

@@ -8,7 +8,7 @@ import pytest
 from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.localise.registration.height_map import HeightMap, high_passed
 from visloc_companion.localise.registration.polish import polish
-from visloc_companion.localise.registration.refine import refine
+from visloc_companion.localise.registration.refine import refine, robust
 from visloc_companion.localise.registration.similarity import about, moved, tilt_of, turned, with_linear
 from visloc_companion.localise.registration.surfaces import cells_of, surface_of
 
@@ -89,3 +89,14 @@ def test_growth_widens_what_counts_as_alike():
     cells, surface, of_relief, _ = parts(height_map(50, (35, 35), (0.5, 0.0)))
     grown = refine(cells, surface, of_relief, np.eye(4), replace(PRIOR, sigma_growth_m=2.0), 20)
     assert grown.height_sigma_m == pytest.approx(2.0)
+
+
+def test_where_little_stands_out_the_deviation_is_that_of_what_does():
+    lawn, crowns = np.full(900, 0.02), np.tile([-1.0, 1.0], 50)
+    residual, slope = np.append(lawn, crowns), np.append(np.full(900, 0.001), np.full(100, 1.0))
+    of_all, lost = robust(residual, 0.0)
+    of_crowns, kept = robust(residual, 0.0, slope)
+    assert of_all == pytest.approx(0.1), "the least"
+    assert of_crowns == pytest.approx(1.48, abs=0.05)
+    assert lost[900:].max() < 0.01
+    assert kept[900:].min() > 0.7
