@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from benchmarks.cloud_cases import CloudCase
 from visloc_companion.localise.registration.base import Registered, RegistrationMethod
+from visloc_companion.localise.registration.clouds import density_per_m2
 
 Array = NDArray[np.float64]
 WRONG_M, FAR_M = 5.0, 10.0
@@ -18,13 +19,17 @@ WRONG_M, FAR_M = 5.0, 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CloudAnswer:
-    """`probability_wrong` 1 and errors infinite where there is no answer; `error_m` (3,) of the source's mean point."""
+    """`probability_wrong` 1 and errors infinite where there is no answer; `error_m` (3,) of the source's mean point.
+
+    `covered`: share of the source whose right place is on the reference.
+    """
 
     case: str
     cloud: str
     cover: str
     scenario: str
     level: str
+    covered: float
     reason: str
     probability_wrong: float
     mtre_m: float
@@ -54,13 +59,26 @@ def answer_of(method: RegistrationMethod, case: CloudCase) -> CloudAnswer:
     begun = time.process_time()
     found = method(case.source_m, case.reference_m, case.prior)
     spent = time.process_time() - begun
-    labels = (case.name, case.cloud, case.cover, case.scenario, case.level)
+    labels = (case.name, case.cloud, case.cover, case.scenario, case.level, covered(case))
     if not isinstance(found, Registered):
         nowhere = np.full(3, np.inf)
         return CloudAnswer(*labels, str(found.reason), 1.0, np.inf, nowhere, np.eye(3), dict(found.evidence), spent)
     off = _moved(found.T_reference_source, case.source_m) - _moved(case.T_true, case.source_m)
     mtre = float(np.linalg.norm(off, axis=1).mean())
     return CloudAnswer(*labels, "", found.probability_wrong, mtre, off.mean(0), found.covariance_m2, dict(found.evidence), spent)
+
+
+def covered(case: CloudCase) -> float:
+    """Share of the source's points that the truth puts on cells that hold points of the reference; 0 where there is no truth.
+
+    Cells are so large that four points of the reference are expected in each: stray returns off water cover few.
+    """
+    if case.T_true is None:
+        return 0.0
+    places = (_moved(case.T_true, case.source_m), case.reference_m)
+    side = 2 / np.sqrt(density_per_m2(case.reference_m))
+    cells = (np.floor(p[:, :2] / side).astype(np.int64) @ np.array([1 << 32, 1]) for p in places)
+    return float(np.isin(*cells).mean())
 
 
 def _moved(T: Array | None, points_m: Array) -> Array:

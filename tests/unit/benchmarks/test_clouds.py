@@ -11,7 +11,7 @@ pytest.importorskip("laspy")
 
 from benchmarks.bare_clouds import BARE, write_bare_clouds
 from benchmarks.calibrate_clouds import crossed, fitted
-from benchmarks.cloud_answers import answer_of
+from benchmarks.cloud_answers import answer_of, covered
 from benchmarks.cloud_cases import CloudCase, elsewhere, thinned
 from benchmarks.clouds import figures, groups, pooled
 from visloc_companion.errors import Reason
@@ -59,7 +59,16 @@ def test_groups_hold_every_case_once_by_place_and_leave_fitted_places_out_where_
     found = [answer_of(off_by(1.0, 0.01), case(cloud)) for cloud in ("suburb_fusa", "delft_ahn3", "made_water")]
     sizes = {label["place"]: len(some) for label, some in groups(found)}
     assert sizes["buildings: suburb_fusa"] == sizes["buildings: delft_ahn3*"] == sizes["water: made_water"] == 1
-    assert (sizes["all with information"], sizes["of these not fitted on"]) == (2, 1)
+    assert (sizes["all with information"], sizes["of these not fitted on"], sizes["of these on the reference"]) == (2, 1, 2)
+
+
+def test_what_lies_on_a_few_stray_returns_is_not_on_the_reference():
+    rng = np.random.default_rng(3)
+    source, land = rng.uniform(0, 30, (2000, 3)), rng.uniform(0, 60, (4000, 3)) + np.array([100, 0, 0])
+    stray = rng.uniform(0, 60, (80, 3))
+    assert covered(replace(case(), source_m=source, reference_m=np.concatenate([land, stray]))) < 0.3
+    assert covered(replace(case(), source_m=source + np.array([110, 10, 0]), reference_m=np.concatenate([land, stray]))) > 0.9
+    assert covered(replace(case(), T_true=None)) == 0
 
 
 def test_thinning_keeps_a_density():
