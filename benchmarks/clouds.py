@@ -50,7 +50,9 @@ def main() -> None:
     print(f"{HEADER}\n|{'---|' * HEADER.count(' | ')}---|", flush=True)
     for name in args.methods:
         method = make_registration(name, 1.0)
-        found = [answer_of(method, case) for case in all_cases(args.clouds, args.work, args.n, args.seed, only)]
+        cases = all_cases(args.clouds, args.work, args.n, args.seed, only)
+        most = args.first.get(name, args.n)
+        found = [answer_of(method, case) for case in cases if number(case) < most]
         for label, some in groups(found):
             rows.append({"method": name, **label, **figures(some, args.limit_p)})
             print(_row(rows[-1]), flush=True)
@@ -78,6 +80,11 @@ def groups(found: list[CloudAnswer]) -> Iterator[tuple[dict[str, str], list[Clou
             for place, belongs in whole:
                 if chosen := [a for a in some if belongs(a)]:
                     yield _label(level, scenario, place), chosen
+
+
+def number(case: CloudCase) -> int:
+    """Of a case among those of its cloud, scenario and level, from 0."""
+    return int(case.name.rsplit("_", 1)[1])
 
 
 def figures(some: list[CloudAnswer], limit_p: float) -> dict[str, Any]:
@@ -150,10 +157,20 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--n", type=int, default=20, help="cases a cloud, scenario and level")
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--methods", nargs="+", choices=list(METHODS), default=list(METHODS))
+    parser.add_argument("--first", nargs="+", type=_first, default=[], metavar="METHOD=K", help="slow methods: the first K only")
     parser.add_argument("--clouds-only", nargs="+", help="names of the clouds to take")
     parser.add_argument("--limit-p", type=float, default=DEFAULT_MAX_PROBABILITY_WRONG)
     parser.add_argument("--json", type=Path)
-    return parser.parse_args()
+    args = parser.parse_args()
+    args.first = dict(args.first)
+    return args
+
+
+def _first(text: str) -> tuple[str, int]:
+    method, _, most = text.partition("=")
+    if method not in METHODS or not most.isdigit():
+        raise argparse.ArgumentTypeError(f"{text!r}: give METHOD=K, METHOD one of {', '.join(METHODS)}")
+    return method, int(most)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from benchmarks.bare_clouds import BARE, write_bare_clouds
 from benchmarks.calibrate_clouds import crossed, fitted
 from benchmarks.cloud_answers import answer_of, covered
 from benchmarks.cloud_cases import CloudCase, elsewhere, thinned
-from benchmarks.clouds import figures, groups, pooled
+from benchmarks.clouds import figures, groups, number, pooled
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
 
@@ -69,6 +69,10 @@ def test_what_lies_on_a_few_stray_returns_is_not_on_the_reference():
     assert covered(replace(case(), source_m=source, reference_m=np.concatenate([land, stray]))) < 0.3
     assert covered(replace(case(), source_m=source + np.array([110, 10, 0]), reference_m=np.concatenate([land, stray]))) > 0.9
     assert covered(replace(case(), T_true=None)) == 0
+
+
+def test_cases_are_numbered_by_their_names():
+    assert number(replace(case(), name="ign_suburb_sparse_B_07")) == 7
 
 
 def test_thinning_keeps_a_density():
