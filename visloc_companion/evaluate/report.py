@@ -24,6 +24,7 @@ from visloc_companion.evaluate.metrics import (
 from visloc_companion.evaluate.record import FixPoint, FlightRecord, Refusal, rebased
 from visloc_companion.evaluate.report_charts import latency_histogram, spans, time_chart, time_legend
 from visloc_companion.evaluate.report_map import MapImage, flight_map, map_legend, view_of
+from visloc_companion.evaluate.report_pictures import PicturePair, picture_section
 from visloc_companion.evaluate.report_style import CSS
 from visloc_companion.types import FloatArray, Verdict
 
@@ -54,12 +55,14 @@ def write_flight_report(
     gnss_faults_s: Sequence[tuple[float, float]] | None = None,
     notes: Sequence[str] = (),
     latency: Literal["arrival", "computation"] = "arrival",
+    pictures: Sequence[PicturePair] = (),
 ) -> None:
     """Write the report of a flight.
 
     `checks` decide PASS or FAIL (none: neither is stated). `baseline` is the same flight without the daemon; of it only the true
     track is used. `map_image` lies under the tracks. `gnss_faults_s` are the intervals in which GNSS was really bad, where known.
     `notes` are paragraphs on what was flown. `latency` is as in `flight_summary`: a replay states the computation alone.
+    `pictures` show frames beside the map.
     """
     summary = flight_summary(record, alert_limit_m=alert_limit_m, gnss_faults_s=gnss_faults_s, latency=latency)
     strayed = _strayed(record, baseline) if baseline is not None else None
@@ -70,6 +73,7 @@ def write_flight_report(
         _tiles(record, summary, alert_limit_m),
         _checks_table(checks),
         _maps(record, baseline, map_image, strayed, gnss_faults_s),
+        picture_section(pictures),
         _over_time(record, alert_limit_m, strayed),
         _answers(record, summary, latency),
         _events(record),

@@ -27,6 +27,8 @@ table{border-collapse:collapse;width:100%;font-size:15px;font-variant-numeric:ta
 th,td{text-align:left;padding:6px 10px;border-bottom:1px solid var(--rule);vertical-align:top}
 th{color:var(--soft);font-weight:600}td.n,th.n{text-align:right}td.n{white-space:nowrap}.yes{color:var(--good);font-weight:650}.no{color:var(--bad);font-weight:650}
 .scroll{overflow-x:auto}.two{display:grid;grid-template-columns:repeat(2,minmax(0,1fr));gap:20px 28px}.two>*{min-width:0}
+.pairs{display:grid;grid-template-columns:repeat(2,minmax(0,420px));gap:10px 14px}figure{margin:0}
+img{display:block;width:100%;height:auto;border-radius:6px}figcaption{color:var(--soft);font-size:14px}
 svg{display:block;width:100%;height:auto}.scroll>svg.wide{min-width:720px}
 .legend{list-style:none;display:flex;flex-wrap:wrap;gap:4px 18px;margin:6px 0;padding:0;font-size:14px}
 .legend li{display:flex;align-items:center;gap:7px}.key{width:28px;height:14px;flex:none}

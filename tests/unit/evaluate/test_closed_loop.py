@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from statistics import median
 
+import cv2
 import numpy as np
 import pytest
 
@@ -20,6 +21,7 @@ from visloc_companion.evaluate.closed_loop import (
     fly_with,
     map_sigma_m,
 )
+from visloc_companion.evaluate.flight_pictures import picture_pairs
 from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.world import procedural_world
@@ -229,6 +231,12 @@ def test_rendered_frames_and_the_real_localiser_carry_a_flight(small_world: Flig
     assert len(fixes) > 0.8 * len(answers)
     off_m = [math.dist(fix.p_ned_m[:2], flown.record.truth.at(np.array([fix.t_s]))[0, :2]) for fix in flown.record.fixes]
     assert median(off_m) < 1.5
+    [pair] = picture_pairs(flown, small_world, [6.0])
+    camera, below = (cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR) for jpeg in (pair.camera, pair.map))
+    assert camera is not None
+    assert below is not None
+    assert camera.shape == below.shape == (315, 420, 3)
+    assert camera.std() > 5
 
 
 def test_a_map_with_a_hole_in_its_middle_is_refused(small_world: FlightWorld, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,9 +15,10 @@ from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.record import FlightRecord, from_entries
 from visloc_companion.evaluate.report import write_flight_report
 from visloc_companion.evaluate.report_map import MapImage, view_of
+from visloc_companion.evaluate.report_pictures import PicturePair
 from visloc_companion.evaluate.report_svg import Scale, decades, nice_step, number, path, thinned, ticks
 
-VOID = {"meta", "link", "line", "circle", "path", "image"}
+VOID = {"meta", "link", "line", "circle", "path", "image", "img"}
 
 
 class Checker(HTMLParser):
@@ -174,3 +175,13 @@ def test_who_gave_each_fix_is_shown_where_several_did(synthetic: ModuleType, tmp
     assert "error of single fixes by structure" in both
     assert alone.count('class="dotring"') == 0
     assert both.count('class="dotring"') == len(fixes[::3]) + 1, "one more in the legend"
+
+
+def test_frames_are_shown_beside_the_map(synthetic: ModuleType, tmp_path: Path) -> None:
+    jpeg = cv2.imencode(".jpg", np.full((30, 40, 3), 90, np.uint8))[1].tobytes()
+    record = synthetic.make_record()
+    assert "Camera and map" not in page_of(record, tmp_path)
+    page = page_of(record, tmp_path, pictures=[PicturePair(45.2, jpeg, jpeg)])
+    assert page.count("<img ") == 2
+    assert "what the camera saw at 45 s" in page
+    assert "the map there at 45 s" in page

@@ -1,0 +1,33 @@
+"""Frames of a flight beside the map, in its report."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class PicturePair:
+    """JPEG bytes of the camera's frame and of the map under it, both with north at the top, at a time of the flight."""
+
+    t_s: float
+    camera: bytes
+    map: bytes
+
+
+def picture_section(pairs: Sequence[PicturePair]) -> str:
+    """The section of a report (HTML); empty without pictures."""
+    if not pairs:
+        return ""
+    shown = "".join(
+        _figure(jpeg, f"{words} at {pair.t_s:.0f} s")
+        for pair in pairs
+        for words, jpeg in (("what the camera saw", pair.camera), ("the map there", pair.map))
+    )
+    return f'<h2>Camera and map</h2><div class="pairs">{shown}</div>'
+
+
+def _figure(jpeg: bytes, words: str) -> str:
+    data = base64.b64encode(jpeg).decode("ascii")
+    return f'<figure><img alt="{words}" src="data:image/jpeg;base64,{data}"><figcaption>{words}</figcaption></figure>'
