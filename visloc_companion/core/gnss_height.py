@@ -13,7 +13,7 @@ from visloc_companion.types import Baro
 
 SEA_LEVEL_HPA = 1013.25
 BLOCK_NS = 2_000_000_000
-BARO_AGE_NS = 1_000_000_000
+BARO_AGE_NS = 1_500_000_000
 LEVEL_S = 60.0
 CLIMB_SHARE = 0.1
 """Air warmer or colder by 25 degrees than the standard atmosphere's stretches heights by a tenth."""

@@ -13,7 +13,7 @@ from visloc_companion.types import EkfSource, EstimatorStatus, Gnss, GnssIntegri
 TELEMETRY_GAP_NS = 1_000_000_000
 RATIO_REJECTED = 1.0
 STATUS_AGE_S = 3.0
-INTEGRITY_AGE_S = 5.0
+INTEGRITY_AGE_S = 10.0
 RECEIVER_AGE_S = 1.0
 """Two receivers are compared while their reports are no further apart."""
 ANTENNAS_APART_M = 5.0

@@ -227,6 +227,7 @@ class BuiltInAutopilot:
             gnss=flight.gnss,
             gnss_place=flight.gnss_place or GeoPoint(0.0, 0.0, 0.0),
             health=health,
+            baro_amsl_m=plan.home.h_amsl_m - f.baro_down_m,
             external_healthy=flight.estimator.external_healthy,
             mav_type=mavlink.MAV_TYPE_FIXED_WING if plan.vehicle == "plane" else mavlink.MAV_TYPE_QUADROTOR,
             custom_mode=custom_mode(plan.kind, plan.vehicle, flight.phase),

@@ -120,6 +120,8 @@ class InertialFilter:
         self._baro_due_s = 0.0
         self._accelerations: deque[Vec3] = deque([(0.0, 0.0, 0.0)] * max(1, round(horizon_s / dt_s)))
         self._baro: deque[tuple[float, float]] = deque()
+        self.baro_down_m = 0.0
+        """The barometer's last reading, as a position down of home."""
 
     def align(self, p_ned_m: Vec3, v_ned_mps: Vec3) -> None:
         """Start at a position and velocity, at rest in acceleration."""
@@ -148,7 +150,8 @@ class InertialFilter:
         self.t_s += dt_s
         if self.t_s >= self._baro_due_s:
             self._baro_due_s += BARO_PERIOD_S
-            self._baro.append((self.t_s, true_down_m + self._baro_drift.step(BARO_PERIOD_S) + gauss(0.0, 0.1)))
+            self.baro_down_m = true_down_m + self._baro_drift.step(BARO_PERIOD_S) + gauss(0.0, 0.1)
+            self._baro.append((self.t_s, self.baro_down_m))
 
     def fuse_baro(self, use: bool = True) -> None:
         """Fuse (or pass over) the barometer readings that the fusion horizon has reached."""

@@ -19,6 +19,8 @@ COMMON = frozenset(
         mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN,
         mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
         mavlink.MAVLINK_MSG_ID_HEARTBEAT,
+        mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE,
+        mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
         mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR,
     }
 )

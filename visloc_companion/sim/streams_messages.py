@@ -17,6 +17,8 @@ from visloc_companion.types import AutopilotKind, GeoPoint, Vec3
 
 FIRMWARE_VERSION = {AutopilotKind.ARDUPILOT: (4, 7, 0, 0), AutopilotKind.PX4: (1, 17, 0, 0)}
 """Major, minor, patch and FIRMWARE_VERSION_TYPE (0 = development) of the trees that the facts sheet read."""
+BOOT_UNIX_US = 1_750_000_000_000_000
+"""Calendar time at which the simulated autopilot booted."""
 GPS_BIT, VISION_BIT, XY_BIT = 1 << 5, 1 << 7, 1 << 14
 
 
@@ -46,6 +48,7 @@ class Snapshot:
     gnss: GnssSample | None
     gnss_place: GeoPoint | None
     health: EstimatorHealth
+    baro_amsl_m: float
     external_healthy: bool
     mav_type: int
     custom_mode: int
@@ -147,6 +150,17 @@ def gps_global_origin(s: Snapshot) -> Message | None:
     return mavlink.MAVLink_gps_global_origin_message(*_degrees_e7(s.origin), round(s.origin.h_amsl_m * 1000), s.t_us)
 
 
+def scaled_pressure(s: Snapshot) -> Message:
+    """SCALED_PRESSURE of the standard atmosphere at the barometer's height, 15 degrees Celsius."""
+    pressure_hpa = 1013.25 * (1 - s.baro_amsl_m / 44330.77) ** (1 / 0.190263)
+    return mavlink.MAVLink_scaled_pressure_message(s.t_ms, pressure_hpa, 0.0, 1500)
+
+
+def system_time(s: Snapshot) -> Message:
+    """SYSTEM_TIME: calendar time, 0 before the receiver gave one."""
+    return mavlink.MAVLink_system_time_message(0 if s.gnss is None else BOOT_UNIX_US + s.t_us, s.t_ms)
+
+
 def autopilot_version(s: Snapshot) -> Message:
     """AUTOPILOT_VERSION."""
     major, minor, patch, kind = FIRMWARE_VERSION[s.kind]
@@ -194,6 +208,8 @@ BUILDERS: dict[int, Builder] = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: global_position_int,
     mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: gps_global_origin,
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: autopilot_version,
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: scaled_pressure,
+    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: system_time,
     mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: distance_sensor,
     STATUS_MESSAGE[AutopilotKind.ARDUPILOT]: ekf_status_report,
     STATUS_MESSAGE[AutopilotKind.PX4]: estimator_status,

@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from visloc_companion.adapters.mavlink import codec_gnss
+from visloc_companion.adapters.mavlink.codec_gnss import Outcome, place
 from visloc_companion.adapters.mavlink.dialect import NO_AUTOPILOT_TYPES, Message, mav
 from visloc_companion.errors import Reason
 from visloc_companion.geo.se3 import normalised, quat_from_euler
@@ -18,8 +20,6 @@ from visloc_companion.types import (
     Baro,
     EstimatorStatus,
     Event,
-    GeoPoint,
-    Gnss,
     LinkChanged,
     LocalPose,
     OriginChanged,
@@ -29,13 +29,8 @@ from visloc_companion.types import (
 )
 
 _NS_PER_MS = 1_000_000
-_MAX_BOOT_US = 100_000_000_000_000
-"""About three years: a larger time_usec counts from 1970 or 1980 and says nothing about the autopilot's clock."""
 _VERSION_TYPES = ((255, ""), (192, "-rc"), (128, "-beta"), (64, "-alpha"), (0, "-dev"))
 _KINDS = {mav.MAV_AUTOPILOT_ARDUPILOTMEGA: AutopilotKind.ARDUPILOT, mav.MAV_AUTOPILOT_PX4: AutopilotKind.PX4}
-
-Outcome = Event | Reason | None
-"""What a message comes to: an event, why it was dropped, or None where it says nothing to the navigator."""
 
 
 def decode(msg: Message, t_rx_ns: int) -> list[Event]:
@@ -65,12 +60,6 @@ def _vec3(msg: Message, *names: str) -> Vec3 | None:
     return None if values is None else (values[0], values[1], values[2])
 
 
-def _place(lat_e7: int, lon_e7: int, alt_mm: int) -> GeoPoint | None:
-    if abs(lat_e7) > 900_000_000 or abs(lon_e7) > 1_800_000_000:
-        return None
-    return GeoPoint(lat_e7 / 1e7, lon_e7 / 1e7, alt_mm / 1e3)
-
-
 def _attitude(msg: Message, t_rx_ns: int) -> Outcome:
     angles, rates = _vec3(msg, "roll", "pitch", "yaw"), _vec3(msg, "rollspeed", "pitchspeed", "yawspeed")
     if angles is None or rates is None:
@@ -90,11 +79,11 @@ def _attitude_quaternion(msg: Message, t_rx_ns: int) -> Outcome:
 def _global_position_int(msg: Message, t_rx_ns: int) -> Outcome:
     if msg.lat == 0 and msg.lon == 0:
         return Reason.NO_ORIGIN
-    place = _place(msg.lat, msg.lon, msg.alt)
-    if place is None:
+    where = place(msg.lat, msg.lon, msg.alt)
+    if where is None:
         return Reason.BAD_INPUT
     v_ned_mps = (msg.vx / 100.0, msg.vy / 100.0, msg.vz / 100.0)
-    return PriorPose(t_rx_ns, msg.time_boot_ms * _NS_PER_MS, place, v_ned_mps, msg.relative_alt / 1e3)
+    return PriorPose(t_rx_ns, msg.time_boot_ms * _NS_PER_MS, where, v_ned_mps, msg.relative_alt / 1e3)
 
 
 def _local_position_ned(msg: Message, t_rx_ns: int) -> Outcome:
@@ -102,32 +91,6 @@ def _local_position_ned(msg: Message, t_rx_ns: int) -> Outcome:
     if p_ned_m is None or v_ned_mps is None:
         return Reason.NOT_FINITE
     return LocalPose(t_rx_ns, msg.time_boot_ms * _NS_PER_MS, p_ned_m, v_ned_mps)
-
-
-def _gnss(msg: Message, t_rx_ns: int, receiver: int) -> Outcome:
-    place = _place(msg.lat, msg.lon, msg.alt)
-    if place is None:
-        return Reason.BAD_INPUT
-    v_ned_mps = None
-    if msg.vel != 65535 and msg.cog != 65535:
-        speed_mps, course_rad = msg.vel / 100.0, math.radians(msg.cog / 100.0)
-        v_ned_mps = (speed_mps * math.cos(course_rad), speed_mps * math.sin(course_rad), 0.0)
-    return Gnss(
-        t_rx_ns,
-        msg.time_usec * 1000 if msg.time_usec < _MAX_BOOT_US else 0,
-        msg.fix_type,
-        None if msg.satellites_visible == 255 else msg.satellites_visible,
-        place,
-        _accuracy_m(msg, "h_acc"),
-        _accuracy_m(msg, "v_acc"),
-        v_ned_mps,
-        receiver,
-    )
-
-
-def _accuracy_m(msg: Message, name: str) -> float | None:
-    accuracy_mm = int(getattr(msg, name, 0))
-    return None if accuracy_mm in (0, 0xFFFFFFFF) else accuracy_mm / 1e3
 
 
 def _ratio(value: float) -> float | None:
@@ -181,7 +144,7 @@ def _scaled_pressure(msg: Message, t_rx_ns: int) -> Outcome:
 def _gps_global_origin(msg: Message, t_rx_ns: int) -> Outcome:
     if msg.latitude == 0 and msg.longitude == 0:
         return Reason.NO_ORIGIN
-    origin = _place(msg.latitude, msg.longitude, msg.altitude)
+    origin = place(msg.latitude, msg.longitude, msg.altitude)
     return Reason.BAD_INPUT if origin is None else OriginChanged(t_rx_ns, origin)
 
 
@@ -217,8 +180,7 @@ _HANDLERS: dict[str, Callable[[Message, int], Outcome]] = {
     "ATTITUDE_QUATERNION": _attitude_quaternion,
     "GLOBAL_POSITION_INT": _global_position_int,
     "LOCAL_POSITION_NED": _local_position_ned,
-    "GPS_RAW_INT": lambda msg, t_rx_ns: _gnss(msg, t_rx_ns, 0),
-    "GPS2_RAW": lambda msg, t_rx_ns: _gnss(msg, t_rx_ns, 1),
+    **codec_gnss.HANDLERS,
     "EKF_STATUS_REPORT": _ekf_status_report,
     "ESTIMATOR_STATUS": _estimator_status,
     "DISTANCE_SENSOR": _distance_sensor,

@@ -1,18 +1,21 @@
 """The one place that names the MAVLink dialect: pymavlink's ArduPilot dialect, wire format 2.
 
 `ardupilotmega` holds all of `common` and, beyond it, EKF_STATUS_REPORT and RANGEFINDER. It is imported directly, never through
-`mavutil`, whose default is MAVLink 1 (there VISION_POSITION_ESTIMATE has neither covariance nor reset_counter).
+`mavutil`, whose default is MAVLink 1 (there VISION_POSITION_ESTIMATE has neither covariance nor reset_counter). GNSS_INTEGRITY
+is still in the `development` dialect only; its one message is added to what the parser knows.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from pymavlink.dialects.v20 import ardupilotmega
+from pymavlink.dialects.v20 import ardupilotmega, development
 
 mav: Any = ardupilotmega
 Message = Any
 """A decoded MAVLink message of any pymavlink dialect, version 1 or 2: `get_type()` and named fields."""
+
+mav.mavlink_map.setdefault(development.MAVLINK_MSG_ID_GNSS_INTEGRITY, development.MAVLink_gnss_integrity_message)
 
 AUTOPILOT_COMPONENT = 1
 NO_AUTOPILOT_TYPES = frozenset(
