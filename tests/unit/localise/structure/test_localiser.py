@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
-from visloc_companion.errors import Reason
+from visloc_companion.errors import MapError, OutsideMap, Reason
 from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import quat_from_euler, quat_from_R
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
@@ -135,6 +137,33 @@ def test_the_request_says_who_votes_and_structure_sees_every_frame(structure, su
     answer = both.localise(request, pixels, reference)
     assert isinstance(answer, Fix)
     assert answer.method == "structure"
+
+
+def test_over_a_map_without_shape_the_image_is_asked_and_no_frame_is_kept(structure, support, village) -> None:
+    shaped, plane = map_of(support, village), map_of(support, village, shape=False)
+    asked = Mock(side_effect=MapError("the map has no shape: its ground is a plane"))
+    refusing = SimpleNamespace(to_map=shaped.to_map, cloud_around=asked)
+    for reference in (plane, refusing):
+        vote = Mock()
+        both = TwoVotes(Picture(), vote)
+        for each, pixels, _ in shots(structure, village):
+            assert both.localise(each, pixels, reference).method == "picture"
+        vote.remember.assert_not_called()
+        vote.localise.assert_not_called()
+    asked.assert_called_once()
+
+
+def test_off_the_map_nothing_is_said_of_its_shape(structure, support, village) -> None:
+    """A first request from beside the map leaves the vote to those that follow."""
+    points = np.zeros((1, 3))
+    asked = Mock(side_effect=[OutsideMap("outside"), points])
+    reference = SimpleNamespace(to_map=map_of(support, village).to_map, cloud_around=asked)
+    vote = Mock()
+    both = TwoVotes(Picture(), vote)
+    for each, pixels, _ in shots(structure, village):
+        both.localise(each, pixels, reference)
+    assert asked.call_count == 2
+    assert vote.remember.call_count == len(NORTHS) - 1
 
 
 def request(north: float, t_s: float) -> LocaliseRequest:
