@@ -35,8 +35,8 @@ MOST_REFERENCE_POINTS = 200_000
 SURFACE_SHARE = 0.04
 """The surface below the camera is known to this share of the height above it: where the prior's error puts it, in another season
 (seeds below 100 of benchmarks/structure_chain.py)."""
-MIN_CELL_M = 0.5
-"""Points of the cloud are no closer: the map's shape is not known more finely."""
+STEREO = StereoSettings(cell_m=0.5, min_completeness=0.1, max_sigma_share=0.01)
+"""Points are no closer than the map's shape is known. Thin and noisy clouds (snow) go on: the registration is judged."""
 
 
 class StructureLocaliser:
@@ -47,7 +47,7 @@ class StructureLocaliser:
     def __init__(self, model: CameraModel, settings: LocaliserSettings, register: RegistrationMethod) -> None:
         self._model, self._settings, self._register = model, settings, register
         self._history = FrameHistory()
-        self._stereo = StereoSettings(cell_m=MIN_CELL_M)
+        self._stereo = STEREO
 
     def remember(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> None:
         """Keep a frame for the clouds of later requests."""

@@ -10,7 +10,14 @@ from visloc_companion.localise.pose import PriorTerm
 from visloc_companion.localise.registration.base import Registered
 from visloc_companion.localise.structure.base import LocalCloud, NoCloud
 from visloc_companion.localise.structure.cloud import _pixels
-from visloc_companion.localise.structure.registered_pose import NED_ENU, pose_from_registration
+from visloc_companion.localise.structure.registered_pose import (
+    HEIGHT_SHARE,
+    LEAST_TILT_M,
+    NED_ENU,
+    SIGMA_SCALE,
+    TILT_SHARE,
+    pose_from_registration,
+)
 
 
 @pytest.fixture
@@ -30,8 +37,8 @@ def similarity(yaw_deg, scale, shift, tilt_deg=0.0):
     return T
 
 
-def registered(T, sigma_up=0.3, sigma=0.4):
-    return Registered(T, np.diag([sigma**2, sigma**2, sigma_up**2]), 0.005, 0.002, 0.01, ())
+def registered(T, sigma_up=0.3, sigma=0.4, deviation=1.2):
+    return Registered(T, np.diag([sigma**2, sigma**2, sigma_up**2]), 0.005, 0.002, 0.01, (("deviation_m", deviation),))
 
 
 def test_the_camera_goes_where_the_similarity_takes_it(cloud, structure):
@@ -48,9 +55,9 @@ def test_the_covariance_is_the_registration_s_with_tilt_and_scale_carried_to_the
     none = PriorTerm(NED_ENU @ cloud.pose_of(1)[:3, :3], math.inf)
     sigma = np.sqrt(np.diag(pose_from_registration(cloud, registered(T), structure.WIDE, none).covariance))
     reach = np.sqrt(((cloud.points_m[:, :2] - cloud.points_m[:, :2].mean(0)) ** 2).mean())
-    lever = 83 * 0.3 / reach
+    lever = 83 * math.hypot(LEAST_TILT_M, TILT_SHARE * 1.2) / reach
     assert sigma[0] == pytest.approx(math.hypot(0.4, lever), rel=0.1)
-    assert sigma[2] == pytest.approx(math.hypot(0.3, 0.002 * 83), rel=0.15)
+    assert sigma[2] == pytest.approx(math.hypot(0.3, HEIGHT_SHARE * 1.2, 0.002 * 83, SIGMA_SCALE * 83), rel=0.05)
     tied = replace(none, sigma_tilt_rad=math.radians(0.05))
     better = np.sqrt(np.diag(pose_from_registration(cloud, registered(T), structure.WIDE, tied).covariance))
     assert better[0] < sigma[0]
