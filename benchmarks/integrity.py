@@ -25,9 +25,10 @@ import numpy as np
 from visloc_companion.core import fusion, separation
 from visloc_companion.core.estimator import PositionFilter, Velocity
 from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.odometry_aiding import OdometryAiding
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
-from visloc_companion.types import Accepted, Fix, FloatArray, GeoPoint
+from visloc_companion.types import Accepted, Fix, FloatArray, GeoPoint, Odometry
 
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
 DT_S = 0.1
@@ -37,6 +38,8 @@ FACTOR = math.sqrt(2 * math.log(1e5))
 TILT_RAD = math.radians(1.0)
 BANDWIDTH_RADPS, DAMPING = 0.5, 0.8
 """How the autopilot's own filter follows what we inject: an alpha-beta filter."""
+KEYFRAME_S, FRAME_STEPS = 2.0, 2
+LEG_SIGMA_M, SCALE_SIGMA, HEADING_SIGMA_RAD = 0.1, 0.01, math.radians(1.0)
 CLAIMS = (1e-4, 0.05)
 """Least and greatest claim of an accepted fix; between them its logarithm is uniform."""
 
@@ -51,6 +54,7 @@ class Vote:
     outage_share: float = 0.05
 
 
+ODOMETRY = "odometry"
 VOTES = {
     "image": Vote("deep", 0.5, (0.3, 1.2)),
     "structure": Vote("structure", 5.0, (0.3, 1.0)),
@@ -109,6 +113,40 @@ class Tally:
 
 
 @dataclass(slots=True)
+class Eyes:
+    """Odometry of a flight: errors that last (scale, heading) and those of each leg; a keyframe every KEYFRAME_S."""
+
+    scale: float
+    heading_rad: float
+    aiding: OdometryAiding = field(default_factory=OdometryAiding)
+    keyframe_s: float = 0.0
+    keyframe_ne_m: FloatArray = field(default_factory=lambda: np.zeros(2))
+
+    def look(self, position_filter: PositionFilter, t_s: float, truth: FloatArray, rng: np.random.Generator) -> None:
+        """Show the filter the way since the keyframe."""
+        if t_s > self.keyframe_s:
+            d = truth - self.keyframe_ne_m
+            seen = (1 + self.scale) * d + self.heading_rad * np.array([-d[1], d[0]]) + LEG_SIGMA_M * rng.standard_normal(2)
+            cov = (LEG_SIGMA_M**2 + (SCALE_SIGMA * d) ** 2 + (HEADING_SIGMA_RAD * d[::-1]) ** 2).tolist()
+            moved = (float(seen[0]), float(seen[1]), 0.0)
+            motion = self.aiding.on_odometry(
+                Odometry(
+                    _ns(t_s),
+                    _ns(self.keyframe_s),
+                    _ns(t_s),
+                    moved,
+                    ((cov[0], 0.0), (0.0, cov[1])),
+                    SCALE_SIGMA,
+                    HEADING_SIGMA_RAD,
+                )
+            )
+            if motion is not None:
+                position_filter.observe_motion(motion)
+        if t_s - self.keyframe_s >= KEYFRAME_S:
+            self.keyframe_s, self.keyframe_ne_m = t_s, truth
+
+
+@dataclass(slots=True)
 class Source:
     """A vote's state within a flight: whether it is silent, and the offset (2,) that it is wrong by, or None."""
 
@@ -125,7 +163,9 @@ def flown(flight: Flight, seed: int, settings: NavigatorSettings | None = None, 
     bias = flight.velocity_sigma_mps * rng.standard_normal(2)
     map_error = settings.map_sigma_m * rng.standard_normal(2)
     autopilot_p, autopilot_dv = map_error.copy(), np.zeros(2)
-    sources = [Source(VOTES[name]) for name in flight.votes]
+    sources = [Source(VOTES[name]) for name in flight.votes if name in VOTES]
+    scale, turn = rng.standard_normal(2) * (SCALE_SIGMA, HEADING_SIGMA_RAD)
+    eyes = Eyes(float(scale), float(turn)) if ODOMETRY in flight.votes else None
     position_filter = _started(settings, truth + map_error, rng)
     tally = Tally()
     a = math.exp(-DT_S / settings.velocity_correlation_s)
@@ -139,6 +179,8 @@ def flown(flight: Flight, seed: int, settings: NavigatorSettings | None = None, 
         position_filter.drive(
             Velocity(_ns(t_s), (float(v[0]), float(v[1]), 0.0), HEIGHT_M, settings.velocity_sigma_aiding_mps, feedback=True)
         )
+        if eyes is not None and k % FRAME_STEPS == 0:
+            eyes.look(position_filter, t_s, truth, rng)
         observed = [_observe(position_filter, source, t_s, truth + map_error, flight, tally, rng) for source in sources]
         state = position_filter.at(_ns(t_s))
         ours = np.array(state.p_ned_m[:2])
@@ -240,7 +282,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--flights", type=int, default=40, help="of each kind")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--speeds", type=float, nargs="*", default=[10.0, 25.0])
-    parser.add_argument("--votes", nargs="*", default=["image", "image+structure", "image+structure+terrain"])
+    parser.add_argument(
+        "--votes", nargs="*", default=["image", "image+odometry", "image+structure+odometry", "image+structure+terrain+odometry"]
+    )
     parser.add_argument("--persistence", type=float, default=separation.CORRELATION)
     parser.add_argument("--velocity-sigma", type=float, default=NavigatorSettings().velocity_sigma_aiding_mps)
     parser.add_argument("--alert-limit", type=float, default=25.0)

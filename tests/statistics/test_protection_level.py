@@ -26,5 +26,14 @@ def test_holds_where_the_filter_takes_wrong_matches() -> None:
     assert figures["level_over_error"] < 8
 
 
+def test_odometry_makes_it_small_though_the_velocity_is_poor() -> None:
+    tally = Tally()
+    for seed in range(3):
+        tally.add(flown(Flight(votes=("image", "odometry"), duration_s=150.0), seed))
+    figures = tally.figures(alert_limit_m=25.0)
+    assert figures["misleading"] == 0
+    assert figures["level_over_error"] < 6
+
+
 def test_a_level_that_believes_every_match_fails_the_same_check() -> None:
     assert flights(blind=True).figures(alert_limit_m=25.0)["misleading"] > 0

@@ -13,6 +13,7 @@ import numpy as np
 
 from visloc_companion.core import fusion, integrity, separation
 from visloc_companion.core.fusion import UNAIDED_GAP_S, UNAIDED_SIGMA_MPS, Belief, Position
+from visloc_companion.core.motion import Motion, learned
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Cov2, Fix, GeoPoint, NavState, Rejected, TooOld, Vec2, Vec3
@@ -33,7 +34,7 @@ class Velocity:
     feedback: bool
 
 
-Input = Velocity | Position
+Input = Velocity | Position | Motion
 Outcome = Accepted | Rejected | None
 
 
@@ -76,6 +77,13 @@ class PositionFilter:
         north, east, _ = wgs84.ned_from_geo(place, self._origin)
         cov: Cov2 = ((sigma_m**2, 0.0), (0.0, sigma_m**2))
         return self._take(Position(t_ns, (north, east), cov, from_fix=False))
+
+    def observe_motion(self, motion: Motion) -> Accepted | Rejected | TooOld:
+        """Take what odometry says of an interval; TooOld where its start is beyond the memory."""
+        if motion.t_from_ns < self._base.t_ns:
+            return TooOld((self.newest.t_ns - motion.t_from_ns) * 1e-9)
+        outcome = self._insert(motion)
+        return outcome if outcome is not None else TooOld(0.0)
 
     def drive(self, velocity: Velocity) -> None:
         """Take a velocity sample; one that is older than the memory is dropped."""
@@ -148,7 +156,15 @@ class PositionFilter:
         belief = self._carried(self.newest, entry.t_ns, k)
         if isinstance(entry, Velocity):
             return fusion.with_velocity_trust(belief, entry.sigma_mps, entry.feedback), None
+        if isinstance(entry, Motion):
+            return learned(belief, entry, self._travelled(belief, entry.t_from_ns), self._settings)
         return fusion.observed(belief, entry, self._height_at(entry.t_ns, k), self._settings)
+
+    def _travelled(self, belief: Belief, t_from_ns: int) -> Vec2:
+        """How far the velocity input went since a time, north and east metres."""
+        k = bisect_right(self._log, t_from_ns, key=_time, hi=len(self._beliefs))
+        start = self._carried(self._beliefs[k - 1] if k else self._base, t_from_ns, k)
+        return belief.travel_ne_m[0] - start.travel_ne_m[0], belief.travel_ne_m[1] - start.travel_ne_m[1]
 
     def _carried(self, belief: Belief, t_ns: int, k: int) -> Belief:
         start, end = self._velocity_at(belief.t_ns, k), self._velocity_at(t_ns, k)
@@ -186,7 +202,10 @@ class PositionFilter:
         return before.h_amsl_m - before.v_ned_mps[2] * held_s
 
     def _forget(self) -> None:
+        """Drop what is older than the memory; a motion that reaches further back keeps its start."""
         horizon_ns = self._log[-1].t_ns - round(HISTORY_S * 1e9)
+        starts = (e.t_from_ns for e in self._log if isinstance(e, Motion) and e.t_from_ns < horizon_ns < e.t_ns)
+        horizon_ns = min(starts, default=horizon_ns)
         n_old = bisect_right(self._log, horizon_ns, key=_time)
         if n_old:
             self._base, self._base_velocity = self._beliefs[n_old - 1], self._velocity_before(n_old)
@@ -202,7 +221,9 @@ def _time(entry: Input) -> int:
 
 
 def _key(entry: Input) -> tuple[int, int, int]:
-    return (entry.t_ns, 1, entry.tie) if isinstance(entry, Position) else (entry.t_ns, 0, 0)
+    if isinstance(entry, Velocity):
+        return entry.t_ns, 0, 0
+    return (entry.t_ns, 1, entry.t_from_ns) if isinstance(entry, Motion) else (entry.t_ns, 2, entry.tie)
 
 
 def _shifted(belief: Belief, shift: Vec2) -> Belief:

@@ -3,7 +3,7 @@
 Trust runs one way. The filter is seeded once from the autopilot's position while GNSS is trusted; from then on the prior of
 every localisation is the filter's own state, so a spoofed autopilot cannot drag the search away. What GNSS may still do is in
 core/gnss_aiding.py. Nothing is injected before a first fix (or the operator's position) has anchored the filter. Distances
-to the ground: core/terrain_aiding.py. Baro and Odometry bear on the GNSS verdict only.
+to the ground: core/terrain_aiding.py; the camera's own motion: core/motion.py. Baro bears on the GNSS verdict only.
 """
 
 from __future__ import annotations
@@ -147,6 +147,7 @@ class Navigator:
                 return []
             case Odometry():
                 self._aiding.on_odometry(event)
+                self._tracker.observe_odometry(event)
                 return []
             case Range():
                 return self._on_range(event)

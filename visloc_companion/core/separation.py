@@ -83,20 +83,28 @@ def shifted(solutions: Solutions, shift_ne_m: FloatArray) -> Solutions:
 
 
 def updated(
-    solutions: Solutions, z: FloatArray, R: FloatArray, *, take: NDArray[np.bool_], n_considered: int, t_ns: int | None = None
+    solutions: Solutions,
+    z: FloatArray,
+    R: FloatArray,
+    *,
+    take: NDArray[np.bool_],
+    n_considered: int,
+    t_ns: int | None = None,
+    first: int = 0,
 ) -> Solutions:
-    """With a position z (2,), R (2, 2) taken by some of them (K,), in Joseph's form, without a gate.
+    """With a measurement z (2,), R (2, 2) of the two states from `first` on taken by some of them (K,), Joseph's form, no gate.
 
     The last `n_considered` states keep mean and variance (kalman.update). `t_ns`: of a fix that they rest on from now on.
     """
     if not take.any():
         return solutions
     x, P, rested = solutions.x.copy(), solutions.P.copy(), solutions.rested_ns.copy()
-    K = P[take][:, :, :2] @ np.linalg.inv(P[take][:, :2, :2] + R)
+    seen = slice(first, first + 2)
+    K = P[take][:, :, seen] @ np.linalg.inv(P[take][:, seen, seen] + R)
     if n_considered:
         K[:, 4 - n_considered :] = 0.0
-    keep = np.eye(4) - np.concatenate([K, np.zeros_like(K)], axis=2)
-    x[take] += np.einsum("kij,kj->ki", K, z - x[take][:, :2])
+    keep = np.eye(4) - K @ np.eye(4)[seen]
+    x[take] += np.einsum("kij,kj->ki", K, z - x[take][:, seen])
     P[take] = keep @ P[take] @ keep.transpose(0, 2, 1) + K @ R @ K.transpose(0, 2, 1)
     if t_ns is not None:
         rested[take] = t_ns

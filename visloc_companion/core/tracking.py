@@ -8,10 +8,11 @@ import numpy as np
 
 from visloc_companion.core import fusion
 from visloc_companion.core.estimator import PositionFilter, Velocity
+from visloc_companion.core.odometry_aiding import OdometryAiding
 from visloc_companion.core.requests import UNKNOWN_HEIGHT_SIGMA_M, height_sigma_m
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
-from visloc_companion.types import Accepted, Fix, GeoPoint, NavState, Rejected, TooOld, Vec2, Vec3
+from visloc_companion.types import Accepted, Fix, GeoPoint, NavState, Odometry, Rejected, TooOld, Vec2, Vec3
 
 MIN_VELOCITY_INTERVAL_NS = 5_000_000
 GNSS_SPAN_NS = 12_000_000_000
@@ -30,6 +31,7 @@ class Tracker:
         self._filter: PositionFilter | None = None
         self._velocity: Velocity | None = None
         self._gnss: deque[tuple[int, GeoPoint]] = deque()
+        self._odometry = OdometryAiding()
         self.origin: GeoPoint | None = None
         self.height_above_home_m: float | None = None
 
@@ -64,6 +66,7 @@ class Tracker:
     def forget_velocity(self) -> None:
         """The autopilot restarted; its next velocity may bear any time."""
         self._velocity = None
+        self._odometry = OdometryAiding()
 
     def seed(self, t_ns: int, place: GeoPoint, sigma_m: float) -> bool:
         """Start (or restart) the filter from a place; False while origin or velocity is missing."""
@@ -95,6 +98,12 @@ class Tracker:
     def observe(self, fix: Fix) -> Accepted | Rejected | TooOld | None:
         """Take a fix; None before seeding."""
         return None if self._filter is None else self._filter.observe(fix)
+
+    def observe_odometry(self, odometry: Odometry) -> None:
+        """Learn the velocity's error from what the camera saw of its own motion."""
+        motion = self._odometry.on_odometry(odometry)
+        if motion is not None and self._filter is not None:
+            self._filter.observe_motion(motion)
 
     def observe_gnss(self, t_ns: int, place: GeoPoint, sigma_m: float) -> Accepted | Rejected | TooOld | None:
         """Take a trusted GNSS position; None before seeding."""

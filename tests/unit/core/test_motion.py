@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from visloc_companion.core import fusion
+from visloc_companion.core.estimator import PositionFilter, Velocity
+from visloc_companion.core.motion import Motion, learned, weighed
+from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.geo import wgs84
+from visloc_companion.types import Accepted, Fix, GeoPoint, Rejected, TooOld
+
+S = 1_000_000_000
+SETTINGS = NavigatorSettings()
+ORIGIN = GeoPoint(59.3, 18.1, 40.0)
+SMALL = ((0.01, 0.0), (0.0, 0.01))
+
+
+def motion(t_s: float, d_ne_m: tuple[float, float], lasting: tuple[float, float] = (0.0, 0.0), span_s: float = 0.5) -> Motion:
+    return Motion(round(t_s * S), round((t_s - span_s) * S), d_ne_m, SMALL, lasting)
+
+
+def velocity(t_s: float, north_mps: float = 10.5, feedback: bool = True) -> Velocity:
+    return Velocity(round(t_s * S), (north_mps, 0.0, 0.0), 140.0, 0.8, feedback)
+
+
+def started() -> PositionFilter:
+    return PositionFilter(SETTINGS, ORIGIN, fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, True, 3.0), velocity(0.0))
+
+
+@pytest.mark.parametrize("feedback", [False, True])
+def test_the_error_of_the_velocity_is_learned_whatever_it_rests_on(feedback: bool) -> None:
+    belief = fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, feedback, 3.0)
+    for k in range(1, 41):
+        belief = fusion.propagated(belief, k * S // 2, (10.5, 0.0), SETTINGS)
+        belief, outcome = learned(belief, motion(k / 2, (5.0, 0.0)), (5.25, 0.0), SETTINGS)
+        assert isinstance(outcome, Accepted)
+    assert belief.x[2] == pytest.approx(0.5, abs=0.1)
+    assert math.sqrt(belief.P[2, 2]) < 0.3
+
+
+def test_the_position_follows_the_camera_and_not_the_velocity() -> None:
+    with_camera, alone = started(), started()
+    for k in range(1, 201):
+        for one in (with_camera, alone):
+            one.drive(velocity(0.1 * k))
+        if k % 5 == 0:
+            with_camera.observe_motion(motion(0.1 * k, (5.0, 0.0)))
+    assert with_camera.at(20 * S).p_ned_m[0] == pytest.approx(200.0, abs=2.5)
+    assert alone.at(20 * S).p_ned_m[0] == pytest.approx(210.0, abs=1e-6)
+    assert with_camera.at(20 * S).cov_ne_m2[0][0] < 0.2 * alone.at(20 * S).cov_ne_m2[0][0]
+
+
+@given(st.floats(1e-3, 4), st.floats(1e-3, 4), st.floats(1e-4, 4), st.floats(1e-4, 4), st.floats(0, 1), st.floats(-0.9, 0.9))
+def test_no_number_of_intervals_makes_it_better_than_what_lasts(
+    p0: float, p1: float, r0: float, r1: float, least: float, c: float
+) -> None:
+    P = np.diag([p0, p1])
+    R = np.array([[r0, c * math.sqrt(r0 * r1)], [c * math.sqrt(r0 * r1), r1]])
+    for _ in range(30):
+        raised = weighed(R, P, np.full(2, least))
+        assert (np.diag(raised) >= np.diag(R)).all()
+        P = np.diag(np.diag(P - P @ np.linalg.solve(P + np.diag(np.diag(raised)), P)))
+    assert (np.diag(P) >= min(least, p0, p1) * (1 - 1e-3)).all()
+
+
+def test_what_lasts_keeps_the_sigma_of_the_velocity() -> None:
+    belief = fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, True, 3.0)
+    for k in range(1, 400):
+        belief = fusion.propagated(belief, k * S // 2, (10.0, 0.0), SETTINGS)
+        belief, _ = learned(belief, motion(k / 2, (5.0, 0.0), lasting=(0.0225, 0.0025)), (5.0, 0.0), SETTINGS)
+    assert belief.P[2, 2] >= 0.3**2 * 0.99
+    assert belief.P[3, 3] >= 0.1**2 * 0.99
+    assert belief.P[3, 3] < belief.P[2, 2]
+
+
+def test_an_impossible_motion_is_refused() -> None:
+    belief = fusion.propagated(fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, True, 3.0), S, (10.0, 0.0), SETTINGS)
+    same, outcome = learned(belief, motion(1.0, (60.0, 0.0)), (5.0, 0.0), SETTINGS)
+    assert same is belief
+    assert isinstance(outcome, Rejected)
+
+
+def test_order_of_arrival_does_not_matter() -> None:
+    def fix(t_s: float) -> Fix:
+        place = wgs84.geo_from_ned((10.0 * t_s, 0.3, -100.0), ORIGIN)
+        t_ns = round(t_s * S)
+        return Fix(t_ns, t_ns, 1, 1, "deep", place, (1.0, 0.0, 0.0, 0.0), ((0.5, 0.0), (0.0, 0.5)), 2.0, 0.1, 0.01, 5.0)
+
+    in_order, late = started(), started()
+    events = [(0.1 * k, velocity(0.1 * k)) for k in range(1, 121)]
+    extra = [(0.5 * k, motion(0.5 * k, (5.0, 0.1))) for k in range(1, 24)]
+    fixes = [(0.4 * k, fix(0.4 * k)) for k in range(1, 29)]
+
+    def give(one: PositionFilter, item: Velocity | Motion | Fix) -> None:
+        if isinstance(item, Velocity):
+            one.drive(item)
+        elif isinstance(item, Motion):
+            one.observe_motion(item)
+        else:
+            one.observe(item)
+
+    for _, item in sorted([*events, *extra, *fixes], key=lambda pair: pair[0]):
+        give(in_order, item)
+    for _, item in sorted(
+        [*events, *((t + 0.33, m) for t, m in extra), *((t + 0.71, f) for t, f in fixes)], key=lambda pair: pair[0]
+    ):
+        give(late, item)
+    a, b = in_order.at(12 * S), late.at(12 * S)
+    np.testing.assert_allclose(a.p_ned_m, b.p_ned_m, atol=1e-9)
+    np.testing.assert_allclose(a.cov_ne_m2, b.cov_ne_m2, atol=1e-9)
+    assert in_order.protection_level_m(12 * S) == pytest.approx(late.protection_level_m(12 * S), rel=1e-6)
+
+
+def test_an_interval_that_begins_before_the_memory_is_too_old() -> None:
+    one = started()
+    for k in range(1, 200):
+        one.drive(velocity(0.1 * k))
+    assert isinstance(one.observe_motion(motion(2.0, (5.0, 0.0))), TooOld)
+
+
+def test_the_memory_keeps_the_start_of_an_interval_that_it_still_holds() -> None:
+    one, other = started(), started()
+    for k in range(1, 101):
+        for each in (one, other):
+            each.drive(velocity(0.1 * k))
+        if k == 40:
+            one.observe_motion(motion(4.0, (30.0, 0.0), span_s=3.0))
+            other.observe_motion(motion(4.0, (30.0, 0.0), span_s=3.0))
+    one.drive(velocity(9.95))
+    other.drive(velocity(9.95))
+    np.testing.assert_allclose(one.at(10 * S).p_ned_m, other.at(10 * S).p_ned_m, atol=1e-12)
+    assert one.at(10 * S).p_ned_m[0] < 105.0

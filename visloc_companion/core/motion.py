@@ -1,0 +1,70 @@
+"""The camera's own motion tells the error of the autopilot's velocity, whatever that velocity rests on.
+
+Between two times the filter's velocity input travels one way and odometry another: their difference over the time is the mean
+error b of the input, whose present value differs from it by little (b changes over `velocity_correlation_s`). Odometry does not
+come from our own fixes, so b may be learned from it even while the autopilot flies on them (fusion.py).
+
+Errors of scale and heading stay for minutes: no number of intervals averages them away. So an interval is given only as much
+weight as leaves b no better known than they allow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from visloc_companion.core import kalman, separation
+from visloc_companion.core.fusion import Belief
+from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.types import Accepted, Cov2, FloatArray, Rejected, Vec2
+
+H_VELOCITY: FloatArray = np.eye(4)[2:]
+NO_NEWS = 1e-6
+UNHEARD_M2PS2 = 1e6
+"""Variance of a measurement that is to say nothing on an axis."""
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Odometry over an interval that ends at `t_ns`: horizontal displacement north, east (metres).
+
+    `cov_ne_m2` is the error of this interval alone, `lasting_ne_m2` the variances of what it has in common with other intervals.
+    """
+
+    t_ns: int
+    t_from_ns: int
+    d_ne_m: Vec2
+    cov_ne_m2: Cov2
+    lasting_ne_m2: Vec2
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds."""
+        return (self.t_ns - self.t_from_ns) * 1e-9
+
+
+def learned(belief: Belief, motion: Motion, travel_ne_m: Vec2, settings: NavigatorSettings) -> tuple[Belief, Accepted | Rejected]:
+    """The belief at `motion.t_ns` after the motion; `travel_ne_m` is what the velocity input travelled in that time."""
+    dt = motion.duration_s
+    z = (np.array(travel_ne_m) - np.array(motion.d_ne_m)) / dt
+    lag = belief.sigma_v_mps**2 * 2 * dt / (3 * settings.velocity_correlation_s)
+    alone = np.array(motion.cov_ne_m2) / dt**2 + lag * np.eye(2)
+    R = weighed(alone, belief.P[2:, 2:], np.array(motion.lasting_ne_m2) / dt**2)
+    got = kalman.update(belief.x, belief.P, z, R, H_VELOCITY, gate_sigma=settings.gate_sigma)
+    if isinstance(got, Rejected):
+        return belief, got
+    every = np.ones(len(belief.without), np.bool_)
+    without = separation.updated(belief.without, z, R, take=every, n_considered=0, first=2)
+    return replace(belief, x=got.x, P=got.P, without=without), Accepted(got.nis)
+
+
+def weighed(R: FloatArray, P: FloatArray, least: FloatArray) -> FloatArray:
+    """R (2, 2) raised so that a measurement of a state with covariance P (2, 2) leaves no axis a variance below `least` (2,)."""
+    before = np.diag(P)
+    alone = 1 / (1 / before + 1 / np.diag(R))
+    after = np.maximum(alone, least)
+    news = 1 / after - 1 / before
+    enough = np.where(news > NO_NEWS / before, 1 / np.maximum(news, 1e-12), UNHEARD_M2PS2)
+    raised = np.maximum(enough, np.diag(R))
+    return np.array([[raised[0], R[0, 1]], [R[0, 1], raised[1]]])

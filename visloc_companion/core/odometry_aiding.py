@@ -1,0 +1,56 @@
+"""From displacements between frames to intervals that the filter learns its velocity's error from, each used once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from visloc_companion.core.motion import Motion
+from visloc_companion.core.odometry import OdometryTrack
+from visloc_companion.types import FloatArray, Odometry
+
+INTERVAL_NS = 500_000_000
+"""Shorter ones are mostly noise."""
+LONGEST_NS = 3_000_000_000
+"""Over a longer one, the velocity's error may have changed, and the filter's memory ends."""
+LEAST_VARIANCE_M2 = 1e-4
+
+
+class OdometryAiding:
+    """Cuts odometry into intervals one after the other."""
+
+    def __init__(self) -> None:
+        self._track = OdometryTrack()
+        self._since_ns: int | None = None
+
+    def on_odometry(self, event: Odometry) -> Motion | None:
+        """Take a displacement; the interval that it completes, if it does. Those of frames that were not seen are left out."""
+        before_ns = self._track.newest_ns
+        self._track.add(event)
+        newest_ns = self._track.newest_ns
+        if newest_ns is None or newest_ns == before_ns:
+            return None
+        since_ns = event.t_from_ns if self._since_ns is None else self._since_ns
+        self._since_ns = since_ns
+        if newest_ns - since_ns < INTERVAL_NS:
+            return None
+        self._since_ns = newest_ns
+        travelled = self._track.between(since_ns, newest_ns)
+        if travelled is None or travelled.unseen_s > 0 or newest_ns - since_ns > LONGEST_NS:
+            return None
+        north, east, _ = travelled.displacement_ned_m
+        lasting = _lasting_m2(np.array([north, east]), event)
+        (nn, ne), (_, ee) = travelled.cov_ne_m2
+        alone = np.maximum(np.array([nn, ee]) - lasting, LEAST_VARIANCE_M2)
+        cross = ne if ne * ne < 0.9 * float(alone.prod()) else 0.0
+        return Motion(
+            newest_ns,
+            since_ns,
+            (north, east),
+            ((float(alone[0]), cross), (cross, float(alone[1]))),
+            (float(lasting[0]), float(lasting[1])),
+        )
+
+
+def _lasting_m2(d_ne_m: FloatArray, event: Odometry) -> FloatArray:
+    """Variances (2,) of errors of scale and heading over a displacement."""
+    return np.asarray((event.sigma_scale * d_ne_m) ** 2 + (event.sigma_heading_rad * d_ne_m[::-1]) ** 2)
