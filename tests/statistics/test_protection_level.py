@@ -36,5 +36,5 @@ def test_odometry_makes_it_small_though_the_velocity_is_poor() -> None:
 
 
 def test_a_level_that_believes_every_match_fails_the_same_check() -> None:
-    lasting = replace(FLIGHT, persistence=0.8)
+    lasting = replace(FLIGHT, persistence=0.9)
     assert flights(lasting, blind=True).figures(alert_limit_m=25.0)["misleading"] > 5
