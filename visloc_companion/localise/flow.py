@@ -10,22 +10,24 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from visloc_companion.errors import Reason
 from visloc_companion.localise.odometry.base import Blind, FlowSettings, Sight, Step, Surface
 from visloc_companion.localise.odometry.below import READING_APART_M, Reading
-from visloc_companion.localise.odometry.checks import Refused, refused, why_lost, why_unsure
+from visloc_companion.localise.odometry.checks import Refused, refused, why_lost, why_no_ground, why_unsure
 from visloc_companion.localise.odometry.claims import odometry_of
 from visloc_companion.localise.odometry.follow import Followed, first_guess, follow
 from visloc_companion.localise.odometry.keyframe import Keyframe, attitude, keyframe_of, with_readings
 from visloc_companion.localise.odometry.picture import Picture, prepared
 from visloc_companion.localise.odometry.solve import Motion, MotionPrior, solve
-from visloc_companion.types import CameraModel, FloatArray
+from visloc_companion.types import CameraModel, FloatArray, Image
 
 MOST_READINGS = 40
+NO_PIXELS: Image = np.zeros((0, 0), np.uint8)
+"""What is kept of a frame has no pixels: they may lie in memory that the next frame is written to."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +56,7 @@ class FrameToFrame:
         self._last: _View | None = None
         self._v_ned_mps: FloatArray | None = None
         self._readings: deque[Reading] = deque(maxlen=MOST_READINGS)
+        self._doubted = False
 
     def step(self, sight: Sight, surface: Surface | None = None) -> Step | Blind:
         """The displacement from the keyframe to this frame, or why there is none. Never raises for what a frame may contain."""
@@ -61,22 +64,41 @@ class FrameToFrame:
         why = refused(sight, surface, self._model, self._settings, newest)
         if why is not None:
             return Blind(sight.t_ns, *why)
-        view = _View(sight, prepared(sight.pixels, self._model), np.zeros(3))
+        view = _View(replace(sight, pixels=NO_PIXELS), prepared(sight.pixels, self._model), np.zeros(3))
         key, last = self._key, self._last
+        if last is not None and np.array_equal(view.picture.grey, last.picture.grey):
+            return Blind(sight.t_ns, Reason.BAD_FRAME, "identical to the frame before: the camera is frozen")
         if key is None or last is None:
             return self._restarted(view, surface, (Reason.NO_BASELINE, "the first frame of a stretch"))
         found = self._motion(key, view, last.d_ned_m)
-        if not isinstance(found, _Moved) and last.sight.t_ns > key.sight.t_ns:
-            later = keyframe_of(last.sight, last.picture, surface, key.place_ne_m + last.d_ned_m[:2], self._settings)
-            again = self._motion(later, view, np.zeros(3)) if isinstance(later, Keyframe) else found
-            if isinstance(later, Keyframe) and isinstance(again, _Moved):
-                self._rekey(later, last)
-                key, found = later, again
+        if isinstance(found, tuple) and found[0] is Reason.MOVING_SURFACE:
+            self._doubted = True
+        elif isinstance(found, tuple) and last.sight.t_ns > key.sight.t_ns:
+            key, found = self._from_last(key, last, view, surface, found)
         if isinstance(found, _Moved):
-            return self._answer(key, view, found, surface)
+            return self._unless_doubted(self._answer(key, view, found, surface))
         if found[0] is Reason.LOW_OVERLAP or sight.t_ns - last.sight.t_ns > self._settings.patience_ns:
             return self._restarted(view, surface, found)
         return Blind(sight.t_ns, *found)
+
+    def _from_last(
+        self, key: Keyframe, last: _View, view: _View, surface: Surface | None, why: Refused
+    ) -> tuple[Keyframe, _Moved | Refused]:
+        """Where the keyframe is not found again the last frame may be: it becomes the keyframe."""
+        later = keyframe_of(last.sight, last.picture, surface, key.place_ne_m + last.d_ned_m[:2], self._settings)
+        found = self._motion(later, view, np.zeros(3)) if isinstance(later, Keyframe) else why
+        if not isinstance(later, Keyframe) or not isinstance(found, _Moved):
+            return key, why
+        self._rekey(later, last)
+        return later, found
+
+    def _unless_doubted(self, step: Step) -> Step | Blind:
+        """After water, a keyframe must have been followed for a while: waves look like ground for a moment."""
+        o = step.odometry
+        if self._doubted and o.t_to_ns - o.t_from_ns < self._settings.doubt_ns:
+            return Blind(o.t_to_ns, Reason.MOVING_SURFACE, "not followed for long enough after water", anchored=step.closes)
+        self._doubted = False
+        return step
 
     def _motion(self, key: Keyframe, view: _View, last_d_m: FloatArray) -> _Moved | Refused:
         """From the place where the last speed leads to; if that fails, from the shift of the picture as a whole."""
@@ -101,6 +123,9 @@ class FrameToFrame:
         settings = self._settings
         if len(followed.number) < settings.min_tracks:
             return why_lost(view.sight, view.picture, followed, len(key.corners), settings)
+        no_ground = why_no_ground(key, view.picture, R, followed, settings)
+        if no_ground is not None:
+            return no_ground
         prior = MotionPrior(R, start, start[2], settings.sigma_turn_rad, key.sight.sigma_tilt_rad, settings.sigma_climb_m)
         motion = solve(key.ground_of(followed.number), followed.xy, prior, float(np.sqrt(np.linalg.det(view.picture.K))))
         if motion is None:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -106,7 +107,7 @@ def test_covariances_are_covariances_and_displacements_add(legs, a: float, b: fl
 def test_on_a_straight_line_the_claim_only_grows(n: int, own: float, scale: float, heading: float) -> None:
     track = track_of(*(leg(k, k + 1, 20.0, 5.0, own, scale, heading) for k in range(n)))
     traces = [np.trace(np.array(between(track, 0, k).cov_ne_m2)) for k in range(n + 3)]
-    assert all(later > earlier for earlier, later in zip(traces, traces[1:], strict=False))
+    assert all(later > earlier for earlier, later in pairwise(traces))
 
 
 def test_over_a_gap_the_velocity_is_held_and_the_claim_grows_by_the_law() -> None:

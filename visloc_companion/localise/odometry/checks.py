@@ -12,14 +12,16 @@ from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.localise.frame import check_pixels
 from visloc_companion.localise.odometry.base import FlowSettings, Sight, Surface
 from visloc_companion.localise.odometry.follow import Followed
-from visloc_companion.localise.odometry.picture import Picture
+from visloc_companion.localise.odometry.keyframe import Keyframe
+from visloc_companion.localise.odometry.picture import Picture, plane_homography, through
 from visloc_companion.localise.odometry.solve import Motion
 from visloc_companion.localise.structure.sharpness import blur_px
 from visloc_companion.localise.structure.tracks import corners_of
-from visloc_companion.types import CameraModel
+from visloc_companion.types import CameraModel, FloatArray
 
 Refused = tuple[Reason, str]
 MOST_TURN_SIGMAS = 5.0
+STILL_PX, STILL_SHARE = 1.0, 0.4
 
 
 def refused(
@@ -65,17 +67,37 @@ def why_lost(sight: Sight, picture: Picture, followed: Followed, sought: int, li
     if followed.overlap < limits.min_overlap:
         return Reason.LOW_OVERLAP, f"{100 * followed.overlap:.0f} % of the keyframe is in view"
     return _of_picture(sight, picture, limits) or (
-        Reason.MOVING_SURFACE,
+        Reason.TOO_FEW_FEATURES,
         f"{len(followed.number)} of {sought} corners of the keyframe are found again in a sharp picture",
     )
 
 
+def why_no_ground(
+    key: Keyframe, picture: Picture, R_ned_cam: FloatArray, followed: Followed, limits: FlowSettings
+) -> Refused | None:
+    """Why what was followed is not the ground, or None."""
+    if followed.unlike > limits.max_unlike:
+        return Reason.MOVING_SURFACE, f"what was found differs by {followed.unlike:.0f} grey levels: it changes as waves do"
+    was = key.corners[followed.number]
+    now = followed.xy * np.array([picture.K[0, 0], picture.K[1, 1]]) + picture.K[:2, 2]
+    turned = through(plane_homography(picture.K, key.R_ned_cam, R_ned_cam, np.zeros(3), key.height_m), was)
+    still = float((np.hypot(*(now - was).T) < STILL_PX).mean())
+    if still > STILL_SHARE and float(np.median(np.hypot(*(turned - was).T))) > 3 * STILL_PX:
+        return Reason.INCONSISTENT_WITH_PRIOR, "the picture stands still while the camera turns: dirt on the lens"
+    return None
+
+
 def why_unsure(motion: Motion, sight: Sight, picture: Picture, height_m: float, limits: FlowSettings) -> Refused | None:
     """Why a motion is not believed, or None."""
+    if motion.scatter_px > limits.max_scatter_px:
+        return _of_picture(sight, picture, limits) or (
+            Reason.BLOCKS_DISAGREE,
+            f"the tracks scatter by {motion.scatter_px:.1f} px about one motion",
+        )
     fitting, share = int(motion.fits.sum()), float(motion.fits.mean())
     if fitting < limits.min_tracks or share < limits.min_inlier_share:
         return _of_picture(sight, picture, limits) or (
-            Reason.MOVING_SURFACE,
+            Reason.BLOCKS_DISAGREE,
             f"{fitting} of {len(motion.fits)} tracks fit one motion",
         )
     if float(np.abs(motion.turn_rad).max()) > MOST_TURN_SIGMAS * limits.sigma_turn_rad:

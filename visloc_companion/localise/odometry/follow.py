@@ -19,12 +19,13 @@ LEVELS = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Followed:
-    """Numbers of the corners that were found again, normalised coordinates (M, 2) in the frame, and the share of the keyframe's
-    corners that should be in view."""
+    """Numbers of the corners that were found again, normalised coordinates (M, 2) in the frame, the share of the keyframe's
+    corners that should be in view, and by how many grey levels of the evened pictures what was found differs (median)."""
 
     number: NDArray[np.intp]
     xy: FloatArray
     overlap: float
+    unlike: float
 
 
 def follow(key: Keyframe, picture: Picture, R_ned_cam: FloatArray, d_ned_m: FloatArray, least_overlap: float) -> Followed:
@@ -35,15 +36,16 @@ def follow(key: Keyframe, picture: Picture, R_ned_cam: FloatArray, d_ned_m: Floa
     in_view = ((there >= 0) & (there < size)).all(1)
     overlap = float(in_view.mean())
     if overlap < least_overlap:
-        return Followed(np.zeros(0, np.intp), np.zeros((0, 2)), overlap)
+        return Followed(np.zeros(0, np.intp), np.zeros((0, 2)), overlap, 0.0)
     drawn, seen = warped(picture, H)
     start = through(np.asarray(np.linalg.inv(H), dtype=np.float64), there)
     at = np.flatnonzero(in_view & _inside(start, size))
-    kept, found = lucas_kanade(key.picture.grey, drawn, key.corners[at], start[at], WINDOW_PX, LEVELS)
+    kept, found, unlike = lucas_kanade(key.picture.grey, drawn, key.corners[at], start[at], WINDOW_PX, LEVELS)
     pix = np.round(found).astype(int)
     good = _inside(found, size - 0.5)
     good[good] = seen[pix[good, 1], pix[good, 0]]
-    return Followed(at[kept][good], picture.normalised(through(H, found[good])), overlap)
+    differs = float(np.median(unlike)) if len(unlike) else 0.0
+    return Followed(at[kept][good], picture.normalised(through(H, found[good])), overlap, differs)
 
 
 def first_guess(key: Keyframe, picture: Picture, R_ned_cam: FloatArray, d_ned_m: FloatArray) -> FloatArray | None:

@@ -4,7 +4,8 @@ Unknowns: the displacement (3), the second frame's turn against the first beyond
 tilt (2), the ground's level and slope (3), what is wrong with a rangefinder and with the altitude all the time, and one
 departure from that ground for each point. Departures are shares of the height: in metres, a world that is smaller than it is
 would cost less, and shrink. They are eliminated one by one (a point's departure moves it along its ray only), Gauss-Newton does
-the rest, with Cauchy weights. What is left of the ambiguities (a turn against a shift, the scale against the height) is in the covariance.
+the rest, with Cauchy weights. What is left of the ambiguities (a turn against a shift, the scale against the height) is in the
+covariance.
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ def follow(
         start = (view.rays(corners) + shift) if len(corners) else np.zeros((0, 3))
         start_pix = other_view.pixels(np.column_stack([start[:, :2], np.ones(len(start))]))
         candidates = np.flatnonzero(_within(start_pix, other_seen))
-        kept, found = lucas_kanade(picture, other_picture, corners[candidates], start_pix[candidates])
+        kept, found, _ = lucas_kanade(picture, other_picture, corners[candidates], start_pix[candidates])
         number_of = candidates[kept]
         inside = _within(found, other_seen)
         number_of, found = number_of[inside], found[inside]
@@ -105,17 +105,18 @@ def corners_of(picture: Image, seen: NDArray[np.bool_], spacing: int) -> FloatAr
 
 def lucas_kanade(
     a: Image, b: Image, at: FloatArray, start: FloatArray, window_px: int = WINDOW_PX, levels: int = LEVELS
-) -> tuple[NDArray[np.bool_], FloatArray]:
-    """Which corners (N, 2) of `a` come back when followed to `b` and back from `start` (N, 2), and where these are in `b`."""
+) -> tuple[NDArray[np.bool_], FloatArray, FloatArray]:
+    """Which corners (N, 2) of `a` come back when followed to `b` and back from `start` (N, 2), where these are in `b`, and by how
+    many grey levels their windows differ (mean)."""
     if not len(at):
-        return np.zeros(0, np.bool_), np.zeros((0, 2))
+        return np.zeros(0, np.bool_), np.zeros((0, 2)), np.zeros(0)
     options = {"winSize": (window_px, window_px), "maxLevel": levels, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
     here = np.ascontiguousarray(at[:, None], dtype=np.float32)
-    there, forth, _ = cv2.calcOpticalFlowPyrLK(a, b, here, start[:, None].astype(np.float32), **options)  # type: ignore[call-overload]
+    there, forth, unlike = cv2.calcOpticalFlowPyrLK(a, b, here, start[:, None].astype(np.float32), **options)  # type: ignore[call-overload]
     again, back, _ = cv2.calcOpticalFlowPyrLK(b, a, there, here.copy(), **options)  # type: ignore[call-overload]
     returned = np.hypot(*(again - here)[:, 0].T) < RETURN_PX
     kept = np.asarray(returned & (forth.ravel() > 0) & (back.ravel() > 0), dtype=np.bool_)
-    return kept, np.asarray(there[kept, 0], dtype=np.float64)
+    return kept, np.asarray(there[kept, 0], dtype=np.float64), np.asarray(unlike.ravel()[kept], dtype=np.float64)
 
 
 def _within(pix: FloatArray, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:

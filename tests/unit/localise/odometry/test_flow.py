@@ -157,7 +157,7 @@ def test_what_cannot_be_seen_is_said(odo, field) -> None:
         Reason.OVEREXPOSED: np.full_like(clear, 250),
         Reason.LOW_TEXTURE: fog,
         Reason.BLURRED: cv2.GaussianBlur(clear, (0, 0), 9.0),
-        Reason.MOVING_SURFACE: odo.texture(7, 512)[:240, :320],
+        Reason.TOO_FEW_FEATURES: odo.texture(7, 512)[:240, :320],
     }
     for k, (reason, pixels) in enumerate(cases.items(), 1):
         got = flow.step(replace(odo.sight(pixels, k, (1.0, 0.0, -100.0)), t_ns=k * 10_000_000))
@@ -187,8 +187,25 @@ def test_bad_input_has_a_reason(odo, field, change, reason: Reason) -> None:
     answer = flow.step(replace(odo.sight(picture, 1, (0.0, 0.0, -100.0)), **change))
     assert isinstance(answer, Blind)
     assert answer.reason is reason
-    good = flow.step(odo.sight(picture, 2, (0.0, 0.0, -100.0)))
+    good = flow.step(odo.sight(field.frame((1.0, 0.0, -100.0), seed=2), 2, (1.0, 0.0, -100.0)))
     assert isinstance(good, Step)
+
+
+def test_a_frozen_camera_is_not_taken_for_hovering(odo, field) -> None:
+    flow, picture = FrameToFrame(odo.MODEL), field.frame((0.0, 0.0, -100.0))
+    flow.step(odo.sight(picture, 0, (0.0, 0.0, -100.0)))
+    frozen = flow.step(odo.sight(picture.copy(), 1, (0.0, 0.0, -100.0)))
+    assert isinstance(frozen, Blind)
+    assert frozen.reason is Reason.BAD_FRAME
+
+
+def test_pixels_may_be_overwritten_once_a_step_is_done(odo, field) -> None:
+    points = odo.path(3, (5.0, 0.0, 0.0))
+    slot, flow, steps = np.zeros((240, 320), np.uint8), FrameToFrame(odo.MODEL), []
+    for k, p in enumerate(points):
+        slot[:] = field.frame(p, seed=k)
+        steps.append(flow.step(odo.sight(slot, k, p)))
+    assert errors(odo, steps[1:], points)[1] < 0.1
 
 
 def test_a_surface_that_does_not_lie_below_is_no_ground(odo, field) -> None:
@@ -208,3 +225,41 @@ def test_it_is_deterministic(odo, field) -> None:
     points = odo.path(4, (5.0, 1.0, 0.0))
     one, other = (run(odo, field, points) for _ in range(2))
     assert one == other
+
+
+def test_waves_are_not_ground_and_ground_is_believed_again_after_a_while(odo, field) -> None:
+    """Waves of 2 to 20 m, each at its own speed, are found again for a moment, all moved by metres."""
+    rng = np.random.default_rng(5)
+    length, angle, phase = np.exp(rng.uniform(0.7, 3.0, 40)), rng.normal(1.0, 0.8, 40), rng.uniform(0, 6.28, 40)
+    number = 2 * math.pi / length
+    v, u = (grid.ravel() * 100.0 / 220 for grid in np.mgrid[0:240, 0:320])
+
+    def sea(k: int):
+        t = k * odo.PERIOD_NS * 1e-9
+        along = number * (u[:, None] * np.sin(angle) - v[:, None] * np.cos(angle))
+        steep = np.sin(along - np.sqrt(9.81 * number) * t + phase).sum(1) / 4.5
+        light = 60 + 10 * steep + 60 * np.maximum(steep - 1.6, 0) + rng.normal(0, 1.5, len(u))
+        return np.clip(light, 0, 255).astype(np.uint8).reshape(240, 320)
+
+    points = odo.path(22, (0.0, 0.0, 0.0))
+    steps = run(odo, field, points, tweak=lambda k, sight: replace(sight, pixels=sea(k)) if 2 <= k < 12 else sight)
+    assert not any(isinstance(step, Step) for step in steps[2:12])
+    assert Reason.MOVING_SURFACE in {step.reason for step in steps[2:12]}
+    again = next(k for k in range(12, 22) if isinstance(steps[k], Step))
+    assert again <= 19  # patience and doubt together: 1.7 s
+    assert errors(odo, steps[again:], points)[1] < 0.1
+
+
+def test_dirt_on_the_lens_is_not_ground(odo, field) -> None:
+    rng = np.random.default_rng(6)
+    dirt = 60 * cv2.GaussianBlur(rng.standard_normal((240, 320)), (0, 0), 3) / 0.1
+    points = odo.path(6, (4.0, 0.0, 0.0))
+    eulers = [(2.0 * (k % 2), 0.0, 1.5 * k) for k in range(6)]
+
+    def dirty(k: int, sight):
+        pixels = 0.1 * sight.pixels + 100 + dirt + rng.normal(0, 1.5, dirt.shape)
+        return replace(sight, pixels=np.clip(pixels, 0, 255).astype(np.uint8))
+
+    steps = run(odo, field, points, eulers, tweak=dirty)
+    assert not any(isinstance(step, Step) for step in steps)
+    assert Reason.INCONSISTENT_WITH_PRIOR in {step.reason for step in steps[1:]}
