@@ -159,7 +159,7 @@ def curve(name: str, clean: Sequence[Series], drags: Sequence[Series], begins_s:
 
 def clean_part(scale: float) -> dict[str, dict[str, Any]]:
     """Thresholds fitted on training seeds, false alarms and the curve on others, for both suites."""
-    n_train, n_score, n_drag = (max(2, round(n * scale)) for n in (60, 160, 100))
+    n_train, n_score, n_drag = (max(2, round(n * scale)) for n in (40, 100, 100))
     train = [statistics_of(Flight(TRAIN_SEED + k, FaultSchedule(), CLEAN_S, World())) for k in range(n_train)]
     clean = [statistics_of(Flight(SCORE_SEED + k, FaultSchedule(), CLEAN_S, World())) for k in range(n_score)]
     begins_s, default = 120.0, GnssSettings().drift_threshold

@@ -29,7 +29,7 @@ QUICK_SHARE = 0.5
 DELAY_SIGMA_S = 0.1
 DELAY_WALK_S_PER_SQRT_S = 0.002
 """1-sigma of the receiver's own delay, and how it may change."""
-STEPS_M = (5.0, 30.0, 300.0)
+STEPS_M = (10.0, 30.0, 300.0)
 DRAGS_MPS = (0.3, 1.0, 3.0)
 
 

@@ -1,12 +1,25 @@
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import pytest
 
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.settings import GnssSettings
-from visloc_companion.types import EkfSource, EstimatorStatus, GeoPoint, Gnss, GnssVerdict, Vec2, Verdict
+from visloc_companion.types import (
+    Baro,
+    EkfSource,
+    EstimatorStatus,
+    GeoPoint,
+    Gnss,
+    GnssIntegrity,
+    GnssTime,
+    GnssVerdict,
+    MapAtGnss,
+    Vec2,
+    Verdict,
+)
 
 S = 1_000_000_000
 HERE = GeoPoint(59.0, 18.0, 50.0)
@@ -196,3 +209,85 @@ def test_vision_before_any_receiver_is_harmless() -> None:
     monitor = GnssMonitor(GnssSettings())
     monitor.on_vision(S, (0.0, 0.0), COV, 0.5, (0.0, 0.0))
     assert monitor.update(S, EkfSource.GNSS).verdict is Verdict.DENIED
+
+
+def test_signs_of_the_receivers_and_of_time_cost_trust() -> None:
+    elsewhere = GeoPoint(59.001, 18.0, 50.0)
+    for k, (spoil, reason) in enumerate(
+        (
+            (lambda m, now: m.on_gnss(replace(GOOD, t_rx_ns=now, receiver=1, place=elsewhere)), "receivers_differ"),
+            (lambda m, now: m.on_evidence(GnssIntegrity(now, 0, None, True, None)), "receiver_spoofing"),
+            (lambda m, now: m.on_evidence(GnssIntegrity(now, 0, True, None, None)), "receiver_jamming"),
+            (lambda m, now: m.on_evidence(MapAtGnss(now, HERE, False, None)), "off_map"),
+            (lambda m, now: m.on_evidence(GnssTime(now, now, now + (now > 5.5 * S) * 3 * S)), "clock_jump"),
+        )
+    ):
+        feed = trusted()
+        for _ in range(15):
+            spoil(feed.monitor, (feed.k + 1) * S // 5)
+            feed.run(0.2)
+        verdict = feed.monitor.verdict
+        assert (k, verdict.verdict, verdict.reasons) == (k, Verdict.SUSPECT, (reason,))
+
+
+def test_armed_vehicles_are_not_asked_about_the_map() -> None:
+    feed = trusted()
+    feed.monitor.on_armed(True)
+    feed.monitor.on_evidence(MapAtGnss(feed.k * S // 5, HERE, False, None))
+    assert feed.run(4).verdict is Verdict.OK
+
+
+def test_odometry_speaks_where_there_is_no_map_and_only_vision_mends_it() -> None:
+    feed = trusted()
+    monitor = feed.monitor
+
+    def fly(seconds: int, drag: float) -> GnssVerdict:
+        for _ in range(seconds):
+            now = feed.k * S // 5
+            monitor.on_displacement(now, now + S, (10.0 + drag, 0.0), (10.0, 0.0), 0.04)
+            feed.run(1)
+        return monitor.verdict
+
+    assert fly(60, 0.0).verdict is Verdict.OK
+    got = fly(15, 1.5)
+    assert (got.verdict, got.reasons) == (Verdict.SUSPECT, ("odometry_disagrees",))
+    assert got.probability_false >= 0.5
+    assert fly(90, 0.0).reasons == ("odometry_disagrees",)  # a drag that is held moves as odometry does
+    assert feed.run(40, vision=(0.5, 0.0)).verdict is Verdict.OK
+
+
+def test_a_false_height_is_found_and_mends_itself() -> None:
+    feed = trusted()
+
+    def fly(seconds: float, h_amsl_m: float) -> GnssVerdict:
+        for _ in range(round(seconds * 5)):
+            feed.monitor.on_evidence(Baro((feed.k + 1) * S // 5, 0, 1000.0, 15.0))
+            feed.run(0.2, replace(GOOD, place=GeoPoint(59.0, 18.0, h_amsl_m)))
+        return feed.monitor.verdict
+
+    assert fly(120, 50.0).verdict is Verdict.OK
+    got = fly(12, 130.0)
+    assert (got.verdict, got.reasons) == (Verdict.SUSPECT, ("height_disagrees",))
+    assert fly(60, 50.0).verdict is Verdict.OK
+
+
+def test_the_probability_follows_trust() -> None:
+    feed = trusted()
+    assert feed.monitor.verdict.probability_false == 0.0  # nothing was compared
+    assert feed.run(60, vision=(0.5, 0.0)).probability_false < 0.01
+    assert feed.run(6, vision=(30.0, 0.0)).probability_false >= 0.5
+    assert feed.run(40, vision=(0.5, 0.0)).probability_false < 0.05
+    feed.run(5, replace(GOOD, fix_type=1))
+    assert feed.run(5).probability_false == pytest.approx(0.1)  # it may have come back false, and nothing says so yet
+
+
+def test_a_gnss_that_comes_and_goes_does_not_fill_the_screen() -> None:
+    feed = trusted()
+    verdicts = [feed.monitor.verdict.verdict]
+    for _ in range(10):
+        for gnss in (replace(GOOD, fix_type=1), GOOD):
+            for _ in range(40):
+                verdicts.append(feed.run(0.2, gnss).verdict)
+    assert sum(a is not b for a, b in itertools.pairwise(verdicts)) == 1
+    assert feed.run(30).verdict is Verdict.OK
+    assert feed.monitor.ever_trusted

@@ -6,7 +6,7 @@ from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.geo import wgs84
-from visloc_companion.types import EkfSource, Fix, GeoPoint, Gnss, Mode, Notice, Verdict
+from visloc_companion.types import EkfSource, Fix, GeoPoint, Gnss, Mode, Notice, Odometry, Verdict
 
 S = 1_000_000_000
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
@@ -106,3 +106,26 @@ def test_comparison_needs_velocity_and_gnss() -> None:
     rig.tracker.forget_velocity()
     rig.aiding.compare(fix(rig.t, 0.0))
     assert rig.monitor.verdict.reasons == ("vision_disagrees",)
+
+
+def test_odometry_is_held_against_the_receiver_once_its_position_is_there() -> None:
+    rig = Rig()
+    for drag in (0.0, 2.0):
+        for k in range(30):
+            start = round(rig.t * S)
+            rig.aiding.on_odometry(Odometry(start + S, start, start + S, (-drag, 0.0, 0.0), ((0.01, 0.0), (0.0, 0.01))))
+            rig.run(1, 0.0)
+            if k == 20:
+                assert rig.monitor.trusted is (drag == 0.0)
+    assert rig.monitor.verdict.reasons == ("odometry_disagrees",)
+
+
+def test_odometry_across_a_lost_fix_is_not_compared() -> None:
+    rig = Rig()
+    start = round(rig.t * S)
+    rig.t += 1.0
+    now = round(rig.t * S)
+    rig.aiding.on_gnss(Gnss(now, now, 1, 3, at(0.0), 1.0, None, None), now, Mode.SHADOW)
+    rig.aiding.on_odometry(Odometry(now, start, now, (900.0, 0.0, 0.0), ((0.01, 0.0), (0.0, 0.01))))
+    rig.run(3, 0.0)
+    assert rig.monitor.trusted

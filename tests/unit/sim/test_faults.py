@@ -60,3 +60,25 @@ def test_camera_faults_do_not_touch_gnss():
     assert [schedule.camera_silent(t) for t in (6.9, 7.5, 8.0)] == [False, True, False]
     assert not schedule.gnss(5.5).jammed
     assert schedule.gnss_start_s is None
+
+
+def test_meaconing_is_jammed_first_and_then_at_the_other_place():
+    schedule = faults.meaconed(10.0, 20.0, (300.0, 0.0, 0.0), end_s=40.0)
+    assert schedule.gnss(15.0).jammed
+    assert schedule.gnss(25.0).meacon_ned_m == (300.0, 0.0, 0.0)
+    assert schedule.gnss(25.0).spoofed
+    assert not schedule.gnss(45.0).spoofed
+    assert schedule.gnss_start_s == 10.0
+
+
+def test_intermittent_jamming_comes_and_goes_until_its_end():
+    schedule = faults.intermittent(10.0, on_s=4.0, off_s=6.0, end_s=32.0)
+    assert [schedule.gnss(t).jammed for t in (9.0, 11.0, 15.0, 21.0, 25.0, 31.0, 33.0)] == [
+        False,
+        True,
+        False,
+        True,
+        False,
+        True,
+        False,
+    ]

@@ -4,7 +4,7 @@ import statistics
 from random import Random
 
 from visloc_companion.sim.faults import GnssEffect
-from visloc_companion.sim.gnss import GnssReceiver
+from visloc_companion.sim.gnss import GnssReceiver, ReceiverErrors
 
 REST = ((10.0, 20.0, -30.0), (1.0, 2.0, 0.0))
 
@@ -40,3 +40,17 @@ def test_a_spoofed_receiver_reports_the_false_place_with_a_good_fix():
     assert math.isclose(sample.p_ned_m[0], 40.0, abs_tol=2.0)
     assert math.isclose(sample.v_ned_mps[0], 2.0, abs_tol=0.5)
     assert sample.false_ned_m == (30.0, 0.0, 0.0)
+
+
+def test_a_cheap_receiver_wanders_further():
+    receiver = GnssReceiver(Random(4), errors=ReceiverErrors(slow_m=2.0, slow_s=20.0, white_m=0.0))
+    norths = [s.p_ned_m[0] - 10.0 for s in samples(receiver, [GnssEffect()] * 20000)]
+    assert 1.7 < statistics.pstdev(norths) < 2.3
+
+
+def test_meaconing_shows_another_antennas_place_at_rest():
+    sample = GnssReceiver(Random(2)).sample(0.0, *REST, GnssEffect(meacon_ned_m=(500.0, 0.0, -3.0)))
+    assert sample.has_fix
+    assert math.dist(sample.p_ned_m, (500.0, 0.0, -3.0)) < 4.0
+    assert math.hypot(*sample.v_ned_mps) < 0.5
+    assert sample.false_ned_m == (490.0, -20.0, 27.0)

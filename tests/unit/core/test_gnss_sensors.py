@@ -1,0 +1,136 @@
+"""GNSS against odometry and barometer, and the track of displacements."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from visloc_companion.core.gnss_height import HeightTest, pressure_altitude_m
+from visloc_companion.core.gnss_odometry import OdometryTest
+from visloc_companion.core.gnss_track import GnssTrack
+from visloc_companion.geo import wgs84
+from visloc_companion.types import Baro, GeoPoint
+
+S = 1_000_000_000
+HERE = GeoPoint(59.0, 18.0, 50.0)
+LIMIT = 10.5
+
+
+class Walk:
+    """A vehicle that turns; odometry with a scale error of 1 % and a heading error of 1 degree."""
+
+    def __init__(self, seed: int = 1, speed: float = 12.0) -> None:
+        self.rng, self.test, self.t, self.speed = np.random.default_rng(seed), OdometryTest(), 0, speed
+
+    def run(self, seconds: int, drag: complex = 0j, jump: complex = 0j) -> list[float]:
+        out = []
+        for _ in range(seconds):
+            v = self.speed * np.exp(1j * (self.t // 40) * 1.3)
+            gnss = v + drag + jump + 0.2 * complex(*self.rng.standard_normal(2))
+            seen = v * 1.01 * np.exp(1j * math.radians(1.0)) + 0.1 * complex(*self.rng.standard_normal(2))
+            jump = 0j
+            self.test.add(self.t * S, (self.t + 1) * S, (gnss.real, gnss.imag), (seen.real, seen.imag), 0.2**2)
+            self.t += 1
+            out.append(self.test.log_r)
+        return out
+
+
+def test_odometry_learns_its_scale_and_heading_in_turns() -> None:
+    assert max(Walk().run(600)) < LIMIT - 2
+
+
+@pytest.mark.parametrize(("drag", "within_s"), [(1.0 + 0j, 12), (-0.7 + 0.7j, 12), (3j, 6)])
+def test_a_drag_that_the_camera_does_not_see_is_found(drag: complex, within_s: int) -> None:
+    walk = Walk()
+    walk.run(200)
+    assert next(k for k, value in enumerate(walk.run(60, drag)) if value > LIMIT) <= within_s
+
+
+def test_a_jump_is_found_although_the_velocity_is_true_again() -> None:
+    walk = Walk()
+    walk.run(200)
+    assert max(walk.run(12, jump=80 + 0j)) > LIMIT
+
+
+def test_after_a_hole_the_sums_begin_anew_and_forgetting_keeps_the_scale() -> None:
+    walk = Walk()
+    walk.run(100)
+    walk.run(5, jump=500j)
+    walk.t += 60
+    walk.test.forget()
+    assert walk.test.log_r == -math.inf
+    assert max(walk.run(60)) < LIMIT
+
+
+def test_pressure_altitude_of_the_standard_atmosphere() -> None:
+    assert pressure_altitude_m(1013.25) == 0.0
+    assert pressure_altitude_m(898.76) == pytest.approx(1000.0, abs=1.0)
+
+
+def pressure(h_m: float) -> float:
+    return 1013.25 * (1 - h_m / 44330.77) ** (1 / 0.190263)
+
+
+class Climb:
+    """GNSS height, with an unknown constant to the barometer's, through climbs in air that is 15 degrees too warm."""
+
+    def __init__(self) -> None:
+        self.rng, self.test, self.t = np.random.default_rng(2), HeightTest(), 0
+
+    def run(self, seconds: int, false_m: float = 0.0, rate: float = 0.0) -> list[float]:
+        out = []
+        for _ in range(seconds):
+            h = 120 + 60 * math.sin(self.t / 50)
+            self.test.on_baro(Baro(self.t * S, 0, pressure(0.95 * h + 40 + 0.3 * self.rng.standard_normal()), 30.0))
+            false_m += rate
+            self.test.on_gnss(self.t * S, h + false_m + self.rng.standard_normal(), 1.5)
+            self.t += 1
+            out.append(self.test.log_r)
+        return out
+
+
+def test_climbs_in_warm_air_are_healthy_and_false_heights_are_not() -> None:
+    climb = Climb()
+    assert max(climb.run(600)) < LIMIT - 2
+    assert max(climb.run(20, false_m=60.0)) > LIMIT
+    climb.test.forget()
+    assert climb.test.log_r == -math.inf
+    lifted = Climb()
+    lifted.run(300)
+    assert max(lifted.run(60, rate=2.0)) > LIMIT
+
+
+def test_no_height_is_judged_without_a_fresh_and_possible_pressure() -> None:
+    test = HeightTest()
+    test.on_gnss(S, 50.0, None)
+    test.on_baro(Baro(S, 0, 5.0, 15.0))
+    test.on_gnss(2 * S, 50.0, None)
+    test.on_baro(Baro(2 * S, 0, 1000.0, 15.0))
+    test.on_gnss(9 * S, 50.0, None)
+    assert test.log_r == -math.inf
+
+
+def track(*points: tuple[float, float]) -> GnssTrack:
+    got = GnssTrack()
+    for t_s, north_m in points:
+        got.add(round(t_s * S), wgs84.geo_from_ned((north_m, 0.0, 0.0), HERE))
+    return got
+
+
+def test_displacements_are_interpolated_between_positions() -> None:
+    got = track((1.0, 0.0), (2.0, 10.0), (3.0, 20.0), (2.5, 999.0))
+    assert got.newest_ns == 3 * S
+    assert got.displacement(round(1.5 * S), round(2.7 * S)) == pytest.approx((12.0, 0.0), abs=1e-3)
+    assert got.displacement(S, 3 * S) == pytest.approx((20.0, 0.0), abs=1e-3)
+    assert got.displacement(0, 2 * S) is None
+    assert got.displacement(S, 4 * S) is None
+
+
+def test_holes_are_not_interpolated_and_old_positions_go() -> None:
+    assert track((1.0, 0.0), (5.0, 40.0)).displacement(2 * S, 5 * S) is None
+    long = track(*((float(k), 10.0 * k) for k in range(40)))
+    assert long.displacement(2 * S, 30 * S) is None
+    long.clear()
+    assert long.newest_ns is None
