@@ -9,7 +9,7 @@ errors drawn anew. Seeds below 100 served for tuning and for the factors of the 
 
 drift: error at the end as a share of the path, root mean square and worst; `heading known`: the same after the drawn constant
 error of the heading (1 degree) is turned back. error/sigma: root mean square over legs (keyframe to keyframe) and over whole
-flights (core/odometry.py), north and east. CPU: process time of one frame beside that of SIFT on the same pictures.
+flights (core/odometry.py), north, east and of legs down. CPU: process time of one frame beside that of SIFT on the same pictures.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ SIFT_FRAMES = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flown:
-    """One flight with one draw of errors: legs' errors and sigmas (L, 4), the end's (4,), the end's error with and without the
+    """One flight with one draw of errors: legs' errors and sigmas (L, 6: north, east, the two sigmas, down, its
+    sigma), the end's (4,), the end's error with and without the
     error of heading, reasons, milliseconds of a frame."""
 
     flight: Flight
@@ -69,10 +70,11 @@ def flown(flight: Flight, errors: Errors, seed: int, knows: str) -> Flown:
         track.add(odometry)
         if step.closes or k == len(steps) - 1:
             true = flight.p_ned_m[number[odometry.t_to_ns]] - flight.p_ned_m[number[odometry.t_from_ns]]
-            legs.append(_judged(np.array(odometry.displacement_ned_m)[:2] - true[:2], np.array(odometry.cov_ne_m2)))
+            error = np.array(odometry.displacement_ned_m) - true
+            legs.append([*_judged(error[:2], np.array(odometry.cov_ne_m2)), error[2], step.sigma_down_m])
     whole = track.between(given[0].t_ns, given[-1].t_ns)
     if whole is None:
-        return Flown(flight, np.array(legs).reshape(-1, 4), np.full(4, np.nan), math.nan, math.nan, math.nan, reasons, ms)
+        return Flown(flight, np.array(legs).reshape(-1, 6), np.full(4, np.nan), math.nan, math.nan, math.nan, reasons, ms)
     d, true = np.array(whole.displacement_ned_m)[:2], (flight.p_ned_m[-1] - flight.p_ned_m[0])[:2]
     turn = _mean_turn(given, flight)
     back = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
@@ -106,7 +108,7 @@ def figures(some: list[Flown]) -> dict[str, Any]:
         "drift_heading_known": _rms(known / paths),
         "drift_heading_known_worst": float(np.nanmax(known / paths)),
         "legs": len(legs),
-        "leg_error_over_sigma": [_rms(legs[:, k] / legs[:, 2 + k]) for k in (0, 1)],
+        "leg_error_over_sigma": [_rms(legs[:, k] / legs[:, m]) for k, m in ((0, 2), (1, 3), (4, 5))],
         "end_error_over_sigma": [_rms(ends[:, k] / ends[:, 2 + k]) for k in (0, 1)],
         "unseen_s": float(np.nansum([f.unseen_s for f in some])),
         "reasons": {name: n for name, n in reasons.items() if n},

@@ -12,8 +12,6 @@ from visloc_companion.localise.odometry.solve import Motion
 from visloc_companion.types import FloatArray, Odometry
 
 METHOD = "flow"
-OWN = 1.0
-"""Factor on the 1-sigma of a leg's own error, fitted on training flights (python -m benchmarks.odometry --fit)."""
 LEAST_SHARE = 0.02
 """Displacements shorter than this share of the height tell nothing of their scale."""
 
@@ -22,7 +20,7 @@ def odometry_of(key: Keyframe, sight: Sight, motion: Motion, closes: bool) -> St
     """The step from a keyframe to a frame."""
     d = motion.d_ned_m
     scale = _scale(motion, key)
-    own = OWN**2 * (motion.covariance - motion.shared)
+    own = motion.covariance - motion.shared
     across = key.sight.sigma_yaw_rad * np.array([-d[1], d[0]])
     along = scale * d[:2]
     cov = own[:2, :2] + np.outer(across, across) + np.outer(along, along)
