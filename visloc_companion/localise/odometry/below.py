@@ -57,9 +57,12 @@ def on_surface(rays_ned: FloatArray, sight: Sight, surface: Surface, settings: F
     met = intersect_surface(camera, rays_ned, lookup.height, min(high + 0.1, sight.up_m - 1.0), low - 0.1)
     spread = lookup.spread(met[:, :2])
     known = np.isfinite(spread)
-    level = math.hypot(settings.surface_m, settings.surface_share * float(np.median(spread[known]))) if known.any() else math.inf
-    at = met - camera
-    return Ground(at, spread, np.zeros(len(at), np.bool_), level, settings.surface_slope_rad, sight.sigma_up_m)
+    if not known.any():
+        return Ground(met - camera, spread, ~known, math.inf, math.inf, sight.sigma_up_m)
+    moved = _rms_when_moved(lookup, met[known], sight.sigma_place_m)
+    level = math.hypot(settings.surface_m, settings.surface_share * float(np.median(spread[known])), moved)
+    slope = math.hypot(settings.surface_slope_rad, moved / (sight.up_m + float(np.median(met[known, 2]))))
+    return Ground(met - camera, spread, np.zeros(len(met), np.bool_), level, slope, sight.sigma_up_m)
 
 
 def read_near(readings: Sequence[Reading], place_ne_m: FloatArray, up_m: float, height_m: float) -> FloatArray:
@@ -70,6 +73,16 @@ def read_near(readings: Sequence[Reading], place_ne_m: FloatArray, up_m: float, 
         if math.hypot(north, east) <= REACH * height_m:
             found.append((north, east, reading.height_m - (reading.up_m - up_m)))
     return np.array(found).reshape(-1, 3)
+
+
+def _rms_when_moved(lookup: _Lookup, met: FloatArray, sigma_m: float) -> float:
+    """By how much the mean height of the points changes when all are moved by a sigma of the place, four ways."""
+    here = lookup.height(met[:, :2])
+    found = []
+    for way in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
+        change = lookup.height(met[:, :2] + sigma_m * np.array(way)) - here
+        found.append(float(np.mean(change[np.isfinite(change)])) if np.isfinite(change).any() else 0.0)
+    return float(np.sqrt(np.mean(np.square(found)))) * math.sqrt(2.0)
 
 
 class _Lookup:

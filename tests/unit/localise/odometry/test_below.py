@@ -30,6 +30,10 @@ def test_rays_meet_a_sloping_surface_where_it_is(odo) -> None:
         t = (100 - 0.2 * 50) / (1 + 0.2 * ray[0])
         assert at == pytest.approx(ray * t, abs=0.05)
     assert got.sigma_up_m == 1.5
+    assert got.level_m == pytest.approx(math.hypot(SETTINGS.surface_m, 0.2 * 3.0), rel=0.2)
+    lost = on_surface(RAYS, replace(sight, sigma_place_m=80.0), surface, SETTINGS)
+    assert lost.level_m == pytest.approx(0.2 * 80, rel=0.2)  # on a slope, who does not know where knows no height
+    assert lost.slope_rad > 5 * got.slope_rad
     assert (got.spread_m > SETTINGS.surface_m).all()
 
 
