@@ -20,6 +20,7 @@ from visloc_companion.adapters.systemd.notify import Notifier
 from visloc_companion.app.camera_feed import CameraFeed
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.constructors import CONSTRUCTORS
+from visloc_companion.app.ground_check import GroundCheck
 from visloc_companion.app.health import Health
 from visloc_companion.app.mailbox import Mailbox
 from visloc_companion.app.parts import Constructors, Parts, Reports, assemble
@@ -73,6 +74,7 @@ class Daemon:
         self._orders: set[asyncio.Task[None]] = set()
         self._group: asyncio.TaskGroup | None = None
         self._link_up = self._stopping = False
+        self._ground = GroundCheck(parts.config, parts.clock, self.handle)
 
     # ------------------------------------------------------------------------------------------------- events, commands
 
@@ -165,6 +167,8 @@ class Daemon:
             "notices": self._send_notices(),
             "watch": self._watch(),
         }
+        if self.parts.config.map.pack:
+            work["ground"] = self._ground.serve()
         if self.parts.worker is not None:
             work["worker"] = self._serve_worker()
         if self.parts.camera is not None and self.parts.slots is not None:
@@ -176,6 +180,7 @@ class Daemon:
             self.health.beat("link", self._wall.now_ns())
             if isinstance(event, LinkChanged):
                 self._link_up = event.up
+            self._ground.heard(event)
             self.handle(event)
         if not self._stopping:
             raise LinkError("ended by itself", where=self.parts.config.link.url, remedy="this is a fault; start visloc again")
