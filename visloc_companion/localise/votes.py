@@ -7,7 +7,7 @@ from visloc_companion.localise.structure.localiser import StructureLocaliser
 from visloc_companion.protocols import Localiser, ReferenceMap, ShapeMap
 from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix, Vote
 
-PROBE_M = 20.0
+PROBE_M, PROBE_POINTS = 20.0, 100
 
 
 class TwoVotes:
@@ -38,7 +38,7 @@ class TwoVotes:
         if self._shaped is None and isinstance(ref, ShapeMap):
             place = request.prior.place
             try:
-                ref.cloud_around(ref.to_map(place.lat_deg, place.lon_deg), PROBE_M, 1)
+                ref.cloud_around(ref.to_map(place.lat_deg, place.lon_deg), PROBE_M, PROBE_POINTS)
                 self._shaped = True
             except OutsideMap:
                 return False

@@ -24,10 +24,10 @@ from visloc_companion.evaluate.closed_loop import (
 from visloc_companion.evaluate.flight_pictures import picture_pairs
 from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.maps.pack import PackMap
-from visloc_companion.prepare.world import procedural_world
+from visloc_companion.prepare.world import ProceduralWorld, procedural_world, scene_on
 from visloc_companion.sim import faults
 from visloc_companion.sim.flight import Eyes
-from visloc_companion.sim.scenarios import SCENARIOS, Expectation, Scenario
+from visloc_companion.sim.scenarios import SCENARIOS, SEASON_CHANGE, Expectation, Scenario
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightArea, FlightSetup
 from visloc_companion.types import AutopilotKind, Fix, GeoPoint, LocaliseRequest, NoFix, Verdict, Vote
@@ -237,6 +237,21 @@ def test_rendered_frames_and_the_real_localiser_carry_a_flight(small_world: Flig
     assert below is not None
     assert camera.shape == below.shape == (315, 420, 3)
     assert camera.std() > 5
+
+
+def test_structure_helps_where_snow_hides_what_the_image_is_known_by(small_world: FlightWorld) -> None:
+    """Twelve seconds over deep snow, jammed after five: what the image does not recognise its shape places."""
+    files = ProceduralWorld(small_world.pack, small_world.pack, small_world.pack)
+    snow = replace(small_world, scene=Scene.load(*scene_on(files, "snow", 1, size_m=600.0)))
+    scenario = replace(SEASON_CHANGE, duration_s=12.0, faults=faults.jam(5.0))
+    setup = FlightSetup(scenario, snow.area(), AutopilotKind.ARDUPILOT, "copter", 1)
+    record = fly(setup, snow, method="gradient").record
+    methods = [fix.method for fix in record.fixes]
+    assert methods.count("structure") >= 2
+    assert [refusal.method for refusal in record.refusals].count("gradient") > methods.count("gradient")
+    truth = record.truth.at(np.array([fix.t_s for fix in record.fixes]))
+    off_m = [math.dist(fix.p_ned_m[:2], at[:2]) for fix, at in zip(record.fixes, truth, strict=True) if fix.method == "structure"]
+    assert max(off_m) < 4.0
 
 
 def test_a_map_with_a_hole_in_its_middle_is_refused(small_world: FlightWorld, monkeypatch: pytest.MonkeyPatch) -> None:
