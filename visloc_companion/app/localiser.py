@@ -8,6 +8,7 @@ from visloc_companion.localise.features.onnx import NetworkFeatures
 from visloc_companion.localise.flight import flight_localiser
 from visloc_companion.localise.registry import open_features_for
 from visloc_companion.localise.runtime import default_threads
+from visloc_companion.localise.with_motion import WithMotion
 from visloc_companion.protocols import Localiser
 from visloc_companion.types import CameraModel
 
@@ -27,4 +28,4 @@ def configured_localiser(chosen: LocaliserConfig, model: CameraModel) -> tuple[L
         threads=chosen.threads or default_threads(),
         structure=chosen.structure,
     )
-    return localiser, features
+    return WithMotion(localiser, model) if chosen.odometry else localiser, features

@@ -146,16 +146,17 @@ class Navigator:
                 self._monitor.on_evidence(event)
                 return []
             case Odometry():
-                self._aiding.on_odometry(event)
-                self._tracker.observe_odometry(event)
+                self._moved(event, now_ns)
                 return []
             case Range():
                 return self._on_range(event)
             case FrameRef():
                 return self._on_frame(event, now_ns)
             case Fix():
+                self._moved(event.motion, now_ns)
                 return self._on_fix(event, now_ns)
             case NoFix():
+                self._moved(event.motion, now_ns)
                 return self._free_worker(event, now_ns)
             case TimesyncSample():
                 return self._on_step(self._clock.on_exchange(event))
@@ -311,6 +312,12 @@ class Navigator:
         t_boot_ns = self._clock.boot_ns(frame.t_ns) if frame.t_boot_ns is None else frame.t_boot_ns
         return None if t_boot_ns is None else self._attitude.at(t_boot_ns)
 
+    def _moved(self, motion: Odometry | None, now_ns: int) -> None:
+        """The camera's own motion bears on the velocity, and on the GNSS verdict."""
+        if motion is not None and fault(motion, now_ns) is None:
+            self._aiding.on_odometry(motion)
+            self._tracker.observe_odometry(motion)
+
     def _free_worker(self, event: Event, now_ns: int) -> list[Command]:
         if isinstance(event, Fix | NoFix):
             lost = isinstance(event, NoFix) and event.reason in WORKER_LOST
@@ -438,9 +445,7 @@ class Navigator:
         counter = self._resets.follow(state, belief.started_ns)
         injected = self._injection(state, origin, counter, now_ns) if self._mode in INJECTING else None
         level_m = self._tracker.protection_level_m(state.t_ns)
-        status = output.status(
-            state, belief.last_fix_ns, level_m, origin, self._mode, verdict, counter, injected is not None
-        )
+        status = output.status(state, belief.last_fix_ns, level_m, origin, self._mode, verdict, counter, injected is not None)
         return [status] if injected is None else [injected, status]
 
     def _injection(self, state: NavState, origin: GeoPoint, counter: int, now_ns: int) -> Injection | None:

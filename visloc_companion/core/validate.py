@@ -16,6 +16,7 @@ from visloc_companion.types import (
     Gnss,
     LocalPose,
     MapAtGnss,
+    Odometry,
     OperatorFix,
     OriginChanged,
     PriorPose,
@@ -27,7 +28,7 @@ MAX_LEAD_NS = 200_000_000
 """Times of validity may lie this far ahead of the shell's clock (clock offsets are estimates)."""
 
 
-def fault(event: Event, now_ns: int) -> Reason | None:  # noqa: PLR0911 (one return for each kind of event)
+def fault(event: Event, now_ns: int) -> Reason | None:  # noqa: PLR0911, PLR0912 (one return for each kind of event)
     """Why an event must not be used, or None. Fields that autopilots may leave unknown (None) are fine."""
     match event:
         case Attitude():
@@ -53,6 +54,8 @@ def fault(event: Event, now_ns: int) -> Reason | None:  # noqa: PLR0911 (one ret
             return _unless(is_place(event.place) and _finite(event.sigma_m) and 0 < event.sigma_m <= 10_000)
         case Fix():
             return _fix_fault(event, now_ns)
+        case Odometry():
+            return _odometry_fault(event, now_ns)
         case FrameRef():
             return Reason.IMPLAUSIBLE_TIME if event.t_ns > now_ns + MAX_LEAD_NS else None
         case _:
@@ -64,6 +67,13 @@ def _fix_fault(fix: Fix, now_ns: int) -> Reason | None:
         return Reason.IMPLAUSIBLE_TIME
     numbers = _finite(*fix.q_ned_frd, fix.sigma_h_m, fix.sigma_yaw_rad, fix.probability_wrong)
     return _unless(numbers and is_place(fix.place) and fix.sigma_h_m > 0 and is_covariance(fix.cov_ne_m2))
+
+
+def _odometry_fault(seen: Odometry, now_ns: int) -> Reason | None:
+    if seen.t_to_ns > now_ns + MAX_LEAD_NS or seen.t_from_ns >= seen.t_to_ns:
+        return Reason.IMPLAUSIBLE_TIME
+    numbers = _finite(*seen.displacement_ned_m, seen.sigma_scale, seen.sigma_heading_rad)
+    return _unless(numbers and is_covariance(seen.cov_ne_m2))
 
 
 def _unless(fine: bool) -> Reason | None:

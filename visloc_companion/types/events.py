@@ -169,7 +169,8 @@ class Fix:
     `place` is the camera's position; `q_ned_frd` the attitude of the camera's body (top edge of the image forward, optical
     axis down). `cov_ne_m2` is the claimed covariance of the horizontal position, `sigma_h_m` that of the height.
     `probability_wrong` is the calibrated probability that the fix is a wrong match (error beyond what the covariance
-    explains). `score` and `runner_up` are correlation peaks, `evidence` holds named numbers for reports.
+    explains). `score` and `runner_up` are correlation peaks, `evidence` holds named numbers for reports. `motion`: how the camera
+    moved until the frame that was asked about, where that was seen.
     """
 
     t_rx_ns: int
@@ -185,11 +186,12 @@ class Fix:
     probability_wrong: float
     elapsed_ms: float
     evidence: tuple[tuple[str, float], ...] = ()
+    motion: Odometry | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class NoFix:
-    """The localiser declines to answer, and says why."""
+    """The localiser declines to answer, and says why. `motion` as in a Fix."""
 
     t_rx_ns: int
     t_ns: int
@@ -200,6 +202,7 @@ class NoFix:
     elapsed_ms: float
     detail: str = ""
     evidence: tuple[tuple[str, float], ...] = ()
+    motion: Odometry | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from visloc_companion.types import (
     GeoPoint,
     Gnss,
     LocalPose,
+    Odometry,
     OperatorFix,
     OriginChanged,
     PriorPose,
@@ -31,6 +32,8 @@ NAN3 = (0.0, math.nan, 0.0)
 FIX = Fix(NOW, NOW, 1, 1, "m", HERE, Q, ((1.0, 0.0), (0.0, 1.0)), 1.0, 0.1, 0.01, 5.0)
 GNSS = Gnss(NOW, NOW, 3, 12, HERE, 1.0, None, None)
 
+SEEN = Odometry(NOW, NOW - 10**9, NOW, (3.0, 1.0, 0.0), ((0.04, 0.0), (0.0, 0.04)), 0.01, 0.02)
+
 GOOD: list[Event] = [
     Attitude(NOW, NOW, Q, STILL),
     PriorPose(NOW, NOW, HERE, STILL, 10.0),
@@ -42,10 +45,16 @@ GOOD: list[Event] = [
     OriginChanged(NOW, HERE),
     OperatorFix(NOW, HERE, 20.0),
     FIX,
+    SEEN,
     FrameRef(NOW, NOW, 1, 0, 640, 480, 1),
     Tick(NOW),
 ]
 BAD: list[tuple[Event, Reason]] = [
+    (replace(SEEN, displacement_ned_m=NAN3), Reason.NOT_FINITE),
+    (replace(SEEN, cov_ne_m2=((0.0, 0.0), (0.0, 1.0))), Reason.NOT_FINITE),
+    (replace(SEEN, sigma_scale=math.inf), Reason.NOT_FINITE),
+    (replace(SEEN, t_from_ns=NOW), Reason.IMPLAUSIBLE_TIME),
+    (replace(SEEN, t_to_ns=NOW + 10**9), Reason.IMPLAUSIBLE_TIME),
     (Attitude(NOW, NOW, (math.nan, 0.0, 0.0, 0.0), STILL), Reason.NOT_FINITE),
     (Attitude(NOW, NOW, Q, NAN3), Reason.NOT_FINITE),
     (PriorPose(NOW, NOW, NOWHERE, STILL, 10.0), Reason.NOT_FINITE),

@@ -1,0 +1,109 @@
+"""Answers that also say how the camera moved."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from visloc_companion.errors import Reason
+from visloc_companion.geo.se3 import quat_from_euler
+from visloc_companion.localise.with_motion import HEADINGS, WithMotion
+from visloc_companion.protocols import ReferenceMap
+from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix
+
+MS = 1_000_000
+MODEL = CameraModel(640, 480, 560.0, 560.0, 319.5, 239.5)
+
+
+PICTURES: dict[tuple[int, tuple[float, ...]], Image] = {}
+"""Rendered once for all tests."""
+
+
+class Witness:
+    """Finds nothing, or that the compass is off by `heading_rad`."""
+
+    method = "witness"
+
+    def __init__(self, heading_rad: float | None = None) -> None:
+        self.heading_rad = heading_rad
+
+    def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
+        t_ns, n = request.frame.t_ns, request.frame.frame_id
+        if self.heading_rad is None:
+            return NoFix(0, t_ns, request.request_id, n, self.method, Reason.NO_MATCH, 1.0)
+        q = quat_from_euler(0.0, 0.0, self.heading_rad)
+        return Fix(0, t_ns, 1, n, self.method, request.prior.place, q, ((1.0, 0.0), (0.0, 1.0)), 1.0, 0.01, 0.001, 1.0)
+
+
+def flown(support, world, localiser, points, compass_rad: float = 0.0, first: int = 0) -> list[Fix | NoFix]:
+    """Answers along a way; the vehicle looks north, its compass says `compass_rad`."""
+    answers = []
+    for k, p in enumerate(points, first):
+        key = id(world), tuple(p)
+        if key not in PICTURES:
+            PICTURES[key] = support.render(world, MODEL, tuple(p), (0.0, 0.0, 0.0))
+        seen = PICTURES[key]
+        asked = support.request_at(tuple(p), (0.0, 0.0, compass_rad), sigma_m=2.0, sigma_h_m=1.0, sigma_yaw_deg=5.0, model=MODEL)
+        frame = replace(asked.frame, t_ns=1000 * MS + 200 * MS * k, frame_id=k)
+        answers.append(localiser.localise(replace(asked, frame=frame), seen, world))
+    return answers
+
+
+def along(n: int, step_m: float = 4.0, start: float = -40.0) -> list[tuple[float, float, float]]:
+    return [(start + step_m * k, 10.0 + 0.5 * step_m * k, -200.0) for k in range(n)]
+
+
+@pytest.mark.parametrize("ground", ["flat", "hilly"])
+def test_the_motion_is_that_of_the_camera(support, request, ground: str) -> None:
+    world = request.getfixturevalue(ground)
+    points = along(6)
+    answers = flown(support, world, WithMotion(Witness(), MODEL), points)
+    assert answers[0].motion is None
+    seen = [a.motion for a in answers if a.motion is not None]
+    assert len(seen) >= 4
+    for motion in seen:
+        k0, k1 = (round((t / MS - 1000) / 200) for t in (motion.t_from_ns, motion.t_to_ns))
+        truth = np.array(points[k1]) - np.array(points[k0])
+        error = np.array(motion.displacement_ned_m)[:2] - truth[:2]
+        assert math.hypot(*error) < 0.05 * math.hypot(*truth[:2]) + 0.3
+        assert error @ np.linalg.solve(np.array(motion.cov_ne_m2), error) < 16
+
+
+def test_the_answer_stays_what_it_was(support, flat) -> None:
+    answers = flown(support, flat, WithMotion(Witness(), MODEL), along(3))
+    bare = flown(support, flat, Witness(), along(3))
+    assert [replace(a, motion=None) for a in answers] == bare
+    assert WithMotion(Witness(), MODEL).method == "witness"
+
+
+def test_a_compass_that_fixes_contradict_turns_no_displacement(support, flat) -> None:
+    off = math.radians(10.0)
+    points = along(HEADINGS + 6)
+    with_fixes = flown(support, flat, WithMotion(Witness(0.0), MODEL), points, compass_rad=off)
+    motion = with_fixes[-1].motion
+    assert motion is not None
+    north, east, _ = motion.displacement_ned_m
+    assert math.degrees(math.atan2(east, north)) == pytest.approx(math.degrees(math.atan2(1, 2)), abs=2.0)
+    alone = flown(support, flat, WithMotion(Witness(), MODEL), points, compass_rad=off)[-1].motion
+    assert alone is not None
+    assert motion.sigma_heading_rad < 0.5 * alone.sigma_heading_rad
+
+
+def test_off_the_map_and_without_texture_there_is_none(support, flat) -> None:
+    far = [(90_000.0 + 4 * k, 0.0, -200.0) for k in range(2)]
+    localiser = WithMotion(Witness(), MODEL)
+    for k, p in enumerate(far):
+        asked = support.request_at(p, (0.0, 0.0, 0.0), model=MODEL)
+        frame = replace(asked.frame, t_ns=(1 + k) * 200 * MS, frame_id=k)
+        assert localiser.localise(replace(asked, frame=frame), support.texture(2, 640)[:480], flat).motion is None
+    blank = replace(flat, pixels=np.full_like(flat.pixels, 90))
+    assert all(a.motion is None for a in flown(support, blank, WithMotion(Witness(), MODEL), along(3)))
+
+
+def test_a_request_for_an_older_frame_is_no_motion(support, flat) -> None:
+    localiser = WithMotion(Witness(), MODEL)
+    flown(support, flat, localiser, along(3), first=5)
+    assert all(a.motion is None for a in flown(support, flat, localiser, along(2), first=0))
