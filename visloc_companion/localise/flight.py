@@ -42,5 +42,4 @@ def flight_localiser(
     from visloc_companion.localise.votes import TwoVotes
 
     settings = LocaliserSettings(max_probability_wrong, max_search_radius_m)
-    register = make_registration(REGISTRATION, max_probability_wrong)
-    return FreshFramesOnly(TwoVotes(image, StructureLocaliser(model, settings, register)))
+    return FreshFramesOnly(TwoVotes(image, StructureLocaliser(model, settings, make_registration(REGISTRATION, 1.0))))

@@ -21,6 +21,7 @@ from visloc_companion.localise.pose import PriorTerm
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationMethod, RegistrationPrior
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.structure.base import LocalCloud, NoCloud, StereoSettings
+from visloc_companion.localise.structure.claims import judged
 from visloc_companion.localise.structure.cloud import local_cloud
 from visloc_companion.localise.structure.history import FrameHistory, Seen, posed
 from visloc_companion.localise.structure.registered_pose import pose_from_registration
@@ -31,7 +32,8 @@ METHOD = "structure"
 FEWEST_FRAMES = 2
 REACH_SIGMAS = 3.0
 MARGIN_M = 10.0
-MOST_REFERENCE_POINTS = 200_000
+MOST_REFERENCE_POINTS = 800_000
+"""All of a circle of 160 m: a plantation that was thinned to two thirds comes out 1.5 m lower on the mean (maps/cloud_tiles)."""
 SURFACE_SHARE = 0.04
 """The surface below the camera is known to this share of the height above it: where the prior's error puts it, in another season
 (seeds below 100 of benchmarks/structure_chain.py)."""
@@ -40,7 +42,10 @@ STEREO = StereoSettings(cell_m=0.5, min_completeness=0.1, max_sigma_share=0.01)
 
 
 class StructureLocaliser:
-    """protocols.Localiser over several frames: `remember` each of them, and ask now and then."""
+    """protocols.Localiser over several frames: `remember` each of them, and ask now and then.
+
+    `register` is to answer whatever it finds (largest probability of being wrong 1): its answers are judged here.
+    """
 
     method = METHOD
 
@@ -95,7 +100,8 @@ class StructureLocaliser:
         except (OutsideMap, MapError) as why:
             return NoCloud(Reason.OUTSIDE_MAP, why.what)
         reference[:, :2] += (low + high) / 2
-        return self._register(cloud.points_m, reference, _prior(cloud, request.prior))
+        found = self._register(cloud.points_m, reference, _prior(cloud, request.prior))
+        return judged(found, self._settings.max_probability_wrong) if isinstance(found, Registered) else found
 
     def _answer(
         self,
