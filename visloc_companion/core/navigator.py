@@ -8,11 +8,12 @@ to the ground: core/terrain_aiding.py; the camera's own motion: core/motion.py. 
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 from visloc_companion.core import gnss_words, modes, output, requests, streams
+from visloc_companion.core.asking import Asking
 from visloc_companion.core.attitude import AttitudeBuffer
+from visloc_companion.core.camera_watch import CameraWatch
 from visloc_companion.core.estimator import Velocity
 from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
 from visloc_companion.core.gnss import GnssMonitor
@@ -53,9 +54,7 @@ from visloc_companion.types import (
     Odometry,
     OperatorFix,
     OriginChanged,
-    PosePrior,
     PriorPose,
-    Quat,
     Range,
     Rejected,
     Severity,
@@ -67,11 +66,9 @@ from visloc_companion.types import (
     WorkerState,
 )
 
-LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 INJECTING = (Mode.AIDING, Mode.DEAD_RECKONING)
 WORKER_LOST = (Reason.WORKER_TIMEOUT, Reason.WORKER_DIED)
 ATTITUDE_AGE_NS = 2_000_000_000
-CAMERA_SILENCE_NS = 2_000_000_000
 ORIGIN_RETRY_NS = 5_000_000_000
 MAX_STAMP_ERROR_NS = 1_000_000_000
 """A message's own time is used when it differs from its arrival by no more than this."""
@@ -98,6 +95,7 @@ class Navigator:
             settings.max_rate_hz, settings.seed, Turns(settings.structure, settings.structure_every)
         )
         self._terrain = TerrainAiding() if settings.terrain else None
+        self._asking = Asking(settings, self._queue, self._tracker, self._clock, self._attitude, self._terrain)
         self._switch = SourceSwitch(settings.injection.switch_source)
         self._resets = output.ResetCounter(settings.injection.max_step_m)
         self._mode = Mode.WAITING
@@ -106,8 +104,7 @@ class Navigator:
         self._fix_taken_ns: int | None = None
         self._status: EstimatorStatus | None = None
         self._prior: PriorPose | None = None
-        self._frame_rx_ns: int | None = None
-        self._camera_silent = False
+        self._camera = CameraWatch()
         self._origin_asked_ns: int | None = None
 
     def on(self, event: Event, now_ns: int) -> list[Command]:
@@ -228,7 +225,7 @@ class Navigator:
 
     def _on_range(self, event: Range) -> list[Command]:
         t_ns = self._stamped_ns(event.t_rx_ns, event.t_boot_ns)
-        q_ned_frd = self._attitude_now(t_ns)
+        q_ned_frd = self._asking.attitude_now(t_ns)
         if self._terrain is not None and q_ned_frd is not None:
             self._terrain.on_range(event, t_ns, q_ned_frd)
         return []
@@ -250,67 +247,14 @@ class Navigator:
     # -------------------------------------------------------------------------------------------------- frames and fixes
 
     def _on_frame(self, event: FrameRef, now_ns: int) -> list[Command]:
-        self._frame_rx_ns = event.t_rx_ns
-        back: list[Command] = [Notice(Severity.NOTICE, "camera frames are back")] if self._camera_silent else []
-        self._camera_silent = False
+        back = self._camera.on_frame(event.t_rx_ns)
         if event.t_boot_ns is not None:
             event = replace(event, t_ns=self._clock.shell_ns(event.t_boot_ns, event.t_ns))
         self._queue.offer(event)
         return [*back, *self._request(now_ns)]
 
     def _request(self, now_ns: int) -> list[Command]:
-        """The worker's next question: about the ground below the track where that is due, else about a frame."""
-        return self._ask_about_terrain(now_ns) or self._ask_about_frame(now_ns)
-
-    def _ask_about_terrain(self, now_ns: int) -> list[Command]:
-        terrain, state, belief = self._terrain, self._tracker.at(now_ns), self._tracker.belief
-        q_ned_frd = self._attitude_now(now_ns)
-        if terrain is None or state is None or belief is None or q_ned_frd is None:
-            return []
-        if not self._queue.free or not terrain.due(now_ns):
-            return []
-        prior = self._prior_at(state, q_ned_frd, LEVEL)
-        steady = self._monitor.trusted and not belief.feedback
-        sigma_v_mps = math.sqrt(max(float(belief.P[2, 2]), float(belief.P[3, 3])))
-        asked = None if prior is None else terrain.request(self._queue.claimed(), now_ns, prior, sigma_v_mps, steady)
-        return [] if asked is None else [asked]
-
-    def _ask_about_frame(self, now_ns: int) -> list[Command]:
-        frame = self._queue.next_frame(now_ns)
-        state = None if frame is None else self._tracker.at(frame.t_ns)
-        if frame is None or state is None:
-            return []
-        height = self._tracker.height_above_home_m
-        if height is not None and height < self._settings.navigator.min_height_m:
-            return []
-        q_ned_frd = self._attitude_at(frame)
-        if q_ned_frd is None:
-            return []
-        prior = self._prior_at(state, q_ned_frd, self._settings.q_frd_cambody)
-        return [] if prior is None else [self._queue.taken(frame, prior, now_ns)]
-
-    def _prior_at(self, state: NavState, q_ned_frd: Quat, q_frd_body: Quat) -> PosePrior | None:
-        """The prior of a state for the camera's body, or for another one that is mounted so."""
-        origin, belief = self._tracker.origin, self._tracker.belief
-        if origin is None or belief is None:
-            return None
-        if self._mode not in INJECTING:
-            cov = requests.held_by_gnss(state.cov_ne_m2, state.age_of_fix_s, self._settings.navigator.seed_sigma_m)
-            state = replace(state, cov_ne_m2=cov)
-        return requests.pose_prior(
-            state,
-            origin,
-            q_ned_frd,
-            q_frd_body,
-            belief.height_offset_m,
-            self._tracker.height_above_home_m or 0.0,
-            self._settings.mount_sigma_rad,
-            self._settings.max_search_radius_m,
-        )
-
-    def _attitude_at(self, frame: FrameRef) -> Quat | None:
-        t_boot_ns = self._clock.boot_ns(frame.t_ns) if frame.t_boot_ns is None else frame.t_boot_ns
-        return None if t_boot_ns is None else self._attitude.at(t_boot_ns)
+        return self._asking.next(now_ns, injecting=self._mode in INJECTING, gnss_trusted=self._monitor.trusted)
 
     def _moved(self, motion: Odometry | None, now_ns: int) -> None:
         """The camera's own motion bears on the velocity, and on the GNSS verdict."""
@@ -381,11 +325,7 @@ class Navigator:
 
     def _watch(self, now_ns: int) -> list[Command]:
         """A camera that went silent, and an origin that has not come."""
-        commands: list[Command] = []
-        silent = self._frame_rx_ns is not None and now_ns - self._frame_rx_ns > CAMERA_SILENCE_NS
-        if silent and not self._camera_silent:
-            self._camera_silent = True
-            commands.append(Notice(Severity.WARNING, "visloc: no camera frames", to_operator=True))
+        commands = self._camera.check(now_ns)
         asked = self._origin_asked_ns
         if self._tracker.origin is None and self._link.up and asked is not None and now_ns - asked >= ORIGIN_RETRY_NS:
             self._origin_asked_ns = now_ns
@@ -449,14 +389,8 @@ class Navigator:
         return [status] if injected is None else [injected, status]
 
     def _injection(self, state: NavState, origin: GeoPoint, counter: int, now_ns: int) -> Injection | None:
-        q_ned_frd = self._attitude_now(now_ns)
+        q_ned_frd = self._asking.attitude_now(now_ns)
         if q_ned_frd is None:
             return None
         sigma_d = requests.height_sigma_m(self._tracker.height_above_home_m or 0.0)
         return output.injection(state, q_ned_frd, origin, self._link.autopilot, self._settings.injection, counter, sigma_d)
-
-    def _attitude_now(self, now_ns: int) -> Quat | None:
-        t_boot_ns, newest = self._clock.boot_ns(now_ns), self._attitude.newest_boot_ns()
-        if t_boot_ns is None or newest is None:
-            return None
-        return self._attitude.at(t_boot_ns) or self._attitude.at(newest)
