@@ -33,21 +33,21 @@ def attacks(scale: float) -> Iterator[Attack]:
         return range(max(1, round(n * scale)))
 
     for rate in (0.2, 0.5, 1.0, 2.0):
-        for _ in times(250):
-            t, heading = rng.uniform(QUIET_S, 150.0), rng.uniform(-math.pi, math.pi)
+        for _ in times(200):
+            t, heading = rng.uniform(QUIET_S, 120.0), rng.uniform(-math.pi, math.pi)
             yield Attack(
                 f"drag {rate:g} m/s", faults.slow_drag(t, rate, heading, consistent_velocity=rng.random() < 0.5), t, False
             )
     for size in (10.0, 20.0, 50.0, 100.0, 200.0, 500.0):
-        for _ in times(60):
-            t = rng.uniform(QUIET_S, 200.0)
+        for _ in times(50):
+            t = rng.uniform(QUIET_S, 120.0)
             yield Attack(f"step {size:g} m", faults.step_spoof(t, around(rng, size)), t, False)
     for _ in times(120):
         t = rng.uniform(QUIET_S, 120.0)
         yield Attack("jam of 20 to 60 s", faults.jam(t, t + rng.uniform(20.0, 60.0)), t)
     for _ in times(100):
         t = rng.uniform(QUIET_S, 120.0)
-        yield Attack("intermittent jam", faults.intermittent(t, rng.uniform(3.0, 10.0), rng.uniform(5.0, 15.0), t + 120.0), t)
+        yield Attack("intermittent jam", faults.intermittent(t, rng.uniform(3.0, 10.0), rng.uniform(5.0, 15.0), t + 90.0), t)
     for low, high in ((8.0, 15.0), (15.0, 100.0)):
         for _ in times(90):
             t = rng.uniform(QUIET_S, 120.0)

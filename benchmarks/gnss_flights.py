@@ -18,7 +18,7 @@ from visloc_companion.sim.gnss import GnssReceiver, ReceiverErrors
 from visloc_companion.sim.vehicle_noise import GaussMarkov
 from visloc_companion.types import Vec2, Vec3
 
-PERIOD_S = 0.2
+PERIOD_S = 0.5
 FIX_S = 1.0
 WRONG_SHARE = 0.002
 

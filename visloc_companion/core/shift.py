@@ -93,11 +93,8 @@ class ShiftTest:
 
     def forget(self, first_weight_s: float = FIRST_WEIGHT_S) -> None:
         """Drop all starts; what was learned of the healthy difference stays. The next start weighs so many seconds."""
-        k = len(self._is_step)
         self._starts = np.zeros((3, 0))  # time, number, log of the weight
-        self._response: ComplexArray = np.zeros((k, 0, STATES), dtype=complex)
-        self._A = np.zeros((k, 0))
-        self._b: ComplexArray = np.zeros((k, 0), dtype=complex)
+        self._sums: ComplexArray = np.zeros((len(self._is_step), 0, STATES + 2), dtype=complex)  # response of the states, A, b
         self._n, self._log_r, self._first_weight_s = 0, -math.inf, first_weight_s
 
     def fork(self, first_weight_s: float = FIRST_WEIGHT_S) -> ShiftTest:
@@ -110,9 +107,10 @@ class ShiftTest:
     def _likeliest_response(self) -> ComplexArray:
         if self._log_r < MIN_LOG_R_OF_SHIFT:
             return np.zeros_like(self._x)
-        gain = np.abs(self._b) ** 2 / np.maximum(self._A, TINY)
-        at = np.unravel_index(int(np.argmax(gain)), gain.shape)
-        return np.asarray(self._response[at] * self._b[at] / max(self._A[at], TINY))
+        weight = np.maximum(self._sums[..., STATES].real, TINY)
+        shift = self._sums[..., STATES + 1] / weight
+        at = np.unravel_index(int(np.argmax(np.abs(shift) ** 2 * weight)), shift.shape)
+        return np.asarray(self._sums[at][:STATES] * shift[at])
 
     def update(self, t_s: float, difference: complex, white_var: float, quick_var: float, regressor: complex = 0j) -> ShiftResult:
         """Take a difference at a time: variances per component of its white and its quick error; what the factor multiplies."""
@@ -137,10 +135,12 @@ class ShiftTest:
         slow, quick = math.exp(-dt_s / model.slow_s), 0.0 if self._t_s is None else math.exp(-dt_s / model.quick_s)
         decay = np.array([1.0, slow, quick, 1.0])
         self._x = self._x * decay
-        self._response = self._response * decay
-        walks = (model.constant_walk_per_sqrt_s**2 * dt_s, model.factor_walk_per_sqrt_s**2 * dt_s)
-        noise = (walks[0], model.slow**2 * (1 - slow**2), quick_var * (1 - quick**2), walks[1])
-        self._P = self._P * np.outer(decay, decay) + np.diag(noise)
+        self._sums[..., :STATES] *= decay
+        self._P = self._P * decay * decay[:, None]
+        self._P[0, 0] += model.constant_walk_per_sqrt_s**2 * dt_s
+        self._P[1, 1] += model.slow**2 * (1 - slow**2)
+        self._P[2, 2] += quick_var * (1 - quick**2)
+        self._P[3, 3] += model.factor_walk_per_sqrt_s**2 * dt_s
 
     def _add_start(self, start_s: float, dt_s: float) -> None:
         age, number = start_s - self._starts[0], self._starts[1]
@@ -148,32 +148,30 @@ class ShiftTest:
             (age < FINE_S) | ((age < MEDIUM_S) & (number % MEDIUM_EVERY == 0)) | ((age < LONG_S) & (number % COARSE_EVERY == 0))
         )
         if not keep.all():
-            self._starts, self._response = self._starts[:, keep], self._response[:, keep]
-            self._A, self._b = self._A[:, keep], self._b[:, keep]
+            self._starts, self._sums = self._starts[:, keep], self._sums[:, keep]
         weight_s = self._first_weight_s if self._n == 0 else max(dt_s, FIRST_WEIGHT_S)
-        k = len(self._is_step)
+        none = np.zeros((len(self._is_step), 1, STATES + 2), dtype=complex)
         self._starts = np.concatenate((self._starts, np.array([[start_s], [self._n], [math.log(weight_s)]])), axis=1)
-        self._response = np.concatenate((self._response, np.zeros((k, 1, STATES), dtype=complex)), axis=1)
-        self._A = np.concatenate((self._A, np.zeros((k, 1))), axis=1)
-        self._b = np.concatenate((self._b, np.zeros((k, 1), dtype=complex)), axis=1)
+        self._sums = np.concatenate((self._sums, none), axis=1)
         self._n += 1
 
     def _sum_up(self, t_s: float, nu: complex, h: ComplexArray, gain: ComplexArray, s_var: float) -> None:
-        signature = np.where(self._is_step, 1.0, t_s - self._starts[0]) - self._response @ h
-        self._A = self._A + np.abs(signature) ** 2 / s_var
-        self._b = self._b + signature.conj() * (nu / s_var)
-        self._response = self._response + signature[..., None] * gain
+        signature = np.where(self._is_step, 1.0, t_s - self._starts[0]) - self._sums[..., :STATES] @ h
+        self._sums[..., :STATES] += signature[..., None] * gain
+        self._sums[..., STATES] += (signature.real**2 + signature.imag**2) / s_var
+        self._sums[..., STATES + 1] += signature.conj() * (nu / s_var)
 
     def _learn(self, nu: complex, p_h: ComplexArray, s_var: float) -> None:
         self._x = self._x + p_h * (nu / s_var)
-        self._P = self._P - np.outer(p_h, p_h.conj()) / s_var
+        self._P = self._P - p_h[:, None] * (p_h.conj() / s_var)
         if abs(self._x[0]) > self._model.max_constant:
             self._x[0] *= self._model.max_constant / abs(self._x[0])
 
     def _statistic(self) -> float:
         """log of the sum over kinds, sizes and starts of the likelihood ratios, (kinds, sizes, starts) at once."""
-        b_2 = (self._b.real**2 + self._b.imag**2)[:, None, :]
-        spread = 1 + self._A[:, None, :] * self._var
+        b = self._sums[..., STATES + 1]
+        b_2 = (b.real**2 + b.imag**2)[:, None, :]
+        spread = 1 + self._sums[:, None, :, STATES].real * self._var
         log_ratio = 0.5 * (b_2 * self._var / spread - self._model.components * np.log(spread)) + self._starts[2]
         top = float(log_ratio.max())
         return top + math.log(float(np.exp(log_ratio - top).sum())) + self._log_share
