@@ -103,8 +103,8 @@ class LocaliserConfig(Section):
     """Fixes with a larger calibrated probability of being wrong are declined."""
     max_rate_hz: Positive = 5.0
     """Localisations asked for per second, at most."""
-    structure: bool = False
-    """Ask for the structure vote (motion stereo against the map's shape) when the image is not recognised."""
+    structure: bool = True
+    """Ask for the structure vote (motion stereo against the map's surface model or cloud) when the image is not recognised."""
     structure_every: Annotated[int, Field(ge=0, le=1000)] = 0
     """Ask for it in turn as well, after so many image fixes; 0 asks only when the image is not recognised."""
     odometry: bool = True

@@ -70,7 +70,7 @@ class CoreSettings:
     q_frd_cambody: Quat = (1.0, 0.0, 0.0, 0.0)
     mount_sigma_rad: float = math.radians(1.0)
     max_rate_hz: float = 5.0
-    structure: bool = False
+    structure: bool = True
     structure_every: int = 0
     terrain: bool = False
     max_search_radius_m: float = 2000.0
