@@ -105,7 +105,7 @@ class GnssMonitor:
                 self._clock.on_time(event)
             case MapAtGnss():
                 self._map.on_map(event)
-            case Baro():
+            case _:
                 self._height.on_baro(event)
 
     def on_armed(self, armed: bool) -> None:
