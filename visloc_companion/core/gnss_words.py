@@ -1,8 +1,10 @@
-"""The verdict in words for the operator: one message a change, at most 50 characters (STATUSTEXT)."""
+"""The verdict in words for the operator: one message a change, at most 50 characters (STATUSTEXT), two with what follows."""
 
 from __future__ import annotations
 
-from visloc_companion.types import GnssVerdict, Notice, Severity, Verdict
+from dataclasses import replace
+
+from visloc_companion.types import Command, GnssVerdict, Mode, Notice, Severity, Verdict
 
 WORDS = {
     "no_data": "none received yet",
@@ -27,7 +29,8 @@ WORDS = {
 }
 STATE = {Verdict.OK: "trusted", Verdict.SUSPECT: "not trusted", Verdict.DENIED: "lost"}
 FIRST = "waiting"
-MAX_TEXT = 50
+MAX_TEXT, MAX_MESSAGES = 50, 2
+MODES = frozenset(f"visloc: {mode.value.upper()}" for mode in Mode)
 
 
 def text(verdict: GnssVerdict, ever_trusted: bool = True) -> str:
@@ -42,3 +45,11 @@ def notice(verdict: GnssVerdict, ever_trusted: bool = True) -> Notice:
     severity = Severity.NOTICE if verdict.verdict is Verdict.OK else Severity.WARNING
     data = (*((name, value) for name, value, _ in verdict.evidence), ("probability_false", verdict.probability_false))
     return Notice(severity, text(verdict, ever_trusted), to_operator=True, data=(*data, ("reasons", " ".join(verdict.reasons))))
+
+
+def two_at_most(commands: list[Command]) -> list[Command]:
+    """The commands of a tick, in which the operator is told no more than two things: the mode, which follows from the others, is
+    logged only where a verdict and a request to switch the source come with it."""
+    if sum(isinstance(c, Notice) and c.to_operator for c in commands) <= MAX_MESSAGES:
+        return commands
+    return [replace(c, to_operator=False) if isinstance(c, Notice) and c.text in MODES else c for c in commands]

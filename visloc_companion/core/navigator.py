@@ -312,7 +312,7 @@ class Navigator:
         commands = [*self._judge_gnss(now_ns), *self._watch(now_ns), *self._seed(now_ns)]
         state = self._tracker.at(now_ns)
         commands += self._change_mode(state, now_ns)
-        commands += self._steer_source(now_ns)
+        commands = gnss_words.two_at_most([*commands, *self._steer_source(now_ns)])
         commands += self._request(now_ns)
         return [*commands, *self._output(state, now_ns)]
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
 from visloc_companion.core import gnss_odds, gnss_words
 from visloc_companion.core.gnss_clock import SIGN_NS, GnssClock
 from visloc_companion.core.gnss_map import MapCheck
-from visloc_companion.types import GeoPoint, Gnss, GnssTime, GnssVerdict, MapAtGnss, Severity, Verdict
+from visloc_companion.types import GeoPoint, Gnss, GnssTime, GnssVerdict, MapAtGnss, Notice, RequestMessage, Severity, Verdict
 
 S = 1_000_000_000
 UNIX = 1_750_000_000 * S
@@ -98,3 +99,12 @@ def test_odds() -> None:
     assert gnss_odds.probability_false(-1e6) == 0.0
     assert gnss_odds.log_r(0.5) == pytest.approx(half)
     assert gnss_odds.probability_false(math.log(gnss_odds.first_weight_s(0.1))) == pytest.approx(0.1)
+
+
+def test_the_operator_is_told_two_things_at_most() -> None:
+    lost = gnss_words.notice(GnssVerdict(Verdict.DENIED, 0, ("no_fix",), ()))
+    mode = Notice(Severity.NOTICE, "visloc: AIDING", to_operator=True)
+    switch = Notice(Severity.CRITICAL, "visloc: set EKF position source to VISION", to_operator=True)
+    other = RequestMessage(24, 5.0)
+    assert gnss_words.two_at_most([lost, other, mode]) == [lost, other, mode]
+    assert gnss_words.two_at_most([lost, mode, switch]) == [lost, replace(mode, to_operator=False), switch]
