@@ -26,6 +26,10 @@ from visloc_companion.localise.odometry.solve import Motion, MotionPrior, solve
 from visloc_companion.types import CameraModel, FloatArray, Image
 
 MOST_READINGS = 40
+LEFT = 1.6
+"""Corners that fit count for so many times their share: some are lost anyway."""
+LONG_BASE = 0.2
+"""Of the height: from here on a keyframe that looks otherwise is given up for the perspective; water does so long before."""
 NO_PIXELS: Image = np.zeros((0, 0), np.uint8)
 """What is kept of a frame has no pixels: they may lie in memory that the next frame is written to."""
 
@@ -93,10 +97,10 @@ class FrameToFrame:
         return later, found
 
     def _unless_doubted(self, step: Step) -> Step | Blind:
-        """After water, a keyframe must have been followed for a while: waves look like ground for a moment."""
+        """After water, and where the ground was lost, a keyframe must hold for a while: waves look like ground for a moment."""
         o = step.odometry
         if self._doubted and o.t_to_ns - o.t_from_ns < self._settings.doubt_ns:
-            return Blind(o.t_to_ns, Reason.MOVING_SURFACE, "not followed for long enough after water", anchored=step.closes)
+            return Blind(o.t_to_ns, Reason.MOVING_SURFACE, "not followed for long enough yet", anchored=step.closes)
         self._doubted = False
         return step
 
@@ -123,7 +127,7 @@ class FrameToFrame:
         settings = self._settings
         if len(followed.number) < settings.min_tracks:
             return why_lost(view.sight, view.picture, followed, len(key.corners), settings)
-        no_ground = why_no_ground(key, view.picture, R, followed, settings)
+        no_ground = why_no_ground(key, view.picture, R, start, followed, settings)
         if no_ground is not None:
             return no_ground
         prior = MotionPrior(R, start, start[2], settings.sigma_turn_rad, key.sight.sigma_tilt_rad, settings.sigma_climb_m)
@@ -148,7 +152,9 @@ class FrameToFrame:
         place = key.place_ne_m + motion.d_ned_m[:2]
         self._note(sight, place)
         left = int(motion.fits.sum()) / len(key.corners)
-        closes = min(found.followed.overlap, 1.6 * left) < settings.keep_overlap
+        closes = min(found.followed.overlap, LEFT * left) < settings.keep_overlap
+        base = float(np.hypot(motion.d_ned_m[0], motion.d_ned_m[1])) / key.height_m
+        closes |= found.followed.unlike > settings.max_unlike and base > LONG_BASE
         if closes:
             later = keyframe_of(sight, view.picture, surface, place, settings)
             closes = isinstance(later, Keyframe)
@@ -166,6 +172,7 @@ class FrameToFrame:
     def _restarted(self, view: _View, surface: Surface | None, why: Refused) -> Blind:
         """A new stretch, which nothing ties to the one before."""
         key = keyframe_of(view.sight, view.picture, surface, np.zeros(2), self._settings)
+        self._doubted |= self._key is not None
         self._key, self._last, self._v_ned_mps = None, None, None
         if not isinstance(key, Keyframe):
             return Blind(view.sight.t_ns, *key)

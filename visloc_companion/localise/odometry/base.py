@@ -56,7 +56,8 @@ class FlowSettings:
     `keep_overlap`: below, the next frame starts from a new keyframe; below `min_overlap` nothing is tried. `patience_ns`: for how
     long a keyframe is kept when frames fail. `max_sigma_share`: largest 1-sigma of an answer, as a share of the height.
     `max_scatter_px`: of tracks about the motion. `max_unlike`: grey levels (of evened pictures) by which what was found may
-    differ from the keyframe; more is water, and then a keyframe must be as old as `doubt_ns` to be believed again. `max_blur_px`:
+    differ from the keyframe, and `unlike_by_base` more for a base as long as the height (woods look otherwise from elsewhere);
+    beyond is water, and then a keyframe must be as old as `doubt_ns` to be believed again. `max_blur_px`:
     where tracks fail, a larger smear (1-sigma) is given as the reason.
     `sigma_turn_rad`: of the autopilot's attitude from one frame to another of the same leg, each axis; `sigma_climb_m`: of its
     change of altitude. `relief_m`: how far what stands on the ground departs from a plane, and `slope_rad` that plane's slope,
@@ -77,7 +78,8 @@ class FlowSettings:
     patience_ns: int = 1_000_000_000
     max_sigma_share: float = 0.03
     max_scatter_px: float = 0.8
-    max_unlike: float = 7.0
+    max_unlike: float = 6.5
+    unlike_by_base: float = 15.0
     doubt_ns: int = 700_000_000
     max_blur_px: float = 4.5
     sigma_turn_rad: float = math.radians(0.2)

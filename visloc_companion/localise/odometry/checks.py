@@ -73,10 +73,11 @@ def why_lost(sight: Sight, picture: Picture, followed: Followed, sought: int, li
 
 
 def why_no_ground(
-    key: Keyframe, picture: Picture, R_ned_cam: FloatArray, followed: Followed, limits: FlowSettings
+    key: Keyframe, picture: Picture, R_ned_cam: FloatArray, d_ned_m: FloatArray, followed: Followed, limits: FlowSettings
 ) -> Refused | None:
-    """Why what was followed is not the ground, or None."""
-    if followed.unlike > limits.max_unlike:
+    """Why what was followed to a frame about `d_ned_m` away is not the ground, or None."""
+    base = float(np.hypot(d_ned_m[0], d_ned_m[1])) / key.height_m
+    if followed.unlike > limits.max_unlike + limits.unlike_by_base * base:
         return Reason.MOVING_SURFACE, f"what was found differs by {followed.unlike:.0f} grey levels: it changes as waves do"
     was = key.corners[followed.number]
     now = followed.xy * np.array([picture.K[0, 0], picture.K[1, 1]]) + picture.K[:2, 2]
