@@ -68,10 +68,13 @@ class ErrorFilter:
         """Something well seen contradicts the filter: its uncertainty doubles, so that the search reaches as far."""
         self.P = self.P * 4.0
 
-    def observe(self, fix: TerrainFix, p_dead_reckoned_m: FloatArray, h_indicated_m: float) -> Accepted | Rejected:
-        """Take a fix at the time that the filter stands at."""
+    def observe(
+        self, fix: TerrainFix, p_dead_reckoned_m: FloatArray, h_indicated_m: float, common_m: float
+    ) -> Accepted | Rejected:
+        """Take a fix at the time that the filter stands at; `common_m` is the part of its 1-sigma that all fixes share, which the
+        states do not hold."""
         R = np.zeros((3, 3))
-        R[:2, :2], R[2, 2] = np.array(fix.cov_ne_m2), fix.sigma_h_m**2 + facts.BARO_NOISE_M**2
+        R[:2, :2], R[2, 2] = np.array(fix.cov_ne_m2) - np.eye(2) * common_m**2, fix.sigma_h_m**2 + facts.BARO_NOISE_M**2
         z = np.array([*(p_dead_reckoned_m - np.array(fix.p_ne_m)), h_indicated_m - fix.h_amsl_m])
         got = kalman.update(self.x, self.P, z, R, H, gate_sigma=GATE_SIGMA)
         if isinstance(got, Rejected):

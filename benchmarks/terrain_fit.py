@@ -63,7 +63,7 @@ class _Collecting(Run):
     def _match(self, outcome, stretch, at, length, settings):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
         if stretch is not None:
             self.asked.append((stretch, self.prior(at, stretch), at))
-        super()._match(outcome, stretch, at, length, settings)
+        return super()._match(outcome, stretch, at, length, settings)
 
 
 def main() -> None:

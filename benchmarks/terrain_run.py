@@ -31,10 +31,13 @@ WANDER = 0.3
 """Of a random walk's spread at its end, what remains when a line is fitted to it."""
 CHECK_GROWTH = 1.3
 """A stretch that does not tell enough is asked again when it is longer by this factor."""
-SHORTEST_M = {Kind.PATCH: 600.0, Kind.PROFILE: 1500.0}
-LONGEST_M = {Kind.PATCH: 3000.0, Kind.PROFILE: 6000.0}
-ENOUGH_M = {Kind.PATCH: 3.0, Kind.PROFILE: 6.0}
-"""A stretch ends when the model promises this 1-sigma at its worse axis, or at LONGEST_M."""
+SHORTEST_M = {Kind.PATCH: 900.0, Kind.PROFILE: 1500.0}
+LONG_M = {Kind.PATCH: 3000.0, Kind.PROFILE: 6000.0}
+LONGEST_M = {Kind.PATCH: 6000.0, Kind.PROFILE: 12000.0}
+ENOUGH_M = {Kind.PATCH: 4.0, Kind.PROFILE: 6.0}
+CONTENT = 1.6
+"""A stretch is matched when the model promises ENOUGH_M as 1-sigma of its worse axis (CONTENT times that from LONG_M on), and at
+LONGEST_M in any case; it ends when a match is accepted. What is refused is joined with what comes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,20 +80,30 @@ class Run:
         """From the first step to the last."""
         outcome, at, last = Outcome(), 0, len(self.flight.p_ne_m) - 1
         while at + 2 * CHECK_STEPS < last:
-            first, soundings, length, wanted = at, [], 0.0, SHORTEST_M[self.kind]
-            while at < last and length < LONGEST_M[self.kind]:
-                until = min(at + CHECK_STEPS, last)
-                soundings.append(self._measured(at, until))
-                self._carry(at, until)
-                at, length = until, (until - first) * STEP_S * SPEED_MPS
-                if length < wanted:
-                    continue
-                turned = abs(self.flight.course_rad[at] - self.flight.course_rad[first]) > TURN_RAD
-                if turned or self._enough(self.stretch(soundings, at), at, settings):
-                    break
-                wanted = CHECK_GROWTH * length
-            self._match(outcome, self.stretch(soundings, at), at, length, settings)
+            at = self._over_a_stretch(outcome, at, last, settings)
         return outcome
+
+    def _over_a_stretch(self, outcome: Outcome, first: int, last: int, settings: TerrainSettings) -> int:
+        """Collect and ask until an answer is accepted; a refused stretch is joined with what comes. Returns where it ended."""
+        at, soundings, wanted = first, [], SHORTEST_M[self.kind]
+        while True:
+            until = min(at + CHECK_STEPS, last)
+            soundings.append(self._measured(at, until))
+            self._carry(at, until)
+            at, length = until, (until - first) * STEP_S * SPEED_MPS
+            ended = at >= last or length >= LONGEST_M[self.kind]
+            if length < wanted and not ended:
+                continue
+            wanted = CHECK_GROWTH * length
+            stretch = self.stretch(soundings, at)
+            over = ended or abs(self.flight.course_rad[at] - self.flight.course_rad[first]) > TURN_RAD
+            if not over and not self._enough(stretch, at, length, settings):
+                continue
+            judged = self._match(outcome, stretch, at, length, settings)
+            if judged is not None and (over or isinstance(judged.answer, TerrainFix)):
+                outcome.judged.append(judged)
+            if over or (judged is not None and isinstance(judged.answer, TerrainFix)):
+                return at
 
     def prior(self, step: int, stretch: Soundings) -> TerrainPrior:
         """What the filter believes at a step."""
@@ -140,19 +153,22 @@ class Run:
             return points[low], steps[low]
         return beam(self.world, self.flight, np.arange(first, end), self.rng, self.range_sigma_m)
 
-    def _enough(self, stretch: Soundings | None, at: int, settings: TerrainSettings) -> bool:
+    def _enough(self, stretch: Soundings | None, at: int, length: float, settings: TerrainSettings) -> bool:
         if stretch is None:
             return False
-        return expected_sigma_m(stretch, self.prior(at, stretch), self.elevation, settings) <= ENOUGH_M[self.kind]
+        enough = ENOUGH_M[self.kind] * (1.0 if length < LONG_M[self.kind] else CONTENT)
+        return expected_sigma_m(stretch, self.prior(at, stretch), self.elevation, settings) <= enough
 
     def _carry(self, first: int, end: int) -> None:
         self.filter.carry((end - first) * STEP_S, float(abs(self.flight.course_rad[end] - self.flight.course_rad[first])))
 
-    def _match(self, outcome: Outcome, stretch: Soundings | None, at: int, length: float, settings: TerrainSettings) -> None:
+    def _match(
+        self, outcome: Outcome, stretch: Soundings | None, at: int, length: float, settings: TerrainSettings
+    ) -> Judged | None:
         flight = self.flight
         region = self.world.class_at(flight.p_ne_m[at - round(length / 2 / SPEED_MPS / STEP_S)][None])[0]
         if stretch is None:
-            return
+            return None
         prior = self.prior(at, stretch)
         start = time.process_time()
         answer = locate(stretch, prior, self.elevation, settings)
@@ -161,14 +177,16 @@ class Run:
         if isinstance(answer, TerrainFix):
             error = np.array(answer.p_ne_m) - flight.p_ne_m[at]
             error_h = answer.h_amsl_m - float(flight.h_amsl_m[at])
-            got = self.filter.observe(answer, self.dead_reckoned[at], float(flight.h_indicated_m[at]))
+            common = self.elevation.sigma_ne_m
+            got = self.filter.observe(answer, self.dead_reckoned[at], float(flight.h_indicated_m[at]), common)
             outcome.gated += isinstance(got, Rejected)
         elif answer.reason is Reason.INCONSISTENT_WITH_PRIOR:
             self.filter.doubt()
         off = float(np.hypot(*(np.array(prior.p_ne_m) - flight.p_ne_m[at])))
-        outcome.judged.append(Judged(answer, error, error_h, region, length, off, took))
+        judged = Judged(answer, error, error_h, region, length, off, took)
         now = self.dead_reckoned[at] - self.filter.x[:2] - flight.p_ne_m[at]
         high = flight.h_indicated_m[at] - self.filter.x[6] - flight.h_amsl_m[at]
         outcome.filter_error.append(np.array([*now, high]))
         model = np.array([self.elevation.sigma_ne_m, self.elevation.sigma_ne_m, 0.0])  # which no number of fixes averages away
         outcome.filter_sigma.append(np.sqrt(np.diag(self.filter.P)[[0, 1, 6]] + np.square(model)))
+        return judged

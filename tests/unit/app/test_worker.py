@@ -20,7 +20,18 @@ from visloc_companion.app.worker import WorkerSupervisor
 from visloc_companion.app.worker_process import load_factory
 from visloc_companion.config import Config, parse_config
 from visloc_companion.errors import HashMismatch, Reason, VislocError, WorkerError
-from visloc_companion.types import CameraModel, Fix, FrameRef, GeoPoint, LocaliseRequest, NoFix, Notice, PosePrior, WorkerState
+from visloc_companion.types import (
+    CameraModel,
+    Fix,
+    FrameRef,
+    GeoPoint,
+    LocaliseRequest,
+    NoFix,
+    Notice,
+    PosePrior,
+    TerrainRequest,
+    WorkerState,
+)
 
 MODEL = CameraModel(64, 48, 50.0, 50.0, 31.5, 23.5)
 PRIOR = PosePrior(GeoPoint(47.0, 8.0, 500.0), (1.0, 0.0, 0.0, 0.0), ((4.0, 0.0), (0.0, 4.0)), 2.0, 0.1, 0.02)
@@ -240,3 +251,11 @@ def test_a_factory_is_named_by_module_and_function() -> None:
     assert factory.__name__ == "open_localiser"
     with pytest.raises(WorkerError, match="no function 'nowhere:f'"):
         load_factory("nowhere:f")
+
+
+async def test_a_question_about_the_ground_needs_no_frame_and_is_answered_where_there_is_no_map() -> None:
+    async with bench("prior_is_right") as b:
+        b.worker.submit(TerrainRequest(5, 77, PRIOR, 0.5, 0.01, 0.0, (), final=True))
+        answer = await b.next()
+    assert isinstance(answer, NoFix)
+    assert (answer.request_id, answer.t_ns, answer.method, answer.reason) == (5, 77, "terrain", Reason.OUTSIDE_MAP)

@@ -22,9 +22,11 @@ KNOWN = 0.999
 @dataclass(frozen=True, eq=False)
 class ElevationMap:
     """Heights above sea level (H, W), NaN where void; `T_ne_pix` (2, 3) maps pix (u, v) to metres north, east of the filter's
-    origin; `sigma_m` is the 1-sigma of a height, `sigma_ne_m` that of the whole model's place,
-    each axis. Raises ValueError for another shape, a singular transform or a sigma that is
-    not positive."""
+    origin; `sigma_m` is the 1-sigma of a height, `sigma_ne_m` that of the whole model's place, each axis.
+
+    A fix claims `sigma_ne_m` once. A filter that takes many fixes must not average it away: give it 0 here, and add it to what
+    is stated. Raises ValueError for another shape, a singular transform or a sigma that is not positive.
+    """
 
     height_amsl_m: Float32Array
     T_ne_pix: FloatArray

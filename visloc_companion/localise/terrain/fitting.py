@@ -28,7 +28,7 @@ def fitting_of(
     share = independent_share(thinned, settings)
     side = math.sqrt(share * len(thinned.points_m) / BLOCKS)
     block = settings.correlation_m * min(max(side, SMALLEST), LARGEST)
-    return Fitting(terrain, thinned, prior, noise, block, share, false_slope, level, elevation.sigma_ne_m)
+    return Fitting(terrain, thinned, prior, noise, block, share, false_slope, level)
 
 
 def independent_share(thinned: Soundings, settings: TerrainSettings) -> float:

@@ -69,8 +69,9 @@ def locate(
     fitting = fitting_of(terrain, thinned, prior, elevation, settings)
     found, weights = _refined(fitting, starts, prior)
     best = int(np.argmax(weights))
-    evidence = _evidence(fitting, found[best], 1 - float(weights[best]))
-    return _judged(soundings.t_ns, prior, found[best], evidence, settings)
+    claimed = found[best].covariance[:2, :2] * COVARIANCE_SCALE[0] + np.eye(2) * elevation.sigma_ne_m**2
+    evidence = _evidence(fitting, found[best], claimed, 1 - float(weights[best]))
+    return _judged(soundings.t_ns, prior, found[best], claimed, evidence, settings)
 
 
 SEARCH_BLUR = 0.4
@@ -183,9 +184,8 @@ def _refined(fitting: Fitting, starts: list[FloatArray], prior: TerrainPrior) ->
     return found, weights / weights.sum()
 
 
-def _evidence(fitting: Fitting, best: Refined, others: float) -> Evidence:
+def _evidence(fitting: Fitting, best: Refined, cov: FloatArray, others: float) -> Evidence:
     prior = fitting.prior
-    cov = best.covariance[:2, :2] * COVARIANCE_SCALE[0]
     both = np.array(prior.cov_ne_m2) + cov
     away = best.unknowns[:2]
     return Evidence(
@@ -204,7 +204,7 @@ def _evidence(fitting: Fitting, best: Refined, others: float) -> Evidence:
 
 
 def _judged(
-    t_ns: int, prior: TerrainPrior, best: Refined, evidence: Evidence, settings: TerrainSettings
+    t_ns: int, prior: TerrainPrior, best: Refined, cov: FloatArray, evidence: Evidence, settings: TerrainSettings
 ) -> TerrainFix | NoTerrainFix:
     p = probability_wrong(evidence)
     prior_sigma = largest_sigma_m(prior.cov_ne_m2)
@@ -214,7 +214,7 @@ def _judged(
     if declined is not None:
         return NoTerrainFix(t_ns, *declined, numbers)
     north, east, up = (float(v) for v in best.unknowns[:3])
-    (nn, ne), (_, ee) = best.covariance[:2, :2] * COVARIANCE_SCALE[0]
+    (nn, ne), (_, ee) = cov
     return TerrainFix(
         t_ns,
         (prior.p_ne_m[0] + north, prior.p_ne_m[1] + east),

@@ -8,7 +8,7 @@ Zeger 1986),
     A^-1 (sum over blocks g g') A^-1,
 
 for errors of the model and crowns are alike over a block of ground: soundings beside each other do not count twice. It is pooled
-with the model's own at a fitted number of independent soundings, since the blocks are few.
+with that under the errors that a model is expected to have (correlation.py), since the blocks are few.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 
 from visloc_companion.localise.terrain.base import Soundings, TerrainPrior
+from visloc_companion.localise.terrain.correlation import correlated_outer
 from visloc_companion.localise.terrain.elevation import Terrain
 from visloc_companion.localise.terrain.noise import HeightNoise, Parts, parts, refitted
 from visloc_companion.types import FloatArray
@@ -57,8 +58,7 @@ class Refined:
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitting:
     """What the fit is of: `block_m` is the side of a block, `temper` the share of soundings that is independent, `false_slope`
-    the slope (metres a metre, per axis, 1-sigma) that the model's errors pretend, `sigma_level_m` that of its level,
-    `sigma_ne_m` that of its place."""
+    the slope (metres a metre, per axis, 1-sigma) that the model's errors pretend, `sigma_level_m` that of its level."""
 
     terrain: Terrain
     soundings: Soundings
@@ -68,7 +68,6 @@ class Fitting:
     temper: float
     false_slope: float
     sigma_level_m: float
-    sigma_ne_m: float
 
 
 def refine(fitting: Fitting, start: FloatArray) -> Refined:
@@ -99,8 +98,10 @@ def expected_covariance(fitting: Fitting, start: FloatArray) -> FloatArray:
     certain = Parts(np.zeros(len(J)), np.zeros(len(J)), np.ones(len(J)))
     full = _information(J, certain, fitting.noise, known, 1.0)
     full = _without_false_slopes(full, fitting, float(known.sum()) / fitting.noise.sigma_m**2)
-    information = fitting.temper * full + _prior_information(fitting.prior)
-    return np.asarray(np.linalg.inv(information + 1e-9 * np.eye(N_UNKNOWNS))[:3, :3])
+    weight = _prior_information(fitting.prior)
+    inverse = np.linalg.inv(fitting.temper * full + weight + 1e-9 * np.eye(N_UNKNOWNS))
+    errors = fitting.temper**2 * _correlated(fitting, J, known.astype(np.float64), fitting.noise.sigma_m)
+    return np.asarray((inverse @ (errors + weight) @ inverse)[:3, :3])
 
 
 def _result(fitting: Fitting, unknowns: FloatArray, noise: HeightNoise, weight: FloatArray, converged: bool) -> Refined:
@@ -109,12 +110,13 @@ def _result(fitting: Fitting, unknowns: FloatArray, noise: HeightNoise, weight: 
     full = _information(J, p, noise, known, 1.0)
     spread, n_blocks = _spread(fitting, J * (p.score * known)[:, None])
     share = n_blocks / (n_blocks + PRIOR_BLOCKS)
-    pooled = fitting.temper**2 * (share * spread + (1 - share) * full / fitting.temper) + weight
+    own = _correlated(fitting, J, np.maximum(p.ground, LEAST_GROUND) * known, noise.sigma_m)
+    pooled = fitting.temper**2 * (share * spread + (1 - share) * own) + weight
     reliability = reliable_share(fitting, unknowns, difference, p.ground * known)
     true = _scaled(full, np.eye(2) * math.sqrt(max(reliability, LEAST_RELIABLE)))
     inverse = np.linalg.inv(fitting.temper * true + weight + 1e-9 * np.eye(N_UNKNOWNS))
     covariance = inverse @ pooled @ inverse
-    covariance[:2, :2] += np.eye(2) * (fitting.prior.sigma_wander_m**2 + fitting.sigma_ne_m**2)
+    covariance[:2, :2] += np.eye(2) * fitting.prior.sigma_wander_m**2
     covariance[2, 2] += fitting.sigma_level_m**2
     density = fitting.temper * float(p.log_density[known].sum())
     level = fitting.temper * _level_log_density(fitting, known)
@@ -131,14 +133,19 @@ def _result(fitting: Fitting, unknowns: FloatArray, noise: HeightNoise, weight: 
     )
 
 
-PRIOR_BLOCKS = 12.0
-"""How many blocks the fitted number of independent soundings is worth against the blocks of this stretch."""
+PRIOR_BLOCKS = 36.0
+"""How many blocks the expected errors are worth against the blocks of this stretch."""
 NULL_ROUNDS = 12
 SURE = 1e-6
 """1-sigma below which an unknown counts as known (keeps the information matrix solvable)."""
 PAIRS_M = (40.0, 80.0)
 MOST_OF_PAIRS, FEWEST_PAIRS = 800, 20
 LEAST_RELIABLE = 0.02
+
+
+def _correlated(fitting: Fitting, J: FloatArray, w: FloatArray, sigma_m: float) -> FloatArray:
+    """(10, 10) covariance of the gradient under the model's own errors, which are alike nearby."""
+    return correlated_outer(J * (w / sigma_m)[:, None], fitting.soundings.points_m[:, :2])
 
 
 def _without_false_slopes(information: FloatArray, fitting: Fitting, weight: float) -> FloatArray:

@@ -145,6 +145,14 @@ def test_a_profile_finds_its_drift(world: SimpleNamespace) -> None:
     assert np.hypot(off[0], off[1]) < 10.0
 
 
+def test_a_misplaced_model_is_claimed_once(world: SimpleNamespace) -> None:
+    ground = world.waves(30)
+    sure = world.elevation(ground)
+    fixes = [locate(world.patch(ground), world.prior(), replace(sure, sigma_ne_m=s), SETTINGS) for s in (0.0, 3.0)]
+    covariances = [np.array(fix.cov_ne_m2) for fix in fixes if isinstance(fix, TerrainFix)]
+    assert np.allclose(covariances[1] - covariances[0], 9.0 * np.eye(2))
+
+
 def test_the_same_question_gets_the_same_answer(world: SimpleNamespace) -> None:
     ground = world.waves(10)
     first, second = (locate(world.patch(ground), world.prior(), world.elevation(ground), SETTINGS) for _ in range(2))
