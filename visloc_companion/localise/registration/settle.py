@@ -27,10 +27,11 @@ MARGIN_M = 12.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Settled:
-    """A refined candidate, how well it agrees, and how far it went from its start (horizontally, metres)."""
+    """A refined candidate, how well it agrees, where (2,) its source's middle started, and how far that went, horizontally."""
 
     refined: Refined
     found: Agreement
+    start_m: FloatArray
     slid_m: float
 
 
@@ -51,11 +52,7 @@ class Settler:
         """The same after the last steps; as it was where they go astray."""
         surface, relief = self._near(settled.refined.T)
         refined = polish(self.cells, surface, settled.refined, self.prior)
-        if refined is None:
-            return settled
-        slid = moved(refined.T, self.pair.centre_m)[:2] - moved(settled.refined.T, self.pair.centre_m)[:2]
-        found = agreement(self.pair, self.cells, relief, refined.T)
-        return Settled(refined, found, settled.slid_m + float(np.hypot(*slid)))
+        return settled if refined is None else self._with_agreement(refined, relief, settled.start_m)
 
     def looked_at(self, T: FloatArray) -> Settled | None:
         """T as it is; None where hardly anything of the source lies on the reference."""
@@ -73,10 +70,11 @@ class Settler:
 
     def _settled(self, start: FloatArray, surface: Surface, relief: Surface, steps: int) -> Settled | None:
         refined = refine(self.cells, surface, relief, start, self.prior, steps)
-        if refined is None:
-            return None
-        slid = moved(refined.T, self.pair.centre_m)[:2] - moved(start, self.pair.centre_m)[:2]
-        return Settled(refined, agreement(self.pair, self.cells, relief, refined.T), float(np.hypot(*slid)))
+        return None if refined is None else self._with_agreement(refined, relief, moved(start, self.pair.centre_m)[:2])
+
+    def _with_agreement(self, refined: Refined, relief: Surface, start_m: FloatArray) -> Settled:
+        slid = moved(refined.T, self.pair.centre_m)[:2] - start_m
+        return Settled(refined, agreement(self.pair, self.cells, relief, refined.T), start_m, float(np.hypot(*slid)))
 
     def _near(self, T: FloatArray) -> tuple[Surface, Surface]:
         """Heights and relief of the reference about where T puts the source."""
@@ -107,6 +105,8 @@ def judged(
     if isinstance(pair, NotRegistered):
         return pair
     T = align(pair.source_m, pair.reference_m)
+    if not np.isfinite(T).all() or np.linalg.det(T[:3, :3]) <= 0:
+        return NotRegistered(Reason.NO_MATCH, "no similarity was found")
     settler = Settler(pair, prior)
     settled = settler.looked_at(T)
     if settled is None:
