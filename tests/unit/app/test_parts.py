@@ -1,0 +1,51 @@
+"""What is started of a configuration: a worker for a camera, and one for the ground below the track."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from visloc_companion.app.clock import MonotonicClock
+from visloc_companion.app.parts import Constructors, Reports, StartFailed, assemble
+from visloc_companion.config import parse_config
+from visloc_companion.testing.fake_link import FakeLink
+
+REPORTS = Reports(lambda notice: None, lambda text: None, lambda text: None)
+
+
+def constructors() -> Constructors:
+    def no_camera(*_: object) -> object:
+        raise AssertionError("there is no camera to be made")
+
+    return Constructors(lambda config, clock, *_: FakeLink(clock), no_camera, "answers:prior_is_right")  # type: ignore[arg-type]
+
+
+@pytest.fixture(autouse=True)
+def _answers_can_be_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+
+
+async def test_terrain_without_a_camera_has_a_worker(tmp_path: Path) -> None:
+    config = parse_config({"localiser": {"terrain": True}, "map": {"pack": str(tmp_path)}})
+    parts = await assemble(config, MonotonicClock(), constructors(), REPORTS)
+    try:
+        assert parts.worker is not None
+        assert parts.camera is None
+    finally:
+        await parts.close()
+
+
+async def test_without_camera_and_terrain_there_is_none() -> None:
+    parts = await assemble(parse_config({}), MonotonicClock(), constructors(), REPORTS)
+    try:
+        assert parts.worker is None
+    finally:
+        await parts.close()
+
+
+async def test_terrain_without_a_map_is_refused() -> None:
+    config = parse_config({"localiser": {"terrain": True}})
+    with pytest.raises(StartFailed) as raised:
+        await assemble(config, MonotonicClock(), constructors(), REPORTS)
+    assert any("localiser.terrain is set" in str(problem) for problem in raised.value.exceptions)
