@@ -89,7 +89,7 @@ class FlowSettings:
     surface_m: float = 0.7
     surface_slope_rad: float = math.radians(0.3)
     surface_share: float = 0.3
-    range_m: float = 1.0
+    range_m: float = 1.75
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,10 @@ from visloc_companion.localise.odometry.solve import Ground
 from visloc_companion.localise.structure.tracks import BORDER_PX, corners_of
 from visloc_companion.types import FloatArray
 
+RANGED_APART = 3.0
+"""What a rangefinder meets on the way stands off the mean height of the corners, which like crowns and roofs, by so many reliefs:
+fitted on training flights, as FlowSettings.range_m is."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Keyframe:
@@ -73,7 +77,8 @@ def with_readings(key: Keyframe, readings: Sequence[Reading], settings: FlowSett
     g = replace(key.ground_of(np.flatnonzero(plain)), sigma_range_m=sight.sigma_height_m if sight.ranged else 0.0)
     if not key.mapped:
         below_plane = np.column_stack([at[:, :2], at[:, 2] - sight.height_m])
-        g = replace(g, readings=below_plane, reading_m=settings.relief_m, readings_ranged=sight.ranged)
+        sigma = settings.relief_m * (RANGED_APART if sight.ranged else 1.0)
+        g = replace(g, readings=below_plane, reading_m=sigma, readings_ranged=sight.ranged)
     corners = key.corners[plain]
     if sight.ranged and len(at):
         pix, seen = _pixels(key, at)
