@@ -20,6 +20,7 @@ from visloc_companion.types import (
     LocalPose,
     OriginChanged,
     PriorPose,
+    Range,
 )
 
 HEAD = b"\xa3\x95"
@@ -34,6 +35,7 @@ MODERN = {
     "EV": (7, "QB", "TimeUS,Id"),
     "MSG": (8, "QZ", "TimeUS,Message"),
     "BARO": (9, "Qf", "TimeUS,Alt"),
+    "RFND": (10, "QBCBB", "TimeUS,Instance,Dist,Stat,Orient"),
 }
 OLD = {
     "ATT": (1, "Iccc", "TimeMS,Roll,Pitch,Yaw"),
@@ -79,6 +81,8 @@ def modern_flight(n: int = 20) -> bytes:
             message(MODERN, "GPS", us, 0, 3, 3_600_000, 2200, 15, 80, lat, 85_500_000, 54_000, 10.0, 90.0, -0.1, 0.0),
             message(MODERN, "GPS", us, 1, 3, 3_600_000, 2200, 5, 80, 0, 0, 0, 0.0, 0.0, 0.0, 0.0),
             message(MODERN, "BARO", us, 40.0),
+            message(MODERN, "RFND", us, 0, 4000, 4 if k else 3, 25),
+            message(MODERN, "RFND", us, 1, 1234, 4, 0),
         ]
         parts += [message(MODERN, "EV", us, 10)] if k == 10 else []
     return b"".join(parts)
@@ -117,6 +121,9 @@ def test_a_log_of_today(tmp_path: Path) -> None:
         (AutopilotKind.ARDUPILOT, "4.5.7", False),
         (AutopilotKind.ARDUPILOT, "4.5.7", True),
     ]
+    ranges = [e for _, e in recording.events if isinstance(e, Range)]
+    assert [(e.distance_m, e.valid) for e in ranges[:2]] == [(pytest.approx(40.0), False), (pytest.approx(40.0), True)]
+    assert len(ranges) == 20, "what looks forward is left out"
     assert recording.losses == Losses()
     gps_week_start_unix_s = 315_964_800 + 2200 * 604_800 - 18
     assert recording.unix_minus_boot_ns == (gps_week_start_unix_s + 3600 - 1) * 10**9

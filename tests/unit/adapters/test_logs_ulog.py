@@ -8,7 +8,7 @@ import pytest
 from visloc_companion.adapters.logs.open import open_log
 from visloc_companion.errors import LogError
 from visloc_companion.geo.se3 import euler_from_quat, quat_from_euler
-from visloc_companion.types import Attitude, AutopilotKind, Gnss, LinkChanged, LocalPose, OriginChanged, PriorPose
+from visloc_companion.types import Attitude, AutopilotKind, Gnss, LinkChanged, LocalPose, OriginChanged, PriorPose, Range
 
 MAGIC = b"ULog\x01\x12\x35\x01"
 TYPES = {"uint64_t": "Q", "float": "f", "double": "d", "int32_t": "i", "uint8_t": "B", "bool": "?"}
@@ -26,6 +26,10 @@ TOPICS = {
     ],
     "vehicle_global_position": [("uint64_t", "timestamp"), ("double", "lat"), ("double", "lon"), ("float", "alt")],
     "vehicle_status": [("uint64_t", "timestamp"), ("uint8_t", "arming_state")],
+    "distance_sensor": [
+        *[("uint64_t", "timestamp"), ("float", "min_distance"), ("float", "max_distance"), ("float", "current_distance")],
+        *[("uint8_t", "orientation")],
+    ],
 }
 
 
@@ -56,6 +60,7 @@ def flight(n: int = 30, nan_at: int = -1) -> bytes:
             packed("vehicle_local_position", us, 47.4, 8.55, 488.0, 1.0 * k, 2.0, -30.0, 10.0, 0.5, 0.0, *(k > 2,) * 5),
             packed("vehicle_global_position", us, 47.4 + k * 1e-5, 8.55, 518.0),
             packed("vehicle_status", us, 2 if k >= 5 else 1),
+            packed("distance_sensor", us, 0.5, 100.0, 30.0 if k else 200.0, 25 if k < 20 else 0),
         ]
         utc = 1_600_000_000_000_000 + us
         parts.append(
@@ -88,6 +93,9 @@ def test_a_flight_is_read(tmp_path: Path) -> None:
     assert [e.p_ned_m[0] for e in locals_][:2] == [3.0, 4.0], "positions that are not valid make no event"
     (origin,) = [e for _, e in recording.events if isinstance(e, OriginChanged)]
     assert (origin.t_rx_ns, origin.origin.lat_deg) == (20_300_000_000, 47.4)
+    ranges = [e for _, e in recording.events if isinstance(e, Range)]
+    assert [(e.distance_m, e.valid) for e in ranges[:2]] == [(0.0, False), (30.0, True)]
+    assert len(ranges) == 20, "what does not look down is left out"
     links = [(e.t_rx_ns, e.armed) for _, e in recording.events if isinstance(e, LinkChanged)]
     assert links == [(20_000_000_000, False), (20_500_000_000, True)]
 

@@ -1,8 +1,8 @@
 """ArduPilot's on-board logs (.bin), those of 2014 as well as today's.
 
 ATT gives the attitude, GPS the receiver, ORGN the origin, POS with XKF1 (NKF1, EKF1) the autopilot's position and velocity, XKF4
-(NKF4, EKF4) its innovation ratios, EV arming, MSG the version. Logs of before the EKF have NTUN (position and velocity over home,
-cm) and CTUN (height, climb) instead; home is then the first mission item or the first fix.
+(NKF4, EKF4) its innovation ratios, RFND (since 4.0) distances, EV arming, MSG the version. Logs of before the EKF have NTUN
+(position and velocity over home, cm) and CTUN (height, climb) instead; home is then the first mission item or the first fix.
 """
 
 from __future__ import annotations
@@ -35,13 +35,16 @@ from visloc_companion.types import (
     LocalPose,
     OriginChanged,
     PriorPose,
+    Range,
     Vec3,
 )
 
 _KIND = AutopilotKind.ARDUPILOT
 _POSITIONS = ("POS", "ORGN", "XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4", "NTUN", "CTUN")
-_WANTED = frozenset(("ATT", "GPS", "EV", "MSG", "CMD", *_POSITIONS))
+_WANTED = frozenset(("ATT", "GPS", "RFND", "EV", "MSG", "CMD", *_POSITIONS))
 _EV_ARMED, _EV_DISARMED = (10, 15), (11,)
+_DOWN, _GOOD = 25, 4
+"""MAV_SENSOR_ROTATION_PITCH_270, and RangeFinder::Status::Good."""
 _LEAP_NS, _MAX_STEP_NS = 2 * NS_PER_S, 3600 * NS_PER_S
 _GPS_EPOCH_UNIX_S = 315_964_800
 _LEAP_SECONDS = ((1_483_228_800, 18), (1_435_708_800, 17), (1_341_100_800, 16), (1_230_768_000, 15), (0, 14))
@@ -135,6 +138,12 @@ class _Reader:
             OriginChanged(self._at(fields), _place(fields["Lat"], fields["Lng"], fields["Alt"])) if fields["Type"] == 0 else None
         )
 
+    def _rfnd(self, fields: Fields) -> Event | None:
+        if fields.get("Instance") is None or fields["Orient"] != _DOWN:
+            return None
+        t_ns = self._at(fields)
+        return Range(t_ns, t_ns, _finite(fields["Dist"]), fields["Stat"] == _GOOD)
+
     def _kf1(self, fields: Fields) -> Event | None:
         if fields.get("C", 0) != 0:
             return None
@@ -199,6 +208,7 @@ _HANDLERS = {
     "ATT": _Reader._att,
     "GPS": _Reader._gps,
     "ORGN": _Reader._orgn,
+    "RFND": _Reader._rfnd,
     "POS": _Reader._pos,
     "CTUN": _Reader._ctun,
     "NTUN": _Reader._ntun,

@@ -26,6 +26,7 @@ from visloc_companion.types import (
     LocalPose,
     OriginChanged,
     PriorPose,
+    Range,
 )
 
 _GNSS_TOPICS = ("vehicle_gps_position", "sensor_gps")
@@ -36,8 +37,11 @@ _TOPICS = (
     "vehicle_global_position",
     "estimator_status",
     "vehicle_status",
+    "distance_sensor",
 )
 _ARMED = 2
+_DOWN = 25
+"""distance_sensor.orientation ROTATION_DOWNWARD_FACING."""
 _KIND = AutopilotKind.PX4
 Topic = list[Row]
 _HOUR_US, _HALF_DAY_US = 3_600_000_000, 43_200_000_000
@@ -196,10 +200,19 @@ def _vehicle_status(t_ns: int, row: Row) -> Event:
     return link_up(t_ns, _KIND, armed=row["arming_state"] == _ARMED)
 
 
+def _distance(t_ns: int, row: Row) -> Event | None:
+    if row["orientation"] != _DOWN:
+        return None
+    distance_m = float(row["current_distance"])
+    known = math.isfinite(distance_m) and row["min_distance"] <= distance_m <= row["max_distance"]
+    return Range(t_ns, t_ns, distance_m if known else 0.0, known and row.get("signal_quality", -1) != 0)
+
+
 _CONVERTERS: dict[str, Callable[[int, Row], Event | None]] = {
     "vehicle_local_position": _local_position,
     "estimator_status": _estimator_status,
     "vehicle_status": _vehicle_status,
+    "distance_sensor": _distance,
 }
 
 
