@@ -26,8 +26,8 @@ from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix, PosePrior
 
-WEIGHTS = (-6.21, 23.3, 4.93, -1.62)
-"""Logistic regression of being right on `regressors` (`python -m benchmarks.calibrate_baselines`, training rows only)."""
+WEIGHTS = (-19.0, 42.0, 7.74, -3.4)
+"""Logistic regression of being right on `regressors` (`python -m benchmarks.calibrate_baselines --n 100`, training rows only)."""
 COVARIANCE_FACTOR = 1.3
 """Factor on the alignment's formal sigmas, and ..."""
 SIGMA_FLOOR_PX = 0.3
