@@ -5,6 +5,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from visloc_companion.core.gnss_height import pressure_altitude_m
 from visloc_companion.sim import faults
 from visloc_companion.types import GeoPoint
 
@@ -176,3 +177,18 @@ def test_a_blind_landing_after_spoofing_does_not_count_as_pulled(companion):
     assert pulled_m == pytest.approx(25.0, abs=2.0)  # 20 m while spoofed and 5 s of a velocity that is 1 m/s off
     flight.fly(30.0)
     assert flight.pilot.pulled_m == pulled_m
+
+
+@pytest.mark.parametrize("kind", ["ardupilot", "px4"])
+def test_pressure_and_gnss_time_stand_beside_the_receiver(companion, kind):
+    flight = companion(kind=kind, sending=False)
+    for number in (mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE, mavlink.MAVLINK_MSG_ID_SYSTEM_TIME):
+        assert flight.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6) == mavlink.MAV_RESULT_ACCEPTED
+    flight.fly(5.0)
+    height_m = pressure_altitude_m(flight.last["SCALED_PRESSURE"].press_abs)
+    assert height_m == pytest.approx(flight.pilot.truth().place.h_amsl_m, abs=2.0)
+    first = flight.last["SYSTEM_TIME"]
+    flight.fly(4.0)
+    last = flight.last["SYSTEM_TIME"]
+    assert last.time_unix_usec - first.time_unix_usec == 1000 * (last.time_boot_ms - first.time_boot_ms)
+    assert last.time_unix_usec > 1_700_000_000_000_000
