@@ -25,6 +25,8 @@ STEPS = 9
 CAUCHY = 2.4
 INLIER = 3.5
 """Sigmas of a track's residual up to which it counts as fitting."""
+EVEN_M, PATCH_SHARE = 2.4, 0.5
+"""A rangefinder meets gaps in a wood, the picture around them is of crowns: so much of a roughness beyond the first."""
 LEAST_PX = 0.08
 LEAST_M = 1e-3
 FIRST_PX = 2.0
@@ -103,10 +105,18 @@ def solve(ground: Ground, xy: FloatArray, prior: MotionPrior, focal_px: float) -
         left = residual - J @ dx
         departure = ground.spread_m**2 * np.einsum("ni,nij,nj->n", g, inverse, left)
         x = x + dx
+        information[RANGE, RANGE] = 1 / (ground.sigma_range_m**2 + _patches_m(ground, departure, fits) ** 2 + LEAST_M**2)
         if step > 1:
             scatter = _scatter(left - g * departure[:, None], g, fits)
     covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
     return _motion(x, covariance, fits, scatter, departure / ground.spread_m)
+
+
+def _patches_m(ground: Ground, departure: FloatArray, fits: NDArray[np.bool_]) -> float:
+    """1-sigma of the mean height by which the pictures around measured points stand off these, where the ground is rough."""
+    own = departure[fits & ~ground.ranged]
+    rough = float(np.sqrt(np.mean(own**2))) if len(own) else 0.0
+    return PATCH_SHARE * max(0.0, rough - EVEN_M)
 
 
 def _information(ground: Ground, prior: MotionPrior) -> FloatArray:
