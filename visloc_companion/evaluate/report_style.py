@@ -27,7 +27,7 @@ table{border-collapse:collapse;width:100%;font-size:15px;font-variant-numeric:ta
 th,td{text-align:left;padding:6px 10px;border-bottom:1px solid var(--rule);vertical-align:top}
 th{color:var(--soft);font-weight:600}td.n,th.n{text-align:right}td.n{white-space:nowrap}.yes{color:var(--good);font-weight:650}.no{color:var(--bad);font-weight:650}
 .scroll{overflow-x:auto}.two{display:grid;grid-template-columns:repeat(2,minmax(0,1fr));gap:20px 28px}.two>*{min-width:0}
-.pairs{display:grid;grid-template-columns:repeat(2,minmax(0,420px));gap:10px 14px}figure{margin:0}
+.pairs{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(280px,46%),1fr));gap:10px 14px}figure{margin:0}
 img{display:block;width:100%;height:auto;border-radius:6px}figcaption{color:var(--soft);font-size:14px}
 svg{display:block;width:100%;height:auto}.scroll>svg.wide{min-width:720px}
 .legend{list-style:none;display:flex;flex-wrap:wrap;gap:4px 18px;margin:6px 0;padding:0;font-size:14px}
@@ -43,7 +43,7 @@ text{fill:var(--ink);font-size:14px;font-family:inherit}.label{fill:var(--soft);
 .halo{stroke:var(--halo);stroke-width:6;opacity:.75}.error{stroke:var(--estimate);stroke-width:1.8}
 .sigma{stroke:var(--sigma);stroke-width:1.8;stroke-dasharray:7 4}.level{stroke:var(--level);stroke-width:2}
 .limit{stroke:var(--limit);stroke-width:1.6;stroke-dasharray:10 5}.cut{stroke:var(--ink);stroke-width:1.4;stroke-dasharray:4 4}
-.dotfix{fill:var(--fix);fill-opacity:.6}.dotring{fill:none;stroke:var(--baseline);stroke-width:1.6}.dotgnss{fill:var(--gnss);stroke:var(--halo);stroke-width:1.5}.dotstart{fill:var(--good);stroke:var(--halo);stroke-width:2}
+.dotfix{fill:var(--fix);fill-opacity:.6}.dotring{fill:none;stroke:var(--ink);stroke-width:1.5}.dotgnss{fill:var(--gnss);stroke:var(--halo);stroke-width:1.5}.dotstart{fill:var(--good);stroke:var(--halo);stroke-width:2}
 .dotend{fill:var(--bad);stroke:var(--halo);stroke-width:2}.bar{fill:var(--estimate)}.mark{fill:var(--estimate)}.markno{fill:var(--bad)}
 .band-suspect{fill:var(--suspect-fill);opacity:.45}.band-denied{fill:var(--denied-fill);opacity:.45}.plate{fill:var(--bg);opacity:.82}
 .s-ok{fill:var(--ok-fill)}.s-suspect{fill:var(--suspect-fill)}.s-denied{fill:var(--denied-fill)}.s-waiting{fill:var(--waiting-fill)}
