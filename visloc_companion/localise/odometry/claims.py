@@ -12,6 +12,8 @@ from visloc_companion.localise.odometry.solve import Motion
 from visloc_companion.types import FloatArray, Odometry
 
 METHOD = "flow"
+COMMON_PX = 0.2
+"""1-sigma of what all tracks of a frame are off by together (interpolation, light), which no number of tracks averages away."""
 LEAST_SHARE = 0.02
 """Displacements shorter than this share of the height tell nothing of their scale."""
 
@@ -20,7 +22,8 @@ def odometry_of(key: Keyframe, sight: Sight, motion: Motion, closes: bool) -> St
     """The step from a keyframe to a frame."""
     d = motion.d_ned_m
     scale = _scale(motion, key)
-    own = motion.covariance - motion.shared
+    common_m = COMMON_PX * key.height_m / float(key.picture.K[0, 0])
+    own = motion.covariance - motion.shared + common_m**2 * np.eye(3)
     across = key.sight.sigma_yaw_rad * np.array([-d[1], d[0]])
     along = scale * d[:2]
     cov = own[:2, :2] + np.outer(across, across) + np.outer(along, along)
