@@ -107,7 +107,7 @@ def shots_at(number: int, at: tuple[FloatArray, float], home: GeoPoint, camera: 
 def structure_over(shots: list[Shot], model: CameraModel, reference: PackMap) -> Localiser:
     """The structure localiser when it has seen the frames."""
     settings = LocaliserSettings(MOST_WRONG)
-    structure = StructureLocaliser(model, settings, make_registration(REGISTRATION, MOST_WRONG))
+    structure = StructureLocaliser(model, settings, make_registration(REGISTRATION, 1.0))
     for shot in shots:
         structure.remember(shot.request, shot.pixels, reference)
     return structure
