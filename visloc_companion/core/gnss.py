@@ -20,6 +20,7 @@ from visloc_companion.core.gnss_receiver import Reports, Talk, autopilot_signs, 
 from visloc_companion.core.gnss_trust import VISION_AGE_S, Trust
 from visloc_companion.core.settings import GnssSettings
 from visloc_companion.types import (
+    AutopilotKind,
     Baro,
     Cov2,
     EkfSource,
@@ -55,7 +56,7 @@ class GnssMonitor:
         self._vision_ns: int | None = None
         self._vision_sigma = 0.0
         self._out_of_reach = False
-        self._armed = False
+        self._armed, self._clock_follows = False, True
         self._talk = Talk()
         self._verdict = GnssVerdict(Verdict.DENIED, 0, ("no_data",), ())
 
@@ -91,7 +92,9 @@ class GnssMonitor:
             self._reports.second = gnss
             return
         self._reports.gnss = gnss
-        if gnss.fix_type >= self._settings.min_fix_type:
+        if receiver_signs(gnss, self._settings):
+            self._height.learn_anew()  # with four satellites heights are tens of metres off, and nobody relies on them
+        else:
             self._height.on_gnss(gnss.t_rx_ns, gnss.place.h_amsl_m, gnss.v_acc_m)
 
     def on_evidence(self, event: EstimatorStatus | GnssIntegrity | GnssTime | MapAtGnss | Baro) -> None:
@@ -108,9 +111,9 @@ class GnssMonitor:
             case _:
                 self._height.on_baro(event)
 
-    def on_armed(self, armed: bool) -> None:
-        """Whether the vehicle is armed: the map is asked before that only."""
-        self._armed = armed
+    def on_vehicle(self, armed: bool, autopilot: AutopilotKind) -> None:
+        """Whether the vehicle is armed: before that only the map is asked, and ArduPilot's clock follows GNSS."""
+        self._armed, self._clock_follows = armed, not armed or autopilot is not AutopilotKind.ARDUPILOT
 
     def on_reach(self, out_of_reach: bool) -> None:
         """Whether the position is further from the navigator's own than both covariances allow."""
@@ -210,7 +213,7 @@ class GnssMonitor:
             *receiver_signs(gnss, limits),
             *integrity_signs(reports.integrity, now_ns, agrees),
             *receiver_sign(gnss, reports.second, self.sigma_m(gnss), limits),
-            *self._clock.signs(now_ns),
+            *(self._clock.signs(now_ns) if self._clock_follows else ()),
             *self._map.signs(now_ns, gnss, self._armed),
             *autopilot_signs(reports.status, now_ns, source),
         )

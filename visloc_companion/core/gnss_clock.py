@@ -15,6 +15,8 @@ JUMP_BY_ARRIVAL_NS = 1_500_000_000
 """Where a time has no boot time beside it, its arrival stands in, which jitters."""
 DRIFT = 100e-6
 """Crystals are good to 100 parts in a million."""
+GAP_NS = 2_500_000_000
+"""After a longer silence (a link that was lost, an autopilot that restarted) there is nothing to compare."""
 SIGN_NS = 10_000_000_000
 """A jump speaks against GNSS for so long, then the new time is the reference (a receiver that learns the leap seconds)."""
 
@@ -25,6 +27,7 @@ class GnssClock:
     def __init__(self) -> None:
         self._reference: tuple[int, int, bool] | None = None
         self._jumped_ns: int | None = None
+        self._heard_ns: int | None = None
         self.jump_s = 0.0
 
     def on_time(self, event: GnssTime) -> None:
@@ -32,7 +35,9 @@ class GnssClock:
         by_boot = event.t_boot_ns > 0
         t_ns = event.t_boot_ns if by_boot else event.t_rx_ns
         offset = event.t_unix_ns - t_ns
-        if self._reference is None or self._reference[2] != by_boot or t_ns < self._reference[0]:
+        silent = self._heard_ns is not None and event.t_rx_ns - self._heard_ns > GAP_NS
+        self._heard_ns = event.t_rx_ns
+        if self._reference is None or self._reference[2] != by_boot or t_ns < self._reference[0] or silent:
             self._reference = (t_ns, offset, by_boot)  # another clock, or a restart of it: nothing to compare
             return
         jump = offset - self._reference[1]

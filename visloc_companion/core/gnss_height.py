@@ -55,6 +55,11 @@ class HeightTest:
         """Begin anew (trust was lost, or a probation starts)."""
         self._test = self._test.fork()
 
+    def learn_anew(self) -> None:
+        """What the receiver gave until now is no measure for what it will give."""
+        if self._test.log_r > -math.inf:
+            self._test = ShiftTest(MODEL)
+
     def on_baro(self, baro: Baro) -> None:
         """Take a pressure; impossible ones are left out."""
         if 100.0 <= baro.pressure_hpa <= 1200.0:

@@ -238,7 +238,7 @@ class Navigator:
 
     def _on_link(self, event: LinkChanged, now_ns: int) -> list[Command]:
         self._link = event
-        self._monitor.on_armed(event.armed)
+        self._monitor.on_vehicle(event.armed, event.autopilot)
         if not event.up:
             return [Notice(Severity.WARNING, "autopilot link lost")]
         self._origin_asked_ns = now_ns

@@ -8,6 +8,7 @@ import pytest
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.settings import GnssSettings
 from visloc_companion.types import (
+    AutopilotKind,
     Baro,
     EkfSource,
     EstimatorStatus,
@@ -232,9 +233,36 @@ def test_signs_of_the_receivers_and_of_time_cost_trust() -> None:
 
 def test_armed_vehicles_are_not_asked_about_the_map() -> None:
     feed = trusted()
-    feed.monitor.on_armed(True)
+    feed.monitor.on_vehicle(True, AutopilotKind.ARDUPILOT)
     feed.monitor.on_evidence(MapAtGnss(feed.k * S // 5, HERE, False, None))
     assert feed.run(4).verdict is Verdict.OK
+
+
+@pytest.mark.parametrize(("autopilot", "verdict"), [(AutopilotKind.ARDUPILOT, Verdict.OK), (AutopilotKind.PX4, Verdict.SUSPECT)])
+def test_while_armed_only_a_clock_that_follows_gnss_speaks_against_it(autopilot: AutopilotKind, verdict: Verdict) -> None:
+    feed = trusted()
+    feed.monitor.on_vehicle(True, autopilot)
+    for _ in range(15):
+        now = (feed.k + 1) * S // 5
+        feed.monitor.on_evidence(GnssTime(now, now, now + (now > 5.5 * S) * 3 * S))
+        feed.run(0.2)
+    assert feed.monitor.verdict.verdict is verdict
+
+
+def test_heights_of_few_satellites_are_no_measure_for_what_comes_after() -> None:
+    feed = trusted()
+    for k in range(60):
+        now = (feed.k + 1) * S // 5
+        feed.monitor.on_evidence(Baro(now, 0, 1000.0, 20.0))
+        poor = replace(GOOD, t_rx_ns=now, n_satellites=4, place=replace(HERE, h_amsl_m=HERE.h_amsl_m + 3.0 * (k // 5)))
+        feed.monitor.on_gnss(poor)
+        feed.monitor.update(now, EkfSource.GNSS)
+        feed.k += 1
+    for _ in range(40):
+        feed.monitor.on_evidence(Baro((feed.k + 1) * S // 5, 0, 1000.0, 20.0))
+        verdict = feed.run(1)
+        assert "height_disagrees" not in verdict.reasons
+    assert verdict.verdict is Verdict.OK
 
 
 def test_odometry_speaks_where_there_is_no_map_and_only_vision_mends_it() -> None:
