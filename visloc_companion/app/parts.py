@@ -124,9 +124,7 @@ def require_pack(config: Config) -> bool:
     """Camera and rangefinder are of use only with a map. Raises ConfigError."""
     if not config.map.pack:
         why = "camera.url" if config.camera.url else "localiser.terrain"
-        raise ConfigError(
-            f"is empty, but {why} is set", where="map.pack", remedy="name the folder that `visloc map build` made"
-        )
+        raise ConfigError(f"is empty, but {why} is set", where="map.pack", remedy="name the folder that `visloc map build` made")
     return True
 
 

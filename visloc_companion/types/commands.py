@@ -32,16 +32,16 @@ class LocaliseRequest:
 
 
 Sounding = tuple[float, float, float, float, float, float, float]
-"""One distance measured downwards: age (s), place of the vehicle then from its place now by dead reckoning, and the beam's end from
-the vehicle then, both north, east, up (m)."""
+"""One distance measured downwards: age (s), place of the vehicle then from its place now by dead reckoning, and the beam's end
+from the vehicle then, both north, east, up (m)."""
 
 
 @dataclass(frozen=True, slots=True)
 class TerrainRequest:
     """Ask the worker where the ground below the track is that of the map. `prior` is the vehicle's pose at `t_ns`.
 
-    `soundings` from the oldest to the newest; over them, per axis, `sigma_drift_mps` and `sigma_drift_mps2` are the 1-sigma of the
-    dead reckoning's error of velocity and acceleration, `sigma_wander_m` what remains beside. Unless `final` the worker first
+    `soundings` from the oldest to the newest; over them, per axis, `sigma_drift_mps` and `sigma_drift_mps2` are the 1-sigma of
+    the dead reckoning's error of velocity and acceleration, `sigma_wander_m` what remains beside. Unless `final` the worker first
     judges whether the ground below can tell enough.
     """
 
