@@ -30,7 +30,7 @@ REPLAY_FIELDS = {
     *("misleading", "nees", "gnss", "injected", "latency_ms", "epochs"),
 }
 SIM_FIELDS = {"scenario", "autopilot", "vehicle", "seed", "failsafe", "pulled_m", "modes", "verdicts", "passed", "expected"}
-EXTRAS = {"dialect", "method", "with_daemon"}
+EXTRAS = {"dialect", "method", "with_daemon", "structure", "fixes_by_method"}
 NOWHERE = Path()
 MakeEyes = Callable[..., Eyes]
 

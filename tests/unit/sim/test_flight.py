@@ -58,7 +58,7 @@ class Overheard(BuiltInAutopilot):
 
 
 def fly(pilot: BuiltInAutopilot, duration_s: float, eyes: Eyes, operator: OperatorEntry | None = None) -> FlightLog:
-    navigator = Navigator(CoreSettings(injection=InjectionSettings(switch_source=True)))
+    navigator = Navigator(CoreSettings(structure=False, injection=InjectionSettings(switch_source=True)))
     return ClosedLoopFlight(pilot, navigator, MavlinkSession(SessionSettings()), eyes, operator=operator).run(duration_s)
 
 
