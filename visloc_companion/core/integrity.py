@@ -13,6 +13,8 @@ from visloc_companion.types import Cov2, FloatArray
 AGE_DOUBLES_S = 30.0
 """The growth of dead reckoning is a model: what it claims without a fix is doubled after so long."""
 GRID = 33
+ROUNDING = 1e-6
+"""So that the largest radius tried is certainly enough."""
 
 
 def largest_sigma_m(cov_ne_m2: Cov2) -> float:
@@ -41,7 +43,8 @@ def protection_level_m(x: FloatArray, P: FloatArray, without: Solutions, setting
     sigma = np.sqrt((nn + ee) / 2 + np.hypot((nn - ee) / 2, ne) + settings.map_sigma_m**2)
     apart = np.concatenate([[0.0], np.hypot(*(without.x[:, :2] - x[:2]).T)])
     probability = np.concatenate([[1.0], without.probability])
-    low, high = 0.0, float(np.max(apart + sigma * math.sqrt(2 * math.log(len(sigma) / settings.integrity_risk))))
+    sigmas = math.sqrt(2 * math.log(len(sigma) / settings.integrity_risk)) + ROUNDING
+    low, high = 0.0, float(np.max(apart + sigma * sigmas))
     for _ in range(2):
         radii = np.linspace(low, high, GRID)
         beyond = np.maximum(radii[:, None] - apart, 0.0) / sigma

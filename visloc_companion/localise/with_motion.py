@@ -1,7 +1,7 @@
 """A localiser whose answers also say how the camera moved since a frame before: odometry from the frames that it is asked about.
 
 The compass may be off by degrees for minutes, which turns every displacement alike. A fix says by how much: what recent fixes
-agree on is taken off the attitude that the odometry is given.
+agree on turns the displacement back.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from statistics import median
 import numpy as np
 
 from visloc_companion.errors import OutsideMap
-from visloc_companion.geo.se3 import R_from_quat, quat_multiply
+from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.localise.flow import FrameToFrame
 from visloc_companion.localise.odometry.base import FlowSettings, Sight, Step, Surface
 from visloc_companion.localise.plan import LocalFrame, local_frame
 from visloc_companion.localise.pose import heading_and_tilt
 from visloc_companion.protocols import Localiser, ReferenceMap
-from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix, Odometry, Quat, ReferencePatch
+from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix, Odometry, ReferencePatch
 
 REACH_HEIGHTS = 1.6
 """Half side of the map's window in heights above the ground: what a camera sees that is tilted by 45 degrees, nearly."""
@@ -63,31 +63,44 @@ class WithMotion:
         surface = self._surface(request, ref, frame)
         if surface is None:
             return None
-        q_ned_frd, sigma_yaw_rad = self._attitude(request)
         (nn, ne), (_, ee) = prior.cov_ne_m2
         sight = Sight(
             pixels,
             request.frame.t_ns,
-            q_ned_frd,
+            prior.q_ned_frd,
             prior.sigma_tilt_rad,
-            sigma_yaw_rad,
+            prior.sigma_yaw_rad,
             prior.place.h_amsl_m,
             prior.sigma_h_m,
             (0.0, 0.0),
             math.sqrt((nn + ee) / 2 + math.hypot((nn - ee) / 2, ne)),
         )
         step = self._flow.step(sight, surface)
-        return step.odometry if isinstance(step, Step) else None
+        return self._turned(step.odometry) if isinstance(step, Step) else None
 
-    def _attitude(self, request: LocaliseRequest) -> tuple[Quat, float]:
-        """The prior's attitude without what recent fixes found wrong with its heading, and 1-sigma of what is left."""
-        prior, now_ns = request.prior, request.frame.t_ns
-        recent = [heading for t_ns, heading in self._headings if 0 <= now_ns - t_ns <= HEADING_AGE_NS]
+    def _turned(self, seen: Odometry) -> Odometry:
+        """A displacement turned by what recent fixes found wrong with the heading.
+
+        The displacement, not the attitude that the odometry is given: that must not change while it follows a keyframe.
+        """
+        recent = [heading for t_ns, heading in self._headings if 0 <= seen.t_to_ns - t_ns <= HEADING_AGE_NS]
         if len(recent) < HEADINGS:
-            return prior.q_ned_frd, prior.sigma_yaw_rad
-        half = median(recent) / 2
-        turned = quat_multiply((math.cos(half), 0.0, 0.0, math.sin(half)), prior.q_ned_frd)
-        return turned, min(prior.sigma_yaw_rad, LEARNED_YAW_SIGMA_RAD)
+            return seen
+        heading = median(recent)
+        c, s = math.cos(heading), math.sin(heading)
+        turn = np.array([[c, -s], [s, c]])
+        north, east, down = seen.displacement_ned_m
+        sigma = min(seen.sigma_heading_rad, LEARNED_YAW_SIGMA_RAD)
+        across = np.array([-east, north])
+        known = (seen.sigma_heading_rad**2 - sigma**2) * np.outer(across, across)
+        cov = turn @ (np.array(seen.cov_ne_m2) - known) @ turn.T
+        n, e = turn @ np.array([north, east])
+        return replace(
+            seen,
+            displacement_ned_m=(float(n), float(e), down),
+            cov_ne_m2=((float(cov[0, 0]), float(cov[0, 1])), (float(cov[0, 1]), float(cov[1, 1]))),
+            sigma_heading_rad=sigma,
+        )
 
     def _surface(self, request: LocaliseRequest, ref: ReferenceMap, frame: LocalFrame) -> Surface | None:
         """The surface about the camera, about its believed place; None off the map."""

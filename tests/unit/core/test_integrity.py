@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from visloc_companion.core.integrity import aged, largest_sigma_m, protection_level_m
@@ -47,6 +47,7 @@ def test_a_likely_wrong_match_holds_what_would_be_without_it() -> None:
     assert protection_level_m(ORIGIN, P, away(8.0, 1.0, 1e-7), SETTINGS) == pytest.approx(alone, rel=0.01)
 
 
+@example([], 0.0078125)
 @given(
     st.lists(st.tuples(st.floats(0, 200), st.floats(0.1, 30), st.floats(1e-8, 1.0)), min_size=0, max_size=12),
     st.floats(1e-7, 1e-2),

@@ -121,7 +121,9 @@ def test_a_wrong_injection_makes_the_vehicle_fly_wrong(oracle_eyes: MakeEyes) ->
     assert wrong.log.truth[-1].off_m == pytest.approx(50.0, abs=5.0)
     assert not wrong.passed
     assert any(name.startswith("median error") for name in failed(wrong))
-    assert wrong.summary["hmi"] > 100, "a biased localiser is hazardous, and the figures say so"
+    assert wrong.summary["hmi"] == 0, "few fixes that nothing confirms: the protection level holds even this"
+    assert wrong.summary["availability"] < 0.1
+    assert right.summary["availability"] > wrong.summary["availability"]
 
 
 def test_a_frozen_camera_is_refused(oracle_eyes: MakeEyes) -> None:

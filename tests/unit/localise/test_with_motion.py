@@ -18,8 +18,8 @@ MS = 1_000_000
 MODEL = CameraModel(640, 480, 560.0, 560.0, 319.5, 239.5)
 
 
-PICTURES: dict[tuple[int, tuple[float, ...]], Image] = {}
-"""Rendered once for all tests."""
+PICTURES: dict[tuple[int, tuple[float, ...]], tuple[object, Image]] = {}
+"""Rendered once for all tests; the map is kept beside its pictures, so that no other has its number."""
 
 
 class Witness:
@@ -44,8 +44,8 @@ def flown(support, world, localiser, points, compass_rad: float = 0.0, first: in
     for k, p in enumerate(points, first):
         key = id(world), tuple(p)
         if key not in PICTURES:
-            PICTURES[key] = support.render(world, MODEL, tuple(p), (0.0, 0.0, 0.0))
-        seen = PICTURES[key]
+            PICTURES[key] = world, support.render(world, MODEL, tuple(p), (0.0, 0.0, 0.0))
+        seen = PICTURES[key][1]
         asked = support.request_at(tuple(p), (0.0, 0.0, compass_rad), sigma_m=2.0, sigma_h_m=1.0, sigma_yaw_deg=5.0, model=MODEL)
         frame = replace(asked.frame, t_ns=1000 * MS + 200 * MS * k, frame_id=k)
         answers.append(localiser.localise(replace(asked, frame=frame), seen, world))
