@@ -96,7 +96,7 @@ def with_velocity_trust(belief: Belief, sigma_mps: float, feedback: bool) -> Bel
         without = separation.with_new_velocity(belief.without, variance)
         return replace(belief, x=x, P=P, sigma_v_mps=sigma_mps, feedback=feedback, without=without)
     if sigma_mps > belief.sigma_v_mps:
-        return replace(_widened(belief, 0.0, sigma_mps**2 - belief.sigma_v_mps**2), sigma_v_mps=sigma_mps)
+        return replace(widened(belief, 0.0, sigma_mps**2 - belief.sigma_v_mps**2), sigma_v_mps=sigma_mps)
     return belief if sigma_mps == belief.sigma_v_mps else replace(belief, sigma_v_mps=sigma_mps)
 
 
@@ -135,10 +135,11 @@ def _transition(dt_s: float, tau_s: float, sigma_mps: FloatArray) -> tuple[Float
 
 def blurred(belief: Belief, sigma_m: float) -> Belief:
     """The belief with an independent position error added."""
-    return _widened(belief, sigma_m**2, 0.0)
+    return widened(belief, sigma_m**2, 0.0)
 
 
-def _widened(belief: Belief, position_m2: float, velocity_m2ps2: float) -> Belief:
+def widened(belief: Belief, position_m2: float, velocity_m2ps2: float) -> Belief:
+    """The belief with independent errors of position and of the velocity's error added, on each axis."""
     more = np.diag([position_m2, position_m2, velocity_m2ps2, velocity_m2ps2])
     return replace(belief, P=belief.P + more, without=separation.widened(belief.without, more))
 
@@ -223,7 +224,7 @@ def _doubting(belief: Belief, z: Position) -> Belief:
     doubtful = len(belief.rejected) >= DOUBT_AFTER and explained and not relocalise.standing(belief.rejected)
     if not doubtful or float(belief.P[2, 2]) > MAX_DOUBT_MPS**2:
         return belief
-    return _widened(belief, 0.0, DOUBT_MPS**2)
+    return widened(belief, 0.0, DOUBT_MPS**2)
 
 
 def _restarted(belief: Belief, z: Position, found: relocalise.Restart, settings: NavigatorSettings) -> Belief:

@@ -15,12 +15,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from visloc_companion.core import kalman, separation
-from visloc_companion.core.fusion import Belief
+from visloc_companion.core.fusion import Belief, widened
 from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.errors import Reason
 from visloc_companion.types import Accepted, Cov2, FloatArray, Rejected, Vec2
 
 H_VELOCITY: FloatArray = np.eye(4)[2:]
 NO_NEWS = 1e-6
+MOST_CHANGE_MPS = 10.0
+"""The autopilot's velocity errs by metres a second within a moment when it brakes or turns; by more than this, odometry errs."""
 UNHEARD_M2PS2 = 1e6
 """Variance of a measurement that is to say nothing on an axis."""
 
@@ -52,6 +55,11 @@ def learned(belief: Belief, motion: Motion, travel_ne_m: Vec2, settings: Navigat
     alone = np.array(motion.cov_ne_m2) / dt**2 + lag * np.eye(2)
     R = weighed(alone, belief.P[2:, 2:], np.array(motion.lasting_ne_m2) / dt**2)
     got = kalman.update(belief.x, belief.P, z, R, H_VELOCITY, gate_sigma=settings.gate_sigma)
+    changed_mps = float(np.abs(z - belief.x[2:]).max())
+    if isinstance(got, Rejected) and got.reason is Reason.GATED and changed_mps <= MOST_CHANGE_MPS:
+        belief = widened(belief, 0.0, changed_mps**2)
+        R = weighed(alone, belief.P[2:, 2:], np.array(motion.lasting_ne_m2) / dt**2)
+        got = kalman.update(belief.x, belief.P, z, R, H_VELOCITY)
     if isinstance(got, Rejected):
         return belief, got
     every = np.ones(len(belief.without), np.bool_)

@@ -78,6 +78,18 @@ def test_what_lasts_keeps_the_sigma_of_the_velocity() -> None:
     assert belief.P[3, 3] < belief.P[2, 2]
 
 
+def test_a_velocity_that_errs_anew_within_a_moment_is_followed() -> None:
+    belief = fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, True, 3.0)
+    for k in range(1, 41):
+        belief = fusion.propagated(belief, k * S // 2, (10.0, 0.0), SETTINGS)
+        error = -1.0 if k <= 20 else 1.5
+        belief, outcome = learned(belief, motion(k / 2, (5.0, 0.0)), (5.0 + error / 2, 0.0), SETTINGS)
+        assert isinstance(outcome, Accepted)
+        if k == 22:
+            assert belief.x[2] == pytest.approx(1.5, abs=0.3)
+    assert belief.x[2] == pytest.approx(1.5, abs=0.15)
+
+
 def test_an_impossible_motion_is_refused() -> None:
     belief = fusion.propagated(fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, True, 3.0), S, (10.0, 0.0), SETTINGS)
     same, outcome = learned(belief, motion(1.0, (60.0, 0.0)), (5.0, 0.0), SETTINGS)
