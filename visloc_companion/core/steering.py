@@ -1,0 +1,75 @@
+"""The mode that the navigator is in, and the position source that the autopilot is brought to: what follows from all the rest."""
+
+from __future__ import annotations
+
+from visloc_companion.core import modes, output
+from visloc_companion.core.gnss import GnssMonitor
+from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.settings import CoreSettings
+from visloc_companion.core.switching import SourceSwitch
+from visloc_companion.types import Command, EkfSource, Mode, NavState, Notice, Severity, Verdict
+
+INJECTING = (Mode.AIDING, Mode.DEAD_RECKONING)
+
+
+class Steering:
+    """Nothing is injected before a first fix (or the operator's position) has anchored the filter."""
+
+    def __init__(self, settings: CoreSettings, monitor: GnssMonitor, switch: SourceSwitch) -> None:
+        self._settings, self._monitor, self._switch = settings, monitor, switch
+        self._anchored = False
+        self._fix_taken_ns: int | None = None
+        self.mode = Mode.WAITING
+
+    @property
+    def injecting(self) -> bool:
+        """Whether positions are sent."""
+        return self.mode in INJECTING
+
+    @property
+    def feedback(self) -> bool:
+        """Whether what the autopilot says of itself may rest on what it was sent."""
+        return self.injecting or self._switch.source is EkfSource.VISION
+
+    def taken(self, now_ns: int) -> None:
+        """A fix was accepted; it counts by its arrival, for a slow localiser must not make the mode flap."""
+        self._anchored, self._fix_taken_ns = True, now_ns
+
+    def anchored(self) -> None:
+        """The operator gave a position."""
+        self._anchored = True
+
+    def change_mode(self, state: NavState | None, ready: bool, now_ns: int) -> list[Command]:
+        """One step of the table of modes; `ready`: link, attitude and state are there."""
+        limits = self._settings.navigator
+        situation = modes.Situation(
+            ready=ready,
+            due=self._anchored and output.is_due(self._settings.injection.policy, self._monitor.verdict.verdict),
+            recent_fix=self._recent_fix(now_ns),
+            sigma_m=0.0 if state is None else largest_sigma_m(state.cov_ne_m2),
+            lost_sigma_m=limits.lost_sigma_m,
+        )
+        before, self.mode = self.mode, modes.next_mode(self.mode, situation)
+        if self.mode is before:
+            return []
+        severity = Severity.CRITICAL if self.mode is Mode.LOST else Severity.NOTICE
+        data = (("from", before.value), ("sigma_m", situation.sigma_m))
+        return [Notice(severity, f"visloc: {self.mode.value.upper()}", to_operator=True, data=data)]
+
+    def steer_source(self, armed: bool, now_ns: int) -> list[Command]:
+        """Bring the autopilot to the source that fits the verdict."""
+        if self._monitor.verdict.verdict is Verdict.OK:
+            proven = self._switch.known or self._gnss_proven(armed, now_ns)
+            return self._switch.want(EkfSource.GNSS, now_ns) if proven else []
+        return self._switch.want(EkfSource.VISION, now_ns) if self.injecting else []
+
+    def _gnss_proven(self, armed: bool, now_ns: int) -> bool:
+        """Whether GNSS may take over from a source that nobody confirmed: on the ground at once, in flight (we may have been
+        restarted amid a spoofing) only after fixes have gone with it for the probation."""
+        if not armed:
+            return True
+        return self._recent_fix(now_ns) and now_ns - self._monitor.verdict.since_ns >= self._settings.gnss.probation_s * 1e9
+
+    def _recent_fix(self, now_ns: int) -> bool:
+        taken_ns, limit_s = self._fix_taken_ns, self._settings.navigator.dead_reckoning_after_s
+        return taken_ns is not None and now_ns - taken_ns <= limit_s * 1e9

@@ -1,0 +1,136 @@
+"""What the autopilot says of itself: attitude, position, velocity and the distance to the ground, on the shell's clock."""
+
+from __future__ import annotations
+
+from visloc_companion.core.asking import Asking
+from visloc_companion.core.attitude import AttitudeBuffer
+from visloc_companion.core.estimator import Velocity
+from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
+from visloc_companion.core.gnss import GnssMonitor
+from visloc_companion.core.guard import Complaints
+from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.core.switching import SourceSwitch
+from visloc_companion.core.terrain_aiding import TerrainAiding
+from visloc_companion.core.timesync import ClockOffset, ClockStep
+from visloc_companion.core.tracking import Tracker
+from visloc_companion.types import (
+    Attitude,
+    Command,
+    EstimatorStatus,
+    LocalPose,
+    Notice,
+    PriorPose,
+    Range,
+    Severity,
+    Vec3,
+)
+
+ATTITUDE_AGE_NS = 2_000_000_000
+MAX_STAMP_ERROR_NS = 1_000_000_000
+"""A message's own time is used when it differs from its arrival by no more than this."""
+
+
+class Telemetry:
+    """Keeps clock and attitude, and drives the filter with the autopilot's velocity and height."""
+
+    def __init__(
+        self,
+        settings: NavigatorSettings,
+        clock: ClockOffset,
+        attitude: AttitudeBuffer,
+        tracker: Tracker,
+        monitor: GnssMonitor,
+        switch: SourceSwitch,
+        asking: Asking,
+        terrain: TerrainAiding | None,
+        complaints: Complaints,
+    ) -> None:
+        self._settings, self._clock, self._attitude = settings, clock, attitude
+        self._tracker, self._monitor, self._switch = tracker, monitor, switch
+        self._asking, self._terrain, self._complaints = asking, terrain, complaints
+        self._attitude_rx_ns: int | None = None
+        self._status: EstimatorStatus | None = None
+        self._prior: PriorPose | None = None
+
+    def attitude_fresh(self, now_ns: int) -> bool:
+        """Whether an attitude arrived lately."""
+        return self._attitude_rx_ns is not None and now_ns - self._attitude_rx_ns <= ATTITUDE_AGE_NS
+
+    def stamped_ns(self, t_rx_ns: int, t_boot_ns: int) -> int:
+        """A message's time of validity on the shell's clock; its arrival where its own time cannot be right."""
+        t_ns = self._clock.shell_ns(t_boot_ns, t_rx_ns)
+        return t_ns if abs(t_ns - t_rx_ns) <= MAX_STAMP_ERROR_NS else t_rx_ns
+
+    def on_step(self, step: ClockStep | None) -> list[Command]:
+        """Forget what is older than a step of the autopilot's clock, if there was one."""
+        if step is None:
+            return []
+        self._attitude.clear()
+        self._tracker.forget_velocity()
+        if self._terrain is not None:
+            self._terrain.clear()
+        self._switch.restarted()
+        text = f"visloc: autopilot clock stepped {step.jump_ns * 1e-9:.1f} s"
+        return [Notice(Severity.WARNING, text, to_operator=True)]
+
+    def on_attitude(self, event: Attitude, now_ns: int) -> list[Command]:
+        """Keep an attitude."""
+        commands = self.on_step(self._clock.on_arrival(event.t_rx_ns, event.t_boot_ns))
+        reason = self._attitude.add(event.t_boot_ns, event.q_ned_frd, event.rate_frd_radps)
+        if reason is not None:
+            return [*commands, *self._complaints.about(event, reason, now_ns)]
+        self._attitude_rx_ns = event.t_rx_ns
+        self._monitor.on_telemetry(event.t_rx_ns)
+        return commands
+
+    def on_status(self, event: EstimatorStatus) -> None:
+        """Keep what the autopilot's estimator says of its health."""
+        self._status = event
+        self._monitor.on_evidence(event)
+
+    def on_prior(self, event: PriorPose, feedback: bool) -> list[Command]:
+        """Take velocity and height; `feedback`: they rest on what we inject."""
+        commands = self.on_step(self._clock.on_arrival(event.t_rx_ns, event.t_boot_ns))
+        self._prior = event
+        self._tracker.height_above_home_m = event.h_rel_m
+        self._drive(event.t_rx_ns, event.t_boot_ns, event.v_ned_mps, event.place.h_amsl_m, feedback)
+        return commands
+
+    def on_local(self, event: LocalPose, feedback: bool) -> list[Command]:
+        """The same of a local position."""
+        commands = self.on_step(self._clock.on_arrival(event.t_rx_ns, event.t_boot_ns))
+        if self._tracker.origin is not None:
+            h_amsl_m = self._tracker.origin.h_amsl_m - event.p_ned_m[2]
+            self._drive(event.t_rx_ns, event.t_boot_ns, event.v_ned_mps, h_amsl_m, feedback)
+        return commands
+
+    def on_range(self, event: Range) -> None:
+        """Take a distance to the ground where the vehicle's attitude is known."""
+        t_ns = self.stamped_ns(event.t_rx_ns, event.t_boot_ns)
+        q_ned_frd = self._asking.attitude_now(t_ns)
+        if self._terrain is not None and q_ned_frd is not None:
+            self._terrain.on_range(event, t_ns, q_ned_frd)
+
+    def seed(self, now_ns: int, sigma_m: float) -> list[Command]:
+        """Start the filter from the autopilot's position, once, while GNSS is trusted."""
+        prior, velocity = self._prior, self._tracker.velocity
+        if self._tracker.belief is not None or prior is None or velocity is None or not self._monitor.trusted:
+            return []
+        if now_ns - prior.t_rx_ns > MAX_STAMP_ERROR_NS:
+            return []
+        t_ns = self.stamped_ns(prior.t_rx_ns, prior.t_boot_ns)
+        if not self._tracker.seed(t_ns, prior.place, sigma_m):
+            return []
+        return [Notice(Severity.INFO, "filter seeded from the autopilot's position")]
+
+    def _drive(self, t_rx_ns: int, t_boot_ns: int, v_ned_mps: Vec3, h_amsl_m: float, feedback: bool) -> None:
+        limits = self._settings
+        sigma = limits.velocity_sigma_mps if self._monitor.trusted and not feedback else limits.velocity_sigma_aiding_mps
+        if self._status is not None and not self._status.horizontal_position_ok:
+            sigma = max(sigma, UNAIDED_SIGMA_MPS)
+        t_ns = self.stamped_ns(t_rx_ns, t_boot_ns)
+        if self._terrain is not None and feedback:
+            v_ned_mps = self._terrain.corrected(t_ns, v_ned_mps)
+        velocity = Velocity(t_ns, v_ned_mps, h_amsl_m, sigma, feedback)
+        if self._tracker.drive(velocity) and self._terrain is not None:
+            self._terrain.drive(velocity)
