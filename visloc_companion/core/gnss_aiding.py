@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections import deque
 
 from visloc_companion.core.gnss import GnssMonitor
-from visloc_companion.core.gnss_track import GnssTrack
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.core.validate import is_place
@@ -31,7 +30,6 @@ class GnssAiding:
         self._tracker, self._monitor = tracker, monitor
         self._fused_ns: int | None = None
         self._rejected = 0
-        self._track = GnssTrack()
         self._odometry: deque[Odometry] = deque(maxlen=ODOMETRY_WAITING)
 
     def on_gnss(self, event: Gnss, t_ns: int, mode: Mode) -> list[Command]:
@@ -40,11 +38,10 @@ class GnssAiding:
         if event.receiver != 0:
             return []
         if event.fix_type < self._settings.gnss.min_fix_type or not is_place(event.place):
-            self._track.clear()
+            self._tracker.gnss.interrupted()
             return []
-        self._track.add(t_ns, event.place)
+        self._tracker.gnss.add(t_ns, event.place)
         self._compare_odometry()
-        self._tracker.remember_gnss(t_ns, event.place)
         self._monitor.on_reach(self._tracker.out_of_reach(t_ns, event.place, self._monitor.sigma_m(event)))
         return self._keep_near(event, t_ns, mode)
 
@@ -74,10 +71,11 @@ class GnssAiding:
         self._compare_odometry()
 
     def _compare_odometry(self) -> None:
-        newest_ns = self._track.newest_ns
+        track = self._tracker.gnss
+        newest_ns = track.newest_ns
         while newest_ns is not None and self._odometry and self._odometry[0].t_to_ns <= newest_ns:
             seen = self._odometry.popleft()
-            moved = self._track.displacement(seen.t_from_ns, seen.t_to_ns)
+            moved = track.displacement(seen.t_from_ns, seen.t_to_ns)
             if moved is not None:
                 var_m2 = (seen.cov_ne_m2[0][0] + seen.cov_ne_m2[1][1]) / 2
                 north, east, _ = seen.displacement_ned_m
@@ -86,7 +84,7 @@ class GnssAiding:
     def compare(self, fix: Fix) -> None:
         """Show the monitor an accepted fix beside GNSS: the fix itself, for the filter rides on a velocity that may be false."""
         velocity = self._tracker.velocity
-        difference = None if velocity is None else self._tracker.gnss_minus(fix, velocity.v_ned_mps)
+        difference = None if velocity is None else self._tracker.gnss.minus(fix, velocity.v_ned_mps)
         if velocity is None or difference is None:
             return
         north, east, _ = velocity.v_ned_mps

@@ -1,22 +1,19 @@
-"""The filter's life: origin, seeding, what drives it, and the comparison with GNSS."""
+"""The filter's life: origin, seeding, what drives it, and whether GNSS or the operator can be right."""
 
 from __future__ import annotations
-
-from collections import deque
 
 import numpy as np
 
 from visloc_companion.core import fusion
 from visloc_companion.core.estimator import PositionFilter, Velocity
+from visloc_companion.core.gnss_track import GnssTrack
 from visloc_companion.core.odometry_aiding import OdometryAiding
 from visloc_companion.core.requests import UNKNOWN_HEIGHT_SIGMA_M, height_sigma_m
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
-from visloc_companion.types import Accepted, Fix, GeoPoint, NavState, Odometry, Rejected, TooOld, Vec2, Vec3
+from visloc_companion.types import Accepted, Fix, GeoPoint, NavState, Odometry, Rejected, TooOld
 
 MIN_VELOCITY_INTERVAL_NS = 5_000_000
-GNSS_SPAN_NS = 12_000_000_000
-MAX_GNSS_GAP_NS = 1_500_000_000
 OPERATOR_REACH_M = 100_000.0
 OPERATOR_MARGIN_M = 50.0
 GNSS_BIAS_SIGMA_M = 3.0
@@ -24,14 +21,14 @@ GNSS_BIAS_SIGMA_M = 3.0
 
 
 class Tracker:
-    """Position filter with the inputs that it keeps for it: velocity, height, recent GNSS positions."""
+    """Position filter with the inputs that it keeps for it: velocity, height, the receiver's positions (`gnss`)."""
 
     def __init__(self, settings: NavigatorSettings) -> None:
         self._settings = settings
         self._filter: PositionFilter | None = None
         self._velocity: Velocity | None = None
-        self._gnss: deque[tuple[int, GeoPoint]] = deque()
         self._odometry = OdometryAiding()
+        self.gnss = GnssTrack()
         self.origin: GeoPoint | None = None
         self.height_above_home_m: float | None = None
 
@@ -109,35 +106,6 @@ class Tracker:
         """Take a trusted GNSS position; None before seeding."""
         return None if self._filter is None else self._filter.observe_gnss(t_ns, place, sigma_m)
 
-    def remember_gnss(self, t_ns: int, place: GeoPoint) -> None:
-        """Keep a receiver's position for comparisons with fixes, which come later."""
-        if self._gnss and t_ns <= self._gnss[-1][0]:
-            return
-        self._gnss.append((t_ns, place))
-        while self._gnss[0][0] < t_ns - GNSS_SPAN_NS:
-            self._gnss.popleft()
-
-    def gnss_minus(self, fix: Fix, v_ned_mps: Vec3) -> Vec2 | None:
-        """GNSS minus a fix at the fix's image time, north and east metres.
-
-        Between two reports of the receiver it interpolates; outside of them it moves the nearest one by the velocity.
-        """
-        near = [item for item in self._gnss if abs(item[0] - fix.t_ns) <= MAX_GNSS_GAP_NS]
-        if not near:
-            return None
-        before = [item for item in near if item[0] <= fix.t_ns]
-        after = [item for item in near if item[0] > fix.t_ns]
-        if before and after:
-            (t0, place0), (t1, place1) = before[-1], after[0]
-            share = (fix.t_ns - t0) / (t1 - t0)
-            n0, e0, _ = wgs84.ned_from_geo(place0, fix.place)
-            n1, e1, _ = wgs84.ned_from_geo(place1, fix.place)
-            return n0 + share * (n1 - n0), e0 + share * (e1 - e0)
-        t0, place0 = before[-1] if before else after[0]
-        dt_s = (fix.t_ns - t0) * 1e-9
-        north, east, _ = wgs84.ned_from_geo(place0, fix.place)
-        return north + v_ned_mps[0] * dt_s, east + v_ned_mps[1] * dt_s
-
     def out_of_reach(self, t_ns: int, place: GeoPoint, sigma_m: float) -> bool:
         """Whether a GNSS position is outside the gate about our own state."""
         state = self.at(t_ns)
@@ -155,6 +123,7 @@ class Tracker:
         if wgs84.distance_m(place, self.origin) > OPERATOR_REACH_M:
             return "too far from origin"
         far_m = 4 * sigma_m + OPERATOR_MARGIN_M
-        if gnss_trusted and self._gnss and wgs84.distance_m(place, self._gnss[-1][1]) > far_m:
+        receiver = self.gnss.newest
+        if gnss_trusted and receiver is not None and wgs84.distance_m(place, receiver) > far_m:
             return "far from trusted GNSS"
         return None

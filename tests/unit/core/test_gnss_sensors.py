@@ -9,8 +9,6 @@ import pytest
 
 from visloc_companion.core.gnss_height import HeightTest, pressure_altitude_m
 from visloc_companion.core.gnss_odometry import OdometryTest
-from visloc_companion.core.gnss_track import GnssTrack
-from visloc_companion.geo import wgs84
 from visloc_companion.types import Baro, GeoPoint
 
 S = 1_000_000_000
@@ -110,27 +108,3 @@ def test_no_height_is_judged_without_a_fresh_and_possible_pressure() -> None:
     test.on_baro(Baro(2 * S, 0, 1000.0, 15.0))
     test.on_gnss(9 * S, 50.0, None)
     assert test.log_r == -math.inf
-
-
-def track(*points: tuple[float, float]) -> GnssTrack:
-    got = GnssTrack()
-    for t_s, north_m in points:
-        got.add(round(t_s * S), wgs84.geo_from_ned((north_m, 0.0, 0.0), HERE))
-    return got
-
-
-def test_displacements_are_interpolated_between_positions() -> None:
-    got = track((1.0, 0.0), (2.0, 10.0), (3.0, 20.0), (2.5, 999.0))
-    assert got.newest_ns == 3 * S
-    assert got.displacement(round(1.5 * S), round(2.7 * S)) == pytest.approx((12.0, 0.0), abs=1e-3)
-    assert got.displacement(S, 3 * S) == pytest.approx((20.0, 0.0), abs=1e-3)
-    assert got.displacement(0, 2 * S) is None
-    assert got.displacement(S, 4 * S) is None
-
-
-def test_holes_are_not_interpolated_and_old_positions_go() -> None:
-    assert track((1.0, 0.0), (5.0, 40.0)).displacement(2 * S, 5 * S) is None
-    long = track(*((float(k), 10.0 * k) for k in range(40)))
-    assert long.displacement(2 * S, 30 * S) is None
-    long.clear()
-    assert long.newest_ns is None

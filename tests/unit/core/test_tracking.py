@@ -81,19 +81,6 @@ def test_origin_moves_only_a_frame_in_use() -> None:
     assert state.p_ned_m[0] == pytest.approx(-100.0, abs=1e-3)
 
 
-def test_gnss_minus_fix_at_image_time() -> None:
-    tracker = ready()
-    for k in range(5):
-        tracker.remember_gnss(k * S, at(10.0 * k + 7.0))
-    tracker.remember_gnss(2 * S, at(999.0))  # late: ignored
-    assert tracker.gnss_minus(fix(1.5, 15.0), (10.0, 0.0, 0.0)) == pytest.approx((7.0, 0.0), abs=1e-3)
-    assert tracker.gnss_minus(fix(4.5, 45.0), (10.0, 0.0, 0.0)) == pytest.approx((7.0, 0.0), abs=1e-3)
-    assert tracker.gnss_minus(fix(-0.5, -5.0), (10.0, 0.0, 0.0)) == pytest.approx((7.0, 0.0), abs=1e-3)
-    assert tracker.gnss_minus(fix(9.0, 90.0), (10.0, 0.0, 0.0)) is None
-    tracker.remember_gnss(100 * S, at(0.0))
-    assert tracker.gnss_minus(fix(2.0, 20.0), (10.0, 0.0, 0.0)) is None
-
-
 def test_reach() -> None:
     tracker = ready()
     assert not tracker.out_of_reach(0, at(10.0), 1.5)
@@ -106,7 +93,7 @@ def test_sanity_of_the_operators_position() -> None:
     tracker = ready()
     assert tracker.implausible(at(150_000.0), 5.0, gnss_trusted=False) == "too far from origin"
     assert tracker.implausible(at(500.0), 5.0, gnss_trusted=True) is None
-    tracker.remember_gnss(0, at(0.0))
+    tracker.gnss.add(0, at(0.0))
     assert tracker.implausible(at(500.0), 5.0, gnss_trusted=True) == "far from trusted GNSS"
     assert tracker.implausible(at(500.0), 5.0, gnss_trusted=False) is None
     assert tracker.implausible(at(60.0), 5.0, gnss_trusted=True) is None
