@@ -102,6 +102,16 @@ def texture(seed: int, size: int = 500) -> Image:
     return np.clip(image, 0, 255).astype(np.uint8)
 
 
+def blobs(seed: int = 1, size: int = 1024) -> Image:
+    """Blobs and grain of several sizes: corners everywhere, no edges."""
+    rng = np.random.default_rng(seed)
+    image = np.full((size, size), 110.0, np.float32)
+    for sigma, strength in ((1.0, 22.0), (3.0, 22.0), (12.0, 25.0)):
+        layer = cv2.GaussianBlur(rng.standard_normal((size, size)).astype(np.float32), (0, 0), sigma)
+        image += strength * layer / layer.std()
+    return np.clip(image, 0, 255).astype(np.uint8)
+
+
 def render(world: FlatMap, model: CameraModel, p_ned_m: Vec3, euler_rad: Vec3) -> Image:
     """What a camera over the map sees: rays marched onto the surface; written apart from the code under test."""
     v, u = np.mgrid[0 : model.height_px, 0 : model.width_px]
@@ -164,4 +174,4 @@ def hilly() -> FlatMap:
 @pytest.fixture(scope="session")
 def support() -> SimpleNamespace:
     """The helpers of this file."""
-    return SimpleNamespace(render=render, request_at=request_at, texture=texture, FlatMap=FlatMap)
+    return SimpleNamespace(render=render, request_at=request_at, texture=texture, blobs=blobs, FlatMap=FlatMap)

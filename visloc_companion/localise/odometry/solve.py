@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from visloc_companion.localise.pinhole import projected
 from visloc_companion.types import FloatArray
 
 D, TURN, TILT, LEVEL, SLOPE, RANGE, UP = slice(0, 3), slice(3, 6), slice(6, 8), 8, slice(9, 11), 11, 12
@@ -140,12 +141,7 @@ def _linearised(
     r = ground.at_ned_m + along * lower[:, None] - x[D]
     R = _turned(x[TURN]) @ prior.R_ned_cam
     q = r @ R
-    ahead = q[:, 2] > 1e-3
-    z = np.where(ahead, q[:, 2], 1.0)
-    uv = q[:, :2] / z[:, None]
-    J_q = np.zeros((len(r), 2, 3))
-    J_q[:, 0, 0] = J_q[:, 1, 1] = focal_px / z
-    J_q[:, 0, 2], J_q[:, 1, 2] = -focal_px * uv[:, 0] / z, -focal_px * uv[:, 1] / z
+    uv, J_q, ahead = projected(q, focal_px)
     J_r = J_q @ R.T
     J = np.zeros((len(r), 2, UNKNOWNS))
     J[:, :, D] = -J_r
@@ -155,7 +151,7 @@ def _linearised(
     J[:, :, RANGE] = g * ground.ranged[:, None]
     J[:, :, SLOPE] = (g * plain[:, None])[:, :, None] * ne[:, None, :]
     J[:, :, TILT] = g[:, :, None] * (ne[:, ::-1] * [-1.0, 1.0])[:, None, :]
-    return focal_px * (xy - uv), J, g * grown[:, None], np.asarray(ahead, dtype=np.bool_)
+    return focal_px * (xy - uv), J, g * grown[:, None], ahead
 
 
 def _weights(g: FloatArray, spread: FloatArray, scatter: float) -> FloatArray:

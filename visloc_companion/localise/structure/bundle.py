@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from visloc_companion.localise.pinhole import projected
 from visloc_companion.localise.structure.tracks import Tracks
 from visloc_companion.types import FloatArray
 
@@ -110,16 +111,11 @@ def _linearised(
     """Measured minus predicted (O, 2) pixels, Jacobians (O, 2, 6) of the pose and (O, 2, 3) of the point, and what lies ahead."""
     R, r = T[tracks.frame, :3, :3], points[tracks.point] - T[tracks.frame, :3, 3]
     q = np.einsum("oji,oj->oi", R, r)
-    ahead = q[:, 2] > 1e-3
-    z = np.where(ahead, q[:, 2], 1.0)
-    uv = q[:, :2] / z[:, None]
-    J_q = np.zeros((len(r), 2, 3))
-    J_q[:, 0, 0] = J_q[:, 1, 1] = focal_px / z
-    J_q[:, 0, 2], J_q[:, 1, 2] = -focal_px * uv[:, 0] / z, -focal_px * uv[:, 1] / z
+    uv, J_q, ahead = projected(q, focal_px)
     J_point = np.einsum("oij,okj->oik", J_q, R)
     turned = np.cross(r[:, None, :], np.eye(3)[None])  # d q = R^T (r x w): rows r x e_k
     J_pose = np.concatenate([-J_point, np.einsum("oij,okj->oik", J_point, turned)], axis=2)
-    return focal_px * (tracks.xy - uv), J_pose, J_point, np.asarray(ahead, dtype=np.bool_)
+    return focal_px * (tracks.xy - uv), J_pose, J_point, ahead
 
 
 def _deviation(T: FloatArray, priors: PosePriors) -> FloatArray:

@@ -20,16 +20,6 @@ WIDE = CameraModel(320, 240, 220.0, 220.0, 159.5, 119.5, (-0.08, 0.01, 0.0, 0.0,
 PERIOD_NS = 250_000_000
 
 
-def texture(seed: int = 1, size: int = 1024) -> Image:
-    """Blobs and grain of several sizes."""
-    rng = np.random.default_rng(seed)
-    image = np.full((size, size), 110.0, np.float32)
-    for sigma, strength in ((1.0, 22.0), (3.0, 22.0), (12.0, 25.0)):
-        layer = cv2.GaussianBlur(rng.standard_normal((size, size)).astype(np.float32), (0, 0), sigma)
-        image += strength * layer / layer.std()
-    return np.clip(image, 0, 255).astype(np.uint8)
-
-
 @dataclass(frozen=True)
 class Ground:
     """A plane at up = 0 under the origin that rises towards north by `slope`; texels of `texel_m`."""
@@ -80,12 +70,14 @@ def path(n: int, step_m: FloatArray | tuple[float, float, float], start=(0.0, 0.
 
 
 @pytest.fixture(scope="session")
-def odo() -> SimpleNamespace:
+def odo(support) -> SimpleNamespace:
     """The helpers of this file."""
-    return SimpleNamespace(MODEL=MODEL, WIDE=WIDE, Ground=Ground, texture=texture, sight=sight, path=path, PERIOD_NS=PERIOD_NS)
+    return SimpleNamespace(
+        MODEL=MODEL, WIDE=WIDE, Ground=Ground, texture=support.blobs, sight=sight, path=path, PERIOD_NS=PERIOD_NS
+    )
 
 
 @pytest.fixture(scope="session")
-def field() -> Ground:
+def field(support) -> Ground:
     """Level ground."""
-    return Ground(texture())
+    return Ground(support.blobs())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from types import SimpleNamespace
 
 import cv2
@@ -20,17 +21,8 @@ WIDE = CameraModel(320, 240, 212.7, 212.7, 159.5, 119.5, (-0.08, 0.01, 0.0, 0.0,
 ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 TEXEL_M = 0.25
 REACH_M = 160.0
-
-
-def texture(seed: int) -> Image:
-    """Blobs and grain of several sizes over REACH_M each way."""
-    rng = np.random.default_rng(seed)
-    size = round(2 * REACH_M / TEXEL_M)
-    image = np.full((size, size), 110.0, np.float32)
-    for sigma, strength in ((1.0, 22.0), (3.0, 22.0), (12.0, 25.0)):
-        layer = cv2.GaussianBlur(rng.standard_normal((size, size)).astype(np.float32), (0, 0), sigma)
-        image += strength * layer / layer.std()
-    return np.clip(image, 0, 255).astype(np.uint8)
+"""The texture of a world reaches so far each way."""
+SIDE_PX = round(2 * REACH_M / TEXEL_M)
 
 
 @dataclass(frozen=True)
@@ -114,14 +106,15 @@ def flown(
 
 
 @pytest.fixture(scope="session")
-def structure() -> SimpleNamespace:
+def structure(support) -> SimpleNamespace:
     """The helpers of this file."""
+    texture = partial(support.blobs, size=SIDE_PX)
     return SimpleNamespace(
         Box=Box, MODEL=MODEL, WIDE=WIDE, World=World, disturbed=disturbed, flown=flown, pose=pose, posed=posed, texture=texture
     )
 
 
 @pytest.fixture(scope="session")
-def town() -> World:
+def town(structure) -> World:
     """Two boxes of 12 and 20 m on level ground."""
-    return World(texture(1), (Box(-14, 6, -10, 12, 12.0), Box(22, 32, -25, -5, 20.0)))
+    return World(structure.texture(1), (Box(-14, 6, -10, 12, 12.0), Box(22, 32, -25, -5, 20.0)))
