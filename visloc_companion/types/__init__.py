@@ -56,6 +56,7 @@ from visloc_companion.types.events import (
     SourceSwitched,
     Tick,
     TimesyncSample,
+    Turn,
     WorkerState,
 )
 from visloc_companion.types.values import (
@@ -119,6 +120,7 @@ __all__ = [
     "Tick",
     "TimesyncSample",
     "TooOld",
+    "Turn",
     "Vec2",
     "Vec3",
     "Verdict",

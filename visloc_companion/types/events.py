@@ -163,6 +163,20 @@ class Odometry:
 
 
 @dataclass(frozen=True, slots=True)
+class Turn:
+    """How the camera's body turned between two frames, by the picture alone.
+
+    `q_from_to` is its attitude at `t_to_ns` in its axes at `t_from_ns`; `cov_rad2` (3x3) is of the small turn about its axes at
+    `t_to_ns` that is wrong with it.
+    """
+
+    t_from_ns: int
+    t_to_ns: int
+    q_from_to: Quat
+    cov_rad2: tuple[Vec3, Vec3, Vec3]
+
+
+@dataclass(frozen=True, slots=True)
 class Fix:
     """An absolute pose of the camera at image time, from one frame.
 
@@ -170,7 +184,7 @@ class Fix:
     axis down). `cov_ne_m2` is the claimed covariance of the horizontal position, `sigma_h_m` that of the height.
     `probability_wrong` is the calibrated probability that the fix is a wrong match (error beyond what the covariance
     explains). `score` and `runner_up` are correlation peaks, `evidence` holds named numbers for reports. `motion`: how the camera
-    moved until the frame that was asked about, where that was seen.
+    moved until the frame that was asked about, `turn`: how it turned, where that was seen.
     """
 
     t_rx_ns: int
@@ -187,11 +201,12 @@ class Fix:
     elapsed_ms: float
     evidence: tuple[tuple[str, float], ...] = ()
     motion: Odometry | None = None
+    turn: Turn | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class NoFix:
-    """The localiser declines to answer, and says why. `motion` as in a Fix."""
+    """The localiser declines to answer, and says why. `motion` and `turn` as in a Fix."""
 
     t_rx_ns: int
     t_ns: int
@@ -203,6 +218,7 @@ class NoFix:
     detail: str = ""
     evidence: tuple[tuple[str, float], ...] = ()
     motion: Odometry | None = None
+    turn: Turn | None = None
 
 
 @dataclass(frozen=True, slots=True)
