@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from statistics import median
 
 import numpy as np
@@ -20,18 +20,38 @@ from visloc_companion.localise.odometry.base import FlowSettings, Sight, Step, S
 from visloc_companion.localise.plan import LocalFrame, local_frame
 from visloc_companion.localise.pose import heading_and_tilt
 from visloc_companion.protocols import Localiser, ReferenceMap
-from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix, Odometry, ReferencePatch
+from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix, Odometry, ReferencePatch
 
 REACH_HEIGHTS = 1.6
 """Half side of the map's window in heights above the ground: what a camera sees that is tilted by 45 degrees, nearly."""
 WINDOW_PX = 200
 KEPT_SHARE = 0.4
-"""A window serves as long as the camera stays within this share of its half side from its middle."""
+"""A window serves as long as the camera stays within this share of its half side from its middle, ..."""
+OUTGROWN = 1.25
+"""... and as long as the height asks for one no larger or smaller than by this factor."""
+LEAST_HEIGHT_M = 10.0
 HEADINGS = 5
 HEADING_AGE_NS = 60_000_000_000
 SURE = 0.01
 LEARNED_YAW_SIGMA_RAD = math.radians(1.0)
 """1-sigma of the heading that recent fixes corrected."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Window:
+    """A part of the map, half its side in metres, and the surface's height at its middle."""
+
+    patch: ReferencePatch
+    half_m: float
+    ground_amsl_m: float
+
+    def serves(self, at_map_m: FloatArray, h_amsl_m: float) -> bool:
+        """Whether a camera at a place and height sees this part, and not much less than it."""
+        height, width = self.patch.valid.shape
+        middle = self.patch.T_map_pix @ np.array([(width - 1) / 2, (height - 1) / 2, 1.0])
+        needed = REACH_HEIGHTS * max(LEAST_HEIGHT_M, h_amsl_m - self.ground_amsl_m) / self.half_m
+        near = float(np.abs(at_map_m - middle).max()) <= KEPT_SHARE * self.half_m
+        return near and 1 / OUTGROWN <= needed <= OUTGROWN
 
 
 class WithMotion:
@@ -40,7 +60,7 @@ class WithMotion:
     def __init__(self, localiser: Localiser, model: CameraModel, settings: FlowSettings | None = None) -> None:
         self._localiser = localiser
         self._flow = FrameToFrame(model, settings)
-        self._window: tuple[ReferencePatch, float] | None = None
+        self._window: _Window | None = None
         self._headings: deque[tuple[int, float]] = deque(maxlen=HEADINGS)
 
     @property
@@ -104,33 +124,28 @@ class WithMotion:
 
     def _surface(self, request: LocaliseRequest, ref: ReferenceMap, frame: LocalFrame) -> Surface | None:
         """The surface about the camera, about its believed place; None off the map."""
-        at = np.array(frame.to_map(np.zeros(2)))
-        if self._window is None or float(np.abs(at - _middle(self._window[0])).max()) > KEPT_SHARE * self._window[1]:
+        at, h_amsl_m = np.array(frame.to_map(np.zeros(2))), request.prior.place.h_amsl_m
+        if self._window is None or not self._window.serves(at, h_amsl_m):
             try:
-                self._window = _window(request, ref, at)
+                self._window = _window(h_amsl_m, ref, at)
             except OutsideMap:
                 self._window = None
         if self._window is None:
             return None
-        patch = self._window[0]
+        patch = self._window.patch
         heights = np.where(patch.valid & np.isfinite(patch.dsm_amsl_m), patch.dsm_amsl_m, np.nan).astype(np.float32)
         return Surface(heights, frame.A_ne_pix(patch.T_map_pix))
 
 
-def _window(request: LocaliseRequest, ref: ReferenceMap, at_map_m: np.ndarray) -> tuple[ReferencePatch, float] | None:
-    """The map about a place, and its half side in metres. Raises OutsideMap."""
+def _window(h_amsl_m: float, ref: ReferenceMap, at_map_m: FloatArray) -> _Window | None:
+    """The map about a place, for a camera at a height; None where no height is known there. Raises OutsideMap."""
     centre = (float(at_map_m[0]), float(at_map_m[1]))
     below = ref.patch(centre, (3, 3), ref.gsd_m, 0.0).dsm_amsl_m
     known = below[np.isfinite(below)]
     if not len(known):
         return None
-    half_m = REACH_HEIGHTS * max(10.0, request.prior.place.h_amsl_m - float(np.median(known)))
+    ground_amsl_m = float(np.median(known))
+    half_m = REACH_HEIGHTS * max(LEAST_HEIGHT_M, h_amsl_m - ground_amsl_m)
     gsd_m = max(ref.gsd_m, 2 * half_m / WINDOW_PX)
     side = math.ceil(2 * half_m / gsd_m) + 1
-    return ref.patch(centre, (side, side), gsd_m, 0.0), half_m
-
-
-def _middle(patch: ReferencePatch) -> np.ndarray:
-    """Map coordinates of a window's middle."""
-    height, width = patch.valid.shape
-    return np.asarray(patch.T_map_pix @ np.array([(width - 1) / 2, (height - 1) / 2, 1.0]))
+    return _Window(ref.patch(centre, (side, side), gsd_m, 0.0), half_m, ground_amsl_m)

@@ -10,7 +10,7 @@ import pytest
 
 from visloc_companion.errors import Reason
 from visloc_companion.geo.se3 import quat_from_euler
-from visloc_companion.localise.with_motion import HEADINGS, WithMotion
+from visloc_companion.localise.with_motion import HEADINGS, REACH_HEIGHTS, WithMotion
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix
 
@@ -90,6 +90,20 @@ def test_a_compass_that_fixes_contradict_turns_no_displacement(support, flat) ->
     alone = flown(support, flat, WithMotion(Witness(), MODEL), points, compass_rad=off)[-1].motion
     assert alone is not None
     assert motion.sigma_heading_rad < 0.5 * alone.sigma_heading_rad
+
+
+def test_a_climb_asks_for_more_of_the_map_and_a_descent_for_less(support, flat, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Above one place: the window that is enough at 70 m is a third of what is wanted at 200 m, and the other way round."""
+    reach_m: list[float] = []
+    patch = type(flat).patch
+    monkeypatch.setattr(type(flat), "patch", lambda *a: reach_m.append(a[2][0] * a[3] / 2) or patch(*a))
+    localiser = WithMotion(Witness(), MODEL)
+    for k, (height_m, asked) in enumerate(((70.0, 1), (75.0, 0), (200.0, 1), (60.0, 1))):
+        before = len(reach_m)
+        flown(support, flat, localiser, [(0.0, 0.0, -100.0 - height_m)], first=k)
+        assert len(reach_m) - before == 2 * asked  # the ground's height, and the window
+        if asked:
+            assert reach_m[-1] == pytest.approx(REACH_HEIGHTS * height_m, rel=0.02)
 
 
 def test_off_the_map_and_without_texture_there_is_none(support, flat) -> None:
