@@ -43,11 +43,11 @@ class Asking:
         return self._attitude.at(t_boot_ns) or self._attitude.at(newest)
 
     def _about_terrain(self, now_ns: int, injecting: bool, gnss_trusted: bool) -> list[Command]:
-        terrain, state, belief = self._terrain, self._tracker.at(now_ns), self._tracker.belief
-        q_ned_frd = self.attitude_now(now_ns)
-        if terrain is None or state is None or belief is None or q_ned_frd is None:
+        terrain, belief = self._terrain, self._tracker.belief
+        if terrain is None or belief is None or not self._queue.free or not terrain.due(now_ns):
             return []
-        if not self._queue.free or not terrain.due(now_ns):
+        state, q_ned_frd = self._tracker.at(now_ns), self.attitude_now(now_ns)
+        if state is None or q_ned_frd is None:
             return []
         prior = self._prior(state, q_ned_frd, LEVEL, injecting)
         steady = gnss_trusted and not belief.feedback
