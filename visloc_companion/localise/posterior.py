@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -115,7 +116,9 @@ def _modes(volume: ScoreVolume, rows: NDArray[np.int64], cols: NDArray[np.int64]
     inner_rows, inner_cols = rows + MODE_RADIUS_PX, cols + MODE_RADIUS_PX
     rank[inner_rows[order], inner_cols[order]] = np.arange(1, len(p) + 1)
     reach = range(-MODE_RADIUS_PX, MODE_RADIUS_PX + 1)
-    highest = np.max([rank[inner_rows + r, inner_cols + c] for r in reach for c in reach], axis=0)
+    highest = rank[inner_rows, inner_cols]
+    for r, c in product(reach, reach):  # one at a time: over a whole map all of them at once are gigabytes
+        np.maximum(highest, rank[inner_rows + r, inner_cols + c], out=highest)
     leader = order[highest - 1]
     while not np.array_equal(beyond := leader[leader], leader):
         leader = beyond
