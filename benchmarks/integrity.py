@@ -26,6 +26,7 @@ from visloc_companion.core import fusion, separation
 from visloc_companion.core.estimator import PositionFilter, Velocity
 from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.odometry_aiding import OdometryAiding
+from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Fix, FloatArray, GeoPoint, Odometry
@@ -177,7 +178,7 @@ def flown(flight: Flight, seed: int, settings: NavigatorSettings | None = None, 
         bias = a * bias + flight.velocity_sigma_mps * math.sqrt(1 - a * a) * rng.standard_normal(2)
         v = step / DT_S + bias + autopilot_dv
         position_filter.drive(
-            Velocity(_ns(t_s), (float(v[0]), float(v[1]), 0.0), HEIGHT_M, settings.velocity_sigma_aiding_mps, feedback=True)
+            Velocity(_ns(t_s), (float(v[0]), float(v[1]), 0.0), HEIGHT_M, settings.velocity_sigma_aiding_mps, Drive.FED_BACK)
         )
         if eyes is not None and k % FRAME_STEPS == 0:
             eyes.look(position_filter, t_s, truth, rng)
@@ -199,10 +200,11 @@ def _started(settings: NavigatorSettings, at: FloatArray, rng: np.random.Generat
         (float(start[0]), float(start[1])),
         settings.seed_sigma_m,
         settings.velocity_sigma_aiding_mps,
-        feedback=True,
+        Drive.FED_BACK,
         sigma_h_m=3.0,
+        settings=settings,
     )
-    still = Velocity(0, (0.0, 0.0, 0.0), HEIGHT_M, settings.velocity_sigma_aiding_mps, feedback=True)
+    still = Velocity(0, (0.0, 0.0, 0.0), HEIGHT_M, settings.velocity_sigma_aiding_mps, Drive.FED_BACK)
     return PositionFilter(settings, ORIGIN, belief, still)
 
 

@@ -139,6 +139,10 @@ class NavigatorConfig(Section):
     """The same while the autopilot flies on our injections or on a GNSS that is not trusted."""
     velocity_correlation_s: Positive = 20.0
     """Correlation time of that error."""
+    acceleration_sigma_mps2: Positive = 0.2
+    """1-sigma of the slow error of the accelerations (sensor, tilt), which drive the filter while GNSS is not trusted."""
+    acceleration_correlation_s: Positive = 20.0
+    """Correlation time of that error."""
     gate_sigma: Positive = 4.0
     """Fixes further than this many sigma from the filter are rejected."""
     relocalise_after_rejections: Annotated[int, Field(ge=2)] = 4

@@ -9,6 +9,7 @@ import pytest
 
 from visloc_companion.core import fusion
 from visloc_companion.core.estimator import PositionFilter, Velocity
+from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Fix, GeoPoint
@@ -29,11 +30,11 @@ def fix_at(t_s: float, ne_m: np.ndarray, sigma_m: float, frame_id: int) -> Fix:
     return Fix(ns(t_s) + 300_000_000, ns(t_s), frame_id, frame_id, "t", place, (1.0, 0.0, 0.0, 0.0), cov, 2.0, 0.1, 0.001, 5.0)
 
 
-def normalised_errors(seed: int, claimed_share: float, feedback: bool, fix_period_s: float) -> list[float]:
+def normalised_errors(seed: int, claimed_share: float, drive: Drive, fix_period_s: float) -> list[float]:
     """Errors over claimed sigma, both axes, through one flight of 150 s with 30 s without fixes at the end."""
     rng = np.random.default_rng(seed)
     tau, dt = SETTINGS.velocity_correlation_s, 0.1
-    sigma_v = SETTINGS.velocity_sigma_aiding_mps if feedback else SETTINGS.velocity_sigma_mps
+    sigma_v = SETTINGS.velocity_sigma_aiding_mps if drive is Drive.FED_BACK else SETTINGS.velocity_sigma_mps
     p, b = np.zeros(2), sigma_v * rng.standard_normal(2)
     map_error = SETTINGS.map_sigma_m * rng.standard_normal(2)
 
@@ -42,10 +43,10 @@ def normalised_errors(seed: int, claimed_share: float, feedback: bool, fix_perio
 
     def sample(t_s: float) -> Velocity:
         v = velocity(t_s) + b
-        return Velocity(ns(t_s), (float(v[0]), float(v[1]), 0.0), 140.0, sigma_v, feedback)
+        return Velocity(ns(t_s), (float(v[0]), float(v[1]), 0.0), 140.0, sigma_v, drive)
 
     start = p + SETTINGS.seed_sigma_m * rng.standard_normal(2)
-    begin = fusion.seeded(0, (float(start[0]), float(start[1])), SETTINGS.seed_sigma_m, sigma_v, feedback, 3.0)
+    begin = fusion.seeded(0, (float(start[0]), float(start[1])), SETTINGS.seed_sigma_m, sigma_v, drive, 3.0, SETTINGS)
     kalman_filter = PositionFilter(SETTINGS, ORIGIN, begin, sample(0.0))
     errors: list[float] = []
     a = math.exp(-dt / tau)
@@ -69,14 +70,14 @@ def rms(values: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-@pytest.mark.parametrize(("feedback", "fix_period_s"), [(False, 0.5), (True, 0.5), (True, 2.0)])
-def test_error_over_sigma_is_near_one_per_axis(feedback: bool, fix_period_s: float) -> None:
-    flights = [normalised_errors(seed, 1.0, feedback, fix_period_s) for seed in range(N_FLIGHTS)]
+@pytest.mark.parametrize(("drive", "fix_period_s"), [(Drive.AUTOPILOT, 0.5), (Drive.FED_BACK, 0.5), (Drive.FED_BACK, 2.0)])
+def test_error_over_sigma_is_near_one_per_axis(drive: Drive, fix_period_s: float) -> None:
+    flights = [normalised_errors(seed, 1.0, drive, fix_period_s) for seed in range(N_FLIGHTS)]
     for axis in range(2):
         assert BAND[0] <= rms([e for flight in flights for e in flight[axis::2]]) <= BAND[1]
 
 
 def test_an_over_confident_localiser_fails_the_same_check() -> None:
-    flights = [normalised_errors(seed, 1 / 3, False, 0.5) for seed in range(N_FLIGHTS)]
+    flights = [normalised_errors(seed, 1 / 3, Drive.AUTOPILOT, 0.5) for seed in range(N_FLIGHTS)]
     for axis in range(2):
         assert rms([e for flight in flights for e in flight[axis::2]]) > BAND[1]

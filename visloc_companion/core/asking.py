@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from visloc_companion.core import requests
 from visloc_companion.core.attitude import AttitudeBuffer
+from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.terrain_aiding import TerrainAiding
 from visloc_companion.core.timesync import ClockOffset
@@ -50,8 +51,9 @@ class Asking:
         if state is None or q_ned_frd is None:
             return []
         prior = self._prior(state, q_ned_frd, LEVEL, injecting)
-        steady = gnss_trusted and not belief.feedback
-        sigma_v_mps = math.sqrt(max(float(belief.P[2, 2]), float(belief.P[3, 3])))
+        steady = gnss_trusted and belief.drive is Drive.AUTOPILOT
+        known_mps = math.sqrt(max(float(belief.P[2, 2]), float(belief.P[3, 3])))
+        sigma_v_mps = belief.sigma_v_mps if belief.drive is Drive.INERTIAL else known_mps  # of the autopilot's own velocity
         asked = None if prior is None else terrain.request(self._queue.claimed(), now_ns, prior, sigma_v_mps, steady)
         return [] if asked is None else [asked]
 

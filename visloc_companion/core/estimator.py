@@ -11,9 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from visloc_companion.core import fusion, integrity, separation
+from visloc_companion.core import airspeed, fusion, integrity, separation
+from visloc_companion.core.airspeed import Airspeed
 from visloc_companion.core.fusion import UNAIDED_GAP_S, UNAIDED_SIGMA_MPS, Belief, Position
 from visloc_companion.core.motion import Motion, learned
+from visloc_companion.core.propagation import POSITION, VELOCITY, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Cov2, Fix, GeoPoint, NavState, Rejected, TooOld, Vec2, Vec3
@@ -25,16 +27,16 @@ MAX_CLIMB_HELD_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
-    """The autopilot's velocity and height at a time, and how far that velocity is to be believed."""
+    """The driving velocity and the autopilot's height at a time; `sigma_mps`: how far the autopilot's velocity is to be believed."""
 
     t_ns: int
     v_ned_mps: Vec3
     h_amsl_m: float
     sigma_mps: float
-    feedback: bool
+    drive: Drive
 
 
-Input = Velocity | Position | Motion
+Input = Velocity | Position | Motion | Airspeed
 Outcome = Accepted | Rejected | None
 
 
@@ -85,6 +87,11 @@ class PositionFilter:
         outcome = self._insert(motion)
         return outcome if outcome is not None else TooOld(0.0)
 
+    def observe_airspeed(self, z: Airspeed) -> None:
+        """Take a velocity through the air; one that is older than the memory is dropped."""
+        if z.t_ns >= self._base.t_ns:
+            self._insert(z)
+
     def drive(self, velocity: Velocity) -> None:
         """Take a velocity sample; one that is older than the memory is dropped."""
         if velocity.t_ns > self._base.t_ns:
@@ -92,9 +99,9 @@ class PositionFilter:
 
     def at(self, t_ns: int) -> NavState:
         """The state at a time: between inputs, or propagated beyond the last."""
-        k = bisect_right(self._log, t_ns, key=_time)
-        belief = self._carried(self._beliefs[k - 1] if k else self._base, t_ns, k)
-        north, east, b_north, b_east = (float(v) for v in belief.x)
+        k, belief = self._belief_at(t_ns)
+        north, east = (float(v) for v in belief.x[POSITION])
+        b_north, b_east = (float(v) for v in belief.x[VELOCITY])
         v_north, v_east = self._velocity_at(t_ns, k)
         extra = self._settings.map_sigma_m**2
         nn, ne, ee = float(belief.P[0, 0]), float(belief.P[0, 1]), float(belief.P[1, 1])
@@ -104,15 +111,14 @@ class PositionFilter:
             (v_north - b_north, v_east - b_east, self._velocity_before(k).v_ned_mps[2]),
             ((nn + extra, ne), (ne, ee + extra)),
             float(np.sqrt(belief.height_var_m2)),
-            max(0.0, (t_ns - _rested_ns(belief)) * 1e-9),
+            max(0.0, (t_ns - belief.rested_ns) * 1e-9),
         )
 
     def protection_level_m(self, t_ns: int) -> float:
         """Horizontal protection level at a time (core/integrity.py)."""
-        k = bisect_right(self._log, t_ns, key=_time)
-        belief = self._carried(self._beliefs[k - 1] if k else self._base, t_ns, k)
+        _, belief = self._belief_at(t_ns)
         level_m = integrity.protection_level_m(belief.x, belief.P, belief.without, self._settings)
-        return integrity.aged(level_m, (t_ns - _rested_ns(belief)) * 1e-9)
+        return integrity.aged(level_m, (t_ns - belief.rested_ns) * 1e-9)
 
     def move_origin(self, origin: GeoPoint) -> None:
         """Express everything about another origin; the vehicle stays where it is."""
@@ -155,16 +161,22 @@ class PositionFilter:
         entry = self._log[k]
         belief = self._carried(self.newest, entry.t_ns, k)
         if isinstance(entry, Velocity):
-            return fusion.with_velocity_trust(belief, entry.sigma_mps, entry.feedback), None
+            return fusion.with_velocity_trust(belief, entry.sigma_mps, entry.drive), None
         if isinstance(entry, Motion):
             return learned(belief, entry, self._travelled(belief, entry.t_from_ns), self._settings)
+        if isinstance(entry, Airspeed):
+            return airspeed.observed(belief, entry, self._velocity_at(entry.t_ns, k), self._settings)
         return fusion.observed(belief, entry, self._height_at(entry.t_ns, k), self._settings)
 
     def _travelled(self, belief: Belief, t_from_ns: int) -> Vec2:
         """How far the velocity input went since a time, north and east metres."""
-        k = bisect_right(self._log, t_from_ns, key=_time, hi=len(self._beliefs))
-        start = self._carried(self._beliefs[k - 1] if k else self._base, t_from_ns, k)
+        _, start = self._belief_at(t_from_ns)
         return belief.travel_ne_m[0] - start.travel_ne_m[0], belief.travel_ne_m[1] - start.travel_ne_m[1]
+
+    def _belief_at(self, t_ns: int) -> tuple[int, Belief]:
+        """How many inputs are no later than a time (of those that are folded), and the belief carried to it."""
+        k = bisect_right(self._log, t_ns, key=_time, hi=len(self._beliefs))
+        return k, self._carried(self._beliefs[k - 1] if k else self._base, t_ns, k)
 
     def _carried(self, belief: Belief, t_ns: int, k: int) -> Belief:
         start, end = self._velocity_at(belief.t_ns, k), self._velocity_at(t_ns, k)
@@ -185,7 +197,8 @@ class PositionFilter:
 
     def _share(self, t_ns: int, k: int) -> tuple[Velocity, Velocity, float]:
         before, after = self._velocity_before(k), self._velocity_from(k)
-        if after is None or after.t_ns <= before.t_ns:
+        another = before.drive is Drive.INERTIAL and after is not None and after.drive is not Drive.INERTIAL
+        if after is None or another or after.t_ns <= before.t_ns:
             return before, before, 0.0
         return before, after, (t_ns - before.t_ns) / (after.t_ns - before.t_ns)
 
@@ -212,18 +225,14 @@ class PositionFilter:
             del self._log[:n_old], self._beliefs[:n_old]
 
 
-def _rested_ns(belief: Belief) -> int:
-    return belief.started_ns if belief.last_fix_ns is None else belief.last_fix_ns
-
-
 def _time(entry: Input) -> int:
     return entry.t_ns
 
 
 def _key(entry: Input) -> tuple[int, int, int]:
-    if isinstance(entry, Velocity):
-        return entry.t_ns, 0, 0
-    return (entry.t_ns, 1, entry.t_from_ns) if isinstance(entry, Motion) else (entry.t_ns, 2, entry.tie)
+    if isinstance(entry, Velocity | Airspeed):
+        return entry.t_ns, 0 if isinstance(entry, Velocity) else 1, 0
+    return (entry.t_ns, 2, entry.t_from_ns) if isinstance(entry, Motion) else (entry.t_ns, 3, entry.tie)
 
 
 def _shifted(belief: Belief, shift: Vec2) -> Belief:
@@ -232,4 +241,6 @@ def _shifted(belief: Belief, shift: Vec2) -> Belief:
 
     rejected = tuple(replace(c, anchor_ne_m=moved(c.anchor_ne_m)) for c in belief.rejected)
     without = separation.shifted(belief.without, np.array(shift))
-    return replace(belief, x=belief.x + np.array([*shift, 0.0, 0.0]), rejected=rejected, without=without)
+    x = belief.x.copy()
+    x[POSITION] += shift
+    return replace(belief, x=x, rejected=rejected, without=without)

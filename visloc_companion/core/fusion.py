@@ -1,10 +1,10 @@
 """One step of the position filter as a pure function: belief and input in, belief out. The log and rewind: estimator.py.
 
-State (4,): horizontal position north, east at the EKF origin, and the error of the autopilot's velocity (its velocity minus
-the true one), first-order Gauss-Markov. The autopilot's velocity is an input, never a measurement. While we inject, that
-velocity descends from our own fixes (`feedback`): correcting it by a learned error and injecting the result would feed the
-correction back into its own source and run away, so the error is then only considered (Schmidt), never estimated, and grows
-with the time since the last fix, as an inertial solution that nothing else holds does.
+State and process: propagation.py. The velocity that drives the filter is an input, never a measurement; its error is a state.
+While an autopilot's velocity descends from our own fixes (`FED_BACK`), correcting it by a learned error and injecting the result
+would feed the correction back into its own source and run away, so the error is then only considered (Schmidt), never
+estimated, and grows with the time since the last fix. A velocity integrated from accelerations (`INERTIAL`) is fed by
+nothing of ours: its error, and that of the acceleration, are learned from fixes and odometry whatever is injected.
 """
 
 from __future__ import annotations
@@ -16,13 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.core import kalman, relocalise, separation
+from visloc_companion.core.propagation import (
+    N_CONSIDERED,
+    N_STATES,
+    POSITION,
+    VELOCITY,
+    Drive,
+    initial_covariance,
+    transition,
+)
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.errors import Reason
 from visloc_companion.types import Accepted, Cov2, FloatArray, Rejected, Vec2
 
-H_POSITION: FloatArray = np.eye(2, 4)
-WALK_M_PER_SQRT_S = 0.05
-"""Random walk of the integration itself (time stamps, rounding of the velocity messages)."""
+H_POSITION: FloatArray = np.eye(N_STATES)[POSITION]
 UNAIDED_GAP_S = 1.0
 UNAIDED_SIGMA_MPS = 3.0
 """1-sigma of the velocity error where no velocity arrived for UNAIDED_GAP_S, or the autopilot itself does not trust it."""
@@ -40,7 +47,8 @@ RECENT_S = 30.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """The filter at `t_ns`: mean x (4,), covariance P (4, 4), the integral of the velocity input, and its memory.
+    """The filter at `t_ns`: mean x (8,), covariance P (8, 8), and its memory. `travel_ne_m`: the integral of the driving velocity;
+    `moved_ne_m`: how far the propagation carried the position (for an inertial velocity without the error that it knows of).
 
     `votes`: each method with the time of its last fix; `without`: the solutions that leave fixes out (separation.py).
     """
@@ -49,8 +57,9 @@ class Belief:
     x: FloatArray
     P: FloatArray
     sigma_v_mps: float
-    feedback: bool
+    drive: Drive
     travel_ne_m: Vec2
+    moved_ne_m: Vec2
     height_offset_m: float
     height_var_m2: float
     started_ns: int
@@ -58,6 +67,11 @@ class Belief:
     rejected: tuple[relocalise.Candidate, ...] = ()
     votes: tuple[tuple[str, int], ...] = ()
     without: separation.Solutions = separation.NONE
+
+    @property
+    def rested_ns(self) -> int:
+        """The time of the last fix, or of the start before the first."""
+        return self.started_ns if self.last_fix_ns is None else self.last_fix_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,62 +89,59 @@ class Position:
     tie: int = 0
 
 
-def seeded(t_ns: int, p_ne_m: Vec2, sigma_m: float, sigma_v_mps: float, feedback: bool, sigma_h_m: float) -> Belief:
+def seeded(
+    t_ns: int, p_ne_m: Vec2, sigma_m: float, sigma_v_mps: float, drive: Drive, sigma_h_m: float, settings: NavigatorSettings
+) -> Belief:
     """A belief that starts from one position."""
-    P = np.diag([sigma_m**2, sigma_m**2, sigma_v_mps**2, sigma_v_mps**2])
-    x = np.array([p_ne_m[0], p_ne_m[1], 0.0, 0.0])
-    return Belief(t_ns, x, P, sigma_v_mps, feedback, (0.0, 0.0), 0.0, sigma_h_m**2, t_ns)
+    x = np.zeros(N_STATES)
+    x[POSITION] = p_ne_m
+    P = initial_covariance(sigma_m, sigma_v_mps, settings)
+    return Belief(t_ns, x, P, sigma_v_mps, drive, (0.0, 0.0), (0.0, 0.0), 0.0, sigma_h_m**2, t_ns)
 
 
-def with_velocity_trust(belief: Belief, sigma_mps: float, feedback: bool) -> Belief:
+def with_velocity_trust(belief: Belief, sigma_mps: float, drive: Drive) -> Belief:
     """Account for a change of where the velocity comes from.
 
-    A change of `feedback` makes it another velocity: its error starts anew. A larger sigma takes effect at once; a smaller
-    one over the correlation time.
+    An inertial velocity begins with the autopilot's: that error goes on. Any other change makes it another velocity, whose error
+    starts anew. A larger sigma of the autopilot's velocity takes effect at once; a smaller one over the correlation time.
     """
-    if feedback != belief.feedback:
-        x, P = belief.x.copy(), belief.P.copy()
-        x[2:], P[2:, :2], P[:2, 2:] = 0.0, 0.0, 0.0
+    if drive is not belief.drive and drive is not Drive.INERTIAL:
         variance = max(sigma_mps, belief.sigma_v_mps) ** 2
-        P[2:, 2:] = np.eye(2) * variance
-        without = separation.with_new_velocity(belief.without, variance)
-        return replace(belief, x=x, P=P, sigma_v_mps=sigma_mps, feedback=feedback, without=without)
-    if sigma_mps > belief.sigma_v_mps:
+        x, P = separation.with_new_velocity(belief.x, belief.P, variance)
+        others_x, others_P = separation.with_new_velocity(belief.without.x, belief.without.P, variance)
+        without = replace(belief.without, x=others_x, P=others_P)
+        return replace(belief, x=x, P=P, sigma_v_mps=sigma_mps, drive=drive, without=without)
+    if sigma_mps > belief.sigma_v_mps and drive is not Drive.INERTIAL:
         return replace(widened(belief, 0.0, sigma_mps**2 - belief.sigma_v_mps**2), sigma_v_mps=sigma_mps)
-    return belief if sigma_mps == belief.sigma_v_mps else replace(belief, sigma_v_mps=sigma_mps)
+    same = sigma_mps == belief.sigma_v_mps and drive is belief.drive
+    return belief if same else replace(belief, sigma_v_mps=sigma_mps, drive=drive)
 
 
 def propagated(belief: Belief, t_ns: int, v_ne_mps: Vec2, settings: NavigatorSettings) -> Belief:
-    """The belief carried to a later time by a mean velocity; exact for any division of the interval.
-
-    Discretisation of the integrated Gauss-Markov process in closed form (e.g. Brown & Hwang, section 5.3).
-    """
+    """The belief carried to a later time by a mean velocity; exact for any division of the interval."""
     dt = (t_ns - belief.t_ns) * 1e-9
     if dt <= 0:
         return belief
-    F, Q = _transition(dt, settings.velocity_correlation_s, np.array([_effective_sigma_mps(belief, settings)]))
-    moved = (v_ne_mps[0] * dt, v_ne_mps[1] * dt)
-    step = np.array([*moved, 0.0, 0.0])
-    x, P = kalman.predict(belief.x, belief.P, F, Q[0], step)
     without = belief.without
-    if len(without):
-        sigmas = _sigmas_mps(belief, without.x, without.rested_ns, settings)
-        without = separation.propagated(without, F, _transition(dt, settings.velocity_correlation_s, sigmas)[1], step)
-    travel = (belief.travel_ne_m[0] + moved[0], belief.travel_ne_m[1] + moved[1])
-    height_var = belief.height_var_m2 + HEIGHT_WALK_M_PER_SQRT_S**2 * dt
-    return replace(belief, t_ns=t_ns, x=x, P=P, travel_ne_m=travel, height_var_m2=height_var, without=without)
-
-
-def _transition(dt_s: float, tau_s: float, sigma_mps: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """F (4, 4), and Q (K, 4, 4) for K sigmas of the velocity's error."""
-    a = math.exp(-dt_s / tau_s)
-    variance = np.square(sigma_mps)
-    blocks = np.empty((len(variance), 2, 2))
-    blocks[:, 1, 1] = variance * (1 - a * a)
-    blocks[:, 0, 1] = blocks[:, 1, 0] = -variance * tau_s * (1 - a) ** 2
-    blocks[:, 0, 0] = variance * tau_s**2 * _integrated(dt_s / tau_s) + WALK_M_PER_SQRT_S**2 * dt_s
-    F = np.asarray(np.kron(np.array([[1.0, -tau_s * (1 - a)], [0.0, a]]), np.eye(2)), dtype=np.float64)
-    return F, np.asarray(np.kron(blocks, np.eye(2)), dtype=np.float64)
+    sigmas = _sigmas_mps(
+        belief, np.vstack([belief.x, without.x]), np.concatenate([[belief.rested_ns], without.rested_ns]), settings
+    )
+    F, Q = transition(dt, belief.drive, sigmas, settings)
+    went = (v_ne_mps[0] * dt, v_ne_mps[1] * dt)
+    step = np.zeros(N_STATES)
+    step[POSITION] = went
+    x, P = kalman.predict(belief.x, belief.P, F, Q[0], step)
+    moved = (x - belief.x)[POSITION] if belief.drive is Drive.INERTIAL else went
+    return replace(
+        belief,
+        t_ns=t_ns,
+        x=x,
+        P=P,
+        travel_ne_m=(belief.travel_ne_m[0] + went[0], belief.travel_ne_m[1] + went[1]),
+        moved_ne_m=(belief.moved_ne_m[0] + float(moved[0]), belief.moved_ne_m[1] + float(moved[1])),
+        height_var_m2=belief.height_var_m2 + HEIGHT_WALK_M_PER_SQRT_S**2 * dt,
+        without=separation.propagated(without, F, Q[1:], step),
+    )
 
 
 def blurred(belief: Belief, sigma_m: float) -> Belief:
@@ -140,25 +151,13 @@ def blurred(belief: Belief, sigma_m: float) -> Belief:
 
 def widened(belief: Belief, position_m2: float, velocity_m2ps2: float) -> Belief:
     """The belief with independent errors of position and of the velocity's error added, on each axis."""
-    more = np.diag([position_m2, position_m2, velocity_m2ps2, velocity_m2ps2])
+    more = np.diag([position_m2, position_m2, velocity_m2ps2, velocity_m2ps2, 0.0, 0.0, 0.0, 0.0])
     return replace(belief, P=belief.P + more, without=separation.widened(belief.without, more))
 
 
-def _integrated(spread: float) -> float:
-    """2 s - 3 + 4 exp(-s) - exp(-2 s), by its series where that cancels."""
-    if spread < 0.01:
-        return spread**3 * (2 / 3 - spread / 2 + 7 * spread**2 / 30)
-    return 2 * spread - 3 + 4 * math.exp(-spread) - math.exp(-2 * spread)
-
-
-def _effective_sigma_mps(belief: Belief, settings: NavigatorSettings) -> float:
-    rested_ns = belief.started_ns if belief.last_fix_ns is None else belief.last_fix_ns
-    return float(_sigmas_mps(belief, belief.x[None], np.array([rested_ns]), settings)[0])
-
-
 def _sigmas_mps(belief: Belief, x: FloatArray, rested_ns: NDArray[np.int64], settings: NavigatorSettings) -> FloatArray:
-    """1-sigma (K,) of the velocity's error of solutions x (K, 4) that rest on fixes of these times (K,)."""
-    if not belief.feedback:  # a large learned error does not relax to zero as the model says: allow for that
+    """1-sigma (K,) of the velocity's error of solutions x (K, 8) that rest on fixes of these times (K,)."""
+    if belief.drive is not Drive.FED_BACK:  # a large learned error does not relax to zero as the model says: allow for that
         return np.asarray(np.maximum(belief.sigma_v_mps, np.hypot(x[:, 2], x[:, 3]) / 2))
     rested_s = (belief.t_ns - np.maximum(rested_ns, belief.started_ns)) * 1e-9
     alone_s = np.maximum(0.0, rested_s - settings.dead_reckoning_after_s)
@@ -169,7 +168,7 @@ def observed(
     belief: Belief, z: Position, h_autopilot_amsl_m: float | None, settings: NavigatorSettings
 ) -> tuple[Belief, Accepted | Rejected]:
     """The belief after a position at its own time. Rejected fixes that agree with each other restart it at last."""
-    considered = 2 if belief.feedback else 0
+    considered = N_CONSIDERED if belief.drive is Drive.FED_BACK else 0
     got = kalman.update(
         belief.x,
         belief.P,
@@ -197,18 +196,17 @@ def _others(belief: Belief, z: Position, n_considered: int) -> separation.Soluti
     among = belief.without
     take = ~separation.leaving_out(among, z.method) if z.from_fix else np.ones(len(among), np.bool_)
     at, cov, rests_ns = np.array(z.p_ne_m), np.array(z.cov_ne_m2), z.t_ns if z.from_fix else None
-    among = separation.updated(among, at, cov, take=take, n_considered=n_considered, t_ns=rests_ns)
+    among = separation.updated(among, at, cov, H_POSITION, take=take, n_considered=n_considered, t_ns=rests_ns)
     return _founded(belief, z, among) if z.from_fix else among
 
 
 def _founded(belief: Belief, z: Position, among: separation.Solutions) -> separation.Solutions:
-    rested_ns = belief.started_ns if belief.last_fix_ns is None else belief.last_fix_ns
     recent = frozenset(method for method, t_ns in belief.votes if z.t_ns - t_ns <= RECENT_S * 1e9)
-    return separation.without_fix(among, z.method, z.probability_wrong, (belief.x, belief.P, rested_ns), recent)
+    return separation.without_fix(among, z.method, z.probability_wrong, (belief.x, belief.P, belief.rested_ns), recent)
 
 
 def _remembering(belief: Belief, z: Position) -> Belief:
-    anchor = (z.p_ne_m[0] - belief.travel_ne_m[0], z.p_ne_m[1] - belief.travel_ne_m[1])
+    anchor = (z.p_ne_m[0] - belief.moved_ne_m[0], z.p_ne_m[1] - belief.moved_ne_m[1])
     new = relocalise.Candidate(z.t_ns, z.p_ne_m, anchor, z.cov_ne_m2)
     return replace(belief, rejected=relocalise.remembered(belief.rejected, new))
 
@@ -218,9 +216,8 @@ def _doubting(belief: Belief, z: Position) -> Belief:
 
     A false velocity (GNSS velocity is spoofed, too) otherwise carries the filter away from the fixes that contradict it.
     """
-    rested_ns = belief.started_ns if belief.last_fix_ns is None else belief.last_fix_ns
     off_m = math.hypot(z.p_ne_m[0] - float(belief.x[0]), z.p_ne_m[1] - float(belief.x[1]))
-    explained = off_m <= relocalise.MAX_VELOCITY_ERROR_MPS * (z.t_ns - rested_ns) * 1e-9
+    explained = off_m <= relocalise.MAX_VELOCITY_ERROR_MPS * (z.t_ns - belief.rested_ns) * 1e-9
     doubtful = len(belief.rejected) >= DOUBT_AFTER and explained and not relocalise.standing(belief.rejected)
     if not doubtful or float(belief.P[2, 2]) > MAX_DOUBT_MPS**2:
         return belief
@@ -231,12 +228,16 @@ def _restarted(belief: Belief, z: Position, found: relocalise.Restart, settings:
     """From the last of the agreeing fixes, with its own covariance: their errors may be one error, so nothing is averaged."""
     sigma_v = max(belief.sigma_v_mps, settings.velocity_sigma_aiding_mps, found.sigma_mps)
     error = found.velocity_error_ne_mps
-    if belief.feedback:
-        sigma_v, error = max(sigma_v, math.hypot(*error)), (0.0, 0.0)
-    P = np.zeros((4, 4))
-    P[:2, :2], P[2:, 2:] = np.array(z.cov_ne_m2), np.eye(2) * sigma_v**2
+    x = np.zeros(N_STATES)
+    x[POSITION], x[VELOCITY] = z.p_ne_m, error
+    if belief.drive is Drive.FED_BACK:
+        sigma_v, x[VELOCITY] = max(sigma_v, math.hypot(*error)), 0.0
+    elif belief.drive is Drive.INERTIAL:
+        x[VELOCITY] += belief.x[VELOCITY]
+    P = initial_covariance(0.0, sigma_v, settings)
+    P[POSITION, POSITION] = np.array(z.cov_ne_m2)
     without = _founded(belief, z, belief.without)
-    return replace(belief, x=np.array([*z.p_ne_m, *error]), P=P, started_ns=z.t_ns, without=without)
+    return replace(belief, x=x, P=P, started_ns=z.t_ns, without=without)
 
 
 def _fixed(belief: Belief, z: Position, h_autopilot_amsl_m: float | None) -> Belief:

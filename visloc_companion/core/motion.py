@@ -1,8 +1,8 @@
 """The camera's own motion tells the error of the autopilot's velocity, whatever that velocity rests on.
 
 Between two times the filter's velocity input travels one way and odometry another: their difference over the time is the mean
-error b of the input, whose present value differs from it by little (b changes over `velocity_correlation_s`). Odometry does not
-come from our own fixes, so b may be learned from it even while the autopilot flies on them (fusion.py).
+error b of the input, whose present value differs from it by little (propagation.py). Odometry does not come from our own fixes, so
+b may be learned from it even while the autopilot flies on them (fusion.py).
 
 Errors of scale and heading stay for minutes: no number of intervals averages them away. So an interval is given only as much
 weight as leaves b no better known than they allow.
@@ -16,14 +16,17 @@ import numpy as np
 
 from visloc_companion.core import kalman, separation
 from visloc_companion.core.fusion import Belief, widened
+from visloc_companion.core.propagation import ACCELERATION, INERTIAL_WALK_MPS_PER_SQRT_S, N_STATES, VELOCITY, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.errors import Reason
 from visloc_companion.types import Accepted, Cov2, FloatArray, Rejected, Vec2
 
-H_VELOCITY: FloatArray = np.eye(4)[2:]
+MEAN_VELOCITY: FloatArray = np.eye(N_STATES)[VELOCITY]
+MEAN_ACCELERATION: FloatArray = np.eye(N_STATES)[ACCELERATION]
 NO_NEWS = 1e-6
 MOST_CHANGE_MPS = 10.0
-"""The autopilot's velocity errs by metres a second within a moment when it brakes or turns; by more than this, odometry errs."""
+"""The autopilot's velocity errs by metres a second within a moment when it brakes or turns; by more than this, odometry errs. An
+inertial velocity cannot: there the gate holds."""
 UNHEARD_M2PS2 = 1e6
 """Variance of a measurement that is to say nothing on an axis."""
 
@@ -48,23 +51,32 @@ class Motion:
 
 
 def learned(belief: Belief, motion: Motion, travel_ne_m: Vec2, settings: NavigatorSettings) -> tuple[Belief, Accepted | Rejected]:
-    """The belief at `motion.t_ns` after the motion; `travel_ne_m` is what the velocity input travelled in that time."""
+    """The belief at `motion.t_ns` after the motion; `travel_ne_m` is what the driving velocity travelled in that time."""
     dt = motion.duration_s
     z = (np.array(travel_ne_m) - np.array(motion.d_ne_m)) / dt
-    lag = belief.sigma_v_mps**2 * 2 * dt / (3 * settings.velocity_correlation_s)
-    alone = np.array(motion.cov_ne_m2) / dt**2 + lag * np.eye(2)
-    R = weighed(alone, belief.P[2:, 2:], np.array(motion.lasting_ne_m2) / dt**2)
-    got = kalman.update(belief.x, belief.P, z, R, H_VELOCITY, gate_sigma=settings.gate_sigma)
-    changed_mps = float(np.abs(z - belief.x[2:]).max())
-    if isinstance(got, Rejected) and got.reason is Reason.GATED and changed_mps <= MOST_CHANGE_MPS:
+    H, lag_m2ps2 = _seen(belief, dt, settings)
+    alone = np.array(motion.cov_ne_m2) / dt**2 + lag_m2ps2 * np.eye(2)
+    least = np.array(motion.lasting_ne_m2) / dt**2
+    R = weighed(alone, H @ belief.P @ H.T, least)
+    got = kalman.update(belief.x, belief.P, z, R, H, gate_sigma=settings.gate_sigma)
+    changed_mps = float(np.abs(z - H @ belief.x).max())
+    jumps = belief.drive is not Drive.INERTIAL and changed_mps <= MOST_CHANGE_MPS
+    if isinstance(got, Rejected) and got.reason is Reason.GATED and jumps:
         belief = widened(belief, 0.0, changed_mps**2)
-        R = weighed(alone, belief.P[2:, 2:], np.array(motion.lasting_ne_m2) / dt**2)
-        got = kalman.update(belief.x, belief.P, z, R, H_VELOCITY)
+        R = weighed(alone, H @ belief.P @ H.T, least)
+        got = kalman.update(belief.x, belief.P, z, R, H)
     if isinstance(got, Rejected):
         return belief, got
     every = np.ones(len(belief.without), np.bool_)
-    without = separation.updated(belief.without, z, R, take=every, n_considered=0, first=2)
+    without = separation.updated(belief.without, z, R, H, take=every, n_considered=0)
     return replace(belief, x=got.x, P=got.P, without=without), Accepted(got.nis)
+
+
+def _seen(belief: Belief, dt_s: float, settings: NavigatorSettings) -> tuple[FloatArray, float]:
+    """H (2, 8) of the velocity's mean error over an interval that ends now, and the variance of what it leaves out."""
+    if belief.drive is Drive.INERTIAL:
+        return MEAN_VELOCITY - dt_s / 2 * MEAN_ACCELERATION, INERTIAL_WALK_MPS_PER_SQRT_S**2 * dt_s / 3
+    return MEAN_VELOCITY, belief.sigma_v_mps**2 * 2 * dt_s / (3 * settings.velocity_correlation_s)
 
 
 def weighed(R: FloatArray, P: FloatArray, least: FloatArray) -> FloatArray:

@@ -240,7 +240,7 @@ class Navigator:
         if reason is not None:
             return [Notice(Severity.WARNING, f"visloc: position refused, {reason}", to_operator=True)]
         if self._tracker.velocity is None:
-            self._tracker.seed_without_velocity(now_ns, event.place, event.sigma_m)
+            self._tracker.seed_without_velocity(now_ns, self._clock.boot_ns(now_ns) or 0, event.place, event.sigma_m)
         self._tracker.seed(now_ns, event.place, event.sigma_m)
         self._steering.anchored()
         return [Notice(Severity.NOTICE, "visloc: position set by operator", to_operator=True)]

@@ -21,6 +21,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from visloc_companion.core.propagation import N_STATES, POSITION, VELOCITY
 from visloc_companion.types import FloatArray
 
 EVERY: Final = "*"
@@ -37,7 +38,7 @@ MERGED_SIGMA, MERGED_VARIANCE = 0.1, 1.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solutions:
-    """K solutions: means (K, 4), covariances (K, 4, 4) of the filter's state, their probabilities (K,), and the time (K,) of the
+    """K solutions: means (K, 8), covariances (K, 8, 8) of the filter's state, their probabilities (K,), and the time (K,) of the
     last fix that each rests on. `leaves`: what each goes on to leave out; `left`: the methods of what it left out."""
 
     x: FloatArray
@@ -51,60 +52,62 @@ class Solutions:
         return len(self.leaves)
 
 
-NONE = Solutions(np.zeros((0, 4)), np.zeros((0, 4, 4)), np.zeros(0), np.zeros(0, np.int64))
+NONE = Solutions(np.zeros((0, N_STATES)), np.zeros((0, N_STATES, N_STATES)), np.zeros(0), np.zeros(0, np.int64))
 
 
 def propagated(solutions: Solutions, F: FloatArray, Q: FloatArray, step: FloatArray) -> Solutions:
-    """All solutions through x -> F x + step with process noise Q (K, 4, 4)."""
+    """All solutions through x -> F x + step with process noise Q (K, 8, 8)."""
     if not len(solutions):
         return solutions
     return replace(solutions, x=solutions.x @ F.T + step, P=F @ solutions.P @ F.T + Q)
 
 
 def widened(solutions: Solutions, more: FloatArray) -> Solutions:
-    """With a covariance (4, 4) added to each."""
+    """With a covariance (8, 8) added to each."""
     return replace(solutions, P=solutions.P + more) if len(solutions) else solutions
 
 
-def with_new_velocity(solutions: Solutions, variance_m2ps2: float) -> Solutions:
-    """With another velocity to ride on: its error is unknown and has nothing to do with the positions."""
-    if not len(solutions):
-        return solutions
-    x, P = solutions.x.copy(), solutions.P.copy()
-    x[:, 2:] = 0.0
-    P[:, 2:, :2] = P[:, :2, 2:] = 0.0
-    P[:, 2:, 2:] = variance_m2ps2 * np.eye(2)
-    return replace(solutions, x=x, P=P)
+def with_new_velocity(x: FloatArray, P: FloatArray, variance_m2ps2: float) -> tuple[FloatArray, FloatArray]:
+    """Means (..., 8) and covariances (..., 8, 8) with another velocity to ride on: its error is unknown, and independent."""
+    x, P = x.copy(), P.copy()
+    x[..., VELOCITY] = 0.0
+    P[..., VELOCITY, :] = P[..., :, VELOCITY] = 0.0
+    P[..., VELOCITY, VELOCITY] = variance_m2ps2 * np.eye(2)
+    return x, P
 
 
 def shifted(solutions: Solutions, shift_ne_m: FloatArray) -> Solutions:
     """With positions (2,) moved, as an origin is."""
-    return replace(solutions, x=solutions.x + np.array([*shift_ne_m, 0.0, 0.0])) if len(solutions) else solutions
+    if not len(solutions):
+        return solutions
+    x = solutions.x.copy()
+    x[:, POSITION] += shift_ne_m
+    return replace(solutions, x=x)
 
 
 def updated(
     solutions: Solutions,
     z: FloatArray,
     R: FloatArray,
+    H: FloatArray,
     *,
     take: NDArray[np.bool_],
     n_considered: int,
     t_ns: int | None = None,
-    first: int = 0,
 ) -> Solutions:
-    """With a measurement z (2,), R (2, 2) of the two states from `first` on taken by some of them (K,), Joseph's form, no gate.
+    """With a measurement z (2,), R (2, 2) of H x, H (2, 8), taken by some of them (K,), Joseph's form, no gate.
 
     The last `n_considered` states keep mean and variance (kalman.update). `t_ns`: of a fix that they rest on from now on.
     """
     if not take.any():
         return solutions
     x, P, rested = solutions.x.copy(), solutions.P.copy(), solutions.rested_ns.copy()
-    seen = slice(first, first + 2)
-    K = P[take][:, :, seen] @ np.linalg.inv(P[take][:, seen, seen] + R)
+    PHt = P[take] @ H.T
+    K = PHt @ np.linalg.inv(H @ PHt + R)
     if n_considered:
-        K[:, 4 - n_considered :] = 0.0
-    keep = np.eye(4) - K @ np.eye(4)[seen]
-    x[take] += np.einsum("kij,kj->ki", K, z - x[take][:, seen])
+        K[:, N_STATES - n_considered :] = 0.0
+    keep = np.eye(N_STATES) - K @ H
+    x[take] += np.einsum("kij,kj->ki", K, z - x[take] @ H.T)
     P[take] = keep @ P[take] @ keep.transpose(0, 2, 1) + K @ R @ K.transpose(0, 2, 1)
     if t_ns is not None:
         rested[take] = t_ns
@@ -156,7 +159,7 @@ def likely(solutions: Solutions) -> Solutions:
 
 
 def apart(solutions: Solutions, x: FloatArray, P: FloatArray) -> Solutions:
-    """Without each `ONE` that says no more than the filter itself, x (4,) and P (4, 4), does."""
+    """Without each `ONE` that says no more than the filter itself, x (8,) and P (8, 8), does."""
     if not len(solutions):
         return solutions
     variance = float(np.trace(P[:2, :2]))

@@ -16,6 +16,8 @@ class NavigatorSettings:
     velocity_sigma_mps: float = 0.3
     velocity_sigma_aiding_mps: float = 0.8
     velocity_correlation_s: float = 20.0
+    acceleration_sigma_mps2: float = 0.2
+    acceleration_correlation_s: float = 20.0
     gate_sigma: float = 4.0
     relocalise_after_rejections: int = 4
     dead_reckoning_after_s: float = 2.0

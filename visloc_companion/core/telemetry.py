@@ -8,6 +8,7 @@ from visloc_companion.core.estimator import Velocity
 from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.guard import Complaints
+from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.core.switching import SourceSwitch
 from visloc_companion.core.terrain_aiding import TerrainAiding
@@ -131,6 +132,7 @@ class Telemetry:
         t_ns = self.stamped_ns(t_rx_ns, t_boot_ns)
         if self._terrain is not None and feedback:
             v_ned_mps = self._terrain.corrected(t_ns, v_ned_mps)
-        velocity = Velocity(t_ns, v_ned_mps, h_amsl_m, sigma, feedback)
-        if self._tracker.drive(velocity) and self._terrain is not None:
+        velocity = Velocity(t_ns, v_ned_mps, h_amsl_m, sigma, Drive.FED_BACK if feedback else Drive.AUTOPILOT)
+        alone = feedback or not self._monitor.trusted
+        if self._tracker.drive(velocity, t_boot_ns, alone=alone) and self._terrain is not None:
             self._terrain.drive(velocity)

@@ -115,7 +115,7 @@ class TerrainAiding:
         """Carry the dead reckoning on by a velocity sample."""
         last, now = self._velocity, self._now
         gap_ns = 0 if last is None else velocity.t_ns - last.t_ns
-        other = last is not None and last.feedback != velocity.feedback  # another velocity, with another error
+        other = last is not None and last.drive is not velocity.drive  # another velocity, with another error
         if last is None or now is None or other or not 0 < gap_ns <= MAX_GAP_NS:
             self.clear()
             self._velocity, self._now = velocity, _Node(velocity.t_ns, 0.0, 0.0, 0.0, velocity.h_amsl_m)

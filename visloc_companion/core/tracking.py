@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from visloc_companion.core import fusion
+from visloc_companion.core.airspeed import Airspeed
 from visloc_companion.core.estimator import PositionFilter, Velocity
 from visloc_companion.core.gnss_track import GnssTrack
+from visloc_companion.core.inertial import InertialVelocity
 from visloc_companion.core.odometry_aiding import OdometryAiding
+from visloc_companion.core.propagation import Drive
 from visloc_companion.core.requests import UNKNOWN_HEIGHT_SIGMA_M, height_sigma_m
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
-from visloc_companion.types import Accepted, Fix, GeoPoint, NavState, Odometry, Rejected, TooOld
+from visloc_companion.types import Accepted, Fix, GeoPoint, NavState, Odometry, Quat, Rejected, TooOld, Vec3
 
 MIN_VELOCITY_INTERVAL_NS = 5_000_000
 OPERATOR_REACH_M = 100_000.0
@@ -28,6 +33,7 @@ class Tracker:
         self._filter: PositionFilter | None = None
         self._velocity: Velocity | None = None
         self._odometry = OdometryAiding()
+        self._inertial, self._velocity_boot_ns = InertialVelocity(), 0
         self.gnss = GnssTrack()
         self.origin: GeoPoint | None = None
         self.height_above_home_m: float | None = None
@@ -50,20 +56,38 @@ class Tracker:
         self.origin = origin
         return moved
 
-    def drive(self, velocity: Velocity) -> bool:
-        """Take a velocity sample; the same sample in another message is ignored (False)."""
+    def drive(self, velocity: Velocity, t_boot_ns: int, *, alone: bool) -> bool:
+        """Take the autopilot's velocity; the same sample in another message is ignored (False).
+
+        `alone`: it does not rest on a GNSS that is trusted; the filter is then driven by the accelerations, where they are known.
+        """
         last = self._velocity
         if last is not None and velocity.t_ns < last.t_ns + MIN_VELOCITY_INTERVAL_NS:
             return False
-        self._velocity = velocity
+        self._velocity, self._velocity_boot_ns = velocity, t_boot_ns
+        v_ne_mps = self._inertial.at(t_boot_ns) if alone else None
+        if v_ne_mps is None:
+            self._inertial.anchor(t_boot_ns, velocity.v_ned_mps[:2])
+        else:
+            velocity = replace(velocity, v_ned_mps=(*v_ne_mps, velocity.v_ned_mps[2]), drive=Drive.INERTIAL)
         if self._filter is not None:
             self._filter.drive(velocity)
         return True
+
+    def on_force(self, t_boot_ns: int, force_frd_mps2: Vec3, q_ned_frd: Quat) -> None:
+        """Take what the accelerometers measured, with the attitude of that time."""
+        self._inertial.on_force(t_boot_ns, force_frd_mps2, q_ned_frd)
+
+    def observe_airspeed(self, z: Airspeed) -> None:
+        """Take a velocity through the air."""
+        if self._filter is not None:
+            self._filter.observe_airspeed(z)
 
     def forget_velocity(self) -> None:
         """The autopilot restarted; its next velocity may bear any time."""
         self._velocity = None
         self._odometry = OdometryAiding()
+        self._inertial.clear()
 
     def seed(self, t_ns: int, place: GeoPoint, sigma_m: float) -> bool:
         """Start (or restart) the filter from a place; False while origin or velocity is missing."""
@@ -72,16 +96,18 @@ class Tracker:
         north, east, _ = wgs84.ned_from_geo(place, self.origin)
         v = self._velocity
         sigma_h = UNKNOWN_HEIGHT_SIGMA_M if self.height_above_home_m is None else height_sigma_m(self.height_above_home_m)
-        start = fusion.seeded(max(t_ns, v.t_ns), (north, east), sigma_m, v.sigma_mps, v.feedback, sigma_h)
+        start = fusion.seeded(max(t_ns, v.t_ns), (north, east), sigma_m, v.sigma_mps, v.drive, sigma_h, self._settings)
+        self._inertial.anchor(self._velocity_boot_ns, v.v_ned_mps[:2])
         self._filter = PositionFilter(self._settings, self.origin, start, v)
         return True
 
-    def seed_without_velocity(self, t_ns: int, place: GeoPoint, sigma_m: float) -> None:
+    def seed_without_velocity(self, t_ns: int, t_boot_ns: int, place: GeoPoint, sigma_m: float) -> None:
         """Start from a place while the autopilot gives no velocity or height (PX4 without any position).
 
         The velocity is taken as zero with a large error, which fixes teach; the height is that of the place.
         """
-        self.drive(Velocity(t_ns, (0.0, 0.0, 0.0), place.h_amsl_m, fusion.UNAIDED_SIGMA_MPS, feedback=False))
+        still = Velocity(t_ns, (0.0, 0.0, 0.0), place.h_amsl_m, fusion.UNAIDED_SIGMA_MPS, Drive.AUTOPILOT)
+        self.drive(still, t_boot_ns, alone=False)
         self.seed(t_ns, place, sigma_m)
 
     def at(self, t_ns: int) -> NavState | None:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from visloc_companion.core import fusion
 from visloc_companion.core.estimator import PositionFilter, Velocity
+from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
@@ -23,7 +24,7 @@ S = 1_000_000_000
 
 
 def velocity(t_s: float, north: float = 10.0, east: float = 0.0, down: float = 0.0, h_m: float = 500.0) -> Velocity:
-    return Velocity(round(t_s * S), (north, east, down), h_m, 0.3, feedback=False)
+    return Velocity(round(t_s * S), (north, east, down), h_m, 0.3, Drive.AUTOPILOT)
 
 
 def fix(t_s: float, north: float, east: float, frame_id: int = 1, sigma: float = 1.0) -> Fix:
@@ -34,7 +35,7 @@ def fix(t_s: float, north: float, east: float, frame_id: int = 1, sigma: float =
 
 
 def made(sigma_m: float = 2.0) -> PositionFilter:
-    start = fusion.seeded(0, (0.0, 0.0), sigma_m, 0.3, False, 3.0)
+    start = fusion.seeded(0, (0.0, 0.0), sigma_m, 0.3, Drive.AUTOPILOT, 3.0, SETTINGS)
     return PositionFilter(SETTINGS, ORIGIN, start, velocity(0.0))
 
 

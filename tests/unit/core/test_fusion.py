@@ -6,8 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from visloc_companion.core import fusion
+from visloc_companion.core import fusion, propagation
 from visloc_companion.core.fusion import Belief, Position
+from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.errors import Reason
 from visloc_companion.types import Accepted, Rejected
@@ -16,8 +17,8 @@ SETTINGS = NavigatorSettings()
 S = 1_000_000_000
 
 
-def start(feedback: bool = False, sigma_m: float = 2.0) -> Belief:
-    return fusion.seeded(0, (0.0, 0.0), sigma_m, 0.3, feedback, 3.0)
+def start(drive: Drive = Drive.AUTOPILOT, sigma_m: float = 2.0) -> Belief:
+    return fusion.seeded(0, (0.0, 0.0), sigma_m, 0.3, drive, 3.0, SETTINGS)
 
 
 def fix(t_s: float, north: float, east: float, sigma: float = 1.0, **more: float) -> Position:
@@ -45,7 +46,7 @@ def test_growth_is_that_of_an_integrated_gauss_markov_error() -> None:
         p += (b + following) / 2 * dt
         b = following
     grown = fusion.propagated(start(sigma_m=0.001), 20 * S, (0.0, 0.0), SETTINGS).P
-    assert math.sqrt(grown[0, 0] - 20 * fusion.WALK_M_PER_SQRT_S**2) == pytest.approx(float(np.std(p)), rel=0.02)
+    assert math.sqrt(grown[0, 0] - 20 * propagation.WALK_M_PER_SQRT_S**2) == pytest.approx(float(np.std(p)), rel=0.02)
     assert grown[0, 2] == pytest.approx(-float(np.mean(p * b)), rel=0.06)
 
 
@@ -56,12 +57,12 @@ def test_time_does_not_run_back() -> None:
 
 def test_learns_the_velocity_error_from_fixes_only_without_feedback() -> None:
     """The autopilot says 0, the truth moves north with 0.5 m/s."""
-    for feedback in (False, True):
-        belief = start(feedback)
+    for drive in (Drive.AUTOPILOT, Drive.FED_BACK):
+        belief = start(drive)
         for k in range(1, 61):
             belief = fusion.propagated(belief, k * S, (0.0, 0.0), SETTINGS)
             belief, _ = fusion.observed(belief, fix(k, 0.5 * k, 0.0), None, SETTINGS)
-        if feedback:
+        if drive is Drive.FED_BACK:
             assert belief.x[2] == 0.0
         else:
             assert belief.x[2] == pytest.approx(-0.5, abs=0.1)
@@ -70,7 +71,7 @@ def test_learns_the_velocity_error_from_fixes_only_without_feedback() -> None:
 
 def test_dead_reckoning_on_our_own_injection_grows_faster_the_longer_it_lasts() -> None:
     sigmas = []
-    belief = start(feedback=True)
+    belief = start(Drive.FED_BACK)
     for k in range(1, 61):
         belief = fusion.propagated(belief, k * S, (0.0, 0.0), SETTINGS)
         sigmas.append(math.sqrt(belief.P[0, 0]))
@@ -85,17 +86,17 @@ def test_velocity_trust() -> None:
     for k in range(1, 31):
         learned = fusion.propagated(learned, k * S, (0.0, 0.0), SETTINGS)
         learned, _ = fusion.observed(learned, fix(k, 0.5 * k, 0.0), None, SETTINGS)
-    assert fusion.with_velocity_trust(learned, 0.3, feedback=False) is learned
-    wider = fusion.with_velocity_trust(learned, 0.8, feedback=False)
+    assert fusion.with_velocity_trust(learned, 0.3, Drive.AUTOPILOT) is learned
+    wider = fusion.with_velocity_trust(learned, 0.8, Drive.AUTOPILOT)
     assert wider.x[2] == learned.x[2]
     assert wider.P[2, 2] == pytest.approx(learned.P[2, 2] + 0.8**2 - 0.3**2)
-    narrower = fusion.with_velocity_trust(wider, 0.3, feedback=False)
+    narrower = fusion.with_velocity_trust(wider, 0.3, Drive.AUTOPILOT)
     assert narrower.P[2, 2] == wider.P[2, 2]
     assert narrower.sigma_v_mps == 0.3
-    other = fusion.with_velocity_trust(learned, 0.8, feedback=True)
-    np.testing.assert_array_equal(other.x[2:], [0.0, 0.0])
-    np.testing.assert_allclose(other.P[2:, 2:], np.eye(2) * 0.64)
-    np.testing.assert_array_equal(other.P[:2, 2:], np.zeros((2, 2)))
+    other = fusion.with_velocity_trust(learned, 0.8, Drive.FED_BACK)
+    np.testing.assert_array_equal(other.x[2:4], [0.0, 0.0])
+    np.testing.assert_allclose(other.P[2:4, 2:4], np.eye(2) * 0.64)
+    np.testing.assert_array_equal(other.P[:2, 2:4], np.zeros((2, 2)))
 
 
 def test_rejected_fixes_that_agree_restart_the_filter_at_the_fourth() -> None:
@@ -141,14 +142,14 @@ def test_repeated_rejections_that_a_false_velocity_explains_widen_the_search() -
 
 def test_six_fixes_on_a_line_teach_the_velocity_error_unless_it_is_our_own() -> None:
     """The input says 30 m/s, the truth moves with 10 m/s far away."""
-    for feedback in (False, True):
-        belief = start(feedback, sigma_m=1.0)
+    for drive in (Drive.AUTOPILOT, Drive.FED_BACK):
+        belief = start(drive, sigma_m=1.0)
         for k in range(1, 7):
             belief = fusion.propagated(belief, k * S // 2, (30.0, 0.0), SETTINGS)
             belief, outcome = fusion.observed(belief, fix(k / 2, -500.0 + 5.0 * k, 0.0), None, SETTINGS)
         assert isinstance(outcome, Accepted)
         assert belief.x[0] == pytest.approx(-470.0)
-        if feedback:
+        if drive is Drive.FED_BACK:
             assert belief.x[2] == 0.0
             assert belief.P[2, 2] >= 20.0**2 - 1
         else:

@@ -3,6 +3,7 @@ from __future__ import annotations
 from visloc_companion.core.estimator import Velocity
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
+from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.geo import wgs84
@@ -38,7 +39,7 @@ class Rig:
         for _ in range(round(seconds * 5)):
             self.t += 0.2
             now = round(self.t * S)
-            self.tracker.drive(Velocity(now, (0.0, 0.0, 0.0), 140.0, 0.3, feedback=False))
+            self.tracker.drive(Velocity(now, (0.0, 0.0, 0.0), 140.0, 0.3, Drive.AUTOPILOT), now, alone=False)
             gnss = Gnss(now, now, 3, 12, at(gnss_north), 1.0, None, None, **more)  # type: ignore[arg-type]
             self.notices += self.aiding.on_gnss(gnss, now, mode)
             self.monitor.update(now, EkfSource.GNSS)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from visloc_companion.core import fusion
 from visloc_companion.core.estimator import PositionFilter, Velocity
 from visloc_companion.core.motion import Motion, learned, weighed
+from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Fix, GeoPoint, Rejected, TooOld
@@ -24,17 +25,17 @@ def motion(t_s: float, d_ne_m: tuple[float, float], lasting: tuple[float, float]
     return Motion(round(t_s * S), round((t_s - span_s) * S), d_ne_m, SMALL, lasting)
 
 
-def velocity(t_s: float, north_mps: float = 10.5, feedback: bool = True) -> Velocity:
-    return Velocity(round(t_s * S), (north_mps, 0.0, 0.0), 140.0, 0.8, feedback)
+def velocity(t_s: float, north_mps: float = 10.5, drive: Drive = Drive.FED_BACK) -> Velocity:
+    return Velocity(round(t_s * S), (north_mps, 0.0, 0.0), 140.0, 0.8, drive)
 
 
 def started() -> PositionFilter:
-    return PositionFilter(SETTINGS, ORIGIN, fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, True, 3.0), velocity(0.0))
+    return PositionFilter(SETTINGS, ORIGIN, fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.FED_BACK, 3.0, SETTINGS), velocity(0.0))
 
 
-@pytest.mark.parametrize("feedback", [False, True])
-def test_the_error_of_the_velocity_is_learned_whatever_it_rests_on(feedback: bool) -> None:
-    belief = fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, feedback, 3.0)
+@pytest.mark.parametrize("drive", [Drive.AUTOPILOT, Drive.FED_BACK])
+def test_the_error_of_the_velocity_is_learned_whatever_it_rests_on(drive: Drive) -> None:
+    belief = fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, drive, 3.0, SETTINGS)
     for k in range(1, 41):
         belief = fusion.propagated(belief, k * S // 2, (10.5, 0.0), SETTINGS)
         belief, outcome = learned(belief, motion(k / 2, (5.0, 0.0)), (5.25, 0.0), SETTINGS)
@@ -69,7 +70,7 @@ def test_no_number_of_intervals_makes_it_better_than_what_lasts(
 
 
 def test_what_lasts_keeps_the_sigma_of_the_velocity() -> None:
-    belief = fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, True, 3.0)
+    belief = fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.FED_BACK, 3.0, SETTINGS)
     for k in range(1, 400):
         belief = fusion.propagated(belief, k * S // 2, (10.0, 0.0), SETTINGS)
         belief, _ = learned(belief, motion(k / 2, (5.0, 0.0), lasting=(0.0225, 0.0025)), (5.0, 0.0), SETTINGS)
@@ -79,7 +80,7 @@ def test_what_lasts_keeps_the_sigma_of_the_velocity() -> None:
 
 
 def test_a_velocity_that_errs_anew_within_a_moment_is_followed() -> None:
-    belief = fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, True, 3.0)
+    belief = fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.FED_BACK, 3.0, SETTINGS)
     for k in range(1, 41):
         belief = fusion.propagated(belief, k * S // 2, (10.0, 0.0), SETTINGS)
         error = -1.0 if k <= 20 else 1.5
@@ -91,7 +92,7 @@ def test_a_velocity_that_errs_anew_within_a_moment_is_followed() -> None:
 
 
 def test_an_impossible_motion_is_refused() -> None:
-    belief = fusion.propagated(fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, True, 3.0), S, (10.0, 0.0), SETTINGS)
+    belief = fusion.propagated(fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.FED_BACK, 3.0, SETTINGS), S, (10.0, 0.0), SETTINGS)
     same, outcome = learned(belief, motion(1.0, (60.0, 0.0)), (5.0, 0.0), SETTINGS)
     assert same is belief
     assert isinstance(outcome, Rejected)

@@ -8,6 +8,7 @@ import pytest
 
 from visloc_companion.core import fusion, separation
 from visloc_companion.core.fusion import Belief, Position
+from visloc_companion.core.propagation import Drive
 from visloc_companion.core.separation import CLAIM_FLOOR, CORRELATION, EVERY, ONE
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Accepted
@@ -17,8 +18,8 @@ SETTINGS = NavigatorSettings()
 COV = ((1.0, 0.0), (0.0, 1.0))
 
 
-def start(feedback: bool = True) -> Belief:
-    return fusion.seeded(0, (0.0, 0.0), 2.0, 0.3, feedback, 3.0)
+def start(drive: Drive = Drive.FED_BACK) -> Belief:
+    return fusion.seeded(0, (0.0, 0.0), 2.0, 0.3, drive, 3.0, SETTINGS)
 
 
 def taken(belief: Belief, t_s: float, north_m: float, method: str = "deep", p: float = 0.01, from_fix: bool = True) -> Belief:
@@ -104,19 +105,19 @@ def test_there_are_never_too_many_and_the_improbable_go_first() -> None:
 
 
 def test_a_new_velocity_leaves_no_learned_error() -> None:
-    belief = taken(taken(start(feedback=False), 0.0, 0.0), 3.0, 2.0)
-    other = fusion.with_velocity_trust(belief, 0.8, feedback=True)
-    assert (other.without.x[:, 2:] == 0).all()
+    belief = taken(taken(start(Drive.AUTOPILOT), 0.0, 0.0), 3.0, 2.0)
+    other = fusion.with_velocity_trust(belief, 0.8, Drive.FED_BACK)
+    assert (other.without.x[:, 2:4] == 0).all()
     np.testing.assert_allclose(other.without.P[:, 2, 2], 0.64)
-    assert (other.without.P[:, :2, 2:] == 0).all()
-    wider = fusion.with_velocity_trust(other, 1.0, feedback=True)
+    assert (other.without.P[:, :2, 2:4] == 0).all()
+    wider = fusion.with_velocity_trust(other, 1.0, Drive.FED_BACK)
     np.testing.assert_allclose(wider.without.P[:, 3, 3], 1.0)
 
 
 def test_the_origin_moves_them_along() -> None:
     w = taken(start(), 0.0, 3.0).without
     moved = separation.shifted(w, np.array([5.0, -2.0]))
-    np.testing.assert_allclose(moved.x - w.x, np.tile([5.0, -2.0, 0.0, 0.0], (len(w), 1)))
+    np.testing.assert_allclose(moved.x - w.x, np.tile([5.0, -2.0, *[0.0] * 6], (len(w), 1)))
     assert separation.shifted(separation.NONE, np.array([5.0, -2.0])) is separation.NONE
 
 

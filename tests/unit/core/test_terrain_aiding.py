@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from visloc_companion.core.estimator import Velocity
+from visloc_companion.core.propagation import Drive
 from visloc_companion.core.terrain_aiding import FAR_SIGMA_M, METHOD, SHORTEST_M, SPACING_M, TerrainAiding
 from visloc_companion.errors import Reason
 from visloc_companion.geo.se3 import quat_from_euler
@@ -25,12 +26,12 @@ def ns(t_s: float) -> int:
 
 
 def flown(
-    aiding: TerrainAiding, start_s: float, end_s: float, q: Quat = LEVEL, feedback: bool = False, valid: bool = True
+    aiding: TerrainAiding, start_s: float, end_s: float, q: Quat = LEVEL, drive: Drive = Drive.AUTOPILOT, valid: bool = True
 ) -> None:
     """Due north at a constant height over ground at 400 m above the sea, a distance with every velocity."""
     for k in range(round(start_s / STEP_S), round(end_s / STEP_S)):
         t = ns(k * STEP_S)
-        aiding.drive(Velocity(t, (SPEED_MPS, 0.0, 0.0), 500.0, 0.3, feedback))
+        aiding.drive(Velocity(t, (SPEED_MPS, 0.0, 0.0), 500.0, 0.3, drive))
         aiding.on_range(Range(t, t, AGL_M, valid), t, q)
 
 
@@ -70,7 +71,7 @@ def test_the_lowest_of_each_few_metres_is_kept() -> None:
     aiding = TerrainAiding()
     for k in range(400):
         t = ns(k * STEP_S)
-        aiding.drive(Velocity(t, (SPEED_MPS, 0.0, 0.0), 500.0, 0.3, feedback=False))
+        aiding.drive(Velocity(t, (SPEED_MPS, 0.0, 0.0), 500.0, 0.3, Drive.AUTOPILOT))
         aiding.on_range(Range(t, t, AGL_M - (15.0 if k % 2 else 0.0), valid=True), t, LEVEL)
     assert {row[6] for row in asked(aiding, 39.9).soundings} == {-AGL_M}
 
@@ -133,7 +134,7 @@ def test_a_longest_stretch_is_matched_whatever_it_promises() -> None:
 
 
 def test_another_velocity_or_a_gap_begins_anew() -> None:
-    for change in ({"start_s": 40.0, "end_s": 42.0, "feedback": True}, {"start_s": 50.0, "end_s": 52.0}):
+    for change in ({"start_s": 40.0, "end_s": 42.0, "drive": Drive.FED_BACK}, {"start_s": 50.0, "end_s": 52.0}):
         aiding = TerrainAiding()
         flown(aiding, 0.0, 40.0)
         flown(aiding, **change)  # type: ignore[arg-type]

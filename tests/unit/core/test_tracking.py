@@ -3,6 +3,7 @@ from __future__ import annotations
 import pytest
 
 from visloc_companion.core.estimator import Velocity
+from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.geo import wgs84
@@ -17,7 +18,7 @@ def at(north: float, east: float = 0.0) -> GeoPoint:
 
 
 def velocity(t_s: float, north: float = 10.0) -> Velocity:
-    return Velocity(round(t_s * S), (north, 0.0, 0.0), 140.0, 0.3, feedback=False)
+    return Velocity(round(t_s * S), (north, 0.0, 0.0), 140.0, 0.3, Drive.AUTOPILOT)
 
 
 def fix(t_s: float, north: float) -> Fix:
@@ -28,7 +29,7 @@ def fix(t_s: float, north: float) -> Fix:
 def ready() -> Tracker:
     tracker = Tracker(NavigatorSettings())
     tracker.set_origin(ORIGIN)
-    tracker.drive(velocity(0.0))
+    tracker.drive(velocity(0.0), 0, alone=False)
     assert tracker.seed(0, at(0.0), 2.0)
     return tracker
 
@@ -44,25 +45,25 @@ def test_nothing_before_origin_and_velocity() -> None:
     assert tracker.observe(fix(0.0, 0.0)) is None
     assert tracker.observe_gnss(0, at(0.0), 2.0) is None
     assert tracker.out_of_reach(0, at(500.0), 2.0) is False
-    assert tracker.drive(velocity(0.0))
+    assert tracker.drive(velocity(0.0), 0, alone=False)
     assert tracker.seed(0, at(0.0), 5.0)
 
 
 def test_the_same_velocity_in_another_message_is_taken_once() -> None:
     tracker = ready()
-    assert tracker.drive(velocity(0.1))
-    assert not tracker.drive(velocity(0.1, north=11.0))
-    assert not tracker.drive(velocity(0.05))
+    assert tracker.drive(velocity(0.1), 0, alone=False)
+    assert not tracker.drive(velocity(0.1, north=11.0), 0, alone=False)
+    assert not tracker.drive(velocity(0.05), 0, alone=False)
     assert tracker.velocity == velocity(0.1)
     tracker.forget_velocity()
-    assert tracker.drive(velocity(0.05))
+    assert tracker.drive(velocity(0.05), 0, alone=False)
 
 
 def test_without_velocity_fixes_teach_it() -> None:
     """PX4 without any position tells no velocity; the vehicle flies 8 m/s north."""
     tracker = Tracker(NavigatorSettings())
     tracker.set_origin(ORIGIN)
-    tracker.seed_without_velocity(0, at(0.0), 10.0)
+    tracker.seed_without_velocity(0, 0, at(0.0), 10.0)
     for k in range(1, 101):
         tracker.observe(fix(0.2 * k, 8.0 * 0.2 * k))
     state = tracker.at(20 * S)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from visloc_companion.core.fusion import observed, seeded
+from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.errors import Reason
 from visloc_companion.localise.terrain.base import NoTerrainFix, Soundings, TerrainFix, TerrainPrior
@@ -164,7 +165,10 @@ def test_the_navigation_filter_takes_the_fix(world: SimpleNamespace) -> None:
     fix = locate(world.patch(ground), world.prior(), world.elevation(ground), SETTINGS)
     assert isinstance(fix, TerrainFix)
     belief, verdict = observed(
-        seeded(9, (0.0, 0.0), 50.0, 0.3, False, 8.0), fix.as_position(), world.true_h + 4, NavigatorSettings()
+        seeded(9, (0.0, 0.0), 50.0, 0.3, Drive.AUTOPILOT, 8.0, NavigatorSettings()),
+        fix.as_position(),
+        world.true_h + 4,
+        NavigatorSettings(),
     )
     assert isinstance(verdict, Accepted)
     assert np.hypot(belief.x[0] - world.true_ne[0], belief.x[1] - world.true_ne[1]) < 3

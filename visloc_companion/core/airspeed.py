@@ -1,0 +1,50 @@
+"""A velocity through the air tells the wind while the velocity is known, and holds the velocity when nothing else does.
+
+What a pitot tube gets wrong (a scale) acts as a wind along the heading: it is taken for wind on a straight course, and a turn makes
+another wind of it. So every change of the velocity through the air adds to the uncertainty of the wind.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from visloc_companion.core import kalman, separation
+from visloc_companion.core.fusion import Belief
+from visloc_companion.core.propagation import N_STATES, VELOCITY, WIND, Drive
+from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.types import Accepted, FloatArray, Rejected, Vec2
+
+H_AIR: FloatArray = -np.eye(N_STATES)[VELOCITY] - np.eye(N_STATES)[WIND]
+"""The velocity through the air less the driving velocity: minus the error of that, minus the wind."""
+SIGMA_MPS = 1.0
+"""1-sigma of one sample: gusts, sideslip."""
+SCALE_SIGMA = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Airspeed:
+    """Velocity through the air, north and east m/s, and how far it is from the sample before."""
+
+    t_ns: int
+    v_ne_mps: Vec2
+    changed_mps: float
+
+
+def observed(
+    belief: Belief, z: Airspeed, driving_ne_mps: Vec2, settings: NavigatorSettings
+) -> tuple[Belief, Accepted | Rejected]:
+    """The belief after a sample. Beside a velocity that descends from our own fixes it says nothing."""
+    if belief.drive is Drive.FED_BACK:
+        return belief, Accepted(0.0)
+    more = np.zeros((N_STATES, N_STATES))
+    more[WIND, WIND] = (SCALE_SIGMA * z.changed_mps) ** 2 * np.eye(2)
+    belief = replace(belief, P=belief.P + more, without=separation.widened(belief.without, more))
+    off, R = np.array(z.v_ne_mps) - np.array(driving_ne_mps), SIGMA_MPS**2 * np.eye(2)
+    got = kalman.update(belief.x, belief.P, off, R, H_AIR, gate_sigma=settings.gate_sigma)
+    if isinstance(got, Rejected):
+        return belief, got
+    every = np.ones(len(belief.without), np.bool_)
+    without = separation.updated(belief.without, off, R, H_AIR, take=every, n_considered=0)
+    return replace(belief, x=got.x, P=got.P, without=without), Accepted(got.nis)

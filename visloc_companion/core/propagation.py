@@ -1,0 +1,113 @@
+"""How the filter's state goes on between measurements, for each velocity that can drive it.
+
+State (8,), pairs north and east: position at the EKF origin (m), error of the driving velocity (its value minus the true one,
+m/s), error of the acceleration that an inertial velocity is integrated from (m/s²), wind (where the air goes to, m/s).
+
+* `AUTOPILOT`, `FED_BACK`: the autopilot's velocity; its error is first-order Gauss-Markov.
+* `INERTIAL`: accelerations turned by the attitude and integrated (inertial.py). The error of that velocity is the integral of the
+  acceleration's error (biases, tilt; first-order Gauss-Markov) and of white noise: Singer's model (1970) without its manoeuvres.
+
+Closed form for the first (Brown & Hwang, section 5.3); for the second a Gauss-Legendre quadrature, exact to rounding for steps
+short against `acceleration_correlation_s`.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+from functools import lru_cache
+
+import numpy as np
+
+from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.types import FloatArray
+
+N_STATES = 8
+POSITION, VELOCITY, ACCELERATION, WIND = slice(0, 2), slice(2, 4), slice(4, 6), slice(6, 8)
+N_CONSIDERED = N_STATES - VELOCITY.start
+"""States that stay as they are where the velocity descends from our own fixes."""
+WALK_M_PER_SQRT_S = 0.05
+"""Random walk of the integration itself (time stamps, rounding of the velocity messages)."""
+INERTIAL_WALK_MPS_PER_SQRT_S = 0.12
+"""Noise of the accelerometers, with what vibration aliases into samples of 50 Hz."""
+WIND_WALK_MPS_PER_SQRT_S = 0.1
+WIND_SIGMA_MPS = 10.0
+"""1-sigma of the wind before anything is known of it."""
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
+SERIES_BELOW = 0.01
+
+
+class Drive(Enum):
+    """Which velocity drives the filter: the autopilot's own, while GNSS that is trusted holds it; the same while it descends from
+    what we inject; or one integrated from accelerations, which nothing of ours feeds."""
+
+    AUTOPILOT = "autopilot"
+    FED_BACK = "fed_back"
+    INERTIAL = "inertial"
+
+
+def initial_covariance(position_m: float, velocity_mps: float, settings: NavigatorSettings) -> FloatArray:
+    """(8, 8) where position and velocity's error have these 1-sigmas and nothing else is known."""
+    sigmas = (position_m, velocity_mps, settings.acceleration_sigma_mps2, WIND_SIGMA_MPS)
+    return np.diag(np.repeat(np.square(sigmas), 2))
+
+
+def transition(dt_s: float, drive: Drive, sigma_mps: FloatArray, settings: NavigatorSettings) -> tuple[FloatArray, FloatArray]:
+    """F (8, 8), and Q (K, 8, 8) for K sigmas of the velocity's error (which an inertial velocity does not need)."""
+    bias = (settings.acceleration_sigma_mps2, settings.acceleration_correlation_s)
+    if drive is Drive.INERTIAL:
+        F, Q = _inertial(dt_s, *bias)
+        return F, np.broadcast_to(Q, (len(sigma_mps), *Q.shape))
+    F, per_variance, rest = _gauss_markov(dt_s, settings.velocity_correlation_s, *bias)
+    return F, np.square(sigma_mps)[:, None, None] * per_variance + rest
+
+
+@lru_cache(maxsize=256)
+def _gauss_markov(dt_s: float, tau_s: float, sigma_a: float, tau_a_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    a, kept = math.exp(-dt_s / tau_s), math.exp(-dt_s / tau_a_s)
+    F, per_variance, rest = np.eye(4), np.zeros((4, 4)), np.zeros((4, 4))
+    F[0, 1], F[1, 1], F[2, 2] = -tau_s * (1 - a), a, kept
+    per_variance[1, 1] = 1 - a * a
+    per_variance[0, 1] = per_variance[1, 0] = -tau_s * (1 - a) ** 2
+    per_variance[0, 0] = tau_s**2 * _integrated(dt_s / tau_s)
+    rest[0, 0], rest[2, 2], rest[3, 3] = WALK_M_PER_SQRT_S**2 * dt_s, sigma_a**2 * (1 - kept * kept), _wind_m2ps2(dt_s)
+    return _both_axes(F), _both_axes(per_variance), _both_axes(rest)
+
+
+@lru_cache(maxsize=256)
+def _inertial(dt_s: float, sigma_a: float, tau_a_s: float) -> tuple[FloatArray, FloatArray]:
+    x, kept = dt_s / tau_a_s, math.exp(-dt_s / tau_a_s)
+    F, Q = np.eye(4), np.zeros((4, 4))
+    F[0, 1], F[0, 2] = -dt_s, -(tau_a_s**2) * float(_twice_integrated(np.array([x]))[0])
+    F[1, 2], F[2, 2] = -tau_a_s * math.expm1(-x), kept
+    s = (NODES + 1) / 2 * x
+    response = np.stack([-(tau_a_s**2) * _twice_integrated(s), -tau_a_s * np.expm1(-s), np.exp(-s)])
+    Q[:3, :3] = (response * (WEIGHTS * dt_s / 2 * 2 * sigma_a**2 / tau_a_s)) @ response.T
+    noise = INERTIAL_WALK_MPS_PER_SQRT_S**2
+    Q[:2, :2] += noise * np.array([[dt_s**3 / 3, -(dt_s**2) / 2], [-(dt_s**2) / 2, dt_s]])
+    Q[0, 0] += WALK_M_PER_SQRT_S**2 * dt_s
+    Q[3, 3] = _wind_m2ps2(dt_s)
+    return _both_axes(F), _both_axes(Q)
+
+
+def _wind_m2ps2(dt_s: float) -> float:
+    return WIND_WALK_MPS_PER_SQRT_S**2 * dt_s
+
+
+def _both_axes(block: FloatArray) -> FloatArray:
+    both = np.asarray(np.kron(block, np.eye(2)), dtype=np.float64)
+    both.setflags(write=False)
+    return both
+
+
+def _twice_integrated(x: FloatArray) -> FloatArray:
+    """x - 1 + exp(-x), by its series where that cancels."""
+    series = x**2 / 2 - x**3 / 6 + x**4 / 24 - x**5 / 120
+    return np.asarray(np.where(x < SERIES_BELOW, series, x + np.expm1(-x)), dtype=np.float64)
+
+
+def _integrated(spread: float) -> float:
+    """2 s - 3 + 4 exp(-s) - exp(-2 s), by its series where that cancels."""
+    if spread < SERIES_BELOW:
+        return spread**3 * (2 / 3 - spread / 2 + 7 * spread**2 / 30)
+    return 2 * spread - 3 + 4 * math.exp(-spread) - math.exp(-2 * spread)
