@@ -1,7 +1,7 @@
 """A velocity through the air tells the wind while the velocity is known, and holds the velocity when nothing else does.
 
-What a pitot tube gets wrong (a scale) acts as a wind along the heading: it is taken for wind on a straight course, and a turn makes
-another wind of it. So every change of the velocity through the air adds to the uncertainty of the wind.
+What a pitot tube gets wrong (a scale) acts as a wind along the heading: it is taken for wind on a straight course, and a turn
+makes another wind of it. So every change of the velocity through the air adds to the uncertainty of the wind.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ MAX_CLIMB_HELD_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
-    """The driving velocity and the autopilot's height at a time; `sigma_mps`: how far the autopilot's velocity is to be believed."""
+    """The driving velocity and the autopilot's height at a time; `sigma_mps`: how far an autopilot's velocity is believed."""
 
     t_ns: int
     v_ned_mps: Vec3

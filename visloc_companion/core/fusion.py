@@ -47,10 +47,11 @@ RECENT_S = 30.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """The filter at `t_ns`: mean x (8,), covariance P (8, 8), and its memory. `travel_ne_m`: the integral of the driving velocity;
-    `moved_ne_m`: how far the propagation carried the position (for an inertial velocity without the error that it knows of).
+    """The filter at `t_ns`: mean x (8,), covariance P (8, 8), and its memory.
 
-    `votes`: each method with the time of its last fix; `without`: the solutions that leave fixes out (separation.py).
+    `travel_ne_m`: the integral of the driving velocity; `moved_ne_m`: how far the propagation carried the position (for an
+    inertial velocity without the error that it knows of). `votes`: each method with the time of its last fix; `without`: the
+    solutions that leave fixes out (separation.py).
     """
 
     t_ns: int

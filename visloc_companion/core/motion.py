@@ -1,8 +1,8 @@
 """The camera's own motion tells the error of the autopilot's velocity, whatever that velocity rests on.
 
 Between two times the filter's velocity input travels one way and odometry another: their difference over the time is the mean
-error b of the input, whose present value differs from it by little (propagation.py). Odometry does not come from our own fixes, so
-b may be learned from it even while the autopilot flies on them (fusion.py).
+error b of the input, whose present value differs from it by little (propagation.py). Odometry does not come from our own fixes,
+so b may be learned from it even while the autopilot flies on them (fusion.py).
 
 Errors of scale and heading stay for minutes: no number of intervals averages them away. So an interval is given only as much
 weight as leaves b no better known than they allow.
