@@ -26,6 +26,7 @@ from visloc_companion.sim import faults
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.flight import ClosedLoopFlight, Eyes, FlightLog
 from visloc_companion.sim.rangefinder import Rangefinder
+from visloc_companion.sim.render_motion import STILL, Shot
 from visloc_companion.testing.hills import HillyMap
 from visloc_companion.types import (
     AutopilotKind,
@@ -60,7 +61,7 @@ class Darkness:
     model: CameraModel = MODEL
     method: str = "eye"
 
-    def render(self, place: GeoPoint, q_ned_frd: Quat, frame_id: int) -> Image:
+    def render(self, place: GeoPoint, q_ned_frd: Quat, frame_id: int, shot: Shot = STILL) -> Image:
         """Black."""
         return np.zeros((48, 64), np.uint8)
 

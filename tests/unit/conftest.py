@@ -34,6 +34,7 @@ from visloc_companion.prepare.build import build_pack
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.flight import Eyes
+from visloc_companion.sim.render_motion import STILL, Shot
 from visloc_companion.sim.scene import Scene
 from visloc_companion.types import CameraModel, Fix, FloatArray, GeoPoint, Image, LocaliseRequest, NoFix, Quat, Vec3
 
@@ -45,7 +46,7 @@ class PoseCamera:
         self.model = CameraModel(640, 480, 554.0, 554.0, 319.5, 239.5)
         self.rendered: list[int] = []
 
-    def render(self, place: GeoPoint, q_ned_frd: Quat, frame_id: int) -> Image:
+    def render(self, place: GeoPoint, q_ned_frd: Quat, frame_id: int, shot: Shot = STILL) -> Image:
         self.rendered.append(frame_id)
         numbers = np.array([place.lat_deg, place.lon_deg, place.h_amsl_m, *q_ned_frd])
         return np.frombuffer(numbers.tobytes(), np.uint8)

@@ -14,11 +14,13 @@ from typing import Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from visloc_companion.sim.accelerometer import Accelerometer
 from visloc_companion.sim.autopilot_flight import PHYSICS_DT_S, Flight, FlightPlan
 from visloc_companion.sim.autopilot_modes import Failsafe, custom_mode
 from visloc_companion.sim.autopilot_parameters import prepared_parameters
 from visloc_companion.sim.autopilot_receive import Receiver
 from visloc_companion.sim.faults import FaultSchedule
+from visloc_companion.sim.pitot import Pitot
 from visloc_companion.sim.rangefinder import Rangefinder
 from visloc_companion.sim.streams_messages import BUILDERS, Message, Ranged, Snapshot, heartbeat
 from visloc_companion.sim.vehicle import Truth
@@ -76,6 +78,7 @@ class BuiltInAutopilot:
         self._ready_due_s = ready_s if kind is AutopilotKind.ARDUPILOT and ready_s > 0 else math.inf
         self._origin_sent: GeoPoint | None = None
         self._rangefinder, self._range_rng = rangefinder, Random(f"{seed}/range")
+        self._accelerometer, self._pitot = Accelerometer(Random(f"{seed}/force")), Pitot(Random(f"{seed}/pitot"))
 
     # ------------------------------------------------------------------------------------------------------------- drive
 
@@ -127,6 +130,10 @@ class BuiltInAutopilot:
         snapshot = self._snapshot()
         if mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR in wanted:
             snapshot = replace(snapshot, range=self._ranged())
+        if mavlink.MAVLINK_MSG_ID_SCALED_IMU in wanted:
+            snapshot = replace(snapshot, force_frd_mps2=self._accelerometer.measured(self.flight.body, self.t_s))
+        if mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE in wanted and self.flight.plan.vehicle == "plane":
+            snapshot = replace(snapshot, airspeed_mps=self._pitot.measured_mps(self.flight.body, self.flight.wind_ned_mps))
         for message_id in wanted:
             message = BUILDERS[message_id](snapshot)
             if message is not None:
@@ -149,7 +156,12 @@ class BuiltInAutopilot:
 
     @property
     def t_boot_ns(self) -> int:
-        """The autopilot's own clock, ns since its boot."""
+        """The autopilot's own clock, ns since its boot; a fault may make it step."""
+        return self.t_sim_ns + self.faults.autopilot_clock_ns(self.t_s)
+
+    @property
+    def t_sim_ns(self) -> int:
+        """The simulation's time: what the autopilot's clock would show without any step."""
         return self._boot_ns + self._steps * round(PHYSICS_DT_S * 1e9)
 
     def truth(self) -> Truth:

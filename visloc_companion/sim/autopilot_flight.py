@@ -149,6 +149,8 @@ class Flight:
         self._steps += 1
         self.t_s = round(self._steps * dt, 9)
         self.attitude.step(dt)
+        self.attitude.compass_error_rad = self.plan.faults.compass_error_rad(self.t_s)
+        self.filter.baro_error_m = self.plan.faults.baro_error_m(self.t_s)
         self.filter.step((b.a_north, b.a_east, b.a_down), self.attitude.yaw_error_rad, b.down + self._origin_above_home_m, dt)
         if self.t_s >= self._gnss_due_s - 1e-9:
             self._sample_gnss()

@@ -120,6 +120,8 @@ class InertialFilter:
         self._baro_due_s = 0.0
         self._accelerations: deque[Vec3] = deque([(0.0, 0.0, 0.0)] * max(1, round(horizon_s / dt_s)))
         self._baro: deque[tuple[float, float]] = deque()
+        self.baro_error_m = 0.0
+        """What a fault adds to the barometer's height (up)."""
         self.baro_down_m = 0.0
         """The barometer's last reading, as a position down of home."""
 
@@ -150,7 +152,7 @@ class InertialFilter:
         self.t_s += dt_s
         if self.t_s >= self._baro_due_s:
             self._baro_due_s += BARO_PERIOD_S
-            self.baro_down_m = true_down_m + self._baro_drift.step(BARO_PERIOD_S) + gauss(0.0, 0.1)
+            self.baro_down_m = true_down_m - self.baro_error_m + self._baro_drift.step(BARO_PERIOD_S) + gauss(0.0, 0.1)
             self._baro.append((self.t_s, self.baro_down_m))
 
     def fuse_baro(self, use: bool = True) -> None:

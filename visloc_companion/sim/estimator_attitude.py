@@ -13,7 +13,10 @@ PERIOD_S = 0.1
 
 
 class AttitudeEstimate:
-    """True attitude plus slowly varying errors: yaw 1° in 60 s, roll and pitch 0.3° in 20 s (1-sigma)."""
+    """True attitude plus slowly varying errors: yaw 1° in 60 s, roll and pitch 0.3° in 20 s (1-sigma).
+
+    `compass_error_rad` is added to the heading: what a disturbed compass has talked the filter into so far.
+    """
 
     def __init__(self, rng: Random) -> None:
         self._rng = rng
@@ -23,6 +26,7 @@ class AttitudeEstimate:
             GaussMarkov(rng, YAW_SIGMA_RAD, 60.0),
         )
         self._since_s = 0.0
+        self.compass_error_rad = 0.0
 
     def step(self, dt_s: float) -> None:
         """Let the errors drift (ten times a second)."""
@@ -35,12 +39,12 @@ class AttitudeEstimate:
     @property
     def yaw_error_rad(self) -> float:
         """Estimated minus true yaw."""
-        return self._errors[2].value
+        return self._errors[2].value + self.compass_error_rad
 
     def euler(self, body: Body) -> tuple[float, float, float]:
         """Estimated roll, pitch, yaw, radians."""
-        roll, pitch, yaw = (error.value for error in self._errors)
-        return body.roll + roll, body.pitch + pitch, body.yaw + yaw
+        roll, pitch, _ = (error.value for error in self._errors)
+        return body.roll + roll, body.pitch + pitch, body.yaw + self.yaw_error_rad
 
     def rates(self, body: Body) -> tuple[float, float, float]:
         """Gyroscope rates, rad/s."""

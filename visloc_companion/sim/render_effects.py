@@ -13,6 +13,7 @@ from visloc_companion.types import Image
 
 Plane = NDArray[np.float32]
 AIRLIGHT = (196.0, 205.0, 216.0)
+DAY_GAIN, LEAST_GAIN = 3.0, 0.4
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,8 @@ class CameraEffects:
     `exposure_mean` is the mean brightness the exposure is set to (0: as the scene is), `exposure_jitter` its 1-sigma error as a
     share, `vignetting` the loss in the corners, `motion_blur_px` the 1-sigma length of the smear in a random direction,
     `focus_blur_px` a Gaussian's sigma, `read_noise` and `shot_noise` in grey values (the second at brightness 255),
-    `visibility_m` the distance at which air leaves 2 % of the contrast (Koschmieder).
+    `visibility_m` the distance at which air leaves 2 % of the contrast (Koschmieder). `light` is the share of daylight on the
+    scene; beyond `DAY_GAIN` the sensor, up to `max_gain`, amplifies its noise with the picture.
     """
 
     exposure_mean: float = 112.0
@@ -33,6 +35,8 @@ class CameraEffects:
     read_noise: float = 1.5
     shot_noise: float = 3.0
     visibility_m: float = 8000.0
+    light: float = 1.0
+    max_gain: float = 3.0
 
 
 NO_EFFECTS = CameraEffects(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -46,6 +50,8 @@ def apply_effects(pixels: Image, range_m: Plane, effects: CameraEffects, seed: i
     light = pixels.astype(np.float32)
     if effects.visibility_m > 0:
         light = _haze(light, range_m, effects.visibility_m)
+    if effects.light != 1.0:
+        light *= np.float32(effects.light)
     light = _blur(light, effects, rng)
     gain = _gain(light, effects, rng)
     if effects.vignetting > 0:
@@ -53,7 +59,7 @@ def apply_effects(pixels: Image, range_m: Plane, effects: CameraEffects, seed: i
     elif gain != 1.0:
         light *= np.float32(gain)
     if effects.read_noise > 0 or effects.shot_noise > 0:
-        _add_noise(light, effects, rng)
+        _add_noise(light, effects, rng, max(1.0, gain / DAY_GAIN))
     return np.asarray(np.clip(light, 0, 255), dtype=np.uint8)
 
 
@@ -83,7 +89,7 @@ def _gain(light: Plane, effects: CameraEffects, rng: np.random.Generator) -> flo
     if effects.exposure_mean <= 0:
         return jitter
     mean = float(np.mean(cv2.mean(light[::4, ::4])[:3]))
-    return jitter * float(np.clip(effects.exposure_mean / max(mean, 1.0), 0.4, 3.0))
+    return jitter * float(np.clip(effects.exposure_mean / max(mean, 1e-3), LEAST_GAIN, effects.max_gain))
 
 
 @lru_cache(maxsize=4)
@@ -99,13 +105,14 @@ def _noise_bank(width_px: int, height_px: int) -> Plane:
     return np.random.default_rng(20240607).standard_normal((height_px + 256, width_px + 256, 3), dtype=np.float32)
 
 
-def _add_noise(light: Plane, effects: CameraEffects, rng: np.random.Generator) -> None:
+def _add_noise(light: Plane, effects: CameraEffects, rng: np.random.Generator, amplified: float) -> None:
     """In place. The noise is a window of one fixed field, shifted and signed by the seed (drawing it anew takes 10 ms)."""
     height, width = light.shape[:2]
     row, column = (int(v) for v in rng.integers(0, 257, 2))
     sign = 1.0 if rng.random() < 0.5 else -1.0
     noise = _noise_bank(width, height)[row : row + height, column : column + width]
-    variance = np.maximum(light, 0) * np.float32(effects.shot_noise**2 / 255) + np.float32(effects.read_noise**2)
+    shot, read = amplified * effects.shot_noise**2 / 255, (amplified * effects.read_noise) ** 2
+    variance = np.maximum(light, 0) * np.float32(shot) + np.float32(read)
     cv2.sqrt(variance, variance)
     variance *= np.float32(sign)
     variance *= noise

@@ -21,12 +21,14 @@ MAX_COARSE_STEPS = 160
 
 @dataclass(frozen=True)
 class Rays:
-    """Rays of an image by level. `slope_u`, `slope_v` (H, W): scene pixels gained for each metre of descent; `base` (u, v).
+    """Rays of an image by level. `slope_u`, `slope_v` (H, W): scene pixels gained for each metre of descent.
 
-    `px_per_m` is the scene's resolution on the ground.
+    `base_u`, `base_v` (H, 1) are the camera's own scene pix while each row is exposed, `camera_h_m` its height in the middle of
+    the exposure. `px_per_m` is the scene's resolution on the ground.
     """
 
-    base: tuple[float, float]
+    base_u: Plane
+    base_v: Plane
     slope_u: Plane
     slope_v: Plane
     camera_h_m: float
@@ -35,7 +37,8 @@ class Rays:
     def every(self, stride: int) -> Rays:
         """The rays of every so many rows and columns."""
         return Rays(
-            self.base,
+            np.ascontiguousarray(self.base_u[::stride]),
+            np.ascontiguousarray(self.base_v[::stride]),
             np.ascontiguousarray(self.slope_u[::stride, ::stride]),
             np.ascontiguousarray(self.slope_v[::stride, ::stride]),
             self.camera_h_m,
@@ -45,7 +48,7 @@ class Rays:
     def at(self, z: Plane | float) -> tuple[Plane, Plane]:
         """Scene pix (u, v) of every ray at its level."""
         drop = np.float32(self.camera_h_m) - np.asarray(z, dtype=np.float32)
-        return self.slope_u * drop + np.float32(self.base[0]), self.slope_v * drop + np.float32(self.base[1])
+        return self.slope_u * drop + self.base_u, self.slope_v * drop + self.base_v
 
 
 def height_at(dsm_m: Plane, u: Plane, v: Plane) -> Plane:

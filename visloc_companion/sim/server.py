@@ -20,6 +20,7 @@ from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.render import CameraSimulator
 from visloc_companion.sim.render_effects import CameraEffects
+from visloc_companion.sim.render_motion import Shot
 from visloc_companion.sim.scenarios import FLIGHTS
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightArea, FlightSetup, VehicleKind
@@ -148,10 +149,11 @@ class SimulationServer:
             pilot = self.pilot
             if pilot.faults.camera_silent(pilot.t_s) or not self._viewers:
                 continue
-            truth, t_boot_ns = pilot.truth(), pilot.t_boot_ns
+            truth, t_boot_ns, optics = pilot.truth(), pilot.t_boot_ns, pilot.faults.optics(pilot.t_s)
             self._frame_id += 1
             if pixels is None or not pilot.faults.camera_frozen(pilot.t_s):
-                pixels = await asyncio.to_thread(self._camera.render, truth.place, truth.q_ned_frd, self._frame_id)
+                shot = Shot(truth.v_ned_mps, truth.rate_frd_radps, optics.readout_s, optics.exposure_s, optics.effects)
+                pixels = await asyncio.to_thread(self._camera.render, truth.place, truth.q_ned_frd, self._frame_id, shot)
             data = encode_frame(StreamedFrame(pixels=pixels, t_us=t_boot_ns // 1000, autopilot_clock=True))
             for viewer in self._viewers.values():
                 if viewer.transport.get_write_buffer_size() == 0:

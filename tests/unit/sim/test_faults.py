@@ -1,4 +1,5 @@
 import math
+from itertools import pairwise
 
 import pytest
 
@@ -82,3 +83,58 @@ def test_intermittent_jamming_comes_and_goes_until_its_end():
         True,
         False,
     ]
+
+
+def test_frames_are_late_by_their_own_number_and_overtake_each_other():
+    schedule = faults.these(faults.FramesLate(10.0, 0.2, 0.8, 20.0))
+    delays = [schedule.frame_delay_s(15.0, k) for k in range(200)]
+    assert min(delays) >= 0.2
+    assert max(delays) <= 1.0
+    assert max(a - b for a, b in pairwise(delays)) > 0.5, "an older frame arrives after a newer one"
+    assert [schedule.frame_delay_s(15.0, k) for k in range(200)] == delays
+    assert schedule.frame_delay_s(9.0, 3) == schedule.frame_delay_s(20.0, 3) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("fault", "reading"),
+    [
+        (faults.CompassError(10.0, 0.4, 4.0, 20.0), lambda s, t: s.compass_error_rad(t) / 0.4),
+        (faults.BaroDrift(10.0, -20.0, 4.0, 20.0), lambda s, t: s.baro_error_m(t) / -20.0),
+    ],
+    ids=["compass", "baro"],
+)
+def test_what_drifts_goes_as_it_came(fault, reading):
+    schedule = faults.these(fault)
+    shares = [reading(schedule, t) for t in (9.9, 11.0, 14.0, 19.0, 22.0, 25.0)]
+    assert shares == pytest.approx([0.0, 0.25, 1.0, 1.0, 0.5, 0.0])
+
+
+def test_clocks_step_each_on_its_own():
+    schedule = faults.these(faults.AutopilotClockStep(5.0, 2.5), faults.CompanionClockStep(7.0, -1.5))
+    assert [schedule.autopilot_clock_ns(t) for t in (4.9, 5.0)] == [0, 2_500_000_000]
+    assert [schedule.companion_clock_ns(t) for t in (6.9, 7.0)] == [0, -1_500_000_000]
+
+
+def test_link_and_worker_come_back():
+    schedule = faults.these(faults.LinkGap(5.0, 7.0), faults.WorkerCrash(10.0, 3.0))
+    assert [schedule.link_down(t) for t in (4.9, 5.0, 7.0)] == [False, True, False]
+    assert [schedule.worker_down(t) for t in (9.9, 10.0, 12.9, 13.0)] == [False, True, True, False]
+
+
+def test_optics_are_a_good_cameras_but_for_the_faults():
+    schedule = faults.these(
+        faults.Haze(5.0, 300.0), faults.Night(5.0, 1e-3), faults.Blur(10.0, 4.0, 0.1, 20.0), faults.RollingShutter(0.03)
+    )
+    before, during = schedule.optics(4.0), schedule.optics(12.0)
+    assert (before.effects, before.readout_s) == (FaultSchedule().optics(4.0).effects, 0.03)
+    assert (during.effects.visibility_m, during.effects.light, during.effects.focus_blur_px) == (300.0, 1e-3, 4.0)
+    assert (before.exposure_s, during.exposure_s) == (0.002, 0.1)
+    assert schedule.optics(20.0).effects.focus_blur_px == before.effects.focus_blur_px
+
+
+def test_what_is_wrong_with_the_installation_lasts_for_the_flight():
+    schedule = faults.these(faults.MountError(pitch_rad=0.05), faults.FocalError(0.03), faults.MapShift(8.0, -1.0))
+    assert (schedule.mount_error.roll_rad, schedule.mount_error.pitch_rad) == (0, 0.05)
+    assert schedule.focal_scale == pytest.approx(1.03)
+    assert schedule.map_shift_ne_m == (8.0, -1.0)
+    assert schedule.gnss_start_s is None
