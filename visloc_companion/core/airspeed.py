@@ -6,6 +6,7 @@ makes another wind of it. So every change of the velocity through the air adds t
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +22,9 @@ H_AIR: FloatArray = -np.eye(N_STATES)[VELOCITY] - np.eye(N_STATES)[WIND]
 SIGMA_MPS = 1.0
 """1-sigma of one sample: gusts, sideslip."""
 SCALE_SIGMA = 0.05
+LEAST_MPS = 8.0
+"""Below it a pitot tube measures little, and a vehicle hovers."""
+GAS_CONSTANT, SEA_LEVEL_K, SEA_LEVEL_HPA, LAPSE_EXPONENT = 287.053, 288.15, 1013.25, 0.190263
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +34,14 @@ class Airspeed:
     t_ns: int
     v_ne_mps: Vec2
     changed_mps: float
+
+
+def true_airspeed_mps(static_hpa: float, dynamic_hpa: float) -> float:
+    """Of an incompressible flow in the standard atmosphere (ICAO Doc 7488): the autopilot's own temperature is its board's."""
+    if static_hpa <= 0 or dynamic_hpa <= 0:
+        return 0.0
+    kelvin = SEA_LEVEL_K * (static_hpa / SEA_LEVEL_HPA) ** LAPSE_EXPONENT
+    return math.sqrt(2 * dynamic_hpa / static_hpa * GAS_CONSTANT * kelvin)
 
 
 def observed(

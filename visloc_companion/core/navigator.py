@@ -3,7 +3,7 @@
 Trust runs one way. The filter is seeded once from the autopilot's position while GNSS is trusted; from then on the prior of
 every localisation is the filter's own state, so a spoofed autopilot cannot drag the search away. What GNSS may still do is in
 core/gnss_aiding.py. Nothing is injected before a first fix (or the operator's position) has anchored the filter. Distances
-to the ground: core/terrain_aiding.py; the camera's own motion: core/motion.py. Baro bears on the GNSS verdict only.
+to the ground: core/terrain_aiding.py; the camera's own motion: core/motion.py; accelerations: core/inertial.py.
 """
 
 from __future__ import annotations
@@ -41,6 +41,7 @@ from visloc_companion.types import (
     Gnss,
     GnssIntegrity,
     GnssTime,
+    Imu,
     LinkChanged,
     LocalPose,
     MapAtGnss,
@@ -134,7 +135,14 @@ class Navigator:
             case EstimatorStatus():
                 self._telemetry.on_status(event)
                 return []
-            case GnssIntegrity() | GnssTime() | MapAtGnss() | Baro():
+            case Imu():
+                self._telemetry.on_imu(event)
+                return []
+            case Baro():
+                self._monitor.on_evidence(event)
+                self._telemetry.on_baro(event)
+                return []
+            case GnssIntegrity() | GnssTime() | MapAtGnss():
                 self._monitor.on_evidence(event)
                 return []
             case Odometry():

@@ -6,6 +6,7 @@ from visloc_companion.core.settings import CoreSettings
 from visloc_companion.types import AutopilotKind, Command, RequestMessage
 
 ATTITUDE, LOCAL_POSITION_NED, GLOBAL_POSITION_INT, GPS_RAW_INT, GPS_GLOBAL_ORIGIN = 30, 32, 33, 24, 49
+SCALED_IMU = 26
 EKF_STATUS_REPORT, ESTIMATOR_STATUS = 193, 230
 SYSTEM_TIME, SCALED_PRESSURE, EVIDENCE_RATE_HZ = 2, 29, 1.0
 """What bears on the GNSS verdict only."""
@@ -25,6 +26,7 @@ def requests_for(autopilot: AutopilotKind, settings: CoreSettings) -> list[Comma
         RequestMessage(GLOBAL_POSITION_INT, settings.position_rate_hz),
         RequestMessage(LOCAL_POSITION_NED, settings.position_rate_hz),
         RequestMessage(GPS_RAW_INT, settings.gnss_rate_hz),
+        RequestMessage(SCALED_IMU, settings.attitude_rate_hz),
         *([RequestMessage(DISTANCE_SENSOR, RANGE_RATE_HZ)] if settings.terrain else []),
         *(RequestMessage(message_id, settings.status_rate_hz) for message_id in STATUS_MESSAGES[autopilot]),
         RequestMessage(SCALED_PRESSURE, EVIDENCE_RATE_HZ),

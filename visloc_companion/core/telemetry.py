@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
+from visloc_companion.core import airspeed
 from visloc_companion.core.asking import Asking
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.estimator import Velocity
@@ -14,15 +17,19 @@ from visloc_companion.core.switching import SourceSwitch
 from visloc_companion.core.terrain_aiding import TerrainAiding
 from visloc_companion.core.timesync import ClockOffset, ClockStep
 from visloc_companion.core.tracking import Tracker
+from visloc_companion.geo import se3
 from visloc_companion.types import (
     Attitude,
+    Baro,
     Command,
     EstimatorStatus,
+    Imu,
     LocalPose,
     Notice,
     PriorPose,
     Range,
     Severity,
+    Vec2,
     Vec3,
 )
 
@@ -52,6 +59,7 @@ class Telemetry:
         self._attitude_rx_ns: int | None = None
         self._status: EstimatorStatus | None = None
         self._prior: PriorPose | None = None
+        self._air_ne_mps: Vec2 | None = None
 
     def attitude_fresh(self, now_ns: int) -> bool:
         """Whether an attitude arrived lately."""
@@ -111,6 +119,26 @@ class Telemetry:
         q_ned_frd = self._asking.attitude_now(t_ns)
         if self._terrain is not None and q_ned_frd is not None:
             self._terrain.on_range(event, t_ns, q_ned_frd)
+
+    def on_imu(self, event: Imu) -> None:
+        """Take accelerations where the attitude of their time is known."""
+        q_ned_frd = self._attitude.at(event.t_boot_ns)
+        if q_ned_frd is not None:
+            self._tracker.on_force(event.t_boot_ns, event.force_frd_mps2, q_ned_frd)
+
+    def on_baro(self, event: Baro) -> None:
+        """Take the velocity through the air, along the heading, of a vehicle that measures one."""
+        q_ned_frd = self._attitude.at(event.t_boot_ns)
+        speed_mps = airspeed.true_airspeed_mps(event.pressure_hpa, event.dynamic_hpa)
+        if q_ned_frd is None or speed_mps < airspeed.LEAST_MPS:
+            self._air_ne_mps = None
+            return
+        _, _, yaw = se3.euler_from_quat(q_ned_frd)
+        air, before = (speed_mps * math.cos(yaw), speed_mps * math.sin(yaw)), self._air_ne_mps
+        self._air_ne_mps = air
+        if before is not None:
+            t_ns = self.stamped_ns(event.t_rx_ns, event.t_boot_ns)
+            self._tracker.observe_airspeed(airspeed.Airspeed(t_ns, air, math.dist(air, before)))
 
     def seed(self, now_ns: int, sigma_m: float) -> list[Command]:
         """Start the filter from the autopilot's position, once, while GNSS is trusted."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,8 @@ from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Fix, GeoPoint, NavState, Odometry, Quat, Rejected, TooOld, Vec3
 
 MIN_VELOCITY_INTERVAL_NS = 5_000_000
+TAUGHT_BY, TAUGHT_WITHIN_NS = 2, 10_000_000_000
+"""Accelerations drive the filter where so many fixes or intervals of odometry were accepted within that time."""
 OPERATOR_REACH_M = 100_000.0
 OPERATOR_MARGIN_M = 50.0
 GNSS_BIAS_SIGMA_M = 3.0
@@ -34,6 +37,7 @@ class Tracker:
         self._velocity: Velocity | None = None
         self._odometry = OdometryAiding()
         self._inertial, self._velocity_boot_ns = InertialVelocity(), 0
+        self._taught_ns: deque[int] = deque(maxlen=TAUGHT_BY)
         self.gnss = GnssTrack()
         self.origin: GeoPoint | None = None
         self.height_above_home_m: float | None = None
@@ -59,13 +63,15 @@ class Tracker:
     def drive(self, velocity: Velocity, t_boot_ns: int, *, alone: bool) -> bool:
         """Take the autopilot's velocity; the same sample in another message is ignored (False).
 
-        `alone`: it does not rest on a GNSS that is trusted; the filter is then driven by the accelerations, where they are known.
+        `alone`: it does not rest on a GNSS that is trusted. The filter is then driven by the accelerations, while something teaches
+        it their error; alone for long they carry it away faster than what the autopilot has learnt of its own sensors.
         """
         last = self._velocity
         if last is not None and velocity.t_ns < last.t_ns + MIN_VELOCITY_INTERVAL_NS:
             return False
         self._velocity, self._velocity_boot_ns = velocity, t_boot_ns
-        v_ne_mps = self._inertial.at(t_boot_ns) if alone else None
+        taught = len(self._taught_ns) == TAUGHT_BY and velocity.t_ns - self._taught_ns[0] <= TAUGHT_WITHIN_NS
+        v_ne_mps = self._inertial.at(t_boot_ns) if alone and taught else None
         if v_ne_mps is None:
             self._inertial.anchor(t_boot_ns, velocity.v_ned_mps[:2])
         else:
@@ -120,13 +126,18 @@ class Tracker:
 
     def observe(self, fix: Fix) -> Accepted | Rejected | TooOld | None:
         """Take a fix; None before seeding."""
-        return None if self._filter is None else self._filter.observe(fix)
+        return None if self._filter is None else self._teach(fix.t_ns, self._filter.observe(fix))
+
+    def _teach(self, t_ns: int, outcome: Accepted | Rejected | TooOld) -> Accepted | Rejected | TooOld:
+        if isinstance(outcome, Accepted):
+            self._taught_ns.append(t_ns)
+        return outcome
 
     def observe_odometry(self, odometry: Odometry) -> None:
         """Learn the velocity's error from what the camera saw of its own motion."""
         motion = self._odometry.on_odometry(odometry)
         if motion is not None and self._filter is not None:
-            self._filter.observe_motion(motion)
+            self._teach(motion.t_ns, self._filter.observe_motion(motion))
 
     def observe_gnss(self, t_ns: int, place: GeoPoint, sigma_m: float) -> Accepted | Rejected | TooOld | None:
         """Take a trusted GNSS position; None before seeding."""

@@ -7,6 +7,7 @@ import math
 from visloc_companion.errors import Reason
 from visloc_companion.types import (
     Attitude,
+    Baro,
     Cov2,
     EstimatorStatus,
     Event,
@@ -14,6 +15,7 @@ from visloc_companion.types import (
     FrameRef,
     GeoPoint,
     Gnss,
+    Imu,
     LocalPose,
     MapAtGnss,
     Odometry,
@@ -24,6 +26,8 @@ from visloc_companion.types import (
 )
 
 MAX_SPEED_MPS = 200.0
+MAX_FORCE_MPS2 = 160.0
+"""What accelerometers of autopilots can measure."""
 MAX_LEAD_NS = 200_000_000
 """Times of validity may lie this far ahead of the shell's clock (clock offsets are estimates)."""
 
@@ -46,6 +50,10 @@ def fault(event: Event, now_ns: int) -> Reason | None:  # noqa: PLR0911, PLR0912
         case EstimatorStatus():
             ratios = (event.position_ratio, event.velocity_ratio, event.height_ratio)
             return _unless(_finite(*(r for r in ratios if r is not None)))
+        case Imu():
+            return _unless(_finite(*event.force_frd_mps2) and max(map(abs, event.force_frd_mps2)) <= MAX_FORCE_MPS2)
+        case Baro():
+            return _unless(_finite(event.pressure_hpa, event.dynamic_hpa))
         case Range():
             return _unless(_finite(event.distance_m))
         case OriginChanged():

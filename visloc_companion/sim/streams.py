@@ -20,6 +20,7 @@ COMMON = frozenset(
         mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
         mavlink.MAVLINK_MSG_ID_HEARTBEAT,
         mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE,
+        mavlink.MAVLINK_MSG_ID_SCALED_IMU,
         mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
         mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR,
     }

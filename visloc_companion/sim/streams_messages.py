@@ -13,6 +13,7 @@ from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.sim.estimator_status import EstimatorHealth
 from visloc_companion.sim.gnss import HDOP, SPEED_ACC_MPS, GnssSample
 from visloc_companion.sim.streams import STATUS_MESSAGE
+from visloc_companion.sim.vehicle import GRAVITY_MPS2
 from visloc_companion.types import AutopilotKind, GeoPoint, Vec3
 
 FIRMWARE_VERSION = {AutopilotKind.ARDUPILOT: (4, 7, 0, 0), AutopilotKind.PX4: (1, 17, 0, 0)}
@@ -55,6 +56,8 @@ class Snapshot:
     armed: bool
     failsafe: bool
     range: Ranged | None = None
+    force_frd_mps2: Vec3 | None = None
+    airspeed_mps: float = 0.0
 
     @property
     def t_ms(self) -> int:
@@ -151,9 +154,20 @@ def gps_global_origin(s: Snapshot) -> Message | None:
 
 
 def scaled_pressure(s: Snapshot) -> Message:
-    """SCALED_PRESSURE of the standard atmosphere at the barometer's height, 15 degrees Celsius."""
-    pressure_hpa = 1013.25 * (1 - s.baro_amsl_m / 44330.77) ** (1 / 0.190263)
-    return mavlink.MAVLink_scaled_pressure_message(s.t_ms, pressure_hpa, 0.0, 1500)
+    """SCALED_PRESSURE of the standard atmosphere at the barometer's height, and of the pitot tube; 15 degrees Celsius."""
+    share = 1 - s.baro_amsl_m / 44330.77
+    pressure_hpa = 1013.25 * share ** (1 / 0.190263)
+    density = pressure_hpa * 100 / (287.05 * 288.15 * share)
+    dynamic_hpa = density * s.airspeed_mps**2 / 200
+    return mavlink.MAVLink_scaled_pressure_message(s.t_ms, pressure_hpa, dynamic_hpa, 1500)
+
+
+def scaled_imu(s: Snapshot) -> Message | None:
+    """SCALED_IMU: specific force in thousandths of g, rates in mrad/s."""
+    if s.force_frd_mps2 is None:
+        return None
+    force = (_whole(f / GRAVITY_MPS2 * 1000, 16) for f in s.force_frd_mps2)
+    return mavlink.MAVLink_scaled_imu_message(s.t_ms, *force, *(_whole(r * 1000, 16) for r in s.rates_radps), 0, 0, 0, 0)
 
 
 def system_time(s: Snapshot) -> Message:
@@ -209,6 +223,7 @@ BUILDERS: dict[int, Builder] = {
     mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: gps_global_origin,
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: autopilot_version,
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: scaled_pressure,
+    mavlink.MAVLINK_MSG_ID_SCALED_IMU: scaled_imu,
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: system_time,
     mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: distance_sensor,
     STATUS_MESSAGE[AutopilotKind.ARDUPILOT]: ekf_status_report,

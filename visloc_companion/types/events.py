@@ -116,13 +116,23 @@ class Range:
 
 
 @dataclass(frozen=True, slots=True)
+class Imu:
+    """Specific force that the accelerometers measured along the body's axes, m/s² (SCALED_IMU, HIGHRES_IMU, RAW_IMU)."""
+
+    t_rx_ns: int
+    t_boot_ns: int
+    force_frd_mps2: Vec3
+
+
+@dataclass(frozen=True, slots=True)
 class Baro:
-    """Static pressure (SCALED_PRESSURE), hPa, and temperature in degrees Celsius."""
+    """Static and dynamic pressure (SCALED_PRESSURE), hPa, and temperature in degrees Celsius; dynamic 0 without a pitot tube."""
 
     t_rx_ns: int
     t_boot_ns: int
     pressure_hpa: float
     temperature_c: float
+    dynamic_hpa: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,6 +306,7 @@ Event = (
     | MapAtGnss
     | EstimatorStatus
     | Range
+    | Imu
     | Baro
     | FrameRef
     | Odometry

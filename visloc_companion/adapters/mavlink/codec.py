@@ -20,6 +20,7 @@ from visloc_companion.types import (
     Baro,
     EstimatorStatus,
     Event,
+    Imu,
     LinkChanged,
     LocalPose,
     OriginChanged,
@@ -28,7 +29,8 @@ from visloc_companion.types import (
     Vec3,
 )
 
-_NS_PER_MS = 1_000_000
+_NS_PER_MS, _NS_PER_US = 1_000_000, 1_000
+_MILLI_G_MPS2 = 9.80665e-3
 _VERSION_TYPES = ((255, ""), (192, "-rc"), (128, "-beta"), (64, "-alpha"), (0, "-dev"))
 _KINDS = {mav.MAV_AUTOPILOT_ARDUPILOTMEGA: AutopilotKind.ARDUPILOT, mav.MAV_AUTOPILOT_PX4: AutopilotKind.PX4}
 
@@ -138,7 +140,31 @@ def _rangefinder(msg: Message, t_rx_ns: int) -> Outcome:
 def _scaled_pressure(msg: Message, t_rx_ns: int) -> Outcome:
     if not math.isfinite(msg.press_abs):
         return Reason.NOT_FINITE
-    return Baro(t_rx_ns, msg.time_boot_ms * _NS_PER_MS, float(msg.press_abs), msg.temperature / 100.0)
+    dynamic_hpa = float(msg.press_diff) if math.isfinite(msg.press_diff) else 0.0
+    return Baro(t_rx_ns, msg.time_boot_ms * _NS_PER_MS, float(msg.press_abs), msg.temperature / 100.0, dynamic_hpa)
+
+
+def _imu(t_rx_ns: int, t_boot_ns: int, force_frd_mps2: Vec3) -> Outcome:
+    if not all(map(math.isfinite, force_frd_mps2)):
+        return Reason.NOT_FINITE
+    return Imu(t_rx_ns, t_boot_ns, force_frd_mps2) if any(force_frd_mps2) else Reason.BAD_INPUT
+
+
+def _scaled_imu(msg: Message, t_rx_ns: int) -> Outcome:
+    return _imu(t_rx_ns, msg.time_boot_ms * _NS_PER_MS, _from_milli_g(msg))
+
+
+def _raw_imu(msg: Message, t_rx_ns: int) -> Outcome:
+    """ArduPilot fills RAW_IMU with thousandths of g (GCS_Common.cpp, send_raw_imu)."""
+    return _imu(t_rx_ns, msg.time_usec * _NS_PER_US, _from_milli_g(msg))
+
+
+def _highres_imu(msg: Message, t_rx_ns: int) -> Outcome:
+    return _imu(t_rx_ns, msg.time_usec * _NS_PER_US, (float(msg.xacc), float(msg.yacc), float(msg.zacc)))
+
+
+def _from_milli_g(msg: Message) -> Vec3:
+    return msg.xacc * _MILLI_G_MPS2, msg.yacc * _MILLI_G_MPS2, msg.zacc * _MILLI_G_MPS2
 
 
 def _gps_global_origin(msg: Message, t_rx_ns: int) -> Outcome:
@@ -186,6 +212,9 @@ _HANDLERS: dict[str, Callable[[Message, int], Outcome]] = {
     "DISTANCE_SENSOR": _distance_sensor,
     "RANGEFINDER": _rangefinder,
     "SCALED_PRESSURE": _scaled_pressure,
+    "SCALED_IMU": _scaled_imu,
+    "RAW_IMU": _raw_imu,
+    "HIGHRES_IMU": _highres_imu,
     "GPS_GLOBAL_ORIGIN": _gps_global_origin,
     "HEARTBEAT": _heartbeat,
     "AUTOPILOT_VERSION": _autopilot_version,
