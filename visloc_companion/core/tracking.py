@@ -63,8 +63,8 @@ class Tracker:
     def drive(self, velocity: Velocity, t_boot_ns: int, *, alone: bool) -> bool:
         """Take the autopilot's velocity; the same sample in another message is ignored (False).
 
-        `alone`: it does not rest on a GNSS that is trusted. The filter is then driven by the accelerations, while something teaches
-        it their error; alone for long they carry it away faster than what the autopilot has learnt of its own sensors.
+        `alone`: it does not rest on a GNSS that is trusted. The filter is then driven by the accelerations, while something
+        teaches it their error; alone for long they carry it away faster than what the autopilot has learnt of its own sensors.
         """
         last = self._velocity
         if last is not None and velocity.t_ns < last.t_ns + MIN_VELOCITY_INTERVAL_NS:

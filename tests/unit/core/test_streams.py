@@ -13,7 +13,7 @@ from visloc_companion.types import AutopilotKind, RequestMessage
 def test_asks_for_what_each_autopilot_sends(kind: AutopilotKind, status: set[int]) -> None:
     wanted = requests_for(kind, CoreSettings(attitude_rate_hz=40.0))
     ids = {w.message_id for w in wanted if isinstance(w, RequestMessage)}
-    assert ids == {2, 29, 30, 32, 33, 24, 49} | status
+    assert ids == {2, 26, 29, 30, 32, 33, 24, 49} | status
     assert RequestMessage(30, 40.0) in wanted
     assert RequestMessage(49, 0.0) in wanted
 
