@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections import deque
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
 
 from visloc_companion.errors import Reason
 from visloc_companion.geo import se3
-from visloc_companion.types import Quat, Vec3
+from visloc_companion.types import FloatArray, Quat, Vec3
 
 SPAN_S = 6.0
 MAX_EXTRAPOLATION_S = 0.1
@@ -62,6 +66,15 @@ class AttitudeBuffer:
         if abs(dt_s) > MAX_EXTRAPOLATION_S:
             return None
         return turned(self._q[nearest], self._rate[nearest], dt_s)
+
+    def between(self, from_ns: int, to_ns: int) -> tuple[NDArray[np.int64], FloatArray]:
+        """Times (N,) and attitudes (N, 4) of the samples of an interval; neighbours have the same sign."""
+        first, end = bisect_left(self._t_ns, from_ns), bisect_right(self._t_ns, to_ns)
+        t_ns = np.array(list(islice(self._t_ns, first, end)), dtype=np.int64)
+        q = np.array(list(islice(self._q, first, end))).reshape(-1, 4)
+        if len(q) > 1:
+            q[1:] *= np.cumprod(np.where((q[1:] * q[:-1]).sum(1) < 0, -1.0, 1.0))[:, None]
+        return t_ns, q
 
     def newest_boot_ns(self) -> int | None:
         """Time of the newest sample."""

@@ -1,0 +1,135 @@
+"""The time offset between camera and autopilot, from how the picture turned and how the autopilot says that the camera turned.
+
+A frame that was taken `offset` after its stamp shows the attitude of then. Over a pair of frames the two turns differ by the body
+rates at its end less those at its start, times the offset: nothing in steady flight or in a steady turn, much where a vehicle
+rocks, banks or begins a turn. Each offset of a grid is a hypothesis whose likelihoods (Student's, so that a wrong turn costs it
+little) add up; the peak's curvature is the variance. What is older than some minutes counts less, and no hypothesis falls so far
+behind that it could not come back within a few turns.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from visloc_companion.core.attitude import AttitudeBuffer
+from visloc_companion.geo import se3
+from visloc_companion.types import FloatArray, Quat, Turn
+
+STEP_S, REACH_S = 0.01, 0.6
+OFFSETS_S: FloatArray = np.linspace(-REACH_S, REACH_S, 2 * round(REACH_S / STEP_S) + 1)
+DEGREES = 4.0
+"""Of freedom of Student's distribution."""
+ATTITUDE_SIGMA_RAD = math.radians(0.06)
+"""1-sigma of the autopilot's turn between two frames, each axis."""
+MOUNT_SIGMA_RAD = math.radians(1.5)
+"""Of the camera's mounting and scale: a turn of an angle is seen off by so much of it."""
+WEIGHT = 0.7
+"""Neighbouring turns share a frame and the relief below: so much of their information is new. Fitted on rendered flights."""
+MEMORY_S = 300.0
+MOST_BEHIND = 60.0
+NEAR = 4
+"""Cells on either side of the peak that its curvature stands for."""
+LEAST_SIGMA_S = 0.002
+REACH_NS = round((REACH_S + STEP_S) * 1e9)
+MAX_GAP_NS = 150_000_000
+"""Between attitudes further apart than this nothing is known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Offset:
+    """Seconds from a frame's stamp to when it was taken (negative: stamped late), and its 1-sigma."""
+
+    offset_s: float
+    sigma_s: float
+
+
+class TimeOffset:
+    """Adds up what turns say of each offset."""
+
+    def __init__(self) -> None:
+        self._score = np.zeros(len(OFFSETS_S))
+        self._t_ns: int | None = None
+
+    def add(
+        self,
+        turn: Turn,
+        stamps_boot_ns: tuple[int, int],
+        sigma_s: float,
+        attitude: AttitudeBuffer,
+        q_frd_cambody: Quat,
+    ) -> bool:
+        """Take a turn between two stamps on the autopilot's clock, each good to `sigma_s` beside the offset.
+
+        False where the autopilot's attitudes about these times are not known.
+        """
+        first_ns, last_ns = stamps_boot_ns[0] - REACH_NS, stamps_boot_ns[1] + REACH_NS
+        t_ns, q = attitude.between(first_ns - MAX_GAP_NS, last_ns + MAX_GAP_NS)
+        if not len(t_ns) or t_ns[0] > first_ns or t_ns[-1] < last_ns or int(np.diff(t_ns).max(initial=0)) > MAX_GAP_NS:
+            return False
+        t_s, apart_s = (
+            np.asarray((t_ns - stamps_boot_ns[0]) * 1e-9, dtype=np.float64),
+            (stamps_boot_ns[1] - stamps_boot_ns[0]) * 1e-9,
+        )
+        start, end = _at(t_s, q, OFFSETS_S), _at(t_s, q, np.asarray(OFFSETS_S + apart_s, dtype=np.float64))
+        r = _difference(
+            start, end, se3.quat_multiply(se3.quat_multiply(q_frd_cambody, turn.q_from_to), se3.quat_inverse(q_frd_cambody))
+        )
+        peak = min(max(int(np.argmax(self._score)), 1), len(OFFSETS_S) - 2)
+        rate2 = sum(float(((at[peak + 1] - at[peak - 1]) ** 2).sum()) for at in (start, end)) / STEP_S**2
+        angle = se3.angle_between(turn.q_from_to, (1.0, 0.0, 0.0, 0.0))
+        own = ATTITUDE_SIGMA_RAD**2 + (MOUNT_SIGMA_RAD * angle) ** 2 + sigma_s**2 * rate2
+        R = se3.R_from_quat(q_frd_cambody)
+        information = np.linalg.inv(R @ np.array(turn.cov_rad2) @ R.T + own * np.eye(3))
+        size2 = ((r @ information) * r).sum(1)
+        self._forget(turn.t_to_ns)
+        self._score -= WEIGHT * (DEGREES + 3) / 2 * np.log1p(size2 / DEGREES)
+        self._score -= self._score.max()
+        np.maximum(self._score, -MOST_BEHIND, out=self._score)
+        return True
+
+    def best(self) -> Offset:
+        """The likeliest offset; the sigma takes in what lies elsewhere, and is that of the whole grid before the first turn."""
+        p = np.exp(self._score)
+        p /= p.sum()
+        peak = int(np.argmax(p))
+        if not 0 < peak < len(p) - 1:
+            return Offset(float(OFFSETS_S[peak]), REACH_S)
+        before, here, after = (float(v) for v in self._score[peak - 1 : peak + 2])
+        bend = 2 * here - before - after
+        at = float(OFFSETS_S[peak]) + (0.5 * STEP_S * (after - before) / bend if bend > 0 else 0.0)
+        curved = STEP_S**2 / bend if bend > 0 else REACH_S**2
+        far = np.abs(np.arange(len(p)) - peak) > NEAR
+        spread = float(p[far] @ (OFFSETS_S[far] - at) ** 2)
+        return Offset(at, math.sqrt(max(LEAST_SIGMA_S**2, min(curved, REACH_S**2)) + spread))
+
+    def _forget(self, t_ns: int) -> None:
+        if self._t_ns is not None and t_ns > self._t_ns:
+            self._score *= math.exp(-(t_ns - self._t_ns) * 1e-9 / MEMORY_S)
+        self._t_ns = t_ns
+
+
+def _at(t_s: FloatArray, q: FloatArray, wanted_s: FloatArray) -> FloatArray:
+    """(M, 4) unit quaternions at times, linear between samples."""
+    k = np.clip(np.searchsorted(t_s, wanted_s) - 1, 0, len(t_s) - 2)
+    share = ((wanted_s - t_s[k]) / (t_s[k + 1] - t_s[k]))[:, None]
+    found = q[k] * (1 - share) + q[k + 1] * share
+    return np.asarray(found / np.sqrt((found**2).sum(1))[:, None])
+
+
+def _difference(start: FloatArray, end: FloatArray, turn: Quat) -> FloatArray:
+    """(M, 3) small turn about the body's axes at the end by which `turn` differs from that of attitudes (M, 4)."""
+    w, x, y, z = turn
+    ahead = start @ np.array([[w, x, y, z], [-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]])
+    aw, ax, ay, az = end.T
+    bw, bx, by, bz = ahead.T
+    sign = 2 * np.sign(aw * bw + ax * bx + ay * by + az * bz)
+    return np.column_stack(
+        [
+            sign * (aw * bx - bw * ax - ay * bz + az * by),
+            sign * (aw * by - bw * ay - az * bx + ax * bz),
+            sign * (aw * bz - bw * az - ax * by + ay * bx),
+        ]
+    )
