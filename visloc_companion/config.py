@@ -151,6 +151,8 @@ class NavigatorConfig(Section):
     """Without an accepted fix for so long the mode becomes DEAD_RECKONING."""
     lost_sigma_m: Positive = 60.0
     """Horizontal 1-sigma beyond which injection stops."""
+    start_anywhere: bool = True
+    """Search the whole map where there is no trusted position to begin with, or none any more; believed when several answers agree."""
     seed_sigma_m: Positive = 5.0
     """1-sigma of the autopilot's position that seeds the filter while GNSS is trusted."""
     min_height_m: NonNegative = 15.0

@@ -1,4 +1,8 @@
-"""What the worker is asked next, and the prior that goes with it: the filter's own state, never the autopilot's position."""
+"""What the worker is asked next, and the prior that goes with it: the filter's own state, never the autopilot's position.
+
+Where there is no state, or one that says hardly more than that the vehicle is on the map, the place is searched for
+(core/place_search.py).
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,8 @@ from dataclasses import replace
 
 from visloc_companion.core import requests
 from visloc_companion.core.attitude import AttitudeBuffer
+from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.place_search import PlaceSearch, Reach, tile_radius_m
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.terrain_aiding import TerrainAiding
@@ -15,6 +21,12 @@ from visloc_companion.core.tracking import Tracker
 from visloc_companion.types import Command, FrameRef, NavState, PosePrior, Quat
 
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
+SEARCH_AFTER_NS = 5_000_000_000
+"""Without a first position the search begins when GNSS has not been trusted for so long; after a start it takes a moment."""
+SEARCH_SIGMA_H_M = 5.0
+"""1-sigma of the autopilot's height above the map's zero before fixes have taught how far it is off."""
+REACH_SIGMA = 4.0
+"""After a loss the vehicle is searched for within so many sigma of where it is believed to be."""
 
 
 class Asking:
@@ -28,12 +40,18 @@ class Asking:
         clock: ClockOffset,
         attitude: AttitudeBuffer,
         terrain: TerrainAiding | None,
+        search: PlaceSearch | None = None,
     ) -> None:
         self._settings, self._queue, self._tracker = settings, queue, tracker
-        self._clock, self._attitude, self._terrain = clock, attitude, terrain
+        self._clock, self._attitude, self._terrain, self._search = clock, attitude, terrain, search
+        self._untrusted_ns: int | None = None
 
     def next(self, now_ns: int, *, injecting: bool, gnss_trusted: bool) -> list[Command]:
         """The worker's next question: about the ground below the track where that is due, else about a frame."""
+        if gnss_trusted:
+            self._untrusted_ns = None
+        elif self._untrusted_ns is None:
+            self._untrusted_ns = now_ns
         return self._about_terrain(now_ns, injecting, gnss_trusted) or self._about_frame(now_ns, injecting)
 
     def attitude_now(self, now_ns: int) -> Quat | None:
@@ -58,18 +76,57 @@ class Asking:
         return [] if asked is None else [asked]
 
     def _about_frame(self, now_ns: int, injecting: bool) -> list[Command]:
+        if self._search is not None and self._tracker.velocity is not None:
+            self._search.moving(self._tracker.velocity.t_ns, self._tracker.velocity.v_ned_mps[:2])
         frame = self._queue.next_frame(now_ns)
-        state = None if frame is None else self._tracker.at(frame.t_ns)
-        if frame is None or state is None:
-            return []
         height = self._tracker.height_above_home_m
-        if height is not None and height < self._settings.navigator.min_height_m:
+        if frame is None or (height is not None and height < self._settings.navigator.min_height_m):
             return []
         q_ned_frd = self._attitude_at(frame)
         if q_ned_frd is None:
             return []
-        prior = self._prior(state, q_ned_frd, self._settings.q_frd_cambody, injecting)
+        state = self._tracker.at(frame.t_ns)
+        if self._search is not None and self._anywhere(state, now_ns):
+            return self._about_place(self._search, state, frame, q_ned_frd, now_ns)
+        if self._search is not None and self._search.places:
+            self._search.clear()
+        prior = None if state is None else self._prior(state, q_ned_frd, self._settings.q_frd_cambody, injecting)
         return [] if prior is None else [self._queue.taken(frame, prior, now_ns)]
+
+    def _anywhere(self, state: NavState | None, now_ns: int) -> bool:
+        """Whether GNSS has not been trusted for a while and the state, if any, leaves open more than a search of one region."""
+        if self._untrusted_ns is None or now_ns - self._untrusted_ns < SEARCH_AFTER_NS:
+            return False
+        velocity, origin = self._tracker.velocity, self._tracker.origin
+        if velocity is None or origin is None:
+            return False
+        radius_m = tile_radius_m(velocity.h_amsl_m - origin.h_amsl_m, self._settings.max_search_radius_m)
+        return state is None or 3 * largest_sigma_m(state.cov_ne_m2) > radius_m
+
+    def _about_place(
+        self, search: PlaceSearch, state: NavState | None, frame: FrameRef, q_ned_frd: Quat, now_ns: int
+    ) -> list[Command]:
+        """The next question of the search for the vehicle's place."""
+        velocity, origin, belief = self._tracker.velocity, self._tracker.origin, self._tracker.belief
+        if velocity is None or origin is None:
+            return []
+        height_m = velocity.h_amsl_m - origin.h_amsl_m
+        about = Reach() if state is None else Reach(state.p_ned_m[:2], REACH_SIGMA * largest_sigma_m(state.cov_ne_m2))
+        where = search.next(self._queue.next_id, frame.t_ns, height_m, velocity.sigma_mps, about)
+        asked = NavState(
+            frame.t_ns, (*where.place_ne_m, -height_m), velocity.v_ned_mps, where.cov_ne_m2, SEARCH_SIGMA_H_M, math.inf
+        )
+        prior = requests.pose_prior(
+            asked,
+            origin,
+            q_ned_frd,
+            self._settings.q_frd_cambody,
+            0.0 if belief is None else belief.height_offset_m,
+            self._tracker.height_above_home_m or 0.0,
+            self._settings.mount_sigma_rad,
+            self._settings.max_search_radius_m,
+        )
+        return [self._queue.taken(frame, prior, now_ns, aside=True)]
 
     def _prior(self, state: NavState, q_ned_frd: Quat, q_frd_body: Quat, injecting: bool) -> PosePrior | None:
         """The prior of a state for the camera's body, or for another one that is mounted so."""

@@ -2,7 +2,8 @@
 
 Trust runs one way. The filter is seeded once from the autopilot's position while GNSS is trusted; from then on the prior of
 every localisation is the filter's own state, so a spoofed autopilot cannot drag the search away. What GNSS may still do is in
-core/gnss_aiding.py. Nothing is injected before a first fix (or the operator's position) has anchored the filter. Distances
+core/gnss_aiding.py. Nothing is injected before a first fix (or the operator's position) has anchored the filter. Without a first
+position, and when it is lost for long, the whole map is searched (core/place_search.py). Distances
 to the ground: core/terrain_aiding.py; the camera's own motion: core/motion.py; accelerations: core/inertial.py.
 """
 
@@ -17,6 +18,7 @@ from visloc_companion.core.camera_watch import CameraWatch
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.guard import Complaints, TimeCheck, TimeGuard
+from visloc_companion.core.place_search import Found, PlaceSearch
 from visloc_companion.core.sending import Sending
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.steering import Steering
@@ -29,6 +31,7 @@ from visloc_companion.core.tracking import Tracker
 from visloc_companion.core.turns import Turns
 from visloc_companion.core.validate import fault
 from visloc_companion.errors import Reason
+from visloc_companion.geo import wgs84
 from visloc_companion.types import (
     Accepted,
     Attitude,
@@ -84,7 +87,8 @@ class Navigator:
             settings.max_rate_hz, settings.seed, Turns(settings.structure, settings.structure_every)
         )
         self._terrain = TerrainAiding() if settings.terrain else None
-        self._asking = Asking(settings, self._queue, self._tracker, self._clock, self._attitude, self._terrain)
+        self._search = PlaceSearch(settings.max_search_radius_m) if settings.navigator.start_anywhere else None
+        self._asking = Asking(settings, self._queue, self._tracker, self._clock, self._attitude, self._terrain, self._search)
         self._switch = SourceSwitch(settings.injection.switch_source)
         self._telemetry = Telemetry(
             settings.navigator,
@@ -153,12 +157,9 @@ class Navigator:
                 return []
             case FrameRef():
                 return self._on_frame(event, now_ns)
-            case Fix():
+            case Fix() | NoFix():
                 self._moved(event.motion, now_ns)
-                return self._on_fix(event, now_ns)
-            case NoFix():
-                self._moved(event.motion, now_ns)
-                return self._free_worker(event, now_ns)
+                return self._on_answer(event, now_ns)
             case TimesyncSample():
                 return self._telemetry.on_step(self._clock.on_exchange(event))
             case OriginChanged():
@@ -178,6 +179,8 @@ class Navigator:
     # ------------------------------------------------------------------------------------------- the link and its origin
 
     def _on_origin(self, event: OriginChanged) -> list[Command]:
+        if self._search is not None and event.origin != self._tracker.origin:
+            self._search.clear()
         if self._tracker.set_origin(event.origin):
             self._sending.origin_moved()
             return [Notice(Severity.NOTICE, "visloc: EKF origin moved")]
@@ -208,6 +211,26 @@ class Navigator:
         if motion is not None and fault(motion, now_ns) is None:
             self._aiding.on_odometry(motion)
             self._tracker.observe_odometry(motion)
+            if self._search is not None:
+                self._search.moved(motion)
+
+    def _on_answer(self, event: Fix | NoFix, now_ns: int) -> list[Command]:
+        if self._search is not None and self._search.is_asked(event.request_id):
+            found = None if self._tracker.origin is None else self._search.answered(event, self._tracker.origin, now_ns)
+            return [*([] if found is None else self._on_found(found, now_ns)), *self._free_worker(event, now_ns)]
+        return self._on_fix(event, now_ns) if isinstance(event, Fix) else self._free_worker(event, now_ns)
+
+    def _on_found(self, found: Found, now_ns: int) -> list[Command]:
+        """The search of the whole map has found the vehicle: the filter starts (again) there."""
+        if self._tracker.origin is None or self._search is None:
+            return []
+        self._search.clear()
+        place = wgs84.geo_from_ned((*found.place_ne_m, 0.0), self._tracker.origin)
+        if not self._tracker.seed(found.t_ns, place, found.sigma_m):
+            return []
+        self._steering.taken(now_ns)
+        data = (("probability_wrong", found.probability_wrong), ("answers", float(found.hits)))
+        return [Notice(Severity.WARNING, "visloc: position found on the map", to_operator=True, data=data)]
 
     def _free_worker(self, event: Event, now_ns: int) -> list[Command]:
         if isinstance(event, Fix | NoFix):

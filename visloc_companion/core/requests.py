@@ -8,7 +8,7 @@ from dataclasses import replace
 from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.turns import Turns
 from visloc_companion.geo import se3, wgs84
-from visloc_companion.types import Cov2, FrameRef, GeoPoint, LocaliseRequest, NavState, PosePrior, Quat
+from visloc_companion.types import Cov2, FrameRef, GeoPoint, LocaliseRequest, NavState, PosePrior, Quat, Vote
 
 SIGMA_YAW_RAD = math.radians(5.0)
 HEIGHT_SIGMA_M = 3.0
@@ -84,12 +84,18 @@ class FrameQueue:
         too_soon = self._asked_ns is not None and now_ns - self._asked_ns < self._min_interval_ns
         return None if self.busy or too_soon or not self._worker_up else self._waiting
 
-    def taken(self, frame: FrameRef, prior: PosePrior, now_ns: int) -> LocaliseRequest:
-        """The request for a frame; it is outstanding from now on."""
+    @property
+    def next_id(self) -> int:
+        """The number that the next request will have."""
+        return self._last_id + 1
+
+    def taken(self, frame: FrameRef, prior: PosePrior, now_ns: int, aside: bool = False) -> LocaliseRequest:
+        """The request for a frame; it is outstanding from now on. `aside`: it asks for the image's vote out of turn."""
         self._last_id += 1
         self._busy_id, self._asked_ns, self._waiting = self._last_id, now_ns, None
+        self._aside_id = self._last_id if aside else self._aside_id
         seed = (self._seed * SEED_STEP + self._last_id) % MAX_SEED
-        return LocaliseRequest(self._last_id, frame, prior, seed, self._turns.vote)
+        return LocaliseRequest(self._last_id, frame, prior, seed, Vote.IMAGE if aside else self._turns.vote)
 
 
 def pose_prior(

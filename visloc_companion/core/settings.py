@@ -22,6 +22,7 @@ class NavigatorSettings:
     relocalise_after_rejections: int = 4
     dead_reckoning_after_s: float = 2.0
     lost_sigma_m: float = 60.0
+    start_anywhere: bool = True
     seed_sigma_m: float = 5.0
     min_height_m: float = 15.0
     map_sigma_m: float = 0.5

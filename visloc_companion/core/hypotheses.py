@@ -1,0 +1,146 @@
+"""Several places where the vehicle may be, held against what the camera sees until one of them is left.
+
+Each hypothesis is a Kalman filter of its own: position, and the error of the velocity that carries it. It is tested by a search
+about it in a new frame. Its log odds against "none of them" change by the sequential probability ratio (Wald 1945): what is the
+chance of that answer where the vehicle is there, and where it is not? Answers to frames of the same ground are not independent,
+so one counts only when the vehicle has moved on by `spacing_m`. With the odds of all hypotheses side by side a place that
+repeats itself never wins: its double gains as much as it does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from visloc_companion.core import kalman
+from visloc_companion.types import Cov2, FloatArray, Rejected, Vec2
+
+H_POSITION: FloatArray = np.eye(2, 4)
+FIRST_LOG_ODDS = math.log(1 / 40)
+"""Of a place that a search of a large region lists."""
+SEEN, SEEN_BY_MISTAKE = 0.8, 0.005
+"""Probability of a fix that agrees with the motion where the vehicle is, and where it is not."""
+HIT, MISS = math.log(SEEN / SEEN_BY_MISTAKE), math.log((1 - SEEN) / (1 - SEEN_BY_MISTAKE))
+GATE_SIGMA = 4.0
+HOPELESS_LOG_ODDS = FIRST_LOG_ODDS + 2.5 * MISS
+FEWEST_HITS = 4
+MISS_EVERY_NS = 2_000_000_000
+"""Without a fix nobody knows how far the vehicle came: misses count once in so long."""
+SAME_SIGMA = 3.0
+MOST = 40
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """A place at `t_ns`: x (4,) metres north, east and the error of the velocity input (m/s), with covariance P (4, 4).
+
+    `hits` count; `counted_ne_m` is where the last of them was, `missed_ns` the time of the last miss that counts.
+    """
+
+    number: int
+    t_ns: int
+    x: FloatArray
+    P: FloatArray
+    log_odds: float = FIRST_LOG_ODDS
+    hits: int = 0
+    counted_ne_m: Vec2 | None = None
+    missed_ns: int | None = None
+    tested_ns: int | None = None
+
+    @property
+    def place_ne_m(self) -> Vec2:
+        """Metres north and east."""
+        return float(self.x[0]), float(self.x[1])
+
+    @property
+    def cov_ne_m2(self) -> Cov2:
+        """Of the position."""
+        return (float(self.P[0, 0]), float(self.P[0, 1])), (float(self.P[0, 1]), float(self.P[1, 1]))
+
+    @property
+    def velocity_error_mps(self) -> Vec2:
+        """What was learnt of the velocity input's error (input minus truth), north and east."""
+        return float(self.x[2]), float(self.x[3])
+
+
+@dataclass(frozen=True, slots=True)
+class Travel:
+    """How far the vehicle came over `dt_s`, metres north and east, with the covariance of what was measured of it; `by_velocity`:
+    from the velocity input, whose error counts, and not from odometry."""
+
+    moved_ne_m: Vec2
+    cov_ne_m2: Cov2
+    dt_s: float
+    by_velocity: bool
+
+
+def born(number: int, t_ns: int, place_ne_m: Vec2, sigma_m: float, sigma_v_mps: float) -> Hypothesis:
+    """A place that a search lists; 1-sigma per axis of it and of the velocity input."""
+    x = np.array([*place_ne_m, 0.0, 0.0])
+    return Hypothesis(number, t_ns, x, np.diag([sigma_m**2, sigma_m**2, sigma_v_mps**2, sigma_v_mps**2]))
+
+
+def carried(h: Hypothesis, t_ns: int, travel: Travel) -> Hypothesis:
+    """The hypothesis at a later time."""
+    F = np.eye(4)
+    if travel.by_velocity:
+        F[:2, 2:] = -travel.dt_s * np.eye(2)
+    Q = np.zeros((4, 4))
+    Q[:2, :2] = travel.cov_ne_m2
+    x, P = kalman.predict(h.x, h.P, F, Q, np.array([*travel.moved_ne_m, 0.0, 0.0]))
+    return replace(h, t_ns=t_ns, x=x, P=P)
+
+
+def confirmed(h: Hypothesis, place_ne_m: Vec2, cov_ne_m2: Cov2, spacing_m: float) -> Hypothesis:
+    """After a fix in a search about it. One that the motion does not lead to is a miss."""
+    updated = kalman.update(h.x, h.P, np.array(place_ne_m), np.array(cov_ne_m2), H_POSITION, gate_sigma=GATE_SIGMA)
+    if isinstance(updated, Rejected):
+        return missed(h)
+    taken = replace(h, x=updated.x, P=updated.P, tested_ns=h.t_ns)
+    if h.counted_ne_m is not None and math.dist(h.counted_ne_m, place_ne_m) < spacing_m:
+        return taken
+    return replace(taken, log_odds=h.log_odds + HIT, hits=h.hits + 1, counted_ne_m=place_ne_m)
+
+
+def missed(h: Hypothesis) -> Hypothesis:
+    """After a search about it that found nothing."""
+    if h.missed_ns is not None and h.t_ns - h.missed_ns < MISS_EVERY_NS:
+        return untold(h)
+    return replace(h, log_odds=h.log_odds + MISS, missed_ns=h.t_ns, tested_ns=h.t_ns)
+
+
+def untold(h: Hypothesis) -> Hypothesis:
+    """After a search about it in a frame that shows nothing anywhere."""
+    return replace(h, tested_ns=h.t_ns)
+
+
+def kept(hypotheses: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+    """The likeliest MOST of them, best first, without those that are hopeless or lie where a better one does."""
+    best: list[Hypothesis] = []
+    for h in sorted(hypotheses, key=lambda h: (-h.log_odds, h.number)):
+        if h.log_odds > HOPELESS_LOG_ODDS and not any(same(h, other) for other in best):
+            best.append(h)
+    return tuple(best[:MOST])
+
+
+def same(a: Hypothesis, b: Hypothesis) -> bool:
+    """Whether two hypotheses of one time are one place as far as can be told."""
+    d = a.x[:2] - b.x[:2]
+    return float(d @ np.linalg.solve(a.P[:2, :2] + b.P[:2, :2], d)) <= SAME_SIGMA**2
+
+
+def probability_wrong(h: Hypothesis, others: Sequence[Hypothesis]) -> float:
+    """Of the statement that the vehicle is at this hypothesis' place, not at another one's nor anywhere else."""
+    against = 1.0 + sum(math.exp(o.log_odds) for o in others if o.number != h.number)
+    return against / (against + math.exp(h.log_odds))
+
+
+def winner(hypotheses: Sequence[Hypothesis], risk: float) -> Hypothesis | None:
+    """The hypothesis that is wrong with a probability of at most `risk` and was seen FEWEST_HITS times, if there is one."""
+    for h in hypotheses:
+        if h.hits >= FEWEST_HITS and probability_wrong(h, hypotheses) <= risk:
+            return h
+    return None

@@ -1,0 +1,222 @@
+"""Finding the vehicle anywhere on the map: without a first position, or after a loss that has lasted too long.
+
+Two kinds of questions take turns. A tile of the map (core/tiles.py) is searched in a frame, and the places that the answer lists
+become hypotheses (core/hypotheses.py). A hypothesis is tested by a search about it in a newer frame. The claim of a fix
+(`probability_wrong`) was fitted on small search regions; here no single answer counts for more than the odds that were measured
+for such searches, and a place is found only when so many agree, through the motion between them, that the probability of a false
+agreement is below RISK.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from visloc_companion.core import hypotheses
+from visloc_companion.core.hypotheses import Hypothesis
+from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.tiles import FARTHEST_M, Tile, Tiles
+from visloc_companion.core.travel import TravelLog
+from visloc_companion.errors import Reason
+from visloc_companion.geo import wgs84
+from visloc_companion.types import Cov2, Fix, GeoPoint, NoFix, Odometry, Vec2
+
+RISK = 1e-5
+TILE_HEIGHTS, LEAST_RADIUS_M = 8.0, 300.0
+"""Radius of the region of a tile in heights above the origin: as many footprints whatever the height, so it costs as much."""
+CLIMBED = 1.5
+"""A sweep begins anew where the height asks for tiles larger by this factor."""
+SPACING_HEIGHTS = 0.25
+"""Answers count when the vehicle has moved by so much of its height, about a quarter of what it sees."""
+LISTED_HEIGHTS = 0.1
+"""1-sigma of a listed place, and the least of the region in which it is tested, as a share of the height."""
+APART_HEIGHTS = 0.5
+"""A listed place that is nearer than this to the fix of the same answer is the same one."""
+TEST_EVERY_NS = 1_500_000_000
+LISTED = 6
+SAYS_NOTHING = (Reason.LOW_TEXTURE, Reason.BLURRED, Reason.BAD_FRAME, Reason.BAD_INPUT, Reason.HORIZON_IN_VIEW)
+"""Of the frame, not of the place; as is a worker that was lost."""
+NO_ANSWER = (Reason.WORKER_TIMEOUT, Reason.WORKER_DIED)
+NOT_THERE = (Reason.OUTSIDE_MAP, Reason.TOO_LOW)
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """Where the sweep begins, metres north and east of the origin, and how far from there it goes."""
+
+    centre_ne_m: Vec2 = (0.0, 0.0)
+    radius_m: float = FARTHEST_M
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """What is asked about a frame: a place, metres north and east of the origin, and its covariance."""
+
+    place_ne_m: Vec2
+    cov_ne_m2: Cov2
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The vehicle's place at a time, metres north and east of the origin, with its largest 1-sigma, the probability that it is false,
+    and how many answers agreed."""
+
+    t_ns: int
+    place_ne_m: Vec2
+    sigma_m: float
+    probability_wrong: float
+    hits: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """The question that is open: about a tile, or a hypothesis by its number."""
+
+    request_id: int
+    t_ns: int
+    where: Where
+    height_m: float
+    sigma_v_mps: float
+    tile: Tile | None
+    number: int | None
+
+
+def tile_radius_m(height_m: float, max_radius_m: float) -> float:
+    """Radius of the region that one search covers, for a height above the origin."""
+    return min(max(LEAST_RADIUS_M, TILE_HEIGHTS * height_m), max_radius_m)
+
+
+class PlaceSearch:
+    """Asks and judges; the navigator carries its questions to the worker. All places are about one origin."""
+
+    def __init__(self, max_radius_m: float) -> None:
+        self._max_radius_m = max_radius_m
+        self._travel = TravelLog()
+        self._n_born = 0
+        self._asked: _Asked | None = None
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all places: the vehicle is found. What is asked of the worker stays asked, and its answer is thrown away."""
+        self._places: tuple[Hypothesis, ...] = ()
+        self._swept: tuple[Reach, Tiles] | None = None
+        self._tile_next = True
+        if self._asked is not None:
+            self._asked = replace(self._asked, tile=None, number=None)
+
+    @property
+    def places(self) -> tuple[Hypothesis, ...]:
+        """The hypotheses, best first."""
+        return self._places
+
+    def moving(self, t_ns: int, v_ne_mps: Vec2) -> None:
+        """Take the velocity input (m/s)."""
+        self._travel.velocity(t_ns, v_ne_mps)
+
+    def moved(self, seen: Odometry) -> None:
+        """Take what the camera saw of its own motion."""
+        self._travel.odometry(seen)
+
+    def next(self, request_id: int, t_ns: int, height_m: float, sigma_v_mps: float, about: Reach) -> Where:
+        """What to ask of a frame of `t_ns`, taken from `height_m` above the origin; `sigma_v_mps` is that of the velocity input."""
+        self._carry(t_ns)
+        due, tile = self._due(t_ns, height_m), None
+        if due is None or (self._tile_next and due.log_odds < hypotheses.FIRST_LOG_ODDS):
+            tile, tiles = self._next_tile(height_m, about)
+            variance = (tiles.radius_m / 3) ** 2
+            where = Where(tiles.place_ne_m(tile), ((variance, 0.0), (0.0, variance)))
+        else:
+            least = (LISTED_HEIGHTS * height_m) ** 2
+            (nn, ne), (_, ee) = due.cov_ne_m2
+            where = Where(due.place_ne_m, ((nn + least, ne), (ne, ee + least)))
+        self._tile_next = tile is None
+        number = due.number if tile is None and due is not None else None
+        self._asked = _Asked(request_id, t_ns, where, height_m, sigma_v_mps, tile, number)
+        return where
+
+    def is_asked(self, request_id: int) -> bool:
+        """Whether an answer to this number is waited for here."""
+        return self._asked is not None and self._asked.request_id == request_id
+
+    def abandoned(self) -> None:
+        """No answer will come."""
+        self._asked = None
+
+    def answered(self, answer: Fix | NoFix, origin: GeoPoint, now_ns: int) -> Found | None:
+        """Take the answer to the open question; the vehicle's place now, where that is found."""
+        asked, self._asked = self._asked, None
+        if asked is None or (isinstance(answer, NoFix) and answer.reason in NO_ANSWER):
+            return None
+        if asked.tile is not None:
+            self._listed(asked, asked.tile, answer, origin)
+            return None
+        if asked.number is None:
+            return None
+        self._places = hypotheses.kept([self._tested(h, asked, answer, origin) for h in self._places])
+        best = hypotheses.winner(self._places, RISK)
+        if best is None or best.number != asked.number or not isinstance(answer, Fix):
+            return None
+        now = hypotheses.carried(best, now_ns, self._travel.between(best.t_ns, now_ns)) if now_ns > best.t_ns else best
+        wrong = hypotheses.probability_wrong(best, self._places)
+        return Found(now.t_ns, now.place_ne_m, largest_sigma_m(now.cov_ne_m2), wrong, now.hits)
+
+    def _tested(self, h: Hypothesis, asked: _Asked, answer: Fix | NoFix, origin: GeoPoint) -> Hypothesis:
+        if h.number != asked.number:
+            return h
+        if isinstance(answer, Fix):
+            north, east, _ = wgs84.ned_from_geo(answer.place, origin)
+            return hypotheses.confirmed(h, (north, east), answer.cov_ne_m2, SPACING_HEIGHTS * asked.height_m)
+        return hypotheses.untold(h) if answer.reason in SAYS_NOTHING else hypotheses.missed(h)
+
+    def _listed(self, asked: _Asked, tile: Tile, answer: Fix | NoFix, origin: GeoPoint) -> None:
+        """The places that the search of a tile lists become hypotheses."""
+        if self._swept is not None:
+            self._swept[1].answered(tile, not (isinstance(answer, NoFix) and answer.reason in NOT_THERE))
+        sigma_m = LISTED_HEIGHTS * asked.height_m
+        new = []
+        for place in _places_of(answer, asked.where.place_ne_m, origin, APART_HEIGHTS * asked.height_m):
+            self._n_born += 1
+            new.append(hypotheses.born(self._n_born, asked.t_ns, place, sigma_m, asked.sigma_v_mps))
+        self._places = hypotheses.kept([*self._places, *new])
+
+    def _next_tile(self, height_m: float, about: Reach) -> tuple[Tile, Tiles]:
+        radius_m = tile_radius_m(height_m, self._max_radius_m)
+        if self._swept is None or radius_m > CLIMBED * self._swept[1].radius_m:
+            self._swept = about, Tiles(about.centre_ne_m, radius_m, about.radius_m)
+        tile = self._swept[1].next()
+        if tile is None and self._swept[0] != about:
+            self._swept = about, Tiles(about.centre_ne_m, radius_m, about.radius_m)
+        tiles = self._swept[1]
+        return tile or tiles.next() or (0, 0), tiles
+
+    def _carry(self, t_ns: int) -> None:
+        """All hypotheses to the time of a frame, which is never older than the one before."""
+        self._places = tuple(
+            hypotheses.carried(h, t_ns, self._travel.between(h.t_ns, t_ns)) if t_ns > h.t_ns else h for h in self._places
+        )
+
+    def _due(self, t_ns: int, height_m: float) -> Hypothesis | None:
+        """The likeliest hypothesis that was not tested yet, or whose next test would count."""
+        return next((h for h in self._places if _is_due(h, t_ns, SPACING_HEIGHTS * height_m)), None)
+
+
+def _is_due(h: Hypothesis, t_ns: int, spacing_m: float) -> bool:
+    if h.tested_ns is None or t_ns - h.tested_ns >= TEST_EVERY_NS:
+        return True
+    return h.counted_ne_m is not None and math.dist(h.counted_ne_m, h.place_ne_m) >= spacing_m and t_ns > h.tested_ns
+
+
+def _places_of(answer: Fix | NoFix, centre_ne_m: Vec2, origin: GeoPoint, apart_m: float) -> list[Vec2]:
+    """The fix, and the modes of the search (localise/modes.py) that lie apart from it, metres north and east of the origin."""
+    found: list[Vec2] = []
+    if isinstance(answer, Fix):
+        north, east, _ = wgs84.ned_from_geo(answer.place, origin)
+        found.append((north, east))
+    told = dict(answer.evidence)
+    for k in range(1, LISTED + 1):
+        if f"mode{k}_north_m" not in told:
+            break
+        place = (centre_ne_m[0] + told[f"mode{k}_north_m"], centre_ne_m[1] + told[f"mode{k}_east_m"])
+        if all(math.dist(place, other) >= apart_m for other in found):
+            found.append(place)
+    return found

@@ -1,0 +1,67 @@
+"""The order in which the map is searched for a vehicle that may be anywhere: tiles about where it may rather be, outwards.
+
+A search region is a circle, a tile the square in it. How far the map reaches nobody tells the core; a ring of tiles that lie all
+outside the map, after one that did not, is its end. The next sweep leaves out what was found outside.
+"""
+
+from __future__ import annotations
+
+import math
+
+from visloc_companion.types import Vec2
+
+FARTHEST_M = 20_000.0
+"""No tile's middle is further off."""
+Tile = tuple[int, int]
+
+
+class Tiles:
+    """Tiles of circles of `radius_m` about a centre (metres north, east), one after the other; `reach_m` bounds their middles."""
+
+    def __init__(self, centre_ne_m: Vec2, radius_m: float, reach_m: float = FARTHEST_M) -> None:
+        self._centre_ne_m, self.radius_m, self._reach_m = centre_ne_m, radius_m, min(reach_m, FARTHEST_M)
+        self._outside: set[Tile] = set()
+        self._begin()
+
+    def _begin(self) -> None:
+        self._ring, self._todo = 0, [(0, 0)]
+        self._inside_ring, self._met_map = False, False
+
+    @property
+    def side_m(self) -> float:
+        """Side of a tile."""
+        return math.sqrt(2.0) * self.radius_m
+
+    def place_ne_m(self, tile: Tile) -> Vec2:
+        """A tile's middle."""
+        return self._centre_ne_m[0] + tile[0] * self.side_m, self._centre_ne_m[1] + tile[1] * self.side_m
+
+    def next(self) -> Tile | None:
+        """The next tile of the sweep; None at its end, after which the next sweep begins."""
+        while True:
+            if self._todo:
+                tile = self._todo.pop(0)
+                if tile not in self._outside:
+                    return tile
+                continue
+            over = self._met_map and not self._inside_ring
+            self._met_map |= self._inside_ring
+            self._ring, self._inside_ring = self._ring + 1, False
+            if over or (self._ring - 1) * self.side_m > self._reach_m:
+                self._begin()
+                return None
+            self._todo = _ring(self._ring)
+
+    def answered(self, tile: Tile, on_map: bool) -> None:
+        """Whether a tile that was asked about lies on the map."""
+        if on_map:
+            self._inside_ring = True
+        else:
+            self._outside.add(tile)
+
+
+def _ring(n: int) -> list[Tile]:
+    """The tiles of a square ring, the nearest first."""
+    span = range(-n, n + 1)
+    ring = [(i, j) for i in span for j in span if max(abs(i), abs(j)) == n]
+    return sorted(ring, key=lambda tile: (tile[0] ** 2 + tile[1] ** 2, tile))
