@@ -19,6 +19,7 @@ PREPARED: dict[AutopilotKind, dict[str, float]] = {
         "VISO_POS_M_NSE": 0.2,
         "VISO_YAW_M_NSE": 0.2,
         "VISO_QUAL_MIN": 0,
+        "ARMING_CHECK": 786430,
         "EK3_SRC1_POSXY": 3,
         "EK3_SRC1_VELXY": 3,
         "EK3_SRC1_POSZ": 1,
@@ -51,8 +52,8 @@ PREPARED: dict[AutopilotKind, dict[str, float]] = {
         "EKF2_NOAID_TOUT": 5000000,
     },
 }
-"""A vehicle prepared for external positions. What differs from the makers' defaults: VISO_TYPE, EK3_SRC2_*, EKF2_EV_CTRL,
-EKF2_HGT_REF (autopilot facts, sections 1.1 and 2.1)."""
+"""A vehicle prepared for external positions. What differs from the makers' defaults: VISO_TYPE, ARMING_CHECK, EK3_SRC2_*,
+EKF2_EV_CTRL, EKF2_HGT_REF (autopilot facts, sections 1.1 and 2.1)."""
 
 
 def prepared_parameters(kind: AutopilotKind, changes: Mapping[str, float]) -> dict[str, float]:
