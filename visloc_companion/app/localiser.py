@@ -9,6 +9,7 @@ from visloc_companion.localise.flight import flight_localiser
 from visloc_companion.localise.registry import open_features_for
 from visloc_companion.localise.runtime import default_threads
 from visloc_companion.localise.with_motion import WithMotion
+from visloc_companion.localise.with_turn import WithTurn
 from visloc_companion.protocols import Localiser
 from visloc_companion.types import CameraModel
 
@@ -28,4 +29,5 @@ def configured_localiser(chosen: LocaliserConfig, model: CameraModel) -> tuple[L
         threads=chosen.threads or default_threads(),
         structure=chosen.structure,
     )
-    return WithMotion(localiser, model) if chosen.odometry else localiser, features
+    moving = WithMotion(localiser, model) if chosen.odometry else localiser
+    return WithTurn(moving, model), features

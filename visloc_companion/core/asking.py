@@ -12,6 +12,7 @@ from dataclasses import replace
 from visloc_companion.core import requests
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.onboard_camera import OnboardCamera
 from visloc_companion.core.place_search import PlaceSearch, Reach, tile_radius_m
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import CoreSettings
@@ -39,11 +40,13 @@ class Asking:
         tracker: Tracker,
         clock: ClockOffset,
         attitude: AttitudeBuffer,
+        camera: OnboardCamera,
         terrain: TerrainAiding | None,
         search: PlaceSearch | None = None,
     ) -> None:
         self._settings, self._queue, self._tracker = settings, queue, tracker
-        self._clock, self._attitude, self._terrain, self._search = clock, attitude, terrain, search
+        self._clock, self._attitude, self._camera = clock, attitude, camera
+        self._terrain, self._search = terrain, search
         self._untrusted_ns: int | None = None
 
     def next(self, now_ns: int, *, injecting: bool, gnss_trusted: bool) -> list[Command]:
@@ -90,7 +93,7 @@ class Asking:
             return self._about_place(self._search, state, frame, q_ned_frd, now_ns)
         if self._search is not None and self._search.places:
             self._search.clear()
-        prior = None if state is None else self._prior(state, q_ned_frd, self._settings.q_frd_cambody, injecting)
+        prior = None if state is None else self._prior(state, q_ned_frd, self._camera.q_frd_cambody, injecting)
         return [] if prior is None else [self._queue.taken(frame, prior, now_ns)]
 
     def _anywhere(self, state: NavState | None, now_ns: int) -> bool:
@@ -120,7 +123,7 @@ class Asking:
             asked,
             origin,
             q_ned_frd,
-            self._settings.q_frd_cambody,
+            self._camera.q_frd_cambody,
             0.0 if belief is None else belief.height_offset_m,
             self._tracker.height_above_home_m or 0.0,
             self._settings.mount_sigma_rad,

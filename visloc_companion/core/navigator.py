@@ -9,8 +9,6 @@ to the ground: core/terrain_aiding.py; the camera's own motion: core/motion.py; 
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from visloc_companion.core import gnss_words, requests, streams
 from visloc_companion.core.asking import Asking
 from visloc_companion.core.attitude import AttitudeBuffer
@@ -18,6 +16,7 @@ from visloc_companion.core.camera_watch import CameraWatch
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.guard import Complaints, TimeCheck, TimeGuard
+from visloc_companion.core.onboard_camera import OnboardCamera
 from visloc_companion.core.place_search import Found, PlaceSearch
 from visloc_companion.core.sending import Sending
 from visloc_companion.core.settings import CoreSettings
@@ -88,7 +87,10 @@ class Navigator:
         )
         self._terrain = TerrainAiding() if settings.terrain else None
         self._search = PlaceSearch(settings.max_search_radius_m) if settings.navigator.start_anywhere else None
-        self._asking = Asking(settings, self._queue, self._tracker, self._clock, self._attitude, self._terrain, self._search)
+        self._onboard = OnboardCamera(settings.q_frd_cambody, self._clock, self._attitude, self._tracker)
+        self._asking = Asking(
+            settings, self._queue, self._tracker, self._clock, self._attitude, self._onboard, self._terrain, self._search
+        )
         self._switch = SourceSwitch(settings.injection.switch_source)
         self._telemetry = Telemetry(
             settings.navigator,
@@ -198,13 +200,12 @@ class Navigator:
 
     def _on_frame(self, event: FrameRef, now_ns: int) -> list[Command]:
         back = self._camera.on_frame(event.t_rx_ns)
-        if event.t_boot_ns is not None:
-            event = replace(event, t_ns=self._clock.shell_ns(event.t_boot_ns, event.t_ns))
-        self._queue.offer(event)
+        self._queue.offer(self._onboard.on_frame(event))
         return [*back, *self._request(now_ns)]
 
     def _request(self, now_ns: int) -> list[Command]:
-        return self._asking.next(now_ns, injecting=self._steering.injecting, gnss_trusted=self._monitor.trusted)
+        trusted = self._monitor.trusted
+        return self._onboard.asked(self._asking.next(now_ns, injecting=self._steering.injecting, gnss_trusted=trusted))
 
     def _moved(self, motion: Odometry | None, now_ns: int) -> None:
         """The camera's own motion bears on the velocity, and on the GNSS verdict."""
@@ -215,6 +216,9 @@ class Navigator:
                 self._search.moved(motion)
 
     def _on_answer(self, event: Fix | NoFix, now_ns: int) -> list[Command]:
+        return [*self._onboard.on_answer(event), *self._localised(event, now_ns)]
+
+    def _localised(self, event: Fix | NoFix, now_ns: int) -> list[Command]:
         if self._search is not None and self._search.is_asked(event.request_id):
             found = None if self._tracker.origin is None else self._search.answered(event, self._tracker.origin, now_ns)
             return [*([] if found is None else self._on_found(found, now_ns)), *self._free_worker(event, now_ns)]
@@ -247,13 +251,14 @@ class Navigator:
         if self._terrain is not None and fix.method == TERRAIN and self._terrain.answered(fix) is None:
             waits = Notice(Severity.INFO, "a fix of the terrain from far off waits for a second one")
             return [waits, *self._free_worker(fix, now_ns)]
+        fix = self._onboard.stated(fix)
         before, state = self._tracker.belief, self._tracker.at(fix.t_ns)
         outcome = self._tracker.observe(fix)
         after = self._tracker.belief
         origin = self._tracker.origin
         if self._terrain is not None and fix.method == TERRAIN and isinstance(outcome, Accepted) and state and origin:
             self._terrain.learn(fix, state, origin)
-        commands: list[Command] = []
+        commands = [] if fix.method == TERRAIN else self._onboard.on_fix(fix, self._monitor.trusted)
         if isinstance(outcome, Accepted):
             self._steering.taken(now_ns)
             self._aiding.compare(fix)

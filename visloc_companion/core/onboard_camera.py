@@ -1,0 +1,56 @@
+"""What is learned in flight of the camera: when its frames are taken (camera_time.py), how it is mounted (boresight.py)."""
+
+from __future__ import annotations
+
+from visloc_companion.core.attitude import AttitudeBuffer
+from visloc_companion.core.boresight import Boresight
+from visloc_companion.core.camera_time import CameraTime
+from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
+from visloc_companion.core.timesync import ClockOffset
+from visloc_companion.core.tracking import Tracker
+from visloc_companion.types import Command, Fix, FrameRef, LocaliseRequest, NoFix, Quat
+
+TIMED_S = 0.02
+"""The mounting is learned only while frames are timed better than this: on the way, late is as tilted."""
+
+
+class OnboardCamera:
+    """Stands between frames and requests, and between answers and the filter."""
+
+    def __init__(self, q_frd_cambody: Quat, clock: ClockOffset, attitude: AttitudeBuffer, tracker: Tracker) -> None:
+        self._time = CameraTime(clock, attitude)
+        self._boresight = Boresight(q_frd_cambody)
+        self._tracker = tracker
+
+    @property
+    def q_frd_cambody(self) -> Quat:
+        """The mounting as it is known by now."""
+        return self._boresight.q_frd_cambody
+
+    def on_frame(self, frame: FrameRef) -> FrameRef:
+        """The frame with the time when it was taken."""
+        return self._time.on_frame(frame)
+
+    def asked(self, commands: list[Command]) -> list[Command]:
+        """These commands, whose requests are kept in mind."""
+        for command in commands:
+            if isinstance(command, LocaliseRequest):
+                self._boresight.on_request(command)
+        return commands
+
+    def on_answer(self, answer: Fix | NoFix) -> list[Command]:
+        """Learn from how the camera turned; the filter has no part in it."""
+        return self._time.on_turn(answer.turn, self.q_frd_cambody)
+
+    def stated(self, fix: Fix) -> Fix:
+        """The fix with what its time may be off by in its covariance."""
+        state = None if fix.method == TERRAIN else self._tracker.at(fix.t_ns)
+        return fix if state is None else self._time.stated(fix, state.v_ned_mps)
+
+    def on_fix(self, fix: Fix, gnss_trusted: bool) -> list[Command]:
+        """Learn from a fix beside a GNSS that is good."""
+        height_m, state = self._tracker.height_above_home_m, self._tracker.at(fix.t_ns)
+        if not gnss_trusted or state is None or height_m is None or self._time.sigma_s > TIMED_S:
+            return []
+        difference = self._tracker.gnss.minus(fix, state.v_ned_mps)
+        return [] if difference is None else self._boresight.on_fix(fix, difference, state.v_ned_mps, height_m)
