@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,30 +14,27 @@ from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.app.localiser import configured_localiser
 from visloc_companion.app.settings import core_settings
-from visloc_companion.config import DEFAULT_METHOD, Config, InjectionConfig, LocaliserConfig, NavigatorConfig
+from visloc_companion.config import DEFAULT_METHOD, CameraConfig, Config, InjectionConfig, LocaliserConfig, NavigatorConfig
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.errors import MapError
+from visloc_companion.evaluate.expected import ALERT_LIMIT_M, checks_of
 from visloc_companion.evaluate.gate import Check
-from visloc_companion.evaluate.metrics import Interval, error_figures, flight_summary
+from visloc_companion.evaluate.metrics import Interval, flight_summary
 from visloc_companion.evaluate.record import FlightRecord, from_entries
 from visloc_companion.geo.wgs84 import distance_m
-from visloc_companion.localise.structure.localiser import METHOD as STRUCTURE
 from visloc_companion.maps.pack import PackMap
-from visloc_companion.sim.camera import SimulatedCamera
+from visloc_companion.protocols import Localiser
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes, FlightLog, OperatorEntry
-from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.sim.render_effects import CameraEffects
 from visloc_companion.sim.scenarios import Scenario
 from visloc_companion.sim.scene import Scene
+from visloc_companion.sim.seen import simulated_camera
 from visloc_companion.sim.setup import FlightArea, FlightSetup
-from visloc_companion.types import GeoPoint, Verdict
+from visloc_companion.types import GeoPoint
 
-ALERT_LIMIT_M = 25.0
-FRAME_RATE_HZ = 4.0
 OPERATOR_SIGMA_M = 20.0
-TICKS_AT_THE_END = 10
-UNSEEN_PX = 3.0
-"""A drag at 1 m/s needs so many seconds per metre of pixel size before it leaves the map's own error."""
+
+
+__all__ = ["ALERT_LIMIT_M", "FlightWorld", "FlownScenario", "fly", "fly_with", "judged"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,20 +106,23 @@ def eyes_over(setup: FlightSetup, world: FlightWorld, method: str) -> Eyes:
 
     Raises ConfigError for a name that there is not, ModelError where the network cannot be used.
     """
-    model = setup.camera_model()
+    camera = simulated_camera(setup, world.scene)
     chosen = LocaliserConfig(threads=1, structure=setup.structure)
     chosen = chosen.model_copy(update={"method": method})  # unchecked: the registry refuses a wrong name
-    localiser, _ = configured_localiser(chosen, model)
-    camera = SimulatedCamera(CameraSimulator(world.scene, model, CameraEffects()), model, seed=setup.seed)
-    return Eyes(camera, localiser, world.reference, FRAME_RATE_HZ)
+
+    def opened() -> Localiser:
+        return configured_localiser(chosen, camera.model)[0]
+
+    return Eyes(camera, opened(), world.reference, setup.scenario.frame_rate_hz, reopen=opened)
 
 
 def simulated_config(setup: FlightSetup) -> Config:
     """The configuration of the daemon on the simulated vehicle; it may switch the autopilot's source."""
     return Config(
+        camera=CameraConfig(mount_pitch_deg=math.degrees(setup.scenario.mount_pitch_rad)),
         injection=InjectionConfig(switch_source=True),
         navigator=NavigatorConfig(map_sigma_m=map_sigma_m(setup.area.gsd_m)),
-        localiser=LocaliserConfig(max_rate_hz=FRAME_RATE_HZ, structure=setup.structure),
+        localiser=LocaliserConfig(max_rate_hz=max(1.0, setup.scenario.frame_rate_hz), structure=setup.structure),
         seed=setup.seed,
     )
 
@@ -140,48 +141,6 @@ def judged(setup: FlightSetup, log: FlightLog, record: FlightRecord) -> FlownSce
     """The flight's figures and the checks that its scenario asks for."""
     summary = flight_summary(record, alert_limit_m=ALERT_LIMIT_M, gnss_faults_s=fault_intervals(setup.scenario))
     return FlownScenario(setup, log, record, summary, checks_of(setup.scenario, log, record, summary, setup.area.gsd_m))
-
-
-def checks_of(scenario: Scenario, log: FlightLog, record: FlightRecord, summary: dict[str, Any], gsd_m: float) -> list[Check]:
-    """What the scenario expects, each against what came out; limits on errors grow with pixels coarser than one metre."""
-    expected = scenario.expected
-    coarse = max(1.0, gsd_m)
-    relied_on = (record.t_s >= scenario.fault_start_s) & record.injected
-    error = error_figures(record, relied_on)
-    detected, start_s = summary["gnss"]["detected_at_s"], scenario.fault_start_s
-    delay = None if detected is None else detected - start_s
-    gap_ms = summary["injected"]["gap_max_ms"]
-    checks = [
-        _at_most("median error without GNSS", error["median"], expected.median_error_m * coarse, "m"),
-        _at_most("largest error without GNSS", error["max"], expected.max_error_m * coarse, "m"),
-        _at_most("GNSS declared bad after", delay, expected.verdict_within_s + UNSEEN_PX * (coarse - 1.0), "s", "never"),
-        _at_most("pulled by false GNSS", log.pulled_m, expected.pulled_m * coarse, "m"),
-        _at_most("longest gap between injections", gap_ms, 1e3 * expected.injection_gap_s, "ms"),
-        _at_most("false alarms", summary["gnss"]["false_alarms"], 0, ""),
-        Check("failsafe", log.failsafe or "none", "none", log.failsafe is None),
-        _verdict_at_the_end(record, expected.final_verdicts),
-    ]
-    return (
-        checks if expected.structure_share == 0 else [*checks, _carried_by_structure(record, start_s, expected.structure_share)]
-    )
-
-
-def _at_most(name: str, value: float | None, limit: float, unit: str, missing: str = "none known") -> Check:
-    shown = missing if value is None else f"{value:.3g} {unit}".strip()
-    return Check(name, shown, f"≤ {limit:.3g} {unit}".strip(), value is not None and value <= limit)
-
-
-def _verdict_at_the_end(record: FlightRecord, allowed: tuple[Verdict, ...]) -> Check:
-    seen = set(record.verdicts[-TICKS_AT_THE_END:])
-    passed = bool(seen) and seen <= set(allowed)
-    return Check("verdict at the end", ", ".join(sorted(seen)) or "none", " or ".join(allowed), passed)
-
-
-def _carried_by_structure(record: FlightRecord, start_s: float, least: float) -> Check:
-    methods = [fix.method for fix in record.fixes if fix.t_s >= start_s]
-    share = methods.count(STRUCTURE) / len(methods) if methods else 0.0
-    shown = f"{share:.0%} of {len(methods)}"
-    return Check("fixes by structure without GNSS", shown, f"≥ {least:.0%}", share >= least)
 
 
 def _operator(scenario: Scenario) -> OperatorEntry | None:

@@ -17,12 +17,10 @@ from visloc_companion.adapters.camera.tcp import StreamedFrame, encode_frame
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.errors import ConfigError, VislocError
 from visloc_companion.sim.autopilot import BuiltInAutopilot
-from visloc_companion.sim.camera import SimulatedCamera
-from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.sim.render_effects import CameraEffects
 from visloc_companion.sim.render_motion import Shot
 from visloc_companion.sim.scenarios import FLIGHTS
 from visloc_companion.sim.scene import Scene
+from visloc_companion.sim.seen import simulated_camera
 from visloc_companion.sim.setup import FlightArea, FlightSetup, VehicleKind
 from visloc_companion.types import AutopilotKind, GeoPoint, Image
 
@@ -95,8 +93,7 @@ class SimulationServer:
         self._clock = MonotonicClock(plan.speed)
         self.pilot = setup.autopilot(boot_age_s=3.0)
         scene = Scene.load(Path(plan.ortho), Path(plan.dsm) if plan.dsm else None, plan.home.h_amsl_m)
-        model = setup.camera_model()
-        self._camera = SimulatedCamera(CameraSimulator(scene, model, CameraEffects()), model, seed=plan.seed)
+        self._camera = simulated_camera(setup, scene)
         self._viewers: dict[asyncio.Task[Any], asyncio.StreamWriter] = {}
         self._truth: list[list[float]] = []
         self._start_ns = 0

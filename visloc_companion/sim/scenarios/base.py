@@ -1,0 +1,80 @@
+"""What a scenario is: what goes wrong, when, over which ground, and what must come out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+from visloc_companion.sim.changes import Change
+from visloc_companion.sim.faults import FaultSchedule
+from visloc_companion.sim.season import Date
+from visloc_companion.types import Mode, Verdict
+
+Course = Literal["loop", "zigzag", "over_the_edge"]
+BAD_GNSS: tuple[Verdict, ...] = (Verdict.DENIED, Verdict.SUSPECT)
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """Limits on what a flight with the daemon must show. None switches a limit off.
+
+    Errors are those of the navigator's position against truth while GNSS is denied or spoofed and positions are injected
+    (without any GNSS the first of them are the operator's). Where `dead_reckoning_m` is given, it is the limit while there
+    are no fixes, and the other two hold while there are. `verdict_within_s` counts from the first fault of GNSS;
+    `final_verdicts` are allowed in the last second. At least `structure_share` of the fixes of that time are the structure's.
+
+    From the first fault of GNSS on, `modes` are gone through in this order (others may lie between), and the last second's are
+    `final_modes`. At no time is the error beyond the protection level for longer than `misled_s`. No fix that the navigator took
+    is further off than `wrong_fix_m`. A scenario that cannot be solved has a `failsafe`: the autopilot's own is allowed, once
+    the daemon has said that it is lost.
+    """
+
+    median_error_m: float | None = 2.0
+    max_error_m: float | None = 10.0
+    dead_reckoning_m: float | None = None
+    verdict_within_s: float | None = 5.0
+    pulled_m: float = 30.0
+    injection_gap_s: float = 0.2
+    final_verdicts: tuple[Verdict, ...] = BAD_GNSS
+    structure_share: float = 0.0
+    modes: tuple[Mode, ...] = (Mode.AIDING,)
+    final_modes: tuple[Mode, ...] = (Mode.AIDING,)
+    misled_s: float = 0.0
+    wrong_fix_m: float = 10.0
+    failsafe: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A flight: its faults, its length, what is expected of it, and the world that it is flown over.
+
+    `date` is that on which the procedural world is seen, `changes` what has happened to any world since the map was made.
+    `course` is the way that is flown, `height_m` its height above home (None: what suits the map). The camera takes
+    `frame_rate_hz` and is mounted at `mount_pitch_rad`, as configured. `pictures` False: nothing in it depends on what is seen.
+    """
+
+    name: str
+    summary: str
+    duration_s: float
+    faults: FaultSchedule
+    expected: Expectation = field(default_factory=Expectation)
+    operator_fix_at_s: float | None = None
+    date: Date = "flight"
+    changes: tuple[Change, ...] = ()
+    course: Course = "loop"
+    height_m: float | None = None
+    frame_rate_hz: float = 4.0
+    mount_pitch_rad: float = 0.0
+    pictures: bool = False
+
+    @property
+    def fault_start_s(self) -> float:
+        """When GNSS first goes wrong, 0 for a flight that never had it, infinity for one that always has it."""
+        start = self.faults.gnss_start_s
+        return math.inf if start is None else max(start, 0.0)
+
+
+def by_name(*scenarios: Scenario) -> dict[str, Scenario]:
+    """Scenarios by their names."""
+    return {scenario.name: scenario for scenario in scenarios}

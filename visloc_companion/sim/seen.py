@@ -1,0 +1,65 @@
+"""What the camera of a flight really looks at, and how it is really mounted: the scenario's part in it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from visloc_companion.geo.raster import apply_affine, invert_affine
+from visloc_companion.geo.se3 import quat_from_euler, quat_multiply
+from visloc_companion.geo.wgs84 import geo_from_ned
+from visloc_companion.maps.crs import map_crs
+from visloc_companion.sim.camera import SimulatedCamera
+from visloc_companion.sim.changes import along_way, beyond_the_map, changed
+from visloc_companion.sim.render import CameraSimulator
+from visloc_companion.sim.render_effects import CameraEffects
+from visloc_companion.sim.render_rays import Mask
+from visloc_companion.sim.scene import Scene
+from visloc_companion.sim.setup import BEYOND_M, FIELD_OF_VIEW_RAD, FlightSetup
+from visloc_companion.types import FloatArray, GeoPoint, Quat
+
+
+def simulated_camera(setup: FlightSetup, scene: Scene) -> SimulatedCamera:
+    """The camera of a flight over the scene that the map is of: with its true lens and mounting, over the ground as it is now."""
+    believed, error = setup.camera_model(), setup.scenario.faults.mount_error
+    scale = setup.scenario.faults.focal_scale
+    lens = replace(believed, fx_px=believed.fx_px * scale, fy_px=believed.fy_px * scale)
+    ground, water = seen_ground(setup, scene)
+    mounted = quat_multiply(mounting(setup), quat_from_euler(error.roll_rad, error.pitch_rad, error.yaw_rad))
+    return SimulatedCamera(CameraSimulator(ground, lens, CameraEffects(), water), believed, mounted, seed=setup.seed)
+
+
+def mounting(setup: FlightSetup) -> Quat:
+    """Attitude of the camera's body in the vehicle's body, as configured."""
+    return quat_from_euler(0.0, setup.scenario.mount_pitch_rad, 0.0)
+
+
+def seen_ground(setup: FlightSetup, scene: Scene) -> tuple[Scene, Mask | None]:
+    """The scene with all that the scenario changes, and where there is water (H, W, 255), None without any."""
+    scenario = setup.scenario
+    if scenario.course == "over_the_edge":
+        scene = beyond_the_map(scene, BEYOND_M + 2 * setup.height_m * float(np.tan(FIELD_OF_VIEW_RAD)))
+    water: Mask | None = None
+    for change in scenario.changes:
+        way = way_pix(setup, scene)
+        scene = changed(scene, change, way, setup.seed)
+        if change.kind == "water":
+            flooded = along_way(scene, way, change.begin_m, change.end_m, change.half_width_m)
+            water = flooded if water is None else np.maximum(water, flooded)
+    north_m, east_m = scenario.faults.map_shift_ne_m
+    return (scene if north_m == east_m == 0.0 else _moved(scene, setup.area.home, -north_m, -east_m)), water
+
+
+def way_pix(setup: FlightSetup, scene: Scene) -> FloatArray:
+    """(N, 2) the mission's waypoints as scene pix."""
+    crs, to_pix = map_crs(scene.crs), invert_affine(scene.T_map_pix)
+    places = [geo_from_ned(point, setup.area.home) for point in setup.mission_ned_m()]
+    return np.array([apply_affine(to_pix, np.array(crs.to_map(place.lat_deg, place.lon_deg))) for place in places])
+
+
+def _moved(scene: Scene, about: GeoPoint, north_m: float, east_m: float) -> Scene:
+    """The scene elsewhere."""
+    T = scene.T_map_pix.copy()
+    T[:, 2] += map_crs(scene.crs).linearised_at(about).J_map_ne @ np.array([north_m, east_m])
+    return replace(scene, T_map_pix=T)
