@@ -140,7 +140,7 @@ class NavigatorConfig(Section):
     velocity_correlation_s: Positive = 20.0
     """Correlation time of that error."""
     acceleration_sigma_mps2: Positive = 0.2
-    """1-sigma of the slow error of the accelerations (sensor, tilt), which drive the filter while GNSS is not trusted."""
+    """1-sigma of the slow error of the accelerations that drive the filter while GNSS is not trusted, until it is learned."""
     acceleration_correlation_s: Positive = 20.0
     """Correlation time of that error."""
     gate_sigma: Positive = 4.0

@@ -27,13 +27,17 @@ MAX_CLIMB_HELD_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
-    """The driving velocity and the autopilot's height at a time; `sigma_mps`: how far an autopilot's velocity is believed."""
+    """The driving velocity and the autopilot's height at a time; `sigma_mps`: how far an autopilot's velocity is believed.
+
+    `sigma_a_mps2`: 1-sigma of the slow error of the accelerations that an inertial one is integrated from.
+    """
 
     t_ns: int
     v_ned_mps: Vec3
     h_amsl_m: float
     sigma_mps: float
     drive: Drive
+    sigma_a_mps2: float = 0.0
 
 
 Input = Velocity | Position | Motion | Airspeed
@@ -161,6 +165,8 @@ class PositionFilter:
         entry = self._log[k]
         belief = self._carried(self.newest, entry.t_ns, k)
         if isinstance(entry, Velocity):
+            if entry.drive is Drive.INERTIAL:
+                return fusion.with_inertial_velocity(belief, entry.sigma_a_mps2), None
             return fusion.with_velocity_trust(belief, entry.sigma_mps, entry.drive), None
         if isinstance(entry, Motion):
             return learned(belief, entry, self._travelled(belief, entry.t_from_ns), self._settings)
@@ -181,7 +187,8 @@ class PositionFilter:
     def _carried(self, belief: Belief, t_ns: int, k: int) -> Belief:
         start, end = self._velocity_at(belief.t_ns, k), self._velocity_at(t_ns, k)
         mean = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
-        carried = fusion.propagated(belief, t_ns, mean, self._settings)
+        change = (end[0] - start[0], end[1] - start[1])
+        carried = fusion.propagated(belief, t_ns, mean, self._settings, change)
         before, after = self._velocity_before(k), self._velocity_from(k)
         gap_s = ((t_ns if after is None else after.t_ns) - before.t_ns) * 1e-9
         return fusion.blurred(carried, UNAIDED_SIGMA_MPS * (t_ns - belief.t_ns) * 1e-9) if gap_s > UNAIDED_GAP_S else carried

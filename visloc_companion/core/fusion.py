@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from visloc_companion.core import kalman, relocalise, separation
 from visloc_companion.core.propagation import (
+    ACCELERATION,
     N_CONSIDERED,
     N_STATES,
     POSITION,
@@ -47,7 +48,7 @@ RECENT_S = 30.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """The filter at `t_ns`: mean x (8,), covariance P (8, 8), and its memory.
+    """The filter at `t_ns`: mean x (9,), covariance P (9, 9), and its memory.
 
     `travel_ne_m`: the integral of the driving velocity; `moved_ne_m`: how far the propagation carried the position (for an
     inertial velocity without the error that it knows of). `votes`: each method with the time of its last fix; `without`: the
@@ -58,6 +59,7 @@ class Belief:
     x: FloatArray
     P: FloatArray
     sigma_v_mps: float
+    sigma_a_mps2: float
     drive: Drive
     travel_ne_m: Vec2
     moved_ne_m: Vec2
@@ -96,30 +98,49 @@ def seeded(
     """A belief that starts from one position."""
     x = np.zeros(N_STATES)
     x[POSITION] = p_ne_m
-    P = initial_covariance(sigma_m, sigma_v_mps, settings)
-    return Belief(t_ns, x, P, sigma_v_mps, drive, (0.0, 0.0), (0.0, 0.0), 0.0, sigma_h_m**2, t_ns)
+    sigma_a = settings.acceleration_sigma_mps2
+    P = initial_covariance(sigma_m, sigma_v_mps, sigma_a)
+    return Belief(t_ns, x, P, sigma_v_mps, sigma_a, drive, (0.0, 0.0), (0.0, 0.0), 0.0, sigma_h_m**2, t_ns)
 
 
 def with_velocity_trust(belief: Belief, sigma_mps: float, drive: Drive) -> Belief:
-    """Account for a change of where the velocity comes from.
+    """Account for a change of how far the autopilot's velocity is to be believed, or of what it rests on.
 
-    An inertial velocity begins with the autopilot's: that error goes on. Any other change makes it another velocity, whose error
-    starts anew. A larger sigma of the autopilot's velocity takes effect at once; a smaller one over the correlation time.
+    The latter makes it another velocity, whose error starts anew. A larger sigma takes effect at once; a smaller one over the
+    correlation time.
     """
-    if drive is not belief.drive and drive is not Drive.INERTIAL:
-        variance = max(sigma_mps, belief.sigma_v_mps) ** 2
-        x, P = separation.with_new_velocity(belief.x, belief.P, variance)
-        others_x, others_P = separation.with_new_velocity(belief.without.x, belief.without.P, variance)
-        without = replace(belief.without, x=others_x, P=others_P)
-        return replace(belief, x=x, P=P, sigma_v_mps=sigma_mps, drive=drive, without=without)
-    if sigma_mps > belief.sigma_v_mps and drive is not Drive.INERTIAL:
+    if drive is not belief.drive:
+        renewed = _renewed(belief, VELOCITY, max(sigma_mps, belief.sigma_v_mps) ** 2)
+        return replace(renewed, sigma_v_mps=sigma_mps, drive=drive)
+    if sigma_mps > belief.sigma_v_mps:
         return replace(widened(belief, 0.0, sigma_mps**2 - belief.sigma_v_mps**2), sigma_v_mps=sigma_mps)
-    same = sigma_mps == belief.sigma_v_mps and drive is belief.drive
-    return belief if same else replace(belief, sigma_v_mps=sigma_mps, drive=drive)
+    return belief if sigma_mps == belief.sigma_v_mps else replace(belief, sigma_v_mps=sigma_mps)
 
 
-def propagated(belief: Belief, t_ns: int, v_ne_mps: Vec2, settings: NavigatorSettings) -> Belief:
-    """The belief carried to a later time by a mean velocity; exact for any division of the interval."""
+def with_inertial_velocity(belief: Belief, sigma_a_mps2: float) -> Belief:
+    """Account for an inertial velocity, which begins with the autopilot's: that error goes on.
+
+    `sigma_a_mps2`: 1-sigma of the slow error of its accelerations.
+    """
+    if belief.drive is not Drive.INERTIAL:
+        belief = replace(_renewed(belief, ACCELERATION, sigma_a_mps2**2), drive=Drive.INERTIAL)
+    return belief if sigma_a_mps2 == belief.sigma_a_mps2 else replace(belief, sigma_a_mps2=sigma_a_mps2)
+
+
+def _renewed(belief: Belief, which: slice, variance: float) -> Belief:
+    """With two states of which nothing is known any more but their variance."""
+    x, P = separation.renewed(belief.x, belief.P, which, variance)
+    others_x, others_P = separation.renewed(belief.without.x, belief.without.P, which, variance)
+    return replace(belief, x=x, P=P, without=replace(belief.without, x=others_x, P=others_P))
+
+
+def propagated(
+    belief: Belief, t_ns: int, v_ne_mps: Vec2, settings: NavigatorSettings, change_ne_mps: Vec2 = (0.0, 0.0)
+) -> Belief:
+    """The belief carried to a later time by a mean velocity; exact for any division of the interval.
+
+    `change_ne_mps`: by how much the driving velocity changes meanwhile.
+    """
     dt = (t_ns - belief.t_ns) * 1e-9
     if dt <= 0:
         return belief
@@ -127,7 +148,7 @@ def propagated(belief: Belief, t_ns: int, v_ne_mps: Vec2, settings: NavigatorSet
     sigmas = _sigmas_mps(
         belief, np.vstack([belief.x, without.x]), np.concatenate([[belief.rested_ns], without.rested_ns]), settings
     )
-    F, Q = transition(dt, belief.drive, sigmas, settings)
+    F, Q = transition(dt, belief.drive, sigmas, belief.sigma_a_mps2, change_ne_mps, settings)
     went = (v_ne_mps[0] * dt, v_ne_mps[1] * dt)
     step = np.zeros(N_STATES)
     step[POSITION] = went
@@ -152,12 +173,13 @@ def blurred(belief: Belief, sigma_m: float) -> Belief:
 
 def widened(belief: Belief, position_m2: float, velocity_m2ps2: float) -> Belief:
     """The belief with independent errors of position and of the velocity's error added, on each axis."""
-    more = np.diag([position_m2, position_m2, velocity_m2ps2, velocity_m2ps2, 0.0, 0.0, 0.0, 0.0])
+    more = np.zeros((N_STATES, N_STATES))
+    more[POSITION, POSITION], more[VELOCITY, VELOCITY] = position_m2 * np.eye(2), velocity_m2ps2 * np.eye(2)
     return replace(belief, P=belief.P + more, without=separation.widened(belief.without, more))
 
 
 def _sigmas_mps(belief: Belief, x: FloatArray, rested_ns: NDArray[np.int64], settings: NavigatorSettings) -> FloatArray:
-    """1-sigma (K,) of the velocity's error of solutions x (K, 8) that rest on fixes of these times (K,)."""
+    """1-sigma (K,) of the velocity's error of solutions x (K, 9) that rest on fixes of these times (K,)."""
     if belief.drive is not Drive.FED_BACK:  # a large learned error does not relax to zero as the model says: allow for that
         return np.asarray(np.maximum(belief.sigma_v_mps, np.hypot(x[:, 2], x[:, 3]) / 2))
     rested_s = (belief.t_ns - np.maximum(rested_ns, belief.started_ns)) * 1e-9
@@ -235,7 +257,7 @@ def _restarted(belief: Belief, z: Position, found: relocalise.Restart, settings:
         sigma_v, x[VELOCITY] = max(sigma_v, math.hypot(*error)), 0.0
     elif belief.drive is Drive.INERTIAL:
         x[VELOCITY] += belief.x[VELOCITY]
-    P = initial_covariance(0.0, sigma_v, settings)
+    P = initial_covariance(0.0, sigma_v, belief.sigma_a_mps2)
     P[POSITION, POSITION] = np.array(z.cov_ne_m2)
     without = _founded(belief, z, belief.without)
     return replace(belief, x=x, P=P, started_ns=z.t_ns, without=without)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import deque
 
+from visloc_companion.core.inertial_bias import AccelerationBias
 from visloc_companion.geo import se3
 from visloc_companion.types import Quat, Vec2, Vec3
 
@@ -28,18 +29,23 @@ class InertialVelocity:
         self._sum_ne_mps: deque[Vec2] = deque()
         self._last_ne_mps2: Vec2 = (0.0, 0.0)
         self._anchor: tuple[Vec2, Vec2] | None = None
+        self._yaw_rad = 0.0
+        self.bias = AccelerationBias()
 
     def clear(self) -> None:
         """Forget everything (the autopilot's clock stepped)."""
         self._t_ns.clear()
         self._sum_ne_mps.clear()
         self._anchor = None
+        self.bias.interrupted()
 
     def on_force(self, t_boot_ns: int, force_frd_mps2: Vec3, q_ned_frd: Quat) -> None:
         """Take a specific force along the body's axes and the attitude of its time; one that is not later is dropped."""
-        north, east, _ = se3.rotate(q_ned_frd, force_frd_mps2)
         if self._t_ns and t_boot_ns <= self._t_ns[-1]:
             return
+        (forward, right), (x, y, z) = self.bias.forward_right_mps2, force_frd_mps2
+        north, east, _ = se3.rotate(q_ned_frd, (x - forward, y - right, z))
+        _, _, self._yaw_rad = se3.euler_from_quat(q_ned_frd)
         if self._t_ns and t_boot_ns - self._t_ns[-1] > MAX_GAP_NS:
             self.clear()
         total = (0.0, 0.0)
@@ -54,10 +60,14 @@ class InertialVelocity:
             self._t_ns.popleft()
             self._sum_ne_mps.popleft()
 
-    def anchor(self, t_boot_ns: int, v_ne_mps: Vec2) -> None:
-        """Begin anew from a velocity, north and east m/s."""
+    def anchor(self, t_boot_ns: int, v_ne_mps: Vec2, *, teaches: bool = False) -> None:
+        """Begin anew from a velocity, north and east m/s; one that rests on a trusted GNSS teaches the bias."""
         total = self._sum_at(t_boot_ns)
         self._anchor = None if total is None else (v_ne_mps, total)
+        if total is None or not teaches:
+            self.bias.interrupted()
+        else:
+            self.bias.on_sample(t_boot_ns, v_ne_mps, total, self._yaw_rad)
 
     def at(self, t_boot_ns: int) -> Vec2 | None:
         """The velocity at a time, north and east m/s; None without an anchor or without samples."""

@@ -73,7 +73,7 @@ def learned(belief: Belief, motion: Motion, travel_ne_m: Vec2, settings: Navigat
 
 
 def _seen(belief: Belief, dt_s: float, settings: NavigatorSettings) -> tuple[FloatArray, float]:
-    """H (2, 8) of the velocity's mean error over an interval that ends now, and the variance of what it leaves out."""
+    """H (2, 9) of the velocity's mean error over an interval that ends now, and the variance of what it leaves out."""
     if belief.drive is Drive.INERTIAL:
         return MEAN_VELOCITY - dt_s / 2 * MEAN_ACCELERATION, INERTIAL_WALK_MPS_PER_SQRT_S**2 * dt_s / 3
     return MEAN_VELOCITY, belief.sigma_v_mps**2 * 2 * dt_s / (3 * settings.velocity_correlation_s)

@@ -1,11 +1,13 @@
 """How the filter's state goes on between measurements, for each velocity that can drive it.
 
-State (8,), pairs north and east: position at the EKF origin (m), error of the driving velocity (its value minus the true one,
-m/s), error of the acceleration that an inertial velocity is integrated from (m/s²), wind (where the air goes to, m/s).
+State (9,), pairs north and east: position at the EKF origin (m), error of the driving velocity (its value minus the true one,
+m/s), error of the acceleration that an inertial velocity is integrated from (m/s²), wind (where the air goes to, m/s); and the
+error of the heading by which those accelerations were turned (rad, clockwise).
 
 * `AUTOPILOT`, `FED_BACK`: the autopilot's velocity; its error is first-order Gauss-Markov.
 * `INERTIAL`: accelerations turned by the attitude and integrated (inertial.py). The error of that velocity is the integral of the
-  acceleration's error (biases, tilt; first-order Gauss-Markov) and of white noise: Singer's model (1970) without its manoeuvres.
+  acceleration's error (biases, tilt; first-order Gauss-Markov: Singer's model, 1970, without its manoeuvres), of white noise, and
+  of the true acceleration turned by the heading's error.
 
 Closed form for the first (Brown & Hwang, section 5.3); for the second a Gauss-Legendre quadrature, exact to rounding for steps
 short against `acceleration_correlation_s`.
@@ -20,10 +22,11 @@ from functools import lru_cache
 import numpy as np
 
 from visloc_companion.core.settings import NavigatorSettings
-from visloc_companion.types import FloatArray
+from visloc_companion.types import FloatArray, Vec2
 
-N_STATES = 8
+N_STATES = 9
 POSITION, VELOCITY, ACCELERATION, WIND = slice(0, 2), slice(2, 4), slice(4, 6), slice(6, 8)
+HEADING = 8
 N_CONSIDERED = N_STATES - VELOCITY.start
 """States that stay as they are where the velocity descends from our own fixes."""
 WALK_M_PER_SQRT_S = 0.05
@@ -33,6 +36,7 @@ INERTIAL_WALK_MPS_PER_SQRT_S = 0.12
 WIND_WALK_MPS_PER_SQRT_S = 0.1
 WIND_SIGMA_MPS = 10.0
 """1-sigma of the wind before anything is known of it."""
+HEADING_SIGMA_RAD, HEADING_TAU_S = math.radians(2.0), 100.0
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
 SERIES_BELOW = 0.01
 
@@ -46,20 +50,34 @@ class Drive(Enum):
     INERTIAL = "inertial"
 
 
-def initial_covariance(position_m: float, velocity_mps: float, settings: NavigatorSettings) -> FloatArray:
-    """(8, 8) where position and velocity's error have these 1-sigmas and nothing else is known."""
-    sigmas = (position_m, velocity_mps, settings.acceleration_sigma_mps2, WIND_SIGMA_MPS)
-    return np.diag(np.repeat(np.square(sigmas), 2))
+def initial_covariance(position_m: float, velocity_mps: float, acceleration_mps2: float) -> FloatArray:
+    """(9, 9) where position and the errors of velocity and acceleration have these 1-sigmas, and the wind is unknown."""
+    pairs = np.repeat((position_m, velocity_mps, acceleration_mps2, WIND_SIGMA_MPS), 2)
+    return np.diag(np.square([*pairs, HEADING_SIGMA_RAD]))
 
 
-def transition(dt_s: float, drive: Drive, sigma_mps: FloatArray, settings: NavigatorSettings) -> tuple[FloatArray, FloatArray]:
-    """F (8, 8), and Q (K, 8, 8) for K sigmas of the velocity's error (which an inertial velocity does not need)."""
-    bias = (settings.acceleration_sigma_mps2, settings.acceleration_correlation_s)
+def transition(
+    dt_s: float, drive: Drive, sigma_mps: FloatArray, sigma_a_mps2: float, change_ne_mps: Vec2, settings: NavigatorSettings
+) -> tuple[FloatArray, FloatArray]:
+    """F (9, 9), and Q (K, 9, 9) for K sigmas of the velocity's error (which an inertial velocity does not need).
+
+    `change_ne_mps`: by how much the driving velocity changes meanwhile.
+    """
+    bias = (sigma_a_mps2, settings.acceleration_correlation_s)
     if drive is Drive.INERTIAL:
         F, Q = _inertial(dt_s, *bias)
+        F = F.copy()
+        north, east = change_ne_mps
+        F[VELOCITY, HEADING] = -east, north
+        F[POSITION, HEADING] = east * dt_s / 2, -north * dt_s / 2
         return F, np.broadcast_to(Q, (len(sigma_mps), *Q.shape))
     F, per_variance, rest = _gauss_markov(dt_s, settings.velocity_correlation_s, *bias)
     return F, np.square(sigma_mps)[:, None, None] * per_variance + rest
+
+
+def _heading(F: FloatArray, Q: FloatArray, dt_s: float) -> None:
+    kept = math.exp(-dt_s / HEADING_TAU_S)
+    F[HEADING, HEADING], Q[HEADING, HEADING] = kept, HEADING_SIGMA_RAD**2 * (1 - kept * kept)
 
 
 @lru_cache(maxsize=256)
@@ -71,7 +89,9 @@ def _gauss_markov(dt_s: float, tau_s: float, sigma_a: float, tau_a_s: float) -> 
     per_variance[0, 1] = per_variance[1, 0] = -tau_s * (1 - a) ** 2
     per_variance[0, 0] = tau_s**2 * _integrated(dt_s / tau_s)
     rest[0, 0], rest[2, 2], rest[3, 3] = WALK_M_PER_SQRT_S**2 * dt_s, sigma_a**2 * (1 - kept * kept), _wind_m2ps2(dt_s)
-    return _both_axes(F), _both_axes(per_variance), _both_axes(rest)
+    whole = _both_axes(F), _both_axes(per_variance), _both_axes(rest)
+    _heading(whole[0], whole[2], dt_s)
+    return whole
 
 
 @lru_cache(maxsize=256)
@@ -87,7 +107,9 @@ def _inertial(dt_s: float, sigma_a: float, tau_a_s: float) -> tuple[FloatArray, 
     Q[:2, :2] += noise * np.array([[dt_s**3 / 3, -(dt_s**2) / 2], [-(dt_s**2) / 2, dt_s]])
     Q[0, 0] += WALK_M_PER_SQRT_S**2 * dt_s
     Q[3, 3] = _wind_m2ps2(dt_s)
-    return _both_axes(F), _both_axes(Q)
+    whole = _both_axes(F), _both_axes(Q)
+    _heading(*whole, dt_s)
+    return whole
 
 
 def _wind_m2ps2(dt_s: float) -> float:
@@ -95,8 +117,8 @@ def _wind_m2ps2(dt_s: float) -> float:
 
 
 def _both_axes(block: FloatArray) -> FloatArray:
-    both = np.asarray(np.kron(block, np.eye(2)), dtype=np.float64)
-    both.setflags(write=False)
+    both = np.zeros((N_STATES, N_STATES))
+    both[:HEADING, :HEADING] = np.kron(block, np.eye(2))
     return both
 
 

@@ -21,7 +21,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.core.propagation import N_STATES, POSITION, VELOCITY
+from visloc_companion.core.propagation import N_STATES, POSITION
 from visloc_companion.types import FloatArray
 
 EVERY: Final = "*"
@@ -38,7 +38,7 @@ MERGED_SIGMA, MERGED_VARIANCE = 0.1, 1.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solutions:
-    """K solutions: means (K, 8), covariances (K, 8, 8) of the filter's state, their probabilities (K,), and the time (K,) of the
+    """K solutions: means (K, 9), covariances (K, 9, 9) of the filter's state, their probabilities (K,), and the time (K,) of the
     last fix that each rests on. `leaves`: what each goes on to leave out; `left`: the methods of what it left out."""
 
     x: FloatArray
@@ -56,23 +56,23 @@ NONE = Solutions(np.zeros((0, N_STATES)), np.zeros((0, N_STATES, N_STATES)), np.
 
 
 def propagated(solutions: Solutions, F: FloatArray, Q: FloatArray, step: FloatArray) -> Solutions:
-    """All solutions through x -> F x + step with process noise Q (K, 8, 8)."""
+    """All solutions through x -> F x + step with process noise Q (K, 9, 9)."""
     if not len(solutions):
         return solutions
     return replace(solutions, x=solutions.x @ F.T + step, P=F @ solutions.P @ F.T + Q)
 
 
 def widened(solutions: Solutions, more: FloatArray) -> Solutions:
-    """With a covariance (8, 8) added to each."""
+    """With a covariance (9, 9) added to each."""
     return replace(solutions, P=solutions.P + more) if len(solutions) else solutions
 
 
-def with_new_velocity(x: FloatArray, P: FloatArray, variance_m2ps2: float) -> tuple[FloatArray, FloatArray]:
-    """Means (..., 8) and covariances (..., 8, 8) with another velocity to ride on: its error is unknown, and independent."""
+def renewed(x: FloatArray, P: FloatArray, which: slice, variance: float) -> tuple[FloatArray, FloatArray]:
+    """Means (..., 9) and covariances (..., 9, 9) with two states set to zero, of this variance and independent of the rest."""
     x, P = x.copy(), P.copy()
-    x[..., VELOCITY] = 0.0
-    P[..., VELOCITY, :] = P[..., :, VELOCITY] = 0.0
-    P[..., VELOCITY, VELOCITY] = variance_m2ps2 * np.eye(2)
+    x[..., which] = 0.0
+    P[..., which, :] = P[..., :, which] = 0.0
+    P[..., which, which] = variance * np.eye(2)
     return x, P
 
 
@@ -95,7 +95,7 @@ def updated(
     n_considered: int,
     t_ns: int | None = None,
 ) -> Solutions:
-    """With a measurement z (2,), R (2, 2) of H x, H (2, 8), taken by some of them (K,), Joseph's form, no gate.
+    """With a measurement z (2,), R (2, 2) of H x, H (2, 9), taken by some of them (K,), Joseph's form, no gate.
 
     The last `n_considered` states keep mean and variance (kalman.update). `t_ns`: of a fix that they rest on from now on.
     """
@@ -159,7 +159,7 @@ def likely(solutions: Solutions) -> Solutions:
 
 
 def apart(solutions: Solutions, x: FloatArray, P: FloatArray) -> Solutions:
-    """Without each `ONE` that says no more than the filter itself, x (8,) and P (8, 8), does."""
+    """Without each `ONE` that says no more than the filter itself, x (9,) and P (9, 9), does."""
     if not len(solutions):
         return solutions
     variance = float(np.trace(P[:2, :2]))

@@ -22,6 +22,8 @@ from visloc_companion.types import Accepted, Fix, GeoPoint, NavState, Odometry, 
 MIN_VELOCITY_INTERVAL_NS = 5_000_000
 TAUGHT_BY, TAUGHT_WITHIN_NS = 2, 10_000_000_000
 """Accelerations drive the filter where so many fixes or intervals of odometry were accepted within that time."""
+LEAST_ACCELERATION_SIGMA_MPS2 = 0.05
+"""A tilt of 0.3 degrees, which no autopilot without GNSS is free of."""
 OPERATOR_REACH_M = 100_000.0
 OPERATOR_MARGIN_M = 50.0
 GNSS_BIAS_SIGMA_M = 3.0
@@ -73,9 +75,11 @@ class Tracker:
         taught = len(self._taught_ns) == TAUGHT_BY and velocity.t_ns - self._taught_ns[0] <= TAUGHT_WITHIN_NS
         v_ne_mps = self._inertial.at(t_boot_ns) if alone and taught else None
         if v_ne_mps is None:
-            self._inertial.anchor(t_boot_ns, velocity.v_ned_mps[:2])
+            self._inertial.anchor(t_boot_ns, velocity.v_ned_mps[:2], teaches=not alone)
         else:
-            velocity = replace(velocity, v_ned_mps=(*v_ne_mps, velocity.v_ned_mps[2]), drive=Drive.INERTIAL)
+            sigma_a = self._inertial.bias.sigma_mps2(self._settings.acceleration_sigma_mps2, LEAST_ACCELERATION_SIGMA_MPS2)
+            v_ned_mps = (*v_ne_mps, velocity.v_ned_mps[2])
+            velocity = replace(velocity, v_ned_mps=v_ned_mps, drive=Drive.INERTIAL, sigma_a_mps2=sigma_a)
         if self._filter is not None:
             self._filter.drive(velocity)
         return True

@@ -19,16 +19,21 @@ class PlaneCommand:
 
 
 class Plane:
-    """Bank answers in 0.4 s (60°/s at most, 45° of bank), climb in 0.8 s, airspeed in 3 s; the nose is 3° above the path."""
+    """Bank answers in 0.4 s (60°/s at most, 45° of bank), climb in 0.8 s, airspeed in 3 s; the nose is 3° above the path.
+
+    A gust carries the aircraft along with a lag of 0.5 s: what its lift and drag need to change its velocity.
+    """
 
     ANGLE_OF_ATTACK_RAD = math.radians(3)
     MAX_BANK_RAD, MAX_ROLL_RATE_RADPS = math.radians(45), math.radians(60)
     MAX_CLIMB_MPS = 4.0
+    GUST_LAG_S = 0.5
 
     def __init__(self, body: Body, airspeed_mps: float) -> None:
         self.body = body
         self.airspeed_mps = airspeed_mps
         self._climb = 0.0
+        self._carried_by: Vec3 | None = None
 
     def step(self, command: PlaneCommand, wind_ned_mps: Vec3, dt_s: float) -> None:
         """Advance the true state by one step."""
@@ -43,11 +48,23 @@ class Plane:
         yaw = body.yaw + GRAVITY_MPS2 * math.tan(roll) / self.airspeed_mps * dt_s
         body.turn(roll, path + self.ANGLE_OF_ATTACK_RAD, yaw, dt_s)
         level = self.airspeed_mps * math.cos(path)
+        north, east, down = self._carried(wind_ned_mps, dt_s)
         body.move(
-            (level * math.cos(yaw) + wind_ned_mps[0] - body.v_north) / dt_s,
-            (level * math.sin(yaw) + wind_ned_mps[1] - body.v_east) / dt_s,
-            (-self._climb + wind_ned_mps[2] - body.v_down) / dt_s,
+            (level * math.cos(yaw) + north - body.v_north) / dt_s,
+            (level * math.sin(yaw) + east - body.v_east) / dt_s,
+            (-self._climb + down - body.v_down) / dt_s,
             dt_s,
         )
         if body.down >= 0.0 and body.v_down >= 0.0:
             body.rest()
+
+    def _carried(self, wind_ned_mps: Vec3, dt_s: float) -> Vec3:
+        """The part of the wind that the aircraft's velocity has taken up by now."""
+        n, e, d = wind_ned_mps if self._carried_by is None else self._carried_by
+        share = dt_s / self.GUST_LAG_S
+        self._carried_by = (
+            n + share * (wind_ned_mps[0] - n),
+            e + share * (wind_ned_mps[1] - e),
+            d + share * (wind_ned_mps[2] - d),
+        )
+        return self._carried_by

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from visloc_companion.core.estimator import Velocity
@@ -98,3 +100,32 @@ def test_sanity_of_the_operators_position() -> None:
     assert tracker.implausible(at(500.0), 5.0, gnss_trusted=True) == "far from trusted GNSS"
     assert tracker.implausible(at(500.0), 5.0, gnss_trusted=False) is None
     assert tracker.implausible(at(60.0), 5.0, gnss_trusted=True) is None
+
+
+def felt(tracker: Tracker, from_s: float, to_s: float, a_north: float) -> None:
+    for k in range(round(from_s * 50), round(to_s * 50)):
+        tracker.on_force(k * 20_000_000, (a_north, 0.0, -9.80665), (1.0, 0.0, 0.0, 0.0))
+
+
+def test_accelerations_drive_the_filter_while_something_teaches_their_error() -> None:
+    """The vehicle speeds up by 1 m/s² northwards; the autopilot, which flies on our own positions, does not notice."""
+    tracker = Tracker(NavigatorSettings())
+    tracker.set_origin(ORIGIN)
+    felt(tracker, 0.0, 1.02, 0.0)
+    tracker.drive(velocity(1.0), 1 * S, alone=False)
+    assert tracker.seed(1 * S, at(0.0), 1.0)
+    for k in (1, 2):
+        assert isinstance(tracker.observe(replace(fix(1.0 + 0.01 * k, 0.0), frame_id=k)), Accepted)
+    drives, speeds = [], []
+    for k in range(11, 141):
+        felt(tracker, 0.1 * k - 0.08, 0.1 * k + 0.02, 1.0)
+        tracker.drive(velocity(0.1 * k), round(0.1 * k * S), alone=True)
+        belief, state = tracker.belief, tracker.at(round(0.1 * k * S))
+        assert belief is not None
+        assert state is not None
+        drives.append(belief.drive)
+        speeds.append(state.v_ned_mps[0])
+    assert drives[:99] == [Drive.INERTIAL] * 99
+    assert drives[-1] is Drive.AUTOPILOT
+    assert speeds[80] - speeds[0] == pytest.approx(8.0, abs=0.1)
+    assert speeds[-1] == pytest.approx(10.0)
