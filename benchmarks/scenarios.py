@@ -1,9 +1,9 @@
 """Every scenario of the library, flown and judged: one table.
 
     python -m benchmarks.scenarios [--only NAME ...] [--dialects ardupilot px4] [--vehicles copter plane] [--seeds 1]
-                                   [--size 1000] [--method deep] [--write docs/scenarios.md] [--journals FOLDER]
+                                   [--size 1000] [--method deep] [--write docs/scenarios.md]
 
-Flights are those of `visloc sim`, over the procedural world of a given size. With --write the table in that file is replaced.
+Flights are those of `visloc sim`, over the procedural world of a given size. With --write the tables in that file are replaced.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import cast
 import cv2
 import numpy as np
 
+from benchmarks.scenario_page import LIMITS, RESULTS, limits_table, replaced, table
 from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.evaluate.closed_loop import FlightWorld, FlownScenario, fly
 from visloc_companion.evaluate.expected import error_over_level, relied_upon, taken_fixes
@@ -30,7 +31,6 @@ from visloc_companion.sim.season import Date
 from visloc_companion.sim.setup import FlightSetup, VehicleKind
 from visloc_companion.types import AutopilotKind
 
-BEGIN, END = "<!-- table of python -m benchmarks.scenarios: begin -->", "<!-- end -->"
 COLUMNS = (
     *("scenario", "flown as", "median m", "largest m", "error / level", "misleading", "HMI", "furthest fix m", "fixes of frames"),
     *("modes without GNSS", "GNSS bad after s", "verdict at the end", "as expected", "CPU s"),
@@ -102,7 +102,7 @@ class Worlds:
 def flown_rows(options: argparse.Namespace) -> list[Row]:
     """Fly what was asked for and print each row."""
     worlds, rows = Worlds(options.size), []
-    print(f"| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}", flush=True)
+    print(table(COLUMNS, []), flush=True)
     for name in options.only or SCENARIOS:
         scenario = SCENARIOS[name]
         world = worlds.on(scenario.date)
@@ -118,14 +118,12 @@ def flown_rows(options: argparse.Namespace) -> list[Row]:
     return rows
 
 
-def written(text: str, rows: list[Row], command: str) -> str:
-    """A page with its table replaced by these rows."""
-    head, rest = text.split(BEGIN, 1)
-    _, tail = rest.split(END, 1)
-    lines = [f"| {' | '.join(COLUMNS)} |", f"|{'---|' * len(COLUMNS)}", *(f"| {' | '.join(row.cells)} |" for row in rows)]
+def written(page: str, rows: list[Row], command: str) -> str:
+    """A page with its tables replaced."""
     passed = sum(row.flown.passed for row in rows)
     summary = f"{passed} of {len(rows)} flights showed what is expected (`{command}`)."
-    return f"{head}{BEGIN}\n{summary}\n\n" + "\n".join(lines) + f"\n{END}{tail}"
+    results = f"{summary}\n\n{table(COLUMNS, [row.cells for row in rows])}"
+    return replaced(replaced(page, LIMITS, limits_table()), RESULTS, results)
 
 
 def main() -> None:

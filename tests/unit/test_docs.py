@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 import typer.main
 
+from benchmarks.scenario_page import END, LIMITS, limits_table
 from visloc_companion.app.settings import core_settings
 from visloc_companion.cli.main import app
 from visloc_companion.cli.map import MANY
@@ -20,7 +21,6 @@ from visloc_companion.evaluate.cases import COLUMNS, TRUTH_COLUMNS
 from visloc_companion.evaluate.cloud_cases import CLOUD_FIELDS, GROWTH, SIGMA_FIELDS, TRUTH_FIELDS
 from visloc_companion.evaluate.gate import parse_gate
 from visloc_companion.sim.autopilot_parameters import PREPARED
-from visloc_companion.sim.scenarios import FLIGHTS
 from visloc_companion.types import AutopilotKind, Mode
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -199,19 +199,10 @@ def test_the_floor_of_the_covariance_is_the_one_that_the_daemon_claims() -> None
     assert parameters_of(AutopilotKind.ARDUPILOT)["VISO_POS_M_NSE"] == Config().injection.min_sigma_m
 
 
-@pytest.mark.parametrize("scenario", FLIGHTS.values(), ids=lambda scenario: scenario.name)
-def test_the_table_of_scenarios_states_their_limits(scenario: Any) -> None:
-    page = text_of(DOCS / "simulation.md")
-    row = re.search(rf"^\| `{scenario.name}` \|(.*)\|$", page, re.MULTILINE)
-    assert row is not None
-    length, _, median, largest, verdict, pulled = (cell.strip() for cell in row.group(1).split("|"))
-    expected = scenario.expected
-    assert length == f"{scenario.duration_s:g} s"
-    assert median == f"{expected.median_error_m:g} m"
-    assert largest == f"{expected.max_error_m:g} m"
-    assert verdict == f"{expected.verdict_within_s:g} s"
-    assert pulled == f"{expected.pulled_m:g} m"
-    assert expected.injection_gap_s == 0.2  # stated once above the table
+def test_the_table_of_scenarios_states_their_limits() -> None:
+    page = text_of(DOCS / "scenarios.md")
+    stated = page.split(LIMITS)[1].split(END)[0].strip()
+    assert stated == limits_table(), "python -m benchmarks.scenarios --write docs/scenarios.md"
 
 
 def test_reasons_and_modes_that_are_explained_exist() -> None:
