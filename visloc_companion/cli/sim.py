@@ -49,10 +49,10 @@ def sim(
         _list()
         return
     if autopilot != "built-in":
-        raise ConfigError(
-            f"--autopilot {autopilot}: flights against a real simulator are not part of this version",
-            remedy="use --autopilot built-in with --dialect ardupilot or px4",
-        )
+        from visloc_companion.cli.sim_real import fly_real
+
+        fly_real(autopilot, vehicle, scenario, seed, not without_daemon, json_file)
+        return
     if bool(scenario) == bool(campaign):
         raise ConfigError("name either --scenario or --campaign", remedy="visloc sim --list")
     if campaign and report is not None:
@@ -74,9 +74,9 @@ def _list() -> None:
     from visloc_companion.sim.scenarios import FLIGHTS
 
     for one in FLIGHTS.values():
-        typer.echo(f"{one.name:18} {one.duration_s:4.0f} s  {one.summary}")
+        typer.echo(f"{one.name:20} {one.duration_s:4.0f} s  {one.summary}")
     for name, (dialects, vehicles, seeds) in CAMPAIGNS.items():
-        typer.echo(f"{name:18} campaign of all scenarios: {', '.join(dialects)}; {', '.join(vehicles)}; {len(seeds)} seed(s)")
+        typer.echo(f"{name:20} campaign of all scenarios: {', '.join(dialects)}; {', '.join(vehicles)}; {len(seeds)} seed(s)")
 
 
 def _placed(

@@ -1,0 +1,113 @@
+"""The built-in autopilot on the circuits of the real simulators, with the same fixes: what stands beside them in the table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from random import Random
+from typing import cast
+
+import numpy as np
+
+from visloc_companion.adapters.mavlink.session import MavlinkSession
+from visloc_companion.adapters.mavlink.settings import SessionSettings
+from visloc_companion.core.navigator import Navigator
+from visloc_companion.core.settings import CoreSettings, InjectionSettings
+from visloc_companion.geo.wgs84 import geo_from_ned
+from visloc_companion.protocols import ReferenceMap
+from visloc_companion.sim import faults
+from visloc_companion.sim.autopilot import BuiltInAutopilot
+from visloc_companion.sim.camera import SimulatedCamera
+from visloc_companion.sim.faults import FaultSchedule
+from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes
+from visloc_companion.sim.real.flight import RealScenario
+from visloc_companion.sim.real.oracle import METHOD, OracleSettings
+from visloc_companion.sim.real.pilot import HOME
+from visloc_companion.sim.real.programs import Simulator
+from visloc_companion.types import AutopilotKind, EkfSource, Fix, GeoPoint, Image, LocaliseRequest, NoFix, Quat, SourceSwitched
+
+WIND_NED_MPS = (2.0, -4.0, 0.0)
+BOOT_AGE_S = 60.0
+
+
+def built_in_p95_m(scenario: RealScenario, simulator: Simulator) -> float | None:
+    """95 % of the built-in autopilot's own error while it flies on vision, metres; None where it never does.
+
+    A dragged GNSS has its velocity dragged, too: the built-in receiver knows no other.
+    """
+    kind = AutopilotKind.PX4 if simulator is Simulator.PX4 else AutopilotKind.ARDUPILOT
+    route = scenario.route
+    pilot = BuiltInAutopilot(
+        kind,
+        "plane" if simulator is Simulator.ARDUPLANE else "copter",
+        HOME,
+        [(leg.north_m, leg.east_m, -route.height_m) for leg in route.legs],
+        route.speed_mps,
+        scenario.seed,
+        _faults(scenario),
+        WIND_NED_MPS,
+        boot_age_s=BOOT_AGE_S,
+    )
+    oracle = scenario.oracle
+    eyes = Eyes(
+        cast(SimulatedCamera, _PoseCamera()),
+        _PoseReader(oracle, scenario.seed),
+        cast(ReferenceMap, None),
+        oracle.rate_hz,
+        oracle.latency_s,
+    )
+    settings = CoreSettings(structure=False, max_rate_hz=oracle.rate_hz, injection=InjectionSettings(switch_source=True))
+    log = ClosedLoopFlight(pilot, Navigator(settings), MavlinkSession(SessionSettings()), eyes).run(scenario.duration_s)
+    switches = [(e.now_ns, e.event.source) for e in log.entries if isinstance(e.event, SourceSwitched) and e.event.accepted]
+    errors = [sample.off_m for sample in log.truth if _on_vision(switches, sample.t_ns) and sample.off_m is not None]
+    return float(np.percentile(errors, 95)) if errors else None
+
+
+def _on_vision(switches: list[tuple[int, EkfSource]], t_ns: int) -> bool:
+    before = [source for at_ns, source in switches if at_ns <= t_ns]
+    return bool(before) and before[-1] is EkfSource.VISION and t_ns > CLOCK_OFFSET_NS
+
+
+def _faults(scenario: RealScenario) -> FaultSchedule:
+    schedule = FaultSchedule()
+    if scenario.jam_at_s is not None:
+        end_s = float("inf") if scenario.gnss_back_at_s is None else scenario.gnss_back_at_s
+        schedule += faults.jam(scenario.jam_at_s, end_s)
+    if scenario.drag_at_s is not None:
+        north, east = scenario.drag_mps
+        schedule += faults.slow_drag(scenario.drag_at_s, float(np.hypot(north, east)), float(np.arctan2(east, north)))
+    return schedule
+
+
+class _PoseCamera:
+    """Pixels that hold nothing but the pose from which they were taken."""
+
+    @property
+    def model(self) -> _Size:
+        return _Size()
+
+    def render(self, place: GeoPoint, q_ned_frd: Quat, *_: object) -> Image:
+        return np.frombuffer(np.array([place.lat_deg, place.lon_deg, place.h_amsl_m, *q_ned_frd]).tobytes(), np.uint8)
+
+
+@dataclass(frozen=True, slots=True)
+class _Size:
+    width_px: int = 640
+    height_px: int = 480
+
+
+class _PoseReader:
+    """Answers with the pose in the pixels and the noise of the real flights."""
+
+    method = METHOD
+
+    def __init__(self, settings: OracleSettings, seed: int) -> None:
+        self._settings, self._rng = settings, Random(f"{seed}/oracle")
+
+    def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
+        lat, lon, height, w, x, y, z = np.frombuffer(pixels.tobytes(), np.float64).tolist()
+        sigma, claimed = self._settings.sigma_m, self._settings.claimed_sigma_m**2
+        noise = self._rng.gauss(0.0, sigma), self._rng.gauss(0.0, sigma), self._rng.gauss(0.0, 1.0)
+        place, frame = geo_from_ned(noise, GeoPoint(lat, lon, height)), request.frame
+        cov = ((claimed, 0.0), (0.0, claimed))
+        ids = request.request_id, frame.frame_id
+        return Fix(0, frame.t_ns, *ids, METHOD, place, (w, x, y, z), cov, 1.0, 0.01, 1e-4, 50.0)

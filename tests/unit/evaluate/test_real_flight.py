@@ -1,0 +1,106 @@
+"""The figures of a flight against a real simulator, from samples that are made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from visloc_companion.evaluate.real_flight import checks, real_figures
+from visloc_companion.sim.real.programs import Simulator
+from visloc_companion.sim.real.record import RealLog, RealSample
+from visloc_companion.sim.real.scenarios import real_scenario
+from visloc_companion.types import GeoPoint
+
+HOME = GeoPoint(47.4, 8.5, 488.0)
+JAM = real_scenario("jam", Simulator.ARDUCOPTER)
+
+
+def sample(t_s: float, phase: str, off_m: float = 1.0, height_m: float = 60.0, **more: object) -> RealSample:
+    """A vehicle at 5 m/s to the north whose estimate is off to the east."""
+    place = GeoPoint(HOME.lat_deg, HOME.lon_deg, HOME.h_amsl_m + height_m)
+    made = RealSample(
+        t_s,
+        phase,
+        place,
+        (5 * t_s, 0.0, -height_m),
+        (5.0, 0.0, 0.0),
+        (1.0, 0.0, 0.0, 0.0),
+        (5 * t_s, off_m, -height_m),
+        (5.0, 0.3, 0.0),
+        None,
+        None,
+        0.2,
+        True,
+        3,
+        True,
+    )
+    return replace(made, **more)  # type: ignore[arg-type]
+
+
+def flown(switch_s: float = 12.0, end_s: float = 100.0, off_m: float = 2.0, **marks: float) -> RealLog:
+    """GNSS until `switch_s`, then vision; the circuit begins at 0 and is jammed at 10."""
+    times = [k * 0.1 for k in range(round(end_s * 10))]
+    samples = [sample(t_s, "gnss", 0.5) if t_s < switch_s else sample(t_s, "vision", off_m) for t_s in times]
+    named = {"begun": 0.0, "jam": 10.0, "over": end_s, **marks}
+    return RealLog(samples=samples, marks=[(t_s, name) for name, t_s in named.items()])
+
+
+def test_errors_are_those_on_vision() -> None:
+    figures = real_figures(flown(), JAM)
+    assert figures.error_p95_m == pytest.approx(2.0)
+    assert figures.gnss_p95_m == pytest.approx(0.5)
+    assert figures.velocity_rms_mps == pytest.approx(0.3)
+    assert figures.vision_s == pytest.approx(88.0, abs=0.3)
+    assert figures.rejected_share == 0.0
+    assert all(check.passed for check in checks(figures, JAM, Simulator.ARDUCOPTER))
+
+
+def test_a_jammed_receiver_that_is_flown_on_is_a_wrong_source() -> None:
+    figures = real_figures(flown(switch_s=25.0), JAM)
+    assert figures.wrong_source_s == pytest.approx(10.0, abs=0.2)
+    assert "on a wrong source" in failed(figures)
+
+
+def test_vision_long_after_gnss_is_good_again_is_a_wrong_source() -> None:
+    figures = real_figures(flown(back=30.0), JAM)
+    assert figures.wrong_source_s == pytest.approx(30.0, abs=0.2)
+
+
+def test_a_failsafe_in_the_air_counts_and_one_after_the_end_does_not() -> None:
+    log = flown()
+    log.failsafes = [(50.0, "EKF Failsafe"), (120.0, "Landed late")]
+    figures = real_figures(log, JAM)
+    assert figures.failsafes == ("EKF Failsafe",)
+    assert "failsafes in the air" in failed(figures)
+
+
+def test_an_estimate_that_is_far_off_fails() -> None:
+    assert "95 % of the autopilot's error on vision" in failed(real_figures(flown(off_m=4.0), JAM))
+
+
+def test_the_drag_pulls_as_far_as_the_estimate_was_off_while_it_was_flown_on() -> None:
+    drag = real_scenario("slow_drag", Simulator.ARDUCOPTER)
+    samples = [sample(k * 0.1, "gnss" if k < 250 else "vision", max(0.0, k * 0.1 - 10.0)) for k in range(1000)]
+    log = RealLog(samples=samples, marks=[(0.0, "begun"), (10.0, "drag"), (100.0, "over")])
+    figures = real_figures(log, drag)
+    assert figures.pulled_m == pytest.approx(14.9)
+    assert "pulled by the drag" not in failed(figures)
+
+
+def test_the_speed_at_touch_down_is_sideways() -> None:
+    log = flown(landed=110.0)
+    low = {"true_place": HOME, "true_v_ned_mps": (0.3, 0.4, 0.5)}
+    log.samples = [sample(-5.0, "gnss", height_m=0.0), *log.samples, sample(105.0, "vision", height_m=0.0, **low)]
+    assert real_figures(log, JAM).touch_down_mps == pytest.approx(0.5)
+
+
+def test_a_flight_without_vision_has_no_figures_of_it_and_does_not_pass() -> None:
+    figures = real_figures(flown(switch_s=200.0), JAM)
+    assert (figures.error_p95_m, figures.rejected_share, figures.vision_s) == (None, None, 0.0)
+    assert "on vision for" in failed(figures)
+
+
+def failed(figures: object) -> list[str]:
+    scenario = real_scenario("slow_drag", Simulator.ARDUCOPTER) if getattr(figures, "pulled_m", None) else JAM
+    return [check.name for check in checks(figures, scenario, Simulator.ARDUCOPTER) if not check.passed]  # type: ignore[arg-type]

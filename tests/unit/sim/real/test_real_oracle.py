@@ -1,0 +1,71 @@
+"""The eyes that know the truth."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import statistics
+
+from visloc_companion.app.clock import ManualClock
+from visloc_companion.errors import Reason
+from visloc_companion.geo.wgs84 import ned_from_geo
+from visloc_companion.sim.real.oracle import Oracle, OracleSettings
+from visloc_companion.types import Fix, FrameRef, GeoPoint, LocaliseRequest, NoFix, PosePrior, Quat
+
+PLACE = GeoPoint(47.4, 8.5, 550.0)
+LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
+
+
+def request_about(frame: FrameRef, number: int = 1) -> LocaliseRequest:
+    return LocaliseRequest(number, frame, PosePrior(PLACE, LEVEL, ((1.0, 0.0), (0.0, 1.0)), 1.0, 0.1, 0.1), seed=1)
+
+
+def shown(oracle: Oracle, n: int, step_ns: int = 50_000_000) -> list[FrameRef]:
+    frames: list[FrameRef] = []
+    oracle.on_frame, oracle.shows = frames.append, True
+    for k in range(n):
+        oracle.see(k * step_ns, PLACE, LEVEL)
+    return frames
+
+
+def test_frames_come_at_their_rate_with_the_autopilots_time() -> None:
+    frames = shown(Oracle(OracleSettings(rate_hz=4.0), ManualClock(7), 1), 101)
+    assert len(frames) == 21
+    assert [frame.t_boot_ns for frame in frames[:3]] == [0, 250_000_000, 500_000_000]
+
+
+def test_nothing_is_shown_before_it_is_told_to() -> None:
+    oracle = Oracle(OracleSettings(), ManualClock(), 1)
+    oracle.on_frame = lambda _frame: (_ for _ in ()).throw(AssertionError)
+    oracle.see(0, PLACE, LEVEL)
+
+
+async def answered(oracle: Oracle, clock: ManualClock, after_s: float) -> list[object]:
+    serving = asyncio.create_task(oracle.serve())
+    clock.advance(after_s)
+    await asyncio.sleep(0.02)
+    serving.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await serving
+    return [await oracle.events.get() for _ in range(len(oracle.events))]
+
+
+async def test_an_answer_is_late_by_the_latency_and_off_by_the_noise() -> None:
+    clock = ManualClock(1_000_000_000)
+    oracle = Oracle(OracleSettings(rate_hz=20.0, sigma_m=0.7, latency_s=0.25), clock, 1)
+    for number, frame in enumerate(shown(oracle, 50), 1):
+        oracle.submit(request_about(frame, number))
+    assert await answered(oracle, clock, 0.24) == []
+    fixes = await answered(oracle, clock, 0.02)
+    errors = [ned_from_geo(fix.place, PLACE)[0] for fix in fixes if isinstance(fix, Fix)]
+    assert len(errors) == 16  # the mailbox holds so many; nobody asks for more at a time
+    assert 0.35 < statistics.pstdev(errors) < 1.2
+
+
+async def test_a_frame_that_it_forgot_is_refused() -> None:
+    clock = ManualClock()
+    oracle = Oracle(OracleSettings(), clock, 1)
+    oracle.submit(request_about(FrameRef(0, 0, 99, 0, 640, 480, 3)))
+    (answer,) = await answered(oracle, clock, 1.0)
+    assert isinstance(answer, NoFix)
+    assert answer.reason is Reason.BAD_FRAME

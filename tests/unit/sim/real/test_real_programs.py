@@ -1,0 +1,43 @@
+"""Finding and running the simulators' programs."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from visloc_companion.errors import ConfigError
+from visloc_companion.sim.real.programs import Simulator, find_program, running
+
+
+def test_a_program_that_is_not_there_is_an_error_that_says_what_to_set(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("VISLOC_ARDUCOPTER", raising=False)
+    with pytest.raises(ConfigError, match=r"no arducopter on PATH; remedy: .*VISLOC_ARDUCOPTER"):
+        find_program(Simulator.ARDUCOPTER)
+
+
+def test_a_variable_that_names_no_program_is_an_error(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("VISLOC_PX4", str(tmp_path / "px4"))
+    with pytest.raises(ConfigError, match=r"VISLOC_PX4 names .*px4, which is no program"):
+        find_program(Simulator.PX4)
+
+
+def test_the_variable_wins_over_the_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("VISLOC_ARDUPLANE", sys.executable)
+    assert find_program(Simulator.ARDUPLANE) == Path(sys.executable).resolve()
+
+
+def test_a_running_program_ends_with_its_children_and_leaves_its_last_words(tmp_path: Path) -> None:
+    child = "[sys.executable, '-c', 'import time; time.sleep(60)']"
+    code = f"import subprocess, sys; print('hello', flush=True); subprocess.run({child})"
+    with running([sys.executable, "-c", code], tmp_path, {"VISLOC_TEST": "1"}) as simulator:
+        for _ in range(200):
+            if "hello" in simulator.last_words():
+                break
+            time.sleep(0.02)
+        assert not simulator.ended
+    assert simulator.ended
+    assert "hello" in simulator.last_words()

@@ -1,0 +1,67 @@
+"""The flights against real simulators, before they are flown."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from visloc_companion.errors import ConfigError
+from visloc_companion.sim.real.apart import make_pilot
+from visloc_companion.sim.real.flight import Brake, RealScenario, _timeline, daemon_config
+from visloc_companion.sim.real.pilot import Leg, Route
+from visloc_companion.sim.real.programs import Simulator
+from visloc_companion.sim.real.scenarios import NAMES, real_scenario
+
+ROUTE = Route((Leg(0, 100), Leg(100, 0)), 60.0, 10.0)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("simulator", Simulator)
+def test_every_flight_is_in_order(name: str, simulator: Simulator) -> None:
+    scenario = real_scenario(name, simulator)
+    times = [at_s for at_s, _ in _timeline(scenario)]
+    assert all(a <= b for a, b in pairwise(times))
+    assert times[-1] < scenario.duration_s
+    assert scenario.with_daemon == (name != "without_daemon")
+
+
+def test_a_drag_grows_until_the_end_and_brakes_are_released() -> None:
+    scenario = RealScenario("x", ROUTE, 20.0, drag_at_s=10.0, brakes=(Brake(5.0, 2.0),))
+    timeline = _timeline(scenario)
+    assert timeline[:2] == [(5.0, "brake"), (7.0, "resume")]
+    assert timeline[2:4] == [(10.0, "drag"), (10.5, "drag")]
+    assert timeline[-1] == (19.5, "drag")
+
+
+def test_an_unknown_flight_is_an_error() -> None:
+    with pytest.raises(ConfigError, match="there is no flight 'picnic' against a real simulator; remedy: use one of jam, late"):
+        real_scenario("picnic", Simulator.PX4)
+
+
+def test_the_daemon_may_switch_and_hears_the_simulator(tmp_path: Path) -> None:
+    config = daemon_config(make_pilot(Simulator.PX4), real_scenario("jam", Simulator.PX4), tmp_path)
+    assert config.injection.switch_source
+    assert config.link.url == "udpin:127.0.0.1:14540"
+
+
+@pytest.mark.parametrize("plane", [False, True])
+def test_ardupilot_is_started_with_the_users_parameters(plane: bool, tmp_path: Path) -> None:
+    pilot = make_pilot(Simulator.ARDUPLANE if plane else Simulator.ARDUCOPTER)
+    command, _ = pilot.command(Path("/programs/one"), tmp_path, 3.0)
+    files = command[command.index("--defaults") + 1].split(",")
+    assert [Path(file).name for file in files] == ["vehicle.parm", "ardupilot.parm"]
+    assert all(Path(file).is_file() for file in files)
+    assert command[command.index("--model") + 1] == ("plane" if plane else "quad")
+
+
+def test_px4_is_started_with_the_users_parameters(tmp_path: Path) -> None:
+    _, environment = make_pilot(Simulator.PX4).command(Path("/build/bin/px4"), tmp_path, 3.0)
+    assert environment["PX4_PARAM_EKF2_EV_CTRL"] == "1"
+    assert environment["PX4_SIM_SPEED_FACTOR"] == "3"
+
+
+def test_without_the_parameter_files_nothing_is_flown(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"px4\.parm: is missing"):
+        make_pilot(Simulator.PX4, tmp_path)

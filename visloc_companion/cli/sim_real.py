@@ -1,0 +1,59 @@
+"""`visloc sim --autopilot ardupilot|px4`: the real daemon against the real autopilot's own simulator."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from visloc_companion.errors import ConfigError
+
+if TYPE_CHECKING:
+    from visloc_companion.sim.real.programs import Simulator
+
+SPEED = 2.0
+
+
+def fly_real(autopilot: str, vehicle: str, name: str, seed: int, with_daemon: bool, json_file: Path | None) -> None:
+    """Fly one of sim/real/scenarios.py and judge it. Exit code 1 when it does not show what is expected.
+
+    Raises ConfigError for names that there are not and where the program is missing.
+    """
+    from visloc_companion.cli.progress import require_folder, write_json
+    from visloc_companion.evaluate.real_flight import checks, real_figures
+    from visloc_companion.sim.real.apart import fly_apart
+    from visloc_companion.sim.real.scenarios import real_scenario
+
+    simulator = chosen_simulator(autopilot, vehicle)
+    scenario = replace(real_scenario(name, simulator, seed), with_daemon=with_daemon and name != "without_daemon")
+    require_folder(json_file, "--json")
+    log = fly_apart(simulator, scenario, speed=SPEED)
+    figures = real_figures(log, scenario)
+    judged = checks(figures, scenario, simulator) if scenario.with_daemon else []
+    if json_file is not None:
+        write_json(json_file, {"version": log.version, **asdict(figures), "marks": log.marks, "texts": log.texts})
+    for field, value in asdict(figures).items():
+        typer.echo(f"{field:16} {value}")
+    for check in judged:
+        typer.echo(f"  {'ok  ' if check.passed else 'FAIL'} {check.name}: {check.value} (limit {check.limit})")
+    if not all(check.passed for check in judged):
+        raise typer.Exit(1)
+
+
+def chosen_simulator(autopilot: str, vehicle: str) -> Simulator:
+    """Which program flies. Raises ConfigError."""
+    from visloc_companion.sim.real.programs import Simulator
+
+    choices = {
+        ("ardupilot", "copter"): Simulator.ARDUCOPTER,
+        ("ardupilot", "plane"): Simulator.ARDUPLANE,
+        ("px4", "copter"): Simulator.PX4,
+    }
+    if (autopilot, vehicle) not in choices:
+        known = ", ".join(f"--autopilot {one} --vehicle {two}" for one, two in choices)
+        raise ConfigError(
+            f"there is no simulator of {autopilot} with a {vehicle}", remedy=f"use --autopilot built-in, or {known}"
+        )
+    return choices[autopilot, vehicle]

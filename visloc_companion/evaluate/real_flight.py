@@ -1,0 +1,143 @@
+"""What a flight against a real simulator showed: the figures of docs/autopilots.md, and limits on them.
+
+Judged are samples in the air, from the begin of the circuit to the end of the scenario (landing apart).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from visloc_companion.evaluate.gate import Check
+from visloc_companion.sim.real.flight import RealScenario
+from visloc_companion.sim.real.programs import Simulator
+from visloc_companion.sim.real.record import RealLog, RealSample
+from visloc_companion.types import Vec3
+
+P95_LIMIT_M = {Simulator.ARDUCOPTER: 3.0, Simulator.ARDUPLANE: 5.0, Simulator.PX4: 3.0}
+REJECTED_LIMIT, PULLED_LIMIT_M = 0.01, 15.0
+NOTICED_S = {"jam": 5.0, "drag": 30.0}
+"""How long after a fault the autopilot may still fly on the bad receiver before that counts as a wrong source."""
+PROBATION_S = 40.0
+"""How long after GNSS is good again it may still fly on vision: the monitor's probation of 20 s, and as much for its evidence."""
+ENOUGH_S = 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class RealFigures:
+    """None where a flight has nothing to tell. Errors are horizontal, of the autopilot's own estimate against the truth, metres.
+
+    `velocity_rms_mps` is that of the autopilot's reported velocity on vision. `failsafes` are texts, in the air.
+    `wrong_source_s`: how long the autopilot flew on a receiver that was bad, or on vision while GNSS was good, longer than
+    `NOTICED_S` and `PROBATION_S` allow. `pulled_m`: how far the estimate, and with it the vehicle, was off while a dragged
+    receiver was flown on. `touch_down_mps`: the sideways speed at which a copter touched the ground.
+    """
+
+    vision_s: float
+    error_p95_m: float | None
+    error_max_m: float | None
+    gnss_p95_m: float | None
+    end_error_m: float | None
+    velocity_rms_mps: float | None
+    rejected_share: float | None
+    failsafes: tuple[str, ...]
+    wrong_source_s: float
+    pulled_m: float | None
+    touch_down_mps: float | None
+
+
+def real_figures(log: RealLog, scenario: RealScenario) -> RealFigures:
+    """Judge a flight."""
+    begun, over = log.at("begun"), log.at("over")
+    start_s, end_s = math.inf if begun is None else begun, math.inf if over is None else over
+    flown = [s for s in log.samples if start_s <= s.t_s <= end_s]
+    on_vision = [s for s in flown if s.phase == "vision"]
+    on_gnss = [s for s in flown if s.phase == "gnss" and not _is_bad(s, log)]
+    errors, ratios = _errors(on_vision), [s.ratio for s in on_vision if s.ratio is not None]
+    velocity = [_norm(s.estimate_v_ned_mps, s.true_v_ned_mps) for s in on_vision if s.estimate_v_ned_mps is not None]
+    dragged = [s for s in flown if scenario.drag_at_s is not None and s.phase == "gnss" and _is_bad(s, log)]
+    last = _errors(flown[-1:])
+    return RealFigures(
+        vision_s=_duration_s(on_vision),
+        error_p95_m=_percentile(errors, 95),
+        error_max_m=_percentile(errors, 100),
+        gnss_p95_m=_percentile(_errors(on_gnss), 95),
+        end_error_m=last[0] if last else None,
+        velocity_rms_mps=float(np.sqrt(np.mean(np.square(velocity)))) if velocity else None,
+        rejected_share=float(np.mean(np.array(ratios) > 1.0)) if ratios else None,
+        failsafes=tuple(sorted({name for t_s, name in log.failsafes if start_s <= t_s <= end_s})),
+        wrong_source_s=_wrong_source_s(flown, log),
+        pulled_m=_percentile(_errors(dragged), 100) if scenario.drag_at_s is not None else None,
+        touch_down_mps=_touch_down_mps(log),
+    )
+
+
+def checks(figures: RealFigures, scenario: RealScenario, simulator: Simulator) -> list[Check]:
+    """What is asked of a flight with the daemon."""
+    limit_m = P95_LIMIT_M[simulator]
+    found = [
+        Check("failsafes in the air", ", ".join(figures.failsafes) or "none", "none", not figures.failsafes),
+        Check("on a wrong source", f"{figures.wrong_source_s:.1f} s", "0 s", figures.wrong_source_s == 0),
+        _at_most("95 % of the autopilot's error on vision", figures.error_p95_m, limit_m, "m"),
+        _at_most("share of rejected positions", figures.rejected_share, REJECTED_LIMIT, ""),
+        Check("on vision for", f"{figures.vision_s:.0f} s", f"≥ {ENOUGH_S:.0f} s", figures.vision_s >= ENOUGH_S),
+    ]
+    if scenario.drag_at_s is not None:
+        found.append(_at_most("pulled by the drag", figures.pulled_m, PULLED_LIMIT_M, "m"))
+    return found
+
+
+def _at_most(name: str, value: float | None, limit: float, unit: str) -> Check:
+    shown = "none known" if value is None else f"{value:.3g} {unit}".strip()
+    return Check(name, shown, f"≤ {limit:.3g} {unit}".strip(), value is not None and value <= limit)
+
+
+def _is_bad(sample: RealSample, log: RealLog) -> bool:
+    """Whether the receiver was jammed or dragged at that time."""
+    starts = [t_s for t_s in (log.at("jam"), log.at("drag")) if t_s is not None]
+    back_s = log.at("back")
+    return bool(starts) and sample.t_s >= min(starts) and (back_s is None or sample.t_s < back_s)
+
+
+def _wrong_source_s(samples: Sequence[RealSample], log: RealLog) -> float:
+    """Seconds on a bad receiver, or on vision with a good one, beyond what is allowed."""
+    faults = {name: t_s for name in NOTICED_S if (t_s := log.at(name)) is not None}
+    back_s = log.at("back")
+    wrong_s = 0.0
+    for before, sample in itertools.pairwise(samples):
+        late = any(sample.t_s > t_s + NOTICED_S[name] for name, t_s in faults.items())
+        on_bad = sample.phase == "gnss" and _is_bad(sample, log) and late
+        overdue = sample.phase == "vision" and back_s is not None and sample.t_s > back_s + PROBATION_S
+        wrong_s += (sample.t_s - before.t_s) * (on_bad or overdue)
+    return wrong_s
+
+
+def _touch_down_mps(log: RealLog) -> float | None:
+    """Sideways speed in the last half second before the truth says that the ground was reached."""
+    over_s = log.at("over")
+    if over_s is None or log.at("landed") is None:
+        return None
+    ground_m = log.samples[0].true_place.h_amsl_m
+    low = [s for s in log.samples if s.t_s > over_s and s.true_place.h_amsl_m < ground_m + 0.4]
+    return math.hypot(*low[0].true_v_ned_mps[:2]) if low else None
+
+
+def _errors(samples: Sequence[RealSample]) -> list[float]:
+    return [_norm(s.estimate_p_ned_m, s.true_p_ned_m) for s in samples if s.estimate_p_ned_m is not None]
+
+
+def _norm(a: Vec3 | None, b: Vec3) -> float:
+    return math.nan if a is None else math.hypot(a[0] - b[0], a[1] - b[1])
+
+
+def _duration_s(samples: Sequence[RealSample]) -> float:
+    gaps = [b.t_s - a.t_s for a, b in itertools.pairwise(samples)]
+    return float(sum(gap for gap in gaps if gap < 1.0))
+
+
+def _percentile(values: Sequence[float], share: float) -> float | None:
+    return float(np.percentile(values, share)) if values else None

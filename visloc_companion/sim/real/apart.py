@@ -1,0 +1,57 @@
+"""A flight in a process and a network of its own, so that several may run on one machine and none can be reached."""
+
+from __future__ import annotations
+
+import asyncio
+import multiprocessing
+import tempfile
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import structlog
+
+from visloc_companion.errors import ConfigError
+from visloc_companion.sim.real.ardupilot import ArduPilot
+from visloc_companion.sim.real.flight import RealScenario, fly
+from visloc_companion.sim.real.network import enter_own_network
+from visloc_companion.sim.real.pilot import Pilot
+from visloc_companion.sim.real.programs import Simulator, find_program
+from visloc_companion.sim.real.px4 import Px4
+from visloc_companion.sim.real.record import RealLog
+
+DAEMON_LOG = "daemon.log"
+PARAMETERS = Path(__file__).resolve().parents[3] / "docs" / "parameters"
+
+
+def make_pilot(simulator: Simulator, parameters: Path = PARAMETERS) -> Pilot:
+    """The particulars of a simulator with the parameter file that users are told to load.
+
+    Raises ConfigError where `parameters` (the folder) lacks it.
+    """
+    file = parameters / ("px4.parm" if simulator is Simulator.PX4 else "ardupilot.parm")
+    if not file.is_file():
+        raise ConfigError("is missing", where=str(file), remedy="run in a checkout of the project")
+    if simulator is Simulator.PX4:
+        return Px4(file)
+    return ArduPilot(simulator is Simulator.ARDUPLANE, file)
+
+
+def fly_apart(simulator: Simulator, scenario: RealScenario, *, speed: float = 1.0, keep: Path | None = None) -> RealLog:
+    """Fly one scenario; what the program and the daemon write goes to the folder `keep`, else away with a temporary one.
+
+    Raises ConfigError where the program or the system's permission is missing, LinkError where the flight could not be begun.
+    """
+    program = find_program(simulator)
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        return pool.submit(_fly, simulator, program, scenario, speed, keep).result()
+
+
+def _fly(simulator: Simulator, program: Path, scenario: RealScenario, speed: float, keep: Path | None) -> RealLog:
+    enter_own_network()
+    pilot = make_pilot(simulator)
+    with tempfile.TemporaryDirectory(prefix="visloc-real-") as temporary:
+        folder = Path(temporary) if keep is None else keep
+        folder.mkdir(parents=True, exist_ok=True)
+        with (folder / DAEMON_LOG).open("w", encoding="utf-8") as file:
+            structlog.configure(logger_factory=structlog.PrintLoggerFactory(file))
+            return asyncio.run(fly(pilot, program, scenario, folder, speed))

@@ -1,0 +1,99 @@
+"""Finds the simulators' programs and runs them in folders of their own."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import signal
+import subprocess
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from visloc_companion.errors import ConfigError
+
+LOG = "autopilot.log"
+_END_S = 5.0
+
+
+class Simulator(StrEnum):
+    """A real autopilot with the simulated vehicle that its own program brings."""
+
+    ARDUCOPTER = "arducopter"
+    ARDUPLANE = "arduplane"
+    PX4 = "px4"
+
+
+@dataclass(frozen=True, slots=True)
+class Whereabouts:
+    """The environment variable that names a program, its name on PATH, and where to get it."""
+
+    variable: str
+    name: str
+    source: str
+
+
+WHEREABOUTS: dict[Simulator, Whereabouts] = {
+    Simulator.ARDUCOPTER: Whereabouts("VISLOC_ARDUCOPTER", "arducopter", "ArduPilot's SITL build of Copter (waf copter)"),
+    Simulator.ARDUPLANE: Whereabouts("VISLOC_ARDUPLANE", "arduplane", "ArduPilot's SITL build of Plane (waf plane)"),
+    Simulator.PX4: Whereabouts("VISLOC_PX4", "px4", "PX4's SITL build (make px4_sitl_default)"),
+}
+
+
+def find_program(simulator: Simulator) -> Path:
+    """The program of a simulator. Raises ConfigError naming the variable and what to install."""
+    where = WHEREABOUTS[simulator]
+    named = os.environ.get(where.variable)
+    found = shutil.which(named or where.name)
+    if found is None:
+        what = f"{where.variable} names {named}, which is no program" if named else f"no {where.name} on PATH"
+        raise ConfigError(what, remedy=f"build {where.source} and set {where.variable} to the program")
+    return Path(found).resolve()
+
+
+class Running:
+    """A started program; `hold` and `go` stop and resume its time."""
+
+    def __init__(self, process: subprocess.Popen[bytes], folder: Path) -> None:
+        self._process, self.folder = process, folder
+
+    @property
+    def ended(self) -> bool:
+        """Whether the program is gone."""
+        return self._process.poll() is not None
+
+    def hold(self) -> None:
+        """Stop the program where it is: simulated time stands still."""
+        self._process.send_signal(signal.SIGSTOP)
+
+    def go(self) -> None:
+        """Let it run on."""
+        self._process.send_signal(signal.SIGCONT)
+
+    def last_words(self) -> str:
+        """The end of what it printed."""
+        return (self.folder / LOG).read_text(encoding="utf-8", errors="replace")[-500:]
+
+
+@contextmanager
+def running(command: Sequence[str], folder: Path, environment: Mapping[str, str]) -> Iterator[Running]:
+    """Run a program in a folder, its output in `autopilot.log` there; it is killed at the end, with its children."""
+    with (folder / LOG).open("wb") as log:
+        process = subprocess.Popen(
+            command,
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            env={**os.environ, **environment},
+            start_new_session=True,
+        )
+        try:
+            yield Running(process, folder)
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait(_END_S)

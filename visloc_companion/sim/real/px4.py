@@ -1,0 +1,140 @@
+"""PX4's multicopter in its own simulator (SIH, simulation in hardware, here on this machine)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from visloc_companion.adapters.mavlink.dialect import Message, mav
+from visloc_companion.errors import ConfigError
+from visloc_companion.geo.wgs84 import geo_from_ned
+from visloc_companion.sim.real.pilot import DAEMON_PORT, HOME, STATION_PORT, Route, Truth
+from visloc_companion.sim.real.station import MissionItem, Station
+from visloc_companion.types import AutopilotKind, GeoPoint
+
+RATES_HZ = {
+    mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 20.0,
+    mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 20.0,
+    mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 20.0,
+    mav.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: 20.0,
+    mav.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 10.0,
+}
+_AUTO, _MISSION, _LOITER, _LAND = 4.0, 4.0, 3.0, 6.0
+"""PX4's main mode AUTO and its sub-modes."""
+_HAS_ABSOLUTE_POSITION = mav.ESTIMATOR_POS_HORIZ_ABS
+_ARM_TRIES, _READY_S, _CLIMB_S, _LAND_S = 40, 120.0, 90.0, 180.0
+_SATELLITES = 10
+_OWN: dict[str, str] = {
+    "SIH_LOC_LAT0": f"{HOME.lat_deg}",
+    "SIH_LOC_LON0": f"{HOME.lon_deg}",
+    "SIH_LOC_H0": f"{HOME.h_amsl_m}",
+    "MPC_ACC_HOR": "5.0",
+    "COM_RC_IN_MODE": "4",
+    "NAV_RCL_ACT": "0",
+    "COM_DISARM_LAND": "2.0",
+}
+"""What the simulated vehicle needs beside the user's file: home, brisk braking, no remote control, disarming on the ground."""
+
+
+class Px4:
+    """pilot.Pilot of the quadrotor. `parameter_file` is in QGroundControl's format."""
+
+    kind = AutopilotKind.PX4
+    station_url = f"udpin:127.0.0.1:{STATION_PORT}"
+    daemon_url = f"udpin:127.0.0.1:{DAEMON_PORT}"
+
+    def __init__(self, parameter_file: Path) -> None:
+        self._parameter_file = parameter_file
+
+    def command(self, program: Path, folder: Path, speed: float) -> tuple[Sequence[str], Mapping[str, str]]:
+        """Links are those of PX4's start script: 14550 to the ground station, 14540 to the companion."""
+        lines = self._parameter_file.read_text(encoding="ascii").splitlines()
+        told = dict(line.split("\t")[2:4] for line in lines if not line.startswith("#"))
+        environment = {f"PX4_PARAM_{name}": value for name, value in {**_OWN, **told}.items()}
+        environment |= {
+            "PX4_SIM_MODEL": "sihsim_quadx",
+            "PX4_SIMULATOR": "sihsim",
+            "PX4_SIM_SPEED_FACTOR": f"{speed:g}",
+            "PX4_HOME_LAT": f"{HOME.lat_deg}",
+            "PX4_HOME_LON": f"{HOME.lon_deg}",
+            "PX4_HOME_ALT": f"{HOME.h_amsl_m}",
+        }
+        return (str(program), "-d", "-i", "0", "-w", str(folder), str(program.parents[1] / "etc")), environment
+
+    def truth(self, message: Message) -> Truth | None:
+        """HIL_STATE_QUATERNION has it."""
+        if message.get_type() != "HIL_STATE_QUATERNION":
+            return None
+        place = GeoPoint(message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3)
+        w, x, y, z = message.attitude_quaternion
+        return Truth(place, (message.vx * 0.01, message.vy * 0.01, message.vz * 0.01), (w, x, y, z))
+
+    def position_ok(self, station: Station) -> bool | None:
+        """ESTIMATOR_STATUS has it."""
+        report = station.last.get("ESTIMATOR_STATUS")
+        return None if report is None else bool(report.flags & _HAS_ABSOLUTE_POSITION)
+
+    def position_ratio(self, station: Station) -> float | None:
+        """ESTIMATOR_STATUS has it."""
+        report = station.last.get("ESTIMATOR_STATUS")
+        return None if report is None else float(report.pos_horiz_ratio)
+
+    async def prepare(self, station: Station) -> None:
+        """Streams, then a position."""
+        await station.until("heartbeat", lambda: "HEARTBEAT" in station.last, _READY_S)
+        await station.stream(RATES_HZ)
+        await station.until("position of the EKF", lambda: bool(self.position_ok(station)), _READY_S)
+        await station.command(mav.MAV_CMD_REQUEST_MESSAGE, mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
+
+    async def take_off(self, station: Station, route: Route) -> None:
+        """The mission begins with the take-off."""
+        await station.upload(_mission(route))
+        await self._set_mode(station, _MISSION)
+        await station.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, tries=_ARM_TRIES)
+        climbed = 0.9 * route.height_m
+        await station.until(f"climb to {climbed:.0f} m", lambda: _height_m(station) > climbed, _CLIMB_S)
+
+    async def _set_mode(self, station: Station, sub_mode: float) -> None:
+        await station.command(mav.MAV_CMD_DO_SET_MODE, 1.0, _AUTO, sub_mode)
+
+    async def set_gnss(self, station: Station, on: bool) -> None:
+        """The receiver goes on talking; without satellites it has no fix."""
+        await station.set_integer("SIM_GPS_USED", _SATELLITES if on else 0)
+
+    async def drag_gnss(self, station: Station, offset_ne_m: tuple[float, float]) -> None:
+        """Nothing that a ground station can set moves SIH's receiver. Raises ConfigError."""
+        raise ConfigError("PX4's own simulator cannot drag its GNSS receiver", remedy="fly slow_drag with ArduPilot")
+
+    async def brake(self, station: Station) -> None:
+        """Hold mode."""
+        await self._set_mode(station, _LOITER)
+
+    async def resume(self, station: Station) -> None:
+        """Mission mode."""
+        await self._set_mode(station, _MISSION)
+
+    async def land(self, station: Station) -> None:
+        """Land mode, and wait."""
+        await self._set_mode(station, _LAND)
+        armed = mav.MAV_MODE_FLAG_SAFETY_ARMED
+        await station.until("landing", lambda: not station.last["HEARTBEAT"].base_mode & armed, _LAND_S)
+
+    def failsafe(self, text: str) -> bool:
+        """By the words that PX4 uses."""
+        return "failsafe" in text.lower() or "blind land" in text.lower()
+
+
+def _mission(route: Route) -> list[MissionItem]:
+    def item(command: int, north_m: float = 0.0, east_m: float = 0.0, p1: float = 0.0, p2: float = 0.0) -> MissionItem:
+        place = geo_from_ned((north_m, east_m, 0.0), HOME)
+        return MissionItem(command, (p1, p2, 0.0, 0.0), place.lat_deg, place.lon_deg, route.height_m)
+
+    items = [item(mav.MAV_CMD_NAV_TAKEOFF), item(mav.MAV_CMD_DO_CHANGE_SPEED, p1=1.0, p2=route.speed_mps)]
+    first = len(items)
+    items += [item(mav.MAV_CMD_NAV_WAYPOINT, leg.north_m, leg.east_m, p1=leg.hold_s) for leg in route.legs]
+    return [*items, item(mav.MAV_CMD_DO_JUMP, p1=float(first), p2=1000.0)]
+
+
+def _height_m(station: Station) -> float:
+    position = station.last.get("GLOBAL_POSITION_INT")
+    return 0.0 if position is None else float(position.relative_alt) * 1e-3
