@@ -75,6 +75,21 @@ def test_a_message_that_never_comes_is_missing_with_one_warning_and_slows_down()
     assert len([w for w in talking.session.warnings() if "EKF_STATUS_REPORT" in w]) == 1
 
 
+def test_a_local_position_is_not_missed_before_there_is_an_origin():
+    """ArduPilot sends none until its estimator has a position, half a minute after boot."""
+    talking = talk()
+    origin, talking.autopilot.origin = talking.autopilot.origin, None
+    local = mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+    talking.session.request(RequestMessage(local, 10.0), talking.now_ns)
+    talking.run(60.0)
+    assert talking.session.stream_state(local) is StreamState.PENDING
+    assert talking.session.warnings() == []
+    talking.autopilot.origin = origin
+    talking.run(60.0)
+    assert talking.session.stream_state(local) is StreamState.MISSING
+    assert len([w for w in talking.session.warnings() if "LOCAL_POSITION_NED" in w]) == 1
+
+
 def test_a_refused_message_is_missing_at_once():
     talking = talk()
     talking.session.request(RequestMessage(60_000, 2.0), talking.now_ns)

@@ -315,6 +315,7 @@ class MavlinkSession:
             pause_s = self.settings.origin_unknown_s if self._origin is None else self.settings.origin_known_s
             self._next_origin_ns = now_ns + round(pause_s * _NS_PER_S)
             self._ask_once("origin", mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
+        self._streams.has_origin = self._origin is not None
         self._streams.poll(now_ns)
         param_set, ended = self._switcher.poll(self._pinned, now_ns)
         self._ended(ended)

@@ -16,6 +16,7 @@ _NS_PER_S = 1_000_000_000
 _ENOUGH = 0.7
 _MISSING_AFTER = 3
 _MAX_PAUSE_S = 8.0
+_NEEDS_ORIGIN = frozenset((mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED,))
 _FIRST_STEP_DOWN, _STEP_DOWN, _SLOWEST_HZ = 0.75, 0.5, 0.5
 
 
@@ -39,9 +40,13 @@ class _Stream:
 
 
 class StreamKeeper:
-    """Sans-IO keeper of all wanted streams; `warnings` collects what an operator may want to know."""
+    """Sans-IO keeper of all wanted streams; `warnings` collects what an operator may want to know.
+
+    While the autopilot has no origin (`has_origin`), it cannot send a local position, and nobody is warned of that.
+    """
 
     def __init__(self, queue: CommandQueue, window_s: float) -> None:
+        self.has_origin = False
         self.warnings: list[str] = []
         self._queue = queue
         self._window_s = window_s
@@ -118,6 +123,8 @@ class StreamKeeper:
         stream.window_from_ns = None
         pause_s = 0.0 if stream.failures == 1 else min(_MAX_PAUSE_S, 2.0 ** (stream.failures - 2))
         stream.due_ns = now_ns + round(pause_s * _NS_PER_S)
+        if stream.wanted.message_id in _NEEDS_ORIGIN and not self.has_origin:
+            stream.failures = min(stream.failures, _MISSING_AFTER - 1)
         if stream.failures == _MISSING_AFTER:
             self.warnings.append(f"{_name(stream.wanted.message_id)} {why}")
         stream.state = StreamState.MISSING if stream.failures >= _MISSING_AFTER else StreamState.PENDING
