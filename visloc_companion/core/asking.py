@@ -22,7 +22,7 @@ from visloc_companion.core.tracking import Tracker
 from visloc_companion.types import Command, FrameRef, NavState, PosePrior, Quat
 
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
-SEARCH_AFTER_NS = 5_000_000_000
+SEARCH_AFTER_NS = 3_000_000_000
 """Without a first position the search begins when GNSS has not been trusted for so long; after a start it takes a moment."""
 SEARCH_SIGMA_H_M = 5.0
 """1-sigma of the autopilot's height above the map's zero before fixes have taught how far it is off."""

@@ -3,8 +3,8 @@
 Each hypothesis is a Kalman filter of its own: position, and the error of the velocity that carries it. It is tested by a search
 about it in a new frame. Its log odds against "none of them" change by the sequential probability ratio (Wald 1945): what is the
 chance of that answer where the vehicle is there, and where it is not? Answers to frames of the same ground are not independent,
-so one counts only when the vehicle has moved on by `spacing_m`. With the odds of all hypotheses side by side a place that
-repeats itself never wins: its double gains as much as it does.
+so one counts only when the vehicle has moved on by `spacing_m`. A place that repeats itself never wins: against another place
+that was seen as well, no more answers count than that one was asked for, too.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ MOST = 40
 class Hypothesis:
     """A place at `t_ns`: x (4,) metres north, east and the error of the velocity input (m/s), with covariance P (4, 4).
 
-    `hits` count; `counted_ne_m` is where the last of them was, `missed_ns` the time of the last miss that counts.
+    `hits` and `misses` are answers that count; `counted_ne_m` is where the last hit was, `missed_ns` the time of the last miss.
     """
 
     number: int
@@ -46,6 +46,7 @@ class Hypothesis:
     P: FloatArray
     log_odds: float = FIRST_LOG_ODDS
     hits: int = 0
+    misses: int = 0
     counted_ne_m: Vec2 | None = None
     missed_ns: int | None = None
     tested_ns: int | None = None
@@ -109,7 +110,7 @@ def missed(h: Hypothesis) -> Hypothesis:
     """After a search about it that found nothing."""
     if h.missed_ns is not None and h.t_ns - h.missed_ns < MISS_EVERY_NS:
         return untold(h)
-    return replace(h, log_odds=h.log_odds + MISS, missed_ns=h.t_ns, tested_ns=h.t_ns)
+    return replace(h, log_odds=h.log_odds + MISS, misses=h.misses + 1, missed_ns=h.t_ns, tested_ns=h.t_ns)
 
 
 def untold(h: Hypothesis) -> Hypothesis:
@@ -134,8 +135,17 @@ def same(a: Hypothesis, b: Hypothesis) -> bool:
 
 def probability_wrong(h: Hypothesis, others: Sequence[Hypothesis]) -> float:
     """Of the statement that the vehicle is at this hypothesis' place, not at another one's nor anywhere else."""
-    against = 1.0 + sum(math.exp(o.log_odds) for o in others if o.number != h.number)
-    return against / (against + math.exp(h.log_odds))
+    against = math.exp(-h.log_odds) + sum(math.exp(min(0.0, -lead(h, o))) for o in others if o.number != h.number)
+    return against / (1 + against)
+
+
+def lead(h: Hypothesis, other: Hypothesis) -> float:
+    """Log odds against another hypothesis; where that was seen too, of as many answers as it had."""
+    ahead = h.log_odds - other.log_odds
+    if not other.hits:
+        return ahead
+    answers = min(h.hits, other.hits + other.misses)
+    return min(ahead, HIT * (answers - other.hits) + MISS * (h.misses - other.misses))
 
 
 def winner(hypotheses: Sequence[Hypothesis], risk: float) -> Hypothesis | None:

@@ -14,7 +14,7 @@ from visloc_companion.localise.posterior import Mask, posterior
 from visloc_companion.localise.search import ScoreVolume
 from visloc_companion.types import FloatArray
 
-REPORTED = 6
+REPORTED = 4
 """Modes that a fix or refusal reports."""
 
 

@@ -7,7 +7,7 @@ import pytest
 from visloc_companion.core.requests import FrameQueue, bounded, height_sigma_m, held_by_gnss, pose_prior
 from visloc_companion.core.turns import Turns
 from visloc_companion.geo import se3, wgs84
-from visloc_companion.types import FrameRef, GeoPoint, LocaliseRequest, NavState, PosePrior
+from visloc_companion.types import FrameRef, GeoPoint, LocaliseRequest, NavState, PosePrior, Vote
 
 MS = 1_000_000
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
@@ -44,6 +44,22 @@ def test_newest_frame_wins_while_busy() -> None:
     assert second.request_id == first.request_id + 1
     assert second.seed != first.seed
     assert take(queue, 900) is None
+
+
+def test_a_question_out_of_turn_asks_for_the_image_and_changes_no_turn() -> None:
+    queue = FrameQueue(100.0, seed=3, turns=Turns(True, 0))
+    queue.offer(frame(0))
+    first = take(queue, 1)
+    assert first is not None
+    queue.answered(first.request_id, False)  # the structure's turn is next
+    for t in (100, 200):
+        queue.offer(frame(t))
+        assert queue.next_id == queue.taken(frame(t), PRIOR, t * MS, aside=True).request_id
+        queue.answered(queue.next_id - 1, True)
+    queue.offer(frame(300))
+    after = take(queue, 301)
+    assert after is not None
+    assert after.vote is Vote.STRUCTURE
 
 
 def test_rate_is_bounded() -> None:

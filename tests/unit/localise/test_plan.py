@@ -7,6 +7,7 @@ import pytest
 
 from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
+from visloc_companion.localise import plan as plan_module
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import full_level, reduced
 from visloc_companion.localise.frame_features import ForEachPose
@@ -59,6 +60,18 @@ def test_working_resolution_is_the_coarser_of_map_and_frame(flat, support):
     assert plan_of(flat, support, model=sharp).finest_gsd_m == pytest.approx(1.0)
     blunt = CameraModel(40, 30, 35.0, 35.0, 19.5, 14.5)
     assert plan_of(flat, support, model=blunt).finest_gsd_m == pytest.approx(4.0, rel=0.05)
+
+
+def test_a_large_region_is_searched_more_coarsely_within_limits(flat, support, monkeypatch):
+    near = plan_of(flat, support)
+    monkeypatch.setattr(plan_module, "MOST_POSITIONS", 40_000)
+    assert plan_of(flat, support, sigma_m=4.0).coarse_gsd_m == pytest.approx(near.coarse_gsd_m)
+    wide = plan_of(flat, support, sigma_m=100.0)
+    assert wide.coarse_gsd_m == pytest.approx(500 / 200, rel=0.15)
+    monkeypatch.setattr(plan_module, "MOST_POSITIONS", 100)
+    widest = plan_of(flat, support, sigma_m=100.0)
+    assert widest.coarse_gsd_m == pytest.approx(math.sqrt(widest.area_m2) / plan_module.COARSEST_PIXELS)
+    assert widest.fine_gsd_m == near.fine_gsd_m
 
 
 def test_unknown_tilt_widens_the_region(flat, support):

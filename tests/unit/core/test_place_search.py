@@ -1,0 +1,135 @@
+"""The search of the whole map: questions, and a worker that knows the truth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import pytest
+
+from visloc_companion.core import hypotheses
+from visloc_companion.core.place_search import Found, PlaceSearch, Reach, Where, tile_radius_m
+from visloc_companion.errors import Reason
+from visloc_companion.geo import wgs84
+from visloc_companion.types import Fix, GeoPoint, NoFix, Vec2
+
+S = 1_000_000_000
+ORIGIN = GeoPoint(59.3, 18.1, 40.0)
+HEIGHT_M, SPEED_MPS = 120.0, 10.0
+COV = ((1.0, 0.0), (0.0, 1.0))
+
+
+@dataclass
+class Worker:
+    """A map of 4 x 4 km; the vehicle flies north from `start`. `doubles`: places that look the same, offsets from the truth."""
+
+    start: Vec2 = (-900.0, 700.0)
+    doubles: tuple[Vec2, ...] = ((0.0, 0.0),)
+    half_m: float = 2000.0
+    claim: float = 0.001
+    asked: list[Where] = field(default_factory=list)
+
+    def truth(self, t_s: float) -> Vec2:
+        return self.start[0] + SPEED_MPS * t_s, self.start[1]
+
+    def answer(self, request_id: int, t_s: float, where: Where) -> Fix | NoFix:
+        self.asked.append(where)
+        (north, east), sigma_m = where.place_ne_m, math.sqrt(where.cov_ne_m2[0][0])
+        told = request_id, 1, "test"
+        if max(abs(north), abs(east)) > self.half_m + 3 * sigma_m:
+            return NoFix(0, round(t_s * S), *told, Reason.OUTSIDE_MAP, 1.0)
+        at = self.truth(t_s)
+        seen = [p for d in self.doubles if math.dist(p := (at[0] + d[0], at[1] + d[1]), where.place_ne_m) <= 3 * sigma_m]
+        if len(seen) == 1 and sigma_m < 100:
+            place = wgs84.geo_from_ned((*seen[0], -HEIGHT_M), ORIGIN)
+            return Fix(0, round(t_s * S), *told, place, (1.0, 0.0, 0.0, 0.0), COV, 1.0, 0.1, self.claim, 1.0)
+        listed = [*seen, (north + 55.0, east - 80.0)]  # and one that is nothing
+        modes = {
+            f"mode{k}_{axis}_m": p[i] - (north, east)[i]
+            for k, p in enumerate(listed, 1)
+            for i, axis in enumerate(("north", "east"))
+        }
+        return NoFix(0, round(t_s * S), *told, Reason.AMBIGUOUS, 1.0, evidence=tuple(modes.items()))
+
+
+def searched(worker: Worker, seconds: float, about: Reach | None = None, period_s: float = 0.5) -> tuple[Found | None, float]:
+    """What is found, and when."""
+    search = PlaceSearch(2000.0)
+    for k in range(1, round(seconds / period_s)):
+        t_s = k * period_s
+        search.moving(round(t_s * S), (SPEED_MPS + 1.0, 0.5))
+        where = search.next(k, round(t_s * S), HEIGHT_M, 3.0, about or Reach())
+        assert search.is_asked(k)
+        found = search.answered(worker.answer(k, t_s, where), ORIGIN, round((t_s + 0.3) * S))
+        if found is not None:
+            return found, t_s + 0.3
+    return None, seconds
+
+
+def test_a_vehicle_anywhere_on_the_map_is_found() -> None:
+    worker = Worker()
+    found, t_s = searched(worker, 60.0)
+    assert found is not None
+    assert t_s < 30.0
+    assert math.dist(found.place_ne_m, worker.truth(t_s)) < 3.0
+    assert found.probability_wrong <= 1e-5
+    assert found.hits >= hypotheses.FEWEST_HITS
+    assert found.sigma_m < 5.0
+
+
+def test_a_map_without_the_vehicle_has_no_answer() -> None:
+    assert searched(Worker(start=(9000.0, 0.0)), 120.0)[0] is None
+
+
+def test_a_place_that_repeats_itself_has_no_answer() -> None:
+    assert searched(Worker(doubles=((0.0, 0.0), (0.0, 600.0))), 120.0)[0] is None
+
+
+def test_doubtful_fixes_find_nothing() -> None:
+    assert searched(Worker(claim=0.03), 60.0)[0] is None
+
+
+def test_after_a_loss_the_search_begins_where_the_vehicle_was_believed_to_be() -> None:
+    worker = Worker()
+    found, t_s = searched(worker, 60.0, Reach((-800.0, 600.0), 1500.0))
+    assert worker.asked[0].place_ne_m == (-800.0, 600.0)
+    assert found is not None
+    assert t_s < 15.0
+    far = Worker(start=(1800.0, 1800.0))
+    searched(far, 60.0, Reach((-1900.0, -1900.0), 300.0))
+    assert max(math.dist(w.place_ne_m, (-1900.0, -1900.0)) for w in far.asked) < 4000.0
+
+
+def test_a_climb_asks_for_larger_tiles() -> None:
+    search, radius_m = PlaceSearch(2000.0), []
+    for k, height_m in enumerate((20.0, 25.0, 120.0, 500.0)):
+        where = search.next(k, k * S, height_m, 3.0, Reach())
+        search.answered(NoFix(0, k * S, k, 1, "test", Reason.NO_MATCH, 1.0), ORIGIN, k * S)
+        radius_m.append(3 * math.sqrt(where.cov_ne_m2[0][0]))
+    assert radius_m == pytest.approx([300.0, 300.0, 960.0, 2000.0])
+    assert tile_radius_m(1e4, 1500.0) == 1500.0
+
+
+def test_answers_that_are_thrown_away() -> None:
+    search, worker = PlaceSearch(2000.0), Worker(start=(0.0, 0.0))
+    assert search.answered(NoFix(0, 0, 1, 1, "test", Reason.NO_MATCH, 1.0), ORIGIN, 0) is None
+    where = search.next(1, S, HEIGHT_M, 3.0, Reach())
+    search.answered(NoFix(0, S, 1, 1, "test", Reason.WORKER_TIMEOUT, 1.0), ORIGIN, S)
+    assert not search.places
+    where = search.next(2, 2 * S, HEIGHT_M, 3.0, Reach())
+    search.clear()
+    assert search.is_asked(2)
+    assert search.answered(worker.answer(2, 2.0, where), ORIGIN, 2 * S) is None
+    assert not search.places
+
+
+def test_a_frame_that_shows_nothing_speaks_against_no_place() -> None:
+    search, worker = PlaceSearch(2000.0), Worker(start=(0.0, 0.0))
+    search.answered(worker.answer(1, 1.0, search.next(1, S, HEIGHT_M, 3.0, Reach())), ORIGIN, S)
+    before = [h.log_odds for h in search.places]
+    search.next(2, 2 * S, HEIGHT_M, 3.0, Reach())
+    search.answered(NoFix(0, 2 * S, 2, 1, "test", Reason.LOW_TEXTURE, 1.0), ORIGIN, 2 * S)
+    assert [h.log_odds for h in search.places] == before
+    search.next(3, 3 * S, HEIGHT_M, 3.0, Reach())
+    search.answered(NoFix(0, 3 * S, 3, 1, "test", Reason.NO_MATCH, 1.0), ORIGIN, 3 * S)
+    assert sorted(h.log_odds for h in search.places)[0] < before[0]

@@ -1,0 +1,99 @@
+"""Starts without GNSS, and relocalisation after a long loss: the navigator finds its place on the map."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from visloc_companion.core.settings import CoreSettings, InjectionSettings, NavigatorSettings
+from visloc_companion.errors import Reason
+from visloc_companion.geo import wgs84
+from visloc_companion.types import GeoPoint, Injection, LocaliseRequest, Mode, NoFix, OperatorFix, OriginChanged, Vote
+
+World = Any
+ORIGIN = GeoPoint(59.3, 18.1, 40.0)
+INJECTION = InjectionSettings(switch_source=True)
+
+
+def blinkered(world: type[World], settings: CoreSettings | None = None, **faults: Any) -> World:
+    """A worker that finds the vehicle only within the region that it is asked about, and merely lists it where that is large."""
+
+    class Blinkered(world):  # type: ignore[misc]
+        def _localise(self, request: LocaliseRequest) -> None:
+            super()._localise(request)
+            when, fix = self.answers[-1]
+            if isinstance(fix, NoFix):
+                return
+            north, east, _ = wgs84.ned_from_geo(fix.place, request.prior.place)
+            sigma_m = math.sqrt(request.prior.cov_ne_m2[0][0])
+            within = math.hypot(north, east) <= 3 * sigma_m
+            modes = (("mode1_north_m", north), ("mode1_east_m", east)) if within else ()
+            none = NoFix(0, fix.t_ns, fix.request_id, fix.frame_id, "test", Reason.AMBIGUOUS, 5.0, evidence=modes)
+            self.answers[-1] = (when, fix if within and sigma_m < 150 else none)
+
+    w = Blinkered(**({"settings": settings or CoreSettings(injection=INJECTION), "jammed": lambda t: True} | faults))
+    w.start()
+    return w
+
+
+def test_a_daemon_that_starts_while_gnss_is_lost_finds_its_place_and_injects(world: type[World]) -> None:
+    w = blinkered(world)
+    w.p = w.ekf_p = np.array([-700.0, 1100.0])
+    w.ekf_p = np.array([4000.0, 0.0])  # what the autopilot says of its place is of no use
+    w.fly(60)
+    (found_s,) = w.notices("position found on the map")
+    assert found_s < 30
+    assert w.first(Injection) >= found_s
+    assert w.status_at(58)[0].mode is Mode.AIDING
+    assert max(error for t, _, error in w.statuses if t > found_s + 1) < 8
+    assert all(request.vote is Vote.IMAGE for t, request, _ in w.requests if t < found_s)
+
+
+def test_nothing_is_searched_for_while_gnss_is_trusted_or_where_it_is_not_wished(world: type[World]) -> None:
+    healthy = blinkered(world, jammed=lambda t: False).fly(20)
+    assert max(request.prior.cov_ne_m2[0][0] for _, request, _ in healthy.requests) < 30**2
+    off = CoreSettings(injection=INJECTION, navigator=NavigatorSettings(start_anywhere=False))
+    assert not blinkered(world, off).fly(20).requests
+
+
+def test_the_operators_position_ends_the_search(world: type[World]) -> None:
+    w = blinkered(world).fly(8)
+    assert w.requests
+    w.send(OperatorFix(0, wgs84.geo_from_ned((float(w.p[0]), float(w.p[1]), 0.0), ORIGIN), 20.0))
+    w.fly(40)
+    assert not w.notices("position found on the map")
+    assert max(math.sqrt(r.prior.cov_ne_m2[0][0]) for t, r, _ in w.requests if t > 10) < 40
+    assert w.status_at(38)[1] < 8
+
+
+def test_an_origin_that_moves_begins_the_search_anew(world: type[World]) -> None:
+    w = blinkered(world).fly(6)
+    w.send(OriginChanged(0, wgs84.geo_from_ned((300.0, 0.0, 0.0), ORIGIN)))
+    w.fly(12)
+    assert wgs84.distance_m(w.requests[-1][1].prior.place, ORIGIN) < 4000
+
+
+def test_after_a_long_loss_it_is_found_again_with_a_new_reset_counter(world: type[World]) -> None:
+    """Blind for long enough that the search of one region is too small; the velocity that carries the state is off by 4 m/s."""
+    settings = CoreSettings(injection=INJECTION, navigator=NavigatorSettings(velocity_sigma_aiding_mps=4.0))
+    w = blinkered(
+        world,
+        settings,
+        jammed=lambda t: t > 20,
+        blind=lambda t: 20 < t < 200,
+        false_velocity_mps=lambda t: (4.0, 0.0) if t > 20 else (0.0, 0.0),
+        speed_mps=5.0,
+    )
+    w.fly(199)
+    status, error = w.status_at(198)
+    assert status.mode is Mode.LOST
+    before = status.reset_counter
+    w.fly(300)
+    found = w.notices("position found on the map")
+    assert found, (status.cov_ne_m2, error)
+    status, error = w.status_at(298)
+    assert status.reset_counter != before
+    assert status.mode is Mode.AIDING
+    assert error < 15

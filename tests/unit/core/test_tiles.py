@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from visloc_companion.core.tiles import Tiles
+
+
+def sweep(tiles: Tiles, half_m: float, most: int = 5000) -> list[tuple[float, float]]:
+    """The middles of one sweep's tiles over a square map of `half_m` about the origin."""
+    asked = []
+    while (tile := tiles.next()) is not None:
+        north, east = tiles.place_ne_m(tile)
+        asked.append((north, east))
+        tiles.answered(tile, max(abs(north), abs(east)) <= half_m + tiles.radius_m)
+        assert len(asked) < most
+    return asked
+
+
+def test_the_whole_map_is_covered_and_its_edge_ends_the_sweep() -> None:
+    tiles = Tiles((300.0, -400.0), 900.0)
+    asked = sweep(tiles, 2000.0)
+    assert asked[0] == (300.0, -400.0)
+    for north in range(-2000, 2001, 250):
+        for east in range(-2000, 2001, 250):
+            assert min(math.dist((north, east), middle) for middle in asked) <= 900.0
+    assert len(asked) <= 49
+    assert max(math.hypot(*middle) for middle in asked) < 6000.0
+
+
+def test_the_next_sweep_leaves_out_what_is_no_map() -> None:
+    tiles = Tiles((0.0, 0.0), 900.0)
+    first, second = sweep(tiles, 2000.0), sweep(tiles, 2000.0)
+    assert len(second) < len(first)
+    assert all(max(abs(n), abs(e)) <= 2900.0 for n, e in second)
+
+
+def test_a_loss_bounds_the_sweep() -> None:
+    tiles = Tiles((0.0, 0.0), 500.0, reach_m=1200.0)
+    assert max(math.hypot(*middle) for middle in sweep(tiles, 1e6)) <= math.sqrt(2) * (1200.0 + 2 * tiles.side_m)
+
+
+def test_far_from_the_map_it_is_looked_for_within_reason() -> None:
+    tiles = Tiles((0.0, 0.0), 2000.0)
+    asked = sweep(tiles, -1e6)
+    assert max(math.hypot(*middle) for middle in asked) == pytest.approx(20_000.0 * math.sqrt(2), rel=0.4)
+    assert tiles.next() is None
