@@ -38,6 +38,9 @@ INERTIAL_DRIFT_MPS2 = 0.03
 """Growth of that sigma while the velocity rests on our own dead reckoning only."""
 HEIGHT_WALK_M_PER_SQRT_S = 0.1
 HEIGHT_GATE_SIGMA = 4.0
+ORDINARY_NIS = 6.0
+"""A normalised squared innovation that one position in 20 exceeds. What lies beyond, up to the gate, is rather wrong than unlikely:
+its covariance is raised until it would be ordinary, so that it hardly moves the velocity."""
 DOUBT_AFTER = 2
 DOUBT_MPS = 4.0
 MAX_DOUBT_MPS = 12.0
@@ -192,18 +195,23 @@ def observed(
 ) -> tuple[Belief, Accepted | Rejected]:
     """The belief after a position at its own time. Rejected fixes that agree with each other restart it at last."""
     considered = N_CONSIDERED if belief.drive is Drive.FED_BACK else 0
+    at, R, extra_m2 = np.array(z.p_ne_m), np.array(z.cov_ne_m2), settings.map_sigma_m**2
     got = kalman.update(
         belief.x,
         belief.P,
-        np.array(z.p_ne_m),
-        np.array(z.cov_ne_m2),
+        at,
+        R,
         H_POSITION,
         gate_sigma=settings.gate_sigma,
-        gate_extra_m2=settings.map_sigma_m**2,
+        gate_extra_m2=extra_m2,
         n_considered=considered,
     )
+    if isinstance(got, kalman.Updated) and got.nis > ORDINARY_NIS:
+        R = R + (got.nis / ORDINARY_NIS - 1) * (belief.P[POSITION, POSITION] + R + extra_m2 * np.eye(2))
+        less = kalman.update(belief.x, belief.P, at, R, H_POSITION, n_considered=considered)
+        got = replace(less, nis=got.nis) if isinstance(less, kalman.Updated) else less
     if isinstance(got, kalman.Updated):
-        after = replace(belief, x=got.x, P=got.P, without=_others(belief, z, considered))
+        after = replace(belief, x=got.x, P=got.P, without=_others(belief, z, R, considered))
         return (_fixed(after, z, h_autopilot_amsl_m) if z.from_fix else after), Accepted(got.nis)
     if not z.from_fix or got.reason is not Reason.GATED:
         return belief, got
@@ -214,11 +222,11 @@ def observed(
     return _fixed(_restarted(belief, z, restart, settings), z, h_autopilot_amsl_m), Accepted(got.nis)
 
 
-def _others(belief: Belief, z: Position, n_considered: int) -> separation.Solutions:
+def _others(belief: Belief, z: Position, cov: FloatArray, n_considered: int) -> separation.Solutions:
     """The solutions that leave fixes out, after a position that the filter took."""
     among = belief.without
     take = ~separation.leaving_out(among, z.method) if z.from_fix else np.ones(len(among), np.bool_)
-    at, cov, rests_ns = np.array(z.p_ne_m), np.array(z.cov_ne_m2), z.t_ns if z.from_fix else None
+    at, rests_ns = np.array(z.p_ne_m), z.t_ns if z.from_fix else None
     among = separation.updated(among, at, cov, H_POSITION, take=take, n_considered=n_considered, t_ns=rests_ns)
     return _founded(belief, z, among) if z.from_fix else among
 

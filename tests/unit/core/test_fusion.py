@@ -193,3 +193,20 @@ def test_height_offset_is_learned_within_its_gate() -> None:
     assert math.sqrt(belief.height_var_m2) < 0.3
     same, _ = fusion.observed(belief, fix(0.0, 0.0, 0.0, h_amsl_m=150.0), 100.0, SETTINGS)
     assert same.height_offset_m == belief.height_offset_m
+
+
+def test_a_fix_at_the_edge_of_the_gate_hardly_moves_the_velocity() -> None:
+    def after_one(off_m: float) -> Belief:
+        belief = fusion.with_inertial_velocity(start(sigma_m=0.5), 0.1)
+        for k in range(1, 61):
+            belief = fusion.propagated(belief, k * S // 2, (10.0, 0.0), SETTINGS)
+            belief, _ = fusion.observed(belief, fix(k / 2, 5.0 * k + (off_m if k == 60 else 0.0), 0.0), None, SETTINGS)
+        return belief
+
+    near, far, beyond = after_one(2.9), after_one(4.8), after_one(20.0)
+    assert beyond.rejected
+    assert not near.rejected
+    assert not far.rejected
+    assert near.x[2] < 0
+    assert abs(far.x[2]) < abs(near.x[2])
+    assert far.P[0, 0] > near.P[0, 0]
