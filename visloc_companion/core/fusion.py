@@ -39,7 +39,7 @@ INERTIAL_DRIFT_MPS2 = 0.03
 HEIGHT_WALK_M_PER_SQRT_S = 0.1
 HEIGHT_GATE_SIGMA = 4.0
 ORDINARY_NIS = 6.0
-"""A normalised squared innovation that one position in 20 exceeds. What lies beyond, up to the gate, is rather wrong than unlikely:
+"""A normalised squared innovation that one position in 20 exceeds. Beyond it, up to the gate, it is rather wrong than unlikely:
 its covariance is raised until it would be ordinary, so that it hardly moves the velocity."""
 DOUBT_AFTER = 2
 DOUBT_MPS = 4.0
