@@ -151,9 +151,7 @@ def line(row: dict[str, Any]) -> str:
     error = "" if row["error_ms"] is None else "{:.1f}, {:.1f} ms".format(*row["error_ms"])
     ratio = "" if row["error_over_sigma"] is None else f"{row['error_over_sigma']:.2f}"
     cost = f"{row['worker_ms']:.1f}, {row['worker_ms'] / row['sift_ms']:.3f}, {row['core_ms']:.2f}"
-    head = (
-        f"| {row['vehicle']} | {row['latency_ms']:.0f} | {row['jitter_ms']:.0f} | {row['flights']} | {row['unknown']} | {found} "
-    )
+    head = f"| {row['vehicle']} | {row['latency_ms']:.0f} | {row['jitter_ms']:.0f} | {row['flights']} | {row['unknown']} "
     return f"{head}| {found} | {error} | {ratio} | {row['turns']:.0%} | {cost} |"
 
 

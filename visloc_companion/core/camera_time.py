@@ -24,7 +24,7 @@ SURE_S = 0.010
 FOLLOW_S = 0.003
 """A later estimate replaces the one in use when it differs by more than this and by half of its sigma."""
 LARGEST_S = 0.5
-UNKNOWN_S = 0.03
+UNKNOWN_S = 0.05
 """1-sigma of the stamps while nothing is known of their offset."""
 WRONG_STAMP_S = 0.04
 """Stamps of the camera's own are contradicted beyond this."""

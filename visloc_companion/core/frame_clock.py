@@ -24,6 +24,9 @@ SLIP_SIGMA = 5.0
 SKIP_SIGMA, SKIP_SHARE = 5.0, 0.25
 """An innovation of so many sigmas, that share of a period around a whole number of them, is that of frames that never came."""
 
+OVERTAKEN = 10
+"""A frame that comes after one of so many later ones was overtaken; more, and the camera counts anew."""
+
 
 @dataclass(frozen=True, slots=True)
 class Taken:
@@ -50,6 +53,9 @@ class FrameClock:
         """Take an arrival; frames are numbered in the order in which they come. Until the clock is known, the arrival stands."""
         last = self._last
         dt_s, steps = (t_ns - last[0]) * 1e-9, frame_id - last[1]
+        settled = len(self._first) == SETTLED_FRAMES
+        if settled and -OVERTAKEN < steps < 1 and 0 <= dt_s <= RESTART_GAP_S:
+            return Taken(last[0] + round((steps * self._period_s - self._late_s) * 1e9), math.sqrt(self._P[0]))
         if self._first and (steps < 1 or not 0 < dt_s <= RESTART_GAP_S):
             self._restart()
         self._last = (t_ns, frame_id)

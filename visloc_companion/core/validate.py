@@ -18,11 +18,13 @@ from visloc_companion.types import (
     Imu,
     LocalPose,
     MapAtGnss,
+    NoFix,
     Odometry,
     OperatorFix,
     OriginChanged,
     PriorPose,
     Range,
+    Turn,
 )
 
 MAX_SPEED_MPS = 200.0
@@ -62,6 +64,8 @@ def fault(event: Event, now_ns: int) -> Reason | None:  # noqa: PLR0911, PLR0912
             return _unless(is_place(event.place) and _finite(event.sigma_m) and 0 < event.sigma_m <= 10_000)
         case Fix():
             return _fix_fault(event, now_ns)
+        case NoFix():
+            return _unless(event.turn is None or is_turn(event.turn))
         case Odometry():
             return _odometry_fault(event, now_ns)
         case FrameRef():
@@ -74,7 +78,8 @@ def _fix_fault(fix: Fix, now_ns: int) -> Reason | None:
     if fix.t_ns > now_ns + MAX_LEAD_NS:
         return Reason.IMPLAUSIBLE_TIME
     numbers = _finite(*fix.q_ned_frd, fix.sigma_h_m, fix.sigma_yaw_rad, fix.probability_wrong)
-    return _unless(numbers and is_place(fix.place) and fix.sigma_h_m > 0 and is_covariance(fix.cov_ne_m2))
+    turn = fix.turn is None or is_turn(fix.turn)
+    return _unless(numbers and turn and is_place(fix.place) and fix.sigma_h_m > 0 and is_covariance(fix.cov_ne_m2))
 
 
 def _odometry_fault(seen: Odometry, now_ns: int) -> Reason | None:
@@ -102,6 +107,16 @@ def is_covariance(cov_m2: Cov2) -> bool:
     if not _finite(nn, ne, en, ee) or abs(ne - en) > 1e-9 * (nn + ee):
         return False
     return min(nn, ee) >= 1e-6 and max(nn, ee) <= 1e10 and nn * ee - ne * en > 1e-9 * nn * ee
+
+
+def is_turn(turn: Turn) -> bool:
+    """Finite, a rotation, forward in time, and with a covariance whose diagonal is positive and dominates."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = turn.cov_rad2
+    if not _finite(*turn.q_from_to, xx, xy, xz, yx, yy, yz, zx, zy, zz) or turn.t_from_ns >= turn.t_to_ns:
+        return False
+    pairs = ((xy, yx, xx * yy), (xz, zx, xx * zz), (yz, zy, yy * zz))
+    fine = min(xx, yy, zz) > 0 and all(a == b and a * b < limit for a, b, limit in pairs)
+    return fine and abs(math.hypot(*turn.q_from_to) - 1.0) < 1e-3
 
 
 def _is_velocity(v_mps: tuple[float, float, float]) -> bool:

@@ -75,3 +75,12 @@ def test_a_gap_or_a_camera_that_counts_anew_begins_anew() -> None:
         clock = FrameClock()
         arrived(clock, 100.0, 60, 20.0)
         assert clock.on_arrival(t_ns, number).t_ns == t_ns
+
+
+def test_a_frame_that_was_overtaken_has_its_place() -> None:
+    clock = FrameClock()
+    arrived(clock, 100.0, 60, 0.0)
+    arrived(clock, 100.0, 1, 0.0, first=61)
+    late = clock.on_arrival(round((1150 + 6130) * MS), 60)
+    assert late.t_ns / MS == pytest.approx(1150 + 6000, abs=1)
+    assert abs(arrived(clock, 100.0, 5, 0.0, first=62)[-1]) < 1

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from visloc_companion.core.validate import fault, is_covariance, is_place
+from visloc_companion.core.validate import fault, is_covariance, is_place, is_turn
 from visloc_companion.errors import Reason
 from visloc_companion.types import (
     Attitude,
@@ -16,11 +16,13 @@ from visloc_companion.types import (
     GeoPoint,
     Gnss,
     LocalPose,
+    NoFix,
     Odometry,
     OperatorFix,
     OriginChanged,
     PriorPose,
     Tick,
+    Turn,
 )
 
 NOW = 10**10
@@ -100,3 +102,29 @@ def test_covariances() -> None:
     assert not is_covariance(((0.0, 0.0), (0.0, 0.0)))
     assert not is_covariance(((math.inf, 0.0), (0.0, 1.0)))
     assert not is_covariance(((1e12, 0.0), (0.0, 1.0)))
+
+
+TINY = ((1e-6, 0.0, 0.0), (0.0, 1e-6, 0.0), (0.0, 0.0, 1e-6))
+TURN = Turn(NOW - 10**9, NOW, Q, TINY)
+FLAT = ((0.0, 0.0, 0.0), (0.0, 1e-6, 0.0), (0.0, 0.0, 1e-6))
+CROSSED = ((1e-6, 2e-6, 0.0), (2e-6, 1e-6, 0.0), (0.0, 0.0, 1e-6))
+
+
+@pytest.mark.parametrize(
+    "turn",
+    [
+        replace(TURN, q_from_to=(1.0, 0.0, math.nan, 0.0)),
+        replace(TURN, q_from_to=(2.0, 0.0, 0.0, 0.0)),
+        replace(TURN, t_from_ns=NOW),
+        replace(TURN, cov_rad2=FLAT),
+        replace(TURN, cov_rad2=CROSSED),
+        replace(TURN, cov_rad2=((math.inf, 0.0, 0.0), *TINY[1:])),
+    ],
+)
+def test_answers_with_a_turn_that_is_none_are_refused(turn: Turn) -> None:
+    assert is_turn(TURN)
+    assert not is_turn(turn)
+    none = NoFix(NOW, NOW, 1, 1, "m", Reason.NO_MATCH, 5.0)
+    for answer in (FIX, none):
+        assert fault(replace(answer, turn=TURN), NOW) is None
+        assert fault(replace(answer, turn=turn), NOW) is Reason.NOT_FINITE

@@ -1,0 +1,94 @@
+"""What is learned of the camera reaches frames, requests and fixes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from visloc_companion.core.attitude import AttitudeBuffer
+from visloc_companion.core.camera_time import UNKNOWN_S
+from visloc_companion.core.estimator import Velocity
+from visloc_companion.core.onboard_camera import OnboardCamera
+from visloc_companion.core.propagation import Drive
+from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
+from visloc_companion.core.timesync import ClockOffset
+from visloc_companion.core.tracking import Tracker
+from visloc_companion.errors import Reason
+from visloc_companion.geo import se3, wgs84
+from visloc_companion.types import Fix, FrameRef, GeoPoint, LocaliseRequest, NoFix, Notice, PosePrior, Quat, Tick, Vec3
+
+LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
+HERE = GeoPoint(48.0, 11.0, 500.0)
+COV = ((0.5, 0.0), (0.0, 0.5))
+MS = 1_000_000
+
+
+@pytest.fixture
+def tracker() -> Tracker:
+    """Seeded, 100 m above home, on its way north at 10 m/s."""
+    made = Tracker(NavigatorSettings())
+    made.set_origin(HERE)
+    drive(made, 0, (10.0, 0.0, 0.0))
+    assert made.seed(0, HERE, 2.0)
+    made.height_above_home_m = 100.0
+    return made
+
+
+def drive(tracker: Tracker, t_ns: int, v_ned_mps: Vec3) -> None:
+    tracker.drive(Velocity(t_ns, v_ned_mps, 600.0, 0.3, Drive.AUTOPILOT), t_ns, alone=False)
+
+
+def frame(k: int, boot_ns: int | None) -> FrameRef:
+    return FrameRef(k * 200 * MS, k * 200 * MS, k, 0, 640, 480, 3, boot_ns)
+
+
+def fix_at(t_ns: int, method: str = "image") -> Fix:
+    return Fix(0, t_ns, 1, 1, method, HERE, LEVEL, COV, 1.0, 0.005, 1e-4, 1.0)
+
+
+def test_fixes_of_frames_by_arrival_are_wider_along_the_track(tracker: Tracker) -> None:
+    camera = OnboardCamera(LEVEL, ClockOffset(), AttitudeBuffer(), tracker)
+    fix = fix_at(200 * MS)
+    for k in range(3):
+        camera.on_frame(frame(k, k * 200 * MS))
+    assert camera.stated(fix) == fix
+    for k in range(3, 6):
+        assert camera.on_frame(frame(k, None)) == frame(k, None)
+    (nn, _), (_, ee) = camera.stated(fix).cov_ne_m2
+    assert nn == pytest.approx(0.5 + (10 * UNKNOWN_S) ** 2, rel=0.1)
+    assert ee == pytest.approx(0.5)
+    ground = replace(fix, method=TERRAIN)
+    assert camera.stated(ground) == ground
+
+
+def test_a_tilted_mount_is_learned_beside_a_good_gnss_only(tracker: Tracker) -> None:
+    truth = se3.quat_from_euler(math.radians(2.0), 0.0, 0.0)
+    for trusted in (False, True):
+        camera = OnboardCamera(LEVEL, ClockOffset(), AttitudeBuffer(), tracker)
+        said = []
+        start = 1 + 300 * trusted
+        for k in range(start, start + 240):
+            t_ns, heading = k * 1000 * MS, 0.4 * (k // 6)
+            drive(tracker, t_ns, (0.0, 0.0, 0.0))
+            tracker.gnss.add(t_ns, HERE)
+            camera.on_frame(replace(frame(k, t_ns), t_ns=t_ns))
+            q = se3.quat_from_euler(0.0, 0.0, heading)
+            prior = PosePrior(HERE, se3.quat_multiply(q, camera.q_frd_cambody), COV, 3.0, 0.05, 0.02)
+            asked = [LocaliseRequest(k, frame(k, None), prior, 1), Tick(0)]
+            assert camera.asked(asked) is asked  # type: ignore[arg-type, comparison-overlap]
+            axis = se3.R_from_quat(se3.quat_multiply(q, truth))[:, 2] - se3.R_from_quat(prior.q_ned_frd)[:, 2]
+            place = wgs84.geo_from_ned((100 * float(axis[0]), 100 * float(axis[1]), 0.0), HERE)
+            fix = replace(fix_at(t_ns), request_id=k, place=place, q_ned_frd=prior.q_ned_frd)
+            said += camera.on_fix(fix, trusted)
+        off = math.degrees(se3.angle_between(camera.q_frd_cambody, truth))
+        assert off < 0.5 if trusted else off == pytest.approx(2.0, abs=1e-6)
+        assert [n.text for n in said if isinstance(n, Notice)][:1] == (["camera's mounting learned"] if trusted else [])
+
+
+def test_answers_without_a_turn_say_nothing(tracker: Tracker) -> None:
+    camera = OnboardCamera(LEVEL, ClockOffset(), AttitudeBuffer(), tracker)
+    assert camera.on_answer(NoFix(0, 0, 1, 1, "image", Reason.NO_MATCH, 1.0)) == []
+    assert camera.on_fix(fix_at(0), True) == []

@@ -1,0 +1,94 @@
+"""Turns from pictures of a textured plane."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from visloc_companion.geo.camera import R_FRD_CAM
+from visloc_companion.geo.se3 import R_from_quat, quat_from_euler, quat_inverse, quat_multiply
+from visloc_companion.localise.odometry.rotation import TurnWatch
+from visloc_companion.types import CameraModel, Image, Quat, Turn
+
+MODEL = CameraModel(640, 480, 420.0, 420.0, 319.5, 239.5)
+K = np.array([[420.0, 0.0, 319.5], [0.0, 420.0, 239.5], [0.0, 0.0, 1.0]])
+S = 1_000_000_000
+PX_PER_HEIGHT = 420.0
+
+
+@pytest.fixture(scope="module")
+def ground() -> Image:
+    """A plane of texture of several sizes, four heights wide."""
+    rng = np.random.default_rng(4)
+    size = round(4 * PX_PER_HEIGHT)
+    total = np.zeros((size, size), np.float32)
+    for cells in (30, 120, 420):
+        total += cv2.resize(rng.normal(0, 1, (cells, cells)).astype(np.float32), (size, size), interpolation=cv2.INTER_CUBIC)
+    return np.asarray(np.clip(120 + 30 * total, 0, 255), dtype=np.uint8)
+
+
+def q_of(roll_deg: float, pitch_deg: float, yaw_deg: float) -> Quat:
+    return quat_from_euler(*(math.radians(a) for a in (roll_deg, pitch_deg, yaw_deg)))
+
+
+def picture(ground: Image, q: Quat, north: float = 0.0, east: float = 0.0) -> Image:
+    """Seen from a height above the middle of the ground, moved by shares of it."""
+    R = R_from_quat(q) @ R_FRD_CAM
+    to_ground = np.diag([PX_PER_HEIGHT, PX_PER_HEIGHT, 1.0]) @ np.array(
+        [[0.0, 1.0, 2 + east], [-1.0, 0.0, 2 - north], [0.0, 0.0, 1.0]]
+    )
+    H = to_ground @ R @ np.linalg.inv(K)
+    return np.asarray(cv2.warpPerspective(ground, H, (640, 480), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP), dtype=np.uint8)
+
+
+def error_deg(turn: Turn | None, a: Quat, b: Quat) -> np.ndarray:
+    assert turn is not None
+    off = quat_multiply(quat_inverse(quat_multiply(quat_inverse(a), b)), turn.q_from_to)
+    return np.degrees(2 * np.array(off[1:]))
+
+
+@pytest.mark.parametrize("told", ["truth", "other"])
+@pytest.mark.parametrize("color", [False, True])
+def test_the_turn_is_that_of_the_camera(ground: Image, told: str, color: bool) -> None:
+    watch = TurnWatch(MODEL)
+    poses = [(q_of(0, -4, 10), 0.0), (q_of(3, -6, 13), 0.04), (q_of(5, -3, 21), 0.09), (q_of(2, 0, 24), 0.12)]
+    for k, (q, north) in enumerate(poses):
+        seen = picture(ground, q, north)
+        believed = q if told == "truth" else quat_multiply(q, q_of(4.0 * (k % 2), -3.0 * (k % 2), 5.0 * (k % 2)))
+        turn = watch.step(np.repeat(seen[:, :, None], 3, axis=2) if color else seen, S + k * S // 5, believed)
+        if k == 0:
+            assert turn is None
+            continue
+        assert turn is not None
+        assert (turn.t_from_ns, turn.t_to_ns) == (S + (k - 1) * S // 5, S + k * S // 5)
+        assert np.abs(error_deg(turn, poses[k - 1][0], q)).max() < 0.15
+        assert (np.diag(np.array(turn.cov_rad2)) > 0).all()
+
+
+def test_frames_that_are_late_old_identical_or_of_another_size_give_none(ground: Image) -> None:
+    a, b = q_of(0, 0, 0), q_of(1, 1, 2)
+    first, second = picture(ground, a), picture(ground, b)
+    watch = TurnWatch(MODEL)
+    assert watch.step(first, S, a) is None
+    assert watch.step(second, 3 * S, b) is None  # too long ago
+    assert watch.step(second, 3 * S + 1, b) is None  # the camera is frozen
+    assert watch.step(first, 2 * S, a) is None  # older
+    assert watch.step(second, round(2.2 * S), b) is not None
+    assert watch.step(second[:100], round(2.4 * S), b) is None
+    assert watch.step(first, round(2.6 * S), a) is None
+
+
+def test_what_shows_no_ground_gives_none(ground: Image) -> None:
+    watch = TurnWatch(MODEL)
+    q = q_of(0, 0, 0)
+    assert watch.step(np.full((480, 640), 90, np.uint8), S, q) is None
+    assert watch.step(picture(ground, q), round(1.2 * S), q) is None
+    rng = np.random.default_rng(1)
+    noise = np.asarray(cv2.GaussianBlur(rng.integers(0, 255, (480, 640)).astype(np.uint8), (0, 0), 3), dtype=np.uint8)
+    assert watch.step(noise, round(1.4 * S), q) is None
+    steep = q_of(0, 70, 0)
+    assert watch.step(picture(ground, q), round(1.6 * S), steep) is None
+    assert watch.step(picture(ground, q, 0.05), round(1.8 * S), steep) is None
