@@ -199,6 +199,8 @@ class Navigator:
     # -------------------------------------------------------------------------------------------------- frames and fixes
 
     def _on_frame(self, event: FrameRef, now_ns: int) -> list[Command]:
+        if not self._camera.is_new(event):
+            return []
         back = self._camera.on_frame(event.t_rx_ns)
         self._queue.offer(self._onboard.on_frame(event))
         return [*back, *self._request(now_ns)]

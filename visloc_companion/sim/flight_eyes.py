@@ -81,7 +81,7 @@ class FlightEyes:
         self._views.pop(self._frame_id - VIEWS_KEPT, None)
         model = self._eyes.camera.model
         size_px = model.width_px, model.height_px
-        return FrameRef(now_ns, exposed_ns, self._frame_id, 0, *size_px, 3, t_boot_ns=pilot.t_boot_ns)
+        return FrameRef(now_ns, exposed_ns, self._frame_id, 0, *size_px, 3, pilot.t_boot_ns, checksum=self._view.frame_id)
 
     def ask(self, request: LocaliseRequest | TerrainRequest, now_ns: int) -> None:
         """Work out the answer; it is given after the time that such an answer takes."""

@@ -140,6 +140,7 @@ class FrameRef:
     """A camera frame that lies in a shared-memory slot. `t_ns` is mid-exposure on the shell's clock.
 
     Where the camera is stamped with the autopilot's clock, `t_boot_ns` is set and the core converts it (core/timesync.py).
+    `checksum` is that of its pixels: two exposures of a real sensor never agree, a camera that froze repeats its last picture.
     """
 
     t_rx_ns: int
@@ -150,6 +151,7 @@ class FrameRef:
     height_px: int
     channels: int
     t_boot_ns: int | None = None
+    checksum: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -200,7 +200,7 @@ def test_vision_that_returns_after_dead_reckoning_is_taken(world: type[World]) -
 def test_camera_that_stops(world: type[World]) -> None:
     w = started(world, jammed=lambda t: t > 40, camera=lambda t: not 60 < t < 75).fly(90)
     assert modes(w) == [Mode.WAITING, Mode.SHADOW, Mode.AIDING, Mode.DEAD_RECKONING, Mode.AIDING]
-    (when,) = w.notices("no camera frames")
+    (when,) = w.notices("no new camera frames")
     assert 62 <= when <= 62.3
     assert len(w.notices("frames are back")) == 1
 
