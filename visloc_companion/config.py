@@ -159,8 +159,22 @@ class NavigatorConfig(Section):
     """Below this height above the surface no localisation is asked for."""
     map_sigma_m: NonNegative = 0.5
     """1-sigma of the map's own registration, added to the claimed position."""
+    map_sigma_h_m: NonNegative = 1.0
+    """1-sigma of the heights of the map, as far as all fixes over it have it in common."""
+    height_walk_m_per_sqrt_s: Positive = 0.1
+    """Random walk of the autopilot's height (its barometer): 0.1 is 6 m in an hour."""
     integrity_risk: Annotated[float, Field(gt=0, lt=0.1)] = 1e-5
-    """Probability, at any time, that the true position is further away than the protection level."""
+    """Probability, at any time, that the true position is further away than the protection level; the same for the height."""
+    alert_limit_m: Positive = 25.0
+    """The operator is told when the horizontal protection level exceeds this while positions are injected."""
+    alert_limit_low_m: Positive = 10.0
+    """The same below `low_height_m`."""
+    vertical_alert_limit_m: Positive = 50.0
+    """The same of the vertical protection level, which bounds the error of the autopilot's own height."""
+    vertical_alert_limit_low_m: Positive = 20.0
+    """The same below `low_height_m`."""
+    low_height_m: NonNegative = 30.0
+    """Below this height above home the low limits hold: approach and landing."""
 
 
 class GnssConfig(Section):
@@ -204,6 +218,9 @@ class InjectionConfig(Section):
     """Smallest 1-sigma that is ever claimed to the autopilot."""
     max_step_m: Positive = 5.0
     """A larger step between two injections raises reset_counter."""
+    beyond_alert_limit: Literal["inject", "widen", "stop"] = "inject"
+    """While the horizontal protection level exceeds the alert limit: `inject` goes on, `widen` claims a sigma that fits the level,
+    `stop` sends nothing, so that the autopilot's failsafe acts (docs/safety.md)."""
 
 
 class JournalConfig(Section):

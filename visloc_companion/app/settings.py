@@ -11,7 +11,7 @@ from visloc_companion.config import CameraConfig, Config, LocaliserConfig, Secti
 from visloc_companion.core.settings import CoreSettings, GnssSettings, InjectionSettings, NavigatorSettings
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.localise.runtime import NetworkChoice
-from visloc_companion.types import CameraModel, InjectionPolicy, Quat
+from visloc_companion.types import BeyondLimit, CameraModel, InjectionPolicy, Quat
 
 _Settings = TypeVar("_Settings", NavigatorSettings, GnssSettings, InjectionSettings)
 
@@ -21,7 +21,12 @@ def core_settings(config: Config) -> CoreSettings:
     return CoreSettings(
         navigator=_same_names(NavigatorSettings, config.navigator),
         gnss=_same_names(GnssSettings, config.gnss),
-        injection=_same_names(InjectionSettings, config.injection, policy=InjectionPolicy(config.injection.policy)),
+        injection=_same_names(
+            InjectionSettings,
+            config.injection,
+            policy=InjectionPolicy(config.injection.policy),
+            beyond_alert_limit=BeyondLimit(config.injection.beyond_alert_limit),
+        ),
         q_frd_cambody=mounting(config.camera),
         mount_sigma_rad=math.radians(config.camera.mount_sigma_deg),
         max_rate_hz=config.localiser.max_rate_hz,

@@ -19,8 +19,9 @@ from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.terrain_aiding import TerrainAiding
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
-from visloc_companion.types import Command, FrameRef, NavState, PosePrior, Quat
+from visloc_companion.types import FrameRef, LocaliseRequest, NavState, PosePrior, Quat, TerrainRequest
 
+Request = LocaliseRequest | TerrainRequest
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 SEARCH_AFTER_NS = 3_000_000_000
 """Without a first position the search begins when GNSS has not been trusted for so long; after a start it takes a moment."""
@@ -49,7 +50,7 @@ class Asking:
         self._terrain, self._search = terrain, search
         self._untrusted_ns: int | None = None
 
-    def next(self, now_ns: int, *, injecting: bool, gnss_trusted: bool) -> list[Command]:
+    def next(self, now_ns: int, *, injecting: bool, gnss_trusted: bool) -> list[Request]:
         """The worker's next question: about the ground below the track where that is due, else about a frame."""
         if gnss_trusted:
             self._untrusted_ns = None
@@ -64,7 +65,7 @@ class Asking:
             return None
         return self._attitude.at(t_boot_ns) or self._attitude.at(newest)
 
-    def _about_terrain(self, now_ns: int, injecting: bool, gnss_trusted: bool) -> list[Command]:
+    def _about_terrain(self, now_ns: int, injecting: bool, gnss_trusted: bool) -> list[Request]:
         terrain, belief = self._terrain, self._tracker.belief
         if terrain is None or belief is None or not self._queue.free or not terrain.due(now_ns):
             return []
@@ -78,7 +79,7 @@ class Asking:
         asked = None if prior is None else terrain.request(self._queue.claimed(), now_ns, prior, sigma_v_mps, steady)
         return [] if asked is None else [asked]
 
-    def _about_frame(self, now_ns: int, injecting: bool) -> list[Command]:
+    def _about_frame(self, now_ns: int, injecting: bool) -> list[Request]:
         if self._search is not None and self._tracker.velocity is not None:
             self._search.moving(self._tracker.velocity.t_ns, self._tracker.velocity.v_ned_mps[:2])
         frame = self._queue.next_frame(now_ns)
@@ -108,7 +109,7 @@ class Asking:
 
     def _about_place(
         self, search: PlaceSearch, state: NavState | None, frame: FrameRef, q_ned_frd: Quat, now_ns: int
-    ) -> list[Command]:
+    ) -> list[Request]:
         """The next question of the search for the vehicle's place."""
         velocity, origin, belief = self._tracker.velocity, self._tracker.origin, self._tracker.belief
         if velocity is None or origin is None:

@@ -47,6 +47,11 @@ def notice(verdict: GnssVerdict, ever_trusted: bool = True) -> Notice:
     return Notice(severity, text(verdict, ever_trusted), to_operator=True, data=(*data, ("reasons", " ".join(verdict.reasons))))
 
 
+def has_room(commands: list[Command]) -> bool:
+    """Whether the operator may be told one more thing in a tick of these commands."""
+    return sum(isinstance(c, Notice) and c.to_operator for c in commands) < MAX_MESSAGES
+
+
 def two_at_most(commands: list[Command]) -> list[Command]:
     """The commands of a tick, in which the operator is told no more than two things: the mode, which follows from the others, is
     logged only where a verdict and a request to switch the source come with it."""

@@ -1,8 +1,17 @@
-"""How far the truth may be: the horizontal protection level, from where the vehicle would be if fixes were wrong."""
+"""How far the truth may be: protection levels, from where the vehicle would be if fixes were wrong.
+
+A level is the smallest radius r for which the probability that the error exceeds it is at most `integrity_risk`:
+
+    sum over k of  p_k Q((r - d_k) / s_k)  =  risk,     Q(a) = 1 for a <= 0
+
+k = 0 is the filter itself (p_0 = 1), the others are the solutions that leave fixes out (separation.py) with their probability;
+d_k is how far a solution is from what is stated, s_k its 1-sigma, which includes what no solution can do without (the map).
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -12,6 +21,8 @@ from visloc_companion.types import Cov2, FloatArray
 
 AGE_DOUBLES_S = 30.0
 """The growth of dead reckoning is a model: what it claims without a fix is doubled after so long."""
+HEIGHT_SHARE = 0.005
+"""1-sigma, as a share of the height flown, of what heights from images have in common: focal length, surface model."""
 GRID = 33
 ROUNDING = 1e-6
 """So that the largest radius tried is certainly enough."""
@@ -28,26 +39,55 @@ def aged(level_m: float, age_of_fix_s: float) -> float:
     return level_m * (1 + max(0.0, age_of_fix_s) / AGE_DOUBLES_S)
 
 
+def rayleigh(a: FloatArray) -> FloatArray:
+    """Bounds P(|error| > a sigma) of a Gaussian error in the plane of no larger sigma in any direction."""
+    return np.asarray(np.exp(-0.5 * a * a))
+
+
+def gaussian(a: FloatArray) -> FloatArray:
+    """Bounds P(|error| > a sigma) of a Gaussian error on a line, erfc(a / sqrt 2), from above, by less than 3 % where a > 3
+    (Abramowitz & Stegun, 7.1.13)."""
+    x = a / math.sqrt(2)
+    return np.asarray(2 / math.sqrt(math.pi) * np.exp(-x * x) / (x + np.sqrt(x * x + 4 / math.pi)))
+
+
+def bound_m(
+    apart_m: FloatArray,
+    sigma_m: FloatArray,
+    probability: FloatArray,
+    risk: float,
+    tail: Callable[[FloatArray], FloatArray],
+) -> float:
+    """The radius of the module's equation for d, s, p (K,); `tail` is at most exp(-a^2 / 2). At most a thousandth of the largest
+    radius tried too large."""
+    sigmas = math.sqrt(2 * math.log(len(sigma_m) / risk)) + ROUNDING
+    low, high = 0.0, float(np.max(apart_m + sigma_m * sigmas))
+    for _ in range(2):
+        radii = np.linspace(low, high, GRID)
+        beyond = np.maximum(radii[:, None] - apart_m, 0.0) / sigma_m
+        enough = int(np.argmax(tail(beyond) @ probability <= risk))
+        low, high = float(radii[max(0, enough - 1)]), float(radii[enough])
+    return high
+
+
 def protection_level_m(x: FloatArray, P: FloatArray, without: Solutions, settings: NavigatorSettings) -> float:
-    """The smallest radius r for which the probability that the horizontal error exceeds it is at most `integrity_risk`:
-
-        Q(r / s0) + sum over k of  p_k Q((r - d_k) / s_k)  =  risk,     Q(a) = exp(-a^2 / 2) for a > 0, else 1
-
-    s0: largest sigma of the filter's position, k: the solutions that leave fixes out (separation.py), p_k their probability,
-    d_k their distance from the filter's position, s_k their own largest sigma. Q bounds a Gaussian error of no larger sigma in
-    any direction (Rayleigh). Every sigma includes the map's registration, which no solution can do without.
-    x (4,), P (4, 4): the filter's. The answer is at most a thousandth too large.
-    """
+    """Bound of the horizontal error of the filter's position; x (n,), P (n, n) begin with north and east."""
     P_ne = np.concatenate([P[None, :2, :2], without.P[:, :2, :2]])
     nn, ee, ne = P_ne[:, 0, 0], P_ne[:, 1, 1], P_ne[:, 0, 1]
     sigma = np.sqrt((nn + ee) / 2 + np.hypot((nn - ee) / 2, ne) + settings.map_sigma_m**2)
     apart = np.concatenate([[0.0], np.hypot(*(without.x[:, :2] - x[:2]).T)])
     probability = np.concatenate([[1.0], without.probability])
-    sigmas = math.sqrt(2 * math.log(len(sigma) / settings.integrity_risk)) + ROUNDING
-    low, high = 0.0, float(np.max(apart + sigma * sigmas))
-    for _ in range(2):
-        radii = np.linspace(low, high, GRID)
-        beyond = np.maximum(radii[:, None] - apart, 0.0) / sigma
-        enough = int(np.argmax(np.exp(-0.5 * beyond * beyond) @ probability <= settings.integrity_risk))
-        low, high = float(radii[max(0, enough - 1)]), float(radii[enough])
-    return high
+    return bound_m(apart, sigma, probability, settings.integrity_risk, rayleigh)
+
+
+def vertical_protection_level_m(
+    offset_m: FloatArray,
+    var_m2: FloatArray,
+    probability: FloatArray,
+    height_above_home_m: float,
+    settings: NavigatorSettings,
+) -> float:
+    """Bound of the error of the autopilot's own height, which is what is stated and sent: `offset_m` (K,) is by how much each
+    solution (the first is the filter) would raise it, so an error that is known counts as much as one that is not."""
+    shared_m2 = settings.map_sigma_h_m**2 + (HEIGHT_SHARE * height_above_home_m) ** 2
+    return bound_m(np.abs(offset_m), np.sqrt(var_m2 + shared_m2), probability, settings.integrity_risk, gaussian)

@@ -16,8 +16,10 @@ from visloc_companion.core.camera_watch import CameraWatch
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.guard import Complaints, TimeCheck, TimeGuard
+from visloc_companion.core.height_aiding import HeightAiding
 from visloc_companion.core.onboard_camera import OnboardCamera
 from visloc_companion.core.place_search import Found, PlaceSearch
+from visloc_companion.core.protection import Protection
 from visloc_companion.core.sending import Sending
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.steering import Steering
@@ -92,6 +94,8 @@ class Navigator:
             settings, self._queue, self._tracker, self._clock, self._attitude, self._onboard, self._terrain, self._search
         )
         self._switch = SourceSwitch(settings.injection.switch_source)
+        self._height = HeightAiding(settings.navigator)
+        self._protection = Protection(settings, self._tracker, self._height)
         self._telemetry = Telemetry(
             settings.navigator,
             self._clock,
@@ -101,6 +105,7 @@ class Navigator:
             self._switch,
             self._asking,
             self._terrain,
+            self._height,
             self._complaints,
         )
         self._steering = Steering(settings, self._monitor, self._switch)
@@ -207,7 +212,10 @@ class Navigator:
 
     def _request(self, now_ns: int) -> list[Command]:
         trusted = self._monitor.trusted
-        return self._onboard.asked(self._asking.next(now_ns, injecting=self._steering.injecting, gnss_trusted=trusted))
+        asked = self._asking.next(now_ns, injecting=self._steering.injecting, gnss_trusted=trusted)
+        for request in asked:
+            self._height.asked(request)
+        return self._onboard.asked([*asked])
 
     def _moved(self, motion: Odometry | None, now_ns: int) -> None:
         """The camera's own motion bears on the velocity, and on the GNSS verdict."""
@@ -264,6 +272,7 @@ class Navigator:
         if isinstance(outcome, Accepted):
             self._steering.taken(now_ns)
             self._aiding.compare(fix)
+            self._height.taken(fix)
             if before is not None and after is not None and after.started_ns != before.started_ns:
                 commands.append(Notice(Severity.WARNING, "visloc: relocalised", to_operator=True))
         elif isinstance(outcome, Rejected):
@@ -292,9 +301,12 @@ class Navigator:
         ready = self._link.up and self._telemetry.attitude_fresh(now_ns) and state is not None
         commands += self._steering.change_mode(state, ready, now_ns)
         commands = gnss_words.two_at_most([*commands, *self._steering.steer_source(self._link.armed, now_ns)])
-        commands += self._request(now_ns)
         mode, injecting = self._steering.mode, self._steering.injecting
-        sent = self._sending.tick(state, mode, injecting, self._monitor.verdict, self._link.autopilot, now_ns)
+        protected = self._protection.judge(state, now_ns)
+        relied_on = injecting and self._link.armed
+        commands += self._protection.notices(relied_on=relied_on, room=gnss_words.has_room(commands))
+        commands += self._request(now_ns)
+        sent = self._sending.tick(state, protected, mode, injecting, self._monitor.verdict, self._link.autopilot, now_ns)
         return [*commands, *sent]
 
     def _judge_gnss(self, now_ns: int) -> list[Command]:

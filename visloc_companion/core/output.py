@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from visloc_companion.core.protection import Protected
 from visloc_companion.core.requests import SIGMA_YAW_RAD
 from visloc_companion.core.settings import InjectionSettings
 from visloc_companion.core.validate import is_covariance
@@ -94,8 +95,11 @@ def injection(
     settings: InjectionSettings,
     reset_counter: int,
     sigma_d_m: float,
+    least_sigma_m: float = 0.0,
 ) -> Injection | None:
     """The external position for a state, or None where it would not be finite and sane (never NaN, never absurd).
+
+    No principal sigma below `least_sigma_m`, or that of the settings, is claimed.
 
     The vertical is the autopilot's own height (baro), unchanged: nothing vertical that we estimate is sent back.
     """
@@ -109,7 +113,7 @@ def injection(
         wgs84.autopilot_ned_from_geo(autopilot, place, origin),
         place,
         q_ned_frd,
-        floored(state.cov_ne_m2, settings.min_sigma_m),
+        floored(state.cov_ne_m2, max(settings.min_sigma_m, least_sigma_m)),
         sigma_d_m,
         SIGMA_YAW_RAD,
         reset_counter,
@@ -119,7 +123,7 @@ def injection(
 def status(
     state: NavState,
     last_fix_ns: int | None,
-    protection_level_m: float | None,
+    protected: Protected,
     origin: GeoPoint,
     mode: Mode,
     verdict: GnssVerdict,
@@ -136,10 +140,16 @@ def status(
         state.v_ned_mps,
         state.cov_ne_m2,
         state.sigma_d_m,
-        protection_level_m,
+        protected.levels.horizontal_m,
         None if last_fix_ns is None else max(0.0, (state.t_ns - last_fix_ns) * 1e-9),
         injected,
         reset_counter,
+        protected.levels.vertical_m,
+        protected.height_offset_m,
+        protected.limits.horizontal_m,
+        protected.limits.vertical_m,
+        protected.available,
+        protected.alert,
     )
 
 

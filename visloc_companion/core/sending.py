@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from visloc_companion.core import output, requests
 from visloc_companion.core.asking import Asking
+from visloc_companion.core.protection import Protected
 from visloc_companion.core.settings import InjectionSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.types import AutopilotKind, Command, GeoPoint, GnssVerdict, Injection, Mode, NavState
@@ -23,27 +24,29 @@ class Sending:
     def tick(
         self,
         state: NavState | None,
+        protected: Protected,
         mode: Mode,
         injecting: bool,
         verdict: GnssVerdict,
         autopilot: AutopilotKind,
         now_ns: int,
     ) -> list[Command]:
-        """An Injection where `injecting`, and the Status, for a state at `now_ns`."""
+        """An Injection where `injecting` and the alert does not stop it, and the Status, for a state at `now_ns`."""
         belief, origin = self._tracker.belief, self._tracker.origin
         if state is None or belief is None or origin is None:
             return [output.empty_status(now_ns, mode, verdict, self._resets.count)]
         counter = self._resets.follow(state, belief.started_ns)
-        injected = self._injection(state, origin, autopilot, counter, now_ns) if injecting else None
-        level_m = self._tracker.protection_level_m(state.t_ns)
-        status = output.status(state, belief.last_fix_ns, level_m, origin, mode, verdict, counter, injected is not None)
+        sent = injecting and not protected.stopped
+        injected = self._injection(state, protected, origin, autopilot, counter, now_ns) if sent else None
+        status = output.status(state, belief.last_fix_ns, protected, origin, mode, verdict, counter, injected is not None)
         return [status] if injected is None else [injected, status]
 
     def _injection(
-        self, state: NavState, origin: GeoPoint, autopilot: AutopilotKind, counter: int, now_ns: int
+        self, state: NavState, protected: Protected, origin: GeoPoint, autopilot: AutopilotKind, counter: int, now_ns: int
     ) -> Injection | None:
         q_ned_frd = self._asking.attitude_now(now_ns)
         if q_ned_frd is None:
             return None
         sigma_d = requests.height_sigma_m(self._tracker.height_above_home_m or 0.0)
-        return output.injection(state, q_ned_frd, origin, autopilot, self._settings, counter, sigma_d)
+        least_m = protected.least_sigma_m
+        return output.injection(state, q_ned_frd, origin, autopilot, self._settings, counter, sigma_d, least_m)

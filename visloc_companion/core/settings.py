@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from visloc_companion.types import InjectionPolicy, Quat
+from visloc_companion.types import BeyondLimit, InjectionPolicy, Quat
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,14 @@ class NavigatorSettings:
     seed_sigma_m: float = 5.0
     min_height_m: float = 15.0
     map_sigma_m: float = 0.5
+    map_sigma_h_m: float = 1.0
+    height_walk_m_per_sqrt_s: float = 0.1
     integrity_risk: float = 1e-5
+    alert_limit_m: float = 25.0
+    alert_limit_low_m: float = 10.0
+    vertical_alert_limit_m: float = 50.0
+    vertical_alert_limit_low_m: float = 20.0
+    low_height_m: float = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +60,7 @@ class InjectionSettings:
     gnss_source_set: int = 1
     vision_source_set: int = 2
     px4_gps_ctrl: int = 7
+    beyond_alert_limit: BeyondLimit = BeyondLimit.INJECT
     min_sigma_m: float = 0.5
     max_step_m: float = 5.0
 

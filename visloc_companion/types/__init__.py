@@ -8,6 +8,7 @@ shell's monotonic clock; `t_boot_ns` is the autopilot's own clock. Quaternions a
 
 from visloc_companion.types.basic import (
     AutopilotKind,
+    BeyondLimit,
     Cov2,
     EkfSource,
     FloatArray,
@@ -76,6 +77,7 @@ __all__ = [
     "Attitude",
     "AutopilotKind",
     "Baro",
+    "BeyondLimit",
     "CameraModel",
     "Command",
     "Cov2",

@@ -52,6 +52,14 @@ class InjectionPolicy(StrEnum):
     ALWAYS = "always"
 
 
+class BeyondLimit(StrEnum):
+    """What is sent to the autopilot while the protection level exceeds the alert limit."""
+
+    INJECT = "inject"
+    WIDEN = "widen"
+    STOP = "stop"
+
+
 class Vote(StrEnum):
     """Which of the two independent localisers is asked: by the map's picture, or by its shape."""
 

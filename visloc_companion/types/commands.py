@@ -104,7 +104,9 @@ class Status:
     """The navigator's state at a Tick, for the journal, the status socket and reports; never sent to the autopilot.
 
     `place`, `v_ned_mps` and the covariances are None / zero while there is no state. `protection_level_m` bounds the
-    horizontal error at the configured risk. `injected` tells whether this Tick also sent an Injection.
+    horizontal error at the configured risk, `vertical_protection_level_m` that of the height in `place`, which is the autopilot's
+    own; fixes would raise it by `height_offset_m`. `available`: both levels are within the alert limits of this phase of flight.
+    `alert`: one of them is not, for long enough that it counts. `injected` tells whether this Tick also sent an Injection.
     """
 
     t_ns: int
@@ -119,6 +121,12 @@ class Status:
     age_of_fix_s: float | None
     injected: bool
     reset_counter: int
+    vertical_protection_level_m: float | None = None
+    height_offset_m: float | None = None
+    alert_limit_m: float | None = None
+    vertical_alert_limit_m: float | None = None
+    available: bool = False
+    alert: bool = False
 
 
 Command = LocaliseRequest | TerrainRequest | Injection | RequestMessage | SwitchSource | Notice | Status

@@ -8,7 +8,14 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from visloc_companion.core.integrity import aged, largest_sigma_m, protection_level_m
+from visloc_companion.core.integrity import (
+    HEIGHT_SHARE,
+    aged,
+    gaussian,
+    largest_sigma_m,
+    protection_level_m,
+    vertical_protection_level_m,
+)
 from visloc_companion.core.separation import EVERY, NONE, Solutions
 from visloc_companion.core.settings import NavigatorSettings
 
@@ -83,3 +90,59 @@ def test_grows_with_the_time_since_the_last_fix() -> None:
     assert aged(5.0, 0.0) == 5.0
     assert aged(5.0, -1.0) == 5.0
     assert aged(5.0, 30.0) == 10.0
+
+
+# ------------------------------------------------------------------------------------------------------------------ vertical
+
+
+def vertical(*solutions: tuple[float, float, float], above_m: float = 0.0, risk: float = 1e-5, map_h_m: float = 0.0) -> float:
+    offset, sigma, probability = np.array([*solutions]).T
+    settings = replace(SETTINGS, integrity_risk=risk, map_sigma_h_m=map_h_m)
+    return vertical_protection_level_m(offset, sigma**2, probability, above_m, settings)
+
+
+@given(st.floats(0.0, 8.0))
+def test_the_tail_is_bounded_from_above_and_closely(a: float) -> None:
+    exact = math.erfc(a / math.sqrt(2))
+    assert exact <= float(gaussian(np.array(a))) <= 1.06 * exact
+    assert float(gaussian(np.array(a))) <= math.exp(-a * a / 2) * (1 + 1e-12)
+
+
+def test_where_all_fixes_are_right_it_is_the_interval_of_a_gaussian() -> None:
+    assert math.erfc(vertical((0.0, 1.0, 1.0)) / math.sqrt(2)) == pytest.approx(1e-5, rel=0.05)
+
+
+def test_an_error_that_is_known_counts_in_full() -> None:
+    """What is stated is the autopilot's height: fixes that put it 20 m higher make it 20 m worse, not better."""
+    assert vertical((20.0, 0.5, 1.0)) > 20.0
+    assert vertical((-20.0, 0.5, 1.0)) == vertical((20.0, 0.5, 1.0))
+
+
+def test_the_heights_of_the_map_and_of_the_camera_are_part_of_it() -> None:
+    alone = vertical((0.0, 1.0, 1.0))
+    assert vertical((0.0, 1.0, 1.0), map_h_m=1.0) == pytest.approx(math.sqrt(2) * alone, rel=2e-3)
+    assert vertical((0.0, 1.0, 1.0), above_m=1 / HEIGHT_SHARE) == pytest.approx(math.sqrt(2) * alone, rel=2e-3)
+
+
+solution = st.tuples(st.floats(-100, 100), st.floats(0.1, 30), st.floats(1e-8, 1.0))
+
+
+@given(st.lists(solution, min_size=1, max_size=12), st.floats(1e-7, 1e-2))
+def test_the_vertical_risk_beyond_it_is_what_was_allowed(others: list[tuple[float, float, float]], risk: float) -> None:
+    level = vertical((0.0, 1.0, 1.0), *others, risk=risk)
+    beyond = sum(
+        p * (math.erfc((level - d) / s / math.sqrt(2)) + math.erfc((level + d) / s / math.sqrt(2))) / 2
+        for d, s, p in ((0.0, 1.0, 1.0), *others)
+    )
+    assert beyond <= risk * (1 + 1e-6)
+
+
+@given(st.lists(solution, min_size=1, max_size=8), st.integers(0, 7), st.floats(1.01, 3.0))
+def test_it_never_falls_when_a_solution_gets_worse(others: list[tuple[float, float, float]], at: int, factor: float) -> None:
+    d, s, p = others[at % len(others)]
+    level = vertical((0.0, 1.0, 1.0), *others)
+    coarse_m = max(abs(d) + 7 * s for d, s, _ in [(0.0, 1.0, 1.0), *others]) / 1000
+    for worse in ((factor * d, s, p), (d, factor * s, p), (d, s, min(1.0, factor * p))):
+        changed = [*others]
+        changed[at % len(others)] = worse
+        assert vertical((0.0, 1.0, 1.0), *changed) >= level - coarse_m

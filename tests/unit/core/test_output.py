@@ -10,6 +10,8 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from visloc_companion.core import output
+from visloc_companion.core.alert import Levels, Limits
+from visloc_companion.core.protection import Protected
 from visloc_companion.core.settings import InjectionSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import AutopilotKind, Cov2, GeoPoint, GnssVerdict, InjectionPolicy, Mode, NavState, Verdict
@@ -69,6 +71,12 @@ def test_every_sane_state_is_injected(north: float, east: float, nn: float, ee: 
     assert np.linalg.eigvalsh(np.array(got.cov_ne_m2))[0] >= 0.25 * (1 - 1e-6)
 
 
+def test_a_wider_sigma_is_claimed_where_that_is_asked_for() -> None:
+    got = output.injection(STATE, LEVEL, ORIGIN, AutopilotKind.PX4, SETTINGS, 0, 3.0, 9.0)
+    assert got is not None
+    assert np.linalg.eigvalsh(np.array(got.cov_ne_m2)) == pytest.approx([81.0, 81.0])
+
+
 def test_absurd_distances_are_not_sent() -> None:
     far = replace(STATE, p_ned_m=(2e6, 0.0, 0.0))
     assert output.injection(far, LEVEL, ORIGIN, AutopilotKind.PX4, SETTINGS, 0, 3.0) is None
@@ -110,12 +118,16 @@ def test_reset_counter_is_a_byte() -> None:
 
 
 def test_status() -> None:
-    got = output.status(STATE, None, 6.5, ORIGIN, Mode.SHADOW, VERDICT, 3, injected=False)
+    protected = Protected(Levels(6.5, 12.0), Limits(25.0, 50.0), -3.0, alert=True)
+    got = output.status(STATE, None, protected, ORIGIN, Mode.SHADOW, VERDICT, 3, injected=False)
     assert got.age_of_fix_s is None
     assert got.place is not None
     assert got.reasons == ("vision_disagrees",)
-    assert got.protection_level_m == 6.5
-    fixed = output.status(STATE, S // 2, None, ORIGIN, Mode.AIDING, VERDICT, 3, injected=True)
+    assert (got.protection_level_m, got.vertical_protection_level_m, got.height_offset_m) == (6.5, 12.0, -3.0)
+    assert (got.alert_limit_m, got.vertical_alert_limit_m, got.available, got.alert) == (25.0, 50.0, True, True)
+    unknown = Protected(Levels(None, 12.0), Limits(25.0, 50.0))
+    fixed = output.status(STATE, S // 2, unknown, ORIGIN, Mode.AIDING, VERDICT, 3, injected=True)
+    assert not fixed.available
     assert fixed.age_of_fix_s == pytest.approx(0.5)
     empty = output.empty_status(5, Mode.WAITING, VERDICT, 2)
     assert (empty.place, empty.protection_level_m, empty.age_of_fix_s, empty.injected) == (None, None, None, False)

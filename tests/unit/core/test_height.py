@@ -1,0 +1,161 @@
+"""The error of the autopilot's height: learned, carried, doubted; and its level holds where fixes are wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from visloc_companion.core.height import HeightFilter, HeightFix, carried, news_of, observed, started
+from visloc_companion.core.settings import NavigatorSettings
+
+S = 1_000_000_000
+SETTINGS = NavigatorSettings()
+
+
+def fix(t_s: float, offset_m: float, sigma_m: float = 1.0, method: str = "deep", climbed_m: float = 0.0) -> HeightFix:
+    return HeightFix(round(t_s * S), round(t_s * 1000), offset_m, sigma_m**2, climbed_m, method, 1e-3)
+
+
+def fed(fixes: list[HeightFix], sigma_m: float = 4.0) -> HeightFilter:
+    heights = HeightFilter(SETTINGS, 0, 100.0, sigma_m)
+    for one in fixes:
+        heights.observe(one)
+    return heights
+
+
+def test_a_steady_offset_is_learned_and_stays_in_the_level() -> None:
+    heights = fed([fix(t, 6.0) for t in range(1, 40)])
+    offset_m, var_m2 = heights.at(40 * S, 100.0)
+    assert offset_m == pytest.approx(6.0, abs=0.1)
+    assert var_m2 < 0.3
+    level_m = heights.protection_level_m(40 * S, 100.0, 50.0)
+    assert 6.0 + 4 * SETTINGS.map_sigma_h_m < level_m < 6.0 + 8 * SETTINGS.map_sigma_h_m
+
+
+def test_before_any_fix_the_level_is_that_of_the_barometer() -> None:
+    assert fed([]).protection_level_m(1, 100.0, 50.0) == pytest.approx(4.42 * np.hypot(4.0, np.hypot(1.0, 0.25)), rel=0.03)
+
+
+def test_without_fixes_the_level_grows_as_the_barometer_drifts() -> None:
+    heights = fed([fix(t, 0.0) for t in range(1, 20)])
+    levels = [heights.protection_level_m((20 + 60 * k) * S, 100.0, 50.0) for k in range(5)]
+    assert levels == sorted(levels)
+    assert levels[-1] > levels[0] + 1.0
+
+
+def test_a_climb_stretches_what_is_unknown() -> None:
+    heights = fed([fix(t, 0.0) for t in range(1, 20)])
+    assert heights.protection_level_m(20 * S, 400.0, 350.0) > 4.42 * 0.03 * 300
+
+
+def test_the_stretch_of_a_climb_is_learned() -> None:
+    fixes = [fix(t, 1.0 + 0.05 * 5 * t, climbed_m=5.0 * t) for t in range(1, 60)]
+    offset_m, _ = fed(fixes).at(60 * S, 100.0 + 300.0)
+    assert offset_m == pytest.approx(16.0, abs=1.0)
+
+
+def test_a_jump_of_the_barometer_is_doubted_once_and_then_believed() -> None:
+    heights = fed([fix(t, 0.0) for t in range(1, 20)])
+    heights.observe(fix(20, 20.0))
+    assert abs(heights.at(20 * S, 100.0)[0]) < 2.0
+    assert heights.protection_level_m(20 * S, 100.0, 50.0) > 20.0  # this or the fix is wrong
+    heights.observe(fix(21, 20.0))
+    assert heights.at(21 * S, 100.0)[0] == pytest.approx(20.0, abs=1.0)
+
+
+def test_one_odd_fix_moves_nothing_for_long() -> None:
+    heights = fed([*(fix(t, 0.0) for t in range(1, 20)), fix(20, -30.0)])
+    assert heights.protection_level_m(20 * S, 100.0, 50.0) > 30.0
+    heights.observe(fix(21, 0.0))
+    assert abs(heights.at(21 * S, 100.0)[0]) < 1.0
+    assert heights.protection_level_m(21 * S, 100.0, 50.0) < 12.0
+
+
+def test_two_odd_fixes_that_disagree_move_nothing() -> None:
+    heights = fed([*(fix(t, 0.0) for t in range(1, 20)), fix(20, -30.0), fix(21, 30.0)])
+    assert abs(heights.at(21 * S, 100.0)[0]) < 1.0
+    assert heights.protection_level_m(21 * S, 100.0, 50.0) > 30.0
+
+
+def test_the_level_covers_a_vote_that_is_wrong_for_a_while() -> None:
+    """Two wrong fixes that pass the gate: where the height would be without them stays within the level."""
+    heights = fed([fix(1, 0.0), *(fix(t, 6.0) for t in (2, 2.5))])
+    offset_m, _ = heights.at(round(2.5 * S), 100.0)
+    assert offset_m > 2.0
+    level_m = heights.protection_level_m(round(2.5 * S), 100.0, 50.0)
+    believed = observed(observed(started(0, 4.0), fix(2, 6.0), SETTINGS), fix(2.5, 6.0), SETTINGS)
+    assert level_m > abs(offset_m) + 4.42 * np.hypot(np.sqrt(float(believed.P[0, 0])), 1.0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.permutations(range(10)), st.integers(0, 2**31))
+def test_the_order_of_arrival_does_not_matter(order: list[int], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    methods = ("deep", "structure")
+    fixes = [fix(1 + 0.5 * k, float(rng.normal(3, 4)), 1.0, methods[k % 2], float(k)) for k in range(10)]
+    late, right = fed([fixes[k] for k in order]), fed(fixes)
+    for t_s in (6.0, 9.0):
+        assert late.at(round(t_s * S), 104.0) == pytest.approx(right.at(round(t_s * S), 104.0), abs=1e-9)
+        levels = [h.protection_level_m(round(t_s * S), 104.0, 60.0) for h in (late, right)]
+        assert levels[0] == pytest.approx(levels[1], abs=1e-9)
+
+
+def test_what_is_older_than_the_memory_is_not_taken() -> None:
+    heights = fed([fix(t, 0.0) for t in range(1, 20)])
+    assert not heights.observe(fix(5, 3.0))
+    assert heights.observe(fix(15, 3.0))
+
+
+@given(st.floats(0.0, 100.0), st.lists(st.floats(0.0, 1.0), min_size=1, max_size=5))
+def test_carrying_is_the_same_for_any_division(seconds: float, parts: list[float]) -> None:
+    belief = observed(started(0, 4.0), fix(1, 1.0), SETTINGS)
+    end_ns = S + round(seconds * S)
+    once = carried(belief, end_ns, SETTINGS)
+    stepwise = belief
+    for share in sorted(parts):
+        stepwise = carried(stepwise, S + round(share * seconds * S), SETTINGS)
+    stepwise = carried(stepwise, end_ns, SETTINGS)
+    assert pytest.approx(once.P, abs=1e-9) == stepwise.P
+    assert pytest.approx(once.without.P, abs=1e-9) == stepwise.without.P
+
+
+@given(st.floats(-50, 50), st.floats(0.2, 3.0), st.floats(-50, 50), st.floats(0.5, 20.0))
+def test_the_prior_is_taken_out_of_a_fix(measured_m: float, sigma_m: float, prior_m: float, prior_sigma_m: float) -> None:
+    whole = sigma_m**-2 + prior_sigma_m**-2
+    given_m = (measured_m / sigma_m**2 + prior_m / prior_sigma_m**2) / whole
+    news = news_of(given_m, whole**-0.5, prior_m, prior_sigma_m)
+    if sigma_m**-2 < 0.099 * prior_sigma_m**-2:
+        assert news is None
+    elif sigma_m**-2 > 0.101 * prior_sigma_m**-2:
+        assert news is not None
+        assert news[0] == pytest.approx(measured_m, abs=1e-6)
+        assert news[1] == pytest.approx(sigma_m**2, rel=1e-6)
+
+
+def test_a_localiser_that_only_repeats_its_prior_says_nothing() -> None:
+    assert news_of(100.0, 1.5, 100.0, 1.5) is None
+    assert news_of(100.0, 1.6, 100.0, 1.5) is None
+
+
+def test_the_level_holds_on_flights_with_wrong_fixes() -> None:
+    """15 flights of 100 s, fixes wrong as often as they claim and by metres: no misleading epoch, and a level worth having."""
+    errors, levels = [], []
+    for seed in range(15):
+        rng = np.random.default_rng(seed)
+        offset, wrong = 4.0 * rng.standard_normal(), 0.0
+        common = SETTINGS.map_sigma_h_m * rng.standard_normal()
+        heights = HeightFilter(SETTINGS, 0, 100.0, 4.0)
+        for k in range(1, 200):
+            offset += 0.1 * np.sqrt(0.5) * rng.standard_normal()
+            claim = float(10 ** rng.uniform(-4, -1.5))
+            wrong = (wrong or float(rng.uniform(-20, 20))) if rng.random() < (0.5 if wrong else claim) else 0.0
+            seen = offset + common + wrong + rng.standard_normal()
+            heights.observe(replace(fix(k / 2, seen), probability_wrong=claim))
+            errors.append(abs(offset))
+            levels.append(heights.protection_level_m(round(k / 2 * S), 100.0, 50.0))
+    assert not any(error > level for error, level in zip(errors, levels, strict=True))
+    assert np.median(levels) < 5 * np.median(errors)

@@ -1,0 +1,89 @@
+"""From the navigator's events to the filter of the height: which height a fix is held against, and what its prior knew."""
+
+from __future__ import annotations
+
+import pytest
+
+from visloc_companion.core.height_aiding import REQUESTS, HeightAiding
+from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.types import Fix, FrameRef, GeoPoint, LocaliseRequest, PosePrior
+
+S = 1_000_000_000
+COV = ((1.0, 0.0), (0.0, 1.0))
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+
+
+def fix(t_s: float, h_amsl_m: float, sigma_m: float = 1.0, request_id: int = 1) -> Fix:
+    place, t_ns = GeoPoint(47.0, 8.0, h_amsl_m), round(t_s * S)
+    return Fix(t_ns, t_ns, request_id, request_id, "deep", place, LEVEL, COV, sigma_m, 0.02, 1e-3, 100.0)
+
+
+def request(request_id: int, h_amsl_m: float, sigma_m: float) -> LocaliseRequest:
+    prior = PosePrior(GeoPoint(47.0, 8.0, h_amsl_m), LEVEL, COV, sigma_m, 0.1, 0.02)
+    return LocaliseRequest(request_id, FrameRef(0, 0, request_id, 0, 640, 480, 3), prior, 1)
+
+
+def climbing() -> HeightAiding:
+    """100 m at 0 s, 2 m/s up, reports twice a second until 10 s."""
+    aiding = HeightAiding(NavigatorSettings())
+    for k in range(21):
+        aiding.drive(k * S // 2, 100.0 + k, 50.0 + k)
+    return aiding
+
+
+def test_nothing_is_known_before_the_autopilot_states_a_height() -> None:
+    aiding = HeightAiding(NavigatorSettings())
+    aiding.taken(fix(1.0, 100.0))
+    assert aiding.at(S, 100.0) is None
+
+
+def test_a_fix_is_held_against_the_height_at_its_own_time() -> None:
+    aiding = climbing()
+    for k in range(60, 100):
+        aiding.taken(fix(k / 10, 100.0 + 2 * k / 10 + 3.0, request_id=k))
+    height = aiding.at(10 * S, 120.0)
+    assert height is not None
+    assert height.offset_m == pytest.approx(3.0, abs=0.2)
+    assert height.protection_level_m > 3.0
+
+
+def test_what_the_prior_knew_is_not_counted_again() -> None:
+    """Fixes that repeat their prior's height (off by 5 m) to within its sigma teach nothing."""
+    aiding = climbing()
+    for k in range(60, 100):
+        aiding.asked(request(k, 125.0, 1.5))
+        aiding.taken(fix(k / 10, 125.0, 1.5, request_id=k))
+    height = aiding.at(10 * S, 120.0)
+    assert height is not None
+    assert height.offset_m == 0.0
+
+
+def test_priors_of_old_requests_are_forgotten() -> None:
+    aiding = climbing()
+    for k in range(3 * REQUESTS):
+        aiding.asked(request(k, 120.0, 1.5))
+    assert len(aiding._priors) == REQUESTS
+
+
+@pytest.mark.parametrize("t_s", [-5.0, 14.0])
+def test_a_fix_far_from_any_report_is_left_out(t_s: float) -> None:
+    aiding = climbing()
+    aiding.taken(fix(t_s, 200.0))
+    height = aiding.at(10 * S, 120.0)
+    assert height is not None
+    assert height.offset_m == 0.0
+
+
+def test_after_a_restart_of_the_autopilot_heights_begin_anew() -> None:
+    aiding = climbing()
+    aiding.forget_heights()
+    aiding.taken(fix(9.0, 150.0))
+    height = aiding.at(10 * S, 120.0)
+    assert height is not None
+    assert height.offset_m == 0.0
+    aiding.drive(11 * S, 122.0, 72.0)
+    aiding.drive(10 * S, 500.0, 72.0)  # late: left out
+    aiding.taken(fix(11.2, 125.0))
+    later = aiding.at(12 * S, 122.0)
+    assert later is not None
+    assert 1.0 < later.offset_m <= 3.0

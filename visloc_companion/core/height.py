@@ -1,0 +1,203 @@
+"""How far the autopilot's height is off: a filter of its error against fixes, and the solutions that leave fixes out.
+
+State (2,): `offset`, what must be added to the autopilot's height (a barometer's) at the start to get the true one, and `scale`,
+by how much that changes with each metre climbed (air that is not the standard atmosphere's). The offset walks. Nothing of it is
+sent to the autopilot: its height stays its own, and is judged here.
+
+A fix's height rests on the prior that its localiser was given, which is this height again: only what it adds is taken. A fix
+beyond the gate is wrong, or the barometer jumped: until the next one decides, the level covers both. Solutions that leave fixes
+out: separation.py; the level that they make: integrity.py.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from visloc_companion.core import integrity, separation
+from visloc_companion.core.separation import Solutions
+from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.types import FloatArray
+
+SCALE_SIGMA = 0.03
+"""Air 9 degrees warmer or colder than the standard atmosphere's stretches heights by this share."""
+GATE_SIGMA = 4.0
+HISTORY_NS = 6_000_000_000
+RECENT_NS = 30_000_000_000
+"""Methods whose fixes are no older than this are votes beside each other."""
+JUMPED = 0.5
+"""Probability that it was the barometer when one fix is refused: an assumption."""
+LEAST_NEWS = 0.1
+"""A fix that knows the height hardly better than its prior did says nothing: share of the prior's information."""
+NOTHING = Solutions(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0, np.int64))
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class HeightFix:
+    """What a fix says of the autopilot's height: raise it by `offset_m` (variance `var_m2`); it stood `climbed_m` above the start.
+
+    `tie` orders fixes of one time.
+    """
+
+    t_ns: int
+    tie: int
+    offset_m: float
+    var_m2: float
+    climbed_m: float
+    method: str
+    probability_wrong: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeightBelief:
+    """The filter at `t_ns`: mean x (2,), covariance P (2, 2), the time of the last fix that it rests on (or of its start), each
+    method with the time of its last fix, the solutions that leave fixes out, and the last fix if it was refused."""
+
+    t_ns: int
+    x: FloatArray
+    P: FloatArray
+    rested_ns: int
+    votes: tuple[tuple[str, int], ...] = ()
+    without: Solutions = NOTHING
+    refused: HeightFix | None = None
+
+
+def started(t_ns: int, sigma_m: float) -> HeightBelief:
+    """Before any fix: no error is known, of this 1-sigma."""
+    return HeightBelief(t_ns, np.zeros(2), np.diag([sigma_m**2, SCALE_SIGMA**2]), t_ns)
+
+
+def carried(belief: HeightBelief, t_ns: int, settings: NavigatorSettings) -> HeightBelief:
+    """The belief at a later time; the same for any division of the interval."""
+    dt_s = (t_ns - belief.t_ns) * 1e-9
+    if dt_s <= 0:
+        return belief
+    return replace(_widened(belief, settings.height_walk_m_per_sqrt_s**2 * dt_s), t_ns=t_ns)
+
+
+def observed(belief: HeightBelief, z: HeightFix, settings: NavigatorSettings) -> HeightBelief:
+    """The belief at `z.t_ns` after a fix."""
+    belief = carried(belief, z.t_ns, settings)
+    H = np.array([1.0, z.climbed_m])
+    innovation = z.offset_m - float(H @ belief.x)
+    if innovation**2 > GATE_SIGMA**2 * (float(H @ belief.P @ H) + z.var_m2):
+        if belief.refused is None or not _agree(belief.refused, z):
+            return replace(belief, refused=z)
+        belief = _widened(belief, innovation**2)
+    x, P = _updated(belief.x[None], belief.P[None], z, H)
+    votes = (*((method, t_ns) for method, t_ns in belief.votes if method != z.method), (z.method, z.t_ns))
+    without = _others(belief, z, H)
+    return HeightBelief(z.t_ns, x[0], P[0], z.t_ns, votes, _apart(without, H, x[0], P[0]))
+
+
+def _agree(a: HeightFix, b: HeightFix) -> bool:
+    return (a.offset_m - b.offset_m) ** 2 <= GATE_SIGMA**2 * (a.var_m2 + b.var_m2)
+
+
+def _others(belief: HeightBelief, z: HeightFix, H: FloatArray) -> Solutions:
+    among = belief.without
+    take = ~separation.leaving_out(among, z.method)
+    if take.any():
+        x, P, rested = among.x.copy(), among.P.copy(), among.rested_ns.copy()
+        x[take], P[take] = _updated(x[take], P[take], z, H)
+        rested[take] = z.t_ns
+        among = replace(among, x=x, P=P, rested_ns=rested)
+    recent = frozenset(method for method, t_ns in belief.votes if z.t_ns - t_ns <= RECENT_NS)
+    before = (belief.x, belief.P, belief.rested_ns)
+    return separation.without_fix(among, z.method, z.probability_wrong, before, recent)
+
+
+def _updated(x: FloatArray, P: FloatArray, z: HeightFix, H: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Means (K, 2) and covariances (K, 2, 2) after a scalar measurement, Joseph's form."""
+    PH = P @ H
+    K = PH / (PH @ H + z.var_m2)[:, None]
+    keep = np.eye(2) - K[:, :, None] * H
+    P = keep @ P @ keep.transpose(0, 2, 1) + z.var_m2 * K[:, :, None] * K[:, None, :]
+    return x + K * (z.offset_m - x @ H)[:, None], (P + P.transpose(0, 2, 1)) / 2
+
+
+def _widened(belief: HeightBelief, more_m2: float) -> HeightBelief:
+    P = belief.P.copy()
+    P[0, 0] += more_m2
+    without = belief.without
+    if len(without):
+        others = without.P.copy()
+        others[:, 0, 0] += more_m2
+        without = replace(without, P=others)
+    return replace(belief, P=P, without=without)
+
+
+def _apart(among: Solutions, H: FloatArray, x: FloatArray, P: FloatArray) -> Solutions:
+    """Without each single fix's solution that says no more than the filter does."""
+    variance = float(H @ P @ H)
+    near = np.square(among.x @ H - float(H @ x)) < separation.MERGED_SIGMA**2 * variance
+    same = near & (separation.MERGED_VARIANCE * variance > (among.P @ H) @ H)
+    return separation.chosen(among, ~(same & np.array([leaves == separation.ONE for leaves in among.leaves])))
+
+
+class HeightFilter:
+    """Folds fixes in the order of their times, so that a late one changes nothing but what came after it."""
+
+    def __init__(self, settings: NavigatorSettings, t_ns: int, h_amsl_m: float, sigma_m: float) -> None:
+        self._settings, self._start_amsl_m = settings, h_amsl_m
+        self._base = started(t_ns, sigma_m)
+        self._log: list[HeightFix] = []
+        self._beliefs: list[HeightBelief] = []
+
+    @property
+    def newest(self) -> HeightBelief:
+        """After the last fix."""
+        return self._beliefs[-1] if self._beliefs else self._base
+
+    def observe(self, fix: HeightFix) -> bool:
+        """Take a fix; False for one that is older than the memory."""
+        if fix.t_ns < self._base.t_ns:
+            return False
+        at = bisect_right(self._log, fix)
+        self._log.insert(at, fix)
+        del self._beliefs[at:]
+        for entry in self._log[at:]:
+            self._beliefs.append(observed(self.newest, entry, self._settings))
+        horizon_ns = self._log[-1].t_ns - HISTORY_NS
+        n_old = bisect_left(self._log, horizon_ns, key=lambda entry: entry.t_ns)
+        if n_old:
+            self._base = self._beliefs[n_old - 1]
+            del self._log[:n_old], self._beliefs[:n_old]
+        return True
+
+    def climbed_m(self, h_amsl_m: float) -> float:
+        """How far an autopilot's height lies above that of the start."""
+        return h_amsl_m - self._start_amsl_m
+
+    def at(self, t_ns: int, h_amsl_m: float) -> tuple[float, float]:
+        """By how much an autopilot's height at a time must be raised, and the variance of that."""
+        belief = carried(self.newest, t_ns, self._settings)
+        H = np.array([1.0, self.climbed_m(h_amsl_m)])
+        return float(H @ belief.x), float(H @ belief.P @ H)
+
+    def protection_level_m(self, t_ns: int, h_amsl_m: float, height_above_home_m: float) -> float:
+        """Bound of the error of an autopilot's height at a time (integrity.py)."""
+        belief = carried(self.newest, t_ns, self._settings)
+        H, without = np.array([1.0, self.climbed_m(h_amsl_m)]), belief.without
+        known = [(float(H @ belief.x), float(H @ belief.P @ H), 1.0)]
+        if belief.refused is not None:
+            known.append((belief.refused.offset_m, belief.refused.var_m2, JUMPED))
+        offset_m, var_m2, probability = np.array(known).T
+        offset_m = np.concatenate([offset_m, without.x @ H])
+        var_m2 = np.concatenate([var_m2, (without.P @ H) @ H])
+        probability = np.concatenate([probability, without.probability])
+        return integrity.vertical_protection_level_m(offset_m, var_m2, probability, height_above_home_m, self._settings)
+
+
+def news_of(h_amsl_m: float, sigma_m: float, prior_amsl_m: float, prior_sigma_m: float) -> tuple[float, float] | None:
+    """Height and variance that a fix adds to the prior of its request; None where it adds next to nothing.
+
+    Both are Gaussian, so the fix's information is the sum of the prior's and its own.
+    """
+    whole, known = sigma_m**-2, prior_sigma_m**-2
+    own = whole - known
+    if own < LEAST_NEWS * known:
+        return None
+    return (whole * h_amsl_m - known * prior_amsl_m) / own, 1 / own
