@@ -82,7 +82,7 @@ def test_everything_is_on_the_page(report: Path, tmp_path: Path) -> None:
     shown = chromium(report, tmp_path / "profile", "--dump-dom")
     for words in ("PASS", "Slow drag, then jamming", "The same flight without it", "no fix: ambiguous"):
         assert words in shown.stdout
-    assert shown.stdout.count('role="img"') == 4
+    assert shown.stdout.count('role="img"') == 6
     assert not re.findall(r"CONSOLE|Uncaught|Failed to load|ERR_", shown.stderr)
 
 

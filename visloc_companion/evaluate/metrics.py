@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from visloc_companion.evaluate import stanford
 from visloc_companion.evaluate.record import FixPoint, FlightRecord, Refusal
 from visloc_companion.types import FloatArray, Mode, Verdict
 
@@ -49,6 +50,10 @@ def flight_summary(
         "availability": availability(record, alert_limit_m),
         "hmi": count_hmi(record, alert_limit_m),
         "misleading": count_misleading(record),
+        "integrity": {
+            "horizontal": stanford.horizontal(record, alert_limit_m).summary(),
+            "vertical": stanford.vertical(record).summary(),
+        },
         "nees": mean_nees(record),
         "gnss": {
             "detected_at_s": detected_at_s(record, gnss_faults_s),
@@ -196,15 +201,15 @@ def latency_ms(answer: FixPoint | Refusal, which: Literal["arrival", "computatio
 
 EPOCH_COLUMNS = (
     *("t_s", "mode", "verdict", "reasons", "estimate_n_m", "estimate_e_m", "estimate_d_m", "truth_n_m", "truth_e_m", "truth_d_m"),
-    *("error_m", "sigma_m", "protection_level_m", "injected"),
+    *("error_m", "sigma_m", "protection_level_m", "vertical_error_m", "vertical_protection_level_m", "injected"),
 )
 
 
 def write_epochs(record: FlightRecord, path: Path) -> None:
     """One CSV row a tick; positions NED about the record's origin, empty where unknown."""
-    numbers = np.column_stack(
-        [record.estimate_ned_m, record.truth_ned_m, record.error_m, record.sigma_m, record.protection_level_m]
-    )
+    held = [record.error_m, record.sigma_m, record.protection_level_m]
+    vertical = [record.vertical_error_m, record.vertical_protection_level_m]
+    numbers = np.column_stack([record.estimate_ned_m, record.truth_ned_m, *held, *vertical])
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(EPOCH_COLUMNS)

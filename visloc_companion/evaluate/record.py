@@ -110,6 +110,7 @@ class FlightRecord:
 
     Epochs are the ticks (N): `estimate_ned_m` (N, 3) is NaN while there is no state, `truth_ned_m` (N, 3) where the truth is
     unknown; `cov_ne_m2` (N, 2, 2), `sigma_m` (N,) the larger 1-sigma axis, `protection_level_m` (N,) NaN where none is stated;
+    `vertical_protection_level_m` (N,) and the limits `alert_limit_m`, `vertical_alert_limit_m` (N,) likewise;
     `modes`, `verdicts` (N) names, `reasons` (N) of the verdict, `injected` (N,) whether the tick sent a position.
     `gnss` is what the first receiver reported while it claimed a 3D fix; `injection_t_s` (K,) all injections.
     `truth` is the true path at its own rate.
@@ -124,6 +125,9 @@ class FlightRecord:
     cov_ne_m2: FloatArray
     sigma_m: FloatArray
     protection_level_m: FloatArray
+    vertical_protection_level_m: FloatArray
+    alert_limit_m: FloatArray
+    vertical_alert_limit_m: FloatArray
     modes: tuple[str, ...]
     verdicts: tuple[str, ...]
     reasons: tuple[tuple[str, ...], ...]
@@ -145,6 +149,11 @@ class FlightRecord:
     def error_m(self) -> FloatArray:
         """(N,) horizontal error."""
         return np.asarray(np.hypot(*self.error_ne_m.T), dtype=np.float64)
+
+    @property
+    def vertical_error_m(self) -> FloatArray:
+        """(N,) distance of the stated height from the true one."""
+        return np.abs(self.estimate_ned_m[:, 2] - self.truth_ned_m[:, 2])
 
     def while_verdict(self, *verdicts: str) -> NDArray[np.bool_]:
         """(N,) the epochs at which one of these verdicts stood."""
@@ -215,9 +224,10 @@ def from_entries(
         truth_ned_m=true_path.at(t_s),
         cov_ne_m2=cov,
         sigma_m=np.where(has_state, sigma, np.nan),
-        protection_level_m=np.array(
-            [np.nan if s.protection_level_m is None else s.protection_level_m for s in statuses], dtype=np.float64
-        ),
+        protection_level_m=_known(s.protection_level_m for s in statuses),
+        vertical_protection_level_m=_known(s.vertical_protection_level_m for s in statuses),
+        alert_limit_m=_known(s.alert_limit_m for s in statuses),
+        vertical_alert_limit_m=_known(s.vertical_alert_limit_m for s in statuses),
         modes=tuple(str(s.mode) for s in statuses),
         verdicts=tuple(str(s.verdict) for s in statuses),
         reasons=tuple(s.reasons for s in statuses),
@@ -256,6 +266,10 @@ def _origin(samples: list[TruthSample], got: _Collected) -> GeoPoint:
 
 def _seconds(times_ns: list[int], start_ns: int) -> FloatArray:
     return np.array([(t_ns - start_ns) / NS_PER_S for t_ns in times_ns], dtype=np.float64)
+
+
+def _known(values: Iterable[float | None]) -> FloatArray:
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
 
 def _positions(places: Sequence[GeoPoint | None], origin: GeoPoint) -> FloatArray:

@@ -25,6 +25,7 @@ from visloc_companion.evaluate.record import FixPoint, FlightRecord, Refusal, re
 from visloc_companion.evaluate.report_charts import latency_histogram, spans, time_chart, time_legend
 from visloc_companion.evaluate.report_map import MapImage, flight_map, map_legend, view_of
 from visloc_companion.evaluate.report_pictures import PicturePair, picture_section
+from visloc_companion.evaluate.report_stanford import stanford_section
 from visloc_companion.evaluate.report_style import CSS
 from visloc_companion.types import FloatArray, Verdict
 
@@ -32,6 +33,7 @@ _DEFINITIONS = (
     ("Horizontal error", "distance between our estimate and the truth at one output tick."),
     ("1-sigma", "the error that the estimate itself claims, along the larger axis of its covariance."),
     ("Protection level", "the bound that the error is claimed to exceed only with the configured small risk."),
+    ("Vertical level", "the same for the height that is stated: the autopilot's own, of its barometer."),
     ("Misleading epoch", "a tick at which the error exceeded the protection level."),
     ("HMI", "hazardously misleading: the error exceeded the alert limit while the protection level did not."),
     ("Availability", "share of ticks since the first estimate at which the protection level was within the alert limit."),
@@ -75,6 +77,7 @@ def write_flight_report(
         _maps(record, baseline, map_image, strayed, gnss_faults_s),
         picture_section(pictures),
         _over_time(record, alert_limit_m, strayed),
+        stanford_section(record, alert_limit_m),
         _answers(record, summary, latency),
         _events(record),
         _definitions(),

@@ -76,11 +76,17 @@ def worst_cases_section(cases: Sequence[str]) -> str:
 
 def case_section(case_id: str, words: str, note: str, shots: Sequence[tuple[Image | None, str]]) -> str:
     """One case: what is to be said, a note in small print, and its pictures (H, W, 3) RGB with captions, None for none."""
-    images = "".join(_captioned(image, caption) for image, caption in shots if image is not None)
+    images = "".join(captioned(_jpeg(image), caption) for image, caption in shots if image is not None)
     return (
         f'<section class="case"><b>{escape(case_id)}</b>: {escape(words)}<br>'
         f'<span class="soft">{escape(note)}</span><div class="shots">{images}</div></section>'
     )
+
+
+def captioned(jpeg: bytes, caption: str) -> str:
+    """A picture with its caption."""
+    data, words = base64.b64encode(jpeg).decode("ascii"), escape(caption)
+    return f'<figure><img src="data:image/jpeg;base64,{data}" alt="{words}"><figcaption>{words}</figcaption></figure>'
 
 
 def percent(value: float | None) -> str:
@@ -93,10 +99,9 @@ def rounded(value: float | None, unit: str = "", digits: int = 2) -> str:
     return "–" if value is None else f"{value:.{digits}f}{unit}"
 
 
-def _captioned(picture: Image, caption: str) -> str:
+def _jpeg(picture: Image) -> bytes:
     _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-    data, words = base64.b64encode(jpeg.tobytes()).decode("ascii"), escape(caption)
-    return f'<figure><img src="data:image/jpeg;base64,{data}" alt="{words}"><figcaption>{words}</figcaption></figure>'
+    return jpeg.tobytes()
 
 
 def _text(value: Any) -> str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
+
+from visloc_companion.evaluate.report_parts import captioned
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,13 +22,8 @@ def picture_section(pairs: Sequence[PicturePair]) -> str:
     if not pairs:
         return ""
     shown = "".join(
-        _figure(jpeg, f"{words} at {pair.t_s:.0f} s")
+        captioned(jpeg, f"{words} at {pair.t_s:.0f} s")
         for pair in pairs
         for words, jpeg in (("what the camera saw", pair.camera), ("the map there", pair.map))
     )
     return f'<h2>Camera and map</h2><div class="pairs">{shown}</div>'
-
-
-def _figure(jpeg: bytes, words: str) -> str:
-    data = base64.b64encode(jpeg).decode("ascii")
-    return f'<figure><img alt="{words}" src="data:image/jpeg;base64,{data}"><figcaption>{words}</figcaption></figure>'

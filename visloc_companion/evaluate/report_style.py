@@ -48,6 +48,11 @@ text{fill:var(--ink);font-size:14px;font-family:inherit}.label{fill:var(--soft);
 .band-suspect{fill:var(--suspect-fill);opacity:.45}.band-denied{fill:var(--denied-fill);opacity:.45}.plate{fill:var(--bg);opacity:.82}
 .s-ok{fill:var(--ok-fill)}.s-suspect{fill:var(--suspect-fill)}.s-denied{fill:var(--denied-fill)}.s-waiting{fill:var(--waiting-fill)}
 .s-shadow{fill:var(--shadow-fill)}.s-aiding{fill:var(--aiding-fill)}.s-dead_reckoning{fill:var(--dead-fill)}.s-lost{fill:var(--lost-fill)}
+.r-available{fill:var(--ok-fill);opacity:.45}.r-unavailable{fill:var(--suspect-fill);opacity:.4}
+.r-unavailable_misleading{fill:var(--suspect-fill);opacity:.7}.r-misleading{fill:var(--denied-fill);opacity:.45}
+.r-hazardous{fill:var(--denied-fill);opacity:.95}
+.dotr-available{fill:var(--good)}.dotr-unavailable,.dotr-unavailable_misleading{fill:var(--warn)}
+.dotr-misleading,.dotr-hazardous{fill:var(--bad)}.d0{fill-opacity:.35}.d1{fill-opacity:.55}.d2{fill-opacity:.8}
 .s-on{fill:var(--on-fill)}.s-off{fill:var(--waiting-fill)}
 @media (max-width:760px){main{padding:14px 12px 36px}.two{grid-template-columns:minmax(0,1fr)}h1{font-size:22px}
 .map text{font-size:21px}.half text{font-size:19px}td,th{padding:5px 6px;font-size:14px}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -76,7 +76,10 @@ def make_entries(duration_s: float = 200.0, seed: int = 1) -> list[Entry]:
         injected = mode in (Mode.AIDING, Mode.DEAD_RECKONING)
         reasons = ("no fix",) if denied else ("disagrees with vision",) if suspect else ()
         level = None if estimate is None else 4.5 * sigma
-        status = Status(ns(t), mode, verdict, reasons, estimate, (0, 0, 0), cov, 1.0, level, 0.3, injected, 0)
+        above = None if estimate is None else replace(estimate, h_amsl_m=estimate.h_amsl_m + 2.5 + math.sin(t / 30))
+        high = None if estimate is None else 9.0 + math.sin(t / 9)
+        limits = (high, -2.5, 25.0, 50.0)
+        status = Status(ns(t), mode, verdict, reasons, above, (0, 0, 0), cov, 1.0, level, 0.3, injected, 0, *limits)
         if injected and estimate is not None:
             entries.append(Entry(ns(t), None, Injection(ns(t), (n, e, d), estimate, LEVEL, cov, 1.0, 0.05, 0)))
         entries.append(Entry(ns(t), None, status))

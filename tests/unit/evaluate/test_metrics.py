@@ -29,7 +29,7 @@ from visloc_companion.types import GeoPoint, Injection, Mode, Status, Verdict
 
 KEYS = {
     "schema", "duration_s", "n_frames", "n_fixes", "n_no_fix", "reasons", "error_horizontal_m", "availability", "hmi",
-    "misleading", "nees", "gnss", "injected", "latency_ms", "epochs",
+    "misleading", "nees", "gnss", "injected", "latency_ms", "epochs", "integrity",
 }  # fmt: skip
 
 
@@ -62,6 +62,8 @@ def test_the_summary_has_exactly_the_agreed_fields(synthetic: ModuleType) -> Non
     assert set(summary["gnss"]) == {"detected_at_s", "false_alarms"}
     assert set(summary["injected"]) == {"n", "rate_hz", "gap_max_ms"}
     assert set(summary["latency_ms"]) == {"p50", "p95", "p99"}
+    assert summary["integrity"]["horizontal"]["hazardous"] == summary["hmi"]
+    assert summary["integrity"]["vertical"]["epochs"] == summary["integrity"]["horizontal"]["epochs"]
     json.dumps(summary, allow_nan=False)
     assert summary["reasons"]["ambiguous"] + summary["reasons"]["no_match"] == summary["n_no_fix"]
 
