@@ -1,7 +1,7 @@
 """Every scenario of the library, flown and judged: one table.
 
     python -m benchmarks.scenarios [--only NAME ...] [--dialects ardupilot px4] [--vehicles copter plane] [--seeds 1]
-                                   [--size 1000] [--method deep] [--write docs/scenarios.md]
+                                   [--size 1000] [--width 640] [--method deep] [--write docs/scenarios.md]
 
 Flights are those of `visloc sim`, over the procedural world of a given size. With --write the tables in that file are replaced.
 """
@@ -110,7 +110,8 @@ def flown_rows(options: argparse.Namespace) -> list[Row]:
             for vehicle in options.vehicles:
                 for seed in options.seeds:
                     kind = AutopilotKind(dialect)
-                    setup = FlightSetup(scenario, world.area(), kind, cast("VehicleKind", vehicle), seed)
+                    which = cast("VehicleKind", vehicle)
+                    setup = FlightSetup(scenario, world.area(), kind, which, seed, width_px=options.width)
                     began = time.process_time()
                     flown = fly(setup, world, method=options.method)
                     rows.append(Row(flown, time.process_time() - began))
@@ -133,6 +134,7 @@ def main() -> None:
     parser.add_argument("--vehicles", nargs="+", choices=["copter", "plane"], default=["copter"])
     parser.add_argument("--seeds", nargs="+", type=int, default=[1])
     parser.add_argument("--size", type=float, default=1000.0)
+    parser.add_argument("--width", type=int, default=640, help="columns of the camera")
     parser.add_argument("--method", default=DEFAULT_METHOD)
     parser.add_argument("--write", type=Path)
     options = parser.parse_args()

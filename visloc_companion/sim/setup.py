@@ -68,7 +68,10 @@ class FlightArea:
 
 @dataclass(frozen=True, slots=True)
 class FlightSetup:
-    """Everything that makes a flight repeatable. `structure`: whether that vote is asked for where the image fails."""
+    """Everything that makes a flight repeatable. `structure`: whether that vote is asked for where the image fails.
+
+    `width_px`: the camera's columns; a coarse one is rendered sooner.
+    """
 
     scenario: Scenario
     area: FlightArea
@@ -77,6 +80,7 @@ class FlightSetup:
     seed: int
     height_asked_m: float | None = None
     structure: bool = True
+    width_px: int = 640
 
     @property
     def height_m(self) -> float:
@@ -85,9 +89,10 @@ class FlightSetup:
         return self.height_asked_m or self.scenario.height_m or max(120.0, 150.0 * self.area.gsd_m)
 
     def camera_model(self) -> CameraModel:
-        """640 x 480 pixels over 60 degrees, as the daemon believes the camera to be."""
-        focal_px = 320.0 / math.tan(FIELD_OF_VIEW_RAD / 2)
-        return CameraModel(640, 480, focal_px, focal_px, 319.5, 239.5)
+        """640 x 480 pixels (or a coarser 4:3) over 60 degrees, as the daemon believes the camera to be."""
+        width, height = self.width_px, self.width_px * 3 // 4
+        focal_px = width / 2 / math.tan(FIELD_OF_VIEW_RAD / 2)
+        return CameraModel(width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2)
 
     def mission_ned_m(self) -> tuple[Vec3, ...]:
         """The scenario's course (NED about home), which keeps the camera's footprint on the map or leaves it on purpose.
