@@ -20,6 +20,7 @@ from visloc_companion.adapters.systemd.notify import Notifier
 from visloc_companion.app.camera_feed import CameraFeed
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.constructors import CONSTRUCTORS
+from visloc_companion.app.first_position import At, FirstPosition
 from visloc_companion.app.ground_check import GroundCheck
 from visloc_companion.app.health import Health
 from visloc_companion.app.mailbox import Mailbox
@@ -59,7 +60,7 @@ _WATCH_S = 0.5
 class Daemon:
     """A daemon whose parts are assembled. `run` serves until `stop` is set."""
 
-    def __init__(self, parts: Parts, make: Constructors, notifier: Notifier) -> None:
+    def __init__(self, parts: Parts, make: Constructors, notifier: Notifier, at: At | None = None) -> None:
         if parts.link is None:
             raise ValueError("a daemon needs a link")
         self.parts, self.link = parts, parts.link
@@ -75,6 +76,7 @@ class Daemon:
         self._group: asyncio.TaskGroup | None = None
         self._link_up = self._stopping = False
         self._ground = GroundCheck(parts.config, parts.clock, self.handle)
+        self._first = FirstPosition(at)
 
     # ------------------------------------------------------------------------------------------------- events, commands
 
@@ -182,6 +184,8 @@ class Daemon:
                 self._link_up = event.up
             self._ground.heard(event)
             self.handle(event)
+            if (first := self._first.heard(event)) is not None:
+                self.handle(first)
         if not self._stopping:
             raise LinkError("ended by itself", where=self.parts.config.link.url, remedy="this is a fault; start visloc again")
 
@@ -274,8 +278,12 @@ async def run_daemon(
     make: Constructors | None = None,
     notifier: Notifier | None = None,
     on_ready: Callable[[Daemon], None] | None = None,
+    at: At | None = None,
 ) -> None:
-    """Assemble and serve until `stop` is set. Raises StartFailed with all that stands against the start."""
+    """Assemble and serve until `stop` is set; `at`: where the vehicle is, as the operator says.
+
+    Raises StartFailed with all that stands against the start.
+    """
     clock = MonotonicClock(config.clock.speed) if clock is None else clock
     make = CONSTRUCTORS if make is None else make
     notifier = Notifier() if notifier is None else notifier
@@ -297,7 +305,7 @@ async def run_daemon(
     if parts is None:
         return
     try:
-        daemon = Daemon(parts, make, notifier)
+        daemon = Daemon(parts, make, notifier, at)
         daemons.append(daemon)
         for notice in early:
             daemon.report(notice)

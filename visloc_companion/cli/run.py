@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
+    from visloc_companion.app.first_position import At
     from visloc_companion.config import Config
     from visloc_companion.errors import VislocError
 
@@ -16,19 +17,25 @@ if TYPE_CHECKING:
 def run(
     config: Annotated[Path, typer.Option("--config", help="Configuration (TOML), see docs/configuration.md.")],
     check: Annotated[bool, typer.Option("--check", help="Validate everything, print the effective configuration, end.")] = False,
+    at: Annotated[
+        str, typer.Option("--at", metavar="LAT,LON", help="Where the vehicle is, degrees; for starts without GNSS.")
+    ] = "",
+    sigma: Annotated[float, typer.Option("--sigma", help="How well that is known: 1-sigma radius in metres.")] = 50.0,
     json: Annotated[Path | None, typer.Option("--json", help="Write what --check found as JSON.")] = None,
 ) -> None:
     """Localise and inject until SIGTERM or Ctrl-C. Exit codes: 0 ok, 2 configuration, 3 data, 4 link."""
+    from visloc_companion.app.first_position import At
     from visloc_companion.config import load_config
 
     settings = load_config(config)
+    first = At.parsed(at, sigma) if at else None
     if check:
         _finish(_check(settings, json))
     _start_logging()
-    _finish(_serve(settings))
+    _finish(_serve(settings, first))
 
 
-def _serve(config: Config) -> list[VislocError]:
+def _serve(config: Config, at: At | None) -> list[VislocError]:
     import asyncio
     import signal
 
@@ -39,7 +46,7 @@ def _serve(config: Config) -> list[VislocError]:
         stop = asyncio.Event()
         for number in (signal.SIGTERM, signal.SIGINT):
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
-        await run_daemon(config, stop=stop)
+        await run_daemon(config, stop=stop, at=at)
 
     problems: list[VislocError] = []
     try:

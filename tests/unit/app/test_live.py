@@ -19,6 +19,7 @@ import structlog
 from visloc_companion.adapters.systemd.notify import Notifier
 from visloc_companion.app import camera_feed
 from visloc_companion.app.clock import MonotonicClock
+from visloc_companion.app.first_position import At
 from visloc_companion.app.journal import Entry, read_header, read_journal
 from visloc_companion.app.live import Daemon, run_daemon
 from visloc_companion.app.parts import Constructors, StartFailed
@@ -144,7 +145,7 @@ def constructors(link: FakeLink, cameras: list[Any], answers: str, **camera: Any
 
 
 @asynccontextmanager
-async def flight(config: Config, answers: str = "prior_is_right", **camera: Any) -> AsyncIterator[Flight]:
+async def flight(config: Config, answers: str = "prior_is_right", at: At | None = None, **camera: Any) -> AsyncIterator[Flight]:
     clock, stop, cameras = MonotonicClock(), asyncio.Event(), list[Any]()
     link, notifier = FakeLink(clock, origin=HOME), FakeNotifier()
     ready: asyncio.Future[Daemon] = asyncio.get_running_loop().create_future()
@@ -156,6 +157,7 @@ async def flight(config: Config, answers: str = "prior_is_right", **camera: Any)
             make=constructors(link, cameras, answers, **camera),
             notifier=notifier,
             on_ready=ready.set_result,
+            at=at,
         )
     )
     try:
@@ -226,6 +228,13 @@ async def test_frames_are_localised_and_positions_injected_and_the_journal_repla
     comparison = compare_with_recording(path)
     assert comparison.first_difference is None
     assert comparison.n_recorded == comparison.n_replayed >= 20  # ten injections, each with its Status
+
+
+async def test_the_daemon_begins_where_it_is_told_that_the_vehicle_is(tmp_path: Path) -> None:
+    config = configuration(tmp_path)
+    async with flight(config, at=At(HOME.lat_deg, HOME.lon_deg, 20.0)) as f, hovering(f):
+        await f.until(lambda: f.link.injections, "an injection")
+    assert [notice.text for notice in f.link.notices].count("visloc: position set by operator") == 1
 
 
 async def test_a_killed_worker_costs_nothing_but_its_frame(tmp_path: Path) -> None:

@@ -44,6 +44,12 @@ def test_check_prints_the_effective_configuration(tmp_path: Path) -> None:
     assert found["found"]["versions"]["visloc-companion"]
 
 
+def test_a_first_position_that_is_none_is_refused_before_anything_starts(tmp_path: Path) -> None:
+    done = visloc_run(configuration(tmp_path, ""), "--at", "47.0;8.0")
+    assert done.returncode == 2
+    assert "--at LAT,LON" in done.stderr
+
+
 def test_check_names_every_problem_in_one_tree(tmp_path: Path) -> None:
     text = '[link]\nurl = "pigeon:home"\n[camera]\nurl = "teleport:x"\n[map]\npack = "/none"\n[journal]\nfolder = "/proc/none"\n'
     done = visloc_run(configuration(tmp_path, text), "--check", "--json", str(tmp_path / "found.json"))
