@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from visloc_companion.core.navigator import Navigator
+from visloc_companion.core.place_search import MOST_WRONG
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.geo.wgs84 import distance_m, geo_from_ned
@@ -71,12 +72,23 @@ class Way:
 
 @dataclass(slots=True)
 class Outcome:
-    """How a flight ended: when the navigator was anchored (s), how far off (m), and what the answers cost (CPU ms)."""
+    """How a flight ended: when the navigator was anchored (s), how far off (m), and what the answers cost (CPU ms).
+
+    `elsewhere` counts the tests about places where the vehicle is not, `mistaken` those of them that gave a fix which counts.
+    """
 
     anchored_s: float | None = None
     off_m: float | None = None
     tile_ms: list[float] = field(default_factory=list)
     test_ms: list[float] = field(default_factory=list)
+    elsewhere: int = 0
+    mistaken: int = 0
+
+    def line(self) -> str:
+        """For the progress of a run."""
+        cpu = f"{len(self.tile_ms)} tiles {sum(self.tile_ms):.0f} ms, {len(self.test_ms)} tests {sum(self.test_ms):.0f} ms"
+        cpu += f", {self.mistaken} of {self.elsewhere} mistaken"
+        return f"not anchored, {cpu}" if self.off_m is None else f"{self.anchored_s:.1f} s, {self.off_m:.1f} m off, {cpu}"
 
 
 class KidnappedFlight:
@@ -164,7 +176,16 @@ class KidnappedFlight:
         took_s = time.process_time() - started
         is_tile = math.sqrt(request.prior.cov_ne_m2[0][0]) > self._far_m
         (self.outcome.tile_ms if is_tile else self.outcome.test_ms).append(1e3 * took_s)
+        self._count(request, answer, place, is_tile)
         self._answers.append((self._t_s + TRANSFER_S + max(LEAST_LATENCY_S, took_s), answer))
+
+    def _count(self, request: LocaliseRequest, answer: Fix | NoFix, truth: GeoPoint, is_tile: bool) -> None:
+        """Note an answer about a place where the vehicle is not. A search that finds it all the same is no mistake."""
+        reach_m = 3 * math.sqrt(max(request.prior.cov_ne_m2[0][0], request.prior.cov_ne_m2[1][1]))
+        if is_tile or distance_m(request.prior.place, truth) <= 1.5 * reach_m:
+            return
+        self.outcome.elsewhere += 1
+        self.outcome.mistaken += isinstance(answer, Fix) and answer.probability_wrong <= MOST_WRONG
 
 
 def _ns(t_s: float) -> int:

@@ -33,7 +33,8 @@ LISTED_HEIGHTS = 0.1
 APART_HEIGHTS = 0.5
 """A listed place that is nearer than this to the fix of the same answer is the same one."""
 TEST_EVERY_NS = 2_000_000_000
-LISTED = 4
+LISTED, LEAST_MASS = 4, 0.02
+"""Of the modes that a search lists so many become hypotheses, unless its posterior has them less likely than the second."""
 MOST_WRONG = 0.02
 """A fix that claims to be wrong with a larger probability tells nothing. On the training landscape 157 of 168 searches about the
 right place gave a better one, none of about 800 about another place that a tile had listed (two gave a worse one)."""
@@ -218,7 +219,7 @@ def _places_of(answer: Fix | NoFix, centre_ne_m: Vec2, origin: GeoPoint, apart_m
         found.append((north, east))
     told = dict(answer.evidence)
     for k in range(1, LISTED + 1):
-        if f"mode{k}_north_m" not in told:
+        if f"mode{k}_north_m" not in told or told.get(f"mode{k}_probability", 1.0) < LEAST_MASS:
             break
         place = (centre_ne_m[0] + told[f"mode{k}_north_m"], centre_ne_m[1] + told[f"mode{k}_east_m"])
         if all(math.dist(place, other) >= apart_m for other in found):

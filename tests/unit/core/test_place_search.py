@@ -123,6 +123,15 @@ def test_answers_that_are_thrown_away() -> None:
     assert not search.places
 
 
+def test_modes_that_are_unlikely_are_left_out() -> None:
+    search = PlaceSearch(2000.0)
+    search.next(1, S, HEIGHT_M, 3.0, Reach())
+    told = {"mode1_north_m": 100.0, "mode1_east_m": 0.0, "mode1_probability": 0.97}
+    told |= {"mode2_north_m": -300.0, "mode2_east_m": 0.0, "mode2_probability": 0.01}
+    search.answered(NoFix(0, S, 1, 1, "test", Reason.AMBIGUOUS, 1.0, evidence=tuple(told.items())), ORIGIN, S)
+    assert [h.place_ne_m for h in search.places] == [(100.0, 0.0)]
+
+
 def test_a_frame_that_shows_nothing_speaks_against_no_place() -> None:
     search, worker = PlaceSearch(2000.0), Worker(start=(0.0, 0.0))
     search.answered(worker.answer(1, 1.0, search.next(1, S, HEIGHT_M, 3.0, Reach())), ORIGIN, S)
