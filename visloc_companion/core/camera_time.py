@@ -28,6 +28,8 @@ UNKNOWN_S = 0.05
 """1-sigma of the stamps while nothing is known of their offset."""
 WRONG_STAMP_S = 0.04
 """Stamps of the camera's own are contradicted beyond this."""
+ASK_AFTER_NS = 90_000_000_000
+"""An offset that is unknown for so long is told to the operator."""
 FRAMES_KEPT, TURNS_KEPT = 64, 8
 
 
@@ -44,7 +46,8 @@ class CameraTime:
         self._frame_sigma_s = 0.0
         self._stamps: OrderedDict[int, int] = OrderedDict()
         self._waiting: deque[tuple[Turn, tuple[int, int]]] = deque(maxlen=TURNS_KEPT)
-        self._told = False
+        self._told = self._asked_to_turn = False
+        self._since_ns: int | None = None
 
     @property
     def estimate(self) -> Offset:
@@ -67,6 +70,7 @@ class CameraTime:
         if frame.t_boot_ns is not None:
             taken_ns = stamp_ns = self._clock.shell_ns(frame.t_boot_ns, frame.t_ns)
         elif self._by_arrival:
+            self._since_ns = frame.t_ns if self._since_ns is None else self._since_ns
             even = self._even.on_arrival(frame.t_ns, frame.frame_id)
             stamp_ns, self._frame_sigma_s = even.t_ns, even.sigma_s
             taken_ns = stamp_ns + (0 if self._used is None else round(self._used.offset_s * 1e9))
@@ -89,7 +93,7 @@ class CameraTime:
             self._waiting.popleft()
             sigma_s = self._frame_sigma_s if self._by_arrival else 0.0
             learned |= self._offset.add(waits, (first_ns, last_ns), sigma_s, self._attitude, q_frd_cambody)
-        return self._judged() if learned else []
+        return [*(self._judged() if learned else []), *self._still_unknown()]
 
     def stated(self, fix: Fix, v_ned_mps: Vec3) -> Fix:
         """The fix with what its time may be off by in its covariance, along the velocity."""
@@ -114,6 +118,21 @@ class CameraTime:
         self._used = best
         data = (("offset_s", best.offset_s), ("sigma_s", best.sigma_s))
         return [Notice(Severity.INFO, "camera's delay found", data=data)] if first else []
+
+    def _still_unknown(self) -> list[Command]:
+        """Once: the flight has not turned enough to tell when frames are taken."""
+        if (
+            not self._by_arrival
+            or self._used is not None
+            or self._asked_to_turn
+            or self._told
+            or not self._stamps
+            or self._since_ns is None
+        ):
+            return []
+        self._asked_to_turn = next(reversed(self._stamps.values())) - self._since_ns > ASK_AFTER_NS
+        text = "visloc: camera delay unknown, fly some turns"
+        return [Notice(Severity.NOTICE, text, to_operator=True)] if self._asked_to_turn else []
 
     def _complaint(self, best: Offset) -> list[Command]:
         """Once: an offset that is too large to be used, or stamps of the camera's own that are wrong."""

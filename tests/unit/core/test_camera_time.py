@@ -87,12 +87,20 @@ def test_jitter_goes_too() -> None:
 def test_a_flight_that_never_turns_leaves_frames_as_they_are_and_says_so() -> None:
     vehicle = Vehicle(0.3, rocking_rad=0.0)
     vehicle.attitude_at = lambda t_s: LEVEL  # type: ignore[method-assign]
-    vehicle.fly(30)
+    vehicle.fly(60)
+    assert vehicle.told == []
     assert vehicle.errors_s[-1] == pytest.approx(0.3, abs=1e-6)
     assert vehicle.camera.sigma_s >= UNKNOWN_S
     assert vehicle.camera.estimate.sigma_s > 0.1
     (nn, ne), (_, ee) = vehicle.camera.stated(FIX, (20.0, 0.0, 0.0)).cov_ne_m2
     assert (nn, ne, ee) == pytest.approx((1 + (20 * UNKNOWN_S) ** 2, 0.0, 1.0), abs=1e-3)
+
+
+def test_who_never_turns_is_asked_to_once() -> None:
+    vehicle = Vehicle(0.3)
+    vehicle.attitude_at = lambda t_s: LEVEL  # type: ignore[method-assign]
+    vehicle.fly(200)
+    assert vehicle.told == ["visloc: camera delay unknown, fly some turns"]
 
 
 def test_stamps_of_the_cameras_own_stay_and_wrong_ones_are_told_once() -> None:
