@@ -238,8 +238,8 @@ def _text(value: float | None, digits: int) -> str:
 
 
 HEADER = (
-    "| world | trials | right within 30 s | within 60 s | wrong | tests elsewhere mistaken | anchored after s: median | 95 % | off by m: median | max | "
-    "CPU ms a tile: median | 95 % | CPU ms a test | peak memory MB |"
+    "| world | trials | right within 30 s | within 60 s | wrong | tests elsewhere mistaken | anchored after s: median | 95 % | "
+    "off by m: median | max | CPU ms a tile: median | 95 % | CPU ms a test | peak memory MB |"
 )
 
 if __name__ == "__main__":

@@ -149,7 +149,10 @@ class PlaceSearch:
     def answered(self, answer: Fix | NoFix, origin: GeoPoint, now_ns: int) -> Found | None:
         """Take the answer to the open question; the vehicle's place now, where that is found."""
         asked, self._asked = self._asked, None
-        if asked is None or (isinstance(answer, NoFix) and answer.reason in NO_ANSWER):
+        if asked is None:
+            return None
+        if isinstance(answer, NoFix) and answer.reason in NO_ANSWER:
+            self._spare_worker(asked)
             return None
         if asked.tile is not None:
             self._listed(asked, asked.tile, answer, origin)
@@ -163,6 +166,12 @@ class PlaceSearch:
         now = hypotheses.carried(best, now_ns, self._travel.between(best.t_ns, now_ns)) if now_ns > best.t_ns else best
         wrong = hypotheses.probability_wrong(best, self._places)
         return Found(now.t_ns, now.place_ne_m, largest_sigma_m(now.cov_ne_m2), wrong, now.hits)
+
+    def _spare_worker(self, asked: _Asked) -> None:
+        """A tile that cost the worker its life (too slow a computer) is not asked for again: smaller ones are."""
+        if asked.tile is not None and self._swept is not None:
+            self._max_radius_m = max(LEAST_RADIUS_M, self._swept[1].radius_m / 2)
+            self._swept = None
 
     def _tested(self, h: Hypothesis, asked: _Asked, answer: Fix | NoFix, origin: GeoPoint) -> Hypothesis:
         if h.number != asked.number:

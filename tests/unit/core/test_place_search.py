@@ -110,6 +110,15 @@ def test_a_climb_asks_for_larger_tiles() -> None:
     assert tile_radius_m(1e4, 1500.0) == 1500.0
 
 
+def test_a_worker_that_is_too_slow_is_asked_for_smaller_tiles() -> None:
+    search, radius_m = PlaceSearch(2000.0), []
+    for k in range(4):
+        where = search.next(k, k * S, HEIGHT_M, 3.0, Reach())
+        search.answered(NoFix(0, k * S, k, 1, "test", Reason.WORKER_TIMEOUT, 1.0), ORIGIN, k * S)
+        radius_m.append(3 * math.sqrt(where.cov_ne_m2[0][0]))
+    assert radius_m == pytest.approx([960.0, 480.0, 300.0, 300.0])
+
+
 def test_answers_that_are_thrown_away() -> None:
     search, worker = PlaceSearch(2000.0), Worker(start=(0.0, 0.0))
     assert search.answered(NoFix(0, 0, 1, 1, "test", Reason.NO_MATCH, 1.0), ORIGIN, 0) is None
