@@ -27,6 +27,9 @@ SEARCH_AFTER_NS = 3_000_000_000
 """Without a first position the search begins when GNSS has not been trusted for so long; after a start it takes a moment."""
 SEARCH_SIGMA_H_M = 5.0
 """1-sigma of the autopilot's height above the map's zero before fixes have taught how far it is off."""
+LEVEL_SIGMAS = 5.3
+"""What a protection level is worth that only the filter's own covariance makes. It is larger where the last fixes may have been
+wrong: then the search must reach as far, for a filter that follows one is sure of itself at the wrong place."""
 REACH_SIGMA = 4.0
 """After a loss the vehicle is searched for within so many sigma of where it is believed to be."""
 
@@ -94,8 +97,17 @@ class Asking:
             return self._about_place(self._search, state, frame, q_ned_frd, now_ns)
         if self._search is not None and self._search.places:
             self._search.clear()
-        prior = None if state is None else self._prior(state, q_ned_frd, self._camera.q_frd_cambody, injecting)
+        if state is None:
+            return []
+        prior = self._prior(self._wide(state) if injecting else state, q_ned_frd, self._camera.q_frd_cambody, injecting)
         return [] if prior is None else [self._queue.taken(frame, prior, now_ns)]
+
+    def _wide(self, state: NavState) -> NavState:
+        """A state of dead reckoning with a covariance that allows for wrong last fixes, too."""
+        if state.age_of_fix_s <= self._settings.navigator.dead_reckoning_after_s:
+            return state
+        level_m = self._tracker.protection_level_m(state.t_ns) or 0.0
+        return replace(state, cov_ne_m2=requests.as_wide_as(state.cov_ne_m2, level_m / LEVEL_SIGMAS))
 
     def _anywhere(self, state: NavState | None, now_ns: int) -> bool:
         """Whether GNSS has not been trusted for a while and the state, if any, leaves open more than a search of one region."""

@@ -124,6 +124,13 @@ def pose_prior(
     )
 
 
+def as_wide_as(cov_ne_m2: Cov2, sigma_m: float) -> Cov2:
+    """The covariance, grown in all directions alike until its largest 1-sigma is no less than this."""
+    share = max(1.0, sigma_m / largest_sigma_m(cov_ne_m2)) ** 2
+    (nn, ne), (en, ee) = cov_ne_m2
+    return (share * nn, share * ne), (share * en, share * ee)
+
+
 def held_by_gnss(cov_ne_m2: Cov2, since_fix_s: float, seed_sigma_m: float) -> Cov2:
     """The covariance of the search while GNSS, not vision, holds the filter.
 

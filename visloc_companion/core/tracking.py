@@ -20,8 +20,9 @@ from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Fix, GeoPoint, NavState, Odometry, Quat, Rejected, TooOld, Vec3
 
 MIN_VELOCITY_INTERVAL_NS = 5_000_000
-TAUGHT_BY, TAUGHT_WITHIN_NS = 2, 10_000_000_000
-"""Accelerations drive the filter where so many fixes or intervals of odometry were accepted within that time."""
+TAUGHT_BY, UNTAUGHT_LOSS = 2, 1.5
+"""Accelerations drive the filter while the fix or interval of odometry before the last is no older than the time in which their
+error would lose so many times the 1-sigma of the autopilot's own velocity."""
 LEAST_ACCELERATION_SIGMA_MPS2 = 0.05
 """A tilt of 0.3 degrees, which no autopilot without GNSS is free of."""
 OPERATOR_REACH_M = 100_000.0
@@ -72,12 +73,13 @@ class Tracker:
         if last is not None and velocity.t_ns < last.t_ns + MIN_VELOCITY_INTERVAL_NS:
             return False
         self._velocity, self._velocity_boot_ns = velocity, t_boot_ns
-        taught = len(self._taught_ns) == TAUGHT_BY and velocity.t_ns - self._taught_ns[0] <= TAUGHT_WITHIN_NS
+        sigma_a = self._inertial.bias.sigma_mps2(self._settings.acceleration_sigma_mps2, LEAST_ACCELERATION_SIGMA_MPS2)
+        within_s = UNTAUGHT_LOSS * self._settings.velocity_sigma_aiding_mps / sigma_a
+        taught = len(self._taught_ns) == TAUGHT_BY and velocity.t_ns - self._taught_ns[0] <= within_s * 1e9
         v_ne_mps = self._inertial.at(t_boot_ns) if alone and taught else None
         if v_ne_mps is None:
             self._inertial.anchor(t_boot_ns, velocity.v_ned_mps[:2], teaches=not alone)
         else:
-            sigma_a = self._inertial.bias.sigma_mps2(self._settings.acceleration_sigma_mps2, LEAST_ACCELERATION_SIGMA_MPS2)
             v_ned_mps = (*v_ne_mps, velocity.v_ned_mps[2])
             velocity = replace(velocity, v_ned_mps=v_ned_mps, drive=Drive.INERTIAL, sigma_a_mps2=sigma_a)
         if self._filter is not None:

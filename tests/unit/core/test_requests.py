@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from visloc_companion.core.requests import FrameQueue, bounded, height_sigma_m, held_by_gnss, pose_prior
+from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.requests import FrameQueue, as_wide_as, bounded, height_sigma_m, held_by_gnss, pose_prior
 from visloc_companion.core.turns import Turns
 from visloc_companion.geo import se3, wgs84
 from visloc_companion.types import FrameRef, GeoPoint, LocaliseRequest, NavState, PosePrior, Vote
@@ -23,6 +24,14 @@ def frame(t_ms: int) -> FrameRef:
 def take(queue: FrameQueue, now_ms: int) -> LocaliseRequest | None:
     got = queue.next_frame(now_ms * MS)
     return None if got is None else queue.taken(got, PRIOR, now_ms * MS)
+
+
+def test_a_covariance_grows_to_a_sigma_and_never_shrinks() -> None:
+    cov = ((4.0, 1.0), (1.0, 2.0))
+    wide = as_wide_as(cov, 10.0)
+    assert largest_sigma_m(wide) == pytest.approx(10.0)
+    assert wide[0][1] / wide[0][0] == pytest.approx(0.25)
+    assert as_wide_as(cov, 1.0) == cov
 
 
 def test_newest_frame_wins_while_busy() -> None:

@@ -125,7 +125,7 @@ def test_accelerations_drive_the_filter_while_something_teaches_their_error() ->
         assert state is not None
         drives.append(belief.drive)
         speeds.append(state.v_ned_mps[0])
-    assert drives[:99] == [Drive.INERTIAL] * 99
+    assert drives[:59] == [Drive.INERTIAL] * 59
     assert drives[-1] is Drive.AUTOPILOT
-    assert speeds[80] - speeds[0] == pytest.approx(8.0, abs=0.1)
+    assert speeds[50] - speeds[0] == pytest.approx(5.0, abs=0.1)
     assert speeds[-1] == pytest.approx(10.0)
