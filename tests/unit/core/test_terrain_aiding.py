@@ -171,3 +171,16 @@ def test_a_difference_within_the_fixs_own_sigma_teaches_nothing() -> None:
     state = NavState(answer.t_ns, (3.0, 0.0, -100.0), (SPEED_MPS, 0.0, 0.0), ((900.0, 0.0), (0.0, 900.0)), 1.0, 40.0)
     aiding.learn(answer, state, ORIGIN)
     assert aiding.corrected(answer.t_ns, (SPEED_MPS, 0.0, 0.0)) == (SPEED_MPS, 0.0, 0.0)
+
+
+def test_an_answer_to_a_track_that_has_ended_neither_delays_nor_confirms_the_next_one() -> None:
+    enough_s = SHORTEST_M / SPEED_MPS + 2.0
+    for prior, answer, given in ((PRIOR, no_fix, False), (PRIOR, fix, True), (far(), fix, False)):
+        aiding = TerrainAiding()
+        flown(aiding, 0.0, 100.0)
+        request = asked(aiding, 99.9, prior=prior)
+        flown(aiding, 110.0, 115.0)  # after a hole
+        assert (aiding.answered(answer(request)) is not None) is given
+        flown(aiding, 115.0, 110.0 + enough_s)
+        again = asked(aiding, 109.9 + enough_s, number=2, prior=prior)
+        assert (aiding.answered(fix(again)) is not None) is (prior is PRIOR)
