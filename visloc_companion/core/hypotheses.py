@@ -25,7 +25,8 @@ SEEN, SEEN_BY_MISTAKE = 0.8, 0.005
 """Probability of a fix that agrees with the motion where the vehicle is, and where it is not."""
 HIT, MISS = math.log(SEEN / SEEN_BY_MISTAKE), math.log((1 - SEEN) / (1 - SEEN_BY_MISTAKE))
 GATE_SIGMA = 4.0
-HOPELESS_LOG_ODDS = FIRST_LOG_ODDS + 2.5 * MISS
+HOPELESS_LOG_ODDS = FIRST_LOG_ODDS + 1.5 * MISS
+"""What was never seen is given up after two misses; a later sweep may list it again."""
 FEWEST_HITS = 4
 MISS_EVERY_NS = 2_000_000_000
 """Without a fix nobody knows how far the vehicle came: misses count once in so long."""
