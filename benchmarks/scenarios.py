@@ -1,7 +1,8 @@
 """Every scenario of the library, flown and judged: one table.
 
     python -m benchmarks.scenarios [--only NAME ...] [--dialects ardupilot px4] [--vehicles copter plane] [--seeds 1]
-                                   [--size 1000] [--width 640] [--method deep] [--write docs/scenarios.md]
+                                   [--size 1000] [--width 640] [--rate 4] [--method deep]
+                                   [--rows FILE] [--write docs/scenarios.md [--no-flights]]
 
 Flights are those of `visloc sim`, over the procedural world of a given size. With --write the tables in that file are replaced.
 """
@@ -9,9 +10,10 @@ Flights are those of `visloc sim`, over the procedural world of a given size. Wi
 from __future__ import annotations
 
 import argparse
-import sys
+import json
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import cast
 
@@ -59,7 +61,7 @@ class Row:
         modes = [mode for t_s, mode in record.changes(record.modes) if t_s >= start_s]
         return [
             setup.scenario.name,
-            f"{setup.kind.value} {setup.vehicle}, {setup.seed}",
+            f"{setup.kind.value} {setup.vehicle}, seed {setup.seed}, {setup.width_px} px, {setup.scenario.frame_rate_hz:.2g}/s",
             _number(error["median"]),
             _number(error["max"]),
             _number(level, 2),
@@ -99,31 +101,32 @@ class Worlds:
         return FlightWorld(self._files.pack, self._reference, self._scenes[date])
 
 
-def flown_rows(options: argparse.Namespace) -> list[Row]:
-    """Fly what was asked for and print each row."""
+def fly_all(options: argparse.Namespace) -> list[list[str]]:
+    """Fly what was asked for; print each row, and add it to the file that was named."""
     worlds, rows = Worlds(options.size), []
     print(table(COLUMNS, []), flush=True)
-    for name in options.only or SCENARIOS:
+    cases = product(options.only or SCENARIOS, options.dialects, options.vehicles, options.seeds)
+    for name, dialect, vehicle, seed in cases:
         scenario = SCENARIOS[name]
-        world = worlds.on(scenario.date)
-        for dialect in options.dialects:
-            for vehicle in options.vehicles:
-                for seed in options.seeds:
-                    kind = AutopilotKind(dialect)
-                    which = cast("VehicleKind", vehicle)
-                    setup = FlightSetup(scenario, world.area(), kind, which, seed, width_px=options.width)
-                    began = time.process_time()
-                    flown = fly(setup, world, method=options.method)
-                    rows.append(Row(flown, time.process_time() - began))
-                    print(f"| {' | '.join(rows[-1].cells)} |", flush=True)
+        scenario = replace(scenario, frame_rate_hz=min(scenario.frame_rate_hz, options.rate))
+        world, kind, which = worlds.on(scenario.date), AutopilotKind(dialect), cast("VehicleKind", vehicle)
+        began = time.process_time()
+        flown = fly(FlightSetup(scenario, world.area(), kind, which, seed, width_px=options.width), world, method=options.method)
+        rows.append(Row(flown, time.process_time() - began).cells)
+        print(f"| {' | '.join(rows[-1])} |", flush=True)
+        if options.rows is not None:
+            with options.rows.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(rows[-1]) + "\n")
     return rows
 
 
-def written(page: str, rows: list[Row], command: str) -> str:
-    """A page with its tables replaced."""
-    passed = sum(row.flown.passed for row in rows)
-    summary = f"{passed} of {len(rows)} flights showed what is expected (`{command}`)."
-    results = f"{summary}\n\n{table(COLUMNS, [row.cells for row in rows])}"
+def written(page: str, rows: list[list[str]]) -> str:
+    """A page with its tables replaced; of rows of the same flight the last counts."""
+    latest = {tuple(row[:2]): row for row in rows}
+    ordered = sorted(latest.values(), key=lambda row: (list(SCENARIOS).index(row[0]), row[1]))
+    passed = sum(row[COLUMNS.index("as expected")] == "yes" for row in ordered)
+    summary = f"{passed} of {len(ordered)} flights showed what is expected (`python -m benchmarks.scenarios`)."
+    results = f"{summary}\n\n{table(COLUMNS, ordered)}"
     return replaced(replaced(page, LIMITS, limits_table()), RESULTS, results)
 
 
@@ -135,14 +138,18 @@ def main() -> None:
     parser.add_argument("--seeds", nargs="+", type=int, default=[1])
     parser.add_argument("--size", type=float, default=1000.0)
     parser.add_argument("--width", type=int, default=640, help="columns of the camera")
+    parser.add_argument("--rate", type=float, default=4.0, help="frames a second, at most")
     parser.add_argument("--method", default=DEFAULT_METHOD)
+    parser.add_argument("--rows", type=Path, help="add the rows to this file; --write takes them from it")
+    parser.add_argument("--no-flights", action="store_true", help="only --write")
     parser.add_argument("--write", type=Path)
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    rows = flown_rows(options)
+    rows = [] if options.no_flights else fly_all(options)
     if options.write is not None:
-        command = " ".join(["python -m benchmarks.scenarios", *sys.argv[1:]])
-        options.write.write_text(written(options.write.read_text(encoding="utf-8"), rows, command), encoding="utf-8")
+        if options.rows is not None:
+            rows = [json.loads(line) for line in options.rows.read_text(encoding="utf-8").splitlines()]
+        options.write.write_text(written(options.write.read_text(encoding="utf-8"), rows), encoding="utf-8")
 
 
 if __name__ == "__main__":

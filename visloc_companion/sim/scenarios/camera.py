@@ -42,10 +42,10 @@ CAMERA: dict[str, Scenario] = by_name(
     Scenario(
         "night",
         "Night falls: the scene gives 1/2000 of the light of day.",
-        300.0,
+        130.0,
         faults.jam(JAM_S) + faults.these(faults.Night(FAULT_S, 0.0005)),
         UNSOLVABLE,
-        frame_rate_hz=0.5,
+        frame_rate_hz=1.0,
         pictures=True,
     ),
     Scenario(

@@ -71,11 +71,11 @@ WORLD: dict[str, Scenario] = by_name(
     Scenario(
         "open_sea",
         "From 250 m of the way on there is nothing but waves.",
-        300.0,
+        130.0,
         faults.jam(JAM_S),
         UNSOLVABLE,
         changes=(Change("water", 250.0),),
-        frame_rate_hz=0.5,
+        frame_rate_hz=1.0,
         pictures=True,
     ),
     Scenario(
