@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
@@ -40,6 +41,7 @@ class Velocity:
     sigma_a_mps2: float = 0.0
 
 
+Around = tuple[Velocity, Velocity | None]
 Input = Velocity | Position | Motion | Airspeed
 Outcome = Accepted | Rejected | None
 
@@ -56,6 +58,7 @@ class PositionFilter:
         self._base, self._base_velocity = start, velocity
         self._log: list[Input] = []
         self._beliefs: list[Belief] = []
+        self._asked: tuple[int, int, Belief] | None = None
 
     @property
     def newest(self) -> Belief:
@@ -106,13 +109,14 @@ class PositionFilter:
         k, belief = self._belief_at(t_ns)
         north, east = (float(v) for v in belief.x[POSITION])
         b_north, b_east = (float(v) for v in belief.x[VELOCITY])
-        v_north, v_east = self._velocity_at(t_ns, k)
+        around = self._around(k)
+        v_north, v_east = _velocity_at(t_ns, around)
         extra = self._settings.map_sigma_m**2
         nn, ne, ee = float(belief.P[0, 0]), float(belief.P[0, 1]), float(belief.P[1, 1])
         return NavState(
             t_ns,
-            (north, east, self._origin.h_amsl_m - self._height_at(t_ns, k)),
-            (v_north - b_north, v_east - b_east, self._velocity_before(k).v_ned_mps[2]),
+            (north, east, self._origin.h_amsl_m - _height_at(t_ns, around)),
+            (v_north - b_north, v_east - b_east, around[0].v_ned_mps[2]),
             ((nn + extra, ne), (ne, ee + extra)),
             float(np.sqrt(belief.height_var_m2)),
             max(0.0, (t_ns - belief.rested_ns) * 1e-9),
@@ -130,7 +134,7 @@ class PositionFilter:
         place = wgs84.geo_from_ned((north, east, 0.0), self._origin)
         moved_north, moved_east, _ = wgs84.ned_from_geo(place, origin)
         shift = (moved_north - north, moved_east - east)
-        self._origin = origin
+        self._origin, self._asked = origin, None
         self._base = _shifted(self._base, shift)
         self._beliefs = [_shifted(belief, shift) for belief in self._beliefs]
         self._log = [
@@ -149,6 +153,7 @@ class PositionFilter:
     def _insert(self, entry: Input) -> Outcome:
         index = bisect_right(self._log, _key(entry), key=_key)
         self._log.insert(index, entry)
+        self._asked = None
         start = index
         while start > 0 and not isinstance(self._log[start - 1], Velocity):
             start -= 1
@@ -157,6 +162,7 @@ class PositionFilter:
         for k in range(start, len(self._log)):
             belief, outcome = self._folded(k)
             self._beliefs.append(belief)
+            self._asked = None
             wanted = outcome if k == index else wanted
         self._forget()
         return wanted
@@ -171,8 +177,8 @@ class PositionFilter:
         if isinstance(entry, Motion):
             return learned(belief, entry, self._travelled(belief, entry.t_from_ns), self._settings)
         if isinstance(entry, Airspeed):
-            return airspeed.observed(belief, entry, self._velocity_at(entry.t_ns, k), self._settings)
-        return fusion.observed(belief, entry, self._height_at(entry.t_ns, k), self._settings)
+            return airspeed.observed(belief, entry, _velocity_at(entry.t_ns, self._around(k)), self._settings)
+        return fusion.observed(belief, entry, _height_at(entry.t_ns, self._around(k)), self._settings)
 
     def _travelled(self, belief: Belief, t_from_ns: int) -> Vec2:
         """How far the velocity input went since a time, north and east metres."""
@@ -180,46 +186,34 @@ class PositionFilter:
         return belief.travel_ne_m[0] - start.travel_ne_m[0], belief.travel_ne_m[1] - start.travel_ne_m[1]
 
     def _belief_at(self, t_ns: int) -> tuple[int, Belief]:
-        """How many inputs are no later than a time (of those that are folded), and the belief carried to it."""
+        """How many inputs are no later than a time (of those that are folded), and the belief carried to it.
+
+        The last answer is kept: within one event of the navigator the same time is asked about again and again.
+        """
+        asked = self._asked
+        if asked is not None and asked[0] == t_ns:
+            return asked[1:]
         k = bisect_right(self._log, t_ns, key=_time, hi=len(self._beliefs))
-        return k, self._carried(self._beliefs[k - 1] if k else self._base, t_ns, k)
+        belief = self._carried(self._beliefs[k - 1] if k else self._base, t_ns, k)
+        self._asked = (t_ns, k, belief)
+        return k, belief
 
     def _carried(self, belief: Belief, t_ns: int, k: int) -> Belief:
-        start, end = self._velocity_at(belief.t_ns, k), self._velocity_at(t_ns, k)
+        around = self._around(k)
+        start, end = _velocity_at(belief.t_ns, around), _velocity_at(t_ns, around)
         mean = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
         change = (end[0] - start[0], end[1] - start[1])
         carried = fusion.propagated(belief, t_ns, mean, self._settings, change)
-        before, after = self._velocity_before(k), self._velocity_from(k)
+        before, after = around
         gap_s = ((t_ns if after is None else after.t_ns) - before.t_ns) * 1e-9
         return fusion.blurred(carried, UNAIDED_SIGMA_MPS * (t_ns - belief.t_ns) * 1e-9) if gap_s > UNAIDED_GAP_S else carried
 
-    def _velocity_before(self, k: int) -> Velocity:
-        for entry in reversed(self._log[:k]):
-            if isinstance(entry, Velocity):
-                return entry
-        return self._base_velocity
-
-    def _velocity_from(self, k: int) -> Velocity | None:
-        return next((entry for entry in self._log[k:] if isinstance(entry, Velocity)), None)
-
-    def _share(self, t_ns: int, k: int) -> tuple[Velocity, Velocity, float]:
-        before, after = self._velocity_before(k), self._velocity_from(k)
-        another = before.drive is Drive.INERTIAL and after is not None and after.drive is not Drive.INERTIAL
-        if after is None or another or after.t_ns <= before.t_ns:
-            return before, before, 0.0
-        return before, after, (t_ns - before.t_ns) / (after.t_ns - before.t_ns)
-
-    def _velocity_at(self, t_ns: int, k: int) -> Vec2:
-        before, after, share = self._share(t_ns, k)
-        (n0, e0, _), (n1, e1, _) = before.v_ned_mps, after.v_ned_mps
-        return n0 + share * (n1 - n0), e0 + share * (e1 - e0)
-
-    def _height_at(self, t_ns: int, k: int) -> float:
-        before, after, share = self._share(t_ns, k)
-        if after is not before:
-            return before.h_amsl_m + share * (after.h_amsl_m - before.h_amsl_m)
-        held_s = min(MAX_CLIMB_HELD_S, max(0.0, (t_ns - before.t_ns) * 1e-9))
-        return before.h_amsl_m - before.v_ned_mps[2] * held_s
+    def _around(self, k: int) -> Around:
+        """The velocity samples before and after the first k inputs."""
+        log = self._log
+        before = next((log[i] for i in range(k - 1, -1, -1) if isinstance(log[i], Velocity)), self._base_velocity)
+        after = next((log[i] for i in range(k, len(log)) if isinstance(log[i], Velocity)), None)
+        return cast("Around", (before, after))
 
     def _forget(self) -> None:
         """Drop what is older than the memory; a motion that reaches further back keeps its start."""
@@ -228,8 +222,31 @@ class PositionFilter:
         horizon_ns = min(starts, default=horizon_ns)
         n_old = bisect_right(self._log, horizon_ns, key=_time)
         if n_old:
-            self._base, self._base_velocity = self._beliefs[n_old - 1], self._velocity_before(n_old)
+            self._base, self._base_velocity = self._beliefs[n_old - 1], self._around(n_old)[0]
             del self._log[:n_old], self._beliefs[:n_old]
+            self._asked = None
+
+
+def _share(t_ns: int, around: Around) -> tuple[Velocity, Velocity, float]:
+    before, after = around
+    another = before.drive is Drive.INERTIAL and after is not None and after.drive is not Drive.INERTIAL
+    if after is None or another or after.t_ns <= before.t_ns:
+        return before, before, 0.0
+    return before, after, (t_ns - before.t_ns) / (after.t_ns - before.t_ns)
+
+
+def _velocity_at(t_ns: int, around: Around) -> Vec2:
+    before, after, share = _share(t_ns, around)
+    (n0, e0, _), (n1, e1, _) = before.v_ned_mps, after.v_ned_mps
+    return n0 + share * (n1 - n0), e0 + share * (e1 - e0)
+
+
+def _height_at(t_ns: int, around: Around) -> float:
+    before, after, share = _share(t_ns, around)
+    if after is not before:
+        return before.h_amsl_m + share * (after.h_amsl_m - before.h_amsl_m)
+    held_s = min(MAX_CLIMB_HELD_S, max(0.0, (t_ns - before.t_ns) * 1e-9))
+    return before.h_amsl_m - before.v_ned_mps[2] * held_s
 
 
 def _time(entry: Input) -> int:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from filterpy.kalman import predict as _predict
 from filterpy.kalman import update as _update
+from scipy.linalg.lapack import dpotrf  # type: ignore[import-untyped]
 
 from visloc_companion.errors import Reason
 from visloc_companion.types import FloatArray, Rejected
@@ -83,8 +84,5 @@ def _checked(x: FloatArray, P: FloatArray, where: str) -> tuple[FloatArray, Floa
 
 
 def _is_positive_definite(matrix: FloatArray) -> bool:
-    try:
-        np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        return False
-    return True
+    _, failed_at = dpotrf(matrix, lower=True)
+    return int(failed_at) == 0
