@@ -221,6 +221,21 @@ def test_a_restart_of_the_autopilot_without_silence_is_noticed():
     assert any("restarted" in warning for warning in talking.session.warnings())
 
 
+def test_an_attitude_that_is_said_in_two_messages_is_one():
+    """PX4's onboard streams hold ATTITUDE and ATTITUDE_QUATERNION of the same instants."""
+    talking = talk(kind=AutopilotKind.PX4)
+    talking.run(2.0)
+    voice = mav.MAVLink(None, 1, 1)
+    said: list[Attitude] = []
+    for t_ms in (5000, 5020, 5040):
+        for message in (
+            mav.MAVLink_attitude_message(t_ms, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+            mav.MAVLink_attitude_quaternion_message(t_ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        ):
+            said += [e for e in talking.session.receive(message.pack(voice), talking.now_ns) if isinstance(e, Attitude)]
+    assert [attitude.t_boot_ns for attitude in said] == [5_000_000_000, 5_020_000_000, 5_040_000_000]
+
+
 def test_time_that_goes_backwards_is_held():
     talking = talk()
     talking.session.request(RequestMessage(ATTITUDE, 20.0), talking.now_ns)

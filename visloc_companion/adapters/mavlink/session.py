@@ -79,6 +79,7 @@ class MavlinkSession:
         self._n_heard = 0
         self._polled_ns = 0
         self._boot_ns = 0
+        self._attitude_boot_ns = -1
         self._origin: GeoPoint | None = None
         self._last_injection_ns = -_ACTIVE_FOR_NS
         self._next_heartbeat_ns = 0
@@ -265,9 +266,17 @@ class MavlinkSession:
             if outcome.origin != self._origin:
                 self._origin = outcome.origin
                 self._pending.append(outcome)
-        elif outcome is not None:
+        elif outcome is not None and not self._is_said_twice(outcome):
             self._watch_boot_time(outcome, now_ns)
             self._pending.append(outcome)
+
+    def _is_said_twice(self, event: Event) -> bool:
+        """PX4 sends each attitude as ATTITUDE and as ATTITUDE_QUATERNION; one of both is enough."""
+        if not isinstance(event, Attitude):
+            return False
+        repeated = event.t_boot_ns == self._attitude_boot_ns
+        self._attitude_boot_ns = event.t_boot_ns
+        return repeated
 
     def _take_link(self, event: LinkChanged, now_ns: int) -> None:
         was_up = self.link.up
