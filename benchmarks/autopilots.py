@@ -36,6 +36,7 @@ def main() -> None:
     parser.add_argument("--flights", nargs="+", choices=NAMES, default=list(NAMES))
     parser.add_argument("--speed", type=float, default=3.0)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--skip-built-in", action="store_true", help="leave the built-in autopilot's column empty")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--keep", type=Path)
     args = parser.parse_args()
@@ -50,7 +51,7 @@ def main() -> None:
             continue
         for name in args.flights:
             keep = None if args.keep is None else args.keep / f"{simulator}-{name}-{args.seed}"
-            result = _one(simulator, name, args.seed, args.speed, keep)
+            result = _one(simulator, name, args, keep)
             results.append(result)
             versions.add(f"{simulator}: {result.get('version', '')}")
             if args.json is not None:
@@ -58,16 +59,16 @@ def main() -> None:
     print("; ".join(sorted(versions)))
 
 
-def _one(simulator: Simulator, name: str, seed: int, speed: float, keep: Path | None) -> dict[str, object]:
+def _one(simulator: Simulator, name: str, args: argparse.Namespace, keep: Path | None) -> dict[str, object]:
     try:
-        scenario = real_scenario(name, simulator, seed)
-        log = fly_apart(simulator, scenario, speed=speed, keep=keep)
+        scenario = real_scenario(name, simulator, args.seed)
+        log = fly_apart(simulator, scenario, speed=args.speed, keep=keep)
     except VislocError as why:
         print(f"| {simulator} | {name} | not flown: {why} |")
         return {"simulator": simulator, "flight": name, "error": str(why)}
     figures = real_figures(log, scenario)
     passed = all(check.passed for check in checks(figures, scenario, simulator)) if scenario.with_daemon else None
-    built_in_m = built_in_p95_m(scenario, simulator) if scenario.with_daemon else None
+    built_in_m = built_in_p95_m(scenario, simulator) if scenario.with_daemon and not args.skip_built_in else None
     print(_row(simulator, name, figures, built_in_m, passed), flush=True)
     return {
         "simulator": simulator,

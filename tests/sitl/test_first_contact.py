@@ -15,6 +15,7 @@ from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.errors import ConfigError
 from visloc_companion.sim.real.apart import make_pilot
 from visloc_companion.sim.real.network import enter_own_network
+from visloc_companion.sim.real.pilot import SIMULATOR_PORT
 from visloc_companion.sim.real.programs import Simulator, find_program, running
 from visloc_companion.sim.real.station import Station
 from visloc_companion.types import Attitude, AutopilotKind, LinkChanged, RequestMessage
@@ -34,7 +35,7 @@ def meet(simulator: Simulator, program: Path, folder: Path) -> tuple[LinkChanged
     pilot = make_pilot(simulator)
     command, environment = pilot.command(program, folder, 1.0)
     with running(command, folder, environment):
-        return asyncio.run(first_contact(pilot.station_url, pilot.daemon_url))
+        return asyncio.run(first_contact(pilot.station_url, f"udpin:127.0.0.1:{SIMULATOR_PORT}"))
 
 
 async def first_contact(station_url: str, url: str) -> tuple[LinkChanged, bool, int]:

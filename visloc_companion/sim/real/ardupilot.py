@@ -9,18 +9,20 @@ from pathlib import Path
 from visloc_companion.adapters.mavlink.dialect import Message, mav
 from visloc_companion.geo.wgs84 import ARDUPILOT_M_PER_DEG, geo_from_ned
 from visloc_companion.sim.real.ardupilot_parameters import COPTER, PLANE
-from visloc_companion.sim.real.pilot import DAEMON_PORT, HOME, STATION_PORT, Route, Truth
+from visloc_companion.sim.real.pilot import DAEMON_PORT, HOME, SIMULATOR_PORT, STATION_PORT, Route, Truth
 from visloc_companion.sim.real.station import MissionItem, Station
 from visloc_companion.types import AutopilotKind, GeoPoint
 
 RATES_HZ = {
     mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 20.0,
+    mav.MAVLINK_MSG_ID_ATTITUDE: 125.0,
     mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 20.0,
     mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 20.0,
     mav.MAVLINK_MSG_ID_SIM_STATE: 20.0,
     mav.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 10.0,
 }
-_BEFORE_A_POSITION = (mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, mav.MAVLINK_MSG_ID_EKF_STATUS_REPORT)
+"""ATTITUDE drives the clock."""
+_BEFORE_A_POSITION = (mav.MAVLINK_MSG_ID_ATTITUDE, mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, mav.MAVLINK_MSG_ID_EKF_STATUS_REPORT)
 GUIDED, COPTER_AUTO, COPTER_LAND, BRAKE, PLANE_AUTO, PLANE_RTL = 4, 3, 9, 17, 10, 11
 _HAS_ABSOLUTE_POSITION = 16
 _ARM_TRIES, _READY_S, _CLIMB_S, _LAND_S = 40, 90.0, 90.0, 180.0
@@ -46,7 +48,7 @@ class ArduPilot:
             str(program), "--model", "plane" if self._plane else "quad",
             "--home", f"{HOME.lat_deg},{HOME.lon_deg},{HOME.h_amsl_m},0",
             "--defaults", f"{own},{self._parameter_file.resolve()}", "--speedup", f"{speed:g}", "--wipe", "-I0",
-            "--serial0", f"tcpclient:127.0.0.1:{STATION_PORT}", "--serial1", f"udpclient:127.0.0.1:{DAEMON_PORT}",
+            "--serial0", f"tcpclient:127.0.0.1:{STATION_PORT}", "--serial1", f"udpclient:127.0.0.1:{SIMULATOR_PORT}",
             "--serial2", "none", "--rc-in-port", "15501",
         )  # fmt: skip
         return told, {}

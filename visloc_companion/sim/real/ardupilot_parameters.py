@@ -27,6 +27,8 @@ COPTER: dict[str, float] = {
     "WPNAV_JERK": 8,
 }
 
+"""The accelerations and the jerk between waypoints make it brake briskly."""
+
 PLANE: dict[str, float] = {
     **_CALIBRATED,
     "AIRSPEED_CRUISE": 22,
@@ -59,4 +61,6 @@ PLANE: dict[str, float] = {
     "NAVL1_PERIOD": 15,
     "ACRO_LOCKING": 1,
     "INS_GYR_CAL": 0,
+    "SCHED_LOOP_RATE": 200,
 }
+"""The loop runs at 200 Hz so that the station's ATTITUDE, from which the time of the flight is taken, comes often enough."""

@@ -23,10 +23,11 @@ from visloc_companion.config import Config, InjectionConfig, JournalConfig, Link
 from visloc_companion.errors import LinkError
 from visloc_companion.sim.real.clock import EPOCH_NS, SlavedClock
 from visloc_companion.sim.real.oracle import Oracle, OracleSettings
-from visloc_companion.sim.real.pilot import Pilot, Route
+from visloc_companion.sim.real.pilot import DAEMON_PORT, SIMULATOR_PORT, Pilot, Route
 from visloc_companion.sim.real.programs import Running, running
 from visloc_companion.sim.real.record import RealLog
 from visloc_companion.sim.real.recorder import Recorder
+from visloc_companion.sim.real.relay import Relay
 from visloc_companion.sim.real.station import Station
 
 _NS_PER_S = 1_000_000_000
@@ -81,16 +82,19 @@ async def fly(pilot: Pilot, program: Path, scenario: RealScenario, folder: Path,
     `speed` is what the simulator is asked for; the daemon lives by the simulator's time whatever it reaches.
     Raises LinkError where the vehicle does not do as it is told before anything was done to it, OSError for ports in use.
     """
-    clock, log = SlavedClock(speed), RealLog(program=str(program), speed=speed)
+    clock, log = SlavedClock(), RealLog(program=str(program), speed=speed)
     recorder = Recorder(pilot, clock, log)
     station = Station(pilot.station_url, clock, recorder.hear)
     recorder.station = station
     await station.open()
+    relay = Relay(SIMULATOR_PORT, DAEMON_PORT, recorder.overhear)
+    await relay.open()
     command, environment = pilot.command(program, folder, speed)
     try:
         with running(command, folder, environment) as simulator:
             await _fly(pilot, scenario, folder, station, recorder, simulator)
     finally:
+        relay.close()
         station.close()
     log.texts = [((t_ns - EPOCH_NS) / _NS_PER_S, text) for t_ns, text in station.texts]
     return log

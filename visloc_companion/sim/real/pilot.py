@@ -12,7 +12,8 @@ from visloc_companion.sim.real.station import Station
 from visloc_companion.types import AutopilotKind, GeoPoint, Quat, Vec3
 
 HOME = GeoPoint(47.3977, 8.5456, 488.0)
-STATION_PORT, DAEMON_PORT = 14550, 14540
+STATION_PORT, SIMULATOR_PORT, DAEMON_PORT = 14550, 14540, 14541
+"""Where the ground station listens, where the simulator sends what is for the daemon, and where the daemon listens."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ from visloc_companion.types import (
     Vec3,
 )
 
-_TIMED = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
+_TIMED = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "SCALED_IMU")
 _NS_PER_MS = 1_000_000
 GNSS, VISION = "gnss", "vision"
 SILENCE_NS = 300_000_000
@@ -70,11 +70,9 @@ class Recorder:
 
     def hear(self, message: Message) -> None:
         """Take a message of the autopilot to the ground station."""
+        self.overhear(message)
         kind = message.get_type()
-        if kind in _TIMED:
-            self._t_boot_ns = max(self._t_boot_ns, message.time_boot_ms * _NS_PER_MS)
-            self.clock.hear(self._t_boot_ns)
-        elif kind == "STATUSTEXT" and self._pilot.failsafe(message.text) and self.log.at("begun") is not None:
+        if kind == "STATUSTEXT" and self._pilot.failsafe(message.text) and self.log.at("begun") is not None:
             self.failed = True
             self.log.failsafes.append((self._t_boot_ns * 1e-9, message.text.rstrip("\x00")))
         elif kind == "GPS_GLOBAL_ORIGIN":
@@ -88,6 +86,12 @@ class Recorder:
                 self._sample(truth, None)
         elif kind == "LOCAL_POSITION_NED" and self._truth is not None:
             self._sample(moved(self._truth, (self._t_boot_ns - self._truth_ns) * 1e-9), message)
+
+    def overhear(self, message: Message) -> None:
+        """Take the time from a message, on whichever link it comes."""
+        if message.get_type() in _TIMED:
+            self._t_boot_ns = max(self._t_boot_ns, message.time_boot_ms * _NS_PER_MS)
+            self.clock.hear(self._t_boot_ns)
 
     def _sample(self, truth: Truth, local: Message | None) -> None:
         station, origin = self.station, self._origin

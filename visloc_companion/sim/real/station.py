@@ -28,7 +28,7 @@ _INTEGERS = (mav.MAV_PARAM_TYPE_INT32, mav.MAV_PARAM_TYPE_INT16, mav.MAV_PARAM_T
 
 @dataclass(frozen=True, slots=True)
 class MissionItem:
-    """One MISSION_ITEM_INT in frame GLOBAL_RELATIVE_ALT: command, its four parameters, place and height above home."""
+    """One MISSION_ITEM_INT: command, its four parameters, place and height above home (of commands that go somewhere)."""
 
     command: int
     params: tuple[float, float, float, float]
@@ -201,7 +201,8 @@ class Station:
         if number < len(self._items):
             item = self._items[number]
             place = round(item.lat_deg * 1e7), round(item.lon_deg * 1e7), item.height_m
-            frame = mav.MAV_FRAME_GLOBAL_RELATIVE_ALT
+            placed = item.command <= mav.MAV_CMD_NAV_LAST  # PX4 refuses other commands with a place
+            frame = mav.MAV_FRAME_GLOBAL_RELATIVE_ALT if placed else mav.MAV_FRAME_MISSION
             self.send(
                 mav.MAVLink_mission_item_int_message(
                     self.system_id, 1, number, frame, item.command, int(number == 0), 1, *item.params, *place

@@ -21,7 +21,7 @@ LEVEL = (1.0, 0.0, 0.0, 0.0)
 
 @pytest.fixture
 def recorder() -> Recorder:
-    pilot, clock = ArduPilot(False, Path("none.parm")), SlavedClock(1.0, lambda: 0)
+    pilot, clock = ArduPilot(False, Path("none.parm")), SlavedClock()
     made = Recorder(pilot, clock, RealLog())
     made.station = Station(pilot.station_url, clock, made.hear)
     made.event(0, OriginChanged(0, HOME))

@@ -43,7 +43,7 @@ def test_an_unknown_flight_is_an_error() -> None:
 def test_the_daemon_may_switch_and_hears_the_simulator(tmp_path: Path) -> None:
     config = daemon_config(make_pilot(Simulator.PX4), real_scenario("jam", Simulator.PX4), tmp_path)
     assert config.injection.switch_source
-    assert config.link.url == "udpin:127.0.0.1:14540"
+    assert config.link.url == "udpin:127.0.0.1:14541"
 
 
 @pytest.mark.parametrize("plane", [False, True])
