@@ -30,6 +30,8 @@ HOPELESS_LOG_ODDS = FIRST_LOG_ODDS + 1.5 * MISS
 FEWEST_HITS = 4
 MISS_EVERY_NS = 2_000_000_000
 """Without a fix nobody knows how far the vehicle came: misses count once in so long."""
+VELOCITY_WALK = 0.5
+"""m/s per root second that the velocity input's error wanders (1-sigma): a turn, where the input knows of none."""
 SAME_SIGMA = 3.0
 MOST = 40
 
@@ -92,6 +94,7 @@ def carried(h: Hypothesis, t_ns: int, travel: Travel) -> Hypothesis:
         F[:2, 2:] = -travel.dt_s * np.eye(2)
     Q = np.zeros((4, 4))
     Q[:2, :2] = travel.cov_ne_m2
+    Q[2:, 2:] = VELOCITY_WALK**2 * travel.dt_s * np.eye(2)
     x, P = kalman.predict(h.x, h.P, F, Q, np.array([*travel.moved_ne_m, 0.0, 0.0]))
     return replace(h, t_ns=t_ns, x=x, P=P)
 
@@ -129,9 +132,14 @@ def kept(hypotheses: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
 
 
 def same(a: Hypothesis, b: Hypothesis) -> bool:
-    """Whether two hypotheses of one time are one place as far as can be told."""
+    """Whether two hypotheses of one time are one place as far as can be told; the velocity's error is the same for both."""
     d = a.x[:2] - b.x[:2]
-    return float(d @ np.linalg.solve(a.P[:2, :2] + b.P[:2, :2], d)) <= SAME_SIGMA**2
+    return float(d @ np.linalg.solve(_own_m2(a.P) + _own_m2(b.P), d)) <= SAME_SIGMA**2
+
+
+def _own_m2(P: FloatArray) -> FloatArray:
+    """(2, 2) covariance of the position were the velocity's error known."""
+    return np.asarray(P[:2, :2] - P[:2, 2:] @ np.linalg.solve(P[2:, 2:], P[2:, :2]))
 
 
 def probability_wrong(h: Hypothesis, others: Sequence[Hypothesis]) -> float:

@@ -32,6 +32,8 @@ LISTED_HEIGHTS = 0.1
 """1-sigma of a listed place, and the least of the region in which it is tested, as a share of the height."""
 APART_HEIGHTS = 0.5
 """A listed place that is nearer than this to the fix of the same answer is the same one."""
+UNTRUSTED_MPS, UNKNOWN_MPS = 2.0, 12.0
+"""A velocity input whose own 1-sigma is above the first may be none at all (an autopilot without any position reports zero)."""
 TEST_EVERY_NS = 2_000_000_000
 LISTED, LEAST_MASS = 4, 0.02
 """Of the modes that a search lists so many become hypotheses, unless its posterior has them less likely than the second."""
@@ -190,7 +192,8 @@ class PlaceSearch:
         new = []
         for place in _places_of(answer, asked.where.place_ne_m, origin, APART_HEIGHTS * asked.height_m):
             self._n_born += 1
-            new.append(hypotheses.born(self._n_born, asked.t_ns, place, sigma_m, asked.sigma_v_mps))
+            sigma_v_mps = asked.sigma_v_mps if asked.sigma_v_mps <= UNTRUSTED_MPS else UNKNOWN_MPS
+            new.append(hypotheses.born(self._n_born, asked.t_ns, place, sigma_m, sigma_v_mps))
         self._places = hypotheses.kept([*self._places, *new])
 
     def _next_tile(self, height_m: float, about: Reach) -> tuple[Tile, Tiles]:

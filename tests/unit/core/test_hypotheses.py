@@ -100,5 +100,5 @@ def test_one_place_is_kept_once_and_the_best_come_first() -> None:
 
 def test_odometry_leaves_the_velocity_alone() -> None:
     h = hy.carried(flown(2), 12 * S, Travel((40.0, 0.0), ((1.0, 0.0), (0.0, 1.0)), 4.0, by_velocity=False))
-    assert h.P[0, 0] == pytest.approx(flown(2).P[0, 0] + 1.0)
+    assert h.P[0, 0] == pytest.approx(flown(2).P[0, 0] + 1.0)  # nothing of the velocity's error
     assert h.velocity_error_mps == flown(2).velocity_error_mps

@@ -52,12 +52,14 @@ class Worker:
         return NoFix(0, round(t_s * S), *told, Reason.AMBIGUOUS, 1.0, evidence=tuple(modes.items()))
 
 
-def searched(worker: Worker, seconds: float, about: Reach | None = None, period_s: float = 0.5) -> tuple[Found | None, float]:
+def searched(
+    worker: Worker, seconds: float, about: Reach | None = None, period_s: float = 0.5, v_ne_mps: Vec2 = (SPEED_MPS + 1.0, 0.5)
+) -> tuple[Found | None, float]:
     """What is found, and when."""
     search = PlaceSearch(2000.0)
     for k in range(1, round(seconds / period_s)):
         t_s = k * period_s
-        search.moving(round(t_s * S), (SPEED_MPS + 1.0, 0.5))
+        search.moving(round(t_s * S), v_ne_mps)
         where = search.next(k, round(t_s * S), HEIGHT_M, 3.0, about or Reach())
         assert search.is_asked(k)
         found = search.answered(worker.answer(k, t_s, where), ORIGIN, round((t_s + 0.3) * S))
@@ -75,6 +77,13 @@ def test_a_vehicle_anywhere_on_the_map_is_found() -> None:
     assert found.probability_wrong <= 1e-5
     assert found.hits >= hypotheses.FEWEST_HITS
     assert found.sigma_m < 5.0
+
+
+def test_an_autopilot_that_knows_of_no_motion_is_no_obstacle() -> None:
+    worker = Worker()
+    found, t_s = searched(worker, 60.0, v_ne_mps=(0.0, 0.0))
+    assert found is not None
+    assert math.dist(found.place_ne_m, worker.truth(t_s)) < 5.0
 
 
 def test_a_map_without_the_vehicle_has_no_answer() -> None:
