@@ -4,8 +4,8 @@ Copter at 10 m/s and plane at 25 m/s, GNSS jammed after a minute; image, structu
 daemon asks for them by default. Two worlds: the procedural landscape of two dates (map of summer, 0.5 m a pixel; the camera sees
 the leafless date) and NAIP of two years (map 2018, camera 2016, 5 m a pixel; needs ../shared/data/naip).
 
-One row a flight: share of the time within the goal (3 m, or 1.5 pixels of a coarse map), error, level, epochs beyond it, hazardous
-ones, NEES (2 is right), fixes.
+One row a flight: share of the time within the goal (3 m, or 1.5 pixels of a coarse map), error, level, epochs beyond it,
+hazardous ones, NEES (2 is right), fixes.
 """
 
 from __future__ import annotations
@@ -37,7 +37,9 @@ from visloc_companion.types import AutopilotKind
 
 JAM_S = 60.0
 GOAL_M, GOAL_PX = 3.0, 1.5
-HEADER = "| world | vehicle | within goal | error 50 / 95 / max m | level 50 m | beyond level | HMI | NEES | fixes of frames | failsafe |"
+HEADER = (
+    "| world | vehicle | within goal | error 50 / 95 / max m | level 50 m | beyond | HMI | NEES | fixes of frames | failsafe |"
+)
 
 
 @contextmanager
@@ -90,6 +92,17 @@ def figures(one: FlownScenario, gsd_m: float) -> dict[str, Any]:
     }
 
 
+def row(world: str, vehicle: str, f: dict[str, Any]) -> str:
+    """A flight as a row of the table."""
+    cells = [
+        *(world, vehicle, f"{100 * f['within_goal']:.1f} % ≤ {f['goal_m']:g} m"),
+        " / ".join(f"{v:.2f}" for v in f["error_m"]),
+        *(f"{f['level_median_m']:.1f}", f"{f['beyond_level']} of {f['epochs']}", f"{f['hmi']}", f"{f['nees']:.2f}"),
+        *(f"{f['fixes']} of {f['frames']}", f["failsafe"]),
+    ]
+    return f"| {' | '.join(cells)} |"
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     """Fly, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -109,12 +122,7 @@ def main(argv: Sequence[str] | None = None) -> None:
                 one = flown(world, cast("VehicleKind", vehicle), args.minutes, args.seed)
                 f = figures(one, world.reference.gsd_m)
                 rows.append({"world": name, "vehicle": vehicle, **f})
-                print(
-                    f"| {name} | {vehicle} | {100 * f['within_goal']:.1f} % ≤ {f['goal_m']:g} m | "
-                    f"{' / '.join(f'{v:.2f}' for v in f['error_m'])} | {f['level_median_m']:.1f} | {f['beyond_level']} of {f['epochs']} | "
-                    f"{f['hmi']} | {f['nees']:.2f} | {f['fixes']} of {f['frames']} | {f['failsafe']} |",
-                    flush=True,
-                )
+                print(row(name, vehicle, f), flush=True)
                 if args.report:
                     title = f"{args.minutes:g} minutes without GNSS, {name}, {vehicle}"
                     path = args.report / f"{name}-{vehicle}.html"
