@@ -27,7 +27,7 @@ from visloc_companion.sim.scenarios import DEMO, SCENARIOS, SEASON_CHANGE
 
 REPLAY_FIELDS = {
     *("schema", "duration_s", "n_frames", "n_fixes", "n_no_fix", "reasons", "error_horizontal_m", "availability", "hmi"),
-    *("misleading", "nees", "gnss", "injected", "latency_ms", "epochs"),
+    *("misleading", "nees", "integrity", "gnss", "injected", "latency_ms", "epochs"),
 }
 SIM_FIELDS = {"scenario", "autopilot", "vehicle", "seed", "failsafe", "pulled_m", "modes", "verdicts", "passed", "expected"}
 EXTRAS = {"dialect", "method", "with_daemon", "structure", "fixes_by_method"}

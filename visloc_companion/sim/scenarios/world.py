@@ -35,7 +35,7 @@ WORLD: dict[str, Scenario] = by_name(
         "From 250 m of the way on, half of the land was felled, ploughed over or built on since the map was made.",
         60.0,
         faults.jam(JAM_S),
-        Expectation(median_error_m=3.0, max_error_m=15.0, final_modes=(Mode.AIDING, Mode.DEAD_RECKONING)),
+        Expectation(median_error_m=3.0, max_error_m=15.0, dead_reckoning_m=60.0, final_modes=(Mode.AIDING, Mode.DEAD_RECKONING)),
         changes=(
             Change("felled", 250.0, share=0.6),
             Change("ploughed", 250.0, share=0.5),
