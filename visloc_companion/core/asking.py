@@ -24,7 +24,7 @@ from visloc_companion.types import FrameRef, LocaliseRequest, NavState, PosePrio
 Request = LocaliseRequest | TerrainRequest
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 SEARCH_AFTER_NS = 3_000_000_000
-"""Without a first position the search begins when GNSS has not been trusted for so long; after a start it takes a moment."""
+"""Without a first position the search begins when the autopilot is heard and GNSS has not been trusted for so long."""
 SEARCH_SIGMA_H_M = 5.0
 """1-sigma of the autopilot's height above the map's zero before fixes have taught how far it is off."""
 LEVEL_SIGMAS = 5.3
@@ -55,7 +55,7 @@ class Asking:
 
     def next(self, now_ns: int, *, injecting: bool, gnss_trusted: bool) -> list[Request]:
         """The worker's next question: about the ground below the track where that is due, else about a frame."""
-        if gnss_trusted:
+        if gnss_trusted or self._tracker.velocity is None or self._tracker.origin is None:
             self._untrusted_ns = None
         elif self._untrusted_ns is None:
             self._untrusted_ns = now_ns

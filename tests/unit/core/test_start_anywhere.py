@@ -10,7 +10,7 @@ import numpy as np
 from visloc_companion.core.settings import CoreSettings, InjectionSettings, NavigatorSettings
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
-from visloc_companion.types import GeoPoint, Injection, LocaliseRequest, Mode, NoFix, OperatorFix, OriginChanged, Vote
+from visloc_companion.types import GeoPoint, Injection, LocaliseRequest, Mode, NoFix, OperatorFix, OriginChanged, Tick, Vote
 
 World = Any
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
@@ -56,6 +56,17 @@ def test_nothing_is_searched_for_while_gnss_is_trusted_or_where_it_is_not_wished
     assert max(request.prior.cov_ne_m2[0][0] for _, request, _ in healthy.requests) < 30**2
     off = CoreSettings(injection=INJECTION, navigator=NavigatorSettings(start_anywhere=False))
     assert not blinkered(world, off).fly(20).requests
+
+
+def test_a_daemon_that_waited_for_its_autopilot_gives_gnss_its_time(world: type[World]) -> None:
+    w = world(settings=CoreSettings(injection=INJECTION))
+    for k in range(1, 200):
+        w.k = k
+        w.send(Tick(round(w.t * 1e9)))
+    w.start()
+    w.fly(w.t + 10)
+    assert w.requests
+    assert max(request.prior.cov_ne_m2[0][0] for _, request, _ in w.requests) < 30**2
 
 
 def test_the_operators_position_ends_the_search(world: type[World]) -> None:
