@@ -121,6 +121,8 @@ class Reason(StrEnum):
     # the worker or the queue has no answer
     WORKER_TIMEOUT = "worker_timeout"
     WORKER_DIED = "worker_died"
+    COMPUTATION_DIFFERS = "computation_differs"
+    SWITCHED_OFF = "switched_off"
     SUPERSEDED = "superseded"
     # the navigator does not take it
     GATED = "gated"

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from visloc_companion.app.settings import network_choice
 from visloc_companion.config import LocaliserConfig
 from visloc_companion.localise.features.onnx import NetworkFeatures
 from visloc_companion.localise.flight import flight_localiser
-from visloc_companion.localise.registry import open_features_for
+from visloc_companion.localise.registry import make_localiser, open_features_for
 from visloc_companion.localise.runtime import default_threads
+from visloc_companion.localise.twice import CheckedTwice
 from visloc_companion.localise.with_motion import WithMotion
 from visloc_companion.localise.with_turn import WithTurn
 from visloc_companion.protocols import Localiser
@@ -30,4 +33,17 @@ def configured_localiser(chosen: LocaliserConfig, model: CameraModel) -> tuple[L
         structure=chosen.structure,
     )
     moving = WithMotion(localiser, model) if chosen.odometry else localiser
-    return WithTurn(moving, model), features
+    turning = WithTurn(moving, model)
+    return (CheckedTwice(turning, _again(chosen, model), chosen.check_every) if chosen.check_every else turning), features
+
+
+def _again(chosen: LocaliserConfig, model: CameraModel) -> Localiser:
+    """The image's localiser once more, with nothing of the first one's: what its fixes are checked by."""
+    network = replace(network_choice(chosen), providers=("cpu",), threads=1)
+    return make_localiser(
+        chosen.method,
+        model,
+        features=open_features_for(chosen.method, network),
+        max_probability_wrong=chosen.max_probability_wrong,
+        max_search_radius_m=chosen.max_search_radius_m,
+    )

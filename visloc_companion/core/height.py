@@ -36,7 +36,7 @@ NOTHING = Solutions(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros
 
 @dataclass(frozen=True, slots=True, order=True)
 class HeightFix:
-    """What a fix says of the autopilot's height: raise it by `offset_m` (variance `var_m2`); it stood `climbed_m` above the start.
+    """What a fix says of the autopilot's height: raise it by `offset_m` (variance `var_m2`). It stood `climbed_m` over the start.
 
     `tie` orders fixes of one time.
     """

@@ -12,29 +12,26 @@ from __future__ import annotations
 from visloc_companion.core import gnss_words, requests, streams
 from visloc_companion.core.asking import Asking
 from visloc_companion.core.attitude import AttitudeBuffer
-from visloc_companion.core.camera_watch import CameraWatch
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.guard import Complaints, TimeCheck, TimeGuard
 from visloc_companion.core.height_aiding import HeightAiding
 from visloc_companion.core.onboard_camera import OnboardCamera
-from visloc_companion.core.place_search import Found, PlaceSearch
+from visloc_companion.core.place_search import PlaceSearch
 from visloc_companion.core.protection import Protection
 from visloc_companion.core.sending import Sending
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.steering import Steering
 from visloc_companion.core.switching import SourceSwitch
 from visloc_companion.core.telemetry import Telemetry
-from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.core.terrain_aiding import TerrainAiding
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.core.turns import Turns
 from visloc_companion.core.validate import fault
+from visloc_companion.core.vision import Vision
 from visloc_companion.errors import Reason
-from visloc_companion.geo import wgs84
 from visloc_companion.types import (
-    Accepted,
     Attitude,
     Baro,
     Command,
@@ -56,7 +53,6 @@ from visloc_companion.types import (
     OriginChanged,
     PriorPose,
     Range,
-    Rejected,
     Severity,
     SourceSwitched,
     Tick,
@@ -64,7 +60,6 @@ from visloc_companion.types import (
     WorkerState,
 )
 
-WORKER_LOST = (Reason.WORKER_TIMEOUT, Reason.WORKER_DIED)
 ORIGIN_RETRY_NS = 5_000_000_000
 
 
@@ -89,9 +84,9 @@ class Navigator:
         )
         self._terrain = TerrainAiding() if settings.terrain else None
         self._search = PlaceSearch(settings.max_search_radius_m) if settings.navigator.start_anywhere else None
-        self._onboard = OnboardCamera(settings.q_frd_cambody, self._clock, self._attitude, self._tracker)
+        onboard = OnboardCamera(settings.q_frd_cambody, self._clock, self._attitude, self._tracker)
         self._asking = Asking(
-            settings, self._queue, self._tracker, self._clock, self._attitude, self._onboard, self._terrain, self._search
+            settings, self._queue, self._tracker, self._clock, self._attitude, onboard, self._terrain, self._search
         )
         self._switch = SourceSwitch(settings.injection.switch_source)
         self._height = HeightAiding(settings.navigator)
@@ -111,7 +106,19 @@ class Navigator:
         self._steering = Steering(settings, self._monitor, self._switch)
         self._sending = Sending(settings.injection, self._tracker, self._asking)
         self._link = LinkChanged(0, up=True)
-        self._camera = CameraWatch()
+        self._vision = Vision(
+            self._queue,
+            self._asking,
+            onboard,
+            self._tracker,
+            self._aiding,
+            self._monitor,
+            self._steering,
+            self._height,
+            self._terrain,
+            self._search,
+            self._complaints,
+        )
         self._origin_asked_ns: int | None = None
 
     def on(self, event: Event, now_ns: int) -> list[Command]:
@@ -127,7 +134,7 @@ class Navigator:
         now_ns = now_ns if self._time.now_ns is None else self._time.now_ns
         reason = fault(event, now_ns)
         if reason is not None:
-            return [*self._complaints.about(event, reason, now_ns), *self._free_worker(event, now_ns)]
+            return [*self._complaints.about(event, reason, now_ns), *self._vision.free_worker(event, now_ns)]
         return self._dispatch(event, now_ns)
 
     def _dispatch(self, event: Event, now_ns: int) -> list[Command]:  # noqa: PLR0911, PLR0912 (the table of events)
@@ -157,16 +164,15 @@ class Navigator:
                 self._monitor.on_evidence(event)
                 return []
             case Odometry():
-                self._moved(event, now_ns)
+                self._vision.moved(event, now_ns)
                 return []
             case Range():
                 self._telemetry.on_range(event)
                 return []
             case FrameRef():
-                return self._on_frame(event, now_ns)
+                return self._vision.on_frame(event, now_ns)
             case Fix() | NoFix():
-                self._moved(event.motion, now_ns)
-                return self._on_answer(event, now_ns)
+                return self._vision.on_answer(event, now_ns)
             case TimesyncSample():
                 return self._telemetry.on_step(self._clock.on_exchange(event))
             case OriginChanged():
@@ -174,14 +180,14 @@ class Navigator:
             case LinkChanged():
                 return self._on_link(event, now_ns)
             case OperatorFix():
-                return self._on_operator(event, now_ns)
+                return self._vision.on_operator(event, self._clock.boot_ns(now_ns) or 0, now_ns)
             case SourceSwitched():
                 return self._switch.confirmed(event, now_ns)
             case WorkerState():
                 self._queue.worker(event.up)
                 if self._terrain is not None:
                     self._terrain.abandoned()
-                return self._request(now_ns)
+                return self._vision.request(now_ns)
 
     # ------------------------------------------------------------------------------------------- the link and its origin
 
@@ -201,97 +207,6 @@ class Navigator:
         self._origin_asked_ns = now_ns
         return streams.requests_for(event.autopilot, self._settings)
 
-    # -------------------------------------------------------------------------------------------------- frames and fixes
-
-    def _on_frame(self, event: FrameRef, now_ns: int) -> list[Command]:
-        if not self._camera.is_new(event):
-            return []
-        back = self._camera.on_frame(event.t_rx_ns)
-        self._queue.offer(self._onboard.on_frame(event))
-        return [*back, *self._request(now_ns)]
-
-    def _request(self, now_ns: int) -> list[Command]:
-        trusted = self._monitor.trusted
-        asked = self._asking.next(now_ns, injecting=self._steering.injecting, gnss_trusted=trusted)
-        for request in asked:
-            self._height.asked(request)
-        return self._onboard.asked([*asked])
-
-    def _moved(self, motion: Odometry | None, now_ns: int) -> None:
-        """The camera's own motion bears on the velocity, and on the GNSS verdict."""
-        if motion is not None and fault(motion, now_ns) is None:
-            self._aiding.on_odometry(motion)
-            self._tracker.observe_odometry(motion)
-            if self._search is not None:
-                self._search.moved(motion)
-
-    def _on_answer(self, event: Fix | NoFix, now_ns: int) -> list[Command]:
-        return [*self._onboard.on_answer(event), *self._localised(event, now_ns)]
-
-    def _localised(self, event: Fix | NoFix, now_ns: int) -> list[Command]:
-        if self._search is not None and self._search.is_asked(event.request_id):
-            found = None if self._tracker.origin is None else self._search.answered(event, self._tracker.origin, now_ns)
-            return [*([] if found is None else self._on_found(found, now_ns)), *self._free_worker(event, now_ns)]
-        return self._on_fix(event, now_ns) if isinstance(event, Fix) else self._free_worker(event, now_ns)
-
-    def _on_found(self, found: Found, now_ns: int) -> list[Command]:
-        """The search of the whole map has found the vehicle: the filter starts (again) there."""
-        if self._tracker.origin is None or self._search is None:
-            return []
-        self._search.clear()
-        place = wgs84.geo_from_ned((*found.place_ne_m, 0.0), self._tracker.origin)
-        if not self._tracker.seed(found.t_ns, place, found.sigma_m):
-            return []
-        self._steering.taken(now_ns)
-        data = (("probability_wrong", found.probability_wrong), ("answers", float(found.hits)))
-        return [Notice(Severity.WARNING, "visloc: position found on the map", to_operator=True, data=data)]
-
-    def _free_worker(self, event: Event, now_ns: int) -> list[Command]:
-        if isinstance(event, Fix | NoFix):
-            lost = isinstance(event, NoFix) and event.reason in WORKER_LOST
-            self._queue.answered(event.request_id, isinstance(event, Fix), lost)
-            if self._terrain is not None and isinstance(event, NoFix):
-                self._terrain.answered(event)
-            elif self._terrain is not None:
-                self._terrain.abandoned(event.request_id)
-            return self._request(now_ns)
-        return []
-
-    def _on_fix(self, fix: Fix, now_ns: int) -> list[Command]:
-        if self._terrain is not None and fix.method == TERRAIN and self._terrain.answered(fix) is None:
-            waits = Notice(Severity.INFO, "a fix of the terrain from far off waits for a second one")
-            return [waits, *self._free_worker(fix, now_ns)]
-        fix = self._onboard.stated(fix)
-        before, state = self._tracker.belief, self._tracker.at(fix.t_ns)
-        outcome = self._tracker.observe(fix)
-        after = self._tracker.belief
-        origin = self._tracker.origin
-        if self._terrain is not None and fix.method == TERRAIN and isinstance(outcome, Accepted) and state and origin:
-            self._terrain.learn(fix, state, origin)
-        commands = [] if fix.method == TERRAIN else self._onboard.on_fix(fix, self._monitor.trusted)
-        if isinstance(outcome, Accepted):
-            self._steering.taken(now_ns)
-            self._aiding.compare(fix)
-            self._height.taken(fix)
-            if before is not None and after is not None and after.started_ns != before.started_ns:
-                commands.append(Notice(Severity.WARNING, "visloc: relocalised", to_operator=True))
-        elif isinstance(outcome, Rejected):
-            commands += self._complaints.about(fix, outcome.reason, now_ns, Severity.INFO)
-        else:
-            reason = Reason.NOT_SEEDED if outcome is None else Reason.TOO_OLD
-            commands += self._complaints.about(fix, reason, now_ns, Severity.INFO)
-        return [*commands, *self._free_worker(fix, now_ns)]
-
-    def _on_operator(self, event: OperatorFix, now_ns: int) -> list[Command]:
-        reason = self._tracker.implausible(event.place, event.sigma_m, self._monitor.trusted)
-        if reason is not None:
-            return [Notice(Severity.WARNING, f"visloc: position refused, {reason}", to_operator=True)]
-        if self._tracker.velocity is None:
-            self._tracker.seed_without_velocity(now_ns, self._clock.boot_ns(now_ns) or 0, event.place, event.sigma_m)
-        self._tracker.seed(now_ns, event.place, event.sigma_m)
-        self._steering.anchored()
-        return [Notice(Severity.NOTICE, "visloc: position set by operator", to_operator=True)]
-
     # ---------------------------------------------------------------------------------------------------------- the Tick
 
     def _on_tick(self, now_ns: int) -> list[Command]:
@@ -305,7 +220,7 @@ class Navigator:
         protected = self._protection.judge(state, now_ns)
         relied_on = injecting and self._link.armed
         commands += self._protection.notices(relied_on=relied_on, room=gnss_words.has_room(commands))
-        commands += self._request(now_ns)
+        commands += self._vision.request(now_ns)
         sent = self._sending.tick(state, protected, mode, injecting, self._monitor.verdict, self._link.autopilot, now_ns)
         return [*commands, *sent]
 
@@ -318,7 +233,7 @@ class Navigator:
 
     def _watch(self, now_ns: int) -> list[Command]:
         """A camera that went silent, and an origin that has not come."""
-        commands = self._camera.check(now_ns)
+        commands = self._vision.check(now_ns)
         asked = self._origin_asked_ns
         if self._tracker.origin is None and self._link.up and asked is not None and now_ns - asked >= ORIGIN_RETRY_NS:
             self._origin_asked_ns = now_ns

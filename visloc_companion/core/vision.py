@@ -1,0 +1,158 @@
+"""Frames out to the worker, answers back into the filter, and what the operator says in place of an answer."""
+
+from __future__ import annotations
+
+from visloc_companion.core.asking import Asking
+from visloc_companion.core.camera_watch import CameraWatch
+from visloc_companion.core.computer_watch import ComputerWatch
+from visloc_companion.core.gnss import GnssMonitor
+from visloc_companion.core.gnss_aiding import GnssAiding
+from visloc_companion.core.guard import Complaints
+from visloc_companion.core.height_aiding import HeightAiding
+from visloc_companion.core.onboard_camera import OnboardCamera
+from visloc_companion.core.place_search import Found, PlaceSearch
+from visloc_companion.core.requests import FrameQueue
+from visloc_companion.core.steering import Steering
+from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
+from visloc_companion.core.terrain_aiding import TerrainAiding
+from visloc_companion.core.tracking import Tracker
+from visloc_companion.core.validate import fault
+from visloc_companion.errors import Reason
+from visloc_companion.geo import wgs84
+from visloc_companion.types import (
+    Accepted,
+    Command,
+    Event,
+    Fix,
+    FrameRef,
+    NoFix,
+    Notice,
+    Odometry,
+    OperatorFix,
+    Rejected,
+    Severity,
+)
+
+WORKER_LOST = (Reason.WORKER_TIMEOUT, Reason.WORKER_DIED)
+
+
+class Vision:
+    """What the navigator does with pictures."""
+
+    def __init__(
+        self,
+        queue: FrameQueue,
+        asking: Asking,
+        onboard: OnboardCamera,
+        tracker: Tracker,
+        aiding: GnssAiding,
+        monitor: GnssMonitor,
+        steering: Steering,
+        height: HeightAiding,
+        terrain: TerrainAiding | None,
+        search: PlaceSearch | None,
+        complaints: Complaints,
+    ) -> None:
+        self._queue, self._asking, self._onboard = queue, asking, onboard
+        self._tracker, self._aiding, self._monitor, self._steering = tracker, aiding, monitor, steering
+        self._height, self._terrain, self._search, self._complaints = height, terrain, search, complaints
+        self._camera, self._computer = CameraWatch(), ComputerWatch()
+
+    def check(self, now_ns: int) -> list[Command]:
+        """What is to be said of the camera at a Tick."""
+        return self._camera.check(now_ns)
+
+    def on_frame(self, event: FrameRef, now_ns: int) -> list[Command]:
+        """A frame lies in its slot."""
+        if not self._camera.is_new(event):
+            return []
+        back = self._camera.on_frame(event.t_rx_ns)
+        self._queue.offer(self._onboard.on_frame(event))
+        return [*back, *self.request(now_ns)]
+
+    def request(self, now_ns: int) -> list[Command]:
+        """Ask the worker the next question, where there is one."""
+        trusted = self._monitor.trusted
+        asked = self._asking.next(now_ns, injecting=self._steering.injecting, gnss_trusted=trusted)
+        for request in asked:
+            self._height.asked(request)
+        return self._onboard.asked([*asked])
+
+    def moved(self, motion: Odometry | None, now_ns: int) -> None:
+        """The camera's own motion bears on the velocity, and on the GNSS verdict."""
+        if motion is not None and fault(motion, now_ns) is None:
+            self._aiding.on_odometry(motion)
+            self._tracker.observe_odometry(motion)
+            if self._search is not None:
+                self._search.moved(motion)
+
+    def on_answer(self, event: Fix | NoFix, now_ns: int) -> list[Command]:
+        """The worker answered."""
+        self.moved(event.motion, now_ns)
+        return [*self._computer.on_answer(event), *self._onboard.on_answer(event), *self._localised(event, now_ns)]
+
+    def _localised(self, event: Fix | NoFix, now_ns: int) -> list[Command]:
+        if self._search is not None and self._search.is_asked(event.request_id):
+            found = None if self._tracker.origin is None else self._search.answered(event, self._tracker.origin, now_ns)
+            return [*([] if found is None else self._on_found(found, now_ns)), *self.free_worker(event, now_ns)]
+        return self._on_fix(event, now_ns) if isinstance(event, Fix) else self.free_worker(event, now_ns)
+
+    def _on_found(self, found: Found, now_ns: int) -> list[Command]:
+        """The search of the whole map has found the vehicle: the filter starts (again) there."""
+        if self._tracker.origin is None or self._search is None:
+            return []
+        self._search.clear()
+        place = wgs84.geo_from_ned((*found.place_ne_m, 0.0), self._tracker.origin)
+        if not self._tracker.seed(found.t_ns, place, found.sigma_m):
+            return []
+        self._steering.taken(now_ns)
+        data = (("probability_wrong", found.probability_wrong), ("answers", float(found.hits)))
+        return [Notice(Severity.WARNING, "visloc: position found on the map", to_operator=True, data=data)]
+
+    def free_worker(self, event: Event, now_ns: int) -> list[Command]:
+        """After an answer, used or not: nothing is outstanding, and the next question may be asked."""
+        if isinstance(event, Fix | NoFix):
+            lost = isinstance(event, NoFix) and event.reason in WORKER_LOST
+            self._queue.answered(event.request_id, isinstance(event, Fix), lost)
+            if self._terrain is not None and isinstance(event, NoFix):
+                self._terrain.answered(event)
+            elif self._terrain is not None:
+                self._terrain.abandoned(event.request_id)
+            return self.request(now_ns)
+        return []
+
+    def _on_fix(self, fix: Fix, now_ns: int) -> list[Command]:
+        if self._terrain is not None and fix.method == TERRAIN and self._terrain.answered(fix) is None:
+            waits = Notice(Severity.INFO, "a fix of the terrain from far off waits for a second one")
+            return [waits, *self.free_worker(fix, now_ns)]
+        fix = self._onboard.stated(fix)
+        before, state = self._tracker.belief, self._tracker.at(fix.t_ns)
+        outcome = self._tracker.observe(fix)
+        after = self._tracker.belief
+        origin = self._tracker.origin
+        if self._terrain is not None and fix.method == TERRAIN and isinstance(outcome, Accepted) and state and origin:
+            self._terrain.learn(fix, state, origin)
+        commands = [] if fix.method == TERRAIN else self._onboard.on_fix(fix, self._monitor.trusted)
+        if isinstance(outcome, Accepted):
+            self._steering.taken(now_ns)
+            self._aiding.compare(fix)
+            self._height.taken(fix)
+            if before is not None and after is not None and after.started_ns != before.started_ns:
+                commands.append(Notice(Severity.WARNING, "visloc: relocalised", to_operator=True))
+        elif isinstance(outcome, Rejected):
+            commands += self._complaints.about(fix, outcome.reason, now_ns, Severity.INFO)
+        else:
+            reason = Reason.NOT_SEEDED if outcome is None else Reason.TOO_OLD
+            commands += self._complaints.about(fix, reason, now_ns, Severity.INFO)
+        return [*commands, *self.free_worker(fix, now_ns)]
+
+    def on_operator(self, event: OperatorFix, t_boot_ns: int, now_ns: int) -> list[Command]:
+        """The operator says where the vehicle is; `t_boot_ns`: now, on the autopilot's clock."""
+        reason = self._tracker.implausible(event.place, event.sigma_m, self._monitor.trusted)
+        if reason is not None:
+            return [Notice(Severity.WARNING, f"visloc: position refused, {reason}", to_operator=True)]
+        if self._tracker.velocity is None:
+            self._tracker.seed_without_velocity(now_ns, t_boot_ns, event.place, event.sigma_m)
+        self._tracker.seed(now_ns, event.place, event.sigma_m)
+        self._steering.anchored()
+        return [Notice(Severity.NOTICE, "visloc: position set by operator", to_operator=True)]
