@@ -1,6 +1,7 @@
 """Whether a camera that is mounted otherwise than configured is found in flight, and what it is worth when GNSS is lost.
 
-    python -m benchmarks.boresight [--seconds 210] [--jam 180] [--rate 1] [--method gradient] [--seed 1] [--json FILE]
+    python -m benchmarks.boresight [--seconds 210] [--jam 180] [--rate 1] [--method gradient] [--seed 1]
+        [--cases ...] [--json FILE]
 
 Copter over the procedural world (camera and map of different dates) with the real localiser; GNSS is good until `jam`. Cases:
 the mount as configured, off by 2 degrees of roll, of pitch, by 3 of heading, and as configured with GNSS off by 4 m east and 3 m
@@ -82,6 +83,7 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=1.0, help="frames a second")
     parser.add_argument("--method", default="gradient")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--cases", nargs="+", default=list(CASES), choices=list(CASES))
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     kept = procedural_world(1)

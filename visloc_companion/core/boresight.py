@@ -29,8 +29,8 @@ EVERY_NS = 1_000_000_000
 SURE = 0.01
 GATE_SIGMA = 5.0
 MIN_HEIGHT_M = 20.0
-USE_RAD = np.radians([0.35, 0.35, 0.8])
-"""A turn is used once its 1-sigma is below this."""
+USE_RAD = np.radians([0.6, 0.6, 1.2])
+"""A turn is used once its 1-sigma is below this: well below what priors claim of tilt (1 degree) and heading (5)."""
 FOLLOW_RAD = math.radians(0.2)
 LARGEST_RAD = math.radians(6.0)
 TELL_RAD = math.radians(3.0)
