@@ -83,6 +83,18 @@ def test_a_message_of_another_dialect_is_unknown_not_garbage():
     assert (framer.counts.unknown, framer.counts.garbage_bytes) == (1, 0)
 
 
+@pytest.mark.parametrize("inside", [b"\xfd\x40\x00", b"\xfe\x60"])
+def test_an_unknown_message_that_holds_start_bytes_is_no_garbage_where_a_good_one_follows(inside):
+    """PX4 sends many that our dialect lacks; each start byte in their payloads was reported as damage on the link."""
+    unknown_id = next(i for i in development.mavlink_map if i not in mav.mavlink_map)
+    payload = b"\x01\x02" + inside + bytes(20)
+    frame = bytes((0xFD, len(payload), 0, 0, 0, 1, 1)) + unknown_id.to_bytes(3, "little") + payload + b"\x12\x34"
+    framer = Framer()
+    messages = [*framer.feed(attitude(1) + frame), *framer.feed(attitude(2))]
+    assert times(messages) == [1, 2]
+    assert (framer.counts.unknown, framer.counts.garbage_bytes) == (1, 0)
+
+
 @pytest.mark.parametrize("cut", range(1, 40))
 def test_a_cut_message_that_reads_as_an_unknown_one_does_not_swallow_the_next(cut):
     """Cut inside its header, the id comes from the next message; byte by byte the claimed length ends inside that one."""

@@ -107,7 +107,8 @@ class Framer:
         return _Verdict.UNKNOWN, length, None
 
     def _unknown_or_false(self, start: int, length: int) -> _Verdict:
-        """Nothing vouches for a frame of unknown id: it counts once another frame follows and none can begin inside it."""
+        """Nothing vouches for a frame of unknown id: it counts once another frame follows and none can begin inside it, or a good
+        one follows and none lies inside."""
         if len(self._buffer) == start + length:
             return _Verdict.UNFINISHED
         if self._buffer[start + length] not in (mav.PROTOCOL_MARKER_V1, mav.PROTOCOL_MARKER_V2):
@@ -115,7 +116,8 @@ class Framer:
         inside = self._verdicts_behind(start, start + length)
         if _Verdict.GOOD in inside:
             return _Verdict.FALSE
-        return _Verdict.UNFINISHED if _Verdict.UNFINISHED in inside else _Verdict.UNKNOWN
+        doubtful = _Verdict.UNFINISHED in inside and self._frame_at(start + length)[0] is not _Verdict.GOOD
+        return _Verdict.UNFINISHED if doubtful else _Verdict.UNKNOWN
 
     def _verdicts_behind(self, start: int, end: int) -> set[_Verdict]:
         return {self._frame_at(found.start())[0] for found in _START.finditer(self._buffer, start + 1, end)}
