@@ -34,6 +34,7 @@ class ArduPilot:
 
     kind = AutopilotKind.ARDUPILOT
     station_url = f"tcpin:127.0.0.1:{STATION_PORT}"
+    withheld = ""
     daemon_url = f"udpin:127.0.0.1:{DAEMON_PORT}"
 
     def __init__(self, plane: bool, parameter_file: Path) -> None:

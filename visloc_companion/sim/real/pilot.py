@@ -58,6 +58,10 @@ class Pilot(Protocol):
     def daemon_url(self) -> str:
         """What the daemon is told as link.url."""
 
+    @property
+    def withheld(self) -> str:
+        """A message that this simulator falsifies, which the daemon therefore does not get; empty for none."""
+
     def command(self, program: Path, folder: Path, speed: float) -> tuple[Sequence[str], Mapping[str, str]]:
         """How to start it in a folder: the command and the environment; writes the files that it needs there."""
 

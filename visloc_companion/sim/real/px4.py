@@ -43,6 +43,8 @@ class Px4:
     kind = AutopilotKind.PX4
     station_url = f"udpin:127.0.0.1:{STATION_PORT}"
     daemon_url = f"udpin:127.0.0.1:{DAEMON_PORT}"
+    withheld = "SYSTEM_TIME"
+    """Its calendar is this machine's, which does not run at the speed of the simulation: GNSS time would seem to be forged."""
 
     def __init__(self, parameter_file: Path) -> None:
         self._parameter_file = parameter_file

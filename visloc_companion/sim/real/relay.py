@@ -17,10 +17,13 @@ Address = tuple[Any, ...]
 
 
 class Relay:
-    """UDP between `front_port`, where the simulator sends, and `back_port`, where the daemon listens; both on the loopback."""
+    """UDP between `front_port`, where the simulator sends, and `back_port`, where the daemon listens; both on the loopback.
 
-    def __init__(self, front_port: int, back_port: int, on_message: Callable[[Message], None]) -> None:
-        self._ports, self._on_message = (front_port, back_port), on_message
+    Messages of the type `withheld` do not reach the daemon.
+    """
+
+    def __init__(self, front_port: int, back_port: int, on_message: Callable[[Message], None], withheld: str = "") -> None:
+        self._ports, self._on_message, self._withheld = (front_port, back_port), on_message, withheld
         self._framer = Framer()
         self._front: Any = None
         self._back: Any = None
@@ -40,9 +43,13 @@ class Relay:
 
     def _from_simulator(self, data: bytes, source: Address) -> None:
         self._simulator = source
-        for message in self._framer.feed(data):
+        messages = self._framer.feed(data)
+        for message in messages:
             self._on_message(message)
-        self._back.sendto(data)
+        if any(message.get_type() == self._withheld for message in messages):
+            data = b"".join(bytes(message.get_msgbuf()) for message in messages if message.get_type() != self._withheld)
+        if data:
+            self._back.sendto(data)
 
     def _from_daemon(self, data: bytes, _source: Address) -> None:
         if self._simulator is not None:
