@@ -95,7 +95,7 @@ class Asking:
         state = self._tracker.at(frame.t_ns)
         if self._search is not None and self._anywhere(state, now_ns):
             return self._about_place(self._search, state, frame, q_ned_frd, now_ns)
-        if self._search is not None and self._search.places:
+        if self._search is not None and self._search.active:
             self._search.clear()
         if state is None:
             return []

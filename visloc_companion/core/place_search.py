@@ -111,6 +111,11 @@ class PlaceSearch:
             self._asked = replace(self._asked, tile=None, number=None)
 
     @property
+    def active(self) -> bool:
+        """Whether the map is being searched."""
+        return self._swept is not None
+
+    @property
     def places(self) -> tuple[Hypothesis, ...]:
         """The hypotheses, best first."""
         return self._places

@@ -57,10 +57,14 @@ class Vision:
         self._tracker, self._aiding, self._monitor, self._steering = tracker, aiding, monitor, steering
         self._height, self._terrain, self._search, self._complaints = height, terrain, search, complaints
         self._camera, self._computer = CameraWatch(), ComputerWatch()
+        self._searching = False
 
     def check(self, now_ns: int) -> list[Command]:
-        """What is to be said of the camera at a Tick."""
-        return self._camera.check(now_ns)
+        """What is to be said of the camera at a Tick, and that the place is searched for from now on."""
+        was_searching, self._searching = self._searching, self._search is not None and self._search.active
+        begun = self._searching and not was_searching
+        text = "visloc: searching the map, keep moving"
+        return [*self._camera.check(now_ns), *([Notice(Severity.NOTICE, text, to_operator=True)] if begun else [])]
 
     def on_frame(self, event: FrameRef, now_ns: int) -> list[Command]:
         """A frame lies in its slot."""

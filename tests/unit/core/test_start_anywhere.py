@@ -44,6 +44,8 @@ def test_a_daemon_that_starts_while_gnss_is_lost_finds_its_place_and_injects(wor
     w.ekf_p = np.array([4000.0, 0.0])  # what the autopilot says of its place is of no use
     w.fly(60)
     (found_s,) = w.notices("position found on the map")
+    (begun_s,) = w.notices("searching the map, keep moving")
+    assert begun_s < found_s
     assert found_s < 30
     assert w.first(Injection) >= found_s
     assert w.status_at(58)[0].mode is Mode.AIDING
@@ -56,6 +58,7 @@ def test_nothing_is_searched_for_while_gnss_is_trusted_or_where_it_is_not_wished
     assert max(request.prior.cov_ne_m2[0][0] for _, request, _ in healthy.requests) < 30**2
     off = CoreSettings(injection=INJECTION, navigator=NavigatorSettings(start_anywhere=False))
     assert not blinkered(world, off).fly(20).requests
+    assert not healthy.notices("searching the map")
 
 
 def test_a_daemon_that_waited_for_its_autopilot_gives_gnss_its_time(world: type[World]) -> None:
