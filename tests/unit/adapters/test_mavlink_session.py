@@ -236,6 +236,19 @@ def test_an_attitude_that_is_said_in_two_messages_is_one():
     assert [attitude.t_boot_ns for attitude in said] == [5_000_000_000, 5_020_000_000, 5_040_000_000]
 
 
+def test_a_few_stray_bytes_are_no_damage_and_a_wrong_baud_rate_is():
+    """ArduPilot prints some characters on its ports when it boots."""
+    talking = talk()
+    talking.session.receive(b"0 0 0 ", talking.now_ns)
+    talking.run(5.0)
+    assert talking.session.warnings() == []
+    for _ in range(100):
+        talking.session.receive(bytes(range(200)), talking.now_ns)
+    assert [w for w in talking.session.warnings() if "are not MAVLink" in w] == [
+        "bytes on the link are not MAVLink (wrong baud rate, noise, or another protocol?); they are skipped"
+    ]
+
+
 def test_time_that_goes_backwards_is_held():
     talking = talk()
     talking.session.request(RequestMessage(ATTITUDE, 20.0), talking.now_ns)

@@ -41,6 +41,8 @@ _REBOOT_NS = 5 * _NS_PER_S
 _STALL_NS = _NS_PER_S // 2
 _VERSION_TRIES = 5
 _MAX_WARNINGS = 50
+_GARBAGE_BYTES = 64
+"""So many bytes that are no message, and one more for each message, are worth a warning: ArduPilot prints some when it boots."""
 _REFUSAL_TEXTS = {
     Reason.NO_ORIGIN: "no injection: the autopilot's EKF origin is not known",
     Reason.NOT_FINITE: "no injection: it holds a number that is not finite",
@@ -80,6 +82,7 @@ class MavlinkSession:
         self._polled_ns = 0
         self._boot_ns = 0
         self._attitude_boot_ns = -1
+        self._garbage_told = False
         self._origin: GeoPoint | None = None
         self._last_injection_ns = -_ACTIVE_FOR_NS
         self._next_heartbeat_ns = 0
@@ -129,10 +132,11 @@ class MavlinkSession:
     def receive(self, data: bytes, now_ns: int) -> list[Event]:
         """Take bytes from the link; the events in them, stamped `now_ns`. Any bytes, in any pieces."""
         now_ns = self._advance(now_ns)
-        clean = self._framer.counts.garbage_bytes == 0
         for msg in self._framer.feed(data):
             self._take(msg, now_ns)
-        if clean and self._framer.counts.garbage_bytes:
+        counts = self._framer.counts
+        if not self._garbage_told and counts.garbage_bytes >= _GARBAGE_BYTES + counts.messages:
+            self._garbage_told = True
             self._warn("bytes on the link are not MAVLink (wrong baud rate, noise, or another protocol?); they are skipped")
         return self._drain_events()
 
