@@ -11,7 +11,7 @@ from benchmarks.cases import SHARED
 
 def main() -> None:
     """Run each as a process of its own; ends with the first failure's code."""
-    steps = [["speed"], ["landscape"], ["flights"]]
+    steps = [["speed"], ["navigator"], ["height"], ["landscape"], ["flights"]]
     if SHARED.is_dir():
         folder = tempfile.mkdtemp(prefix="visloc-cases-")
         steps += [["table", folder, "--jobs", "2", "--breakdown"], ["floor", folder, "--jobs", "2"]]

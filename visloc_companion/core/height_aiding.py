@@ -6,7 +6,7 @@ from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass
 
-from visloc_companion.core.height import HeightFilter, HeightFix, news_of
+from visloc_companion.core.height import HeightBelief, HeightFilter, HeightFix, news_of
 from visloc_companion.core.requests import UNKNOWN_HEIGHT_SIGMA_M, height_sigma_m
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Fix, LocaliseRequest, TerrainRequest
@@ -15,6 +15,8 @@ HISTORY_NS = 10_000_000_000
 MAX_GAP_NS = 1_500_000_000
 REQUESTS = 8
 """Priors kept: one request is outstanding at a time."""
+LASTS_NS, LASTS_M = 500_000_000, 1.0
+"""Without a new fix an answer stands for so long, and over so much of a climb: the barometer walks 0.07 m meanwhile."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +35,7 @@ class HeightAiding:
         self._heights: deque[tuple[int, float]] = deque()
         self._priors: dict[int, tuple[float, float]] = {}
         self._filter: HeightFilter | None = None
+        self._held: tuple[HeightBelief, int, float, Height] | None = None
         self._above_home_m = 0.0
 
     def drive(self, t_ns: int, h_amsl_m: float, above_home_m: float | None) -> None:
@@ -74,8 +77,15 @@ class HeightAiding:
         """What is known of a height that is stated at a time; None before the autopilot stated any."""
         if self._filter is None:
             return None
+        if self._held is not None:
+            belief, since_ns, since_amsl_m, height = self._held
+            lasts = 0 <= t_ns - since_ns < LASTS_NS and abs(h_amsl_m - since_amsl_m) < LASTS_M
+            if lasts and belief is self._filter.newest:
+                return height
         offset_m, _ = self._filter.at(t_ns, h_amsl_m)
-        return Height(offset_m, self._filter.protection_level_m(t_ns, h_amsl_m, self._above_home_m))
+        height = Height(offset_m, self._filter.protection_level_m(t_ns, h_amsl_m, self._above_home_m))
+        self._held = (self._filter.newest, t_ns, h_amsl_m, height)
+        return height
 
     def _at(self, t_ns: int) -> float | None:
         """The autopilot's height at a time, between two reports or at the nearest; None where none is near."""

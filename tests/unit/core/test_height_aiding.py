@@ -74,6 +74,17 @@ def test_a_fix_far_from_any_report_is_left_out(t_s: float) -> None:
     assert height.offset_m == 0.0
 
 
+def test_an_answer_stands_until_a_fix_a_climb_or_half_a_second() -> None:
+    aiding = climbing()
+    first = aiding.at(10 * S, 120.0)
+    assert aiding.at(10 * S + S // 10, 120.0) is first
+    assert aiding.at(10 * S + S // 2, 120.0) is not first
+    assert aiding.at(10 * S + 2 * S // 3, 122.0) is not aiding.at(10 * S + 2 * S // 3, 120.0)
+    before = aiding.at(11 * S, 120.0)
+    aiding.taken(fix(9.5, 130.0))
+    assert aiding.at(11 * S, 120.0) is not before
+
+
 def test_after_a_restart_of_the_autopilot_heights_begin_anew() -> None:
     aiding = climbing()
     aiding.forget_heights()
