@@ -128,6 +128,11 @@ class PositionFilter:
         level_m = integrity.protection_level_m(belief.x, belief.P, belief.without, self._settings)
         return integrity.aged(level_m, (t_ns - belief.rested_ns) * 1e-9)
 
+    def know_map(self, sigma_m: float) -> None:
+        """Take another 1-sigma of the map's registration, on each axis: it widens what is stated, and the gate."""
+        if sigma_m != self._settings.map_sigma_m:
+            self._settings = replace(self._settings, map_sigma_m=sigma_m)
+
     def move_origin(self, origin: GeoPoint) -> None:
         """Express everything about another origin; the vehicle stays where it is."""
         north, east = (float(v) for v in self.newest.x[:2])

@@ -10,10 +10,11 @@ from __future__ import annotations
 from collections import deque
 
 from visloc_companion.core.gnss import GnssMonitor
+from visloc_companion.core.map_offset import MapOffset
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.core.validate import is_place
-from visloc_companion.types import Command, Fix, Gnss, Mode, Notice, Odometry, Rejected, Severity
+from visloc_companion.types import Command, Fix, Gnss, Mode, Notice, Odometry, Rejected, Severity, Verdict
 
 GNSS_AFTER_NS = 5_000_000_000
 GNSS_INTERVAL_NS = 1_000_000_000
@@ -31,6 +32,7 @@ class GnssAiding:
         self._fused_ns: int | None = None
         self._rejected = 0
         self._odometry: deque[Odometry] = deque(maxlen=ODOMETRY_WAITING)
+        self._map = MapOffset(settings.navigator.map_sigma_m)
 
     def on_gnss(self, event: Gnss, t_ns: int, mode: Mode) -> list[Command]:
         """Take a receiver's report; `t_ns` is its time of validity. Only the first receiver may feed the filter."""
@@ -81,11 +83,21 @@ class GnssAiding:
                 north, east, _ = seen.displacement_ned_m
                 self._monitor.on_displacement(seen.t_from_ns, seen.t_to_ns, moved, (north, east), var_m2)
 
-    def compare(self, fix: Fix) -> None:
-        """Show the monitor an accepted fix beside GNSS: the fix itself, for the filter rides on a velocity that may be false."""
+    def compare(self, fix: Fix) -> list[Command]:
+        """Show the monitor an accepted fix beside GNSS: the fix itself, for the filter rides on a velocity that may be false.
+
+        While GNSS is trusted, the difference also tells how far the map is off.
+        """
         velocity = self._tracker.velocity
         difference = None if velocity is None else self._tracker.gnss.minus(fix, velocity.v_ned_mps)
         if velocity is None or difference is None:
-            return
+            return []
         north, east, _ = velocity.v_ned_mps
         self._monitor.on_vision(fix.t_ns, difference, fix.cov_ne_m2, self._settings.navigator.map_sigma_m, (north, east))
+        verdict = self._monitor.verdict
+        if verdict.verdict is Verdict.SUSPECT:
+            self._map.suspected(verdict.since_ns)
+        elif self._monitor.trusted:
+            self._map.compared(fix.t_ns, difference)
+        self._tracker.know_map(self._map.sigma_m)
+        return self._map.notices()

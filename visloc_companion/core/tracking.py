@@ -90,6 +90,12 @@ class Tracker:
         """Take what the accelerometers measured, with the attitude of that time."""
         self._inertial.on_force(t_boot_ns, force_frd_mps2, q_ned_frd)
 
+    def know_map(self, sigma_m: float) -> None:
+        """Take another 1-sigma of the map's registration, on each axis."""
+        self._settings = replace(self._settings, map_sigma_m=sigma_m)
+        if self._filter is not None:
+            self._filter.know_map(sigma_m)
+
     def observe_airspeed(self, z: Airspeed) -> None:
         """Take a velocity through the air."""
         if self._filter is not None:

@@ -139,7 +139,7 @@ class Vision:
         commands = [] if fix.method == TERRAIN else self._onboard.on_fix(fix, self._monitor.trusted)
         if isinstance(outcome, Accepted):
             self._steering.taken(now_ns)
-            self._aiding.compare(fix)
+            commands = [*commands, *self._aiding.compare(fix)]
             self._height.taken(fix)
             if before is not None and after is not None and after.started_ns != before.started_ns:
                 commands.append(Notice(Severity.WARNING, "visloc: relocalised", to_operator=True))
