@@ -35,7 +35,7 @@ class LinkConfig(Section):
     component_id: Annotated[int, Field(ge=1, le=255)] = 197
     """Our own MAVLink component (MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY)."""
     attitude_rate_hz: Positive = 50.0
-    """ATTITUDE asked of the autopilot; ArduPlane denies 50 Hz and is then asked for less."""
+    """ATTITUDE and SCALED_IMU asked of the autopilot; ArduPlane denies 50 Hz and is then asked for less."""
     position_rate_hz: Positive = 10.0
     """GLOBAL_POSITION_INT and LOCAL_POSITION_NED asked of the autopilot."""
     gnss_rate_hz: Positive = 5.0
@@ -107,7 +107,7 @@ class LocaliserConfig(Section):
     """Ask for the structure vote (motion stereo against the map's surface model or cloud) when the image is not recognised."""
     structure_every: Annotated[int, Field(ge=0, le=1000)] = 0
     """Ask for it in turn as well, after so many image fixes; 0 asks only when the image is not recognised."""
-    odometry: bool = False
+    odometry: bool = True
     """Follow the ground from frame to frame: corrects the velocity between fixes and while there are none."""
     terrain: bool = False
     """Ask the autopilot for DISTANCE_SENSOR, and match the profile of the ground below the track with the map's surface model."""
@@ -155,7 +155,7 @@ class NavigatorConfig(Section):
     lost_sigma_m: Positive = 60.0
     """Horizontal 1-sigma beyond which injection stops."""
     start_anywhere: bool = True
-    """Search the whole map where there is no trusted position to begin with, or none any more; believed when several answers agree."""
+    """Search the whole map where there is no trusted position to begin with, or none any more (docs/start-anywhere.md)."""
     seed_sigma_m: Positive = 5.0
     """1-sigma of the autopilot's position that seeds the filter while GNSS is trusted."""
     min_height_m: NonNegative = 15.0
