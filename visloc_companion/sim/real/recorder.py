@@ -74,7 +74,7 @@ class Recorder:
         kind = message.get_type()
         if kind == "STATUSTEXT" and self._pilot.failsafe(message.text) and self.log.at("begun") is not None:
             self.failed = True
-            self.log.failsafes.append((self._t_boot_ns * 1e-9, message.text.rstrip("\x00")))
+            self.log.failsafes.append((self._t_boot_ns * 1e-9, message.text.rstrip("\x00\t ")))
         elif kind == "GPS_GLOBAL_ORIGIN":
             self._origin = GeoPoint(message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
         truth = self._pilot.truth(message)
