@@ -68,6 +68,7 @@ async def first_contact(station_url: str, url: str) -> tuple[LinkChanged, bool, 
 
 
 @pytest.mark.sitl
+@pytest.mark.timeout(300)
 @pytest.mark.parametrize("simulator", KINDS)
 def test_an_autopilot_is_known_and_streams(simulator: Simulator, tmp_path: Path) -> None:
     try:
