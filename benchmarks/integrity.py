@@ -1,8 +1,9 @@
 """Does the protection level hold? `python -m benchmarks.integrity [--flights N] [--seed N] [--votes image structure] ...`.
 
-Flights of the filter alone, without pictures: truth, the autopilot's velocity (its slow error, and what it learns of our own
-injections), and fixes with the covariance and the probability of being wrong that they claim. They are wrong as often as they
-claim, and then stay wrong in the same way with the probability `--persistence`. A wrong fix lies anywhere in the search region.
+Flights of the filter alone, without pictures: truth, accelerations with the error that the daemon learns them to have (or the
+autopilot's velocity: its slow error, and what it learns of our own injections), and fixes with the covariance and the probability
+of being wrong that they claim. They are wrong as often as they claim, and then stay wrong in the same way with the probability
+`--persistence`. A wrong fix lies anywhere in the search region.
 
 Prints for each kind of flight: epochs (every fix and every second), fixes, wrong ones and those of them that the filter took,
 misleading epochs (error beyond the protection level), hazardously misleading ones (error beyond the alert limit, the level not),
@@ -26,7 +27,7 @@ from visloc_companion.core import fusion, separation
 from visloc_companion.core.estimator import PositionFilter, Velocity
 from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.odometry_aiding import OdometryAiding
-from visloc_companion.core.propagation import Drive
+from visloc_companion.core.propagation import INERTIAL_WALK_MPS_PER_SQRT_S, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Fix, FloatArray, GeoPoint, Odometry
@@ -37,6 +38,7 @@ HEIGHT_M = 100.0
 LATENCY_NS = 250_000_000
 FACTOR = math.sqrt(2 * math.log(1e5))
 TILT_RAD = math.radians(1.0)
+SIGMA_A_MPS2 = 0.1
 BANDWIDTH_RADPS, DAMPING = 0.5, 0.8
 """How the autopilot's own filter follows what we inject: an alpha-beta filter."""
 KEYFRAME_S, FRAME_STEPS = 2.0, 2
@@ -65,13 +67,18 @@ VOTES = {
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """What is flown: `speed_mps`, the votes, persistence of what is wrong, and the 1-sigma error of the velocity (m/s)."""
+    """What is flown: `speed_mps`, the votes, persistence of what is wrong, and the 1-sigma error of the velocity (m/s).
+
+    `inertial`: accelerations drive the filter, with the slow error SIGMA_A_MPS2 that the daemon learns them to have; else the
+    autopilot's velocity does, which rests on what we inject.
+    """
 
     speed_mps: float = 10.0
     votes: tuple[str, ...] = ("image",)
     persistence: float = separation.CORRELATION
     velocity_sigma_mps: float = 0.8
     duration_s: float = 300.0
+    inertial: bool = True
 
 
 @dataclass(slots=True)
@@ -162,6 +169,8 @@ def flown(flight: Flight, seed: int, settings: NavigatorSettings | None = None, 
     rng = np.random.default_rng(seed)
     truth, heading = np.zeros(2), 0.0
     bias = flight.velocity_sigma_mps * rng.standard_normal(2)
+    slow = SIGMA_A_MPS2 * rng.standard_normal(2)
+    drive = Drive.INERTIAL if flight.inertial else Drive.FED_BACK
     map_error = settings.map_sigma_m * rng.standard_normal(2)
     autopilot_p, autopilot_dv = map_error.copy(), np.zeros(2)
     sources = [Source(VOTES[name]) for name in flight.votes if name in VOTES]
@@ -169,16 +178,22 @@ def flown(flight: Flight, seed: int, settings: NavigatorSettings | None = None, 
     eyes = Eyes(float(scale), float(turn)) if ODOMETRY in flight.votes else None
     position_filter = _started(settings, truth + map_error, rng)
     tally = Tally()
-    a = math.exp(-DT_S / settings.velocity_correlation_s)
+    a, a_slow = math.exp(-DT_S / settings.velocity_correlation_s), math.exp(-DT_S / settings.acceleration_correlation_s)
+    walk = INERTIAL_WALK_MPS_PER_SQRT_S * math.sqrt(DT_S)
     for k in range(1, round(flight.duration_s / DT_S) + 1):
         t_s = k * DT_S
         heading += 0.05 * math.sin(t_s / 20) * DT_S
         step = flight.speed_mps * DT_S * np.array([math.cos(heading), math.sin(heading)])
         truth = truth + step
-        bias = a * bias + flight.velocity_sigma_mps * math.sqrt(1 - a * a) * rng.standard_normal(2)
-        v = step / DT_S + bias + autopilot_dv
+        if flight.inertial:
+            bias = bias + slow * DT_S + walk * rng.standard_normal(2)
+            slow = a_slow * slow + SIGMA_A_MPS2 * math.sqrt(1 - a_slow**2) * rng.standard_normal(2)
+            v = step / DT_S + bias
+        else:
+            bias = a * bias + flight.velocity_sigma_mps * math.sqrt(1 - a * a) * rng.standard_normal(2)
+            v = step / DT_S + bias + autopilot_dv
         position_filter.drive(
-            Velocity(_ns(t_s), (float(v[0]), float(v[1]), 0.0), HEIGHT_M, settings.velocity_sigma_aiding_mps, Drive.FED_BACK)
+            Velocity(_ns(t_s), (float(v[0]), float(v[1]), 0.0), HEIGHT_M, settings.velocity_sigma_aiding_mps, drive, SIGMA_A_MPS2)
         )
         if eyes is not None and k % FRAME_STEPS == 0:
             eyes.look(position_filter, t_s, truth, rng)
@@ -273,7 +288,7 @@ def kinds(args: argparse.Namespace) -> Iterator[tuple[str, Flight, NavigatorSett
     """The kinds of flight, by name."""
     for speed in args.speeds:
         for votes in args.votes:
-            flight = Flight(speed, tuple(votes.split("+")), args.persistence, args.velocity_sigma)
+            flight = Flight(speed, tuple(votes.split("+")), args.persistence, args.velocity_sigma, inertial=not args.fed_back)
             settings = replace(NavigatorSettings(), velocity_sigma_aiding_mps=args.velocity_sigma)
             yield f"{votes}, {speed:.0f} m/s", flight, settings
 
@@ -290,6 +305,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--persistence", type=float, default=separation.CORRELATION)
     parser.add_argument("--velocity-sigma", type=float, default=NavigatorSettings().velocity_sigma_aiding_mps)
     parser.add_argument("--alert-limit", type=float, default=25.0)
+    parser.add_argument("--fed-back", action="store_true", help="ride on the autopilot's velocity, not on accelerations")
     parser.add_argument("--blind", action="store_true")
     parser.add_argument("--json", type=Path)
     args = parser.parse_args(argv)

@@ -4,8 +4,8 @@ Between two times the filter's velocity input travels one way and odometry anoth
 error b of the input, whose present value differs from it by little (propagation.py). Odometry does not come from our own fixes,
 so b may be learned from it even while the autopilot flies on them (fusion.py).
 
-Errors of scale and heading stay for minutes: no number of intervals averages them away. So an interval is given only as much
-weight as leaves b no better known than they allow.
+Errors of scale and heading stay for minutes: no number of intervals averages them away. They are states, which fixes tell from
+the velocity's own error; what an interval claims beyond what those states allow for leaves b no better known than it says.
 """
 
 from __future__ import annotations
@@ -16,7 +16,17 @@ import numpy as np
 
 from visloc_companion.core import kalman, separation
 from visloc_companion.core.fusion import Belief, widened
-from visloc_companion.core.propagation import ACCELERATION, INERTIAL_WALK_MPS_PER_SQRT_S, N_STATES, VELOCITY, Drive
+from visloc_companion.core.propagation import (
+    ACCELERATION,
+    INERTIAL_WALK_MPS_PER_SQRT_S,
+    N_STATES,
+    ODOMETRY_HEADING,
+    ODOMETRY_HEADING_SIGMA_RAD,
+    ODOMETRY_SCALE,
+    ODOMETRY_SCALE_SIGMA,
+    VELOCITY,
+    Drive,
+)
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.errors import Reason
 from visloc_companion.types import Accepted, Cov2, FloatArray, Rejected, Vec2
@@ -35,14 +45,16 @@ UNHEARD_M2PS2 = 1e6
 class Motion:
     """Odometry over an interval that ends at `t_ns`: horizontal displacement north, east (metres).
 
-    `cov_ne_m2` is the error of this interval alone, `lasting_ne_m2` the variances of what it has in common with other intervals.
+    `cov_ne_m2` is the error of this interval alone; `sigma_scale` (a share) and `sigma_heading_rad` are 1-sigmas of what it has
+    in common with other intervals.
     """
 
     t_ns: int
     t_from_ns: int
     d_ne_m: Vec2
     cov_ne_m2: Cov2
-    lasting_ne_m2: Vec2
+    sigma_scale: float = 0.0
+    sigma_heading_rad: float = 0.0
 
     @property
     def duration_s(self) -> float:
@@ -54,9 +66,9 @@ def learned(belief: Belief, motion: Motion, travel_ne_m: Vec2, settings: Navigat
     """The belief at `motion.t_ns` after the motion; `travel_ne_m` is what the driving velocity travelled in that time."""
     dt = motion.duration_s
     z = (np.array(travel_ne_m) - np.array(motion.d_ne_m)) / dt
-    H, lag_m2ps2 = _seen(belief, dt, settings)
+    H, lag_m2ps2 = _seen(belief, motion, settings)
     alone = np.array(motion.cov_ne_m2) / dt**2 + lag_m2ps2 * np.eye(2)
-    least = np.array(motion.lasting_ne_m2) / dt**2
+    least = _beyond(motion)
     R = weighed(alone, H @ belief.P @ H.T, least)
     got = kalman.update(belief.x, belief.P, z, R, H, gate_sigma=settings.gate_sigma)
     changed_mps = float(np.abs(z - H @ belief.x).max())
@@ -72,11 +84,24 @@ def learned(belief: Belief, motion: Motion, travel_ne_m: Vec2, settings: Navigat
     return replace(belief, x=got.x, P=got.P, without=without), Accepted(got.nis)
 
 
-def _seen(belief: Belief, dt_s: float, settings: NavigatorSettings) -> tuple[FloatArray, float]:
-    """H (2, 9) of the velocity's mean error over an interval that ends now, and the variance of what it leaves out."""
+def _seen(belief: Belief, motion: Motion, settings: NavigatorSettings) -> tuple[FloatArray, float]:
+    """H (2, 11) of the velocity's mean error over the interval less odometry's own, and the variance of what it leaves out."""
+    dt = motion.duration_s
+    north, east = motion.d_ne_m[0] / dt, motion.d_ne_m[1] / dt
+    H = MEAN_VELOCITY.copy()
+    H[:, ODOMETRY_SCALE] = -north, -east
+    H[:, ODOMETRY_HEADING] = east, -north
     if belief.drive is Drive.INERTIAL:
-        return MEAN_VELOCITY - dt_s / 2 * MEAN_ACCELERATION, INERTIAL_WALK_MPS_PER_SQRT_S**2 * dt_s / 3
-    return MEAN_VELOCITY, belief.sigma_v_mps**2 * 2 * dt_s / (3 * settings.velocity_correlation_s)
+        return H - dt / 2 * MEAN_ACCELERATION, INERTIAL_WALK_MPS_PER_SQRT_S**2 * dt / 3
+    return H, belief.sigma_v_mps**2 * 2 * dt / (3 * settings.velocity_correlation_s)
+
+
+def _beyond(motion: Motion) -> FloatArray:
+    """Variances (2,) of the mean velocity, of errors of scale and heading beyond what the states for them allow."""
+    scale = max(0.0, motion.sigma_scale**2 - ODOMETRY_SCALE_SIGMA**2)
+    heading = max(0.0, motion.sigma_heading_rad**2 - ODOMETRY_HEADING_SIGMA_RAD**2)
+    v2 = np.square(motion.d_ne_m) / motion.duration_s**2
+    return np.asarray(scale * v2 + heading * v2[::-1])
 
 
 def weighed(R: FloatArray, P: FloatArray, least: FloatArray) -> FloatArray:

@@ -35,11 +35,12 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Travelled:
-    """Displacement between two times, NED metres, its horizontal covariance, for how many seconds of it nothing was seen, and the
-    length of the path along keyframes."""
+    """Displacement between two times, NED metres, its horizontal covariance, that without what neighbouring displacements have in
+    common, for how many seconds of it nothing was seen, and the length of the path along keyframes."""
 
     displacement_ned_m: Vec3
     cov_ne_m2: Cov2
+    own_ne_m2: Cov2
     unseen_s: float
     path_m: float
 
@@ -109,7 +110,8 @@ class OdometryTrack:
         d = b.p_ned_m - a.p_ned_m
         return Travelled(
             (float(d[0]), float(d[1]), float(d[2])),
-            ((float(cov[0, 0]), float(cov[0, 1])), (float(cov[1, 0]), float(cov[1, 1]))),
+            _cov2(cov),
+            _cov2(own),
             max(0.0, b.unseen_s - a.unseen_s),
             max(float(np.hypot(d[0], d[1])), b.path_m - a.path_m),
         )
@@ -196,6 +198,10 @@ class OdometryTrack:
         self._n_before = [counts[n] for n in n_before]
         self._times = [t for t, keep in zip(self._times, kept, strict=True) if keep]
         self._nodes = {t: self._nodes[t] for t in self._times}
+
+
+def _cov2(matrix: FloatArray) -> Cov2:
+    return (float(matrix[0, 0]), float(matrix[0, 1])), (float(matrix[1, 0]), float(matrix[1, 1]))
 
 
 def _key(item: Odometry) -> tuple[int, int]:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from visloc_companion.core.motion import Motion
 from visloc_companion.core.odometry import OdometryTrack
-from visloc_companion.types import FloatArray, Odometry
+from visloc_companion.types import Odometry
 
 INTERVAL_NS = 500_000_000
 """Shorter ones are mostly noise."""
@@ -38,19 +36,6 @@ class OdometryAiding:
         if travelled is None or travelled.unseen_s > 0 or newest_ns - since_ns > LONGEST_NS:
             return None
         north, east, _ = travelled.displacement_ned_m
-        lasting = _lasting_m2(np.array([north, east]), event)
-        (nn, ne), (_, ee) = travelled.cov_ne_m2
-        alone = np.maximum(np.array([nn, ee]) - lasting, LEAST_VARIANCE_M2)
-        cross = ne if ne * ne < 0.9 * float(alone.prod()) else 0.0
-        return Motion(
-            newest_ns,
-            since_ns,
-            (north, east),
-            ((float(alone[0]), cross), (cross, float(alone[1]))),
-            (float(lasting[0]), float(lasting[1])),
-        )
-
-
-def _lasting_m2(d_ne_m: FloatArray, event: Odometry) -> FloatArray:
-    """Variances (2,) of errors of scale and heading over a displacement."""
-    return np.asarray((event.sigma_scale * d_ne_m) ** 2 + (event.sigma_heading_rad * d_ne_m[::-1]) ** 2)
+        (nn, ne), (_, ee) = travelled.own_ne_m2
+        own = ((nn + LEAST_VARIANCE_M2, ne), (ne, ee + LEAST_VARIANCE_M2))
+        return Motion(newest_ns, since_ns, (north, east), own, event.sigma_scale, event.sigma_heading_rad)

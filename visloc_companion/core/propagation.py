@@ -1,8 +1,9 @@
 """How the filter's state goes on between measurements, for each velocity that can drive it.
 
-State (9,), pairs north and east: position at the EKF origin (m), error of the driving velocity (its value minus the true one,
-m/s), error of the acceleration that an inertial velocity is integrated from (m/s²), wind (where the air goes to, m/s); and the
-error of the heading by which those accelerations were turned (rad, clockwise).
+State (11,), pairs north and east: position at the EKF origin (m), error of the driving velocity (its value minus the true one,
+m/s), error of the acceleration that an inertial velocity is integrated from (m/s²), wind (where the air goes to, m/s); then the
+error of the heading by which those accelerations were turned (rad, clockwise), and what odometry gets wrong in scale (a share)
+and heading (rad).
 
 * `AUTOPILOT`, `FED_BACK`: the autopilot's velocity; its error is first-order Gauss-Markov.
 * `INERTIAL`: accelerations turned by the attitude and integrated (inertial.py). The error of that velocity is the integral of the
@@ -24,9 +25,9 @@ import numpy as np
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import FloatArray, Vec2
 
-N_STATES = 9
+N_STATES = 11
 POSITION, VELOCITY, ACCELERATION, WIND = slice(0, 2), slice(2, 4), slice(4, 6), slice(6, 8)
-HEADING = 8
+HEADING, ODOMETRY_SCALE, ODOMETRY_HEADING = 8, 9, 10
 N_CONSIDERED = N_STATES - VELOCITY.start
 """States that stay as they are where the velocity descends from our own fixes."""
 WALK_M_PER_SQRT_S = 0.05
@@ -36,7 +37,13 @@ INERTIAL_WALK_MPS_PER_SQRT_S = 0.12
 WIND_WALK_MPS_PER_SQRT_S = 0.1
 WIND_SIGMA_MPS = 10.0
 """1-sigma of the wind before anything is known of it."""
-HEADING_SIGMA_RAD, HEADING_TAU_S = math.radians(2.0), 100.0
+ODOMETRY_SCALE_SIGMA, ODOMETRY_HEADING_SIGMA_RAD = 0.01, math.radians(1.0)
+SLOW = (
+    (HEADING, math.radians(2.0), 100.0),
+    (ODOMETRY_SCALE, ODOMETRY_SCALE_SIGMA, 60.0),
+    (ODOMETRY_HEADING, ODOMETRY_HEADING_SIGMA_RAD, 60.0),
+)
+"""States that wander about zero on their own: which, 1-sigma, correlation time in seconds."""
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
 SERIES_BELOW = 0.01
 
@@ -51,15 +58,15 @@ class Drive(Enum):
 
 
 def initial_covariance(position_m: float, velocity_mps: float, acceleration_mps2: float) -> FloatArray:
-    """(9, 9) where position and the errors of velocity and acceleration have these 1-sigmas, and the wind is unknown."""
+    """(11, 11) where position and the errors of velocity and acceleration have these 1-sigmas, and the wind is unknown."""
     pairs = np.repeat((position_m, velocity_mps, acceleration_mps2, WIND_SIGMA_MPS), 2)
-    return np.diag(np.square([*pairs, HEADING_SIGMA_RAD]))
+    return np.diag(np.square([*pairs, *(sigma for _, sigma, _ in SLOW)]))
 
 
 def transition(
     dt_s: float, drive: Drive, sigma_mps: FloatArray, sigma_a_mps2: float, change_ne_mps: Vec2, settings: NavigatorSettings
 ) -> tuple[FloatArray, FloatArray]:
-    """F (9, 9), and Q (K, 9, 9) for K sigmas of the velocity's error (which an inertial velocity does not need).
+    """F (11, 11), and Q (K, 11, 11) for K sigmas of the velocity's error (which an inertial velocity does not need).
 
     `change_ne_mps`: by how much the driving velocity changes meanwhile.
     """
@@ -75,9 +82,10 @@ def transition(
     return F, np.square(sigma_mps)[:, None, None] * per_variance + rest
 
 
-def _heading(F: FloatArray, Q: FloatArray, dt_s: float) -> None:
-    kept = math.exp(-dt_s / HEADING_TAU_S)
-    F[HEADING, HEADING], Q[HEADING, HEADING] = kept, HEADING_SIGMA_RAD**2 * (1 - kept * kept)
+def _wander(F: FloatArray, Q: FloatArray, dt_s: float) -> None:
+    for state, sigma, tau_s in SLOW:
+        kept = math.exp(-dt_s / tau_s)
+        F[state, state], Q[state, state] = kept, sigma**2 * (1 - kept * kept)
 
 
 @lru_cache(maxsize=256)
@@ -90,7 +98,7 @@ def _gauss_markov(dt_s: float, tau_s: float, sigma_a: float, tau_a_s: float) -> 
     per_variance[0, 0] = tau_s**2 * _integrated(dt_s / tau_s)
     rest[0, 0], rest[2, 2], rest[3, 3] = WALK_M_PER_SQRT_S**2 * dt_s, sigma_a**2 * (1 - kept * kept), _wind_m2ps2(dt_s)
     whole = _both_axes(F), _both_axes(per_variance), _both_axes(rest)
-    _heading(whole[0], whole[2], dt_s)
+    _wander(whole[0], whole[2], dt_s)
     return whole
 
 
@@ -108,7 +116,7 @@ def _inertial(dt_s: float, sigma_a: float, tau_a_s: float) -> tuple[FloatArray, 
     Q[0, 0] += WALK_M_PER_SQRT_S**2 * dt_s
     Q[3, 3] = _wind_m2ps2(dt_s)
     whole = _both_axes(F), _both_axes(Q)
-    _heading(*whole, dt_s)
+    _wander(*whole, dt_s)
     return whole
 
 
@@ -118,7 +126,7 @@ def _wind_m2ps2(dt_s: float) -> float:
 
 def _both_axes(block: FloatArray) -> FloatArray:
     both = np.zeros((N_STATES, N_STATES))
-    both[:HEADING, :HEADING] = np.kron(block, np.eye(2))
+    both[0:HEADING:2, 0:HEADING:2] = both[1:HEADING:2, 1:HEADING:2] = block
     return both
 
 

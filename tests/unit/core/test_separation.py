@@ -117,7 +117,7 @@ def test_a_new_velocity_leaves_no_learned_error() -> None:
 def test_the_origin_moves_them_along() -> None:
     w = taken(start(), 0.0, 3.0).without
     moved = separation.shifted(w, np.array([5.0, -2.0]))
-    np.testing.assert_allclose(moved.x - w.x, np.tile([5.0, -2.0, *[0.0] * 7], (len(w), 1)))
+    np.testing.assert_allclose(moved.x - w.x, np.tile([5.0, -2.0, *[0.0] * 9], (len(w), 1)))
     assert separation.shifted(separation.NONE, np.array([5.0, -2.0])) is separation.NONE
 
 
