@@ -1,0 +1,47 @@
+"""What the benchmark of kidnapped starts computes from its flights."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from benchmarks.kidnapped import HEADER, row, summary
+from benchmarks.kidnapped_flight import Outcome, Way
+from visloc_companion.geo.wgs84 import distance_m, ned_from_geo
+from visloc_companion.types import GeoPoint
+
+HOME = GeoPoint(47.0, 8.0, 600.0)
+
+
+def test_ways_are_straight_or_turn() -> None:
+    straight = Way(HOME, math.pi / 2, 10.0, 0.0, HOME)
+    place, course, v = straight.at(6.0)
+    assert ned_from_geo(place, HOME)[:2] == pytest.approx((0.0, 60.0), abs=1e-3)
+    assert (course, v) == (math.pi / 2, pytest.approx((0.0, 10.0)))
+    circle = Way(HOME, 0.0, 10.0, 2 * math.pi / 60, HOME)
+    assert distance_m(circle.at(60.0)[0], HOME) == pytest.approx(0.0, abs=1e-3)
+    assert distance_m(circle.at(30.0)[0], HOME) == pytest.approx(2 * 10.0 * 60 / (2 * math.pi), rel=1e-3)
+
+
+def test_late_and_wrong_flights_are_told_apart() -> None:
+    flown = [
+        Outcome(12.0, 1.0, [1000.0], [200.0, 300.0], elsewhere=5),
+        Outcome(45.0, 2.0, [2000.0], [], elsewhere=7, mistaken=1),
+        Outcome(20.0, 400.0),
+        Outcome(),
+    ]
+    figures = summary(flown, 15.0)
+    assert (figures["trials"], figures["wrong"], figures["mistaken"], figures["tests_elsewhere"]) == (4, 1, 1, 12)
+    assert (figures["right_within_30_s"], figures["right_within_60_s"]) == (0.25, 0.5)
+    assert figures["anchored_s"]["median"] == 28.5
+    assert figures["off_m"]["max"] == 2.0
+    assert row("test", figures).count("|") == HEADER.count("|")
+    assert "not anchored" in flown[3].line()
+    assert flown[0].line() == "12.0 s, 1.0 m off, 1 tiles 1000 ms, 2 tests 500 ms, 0 of 5 mistaken"
+
+
+def test_flights_that_find_nothing_have_no_figures_to_show() -> None:
+    figures = summary([Outcome()], 15.0)
+    assert figures["anchored_s"] == {"median": None, "p95": None}
+    assert "–" in row("stranger", figures)
