@@ -23,12 +23,7 @@ from visloc_companion.sim.seen import mounting, seen_ground, simulated_camera, w
 from visloc_companion.sim.setup import FlightSetup
 from visloc_companion.types import AutopilotKind
 
-FALLS_SHORT = {"map_shifted": "the protection level does not hold the shift of the map"}
-SEEN = [
-    pytest.param(scenario, id=name, marks=[pytest.mark.xfail(reason=FALLS_SHORT[name])] if name in FALLS_SHORT else [])
-    for name, scenario in SCENARIOS.items()
-    if scenario.pictures and scenario is not SEASON_CHANGE
-]
+SEEN = [scenario for scenario in SCENARIOS.values() if scenario.pictures and scenario is not SEASON_CHANGE]
 SIZE_M, WIDTH_PX = 800.0, 320
 
 
@@ -47,7 +42,7 @@ def setup_of(scenario: Scenario, world: FlightWorld) -> FlightSetup:
 
 @pytest.mark.slow
 @pytest.mark.timeout(400)
-@pytest.mark.parametrize("scenario", SEEN)
+@pytest.mark.parametrize("scenario", SEEN, ids=lambda scenario: scenario.name)
 def test_every_scenario_that_is_seen_meets_its_expectation(scenario: Scenario, world: FlightWorld) -> None:
     flown = fly(setup_of(scenario, world), world)
     assert flown.passed, [f"{check.name}: {check.value} (limit {check.limit})" for check in flown.checks if not check.passed]

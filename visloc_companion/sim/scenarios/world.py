@@ -54,8 +54,8 @@ WORLD: dict[str, Scenario] = by_name(
     ),
     Scenario(
         "over_water",
-        "From 250 m to 650 m of the way there is nothing but waves; then land again.",
-        80.0,
+        "From 250 m to 600 m of the way there is nothing but waves; then land again.",
+        100.0,
         faults.jam(JAM_S),
         Expectation(
             median_error_m=3.0,
@@ -64,7 +64,7 @@ WORLD: dict[str, Scenario] = by_name(
             modes=(Mode.AIDING, Mode.DEAD_RECKONING, Mode.AIDING),
             final_modes=(Mode.AIDING, Mode.DEAD_RECKONING),
         ),
-        changes=(Change("water", 250.0, 650.0),),
+        changes=(Change("water", 250.0, 600.0),),
         frame_rate_hz=RATE_HZ,
         pictures=True,
     ),
