@@ -152,6 +152,8 @@ class NavigatorConfig(Section):
     """So many consecutive rejected fixes that agree with each other restart the filter from them."""
     dead_reckoning_after_s: Positive = 2.0
     """Without an accepted fix for so long the mode becomes DEAD_RECKONING."""
+    low_dead_reckoning_s: Positive = 10.0
+    """Below `min_height_m` injection ends so long after the last fix: a landing must not end on a position that drifts."""
     lost_sigma_m: Positive = 60.0
     """Horizontal 1-sigma beyond which injection stops."""
     start_anywhere: bool = True

@@ -86,8 +86,7 @@ class Asking:
         if self._search is not None and self._tracker.velocity is not None:
             self._search.moving(self._tracker.velocity.t_ns, self._tracker.velocity.v_ned_mps[:2])
         frame = self._queue.next_frame(now_ns)
-        height = self._tracker.height_above_home_m
-        if frame is None or (height is not None and height < self._settings.navigator.min_height_m):
+        if frame is None or self._tracker.low:
             return []
         q_ned_frd = self._attitude_at(frame)
         if q_ned_frd is None:

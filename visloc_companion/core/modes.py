@@ -22,6 +22,7 @@ class Situation:
 
     `ready`: link, origin, attitude and a seeded filter are there. `due`: policy and verdict want injection. `recent_fix`:
     the last accepted fix arrived less than `dead_reckoning_after_s` ago. `sigma_m` is the largest horizontal 1-sigma.
+    `stranded`: too low for fixes, and the last one is too long ago to go on without (a landing).
     """
 
     ready: bool
@@ -29,6 +30,7 @@ class Situation:
     recent_fix: bool
     sigma_m: float
     lost_sigma_m: float
+    stranded: bool = False
 
     @property
     def lost(self) -> bool:
@@ -54,13 +56,13 @@ TRANSITIONS: tuple[tuple[Mode, Mode, Condition], ...] = (
     (Mode.AIDING, Mode.SHADOW, lambda s: not s.due),
     (Mode.AIDING, Mode.DEAD_RECKONING, lambda s: not s.recent_fix),
     (Mode.DEAD_RECKONING, Mode.WAITING, lambda s: not s.ready),
-    (Mode.DEAD_RECKONING, Mode.LOST, lambda s: s.lost),
+    (Mode.DEAD_RECKONING, Mode.LOST, lambda s: s.lost or s.stranded),
     (Mode.DEAD_RECKONING, Mode.SHADOW, lambda s: not s.due),
     (Mode.DEAD_RECKONING, Mode.AIDING, lambda s: s.recent_fix),
     (Mode.LOST, Mode.WAITING, lambda s: not s.ready),
     (Mode.LOST, Mode.SHADOW, lambda s: s.recovered and not s.due),
     (Mode.LOST, Mode.AIDING, lambda s: s.recovered and s.due and s.recent_fix),
-    (Mode.LOST, Mode.DEAD_RECKONING, lambda s: s.recovered and s.due),
+    (Mode.LOST, Mode.DEAD_RECKONING, lambda s: s.recovered and s.due and not s.stranded),
 )
 """From, to, when. The first row that fits is taken; one transition a Tick."""
 

@@ -21,6 +21,7 @@ class NavigatorSettings:
     gate_sigma: float = 4.0
     relocalise_after_rejections: int = 4
     dead_reckoning_after_s: float = 2.0
+    low_dead_reckoning_s: float = 10.0
     lost_sigma_m: float = 60.0
     start_anywhere: bool = True
     seed_sigma_m: float = 5.0

@@ -39,15 +39,16 @@ class Steering:
         """The operator gave a position."""
         self._anchored = True
 
-    def change_mode(self, state: NavState | None, ready: bool, now_ns: int) -> list[Command]:
-        """One step of the table of modes; `ready`: link, attitude and state are there."""
+    def change_mode(self, state: NavState | None, ready: bool, low: bool, now_ns: int) -> list[Command]:
+        """One step of the table of modes; `ready`: link, attitude and state are there; `low`: too low to be localised."""
         limits = self._settings.navigator
         situation = modes.Situation(
             ready=ready,
             due=self._anchored and output.is_due(self._settings.injection.policy, self._monitor.verdict.verdict),
-            recent_fix=self._recent_fix(now_ns),
+            recent_fix=self._fix_within(limits.dead_reckoning_after_s, now_ns),
             sigma_m=0.0 if state is None else largest_sigma_m(state.cov_ne_m2),
             lost_sigma_m=limits.lost_sigma_m,
+            stranded=low and not self._fix_within(limits.low_dead_reckoning_s, now_ns),
         )
         before, self.mode = self.mode, modes.next_mode(self.mode, situation)
         if self.mode is before:
@@ -68,8 +69,8 @@ class Steering:
         restarted amid a spoofing) only after fixes have gone with it for the probation."""
         if not armed:
             return True
-        return self._recent_fix(now_ns) and now_ns - self._monitor.verdict.since_ns >= self._settings.gnss.probation_s * 1e9
+        recent = self._fix_within(self._settings.navigator.dead_reckoning_after_s, now_ns)
+        return recent and now_ns - self._monitor.verdict.since_ns >= self._settings.gnss.probation_s * 1e9
 
-    def _recent_fix(self, now_ns: int) -> bool:
-        taken_ns, limit_s = self._fix_taken_ns, self._settings.navigator.dead_reckoning_after_s
-        return taken_ns is not None and now_ns - taken_ns <= limit_s * 1e9
+    def _fix_within(self, limit_s: float, now_ns: int) -> bool:
+        return self._fix_taken_ns is not None and now_ns - self._fix_taken_ns <= limit_s * 1e9

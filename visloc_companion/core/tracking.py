@@ -55,6 +55,12 @@ class Tracker:
         """The last velocity sample."""
         return self._velocity
 
+    @property
+    def low(self) -> bool:
+        """Whether the vehicle is known to be too low to be localised."""
+        height_m = self.height_above_home_m
+        return height_m is not None and height_m < self._settings.min_height_m
+
     def set_origin(self, origin: GeoPoint) -> bool:
         """Take the EKF origin; True when it moved a frame that was in use."""
         moved = self._filter is not None and origin != self.origin

@@ -67,6 +67,7 @@ class World:
     blind: Callable[[float], bool] = lambda t: False
     camera: Callable[[float], bool] = lambda t: True
     frozen: Callable[[float], bool] = lambda t: False
+    height_m: Callable[[float], float] = lambda t: HEIGHT_M
     false_velocity_mps: Callable[[float], tuple[float, float]] = lambda t: (0.0, 0.0)
     accel_bias_mps2: tuple[float, float] = (0.02, -0.02)
     map_error_m: tuple[float, float] = (0.4, -0.3)
@@ -171,7 +172,7 @@ class World:
         v = (float(self.ekf_v[0]) + false[0], float(self.ekf_v[1]) + false[1], 0.0)
         self.send(Attitude(now, boot, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
         if self.k % 2 == 0:
-            self.send(PriorPose(now, boot, place_of(self.ekf_p), v, HEIGHT_M))
+            self.send(PriorPose(now, boot, place_of(self.ekf_p), v, self.height_m(t)))
         if self.k % 4 == 0:
             fix, sats = (1, 3) if jammed else (3, 14)
             self.send(Gnss(now, boot, fix, sats, place_of(gnss), 1.0, 1.5, None))

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import pytest
 
@@ -61,3 +62,12 @@ def test_injecting_modes_are_never_entered_unsure_or_unready() -> None:
             assert sigma <= 60
         if then is not mode and not ready:
             assert then is W
+
+
+def test_a_landing_does_not_go_on_without_fixes_for_long() -> None:
+    blind = Situation(ready=True, due=True, recent_fix=False, sigma_m=1.0, lost_sigma_m=60.0, stranded=True)
+    assert next_mode(Mode.DEAD_RECKONING, blind) is Mode.LOST
+    assert next_mode(Mode.LOST, blind) is Mode.LOST
+    assert next_mode(Mode.SHADOW, replace(blind, due=False)) is Mode.SHADOW
+    assert next_mode(Mode.LOST, replace(blind, recent_fix=True)) is Mode.AIDING
+    assert next_mode(Mode.LOST, replace(blind, stranded=False)) is Mode.DEAD_RECKONING

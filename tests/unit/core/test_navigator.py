@@ -597,3 +597,15 @@ def test_a_vanished_origin_cannot_happen_but_seeding_needs_one() -> None:
         commands = navigator.on(Tick(now), now)
     assert isinstance(commands[-1], Status)
     assert commands[-1].place is None
+
+
+def test_a_landing_is_not_flown_for_long_on_a_position_that_no_fix_holds(world: type[World]) -> None:
+    """Below 15 m nothing is asked any more; on what we send back to it the autopilot would drift until long after touch-down."""
+    w = world(jammed=lambda t: t > 20, height_m=lambda t: 100.0 if t < 40 else 10.0)
+    w.start()
+    w.fly(60.0)
+    last_fix_s = max(t for t, _, _ in w.requests)
+    (lost_s,) = w.notices("LOST")
+    assert last_fix_s < 40.5
+    assert lost_s == pytest.approx(last_fix_s + 10.0, abs=1.0)
+    assert max(t for t, c in w.commands if isinstance(c, Injection)) <= lost_s + 0.1
