@@ -13,7 +13,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from visloc_companion.core import kalman, relocalise, separation
 from visloc_companion.core.propagation import (
@@ -31,6 +30,7 @@ from visloc_companion.errors import Reason
 from visloc_companion.types import Accepted, Cov2, FloatArray, Rejected, Vec2
 
 H_POSITION: FloatArray = np.eye(N_STATES)[POSITION]
+STILL = (0.0,) * (N_STATES - POSITION.stop)
 UNAIDED_GAP_S = 1.0
 UNAIDED_SIGMA_MPS = 3.0
 """1-sigma of the velocity error where no velocity arrived for UNAIDED_GAP_S, or the autopilot itself does not trust it."""
@@ -51,7 +51,7 @@ RECENT_S = 30.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """The filter at `t_ns`: mean x (9,), covariance P (9, 9), and its memory.
+    """The filter at `t_ns`: mean x (11,), covariance P (11, 11), and its memory.
 
     `travel_ne_m`: the integral of the driving velocity; `moved_ne_m`: how far the propagation carried the position (for an
     inertial velocity without the error that it knows of). `votes`: each method with the time of its last fix; `without`: the
@@ -138,34 +138,45 @@ def _renewed(belief: Belief, which: slice, variance: float) -> Belief:
 
 
 def propagated(
-    belief: Belief, t_ns: int, v_ne_mps: Vec2, settings: NavigatorSettings, change_ne_mps: Vec2 = (0.0, 0.0)
+    belief: Belief,
+    t_ns: int,
+    v_ne_mps: Vec2,
+    settings: NavigatorSettings,
+    change_ne_mps: Vec2 = (0.0, 0.0),
+    *,
+    alone: bool = False,
 ) -> Belief:
     """The belief carried to a later time by a mean velocity; exact for any division of the interval.
 
-    `change_ne_mps`: by how much the driving velocity changes meanwhile.
+    `change_ne_mps`: by how much the driving velocity changes meanwhile. `alone`: leave the solutions behind that leave fixes out.
     """
     dt = (t_ns - belief.t_ns) * 1e-9
     if dt <= 0:
         return belief
-    without = belief.without
-    sigmas = _sigmas_mps(
-        belief, np.vstack([belief.x, without.x]), np.concatenate([[belief.rested_ns], without.rested_ns]), settings
-    )
+    without = separation.NONE if alone else belief.without
+    sigmas = _sigmas_mps(belief, without, settings)
     F, Q = transition(dt, belief.drive, sigmas, belief.sigma_a_mps2, change_ne_mps, settings)
-    went = (v_ne_mps[0] * dt, v_ne_mps[1] * dt)
-    step = np.zeros(N_STATES)
-    step[POSITION] = went
+    north, east = v_ne_mps[0] * dt, v_ne_mps[1] * dt
+    step = np.array((north, east, *STILL))
     x, P = kalman.predict(belief.x, belief.P, F, Q[0], step)
-    moved = (x - belief.x)[POSITION] if belief.drive is Drive.INERTIAL else went
-    return replace(
-        belief,
-        t_ns=t_ns,
-        x=x,
-        P=P,
-        travel_ne_m=(belief.travel_ne_m[0] + went[0], belief.travel_ne_m[1] + went[1]),
-        moved_ne_m=(belief.moved_ne_m[0] + float(moved[0]), belief.moved_ne_m[1] + float(moved[1])),
-        height_var_m2=belief.height_var_m2 + HEIGHT_WALK_M_PER_SQRT_S**2 * dt,
-        without=separation.propagated(without, F, Q[1:], step),
+    inertial = belief.drive is Drive.INERTIAL
+    moved_north, moved_east = (x - belief.x)[POSITION].tolist() if inertial else (north, east)
+    return Belief(
+        t_ns,
+        x,
+        P,
+        belief.sigma_v_mps,
+        belief.sigma_a_mps2,
+        belief.drive,
+        (belief.travel_ne_m[0] + north, belief.travel_ne_m[1] + east),
+        (belief.moved_ne_m[0] + moved_north, belief.moved_ne_m[1] + moved_east),
+        belief.height_offset_m,
+        belief.height_var_m2 + HEIGHT_WALK_M_PER_SQRT_S**2 * dt,
+        belief.started_ns,
+        belief.last_fix_ns,
+        belief.rejected,
+        belief.votes,
+        separation.propagated(without, F, Q[1:], step),
     )
 
 
@@ -181,13 +192,17 @@ def widened(belief: Belief, position_m2: float, velocity_m2ps2: float) -> Belief
     return replace(belief, P=belief.P + more, without=separation.widened(belief.without, more))
 
 
-def _sigmas_mps(belief: Belief, x: FloatArray, rested_ns: NDArray[np.int64], settings: NavigatorSettings) -> FloatArray:
-    """1-sigma (K,) of the velocity's error of solutions x (K, 9) that rest on fixes of these times (K,)."""
-    if belief.drive is not Drive.FED_BACK:  # a large learned error does not relax to zero as the model says: allow for that
-        return np.asarray(np.maximum(belief.sigma_v_mps, np.hypot(x[:, 2], x[:, 3]) / 2))
-    rested_s = (belief.t_ns - np.maximum(rested_ns, belief.started_ns)) * 1e-9
-    alone_s = np.maximum(0.0, rested_s - settings.dead_reckoning_after_s)
-    return np.asarray(belief.sigma_v_mps + INERTIAL_DRIFT_MPS2 * alone_s)
+def _sigmas_mps(belief: Belief, without: separation.Solutions, settings: NavigatorSettings) -> FloatArray:
+    """1-sigma (K + 1,) of the velocity's error of the filter and of K solutions; an inertial velocity does without it."""
+    sigmas = np.full(1 + len(without), belief.sigma_v_mps)
+    if belief.drive is Drive.AUTOPILOT:  # a large learned error does not relax to zero as the model says: allow for that
+        sigmas[0] = max(belief.sigma_v_mps, math.hypot(belief.x[2], belief.x[3]) / 2)
+        np.maximum(sigmas[1:], np.hypot(without.x[:, 2], without.x[:, 3]) / 2, out=sigmas[1:])
+    elif belief.drive is Drive.FED_BACK:
+        sigmas[0] += INERTIAL_DRIFT_MPS2 * max(0.0, (belief.t_ns - belief.rested_ns) * 1e-9 - settings.dead_reckoning_after_s)
+        rested_s = (belief.t_ns - np.maximum(without.rested_ns, belief.started_ns)) * 1e-9
+        sigmas[1:] += INERTIAL_DRIFT_MPS2 * np.maximum(0.0, rested_s - settings.dead_reckoning_after_s)
+    return sigmas
 
 
 def observed(

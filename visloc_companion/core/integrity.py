@@ -24,6 +24,7 @@ AGE_DOUBLES_S = 30.0
 HEIGHT_SHARE = 0.005
 """1-sigma, as a share of the height flown, of what heights from images have in common: focal length, surface model."""
 GRID = 33
+SHARES = np.linspace(0.0, 1.0, GRID)
 ROUNDING = 1e-6
 """So that the largest radius tried is certainly enough."""
 
@@ -63,7 +64,7 @@ def bound_m(
     sigmas = math.sqrt(2 * math.log(len(sigma_m) / risk)) + ROUNDING
     low, high = 0.0, float(np.max(apart_m + sigma_m * sigmas))
     for _ in range(2):
-        radii = np.linspace(low, high, GRID)
+        radii = low + (high - low) * SHARES
         beyond = np.maximum(radii[:, None] - apart_m, 0.0) / sigma_m
         enough = int(np.argmax(tail(beyond) @ probability <= risk))
         low, high = float(radii[max(0, enough - 1)]), float(radii[enough])
@@ -72,11 +73,10 @@ def bound_m(
 
 def protection_level_m(x: FloatArray, P: FloatArray, without: Solutions, settings: NavigatorSettings) -> float:
     """Bound of the horizontal error of the filter's position; x (n,), P (n, n) begin with north and east."""
-    P_ne = np.concatenate([P[None, :2, :2], without.P[:, :2, :2]])
-    nn, ee, ne = P_ne[:, 0, 0], P_ne[:, 1, 1], P_ne[:, 0, 1]
+    nn, ne, _, ee = np.concatenate([P[None, :2, :2], without.P[:, :2, :2]]).reshape(-1, 4).T
     sigma = np.sqrt((nn + ee) / 2 + np.hypot((nn - ee) / 2, ne) + settings.map_sigma_m**2)
-    apart = np.concatenate([[0.0], np.hypot(*(without.x[:, :2] - x[:2]).T)])
-    probability = np.concatenate([[1.0], without.probability])
+    apart, probability = np.zeros(len(sigma)), np.ones(len(sigma))
+    apart[1:], probability[1:] = np.hypot(*(without.x[:, :2] - x[:2]).T), without.probability
     return bound_m(apart, sigma, probability, settings.integrity_risk, rayleigh)
 
 

@@ -58,7 +58,7 @@ def update(
     n, m = len(x), len(z)
     if not (P.shape == (n, n) and R.shape == (m, m) and H.shape == (m, n)):
         raise ValueError(f"update: shapes x {x.shape} P {P.shape} z {z.shape} R {R.shape} H {H.shape} do not fit")
-    if not (np.isfinite(z).all() and np.isfinite(R).all() and _is_positive_definite((R + R.T) / 2)):
+    if not (math.isfinite(np.vdot(z, z)) and _is_positive_definite((R + R.T) / 2)):
         return Rejected(Reason.NOT_FINITE, 0.0)
     innovation = z - H @ x
     S = H @ P @ H.T + R
@@ -78,11 +78,12 @@ def update(
 
 def _checked(x: FloatArray, P: FloatArray, where: str) -> tuple[FloatArray, FloatArray]:
     P = (P + P.T) / 2
-    if not (np.isfinite(x).all() and np.isfinite(P).all() and _is_positive_definite(P)):
+    if not (math.isfinite(np.vdot(x, x)) and _is_positive_definite(P)):
         raise ValueError(f"{where}: the prior was not finite and positive definite")
     return x, P
 
 
 def _is_positive_definite(matrix: FloatArray) -> bool:
-    _, failed_at = dpotrf(matrix, lower=True)
-    return int(failed_at) == 0
+    """Finite, too: a NaN ends Cholesky's decomposition, an infinity stays in its factor, whose squares sum to the trace."""
+    factor, failed_at = dpotrf(matrix, lower=True)
+    return failed_at == 0 and math.isfinite(np.vdot(factor, factor))

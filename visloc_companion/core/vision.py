@@ -5,6 +5,7 @@ from __future__ import annotations
 from visloc_companion.core.asking import Asking
 from visloc_companion.core.camera_watch import CameraWatch
 from visloc_companion.core.computer_watch import ComputerWatch
+from visloc_companion.core.fusion import Belief
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.guard import Complaints
@@ -92,14 +93,15 @@ class Vision:
 
     def on_answer(self, event: Fix | NoFix, now_ns: int) -> list[Command]:
         """The worker answered."""
+        before = self._tracker.belief  # not between motion and fix: the inputs after them would be folded twice
         self.moved(event.motion, now_ns)
-        return [*self._computer.on_answer(event), *self._onboard.on_answer(event), *self._localised(event, now_ns)]
+        return [*self._computer.on_answer(event), *self._onboard.on_answer(event), *self._localised(event, before, now_ns)]
 
-    def _localised(self, event: Fix | NoFix, now_ns: int) -> list[Command]:
+    def _localised(self, event: Fix | NoFix, before: Belief | None, now_ns: int) -> list[Command]:
         if self._search is not None and self._search.is_asked(event.request_id):
             found = None if self._tracker.origin is None else self._search.answered(event, self._tracker.origin, now_ns)
             return [*([] if found is None else self._on_found(found, now_ns)), *self.free_worker(event, now_ns)]
-        return self._on_fix(event, now_ns) if isinstance(event, Fix) else self.free_worker(event, now_ns)
+        return self._on_fix(event, before, now_ns) if isinstance(event, Fix) else self.free_worker(event, now_ns)
 
     def _on_found(self, found: Found, now_ns: int) -> list[Command]:
         """The search of the whole map has found the vehicle: the filter starts (again) there."""
@@ -125,12 +127,12 @@ class Vision:
             return self.request(now_ns)
         return []
 
-    def _on_fix(self, fix: Fix, now_ns: int) -> list[Command]:
+    def _on_fix(self, fix: Fix, before: Belief | None, now_ns: int) -> list[Command]:
         if self._terrain is not None and fix.method == TERRAIN and self._terrain.answered(fix) is None:
             waits = Notice(Severity.INFO, "a fix of the terrain from far off waits for a second one")
             return [waits, *self.free_worker(fix, now_ns)]
         fix = self._onboard.stated(fix)
-        before, state = self._tracker.belief, self._tracker.at(fix.t_ns)
+        state = self._tracker.at(fix.t_ns) if fix.method == TERRAIN else None
         outcome = self._tracker.observe(fix)
         after = self._tracker.belief
         origin = self._tracker.origin

@@ -1,0 +1,58 @@
+"""The velocity and height that drive the position filter, between their samples and beyond the last.
+
+Between two samples both are interpolated linearly; after the last the velocity is held, and the height goes on with it for a
+while.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from visloc_companion.core.propagation import Drive
+from visloc_companion.types import Vec2, Vec3
+
+MAX_CLIMB_HELD_S = 1.0
+"""A vertical velocity is held no longer than this beyond its sample."""
+
+
+@dataclass(frozen=True, slots=True)
+class Velocity:
+    """The driving velocity and the autopilot's height at a time; `sigma_mps`: how far an autopilot's velocity is believed.
+
+    `sigma_a_mps2`: 1-sigma of the slow error of the accelerations that an inertial one is integrated from.
+    """
+
+    t_ns: int
+    v_ned_mps: Vec3
+    h_amsl_m: float
+    sigma_mps: float
+    drive: Drive
+    sigma_a_mps2: float = 0.0
+
+
+Around = tuple[Velocity, Velocity | None]
+"""The sample before a time, and the one after it."""
+
+
+def velocity_at(t_ns: int, around: Around) -> Vec2:
+    """North and east, m/s."""
+    before, after, share = _share(t_ns, around)
+    (n0, e0, _), (n1, e1, _) = before.v_ned_mps, after.v_ned_mps
+    return n0 + share * (n1 - n0), e0 + share * (e1 - e0)
+
+
+def height_at(t_ns: int, around: Around) -> float:
+    """The autopilot's height above mean sea level, m."""
+    before, after, share = _share(t_ns, around)
+    if after is not before:
+        return before.h_amsl_m + share * (after.h_amsl_m - before.h_amsl_m)
+    held_s = min(MAX_CLIMB_HELD_S, max(0.0, (t_ns - before.t_ns) * 1e-9))
+    return before.h_amsl_m - before.v_ned_mps[2] * held_s
+
+
+def _share(t_ns: int, around: Around) -> tuple[Velocity, Velocity, float]:
+    before, after = around
+    another = before.drive is Drive.INERTIAL and after is not None and after.drive is not Drive.INERTIAL
+    if after is None or another or after.t_ns <= before.t_ns:
+        return before, before, 0.0
+    return before, after, (t_ns - before.t_ns) / (after.t_ns - before.t_ns)
