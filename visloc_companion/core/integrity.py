@@ -62,11 +62,11 @@ def bound_m(
     """The radius of the module's equation for d, s, p (K,); `tail` is at most exp(-a^2 / 2). At most a thousandth of the largest
     radius tried too large."""
     sigmas = math.sqrt(2 * math.log(len(sigma_m) / risk)) + ROUNDING
-    low, high = 0.0, float(np.max(apart_m + sigma_m * sigmas))
+    low, high = 0.0, float((apart_m + sigma_m * sigmas).max())
     for _ in range(2):
         radii = low + (high - low) * SHARES
         beyond = np.maximum(radii[:, None] - apart_m, 0.0) / sigma_m
-        enough = int(np.argmax(tail(beyond) @ probability <= risk))
+        enough = int((tail(beyond) @ probability <= risk).argmax())
         low, high = float(radii[max(0, enough - 1)]), float(radii[enough])
     return high
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from visloc_companion.core.protection import Protected
 from visloc_companion.core.requests import SIGMA_YAW_RAD
 from visloc_companion.core.settings import InjectionSettings
@@ -40,10 +38,16 @@ def is_due(policy: InjectionPolicy, verdict: Verdict) -> bool:
 
 def floored(cov_ne_m2: Cov2, min_sigma_m: float) -> Cov2:
     """The covariance with no principal sigma below a floor."""
-    values, vectors = np.linalg.eigh(np.array(cov_ne_m2))
-    raised = vectors @ np.diag(np.maximum(values, min_sigma_m**2)) @ vectors.T
-    off = float(raised[0, 1] + raised[1, 0]) / 2
-    return (float(raised[0, 0]), off), (off, float(raised[1, 1]))
+    (nn, ne), (_, ee) = cov_ne_m2
+    middle, reach, least = (nn + ee) / 2, math.hypot((nn - ee) / 2, ne), min_sigma_m**2
+    larger, smaller = middle + reach, middle - reach
+    if smaller >= least:
+        return cov_ne_m2
+    if larger <= least:
+        return (least, 0.0), (0.0, least)
+    share = (least - smaller) / (larger - smaller)  # of what lies along the smaller axis, (larger I - cov) / (larger - smaller)
+    ne -= share * ne
+    return (nn + share * (larger - nn), ne), (ne, ee + share * (larger - ee))
 
 
 class ResetCounter:

@@ -46,6 +46,18 @@ def states(kalman_filter: PositionFilter) -> np.ndarray:
     return np.array([row(kalman_filter.at(round(t * S))) for t in np.arange(0.5, 6.5, 0.37)])
 
 
+def test_asking_in_between_changes_nothing() -> None:
+    """What comes in is folded when it is asked for: the same numbers, whether that is at once or at the end."""
+    asked, left_alone = made(), made()
+    for k in range(1, 20):
+        for each in (asked, left_alone):
+            each.drive(velocity(0.25 * k, 10.0 + 0.1 * k))
+            each.observe(fix(0.25 * k - 0.4, 2.5 * k - 4.0, 0.1, frame_id=k))
+        asked.at(round(0.25 * k * S)), asked.protection_level_m(round((0.25 * k - 0.3) * S))
+    np.testing.assert_array_equal(states(asked), states(left_alone))
+    assert asked.protection_level_m(5 * S) == left_alone.protection_level_m(5 * S)
+
+
 def test_is_an_estimator() -> None:
     estimator: Estimator = made()
     assert isinstance(estimator.observe(fix(0.0, 0.0, 0.0)), Accepted)

@@ -1,0 +1,26 @@
+from __future__ import annotations
+
+import pytest
+
+from visloc_companion.core.driving import MAX_CLIMB_HELD_S, Velocity, height_at, velocity_at
+from visloc_companion.core.propagation import Drive
+
+S = 1_000_000_000
+BEFORE = Velocity(S, (10.0, 0.0, -2.0), 500.0, 0.3, Drive.AUTOPILOT)
+AFTER = Velocity(3 * S, (12.0, -4.0, 0.0), 510.0, 0.3, Drive.AUTOPILOT)
+
+
+def test_between_two_samples_both_are_interpolated() -> None:
+    assert velocity_at(2 * S, (BEFORE, AFTER)) == (11.0, -2.0)
+    assert height_at(2 * S, (BEFORE, AFTER)) == 505.0
+
+
+def test_after_the_last_the_velocity_is_held_and_the_climb_for_a_while() -> None:
+    assert velocity_at(9 * S, (BEFORE, None)) == (10.0, 0.0)
+    assert height_at(S + S // 2, (BEFORE, None)) == pytest.approx(501.0)
+    assert height_at(9 * S, (BEFORE, None)) == pytest.approx(500.0 + 2.0 * MAX_CLIMB_HELD_S)
+
+
+def test_an_integrated_velocity_does_not_lead_to_the_autopilots_own() -> None:
+    inertial = Velocity(S, (10.0, 0.0, -2.0), 500.0, 0.3, Drive.INERTIAL, 0.2)
+    assert velocity_at(2 * S, (inertial, AFTER)) == (10.0, 0.0)
