@@ -69,6 +69,11 @@ class InertialVelocity:
         else:
             self.bias.on_sample(t_boot_ns, v_ne_mps, total, self._yaw_rad)
 
+    def release(self) -> None:
+        """There is no velocity to begin from."""
+        self._anchor = None
+        self.bias.interrupted()
+
     def at(self, t_boot_ns: int) -> Vec2 | None:
         """The velocity at a time, north and east m/s; None without an anchor or without samples."""
         total = self._sum_at(t_boot_ns)

@@ -25,6 +25,9 @@ TAUGHT_BY, UNTAUGHT_LOSS = 2, 1.5
 error would lose so many times the 1-sigma of the autopilot's own velocity."""
 LEAST_ACCELERATION_SIGMA_MPS2 = 0.05
 """A tilt of 0.3 degrees, which no autopilot without GNSS is free of."""
+SETTLED_BY = 20
+"""An autopilot that never had a trusted GNSS takes seconds to find its velocity from what we send: so many fixes or intervals come
+before accelerations go on from it."""
 OPERATOR_REACH_M = 100_000.0
 OPERATOR_MARGIN_M = 50.0
 GNSS_BIAS_SIGMA_M = 3.0
@@ -41,6 +44,7 @@ class Tracker:
         self._odometry = OdometryAiding()
         self._inertial, self._velocity_boot_ns = InertialVelocity(), 0
         self._taught_ns: deque[int] = deque(maxlen=TAUGHT_BY)
+        self._velocity_known, self._n_taught = False, 0
         self.gnss = GnssTrack()
         self.origin: GeoPoint | None = None
         self.height_above_home_m: float | None = None
@@ -82,6 +86,8 @@ class Tracker:
         sigma_a = self._inertial.bias.sigma_mps2(self._settings.acceleration_sigma_mps2, LEAST_ACCELERATION_SIGMA_MPS2)
         within_s = UNTAUGHT_LOSS * self._settings.velocity_sigma_aiding_mps / sigma_a
         taught = len(self._taught_ns) == TAUGHT_BY and velocity.t_ns - self._taught_ns[0] <= within_s * 1e9
+        self._velocity_known |= not alone
+        taught = taught and (self._velocity_known or self._n_taught >= SETTLED_BY)
         v_ne_mps = self._inertial.at(t_boot_ns) if alone and taught else None
         if v_ne_mps is None:
             self._inertial.anchor(t_boot_ns, velocity.v_ned_mps[:2], teaches=not alone)
@@ -122,6 +128,7 @@ class Tracker:
         sigma_h = UNKNOWN_HEIGHT_SIGMA_M if self.height_above_home_m is None else height_sigma_m(self.height_above_home_m)
         start = fusion.seeded(max(t_ns, v.t_ns), (north, east), sigma_m, v.sigma_mps, v.drive, sigma_h, self._settings)
         self._inertial.anchor(self._velocity_boot_ns, v.v_ned_mps[:2])
+        self._n_taught = 0
         self._filter = PositionFilter(self._settings, self.origin, start, v)
         return True
 
@@ -132,7 +139,9 @@ class Tracker:
         """
         still = Velocity(t_ns, (0.0, 0.0, 0.0), place.h_amsl_m, fusion.UNAIDED_SIGMA_MPS, Drive.AUTOPILOT)
         self.drive(still, t_boot_ns, alone=False)
+        self._velocity_known = False
         self.seed(t_ns, place, sigma_m)
+        self._inertial.release()
 
     def at(self, t_ns: int) -> NavState | None:
         """The state at a time."""
@@ -149,6 +158,7 @@ class Tracker:
     def _teach(self, t_ns: int, outcome: Accepted | Rejected | TooOld) -> Accepted | Rejected | TooOld:
         if isinstance(outcome, Accepted):
             self._taught_ns.append(t_ns)
+            self._n_taught += 1
         return outcome
 
     def observe_odometry(self, odometry: Odometry) -> None:

@@ -57,6 +57,14 @@ def test_a_gap_ends_the_sum_and_a_new_anchor_begins_another() -> None:
     assert inertial.at(late + STEP_NS) == pytest.approx((2.02, 0.0))
 
 
+def test_released_it_has_nothing_to_begin_from() -> None:
+    inertial = InertialVelocity()
+    fed(inertial, 0.0, 0.5, (1.0, 0.0, 0.0), LEVEL)
+    inertial.anchor(400_000_000, (0.0, 0.0))
+    inertial.release()
+    assert inertial.at(450_000_000) is None
+
+
 def test_samples_that_are_not_later_are_dropped() -> None:
     inertial = InertialVelocity()
     fed(inertial, 0.0, 0.2, (1.0, 0.0, 0.0), LEVEL)
