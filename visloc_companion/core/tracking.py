@@ -26,8 +26,8 @@ error would lose so many times the 1-sigma of the autopilot's own velocity."""
 LEAST_ACCELERATION_SIGMA_MPS2 = 0.05
 """A tilt of 0.3 degrees, which no autopilot without GNSS is free of."""
 SETTLED_BY = 20
-"""An autopilot that never had a trusted GNSS takes seconds to find its velocity from what we send: so many fixes or intervals come
-before accelerations go on from it."""
+"""An autopilot that never had a trusted GNSS takes seconds to find its velocity from what we send: so many fixes or intervals
+come before accelerations go on from it."""
 OPERATOR_REACH_M = 100_000.0
 OPERATOR_MARGIN_M = 50.0
 GNSS_BIAS_SIGMA_M = 3.0
