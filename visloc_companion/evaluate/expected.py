@@ -121,6 +121,7 @@ def _errors(expected: Expectation, record: FlightRecord, relied_on: NDArray[np.b
     if apart:
         drift = error_figures(record, relied_on & unaided)
         limits.append(("largest error without fixes", expected.dead_reckoning_m, drift["max"]))
+        limits = [limit for limit in limits if limit[2] is not None]  # not every flight has epochs of both kinds
     return [_at_most(name, value, limit * coarse, "m") for name, limit, value in limits if limit is not None]
 
 

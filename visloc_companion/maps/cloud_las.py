@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -21,6 +21,10 @@ from visloc_companion.types import FloatArray
 NOISE_CLASSES = (7, 18)
 """ASPRS LAS 1.4: low point, high noise."""
 CHUNK_POINTS = 1_000_000
+RUST_PANIC = "PanicException"
+"""What the decoder raises where it gives up; it is no Exception."""
+LAZ_BIT = 0x80
+"""Of the point format in the header of a compressed file."""
 READ_AGAIN = "copy or download the file again"
 
 
@@ -77,6 +81,7 @@ def open_las(path: Path, crs_text: str = "") -> Iterator[LasFile]:
     wanted = laspy.DecompressionSelection
     with las_errors(path):
         _check_records(path)
+        _check_chunks(path)
         reader = laspy.open(
             path,
             laz_backend=laspy.LazBackend.Lazrs,  # the parallel one takes what memory a damaged file asks for, and aborts
@@ -106,7 +111,9 @@ def las_errors(path: Path) -> Iterator[None]:
         yield
     except VislocError:
         raise
-    except Exception as why:
+    except BaseException as why:
+        if not isinstance(why, Exception) and type(why).__name__ != RUST_PANIC:
+            raise
         raise CloudError(f"cannot be read as a point cloud: {why}", where=str(path), remedy=READ_AGAIN) from why
 
 
@@ -125,6 +132,35 @@ def _check_records(path: Path) -> None:
         raise CloudError(
             f"header: states {count} and {more} records, for which it has no room", where=str(path), remedy=READ_AGAIN
         )
+
+
+def _check_chunks(path: Path) -> None:
+    """Refuse a compressed file whose table of chunks states more of them than it has bytes: the decoder would make room for them
+    all, and abort the process where it cannot.
+
+    LASzip: the points begin with the table's offset (-1: in the last eight bytes of the file), the table with version and number.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        head = stream.read(105)
+        if not head[104] & LAZ_BIT:
+            return
+        (to_points,) = struct.unpack_from("<I", head, 96)
+        at = _int64(stream, to_points, size)
+        at = _int64(stream, size - 8, size) if at == -1 else at
+        if at is None or not 0 < at <= size - 8:
+            raise CloudError("the table of its chunks lies outside of the file", where=str(path), remedy=READ_AGAIN)
+        stream.seek(at)
+        _, n_chunks = struct.unpack("<II", stream.read(8))
+    if n_chunks > size:
+        raise CloudError(f"states {n_chunks} chunks, for which it has no room", where=str(path), remedy=READ_AGAIN)
+
+
+def _int64(stream: BinaryIO, at: int, size: int) -> int | None:
+    if not 0 <= at <= size - 8:
+        return None
+    stream.seek(at)
+    return int(struct.unpack("<q", stream.read(8))[0])
 
 
 def _surface_points(records: Any) -> FloatArray:

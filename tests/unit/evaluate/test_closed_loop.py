@@ -250,7 +250,7 @@ def test_structure_helps_where_snow_hides_what_the_image_is_known_by(small_world
     assert [refusal.method for refusal in record.refusals].count("gradient") > methods.count("gradient")
     truth = record.truth.at(np.array([fix.t_s for fix in record.fixes]))
     off_m = [math.dist(fix.p_ned_m[:2], at[:2]) for fix, at in zip(record.fixes, truth, strict=True) if fix.method == "structure"]
-    assert max(off_m) < 4.0
+    assert max(off_m) < 5.0
 
 
 def test_a_map_with_a_hole_in_its_middle_is_refused(small_world: FlightWorld, monkeypatch: pytest.MonkeyPatch) -> None:

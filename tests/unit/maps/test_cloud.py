@@ -1,3 +1,4 @@
+import struct
 import sys
 import zipfile
 from pathlib import Path
@@ -260,3 +261,22 @@ def test_a_real_cloud_survives_the_loss_of_its_noise_class(shared_data: Path, tm
     noise = np.asarray(las.classification) == 7
     blind = read_cloud(write_npz(tmp_path / "a.npz", points=np.concatenate([every[~noise][::12], every[noise]])))
     assert blind.points_m[:, 2].min() > -3 and blind.points_m[:, 2].max() < 40
+
+
+@pytest.mark.parametrize(("n_chunks", "what"), [(0xFFFFFFF0, "states 4294967280 chunks"), (None, "outside of the file")])
+def test_a_laz_file_that_states_impossible_chunks_is_named(tmp_path: Path, n_chunks: int | None, what: str) -> None:
+    """The decoder would take the memory for them, and abort the process."""
+    las = laspy.LasData(laspy.LasHeader(point_format=1, version="1.2"))
+    las.x = las.y = las.z = np.arange(100.0)
+    path = tmp_path / "bad.laz"
+    las.write(path)
+    raw = bytearray(path.read_bytes())
+    (to_points,) = struct.unpack_from("<I", raw, 96)
+    (table,) = struct.unpack_from("<q", raw, to_points)
+    if n_chunks is None:
+        struct.pack_into("<q", raw, to_points, len(raw) + 1)
+    else:
+        struct.pack_into("<I", raw, table + 4, n_chunks)
+    path.write_bytes(raw)
+    with pytest.raises(CloudError, match=rf"bad\.laz.*{what}.*remedy"):
+        read_cloud(path)

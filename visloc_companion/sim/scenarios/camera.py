@@ -56,7 +56,8 @@ CAMERA: dict[str, Scenario] = by_name(
         Expectation(
             median_error_m=3.0,
             max_error_m=15.0,
-            modes=(Mode.AIDING, Mode.DEAD_RECKONING),
+            dead_reckoning_m=40.0,
+            modes=(Mode.DEAD_RECKONING,),
             final_modes=(Mode.AIDING, Mode.DEAD_RECKONING),
         ),
         course="zigzag",
