@@ -76,7 +76,7 @@ def test_floods_of_start_bytes(noise):
 @QUICK
 @given(data=st.data())
 def test_garbled_and_truncated_packets_lose_only_themselves(data):
-    """Each packet is left, cut, or has one bit flipped: every untouched one comes out, no other does."""
+    """Each packet is left, cut, or has one bit flipped: every untouched one comes out, no other does (but by a chance of 2^-16)."""
     stream, good = bytearray(), []
     for n in range(12):
         packet = bytearray(attitude(n + 1))
@@ -95,7 +95,9 @@ def test_garbled_and_truncated_packets_lose_only_themselves(data):
         size = data.draw(st.integers(1, 200))
         got += [m.time_boot_ms for m in framer.feed(bytes(stream[at : at + size])) if m.get_type() == "ATTITUDE"]
         at += size
-    assert got == [*good, 100, 101]
+    expected = [*good, 100, 101]
+    assert [n for n in got if n in expected] == expected
+    assert len(got) - len(expected) <= 1, "a checksum of 16 bits lets one damaged packet of 65,536 pass, hardly two"
 
 
 @QUICK

@@ -24,6 +24,7 @@ ONBOARD: dict[str, Scenario] = by_name(
         "Within 30 s the barometer's height goes wrong by 20 m; the vehicle, which flies on it, sinks.",
         75.0,
         faults.jam(JAM_S) + faults.these(faults.BaroDrift(FAULT_S, 20.0, 30.0)),
+        Expectation(median_error_m=3.0, max_error_m=30.0, final_modes=(Mode.AIDING, Mode.DEAD_RECKONING)),
         frame_rate_hz=RATE_HZ,
         pictures=True,
     ),
