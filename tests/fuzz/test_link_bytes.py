@@ -76,7 +76,7 @@ def test_floods_of_start_bytes(noise):
 @QUICK
 @given(data=st.data())
 def test_garbled_and_truncated_packets_lose_only_themselves(data):
-    """Each packet is left, cut, or has one bit flipped: every untouched one comes out, no other does (but by a chance of 2^-16)."""
+    """Each packet is left, cut, or has one bit flipped: every untouched one comes out, and no other but by a rare chance."""
     stream, good = bytearray(), []
     for n in range(12):
         packet = bytearray(attitude(n + 1))
