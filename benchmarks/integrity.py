@@ -24,7 +24,8 @@ from typing import Any
 import numpy as np
 
 from visloc_companion.core import fusion, separation
-from visloc_companion.core.estimator import PositionFilter, Velocity
+from visloc_companion.core.driving import Velocity
+from visloc_companion.core.estimator import PositionFilter
 from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.odometry_aiding import OdometryAiding
 from visloc_companion.core.propagation import INERTIAL_WALK_MPS_PER_SQRT_S, Drive

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from visloc_companion.core import fusion
-from visloc_companion.core.estimator import PositionFilter, Velocity
+from visloc_companion.core.driving import Velocity
+from visloc_companion.core.estimator import PositionFilter
 from visloc_companion.core.propagation import INERTIAL_WALK_MPS_PER_SQRT_S, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84

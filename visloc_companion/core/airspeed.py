@@ -7,12 +7,11 @@ makes another wind of it. So every change of the velocity through the air adds t
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from visloc_companion.core import kalman, separation
-from visloc_companion.core.fusion import Belief
+from visloc_companion.core.fusion import Belief, taken, widened_by
 from visloc_companion.core.propagation import N_STATES, VELOCITY, WIND, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Accepted, FloatArray, Rejected, Vec2
@@ -52,11 +51,5 @@ def observed(
         return belief, Accepted(0.0)
     more = np.zeros((N_STATES, N_STATES))
     more[WIND, WIND] = (SCALE_SIGMA * z.changed_mps) ** 2 * np.eye(2)
-    belief = replace(belief, P=belief.P + more, without=separation.widened(belief.without, more))
-    off, R = np.array(z.v_ne_mps) - np.array(driving_ne_mps), SIGMA_MPS**2 * np.eye(2)
-    got = kalman.update(belief.x, belief.P, off, R, H_AIR, gate_sigma=settings.gate_sigma)
-    if isinstance(got, Rejected):
-        return belief, got
-    every = np.ones(len(belief.without), np.bool_)
-    without = separation.updated(belief.without, off, R, H_AIR, take=every, n_considered=0)
-    return replace(belief, x=got.x, P=got.P, without=without), Accepted(got.nis)
+    off = np.array(z.v_ne_mps) - np.array(driving_ne_mps)
+    return taken(widened_by(belief, more), off, SIGMA_MPS**2 * np.eye(2), H_AIR, settings.gate_sigma)

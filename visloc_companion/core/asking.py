@@ -19,7 +19,7 @@ from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.terrain_aiding import TerrainAiding
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
-from visloc_companion.types import FrameRef, LocaliseRequest, NavState, PosePrior, Quat, TerrainRequest
+from visloc_companion.types import FrameRef, GeoPoint, LocaliseRequest, NavState, PosePrior, Quat, TerrainRequest
 
 Request = LocaliseRequest | TerrainRequest
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
@@ -131,16 +131,8 @@ class Asking:
         asked = NavState(
             frame.t_ns, (*where.place_ne_m, -height_m), velocity.v_ned_mps, where.cov_ne_m2, SEARCH_SIGMA_H_M, math.inf
         )
-        prior = requests.pose_prior(
-            asked,
-            origin,
-            q_ned_frd,
-            self._camera.q_frd_cambody,
-            0.0 if belief is None else belief.height_offset_m,
-            self._tracker.height_above_home_m or 0.0,
-            self._settings.mount_sigma_rad,
-            self._settings.max_search_radius_m,
-        )
+        offset_m = 0.0 if belief is None else belief.height_offset_m
+        prior = self._pose_prior(asked, origin, q_ned_frd, self._camera.q_frd_cambody, offset_m)
         return [self._queue.taken(frame, prior, now_ns, aside=True)]
 
     def _prior(self, state: NavState, q_ned_frd: Quat, q_frd_body: Quat, injecting: bool) -> PosePrior | None:
@@ -151,12 +143,17 @@ class Asking:
         if not injecting:
             cov = requests.held_by_gnss(state.cov_ne_m2, state.age_of_fix_s, self._settings.navigator.seed_sigma_m)
             state = replace(state, cov_ne_m2=cov)
+        return self._pose_prior(state, origin, q_ned_frd, q_frd_body, belief.height_offset_m)
+
+    def _pose_prior(
+        self, state: NavState, origin: GeoPoint, q_ned_frd: Quat, q_frd_body: Quat, height_offset_m: float
+    ) -> PosePrior:
         return requests.pose_prior(
             state,
             origin,
             q_ned_frd,
             q_frd_body,
-            belief.height_offset_m,
+            height_offset_m,
             self._tracker.height_above_home_m or 0.0,
             self._settings.mount_sigma_rad,
             self._settings.max_search_radius_m,

@@ -23,8 +23,6 @@ from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Cov2, Fix, GeoPoint, NavState, Rejected, TooOld, Vec2
 
-__all__ = ["PositionFilter", "Velocity"]
-
 HISTORY_S = 6.0
 
 Input = Velocity | Position | Motion | Airspeed
@@ -115,8 +113,7 @@ class PositionFilter:
 
     def know_map(self, sigma_m: float) -> None:
         """Take another 1-sigma of the map's registration, on each axis: it widens what is stated, and the gate."""
-        if sigma_m != self._settings.map_sigma_m:
-            self._settings = replace(self._settings, map_sigma_m=sigma_m)
+        self._settings = replace(self._settings, map_sigma_m=sigma_m)
 
     def move_origin(self, origin: GeoPoint) -> None:
         """Express everything about another origin; the vehicle stays where it is."""

@@ -45,8 +45,6 @@ DOUBT_AFTER = 2
 DOUBT_MPS = 4.0
 MAX_DOUBT_MPS = 12.0
 """Added 1-sigma of the velocity error for each rejection from the second on, and where that ends."""
-RECENT_S = 30.0
-"""Methods whose fixes are no older than this are votes beside each other."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +69,7 @@ class Belief:
     started_ns: int
     last_fix_ns: int | None = None
     rejected: tuple[relocalise.Candidate, ...] = ()
-    votes: tuple[tuple[str, int], ...] = ()
+    votes: separation.Votes = ()
     without: separation.Solutions = separation.NONE
 
     @property
@@ -189,7 +187,24 @@ def widened(belief: Belief, position_m2: float, velocity_m2ps2: float) -> Belief
     """The belief with independent errors of position and of the velocity's error added, on each axis."""
     more = np.zeros((N_STATES, N_STATES))
     more[POSITION, POSITION], more[VELOCITY, VELOCITY] = position_m2 * np.eye(2), velocity_m2ps2 * np.eye(2)
+    return widened_by(belief, more)
+
+
+def widened_by(belief: Belief, more: FloatArray) -> Belief:
+    """The belief with a covariance (11, 11) added."""
     return replace(belief, P=belief.P + more, without=separation.widened(belief.without, more))
+
+
+def taken(
+    belief: Belief, z: FloatArray, R: FloatArray, H: FloatArray, gate_sigma: float = math.inf
+) -> tuple[Belief, Accepted | Rejected]:
+    """The belief after a measurement z (2,), R (2, 2) of H x, H (2, 11), that is no fix: every solution takes it, too."""
+    got = kalman.update(belief.x, belief.P, z, R, H, gate_sigma=gate_sigma)
+    if isinstance(got, Rejected):
+        return belief, got
+    every = np.ones(len(belief.without), np.bool_)
+    without = separation.updated(belief.without, z, R, H, take=every, n_considered=0)
+    return replace(belief, x=got.x, P=got.P, without=without), Accepted(got.nis)
 
 
 def _sigmas_mps(belief: Belief, without: separation.Solutions, settings: NavigatorSettings) -> FloatArray:
@@ -247,7 +262,7 @@ def _others(belief: Belief, z: Position, cov: FloatArray, n_considered: int) -> 
 
 
 def _founded(belief: Belief, z: Position, among: separation.Solutions) -> separation.Solutions:
-    recent = frozenset(method for method, t_ns in belief.votes if z.t_ns - t_ns <= RECENT_S * 1e9)
+    recent = separation.recent(belief.votes, z.t_ns)
     return separation.without_fix(among, z.method, z.probability_wrong, (belief.x, belief.P, belief.rested_ns), recent)
 
 
@@ -287,7 +302,7 @@ def _restarted(belief: Belief, z: Position, found: relocalise.Restart, settings:
 
 
 def _fixed(belief: Belief, z: Position, h_autopilot_amsl_m: float | None) -> Belief:
-    votes = (*((method, t_ns) for method, t_ns in belief.votes if method != z.method), (z.method, z.t_ns))
+    votes = separation.voted(belief.votes, z.method, z.t_ns)
     without = separation.apart(belief.without, belief.x, belief.P)
     after = replace(belief, last_fix_ns=z.t_ns, rejected=(), votes=votes, without=without)
     if z.h_amsl_m is None or h_autopilot_amsl_m is None:

@@ -25,8 +25,6 @@ SCALE_SIGMA = 0.03
 """Air 9 degrees warmer or colder than the standard atmosphere's stretches heights by this share."""
 GATE_SIGMA = 4.0
 HISTORY_NS = 6_000_000_000
-RECENT_NS = 30_000_000_000
-"""Methods whose fixes are no older than this are votes beside each other."""
 JUMPED = 0.5
 """Probability that it was the barometer when one fix is refused: an assumption."""
 LEAST_NEWS = 0.1
@@ -59,7 +57,7 @@ class HeightBelief:
     x: FloatArray
     P: FloatArray
     rested_ns: int
-    votes: tuple[tuple[str, int], ...] = ()
+    votes: separation.Votes = ()
     without: Solutions = NOTHING
     refused: HeightFix | None = None
 
@@ -87,7 +85,7 @@ def observed(belief: HeightBelief, z: HeightFix, settings: NavigatorSettings) ->
             return replace(belief, refused=z)
         belief = _widened(belief, innovation**2)
     x, P = _updated(belief.x[None], belief.P[None], z, H)
-    votes = (*((method, t_ns) for method, t_ns in belief.votes if method != z.method), (z.method, z.t_ns))
+    votes = separation.voted(belief.votes, z.method, z.t_ns)
     without = _others(belief, z, H)
     return HeightBelief(z.t_ns, x[0], P[0], z.t_ns, votes, _apart(without, H, x[0], P[0]))
 
@@ -104,7 +102,7 @@ def _others(belief: HeightBelief, z: HeightFix, H: FloatArray) -> Solutions:
         x[take], P[take] = _updated(x[take], P[take], z, H)
         rested[take] = z.t_ns
         among = replace(among, x=x, P=P, rested_ns=rested)
-    recent = frozenset(method for method, t_ns in belief.votes if z.t_ns - t_ns <= RECENT_NS)
+    recent = separation.recent(belief.votes, z.t_ns)
     before = (belief.x, belief.P, belief.rested_ns)
     return separation.without_fix(among, z.method, z.probability_wrong, before, recent)
 

@@ -27,26 +27,26 @@ class MapOffset:
         self._map_sigma_m = map_sigma_m
         self._differences: deque[tuple[int, Vec2]] = deque()
         self._told = False
+        self.distance_m = 0.0
+        """Length of the mean difference, 0 while too few are known."""
 
     def compared(self, t_ns: int, gnss_minus_fix_m: Vec2) -> None:
         """Take the difference of a trusted GNSS and an accepted fix."""
         self._differences.append((t_ns, gnss_minus_fix_m))
         while self._differences[0][0] < t_ns - SPAN_NS:
             self._differences.popleft()
+        self._average()
 
     def suspected(self, t_ns: int) -> None:
         """GNSS is suspect since this time."""
         while self._differences and self._differences[-1][0] > t_ns - SOILED_NS:
             self._differences.pop()
+        self._average()
 
-    @property
-    def distance_m(self) -> float:
-        """Length of the mean difference, 0 while too few are known."""
+    def _average(self) -> None:
         n = len(self._differences)
-        if n < FEWEST:
-            return 0.0
-        north, east = (math.fsum(d[axis] for _, d in self._differences) / n for axis in range(2))
-        return math.hypot(north, east)
+        sums = (math.fsum(d[axis] for _, d in self._differences) for axis in range(2))
+        self.distance_m = 0.0 if n < FEWEST else math.hypot(*(total / n for total in sums))
 
     @property
     def sigma_m(self) -> float:

@@ -10,12 +10,11 @@ the velocity's own error; what an interval claims beyond what those states allow
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from visloc_companion.core import kalman, separation
-from visloc_companion.core.fusion import Belief, widened
+from visloc_companion.core.fusion import Belief, taken, widened
 from visloc_companion.core.propagation import (
     ACCELERATION,
     INERTIAL_WALK_MPS_PER_SQRT_S,
@@ -70,18 +69,13 @@ def learned(belief: Belief, motion: Motion, travel_ne_m: Vec2, settings: Navigat
     alone = np.array(motion.cov_ne_m2) / dt**2 + lag_m2ps2 * np.eye(2)
     least = _beyond(motion)
     R = weighed(alone, H @ belief.P @ H.T, least)
-    got = kalman.update(belief.x, belief.P, z, R, H, gate_sigma=settings.gate_sigma)
+    after, outcome = taken(belief, z, R, H, settings.gate_sigma)
     changed_mps = float(np.abs(z - H @ belief.x).max())
     jumps = belief.drive is not Drive.INERTIAL and changed_mps <= MOST_CHANGE_MPS
-    if isinstance(got, Rejected) and got.reason is Reason.GATED and jumps:
+    if isinstance(outcome, Rejected) and outcome.reason is Reason.GATED and jumps:
         belief = widened(belief, 0.0, changed_mps**2)
-        R = weighed(alone, H @ belief.P @ H.T, least)
-        got = kalman.update(belief.x, belief.P, z, R, H)
-    if isinstance(got, Rejected):
-        return belief, got
-    every = np.ones(len(belief.without), np.bool_)
-    without = separation.updated(belief.without, z, R, H, take=every, n_considered=0)
-    return replace(belief, x=got.x, P=got.P, without=without), Accepted(got.nis)
+        return taken(belief, z, weighed(alone, H @ belief.P @ H.T, least), H)
+    return after, outcome
 
 
 def _seen(belief: Belief, motion: Motion, settings: NavigatorSettings) -> tuple[FloatArray, float]:

@@ -35,6 +35,21 @@ MAX_SOLUTIONS = 40
 MERGED_SIGMA, MERGED_VARIANCE = 0.1, 1.1
 """A `ONE` that is nearer to the filter than this share of its sigma, with hardly more variance, says what the filter says."""
 
+RECENT_NS = 30_000_000_000
+"""Methods whose fixes are no older than this are votes beside each other."""
+Votes = tuple[tuple[str, int], ...]
+"""Each method with the time of its last fix."""
+
+
+def voted(votes: Votes, method: str, t_ns: int) -> Votes:
+    """With a fix of a method."""
+    return (*((other, at_ns) for other, at_ns in votes if other != method), (method, t_ns))
+
+
+def recent(votes: Votes, t_ns: int) -> frozenset[str]:
+    """The methods that have given a fix lately."""
+    return frozenset(method for method, at_ns in votes if t_ns - at_ns <= RECENT_NS)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solutions:

@@ -7,7 +7,7 @@ import math
 from visloc_companion.core import airspeed
 from visloc_companion.core.asking import Asking
 from visloc_companion.core.attitude import AttitudeBuffer
-from visloc_companion.core.estimator import Velocity
+from visloc_companion.core.driving import Velocity
 from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.guard import Complaints

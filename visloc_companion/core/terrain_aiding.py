@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from visloc_companion.core.estimator import Velocity
+from visloc_companion.core.driving import Velocity
 from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.terrain_track import LearnedVelocity, Node, Track
 from visloc_companion.geo import se3, wgs84

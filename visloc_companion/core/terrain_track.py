@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from visloc_companion.core.estimator import Velocity
+from visloc_companion.core.driving import Velocity
 from visloc_companion.types import Vec2
 
 MAX_GAP_NS = 1_000_000_000

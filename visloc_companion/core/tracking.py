@@ -9,7 +9,8 @@ import numpy as np
 
 from visloc_companion.core import fusion
 from visloc_companion.core.airspeed import Airspeed
-from visloc_companion.core.estimator import PositionFilter, Velocity
+from visloc_companion.core.driving import Velocity
+from visloc_companion.core.estimator import PositionFilter
 from visloc_companion.core.gnss_track import GnssTrack
 from visloc_companion.core.inertial import InertialVelocity
 from visloc_companion.core.odometry_aiding import OdometryAiding
@@ -84,11 +85,8 @@ class Tracker:
             return False
         self._velocity, self._velocity_boot_ns = velocity, t_boot_ns
         sigma_a = self._inertial.bias.sigma_mps2(self._settings.acceleration_sigma_mps2, LEAST_ACCELERATION_SIGMA_MPS2)
-        within_s = UNTAUGHT_LOSS * self._settings.velocity_sigma_aiding_mps / sigma_a
-        taught = len(self._taught_ns) == TAUGHT_BY and velocity.t_ns - self._taught_ns[0] <= within_s * 1e9
         self._velocity_known |= not alone
-        taught = taught and (self._velocity_known or self._n_taught >= SETTLED_BY)
-        v_ne_mps = self._inertial.at(t_boot_ns) if alone and taught else None
+        v_ne_mps = self._inertial.at(t_boot_ns) if alone and self._taught(velocity.t_ns, sigma_a) else None
         if v_ne_mps is None:
             self._inertial.anchor(t_boot_ns, velocity.v_ned_mps[:2], teaches=not alone)
         else:
@@ -98,12 +96,20 @@ class Tracker:
             self._filter.drive(velocity)
         return True
 
+    def _taught(self, t_ns: int, sigma_a_mps2: float) -> bool:
+        """Whether accelerations of this error may drive the filter at a time."""
+        within_s = UNTAUGHT_LOSS * self._settings.velocity_sigma_aiding_mps / sigma_a_mps2
+        lately = len(self._taught_ns) == TAUGHT_BY and t_ns - self._taught_ns[0] <= within_s * 1e9
+        return lately and (self._velocity_known or self._n_taught >= SETTLED_BY)
+
     def on_force(self, t_boot_ns: int, force_frd_mps2: Vec3, q_ned_frd: Quat) -> None:
         """Take what the accelerometers measured, with the attitude of that time."""
         self._inertial.on_force(t_boot_ns, force_frd_mps2, q_ned_frd)
 
     def know_map(self, sigma_m: float) -> None:
         """Take another 1-sigma of the map's registration, on each axis."""
+        if sigma_m == self._settings.map_sigma_m:
+            return
         self._settings = replace(self._settings, map_sigma_m=sigma_m)
         if self._filter is not None:
             self._filter.know_map(sigma_m)

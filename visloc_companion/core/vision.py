@@ -159,6 +159,7 @@ class Vision:
             return [Notice(Severity.WARNING, f"visloc: position refused, {reason}", to_operator=True)]
         if self._tracker.velocity is None:
             self._tracker.seed_without_velocity(now_ns, t_boot_ns, event.place, event.sigma_m)
-        self._tracker.seed(now_ns, event.place, event.sigma_m)
+        else:
+            self._tracker.seed(now_ns, event.place, event.sigma_m)
         self._steering.anchored()
         return [Notice(Severity.NOTICE, "visloc: position set by operator", to_operator=True)]

@@ -10,7 +10,8 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from visloc_companion.core import fusion
-from visloc_companion.core.estimator import PositionFilter, Velocity
+from visloc_companion.core.driving import Velocity
+from visloc_companion.core.estimator import PositionFilter
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.errors import Reason

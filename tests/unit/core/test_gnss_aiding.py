@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from visloc_companion.core.estimator import Velocity
+from visloc_companion.core.driving import Velocity
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.propagation import Drive

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from visloc_companion.core import fusion
-from visloc_companion.core.estimator import PositionFilter, Velocity
+from visloc_companion.core.driving import Velocity
+from visloc_companion.core.estimator import PositionFilter
 from visloc_companion.core.motion import Motion, learned, weighed
 from visloc_companion.core.propagation import ODOMETRY_HEADING, ODOMETRY_SCALE, Drive
 from visloc_companion.core.settings import NavigatorSettings

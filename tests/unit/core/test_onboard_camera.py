@@ -9,7 +9,7 @@ import pytest
 
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.camera_time import UNKNOWN_S
-from visloc_companion.core.estimator import Velocity
+from visloc_companion.core.driving import Velocity
 from visloc_companion.core.onboard_camera import OnboardCamera
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings

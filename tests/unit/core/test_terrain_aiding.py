@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from visloc_companion.core.estimator import Velocity
+from visloc_companion.core.driving import Velocity
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.terrain_aiding import FAR_SIGMA_M, METHOD, SHORTEST_M, SPACING_M, TerrainAiding
 from visloc_companion.errors import Reason

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from visloc_companion.core.estimator import Velocity
+from visloc_companion.core.driving import Velocity
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.terrain_track import MAX_GAP_NS, LearnedVelocity, Track
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from visloc_companion.core.estimator import Velocity
+from visloc_companion.core.driving import Velocity
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.core.tracking import Tracker
