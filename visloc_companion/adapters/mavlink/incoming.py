@@ -1,0 +1,80 @@
+"""From the bytes on the link to the messages of the one autopilot that is listened to, and to their events."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+
+from visloc_companion.adapters.mavlink.codec import examine, is_autopilot
+from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT, Message
+from visloc_companion.adapters.mavlink.framing import FrameCounts, Framer
+from visloc_companion.errors import Reason
+from visloc_companion.types import Attitude, Event
+
+_GARBAGE_BYTES = 64
+"""So many bytes that are no message, and one more for each message, are worth a warning: ArduPilot prints some when it boots."""
+
+
+class Listener:
+    """Pins to one autopilot: the first HEARTBEAT of one (component 1) fixes the system id for good, or `system_id` names it.
+
+    What another system says is passed over; a second autopilot is warned of once. `pinned` is 0 before any was heard.
+    """
+
+    def __init__(self, system_id: int, warn: Callable[[str], None]) -> None:
+        self.pinned = system_id
+        self.n_heard = 0
+        self._warn = warn
+        self._framer = Framer()
+        self._strangers: set[int] = set()
+        self._garbage_told = False
+
+    @property
+    def counts(self) -> FrameCounts:
+        """Messages, unknown messages and garbage bytes so far."""
+        return self._framer.counts
+
+    def messages(self, data: bytes) -> Iterator[Message]:
+        """The autopilot's messages that are complete with these bytes, in order."""
+        for msg in self._framer.feed(data):
+            if msg.get_srcComponent() == AUTOPILOT_COMPONENT and self._is_pinned(msg):
+                self.n_heard += 1
+                yield msg
+        counts = self._framer.counts
+        if not self._garbage_told and counts.garbage_bytes >= _GARBAGE_BYTES + counts.messages:
+            self._garbage_told = True
+            self._warn("bytes on the link are not MAVLink (wrong baud rate, noise, or another protocol?); they are skipped")
+
+    def _is_pinned(self, msg: Message) -> bool:
+        system_id = msg.get_srcSystem()
+        pilot = msg.get_type() == "HEARTBEAT" and is_autopilot(msg)
+        if pilot and self.pinned == 0 and system_id != 0:
+            self.pinned = system_id
+        if pilot and system_id != self.pinned and system_id not in self._strangers:
+            self._strangers.add(system_id)
+            self._warn(f"a second autopilot (system {system_id}) is on the link and is ignored; listening to {self.pinned}")
+        return bool(system_id == self.pinned and self.pinned)
+
+
+class Decoder:
+    """Messages to events; counts in `dropped` what is not used, by message and reason."""
+
+    def __init__(self) -> None:
+        self.dropped: Counter[tuple[str, Reason]] = Counter()
+        self._attitude_boot_ns = -1
+
+    def event(self, msg: Message, now_ns: int) -> Event | None:
+        """The event of a message, None where it has none, or says a second time what was said."""
+        outcome = examine(msg, now_ns)
+        if isinstance(outcome, Reason):
+            self.dropped[msg.get_type(), outcome] += 1
+            return None
+        return None if outcome is None or self._is_said_twice(outcome) else outcome
+
+    def _is_said_twice(self, event: Event) -> bool:
+        """PX4 sends each attitude as ATTITUDE and as ATTITUDE_QUATERNION; one of both is enough."""
+        if not isinstance(event, Attitude):
+            return False
+        repeated = event.t_boot_ns == self._attitude_boot_ns
+        self._attitude_boot_ns = event.t_boot_ns
+        return repeated
