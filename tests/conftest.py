@@ -38,3 +38,11 @@ def _is_pending_task(thing: object) -> bool:
         return False
     task = cast("asyncio.Task[object]", thing)
     return not task.done() and not task.get_loop().is_running()
+
+
+@pytest.fixture(autouse=True)
+def strict_outbox(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In flight a message that must never be sent is dropped and counted; here it fails the test."""
+    from visloc_companion.adapters.mavlink.outbox import Outbox
+
+    monkeypatch.setattr(Outbox, "strict", True)

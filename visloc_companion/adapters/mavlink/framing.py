@@ -7,6 +7,7 @@ messages, and its buffer is freed only when it happens to be empty, so that it g
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, auto
 
@@ -40,11 +41,12 @@ class Framer:
 
     After a wrong checksum the search goes on at the byte behind the false start, so no good message is lost to it. A false
     start that still waits for its claimed length, or claims an unknown id, gives way where a whole good message lies in it.
-    Signatures are accepted and not checked here.
+    `admits` judges each good frame by its bytes and the id of its message (signing.SignatureGuard); what it refuses is skipped.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, admits: Callable[[bytearray, int], bool] | None = None) -> None:
         self.counts = FrameCounts()
+        self._admits = admits
         self._buffer = bytearray()
         self._parser = mav.MAVLink(None)
 
@@ -64,7 +66,8 @@ class Framer:
                 verdict = self._unknown_or_false(start, length)
             if verdict is _Verdict.GOOD:
                 self.counts.messages += 1
-                messages.append(message)
+                if self._admits is None or self._admits(self._buffer[start : start + length], message.get_msgId()):
+                    messages.append(message)
                 at = start + length
             elif verdict is _Verdict.UNKNOWN:
                 self.counts.unknown += 1

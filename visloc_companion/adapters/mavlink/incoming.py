@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from visloc_companion.adapters.mavlink.codec import examine, is_autopilot
 from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT, Message
 from visloc_companion.adapters.mavlink.framing import FrameCounts, Framer
+from visloc_companion.adapters.mavlink.signing import SignatureGuard, is_signed
 from visloc_companion.errors import Reason
 from visloc_companion.types import Attitude, Event
 
@@ -18,14 +19,17 @@ _GARBAGE_BYTES = 64
 class Listener:
     """Pins to one autopilot: the first HEARTBEAT of one (component 1) fixes the system id for good, or `system_id` names it.
 
-    What another system says is passed over; a second autopilot is warned of once. `pinned` is 0 before any was heard.
+    What another system says is passed over; a second autopilot is warned of once. `pinned` is 0 before any was heard. With a
+    `guard` only what it admits counts as said at all; without one signatures are not checked, and an autopilot that signs is
+    warned of, because it may not believe us.
     """
 
-    def __init__(self, system_id: int, warn: Callable[[str], None]) -> None:
+    def __init__(self, system_id: int, warn: Callable[[str], None], guard: SignatureGuard | None = None) -> None:
         self.pinned = system_id
         self.n_heard = 0
         self._warn = warn
-        self._framer = Framer()
+        self._framer = Framer(self._note_signature if guard is None else guard.admits)
+        self._signature_told = False
         self._strangers: set[int] = set()
         self._garbage_told = False
 
@@ -44,6 +48,12 @@ class Listener:
         if not self._garbage_told and counts.garbage_bytes >= _GARBAGE_BYTES + counts.messages:
             self._garbage_told = True
             self._warn("bytes on the link are not MAVLink (wrong baud rate, noise, or another protocol?); they are skipped")
+
+    def _note_signature(self, frame: bytearray, _message_id: int) -> bool:
+        if not self._signature_told and is_signed(frame):
+            self._signature_told = True
+            self._warn("messages on the link are signed, and link.signing_key_file names no key: ours may be ignored")
+        return True
 
     def _is_pinned(self, msg: Message) -> bool:
         system_id = msg.get_srcSystem()

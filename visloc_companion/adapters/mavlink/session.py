@@ -16,6 +16,7 @@ from visloc_companion.adapters.mavlink.link_state import LinkState
 from visloc_companion.adapters.mavlink.outbox import Outbox
 from visloc_companion.adapters.mavlink.outgoing import PositionSender
 from visloc_companion.adapters.mavlink.settings import CompanionState, SessionSettings
+from visloc_companion.adapters.mavlink.signing import Refusal, SignatureGuard, SigningTime
 from visloc_companion.adapters.mavlink.streams import StreamState
 from visloc_companion.adapters.mavlink.upkeep import Upkeep
 from visloc_companion.errors import Reason
@@ -50,14 +51,18 @@ class MavlinkSession:
     def __init__(self, settings: SessionSettings) -> None:
         self.settings = settings
         self._warnings: deque[str] = deque(maxlen=_MAX_WARNINGS)
-        self._listener = Listener(settings.system_id, self._warn)
+        signing = settings.signing
+        self._time = None if signing is None else SigningTime(signing.stamp_at_zero)
+        self._guard = None if signing is None or self._time is None else SignatureGuard(signing, self._time, self._warn)
+        self._listener = Listener(settings.system_id, self._warn, self._guard)
         self._decoder = Decoder()
         self._link = LinkState()
-        self._outbox = Outbox(settings.component_id)
+        self._outbox = Outbox(settings.component_id, signing, self._time)
         self._upkeep = Upkeep(settings, self._outbox)
         self._sender = PositionSender(self._outbox, self._warn)
         self._state: CompanionState | None = None
         self._pending: list[Event] = []
+        self._forbidden_told = False
         self._now_ns = 0
         self._heard_ns = 0
         self._polled_ns = 0
@@ -97,6 +102,16 @@ class MavlinkSession:
         """How many injections were not sent, by reason."""
         return self._sender.refused
 
+    @property
+    def unbelieved(self) -> Counter[Refusal]:
+        """How many packets were refused for want of a right signature, by reason."""
+        return Counter() if self._guard is None else self._guard.counts
+
+    @property
+    def forbidden(self) -> int:
+        """How many messages were held back because the daemon must never send them (allow_list.py): each one a fault."""
+        return self._outbox.forbidden
+
     def stream_state(self, message_id: int) -> StreamState:
         """Whether a requested message arrives at about the rate that was asked for."""
         return self._upkeep.streams.state(message_id)
@@ -105,6 +120,9 @@ class MavlinkSession:
         """What the operator may want to know since the last call; forgotten by the call."""
         self._warnings.extend(self._upkeep.streams.warnings)
         self._upkeep.streams.warnings.clear()
+        if self._outbox.forbidden and not self._forbidden_told:
+            self._forbidden_told = True
+            self._warn(f"held back, for it must never be sent: {self._outbox.objection}; please report it")
         drained = list(self._warnings)
         self._warnings.clear()
         return drained
@@ -180,6 +198,8 @@ class MavlinkSession:
 
     def _advance(self, now_ns: int) -> int:
         self._now_ns = max(self._now_ns, now_ns)
+        if self._time is not None:
+            self._time.advance(self._now_ns)
         return self._now_ns
 
     def _drain_events(self) -> list[Event]:

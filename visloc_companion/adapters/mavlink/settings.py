@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from visloc_companion.adapters.mavlink.dialect import mav
+from visloc_companion.adapters.mavlink.signing import SigningSettings
 
 
 class CompanionState(IntEnum):
@@ -38,3 +39,4 @@ class SessionSettings:
     window_s: float = 3.0
     origin_unknown_s: float = 1.0
     origin_known_s: float = 5.0
+    signing: SigningSettings | None = None
