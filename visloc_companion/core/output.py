@@ -7,7 +7,7 @@ import math
 from visloc_companion.core.protection import Protected
 from visloc_companion.core.requests import SIGMA_YAW_RAD
 from visloc_companion.core.settings import InjectionSettings
-from visloc_companion.core.validate import is_covariance
+from visloc_companion.core.validate import MAX_SPEED_MPS, is_covariance
 from visloc_companion.geo import wgs84
 from visloc_companion.types import (
     AutopilotKind,
@@ -21,12 +21,15 @@ from visloc_companion.types import (
     Quat,
     Status,
     Vec2,
+    Vec3,
     Verdict,
 )
 
 RESET_MODULUS = 256
 """reset_counter is a uint8 (VISION_POSITION_ESTIMATE)."""
 MAX_LOCAL_M = 1e6
+LEAST_SIGMA_MPS = 0.1
+"""1-sigma on each axis that is claimed of a velocity, at least."""
 
 
 def is_due(policy: InjectionPolicy, verdict: Verdict) -> bool:
@@ -112,6 +115,7 @@ def injection(
     if math.hypot(*state.p_ned_m) > MAX_LOCAL_M or not is_covariance(state.cov_ne_m2):
         return None
     place = wgs84.geo_from_ned(state.p_ned_m, origin)
+    known, cov_v = velocity(state)
     return Injection(
         state.t_ns,
         wgs84.autopilot_ned_from_geo(autopilot, place, origin),
@@ -121,7 +125,17 @@ def injection(
         sigma_d_m,
         SIGMA_YAW_RAD,
         reset_counter,
+        known,
+        cov_v,
     )
+
+
+def velocity(state: NavState) -> tuple[Vec3 | None, Cov2 | None]:
+    """The state's velocity in NED (m/s) and the covariance of its horizontal part, neither where it is not known or sane."""
+    cov = state.cov_v_ne_m2ps2
+    if cov is None or not all(map(math.isfinite, state.v_ned_mps)) or max(map(abs, state.v_ned_mps)) > MAX_SPEED_MPS:
+        return None, None
+    return (state.v_ned_mps, floored(cov, LEAST_SIGMA_MPS)) if is_covariance(cov) else (None, None)
 
 
 def status(

@@ -61,7 +61,8 @@ class Injection:
 
     `p_ned_m` is in the autopilot's own projection about its EKF origin (core/output.py converts). `place` is the same
     position as geodetic coordinates. `cov_ne_m2` and `sigma_d_m` are true (co)variances; encoding them as each autopilot
-    reads them is the codec's work.
+    reads them is the codec's work. `v_ned_mps` is the velocity (its vertical part the autopilot's own), `cov_v_ne_m2ps2` the
+    covariance of its horizontal part; None where unknown.
     """
 
     t_ns: int
@@ -72,6 +73,8 @@ class Injection:
     sigma_d_m: float
     sigma_yaw_rad: float
     reset_counter: int
+    v_ned_mps: Vec3 | None = None
+    cov_v_ne_m2ps2: Cov2 | None = None
 
 
 @dataclass(frozen=True, slots=True)

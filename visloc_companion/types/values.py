@@ -53,7 +53,10 @@ class FeaturePatch:
 
 @dataclass(frozen=True, slots=True)
 class NavState:
-    """The filter's state at `t_ns`: position and velocity in NED at the EKF origin, covariances, and what they rest on."""
+    """The filter's state at `t_ns`: position and velocity in NED at the EKF origin, covariances, and what they rest on.
+
+    `cov_v_ne_m2ps2` is that of the horizontal velocity, None where unknown.
+    """
 
     t_ns: int
     p_ned_m: Vec3
@@ -61,6 +64,7 @@ class NavState:
     cov_ne_m2: Cov2
     sigma_d_m: float
     age_of_fix_s: float
+    cov_v_ne_m2ps2: Cov2 | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -100,6 +100,30 @@ def test_policy(policy: InjectionPolicy, ok: bool, suspect: bool) -> None:
     assert output.is_due(policy, Verdict.DENIED) is suspect
 
 
+def test_the_velocity_goes_with_a_covariance_of_its_own() -> None:
+    known = replace(STATE, cov_v_ne_m2ps2=((0.36, 0.02), (0.02, 0.25)))
+    got = output.injection(known, LEVEL, ORIGIN, AutopilotKind.PX4, SETTINGS, 0, 3.0)
+    assert got is not None
+    assert (got.v_ned_mps, got.cov_v_ne_m2ps2) == (STATE.v_ned_mps, known.cov_v_ne_m2ps2)
+    sure = output.velocity(replace(STATE, cov_v_ne_m2ps2=((1e-4, 0.0), (0.0, 1e-4))))[1]
+    assert sure == pytest.approx(np.diag([output.LEAST_SIGMA_MPS**2] * 2))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"cov_v_ne_m2ps2": None},
+        {"cov_v_ne_m2ps2": ((math.nan, 0.0), (0.0, 1.0))},
+        {"cov_v_ne_m2ps2": ((1.0, 2.0), (2.0, 1.0))},
+        {"v_ned_mps": (math.inf, 0.0, 0.0)},
+        {"v_ned_mps": (0.0, 500.0, 0.0)},
+    ],
+)
+def test_a_velocity_that_is_not_known_is_not_made_up(change: dict[str, object]) -> None:
+    state = replace(STATE, cov_v_ne_m2ps2=((1.0, 0.0), (0.0, 1.0)))
+    assert output.velocity(replace(state, **change)) == (None, None)  # type: ignore[arg-type]
+
+
 def moving(t_s: float, extra_north: float = 0.0) -> NavState:
     return replace(STATE, t_ns=round(t_s * S), p_ned_m=(10.0 * t_s + extra_north, 0.0, -80.0))
 
