@@ -103,6 +103,7 @@ class PositionFilter:
             ((nn + extra, ne), (ne, ee + extra)),
             math.sqrt(belief.height_var_m2),
             max(0.0, (t_ns - belief.rested_ns) * 1e-9),
+            ((float(belief.P[2, 2]), float(belief.P[2, 3])), (float(belief.P[2, 3]), float(belief.P[3, 3]))),
         )
 
     def protection_level_m(self, t_ns: int) -> float:
