@@ -1,10 +1,12 @@
 """Finding the vehicle anywhere on the map: without a first position, or after a loss that has lasted too long.
 
 Two kinds of questions take turns. A tile of the map (core/tiles.py) is searched in a frame, and the places that the answer lists
-become hypotheses (core/hypotheses.py). A hypothesis is tested by a search about it in a newer frame. The claim of a fix
-(`probability_wrong`) was fitted on small search regions; here no single answer counts for more than the odds that were measured
-for such searches, and a place is found only when so many agree, through the motion between them, that the probability of a false
-agreement is below RISK.
+become hypotheses (core/hypotheses.py): in the first sweep over the map, and in every other one after it, only fixes and what is
+as likely as not; in those between all that an answer leaves open. (A test takes as long as a third of a tile, and hardly one of
+the latter is right.) A hypothesis is tested by a search about it in a newer frame; while one is likely and about to be due, no
+tile is begun. The claim of a fix (`probability_wrong`) was fitted on small search regions; here no single answer counts for more
+than the odds that were measured for such searches, and a place is found only when so many agree, through the motion between them,
+that the probability of a false agreement is below RISK.
 """
 
 from __future__ import annotations
@@ -35,8 +37,9 @@ APART_HEIGHTS = 0.5
 UNTRUSTED_MPS, UNKNOWN_MPS = 2.0, 12.0
 """A velocity input whose own 1-sigma is above the first may be none at all (an autopilot without any position reports zero)."""
 TEST_EVERY_NS = 2_000_000_000
-LISTED, LEAST_MASS = 4, 0.02
-"""Of the modes that a search lists so many become hypotheses, unless its posterior has them less likely than the second."""
+LISTED, LEAST_MASS, LIKELY_MASS = 4, 0.02, 0.5
+"""Of the modes that a search lists so many become hypotheses, unless its posterior has them less likely than the second; in the
+first sweep and every other one, the third."""
 MOST_WRONG = 0.02
 """A fix that claims to be wrong with a larger probability tells nothing. On the training landscape 157 of 168 searches about the
 right place gave a better one, none of about 800 about another place that a tile had listed (two gave a worse one)."""
@@ -107,6 +110,7 @@ class PlaceSearch:
         self._places: tuple[Hypothesis, ...] = ()
         self._swept: tuple[Reach, Tiles] | None = None
         self._tile_next = True
+        self._thorough = False
         if self._asked is not None:
             self._asked = replace(self._asked, tile=None, number=None)
 
@@ -131,7 +135,7 @@ class PlaceSearch:
     def next(self, request_id: int, t_ns: int, height_m: float, sigma_v_mps: float, about: Reach) -> Where:
         """What to ask of a frame of `t_ns`, taken `height_m` above the origin; `sigma_v_mps`: 1-sigma of the velocity input."""
         self._carry(t_ns)
-        due, tile = self._due(t_ns, height_m), None
+        due, tile = self._due(t_ns, height_m) or self._likely(height_m), None
         if due is None or (self._tile_next and due.log_odds < hypotheses.FIRST_LOG_ODDS):
             tile, tiles = self._next_tile(height_m, about)
             variance = (tiles.radius_m / 3) ** 2
@@ -194,8 +198,9 @@ class PlaceSearch:
         if self._swept is not None:
             self._swept[1].answered(tile, not (isinstance(answer, NoFix) and answer.reason in NOT_THERE))
         sigma_m = LISTED_HEIGHTS * asked.height_m
+        least = LEAST_MASS if self._thorough else LIKELY_MASS
         new = []
-        for place in _places_of(answer, asked.where.place_ne_m, origin, APART_HEIGHTS * asked.height_m):
+        for place in _places_of(answer, asked.where.place_ne_m, origin, APART_HEIGHTS * asked.height_m, least):
             self._n_born += 1
             sigma_v_mps = asked.sigma_v_mps if asked.sigma_v_mps <= UNTRUSTED_MPS else UNKNOWN_MPS
             new.append(hypotheses.born(self._n_born, asked.t_ns, place, sigma_m, sigma_v_mps))
@@ -206,6 +211,7 @@ class PlaceSearch:
         if self._swept is None or radius_m > CLIMBED * self._swept[1].radius_m:
             self._swept = about, Tiles(about.centre_ne_m, radius_m, about.radius_m)
         tile = self._swept[1].next()
+        self._thorough ^= tile is None
         if tile is None and self._swept[0] != about:
             self._swept = about, Tiles(about.centre_ne_m, radius_m, about.radius_m)
         tiles = self._swept[1]
@@ -221,6 +227,14 @@ class PlaceSearch:
         """The likeliest hypothesis that was not tested yet, or whose next test would count."""
         return next((h for h in self._places if _is_due(h, t_ns, SPACING_HEIGHTS * height_m)), None)
 
+    def _likely(self, height_m: float) -> Hypothesis | None:
+        """The likeliest hypothesis, where it was seen, is right rather than wrong, and has moved on by half of what its next test
+        waits for. Once it was seen often enough to win and has not, another place is as likely, and the search goes on."""
+        best = self._places[0] if self._places else None
+        if best is None or not 0 < best.hits < hypotheses.FEWEST_HITS or best.log_odds <= 0 or best.counted_ne_m is None:
+            return None
+        return best if math.dist(best.counted_ne_m, best.place_ne_m) >= SPACING_HEIGHTS / 2 * height_m else None
+
 
 def _is_due(h: Hypothesis, t_ns: int, spacing_m: float) -> bool:
     if h.tested_ns is None or t_ns - h.tested_ns >= TEST_EVERY_NS:
@@ -228,15 +242,16 @@ def _is_due(h: Hypothesis, t_ns: int, spacing_m: float) -> bool:
     return h.counted_ne_m is not None and math.dist(h.counted_ne_m, h.place_ne_m) >= spacing_m and t_ns > h.tested_ns
 
 
-def _places_of(answer: Fix | NoFix, centre_ne_m: Vec2, origin: GeoPoint, apart_m: float) -> list[Vec2]:
-    """The fix, and the modes of the search (localise/modes.py) that lie apart from it, metres north and east of the origin."""
+def _places_of(answer: Fix | NoFix, centre_ne_m: Vec2, origin: GeoPoint, apart_m: float, least: float) -> list[Vec2]:
+    """The fix, and the modes of the search (localise/modes.py) of at least a probability that lie apart from it, metres north and
+    east of the origin."""
     found: list[Vec2] = []
     if isinstance(answer, Fix):
         north, east, _ = wgs84.ned_from_geo(answer.place, origin)
         found.append((north, east))
     told = dict(answer.evidence)
     for k in range(1, LISTED + 1):
-        if f"mode{k}_north_m" not in told or told.get(f"mode{k}_probability", 1.0) < LEAST_MASS:
+        if f"mode{k}_north_m" not in told or told.get(f"mode{k}_probability", 1.0) < least:
             break
         place = (centre_ne_m[0] + told[f"mode{k}_north_m"], centre_ne_m[1] + told[f"mode{k}_east_m"])
         if all(math.dist(place, other) >= apart_m for other in found):

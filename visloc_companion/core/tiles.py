@@ -1,7 +1,8 @@
 """The order in which the map is searched for a vehicle that may be anywhere: tiles about where it may rather be, outwards.
 
-A search region is a circle, a tile the square in it. How far the map reaches nobody tells the core; a ring of tiles that lie all
-outside the map, after one that did not, is its end. The next sweep leaves out what was found outside.
+A search region is a circle, a tile the hexagon in it: so fewest circles cover a plane (Kershner 1939). How far the map reaches
+nobody tells the core; a ring of tiles that lie all outside the map, after one that did not, is its end. The next sweep leaves out
+what was found outside.
 """
 
 from __future__ import annotations
@@ -28,13 +29,15 @@ class Tiles:
         self._inside_ring, self._met_map = False, False
 
     @property
-    def side_m(self) -> float:
-        """Side of a tile."""
-        return math.sqrt(2.0) * self.radius_m
+    def row_m(self) -> float:
+        """Distance between rows of tiles."""
+        return 1.5 * self.radius_m
 
     def place_ne_m(self, tile: Tile) -> Vec2:
-        """A tile's middle."""
-        return self._centre_ne_m[0] + tile[0] * self.side_m, self._centre_ne_m[1] + tile[1] * self.side_m
+        """A tile's middle: tile (i, j) lies in row i, every other row half a tile further east."""
+        row, column = tile
+        east = math.sqrt(3.0) * self.radius_m * (column + 0.5 * (row % 2))
+        return self._centre_ne_m[0] + row * self.row_m, self._centre_ne_m[1] + east
 
     def next(self) -> Tile | None:
         """The next tile of the sweep; None at its end, after which the next sweep begins."""
@@ -47,10 +50,10 @@ class Tiles:
             over = self._met_map and not self._inside_ring
             self._met_map |= self._inside_ring
             self._ring, self._inside_ring = self._ring + 1, False
-            if over or (self._ring - 1) * self.side_m > self._reach_m:
+            if over or (self._ring - 1) * self.row_m > self._reach_m:
                 self._begin()
                 return None
-            self._todo = _ring(self._ring)
+            self._todo = sorted(_ring(self._ring), key=lambda tile: (self._distance_m(tile), tile))
 
     def answered(self, tile: Tile, on_map: bool) -> None:
         """Whether a tile that was asked about lies on the map."""
@@ -59,9 +62,11 @@ class Tiles:
         else:
             self._outside.add(tile)
 
+    def _distance_m(self, tile: Tile) -> float:
+        return math.dist(self.place_ne_m(tile), self._centre_ne_m)
+
 
 def _ring(n: int) -> list[Tile]:
-    """The tiles of a square ring, the nearest first."""
+    """The tiles of a square ring of rows and columns."""
     span = range(-n, n + 1)
-    ring = [(i, j) for i in span for j in span if max(abs(i), abs(j)) == n]
-    return sorted(ring, key=lambda tile: (tile[0] ** 2 + tile[1] ** 2, tile))
+    return [(i, j) for i in span for j in span if max(abs(i), abs(j)) == n]

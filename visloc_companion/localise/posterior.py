@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -112,22 +111,27 @@ def fit_temperature(samples: Sequence[KnownPosition], radius_px: float = 0.75) -
 def _modes(volume: ScoreVolume, rows: NDArray[np.int64], cols: NDArray[np.int64], p: FloatArray) -> tuple[Mode, ...]:
     """Every position belongs to the mode that it reaches by steps to the likeliest position within MODE_RADIUS_PX."""
     order = np.argsort(p, kind="stable")
-    rank = np.zeros(tuple(n + 2 * MODE_RADIUS_PX for n in volume.score.shape), np.int64)
-    inner_rows, inner_cols = rows + MODE_RADIUS_PX, cols + MODE_RADIUS_PX
-    rank[inner_rows[order], inner_cols[order]] = np.arange(1, len(p) + 1)
-    reach = range(-MODE_RADIUS_PX, MODE_RADIUS_PX + 1)
-    highest = rank[inner_rows, inner_cols]
-    for r, c in product(reach, reach):  # one at a time: over a whole map all of them at once are gigabytes
-        np.maximum(highest, rank[inner_rows + r, inner_cols + c], out=highest)
+    rank = np.zeros(volume.score.shape, np.int64)
+    rank[rows[order], cols[order]] = np.arange(1, len(p) + 1)
+    highest = _highest_near(_highest_near(rank).T).T[rows, cols]
     leader = order[highest - 1]
     while not np.array_equal(beyond := leader[leader], leader):
         leader = beyond
     mass = np.bincount(leader, p, len(p))
-    tops = [int(k) for k in np.argsort(-mass, kind="stable") if mass[k] >= MIN_MODE_MASS]
+    tops = np.argsort(-mass, kind="stable")[: int(np.count_nonzero(mass >= MIN_MODE_MASS))].tolist()
     u0, v0 = volume.origin_px
     return tuple(
         Mode(int(cols[k]) + u0, int(rows[k]) + v0, int(volume.hypothesis[rows[k], cols[k]]), float(mass[k])) for k in tops
     )
+
+
+def _highest_near(values: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The greatest of each value (H, W) and those within MODE_RADIUS_PX of it in its column."""
+    highest = values.copy()
+    for k in range(1, MODE_RADIUS_PX + 1):
+        np.maximum(highest[k:], values[:-k], out=highest[k:])
+        np.maximum(highest[:-k], values[k:], out=highest[:-k])
+    return highest
 
 
 def _near_and_all(sample: KnownPosition, radius_px: float) -> tuple[FloatArray, FloatArray]:
