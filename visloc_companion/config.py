@@ -42,6 +42,12 @@ class LinkConfig(Section):
     """GPS_RAW_INT asked of the autopilot."""
     status_rate_hz: Positive = 2.0
     """EKF_STATUS_REPORT or ESTIMATOR_STATUS asked of the autopilot."""
+    signing_key_file: str = ""
+    """File with the key of MAVLink 2 signing (`visloc link-key` makes one; owner only, mode 0600); empty signs nothing."""
+    signing_link_id: Annotated[int, Field(ge=0, le=255)] = 0
+    """Our link id in signatures; two links of one component to one vehicle need different ones."""
+    accept_unsigned: bool = False
+    """With a key: believe unsigned messages, too. Without a key all are believed."""
     reconnect_s: Positive = 2.0
     """Silence after which the connection is opened anew, and the pause between tries."""
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from visloc_companion.adapters.mavlink.dialect import Message, mav
 from visloc_companion.adapters.mavlink.encode import float_of_int32, int32_of_float
 from visloc_companion.adapters.mavlink.framing import Framer
+from visloc_companion.testing.signing_peer import PymavlinkSigning
 from visloc_companion.types import AutopilotKind, GeoPoint
 
 _NS_PER_S = 1_000_000_000
@@ -52,11 +53,15 @@ class FakeAutopilot:
     poses: list[Message] = field(default_factory=list)
     texts: list[str] = field(default_factory=list)
     timesync_replies: list[Message] = field(default_factory=list)
-    _framer: Framer = field(default_factory=Framer)
+    signing: PymavlinkSigning | None = None
+    _framer: Framer = field(init=False)
     _out: list[bytes] = field(default_factory=list)
     _seq: int = 0
     _boot_ns: int = 0
     _next_ns: dict[int, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._framer = Framer(None if self.signing is None else self.signing.admits)
 
     @property
     def framer(self) -> Framer:
@@ -112,7 +117,7 @@ class FakeAutopilot:
         """Pack and queue a message of this autopilot."""
         packer = mav.MAVLink(None, srcSystem=self.system_id, srcComponent=1)
         packer.seq, self._seq = self._seq, (self._seq + 1) % 256
-        self._out.append(message.pack(packer))
+        self._out.append(message.pack(packer) if self.signing is None else self.signing.pack(message, packer))
 
     def _take(self, msg: Message) -> None:
         kind = msg.get_type()

@@ -25,6 +25,7 @@ REPORTS = frozenset(
         mav.MAVLINK_MSG_ID_ONBOARD_COMPUTER_STATUS,
     )
 )
+SAID = POSITIONS | REPORTS
 ORDERS = frozenset(
     (
         mav.MAVLINK_MSG_ID_COMMAND_LONG,
@@ -42,21 +43,16 @@ PARAMETERS = frozenset(("EKF2_GPS_CTRL",))
 def objection(message: Message, system_id: int) -> str | None:
     """Why a message must not be sent to the vehicle `system_id`; None where it may."""
     number, name = message.get_msgId(), message.get_type()
-    if number in POSITIONS | REPORTS:
-        return None
     if number not in ORDERS:
-        return f"{name} is not on the list of messages"
+        return None if number in SAID else f"{name} is not on the list of messages"
     if message.target_system != system_id or getattr(message, "target_component", AUTOPILOT_COMPONENT) != AUTOPILOT_COMPONENT:
         return f"{name} is for system {message.target_system}, and only the autopilot of system {system_id} is spoken to"
-    match name:
-        case "COMMAND_LONG" if message.command not in COMMANDS_LONG:
-            return f"COMMAND_LONG {message.command} is not on the list of commands"
-        case "COMMAND_INT" if message.command not in COMMANDS_INT:
-            return f"COMMAND_INT {message.command} is not on the list of commands"
-        case "PARAM_SET" if (parameter := _text(message.param_id)) not in PARAMETERS:
-            return f"PARAM_SET of {parameter} is not on the list of parameters"
-        case _:
-            return None
+    commands = {"COMMAND_LONG": COMMANDS_LONG, "COMMAND_INT": COMMANDS_INT}.get(name)
+    if commands is not None:
+        return None if message.command in commands else f"{name} {message.command} is not on the list of commands"
+    if name == "PARAM_SET" and (parameter := _text(message.param_id)) not in PARAMETERS:
+        return f"PARAM_SET of {parameter} is not on the list of parameters"
+    return None
 
 
 def _text(name: bytes | str) -> str:

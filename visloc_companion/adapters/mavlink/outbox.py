@@ -16,7 +16,7 @@ MAX_BYTES = 65_536
 class Outbox:
     """Packs messages in order of `put`; when nobody drains it, the oldest packets give way and are counted.
 
-    What allow_list.py objects to is a fault of this program: it is dropped and counted in `forbidden`, which keeps the text of the
+    What allow_list.py objects to is a fault of this program: it is dropped and counted in `forbidden`, and `objection` says the
     latest; where `strict` is set, as in this project's tests, it raises LinkError.
     """
 

@@ -185,9 +185,9 @@ class PymavlinkLink:
         now_ns = self._data_ns = self._clock.now_ns()
         if self._on_raw is not None:
             self._on_raw(data, now_ns, False)
-        n_heard = self.session.n_heard
+        n_vouched = self.session.n_vouched
         events = self.session.receive(data, now_ns)
-        if self._channel is not None and self.session.n_heard > n_heard:
+        if self._channel is not None and self.session.n_vouched > n_vouched:
             self._channel.speak_to(source)
         self._flush()
         self._emit(events)

@@ -88,6 +88,11 @@ class MavlinkSession:
         return self._listener.n_heard
 
     @property
+    def n_vouched(self) -> int:
+        """The same and, with signing, what a holder of the key said too long ago: such a one has yet to learn the time from us."""
+        return self.n_heard + self.unbelieved[Refusal.STALE]
+
+    @property
     def counts(self) -> FrameCounts:
         """Messages, unknown messages and garbage bytes so far."""
         return self._listener.counts
