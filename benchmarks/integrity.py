@@ -23,7 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from visloc_companion.core import fusion, separation
+from visloc_companion.core import separation
+from visloc_companion.core.belief import seeded
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
 from visloc_companion.core.integrity import largest_sigma_m
@@ -211,13 +212,12 @@ def flown(flight: Flight, seed: int, settings: NavigatorSettings | None = None, 
 
 def _started(settings: NavigatorSettings, at: FloatArray, rng: np.random.Generator) -> PositionFilter:
     start = at + settings.seed_sigma_m * rng.standard_normal(2)
-    belief = fusion.seeded(
+    belief = seeded(
         0,
         (float(start[0]), float(start[1])),
         settings.seed_sigma_m,
         settings.velocity_sigma_aiding_mps,
         Drive.FED_BACK,
-        sigma_h_m=3.0,
         settings=settings,
     )
     still = Velocity(0, (0.0, 0.0, 0.0), HEIGHT_M, settings.velocity_sigma_aiding_mps, Drive.FED_BACK)

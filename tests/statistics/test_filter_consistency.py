@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from visloc_companion.core import fusion
+from visloc_companion.core.belief import seeded
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
 from visloc_companion.core.propagation import INERTIAL_WALK_MPS_PER_SQRT_S, Drive
@@ -69,7 +69,7 @@ def normalised_errors(
 
     start = p + SETTINGS.seed_sigma_m * rng.standard_normal(2)
     at = (float(start[0]), float(start[1]))
-    begin = fusion.seeded(0, at, SETTINGS.seed_sigma_m, error.sigma_v, drive, 3.0, SETTINGS)
+    begin = seeded(0, at, SETTINGS.seed_sigma_m, error.sigma_v, drive, SETTINGS)
     kalman_filter = PositionFilter(SETTINGS, ORIGIN, begin, sample(0.0))
     errors: list[float] = []
     for k in range(1, 1501):

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from visloc_companion.core.fusion import Belief, taken, widened_by
+from visloc_companion.core.belief import Belief, widened_by
+from visloc_companion.core.fusion import taken
 from visloc_companion.core.propagation import N_STATES, VELOCITY, WIND, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Accepted, FloatArray, Rejected, Vec2

@@ -122,7 +122,7 @@ class Asking:
         self, search: PlaceSearch, state: NavState | None, frame: FrameRef, q_ned_frd: Quat, now_ns: int
     ) -> list[Request]:
         """The next question of the search for the vehicle's place."""
-        velocity, origin, belief = self._tracker.velocity, self._tracker.origin, self._tracker.belief
+        velocity, origin = self._tracker.velocity, self._tracker.origin
         if velocity is None or origin is None:
             return []
         height_m = velocity.h_amsl_m - origin.h_amsl_m
@@ -131,29 +131,27 @@ class Asking:
         asked = NavState(
             frame.t_ns, (*where.place_ne_m, -height_m), velocity.v_ned_mps, where.cov_ne_m2, SEARCH_SIGMA_H_M, math.inf
         )
-        offset_m = 0.0 if belief is None else belief.height_offset_m
-        prior = self._pose_prior(asked, origin, q_ned_frd, self._camera.q_frd_cambody, offset_m)
+        prior = self._pose_prior(asked, origin, q_ned_frd, self._camera.q_frd_cambody)
         return [self._queue.taken(frame, prior, now_ns, aside=True)]
 
     def _prior(self, state: NavState, q_ned_frd: Quat, q_frd_body: Quat, injecting: bool) -> PosePrior | None:
         """The prior of a state for the camera's body, or for another one that is mounted so."""
-        origin, belief = self._tracker.origin, self._tracker.belief
-        if origin is None or belief is None:
+        origin = self._tracker.origin
+        if origin is None:
             return None
         if not injecting:
             cov = requests.held_by_gnss(state.cov_ne_m2, state.age_of_fix_s, self._settings.navigator.seed_sigma_m)
             state = replace(state, cov_ne_m2=cov)
-        return self._pose_prior(state, origin, q_ned_frd, q_frd_body, belief.height_offset_m)
+        return self._pose_prior(state, origin, q_ned_frd, q_frd_body)
 
-    def _pose_prior(
-        self, state: NavState, origin: GeoPoint, q_ned_frd: Quat, q_frd_body: Quat, height_offset_m: float
-    ) -> PosePrior:
+    def _pose_prior(self, state: NavState, origin: GeoPoint, q_ned_frd: Quat, q_frd_body: Quat) -> PosePrior:
+        height = self._tracker.height.known(state.t_ns, origin.h_amsl_m - state.p_ned_m[2])
         return requests.pose_prior(
             state,
             origin,
             q_ned_frd,
             q_frd_body,
-            height_offset_m,
+            height.offset_m,
             self._tracker.height_above_home_m or 0.0,
             self._settings.mount_sigma_rad,
             self._settings.max_search_radius_m,

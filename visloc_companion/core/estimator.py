@@ -15,8 +15,9 @@ import numpy as np
 
 from visloc_companion.core import airspeed, fusion, integrity, separation
 from visloc_companion.core.airspeed import Airspeed
+from visloc_companion.core.belief import Belief, Position, blurred
 from visloc_companion.core.driving import Around, Velocity, height_at, velocity_at
-from visloc_companion.core.fusion import UNAIDED_GAP_S, UNAIDED_SIGMA_MPS, Belief, Position
+from visloc_companion.core.fusion import UNAIDED_GAP_S, UNAIDED_SIGMA_MPS
 from visloc_companion.core.motion import Motion, learned
 from visloc_companion.core.propagation import POSITION, Drive
 from visloc_companion.core.settings import NavigatorSettings
@@ -32,7 +33,8 @@ Outcome = Accepted | Rejected | None
 class PositionFilter:
     """Position in NED at an origin. `observe` and `at` are protocols.Estimator; `drive` feeds it the autopilot's velocity.
 
-    States that it gives include the map's registration error (`map_sigma_m`), which no number of fixes averages away.
+    States that it gives include the map's registration error (`map_sigma_m`), which no number of fixes averages away; of the
+    height, which is the autopilot's, they know nothing (height.py).
     """
 
     def __init__(self, settings: NavigatorSettings, origin: GeoPoint, start: Belief, velocity: Velocity) -> None:
@@ -58,8 +60,6 @@ class PositionFilter:
             from_fix=True,
             method=fix.method,
             probability_wrong=fix.probability_wrong,
-            h_amsl_m=fix.place.h_amsl_m,
-            sigma_h_m=fix.sigma_h_m,
             tie=fix.frame_id,
         )
         return self._take(measured)
@@ -101,7 +101,7 @@ class PositionFilter:
             (north, east, self._origin.h_amsl_m - height_at(t_ns, around)),
             (v_north - b_north, v_east - b_east, around[0].v_ned_mps[2]),
             ((nn + extra, ne), (ne, ee + extra)),
-            math.sqrt(belief.height_var_m2),
+            math.inf,
             max(0.0, (t_ns - belief.rested_ns) * 1e-9),
             ((float(belief.P[2, 2]), float(belief.P[2, 3])), (float(belief.P[2, 3]), float(belief.P[3, 3]))),
         )
@@ -172,7 +172,7 @@ class PositionFilter:
             return learned(belief, entry, self._travelled(belief, entry.t_from_ns), self._settings)
         if isinstance(entry, Airspeed):
             return airspeed.observed(belief, entry, velocity_at(entry.t_ns, around), self._settings)
-        return fusion.observed(belief, entry, height_at(entry.t_ns, around), self._settings)
+        return fusion.observed(belief, entry, self._settings)
 
     def _travelled(self, belief: Belief, t_from_ns: int) -> Vec2:
         """How far the velocity input went since a time, north and east metres."""
@@ -204,7 +204,7 @@ class PositionFilter:
         carried = fusion.propagated(belief, t_ns, mean, self._settings, change, alone=alone)
         before, after = around
         gap_s = ((t_ns if after is None else after.t_ns) - before.t_ns) * 1e-9
-        return fusion.blurred(carried, UNAIDED_SIGMA_MPS * (t_ns - belief.t_ns) * 1e-9) if gap_s > UNAIDED_GAP_S else carried
+        return blurred(carried, UNAIDED_SIGMA_MPS * (t_ns - belief.t_ns) * 1e-9) if gap_s > UNAIDED_GAP_S else carried
 
     def _around(self, k: int) -> Around:
         """The velocity samples before and after the first k inputs."""

@@ -16,14 +16,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from visloc_companion.core import integrity, separation
+from visloc_companion.core import integrity, kalman, separation
 from visloc_companion.core.separation import Solutions
 from visloc_companion.core.settings import NavigatorSettings
-from visloc_companion.types import FloatArray
+from visloc_companion.types import FloatArray, Rejected
 
 SCALE_SIGMA = 0.03
 """Air 9 degrees warmer or colder than the standard atmosphere's stretches heights by this share."""
 GATE_SIGMA = 4.0
+ORDINARY_SIGMA = 2.0
+"""A fix further off, but not beyond the gate, is a sign of a barometer that drifts faster than it is taken to: the filter becomes
+as unsure as makes the fix an ordinary one."""
 HISTORY_NS = 6_000_000_000
 JUMPED = 0.5
 """Probability that it was the barometer when one fix is refused: an assumption."""
@@ -78,42 +81,33 @@ def carried(belief: HeightBelief, t_ns: int, settings: NavigatorSettings) -> Hei
 def observed(belief: HeightBelief, z: HeightFix, settings: NavigatorSettings) -> HeightBelief:
     """The belief at `z.t_ns` after a fix."""
     belief = carried(belief, z.t_ns, settings)
-    H = np.array([1.0, z.climbed_m])
-    innovation = z.offset_m - float(H @ belief.x)
-    if innovation**2 > GATE_SIGMA**2 * (float(H @ belief.P @ H) + z.var_m2):
+    H = np.array([[1.0, z.climbed_m]])
+    innovation2, expected_m2 = (z.offset_m - float(H[0] @ belief.x)) ** 2, float(H[0] @ belief.P @ H[0]) + z.var_m2
+    if innovation2 > GATE_SIGMA**2 * expected_m2:
         if belief.refused is None or not _agree(belief.refused, z):
             return replace(belief, refused=z)
-        belief = _widened(belief, innovation**2)
-    x, P = _updated(belief.x[None], belief.P[None], z, H)
+        belief = _widened(belief, innovation2)
+    elif innovation2 > ORDINARY_SIGMA**2 * expected_m2:
+        belief = _widened(belief, innovation2 / ORDINARY_SIGMA**2 - expected_m2)
+    offset, R = np.array([z.offset_m]), np.array([[z.var_m2]])
+    got = kalman.update(belief.x, belief.P, offset, R, H)
+    if isinstance(got, Rejected):
+        return belief
     votes = separation.voted(belief.votes, z.method, z.t_ns)
-    without = _others(belief, z, H)
-    return HeightBelief(z.t_ns, x[0], P[0], z.t_ns, votes, _apart(without, H, x[0], P[0]))
+    without = separation.apart(_others(belief, z, offset, R, H), got.x, got.P, H)
+    return HeightBelief(z.t_ns, got.x, got.P, z.t_ns, votes, without)
 
 
 def _agree(a: HeightFix, b: HeightFix) -> bool:
     return (a.offset_m - b.offset_m) ** 2 <= GATE_SIGMA**2 * (a.var_m2 + b.var_m2)
 
 
-def _others(belief: HeightBelief, z: HeightFix, H: FloatArray) -> Solutions:
+def _others(belief: HeightBelief, z: HeightFix, offset: FloatArray, R: FloatArray, H: FloatArray) -> Solutions:
     among = belief.without
     take = ~separation.leaving_out(among, z.method)
-    if take.any():
-        x, P, rested = among.x.copy(), among.P.copy(), among.rested_ns.copy()
-        x[take], P[take] = _updated(x[take], P[take], z, H)
-        rested[take] = z.t_ns
-        among = replace(among, x=x, P=P, rested_ns=rested)
+    among = separation.updated(among, offset, R, H, take=take, n_considered=0, t_ns=z.t_ns)
     recent = separation.recent(belief.votes, z.t_ns)
-    before = (belief.x, belief.P, belief.rested_ns)
-    return separation.without_fix(among, z.method, z.probability_wrong, before, recent)
-
-
-def _updated(x: FloatArray, P: FloatArray, z: HeightFix, H: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Means (K, 2) and covariances (K, 2, 2) after a scalar measurement, Joseph's form."""
-    PH = P @ H
-    K = PH / (PH @ H + z.var_m2)[:, None]
-    keep = np.eye(2) - K[:, :, None] * H
-    P = keep @ P @ keep.transpose(0, 2, 1) + z.var_m2 * K[:, :, None] * K[:, None, :]
-    return x + K * (z.offset_m - x @ H)[:, None], (P + P.transpose(0, 2, 1)) / 2
+    return separation.without_fix(among, z.method, z.probability_wrong, (belief.x, belief.P, belief.rested_ns), recent)
 
 
 def _widened(belief: HeightBelief, more_m2: float) -> HeightBelief:
@@ -125,14 +119,6 @@ def _widened(belief: HeightBelief, more_m2: float) -> HeightBelief:
         others[:, 0, 0] += more_m2
         without = replace(without, P=others)
     return replace(belief, P=P, without=without)
-
-
-def _apart(among: Solutions, H: FloatArray, x: FloatArray, P: FloatArray) -> Solutions:
-    """Without each single fix's solution that says no more than the filter does."""
-    variance = float(H @ P @ H)
-    near = np.square(among.x @ H - float(H @ x)) < separation.MERGED_SIGMA**2 * variance
-    same = near & (separation.MERGED_VARIANCE * variance > (among.P @ H) @ H)
-    return separation.chosen(among, ~(same & np.array([leaves == separation.ONE for leaves in among.leaves])))
 
 
 class HeightFilter:

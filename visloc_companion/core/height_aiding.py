@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass
@@ -17,6 +18,17 @@ REQUESTS = 8
 """Priors kept: one request is outstanding at a time."""
 LASTS_NS, LASTS_M = 500_000_000, 1.0
 """Without a new fix an answer stands for so long, and over so much of a climb: the barometer walks 0.07 m meanwhile."""
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """Of a stated height: what fixes would add to it, and the 1-sigma of the sum."""
+
+    offset_m: float
+    sigma_m: float
+
+
+UNKNOWN = Known(0.0, UNKNOWN_HEIGHT_SIGMA_M)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +84,13 @@ class HeightAiding:
             climbed_m = self._filter.climbed_m(stated_m)
             told = HeightFix(fix.t_ns, fix.request_id, h_amsl_m - stated_m, var_m2, climbed_m, fix.method, fix.probability_wrong)
             self._filter.observe(told)
+
+    def known(self, t_ns: int, h_amsl_m: float) -> Known:
+        """What is known of a height that is stated at a time: priors of localisers rest on it."""
+        if self._filter is None:
+            return UNKNOWN
+        offset_m, var_m2 = self._filter.at(t_ns, h_amsl_m)
+        return Known(offset_m, math.sqrt(var_m2))
 
     def at(self, t_ns: int, h_amsl_m: float) -> Height | None:
         """What is known of a height that is stated at a time; None before the autopilot stated any."""

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from visloc_companion.core.fusion import Belief, taken, widened
+from visloc_companion.core.belief import Belief, widened
+from visloc_companion.core.fusion import taken
 from visloc_companion.core.propagation import (
     ACCELERATION,
     INERTIAL_WALK_MPS_PER_SQRT_S,

@@ -15,7 +15,6 @@ from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.guard import Complaints, TimeCheck, TimeGuard
-from visloc_companion.core.height_aiding import HeightAiding
 from visloc_companion.core.onboard_camera import OnboardCamera
 from visloc_companion.core.place_search import PlaceSearch
 from visloc_companion.core.protection import Protection
@@ -89,8 +88,7 @@ class Navigator:
             settings, self._queue, self._tracker, self._clock, self._attitude, onboard, self._terrain, self._search
         )
         self._switch = SourceSwitch(settings.injection.switch_source)
-        self._height = HeightAiding(settings.navigator)
-        self._protection = Protection(settings, self._tracker, self._height)
+        self._protection = Protection(settings, self._tracker)
         self._telemetry = Telemetry(
             settings.navigator,
             self._clock,
@@ -100,7 +98,6 @@ class Navigator:
             self._switch,
             self._asking,
             self._terrain,
-            self._height,
             self._complaints,
         )
         self._steering = Steering(settings, self._monitor, self._switch)
@@ -114,7 +111,6 @@ class Navigator:
             self._aiding,
             self._monitor,
             self._steering,
-            self._height,
             self._terrain,
             self._search,
             self._complaints,

@@ -28,6 +28,7 @@ from visloc_companion.types import FloatArray, Vec2
 N_STATES = 11
 POSITION, VELOCITY, ACCELERATION, WIND = slice(0, 2), slice(2, 4), slice(4, 6), slice(6, 8)
 HEADING, ODOMETRY_SCALE, ODOMETRY_HEADING = 8, 9, 10
+H_POSITION: FloatArray = np.eye(N_STATES)[POSITION]
 N_CONSIDERED = N_STATES - VELOCITY.start
 """States that stay as they are where the velocity descends from our own fixes."""
 WALK_M_PER_SQRT_S = 0.05

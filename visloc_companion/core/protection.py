@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 from visloc_companion.core.alert import AlertWatch, Levels, Limits, limits_at
-from visloc_companion.core.height_aiding import HeightAiding
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.types import NavState, Notice
@@ -35,8 +34,8 @@ class Protected:
 class Protection:
     """Levels, limits and the alert."""
 
-    def __init__(self, settings: CoreSettings, tracker: Tracker, height: HeightAiding) -> None:
-        self._settings, self._tracker, self._height = settings.navigator, tracker, height
+    def __init__(self, settings: CoreSettings, tracker: Tracker) -> None:
+        self._settings, self._tracker = settings.navigator, tracker
         self._watch = AlertWatch(settings.injection.beyond_alert_limit)
         self._sigmas = math.sqrt(-2 * math.log(settings.navigator.integrity_risk))
         self._last = Protected(Levels(None, None), limits_at(None, 0.0, settings.navigator))
@@ -44,7 +43,8 @@ class Protection:
     def judge(self, state: NavState | None, now_ns: int) -> Protected:
         """The levels of a state at a time; none without a state."""
         origin = self._tracker.origin
-        height = None if state is None or origin is None else self._height.at(state.t_ns, origin.h_amsl_m - state.p_ned_m[2])
+        h_amsl_m = None if state is None or origin is None else origin.h_amsl_m - state.p_ned_m[2]
+        height = None if state is None or h_amsl_m is None else self._tracker.height.at(state.t_ns, h_amsl_m)
         levels = Levels(
             None if state is None else self._tracker.protection_level_m(state.t_ns),
             None if height is None else height.protection_level_m,

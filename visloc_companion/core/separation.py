@@ -21,7 +21,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.core.propagation import N_STATES, POSITION
+from visloc_companion.core.propagation import H_POSITION, N_STATES, POSITION
 from visloc_companion.types import FloatArray
 
 EVERY: Final = "*"
@@ -53,8 +53,8 @@ def recent(votes: Votes, t_ns: int) -> frozenset[str]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solutions:
-    """K solutions: means (K, 11), covariances (K, 11, 11) of the filter's state, their probabilities (K,), and the time (K,) of
-    the last fix that each rests on. `leaves`: what each goes on to leave out; `left`: the methods of what it left out."""
+    """K solutions: means (K, n), covariances (K, n, n) of a filter's state, their probabilities (K,), and the time (K,) of the
+    last fix that each rests on. `leaves`: what each goes on to leave out; `left`: the methods of what it left out."""
 
     x: FloatArray
     P: FloatArray
@@ -111,7 +111,7 @@ def updated(
     n_considered: int,
     t_ns: int | None = None,
 ) -> Solutions:
-    """With a measurement z (2,), R (2, 2) of H x, H (2, 11), taken by some of them (K,), Joseph's form, no gate.
+    """With a measurement z (m,), R (m, m) of H x, H (m, n), taken by some of them (K,), Joseph's form, no gate.
 
     The last `n_considered` states keep mean and variance (kalman.update). `t_ns`: of a fix that they rest on from now on.
     """
@@ -120,7 +120,7 @@ def updated(
     PHt = _times(solutions.P, H.T)
     gain = PHt @ np.linalg.inv(H @ PHt + R)
     if n_considered:
-        gain[:, N_STATES - n_considered :] = 0.0
+        gain[:, H.shape[1] - n_considered :] = 0.0
     gain[~take] = 0.0
     gain_T, innovation = gain.transpose(0, 2, 1), z - solutions.x @ H.T
     left = solutions.P - gain @ PHt.transpose(0, 2, 1)  # (I - K H) P
@@ -132,7 +132,8 @@ def updated(
 
 def _times(P: FloatArray, A: FloatArray) -> FloatArray:
     """P (K, n, n) @ A (n, m) as one product of matrices: far cheaper than K small ones."""
-    return (P.reshape(-1, N_STATES) @ A).reshape(len(P), N_STATES, A.shape[1])
+    n = P.shape[1]
+    return (P.reshape(-1, n) @ A).reshape(len(P), n, A.shape[1])
 
 
 def _moved(solutions: Solutions, x: FloatArray, P: FloatArray) -> Solutions:
@@ -183,13 +184,13 @@ def likely(solutions: Solutions) -> Solutions:
     return chosen(solutions, keep)
 
 
-def apart(solutions: Solutions, x: FloatArray, P: FloatArray) -> Solutions:
-    """Without each `ONE` that says no more than the filter itself, x (11,) and P (11, 11), does."""
+def apart(solutions: Solutions, x: FloatArray, P: FloatArray, H: FloatArray = H_POSITION) -> Solutions:
+    """Without each `ONE` that says no more of H x, H (m, n), than the filter itself, x (n,) and P (n, n), does."""
     if not len(solutions):
         return solutions
-    variance = float(np.trace(P[:2, :2]))
-    near = np.square(solutions.x[:, :2] - x[:2]).sum(1) < MERGED_SIGMA**2 * variance
-    same = near & (np.trace(solutions.P[:, :2, :2], axis1=1, axis2=2) < MERGED_VARIANCE * variance)
+    variance = float(np.trace(H @ P @ H.T))
+    near = np.square((solutions.x - x) @ H.T).sum(1) < MERGED_SIGMA**2 * variance
+    same = near & (np.einsum("mi,kij,mj->k", H, solutions.P, H) < MERGED_VARIANCE * variance)
     return chosen(solutions, ~(same & np.array([leaves == ONE for leaves in solutions.leaves])))
 
 

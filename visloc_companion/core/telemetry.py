@@ -11,7 +11,6 @@ from visloc_companion.core.driving import Velocity
 from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.guard import Complaints
-from visloc_companion.core.height_aiding import HeightAiding
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.core.switching import SourceSwitch
@@ -52,13 +51,11 @@ class Telemetry:
         switch: SourceSwitch,
         asking: Asking,
         terrain: TerrainAiding | None,
-        height: HeightAiding,
         complaints: Complaints,
     ) -> None:
         self._settings, self._clock, self._attitude = settings, clock, attitude
         self._tracker, self._monitor, self._switch = tracker, monitor, switch
         self._asking, self._terrain, self._complaints = asking, terrain, complaints
-        self._height = height
         self._attitude_rx_ns: int | None = None
         self._status: EstimatorStatus | None = None
         self._prior: PriorPose | None = None
@@ -79,7 +76,7 @@ class Telemetry:
             return []
         self._attitude.clear()
         self._tracker.forget_velocity()
-        self._height.forget_heights()
+        self._tracker.height.forget_heights()
         if self._terrain is not None:
             self._terrain.clear()
         self._switch.restarted()
@@ -164,7 +161,7 @@ class Telemetry:
         t_ns = self.stamped_ns(t_rx_ns, t_boot_ns)
         if self._terrain is not None and feedback:
             v_ned_mps = self._terrain.corrected(t_ns, v_ned_mps)
-        self._height.drive(t_ns, h_amsl_m, self._tracker.height_above_home_m)
+        self._tracker.height.drive(t_ns, h_amsl_m, self._tracker.height_above_home_m)
         velocity = Velocity(t_ns, v_ned_mps, h_amsl_m, sigma, Drive.FED_BACK if feedback else Drive.AUTOPILOT)
         alone = feedback or not self._monitor.trusted
         if self._tracker.drive(velocity, t_boot_ns, alone=alone) and self._terrain is not None:

@@ -7,15 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from visloc_companion.core import fusion
 from visloc_companion.core.airspeed import Airspeed
+from visloc_companion.core.belief import Belief, seeded
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
+from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
 from visloc_companion.core.gnss_track import GnssTrack
+from visloc_companion.core.height_aiding import HeightAiding
 from visloc_companion.core.inertial import InertialVelocity
 from visloc_companion.core.odometry_aiding import OdometryAiding
 from visloc_companion.core.propagation import Drive
-from visloc_companion.core.requests import UNKNOWN_HEIGHT_SIGMA_M, height_sigma_m
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Fix, GeoPoint, NavState, Odometry, Quat, Rejected, TooOld, Vec3
@@ -36,7 +37,8 @@ GNSS_BIAS_SIGMA_M = 3.0
 
 
 class Tracker:
-    """Position filter with the inputs that it keeps for it: velocity, height, the receiver's positions (`gnss`)."""
+    """Position filter with the inputs that it keeps for it: velocity, the receiver's positions (`gnss`), and how far the
+    autopilot's height is off (`height`)."""
 
     def __init__(self, settings: NavigatorSettings) -> None:
         self._settings = settings
@@ -47,11 +49,12 @@ class Tracker:
         self._taught_ns: deque[int] = deque(maxlen=TAUGHT_BY)
         self._velocity_known, self._n_taught = False, 0
         self.gnss = GnssTrack()
+        self.height = HeightAiding(settings)
         self.origin: GeoPoint | None = None
         self.height_above_home_m: float | None = None
 
     @property
-    def belief(self) -> fusion.Belief | None:
+    def belief(self) -> Belief | None:
         """The filter's newest belief, None before seeding."""
         return None if self._filter is None else self._filter.newest
 
@@ -131,8 +134,7 @@ class Tracker:
             return False
         north, east, _ = wgs84.ned_from_geo(place, self.origin)
         v = self._velocity
-        sigma_h = UNKNOWN_HEIGHT_SIGMA_M if self.height_above_home_m is None else height_sigma_m(self.height_above_home_m)
-        start = fusion.seeded(max(t_ns, v.t_ns), (north, east), sigma_m, v.sigma_mps, v.drive, sigma_h, self._settings)
+        start = seeded(max(t_ns, v.t_ns), (north, east), sigma_m, v.sigma_mps, v.drive, self._settings)
         self._inertial.anchor(self._velocity_boot_ns, v.v_ned_mps[:2])
         self._n_taught = 0
         self._filter = PositionFilter(self._settings, self.origin, start, v)
@@ -143,15 +145,19 @@ class Tracker:
 
         The velocity is taken as zero with a large error, which fixes teach; the height is that of the place.
         """
-        still = Velocity(t_ns, (0.0, 0.0, 0.0), place.h_amsl_m, fusion.UNAIDED_SIGMA_MPS, Drive.AUTOPILOT)
+        still = Velocity(t_ns, (0.0, 0.0, 0.0), place.h_amsl_m, UNAIDED_SIGMA_MPS, Drive.AUTOPILOT)
         self.drive(still, t_boot_ns, alone=False)
+        self.height.drive(t_ns, place.h_amsl_m, None)
         self._velocity_known = False
         self.seed(t_ns, place, sigma_m)
         self._inertial.release()
 
     def at(self, t_ns: int) -> NavState | None:
-        """The state at a time."""
-        return None if self._filter is None else self._filter.at(t_ns)
+        """The state at a time, with what is known of the autopilot's height."""
+        if self._filter is None or self.origin is None:
+            return None
+        state = self._filter.at(t_ns)
+        return replace(state, sigma_d_m=self.height.known(t_ns, self.origin.h_amsl_m - state.p_ned_m[2]).sigma_m)
 
     def protection_level_m(self, t_ns: int) -> float | None:
         """Horizontal protection level at a time; None before seeding."""

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from visloc_companion.core.asking import Asking
+from visloc_companion.core.belief import Belief
 from visloc_companion.core.camera_watch import CameraWatch
 from visloc_companion.core.computer_watch import ComputerWatch
-from visloc_companion.core.fusion import Belief
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.guard import Complaints
-from visloc_companion.core.height_aiding import HeightAiding
 from visloc_companion.core.onboard_camera import OnboardCamera
 from visloc_companion.core.place_search import Found, PlaceSearch
 from visloc_companion.core.requests import FrameQueue
@@ -49,14 +48,13 @@ class Vision:
         aiding: GnssAiding,
         monitor: GnssMonitor,
         steering: Steering,
-        height: HeightAiding,
         terrain: TerrainAiding | None,
         search: PlaceSearch | None,
         complaints: Complaints,
     ) -> None:
         self._queue, self._asking, self._onboard = queue, asking, onboard
         self._tracker, self._aiding, self._monitor, self._steering = tracker, aiding, monitor, steering
-        self._height, self._terrain, self._search, self._complaints = height, terrain, search, complaints
+        self._terrain, self._search, self._complaints = terrain, search, complaints
         self._camera, self._computer = CameraWatch(), ComputerWatch()
         self._searching = False
 
@@ -80,7 +78,7 @@ class Vision:
         trusted = self._monitor.trusted
         asked = self._asking.next(now_ns, injecting=self._steering.injecting, gnss_trusted=trusted)
         for request in asked:
-            self._height.asked(request)
+            self._tracker.height.asked(request)
         return self._onboard.asked([*asked])
 
     def moved(self, motion: Odometry | None, now_ns: int) -> None:
@@ -142,7 +140,7 @@ class Vision:
         if isinstance(outcome, Accepted):
             self._steering.taken(now_ns)
             commands = [*commands, *self._aiding.compare(fix)]
-            self._height.taken(fix)
+            self._tracker.height.taken(fix)
             if before is not None and after is not None and after.started_ns != before.started_ns:
                 commands.append(Notice(Severity.WARNING, "visloc: relocalised", to_operator=True))
         elif isinstance(outcome, Rejected):

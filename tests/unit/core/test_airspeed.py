@@ -7,6 +7,7 @@ import pytest
 
 from visloc_companion.core import airspeed, fusion
 from visloc_companion.core.airspeed import Airspeed
+from visloc_companion.core.belief import seeded
 from visloc_companion.core.propagation import WIND, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Accepted
@@ -16,7 +17,7 @@ SETTINGS = NavigatorSettings()
 
 
 def start(drive: Drive) -> fusion.Belief:
-    return fusion.seeded(0, (0.0, 0.0), 1.0, 0.3, drive, 3.0, SETTINGS)
+    return seeded(0, (0.0, 0.0), 1.0, 0.3, drive, SETTINGS)
 
 
 def with_wind_known() -> fusion.Belief:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from visloc_companion.core import fusion
+from visloc_companion.core.belief import seeded
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
 from visloc_companion.core.propagation import Drive
@@ -36,13 +36,13 @@ def fix(t_s: float, north: float, east: float, frame_id: int = 1, sigma: float =
 
 
 def made(sigma_m: float = 2.0) -> PositionFilter:
-    start = fusion.seeded(0, (0.0, 0.0), sigma_m, 0.3, Drive.AUTOPILOT, 3.0, SETTINGS)
+    start = seeded(0, (0.0, 0.0), sigma_m, 0.3, Drive.AUTOPILOT, SETTINGS)
     return PositionFilter(SETTINGS, ORIGIN, start, velocity(0.0))
 
 
 def states(kalman_filter: PositionFilter) -> np.ndarray:
     def row(s: NavState) -> list[float]:
-        return [*s.p_ned_m, *s.v_ned_mps, *s.cov_ne_m2[0], *s.cov_ne_m2[1], s.sigma_d_m, s.age_of_fix_s]
+        return [*s.p_ned_m, *s.v_ned_mps, *s.cov_ne_m2[0], *s.cov_ne_m2[1], s.age_of_fix_s]
 
     return np.array([row(kalman_filter.at(round(t * S))) for t in np.arange(0.5, 6.5, 0.37)])
 

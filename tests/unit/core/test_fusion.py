@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from visloc_companion.core import fusion, propagation
-from visloc_companion.core.fusion import Belief, Position
+from visloc_companion.core import fusion, propagation, refused
+from visloc_companion.core.belief import Belief, Position, seeded
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.errors import Reason
@@ -18,7 +18,7 @@ S = 1_000_000_000
 
 
 def start(drive: Drive = Drive.AUTOPILOT, sigma_m: float = 2.0) -> Belief:
-    return fusion.seeded(0, (0.0, 0.0), sigma_m, 0.3, drive, 3.0, SETTINGS)
+    return seeded(0, (0.0, 0.0), sigma_m, 0.3, drive, SETTINGS)
 
 
 def fix(t_s: float, north: float, east: float, sigma: float = 1.0, **more: float) -> Position:
@@ -61,7 +61,7 @@ def test_learns_the_velocity_error_from_fixes_only_without_feedback() -> None:
         belief = start(drive)
         for k in range(1, 61):
             belief = fusion.propagated(belief, k * S, (0.0, 0.0), SETTINGS)
-            belief, _ = fusion.observed(belief, fix(k, 0.5 * k, 0.0), None, SETTINGS)
+            belief, _ = fusion.observed(belief, fix(k, 0.5 * k, 0.0), SETTINGS)
         if drive is Drive.FED_BACK:
             assert belief.x[2] == 0.0
         else:
@@ -85,7 +85,7 @@ def test_velocity_trust() -> None:
     learned = start()
     for k in range(1, 31):
         learned = fusion.propagated(learned, k * S, (0.0, 0.0), SETTINGS)
-        learned, _ = fusion.observed(learned, fix(k, 0.5 * k, 0.0), None, SETTINGS)
+        learned, _ = fusion.observed(learned, fix(k, 0.5 * k, 0.0), SETTINGS)
     assert fusion.with_velocity_trust(learned, 0.3, Drive.AUTOPILOT) is learned
     wider = fusion.with_velocity_trust(learned, 0.8, Drive.AUTOPILOT)
     assert wider.x[2] == learned.x[2]
@@ -104,7 +104,7 @@ def test_rejected_fixes_that_agree_restart_the_filter_at_the_fourth() -> None:
     outcomes = []
     for k in range(1, 5):
         belief = fusion.propagated(belief, k * S, (10.0, 0.0), SETTINGS)
-        belief, outcome = fusion.observed(belief, fix(k, 300.0 + 10 * k, 50.0), None, SETTINGS)
+        belief, outcome = fusion.observed(belief, fix(k, 300.0 + 10 * k, 50.0), SETTINGS)
         outcomes.append(type(outcome))
     assert outcomes == [Rejected, Rejected, Rejected, Accepted]
     np.testing.assert_allclose(belief.x[:2], [340.0, 50.0])
@@ -117,7 +117,7 @@ def test_rejected_fixes_that_contradict_each_other_never_restart() -> None:
     belief = start(sigma_m=1.0)
     for k in range(1, 20):
         belief = fusion.propagated(belief, k * S, (10.0, 0.0), SETTINGS)
-        belief, outcome = fusion.observed(belief, fix(k, 300.0 + 10 * k + 40 * (k % 3), 50.0), None, SETTINGS)
+        belief, outcome = fusion.observed(belief, fix(k, 300.0 + 10 * k + 40 * (k % 3), 50.0), SETTINGS)
         assert isinstance(outcome, Rejected)
         assert outcome.reason is Reason.GATED
     assert belief.started_ns == 0
@@ -128,16 +128,16 @@ def test_repeated_rejections_that_a_false_velocity_explains_widen_the_search() -
         belief = start(sigma_m=1.0)
         for k in range(10, 12):
             belief = fusion.propagated(belief, k * S, (0.0, 0.0), SETTINGS)
-            belief, outcome = fusion.observed(belief, fix(k, off_m * (k - 8), 0.0), None, SETTINGS)
+            belief, outcome = fusion.observed(belief, fix(k, off_m * (k - 8), 0.0), SETTINGS)
             assert isinstance(outcome, Rejected)
         return belief
 
-    assert after_two(50.0).P[2, 2] > fusion.DOUBT_MPS**2
+    assert after_two(50.0).P[2, 2] > refused.DOUBT_MPS**2
     assert after_two(5000.0).P[2, 2] < 1.0
     belief = after_two(50.0)
     for k in range(12, 60):
-        belief, _ = fusion.observed(belief, fix(11, 100.0 + 37 * (k % 3), 0.0), None, SETTINGS)
-    assert belief.P[2, 2] < fusion.MAX_DOUBT_MPS**2 + fusion.DOUBT_MPS**2 + 1
+        belief, _ = fusion.observed(belief, fix(11, 100.0 + 37 * (k % 3), 0.0), SETTINGS)
+    assert belief.P[2, 2] < refused.MAX_DOUBT_MPS**2 + refused.DOUBT_MPS**2 + 1
 
 
 def test_six_fixes_on_a_line_teach_the_velocity_error_unless_it_is_our_own() -> None:
@@ -146,7 +146,7 @@ def test_six_fixes_on_a_line_teach_the_velocity_error_unless_it_is_our_own() -> 
         belief = start(drive, sigma_m=1.0)
         for k in range(1, 7):
             belief = fusion.propagated(belief, k * S // 2, (30.0, 0.0), SETTINGS)
-            belief, outcome = fusion.observed(belief, fix(k / 2, -500.0 + 5.0 * k, 0.0), None, SETTINGS)
+            belief, outcome = fusion.observed(belief, fix(k / 2, -500.0 + 5.0 * k, 0.0), SETTINGS)
         assert isinstance(outcome, Accepted)
         assert belief.x[0] == pytest.approx(-470.0)
         if drive is Drive.FED_BACK:
@@ -158,41 +158,31 @@ def test_six_fixes_on_a_line_teach_the_velocity_error_unless_it_is_our_own() -> 
 
 def test_an_accepted_fix_or_a_long_pause_clears_the_candidates() -> None:
     belief = start(sigma_m=1.0)
-    belief, _ = fusion.observed(belief, fix(0.0, 300.0, 0.0), None, SETTINGS)
+    belief, _ = fusion.observed(belief, fix(0.0, 300.0, 0.0), SETTINGS)
     assert len(belief.rejected) == 1
-    cleared, _ = fusion.observed(belief, fix(0.0, 0.5, 0.0), None, SETTINGS)
+    cleared, _ = fusion.observed(belief, fix(0.0, 0.5, 0.0), SETTINGS)
     assert cleared.rejected == ()
     later = fusion.propagated(belief, 40 * S, (0.0, 0.0), SETTINGS)
-    later, _ = fusion.observed(later, fix(40.0, 900.0, 0.0), None, SETTINGS)
+    later, _ = fusion.observed(later, fix(40.0, 900.0, 0.0), SETTINGS)
     assert len(later.rejected) == 1
 
 
 def test_gnss_neither_counts_as_a_fix_nor_as_a_candidate() -> None:
     near = Position(0, (1.0, 0.0), ((25.0, 0.0), (0.0, 25.0)), from_fix=False)
-    belief, outcome = fusion.observed(start(), near, None, SETTINGS)
+    belief, outcome = fusion.observed(start(), near, SETTINGS)
     assert isinstance(outcome, Accepted)
     assert belief.last_fix_ns is None
     far = Position(0, (1000.0, 0.0), ((25.0, 0.0), (0.0, 25.0)), from_fix=False)
-    same, outcome = fusion.observed(belief, far, None, SETTINGS)
+    same, outcome = fusion.observed(belief, far, SETTINGS)
     assert isinstance(outcome, Rejected)
     assert same is belief
 
 
 def test_a_fix_that_is_not_finite_changes_nothing() -> None:
     belief = start()
-    same, outcome = fusion.observed(belief, fix(0.0, math.nan, 0.0), None, SETTINGS)
+    same, outcome = fusion.observed(belief, fix(0.0, math.nan, 0.0), SETTINGS)
     assert same is belief
     assert outcome == Rejected(Reason.NOT_FINITE, 0.0)
-
-
-def test_height_offset_is_learned_within_its_gate() -> None:
-    belief = start()
-    for _ in range(20):
-        belief, _ = fusion.observed(belief, fix(0.0, 0.0, 0.0, h_amsl_m=104.0, sigma_h_m=1.0), 100.0, SETTINGS)
-    assert belief.height_offset_m == pytest.approx(4.0, abs=0.2)
-    assert math.sqrt(belief.height_var_m2) < 0.3
-    same, _ = fusion.observed(belief, fix(0.0, 0.0, 0.0, h_amsl_m=150.0), 100.0, SETTINGS)
-    assert same.height_offset_m == belief.height_offset_m
 
 
 def test_a_fix_at_the_edge_of_the_gate_hardly_moves_the_velocity() -> None:
@@ -200,7 +190,7 @@ def test_a_fix_at_the_edge_of_the_gate_hardly_moves_the_velocity() -> None:
         belief = fusion.with_inertial_velocity(start(sigma_m=0.5), 0.1)
         for k in range(1, 61):
             belief = fusion.propagated(belief, k * S // 2, (10.0, 0.0), SETTINGS)
-            belief, _ = fusion.observed(belief, fix(k / 2, 5.0 * k + (off_m if k == 60 else 0.0), 0.0), None, SETTINGS)
+            belief, _ = fusion.observed(belief, fix(k / 2, 5.0 * k + (off_m if k == 60 else 0.0), 0.0), SETTINGS)
         return belief
 
     near, far, beyond = after_one(2.9), after_one(4.8), after_one(20.0)

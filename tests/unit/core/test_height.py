@@ -67,6 +67,17 @@ def test_a_jump_of_the_barometer_is_doubted_once_and_then_believed() -> None:
     assert heights.at(21 * S, 100.0)[0] == pytest.approx(20.0, abs=1.0)
 
 
+def test_a_drift_far_quicker_than_the_walk_is_followed() -> None:
+    """20 m within 30 s: without doubt the filter would lag by 5 m before it noticed."""
+    heights = fed([fix(t / 2, 0.0) for t in range(1, 40)])
+    lags = []
+    for k in range(40, 100):
+        true_m = -(k / 2 - 20) * 20 / 30
+        heights.observe(fix(k / 2, true_m))
+        lags.append(abs(heights.at(round(k / 2 * S), 100.0)[0] - true_m))
+    assert max(lags) < 2.6
+
+
 def test_one_odd_fix_moves_nothing_for_long() -> None:
     heights = fed([*(fix(t, 0.0) for t in range(1, 20)), fix(20, -30.0)])
     assert heights.protection_level_m(20 * S, 100.0, 50.0) > 30.0

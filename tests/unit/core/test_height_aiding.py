@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from visloc_companion.core.height_aiding import REQUESTS, HeightAiding
+from visloc_companion.core.requests import UNKNOWN_HEIGHT_SIGMA_M
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Fix, FrameRef, GeoPoint, LocaliseRequest, PosePrior
 
@@ -45,6 +46,19 @@ def test_a_fix_is_held_against_the_height_at_its_own_time() -> None:
     assert height is not None
     assert height.offset_m == pytest.approx(3.0, abs=0.2)
     assert height.protection_level_m > 3.0
+
+
+def test_priors_rest_on_what_fixes_found() -> None:
+    """Offset and 1-sigma of the sum, which grows again where no fix comes."""
+    aiding = climbing()
+    assert HeightAiding(NavigatorSettings()).known(S, 100.0).sigma_m == UNKNOWN_HEIGHT_SIGMA_M
+    before = aiding.known(10 * S, 120.0)
+    for k in range(60, 100):
+        aiding.taken(fix(k / 10, 100.0 + 2 * k / 10 + 3.0, request_id=k))
+    after, later = aiding.known(10 * S, 120.0), aiding.known(100 * S, 120.0)
+    assert before.offset_m == 0.0
+    assert after.offset_m == pytest.approx(3.0, abs=0.2)
+    assert after.sigma_m < 0.3 < later.sigma_m < before.sigma_m
 
 
 def test_what_the_prior_knew_is_not_counted_again() -> None:

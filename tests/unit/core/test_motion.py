@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from visloc_companion.core import fusion
+from visloc_companion.core.belief import seeded
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
 from visloc_companion.core.motion import Motion, learned, weighed
@@ -31,12 +32,12 @@ def velocity(t_s: float, north_mps: float = 10.5, drive: Drive = Drive.FED_BACK)
 
 
 def started() -> PositionFilter:
-    return PositionFilter(SETTINGS, ORIGIN, fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.FED_BACK, 3.0, SETTINGS), velocity(0.0))
+    return PositionFilter(SETTINGS, ORIGIN, seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.FED_BACK, SETTINGS), velocity(0.0))
 
 
 @pytest.mark.parametrize("drive", [Drive.AUTOPILOT, Drive.FED_BACK])
 def test_the_error_of_the_velocity_is_learned_whatever_it_rests_on(drive: Drive) -> None:
-    belief = fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, drive, 3.0, SETTINGS)
+    belief = seeded(0, (0.0, 0.0), 1.0, 0.8, drive, SETTINGS)
     for k in range(1, 41):
         belief = fusion.propagated(belief, k * S // 2, (10.5, 0.0), SETTINGS)
         belief, outcome = learned(belief, motion(k / 2, (5.0, 0.0)), (5.25, 0.0), SETTINGS)
@@ -71,7 +72,7 @@ def test_no_number_of_intervals_makes_it_better_than_what_lasts(
 
 
 def test_what_lasts_keeps_the_sigma_of_the_velocity() -> None:
-    belief = fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.FED_BACK, 3.0, SETTINGS)
+    belief = seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.FED_BACK, SETTINGS)
     for k in range(1, 400):
         belief = fusion.propagated(belief, k * S // 2, (10.0, 0.0), SETTINGS)
         belief, _ = learned(belief, motion(k / 2, (5.0, 0.0), shared=(0.03, math.radians(1.0))), (5.0, 0.0), SETTINGS)
@@ -83,13 +84,13 @@ def test_what_lasts_keeps_the_sigma_of_the_velocity() -> None:
 def test_fixes_tell_scale_and_heading_of_the_odometry_from_the_error_of_the_velocity() -> None:
     """It sees 1 % too much and 1 degree too far clockwise; the inertial velocity is 0.3 m/s too fast northwards."""
     scale, turn = 1.01, math.radians(1.0)
-    belief = fusion.with_inertial_velocity(fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.AUTOPILOT, 3.0, SETTINGS), 0.05)
+    belief = fusion.with_inertial_velocity(seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.AUTOPILOT, SETTINGS), 0.05)
     for k in range(1, 241):
         belief = fusion.propagated(belief, k * S // 2, (25.3, 0.0), SETTINGS)
         seen = (12.5 * scale * math.cos(turn), 12.5 * scale * math.sin(turn))
         belief, _ = learned(belief, motion(k / 2, seen, (0.01, math.radians(1.0))), (12.65, 0.0), SETTINGS)
         fixed = fusion.Position(k * S // 2, (12.5 * k, 0.0), ((0.5, 0.0), (0.0, 0.5)), from_fix=True)
-        belief, _ = fusion.observed(belief, fixed, None, SETTINGS)
+        belief, _ = fusion.observed(belief, fixed, SETTINGS)
     assert belief.x[ODOMETRY_SCALE] == pytest.approx(0.01, abs=0.004)
     assert belief.x[ODOMETRY_HEADING] == pytest.approx(turn, abs=math.radians(0.25))
     assert belief.x[2] == pytest.approx(0.3, abs=0.12)
@@ -97,7 +98,7 @@ def test_fixes_tell_scale_and_heading_of_the_odometry_from_the_error_of_the_velo
 
 
 def test_a_velocity_that_errs_anew_within_a_moment_is_followed() -> None:
-    belief = fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.FED_BACK, 3.0, SETTINGS)
+    belief = seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.FED_BACK, SETTINGS)
     for k in range(1, 41):
         belief = fusion.propagated(belief, k * S // 2, (10.0, 0.0), SETTINGS)
         error = -1.0 if k <= 20 else 1.5
@@ -109,7 +110,7 @@ def test_a_velocity_that_errs_anew_within_a_moment_is_followed() -> None:
 
 
 def test_an_impossible_motion_is_refused() -> None:
-    belief = fusion.propagated(fusion.seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.FED_BACK, 3.0, SETTINGS), S, (10.0, 0.0), SETTINGS)
+    belief = fusion.propagated(seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.FED_BACK, SETTINGS), S, (10.0, 0.0), SETTINGS)
     same, outcome = learned(belief, motion(1.0, (60.0, 0.0)), (5.0, 0.0), SETTINGS)
     assert same is belief
     assert isinstance(outcome, Rejected)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from visloc_companion.core import fusion, separation
-from visloc_companion.core.fusion import Belief, Position
+from visloc_companion.core.belief import Belief, Position, seeded
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.separation import CLAIM_FLOOR, CORRELATION, EVERY, ONE
 from visloc_companion.core.settings import NavigatorSettings
@@ -19,13 +19,13 @@ COV = ((1.0, 0.0), (0.0, 1.0))
 
 
 def start(drive: Drive = Drive.FED_BACK) -> Belief:
-    return fusion.seeded(0, (0.0, 0.0), 2.0, 0.3, drive, 3.0, SETTINGS)
+    return seeded(0, (0.0, 0.0), 2.0, 0.3, drive, SETTINGS)
 
 
 def taken(belief: Belief, t_s: float, north_m: float, method: str = "deep", p: float = 0.01, from_fix: bool = True) -> Belief:
     at = Position(round(t_s * S), (north_m, 0.0), COV, from_fix, method, p)
     moved = fusion.propagated(belief, at.t_ns, (0.0, 0.0), SETTINGS)
-    after, outcome = fusion.observed(moved, at, None, SETTINGS)
+    after, outcome = fusion.observed(moved, at, SETTINGS)
     assert isinstance(outcome, Accepted)
     return after
 
@@ -126,7 +126,7 @@ def test_what_a_filter_was_before_it_started_anew_stays_a_solution() -> None:
     for k in range(SETTINGS.relocalise_after_rejections):
         at = Position(round((0.5 + 0.2 * k) * S), (60.0, 0.0), COV, from_fix=True, method="deep", probability_wrong=0.01)
         belief = fusion.propagated(belief, at.t_ns, (0.0, 0.0), SETTINGS)
-        belief, outcome = fusion.observed(belief, at, None, SETTINGS)
+        belief, outcome = fusion.observed(belief, at, SETTINGS)
     assert isinstance(outcome, Accepted)
     assert belief.x[0] == 60.0
     assert min(abs(north) for _, north in by_kind(belief, EVERY)) < 1e-9

@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.core.fusion import Position
+from visloc_companion.core.belief import Position
 from visloc_companion.errors import Reason
 from visloc_companion.types import Cov2, FloatArray, Vec2
 
@@ -107,8 +107,6 @@ class TerrainFix:
             self.cov_ne_m2,
             from_fix=True,
             probability_wrong=self.probability_wrong,
-            h_amsl_m=self.h_amsl_m,
-            sigma_h_m=self.sigma_h_m,
         )
 
 

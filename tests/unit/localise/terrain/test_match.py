@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from visloc_companion.core.fusion import observed, seeded
+from visloc_companion.core.belief import seeded
+from visloc_companion.core.fusion import observed
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.errors import Reason
@@ -165,14 +166,12 @@ def test_the_navigation_filter_takes_the_fix(world: SimpleNamespace) -> None:
     fix = locate(world.patch(ground), world.prior(), world.elevation(ground), SETTINGS)
     assert isinstance(fix, TerrainFix)
     belief, verdict = observed(
-        seeded(9, (0.0, 0.0), 50.0, 0.3, Drive.AUTOPILOT, 8.0, NavigatorSettings()),
+        seeded(9, (0.0, 0.0), 50.0, 0.3, Drive.AUTOPILOT, NavigatorSettings()),
         fix.as_position(),
-        world.true_h + 4,
         NavigatorSettings(),
     )
     assert isinstance(verdict, Accepted)
     assert np.hypot(belief.x[0] - world.true_ne[0], belief.x[1] - world.true_ne[1]) < 3
-    assert belief.height_offset_m == pytest.approx(-4, abs=1)
 
 
 def test_bad_input_is_named() -> None:

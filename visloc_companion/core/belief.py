@@ -1,0 +1,87 @@
+"""The position filter's belief, the positions that it takes, and plain changes of it. What it learns: fusion.py."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from visloc_companion.core import relocalise, separation
+from visloc_companion.core.propagation import N_STATES, POSITION, VELOCITY, Drive, initial_covariance
+from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.types import Cov2, FloatArray, Vec2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Belief:
+    """The filter at `t_ns`: mean x (11,), covariance P (11, 11), and its memory.
+
+    `travel_ne_m`: the integral of the driving velocity; `moved_ne_m`: how far the propagation carried the position (for an
+    inertial velocity without the error that it knows of). `votes`: each method with the time of its last fix; `without`: the
+    solutions that leave fixes out (separation.py).
+    """
+
+    t_ns: int
+    x: FloatArray
+    P: FloatArray
+    sigma_v_mps: float
+    sigma_a_mps2: float
+    drive: Drive
+    travel_ne_m: Vec2
+    moved_ne_m: Vec2
+    started_ns: int
+    last_fix_ns: int | None = None
+    rejected: tuple[relocalise.Candidate, ...] = ()
+    votes: separation.Votes = ()
+    without: separation.Solutions = separation.NONE
+
+    @property
+    def rested_ns(self) -> int:
+        """The time of the last fix, or of the start before the first."""
+        return self.started_ns if self.last_fix_ns is None else self.last_fix_ns
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """A horizontal position measurement. `from_fix` tells vision from GNSS."""
+
+    t_ns: int
+    p_ne_m: Vec2
+    cov_ne_m2: Cov2
+    from_fix: bool
+    method: str = ""
+    probability_wrong: float = 0.0
+    tie: int = 0
+
+
+def seeded(t_ns: int, p_ne_m: Vec2, sigma_m: float, sigma_v_mps: float, drive: Drive, settings: NavigatorSettings) -> Belief:
+    """A belief that starts from one position."""
+    x = np.zeros(N_STATES)
+    x[POSITION] = p_ne_m
+    sigma_a = settings.acceleration_sigma_mps2
+    P = initial_covariance(sigma_m, sigma_v_mps, sigma_a)
+    return Belief(t_ns, x, P, sigma_v_mps, sigma_a, drive, (0.0, 0.0), (0.0, 0.0), t_ns)
+
+
+def renewed(belief: Belief, which: slice, variance: float) -> Belief:
+    """With two states of which nothing is known any more but their variance."""
+    x, P = separation.renewed(belief.x, belief.P, which, variance)
+    others_x, others_P = separation.renewed(belief.without.x, belief.without.P, which, variance)
+    return replace(belief, x=x, P=P, without=replace(belief.without, x=others_x, P=others_P))
+
+
+def blurred(belief: Belief, sigma_m: float) -> Belief:
+    """The belief with an independent position error added."""
+    return widened(belief, sigma_m**2, 0.0)
+
+
+def widened(belief: Belief, position_m2: float, velocity_m2ps2: float) -> Belief:
+    """The belief with independent errors of position and of the velocity's error added, on each axis."""
+    more = np.zeros((N_STATES, N_STATES))
+    more[POSITION, POSITION], more[VELOCITY, VELOCITY] = position_m2 * np.eye(2), velocity_m2ps2 * np.eye(2)
+    return widened_by(belief, more)
+
+
+def widened_by(belief: Belief, more: FloatArray) -> Belief:
+    """The belief with a covariance (11, 11) added."""
+    return replace(belief, P=belief.P + more, without=separation.widened(belief.without, more))

@@ -1,0 +1,60 @@
+"""What a belief makes of fixes that it rejects: it remembers them, doubts its velocity, and starts again where they agree."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from visloc_companion.core import relocalise, separation
+from visloc_companion.core.belief import Belief, Position, widened
+from visloc_companion.core.propagation import N_STATES, POSITION, VELOCITY, Drive, initial_covariance
+from visloc_companion.core.settings import NavigatorSettings
+
+DOUBT_AFTER = 2
+DOUBT_MPS = 4.0
+MAX_DOUBT_MPS = 12.0
+"""Added 1-sigma of the velocity error for each rejection from the second on, and where that ends."""
+
+
+def founded(belief: Belief, z: Position, among: separation.Solutions) -> separation.Solutions:
+    """The solutions that leave fixes out, after a fix that the filter took founded new ones."""
+    recent = separation.recent(belief.votes, z.t_ns)
+    return separation.without_fix(among, z.method, z.probability_wrong, (belief.x, belief.P, belief.rested_ns), recent)
+
+
+def remembering(belief: Belief, z: Position) -> Belief:
+    """With a rejected fix kept in mind."""
+    anchor = (z.p_ne_m[0] - belief.moved_ne_m[0], z.p_ne_m[1] - belief.moved_ne_m[1])
+    new = relocalise.Candidate(z.t_ns, z.p_ne_m, anchor, z.cov_ne_m2)
+    return replace(belief, rejected=relocalise.remembered(belief.rejected, new))
+
+
+def doubting(belief: Belief, z: Position) -> Belief:
+    """After repeated rejections that a wrong velocity could explain: doubt the velocity, so that the search region follows.
+
+    A false velocity (GNSS velocity is spoofed, too) otherwise carries the filter away from the fixes that contradict it.
+    """
+    off_m = math.hypot(z.p_ne_m[0] - float(belief.x[0]), z.p_ne_m[1] - float(belief.x[1]))
+    explained = off_m <= relocalise.MAX_VELOCITY_ERROR_MPS * (z.t_ns - belief.rested_ns) * 1e-9
+    doubtful = len(belief.rejected) >= DOUBT_AFTER and explained and not relocalise.standing(belief.rejected)
+    if not doubtful or float(belief.P[2, 2]) > MAX_DOUBT_MPS**2:
+        return belief
+    return widened(belief, 0.0, DOUBT_MPS**2)
+
+
+def restarted(belief: Belief, z: Position, found: relocalise.Restart, settings: NavigatorSettings) -> Belief:
+    """From the last of the agreeing fixes, with its own covariance: their errors may be one error, so nothing is averaged."""
+    sigma_v = max(belief.sigma_v_mps, settings.velocity_sigma_aiding_mps, found.sigma_mps)
+    error = found.velocity_error_ne_mps
+    x = np.zeros(N_STATES)
+    x[POSITION], x[VELOCITY] = z.p_ne_m, error
+    if belief.drive is Drive.FED_BACK:
+        sigma_v, x[VELOCITY] = max(sigma_v, math.hypot(*error)), 0.0
+    elif belief.drive is Drive.INERTIAL:
+        x[VELOCITY] += belief.x[VELOCITY]
+    P = initial_covariance(0.0, sigma_v, belief.sigma_a_mps2)
+    P[POSITION, POSITION] = np.array(z.cov_ne_m2)
+    without = founded(belief, z, belief.without)
+    return replace(belief, x=x, P=P, started_ns=z.t_ns, without=without)
