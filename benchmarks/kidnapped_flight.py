@@ -74,7 +74,8 @@ class Way:
 class Outcome:
     """How a flight ended: when the navigator was anchored (s), how far off (m), and what the answers cost (CPU ms).
 
-    `elsewhere` counts the tests about places where the vehicle is not, `mistaken` those of them that gave a fix which counts.
+    `elsewhere` counts the tests about places where the vehicle is not, `mistaken` those of them that gave a fix which counts,
+    `false_listed` the tiles that gave a fix which would count, elsewhere than where the vehicle is.
     """
 
     anchored_s: float | None = None
@@ -83,6 +84,7 @@ class Outcome:
     test_ms: list[float] = field(default_factory=list)
     elsewhere: int = 0
     mistaken: int = 0
+    false_listed: int = 0
 
     def line(self) -> str:
         """For the progress of a run."""
@@ -182,10 +184,12 @@ class KidnappedFlight:
     def _count(self, request: LocaliseRequest, answer: Fix | NoFix, truth: GeoPoint, is_tile: bool) -> None:
         """Note an answer about a place where the vehicle is not. A search that finds it all the same is no mistake."""
         reach_m = 3 * math.sqrt(max(request.prior.cov_ne_m2[0][0], request.prior.cov_ne_m2[1][1]))
-        if is_tile or distance_m(request.prior.place, truth) <= 1.5 * reach_m:
-            return
-        self.outcome.elsewhere += 1
-        self.outcome.mistaken += isinstance(answer, Fix) and answer.probability_wrong <= MOST_WRONG
+        counts = isinstance(answer, Fix) and answer.probability_wrong <= MOST_WRONG
+        if is_tile:
+            self.outcome.false_listed += isinstance(answer, Fix) and counts and distance_m(answer.place, truth) > self._far_m
+        elif distance_m(request.prior.place, truth) > 1.5 * reach_m:
+            self.outcome.elsewhere += 1
+            self.outcome.mistaken += counts
 
 
 def _ns(t_s: float) -> int:

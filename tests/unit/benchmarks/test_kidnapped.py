@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from benchmarks.kidnapped import HEADER, row, summary
+from benchmarks.kidnapped import HEADER, main, row, summary
 from benchmarks.kidnapped_flight import Outcome, Way
 from visloc_companion.geo.wgs84 import distance_m, ned_from_geo
 from visloc_companion.types import GeoPoint
@@ -33,12 +33,26 @@ def test_late_and_wrong_flights_are_told_apart() -> None:
     ]
     figures = summary(flown, 15.0)
     assert (figures["trials"], figures["wrong"], figures["mistaken"], figures["tests_elsewhere"]) == (4, 1, 1, 12)
-    assert (figures["right_within_30_s"], figures["right_within_60_s"]) == (0.25, 0.5)
+    assert (figures["right_within_30_s"], figures["right"], figures["refused"]) == (1, 2, 1)
+    assert figures["wrong_at_most"] is None
     assert figures["anchored_s"]["median"] == 28.5
     assert figures["off_m"]["max"] == 2.0
     assert row("test", figures).count("|") == HEADER.count("|")
     assert "not anchored" in flown[3].line()
     assert flown[0].line() == "12.0 s, 1.0 m off, 1 tiles 1000 ms, 2 tests 500 ms, 0 of 5 mistaken"
+
+
+def test_where_there_is_no_right_place_any_is_wrong() -> None:
+    figures = summary([Outcome(12.0, 1.0), Outcome(), Outcome()], None)
+    assert (figures["right"], figures["refused"], figures["wrong"]) == (0, 2, 1)
+    assert summary([Outcome()] * 60, None)["wrong_at_most"] == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("world", ["mars=3", "naip=0", "naip=x"])
+def test_a_world_that_is_none_is_refused(world: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--worlds", world])
+    assert "is no world" in capsys.readouterr().err
 
 
 def test_flights_that_find_nothing_have_no_figures_to_show() -> None:
