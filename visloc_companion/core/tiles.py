@@ -22,6 +22,8 @@ class Tiles:
     def __init__(self, centre_ne_m: Vec2, radius_m: float, reach_m: float = FARTHEST_M) -> None:
         self._centre_ne_m, self.radius_m, self._reach_m = centre_ne_m, radius_m, min(reach_m, FARTHEST_M)
         self._outside: set[Tile] = set()
+        self._left_out: set[Tile] = set()
+        self._first = True
         self._begin()
 
     def _begin(self) -> None:
@@ -44,13 +46,16 @@ class Tiles:
         while True:
             if self._todo:
                 tile = self._todo.pop(0)
-                if tile not in self._outside:
+                if self._behind_the_edge(tile):
+                    self._left_out.add(tile)
+                elif tile not in self._outside:
                     return tile
                 continue
             over = self._met_map and not self._inside_ring
             self._met_map |= self._inside_ring
             self._ring, self._inside_ring = self._ring + 1, False
             if over or (self._ring - 1) * self.row_m > self._reach_m:
+                self._first = False
                 self._begin()
                 return None
             self._todo = sorted(_ring(self._ring), key=lambda tile: (self._distance_m(tile), tile))
@@ -61,6 +66,15 @@ class Tiles:
             self._inside_ring = True
         else:
             self._outside.add(tile)
+
+    def _behind_the_edge(self, tile: Tile) -> bool:
+        """Whether all that leads to a tile from the ring before lies outside. The first sweep asks about no such tile, for maps
+        are seldom in pieces and each question takes a frame."""
+        if not (self._first and self._met_map):
+            return False
+        inner = _ring(self._ring - 1)
+        before = [t for t in inner if max(abs(t[0] - tile[0]), abs(t[1] - tile[1])) <= 1]
+        return all(t in self._outside or t in self._left_out for t in before)
 
     def _distance_m(self, tile: Tile) -> float:
         return math.dist(self.place_ne_m(tile), self._centre_ne_m)
