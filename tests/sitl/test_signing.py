@@ -1,4 +1,4 @@
-"""MAVLink signing with the real ArduCopter: it believes what we sign and we what it signs, and without the key nobody is believed."""
+"""Signing with the real ArduCopter: it believes what we sign and we what it signs, and without the key nobody is believed."""
 
 from __future__ import annotations
 
