@@ -61,6 +61,7 @@ from visloc_companion.types.events import (
     Turn,
     WorkerState,
 )
+from visloc_companion.types.reports import ComputerLoad, Report
 from visloc_companion.types.values import (
     Accepted,
     CameraModel,
@@ -80,6 +81,7 @@ __all__ = [
     "BeyondLimit",
     "CameraModel",
     "Command",
+    "ComputerLoad",
     "Cov2",
     "EkfSource",
     "EstimatorStatus",
@@ -114,6 +116,7 @@ __all__ = [
     "Range",
     "ReferencePatch",
     "Rejected",
+    "Report",
     "RequestMessage",
     "Severity",
     "Sounding",

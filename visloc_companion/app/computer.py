@@ -1,0 +1,92 @@
+"""Looks at how busy this computer is: Linux' /proc and /sys. What is absent there (a container, another system) is None."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+from pathlib import Path
+
+from visloc_companion.types import ComputerLoad
+
+_KIB = 1024
+_HOTTEST_C, _COLDEST_C = 150.0, -60.0
+"""Sensors that read beyond are broken or not connected."""
+
+
+class Computer:
+    """`look` blocks for as long as reading a few files takes (a slow sensor: some milliseconds).
+
+    `root` is the root of the file system, `storage` the folder whose file system is told of.
+    """
+
+    def __init__(self, storage: Path, root: Path = Path("/")) -> None:
+        self._root, self._storage = root, storage
+        self._ticks: dict[str, tuple[int, int]] = {}
+
+    def look(self) -> ComputerLoad:
+        """The load since the last look (at the first: since the computer was started)."""
+        memory = _memory_bytes(self._text("proc/meminfo"))
+        total, available = memory.get("MemTotal"), memory.get("MemAvailable")
+        disk = self._disk()
+        return ComputerLoad(
+            uptime_s=_first_number(self._text("proc/uptime")),
+            cores=self._cores(),
+            temperature_c=self._temperature_c(),
+            ram_used_bytes=None if total is None or available is None else total - available,
+            ram_total_bytes=total,
+            storage_used_bytes=None if disk is None else disk[0],
+            storage_total_bytes=None if disk is None else disk[1],
+        )
+
+    def _text(self, path: str) -> str:
+        try:
+            return (self._root / path).read_text(encoding="ascii", errors="replace")
+        except OSError:
+            return ""
+
+    def _cores(self) -> tuple[float, ...]:
+        """Busy share of each core: jiffies that were neither idle nor waiting for a disk (proc(5), /proc/stat)."""
+        shares = []
+        for line in self._text("proc/stat").splitlines():
+            name, *numbers = line.split() or [""]
+            if not (name.startswith("cpu") and name != "cpu" and len(numbers) >= 5):
+                continue
+            ticks = [int(number) for number in numbers[:8]]
+            busy, total = sum(ticks) - ticks[3] - ticks[4], sum(ticks)
+            busy_before, total_before = self._ticks.get(name, (0, 0))
+            self._ticks[name] = busy, total
+            passed = total - total_before
+            shares.append(min(1.0, max(0.0, (busy - busy_before) / passed)) if passed > 0 else 0.0)
+        return tuple(shares)
+
+    def _temperature_c(self) -> float | None:
+        """The hottest of the thermal zones."""
+        zones = sorted((self._root / "sys/class/thermal").glob("thermal_zone*/temp"))
+        found = []
+        for zone in zones:
+            with contextlib.suppress(OSError, ValueError):
+                found.append(int(zone.read_text(encoding="ascii")) / 1e3)
+        return max((celsius for celsius in found if _COLDEST_C < celsius < _HOTTEST_C), default=None)
+
+    def _disk(self) -> tuple[int, int] | None:
+        try:
+            usage = shutil.disk_usage(self._storage)
+        except OSError:
+            return None
+        return usage.total - usage.free, usage.total
+
+
+def _memory_bytes(meminfo: str) -> dict[str, int]:
+    found = {}
+    for line in meminfo.splitlines():
+        name, _, rest = line.partition(":")
+        number = _first_number(rest)
+        if number is not None:
+            found[name] = int(number) * _KIB
+    return found
+
+
+def _first_number(text: str) -> float | None:
+    with contextlib.suppress(ValueError, IndexError):
+        return float(text.split(maxsplit=1)[0])
+    return None
