@@ -7,8 +7,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from visloc_companion.adapters.mavlink.dialect import mav
-from visloc_companion.adapters.mavlink.encode import vision_position_estimate
 from visloc_companion.adapters.mavlink.framing import MAX_PENDING, Framer
+from visloc_companion.adapters.mavlink.outputs.vision_position import vision_position_estimate
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.testing.conversation import Conversation

@@ -18,6 +18,7 @@ from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.protocols import AutopilotLink, Clock
 from visloc_companion.types import (
     Attitude,
@@ -103,7 +104,8 @@ class LinkBench:
         """A good injection of this moment."""
         cov = ((1.0, 0.0), (0.0, 1.0))
         p_ned_m = (north_m, -7.0, -40.0)
-        return Injection(self.clock.now_ns(), p_ned_m, ORIGIN, (1.0, 0.0, 0.0, 0.0), cov, 1.0, 0.05, reset_counter)
+        place = geo_from_ned(p_ned_m, ORIGIN)
+        return Injection(self.clock.now_ns(), p_ned_m, place, (1.0, 0.0, 0.0, 0.0), cov, 1.0, 0.05, reset_counter)
 
 
 class LinkContract(ABC):

@@ -16,6 +16,7 @@ from visloc_companion.types import AutopilotKind, GeoPoint
 
 _NS_PER_S = 1_000_000_000
 _MAX_POS_ERR_M, _MAX_ANG_ERR_RAD = 100.0, 1.5
+_OTHER_POSITIONS = ("ODOMETRY", "GLOBAL_POSITION_SENSOR", "GPS_INPUT", "COMMAND_INT")
 
 
 @dataclass(slots=True)
@@ -47,10 +48,13 @@ class FakeAutopilot:
     origin: GeoPoint | None = field(default_factory=lambda: GeoPoint(47.3977, 8.5456, 488.0))
     behaviour: Behaviour = field(default_factory=Behaviour)
     source_set: int = 1
+    plane: bool = False
     params: dict[str, int] = field(default_factory=lambda: {"EKF2_GPS_CTRL": 7})
     rates_hz: dict[int, float] = field(default_factory=dict)
     heartbeats: list[Message] = field(default_factory=list)
     poses: list[Message] = field(default_factory=list)
+    positions: list[Message] = field(default_factory=list)
+    """What carries a position otherwise than VISION_POSITION_ESTIMATE (which is in `poses`)."""
     texts: list[str] = field(default_factory=list)
     timesync_replies: list[Message] = field(default_factory=list)
     signing: PymavlinkSigning | None = None
@@ -97,6 +101,10 @@ class FakeAutopilot:
         self._out.clear()
         return b"" if self.behaviour.silent else data
 
+    def heartbeat_type(self) -> int:
+        """MAV_TYPE of what flies."""
+        return int(mav.MAV_TYPE_FIXED_WING if self.plane else mav.MAV_TYPE_QUADROTOR)
+
     def believed_sigma_m(self) -> float:
         """The horizontal 1-sigma that this kind of autopilot reads out of the latest pose."""
         c = self.poses[-1].covariance
@@ -125,6 +133,8 @@ class FakeAutopilot:
             self.heartbeats.append(msg)
         elif kind == "VISION_POSITION_ESTIMATE":
             self.poses.append(msg)
+        elif kind in _OTHER_POSITIONS:
+            self.positions.append(msg)
         elif kind == "STATUSTEXT":
             self.texts.append(msg.text)
         elif kind == "TIMESYNC":
@@ -136,6 +146,8 @@ class FakeAutopilot:
             result = self._command(msg)
             addressee = (msg.get_srcSystem(), msg.get_srcComponent())
             self.send(mav.MAVLink_command_ack_message(msg.command, result, 0, 0, *addressee))
+        elif kind == "PARAM_REQUEST_READ" and msg.target_system == self.system_id and msg.param_id in self.params:
+            self._send_param(msg.param_id)
         elif kind == "PARAM_SET" and msg.target_system == self.system_id and not self.behaviour.mute_commands:
             self._set_param(msg)
 
@@ -167,8 +179,14 @@ class FakeAutopilot:
             return
         if self.behaviour.answers_switch == mav.MAV_RESULT_ACCEPTED and msg.param_type == mav.MAV_PARAM_TYPE_INT32:
             self.params[msg.param_id] = int32_of_float(msg.param_value)
-        value = float_of_int32(self.params[msg.param_id])
-        self.send(mav.MAVLink_param_value_message(msg.param_id.encode(), value, mav.MAV_PARAM_TYPE_INT32, 1, 0))
+        self._send_param(msg.param_id)
+
+    def _send_param(self, name: str) -> None:
+        """PX4 sends an integer's bytes in the place of the float's, ArduPilot its value."""
+        value, kind = float(self.params[name]), mav.MAV_PARAM_TYPE_INT8
+        if self.kind is AutopilotKind.PX4:
+            value, kind = float_of_int32(self.params[name]), mav.MAV_PARAM_TYPE_INT32
+        self.send(mav.MAVLink_param_value_message(name.encode(), value, kind, len(self.params), 0))
 
     def _send_id(self, message_id: int) -> bool:
         message = self._message(message_id)
@@ -185,7 +203,7 @@ class FakeAutopilot:
         match message_id:
             case mav.MAVLINK_MSG_ID_HEARTBEAT:
                 autopilot = mav.MAV_AUTOPILOT_PX4 if px4 else mav.MAV_AUTOPILOT_ARDUPILOTMEGA
-                message = mav.MAVLink_heartbeat_message(mav.MAV_TYPE_QUADROTOR, autopilot, 0, 0, mav.MAV_STATE_STANDBY, 3)
+                message = mav.MAVLink_heartbeat_message(self.heartbeat_type(), autopilot, 0, 0, mav.MAV_STATE_STANDBY, 3)
             case mav.MAVLINK_MSG_ID_TIMESYNC:
                 message = mav.MAVLink_timesync_message(0, max(1, self._boot_ns))
             case mav.MAVLINK_MSG_ID_ATTITUDE:

@@ -48,6 +48,7 @@ def test_of_all_messages_these_may_be_sent():
         "GPS_INPUT",
         "COMMAND_LONG",
         "COMMAND_INT",
+        "PARAM_REQUEST_READ",
         "PARAM_SET",
         "SET_GPS_GLOBAL_ORIGIN",
     }

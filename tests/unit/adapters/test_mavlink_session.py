@@ -6,6 +6,7 @@ from visloc_companion.adapters.mavlink.dialect import mav
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import CompanionState, SessionSettings
 from visloc_companion.errors import Reason
+from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.testing.conversation import Conversation
 from visloc_companion.testing.fake_autopilot import Behaviour, FakeAutopilot
 from visloc_companion.types import (
@@ -27,7 +28,9 @@ ORIGIN = GeoPoint(47.3977, 8.5456, 488.0)
 
 def injection(t_ns: int, reset_counter: int = 0, north_m: float = 10.0) -> Injection:
     cov = ((4.0, 0.0), (0.0, 4.0))
-    return Injection(t_ns, (north_m, -3.0, -42.0), ORIGIN, (1.0, 0.0, 0.0, 0.0), cov, 1.0, 0.02, reset_counter)
+    p_ned_m = (north_m, -3.0, -42.0)
+    place = geo_from_ned(p_ned_m, ORIGIN) if abs(north_m) < 1e6 else ORIGIN
+    return Injection(t_ns, p_ned_m, place, (1.0, 0.0, 0.0, 0.0), cov, 1.0, 0.02, reset_counter)
 
 
 def talk(**autopilot: object) -> Conversation:
@@ -167,8 +170,9 @@ def test_injections_with_wrong_numbers_or_time_are_refused():
     now_ns = talking.now_ns
     assert talking.session.send(injection(now_ns), now_ns)
     assert not talking.session.send(injection(now_ns - 1), now_ns)
-    assert not talking.session.send(injection(now_ns, north_m=float("nan")), now_ns)
-    assert not talking.session.send(injection(now_ns, north_m=1e9), now_ns)
+    later_ns = now_ns + 30_000_000
+    assert not talking.session.send(injection(later_ns, north_m=float("nan")), later_ns)
+    assert not talking.session.send(injection(later_ns, north_m=1e9), later_ns)
     assert dict(talking.session.refused) == {Reason.IMPLAUSIBLE_TIME: 1, Reason.NOT_FINITE: 1, Reason.BAD_INPUT: 1}
     assert len(talking.session.warnings()) >= 3
 

@@ -30,6 +30,7 @@ ORDERS = frozenset(
     (
         mav.MAVLINK_MSG_ID_COMMAND_LONG,
         mav.MAVLINK_MSG_ID_COMMAND_INT,
+        mav.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
         mav.MAVLINK_MSG_ID_PARAM_SET,
         mav.MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN,
     )

@@ -8,16 +8,18 @@ from __future__ import annotations
 
 from collections import Counter, deque
 
+from visloc_companion.adapters.mavlink.companion_status import computer_status, named_values
 from visloc_companion.adapters.mavlink.dialect import Message
-from visloc_companion.adapters.mavlink.encode import statustext
 from visloc_companion.adapters.mavlink.framing import FrameCounts
 from visloc_companion.adapters.mavlink.incoming import Decoder, Listener
 from visloc_companion.adapters.mavlink.link_state import LinkState
 from visloc_companion.adapters.mavlink.outbox import Outbox
 from visloc_companion.adapters.mavlink.outgoing import PositionSender
+from visloc_companion.adapters.mavlink.outputs.choice import Choice
 from visloc_companion.adapters.mavlink.settings import CompanionState, SessionSettings
 from visloc_companion.adapters.mavlink.signing import Refusal, SignatureGuard, SigningTime
 from visloc_companion.adapters.mavlink.streams import StreamState
+from visloc_companion.adapters.mavlink.texts import TextSender
 from visloc_companion.adapters.mavlink.upkeep import Upkeep
 from visloc_companion.errors import Reason
 from visloc_companion.types import (
@@ -30,6 +32,7 @@ from visloc_companion.types import (
     Notice,
     OriginChanged,
     PriorPose,
+    Report,
     RequestMessage,
     SwitchSource,
 )
@@ -59,7 +62,8 @@ class MavlinkSession:
         self._link = LinkState()
         self._outbox = Outbox(settings.component_id, signing, self._time)
         self._upkeep = Upkeep(settings, self._outbox)
-        self._sender = PositionSender(self._outbox, self._warn)
+        self._sender = PositionSender(settings, self._outbox, self._warn)
+        self._texts = TextSender()
         self._state: CompanionState | None = None
         self._pending: list[Event] = []
         self._forbidden_told = False
@@ -117,6 +121,11 @@ class MavlinkSession:
         """How many messages were held back because the daemon must never send them (allow_list.py): each one a fault."""
         return self._outbox.forbidden
 
+    @property
+    def choice(self) -> Choice:
+        """Which message carries positions to this autopilot, and why; or why none does."""
+        return self._sender.choice
+
     def stream_state(self, message_id: int) -> StreamState:
         """Whether a requested message arrives at about the rate that was asked for."""
         return self._upkeep.streams.state(message_id)
@@ -154,6 +163,7 @@ class MavlinkSession:
         flowing = CompanionState.ACTIVE if self._sender.active(now_ns) else CompanionState.STANDBY
         self._upkeep.heartbeat(self._state or flowing, now_ns)
         if self.link.up:
+            self._sender.poll(self.link, now_ns)
             self._pending += self._upkeep.ask_what_is_due(self.link, self._origin is not None, now_ns)
         return self._drain_events()
 
@@ -168,9 +178,8 @@ class MavlinkSession:
         return b"".join(self._outbox.drain())
 
     def send(self, injection: Injection, now_ns: int) -> bool:
-        """Queue a VISION_POSITION_ESTIMATE; False, with a count and one warning a reason, where it must not be sent."""
-        self._advance(now_ns)
-        return self._sender.send(injection, self.link, self._origin)
+        """Queue the position; False, with a count and one warning a reason, where it must not be sent, or not so soon."""
+        return self._sender.send(injection, self.link, self._origin, self._advance(now_ns))
 
     def disconnected(self, why: str, now_ns: int) -> list[Event]:
         """The connection is gone: the link is down at once, not after its silence."""
@@ -190,10 +199,20 @@ class MavlinkSession:
         self._pending += self._upkeep.switcher.start(source.source, self.link, self._advance(now_ns))
 
     def notify(self, notice: Notice, now_ns: int) -> None:
-        """Queue a STATUSTEXT where the notice is for the operator."""
-        self._advance(now_ns)
+        """Queue a STATUSTEXT (several of a long text) where the notice is for the operator, unless it repeats or floods."""
+        now_ns = self._advance(now_ns)
         if notice.to_operator:
-            self._outbox.put(statustext(notice))
+            for message in self._texts.messages(notice, now_ns):
+                self._outbox.put(message)
+
+    def report(self, report: Report, now_ns: int) -> None:
+        """Queue what ground stations are told of the companion; the heartbeat shows CRITICAL where the report says so."""
+        self._advance(now_ns)
+        self.set_state(CompanionState.CRITICAL if report.critical else None)
+        for message in named_values(report):
+            self._outbox.put(message)
+        if report.load is not None:
+            self._outbox.put(computer_status(report.load, report.t_ns))
 
     def set_state(self, state: CompanionState | None) -> None:
         """The state that the heartbeat shows; None (as at first) shows ACTIVE while injections flow and else STANDBY."""
@@ -222,6 +241,8 @@ class MavlinkSession:
         if not self.link.up and msg.get_type() != "HEARTBEAT":
             return
         self._upkeep.streams.arrived(msg.get_msgId())
+        if self._sender.hear(msg, now_ns):
+            return
         events = self._upkeep.take(msg, self._listener.pinned, now_ns)
         if events is not None:
             self._pending += events
@@ -249,6 +270,7 @@ class MavlinkSession:
         if not was_up:
             self._boot_ns = 0
             self._upkeep.restart(now_ns)
+            self._sender.restart(self.link)
 
     def _watch_boot_time(self, event: Event, now_ns: int) -> None:
         if isinstance(event, Attitude | LocalPose | PriorPose):

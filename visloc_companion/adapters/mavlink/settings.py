@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from visloc_companion.adapters.mavlink.dialect import mav
+from visloc_companion.adapters.mavlink.outputs.fence import Fence
+from visloc_companion.adapters.mavlink.outputs.kinds import Output
 from visloc_companion.adapters.mavlink.signing import SigningSettings
 
 
@@ -24,6 +26,7 @@ class SessionSettings:
     `system_id` 0 takes the first autopilot that is heard. `component_id` is our own. The source sets and `px4_gps_ctrl` are
     those of section `injection` of the configuration. `timeout_s` of silence is a lost link; `reconnect_s` is the first pause
     between tries to open the connection anew. A stream is judged over `window_s` after its request was acknowledged.
+    `output` None chooses by the autopilot (outputs/choice.py); `fence` None lets positions go anywhere.
     """
 
     system_id: int = 0
@@ -39,4 +42,9 @@ class SessionSettings:
     window_s: float = 3.0
     origin_unknown_s: float = 1.0
     origin_known_s: float = 5.0
+    output: Output | None = None
+    position_sensor_id: int = 1
+    external_estimate_period_s: float = 2.0
+    max_step_m: float = 5.0
+    fence: Fence | None = None
     signing: SigningSettings | None = None

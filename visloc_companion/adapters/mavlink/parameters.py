@@ -1,0 +1,72 @@
+"""A handful of the autopilot's parameters, read one by one: PARAM_REQUEST_READ (20) and PARAM_VALUE (22). Sans-IO.
+
+An autopilot says nothing of a parameter that it does not have, so what is not answered after `TRIES` counts as missing.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+
+from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT, Message, mav
+from visloc_companion.adapters.mavlink.encode import int32_of_float
+from visloc_companion.types import AutopilotKind
+
+AT_ONCE = 4
+"""ArduPilot queues no more than five requests."""
+TIMEOUT_NS, TRIES = 400_000_000, 3
+_NAME_LENGTH = 16
+
+
+class ParameterReader:
+    """Asks for names, `AT_ONCE` at a time, and keeps the values, which are up to date with every PARAM_VALUE that comes."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, float] = {}
+        self._kind = AutopilotKind.UNKNOWN
+        self._wanted: frozenset[str] = frozenset()
+        self._waiting: deque[tuple[str, int]] = deque()
+        self._asked: dict[str, tuple[int, int]] = {}
+
+    @property
+    def complete(self) -> bool:
+        """Whether every name was answered or given up."""
+        return not self._waiting and not self._asked
+
+    def start(self, kind: AutopilotKind, names: Iterable[str]) -> None:
+        """Read these names of an autopilot; what was known is forgotten."""
+        self._kind, self._wanted = kind, frozenset(names)
+        self.values.clear()
+        self._asked.clear()
+        self._waiting = deque((name, 0) for name in names)
+
+    def take(self, msg: Message) -> bool:
+        """Take a PARAM_VALUE; True where it says something new."""
+        name = msg.param_id.rstrip("\x00")
+        if name not in self._wanted:
+            return False
+        self._asked.pop(name, None)
+        self._waiting = deque(entry for entry in self._waiting if entry[0] != name)
+        bytewise = self._kind is AutopilotKind.PX4 and msg.param_type == mav.MAV_PARAM_TYPE_INT32
+        value = float(int32_of_float(msg.param_value)) if bytewise else float(msg.param_value)
+        new = self.values.get(name) != value
+        self.values[name] = value
+        return new
+
+    def poll(self, system_id: int, now_ns: int) -> list[Message]:
+        """The requests to send now."""
+        for name, (tries, sent_ns) in list(self._asked.items()):
+            if now_ns - sent_ns >= TIMEOUT_NS:
+                del self._asked[name]
+                if tries < TRIES:
+                    self._waiting.append((name, tries))
+        requests = []
+        while self._waiting and len(self._asked) < AT_ONCE:
+            name, tries = self._waiting.popleft()
+            self._asked[name] = (tries + 1, now_ns)
+            requests.append(_request(system_id, name))
+        return requests
+
+
+def _request(system_id: int, name: str) -> Message:
+    return mav.MAVLink_param_request_read_message(system_id, AUTOPILOT_COMPONENT, name.encode("ascii")[:_NAME_LENGTH], -1)
