@@ -9,7 +9,52 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from visloc_companion.types import AutopilotKind
 
-INTEGERS = {"EKF2_EV_CTRL", "EKF2_GPS_CTRL", "EKF2_HGT_REF", "EKF2_EV_QMIN", "EKF2_EV_NOISE_MD"}
+TOLD: dict[AutopilotKind, dict[str, float]] = {
+    AutopilotKind.ARDUPILOT: {
+        "MAV_SYSID": 1,
+        "MAV_GCS_SYSID": 255,
+        "MAV1_EXTRA1": 4,
+        "SERIAL1_PROTOCOL": 2,
+        "SERIAL1_BAUD": 921,
+        "SCHED_LOOP_RATE": 400,
+        "AHRS_EKF_TYPE": 3,
+        "EK3_ENABLE": 1,
+        "EK3_SRC_OPTIONS": 0,
+        "COMPASS_ENABLE": 1,
+        "COMPASS_USE": 1,
+        "GPS1_TYPE": 1,
+        "GPS2_TYPE": 0,
+        "VISO_POS_X": 0,
+        "VISO_POS_Y": 0,
+        "VISO_POS_Z": 0,
+        "VISO_SCALE": 1,
+        "FS_EKF_ACTION": 1,
+    },
+    AutopilotKind.PX4: {
+        "MAV_SYS_ID": 1,
+        "MAV_COMP_ID": 1,
+        "MAV_PROTO_VER": 2,
+        "MAV_0_MODE": 0,
+        "MAV_0_RATE": 1200,
+        "MAV_1_MODE": 2,
+        "MAV_1_RATE": 0,
+        "EKF2_BARO_CTRL": 1,
+        "EKF2_GPS_CHECK": 2047,
+        "EKF2_MAG_TYPE": 0,
+        "EKF2_AGP0_CTRL": 0,
+        "EKF2_EV_POS_X": 0,
+        "EKF2_EV_POS_Y": 0,
+        "EKF2_EV_POS_Z": 0,
+        "COM_ARM_WO_GPS": 1,
+        "COM_POS_FS_EPH": 5,
+        "COM_POS_LOW_EPH": -1,
+    },
+}
+"""What it only tells who asks (the makers' defaults, and a port set up for a companion): nothing simulated depends on it."""
+
+REALS = {"EKF2_EV_POS_X", "EKF2_EV_POS_Y", "EKF2_EV_POS_Z", "COM_POS_FS_EPH", "COM_POS_LOW_EPH"}
+INTEGERS = {"EKF2_EV_CTRL", "EKF2_GPS_CTRL", "EKF2_HGT_REF", "EKF2_EV_QMIN", "EKF2_EV_NOISE_MD", "EKF2_NOAID_TOUT"}
+INTEGERS |= set(TOLD[AutopilotKind.PX4]) - REALS
 """PX4's int32 parameters: their bytes travel in the float field (byte-wise union)."""
 
 PREPARED: dict[AutopilotKind, dict[str, float]] = {
@@ -58,7 +103,7 @@ EKF2_EV_CTRL, EKF2_HGT_REF (autopilot facts, sections 1.1 and 2.1)."""
 
 def prepared_parameters(kind: AutopilotKind, changes: Mapping[str, float]) -> dict[str, float]:
     """The prepared set with changes. Raises ValueError for a name that the simulated autopilot does not have."""
-    parameters = dict(PREPARED[kind])
+    parameters = PREPARED[kind] | TOLD[kind]
     unknown = sorted(set(changes) - set(parameters))
     if unknown:
         raise ValueError(f"the simulated {kind} has no parameter {', '.join(unknown)}; it has {', '.join(sorted(parameters))}")

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.sim.autopilot_clock import JitterCorrection, Px4Timesync
 from visloc_companion.sim.autopilot_flight import Flight
 from visloc_companion.sim.autopilot_parameters import decode, encode
@@ -32,7 +33,10 @@ class Receiver:
             "VISION_POSITION_ESTIMATE": self._vision,
             "TIMESYNC": self._on_timesync,
             "COMMAND_LONG": self._command,
+            "PARAM_REQUEST_LIST": self._parameter_list,
             "PARAM_REQUEST_READ": self._parameter_read,
+            "MISSION_REQUEST_LIST": self._mission_list,
+            "MISSION_REQUEST_INT": self._mission_item,
             "PARAM_SET": self._parameter_set,
             "SET_GPS_GLOBAL_ORIGIN": self._set_origin,
         }
@@ -111,6 +115,26 @@ class Receiver:
             return int(mavlink.MAV_RESULT_DENIED)
         estimator.use_set(int(number))
         return int(mavlink.MAV_RESULT_ACCEPTED)
+
+    def _mission_list(self, message: Message, t_boot_ns: int) -> list[Message]:
+        del t_boot_ns
+        asker = message.get_srcSystem(), message.get_srcComponent()
+        return [mavlink.MAVLink_mission_count_message(*asker, len(self._flight.plan.mission_ned_m))]
+
+    def _mission_item(self, message: Message, t_boot_ns: int) -> list[Message]:
+        del t_boot_ns
+        plan = self._flight.plan
+        if message.seq >= len(plan.mission_ned_m):
+            return []
+        place = geo_from_ned(plan.mission_ned_m[message.seq], plan.home)
+        asker = message.get_srcSystem(), message.get_srcComponent()
+        where = round(place.lat_deg * 1e7), round(place.lon_deg * 1e7), place.h_amsl_m - plan.home.h_amsl_m
+        frame, command = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, mavlink.MAV_CMD_NAV_WAYPOINT
+        return [mavlink.MAVLink_mission_item_int_message(*asker, message.seq, frame, command, 0, 1, 0, 0, 0, 0, *where)]
+
+    def _parameter_list(self, message: Message, t_boot_ns: int) -> list[Message]:
+        del message, t_boot_ns
+        return [self._parameter_value(name) for name in self._parameters]
 
     def _parameter_read(self, message: Message, t_boot_ns: int) -> list[Message]:
         del t_boot_ns

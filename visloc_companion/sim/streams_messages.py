@@ -153,6 +153,13 @@ def gps_global_origin(s: Snapshot) -> Message | None:
     return mavlink.MAVLink_gps_global_origin_message(*_degrees_e7(s.origin), round(s.origin.h_amsl_m * 1000), s.t_us)
 
 
+def home_position(s: Snapshot) -> Message | None:
+    """HOME_POSITION, once there is an origin."""
+    where = *_degrees_e7(s.home), round(s.home.h_amsl_m * 1000)
+    message = mavlink.MAVLink_home_position_message(*where, 0, 0, 0, (1, 0, 0, 0), 0, 0, 0, s.t_us)
+    return None if s.origin is None else message
+
+
 def scaled_pressure(s: Snapshot) -> Message:
     """SCALED_PRESSURE of the standard atmosphere at the barometer's height, and of the pitot tube; 15 degrees Celsius."""
     share = 1 - s.baro_amsl_m / 44330.77
@@ -179,9 +186,8 @@ def autopilot_version(s: Snapshot) -> Message:
     """AUTOPILOT_VERSION."""
     major, minor, patch, kind = FIRMWARE_VERSION[s.kind]
     version = major << 24 | minor << 16 | patch << 8 | kind
-    capabilities = mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2 | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
-    if s.kind is AutopilotKind.PX4:
-        capabilities = mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2 | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+    bytewise, as_float = mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE, mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+    capabilities = mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2 | (bytewise if s.kind is AutopilotKind.PX4 else as_float)
     return mavlink.MAVLink_autopilot_version_message(capabilities, version, 0, 0, 0, b"\0" * 8, b"\0" * 8, b"\0" * 8, 0, 0, 1)
 
 
@@ -196,10 +202,8 @@ def ekf_status_report(s: Snapshot) -> Message:
 def estimator_status(s: Snapshot) -> Message:
     """ESTIMATOR_STATUS (PX4): test ratios."""
     h = s.health
-    return mavlink.MAVLink_estimator_status_message(
-        s.t_us, h.flags, math.sqrt(h.velocity_ratio), math.sqrt(h.position_ratio), math.sqrt(h.height_ratio), 0.05, 0.0, 0.0,
-        0.5, 0.5,
-    )  # fmt: skip
+    ratios = (math.sqrt(ratio) for ratio in (h.velocity_ratio, h.position_ratio, h.height_ratio))
+    return mavlink.MAVLink_estimator_status_message(s.t_us, h.flags, *ratios, 0.05, 0.0, 0.0, 0.5, 0.5)
 
 
 def distance_sensor(s: Snapshot) -> Message | None:
@@ -221,6 +225,7 @@ BUILDERS: dict[int, Builder] = {
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: local_position_ned,
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: global_position_int,
     mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: gps_global_origin,
+    mavlink.MAVLINK_MSG_ID_HOME_POSITION: home_position,
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: autopilot_version,
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: scaled_pressure,
     mavlink.MAVLINK_MSG_ID_SCALED_IMU: scaled_imu,
