@@ -8,6 +8,7 @@ import typer
 
 from visloc_companion import __version__
 from visloc_companion.cli.demo import demo
+from visloc_companion.cli.doctor import doctor
 from visloc_companion.cli.evaluate import evaluate_app
 from visloc_companion.cli.link_key import link_key
 from visloc_companion.cli.map import map_app
@@ -29,6 +30,7 @@ app.command()(run)
 app.command()(replay)
 app.command()(sim)
 app.command()(demo)
+app.command()(doctor)
 app.command()(link_key)
 app.add_typer(map_app, name="map")
 app.add_typer(evaluate_app, name="evaluate")

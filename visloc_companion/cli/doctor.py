@@ -1,0 +1,83 @@
+"""`visloc doctor`: why would a vision position not be used?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from visloc_companion.config import Config
+    from visloc_companion.doctor.examine import Report
+
+
+def doctor(
+    link: Annotated[
+        str, typer.Option("--link", metavar="URL", help="The autopilot: serial:DEVICE:BAUD, udpin:HOST:PORT, ... (link.url).")
+    ] = "",
+    config: Annotated[Path | None, typer.Option("--config", help="The daemon's configuration: camera, map, network too.")] = None,
+    fix: Annotated[
+        Path | None, typer.Option("--fix", metavar="FILE.param", help="Write a parameter file with only what must change.")
+    ] = None,
+    apply: Annotated[bool, typer.Option("--apply", help="Also set it in the autopilot, read back; refused while armed.")] = False,
+    json: Annotated[Path | None, typer.Option("--json", help="Write the result as JSON.")] = None,
+    seconds: Annotated[float, typer.Option("--seconds", min=1.0, max=120.0, help="How long rates and time are measured.")] = 5.0,
+    wait: Annotated[float, typer.Option("--wait", min=1.0, help="How long to wait for the autopilot, seconds.")] = 10.0,
+    everything: Annotated[bool, typer.Option("--all", help="Show skipped rules, too.")] = False,
+) -> None:
+    """Judge autopilot, link, camera, map and computer. Exit codes: 0 ok, 1 a rule is red, 2 usage or configuration, 4 link."""
+    import asyncio
+
+    from visloc_companion.config import load_config
+    from visloc_companion.doctor.examine import Wishes, examine
+    from visloc_companion.errors import ConfigError
+
+    settings = None if config is None else load_config(config)
+    url = link or (settings.link.url if settings is not None else "")
+    if not url:
+        raise ConfigError("neither --link nor --config is given", where="doctor", remedy="name the autopilot's link, --link URL")
+    told = _with_link(settings, url)
+    report = asyncio.run(examine(Wishes(url, told, seconds, wait, apply)))
+    _print(report, everything)
+    _write(report, fix, json)
+    from visloc_companion.doctor.report import is_red
+
+    raise typer.Exit(1 if is_red(report) else 0)
+
+
+def _with_link(settings: Config | None, url: str) -> Config | None:
+    """The configuration with the link that is really asked: its rules speak of that one."""
+    if settings is None:
+        return None
+    return settings.model_copy(update={"link": settings.link.model_copy(update={"url": url})})
+
+
+def _print(report: Report, everything: bool) -> None:
+    from rich.console import Console
+
+    from visloc_companion.doctor.parameter_file import diff
+    from visloc_companion.doctor.report import summary, table
+
+    console = Console(soft_wrap=False)
+    console.print(table(report, everything))
+    if report.changes:
+        console.print("To change in the autopilot:", highlight=False)
+        for line in diff(report.facts.parameters, report.changes):
+            console.print(f"  {line}", highlight=False, markup=False)
+    for name in report.applied:
+        console.print(f"set and read back: {name}", highlight=False, markup=False)
+    console.print(summary(report), highlight=False)
+
+
+def _write(report: Report, fix: Path | None, json_path: Path | None) -> None:
+    import json
+
+    from visloc_companion.doctor.parameter_file import render
+    from visloc_companion.doctor.report import as_json
+
+    if fix is not None:
+        system_id = 1 if report.facts.link is None else report.facts.link.system_id
+        fix.write_text(render(report.facts.autopilot, report.changes, system_id, report.types), encoding="utf-8")
+    if json_path is not None:
+        json_path.write_text(json.dumps(as_json(report), indent=1, allow_nan=False) + "\n", encoding="utf-8")

@@ -1,0 +1,1 @@
+"""Reads the facts: from the autopilot over its link, and from this machine."""

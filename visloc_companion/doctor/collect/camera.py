@@ -1,0 +1,83 @@
+"""Opens the configured camera for a few seconds and looks at what it gives."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+import numpy as np
+
+from visloc_companion.app.constructors import make_camera
+from visloc_companion.app.parts import MakeCamera, check_calibration
+from visloc_companion.config import Config
+from visloc_companion.doctor.facts import CameraFacts
+from visloc_companion.errors import VislocError
+from visloc_companion.protocols import Camera, Clock
+from visloc_companion.types import FrameRef, Image
+
+_BLACK, _WHITE, _PATIENCE_S = 8, 247, 4.0
+
+
+class _Slots:
+    """protocols.FrameSlots that looks at each frame and keeps one."""
+
+    def __init__(self) -> None:
+        self.dark: list[float] = []
+        self.bright: list[float] = []
+        self.repeated = 0
+        self._last: Image | None = None
+
+    def write(self, pixels: Image) -> int:
+        self.dark.append(float(np.mean(pixels <= _BLACK)))
+        self.bright.append(float(np.mean(pixels >= _WHITE)))
+        self.repeated += self._last is not None and np.array_equal(pixels, self._last)
+        self._last = pixels.copy()
+        return 0
+
+    def read(self, frame: FrameRef) -> Image:
+        del frame
+        assert self._last is not None
+        return self._last
+
+
+async def read_camera(config: Config, clock: Clock, seconds: float, make: MakeCamera = make_camera) -> CameraFacts | None:
+    """What the camera gives in some seconds; None where none is configured. Recorded frames come as fast as they are read."""
+    if not config.camera.url:
+        return None
+    try:
+        camera = make(config, clock)
+        check_calibration(config, camera)
+    except VislocError as why:
+        return CameraFacts(problem=str(why))
+    try:
+        return await _watch(camera, seconds)
+    except VislocError as why:
+        return CameraFacts(problem=str(why))
+    finally:
+        await camera.close()
+
+
+async def _watch(camera: Camera, seconds: float) -> CameraFacts:
+    slots, times = _Slots(), list[float]()
+
+    async def take() -> None:
+        async for _frame in camera.frames(slots):
+            times.append(time.monotonic())
+            if times[-1] - times[0] >= seconds:
+                return
+
+    try:
+        await asyncio.wait_for(take(), seconds + _PATIENCE_S)
+    except TimeoutError:
+        if not times:
+            return CameraFacts(problem=f"no frame within {seconds + _PATIENCE_S:g} s")
+    if not times:
+        return CameraFacts(problem="gave no frames")
+    span_s = times[-1] - times[0]
+    return CameraFacts(
+        rate_hz=(len(times) - 1) / span_s if span_s > 0 else 0.0,
+        n_frames=len(times),
+        dark=float(np.mean(slots.dark)),
+        bright=float(np.mean(slots.bright)),
+        repeated=slots.repeated / max(1, len(times) - 1),
+    )

@@ -1,0 +1,183 @@
+"""A conversation with one autopilot over a link of the doctor's own, as the vehicle's component 191.
+
+It answers the autopilot's TIMESYNC, measures its own, counts what comes, and keeps the newest message of each type.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections import Counter
+from collections.abc import Callable
+
+from visloc_companion.adapters.mavlink.channels import Address, Channel, Listener, open_network_channel
+from visloc_companion.adapters.mavlink.codec import is_autopilot
+from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT, Message, mav
+from visloc_companion.adapters.mavlink.endpoint import EndpointKind, parse_endpoint
+from visloc_companion.adapters.mavlink.framing import Framer
+from visloc_companion.adapters.mavlink.serial_channel import SerialChannel
+from visloc_companion.adapters.mavlink.timesync import Timesync
+from visloc_companion.errors import LinkError
+from visloc_companion.types import AutopilotKind, TimesyncSample
+
+COMPONENT = 191
+"""MAV_COMP_ID_ONBOARD_COMPUTER: not the daemon's, which may be running."""
+HEARTBEAT_S, LOOK_S = 1.0, 0.1
+_KINDS = {mav.MAV_AUTOPILOT_ARDUPILOTMEGA: AutopilotKind.ARDUPILOT, mav.MAV_AUTOPILOT_PX4: AutopilotKind.PX4}
+
+
+class Conversation:
+    """`last` holds the autopilot's newest message of each type, `counts` how many came. Listeners get each message.
+
+    `system_id` 0 takes the first autopilot that is heard. Times are the machine's monotonic ones, s.
+    """
+
+    def __init__(self, url: str, system_id: int = 0) -> None:
+        self.endpoint = parse_endpoint(url)
+        self.system_id = system_id
+        self.last: dict[str, Message] = {}
+        self.counts: Counter[str] = Counter()
+        self.listeners: list[Callable[[Message], None]] = []
+        self.samples: list[TimesyncSample] = []
+        self.timesync_requests = 0
+        self.mavlink_version = 0
+        self.autopilots: set[int] = set()
+        self.others: set[tuple[int, int]] = set()
+        self.bytes_in = 0
+        self._framer = Framer()
+        self._timesync = Timesync()
+        self._mav = mav.MAVLink(None, srcSystem=1, srcComponent=COMPONENT)
+        self._channel: Channel | None = None
+        self._changed = asyncio.Event()
+        self._heartbeat: asyncio.Task[None] | None = None
+        self.lost = ""
+
+    # ------------------------------------------------------------------------------------------------------- opening
+
+    async def open(self) -> None:
+        """Open the line and begin to say that somebody is there. Raises LinkError where it cannot be opened."""
+        listener = Listener(self._received, self._connection_lost, lambda: bool(self.last), lambda _who: None)
+        try:
+            if self.endpoint.kind is EndpointKind.SERIAL:
+                self._channel = SerialChannel(self.endpoint, listener)
+            else:
+                self._channel = await open_network_channel(self.endpoint, listener)
+        except OSError as why:
+            raise LinkError(
+                f"cannot be opened: {why}",
+                where=str(self.endpoint),
+                remedy="see that the device or address is right, that you may use it (group dialout), and that no other "
+                "program has it (stop the daemon: systemctl stop visloc)",
+            ) from why
+        self._heartbeat = asyncio.get_running_loop().create_task(self._beat())
+
+    async def close(self) -> None:
+        """Release the line."""
+        if self._heartbeat is not None:
+            self._heartbeat.cancel()
+            await asyncio.gather(self._heartbeat, return_exceptions=True)
+        if self._channel is not None:
+            self._channel.close()
+        await asyncio.sleep(0)
+
+    @property
+    def port(self) -> int | None:
+        """The local port while the line is open."""
+        return None if self._channel is None else self._channel.port
+
+    @property
+    def kind(self) -> AutopilotKind:
+        """Which autopilot it is."""
+        heartbeat = self.last.get("HEARTBEAT")
+        return AutopilotKind.UNKNOWN if heartbeat is None else _KINDS.get(heartbeat.autopilot, AutopilotKind.UNKNOWN)
+
+    @property
+    def armed(self) -> bool:
+        """Whether it is armed."""
+        heartbeat = self.last.get("HEARTBEAT")
+        return heartbeat is not None and bool(heartbeat.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
+
+    @property
+    def garbage_share(self) -> float:
+        """Bytes so far that were no message, of all."""
+        return self._framer.counts.garbage_bytes / max(1, self.bytes_in)
+
+    # ------------------------------------------------------------------------------------------------------- talking
+
+    def send(self, message: Message) -> None:
+        """Send a message at once."""
+        if self._channel is not None:
+            self._channel.write([bytes(message.pack(self._mav))])
+
+    def command(self, number: int, *params: float) -> None:
+        """Send a COMMAND_LONG; its COMMAND_ACK comes as any message."""
+        filled = (*params, *(0.0 for _ in range(7 - len(params))))
+        self.send(mav.MAVLink_command_long_message(self.system_id, AUTOPILOT_COMPONENT, number, 0, *filled))
+
+    def ask_time(self) -> None:
+        """Send a TIMESYNC request; the sample is in `samples` once it is answered."""
+        self.send(self._timesync.ask(time.monotonic_ns()))
+
+    async def until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait until a condition holds, looking at every arrival; False after `timeout_s`."""
+        loop = asyncio.get_running_loop()
+        deadline = loop.time() + timeout_s
+        while not condition():
+            left_s = deadline - loop.time()
+            if left_s <= 0:
+                return False
+            self._changed.clear()
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._changed.wait(), min(LOOK_S, left_s))
+        return True
+
+    # -------------------------------------------------------------------------------------------------------- inside
+
+    async def _beat(self) -> None:
+        while True:
+            kind, nobody = mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID
+            self.send(mav.MAVLink_heartbeat_message(kind, nobody, 0, 0, mav.MAV_STATE_STANDBY, 3))
+            await asyncio.sleep(HEARTBEAT_S)
+
+    def _connection_lost(self, why: str) -> None:
+        self.lost = why
+        self._changed.set()
+
+    def _received(self, data: bytes, source: Address | None) -> None:
+        now_ns = time.monotonic_ns()
+        self.bytes_in += len(data)
+        for message in self._framer.feed(data):
+            if self._is_ours(message):
+                if self._channel is not None:
+                    self._channel.speak_to(source)
+                self._take(message, now_ns)
+        self._changed.set()
+
+    def _is_ours(self, message: Message) -> bool:
+        system, component = message.get_srcSystem(), message.get_srcComponent()
+        if message.get_type() == "HEARTBEAT":
+            pilot = component == AUTOPILOT_COMPONENT and is_autopilot(message)
+            if not pilot:
+                self.others.add((system, component))
+                return False
+            self.autopilots.add(system)
+            if self.system_id == 0:
+                self.system_id = system
+        return bool(system == self.system_id and component == AUTOPILOT_COMPONENT)
+
+    def _take(self, message: Message, now_ns: int) -> None:
+        kind = message.get_type()
+        self._mav.srcSystem = self.system_id
+        self.mavlink_version = 1 if message.get_msgbuf()[0] == mav.PROTOCOL_MARKER_V1 else 2
+        self.last[kind] = message
+        self.counts[kind] += 1
+        if kind == "TIMESYNC":
+            reply, sample = self._timesync.take(message, now_ns)
+            if reply is not None:
+                self.timesync_requests += 1
+                self.send(reply)
+            if sample is not None:
+                self.samples.append(sample)
+        for listener in self.listeners:
+            listener(message)

@@ -1,0 +1,57 @@
+"""Opens the configured pack, whole, and holds it against home, mission and network."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+from visloc_companion.app.ground_check import Ground, look
+from visloc_companion.config import Config
+from visloc_companion.doctor.facts import LinkFacts, MapFacts
+from visloc_companion.errors import VislocError
+from visloc_companion.maps.pack import PackMap
+from visloc_companion.types import GeoPoint
+
+
+def read_map(config: Config, link: LinkFacts | None, network: tuple[str, str] | None) -> MapFacts | None:
+    """The pack's state; None where none is configured. `network` are name and recipe of the features that are wanted."""
+    if not config.map.pack:
+        return None
+    try:
+        pack = PackMap.open(Path(config.map.pack), verify_hashes=config.map.verify_hashes)
+    except VislocError as why:
+        return MapFacts(problem=str(why))
+    manifest = pack.manifest
+    home, mission = (link.home, link.mission) if link is not None else (None, None)
+    return MapFacts(
+        capture_date=manifest.capture_date,
+        gsd_m=manifest.gsd_m,
+        has_surface=manifest.heights.grid is not None,
+        share_valid=manifest.share_valid,
+        home_margin_m=None if home is None else margin_m(pack, [home]),
+        mission_margin_m=margin_m(pack, mission) if mission else None,
+        height_above_surface_m=None if home is None else _above_surface(pack, home),
+        features_missing="" if network is None else pack.why_not_stored(*network),
+    )
+
+
+def margin_m(pack: PackMap, places: Iterable[GeoPoint]) -> float:
+    """Distance of the place nearest to the map's edge from it, metres on the ground; negative outside."""
+    return min(_margin_m(pack, place) for place in places)
+
+
+def _margin_m(pack: PackMap, place: GeoPoint) -> float:
+    try:
+        easting, northing = pack.to_map(place.lat_deg, place.lon_deg)
+        scale = pack.crs.linearised_at_map(easting, northing).scale
+    except VislocError:
+        return -math.inf
+    box = pack.manifest.bounds
+    edges = (easting - box.west_map_m, box.east_map_m - easting, northing - box.south_map_m, box.north_map_m - northing)
+    return min(edges) / scale
+
+
+def _above_surface(pack: PackMap, home: GeoPoint) -> float | None:
+    found = look(Ground(pack, pack.manifest.heights.grid is not None), home, 0)
+    return None if found.surface_amsl_m is None else home.h_amsl_m - found.surface_amsl_m

@@ -1,0 +1,104 @@
+"""Reads this computer: what Linux tells in /proc and /sys. Where a file is missing the value is None."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+
+from visloc_companion.app.parts import check_journal_folder
+from visloc_companion.config import Config
+from visloc_companion.doctor.facts import SystemFacts
+from visloc_companion.errors import VislocError
+
+_TIMEOUT_S = 3.0
+
+
+def read_system(config: Config, root: Path = Path("/")) -> SystemFacts:
+    """The state of this computer. `root` stands for the file system in tests."""
+    memory = _memory_mb(root)
+    device = config.link.url.split(":")[1] if config.link.url.startswith("serial:") else ""
+    folder = Path(config.journal.folder) if config.journal.folder else None
+    return SystemFacts(
+        cores=len(os.sched_getaffinity(0)),
+        load=os.getloadavg()[0],
+        memory_free_mb=memory.get("MemAvailable"),
+        swap_used_mb=memory["SwapTotal"] - memory["SwapFree"] if {"SwapTotal", "SwapFree"} <= set(memory) else None,
+        temperature_c=_temperature_c(root),
+        governor=_text(root / "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
+        clock_synchronised=clock_synchronised(),
+        bits=8 * struct.calcsize("P"),
+        disk_free_mb=None if folder is None else _disk_free_mb(folder),
+        journal_problem="" if folder is None else _journal_problem(config),
+        serial_problem=_serial_problem(device) if device else "",
+        console_on_serial=_console(root, device),
+    )
+
+
+def clock_synchronised() -> bool | None:
+    """What systemd says of the system clock (chrony tells systemd, too); None without systemd."""
+    program = shutil.which("timedatectl")
+    if program is None:
+        return None
+    asked = [program, "show", "--property=NTPSynchronized", "--value"]
+    try:
+        answer = subprocess.run(asked, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    said = answer.stdout.strip()
+    return said == "yes" if answer.returncode == 0 and said in ("yes", "no") else None
+
+
+def _text(path: Path) -> str | None:
+    with contextlib.suppress(OSError, UnicodeDecodeError):
+        return path.read_text(encoding="ascii").strip()
+    return None
+
+
+def _memory_mb(root: Path) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for line in (_text(root / "proc/meminfo") or "").splitlines():
+        name, _, rest = line.partition(":")
+        words = rest.split()
+        if words and words[0].isdigit():
+            found[name] = int(words[0]) / 1024
+    return found
+
+
+def _temperature_c(root: Path) -> float | None:
+    zones = [_text(path) for path in sorted((root / "sys/class/thermal").glob("thermal_zone*/temp"))]
+    values = [int(text) / 1000 for text in zones if text is not None and text.lstrip("-").isdigit()]
+    return max(values, default=None)
+
+
+def _disk_free_mb(folder: Path) -> float | None:
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    with contextlib.suppress(OSError):
+        return shutil.disk_usage(folder).free / 1e6
+    return None
+
+
+def _journal_problem(config: Config) -> str:
+    try:
+        check_journal_folder(config)
+    except VislocError as why:
+        return str(why)
+    return ""
+
+
+def _serial_problem(device: str) -> str:
+    if not Path(device).exists():
+        return f"{device} does not exist"
+    return "" if os.access(device, os.R_OK | os.W_OK) else f"no right to use {device}"
+
+
+def _console(root: Path, device: str) -> bool | None:
+    told = _text(root / "proc/cmdline")
+    if told is None or not device:
+        return None
+    name = Path(os.path.realpath(device)).name
+    return any(word.startswith("console=") and word[8:].partition(",")[0] == name for word in told.split())

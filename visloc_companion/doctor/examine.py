@@ -1,0 +1,107 @@
+"""The whole examination: facts are collected, judged, and where it is wished the autopilot is set right."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from visloc_companion.app.clock import MonotonicClock
+from visloc_companion.config import Config
+from visloc_companion.doctor.collect.camera import read_camera
+from visloc_companion.doctor.collect.conversation import Conversation
+from visloc_companion.doctor.collect.maps import read_map
+from visloc_companion.doctor.collect.model import read_model
+from visloc_companion.doctor.collect.parameters import Parameters
+from visloc_companion.doctor.collect.system import read_system
+from visloc_companion.doctor.collect.vehicle import Vehicle, read_vehicle
+from visloc_companion.doctor.facts import Facts
+from visloc_companion.doctor.finding import Judged, judge
+from visloc_companion.doctor.parameter_file import changes
+from visloc_companion.doctor.rules.registry import RULES
+from visloc_companion.errors import LinkError
+from visloc_companion.types import AutopilotKind
+
+
+@dataclass(frozen=True, slots=True)
+class Wishes:
+    """What is asked of an examination. `apply`: set what must change; refused while armed."""
+
+    url: str = ""
+    config: Config | None = None
+    seconds: float = 5.0
+    wait_s: float = 10.0
+    apply: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What came out. `changes` is what must be set; `applied` what was set and read back."""
+
+    facts: Facts
+    judged: list[Judged]
+    changes: Mapping[str, float]
+    types: Mapping[str, int] = field(default_factory=dict)
+    applied: Mapping[str, float] = field(default_factory=dict)
+
+
+async def examine(wishes: Wishes) -> Report:
+    """Examine an installation. Raises LinkError where a link is named and no autopilot answers, or refuses what is set."""
+    config = wishes.config or Config()
+    conversation = Conversation(wishes.url, config.link.system_id) if wishes.url else None
+    if conversation is None:
+        return await _report(wishes, config, None, None)
+    await conversation.open()
+    try:
+        vehicle = await read_vehicle(conversation, config, wishes.seconds, wishes.wait_s)
+        return await _report(wishes, config, vehicle, conversation)
+    finally:
+        await conversation.close()
+
+
+async def _report(wishes: Wishes, config: Config, vehicle: Vehicle | None, conversation: Conversation | None) -> Report:
+    facts = await _facts(wishes, config, vehicle, conversation)
+    judged = judge(RULES, facts)
+    if vehicle is None or conversation is None:
+        return Report(facts, judged, {})
+    new = changes(RULES, facts)
+    types = dict(vehicle.parameters.types)
+    applied = await apply(conversation, vehicle.parameters, new) if wishes.apply else {}
+    return Report(facts, judged, new, types, applied)
+
+
+async def apply(conversation: Conversation, parameters: Parameters, new: Mapping[str, float]) -> dict[str, float]:
+    """Set parameters and read each back; what the autopilot does not have is left out. Raises LinkError while armed."""
+    done: dict[str, float] = {}
+    for name, value in new.items():
+        if conversation.armed:
+            raise LinkError(
+                f"the vehicle is armed: nothing more is set (so far {', '.join(done) or 'nothing'})",
+                where=str(conversation.endpoint),
+                remedy="disarm, then run it again",
+            )
+        if name in parameters.types:
+            await parameters.set(name, value)
+            done[name] = value
+    return done
+
+
+async def _facts(wishes: Wishes, config: Config, vehicle: Vehicle | None, conversation: Conversation | None) -> Facts:
+    """The autopilot's part is read already; the rest blocks, so it is read in threads."""
+    link = None if vehicle is None else vehicle.link
+    system = await asyncio.to_thread(read_system, config)
+    named = wishes.config
+    camera = None if named is None else await read_camera(named, MonotonicClock(), wishes.seconds)
+    model, network = (None, None) if named is None else await asyncio.to_thread(read_model, named)
+    found_map = None if named is None else await asyncio.to_thread(read_map, named, link, network)
+    return Facts(
+        autopilot=AutopilotKind.UNKNOWN if conversation is None else conversation.kind,
+        version="" if vehicle is None else vehicle.version,
+        parameters={} if vehicle is None else dict(vehicle.parameters.values),
+        config=named,
+        link=link,
+        camera=camera,
+        map=found_map,
+        model=model,
+        system=system,
+    )

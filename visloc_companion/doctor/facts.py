@@ -1,0 +1,129 @@
+"""What the doctor knows: plain values that were read before any of them is judged. A part that could not be read is None."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from visloc_companion.config import Config
+from visloc_companion.types import AutopilotKind, GeoPoint
+
+
+@dataclass(frozen=True, slots=True)
+class LinkFacts:
+    """What was seen on the link in a few seconds.
+
+    Rates are messages a second by name: `asked_hz` what was asked of the autopilot as the daemon would, `rates_hz` what came,
+    `refused` what it denied. `rtt_ms` are TIMESYNC round trips; `timesync_requests_hz` are the autopilot's own requests.
+    `drift_ppm` is how much faster its clock runs than ours, within `drift_sigma_ppm`. `mission` is None where the autopilot
+    did not answer, and empty where it has none. `others` are (system, component) of further senders of HEARTBEAT.
+    """
+
+    url: str
+    system_id: int
+    vehicle: str
+    armed: bool
+    mavlink_version: int
+    garbage_share: float
+    parameters_expected: int
+    asked_hz: Mapping[str, float]
+    rates_hz: Mapping[str, float]
+    refused: frozenset[str]
+    rtt_ms: tuple[float, ...]
+    timesync_requests_hz: float
+    drift_ppm: float | None
+    drift_sigma_ppm: float
+    origin: GeoPoint | None
+    home: GeoPoint | None
+    mission: tuple[GeoPoint, ...] | None
+    position: GeoPoint | None
+    claims_position: bool | None
+    position_ratio: float | None
+    fix_type: int | None
+    n_satellites: int | None
+    other_autopilots: tuple[int, ...] = ()
+    others: tuple[tuple[int, int], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFacts:
+    """What the camera gave in a few seconds. `problem` says why it could not be used; then the rest is empty.
+
+    `dark` and `bright` are the shares of pixels at the ends of the range, `repeated` that of frames equal to the one before.
+    """
+
+    problem: str = ""
+    rate_hz: float = 0.0
+    n_frames: int = 0
+    dark: float = 0.0
+    bright: float = 0.0
+    repeated: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class MapFacts:
+    """The map pack. `problem` says why it could not be used; then the rest is empty.
+
+    Margins are the distances in metres from a place to the nearest edge of the map, negative outside; None where there is no
+    such place. `height_above_surface_m` is the height of home above the map's surface there.
+    """
+
+    problem: str = ""
+    capture_date: str = ""
+    gsd_m: float = 0.0
+    has_surface: bool = False
+    share_valid: float = 0.0
+    home_margin_m: float | None = None
+    mission_margin_m: float | None = None
+    height_above_surface_m: float | None = None
+    features_missing: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ModelFacts:
+    """The localiser's network. `problem` says why it cannot be used. `needed` False: the method computes without one."""
+
+    needed: bool
+    problem: str = ""
+    about: str = ""
+    provider: str = ""
+    skipped: tuple[str, ...] = ()
+    variant: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SystemFacts:
+    """This computer. None where the system does not tell."""
+
+    cores: int
+    load: float
+    memory_free_mb: float | None
+    swap_used_mb: float | None
+    temperature_c: float | None
+    governor: str | None
+    clock_synchronised: bool | None
+    bits: int
+    disk_free_mb: float | None = None
+    journal_problem: str = ""
+    serial_problem: str = ""
+    console_on_serial: bool | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """Everything. `parameters` are the autopilot's, empty where it gave none; `config` None means that none was named."""
+
+    autopilot: AutopilotKind = AutopilotKind.UNKNOWN
+    version: str = ""
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    config: Config | None = None
+    link: LinkFacts | None = None
+    camera: CameraFacts | None = None
+    map: MapFacts | None = None
+    model: ModelFacts | None = None
+    system: SystemFacts | None = None
+
+    @property
+    def assumed(self) -> Config:
+        """The configuration, or the defaults where none was named."""
+        return self.config or Config()

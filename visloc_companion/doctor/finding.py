@@ -1,0 +1,111 @@
+"""What a rule is, and what it finds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from visloc_companion.doctor.facts import Facts
+from visloc_companion.types import AutopilotKind
+
+
+class Level(StrEnum):
+    """How grave a finding is."""
+
+    GREEN = "green"
+    AMBER = "amber"
+    RED = "red"
+    SKIPPED = "skipped"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What a check found: the level and what was read. `remedy` replaces the rule's; `parameters` are the autopilot's to set."""
+
+    level: Level
+    read: str
+    remedy: str = ""
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+
+def green(read: str) -> Finding:
+    """As it should be."""
+    return Finding(Level.GREEN, read)
+
+
+def amber(read: str, remedy: str = "", parameters: Mapping[str, float] | None = None) -> Finding:
+    """Works, but should be seen to."""
+    return Finding(Level.AMBER, read, remedy, parameters or {})
+
+
+def red(read: str, remedy: str = "", parameters: Mapping[str, float] | None = None) -> Finding:
+    """Must not be flown with."""
+    return Finding(Level.RED, read, remedy, parameters or {})
+
+
+def skipped(read: str, remedy: str) -> Finding:
+    """Could not be judged; the remedy says what to give."""
+    return Finding(Level.SKIPPED, read, remedy)
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One question. `reads` names what it looks at, `remedy` what to do where the answer is not green.
+
+    `only` is the autopilot that it concerns (None: both).
+    """
+
+    id: str
+    reads: str
+    why: str
+    remedy: str
+    check: Callable[[Facts], Finding]
+    only: AutopilotKind | None = None
+
+    @property
+    def theme(self) -> str:
+        """The first word of the id."""
+        return self.id.partition("-")[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A rule's answer for one set of facts."""
+
+    rule: Rule
+    level: Level
+    read: str
+    remedy: str
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+
+REBOOT = "then reboot the autopilot"
+_ORDER = (Level.RED, Level.AMBER, Level.GREEN, Level.SKIPPED)
+
+
+def judge(rules: tuple[Rule, ...], facts: Facts) -> list[Judged]:
+    """Every rule's answer, worst first, skipped ones last."""
+    judged = [_answer(rule, facts) for rule in rules]
+    return sorted(judged, key=lambda answer: _ORDER.index(answer.level))
+
+
+def _answer(rule: Rule, facts: Facts) -> Judged:
+    if rule.only is not None and rule.only is not facts.autopilot:
+        other = "no autopilot was read" if facts.autopilot is AutopilotKind.UNKNOWN else f"the autopilot is {facts.autopilot}"
+        return Judged(rule, Level.SKIPPED, other, f"concerns {rule.only} only")
+    finding = rule.check(facts)
+    remedy = "" if finding.level is Level.GREEN else _remedy(rule, finding)
+    return Judged(rule, finding.level, finding.read, remedy, finding.parameters)
+
+
+def _remedy(rule: Rule, finding: Finding) -> str:
+    if not finding.parameters:
+        return finding.remedy or rule.remedy
+    values = ", ".join(f"{name} = {number(value)}" for name, value in finding.parameters.items())
+    return f"set {values}" + (f", {REBOOT}" if REBOOT in rule.remedy else "")
+
+
+def number(value: float) -> str:
+    """A parameter's value as people write it: 5000000, 0.5."""
+    return f"{value:.0f}" if value == round(value) else f"{value:.7g}"

@@ -1,0 +1,60 @@
+"""What the doctor prints: a table for people, JSON for programs."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from visloc_companion.doctor.examine import Report
+from visloc_companion.doctor.finding import Judged, Level
+from visloc_companion.types import AutopilotKind
+
+SCHEMA = 1
+STYLES = {Level.RED: "bold red", Level.AMBER: "yellow", Level.GREEN: "green", Level.SKIPPED: "dim"}
+
+
+def as_json(report: Report) -> dict[str, Any]:
+    """The result in the fixed form; every rule is in it, also those that were skipped."""
+    return {
+        "schema": SCHEMA,
+        "autopilot": str(report.facts.autopilot),
+        "version": report.facts.version,
+        "rules": [
+            {"id": a.rule.id, "level": str(a.level), "read": a.read, "why": a.rule.why, "remedy": a.remedy} for a in report.judged
+        ],
+    }
+
+
+def table(report: Report, everything: bool) -> Table:
+    """Worst first. Rules of the other autopilot are left out; skipped ones, too, unless `everything` is wished."""
+    rows = Table(box=box.SIMPLE_HEAD, show_lines=False, pad_edge=False)
+    for title in ("", "rule", "read", "remedy"):
+        rows.add_column(title, overflow="fold")
+    for answer in report.judged:
+        if answer.level is Level.SKIPPED and (not everything or _of_another(answer, report)):
+            continue
+        bad = answer.level in (Level.RED, Level.AMBER)
+        more = f"{answer.remedy}\n{answer.rule.why}" if bad else answer.remedy
+        rows.add_row(Text(str(answer.level), style=STYLES[answer.level]), Text(answer.rule.id), Text(answer.read), Text(more))
+    return rows
+
+
+def summary(report: Report) -> str:
+    """One line: how many of each level."""
+    counts = Counter(answer.level for answer in report.judged if not _of_another(answer, report))
+    of = " ".join(part for part in (str(report.facts.autopilot), report.facts.version) if part)
+    numbers = ", ".join(f"{counts[level]} {level}" for level in (Level.RED, Level.AMBER, Level.GREEN, Level.SKIPPED))
+    return f"{of if report.facts.autopilot is not AutopilotKind.UNKNOWN else 'no autopilot'}: {numbers}"
+
+
+def is_red(report: Report) -> bool:
+    """Whether a rule is red: then nothing should fly."""
+    return any(answer.level is Level.RED for answer in report.judged)
+
+
+def _of_another(answer: Judged, report: Report) -> bool:
+    return answer.rule.only is not None and answer.rule.only is not report.facts.autopilot

@@ -1,0 +1,1 @@
+"""The rules by theme; `registry.RULES` holds all of them."""

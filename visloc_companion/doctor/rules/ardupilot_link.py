@@ -1,0 +1,171 @@
+"""ArduPilot: ports, identities, rates and receivers. Sources: GCS_Common.cpp, AP_GPS_MAV.cpp."""
+
+from __future__ import annotations
+
+import re
+
+from visloc_companion.doctor.facts import Facts
+from visloc_companion.doctor.finding import Finding, Level, Rule, amber, green, red, skipped
+from visloc_companion.doctor.rules.parameter import parameter, within
+from visloc_companion.types import AutopilotKind
+
+AP = AutopilotKind.ARDUPILOT
+MAVLINK1, MAVLINK2 = 1, 2
+MAV_INPUT = 14
+LEAST_LOOP_HZ, LEAST_BAUD, BUSY_HZ = 50, 115_200, 50
+_BAUDS = {111: 111_100, 115: 115_200, 230: 230_400, 256: 256_000, 460: 460_800, 500: 500_000, 921: 921_600, 1500: 1_500_000}
+
+
+def baud_of(value: float) -> int:
+    """Bits a second of a SERIALn_BAUD: thousands, or a few names, or the number itself."""
+    return _BAUDS.get(int(value), int(value) * 1000 if value < 2000 else int(value))
+
+
+def _ports(facts: Facts, protocols: tuple[int, ...]) -> list[int]:
+    found = (re.fullmatch(r"SERIAL([1-9])_PROTOCOL", name) for name in facts.parameters)
+    numbers = [int(match.group(1)) for match in found if match is not None]
+    return sorted(number for number in numbers if facts.parameters[f"SERIAL{number}_PROTOCOL"] in protocols)
+
+
+def _serial_baud_of_link(facts: Facts) -> int | None:
+    url = facts.link.url if facts.link is not None else ""
+    return int(url.rpartition(":")[2]) if url.startswith("serial:") else None
+
+
+def _protocol(facts: Facts) -> Finding:
+    if "SERIAL1_PROTOCOL" not in facts.parameters:
+        return skipped("no parameters of serial ports", "give --link URL")
+    ports, old = _ports(facts, (MAVLINK2,)), _ports(facts, (MAVLINK1,))
+    read = f"MAVLink 2 on {_names(ports)}, MAVLink 1 on {_names(old)}"
+    if ports:
+        return green(read)
+    if old:
+        return red(read, parameters={f"SERIAL{old[0]}_PROTOCOL": float(MAVLINK2)})
+    if _serial_baud_of_link(facts) is None:
+        return green(f"{read}; the link is no serial line")
+    return red(read, parameters={"SERIAL1_PROTOCOL": float(MAVLINK2)})
+
+
+def _names(ports: list[int]) -> str:
+    return ", ".join(f"SERIAL{number}" for number in ports) or "no port"
+
+
+def _baud(facts: Facts) -> Finding:
+    wanted = _serial_baud_of_link(facts)
+    if wanted is None:
+        return skipped("the link is not a serial line", "give --link serial:DEVICE:BAUD to judge it")
+    ports = _ports(facts, (MAVLINK1, MAVLINK2))
+    bauds = {f"SERIAL{number}_BAUD": facts.parameters.get(f"SERIAL{number}_BAUD", 0.0) for number in ports}
+    read = ", ".join(f"{name} = {value:g}" for name, value in bauds.items()) + f"; the link has {wanted}"
+    same = [name for name, value in bauds.items() if baud_of(value) == wanted]
+    if not same:
+        return amber(read)
+    slow = wanted < LEAST_BAUD
+    return red(read, parameters=dict.fromkeys(same[:1], 921.0)) if slow else green(read)
+
+
+def _stream_rates(facts: Facts) -> Finding:
+    rates = {name: value for name, value in facts.parameters.items() if re.fullmatch(r"(SR|MAV)[1-9]_EXTRA1", name)}
+    if not rates:
+        return skipped("no parameters of streams", "give --link URL")
+    read = ", ".join(f"{name} = {value:g}" for name, value in sorted(rates.items()))
+    busy = {name: 10.0 for name, value in rates.items() if value > BUSY_HZ}
+    return amber(read, parameters=busy) if busy else green(read)
+
+
+def _own_id(name: str, value: float, facts: Facts) -> Finding:
+    wanted = facts.assumed.link.system_id
+    read = f"{name} = {value:g}, link.system_id = {wanted or '0 (any)'}"
+    return green(read) if wanted in (0, int(value)) else red(read, f"link.system_id = {value:g} in the configuration")
+
+
+def _station_id(name: str, value: float, facts: Facts) -> Finding:
+    own = facts.parameters.get("MAV_SYSID", facts.parameters.get("SYSID_THISMAV", 1.0))
+    read = f"{name} = {value:g}, the vehicle is {own:g}"
+    return amber(read, parameters={name: 255.0}) if value == own else green(read)
+
+
+def _receiver(name: str, value: float, facts: Facts) -> Finding:
+    del facts
+    read = f"{name} = {value:g}"
+    if value == MAV_INPUT:
+        return red(f"{read} (positions by MAVLink)", parameters={name: 1.0})
+    return amber(f"{read} (no receiver)", parameters={name: 1.0}) if value == 0 else green(read)
+
+
+def _second_receiver(name: str, value: float, facts: Facts) -> Finding:
+    del facts
+    read = f"{name} = {value:g}"
+    return amber(f"{read} (positions by MAVLink)", parameters={name: 0.0}) if value == MAV_INPUT else green(read)
+
+
+RULES: tuple[Rule, ...] = (
+    Rule(
+        "ap-serial-protocol",
+        "SERIALn_PROTOCOL",
+        "MAVLink 1 carries neither the covariance nor the reset counter of a vision position.",
+        "SERIALn_PROTOCOL = 2 of the companion's port, then reboot the autopilot",
+        _protocol,
+        AP,
+    ),
+    Rule(
+        "ap-serial-baud",
+        "SERIALn_BAUD, the link's URL",
+        "57600 baud does not carry attitude and accelerations at 50 Hz.",
+        "SERIALn_BAUD = 921 of the companion's port, and the same in link.url (serial:DEVICE:921600)",
+        _baud,
+        AP,
+    ),
+    Rule(
+        "ap-stream-rates",
+        "SRn_EXTRA1 or MAVn_EXTRA1",
+        "The daemon asks for each message itself; fast streams beside them fill the line.",
+        "SRn_EXTRA1 (MAVn_EXTRA1) at most 10",
+        _stream_rates,
+        AP,
+    ),
+    parameter(
+        "ap-loop-rate",
+        AP,
+        "SCHED_LOOP_RATE",
+        "Messages faster than 0.8 of the loop are denied: at 50 Hz ArduPlane streams attitude at 37.5 Hz, below that too "
+        "seldom to time frames.",
+        "SCHED_LOOP_RATE = 50 or more, then reboot the autopilot",
+        within(lambda value: value >= LEAST_LOOP_HZ, float(LEAST_LOOP_HZ), Level.AMBER),
+    ),
+    parameter(
+        "ap-system-id",
+        AP,
+        "MAV_SYSID SYSID_THISMAV",
+        "The daemon listens only to the system that it is told.",
+        "link.system_id = the autopilot's, or 0",
+        _own_id,
+    ),
+    parameter(
+        "ap-station-id",
+        AP,
+        "MAV_GCS_SYSID SYSID_MYGCS",
+        "The ground station's failsafe counts heartbeats of this system: if it is the vehicle's own, the companion keeps it "
+        "quiet.",
+        "MAV_GCS_SYSID (SYSID_MYGCS) = 255",
+        _station_id,
+    ),
+    parameter(
+        "ap-receiver",
+        AP,
+        "GPS1_TYPE GPS_TYPE",
+        "14 takes positions from MAVLink for a receiver's: without velocity the EKF failed within 1.2 s. 0 has no GNSS to "
+        "compare with.",
+        "GPS1_TYPE = 1 (automatic), then reboot the autopilot",
+        _receiver,
+    ),
+    parameter(
+        "ap-second-receiver",
+        AP,
+        "GPS2_TYPE",
+        "14 waits for GPS_INPUT, which this daemon sends only where it is told to, and hides from the EKF that it is not GNSS.",
+        "GPS2_TYPE = 0, then reboot the autopilot",
+        _second_receiver,
+    ),
+)
+"""About ports, identities and receivers."""

@@ -1,0 +1,209 @@
+"""The camera: its configuration, and what it gave."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from visloc_companion.config import CameraConfig
+from visloc_companion.doctor.facts import CameraFacts, Facts
+from visloc_companion.doctor.finding import Finding, Rule, amber, green, red, skipped
+
+JudgeSeen = Callable[[CameraFacts, Facts], Finding]
+JudgeConfigured = Callable[[CameraConfig, Facts], Finding]
+NARROWEST_DEG, WIDEST_DEG = 15.0, 110.0
+MAX_ASPECT, MAX_OFF_CENTRE, MAX_TILT_DEG = 0.05, 0.15, 45.0
+MAX_DARK, MAX_BRIGHT = 0.5, 0.3
+ENOUGH = 0.7
+
+
+def configured(rule_id: str, reads: str, why: str, remedy: str) -> Callable[[JudgeConfigured], Rule]:
+    """Decorator: a rule about the section camera of a configuration that names a camera."""
+
+    def make(judge: JudgeConfigured) -> Rule:
+        def check(facts: Facts) -> Finding:
+            if facts.config is None:
+                return skipped("no configuration", "give --config FILE")
+            if not facts.config.camera.url:
+                return skipped("camera.url is empty", "name the camera in the configuration")
+            return judge(facts.config.camera, facts)
+
+        return Rule(rule_id, reads, why, remedy, check)
+
+    return make
+
+
+def seen(rule_id: str, reads: str, why: str, remedy: str) -> Callable[[JudgeSeen], Rule]:
+    """Decorator: a rule about the frames of a camera that works."""
+
+    def make(judge: JudgeSeen) -> Rule:
+        def check(facts: Facts) -> Finding:
+            if facts.camera is None or facts.camera.problem:
+                return skipped("no frames", "give --config FILE with a camera, and see camera-opens")
+            return judge(facts.camera, facts)
+
+        return Rule(rule_id, reads, why, remedy, check)
+
+    return make
+
+
+def _opens(facts: Facts) -> Finding:
+    if facts.camera is None:
+        return skipped("no camera was tried", "give --config FILE with camera.url")
+    return red(facts.camera.problem) if facts.camera.problem else green(f"{facts.camera.n_frames} frames")
+
+
+@seen(
+    "camera-rate",
+    "frames a second",
+    "Fewer frames than localisations that are asked for leave the worker idle.",
+    "the camera's own frame rate, exposure below 1/rate, a faster bus; or localiser.max_rate_hz",
+)
+def _rate(camera: CameraFacts, facts: Facts) -> Finding:
+    wanted = facts.assumed.localiser.max_rate_hz
+    read = f"{camera.rate_hz:.1f} frames/s, localiser.max_rate_hz = {wanted:g}"
+    return green(read) if camera.rate_hz >= ENOUGH * wanted else amber(read)
+
+
+@seen(
+    "camera-exposure",
+    "grey values of the frames",
+    "Black and white pixels carry nothing that could be matched.",
+    "exposure: automatic, or a fixed time that suits the light; at 10 m/s and 120 m at most 2 ms keeps the smear below a pixel",
+)
+def _exposure(camera: CameraFacts, facts: Facts) -> Finding:
+    del facts
+    read = f"{100 * camera.dark:.0f} % black, {100 * camera.bright:.0f} % white"
+    return green(read) if camera.dark <= MAX_DARK and camera.bright <= MAX_BRIGHT else amber(read)
+
+
+@seen(
+    "camera-frozen",
+    "successive frames",
+    "A camera that repeats its picture gives fixes of where it was taken.",
+    "open the camera again, look for what else uses it (fuser /dev/video0), replace the cable",
+)
+def _frozen(camera: CameraFacts, facts: Facts) -> Finding:
+    del facts
+    read = f"{100 * camera.repeated:.0f} % of the frames repeat the one before"
+    return green(read) if camera.repeated < 0.5 else red(read)
+
+
+@configured(
+    "camera-focal-length",
+    "camera.fx_px camera.width_px",
+    "A focal length that is wrong by 1 % is a height that is wrong by 1 %; a wild one matches nothing.",
+    "calibrate, and write fx_px and fy_px for this image size (docs/on-a-drone.md, Calibration)",
+)
+def _focal(camera: CameraConfig, facts: Facts) -> Finding:
+    del facts
+    angle_deg = math.degrees(2 * math.atan(camera.width_px / 2 / camera.fx_px))
+    read = f"{angle_deg:.0f}° across {camera.width_px} px"
+    return green(read) if NARROWEST_DEG <= angle_deg <= WIDEST_DEG else red(read)
+
+
+@configured(
+    "camera-aspect",
+    "camera.fx_px camera.fy_px",
+    "Square pixels have fx = fy; another ratio is a calibration of a scaled image.",
+    "calibrate at the size that the daemon gets",
+)
+def _aspect(camera: CameraConfig, facts: Facts) -> Finding:
+    del facts
+    read = f"fy/fx = {camera.fy_px / camera.fx_px:.3f}"
+    return green(read) if abs(camera.fy_px / camera.fx_px - 1) <= MAX_ASPECT else amber(read)
+
+
+@configured(
+    "camera-principal-point",
+    "camera.cx_px camera.cy_px",
+    "Far from the middle it belongs to another image size: half the size gives half the values.",
+    "calibrate at the size that the daemon gets; the centre of the top-left pixel is 0, 0",
+)
+def _principal(camera: CameraConfig, facts: Facts) -> Finding:
+    del facts
+    off = math.hypot(
+        (camera.cx_px - (camera.width_px - 1) / 2) / camera.width_px,
+        (camera.cy_px - (camera.height_px - 1) / 2) / camera.height_px,
+    )
+    read = f"{camera.cx_px:g}, {camera.cy_px:g} of {camera.width_px} x {camera.height_px}"
+    return green(read) if off <= MAX_OFF_CENTRE else red(read)
+
+
+@configured(
+    "camera-calibrated",
+    "camera.distortion camera.fx_px",
+    "The defaults are no calibration of any camera.",
+    "calibrate with OpenCV (at least 20 views), and write fx_px, fy_px, cx_px, cy_px and distortion",
+)
+def _calibrated(camera: CameraConfig, facts: Facts) -> Finding:
+    del facts
+    default = CameraConfig()
+    if (camera.fx_px, camera.fy_px) == (default.fx_px, default.fy_px):
+        return red(f"fx_px = {camera.fx_px:g}, the default")
+    real = camera.url.startswith("device:")
+    bare = real and not any(camera.distortion)
+    return amber("distortion is all zero") if bare else green("fx_px and distortion are stated" if real else "fx_px is stated")
+
+
+@configured(
+    "camera-latency",
+    "camera.latency_s",
+    "Frames of a device carry no time: without their latency they are placed too late on the track.",
+    "film a clock that the computer displays, and set camera.latency_s to the difference (30 to 100 ms are usual)",
+)
+def _latency(camera: CameraConfig, facts: Facts) -> Finding:
+    del facts
+    read = f"camera.latency_s = {camera.latency_s:g}"
+    unstated = camera.url.startswith("device:") and camera.latency_s == 0
+    if camera.latency_s > 0.5:
+        return red(f"{read}: too old to be used")
+    return amber(read) if unstated else green(read)
+
+
+@configured(
+    "camera-mounting",
+    "camera.mount_*_deg",
+    "Beyond 45° from straight down the horizon comes into view, and little ground is matched.",
+    "mount the camera straight down, or correct mount_roll_deg and mount_pitch_deg",
+)
+def _mounting(camera: CameraConfig, facts: Facts) -> Finding:
+    del facts
+    roll, pitch = math.radians(camera.mount_roll_deg), math.radians(camera.mount_pitch_deg)
+    tilt_deg = math.degrees(math.acos(max(-1.0, min(1.0, math.cos(roll) * math.cos(pitch)))))
+    read = f"{tilt_deg:.0f}° from straight down, yaw {camera.mount_yaw_deg:g}°"
+    return green(read) if tilt_deg <= MAX_TILT_DEG else red(read)
+
+
+@configured(
+    "camera-mount-sigma",
+    "camera.mount_sigma_deg",
+    "0 claims a perfect mounting: honest fixes are then refused; far above 3° the search gets wide and slow.",
+    "mount_sigma_deg = 1 (2.1 m at 120 m above ground)",
+)
+def _sigma(camera: CameraConfig, facts: Facts) -> Finding:
+    del facts
+    read = f"{camera.mount_sigma_deg:g}°"
+    return green(read) if 0.2 <= camera.mount_sigma_deg <= 5 else amber(read)
+
+
+RULES: tuple[Rule, ...] = (
+    Rule(
+        "camera-opens",
+        "camera.url",
+        "Without frames, of the calibrated size, there is nothing to localise.",
+        "what it says: name, cable, group video, another program, or section camera",
+        _opens,
+    ),
+    _rate,
+    _exposure,
+    _frozen,
+    _focal,
+    _aspect,
+    _principal,
+    _calibrated,
+    _latency,
+    _mounting,
+    _sigma,
+)
+"""About the camera."""

@@ -1,0 +1,188 @@
+"""The daemon's configuration against itself and the autopilot. (What is wrong in itself is refused when it is read.)"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from visloc_companion.config import Config
+from visloc_companion.doctor.facts import Facts
+from visloc_companion.doctor.finding import Finding, Rule, amber, green, red, skipped
+from visloc_companion.types import AutopilotKind
+
+Judge = Callable[[Config, Facts], Finding]
+COMPONENT = 197
+PX4_LEAST_HZ, LEAST_ATTITUDE_HZ = 8.0, 20.0
+
+
+def config_rule(rule_id: str, reads: str, why: str, remedy: str, only: AutopilotKind | None = None) -> Callable[[Judge], Rule]:
+    """Decorator: a rule about a configuration."""
+
+    def make(judge: Judge) -> Rule:
+        def check(facts: Facts) -> Finding:
+            return skipped("no configuration", "give --config FILE") if facts.config is None else judge(facts.config, facts)
+
+        return Rule(rule_id, reads, why, remedy, check, only)
+
+    return make
+
+
+@config_rule(
+    "config-output-rate",
+    "navigator.output_rate_hz",
+    "PX4 begins to fuse after two samples within 200 ms and stops after a gap of 400 ms: near 5 Hz one late sample is enough.",
+    "navigator.output_rate_hz = 10",
+    AutopilotKind.PX4,
+)
+def _output_rate(config: Config, facts: Facts) -> Finding:
+    del facts
+    read = f"{config.navigator.output_rate_hz:g} Hz"
+    return green(read) if config.navigator.output_rate_hz >= PX4_LEAST_HZ else red(read)
+
+
+@config_rule(
+    "config-source-sets",
+    "injection.gnss_source_set injection.vision_source_set",
+    "One set cannot be both: switching would do nothing.",
+    "injection.gnss_source_set = 1, injection.vision_source_set = 2",
+    AutopilotKind.ARDUPILOT,
+)
+def _sets(config: Config, facts: Facts) -> Finding:
+    del facts
+    read = f"{config.injection.gnss_source_set} and {config.injection.vision_source_set}"
+    return red(read) if config.injection.gnss_source_set == config.injection.vision_source_set else green(read)
+
+
+@config_rule(
+    "config-gnss-control",
+    "injection.px4_gps_ctrl",
+    "0 would leave GNSS off when it is trusted again.",
+    "injection.px4_gps_ctrl = 7",
+    AutopilotKind.PX4,
+)
+def _gps_ctrl(config: Config, facts: Facts) -> Finding:
+    del facts
+    read = f"{config.injection.px4_gps_ctrl}"
+    return green(read) if config.injection.px4_gps_ctrl & 1 else red(read)
+
+
+@config_rule(
+    "config-policy",
+    "injection.policy",
+    "`never` sends nothing. `always` sends while GNSS is good, too, and PX4 then fuses positions minus a bias.",
+    'injection.policy = "when_unreliable"',
+)
+def _policy(config: Config, facts: Facts) -> Finding:
+    del facts
+    read = config.injection.policy
+    return green(read) if read == "when_unreliable" else amber(read)
+
+
+@config_rule(
+    "config-min-sigma",
+    "injection.min_sigma_m",
+    "Ten positions a second rest on few fixes: a small claim makes the autopilot believe them too much.",
+    "injection.min_sigma_m = 0.5",
+)
+def _min_sigma(config: Config, facts: Facts) -> Finding:
+    del facts
+    read = f"{config.injection.min_sigma_m:g} m"
+    return green(read) if 0.3 <= config.injection.min_sigma_m <= 10 else amber(read)
+
+
+@config_rule(
+    "config-clock", "clock.speed", "Anything but 1 is for simulators: on a vehicle every time is wrong.", "clock.speed = 1"
+)
+def _speed(config: Config, facts: Facts) -> Finding:
+    del facts
+    read = f"{config.clock.speed:g}"
+    return green(read) if config.clock.speed == 1 else red(read)
+
+
+@config_rule(
+    "config-journal",
+    "journal.folder",
+    "A flight that is not recorded cannot be explained.",
+    'journal.folder = "/var/lib/visloc/journals"',
+)
+def _journal(config: Config, facts: Facts) -> Finding:
+    del facts
+    return green(config.journal.folder) if config.journal.folder else amber("empty")
+
+
+@config_rule(
+    "config-component",
+    "link.component_id",
+    "PX4 counts heartbeats of component 197 as the vision system's; ground stations name it.",
+    "link.component_id = 197",
+)
+def _component(config: Config, facts: Facts) -> Finding:
+    del facts
+    read = f"{config.link.component_id}"
+    if config.link.component_id == 1:
+        return red(f"{read}: the autopilot's own")
+    return green(read) if config.link.component_id == COMPONENT else amber(read)
+
+
+@config_rule(
+    "config-attitude-rate",
+    "link.attitude_rate_hz",
+    "A frame is placed by the attitudes about it: at 10 Hz a turn of 60°/s leaves 3°.",
+    "link.attitude_rate_hz = 50",
+)
+def _attitude(config: Config, facts: Facts) -> Finding:
+    del facts
+    read = f"{config.link.attitude_rate_hz:g} Hz"
+    return green(read) if config.link.attitude_rate_hz >= LEAST_ATTITUDE_HZ else amber(read)
+
+
+@config_rule(
+    "config-hashes",
+    "map.verify_hashes",
+    "A damaged pack, or one that was exchanged, is then not noticed.",
+    "map.verify_hashes = true",
+)
+def _hashes(config: Config, facts: Facts) -> Finding:
+    del facts
+    return green("true") if config.map.verify_hashes else amber("false")
+
+
+@config_rule(
+    "config-lost-sigma",
+    "navigator.lost_sigma_m",
+    "Beyond it injection stops. A large value lets the vehicle fly on a guess; a small one ends every gap.",
+    "navigator.lost_sigma_m = 60",
+)
+def _lost(config: Config, facts: Facts) -> Finding:
+    del facts
+    read = f"{config.navigator.lost_sigma_m:g} m"
+    return green(read) if 20 <= config.navigator.lost_sigma_m <= 120 else amber(read)
+
+
+@config_rule(
+    "config-camera",
+    "camera.url localiser.terrain",
+    "Without a camera, or a rangefinder over a surface model, there is nothing that could give fixes.",
+    "camera.url, or localiser.terrain = true",
+)
+def _camera(config: Config, facts: Facts) -> Finding:
+    del facts
+    if config.camera.url or config.localiser.terrain:
+        return green(config.camera.url or "terrain")
+    return red("neither is set")
+
+
+RULES: tuple[Rule, ...] = (
+    _output_rate,
+    _sets,
+    _gps_ctrl,
+    _policy,
+    _min_sigma,
+    _speed,
+    _journal,
+    _component,
+    _attitude,
+    _hashes,
+    _lost,
+    _camera,
+)
+"""About the configuration."""

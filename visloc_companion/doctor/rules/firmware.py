@@ -1,0 +1,116 @@
+"""What is known of versions. Only what was read in the autopilots' sources and issue threads, or measured, stands here."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+from visloc_companion.doctor.facts import Facts
+from visloc_companion.doctor.finding import Finding, Rule, amber, green, red, skipped
+from visloc_companion.types import AutopilotKind
+
+AP, PX4 = AutopilotKind.ARDUPILOT, AutopilotKind.PX4
+MEASURED = {AP: ((4, 7),), PX4: ((1, 16), (1, 17), (1, 18))}
+"""Lines of the development trees that the daemon was flown with (docs/autopilots.md)."""
+EV_REWRITTEN, SOURCE_SETS, EXTNAV_REPORTED = (1, 14), (4, 1), (4, 6)
+
+
+def version_of(text: str) -> tuple[int, int] | None:
+    """Major and minor of a version as the link knows it (`4.7.0-dev`), None where there is none."""
+    match = re.match(r"(\d+)\.(\d+)", text)
+    return None if match is None else (int(match.group(1)), int(match.group(2)))
+
+
+def _rule(
+    rule_id: str,
+    reads: str,
+    why: str,
+    remedy: str,
+    judge: Callable[[tuple[int, int], Facts], Finding],
+    only: AutopilotKind | None,
+) -> Rule:
+    def check(facts: Facts) -> Finding:
+        known = version_of(facts.version)
+        if known is None:
+            return skipped("the version is not known", "give --link URL to an autopilot that sends AUTOPILOT_VERSION")
+        return judge(known, facts)
+
+    return Rule(rule_id, reads, why, remedy, check, only)
+
+
+def _measured(known: tuple[int, int], facts: Facts) -> Finding:
+    lines = MEASURED.get(facts.autopilot, ())
+    read = f"{facts.autopilot} {facts.version}"
+    return green(read) if known in lines else amber(read)
+
+
+def _external_vision(known: tuple[int, int], facts: Facts) -> Finding:
+    return green(facts.version) if known >= EV_REWRITTEN else red(facts.version)
+
+
+def _source_sets(known: tuple[int, int], facts: Facts) -> Finding:
+    return green(facts.version) if known >= SOURCE_SETS else red(facts.version)
+
+
+def _both_fused(known: tuple[int, int], facts: Facts) -> Finding:
+    return amber(facts.version) if known <= EXTNAV_REPORTED else green(facts.version)
+
+
+def _height_snaps(known: tuple[int, int], facts: Facts) -> Finding:
+    number = facts.assumed.injection.vision_source_set
+    height = facts.parameters.get(f"EK3_SRC{number}_POSZ")
+    if height is None:
+        return skipped("no parameters of the source set", "give --link URL")
+    read = f"{facts.version}, EK3_SRC{number}_POSZ = {height:g}"
+    return amber(read, parameters={f"EK3_SRC{number}_POSZ": 1.0}) if known <= (4, 7) and height not in (1, 6) else green(read)
+
+
+RULES: tuple[Rule, ...] = (
+    _rule(
+        "firmware-measured",
+        "AUTOPILOT_VERSION",
+        "What these rules state was read in development trees (ArduPilot V4.7.0-dev of July 2025, PX4 main of 2025 and 2026). "
+        "Other versions may differ.",
+        "fly the same checks in that version's simulator first (docs/simulation.md, Real simulators)",
+        _measured,
+        None,
+    ),
+    _rule(
+        "firmware-px4-external-vision",
+        "AUTOPILOT_VERSION",
+        "PX4 rewrote external vision between 1.13 and 1.14 (PX4 issue 22016): before, EKF2_EV_CTRL does not exist and what is "
+        "said here does not hold.",
+        "update PX4 to 1.14 or newer",
+        _external_vision,
+        PX4,
+    ),
+    _rule(
+        "firmware-ardupilot-source-sets",
+        "AUTOPILOT_VERSION",
+        "Source sets (EK3_SRCn_*) came with ArduPilot 4.1: before there is nothing to switch.",
+        "update ArduPilot to 4.1 or newer",
+        _source_sets,
+        AP,
+    ),
+    _rule(
+        "firmware-ardupilot-gps-beside-vision",
+        "AUTOPILOT_VERSION",
+        "Up to 4.6 GPS data are reported to be fused beside ExternalNav while both arrive (ArduPilot issue 30076). In 4.7-dev "
+        "of July 2025 a "
+        "dragged GNSS did not move an estimate on set 2 (docs/autopilots.md, slow_drag).",
+        "update ArduPilot to 4.7, or try a dragged GNSS in that version's simulator first",
+        _both_fused,
+        AP,
+    ),
+    _rule(
+        "firmware-ardupilot-height-snaps",
+        "AUTOPILOT_VERSION EK3_SRC2_POSZ",
+        "EKF3 resets its height to the vision height when external positions begin, whatever POSZ says (ArduPilot issue "
+        "32506, reported for 4.6.2). What "
+        "the daemon sends is the autopilot's own height, so it shows only where POSZ is neither barometer nor vision.",
+        "EK3_SRC2_POSZ = 1",
+        _height_snaps,
+        AP,
+    ),
+)
+"""About versions."""

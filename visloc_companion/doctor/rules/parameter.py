@@ -1,0 +1,58 @@
+"""Rules about one parameter of the autopilot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from visloc_companion.doctor.facts import Facts
+from visloc_companion.doctor.finding import Finding, Level, Rule, green, number, skipped
+from visloc_companion.types import AutopilotKind
+
+Judge = Callable[[str, float, Facts], Finding]
+"""From a parameter's name and value, and all facts, to a finding."""
+
+
+def parameter(
+    rule_id: str,
+    only: AutopilotKind,
+    names: str | Callable[[Facts], str],
+    why: str,
+    remedy: str,
+    judge: Judge,
+    reads: str = "",
+) -> Rule:
+    """A rule about the first of `names` (separated by spaces: what a parameter was called in turn) that the autopilot has."""
+
+    def check(facts: Facts) -> Finding:
+        candidates = (names if isinstance(names, str) else names(facts)).split()
+        if not facts.parameters:
+            return skipped("no parameters were read", "give --link URL, and see that nothing else fills the link")
+        for name in candidates:
+            if name in facts.parameters:
+                return judge(name, facts.parameters[name], facts)
+        return skipped(f"the autopilot has no parameter {candidates[0]}", "nothing to do where this version does not need it")
+
+    return Rule(rule_id, reads or (names if isinstance(names, str) else "") or rule_id, why, remedy, check, only)
+
+
+def within(good: Callable[[float], bool], set_to: float, level: Level = Level.RED) -> Judge:
+    """Green where `good`, else of a level, with the value to set."""
+
+    def judge(name: str, value: float, facts: Facts) -> Finding:
+        del facts
+        read = f"{name} = {number(value)}"
+        return green(read) if good(value) else Finding(level, read, parameters={name: set_to})
+
+    return judge
+
+
+def bit_clear(bit: int, level: Level = Level.RED) -> Judge:
+    """Green where a bit is 0; else the same value without it is to be set."""
+
+    def judge(name: str, value: float, facts: Facts) -> Finding:
+        del facts
+        read = f"{name} = {value:g} (bit {bit} is {int(value) >> bit & 1})"
+        cleared = int(value) & ~(1 << bit)
+        return Finding(level, read, parameters={name: float(cleared)}) if int(value) >> bit & 1 else green(read)
+
+    return judge
