@@ -48,6 +48,10 @@ class LinkConfig(Section):
     """Our link id in signatures; two links of one component to one vehicle need different ones."""
     accept_unsigned: bool = False
     """With a key: believe unsigned messages, too. Without a key all are believed."""
+    telemetry_rate_hz: Annotated[float, Field(ge=0, le=20)] = 1.0
+    """NAMED_VALUE messages for the ground station (docs/mavlink.md); 0 sends none."""
+    computer_status: bool = True
+    """Send ONBOARD_COMPUTER_STATUS once a second."""
     reconnect_s: Positive = 2.0
     """Silence after which the connection is opened anew, and the pause between tries."""
 

@@ -23,6 +23,7 @@ from visloc_companion.types import (
     Notice,
     ReferencePatch,
     Rejected,
+    Report,
     RequestMessage,
     SwitchSource,
     TooOld,
@@ -58,6 +59,9 @@ class AutopilotLink(Protocol):
 
     async def notify(self, notice: Notice) -> None:
         """Send a STATUSTEXT."""
+
+    async def report(self, report: Report) -> None:
+        """Tell ground stations how the companion does; the autopilot takes no notice."""
 
     async def close(self) -> None:
         """Stop sending at once and release the socket or port."""

@@ -8,8 +8,27 @@ an unplugged camera in flight does not restart a daemon that still dead-reckons,
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import IntFlag
+
+from visloc_companion.types import Mode, Status, Verdict
 
 _NS_PER_S = 1_000_000_000
+
+
+class Sensor(IntFlag):
+    """Bits of SYS_STATUS.onboard_control_sensors_health (MAV_SYS_STATUS_SENSOR), as far as the daemon can judge them."""
+
+    GNSS = 0x20
+    VISION_POSITION = 0x80
+    LOGGING = 0x1000000
+
+
+def sensor_health(status: Status, *, recording: bool) -> Sensor:
+    """What is healthy: GNSS that is trusted, a position from fixes within the alert limits, the record of the flight."""
+    sees = status.mode in (Mode.AIDING, Mode.SHADOW) and status.age_of_fix_s is not None and status.available
+    gnss = Sensor.GNSS if status.verdict is Verdict.OK else Sensor(0)
+    vision = Sensor.VISION_POSITION if sees else Sensor(0)
+    return gnss | vision | (Sensor.LOGGING if recording else Sensor(0))
 
 
 @dataclass

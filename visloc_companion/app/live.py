@@ -22,6 +22,7 @@ from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.constructors import CONSTRUCTORS
 from visloc_companion.app.first_position import At, FirstPosition
 from visloc_companion.app.ground_check import GroundCheck
+from visloc_companion.app.ground_reports import Condition, GroundReports
 from visloc_companion.app.health import Health
 from visloc_companion.app.mailbox import Mailbox
 from visloc_companion.app.parts import Constructors, Parts, Reports, assemble
@@ -168,6 +169,7 @@ class Daemon:
             "injections": self._send_injections(),
             "notices": self._send_notices(),
             "watch": self._watch(),
+            "reports": GroundReports(self.parts.config, self.parts.clock, self._condition, self.link.report).serve(),
         }
         if self.parts.config.map.pack:
             work["ground"] = self._ground.serve()
@@ -227,6 +229,11 @@ class Daemon:
         self.health.limits_s.pop("camera", None)
 
     # ----------------------------------------------------------------------------------------------------------- health
+
+    def _condition(self) -> Condition:
+        worker, journal = self.parts.worker, self.parts.journal
+        faulty = bool(self.health.late(self._wall.now_ns())) or (worker is not None and worker.given_up)
+        return Condition(self.status, faulty, recording=journal is not None and not journal.problem)
 
     async def _watch(self) -> None:
         """Beat the watchdog while all parts beat; say which do not."""

@@ -23,6 +23,7 @@ from visloc_companion.protocols import AutopilotLink, Clock
 from visloc_companion.types import (
     Attitude,
     AutopilotKind,
+    ComputerLoad,
     EkfSource,
     Event,
     GeoPoint,
@@ -30,6 +31,7 @@ from visloc_companion.types import (
     LinkChanged,
     Notice,
     OriginChanged,
+    Report,
     RequestMessage,
     Severity,
     SourceSwitched,
@@ -64,7 +66,10 @@ class LinkPeer(Protocol):
         """Position (NED, m) and reset counter of each external position that arrived."""
 
     def texts(self) -> list[str]:
-        """Texts that reached the operator."""
+        """Texts that reached the operator, long ones in pieces."""
+
+    def told(self) -> dict[str, float]:
+        """The newest named values that a ground station would show, and `cores` where a computer's load was told."""
 
 
 @dataclass(slots=True)
@@ -193,13 +198,27 @@ class LinkContract(ABC):
             await self._end(bench, listening)
 
     async def test_texts_reach_the_operator(self) -> None:
-        """Only notices for the operator, at most 50 characters."""
+        """Only notices for the operator; a long one may come in pieces, and a repeat is not said again."""
         async with self.bench() as bench:
             listening = await self._begin(bench)
+            text = "GNSS is not trusted: " + "x" * 50
             await bench.link.notify(Notice(Severity.INFO, "for the log only"))
-            await bench.link.notify(Notice(Severity.WARNING, "GNSS is not trusted: " + "x" * 50, to_operator=True))
-            await bench.until(lambda: bool(bench.peer.texts()), "a text")
-            assert bench.peer.texts() == [("GNSS is not trusted: " + "x" * 50)[:50]]
+            for _ in range(3):
+                await bench.link.notify(Notice(Severity.WARNING, text, to_operator=True))
+            await bench.link.notify(Notice(Severity.WARNING, "the end", to_operator=True))
+            await bench.until(lambda: bench.peer.texts()[-1:] == ["the end"], "the texts")
+            assert "".join(bench.peer.texts()) == text + "the end"
+            await self._end(bench, listening)
+
+    async def test_reports_reach_the_ground_station(self) -> None:
+        """Named values and the computer's load."""
+        async with self.bench() as bench:
+            listening = await self._begin(bench)
+            load = ComputerLoad(60.0, (0.5, 0.25, 0.0), 40.0, 2**30, 2**32, 2**33, 2**35)
+            await bench.link.report(Report(bench.clock.now_ns(), (("VL_PL", 12.5), ("VL_MODE", 2))))
+            await bench.link.report(Report(bench.clock.now_ns(), load=load, critical=True))
+            await bench.until(lambda: "cores" in bench.peer.told(), "the load")
+            assert bench.peer.told() == {"VL_PL": 12.5, "VL_MODE": 2, "cores": 3}
             await self._end(bench, listening)
 
     async def test_silence_and_return(self) -> None:

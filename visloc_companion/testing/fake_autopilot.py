@@ -15,6 +15,7 @@ from visloc_companion.testing.signing_peer import PymavlinkSigning
 from visloc_companion.types import AutopilotKind, GeoPoint
 
 _NS_PER_S = 1_000_000_000
+_TOLD = ("NAMED_VALUE_FLOAT", "NAMED_VALUE_INT", "ONBOARD_COMPUTER_STATUS")
 _MAX_POS_ERR_M, _MAX_ANG_ERR_RAD = 100.0, 1.5
 _OTHER_POSITIONS = ("ODOMETRY", "GLOBAL_POSITION_SENSOR", "GPS_INPUT", "COMMAND_INT")
 
@@ -56,6 +57,7 @@ class FakeAutopilot:
     positions: list[Message] = field(default_factory=list)
     """What carries a position otherwise than VISION_POSITION_ESTIMATE (which is in `poses`)."""
     texts: list[str] = field(default_factory=list)
+    told: list[Message] = field(default_factory=list)
     timesync_replies: list[Message] = field(default_factory=list)
     signing: PymavlinkSigning | None = None
     _framer: Framer = field(init=False)
@@ -137,6 +139,8 @@ class FakeAutopilot:
             self.positions.append(msg)
         elif kind == "STATUSTEXT":
             self.texts.append(msg.text)
+        elif kind in _TOLD:
+            self.told.append(msg)
         elif kind == "TIMESYNC":
             if msg.tc1 == 0:
                 self.send(mav.MAVLink_timesync_message(max(1, self._boot_ns), msg.ts1))

@@ -16,6 +16,7 @@ from visloc_companion.types import (
     LinkChanged,
     Notice,
     OriginChanged,
+    Report,
     RequestMessage,
     SourceSwitched,
     SwitchSource,
@@ -43,6 +44,7 @@ class FakeLink:
     injections: list[Injection] = field(default_factory=list)
     requests: list[RequestMessage] = field(default_factory=list)
     notices: list[Notice] = field(default_factory=list)
+    reports: list[Report] = field(default_factory=list)
     closed: bool = False
     up: bool = False
     _begun: bool = False
@@ -96,6 +98,11 @@ class FakeLink:
         """Note a notice for the operator."""
         if self._begin() and notice.to_operator:
             self.notices.append(notice)
+
+    async def report(self, report: Report) -> None:
+        """Note a report."""
+        if self._begin():
+            self.reports.append(report)
 
     async def close(self) -> None:
         """End `events`; nothing is sent any more."""

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from visloc_companion.adapters.mavlink.dialect import mav
-from visloc_companion.adapters.mavlink.encode import STATUSTEXT_LENGTH
 from visloc_companion.testing.fake_autopilot import FakeAutopilot
 from visloc_companion.testing.fake_link import FakeLink
 from visloc_companion.types import Attitude, AutopilotKind, EkfSource, GeoPoint, Vec3
+
+_NO_CORE = 255
 
 
 @dataclass(slots=True)
@@ -48,6 +49,13 @@ class WirePeer:
         """See LinkPeer."""
         return self.autopilot.texts
 
+    def told(self) -> dict[str, float]:
+        """See LinkPeer."""
+        named = [message for message in self.autopilot.told if message.get_type() != "ONBOARD_COMPUTER_STATUS"]
+        loads = [message for message in self.autopilot.told if message not in named]
+        cores = {"cores": sum(percent != _NO_CORE for percent in loads[-1].cpu_cores)} if loads else {}
+        return {message.name: message.value for message in named} | cores
+
 
 @dataclass(slots=True)
 class FakePeer:
@@ -81,4 +89,11 @@ class FakePeer:
 
     def texts(self) -> list[str]:
         """See LinkPeer."""
-        return [notice.text[:STATUSTEXT_LENGTH] for notice in self.link.notices]
+        said = [notice.text for notice in self.link.notices]
+        return [text for i, text in enumerate(said) if i == 0 or said[i - 1] != text]
+
+    def told(self) -> dict[str, float]:
+        """See LinkPeer."""
+        loads = [report.load for report in self.link.reports if report.load is not None]
+        cores = {"cores": len(loads[-1].cores)} if loads else {}
+        return {name: value for report in self.link.reports for name, value in report.values} | cores

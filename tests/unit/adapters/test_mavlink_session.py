@@ -17,6 +17,7 @@ from visloc_companion.types import (
     LinkChanged,
     Notice,
     OriginChanged,
+    Report,
     RequestMessage,
     Severity,
     TimesyncSample,
@@ -264,13 +265,22 @@ def test_time_that_goes_backwards_is_held():
     assert all(event.t_rx_ns == late_ns for event in events)
 
 
-def test_statustext_is_cut_to_50_characters_and_only_for_the_operator():
+def test_texts_for_the_operator_only_long_ones_in_pieces():
     talking = talk()
     talking.session.notify(Notice(Severity.INFO, "for the log"), talking.now_ns)
     talking.session.notify(Notice(Severity.CRITICAL, "vision lost ° " + "x" * 60, to_operator=True), talking.now_ns)
     talking.run(0.1)
-    (text,) = talking.autopilot.texts
-    assert text == ("vision lost ? " + "x" * 60)[:50]
+    text = "vision lost ? " + "x" * 60
+    assert talking.autopilot.texts == [text[:50], text[50:]]
+
+
+def test_a_critical_report_shows_in_the_heartbeat_until_the_next():
+    talking = talk()
+    for critical, state in ((True, mav.MAV_STATE_CRITICAL), (False, mav.MAV_STATE_STANDBY)):
+        talking.session.report(Report(talking.now_ns, (("VL_PL", 3.5),), critical=critical), talking.now_ns)
+        talking.run(1.2)
+        assert talking.autopilot.heartbeats[-1].system_status == state
+    assert [(message.name, message.value) for message in talking.autopilot.told] == [("VL_PL", 3.5)] * 2
 
 
 def test_nobody_drains_and_memory_stays_bounded():

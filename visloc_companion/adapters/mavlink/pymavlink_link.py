@@ -13,7 +13,7 @@ from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.adapters.mavlink.streams import StreamState
 from visloc_companion.protocols import Clock
-from visloc_companion.types import EkfSource, Event, Injection, Notice, RequestMessage, SourceSwitched, SwitchSource
+from visloc_companion.types import EkfSource, Event, Injection, Notice, Report, RequestMessage, SourceSwitched, SwitchSource
 
 _NS_PER_S = 1_000_000_000
 _POLL_NS = _NS_PER_S // 20
@@ -105,6 +105,12 @@ class PymavlinkLink:
         """Send a STATUSTEXT where the notice is for the operator."""
         if self._ready():
             self.session.notify(notice, self._clock.now_ns())
+            self._flush()
+
+    async def report(self, report: Report) -> None:
+        """Send what ground stations show of the companion, and let the heartbeat show whether it is critical."""
+        if self._ready():
+            self.session.report(report, self._clock.now_ns())
             self._flush()
 
     async def close(self) -> None:

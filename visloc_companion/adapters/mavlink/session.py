@@ -93,7 +93,7 @@ class MavlinkSession:
 
     @property
     def n_vouched(self) -> int:
-        """The same and, with signing, what a holder of the key said too long ago: such a one has yet to learn the time from us."""
+        """The same and, with signing, what a holder of the key said with an old time: such a one may learn the time from us."""
         return self.n_heard + self.unbelieved[Refusal.STALE]
 
     @property
