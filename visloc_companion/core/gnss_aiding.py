@@ -11,16 +11,17 @@ from collections import deque
 
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.map_offset import MapOffset
+from visloc_companion.core.motion import Motion
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.core.validate import is_place
-from visloc_companion.types import Command, Fix, Gnss, Mode, Notice, Odometry, Rejected, Severity, Verdict
+from visloc_companion.types import Command, Fix, Gnss, Mode, Notice, Rejected, Severity, Verdict
 
 GNSS_AFTER_NS = 5_000_000_000
 GNSS_INTERVAL_NS = 1_000_000_000
 RESEED_AFTER_REJECTIONS = 5
-ODOMETRY_WAITING = 64
-"""Displacements wait for the receiver's position after them; more than these are dropped."""
+MOTIONS_WAITING = 64
+"""Intervals wait for the receiver's position after them; more than these are dropped."""
 
 
 class GnssAiding:
@@ -31,7 +32,7 @@ class GnssAiding:
         self._tracker, self._monitor = tracker, monitor
         self._fused_ns: int | None = None
         self._rejected = 0
-        self._odometry: deque[Odometry] = deque(maxlen=ODOMETRY_WAITING)
+        self._odometry: deque[Motion] = deque(maxlen=MOTIONS_WAITING)
         self._map = MapOffset(settings.navigator.map_sigma_m)
 
     def on_gnss(self, event: Gnss, t_ns: int, mode: Mode) -> list[Command]:
@@ -67,21 +68,25 @@ class GnssAiding:
         self._tracker.seed(t_ns, event.place, sigma)
         return [Notice(Severity.NOTICE, "visloc: restarted from trusted GNSS")]
 
-    def on_odometry(self, event: Odometry) -> None:
-        """Hold a displacement that the camera saw against that of the receiver, once its position after it is there."""
-        self._odometry.append(event)
+    def on_motion(self, seen: Motion) -> None:
+        """Hold what the camera saw of an interval against the receiver, once its position after it is there.
+
+        Intervals follow each other; displacements from a keyframe overlap, and would count the same metres again and again.
+        """
+        self._odometry.append(seen)
         self._compare_odometry()
 
     def _compare_odometry(self) -> None:
         track = self._tracker.gnss
         newest_ns = track.newest_ns
-        while newest_ns is not None and self._odometry and self._odometry[0].t_to_ns <= newest_ns:
+        while newest_ns is not None and self._odometry and self._odometry[0].t_ns <= newest_ns:
             seen = self._odometry.popleft()
-            moved = track.displacement(seen.t_from_ns, seen.t_to_ns)
+            moved = track.displacement(seen.t_from_ns, seen.t_ns)
             if moved is not None:
-                var_m2 = (seen.cov_ne_m2[0][0] + seen.cov_ne_m2[1][1]) / 2
-                north, east, _ = seen.displacement_ned_m
-                self._monitor.on_displacement(seen.t_from_ns, seen.t_to_ns, moved, (north, east), var_m2)
+                own_m2 = (seen.cov_ne_m2[0][0] + seen.cov_ne_m2[1][1]) / 2
+                shared = (seen.sigma_scale**2 + seen.sigma_heading_rad**2) / 2
+                var_m2 = own_m2 + shared * (seen.d_ne_m[0] ** 2 + seen.d_ne_m[1] ** 2)
+                self._monitor.on_displacement(seen.t_from_ns, seen.t_ns, moved, seen.d_ne_m, var_m2)
 
     def compare(self, fix: Fix) -> list[Command]:
         """Show the monitor an accepted fix beside GNSS: the fix itself, for the filter rides on a velocity that may be false.

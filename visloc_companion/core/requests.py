@@ -121,6 +121,7 @@ def pose_prior(
         min(max(state.sigma_d_m, learned), UNKNOWN_HEIGHT_SIGMA_M),
         SIGMA_YAW_RAD,
         sigma_tilt_rad,
+        height_offset_m,
     )
 
 

@@ -15,6 +15,7 @@ from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
 from visloc_companion.core.gnss_track import GnssTrack
 from visloc_companion.core.height_aiding import HeightAiding
 from visloc_companion.core.inertial import InertialVelocity
+from visloc_companion.core.motion import Motion
 from visloc_companion.core.odometry_aiding import OdometryAiding
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
@@ -173,11 +174,12 @@ class Tracker:
             self._n_taught += 1
         return outcome
 
-    def observe_odometry(self, odometry: Odometry) -> None:
-        """Learn the velocity's error from what the camera saw of its own motion."""
+    def observe_odometry(self, odometry: Odometry) -> Motion | None:
+        """Learn the velocity's error from what the camera saw of its own motion; the interval that it completes, if it does."""
         motion = self._odometry.on_odometry(odometry)
         if motion is not None and self._filter is not None:
             self._teach(motion.t_ns, self._filter.observe_motion(motion))
+        return motion
 
     def observe_gnss(self, t_ns: int, place: GeoPoint, sigma_m: float) -> Accepted | Rejected | TooOld | None:
         """Take a trusted GNSS position; None before seeding."""

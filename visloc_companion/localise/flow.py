@@ -30,6 +30,8 @@ LEFT = 1.6
 """Corners that fit count for so many times their share: some are lost anyway."""
 LONG_BASE = 0.2
 """Of the height: from here on a keyframe that looks otherwise is given up for the perspective; water does so long before."""
+MOST_ADDED = 0.005
+"""Of the height: a correction of the altitude that is larger than this asks for another keyframe."""
 NO_PIXELS: Image = np.zeros((0, 0), np.uint8)
 """What is kept of a frame has no pixels: they may lie in memory that the next frame is written to."""
 
@@ -69,11 +71,13 @@ class FrameToFrame:
         if why is not None:
             return Blind(sight.t_ns, *why)
         view = _View(replace(sight, pixels=NO_PIXELS), prepared(sight.pixels, self._model), np.zeros(3))
-        key, last = self._key, self._last
+        last = self._last
         if last is not None and np.array_equal(view.picture.grey, last.picture.grey):
             return Blind(sight.t_ns, Reason.BAD_FRAME, "identical to the frame before: the camera is frozen")
-        if key is None or last is None:
+        if self._key is None or last is None:
             return self._restarted(view, surface, (Reason.NO_BASELINE, "the first frame of a stretch"))
+        key, last = self._at_its_height(self._key, last, view, surface)
+        view = replace(view, sight=_with_added(view.sight, key.sight.up_added_m))
         found = self._motion(key, view, last.d_ned_m)
         if isinstance(found, tuple) and found[0] is Reason.MOVING_SURFACE:
             self._doubted = True
@@ -89,12 +93,35 @@ class FrameToFrame:
         self, key: Keyframe, last: _View, view: _View, surface: Surface | None, why: Refused
     ) -> tuple[Keyframe, _Moved | Refused]:
         """Where the keyframe is not found again the last frame may be: it becomes the keyframe."""
-        later = keyframe_of(last.sight, last.picture, surface, key.place_ne_m + last.d_ned_m[:2], self._settings)
+        later = self._keyframe_of_last(key, last, view, last.sight, surface)
         found = self._motion(later, view, np.zeros(3)) if isinstance(later, Keyframe) else why
         if not isinstance(later, Keyframe) or not isinstance(found, _Moved):
             return key, why
         self._rekey(later, last)
         return later, found
+
+    def _at_its_height(self, key: Keyframe, last: _View, view: _View, surface: Surface | None) -> tuple[Keyframe, _View]:
+        """What is added to the altitude stays as it was for a keyframe: a correction is no climb. Where it changed by much, the
+        last frame becomes the keyframe at its corrected height, if it can."""
+        sight = view.sight
+        if abs(sight.up_added_m - key.sight.up_added_m) <= MOST_ADDED * key.height_m:
+            return key, last
+        corrected = replace(_with_added(last.sight, sight.up_added_m), sigma_up_m=sight.sigma_up_m)
+        later = self._keyframe_of_last(key, last, view, corrected, surface)
+        if not isinstance(later, Keyframe):
+            return key, last
+        moved = _View(corrected, last.picture, np.zeros(3))
+        self._rekey(later, moved)
+        return later, moved
+
+    def _keyframe_of_last(
+        self, key: Keyframe, last: _View, view: _View, sight: Sight, surface: Surface | None
+    ) -> Keyframe | Refused:
+        """The last frame as a keyframe; a surface is given about the place of this frame, some way on."""
+        north, east = sight.place_ne_m
+        d = self._travelled(view.sight)
+        sight = replace(sight, place_ne_m=(north - float(d[0]), east - float(d[1])))
+        return keyframe_of(sight, last.picture, surface, key.place_ne_m + last.d_ned_m[:2], self._settings)
 
     def _unless_doubted(self, step: Step) -> Step | Blind:
         """After water, and where the ground was lost, a keyframe must hold for a while: waves look like ground for a moment."""
@@ -191,3 +218,8 @@ class FrameToFrame:
             if math.hypot(north - last[0], east - last[1]) < READING_APART_M:
                 return
         self._readings.append(Reading((north, east), sight.up_m, sight.height_m))
+
+
+def _with_added(sight: Sight, up_added_m: float) -> Sight:
+    """The sight with another correction of its altitude."""
+    return replace(sight, up_m=sight.up_m - sight.up_added_m + up_added_m, up_added_m=up_added_m)

@@ -94,6 +94,7 @@ class WithMotion:
             prior.sigma_h_m,
             (0.0, 0.0),
             math.sqrt((nn + ee) / 2 + math.hypot((nn - ee) / 2, ne)),
+            up_added_m=prior.height_offset_m,
         )
         step = self._flow.step(sight, surface)
         return self._turned(step.odometry) if isinstance(step, Step) else None

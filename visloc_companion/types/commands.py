@@ -10,7 +10,10 @@ from visloc_companion.types.events import FrameRef
 
 @dataclass(frozen=True, slots=True)
 class PosePrior:
-    """A Gaussian prior of the camera's pose: place, attitude of the camera's body, and 1-sigma of each."""
+    """A Gaussian prior of the camera's pose: place, attitude of the camera's body, and 1-sigma of each.
+
+    Of the place's height, `height_offset_m` is what was added to the autopilot's.
+    """
 
     place: GeoPoint
     q_ned_frd: Quat
@@ -18,6 +21,7 @@ class PosePrior:
     sigma_h_m: float
     sigma_yaw_rad: float
     sigma_tilt_rad: float
+    height_offset_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,11 +3,12 @@ from __future__ import annotations
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
+from visloc_companion.core.motion import Motion
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.geo import wgs84
-from visloc_companion.types import EkfSource, Fix, GeoPoint, Gnss, Mode, Notice, Odometry, Verdict
+from visloc_companion.types import EkfSource, Fix, GeoPoint, Gnss, Mode, Notice, Verdict
 
 S = 1_000_000_000
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
@@ -114,7 +115,7 @@ def test_odometry_is_held_against_the_receiver_once_its_position_is_there() -> N
     for drag in (0.0, 2.0):
         for k in range(30):
             start = round(rig.t * S)
-            rig.aiding.on_odometry(Odometry(start + S, start, start + S, (-drag, 0.0, 0.0), ((0.01, 0.0), (0.0, 0.01))))
+            rig.aiding.on_motion(Motion(start + S, start, (-drag, 0.0), ((0.01, 0.0), (0.0, 0.01))))
             rig.run(1, 0.0)
             if k == 20:
                 assert rig.monitor.trusted is (drag == 0.0)
@@ -127,6 +128,6 @@ def test_odometry_across_a_lost_fix_is_not_compared() -> None:
     rig.t += 1.0
     now = round(rig.t * S)
     rig.aiding.on_gnss(Gnss(now, now, 1, 3, at(0.0), 1.0, None, None), now, Mode.SHADOW)
-    rig.aiding.on_odometry(Odometry(now, start, now, (900.0, 0.0, 0.0), ((0.01, 0.0), (0.0, 0.01))))
+    rig.aiding.on_motion(Motion(now, start, (900.0, 0.0), ((0.01, 0.0), (0.0, 0.01))))
     rig.run(3, 0.0)
     assert rig.monitor.trusted

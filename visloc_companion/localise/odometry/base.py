@@ -18,7 +18,8 @@ class Sight:
 
     `q_ned_frd` is the attitude of the camera's body (top edge of the image forward, optical axis down); `sigma_tilt_rad` and
     `sigma_yaw_rad` are the 1-sigma of what is wrong with it for minutes. `up_m` is the altitude above any fixed zero; where a
-    surface is given, above the zero of its heights, and `sigma_up_m` says how far off against that surface. `place_ne_m` is where
+    surface is given, above the zero of its heights, and `sigma_up_m` says how far off against that surface; `up_added_m` of it
+    was added to the instrument's, which alone tells the climb from frame to frame. `place_ne_m` is where
     on the surface the camera is believed to be, `sigma_place_m` how far off on each axis. `height_m` is the height above what is
     straight below, needed where no surface is given: of a rangefinder (`ranged`, which sees trees and roofs), or altitude less
     elevation; `sigma_height_m` is what stays wrong with it.
@@ -36,6 +37,7 @@ class Sight:
     height_m: float = math.nan
     sigma_height_m: float = math.inf
     ranged: bool = False
+    up_added_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

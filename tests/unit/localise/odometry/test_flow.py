@@ -10,6 +10,7 @@ import pytest
 from visloc_companion.errors import Reason
 from visloc_companion.localise.flow import FrameToFrame
 from visloc_companion.localise.odometry.base import Blind, FlowSettings, Step
+from visloc_companion.localise.odometry.claims import FOCAL_SHARE
 
 
 def run(odo, ground, points, eulers=None, model=None, surface=None, tweak=None, settings=None):
@@ -114,7 +115,52 @@ def test_with_a_surface_a_slope_costs_nothing_and_heights_are_the_maps(odo) -> N
     sigmas, off = errors(odo, steps, points)
     assert off < 0.3
     assert np.abs(sigmas).max() < 2
-    assert steps[-1].odometry.sigma_scale == pytest.approx(0.5 / 115, rel=0.4)
+    assert steps[-1].odometry.sigma_scale == pytest.approx(math.hypot(0.5 / 115, FOCAL_SHARE), rel=0.1)
+
+
+def on_a_map(odo, points, up_off_m, sigma_up_m: float = 2.0):
+    """A tweak: the altitude is off by 12 m, and `up_off_m(k)` of that is left after what was added to it."""
+
+    def given(k: int, sight):
+        off = up_off_m(k)
+        place = (float(points[k, 0]), float(points[k, 1]))
+        return replace(
+            sight,
+            **{"place_ne_m": place, "up_m": sight.up_m + off, "up_added_m": off - 12.0, "sigma_up_m": sigma_up_m},
+            **{"sigma_place_m": 1.0, "height_m": math.nan, "sigma_height_m": math.inf, "ranged": False},
+        )
+
+    return given
+
+
+def test_a_correction_of_the_altitude_is_no_climb(odo, field) -> None:
+    """The altitude is 12 m too high until a fix tells so: from then on displacements are right, and nothing seemed to sink."""
+    points = odo.path(8, (6.0, 0.0, 0.0))
+    late = on_a_map(odo, points, lambda k: 12.0 if k < 3 else 0.0)
+    steps = run(odo, field, points, tweak=late, surface=field.surface())[1:]
+    assert all(isinstance(step, Step) for step in steps)
+    assert steps[1].odometry.displacement_ned_m[0] == pytest.approx(12 * 1.12, rel=0.02)
+    after = [step for step in steps[2:] if step.odometry.t_from_ns >= 2 * odo.PERIOD_NS]
+    assert len(after) == len(steps[2:])
+    assert errors(odo, after, points)[1] < 0.25
+    assert all(abs(step.odometry.displacement_ned_m[2]) < 0.3 for step in steps)
+
+
+def test_a_small_correction_leaves_the_keyframe(odo, field) -> None:
+    points = odo.path(5, (3.0, 0.0, 0.0))
+    steps = run(odo, field, points, tweak=on_a_map(odo, points, lambda k: 0.02 * k), surface=field.surface())[1:]
+    assert {step.odometry.t_from_ns for step in steps} == {0}
+    assert errors(odo, steps, points)[1] < 0.15
+
+
+def test_a_camera_that_swings_claims_what_a_wrong_lens_makes_of_it(odo, field) -> None:
+    """1.5 % of focal length: tilted by 15 degrees from frame to frame, the ground seems to move by 0.4 m and more."""
+    lens = replace(odo.MODEL, fx_px=odo.MODEL.fx_px / (1 + FOCAL_SHARE), fy_px=odo.MODEL.fy_px / (1 + FOCAL_SHARE))
+    points, swing = odo.path(2, (2.0, 0.0, 0.0)), [(0.0, 0.0, 0.0), (0.0, 15.0, 0.0)]
+    level, swung = (run(odo, field, points, eulers, model=lens)[1].odometry for eulers in (None, swing))
+    assert abs(level.displacement_ned_m[0] - 2.0) < 0.2 < 0.4 < abs(swung.displacement_ned_m[0] - 2.0)
+    assert abs(errors(odo, run(odo, field, points, swing, model=lens)[1:], points)[0][0, 0]) < 2.5
+    assert swung.cov_ne_m2[0][0] > level.cov_ne_m2[0][0] + (0.3) ** 2 * 0.8
 
 
 def test_where_the_height_is_hardly_known_the_claim_says_so(odo, field) -> None:
