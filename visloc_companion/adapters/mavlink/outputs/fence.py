@@ -83,7 +83,7 @@ class Gate:
             self._owed_m = max(0.0, self._owed_m - CATCH_UP_MPS * elapsed_s)
             if step_m > self._max_step_m:
                 self._owed_m = max(self._owed_m, step_m)
-                self._own_counts += injection.reset_counter == last.reset_counter
+                self._own_counts += injection.reset_counter % 256 == last.reset_counter % 256
         counted = replace(injection, reset_counter=(injection.reset_counter + self._own_counts) % 256)
         return counted if output.announces_steps or self._owed_m == 0.0 else widened(counted, self._owed_m)
 
