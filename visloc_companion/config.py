@@ -117,7 +117,7 @@ class LocaliserConfig(Section):
     """Ask for the structure vote (motion stereo against the map's surface model or cloud) when the image is not recognised."""
     structure_every: Annotated[int, Field(ge=0, le=1000)] = 0
     """Ask for it in turn as well, after so many image fixes; 0 asks only when the image is not recognised."""
-    odometry: bool = False
+    odometry: bool = True
     """Follow the ground from frame to frame: corrects the velocity between fixes and while there are none."""
     terrain: bool = False
     """Ask the autopilot for DISTANCE_SENSOR, and match the profile of the ground below the track with the map's surface model."""
