@@ -13,7 +13,7 @@ from visloc_companion.doctor.collect.parameters import Parameters
 from visloc_companion.doctor.collect.rates import measure
 from visloc_companion.doctor.facts import LinkFacts
 from visloc_companion.errors import LinkError
-from visloc_companion.types import EstimatorStatus, GeoPoint, LinkChanged
+from visloc_companion.types import AutopilotKind, EstimatorStatus, GeoPoint, LinkChanged
 
 _ANSWER_S, _TRIES = 1.0, 4
 _FIXED_WING = 1
@@ -84,7 +84,7 @@ async def read_vehicle(conversation: Conversation, config: Config, seconds: floa
         home=_place(last.get("HOME_POSITION"), "latitude", "longitude", "altitude"),
         mission=mission,
         position=_place(last.get("GLOBAL_POSITION_INT"), "lat", "lon", "alt"),
-        claims_position=None if status is None else status.horizontal_position_ok,
+        claims_position=_claims_position(conversation),
         position_ratio=None if status is None else status.position_ratio,
         fix_type=None if gnss is None else int(gnss.fix_type),
         n_satellites=None if gnss is None or gnss.satellites_visible == 255 else int(gnss.satellites_visible),
@@ -107,6 +107,15 @@ def _status(conversation: Conversation) -> EstimatorStatus | None:
             if isinstance(event, EstimatorStatus):
                 return event
     return None
+
+
+def _claims_position(conversation: Conversation) -> bool | None:
+    """Whether the EKF has an absolute position. PX4 sets the bit of a constant position at rest, too: it is not looked at there."""
+    message = next((conversation.last[name] for name in _STATUS if name in conversation.last), None)
+    if message is None:
+        return None
+    held = conversation.kind is AutopilotKind.ARDUPILOT and bool(message.flags & mav.EKF_CONST_POS_MODE)
+    return bool(message.flags & mav.EKF_POS_HORIZ_ABS) and not held
 
 
 def _version(message: Message | None) -> str:

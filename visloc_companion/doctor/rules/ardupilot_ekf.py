@@ -10,15 +10,8 @@ from visloc_companion.doctor.rules.parameter import Judge, bit_clear, parameter,
 from visloc_companion.types import AutopilotKind
 
 AP = AutopilotKind.ARDUPILOT
-NAMES = {
-    0: "none",
-    1: "barometer or compass",
-    2: "rangefinder or GPS",
-    3: "GPS",
-    4: "beacon",
-    5: "optical flow",
-    6: "ExternalNav",
-}
+NAMES = {0: "none", 3: "GPS", 4: "beacon", 5: "optical flow", 6: "ExternalNav", 8: "GSF"}
+HEIGHTS, YAWS = {1: "barometer", 2: "rangefinder"}, {1: "compass", 2: "GPS", 3: "GPS or compass"}
 EKF_SWITCH_OPTION = 90
 
 
@@ -35,12 +28,17 @@ def _source(wanted: float, others: dict[float, Level], otherwise: Level = Level.
 
     def judge(name: str, value: float, facts: Facts) -> Finding:
         del facts
-        read = f"{name} = {value:g} ({NAMES.get(int(value), 'other')})"
+        read = f"{name} = {value:g} ({_source_name(name, int(value))})"
         if value == wanted:
             return green(read)
         return Finding(others.get(value, otherwise), read, parameters={name: wanted})
 
     return judge
+
+
+def _source_name(name: str, value: int) -> str:
+    own = YAWS if name.endswith("_YAW") else HEIGHTS if name.endswith("_POSZ") else {}
+    return (NAMES | own).get(value, "other")
 
 
 def _compass(facts: Facts) -> Finding:

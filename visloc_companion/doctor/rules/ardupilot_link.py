@@ -13,12 +13,14 @@ AP = AutopilotKind.ARDUPILOT
 MAVLINK1, MAVLINK2 = 1, 2
 MAV_INPUT = 14
 LEAST_LOOP_HZ, LEAST_BAUD, BUSY_HZ = 50, 115_200, 50
-_BAUDS = {111: 111_100, 115: 115_200, 230: 230_400, 256: 256_000, 460: 460_800, 500: 500_000, 921: 921_600, 1500: 1_500_000}
+_ODD_BAUDS = {1: 1200, 2: 2400, 4: 4800, 9: 9600, 19: 19_200, 38: 38_400, 57: 57_600, 111: 111_100, 115: 115_200}
+_ODD_BAUDS |= {230: 230_400, 460: 460_800, 921: 921_600}
+"""What AP_SerialManager makes of a SERIALn_BAUD that is not a round number of thousands."""
 
 
 def baud_of(value: float) -> int:
     """Bits a second of a SERIALn_BAUD: thousands, or a few names, or the number itself."""
-    return _BAUDS.get(int(value), int(value) * 1000 if value < 2000 else int(value))
+    return _ODD_BAUDS.get(int(value), int(value) * 1000 if value < 2000 else int(value))
 
 
 def _ports(facts: Facts, protocols: tuple[int, ...]) -> list[int]:

@@ -33,6 +33,8 @@ def _rule(
         known = version_of(facts.version)
         if known is None:
             return skipped("the version is not known", "give --link URL to an autopilot that sends AUTOPILOT_VERSION")
+        if known == (0, 0):
+            return skipped(f"{facts.version}: a build that states no version", "build from a checkout with its tags")
         return judge(known, facts)
 
     return Rule(rule_id, reads, why, remedy, check, only)

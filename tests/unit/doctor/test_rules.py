@@ -1,0 +1,72 @@
+"""Every rule: green on good facts, broken by one change, with a remedy that names what to set; skipped without facts."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.unit.doctor.breaks import BREAKS
+from tests.unit.doctor.changes import Break
+from visloc_companion.doctor.facts import Facts
+from visloc_companion.doctor.finding import Level, judge
+from visloc_companion.doctor.rules.registry import RULES, THEMES
+from visloc_companion.types import AutopilotKind
+
+KINDS = [AutopilotKind.ARDUPILOT, AutopilotKind.PX4]
+Good = Callable[[AutopilotKind], Facts]
+
+
+def test_there_are_enough_rules_each_with_its_own_name_and_words() -> None:
+    assert len(RULES) >= 45
+    assert len({rule.id for rule in RULES}) == len(RULES)
+    for rule in RULES:
+        assert re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)+", rule.id)
+        assert rule.reads and rule.why.endswith(".") and rule.remedy
+
+
+def test_every_rule_is_broken_by_a_test() -> None:
+    assert {case.rule for case in BREAKS} == {rule.id for rule in RULES}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_all_is_green_where_nothing_is_wrong(good: Good, kind: AutopilotKind) -> None:
+    answers = judge(RULES, good(kind))
+    assert [(a.rule.id, a.read) for a in answers if a.level in (Level.RED, Level.AMBER)] == []
+    assert {a.rule.only for a in answers if a.level is Level.SKIPPED} == {other for other in KINDS if other is not kind}
+    assert all(not a.remedy and not a.parameters for a in answers if a.level is Level.GREEN)
+
+
+@pytest.mark.parametrize("case", BREAKS, ids=lambda case: f"{case.rule} {case.level}")
+def test_a_change_breaks_the_rule(good: Good, case: Break) -> None:
+    (answer,) = [a for a in judge(RULES, case.change(good(case.kind))) if a.rule.id == case.rule]
+    assert (str(answer.level), answer.read != "") == (case.level, True)
+    assert case.names in answer.remedy
+
+
+def test_without_facts_every_rule_is_skipped_and_says_what_to_give() -> None:
+    answers = judge(RULES, Facts())
+    assert {answer.level for answer in answers} == {Level.SKIPPED}
+    assert all(answer.read and answer.remedy for answer in answers)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rules_about_parameters_that_the_autopilot_lacks_are_skipped(kind: AutopilotKind) -> None:
+    answers = judge(RULES, Facts(autopilot=kind, parameters={"SOMETHING": 1.0}))
+    assert {answer.level for answer in answers} == {Level.SKIPPED}
+
+
+def test_the_worst_comes_first(good: Good) -> None:
+    case = next(case for case in BREAKS if case.level == "red")
+    order = [answer.level for answer in judge(RULES, case.change(good(case.kind)))]
+    assert order[0] is Level.RED
+    assert order == sorted(order, key=[Level.RED, Level.AMBER, Level.GREEN, Level.SKIPPED].index)
+
+
+def test_no_file_of_rules_is_forgotten() -> None:
+    folder = Path(__file__).resolve().parents[3] / "visloc_companion" / "doctor" / "rules"
+    defined = sum(path.read_text(encoding="utf-8").count("\nRULES: ") for path in folder.glob("*.py"))
+    assert defined == len([path for path in folder.glob("*.py") if path.stem not in ("__init__", "parameter")])
+    assert sum(len(rules) for rules in THEMES.values()) == len(RULES)
