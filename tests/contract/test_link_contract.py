@@ -1,11 +1,15 @@
 """One suite on the fake and on the real links over loopback UDP and TCP, plain and signed, against both kinds of autopilot."""
 
 import asyncio
+import socket
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
 
+import pytest
+
+from visloc_companion.adapters.mavlink.mavsdk_channel import MavsdkOpener
 from visloc_companion.adapters.mavlink.pymavlink_link import PymavlinkLink
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.adapters.mavlink.signing import SigningSettings, stamp_at_zero
@@ -22,6 +26,12 @@ from visloc_companion.types import AutopilotKind
 SPEED = 5.0
 SETTINGS = SessionSettings(window_s=1.0)
 KEY = bytes(range(32))
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 class TestFakeLink(LinkContract):
@@ -53,6 +63,33 @@ class TestPymavlinkLinkOverTcp(LinkContract):
         autopilot = FakeAutopilot(kind=AutopilotKind.PX4, origin=None)
         async with tcp_autopilot(autopilot, clock) as port:
             link = PymavlinkLink(f"tcp:127.0.0.1:{port}", SETTINGS, clock)
+            yield LinkBench(link, WirePeer(autopilot), clock)
+            await link.close()
+
+
+class TestMavsdkLinkOverUdp(LinkContract):
+    """MAVSDK's clock is the machine's: nothing here runs faster."""
+
+    @asynccontextmanager
+    async def bench(self) -> AsyncIterator[LinkBench]:
+        pytest.importorskip("mavsdk", reason="MAVSDK is missing: pip install 'visloc-companion[mavsdk]'")
+        clock = MonotonicClock()
+        autopilot = FakeAutopilot(kind=AutopilotKind.ARDUPILOT, origin=None)
+        port = free_port()
+        link = PymavlinkLink(f"udpin:127.0.0.1:{port}", SETTINGS, clock, open_channel=MavsdkOpener(0, 197))
+        async with udp_autopilot(autopilot, clock, lambda: port):
+            yield LinkBench(link, WirePeer(autopilot), clock)
+            await link.close()
+
+
+class TestMavsdkLinkOverTcp(LinkContract):
+    @asynccontextmanager
+    async def bench(self) -> AsyncIterator[LinkBench]:
+        pytest.importorskip("mavsdk", reason="MAVSDK is missing: pip install 'visloc-companion[mavsdk]'")
+        clock = MonotonicClock()
+        autopilot = FakeAutopilot(kind=AutopilotKind.PX4, origin=None)
+        async with tcp_autopilot(autopilot, clock) as port:
+            link = PymavlinkLink(f"tcp:127.0.0.1:{port}", SETTINGS, clock, open_channel=MavsdkOpener(0, 197))
             yield LinkBench(link, WirePeer(autopilot), clock)
             await link.close()
 

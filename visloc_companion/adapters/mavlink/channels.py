@@ -7,7 +7,7 @@ does not fit is dropped and counted, because an old position is worth less than 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -51,6 +51,10 @@ class Channel(Protocol):
 
     def close(self) -> None:
         """Release the socket or port; `on_lost` is not called any more."""
+
+
+OpenChannel = Callable[[Endpoint, Listener], Awaitable[Channel]]
+"""Opens a connection. Raises OSError."""
 
 
 class UdpChannel(asyncio.DatagramProtocol):

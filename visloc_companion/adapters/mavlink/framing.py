@@ -66,7 +66,7 @@ class Framer:
                 verdict = self._unknown_or_false(start, length)
             if verdict is _Verdict.GOOD:
                 self.counts.messages += 1
-                if self._admits is None or self._admits(self._buffer[start : start + length], message.get_msgId()):
+                if message is not None and self._admitted(start, length, message):
                     messages.append(message)
                 at = start + length
             elif verdict is _Verdict.UNKNOWN:
@@ -82,6 +82,9 @@ class Framer:
             at = len(self._buffer)
         del self._buffer[:at]
         return messages
+
+    def _admitted(self, start: int, length: int, message: Message) -> bool:
+        return self._admits is None or self._admits(self._buffer[start : start + length], message.get_msgId())
 
     def _next_start(self, at: int) -> int | None:
         found = _START.search(self._buffer, at)

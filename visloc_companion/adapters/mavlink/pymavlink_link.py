@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable
 
-from visloc_companion.adapters.mavlink.channels import Address, Channel, Listener, open_network_channel
+from visloc_companion.adapters.mavlink.channels import Address, Channel, Listener, OpenChannel, open_network_channel
 from visloc_companion.adapters.mavlink.endpoint import Endpoint, EndpointKind, parse_endpoint
 from visloc_companion.adapters.mavlink.event_queue import EventQueue
 from visloc_companion.adapters.mavlink.serial_channel import SerialChannel
@@ -28,6 +28,7 @@ class PymavlinkLink:
 
     `request` and `switch` wait for the autopilot (seconds): a caller that must not wait runs them as tasks; the request goes on
     being seen to whether or not somebody waits. `on_warning` gets one line for what an operator may want to know.
+    `open_channel` makes the connection: our own (UDP, TCP, serial) unless told otherwise (mavsdk_channel.py).
     Raises LinkError for a URL that is not valid.
     """
 
@@ -39,6 +40,7 @@ class PymavlinkLink:
         *,
         on_raw: RawTap | None = None,
         on_warning: Callable[[str], None] | None = None,
+        open_channel: OpenChannel | None = None,
         capacity: int = 2000,
     ) -> None:
         self.endpoint: Endpoint = parse_endpoint(url)
@@ -48,6 +50,7 @@ class PymavlinkLink:
         self._on_raw = on_raw
         self._on_warning = on_warning
         self._queue = EventQueue(capacity)
+        self._open_channel = open_own_channel if open_channel is None else open_channel
         self._channel: Channel | None = None
         self._lost: str | None = None
         self._data_ns = 0
@@ -151,10 +154,7 @@ class PymavlinkLink:
         self._lost = None
         listener = Listener(self._received, self._connection_lost, lambda: self.session.link.up, self._stranger)
         try:
-            if self.endpoint.kind is EndpointKind.SERIAL:
-                self._channel = SerialChannel(self.endpoint, listener)
-            else:
-                self._channel = await open_network_channel(self.endpoint, listener)
+            self._channel = await self._open_channel(self.endpoint, listener)
         except OSError as why:
             self._warn(f"cannot open {self.endpoint}: {why}; trying again")
             return False
@@ -227,3 +227,10 @@ class PymavlinkLink:
     def _warn(self, text: str) -> None:
         if self._on_warning is not None:
             self._on_warning(text)
+
+
+async def open_own_channel(endpoint: Endpoint, listener: Listener) -> Channel:
+    """A serial line, or a socket of ours. Raises OSError."""
+    if endpoint.kind is EndpointKind.SERIAL:
+        return SerialChannel(endpoint, listener)
+    return await open_network_channel(endpoint, listener)
