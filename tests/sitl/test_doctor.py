@@ -22,7 +22,7 @@ from visloc_companion.sim.real.station import Station
 from visloc_companion.types import AutopilotKind
 
 URL = f"udpin:127.0.0.1:{SIMULATOR_PORT}"
-CONFIG = parse_config({"link": {"url": URL}, "injection": {"switch_source": True}})
+CONFIG = parse_config({"link": {"url": URL}, "injection": {"switch_source": True}, "localiser": {"terrain": True}})
 JUDGED = ("ap-", "px4-", "firmware-")
 OF_THE_LINK = ("link-parameters", "link-mavlink-2", "link-noise", "link-origin", "link-home", "link-gnss", "link-ekf-position")
 WRONG = {

@@ -110,7 +110,7 @@ def _status(conversation: Conversation) -> EstimatorStatus | None:
 
 
 def _claims_position(conversation: Conversation) -> bool | None:
-    """Whether the EKF has an absolute position. PX4 sets the bit of a constant position at rest, too: it is not looked at there."""
+    """Whether the EKF has an absolute position. PX4 sets the bit of a constant position at rest, too: it is left out there."""
     message = next((conversation.last[name] for name in _STATUS if name in conversation.last), None)
     if message is None:
         return None

@@ -1,0 +1,166 @@
+"""What is read of camera, map, network and computer, and the drift of a clock."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.unit.doctor.conftest import good_facts
+from visloc_companion.app.clock import MonotonicClock
+from visloc_companion.config import Config, parse_config
+from visloc_companion.doctor.collect.camera import read_camera
+from visloc_companion.doctor.collect.maps import read_map
+from visloc_companion.doctor.collect.model import read_model
+from visloc_companion.doctor.collect.rates import drift
+from visloc_companion.doctor.collect.system import read_system
+from visloc_companion.errors import CameraError
+from visloc_companion.maps.pack import PackMap
+from visloc_companion.types import AutopilotKind, CameraModel, FrameRef, GeoPoint, TimesyncSample
+
+
+def samples(ppm: float, n: int = 60, jitter_ms: float = 0.0) -> list[TimesyncSample]:
+    rng = np.random.default_rng(1)
+    found = []
+    for k in range(n):
+        sent, rtt = k * 100_000_000, 2_000_000 + int(abs(rng.normal(0.0, jitter_ms)) * 1e6)
+        found.append(TimesyncSample(sent + rtt, sent, 7_000_000_000 + round((sent + rtt // 2) * (1 + ppm * 1e-6))))
+    return found
+
+
+@pytest.mark.parametrize("ppm", [-900.0, 0.0, 40.0, 900.0])
+def test_the_drift_of_the_autopilots_clock_is_found_within_its_sigma(ppm: float) -> None:
+    slope, sigma = drift(samples(ppm, jitter_ms=1.0))
+    assert slope == pytest.approx(ppm, abs=3 * sigma + 1.0)
+    assert sigma < 100.0
+
+
+def test_too_few_exchanges_or_too_short_a_time_give_no_drift() -> None:
+    assert drift(samples(0.0, n=5)) == (None, 0.0)
+    assert drift([replace(s, t_sent_ns=0, t_rx_ns=1000) for s in samples(0.0)])[0] is None
+
+
+class Frames:
+    """A camera of so many frames, each a flat grey or noise."""
+
+    def __init__(self, grey: int | None, n: int = 8) -> None:
+        self.grey, self.n, self.closed = grey, n, False
+
+    def model(self) -> CameraModel:
+        return CameraModel(640, 480, 500.0, 500.0, 319.5, 239.5)
+
+    async def frames(self, slots: Any) -> AsyncIterator[FrameRef]:
+        for k in range(self.n):
+            await asyncio.sleep(0.01)
+            noise = np.random.default_rng(k).integers(20, 200, (48, 64, 3)).astype(np.uint8)
+            slots.write(noise if self.grey is None else np.full((48, 64, 3), self.grey, np.uint8))
+            yield FrameRef(k, 0, 0, 0, 64, 48, 3)
+
+    async def close(self) -> None:
+        self.closed = True
+
+
+CAMERA = parse_config({"camera": {"url": "device:0"}})
+
+
+async def camera_facts(camera: Frames, config: Config = CAMERA) -> Any:
+    facts = await read_camera(config, MonotonicClock(), 0.3, lambda *_: camera)
+    assert camera.closed or not config.camera.url
+    return facts
+
+
+async def test_frames_are_counted_and_looked_at() -> None:
+    facts = await camera_facts(Frames(None))
+    assert (facts.problem, facts.n_frames, facts.repeated) == ("", 8, 0.0)
+    assert facts.rate_hz > 0
+    assert facts.dark == facts.bright == 0.0
+
+
+async def test_black_and_repeated_frames_are_seen() -> None:
+    facts = await camera_facts(Frames(0))
+    assert (facts.dark, facts.bright, facts.repeated) == (1.0, 0.0, 1.0)
+
+
+async def test_a_camera_that_gives_nothing_or_cannot_be_used_is_a_problem() -> None:
+    assert (await camera_facts(Frames(None, n=0))).problem == "gave no frames"
+    other = parse_config({"camera": {"url": "device:0", "width_px": 1280}})
+    facts = await read_camera(other, MonotonicClock(), 0.3, lambda *_: Frames(None))
+    assert "its calibration is" in facts.problem
+
+    def missing(*_: object) -> Frames:
+        raise CameraError("cannot be opened", where="device:9", remedy="check the name")
+
+    assert "check the name" in (await read_camera(CAMERA, MonotonicClock(), 0.3, missing)).problem
+    assert await camera_facts(Frames(None), Config()) is None
+
+
+def test_a_pack_is_held_against_home_and_mission(tiny_world: Any) -> None:
+    pack = PackMap.open(tiny_world.pack)
+    middle = GeoPoint(*pack.to_geo(500_200.0, 5_204_800.0), 305.0)
+    outside = GeoPoint(*pack.to_geo(500_500.0, 5_204_800.0), 0.0)
+    link = good_facts(AutopilotKind.PX4).link
+    config = parse_config({"map": {"pack": str(tiny_world.pack)}})
+    facts = read_map(config, replace(link, home=middle, mission=(middle, outside)), ("network", "recipe"))
+    assert facts.problem == ""
+    assert facts.home_margin_m == pytest.approx(200.0, abs=1.0)
+    assert facts.mission_margin_m == pytest.approx(-100.0, abs=1.0)
+    assert facts.height_above_surface_m == pytest.approx(5.0, abs=1.0)
+    assert "holds no features" in facts.features_missing
+    assert (facts.capture_date, facts.has_surface) == ("2026-01-01", True)
+    alone = read_map(config, None, None)
+    assert (alone.home_margin_m, alone.mission_margin_m, alone.features_missing) == (None, None, "")
+
+
+def test_a_pack_that_is_none_is_a_problem(tmp_path: Path) -> None:
+    assert "manifest.json" in read_map(parse_config({"map": {"pack": str(tmp_path)}}), None, None).problem
+    assert read_map(Config(), None, None) is None
+
+
+def test_a_network_answers_its_golden_input_or_is_a_problem(network: Path, tmp_path: Path) -> None:
+    facts, wanted = read_model(parse_config({"localiser": {"model": str(network)}}))
+    assert (facts.needed, facts.problem, facts.provider) == (True, "", "cpu")
+    assert wanted is not None
+    assert "tiny" in wanted[0]
+    facts, wanted = read_model(parse_config({"localiser": {"model": str(tmp_path)}}))
+    assert "no such file" in facts.problem
+    assert wanted is None
+    assert read_model(parse_config({"localiser": {"method": "gradient"}}))[0].needed is False
+
+
+def system_tree(root: Path, **files: str) -> Path:
+    for name, text in files.items():
+        path = root / name.replace("__", "/")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="ascii")
+    return root
+
+
+def test_the_computer_is_read_from_linux(tmp_path: Path) -> None:
+    root = system_tree(
+        tmp_path,
+        proc__meminfo="MemTotal: 4096000 kB\nMemAvailable: 2048000 kB\nSwapTotal: 1024000 kB\nSwapFree: 512000 kB\n",
+        proc__cmdline="root=/dev/mmcblk0p2 console=ttyAMA0,115200 quiet",
+        sys__class__thermal__thermal_zone0__temp="61500\n",
+        sys__class__thermal__thermal_zone1__temp="40000\n",
+        sys__devices__system__cpu__cpu0__cpufreq__scaling_governor="powersave\n",
+    )
+    config = parse_config({"link": {"url": "serial:/dev/ttyAMA0:921600"}, "journal": {"folder": str(tmp_path / "journals")}})
+    facts = read_system(config, root)
+    assert (facts.memory_free_mb, facts.swap_used_mb, facts.temperature_c) == (2000.0, 500.0, 61.5)
+    assert (facts.governor, facts.console_on_serial, facts.bits) == ("powersave", True, 64)
+    assert facts.journal_problem == ""
+    assert facts.disk_free_mb is not None
+    assert facts.cores >= 1
+
+
+def test_what_the_system_does_not_tell_is_unknown(tmp_path: Path) -> None:
+    config = parse_config({"link": {"url": "serial:/dev/no-such-port:57600"}, "journal": {"folder": "/proc/none"}})
+    facts = read_system(config, tmp_path)
+    assert facts.memory_free_mb is facts.swap_used_mb is facts.temperature_c is facts.governor is facts.console_on_serial is None
+    assert facts.serial_problem == "/dev/no-such-port does not exist"
+    assert "/proc/none" in facts.journal_problem

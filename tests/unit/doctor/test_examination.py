@@ -1,0 +1,122 @@
+"""The whole examination over a socket: the built-in autopilot as recommended is green; what is wrong is named, and set right."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from tests.unit.doctor.conftest import HOME, recommended
+from visloc_companion.config import parse_config
+from visloc_companion.doctor.examine import Report, Wishes, examine
+from visloc_companion.doctor.finding import Level
+from visloc_companion.doctor.report import as_json, summary
+from visloc_companion.errors import LinkError
+from visloc_companion.sim.autopilot import BuiltInAutopilot
+from visloc_companion.sim.faults import no_gnss
+from visloc_companion.types import AutopilotKind
+
+KINDS = [AutopilotKind.ARDUPILOT, AutopilotKind.PX4]
+BY_MACHINE = ("system-", "link-round-trip", "link-jitter", "link-clock-drift", "link-disarmed")
+"""How busy this machine is; and the built-in autopilot flies from the start."""
+CONFIG = parse_config({"injection": {"switch_source": True}, "localiser": {"terrain": True}, "journal": {"folder": "journals"}})
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def pilot_of(kind: AutopilotKind, grounded: bool = False, **parameters: float) -> BuiltInAutopilot:
+    """Flying its mission, or on the ground without GNSS and so disarmed."""
+    on_ground: dict[str, Any] = {"start_airborne": False, "faults": no_gnss()} if grounded else {}
+    told = recommended(kind) | parameters
+    return BuiltInAutopilot(kind, "copter", HOME, [(0.0, 0.0, -100.0)], 10.0, 1, parameters=told, **on_ground)
+
+
+async def examined(served: Callable[..., Any], pilot: BuiltInAutopilot, apply: bool = False) -> Report:
+    port = free_port()
+    async with served(pilot, port):
+        return await examine(Wishes(f"udpin:127.0.0.1:{port}", CONFIG, seconds=1.2, wait_s=30.0, apply=apply))
+
+
+def bad(report: Report) -> dict[str, str]:
+    levels = {answer.rule.id: str(answer.level) for answer in report.judged if answer.level in (Level.RED, Level.AMBER)}
+    return {rule: level for rule, level in levels.items() if not rule.startswith(BY_MACHINE)}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+async def test_recommended_parameters_are_green(served: Callable[..., Any], kind: AutopilotKind, tmp_path: Any) -> None:
+    report = await examined(served, pilot_of(kind))
+    rates = {"link-attitude-rate", "link-imu-rate", "link-global-rate", "link-local-rate", "link-gnss-rate", "link-status-rate"}
+    assert {rule for rule in bad(report) if rule not in rates} == set()
+    assert report.changes == {}
+    assert report.facts.link is not None
+    assert report.facts.link.mission is not None
+    assert len(report.facts.link.mission) == 1
+    assert report.facts.link.home == report.facts.link.origin == pytest.approx(HOME)
+    assert report.facts.link.rates_hz["ATTITUDE"] > 0
+    data = json.loads(json.dumps(as_json(report), allow_nan=False))
+    assert set(data) == {"schema", "autopilot", "version", "rules"}
+    assert (data["schema"], data["autopilot"]) == (1, str(kind))
+    assert len(data["rules"]) >= 45
+    assert all(set(rule) == {"id", "level", "read", "why", "remedy"} for rule in data["rules"])
+    assert summary(report).startswith(f"{kind} {data['version']}: ")
+
+
+@pytest.mark.parametrize(
+    ("kind", "wrong", "rule"),
+    [
+        (AutopilotKind.ARDUPILOT, {"VISO_QUAL_MIN": 50.0, "EK3_SRC2_POSXY": 3.0}, "ap-viso-quality"),
+        (AutopilotKind.PX4, {"EKF2_EV_CTRL": 14.0, "COM_POS_FS_EPH": 1.0}, "px4-ev-control"),
+    ],
+)
+async def test_what_is_wrong_is_set_right_on_the_ground(
+    served: Callable[..., Any], kind: AutopilotKind, wrong: dict[str, float], rule: str
+) -> None:
+    pilot = pilot_of(kind, grounded=True, **wrong)
+    report = await examined(served, pilot, apply=True)
+    assert bad(report)[rule] == "red"
+    assert set(report.changes) == set(report.applied) == set(wrong)
+    for name in wrong:
+        assert pilot.parameters[name] == pytest.approx(report.changes[name])
+    assert pilot.parameters.get("EKF2_EV_CTRL", 1.0) == 1.0
+
+
+async def test_nothing_is_set_while_armed_nor_unasked(served: Callable[..., Any]) -> None:
+    pilot = pilot_of(AutopilotKind.ARDUPILOT, VISO_QUAL_MIN=50.0)
+    report = await examined(served, pilot)
+    assert (report.changes, report.applied) == ({"VISO_QUAL_MIN": 0.0}, {})
+    with pytest.raises(LinkError, match="armed: nothing more is set"):
+        await examined(served, pilot, apply=True)
+    assert pilot.parameters["VISO_QUAL_MIN"] == 50.0
+
+
+async def test_without_a_link_the_rest_is_judged_all_the_same() -> None:
+    report = await examine(Wishes(config=CONFIG))
+    levels = {answer.rule.id: answer.level for answer in report.judged}
+    assert levels["link-origin"] is levels["ap-viso-type"] is Level.SKIPPED
+    assert levels["config-clock"] is levels["system-bits"] is Level.GREEN
+    assert summary(report).startswith("no autopilot: ")
+
+
+async def test_a_silent_link_says_what_to_look_at() -> None:
+    with pytest.raises(LinkError, match=r"nothing is heard for 1 s.*remedy: power and wires"):
+        await examine(Wishes(f"udpin:127.0.0.1:{free_port()}", wait_s=1.0))
+
+
+async def test_another_system_than_the_configured_one_is_named(served: Callable[..., Any]) -> None:
+    port = free_port()
+    config = parse_config({"link": {"system_id": 9}})
+    async with served(pilot_of(AutopilotKind.PX4), port):
+        with pytest.raises(LinkError, match=r"no autopilot of system 9 \(autopilots: 1"):
+            await examine(Wishes(f"udpin:127.0.0.1:{port}", config, wait_s=3.0))
+
+
+async def test_a_line_that_cannot_be_opened_names_the_remedy() -> None:
+    with pytest.raises(LinkError, match=r"cannot be opened.*dialout"):
+        await examine(Wishes("serial:/dev/no-such-port:921600"))
