@@ -19,10 +19,10 @@ from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.faults import FaultSchedule
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes
-from visloc_companion.sim.real.flight import RealScenario
 from visloc_companion.sim.real.oracle import METHOD, OracleSettings
 from visloc_companion.sim.real.pilot import HOME
 from visloc_companion.sim.real.programs import Simulator
+from visloc_companion.sim.real.scenario import RealScenario
 from visloc_companion.types import AutopilotKind, EkfSource, Fix, GeoPoint, Image, LocaliseRequest, NoFix, Quat, SourceSwitched
 
 WIND_NED_MPS = (2.0, -4.0, 0.0)
@@ -34,11 +34,11 @@ def built_in_p95_m(scenario: RealScenario, simulator: Simulator) -> float | None
 
     A dragged GNSS has its velocity dragged, too: the built-in receiver knows no other.
     """
-    kind = AutopilotKind.PX4 if simulator is Simulator.PX4 else AutopilotKind.ARDUPILOT
+    kind = AutopilotKind.PX4 if simulator.is_px4 else AutopilotKind.ARDUPILOT
     route = scenario.route
     pilot = BuiltInAutopilot(
         kind,
-        "plane" if simulator is Simulator.ARDUPLANE else "copter",
+        "plane" if simulator.is_plane else "copter",
         HOME,
         [(leg.north_m, leg.east_m, -route.height_m) for leg in route.legs],
         route.speed_mps,

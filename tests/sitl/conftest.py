@@ -11,9 +11,9 @@ import pytest
 
 from visloc_companion.errors import ConfigError
 from visloc_companion.sim.real.apart import fly_apart
-from visloc_companion.sim.real.flight import RealScenario
 from visloc_companion.sim.real.programs import Simulator, find_program
 from visloc_companion.sim.real.record import RealLog
+from visloc_companion.sim.real.scenario import RealScenario
 from visloc_companion.sim.real.scenarios import real_scenario
 
 SPEED = float(os.environ.get("VISLOC_SITL_SPEED", "3"))

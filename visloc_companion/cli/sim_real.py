@@ -50,6 +50,7 @@ def chosen_simulator(autopilot: str, vehicle: str) -> Simulator:
         ("ardupilot", "copter"): Simulator.ARDUCOPTER,
         ("ardupilot", "plane"): Simulator.ARDUPLANE,
         ("px4", "copter"): Simulator.PX4,
+        ("px4", "plane"): Simulator.PX4_PLANE,
     }
     if (autopilot, vehicle) not in choices:
         known = ", ".join(f"--autopilot {one} --vehicle {two}" for one, two in choices)

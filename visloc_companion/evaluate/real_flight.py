@@ -13,18 +13,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from visloc_companion.evaluate.gate import Check
-from visloc_companion.sim.real.flight import RealScenario
 from visloc_companion.sim.real.programs import Simulator
 from visloc_companion.sim.real.record import RealLog, RealSample
-from visloc_companion.types import Vec3
+from visloc_companion.sim.real.scenario import RealScenario
+from visloc_companion.types import Vec2, Vec3
 
-P95_LIMIT_M = {Simulator.ARDUCOPTER: 3.0, Simulator.ARDUPLANE: 5.0, Simulator.PX4: 3.0}
+COPTER_LIMIT_M, PLANE_LIMIT_M = 3.0, 5.0
 REJECTED_LIMIT, PULLED_LIMIT_M = 0.01, 15.0
 NOTICED_S = {"jam": 5.0, "drag": 30.0}
 """How long after a fault the autopilot may still fly on the bad receiver before that counts as a wrong source."""
 PROBATION_S = 40.0
 """How long after GNSS is good again it may still fly on vision: the monitor's probation of 20 s, and as much for its evidence."""
 ENOUGH_S = 30.0
+GRACE_S, SETTLED_M, SETTLED_LIMIT_S = 10.0, 3.0, 5.0
+"""After fixes have jumped on purpose errors are not judged for so long; the estimate must be near them again sooner."""
+BACK_S = 4.0
+"""A daemon that is started again must send a position within so long."""
+LATE_S, STARVED = 0.15, 0.02
+"""A position is late when it comes so long after the one before (10 Hz). Where more than this share of them is, the machine was
+too busy for the speed of the flight, which shows nothing then and must be flown again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +41,9 @@ class RealFigures:
     `velocity_rms_mps` is that of the autopilot's reported velocity on vision. `failsafes` are texts, in the air.
     `wrong_source_s`: how long the autopilot flew on a receiver that was bad, or on vision while GNSS was good, longer than
     `NOTICED_S` and `PROBATION_S` allow. `pulled_m`: how far the estimate, and with it the vehicle, was off while a dragged
-    receiver was flown on. `touch_down_mps`: the sideways speed at which a copter touched the ground.
+    receiver was flown on. `touch_down_mps`: the sideways speed at which a copter touched the ground. `gap_s`: the longest time
+    without a position sent, on vision. `settled_s`: the longest time from a deliberate jump of the fixes until the autopilot was
+    within 3 m of them again. `late_share`: see STARVED.
     """
 
     vision_s: float
@@ -48,6 +57,14 @@ class RealFigures:
     wrong_source_s: float
     pulled_m: float | None
     touch_down_mps: float | None
+    gap_s: float | None
+    settled_s: float | None
+    late_share: float | None
+
+    @property
+    def starved(self) -> bool:
+        """Whether the machine was too busy for this flight to show anything."""
+        return self.late_share is not None and self.late_share > STARVED
 
 
 def real_figures(log: RealLog, scenario: RealScenario) -> RealFigures:
@@ -57,7 +74,10 @@ def real_figures(log: RealLog, scenario: RealScenario) -> RealFigures:
     flown = [s for s in log.samples if start_s <= s.t_s <= end_s]
     on_vision = [s for s in flown if s.phase == "vision"]
     on_gnss = [s for s in flown if s.phase == "gnss" and not _is_bad(s, log)]
-    errors, ratios = _errors(on_vision), [s.ratio for s in on_vision if s.ratio is not None]
+    jumps = [start_s + at_s for from_s, to_s, *_ in scenario.oracle.moved for at_s in (from_s, to_s)]
+    judged = [s for s in on_vision if not any(0 <= s.t_s - at_s < GRACE_S for at_s in jumps)]
+    gaps = _gaps_s(log, on_vision)
+    errors, ratios = _errors(judged), [s.ratio for s in on_vision if s.ratio is not None]
     velocity = [_norm(s.estimate_v_ned_mps, s.true_v_ned_mps) for s in on_vision if s.estimate_v_ned_mps is not None]
     dragged = [s for s in flown if scenario.drag_at_s is not None and s.phase == "gnss" and _is_bad(s, log)]
     last = _errors(flown[-1:])
@@ -73,12 +93,16 @@ def real_figures(log: RealLog, scenario: RealScenario) -> RealFigures:
         wrong_source_s=_wrong_source_s(flown, log),
         pulled_m=_percentile(_errors(dragged), 100) if scenario.drag_at_s is not None else None,
         touch_down_mps=_touch_down_mps(log),
+        gap_s=max(gaps) if gaps else None,
+        settled_s=max((_settled_s(on_vision, at_s) for at_s in jumps), default=None),
+        late_share=float(np.mean(np.array(gaps) > LATE_S)) if gaps else None,
     )
 
 
 def checks(figures: RealFigures, scenario: RealScenario, simulator: Simulator) -> list[Check]:
     """What is asked of a flight with the daemon."""
-    limit_m = P95_LIMIT_M[simulator]
+    usual_m = PLANE_LIMIT_M if simulator.is_plane else COPTER_LIMIT_M
+    limit_m = usual_m if scenario.p95_limit_m is None else scenario.p95_limit_m
     found = [
         Check("failsafes in the air", ", ".join(figures.failsafes) or "none", "none", not figures.failsafes),
         Check("on a wrong source", f"{figures.wrong_source_s:.1f} s", "0 s", figures.wrong_source_s == 0),
@@ -88,6 +112,10 @@ def checks(figures: RealFigures, scenario: RealScenario, simulator: Simulator) -
     ]
     if scenario.drag_at_s is not None:
         found.append(_at_most("pulled by the drag", figures.pulled_m, PULLED_LIMIT_M, "m"))
+    if scenario.restarts:
+        found.append(_at_most("without a position", figures.gap_s, scenario.down_s + BACK_S, "s"))
+    if scenario.oracle.moved:
+        found.append(_at_most("at the new place after a jump", figures.settled_s, SETTLED_LIMIT_S, "s"))
     return found
 
 
@@ -126,12 +154,28 @@ def _touch_down_mps(log: RealLog) -> float | None:
     return math.hypot(*low[0].true_v_ned_mps[:2]) if low else None
 
 
+def _gaps_s(log: RealLog, on_vision: Sequence[RealSample]) -> list[float]:
+    """Times between positions sent while the autopilot flew on vision."""
+    if not on_vision:
+        return []
+    return [b - a for a, b in itertools.pairwise(log.injected_s) if on_vision[0].t_s <= a <= b <= on_vision[-1].t_s]
+
+
+def _settled_s(samples: Sequence[RealSample], jumped_s: float) -> float:
+    near = (s.t_s - jumped_s for s in samples if s.t_s >= jumped_s + 0.5 and (_error_m(s) or math.inf) < SETTLED_M)
+    return next(near, math.inf)
+
+
 def _errors(samples: Sequence[RealSample]) -> list[float]:
-    return [_norm(s.estimate_p_ned_m, s.true_p_ned_m) for s in samples if s.estimate_p_ned_m is not None]
+    return [error_m for s in samples if (error_m := _error_m(s)) is not None]
 
 
-def _norm(a: Vec3 | None, b: Vec3) -> float:
-    return math.nan if a is None else math.hypot(a[0] - b[0], a[1] - b[1])
+def _error_m(s: RealSample) -> float | None:
+    return None if s.estimate_p_ned_m is None else _norm(s.estimate_p_ned_m, s.true_p_ned_m, s.offset_ne_m)
+
+
+def _norm(a: Vec3 | None, b: Vec3, offset: Vec2 = (0.0, 0.0)) -> float:
+    return math.nan if a is None else math.hypot(a[0] - b[0] - offset[0], a[1] - b[1] - offset[1])
 
 
 def _duration_s(samples: Sequence[RealSample]) -> float:

@@ -152,7 +152,7 @@ def test_a_campaign_is_flown_told_and_written(
         (["--scenario", "jam", "--dialect", "betaflight"], "unknown dialect 'betaflight'"),
         (["--scenario", "jam", "--vehicle", "boat"], "unknown vehicle 'boat'"),
         (["--scenario", "jam", "--method", "guess"], "unknown method 'guess'"),
-        (["--scenario", "jam", "--autopilot", "px4", "--vehicle", "plane"], "there is no simulator of px4 with a plane"),
+        (["--scenario", "jam", "--autopilot", "px4", "--vehicle", "boat"], "there is no simulator of px4 with a boat"),
         (["--scenario", "picnic", "--autopilot", "px4"], "there is no flight 'picnic' against a real simulator"),
         (["--scenario", "jam", "--autopilot", "ardupilot"], r"VISLOC_ARDUCOPTER names nothing, which is no program"),
         (["--campaign", "scenarios", "--report", "report.html"], "--report shows one flight"),

@@ -30,6 +30,7 @@ def sample(t_s: float, phase: str, off_m: float = 1.0, height_m: float = 60.0, *
         (5.0, 0.3, 0.0),
         None,
         None,
+        (0.0, 0.0),
         0.2,
         True,
         3,
@@ -99,6 +100,44 @@ def test_a_flight_without_vision_has_no_figures_of_it_and_does_not_pass() -> Non
     figures = real_figures(flown(switch_s=200.0), JAM)
     assert (figures.error_p95_m, figures.rejected_share, figures.vision_s) == (None, None, 0.0)
     assert "on vision for" in failed(figures)
+
+
+def test_errors_are_against_where_fixes_are_put_on_purpose_and_not_judged_at_once() -> None:
+    jump = real_scenario("jump", Simulator.ARDUCOPTER)
+    samples = []
+    for k in range(1000):
+        t_s = k * 0.2
+        there = 20.0 if 100 <= t_s < 150 else 0.0
+        late = 20.0 if 102 <= t_s < 151 else 0.0
+        samples.append(sample(t_s, "vision", 1.0 + late, offset_ne_m=(0.0, there)))
+    log = RealLog(samples=samples, marks=[(0.0, "begun"), (200.0, "over")])
+    figures = real_figures(log, jump)
+    assert figures.error_p95_m == pytest.approx(1.0)
+    assert figures.settled_s == pytest.approx(2.0)
+    assert all(check.passed for check in checks(figures, jump, Simulator.ARDUCOPTER))
+    never = replace(figures, settled_s=float("inf"))
+    assert [check.name for check in checks(never, jump, Simulator.ARDUCOPTER) if not check.passed] == [
+        "at the new place after a jump"
+    ]
+
+
+def test_positions_that_come_late_show_a_machine_that_is_too_busy() -> None:
+    log = flown()
+    log.injected_s = [12.0 + k * 0.1 for k in range(800)]
+    calm = real_figures(log, JAM)
+    assert (calm.gap_s, calm.late_share, calm.starved) == (pytest.approx(0.1), 0.0, False)
+    log.injected_s = [12.0 + k * 0.2 for k in range(400)]
+    assert real_figures(log, JAM).starved
+
+
+def test_a_daemon_that_does_not_come_back_fails() -> None:
+    restarts, log = real_scenario("restarts", Simulator.PX4), flown()
+    log.injected_s = [13.0, 13.1, 19.0, 19.1]
+    figures = real_figures(log, restarts)
+    assert figures.gap_s == pytest.approx(5.9)
+    assert "without a position" not in [c.name for c in checks(figures, restarts, Simulator.PX4) if not c.passed]
+    long = replace(figures, gap_s=7.1)
+    assert "without a position" in [c.name for c in checks(long, restarts, Simulator.PX4) if not c.passed]
 
 
 def failed(figures: object) -> list[str]:

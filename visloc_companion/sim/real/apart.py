@@ -14,14 +14,15 @@ import structlog
 
 from visloc_companion.errors import ConfigError
 from visloc_companion.sim.real.ardupilot import ArduPilot
-from visloc_companion.sim.real.flight import RealScenario, fly
+from visloc_companion.sim.real.flight import fly
 from visloc_companion.sim.real.network import enter_own_network
 from visloc_companion.sim.real.pilot import Pilot
 from visloc_companion.sim.real.programs import Simulator, find_program
 from visloc_companion.sim.real.px4 import Px4
-from visloc_companion.sim.real.record import RealLog
+from visloc_companion.sim.real.record import RealLog, write_csv
+from visloc_companion.sim.real.scenario import RealScenario
 
-DAEMON_LOG = "daemon.log"
+DAEMON_LOG, SAMPLES = "daemon.log", "samples.csv"
 PARAMETERS = Path(__file__).resolve().parents[3] / "docs" / "parameters"
 
 
@@ -30,12 +31,10 @@ def make_pilot(simulator: Simulator, parameters: Path = PARAMETERS) -> Pilot:
 
     Raises ConfigError where `parameters` (the folder) lacks it.
     """
-    file = parameters / ("px4.parm" if simulator is Simulator.PX4 else "ardupilot.parm")
+    file = parameters / ("px4.parm" if simulator.is_px4 else "ardupilot.parm")
     if not file.is_file():
         raise ConfigError("is missing", where=str(file), remedy="run in a checkout of the project")
-    if simulator is Simulator.PX4:
-        return Px4(file)
-    return ArduPilot(simulator is Simulator.ARDUPLANE, file)
+    return (Px4 if simulator.is_px4 else ArduPilot)(simulator.is_plane, file)
 
 
 def fly_apart(simulator: Simulator, scenario: RealScenario, *, speed: float = 1.0, keep: Path | None = None) -> RealLog:
@@ -67,4 +66,6 @@ def _fly(simulator: Simulator, program: Path, scenario: RealScenario, speed: flo
         folder.mkdir(parents=True, exist_ok=True)
         with (folder / DAEMON_LOG).open("w", encoding="utf-8") as file:
             structlog.configure(logger_factory=structlog.PrintLoggerFactory(file))
-            return asyncio.run(fly(pilot, program, scenario, folder, speed))
+            log = asyncio.run(fly(pilot, program, scenario, folder, speed))
+        write_csv(log.samples, folder / SAMPLES)
+        return log

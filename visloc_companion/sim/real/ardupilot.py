@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from visloc_companion.adapters.mavlink.dialect import Message, mav
+from visloc_companion.errors import LinkError
 from visloc_companion.geo.wgs84 import ARDUPILOT_M_PER_DEG, geo_from_ned
 from visloc_companion.sim.real.ardupilot_parameters import COPTER, PLANE
-from visloc_companion.sim.real.pilot import DAEMON_PORT, HOME, SIMULATOR_PORT, STATION_PORT, Route, Truth
+from visloc_companion.sim.real.pilot import DAEMON_PORT, FIRST_POSITION_S, HOME, SIMULATOR_PORT, STATION_PORT, Route, Truth
 from visloc_companion.sim.real.station import MissionItem, Station
 from visloc_companion.types import AutopilotKind, GeoPoint
 
@@ -23,7 +24,8 @@ RATES_HZ = {
 }
 """ATTITUDE drives the clock."""
 _BEFORE_A_POSITION = (mav.MAVLINK_MSG_ID_ATTITUDE, mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, mav.MAVLINK_MSG_ID_EKF_STATUS_REPORT)
-GUIDED, COPTER_AUTO, COPTER_LAND, BRAKE, PLANE_AUTO, PLANE_RTL = 4, 3, 9, 17, 10, 11
+GUIDED, ALT_HOLD, COPTER_AUTO, COPTER_LAND, BRAKE, PLANE_AUTO, PLANE_RTL = 4, 2, 3, 9, 17, 10, 11
+_CLIMB, _HOLD, _MIDDLE, _STICKS_S = 1900, 1500, 1500, 0.2
 _HAS_ABSOLUTE_POSITION = 16
 _ARM_TRIES, _READY_S, _CLIMB_S, _LAND_S = 40, 90.0, 90.0, 180.0
 _FAILSAFES = ("failsafe", "ekf variance", "dead reckoning", "potential thrust loss", "crash")
@@ -40,10 +42,10 @@ class ArduPilot:
     def __init__(self, plane: bool, parameter_file: Path) -> None:
         self._plane, self._parameter_file = plane, parameter_file
 
-    def command(self, program: Path, folder: Path, speed: float) -> tuple[Sequence[str], Mapping[str, str]]:
+    def command(self, program: Path, folder: Path, speed: float, gnss: bool = True) -> tuple[Sequence[str], Mapping[str, str]]:
         """Links: SERIAL0 to the ground station, SERIAL1 to the daemon."""
         own = folder / "vehicle.parm"
-        wanted = PLANE if self._plane else COPTER
+        wanted = (PLANE if self._plane else COPTER) | {"SIM_GPS1_ENABLE": float(gnss)}
         own.write_text("".join(f"{name} {value:g}\n" for name, value in wanted.items()), encoding="ascii")
         told = (
             str(program), "--model", "plane" if self._plane else "quad",
@@ -71,10 +73,14 @@ class ArduPilot:
         report = station.last.get("EKF_STATUS_REPORT")
         return None if report is None else float(report.pos_horiz_variance)
 
-    async def prepare(self, station: Station) -> None:
-        """Streams, then a position."""
+    async def prepare(self, station: Station, gnss: bool = True) -> None:
+        """Streams, then a position or an origin."""
         await station.until("heartbeat", lambda: "HEARTBEAT" in station.last, _READY_S)
         await station.stream({number: RATES_HZ[number] for number in _BEFORE_A_POSITION})
+        if not gnss:
+            await station.stream({mav.MAVLINK_MSG_ID_SIM_STATE: RATES_HZ[mav.MAVLINK_MSG_ID_SIM_STATE]})
+            await station.set_origin(HOME, _READY_S)
+            return
         await station.until("position of the EKF", lambda: bool(self.position_ok(station)), _READY_S)
         await station.stream(RATES_HZ)
         await station.command(mav.MAV_CMD_REQUEST_MESSAGE, mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
@@ -93,6 +99,24 @@ class ArduPilot:
         await station.until(f"climb to {climbed:.0f} m", lambda: _height_m(station) > climbed, _CLIMB_S)
         if not self._plane:
             await self._set_mode(station, COPTER_AUTO)
+
+    async def climb_by_hand(self, station: Station, route: Route) -> None:
+        """ALT_HOLD with the sticks sent by the ground station; AUTO when there is a position."""
+        await station.upload(self._mission(route))
+        await self._set_mode(station, ALT_HOLD)
+        await station.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, tries=_ARM_TRIES)
+        await self._steer(station, _CLIMB, lambda: _true_height_m(station) > 0.9 * route.height_m, _CLIMB_S)
+        await self._steer(station, _HOLD, lambda: bool(self.position_ok(station)), FIRST_POSITION_S)
+        await station.stream(RATES_HZ)
+        await self._set_mode(station, COPTER_AUTO)
+
+    async def _steer(self, station: Station, throttle: int, until: Callable[[], bool], timeout_s: float) -> None:
+        sticks = (_MIDDLE, _MIDDLE, throttle, _MIDDLE, 0, 0, 0, 0)
+        for _ in range(round(timeout_s / _STICKS_S)):
+            station.send(mav.MAVLink_rc_channels_override_message(station.system_id, 1, *sticks))
+            if await station.holds(until, _STICKS_S):
+                return
+        raise LinkError(f"the copter did not do as its sticks said within {timeout_s:g} s", where=station.url)
 
     def _mission(self, route: Route) -> list[MissionItem]:
         def item(command: int, north_m: float = 0.0, east_m: float = 0.0, **params: float) -> MissionItem:
@@ -146,3 +170,8 @@ class ArduPilot:
 def _height_m(station: Station) -> float:
     position = station.last.get("GLOBAL_POSITION_INT")
     return 0.0 if position is None else float(position.relative_alt) * 1e-3
+
+
+def _true_height_m(station: Station) -> float:
+    state = station.last.get("SIM_STATE")
+    return 0.0 if state is None else float(state.alt) - HOME.h_amsl_m

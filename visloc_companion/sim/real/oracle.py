@@ -12,7 +12,7 @@ from visloc_companion.app.mailbox import Mailbox
 from visloc_companion.errors import Reason
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.protocols import Clock
-from visloc_companion.types import Fix, FrameRef, GeoPoint, LocaliseRequest, NoFix, Quat, TerrainRequest, WorkerState
+from visloc_companion.types import Fix, FrameRef, GeoPoint, LocaliseRequest, NoFix, Quat, TerrainRequest, Vec2, WorkerState
 
 METHOD = "truth"
 _SIZE_PX = (640, 480)
@@ -21,19 +21,44 @@ _KEPT = 60
 
 @dataclass(frozen=True, slots=True)
 class OracleSettings:
-    """Frames a second, 1-sigma of the fixes per axis (white), how long an answer takes, and what it claims of itself."""
+    """Frames a second, 1-sigma of the fixes per axis (white), how long an answer takes, and what it claims of itself.
+
+    `frame_delay_s`: how long a picture travels before the daemon has it (its time is known); `jitter_s`: what an answer takes
+    longer at most (uniform). In seconds since the circuit was begun: `blind` are spans in which nothing is recognised, in
+    `moved` (from, to, north and east m) fixes are off by so much.
+    """
 
     rate_hz: float = 4.0
     sigma_m: float = 0.7
     latency_s: float = 0.25
     claimed_sigma_m: float = 0.7
+    frame_delay_s: float = 0.0
+    jitter_s: float = 0.0
+    blind: tuple[tuple[float, float], ...] = ()
+    moved: tuple[tuple[float, float, float, float], ...] = ()
+
+    def sees(self, at_s: float) -> bool:
+        """Whether a picture of that time is recognised."""
+        return not any(start <= at_s < end for start, end in self.blind)
+
+    def offset_ne_m(self, at_s: float) -> Vec2:
+        """What fixes from pictures of that time are off by, beside their noise."""
+        spans = [span for span in self.moved if span[0] <= at_s < span[1]]
+        return sum(span[2] for span in spans), sum(span[3] for span in spans)
+
+
+@dataclass(frozen=True, slots=True)
+class _View:
+    t_boot_ns: int
+    place: GeoPoint
+    q_ned_frd: Quat
 
 
 class Oracle:
     """Takes the truth as it comes, shows it as frames, and answers requests about them.
 
     It stands where the daemon's worker stands (`submit`, `events` and the states that the daemon shows). Frames go to
-    `on_frame` once `shows` is set.
+    `on_frame` once `shows` is set. `begun_boot_ns` is when the circuit was begun.
     """
 
     def __init__(self, settings: OracleSettings, clock: Clock, seed: int) -> None:
@@ -42,10 +67,12 @@ class Oracle:
         self.up, self.overdue, self.given_up = True, False, False
         self.pid, self.restarts = None, 0
         self.shows = False
+        self.begun_boot_ns: int | None = None
         self._settings, self._clock = settings, clock
         self._rng = random.Random(f"{seed}/oracle")
-        self._views: dict[int, tuple[GeoPoint, Quat]] = {}
+        self._views: dict[int, _View] = {}
         self._due: list[tuple[int, int, Fix | NoFix]] = []
+        self._travelling: list[tuple[int, int, int]] = []
         self._frame_id, self._next_ns = 0, 0
 
     def see(self, t_boot_ns: int, place: GeoPoint, q_ned_frd: Quat) -> None:
@@ -55,43 +82,64 @@ class Oracle:
         period_ns = round(1e9 / self._settings.rate_hz)
         self._next_ns = max(self._next_ns + period_ns, t_boot_ns + period_ns // 2)
         self._frame_id += 1
-        self._views[self._frame_id] = (place, q_ned_frd)
+        self._views[self._frame_id] = _View(t_boot_ns, place, q_ned_frd)
         self._views.pop(self._frame_id - _KEPT, None)
         now_ns = self._clock.now_ns()
-        self.on_frame(FrameRef(now_ns, now_ns, self._frame_id, 0, *_SIZE_PX, 3, t_boot_ns=t_boot_ns))
+        due_ns = now_ns + round(self._settings.frame_delay_s * 1e9)
+        heapq.heappush(self._travelling, (due_ns, self._frame_id, now_ns))
+        self._deliver()
+
+    def _deliver(self) -> None:
+        now_ns = self._clock.now_ns()
+        while self._travelling and self._travelling[0][0] <= now_ns:
+            _, frame_id, t_ns = heapq.heappop(self._travelling)
+            view = self._views.get(frame_id)
+            if view is not None:
+                self.on_frame(FrameRef(now_ns, t_ns, frame_id, 0, *_SIZE_PX, 3, t_boot_ns=view.t_boot_ns))
 
     def submit(self, request: LocaliseRequest | TerrainRequest) -> None:
         """Answer about a frame, in a while."""
         if isinstance(request, TerrainRequest):
             return
-        due_ns = self._clock.now_ns() + round(self._settings.latency_s * 1e9)
+        takes_s = self._settings.latency_s + self._rng.uniform(0.0, self._settings.jitter_s)
+        due_ns = self._clock.now_ns() + round(takes_s * 1e9)
         heapq.heappush(self._due, (due_ns, request.request_id, self._answer(request, due_ns)))
+
+    def forget(self) -> None:
+        """The daemon died, and its worker with it: what it was asked is never answered."""
+        self._due.clear()
+        self.on_frame = lambda _frame: None
+        self.events = Mailbox(16, newest_wins=True)
 
     def _answer(self, request: LocaliseRequest, due_ns: int) -> Fix | NoFix:
         frame, settings = request.frame, self._settings
         view = self._views.get(frame.frame_id)
+        ids = request.request_id, frame.frame_id
         if view is None:
-            return NoFix(due_ns, frame.t_ns, request.request_id, frame.frame_id, METHOD, Reason.BAD_FRAME, 0.0)
-        noise = self._rng.gauss(0.0, settings.sigma_m), self._rng.gauss(0.0, settings.sigma_m), self._rng.gauss(0.0, 1.0)
+            return NoFix(due_ns, frame.t_ns, *ids, METHOD, Reason.BAD_FRAME, 0.0)
+        at_s = self.flight_s(view.t_boot_ns)
+        if not settings.sees(at_s):
+            return NoFix(due_ns, frame.t_ns, *ids, METHOD, Reason.NO_MATCH, 0.0)
+        north, east = settings.offset_ne_m(at_s)
+        sigma = settings.sigma_m
+        off = north + self._rng.gauss(0.0, sigma), east + self._rng.gauss(0.0, sigma), self._rng.gauss(0.0, 1.0)
         variance = settings.claimed_sigma_m**2
-        return Fix(
-            due_ns,
-            frame.t_ns,
-            request.request_id,
-            frame.frame_id,
-            METHOD,
-            geo_from_ned(noise, view[0]),
-            view[1],
-            ((variance, 0.0), (0.0, variance)),
-            1.0,
-            0.01,
-            1e-4,
-            1e3 * settings.latency_s,
-        )
+        cov = ((variance, 0.0), (0.0, variance))
+        place, took_ms = geo_from_ned(off, view.place), 1e3 * settings.latency_s
+        return Fix(due_ns, frame.t_ns, *ids, METHOD, place, view.q_ned_frd, cov, 1.0, 0.01, 1e-4, took_ms)
+
+    def flight_s(self, t_boot_ns: int) -> float:
+        """Seconds since the circuit was begun; before that below 0."""
+        return -1.0 if self.begun_boot_ns is None else (t_boot_ns - self.begun_boot_ns) * 1e-9
+
+    def offset_ne_m(self, t_boot_ns: int) -> Vec2:
+        """What fixes are off by on purpose at a time of the autopilot's clock."""
+        return self._settings.offset_ne_m(self.flight_s(t_boot_ns))
 
     async def serve(self) -> None:
-        """Hand out answers when they are due, for ever."""
+        """Hand out frames and answers when they are due, for ever."""
         while True:
+            self._deliver()
             while self._due and self._due[0][0] <= self._clock.now_ns():
                 self.events.put(heapq.heappop(self._due)[2])
             await asyncio.sleep(0.002)

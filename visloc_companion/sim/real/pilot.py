@@ -14,6 +14,8 @@ from visloc_companion.types import AutopilotKind, GeoPoint, Quat, Vec3
 HOME = GeoPoint(47.3977, 8.5456, 488.0)
 STATION_PORT, SIMULATOR_PORT, DAEMON_PORT = 14550, 14540, 14541
 """Where the ground station listens, where the simulator sends what is for the daemon, and where the daemon listens."""
+FIRST_POSITION_S = 120.0
+"""Within so long after a climb by hand the autopilot must have a position."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +64,8 @@ class Pilot(Protocol):
     def withheld(self) -> str:
         """A message that this simulator falsifies, which the daemon therefore does not get; empty for none."""
 
-    def command(self, program: Path, folder: Path, speed: float) -> tuple[Sequence[str], Mapping[str, str]]:
-        """How to start it in a folder: the command and the environment; writes the files that it needs there."""
+    def command(self, program: Path, folder: Path, speed: float, gnss: bool = True) -> tuple[Sequence[str], Mapping[str, str]]:
+        """How to start it in a folder, with or without GNSS: the command and the environment; writes the files that it needs."""
 
     def truth(self, message: Message) -> Truth | None:
         """The truth, where the message holds it."""
@@ -74,11 +76,14 @@ class Pilot(Protocol):
     def position_ratio(self, station: Station) -> float | None:
         """The innovation test ratio of the horizontal position (above 1 is rejected); None while it is not known."""
 
-    async def prepare(self, station: Station) -> None:
-        """Have its messages come, and wait until it has a position."""
+    async def prepare(self, station: Station, gnss: bool = True) -> None:
+        """Have its messages come, and wait until it has a position; without `gnss` give it an origin instead."""
 
     async def take_off(self, station: Station, route: Route) -> None:
         """Arm, climb, and begin the circuit."""
+
+    async def climb_by_hand(self, station: Station, route: Route) -> None:
+        """Take off and climb without a position (copters), hold the height until there is one, and begin the circuit."""
 
     async def set_gnss(self, station: Station, on: bool) -> None:
         """Give or take the simulated receiver its signals."""

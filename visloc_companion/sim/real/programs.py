@@ -25,6 +25,17 @@ class Simulator(StrEnum):
     ARDUCOPTER = "arducopter"
     ARDUPLANE = "arduplane"
     PX4 = "px4"
+    PX4_PLANE = "px4_plane"
+
+    @property
+    def is_plane(self) -> bool:
+        """Whether it flies a plane."""
+        return self in (Simulator.ARDUPLANE, Simulator.PX4_PLANE)
+
+    @property
+    def is_px4(self) -> bool:
+        """Whether the autopilot is PX4."""
+        return self in (Simulator.PX4, Simulator.PX4_PLANE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +47,12 @@ class Whereabouts:
     source: str
 
 
+_PX4 = Whereabouts("VISLOC_PX4", "px4", "PX4's SITL build (make px4_sitl_default)")
 WHEREABOUTS: dict[Simulator, Whereabouts] = {
     Simulator.ARDUCOPTER: Whereabouts("VISLOC_ARDUCOPTER", "arducopter", "ArduPilot's SITL build of Copter (waf copter)"),
     Simulator.ARDUPLANE: Whereabouts("VISLOC_ARDUPLANE", "arduplane", "ArduPilot's SITL build of Plane (waf plane)"),
-    Simulator.PX4: Whereabouts("VISLOC_PX4", "px4", "PX4's SITL build (make px4_sitl_default)"),
+    Simulator.PX4: _PX4,
+    Simulator.PX4_PLANE: _PX4,
 }
 
 

@@ -1,14 +1,14 @@
-"""PX4's multicopter in its own simulator (SIH, simulation in hardware, here on this machine)."""
+"""PX4's multicopter and plane in its own simulator (SIH, simulation in hardware, here on this machine)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from visloc_companion.adapters.mavlink.dialect import Message, mav
-from visloc_companion.errors import ConfigError
+from visloc_companion.errors import ConfigError, LinkError
 from visloc_companion.geo.wgs84 import geo_from_ned
-from visloc_companion.sim.real.pilot import DAEMON_PORT, HOME, STATION_PORT, Route, Truth
+from visloc_companion.sim.real.pilot import DAEMON_PORT, FIRST_POSITION_S, HOME, STATION_PORT, Route, Truth
 from visloc_companion.sim.real.station import MissionItem, Station
 from visloc_companion.types import AutopilotKind, GeoPoint
 
@@ -20,8 +20,15 @@ RATES_HZ = {
     mav.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: 20.0,
     mav.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 10.0,
 }
-_AUTO, _MISSION, _LOITER, _LAND = 4.0, 4.0, 3.0, 6.0
-"""PX4's main mode AUTO and its sub-modes."""
+_BEFORE_A_POSITION = (
+    mav.MAVLINK_MSG_ID_ATTITUDE,
+    mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
+    mav.MAVLINK_MSG_ID_HIL_STATE_QUATERNION,
+    mav.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+)
+_ALTITUDE, _AUTO, _MISSION, _LOITER, _LAND = 2.0, 4.0, 4.0, 3.0, 6.0
+"""PX4's main modes ALTCTL and AUTO, and the sub-modes of AUTO."""
+_CLIMB, _HOLD, _STICKS_S = 900, 500, 0.1
 _HAS_ABSOLUTE_POSITION = mav.ESTIMATOR_POS_HORIZ_ABS
 _ARM_TRIES, _READY_S, _CLIMB_S, _LAND_S = 40, 120.0, 90.0, 180.0
 _SATELLITES = 10
@@ -38,7 +45,7 @@ _OWN: dict[str, str] = {
 
 
 class Px4:
-    """pilot.Pilot of the quadrotor. `parameter_file` is in QGroundControl's format."""
+    """pilot.Pilot of the quadrotor and the plane. `parameter_file` is in QGroundControl's format."""
 
     kind = AutopilotKind.PX4
     station_url = f"udpin:127.0.0.1:{STATION_PORT}"
@@ -46,16 +53,18 @@ class Px4:
     withheld = "SYSTEM_TIME"
     """Its calendar is this machine's, which does not run at the speed of the simulation: GNSS time would seem to be forged."""
 
-    def __init__(self, parameter_file: Path) -> None:
-        self._parameter_file = parameter_file
+    def __init__(self, plane: bool, parameter_file: Path) -> None:
+        self._plane, self._parameter_file = plane, parameter_file
 
-    def command(self, program: Path, folder: Path, speed: float) -> tuple[Sequence[str], Mapping[str, str]]:
+    def command(self, program: Path, folder: Path, speed: float, gnss: bool = True) -> tuple[Sequence[str], Mapping[str, str]]:
         """Links are those of PX4's start script: 14550 to the ground station, 14540 to the companion."""
         lines = self._parameter_file.read_text(encoding="ascii").splitlines()
         told = dict(line.split("\t")[2:4] for line in lines if not line.startswith("#"))
         environment = {f"PX4_PARAM_{name}": value for name, value in {**_OWN, **told}.items()}
+        if not gnss:
+            environment |= {"PX4_PARAM_SIM_GPS_USED": "0", "PX4_PARAM_COM_RC_IN_MODE": "1"}
         environment |= {
-            "PX4_SIM_MODEL": "sihsim_quadx",
+            "PX4_SIM_MODEL": "sihsim_airplane" if self._plane else "sihsim_quadx",
             "PX4_SIMULATOR": "sihsim",
             "PX4_SIM_SPEED_FACTOR": f"{speed:g}",
             "PX4_HOME_LAT": f"{HOME.lat_deg}",
@@ -82,9 +91,13 @@ class Px4:
         report = station.last.get("ESTIMATOR_STATUS")
         return None if report is None else float(report.pos_horiz_ratio)
 
-    async def prepare(self, station: Station) -> None:
-        """Streams, then a position."""
+    async def prepare(self, station: Station, gnss: bool = True) -> None:
+        """Streams, then a position or an origin."""
         await station.until("heartbeat", lambda: "HEARTBEAT" in station.last, _READY_S)
+        if not gnss:
+            await station.stream({number: RATES_HZ[number] for number in _BEFORE_A_POSITION})
+            await station.set_origin(HOME, _READY_S)
+            return
         await station.stream(RATES_HZ)
         await station.until("position of the EKF", lambda: bool(self.position_ok(station)), _READY_S)
         await station.command(mav.MAV_CMD_REQUEST_MESSAGE, mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
@@ -96,6 +109,26 @@ class Px4:
         await station.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, tries=_ARM_TRIES)
         climbed = 0.9 * route.height_m
         await station.until(f"climb to {climbed:.0f} m", lambda: _height_m(station) > climbed, _CLIMB_S)
+
+    async def climb_by_hand(self, station: Station, route: Route) -> None:
+        """Altitude mode with the sticks sent by the ground station; the mission when there is a position."""
+        await station.upload(_mission(route))
+        await self._steer(station, _HOLD, lambda: False, 1.0)
+        await station.command(mav.MAV_CMD_DO_SET_MODE, 1.0, _ALTITUDE)
+        await station.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, tries=_ARM_TRIES)
+        if not await self._steer(station, _CLIMB, lambda: _true_height_m(station) > 0.9 * route.height_m, _CLIMB_S):
+            raise LinkError("the copter did not climb", where=station.url)
+        if not await self._steer(station, _HOLD, lambda: bool(self.position_ok(station)), FIRST_POSITION_S):
+            raise LinkError("the autopilot found no position", where=station.url)
+        await station.stream(RATES_HZ)
+        await self._set_mode(station, _MISSION)
+
+    async def _steer(self, station: Station, throttle: int, until: Callable[[], bool], timeout_s: float) -> bool:
+        for _ in range(round(timeout_s / _STICKS_S)):
+            station.send(mav.MAVLink_manual_control_message(station.system_id, 0, 0, throttle, 0, 0))
+            if await station.holds(until, _STICKS_S):
+                return True
+        return False
 
     async def _set_mode(self, station: Station, sub_mode: float) -> None:
         await station.command(mav.MAV_CMD_DO_SET_MODE, 1.0, _AUTO, sub_mode)
@@ -141,3 +174,8 @@ def _mission(route: Route) -> list[MissionItem]:
 def _height_m(station: Station) -> float:
     position = station.last.get("GLOBAL_POSITION_INT")
     return 0.0 if position is None else float(position.relative_alt) * 1e-3
+
+
+def _true_height_m(station: Station) -> float:
+    state = station.last.get("HIL_STATE_QUATERNION")
+    return 0.0 if state is None else float(state.alt) * 1e-3 - HOME.h_amsl_m

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from visloc_companion.types import GeoPoint, Quat, Vec3
+from visloc_companion.types import GeoPoint, Quat, Vec2, Vec3
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +16,8 @@ class RealSample:
 
     Positions are NED about the EKF origin in the autopilot's own projection. `estimate_*` is the autopilot's own estimate
     (LOCAL_POSITION_NED; None while it has none), `global_v_ned_mps` that of GLOBAL_POSITION_INT. `injected_p_ned_m` is what the
-    daemon last sent, None before the first. `ratio` is the innovation test ratio of position (above 1 is rejected).
+    daemon last sent, None before the first. `offset_ne_m`: what fixes are off by on purpose. `ratio`: the innovation test ratio
+    of position (above 1 is rejected).
     """
 
     t_s: float
@@ -29,6 +30,7 @@ class RealSample:
     estimate_v_ned_mps: Vec3 | None
     global_v_ned_mps: Vec3 | None
     injected_p_ned_m: Vec3 | None
+    offset_ne_m: Vec2
     ratio: float | None
     position_ok: bool | None
     mode: int
@@ -37,7 +39,7 @@ class RealSample:
 
 @dataclass(slots=True)
 class RealLog:
-    """A flight: samples, what the autopilot said, its failsafes, and when things happened (seconds of its boot clock)."""
+    """A flight: samples, what the autopilot said, its failsafes, when things happened and positions went out (s of its clock)."""
 
     program: str = ""
     version: str = ""
@@ -46,7 +48,7 @@ class RealLog:
     texts: list[tuple[float, str]] = field(default_factory=list)
     failsafes: list[tuple[float, str]] = field(default_factory=list)
     marks: list[tuple[float, str]] = field(default_factory=list)
-    injections: int = 0
+    injected_s: list[float] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
     def at(self, mark: str) -> float | None:

@@ -62,6 +62,13 @@ class Recorder:
         self._origin: GeoPoint | None = None
         self._injected: Vec3 | None = None
 
+    def show_frames(self, *, begun: bool = False) -> None:
+        """From now on the daemon's camera sees the ground; `begun`: the circuit begins now."""
+        if self.oracle is not None:
+            self.oracle.shows = True
+            if begun:
+                self.oracle.begun_boot_ns = self._t_boot_ns
+
     def mark(self, name: str) -> None:
         """Something happens now."""
         self.log.marks.append((self._t_boot_ns * 1e-9, name))
@@ -111,6 +118,7 @@ class Recorder:
                 None if local is None else (local.vx, local.vy, local.vz),
                 None if world is None else (world.vx * 0.01, world.vy * 0.01, world.vz * 0.01),
                 self._injected,
+                (0.0, 0.0) if self.oracle is None else self.oracle.offset_ne_m(self._t_boot_ns),
                 self._pilot.position_ratio(station),
                 self._pilot.position_ok(station),
                 0 if heartbeat is None else int(heartbeat.custom_mode),
@@ -136,7 +144,7 @@ class Recorder:
         """What the navigator answered."""
         if isinstance(command, Injection):
             self._injected = command.p_ned_m
-            self.log.injections += 1
+            self.log.injected_s.append(self._t_boot_ns * 1e-9)
         if self.journal is not None:
             self.journal.command(now_ns, command)
 

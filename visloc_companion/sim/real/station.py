@@ -18,6 +18,7 @@ from visloc_companion.adapters.mavlink.endpoint import parse_endpoint
 from visloc_companion.adapters.mavlink.framing import Framer
 from visloc_companion.errors import LinkError
 from visloc_companion.protocols import Clock
+from visloc_companion.types import GeoPoint
 
 STATION_SYSTEM, STATION_COMPONENT = 255, 190
 _NS_PER_S = 1_000_000_000
@@ -112,11 +113,12 @@ class Station:
 
     async def until(self, what: str, condition: Callable[[], bool], timeout_s: float) -> None:
         """Wait until a condition holds, looking at every arrival. Raises LinkError after `timeout_s` of simulated time."""
-        if not await self._holds(condition, timeout_s):
+        if not await self.holds(condition, timeout_s):
             last = "; ".join(text for _, text in self.texts[-4:])
             raise LinkError(f"no {what} within {timeout_s:g} s; the autopilot last said: {last or 'nothing'}", where=self.url)
 
-    async def _holds(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+    async def holds(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait as `until` does; whether the condition came to hold."""
         loop = asyncio.get_running_loop()
         deadline_ns = self._clock.now_ns() + round(timeout_s * _NS_PER_S)
         wall_deadline = loop.time() + _SLOWEST * timeout_s
@@ -137,11 +139,11 @@ class Station:
         for _ in range(tries):
             self.last.pop("COMMAND_ACK", None)
             self.send(mav.MAVLink_command_long_message(self.system_id, 1, number, 0, *filled))
-            if await self._holds(lambda: self._acknowledged(number), _ANSWER_S):
+            if await self.holds(lambda: self._acknowledged(number), _ANSWER_S):
                 result = int(self.last["COMMAND_ACK"].result)
                 if result == mav.MAV_RESULT_ACCEPTED:
                     return
-                await self._holds(lambda: False, _ANSWER_S)
+                await self.holds(lambda: False, _ANSWER_S)
         said = "; ".join(text for _, text in self.texts[-4:])
         answer = f"command {number} was answered {result} (None: not at all)"
         raise LinkError(f"{answer}; the autopilot last said: {said}", where=self.url)
@@ -161,7 +163,7 @@ class Station:
                 return
             for number in missing:
                 await self.command(mav.MAV_CMD_SET_MESSAGE_INTERVAL, number, round(1e6 / rates_hz[number]))
-            await self._holds(lambda: all(name in self.last for name in names.values()), 2.0)
+            await self.holds(lambda: all(name in self.last for name in names.values()), 2.0)
         raise LinkError(f"{', '.join(names[number] for number in missing)} did not come", where=self.url)
 
     async def set_parameter(self, name: str, value: float) -> None:
@@ -179,9 +181,23 @@ class Station:
         for _ in range(_TRIES):
             self._parameters.pop(name, None)
             self.send(mav.MAVLink_param_set_message(self.system_id, 1, name.encode(), field, kind))
-            if await self._holds(is_set, _ANSWER_S):
+            if await self.holds(is_set, _ANSWER_S):
                 return
         raise LinkError(f"parameter {name} did not become {value:g}", where=self.url, remedy="has this version that parameter?")
+
+    async def set_origin(self, place: GeoPoint, timeout_s: float) -> None:
+        """SET_GPS_GLOBAL_ORIGIN until GPS_GLOBAL_ORIGIN says the same: one that is not ready ignores it without a word."""
+        lat, lon, alt = round(place.lat_deg * 1e7), round(place.lon_deg * 1e7), round(place.h_amsl_m * 1e3)
+
+        def is_set() -> bool:
+            told = self.last.get("GPS_GLOBAL_ORIGIN")
+            return told is not None and abs(told.latitude - lat) < 10 and abs(told.longitude - lon) < 10
+
+        for _ in range(max(1, round(timeout_s / _ANSWER_S))):
+            self.send(mav.MAVLink_set_gps_global_origin_message(self.system_id, lat, lon, alt))
+            if await self.holds(is_set, _ANSWER_S):
+                return
+        raise LinkError("the autopilot does not take an origin", where=self.url)
 
     # ------------------------------------------------------------------------------------------------------------ mission
 
@@ -191,7 +207,7 @@ class Station:
         for _ in range(_TRIES):
             self.last.pop("MISSION_ACK", None)
             self.send(mav.MAVLink_mission_count_message(self.system_id, 1, len(items)))
-            answered = await self._holds(lambda: "MISSION_ACK" in self.last, 10.0)
+            answered = await self.holds(lambda: "MISSION_ACK" in self.last, 10.0)
             if answered and self.last["MISSION_ACK"].type == mav.MAV_MISSION_ACCEPTED:
                 return
         answer = self.last.get("MISSION_ACK")

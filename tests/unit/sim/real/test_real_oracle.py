@@ -6,6 +6,8 @@ import asyncio
 import contextlib
 import statistics
 
+import pytest
+
 from visloc_companion.app.clock import ManualClock
 from visloc_companion.errors import Reason
 from visloc_companion.geo.wgs84 import ned_from_geo
@@ -60,6 +62,42 @@ async def test_an_answer_is_late_by_the_latency_and_off_by_the_noise() -> None:
     errors = [ned_from_geo(fix.place, PLACE)[0] for fix in fixes if isinstance(fix, Fix)]
     assert len(errors) == 16  # the mailbox holds so many; nobody asks for more at a time
     assert 0.35 < statistics.pstdev(errors) < 1.2
+
+
+async def test_a_picture_travels_for_a_while_and_keeps_its_time() -> None:
+    clock, frames = ManualClock(1_000_000_000), []
+    oracle = Oracle(OracleSettings(frame_delay_s=0.3), clock, 1)
+    oracle.on_frame, oracle.shows = frames.append, True
+    oracle.see(77, PLACE, LEVEL)
+    assert frames == []
+    await answered(oracle, clock, 0.31)
+    (frame,) = frames
+    assert (frame.t_boot_ns, frame.t_ns) == (77, 1_000_000_000)
+    assert frame.t_rx_ns >= 1_300_000_000
+
+
+async def test_it_is_blind_and_moved_when_the_scenario_says() -> None:
+    clock = ManualClock(1_000_000_000)
+    settings = OracleSettings(rate_hz=1.0, sigma_m=0.0, blind=((1.0, 2.0),), moved=((3.0, 4.0, 5.0, 20.0),))
+    oracle = Oracle(settings, clock, 1)
+    frames = shown(oracle, 5, step_ns=1_000_000_000)
+    oracle.begun_boot_ns = 0
+    for number, frame in enumerate(frames, 1):
+        oracle.submit(request_about(frame, number))
+    answers = await answered(oracle, clock, 1.0)
+    assert [type(answer) for answer in answers] == [Fix, NoFix, Fix, Fix, Fix]
+    offs = [ned_from_geo(answer.place, PLACE)[:2] for answer in answers if isinstance(answer, Fix)]
+    assert offs[2] == pytest.approx((5.0, 20.0), abs=1e-3)
+    assert offs[0] == offs[3] == pytest.approx((0.0, 0.0), abs=1e-3)
+    assert oracle.offset_ne_m(3_500_000_000) == (5.0, 20.0)
+
+
+async def test_a_daemon_that_died_is_answered_nothing() -> None:
+    clock = ManualClock(1_000_000_000)
+    oracle = Oracle(OracleSettings(), clock, 1)
+    oracle.submit(request_about(shown(oracle, 1)[0]))
+    oracle.forget()
+    assert await answered(oracle, clock, 1.0) == []
 
 
 async def test_a_frame_that_it_forgot_is_refused() -> None:

@@ -9,10 +9,11 @@ import pytest
 
 from visloc_companion.errors import ConfigError
 from visloc_companion.sim.real.apart import make_pilot
-from visloc_companion.sim.real.flight import Brake, RealScenario, _timeline, daemon_config
+from visloc_companion.sim.real.lives import daemon_config
 from visloc_companion.sim.real.pilot import Leg, Route
 from visloc_companion.sim.real.programs import Simulator
-from visloc_companion.sim.real.scenarios import NAMES, real_scenario
+from visloc_companion.sim.real.scenario import Brake, RealScenario, timeline
+from visloc_companion.sim.real.scenarios import NAMES, cannot_fly, real_scenario
 
 ROUTE = Route((Leg(0, 100), Leg(100, 0)), 60.0, 10.0)
 
@@ -20,19 +21,36 @@ ROUTE = Route((Leg(0, 100), Leg(100, 0)), 60.0, 10.0)
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("simulator", Simulator)
 def test_every_flight_is_in_order(name: str, simulator: Simulator) -> None:
+    if cannot_fly(name, simulator):
+        with pytest.raises(ConfigError, match=f"{simulator} cannot fly '{name}'"):
+            real_scenario(name, simulator)
+        return
     scenario = real_scenario(name, simulator)
-    times = [at_s for at_s, _ in _timeline(scenario)]
+    times = [at_s for at_s, _ in timeline(scenario)]
     assert all(a <= b for a, b in pairwise(times))
-    assert times[-1] < scenario.duration_s
+    assert all(at_s < scenario.duration_s for at_s in times)
     assert scenario.with_daemon == (name != "without_daemon")
 
 
 def test_a_drag_grows_until_the_end_and_brakes_are_released() -> None:
     scenario = RealScenario("x", ROUTE, 20.0, drag_at_s=10.0, brakes=(Brake(5.0, 2.0),))
-    timeline = _timeline(scenario)
-    assert timeline[:2] == [(5.0, "brake"), (7.0, "resume")]
-    assert timeline[2:4] == [(10.0, "drag"), (10.5, "drag")]
-    assert timeline[-1] == (19.5, "drag")
+    deeds = timeline(scenario)
+    assert deeds[:2] == [(5.0, "brake"), (7.0, "resume")]
+    assert deeds[2:4] == [(10.0, "drag"), (10.5, "drag")]
+    assert deeds[-1] == (19.5, "drag")
+
+
+def test_the_daemon_is_killed_when_the_scenario_says() -> None:
+    assert [deed for deed in timeline(real_scenario("restarts", Simulator.PX4)) if deed[1] == "restart"] == [
+        (100.0, "restart"),
+        (140.0, "restart"),
+    ]
+
+
+def test_slow_fixes_have_limits_of_their_own() -> None:
+    assert real_scenario("fixes_0_5_hz", Simulator.ARDUCOPTER).p95_limit_m == 8.0
+    assert real_scenario("fixes_0_5_hz", Simulator.ARDUPLANE).p95_limit_m == 10.0
+    assert real_scenario("fixes_10_hz", Simulator.ARDUPLANE).p95_limit_m is None
 
 
 def test_an_unknown_flight_is_an_error() -> None:
@@ -60,6 +78,18 @@ def test_px4_is_started_with_the_users_parameters(tmp_path: Path) -> None:
     _, environment = make_pilot(Simulator.PX4).command(Path("/build/bin/px4"), tmp_path, 3.0)
     assert environment["PX4_PARAM_EKF2_EV_CTRL"] == "1"
     assert environment["PX4_SIM_SPEED_FACTOR"] == "3"
+
+
+def test_without_gnss_at_boot_the_receiver_is_off_from_the_start(tmp_path: Path) -> None:
+    make_pilot(Simulator.ARDUCOPTER).command(Path("/programs/one"), tmp_path, 1.0, gnss=False)
+    assert "SIM_GPS1_ENABLE 0" in (tmp_path / "vehicle.parm").read_text(encoding="ascii")
+    _, environment = make_pilot(Simulator.PX4).command(Path("/build/bin/px4"), tmp_path, 1.0, gnss=False)
+    assert environment["PX4_PARAM_SIM_GPS_USED"] == "0"
+
+
+def test_px4_flies_a_plane_too(tmp_path: Path) -> None:
+    _, environment = make_pilot(Simulator.PX4_PLANE).command(Path("/build/bin/px4"), tmp_path, 1.0)
+    assert environment["PX4_SIM_MODEL"] == "sihsim_airplane"
 
 
 def test_without_the_parameter_files_nothing_is_flown(tmp_path: Path) -> None:

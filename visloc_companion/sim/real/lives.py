@@ -1,0 +1,85 @@
+"""The daemon of a flight against a real simulator: `visloc run`'s, with other eyes; it may die in flight and be started again."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from pathlib import Path
+from typing import cast
+
+from visloc_companion.adapters.systemd.notify import Notifier
+from visloc_companion.app.constructors import CONSTRUCTORS
+from visloc_companion.app.journal import JournalWriter
+from visloc_companion.app.live import Daemon
+from visloc_companion.app.parts import Parts, journal_header
+from visloc_companion.app.worker import WorkerSupervisor
+from visloc_companion.config import Config, InjectionConfig, JournalConfig, LinkConfig, LocaliserConfig
+from visloc_companion.sim.real.oracle import Oracle
+from visloc_companion.sim.real.pilot import Pilot
+from visloc_companion.sim.real.recorder import Recorder
+from visloc_companion.sim.real.scenario import RealScenario
+
+
+def daemon_config(pilot: Pilot, scenario: RealScenario, folder: Path) -> Config:
+    """The daemon's configuration: defaults, but it may switch the source, and fixes come at the oracle's rate."""
+    return Config(
+        link=LinkConfig(url=pilot.daemon_url),
+        injection=InjectionConfig(switch_source=True),
+        localiser=LocaliserConfig(max_rate_hz=scenario.oracle.rate_hz, structure=False),
+        journal=JournalConfig(folder=str(folder)),
+        seed=scenario.seed,
+    )
+
+
+class DaemonLives:
+    """Runs the daemon; each life writes a journal of its own into the folder."""
+
+    def __init__(self, pilot: Pilot, scenario: RealScenario, folder: Path, recorder: Recorder) -> None:
+        self._pilot, self._scenario, self._folder, self._recorder = pilot, scenario, folder, recorder
+        self._oracle = Oracle(scenario.oracle, recorder.clock, scenario.seed)
+        recorder.oracle = self._oracle
+        self._killed = asyncio.Event()
+
+    def kill(self) -> None:
+        """The daemon dies at once, without a word to the autopilot; the next one starts a while later."""
+        self._killed.set()
+
+    async def run(self, stop: asyncio.Event) -> None:
+        """Serve, life after life, until `stop`."""
+        clock, answering = self._recorder.clock, asyncio.create_task(self._oracle.serve())
+        try:
+            while not stop.is_set():
+                self._killed.clear()
+                life, death = asyncio.create_task(self._live(stop)), asyncio.create_task(self._killed.wait())
+                try:
+                    await asyncio.wait({life, death}, return_when=asyncio.FIRST_COMPLETED)
+                    if life.done():
+                        life.result()
+                finally:
+                    for task in (life, death):
+                        task.cancel()
+                    await asyncio.gather(life, death, return_exceptions=True)
+                if self._killed.is_set():
+                    await clock.sleep_until(clock.now_ns() + round(self._scenario.down_s * 1e9))
+        finally:
+            answering.cancel()
+            self._recorder.oracle = None
+
+    async def _live(self, stop: asyncio.Event) -> None:
+        recorder, oracle = self._recorder, self._oracle
+        config = daemon_config(self._pilot, self._scenario, self._folder)
+        journal = JournalWriter.create(self._folder, journal_header(config, recorder.clock), max_bytes=config.journal.max_bytes)
+        recorder.journal = journal
+        link = CONSTRUCTORS.link(config, recorder.clock, recorder.raw, recorder.log.warnings.append)
+        parts = Parts(config, recorder.clock, link, journal=cast(JournalWriter, recorder))
+        parts.worker = cast(WorkerSupervisor, oracle)
+        daemon = Daemon(parts, CONSTRUCTORS, Notifier({}))
+        oracle.on_frame = daemon.handle
+        try:
+            await daemon.run(stop)
+        finally:
+            recorder.journal = None
+            oracle.forget()
+            with contextlib.suppress(OSError):
+                await link.close()
+            journal.close()
