@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from visloc_companion.core import relocalise, separation
+from visloc_companion.core.lean import UPRIGHT
 from visloc_companion.core.propagation import N_STATES, POSITION, VELOCITY, Drive, initial_covariance
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Cov2, FloatArray, Vec2
@@ -18,7 +19,7 @@ class Belief:
 
     `travel_ne_m`: the integral of the driving velocity; `moved_ne_m`: how far the propagation carried the position (for an
     inertial velocity without the error that it knows of). `votes`: each method with the time of its last fix; `without`: the
-    solutions that leave fixes out (separation.py).
+    solutions that leave fixes out (separation.py); `lean`: to which side fixes have come out lately (lean.py).
     """
 
     t_ns: int
@@ -34,6 +35,7 @@ class Belief:
     rejected: tuple[relocalise.Candidate, ...] = ()
     votes: separation.Votes = ()
     without: separation.Solutions = separation.NONE
+    lean: Vec2 = UPRIGHT
 
     @property
     def rested_ns(self) -> int:

@@ -14,8 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from visloc_companion.core import kalman, refused, relocalise, separation
-from visloc_companion.core.belief import Belief, Position, renewed, widened
+from visloc_companion.core import kalman, lean, refused, relocalise, separation
+from visloc_companion.core.belief import Belief, Position, renewed, widened, widened_by
 from visloc_companion.core.propagation import (
     ACCELERATION,
     H_POSITION,
@@ -103,6 +103,7 @@ def propagated(
         belief.rejected,
         belief.votes,
         separation.propagated(without, F, Q[1:], step),
+        belief.lean,
     )
 
 
@@ -151,7 +152,7 @@ def observed(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[
         got = replace(less, nis=got.nis) if isinstance(less, kalman.Updated) else less
     if isinstance(got, kalman.Updated):
         after = replace(belief, x=got.x, P=got.P, without=_others(belief, z, R, considered))
-        return (_fixed(after, z) if z.from_fix else after), Accepted(got.nis)
+        return (_leant(_fixed(after, z), belief, at, R) if z.from_fix else after), Accepted(got.nis)
     if not z.from_fix or got.reason is not Reason.GATED:
         return belief, got
     belief = refused.remembering(belief, z)
@@ -159,6 +160,14 @@ def observed(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[
     if restart is None:
         return refused.doubting(belief, z), got
     return _fixed(refused.restarted(belief, z, restart, settings), z), Accepted(got.nis)
+
+
+def _leant(after: Belief, before: Belief, at: FloatArray, R: FloatArray) -> Belief:
+    """Where fixes lean to one side, odometry is doubted."""
+    mean = lean.leaning(before.lean, at - before.x[POSITION], before.P[POSITION, POSITION] + R)
+    if not lean.leans(mean):
+        return replace(after, lean=mean)
+    return replace(widened_by(after, lean.DOUBT), lean=lean.UPRIGHT)
 
 
 def _others(belief: Belief, z: Position, cov: FloatArray, n_considered: int) -> separation.Solutions:
