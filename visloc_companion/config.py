@@ -229,6 +229,23 @@ class InjectionConfig(Section):
     """EK3_SRC set of ArduPilot that uses external positions."""
     px4_gps_ctrl: Annotated[int, Field(ge=0, le=15)] = 7
     """Value of EKF2_GPS_CTRL that is restored when GNSS is trusted again."""
+    output: Literal[
+        "auto",
+        "vision_position_estimate",
+        "odometry",
+        "global_position_sensor",
+        "gps_input",
+        "external_position_estimate",
+    ] = "auto"
+    """Which message carries positions; `auto` decides by the autopilot and its parameters (docs/mavlink.md)."""
+    position_sensor_id: Annotated[int, Field(ge=1, le=255)] = 1
+    """Our number among PX4's auxiliary position sensors: EKF2_AGP0_ID (or another slot's) must be the same."""
+    external_estimate_period_s: Positive = 2.0
+    """Time between two MAV_CMD_EXTERNAL_POSITION_ESTIMATE, each of which resets a plane's position."""
+    max_outside_map_m: NonNegative = 1000.0
+    """No position is ever sent that lies further outside the map than this."""
+    set_origin: bool = False
+    """Give an autopilot that has no EKF origin and no GNSS the middle of the map as its origin, before take-off."""
     min_sigma_m: Positive = 0.5
     """Smallest 1-sigma that is ever claimed to the autopilot."""
     max_step_m: Positive = 5.0

@@ -6,19 +6,25 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from visloc_companion.adapters.mavlink.outputs.fence import Fence
+from visloc_companion.adapters.mavlink.outputs.kinds import Output
 from visloc_companion.adapters.mavlink.pymavlink_link import PymavlinkLink
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.adapters.mavlink.signing import SigningSettings, stamp_at_zero
 from visloc_companion.adapters.mavlink.signing_key import read_key
 from visloc_companion.app.parts import Constructors
 from visloc_companion.config import Config, LinkConfig
+from visloc_companion.errors import ConfigError, MapError
 from visloc_companion.protocols import AutopilotLink, Camera, Clock
+from visloc_companion.types import GeoPoint
 
 
 def make_link(
     config: Config, clock: Clock, on_raw: Callable[[bytes, int, bool], None], on_warning: Callable[[str], None]
 ) -> AutopilotLink:
-    """The MAVLink connection of a configuration. Raises LinkError for a URL that is not valid, ConfigError for a bad key file."""
+    """The MAVLink connection of a configuration. Raises LinkError for a URL that is not valid, ConfigError for a bad key file
+    or an origin without a map, MapError for a pack that cannot be read."""
+    fence, middle = map_extent(config)
     settings = SessionSettings(
         system_id=config.link.system_id,
         component_id=config.link.component_id,
@@ -27,8 +33,38 @@ def make_link(
         px4_gps_ctrl=config.injection.px4_gps_ctrl,
         reconnect_s=config.link.reconnect_s,
         signing=_signing(config.link, clock),
+        output=None if config.injection.output == "auto" else Output(config.injection.output),
+        position_sensor_id=config.injection.position_sensor_id,
+        external_estimate_period_s=config.injection.external_estimate_period_s,
+        max_step_m=config.injection.max_step_m,
+        fence=fence,
+        origin_to_set=middle if config.injection.set_origin else None,
     )
     return PymavlinkLink(config.link.url, settings, clock, on_raw=on_raw, on_warning=on_warning)
+
+
+def map_extent(config: Config) -> tuple[Fence | None, GeoPoint | None]:
+    """Where positions may be sent, and the middle of the map at the height of its plane; neither without a pack.
+
+    Raises MapError for a pack whose manifest cannot be read, ConfigError where an origin is to be set and there is no pack.
+    """
+    if not config.map.pack:
+        if config.injection.set_origin:
+            remedy = "name the folder that `visloc map build` made, or leave injection.set_origin off"
+            raise ConfigError("is empty, but injection.set_origin takes the origin from the map", where="map.pack", remedy=remedy)
+        return None, None
+    from visloc_companion.maps.manifest import read_manifest
+
+    try:
+        manifest = read_manifest(Path(config.map.pack))
+    except MapError:
+        if config.camera.url or config.localiser.terrain:
+            return None, None  # the worker cannot start either, and says so with all else that is wrong
+        raise
+    b = manifest.bounds
+    fence = Fence(b.south_deg, b.west_deg, b.north_deg, b.east_deg, config.injection.max_outside_map_m)
+    lon_deg = (b.west_deg + (b.east_deg - b.west_deg) % 360 / 2 + 180) % 360 - 180
+    return fence, GeoPoint((b.south_deg + b.north_deg) / 2, lon_deg, manifest.heights.plane_amsl_m)
 
 
 def _signing(link: LinkConfig, clock: Clock) -> SigningSettings | None:

@@ -1,9 +1,12 @@
 """From the configuration to the link: what is signed, and what stands against it."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from visloc_companion.adapters.mavlink.outputs.fence import Fence
+from visloc_companion.adapters.mavlink.outputs.kinds import Output
 from visloc_companion.adapters.mavlink.pymavlink_link import PymavlinkLink
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.constructors import make_link
@@ -41,3 +44,24 @@ def test_a_key_that_others_may_read_stands_against_the_start(tmp_path: Path) -> 
         link_of(config)
     problems, _ = preflight(config)
     assert [type(problem) for problem in problems] == [ConfigError]
+
+
+def test_positions_stay_near_the_map_and_its_middle_may_become_the_origin(monkeypatch: pytest.MonkeyPatch) -> None:
+    bounds = SimpleNamespace(south_deg=-1.0, west_deg=179.9, north_deg=1.0, east_deg=-179.7)
+    manifest = SimpleNamespace(bounds=bounds, heights=SimpleNamespace(plane_amsl_m=12.0))
+    monkeypatch.setattr("visloc_companion.maps.manifest.read_manifest", lambda folder: manifest)
+    told = {"map": {"pack": "pack"}, "injection": {"max_outside_map_m": 300.0, "output": "odometry", "position_sensor_id": 7}}
+    settings = link_of(parse_config(told)).session.settings
+    assert settings.fence == Fence(-1.0, 179.9, 1.0, -179.7, 300.0)
+    assert (settings.output, settings.position_sensor_id, settings.origin_to_set) == (Output.ODOMETRY, 7, None)
+    allowed = link_of(parse_config({**told, "injection": {"set_origin": True}})).session.settings
+    assert allowed.output is None
+    assert allowed.origin_to_set is not None
+    assert (allowed.origin_to_set.lat_deg, allowed.origin_to_set.h_amsl_m) == (0.0, 12.0)
+    assert allowed.origin_to_set.lon_deg == pytest.approx(-179.9)
+
+
+def test_without_a_map_there_is_no_fence_and_no_origin_to_set() -> None:
+    assert link_of(Config()).session.settings.fence is None
+    with pytest.raises(ConfigError, match="set_origin"):
+        link_of(parse_config({"injection": {"set_origin": True}}))

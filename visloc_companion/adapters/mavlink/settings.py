@@ -9,6 +9,7 @@ from visloc_companion.adapters.mavlink.dialect import mav
 from visloc_companion.adapters.mavlink.outputs.fence import Fence
 from visloc_companion.adapters.mavlink.outputs.kinds import Output
 from visloc_companion.adapters.mavlink.signing import SigningSettings
+from visloc_companion.types import GeoPoint
 
 
 class CompanionState(IntEnum):
@@ -27,6 +28,7 @@ class SessionSettings:
     those of section `injection` of the configuration. `timeout_s` of silence is a lost link; `reconnect_s` is the first pause
     between tries to open the connection anew. A stream is judged over `window_s` after its request was acknowledged.
     `output` None chooses by the autopilot (outputs/choice.py); `fence` None lets positions go anywhere.
+    `origin_to_set` is given to an autopilot without an origin and without GNSS, None is not.
     """
 
     system_id: int = 0
@@ -47,4 +49,5 @@ class SessionSettings:
     external_estimate_period_s: float = 2.0
     max_step_m: float = 5.0
     fence: Fence | None = None
+    origin_to_set: GeoPoint | None = None
     signing: SigningSettings | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from visloc_companion.adapters.mavlink.commands import Answer, CommandQueue, Question
 from visloc_companion.adapters.mavlink.dialect import Message, mav
+from visloc_companion.adapters.mavlink.origin_setting import OriginSetter
 from visloc_companion.adapters.mavlink.outbox import Outbox
 from visloc_companion.adapters.mavlink.settings import CompanionState, SessionSettings
 from visloc_companion.adapters.mavlink.streams import StreamKeeper
@@ -24,6 +25,7 @@ class Upkeep:
         self._queue = CommandQueue(settings.ack_timeout_s, settings.component_id)
         self.streams = StreamKeeper(self._queue, settings.window_s)
         self.switcher = SourceSwitcher(self._queue, settings)
+        self._origin = OriginSetter(settings.origin_to_set)
         self._timesync = Timesync()
         self._next_heartbeat_ns = 0
         self._next_timesync_ns = 0
@@ -35,6 +37,7 @@ class Upkeep:
         """The autopilot came (back): everything is asked anew."""
         self._version_tries = 0
         self._next_origin_ns = self._next_version_ns = self._next_timesync_ns = now_ns
+        self._origin.restart(now_ns)
         self.streams.restart(now_ns)
 
     def forget(self, why: str, now_ns: int) -> list[SourceSwitched]:
@@ -70,13 +73,14 @@ class Upkeep:
         command, given_up = self._queue.poll(link.system_id, now_ns)
         if given_up is not None:
             ended += self._answered(given_up, now_ns)
-        for message in (param_set, command):
+        for message in (self._origin.poll(link, has_origin, now_ns), param_set, command):
             if message is not None:
                 self._outbox.put(message)
         return ended
 
     def take(self, msg: Message, system_id: int, now_ns: int) -> list[Event] | None:
         """The events of a message that answers (or asks) something; None for any other message."""
+        self._origin.hear(msg, now_ns)
         match msg.get_type():
             case "TIMESYNC":
                 reply, sample = self._timesync.take(msg, now_ns)
