@@ -30,6 +30,8 @@ class LinkConfig(Section):
 
     url: str = "udpin:127.0.0.1:14550"
     """`udpin:HOST:PORT`, `udpout:HOST:PORT`, `tcp:HOST:PORT`, `tcpin:HOST:PORT` or `serial:DEVICE:BAUD`."""
+    backend: Literal["pymavlink", "mavsdk"] = "pymavlink"
+    """Who owns the connection: this program, or MAVSDK (`pip install 'visloc-companion[mavsdk]'`), which cannot sign."""
     system_id: Annotated[int, Field(ge=0, le=255)] = 0
     """Only this autopilot is listened to; 0 takes the first one that is heard and keeps to it."""
     component_id: Annotated[int, Field(ge=1, le=255)] = 197

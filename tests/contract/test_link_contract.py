@@ -68,12 +68,10 @@ class TestPymavlinkLinkOverTcp(LinkContract):
 
 
 class TestMavsdkLinkOverUdp(LinkContract):
-    """MAVSDK's clock is the machine's: nothing here runs faster."""
-
     @asynccontextmanager
     async def bench(self) -> AsyncIterator[LinkBench]:
         pytest.importorskip("mavsdk", reason="MAVSDK is missing: pip install 'visloc-companion[mavsdk]'")
-        clock = MonotonicClock()
+        clock = MonotonicClock(SPEED)
         autopilot = FakeAutopilot(kind=AutopilotKind.ARDUPILOT, origin=None)
         port = free_port()
         link = PymavlinkLink(f"udpin:127.0.0.1:{port}", SETTINGS, clock, open_channel=MavsdkOpener(0, 197))
@@ -86,7 +84,7 @@ class TestMavsdkLinkOverTcp(LinkContract):
     @asynccontextmanager
     async def bench(self) -> AsyncIterator[LinkBench]:
         pytest.importorskip("mavsdk", reason="MAVSDK is missing: pip install 'visloc-companion[mavsdk]'")
-        clock = MonotonicClock()
+        clock = MonotonicClock(SPEED)
         autopilot = FakeAutopilot(kind=AutopilotKind.PX4, origin=None)
         async with tcp_autopilot(autopilot, clock) as port:
             link = PymavlinkLink(f"tcp:127.0.0.1:{port}", SETTINGS, clock, open_channel=MavsdkOpener(0, 197))

@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from visloc_companion.adapters.mavlink.channels import OpenChannel
+from visloc_companion.adapters.mavlink.mavsdk_channel import MavsdkOpener
 from visloc_companion.adapters.mavlink.outputs.fence import Fence
 from visloc_companion.adapters.mavlink.outputs.kinds import Output
 from visloc_companion.adapters.mavlink.pymavlink_link import PymavlinkLink
@@ -40,7 +42,15 @@ def make_link(
         fence=fence,
         origin_to_set=middle if config.injection.set_origin else None,
     )
-    return PymavlinkLink(config.link.url, settings, clock, on_raw=on_raw, on_warning=on_warning)
+    opener = _through_mavsdk(config.link) if config.link.backend == "mavsdk" else None
+    return PymavlinkLink(config.link.url, settings, clock, on_raw=on_raw, on_warning=on_warning, open_channel=opener)
+
+
+def _through_mavsdk(link: LinkConfig) -> OpenChannel:
+    if link.signing_key_file:
+        remedy = 'link.backend = "pymavlink", or no key'
+        raise ConfigError("MAVSDK cannot sign, and link.signing_key_file is set", where="link.backend", remedy=remedy)
+    return MavsdkOpener(link.system_id, link.component_id)
 
 
 def map_extent(config: Config) -> tuple[Fence | None, GeoPoint | None]:
