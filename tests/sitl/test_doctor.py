@@ -26,8 +26,8 @@ CONFIG = parse_config({"link": {"url": URL}, "injection": {"switch_source": True
 JUDGED = ("ap-", "px4-", "firmware-")
 OF_THE_LINK = ("link-parameters", "link-mavlink-2", "link-noise", "link-origin", "link-home", "link-gnss", "link-ekf-position")
 WRONG = {
-    AutopilotKind.ARDUPILOT: ("VISO_QUAL_MIN", 50, "ap-viso-quality"),
-    AutopilotKind.PX4: ("EKF2_EV_QMIN", 50, "px4-ev-quality"),
+    AutopilotKind.ARDUPILOT: ("EK3_SRC2_POSXY", 3, "ap-vision-set-position"),
+    AutopilotKind.PX4: ("EKF2_EV_NOISE_MD", 1, "px4-ev-noise-mode"),
 }
 Rows = list[tuple[str, str, str, str]]
 
@@ -90,5 +90,5 @@ def test_recommended_parameters_are_green_and_a_wrong_one_is_set_right(simulator
     assert _bad(good) == []
     assert sum(level == "green" for _, level, _, _ in good) >= 45
     assert [(row[0], row[1]) for row in _bad(wrong)] == [(rule, "red")]
-    assert applied == {name: 0.0}
+    assert applied == {name: 6.0 if name == "EK3_SRC2_POSXY" else 0.0}
     assert _bad(mended) == []

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
+from visloc_companion.adapters.mavlink.signing import SigningSettings, stamp_at_zero
+from visloc_companion.adapters.mavlink.signing_key import read_key
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.config import Config
 from visloc_companion.doctor.collect.camera import read_camera
@@ -48,7 +52,7 @@ class Report:
 async def examine(wishes: Wishes) -> Report:
     """Examine an installation. Raises LinkError where a link is named and no autopilot answers, or refuses what is set."""
     config = wishes.config or Config()
-    conversation = Conversation(wishes.url, config.link.system_id) if wishes.url else None
+    conversation = Conversation(wishes.url, config.link.system_id, _signing(config)) if wishes.url else None
     if conversation is None:
         return await _report(wishes, config, None, None)
     await conversation.open()
@@ -57,6 +61,14 @@ async def examine(wishes: Wishes) -> Report:
         return await _report(wishes, config, vehicle, conversation)
     finally:
         await conversation.close()
+
+
+def _signing(config: Config) -> SigningSettings | None:
+    """The key of the configuration. Raises ConfigError for a file that is none."""
+    if not config.link.signing_key_file:
+        return None
+    at_zero = stamp_at_zero(time.time_ns(), time.monotonic_ns())
+    return SigningSettings(read_key(Path(config.link.signing_key_file)), config.link.signing_link_id, True, at_zero)
 
 
 async def _report(wishes: Wishes, config: Config, vehicle: Vehicle | None, conversation: Conversation | None) -> Report:

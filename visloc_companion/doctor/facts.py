@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from visloc_companion.adapters.mavlink.outputs.choice import Choice, choose_output
+from visloc_companion.adapters.mavlink.outputs.kinds import Output, Vehicle
 from visloc_companion.config import Config
 from visloc_companion.types import AutopilotKind, GeoPoint
 
@@ -16,7 +18,8 @@ class LinkFacts:
     Rates are messages a second by name: `asked_hz` what was asked of the autopilot as the daemon would, `rates_hz` what came,
     `refused` what it denied. `rtt_ms` are TIMESYNC round trips; `timesync_requests_hz` are the autopilot's own requests.
     `drift_ppm` is how much faster its clock runs than ours, within `drift_sigma_ppm`. `mission` is None where the autopilot
-    did not answer, and empty where it has none. `others` are (system, component) of further senders of HEARTBEAT.
+    did not answer, and empty where it has none. `signed`: the autopilot signs.
+    `others` are (system, component) of further senders of HEARTBEAT.
     """
 
     url: str
@@ -41,6 +44,7 @@ class LinkFacts:
     position_ratio: float | None
     fix_type: int | None
     n_satellites: int | None
+    signed: bool = False
     other_autopilots: tuple[int, ...] = ()
     others: tuple[tuple[int, int], ...] = ()
 
@@ -127,3 +131,25 @@ class Facts:
     def assumed(self) -> Config:
         """The configuration, or the defaults where none was named."""
         return self.config or Config()
+
+    @property
+    def choice(self) -> Choice:
+        """What the daemon would send to this autopilot (adapters/mavlink/outputs/choice.py)."""
+        wanted = self.assumed.injection
+        vehicle = Vehicle(
+            kind=self.autopilot,
+            plane=None if self.link is None else self.link.vehicle == "plane",
+            parameters=self.parameters,
+            complete=bool(self.parameters),
+            vision_source_set=wanted.vision_source_set,
+            sensor_id=wanted.position_sensor_id,
+        )
+        return choose_output(None if wanted.output == "auto" else Output(wanted.output), vehicle)
+
+    @property
+    def sends_poses(self) -> bool:
+        """Whether positions go the way of a vision system, and not as a receiver's or as another sensor's on purpose."""
+        named = self.assumed.injection.output
+        on_purpose = (Output.GPS_INPUT, Output.GLOBAL_POSITION_SENSOR)
+        output = self.choice.output if named == "auto" else Output(named)
+        return output not in (on_purpose if named == "auto" else (*on_purpose, Output.EXTERNAL_POSITION_ESTIMATE))

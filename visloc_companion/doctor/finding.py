@@ -53,7 +53,7 @@ def skipped(read: str, remedy: str) -> Finding:
 class Rule:
     """One question. `reads` names what it looks at, `remedy` what to do where the answer is not green.
 
-    `only` is the autopilot that it concerns (None: both).
+    `only` is the autopilot that it concerns (None: both). `poses`: it bears on positions that are sent as a vision system's.
     """
 
     id: str
@@ -62,6 +62,7 @@ class Rule:
     remedy: str
     check: Callable[[Facts], Finding]
     only: AutopilotKind | None = None
+    poses: bool = False
 
     @property
     def theme(self) -> str:
@@ -94,6 +95,8 @@ def _answer(rule: Rule, facts: Facts) -> Judged:
     if rule.only is not None and rule.only is not facts.autopilot:
         other = "no autopilot was read" if facts.autopilot is AutopilotKind.UNKNOWN else f"the autopilot is {facts.autopilot}"
         return Judged(rule, Level.SKIPPED, other, f"concerns {rule.only} only")
+    if rule.poses and not facts.sends_poses:
+        return Judged(rule, Level.SKIPPED, str(facts.choice), "concerns positions of a vision system only")
     finding = rule.check(facts)
     remedy = "" if finding.level is Level.GREEN else _remedy(rule, finding)
     return Judged(rule, finding.level, finding.read, remedy, finding.parameters)

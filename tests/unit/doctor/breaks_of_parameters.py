@@ -2,6 +2,7 @@
 
 from tests.unit.doctor.changes import SLOW_LINE, ap, both, config, link, parameters, px4, without
 
+AS_VISION = config("injection", output="vision_position_estimate")
 ARDUPILOT = [
     ap("ap-viso-type", "red", "VISO_TYPE = 1", VISO_TYPE=0),
     ap("ap-viso-type", "red", "VISO_TYPE = 1, then reboot", VISO_TYPE=2),
@@ -9,7 +10,8 @@ ARDUPILOT = [
     ap("ap-viso-delay", "red", "VISO_DELAY_MS = 10", VISO_DELAY_MS=300),
     ap("ap-viso-delay", "amber", "VISO_DELAY_MS = 10", VISO_DELAY_MS=200),
     ap("ap-viso-position-noise", "amber", "VISO_POS_M_NSE = 0.5", VISO_POS_M_NSE=0.2),
-    ap("ap-viso-quality", "red", "VISO_QUAL_MIN = 0", VISO_QUAL_MIN=50),
+    ap("ap-viso-quality", "amber", "VISO_QUAL_MIN = 0", VISO_QUAL_MIN=50),
+    ap("ap-viso-quality", "red", "VISO_QUAL_MIN = 0", both(AS_VISION, parameters(VISO_QUAL_MIN=50))),
     ap("ap-viso-yaw-noise", "amber", "VISO_YAW_M_NSE = 0.2", VISO_YAW_M_NSE=0.05),
     ap("ap-viso-scale", "red", "VISO_SCALE = 1", VISO_SCALE=1.1),
     ap("ap-viso-offset", "amber", "VISO_POS_X = 0, VISO_POS_Y = 0, VISO_POS_Z = 0", VISO_POS_X=1.0),
@@ -60,7 +62,8 @@ PX4_RULES = [
     px4("px4-ev-height", "red", "EKF2_EV_CTRL = 1", EKF2_EV_CTRL=3),
     px4("px4-ev-velocity", "amber", "EKF2_EV_CTRL = 1", EKF2_EV_CTRL=5),
     px4("px4-ev-yaw", "red", "EKF2_EV_CTRL = 1", EKF2_EV_CTRL=9),
-    px4("px4-ev-quality", "red", "EKF2_EV_QMIN = 0", EKF2_EV_QMIN=50),
+    px4("px4-ev-quality", "amber", "EKF2_EV_QMIN = 0", EKF2_EV_QMIN=50),
+    px4("px4-ev-quality", "red", "EKF2_EV_QMIN = 0", both(AS_VISION, parameters(EKF2_EV_QMIN=50))),
     px4("px4-ev-noise-mode", "red", "EKF2_EV_NOISE_MD = 0", EKF2_EV_NOISE_MD=1),
     px4("px4-ev-noise", "amber", "EKF2_EVP_NOISE = 0.1", EKF2_EVP_NOISE=2.0),
     px4("px4-ev-gate", "amber", "EKF2_EVP_GATE = 5", EKF2_EVP_GATE=1),

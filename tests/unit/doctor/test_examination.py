@@ -71,7 +71,7 @@ async def test_recommended_parameters_are_green(served: Callable[..., Any], kind
 @pytest.mark.parametrize(
     ("kind", "wrong", "rule"),
     [
-        (AutopilotKind.ARDUPILOT, {"VISO_QUAL_MIN": 50.0, "EK3_SRC2_POSXY": 3.0}, "ap-viso-quality"),
+        (AutopilotKind.ARDUPILOT, {"VISO_QUAL_MIN": 50.0, "EK3_SRC2_POSXY": 3.0}, "ap-vision-set-position"),
         (AutopilotKind.PX4, {"EKF2_EV_CTRL": 14.0, "COM_POS_FS_EPH": 1.0}, "px4-ev-control"),
     ],
 )

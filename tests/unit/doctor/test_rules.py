@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.unit.doctor.breaks import BREAKS
-from tests.unit.doctor.changes import Break
+from tests.unit.doctor.changes import Break, Change, config, parameters
 from visloc_companion.doctor.facts import Facts
 from visloc_companion.doctor.finding import Level, judge
 from visloc_companion.doctor.rules.registry import RULES, THEMES
@@ -56,6 +56,27 @@ def test_without_facts_every_rule_is_skipped_and_says_what_to_give() -> None:
 def test_rules_about_parameters_that_the_autopilot_lacks_are_skipped(kind: AutopilotKind) -> None:
     answers = judge(RULES, Facts(autopilot=kind, parameters={"SOMETHING": 1.0}))
     assert {answer.level for answer in answers} == {Level.SKIPPED}
+
+
+@pytest.mark.parametrize(
+    ("kind", "output", "change", "skipped"),
+    [
+        (
+            KINDS[0],
+            "gps_input",
+            parameters(GPS2_TYPE=14, VISO_TYPE=0, EK3_SRC2_POSXY=3),
+            {"ap-viso-type", "ap-vision-set-position"},
+        ),
+        (KINDS[1], "global_position_sensor", parameters(EKF2_AGP0_ID=1, EKF2_AGP0_CTRL=1, EKF2_EV_CTRL=0), {"px4-ev-control"}),
+    ],
+)
+def test_another_output_that_is_wished_is_not_held_against_the_autopilot(
+    good: Good, kind: AutopilotKind, output: str, change: Change, skipped: set[str]
+) -> None:
+    facts = change(config("injection", output=output)(good(kind)))
+    answers = judge(RULES, facts)
+    assert [(a.rule.id, a.read) for a in answers if a.level in (Level.RED, Level.AMBER)] == []
+    assert skipped <= {a.rule.id for a in answers if a.level is Level.SKIPPED}
 
 
 def test_the_worst_comes_first(good: Good) -> None:

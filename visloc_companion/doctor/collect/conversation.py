@@ -17,6 +17,7 @@ from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT, Messa
 from visloc_companion.adapters.mavlink.endpoint import EndpointKind, parse_endpoint
 from visloc_companion.adapters.mavlink.framing import Framer
 from visloc_companion.adapters.mavlink.serial_channel import SerialChannel
+from visloc_companion.adapters.mavlink.signing import SigningSettings, SigningTime
 from visloc_companion.adapters.mavlink.timesync import Timesync
 from visloc_companion.errors import LinkError
 from visloc_companion.types import AutopilotKind, TimesyncSample
@@ -30,10 +31,11 @@ _KINDS = {mav.MAV_AUTOPILOT_ARDUPILOTMEGA: AutopilotKind.ARDUPILOT, mav.MAV_AUTO
 class Conversation:
     """`last` holds the autopilot's newest message of each type, `counts` how many came. Listeners get each message.
 
-    `system_id` 0 takes the first autopilot that is heard. Times are the machine's monotonic ones, s.
+    `system_id` 0 takes the first autopilot that is heard. What comes is read whether or not it is
+    signed; `signed` says which.
     """
 
-    def __init__(self, url: str, system_id: int = 0) -> None:
+    def __init__(self, url: str, system_id: int = 0, signing: SigningSettings | None = None) -> None:
         self.endpoint = parse_endpoint(url)
         self.system_id = system_id
         self.last: dict[str, Message] = {}
@@ -47,7 +49,12 @@ class Conversation:
         self.bytes_in = 0
         self._framer = Framer()
         self._timesync = Timesync()
+        self.signed = False
         self._mav = mav.MAVLink(None, srcSystem=1, srcComponent=COMPONENT)
+        self._time = None if signing is None else SigningTime(signing.stamp_at_zero)
+        if signing is not None:
+            self._mav.signing.secret_key, self._mav.signing.link_id = signing.key, signing.link_id
+            self._mav.signing.sign_outgoing = True
         self._channel: Channel | None = None
         self._changed = asyncio.Event()
         self._heartbeat: asyncio.Task[None] | None = None
@@ -106,7 +113,10 @@ class Conversation:
     # ------------------------------------------------------------------------------------------------------- talking
 
     def send(self, message: Message) -> None:
-        """Send a message at once."""
+        """Send a message at once, signed where there is a key."""
+        if self._time is not None:
+            self._time.advance(time.monotonic_ns())
+            self._mav.signing.timestamp = self._time.next()
         if self._channel is not None:
             self._channel.write([bytes(message.pack(self._mav))])
 
@@ -170,6 +180,7 @@ class Conversation:
         kind = message.get_type()
         self._mav.srcSystem = self.system_id
         self.mavlink_version = 1 if message.get_msgbuf()[0] == mav.PROTOCOL_MARKER_V1 else 2
+        self.signed = self.mavlink_version == 2 and bool(message.get_msgbuf()[2] & mav.MAVLINK_IFLAG_SIGNED)
         self.last[kind] = message
         self.counts[kind] += 1
         if kind == "TIMESYNC":

@@ -87,6 +87,7 @@ async def read_vehicle(conversation: Conversation, config: Config, seconds: floa
         claims_position=_claims_position(conversation),
         position_ratio=None if status is None else status.position_ratio,
         fix_type=None if gnss is None else int(gnss.fix_type),
+        signed=conversation.signed,
         n_satellites=None if gnss is None or gnss.satellites_visible == 255 else int(gnss.satellites_visible),
         other_autopilots=tuple(sorted(conversation.autopilots - {conversation.system_id})),
         others=tuple(sorted(conversation.others)),

@@ -127,6 +127,7 @@ RULES: tuple[Rule, ...] = (
         "EK3_SRC2_POSXY = 6",
         _source(6.0, {}, Level.RED),
         "EK3_SRC2_POSXY",
+        poses=True,
     ),
     parameter(
         "ap-vision-set-velocity",
@@ -136,6 +137,7 @@ RULES: tuple[Rule, ...] = (
         "EK3_SRC2_VELXY = 0",
         _source(0.0, {3.0: Level.RED}),
         "EK3_SRC2_VELXY",
+        poses=True,
     ),
     parameter(
         "ap-vision-set-height",

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 
+from visloc_companion.adapters.mavlink.outputs.kinds import Output
 from visloc_companion.doctor.facts import Facts
 from visloc_companion.doctor.finding import Finding, Level, Rule, amber, green, red, skipped
-from visloc_companion.doctor.rules.parameter import parameter, within
+from visloc_companion.doctor.rules.parameter import own_system, parameter, within
 from visloc_companion.types import AutopilotKind
 
 AP = AutopilotKind.ARDUPILOT
@@ -75,12 +76,6 @@ def _stream_rates(facts: Facts) -> Finding:
     return amber(read, parameters=busy) if busy else green(read)
 
 
-def _own_id(name: str, value: float, facts: Facts) -> Finding:
-    wanted = facts.assumed.link.system_id
-    read = f"{name} = {value:g}, link.system_id = {wanted or '0 (any)'}"
-    return green(read) if wanted in (0, int(value)) else red(read, f"link.system_id = {value:g} in the configuration")
-
-
 def _station_id(name: str, value: float, facts: Facts) -> Finding:
     own = facts.parameters.get("MAV_SYSID", facts.parameters.get("SYSID_THISMAV", 1.0))
     read = f"{name} = {value:g}, the vehicle is {own:g}"
@@ -88,16 +83,18 @@ def _station_id(name: str, value: float, facts: Facts) -> Finding:
 
 
 def _receiver(name: str, value: float, facts: Facts) -> Finding:
-    del facts
     read = f"{name} = {value:g}"
+    if value == MAV_INPUT and facts.choice.output is Output.GPS_INPUT:
+        return amber(f"{read}: no receiver of its own to compare with", "put our positions on the second one: GPS2_TYPE = 14")
     if value == MAV_INPUT:
         return red(f"{read} (positions by MAVLink)", parameters={name: 1.0})
     return amber(f"{read} (no receiver)", parameters={name: 1.0}) if value == 0 else green(read)
 
 
 def _second_receiver(name: str, value: float, facts: Facts) -> Finding:
-    del facts
     read = f"{name} = {value:g}"
+    if value == MAV_INPUT and facts.choice.output is Output.GPS_INPUT:
+        return green(f"{read}, and positions are sent as GPS_INPUT")
     return amber(f"{read} (positions by MAVLink)", parameters={name: 0.0}) if value == MAV_INPUT else green(read)
 
 
@@ -141,7 +138,7 @@ RULES: tuple[Rule, ...] = (
         "MAV_SYSID SYSID_THISMAV",
         "The daemon listens only to the system that it is told.",
         "link.system_id = the autopilot's, or 0",
-        _own_id,
+        own_system,
     ),
     parameter(
         "ap-station-id",

@@ -6,7 +6,7 @@ import math
 
 from visloc_companion.doctor.facts import Facts
 from visloc_companion.doctor.finding import REBOOT, Finding, Level, Rule, amber, green, red, skipped
-from visloc_companion.doctor.rules.parameter import parameter, within
+from visloc_companion.doctor.rules.parameter import least_quality, parameter, within
 from visloc_companion.types import AutopilotKind
 
 AP = AutopilotKind.ARDUPILOT
@@ -82,6 +82,7 @@ RULES: tuple[Rule, ...] = (
         "0 takes no external positions; 2 and 3 align them to the EKF, which is wrong for georeferenced positions.",
         f"VISO_TYPE = 1, {REBOOT}",
         _type,
+        poses=True,
     ),
     parameter(
         "ap-viso-delay",
@@ -91,6 +92,7 @@ RULES: tuple[Rule, ...] = (
         "makes every position late by the difference, and beyond 250 the EKF keeps no history.",
         f"VISO_DELAY_MS = 10, {REBOOT}",
         _delay,
+        poses=True,
     ),
     parameter(
         "ap-viso-position-noise",
@@ -101,6 +103,7 @@ RULES: tuple[Rule, ...] = (
         "errors of 3.8 to 44 m while all flags stayed good.",
         "VISO_POS_M_NSE = injection.min_sigma_m (0.5)",
         _noise,
+        poses=True,
     ),
     parameter(
         "ap-viso-quality",
@@ -108,7 +111,8 @@ RULES: tuple[Rule, ...] = (
         "VISO_QUAL_MIN",
         "VISION_POSITION_ESTIMATE carries no quality and passes 0: any larger value drops every position without a word.",
         "VISO_QUAL_MIN = 0",
-        within(lambda value: value <= 0, 0.0),
+        least_quality,
+        poses=True,
     ),
     parameter(
         "ap-viso-yaw-noise",
@@ -117,6 +121,7 @@ RULES: tuple[Rule, ...] = (
         "Floor of the yaw error. Yaw is not fused in the recommended source set; a small floor is a trap if it ever is.",
         "VISO_YAW_M_NSE = 0.2",
         within(lambda value: value >= 0.1, 0.2, Level.AMBER),
+        poses=True,
     ),
     parameter(
         "ap-viso-scale",
@@ -125,6 +130,7 @@ RULES: tuple[Rule, ...] = (
         "Multiplies every position: anything but 1 stretches the map about the EKF origin.",
         "VISO_SCALE = 1",
         within(lambda value: math.isclose(value, 1.0, abs_tol=1e-4), 1.0),
+        poses=True,
     ),
     Rule(
         "ap-viso-offset",
@@ -133,6 +139,7 @@ RULES: tuple[Rule, ...] = (
         "VISO_POS_X = VISO_POS_Y = VISO_POS_Z = 0",
         _offset,
         AP,
+        poses=True,
     ),
     parameter(
         "ap-arming-vision",

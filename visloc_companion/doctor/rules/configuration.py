@@ -171,7 +171,38 @@ def _camera(config: Config, facts: Facts) -> Finding:
     return red("neither is set")
 
 
+@config_rule(
+    "config-output",
+    "injection.output, the autopilot's parameters",
+    "A message that the autopilot does not take is not sent at all.",
+    'injection.output = "auto"',
+)
+def _output(config: Config, facts: Facts) -> Finding:
+    choice = facts.choice
+    if not facts.parameters:
+        return skipped(config.injection.output, "give --link URL")
+    return red(choice.why, choice.remedy) if choice.output is None else green(str(choice))
+
+
+@config_rule(
+    "config-signing",
+    "link.signing_key_file, signatures of the autopilot",
+    "With a key on one side only, everything that the other sends is refused.",
+    "the same key on both sides (visloc link-key), or none; or link.accept_unsigned",
+)
+def _signing(config: Config, facts: Facts) -> Finding:
+    if facts.link is None:
+        return skipped("no link", "give --link URL")
+    key, signed = bool(config.link.signing_key_file), facts.link.signed
+    read = f"{'a key' if key else 'no key'}, the autopilot {'signs' if signed else 'does not sign'}"
+    if key == signed or (key and config.link.accept_unsigned):
+        return green(read)
+    return red(read) if key else amber(read)
+
+
 RULES: tuple[Rule, ...] = (
+    _output,
+    _signing,
     _output_rate,
     _sets,
     _gps_ctrl,

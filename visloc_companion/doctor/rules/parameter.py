@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from visloc_companion.doctor.facts import Facts
-from visloc_companion.doctor.finding import Finding, Level, Rule, green, number, skipped
+from visloc_companion.doctor.finding import Finding, Level, Rule, green, number, red, skipped
 from visloc_companion.types import AutopilotKind
 
 Judge = Callable[[str, float, Facts], Finding]
@@ -20,6 +20,8 @@ def parameter(
     remedy: str,
     judge: Judge,
     reads: str = "",
+    *,
+    poses: bool = False,
 ) -> Rule:
     """A rule about the first of `names` (separated by spaces: what a parameter was called in turn) that the autopilot has."""
 
@@ -32,7 +34,7 @@ def parameter(
                 return judge(name, facts.parameters[name], facts)
         return skipped(f"the autopilot has no parameter {candidates[0]}", "nothing to do where this version does not need it")
 
-    return Rule(rule_id, reads or (names if isinstance(names, str) else "") or rule_id, why, remedy, check, only)
+    return Rule(rule_id, reads or (names if isinstance(names, str) else "") or rule_id, why, remedy, check, only, poses)
 
 
 def within(good: Callable[[float], bool], set_to: float, level: Level = Level.RED) -> Judge:
@@ -56,3 +58,22 @@ def bit_clear(bit: int, level: Level = Level.RED) -> Judge:
         return Finding(level, read, parameters={name: float(cleared)}) if int(value) >> bit & 1 else green(read)
 
     return judge
+
+
+def least_quality(name: str, value: float, facts: Facts) -> Finding:
+    """0 is green; a demand for quality is met by ODOMETRY only."""
+    read = f"{name} = {value:g}"
+    if value <= 0:
+        return green(read)
+    output = facts.assumed.injection.output
+    if facts.config is not None and output == "odometry":
+        return green(f"{read}, and ODOMETRY carries a quality")
+    level = Level.AMBER if facts.config is not None and output == "auto" else Level.RED
+    return Finding(level, read + (": the daemon sends ODOMETRY for it" if level is Level.AMBER else ""), parameters={name: 0.0})
+
+
+def own_system(name: str, value: float, facts: Facts) -> Finding:
+    """The autopilot's system id is the one that the configuration names."""
+    wanted = facts.assumed.link.system_id
+    read = f"{name} = {value:g}, link.system_id = {wanted or '0 (any)'}"
+    return green(read) if wanted in (0, int(value)) else red(read, f"link.system_id = {value:g} in the configuration")

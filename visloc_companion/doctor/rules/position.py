@@ -17,7 +17,8 @@ FIX_3D, LEAST_SATELLITES = 3, 6
     "wait for a GNSS fix, or set the origin from the ground station (SET_GPS_GLOBAL_ORIGIN) before take-off",
 )
 def _origin(link: LinkFacts, facts: Facts) -> Finding:
-    del facts
+    if link.origin is None and facts.assumed.injection.set_origin:
+        return amber("no origin; the daemon will set the middle of the map", "wait for it, and compare it with where you are")
     if link.origin is None:
         return red("no origin")
     return green(f"{link.origin.lat_deg:.6f}, {link.origin.lon_deg:.6f}")

@@ -6,7 +6,7 @@ import re
 
 from visloc_companion.doctor.facts import Facts
 from visloc_companion.doctor.finding import REBOOT, Finding, Level, Rule, amber, green, red, skipped
-from visloc_companion.doctor.rules.parameter import parameter, within
+from visloc_companion.doctor.rules.parameter import own_system, parameter, within
 from visloc_companion.types import AutopilotKind
 
 PX4 = AutopilotKind.PX4
@@ -69,12 +69,6 @@ def _dds(name: str, value: float, facts: Facts) -> Finding:
     return red(read, parameters={name: 0.0}) if ports and value else green(read)
 
 
-def _own_id(name: str, value: float, facts: Facts) -> Finding:
-    wanted = facts.assumed.link.system_id
-    read = f"{name} = {value:g}, link.system_id = {wanted or '0 (any)'}"
-    return green(read) if wanted in (0, int(value)) else red(read, f"link.system_id = {value:g} in the configuration")
-
-
 RULES: tuple[Rule, ...] = (
     Rule(
         "px4-mavlink-mode",
@@ -130,7 +124,7 @@ RULES: tuple[Rule, ...] = (
         "MAV_SYS_ID",
         "The daemon listens only to the system that it is told.",
         "link.system_id = the autopilot's, or 0",
-        _own_id,
+        own_system,
     ),
     parameter(
         "px4-component-id",

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
+from visloc_companion.adapters.mavlink.outputs.kinds import Output
 from visloc_companion.doctor.facts import Facts
 from visloc_companion.doctor.finding import REBOOT, Finding, Level, Rule, amber, green, red, skipped
-from visloc_companion.doctor.rules.parameter import bit_clear, parameter, within
+from visloc_companion.doctor.rules.parameter import bit_clear, least_quality, parameter, within
 from visloc_companion.types import AutopilotKind
 
 PX4 = AutopilotKind.PX4
@@ -69,7 +70,8 @@ def _agp(facts: Facts) -> Finding:
         return skipped("this version has no auxiliary global position", "nothing to do")
     on = {name: 0.0 for name, value in fused.items() if value != 0}
     read = ", ".join(f"{name} = {fused[name]:g}" for name in sorted(fused))
-    return amber(read, parameters=on) if on else green(read)
+    meant = facts.choice.output is Output.GLOBAL_POSITION_SENSOR
+    return amber(read, parameters=on) if on and not meant else green(read)
 
 
 RULES: tuple[Rule, ...] = (
@@ -80,6 +82,7 @@ RULES: tuple[Rule, ...] = (
         "The default 0 fuses nothing: positions are sent and not used.",
         "EKF2_EV_CTRL = 1",
         _control,
+        poses=True,
     ),
     parameter(
         "px4-ev-height",
@@ -111,7 +114,8 @@ RULES: tuple[Rule, ...] = (
         "EKF2_EV_QMIN",
         "VISION_POSITION_ESTIMATE carries no quality: any larger value rejects every position.",
         "EKF2_EV_QMIN = 0",
-        within(lambda value: value <= 0, 0.0),
+        least_quality,
+        poses=True,
     ),
     parameter(
         "px4-ev-noise-mode",
@@ -120,6 +124,7 @@ RULES: tuple[Rule, ...] = (
         "1 ignores the covariance that is sent and believes a fixed one.",
         "EKF2_EV_NOISE_MD = 0",
         within(lambda value: value == 0, 0.0),
+        poses=True,
     ),
     parameter(
         "px4-ev-noise",
@@ -128,6 +133,7 @@ RULES: tuple[Rule, ...] = (
         "Floor of the claimed sigma: above what the daemon claims it hides how good a position is.",
         "EKF2_EVP_NOISE = 0.1",
         _noise,
+        poses=True,
     ),
     parameter(
         "px4-ev-gate",
@@ -136,6 +142,7 @@ RULES: tuple[Rule, ...] = (
         "Innovation gate in sigma. A tight gate rejects honest positions; 5 was measured.",
         "EKF2_EVP_GATE = 5",
         within(lambda value: 3 <= value <= 10, 5.0, Level.AMBER),
+        poses=True,
     ),
     parameter(
         "px4-ev-delay",
@@ -144,6 +151,7 @@ RULES: tuple[Rule, ...] = (
         "Is subtracted from time stamps that TIMESYNC already makes right; what is sent is the position now.",
         f"EKF2_EV_DELAY = 0, {REBOOT}",
         within(lambda value: 0 <= value <= MAX_DELAY_MS, 0.0, Level.AMBER),
+        poses=True,
     ),
     parameter(
         "px4-delay-max",
@@ -216,6 +224,7 @@ RULES: tuple[Rule, ...] = (
         "EKF2_EV_POS_X = EKF2_EV_POS_Y = EKF2_EV_POS_Z = 0",
         _offset,
         PX4,
+        poses=True,
     ),
     Rule(
         "px4-auxiliary-position",
