@@ -2,7 +2,7 @@
 
 A fix is off by white noise of the sigma that it claims and by the map's own error, which wanders along the track with the 1-sigma
 `map_sigma_m` and a correlation of MAP_TAU_S. It is a wrong match as often as it claims, anywhere in the search region, and stays
-wrong in the same way with the probability `persistence`. Odometry errs on its own, in scale and in heading; these last.
+wrong in the same way with the probability `persistence`. Odometry: odometry_model.py.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from benchmarks.odometry_model import OdometryModel, claimed
 from visloc_companion.core.separation import CORRELATION
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
@@ -20,10 +21,7 @@ from visloc_companion.sim.render_motion import STILL, Shot
 from visloc_companion.types import CameraModel, Fix, FloatArray, GeoPoint, Image, LocaliseRequest, NoFix, Odometry, Quat
 
 MAP_TAU_S = 15.0
-CLAIMS = (1e-4, 0.05)
-"""Least and greatest claim of an accepted fix; between them its logarithm is uniform."""
 SIGMA_M = (0.3, 1.2)
-LEG_SIGMA_M, SCALE_SIGMA, HEADING_SIGMA_RAD, KEYFRAME_S = 0.1, 0.01, math.radians(1.0), 2.0
 HEIGHT_SIGMA_M = 1.5
 MODEL = CameraModel(64, 48, 50.0, 50.0, 31.5, 23.5)
 BLANK: Image = np.zeros((48, 64), np.uint8)
@@ -31,13 +29,12 @@ BLANK: Image = np.zeros((48, 64), np.uint8)
 
 @dataclass(frozen=True, slots=True)
 class EyesModel:
-    """What is seen: a fix for this share of the frames (none between `dark_s`), odometry or not, wrong matches or none."""
+    """What is seen: a fix for this share of the frames, odometry or not, wrong matches or none."""
 
     fix_share: float = 0.9
     odometry: bool = True
     wrong: bool = True
     persistence: float = CORRELATION
-    dark_s: tuple[float, float] = (math.inf, math.inf)
     overconfident: float = 1.0
     """Claimed sigma over true sigma is one over this."""
 
@@ -51,23 +48,18 @@ class KnowingEyes:
     map_sigma_m: float
     model: CameraModel = MODEL
     method: str = "deep"
-    n_fixes: int = 0
-    n_wrong: int = 0
     _rng: np.random.Generator = field(init=False)
     _map_m: FloatArray = field(init=False)
-    _scale: float = field(init=False)
-    _turn_rad: float = field(init=False)
+    _odometry: OdometryModel = field(init=False)
+    _origin: GeoPoint | None = None
     _places: dict[int, tuple[GeoPoint, Quat]] = field(default_factory=dict)
     _wrong_by_m: FloatArray | None = None
     _last_ns: int | None = None
-    _start_ns: int | None = None
-    _keyframe: tuple[int, GeoPoint] | None = None
 
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng([self.seed, 77])
         self._map_m = self.map_sigma_m * self._rng.standard_normal(2)
-        scale, turn = self._rng.standard_normal(2)
-        self._scale, self._turn_rad = float(SCALE_SIGMA * scale), float(HEADING_SIGMA_RAD * turn)
+        self._odometry = OdometryModel.drawn(self._rng)
 
     def render(self, place: GeoPoint, q_ned_frd: Quat, frame_id: int, shot: Shot = STILL) -> Image:
         """Remembers from where the frame is."""
@@ -78,23 +70,18 @@ class KnowingEyes:
         """The truth, with errors."""
         frame = request.frame
         place, q_ned_frd = self._places[frame.frame_id]
-        self._start_ns = frame.t_ns if self._start_ns is None else self._start_ns
         self._wander(frame.t_ns)
         motion = self._motion(frame.t_ns, place)
-        t_s = (frame.t_ns - self._start_ns) * 1e-9
         about = (frame.t_rx_ns, frame.t_ns, request.request_id, frame.frame_id, self.method)
-        dark = self.model_.dark_s[0] <= t_s < self.model_.dark_s[1]
-        if dark or self._rng.random() > self.model_.fix_share:
-            return NoFix(*about, Reason.NO_MATCH, 60.0, motion=None if dark and not self.model_.odometry else motion)
-        claim = float(np.exp(self._rng.uniform(*np.log(CLAIMS))))
+        if self._rng.random() > self.model_.fix_share:
+            return NoFix(*about, Reason.NO_MATCH, 60.0, motion=motion)
+        claim = claimed(self._rng)
         self._err(claim, request)
         sigma = float(self._rng.uniform(*SIGMA_M))
         off = self._map_m + sigma * self._rng.standard_normal(2) + (0.0 if self._wrong_by_m is None else self._wrong_by_m)
         seen = wgs84.geo_from_ned((float(off[0]), float(off[1]), float(HEIGHT_SIGMA_M * self._rng.standard_normal())), place)
-        claimed = (sigma / self.model_.overconfident) ** 2
-        self.n_fixes += 1
-        self.n_wrong += self._wrong_by_m is not None
-        cov = ((claimed, 0.0), (0.0, claimed))
+        var = (sigma / self.model_.overconfident) ** 2
+        cov = ((var, 0.0), (0.0, var))
         return Fix(*about, seen, q_ned_frd, cov, HEIGHT_SIGMA_M, 0.02, claim, 60.0, motion=motion)
 
     def _wander(self, t_ns: int) -> None:
@@ -115,18 +102,8 @@ class KnowingEyes:
             self._wrong_by_m = distance * np.array([math.cos(angle), math.sin(angle)])
 
     def _motion(self, t_ns: int, place: GeoPoint) -> Odometry | None:
-        """The way since the keyframe, which is moved on every KEYFRAME_S."""
-        keyframe = self._keyframe
-        if keyframe is None or not self.model_.odometry:
-            self._keyframe = (t_ns, place)
+        """The way since the keyframe."""
+        if not self.model_.odometry:
             return None
-        from_ns, start = keyframe
-        if t_ns <= from_ns:
-            return None
-        d = np.array(wgs84.ned_from_geo(place, start)[:2])
-        seen = (1 + self._scale) * d + self._turn_rad * np.array([-d[1], d[0]]) + LEG_SIGMA_M * self._rng.standard_normal(2)
-        var = LEG_SIGMA_M**2 + (SCALE_SIGMA * d) ** 2 + (HEADING_SIGMA_RAD * d[::-1]) ** 2
-        if t_ns - from_ns >= KEYFRAME_S * 1e9:
-            self._keyframe = (t_ns, place)
-        moved, cov = (float(seen[0]), float(seen[1]), 0.0), ((float(var[0]), 0.0), (0.0, float(var[1])))
-        return Odometry(t_ns, from_ns, t_ns, moved, cov, SCALE_SIGMA, HEADING_SIGMA_RAD)
+        self._origin = self._origin or place
+        return self._odometry.look(t_ns, np.array(wgs84.ned_from_geo(place, self._origin)[:2]), self._rng)

@@ -17,12 +17,13 @@ import argparse
 import json
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from benchmarks.integrity_kinds import ODOMETRY, VOTES, Flight, Tally, Vote
+from benchmarks.odometry_model import OdometryModel, claimed
 from visloc_companion.core import separation
 from visloc_companion.core.belief import seeded
 from visloc_companion.core.driving import Velocity
@@ -32,7 +33,7 @@ from visloc_companion.core.odometry_aiding import OdometryAiding
 from visloc_companion.core.propagation import INERTIAL_WALK_MPS_PER_SQRT_S, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
-from visloc_companion.types import Accepted, Fix, FloatArray, GeoPoint, Odometry
+from visloc_companion.types import Accepted, Fix, FloatArray, GeoPoint
 
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
 DT_S = 0.1
@@ -43,117 +44,7 @@ TILT_RAD = math.radians(1.0)
 SIGMA_A_MPS2 = 0.1
 BANDWIDTH_RADPS, DAMPING = 0.5, 0.8
 """How the autopilot's own filter follows what we inject: an alpha-beta filter."""
-KEYFRAME_S, FRAME_STEPS = 2.0, 2
-LEG_SIGMA_M, SCALE_SIGMA, HEADING_SIGMA_RAD = 0.1, 0.01, math.radians(1.0)
-CLAIMS = (1e-4, 0.05)
-"""Least and greatest claim of an accepted fix; between them its logarithm is uniform."""
-
-
-@dataclass(frozen=True, slots=True)
-class Vote:
-    """A localiser: how often it answers, its 1-sigma range (metres), and how often it has nothing to say for a while."""
-
-    method: str
-    period_s: float
-    sigma_m: tuple[float, float]
-    outage_share: float = 0.05
-
-
-ODOMETRY = "odometry"
-VOTES = {
-    "image": Vote("deep", 0.5, (0.3, 1.2)),
-    "structure": Vote("structure", 5.0, (0.3, 1.0)),
-    "terrain": Vote("terrain", 30.0, (2.0, 6.0), 0.3),
-}
-
-
-@dataclass(frozen=True, slots=True)
-class Flight:
-    """What is flown: `speed_mps`, the votes, persistence of what is wrong, and the 1-sigma error of the velocity (m/s).
-
-    `inertial`: accelerations drive the filter, with the slow error SIGMA_A_MPS2 that the daemon learns them to have; else the
-    autopilot's velocity does, which rests on what we inject.
-    """
-
-    speed_mps: float = 10.0
-    votes: tuple[str, ...] = ("image",)
-    persistence: float = separation.CORRELATION
-    velocity_sigma_mps: float = 0.8
-    duration_s: float = 300.0
-    inertial: bool = True
-
-
-@dataclass(slots=True)
-class Tally:
-    """Counts and the figures of every epoch: true horizontal error and protection level, metres."""
-
-    n_fixes: int = 0
-    n_wrong: int = 0
-    n_wrong_taken: int = 0
-    n_rejected: int = 0
-    errors: list[float] = field(default_factory=list)
-    levels: list[float] = field(default_factory=list)
-
-    def add(self, other: Tally) -> None:
-        """Count another flight, too."""
-        self.n_fixes += other.n_fixes
-        self.n_wrong += other.n_wrong
-        self.n_wrong_taken += other.n_wrong_taken
-        self.n_rejected += other.n_rejected
-        self.errors += other.errors
-        self.levels += other.levels
-
-    def figures(self, alert_limit_m: float) -> dict[str, Any]:
-        """What is printed."""
-        error, level = np.array(self.errors), np.array(self.levels)
-        return {
-            "epochs": len(error),
-            "fixes": self.n_fixes,
-            "wrong": self.n_wrong,
-            "wrong_taken": self.n_wrong_taken,
-            "rejected": self.n_rejected,
-            "misleading": int((error > level).sum()),
-            "hmi": int(((error > alert_limit_m) & (level <= alert_limit_m)).sum()),
-            "availability": float((level <= alert_limit_m).mean()),
-            "error_median_m": float(np.median(error)),
-            "error_p95_m": float(np.percentile(error, 95)),
-            "level_median_m": float(np.median(level)),
-            "level_over_error": float(np.median(level) / np.median(error)),
-        }
-
-
-@dataclass(slots=True)
-class Eyes:
-    """Odometry of a flight: errors that last (scale, heading) and those of each leg; a keyframe every KEYFRAME_S."""
-
-    scale: float
-    heading_rad: float
-    aiding: OdometryAiding = field(default_factory=OdometryAiding)
-    keyframe_s: float = 0.0
-    keyframe_ne_m: FloatArray = field(default_factory=lambda: np.zeros(2))
-
-    def look(self, position_filter: PositionFilter, t_s: float, truth: FloatArray, rng: np.random.Generator) -> None:
-        """Show the filter the way since the keyframe."""
-        if t_s > self.keyframe_s:
-            d = truth - self.keyframe_ne_m
-            seen = (1 + self.scale) * d + self.heading_rad * np.array([-d[1], d[0]]) + LEG_SIGMA_M * rng.standard_normal(2)
-            cov = (LEG_SIGMA_M**2 + (SCALE_SIGMA * d) ** 2 + (HEADING_SIGMA_RAD * d[::-1]) ** 2).tolist()
-            moved = (float(seen[0]), float(seen[1]), 0.0)
-            motion = self.aiding.on_odometry(
-                Odometry(
-                    _ns(t_s),
-                    _ns(self.keyframe_s),
-                    _ns(t_s),
-                    moved,
-                    ((cov[0], 0.0), (0.0, cov[1])),
-                    SCALE_SIGMA,
-                    HEADING_SIGMA_RAD,
-                )
-            )
-            if motion is not None:
-                position_filter.observe_motion(motion)
-        if t_s - self.keyframe_s >= KEYFRAME_S:
-            self.keyframe_s, self.keyframe_ne_m = t_s, truth
+FRAME_STEPS = 2
 
 
 @dataclass(slots=True)
@@ -176,8 +67,8 @@ def flown(flight: Flight, seed: int, settings: NavigatorSettings | None = None, 
     map_error = settings.map_sigma_m * rng.standard_normal(2)
     autopilot_p, autopilot_dv = map_error.copy(), np.zeros(2)
     sources = [Source(VOTES[name]) for name in flight.votes if name in VOTES]
-    scale, turn = rng.standard_normal(2) * (SCALE_SIGMA, HEADING_SIGMA_RAD)
-    eyes = Eyes(float(scale), float(turn)) if ODOMETRY in flight.votes else None
+    drawn, aiding = OdometryModel.drawn(rng), OdometryAiding()
+    eyes = drawn if ODOMETRY in flight.votes else None
     position_filter = _started(settings, truth + map_error, rng)
     tally = Tally()
     a, a_slow = math.exp(-DT_S / settings.velocity_correlation_s), math.exp(-DT_S / settings.acceleration_correlation_s)
@@ -198,7 +89,10 @@ def flown(flight: Flight, seed: int, settings: NavigatorSettings | None = None, 
             Velocity(_ns(t_s), (float(v[0]), float(v[1]), 0.0), HEIGHT_M, settings.velocity_sigma_aiding_mps, drive, SIGMA_A_MPS2)
         )
         if eyes is not None and k % FRAME_STEPS == 0:
-            eyes.look(position_filter, t_s, truth, rng)
+            seen = eyes.look(_ns(t_s), truth, rng)
+            motion = None if seen is None else aiding.on_odometry(seen)
+            if motion is not None:
+                position_filter.observe_motion(motion)
         observed = [_observe(position_filter, source, t_s, truth + map_error, flight, tally, rng) for source in sources]
         state = position_filter.at(_ns(t_s))
         ours = np.array(state.p_ned_m[:2])
@@ -247,7 +141,7 @@ def _observe(
     if rng.random() < vote.outage_share * vote.period_s / 10:
         source.silent_until_s = t_s + 10.0
         return False
-    claim = float(np.exp(rng.uniform(*np.log(CLAIMS))))
+    claim = claimed(rng)
     _err(source, claim, position_filter, t_s, flight, rng)
     sigma = float(rng.uniform(*vote.sigma_m))
     at = seen + sigma * rng.standard_normal(2) + (0.0 if source.wrong_by_m is None else source.wrong_by_m)
