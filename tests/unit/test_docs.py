@@ -32,7 +32,7 @@ PARAMETERS = {AutopilotKind.ARDUPILOT: "ardupilot", AutopilotKind.PX4: "px4"}
 FILE_SUFFIXES = ("toml", "mcap")
 SETTINGS = r"`((?:link|camera|map|localiser|worker|navigator|gnss|injection|journal|clock|status)\.[a-z_0-9]+)`"
 
-COMMAND = re.compile(r"(?:\S*/)?visloc ((?:run|replay|sim|demo|map|evaluate|train)\b.*)$")
+COMMAND = re.compile(r"(?:\S*/)?visloc ((?:run|replay|sim|demo|doctor|map|evaluate|train)\b.*)$")
 
 
 def text_of(page: Path) -> str:
@@ -96,6 +96,7 @@ def test_the_documentation_names_every_command() -> None:
         "replay",
         "sim",
         "demo",
+        "doctor",
         "map build",
         "map check",
         "map info",
