@@ -8,16 +8,16 @@ from collections.abc import Callable
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from visloc_companion.geo.wgs84 import geo_from_ned
-from visloc_companion.sim.autopilot_clock import JitterCorrection, Px4Timesync
+from visloc_companion.sim.autopilot_clock import Px4Timesync
 from visloc_companion.sim.autopilot_flight import Flight
 from visloc_companion.sim.autopilot_parameters import decode, encode
+from visloc_companion.sim.autopilot_positions import Positions
 from visloc_companion.sim.estimator_ardupilot import ArduPilotEstimator
-from visloc_companion.sim.estimator_status import ExternalPosition
 from visloc_companion.sim.streams import Streams
 from visloc_companion.sim.streams_messages import Message
 from visloc_companion.types import AutopilotKind, GeoPoint
 
-MAX_AGE_S = 10.0
+POSITIONS = ("VISION_POSITION_ESTIMATE", "ODOMETRY", "GLOBAL_POSITION_SENSOR", "GPS_INPUT", "COMMAND_INT")
 
 
 class Receiver:
@@ -28,9 +28,10 @@ class Receiver:
         self.streams = Streams(flight.plan.kind, flight.plan.vehicle)
         self._flight, self._parameters, self._system_id, self._ready_s = flight, parameters, system_id, ready_s
         self._kind = flight.plan.kind
-        self._jitter, self._timesync = JitterCorrection(), Px4Timesync()
+        self._timesync = Px4Timesync()
+        self._positions = Positions(flight, parameters, self._timesync)
         self._handlers: dict[str, Callable[[Message, int], list[Message]]] = {
-            "VISION_POSITION_ESTIMATE": self._vision,
+            **dict.fromkeys(POSITIONS, self._position),
             "TIMESYNC": self._on_timesync,
             "COMMAND_LONG": self._command,
             "PARAM_REQUEST_LIST": self._parameter_list,
@@ -41,7 +42,7 @@ class Receiver:
             "SET_GPS_GLOBAL_ORIGIN": self._set_origin,
         }
         if self._kind is AutopilotKind.ARDUPILOT:
-            self._handlers["GLOBAL_VISION_POSITION_ESTIMATE"] = self._vision
+            self._handlers["GLOBAL_VISION_POSITION_ESTIMATE"] = self._position
 
     def take(self, message: Message, t_boot_ns: int) -> list[Message]:
         """Handle one message; those for another system and unknown ones are ignored."""
@@ -50,24 +51,12 @@ class Receiver:
             return []
         return handler(message, t_boot_ns)
 
-    def _vision(self, message: Message, t_boot_ns: int) -> list[Message]:
-        now_s, remote_s, flight = t_boot_ns / 1e9, message.usec / 1e6, self._flight
-        if self._kind is AutopilotKind.ARDUPILOT:
-            stamp_s = self._jitter.correct(remote_s, now_s)
-        else:
-            stamp_s = self._timesync.convert(remote_s, now_s)
-        age_s = min(now_s - stamp_s, MAX_AGE_S)
-        covariance = message.covariance
-        flight.estimator.on_external(
-            ExternalPosition(
-                flight.filter.t_s - age_s,
-                flight.filter.t_s,
-                (message.x, message.y, message.z),
-                (covariance[0], covariance[6], covariance[11]),
-                message.reset_counter,
-            )
-        )
-        return []
+    def _position(self, message: Message, t_boot_ns: int) -> list[Message]:
+        result = self._positions.take(message, t_boot_ns)
+        if result is None:
+            return []
+        asker = message.get_srcSystem(), message.get_srcComponent()
+        return [mavlink.MAVLink_command_ack_message(message.command, result, 0, 0, *asker)]
 
     def _on_timesync(self, message: Message, t_boot_ns: int) -> list[Message]:
         if message.tc1 == 0:

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from visloc_companion.sim.estimator import Fixed, InertialFilter
 from visloc_companion.sim.estimator_airspeed import WindDeadReckoning
 from visloc_companion.sim.estimator_status import EstimatorHealth, ExternalPosition, GnssMeasurement
+from visloc_companion.types import Vec3
 
 SOURCE_GPS, SOURCE_EXTERNAL = 3, 6
 RETRY_S, RETRY_WITH_VELOCITY_S, STOP_AIDING_S, GLITCH_AFTER_S = 7.0, 10.0, 15.0, 2.0
@@ -16,6 +17,7 @@ PLANE_ABSOLUTE_S = 10.4
 GRACE_S = 1.0
 """A position that GNSS velocity carries stays declared until the reset that ends the rejections."""
 MIN_INTERVAL_S = 0.02
+DEAD_RECKONED_S = 1.0
 GPS_POSITION_SIGMA_M, GPS_VELOCITY_SIGMA_MPS, VELOCITY_GATE_SIGMA = 0.5, 0.3, 5.0
 FLAGS_GOOD, FLAGS_COASTING, FLAGS_UNAIDED, FLAGS_PLANE_RELATIVE, FLAG_GLITCH = 0x33F, 0x25, 0xA7, 0x12F, 0x8000
 HEIGHT_FALLBACK_S = 0.5
@@ -75,6 +77,19 @@ class ArduPilotEstimator:
             return
         self._last_external_s = external.t_rx_s
         self._external.append(external)
+
+    def on_estimate(self, t_s: float, p_ned_m: Vec3, sigma_m: float) -> bool:
+        """A position between which a plane dead-reckons: the filter is put there, and nothing counts as fused.
+
+        Refused within a second of the last position fused, and without any aiding (PosVelFusion.cpp:191).
+        """
+        if self._age_s < DEAD_RECKONED_S or self._stopped or not self._ever_aided:
+            return False
+        filter_, lag_s = self.filter, self.filter.t_delayed_s - t_s
+        north, east = (p_ned_m[0] + filter_.north.v * lag_s, p_ned_m[1] + filter_.east.v * lag_s)
+        variance = max(sigma_m, GPS_POSITION_SIGMA_M) ** 2
+        filter_.reset_to(Fixed(filter_.t_delayed_s, north, east, variance, variance))
+        return True
 
     @property
     def external_healthy(self) -> bool:

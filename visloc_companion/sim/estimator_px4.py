@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from visloc_companion.sim.estimator import Fixed, InertialFilter
 from visloc_companion.sim.estimator_airspeed import WindDeadReckoning
-from visloc_companion.sim.estimator_status import EstimatorHealth, ExternalPosition, GnssMeasurement
+from visloc_companion.sim.estimator_status import AuxiliaryPosition, EstimatorHealth, ExternalPosition, GnssMeasurement
 
 START_GAP_S, STOP_GAP_S = 0.2, 0.4
 GNSS_TIMEOUT_S, RESET_AFTER_S, MAX_RESETS = 7.0, 1.0, 5
@@ -18,6 +18,7 @@ COAST_EXTERNAL_S, COAST_CONTROL_S, COAST_LOST_S = 4.6, 4.0, 5.1
 GPS_POSITION_SIGMA_M, GPS_VELOCITY_SIGMA_MPS, GATE_SIGMA = 0.5, 0.3, 5.0
 BIAS_TAU_S = 1.0
 STAMP_TOLERANCE_S = 0.011
+AUXILIARY_SILENCE_S = 5.0
 FLAGS_ALWAYS, FLAGS_HORIZONTAL = 0x25, 0x1A
 FLAG_CONSTANT, FLAG_AIDED, FLAG_GNSS, FLAG_GLITCH = 0x80, 0x100, 0x200, 0x400
 
@@ -31,6 +32,8 @@ class Px4Estimator:
         self._wind = WindDeadReckoning() if plane else None
         self._gnss: deque[GnssMeasurement] = deque()
         self._external: deque[ExternalPosition] = deque()
+        self._auxiliary: deque[AuxiliaryPosition] = deque()
+        self._auxiliary_pass_s = self._last_auxiliary_s = -math.inf
         self._gnss_active = self._external_active = False
         self._gnss_reset_wanted, self._external_reset_wanted = True, True
         self._last_fix_s = self._gnss_pass_s = self._external_pass_s = self._last_external_s = -math.inf
@@ -55,11 +58,14 @@ class Px4Estimator:
         """Take an external position; any NaN among x, y, z discards it whole, and so does an age beyond the horizon."""
         if not (int(self._parameters["EKF2_EV_CTRL"]) & 1) or not all(map(math.isfinite, external.p_ned_m)):
             return
-        if self._parameters["EKF2_EV_QMIN"] > 0:
-            return
         external = replace(external, t_s=external.t_s - self._parameters["EKF2_EV_DELAY"] / 1000)
         if external.t_s > self.filter.t_delayed_s - STAMP_TOLERANCE_S:
             self._external.append(external)
+
+    def on_auxiliary(self, position: AuxiliaryPosition) -> None:
+        """Take an auxiliary global position."""
+        if int(self._parameters["EKF2_AGP0_CTRL"]) & 1 and all(map(math.isfinite, (*position.p_ned_m, position.sigma_m))):
+            self._auxiliary.append(position)
 
     @property
     def external_healthy(self) -> bool:
@@ -73,6 +79,8 @@ class Px4Estimator:
         self._stop_gnss()
         while self._external and self._external[0].t_s <= self.filter.t_delayed_s:
             self._take_external(self._external.popleft())
+        while self._auxiliary and self._auxiliary[0].t_s <= self.filter.t_delayed_s:
+            self._take_auxiliary(self._auxiliary.popleft())
         if self._external_active and self.filter.t_s - self._last_external_s > STOP_GAP_S:
             self._external_active, self._previous_stamp_s = False, -math.inf
         self.filter.fuse_baro()
@@ -177,13 +185,33 @@ class Px4Estimator:
             filter_.fuse(fix)
             self._passed_external()
 
+    def _take_auxiliary(self, position: AuxiliaryPosition) -> None:
+        """Fused beside whatever else is; it begins with a reset where nothing else is, and after 7 s without acceptance."""
+        filter_ = self.filter
+        variance = max(position.sigma_m, self._parameters["EKF2_AGP0_NOISE"]) ** 2
+        fix = Fixed(position.t_s, position.p_ned_m[0], position.p_ned_m[1], variance, variance)
+        ratio = filter_.ratio(fix, max(self._parameters["EKF2_AGP0_GATE"], 1.0))
+        alone = not (self._gnss_active or self._external_active)
+        begins = filter_.t_s - self._last_auxiliary_s > AUXILIARY_SILENCE_S
+        self._last_auxiliary_s = filter_.t_s
+        if alone and (begins or filter_.t_s - self._auxiliary_pass_s > GNSS_TIMEOUT_S):
+            filter_.reset_to(fix)
+            ratio = 0.0
+        elif ratio < 1.0:
+            filter_.fuse(fix)
+        if alone:
+            self._position_ratio = ratio
+        if ratio < 1.0:
+            self._auxiliary_pass_s = filter_.t_s
+            self._extend(COAST_EXTERNAL_S)
+
     def _passed_external(self) -> None:
         self._external_pass_s = self.filter.t_s
         self._extend(COAST_EXTERNAL_S)
 
     @property
     def _aided(self) -> bool:
-        return self.filter.t_s - max(self._gnss_pass_s, self._external_pass_s) < 1.0
+        return self.filter.t_s - max(self._gnss_pass_s, self._external_pass_s, self._auxiliary_pass_s) < 1.0
 
     def health(self) -> EstimatorHealth:
         """ESTIMATOR_STATUS's flags and ratios. A plane stays valid on airspeed (not measured in the facts sheet)."""
@@ -192,8 +220,9 @@ class Px4Estimator:
         ok = now < self._valid_until_s or plane_coasting
         gnss_in_use = self._gnss_active and now - self._last_fix_s < 1.0
         flags = FLAGS_ALWAYS | (FLAGS_HORIZONTAL if ok else FLAG_CONSTANT)
-        flags |= FLAG_AIDED if gnss_in_use or self._external_active else 0
-        flags |= FLAG_GNSS if gnss_in_use else 0
+        auxiliary = now - self._auxiliary_pass_s < 1.0
+        flags |= FLAG_AIDED if gnss_in_use or self._external_active or auxiliary else 0
+        flags |= FLAG_GNSS if gnss_in_use or auxiliary else 0
         flags |= FLAG_GLITCH if self._gnss_active and now - self._gnss_pass_s > 1.0 and self._position_ratio >= 1.0 else 0
-        source = "gnss" if self._gnss_active else "external" if self._external_active else "none"
+        source = "gnss" if self._gnss_active else "external" if self._external_active or auxiliary else "none"
         return EstimatorHealth(flags, self._position_ratio, self._velocity_ratio, 0.01, ok, source)

@@ -10,7 +10,7 @@ from visloc_companion.types import Vec3
 
 @dataclass(frozen=True, slots=True)
 class ExternalPosition:
-    """VISION_POSITION_ESTIMATE as received: local NED metres, variances (cov[0], [6], [11]; NaN where unknown).
+    """VISION_POSITION_ESTIMATE or ODOMETRY as received: local NED metres, variances (cov[0], [6], [11]; NaN where unknown).
 
     `t_s` is the time of validity that the autopilot made of the message's stamp; `t_rx_s` the arrival.
     """
@@ -20,6 +20,15 @@ class ExternalPosition:
     p_ned_m: Vec3
     var_ned_m2: Vec3
     reset_counter: int
+
+
+@dataclass(frozen=True, slots=True)
+class AuxiliaryPosition:
+    """GLOBAL_POSITION_SENSOR as PX4 takes it: local NED metres at the time of arrival, and one 1-sigma for both axes."""
+
+    t_s: float
+    p_ned_m: Vec3
+    sigma_m: float
 
 
 @dataclass(frozen=True, slots=True)

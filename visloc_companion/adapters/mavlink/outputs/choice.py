@@ -152,8 +152,8 @@ REFUSALS: tuple[tuple[tuple[Output, ...], Condition, str, str], ...] = (
     ),
     (
         (Output.EXTERNAL_POSITION_ESTIMATE,),
-        lambda v: v.plane is False or v.kind is AutopilotKind.UNKNOWN,
-        "only a plane can fly on positions between which it dead-reckons; a copter lands all the same",
+        lambda v: v.plane is False or v.kind is not AutopilotKind.ARDUPILOT,
+        "only a plane of ArduPilot is known to fly on positions between which it dead-reckons; a copter lands all the same",
         'set injection.output = "auto"',
     ),
     ((Output.ODOMETRY,), _is(AutopilotKind.UNKNOWN), "the frame that it takes is not known", 'set injection.output = "auto"'),
