@@ -41,6 +41,8 @@ def doctor(
     report = asyncio.run(examine(Wishes(url, told, seconds, wait, apply)))
     _print(report, everything)
     _write(report, fix, json)
+    if report.problem is not None:
+        raise report.problem
     from visloc_companion.doctor.report import is_red
 
     raise typer.Exit(1 if is_red(report) else 0)

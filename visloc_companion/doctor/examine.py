@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from visloc_companion.adapters.mavlink.signing import SigningSettings, stamp_at_zero
@@ -40,25 +40,31 @@ class Wishes:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What came out. `changes` is what must be set; `applied` what was set and read back."""
+    """What came out. `changes` is what must be set; `applied` what was set and read back.
+
+    `problem`: no autopilot answered (then the rest is judged all the same), or it was not set right.
+    """
 
     facts: Facts
     judged: list[Judged]
     changes: Mapping[str, float]
     types: Mapping[str, int] = field(default_factory=dict)
     applied: Mapping[str, float] = field(default_factory=dict)
+    problem: LinkError | None = None
 
 
 async def examine(wishes: Wishes) -> Report:
-    """Examine an installation. Raises LinkError where a link is named and no autopilot answers, or refuses what is set."""
+    """Examine an installation. Raises ConfigError for a signing key that is none, LinkError for a URL that is none."""
     config = wishes.config or Config()
     conversation = Conversation(wishes.url, config.link.system_id, _signing(config)) if wishes.url else None
     if conversation is None:
         return await _report(wishes, config, None, None)
-    await conversation.open()
     try:
+        await conversation.open()
         vehicle = await read_vehicle(conversation, config, wishes.seconds, wishes.wait_s)
         return await _report(wishes, config, vehicle, conversation)
+    except LinkError as problem:
+        return replace(await _report(wishes, config, None, None), problem=problem)
     finally:
         await conversation.close()
 
@@ -77,14 +83,21 @@ async def _report(wishes: Wishes, config: Config, vehicle: Vehicle | None, conve
     if vehicle is None or conversation is None:
         return Report(facts, judged, {})
     new = changes(RULES, facts)
-    types = dict(vehicle.parameters.types)
-    applied = await apply(conversation, vehicle.parameters, new) if wishes.apply else {}
-    return Report(facts, judged, new, types, applied)
-
-
-async def apply(conversation: Conversation, parameters: Parameters, new: Mapping[str, float]) -> dict[str, float]:
-    """Set parameters and read each back; what the autopilot does not have is left out. Raises LinkError while armed."""
+    report = Report(facts, judged, new, dict(vehicle.parameters.types))
     done: dict[str, float] = {}
+    try:
+        if wishes.apply:
+            await apply(conversation, vehicle.parameters, new, done)
+    except LinkError as problem:
+        return replace(report, applied=done, problem=problem)
+    return replace(report, applied=done)
+
+
+async def apply(conversation: Conversation, parameters: Parameters, new: Mapping[str, float], done: dict[str, float]) -> None:
+    """Set parameters and read each back into `done`; what the autopilot does not have is left out.
+
+    Raises LinkError where the vehicle is armed, or does not take a value.
+    """
     for name, value in new.items():
         if conversation.armed:
             raise LinkError(
@@ -95,7 +108,6 @@ async def apply(conversation: Conversation, parameters: Parameters, new: Mapping
         if name in parameters.types:
             await parameters.set(name, value)
             done[name] = value
-    return done
 
 
 async def _facts(wishes: Wishes, config: Config, vehicle: Vehicle | None, conversation: Conversation | None) -> Facts:

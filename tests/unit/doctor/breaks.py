@@ -3,7 +3,7 @@
 import math
 
 from tests.unit.doctor.breaks_of_parameters import ARDUPILOT, PX4_RULES
-from tests.unit.doctor.changes import ap, camera, config, found, link, model, parameters, px4, slow, system, version
+from tests.unit.doctor.changes import ap, both, camera, config, found, link, model, parameters, px4, slow, system, version
 
 FIRMWARE = [
     ap("firmware-measured", "amber", "simulator", version("4.5.7")),
@@ -38,7 +38,7 @@ LINK = [
     ap("link-system", "red", "link.system_id", config("link", system_id=9)),
     ap("link-second-autopilot", "red", "link", link(other_autopilots=(2,))),
     ap("link-component-taken", "amber", "component_id", link(others=((1, 197),))),
-    ap("link-disarmed", "amber", "arming", link(armed=True)),
+    ap("link-disarmed", "amber", "arming", link(armed=True, others=((1, 197),))),
 ]
 CAMERA = [
     ap("camera-opens", "red", "cable", camera(problem="cannot be opened")),
@@ -94,7 +94,12 @@ REST = [
     ap("config-source-sets", "red", "vision_source_set = 2", config("injection", vision_source_set=1)),
     px4("config-gnss-control", "red", "px4_gps_ctrl = 7", config("injection", px4_gps_ctrl=0)),
     ap("config-output", "red", 'injection.output = "auto"', config("injection", output="global_position_sensor")),
-    px4("config-output", "red", "update PX4", config("injection", output="global_position_sensor")),
+    px4(
+        "config-output",
+        "red",
+        "EKF2_AGP0_ID",
+        both(parameters(EKF2_AGP0_ID=0), config("injection", output="global_position_sensor")),
+    ),
     ap("config-signing", "red", "link-key", config("link", signing_key_file="key")),
     ap("config-signing", "amber", "link-key", link(signed=True)),
     ap("config-policy", "amber", "when_unreliable", config("injection", policy="never")),
@@ -106,6 +111,6 @@ REST = [
     ap("config-attitude-rate", "amber", "attitude_rate_hz = 50", config("link", attitude_rate_hz=10.0)),
     ap("config-hashes", "amber", "verify_hashes = true", config("map", verify_hashes=False)),
     ap("config-lost-sigma", "amber", "lost_sigma_m = 60", config("navigator", lost_sigma_m=500.0)),
-    ap("config-camera", "red", "camera.url", config("camera", url="")),
+    ap("config-camera", "amber", "camera.url", config("camera", url="")),
 ]
 BREAKS = [*ARDUPILOT, *PX4_RULES, *FIRMWARE, *LINK, *CAMERA, *MAP, *REST]

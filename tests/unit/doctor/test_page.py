@@ -1,4 +1,4 @@
-"""The pages are in step with the rules: the table, every id that is named, and the parameters that a new vehicle is told to set."""
+"""The pages are in step with the rules: the table, every id that is named, and what finds each symptom."""
 
 from __future__ import annotations
 

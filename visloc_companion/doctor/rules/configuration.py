@@ -168,7 +168,7 @@ def _camera(config: Config, facts: Facts) -> Finding:
     del facts
     if config.camera.url or config.localiser.terrain:
         return green(config.camera.url or "terrain")
-    return red("neither is set")
+    return amber("neither is set")
 
 
 @config_rule(

@@ -10,7 +10,7 @@ from visloc_companion.doctor.finding import Finding, Rule, amber, green, red, sk
 from visloc_companion.types import AutopilotKind
 
 AP, PX4 = AutopilotKind.ARDUPILOT, AutopilotKind.PX4
-MEASURED = {AP: ((4, 7),), PX4: ((1, 16), (1, 17), (1, 18))}
+MEASURED = {AP: ((4, 7),), PX4: ((1, 17),)}
 """Lines of the development trees that the daemon was flown with (docs/autopilots.md)."""
 EV_REWRITTEN, SOURCE_SETS, EXTNAV_REPORTED = (1, 14), (4, 1), (4, 6)
 

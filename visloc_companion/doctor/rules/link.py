@@ -180,13 +180,15 @@ def _taken(link: LinkFacts, facts: Facts) -> Finding:
 
 @link_rule(
     "link-disarmed",
-    "HEARTBEAT",
-    "In flight rates are asked for beside the daemon's, and nothing may be changed.",
-    "run it before arming",
+    "HEARTBEATs",
+    "In flight the rates that are asked for here mix with those that the daemon asks for.",
+    "run it before arming, with the daemon stopped",
 )
 def _disarmed(link: LinkFacts, facts: Facts) -> Finding:
-    del facts
-    return amber("armed") if link.armed else green("disarmed")
+    flying = link.armed and (link.system_id, facts.assumed.link.component_id) in link.others
+    if flying:
+        return amber("armed, and the daemon is on the link")
+    return green("armed, and no daemon is on the link" if link.armed else "disarmed")
 
 
 RULES: tuple[Rule, ...] = (
