@@ -1,6 +1,6 @@
 """What ground stations are told of the companion: ONBOARD_COMPUTER_STATUS (390), NAMED_VALUE_FLOAT (251) and _INT (252).
 
-SYS_STATUS is left to the autopilot: ground stations take it for the vehicle's battery and sensors whoever sends it.
+SYS_STATUS is left to the autopilot: older versions of QGroundControl take it for the vehicle's own whoever sends it.
 """
 
 from __future__ import annotations
