@@ -139,7 +139,8 @@ def _records(path: Path, salvage: bool, on_damage: OnDamage | None) -> Iterator[
 
 def _parsed(record: Record, path: Path) -> Any:
     try:
-        return json.loads(record.data)
+        text = record.data.decode() if record.data.startswith(b'{"') else record.data  # else json looks for the encoding first
+        return json.loads(text)
     except (ValueError, RecursionError) as why:
         if record.topic is None:
             return None

@@ -18,13 +18,16 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Message
+from mcap.records import Channel
 
 from visloc_companion.errors import JournalError
 
 MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQI")
+_MESSAGE = struct.Struct("<HIQ8x")
+"""Channel, sequence and time of the record; the time of publication is left out."""
+_MESSAGE_OPCODE = int(Opcode.MESSAGE)
 _MARK = struct.pack("<I", 4) + b"zstd"
 """The compression field of every chunk that the journal writes; the search for the next chunk looks for it."""
 _MARK_OFFSET = _RECORD.size + _CHUNK.size
@@ -86,20 +89,20 @@ def _frame(data: bytes | mmap, position: int) -> tuple[int, int]:
 def _chunk(payload: bytes, topics: dict[int, str]) -> Iterator[Record]:
     """Messages of a chunk; learns the channels that it describes."""
     try:
-        stream = ReadDataStream(BytesIO(_decompressed(payload)))
-        while True:
-            head = stream.read(_RECORD.size) if stream.count < _MAX_CHUNK_BYTES else b""
-            opcode, length = _RECORD.unpack(head)
-            body = ReadDataStream(BytesIO(stream.read(length)))
-            if opcode == Opcode.CHANNEL:
-                channel = Channel.read(body)
+        records = _decompressed(payload)
+        at = 0
+        while at < len(records):
+            opcode, length = _RECORD.unpack_from(records, at)
+            begin, at = at + _RECORD.size, at + _RECORD.size + length
+            if at > len(records):
+                raise ValueError("it ends in the middle of a record")
+            if opcode == _MESSAGE_OPCODE:
+                channel_id, sequence, log_time_ns = _MESSAGE.unpack_from(records[begin:at])
+                yield Record(topics.get(channel_id), log_time_ns, sequence, records[begin + _MESSAGE.size : at])
+            elif opcode == Opcode.CHANNEL:
+                channel = Channel.read(ReadDataStream(BytesIO(records[begin:at])))
                 topics[channel.id] = channel.topic
-            elif opcode == Opcode.MESSAGE:
-                message = Message.read(body, length)
-                yield Record(topics.get(message.channel_id), message.log_time, message.sequence, message.data)
-    except McapError:
-        return  # EndOfFile: the chunk is read
-    except (struct.error, ValueError, zstandard.ZstdError, MemoryError) as why:
+    except (McapError, struct.error, ValueError, zstandard.ZstdError, MemoryError) as why:
         raise _DamageError(f"a chunk is damaged ({why})") from why
 
 

@@ -141,7 +141,7 @@ def _decoder(kind: Any) -> _Convert:
     if isinstance(kind, type) and issubclass(kind, StrEnum):
         return lambda value: kind(_exactly(str, value))
     if is_dataclass(kind):
-        return lambda value: _decode_dataclass(kind, value)  # type: ignore[arg-type]
+        return _dataclass_decoder(kind)
     if get_origin(kind) is tuple:
         return _tuple_converter(kind, _decoder, tuple)
     (member,) = _union_members(kind)
@@ -149,23 +149,28 @@ def _decoder(kind: Any) -> _Convert:
     return lambda value: None if value is None else decode(value)
 
 
-@cache
-def _field_decoders(kind: type) -> tuple[dict[str, _Convert], frozenset[str]]:
+def _dataclass_decoder(kind: Any) -> _Convert:
+    """Of objects: what was written has the very fields in their order, so that they need no names."""
     hints = list(_hints(kind))
-    return {name: _decoder(hint) for name, hint, _ in hints}, frozenset(name for name, _, required in hints if required)
+    names, decoders = tuple(name for name, _, _ in hints), {name: _decoder(hint) for name, hint, _ in hints}
+    in_order, required = tuple(decoders.values()), frozenset(name for name, _, required in hints if required)
 
+    def decode(value: Any) -> Any:
+        data = _exactly(dict, value)
+        if tuple(data) == names:
+            return kind(*[convert(part) for convert, part in zip(in_order, data.values(), strict=True)])
+        if unknown := data.keys() - decoders.keys():
+            raise ValueError(f"unknown fields {sorted(unknown)}")
+        if missing := required - data.keys():
+            raise ValueError(f"missing fields {sorted(missing)}")
+        return kind(**{name: decoders[name](part) for name, part in data.items()})
 
-def _decode_dataclass(kind: type, value: Any) -> Any:
-    decoders, required = _field_decoders(kind)
-    data = _exactly(dict, value)
-    if unknown := data.keys() - decoders.keys():
-        raise ValueError(f"unknown fields {sorted(unknown)}")
-    if missing := required - data.keys():
-        raise ValueError(f"missing fields {sorted(missing)}")
-    return kind(**{name: decoders[name](part) for name, part in data.items()})
+    return decode
 
 
 def _decode_float(value: Any) -> Any:
+    if type(value) is float and math.isfinite(value):
+        return value
     if isinstance(value, dict) and value.keys() == {"float"} and value["float"] in ("inf", "-inf", "nan"):
         return float(value["float"])
     if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -202,9 +207,9 @@ def _tuple_converter(kind: Any, converter: Callable[[Any], _Convert], collect: C
     arguments = get_args(kind)
     if len(arguments) == 2 and arguments[1] is Ellipsis:
         convert = converter(arguments[0])
-        return lambda value: collect(convert(part) for part in _sequence(value))
+        return lambda value: collect([convert(part) for part in _sequence(value)])
     parts = [converter(argument) for argument in arguments]
-    return lambda value: collect(convert(part) for convert, part in zip(parts, _sequence(value), strict=True))
+    return lambda value: collect([convert(part) for convert, part in zip(parts, _sequence(value), strict=True)])
 
 
 def _sequence(value: Any) -> Any:
