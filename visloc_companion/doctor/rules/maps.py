@@ -11,7 +11,7 @@ from visloc_companion.doctor.finding import Finding, Rule, amber, green, red, sk
 
 Judge = Callable[[MapFacts, Facts], Finding]
 MARGIN_M, OLD_YEARS, GRAVE_HEIGHT_M, ODD_HEIGHT_M = 150.0, 5.0, 30.0, 10.0
-COARSE_M, LEAST_VALID = 1.0, 0.9
+COARSE_M, LEAST_VALID = 2.0, 0.9
 
 
 def map_rule(rule_id: str, reads: str, why: str, remedy: str) -> Callable[[Judge], Rule]:
