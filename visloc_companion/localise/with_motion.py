@@ -30,6 +30,8 @@ KEPT_SHARE = 0.4
 OUTGROWN = 1.25
 """... and as long as the height asks for one no larger or smaller than by this factor."""
 LEAST_HEIGHT_M = 10.0
+GROUND_SIGMA_M, GROUND_SLOPE = 5.0, 0.03
+"""1-sigma of the ground's height where the map ends or has none: relief, and how it goes on from where it was known last."""
 HEADINGS = 5
 HEADING_AGE_NS = 60_000_000_000
 SURE = 0.01
@@ -61,6 +63,7 @@ class WithMotion:
         self._localiser = localiser
         self._flow = FrameToFrame(model, settings)
         self._window: _Window | None = None
+        self._ground: tuple[FloatArray, float] | None = None
         self._headings: deque[tuple[int, float]] = deque(maxlen=HEADINGS)
 
     @property
@@ -81,7 +84,8 @@ class WithMotion:
         prior = request.prior
         frame = local_frame(prior.place, ref)
         surface = self._surface(request, ref, frame)
-        if surface is None:
+        height_m, sigma_height_m = self._above_last_ground(request, frame) if surface is None else (math.nan, math.inf)
+        if surface is None and not math.isfinite(sigma_height_m):
             return None
         (nn, ne), (_, ee) = prior.cov_ne_m2
         sight = Sight(
@@ -94,6 +98,8 @@ class WithMotion:
             prior.sigma_h_m,
             (0.0, 0.0),
             math.sqrt((nn + ee) / 2 + math.hypot((nn - ee) / 2, ne)),
+            height_m,
+            sigma_height_m,
             up_added_m=prior.height_offset_m,
         )
         step = self._flow.step(sight, surface)
@@ -123,6 +129,15 @@ class WithMotion:
             sigma_heading_rad=sigma,
         )
 
+    def _above_last_ground(self, request: LocaliseRequest, frame: LocalFrame) -> tuple[float, float]:
+        """Height over the ground as it was known last, and its 1-sigma; NaN and infinity where it never was."""
+        if self._ground is None:
+            return math.nan, math.inf
+        place_map_m, ground_amsl_m = self._ground
+        away_m = math.dist(frame.to_map(np.zeros(2)), place_map_m)
+        sigma_m = math.hypot(request.prior.sigma_h_m, GROUND_SIGMA_M, GROUND_SLOPE * away_m)
+        return request.prior.place.h_amsl_m - ground_amsl_m, sigma_m
+
     def _surface(self, request: LocaliseRequest, ref: ReferenceMap, frame: LocalFrame) -> Surface | None:
         """The surface about the camera, about its believed place; None off the map."""
         at, h_amsl_m = np.array(frame.to_map(np.zeros(2))), request.prior.place.h_amsl_m
@@ -133,6 +148,7 @@ class WithMotion:
                 self._window = None
         if self._window is None:
             return None
+        self._ground = at, self._window.ground_amsl_m
         patch = self._window.patch
         heights = np.where(patch.valid & np.isfinite(patch.dsm_amsl_m), patch.dsm_amsl_m, np.nan).astype(np.float32)
         return Surface(heights, frame.A_ne_pix(patch.T_map_pix))

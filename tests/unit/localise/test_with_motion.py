@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from visloc_companion.errors import Reason
+from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.geo.se3 import quat_from_euler
+from visloc_companion.localise.plan import local_frame
 from visloc_companion.localise.with_motion import HEADINGS, REACH_HEIGHTS, WithMotion
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix
@@ -70,6 +71,45 @@ def test_the_motion_is_that_of_the_camera(support, request, ground: str) -> None
         error = np.array(motion.displacement_ned_m)[:2] - truth[:2]
         assert math.hypot(*error) < 0.05 * math.hypot(*truth[:2]) + 0.3
         assert error @ np.linalg.solve(np.array(motion.cov_ne_m2), error) < 16
+
+
+class EndsAt:
+    """A map that ends north of a line: asked for what lies beyond, it raises OutsideMap."""
+
+    def __init__(self, world: ReferenceMap, easting_northing_m: tuple[float, float]) -> None:
+        self._world, self._end_m = world, easting_northing_m[1]
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._world, name)
+
+    def patch(self, center_map_m: tuple[float, float], *more: object) -> object:
+        """As that of the map."""
+        if center_map_m[1] > self._end_m:
+            raise OutsideMap("ends here", where="map", remedy="none")
+        return self._world.patch(center_map_m, *more)  # type: ignore[arg-type]
+
+
+def test_beyond_the_map_the_ground_goes_on_as_it_was_and_the_claim_is_wide(support, flat) -> None:
+    localiser, points = WithMotion(Witness(), MODEL), along(12, 25.0, -150.0)
+    place = support.request_at((0.0, 0.0, -200.0), (0.0, 0.0, 0.0), sigma_m=2.0, sigma_h_m=1.0, sigma_yaw_deg=5.0).prior.place
+    east, north = local_frame(place, flat).to_map(np.zeros(2))
+    middle = (float(east), float(north))
+    answers = []
+    for k, p in enumerate(points):
+        pixels = support.render(flat, MODEL, tuple(p), (0.0, 0.0, 0.0))
+        asked = support.request_at(tuple(p), (0.0, 0.0, 0.0), sigma_m=2.0, sigma_h_m=1.0, sigma_yaw_deg=5.0, model=MODEL)
+        frame = replace(asked.frame, t_ns=1000 * MS + 1000 * MS * k, frame_id=k)
+        answers.append(localiser.localise(replace(asked, frame=frame), pixels, EndsAt(flat, middle)))  # type: ignore[arg-type]
+    last = answers[-1].motion
+    assert last is not None
+    k0, k1 = (round((t / MS - 1000) / 1000) for t in (last.t_from_ns, last.t_to_ns))
+    truth = np.array(points[k1]) - np.array(points[k0])
+    assert np.array(last.displacement_ned_m[:2]) == pytest.approx(truth[:2], rel=0.05, abs=0.5)
+    on_the_map = answers[2].motion
+    assert on_the_map is not None
+    assert last.sigma_scale > 1.3 * on_the_map.sigma_scale
+    alone = WithMotion(Witness(), MODEL)
+    assert alone.localise(replace(asked, frame=frame), pixels, EndsAt(flat, (0.0, -1e9))).motion is None  # type: ignore[arg-type]
 
 
 def test_the_answer_stays_what_it_was(support, flat) -> None:
