@@ -17,9 +17,10 @@ LIMIT = 10.5
 
 
 class Walk:
-    """A vehicle that turns; odometry with a scale error of 1 % and a heading error of 1 degree."""
+    """A vehicle that turns; odometry with an error of scale (a share) and one of heading (degrees)."""
 
-    def __init__(self, seed: int = 1, speed: float = 12.0) -> None:
+    def __init__(self, seed: int = 1, speed: float = 12.0, scale: float = 0.01, heading_deg: float = 1.0) -> None:
+        self.factor = (1 + scale) * np.exp(1j * math.radians(heading_deg))
         self.rng, self.test, self.t, self.speed = np.random.default_rng(seed), OdometryTest(), 0, speed
 
     def run(self, seconds: int, drag: complex = 0j, jump: complex = 0j) -> list[float]:
@@ -27,7 +28,7 @@ class Walk:
         for _ in range(seconds):
             v = self.speed * np.exp(1j * (self.t // 40) * 1.3)
             gnss = v + drag + jump + 0.2 * complex(*self.rng.standard_normal(2))
-            seen = v * 1.01 * np.exp(1j * math.radians(1.0)) + 0.1 * complex(*self.rng.standard_normal(2))
+            seen = v * self.factor + 0.1 * complex(*self.rng.standard_normal(2))
             jump = 0j
             self.test.add(self.t * S, (self.t + 1) * S, (gnss.real, gnss.imag), (seen.real, seen.imag), 0.2**2)
             self.t += 1
@@ -37,6 +38,14 @@ class Walk:
 
 def test_odometry_learns_its_scale_and_heading_in_turns() -> None:
     assert max(Walk().run(600)) < LIMIT - 2
+
+
+@pytest.mark.parametrize(("scale", "heading_deg"), [(0.03, 0.0), (-0.03, 1.0), (0.0, 3.0), (0.03, -3.0)])
+def test_a_wrong_lens_or_compass_is_no_false_gnss_and_hides_none(scale: float, heading_deg: float) -> None:
+    """A focal length wrong by 3 % lasts; so does a heading wrong by 3 degrees."""
+    walk = Walk(scale=scale, heading_deg=heading_deg)
+    assert max(walk.run(1800)) < LIMIT - 2
+    assert next(k for k, value in enumerate(walk.run(60, -0.7 + 0.7j)) if value > LIMIT) <= 12
 
 
 @pytest.mark.parametrize(("drag", "within_s"), [(1.0 + 0j, 12), (-0.7 + 0.7j, 12), (3j, 6)])
