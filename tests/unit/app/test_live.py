@@ -20,6 +20,7 @@ from visloc_companion.adapters.systemd.notify import Notifier
 from visloc_companion.app import camera_feed
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.first_position import At
+from visloc_companion.app.ground_reports import MODES
 from visloc_companion.app.journal import Entry, read_header, read_journal
 from visloc_companion.app.live import Daemon, run_daemon
 from visloc_companion.app.parts import Constructors, StartFailed
@@ -41,6 +42,7 @@ from visloc_companion.types import (
     LinkChanged,
     LocaliseRequest,
     LocalPose,
+    Mode,
     NoFix,
     PriorPose,
     Status,
@@ -205,6 +207,15 @@ def events_of(kind: type, recorded: list[Entry]) -> list[Any]:
 
 def commands_of(kind: type, recorded: list[Entry]) -> list[Any]:
     return [entry.command for entry in recorded if isinstance(entry.command, kind)]
+
+
+async def test_ground_stations_are_told_how_it_does(tmp_path: Path) -> None:
+    async with flight(configuration(tmp_path, link={"telemetry_rate_hz": 10.0})) as f, hovering(f):
+        await f.until(lambda: any(report.load for report in f.link.reports), "the computer's load")
+        await f.until(
+            lambda: any(dict(report.values).get("VL_MODE") == MODES[Mode.AIDING] for report in f.link.reports), "the mode"
+        )
+        assert not f.link.reports[-1].critical
 
 
 async def test_frames_are_localised_and_positions_injected_and_the_journal_replays(tmp_path: Path) -> None:
