@@ -2,7 +2,8 @@
 
 The autopilot knows attitude (a compass off by some degrees for good), height (off by metres) and a velocity that is off by about
 1 m/s and that it does not trust itself; its position is nonsense. Frames are rendered only when they are asked for. An answer
-takes as long as the localiser computed on one core (CPU time), so the time that is needed holds for such a core.
+takes as long as the localiser computed on one core (CPU time, less what other users of the computer add to it: pace.py), so the
+time that is needed holds for such a core.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from benchmarks.pace import Pace
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.place_search import MOST_WRONG
 from visloc_companion.core.settings import CoreSettings
@@ -75,7 +77,8 @@ class Outcome:
     """How a flight ended: when the navigator was anchored (s), how far off (m), and what the answers cost (CPU ms).
 
     `elsewhere` counts the tests about places where the vehicle is not, `mistaken` those of them that gave a fix which counts,
-    `false_listed` the tiles that gave a fix which would count, elsewhere than where the vehicle is.
+    `false_listed` the tiles that gave a fix which would count, elsewhere than where the vehicle is; `slower` by what factor the
+    computer was slower than when it is quiet.
     """
 
     anchored_s: float | None = None
@@ -85,6 +88,7 @@ class Outcome:
     elsewhere: int = 0
     mistaken: int = 0
     false_listed: int = 0
+    slower: list[float] = field(default_factory=list)
 
     def line(self) -> str:
         """For the progress of a run."""
@@ -105,9 +109,11 @@ class KidnappedFlight:
         reference: ReferenceMap,
         seed: int,
         far_m: float,
+        pace: Pace,
     ) -> None:
         self._way, self._camera, self._model = way, camera, model
         self._localiser, self._reference, self._seed, self._far_m = localiser, reference, seed, far_m
+        self._pace = pace
         rng = np.random.default_rng(seed)
         self._v_off, self._h_off = rng.normal(0, SIGMA_V_MPS, 2), float(rng.normal(0, SIGMA_H_M))
         self._yaw_off = float(rng.normal(0, SIGMA_YAW_RAD))
@@ -176,6 +182,10 @@ class KidnappedFlight:
         started = time.process_time()
         answer = self._localiser.localise(request, pixels, self._reference)
         took_s = time.process_time() - started
+        self._pace.measure()
+        slower = self._pace.slower()
+        took_s /= slower
+        self.outcome.slower.append(slower)
         is_tile = math.sqrt(request.prior.cov_ne_m2[0][0]) > self._far_m
         (self.outcome.tile_ms if is_tile else self.outcome.test_ms).append(1e3 * took_s)
         self._count(request, answer, place, is_tile)

@@ -1,0 +1,48 @@
+"""How fast this computer is just now, against how fast it is when nobody else uses it.
+
+CPU time grows where other processes share caches and memory. A fixed piece of work of the search's own kind, timed beside what is
+measured, tells by how much.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+
+import cv2
+import numpy as np
+
+SIDE, LAST, FIRST = 768, 7, 60
+
+
+class Pace:
+    """Times the fixed piece of work again and again; `quiet_s` is what it takes on a quiet computer (None: its least so far)."""
+
+    def __init__(self, quiet_s: float | None = None) -> None:
+        rng = np.random.default_rng(1)
+        self._field = rng.standard_normal((SIDE, SIDE, 2)).astype(np.float32)
+        self._last: deque[float] = deque(maxlen=LAST)
+        self._least_s = np.inf
+        self._given_s = quiet_s
+        for _ in range(FIRST):
+            self.measure()
+
+    @property
+    def quiet_s(self) -> float:
+        """CPU seconds of the piece of work on a quiet computer."""
+        return float(self._least_s) if self._given_s is None else self._given_s
+
+    def measure(self) -> None:
+        """Do the piece of work once."""
+        begun = time.process_time()
+        spectrum = cv2.dft(self._field, flags=cv2.DFT_COMPLEX_OUTPUT)
+        product = cv2.mulSpectrums(spectrum, spectrum, 0, conjB=True)
+        score = cv2.idft(product)[..., 0]
+        np.maximum(score, 0.0).max()
+        took_s = time.process_time() - begun
+        self._least_s = min(self._least_s, took_s)
+        self._last.append(took_s)
+
+    def slower(self) -> float:
+        """By what factor the computer is slower than when it is quiet, over the last times; at least 1."""
+        return max(1.0, float(np.median(self._last)) / self.quiet_s)
