@@ -24,6 +24,7 @@ ARDUPILOT = [
     ap("ap-ekf-type", "red", "AHRS_EKF_TYPE = 3", AHRS_EKF_TYPE=10),
     ap("ap-gnss-set-position", "red", "EK3_SRC1_POSXY = 3", EK3_SRC1_POSXY=6),
     ap("ap-gnss-set-velocity", "amber", "EK3_SRC1_VELXY = 3", EK3_SRC1_VELXY=0),
+    ap("ap-gnss-set-vertical-velocity", "amber", "EK3_SRC1_VELZ = 3", EK3_SRC1_VELZ=6),
     ap("ap-gnss-set-height", "amber", "EK3_SRC1_POSZ = 1", EK3_SRC1_POSZ=3),
     ap("ap-gnss-set-yaw", "red", "EK3_SRC1_YAW = 1", EK3_SRC1_YAW=6),
     ap("ap-vision-set-position", "red", "EK3_SRC2_POSXY = 6", EK3_SRC2_POSXY=3),

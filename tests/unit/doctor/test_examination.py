@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from tests.unit.doctor.conftest import HOME, recommended
+from visloc_companion.adapters.mavlink.dialect import mav
 from visloc_companion.config import parse_config
 from visloc_companion.doctor.examine import Report, Wishes, examine
 from visloc_companion.doctor.finding import Level
@@ -86,6 +87,30 @@ async def test_what_is_wrong_is_set_right_on_the_ground(
     for name in wrong:
         assert pilot.parameters[name] == pytest.approx(report.changes[name])
     assert pilot.parameters.get("EKF2_EV_CTRL", 1.0) == 1.0
+
+
+class Lossy(BuiltInAutopilot):
+    """Loses every third PARAM_VALUE on its way."""
+
+    lost = 0
+
+    def outgoing(self) -> bytes:
+        """See BuiltInAutopilot."""
+        kept, parser = b"", mav.MAVLink(None)
+        parser.robust_parsing = True
+        for message in parser.parse_buffer(super().outgoing()) or []:
+            values = message.get_type() == "PARAM_VALUE"
+            self.lost += values
+            kept += b"" if values and self.lost % 3 == 0 else message.get_msgbuf()
+        return kept
+
+
+async def test_parameters_that_were_lost_are_asked_for_again(served: Callable[..., Any]) -> None:
+    kind = AutopilotKind.PX4
+    report = await examined(served, Lossy(kind, "copter", HOME, [(0.0, 0.0, -100.0)], 10.0, 1, parameters=recommended(kind)))
+    assert report.facts.link is not None
+    assert len(report.facts.parameters) == report.facts.link.parameters_expected > 20
+    assert report.facts.parameters["EKF2_NOAID_TOUT"] == 5e6
 
 
 async def test_nothing_is_set_while_armed_nor_unasked(served: Callable[..., Any]) -> None:

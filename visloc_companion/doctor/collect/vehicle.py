@@ -15,7 +15,7 @@ from visloc_companion.doctor.facts import LinkFacts
 from visloc_companion.errors import LinkError
 from visloc_companion.types import AutopilotKind, EstimatorStatus, GeoPoint, LinkChanged
 
-_ANSWER_S, _TRIES = 1.0, 4
+_ANSWER_S, _TRIES = 1.0, 3
 _FIXED_WING = 1
 _VTOL = range(19, 26)
 _STATUS = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")

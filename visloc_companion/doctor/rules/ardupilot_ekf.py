@@ -102,6 +102,15 @@ RULES: tuple[Rule, ...] = (
         "EK3_SRC1_VELXY",
     ),
     parameter(
+        "ap-gnss-set-vertical-velocity",
+        AP,
+        _of_gnss("VELZ"),
+        "GPS velocity holds the climb rate; 6 is never sent.",
+        "EK3_SRC1_VELZ = 3",
+        _source(3.0, {}),
+        "EK3_SRC1_VELZ",
+    ),
+    parameter(
         "ap-gnss-set-height",
         AP,
         _of_gnss("POSZ"),
