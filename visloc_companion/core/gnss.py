@@ -71,6 +71,12 @@ class GnssMonitor:
         return self._trust.trusted
 
     @property
+    def armed_without_fix(self) -> bool:
+        """Whether the vehicle is armed and its receiver says that it has no position."""
+        gnss = self._reports.gnss
+        return self._armed and gnss is not None and gnss.fix_type < self._settings.min_fix_type
+
+    @property
     def ever_trusted(self) -> bool:
         """Whether it was trusted at any time of this flight."""
         return self._trust.ever

@@ -34,6 +34,8 @@ from visloc_companion.types import (
 )
 
 ATTITUDE_AGE_NS = 2_000_000_000
+GOES_ON_SIGMA_M = 20.0
+"""1-sigma of a position that the autopilot has carried on by itself since the last one that it was sent, some seconds ago."""
 MAX_STAMP_ERROR_NS = 1_000_000_000
 """A message's own time is used when it differs from its arrival by no more than this."""
 
@@ -142,16 +144,22 @@ class Telemetry:
             self._tracker.observe_airspeed(airspeed.Airspeed(t_ns, air, math.dist(air, before)))
 
     def seed(self, now_ns: int, sigma_m: float) -> list[Command]:
-        """Start the filter from the autopilot's position, once, while GNSS is trusted."""
-        prior, velocity = self._prior, self._tracker.velocity
-        if self._tracker.belief is not None or prior is None or velocity is None or not self._monitor.trusted:
+        """Start the filter from the autopilot's position, once, while GNSS is trusted; or where the autopilot has a position that
+        its receiver cannot have given it: it was sent by the daemon that flew before this one."""
+        prior, velocity, trusted = self._prior, self._tracker.velocity, self._monitor.trusted
+        if self._tracker.belief is not None or prior is None or velocity is None or not (trusted or self._goes_on):
             return []
         if now_ns - prior.t_rx_ns > MAX_STAMP_ERROR_NS:
             return []
         t_ns = self.stamped_ns(prior.t_rx_ns, prior.t_boot_ns)
-        if not self._tracker.seed(t_ns, prior.place, sigma_m):
+        if not self._tracker.seed(t_ns, prior.place, sigma_m if trusted else max(sigma_m, GOES_ON_SIGMA_M)):
             return []
         return [Notice(Severity.INFO, "filter seeded from the autopilot's position")]
+
+    @property
+    def _goes_on(self) -> bool:
+        """Whether the autopilot still has a position although its receiver says that it has none."""
+        return self._status is not None and self._status.horizontal_position_ok and self._monitor.armed_without_fix
 
     def _drive(self, t_rx_ns: int, t_boot_ns: int, v_ned_mps: Vec3, h_amsl_m: float, feedback: bool) -> None:
         limits = self._settings

@@ -1,0 +1,57 @@
+"""The daemon dies in flight and is started again while the receiver has no fix."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from visloc_companion.core.navigator import Navigator
+from visloc_companion.geo import wgs84
+from visloc_companion.types import AutopilotKind, GeoPoint, Injection, LinkChanged, OriginChanged
+
+World = Any
+ORIGIN = GeoPoint(59.3, 18.1, 40.0)
+DOWN_S = 3.0
+
+
+def restarted(world: type[World], *, armed: bool = True) -> World:
+    """Jammed at 20 s; the first daemon dies at 40 s, another one comes up 3 s later."""
+    w = world(jammed=lambda t: t > 20)
+    w.start()
+    w.fly(40.0)
+
+    class Nobody:
+        def on(self, *_: object) -> list[object]:
+            return []
+
+    w.navigator, w.last_injection = Nobody(), None
+    w.fly(40.0 + DOWN_S)
+    w.navigator, w.answers = Navigator(w.settings), []
+    w.send(LinkChanged(0, up=True, autopilot=AutopilotKind.ARDUPILOT, system_id=1, armed=armed))
+    w.send(OriginChanged(0, ORIGIN))
+    return w
+
+
+def test_it_goes_on_from_the_autopilots_position_within_two_seconds(world: type[World]) -> None:
+    w = restarted(world)
+    w.fly(60.0)
+    first_s = w.first(Injection, since_s=40.0 + DOWN_S)
+    assert first_s - 40.0 - DOWN_S < 2.0
+    sent = next(command for t, command in w.commands if t == first_s and isinstance(command, Injection))
+    assert math.hypot(*wgs84.ned_from_geo(sent.place, ORIGIN)[:2]) > 100  # not home
+    assert max(error for t, _, error in w.statuses if t > 46) < 6.0
+
+
+def test_nothing_is_sent_before_a_fix_has_confirmed_it(world: type[World]) -> None:
+    w = restarted(world)
+    w.blind = lambda t: t < 50
+    w.fly(55.0)
+    assert w.first(Injection, since_s=40.0 + DOWN_S) == pytest.approx(51.5, abs=1.6)
+
+
+def test_on_the_ground_the_map_is_searched(world: type[World]) -> None:
+    w = restarted(world, armed=False)
+    w.fly(44.0)
+    assert math.isinf(w.first(Injection, since_s=40.0 + DOWN_S))
