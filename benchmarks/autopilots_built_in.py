@@ -12,12 +12,14 @@ from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings, InjectionSettings
+from visloc_companion.errors import Reason
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.sim import faults
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.faults import FaultSchedule
+from visloc_companion.sim.faults.camera import FramesLate
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes
 from visloc_companion.sim.real.oracle import METHOD, OracleSettings
 from visloc_companion.sim.real.pilot import HOME
@@ -30,10 +32,12 @@ BOOT_AGE_S = 60.0
 
 
 def built_in_p95_m(scenario: RealScenario, simulator: Simulator) -> float | None:
-    """95 % of the built-in autopilot's own error while it flies on vision, metres; None where it never does.
+    """95 % of the built-in autopilot's own error while it flies on vision, metres.
 
-    A dragged GNSS has its velocity dragged, too: the built-in receiver knows no other.
+    None where it never does, and for flights that it cannot fly: with restarts, jumps of the fixes, or no GNSS at boot.
     """
+    if scenario.restarts or scenario.oracle.moved or not scenario.gnss_at_boot:
+        return None
     kind = AutopilotKind.PX4 if simulator.is_px4 else AutopilotKind.ARDUPILOT
     route = scenario.route
     pilot = BuiltInAutopilot(
@@ -53,7 +57,7 @@ def built_in_p95_m(scenario: RealScenario, simulator: Simulator) -> float | None
         _PoseReader(oracle, scenario.seed),
         cast(ReferenceMap, None),
         oracle.rate_hz,
-        oracle.latency_s,
+        oracle.latency_s + oracle.jitter_s / 2,
     )
     settings = CoreSettings(structure=False, max_rate_hz=oracle.rate_hz, injection=InjectionSettings(switch_source=True))
     log = ClosedLoopFlight(pilot, Navigator(settings), MavlinkSession(SessionSettings()), eyes).run(scenario.duration_s)
@@ -72,9 +76,13 @@ def _faults(scenario: RealScenario) -> FaultSchedule:
     if scenario.jam_at_s is not None:
         end_s = float("inf") if scenario.gnss_back_at_s is None else scenario.gnss_back_at_s
         schedule += faults.jam(scenario.jam_at_s, end_s)
+    if scenario.oracle.frame_delay_s:
+        schedule += faults.these(FramesLate(0.0, scenario.oracle.frame_delay_s, 0.0))
     if scenario.drag_at_s is not None:
         north, east = scenario.drag_mps
-        schedule += faults.slow_drag(scenario.drag_at_s, float(np.hypot(north, east)), float(np.arctan2(east, north)))
+        schedule += faults.slow_drag(
+            scenario.drag_at_s, float(np.hypot(north, east)), float(np.arctan2(east, north)), consistent_velocity=False
+        )
     return schedule
 
 
@@ -105,6 +113,9 @@ class _PoseReader:
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         lat, lon, height, w, x, y, z = np.frombuffer(pixels.tobytes(), np.float64).tolist()
+        flight_s = (request.frame.t_boot_ns or 0) * 1e-9 - BOOT_AGE_S
+        if not self._settings.sees(flight_s):
+            return NoFix(0, request.frame.t_ns, request.request_id, request.frame.frame_id, METHOD, Reason.NO_MATCH, 0.0)
         sigma, claimed = self._settings.sigma_m, self._settings.claimed_sigma_m**2
         noise = self._rng.gauss(0.0, sigma), self._rng.gauss(0.0, sigma), self._rng.gauss(0.0, 1.0)
         place, frame = geo_from_ned(noise, GeoPoint(lat, lon, height)), request.frame

@@ -86,6 +86,7 @@ async def _keep_alive(station: Station, clock: SlavedClock, simulator: Running) 
 async def _stages(pilot: Pilot, scenario: RealScenario, station: Station, recorder: Recorder, lives: DaemonLives | None) -> None:
     await pilot.prepare(station, scenario.gnss_at_boot)
     recorder.mark("ready")
+    recorder.log.build = await station.build()
     if scenario.gnss_at_boot:
         await pilot.take_off(station, scenario.route)
     else:

@@ -42,6 +42,8 @@ _OWN: dict[str, str] = {
     "COM_DISARM_LAND": "2.0",
 }
 """What the simulated vehicle needs beside the user's file: home, brisk braking, no remote control, disarming on the ground."""
+_OWN_PLANE = {"MIS_TKO_LAND_REQ": "0"}
+"""A mission that only flies round has no landing."""
 
 
 class Px4:
@@ -60,7 +62,9 @@ class Px4:
         """Links are those of PX4's start script: 14550 to the ground station, 14540 to the companion."""
         lines = self._parameter_file.read_text(encoding="ascii").splitlines()
         told = dict(line.split("\t")[2:4] for line in lines if not line.startswith("#"))
-        environment = {f"PX4_PARAM_{name}": value for name, value in {**_OWN, **told}.items()}
+        environment = {
+            f"PX4_PARAM_{name}": value for name, value in {**_OWN, **(_OWN_PLANE if self._plane else {}), **told}.items()
+        }
         if not gnss:
             environment |= {"PX4_PARAM_SIM_GPS_USED": "0", "PX4_PARAM_COM_RC_IN_MODE": "1"}
         environment |= {
@@ -104,7 +108,7 @@ class Px4:
 
     async def take_off(self, station: Station, route: Route) -> None:
         """The mission begins with the take-off."""
-        await station.upload(_mission(route))
+        await station.upload(self._mission(route))
         await self._set_mode(station, _MISSION)
         await station.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, tries=_ARM_TRIES)
         climbed = 0.9 * route.height_m
@@ -112,7 +116,7 @@ class Px4:
 
     async def climb_by_hand(self, station: Station, route: Route) -> None:
         """Altitude mode with the sticks sent by the ground station; the mission when there is a position."""
-        await station.upload(_mission(route))
+        await station.upload(self._mission(route))
         await self._steer(station, _HOLD, lambda: False, 1.0)
         await station.command(mav.MAV_CMD_DO_SET_MODE, 1.0, _ALTITUDE)
         await station.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, tries=_ARM_TRIES)
@@ -155,20 +159,22 @@ class Px4:
         armed = mav.MAV_MODE_FLAG_SAFETY_ARMED
         await station.until("landing", lambda: not station.last["HEARTBEAT"].base_mode & armed, _LAND_S)
 
+    def _mission(self, route: Route) -> list[MissionItem]:
+        def item(command: int, north_m: float = 0.0, east_m: float = 0.0, p1: float = 0.0, p2: float = 0.0) -> MissionItem:
+            place = geo_from_ned((north_m, east_m, 0.0), HOME)
+            return MissionItem(command, (p1, p2, 0.0, 0.0), place.lat_deg, place.lon_deg, route.height_m)
+
+        items = [
+            item(mav.MAV_CMD_NAV_TAKEOFF),
+            item(mav.MAV_CMD_DO_CHANGE_SPEED, p1=0.0 if self._plane else 1.0, p2=route.speed_mps),
+        ]
+        first = len(items)
+        items += [item(mav.MAV_CMD_NAV_WAYPOINT, leg.north_m, leg.east_m, p1=leg.hold_s) for leg in route.legs]
+        return [*items, item(mav.MAV_CMD_DO_JUMP, p1=float(first), p2=1000.0)]
+
     def failsafe(self, text: str) -> bool:
         """By the words that PX4 uses."""
         return "failsafe" in text.lower() or "blind land" in text.lower()
-
-
-def _mission(route: Route) -> list[MissionItem]:
-    def item(command: int, north_m: float = 0.0, east_m: float = 0.0, p1: float = 0.0, p2: float = 0.0) -> MissionItem:
-        place = geo_from_ned((north_m, east_m, 0.0), HOME)
-        return MissionItem(command, (p1, p2, 0.0, 0.0), place.lat_deg, place.lon_deg, route.height_m)
-
-    items = [item(mav.MAV_CMD_NAV_TAKEOFF), item(mav.MAV_CMD_DO_CHANGE_SPEED, p1=1.0, p2=route.speed_mps)]
-    first = len(items)
-    items += [item(mav.MAV_CMD_NAV_WAYPOINT, leg.north_m, leg.east_m, p1=leg.hold_s) for leg in route.legs]
-    return [*items, item(mav.MAV_CMD_DO_JUMP, p1=float(first), p2=1000.0)]
 
 
 def _height_m(station: Station) -> float:

@@ -39,10 +39,14 @@ class RealSample:
 
 @dataclass(slots=True)
 class RealLog:
-    """A flight: samples, what the autopilot said, its failsafes, when things happened and positions went out (s of its clock)."""
+    """A flight: samples, what the autopilot said, its failsafes, when things happened and positions went out (s of its clock).
+
+    `version` is what the autopilot says it is, `build` the hash of its sources.
+    """
 
     program: str = ""
     version: str = ""
+    build: str = ""
     speed: float = 0.0
     samples: list[RealSample] = field(default_factory=list)
     texts: list[tuple[float, str]] = field(default_factory=list)

@@ -21,6 +21,8 @@ COPTER_ROUTE = Route(
 )
 """Turns passed by and corners with a stop, 100 to 200 m apart."""
 PLANE_ROUTE = Route((Leg(400, 300), Leg(100, 600), Leg(-300, 400), Leg(-200, -200)), height_m=100.0, speed_mps=23.0)
+PX4_PLANE_MPS = 15.0
+"""Its plane weighs 0.3 kg."""
 FAULT_S = 60.0
 BRAKES = tuple(Brake(float(at_s)) for at_s in range(18, 360, 46))
 ORACLE = OracleSettings()
@@ -51,7 +53,7 @@ NAMES = {
 
 def _fixes(rate_hz: float, p95_limit_m: tuple[float, float] | None = None, latency_s: float = ORACLE.latency_s) -> Change:
     def change(short: RealScenario) -> RealScenario:
-        limit_m = None if p95_limit_m is None else p95_limit_m[short.route is PLANE_ROUTE]
+        limit_m = None if p95_limit_m is None else p95_limit_m[short.route.legs == PLANE_ROUTE.legs]
         return replace(short, oracle=replace(ORACLE, rate_hz=rate_hz, latency_s=latency_s), p95_limit_m=limit_m)
 
     return change
@@ -93,6 +95,8 @@ def real_scenario(name: str, simulator: Simulator, seed: int = 1) -> RealScenari
     """A flight by its name. Raises ConfigError for one that there is not, or that this simulator cannot fly."""
     plane = simulator.is_plane
     route = PLANE_ROUTE if plane else COPTER_ROUTE
+    if simulator is Simulator.PX4_PLANE:
+        route = replace(route, speed_mps=PX4_PLANE_MPS)
     jam = RealScenario(name, route, 360.0, jam_at_s=FAULT_S, brakes=() if plane else BRAKES, lands=not plane, seed=seed)
     if name not in NAMES:
         raise ConfigError(f"there is no flight {name!r} against a real simulator", remedy=f"use one of {', '.join(NAMES)}")

@@ -166,6 +166,13 @@ class Station:
             await self.holds(lambda: all(name in self.last for name in names.values()), 2.0)
         raise LinkError(f"{', '.join(names[number] for number in missing)} did not come", where=self.url)
 
+    async def build(self) -> str:
+        """The hash of the autopilot's sources, from AUTOPILOT_VERSION: ArduPilot's is text, PX4's bytes, last one first."""
+        await self.command(mav.MAV_CMD_REQUEST_MESSAGE, mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+        await self.until("version", lambda: "AUTOPILOT_VERSION" in self.last, _ANSWER_S)
+        raw = bytes(self.last["AUTOPILOT_VERSION"].flight_custom_version)
+        return raw[::-1].hex() if self._is_px4 else raw.rstrip(b"\x00").decode("ascii", errors="replace")
+
     async def set_parameter(self, name: str, value: float) -> None:
         """PARAM_SET until PARAM_VALUE says the same."""
         await self._set_parameter(name, value, mav.MAV_PARAM_TYPE_REAL32, value)
