@@ -45,8 +45,10 @@ class _Smallest:
         self._current = min(self._current, (key, value))
 
     def value(self) -> int | None:
-        known = [entry for entry in (self._current, self._previous) if entry is not None]
-        return min(known)[1] if known else None
+        current, previous = self._current, self._previous
+        if current is None or previous is None:
+            return None if current is None else current[1]
+        return min(current, previous)[1]
 
 
 class ClockOffset:
@@ -97,8 +99,10 @@ class ClockOffset:
 
     def offset_ns(self) -> int | None:
         """Shell clock minus boot clock, or None before anything arrived."""
-        known = [v for v in (self._exchanges.value(), self._one_way.value()) if v is not None]
-        return min(known) if known else None
+        exchanged, arrived = self._exchanges.value(), self._one_way.value()
+        if exchanged is None or arrived is None:
+            return arrived if exchanged is None else exchanged
+        return min(exchanged, arrived)
 
     def shell_ns(self, t_boot_ns: int, fallback_ns: int) -> int:
         """Shell time of a boot time; the fallback (arrival) where the offset is unknown."""

@@ -124,4 +124,4 @@ def _is_velocity(v_mps: tuple[float, float, float]) -> bool:
 
 
 def _finite(*numbers: float) -> bool:
-    return all(math.isfinite(number) for number in numbers)
+    return all(map(math.isfinite, numbers))
