@@ -48,6 +48,8 @@ class LinkConfig(Section):
     """File with the key of MAVLink 2 signing (`visloc link-key` makes one; owner only, mode 0600); empty signs nothing."""
     signing_link_id: Annotated[int, Field(ge=0, le=255)] = 0
     """Our link id in signatures; two links of one component to one vehicle need different ones."""
+    signing_stamp_file: str = ""
+    """With a key: where the newest time of signing is kept between starts; wanted where the computer's clock may be behind."""
     accept_unsigned: bool = False
     """With a key: believe unsigned messages, too. Without a key all are believed."""
     telemetry_rate_hz: Annotated[float, Field(ge=0, le=20)] = 1.0

@@ -12,8 +12,9 @@ from visloc_companion.adapters.mavlink.outputs.fence import Fence
 from visloc_companion.adapters.mavlink.outputs.kinds import Output
 from visloc_companion.adapters.mavlink.pymavlink_link import PymavlinkLink
 from visloc_companion.adapters.mavlink.settings import SessionSettings
-from visloc_companion.adapters.mavlink.signing import SigningSettings, stamp_at_zero
+from visloc_companion.adapters.mavlink.signing import SigningSettings, at_zero_of, stamp_at_zero
 from visloc_companion.adapters.mavlink.signing_key import read_key
+from visloc_companion.adapters.mavlink.signing_stamp import StampFile
 from visloc_companion.app.parts import Constructors
 from visloc_companion.config import Config, LinkConfig
 from visloc_companion.errors import ConfigError, MapError
@@ -34,7 +35,7 @@ def make_link(
         vision_source_set=config.injection.vision_source_set,
         px4_gps_ctrl=config.injection.px4_gps_ctrl,
         reconnect_s=config.link.reconnect_s,
-        signing=_signing(config.link, clock),
+        signing=_signing(config.link, clock, on_warning),
         output=None if config.injection.output == "auto" else Output(config.injection.output),
         position_sensor_id=config.injection.position_sensor_id,
         external_estimate_period_s=config.injection.external_estimate_period_s,
@@ -77,11 +78,16 @@ def map_extent(config: Config) -> tuple[Fence | None, GeoPoint | None]:
     return fence, GeoPoint((b.south_deg + b.north_deg) / 2, lon_deg, manifest.heights.plane_amsl_m)
 
 
-def _signing(link: LinkConfig, clock: Clock) -> SigningSettings | None:
+def _signing(link: LinkConfig, clock: Clock, on_warning: Callable[[str], None]) -> SigningSettings | None:
     if not link.signing_key_file:
         return None
-    at_zero = stamp_at_zero(time.time_ns(), clock.now_ns())
-    return SigningSettings(read_key(Path(link.signing_key_file)), link.signing_link_id, link.accept_unsigned, at_zero)
+    key = read_key(Path(link.signing_key_file))
+    now_ns = clock.now_ns()
+    at_zero = stamp_at_zero(time.time_ns(), now_ns)
+    kept = StampFile(Path(link.signing_stamp_file), on_warning) if link.signing_stamp_file else None
+    if kept is not None:
+        at_zero = max(at_zero, at_zero_of(kept.first(), now_ns))
+    return SigningSettings(key, link.signing_link_id, link.accept_unsigned, at_zero, None if kept is None else kept.keep)
 
 
 def make_camera(config: Config, clock: Clock) -> Camera:

@@ -7,6 +7,7 @@ import pytest
 from visloc_companion.adapters.mavlink import mavsdk_channel
 from visloc_companion.adapters.mavlink.mavsdk_channel import MavsdkOpener, load_library
 from visloc_companion.adapters.mavlink.pymavlink_link import PymavlinkLink
+from visloc_companion.adapters.mavlink.signing_stamp import MARGIN
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.constructors import make_link
 from visloc_companion.config import parse_config
@@ -37,3 +38,15 @@ def test_without_the_package_it_says_what_to_install(monkeypatch: pytest.MonkeyP
     monkeypatch.setitem(__import__("sys").modules, "mavsdk", None)
     with pytest.raises(ConfigError, match=r"link.backend = mavsdk.*visloc-companion\[mavsdk\]"):
         load_library()
+
+
+def test_signing_goes_on_where_the_last_start_ended(tmp_path: Path) -> None:
+    """A clock that is behind does not make old recordings new."""
+    key, stamp = tmp_path / "key", tmp_path / "stamp"
+    key.touch(mode=0o600)
+    key.write_text("secret")
+    far_ahead = 2**46
+    stamp.write_text(f"{far_ahead}\n")
+    link = make(signing_key_file=str(key), signing_stamp_file=str(stamp))
+    link.session.poll(MonotonicClock().now_ns())
+    assert far_ahead + MARGIN <= int(stamp.read_text()) < far_ahead + 2 * MARGIN

@@ -55,7 +55,7 @@ class MavlinkSession:
         self.settings = settings
         self._warnings: deque[str] = deque(maxlen=_MAX_WARNINGS)
         signing = settings.signing
-        self._time = None if signing is None else SigningTime(signing.stamp_at_zero)
+        self._time = None if signing is None else SigningTime(signing.stamp_at_zero, signing.keep)
         self._guard = None if signing is None or self._time is None else SignatureGuard(signing, self._time, self._warn)
         self._listener = Listener(settings.system_id, self._warn, self._guard)
         self._decoder = Decoder()

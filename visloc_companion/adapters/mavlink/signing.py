@@ -22,6 +22,7 @@ UNITS_PER_S = 100_000
 EPOCH_UNIX_S = 1_420_070_400
 """2015-01-01T00:00:00Z."""
 MAX_STREAMS = 32
+KEEP_EVERY_NS = 30_000_000_000
 _NS_PER_UNIT = 10_000
 _NEW_STREAM_UNITS = 60 * UNITS_PER_S
 _LAST_STAMP = 2**48 - 1
@@ -36,12 +37,14 @@ class SigningSettings:
     """The key that both sides share, our own link id, and what is believed without a signature.
 
     `stamp_at_zero` is the time stamp of the instant at which our monotonic clock would read 0 (`stamp_at_zero` below).
+    `keep` is given the newest stamp every 30 s, to be remembered over a restart (signing_stamp.py).
     """
 
     key: bytes = field(repr=False)
     link_id: int = 0
     accept_unsigned: bool = False
     stamp_at_zero: int = 0
+    keep: Callable[[int], None] | None = field(default=None, repr=False)
 
 
 def stamp_at_zero(unix_ns: int, now_ns: int) -> int:
@@ -49,12 +52,19 @@ def stamp_at_zero(unix_ns: int, now_ns: int) -> int:
     return (unix_ns - EPOCH_UNIX_S * 1_000_000_000 - now_ns) // _NS_PER_UNIT
 
 
+def at_zero_of(stamp: int, now_ns: int) -> int:
+    """The same, where `stamp` is to be that of now."""
+    return stamp - now_ns // _NS_PER_UNIT
+
+
 class SigningTime:
     """Our time stamp: the wall clock's, never repeated, never behind what a holder of the key has said."""
 
-    def __init__(self, at_zero: int) -> None:
+    def __init__(self, at_zero: int, keep: Callable[[int], None] | None = None) -> None:
         self._at_zero = at_zero
         self._latest = max(0, at_zero)
+        self._keep = keep
+        self._keep_ns = 0
 
     @property
     def latest(self) -> int:
@@ -64,6 +74,9 @@ class SigningTime:
     def advance(self, now_ns: int) -> None:
         """Let time pass."""
         self._latest = max(self._latest, min(_LAST_STAMP, self._at_zero + now_ns // _NS_PER_UNIT))
+        if self._keep is not None and now_ns >= self._keep_ns:
+            self._keep_ns = now_ns + KEEP_EVERY_NS
+            self._keep(self._latest)
 
     def heard(self, stamp: int) -> None:
         """A packet with a right signature carried this stamp: a clock of ours that is behind follows."""

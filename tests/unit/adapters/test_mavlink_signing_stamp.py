@@ -1,0 +1,51 @@
+"""The time of signing from one start to the next."""
+
+from pathlib import Path
+
+import pytest
+
+from visloc_companion.adapters.mavlink.signing import KEEP_EVERY_NS, SigningTime
+from visloc_companion.adapters.mavlink.signing_stamp import MARGIN, StampFile
+from visloc_companion.errors import ConfigError
+
+
+def test_a_start_begins_a_minute_past_what_was_kept(tmp_path: Path) -> None:
+    told: list[str] = []
+    file = StampFile(tmp_path / "stamp", told.append)
+    assert file.first() == 0
+    file.keep(123456)
+    assert StampFile(tmp_path / "stamp", told.append).first() == 123456 + MARGIN
+    assert [path.name for path in tmp_path.iterdir()] == ["stamp"]
+    assert told == []
+
+
+@pytest.mark.parametrize("content", [b"", b"\n", b"-5", b"12.5", b"\xff\xfe", b"9" * 400, "²".encode()])
+def test_a_file_that_a_power_cut_left_is_as_none(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "stamp"
+    path.write_bytes(content)
+    assert StampFile(path, lambda _: None).first() == 0
+
+
+def test_it_is_kept_at_once_and_every_half_minute() -> None:
+    kept: list[int] = []
+    time = SigningTime(1000, kept.append)
+    for now_ns in range(5, 2 * KEEP_EVERY_NS, KEEP_EVERY_NS // 10):
+        time.advance(now_ns)
+    assert kept == [1000, 1000 + KEEP_EVERY_NS // 10_000]
+
+
+def test_a_place_that_cannot_be_written_stands_against_the_start(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"link.signing_stamp_file.*cannot be written.*remedy"):
+        StampFile(tmp_path / "absent" / "stamp", lambda _: None)
+
+
+def test_a_disk_that_fails_later_is_told_once(tmp_path: Path) -> None:
+    told: list[str] = []
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    file = StampFile(folder / "stamp", told.append)
+    (folder / "stamp").unlink()
+    folder.rmdir()
+    for stamp in range(3):
+        file.keep(stamp)
+    assert len(told) == 1

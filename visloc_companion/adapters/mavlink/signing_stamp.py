@@ -1,0 +1,48 @@
+"""The newest time stamp of signing, kept in a file from one start to the next.
+
+A clock that is behind (no battery, no network) would otherwise let recordings of earlier flights be believed. As in ArduPilot,
+the stamp is kept every 30 s, and a start begins a minute past it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from pathlib import Path
+
+from visloc_companion.adapters.mavlink.signing import UNITS_PER_S
+from visloc_companion.errors import ConfigError
+
+MARGIN = 60 * UNITS_PER_S
+_MAX_DIGITS = 15
+
+
+class StampFile:
+    """One line with a whole number. Raises ConfigError where the file cannot be written to at all."""
+
+    def __init__(self, path: Path, warn: Callable[[str], None], field: str = "link.signing_stamp_file") -> None:
+        self._path, self._warn, self._told = path, warn, False
+        try:
+            path.touch(mode=0o600)
+        except OSError as why:
+            where, remedy = f"{field} = {path}", "name a file in a folder that the daemon may write to"
+            raise ConfigError(f"cannot be written: {why.strerror}", where=where, remedy=remedy) from why
+
+    def first(self) -> int:
+        """The least stamp to begin with: a minute past the kept one; 0 where none was kept, or it was lost in a power cut."""
+        with contextlib.suppress(OSError, ValueError):
+            text = self._path.read_text(encoding="ascii").strip()
+            if text.isdigit() and len(text) <= _MAX_DIGITS:
+                return int(text) + MARGIN
+        return 0
+
+    def keep(self, stamp: int) -> None:
+        """Write a stamp; a failure (a full disk) is told once and does not end anything."""
+        beside = self._path.with_name(self._path.name + ".new")
+        try:
+            beside.write_text(f"{stamp}\n", encoding="ascii")
+            beside.replace(self._path)
+        except OSError as why:
+            if not self._told:
+                self._told = True
+                self._warn(f"the time of signing cannot be kept in {self._path}: {why.strerror}")
