@@ -148,6 +148,7 @@ class Navigator:
                 return self._aiding.on_gnss(event, t_ns, self._steering.mode)
             case EstimatorStatus():
                 self._telemetry.on_status(event)
+                self._switch.hear(event, now_ns)
                 return []
             case Imu():
                 self._telemetry.on_imu(event)

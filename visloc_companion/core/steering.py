@@ -7,7 +7,7 @@ from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.switching import SourceSwitch
-from visloc_companion.types import Command, EkfSource, Mode, NavState, Notice, Severity, Verdict
+from visloc_companion.types import Command, EkfSource, InjectionPolicy, Mode, NavState, Notice, Severity, Verdict
 
 INJECTING = (Mode.AIDING, Mode.DEAD_RECKONING)
 
@@ -44,7 +44,7 @@ class Steering:
         limits = self._settings.navigator
         situation = modes.Situation(
             ready=ready,
-            due=self._anchored and output.is_due(self._settings.injection.policy, self._monitor.verdict.verdict),
+            due=self._anchored and self._is_due,
             recent_fix=self._fix_within(limits.dead_reckoning_after_s, now_ns),
             sigma_m=0.0 if state is None else largest_sigma_m(state.cov_ne_m2),
             lost_sigma_m=limits.lost_sigma_m,
@@ -57,12 +57,26 @@ class Steering:
         data = (("from", before.value), ("sigma_m", situation.sigma_m))
         return [Notice(severity, f"visloc: {self.mode.value.upper()}", to_operator=True, data=data)]
 
+    @property
+    def _is_due(self) -> bool:
+        """By the policy; and on the way back to GNSS until the autopilot is seen to use that."""
+        policy = self._settings.injection.policy
+        back = policy is not InjectionPolicy.NEVER and self._switch.leaving_vision
+        return back or output.is_due(policy, self._monitor.verdict.verdict)
+
     def steer_source(self, armed: bool, now_ns: int) -> list[Command]:
-        """Bring the autopilot to the source that fits the verdict."""
-        if self._monitor.verdict.verdict is Verdict.OK:
-            proven = self._switch.known or self._gnss_proven(armed, now_ns)
-            return self._switch.want(EkfSource.GNSS, now_ns) if proven else []
-        return self._switch.want(EkfSource.VISION, now_ns) if self.injecting else []
+        """Bring the autopilot to the source that fits the verdict, or to the other one where it does not use that."""
+        verdict = self._monitor.verdict.verdict
+        at_hand = {EkfSource.GNSS: verdict is not Verdict.DENIED, EkfSource.VISION: self.injecting}
+        other = {EkfSource.GNSS: EkfSource.VISION, EkfSource.VISION: EkfSource.GNSS}
+        commands = self._switch.verify(at_hand[other[self._switch.source]], now_ns)
+        if verdict is Verdict.OK:
+            wish = EkfSource.GNSS if self._switch.known or self._gnss_proven(armed, now_ns) else None
+        else:
+            wish = EkfSource.VISION if self.injecting else None
+        if wish is not None and self._switch.shuns(wish, now_ns) and at_hand[other[wish]]:
+            wish = other[wish]
+        return commands if wish is None else [*commands, *self._switch.want(wish, now_ns)]
 
     def _gnss_proven(self, armed: bool, now_ns: int) -> bool:
         """Whether GNSS may take over from a source that nobody confirmed: on the ground at once, in flight (we may have been

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from visloc_companion.types import Command, EkfSource, Notice, Severity, SourceSwitched, SwitchSource
+from visloc_companion.core.use_check import UseCheck
+from visloc_companion.types import Command, EkfSource, EstimatorStatus, Notice, Severity, SourceSwitched, SwitchSource
 
 RETRY_NS = 3_000_000_000
 RETRY_REFUSED_NS = 15_000_000_000
+SHUN_NS = 30_000_000_000
+"""A source that the autopilot did not use is not wished for again so soon, where there is another."""
 
 
 class SourceSwitch:
     """Commands the switch where that is allowed, repeats it until it is confirmed, and else asks the operator once.
 
     Until something was confirmed the autopilot may be on either source (the daemon may have restarted in flight), so the first
-    wish is always sent. When GNSS may be wished for then is the navigator's to say.
+    wish is always sent. When GNSS may be wished for then is the navigator's to say. After each switch it is watched whether the
+    autopilot uses the source (use_check.py).
     """
 
     def __init__(self, allowed: bool) -> None:
         self._allowed = allowed
+        self._check = UseCheck()
         self.restarted()
 
     @property
@@ -29,8 +34,15 @@ class SourceSwitch:
         """Whether the autopilot ever confirmed a source since we know it."""
         return self._confirmed
 
+    @property
+    def leaving_vision(self) -> bool:
+        """Whether the autopilot still flies on vision as far as it confirmed, or on a GNSS that it has yet to be seen to use."""
+        return self._allowed and (self._source is EkfSource.VISION or self._check.source is EkfSource.GNSS)
+
     def restarted(self) -> None:
         """The autopilot (or we) restarted: its source is what its parameters say, most likely GNSS."""
+        self._check.stop()
+        self._shunned: dict[EkfSource, int] = {}
         self._source, self._confirmed = EkfSource.GNSS, False
         self._not_before_ns: int | None = None
         self._operator_told = EkfSource.GNSS
@@ -38,11 +50,32 @@ class SourceSwitch:
     def confirmed(self, event: SourceSwitched, now_ns: int) -> list[Command]:
         """The autopilot's answer; a refusal goes to the operator and is tried again later."""
         if event.accepted:
+            if event.shows_use and event.source is not self._source:
+                self._check.begin(event.source, now_ns)
             self._source, self._confirmed, self._not_before_ns = event.source, True, None
             return [Notice(Severity.INFO, f"visloc: EKF source is {event.source.value}")]
         self._not_before_ns = now_ns + RETRY_REFUSED_NS
         text = f"visloc: EKF source {event.source.value} refused"
         return [Notice(Severity.WARNING, text, to_operator=True, data=(("detail", event.detail),))]
+
+    def hear(self, status: EstimatorStatus, now_ns: int) -> None:
+        """Take a report of the autopilot's estimator."""
+        self._check.hear(status, now_ns)
+
+    def verify(self, other_at_hand: bool, now_ns: int) -> list[Command]:
+        """Tell the operator, once, of a source that the autopilot does not use; it is shunned where there is another."""
+        source = self._check.source
+        if source is None or self._check.judged(now_ns) is not False:
+            return []
+        if other_at_hand:
+            self._shunned[source] = now_ns + SHUN_NS
+        then = "switching back" if other_at_hand else "CHECK IT"
+        text = f"visloc: EKF does not use {source.value.upper()}, {then}"
+        return [Notice(Severity.CRITICAL, text, to_operator=True)]
+
+    def shuns(self, source: EkfSource, now_ns: int) -> bool:
+        """Whether a source was found unused a short while ago."""
+        return now_ns < self._shunned.get(source, now_ns)
 
     def want(self, source: EkfSource, now_ns: int) -> list[Command]:
         """Bring the autopilot to a source."""

@@ -93,7 +93,8 @@ class EstimatorStatus:
     """The autopilot's estimator health (EKF_STATUS_REPORT on ArduPilot, ESTIMATOR_STATUS on PX4).
 
     Ratios are innovation test ratios (> 1 is rejected), None where the autopilot does not send them. `gnss_glitch` is
-    ArduPilot bit 15 or PX4 bit 0x400; `gnss_in_use` is PX4 bit 0x200, None on ArduPilot.
+    ArduPilot bit 15 or PX4 bit 0x400; `gnss_in_use` is PX4 bit 0x200 (GNSS or an auxiliary
+    position), `aided` its bit 0x100 (anything horizontal); None on ArduPilot.
     """
 
     t_rx_ns: int
@@ -103,6 +104,7 @@ class EstimatorStatus:
     horizontal_position_ok: bool
     gnss_glitch: bool
     gnss_in_use: bool | None
+    aided: bool | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,12 +275,17 @@ class OperatorFix:
 
 @dataclass(frozen=True, slots=True)
 class SourceSwitched:
-    """The autopilot confirmed (or refused) a switch of its position source."""
+    """The autopilot confirmed (or refused) a switch of its position source.
+
+    `shows_use`: whether its estimator's reports can tell that it uses the source (positions between which it dead-reckons leave
+    no trace there).
+    """
 
     t_rx_ns: int
     source: EkfSource
     accepted: bool
     detail: str = ""
+    shows_use: bool = True
 
 
 @dataclass(frozen=True, slots=True)

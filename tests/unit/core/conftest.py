@@ -177,7 +177,8 @@ class World:
             fix, sats = (1, 3) if jammed else (3, 14)
             self.send(Gnss(now, boot, fix, sats, place_of(gnss), 1.0, 1.5, None))
         if self.k % 10 == 0:
-            self.send(EstimatorStatus(now, 0.2, 0.2, 0.2, horizontal_position_ok=True, gnss_glitch=False, gnss_in_use=None))
+            ratio = 0.2 + 0.01 * (self.k % 7)  # another one with each position fused
+            self.send(EstimatorStatus(now, ratio, 0.2, 0.2, horizontal_position_ok=True, gnss_glitch=False, gnss_in_use=None))
 
     def fly(self, until_s: float) -> World:
         while self.t < until_s:

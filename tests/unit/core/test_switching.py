@@ -1,7 +1,8 @@
 from __future__ import annotations
 
-from visloc_companion.core.switching import RETRY_NS, RETRY_REFUSED_NS, SourceSwitch
-from visloc_companion.types import EkfSource, Notice, SourceSwitched, SwitchSource
+from visloc_companion.core.switching import RETRY_NS, RETRY_REFUSED_NS, SHUN_NS, SourceSwitch
+from visloc_companion.core.use_check import JUDGE_NS
+from visloc_companion.types import EkfSource, EstimatorStatus, Notice, SourceSwitched, SwitchSource
 
 G, V = EkfSource.GNSS, EkfSource.VISION
 
@@ -46,3 +47,53 @@ def test_where_it_is_not_allowed_the_operator_is_asked_once() -> None:
     assert len(notice.text) <= 50
     assert switch.want(V, 10**12) == []
     assert len(switch.want(G, 10**12)) == 1
+
+
+def report(ratio: float) -> EstimatorStatus:
+    return EstimatorStatus(0, ratio, 0.1, 0.1, True, False, None)
+
+
+def switched(source: EkfSource, *, shows_use: bool = True) -> SourceSwitch:
+    """On a source that the autopilot then reports not to use."""
+    switch = SourceSwitch(allowed=True)
+    switch.want(source, 0)
+    switch.confirmed(SourceSwitched(0, source, accepted=True, shows_use=shows_use), 0)
+    for n in range(8):
+        switch.hear(report(0.2), n * JUDGE_NS // 6)
+    return switch
+
+
+def test_a_source_that_is_not_used_is_told_of_and_left_for_the_other() -> None:
+    switch = switched(V)
+    assert switch.verify(True, JUDGE_NS - 1) == []
+    (notice,) = switch.verify(True, JUDGE_NS)
+    assert isinstance(notice, Notice)
+    assert (notice.to_operator, len(notice.text) <= 50) == (True, True)
+    assert switch.shuns(V, JUDGE_NS + 1)
+    assert not switch.shuns(V, JUDGE_NS + SHUN_NS)
+    assert not switch.shuns(G, JUDGE_NS + 1)
+    assert switch.verify(True, 2 * JUDGE_NS) == []
+
+
+def test_without_another_source_it_is_only_told() -> None:
+    switch = switched(V)
+    (notice,) = switch.verify(False, JUDGE_NS)
+    assert isinstance(notice, Notice)
+    assert len(notice.text) <= 50
+    assert not switch.shuns(V, JUDGE_NS + 1)
+
+
+def test_what_leaves_no_trace_is_not_judged() -> None:
+    assert switched(V, shows_use=False).verify(True, 10 * JUDGE_NS) == []
+
+
+def test_vision_is_left_only_when_gnss_is_seen_to_be_used() -> None:
+    switch = switched(V)
+    assert switch.leaving_vision
+    switch.confirmed(SourceSwitched(0, G, accepted=True), 10 * JUDGE_NS)
+    assert switch.leaving_vision
+    for n in range(8):
+        switch.hear(report(0.2 + 0.01 * n), 10 * JUDGE_NS + n * JUDGE_NS // 6)
+    assert switch.verify(True, 11 * JUDGE_NS) == []
+    assert not switch.leaving_vision
+    assert not SourceSwitch(allowed=False).leaving_vision

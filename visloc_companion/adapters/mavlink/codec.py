@@ -120,6 +120,7 @@ def _estimator_status(msg: Message, t_rx_ns: int) -> Outcome:
         horizontal_position_ok=bool(msg.flags & mav.ESTIMATOR_POS_HORIZ_ABS) and not msg.flags & mav.ESTIMATOR_CONST_POS_MODE,
         gnss_glitch=bool(msg.flags & mav.ESTIMATOR_GPS_GLITCH),
         gnss_in_use=bool(msg.flags & mav.ESTIMATOR_PRED_POS_HORIZ_ABS),
+        aided=bool(msg.flags & mav.ESTIMATOR_PRED_POS_HORIZ_REL),
     )
 
 

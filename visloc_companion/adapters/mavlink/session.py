@@ -16,6 +16,7 @@ from visloc_companion.adapters.mavlink.link_state import LinkState
 from visloc_companion.adapters.mavlink.outbox import Outbox
 from visloc_companion.adapters.mavlink.outgoing import PositionSender
 from visloc_companion.adapters.mavlink.outputs.choice import Choice
+from visloc_companion.adapters.mavlink.outputs.kinds import Output
 from visloc_companion.adapters.mavlink.settings import CompanionState, SessionSettings
 from visloc_companion.adapters.mavlink.signing import Refusal, SignatureGuard, SigningTime
 from visloc_companion.adapters.mavlink.streams import StreamState
@@ -24,6 +25,7 @@ from visloc_companion.adapters.mavlink.upkeep import Upkeep
 from visloc_companion.errors import Reason
 from visloc_companion.types import (
     Attitude,
+    EkfSource,
     Event,
     GeoPoint,
     Injection,
@@ -196,7 +198,8 @@ class MavlinkSession:
 
     def switch(self, source: SwitchSource, now_ns: int) -> None:
         """Switch the position source; the end comes as a SourceSwitched event."""
-        self._pending += self._upkeep.switcher.start(source.source, self.link, self._advance(now_ns))
+        shows = self.choice.output is not Output.EXTERNAL_POSITION_ESTIMATE or source.source is not EkfSource.VISION
+        self._pending += self._upkeep.switcher.start(source.source, self.link, self._advance(now_ns), shows_use=shows)
 
     def notify(self, notice: Notice, now_ns: int) -> None:
         """Queue a STATUSTEXT (several of a long text) where the notice is for the operator, unless it repeats or floods."""

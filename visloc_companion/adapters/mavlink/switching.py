@@ -25,19 +25,23 @@ class SourceSwitcher:
         self._queue = queue
         self._settings = settings
         self._retry_ns = round(settings.ack_timeout_s * _NS_PER_S)
+        self._shows_use = True
         self._under_way: EkfSource | None = None
         self._param_value: int | None = None
         self._tries = 0
         self._next_ns = 0
 
-    def start(self, source: EkfSource, link: LinkChanged, now_ns: int) -> list[SourceSwitched]:
-        """Begin; the events are what ends at once (no link, unknown autopilot, an older switch that is superseded)."""
+    def start(self, source: EkfSource, link: LinkChanged, now_ns: int, *, shows_use: bool = True) -> list[SourceSwitched]:
+        """Begin; the events are what ends at once (no link, unknown autopilot, an older switch that is superseded).
+
+        `shows_use` goes into the event.
+        """
         ended = self.abandon("superseded by a newer switch", now_ns)
         if not link.up:
             return [*ended, SourceSwitched(now_ns, source, False, "no link to the autopilot")]
         if link.autopilot is AutopilotKind.UNKNOWN:
             return [*ended, SourceSwitched(now_ns, source, False, "this kind of autopilot has no known way to switch")]
-        self._under_way = source
+        self._under_way, self._shows_use = source, shows_use
         vision = source is EkfSource.VISION
         if link.autopilot is AutopilotKind.PX4:
             self._param_value = 0 if vision else self._settings.px4_gps_ctrl
@@ -82,7 +86,7 @@ class SourceSwitcher:
     def _end(self, accepted: bool, detail: str, now_ns: int) -> list[SourceSwitched]:
         if self._under_way is None:
             return []
-        ended = SourceSwitched(now_ns, self._under_way, accepted, detail)
+        ended = SourceSwitched(now_ns, self._under_way, accepted, detail, self._shows_use)
         self._under_way, self._param_value = None, None
         self._queue.withdraw(_KEY)
         return [ended]
