@@ -77,9 +77,18 @@ def _write(report: Report, fix: Path | None, json_path: Path | None) -> None:
 
     from visloc_companion.doctor.parameter_file import render
     from visloc_companion.doctor.report import as_json
+    from visloc_companion.errors import ConfigError
 
+    texts: dict[Path, str] = {}
     if fix is not None:
         system_id = 1 if report.facts.link is None else report.facts.link.system_id
-        fix.write_text(render(report.facts.autopilot, report.changes, system_id, report.types), encoding="utf-8")
+        texts[fix] = render(report.facts.autopilot, report.changes, system_id, report.types)
     if json_path is not None:
-        json_path.write_text(json.dumps(as_json(report), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        texts[json_path] = json.dumps(as_json(report), indent=1, allow_nan=False) + "\n"
+    for path, text in texts.items():
+        try:
+            path.write_text(text, encoding="utf-8")
+        except OSError as why:
+            raise ConfigError(
+                f"cannot be written: {why.strerror}", where=str(path), remedy="name a file in a folder of yours"
+            ) from why

@@ -17,6 +17,7 @@ from visloc_companion.doctor.facts import Facts
 from visloc_companion.doctor.finding import judge
 from visloc_companion.doctor.parameter_file import changes
 from visloc_companion.doctor.rules.registry import RULES
+from visloc_companion.errors import ConfigError
 from visloc_companion.types import AutopilotKind
 
 
@@ -49,6 +50,12 @@ def test_red_is_exit_code_1_with_the_remedy_in_all_forms(asked: list[Wishes], tm
     assert rules[0]["id"] == "ap-viso-quality"
     assert rules[0]["remedy"] == "set VISO_QUAL_MIN = 0"
     assert asked[0].apply is False
+
+
+def test_a_file_that_cannot_be_written_is_named(asked: list[Wishes], tmp_path: Path) -> None:
+    done = run("--link", "tcp:h:0", "--json", str(tmp_path / "missing" / "found.json"))
+    assert isinstance(done.exception, ConfigError)
+    assert "found.json: cannot be written" in str(done.exception)
 
 
 def test_nothing_red_is_exit_code_0_and_skipped_rules_are_shown_on_demand(asked: list[Wishes]) -> None:

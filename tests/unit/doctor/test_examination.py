@@ -27,6 +27,13 @@ BY_MACHINE = ("system-", "link-round-trip", "link-jitter", "link-clock-drift")
 CONFIG = parse_config({"injection": {"switch_source": True}, "localiser": {"terrain": True}, "journal": {"folder": "journals"}})
 
 
+@pytest.fixture(autouse=True)
+def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Over loopback what does not come soon never comes."""
+    for name in ("vehicle._ANSWER_S", "mission._ANSWER_S", "rates._ANSWER_S", "parameters._QUIET_S"):
+        monkeypatch.setattr(f"visloc_companion.doctor.collect.{name}", 0.4)
+
+
 def free_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
@@ -111,6 +118,21 @@ async def test_parameters_that_were_lost_are_asked_for_again(served: Callable[..
     assert report.facts.link is not None
     assert len(report.facts.parameters) == report.facts.link.parameters_expected > 20
     assert report.facts.parameters["EKF2_NOAID_TOUT"] == 5e6
+
+
+class Mute(BuiltInAutopilot):
+    """Says HEARTBEAT and nothing else."""
+
+    def receive(self, data: bytes) -> None:
+        """See BuiltInAutopilot."""
+
+
+async def test_an_autopilot_that_only_beats_is_red_where_it_matters_and_skipped_elsewhere(served: Callable[..., Any]) -> None:
+    report = await examined(served, Mute(AutopilotKind.ARDUPILOT, "copter", HOME, [(0.0, 0.0, -100.0)], 10.0, 1))
+    levels = {answer.rule.id: str(answer.level) for answer in report.judged}
+    assert report.problem is None
+    assert (levels["ap-viso-type"], levels["firmware-measured"], levels["link-clock-drift"]) == ("skipped",) * 3
+    assert (levels["link-parameters"], levels["link-round-trip"], levels["link-attitude-rate"]) == ("amber", "red", "red")
 
 
 async def test_nothing_is_set_while_armed_nor_unasked(served: Callable[..., Any]) -> None:

@@ -14,7 +14,7 @@ from visloc_companion.errors import LinkError
 from visloc_companion.types import AutopilotKind
 
 REAL_TYPES = (mav.MAV_PARAM_TYPE_REAL32, mav.MAV_PARAM_TYPE_REAL64)
-_QUIET_S, _ROUNDS, _AT_ONCE, _ANSWER_S, _TRIES = 1.5, 12, 30, 1.0, 4
+_QUIET_S, _ROUNDS, _SILENT_ROUNDS, _AT_ONCE, _ANSWER_S, _TRIES = 1.5, 12, 3, 30, 1.0, 4
 NO_INDEX = 65535
 
 
@@ -34,8 +34,8 @@ class Parameters:
         system = self._conversation.system_id
         self._conversation.send(mav.MAVLink_param_request_list_message(system, AUTOPILOT_COMPONENT))
         await self._flow(timeout_s)
-        for _ in range(_ROUNDS):
-            if self._complete:
+        for number in range(_ROUNDS):
+            if self._complete or (self.expected == 0 and number >= _SILENT_ROUNDS):
                 return
             missing = [index for index in range(self.expected) if index not in self._indices][:_AT_ONCE]
             for index in missing:
