@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from visloc_companion.core import hypotheses
 from visloc_companion.core.hypotheses import Hypothesis
 from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.listed_places import LEAST_MASS, LIKELY_MASS, places_of
 from visloc_companion.core.tiles import FARTHEST_M, Tile, Tiles
 from visloc_companion.core.travel import TravelLog
 from visloc_companion.errors import Reason
@@ -37,9 +38,6 @@ APART_HEIGHTS = 0.5
 UNTRUSTED_MPS, UNKNOWN_MPS = 2.0, 12.0
 """A velocity input whose own 1-sigma is above the first may be none at all (an autopilot without any position reports zero)."""
 TEST_EVERY_NS = 2_000_000_000
-LISTED, LEAST_MASS, LIKELY_MASS = 4, 0.02, 0.5
-"""Of the modes that a search lists so many become hypotheses, unless its posterior has them less likely than the second; in the
-first sweep and every other one, the third."""
 MOST_WRONG = 0.02
 """A fix that claims to be wrong with a larger probability tells nothing. On the training landscape 157 of 168 searches about the
 right place gave a better one, none of about 800 about another place that a tile had listed (two gave a worse one)."""
@@ -135,7 +133,9 @@ class PlaceSearch:
     def next(self, request_id: int, t_ns: int, height_m: float, sigma_v_mps: float, about: Reach) -> Where:
         """What to ask of a frame of `t_ns`, taken `height_m` above the origin; `sigma_v_mps`: 1-sigma of the velocity input."""
         self._carry(t_ns)
-        due, tile = self._due(t_ns, height_m) or self._likely(height_m), None
+        due, tile = self._due(t_ns, height_m), None
+        if due is None or due.log_odds < hypotheses.FIRST_LOG_ODDS:
+            due = self._likely(height_m) or due
         if due is None or (self._tile_next and due.log_odds < hypotheses.FIRST_LOG_ODDS):
             tile, tiles = self._next_tile(height_m, about)
             variance = (tiles.radius_m / 3) ** 2
@@ -200,7 +200,7 @@ class PlaceSearch:
         sigma_m = LISTED_HEIGHTS * asked.height_m
         least = LEAST_MASS if self._thorough else LIKELY_MASS
         new = []
-        for place in _places_of(answer, asked.where.place_ne_m, origin, APART_HEIGHTS * asked.height_m, least):
+        for place in places_of(answer, asked.where.place_ne_m, origin, APART_HEIGHTS * asked.height_m, least):
             self._n_born += 1
             sigma_v_mps = asked.sigma_v_mps if asked.sigma_v_mps <= UNTRUSTED_MPS else UNKNOWN_MPS
             new.append(hypotheses.born(self._n_born, asked.t_ns, place, sigma_m, sigma_v_mps))
@@ -240,20 +240,3 @@ def _is_due(h: Hypothesis, t_ns: int, spacing_m: float) -> bool:
     if h.tested_ns is None or t_ns - h.tested_ns >= TEST_EVERY_NS:
         return True
     return h.counted_ne_m is not None and math.dist(h.counted_ne_m, h.place_ne_m) >= spacing_m and t_ns > h.tested_ns
-
-
-def _places_of(answer: Fix | NoFix, centre_ne_m: Vec2, origin: GeoPoint, apart_m: float, least: float) -> list[Vec2]:
-    """The fix, and the modes of the search (localise/modes.py) of at least a probability that lie apart from it, metres north and
-    east of the origin."""
-    found: list[Vec2] = []
-    if isinstance(answer, Fix):
-        north, east, _ = wgs84.ned_from_geo(answer.place, origin)
-        found.append((north, east))
-    told = dict(answer.evidence)
-    for k in range(1, LISTED + 1):
-        if f"mode{k}_north_m" not in told or told.get(f"mode{k}_probability", 1.0) < least:
-            break
-        place = (centre_ne_m[0] + told[f"mode{k}_north_m"], centre_ne_m[1] + told[f"mode{k}_east_m"])
-        if all(math.dist(place, other) >= apart_m for other in found):
-            found.append(place)
-    return found

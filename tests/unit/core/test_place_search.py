@@ -160,3 +160,53 @@ def test_a_frame_that_shows_nothing_speaks_against_no_place() -> None:
     search.next(3, 3 * S, HEIGHT_M, 3.0, Reach())
     search.answered(NoFix(0, 3 * S, 3, 1, "test", Reason.NO_MATCH, 1.0), ORIGIN, 3 * S)
     assert sorted(h.log_odds for h in search.places)[0] < before[0]
+
+
+def tile_answer(request_id: int, *probabilities: float) -> NoFix:
+    """A tile that shows nothing for certain: modes 200 m apart."""
+    told = {}
+    for k, probability in enumerate(probabilities, 1):
+        told |= {f"mode{k}_north_m": 200.0 * k, f"mode{k}_east_m": 0.0, f"mode{k}_probability": probability}
+    return NoFix(0, request_id * S, request_id, 1, "test", Reason.AMBIGUOUS, 1.0, evidence=tuple(told.items()))
+
+
+def test_the_first_sweep_tests_only_what_is_as_likely_as_not() -> None:
+    search = PlaceSearch(2000.0)
+    search.next(1, S, HEIGHT_M, 3.0, Reach())
+    search.answered(tile_answer(1, 0.4, 0.3), ORIGIN, S)
+    assert not search.places
+    search.next(2, 2 * S, HEIGHT_M, 3.0, Reach())
+    search.answered(tile_answer(2, 0.6, 0.3), ORIGIN, 2 * S)
+    assert len(search.places) == 1
+
+
+def test_the_second_sweep_tests_all_that_is_left_open() -> None:
+    search, listed = PlaceSearch(2000.0), []
+    for k in range(1, 40):
+        where = search.next(k, k * S, HEIGHT_M, 3.0, Reach((0.0, 0.0), 100.0))
+        tile = 3 * math.sqrt(where.cov_ne_m2[0][0]) > 900.0
+        search.answered(tile_answer(k, 0.4, 0.3) if tile else tile_answer(k), ORIGIN, k * S)
+        listed.append(len(search.places))
+    first = next(k for k, n in enumerate(listed) if n)
+    assert 0 < first < 20
+    assert listed[first] == 2
+
+
+def test_no_tile_is_begun_while_a_likely_place_is_about_to_be_due() -> None:
+    worker, search, after_hit = Worker(start=(0.0, 0.0)), PlaceSearch(2000.0), []
+    search.next(1, S, HEIGHT_M, 3.0, Reach())
+    search.answered(tile_answer(1, 0.9), ORIGIN, S)
+    (place,) = (h.place_ne_m for h in search.places)
+    worker.start = place[0] - SPEED_MPS, place[1]
+    for k in range(2, 200):
+        t_s = 1.0 + 0.1 * k
+        search.moving(round(t_s * S), (SPEED_MPS, 0.0))
+        where = search.next(k, round(t_s * S), HEIGHT_M, 3.0, Reach())
+        best = search.places[0]
+        if 0 < best.hits < hypotheses.FEWEST_HITS and best.counted_ne_m is not None:
+            moved_m = math.dist(best.counted_ne_m, best.place_ne_m)
+            after_hit.append((moved_m, 3 * math.sqrt(where.cov_ne_m2[0][0]) > 900.0))
+        if search.answered(worker.answer(k, t_s, where), ORIGIN, round((t_s + 0.05) * S)) is not None:
+            break
+    assert any(tile for moved_m, tile in after_hit if moved_m < 14.0)
+    assert not any(tile for moved_m, tile in after_hit if moved_m > 16.0)
