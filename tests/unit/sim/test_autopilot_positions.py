@@ -11,15 +11,18 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from visloc_companion.adapters.mavlink.outputs.kinds import Output
+from visloc_companion.adapters.mavlink.outputs.encoding import encode
+from visloc_companion.adapters.mavlink.outputs.kinds import Output, Vehicle
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings, InjectionSettings
+from visloc_companion.geo.wgs84 import geo_from_autopilot_ned
 from visloc_companion.sim import faults
 from visloc_companion.sim.autopilot import BuiltInAutopilot
+from visloc_companion.sim.estimator_ardupilot import position_error_m
 from visloc_companion.sim.flight import ClosedLoopFlight, Eyes
-from visloc_companion.types import AutopilotKind, GeoPoint
+from visloc_companion.types import AutopilotKind, GeoPoint, Injection
 
 HOME = GeoPoint(47.4, 8.55, 480.0)
 ARDUPILOT, PX4 = AutopilotKind.ARDUPILOT, AutopilotKind.PX4
@@ -160,3 +163,42 @@ def test_a_receiver_without_velocity_is_unusable(companion):
 
     jammed.fly(20.0, watch=play)
     assert jammed.pilot.failsafe is not None or jammed.max_m(10.0) > 20.0
+
+
+def believed_sigma_m(kind: AutopilotKind, message: Any, changes: Mapping[str, float]) -> tuple[float, float]:
+    """North and east 1-sigma that the autopilot reads out of a message, whatever it then does with it."""
+    pilot = BuiltInAutopilot(kind, "copter", HOME, [(0, 0, -40)], 5.0, 1, faults.jam(0.0), parameters=changes, origin=HOME)
+    pilot.receive(message.pack(mavlink.MAVLink(None, 1, 197)))
+    estimator = pilot.flight.estimator
+    if message.get_type() == "GLOBAL_POSITION_SENSOR":
+        return (estimator._auxiliary[-1].sigma_m,) * 2
+    if message.get_type() == "GPS_INPUT":
+        return (estimator._gnss[-1].sample.h_acc_m,) * 2
+    variances = estimator._external[-1].var_ned_m2
+    if kind is ARDUPILOT:
+        return (position_error_m(variances, 0.01)[0],) * 2
+    return math.sqrt(variances[0]), math.sqrt(variances[1])
+
+
+@pytest.mark.parametrize("sigmas_m", [(0.5, 0.5), (3.0, 1.0), (0.7, 20.0)])
+@pytest.mark.parametrize(
+    ("kind", "output", "changes"),
+    [
+        (ARDUPILOT, VPE, {}),
+        (ARDUPILOT, ODOMETRY, {}),
+        (ARDUPILOT, RECEIVER, BY_RECEIVER),
+        (PX4, VPE, {}),
+        (PX4, ODOMETRY, {}),
+        (PX4, SENSOR, BY_SENSOR),
+    ],
+)
+def test_the_autopilot_believes_the_sigma_that_is_meant(kind, output, changes, sigmas_m):
+    (north_m, east_m), p_ned_m = sigmas_m, (10.0, -20.0, -40.0)
+    cov = ((north_m**2, 0.0), (0.0, east_m**2))
+    place = geo_from_autopilot_ned(kind, p_ned_m, HOME)
+    velocity, cov_v = (1.0, 2.0, 0.0), ((0.1, 0.0), (0.0, 0.1))
+    what = Injection(10**9, p_ned_m, place, (1.0, 0.0, 0.0, 0.0), cov, 3.0, 0.1, 0, velocity, cov_v)
+    message = encode(output, what, Vehicle(kind, 1))
+    believed = believed_sigma_m(kind, message, changes)
+    per_axis = kind is PX4 and output is not SENSOR
+    assert believed == pytest.approx(sigmas_m if per_axis else (max(sigmas_m),) * 2, rel=0.05)
