@@ -3,12 +3,26 @@
 import math
 
 from tests.unit.doctor.breaks_of_parameters import ARDUPILOT, PX4_RULES
-from tests.unit.doctor.changes import ap, both, camera, config, found, link, model, parameters, px4, slow, system, version
+from tests.unit.doctor.changes import (
+    ap,
+    both,
+    camera,
+    config,
+    found,
+    link,
+    model,
+    parameters,
+    px4,
+    slow,
+    system,
+    version,
+    without,
+)
 
 FIRMWARE = [
     ap("firmware-measured", "amber", "simulator", version("4.5.7")),
-    px4("firmware-px4-external-vision", "red", "1.14", version("1.13.3")),
-    ap("firmware-ardupilot-source-sets", "red", "4.1", version("4.0.7")),
+    px4("firmware-px4-external-vision", "red", "1.14", without("EKF2_EV_CTRL")),
+    ap("firmware-ardupilot-source-sets", "red", "4.1", without("EK3_SRC1_POSXY")),
     ap("firmware-ardupilot-gps-beside-vision", "amber", "4.7", version("4.6.2")),
     ap("firmware-ardupilot-height-snaps", "amber", "EK3_SRC2_POSZ = 1", version("4.6.2", parameters(EK3_SRC2_POSZ=2))),
 ]

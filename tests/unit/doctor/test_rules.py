@@ -55,7 +55,8 @@ def test_without_facts_every_rule_is_skipped_and_says_what_to_give() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_rules_about_parameters_that_the_autopilot_lacks_are_skipped(kind: AutopilotKind) -> None:
     answers = judge(RULES, Facts(autopilot=kind, parameters={"SOMETHING": 1.0}))
-    assert {answer.level for answer in answers} == {Level.SKIPPED}
+    too_old = {"firmware-ardupilot-source-sets", "firmware-px4-external-vision"}
+    assert {answer.level for answer in answers if answer.rule.id not in too_old} == {Level.SKIPPED}
 
 
 @pytest.mark.parametrize(

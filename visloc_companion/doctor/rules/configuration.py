@@ -126,7 +126,7 @@ def _component(config: Config, facts: Facts) -> Finding:
 @config_rule(
     "config-attitude-rate",
     "link.attitude_rate_hz",
-    "A frame is placed by the attitudes about it: at 10 Hz a turn of 60°/s leaves 3°.",
+    "A frame is placed by the attitudes about it: with few of them turns stay unseen.",
     "link.attitude_rate_hz = 50",
 )
 def _attitude(config: Config, facts: Facts) -> Finding:

@@ -12,7 +12,7 @@ from visloc_companion.types import AutopilotKind
 AP, PX4 = AutopilotKind.ARDUPILOT, AutopilotKind.PX4
 MEASURED = {AP: ((4, 7),), PX4: ((1, 17),)}
 """Lines of the development trees that the daemon was flown with (docs/autopilots.md)."""
-EV_REWRITTEN, SOURCE_SETS, EXTNAV_REPORTED = (1, 14), (4, 1), (4, 6)
+EXTNAV_REPORTED, HEIGHT_REPORTED = (4, 6), (4, 7)
 
 
 def version_of(text: str) -> tuple[int, int] | None:
@@ -46,12 +46,14 @@ def _measured(known: tuple[int, int], facts: Facts) -> Finding:
     return green(read) if known in lines else amber(read)
 
 
-def _external_vision(known: tuple[int, int], facts: Facts) -> Finding:
-    return green(facts.version) if known >= EV_REWRITTEN else red(facts.version)
+def _has(name: str) -> Callable[[Facts], Finding]:
+    def check(facts: Facts) -> Finding:
+        if not facts.parameters:
+            return skipped("no parameters were read", "give --link URL")
+        read = f"{facts.version or 'no version'}, {'has' if name in facts.parameters else 'lacks'} {name}"
+        return green(read) if name in facts.parameters else red(read)
 
-
-def _source_sets(known: tuple[int, int], facts: Facts) -> Finding:
-    return green(facts.version) if known >= SOURCE_SETS else red(facts.version)
+    return check
 
 
 def _both_fused(known: tuple[int, int], facts: Facts) -> Finding:
@@ -64,7 +66,11 @@ def _height_snaps(known: tuple[int, int], facts: Facts) -> Finding:
     if height is None:
         return skipped("no parameters of the source set", "give --link URL")
     read = f"{facts.version}, EK3_SRC{number}_POSZ = {height:g}"
-    return amber(read, parameters={f"EK3_SRC{number}_POSZ": 1.0}) if known <= (4, 7) and height not in (1, 6) else green(read)
+    return (
+        amber(read, parameters={f"EK3_SRC{number}_POSZ": 1.0})
+        if known <= HEIGHT_REPORTED and height not in (1, 6)
+        else green(read)
+    )
 
 
 RULES: tuple[Rule, ...] = (
@@ -77,21 +83,21 @@ RULES: tuple[Rule, ...] = (
         _measured,
         None,
     ),
-    _rule(
+    Rule(
         "firmware-px4-external-vision",
-        "AUTOPILOT_VERSION",
+        "EKF2_EV_CTRL",
         "PX4 rewrote external vision between 1.13 and 1.14 (PX4 issue 22016): before, EKF2_EV_CTRL does not exist and what is "
         "said here does not hold.",
         "update PX4 to 1.14 or newer",
-        _external_vision,
+        _has("EKF2_EV_CTRL"),
         PX4,
     ),
-    _rule(
+    Rule(
         "firmware-ardupilot-source-sets",
-        "AUTOPILOT_VERSION",
-        "Source sets (EK3_SRCn_*) came with ArduPilot 4.1: before there is nothing to switch.",
-        "update ArduPilot to 4.1 or newer",
-        _source_sets,
+        "EK3_SRC1_POSXY",
+        "A version without source sets of EKF3 has nothing to switch.",
+        "update ArduPilot: 4.1 and newer have them",
+        _has("EK3_SRC1_POSXY"),
         AP,
     ),
     _rule(

@@ -138,7 +138,8 @@ RULES: tuple[Rule, ...] = (
         "px4-position-failsafe",
         PX4,
         "COM_POS_FS_EPH",
-        "Beyond this claimed error a hovering vehicle gives its position up. Below 3 m vision trips it; -1 never does.",
+        "Beyond 2.5 times this claimed error a hovering vehicle gives a valid position up. Below 3 m vision trips it; -1 "
+        "switches it off.",
         "COM_POS_FS_EPH = 5",
         within(lambda value: 3 <= value <= 50, 5.0, Level.AMBER),
     ),
