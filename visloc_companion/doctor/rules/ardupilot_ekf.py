@@ -142,7 +142,7 @@ RULES: tuple[Rule, ...] = (
         "ap-vision-set-velocity",
         AP,
         _of_vision("VELXY"),
-        "3 goes on fusing the velocity of the GNSS that is not trusted; 6 waits for velocities, which VISION_POSITION_ESTIMATE lacks.",
+        "3 fuses the velocity of the GNSS that is not trusted; 6 waits for one, which VISION_POSITION_ESTIMATE lacks.",
         "EK3_SRC2_VELXY = 0",
         _source(0.0, {3.0: Level.RED}),
         "EK3_SRC2_VELXY",
