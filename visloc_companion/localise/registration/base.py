@@ -16,6 +16,8 @@ class RegistrationPrior:
     `sigma_scale` is relative, the angles are radians about the source's middle: `sigma_yaw_rad` about up, `sigma_tilt_rad` about
     each horizontal axis. `sigma_growth_m`: how much the surface may have risen since the reference was captured; it
     widens what is claimed of the height and what counts as a change, and moves nothing.
+    `gaussian`: places, headings and scales are likelier the nearer they are to the prior's own, as a filter's are; otherwise all
+    within 3 sigma are alike.
     """
 
     sigma_horizontal_m: float
@@ -24,6 +26,7 @@ class RegistrationPrior:
     sigma_tilt_rad: float
     sigma_scale: float
     sigma_growth_m: float = 0.0
+    gaussian: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,11 +30,14 @@ LEAST_DEVIATION_M = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Template:
-    """Heights (h, w) of one hypothesis, zero where not `known` (h, w); offset (u, v) of its first cell from the position."""
+    """Heights (h, w) of one hypothesis, zero where not `known` (h, w); offset (u, v) of its first cell from the position.
+
+    `handicap` is taken from its scores."""
 
     height_m: Float32Array
     known: Mask
     offset: tuple[int, int]
+    handicap: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +76,7 @@ class HeightCorrelator:
             of_second = self._second.spectrum(mask[None], template.offset)
             for block, at in enumerate(self._first.blocks):
                 sums = [self._first.each(block, s)[0] for s in of_first]
-                score = _score(sums, self._second.each(block, of_second)[0].real, area)
+                score = _score(sums, self._second.each(block, of_second)[0].real, area) - np.float32(template.handicap)
                 better = score > best[at]
                 np.copyto(best[at], score, where=better)
                 np.copyto(which[at], np.int32(k), where=better)

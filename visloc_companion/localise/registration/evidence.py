@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.localise.registration.base import RegistrationPrior
+from visloc_companion.localise.registration.handicap import of_similarity
 from visloc_companion.localise.registration.pair import Pair
 from visloc_companion.localise.registration.refine import Refined
 from visloc_companion.localise.registration.similarity import moved, scale_of, yaw_of
@@ -29,7 +30,9 @@ class Evidence:
     (correlation times the root of the overlap) of another place, at least 6 m away;
     `blocks`: share of the source's blocks that agree, by relief; `formal_sigma_m`: worst horizontal sigma of the refinement,
     `deviation_m` of its height differences, `relief_m` of the reference's relief there; `bowl_m` that was taken out;
-    `prior_chi2`: squared distance of place, height, heading and scale from the prior in sigmas."""
+    `prior_chi2`: squared distance of place, height, heading and scale from the prior in sigmas; `handicap` (handicap.py) of that
+    but the height, which a rival's score lacks as well;
+    `refined_rival` is `rival` but of refined places by their score after that, as this one's is."""
 
     correlation: float
     overlap: float
@@ -40,11 +43,13 @@ class Evidence:
     relief_m: float
     bowl_m: float
     prior_chi2: float
+    handicap: float = 0.0
+    refined_rival: float = 0.0
 
     @property
     def score(self) -> float:
         """Comparable with `rival`."""
-        return self.correlation * math.sqrt(self.overlap)
+        return self.correlation * math.sqrt(self.overlap) - self.handicap
 
     def named(self) -> tuple[tuple[str, float], ...]:
         """As base.Registered carries it."""
@@ -53,46 +58,52 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Of the reliefs at a registration: `correlation`, `overlap`, share of `blocks` that agree, deviation of the reference's."""
+    """Of the reliefs at a registration: `correlation`, `overlap`, share of `blocks` that agree, deviation of the reference's;
+    `handicap` of its distance from the prior."""
 
     correlation: float
     overlap: float
     blocks: float
     relief_m: float
+    handicap: float
 
     @property
     def score(self) -> float:
-        """Correlation times the root of the overlap."""
-        return self.correlation * math.sqrt(self.overlap)
+        """Correlation times the root of the overlap, less the handicap."""
+        return self.correlation * math.sqrt(self.overlap) - self.handicap
 
 
-def agreement(pair: Pair, source: SourceCells, relief: Surface, T: FloatArray) -> Agreement:
+def agreement(pair: Pair, source: SourceCells, relief: Surface, T: FloatArray, prior: RegistrationPrior) -> Agreement:
     """How well the source's relief agrees with the reference's after T."""
     on = met(source, relief, T)
     if len(on.at_m) < FEWEST_IN_BLOCK:
-        return Agreement(0.0, 0.0, 0.0, 0.0)
+        return Agreement(0.0, 0.0, 0.0, 0.0, 0.0)
     a, b = source.relief_m[on.used], on.height_m
     off = (source.points_m[on.used, :2] - pair.centre_m[:2]) / (2 * pair.half_m) + 0.5
     block = np.clip((off * BLOCKS).astype(int), 0, BLOCKS - 1) @ np.array([BLOCKS, 1])
     each, deviation = _correlations(a, b, block)
     blocks = float(deviation @ (each > BLOCK_AGREES) / max(float(deviation.sum()), 1e-9))
     whole, _ = _correlations(a, b, np.zeros(len(a), np.int64))
-    return Agreement(float(whole[0]), float(on.used.mean()), blocks, float(b.std()))
+    return Agreement(float(whole[0]), float(on.used.mean()), blocks, float(b.std()), of_similarity(T, pair.centre_m, prior))
 
 
-def evidence_of(pair: Pair, found: Agreement, refined: Refined, rival: float, prior: RegistrationPrior) -> Evidence:
-    """All that is known of one registration."""
+def evidence_of(
+    pair: Pair, found: Agreement, refined: Refined, rivals: tuple[float, float], prior: RegistrationPrior
+) -> Evidence:
+    """All that is known of one registration. `rivals`: Evidence's `rival` and `refined_rival`."""
     horizontal = np.linalg.eigvalsh(refined.placed[:2, :2])
     return Evidence(
         found.correlation,
         found.overlap,
-        rival,
+        rivals[0],
         found.blocks,
         math.sqrt(max(0.0, float(horizontal[-1]))),
         refined.height_sigma_m,
         found.relief_m,
         refined.bowl_m,
         prior_chi2(refined.T, pair.centre_m, prior),
+        found.handicap,
+        rivals[1],
     )
 
 

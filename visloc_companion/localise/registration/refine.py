@@ -5,6 +5,9 @@ and Akca 2005; vertical residuals: Nuth and Kääb 2011). Shift, heading and sca
 things are; height, tilt and the bowl that a badly calibrated camera bends a cloud into come from the heights: on a slope a wrong
 tilt or bowl would otherwise be paid for by a shift. Cells that differ by much more than most (felled, built, grown, outliers)
 lose their weight (Geman-McClure). Heading, scale, tilt and bowl are held by their priors where the surface says nothing of them.
+
+How heights change with the scale is taken from the reference's, not from the source's own, which are noisier: their noise would
+stand on both sides of the equations and be explained by a smaller scale (errors in variables; the reference is the instrument).
 """
 
 from __future__ import annotations
@@ -115,7 +118,8 @@ def differences(source: SourceCells, surface: Surface, T: FloatArray, bowl_m: fl
     """The cells used (N,), their differences of height (n,) and how these change (n, 4) with east, north, heading, scale."""
     on = met(source, surface, T, bowl_m)
     u, v, w = on.out_m.T
-    jacobian = np.column_stack([on.east, on.north, on.north * u - on.east * v, on.east * u + on.north * v - w])
+    surface_w = w + on.height_m - on.at_m[:, 2]
+    jacobian = np.column_stack([on.east, on.north, on.north * u - on.east * v, on.east * u + on.north * v - surface_w])
     return on.used, np.asarray(on.height_m - on.at_m[:, 2]), jacobian
 
 
@@ -149,7 +153,7 @@ def _placing(source: SourceCells, relief: Surface, T: FloatArray, prior: Registr
         return None
     u, v, _ = on.out_m.T
     own = source.relief_m[on.used] * scale_of(T)
-    jacobian = np.column_stack([on.east, on.north, on.north * u - on.east * v, on.east * u + on.north * v - own])
+    jacobian = np.column_stack([on.east, on.north, on.north * u - on.east * v, on.east * u + on.north * v - on.height_m])
     return _weighted(jacobian, on.height_m - own, *prior_of_placing(T, prior), 0.0)
 
 

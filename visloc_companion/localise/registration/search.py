@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.localise.registration.correlation import HeightCorrelator, Scores, Template, peaks, summits
+from visloc_companion.localise.registration.handicap import of_place, of_turn
 from visloc_companion.localise.registration.height_map import HeightMap
 from visloc_companion.localise.registration.pair import SIGMAS, Pair
 from visloc_companion.localise.registration.similarity import about
@@ -62,14 +63,17 @@ def search(pair: Pair, pairs: list[tuple[float, float]], prior: RegistrationPrio
         return Scores(np.zeros((0, 0), np.float32), np.zeros((0, 0), np.int32), (0, 0))
     box = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
     correlator = HeightCorrelator(pair.reference_relief, box, (-reach, -reach, reach, reach), len(pairs))
-    return correlator.scores(template(pair.source_relief, pair.centre_m, *p, cell, reach) for p in pairs)
+    templates = (template(pair.source_relief, pair.centre_m, *p, cell, reach) for p in pairs)
+    scores = correlator.scores(replace(t, handicap=of_turn(*p, prior)) for t, p in zip(templates, pairs, strict=True))
+    off = [cell * (np.arange(low[k], high[k] + 1) - middle[k]) for k in range(2)]
+    return replace(scores, score=scores.score - of_place(off[0], off[1][:, None], prior))
 
 
 def runner_up(pair: Pair, scores: Scores, at_m: FloatArray) -> float:
-    """The highest peak at least APART_M from a place (2,), 0 where there is none. The sides of the place's own are no peaks."""
-    u, v = pair.reference.cells_of(at_m) - scores.origin
+    """The highest peak at least APART_M from places (..., 2), 0 where there is none. The sides of a place's own are no peaks."""
+    u, v = (pair.reference.cells_of(np.reshape(at_m, (-1, 2))) - scores.origin).T[:, :, None]
     rows, cols = np.nonzero(summits(scores))
-    away = (rows - v) ** 2 + (cols - u) ** 2 >= (APART_M / pair.reference.cell_m) ** 2
+    away = ((rows - v) ** 2 + (cols - u) ** 2 >= (APART_M / pair.reference.cell_m) ** 2).all(0)
     return max(0.0, float(np.max(scores.score[rows, cols], where=away, initial=0.0)))
 
 

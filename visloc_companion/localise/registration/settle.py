@@ -21,6 +21,8 @@ from visloc_companion.localise.registration.surfaces import SourceCells, Surface
 from visloc_companion.types import FloatArray
 
 STEPS = 20
+ASTRAY = 0.1
+"""Last steps that lose so much of the score have left the place."""
 MARGIN_M = 12.0
 """The reference is looked at this far beyond the source."""
 
@@ -52,7 +54,10 @@ class Settler:
         """The same after the last steps; as it was where they go astray."""
         surface, relief = self._near(settled.refined.T)
         refined = polish(self.cells, surface, settled.refined, self.prior)
-        return settled if refined is None else self._with_agreement(refined, relief, settled.start_m)
+        if refined is None:
+            return settled
+        polished = self._with_agreement(refined, relief, settled.start_m)
+        return settled if polished.found.score < settled.found.score - ASTRAY else polished
 
     def looked_at(self, T: FloatArray) -> Settled | None:
         """T as it is; None where hardly anything of the source lies on the reference."""
@@ -65,7 +70,8 @@ class Settler:
         here = moved(best.refined.T, self.pair.centre_m)[:2]
         away = [s.found.score for s in rest if np.hypot(*(moved(s.refined.T, self.pair.centre_m)[:2] - here)) >= APART_M]
         rival = max([runner_up(self.pair, scores, here), *away])
-        evidence = evidence_of(self.pair, best.found, best.refined, rival, self.prior)
+        unrefined = runner_up(self.pair, scores, np.array([here, best.start_m, *(s.start_m for s in rest)]))
+        evidence = evidence_of(self.pair, best.found, best.refined, (rival, max([unrefined, *away])), self.prior)
         return answer(best.refined, evidence, self.prior, max_probability_wrong)
 
     def _settled(self, start: FloatArray, surface: Surface, relief: Surface, steps: int) -> Settled | None:
@@ -74,7 +80,7 @@ class Settler:
 
     def _with_agreement(self, refined: Refined, relief: Surface, start_m: FloatArray) -> Settled:
         slid = moved(refined.T, self.pair.centre_m)[:2] - start_m
-        return Settled(refined, agreement(self.pair, self.cells, relief, refined.T), start_m, float(np.hypot(*slid)))
+        return Settled(refined, agreement(self.pair, self.cells, relief, refined.T, self.prior), start_m, float(np.hypot(*slid)))
 
     def _near(self, T: FloatArray) -> tuple[Surface, Surface]:
         """Heights and relief of the reference about where T puts the source."""

@@ -11,22 +11,26 @@ from dataclasses import replace
 
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered
+from visloc_companion.localise.registration.handicap import NATS
 
-WEIGHTS = (1.0, 60.0, -0.44)
-"""On 1, the lead over the next place, and the distance from the prior: log-odds of being right (off by less than 5 m). The slopes
-are the registration's, which was fitted on more wrong places than the ten of 96 answers over seeds 30 to 37 of
-benchmarks/structure_chain.py. The constant leaves those ten at 0.43 and more; the likeliest one (3.4) would nearly accept one."""
-MOST_CHI2 = 30.0
-"""Beyond this, farther from the prior is not likelier to be wrong."""
+WEIGHTS = (-2.5, NATS)
+"""On 1 and the lead over the next place, each less its handicap: log-odds of being right (off by less than 5 m). The slope is the
+one of the handicap, so that distance from the prior and agreement are weighed alike; the constant is the likeliest one on answers
+over seeds 30 to 47 of benchmarks/structure_chain.py, whose wrong ones lead by 0.06 at most."""
+LOOSE_M = 1.5
+"""A place that the reliefs hold no better than this is one among many, however far it leads."""
 
 
 def judged(registered: Registered, max_probability_wrong: float) -> Registered | NotRegistered:
     """The registration with the probability of being wrong, or the refusal where that is too much."""
     evidence = dict(registered.evidence)
-    lead = evidence["correlation"] * math.sqrt(evidence["overlap"]) - evidence["rival"]
-    odds = WEIGHTS[0] + WEIGHTS[1] * lead + WEIGHTS[2] * min(evidence["prior_chi2"], MOST_CHI2)
+    lead = evidence["correlation"] * math.sqrt(evidence["overlap"]) - evidence["handicap"] - evidence["refined_rival"]
+    odds = WEIGHTS[0] + WEIGHTS[1] * lead
     wrong = 1 / (1 + math.exp(min(max(odds, -50.0), 50.0)))
+    named = (*registered.evidence, ("probability_wrong", wrong))
+    if evidence["formal_sigma_m"] > LOOSE_M:
+        what = f"the reliefs hold the place to {evidence['formal_sigma_m']:.1f} m only"
+        return NotRegistered(Reason.LOW_TEXTURE, what, named)
     if wrong <= max_probability_wrong:
         return replace(registered, probability_wrong=wrong)
-    named = (*registered.evidence, ("probability_wrong", wrong))
     return NotRegistered(Reason.AMBIGUOUS, f"wrong with a probability of {wrong:.3f}, {lead:.2f} before the next place", named)

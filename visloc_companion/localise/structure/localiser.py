@@ -131,6 +131,7 @@ def _prior(cloud: LocalCloud, prior: PosePrior) -> RegistrationPrior:
         math.hypot(cloud.sigma_yaw_rad, prior.sigma_yaw_rad),
         math.hypot(cloud.sigma_tilt_rad, prior.sigma_tilt_rad),
         cloud.sigma_scale,
+        gaussian=True,
     )
 
 

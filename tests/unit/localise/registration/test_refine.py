@@ -9,7 +9,7 @@ from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.localise.registration.height_map import HeightMap, high_passed
 from visloc_companion.localise.registration.polish import polish
 from visloc_companion.localise.registration.refine import refine, robust
-from visloc_companion.localise.registration.similarity import about, moved, tilt_of, turned, with_linear
+from visloc_companion.localise.registration.similarity import about, moved, scale_of, tilt_of, turned, with_linear
 from visloc_companion.localise.registration.surfaces import cells_of, surface_of
 
 PRIOR = RegistrationPrior(10.0, 3.0, np.radians(3.0), np.radians(2.0), 0.012)
@@ -40,6 +40,20 @@ def test_finds_shift_height_and_heading():
     turned_start = about(centre, 0.03, 1.01, np.zeros(3))
     again = refine(cells, surface, of_relief, turned_start, PRIOR, 20)
     np.testing.assert_allclose(again.T[:3, :3], found.T[:3, :3], atol=2e-3)
+
+
+def test_noise_of_the_source_does_not_shrink_it():
+    source = height_map(80, (20, 20))
+    rng = np.random.default_rng(2)
+    found = []
+    for _ in range(4):
+        noisy = source.height_m + rng.normal(0, 2.0, source.height_m.shape).astype(np.float32)
+        cells, surface, of_relief, _ = parts(replace(source, height_m=noisy))
+        first = refine(cells, surface, of_relief, np.eye(4), replace(PRIOR, sigma_scale=0.1), 20)
+        found.append((scale_of(first.T), scale_of(polish(cells, surface, first, replace(PRIOR, sigma_scale=0.1)).T)))
+    of_first, of_last = np.mean(found, axis=0)
+    assert of_first == pytest.approx(1, abs=0.02), "0.954 by slopes from the source's own heights"
+    assert of_last == pytest.approx(1, abs=0.006), "0.938"
 
 
 def test_no_steps_is_a_look():

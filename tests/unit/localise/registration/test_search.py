@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from visloc_companion.localise.registration.correlation import NO_SCORE, Scores
+from visloc_companion.localise.registration.handicap import of_similarity
 from visloc_companion.localise.registration.pair import make_pair
 from visloc_companion.localise.registration.search import find_places, hypotheses, runner_up, template
 from visloc_companion.localise.registration.similarity import moved, yaw_of
@@ -32,6 +33,16 @@ def test_the_best_place_is_within_a_cell_of_the_right_one(scene):
     assert [p.score for p in places] == sorted((p.score for p in places), reverse=True)
 
 
+def test_a_gaussian_prior_takes_its_handicap_from_the_scores(scene):
+    pair = make_pair(scene.source_m, scene.reference_m, scene.prior)
+    uniform = replace(scene.prior, sigma_scale=0.0)
+    prior = replace(uniform, gaussian=True)
+    alike, nearer = (find_places(pair, p, 1)[0] for p in (uniform, prior))
+    np.testing.assert_allclose(nearer[0].T, alike[0].T)
+    assert nearer[0].score == pytest.approx(alike[0].score - of_similarity(nearer[0].T, pair.centre_m, prior), abs=1e-5)
+    assert alike[0].score - nearer[0].score > 0.005
+
+
 def test_a_template_turns_with_its_heading(scene):
     pair = make_pair(scene.source_m, scene.reference_m, scene.prior)
     upright = template(pair.source_relief, pair.centre_m, 0.0, 1.0, 1.0, 45)
@@ -51,3 +62,6 @@ def test_the_side_of_a_peak_is_no_rival(scene):
     here = pair.reference.corner_m + pair.reference.cell_m * np.array([60.5, 60.5])
     rival = runner_up(pair, Scores(score, np.zeros(score.shape, np.int32), (0, 0)), here)
     assert rival == pytest.approx(float(score[20, 20]))
+    there = pair.reference.corner_m + pair.reference.cell_m * np.array([20.5, 20.5])
+    nothing = runner_up(pair, Scores(score, np.zeros(score.shape, np.int32), (0, 0)), np.array([here, there]))
+    assert nothing == 0, "no other peak"

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from visloc_companion.errors import Reason
+from visloc_companion.localise.registration import settle
 from visloc_companion.localise.registration.base import NotRegistered, Registered
 from visloc_companion.localise.registration.pair import make_pair
+from visloc_companion.localise.registration.search import find_places
 from visloc_companion.localise.registration.settle import Settler, judged
 from visloc_companion.localise.registration.similarity import moved
 
@@ -23,6 +27,26 @@ def test_how_far_a_candidate_slid_is_counted_from_where_it_started(scene):
         off = moved(one.refined.T, pair.centre_m)[:2] - moved(start, pair.centre_m)[:2]
         assert one.slid_m == pytest.approx(np.hypot(*off))
     assert last.slid_m == pytest.approx(1.5, abs=0.3)
+
+
+def test_last_steps_that_lose_the_relief_are_taken_back(scene, monkeypatch):
+    settler = Settler(make_pair(scene.source_m, scene.reference_m, scene.prior), scene.prior)
+    settled = settler.settle(scene.T_true)
+    astray = settled.refined.T.copy()
+    astray[0, 3] += 5.0
+    monkeypatch.setattr(settle, "polish", lambda *_: replace(settled.refined, T=astray))
+    assert settler.polished(settled) is settled
+
+
+def test_a_refined_place_is_compared_with_others_by_their_refined_scores(scene):
+    pair = make_pair(scene.source_m, scene.reference_m, scene.prior)
+    places, scores = find_places(pair, scene.prior, 3)
+    settler = Settler(pair, scene.prior)
+    best, *rest = [settler.settle(place.T) for place in places]
+    found = settler.answer(best, rest, scores, 1.0)
+    evidence = dict(found.evidence)
+    assert evidence["refined_rival"] <= evidence["rival"]
+    assert evidence["refined_rival"] >= max(s.found.score for s in rest)
 
 
 def test_a_found_similarity_is_judged_as_it_is(scene):

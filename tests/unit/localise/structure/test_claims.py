@@ -3,12 +3,20 @@ import pytest
 
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered
-from visloc_companion.localise.structure.claims import MOST_CHI2, judged
+from visloc_companion.localise.structure.claims import LOOSE_M, judged
 
 
-def registered(correlation: float, rival: float, prior_chi2: float = 3.0, overlap: float = 1.0) -> Registered:
-    evidence = (("correlation", correlation), ("overlap", overlap), ("rival", rival), ("prior_chi2", prior_chi2))
-    return Registered(np.eye(4), np.eye(3), 0.01, 0.01, 0.5, evidence)
+def registered(
+    correlation: float, rival: float, handicap: float = 0.0, overlap: float = 1.0, formal_sigma_m: float = 0.3
+) -> Registered:
+    named = {
+        "correlation": correlation,
+        "overlap": overlap,
+        "handicap": handicap,
+        "refined_rival": rival,
+        "formal_sigma_m": formal_sigma_m,
+    }
+    return Registered(np.eye(4), np.eye(3), 0.01, 0.01, 0.5, tuple(named.items()))
 
 
 def probability(*given: float) -> float:
@@ -27,6 +35,11 @@ def test_a_place_far_ahead_of_the_next_is_believed_and_one_that_is_not_is_refuse
 
 def test_lead_overlap_and_nearness_to_the_prior_make_a_place_likelier() -> None:
     assert probability(0.45, 0.35) < probability(0.40, 0.35)
-    assert probability(0.45, 0.35, 3.0, 1.0) < probability(0.45, 0.35, 3.0, 0.8)
-    assert probability(0.45, 0.35, 3.0) < probability(0.45, 0.35, 12.0)
-    assert probability(0.45, 0.35, MOST_CHI2) == pytest.approx(probability(0.45, 0.35, 500.0))
+    assert probability(0.45, 0.35, 0.0, 1.0) < probability(0.45, 0.35, 0.0, 0.8)
+    assert probability(0.45, 0.35, 0.01) == pytest.approx(probability(0.44, 0.35))
+
+
+def test_a_place_that_nothing_holds_is_refused_however_far_it_leads() -> None:
+    found = judged(registered(0.7, 0.3, formal_sigma_m=1.1 * LOOSE_M), 1.0)
+    assert isinstance(found, NotRegistered)
+    assert found.reason is Reason.LOW_TEXTURE
