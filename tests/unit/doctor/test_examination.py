@@ -120,6 +120,23 @@ async def test_parameters_that_were_lost_are_asked_for_again(served: Callable[..
     assert report.facts.parameters["EKF2_NOAID_TOUT"] == 5e6
 
 
+async def test_rates_that_were_forgotten_are_asked_for_again(served: Callable[..., Any]) -> None:
+    """ArduPilot accepts them before it is ready."""
+    pilot = BuiltInAutopilot(
+        AutopilotKind.ARDUPILOT,
+        "copter",
+        HOME,
+        [(0.0, 0.0, -100.0)],
+        10.0,
+        1,
+        parameters=recommended(AutopilotKind.ARDUPILOT),
+        ready_s=1.2,
+    )
+    report = await examined(served, pilot)
+    assert report.facts.link is not None
+    assert report.facts.link.rates_hz["ATTITUDE"] > 0
+
+
 class Mute(BuiltInAutopilot):
     """Says HEARTBEAT and nothing else."""
 

@@ -19,7 +19,7 @@ from visloc_companion.core.streams import requests_for
 from visloc_companion.doctor.collect.conversation import Conversation
 from visloc_companion.types import RequestMessage, TimesyncSample
 
-_ANSWER_S, _TIMESYNC_S, _STEPS = 1.0, 0.1, (1.0, 0.75, 0.5)
+_ANSWER_S, _FIRST_S, _TIMESYNC_S, _STEPS = 1.0, 2.0, 0.1, (1.0, 0.75, 0.5)
 _LEAST_SAMPLES, _LEAST_SPAN_S = 10, 2.0
 
 
@@ -45,6 +45,7 @@ async def measure(conversation: Conversation, config: Config, seconds: float) ->
     }
     names = {number: str(mav.mavlink_map[number].msgname) for number in wanted}
     refused = [names[number] for number, rate_hz in wanted.items() if not await _ask(conversation, number, rate_hz)]
+    await _see_to_it(conversation, wanted, names)
     counts, samples, requests = dict(conversation.counts), len(conversation.samples), conversation.timesync_requests
     start = time.monotonic()
     while (elapsed := time.monotonic() - start) < seconds:
@@ -64,6 +65,18 @@ async def measure(conversation: Conversation, config: Config, seconds: float) ->
         drift_ppm=drift_ppm,
         drift_sigma_ppm=sigma_ppm,
     )
+
+
+async def _see_to_it(conversation: Conversation, wanted: dict[int, float], names: dict[int, str]) -> None:
+    """Ask once more for what does not come: ArduPilot acknowledges rates before it is ready, and forgets them."""
+    counts = dict(conversation.counts)
+
+    def missing() -> list[int]:
+        return [number for number, name in names.items() if conversation.counts[name] == counts.get(name, 0)]
+
+    await conversation.until(lambda: not missing(), _FIRST_S)
+    for number in missing():
+        await _ask(conversation, number, wanted[number])
 
 
 def drift(samples: list[TimesyncSample]) -> tuple[float | None, float]:
