@@ -19,19 +19,24 @@ _GARBAGE_BYTES = 64
 class Listener:
     """Pins to one autopilot: the first HEARTBEAT of one (component 1) fixes the system id for good, or `system_id` names it.
 
-    What another system says is passed over; a second autopilot is warned of once. `pinned` is 0 before any was heard. With a
-    `guard` only what it admits counts as said at all; without one signatures are not checked, and an autopilot that signs is
-    warned of, because it may not believe us.
+    What another system says is passed over; a second autopilot is warned of once. `pinned` is 0 before any was heard, and `pin`
+    is told. With a `guard` only what it admits counts as said at all; without one signatures are not checked, and an autopilot
+    that signs is warned of, because it may not believe us.
     """
 
-    def __init__(self, system_id: int, warn: Callable[[str], None], guard: SignatureGuard | None = None) -> None:
+    def __init__(
+        self, system_id: int, warn: Callable[[str], None], pin: Callable[[int], None], guard: SignatureGuard | None = None
+    ) -> None:
         self.pinned = system_id
+        self._pin = pin
         self.n_heard = 0
         self._warn = warn
         self._framer = Framer(self._note_signature if guard is None else guard.admits)
         self._signature_told = False
         self._strangers: set[int] = set()
         self._garbage_told = False
+        if system_id:
+            pin(system_id)
 
     @property
     def counts(self) -> FrameCounts:
@@ -60,6 +65,7 @@ class Listener:
         pilot = msg.get_type() == "HEARTBEAT" and is_autopilot(msg)
         if pilot and self.pinned == 0 and system_id != 0:
             self.pinned = system_id
+            self._pin(system_id)
         if pilot and system_id != self.pinned and system_id not in self._strangers:
             self._strangers.add(system_id)
             self._warn(f"a second autopilot (system {system_id}) is on the link and is ignored; listening to {self.pinned}")

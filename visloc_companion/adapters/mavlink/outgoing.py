@@ -15,7 +15,7 @@ from visloc_companion.adapters.mavlink.outputs.kinds import Output, Vehicle
 from visloc_companion.adapters.mavlink.parameters import ParameterReader
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.errors import Reason
-from visloc_companion.types import GeoPoint, Injection, LinkChanged, Notice, Severity
+from visloc_companion.types import EkfSource, GeoPoint, Injection, LinkChanged, Notice, Severity
 
 _NS_PER_S = 1_000_000_000
 _ACTIVE_FOR_NS = 2 * _NS_PER_S
@@ -58,6 +58,10 @@ class PositionSender:
     def active(self, now_ns: int) -> bool:
         """Whether positions flow."""
         return now_ns - self._last_ns < max(_ACTIVE_FOR_NS, 2 * round(self._period_s * _NS_PER_S))
+
+    def shows_use(self, source: EkfSource) -> bool:
+        """Whether the autopilot's reports will tell that it uses a source (types.SourceSwitched)."""
+        return source is EkfSource.GNSS or self._choice.output is not Output.EXTERNAL_POSITION_ESTIMATE
 
     def hear(self, msg: Message, now_ns: int) -> bool:
         """Take a message of the autopilot; True for what is but the echo of a receiver that we play."""
@@ -118,18 +122,20 @@ class PositionSender:
         return None if self._unix_at_zero_ns is None else self._unix_at_zero_ns + injection.t_ns
 
     def _know(self, link: LinkChanged) -> None:
-        """Parameters count once all are read: half of them may tell another tale."""
+        """Parameters count once all are read: half of them may tell another tale. Until then those of before the silence do."""
+        before = self._vehicle
+        known = before.parameters if before.complete and before.kind is link.autopilot else {}
         complete = self._reader.complete
         vehicle = Vehicle(
             link.autopilot,
             link.system_id,
             self._plane,
-            dict(self._reader.values) if complete else {},
-            complete,
+            dict(self._reader.values) if complete else known,
+            complete or bool(known),
             self._settings.vision_source_set,
             self._settings.position_sensor_id,
         )
-        if vehicle != self._vehicle:
+        if vehicle != before:
             self._vehicle = vehicle
             self._choice = choose_output(self._settings.output, vehicle)
 

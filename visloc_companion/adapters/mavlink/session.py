@@ -12,11 +12,10 @@ from visloc_companion.adapters.mavlink.companion_status import computer_status, 
 from visloc_companion.adapters.mavlink.dialect import Message
 from visloc_companion.adapters.mavlink.framing import FrameCounts
 from visloc_companion.adapters.mavlink.incoming import Decoder, Listener
-from visloc_companion.adapters.mavlink.link_state import LinkState
 from visloc_companion.adapters.mavlink.outbox import Outbox
 from visloc_companion.adapters.mavlink.outgoing import PositionSender
 from visloc_companion.adapters.mavlink.outputs.choice import Choice
-from visloc_companion.adapters.mavlink.outputs.kinds import Output
+from visloc_companion.adapters.mavlink.presence import Presence
 from visloc_companion.adapters.mavlink.settings import CompanionState, SessionSettings
 from visloc_companion.adapters.mavlink.signing import Refusal, SignatureGuard, SigningTime
 from visloc_companion.adapters.mavlink.streams import StreamState
@@ -24,24 +23,17 @@ from visloc_companion.adapters.mavlink.texts import TextSender
 from visloc_companion.adapters.mavlink.upkeep import Upkeep
 from visloc_companion.errors import Reason
 from visloc_companion.types import (
-    Attitude,
-    EkfSource,
     Event,
     GeoPoint,
     Injection,
     LinkChanged,
-    LocalPose,
     Notice,
     OriginChanged,
-    PriorPose,
     Report,
     RequestMessage,
     SwitchSource,
 )
 
-_NS_PER_S = 1_000_000_000
-_REBOOT_NS = 5 * _NS_PER_S
-_STALL_NS = _NS_PER_S // 2
 _MAX_WARNINGS = 50
 
 
@@ -59,10 +51,10 @@ class MavlinkSession:
         signing = settings.signing
         self._time = None if signing is None else SigningTime(signing.stamp_at_zero, signing.keep)
         self._guard = None if signing is None or self._time is None else SignatureGuard(signing, self._time, self._warn)
-        self._listener = Listener(settings.system_id, self._warn, self._guard)
-        self._decoder = Decoder()
-        self._link = LinkState()
         self._outbox = Outbox(settings.component_id, signing, self._time)
+        self._listener = Listener(settings.system_id, self._warn, self._outbox.speak_as, self._guard)
+        self._decoder = Decoder()
+        self._presence = Presence(settings.timeout_s)
         self._upkeep = Upkeep(settings, self._outbox)
         self._sender = PositionSender(settings, self._outbox, self._warn)
         self._texts = TextSender()
@@ -70,23 +62,18 @@ class MavlinkSession:
         self._pending: list[Event] = []
         self._forbidden_told = False
         self._now_ns = 0
-        self._heard_ns = 0
-        self._polled_ns = 0
-        self._boot_ns = 0
-        self._origin: GeoPoint | None = None
-        self._speak_as_the_vehicle()
 
     # ------------------------------------------------------------------------------------------------------------ what is known
 
     @property
     def link(self) -> LinkChanged:
         """The autopilot as far as it is known; `up` tells whether it is heard."""
-        return self._link.known
+        return self._presence.link
 
     @property
     def origin(self) -> GeoPoint | None:
         """The autopilot's EKF origin, None while it is not known (then nothing is injected)."""
-        return self._origin
+        return self._presence.origin
 
     @property
     def n_heard(self) -> int:
@@ -149,24 +136,20 @@ class MavlinkSession:
         """Take bytes from the link; the events in them, stamped `now_ns`. Any bytes, in any pieces."""
         now_ns = self._advance(now_ns)
         for msg in self._listener.messages(data):
-            self._heard_ns = now_ns
-            self._speak_as_the_vehicle()
+            self._presence.heard(now_ns)
             self._take(msg, now_ns)
         return self._drain_events()
 
     def poll(self, now_ns: int) -> list[Event]:
         """What time brings: heartbeat, own TIMESYNC requests, requests that are due, the silence of the autopilot."""
         now_ns = self._advance(now_ns)
-        if now_ns - self._polled_ns > _STALL_NS:
-            self._heard_ns += now_ns - self._polled_ns  # we were away ourselves: what came meanwhile is not read yet
-        self._polled_ns = now_ns
-        if self.link.up and now_ns - self._heard_ns > self.settings.timeout_s * _NS_PER_S:
+        if self._presence.silent(now_ns):
             self._lose(f"the autopilot is silent for {self.settings.timeout_s:g} s", now_ns)
         flowing = CompanionState.ACTIVE if self._sender.active(now_ns) else CompanionState.STANDBY
         self._upkeep.heartbeat(self._state or flowing, now_ns)
         if self.link.up:
             self._sender.poll(self.link, now_ns)
-            self._pending += self._upkeep.ask_what_is_due(self.link, self._origin is not None, now_ns)
+            self._pending += self._upkeep.ask_what_is_due(self.link, self.origin is not None, now_ns)
         return self._drain_events()
 
     # ------------------------------------------------------------------------------------------------------------ out
@@ -181,15 +164,12 @@ class MavlinkSession:
 
     def send(self, injection: Injection, now_ns: int) -> bool:
         """Queue the position; False, with a count and one warning a reason, where it must not be sent, or not so soon."""
-        return self._sender.send(injection, self.link, self._origin, self._advance(now_ns))
+        return self._sender.send(injection, self.link, self.origin, self._advance(now_ns))
 
     def disconnected(self, why: str, now_ns: int) -> list[Event]:
         """The connection is gone: the link is down at once, not after its silence."""
         now_ns = self._advance(now_ns)
-        if self.link.up:
-            self._lose(why, now_ns)
-        else:
-            self._warn(why)
+        self._lose(why, now_ns) if self.link.up else self._warn(why)
         return self._drain_events()
 
     def request(self, message: RequestMessage, now_ns: int) -> None:
@@ -198,8 +178,8 @@ class MavlinkSession:
 
     def switch(self, source: SwitchSource, now_ns: int) -> None:
         """Switch the position source; the end comes as a SourceSwitched event."""
-        shows = self.choice.output is not Output.EXTERNAL_POSITION_ESTIMATE or source.source is not EkfSource.VISION
-        self._pending += self._upkeep.switcher.start(source.source, self.link, self._advance(now_ns), shows_use=shows)
+        shows_use = self._sender.shows_use(source.source)
+        self._pending += self._upkeep.switcher.start(source.source, self.link, self._advance(now_ns), shows_use=shows_use)
 
     def notify(self, notice: Notice, now_ns: int) -> None:
         """Queue a STATUSTEXT (several of a long text) where the notice is for the operator, unless it repeats or floods."""
@@ -236,10 +216,6 @@ class MavlinkSession:
     def _warn(self, text: str) -> None:
         self._warnings.append(text)
 
-    def _speak_as_the_vehicle(self) -> None:
-        if self._listener.pinned:
-            self._outbox.speak_as(self._listener.pinned)
-
     def _take(self, msg: Message, now_ns: int) -> None:
         if not self.link.up and msg.get_type() != "HEARTBEAT":
             return
@@ -253,39 +229,22 @@ class MavlinkSession:
         event = self._decoder.event(msg, now_ns)
         if isinstance(event, LinkChanged):
             self._take_link(event, now_ns)
-        elif isinstance(event, OriginChanged):
-            self._take_origin(event)
-        elif event is not None:
-            self._watch_boot_time(event, now_ns)
-            self._pending.append(event)
-
-    def _take_origin(self, event: OriginChanged) -> None:
-        if event.origin != self._origin:
-            self._origin = event.origin
+        elif event is not None and (not isinstance(event, OriginChanged) or self._presence.take_origin(event)):
+            if self._presence.restarted(event):
+                self._lose("the autopilot's clock went back: it was restarted", now_ns)
             self._pending.append(event)
 
     def _take_link(self, event: LinkChanged, now_ns: int) -> None:
-        was_up = self.link.up
-        changed = self._link.heard(event)
-        if changed is None:
-            return
-        self._pending.append(changed)
-        if not was_up:
-            self._boot_ns = 0
+        changed, came = self._presence.take_link(event)
+        if changed is not None:
+            self._pending.append(changed)
+        if came:
             self._upkeep.restart(now_ns)
             self._sender.restart(self.link)
 
-    def _watch_boot_time(self, event: Event, now_ns: int) -> None:
-        if isinstance(event, Attitude | LocalPose | PriorPose):
-            if event.t_boot_ns < self._boot_ns - _REBOOT_NS:
-                self._lose("the autopilot's clock went back: it was restarted", now_ns)
-                self._boot_ns = event.t_boot_ns
-            self._boot_ns = max(self._boot_ns, event.t_boot_ns)
-
     def _lose(self, why: str, now_ns: int) -> None:
-        changed = self._link.down(now_ns)
+        changed = self._presence.down(now_ns)
         if changed is not None:
             self._warn(why)
             self._pending.append(changed)
-        self._origin = None
         self._pending += self._upkeep.forget(why, now_ns)

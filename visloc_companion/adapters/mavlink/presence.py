@@ -1,0 +1,67 @@
+"""Whether the autopilot is there, what it is, and where its local frame begins."""
+
+from __future__ import annotations
+
+from visloc_companion.adapters.mavlink.link_state import LinkState
+from visloc_companion.types import Attitude, Event, GeoPoint, LinkChanged, LocalPose, OriginChanged, PriorPose
+
+_NS_PER_S = 1_000_000_000
+_REBOOT_NS = 5 * _NS_PER_S
+_STALL_NS = _NS_PER_S // 2
+
+
+class Presence:
+    """Sans-IO. `origin` is the autopilot's EKF origin, None while it is not known."""
+
+    def __init__(self, timeout_s: float) -> None:
+        self.origin: GeoPoint | None = None
+        self._link = LinkState()
+        self._timeout_ns = round(timeout_s * _NS_PER_S)
+        self._heard_ns = self._polled_ns = self._boot_ns = 0
+
+    @property
+    def link(self) -> LinkChanged:
+        """The autopilot as far as it is known; `up` tells whether it is heard."""
+        return self._link.known
+
+    def heard(self, now_ns: int) -> None:
+        """A message of the autopilot came."""
+        self._heard_ns = now_ns
+
+    def silent(self, now_ns: int) -> bool:
+        """Whether the autopilot has been silent for too long; asked twice a second or more.
+
+        A longer pause is a stall of our own: what came meanwhile is not read yet.
+        """
+        if now_ns - self._polled_ns > _STALL_NS:
+            self._heard_ns += now_ns - self._polled_ns
+        self._polled_ns = now_ns
+        return self.link.up and now_ns - self._heard_ns > self._timeout_ns
+
+    def take_link(self, event: LinkChanged) -> tuple[LinkChanged | None, bool]:
+        """What is new of the autopilot, if anything, and whether it came up with that."""
+        was_up = self.link.up
+        changed = self._link.heard(event)
+        came = changed is not None and not was_up
+        if came:
+            self._boot_ns = 0
+        return changed, came
+
+    def take_origin(self, event: OriginChanged) -> bool:
+        """Whether an origin is another one than before."""
+        moved = event.origin != self.origin
+        self.origin = event.origin
+        return moved
+
+    def restarted(self, event: Event) -> bool:
+        """Whether the autopilot's clock went back: it was restarted without falling silent."""
+        if not isinstance(event, Attitude | LocalPose | PriorPose):
+            return False
+        back = event.t_boot_ns < self._boot_ns - _REBOOT_NS
+        self._boot_ns = event.t_boot_ns if back else max(self._boot_ns, event.t_boot_ns)
+        return back
+
+    def down(self, now_ns: int) -> LinkChanged | None:
+        """The link is down; None where it was before."""
+        self.origin = None
+        return self._link.down(now_ns)
