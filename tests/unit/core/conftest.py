@@ -69,6 +69,7 @@ class World:
     frozen: Callable[[float], bool] = lambda t: False
     height_m: Callable[[float], float] = lambda t: HEIGHT_M
     false_velocity_mps: Callable[[float], tuple[float, float]] = lambda t: (0.0, 0.0)
+    unused: Callable[[float, EkfSource], bool] = lambda t, source: False
     accel_bias_mps2: tuple[float, float] = (0.02, -0.02)
     map_error_m: tuple[float, float] = (0.4, -0.3)
 
@@ -177,7 +178,7 @@ class World:
             fix, sats = (1, 3) if jammed else (3, 14)
             self.send(Gnss(now, boot, fix, sats, place_of(gnss), 1.0, 1.5, None))
         if self.k % 10 == 0:
-            ratio = 0.2 + 0.01 * (self.k % 7)  # another one with each position fused
+            ratio = 0.2 if self.unused(t, self.source) else 0.2 + 0.01 * (self.k % 7)  # another one with each position fused
             self.send(EstimatorStatus(now, ratio, 0.2, 0.2, horizontal_position_ok=True, gnss_glitch=False, gnss_in_use=None))
 
     def fly(self, until_s: float) -> World:
