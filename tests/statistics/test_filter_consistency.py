@@ -19,6 +19,8 @@ ORIGIN = GeoPoint(59.3, 18.1, 40.0)
 SETTINGS = NavigatorSettings()
 SIGMA_A = SETTINGS.acceleration_sigma_mps2
 N_FLIGHTS = 20
+LASTS_S = 5.0
+"""Half of a fix's variance is that of the ground that neighbouring frames look at."""
 BAND = (0.8, 1.25)
 
 
@@ -59,6 +61,7 @@ def normalised_errors(
     dt = 0.1
     p, error = np.zeros(2), DrivingError(drive, rng)
     map_error = SETTINGS.map_sigma_m * rng.standard_normal(2)
+    kept, lasting = math.exp(-fix_period_s / LASTS_S), rng.standard_normal(2)
 
     def velocity(t_s: float) -> np.ndarray:
         return 10.0 * np.array([math.cos(t_s / 15), math.sin(t_s / 15)])
@@ -79,7 +82,8 @@ def normalised_errors(
         kalman_filter.drive(sample(t))
         if t < 120 and k % round(fix_period_s / dt) == 0:
             sigma = float(rng.uniform(0.7, 2.0))
-            measured = p + map_error + sigma * rng.standard_normal(2)
+            lasting = kept * lasting + math.sqrt(1 - kept * kept) * rng.standard_normal(2)
+            measured = p + map_error + sigma * math.sqrt(0.5) * (lasting + rng.standard_normal(2))
             kalman_filter.observe(fix_at(t, measured, sigma * claimed_share, k))
         if k % 50 == 0:
             state = kalman_filter.at(ns(t))

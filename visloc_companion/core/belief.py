@@ -12,6 +12,9 @@ from visloc_companion.core.propagation import N_STATES, POSITION, VELOCITY, Driv
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Cov2, FloatArray, Vec2
 
+LASTING_SHARE, FIX_WEIGHT = 0.5, 0.2
+"""Share of a fix's variance that lasts for seconds (the GNSS monitor assumes the same), and the weight of the latest fix."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
@@ -19,7 +22,8 @@ class Belief:
 
     `travel_ne_m`: the integral of the driving velocity; `moved_ne_m`: how far the propagation carried the position (for an
     inertial velocity without the error that it knows of). `votes`: each method with the time of its last fix; `without`: the
-    solutions that leave fixes out (separation.py); `lean`: to which side fixes have come out lately (lean.py).
+    solutions that leave fixes out (separation.py); `lean`: to which side fixes have come out lately (lean.py);
+    `fix_var_m2`: the mean variance per axis that recent fixes claimed.
     """
 
     t_ns: int
@@ -36,11 +40,22 @@ class Belief:
     votes: separation.Votes = ()
     without: separation.Solutions = separation.NONE
     lean: Vec2 = UPRIGHT
+    fix_var_m2: float = 0.0
 
     @property
     def rested_ns(self) -> int:
         """The time of the last fix, or of the start before the first."""
         return self.started_ns if self.last_fix_ns is None else self.last_fix_ns
+
+    @property
+    def lasting_m2(self) -> float:
+        """Variance per axis of what recent fixes have in common, as far as they were averaged: neighbouring frames look at the
+        same ground, so no number of them takes all of their error away."""
+        return LASTING_SHARE * max(0.0, self.fix_var_m2 - float(self.P[0, 0] + self.P[1, 1]) / 2)
+
+    def after_fix(self, var_m2: float) -> float:
+        """`fix_var_m2` with another fix of this variance."""
+        return var_m2 if self.last_fix_ns is None else self.fix_var_m2 + FIX_WEIGHT * (var_m2 - self.fix_var_m2)
 
 
 @dataclass(frozen=True, slots=True)

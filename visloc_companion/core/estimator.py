@@ -33,8 +33,8 @@ Outcome = Accepted | Rejected | None
 class PositionFilter:
     """Position in NED at an origin. `observe` and `at` are protocols.Estimator; `drive` feeds it the autopilot's velocity.
 
-    States that it gives include the map's registration error (`map_sigma_m`), which no number of fixes averages away; of the
-    height, which is the autopilot's, they know nothing (height.py).
+    States that it gives include the map's registration error (`map_sigma_m`) and what neighbouring fixes have in common, which no
+    number of them averages away; of the height, which is the autopilot's, they know nothing (height.py).
     """
 
     def __init__(self, settings: NavigatorSettings, origin: GeoPoint, start: Belief, velocity: Velocity) -> None:
@@ -94,7 +94,7 @@ class PositionFilter:
         north, east, b_north, b_east = belief.x[:4].tolist()
         around = self._around(k)
         v_north, v_east = velocity_at(t_ns, around)
-        extra = self._settings.map_sigma_m**2
+        extra = self._settings.map_sigma_m**2 + belief.lasting_m2
         nn, ne, ee = float(belief.P[0, 0]), float(belief.P[0, 1]), float(belief.P[1, 1])
         return NavState(
             t_ns,
@@ -109,7 +109,7 @@ class PositionFilter:
     def protection_level_m(self, t_ns: int) -> float:
         """Horizontal protection level at a time (core/integrity.py)."""
         _, belief = self._belief_at(t_ns, alone=False)
-        level_m = integrity.protection_level_m(belief.x, belief.P, belief.without, self._settings)
+        level_m = integrity.protection_level_m(belief.x, belief.P, belief.without, self._settings, belief.lasting_m2)
         return integrity.aged(level_m, (t_ns - belief.rested_ns) * 1e-9)
 
     def know_map(self, sigma_m: float) -> None:

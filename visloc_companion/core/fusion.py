@@ -104,6 +104,7 @@ def propagated(
         belief.votes,
         separation.propagated(without, F, Q[1:], step),
         belief.lean,
+        belief.fix_var_m2,
     )
 
 
@@ -182,4 +183,5 @@ def _others(belief: Belief, z: Position, cov: FloatArray, n_considered: int) -> 
 def _fixed(belief: Belief, z: Position) -> Belief:
     votes = separation.voted(belief.votes, z.method, z.t_ns)
     without = separation.apart(belief.without, belief.x, belief.P)
-    return replace(belief, last_fix_ns=z.t_ns, rejected=(), votes=votes, without=without)
+    fix_var_m2 = belief.after_fix((z.cov_ne_m2[0][0] + z.cov_ne_m2[1][1]) / 2)
+    return replace(belief, last_fix_ns=z.t_ns, rejected=(), votes=votes, without=without, fix_var_m2=fix_var_m2)

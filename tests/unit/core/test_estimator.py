@@ -95,13 +95,20 @@ def test_velocity_is_interpolated_between_samples_and_held_after_the_last() -> N
     assert kalman_filter.at(S + S // 2).v_ned_mps[0] == pytest.approx(20.0)
 
 
-def test_output_keeps_the_map_error_however_many_fixes_came() -> None:
+def test_output_keeps_what_fixes_have_in_common_however_many_came() -> None:
+    """The map's error, and half of their own variance (1 m)."""
     kalman_filter = made()
     for k in range(1, 200):
         kalman_filter.drive(velocity(0.02 * k))
         kalman_filter.observe(fix(0.02 * k, 0.2 * k, 0.0, k))
     state = kalman_filter.at(4 * S)
-    assert SETTINGS.map_sigma_m < math.sqrt(state.cov_ne_m2[0][0]) < 1.2 * SETTINGS.map_sigma_m
+    least_m = math.hypot(SETTINGS.map_sigma_m, math.sqrt(0.5))
+    assert 0.97 * least_m < math.sqrt(state.cov_ne_m2[0][0]) < 1.1 * least_m
+    assert kalman_filter.protection_level_m(4 * S) > 4.8 * least_m
+    after_one = made()
+    after_one.drive(velocity(0.02))
+    after_one.observe(fix(0.02, 0.2, 0.0, 1))
+    assert after_one.newest.lasting_m2 < 0.2 * state.cov_ne_m2[0][0], "one fix was averaged with nothing"
     assert state.age_of_fix_s == pytest.approx(0.02)
 
 
