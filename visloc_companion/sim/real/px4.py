@@ -42,8 +42,8 @@ _OWN: dict[str, str] = {
     "COM_DISARM_LAND": "2.0",
 }
 """What the simulated vehicle needs beside the user's file: home, brisk braking, no remote control, disarming on the ground."""
-_OWN_PLANE = {"MIS_TKO_LAND_REQ": "0"}
-"""A mission that only flies round has no landing."""
+_OWN_PLANE = {"MIS_TKO_LAND_REQ": "0", "COM_LOW_BAT_ACT": "0"}
+"""A mission that only flies round has no landing, and the simulated battery runs low in flight."""
 
 
 class Px4:

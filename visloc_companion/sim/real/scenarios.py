@@ -31,7 +31,7 @@ Change = Callable[[RealScenario], RealScenario]
 NAMES = {
     "jam": "GNSS is jammed at 60 s for good; 300 s on vision, then landing.",
     "late": "The same with answers 300 ms later (and therefore fewer).",
-    "late_pictures": "The same with pictures 300 ms later, as many as before.",
+    "late_pictures": "Pictures come 300 ms later, as many as ever.",
     "slow_drag": "The receiver's position (not its velocity) is dragged at 1 m/s from 60 s.",
     "gnss_back": "GNSS is jammed from 60 s to 160 s and then good again.",
     "without_daemon": "GNSS is jammed at 60 s for good, and nobody helps.",
@@ -48,7 +48,7 @@ NAMES = {
     "claims_nothing": "Fixes with a sigma of 1 m claim a covariance of zero.",
     "restarts": "The daemon dies at 100 s and at 140 s and is started again 3 s later.",
 }
-"""Jammed at 60 s and 140 s on vision where nothing else is said."""
+"""Jammed at 60 s, with 140 s on vision, where nothing else is said."""
 
 
 def _fixes(rate_hz: float, p95_limit_m: tuple[float, float] | None = None, latency_s: float = ORACLE.latency_s) -> Change:
@@ -70,12 +70,12 @@ def _without_gnss(short: RealScenario) -> RealScenario:
 _LONG: dict[str, Change] = {
     "jam": lambda jam: jam,
     "late": lambda jam: replace(jam, oracle=replace(ORACLE, latency_s=ORACLE.latency_s + EXTRA_LATENCY_S), lands=False),
-    "late_pictures": lambda jam: replace(jam, oracle=replace(ORACLE, frame_delay_s=EXTRA_LATENCY_S), lands=False),
     "slow_drag": lambda jam: replace(jam, duration_s=200.0, jam_at_s=None, drag_at_s=FAULT_S, lands=False),
     "gnss_back": lambda jam: replace(jam, duration_s=260.0, gnss_back_at_s=FAULT_S + 100.0, lands=False),
     "without_daemon": lambda jam: replace(jam, duration_s=160.0, with_daemon=False, lands=False),
 }
 _SHORT: dict[str, Change] = {
+    "late_pictures": _with_fixes(frame_delay_s=EXTRA_LATENCY_S),
     "fixes_0_5_hz": _fixes(0.5, (8.0, 10.0)),
     "fixes_1_hz": _fixes(1.0, (5.0, 7.0)),
     "fixes_2_hz": _fixes(2.0, (4.0, 5.0)),

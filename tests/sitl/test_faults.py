@@ -1,0 +1,82 @@
+"""What goes wrong in flight while real autopilots fly on vision: the daemon's death, jumps, outages, odd fixes, no GNSS ever.
+
+Shorter than the flights of docs/autopilots.md, with the same limits: jammed after 20 s, and 70 s on vision.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from visloc_companion.errors import ConfigError
+from visloc_companion.evaluate.real_flight import checks, real_figures
+from visloc_companion.sim.real.programs import Simulator, find_program
+from visloc_companion.sim.real.scenarios import ORACLE, real_scenario
+
+pytestmark = [pytest.mark.sitl, pytest.mark.timeout(900)]
+SHORT = {"duration_s": 90.0, "jam_at_s": 20.0}
+COPTERS = [Simulator.ARDUCOPTER, Simulator.PX4]
+
+
+def missed(simulator: Simulator, flown: tuple) -> list[str]:
+    """What a flight was asked and did not keep."""
+    scenario, log = flown
+    figures = real_figures(log, scenario)
+    return [f"{check.name}: {check.value}" for check in checks(figures, scenario, simulator) if not check.passed]
+
+
+@pytest.mark.parametrize("simulator", [*COPTERS, Simulator.ARDUPLANE])
+def test_a_daemon_that_dies_goes_on_in_time_when_it_is_started_again(fly, simulator: Simulator) -> None:
+    assert missed(simulator, fly(simulator, "restarts", restarts=(40.0, 65.0), **SHORT)) == []
+
+
+@pytest.mark.parametrize("simulator", COPTERS)
+def test_fixes_that_jump_by_20_m_are_followed(fly, simulator: Simulator) -> None:
+    oracle = replace(ORACLE, moved=((40.0, 65.0, 0.0, 20.0),))
+    assert missed(simulator, fly(simulator, "jump", oracle=oracle, **SHORT)) == []
+
+
+@pytest.mark.parametrize("simulator", COPTERS)
+def test_outages_of_two_and_six_seconds_are_bridged(fly, simulator: Simulator) -> None:
+    oracle = replace(ORACLE, blind=((35.0, 37.0), (50.0, 56.0)))
+    assert missed(simulator, fly(simulator, "outages", oracle=oracle, **SHORT)) == []
+
+
+@pytest.mark.parametrize("name", ["claims_too_little", "claims_nothing", "jitter", "late_pictures", "fixes_1_hz", "fixes_10_hz"])
+def test_odd_fixes_are_flown_on(fly, name: str) -> None:
+    assert missed(Simulator.ARDUCOPTER, fly(Simulator.ARDUCOPTER, name, **SHORT)) == []
+
+
+def test_without_gnss_ever_it_finds_its_place_and_flies(fly) -> None:
+    assert missed(Simulator.ARDUCOPTER, fly(Simulator.ARDUCOPTER, "no_gnss_at_boot", duration_s=60.0)) == []
+
+
+def test_px4s_plane_flies_on_vision(fly) -> None:
+    assert missed(Simulator.PX4_PLANE, fly(Simulator.PX4_PLANE, "jam", lands=False, **SHORT)) == []
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_the_command_flies_and_judges(autopilot: str, tmp_path: Path) -> None:
+    simulator = Simulator.PX4 if autopilot == "px4" else Simulator.ARDUCOPTER
+    try:
+        find_program(simulator)
+    except ConfigError as why:
+        pytest.skip(str(why))
+    out = tmp_path / "figures.json"
+    asked = ["sim", "--autopilot", autopilot, "--scenario", "outages", "--json", str(out)]
+    ran = subprocess.run(
+        [sys.executable, "-m", "visloc_companion.cli.main", *asked], capture_output=True, text=True, timeout=800, check=False
+    )
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    assert "95 % of the autopilot's error on vision" in ran.stdout
+    assert json.loads(out.read_text(encoding="utf-8"))["vision_s"] > 100
+
+
+def test_a_flight_that_a_simulator_cannot_fly_is_refused() -> None:
+    with pytest.raises(ConfigError, match="nothing moves PX4's simulated receiver"):
+        real_scenario("slow_drag", Simulator.PX4)
