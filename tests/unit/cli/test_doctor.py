@@ -28,7 +28,8 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Wishes]:
 
     async def examine(wish: Wishes) -> Report:
         wishes.append(wish)
-        facts = Facts(AutopilotKind.ARDUPILOT, "4.7.0", {"VISO_QUAL_MIN": float(wish.url.rpartition(":")[2])}, wish.config)
+        parameters = {"VISO_QUAL_MIN": float(wish.url.rpartition(":")[2]), "EK3_SRC1_POSXY": 3.0}
+        facts = Facts(AutopilotKind.ARDUPILOT, "4.7.0", parameters, wish.config)
         return Report(facts, judge(RULES, facts), changes(RULES, facts))
 
     monkeypatch.setattr("visloc_companion.doctor.examine.examine", examine)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.unit.doctor.breaks import BREAKS
-from tests.unit.doctor.changes import Break, Change, config, parameters
+from tests.unit.doctor.changes import Break, Change, config, link, parameters, without
 from visloc_companion.doctor.facts import Facts
 from visloc_companion.doctor.finding import Level, judge
 from visloc_companion.doctor.rules.registry import RULES, THEMES
@@ -78,6 +78,12 @@ def test_another_output_that_is_wished_is_not_held_against_the_autopilot(
     answers = judge(RULES, facts)
     assert [(a.rule.id, a.read) for a in answers if a.level in (Level.RED, Level.AMBER)] == []
     assert skipped <= {a.rule.id for a in answers if a.level is Level.SKIPPED}
+
+
+def test_a_parameter_that_was_lost_is_not_taken_for_an_old_version(good: Good) -> None:
+    facts = without("EKF2_EV_CTRL")(good(AutopilotKind.PX4))
+    answers = judge(RULES, link(parameters_expected=1000)(facts))
+    assert next(a.level for a in answers if a.rule.id == "firmware-px4-external-vision") is Level.SKIPPED
 
 
 def test_the_worst_comes_first(good: Good) -> None:

@@ -50,6 +50,8 @@ def _has(name: str) -> Callable[[Facts], Finding]:
     def check(facts: Facts) -> Finding:
         if not facts.parameters:
             return skipped("no parameters were read", "give --link URL")
+        if facts.link is not None and name not in facts.parameters and len(facts.parameters) < facts.link.parameters_expected:
+            return skipped("not all parameters were read", "see link-parameters")
         read = f"{facts.version or 'no version'}, {'has' if name in facts.parameters else 'lacks'} {name}"
         return green(read) if name in facts.parameters else red(read)
 
