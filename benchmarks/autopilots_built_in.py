@@ -21,6 +21,7 @@ from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.faults import FaultSchedule
 from visloc_companion.sim.faults.camera import FramesLate
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes
+from visloc_companion.sim.imu import NOISY, QUIET
 from visloc_companion.sim.real.oracle import METHOD, OracleSettings
 from visloc_companion.sim.real.pilot import HOME
 from visloc_companion.sim.real.programs import Simulator
@@ -50,6 +51,7 @@ def built_in_p95_m(scenario: RealScenario, simulator: Simulator) -> float | None
         _faults(scenario),
         WIND_NED_MPS,
         boot_age_s=BOOT_AGE_S,
+        imu=NOISY if simulator.is_px4 else QUIET,
     )
     oracle = scenario.oracle
     eyes = Eyes(

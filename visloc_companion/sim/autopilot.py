@@ -20,6 +20,7 @@ from visloc_companion.sim.autopilot_modes import Failsafe, custom_mode
 from visloc_companion.sim.autopilot_parameters import prepared_parameters
 from visloc_companion.sim.autopilot_receive import Receiver
 from visloc_companion.sim.faults import FaultSchedule
+from visloc_companion.sim.imu import QUIET, Imu
 from visloc_companion.sim.pitot import Pitot
 from visloc_companion.sim.rangefinder import Rangefinder
 from visloc_companion.sim.streams_messages import BUILDERS, Message, Ranged, Snapshot, heartbeat
@@ -61,10 +62,10 @@ class BuiltInAutopilot:
         origin: GeoPoint | None = None,
         ready_s: float = 0.0,
         rangefinder: Rangefinder | None = None,
+        imu: Imu = QUIET,
     ) -> None:
-        plan = FlightPlan(
-            kind, vehicle, home, tuple(mission_ned_m), speed_mps, seed, faults or FaultSchedule(), wind_ned_mps, start_airborne
-        )
+        way, wrong = tuple(mission_ned_m), faults or FaultSchedule()
+        plan = FlightPlan(kind, vehicle, home, way, speed_mps, seed, wrong, wind_ned_mps, start_airborne, imu)
         self.parameters = prepared_parameters(kind, parameters or {})
         self.flight = Flight(plan, self.parameters, origin)
         self._boot_ns = round(boot_age_s * 1e9)

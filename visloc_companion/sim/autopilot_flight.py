@@ -20,6 +20,7 @@ from visloc_companion.sim.estimator_px4 import Px4Estimator
 from visloc_companion.sim.estimator_status import EstimatorHealth, GnssMeasurement
 from visloc_companion.sim.faults import FaultSchedule
 from visloc_companion.sim.gnss import GnssReceiver, GnssSample
+from visloc_companion.sim.imu import QUIET, Imu
 from visloc_companion.sim.vehicle import Body, Truth
 from visloc_companion.sim.vehicle_copter import Copter
 from visloc_companion.sim.vehicle_noise import Wind
@@ -37,7 +38,7 @@ Phase = Literal["mission", "by_hand", "takeoff", "land", "landed"]
 class FlightPlan:
     """What is flown: home (the ground, down = 0), waypoints NED about home in true metres, speed, wind, faults and seed.
 
-    `speed_mps` is over ground for a copter and through the air for a plane.
+    `speed_mps` is over ground for a copter and through the air for a plane. `imu`: what its inertial sensors get wrong.
     """
 
     kind: AutopilotKind
@@ -49,6 +50,7 @@ class FlightPlan:
     faults: FaultSchedule = field(default_factory=FaultSchedule)
     wind_ned_mps: Vec3 = (0.0, 0.0, 0.0)
     start_airborne: bool = True
+    imu: Imu = QUIET
 
     def __post_init__(self) -> None:
         if self.kind is AutopilotKind.UNKNOWN:
@@ -80,7 +82,7 @@ class Flight:
             else CopterControl(Copter(self.body), plan.speed_mps)
         )
         horizon_ms = max(parameters["VISO_DELAY_MS"], GNSS_LAG_MS) if ardupilot else parameters["EKF2_DELAY_MAX"]
-        self.filter = InertialFilter(self._rng["imu"], min(horizon_ms, 1000.0) / 1000, PHYSICS_DT_S)
+        self.filter = InertialFilter(self._rng["imu"], min(horizon_ms, 1000.0) / 1000, PHYSICS_DT_S, plan.imu)
         self.attitude = AttitudeEstimate(self._rng["attitude"])
         estimator = ArduPilotEstimator if ardupilot else Px4Estimator
         self.estimator: ArduPilotEstimator | Px4Estimator = estimator(self.filter, parameters, plane)
@@ -152,6 +154,7 @@ class Flight:
         self.attitude.compass_error_rad = self.plan.faults.compass_error_rad(self.t_s)
         self.filter.baro_error_m = self.plan.faults.baro_error_m(self.t_s)
         self.filter.step((b.a_north, b.a_east, b.a_down), self.attitude.yaw_error_rad, b.down + self._origin_above_home_m, dt)
+        self.attitude.tilt_ne_rad = self.filter.tilt_ne_rad
         if self.t_s >= self._gnss_due_s - 1e-9:
             self._sample_gnss()
         air = None

@@ -7,77 +7,97 @@ corrections made there are carried to the present exactly (EKF3's and EKF2's out
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 from random import Random
 
+from visloc_companion.sim.imu import QUIET, TILT_TAU_S, Imu
 from visloc_companion.sim.vehicle_noise import GaussMarkov
 from visloc_companion.types import Vec3
 
-ACCEL_PSD = 0.16
-"""Spectral density of the assumed acceleration error, m²/s³: fitted to the facts sheet's table 5.1 (rms against rate)."""
+GRAVITY_MPS2 = 9.81
 BARO_SIGMA_M, BARO_PERIOD_S = 2.0, 0.1
 
 
 class Axis:
-    """One axis: delayed position and velocity `p`, `v`, present ones `p_now`, `v_now`, covariance, and the pull of GNSS."""
+    """One axis: delayed position and velocity `p`, `v`, present ones `p_now`, `v_now`, covariance, and the pull of GNSS.
 
-    __slots__ = ("P11", "P12", "P22", "lag_s", "p", "p_now", "pull_p", "pull_v", "v", "v_now")
+    `tilt` is the acceleration (m/s²) by which the filter has set its attitude right.
+    """
 
-    def __init__(self, lag_s: float) -> None:
-        self.lag_s = lag_s
-        self.p = self.v = self.p_now = self.v_now = self.pull_p = self.pull_v = 0.0
+    __slots__ = (
+        "P11", "P12", "P13", "P22", "P23", "P33", "imu", "lag_s", "p", "p_now", "pull_a", "pull_p", "pull_v", "tilt", "v", "v_now"
+    )  # fmt: skip
+
+    def __init__(self, lag_s: float, imu: Imu = QUIET) -> None:
+        self.lag_s, self.imu = lag_s, imu
+        self.p = self.v = self.p_now = self.v_now = self.pull_p = self.pull_v = self.pull_a = self.tilt = 0.0
         self.P11, self.P12, self.P22 = 1.0, 0.0, 0.25
+        self.P13 = self.P23 = self.P33 = 0.0
 
     def predict(self, a_delayed: float, a_now: float, dt_s: float) -> None:
         """Advance both times by one step."""
+        a_delayed, a_now = a_delayed + self.tilt, a_now + self.tilt
         self.p += (self.v + 0.5 * a_delayed * dt_s) * dt_s
         self.v += a_delayed * dt_s
         self.p_now += (self.v_now + 0.5 * a_now * dt_s) * dt_s
         self.v_now += a_now * dt_s
         self.pull_p += self.pull_v * dt_s
+        self.pull_v += self.pull_a * dt_s
         self.P11 += (2 * self.P12 + self.P22 * dt_s) * dt_s
-        self.P12 += self.P22 * dt_s
-        self.P22 += ACCEL_PSD * dt_s
+        self.P12 += (self.P22 + self.P13) * dt_s
+        self.P13 += self.P23 * dt_s
+        self.P22 += (self.imu.assumed_accel_psd + 2 * self.P23) * dt_s
+        self.P23 += self.P33 * dt_s
+        self.P33 += self.imu.assumed_tilt_psd * dt_s
 
     def correct_position(self, p: float, variance: float, false_m: float) -> None:
         """Fuse a position valid at the delayed time; `false_m` is its spoofed part."""
         s = self.P11 + variance
-        k1, k2 = self.P11 / s, self.P12 / s
-        self._apply(k1, k2, p - self.p, false_m - self.pull_p)
+        k1, k2, k3 = self.P11 / s, self.P12 / s, self.P13 / s
+        self._apply(k1, k2, k3, p - self.p, false_m - self.pull_p)
+        self.P33 -= k3 * self.P13
+        self.P23 -= k2 * self.P13
         self.P22 -= k2 * self.P12
+        self.P13 *= 1 - k1
         self.P12 *= 1 - k1
         self.P11 *= 1 - k1
 
     def correct_velocity(self, v: float, variance: float, false_mps: float) -> None:
         """Fuse a velocity valid at the delayed time."""
         s = self.P22 + variance
-        k1, k2 = self.P12 / s, self.P22 / s
-        self._apply(k1, k2, v - self.v, false_mps - self.pull_v)
+        k1, k2, k3 = self.P12 / s, self.P22 / s, self.P23 / s
+        self._apply(k1, k2, k3, v - self.v, false_mps - self.pull_v)
+        self.P33 -= k3 * self.P23
+        self.P13 -= k1 * self.P23
         self.P11 -= k1 * self.P12
+        self.P23 *= 1 - k2
         self.P12 *= 1 - k2
         self.P22 *= 1 - k2
 
-    def _apply(self, k1: float, k2: float, innovation: float, pull_innovation: float) -> None:
+    def _apply(self, k1: float, k2: float, k3: float, innovation: float, pull_innovation: float) -> None:
         self.p += k1 * innovation
         self.v += k2 * innovation
-        self.p_now += (k1 + k2 * self.lag_s) * innovation
-        self.v_now += k2 * innovation
+        self.tilt += k3 * innovation
+        self.p_now += (k1 + (k2 + k3 * self.lag_s / 2) * self.lag_s) * innovation
+        self.v_now += (k2 + k3 * self.lag_s) * innovation
         self.pull_p += k1 * pull_innovation
         self.pull_v += k2 * pull_innovation
+        self.pull_a += k3 * pull_innovation
 
     def reset_position(self, p: float, variance: float, false_m: float) -> None:
         """Jump to a position; the velocity stays."""
         self.p_now += p - self.p
         self.p, self.pull_p = p, false_m
-        self.P11, self.P12 = variance, 0.0
+        self.P11, self.P12, self.P13 = variance, 0.0, 0.0
 
     def reset_velocity(self, v: float, variance: float, false_mps: float) -> None:
         """Jump to a velocity; the present position follows over the lag."""
         self.p_now += (v - self.v) * self.lag_s
         self.v_now += v - self.v
         self.v, self.pull_v = v, false_mps
-        self.P22, self.P12 = variance, 0.0
+        self.P22, self.P12, self.P23 = variance, 0.0, 0.0
 
     def shift(self, by_m: float) -> None:
         """Move the origin of the axis."""
@@ -107,17 +127,22 @@ class InertialFilter:
     """Three axes on measured accelerations, with height from a drifting barometer.
 
     The accelerometer's net error (bias and tilt, as far as the autopilot has not learnt them) varies slowly with 1-sigma
-    0.015 m/s², plus white noise; the barometer drifts by 0.3 m in 120 s.
+    0.015 m/s², plus what `imu` says; the barometer drifts by 0.3 m in 120 s.
     """
 
-    def __init__(self, rng: Random, horizon_s: float, dt_s: float) -> None:
-        self.horizon_s = horizon_s
-        self.north, self.east, self.down = (Axis(horizon_s) for _ in range(3))
+    def __init__(self, rng: Random, horizon_s: float, dt_s: float, imu: Imu = QUIET) -> None:
+        self.horizon_s, self._imu = horizon_s, imu
+        self.north, self.east, self.down = Axis(horizon_s, imu), Axis(horizon_s, imu), Axis(horizon_s)
         self.t_s = 0.0
         self._rng = rng
         self._bias = tuple(GaussMarkov(rng, 0.015, 60.0) for _ in range(3))
         self._baro_drift = GaussMarkov(rng, 0.3, 120.0)
         self._baro_due_s = 0.0
+        sigma = math.sqrt(imu.tilt_psd * TILT_TAU_S / 2)
+        own = rng if sigma else Random(0)
+        self._tilts = GaussMarkov(own, sigma, TILT_TAU_S), GaussMarkov(own, sigma, TILT_TAU_S)
+        for tilt in self._tilts:
+            tilt.value = 0.0
         self._accelerations: deque[Vec3] = deque([(0.0, 0.0, 0.0)] * max(1, round(horizon_s / dt_s)))
         self._baro: deque[tuple[float, float]] = deque()
         self.baro_error_m = 0.0
@@ -131,17 +156,23 @@ class InertialFilter:
             axis.p_now, axis.v_now, axis.v, axis.p = p, v, v, p - v * self.horizon_s
 
     @property
+    def tilt_ne_rad(self) -> tuple[float, float]:
+        """By how much the attitude is tilted about north and east, radians: a false tilt turns gravity into accelerations."""
+        north, east = (tilt.value for tilt in self._tilts)
+        return (east + self.east.tilt) / GRAVITY_MPS2, -(north + self.north.tilt) / GRAVITY_MPS2
+
+    @property
     def t_delayed_s(self) -> float:
         """The time at which measurements are fused."""
         return self.t_s - self.horizon_s
 
     def step(self, accel_ned_mps2: Vec3, yaw_error_rad: float, true_down_m: float, dt_s: float) -> None:
         """Advance by the true acceleration, seen through the sensors' and the heading's errors, and sample the barometer."""
-        gauss = self._rng.gauss
+        gauss, noise = self._rng.gauss, self._imu.noise_mps2
         a_n, a_e, a_d = accel_ned_mps2
         now = (
-            a_n - a_e * yaw_error_rad + self._bias[0].step(dt_s) + gauss(0.0, 0.1),
-            a_e + a_n * yaw_error_rad + self._bias[1].step(dt_s) + gauss(0.0, 0.1),
+            a_n - a_e * yaw_error_rad + self._bias[0].step(dt_s) + gauss(0.0, noise) + self._tilts[0].step(dt_s),
+            a_e + a_n * yaw_error_rad + self._bias[1].step(dt_s) + gauss(0.0, noise) + self._tilts[1].step(dt_s),
             a_d + self._bias[2].step(dt_s) + gauss(0.0, 0.1),
         )
         self._accelerations.append(now)
@@ -164,11 +195,13 @@ class InertialFilter:
 
     def hold(self) -> None:
         """Keep the position still, as the autopilots do without any aiding (constant position mode)."""
-        self._accelerations = deque((0.0, 0.0, a[2]) for a in self._accelerations)
+        north, east = (tilt.value for tilt in self._tilts)
+        self._accelerations = deque((north, east, a[2]) for a in self._accelerations)
+        self.north.tilt, self.east.tilt = -north, -east
         for axis in (self.north, self.east):
             axis.p = axis.p_now
-            axis.v = axis.v_now = axis.pull_v = 0.0
-            axis.P11, axis.P12, axis.P22 = 25.0, 0.0, 1.0
+            axis.v = axis.v_now = axis.pull_v = axis.pull_a = 0.0
+            axis.P11, axis.P12, axis.P13, axis.P22, axis.P23 = 25.0, 0.0, 0.0, 1.0, 0.0
 
     def ratio(self, fix: Fixed, gate_sigma: float) -> float:
         """Innovation test ratio of a position, 1 at the gate (squared; the status messages send its root)."""

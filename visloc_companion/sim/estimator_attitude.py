@@ -15,7 +15,8 @@ PERIOD_S = 0.1
 class AttitudeEstimate:
     """True attitude plus slowly varying errors: yaw 1° in 60 s, roll and pitch 0.3° in 20 s (1-sigma).
 
-    `compass_error_rad` is added to the heading: what a disturbed compass has talked the filter into so far.
+    `compass_error_rad` is added to the heading: what a disturbed compass has talked the filter into so far. `tilt_ne_rad` is what
+    the filter's own tilt is off by about north and east.
     """
 
     def __init__(self, rng: Random) -> None:
@@ -27,6 +28,7 @@ class AttitudeEstimate:
         )
         self._since_s = 0.0
         self.compass_error_rad = 0.0
+        self.tilt_ne_rad = (0.0, 0.0)
 
     def step(self, dt_s: float) -> None:
         """Let the errors drift (ten times a second)."""
@@ -44,7 +46,9 @@ class AttitudeEstimate:
     def euler(self, body: Body) -> tuple[float, float, float]:
         """Estimated roll, pitch, yaw, radians."""
         roll, pitch, _ = (error.value for error in self._errors)
-        return body.roll + roll, body.pitch + pitch, body.yaw + self.yaw_error_rad
+        north, east = self.tilt_ne_rad
+        c, s = math.cos(body.yaw), math.sin(body.yaw)
+        return body.roll + roll + c * north + s * east, body.pitch + pitch + c * east - s * north, body.yaw + self.yaw_error_rad
 
     def rates(self, body: Body) -> tuple[float, float, float]:
         """Gyroscope rates, rad/s."""

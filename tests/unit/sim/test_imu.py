@@ -1,0 +1,60 @@
+"""How the simulated autopilot's filter errs with a quiet and with a noisy inertial sensor."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from random import Random
+
+import pytest
+
+from visloc_companion.sim.estimator import Fixed, InertialFilter
+from visloc_companion.sim.imu import NOISY, QUIET, Imu
+
+LAG_S, DT_S = 0.2, 0.01
+
+
+def flown(imu: Imu, seconds: float = 120.0) -> tuple[InertialFilter, list[float], list[float], list[float]]:
+    """A vehicle at rest with positions of 0.7 m ten times a second: errors of position, velocity and tilt (degrees), north."""
+    filter_, rng = InertialFilter(Random(1), LAG_S, DT_S, imu), Random(2)
+    filter_.align((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    p: list[float] = []
+    v: list[float] = []
+    tilt: list[float] = []
+    for step in range(round(seconds / DT_S)):
+        filter_.step((0.0, 0.0, 0.0), 0.0, 0.0, DT_S)
+        if step % 10 == 0:
+            filter_.fuse(Fixed(filter_.t_delayed_s, rng.gauss(0.0, 0.7), rng.gauss(0.0, 0.7), 0.49, 0.49))
+            p.append(filter_.north.p_now)
+            v.append(filter_.north.v_now)
+            tilt.append(math.degrees(filter_.tilt_ne_rad[1]))
+    return filter_, p[200:], v[200:], tilt[200:]
+
+
+def test_a_quiet_sensor_does_not_tilt() -> None:
+    _, p, v, tilt = flown(QUIET)
+    assert set(tilt) == {0.0}
+    assert statistics.pstdev(p) < 0.45
+    assert statistics.pstdev(v) < 0.35
+
+
+def test_a_noisy_one_tilts_as_much_as_px4s_did() -> None:
+    """Its own simulator's log: roll 1.2°, pitch 0.7° (1-sigma); the mean of both is simulated."""
+    _, p, v, tilt = flown(NOISY)
+    assert 0.4 < statistics.pstdev(tilt) < 1.5
+    assert 0.3 < statistics.pstdev(v) < 0.7
+    assert statistics.pstdev(p) < 1.0  # of positions that are not correlated
+
+
+def test_the_present_follows_the_delayed_state_also_after_a_time_without_position() -> None:
+    filter_, *_ = flown(NOISY, 20.0)
+    for _ in range(300):
+        filter_.step((0.0, 0.0, 0.0), 0.0, 0.0, DT_S)
+        filter_.hold()
+    assert filter_.tilt_ne_rad == pytest.approx((0.0, 0.0), abs=1e-3)
+    filter_.reset_to(Fixed(filter_.t_delayed_s, 5.0, 5.0, 0.49, 0.49))
+    for step in range(6000):
+        filter_.step((0.0, 0.0, 0.0), 0.0, 0.0, DT_S)
+        if step % 10 == 0:
+            filter_.fuse(Fixed(filter_.t_delayed_s, 5.0, 5.0, 0.49, 0.49))
+    assert filter_.north.p_now == pytest.approx(5.0, abs=1.5)
