@@ -1,6 +1,7 @@
 """Eyes for flights without pictures: they know the truth, and err as localiser and odometry claim to err.
 
-A fix is off by white noise of the sigma that it claims and by the map's own error, which wanders along the track with the 1-sigma
+A fix is off by as much as it claims and by the map's own error. Half of the claimed variance is new in every fix, half is that of the
+ground which neighbouring frames look at and lasts GROUND_TAU_S. The map's error wanders along the track with the 1-sigma
 `map_sigma_m` and a correlation of MAP_TAU_S. It is a wrong match as often as it claims, anywhere in the search region, and stays
 wrong in the same way with the probability `persistence`. Odometry: odometry_model.py.
 """
@@ -20,7 +21,9 @@ from visloc_companion.protocols import ReferenceMap
 from visloc_companion.sim.render_motion import STILL, Shot
 from visloc_companion.types import CameraModel, Fix, FloatArray, GeoPoint, Image, LocaliseRequest, NoFix, Odometry, Quat
 
-MAP_TAU_S = 15.0
+MAP_TAU_S, GROUND_TAU_S = 15.0, 5.0
+GROUND_SHARE = 0.5
+"""Of a fix's variance (docs/decisions/0018-odometry-by-default.md)."""
 SIGMA_M = (0.3, 1.2)
 HEIGHT_SIGMA_M = 1.5
 MODEL = CameraModel(64, 48, 50.0, 50.0, 31.5, 23.5)
@@ -50,6 +53,7 @@ class KnowingEyes:
     method: str = "deep"
     _rng: np.random.Generator = field(init=False)
     _map_m: FloatArray = field(init=False)
+    _ground: FloatArray = field(init=False)
     _odometry: OdometryModel = field(init=False)
     _origin: GeoPoint | None = None
     _places: dict[int, tuple[GeoPoint, Quat]] = field(default_factory=dict)
@@ -59,6 +63,7 @@ class KnowingEyes:
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng([self.seed, 77])
         self._map_m = self.map_sigma_m * self._rng.standard_normal(2)
+        self._ground = self._rng.standard_normal(2)
         self._odometry = OdometryModel.drawn(self._rng)
 
     def render(self, place: GeoPoint, q_ned_frd: Quat, frame_id: int, shot: Shot = STILL) -> Image:
@@ -78,7 +83,8 @@ class KnowingEyes:
         claim = claimed(self._rng)
         self._err(claim, request)
         sigma = float(self._rng.uniform(*SIGMA_M))
-        off = self._map_m + sigma * self._rng.standard_normal(2) + (0.0 if self._wrong_by_m is None else self._wrong_by_m)
+        matched = math.sqrt(GROUND_SHARE) * self._ground + math.sqrt(1 - GROUND_SHARE) * self._rng.standard_normal(2)
+        off = self._map_m + sigma * matched + (0.0 if self._wrong_by_m is None else self._wrong_by_m)
         seen = wgs84.geo_from_ned((float(off[0]), float(off[1]), float(HEIGHT_SIGMA_M * self._rng.standard_normal())), place)
         var = (sigma / self.model_.overconfident) ** 2
         cov = ((var, 0.0), (0.0, var))
@@ -87,8 +93,8 @@ class KnowingEyes:
     def _wander(self, t_ns: int) -> None:
         dt_s = 0.0 if self._last_ns is None else (t_ns - self._last_ns) * 1e-9
         self._last_ns = t_ns
-        a = math.exp(-dt_s / MAP_TAU_S)
-        self._map_m = a * self._map_m + self.map_sigma_m * math.sqrt(1 - a * a) * self._rng.standard_normal(2)
+        self._map_m = _gone_on(self._map_m, self.map_sigma_m, math.exp(-dt_s / MAP_TAU_S), self._rng)
+        self._ground = _gone_on(self._ground, 1.0, math.exp(-dt_s / GROUND_TAU_S), self._rng)
 
     def _err(self, claim: float, request: LocaliseRequest) -> None:
         if not self.model_.wrong:
@@ -107,3 +113,8 @@ class KnowingEyes:
             return None
         self._origin = self._origin or place
         return self._odometry.look(t_ns, np.array(wgs84.ned_from_geo(place, self._origin)[:2]), self._rng)
+
+
+def _gone_on(x: FloatArray, sigma: float, kept: float, rng: np.random.Generator) -> FloatArray:
+    """(2,) a first-order Gauss-Markov process, one step later."""
+    return kept * x + sigma * math.sqrt(1 - kept * kept) * rng.standard_normal(2)
