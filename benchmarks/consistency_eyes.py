@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from benchmarks.odometry_model import OdometryModel, claimed
+from visloc_companion.core.belief import LASTING_SHARE
 from visloc_companion.core.separation import CORRELATION
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
@@ -22,8 +23,6 @@ from visloc_companion.sim.render_motion import STILL, Shot
 from visloc_companion.types import CameraModel, Fix, FloatArray, GeoPoint, Image, LocaliseRequest, NoFix, Odometry, Quat
 
 MAP_TAU_S, GROUND_TAU_S = 15.0, 5.0
-GROUND_SHARE = 0.5
-"""Of a fix's variance (docs/decisions/0018-odometry-by-default.md)."""
 SIGMA_M = (0.3, 1.2)
 HEIGHT_SIGMA_M = 1.5
 MODEL = CameraModel(64, 48, 50.0, 50.0, 31.5, 23.5)
@@ -83,7 +82,7 @@ class KnowingEyes:
         claim = claimed(self._rng)
         self._err(claim, request)
         sigma = float(self._rng.uniform(*SIGMA_M))
-        matched = math.sqrt(GROUND_SHARE) * self._ground + math.sqrt(1 - GROUND_SHARE) * self._rng.standard_normal(2)
+        matched = math.sqrt(LASTING_SHARE) * self._ground + math.sqrt(1 - LASTING_SHARE) * self._rng.standard_normal(2)
         off = self._map_m + sigma * matched + (0.0 if self._wrong_by_m is None else self._wrong_by_m)
         seen = wgs84.geo_from_ned((float(off[0]), float(off[1]), float(HEIGHT_SIGMA_M * self._rng.standard_normal())), place)
         var = (sigma / self.model_.overconfident) ** 2

@@ -12,8 +12,9 @@ from visloc_companion.app.computer import Computer
 from visloc_companion.app.health import sensor_health
 from visloc_companion.app.ticker import time_grid
 from visloc_companion.config import Config
+from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.protocols import Clock
-from visloc_companion.types import Cov2, Mode, Report, Status, Verdict
+from visloc_companion.types import Mode, Report, Status, Verdict
 
 LOAD_RATE_HZ = 1.0
 MODES = {Mode.WAITING: 0, Mode.SHADOW: 1, Mode.AIDING: 2, Mode.DEAD_RECKONING: 3, Mode.LOST: 4}
@@ -74,15 +75,9 @@ def named(status: Status) -> tuple[tuple[str, float | int], ...]:
         ("VL_VERDICT", VERDICTS[status.verdict]),
         ("VL_PL", _or_nan(status.protection_level_m)),
         ("VL_VPL", _or_nan(status.vertical_protection_level_m)),
-        ("VL_SIGMA", math.nan if status.place is None else larger_sigma_m(status.cov_ne_m2)),
+        ("VL_SIGMA", math.nan if status.place is None else largest_sigma_m(status.cov_ne_m2)),
         ("VL_FIXAGE", _or_nan(status.age_of_fix_s)),
     )
-
-
-def larger_sigma_m(cov_ne_m2: Cov2) -> float:
-    """The larger semi-axis of a horizontal covariance."""
-    (nn, ne), (_, ee) = cov_ne_m2
-    return math.sqrt(max(0.0, (nn + ee) / 2 + math.hypot((nn - ee) / 2, ne)))
 
 
 def _or_nan(value: float | None) -> float:

@@ -20,7 +20,6 @@ from visloc_companion.types import (
     NavState,
     Quat,
     Status,
-    Vec2,
     Vec3,
     Verdict,
 )
@@ -79,19 +78,21 @@ class ResetCounter:
     def follow(self, state: NavState, started_ns: int) -> int:
         """The counter for an output of a filter that was started (or restarted) at a time."""
         restarted = self._started_ns is not None and started_ns != self._started_ns
-        if restarted or (self._last is not None and _step_m(self._last, state) > self._max_step_m):
+        if restarted or (self._last is not None and self._has_stepped(self._last, state)):
             self.bump()
         self._last, self._started_ns = state, started_ns
         return self._count
 
+    def _has_stepped(self, last: NavState, state: NavState) -> bool:
+        dt_s = (state.t_ns - last.t_ns) * 1e-9
+        return step_m(last.p_ned_m, last.v_ned_mps, state.p_ned_m, state.v_ned_mps, dt_s) > self._max_step_m
 
-def _step_m(last: NavState, state: NavState) -> float:
-    dt_s = (state.t_ns - last.t_ns) * 1e-9
-    moved: Vec2 = (
-        (last.v_ned_mps[0] + state.v_ned_mps[0]) / 2 * dt_s,
-        (last.v_ned_mps[1] + state.v_ned_mps[1]) / 2 * dt_s,
-    )
-    return math.hypot(state.p_ned_m[0] - last.p_ned_m[0] - moved[0], state.p_ned_m[1] - last.p_ned_m[1] - moved[1])
+
+def step_m(before_m: Vec3, v_before_mps: Vec3, after_m: Vec3, v_after_mps: Vec3, dt_s: float) -> float:
+    """How far a position in NED is, horizontally, from where the mean of two velocities leads from an earlier one."""
+    north = after_m[0] - before_m[0] - (v_before_mps[0] + v_after_mps[0]) / 2 * dt_s
+    east = after_m[1] - before_m[1] - (v_before_mps[1] + v_after_mps[1]) / 2 * dt_s
+    return math.hypot(north, east)
 
 
 def injection(

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from visloc_companion.app.clock import MonotonicClock
-from visloc_companion.app.ground_reports import Condition, GroundReports, larger_sigma_m, named
+from visloc_companion.app.ground_reports import Condition, GroundReports, named
 from visloc_companion.app.health import Sensor, sensor_health
 from visloc_companion.config import Config, parse_config
 from visloc_companion.types import GeoPoint, Mode, Report, Status, Verdict
@@ -31,10 +31,6 @@ def test_the_names_fit_and_say_what_they_hold() -> None:
 def test_what_is_not_known_is_nan() -> None:
     values = dict(named(status(Mode.WAITING, place=None, protection_level_m=None, age_of_fix_s=None)))
     assert [name for name, value in values.items() if math.isnan(value)] == ["VL_PL", "VL_VPL", "VL_SIGMA", "VL_FIXAGE"]
-
-
-def test_the_larger_semi_axis_of_a_turned_ellipse() -> None:
-    assert larger_sigma_m(((2.5, 1.5), (1.5, 2.5))) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,7 @@ def away(north_m: float, sigma_m: float, probability: float) -> Solutions:
 
 def test_largest_sigma_is_that_of_the_eigenvalues() -> None:
     assert largest_sigma_m(COV) == pytest.approx(math.sqrt(np.linalg.eigvalsh(np.array(COV))[-1]))
+    assert largest_sigma_m(((2.5, 1.5), (1.5, 2.5))) == pytest.approx(2.0)
 
 
 def test_where_all_fixes_are_right_it_is_the_radius_of_a_gaussian() -> None:

@@ -179,8 +179,12 @@ def _heartbeat(msg: Message, t_rx_ns: int) -> Outcome:
     if not is_autopilot(msg):
         return None
     armed = bool(msg.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
-    kind = _KINDS.get(msg.autopilot, AutopilotKind.UNKNOWN)
-    return LinkChanged(t_rx_ns, True, kind, "", msg.get_srcSystem(), armed)
+    return LinkChanged(t_rx_ns, True, autopilot_kind(msg), "", msg.get_srcSystem(), armed)
+
+
+def autopilot_kind(heartbeat: Message) -> AutopilotKind:
+    """What the autopilot of a HEARTBEAT is."""
+    return _KINDS.get(heartbeat.autopilot, AutopilotKind.UNKNOWN)
 
 
 def is_autopilot(heartbeat: Message) -> bool:

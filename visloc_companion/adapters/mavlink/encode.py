@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 
 from visloc_companion.adapters.mavlink.dialect import Message, mav
-from visloc_companion.types import Notice, Severity
+from visloc_companion.types import AutopilotKind, Notice, Severity
 
 STATUSTEXT_LENGTH = 50
 _SEVERITIES = {
@@ -22,6 +22,11 @@ def statustext(notice: Notice) -> Message:
     return mav.MAVLink_statustext_message(_SEVERITIES[notice.severity], text)
 
 
+def heartbeat(state: int) -> Message:
+    """HEARTBEAT (0) of a companion computer with a MAV_STATE."""
+    return mav.MAVLink_heartbeat_message(mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID, 0, 0, state, 3)
+
+
 def command_long(system_id: int, command: int, *params: float, confirmation: int = 0) -> Message:
     """COMMAND_LONG (76) to the autopilot component; unnamed parameters are 0."""
     filled = (*params, *(0.0 for _ in range(7 - len(params))))
@@ -31,6 +36,12 @@ def command_long(system_id: int, command: int, *params: float, confirmation: int
 def param_set_int32(system_id: int, name: str, value: int) -> Message:
     """PARAM_SET (23) of a 32-bit integer as PX4 wants it: its bytes in the place of the float's, not its value."""
     return mav.MAVLink_param_set_message(system_id, 1, name.encode("ascii"), float_of_int32(value), mav.MAV_PARAM_TYPE_INT32)
+
+
+def parameter_value(msg: Message, kind: AutopilotKind) -> float:
+    """The value of a PARAM_VALUE (22): PX4 puts an integer's bytes in the place of the float's, ArduPilot its value."""
+    real = msg.param_type in (mav.MAV_PARAM_TYPE_REAL32, mav.MAV_PARAM_TYPE_REAL64)
+    return float(int32_of_float(msg.param_value)) if kind is AutopilotKind.PX4 and not real else float(msg.param_value)
 
 
 def float_of_int32(value: int) -> float:

@@ -7,6 +7,7 @@ so it is never sent to an armed PX4: its origin may only not have been heard yet
 from __future__ import annotations
 
 from visloc_companion.adapters.mavlink.dialect import Message, mav
+from visloc_companion.adapters.mavlink.outputs.global_position import e7
 from visloc_companion.types import AutopilotKind, GeoPoint, LinkChanged
 
 _NS_PER_S = 1_000_000_000
@@ -42,5 +43,5 @@ class OriginSetter:
         if now_ns - since_ns < PATIENCE_NS or now_ns < self._next_ns:
             return None
         self._next_ns = now_ns + PERIOD_NS
-        lat_e7, lon_e7, alt_mm = round(place.lat_deg * 1e7), round(place.lon_deg * 1e7), round(place.h_amsl_m * 1e3)
-        return mav.MAVLink_set_gps_global_origin_message(link.system_id, lat_e7, lon_e7, alt_mm, now_ns // 1000)
+        where = e7(place.lat_deg), e7(place.lon_deg), round(place.h_amsl_m * 1e3)
+        return mav.MAVLink_set_gps_global_origin_message(link.system_id, *where, now_ns // 1000)

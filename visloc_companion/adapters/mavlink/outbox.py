@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from visloc_companion.adapters.mavlink.allow_list import objection
 from visloc_companion.adapters.mavlink.dialect import Message, mav
-from visloc_companion.adapters.mavlink.signing import SigningSettings, SigningTime
+from visloc_companion.adapters.mavlink.signing import SigningSettings, SigningTime, sign_with
 from visloc_companion.errors import LinkError
 
 MAX_BYTES = 65_536
@@ -30,9 +30,7 @@ class Outbox:
         self._packets: deque[bytes] = deque()
         self._n_bytes = 0
         if signing is not None:
-            self._packer.signing.secret_key = signing.key
-            self._packer.signing.link_id = signing.link_id
-            self._packer.signing.sign_outgoing = True
+            sign_with(self._packer, signing)
 
     def speak_as(self, system_id: int) -> None:
         """The system id of what is sent from now on: the vehicle's (PX4 counts heartbeats only of its own system)."""

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Iterable
 
 from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT, Message, mav
-from visloc_companion.adapters.mavlink.encode import int32_of_float
+from visloc_companion.adapters.mavlink.encode import parameter_value
 from visloc_companion.types import AutopilotKind
 
 AT_ONCE = 4
@@ -47,8 +47,7 @@ class ParameterReader:
             return False
         self._asked.pop(name, None)
         self._waiting = deque(entry for entry in self._waiting if entry[0] != name)
-        bytewise = self._kind is AutopilotKind.PX4 and msg.param_type == mav.MAV_PARAM_TYPE_INT32
-        value = float(int32_of_float(msg.param_value)) if bytewise else float(msg.param_value)
+        value = parameter_value(msg, self._kind)
         new = self.values.get(name) != value
         self.values[name] = value
         return new

@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any
 
 from visloc_companion.adapters.mavlink.dialect import mav
 
@@ -55,6 +56,12 @@ def stamp_at_zero(unix_ns: int, now_ns: int) -> int:
 def at_zero_of(stamp: int, now_ns: int) -> int:
     """The same, where `stamp` is to be that of now."""
     return stamp - now_ns // _NS_PER_UNIT
+
+
+def sign_with(packer: Any, settings: SigningSettings) -> None:
+    """Let a packer of pymavlink's sign all that it packs; it takes the time stamps from `packer.signing.timestamp`."""
+    packer.signing.secret_key, packer.signing.link_id = settings.key, settings.link_id
+    packer.signing.sign_outgoing = True
 
 
 class SigningTime:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from visloc_companion.adapters.mavlink.commands import Answer, CommandQueue, Question
 from visloc_companion.adapters.mavlink.dialect import Message, mav
-from visloc_companion.adapters.mavlink.encode import int32_of_float, param_set_int32
+from visloc_companion.adapters.mavlink.encode import param_set_int32, parameter_value
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.types import AutopilotKind, EkfSource, LinkChanged, SourceSwitched
 
@@ -69,9 +69,7 @@ class SourceSwitcher:
         """Take a PARAM_VALUE."""
         if self._param_value is None or msg.param_id.rstrip("\x00") != _PARAM:
             return []
-        integer = msg.param_type == mav.MAV_PARAM_TYPE_INT32
-        value = int32_of_float(msg.param_value) if integer else msg.param_value
-        return self._end(True, "", now_ns) if value == self._param_value else []
+        return self._end(True, "", now_ns) if parameter_value(msg, AutopilotKind.PX4) == self._param_value else []
 
     def poll(self, system_id: int, now_ns: int) -> tuple[Message | None, list[SourceSwitched]]:
         """The PARAM_SET to send now, if any, and the end of a switch that nobody confirmed."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from visloc_companion.adapters.mavlink.commands import Answer, CommandQueue, Question
 from visloc_companion.adapters.mavlink.dialect import Message, mav
+from visloc_companion.adapters.mavlink.encode import heartbeat
 from visloc_companion.adapters.mavlink.origin_setting import OriginSetter
 from visloc_companion.adapters.mavlink.outbox import Outbox
 from visloc_companion.adapters.mavlink.settings import CompanionState, SessionSettings
@@ -51,8 +52,7 @@ class Upkeep:
         if now_ns < self._next_heartbeat_ns:
             return
         self._next_heartbeat_ns = now_ns + round(self._settings.heartbeat_s * _NS_PER_S)
-        kind, autopilot = mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID
-        self._outbox.put(mav.MAVLink_heartbeat_message(kind, autopilot, 0, 0, int(state), 3))
+        self._outbox.put(heartbeat(int(state)))
 
     def ask_what_is_due(self, link: LinkChanged, has_origin: bool, now_ns: int) -> list[SourceSwitched]:
         """Send what is due while the link is up; switches that ended for want of an answer."""

@@ -12,12 +12,13 @@ from collections import Counter
 from collections.abc import Callable
 
 from visloc_companion.adapters.mavlink.channels import Address, Channel, Listener, open_network_channel
-from visloc_companion.adapters.mavlink.codec import is_autopilot
+from visloc_companion.adapters.mavlink.codec import autopilot_kind, is_autopilot
 from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT, Message, mav
+from visloc_companion.adapters.mavlink.encode import command_long, heartbeat
 from visloc_companion.adapters.mavlink.endpoint import EndpointKind, parse_endpoint
 from visloc_companion.adapters.mavlink.framing import Framer
 from visloc_companion.adapters.mavlink.serial_channel import SerialChannel
-from visloc_companion.adapters.mavlink.signing import SigningSettings, SigningTime
+from visloc_companion.adapters.mavlink.signing import SigningSettings, SigningTime, is_signed, sign_with
 from visloc_companion.adapters.mavlink.timesync import Timesync
 from visloc_companion.errors import LinkError
 from visloc_companion.types import AutopilotKind, TimesyncSample
@@ -25,7 +26,6 @@ from visloc_companion.types import AutopilotKind, TimesyncSample
 COMPONENT = 191
 """MAV_COMP_ID_ONBOARD_COMPUTER: not the daemon's, which may be running."""
 HEARTBEAT_S, LOOK_S = 1.0, 0.1
-_KINDS = {mav.MAV_AUTOPILOT_ARDUPILOTMEGA: AutopilotKind.ARDUPILOT, mav.MAV_AUTOPILOT_PX4: AutopilotKind.PX4}
 
 
 class Conversation:
@@ -53,8 +53,7 @@ class Conversation:
         self._mav = mav.MAVLink(None, srcSystem=1, srcComponent=COMPONENT)
         self._time = None if signing is None else SigningTime(signing.stamp_at_zero)
         if signing is not None:
-            self._mav.signing.secret_key, self._mav.signing.link_id = signing.key, signing.link_id
-            self._mav.signing.sign_outgoing = True
+            sign_with(self._mav, signing)
         self._channel: Channel | None = None
         self._changed = asyncio.Event()
         self._heartbeat: asyncio.Task[None] | None = None
@@ -96,14 +95,14 @@ class Conversation:
     @property
     def kind(self) -> AutopilotKind:
         """Which autopilot it is."""
-        heartbeat = self.last.get("HEARTBEAT")
-        return AutopilotKind.UNKNOWN if heartbeat is None else _KINDS.get(heartbeat.autopilot, AutopilotKind.UNKNOWN)
+        told = self.last.get("HEARTBEAT")
+        return AutopilotKind.UNKNOWN if told is None else autopilot_kind(told)
 
     @property
     def armed(self) -> bool:
         """Whether it is armed."""
-        heartbeat = self.last.get("HEARTBEAT")
-        return heartbeat is not None and bool(heartbeat.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
+        told = self.last.get("HEARTBEAT")
+        return told is not None and bool(told.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
 
     @property
     def garbage_share(self) -> float:
@@ -122,8 +121,7 @@ class Conversation:
 
     def command(self, number: int, *params: float) -> None:
         """Send a COMMAND_LONG; its COMMAND_ACK comes as any message."""
-        filled = (*params, *(0.0 for _ in range(7 - len(params))))
-        self.send(mav.MAVLink_command_long_message(self.system_id, AUTOPILOT_COMPONENT, number, 0, *filled))
+        self.send(command_long(self.system_id, number, *params))
 
     def ask_time(self) -> None:
         """Send a TIMESYNC request; the sample is in `samples` once it is answered."""
@@ -146,8 +144,7 @@ class Conversation:
 
     async def _beat(self) -> None:
         while True:
-            kind, nobody = mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID
-            self.send(mav.MAVLink_heartbeat_message(kind, nobody, 0, 0, mav.MAV_STATE_STANDBY, 3))
+            self.send(heartbeat(mav.MAV_STATE_STANDBY))
             await asyncio.sleep(HEARTBEAT_S)
 
     def _connection_lost(self, why: str) -> None:
@@ -180,7 +177,7 @@ class Conversation:
         kind = message.get_type()
         self._mav.srcSystem = self.system_id
         self.mavlink_version = 1 if message.get_msgbuf()[0] == mav.PROTOCOL_MARKER_V1 else 2
-        self.signed = self.mavlink_version == 2 and bool(message.get_msgbuf()[2] & mav.MAVLINK_IFLAG_SIGNED)
+        self.signed = is_signed(message.get_msgbuf())
         self.last[kind] = message
         self.counts[kind] += 1
         if kind == "TIMESYNC":

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT, Message, mav
-from visloc_companion.adapters.mavlink.encode import float_of_int32, int32_of_float
+from visloc_companion.adapters.mavlink.encode import float_of_int32, parameter_value
 from visloc_companion.doctor.collect.conversation import Conversation
 from visloc_companion.errors import LinkError
 from visloc_companion.types import AutopilotKind
@@ -81,8 +81,7 @@ class Parameters:
     def _heard(self, message: Message) -> None:
         if message.get_type() != "PARAM_VALUE":
             return
-        name, field = message.param_id.rstrip("\x00"), float(message.param_value)
-        value = float(int32_of_float(field)) if self._bytewise(message.param_type) else field
+        name, value = message.param_id.rstrip("\x00"), parameter_value(message, self._conversation.kind)
         if not math.isfinite(value):
             return
         self.values[name] = value

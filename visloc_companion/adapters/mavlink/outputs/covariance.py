@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 
+from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.types import AutopilotKind, Cov2, Injection
 
 MIN_SIGMA_M, MAX_SIGMA_M = 0.01, 1000.0
@@ -52,9 +53,7 @@ def velocity_triangle(cov_v_ne_m2ps2: Cov2) -> list[float]:
 
 def sigma_m(cov: Cov2) -> float:
     """The larger semi-axis of a horizontal covariance, within the bounds of what is sent (m, or m/s for a velocity)."""
-    (nn, ne), (_, ee) = cov
-    larger = math.sqrt(max(0.0, (nn + ee) / 2 + math.hypot((nn - ee) / 2, ne)))
-    return _clamp(larger, MIN_SIGMA_M, MAX_SIGMA_M)
+    return _clamp(largest_sigma_m(cov), MIN_SIGMA_M, MAX_SIGMA_M)
 
 
 def vertical_sigma_m(injection: Injection) -> float:

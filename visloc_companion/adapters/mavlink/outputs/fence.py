@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from visloc_companion.adapters.mavlink.outputs.covariance import MAX_SIGMA_M
 from visloc_companion.adapters.mavlink.outputs.kinds import Output
 from visloc_companion.adapters.mavlink.outputs.soundness import fault
+from visloc_companion.core.output import step_m
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.types import AutopilotKind, GeoPoint, Injection
@@ -97,11 +98,8 @@ def widened(injection: Injection, sigma_m: float) -> Injection:
 
 def _step_m(last: Injection, now: Injection) -> float:
     """How far a position is from where the last one's motion leads; a velocity that is unknown is none."""
-    dt_s = (now.t_ns - last.t_ns) * 1e-9
     before, after = last.v_ned_mps or (0.0, 0.0, 0.0), now.v_ned_mps or last.v_ned_mps or (0.0, 0.0, 0.0)
-    north = now.p_ned_m[0] - last.p_ned_m[0] - (before[0] + after[0]) / 2 * dt_s
-    east = now.p_ned_m[1] - last.p_ned_m[1] - (before[1] + after[1]) / 2 * dt_s
-    return math.hypot(north, east)
+    return step_m(last.p_ned_m, before, now.p_ned_m, after, (now.t_ns - last.t_ns) * 1e-9)
 
 
 def _about(injection: Injection, kind: AutopilotKind, origin: GeoPoint) -> bool:
