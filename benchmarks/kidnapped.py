@@ -1,7 +1,7 @@
 """Kidnapped starts: a vehicle somewhere over a map of two dates, without GNSS and without a first position.
 
     python -m benchmarks.kidnapped [--worlds procedural=20 naip=20 stranger=5 water=5 naip-off=5] [--seed 101] [--first 0]
-        [--seconds 60] [--quiet-ms MS] [--folder FOLDER] [--json FILE]
+        [--seconds 60] [--quiet-ms MS] [--folder FOLDER] [--rows FILE] [--json FILE]
 
 procedural: the landscape of a seed, 4 x 4 km, 120 m above the ground, 10 m/s; the camera sees it five years after the map.
 naip: 5 m/px, 2.4 x 3.6 km, all of it searched, the vehicle over rows >= 400; 415 m above the ground (a footprint of 96 px),
@@ -10,7 +10,8 @@ Without a right place: stranger, the procedural map, but the camera is over the 
 the camera sees waves only; naip-off, the flights of naip with a map of the rows < 400 only.
 
 A trial is right when the navigator is anchored within 30 s and not far off (15 m; naip 25 m), and wrong when it is anchored far
-off at any time of the flight's 60 s, or at all where there is no right place.
+off at any time of the flight's 60 s, or at all where there is no right place. With --rows each trial is added to that file, and
+those that it holds are not flown again: a run that was ended goes on where it was.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import resource
 import sys
 import tempfile
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +30,7 @@ import cv2
 import numpy as np
 
 from benchmarks.kidnapped_flight import KidnappedFlight, Outcome
-from benchmarks.kidnapped_worlds import IMPOSSIBLE, SOLVABLE, WITHIN_S, Course, courses_of, way_of
+from benchmarks.kidnapped_worlds import ALLOWED_M, IMPOSSIBLE, SOLVABLE, WITHIN_S, Course, courses_of, way_of
 from benchmarks.pace import Pace
 from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.localise.registry import make_localiser, open_features_for
@@ -46,25 +48,59 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--first", type=int, default=0, help="number of the first trial: another one draws other flights")
     parser.add_argument("--seconds", type=float, default=60.0, help="of a flight that does not find its place")
     parser.add_argument("--folder", type=Path, help="where procedural worlds are kept")
-    parser.add_argument("--quiet-ms", type=float, help="of the work of pace.py on a quiet computer (else the least seen)")
-    parser.add_argument("--json", type=Path, help="written anew after each trial")
+    parser.add_argument(
+        "--quiet-ms", type=float, help="of the work of pace.py on the computer that times are for (else this one)"
+    )
+    parser.add_argument("--rows", type=Path, help="where trials are kept; those that are there are not flown again")
+    parser.add_argument("--json", type=Path, help="written anew after each world")
     options = parser.parse_args(argv)
     counts = dict(asked(text, parser) for text in options.worlds)
     cv2.setNumThreads(1)
     pace = Pace(options.quiet_ms / 1e3 if options.quiet_ms else None)
     results: dict[str, Any] = {}
+    kept = Kept(options.rows, options.seed)
     print(f"{HEADER}\n|{'---|' * (HEADER.count('|') - 1)}")
     with tempfile.TemporaryDirectory() as scratch:
         for world, trials in counts.items():
-            courses = courses_of(world, options.seed, options.folder, Path(scratch))
-            outcomes: list[Outcome] = []
-            for number in range(options.first, options.first + trials):
-                outcomes.append(fly_one(courses[number % len(courses)], number, options.seconds, pace))
-                print(world, number, outcomes[-1].line(), file=sys.stderr, flush=True)
-                results[world] = summary(outcomes, None if world in IMPOSSIBLE else courses[0].allowed_m)
-                if options.json:
-                    options.json.write_text(json.dumps({"schema": 2, "results": results}, indent=1), encoding="utf-8")
+            numbers = range(options.first, options.first + trials)
+            if any(kept.get(world, number) is None for number in numbers):
+                courses = courses_of(world, options.seed, options.folder, Path(scratch))
+            outcomes = []
+            for number in numbers:
+                outcome = kept.get(world, number)
+                if outcome is None:
+                    outcome = kept.add(world, number, fly_one(courses[number % len(courses)], number, options.seconds, pace))
+                    print(world, number, outcome.line(), file=sys.stderr, flush=True)
+                outcomes.append(outcome)
+            results[world] = summary(outcomes, ALLOWED_M.get(world))
+            if options.json:
+                options.json.write_text(json.dumps({"schema": 2, "results": results}, indent=1), encoding="utf-8")
             print(row(world, results[world]), flush=True)
+
+
+class Kept:
+    """Trials that were flown, in a file of a JSON object a line (None: in no file); NAIP's do not depend on the seed."""
+
+    def __init__(self, path: Path | None, seed: int) -> None:
+        self._path, self._seed = path, seed
+        lines = path.read_text(encoding="utf-8").splitlines() if path is not None and path.exists() else []
+        rows = [json.loads(line) for line in lines]
+        self._flown = {(row["world"], row["seed"], row["number"]): Outcome(**row["outcome"]) for row in rows}
+
+    def get(self, world: str, number: int) -> Outcome | None:
+        """A trial, or None where it has not been flown."""
+        return self._flown.get((world, self._seed_of(world), number))
+
+    def add(self, world: str, number: int, outcome: Outcome) -> Outcome:
+        """Keep a trial."""
+        if self._path is not None:
+            about = {"world": world, "seed": self._seed_of(world), "number": number, "outcome": asdict(outcome)}
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(about) + "\n")
+        return outcome
+
+    def _seed_of(self, world: str) -> int:
+        return 0 if "naip" in world else self._seed
 
 
 def asked(text: str, parser: argparse.ArgumentParser) -> tuple[str, int]:

@@ -2,7 +2,7 @@
 
 The autopilot knows attitude (a compass off by some degrees for good), height (off by metres) and a velocity that is off by about
 1 m/s and that it does not trust itself; its position is nonsense. Frames are rendered only when they are asked for. An answer
-takes as long as the localiser computed on one core (CPU time, less what other users of the computer add to it: pace.py), so the
+takes as long as the localiser computed on one core (CPU time, stated for a quiet computer or one that is named: pace.py), so the
 time that is needed holds for such a core.
 """
 
@@ -78,7 +78,7 @@ class Outcome:
 
     `elsewhere` counts the tests about places where the vehicle is not, `mistaken` those of them that gave a fix which counts,
     `false_listed` the tiles that gave a fix which would count, elsewhere than where the vehicle is; `slower` by what factor the
-    computer was slower than when it is quiet.
+    computer was slower than the one that times are for.
     """
 
     anchored_s: float | None = None

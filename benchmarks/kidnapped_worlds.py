@@ -24,6 +24,8 @@ from visloc_companion.sim.scene import Scene
 from visloc_companion.types import CameraModel, GeoPoint
 
 SOLVABLE, IMPOSSIBLE = ("procedural", "naip"), ("stranger", "water", "naip-off")
+ALLOWED_M = {"procedural": 15.0, "naip": 25.0}
+"""How far off a right position may be; where there is no right place, any is wrong."""
 WITHIN_S = 30.0
 """A way stays over its part of the scene for so long."""
 ORIGIN_OFF_M = 500.0
@@ -44,7 +46,6 @@ class Course:
     model: CameraModel
     height_m: float
     speed_mps: float
-    allowed_m: float
     rows: tuple[float, float]
     columns: tuple[float, float]
     flooded: bool = False
@@ -66,7 +67,7 @@ def procedural_courses(world: str, seed: int, folder: Path | None) -> list[Cours
     other = STRANGERS[0] if seed != STRANGERS[0] else STRANGERS[1]
     seen = procedural_world(other, folder, size_m=4000.0) if world == "stranger" else home
     pack, scene = PackMap.open(home.pack, verify_hashes=False), Scene.load(seen.flight_ortho, seen.flight_dsm)
-    return [Course(pack, scene, MODEL, 120.0, 10.0, 15.0, (0.05, 0.95), (0.05, 0.95), world == "water")]
+    return [Course(pack, scene, MODEL, 120.0, 10.0, (0.05, 0.95), (0.05, 0.95), world == "water")]
 
 
 def naip_courses(folder: Path, world: str) -> list[Course]:
@@ -86,7 +87,7 @@ def naip_courses(folder: Path, world: str) -> list[Course]:
             width, height = scene.size_px
             rows = (NAIP_FIRST_ROW + margin_px) / height, (height - margin_px) / height
             columns = margin_px / width, (width - margin_px) / width
-            courses.append(Course(pack, scene, NAIP_MODEL, height_m, 25.0, 25.0, rows, columns))
+            courses.append(Course(pack, scene, NAIP_MODEL, height_m, 25.0, rows, columns))
     return courses
 
 

@@ -1,7 +1,7 @@
-"""How fast this computer is just now, against how fast it is when nobody else uses it.
+"""How fast this computer is just now, against how fast it is when nobody else uses it, or against a computer that is named.
 
 CPU time grows where other processes share caches and memory. A fixed piece of work of the search's own kind, timed beside what is
-measured, tells by how much.
+measured, tells by how much. A computer is named by what the same piece of work takes there.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ SIDE, LAST, FIRST = 768, 7, 60
 
 
 class Pace:
-    """Times the fixed piece of work again and again; `quiet_s` is what it takes on a quiet computer (None: its least so far)."""
+    """Times the fixed piece of work again and again; `quiet_s` is what it takes on the computer that times are stated for (None:
+    this one when it is quiet, the least so far)."""
 
     def __init__(self, quiet_s: float | None = None) -> None:
         rng = np.random.default_rng(1)
@@ -29,7 +30,7 @@ class Pace:
 
     @property
     def quiet_s(self) -> float:
-        """CPU seconds of the piece of work on a quiet computer."""
+        """CPU seconds of the piece of work on the computer that times are stated for."""
         return float(self._least_s) if self._given_s is None else self._given_s
 
     def measure(self) -> None:
@@ -44,5 +45,6 @@ class Pace:
         self._last.append(took_s)
 
     def slower(self) -> float:
-        """By what factor the computer is slower than when it is quiet, over the last times; at least 1."""
-        return max(1.0, float(np.median(self._last)) / self.quiet_s)
+        """By what factor this computer is slower just now, over the last times: below 1 only than one that was named."""
+        factor = float(np.median(self._last)) / self.quiet_s
+        return max(1.0, factor) if self._given_s is None else factor

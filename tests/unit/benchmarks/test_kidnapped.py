@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 
-from benchmarks.kidnapped import HEADER, main, row, summary
+from benchmarks.kidnapped import HEADER, Kept, main, row, summary
 from benchmarks.kidnapped_flight import Outcome, Way
 from visloc_companion.geo.wgs84 import distance_m, ned_from_geo
 from visloc_companion.types import GeoPoint
@@ -59,3 +60,23 @@ def test_flights_that_find_nothing_have_no_figures_to_show() -> None:
     figures = summary([Outcome()], 15.0)
     assert figures["anchored_s"] == {"median": None, "p95": None}
     assert "–" in row("stranger", figures)
+
+
+def test_trials_that_were_flown_are_kept(tmp_path: Path) -> None:
+    rows = tmp_path / "rows.jsonl"
+    flown = Outcome(12.0, 1.0, [1000.0], [200.0], elsewhere=5, slower=[0.9])
+    Kept(rows, 101).add("procedural", 3, flown)
+    Kept(rows, 101).add("naip", 3, Outcome())
+    again, other = Kept(rows, 101), Kept(rows, 102)
+    assert again.get("procedural", 3) == flown
+    assert (again.get("procedural", 4), again.get("water", 3), other.get("procedural", 3)) == (None, None, None)
+    assert other.get("naip", 3) == Outcome()
+    assert Kept(None, 101).get("procedural", 3) is None
+
+
+def test_what_is_kept_is_shown_without_a_flight(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = tmp_path / "rows.jsonl"
+    for number in range(2):
+        Kept(rows, 101).add("procedural", number, Outcome(12.0, 14.0 + 2 * number))
+    main(["--worlds", "procedural=2", "--rows", str(rows)])
+    assert "| procedural | 2 | 1 | 1 | 0 | 1 |" in capsys.readouterr().out
