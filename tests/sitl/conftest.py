@@ -21,15 +21,20 @@ Flight = tuple[RealScenario, RealLog]
 Fly = Callable[..., Flight]
 
 
+def program_or_skip(simulator: Simulator) -> Path:
+    """The program of an autopilot; the test is skipped, with the package to install, where there is none."""
+    try:
+        return find_program(simulator)
+    except ConfigError as why:
+        pytest.skip(str(why))
+
+
 @pytest.fixture
 def fly(tmp_path: Path) -> Fly:
     """`fly(simulator, name, **changes)`: a flight of sim/real/scenarios.py, changed; skips where the program is missing."""
 
     def fly(simulator: Simulator, name: str, **changes: object) -> Flight:
-        try:
-            find_program(simulator)
-        except ConfigError as why:
-            pytest.skip(str(why))
+        program_or_skip(simulator)
         scenario = replace(real_scenario(name, simulator), **changes)  # type: ignore[arg-type]
         return scenario, fly_apart(simulator, scenario, speed=SPEED, keep=tmp_path)
 

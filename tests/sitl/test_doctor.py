@@ -9,15 +9,15 @@ from pathlib import Path
 
 import pytest
 
+from tests.sitl.conftest import program_or_skip
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.config import parse_config
 from visloc_companion.doctor.examine import Report, Wishes, examine
 from visloc_companion.doctor.report import summary
-from visloc_companion.errors import ConfigError
 from visloc_companion.sim.real.apart import make_pilot
 from visloc_companion.sim.real.network import enter_own_network
 from visloc_companion.sim.real.pilot import SIMULATOR_PORT, Pilot
-from visloc_companion.sim.real.programs import Simulator, find_program, running
+from visloc_companion.sim.real.programs import Simulator, running
 from visloc_companion.sim.real.station import Station
 from visloc_companion.types import AutopilotKind
 
@@ -78,10 +78,7 @@ def _bad(rows: Rows) -> list[tuple[str, str, str, str]]:
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize("simulator", list(Simulator))
 def test_recommended_parameters_are_green_and_a_wrong_one_is_set_right(simulator: Simulator, tmp_path: Path) -> None:
-    try:
-        program = find_program(simulator)
-    except ConfigError as why:
-        pytest.skip(str(why))
+    program = program_or_skip(simulator)
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         told, good, wrong, applied, mended = pool.submit(diagnose, simulator, program, tmp_path).result()
     print(told, *good, sep="\n")  # noqa: T201

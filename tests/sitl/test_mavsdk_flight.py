@@ -12,14 +12,14 @@ from typing import Any
 
 import pytest
 
+from tests.sitl.conftest import program_or_skip
 from visloc_companion.adapters.mavlink.dialect import mav
 from visloc_companion.app.clock import MonotonicClock
-from visloc_companion.errors import ConfigError
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
 from visloc_companion.sim.real.apart import make_pilot
 from visloc_companion.sim.real.network import enter_own_network
 from visloc_companion.sim.real.pilot import HOME, SIMULATOR_PORT
-from visloc_companion.sim.real.programs import Simulator, find_program, running
+from visloc_companion.sim.real.programs import Simulator, running
 from visloc_companion.sim.real.station import Station
 from visloc_companion.types import GeoPoint
 
@@ -149,10 +149,7 @@ def items() -> list[Any]:
 @pytest.mark.timeout(300)
 def test_mavsdk_flies_a_mission(tmp_path: Path) -> None:
     pytest.importorskip("mavsdk", reason="MAVSDK is missing: pip install 'visloc-companion[mavsdk]'")
-    try:
-        program = find_program(Simulator.ARDUCOPTER)
-    except ConfigError as why:
-        pytest.skip(str(why))
+    program = program_or_skip(Simulator.ARDUCOPTER)
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         flown = pool.submit(fly, program, tmp_path).result()
     assert flown.landed

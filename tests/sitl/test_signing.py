@@ -12,16 +12,16 @@ from pathlib import Path
 
 import pytest
 
+from tests.sitl.conftest import program_or_skip
 from visloc_companion.adapters.mavlink.dialect import mav
 from visloc_companion.adapters.mavlink.pymavlink_link import PymavlinkLink
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.adapters.mavlink.signing import SigningSettings, stamp_at_zero
 from visloc_companion.app.clock import MonotonicClock
-from visloc_companion.errors import ConfigError
 from visloc_companion.sim.real.apart import make_pilot
 from visloc_companion.sim.real.network import enter_own_network
 from visloc_companion.sim.real.pilot import SIMULATOR_PORT
-from visloc_companion.sim.real.programs import Simulator, find_program, running
+from visloc_companion.sim.real.programs import Simulator, running
 from visloc_companion.sim.real.station import Station
 from visloc_companion.types import LinkChanged, RequestMessage
 
@@ -96,10 +96,7 @@ async def contact(key: bytes | None, patience_s: float) -> Outcome:
 @pytest.mark.sitl
 @pytest.mark.timeout(300)
 def test_arducopter_believes_only_the_holder_of_its_key(tmp_path: Path) -> None:
-    try:
-        program = find_program(Simulator.ARDUCOPTER)
-    except ConfigError as why:
-        pytest.skip(str(why))
+    program = program_or_skip(Simulator.ARDUCOPTER)
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         outcomes = pool.submit(try_all, program, tmp_path).result()
     signed, again = outcomes["signed"], outcomes["signed again"]

@@ -25,29 +25,23 @@ class Computer:
 
     def look(self) -> ComputerLoad:
         """The load since the last look (at the first: since the computer was started)."""
-        memory = _memory_bytes(self._text("proc/meminfo"))
+        memory = memory_bytes(self._root)
         total, available = memory.get("MemTotal"), memory.get("MemAvailable")
         disk = self._disk()
         return ComputerLoad(
-            uptime_s=_first_number(self._text("proc/uptime")),
+            uptime_s=_first_number(_text(self._root / "proc/uptime")),
             cores=self._cores(),
-            temperature_c=self._temperature_c(),
+            temperature_c=hottest_c(self._root),
             ram_used_bytes=None if total is None or available is None else total - available,
             ram_total_bytes=total,
             storage_used_bytes=None if disk is None else disk[0],
             storage_total_bytes=None if disk is None else disk[1],
         )
 
-    def _text(self, path: str) -> str:
-        try:
-            return (self._root / path).read_text(encoding="ascii", errors="replace")
-        except OSError:
-            return ""
-
     def _cores(self) -> tuple[float, ...]:
         """Busy share of each core: jiffies that were neither idle nor waiting for a disk (proc(5), /proc/stat)."""
         shares = []
-        for line in self._text("proc/stat").splitlines():
+        for line in _text(self._root / "proc/stat").splitlines():
             name, *numbers = line.split() or [""]
             if not (name.startswith("cpu") and name != "cpu" and len(numbers) >= 5):
                 continue
@@ -59,15 +53,6 @@ class Computer:
             shares.append(min(1.0, max(0.0, (busy - busy_before) / passed)) if passed > 0 else 0.0)
         return tuple(shares)
 
-    def _temperature_c(self) -> float | None:
-        """The hottest of the thermal zones."""
-        zones = sorted((self._root / "sys/class/thermal").glob("thermal_zone*/temp"))
-        found = []
-        for zone in zones:
-            with contextlib.suppress(OSError, ValueError):
-                found.append(int(zone.read_text(encoding="ascii")) / 1e3)
-        return max((celsius for celsius in found if _COLDEST_C < celsius < _HOTTEST_C), default=None)
-
     def _disk(self) -> tuple[int, int] | None:
         try:
             usage = shutil.disk_usage(self._storage)
@@ -76,14 +61,29 @@ class Computer:
         return usage.total - usage.free, usage.total
 
 
-def _memory_bytes(meminfo: str) -> dict[str, int]:
+def memory_bytes(root: Path) -> dict[str, int]:
+    """What proc(5), /proc/meminfo, tells by its names ("MemTotal", "SwapFree", ...)."""
     found = {}
-    for line in meminfo.splitlines():
+    for line in _text(root / "proc/meminfo").splitlines():
         name, _, rest = line.partition(":")
         number = _first_number(rest)
         if number is not None:
             found[name] = int(number) * _KIB
     return found
+
+
+def hottest_c(root: Path) -> float | None:
+    """The hottest of the thermal zones."""
+    found = [_first_number(_text(zone)) for zone in (root / "sys/class/thermal").glob("thermal_zone*/temp")]
+    celsius = [number / 1e3 for number in found if number is not None]
+    return max((value for value in celsius if _COLDEST_C < value < _HOTTEST_C), default=None)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return ""
 
 
 def _first_number(text: str) -> float | None:

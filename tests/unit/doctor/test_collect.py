@@ -147,6 +147,7 @@ def test_the_computer_is_read_from_linux(tmp_path: Path) -> None:
         proc__cmdline="root=/dev/mmcblk0p2 console=ttyAMA0,115200 quiet",
         sys__class__thermal__thermal_zone0__temp="61500\n",
         sys__class__thermal__thermal_zone1__temp="40000\n",
+        sys__class__thermal__thermal_zone2__temp="2147483\n",
         sys__devices__system__cpu__cpu0__cpufreq__scaling_governor="powersave\n",
     )
     config = parse_config({"link": {"url": "serial:/dev/ttyAMA0:921600"}, "journal": {"folder": str(tmp_path / "journals")}})

@@ -9,6 +9,7 @@ import struct
 import subprocess
 from pathlib import Path
 
+from visloc_companion.app.computer import hottest_c, memory_bytes
 from visloc_companion.app.parts import check_journal_folder
 from visloc_companion.config import Config
 from visloc_companion.doctor.facts import SystemFacts
@@ -19,7 +20,7 @@ _TIMEOUT_S = 3.0
 
 def read_system(config: Config, root: Path = Path("/")) -> SystemFacts:
     """The state of this computer. `root` stands for the file system in tests."""
-    memory = _memory_mb(root)
+    memory = {name: size / 1024**2 for name, size in memory_bytes(root).items()}
     device = config.link.url.split(":")[1] if config.link.url.startswith("serial:") else ""
     folder = Path(config.journal.folder) if config.journal.folder else None
     return SystemFacts(
@@ -27,7 +28,7 @@ def read_system(config: Config, root: Path = Path("/")) -> SystemFacts:
         load=os.getloadavg()[0],
         memory_free_mb=memory.get("MemAvailable"),
         swap_used_mb=memory["SwapTotal"] - memory["SwapFree"] if {"SwapTotal", "SwapFree"} <= set(memory) else None,
-        temperature_c=_temperature_c(root),
+        temperature_c=hottest_c(root),
         governor=_text(root / "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
         clock_synchronised=clock_synchronised(),
         bits=8 * struct.calcsize("P"),
@@ -56,22 +57,6 @@ def _text(path: Path) -> str | None:
     with contextlib.suppress(OSError, UnicodeDecodeError):
         return path.read_text(encoding="ascii").strip()
     return None
-
-
-def _memory_mb(root: Path) -> dict[str, float]:
-    found: dict[str, float] = {}
-    for line in (_text(root / "proc/meminfo") or "").splitlines():
-        name, _, rest = line.partition(":")
-        words = rest.split()
-        if words and words[0].isdigit():
-            found[name] = int(words[0]) / 1024
-    return found
-
-
-def _temperature_c(root: Path) -> float | None:
-    zones = [_text(path) for path in sorted((root / "sys/class/thermal").glob("thermal_zone*/temp"))]
-    values = [int(text) / 1000 for text in zones if text is not None and text.lstrip("-").isdigit()]
-    return max(values, default=None)
 
 
 def _disk_free_mb(folder: Path) -> float | None:
