@@ -42,6 +42,7 @@ _FRAMES_QUEUED = 4
 _MESSAGE_OVERHEAD_BYTES = 56
 _SUMMARY_BYTES, _SUMMARY_CHUNK_BYTES = 131_072, 640
 """Space kept for the summary at the end of the file: channels and schemas, and the index of a chunk."""
+_parse = json.JSONDecoder().raw_decode
 _HEADER, _MAVLINK_IN, _MAVLINK_OUT, _NOTICE, _FRAME = "/header", "/mavlink/in", "/mavlink/out", "/shell/Notice", "/camera/png"
 
 
@@ -69,18 +70,21 @@ class Entry:
 # --------------------------------------------------------------------------------------------------------------- reading
 
 
-def read_journal(path: Path, salvage: bool = True, on_damage: OnDamage | None = None) -> Iterator[Entry]:
+def read_journal(
+    path: Path, salvage: bool = True, on_damage: OnDamage | None = None, *, commands: bool = True
+) -> Iterator[Entry]:
     """Events and commands in the order in which they happened.
 
     With `salvage`, damaged parts are left out and told to `on_damage`, as are gaps in the numbering; without, they raise.
-    Raises JournalError for a file that is no journal.
+    Without `commands` these are passed over unread: a replay gives its own. Raises JournalError for a file that is no journal.
     """
+    topics = ("/event/", "/command/") if commands else ("/event/",)
     expected: int | None = None
     for record in _records(path, salvage, on_damage):
         if expected is not None and record.sequence != expected and on_damage is not None:
             on_damage(f"{(record.sequence - expected) % 2**32} records are missing before number {record.sequence}")
         expected = (record.sequence + 1) % 2**32
-        if record.topic is None or record.topic.startswith(("/event/", "/command/")):
+        if record.topic is None or record.topic.startswith(topics):
             data = _parsed(record, path)
             name = data.get("type") if isinstance(data, dict) else None
             if record.topic is None and name not in EVENT_TYPES and name not in COMMAND_TYPES:
@@ -139,8 +143,11 @@ def _records(path: Path, salvage: bool, on_damage: OnDamage | None) -> Iterator[
 
 def _parsed(record: Record, path: Path) -> Any:
     try:
-        text = record.data.decode() if record.data.startswith(b'{"') else record.data  # else json looks for the encoding first
-        return json.loads(text)
+        if not record.data.startswith(b'{"'):
+            return json.loads(record.data)  # it looks for the encoding first
+        text = record.data.decode()
+        parsed, end = _parse(text)
+        return parsed if end == len(text) else json.loads(text)
     except (ValueError, RecursionError) as why:
         if record.topic is None:
             return None

@@ -31,6 +31,7 @@ _SIMPLE_SCHEMAS: dict[Any, Any] = {
     float | str: ["number", "object", "string"],
 }
 _Convert = Callable[[Any], Any]
+_FLOATS = {float}
 _ENCODE = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
 
 
@@ -56,13 +57,13 @@ def from_json(text: str | bytes) -> Event | Command:
 
 
 def from_dict(data: Any) -> Event | Command:
-    """As `from_json`, of a parsed object."""
-    name = data.get("type") if isinstance(data, dict) else None
+    """As `from_json`, of a parsed object, whose "type" is taken out of it."""
+    name = data.pop("type", None) if isinstance(data, dict) else None
     kind = TYPES.get(name) if isinstance(name, str) else None
     if kind is None:
         raise JournalError(f"unknown type {name!r}", remedy="read the journal with the version that wrote it")
     try:
-        thing: Event | Command = _decoder(kind)({key: value for key, value in data.items() if key != "type"})
+        thing: Event | Command = _decoder(kind)(data)
     except (TypeError, ValueError, OverflowError) as why:
         raise JournalError(f"{name} cannot be read: {why}", remedy="read the journal with the version that wrote it") from why
     return thing
@@ -143,7 +144,8 @@ def _decoder(kind: Any) -> _Convert:
     if is_dataclass(kind):
         return _dataclass_decoder(kind)
     if get_origin(kind) is tuple:
-        return _tuple_converter(kind, _decoder, tuple)
+        one_by_one = _tuple_converter(kind, _decoder, tuple)
+        return _float_tuple_decoder(one_by_one, len(get_args(kind))) if set(get_args(kind)) == {float} else one_by_one
     (member,) = _union_members(kind)
     decode = _decoder(member)
     return lambda value: None if value is None else decode(value)
@@ -168,6 +170,16 @@ def _dataclass_decoder(kind: Any) -> _Convert:
     return decode
 
 
+def _float_tuple_decoder(one_by_one: _Convert, n: int) -> _Convert:
+    """Of n numbers: most are plain floats, which need no look at each."""
+
+    def decode(value: Any) -> Any:
+        plain = type(value) is list and len(value) == n and set(map(type, value)) == _FLOATS and math.isfinite(sum(value))
+        return tuple(value) if plain else one_by_one(value)
+
+    return decode
+
+
 def _decode_float(value: Any) -> Any:
     if type(value) is float and math.isfinite(value):
         return value
@@ -180,6 +192,12 @@ def _decode_float(value: Any) -> Any:
     return value
 
 
+def _decode_int(value: Any) -> Any:
+    if type(value) is not int:
+        raise TypeError(f"{value!r} is not of type int")
+    return value
+
+
 def _exactly(kind: type, value: Any) -> Any:
     if type(value) is not kind:
         raise TypeError(f"{value!r} is not of type {kind.__name__}")
@@ -188,7 +206,7 @@ def _exactly(kind: type, value: Any) -> Any:
 
 _SIMPLE_DECODERS: dict[Any, _Convert] = {
     float: _decode_float,
-    int: lambda value: _exactly(int, value),
+    int: _decode_int,
     bool: lambda value: _exactly(bool, value),
     str: lambda value: _exactly(str, value),
     float | str: lambda value: value if isinstance(value, str) else _decode_float(value),

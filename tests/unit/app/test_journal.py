@@ -59,6 +59,7 @@ def test_what_is_written_is_read_in_order(tmp_path: Path) -> None:
     assert list(read_journal(path, on_damage=damage.append)) == entries
     assert damage == []
     assert list(read_journal(path, salvage=False)) == entries
+    assert list(read_journal(path, commands=False)) == [entry for entry in entries if entry.event is not None]
     assert read_header(path) == HEADER
     assert path.name == "visloc-20231114T221320Z.mcap"
 

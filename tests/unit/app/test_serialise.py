@@ -104,6 +104,12 @@ def test_a_field_that_came_later_takes_its_default() -> None:
     assert from_json(text) == Gnss(1, 2, 3, None, GeoPoint(1.0, 2.0, 3.0), None, 2.5, None)
 
 
+@pytest.mark.parametrize("numbers", [(1.0, 2.5, -3.0), (1e308, 1e308, 1e308), (1, 2.0, 3), (math.inf, -math.inf, math.nan)])
+def test_numbers_come_back_as_they_were_whatever_their_sum(numbers: tuple[float, float, float]) -> None:
+    back = from_json(to_json(Attitude(1, 2, (1.0, 0.0, 0.0, 0.0), numbers)))
+    assert repr(back) == repr(Attitude(1, 2, (1.0, 0.0, 0.0, 0.0), numbers))
+
+
 @pytest.mark.parametrize(
     ("text", "what"),
     [
@@ -122,6 +128,8 @@ def test_a_field_that_came_later_takes_its_default() -> None:
         ('{"type":"OriginChanged","t_rx_ns":1,"origin":[1,2,3]}', "not of type dict"),
         ('{"type":"Attitude","t_rx_ns":1,"t_boot_ns":1,"q_ned_frd":[1,0,0],"rate_frd_radps":[0,0,0]}', "Attitude cannot be read"),
         ('{"type":"Attitude","t_rx_ns":1,"t_boot_ns":1,"q_ned_frd":7,"rate_frd_radps":[0,0,0]}', "not an array"),
+        ('{"type":"Attitude","t_rx_ns":1,"t_boot_ns":1,"q_ned_frd":[1.0,0.0,0.0,1e999],"rate_frd_radps":[0,0,0]}', "too large"),
+        ('{"type":"Attitude","t_rx_ns":1,"t_boot_ns":1,"q_ned_frd":[1.0,0.0,0.0,true],"rate_frd_radps":[0,0,0]}', "not a number"),
         ('{"type":"SwitchSource","source":"astrology"}', "SwitchSource cannot be read"),
     ],
 )
