@@ -11,7 +11,6 @@ import math
 from collections import OrderedDict, deque
 from dataclasses import replace
 
-import numpy as np
 
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.frame_clock import FrameClock
@@ -100,10 +99,9 @@ class CameraTime:
         sigma_s = self.sigma_s
         if sigma_s == 0.0:
             return fix
-        v = np.array(v_ned_mps[:2]) * sigma_s
+        north, east = v_ned_mps[0] * sigma_s, v_ned_mps[1] * sigma_s
         (nn, ne), (en, ee) = fix.cov_ne_m2
-        cross = float(v[0] * v[1])
-        return replace(fix, cov_ne_m2=((nn + float(v[0] ** 2), ne + cross), (en + cross, ee + float(v[1] ** 2))))
+        return replace(fix, cov_ne_m2=((nn + north * north, ne + north * east), (en + north * east, ee + east * east)))
 
     def _judged(self) -> list[Command]:
         best = self._offset.best()

@@ -42,6 +42,7 @@ class PositionFilter:
         self._origin = origin
         self._base, self._base_velocity = start, velocity
         self._log: list[Input] = []
+        self._motions: list[Motion] = []
         self._beliefs: list[Belief] = []
         self._asked: _Asked | None = None
 
@@ -95,7 +96,7 @@ class PositionFilter:
         around = self._around(k)
         v_north, v_east = velocity_at(t_ns, around)
         extra = self._settings.map_sigma_m**2 + belief.lasting_m2
-        nn, ne, ee = float(belief.P[0, 0]), float(belief.P[0, 1]), float(belief.P[1, 1])
+        (nn, ne, *_), (_, ee, *_), (_, _, vnn, vne), (*_, vee) = belief.P[:4, :4].tolist()
         return NavState(
             t_ns,
             (north, east, self._origin.h_amsl_m - height_at(t_ns, around)),
@@ -103,7 +104,7 @@ class PositionFilter:
             ((nn + extra, ne), (ne, ee + extra)),
             math.inf,
             max(0.0, (t_ns - belief.rested_ns) * 1e-9),
-            ((float(belief.P[2, 2]), float(belief.P[2, 3])), (float(belief.P[2, 3]), float(belief.P[3, 3]))),
+            ((vnn, vne), (vne, vee)),
         )
 
     def protection_level_m(self, t_ns: int) -> float:
@@ -148,6 +149,8 @@ class PositionFilter:
         """Into the log. What was folded from there on is forgotten; of a velocity also what it interpolates anew."""
         index = bisect_right(self._log, _key(entry), key=_key)
         self._log.insert(index, entry)
+        if isinstance(entry, Motion):
+            self._motions.append(entry)
         start = index
         while isinstance(entry, Velocity) and start > 0 and not isinstance(self._log[start - 1], Velocity):
             start -= 1
@@ -221,8 +224,9 @@ class PositionFilter:
         horizon_ns = self._log[-1].t_ns - round(HISTORY_S * 1e9)
         if self._log[0].t_ns > horizon_ns:
             return
-        starts = (e.t_from_ns for e in self._log if isinstance(e, Motion) and e.t_from_ns < horizon_ns < e.t_ns)
-        horizon_ns = min(starts, default=horizon_ns)
+        if self._motions:
+            self._motions = [motion for motion in self._motions if motion.t_ns > horizon_ns]
+            horizon_ns = min([horizon_ns, *[motion.t_from_ns for motion in self._motions]])
         n_old = bisect_right(self._log, horizon_ns, key=_time)
         if n_old:
             self._base, self._base_velocity = self._after(n_old), self._around(n_old)[0]

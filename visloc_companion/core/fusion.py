@@ -123,10 +123,12 @@ def taken(
 def _sigmas_mps(belief: Belief, without: separation.Solutions, settings: NavigatorSettings) -> FloatArray:
     """1-sigma (K + 1,) of the velocity's error of the filter and of K solutions; an inertial velocity does without it."""
     sigmas = np.full(1 + len(without), belief.sigma_v_mps)
+    if belief.drive is Drive.INERTIAL:
+        return sigmas
     if belief.drive is Drive.AUTOPILOT:  # a large learned error does not relax to zero as the model says: allow for that
         sigmas[0] = max(belief.sigma_v_mps, math.hypot(belief.x[2], belief.x[3]) / 2)
         np.maximum(sigmas[1:], np.hypot(without.x[:, 2], without.x[:, 3]) / 2, out=sigmas[1:])
-    elif belief.drive is Drive.FED_BACK:
+    else:
         sigmas[0] += INERTIAL_DRIFT_MPS2 * max(0.0, (belief.t_ns - belief.rested_ns) * 1e-9 - settings.dead_reckoning_after_s)
         rested_s = (belief.t_ns - np.maximum(without.rested_ns, belief.started_ns)) * 1e-9
         sigmas[1:] += INERTIAL_DRIFT_MPS2 * np.maximum(0.0, rested_s - settings.dead_reckoning_after_s)

@@ -68,13 +68,14 @@ class GnssTrack:
 
         Between two positions it interpolates; outside of them it moves the nearest one by the velocity.
         """
-        near = [point for point in self._points if abs(point.t_ns - fix.t_ns) <= MAX_GAP_NS]
+        k = bisect_right(self._points, fix.t_ns, key=_time)
+        about = [self._points[i] for i in (k - 1, k) if 0 <= i < len(self._points)]
+        near = [point for point in about if abs(point.t_ns - fix.t_ns) <= MAX_GAP_NS]
         if not near:
             return None
-        k = bisect_right(near, fix.t_ns, key=_time)
-        if 0 < k < len(near):
-            return _between(near[k - 1], near[k], fix.t_ns, fix.place)
-        nearest = near[k - 1] if k else near[0]
+        if len(near) == 2:
+            return _between(near[0], near[1], fix.t_ns, fix.place)
+        nearest = near[0]
         dt_s = (fix.t_ns - nearest.t_ns) * 1e-9
         north, east, _ = wgs84.ned_from_geo(nearest.place, fix.place)
         return north + v_ned_mps[0] * dt_s, east + v_ned_mps[1] * dt_s

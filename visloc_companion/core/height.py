@@ -72,10 +72,13 @@ def started(t_ns: int, sigma_m: float) -> HeightBelief:
 
 def carried(belief: HeightBelief, t_ns: int, settings: NavigatorSettings) -> HeightBelief:
     """The belief at a later time; the same for any division of the interval."""
-    dt_s = (t_ns - belief.t_ns) * 1e-9
-    if dt_s <= 0:
+    if t_ns <= belief.t_ns:
         return belief
-    return replace(_widened(belief, settings.height_walk_m_per_sqrt_s**2 * dt_s), t_ns=t_ns)
+    return replace(_widened(belief, _walked_m2(belief, t_ns, settings)), t_ns=t_ns)
+
+
+def _walked_m2(belief: HeightBelief, t_ns: int, settings: NavigatorSettings) -> float:
+    return settings.height_walk_m_per_sqrt_s**2 * max(0, t_ns - belief.t_ns) * 1e-9
 
 
 def observed(belief: HeightBelief, z: HeightFix, settings: NavigatorSettings) -> HeightBelief:
@@ -157,9 +160,11 @@ class HeightFilter:
 
     def at(self, t_ns: int, h_amsl_m: float) -> tuple[float, float]:
         """By how much an autopilot's height at a time must be raised, and the variance of that."""
-        belief = carried(self.newest, t_ns, self._settings)
-        H = np.array([1.0, self.climbed_m(h_amsl_m)])
-        return float(H @ belief.x), float(H @ belief.P @ H)
+        belief, climbed_m = self.newest, self.climbed_m(h_amsl_m)
+        offset_m, scale = belief.x.tolist()
+        (offset_m2, both_m), (_, scale2) = belief.P.tolist()
+        walked_m2 = _walked_m2(belief, t_ns, self._settings)
+        return offset_m + climbed_m * scale, offset_m2 + walked_m2 + climbed_m * (2 * both_m + climbed_m * scale2)
 
     def protection_level_m(self, t_ns: int, h_amsl_m: float, height_above_home_m: float) -> float:
         """Bound of the error of an autopilot's height at a time (integrity.py)."""

@@ -35,6 +35,20 @@ def largest_sigma_m(cov_ne_m2: Cov2) -> float:
     return math.sqrt((nn + ee) / 2 + math.hypot((nn - ee) / 2, ne))
 
 
+def floored(cov_ne_m2: Cov2, min_sigma_m: float) -> Cov2:
+    """The covariance with no principal sigma below a floor."""
+    (nn, ne), (_, ee) = cov_ne_m2
+    middle, reach, least = (nn + ee) / 2, math.hypot((nn - ee) / 2, ne), min_sigma_m**2
+    larger, smaller = middle + reach, middle - reach
+    if smaller >= least:
+        return cov_ne_m2
+    if larger <= least:
+        return (least, 0.0), (0.0, least)
+    share = (least - smaller) / (larger - smaller)  # of what lies along the smaller axis, (larger I - cov) / (larger - smaller)
+    ne -= share * ne
+    return (nn + share * (larger - nn), ne), (ne, ee + share * (larger - ee))
+
+
 def aged(level_m: float, age_of_fix_s: float) -> float:
     """A protection level so long after the last fix."""
     return level_m * (1 + max(0.0, age_of_fix_s) / AGE_DOUBLES_S)
@@ -42,7 +56,9 @@ def aged(level_m: float, age_of_fix_s: float) -> float:
 
 def rayleigh(a: FloatArray) -> FloatArray:
     """Bounds P(|error| > a sigma) of a Gaussian error in the plane of no larger sigma in any direction."""
-    return np.asarray(np.exp(-0.5 * a * a))
+    squared = -0.5 * a
+    squared *= a
+    return np.exp(squared, out=squared)
 
 
 def gaussian(a: FloatArray) -> FloatArray:
@@ -65,7 +81,9 @@ def bound_m(
     low, high = 0.0, float((apart_m + sigma_m * sigmas).max())
     for _ in range(2):
         radii = low + (high - low) * SHARES
-        beyond = np.maximum(radii[:, None] - apart_m, 0.0) / sigma_m
+        beyond = radii[:, None] - apart_m
+        np.maximum(beyond, 0.0, out=beyond)
+        beyond /= sigma_m
         enough = int((tail(beyond) @ probability <= risk).argmax())
         low, high = float(radii[max(0, enough - 1)]), float(radii[enough])
     return high
@@ -78,7 +96,7 @@ def protection_level_m(
 
     `lasting_m2`: variance per axis of what neighbouring fixes have in common.
     """
-    nn, ne, _, ee = np.concatenate([P[None, :2, :2], without.P[:, :2, :2]]).reshape(-1, 4).T
+    nn, ne, ee = (np.append(P[row, column], without.P[:, row, column]) for row, column in ((0, 0), (0, 1), (1, 1)))
     sigma = np.sqrt((nn + ee) / 2 + np.hypot((nn - ee) / 2, ne) + settings.map_sigma_m**2 + lasting_m2)
     apart, probability = np.zeros(len(sigma)), np.ones(len(sigma))
     apart[1:], probability[1:] = np.hypot(*(without.x[:, :2] - x[:2]).T), without.probability

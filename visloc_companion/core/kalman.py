@@ -62,7 +62,7 @@ def update(
         return Rejected(Reason.NOT_FINITE, 0.0)
     innovation = z - H @ x
     S = H @ P @ H.T + R
-    nis = float(innovation @ np.linalg.solve(S + gate_extra_m2 * np.eye(m), innovation))
+    nis = _normalised(innovation, S, gate_extra_m2)
     if not nis <= gate_sigma * gate_sigma:
         return Rejected(Reason.GATED, nis)
     if n_considered == 0:
@@ -74,6 +74,15 @@ def update(
         x1, P1 = x + K @ innovation, keep @ P @ keep.T + K @ R @ K.T
     x1, P1 = _checked(x1, P1, "update")
     return Updated(x1, P1, nis)
+
+
+def _normalised(innovation: FloatArray, S: FloatArray, extra: float) -> float:
+    """innovation' (S + extra I)^-1 innovation; most measurements are pairs."""
+    if len(innovation) != 2:
+        return float(innovation @ np.linalg.solve(S + extra * np.eye(len(innovation)), innovation))
+    (a, b), ((aa, ab), (_, bb)) = innovation.tolist(), S.tolist()
+    aa, bb = aa + extra, bb + extra
+    return float((bb * a * a - 2 * ab * a * b + aa * b * b) / (aa * bb - ab * ab))
 
 
 def _checked(x: FloatArray, P: FloatArray, where: str) -> tuple[FloatArray, FloatArray]:

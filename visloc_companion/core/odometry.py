@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from visloc_companion.core.integrity import floored
 from visloc_companion.errors import Reason
 from visloc_companion.types import Cov2, FloatArray, Odometry, Rejected, TooOld, Vec3
 
@@ -244,6 +245,7 @@ def _moved(start: _Node, item: Odometry) -> _Node:
 
 def _own(cov: Cov2, scale_m: FloatArray, heading_m: FloatArray) -> FloatArray:
     """(2, 2) a displacement's covariance less what it shares, nowhere negative."""
-    left = np.array(cov) - np.outer(scale_m, scale_m) - np.outer(heading_m, heading_m)
-    values, vectors = np.linalg.eigh(left)
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T, dtype=np.float64)
+    (scale_n, scale_e), (heading_n, heading_e), ((nn, ne), (_, ee)) = scale_m.tolist(), heading_m.tolist(), cov
+    left_ne = ne - scale_n * scale_e - heading_n * heading_e
+    left = (nn - scale_n**2 - heading_n**2, left_ne), (left_ne, ee - scale_e**2 - heading_e**2)
+    return np.array(floored(left, 0.0))

@@ -49,8 +49,11 @@ class OnboardCamera:
 
     def on_fix(self, fix: Fix, gnss_trusted: bool) -> list[Command]:
         """Learn from a fix beside a GNSS that is good."""
-        height_m, state = self._tracker.height_above_home_m, self._tracker.at(fix.t_ns)
-        if not gnss_trusted or state is None or height_m is None or self._time.sigma_s > TIMED_S:
+        height_m = self._tracker.height_above_home_m
+        if not gnss_trusted or height_m is None or self._time.sigma_s > TIMED_S:
+            return []
+        state = self._tracker.at(fix.t_ns)
+        if state is None:
             return []
         difference = self._tracker.gnss.minus(fix, state.v_ned_mps)
         return [] if difference is None else self._boresight.on_fix(fix, difference, state.v_ned_mps, height_m)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from visloc_companion.core.integrity import floored
 from visloc_companion.core.protection import Protected
 from visloc_companion.core.requests import SIGMA_YAW_RAD
 from visloc_companion.core.settings import InjectionSettings
@@ -36,20 +37,6 @@ def is_due(policy: InjectionPolicy, verdict: Verdict) -> bool:
     if policy is InjectionPolicy.WHEN_UNRELIABLE:
         return verdict is not Verdict.OK
     return policy is InjectionPolicy.ALWAYS
-
-
-def floored(cov_ne_m2: Cov2, min_sigma_m: float) -> Cov2:
-    """The covariance with no principal sigma below a floor."""
-    (nn, ne), (_, ee) = cov_ne_m2
-    middle, reach, least = (nn + ee) / 2, math.hypot((nn - ee) / 2, ne), min_sigma_m**2
-    larger, smaller = middle + reach, middle - reach
-    if smaller >= least:
-        return cov_ne_m2
-    if larger <= least:
-        return (least, 0.0), (0.0, least)
-    share = (least - smaller) / (larger - smaller)  # of what lies along the smaller axis, (larger I - cov) / (larger - smaller)
-    ne -= share * ne
-    return (nn + share * (larger - nn), ne), (ne, ee + share * (larger - ee))
 
 
 class ResetCounter:

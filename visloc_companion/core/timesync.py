@@ -36,6 +36,7 @@ class _Smallest:
         self._start_ns = 0
         self._current: tuple[int, int] | None = None
         self._previous: tuple[int, int] | None = None
+        self.value: int | None = None
 
     def add(self, t_ns: int, key: int, value: int) -> None:
         if self._current is None or t_ns - self._start_ns > BUCKET_NS:
@@ -43,12 +44,8 @@ class _Smallest:
             self._previous = None if expired else self._current
             self._current, self._start_ns = (key, value), t_ns
         self._current = min(self._current, (key, value))
-
-    def value(self) -> int | None:
-        current, previous = self._current, self._previous
-        if current is None or previous is None:
-            return None if current is None else current[1]
-        return min(current, previous)[1]
+        smallest = self._current if self._previous is None else min(self._current, self._previous)
+        self.value = smallest[1]
 
 
 class ClockOffset:
@@ -99,10 +96,10 @@ class ClockOffset:
 
     def offset_ns(self) -> int | None:
         """Shell clock minus boot clock, or None before anything arrived."""
-        exchanged, arrived = self._exchanges.value(), self._one_way.value()
+        exchanged, arrived = self._exchanges.value, self._one_way.value
         if exchanged is None or arrived is None:
             return arrived if exchanged is None else exchanged
-        return min(exchanged, arrived)
+        return exchanged if exchanged < arrived else arrived
 
     def shell_ns(self, t_boot_ns: int, fallback_ns: int) -> int:
         """Shell time of a boot time; the fallback (arrival) where the offset is unknown."""

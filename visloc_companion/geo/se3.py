@@ -16,11 +16,13 @@ def wrap_pi(angle_rad: float) -> float:
 
 def normalised(q: Quat) -> Quat:
     """Unit quaternion with w >= 0. Raises ValueError for a zero or non-finite quaternion."""
-    norm = math.sqrt(sum(c * c for c in q))
+    w, x, y, z = q
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
     if not (math.isfinite(norm) and norm > 1e-9):
         raise ValueError(f"not a quaternion: {q}")
-    sign = -1.0 if q[0] < 0 else 1.0
-    return (sign * q[0] / norm, sign * q[1] / norm, sign * q[2] / norm, sign * q[3] / norm)
+    if w < 0:
+        norm = -norm
+    return w / norm, x / norm, y / norm, z / norm
 
 
 def quat_multiply(a: Quat, b: Quat) -> Quat:
@@ -107,8 +109,12 @@ def slerp(a: Quat, b: Quat, share: float) -> Quat:
 
 def rotate(q: Quat, v: Vec3) -> Vec3:
     """The vector in a of a vector in b, for `q_a_b`."""
-    r = R_from_quat(q) @ np.array(v)
-    return float(r[0]), float(r[1]), float(r[2])
+    (w, x, y, z), (a, b, c) = q, v
+    return (
+        (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b + 2 * (x * z + w * y) * c,
+        2 * (x * y + w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - w * x) * c,
+        2 * (x * z - w * y) * a + 2 * (y * z + w * x) * b + (1 - 2 * (x * x + y * y)) * c,
+    )
 
 
 def angle_between(a: Quat, b: Quat) -> float:

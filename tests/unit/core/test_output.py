@@ -34,23 +34,6 @@ def test_position_is_in_the_autopilots_own_projection(kind: AutopilotKind) -> No
     assert (got.t_ns, got.reset_counter, got.sigma_d_m) == (S, 7, 3.5)
 
 
-def test_sigma_has_a_floor_in_every_direction() -> None:
-    narrow = ((1.0, 0.9999), (0.9999, 1.0))
-    floored = np.array(output.floored(narrow, 0.5))
-    values = np.linalg.eigvalsh(floored)
-    assert values[0] == pytest.approx(0.25)
-    assert values[1] == pytest.approx(1.9999)
-    assert floored[0, 1] == floored[1, 0]
-
-
-@given(st.floats(0.01, 100), st.floats(0.01, 100), st.floats(-0.99, 0.99), st.floats(0.0, 20))
-def test_the_floor_lifts_the_eigenvalues_and_keeps_their_axes(nn: float, ee: float, correlation: float, least_m: float) -> None:
-    ne = correlation * (nn * ee) ** 0.5
-    values, axes = np.linalg.eigh(np.array([[nn, ne], [ne, ee]]))
-    expected = axes @ np.diag(np.maximum(values, least_m**2)) @ axes.T
-    np.testing.assert_allclose(output.floored(((nn, ne), (ne, ee)), least_m), expected, rtol=1e-9, atol=1e-9)
-
-
 number = st.floats(allow_nan=True, allow_infinity=True, width=64)
 
 
