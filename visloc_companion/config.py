@@ -36,6 +36,8 @@ class LinkConfig(Section):
     """Only this autopilot is listened to; 0 takes the first one that is heard and keeps to it."""
     component_id: Annotated[int, Field(ge=1, le=255)] = 197
     """Our own MAVLink component (MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY)."""
+    operator_systems: tuple[Annotated[int, Field(ge=1, le=255)], ...] = (255,)
+    """Ground stations (MAVLink system ids) that may say where the vehicle is (docs/start-anywhere.md); none: `[]`."""
     attitude_rate_hz: Positive = 50.0
     """ATTITUDE and SCALED_IMU asked of the autopilot; ArduPlane denies 50 Hz and is then asked for less."""
     position_rate_hz: Positive = 10.0

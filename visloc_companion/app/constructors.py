@@ -31,6 +31,7 @@ def make_link(
     settings = SessionSettings(
         system_id=config.link.system_id,
         component_id=config.link.component_id,
+        operator_systems=config.link.operator_systems,
         gnss_source_set=config.injection.gnss_source_set,
         vision_source_set=config.injection.vision_source_set,
         px4_gps_ctrl=config.injection.px4_gps_ctrl,

@@ -10,6 +10,7 @@ from visloc_companion import __version__
 from visloc_companion.cli.demo import demo
 from visloc_companion.cli.doctor import doctor
 from visloc_companion.cli.evaluate import evaluate_app
+from visloc_companion.cli.here import here
 from visloc_companion.cli.link_key import link_key
 from visloc_companion.cli.map import map_app
 from visloc_companion.cli.replay import replay
@@ -31,6 +32,7 @@ app.command()(replay)
 app.command()(sim)
 app.command()(demo)
 app.command()(doctor)
+app.command()(here)
 app.command()(link_key)
 app.add_typer(map_app, name="map")
 app.add_typer(evaluate_app, name="evaluate")

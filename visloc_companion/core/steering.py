@@ -13,7 +13,7 @@ INJECTING = (Mode.AIDING, Mode.DEAD_RECKONING)
 
 
 class Steering:
-    """Nothing is injected before a first fix (or the operator's position) has anchored the filter."""
+    """Nothing is injected before a first fix has anchored the filter."""
 
     def __init__(self, settings: CoreSettings, monitor: GnssMonitor, switch: SourceSwitch) -> None:
         self._settings, self._monitor, self._switch = settings, monitor, switch
@@ -35,9 +35,14 @@ class Steering:
         """A fix was accepted; it counts by its arrival, for a slow localiser must not make the mode flap."""
         self._anchored, self._fix_taken_ns = True, now_ns
 
-    def anchored(self) -> None:
-        """The operator gave a position."""
-        self._anchored = True
+    @property
+    def believed(self) -> bool:
+        """Whether the filter rests on fixes, and has not lost its way since."""
+        return self._anchored and self.mode is not Mode.LOST
+
+    def doubt(self) -> None:
+        """The filter starts at a place that no fix has confirmed."""
+        self._anchored, self._fix_taken_ns = False, None
 
     def change_mode(self, state: NavState | None, ready: bool, low: bool, now_ns: int) -> list[Command]:
         """One step of the table of modes; `ready`: link, attitude and state are there; `low`: too low to be localised."""

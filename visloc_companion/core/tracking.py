@@ -31,8 +31,6 @@ LEAST_ACCELERATION_SIGMA_MPS2 = 0.05
 SETTLED_BY = 20
 """An autopilot that never had a trusted GNSS takes seconds to find its velocity from what we send: so many fixes or intervals
 come before accelerations go on from it."""
-OPERATOR_REACH_M = 100_000.0
-OPERATOR_MARGIN_M = 50.0
 GNSS_BIAS_SIGMA_M = 3.0
 """1-sigma of the constant difference between GNSS and map, for the question whether GNSS can be true at all."""
 
@@ -194,15 +192,3 @@ class Tracker:
         d = np.array([north - state.p_ned_m[0], east - state.p_ned_m[1]])
         S = np.array(state.cov_ne_m2) + (sigma_m**2 + GNSS_BIAS_SIGMA_M**2) * np.eye(2)
         return float(d @ np.linalg.solve(S, d)) > self._settings.gate_sigma**2
-
-    def implausible(self, place: GeoPoint, sigma_m: float, gnss_trusted: bool) -> str | None:
-        """Why a position that the operator gives is not taken: far from the origin, or from a GNSS that is trusted."""
-        if self.origin is None:
-            return "no EKF origin yet"
-        if wgs84.distance_m(place, self.origin) > OPERATOR_REACH_M:
-            return "too far from origin"
-        far_m = 4 * sigma_m + OPERATOR_MARGIN_M
-        receiver = self.gnss.newest
-        if gnss_trusted and receiver is not None and wgs84.distance_m(place, receiver) > far_m:
-            return "far from trusted GNSS"
-        return None

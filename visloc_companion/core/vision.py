@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from visloc_companion.core import operator_word
 from visloc_companion.core.asking import Asking
 from visloc_companion.core.belief import Belief
 from visloc_companion.core.camera_watch import CameraWatch
@@ -56,7 +57,7 @@ class Vision:
         self._tracker, self._aiding, self._monitor, self._steering = tracker, aiding, monitor, steering
         self._terrain, self._search, self._complaints = terrain, search, complaints
         self._camera, self._computer = CameraWatch(), ComputerWatch()
-        self._searching = False
+        self._searching = self._to_confirm = False
 
     def check(self, now_ns: int) -> list[Command]:
         """What is to be said of the camera at a Tick, and that the place is searched for from now on."""
@@ -107,6 +108,7 @@ class Vision:
         if self._tracker.origin is None or self._search is None:
             return []
         self._search.clear()
+        self._to_confirm = False
         place = wgs84.geo_from_ned((*found.place_ne_m, 0.0), self._tracker.origin)
         if not self._tracker.seed(found.t_ns, place, found.sigma_m):
             return []
@@ -140,7 +142,7 @@ class Vision:
         commands = [] if fix.method == TERRAIN else self._onboard.on_fix(fix, self._monitor.trusted)
         if isinstance(outcome, Accepted):
             self._steering.taken(now_ns)
-            commands = [*commands, *self._aiding.compare(fix)]
+            commands = [*commands, *self._aiding.compare(fix), *self._confirmed()]
             self._tracker.height.taken(fix)
             if before is not None and after is not None and after.started_ns != before.started_ns:
                 commands.append(Notice(Severity.WARNING, "visloc: relocalised", to_operator=True))
@@ -151,14 +153,24 @@ class Vision:
             commands += self._complaints.about(fix, reason, now_ns, Severity.INFO)
         return [*commands, *self.free_worker(fix, now_ns)]
 
+    def _confirmed(self) -> list[Command]:
+        waited, self._to_confirm = self._to_confirm, False
+        return [Notice(Severity.NOTICE, "visloc: operator's position confirmed", to_operator=True)] if waited else []
+
     def on_operator(self, event: OperatorFix, t_boot_ns: int, now_ns: int) -> list[Command]:
         """The operator says where the vehicle is; `t_boot_ns`: now, on the autopilot's clock."""
-        reason = self._tracker.implausible(event.place, event.sigma_m, self._monitor.trusted)
+        tracker, trusted = self._tracker, self._monitor.trusted
+        held = tracker.at(now_ns) if trusted or self._steering.believed else None
+        receiver = tracker.gnss.newest if trusted else None
+        reason = operator_word.objection(event, tracker.origin, receiver, held)
         if reason is not None:
             return [Notice(Severity.WARNING, f"visloc: position refused, {reason}", to_operator=True)]
-        if self._tracker.velocity is None:
-            self._tracker.seed_without_velocity(now_ns, t_boot_ns, event.place, event.sigma_m)
+        if held is not None:
+            return [Notice(Severity.NOTICE, "visloc: position agrees, nothing changed", to_operator=True)]
+        if tracker.velocity is None:
+            tracker.seed_without_velocity(now_ns, t_boot_ns, event.place, event.sigma_m)
         else:
-            self._tracker.seed(now_ns, event.place, event.sigma_m)
-        self._steering.anchored()
-        return [Notice(Severity.NOTICE, "visloc: position set by operator", to_operator=True)]
+            tracker.seed(now_ns, event.place, event.sigma_m)
+        self._steering.doubt()
+        self._to_confirm = True
+        return [Notice(Severity.NOTICE, "visloc: position taken, looking there", to_operator=True)]

@@ -42,6 +42,7 @@ def test_of_all_messages_these_may_be_sent():
         "NAMED_VALUE_FLOAT",
         "NAMED_VALUE_INT",
         "ONBOARD_COMPUTER_STATUS",
+        "COMMAND_ACK",
         "VISION_POSITION_ESTIMATE",
         "ODOMETRY",
         "GLOBAL_POSITION_SENSOR",

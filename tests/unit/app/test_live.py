@@ -93,7 +93,7 @@ async def test_the_daemon_begins_where_it_is_told_that_the_vehicle_is(tmp_path: 
     config = configuration(tmp_path)
     async with flight(config, at=At(HOME.lat_deg, HOME.lon_deg, 20.0)) as f, hovering(f):
         await f.until(lambda: f.link.injections, "an injection")
-    assert [notice.text for notice in f.link.notices].count("visloc: position set by operator") == 1
+    assert [notice.text for notice in f.link.notices].count("visloc: position taken, looking there") == 1
 
 
 async def test_a_killed_worker_costs_nothing_but_its_frame(tmp_path: Path) -> None:

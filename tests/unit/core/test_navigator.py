@@ -188,7 +188,7 @@ def test_a_flight_without_gnss_starts_from_the_operator(world: type[World]) -> N
     assert modes(w) == [Mode.WAITING]
     w.send(OperatorFix(0, wgs84.geo_from_ned((float(w.p[0]) + 8, float(w.p[1]) - 5, -100.0), ORIGIN), 10.0))
     w.fly(40)
-    assert modes(w) == [Mode.WAITING, Mode.SHADOW, Mode.DEAD_RECKONING, Mode.AIDING]
+    assert modes(w) == [Mode.WAITING, Mode.SHADOW, Mode.AIDING]
     assert max(errors(w, 15)) < 6
 
 

@@ -39,7 +39,6 @@ def ready() -> Tracker:
 def test_nothing_before_origin_and_velocity() -> None:
     tracker = Tracker(NavigatorSettings())
     assert not tracker.seed(0, at(0.0), 5.0)
-    assert tracker.implausible(at(0.0), 5.0, gnss_trusted=False) == "no EKF origin yet"
     assert tracker.set_origin(ORIGIN) is False
     assert not tracker.seed(0, at(0.0), 5.0)
     assert tracker.belief is None
@@ -90,16 +89,6 @@ def test_reach() -> None:
     assert tracker.out_of_reach(0, at(30.0), 1.5)
     assert isinstance(tracker.observe(fix(0.0, 0.5)), Accepted)
     assert isinstance(tracker.observe_gnss(0, at(0.5), 5.0), Accepted)
-
-
-def test_sanity_of_the_operators_position() -> None:
-    tracker = ready()
-    assert tracker.implausible(at(150_000.0), 5.0, gnss_trusted=False) == "too far from origin"
-    assert tracker.implausible(at(500.0), 5.0, gnss_trusted=True) is None
-    tracker.gnss.add(0, at(0.0))
-    assert tracker.implausible(at(500.0), 5.0, gnss_trusted=True) == "far from trusted GNSS"
-    assert tracker.implausible(at(500.0), 5.0, gnss_trusted=False) is None
-    assert tracker.implausible(at(60.0), 5.0, gnss_trusted=True) is None
 
 
 def felt(tracker: Tracker, from_s: float, to_s: float, a_north: float) -> None:

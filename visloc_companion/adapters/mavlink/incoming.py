@@ -19,15 +19,22 @@ _GARBAGE_BYTES = 64
 class Listener:
     """Pins to one autopilot: the first HEARTBEAT of one (component 1) fixes the system id for good, or `system_id` names it.
 
-    What another system says is passed over; a second autopilot is warned of once. `pinned` is 0 before any was heard, and `pin`
-    is told. With a `guard` only what it admits counts as said at all; without one signatures are not checked, and an autopilot
-    that signs is warned of, because it may not believe us.
+    What another system says is passed over, but for what the systems `operators` say to us, which `ordered` is given; a second
+    autopilot is warned of once. `pinned` is 0 before any was heard, and `pin` is told. With a `guard` only what it admits counts
+    as said at all; without one signatures are not checked, and an autopilot that signs is warned of: it may not believe us.
     """
 
     def __init__(
-        self, system_id: int, warn: Callable[[str], None], pin: Callable[[int], None], guard: SignatureGuard | None = None
+        self,
+        system_id: int,
+        warn: Callable[[str], None],
+        pin: Callable[[int], None],
+        guard: SignatureGuard | None = None,
+        operators: tuple[int, ...] = (),
+        ordered: Callable[[Message], None] = lambda _message: None,
     ) -> None:
         self.pinned = system_id
+        self._operators, self._ordered = operators, ordered
         self._pin = pin
         self.n_heard = 0
         self._warn = warn
@@ -49,6 +56,8 @@ class Listener:
             if msg.get_srcComponent() == AUTOPILOT_COMPONENT and self._is_pinned(msg):
                 self.n_heard += 1
                 yield msg
+            elif self.pinned and msg.get_srcSystem() in self._operators:
+                self._ordered(msg)
         counts = self._framer.counts
         if not self._garbage_told and counts.garbage_bytes >= _GARBAGE_BYTES + counts.messages:
             self._garbage_told = True

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 
+from visloc_companion.adapters.mavlink import operator_position
 from visloc_companion.adapters.mavlink.companion_status import computer_status, named_values
 from visloc_companion.adapters.mavlink.dialect import Message
 from visloc_companion.adapters.mavlink.framing import FrameCounts
@@ -52,7 +53,9 @@ class MavlinkSession:
         self._time = None if signing is None else SigningTime(signing.stamp_at_zero, signing.keep)
         self._guard = None if signing is None or self._time is None else SignatureGuard(signing, self._time, self._warn)
         self._outbox = Outbox(settings.component_id, signing, self._time)
-        self._listener = Listener(settings.system_id, self._warn, self._outbox.speak_as, self._guard)
+        self._listener = Listener(
+            settings.system_id, self._warn, self._outbox.speak_as, self._guard, settings.operator_systems, self._take_order
+        )
         self._decoder = Decoder()
         self._presence = Presence(settings.timeout_s)
         self._upkeep = Upkeep(settings, self._outbox)
@@ -233,6 +236,15 @@ class MavlinkSession:
             if self._presence.restarted(event):
                 self._lose("the autopilot's clock went back: it was restarted", now_ns)
             self._pending.append(event)
+
+    def _take_order(self, msg: Message) -> None:
+        """A ground station speaks to this component."""
+        if not operator_position.is_for(msg, self._listener.pinned, self.settings.component_id):
+            return
+        answer, said = operator_position.taken(msg, self.origin is not None, self._now_ns)
+        self._outbox.put(answer)
+        if said is not None:
+            self._pending.append(said)
 
     def _take_link(self, event: LinkChanged, now_ns: int) -> None:
         changed, came = self._presence.take_link(event)

@@ -1,0 +1,107 @@
+"""The operator's word is held against origin, GNSS and fixes, and only a localiser makes it a position to inject."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from visloc_companion.core.operator_word import MARGIN_M, objection
+from visloc_companion.geo import wgs84
+from visloc_companion.types import GeoPoint, Injection, Mode, NavState, OperatorFix
+
+World = Any
+ORIGIN = GeoPoint(59.3, 18.1, 40.0)
+
+
+def at(north_m: float) -> GeoPoint:
+    return wgs84.geo_from_ned((north_m, 0.0, 0.0), ORIGIN)
+
+
+def said(north_m: float, sigma_m: float = 5.0) -> OperatorFix:
+    return OperatorFix(0, at(north_m), sigma_m)
+
+
+def held(sigma_m: float) -> NavState:
+    return NavState(0, (0.0, 0.0, -100.0), (0.0, 0.0, 0.0), ((sigma_m**2, 0.0), (0.0, sigma_m**2)), 5.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("said", "origin", "receiver", "held", "why"),
+    [
+        (said(0.0), None, None, None, "no EKF origin yet"),
+        (said(150_000.0), ORIGIN, None, None, "too far from origin"),
+        (said(500.0), ORIGIN, at(0.0), None, "far from trusted GNSS"),
+        (said(500.0), ORIGIN, at(490.0), None, None),
+        (said(60.0), ORIGIN, at(0.0), None, None),
+        (said(500.0), ORIGIN, None, held(3.0), "far from the fixes"),
+        (said(500.0), ORIGIN, None, held(120.0), None),
+        (said(500.0, 120.0), ORIGIN, None, held(3.0), None),
+        (said(4 * 5.0 + 4 * 3.0 + MARGIN_M - 1.0), ORIGIN, None, held(3.0), None),
+        (said(4 * 5.0 + 4 * 3.0 + MARGIN_M + 1.0), ORIGIN, None, held(3.0), "far from the fixes"),
+    ],
+)
+def test_what_speaks_against_it(
+    said: OperatorFix, origin: GeoPoint | None, receiver: GeoPoint | None, held: NavState | None, why: str | None
+) -> None:
+    assert objection(said, origin, receiver, held) == why
+
+
+def true_place(w: World, north_m: float = 0.0) -> GeoPoint:
+    return wgs84.geo_from_ned((float(w.p[0]) + north_m, float(w.p[1]), 0.0), ORIGIN)
+
+
+def test_nothing_is_sent_before_a_localiser_has_found_the_vehicle_there(world: type[World]) -> None:
+    w = world(jammed=lambda t: True, blind=lambda t: t < 20)
+    w.start()
+    w.fly(5)
+    w.send(OperatorFix(0, true_place(w, 8.0), 10.0))
+    assert w.notices("position taken, looking there")
+    w.fly(19)
+    assert w.first(Injection) == float("inf")
+    assert not w.notices("position confirmed")
+    w.fly(40)
+    (confirmed_s,) = w.notices("operator's position confirmed")
+    assert 20 < confirmed_s <= w.first(Injection) < 25
+    assert w.status_at(39)[0].mode is Mode.AIDING
+
+
+def test_a_position_that_fixes_hold_is_not_moved_by_words(world: type[World]) -> None:
+    flights = []
+    for word_m in (None, 20.0, 900.0):
+        w = world(jammed=lambda t: t > 15)
+        w.start()
+        w.fly(30)
+        assert w.status_at(29)[0].mode is Mode.AIDING
+        if word_m is not None:
+            w.send(OperatorFix(0, true_place(w, word_m), 10.0))
+        flights.append(w.fly(45))
+    silent, near, far = flights
+    assert near.notices("position agrees, nothing changed")
+    assert far.notices("position refused, far from the fixes")
+    positions = [[c.p_ned_m for _, c in w.commands if isinstance(c, Injection)] for w in flights]
+    assert len(positions[0]) > 200
+    assert positions[0] == positions[1] == positions[2]
+    assert silent.status_at(44)[0].reset_counter == far.status_at(44)[0].reset_counter
+
+
+def test_a_lost_vehicle_is_found_where_the_operator_says_and_sends_nothing_before(world: type[World]) -> None:
+    w = world(
+        jammed=lambda t: t > 20,
+        blind=lambda t: 20 < t < 320,
+        false_velocity_mps=lambda t: (3.0, 0.0) if t > 20 else (0.0, 0.0),
+        speed_mps=5.0,
+    )
+    w.start()
+    w.fly(300)
+    status, _ = w.status_at(299)
+    assert status.mode is Mode.LOST
+    w.send(OperatorFix(0, true_place(w, 15.0), 20.0))
+    w.fly(319)
+    assert {w.status_at(t)[0].mode for t in range(302, 319)} <= {Mode.SHADOW, Mode.LOST}
+    w.fly(345)
+    assert w.notices("operator's position confirmed")
+    after, error_m = w.status_at(344)
+    assert after.mode is Mode.AIDING
+    assert error_m < 8
+    assert after.reset_counter != status.reset_counter

@@ -1,0 +1,146 @@
+"""The ground's side of operator_position.py: tells a flying daemon where the vehicle is, over a link of a ground station's."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from dataclasses import dataclass
+
+from visloc_companion.adapters.mavlink import operator_position
+from visloc_companion.adapters.mavlink.channels import Address, Channel, Listener, OpenChannel
+from visloc_companion.adapters.mavlink.codec import is_autopilot
+from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT, Message, mav
+from visloc_companion.adapters.mavlink.endpoint import parse_endpoint
+from visloc_companion.adapters.mavlink.framing import Framer
+from visloc_companion.adapters.mavlink.signing import SigningSettings, SigningTime, sign_with
+from visloc_companion.errors import LinkError
+from visloc_companion.types import GeoPoint
+
+STATION_COMPONENT = mav.MAV_COMP_ID_MISSIONPLANNER
+TRIES, PERIOD_S = 8, 1.0
+ANSWER_BEGINS = "visloc: position "
+_REFUSALS = {
+    mav.MAV_RESULT_TEMPORARILY_REJECTED: "it has no origin from the autopilot yet; try again",
+    mav.MAV_RESULT_DENIED: "it is no place to fly, or no accuracy",
+    mav.MAV_RESULT_UNSUPPORTED: "it does not know this command; is it an older version?",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """Who speaks: a system among the daemon's `link.operator_systems`; `component_id` is the daemon's; its key, if any."""
+
+    system_id: int = 255
+    component_id: int = 197
+    signing: SigningSettings | None = None
+
+
+class _Call:
+    def __init__(self, caller: Caller, open_channel: OpenChannel) -> None:
+        self.component_id, self._open_channel = caller.component_id, open_channel
+        self._framer = Framer()
+        self._mav = mav.MAVLink(None, srcSystem=caller.system_id, srcComponent=STATION_COMPONENT)
+        self._time = None if caller.signing is None else SigningTime(caller.signing.stamp_at_zero)
+        if caller.signing is not None:
+            sign_with(self._mav, caller.signing)
+        self._channel: Channel | None = None
+        self._changed = asyncio.Event()
+        self.vehicle = 0
+        self.result: int | None = None
+        self.said = ""
+        self.lost = ""
+
+    async def open(self, url: str) -> None:
+        listener = Listener(self._received, self._on_lost, lambda: self.vehicle != 0, lambda _who: None)
+        try:
+            self._channel = await self._open_channel(parse_endpoint(url), listener)
+        except OSError as why:
+            remedy = "name the ground station's own link to the vehicle; a port that another program has cannot be shared"
+            raise LinkError(f"cannot be opened: {why}", where=url, remedy=remedy) from why
+
+    def close(self) -> None:
+        if self._channel is not None:
+            self._channel.close()
+
+    def send(self, message: Message) -> None:
+        if self._time is not None:
+            self._time.advance(time.monotonic_ns())
+            self._mav.signing.timestamp = self._time.next()
+        if self._channel is not None:
+            self._channel.write([bytes(message.pack(self._mav))])
+
+    def beat(self) -> None:
+        self.send(mav.MAVLink_heartbeat_message(mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, mav.MAV_STATE_ACTIVE, 3))
+
+    async def changed(self, timeout_s: float) -> None:
+        """Until something came, at most so long. Raises LinkError where the connection is gone."""
+        self._changed.clear()
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._changed.wait(), timeout_s)
+        if self.lost:
+            raise LinkError(self.lost, where="link", remedy="connect again")
+
+    def _on_lost(self, why: str) -> None:
+        self.lost = why or "the connection is gone"
+        self._changed.set()
+
+    def _received(self, data: bytes, source: Address | None) -> None:
+        for message in self._framer.feed(data):
+            if message.get_srcComponent() == AUTOPILOT_COMPONENT and message.get_type() == "HEARTBEAT" and is_autopilot(message):
+                self.vehicle = self.vehicle or message.get_srcSystem()
+                if self._channel is not None:
+                    self._channel.speak_to(source)
+            elif message.get_srcComponent() == self.component_id and message.get_srcSystem() == self.vehicle:
+                self._take(message)
+            self._changed.set()
+
+    def _take(self, message: Message) -> None:
+        if message.get_type() == "COMMAND_ACK" and message.command == operator_position.COMMAND:
+            self.result = message.result
+        elif message.get_type() == "STATUSTEXT" and message.text.startswith(ANSWER_BEGINS):
+            self.said = message.text
+
+
+async def say_here(
+    url: str, place: GeoPoint, sigma_m: float, caller: Caller, open_channel: OpenChannel, period_s: float = PERIOD_S
+) -> str:
+    """What the daemon answers to "the vehicle is at `place`, to `sigma_m` (1-sigma)"; "" where it took it without a word.
+
+    Raises LinkError where nothing answers, or where the daemon refuses the command.
+    """
+    call = _Call(caller, open_channel)
+    await call.open(url)
+    try:
+        await _until_answered(call, place, sigma_m, period_s)
+        if call.result != mav.MAV_RESULT_ACCEPTED:
+            why = _REFUSALS.get(call.result or 0, f"MAV_RESULT {call.result}")
+            raise LinkError(f"the daemon refuses: {why}", where=url, remedy="see docs/start-anywhere.md")
+        for _ in range(TRIES):
+            if call.said:
+                break
+            await call.changed(period_s / 2)
+        return call.said
+    finally:
+        call.close()
+
+
+async def _until_answered(call: _Call, place: GeoPoint, sigma_m: float, period_s: float) -> None:
+    loop = asyncio.get_running_loop()
+    for _ in range(TRIES):
+        call.beat()
+        if call.vehicle:
+            call.send(operator_position.command(call.vehicle, call.component_id, place, sigma_m))
+        next_s = loop.time() + period_s
+        while call.result is None and (left_s := next_s - loop.time()) > 0:
+            await call.changed(left_s)
+        if call.result is not None:
+            return
+    if not call.vehicle:
+        raise LinkError("no autopilot is heard", where="link", remedy="is this the link on which the vehicle sends?")
+    raise LinkError(
+        f"no daemon answers as component {call.component_id}",
+        where="link",
+        remedy="is it running, is this system among its link.operator_systems, does the autopilot pass messages on "
+        "(docs/mavlink.md), and do both have the same signing key?",
+    )
