@@ -3,22 +3,32 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.geo import wgs84
-from visloc_companion.types import AutopilotKind, GeoPoint, Injection, LinkChanged, OriginChanged
+from visloc_companion.types import (
+    AutopilotKind,
+    EkfSource,
+    GeoPoint,
+    Injection,
+    LinkChanged,
+    OriginChanged,
+    SwitchSource,
+    Verdict,
+)
 
 World = Any
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
 DOWN_S = 3.0
 
 
-def restarted(world: type[World], *, armed: bool = True) -> World:
-    """Jammed at 20 s; the first daemon dies at 40 s, another one comes up 3 s later."""
-    w = world(jammed=lambda t: t > 20)
+def restarted(world: type[World], *, armed: bool = True, **faults: Any) -> World:
+    """Jammed at 20 s unless other faults are named; the first daemon dies at 40 s, another one comes up 3 s later."""
+    w = world(**(faults or {"jammed": lambda t: t > 20}))
     w.start()
     w.fly(40.0)
 
@@ -55,3 +65,16 @@ def test_on_the_ground_the_map_is_searched(world: type[World]) -> None:
     w = restarted(world, armed=False)
     w.fly(44.0)
     assert math.isinf(w.first(Injection, since_s=40.0 + DOWN_S))
+
+
+@pytest.mark.parametrize("pull", [lambda t: max(0.0, t - 10.0), lambda t: 300.0 * (t > 20)], ids=["drag", "step"])
+def test_amid_a_spoofing_gnss_is_believed_for_seconds_only_and_never_followed(
+    world: type[World], pull: Callable[[float], float]
+) -> None:
+    w = restarted(world, pull_m=lambda t: (pull(t), 0.0))
+    assert w.source is EkfSource.VISION
+    w.fly(80.0)
+    assert w.first(Injection, since_s=40.0 + DOWN_S) - 40.0 - DOWN_S < 6.0
+    assert w.status_at(50.0)[0].verdict is Verdict.SUSPECT
+    assert max(error for t, _, error in w.statuses if t > 45) < 6.0
+    assert not [c for t, c in w.commands if t > 40 and isinstance(c, SwitchSource) and c.source is EkfSource.GNSS]
