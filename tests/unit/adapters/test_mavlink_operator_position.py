@@ -132,8 +132,8 @@ class Vehicle(asyncio.DatagramProtocol):
 
 
 @asynccontextmanager
-async def vehicle() -> AsyncIterator[str]:
-    end = Vehicle(known())
+async def vehicle(talk: Conversation | None = None) -> AsyncIterator[str]:
+    end = Vehicle(talk or known())
     transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(lambda: end, local_addr=("127.0.0.1", 0))
     try:
         yield f"udpout:127.0.0.1:{transport.get_extra_info('sockname')[1]}"
@@ -158,6 +158,20 @@ async def test_a_refusal_and_a_silent_vehicle_are_told_apart() -> None:
             await say_here(url, GeoPoint(0.0, 0.0, 0.0), 25.0, Caller(), open_own_channel, 0.1)
     with pytest.raises(LinkError, match="no autopilot is heard"):
         await say_here("udpin:127.0.0.1:0", PLACE, 25.0, Caller(), open_own_channel, 0.01)
+
+
+async def test_a_daemon_that_is_not_ready_is_asked_again() -> None:
+    talk = Conversation(MavlinkSession(SessionSettings()), FakeAutopilot(origin=None))
+    talk.run(2.0)
+    async with vehicle(talk) as url:
+        with pytest.raises(LinkError, match="no origin from the autopilot yet"):
+            await say_here(url, PLACE, 25.0, Caller(), open_own_channel, 0.02)
+        asked = asyncio.create_task(say_here(url, PLACE, 25.0, Caller(), open_own_channel, 0.1))
+        await asyncio.sleep(0.15)
+        assert not asked.done()
+        talk.autopilot.origin = ORIGIN
+        talk.run(5.0, until=lambda: talk.session.origin is not None)
+        assert await asked == "visloc: position taken, 25"
 
 
 async def test_where_there_is_a_key_only_its_holder_is_heard() -> None:

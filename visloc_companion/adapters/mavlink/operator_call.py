@@ -20,8 +20,9 @@ from visloc_companion.types import GeoPoint
 STATION_COMPONENT = mav.MAV_COMP_ID_MISSIONPLANNER
 TRIES, PERIOD_S = 8, 1.0
 ANSWER_BEGINS = "visloc: position "
+_NOT_YET = (None, mav.MAV_RESULT_TEMPORARILY_REJECTED)
 _REFUSALS = {
-    mav.MAV_RESULT_TEMPORARILY_REJECTED: "it has no origin from the autopilot yet; try again",
+    mav.MAV_RESULT_TEMPORARILY_REJECTED: "it has no origin from the autopilot yet",
     mav.MAV_RESULT_DENIED: "it is no place to fly, or no accuracy",
     mav.MAV_RESULT_UNSUPPORTED: "it does not know this command; is it an older version?",
 }
@@ -107,7 +108,8 @@ async def say_here(
 ) -> str:
     """What the daemon answers to "the vehicle is at `place`, to `sigma_m` (1-sigma)"; "" where it took it without a word.
 
-    Raises LinkError where nothing answers, or where the daemon refuses the command.
+    Said TRIES times, `period_s` apart, until it is heard and the daemon is ready. Raises LinkError where nothing answers, or
+    where the daemon refuses the command.
     """
     call = _Call(caller, open_channel)
     await call.open(url)
@@ -129,13 +131,16 @@ async def _until_answered(call: _Call, place: GeoPoint, sigma_m: float, period_s
     loop = asyncio.get_running_loop()
     for _ in range(TRIES):
         call.beat()
+        call.result = None
         if call.vehicle:
             call.send(operator_position.command(call.vehicle, call.component_id, place, sigma_m))
         next_s = loop.time() + period_s
-        while call.result is None and (left_s := next_s - loop.time()) > 0:
+        while call.result in _NOT_YET and (left_s := next_s - loop.time()) > 0:
             await call.changed(left_s)
-        if call.result is not None:
+        if call.result not in _NOT_YET:
             return
+    if call.result is not None:
+        return
     if not call.vehicle:
         raise LinkError("no autopilot is heard", where="link", remedy="is this the link on which the vehicle sends?")
     raise LinkError(
