@@ -114,9 +114,9 @@ async def say_here(
     call = _Call(caller, open_channel)
     await call.open(url)
     try:
-        await _until_answered(call, place, sigma_m, period_s)
-        if call.result != mav.MAV_RESULT_ACCEPTED:
-            why = _REFUSALS.get(call.result or 0, f"MAV_RESULT {call.result}")
+        result = await _answered(call, place, sigma_m, period_s)
+        if result != mav.MAV_RESULT_ACCEPTED:
+            why = _REFUSALS.get(result, f"MAV_RESULT {result}")
             raise LinkError(f"the daemon refuses: {why}", where=url, remedy="see docs/start-anywhere.md")
         for _ in range(TRIES):
             if call.said:
@@ -127,20 +127,15 @@ async def say_here(
         call.close()
 
 
-async def _until_answered(call: _Call, place: GeoPoint, sigma_m: float, period_s: float) -> None:
-    loop = asyncio.get_running_loop()
+async def _answered(call: _Call, place: GeoPoint, sigma_m: float, period_s: float) -> int:
+    """The daemon's MAV_RESULT."""
+    result: int | None = None
     for _ in range(TRIES):
-        call.beat()
-        call.result = None
-        if call.vehicle:
-            call.send(operator_position.command(call.vehicle, call.component_id, place, sigma_m))
-        next_s = loop.time() + period_s
-        while call.result in _NOT_YET and (left_s := next_s - loop.time()) > 0:
-            await call.changed(left_s)
-        if call.result not in _NOT_YET:
-            return
-    if call.result is not None:
-        return
+        result = await _asked_once(call, place, sigma_m, period_s)
+        if result not in _NOT_YET:
+            break
+    if result is not None:
+        return result
     if not call.vehicle:
         raise LinkError("no autopilot is heard", where="link", remedy="is this the link on which the vehicle sends?")
     raise LinkError(
@@ -149,3 +144,15 @@ async def _until_answered(call: _Call, place: GeoPoint, sigma_m: float, period_s
         remedy="is it running, is this system among its link.operator_systems, does the autopilot pass messages on "
         "(docs/mavlink.md), and do both have the same signing key?",
     )
+
+
+async def _asked_once(call: _Call, place: GeoPoint, sigma_m: float, period_s: float) -> int | None:
+    loop = asyncio.get_running_loop()
+    call.beat()
+    call.result = None
+    if call.vehicle:
+        call.send(operator_position.command(call.vehicle, call.component_id, place, sigma_m))
+    next_s = loop.time() + period_s
+    while call.result in _NOT_YET and (left_s := next_s - loop.time()) > 0:
+        await call.changed(left_s)
+    return call.result
