@@ -21,6 +21,7 @@ from visloc_companion.evaluate.cloud_cases import BadCloudCase, CloudCase, read_
 from visloc_companion.evaluate.cloud_metrics import CloudResult, cloud_error, summarise
 from visloc_companion.evaluate.protection import horizontal_bound_m
 from visloc_companion.localise.registration.base import NotRegistered, Registered
+from visloc_companion.localise.registration.claims import doubted
 from visloc_companion.localise.registration.registry import DEFAULT_MAX_PROBABILITY_WRONG, make_registration
 from visloc_companion.maps.cloud import read_cloud, require_same_crs
 from visloc_companion.types import FloatArray
@@ -43,8 +44,8 @@ def evaluate_cloud(
 ) -> tuple[dict[str, Any], list[CloudResult]]:
     """Register all cases of a folder; the result as it is written to JSON, and case by case.
 
-    The method is asked for whatever it finds, and once more, for the reason, where it doubts that more than
-    `max_probability_wrong`: so the doubted answers are judged as well. Raises CasesError where the folder cannot be read,
+    The method is asked for whatever it finds, and what it doubts more than `max_probability_wrong` becomes a refusal here: so the
+    doubted answers are judged as well. Raises CasesError where the folder cannot be read,
     ConfigError for a method that there is not. A case that cannot be read is a `no_fix` with its reason.
     """
     make_registration(method)
@@ -93,15 +94,10 @@ def run_case(posed: Posed, method: str, max_probability_wrong: float = DEFAULT_M
         placed = about_zero(answer, origin)
         error = None if T_true is None else cloud_error(placed, T_true, source.points_m)
         if answer.probability_wrong > max_probability_wrong:
-            refusal = _refusal(make_registration(method, max_probability_wrong)(*clouds, case.prior))
+            refusal = doubted(answer)
     reason, detail = (None, "") if refusal is None else (refusal.reason, refusal.detail)
     text = "; ".join(part for part in (detail, *notes) if part)
     return CloudResult(case.case_id, placed, reason, text, elapsed_ms, answer.evidence, error, known)
-
-
-def _refusal(answer: Registered | NotRegistered) -> NotRegistered:
-    """The refusal of a doubted answer; a method that claims otherwise the second time is refused all the same."""
-    return answer if isinstance(answer, NotRegistered) else NotRegistered(Reason.NO_MATCH, "answered otherwise when asked again")
 
 
 def about_zero(answer: Registered, origin_m: FloatArray) -> Registered:

@@ -92,7 +92,7 @@ def test_every_case_is_answered_or_refused_with_a_reason(folder: Path) -> None:
     assert list(document)[:2] == ["schema", "method"] and document["environment"]["numpy"] == np.__version__
     by_id = {case["id"]: case for case in document["cases"]}
     assert {name: case["reason"] for name, case in by_id.items() if case["status"] == "no_fix"} == {
-        "wood_B_00": "ambiguous",
+        "wood_B_00": "no_match",
         "wood_B_01": "too_few_features",
         **dict.fromkeys(("unknown", "absent", "text", "negative", "endless", "nameless", "nothing", "entry12"), "bad_input"),
     }
@@ -128,9 +128,22 @@ def test_summary_counts_refused_cases_as_not_within(folder: Path) -> None:
     assert summary["answers"]["mtre_m"]["max"] == pytest.approx(30.0)
     assert summary["reliability"]["separation"] == 1.0, "the doubted answer is judged although it is refused"
     assert {name: group["n_with_truth"] for name, group in summary["by_place"].items()} == {"town": 2, "wood": 2}
-    assert [r.detail for r in results if r.case_id == "wood_B_00"] == ["doubted: 0.6"]
+    assert [r.detail for r in results if r.case_id == "wood_B_00"] == ["wrong with a probability of 0.600"]
     everything = evaluate_cloud(folder, "means", max_probability_wrong=1.0)[0]["summary"]
     assert (everything["n_fix"], everything["far_and_accepted"], everything["wrong_and_accepted"]) == (3, 1, 1)
+
+
+def test_every_readable_case_is_registered_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    answer = Means.__call__
+
+    def counted(self: Means, source: np.ndarray, *rest: object) -> object:
+        asked.append(len(source))
+        return answer(self, source, *rest)
+
+    monkeypatch.setattr(Means, "__call__", counted)
+    evaluate_cloud(folder, "means")
+    assert sorted(asked) == [20, 400, 400, 400]
 
 
 def test_without_truth_there_are_counts_only(folder: Path) -> None:

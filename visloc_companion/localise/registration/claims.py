@@ -6,6 +6,7 @@ Fitted by `python -m benchmarks.calibrate_clouds` on the places named there; sco
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 
 import numpy as np
 
@@ -46,12 +47,27 @@ def answer(refined: Refined, e: Evidence, prior: RegistrationPrior, max_probabil
     """The registration with its claims, or the refusal where it is wrong with more than the given probability."""
     wrong = probability_wrong(e)
     if wrong > max_probability_wrong:
-        return NotRegistered(_reason(e), f"wrong with a probability of {wrong:.3f}", (*e.named(), ("probability_wrong", wrong)))
+        return _refused(e, wrong)
     formal = np.zeros((3, 3))
     formal[:2, :2], formal[2, 2] = refined.placed[:2, :2], refined.raised[0, 0]
     spread = formal + np.diag(_floor_m2(e, prior))
     yaw, scale = (math.sqrt(refined.placed[k, k]) for k in (2, 3))
     return Registered(refined.T, spread, min(yaw, prior.sigma_yaw_rad), min(scale, prior.sigma_scale), wrong, e.named())
+
+
+def doubted(registered: Registered) -> NotRegistered:
+    """The refusal that an answer would have been, had it not been asked for in spite of what it claims.
+
+    Of what a method of one's own names as evidence, no reason but that it does not match is read.
+    """
+    wrong, named = registered.probability_wrong, dict(registered.evidence)
+    if not {f.name for f in fields(Evidence)} <= set(named):
+        return NotRegistered(Reason.NO_MATCH, f"wrong with a probability of {wrong:.3f}", registered.evidence)
+    return _refused(Evidence(**named), wrong)
+
+
+def _refused(e: Evidence, wrong: float) -> NotRegistered:
+    return NotRegistered(_reason(e), f"wrong with a probability of {wrong:.3f}", (*e.named(), ("probability_wrong", wrong)))
 
 
 def _floor_m2(e: Evidence, prior: RegistrationPrior) -> FloatArray:

@@ -7,7 +7,7 @@ import pytest
 
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
-from visloc_companion.localise.registration.claims import WEIGHTS, answer, probability_wrong, regressors
+from visloc_companion.localise.registration.claims import WEIGHTS, answer, doubted, probability_wrong, regressors
 from visloc_companion.localise.registration.evidence import Evidence
 from visloc_companion.localise.registration.refine import Refined
 
@@ -55,6 +55,14 @@ def test_declines_with_the_reason_that_is_worst():
     assert isinstance(flat, NotRegistered)
     assert (alike.reason, flat.reason) == (Reason.AMBIGUOUS, Reason.LOW_TEXTURE)
     assert dict(alike.evidence)["probability_wrong"] > 0.05
+
+
+@pytest.mark.parametrize("other", [{"rival": 0.87}, {"correlation": 0.1, "rival": 0.1, "relief_m": 0.02}])
+def test_what_was_answered_in_spite_of_doubt_has_the_refusal_that_it_would_have_been(other):
+    evidence = replace(GOOD, **other)
+    asked = answer(REFINED, evidence, PRIOR, 1.0)
+    assert isinstance(asked, Registered)
+    assert doubted(asked) == answer(REFINED, evidence, PRIOR, 0.05)
 
 
 def test_growth_widens_the_height_alone():
