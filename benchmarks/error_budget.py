@@ -4,9 +4,10 @@
 
 Predicted: evaluate/error_budget.py. Achieved: the same flight in closed loop (benchmarks/error_budget_flights.py) clean and with
 one source switched on, at its 1-sigma: map moved, frames stamped late, the matching's noise as fixes claim it, the compass off;
-with pictures the lens longer and the camera tilted. The difference of the two is the term: of a constant source its mean (over
-the ground, or over the body, in which it is constant), of the others its root mean square. `propagation` is the clean flight's
-own error. `all`: every source drawn at random, errors of all outputs against the truth. Seconds 55 to 115, GNSS jammed from 40.
+with pictures the lens longer or shorter and the camera tilted either way. The difference (or half of that between the two ways)
+is the term: of a constant source its mean (over the ground, or over the body, in which it is constant), of the others its root
+mean square. `propagation` is the clean flight's own error. `all`: every source drawn at random, errors of all outputs against the
+truth. Seconds 55 to 115, GNSS jammed from 40.
 """
 
 from __future__ import annotations
@@ -36,14 +37,14 @@ from visloc_companion.core.requests import SIGMA_YAW_RAD
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.evaluate.closed_loop import map_sigma_m
 from visloc_companion.evaluate.error_budget import Flown, Stated, Term, predicted, radial_m, total
-from visloc_companion.sim.faults import CompassError, FocalError, MapShift, MountError, these
+from visloc_companion.sim.faults import CompassError, FaultSchedule, FocalError, MapShift, MountError, these
 from visloc_companion.sim.setup import FIELD_OF_VIEW_RAD, SPEED_MPS, VehicleKind
 from visloc_companion.types import FloatArray
 
 SETTINGS = CoreSettings()
 MAP_GSD_M = 0.5
-BLOCKS = 35
-"""Blocks of a frame of 4:3, on average (evidence `blocks` of fixes)."""
+LEANS = 60
+"""Leans of a flight that the prediction goes through."""
 SHARES = (0.68, 0.95)
 HEADER = "| term | predicted: along, across m | 68 % m | 95 % m | achieved: along, across m | 68 % m | 95 % m | ratio |"
 EXPLAINED = 1 / 3
@@ -64,7 +65,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         seen = with_pictures(vehicle, 1, Source())
         stated, flown = stated_of(seen), flown_of(vehicle, seen)
         terms = predicted(flown, stated, SETTINGS.navigator)
-        achieved = {} if options.predicted else achieved_terms(vehicle, stated, seen)
+        achieved = {} if options.predicted else achieved_terms(vehicle, stated)
         together = {} if options.predicted else all_sources(vehicle, stated, options.seeds, options.seeds_with_pictures)
         results[vehicle] = {
             "flown": asdict(flown),
@@ -83,20 +84,21 @@ def stated_of(seen: Errors) -> Stated:
     """Configuration and constants of the core; the matching as fixes of a flight with pictures claim it, less the map's share."""
     map_m = map_sigma_m(MAP_GSD_M)
     matching_m = math.sqrt(max(0.0, float(np.mean(np.square(seen.claimed_m))) - map_m**2))
+    weighed_m = math.sqrt(1 / float(np.mean(seen.claimed_m**-2.0)))
     half_view = (FIELD_OF_VIEW_RAD / 2, math.atan(0.75 * math.tan(FIELD_OF_VIEW_RAD / 2)))
     tilt_rad = SETTINGS.mount_sigma_rad
-    return Stated(map_m, HEIGHT_SHARE, SURE_S, tilt_rad, SIGMA_YAW_RAD, matching_m, half_view, BLOCKS, MAP_GSD_M)
+    return Stated(map_m, HEIGHT_SHARE, SURE_S, tilt_rad, SIGMA_YAW_RAD, matching_m, weighed_m, half_view)
 
 
 def flown_of(vehicle: VehicleKind, seen: Errors) -> Flown:
     """As the clean flight was flown."""
-    roll, pitch = rms(seen.lean_rad)
+    leans = tuple((float(roll), float(pitch)) for roll, pitch in seen.lean_rad[:: max(1, len(seen.lean_rad) // LEANS)])
     rate_hz = len(seen.fix_error_ne_m) / float(seen.t_s[-1] - seen.t_s[0])
     acceleration = float(np.hypot(*rms(seen.acceleration_ne_mps2)))
-    return Flown(HEIGHT_M, SPEED_MPS[vehicle], float(pitch), float(roll), acceleration, min(RATE_HZ, rate_hz), LATENCY_S)
+    return Flown(HEIGHT_M, SPEED_MPS[vehicle], leans, acceleration, min(RATE_HZ, rate_hz), LATENCY_S)
 
 
-def achieved_terms(vehicle: VehicleKind, stated: Stated, seen: Errors) -> dict[str, Term]:
+def achieved_terms(vehicle: VehicleKind, stated: Stated) -> dict[str, Term]:
     """Each source alone, at its 1-sigma."""
     claimed_m = math.hypot(stated.matching_m, stated.map_m)
 
@@ -106,12 +108,18 @@ def achieved_terms(vehicle: VehicleKind, stated: Stated, seen: Errors) -> dict[s
     clean = blind(Source())
     shift = (stated.map_m, stated.map_m)
     compass = these(CompassError(JAM_S, stated.heading_rad, 5.0))
-    focal, mount = these(FocalError(stated.focal_share)), these(MountError(stated.tilt_rad, stated.tilt_rad))
+
+    def focal(sign: int) -> FaultSchedule:
+        return these(FocalError(sign * stated.focal_share))
+
+    def mount(sign: int) -> FaultSchedule:
+        return these(MountError(sign * stated.tilt_rad, sign * stated.tilt_rad))
+
     terms = [
         term("map", mean(blind(Source(map_ne_m=shift)).error_ne_m - clean.error_ne_m)),
-        term("calibration", body_mean(with_pictures(vehicle, 1, Source(focal)), seen)),
+        term("calibration", either_way(lambda sign: with_pictures(vehicle, 1, Source(focal(sign))))),
         term("time", body_mean(blind(Source(time_s=stated.time_s)), clean)),
-        term("attitude: tilt", body_mean(with_pictures(vehicle, 1, Source(mount)), seen)),
+        term("attitude: tilt", either_way(lambda sign: with_pictures(vehicle, 1, Source(mount(sign))))),
         term("attitude: heading", body_rms(blind(Source(compass)), clean)),
         term("matching", body_rms(blind(Source(matching_m=stated.matching_m)), clean)),
         term("propagation", rms(clean.along_across(clean.error_ne_m))),
@@ -149,7 +157,7 @@ def drawn(stated: Stated, seed: int, *, pictures: bool) -> Source:
 
 def mean(vectors: FloatArray) -> FloatArray:
     """(2,) magnitudes of the mean of (N, 2)."""
-    return np.abs(np.nanmean(vectors, axis=0))
+    return np.asarray(np.abs(np.nanmean(vectors, axis=0)))
 
 
 def rms(vectors: FloatArray) -> FloatArray:
@@ -160,6 +168,14 @@ def rms(vectors: FloatArray) -> FloatArray:
 def body_mean(wrong: Errors, clean: Errors) -> FloatArray:
     """Mean difference along and across the course."""
     return mean(wrong.along_across(wrong.error_ne_m) - clean.along_across(clean.error_ne_m))
+
+
+def either_way(fly: Callable[[int], Errors]) -> FloatArray:
+    """Half of the mean difference along and across the course between a flight with a source and one with its opposite: two
+    flights whose pictures differ match differently, and what both signs have in common is not the source's."""
+    one, other = fly(1), fly(-1)
+    n = min(len(one.error_ne_m), len(other.error_ne_m))
+    return mean((one.along_across(one.error_ne_m)[:n] - other.along_across(other.error_ne_m)[:n]) / 2)
 
 
 def body_rms(wrong: Errors, clean: Errors) -> FloatArray:
@@ -176,9 +192,10 @@ def table(
     vehicle: str, flown: Flown, terms: Sequence[Term], achieved: dict[str, Term], together: dict[str, list[float]]
 ) -> list[str]:
     """Lines of a vehicle's table."""
+    roll, pitch = rms(np.array(flown.leans_rad))
     lines = [
-        f"\n{vehicle}: {flown.height_m:.0f} m, {flown.speed_mps:.0f} m/s, leaning {math.degrees(flown.pitch_rad):.1f} degrees "
-        f"forward and {math.degrees(flown.roll_rad):.1f} sideways (rms), {flown.fix_rate_hz:.1f} fixes a second after "
+        f"\n{vehicle}: {flown.height_m:.0f} m, {flown.speed_mps:.0f} m/s, leaning {math.degrees(pitch):.1f} degrees "
+        f"forward and {math.degrees(roll):.1f} sideways (rms), {flown.fix_rate_hz:.1f} fixes a second after "
         f"{1e3 * flown.latency_s:.0f} ms\n",
         HEADER,
         f"|{'---|' * (HEADER.count('|') - 1)}",

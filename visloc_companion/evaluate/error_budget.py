@@ -15,9 +15,14 @@ import numpy as np
 
 from visloc_companion.core.propagation import POSITION, Drive, initial_covariance, transition
 from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.localise.ortho_rectify import MAX_TAN_INCIDENCE
 from visloc_companion.types import FloatArray
 
 ANGLES = 720
+LATTICE = 24
+"""Rays of the camera on each axis, for what a picture tells of its tilt."""
+CALIBRATING = 8
+"""Rounds in which the noise of the picture's blocks is found."""
 AGES = 5
 """Ages of the newest fix over which the output is averaged, evenly between the latency and an interval more."""
 SETTLED = 400
@@ -26,13 +31,12 @@ SETTLED = 400
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """How it is flown: height above ground (m), speed (m/s), root mean square of the camera's lean forward and to the side (rad)
-    and of the horizontal acceleration (m/s²), fixes a second, and seconds from exposure to answer."""
+    """How it is flown: height above ground (m), speed (m/s), the camera's leans (roll, pitch in rad) at times that are even over
+    the flight, root mean square of the horizontal acceleration (m/s²), fixes a second, and seconds from exposure to answer."""
 
     height_m: float
     speed_mps: float
-    pitch_rad: float
-    roll_rad: float
+    leans_rad: tuple[tuple[float, float], ...]
     acceleration_mps2: float
     fix_rate_hz: float
     latency_s: float
@@ -41,8 +45,9 @@ class Flown:
 @dataclass(frozen=True, slots=True)
 class Stated:
     """1-sigmas that are stated: the map's registration (m), the focal length (a share), the time of frames (s), tilt of mounting
-    and attitude together and heading (rad), the matching as fixes claim it, on each axis without the map's share (m); the
-    camera's half angles of view (rad), the blocks that a frame is matched by, and the size of their pixels on the ground (m)."""
+    and attitude together and heading (rad), the matching as fixes claim it, on each axis without the map's share (m), what fixes
+    claim on an axis as they weigh in the filter (m; the harmonic mean of the squares), and the camera's half angles of view
+    (rad)."""
 
     map_m: float
     focal_share: float
@@ -50,9 +55,8 @@ class Stated:
     tilt_rad: float
     heading_rad: float
     matching_m: float
+    weighed_m: float
     half_view_rad: tuple[float, float]
-    blocks: int
-    block_gsd_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,28 +108,68 @@ def radial_m(term: Term, share: float) -> float:
 
 def calibration(flown: Flown, focal_share: float) -> Term:
     """A lens that is longer by a share makes the vehicle seem lower by that share of the height. What is looked at stays where it
-    is: so the position moves by that height times the tangent of the lean."""
+    is: so the position moves by that height times the tangent of the lean (root mean square over the leans flown)."""
     lower_m = flown.height_m * focal_share
-    return Term("calibration", lower_m * math.tan(flown.pitch_rad), lower_m * math.tan(flown.roll_rad))
+    roll, pitch = np.sqrt(np.mean(np.square(np.tan(flown.leans_rad)), axis=0))
+    return Term("calibration", lower_m * float(pitch), lower_m * float(roll))
 
 
 def tilt(flown: Flown, stated: Stated) -> Term:
-    """What a wrong tilt moves: the height times it, as far as the attitude's prior outweighs what the picture shows of it."""
-    seen_rad = tilt_seen_rad(flown.height_m, stated)
-    prior, seen = stated.tilt_rad**-2, seen_rad**-2
-    moved_m = flown.height_m * stated.tilt_rad * prior / (prior + seen)
-    return Term("attitude: tilt", moved_m, moved_m)
+    """What a wrong tilt moves, as far as the attitude's prior outweighs what the picture shows of it (root mean square over the
+    leans flown, errors of roll and pitch independent).
 
-
-def tilt_seen_rad(height_m: float, stated: Stated) -> float:
-    """1-sigma of the tilt that a nadir picture of level ground shows of itself.
-
-    A tilt of d moves a point at the tangents (x, y) by d (1 + x^2, x y); the constant part looks like a change of place. What is
-    left has the mean square var(x^2) + mean(x^2) mean(y^2) over even x and y, and each block tells of it with its own error.
+    How much a picture shows depends on its blocks' noise, which is found so that fixes claim, over the leans flown, what they do
+    claim: `Stated.weighed_m`.
     """
-    x2, y2 = (math.tan(half) ** 2 / 3 for half in stated.half_view_rad)
-    left = math.tan(stated.half_view_rad[0]) ** 4 * (1 / 5 - 1 / 9) + x2 * y2
-    return stated.block_gsd_m / height_m / math.sqrt(stated.blocks * left)
+    noise_m = stated.weighed_m
+    for _ in range(CALIBRATING):
+        noise_m *= stated.weighed_m / _weighed_m(flown, stated, noise_m)
+    moved = [picture_of(*lean, flown.height_m, stated, noise_m).moved_m_per_rad for lean in flown.leans_rad]
+    along_m, across_m = stated.tilt_rad * np.sqrt(np.square(moved).sum(2).mean(0))
+    return Term("attitude: tilt", float(along_m), float(across_m))
+
+
+def _weighed_m(flown: Flown, stated: Stated, noise_m: float) -> float:
+    """What fixes would claim on an axis with such a noise, as they weigh in the filter."""
+    pictures = [picture_of(*lean, flown.height_m, stated, noise_m) for lean in flown.leans_rad]
+    return math.sqrt(1 / float(np.mean([2 / np.trace(picture.covariance_m2) for picture in pictures])))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """What the pose that a picture gives is like: its covariance (2, 2) ahead and to the right (m²), and how far (m/rad) it moves
+    ahead and to the right (rows) with a prior whose roll and pitch (columns) are wrong, about the camera's own axes."""
+
+    covariance_m2: FloatArray
+    moved_m_per_rad: FloatArray
+
+
+def picture_of(roll_rad: float, pitch_rad: float, height_m: float, stated: Stated, noise_m: float) -> Picture:
+    """The pose from a picture of level ground, for a camera that leans, by least squares as localise/pose.py solves for it.
+
+    The blocks are even over the ground. One on the ray (x, y, 1) of the camera, at a depth of D, sees the camera's move dp and
+    turn w as f / D (q_x - x q_z, q_y - y q_z) pixels, q = -R' (dp + w x g) with the ground's place g. The noise of all of them
+    together is `noise_m` f / D. The prior knows the tilt to `Stated.tilt_rad`; place, height and heading are the picture's.
+    """
+    tan_side, tan_ahead = (math.tan(half) for half in stated.half_view_rad)
+    even = (np.arange(LATTICE) + 0.5) * 2 / LATTICE - 1
+    ahead, right = (axis.ravel() for axis in np.meshgrid(tan_ahead * even, tan_side * even))
+    (sr, sp), (cr, cp) = np.sin((roll_rad, pitch_rad)), np.cos((roll_rad, pitch_rad))
+    R = np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
+    rays = np.column_stack([ahead, right, np.ones_like(ahead)])
+    down = rays @ R[2]
+    steep = down > np.linalg.norm(rays, axis=1) / math.hypot(1.0, MAX_TAN_INCIDENCE)
+    rays, down = rays[steep], down[steep]
+    ground = rays @ R.T * (height_m / down)[:, None]
+    turned = np.stack([np.cross(axis, ground) @ R for axis in np.eye(3)], axis=2)
+    d_q = -np.concatenate([np.broadcast_to(R.T, turned.shape), turned], axis=2)
+    J = d_q[:, :2] - rays[:, :2, None] * d_q[:, 2:]
+    share = down**-3 / np.sum(down**-3)  # of the ground
+    information = np.einsum("n,nij,nik->jk", share, J, J) / noise_m**2
+    prior = np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 0.0]) / stated.tilt_rad**2
+    covariance = np.linalg.inv(information + prior)
+    wrong = prior[:, 3:] @ R[:, :2]
+    return Picture(covariance[:2, :2], np.asarray((covariance @ wrong)[:2]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

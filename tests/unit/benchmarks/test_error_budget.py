@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.error_budget import all_sources, body_mean, body_rms, drawn, flown_of, mean, stated_of, table
+from benchmarks.error_budget import all_sources, body_mean, body_rms, drawn, either_way, flown_of, mean, stated_of, table
 from benchmarks.error_budget_flights import Errors
 from visloc_companion.evaluate.error_budget import Term
 
@@ -28,10 +28,16 @@ def test_errors_are_turned_to_along_and_across() -> None:
     assert mean(wrong.error_ne_m) == pytest.approx([0.2, 1.0])
 
 
+def test_what_both_ways_have_in_common_is_not_the_sources() -> None:
+    found = either_way(lambda sign: errors((0.1 + 0.2 * sign, 0.3 + 1.0 * sign)))
+    assert found == pytest.approx([1.0, 0.2])
+
+
 def test_what_is_stated_and_how_it_was_flown_come_from_the_flight() -> None:
     stated, flown = stated_of(errors((0.0, 0.0))), flown_of("copter", errors((0.0, 0.0)))
     assert stated.matching_m == pytest.approx(math.sqrt(0.65**2 - 0.5**2))
-    assert (flown.pitch_rad, flown.roll_rad) == pytest.approx((0.05, 0.02))
+    assert set(flown.leans_rad) == {(0.02, -0.05)}
+    assert stated.weighed_m == pytest.approx(0.65)
     assert (flown.fix_rate_hz, flown.acceleration_mps2) == pytest.approx((1.0, 0.5))
 
 

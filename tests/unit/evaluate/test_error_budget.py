@@ -16,16 +16,20 @@ from visloc_companion.evaluate.error_budget import (
     Term,
     calibration,
     heading,
+    picture_of,
     predicted,
     radial_m,
     tilt,
-    tilt_seen_rad,
     total,
 )
+from visloc_companion.geo.camera import R_FRD_CAM
+from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
+from visloc_companion.localise.ortho_rectify import CameraPose
+from visloc_companion.localise.pose import SIGMA_FLOOR, PriorTerm, solve_pose
 
-FLOWN = Flown(120.0, 10.0, math.radians(5.0), math.radians(3.0), 0.7, 4.0, 0.25)
+FLOWN = Flown(120.0, 10.0, ((math.radians(3.0), math.radians(-5.0)),) * 2, 0.7, 4.0, 0.25)
 HALF_VIEW = (math.radians(30.0), math.radians(23.4))
-STATED = Stated(0.5, 0.005, 0.01, math.radians(1.0), math.radians(5.0), 0.4, HALF_VIEW, 35, 0.5)
+STATED = Stated(0.5, 0.005, 0.01, math.radians(1.0), math.radians(5.0), 0.4, 0.6, HALF_VIEW)
 SETTINGS = NavigatorSettings()
 
 
@@ -57,19 +61,55 @@ def test_a_longer_lens_moves_a_camera_that_leans() -> None:
     assert term.across_m == pytest.approx(1.2 * math.tan(math.radians(3.0)))
 
 
-def test_a_tilt_counts_as_far_as_the_picture_does_not_show_it() -> None:
-    """By drawing displacements of blocks and fitting place, height and tilt to them."""
-    x, y = np.meshgrid(*(np.linspace(-math.tan(half), math.tan(half), 60) for half in HALF_VIEW))
-    x, y = x.ravel(), y.ravel()
-    zero, one = np.zeros_like(x), np.ones_like(x)
-    columns = [np.r_[1 + x * x, x * y], np.r_[one, zero], np.r_[zero, one], np.r_[x, y], np.r_[-y, x]]
-    information = np.column_stack(columns).T @ np.column_stack(columns) * STATED.blocks / len(x) * (120.0 / 0.5) ** 2
-    seen_rad = math.sqrt(np.linalg.inv(information)[0, 0])
-    assert tilt_seen_rad(120.0, STATED) == pytest.approx(seen_rad, rel=0.05)
-    narrow = replace(STATED, half_view_rad=(math.radians(5.0), math.radians(4.0)))
-    whole_m = 120.0 * STATED.tilt_rad
-    assert tilt(FLOWN, STATED).along_m < 0.15 * whole_m
-    assert 0.9 * whole_m < tilt(FLOWN, narrow).along_m < whole_m
+def test_a_level_picture_shows_of_a_tilt_what_is_quadratic_in_it() -> None:
+    """A tilt of d to the side moves a point at the tangents (x, y) by d (1 + x^2, x y). Place takes the mean, 1 + mean(x^2); what
+    is left is var(x^2) + mean(x^2) mean(y^2). A picture that is wider than high shows less of a tilt ahead."""
+    noise_m = 0.09
+    seen = picture_of(0.0, 0.0, 120.0, STATED, noise_m)
+    x2, y2 = (math.tan(half) ** 2 / 3 for half in HALF_VIEW)
+    for own2, moved in ((x2, seen.moved_m_per_rad[1, 0]), (y2, seen.moved_m_per_rad[0, 1])):
+        seen_2 = (noise_m / 120.0) ** 2 / ((3 * own2) ** 2 * (1 / 5 - 1 / 9) + x2 * y2)
+        expected_m = 120.0 * (1 + own2) * seen_2 / (seen_2 + STATED.tilt_rad**2)
+        assert abs(moved) == pytest.approx(expected_m, rel=0.02)
+    assert seen.moved_m_per_rad[0, 1] < 0.0 < seen.moved_m_per_rad[1, 0]
+    assert seen.moved_m_per_rad[0, 0] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("lean_deg", [(0.0, 0.0), (25.0, 4.0), (-40.0, 4.0), (0.0, 20.0)])
+def test_a_leaning_picture_is_as_the_pose_is_solved(lean_deg: tuple[float, float]) -> None:
+    roll, pitch = (math.radians(angle) for angle in lean_deg)
+    height_m, noise_m, n = 120.0, 0.12, 16
+    K = np.array([[300.0, 0.0, 0.0], [0.0, 300.0, 0.0], [0.0, 0.0, 1.0]])
+    R = R_from_quat(quat_from_euler(roll, pitch, 0.0)) @ R_FRD_CAM
+    even = (np.arange(n) + 0.5) * 2 / n - 1
+    x, y = np.meshgrid(*(np.tan(half) * even for half in HALF_VIEW))
+    rays = np.column_stack([x.ravel(), y.ravel(), np.ones(n * n)])
+    down = (rays @ R.T)[:, 2]
+    ground = rays @ R.T * (height_m / down)[:, None]
+    sigma_px = 300.0 * noise_m * down / height_m * np.sqrt(np.sum(down**-3) * down**3) / SIGMA_FLOOR
+    truth = CameraPose(np.zeros(3), R)
+    expected = picture_of(roll, pitch, height_m, STATED, noise_m)
+    wrong_rad = 1e-3
+    for axis in (0, 1):
+        angles = np.eye(3)[axis] * wrong_rad
+        R_ned_body = R_from_quat(quat_from_euler(roll, pitch, 0.0)) @ R_from_quat(quat_from_euler(*angles))
+        prior = PriorTerm(R_ned_body @ R_FRD_CAM, STATED.tilt_rad)
+        found = solve_pose(ground, 300.0 * rays[:, :2], sigma_px, K, truth, prior)
+        assert found is not None
+        np.testing.assert_allclose(found.pose.p_ned_m[:2] / wrong_rad, expected.moved_m_per_rad[:, axis], rtol=0.05, atol=0.3)
+        np.testing.assert_allclose(found.covariance[:2, :2], expected.covariance_m2, rtol=0.05, atol=0.01)
+
+
+def test_a_tilt_counts_as_much_as_fixes_are_worth() -> None:
+    """Fixes that claim more see less of the tilt; a narrow view sees nothing of it."""
+    level = replace(FLOWN, leans_rad=((0.0, 0.0),))
+    sure, unsure = (tilt(level, replace(STATED, weighed_m=claimed_m)).along_m for claimed_m in (0.5, 0.9))
+    assert 2.0 * sure < unsure < 120.0 * STATED.tilt_rad
+    narrow = replace(STATED, half_view_rad=(math.radians(5.0), math.radians(4.0)), weighed_m=2.0)
+    assert 0.9 * 120.0 * STATED.tilt_rad < tilt(level, narrow).along_m < 1.01 * 120.0 * STATED.tilt_rad
+    either = tilt(replace(FLOWN, leans_rad=((0.0, 0.0), (0.6, 0.0))), replace(STATED, weighed_m=0.7))
+    same = tilt(replace(FLOWN, leans_rad=((0.0, 0.0), (-0.6, 0.0))), replace(STATED, weighed_m=0.7))
+    assert (either.along_m, either.across_m) == pytest.approx((same.along_m, same.across_m))
 
 
 def test_more_fixes_average_the_matching_and_sooner_answers_the_motion() -> None:
