@@ -113,6 +113,16 @@ class PositionFilter:
         level_m = integrity.protection_level_m(belief.x, belief.P, belief.without, self._settings, belief.lasting_m2)
         return integrity.aged(level_m, (t_ns - belief.rested_ns) * 1e-9)
 
+    def stood(self, t_ns: int, stood_ns: int) -> None:
+        """The clock showed no more than t_ns for so long: the vehicle went on by that, at a velocity known no better than where
+        none arrives. What bears an earlier time is TooOld from now on, for two moments bear it."""
+        k, belief = self._belief_at(t_ns, alone=False)
+        before, _ = self._around(k)
+        gone = self._carried(belief, t_ns + stood_ns, (before, None))
+        self._base = replace(blurred(gone, UNAIDED_SIGMA_MPS * stood_ns * 1e-9), t_ns=t_ns)
+        self._base_velocity = replace(before, t_ns=min(before.t_ns, t_ns))
+        self._log, self._motions, self._beliefs, self._asked = [], [], [], None
+
     def know_map(self, sigma_m: float) -> None:
         """Take another 1-sigma of the map's registration, on each axis: it widens what is stated, and the gate."""
         self._settings = replace(self._settings, map_sigma_m=sigma_m)

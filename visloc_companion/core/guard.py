@@ -8,6 +8,9 @@ from visloc_companion.errors import Reason
 from visloc_companion.types import Event, Notice, Severity
 
 TOLERATED_NS = 1_000_000_000
+STEP_NS = 50_000_000
+STEP_EVENTS = 5
+"""Events may overtake each other by so much; so many in a row further back mean that the clock itself stepped."""
 RESTART_AFTER = 20
 REPEAT_NS = 10_000_000_000
 
@@ -16,6 +19,7 @@ class TimeCheck(Enum):
     """What to do with an event, judged by the time that came with it."""
 
     FINE = "fine"
+    BEHIND = "behind"
     DROP = "drop"
     RESTART = "restart"
 
@@ -23,22 +27,33 @@ class TimeCheck(Enum):
 class TimeGuard:
     """Watches the shell's monotonic clock.
 
-    Small steps back are clamped. An event far in the past is dropped; RESTART_AFTER of them in a row mean that the clock
-    itself was set back (another recording, a simulator that began anew), and nothing that is remembered has a time any more.
+    Small steps back are clamped, and the core's time stands until the clock has caught up. An event far in the past is dropped;
+    RESTART_AFTER of them in a row mean that the clock itself was set back (another recording, a simulator that began anew), and
+    nothing that is remembered has a time any more.
     """
 
     def __init__(self) -> None:
         self.now_ns: int | None = None
-        self._n_back = 0
+        self._n_back = self._n_behind = self._behind_ns = 0
 
     def check(self, now_ns: int) -> TimeCheck:
         """Judge and remember a time."""
-        if self.now_ns is not None and now_ns < self.now_ns - TOLERATED_NS:
+        back_ns = 0 if self.now_ns is None else self.now_ns - now_ns
+        if back_ns > TOLERATED_NS:
             self._n_back += 1
             return TimeCheck.RESTART if self._n_back >= RESTART_AFTER else TimeCheck.DROP
         self._n_back = 0
+        if back_ns > (0 if self._n_behind else STEP_NS):
+            self._n_behind, self._behind_ns = self._n_behind + 1, max(self._behind_ns, back_ns)
+            return TimeCheck.BEHIND
         self.now_ns = now_ns if self.now_ns is None else max(self.now_ns, now_ns)
         return TimeCheck.FINE
+
+    def stood_ns(self) -> int:
+        """For how long the core's time stood while a clock that had stepped back caught up; asked when it has, told once."""
+        stood_ns = self._behind_ns if self._n_behind >= STEP_EVENTS else 0
+        self._n_behind = self._behind_ns = 0
+        return stood_ns
 
 
 class Complaints:

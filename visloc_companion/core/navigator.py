@@ -128,6 +128,11 @@ class Navigator:
             last_ns = now_ns if self._time.now_ns is None else self._time.now_ns
             return [*self._complaints.about(event, Reason.IMPLAUSIBLE_TIME, last_ns)]
         now_ns = now_ns if self._time.now_ns is None else self._time.now_ns
+        if check is TimeCheck.BEHIND and isinstance(event, Tick | FrameRef):
+            return []
+        if check is TimeCheck.FINE and (stood_ns := self._time.stood_ns()):
+            self._tracker.stood(now_ns, stood_ns)
+            self._sending.jumped()
         reason = fault(event, now_ns)
         if reason is not None:
             return [*self._complaints.about(event, reason, now_ns), *self._vision.free_worker(event, now_ns)]
@@ -192,7 +197,7 @@ class Navigator:
         if self._search is not None and event.origin != self._tracker.origin:
             self._search.clear()
         if self._tracker.set_origin(event.origin):
-            self._sending.origin_moved()
+            self._sending.jumped()
             return [Notice(Severity.NOTICE, "visloc: EKF origin moved")]
         return []
 

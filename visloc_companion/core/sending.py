@@ -17,8 +17,8 @@ class Sending:
         self._settings, self._tracker, self._asking = settings, tracker, asking
         self._resets = output.ResetCounter(settings.max_step_m)
 
-    def origin_moved(self) -> None:
-        """What is sent is about another origin from now on."""
+    def jumped(self) -> None:
+        """What is sent does not go on from what was sent before: it is about another origin, or time stood meanwhile."""
         self._resets.bump()
 
     def tick(

@@ -127,6 +127,12 @@ class Tracker:
         self._odometry = OdometryAiding()
         self._inertial.clear()
 
+    def stood(self, t_ns: int, stood_ns: int) -> None:
+        """Our own clock stepped back; now that it has caught up, so much time went by that it did not count."""
+        self._odometry = OdometryAiding()
+        if self._filter is not None:
+            self._filter.stood(t_ns, stood_ns)
+
     def seed(self, t_ns: int, place: GeoPoint, sigma_m: float) -> bool:
         """Start (or restart) the filter from a place; False while origin or velocity is missing."""
         if self.origin is None or self._velocity is None:

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from visloc_companion.core.guard import RESTART_AFTER, Complaints, TimeCheck, TimeGuard
+from visloc_companion.core.guard import RESTART_AFTER, STEP_NS, Complaints, TimeCheck, TimeGuard
 from visloc_companion.errors import Reason
 from visloc_companion.types import Tick
 
@@ -10,8 +10,20 @@ S = 1_000_000_000
 def test_small_steps_back_are_clamped() -> None:
     guard = TimeGuard()
     assert guard.check(10 * S) is TimeCheck.FINE
-    assert guard.check(10 * S - S // 2) is TimeCheck.FINE
+    assert guard.check(10 * S - STEP_NS) is TimeCheck.FINE
+    assert guard.check(10 * S - S // 2) is TimeCheck.BEHIND
     assert guard.now_ns == 10 * S
+    assert guard.check(10 * S) is TimeCheck.FINE
+    assert guard.stood_ns() == 0  # one event alone was overtaken
+
+
+def test_a_clock_that_steps_back_stands_until_it_has_caught_up() -> None:
+    guard = TimeGuard()
+    guard.check(10 * S)
+    checks = [guard.check(10 * S + (k - 8) * S // 10) for k in range(8)]
+    assert checks == [TimeCheck.BEHIND] * 8
+    assert guard.check(10 * S + 1) is TimeCheck.FINE
+    assert (guard.stood_ns(), guard.stood_ns()) == (8 * S // 10, 0)
 
 
 def test_one_event_of_the_past_is_dropped_and_many_restart() -> None:

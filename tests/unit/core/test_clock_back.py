@@ -1,0 +1,58 @@
+"""The companion's clock steps back by less than a second: time stands in the core until it has caught up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from tests.unit.core.flown import World, errors, started
+from tests.unit.core.test_estimator import fix, made, velocity
+from visloc_companion.core.navigator import Navigator
+from visloc_companion.types import Command, Event, Injection, Status, TooOld
+
+S = 1_000_000_000
+STEP_S, BACK_S = 60.0, 0.8
+
+
+class SteppedBack:
+    """A navigator whose clock steps back; `Fix.t_ns` and the like descend from what it was told and stay."""
+
+    def __init__(self, navigator: Navigator) -> None:
+        self._navigator = navigator
+
+    def on(self, event: Event, now_ns: int) -> list[Command]:
+        """As Navigator's."""
+        step_ns = round(BACK_S * S) if now_ns >= STEP_S * S else 0
+        stamps = ("t_rx_ns", "t_ns") if type(event).__name__ in ("FrameRef", "Tick") else ("t_rx_ns",)
+        moved: Any = {name: getattr(event, name) - step_ns for name in stamps if hasattr(event, name)}
+        return self._navigator.on(replace(event, **moved), now_ns - step_ns)
+
+
+def test_a_filter_goes_on_by_what_the_clock_did_not_count() -> None:
+    flown = made()
+    for k in range(1, 9):
+        flown.drive(velocity(0.25 * k))
+    flown.observe(fix(1.9, 19.0, 0.0))
+    before, level_m = flown.at(2 * S), flown.protection_level_m(2 * S)
+    flown.stood(2 * S, 8 * S // 10)
+    after = flown.at(2 * S)
+    assert after.p_ned_m[0] - before.p_ned_m[0] == pytest.approx(8.0, abs=0.3)
+    assert after.cov_ne_m2[0][0] - before.cov_ne_m2[0][0] > 2.4**2
+    assert flown.protection_level_m(2 * S) > level_m + 5.0
+    assert isinstance(flown.observe(fix(1.9, 19.0, 0.0)), TooOld)
+    flown.drive(velocity(2.5))
+    assert flown.at(round(2.5 * S)).p_ned_m[0] == pytest.approx(33.0, abs=0.5)
+
+
+def test_nothing_is_said_while_time_stands_and_the_level_covers_what_follows(world: type[World]) -> None:
+    w = started(world, jammed=lambda t: t > 30)
+    w.navigator = SteppedBack(w.navigator)
+    w.fly(80)
+    told = [t for t, c in w.commands if isinstance(c, Injection) and t >= STEP_S]
+    assert STEP_S + BACK_S <= told[0] < STEP_S + BACK_S + 0.2
+    after = [(s, e) for t, s, e in w.statuses if t >= STEP_S]
+    assert all(s.protection_level_m is not None and e <= s.protection_level_m for s, e in after)
+    assert max(e for _, e in after) < max(errors(w, 40.0, STEP_S)) + 3.0
+    assert w.first(Status, since_s=STEP_S) >= STEP_S + BACK_S
