@@ -1,12 +1,12 @@
 """The whole structure vote in flight: frames, cloud, registration, pose; and the image's vote on the same frames.
 
-    python -m benchmarks.structure_chain FOLDER [--seeds 100 101 ...] [--n 10] [--image deep] [--max-probability-wrong 0.05]
-        [--snow] [--json FILE]
+    python -m benchmarks.structure_chain FOLDER [--seeds 100 101 ...] [--n 10] [--frames 8] [--image deep]
+        [--max-probability-wrong 0.05] [--snow] [--json FILE]
 
-Over each world `--n` short straight flights of four frames are rendered from the later date (leafless, ploughed, five years on),
-75 to 120 m above the ground at 73.9 degrees, and placed on the earlier date's surface model; FOLDER keeps that. The prior of all
-frames of a flight is off by the same amount (10 m horizontally, 3 m in height, 3 degrees of heading, 1-sigma each), and each by
-0.3 m and 0.5 degrees of tilt beside. Seeds below 100 were for development.
+Over each world `--n` straight flights of `--frames` frames, 0.14 of the height apart, are rendered from the later date (leafless,
+ploughed, five years on), 75 to 120 m above the ground at 73.9 degrees, and placed on the earlier date's surface model; FOLDER
+keeps that. The prior of all frames of a flight is off by the same amount (10 m horizontally, 3 m in height, 3 degrees of heading,
+1-sigma each), and each by 0.3 m and 0.5 degrees of tilt beside. Seeds below 100 and from 200 on were for development.
 
 A vote is right where its fix is off by less than 5 m. phi is the correlation of the two votes' being right, with the 95 %
 interval of a bootstrap over the flights.
@@ -44,7 +44,7 @@ from visloc_companion.types import CameraModel, Fix, FrameRef, GeoPoint, Image, 
 
 MODEL = CameraModel(640, 480, 425.5, 425.5, 319.5, 239.5, (-0.05, 0.01, 0.0, 0.0, 0.0))
 SIZE_M, GSD_M = 800.0, 0.4
-FRAMES, SPACING = 4, 0.14
+SPACING = 0.14
 SIGMA_M, SIGMA_H_M, SIGMA_YAW_RAD, SIGMA_TILT_RAD, SIGMA_EACH_M = 10.0, 3.0, math.radians(3.0), math.radians(0.5), 0.3
 SUCCESS_M, FAR_M = 2.0, 5.0
 CHI2_95 = 5.99
@@ -79,12 +79,12 @@ class Answer:
         return math.inf if self.error_m is None else math.hypot(*self.error_m[:2])
 
 
-def flight(scene: Scene, camera: CameraSimulator, seed: int, number: int) -> list[Shot]:
-    """Four frames in a line over a random place."""
+def flight(scene: Scene, camera: CameraSimulator, seed: int, number: int, frames: int) -> list[Shot]:
+    """So many frames in a line over a random place."""
     rng = np.random.default_rng([seed, number, 7])
     above, heading = rng.uniform(75, 120), rng.uniform(-math.pi, math.pi)
     width, height = scene.size_px
-    margin = (0.9 * above + FRAMES * SPACING * above / 2) / GSD_M
+    margin = (0.9 * above + frames * SPACING * above / 2) / GSD_M
     column, row = rng.uniform(margin, width - margin), rng.uniform(margin, height - margin)
     half = int(0.4 * above / GSD_M)
     under = scene.dsm_amsl_m[int(row) - half : int(row) + half, int(column) - half : int(column) + half]
@@ -93,8 +93,8 @@ def flight(scene: Scene, camera: CameraSimulator, seed: int, number: int) -> lis
     shared = np.array([*rng.normal(0, SIGMA_M, 2), rng.normal(0, SIGMA_H_M)])
     turned = rng.normal(0, SIGMA_YAW_RAD)
     shots = []
-    for k in range(FRAMES):
-        along = (k - (FRAMES - 1) / 2) * SPACING * above
+    for k in range(frames):
+        along = (k - (frames - 1) / 2) * SPACING * above
         place = geo_from_ned((along * math.cos(heading), along * math.sin(heading), float(rng.normal(0, 0.5))), middle)
         roll, pitch, yaw = (
             rng.normal(0, math.radians(2)),
@@ -181,6 +181,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seeds", nargs="+", type=int, default=[100, 101, 102, 103, 104])
     parser.add_argument("--n", type=int, default=10, help="flights over each world")
+    parser.add_argument("--frames", type=int, default=8, help="of a flight; the worker keeps eight")
     parser.add_argument("--image", default="deep", help="method of the image's vote")
     parser.add_argument("--max-probability-wrong", type=float, default=0.05)
     parser.add_argument("--snow", action="store_true", help="the later date under snow")
@@ -198,7 +199,8 @@ def main() -> None:
         camera = CameraSimulator(scene, MODEL, CameraEffects())
         for number in range(chosen.n):
             case = f"{seed}_{number}"
-            answers += votes_of(flight(scene, camera, seed, number), case, reference, image, chosen.max_probability_wrong)
+            shots = flight(scene, camera, seed, number, chosen.frames)
+            answers += votes_of(shots, case, reference, image, chosen.max_probability_wrong)
             print(*(f"{a.vote} {a.off_m:.2f} {a.reason}" for a in answers[-2:]), sep=" | ", flush=True)
         if chosen.json is not None:
             chosen.json.write_text(json.dumps([asdict(a) for a in answers], indent=1), encoding="utf-8")

@@ -11,6 +11,7 @@ from visloc_companion.localise.registration.base import NotRegistered, Registere
 from visloc_companion.localise.registration.pair import make_pair
 from visloc_companion.localise.registration.search import find_places
 from visloc_companion.localise.registration.settle import Settler, too_little_overlap
+from visloc_companion.localise.registration.upright import polished
 from visloc_companion.types import FloatArray
 
 REFINED = 4
@@ -36,9 +37,9 @@ class HeightSearchRegistration:
         if not settled:
             return too_little_overlap()
         found = max(settled, key=lambda s: s.found.score)
-        best = settler.polished(found)
+        best, besides = polished(settler, found, prior)
         if best.slid_m > max(SLIDE_M, SLIDE_CELLS * pair.source.cell_m):
             what = f"the refinement slid {best.slid_m:.1f} m from where the search had found it"
             return NotRegistered(Reason.REFINEMENT_DIVERGED, what)
-        rest = [s for s in settled if s is not found]
+        rest = [s for s in settled if s is not found] + besides
         return settler.answer(best, rest, scores, self.max_probability_wrong)

@@ -38,7 +38,8 @@ class StereoSettings:
     """Limits of pairs, points and the cloud. Pixels are those of the frames as worked on.
 
     Pairs: `overlap` and `base_to_height` are preferred ranges; a pair below `min_overlap`, below the least or beyond
-    `max_base_to_height` is not used. `max_partners` frames are matched with the one in their middle. `max_blur_px`: where too
+    `max_base_to_height` is not used. `max_partners` frames are matched with the one in their middle; up to `max_stars` of these
+    go on from each other over what was overflown. `max_blur_px`: where too
     little is found, a smear of a larger 1-sigma is given as the reason. Frames of more than `working_px` pixels are reduced.
     Tracks: spacing of corners, their least number and measuring error. Matching: half-width of the window of the sub-pixel step,
     least correlation of a window, largest 1-sigma of a disparity. Cloud: side of the cells that keep one point of the upper
@@ -51,6 +52,7 @@ class StereoSettings:
     base_to_height: tuple[float, float] = (0.1, 0.4)
     max_base_to_height: float = 0.6
     max_partners: int = 2
+    max_stars: int = 3
     max_blur_px: float = 4.5
     working_px: int = 400_000
     corner_spacing_px: int = 20

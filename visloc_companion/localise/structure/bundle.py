@@ -7,7 +7,8 @@ and a rotation vector about these axes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -46,6 +47,11 @@ class Bundle:
     good: NDArray[np.bool_]
     scatter_px: float
     chi2: float
+
+    def of(self, frames: Sequence[int]) -> Bundle:
+        """With these of its frames alone."""
+        at = (6 * np.array(frames)[:, None] + np.arange(6)).ravel()
+        return replace(self, T_local_cam=self.T_local_cam[list(frames)], covariance=self.covariance[np.ix_(at, at)])
 
 
 def adjust(tracks: Tracks, priors: PosePriors, focal_px: float, sigma_px: float) -> Bundle | None:
@@ -124,6 +130,12 @@ def _deviation(T: FloatArray, priors: PosePriors) -> FloatArray:
     return np.hstack([T[:, :3, 3] - priors.T_local_cam[:, :3, 3], np.array(turn)])
 
 
+def _by_pose(blocks: FloatArray) -> FloatArray:
+    """(M, F, 6, 3) as (6F, 3M)."""
+    m, f = blocks.shape[:2]
+    return blocks.transpose(1, 2, 0, 3).reshape(6 * f, 3 * m)
+
+
 def _step(
     tracks: Tracks,
     residual: FloatArray,
@@ -146,7 +158,7 @@ def _step(
     V += (WEAKEST * np.trace(V, axis1=1, axis2=2) + 1e-9)[:, None, None] * np.eye(3)
     V_inverse = np.linalg.inv(V)
     WV = np.einsum("mfij,mjk->mfik", W, V_inverse)
-    S = information - np.einsum("mfij,mgkj->figk", WV, W).reshape(6 * f, 6 * f)
+    S = information - _by_pose(WV) @ _by_pose(W).T
     for k in range(f):
         S[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] += U[k]
     right = (g_pose - np.einsum("mfij,mj->fi", WV, g_point)).ravel() - information @ deviation.ravel()

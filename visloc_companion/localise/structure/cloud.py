@@ -14,25 +14,20 @@ import numpy as np
 from visloc_companion.errors import Reason
 from visloc_companion.geo.camera import project
 from visloc_companion.localise.frame import check_pixels
+from visloc_companion.localise.structure.adjusted import Adjusted, Evidence, adjusted, no
 from visloc_companion.localise.structure.base import LocalCloud, NoCloud, PosedFrame, StereoSettings
-from visloc_companion.localise.structure.bundle import Bundle, PosePriors, adjust, rotation_only_px
+from visloc_companion.localise.structure.bundle import Bundle
 from visloc_companion.localise.structure.disparity import match
-from visloc_companion.localise.structure.pairs import Star, choose
+from visloc_companion.localise.structure.pairs import choose
 from visloc_companion.localise.structure.rectify import rectify
 from visloc_companion.localise.structure.scale import Scale, baseline_sigma, from_heights
 from visloc_companion.localise.structure.sharpness import blur_px
 from visloc_companion.localise.structure.surface import Points, triangulated, upper_surface
-from visloc_companion.localise.structure.tracks import Tracks, follow
 from visloc_companion.types import CameraModel, FloatArray, Image
 
 LEAST_REDUCTION = 0.9
 """A frame that is hardly too large is not worth resampling."""
-TURN_ONLY_PX = 1.5
-"""Rays that fit a mere turn to within this show no parallax."""
-MOST_CHI2 = 9.0
 MOST_APART_SIGMAS = 5.0
-
-Evidence = dict[str, float]
 
 
 def local_cloud(frames: Sequence[PosedFrame], model: CameraModel, settings: StereoSettings | None = None) -> LocalCloud | NoCloud:
@@ -48,16 +43,15 @@ def local_cloud(frames: Sequence[PosedFrame], model: CameraModel, settings: Ster
             return NoCloud(why[0], f"frame {number}: {why[1]}")
     if len(frames) < 2:
         return NoCloud(Reason.BAD_INPUT, f"{len(frames)} frames; stereo needs two")
-    star = choose(frames, model, settings)
-    if isinstance(star, NoCloud):
-        return star
-    used = (star.hub, *star.partners)
+    stars = choose(frames, model, settings)
+    if isinstance(stars, NoCloud):
+        return stars
     worked = _reduced(model, settings.working_px)
-    greys = {i: _grey(frames[i].pixels, worked) for i in used}
-    evidence = {"base_to_height": max(star.base_to_height), "overlap": max(star.overlap)}
-    found: Bundle | LocalCloud | NoCloud = _adjusted(frames, greys, star, worked, settings, evidence)
-    if isinstance(found, Bundle):
-        found = _dense(frames, greys, used, found, (worked, model), settings, evidence)
+    greys = {i: _grey(frames[i].pixels, worked) for star in stars for i in (star.hub, *star.partners)}
+    evidence = {"base_to_height": max(stars[0].base_to_height), "overlap": max(stars[0].overlap)}
+    found: Adjusted | LocalCloud | NoCloud = adjusted(frames, greys, stars, worked, settings, evidence)
+    if isinstance(found, Adjusted):
+        found = _dense(frames, greys, found, (worked, model), settings, evidence)
     return found if isinstance(found, LocalCloud) else _blamed_on_blur(found, greys, settings)
 
 
@@ -100,92 +94,43 @@ def _blamed_on_blur(refusal: NoCloud, greys: dict[int, Image], settings: StereoS
     return NoCloud(Reason.BLURRED, f"{refusal.detail}; edges are smeared over {blur:.1f} px (1-sigma)", refusal.evidence)
 
 
-def _no(reason: Reason, detail: str, evidence: Evidence) -> NoCloud:
-    return NoCloud(reason, detail, tuple(evidence.items()))
-
-
-def _adjusted(
-    frames: Sequence[PosedFrame],
-    greys: dict[int, Image],
-    star: Star,
-    model: CameraModel,
-    settings: StereoSettings,
-    evidence: Evidence,
-) -> Bundle | NoCloud:
-    """Refined poses of the hub and its partners."""
-    tracks = follow(frames, greys, star, model, settings)
-    focal = float(np.sqrt(model.fx_px * model.fy_px))
-    why = _bad_tracks(tracks, focal, settings, evidence)
-    if why:
-        return _no(*why, evidence)
-    bundle = adjust(tracks, _priors(frames, (star.hub, *star.partners)), focal, settings.sigma_track_px)
-    if bundle is None:
-        return _no(Reason.REFINEMENT_DIVERGED, "relative poses are undetermined", evidence)
-    evidence |= {"scatter_px": bundle.scatter_px, "chi2": bundle.chi2, "good_tracks": float(bundle.good.sum())}
-    if min(int(bundle.good[tracks.of(k)[0]].sum()) for k in range(1, tracks.frames)) < settings.min_tracks:
-        return _no(Reason.TOO_FEW_FEATURES, f"{bundle.good.sum()} of {len(bundle.good)} tracks agree on poses", evidence)
-    if bundle.chi2 > MOST_CHI2:
-        return _no(Reason.INCONSISTENT_WITH_PRIOR, f"poses move by {bundle.chi2**0.5:.1f} of their sigmas", evidence)
-    return bundle
-
-
-def _bad_tracks(tracks: Tracks, focal_px: float, settings: StereoSettings, evidence: Evidence) -> tuple[Reason, str] | None:
-    """Why tracks do not determine relative poses, or None."""
-    least = min(len(tracks.of(k)[0]) for k in range(1, tracks.frames))
-    evidence |= {"corners": float(tracks.corners), "tracks": float(least)}
-    if tracks.corners < settings.min_tracks:
-        return Reason.LOW_TEXTURE, f"{tracks.corners} corners"
-    if least < settings.min_tracks:
-        return Reason.TOO_FEW_FEATURES, f"{least} of {tracks.corners} corners are found again"
-    turned = min(rotation_only_px(tracks, k, focal_px) for k in range(1, tracks.frames))
-    evidence["rotation_only_px"] = turned
-    if turned < TURN_ONLY_PX:
-        return Reason.NO_PARALLAX, f"rotation alone explains the frames to {turned:.1f} px"
-    return None
-
-
-def _priors(frames: Sequence[PosedFrame], used: tuple[int, ...]) -> PosePriors:
-    taken = [frames[i] for i in used]
-    sigma = [[*[f.sigma_position_m] * 3, f.sigma_tilt_rad, f.sigma_tilt_rad, f.sigma_yaw_rad] for f in taken]
-    return PosePriors(np.array([f.T_local_cam for f in taken], dtype=np.float64), np.array(sigma, dtype=np.float64))
-
-
 def _dense(
     frames: Sequence[PosedFrame],
     greys: dict[int, Image],
-    used: tuple[int, ...],
-    bundle: Bundle,
+    found: Adjusted,
     models: tuple[CameraModel, CameraModel],
     settings: StereoSettings,
     evidence: Evidence,
 ) -> LocalCloud | NoCloud:
-    """The cloud of refined frames, the hub first. `models`: of the frames as worked on and as delivered."""
+    """The cloud of refined frames. `models`: of the frames as worked on and as delivered."""
     model, delivered = models
+    used, bundle = found.used, found.bundle
     parts: list[Points] = []
     matched = common = 0
-    for number, T in zip(used[1:], bundle.T_local_cam[1:], strict=True):
-        pair = rectify(greys[used[0]], greys[number], bundle.T_local_cam[0], T, bundle.points[bundle.good], model)
+    for hub, other in found.pairs:
+        T_hub, T_other = (bundle.T_local_cam[used.index(i)] for i in (hub, other))
+        pair = rectify(greys[hub], greys[other], T_hub, T_other, bundle.points[bundle.good], model)
         if pair is None:
             continue
         disparity = match(pair, settings)
         parts.append(triangulated(pair, disparity))
         matched, common = matched + int(disparity.good.sum()), common + int(disparity.common.sum())
     completeness = matched / max(common, 1)
-    evidence["completeness"] = completeness
+    evidence |= {"completeness": completeness, "pairs": float(len(parts))}
     if completeness < settings.min_completeness:
-        return _no(Reason.LOW_TEXTURE, f"{completeness:.0%} of the common ground can be matched", evidence)
+        return no(Reason.LOW_TEXTURE, f"{completeness:.0%} of the common ground can be matched", evidence)
     height = float(np.median([frames[i].height_m for i in used]))
     cell = settings.cell_m or 2 * height / float(np.sqrt(model.fx_px * model.fy_px))
     surface = upper_surface(parts, cell)
     if len(surface.m) < settings.min_points:
-        return _no(Reason.TOO_FEW_FEATURES, f"{len(surface.m)} points", evidence)
+        return no(Reason.TOO_FEW_FEATURES, f"{len(surface.m)} points", evidence)
     evidence["sigma_m"] = sigma = float(np.median(surface.sigma_m))
     if sigma > settings.max_sigma_share * height:
-        return _no(Reason.LOW_TEXTURE, f"heights are good to {sigma:.2f} m only", evidence)
+        return no(Reason.LOW_TEXTURE, f"heights are good to {sigma:.2f} m only", evidence)
     scale = from_heights([frames[i] for i in used], bundle.T_local_cam, surface.m, baseline_sigma(bundle))
     evidence |= {"scale": scale.factor, "scale_apart_sigmas": scale.apart_sigmas}
     if scale.apart_sigmas > MOST_APART_SIGMAS:
-        return _no(Reason.INCONSISTENT_WITH_PRIOR, f"baseline and height differ by {scale.apart_sigmas:.1f} sigma", evidence)
+        return no(Reason.INCONSISTENT_WITH_PRIOR, f"baseline and height differ by {scale.apart_sigmas:.1f} sigma", evidence)
     return _cloud(used, bundle, surface, scale, delivered, evidence)
 
 

@@ -18,8 +18,8 @@ from visloc_companion.types import FloatArray, GeoPoint, Image, LocaliseRequest,
 
 MOST_FRAMES = 8
 MAX_AGE_NS = 12_000_000_000
-SPACING = 0.04
-"""Frames are kept this share of the height apart: a base-to-height ratio of 0.1 to 0.4 is then always among them."""
+SPACING = 0.12
+"""Frames are kept this share of the height apart: eight of them see twice the ground of one, and the second gives a base."""
 SIGMA_RELATIVE_M = 0.5
 """1-sigma of each axis of a prior's place relative to that of a moment before, where its variance stayed as it was."""
 

@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.propagation import ODOMETRY_HEADING_SIGMA_RAD
 from visloc_companion.errors import MapError, OutsideMap, Reason
 from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat
@@ -124,11 +125,11 @@ class StructureLocaliser:
 
 
 def _prior(cloud: LocalCloud, prior: PosePrior) -> RegistrationPrior:
-    """How far the cloud may lie from where the frames' priors put it."""
+    """How far the cloud may lie from where the frames' priors put it. Its heading is that of the way between its frames."""
     return RegistrationPrior(
         max(largest_sigma_m(prior.cov_ne_m2), 1.0),
         prior.sigma_h_m,
-        math.hypot(cloud.sigma_yaw_rad, prior.sigma_yaw_rad),
+        math.hypot(cloud.sigma_yaw_rad, min(ODOMETRY_HEADING_SIGMA_RAD, prior.sigma_yaw_rad)),
         math.hypot(cloud.sigma_tilt_rad, prior.sigma_tilt_rad),
         cloud.sigma_scale,
         gaussian=True,

@@ -1,4 +1,5 @@
-"""Which frames make stereo: a middle frame and its partners, chosen from poses and height alone."""
+"""Which frames make stereo: a middle frame and its partners, and further ones where more ground was overflown. Chosen from poses
+and height alone."""
 
 from __future__ import annotations
 
@@ -17,20 +18,33 @@ from visloc_companion.types import CameraModel, FloatArray
 
 GRID = 24
 """The ground under a frame is sampled by so many points each way."""
+SHARED_TOO = 0.1
+"""What ground that another partner of the first star sees as well is worth, of what new ground is."""
 ENOUGH_SHARE = 0.75
 """Of the largest preferred base: beyond it heights gain little, and crowns look too different to be matched."""
 TURNED_RAD = math.radians(3.0)
 """Frames of one place that differ by more than this were turned, not merely held."""
+LEAST_NEW = 0.08
+"""Share of a frame's ground that a further star has to add."""
 
 
 @dataclass(frozen=True, slots=True)
 class Star:
-    """A frame and those that are matched with it, by number, with what they have in common."""
+    """A frame and those that are matched with it, by number, with what they have in common.
+
+    The first partner of a further star is the hub of the star that it goes on from: the two share that base, and so one scale.
+    """
 
     hub: int
     partners: tuple[int, ...]
     overlap: tuple[float, ...]
     base_to_height: tuple[float, ...]
+
+    def of(self, wanted: Sequence[bool]) -> Star:
+        """With these of its partners alone."""
+        kept = [k for k, want in enumerate(wanted) if want]
+        ratio = tuple(self.base_to_height[k] for k in kept)
+        return Star(self.hub, tuple(self.partners[k] for k in kept), tuple(self.overlap[k] for k in kept), ratio)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,25 +55,78 @@ class _Pair:
     worth: float
 
 
-def choose(frames: Sequence[PosedFrame], model: CameraModel, settings: StereoSettings) -> Star | NoCloud:
-    """The frame whose partners cover most of it at good angles. Refuses hovering, turning on the spot and too little overlap."""
-    pairs = {(i, j): _pair(frames, i, j, model, settings) for i in range(len(frames)) for j in range(len(frames)) if i != j}
+Pairs = dict[tuple[int, int], _Pair]
+
+
+def choose(frames: Sequence[PosedFrame], model: CameraModel, settings: StereoSettings) -> tuple[Star, ...] | NoCloud:
+    """The frame whose partners cover most of it at good angles, then stars that go on from there over new ground.
+
+    Refuses hovering, turning on the spot and too little overlap.
+    """
+    number = range(len(frames))
+    pairs = {(i, j): _pair(frames, i, j, model, settings) for i in number for j in number if i != j}
     best: tuple[float, Star] | None = None
-    for hub in range(len(frames)):
-        usable = {j: pairs[hub, j] for j in range(len(frames)) if j != hub and pairs[hub, j].worth > 0}
-        chosen: list[int] = []
-        covered, total = np.zeros(GRID * GRID, np.bool_), 0.0
-        while usable and len(chosen) < settings.max_partners:
-            gain = {j: p.worth * (0.1 * p.overlap + float((p.seen & ~covered).mean())) for j, p in usable.items()}
-            j = max(gain, key=lambda k: (gain[k], -k))
-            total += gain[j]
-            covered |= usable.pop(j).seen
-            chosen.append(j)
+    for hub in number:
+        total, chosen = _partners(pairs, hub, settings.max_partners, np.zeros(GRID * GRID, np.bool_), SHARED_TOO)
         if chosen and (best is None or total > best[0] + 1e-9):
-            taken = [pairs[hub, j] for j in chosen]
-            star = Star(hub, tuple(chosen), tuple(p.overlap for p in taken), tuple(p.base_to_height for p in taken))
-            best = total, star
-    return best[1] if best else _refusal(frames, list(pairs.values()), settings)
+            best = total, _star(pairs, hub, chosen)
+    if best is None:
+        return _refusal(frames, list(pairs.values()), settings)
+    stars = [best[1]]
+    while len(stars) < settings.max_stars:
+        further = _further(frames, pairs, stars, model, settings)
+        if further is None:
+            break
+        stars.append(further)
+    return tuple(stars)
+
+
+def _star(pairs: Pairs, hub: int, partners: list[int]) -> Star:
+    taken = [pairs[hub, j] for j in partners]
+    return Star(hub, tuple(partners), tuple(p.overlap for p in taken), tuple(p.base_to_height for p in taken))
+
+
+def _partners(pairs: Pairs, hub: int, most: int, covered: NDArray[np.bool_], shared: float) -> tuple[float, list[int]]:
+    """What the partners of a hub add to what is `covered` of its ground (GRID²,), weighed by their worth, and these partners.
+
+    `shared`: how much ground that is covered already is worth.
+    """
+    usable = {j: pair for (i, j), pair in pairs.items() if i == hub and pair.worth > 0}
+    chosen: list[int] = []
+    covered, total = covered.copy(), 0.0
+    while usable and len(chosen) < most:
+        gain = {j: p.worth * (shared * p.overlap + float((p.seen & ~covered).mean())) for j, p in usable.items()}
+        j = max(gain, key=lambda k: (gain[k], -k))
+        if gain[j] <= 0:
+            break
+        total += gain[j]
+        covered |= usable.pop(j).seen
+        chosen.append(j)
+    return total, chosen
+
+
+def _further(
+    frames: Sequence[PosedFrame], pairs: Pairs, stars: list[Star], model: CameraModel, settings: StereoSettings
+) -> Star | None:
+    """The partner of a star that, as a hub itself, adds most ground that no star has; None where all add little."""
+    hubs = {star.hub for star in stars}
+    best: tuple[float, Star] | None = None
+    for star in stars:
+        for hub in star.partners:
+            if hub in hubs or pairs[hub, star.hub].worth <= 0:
+                continue
+            ground = ground_under(frames[hub], model)
+            covered = np.logical_or.reduce([_covered(ground, frames, pairs_of, model) for pairs_of in stars])
+            total, chosen = _partners(pairs, hub, settings.max_partners - 1, covered, 0.0)
+            if total > max(LEAST_NEW, best[0] if best else 0.0):
+                best = total, _star(pairs, hub, [star.hub, *chosen])
+    return best[1] if best else None
+
+
+def _covered(ground: FloatArray, frames: Sequence[PosedFrame], star: Star, model: CameraModel) -> NDArray[np.bool_]:
+    """Which points (N, 3) the hub of a star and one of its partners see."""
+    by_partner = np.logical_or.reduce([_inside(ground, frames[j], model) for j in star.partners])
+    return np.asarray(by_partner & _inside(ground, frames[star.hub], model), dtype=np.bool_)
 
 
 def _pair(frames: Sequence[PosedFrame], i: int, j: int, model: CameraModel, settings: StereoSettings) -> _Pair:

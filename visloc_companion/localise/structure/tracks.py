@@ -1,4 +1,4 @@
-"""Corners of the middle frame found again in its partners: pyramidal Lucas-Kanade there and back, on level views.
+"""Corners of a middle frame found again in its partners: pyramidal Lucas-Kanade there and back, on level views.
 
 Every frame is drawn as a level camera with one heading would see it (view.py), so that tilt and heading are gone and what is left
 is parallax; corners are the best of each cell (Shi & Tomasi 1994), followed by Lucas-Kanade (Bouguet 2001).
@@ -77,6 +77,15 @@ def follow(
     frame = np.concatenate([part[0] for part in parts]).astype(np.intp)
     point = np.searchsorted(used, np.concatenate([part[1] for part in parts])).astype(np.intp)
     return Tracks(frame, point, np.concatenate([part[2] for part in parts]), len(corners), 1 + len(star.partners))
+
+
+def joined(parts: Sequence[Tracks], numbers: Sequence[Sequence[int]]) -> Tracks:
+    """Tracks of several stars as one: `numbers` says, for each of them, which of all frames its frames are."""
+    first = np.cumsum([0, *(int(part.point.max()) + 1 for part in parts)])
+    frame = np.concatenate([np.array(number, np.intp)[part.frame] for part, number in zip(parts, numbers, strict=True)])
+    point = np.concatenate([part.point + offset for part, offset in zip(parts, first[:-1], strict=True)]).astype(np.intp)
+    frames = 1 + max(max(number) for number in numbers)
+    return Tracks(frame, point, np.concatenate([part.xy for part in parts]), sum(part.corners for part in parts), frames)
 
 
 def _heading(T_local_cam: FloatArray) -> FloatArray:

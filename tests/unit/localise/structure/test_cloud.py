@@ -58,6 +58,28 @@ def test_most_of_the_common_ground_has_points(cloud):
     assert inside.sum() > 0.9 * 120 * 80
 
 
+def test_a_longer_flight_gives_a_longer_cloud_that_is_as_right(structure, town):
+    """Seven frames from 40 m south to 40 m north of the middle: stars that share bases, one scale, no step between them."""
+    frames = structure.flown(town, [structure.pose(0, 13.0 * k - 39, 90, 1.5, -1.0, 2.0) for k in range(7)])
+    one, many = (local_cloud(frames, structure.MODEL, StereoSettings(max_stars=n)) for n in (1, 3))
+    assert dict(many.evidence)["pairs"] > dict(one.evidence)["pairs"]
+    assert np.ptp(many.points_m[:, 1]) > 1.3 * np.ptp(one.points_m[:, 1])
+    shape, _ = shape_errors(many, town)
+    assert np.median(abs(shape)) < 0.1
+    north = many.points_m[:, 1]
+    parts = [np.median(shape[(north > low) & (north < low + 25)]) for low in (-75, -50, -25, 0, 25, 50)]
+    assert np.ptp(parts) < 0.25
+
+
+def test_a_frame_in_which_nothing_is_found_again_does_not_spoil_the_others(structure, town, frames, truth):
+    elsewhere = structure.World(structure.texture(7)).render(structure.MODEL, truth[0])
+    found = local_cloud([replace(frames[0], pixels=elsewhere), *frames[1:]], structure.MODEL)
+    assert isinstance(found, LocalCloud), found
+    assert found.frames == (1, 2)
+    assert len(found.T_local_cam) == 2
+    assert np.median(abs(shape_errors(found, town)[0])) < 0.1
+
+
 def test_poses_are_better_than_their_priors_relative_to_each_other(cloud, frames, truth):
     def tilt_apart(T, a, b):
         return T[a][:3, :3].T @ T[b][:3, :3]

@@ -13,7 +13,14 @@ from visloc_companion.geo.se3 import quat_from_euler, quat_from_R
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
 from visloc_companion.localise.registration.registry import make_registration
 from visloc_companion.localise.settings import LocaliserSettings
-from visloc_companion.localise.structure.history import MAX_AGE_NS, MOST_FRAMES, SIGMA_RELATIVE_M, FrameHistory, relative_sigma_m
+from visloc_companion.localise.structure.history import (
+    MAX_AGE_NS,
+    MOST_FRAMES,
+    SIGMA_RELATIVE_M,
+    SPACING,
+    FrameHistory,
+    relative_sigma_m,
+)
 from visloc_companion.localise.structure.localiser import StructureLocaliser
 from visloc_companion.localise.structure.registered_pose import NED_ENU
 from visloc_companion.localise.votes import TwoVotes
@@ -177,10 +184,12 @@ def times(history: FrameHistory) -> list[float]:
 
 def test_frames_too_near_each_other_give_way_to_the_newest() -> None:
     history, pixels = FrameHistory(), np.zeros((3, 4), np.uint8)
-    for k in range(40):
+    for k in range(80):
         history.add(request(0.5 * k, 0.1 * k), pixels, 100.0)
-    assert times(history)[-1] == pytest.approx(3.9)
-    assert all(later - earlier >= 0.8 - 1e-6 for earlier, later in zip(times(history)[:-2], times(history)[1:-1], strict=True))
+    assert times(history)[-1] == pytest.approx(7.9)
+    apart_s = np.diff(times(history)[:-1])
+    assert len(apart_s) > 1
+    assert (apart_s >= 20 * SPACING - 1e-6).all(), "at 5 m/s, 100 m up"
 
 
 def test_frames_are_copied_bounded_and_forgotten_with_age_and_a_step_back() -> None:
