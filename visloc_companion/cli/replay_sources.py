@@ -8,15 +8,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-from visloc_companion.adapters.logs.folder import FlightFolder, TruthRow, open_folder
+from visloc_companion.adapters.logs.folder import FlightFolder, FoundOffset, TruthRow, open_folder
+from visloc_companion.adapters.logs.frames import FrameSource
 from visloc_companion.adapters.logs.open import open_log
 from visloc_companion.adapters.logs.recording import Recording
 from visloc_companion.app.journal import Entry, read_header, read_journal
 from visloc_companion.app.replay import command_lines, recorded_commands, replay_entries
-from visloc_companion.app.settings import camera_model, core_settings
+from visloc_companion.app.settings import camera_model, core_settings, mounting
 from visloc_companion.app.terrain import TerrainAnswer, configured_terrain
 from visloc_companion.cli.progress import bar
-from visloc_companion.config import Config, load_config, parse_config
+from visloc_companion.config import CameraConfig, Config, load_config, parse_config
 from visloc_companion.errors import ConfigError
 from visloc_companion.evaluate.flight import Pace, RecordedEyes, replay_recording
 from visloc_companion.evaluate.gate import Check
@@ -58,11 +59,17 @@ def open_source(flight: Path, pack: Path | None, config: Path | None, salvage: b
     settings = load_config(config) if config else Config()
     pace = _pace(speed) if speed is not None else None
     if flight.is_dir():
-        folder = open_folder(flight)
+        folder = open_folder(flight, _find_offset)
         if folder.camera is not None:
             settings = settings.model_copy(update={"camera": folder.camera})
         return LogSource(folder.recording, settings, reference, pace, folder)
     return LogSource(open_log(flight), settings, reference, pace, None)
+
+
+def _find_offset(recording: Recording, frames: FrameSource, camera: CameraConfig) -> FoundOffset:
+    from visloc_companion.evaluate.camera_offset import find_offset
+
+    return find_offset(recording, frames, camera_model(camera), mounting(camera))
 
 
 def _pace(speed: float) -> Pace:
@@ -131,6 +138,10 @@ class LogSource:
         """What the log lacks."""
         losses = {name: n for name, n in self.recording.losses.as_dict().items() if n and name != "foreign_messages"}
         notes = [f"The log has losses: {', '.join(f'{name} {n}' for name, n in losses.items())}."] if losses else []
+        found = None if self.folder is None else self.folder.found
+        if found is not None:
+            offset_s = found.offset_ns / 1e9
+            notes.append(f"The frames' clock was found: boot time = t_us + {offset_s:.3f} s, 1-sigma {found.sigma_s:.3f} s.")
         if self.recording.origin_inferred:
             notes.append("The log states no EKF origin; it was inferred from the positions.")
         has_frames = self.folder is not None and self.folder.frames is not None

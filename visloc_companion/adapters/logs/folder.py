@@ -5,7 +5,7 @@
     time_base = "autopilot_boot"   # t_us counts from the autopilot's boot; or
     time_base = "unix"             # t_us counts from 1970, UTC; or
     time_base = "offset"           # t_us counts from anywhere: boot time = t_us + offset_s
-    offset_s = 12.34
+    offset_s = 12.34               # without it the offset is found from how the pictures turn
     video_start_us = 0             # only for a video without frames.csv
 
 The base holds for frames.csv and truth.csv alike.
@@ -16,6 +16,7 @@ from __future__ import annotations
 import csv
 import math
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from visloc_companion.errors import ConfigError, LogError
 from visloc_companion.types import GeoPoint
 
 TIME_BASES = ("autopilot_boot", "unix", "offset")
+_STATE_IT = "state boot time minus file time in seconds"
 _OWN_KEYS = ("time_base", "offset_s", "video_start_us")
 
 
@@ -39,22 +41,38 @@ class TruthRow:
     place: GeoPoint
 
 
+@dataclass(frozen=True, slots=True)
+class FoundOffset:
+    """The recording's time minus the files', found from the pictures, and its 1-sigma."""
+
+    offset_ns: int
+    sigma_s: float
+
+
+FindOffset = Callable[[Recording, FrameSource, CameraConfig], FoundOffset]
+
+
 @dataclass(slots=True)
 class FlightFolder:
-    """A flight with what lies beside its telemetry. `boot_from_file_ns` added to a file's time gives the recording's."""
+    """A flight with what lies beside its telemetry. `boot_from_file_ns` added to a file's time gives the recording's; `found` is
+    set where nobody stated that."""
 
     recording: Recording
     camera: CameraConfig | None
     frames: FrameSource | None
     truth: list[TruthRow]
     boot_from_file_ns: int
+    found: FoundOffset | None = None
 
 
-def open_folder(folder: Path) -> FlightFolder:
-    """Open a FLIGHT folder. Raises LogError or ConfigError naming the file, what is wrong with it, and the remedy."""
+def open_folder(folder: Path, find_offset: FindOffset | None = None) -> FlightFolder:
+    """Open a FLIGHT folder; `find_offset` is asked where the time base is "offset" and none is stated.
+
+    Raises LogError or ConfigError naming the file, what is wrong with it, and the remedy.
+    """
     recording = open_log(_telemetry(folder))
     settings = _camera_toml(folder / "camera.toml")
-    boot_from_file_ns = _boot_from_file_ns(folder / "camera.toml", settings, recording)
+    stated_ns = _boot_from_file_ns(folder / "camera.toml", settings, recording, sought=find_offset is not None)
     camera = None
     if settings:
         section = {key: value for key, value in settings.items() if key not in _OWN_KEYS}
@@ -62,7 +80,13 @@ def open_folder(folder: Path) -> FlightFolder:
     frames = open_frames(folder, settings.get("video_start_us"))
     if frames is not None and camera is None:
         raise LogError("is missing beside the frames", where=str(folder / "camera.toml"), remedy="describe the camera there")
-    return FlightFolder(recording, camera, frames, read_truth(folder / "truth.csv", boot_from_file_ns), boot_from_file_ns)
+    found = None
+    if stated_ns is None:
+        if frames is None or camera is None or find_offset is None:
+            raise LogError("offset_s: cannot be found without frames", where=str(folder), remedy=_STATE_IT)
+        found = find_offset(recording, frames, camera)
+        stated_ns = found.offset_ns
+    return FlightFolder(recording, camera, frames, read_truth(folder / "truth.csv", stated_ns), stated_ns, found)
 
 
 def _telemetry(folder: Path) -> Path:
@@ -86,7 +110,8 @@ def _camera_toml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"cannot be read: {why}", where=str(path), remedy="correct the TOML") from why
 
 
-def _boot_from_file_ns(path: Path, settings: dict[str, Any], recording: Recording) -> int:
+def _boot_from_file_ns(path: Path, settings: dict[str, Any], recording: Recording, *, sought: bool) -> int | None:
+    """None where it is to be found."""
     base = settings.get("time_base", TIME_BASES[0])
     start_us = settings.get("video_start_us")
     if start_us is not None and (not isinstance(start_us, int) or isinstance(start_us, bool)):
@@ -101,11 +126,13 @@ def _boot_from_file_ns(path: Path, settings: dict[str, Any], recording: Recordin
         return -recording.unix_minus_boot_ns
     if base == "offset":
         offset_s = settings.get("offset_s")
+        if offset_s is None and sought:
+            return None
         if not isinstance(offset_s, int | float) or isinstance(offset_s, bool) or not math.isfinite(offset_s):
             raise ConfigError(
                 f"offset_s: needed as a number of seconds, got {offset_s!r}",
                 where=str(path),
-                remedy="state boot time minus file time in seconds",
+                remedy=_STATE_IT,
             )
         return round(offset_s * NS_PER_S)
     raise ConfigError(f"time_base: {base!r} is unknown", where=str(path), remedy=f"use one of {', '.join(TIME_BASES)}")
