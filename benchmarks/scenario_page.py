@@ -41,8 +41,6 @@ def _in_words(e: Expectation) -> str:
     if e.verdict_within_s is not None:
         parts.append(f"GNSS bad ≤ {e.verdict_within_s:g} s")
     parts.append(f"no fix taken > {e.wrong_fix_m:g} m off")
-    if e.misled_s > 0:
-        parts.append(f"protection level wrong ≤ {e.misled_s:g} s")
     if e.injection_gap_s != Expectation().injection_gap_s:
         parts.append(f"gap ≤ {e.injection_gap_s:g} s")
     if e.structure_share > 0:

@@ -44,7 +44,6 @@ def test_what_is_expected_goes_together(scenario: Scenario) -> None:
     lost = Mode.LOST in expected.modes
     assert lost == expected.failsafe == (expected.max_error_m is None) == (expected.median_error_m is None)
     assert lost == (expected.final_modes == (Mode.LOST,))
-    assert 0.0 <= expected.misled_s <= 2.0, "the time to alert"
     assert scenario.pictures or (scenario.changes == () and scenario.course == "loop" and scenario.date == "flight")
 
 

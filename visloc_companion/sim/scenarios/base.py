@@ -25,7 +25,7 @@ class Expectation:
     `final_verdicts` are allowed in the last second. At least `structure_share` of the fixes of that time are the structure's.
 
     From the first fault of GNSS on, `modes` are gone through in this order (others may lie between), and the last second's are
-    `final_modes`. At no time is the error beyond the protection level for longer than `misled_s`. No fix that the navigator took
+    `final_modes`. At no time is the error beyond the protection level. No fix that the navigator took
     is further off than `wrong_fix_m`. A scenario that cannot be solved has a `failsafe`: the autopilot's own is allowed, once
     the daemon has said that it is lost.
     """
@@ -40,7 +40,6 @@ class Expectation:
     structure_share: float = 0.0
     modes: tuple[Mode, ...] = (Mode.AIDING,)
     final_modes: tuple[Mode, ...] = (Mode.AIDING,)
-    misled_s: float = 0.0
     wrong_fix_m: float = 10.0
     failsafe: bool = False
 

@@ -40,7 +40,7 @@ ONBOARD: dict[str, Scenario] = by_name(
         "The companion's clock jumps 1.5 s forward, and 20 s later 0.8 s back.",
         100.0,
         faults.jam(30.0) + faults.these(faults.CompanionClockStep(45.0, 1.5), faults.CompanionClockStep(65.0, -0.8)),
-        Expectation(max_error_m=20.0, injection_gap_s=2.0, misled_s=2.0),
+        Expectation(max_error_m=20.0, injection_gap_s=2.0),
     ),
     Scenario(
         "link_gaps",
