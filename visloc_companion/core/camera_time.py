@@ -11,7 +11,6 @@ import math
 from collections import OrderedDict, deque
 from dataclasses import replace
 
-
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.frame_clock import FrameClock
 from visloc_companion.core.time_offset import REACH_NS, Offset, TimeOffset

@@ -1,7 +1,7 @@
 """The velocity and height that drive the position filter, between their samples and beyond the last.
 
-Between two samples both are interpolated linearly; after the last the velocity is held, and the height goes on with it for a
-while.
+Between two samples both are interpolated linearly, unless they are different velocities; after the last the velocity is held, and
+the height goes on with it for a while.
 """
 
 from __future__ import annotations
@@ -52,7 +52,11 @@ def height_at(t_ns: int, around: Around) -> float:
 
 def _share(t_ns: int, around: Around) -> tuple[Velocity, Velocity, float]:
     before, after = around
-    another = before.drive is Drive.INERTIAL and after is not None and after.drive is not Drive.INERTIAL
-    if after is None or another or after.t_ns <= before.t_ns:
+    if after is None or _another(before.drive, after.drive) or after.t_ns <= before.t_ns:
         return before, before, 0.0
     return before, after, (t_ns - before.t_ns) / (after.t_ns - before.t_ns)
+
+
+def _another(before: Drive, after: Drive) -> bool:
+    """Whether one velocity says nothing of the other; an inertial one begins with what was there before it."""
+    return before is not after and (before is Drive.INERTIAL or (Drive.NONE in (before, after) and after is not Drive.INERTIAL))

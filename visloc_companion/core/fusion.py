@@ -125,7 +125,7 @@ def _sigmas_mps(belief: Belief, without: separation.Solutions, settings: Navigat
     sigmas = np.full(1 + len(without), belief.sigma_v_mps)
     if belief.drive is Drive.INERTIAL:
         return sigmas
-    if belief.drive is Drive.AUTOPILOT:  # a large learned error does not relax to zero as the model says: allow for that
+    if belief.drive is not Drive.FED_BACK:  # a large learned error does not relax to zero as the model says: allow for that
         sigmas[0] = max(belief.sigma_v_mps, math.hypot(belief.x[2], belief.x[3]) / 2)
         np.maximum(sigmas[1:], np.hypot(without.x[:, 2], without.x[:, 3]) / 2, out=sigmas[1:])
     else:

@@ -56,7 +56,8 @@ class GnssMonitor:
         self._vision_ns: int | None = None
         self._vision_sigma = 0.0
         self._out_of_reach = False
-        self._armed, self._clock_follows = False, True
+        self._armed: bool | None = None
+        self._clock_follows = True
         self._talk = Talk()
         self._verdict = GnssVerdict(Verdict.DENIED, 0, ("no_data",), ())
 
@@ -71,10 +72,15 @@ class GnssMonitor:
         return self._trust.trusted
 
     @property
+    def disarmed(self) -> bool:
+        """Whether the autopilot has said that the vehicle is not armed."""
+        return self._armed is False
+
+    @property
     def armed_without_fix(self) -> bool:
         """Whether the vehicle is armed and its receiver says that it has no position."""
         gnss = self._reports.gnss
-        return self._armed and gnss is not None and gnss.fix_type < self._settings.min_fix_type
+        return self._armed is True and gnss is not None and gnss.fix_type < self._settings.min_fix_type
 
     @property
     def ever_trusted(self) -> bool:
@@ -220,7 +226,7 @@ class GnssMonitor:
             *integrity_signs(reports.integrity, now_ns, agrees),
             *receiver_sign(gnss, reports.second, self.sigma_m(gnss), limits),
             *(self._clock.signs(now_ns) if self._clock_follows else ()),
-            *self._map.signs(now_ns, gnss, self._armed),
+            *self._map.signs(now_ns, gnss, self._armed is True),
             *autopilot_signs(reports.status, now_ns, source),
         )
 

@@ -51,11 +51,12 @@ SERIES_BELOW = 0.01
 
 class Drive(Enum):
     """Which velocity drives the filter: the autopilot's own, while GNSS that is trusted holds it; the same while it descends from
-    what we inject; or one integrated from accelerations, which nothing of ours feeds."""
+    what we inject; one integrated from accelerations, which nothing of ours feeds; or none, zero with a large error."""
 
     AUTOPILOT = "autopilot"
     FED_BACK = "fed_back"
     INERTIAL = "inertial"
+    NONE = "none"
 
 
 def initial_covariance(position_m: float, velocity_mps: float, acceleration_mps2: float) -> FloatArray:

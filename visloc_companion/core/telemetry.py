@@ -8,7 +8,6 @@ from visloc_companion.core import airspeed
 from visloc_companion.core.asking import Asking
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.driving import Velocity
-from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.guard import Complaints
 from visloc_companion.core.propagation import Drive
@@ -17,6 +16,7 @@ from visloc_companion.core.switching import SourceSwitch
 from visloc_companion.core.terrain_aiding import TerrainAiding
 from visloc_companion.core.timesync import ClockOffset, ClockStep
 from visloc_companion.core.tracking import Tracker
+from visloc_companion.core.vouching import Vouching
 from visloc_companion.geo import se3
 from visloc_companion.types import (
     Attitude,
@@ -60,7 +60,9 @@ class Telemetry:
         self._asking, self._terrain, self._complaints = asking, terrain, complaints
         self._attitude_rx_ns: int | None = None
         self._status: EstimatorStatus | None = None
+        self._vouching = Vouching()
         self._prior: PriorPose | None = None
+        self._ground_down_m: float | None = None
         self._air_ne_mps: Vec2 | None = None
 
     def attitude_fresh(self, now_ns: int) -> bool:
@@ -79,6 +81,7 @@ class Telemetry:
         self._attitude.clear()
         self._tracker.forget_velocity()
         self._tracker.height.forget_heights()
+        self._vouching.forget()
         if self._terrain is not None:
             self._terrain.clear()
         self._switch.restarted()
@@ -98,6 +101,7 @@ class Telemetry:
     def on_status(self, event: EstimatorStatus) -> None:
         """Keep what the autopilot's estimator says of its health."""
         self._status = event
+        self._vouching.on_status(event)
         self._monitor.on_evidence(event)
 
     def on_prior(self, event: PriorPose, feedback: bool) -> list[Command]:
@@ -109,8 +113,12 @@ class Telemetry:
         return commands
 
     def on_local(self, event: LocalPose, feedback: bool) -> list[Command]:
-        """The same of a local position."""
+        """The same of a local position. While there is no global one (PX4 without aiding), home is the ground before arming."""
         commands = self.on_step(self._clock.on_arrival(event.t_rx_ns, event.t_boot_ns))
+        if self._monitor.disarmed:
+            self._ground_down_m = event.p_ned_m[2]
+        if self._prior is None and self._ground_down_m is not None:
+            self._tracker.height_above_home_m = self._ground_down_m - event.p_ned_m[2]
         if self._tracker.origin is not None:
             h_amsl_m = self._tracker.origin.h_amsl_m - event.p_ned_m[2]
             self._drive(event.t_rx_ns, event.t_boot_ns, event.v_ned_mps, h_amsl_m, feedback)
@@ -164,13 +172,14 @@ class Telemetry:
     def _drive(self, t_rx_ns: int, t_boot_ns: int, v_ned_mps: Vec3, h_amsl_m: float, feedback: bool) -> None:
         limits = self._settings
         sigma = limits.velocity_sigma_mps if self._monitor.trusted and not feedback else limits.velocity_sigma_aiding_mps
-        if self._status is not None and not self._status.horizontal_position_ok:
-            sigma = max(sigma, UNAIDED_SIGMA_MPS)
+        drive = Drive.FED_BACK if feedback else Drive.AUTOPILOT
+        believed = self._vouching.judged(v_ned_mps, t_rx_ns, sigma, drive, settled=self._tracker.settled)
+        v_ned_mps = believed.v_ned_mps
         t_ns = self.stamped_ns(t_rx_ns, t_boot_ns)
-        if self._terrain is not None and feedback:
+        if self._terrain is not None and believed.drive is Drive.FED_BACK:
             v_ned_mps = self._terrain.corrected(t_ns, v_ned_mps)
         self._tracker.height.drive(t_ns, h_amsl_m, self._tracker.height_above_home_m)
-        velocity = Velocity(t_ns, v_ned_mps, h_amsl_m, sigma, Drive.FED_BACK if feedback else Drive.AUTOPILOT)
-        alone = feedback or not self._monitor.trusted
+        velocity = Velocity(t_ns, v_ned_mps, h_amsl_m, believed.sigma_mps, believed.drive)
+        alone = feedback or not self._monitor.trusted or believed.drive is Drive.NONE
         if self._tracker.drive(velocity, t_boot_ns, alone=alone) and self._terrain is not None:
             self._terrain.drive(velocity)

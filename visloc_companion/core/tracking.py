@@ -63,6 +63,11 @@ class Tracker:
         return self._velocity
 
     @property
+    def settled(self) -> bool:
+        """Whether the autopilot's velocity was known without us, or has had the time to come right by what we send."""
+        return self._velocity_known or self._n_taught >= SETTLED_BY
+
+    @property
     def low(self) -> bool:
         """Whether the vehicle is known to be too low to be localised."""
         height_m = self.height_above_home_m
@@ -102,7 +107,7 @@ class Tracker:
         """Whether accelerations of this error may drive the filter at a time."""
         within_s = UNTAUGHT_LOSS * self._settings.velocity_sigma_aiding_mps / sigma_a_mps2
         lately = len(self._taught_ns) == TAUGHT_BY and t_ns - self._taught_ns[0] <= within_s * 1e9
-        return lately and (self._velocity_known or self._n_taught >= SETTLED_BY)
+        return lately and self.settled
 
     def on_force(self, t_boot_ns: int, force_frd_mps2: Vec3, q_ned_frd: Quat) -> None:
         """Take what the accelerometers measured, with the attitude of that time."""

@@ -124,8 +124,8 @@ class Flight:
 
     @property
     def local_position_sent(self) -> bool:
-        """Whether LOCAL_POSITION_NED goes out: ArduPilot until it stops aiding, PX4 while the position is valid."""
-        return not self.health().flags & 0x80
+        """Whether LOCAL_POSITION_NED goes out: ArduPilot until it stops aiding, PX4 always, whatever it is worth."""
+        return self.plan.kind is AutopilotKind.PX4 or not self.health().flags & 0x80
 
     def local_from_home(self, p_ned_m: Vec3) -> Vec3:
         """True metres about home to the autopilot's local metres about its origin."""
@@ -161,6 +161,7 @@ class Flight:
         if self.plan.vehicle == "plane":
             error = self.attitude.yaw_error_rad
             air = (b.v_north - wind[0] - error * (b.v_east - wind[1]), b.v_east - wind[1] + error * (b.v_north - wind[0]))
+        self.filter.at_rest = b.landed
         texts = self.estimator.step(air)
         self._position_ok = self.health().position_ok
         if self._position_ok:

@@ -145,6 +145,8 @@ class InertialFilter:
             tilt.value = 0.0
         self._accelerations: deque[Vec3] = deque([(0.0, 0.0, 0.0)] * max(1, round(horizon_s / dt_s)))
         self._baro: deque[tuple[float, float]] = deque()
+        self.at_rest = False
+        """Whether the vehicle stands on the ground."""
         self.baro_error_m = 0.0
         """What a fault adds to the barometer's height (up)."""
         self.baro_down_m = 0.0
@@ -194,7 +196,7 @@ class InertialFilter:
                 self.down.correct_position(down, BARO_SIGMA_M**2, 0.0)
 
     def hold(self) -> None:
-        """Keep the position still, as the autopilots do without any aiding (constant position mode)."""
+        """Keep the position still, as ArduPilot does without any aiding, PX4 only at rest (constant position mode)."""
         north, east = (tilt.value for tilt in self._tilts)
         self._accelerations = deque((north, east, a[2]) for a in self._accelerations)
         self.north.tilt, self.east.tilt = -north, -east

@@ -86,8 +86,8 @@ class Px4Estimator:
         self.filter.fuse_baro()
         if self._wind is not None and air_velocity_ne_mps is not None:
             self._wind.step(self.filter, air_velocity_ne_mps, self._aided)
-        elif not self.health().position_ok:
-            self.filter.hold()
+        elif self.filter.at_rest and not self.health().position_ok:
+            self.filter.hold()  # in the air it goes on from its accelerations
         return []
 
     @property
@@ -219,7 +219,7 @@ class Px4Estimator:
         plane_coasting = self._wind is not None and self._valid_until_s > -math.inf
         ok = now < self._valid_until_s or plane_coasting
         gnss_in_use = self._gnss_active and now - self._last_fix_s < 1.0
-        flags = FLAGS_ALWAYS | (FLAGS_HORIZONTAL if ok else FLAG_CONSTANT)
+        flags = FLAGS_ALWAYS | (FLAGS_HORIZONTAL if ok else 0) | (FLAG_CONSTANT if self.filter.at_rest else 0)
         auxiliary = now - self._auxiliary_pass_s < 1.0
         flags |= FLAG_AIDED if gnss_in_use or self._external_active or auxiliary else 0
         flags |= FLAG_GNSS if gnss_in_use or auxiliary else 0

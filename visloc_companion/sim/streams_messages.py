@@ -127,7 +127,7 @@ def attitude_quaternion(s: Snapshot) -> Message:
 
 
 def local_position_ned(s: Snapshot) -> Message | None:
-    """LOCAL_POSITION_NED, stopped while the autopilot has no position."""
+    """LOCAL_POSITION_NED, where the autopilot sends it."""
     return mavlink.MAVLink_local_position_ned_message(s.t_ms, *s.p_ned_m, *s.v_ned_mps) if s.local else None
 
 

@@ -94,7 +94,8 @@ class EstimatorStatus:
 
     Ratios are innovation test ratios (> 1 is rejected), None where the autopilot does not send them. `gnss_glitch` is
     ArduPilot bit 15 or PX4 bit 0x400; `gnss_in_use` is PX4 bit 0x200 (GNSS or an auxiliary
-    position), `aided` its bit 0x100 (anything horizontal); None on ArduPilot.
+    position), `aided` its bit 0x100 (anything horizontal); None on ArduPilot. `velocity_ok`: whether the autopilot vouches for
+    its horizontal velocity (bit 0x2 of either, ArduPilot's without 0x80), None where that is not known.
     """
 
     t_rx_ns: int
@@ -105,6 +106,7 @@ class EstimatorStatus:
     gnss_glitch: bool
     gnss_in_use: bool | None
     aided: bool | None = None
+    velocity_ok: bool | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -110,10 +110,21 @@ def test_the_second_receiver_is_numbered():
 
 def test_ekf_status_of_ardupilot():
     good = one(mav.MAVLink_ekf_status_report_message(0x33F, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
-    assert good == EstimatorStatus(T, pytest.approx(0.2), pytest.approx(0.1), pytest.approx(0.3), True, False, None)
+    assert good == EstimatorStatus(T, pytest.approx(0.2), pytest.approx(0.1), pytest.approx(0.3), True, False, None, None, True)
     assert not one(mav.MAVLink_ekf_status_report_message(0x25, 0.1, 0.2, 0.3, 0, 0)).horizontal_position_ok
     assert not one(mav.MAVLink_ekf_status_report_message(0xA7 | 16, 0.1, 0.2, 0.3, 0, 0)).horizontal_position_ok
     assert one(mav.MAVLink_ekf_status_report_message(0x833F, 0.1, 0.2, 0.3, 0, 0)).gnss_glitch
+
+
+@pytest.mark.parametrize(("flags", "vouched"), [(0x33F, True), (0x12F, True), (0x25, False), (0xA7, False)])
+def test_ardupilot_vouches_for_its_velocity_but_not_while_it_holds_a_position(flags: int, vouched: bool) -> None:
+    assert one(mav.MAVLink_ekf_status_report_message(flags, 0.1, 0.2, 0.3, 0, 0)).velocity_ok is vouched
+
+
+@pytest.mark.parametrize(("flags", "position", "velocity"), [(0x3BF, True, True), (0x25, False, False), (0xA5, False, False)])
+def test_px4_at_rest_has_a_position_if_it_says_so(flags: int, position: bool, velocity: bool) -> None:
+    event = one(mav.MAVLink_estimator_status_message(1, flags, 0.1, 0.1, 0.1, 0, 0, NAN, 1.0, 1.0))
+    assert (event.horizontal_position_ok, event.velocity_ok) == (position, velocity)
 
 
 def test_estimator_status_of_px4():

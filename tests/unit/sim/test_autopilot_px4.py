@@ -6,6 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from visloc_companion.sim import faults
+from visloc_companion.sim.imu import NOISY
 
 NAN = math.nan
 
@@ -207,3 +208,26 @@ def test_a_reset_counter_beside_gnss_only_moves_the_bias(companion):
     gnss_off(flight)
     flight.fly(2.0)
     assert flight.error_m[-1][1] == pytest.approx(50.0, abs=2.0)  # raw external positions now
+
+
+def local_error_mps(flight):
+    local, true = flight.last["LOCAL_POSITION_NED"], flight.pilot.truth()
+    return math.hypot(local.vx - true.v_ned_mps[0], local.vy - true.v_ned_mps[1])
+
+
+def test_without_gnss_from_boot_a_velocity_that_nobody_vouches_for_goes_on_and_drifts(companion):
+    flight = companion(kind="px4", sending=False, faults=faults.no_gnss(), imu=NOISY)
+    for number in (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS):
+        flight.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 100_000)
+    early_mps = local_error_mps(flight.fly(2.0))
+    assert local_error_mps(flight.fly(58.0)) > early_mps + 2.0
+    vouched = mavlink.ESTIMATOR_VELOCITY_HORIZ | mavlink.ESTIMATOR_POS_HORIZ_ABS
+    assert not flight.last["ESTIMATOR_STATUS"].flags & vouched
+
+
+def test_on_the_ground_it_stands_still_without_gnss(companion):
+    flight = companion(kind="px4", sending=False, faults=faults.no_gnss(), imu=NOISY, start_airborne=False)
+    for number in (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS):
+        flight.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 100_000)
+    assert local_error_mps(flight.fly(60.0)) < 0.5
+    assert flight.last["ESTIMATOR_STATUS"].flags & mavlink.ESTIMATOR_CONST_POS_MODE

@@ -163,6 +163,7 @@ class _Reader:
             horizontal_position_ok=bool(fields["SS"] & 0x10),
             gnss_glitch=bool(fields["SS"] & 0x8000),
             gnss_in_use=None,
+            velocity_ok=fields["SS"] & 0x82 == 0x2,
         )
 
     def _pos(self, fields: Fields) -> Event | None:

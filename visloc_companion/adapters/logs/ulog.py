@@ -161,6 +161,7 @@ def _estimator_status(t_ns: int, row: Row) -> Event:
         horizontal_position_ok=bool(row.get("solution_status_flags", 0) & 0x10),
         gnss_glitch=bool(row.get("solution_status_flags", 0) & 0x400),
         gnss_in_use=bool(row["control_mode_flags"] & 0x4),
+        velocity_ok=bool(row["solution_status_flags"] & 0x2) if "solution_status_flags" in row else None,
     )
 
 

@@ -100,27 +100,33 @@ def _ratio(value: float) -> float | None:
 
 
 def _ekf_status_report(msg: Message, t_rx_ns: int) -> Outcome:
+    """ArduPilot says that its velocity is good in constant position mode, too, where it is none."""
+    constant = bool(msg.flags & mav.EKF_CONST_POS_MODE)
     return EstimatorStatus(
         t_rx_ns,
         position_ratio=_ratio(msg.pos_horiz_variance),
         velocity_ratio=_ratio(msg.velocity_variance),
         height_ratio=_ratio(msg.pos_vert_variance),
-        horizontal_position_ok=bool(msg.flags & mav.EKF_POS_HORIZ_ABS) and not msg.flags & mav.EKF_CONST_POS_MODE,
+        horizontal_position_ok=bool(msg.flags & mav.EKF_POS_HORIZ_ABS) and not constant,
         gnss_glitch=bool(msg.flags & mav.EKF_GPS_GLITCHING),
         gnss_in_use=None,
+        velocity_ok=bool(msg.flags & mav.EKF_VELOCITY_HORIZ) and not constant,
     )
 
 
 def _estimator_status(msg: Message, t_rx_ns: int) -> Outcome:
+    """PX4 sets ESTIMATOR_CONST_POS_MODE whenever the vehicle is at rest, too: its position is judged by POS_HORIZ_ABS alone,
+    which is unset without aiding (Ekf::get_ekf_soln_status, ekf_helper.cpp)."""
     return EstimatorStatus(
         t_rx_ns,
         position_ratio=_ratio(msg.pos_horiz_ratio),
         velocity_ratio=_ratio(msg.vel_ratio),
         height_ratio=_ratio(msg.pos_vert_ratio),
-        horizontal_position_ok=bool(msg.flags & mav.ESTIMATOR_POS_HORIZ_ABS) and not msg.flags & mav.ESTIMATOR_CONST_POS_MODE,
+        horizontal_position_ok=bool(msg.flags & mav.ESTIMATOR_POS_HORIZ_ABS),
         gnss_glitch=bool(msg.flags & mav.ESTIMATOR_GPS_GLITCH),
         gnss_in_use=bool(msg.flags & mav.ESTIMATOR_PRED_POS_HORIZ_ABS),
         aided=bool(msg.flags & mav.ESTIMATOR_PRED_POS_HORIZ_REL),
+        velocity_ok=bool(msg.flags & mav.ESTIMATOR_VELOCITY_HORIZ),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -28,10 +29,12 @@ _BEFORE_A_POSITION = (
 )
 _ALTITUDE, _AUTO, _MISSION, _LOITER, _LAND = 2.0, 4.0, 4.0, 3.0, 6.0
 """PX4's main modes ALTCTL and AUTO, and the sub-modes of AUTO."""
-_CLIMB, _HOLD, _STICKS_S = 900, 500, 0.1
+_CLIMB, _HOLD, _AHEAD, _STICKS_S = 900, 500, 150, 0.1
 _HAS_ABSOLUTE_POSITION = mav.ESTIMATOR_POS_HORIZ_ABS
 _ARM_TRIES, _READY_S, _CLIMB_S, _LAND_S = 40, 120.0, 90.0, 180.0
 _SATELLITES = 10
+_SET_SIGMA_M = 10.0
+"""An origin alone leaves EKF2 at 0 N 0 E, with the compass of that place: it does not arm ("heading estimate not stable")."""
 _OWN: dict[str, str] = {
     "SIH_LOC_LAT0": f"{HOME.lat_deg}",
     "SIH_LOC_LON0": f"{HOME.lon_deg}",
@@ -101,6 +104,8 @@ class Px4:
         if not gnss:
             await station.stream({number: RATES_HZ[number] for number in _BEFORE_A_POSITION})
             await station.set_origin(HOME, _READY_S)
+            place = HOME.lat_deg, HOME.lon_deg, math.nan
+            await station.command(mav.MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0.0, 0.0, _SET_SIGMA_M, 0.0, *place)
             return
         await station.stream(RATES_HZ)
         await station.until("position of the EKF", lambda: bool(self.position_ok(station)), _READY_S)
@@ -115,21 +120,22 @@ class Px4:
         await station.until(f"climb to {climbed:.0f} m", lambda: _height_m(station) > climbed, _CLIMB_S)
 
     async def climb_by_hand(self, station: Station, route: Route) -> None:
-        """Altitude mode with the sticks sent by the ground station; the mission when there is a position."""
+        """Altitude mode with the sticks sent by the ground station; the mission when there is a position. The daemon finds no
+        vehicle that hovers ("keep moving"), and here is no wind: it is flown ahead."""
         await station.upload(self._mission(route))
         await self._steer(station, _HOLD, lambda: False, 1.0)
         await station.command(mav.MAV_CMD_DO_SET_MODE, 1.0, _ALTITUDE)
         await station.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, tries=_ARM_TRIES)
         if not await self._steer(station, _CLIMB, lambda: _true_height_m(station) > 0.9 * route.height_m, _CLIMB_S):
             raise LinkError("the copter did not climb", where=station.url)
-        if not await self._steer(station, _HOLD, lambda: bool(self.position_ok(station)), FIRST_POSITION_S):
+        if not await self._steer(station, _HOLD, lambda: bool(self.position_ok(station)), FIRST_POSITION_S, _AHEAD):
             raise LinkError("the autopilot found no position", where=station.url)
         await station.stream(RATES_HZ)
         await self._set_mode(station, _MISSION)
 
-    async def _steer(self, station: Station, throttle: int, until: Callable[[], bool], timeout_s: float) -> bool:
+    async def _steer(self, station: Station, throttle: int, until: Callable[[], bool], timeout_s: float, ahead: int = 0) -> bool:
         for _ in range(round(timeout_s / _STICKS_S)):
-            station.send(mav.MAVLink_manual_control_message(station.system_id, 0, 0, throttle, 0, 0))
+            station.send(mav.MAVLink_manual_control_message(station.system_id, ahead, 0, throttle, 0, 0))
             if await station.holds(until, _STICKS_S):
                 return True
         return False
