@@ -1,6 +1,7 @@
 """Every answer of a method on a set of cases, kept on disk: a run that was broken off goes on, a refit needs no new run.
 
-Answers are taken whatever their claimed probability of being wrong, so that any limit can be applied afterwards. The file's name
+Answers are taken whatever their claimed probability of being wrong, so that any limit can be applied afterwards, and stored
+without the map's own error, which is added where they are handed out. The file's name
 holds digests of the code (and of the model) that gave them and of the cases: answers of others are never mixed in.
 """
 
@@ -19,6 +20,7 @@ from visloc_companion.errors import Reason
 from visloc_companion.evaluate.cases import BadCase, Case, Truth, read_cases, read_truth
 from visloc_companion.evaluate.image import run_cases
 from visloc_companion.evaluate.image_metrics import CaseResult
+from visloc_companion.evaluate.map_sigma import MapSigma, with_map_sigma
 from visloc_companion.localise.runtime import NetworkChoice
 from visloc_companion.types import Fix, GeoPoint
 
@@ -27,6 +29,9 @@ Named = TypeVar("Named", bound=CaseResult | Case | BadCase)
 PACKAGE = PROJECT / "visloc_companion"
 CODE = ("localise", "maps", "geo")
 TAKE_ALL = 1.0
+EXACT, UNSTATED = MapSigma(0.0, 0.0), MapSigma()
+RENDERED = MapSigma(0.0, UNSTATED.height_m)
+"""Of a made world: its dates are registered exactly, its surface has changed."""
 
 
 def code_digest(model: Path | None, *, without_verdict: bool = False) -> str:
@@ -48,7 +53,14 @@ def code_digest(model: Path | None, *, without_verdict: bool = False) -> str:
 
 
 def answers(
-    folder: Path, method: str, store: Path, digest: str, jobs: int = 1, limit: int | None = None, model: Path | None = None
+    folder: Path,
+    method: str,
+    store: Path,
+    digest: str,
+    jobs: int = 1,
+    limit: int | None = None,
+    model: Path | None = None,
+    map_sigma: MapSigma = UNSTATED,
 ) -> list[Judged]:
     """Answers and truths of the first `limit` cases of a folder: from the store, or computed and stored."""
     cases, truth = read_cases(folder)[:limit], read_truth(folder)
@@ -60,12 +72,18 @@ def answers(
     if missing:
         started = time.monotonic()
         with file.open("a", encoding="utf-8") as stream:
-            for k, result in enumerate(run_cases(missing, method, jobs, TAKE_ALL, network=NetworkChoice(model)), 1):
+            for k, result in enumerate(run_cases(missing, method, jobs, TAKE_ALL, NetworkChoice(model), EXACT), 1):
                 stream.write(json.dumps(_as_json(result)) + "\n")
                 stream.flush()
                 kept[result.case_id] = result
                 _progress(f"{folder.name} {method}", k, len(missing), started)
-    return [(named(kept[case.case_id], folder), truth[case.case_id]) for case in cases if case.case_id in truth]
+    return [
+        (named(_off_by(kept[case.case_id], map_sigma), folder), truth[case.case_id]) for case in cases if case.case_id in truth
+    ]
+
+
+def _off_by(result: CaseResult, map_sigma: MapSigma) -> CaseResult:
+    return result if result.fix is None else replace(result, fix=with_map_sigma(result.fix, map_sigma))
 
 
 def named(of_case: Named, folder: Path) -> Named:

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.answers import Judged, answers, code_digest
+from benchmarks.answers import RENDERED, UNSTATED, Judged, answers, code_digest
 from benchmarks.training_sets import FAMILIES, SETS
 from visloc_companion.evaluate.image_metrics import CHI2_95, CaseError, CaseResult, case_error
 from visloc_companion.evaluate.reliability import reliability
@@ -58,7 +58,8 @@ def main() -> None:
     judged: dict[str, list[Judged]] = {}
     for name in args.sets:
         folder = SETS[name](args.folder / "cases")
-        judged[name] = answers(folder, args.method, args.folder / "answers", digest, args.jobs, args.n, args.model)
+        sigma, store = RENDERED if name in FAMILIES["landscape"] else UNSTATED, args.folder / "answers"
+        judged[name] = answers(folder, args.method, store, digest, args.jobs, args.n, args.model, sigma)
         print(_set_line(name, judged[name]), flush=True)
     samples = collect(args.method, judged)
     weights = fit_logistic(samples.x, samples.right, samples.sure)

@@ -13,6 +13,7 @@ same place: what is left is the localiser's own error.
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
@@ -32,6 +33,18 @@ SIDE_PX, SPACING_PX = 173, 80
 SIGMAS_PX = (0.0, 1.0, 2.0)
 """Roads weigh most in sharp features; shores and edges of fields, which move, in smooth ones. The second is align.py's own."""
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Windows:
+    """Windows of a side on a grid over some rows of an image."""
+
+    rows: tuple[int, int] = SCORED_ROWS
+    side_px: int = SIDE_PX
+    spacing_px: int = SPACING_PX
+
+
+SCORED = Windows()
 
 
 def main() -> None:
@@ -57,28 +70,31 @@ def main() -> None:
 
 def dated_features(sigma_px: float) -> dict[str, NDArray[np.float32]]:
     """Gradient features (H, W, 2) of every date, by its name, smoothed by a Gaussian of `sigma_px`."""
-    found = {}
-    for path in sorted((SHARED / "data" / "naip").glob("*.tif")):
-        image = maker().read(path)[0]
-        features = gradient_features(image, np.ones(image.shape[:2], dtype=np.bool_))
-        found[path.stem] = cv2.GaussianBlur(features, (0, 0), sigma_px).astype(np.float32) if sigma_px else features
-    return found
+    files = sorted((SHARED / "data" / "naip").glob("*.tif"))
+    return {path.stem: featured(maker().read(path)[0], sigma_px) for path in files}
 
 
-def grid_shifts(dates: dict[str, NDArray[np.float32]]) -> dict[tuple[str, str], Array]:
-    """Shifts (windows, 2) of all pairs of dates (a before b), at windows on a grid over the scored rows; NaN where undetermined.
+def featured(image: NDArray[np.uint8], sigma_px: float) -> NDArray[np.float32]:
+    """Gradient features (H, W, 2) of an image, smoothed by a Gaussian of `sigma_px`."""
+    features = gradient_features(image, np.ones(image.shape[:2], dtype=np.bool_))
+    return cv2.GaussianBlur(features, (0, 0), sigma_px).astype(np.float32) if sigma_px else features
+
+
+def grid_shifts(dates: dict[str, NDArray[np.float32]], windows: Windows = SCORED) -> dict[tuple[str, str], Array]:
+    """Shifts (windows, 2) of all pairs of dates (a before b), at windows on a grid.
 
     A window of a pair counts only where it is determined for all pairs, so that triangles close at every window.
     """
-    half = SIDE_PX // 2 + REACH_PX + 1
+    half = windows.side_px // 2 + REACH_PX + 1
     height, width = next(iter(dates.values())).shape[:2]
     centres = [
         (float(col), float(row))
-        for row in range(max(SCORED_ROWS[0], half), min(SCORED_ROWS[1], height) - half, SPACING_PX)
-        for col in range(half, width - half, SPACING_PX)
+        for row in range(max(windows.rows[0], half), min(windows.rows[1], height) - half, windows.spacing_px)
+        for col in range(half, width - half, windows.spacing_px)
     ]
     raw = {
-        (a, b): [shift_px(dates[a], dates[b], centre, SIDE_PX) for centre in centres] for a, b in combinations(sorted(dates), 2)
+        (a, b): [shift_px(dates[a], dates[b], centre, windows.side_px) for centre in centres]
+        for a, b in combinations(sorted(dates), 2)
     }
     known = np.all([[shift is not None for shift in row] for row in raw.values()], axis=0)
     return {pair: np.array([s for s, k in zip(row, known, strict=True) if k and s is not None]) for pair, row in raw.items()}

@@ -88,7 +88,7 @@ def two_dates(folders: list[Path], foot_px: float, recipe: Recipe) -> Draw:
         a, b = rng.choice(len(dates), 2, replace=False)
         (frame_file, scene, _, _), (map_file, ortho, transform, crs) = dates[a], dates[b]
         if (frame_file, map_file) not in shifts:
-            shifts[frame_file, map_file] = _apart_px(scene, ortho)
+            shifts[frame_file, map_file] = whole_shift_px(scene, ortho)
         at = anywhere(rng, ortho.shape, 0.62 * foot_px)
         seen_at, names = at - shifts[frame_file, map_file], (map_file.stem, frame_file.stem)
         return cut(rng, scene, seen_at, (map_file, transform, crs), at, recipe, foot_px, names, True)
@@ -96,7 +96,7 @@ def two_dates(folders: list[Path], foot_px: float, recipe: Recipe) -> Draw:
     return draw
 
 
-def _apart_px(scene: NDArray[Any], ortho: NDArray[Any]) -> NDArray[np.float64]:
+def whole_shift_px(scene: NDArray[Any], ortho: NDArray[Any]) -> NDArray[np.float64]:
     """(2,) columns and rows from where the scene shows something to where the map shows it; zero where undetermined."""
     side = min(scene.shape[:2]) - 2 * REACH_PX
     a, b = (gradient_features(image, np.ones(image.shape[:2], dtype=np.bool_)) for image in (scene, ortho))

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from benchmarks.answers import RENDERED
 from benchmarks.cases import SHARED, TEST_ROWS, CaseSet, make
 from benchmarks.frames import Recipe, two_dates, write_cases
 from benchmarks.landscape_cases import FIRST_SCORING_SEED, Worlds, write_landscape
@@ -69,3 +70,5 @@ FAMILIES = {
     "landscape": ("landscape",),
 }
 """The places: what a model that has not seen one of them is scored on."""
+MAP_SIGMAS = {"landscape": RENDERED}
+"""Where it is not `UNSTATED`."""

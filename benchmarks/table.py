@@ -18,8 +18,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from benchmarks.answers import Judged, answers, code_digest, named
-from benchmarks.sets import FAMILIES, NEGATIVE, PHOTOS, POSITIVE, SETS
+from benchmarks.answers import UNSTATED, Judged, answers, code_digest, named
+from benchmarks.sets import FAMILIES, MAP_SIGMAS, NEGATIVE, PHOTOS, POSITIVE, SETS
 from visloc_companion.evaluate.cases import BadCase, Case, read_cases
 from visloc_companion.evaluate.image import MAX_PROBABILITY_WRONG, environment
 from visloc_companion.evaluate.image_breakdown import breakdown, grounds_under
@@ -45,7 +45,8 @@ def main() -> None:
     for method in args.methods:
         judged = {}
         for name in names:
-            judged[name] = answers(folders[name], method, args.folder / "answers", digest, args.jobs, args.n, args.model)
+            sigma, store = MAP_SIGMAS.get(name, UNSTATED), args.folder / "answers"
+            judged[name] = answers(folders[name], method, store, digest, args.jobs, args.n, args.model, sigma)
             cells = figures(judged[name], args.limit_p)
             document["rows"].append({"cases": name, "method": method, **cells})
             print(row(name, method, cells), flush=True)

@@ -11,6 +11,7 @@ from visloc_companion.cli.evaluate_choice import chosen_cases
 from visloc_companion.cli.evaluate_cloud import cloud
 
 if TYPE_CHECKING:
+    from visloc_companion.evaluate.map_sigma import MapSigma
     from visloc_companion.localise.runtime import NetworkChoice, ProviderName
 
 evaluate_app = typer.Typer(
@@ -36,6 +37,8 @@ def image(
     provider: Annotated[
         list[str] | None, typer.Option(help="What the network may compute on, in order of wish (repeat it); cpu by default.")
     ] = None,
+    map_sigma_m: Annotated[float | None, typer.Option(min=0, help="The map's own horizontal error, 1-sigma.")] = None,
+    map_sigma_h_m: Annotated[float | None, typer.Option(min=0, help="The same of its heights.")] = None,
     report: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
     list_methods: Annotated[bool, typer.Option("--list-methods", help="Print the methods of this version.")] = False,
 ) -> None:
@@ -46,7 +49,16 @@ def image(
     folder = chosen_cases(cases, method, METHODS, list_methods, "visloc evaluate image FOLDER (with cases.csv)")
     if folder is not None:
         network = NetworkChoice(model, _providers(provider or ["cpu"]))
-        _run(folder, method, jobs, limit, json_file, report, network)
+        _run(folder, method, jobs, limit, json_file, report, network, _map_sigma(map_sigma_m, map_sigma_h_m))
+
+
+def _map_sigma(horizontal_m: float | None, height_m: float | None) -> MapSigma:
+    from visloc_companion.evaluate.map_sigma import MapSigma
+
+    unstated = MapSigma()
+    return MapSigma(
+        unstated.horizontal_m if horizontal_m is None else horizontal_m, unstated.height_m if height_m is None else height_m
+    )
 
 
 def _providers(names: list[str]) -> tuple[ProviderName, ...]:
@@ -59,7 +71,14 @@ def _providers(names: list[str]) -> tuple[ProviderName, ...]:
 
 
 def _run(
-    cases: Path, method: str, jobs: int, limit: int | None, json_file: Path | None, report: Path | None, network: NetworkChoice
+    cases: Path,
+    method: str,
+    jobs: int,
+    limit: int | None,
+    json_file: Path | None,
+    report: Path | None,
+    network: NetworkChoice,
+    map_sigma: MapSigma,
 ) -> None:
     from rich.console import Console
     from rich.progress import Progress
@@ -74,7 +93,13 @@ def _run(
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(method, total=None)
         document, results = evaluate_image(
-            cases, method, jobs, limit, lambda done, total: bar.update(task, completed=done, total=total), network=network
+            cases,
+            method,
+            jobs,
+            limit,
+            lambda done, total: bar.update(task, completed=done, total=total),
+            network=network,
+            map_sigma=map_sigma,
         )
     if json_file is not None:
         write_json(json_file, document)

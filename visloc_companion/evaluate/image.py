@@ -19,6 +19,7 @@ from visloc_companion.errors import MapError, OutsideMap, Reason
 from visloc_companion.evaluate.batch import run_all
 from visloc_companion.evaluate.cases import BadCase, Case, read_cases, read_frame, read_truth
 from visloc_companion.evaluate.image_metrics import CaseResult, summarise
+from visloc_companion.evaluate.map_sigma import MapSigma, with_map_sigma
 from visloc_companion.evaluate.protection import horizontal_bound_m
 from visloc_companion.geo.se3 import euler_from_quat
 from visloc_companion.localise.features.onnx import NetworkFeatures
@@ -34,6 +35,7 @@ POSE_FIELDS = (
 MAPS_AT_HAND = 6
 NETWORKS_AT_HAND = 2
 SHIPPED = NetworkChoice()
+UNSTATED = MapSigma()
 MAX_PROBABILITY_WRONG = 0.05
 """Fixes with a larger calibrated probability of being wrong become refusals."""
 CASES_AT_ONCE = 4
@@ -48,6 +50,7 @@ def evaluate_image(
     progress: Callable[[int, int], None] | None = None,
     max_probability_wrong: float = MAX_PROBABILITY_WRONG,
     network: NetworkChoice = SHIPPED,
+    map_sigma: MapSigma = UNSTATED,
 ) -> tuple[dict[str, Any], list[CaseResult]]:
     """Localise all cases of a folder; the result as it is written to JSON, and case by case.
 
@@ -58,7 +61,7 @@ def evaluate_image(
     truth = read_truth(folder)
     about = environment(_features(method, network))  # first: what stands against the network is said before an hour of cases
     results = []
-    for result in run_cases(cases, method, jobs, max_probability_wrong, network):
+    for result in run_cases(cases, method, jobs, max_probability_wrong, network, map_sigma):
         results.append(result)
         if progress:
             progress(len(results), len(cases))
@@ -78,10 +81,11 @@ def run_cases(
     jobs: int,
     max_probability_wrong: float = MAX_PROBABILITY_WRONG,
     network: NetworkChoice = SHIPPED,
+    map_sigma: MapSigma = UNSTATED,
 ) -> Iterator[CaseResult]:
     """Results in the order of the cases; of several processes (as `run_all`) each gives the network one thread."""
     here, there = (
-        partial(run_case, method=method, max_probability_wrong=max_probability_wrong, network=each)
+        partial(run_case, method=method, max_probability_wrong=max_probability_wrong, network=each, map_sigma=map_sigma)
         for each in (network, replace(network, threads=1))
     )
     return run_all(cases, here, there, jobs, CASES_AT_ONCE)
@@ -92,8 +96,12 @@ def run_case(
     method: str,
     max_probability_wrong: float = MAX_PROBABILITY_WRONG,
     network: NetworkChoice = SHIPPED,
+    map_sigma: MapSigma = UNSTATED,
 ) -> CaseResult:
-    """Localise one case. Whatever is wrong with its files becomes a `no_fix`; a network is opened once for a process."""
+    """Localise one case. Whatever is wrong with its files becomes a `no_fix`; a network is opened once for a process.
+
+    What is claimed includes the map's own error.
+    """
     if isinstance(case, BadCase):
         return CaseResult(case.case_id, None, Reason.BAD_INPUT, case.why)
     pixels = read_frame(case.frame)
@@ -119,7 +127,7 @@ def run_case(
     evidence = dict(answer.evidence)
     elapsed_ms = answer.elapsed_ms - evidence.get("map_ms", 0.0)
     if isinstance(answer, Fix):
-        return CaseResult(case.case_id, answer, None, "", elapsed_ms, evidence, reference.gsd_m)
+        return CaseResult(case.case_id, with_map_sigma(answer, map_sigma), None, "", elapsed_ms, evidence, reference.gsd_m)
     return CaseResult(case.case_id, None, answer.reason, answer.detail, elapsed_ms, evidence, reference.gsd_m)
 
 

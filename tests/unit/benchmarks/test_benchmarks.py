@@ -13,6 +13,7 @@ import pytest
 
 from visloc_companion.errors import Reason
 from visloc_companion.evaluate.image_metrics import CaseResult
+from visloc_companion.evaluate.map_sigma import MapSigma, with_map_sigma
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.types import Fix, GeoPoint
 
@@ -64,8 +65,17 @@ def test_answers_are_kept_as_they_were(load, folder, tmp_path, asked):
     again = answers(folder, "gradient", tmp_path / "store", "abc")
     assert first == again
     assert asked == [f"c{k}" for k in range(5)]
-    assert first[0][0] == CaseResult("some_set/c0", FIX, None, "why", 3.5, {"score": 0.5}, 0.5)
+    stated = with_map_sigma(FIX, MapSigma())
+    assert first[0][0] == CaseResult("some_set/c0", stated, None, "why", 3.5, {"score": 0.5}, 0.5)
     assert first[1][0].reason is Reason.NO_MATCH
+
+
+def test_what_is_kept_is_without_the_maps_error(load, folder, tmp_path, asked):
+    answers = load("answers").answers
+    answers(folder, "gradient", tmp_path / "store", "abc")
+    exact = answers(folder, "gradient", tmp_path / "store", "abc", map_sigma=MapSigma(0.0, 0.0))
+    assert exact[0][0].fix == FIX
+    assert len(asked) == 5
 
 
 def test_a_run_that_was_broken_off_goes_on(load, folder, tmp_path, asked):
@@ -131,6 +141,28 @@ def test_closure_tells_the_noise_from_the_shift(load):
     offset = {name: rng.normal(0, 1.0, (500, 2)) for name in names}
     shifts = {(a, b): offset[b] - offset[a] + rng.normal(0, 0.1, (500, 2)) for a, b in combinations(names, 2)}
     assert load("floor").closure_noise(shifts, names) == pytest.approx(0.1, rel=0.1)
+
+
+def test_windows_lie_within_their_rows(load):
+    floor = load("floor")
+    rng = np.random.default_rng(7)
+    a = floor.featured(cv2.GaussianBlur(rng.uniform(0, 255, (200, 160)), (0, 0), 2.0).astype(np.uint8), 1.0)
+    b = cv2.warpAffine(a, np.float32([[1, 0, 1.0], [0, 1, 2.0]]), (160, 200))
+    upper, whole = (floor.grid_shifts({"a": a, "b": b}, floor.Windows(rows, 41, 20))["a", "b"] for rows in ((0, 100), (0, 200)))
+    assert 0 < len(upper) < len(whole)
+    np.testing.assert_allclose(whole.mean(0), (1.0, 2.0), atol=0.1)
+
+
+def test_registration_is_stated_in_metres_less_the_noise(load):
+    rng = np.random.default_rng(8)
+    names = ["a", "b", "c", "d"]
+    offset = {name: rng.normal(0, (0.3, 0.1), (2000, 2)) for name in names}
+    noisy = {(a, b): offset[b] - offset[a] + rng.normal(0, 0.2, (2000, 2)) for a, b in combinations(names, 2)}
+    cells = [cell.strip() for cell in load("registration").row("here", noisy, noisy, 5.0).strip("|").split("|")]
+    assert cells[:4] == ["here", "5", "2000", "6"]
+    between = 5 * 2**0.5
+    expected = (0.3 * between, 0.1 * between, 0.05**0.5 * between, 1.0)
+    assert [float(c) for c in cells[4:]] == pytest.approx(expected, rel=0.1)
 
 
 def test_flights_of_a_method_become_one_row(load):

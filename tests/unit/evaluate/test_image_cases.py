@@ -19,6 +19,7 @@ from visloc_companion.errors import CasesError, ConfigError, ModelError, Reason
 from visloc_companion.evaluate.cases import COLUMNS, BadCase, Case, read_cases, read_truth
 from visloc_companion.evaluate.image import evaluate_image, run_case
 from visloc_companion.evaluate.image_metrics import CaseResult, case_error, summarise
+from visloc_companion.evaluate.map_sigma import MapSigma
 from visloc_companion.localise.registry import METHODS, ON_FEATURES
 from visloc_companion.localise.runtime import NetworkChoice
 
@@ -145,6 +146,16 @@ def test_summary_tells_errors_against_the_truth(document):
     assert summary["altitude_error_m"]["max"] < 1.0
     assert summary["heading_error_deg"]["max"] < 0.3
     assert summary["map_side_ms"]["mean"] > 0
+
+
+def test_what_a_case_claims_includes_the_maps_own_error(folder):
+    exact, off = (
+        evaluate_image(folder, "gradient", limit=1, map_sigma=MapSigma(*sigmas))[0]["cases"][0] for sigmas in ((0, 0), (3, 4))
+    )
+    added = np.array(off["cov_ne_m2"]) - np.array(exact["cov_ne_m2"])
+    np.testing.assert_allclose(added, np.eye(2) * 9, atol=1e-4)
+    assert off["sigma_h_m"] == pytest.approx(math.hypot(exact["sigma_h_m"], 4), rel=1e-4)
+    assert off["protection_level_m"] > exact["protection_level_m"]
 
 
 def test_two_processes_give_the_same_as_one(folder, document):
