@@ -128,6 +128,7 @@ class Reason(StrEnum):
     GATED = "gated"
     TOO_OLD = "too_old"
     NOT_FINITE = "not_finite"
+    IMPLAUSIBLE_CLAIM = "implausible_claim"
     NO_ORIGIN = "no_origin"
     NO_ATTITUDE = "no_attitude"
     NOT_SEEDED = "not_seeded"

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from enum import Enum
 
 from visloc_companion.errors import Reason
-from visloc_companion.types import Event, Notice, Severity
+from visloc_companion.types import Event, Fix, Notice, Severity
 
 TOLERATED_NS = 1_000_000_000
 STEP_NS = 50_000_000
@@ -69,4 +70,13 @@ class Complaints:
         if last is not None and 0 <= now_ns - last < REPEAT_NS:
             return []
         self._last_ns[key] = now_ns
-        return [Notice(severity, f"{key[0]} not used: {reason.value}", data=(("reason", reason.value),))]
+        data = (("reason", reason.value),)
+        if reason is Reason.IMPLAUSIBLE_CLAIM and isinstance(event, Fix):
+            return [Notice(severity, _of_claim(event), to_operator=True, data=data)]
+        return [Notice(severity, f"{key[0]} not used: {reason.value}", data=data)]
+
+
+def _of_claim(fix: Fix) -> str:
+    """A localiser that claims to be certain is not believed, and the operator flies without it."""
+    sigma_m = math.sqrt(max(0.0, min(fix.cov_ne_m2[0][0], fix.cov_ne_m2[1][1])))
+    return f"visloc: {fix.method[:12]} claims {sigma_m:.2f} m, FIXES REFUSED"

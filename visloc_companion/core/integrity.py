@@ -30,9 +30,10 @@ ROUNDING = 1e-6
 
 
 def largest_sigma_m(cov_ne_m2: Cov2) -> float:
-    """Square root of the larger eigenvalue of a symmetric 2x2 covariance."""
+    """Square root of the larger eigenvalue of a symmetric 2x2 covariance; 0 where that is negative, NaN where one of it is."""
     (nn, ne), (_, ee) = cov_ne_m2
-    return math.sqrt((nn + ee) / 2 + math.hypot((nn - ee) / 2, ne))
+    larger = (nn + ee) / 2 + math.hypot((nn - ee) / 2, ne)
+    return 0.0 if larger < 0 else math.sqrt(larger)
 
 
 def floored(cov_ne_m2: Cov2, min_sigma_m: float) -> Cov2:

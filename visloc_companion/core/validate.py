@@ -77,9 +77,12 @@ def fault(event: Event, now_ns: int) -> Reason | None:  # noqa: PLR0911, PLR0912
 def _fix_fault(fix: Fix, now_ns: int) -> Reason | None:
     if fix.t_ns > now_ns + MAX_LEAD_NS:
         return Reason.IMPLAUSIBLE_TIME
-    numbers = _finite(*fix.q_ned_frd, fix.sigma_h_m, fix.sigma_yaw_rad, fix.probability_wrong)
+    claims = (*fix.cov_ne_m2[0], *fix.cov_ne_m2[1], fix.sigma_h_m)
+    numbers = _finite(*fix.q_ned_frd, *claims, fix.sigma_yaw_rad, fix.probability_wrong)
     turn = fix.turn is None or is_turn(fix.turn)
-    return _unless(numbers and turn and is_place(fix.place) and fix.sigma_h_m > 0 and is_covariance(fix.cov_ne_m2))
+    if not (numbers and turn and is_place(fix.place)):
+        return Reason.NOT_FINITE
+    return None if fix.sigma_h_m > 0 and is_covariance(fix.cov_ne_m2) else Reason.IMPLAUSIBLE_CLAIM
 
 
 def _odometry_fault(seen: Odometry, now_ns: int) -> Reason | None:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from visloc_companion.core.guard import RESTART_AFTER, STEP_NS, Complaints, TimeCheck, TimeGuard
 from visloc_companion.errors import Reason
-from visloc_companion.types import Tick
+from visloc_companion.types import Fix, GeoPoint, Tick
 
 S = 1_000_000_000
 
@@ -41,3 +41,11 @@ def test_the_same_complaint_is_made_once_in_ten_seconds() -> None:
     assert complaints.about(Tick(0), Reason.NOT_FINITE, 9 * S) == []
     assert len(complaints.about(Tick(0), Reason.GATED, 9 * S)) == 1
     assert len(complaints.about(Tick(0), Reason.NOT_FINITE, 10 * S)) == 1
+
+
+def test_the_operator_hears_which_localiser_claims_to_be_certain() -> None:
+    place, level, certain = GeoPoint(47.0, 8.0, 500.0), (1.0, 0.0, 0.0, 0.0), ((0.0, 0.0), (0.0, 0.0))
+    fix = Fix(0, 0, 1, 1, "a_long_name_of_mine", place, level, certain, 1.0, 0.01, 1e-4, 5.0)
+    (notice,) = Complaints().about(fix, Reason.IMPLAUSIBLE_CLAIM, 0)
+    assert (notice.text, notice.to_operator) == ("visloc: a_long_name_ claims 0.00 m, FIXES REFUSED", True)
+    assert len(notice.text) <= 50

@@ -72,8 +72,10 @@ BAD: list[tuple[Event, Reason]] = [
     (OperatorFix(NOW, HERE, 0.0), Reason.NOT_FINITE),
     (OperatorFix(NOW, HERE, math.nan), Reason.NOT_FINITE),
     (replace(FIX, t_ns=NOW + 10**9), Reason.IMPLAUSIBLE_TIME),
-    (replace(FIX, cov_ne_m2=((1.0, 2.0), (2.0, 1.0))), Reason.NOT_FINITE),
-    (replace(FIX, sigma_h_m=0.0), Reason.NOT_FINITE),
+    (replace(FIX, cov_ne_m2=((math.nan, 0.0), (0.0, 1.0))), Reason.NOT_FINITE),
+    (replace(FIX, cov_ne_m2=((1.0, 2.0), (2.0, 1.0))), Reason.IMPLAUSIBLE_CLAIM),
+    (replace(FIX, cov_ne_m2=((0.0, 0.0), (0.0, 0.0))), Reason.IMPLAUSIBLE_CLAIM),
+    (replace(FIX, sigma_h_m=0.0), Reason.IMPLAUSIBLE_CLAIM),
     (replace(FIX, probability_wrong=math.nan), Reason.NOT_FINITE),
     (FrameRef(NOW, NOW + 10**9, 1, 0, 640, 480, 1), Reason.IMPLAUSIBLE_TIME),
 ]

@@ -5,7 +5,7 @@ the rates of these: entries 0, 6, 11 are the diagonal of the first three, 15, 18
 * ArduPilot takes posErr = cbrt(c0^2 + c6^2 + c11^2) and angErr likewise of 15, 18, 20 (GCS_Common.cpp): to make it believe a
   standard deviation s, c0 = c6 = c11 = sqrt(s^3 / 3) is sent. It knows one radius for both axes, so s is the larger semi-axis.
 
-All 21 entries are always finite: a NaN makes ArduPilot fall to its 0.2 m default or raise an internal error, and PX4 drop fixes.
+All 21 entries are always finite, and no variance is ever below that of MIN_SIGMA_M: a NaN makes ArduPilot fall to its 0.2 m default or raise an internal error, and PX4 drop fixes.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def _sane(cov: Cov2) -> tuple[float, float, float]:
     low, high = MIN_SIGMA_M**2, MAX_SIGMA_M**2
     nn, ee = _clamp(nn, low, high), _clamp(ee, low, high)
     bound = 0.999 * math.sqrt(nn * ee)
-    return nn, _clamp(ne, -bound, bound), ee
+    return nn, 0.0 if math.isnan(ne) else _clamp(ne, -bound, bound), ee
 
 
 def _triangle(diagonal: tuple[float, float, float], north_east: float, angle: float) -> list[float]:
@@ -78,4 +78,5 @@ def _triangle(diagonal: tuple[float, float, float], north_east: float, angle: fl
 
 
 def _clamp(value: float, low: float, high: float) -> float:
-    return min(high, max(low, value))
+    """Within bounds; what is not a number claims nothing, which is the upper one."""
+    return high if math.isnan(value) else min(high, max(low, value))
