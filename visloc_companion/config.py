@@ -13,6 +13,7 @@ from visloc_companion.errors import ConfigError
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Lever = Annotated[float, Field(ge=-20, le=20, allow_inf_nan=False)]
 Share = Annotated[float, Field(gt=0, lt=1)]
 Method = Literal["deep", "gradient", "iclk", "ncc", "mi", "keypoint"]
 DEFAULT_METHOD: Method = "deep"
@@ -87,6 +88,8 @@ class CameraConfig(Section):
     """Pitch of the camera's body in the vehicle's body; positive lifts the top edge of the image."""
     mount_yaw_deg: float = 0.0
     """Attitude of the camera's body in the vehicle's body; zero looks down with the image's top edge forward."""
+    lever_arm_frd_m: tuple[Lever, Lever, Lever] = (0.0, 0.0, 0.0)
+    """The camera in the vehicle's body: metres forward, right and down of the autopilot's IMU."""
     mount_sigma_deg: NonNegative = 1.0
     """1-sigma of the mounting and attitude together, as the localiser's prior of tilt."""
     latency_s: NonNegative = 0.0

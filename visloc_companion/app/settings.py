@@ -28,6 +28,7 @@ def core_settings(config: Config) -> CoreSettings:
             beyond_alert_limit=BeyondLimit(config.injection.beyond_alert_limit),
         ),
         q_frd_cambody=mounting(config.camera),
+        lever_frd_m=config.camera.lever_arm_frd_m,
         mount_sigma_rad=math.radians(config.camera.mount_sigma_deg),
         max_rate_hz=config.localiser.max_rate_hz,
         structure=config.localiser.structure,

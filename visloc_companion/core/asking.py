@@ -98,8 +98,12 @@ class Asking:
             self._search.clear()
         if state is None:
             return []
-        prior = self._prior(self._wide(state) if injecting else state, q_ned_frd, self._camera.q_frd_cambody, injecting)
+        state = self._of_camera(self._wide(state) if injecting else state, q_ned_frd)
+        prior = self._prior(state, q_ned_frd, self._camera.q_frd_cambody, injecting)
         return [] if prior is None else [self._queue.taken(frame, prior, now_ns)]
+
+    def _of_camera(self, state: NavState, q_ned_frd: Quat) -> NavState:
+        return replace(state, p_ned_m=self._camera.camera_ned_m(state.p_ned_m, q_ned_frd))
 
     def _wide(self, state: NavState) -> NavState:
         """A state of dead reckoning with a covariance that allows for wrong last fixes, too."""
@@ -131,7 +135,7 @@ class Asking:
         asked = NavState(
             frame.t_ns, (*where.place_ne_m, -height_m), velocity.v_ned_mps, where.cov_ne_m2, SEARCH_SIGMA_H_M, math.inf
         )
-        prior = self._pose_prior(asked, origin, q_ned_frd, self._camera.q_frd_cambody)
+        prior = self._pose_prior(self._of_camera(asked, q_ned_frd), origin, q_ned_frd, self._camera.q_frd_cambody)
         return [self._queue.taken(frame, prior, now_ns, aside=True)]
 
     def _prior(self, state: NavState, q_ned_frd: Quat, q_frd_body: Quat, injecting: bool) -> PosePrior | None:

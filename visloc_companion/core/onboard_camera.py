@@ -1,14 +1,18 @@
-"""What is learned in flight of the camera: when its frames are taken (camera_time.py), how it is mounted (boresight.py)."""
+"""The camera in the vehicle: when its frames are taken (camera_time.py) and how it is mounted (boresight.py), both learned in
+flight, and where (lever_arm.py)."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.boresight import Boresight
 from visloc_companion.core.camera_time import CameraTime
+from visloc_companion.core.lever_arm import LeverArm
 from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
-from visloc_companion.types import Command, Fix, FrameRef, LocaliseRequest, NoFix, Quat
+from visloc_companion.types import Command, Fix, FrameRef, LocaliseRequest, NoFix, Quat, Vec3
 
 TIMED_S = 0.02
 """The mounting is learned only while frames are timed better than this: on the way, late is as tilted."""
@@ -17,15 +21,30 @@ TIMED_S = 0.02
 class OnboardCamera:
     """Stands between frames and requests, and between answers and the filter."""
 
-    def __init__(self, q_frd_cambody: Quat, clock: ClockOffset, attitude: AttitudeBuffer, tracker: Tracker) -> None:
+    def __init__(
+        self, q_frd_cambody: Quat, lever_frd_m: Vec3, clock: ClockOffset, attitude: AttitudeBuffer, tracker: Tracker
+    ) -> None:
         self._time = CameraTime(clock, attitude)
         self._boresight = Boresight(q_frd_cambody)
+        self._lever = LeverArm(lever_frd_m, clock, attitude)
         self._tracker = tracker
 
     @property
     def q_frd_cambody(self) -> Quat:
         """The mounting as it is known by now."""
         return self._boresight.q_frd_cambody
+
+    def camera_ned_m(self, p_ned_m: Vec3, q_ned_frd: Quat) -> Vec3:
+        """Where the camera is while the vehicle is at a place with an attitude."""
+        return self._lever.camera_ned_m(p_ned_m, q_ned_frd)
+
+    def of_vehicle(self, answer: Fix | NoFix) -> Fix | NoFix:
+        """An answer about the camera, as one about the vehicle; a terrain's fix is that already."""
+        return answer if answer.method == TERRAIN else self._lever.of_vehicle(answer, self.q_frd_cambody)
+
+    def asked_of_vehicle(self, request: LocaliseRequest) -> LocaliseRequest:
+        """A request with the vehicle's place in its prior."""
+        return replace(request, prior=self._lever.prior_of_vehicle(request.prior, self.q_frd_cambody))
 
     def on_frame(self, frame: FrameRef) -> FrameRef:
         """The frame with the time when it was taken."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from visloc_companion.types import BeyondLimit, InjectionPolicy, Quat
+from visloc_companion.types import BeyondLimit, InjectionPolicy, Quat, Vec3
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,15 +71,17 @@ class CoreSettings:
     """Everything that `Navigator` needs to know.
 
     `q_frd_cambody` is the attitude of the camera's body (looks along its down axis, top edge of the image forward) in the
-    vehicle's body; `mount_sigma_rad` the 1-sigma tilt of mounting and attitude together. `max_rate_hz` bounds the requests
-    to the localiser, `max_search_radius_m` the 3-sigma radius of their search. For `structure`,
-    `structure_every` see core/turns.py, for `terrain` core/terrain_aiding.py. The link rates go into RequestMessage.
+    vehicle's body, `lever_frd_m` its position there, metres from the IMU; `mount_sigma_rad` the 1-sigma tilt of mounting and
+    attitude together. `max_rate_hz` bounds the requests to the localiser, `max_search_radius_m` the 3-sigma radius of their
+    search. For `structure`, `structure_every` see core/turns.py, for `terrain` core/terrain_aiding.py. The link rates go into
+    RequestMessage.
     """
 
     navigator: NavigatorSettings = NavigatorSettings()
     gnss: GnssSettings = GnssSettings()
     injection: InjectionSettings = InjectionSettings()
     q_frd_cambody: Quat = (1.0, 0.0, 0.0, 0.0)
+    lever_frd_m: Vec3 = (0.0, 0.0, 0.0)
     mount_sigma_rad: float = math.radians(1.0)
     max_rate_hz: float = 5.0
     structure: bool = True

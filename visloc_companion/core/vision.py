@@ -26,6 +26,7 @@ from visloc_companion.types import (
     Event,
     Fix,
     FrameRef,
+    LocaliseRequest,
     NoFix,
     Notice,
     Odometry,
@@ -79,7 +80,8 @@ class Vision:
         trusted = self._monitor.trusted
         asked = self._asking.next(now_ns, injecting=self._steering.injecting, gnss_trusted=trusted)
         for request in asked:
-            self._tracker.height.asked(request)
+            told = self._onboard.asked_of_vehicle(request) if isinstance(request, LocaliseRequest) else request
+            self._tracker.height.asked(told)
         return self._onboard.asked([*asked])
 
     def moved(self, motion: Odometry | None, now_ns: int) -> None:
@@ -93,6 +95,7 @@ class Vision:
 
     def on_answer(self, event: Fix | NoFix, now_ns: int) -> list[Command]:
         """The worker answered."""
+        event = self._onboard.of_vehicle(event)
         before = self._tracker.belief  # not between motion and fix: the inputs after them would be folded twice
         self.moved(event.motion, now_ns)
         return [*self._computer.on_answer(event), *self._onboard.on_answer(event), *self._localised(event, before, now_ns)]

@@ -50,7 +50,7 @@ def fix_at(t_ns: int, method: str = "image") -> Fix:
 
 
 def test_fixes_of_frames_by_arrival_are_wider_along_the_track(tracker: Tracker) -> None:
-    camera = OnboardCamera(LEVEL, ClockOffset(), AttitudeBuffer(), tracker)
+    camera = OnboardCamera(LEVEL, (0.0, 0.0, 0.0), ClockOffset(), AttitudeBuffer(), tracker)
     fix = fix_at(200 * MS)
     for k in range(3):
         camera.on_frame(frame(k, k * 200 * MS))
@@ -67,7 +67,7 @@ def test_fixes_of_frames_by_arrival_are_wider_along_the_track(tracker: Tracker) 
 def test_a_tilted_mount_is_learned_beside_a_good_gnss_only(tracker: Tracker) -> None:
     truth = se3.quat_from_euler(math.radians(2.0), 0.0, 0.0)
     for trusted in (False, True):
-        camera = OnboardCamera(LEVEL, ClockOffset(), AttitudeBuffer(), tracker)
+        camera = OnboardCamera(LEVEL, (0.0, 0.0, 0.0), ClockOffset(), AttitudeBuffer(), tracker)
         said = []
         start = 1 + 300 * trusted
         for k in range(start, start + 240):
@@ -89,6 +89,6 @@ def test_a_tilted_mount_is_learned_beside_a_good_gnss_only(tracker: Tracker) -> 
 
 
 def test_answers_without_a_turn_say_nothing(tracker: Tracker) -> None:
-    camera = OnboardCamera(LEVEL, ClockOffset(), AttitudeBuffer(), tracker)
+    camera = OnboardCamera(LEVEL, (0.0, 0.0, 0.0), ClockOffset(), AttitudeBuffer(), tracker)
     assert camera.on_answer(NoFix(0, 0, 1, 1, "image", Reason.NO_MATCH, 1.0)) == []
     assert camera.on_fix(fix_at(0), True) == []

@@ -1,0 +1,61 @@
+"""Between the camera's position, which localisers speak of, and the vehicle's (its IMU), which everybody else speaks of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from visloc_companion.core.attitude import AttitudeBuffer
+from visloc_companion.core.timesync import ClockOffset
+from visloc_companion.geo import se3, wgs84
+from visloc_companion.types import Fix, GeoPoint, NoFix, Odometry, PosePrior, Quat, Vec3
+
+
+class LeverArm:
+    """`lever_frd_m`: the camera in the vehicle's body, metres forward, right and down of the IMU."""
+
+    def __init__(self, lever_frd_m: Vec3, clock: ClockOffset, attitude: AttitudeBuffer) -> None:
+        self._lever_frd_m, self._clock, self._attitude = lever_frd_m, clock, attitude
+
+    def camera_ned_m(self, p_ned_m: Vec3, q_ned_frd: Quat) -> Vec3:
+        """Where the camera is while the vehicle is at a place with an attitude."""
+        return _sum(p_ned_m, se3.rotate(q_ned_frd, self._lever_frd_m))
+
+    def place_of_vehicle(self, place: GeoPoint, q_ned_cambody: Quat, q_frd_cambody: Quat) -> GeoPoint:
+        """Where the vehicle is while the camera's body is at a place with an attitude."""
+        q_ned_frd = se3.quat_multiply(q_ned_cambody, se3.quat_inverse(q_frd_cambody))
+        return wgs84.geo_from_ned(_minus(se3.rotate(q_ned_frd, self._lever_frd_m)), place)
+
+    def of_vehicle(self, answer: Fix | NoFix, q_frd_cambody: Quat) -> Fix | NoFix:
+        """The answer about the vehicle; the fix's own attitude turns the lever. Motion whose attitudes are not known stays."""
+        if not any(self._lever_frd_m):
+            return answer
+        motion = None if answer.motion is None else self._moved(answer.motion)
+        if isinstance(answer, NoFix):
+            return replace(answer, motion=motion)
+        return replace(answer, motion=motion, place=self.place_of_vehicle(answer.place, answer.q_ned_frd, q_frd_cambody))
+
+    def prior_of_vehicle(self, prior: PosePrior, q_frd_cambody: Quat) -> PosePrior:
+        """A prior of the camera as one of the vehicle's place."""
+        if not any(self._lever_frd_m):
+            return prior
+        return replace(prior, place=self.place_of_vehicle(prior.place, prior.q_ned_frd, q_frd_cambody))
+
+    def _moved(self, motion: Odometry) -> Odometry:
+        """What the camera moved only because the vehicle turned is no motion of the vehicle."""
+        before, after = self._attitude_at(motion.t_from_ns), self._attitude_at(motion.t_to_ns)
+        if before is None or after is None:
+            return motion
+        swung = _sum(se3.rotate(after, self._lever_frd_m), _minus(se3.rotate(before, self._lever_frd_m)))
+        return replace(motion, displacement_ned_m=_sum(motion.displacement_ned_m, _minus(swung)))
+
+    def _attitude_at(self, t_ns: int) -> Quat | None:
+        t_boot_ns = self._clock.boot_ns(t_ns)
+        return None if t_boot_ns is None else self._attitude.at(t_boot_ns)
+
+
+def _sum(a: Vec3, b: Vec3) -> Vec3:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def _minus(a: Vec3) -> Vec3:
+    return -a[0], -a[1], -a[2]
