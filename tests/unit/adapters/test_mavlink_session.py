@@ -352,6 +352,16 @@ def test_what_cannot_be_sent_is_told_to_the_operator_before_the_flight():
     assert talking.autopilot.texts == ["visloc NOT SENT: set EKF2_EV_CTRL 1"]
 
 
+def test_a_long_remedy_reaches_the_operator_whole():
+    talking = Conversation(
+        MavlinkSession(SessionSettings(output=Output.GPS_INPUT)), FakeAutopilot(params={"GPS1_TYPE": 1, "GPS2_TYPE": 0})
+    )
+    talking.run(6.0)
+    remedy = f"visloc NOT SENT: {talking.session.choice.remedy}"
+    assert len(remedy) > 50
+    assert "".join(talking.autopilot.texts) == remedy
+
+
 def test_the_echo_of_a_receiver_that_we_play_is_not_listened_to():
     """Else the verdict would hold GNSS against our own position."""
     talking = talk(params={"GPS2_TYPE": 14, "EK3_SRC2_POSXY": 3})

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable
 
 from visloc_companion.adapters.mavlink.dialect import Message, mav
-from visloc_companion.adapters.mavlink.encode import statustext
 from visloc_companion.adapters.mavlink.outbox import Outbox
 from visloc_companion.adapters.mavlink.outputs.choice import Choice, choose_output, parameter_names
 from visloc_companion.adapters.mavlink.outputs.encoding import encode
@@ -38,9 +37,11 @@ class PositionSender:
     Each reason is told of once, and so is each choice: what is sent with the first position, what cannot be at once.
     """
 
-    def __init__(self, settings: SessionSettings, outbox: Outbox, warn: Callable[[str], None]) -> None:
+    def __init__(
+        self, settings: SessionSettings, outbox: Outbox, warn: Callable[[str], None], say: Callable[[Notice], None]
+    ) -> None:
         self.refused: Counter[Reason] = Counter()
-        self._settings, self._outbox, self._warn = settings, outbox, warn
+        self._settings, self._outbox, self._warn, self._say = settings, outbox, warn, say
         self._reader = ParameterReader()
         self._gate = Gate(settings.fence, settings.max_step_m)
         self._vehicle = Vehicle(vision_source_set=settings.vision_source_set, sensor_id=settings.position_sensor_id)
@@ -145,4 +146,4 @@ class PositionSender:
         self._told = self._choice
         self._warn(str(self._choice))
         if self._choice.output is None:
-            self._outbox.put(statustext(Notice(Severity.CRITICAL, f"visloc NOT SENT: {self._choice.remedy}", to_operator=True)))
+            self._say(Notice(Severity.CRITICAL, f"visloc NOT SENT: {self._choice.remedy}", to_operator=True))

@@ -59,7 +59,7 @@ class MavlinkSession:
         self._decoder = Decoder()
         self._presence = Presence(settings.timeout_s)
         self._upkeep = Upkeep(settings, self._outbox)
-        self._sender = PositionSender(settings, self._outbox, self._warn)
+        self._sender = PositionSender(settings, self._outbox, self._warn, self._say)
         self._texts = TextSender()
         self._state: CompanionState | None = None
         self._pending: list[Event] = []
@@ -186,10 +186,9 @@ class MavlinkSession:
 
     def notify(self, notice: Notice, now_ns: int) -> None:
         """Queue a STATUSTEXT (several of a long text) where the notice is for the operator, unless it repeats or floods."""
-        now_ns = self._advance(now_ns)
+        self._advance(now_ns)
         if notice.to_operator:
-            for message in self._texts.messages(notice, now_ns):
-                self._outbox.put(message)
+            self._say(notice)
 
     def report(self, report: Report, now_ns: int) -> None:
         """Queue what ground stations are told of the companion; the heartbeat shows CRITICAL where the report says so."""
@@ -215,6 +214,10 @@ class MavlinkSession:
     def _drain_events(self) -> list[Event]:
         events, self._pending = self._pending, []
         return events
+
+    def _say(self, notice: Notice) -> None:
+        for message in self._texts.messages(notice, self._now_ns):
+            self._outbox.put(message)
 
     def _warn(self, text: str) -> None:
         self._warnings.append(text)
