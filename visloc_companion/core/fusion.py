@@ -4,7 +4,8 @@ State and process: propagation.py. The velocity that drives the filter is an inp
 While an autopilot's velocity descends from our own fixes (`FED_BACK`), correcting it by a learned error and injecting the result
 would feed the correction back into its own source and run away, so the error is then only considered (Schmidt), never
 estimated, and grows with the time since the last fix. A velocity integrated from accelerations (`INERTIAL`) is fed by
-nothing of ours: its error, and that of the acceleration, are learned from fixes and odometry whatever is injected.
+us through the attitude alone: its error, and that of the acceleration, are learned from fixes and odometry whatever is injected,
+and each correction makes the latter less known.
 """
 
 from __future__ import annotations
@@ -39,6 +40,9 @@ INERTIAL_DRIFT_MPS2 = 0.03
 ORDINARY_NIS = 6.0
 """A normalised squared innovation that one position in 20 exceeds. Beyond it, up to the gate, it is rather wrong than unlikely:
 its covariance is raised until it would be ordinary, so that it hardly moves the velocity."""
+TILT_MPS2_PER_M = 0.1
+"""While we inject, a correction of our position tilts the autopilot's attitude, by which accelerations are turned: so much
+acceleration for a metre, twice what ArduCopter's own simulator shows (docs/decisions/0021-corrections-tilt-the-autopilot.md)."""
 
 
 def with_velocity_trust(belief: Belief, sigma_mps: float, drive: Drive) -> Belief:
@@ -154,7 +158,7 @@ def observed(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[
         less = kalman.update(belief.x, belief.P, at, R, H_POSITION, n_considered=considered)
         got = replace(less, nis=got.nis) if isinstance(less, kalman.Updated) else less
     if isinstance(got, kalman.Updated):
-        after = replace(belief, x=got.x, P=got.P, without=_others(belief, z, R, considered))
+        after = _tilted(replace(belief, x=got.x, P=got.P, without=_others(belief, z, R, considered)), belief)
         return (_leant(_fixed(after, z), belief, at, R) if z.from_fix else after), Accepted(got.nis)
     if not z.from_fix or got.reason is not Reason.GATED:
         return belief, got
@@ -163,6 +167,18 @@ def observed(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[
     if restart is None:
         return refused.doubting(belief, z), got
     return _fixed(refused.restarted(belief, z, restart, settings), z), Accepted(got.nis)
+
+
+def _tilted(after: Belief, before: Belief) -> Belief:
+    """With the error of the accelerations that the correction just made will come back as.
+
+    Its covariance is that of the correction, P before less P after. Every solution reckons with the same accelerations.
+    """
+    if before.drive is not Drive.INERTIAL:
+        return after
+    more = np.zeros((N_STATES, N_STATES))
+    more[ACCELERATION, ACCELERATION] = TILT_MPS2_PER_M**2 * (before.P - after.P)[POSITION, POSITION]
+    return widened_by(after, more)
 
 
 def _leant(after: Belief, before: Belief, at: FloatArray, R: FloatArray) -> Belief:

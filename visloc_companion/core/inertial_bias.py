@@ -1,13 +1,16 @@
 """What the accelerations get wrong, learned while GNSS is trusted: their sum against the autopilot's velocity, window by window.
 
-The mean error of a window along forward and right is one sample of a bias (sensor, levelling) that stays; how far samples are
-from it tells how much the error changes from window to window, which becomes the filter's 1-sigma (propagation.py).
+The mean error of a window along forward and right is one sample of a bias (sensor, levelling) that stays. By how much samples
+that follow each other differ tells how fast the error changes, which becomes the filter's 1-sigma: that of the Gauss-Markov
+process of its correlation time (propagation.py) whose means over such windows differ as much, beyond its white noise. An attitude
+that errs by less, but anew every few seconds, is as harmful between fixes as a larger error that stays.
 """
 
 from __future__ import annotations
 
 import math
 
+from visloc_companion.core.propagation import INERTIAL_WALK_MPS_PER_SQRT_S
 from visloc_companion.geo.se3 import wrap_pi
 from visloc_companion.types import Vec2
 
@@ -20,6 +23,8 @@ MEMORY = 24
 ENOUGH = 6
 SAFETY = 1.3
 """Few windows tell their scatter poorly: 6 samples of a Gaussian claim less than 1/1.3 of it in one case of 5."""
+MOST_MPS2 = 0.5
+"""More than what PX4's own simulator shows, whose gyroscopes are far worse than any real ones."""
 
 
 class AccelerationBias:
@@ -27,14 +32,17 @@ class AccelerationBias:
 
     def __init__(self) -> None:
         self.forward_right_mps2: Vec2 = (0.0, 0.0)
-        self._n, self._mean_square = 0, 0.0
+        self._n, self._n_changes, self._mean_square = 0, 0, 0.0
+        self._last: tuple[int, Vec2] | None = None
         self._begun: tuple[int, Vec2, Vec2, float] | None = None
 
-    def sigma_mps2(self, at_most: float, at_least: float) -> float:
-        """1-sigma of what is left, within bounds; the upper one until enough is known."""
-        if self._n < ENOUGH:
-            return at_most
-        return min(at_most, max(at_least, SAFETY * math.sqrt(self._mean_square)))
+    def sigma_mps2(self, unknown: float, at_least: float, tau_s: float) -> float:
+        """1-sigma of what is left, if it is thought to stay for `tau_s`; `unknown` until enough is known."""
+        if self._n_changes < ENOUGH - 1:
+            return unknown
+        window_s = WINDOW_NS * 1e-9
+        beyond_noise = max(0.0, self._mean_square / 2 - INERTIAL_WALK_MPS_PER_SQRT_S**2 / window_s)
+        return min(MOST_MPS2, max(at_least, SAFETY * math.sqrt(beyond_noise / _change(window_s / tau_s))))
 
     def interrupted(self) -> None:
         """The window under way tells nothing."""
@@ -56,12 +64,22 @@ class AccelerationBias:
         north = (sum_ne_mps[0] - sum0[0] - v_ne_mps[0] + v0[0]) / seconds
         east = (sum_ne_mps[1] - sum0[1] - v_ne_mps[1] + v0[1]) / seconds
         c, s = math.cos(yaw0 + turned / 2), math.sin(yaw0 + turned / 2)
-        self._learn(c * north + s * east, c * east - s * north)
+        self._learn(t_boot_ns, c * north + s * east, c * east - s * north)
 
-    def _learn(self, forward: float, right: float) -> None:
+    def _learn(self, t_boot_ns: int, forward: float, right: float) -> None:
+        was_forward, was_right = self.forward_right_mps2
+        last, self._last = self._last, (t_boot_ns, (was_forward + forward, was_right + right))
         self._n += 1
         share = max(1 / self._n, 1 / MEMORY)
-        if self._n > 1:  # the first sample is the bias itself
-            self._mean_square += max(1 / (self._n - 1), 1 / MEMORY) * ((forward**2 + right**2) / 2 - self._mean_square)
-        was_forward, was_right = self.forward_right_mps2
+        if last is not None and t_boot_ns - last[0] <= LONGEST_WINDOW_NS:
+            self._n_changes += 1
+            changed = (was_forward + forward - last[1][0]) ** 2 + (was_right + right - last[1][1]) ** 2
+            self._mean_square += max(1 / self._n_changes, 1 / MEMORY) * (changed / 2 - self._mean_square)
         self.forward_right_mps2 = (was_forward + share * forward, was_right + share * right)
+
+
+def _change(x: float) -> float:
+    """Variance of the mean of a Gauss-Markov process over a window of x correlation times less its covariance with that of the
+    next window, over the variance of the process (from its autocorrelation exp(-t / tau))."""
+    kept = -math.expm1(-x)
+    return (2 * (x - kept) - kept * kept) / (x * x)

@@ -91,9 +91,10 @@ class Tracker:
         if last is not None and velocity.t_ns < last.t_ns + MIN_VELOCITY_INTERVAL_NS:
             return False
         self._velocity, self._velocity_boot_ns = velocity, t_boot_ns
-        sigma_a = self._inertial.bias.sigma_mps2(self._settings.acceleration_sigma_mps2, LEAST_ACCELERATION_SIGMA_MPS2)
+        unknown, tau_s = self._settings.acceleration_sigma_mps2, self._settings.acceleration_correlation_s
+        sigma_a = self._inertial.bias.sigma_mps2(unknown, LEAST_ACCELERATION_SIGMA_MPS2, tau_s)
         self._velocity_known |= not alone
-        v_ne_mps = self._inertial.at(t_boot_ns) if alone and self._taught(velocity.t_ns, sigma_a) else None
+        v_ne_mps = self._inertial.at(t_boot_ns) if alone and self._taught(velocity.t_ns, min(unknown, sigma_a)) else None
         if v_ne_mps is None:
             self._inertial.anchor(t_boot_ns, velocity.v_ned_mps[:2], teaches=not alone)
         else:

@@ -200,3 +200,21 @@ def test_a_fix_at_the_edge_of_the_gate_hardly_moves_the_velocity() -> None:
     assert near.x[2] < 0
     assert abs(far.x[2]) < abs(near.x[2])
     assert far.P[0, 0] > near.P[0, 0]
+
+
+def test_a_correction_comes_back_as_an_error_of_the_accelerations_of_every_solution() -> None:
+    """The autopilot takes what we send for a measurement, and tilts: by the size of the correction, while accelerations drive."""
+    belief = fusion.with_inertial_velocity(start(), 0.05)
+    first, _ = fusion.observed(belief, fix(0.0, 3.0, 0.0), SETTINGS)
+    corrected_m2 = (belief.P - first.P)[:2, :2]
+    assert corrected_m2[0, 0] == pytest.approx(4.0 * 4.0 / 5.0)
+    expected = 0.05**2 * np.eye(2) + fusion.TILT_MPS2_PER_M**2 * corrected_m2
+    np.testing.assert_allclose(first.P[propagation.ACCELERATION, propagation.ACCELERATION], expected, atol=1e-9)
+    for P in first.without.P:
+        assert P[4, 4] == pytest.approx(0.05**2 + fusion.TILT_MPS2_PER_M**2 * corrected_m2[0, 0])
+
+
+def test_a_correction_tilts_nothing_while_the_autopilot_flies_on_gnss_that_is_trusted() -> None:
+    for drive in (Drive.AUTOPILOT, Drive.FED_BACK):
+        after, _ = fusion.observed(start(drive), fix(0.0, 3.0, 0.0), SETTINGS)
+        assert after.P[4, 4] == pytest.approx(start(drive).P[4, 4])

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from visloc_companion.core.inertial import MAX_GAP_NS, InertialVelocity
-from visloc_companion.core.inertial_bias import ENOUGH, AccelerationBias
+from visloc_companion.core.inertial_bias import ENOUGH, MOST_MPS2, SAFETY, AccelerationBias
+from visloc_companion.core.propagation import INERTIAL_WALK_MPS_PER_SQRT_S
 from visloc_companion.geo.se3 import quat_from_euler, quat_inverse, rotate
 from visloc_companion.types import Quat, Vec3
 
@@ -89,16 +90,44 @@ def test_a_bias_of_the_body_is_learned_beside_a_velocity_that_is_trusted_and_tak
     assert inertial.at(69_980_000_000) == pytest.approx((10.0, 0.0), abs=0.01)
 
 
-def test_the_scatter_of_the_windows_is_the_sigma_and_few_windows_tell_nothing() -> None:
-    rng, bias = np.random.default_rng(2), AccelerationBias()
-    total, v = np.zeros(2), (0.0, 0.0)
-    for k in range(200):
-        bias.on_sample(round(k * 5.1e9), v, (float(total[0]), float(total[1])), 0.3)
-        if k < ENOUGH:
-            assert bias.sigma_mps2(0.5, 0.05) == 0.5
-        total += 5.1 * 0.1 * rng.standard_normal(2)
-    assert bias.sigma_mps2(0.5, 0.05) == pytest.approx(0.13, rel=0.35)
-    assert bias.sigma_mps2(0.5, 0.4) == 0.4
+TAU_S = 20.0
+
+
+def bias_of(sigma_mps2: float, tau_s: float, walk: float, seed: int, windows: int = 200) -> AccelerationBias:
+    """What is learned of an acceleration error of this 1-sigma and correlation time, with white noise (m/s per root second)."""
+    rng, bias, dt_s = np.random.default_rng(seed), AccelerationBias(), 0.1
+    kept = math.exp(-dt_s / tau_s)
+    error, total = sigma_mps2 * rng.standard_normal(2), np.zeros(2)
+    for k in range(windows * 50):
+        bias.on_sample(round(k * 1e8), (0.0, 0.0), (float(total[0]), float(total[1])), 0.0)
+        known = np.array(bias.forward_right_mps2)
+        total = total + (error - known) * dt_s + walk * math.sqrt(dt_s) * rng.standard_normal(2)
+        error = kept * error + sigma_mps2 * math.sqrt(1 - kept * kept) * rng.standard_normal(2)
+    return bias
+
+
+def learned_sigma(sigma_mps2: float, tau_s: float, walk: float) -> float:
+    found = [bias_of(sigma_mps2, tau_s, walk, seed).sigma_mps2(0.2, 0.01, TAU_S) for seed in range(8)]
+    return float(np.median(found)) / SAFETY
+
+
+def test_an_error_that_stays_as_long_as_the_filter_thinks_is_learned_as_it_is() -> None:
+    assert learned_sigma(0.15, TAU_S, INERTIAL_WALK_MPS_PER_SQRT_S) == pytest.approx(0.15, rel=0.25)
+
+
+def test_an_error_that_changes_every_few_seconds_counts_for_more() -> None:
+    assert 0.3 < learned_sigma(0.23, 3.5, INERTIAL_WALK_MPS_PER_SQRT_S) < MOST_MPS2
+
+
+def test_white_noise_that_the_filter_allows_for_is_no_bias() -> None:
+    assert learned_sigma(0.0, TAU_S, INERTIAL_WALK_MPS_PER_SQRT_S) < 0.06
+
+
+def test_a_few_windows_tell_nothing_and_the_sigma_has_bounds() -> None:
+    assert bias_of(0.3, TAU_S, 0.0, 1, windows=ENOUGH).sigma_mps2(0.2, 0.01, TAU_S) == 0.2
+    assert bias_of(0.3, TAU_S, 0.0, 1, windows=ENOUGH + 2).sigma_mps2(0.2, 0.01, TAU_S) != 0.2
+    assert bias_of(0.001, TAU_S, 0.0, 1).sigma_mps2(0.2, 0.05, TAU_S) == 0.05
+    assert bias_of(3.0, TAU_S, 0.0, 1).sigma_mps2(0.2, 0.05, TAU_S) == MOST_MPS2
 
 
 def test_turns_and_interruptions_teach_nothing() -> None:
