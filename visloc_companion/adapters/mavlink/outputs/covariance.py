@@ -5,7 +5,8 @@ the rates of these: entries 0, 6, 11 are the diagonal of the first three, 15, 18
 * ArduPilot takes posErr = cbrt(c0^2 + c6^2 + c11^2) and angErr likewise of 15, 18, 20 (GCS_Common.cpp): to make it believe a
   standard deviation s, c0 = c6 = c11 = sqrt(s^3 / 3) is sent. It knows one radius for both axes, so s is the larger semi-axis.
 
-All 21 entries are always finite, and no variance is ever below that of MIN_SIGMA_M: a NaN makes ArduPilot fall to its 0.2 m default or raise an internal error, and PX4 drop fixes.
+All 21 entries are always finite, and no variance is ever below that of MIN_SIGMA_M: a NaN makes ArduPilot fall to its 0.2 m
+default or raise an internal error, and PX4 drop fixes.
 """
 
 from __future__ import annotations
