@@ -74,7 +74,8 @@ def propagated(solutions: Solutions, F: FloatArray, Q: FloatArray, step: FloatAr
     """All solutions through x -> F x + step with process noise Q (K, 11, 11)."""
     if not len(solutions):
         return solutions
-    P = _times(_times(solutions.P, F.T).transpose(0, 2, 1), F.T) + Q
+    P = _times(_times(solutions.P, F.T).transpose(0, 2, 1), F.T)
+    P += Q
     return _moved(solutions, solutions.x @ F.T + step, P)
 
 

@@ -15,7 +15,9 @@ from visloc_companion.types import (
     FrameRef,
     GeoPoint,
     Gnss,
+    GnssTime,
     Imu,
+    LinkChanged,
     LocalPose,
     MapAtGnss,
     NoFix,
@@ -24,9 +26,13 @@ from visloc_companion.types import (
     OriginChanged,
     PriorPose,
     Range,
+    Tick,
+    TimesyncSample,
     Turn,
+    WorkerState,
 )
 
+NOTHING_TO_CHECK = frozenset({Tick, TimesyncSample, GnssTime, LinkChanged, WorkerState})
 MAX_SPEED_MPS = 200.0
 MAX_FORCE_MPS2 = 160.0
 """What accelerometers of autopilots can measure."""
@@ -36,6 +42,8 @@ MAX_LEAD_NS = 200_000_000
 
 def fault(event: Event, now_ns: int) -> Reason | None:  # noqa: PLR0911, PLR0912 (one return for each kind of event)
     """Why an event must not be used, or None. Fields that autopilots may leave unknown (None) are fine."""
+    if type(event) in NOTHING_TO_CHECK:
+        return None
     match event:
         case Attitude():
             return _unless(_finite(*event.q_ned_frd, *event.rate_frd_radps))
@@ -123,7 +131,7 @@ def is_turn(turn: Turn) -> bool:
 
 
 def _is_velocity(v_mps: tuple[float, float, float]) -> bool:
-    return _finite(*v_mps) and max(abs(v) for v in v_mps) <= MAX_SPEED_MPS
+    return _finite(*v_mps) and max(map(abs, v_mps)) <= MAX_SPEED_MPS
 
 
 def _finite(*numbers: float) -> bool:
