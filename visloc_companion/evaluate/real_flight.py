@@ -26,7 +26,7 @@ PROBATION_S = 40.0
 """How long after GNSS is good again it may still fly on vision: the monitor's probation of 20 s, and as much for its evidence."""
 ENOUGH_S = 30.0
 GRACE_S, SETTLED_M, SETTLED_LIMIT_S = 10.0, 3.0, 5.0
-"""After fixes have jumped on purpose errors are not judged for so long; the estimate must be near them again sooner."""
+"""After fixes have jumped on purpose errors and rejections are not judged for so long; the estimate must be there sooner."""
 BACK_S = 4.0
 """A daemon that is started again must send a position within so long."""
 LATE_S, STARVED = 0.15, 0.02
@@ -77,7 +77,7 @@ def real_figures(log: RealLog, scenario: RealScenario) -> RealFigures:
     jumps = [start_s + at_s for from_s, to_s, *_ in scenario.oracle.moved for at_s in (from_s, to_s)]
     judged = [s for s in on_vision if not any(0 <= s.t_s - at_s < GRACE_S for at_s in jumps)]
     gaps = _gaps_s(log, on_vision)
-    errors, ratios = _errors(judged), [s.ratio for s in on_vision if s.ratio is not None]
+    errors, ratios = _errors(judged), [s.ratio for s in judged if s.ratio is not None]
     velocity = [_norm(s.estimate_v_ned_mps, s.true_v_ned_mps) for s in on_vision if s.estimate_v_ned_mps is not None]
     dragged = [s for s in flown if scenario.drag_at_s is not None and s.phase == "gnss" and _is_bad(s, log)]
     last = _errors(flown[-1:])

@@ -109,11 +109,13 @@ def test_errors_are_against_where_fixes_are_put_on_purpose_and_not_judged_at_onc
         t_s = k * 0.2
         there = 20.0 if 100 <= t_s < 150 else 0.0
         late = 20.0 if 102 <= t_s < 151 else 0.0
-        samples.append(sample(t_s, "vision", 1.0 + late, offset_ne_m=(0.0, there)))
+        ratio = 0.2 if late == there else 2.0
+        samples.append(sample(t_s, "vision", 1.0 + late, offset_ne_m=(0.0, there), ratio=ratio))
     log = RealLog(samples=samples, marks=[(0.0, "begun"), (200.0, "over")])
     figures = real_figures(log, jump)
     assert figures.error_p95_m == pytest.approx(1.0)
     assert figures.settled_s == pytest.approx(2.0)
+    assert figures.rejected_share == 0.0
     assert all(check.passed for check in checks(figures, jump, Simulator.ARDUCOPTER))
     never = replace(figures, settled_s=float("inf"))
     assert [check.name for check in checks(never, jump, Simulator.ARDUCOPTER) if not check.passed] == [
