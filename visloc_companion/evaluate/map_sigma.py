@@ -16,10 +16,10 @@ from visloc_companion.types import Fix
 class MapSigma:
     """1-sigma of a map's registration on each horizontal axis, and of its heights, metres.
 
-    The defaults are what two dates of a place differ by on training data: 0.5 to 0.8 m horizontally at 1 m a pixel (after a
-    shift that is common to the whole image is taken out), 1.7 m at 5 m a pixel; in height what made the claims of training
-    pairs without surface model, and of made ground five years on with the old one, agree with their errors
-    (`python -m benchmarks.registration`, docs/benchmarks.md).
+    The defaults were set on training cases. Two dates of a place at 1 m a pixel are 0.5 m apart on each axis, less the shift that
+    the whole image has, and 1.7 m at 5 m a pixel (`python -m benchmarks.registration`); with 0.7 m 92 % of the errors of training
+    pairs lie in their 95 % ellipse. In height 0.5 m made the claims of these pairs, which have no surface model,
+    and of made ground over its model of five years before agree with their errors.
     """
 
     horizontal_m: float = 0.7

@@ -18,18 +18,16 @@ FACTOR = 1.05
 """On the formal sigmas of blocks that scatter by a pixel or less, ..."""
 SHARED_POWER = 0.25
 """... times this power of a larger scatter, ..."""
-WARP = 0.5
-"""... the share of a smooth field's covariance that is added, and ..."""
 FLOOR_PX = 0.05
-"""... the horizontal sigma (working pixels) in any case. Fitted beside a map's error of 0.7 m on NAIP rows < 400, nadir, oblique
-and low, training pairs of the bi-temporal data and landscape seeds < 100."""
+"""... and the horizontal sigma (working pixels) in any case. Fitted beside a map's error of 0.7 m on NAIP rows < 400
+(nadir, oblique and low), training pairs of the bi-temporal data and landscape seeds < 100."""
 
 
 def claimed_covariance(estimate: PoseEstimate, gsd_m: float) -> FloatArray:
     """(6, 6) of north, east, up (metres) and rotation about them (radians) from a pose of blocks at a working resolution."""
     covariance = of_scatter(estimate, gsd_m)
     if estimate.errors is not None:
-        covariance += WARP * warp_covariance(estimate.errors, estimate.weights, gsd_m)
+        covariance += warp_covariance(estimate.errors, estimate.weights, gsd_m)
     return covariance
 
 
