@@ -86,8 +86,8 @@ class Px4Estimator:
         self.filter.fuse_baro()
         if self._wind is not None and air_velocity_ne_mps is not None:
             self._wind.step(self.filter, air_velocity_ne_mps, self._aided)
-        elif self.filter.at_rest and not self.health().position_ok:
-            self.filter.hold()  # in the air it goes on from its accelerations
+        elif not self.health().position_ok and (self.filter.at_rest or self._valid_until_s > -math.inf):
+            self.filter.hold()  # in the air, before there was any position, it goes on from its accelerations
         return []
 
     @property
