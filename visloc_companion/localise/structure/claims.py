@@ -19,8 +19,8 @@ one of the handicap, so that distance from the prior and agreement are weighed a
 over seeds 30 to 47 of benchmarks/structure_chain.py, whose wrong ones lead by 0.06 at most."""
 LOOSE_M = 0.45
 """A place that the reliefs hold no better than this is one among many, however far it leads. Of 128 flights over seeds 30 to 47
-all seven wrong places were held to more than 0.6 m, and no right one; of 96 flights of eight frames over seeds 200 to 205 all that
-are off by less than 1.3 m to 0.20 m or better."""
+all seven wrong places were held to more than 0.6 m, and no right one; of 96 flights of eight frames over seeds 200 to 205 all
+that are off by less than 1.3 m to 0.20 m or better."""
 
 
 def judged(registered: Registered, max_probability_wrong: float) -> Registered | NotRegistered:
