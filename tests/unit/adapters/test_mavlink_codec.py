@@ -116,8 +116,8 @@ def test_ekf_status_of_ardupilot():
     assert one(mav.MAVLink_ekf_status_report_message(0x833F, 0.1, 0.2, 0.3, 0, 0)).gnss_glitch
 
 
-@pytest.mark.parametrize(("flags", "vouched"), [(0x33F, True), (0x12F, True), (0x25, False), (0xA7, False)])
-def test_ardupilot_vouches_for_its_velocity_but_not_while_it_holds_a_position(flags: int, vouched: bool) -> None:
+@pytest.mark.parametrize(("flags", "vouched"), [(0x33F, True), (0x12F, True), (0x25, False), (0xA7, False), (0, None)])
+def test_ardupilot_vouches_for_its_velocity_but_not_while_it_holds_a_position(flags: int, vouched: bool | None) -> None:
     assert one(mav.MAVLink_ekf_status_report_message(flags, 0.1, 0.2, 0.3, 0, 0)).velocity_ok is vouched
 
 

@@ -100,7 +100,8 @@ def _ratio(value: float) -> float | None:
 
 
 def _ekf_status_report(msg: Message, t_rx_ns: int) -> Outcome:
-    """ArduPilot says that its velocity is good in constant position mode, too, where it is none."""
+    """ArduPilot says that its velocity is good in constant position mode, too, where it is none; without any flag it says nothing
+    (a simulator of 2018 that flies on DCM)."""
     constant = bool(msg.flags & mav.EKF_CONST_POS_MODE)
     return EstimatorStatus(
         t_rx_ns,
@@ -110,7 +111,7 @@ def _ekf_status_report(msg: Message, t_rx_ns: int) -> Outcome:
         horizontal_position_ok=bool(msg.flags & mav.EKF_POS_HORIZ_ABS) and not constant,
         gnss_glitch=bool(msg.flags & mav.EKF_GPS_GLITCHING),
         gnss_in_use=None,
-        velocity_ok=bool(msg.flags & mav.EKF_VELOCITY_HORIZ) and not constant,
+        velocity_ok=bool(msg.flags & mav.EKF_VELOCITY_HORIZ) and not constant if msg.flags else None,
     )
 
 
