@@ -1,9 +1,10 @@
 """What the accelerations get wrong, learned while GNSS is trusted: their sum against the autopilot's velocity, window by window.
 
-The mean error of a window along forward and right is one sample of a bias (sensor, levelling) that stays. By how much samples
-that follow each other differ tells how fast the error changes, which becomes the filter's 1-sigma: that of the Gauss-Markov
-process of its correlation time (propagation.py) whose means over such windows differ as much, beyond its white noise. An attitude
-that errs by less, but anew every few seconds, is as harmful between fixes as a larger error that stays.
+The mean error of a window along forward and right is one sample of a bias (sensor, levelling) that stays. How far samples are
+from it tells how much the error changes in the long run. By how much samples that follow each other differ tells how fast: beyond
+the filter's white noise it is laid to the Gauss-Markov process of the filter's correlation time whose means over such windows
+differ as much. The larger of both becomes its 1-sigma (propagation.py). An attitude that errs by less, but anew every few
+seconds, is as harmful between fixes as a larger error that stays.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ class AccelerationBias:
 
     def __init__(self) -> None:
         self.forward_right_mps2: Vec2 = (0.0, 0.0)
-        self._n, self._n_changes, self._mean_square = 0, 0, 0.0
+        self._n, self._mean_square, self._n_changes, self._change_square = 0, 0.0, 0, 0.0
         self._last: tuple[int, Vec2] | None = None
         self._begun: tuple[int, Vec2, Vec2, float] | None = None
 
@@ -41,8 +42,9 @@ class AccelerationBias:
         if self._n_changes < ENOUGH - 1:
             return unknown
         window_s = WINDOW_NS * 1e-9
-        beyond_noise = max(0.0, self._mean_square / 2 - INERTIAL_WALK_MPS_PER_SQRT_S**2 / window_s)
-        return min(MOST_MPS2, max(at_least, SAFETY * math.sqrt(beyond_noise / _change(window_s / tau_s))))
+        beyond_noise = max(0.0, self._change_square / 2 - INERTIAL_WALK_MPS_PER_SQRT_S**2 / window_s)
+        variance = max(self._mean_square, beyond_noise / _change(window_s / tau_s))
+        return min(MOST_MPS2, max(at_least, SAFETY * math.sqrt(variance)))
 
     def interrupted(self) -> None:
         """The window under way tells nothing."""
@@ -74,7 +76,9 @@ class AccelerationBias:
         if last is not None and t_boot_ns - last[0] <= LONGEST_WINDOW_NS:
             self._n_changes += 1
             changed = (was_forward + forward - last[1][0]) ** 2 + (was_right + right - last[1][1]) ** 2
-            self._mean_square += max(1 / self._n_changes, 1 / MEMORY) * (changed / 2 - self._mean_square)
+            self._change_square += max(1 / self._n_changes, 1 / MEMORY) * (changed / 2 - self._change_square)
+        if self._n > 1:  # the first sample is the bias itself
+            self._mean_square += max(1 / (self._n - 1), 1 / MEMORY) * ((forward**2 + right**2) / 2 - self._mean_square)
         self.forward_right_mps2 = (was_forward + share * forward, was_right + share * right)
 
 
