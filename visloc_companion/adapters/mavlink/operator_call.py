@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import time
 from dataclasses import dataclass
 
 from visloc_companion.adapters.mavlink import operator_position
@@ -13,7 +12,8 @@ from visloc_companion.adapters.mavlink.codec import is_autopilot
 from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT, Message, mav
 from visloc_companion.adapters.mavlink.endpoint import parse_endpoint
 from visloc_companion.adapters.mavlink.framing import Framer
-from visloc_companion.adapters.mavlink.signing import SigningSettings, SigningTime, sign_with
+from visloc_companion.adapters.mavlink.packing import Packer
+from visloc_companion.adapters.mavlink.signing import SigningSettings
 from visloc_companion.errors import LinkError
 from visloc_companion.types import GeoPoint
 
@@ -41,10 +41,7 @@ class _Call:
     def __init__(self, caller: Caller, open_channel: OpenChannel) -> None:
         self.component_id, self._open_channel = caller.component_id, open_channel
         self._framer = Framer()
-        self._mav = mav.MAVLink(None, srcSystem=caller.system_id, srcComponent=STATION_COMPONENT)
-        self._time = None if caller.signing is None else SigningTime(caller.signing.stamp_at_zero)
-        if caller.signing is not None:
-            sign_with(self._mav, caller.signing)
+        self._packer = Packer(caller.system_id, STATION_COMPONENT, caller.signing)
         self._channel: Channel | None = None
         self._changed = asyncio.Event()
         self.vehicle = 0
@@ -65,11 +62,8 @@ class _Call:
             self._channel.close()
 
     def send(self, message: Message) -> None:
-        if self._time is not None:
-            self._time.advance(time.monotonic_ns())
-            self._mav.signing.timestamp = self._time.next()
         if self._channel is not None:
-            self._channel.write([bytes(message.pack(self._mav))])
+            self._channel.write([self._packer.packet(message)])
 
     def beat(self) -> None:
         self.send(mav.MAVLink_heartbeat_message(mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, mav.MAV_STATE_ACTIVE, 3))

@@ -17,8 +17,9 @@ from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT, Messa
 from visloc_companion.adapters.mavlink.encode import command_long, heartbeat
 from visloc_companion.adapters.mavlink.endpoint import EndpointKind, parse_endpoint
 from visloc_companion.adapters.mavlink.framing import Framer
+from visloc_companion.adapters.mavlink.packing import Packer
 from visloc_companion.adapters.mavlink.serial_channel import SerialChannel
-from visloc_companion.adapters.mavlink.signing import SigningSettings, SigningTime, is_signed, sign_with
+from visloc_companion.adapters.mavlink.signing import SigningSettings, is_signed
 from visloc_companion.adapters.mavlink.timesync import Timesync
 from visloc_companion.errors import LinkError
 from visloc_companion.types import AutopilotKind, TimesyncSample
@@ -50,10 +51,7 @@ class Conversation:
         self._framer = Framer()
         self._timesync = Timesync()
         self.signed = False
-        self._mav = mav.MAVLink(None, srcSystem=1, srcComponent=COMPONENT)
-        self._time = None if signing is None else SigningTime(signing.stamp_at_zero)
-        if signing is not None:
-            sign_with(self._mav, signing)
+        self._packer = Packer(1, COMPONENT, signing)
         self._channel: Channel | None = None
         self._changed = asyncio.Event()
         self._heartbeat: asyncio.Task[None] | None = None
@@ -113,11 +111,8 @@ class Conversation:
 
     def send(self, message: Message) -> None:
         """Send a message at once, signed where there is a key."""
-        if self._time is not None:
-            self._time.advance(time.monotonic_ns())
-            self._mav.signing.timestamp = self._time.next()
         if self._channel is not None:
-            self._channel.write([bytes(message.pack(self._mav))])
+            self._channel.write([self._packer.packet(message)])
 
     def command(self, number: int, *params: float) -> None:
         """Send a COMMAND_LONG; its COMMAND_ACK comes as any message."""
@@ -175,7 +170,7 @@ class Conversation:
 
     def _take(self, message: Message, now_ns: int) -> None:
         kind = message.get_type()
-        self._mav.srcSystem = self.system_id
+        self._packer.speak_as(self.system_id)
         self.mavlink_version = 1 if message.get_msgbuf()[0] == mav.PROTOCOL_MARKER_V1 else 2
         self.signed = is_signed(message.get_msgbuf())
         self.last[kind] = message
