@@ -9,7 +9,7 @@ import numpy as np
 
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
-from visloc_companion.localise.claims import claimed_covariance, horizontal_sigma, of_scatter
+from visloc_companion.localise.claims import claimed_covariance, horizontal_sigma
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import full_level
@@ -118,7 +118,7 @@ def _evidence(
         yaw_sigmas=abs(heading) / max(prior.sigma_yaw_rad, math.radians(0.5)),
         position_sigmas=math.sqrt(float(offset @ np.linalg.solve(plan.cov_ne_m2, offset))),
         returning=best.returning(),
-        sigma_px=horizontal_sigma(of_scatter(estimate, best.gsd_m)) / plan.coarse_gsd_m,
+        sigma_px=horizontal_sigma(claimed_covariance(estimate, best.gsd_m)) / plan.coarse_gsd_m,
     )
 
 

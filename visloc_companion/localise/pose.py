@@ -18,7 +18,6 @@ import numpy as np
 
 from visloc_companion.localise.align import moved
 from visloc_companion.localise.ortho_rectify import CameraPose
-from visloc_companion.localise.warp import GroundErrors
 from visloc_companion.types import FloatArray
 
 CAUCHY = 2.0
@@ -30,15 +29,14 @@ show in their differences."""
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseEstimate:
     """Pose, covariance (6, 6) of (north, east, up, rotation about n, e, d), scatter of the residuals (in units of the given
-    sigmas), the final weights (N,) of the correspondences, how much of the covariance (6, 6) is of the ground's open slope,
-    which no scatter tells of, and what the correspondences leave over on the ground."""
+    sigmas), the final weights (N,) of the correspondences, and how much of the covariance (6, 6) is of the ground's open slope,
+    which no scatter tells of."""
 
     pose: CameraPose
     covariance: FloatArray
     scatter: float
     weights: FloatArray
     of_slope: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
-    errors: GroundErrors | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,8 +80,7 @@ def freed_of_slope(apparent: PoseEstimate, prior: PriorTerm, sigma_slope_rad: fl
     of_slope = np.asarray(share * tilt_2 * turn @ turn.T, dtype=np.float64)
     covariance = np.asarray(kept @ apparent.covariance @ kept.T + of_slope, dtype=np.float64)
     pose = turned_about_view(apparent.pose, ground_up_m, np.append(-share * tilt, 0.0))
-    errors = apparent.errors and replace(apparent.errors, moves=np.einsum("ij,jnk->ink", kept, apparent.errors.moves))
-    return replace(apparent, pose=pose, covariance=covariance, of_slope=of_slope, errors=errors)
+    return replace(apparent, pose=pose, covariance=covariance, of_slope=of_slope)
 
 
 def turned_about_view(pose: CameraPose, ground_up_m: float, turn_rad: FloatArray) -> CameraPose:
@@ -148,24 +145,7 @@ def solve_pose(
         pose = moved(pose, delta)
         if abs(delta[:3]).max() < 1e-4:
             break
-    residual, J = _residuals(ground_ned_m, pix, K, pose)
-    if residual is None:
-        return None
-    covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
-    gain = np.einsum("ij,nkj->ink", covariance, J * (weights / (sigma_px * scatter) ** 2)[:, None, None])
-    return PoseEstimate(pose, covariance, scatter, weights, errors=_on_ground(ground_ned_m, residual, J, gain))
-
-
-def _on_ground(ground_ned_m: FloatArray, residual: FloatArray, J: FloatArray, gain: FloatArray) -> GroundErrors:
-    """Residuals (N, 2) in pixels, and the gain (6, N, 2) of the pose for them, as displacements of the ground in metres.
-
-    A camera that moves and ground that moves the other way look alike: the first two columns of J.
-    """
-    per_metre = J[:, :, :2]
-    apart = np.asarray(
-        (np.linalg.pinv(per_metre, rcond=1e-6) @ residual[..., None])[..., 0]
-    )  # singular for a point on the horizon
-    return GroundErrors(ground_ned_m[:, :2], apart, np.einsum("ink,nkj->inj", gain, per_metre))
+    return PoseEstimate(pose, np.asarray(np.linalg.inv(normal), dtype=np.float64), scatter, weights)
 
 
 def _residuals(

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from visloc_companion.localise.claims import claimed_covariance, horizontal_sigma, of_scatter
+from visloc_companion.localise.claims import claimed_covariance, horizontal_sigma
 from visloc_companion.localise.ortho_rectify import CameraPose
 from visloc_companion.localise.pose import PoseEstimate
-from visloc_companion.localise.warp import GroundErrors, warp_covariance
 
 FORMAL = np.diag([4.0, 9.0, 16.0, 1e-4, 1e-4, 1e-4])
 
@@ -28,7 +27,7 @@ def test_agreement_beyond_a_pixel_claims_no_less():
 
 def test_floor_is_horizontal_only_and_follows_the_resolution():
     fine, coarse = (np.diag(claimed_covariance(estimate(1.0), gsd)) for gsd in (1.0, 5.0))
-    assert (coarse - fine)[:2] == pytest.approx(0.05**2 * 24)
+    assert (coarse - fine)[:2] == pytest.approx(0.15**2 * 24)
     np.testing.assert_array_equal(coarse[2:], fine[2:])
 
 
@@ -49,13 +48,3 @@ def test_what_the_slope_leaves_open_is_not_widened_by_the_scatter():
     whole = estimate(4.0)
     with_slope = replace(whole, covariance=whole.covariance + of_slope, of_slope=of_slope)
     np.testing.assert_allclose(claimed_covariance(with_slope, 1.0) - claimed_covariance(whole, 1.0), of_slope, atol=1e-12)
-
-
-def test_a_bend_between_frame_and_map_is_claimed_and_left_out_of_what_matches_are_judged_by():
-    rng = np.random.default_rng(1)
-    errors = GroundErrors(rng.uniform(-50, 50, (20, 2)), rng.normal(0, 2, (20, 2)), np.full((6, 20, 2), 0.05))
-    bent = replace(estimate(1.0), weights=np.ones(20), errors=errors)
-    added = claimed_covariance(bent, 1.0) - of_scatter(bent, 1.0)
-    np.testing.assert_allclose(added, warp_covariance(errors, bent.weights, 1.0), atol=1e-12)
-    assert added[0, 0] > 0
-    np.testing.assert_array_equal(of_scatter(bent, 1.0), claimed_covariance(estimate(1.0), 1.0))

@@ -75,25 +75,6 @@ def test_claimed_covariance_is_what_repetition_shows():
     assert (ratio < 1.35).all()
 
 
-def test_what_a_map_that_is_off_moves_the_pose_by():
-    """A map that is off everywhere alike moves the pose with it; off at one block, by that block's part."""
-    truth = pose_of((3, -4, -150), 0.02, 0.1, 0.4)
-    points = ground(25, 8, 10)
-    term = PriorTerm(truth.R_ned_cam, math.radians(0.01))
-    exact, off = (
-        solve_pose(points + shift, project(points, truth), np.ones(25), K, truth, term, 20)
-        for shift in (np.zeros((25, 3)), np.array([[0.2, -0.1, 0.0]] + [[0.0, 0.0, 0.0]] * 24))
-    )
-    assert exact is not None
-    assert exact.errors is not None
-    assert off is not None
-    np.testing.assert_allclose(exact.errors.moves[:2].sum(1), np.eye(2), atol=1e-3)
-    expected = exact.errors.moves[:3, 0] @ (0.2, -0.1)
-    np.testing.assert_allclose((off.pose.p_ned_m - exact.pose.p_ned_m) * (1, 1, -1), expected, rtol=0.2, atol=1e-3)
-    assert off.errors is not None
-    np.testing.assert_allclose(off.errors.apart_ne_m[0], (0.2, -0.1), atol=0.06)
-
-
 def test_claims_hold_over_ground_of_unknown_slope():
     """A lean of the ground looks like a tilt: prior and picture share it, and the position's claim holds what that moves."""
     truth = pose_of((0, 0, -150), 0.06, -0.1, 0.4)
