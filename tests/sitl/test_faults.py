@@ -13,9 +13,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.sitl.conftest import program_or_skip
 from visloc_companion.errors import ConfigError
 from visloc_companion.evaluate.real_flight import checks, real_figures
-from visloc_companion.sim.real.programs import Simulator, find_program
+from visloc_companion.sim.real.programs import Simulator
 from visloc_companion.sim.real.scenarios import ORACLE, real_scenario
 
 pytestmark = [pytest.mark.sitl, pytest.mark.timeout(900)]
@@ -78,10 +79,7 @@ def test_px4s_plane_flies_on_vision(fly) -> None:
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
 def test_the_command_flies_and_judges(autopilot: str, tmp_path: Path) -> None:
     simulator = Simulator.PX4 if autopilot == "px4" else Simulator.ARDUCOPTER
-    try:
-        find_program(simulator)
-    except ConfigError as why:
-        pytest.skip(str(why))
+    program_or_skip(simulator)
     out = tmp_path / "figures.json"
     asked = ["sim", "--autopilot", autopilot, "--scenario", "outages", "--json", str(out)]
     ran = subprocess.run(

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from visloc_companion.core.validate import is_place
+from visloc_companion.core.validate import MAX_OPERATOR_SIGMA_M, is_place
 from visloc_companion.errors import ConfigError
 from visloc_companion.types import Event, GeoPoint, LocalPose, OperatorFix, OriginChanged, PriorPose
-
-MOST_SIGMA_M = 10_000.0
-"""The navigator takes no larger one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +27,8 @@ class At:
             raise ConfigError(f"{text!r} is no latitude and longitude", where="--at", remedy=remedy) from why
         if not is_place(GeoPoint(lat_deg, lon_deg, 0.0)):
             raise ConfigError(f"{text!r} is no place to fly", where="--at", remedy=remedy)
-        if not 0 < sigma_m <= MOST_SIGMA_M:
-            raise ConfigError(f"{sigma_m} is not above 0 and at most {MOST_SIGMA_M:.0f}", where="--sigma", remedy=remedy)
+        if not 0 < sigma_m <= MAX_OPERATOR_SIGMA_M:
+            raise ConfigError(f"{sigma_m} is not above 0 and at most {MAX_OPERATOR_SIGMA_M:.0f}", where="--sigma", remedy=remedy)
         return cls(lat_deg, lon_deg, sigma_m)
 
 

@@ -15,15 +15,16 @@ class LeverArm:
 
     def __init__(self, lever_frd_m: Vec3, clock: ClockOffset, attitude: AttitudeBuffer) -> None:
         self._lever_frd_m, self._clock, self._attitude = lever_frd_m, clock, attitude
+        self._back_frd_m = (-lever_frd_m[0], -lever_frd_m[1], -lever_frd_m[2])
 
     def camera_ned_m(self, p_ned_m: Vec3, q_ned_frd: Quat) -> Vec3:
         """Where the camera is while the vehicle is at a place with an attitude."""
-        return _sum(p_ned_m, se3.rotate(q_ned_frd, self._lever_frd_m))
+        return se3.plus(p_ned_m, se3.rotate(q_ned_frd, self._lever_frd_m))
 
     def place_of_vehicle(self, place: GeoPoint, q_ned_cambody: Quat, q_frd_cambody: Quat) -> GeoPoint:
         """Where the vehicle is while the camera's body is at a place with an attitude."""
         q_ned_frd = se3.quat_multiply(q_ned_cambody, se3.quat_inverse(q_frd_cambody))
-        return wgs84.geo_from_ned(_minus(se3.rotate(q_ned_frd, self._lever_frd_m)), place)
+        return wgs84.geo_from_ned(se3.rotate(q_ned_frd, self._back_frd_m), place)
 
     def of_vehicle(self, answer: Fix | NoFix, q_frd_cambody: Quat) -> Fix | NoFix:
         """The answer about the vehicle; the fix's own attitude turns the lever. Motion whose attitudes are not known stays."""
@@ -45,17 +46,9 @@ class LeverArm:
         before, after = self._attitude_at(motion.t_from_ns), self._attitude_at(motion.t_to_ns)
         if before is None or after is None:
             return motion
-        swung = _sum(se3.rotate(after, self._lever_frd_m), _minus(se3.rotate(before, self._lever_frd_m)))
-        return replace(motion, displacement_ned_m=_sum(motion.displacement_ned_m, _minus(swung)))
+        swung_back = se3.plus(se3.rotate(before, self._lever_frd_m), se3.rotate(after, self._back_frd_m))
+        return replace(motion, displacement_ned_m=se3.plus(motion.displacement_ned_m, swung_back))
 
     def _attitude_at(self, t_ns: int) -> Quat | None:
         t_boot_ns = self._clock.boot_ns(t_ns)
         return None if t_boot_ns is None else self._attitude.at(t_boot_ns)
-
-
-def _sum(a: Vec3, b: Vec3) -> Vec3:
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-def _minus(a: Vec3) -> Vec3:
-    return -a[0], -a[1], -a[2]

@@ -85,7 +85,7 @@ class TimeOffset:
         information = np.linalg.inv(R @ np.array(turn.cov_rad2) @ R.T + own * np.eye(3))
         size2 = ((r @ information) * r).sum(1)
         self._forget(turn.t_to_ns)
-        self._score -= WEIGHT * (DEGREES + 3) / 2 * np.log1p(size2 / DEGREES)
+        self._score += log_likelihood(size2)
         self._score -= self._score.max()
         np.maximum(self._score, -MOST_BEHIND, out=self._score)
         return True
@@ -109,6 +109,11 @@ class TimeOffset:
         if self._t_ns is not None and t_ns > self._t_ns:
             self._score *= math.exp(-(t_ns - self._t_ns) * 1e-9 / MEMORY_S)
         self._t_ns = t_ns
+
+
+def log_likelihood(size2: FloatArray) -> FloatArray:
+    """Of turns whose differences have these squared sizes, in sigmas: Student's, less what neighbours say as well."""
+    return np.asarray(-WEIGHT * (DEGREES + 3) / 2 * np.log1p(size2 / DEGREES))
 
 
 def _at(t_s: FloatArray, q: FloatArray, wanted_s: FloatArray) -> FloatArray:

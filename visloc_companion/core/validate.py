@@ -36,6 +36,7 @@ NOTHING_TO_CHECK = frozenset({Tick, TimesyncSample, GnssTime, LinkChanged, Worke
 MAX_SPEED_MPS = 200.0
 MAX_FORCE_MPS2 = 160.0
 """What accelerometers of autopilots can measure."""
+MAX_OPERATOR_SIGMA_M = 10_000.0
 MAX_LEAD_NS = 200_000_000
 """Times of validity may lie this far ahead of the shell's clock (clock offsets are estimates)."""
 
@@ -69,7 +70,7 @@ def fault(event: Event, now_ns: int) -> Reason | None:  # noqa: PLR0911, PLR0912
         case OriginChanged():
             return _unless(is_place(event.origin))
         case OperatorFix():
-            return _unless(is_place(event.place) and _finite(event.sigma_m) and 0 < event.sigma_m <= 10_000)
+            return _unless(is_place(event.place) and _finite(event.sigma_m) and 0 < event.sigma_m <= MAX_OPERATOR_SIGMA_M)
         case Fix():
             return _fix_fault(event, now_ns)
         case NoFix():

@@ -18,6 +18,7 @@ import numpy as np
 from visloc_companion.adapters.logs.folder import FoundOffset
 from visloc_companion.adapters.logs.frames import FrameSource
 from visloc_companion.adapters.logs.recording import NS_PER_S, NS_PER_US, Recording
+from visloc_companion.core.time_offset import log_likelihood
 from visloc_companion.errors import LogError
 from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.localise.odometry.rotation import TurnWatch
@@ -36,8 +37,6 @@ LEAST_SHARE = 0.5
 SIGMA_RAD = math.radians(0.6)
 """1-sigma of the difference of two turns about each axis: mounting, relief and the autopilot's own errors."""
 COARSE_SIGMA_RAD = math.radians(2.5)
-DEGREES, WEIGHT = 4.0, 0.7
-"""Student's degrees of freedom; the share of a turn's information that its neighbour has not, as in core/time_offset.py."""
 LEAST_LEAD = 20.0
 """Logarithm of how much likelier the offset must be than any other."""
 LEAST_TURNS = 30
@@ -82,9 +81,11 @@ def best_offset(recording: Recording, turns: list[Turn], attitudes: Sequence[Att
     aside_s = (1 - LEAST_SHARE) * span_s
     coarse = np.arange(log_s[0] - spans_s[0, 0] - aside_s, log_s[-1] - spans_s[-1, 1] + aside_s, COARSE_S)
     peaks = _peaks(coarse, _scores(path, spans_s, told, coarse, COARSE_SIGMA_RAD))
+    if not peaks:
+        raise _unknown(recording, "no offset puts half of the turns into the log")
     tried = [_refined(path, spans_s, told, near_s) for near_s in peaks]
-    best, others = max(tried), sorted(tried)[:-1]
-    lead = best.score - max((other.score for other in others), default=-math.inf)
+    *others, best = sorted(tried)
+    lead = best.score - others[-1].score if others else math.inf
     if best.sigma_s >= NEAR_S or lead < LEAST_LEAD:
         raise _unknown(
             recording, f"the best offset, {best.at_s:.2f} s, is not far likelier than others (by {lead:.1f}, in logarithms)"
@@ -147,7 +148,7 @@ def _scores(path: _Path, spans_s: FloatArray, told: FloatArray, offsets_s: Float
             continue
         size2 = ((turned - told) ** 2).sum(1) / sigma_rad**2
         size2[~inside] = any2[~inside]
-        scores[k] = -WEIGHT * (DEGREES + 3) / 2 * float(np.log1p(size2 / DEGREES).sum())
+        scores[k] = float(log_likelihood(size2).sum())
     return scores
 
 

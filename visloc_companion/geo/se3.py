@@ -117,6 +117,11 @@ def rotate(q: Quat, v: Vec3) -> Vec3:
     )
 
 
+def plus(a: Vec3, b: Vec3) -> Vec3:
+    """The sum of two vectors in the same axes."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
 def angle_between(a: Quat, b: Quat) -> float:
     """Angle of the rotation from one attitude to the other, radians in [0, pi]."""
     dot = abs(sum(x * y for x, y in zip(a, b, strict=True)))

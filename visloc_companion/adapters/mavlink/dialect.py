@@ -18,6 +18,13 @@ Message = Any
 mav.mavlink_map.setdefault(development.MAVLINK_MSG_ID_GNSS_INTEGRITY, development.MAVLink_gnss_integrity_message)
 
 AUTOPILOT_COMPONENT = 1
+GLOBAL_FRAMES = (
+    mav.MAV_FRAME_GLOBAL,
+    mav.MAV_FRAME_GLOBAL_INT,
+    mav.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+    mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+)
+"""MAV_FRAME of latitude and longitude; they differ in the height."""
 NO_AUTOPILOT_TYPES = frozenset(
     (
         mav.MAV_TYPE_GCS,

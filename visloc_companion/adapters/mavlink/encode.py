@@ -27,6 +27,11 @@ def heartbeat(state: int) -> Message:
     return mav.MAVLink_heartbeat_message(mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID, 0, 0, state, 3)
 
 
+def station_heartbeat() -> Message:
+    """HEARTBEAT (0) of a ground station."""
+    return mav.MAVLink_heartbeat_message(mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, mav.MAV_STATE_ACTIVE, 3)
+
+
 def command_long(system_id: int, command: int, *params: float, confirmation: int = 0) -> Message:
     """COMMAND_LONG (76) to the autopilot component; unnamed parameters are 0."""
     filled = (*params, *(0.0 for _ in range(7 - len(params))))

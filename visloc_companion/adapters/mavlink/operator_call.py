@@ -10,6 +10,7 @@ from visloc_companion.adapters.mavlink import operator_position
 from visloc_companion.adapters.mavlink.channels import Address, Channel, Listener, OpenChannel
 from visloc_companion.adapters.mavlink.codec import is_autopilot
 from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT, Message, mav
+from visloc_companion.adapters.mavlink.encode import station_heartbeat
 from visloc_companion.adapters.mavlink.endpoint import parse_endpoint
 from visloc_companion.adapters.mavlink.framing import Framer
 from visloc_companion.adapters.mavlink.packing import Packer
@@ -66,7 +67,7 @@ class _Call:
             self._channel.write([self._packer.packet(message)])
 
     def beat(self) -> None:
-        self.send(mav.MAVLink_heartbeat_message(mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, mav.MAV_STATE_ACTIVE, 3))
+        self.send(station_heartbeat())
 
     async def changed(self, timeout_s: float) -> None:
         """Until something came, at most so long. Raises LinkError where the connection is gone."""

@@ -8,19 +8,12 @@ from __future__ import annotations
 
 import math
 
-from visloc_companion.adapters.mavlink.dialect import Message, mav
-from visloc_companion.core.validate import is_place
+from visloc_companion.adapters.mavlink.dialect import GLOBAL_FRAMES, Message, mav
+from visloc_companion.core.validate import MAX_OPERATOR_SIGMA_M, is_place
 from visloc_companion.types import GeoPoint, OperatorFix
 
 COMMAND = mav.MAV_CMD_EXTERNAL_POSITION_ESTIMATE
-UNKNOWN_SIGMA_M, MOST_SIGMA_M = 50.0, 10_000.0
-_FRAMES = (
-    mav.MAV_FRAME_GLOBAL,
-    mav.MAV_FRAME_GLOBAL_INT,
-    mav.MAV_FRAME_GLOBAL_RELATIVE_ALT,
-    mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
-)
-"""They differ in the height, which is not used."""
+UNKNOWN_SIGMA_M = 50.0
 
 
 def is_for(msg: Message, system_id: int, component_id: int) -> bool:
@@ -56,7 +49,7 @@ def command(system_id: int, component_id: int, place: GeoPoint, sigma_m: float) 
 
 def _place(msg: Message) -> GeoPoint | None:
     if msg.get_type() == "COMMAND_INT":
-        place = GeoPoint(msg.x / 1e7, msg.y / 1e7, 0.0) if msg.frame in _FRAMES else None
+        place = GeoPoint(msg.x / 1e7, msg.y / 1e7, 0.0) if msg.frame in GLOBAL_FRAMES else None
     else:
         place = GeoPoint(float(msg.param5), float(msg.param6), 0.0)
     return place if place is not None and is_place(place) else None
@@ -65,7 +58,7 @@ def _place(msg: Message) -> GeoPoint | None:
 def _sigma_m(stated_m: float) -> float | None:
     if math.isnan(stated_m) or stated_m == 0:
         return UNKNOWN_SIGMA_M
-    return float(stated_m) if 0 < stated_m <= MOST_SIGMA_M else None
+    return float(stated_m) if 0 < stated_m <= MAX_OPERATOR_SIGMA_M else None
 
 
 def _ack(msg: Message, result: int) -> Message:

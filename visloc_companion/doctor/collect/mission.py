@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT, Message, mav
+from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT, GLOBAL_FRAMES, Message, mav
 from visloc_companion.doctor.collect.conversation import Conversation
 from visloc_companion.types import GeoPoint
 
 _ANSWER_S, _TRIES = 1.0, 3
-_GLOBAL_FRAMES = (
-    mav.MAV_FRAME_GLOBAL,
-    mav.MAV_FRAME_GLOBAL_INT,
-    mav.MAV_FRAME_GLOBAL_RELATIVE_ALT,
-    mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
-    mav.MAV_FRAME_GLOBAL_TERRAIN_ALT,
-    mav.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT,
-)
+_MISSION_FRAMES = (*GLOBAL_FRAMES, mav.MAV_FRAME_GLOBAL_TERRAIN_ALT, mav.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT)
 
 
 async def read_mission(conversation: Conversation) -> tuple[GeoPoint, ...] | None:
@@ -59,6 +52,6 @@ async def _item(conversation: Conversation, items: dict[int, Message], number: i
 
 def _place(item: Message) -> GeoPoint | None:
     goes = item.command <= mav.MAV_CMD_NAV_LAST and item.command != mav.MAV_CMD_NAV_RETURN_TO_LAUNCH
-    if not goes or item.frame not in _GLOBAL_FRAMES or (item.x == 0 and item.y == 0):
+    if not goes or item.frame not in _MISSION_FRAMES or (item.x == 0 and item.y == 0):
         return None
     return GeoPoint(item.x * 1e-7, item.y * 1e-7, 0.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from visloc_companion.geo.se3 import plus
 from visloc_companion.types import Vec3
 
 
@@ -82,18 +83,14 @@ def effect_of(faults: tuple[GnssFault, ...], t_s: float) -> GnssEffect:
             case Jam(start_s, end_s) if start_s <= t_s < end_s:
                 return GnssEffect(jammed=True)
             case StepSpoof(start_s, shift, end_s) if start_s <= t_s < end_s:
-                offset = _sum(offset, shift)
+                offset = plus(offset, shift)
             case Meacon(start_s, place, end_s) if start_s <= t_s < end_s:
                 meacon = place
             case SlowDrag() if fault.start_s <= t_s < fault.release_s:
-                offset = _sum(offset, _scaled(fault.velocity_ned_mps, min(t_s, fault.end_s) - fault.start_s))
+                offset = plus(offset, _scaled(fault.velocity_ned_mps, min(t_s, fault.end_s) - fault.start_s))
                 if fault.consistent_velocity and t_s < fault.end_s:
-                    velocity = _sum(velocity, fault.velocity_ned_mps)
+                    velocity = plus(velocity, fault.velocity_ned_mps)
     return GnssEffect(False, offset, velocity, meacon)
-
-
-def _sum(a: Vec3, b: Vec3) -> Vec3:
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 def _scaled(a: Vec3, factor: float) -> Vec3:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from visloc_companion.adapters.mavlink.channels import Address, Channel, Listener, open_network_channel
 from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT, Message, mav
-from visloc_companion.adapters.mavlink.encode import float_of_int32, int32_of_float
+from visloc_companion.adapters.mavlink.encode import float_of_int32, int32_of_float, station_heartbeat
 from visloc_companion.adapters.mavlink.endpoint import parse_endpoint
 from visloc_companion.adapters.mavlink.framing import Framer
 from visloc_companion.errors import LinkError
@@ -107,7 +107,7 @@ class Station:
 
     def heartbeat(self) -> None:
         """Say that the ground station is there; due once a second of simulated time."""
-        self.send(mav.MAVLink_heartbeat_message(mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, mav.MAV_STATE_ACTIVE, 3))
+        self.send(station_heartbeat())
 
     # ------------------------------------------------------------------------------------------------------------ waiting
 
