@@ -3,7 +3,8 @@
 Trust runs one way. The filter is seeded once from the autopilot's position while GNSS is trusted; from then on the prior of
 every localisation is the filter's own state, so a spoofed autopilot cannot drag the search away. What GNSS may still do is in
 core/gnss_aiding.py. Nothing is injected before a first fix has anchored the filter. Without a first position, and when it is lost
-for long, the whole map is searched (core/place_search.py). Distances to the ground: core/terrain_aiding.py; the camera's own motion: core/motion.py; accelerations: core/inertial.py.
+for long, the whole map is searched (core/place_search.py). Distances to the ground: core/terrain_aiding.py; the camera's own
+motion: core/motion.py; accelerations: core/inertial.py.
 """
 
 from __future__ import annotations

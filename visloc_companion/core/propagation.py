@@ -51,7 +51,7 @@ SERIES_BELOW = 0.01
 
 class Drive(Enum):
     """Which velocity drives the filter: the autopilot's own, while GNSS that is trusted holds it; the same while it descends from
-    what we inject; one integrated from accelerations, which we feed through the attitude alone; or none, zero and little known."""
+    what we inject; one integrated from accelerations, which we feed through the attitude alone; or none, little known."""
 
     AUTOPILOT = "autopilot"
     FED_BACK = "fed_back"
