@@ -16,25 +16,26 @@ from visloc_companion.errors import ConfigError
 from visloc_companion.sim.real.ardupilot import ArduPilot
 from visloc_companion.sim.real.flight import fly
 from visloc_companion.sim.real.network import enter_own_network
-from visloc_companion.sim.real.pilot import Pilot
+from visloc_companion.sim.real.pilot import HOME, Pilot
 from visloc_companion.sim.real.programs import Simulator, find_program
 from visloc_companion.sim.real.px4 import Px4
 from visloc_companion.sim.real.record import RealLog, write_csv
 from visloc_companion.sim.real.scenario import RealScenario
+from visloc_companion.types import GeoPoint
 
 DAEMON_LOG, SAMPLES = "daemon.log", "samples.csv"
 PARAMETERS = Path(__file__).resolve().parents[3] / "docs" / "parameters"
 
 
-def make_pilot(simulator: Simulator, parameters: Path = PARAMETERS) -> Pilot:
-    """The particulars of a simulator with the parameter file that users are told to load.
+def make_pilot(simulator: Simulator, parameters: Path = PARAMETERS, home: GeoPoint = HOME) -> Pilot:
+    """The particulars of a simulator whose vehicle stands at `home`, with the parameter file that users are told to load.
 
     Raises ConfigError where `parameters` (the folder) lacks it.
     """
     file = parameters / ("px4.parm" if simulator.is_px4 else "ardupilot.parm")
     if not file.is_file():
         raise ConfigError("is missing", where=str(file), remedy="run in a checkout of the project")
-    return (Px4 if simulator.is_px4 else ArduPilot)(simulator.is_plane, file)
+    return (Px4 if simulator.is_px4 else ArduPilot)(simulator.is_plane, file, home)
 
 
 def fly_apart(simulator: Simulator, scenario: RealScenario, *, speed: float = 1.0, keep: Path | None = None) -> RealLog:
@@ -60,7 +61,7 @@ def _go_first() -> None:
 def _fly(simulator: Simulator, program: Path, scenario: RealScenario, speed: float, keep: Path | None) -> RealLog:
     enter_own_network()
     _go_first()
-    pilot = make_pilot(simulator)
+    pilot = make_pilot(simulator, home=scenario.home)
     with tempfile.TemporaryDirectory(prefix="visloc-real-") as temporary:
         folder = Path(temporary) if keep is None else keep
         folder.mkdir(parents=True, exist_ok=True)

@@ -32,15 +32,15 @@ _FAILSAFES = ("failsafe", "ekf variance", "dead reckoning", "potential thrust lo
 
 
 class ArduPilot:
-    """pilot.Pilot of both vehicles. `parameter_file` is laid over the simulated vehicle's own parameters."""
+    """pilot.Pilot of both vehicles, standing at `home`. `parameter_file` is laid over the simulated vehicle's own parameters."""
 
     kind = AutopilotKind.ARDUPILOT
     station_url = f"tcpin:127.0.0.1:{STATION_PORT}"
     withheld = ""
     daemon_url = f"udpin:127.0.0.1:{DAEMON_PORT}"
 
-    def __init__(self, plane: bool, parameter_file: Path) -> None:
-        self._plane, self._parameter_file = plane, parameter_file
+    def __init__(self, plane: bool, parameter_file: Path, home: GeoPoint = HOME) -> None:
+        self._plane, self._parameter_file, self._home = plane, parameter_file, home
 
     def command(self, program: Path, folder: Path, speed: float, gnss: bool = True) -> tuple[Sequence[str], Mapping[str, str]]:
         """Links: SERIAL0 to the ground station, SERIAL1 to the daemon."""
@@ -49,7 +49,7 @@ class ArduPilot:
         own.write_text("".join(f"{name} {value:g}\n" for name, value in wanted.items()), encoding="ascii")
         told = (
             str(program), "--model", "plane" if self._plane else "quad",
-            "--home", f"{HOME.lat_deg},{HOME.lon_deg},{HOME.h_amsl_m},0",
+            "--home", f"{self._home.lat_deg},{self._home.lon_deg},{self._home.h_amsl_m},0",
             "--defaults", f"{own},{self._parameter_file.resolve()}", "--speedup", f"{speed:g}", "--wipe", "-I0",
             "--serial0", f"tcpclient:127.0.0.1:{STATION_PORT}", "--serial1", f"udpclient:127.0.0.1:{SIMULATOR_PORT}",
             "--serial2", "none", "--rc-in-port", "15501",
@@ -79,7 +79,7 @@ class ArduPilot:
         await station.stream({number: RATES_HZ[number] for number in _BEFORE_A_POSITION})
         if not gnss:
             await station.stream({mav.MAVLINK_MSG_ID_SIM_STATE: RATES_HZ[mav.MAVLINK_MSG_ID_SIM_STATE]})
-            await station.set_origin(HOME, _READY_S)
+            await station.set_origin(self._home, _READY_S)
             return
         await station.until("position of the EKF", lambda: bool(self.position_ok(station)), _READY_S)
         await station.stream(RATES_HZ)
@@ -105,7 +105,7 @@ class ArduPilot:
         await station.upload(self._mission(route))
         await self._set_mode(station, ALT_HOLD)
         await station.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, tries=_ARM_TRIES)
-        await self._steer(station, _CLIMB, lambda: _true_height_m(station) > 0.9 * route.height_m, _CLIMB_S)
+        await self._steer(station, _CLIMB, lambda: self._true_height_m(station) > 0.9 * route.height_m, _CLIMB_S)
         await self._steer(station, _HOLD, lambda: bool(self.position_ok(station)), FIRST_POSITION_S)
         await station.stream(RATES_HZ)
         await self._set_mode(station, COPTER_AUTO)
@@ -120,7 +120,7 @@ class ArduPilot:
 
     def _mission(self, route: Route) -> list[MissionItem]:
         def item(command: int, north_m: float = 0.0, east_m: float = 0.0, **params: float) -> MissionItem:
-            place = geo_from_ned((north_m, east_m, 0.0), HOME)
+            place = geo_from_ned((north_m, east_m, 0.0), self._home)
             values = tuple(params.get(f"p{number}", 0.0) for number in range(1, 5))
             four = values[0], values[1], values[2], values[3]
             return MissionItem(command, four, place.lat_deg, place.lon_deg, route.height_m)
@@ -144,7 +144,7 @@ class ArduPilot:
         """SIM_GPS1_GLTCH is in degrees."""
         north, east = offset_ne_m
         await station.set_parameter("SIM_GPS1_GLTCH_X", north / ARDUPILOT_M_PER_DEG)
-        east_deg = east / (ARDUPILOT_M_PER_DEG * math.cos(math.radians(HOME.lat_deg)))
+        east_deg = east / (ARDUPILOT_M_PER_DEG * math.cos(math.radians(self._home.lat_deg)))
         await station.set_parameter("SIM_GPS1_GLTCH_Y", east_deg)
 
     async def brake(self, station: Station) -> None:
@@ -166,12 +166,11 @@ class ArduPilot:
         """By the words that ArduPilot uses."""
         return any(word in text.lower() for word in _FAILSAFES)
 
+    def _true_height_m(self, station: Station) -> float:
+        state = station.last.get("SIM_STATE")
+        return 0.0 if state is None else float(state.alt) - self._home.h_amsl_m
+
 
 def _height_m(station: Station) -> float:
     position = station.last.get("GLOBAL_POSITION_INT")
     return 0.0 if position is None else float(position.relative_alt) * 1e-3
-
-
-def _true_height_m(station: Station) -> float:
-    state = station.last.get("SIM_STATE")
-    return 0.0 if state is None else float(state.alt) - HOME.h_amsl_m

@@ -33,24 +33,24 @@ _CLIMB, _HOLD, _AHEAD, _STICKS_S = 900, 500, 150, 0.1
 _HAS_ABSOLUTE_POSITION = mav.ESTIMATOR_POS_HORIZ_ABS
 _ARM_TRIES, _READY_S, _CLIMB_S, _LAND_S = 40, 120.0, 90.0, 180.0
 _SATELLITES = 10
+_ALTITUDE_REFERENCE_MPS, _ALTITUDE_SETTLES_S = 3.0, 7.0
+"""PX4 begins the altitude that its planes follow (TECS) at 0 m above sea level when it boots without an origin, and lets it rise
+by FW_T_CLMB_R_SP: a plane that takes off sooner sinks on its first leg until that has come up to it."""
 _SET_SIGMA_M = 10.0
 """An origin alone leaves EKF2 at 0 N 0 E, with the compass of that place: it does not arm ("heading estimate not stable")."""
 _OWN: dict[str, str] = {
-    "SIH_LOC_LAT0": f"{HOME.lat_deg}",
-    "SIH_LOC_LON0": f"{HOME.lon_deg}",
-    "SIH_LOC_H0": f"{HOME.h_amsl_m}",
     "MPC_ACC_HOR": "5.0",
     "COM_RC_IN_MODE": "4",
     "NAV_RCL_ACT": "0",
     "COM_DISARM_LAND": "2.0",
 }
-"""What the simulated vehicle needs beside the user's file: home, brisk braking, no remote control, disarming on the ground."""
+"""What the simulated vehicle needs beside the user's file and home: brisk braking, no remote control, disarming on the ground."""
 _OWN_PLANE = {"MIS_TKO_LAND_REQ": "0", "COM_LOW_BAT_ACT": "0"}
 """A mission that only flies round has no landing, and the simulated battery runs low in flight."""
 
 
 class Px4:
-    """pilot.Pilot of the quadrotor and the plane. `parameter_file` is in QGroundControl's format."""
+    """pilot.Pilot of the quadrotor and the plane, which stands at `home`. `parameter_file` is in QGroundControl's format."""
 
     kind = AutopilotKind.PX4
     station_url = f"udpin:127.0.0.1:{STATION_PORT}"
@@ -58,13 +58,14 @@ class Px4:
     withheld = "SYSTEM_TIME"
     """Its calendar is this machine's, which does not run at the speed of the simulation: GNSS time would seem to be forged."""
 
-    def __init__(self, plane: bool, parameter_file: Path) -> None:
-        self._plane, self._parameter_file = plane, parameter_file
+    def __init__(self, plane: bool, parameter_file: Path, home: GeoPoint = HOME) -> None:
+        self._plane, self._parameter_file, self._home = plane, parameter_file, home
 
     def command(self, program: Path, folder: Path, speed: float, gnss: bool = True) -> tuple[Sequence[str], Mapping[str, str]]:
         """Links are those of PX4's start script: 14550 to the ground station, 14540 to the companion."""
         lines = self._parameter_file.read_text(encoding="ascii").splitlines()
         told = dict(line.split("\t")[2:4] for line in lines if not line.startswith("#"))
+        home = self._home
         environment = {
             f"PX4_PARAM_{name}": value for name, value in {**_OWN, **(_OWN_PLANE if self._plane else {}), **told}.items()
         }
@@ -74,9 +75,12 @@ class Px4:
             "PX4_SIM_MODEL": "sihsim_airplane" if self._plane else "sihsim_quadx",
             "PX4_SIMULATOR": "sihsim",
             "PX4_SIM_SPEED_FACTOR": f"{speed:g}",
-            "PX4_HOME_LAT": f"{HOME.lat_deg}",
-            "PX4_HOME_LON": f"{HOME.lon_deg}",
-            "PX4_HOME_ALT": f"{HOME.h_amsl_m}",
+            "PX4_HOME_LAT": f"{home.lat_deg}",
+            "PX4_HOME_LON": f"{home.lon_deg}",
+            "PX4_HOME_ALT": f"{home.h_amsl_m}",
+            "PX4_PARAM_SIH_LOC_LAT0": f"{home.lat_deg}",
+            "PX4_PARAM_SIH_LOC_LON0": f"{home.lon_deg}",
+            "PX4_PARAM_SIH_LOC_H0": f"{home.h_amsl_m}",
         }
         return (str(program), "-d", "-i", "0", "-w", str(folder), str(program.parents[1] / "etc")), environment
 
@@ -103,8 +107,8 @@ class Px4:
         await station.until("heartbeat", lambda: "HEARTBEAT" in station.last, _READY_S)
         if not gnss:
             await station.stream({number: RATES_HZ[number] for number in _BEFORE_A_POSITION})
-            await station.set_origin(HOME, _READY_S)
-            place = HOME.lat_deg, HOME.lon_deg, math.nan
+            await station.set_origin(self._home, _READY_S)
+            place = self._home.lat_deg, self._home.lon_deg, math.nan
             await station.command(mav.MAV_CMD_EXTERNAL_POSITION_ESTIMATE, 0.0, 0.0, _SET_SIGMA_M, 0.0, *place)
             return
         await station.stream(RATES_HZ)
@@ -112,8 +116,10 @@ class Px4:
         await station.command(mav.MAV_CMD_REQUEST_MESSAGE, mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
 
     async def take_off(self, station: Station, route: Route) -> None:
-        """The mission begins with the take-off."""
+        """The mission begins with the take-off. A plane stands until the altitude that it follows is at home."""
         await station.upload(self._mission(route))
+        if self._plane:
+            await station.holds(lambda: False, self._home.h_amsl_m / _ALTITUDE_REFERENCE_MPS + _ALTITUDE_SETTLES_S)
         await self._set_mode(station, _MISSION)
         await station.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, tries=_ARM_TRIES)
         climbed = 0.9 * route.height_m
@@ -126,7 +132,7 @@ class Px4:
         await self._steer(station, _HOLD, lambda: False, 1.0)
         await station.command(mav.MAV_CMD_DO_SET_MODE, 1.0, _ALTITUDE)
         await station.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, tries=_ARM_TRIES)
-        if not await self._steer(station, _CLIMB, lambda: _true_height_m(station) > 0.9 * route.height_m, _CLIMB_S):
+        if not await self._steer(station, _CLIMB, lambda: self._true_height_m(station) > 0.9 * route.height_m, _CLIMB_S):
             raise LinkError("the copter did not climb", where=station.url)
         if not await self._steer(station, _HOLD, lambda: bool(self.position_ok(station)), FIRST_POSITION_S, _AHEAD):
             raise LinkError("the autopilot found no position", where=station.url)
@@ -167,7 +173,7 @@ class Px4:
 
     def _mission(self, route: Route) -> list[MissionItem]:
         def item(command: int, north_m: float = 0.0, east_m: float = 0.0, p1: float = 0.0, p2: float = 0.0) -> MissionItem:
-            place = geo_from_ned((north_m, east_m, 0.0), HOME)
+            place = geo_from_ned((north_m, east_m, 0.0), self._home)
             return MissionItem(command, (p1, p2, 0.0, 0.0), place.lat_deg, place.lon_deg, route.height_m)
 
         items = [
@@ -182,12 +188,11 @@ class Px4:
         """By the words that PX4 uses."""
         return "failsafe" in text.lower() or "blind land" in text.lower()
 
+    def _true_height_m(self, station: Station) -> float:
+        state = station.last.get("HIL_STATE_QUATERNION")
+        return 0.0 if state is None else float(state.alt) * 1e-3 - self._home.h_amsl_m
+
 
 def _height_m(station: Station) -> float:
     position = station.last.get("GLOBAL_POSITION_INT")
     return 0.0 if position is None else float(position.relative_alt) * 1e-3
-
-
-def _true_height_m(station: Station) -> float:
-    state = station.last.get("HIL_STATE_QUATERNION")
-    return 0.0 if state is None else float(state.alt) * 1e-3 - HOME.h_amsl_m

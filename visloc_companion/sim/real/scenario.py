@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from visloc_companion.sim.real.oracle import OracleSettings
-from visloc_companion.sim.real.pilot import Route
+from visloc_companion.sim.real.pilot import HOME, Route
+from visloc_companion.types import GeoPoint
 
 DRAG_STEP_S = 0.5
 
@@ -20,13 +22,23 @@ class Brake:
 
 
 @dataclass(frozen=True, slots=True)
+class SeenWorld:
+    """The pack of the daemon, and orthophoto and surface model of what its camera sees: another date of the same place."""
+
+    pack: Path
+    ortho: Path
+    dsm: Path | None
+
+
+@dataclass(frozen=True, slots=True)
 class RealScenario:
     """What happens, in seconds since the circuit was begun; None is never.
 
     `drag_mps` (north, east) pulls the receiver's position away from `drag_at_s` on. The flight lasts `duration_s`, then lands
     where `lands`. `restarts`: when the daemon dies without a word; another one starts `down_s` later. Without `gnss_at_boot`
     there is never any GNSS: the ground station sets the origin, a pilot takes off by hand, and the circuit begins when the
-    autopilot has a position. `p95_limit_m`: what is asked instead of the usual limit; infinite where nothing is.
+    autopilot has a position. `p95_limit_m`: what is asked instead of the usual limit; infinite where nothing is. The
+    vehicle stands at `home`. With `seen` frames are rendered and localised as in flight; without, fixes come from the truth.
     """
 
     name: str
@@ -45,6 +57,8 @@ class RealScenario:
     oracle: OracleSettings = field(default_factory=OracleSettings)
     p95_limit_m: float | None = None
     seed: int = 1
+    home: GeoPoint = HOME
+    seen: SeenWorld | None = None
 
 
 def timeline(scenario: RealScenario) -> Sequence[tuple[float, str]]:
