@@ -3,7 +3,7 @@
 Needs the programs (`VISLOC_ARDUCOPTER`, `VISLOC_ARDUPLANE`, `VISLOC_PX4`, or on PATH); those that are missing are left out and
 named. Every flight runs in a process and a network namespace of its own, at `--speed` times real time; the daemon lives by the
 simulator's time. Fixes are the simulator's truth with white noise of 0.7 m per axis, 4 a second, 250 ms late, where the flight
-says nothing else: tested are autopilot, link, encoder and filter, not the matching of images.
+says nothing else: tested are autopilot, link, encoder and filter, not the matching of images, which is flown in `rendered`.
 
 Each flight becomes one row, a JSON file in `--rows`; rows that are there are not flown again (`--again` does), so the table may
 be made little by little. A flight that the machine was too busy for is flown once more at half the speed. At the end the table
@@ -23,6 +23,7 @@ from benchmarks.autopilots_built_in import built_in_p95_m
 from benchmarks.autopilots_table import DOCS, ROWS, Row, read_rows, row_path, table, written
 from visloc_companion.errors import ConfigError, VislocError
 from visloc_companion.evaluate.real_flight import checks, real_figures
+from visloc_companion.evaluate.real_world import over_its_world
 from visloc_companion.sim.real.apart import fly_apart
 from visloc_companion.sim.real.programs import Simulator, find_program
 from visloc_companion.sim.real.scenarios import NAMES, cannot_fly, real_scenario
@@ -64,7 +65,7 @@ def main() -> None:
 
 
 def _flown(simulator: Simulator, name: str, args: argparse.Namespace, speed: float) -> Row:
-    scenario = real_scenario(name, simulator, args.seed)
+    scenario = over_its_world(real_scenario(name, simulator, args.seed))
     row: Row = {"simulator": str(simulator), "flight": name, "seed": args.seed, "speed": speed, "commit": _commit()}
     keep = None if args.keep is None else args.keep / f"{simulator}-{name}-{args.seed}"
     try:

@@ -35,9 +35,9 @@ BOOT_AGE_S = 60.0
 def built_in_p95_m(scenario: RealScenario, simulator: Simulator) -> float | None:
     """95 % of the built-in autopilot's own error while it flies on vision, metres.
 
-    None where it never does, and for flights that it cannot fly: with restarts, jumps of the fixes, or no GNSS at boot.
+    None where it never does, and for flights that it cannot fly: with restarts, jumps, rendered frames, or no GNSS at boot.
     """
-    if scenario.restarts or scenario.oracle.moved or not scenario.gnss_at_boot:
+    if scenario.restarts or scenario.oracle.moved or scenario.seen is not None or not scenario.gnss_at_boot:
         return None
     kind = AutopilotKind.PX4 if simulator.is_px4 else AutopilotKind.ARDUPILOT
     route = scenario.route

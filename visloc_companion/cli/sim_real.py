@@ -23,11 +23,13 @@ def fly_real(autopilot: str, vehicle: str, name: str, seed: int, with_daemon: bo
     """
     from visloc_companion.cli.progress import require_folder, write_json
     from visloc_companion.evaluate.real_flight import checks, real_figures
+    from visloc_companion.evaluate.real_world import over_its_world
     from visloc_companion.sim.real.apart import fly_apart
     from visloc_companion.sim.real.scenarios import real_scenario
 
     simulator = chosen_simulator(autopilot, vehicle)
-    scenario = replace(real_scenario(name, simulator, seed), with_daemon=with_daemon and name != "without_daemon")
+    scenario = over_its_world(real_scenario(name, simulator, seed))
+    scenario = replace(scenario, with_daemon=with_daemon and name != "without_daemon")
     require_folder(json_file, "--json")
     log = fly_apart(simulator, scenario, speed=SPEED)
     figures = real_figures(log, scenario)

@@ -54,7 +54,7 @@ async def _fly(
 ) -> None:
     stop = asyncio.Event()
     work = [asyncio.create_task(_keep_alive(station, recorder.clock, simulator))]
-    lives = DaemonLives(pilot, scenario, folder, recorder) if scenario.with_daemon else None
+    lives = DaemonLives(pilot, scenario, folder, recorder, simulator) if scenario.with_daemon else None
     if lives is not None:
         work.append(asyncio.create_task(lives.run(stop)))
     flight = asyncio.create_task(_stages(pilot, scenario, station, recorder, lives))

@@ -16,7 +16,9 @@ from visloc_companion.app.worker import WorkerSupervisor
 from visloc_companion.config import Config, InjectionConfig, JournalConfig, LinkConfig, LocaliserConfig
 from visloc_companion.sim.real.oracle import Oracle
 from visloc_companion.sim.real.pilot import Pilot
+from visloc_companion.sim.real.programs import Running
 from visloc_companion.sim.real.recorder import Recorder
+from visloc_companion.sim.real.rendered import RenderedEyes
 from visloc_companion.sim.real.scenario import RealScenario
 
 
@@ -25,7 +27,7 @@ def daemon_config(pilot: Pilot, scenario: RealScenario, folder: Path) -> Config:
     return Config(
         link=LinkConfig(url=pilot.daemon_url),
         injection=InjectionConfig(switch_source=True),
-        localiser=LocaliserConfig(max_rate_hz=scenario.oracle.rate_hz, structure=False),
+        localiser=LocaliserConfig(max_rate_hz=scenario.oracle.rate_hz, structure=False, threads=1),
         journal=JournalConfig(folder=str(folder)),
         seed=scenario.seed,
     )
@@ -34,9 +36,10 @@ def daemon_config(pilot: Pilot, scenario: RealScenario, folder: Path) -> Config:
 class DaemonLives:
     """Runs the daemon; each life writes a journal of its own into the folder."""
 
-    def __init__(self, pilot: Pilot, scenario: RealScenario, folder: Path, recorder: Recorder) -> None:
+    def __init__(self, pilot: Pilot, scenario: RealScenario, folder: Path, recorder: Recorder, simulator: Running) -> None:
         self._pilot, self._scenario, self._folder, self._recorder = pilot, scenario, folder, recorder
-        self._oracle = Oracle(scenario.oracle, recorder.clock, scenario.seed)
+        eyes = None if scenario.seen is None else RenderedEyes(scenario.seen, daemon_config(pilot, scenario, folder), simulator)
+        self._oracle = Oracle(scenario.oracle, recorder.clock, scenario.seed, eyes)
         recorder.oracle = self._oracle
         self._killed = asyncio.Event()
 

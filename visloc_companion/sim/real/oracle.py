@@ -6,7 +6,7 @@ import asyncio
 import heapq
 import random
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from visloc_companion.app.mailbox import Mailbox
 from visloc_companion.errors import Reason
@@ -48,20 +48,25 @@ class OracleSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class _View:
+class View:
+    """From where and how a frame was taken, at `t_boot_ns` of the autopilot's clock."""
+
     t_boot_ns: int
     place: GeoPoint
     q_ned_frd: Quat
+
+
+Localise = Callable[[LocaliseRequest, View], Fix | NoFix]
 
 
 class Oracle:
     """Takes the truth as it comes, shows it as frames, and answers requests about them.
 
     It stands where the daemon's worker stands (`submit`, `events` and the states that the daemon shows). Frames go to
-    `on_frame` once `shows` is set. `begun_boot_ns` is when the circuit was begun.
+    `on_frame` once `shows` is set. `begun_boot_ns` is when the circuit was begun. With `localise` that answers, not the truth.
     """
 
-    def __init__(self, settings: OracleSettings, clock: Clock, seed: int) -> None:
+    def __init__(self, settings: OracleSettings, clock: Clock, seed: int, localise: Localise | None = None) -> None:
         self.on_frame: Callable[[FrameRef], None] = lambda _frame: None
         self.events: Mailbox[Fix | NoFix | WorkerState] = Mailbox(16, newest_wins=True)
         self.up, self.overdue, self.given_up = True, False, False
@@ -69,8 +74,9 @@ class Oracle:
         self.shows = False
         self.begun_boot_ns: int | None = None
         self._settings, self._clock = settings, clock
+        self._localise = localise or self._from_truth
         self._rng = random.Random(f"{seed}/oracle")
-        self._views: dict[int, _View] = {}
+        self._views: dict[int, View] = {}
         self._due: list[tuple[int, int, Fix | NoFix]] = []
         self._travelling: list[tuple[int, int, int]] = []
         self._frame_id, self._next_ns = 0, 0
@@ -82,7 +88,7 @@ class Oracle:
         period_ns = round(1e9 / self._settings.rate_hz)
         self._next_ns = max(self._next_ns + period_ns, t_boot_ns + period_ns // 2)
         self._frame_id += 1
-        self._views[self._frame_id] = _View(t_boot_ns, place, q_ned_frd)
+        self._views[self._frame_id] = View(t_boot_ns, place, q_ned_frd)
         self._views.pop(self._frame_id - _KEPT, None)
         now_ns = self._clock.now_ns()
         due_ns = now_ns + round(self._settings.frame_delay_s * 1e9)
@@ -117,16 +123,20 @@ class Oracle:
         ids = request.request_id, frame.frame_id
         if view is None:
             return NoFix(due_ns, frame.t_ns, *ids, METHOD, Reason.BAD_FRAME, 0.0)
-        at_s = self.flight_s(view.t_boot_ns)
-        if not settings.sees(at_s):
+        if not settings.sees(self.flight_s(view.t_boot_ns)):
             return NoFix(due_ns, frame.t_ns, *ids, METHOD, Reason.NO_MATCH, 0.0)
-        north, east = settings.offset_ne_m(at_s)
+        return replace(self._localise(request, view), t_rx_ns=due_ns)
+
+    def _from_truth(self, request: LocaliseRequest, view: View) -> Fix | NoFix:
+        frame, settings = request.frame, self._settings
+        ids = request.request_id, frame.frame_id
+        north, east = settings.offset_ne_m(self.flight_s(view.t_boot_ns))
         sigma = settings.sigma_m
         off = north + self._rng.gauss(0.0, sigma), east + self._rng.gauss(0.0, sigma), self._rng.gauss(0.0, 1.0)
         variance = settings.claimed_sigma_m**2
         cov = ((variance, 0.0), (0.0, variance))
         place, took_ms = geo_from_ned(off, view.place), 1e3 * settings.latency_s
-        return Fix(due_ns, frame.t_ns, *ids, METHOD, place, view.q_ned_frd, cov, 1.0, 0.01, 1e-4, took_ms)
+        return Fix(0, frame.t_ns, *ids, METHOD, place, view.q_ned_frd, cov, 1.0, 0.01, 1e-4, took_ms)
 
     def flight_s(self, t_boot_ns: int) -> float:
         """Seconds since the circuit was begun; before that below 0."""

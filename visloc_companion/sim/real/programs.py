@@ -68,23 +68,29 @@ def find_program(simulator: Simulator) -> Path:
 
 
 class Running:
-    """A started program; `hold` and `go` stop and resume its time."""
+    """A started program."""
 
     def __init__(self, process: subprocess.Popen[bytes], folder: Path) -> None:
         self._process, self.folder = process, folder
+
+    @property
+    def pid(self) -> int:
+        """Its process."""
+        return self._process.pid
 
     @property
     def ended(self) -> bool:
         """Whether the program is gone."""
         return self._process.poll() is not None
 
-    def hold(self) -> None:
-        """Stop the program where it is: simulated time stands still."""
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Stop the program where it is, so that simulated time stands still, and let it run on at the end."""
         self._process.send_signal(signal.SIGSTOP)
-
-    def go(self) -> None:
-        """Let it run on."""
-        self._process.send_signal(signal.SIGCONT)
+        try:
+            yield
+        finally:
+            self._process.send_signal(signal.SIGCONT)
 
     def last_words(self) -> str:
         """The end of what it printed."""

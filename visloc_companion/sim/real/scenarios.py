@@ -47,6 +47,7 @@ NAMES = {
     "claims_too_little": "Fixes with a sigma of 1 m claim 0.2 m.",
     "claims_nothing": "Fixes with a sigma of 1 m claim a covariance of zero.",
     "restarts": "The daemon dies at 100 s and at 140 s and is started again 3 s later.",
+    "rendered": "Frames rendered over the procedural world, localised on its older map as in flight (image alone).",
 }
 """Jammed at 60 s, with 140 s on vision, where nothing else is said."""
 
@@ -88,6 +89,7 @@ _SHORT: dict[str, Change] = {
     "claims_too_little": _with_fixes(sigma_m=1.0, claimed_sigma_m=0.2),
     "claims_nothing": _with_fixes(sigma_m=1.0, claimed_sigma_m=0.0),
     "restarts": lambda short: replace(short, restarts=(100.0, 140.0)),
+    "rendered": lambda short: short,
 }
 
 

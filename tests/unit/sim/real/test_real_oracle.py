@@ -11,7 +11,7 @@ import pytest
 from visloc_companion.app.clock import ManualClock
 from visloc_companion.errors import Reason
 from visloc_companion.geo.wgs84 import ned_from_geo
-from visloc_companion.sim.real.oracle import Oracle, OracleSettings
+from visloc_companion.sim.real.oracle import Oracle, OracleSettings, View
 from visloc_companion.types import Fix, FrameRef, GeoPoint, LocaliseRequest, NoFix, PosePrior, Quat
 
 PLACE = GeoPoint(47.4, 8.5, 550.0)
@@ -107,3 +107,24 @@ async def test_a_frame_that_it_forgot_is_refused() -> None:
     (answer,) = await answered(oracle, clock, 1.0)
     assert isinstance(answer, NoFix)
     assert answer.reason is Reason.BAD_FRAME
+
+
+async def test_another_answer_than_the_truth_is_as_late_and_as_blind() -> None:
+    clock = ManualClock(1_000_000_000)
+    asked = list[View]()
+
+    def localise(request: LocaliseRequest, view: View) -> NoFix:
+        asked.append(view)
+        return NoFix(0, request.frame.t_ns, request.request_id, request.frame.frame_id, "another", Reason.AMBIGUOUS, 0.0)
+
+    oracle = Oracle(OracleSettings(rate_hz=1.0, latency_s=0.25, blind=((0.0, 0.5),)), clock, 1, localise)
+    frames = shown(oracle, 2, step_ns=1_000_000_000)
+    oracle.begun_boot_ns = 0
+    for number, frame in enumerate(frames, 1):
+        oracle.submit(request_about(frame, number))
+    first, second = await answered(oracle, clock, 0.3)
+    assert isinstance(first, NoFix)
+    assert isinstance(second, NoFix)
+    assert (first.reason, second.reason) == (Reason.NO_MATCH, Reason.AMBIGUOUS)
+    assert second.t_rx_ns == 1_250_000_000
+    assert [view.t_boot_ns for view in asked] == [1_000_000_000]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from visloc_companion.errors import ConfigError
-from visloc_companion.sim.real.programs import Simulator, find_program, running
+from visloc_companion.sim.real.programs import LOG, Running, Simulator, find_program, running
 
 
 def test_a_program_that_is_not_there_is_an_error_that_says_what_to_set(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -41,3 +42,29 @@ def test_a_running_program_ends_with_its_children_and_leaves_its_last_words(tmp_
         assert not simulator.ended
     assert simulator.ended
     assert "hello" in simulator.last_words()
+
+
+def test_time_stands_still_while_a_program_is_held(tmp_path: Path) -> None:
+    code = "import time\nwhile True:\n    print('x', flush=True)\n    time.sleep(0.001)"
+    with running([sys.executable, "-c", code], tmp_path, {}) as simulator:
+        said = tmp_path / LOG
+        wait_for(lambda: said.stat().st_size > 0)
+        with simulator.held():
+            wait_for(lambda: state_of(simulator) == "T")
+            before = said.stat().st_size
+            time.sleep(0.05)
+            assert said.stat().st_size == before
+        wait_for(lambda: said.stat().st_size > before)
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    for _ in range(1000):
+        if condition():
+            return
+        time.sleep(0.01)
+    raise AssertionError
+
+
+def state_of(simulator: Running) -> str:
+    """The letter of the process's state in /proc."""
+    return Path(f"/proc/{simulator.pid}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()[0]
