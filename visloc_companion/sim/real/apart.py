@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import multiprocessing
-import os
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -17,6 +15,7 @@ from visloc_companion.sim.real.ardupilot import ArduPilot
 from visloc_companion.sim.real.flight import fly
 from visloc_companion.sim.real.network import enter_own_network
 from visloc_companion.sim.real.pilot import HOME, Pilot
+from visloc_companion.sim.real.priority import go_first
 from visloc_companion.sim.real.programs import Simulator, find_program
 from visloc_companion.sim.real.px4 import Px4
 from visloc_companion.sim.real.record import RealLog, write_csv
@@ -48,19 +47,9 @@ def fly_apart(simulator: Simulator, scenario: RealScenario, *, speed: float = 1.
         return pool.submit(_fly, simulator, program, scenario, speed, keep).result()
 
 
-def _go_first() -> None:
-    """Let this process run whenever it has something to do, where that is allowed.
-
-    The simulator does not wait for the daemon: one that waits for the processor of a busy machine would be late in simulated
-    time. What is started from here is not affected.
-    """
-    with contextlib.suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(1))
-
-
 def _fly(simulator: Simulator, program: Path, scenario: RealScenario, speed: float, keep: Path | None) -> RealLog:
     enter_own_network()
-    _go_first()
+    go_first()
     pilot = make_pilot(simulator, home=scenario.home)
     with tempfile.TemporaryDirectory(prefix="visloc-real-") as temporary:
         folder = Path(temporary) if keep is None else keep

@@ -8,6 +8,7 @@ from visloc_companion.config import Config
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.real.oracle import View
+from visloc_companion.sim.real.priority import in_turn
 from visloc_companion.sim.real.programs import Running
 from visloc_companion.sim.real.scenario import SeenWorld
 from visloc_companion.sim.render import CameraSimulator
@@ -33,6 +34,6 @@ class RenderedEyes:
 
     def __call__(self, request: LocaliseRequest, view: View) -> Fix | NoFix:
         """What the localiser says about a frame."""
-        with self._simulator.held():
+        with self._simulator.held(), in_turn():
             pixels = self._camera.render(view.place, view.q_ned_frd, request.frame.frame_id)
             return self._localiser.localise(request, pixels, self._reference)
