@@ -17,13 +17,24 @@ LASTING_SHARE, FIX_WEIGHT = 0.5, 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Former:
+    """The velocity that drove the filter until it became another: from when to when, and its error at the end, mean (2,) and
+    covariance (2, 2), m/s."""
+
+    since_ns: int
+    until_ns: int
+    error_ne_mps: FloatArray
+    cov_m2ps2: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Belief:
     """The filter at `t_ns`: mean x (11,), covariance P (11, 11), and its memory.
 
     `travel_ne_m`: the integral of the driving velocity; `moved_ne_m`: how far the propagation carried the position (for an
     inertial velocity without the error that it knows of). `votes`: each method with the time of its last fix; `without`: the
     solutions that leave fixes out (separation.py); `lean`: to which side fixes have come out lately (lean.py);
-    `fix_var_m2`: the mean variance per axis that recent fixes claimed.
+    `fix_var_m2`: the mean variance per axis that recent fixes claimed; `former`: what drove it before `drive`.
     """
 
     t_ns: int
@@ -41,6 +52,7 @@ class Belief:
     without: separation.Solutions = separation.NONE
     lean: Vec2 = UPRIGHT
     fix_var_m2: float = 0.0
+    former: Former | None = None
 
     @property
     def rested_ns(self) -> int:
@@ -85,6 +97,13 @@ def renewed(belief: Belief, which: slice, variance: float) -> Belief:
     x, P = separation.renewed(belief.x, belief.P, which, variance)
     others_x, others_P = separation.renewed(belief.without.x, belief.without.P, which, variance)
     return replace(belief, x=x, P=P, without=replace(belief.without, x=others_x, P=others_P))
+
+
+def driven_by(belief: Belief, drive: Drive, variance: float) -> Belief:
+    """With another velocity, of which only the variance of its error is known; what was known of the one before is kept."""
+    since_ns = belief.started_ns if belief.former is None else belief.former.until_ns
+    former = Former(since_ns, belief.t_ns, belief.x[VELOCITY], belief.P[VELOCITY, VELOCITY])
+    return replace(renewed(belief, VELOCITY, variance), drive=drive, former=former)
 
 
 def blurred(belief: Belief, sigma_m: float) -> Belief:

@@ -16,14 +16,13 @@ from dataclasses import replace
 import numpy as np
 
 from visloc_companion.core import kalman, lean, refused, relocalise, separation
-from visloc_companion.core.belief import Belief, Position, renewed, widened, widened_by
+from visloc_companion.core.belief import Belief, Position, driven_by, renewed, widened, widened_by
 from visloc_companion.core.propagation import (
     ACCELERATION,
     H_POSITION,
     N_CONSIDERED,
     N_STATES,
     POSITION,
-    VELOCITY,
     Drive,
     transition,
 )
@@ -52,8 +51,8 @@ def with_velocity_trust(belief: Belief, sigma_mps: float, drive: Drive) -> Belie
     correlation time.
     """
     if drive is not belief.drive:
-        other = renewed(belief, VELOCITY, max(sigma_mps, belief.sigma_v_mps) ** 2)
-        return replace(other, sigma_v_mps=sigma_mps, drive=drive)
+        other = driven_by(belief, drive, max(sigma_mps, belief.sigma_v_mps) ** 2)
+        return replace(other, sigma_v_mps=sigma_mps)
     if sigma_mps > belief.sigma_v_mps:
         return replace(widened(belief, 0.0, sigma_mps**2 - belief.sigma_v_mps**2), sigma_v_mps=sigma_mps)
     return belief if sigma_mps == belief.sigma_v_mps else replace(belief, sigma_v_mps=sigma_mps)
@@ -109,6 +108,7 @@ def propagated(
         separation.propagated(without, F, Q[1:], step),
         belief.lean,
         belief.fix_var_m2,
+        belief.former,
     )
 
 

@@ -4,6 +4,9 @@ Between two times the filter's velocity input travels one way and odometry anoth
 error b of the input, whose present value differs from it by little (propagation.py). Odometry does not come from our own fixes,
 so b may be learned from it even while the autopilot flies on them (fusion.py).
 
+An interval in which one driving velocity followed another tells of the present one what is left when the error of the former is
+taken off, which is as well known as it was when that one ended.
+
 Errors of scale and heading stay for minutes: no number of intervals averages them away. They are states, which fixes tell from
 the velocity's own error; what an interval claims beyond what those states allow for leaves b no better known than it says.
 """
@@ -63,11 +66,21 @@ class Motion:
 
 
 def learned(belief: Belief, motion: Motion, travel_ne_m: Vec2, settings: NavigatorSettings) -> tuple[Belief, Accepted | Rejected]:
-    """The belief at `motion.t_ns` after the motion; `travel_ne_m` is what the driving velocity travelled in that time."""
-    dt = motion.duration_s
+    """The belief at `motion.t_ns` after the motion; `travel_ne_m` is what the driving velocity travelled in that time.
+
+    Rejected(TOO_OLD) for one that began two driving velocities ago.
+    """
+    dt, former, share = motion.duration_s, belief.former, 1.0
     z = (np.array(travel_ne_m) - np.array(motion.d_ne_m)) / dt
-    H, lag_m2ps2 = _seen(belief, motion, settings)
-    alone = np.array(motion.cov_ne_m2) / dt**2 + lag_m2ps2 * np.eye(2)
+    alone = np.array(motion.cov_ne_m2) / dt**2
+    if former is not None and motion.t_from_ns < former.until_ns:
+        if motion.t_from_ns < former.since_ns:
+            return belief, Rejected(Reason.TOO_OLD, 0.0)
+        share = (motion.t_ns - former.until_ns) * 1e-9 / dt
+        z -= (1 - share) * former.error_ne_mps
+        alone += (1 - share) ** 2 * former.cov_m2ps2
+    H, lag_m2ps2 = _seen(belief, motion, share, settings)
+    alone += lag_m2ps2 * np.eye(2)
     least = _beyond(motion)
     R = weighed(alone, H @ belief.P @ H.T, least)
     after, outcome = taken(belief, z, R, H, settings.gate_sigma)
@@ -79,15 +92,18 @@ def learned(belief: Belief, motion: Motion, travel_ne_m: Vec2, settings: Navigat
     return after, outcome
 
 
-def _seen(belief: Belief, motion: Motion, settings: NavigatorSettings) -> tuple[FloatArray, float]:
-    """H (2, 11) of the velocity's mean error over the interval less odometry's own, and the variance of what it leaves out."""
+def _seen(belief: Belief, motion: Motion, share: float, settings: NavigatorSettings) -> tuple[FloatArray, float]:
+    """H (2, 11) of the velocity's mean error over the interval less odometry's own, and the variance of what it leaves out.
+
+    `share`: the last part of the interval, in which the present velocity drove.
+    """
     dt = motion.duration_s
     north, east = motion.d_ne_m[0] / dt, motion.d_ne_m[1] / dt
-    H = MEAN_VELOCITY.copy()
+    H = share * MEAN_VELOCITY
     H[:, ODOMETRY_SCALE] = -north, -east
     H[:, ODOMETRY_HEADING] = east, -north
     if belief.drive is Drive.INERTIAL:
-        return H - dt / 2 * MEAN_ACCELERATION, INERTIAL_WALK_MPS_PER_SQRT_S**2 * dt / 3
+        return H - share**2 * dt / 2 * MEAN_ACCELERATION, INERTIAL_WALK_MPS_PER_SQRT_S**2 * dt / 3
     return H, belief.sigma_v_mps**2 * 2 * dt / (3 * settings.velocity_correlation_s)
 
 

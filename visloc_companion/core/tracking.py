@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -45,7 +44,7 @@ class Tracker:
         self._velocity: Velocity | None = None
         self._odometry = OdometryAiding()
         self._inertial, self._velocity_boot_ns = InertialVelocity(), 0
-        self._taught_ns: deque[int] = deque(maxlen=TAUGHT_BY)
+        self._taught_ns: list[int] = []
         self._velocity_known, self._n_taught = False, 0
         self.gnss = GnssTrack()
         self.height = HeightAiding(settings)
@@ -180,7 +179,7 @@ class Tracker:
 
     def _teach(self, t_ns: int, outcome: Accepted | Rejected | TooOld) -> Accepted | Rejected | TooOld:
         if isinstance(outcome, Accepted):
-            self._taught_ns.append(t_ns)
+            self._taught_ns = sorted([*self._taught_ns, t_ns])[-TAUGHT_BY:]  # a late fix takes no place from later intervals
             self._n_taught += 1
         return outcome
 

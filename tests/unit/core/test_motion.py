@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,12 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from visloc_companion.core import fusion
-from visloc_companion.core.belief import seeded
+from visloc_companion.core.belief import Belief, seeded
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
 from visloc_companion.core.motion import Motion, learned, weighed
-from visloc_companion.core.propagation import ODOMETRY_HEADING, ODOMETRY_SCALE, Drive
+from visloc_companion.core.propagation import ODOMETRY_HEADING, ODOMETRY_SCALE, VELOCITY, Drive
 from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Fix, GeoPoint, Rejected, TooOld
 
@@ -166,3 +168,38 @@ def test_the_memory_keeps_the_start_of_an_interval_that_it_still_holds() -> None
     other.drive(velocity(9.95))
     np.testing.assert_allclose(one.at(10 * S).p_ned_m, other.at(10 * S).p_ned_m, atol=1e-12)
     assert one.at(10 * S).p_ned_m[0] < 105.0
+
+
+def replaced_velocity(at_s: float) -> Belief:
+    """At `at_s` seconds an inertial velocity that erred by 5 m/s, well known, gives way to the autopilot's, which is right."""
+    belief = seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.INERTIAL, SETTINGS)
+    x = belief.x.copy()
+    x[VELOCITY] = 5.0, -4.0
+    P = belief.P.copy()
+    P[VELOCITY, VELOCITY] = 0.2**2 * np.eye(2)
+    inertial = fusion.propagated(replace(belief, x=x, P=P), round(at_s * S), (15.0, -4.0), SETTINGS)
+    return fusion.with_velocity_trust(inertial, 0.8, Drive.FED_BACK)
+
+
+@pytest.mark.parametrize("at_s", [0.1, 0.6, 1.2])
+def test_an_interval_in_which_the_velocity_was_replaced_does_not_lay_the_former_error_to_the_present_one(at_s: float) -> None:
+    belief = fusion.propagated(replaced_velocity(at_s), round(1.25 * S), (10.0, 0.0), SETTINGS)
+    travel_ne_m = (15.0 * at_s + 10.0 * (1.25 - at_s), -4.0 * at_s)
+    after, outcome = learned(belief, motion(1.25, (12.5, 0.0), span_s=1.25), travel_ne_m, SETTINGS)
+    assert isinstance(outcome, Accepted)
+    sigma = np.sqrt(np.diag(after.P)[VELOCITY])
+    assert (np.abs(after.x[VELOCITY]) < 2 * sigma).all()
+    assert (sigma > 0.7 * min(0.8, 0.2 * at_s / (1.25 - at_s))).all(), "what the former error leaves open counts"
+    assert (sigma <= np.sqrt(np.diag(belief.P)[VELOCITY])).all()
+
+
+def test_an_interval_that_began_two_velocities_ago_tells_nothing() -> None:
+    once = fusion.propagated(replaced_velocity(0.4), round(0.8 * S), (10.0, 0.0), SETTINGS)
+    twice = fusion.with_velocity_trust(once, 0.3, Drive.AUTOPILOT)
+    belief = fusion.propagated(twice, round(1.25 * S), (10.0, 0.0), SETTINGS)
+    within, outcome = learned(belief, motion(1.25, (8.5, 0.0), span_s=0.85), (8.5, 0.0), SETTINGS)
+    assert isinstance(outcome, Accepted)
+    assert within.P[2, 2] < belief.P[2, 2]
+    unchanged, outcome = learned(belief, motion(1.25, (12.5, 0.0), span_s=1.25), (14.5, -1.6), SETTINGS)
+    assert outcome == Rejected(Reason.TOO_OLD, 0.0)
+    assert unchanged is belief

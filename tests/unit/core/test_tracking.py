@@ -118,3 +118,24 @@ def test_accelerations_drive_the_filter_while_something_teaches_their_error() ->
     assert drives[-1] is Drive.AUTOPILOT
     assert speeds[50] - speeds[0] == pytest.approx(5.0, abs=0.1)
     assert speeds[-1] == pytest.approx(10.0)
+
+
+def test_a_late_fix_does_not_make_the_accelerations_untaught() -> None:
+    tracker = Tracker(NavigatorSettings())
+    tracker.set_origin(ORIGIN)
+    felt(tracker, 0.0, 1.02, 0.0)
+    tracker.drive(velocity(1.0), 1 * S, alone=False)
+    assert tracker.seed(1 * S, at(0.0), 1.0)
+    answers = {50: 4.0, 55: 2.0, 60: 5.0}
+    for k in (1, 2):
+        assert isinstance(tracker.observe(replace(fix(1.0 + 0.01 * k, 0.0), frame_id=k)), Accepted)
+    drives = []
+    for k in range(11, 110):
+        felt(tracker, 0.1 * k - 0.08, 0.1 * k + 0.02, 0.0)
+        tracker.drive(velocity(0.1 * k), round(0.1 * k * S), alone=True)
+        if (t_s := answers.get(k)) is not None:
+            assert isinstance(tracker.observe(replace(fix(t_s, 10.0 * (t_s - 1.0)), frame_id=k)), Accepted)
+        belief = tracker.belief
+        assert belief is not None
+        drives.append(belief.drive)
+    assert drives.index(Drive.AUTOPILOT) == 100 - 11 + 1
