@@ -8,14 +8,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 
-def go_first() -> None:
-    """Let this process run whenever it has something to do, where that is allowed.
+def go_first(pid: int = 0) -> None:
+    """Let a process (0: this one) run whenever it has something to do, where that is allowed.
 
     The simulator does not wait for the daemon: one that waits for the processor of a busy machine would be late in simulated
-    time. What is started from here is not affected.
+    time. Nor does its physics wait for its link: on a busy machine PX4 read positions up to 1.2 s of simulated time after they
+    had come. What this process starts is not affected; what another one starts is.
     """
-    with contextlib.suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(1))
+    policy = os.SCHED_RR if pid else os.SCHED_RR | os.SCHED_RESET_ON_FORK
+    with contextlib.suppress(PermissionError, ProcessLookupError):
+        os.sched_setscheduler(pid, policy, os.sched_param(1))
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from visloc_companion.errors import ConfigError
+from visloc_companion.sim.real.priority import go_first
 
 LOG = "autopilot.log"
 _END_S = 5.0
@@ -99,7 +100,7 @@ class Running:
 
 @contextmanager
 def running(command: Sequence[str], folder: Path, environment: Mapping[str, str]) -> Iterator[Running]:
-    """Run a program in a folder, its output in `autopilot.log` there; it is killed at the end, with its children."""
+    """Run a program in a folder, its output in `autopilot.log` there, first in turn; it is killed at the end, children too."""
     with (folder / LOG).open("wb") as log:
         process = subprocess.Popen(
             command,
@@ -110,6 +111,7 @@ def running(command: Sequence[str], folder: Path, environment: Mapping[str, str]
             env={**os.environ, **environment},
             start_new_session=True,
         )
+        go_first(process.pid)
         try:
             yield Running(process, folder)
         finally:
