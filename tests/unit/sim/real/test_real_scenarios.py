@@ -53,6 +53,12 @@ def test_slow_fixes_have_limits_of_their_own() -> None:
     assert real_scenario("fixes_10_hz", Simulator.ARDUPLANE).p95_limit_m is None
 
 
+def test_rendered_frames_are_taken_from_higher_up() -> None:
+    rendered, jam = (real_scenario(name, Simulator.ARDUCOPTER) for name in ("rendered", "jam"))
+    assert rendered.route.height_m == 2 * jam.route.height_m
+    assert rendered.route.legs == jam.route.legs
+
+
 def test_an_unknown_flight_is_an_error() -> None:
     with pytest.raises(ConfigError, match="there is no flight 'picnic' against a real simulator; remedy: use one of jam, late"):
         real_scenario("picnic", Simulator.PX4)
