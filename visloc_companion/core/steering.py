@@ -10,6 +10,9 @@ from visloc_companion.core.switching import SourceSwitch
 from visloc_companion.types import Command, EkfSource, InjectionPolicy, Mode, NavState, Notice, Severity, Verdict
 
 INJECTING = (Mode.AIDING, Mode.DEAD_RECKONING)
+LOW_VELOCITY_SIGMA_MPS = 1.0
+"""A vehicle too low for fixes gets no positions any more once the velocity that carries them may be off by more (1-sigma): it
+would hold that velocity down to the ground. Without positions the autopilots level the vehicle instead."""
 
 
 class Steering:
@@ -19,6 +22,7 @@ class Steering:
         self._settings, self._monitor, self._switch = settings, monitor, switch
         self._anchored = False
         self._fix_taken_ns: int | None = None
+        self._stranded = False
         self.mode = Mode.WAITING
 
     @property
@@ -33,7 +37,7 @@ class Steering:
 
     def taken(self, now_ns: int) -> None:
         """A fix was accepted; it counts by its arrival, for a slow localiser must not make the mode flap."""
-        self._anchored, self._fix_taken_ns = True, now_ns
+        self._anchored, self._fix_taken_ns, self._stranded = True, now_ns, False
 
     @property
     def believed(self) -> bool:
@@ -47,13 +51,14 @@ class Steering:
     def change_mode(self, state: NavState | None, ready: bool, low: bool, now_ns: int) -> list[Command]:
         """One step of the table of modes; `ready`: link, attitude and state are there; `low`: too low to be localised."""
         limits = self._settings.navigator
+        self._stranded = low and (self._stranded or self._may_drift(state, now_ns))
         situation = modes.Situation(
             ready=ready,
             due=self._anchored and self._is_due,
             recent_fix=self._fix_within(limits.dead_reckoning_after_s, now_ns),
             sigma_m=0.0 if state is None else largest_sigma_m(state.cov_ne_m2),
             lost_sigma_m=limits.lost_sigma_m,
-            stranded=low and not self._fix_within(limits.low_dead_reckoning_s, now_ns),
+            stranded=self._stranded,
         )
         before, self.mode = self.mode, modes.next_mode(self.mode, situation)
         if self.mode is before:
@@ -61,6 +66,13 @@ class Steering:
         severity = Severity.CRITICAL if self.mode is Mode.LOST else Severity.NOTICE
         data = (("from", before.value), ("sigma_m", situation.sigma_m))
         return [Notice(severity, f"visloc: {self.mode.value.upper()}", to_operator=True, data=data)]
+
+    def _may_drift(self, state: NavState | None, now_ns: int) -> bool:
+        """Whether a vehicle without fixes must not come down on this state; once so, until a fix."""
+        if not self._fix_within(self._settings.navigator.low_dead_reckoning_s, now_ns):
+            return True
+        cov_v = None if state is None else state.cov_v_ne_m2ps2
+        return cov_v is not None and largest_sigma_m(cov_v) > LOW_VELOCITY_SIGMA_MPS
 
     @property
     def _is_due(self) -> bool:

@@ -1,0 +1,64 @@
+"""When a vehicle that is too low for fixes gets no positions any more."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import cast
+
+from visloc_companion.core.gnss import GnssMonitor
+from visloc_companion.core.settings import CoreSettings
+from visloc_companion.core.steering import LOW_VELOCITY_SIGMA_MPS, Steering
+from visloc_companion.core.switching import SourceSwitch
+from visloc_companion.types import GnssVerdict, Mode, NavState, Verdict
+
+TICK_S = 0.1
+WINDOW_S = CoreSettings().navigator.low_dead_reckoning_s
+
+
+class Landing:
+    """GNSS is denied, a fix came at 0 s, and none since; a Tick every 0.1 s."""
+
+    def __init__(self) -> None:
+        monitor = SimpleNamespace(verdict=GnssVerdict(Verdict.DENIED, 0, (), ()))
+        self.steering = Steering(CoreSettings(), cast(GnssMonitor, monitor), SourceSwitch(allowed=False))
+        self.t_s = 0.0
+        self.steering.taken(0)
+
+    def until(self, end_s: float, sigma_v_mps: float | None, *, low: bool = True) -> Mode:
+        variance = None if sigma_v_mps is None else ((sigma_v_mps**2, 0.0), (0.0, 0.04))
+        while self.t_s < end_s:
+            self.t_s += TICK_S
+            now_ns = round(self.t_s * 1e9)
+            state = NavState(now_ns, (0.0, 0.0, -10.0), (1.0, 0.0, 0.5), ((4.0, 0.0), (0.0, 4.0)), 1.0, 0.0, variance)
+            self.steering.change_mode(state, True, low, now_ns)
+        return self.steering.mode
+
+
+def test_a_sure_velocity_carries_on_for_the_whole_window() -> None:
+    landing = Landing()
+    assert landing.until(WINDOW_S - 0.5, LOW_VELOCITY_SIGMA_MPS - 0.1) is Mode.DEAD_RECKONING
+    assert landing.until(WINDOW_S + 0.5, LOW_VELOCITY_SIGMA_MPS - 0.1) is Mode.LOST
+
+
+def test_a_velocity_that_may_be_far_off_is_not_held_down_to_the_ground() -> None:
+    landing = Landing()
+    assert landing.until(3.0, 0.5) is Mode.DEAD_RECKONING
+    assert landing.until(3.5, LOW_VELOCITY_SIGMA_MPS + 0.1) is Mode.LOST
+
+
+def test_a_smaller_claim_without_a_fix_changes_nothing() -> None:
+    """The claim falls when the autopilot's own velocity takes over, which rests on what it was sent."""
+    landing = Landing()
+    landing.until(3.5, LOW_VELOCITY_SIGMA_MPS + 0.1)
+    assert landing.until(6.0, 0.5) is Mode.LOST
+    landing.steering.taken(round(landing.t_s * 1e9))
+    assert landing.until(7.0, 0.5) is Mode.AIDING
+
+
+def test_higher_up_it_is_carried_on() -> None:
+    landing = Landing()
+    assert landing.until(WINDOW_S + 5.0, LOW_VELOCITY_SIGMA_MPS + 0.5, low=False) is Mode.DEAD_RECKONING
+
+
+def test_a_velocity_without_a_covariance_is_judged_by_the_window_alone() -> None:
+    assert Landing().until(WINDOW_S - 0.5, None) is Mode.DEAD_RECKONING
