@@ -352,6 +352,17 @@ def test_what_cannot_be_sent_is_told_to_the_operator_before_the_flight():
     assert talking.autopilot.texts == ["visloc NOT SENT: set EKF2_EV_CTRL 1"]
 
 
+@pytest.mark.parametrize("ev_ctrl", [0, 1])
+def test_an_autopilot_that_can_be_sent_nothing_is_left_on_gnss(ev_ctrl: int):
+    talking = talk(kind=AutopilotKind.PX4, params={"EKF2_EV_CTRL": ev_ctrl, "EKF2_GPS_CTRL": 7})
+    talking.run(4.0)
+    talking.session.switch(SwitchSource(EkfSource.VISION), talking.now_ns)
+    ended = [event for event in talking.run(1.0) if isinstance(event, SourceSwitched)]
+    assert [event.accepted for event in ended] == [ev_ctrl == 1]
+    assert talking.autopilot.params["EKF2_GPS_CTRL"] == (0 if ev_ctrl else 7)
+    assert ev_ctrl or "EKF2_EV_CTRL" in ended[0].detail
+
+
 def test_a_long_remedy_reaches_the_operator_whole():
     talking = Conversation(
         MavlinkSession(SessionSettings(output=Output.GPS_INPUT)), FakeAutopilot(params={"GPS1_TYPE": 1, "GPS2_TYPE": 0})

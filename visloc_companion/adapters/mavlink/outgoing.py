@@ -64,6 +64,11 @@ class PositionSender:
         """Whether the autopilot's reports will tell that it uses a source (types.SourceSwitched)."""
         return source is EkfSource.GNSS or self._choice.output is not Output.EXTERNAL_POSITION_ESTIMATE
 
+    @property
+    def why_nothing(self) -> str:
+        """Why no position can be sent as the autopilot's parameters are; empty where one can, and while they are being read."""
+        return str(self._choice) if self._choice.output is None and self._reader.complete else ""
+
     def hear(self, msg: Message, now_ns: int) -> bool:
         """Take a message of the autopilot; True for what is but the echo of a receiver that we play."""
         match msg.get_type():

@@ -24,6 +24,7 @@ from visloc_companion.adapters.mavlink.texts import TextSender
 from visloc_companion.adapters.mavlink.upkeep import Upkeep
 from visloc_companion.errors import Reason
 from visloc_companion.types import (
+    EkfSource,
     Event,
     GeoPoint,
     Injection,
@@ -32,6 +33,7 @@ from visloc_companion.types import (
     OriginChanged,
     Report,
     RequestMessage,
+    SourceSwitched,
     SwitchSource,
 )
 
@@ -180,7 +182,11 @@ class MavlinkSession:
         self._upkeep.streams.want(message, self._advance(now_ns))
 
     def switch(self, source: SwitchSource, now_ns: int) -> None:
-        """Switch the position source; the end comes as a SourceSwitched event."""
+        """Switch the position source; the end comes as a SourceSwitched event. Not to vision where no position can be sent."""
+        why_nothing = self._sender.why_nothing
+        if source.source is EkfSource.VISION and why_nothing:
+            self._pending.append(SourceSwitched(self._advance(now_ns), source.source, False, why_nothing))
+            return
         shows_use = self._sender.shows_use(source.source)
         self._pending += self._upkeep.switcher.start(source.source, self.link, self._advance(now_ns), shows_use=shows_use)
 
