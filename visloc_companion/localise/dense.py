@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,8 +13,18 @@ from visloc_companion.localise.claims import claimed_covariance, horizontal_sigm
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import full_level
-from visloc_companion.localise.matching import Found, Match, Task, apart_m, best_match, find_candidates, sharpened
-from visloc_companion.localise.modes import mass_near, mode_numbers
+from visloc_companion.localise.matching import (
+    Found,
+    Match,
+    Task,
+    apart_m,
+    best_match,
+    find_candidates,
+    refined_candidates,
+    sharpened,
+)
+from visloc_companion.localise.modes import MODE_RADIUS, mass_near, mode_numbers
+from visloc_companion.localise.open_places import open_places, share_of, weighed
 from visloc_companion.localise.plan import SearchPlan, planned
 from visloc_companion.localise.pose import PoseEstimate, heading_and_tilt
 from visloc_companion.localise.ranking import DEEP_RANK, GRADIENT_RANK, RankWeights
@@ -24,15 +34,14 @@ from visloc_companion.localise.verify import (
     GRADIENT_WEIGHTS,
     Evidence,
     Weights,
+    beside_others,
     block_z,
+    crowded,
     probability_wrong,
     refusal,
 )
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix, PosePrior
-
-MODE_RADIUS = 0.08
-"""A refined candidate belongs to the modes within this share of the footprint's side."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,23 +73,30 @@ class DenseLocaliser:
             features, threads = self._features, self._settings.threads
             task = Task(plan, request.prior, full, ref, watch, features, GRADIENT, rank, temperature, threads=threads)
             found = find_candidates(task)
-            best = best_match(task, found.candidates)
-            if best is None:
+            matches = refined_candidates(task, found.candidates)
+            if not matches:
                 return no_fix(request, self.method, watch, (Reason.NO_MATCH, "no likeness within the search region"))
-            return self._answer(request, task, found, *best)
+            return self._answer(request, task, found, matches)
         except OutsideMap as outside:
             return no_fix(request, self.method, watch, (Reason.OUTSIDE_MAP, outside.what))
 
-    def _answer(self, request: LocaliseRequest, task: Task, found: Found, match: Match, lead: float) -> Fix | NoFix:
+    def _answer(self, request: LocaliseRequest, task: Task, found: Found, matches: list[Match]) -> Fix | NoFix:
+        plan = task.plan
+        match, lead = best_match(task, matches)
         if match.estimate is None:
             return no_fix(request, self.method, task.watch, (Reason.POSE_FAILED, "the blocks do not determine a pose"))
-        plan = task.plan
         others = [c.score for c in found.candidates if apart_m(c.pose, match.descended.pose) > 4 * plan.coarse_gsd_m]
         evidence = _evidence(match, match.estimate, max(others, default=0.0), lead, found, plan, request.prior)
-        p = probability_wrong(evidence, self._fitted.right)
-        numbers = _numbers(evidence, p, plan.agl_m) | mode_numbers(found.modes, plan.pose.p_ned_m)
-        if why := refusal(evidence, p, self._settings.max_probability_wrong):
-            return no_fix(request, self.method, task.watch, why, numbers)
+        likely = weighed(task, matches, match, found.modes)
+        share = share_of(task, matches, match, likely)
+        alone = probability_wrong(evidence, self._fitted.right)
+        p = beside_others(alone, share)
+        numbers = _numbers(evidence, p, plan.agl_m) | {"share": share} | mode_numbers(found.modes, plan.pose.p_ned_m)
+        limit = self._settings.max_probability_wrong
+        if why := refusal(evidence, alone, limit) or crowded(p, share, limit):
+            declined = no_fix(request, self.method, task.watch, why, numbers)
+            places = open_places(task, matches, likely, 1 - alone)
+            return replace(declined, open_places=places, footprint_m=math.sqrt(plan.area_m2))
         final = sharpened(task, match)
         estimate = final.estimate or match.estimate
         covariance = claimed_covariance(estimate, final.gsd_m)

@@ -147,11 +147,8 @@ def find_candidates(task: Task) -> Found:
     return Found(sorted(found, key=lambda c: -c.score), modes)
 
 
-def best_match(task: Task, candidates: list[Descended]) -> tuple[Match, float] | None:
-    """The strongest of the best candidates after refinement at the fine level, and its lead (nats). Raises OutsideMap."""
-    matches = refined_candidates(task, candidates)
-    if not matches:
-        return None
+def best_match(task: Task, matches: list[Match]) -> tuple[Match, float]:
+    """The strongest of the refined candidates, at least one, and its lead (nats)."""
     strengths = [standing(task, match).strength(task.rank) for match in matches]
     best = int(np.argmax(strengths))
     return matches[best], lead(strengths, best)
@@ -176,7 +173,7 @@ def standing(task: Task, match: Match) -> Standing:
         score=match.descended.score,
         coarse_score=match.coarse_score,
         block_z=block_z(len(blocks), float(blocks.sum())),
-        prior_chi2=_prior_chi2(task, match.descended.pose),
+        prior_chi2=prior_chi2(task, match.descended.pose),
         footprint_px=math.sqrt(task.plan.area_m2) / match.gsd_m,
     )
 
@@ -227,7 +224,7 @@ def apart_m(a: CameraPose, b: CameraPose) -> float:
     return float(np.hypot(*(a.p_ned_m[:2] - b.p_ned_m[:2])))
 
 
-def _prior_chi2(task: Task, pose: CameraPose) -> float:
+def prior_chi2(task: Task, pose: CameraPose) -> float:
     """Squared distance of position and heading from the prior, in sigmas."""
     offset = pose.p_ned_m[:2] - task.plan.pose.p_ned_m[:2]
     heading, _ = heading_and_tilt(pose.R_ned_cam, task.plan.pose.R_ned_cam)

@@ -16,6 +16,8 @@ from visloc_companion.types import FloatArray
 
 REPORTED = 4
 """Modes that a fix or refusal reports."""
+MODE_RADIUS = 0.08
+"""A refined candidate belongs to the modes within this share of the footprint's side."""
 
 
 class PlaceMode(NamedTuple):

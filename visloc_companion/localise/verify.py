@@ -111,6 +111,22 @@ def probability_near(sigma_px: float) -> float:
     return 1 - math.exp(-0.5 * (FAR_PX / max(sigma_px, 1e-3)) ** 2)
 
 
+def beside_others(alone: float, share: float) -> float:
+    """Probability that a match is wrong which is so with `alone` by its own looks, and has a share of all places that may be it.
+
+    The looks were fitted where few places look alike; over ground that repeats itself they claim 0.003 and are wrong as often as
+    not.
+    """
+    return 1 - (1 - alone) * share
+
+
+def crowded(p: float, share: float, max_probability_wrong: float) -> tuple[Reason, str] | None:
+    """Why a match of a share (`beside_others`) is declined that is wrong with p because of the others, or None."""
+    if p <= max_probability_wrong:
+        return None
+    return Reason.AMBIGUOUS, f"one of several places, {100 * (1 - share):.0f} % for the others"
+
+
 def refusal(evidence: Evidence, p: float, max_probability_wrong: float) -> tuple[Reason, str] | None:
     """Why the match is declined, or None."""
     worst = max(evidence.height_sigmas, evidence.yaw_sigmas, evidence.position_sigmas)

@@ -221,8 +221,25 @@ class Fix:
 
 
 @dataclass(frozen=True, slots=True)
+class OpenPlace:
+    """A place of the camera that an answer leaves open, at image time, with the covariance of its horizontal position.
+
+    `log_evidence`: natural logarithm of the probability that the camera is there, were it equally likely anywhere in the searched
+    region. What the probabilities of all open places lack of 1 belongs to places that are not listed.
+    """
+
+    place: GeoPoint
+    cov_ne_m2: Cov2
+    log_evidence: float
+
+
+@dataclass(frozen=True, slots=True)
 class NoFix:
-    """The localiser declines to answer, and says why. `motion` and `turn` as in a Fix."""
+    """The localiser declines to answer, and says why. `motion` and `turn` as in a Fix.
+
+    `open_places`: where the camera may be all the same, likeliest first; none where the search told nothing. `footprint_m`: side
+    of the square with the area of the ground that was seen, None where that is not known.
+    """
 
     t_rx_ns: int
     t_ns: int
@@ -235,6 +252,8 @@ class NoFix:
     evidence: tuple[tuple[str, float], ...] = ()
     motion: Odometry | None = None
     turn: Turn | None = None
+    open_places: tuple[OpenPlace, ...] = ()
+    footprint_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
