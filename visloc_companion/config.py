@@ -172,7 +172,8 @@ class NavigatorConfig(Section):
     dead_reckoning_after_s: Positive = 2.0
     """Without an accepted fix for so long the mode becomes DEAD_RECKONING."""
     low_dead_reckoning_s: Positive = 10.0
-    """Below `min_height_m` injection ends so long after the last fix: a landing must not end on a position that drifts."""
+    """Below `min_height_m` injection ends so long after the last fix, or once the velocity's 1-sigma is beyond 1 m/s: a landing
+    must not end on a position that drifts."""
     lost_sigma_m: Positive = 60.0
     """Horizontal 1-sigma beyond which injection stops."""
     start_anywhere: bool = True
