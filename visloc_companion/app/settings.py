@@ -35,6 +35,7 @@ def core_settings(config: Config) -> CoreSettings:
         structure_every=config.localiser.structure_every,
         terrain=config.localiser.terrain,
         max_search_radius_m=config.localiser.max_search_radius_m,
+        max_probability_wrong=config.localiser.max_probability_wrong,
         attitude_rate_hz=config.link.attitude_rate_hz,
         position_rate_hz=config.link.position_rate_hz,
         gnss_rate_hz=config.link.gnss_rate_hz,

@@ -7,7 +7,7 @@ from dataclasses import replace
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.geo import se3, wgs84
-from visloc_companion.types import Fix, GeoPoint, NoFix, Odometry, PosePrior, Quat, Vec3
+from visloc_companion.types import Fix, GeoPoint, NoFix, Odometry, OpenPlace, PosePrior, Quat, Vec3
 
 
 class LeverArm:
@@ -32,7 +32,7 @@ class LeverArm:
             return answer
         motion = None if answer.motion is None else self._moved(answer.motion)
         if isinstance(answer, NoFix):
-            return replace(answer, motion=motion)
+            return replace(answer, motion=motion, open_places=self._places_of_vehicle(answer))
         return replace(answer, motion=motion, place=self.place_of_vehicle(answer.place, answer.q_ned_frd, q_frd_cambody))
 
     def prior_of_vehicle(self, prior: PosePrior, q_frd_cambody: Quat) -> PosePrior:
@@ -40,6 +40,14 @@ class LeverArm:
         if not any(self._lever_frd_m):
             return prior
         return replace(prior, place=self.place_of_vehicle(prior.place, prior.q_ned_frd, q_frd_cambody))
+
+    def _places_of_vehicle(self, answer: NoFix) -> tuple[OpenPlace, ...]:
+        """The open places of the camera as those of the vehicle; none where its attitude then is not known."""
+        q_ned_frd = self._attitude_at(answer.t_ns)
+        if q_ned_frd is None:
+            return ()
+        back_ned_m = se3.rotate(q_ned_frd, self._back_frd_m)
+        return tuple(replace(each, place=wgs84.geo_from_ned(back_ned_m, each.place)) for each in answer.open_places)
 
     def _moved(self, motion: Odometry) -> Odometry:
         """What the camera moved only because the vehicle turned is no motion of the vehicle."""

@@ -114,6 +114,7 @@ class Navigator:
             self._terrain,
             self._search,
             self._complaints,
+            settings.max_probability_wrong,
         )
         self._origin_asked_ns: int | None = None
 
@@ -133,6 +134,7 @@ class Navigator:
         if check is TimeCheck.FINE and (stood_ns := self._time.stood_ns()):
             self._tracker.stood(now_ns, stood_ns)
             self._sending.jumped()
+            self._vision.stood()
         reason = fault(event, now_ns)
         if reason is not None:
             return [*self._complaints.about(event, reason, now_ns), *self._vision.free_worker(event, now_ns)]
@@ -223,7 +225,8 @@ class Navigator:
         relied_on = injecting and self._link.armed
         commands += self._protection.notices(relied_on=relied_on, room=gnss_words.has_room(commands))
         commands += self._vision.request(now_ns)
-        sent = self._sending.tick(state, protected, mode, injecting, self._monitor.verdict, self._link.autopilot, now_ns)
+        verdict, autopilot, n_open = self._monitor.verdict, self._link.autopilot, self._vision.n_open
+        sent = self._sending.tick(state, protected, mode, injecting, verdict, autopilot, n_open, now_ns)
         return [*commands, *sent]
 
     def _judge_gnss(self, now_ns: int) -> list[Command]:

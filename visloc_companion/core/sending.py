@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from visloc_companion.core import output, requests
 from visloc_companion.core.asking import Asking
 from visloc_companion.core.protection import Protected
@@ -29,9 +31,13 @@ class Sending:
         injecting: bool,
         verdict: GnssVerdict,
         autopilot: AutopilotKind,
+        n_open: int,
         now_ns: int,
     ) -> list[Command]:
-        """An Injection where `injecting` and the alert does not stop it, and the Status, for a state at `now_ns`."""
+        """An Injection where `injecting` and the alert does not stop it, and the Status, for a state at `now_ns`.
+
+        `n_open`: places between which frames have not decided yet.
+        """
         belief, origin = self._tracker.belief, self._tracker.origin
         if state is None or belief is None or origin is None:
             return [output.empty_status(now_ns, mode, verdict, self._resets.count)]
@@ -39,6 +45,7 @@ class Sending:
         sent = injecting and not protected.stopped
         injected = self._injection(state, protected, origin, autopilot, counter, now_ns) if sent else None
         status = output.status(state, belief.last_fix_ns, protected, origin, mode, verdict, counter, injected is not None)
+        status = replace(status, open_places=n_open)
         return [status] if injected is None else [injected, status]
 
     def _injection(

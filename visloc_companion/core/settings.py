@@ -73,8 +73,8 @@ class CoreSettings:
     `q_frd_cambody` is the attitude of the camera's body (looks along its down axis, top edge of the image forward) in the
     vehicle's body, `lever_frd_m` its position there, metres from the IMU; `mount_sigma_rad` the 1-sigma tilt of mounting and
     attitude together. `max_rate_hz` bounds the requests to the localiser, `max_search_radius_m` the 3-sigma radius of their
-    search. For `structure`, `structure_every` see core/turns.py, for `terrain` core/terrain_aiding.py. The link rates go into
-    RequestMessage.
+    search, `max_probability_wrong` what a fix may claim. For `structure`, `structure_every` see core/turns.py, for `terrain`
+    core/terrain_aiding.py. The link rates go into RequestMessage.
     """
 
     navigator: NavigatorSettings = NavigatorSettings()
@@ -88,6 +88,7 @@ class CoreSettings:
     structure_every: int = 0
     terrain: bool = False
     max_search_radius_m: float = 2000.0
+    max_probability_wrong: float = 0.05
     attitude_rate_hz: float = 50.0
     position_rate_hz: float = 10.0
     gnss_rate_hz: float = 5.0

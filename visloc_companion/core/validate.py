@@ -74,7 +74,7 @@ def fault(event: Event, now_ns: int) -> Reason | None:  # noqa: PLR0911, PLR0912
         case Fix():
             return _fix_fault(event, now_ns)
         case NoFix():
-            return _unless(event.turn is None or is_turn(event.turn))
+            return _no_fix_fault(event)
         case Odometry():
             return _odometry_fault(event, now_ns)
         case FrameRef():
@@ -92,6 +92,15 @@ def _fix_fault(fix: Fix, now_ns: int) -> Reason | None:
     if not (numbers and turn and is_place(fix.place)):
         return Reason.NOT_FINITE
     return None if fix.sigma_h_m > 0 and is_covariance(fix.cov_ne_m2) else Reason.IMPLAUSIBLE_CLAIM
+
+
+def _no_fix_fault(answer: NoFix) -> Reason | None:
+    places = answer.open_places
+    numbers = _finite(answer.footprint_m or 0.0, *(p.log_evidence for p in places)) and all(is_place(p.place) for p in places)
+    if not (numbers and (answer.turn is None or is_turn(answer.turn))):
+        return Reason.NOT_FINITE
+    claims = all(p.log_evidence <= 0 and is_covariance(p.cov_ne_m2) for p in places)
+    return None if claims and (answer.footprint_m is None or answer.footprint_m > 0) else Reason.IMPLAUSIBLE_CLAIM
 
 
 def _odometry_fault(seen: Odometry, now_ns: int) -> Reason | None:

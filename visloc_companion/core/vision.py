@@ -11,6 +11,7 @@ from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.guard import Complaints
 from visloc_companion.core.onboard_camera import OnboardCamera
+from visloc_companion.core.open_tracks import OpenTracks
 from visloc_companion.core.place_search import Found, PlaceSearch
 from visloc_companion.core.requests import FrameQueue
 from visloc_companion.core.steering import Steering
@@ -53,12 +54,23 @@ class Vision:
         terrain: TerrainAiding | None,
         search: PlaceSearch | None,
         complaints: Complaints,
+        max_probability_wrong: float,
     ) -> None:
         self._queue, self._asking, self._onboard = queue, asking, onboard
         self._tracker, self._aiding, self._monitor, self._steering = tracker, aiding, monitor, steering
         self._terrain, self._search, self._complaints = terrain, search, complaints
         self._camera, self._computer = CameraWatch(), ComputerWatch()
+        self._open = OpenTracks(max_probability_wrong)
         self._searching = self._to_confirm = False
+
+    @property
+    def n_open(self) -> int:
+        """How many places are open between which frames have not decided yet."""
+        return len(self._open.weights)
+
+    def stood(self) -> None:
+        """The clock showed no progress while the vehicle went on: nobody knows how far."""
+        self._open.clear()
 
     def check(self, now_ns: int) -> list[Command]:
         """What is to be said of the camera at a Tick, and that the place is searched for from now on."""
@@ -77,11 +89,15 @@ class Vision:
 
     def request(self, now_ns: int) -> list[Command]:
         """Ask the worker the next question, where there is one."""
-        trusted = self._monitor.trusted
+        trusted, velocity = self._monitor.trusted, self._tracker.velocity
+        if velocity is not None:
+            self._open.moving(velocity.t_ns, velocity.v_ned_mps[:2])
         asked = self._asking.next(now_ns, injecting=self._steering.injecting, gnss_trusted=trusted)
         for request in asked:
             told = self._onboard.asked_of_vehicle(request) if isinstance(request, LocaliseRequest) else request
             self._tracker.height.asked(told)
+            if isinstance(told, LocaliseRequest):
+                self._open.asked(told)
         return self._onboard.asked([*asked])
 
     def moved(self, motion: Odometry | None, now_ns: int) -> None:
@@ -90,6 +106,7 @@ class Vision:
             interval = self._tracker.observe_odometry(motion)
             if interval is not None:
                 self._aiding.on_motion(interval)
+            self._open.moved(motion)
             if self._search is not None:
                 self._search.moved(motion)
 
@@ -104,13 +121,40 @@ class Vision:
         if self._search is not None and self._search.is_asked(event.request_id):
             found = None if self._tracker.origin is None else self._search.answered(event, self._tracker.origin, now_ns)
             return [*([] if found is None else self._on_found(found, now_ns)), *self.free_worker(event, now_ns)]
-        return self._on_fix(event, before, now_ns) if isinstance(event, Fix) else self.free_worker(event, now_ns)
+        if isinstance(event, Fix):
+            return self._on_fix(event, before, now_ns)
+        return [*self._on_open(event, now_ns), *self.free_worker(event, now_ns)]
+
+    def _on_open(self, event: NoFix, now_ns: int) -> list[Command]:
+        """An answer that leaves several places open; the filter takes the one that earlier and later answers leave."""
+        origin, velocity, had = self._tracker.origin, self._tracker.velocity, self.n_open
+        if origin is None or velocity is None or self._tracker.belief is None:
+            return []
+        fix = self._open.answered(event, origin, velocity.sigma_mps)
+        if fix is None:
+            begun = self.n_open > 1 >= had
+            return [Notice(Severity.INFO, f"{self.n_open} places are open")] if begun else []
+        self._open.clear()
+        fix = self._onboard.stated(fix)
+        outcome = self._tracker.observe(fix)
+        if isinstance(outcome, Rejected):
+            return [*self._complaints.about(fix, outcome.reason, now_ns, Severity.INFO)]
+        if not isinstance(outcome, Accepted):
+            return []
+        self._steering.taken(now_ns)
+        data = (("probability_wrong", fix.probability_wrong), *fix.evidence)
+        return [
+            Notice(Severity.INFO, "one of the open places is left", data=data),
+            *self._aiding.compare(fix),
+            *self._confirmed(),
+        ]
 
     def _on_found(self, found: Found, now_ns: int) -> list[Command]:
         """The search of the whole map has found the vehicle: the filter starts (again) there."""
         if self._tracker.origin is None or self._search is None:
             return []
         self._search.clear()
+        self._open.clear()
         self._to_confirm = False
         place = wgs84.geo_from_ned((*found.place_ne_m, 0.0), self._tracker.origin)
         if not self._tracker.seed(found.t_ns, place, found.sigma_m):
@@ -144,6 +188,7 @@ class Vision:
             self._terrain.learn(fix, state, origin)
         commands = [] if fix.method == TERRAIN else self._onboard.on_fix(fix, self._monitor.trusted)
         if isinstance(outcome, Accepted):
+            self._open.clear()
             self._steering.taken(now_ns)
             commands = [*commands, *self._aiding.compare(fix), *self._confirmed()]
             self._tracker.height.taken(fix)
@@ -174,6 +219,7 @@ class Vision:
             tracker.seed_without_velocity(now_ns, t_boot_ns, event.place, event.sigma_m)
         else:
             tracker.seed(now_ns, event.place, event.sigma_m)
+        self._open.clear()
         self._steering.doubt()
         self._to_confirm = True
         return [Notice(Severity.NOTICE, "visloc: position taken, looking there", to_operator=True)]

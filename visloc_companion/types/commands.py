@@ -113,7 +113,8 @@ class Status:
     `place`, `v_ned_mps` and the covariances are None / zero while there is no state. `protection_level_m` bounds the
     horizontal error at the configured risk, `vertical_protection_level_m` that of the height in `place`, which is the autopilot's
     own; fixes would raise it by `height_offset_m`. `available`: both levels are within the alert limits of this phase of flight.
-    `alert`: one of them is not, for long enough that it counts. `injected` tells whether this Tick also sent an Injection.
+    `alert`: one of them is not, for long enough that it counts. `open_places`: how many places the frames since
+    the last fix leave open, 0 where they do not say. `injected` tells whether this Tick also sent an Injection.
     """
 
     t_ns: int
@@ -134,6 +135,7 @@ class Status:
     vertical_alert_limit_m: float | None = None
     available: bool = False
     alert: bool = False
+    open_places: int = 0
 
 
 Command = LocaliseRequest | TerrainRequest | Injection | RequestMessage | SwitchSource | Notice | Status

@@ -13,7 +13,7 @@ from visloc_companion.core.lever_arm import LeverArm
 from visloc_companion.core.settings import CoreSettings, InjectionSettings
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.geo import se3, wgs84
-from visloc_companion.types import Fix, GeoPoint, Injection, LocaliseRequest, NoFix, Odometry, TimesyncSample
+from visloc_companion.types import Fix, GeoPoint, Injection, LocaliseRequest, NoFix, Odometry, OpenPlace, TimesyncSample
 
 World = Any
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
@@ -55,6 +55,16 @@ def test_a_turn_on_the_spot_is_no_motion() -> None:
     assert answer.motion.displacement_ned_m == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
     unknown = replace(moved, t_from_ns=50 * S, t_to_ns=51 * S)
     assert lever.of_vehicle(fix(ORIGIN, unknown), MOUNT).motion == unknown
+
+
+def test_open_places_are_the_vehicles_too() -> None:
+    lever, heading_east_ns = arm((2.0, 0.0, 0.0)), 2 * S
+    seen = OpenPlace(ORIGIN, ((1.0, 0.0), (0.0, 1.0)), -0.7)
+    none = NoFix(0, heading_east_ns, 1, 1, "test", _reason(), 1.0, open_places=(seen,), footprint_m=60.0)
+    (place,) = lever.of_vehicle(none, MOUNT).open_places
+    assert wgs84.ned_from_geo(place.place, ORIGIN) == pytest.approx((0.0, -2.0, 0.0), abs=1e-3)
+    assert (place.cov_ne_m2, place.log_evidence) == (seen.cov_ne_m2, seen.log_evidence)
+    assert lever.of_vehicle(replace(none, t_ns=99 * S), MOUNT).open_places == ()
 
 
 def test_without_a_lever_nothing_is_touched() -> None:

@@ -18,6 +18,7 @@ from visloc_companion.types import (
     LocalPose,
     NoFix,
     Odometry,
+    OpenPlace,
     OperatorFix,
     OriginChanged,
     PriorPose,
@@ -27,6 +28,7 @@ from visloc_companion.types import (
 
 NOW = 10**10
 HERE = GeoPoint(59.0, 18.0, 50.0)
+COV = ((1.0, 0.0), (0.0, 1.0))
 NOWHERE = GeoPoint(math.nan, 18.0, 50.0)
 Q = (1.0, 0.0, 0.0, 0.0)
 STILL = (0.0, 0.0, 0.0)
@@ -130,3 +132,20 @@ def test_answers_with_a_turn_that_is_none_are_refused(turn: Turn) -> None:
     for answer in (FIX, none):
         assert fault(replace(answer, turn=TURN), NOW) is None
         assert fault(replace(answer, turn=turn), NOW) is Reason.NOT_FINITE
+
+
+@pytest.mark.parametrize(
+    ("place", "footprint_m", "reason"),
+    [
+        (OpenPlace(HERE, COV, -0.7), 60.0, None),
+        (OpenPlace(HERE, COV, math.nan), 60.0, Reason.NOT_FINITE),
+        (OpenPlace(GeoPoint(95.0, 0.0, 0.0), COV, -0.7), 60.0, Reason.NOT_FINITE),
+        (OpenPlace(HERE, ((0.0, 0.0), (0.0, 0.0)), -0.7), 60.0, Reason.IMPLAUSIBLE_CLAIM),
+        (OpenPlace(HERE, COV, 0.7), 60.0, Reason.IMPLAUSIBLE_CLAIM),
+        (OpenPlace(HERE, COV, -0.7), 0.0, Reason.IMPLAUSIBLE_CLAIM),
+        (OpenPlace(HERE, COV, -0.7), math.inf, Reason.NOT_FINITE),
+    ],
+)
+def test_open_places_are_checked_as_fixes_are(place: OpenPlace, footprint_m: float, reason: Reason | None) -> None:
+    answer = NoFix(NOW, NOW, 1, 1, "m", Reason.AMBIGUOUS, 5.0, open_places=(place,), footprint_m=footprint_m)
+    assert fault(answer, NOW) is reason
