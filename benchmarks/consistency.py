@@ -124,6 +124,7 @@ KINDS: dict[str, EyesModel] = {
     "fixes, odometry": EyesModel(wrong=False),
     "wrong matches": EyesModel(odometry=False),
     "wrong matches, odometry": EyesModel(),
+    "sight that comes and goes": EyesModel(fix_share=0.2, seeing_s=10.0, blind_s=8.0),
     "overconfident": EyesModel(odometry=False, wrong=False, overconfident=3.0),
 }
 

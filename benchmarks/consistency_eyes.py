@@ -3,7 +3,8 @@
 A fix is off by as much as it claims and by the map's own error. Half of the claimed variance is new in every fix, half that of
 the ground which neighbouring frames look at and lasts GROUND_TAU_S. The map's error wanders along the track with the 1-sigma
 `map_sigma_m` and a correlation of MAP_TAU_S. It is a wrong match as often as it claims, anywhere in the search region, and stays
-wrong in the same way with the probability `persistence`. Odometry: odometry_model.py.
+wrong in the same way with the probability `persistence`. Odometry: odometry_model.py. Where sight comes and goes, stretches
+without fixes and odometry take turns with others, each of a random length.
 """
 
 from __future__ import annotations
@@ -39,6 +40,9 @@ class EyesModel:
     persistence: float = CORRELATION
     overconfident: float = 1.0
     """Claimed sigma over true sigma is one over this."""
+    seeing_s: float = math.inf
+    blind_s: float = 0.0
+    """Mean lengths of the stretches with sight and without."""
 
 
 @dataclass(slots=True)
@@ -58,9 +62,12 @@ class KnowingEyes:
     _places: dict[int, tuple[GeoPoint, Quat]] = field(default_factory=dict)
     _wrong_by_m: FloatArray | None = None
     _last_ns: int | None = None
+    _sights: np.random.Generator = field(init=False)
+    _sees: bool = True
+    _turns_ns: int | None = None
 
     def __post_init__(self) -> None:
-        self._rng = np.random.default_rng([self.seed, 77])
+        self._rng, self._sights = np.random.default_rng([self.seed, 77]), np.random.default_rng([self.seed, 78])
         self._map_m = self.map_sigma_m * self._rng.standard_normal(2)
         self._ground = self._rng.standard_normal(2)
         self._odometry = OdometryModel.drawn(self._rng)
@@ -75,8 +82,11 @@ class KnowingEyes:
         frame = request.frame
         place, q_ned_frd = self._places[frame.frame_id]
         self._wander(frame.t_ns)
-        motion = self._motion(frame.t_ns, place)
         about = (frame.t_rx_ns, frame.t_ns, request.request_id, frame.frame_id, self.method)
+        if not self._sighted(frame.t_ns):
+            self._odometry.lose()
+            return NoFix(*about, Reason.LOW_TEXTURE, 60.0)
+        motion = self._motion(frame.t_ns, place)
         if self._rng.random() > self.model_.fix_share:
             return NoFix(*about, Reason.NO_MATCH, 60.0, motion=motion)
         claim = claimed(self._rng)
@@ -88,6 +98,16 @@ class KnowingEyes:
         var = (sigma / self.model_.overconfident) ** 2
         cov = ((var, 0.0), (0.0, var))
         return Fix(*about, seen, q_ned_frd, cov, HEIGHT_SIGMA_M, 0.02, claim, 60.0, motion=motion)
+
+    def _sighted(self, t_ns: int) -> bool:
+        """Whether anything is seen at a time, which is not before the last one asked about."""
+        if self.model_.blind_s == 0.0:
+            return True
+        while self._turns_ns is None or t_ns >= self._turns_ns:
+            self._sees = self._turns_ns is None or not self._sees
+            mean_s = self.model_.seeing_s if self._sees else self.model_.blind_s
+            self._turns_ns = (t_ns if self._turns_ns is None else self._turns_ns) + round(self._sights.exponential(mean_s) * 1e9)
+        return self._sees
 
     def _wander(self, t_ns: int) -> None:
         dt_s = 0.0 if self._last_ns is None else (t_ns - self._last_ns) * 1e-9

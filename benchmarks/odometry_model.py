@@ -37,6 +37,10 @@ class OdometryModel:
         scale, heading = rng.standard_normal(2) * (SCALE_SIGMA, HEADING_SIGMA_RAD)
         return OdometryModel(float(scale), float(heading))
 
+    def lose(self) -> None:
+        """The next frame begins anew."""
+        self._keyframe = None
+
     def look(self, t_ns: int, p_ne_m: FloatArray, rng: np.random.Generator) -> Odometry | None:
         """What is seen from a place (2,) at a time; None of the first frame."""
         if self._keyframe is None:
