@@ -1,4 +1,4 @@
-"""The table of cloud registration: `python -m benchmarks.clouds CLOUDS WORK [--n N] [--methods ...] [--json FILE]`.
+"""The table of cloud registration: `python -m benchmarks.clouds CLOUDS WORK [--n N] [--methods ...] [--levels ...]`.
 
 Makes N cases for each cloud of CLOUDS, scenario and level (and of made clouds without information) in WORK, lets every method
 answer all of them, and prints a row for each method, level, scenario and land cover, then the pooled figures. Rows marked `*` are
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,10 +34,12 @@ HEADER = (
 )
 
 
-def all_cases(clouds: Path, work: Path, n: int, seed: int, only: tuple[str, ...] | None) -> Iterator[CloudCase]:
-    """Of both levels, one at a time."""
+def all_cases(
+    clouds: Path, work: Path, n: int, seed: int, only: tuple[str, ...] | None, levels: Sequence[str] = LEVELS
+) -> Iterator[CloudCase]:
+    """Of these levels, one at a time."""
     bare = write_bare_clouds(work / "bare", seed)
-    for level in LEVELS:
+    for level in levels:
         yield from read(make(clouds, work / "real", level, n, seed), level, only)
         yield from read(make(bare, work / "bare_cases", level, max(1, n // 4), seed), level, only)
 
@@ -50,7 +52,7 @@ def main() -> None:
     print(f"{HEADER}\n|{'---|' * HEADER.count(' | ')}---|", flush=True)
     for name in args.methods:
         method = make_registration(name, 1.0)
-        cases = all_cases(args.clouds, args.work, args.n, args.seed, only)
+        cases = all_cases(args.clouds, args.work, args.n, args.seed, only, args.levels)
         most = args.first.get(name, args.n)
         found = [answer_of(method, case) for case in cases if number(case) < most]
         for label, some in groups(found):
@@ -159,6 +161,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--methods", nargs="+", choices=list(METHODS), default=list(METHODS))
     parser.add_argument("--first", nargs="+", type=_first, default=[], metavar="METHOD=K", help="slow methods: the first K only")
     parser.add_argument("--clouds-only", nargs="+", help="names of the clouds to take")
+    parser.add_argument("--levels", nargs="+", choices=LEVELS, default=LEVELS, help="how much the sources are degraded")
     parser.add_argument("--limit-p", type=float, default=DEFAULT_MAX_PROBABILITY_WRONG)
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()

@@ -1,12 +1,14 @@
 """The whole structure vote in flight: frames, cloud, registration, pose; and the image's vote on the same frames.
 
     python -m benchmarks.structure_chain FOLDER [--seeds 100 101 ...] [--n 10] [--frames 8] [--image deep]
-        [--max-probability-wrong 0.05] [--snow] [--json FILE]
+        [--max-probability-wrong 0.05] [--snow] [--elsewhere] [--json FILE]
 
 Over each world `--n` straight flights of `--frames` frames, 0.14 of the height apart, are rendered from the later date (leafless,
 ploughed, five years on), 75 to 120 m above the ground at 73.9 degrees, and placed on the earlier date's surface model; FOLDER
 keeps that. The prior of all frames of a flight is off by the same amount (10 m horizontally, 3 m in height, 3 degrees of heading,
 1-sigma each), and each by 0.3 m and 0.5 degrees of tilt beside. Seeds below 100 and from 200 on were for development.
+
+With `--elsewhere` the map's shape is that of the next of the seeds' worlds: no place is right, and every structure fix is wrong.
 
 A vote is right where its fix is off by less than 5 m. phi is the correlation of the two votes' being right, with the 95 %
 interval of a bootstrap over the flights.
@@ -32,6 +34,7 @@ from visloc_companion.localise.registry import make_localiser, open_features_for
 from visloc_companion.localise.runtime import NetworkChoice
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.structure.localiser import StructureLocaliser
+from visloc_companion.maps.around import MAX_POINTS
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.maps.raster import RasterMap
 from visloc_companion.protocols import Localiser
@@ -40,7 +43,7 @@ from visloc_companion.sim.render import CameraSimulator
 from visloc_companion.sim.render_effects import CameraEffects
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.season import SNOW
-from visloc_companion.types import CameraModel, Fix, FrameRef, GeoPoint, Image, LocaliseRequest, NoFix, PosePrior
+from visloc_companion.types import CameraModel, Fix, FloatArray, FrameRef, GeoPoint, Image, LocaliseRequest, NoFix, PosePrior
 
 MODEL = CameraModel(640, 480, 425.5, 425.5, 319.5, 239.5, (-0.05, 0.01, 0.0, 0.0, 0.0))
 SIZE_M, GSD_M = 800.0, 0.4
@@ -50,6 +53,27 @@ SUCCESS_M, FAR_M = 2.0, 5.0
 CHI2_95 = 5.99
 DRAWS = 2000
 Truths = NDArray[np.float64]
+
+
+class Elsewhere(RasterMap):
+    """A map whose shape is that of other ground, lifted to where its own lies."""
+
+    _other: RasterMap
+
+    @classmethod
+    def over(cls, other: RasterMap, ortho: Path, dsm: Path) -> Elsewhere:
+        """The map of these files with the other's shape."""
+        made = cls.open(ortho, dsm)
+        assert isinstance(made, cls)
+        made._other = other
+        return made
+
+    def cloud_around(self, center_map_m: tuple[float, float], radius_m: float, max_points: int = MAX_POINTS) -> FloatArray:
+        """(N, 3) as RasterMap's."""
+        own = super().cloud_around(center_map_m, radius_m, max_points)
+        cloud = self._other.cloud_around(center_map_m, radius_m, max_points)
+        lift = float(np.median(own[:, 2]) - np.median(cloud[:, 2]))
+        return np.asarray(cloud + np.array([0.0, 0.0, lift]), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,6 +161,13 @@ def votes_of(shots: list[Shot], case: str, reference: RasterMap, image: Localise
     return [judged("image", case, shots, by_image, between - start), judged("structure", case, shots, by_structure, spent)]
 
 
+def files_of(seed: int, folder: Path) -> tuple[Path, Path]:
+    """Orthophoto and surface model of a world's earlier date, made where they are not there yet."""
+    kept = folder / f"map{seed}"
+    paths = (kept / "ortho.tif", kept / "dsm.tif")
+    return paths if paths[1].exists() else build_landscape(seed, "map", SIZE_M, GSD_M).save(kept)
+
+
 def figures(answers: list[Answer]) -> str:
     """One line of a vote's figures."""
     found = [a for a in answers if a.error_m is not None]
@@ -185,17 +216,18 @@ def main() -> None:
     parser.add_argument("--image", default="deep", help="method of the image's vote")
     parser.add_argument("--max-probability-wrong", type=float, default=0.05)
     parser.add_argument("--snow", action="store_true", help="the later date under snow")
+    parser.add_argument("--elsewhere", action="store_true", help="the shape of another world")
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
     features = open_features_for(chosen.image, NetworkChoice(threads=1))
     image = make_localiser(chosen.image, MODEL, features=features, max_probability_wrong=chosen.max_probability_wrong)
     answers: list[Answer] = []
-    for seed in chosen.seeds:
-        kept = chosen.folder / f"map{seed}"
-        paths = (kept / "ortho.tif", kept / "dsm.tif")
-        if not paths[1].exists():
-            paths = build_landscape(seed, "map", SIZE_M, GSD_M).save(kept)
-        reference, scene = RasterMap.open(*paths), build_landscape(seed, SNOW if chosen.snow else "flight", SIZE_M, GSD_M)
+    for k, seed in enumerate(chosen.seeds):
+        reference = RasterMap.open(*files_of(seed, chosen.folder))
+        if chosen.elsewhere:
+            other = RasterMap.open(*files_of(chosen.seeds[(k + 1) % len(chosen.seeds)], chosen.folder))
+            reference = Elsewhere.over(other, *files_of(seed, chosen.folder))
+        scene = build_landscape(seed, SNOW if chosen.snow else "flight", SIZE_M, GSD_M)
         camera = CameraSimulator(scene, MODEL, CameraEffects())
         for number in range(chosen.n):
             case = f"{seed}_{number}"

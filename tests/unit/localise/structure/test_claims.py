@@ -3,11 +3,16 @@ import pytest
 
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered
-from visloc_companion.localise.structure.claims import LOOSE_M, judged
+from visloc_companion.localise.structure.claims import LOOSE_M, MOST_BOWL_M, judged
 
 
 def registered(
-    correlation: float, rival: float, handicap: float = 0.0, overlap: float = 1.0, formal_sigma_m: float = 0.3
+    correlation: float,
+    rival: float,
+    handicap: float = 0.0,
+    overlap: float = 1.0,
+    formal_sigma_m: float = 0.3,
+    bowl_m: float = 0.4,
 ) -> Registered:
     named = {
         "correlation": correlation,
@@ -15,6 +20,7 @@ def registered(
         "handicap": handicap,
         "refined_rival": rival,
         "formal_sigma_m": formal_sigma_m,
+        "bowl_m": bowl_m,
     }
     return Registered(np.eye(4), np.eye(3), 0.01, 0.01, 0.5, tuple(named.items()))
 
@@ -43,3 +49,11 @@ def test_a_place_that_nothing_holds_is_refused_however_far_it_leads() -> None:
     found = judged(registered(0.7, 0.3, formal_sigma_m=1.1 * LOOSE_M), 1.0)
     assert isinstance(found, NotRegistered)
     assert found.reason is Reason.LOW_TEXTURE
+
+
+@pytest.mark.parametrize("bend", [1.1, -1.1])
+def test_a_place_that_only_a_bent_cloud_fits_is_refused_however_far_it_leads(bend: float) -> None:
+    found = judged(registered(0.7, 0.3, bowl_m=bend * MOST_BOWL_M), 1.0)
+    assert isinstance(found, NotRegistered)
+    assert found.reason is Reason.INCONSISTENT_WITH_PRIOR
+    assert isinstance(judged(registered(0.7, 0.3, bowl_m=bend * MOST_BOWL_M / 1.2), 1.0), Registered)
