@@ -219,6 +219,8 @@ def main() -> None:
     parser.add_argument("--elsewhere", action="store_true", help="the shape of another world")
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
+    if chosen.elsewhere and len(chosen.seeds) < 2:
+        parser.error("--elsewhere needs two seeds")
     features = open_features_for(chosen.image, NetworkChoice(threads=1))
     image = make_localiser(chosen.image, MODEL, features=features, max_probability_wrong=chosen.max_probability_wrong)
     answers: list[Answer] = []
