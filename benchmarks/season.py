@@ -26,8 +26,7 @@ from visloc_companion.evaluate.metrics import fix_errors_m
 from visloc_companion.evaluate.report import write_flight_report
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
-from visloc_companion.localise.flight import REGISTRATION
-from visloc_companion.localise.registration.registry import make_registration
+from visloc_companion.localise.flight import flight_registration
 from visloc_companion.localise.registry import make_localiser, open_features_for
 from visloc_companion.localise.runtime import NetworkChoice
 from visloc_companion.localise.settings import LocaliserSettings
@@ -107,7 +106,7 @@ def shots_at(number: int, at: tuple[FloatArray, float], home: GeoPoint, camera: 
 def structure_over(shots: list[Shot], model: CameraModel, reference: PackMap) -> Localiser:
     """The structure localiser when it has seen the frames."""
     settings = LocaliserSettings(MOST_WRONG)
-    structure = StructureLocaliser(model, settings, make_registration(REGISTRATION, 1.0))
+    structure = StructureLocaliser(model, settings, flight_registration())
     for shot in shots:
         structure.remember(shot.request, shot.pixels, reference)
     return structure

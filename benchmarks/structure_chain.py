@@ -28,8 +28,7 @@ from numpy.typing import NDArray
 
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
-from visloc_companion.localise.flight import REGISTRATION
-from visloc_companion.localise.registration.registry import make_registration
+from visloc_companion.localise.flight import flight_registration
 from visloc_companion.localise.registry import make_localiser, open_features_for
 from visloc_companion.localise.runtime import NetworkChoice
 from visloc_companion.localise.settings import LocaliserSettings
@@ -149,7 +148,7 @@ def judged(vote: str, case: str, shots: list[Shot], answer: Fix | NoFix, cpu_s: 
 def votes_of(shots: list[Shot], case: str, reference: RasterMap, image: Localiser, most_wrong: float) -> list[Answer]:
     """The image's vote on the last frame, and the structure's."""
     settings = LocaliserSettings(max_probability_wrong=most_wrong)
-    structure = StructureLocaliser(MODEL, settings, make_registration(REGISTRATION, 1.0))
+    structure = StructureLocaliser(MODEL, settings, flight_registration())
     last = shots[-1]
     start = time.process_time()
     by_image = image.localise(last.request, last.pixels, reference)

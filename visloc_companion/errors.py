@@ -113,6 +113,7 @@ class Reason(StrEnum):
     BLOCKS_DISAGREE = "blocks_disagree"
     INCONSISTENT_WITH_PRIOR = "inconsistent_with_prior"
     REFINEMENT_DIVERGED = "refinement_diverged"
+    SEARCH_TOO_WIDE = "search_too_wide"
     TOO_FEW_FEATURES = "too_few_features"
     POSE_FAILED = "pose_failed"
     MOVING_SURFACE = "moving_surface"

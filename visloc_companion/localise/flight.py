@@ -4,12 +4,22 @@ from __future__ import annotations
 
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.freshness import FreshFramesOnly
+from visloc_companion.localise.registration.base import RegistrationMethod
 from visloc_companion.localise.registry import make_localiser
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.protocols import Localiser
 from visloc_companion.types import CameraModel
 
-REGISTRATION = "height-search"
+MOST_WORK = 1e8
+"""Of the structure vote's search (registration/search.py): some ten seconds on one core. A position that was lost for long, with
+frames whose baseline is hardly known, would have it search for minutes, and whoever asks wait."""
+
+
+def flight_registration() -> RegistrationMethod:
+    """What places the structure vote's cloud; it judges the answers itself."""
+    from visloc_companion.localise.registration.height_search import HeightSearchRegistration
+
+    return HeightSearchRegistration(1.0, MOST_WORK)
 
 
 def flight_localiser(
@@ -36,10 +46,9 @@ def flight_localiser(
     )
     if not structure:
         return FreshFramesOnly(image)
-    # here, not above: without the vote the worker starts without the libraries of the registration
-    from visloc_companion.localise.registration.registry import make_registration
+    # here, not above, as in flight_registration: without the vote the worker starts without the libraries of the registration
     from visloc_companion.localise.structure.localiser import StructureLocaliser
     from visloc_companion.localise.votes import TwoVotes
 
     settings = LocaliserSettings(max_probability_wrong, max_search_radius_m)
-    return FreshFramesOnly(TwoVotes(image, StructureLocaliser(model, settings, make_registration(REGISTRATION, 1.0))))
+    return FreshFramesOnly(TwoVotes(image, StructureLocaliser(model, settings, flight_registration())))

@@ -6,10 +6,12 @@ no growth of a whole forest. The few best places are refined, and the one whose 
 
 from __future__ import annotations
 
+import math
+
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
 from visloc_companion.localise.registration.pair import make_pair
-from visloc_companion.localise.registration.search import find_places
+from visloc_companion.localise.registration.search import find_places, work
 from visloc_companion.localise.registration.settle import Settler, too_little_overlap
 from visloc_companion.localise.registration.upright import polished
 from visloc_companion.types import FloatArray
@@ -21,16 +23,19 @@ SLIDE_M, SLIDE_CELLS = 6.0, 3.0
 
 
 class HeightSearchRegistration:
-    """As base.RegistrationMethod."""
+    """As base.RegistrationMethod. A search of more than `most_work` (search.work) is declined."""
 
-    def __init__(self, max_probability_wrong: float) -> None:
-        self.max_probability_wrong = max_probability_wrong
+    def __init__(self, max_probability_wrong: float, most_work: float = math.inf) -> None:
+        self.max_probability_wrong, self.most_work = max_probability_wrong, most_work
 
     def __call__(self, source_m: FloatArray, reference_m: FloatArray, prior: RegistrationPrior) -> Registered | NotRegistered:
         """Search, refine, judge."""
         pair = make_pair(source_m, reference_m, prior)
         if isinstance(pair, NotRegistered):
             return pair
+        cost = work(pair, prior)
+        if cost > self.most_work:
+            return NotRegistered(Reason.SEARCH_TOO_WIDE, f"{cost:.1e} cells times hypotheses, of {self.most_work:.1e} at most")
         places, scores = find_places(pair, prior, REFINED)
         settler = Settler(pair, prior)
         settled = [s for place in places if (s := settler.settle(place.T)) is not None]

@@ -5,10 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from visloc_companion.errors import Reason
+from visloc_companion.localise.registration.base import NotRegistered, Registered
 from visloc_companion.localise.registration.correlation import NO_SCORE, Scores
 from visloc_companion.localise.registration.handicap import of_similarity
+from visloc_companion.localise.registration.height_search import HeightSearchRegistration
 from visloc_companion.localise.registration.pair import make_pair
-from visloc_companion.localise.registration.search import find_places, hypotheses, runner_up, template
+from visloc_companion.localise.registration.search import find_places, hypotheses, runner_up, template, work
 from visloc_companion.localise.registration.similarity import moved, yaw_of
 
 
@@ -65,3 +68,23 @@ def test_the_side_of_a_peak_is_no_rival(scene):
     there = pair.reference.corner_m + pair.reference.cell_m * np.array([20.5, 20.5])
     nothing = runner_up(pair, Scores(score, np.zeros(score.shape, np.int32), (0, 0)), np.array([here, there]))
     assert nothing == 0, "no other peak"
+
+
+def test_the_work_of_a_search_grows_with_hypotheses_and_region(scene):
+    pair = make_pair(scene.source_m, scene.reference_m, scene.prior)
+    once = work(pair, scene.prior)
+    n = len(hypotheses(pair.half_m, pair.reference.cell_m, scene.prior))
+    turned = replace(scene.prior, sigma_yaw_rad=3 * scene.prior.sigma_yaw_rad)
+    assert work(pair, turned) == once * len(hypotheses(pair.half_m, pair.reference.cell_m, turned)) / n
+    near, far = (work(pair, replace(scene.prior, sigma_horizontal_m=s)) for s in (0.5, 50.0))
+    assert near < once < far
+    assert far <= n * np.prod(np.array(pair.reference.known.shape) + 2 * pair.half_m * 2)
+
+
+def test_a_search_that_would_take_too_long_is_declined(scene):
+    pair = make_pair(scene.source_m, scene.reference_m, scene.prior)
+    cost = work(pair, scene.prior)
+    declined = HeightSearchRegistration(1.0, cost - 1)(scene.source_m, scene.reference_m, scene.prior)
+    assert isinstance(declined, NotRegistered)
+    assert declined.reason is Reason.SEARCH_TOO_WIDE
+    assert isinstance(HeightSearchRegistration(1.0, cost)(scene.source_m, scene.reference_m, scene.prior), Registered)
