@@ -10,9 +10,9 @@ from visloc_companion.types import CameraModel
 model = CameraModel(64, 48, 100.0, 100.0, 31.5, 23.5)
 limits = {"max_probability_wrong": 0.05, "max_search_radius_m": 100.0, "threads": 1}
 flight_localiser("gradient", model, None, **limits, structure=False)
-print("small_gicp" in sys.modules)
+print("visloc_companion.localise.registration.height_search" in sys.modules)
 flight_localiser("gradient", model, None, **limits, structure=True)
-print("small_gicp" in sys.modules)
+print("visloc_companion.localise.registration.height_search" in sys.modules)
 """
 
 
