@@ -27,9 +27,8 @@ import numpy as np
 from visloc_companion.core import hypotheses, kalman
 from visloc_companion.core.hypotheses import H_POSITION, Hypothesis
 from visloc_companion.core.integrity import largest_sigma_m
-from visloc_companion.core.place_search import UNTRUSTED_MPS
 from visloc_companion.core.travel import TravelLog
-from visloc_companion.core.vouching import MOST_MPS
+from visloc_companion.core.vouching import velocity_sigma_mps
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Fix, FloatArray, GeoPoint, LocaliseRequest, NoFix, Odometry, OpenPlace, Rejected, Vec2
@@ -127,7 +126,7 @@ class OpenTracks:
             return False
         self._none += sum(weight for _, weight in carried) - sum(weight for _, weight in clear)
         seen = _Seen(places, self._footprint_m, asked, origin, new)
-        self._weigh(clear, seen, t_ns, sigma_v_mps if sigma_v_mps <= UNTRUSTED_MPS else MOST_MPS)
+        self._weigh(clear, seen, t_ns, velocity_sigma_mps(sigma_v_mps))
         self._counted_ns = t_ns
         self._answers += 1
         return True

@@ -20,7 +20,7 @@ from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.listed_places import LEAST_MASS, LIKELY_MASS, places_of
 from visloc_companion.core.tiles import FARTHEST_M, Tile, Tiles
 from visloc_companion.core.travel import TravelLog
-from visloc_companion.core.vouching import MOST_MPS
+from visloc_companion.core.vouching import velocity_sigma_mps
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Cov2, Fix, GeoPoint, NoFix, Odometry, Vec2
@@ -36,8 +36,6 @@ LISTED_HEIGHTS = 0.1
 """1-sigma of a listed place, and the least of the region in which it is tested, as a share of the height."""
 APART_HEIGHTS = 0.5
 """A listed place that is nearer than this to the fix of the same answer is the same one."""
-UNTRUSTED_MPS = 2.0
-"""A velocity input whose own 1-sigma is above this may be none at all (an autopilot without any position reports zero)."""
 TEST_EVERY_NS = 2_000_000_000
 MOST_WRONG = 0.02
 """A fix that claims to be wrong with a larger probability tells nothing. On the training landscape 157 of 168 searches about the
@@ -203,7 +201,7 @@ class PlaceSearch:
         new = []
         for place in places_of(answer, asked.where.place_ne_m, origin, APART_HEIGHTS * asked.height_m, least):
             self._n_born += 1
-            sigma_v_mps = asked.sigma_v_mps if asked.sigma_v_mps <= UNTRUSTED_MPS else MOST_MPS
+            sigma_v_mps = velocity_sigma_mps(asked.sigma_v_mps)
             new.append(hypotheses.born(self._n_born, asked.t_ns, place, sigma_m, sigma_v_mps))
         self._places = hypotheses.kept([*self._places, *new])
 

@@ -141,13 +141,8 @@ class Vision:
             return [*self._complaints.about(fix, outcome.reason, now_ns, Severity.INFO)]
         if not isinstance(outcome, Accepted):
             return []
-        self._steering.taken(now_ns)
         data = (("probability_wrong", fix.probability_wrong), *fix.evidence)
-        return [
-            Notice(Severity.INFO, "one of the open places is left", data=data),
-            *self._aiding.compare(fix),
-            *self._confirmed(),
-        ]
+        return [Notice(Severity.INFO, "one of the open places is left", data=data), *self._taken(fix, now_ns)]
 
     def _on_found(self, found: Found, now_ns: int) -> list[Command]:
         """The search of the whole map has found the vehicle: the filter starts (again) there."""
@@ -188,9 +183,7 @@ class Vision:
             self._terrain.learn(fix, state, origin)
         commands = [] if fix.method == TERRAIN else self._onboard.on_fix(fix, self._monitor.trusted)
         if isinstance(outcome, Accepted):
-            self._open.clear()
-            self._steering.taken(now_ns)
-            commands = [*commands, *self._aiding.compare(fix), *self._confirmed()]
+            commands = [*commands, *self._taken(fix, now_ns)]
             self._tracker.height.taken(fix)
             if before is not None and after is not None and after.started_ns != before.started_ns:
                 commands.append(Notice(Severity.WARNING, "visloc: relocalised", to_operator=True))
@@ -200,6 +193,12 @@ class Vision:
             reason = Reason.NOT_SEEDED if outcome is None else Reason.TOO_OLD
             commands += self._complaints.about(fix, reason, now_ns, Severity.INFO)
         return [*commands, *self.free_worker(fix, now_ns)]
+
+    def _taken(self, fix: Fix, now_ns: int) -> list[Command]:
+        """The filter took a fix: no place is open any more, and GNSS is compared with it."""
+        self._open.clear()
+        self._steering.taken(now_ns)
+        return [*self._aiding.compare(fix), *self._confirmed()]
 
     def _confirmed(self) -> list[Command]:
         waited, self._to_confirm = self._to_confirm, False

@@ -20,6 +20,13 @@ DRIFT_MPS2 = 0.25
 """Growth of the 1-sigma of a velocity that is only integrated: a tilt of 1.5 degrees."""
 MOST_MPS = 12.0
 """1-sigma of the velocity of a vehicle of which nothing is known, on each axis."""
+UNTRUSTED_MPS = 2.0
+"""A velocity input whose own 1-sigma is above this may be none at all (an autopilot without any position reports zero)."""
+
+
+def velocity_sigma_mps(stated_mps: float) -> float:
+    """1-sigma of a velocity input that carries a place, m/s, from what is stated of it."""
+    return stated_mps if stated_mps <= UNTRUSTED_MPS else MOST_MPS
 
 
 @dataclass(frozen=True, slots=True)

@@ -96,8 +96,8 @@ def felt(tracker: Tracker, from_s: float, to_s: float, a_north: float) -> None:
         tracker.on_force(k * 20_000_000, (a_north, 0.0, -9.80665), (1.0, 0.0, 0.0, 0.0))
 
 
-def test_accelerations_drive_the_filter_while_something_teaches_their_error() -> None:
-    """The vehicle speeds up by 1 m/s² northwards; the autopilot, which flies on our own positions, does not notice."""
+def taught() -> Tracker:
+    """After a second at rest in acceleration, and two fixes."""
     tracker = Tracker(NavigatorSettings())
     tracker.set_origin(ORIGIN)
     felt(tracker, 0.0, 1.02, 0.0)
@@ -105,6 +105,12 @@ def test_accelerations_drive_the_filter_while_something_teaches_their_error() ->
     assert tracker.seed(1 * S, at(0.0), 1.0)
     for k in (1, 2):
         assert isinstance(tracker.observe(replace(fix(1.0 + 0.01 * k, 0.0), frame_id=k)), Accepted)
+    return tracker
+
+
+def test_accelerations_drive_the_filter_while_something_teaches_their_error() -> None:
+    """The vehicle speeds up by 1 m/s² northwards; the autopilot, which flies on our own positions, does not notice."""
+    tracker = taught()
     drives, speeds = [], []
     for k in range(11, 141):
         felt(tracker, 0.1 * k - 0.08, 0.1 * k + 0.02, 1.0)
@@ -121,14 +127,7 @@ def test_accelerations_drive_the_filter_while_something_teaches_their_error() ->
 
 
 def test_a_late_fix_does_not_make_the_accelerations_untaught() -> None:
-    tracker = Tracker(NavigatorSettings())
-    tracker.set_origin(ORIGIN)
-    felt(tracker, 0.0, 1.02, 0.0)
-    tracker.drive(velocity(1.0), 1 * S, alone=False)
-    assert tracker.seed(1 * S, at(0.0), 1.0)
-    answers = {50: 4.0, 55: 2.0, 60: 5.0}
-    for k in (1, 2):
-        assert isinstance(tracker.observe(replace(fix(1.0 + 0.01 * k, 0.0), frame_id=k)), Accepted)
+    tracker, answers = taught(), {50: 4.0, 55: 2.0, 60: 5.0}
     drives = []
     for k in range(11, 110):
         felt(tracker, 0.1 * k - 0.08, 0.1 * k + 0.02, 0.0)
