@@ -1,4 +1,5 @@
-"""Monte-Carlo: error, covariance and level while the velocity that drives the filter is replaced again and again."""
+"""Monte-Carlo: error, covariance and level while the velocity that drives the filter is replaced again and again, and while
+odometry is deceived now and then."""
 
 from __future__ import annotations
 
@@ -25,6 +26,7 @@ INTERVAL_S, FIX_PERIOD_S = 1.2, 9.0
 INERTIAL_S, FED_BACK_S = (15.0, 45.0), (0.5, 6.0)
 LEG_SIGMA_M, FIX_SIGMA_M = 0.3, 1.0
 N_FLIGHTS = 6
+DECEIVED, FALSE_MPS = 0.08, 8.0
 LARGEST_RMS = 1.25
 
 
@@ -37,6 +39,7 @@ class Driven:
     drive: Drive = Drive.FED_BACK
     p_m: np.ndarray = field(default_factory=lambda: np.zeros(2))
     until_s: float = 3.0
+    fed_back_s: tuple[float, float] = FED_BACK_S
     b_mps: np.ndarray = field(init=False)
     a_mps2: np.ndarray = field(init=False)
 
@@ -66,7 +69,7 @@ class Driven:
 
     def _replace(self, t_s: float) -> None:
         if self.drive is Drive.INERTIAL:
-            self.drive, self.until_s = Drive.FED_BACK, t_s + self.rng.uniform(*FED_BACK_S)
+            self.drive, self.until_s = Drive.FED_BACK, t_s + self.rng.uniform(*self.fed_back_s)
             self.b_mps = SETTINGS.velocity_sigma_aiding_mps * self.rng.standard_normal(2)
         else:
             self.drive, self.until_s = Drive.INERTIAL, t_s + self.rng.uniform(*INERTIAL_S)
@@ -81,10 +84,10 @@ def ns(t_s: float) -> int:
     return round(t_s * 1e9)
 
 
-def flown(seed: int) -> tuple[list[float], list[float]]:
-    """Errors over sigma on both axes, and over the level, once a second."""
-    rng = np.random.default_rng([seed, 5])
-    driven, seen_from = Driven(rng), (0.0, np.zeros(2))
+def flown(seed: int, deceived: float = 0.0) -> tuple[list[float], list[float]]:
+    """Errors over sigma on both axes, and over the level, once a second; this share of the intervals is false."""
+    rng, lies = np.random.default_rng([seed, 5]), np.random.default_rng([seed, 6])
+    driven, seen_from = Driven(rng, fed_back_s=(10.0, 30.0) if deceived else FED_BACK_S), (0.0, np.zeros(2))
     begin = seeded(0, (0.0, 0.0), SETTINGS.seed_sigma_m, 0.8, Drive.FED_BACK, SETTINGS)
     the_filter = PositionFilter(SETTINGS, ORIGIN, begin, driven.sample(0.0))
     over_sigma: list[float] = []
@@ -95,6 +98,8 @@ def flown(seed: int) -> tuple[list[float], list[float]]:
         the_filter.drive(driven.sample(t))
         if k % round(INTERVAL_S / DT_S) == 0:
             d = driven.p_m - seen_from[1] + LEG_SIGMA_M * rng.standard_normal(2)
+            if lies.random() < deceived:
+                d += INTERVAL_S * lies.uniform(-FALSE_MPS, FALSE_MPS, 2)
             cov = ((LEG_SIGMA_M**2, 0.0), (0.0, LEG_SIGMA_M**2))
             the_filter.observe_motion(Motion(ns(t), ns(seen_from[0]), (float(d[0]), float(d[1])), cov))
             seen_from = (t, driven.p_m)
@@ -111,9 +116,9 @@ def flown(seed: int) -> tuple[list[float], list[float]]:
     return over_sigma, over_level
 
 
-def figures() -> tuple[float, float]:
+def figures(deceived: float = 0.0) -> tuple[float, float]:
     """Root mean square of error over sigma, and the largest error over level, of all flights."""
-    flights = [flown(seed) for seed in range(N_FLIGHTS)]
+    flights = [flown(seed, deceived) for seed in range(N_FLIGHTS)]
     every = np.concatenate([over_sigma for over_sigma, _ in flights])
     return float(np.sqrt(np.mean(every**2))), max(max(over_level) for _, over_level in flights)
 
@@ -124,13 +129,34 @@ def test_the_filter_stays_within_what_it_claims() -> None:
     assert over_level <= 1.0
 
 
-def test_a_filter_that_forgets_the_former_velocity_fails_the_same_check(monkeypatch: pytest.MonkeyPatch) -> None:
+def believing(belief: Belief, seen: Motion, travel_ne_m: Vec2, settings: NavigatorSettings) -> tuple[Belief, Accepted | Rejected]:
+    """As learned, but a single interval that nothing agrees with is believed."""
+    after, outcome = learned(belief, seen, travel_ne_m, settings)
+    return (after, outcome) if after.doubt is None else learned(replace(after, doubt=None), seen, travel_ne_m, settings)
+
+
+def test_a_filter_that_forgets_the_former_velocity_and_believes_single_intervals_fails_the_same_check(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def forgetting(
         belief: Belief, seen: Motion, travel_ne_m: Vec2, settings: NavigatorSettings
     ) -> tuple[Belief, Accepted | Rejected]:
-        return learned(replace(belief, former=None), seen, travel_ne_m, settings)
+        return believing(replace(belief, former=None), seen, travel_ne_m, settings)
 
     monkeypatch.setattr(estimator, "learned", forgetting)
     rms, over_level = figures()
+    assert rms > LARGEST_RMS
+    assert over_level > 1.0
+
+
+def test_odometry_that_is_deceived_now_and_then_keeps_its_claims() -> None:
+    rms, over_level = figures(DECEIVED)
+    assert rms <= LARGEST_RMS
+    assert over_level <= 1.0
+
+
+def test_a_filter_that_believes_a_single_interval_fails_the_same_check(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(estimator, "learned", believing)
+    rms, over_level = figures(DECEIVED)
     assert rms > LARGEST_RMS
     assert over_level > 1.0

@@ -28,13 +28,25 @@ class Former:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Doubt:
+    """What one interval of odometry said at `t_ns` against all that was known: the driving velocity's error (2,) with covariance
+    (2, 2), and the covariance (2, 2) that was believed of it until then; m/s."""
+
+    t_ns: int
+    error_ne_mps: FloatArray
+    cov_m2ps2: FloatArray
+    believed_m2ps2: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Belief:
     """The filter at `t_ns`: mean x (11,), covariance P (11, 11), and its memory.
 
     `travel_ne_m`: the integral of the driving velocity; `moved_ne_m`: how far the propagation carried the position (for an
     inertial velocity without the error that it knows of). `votes`: each method with the time of its last fix; `without`: the
     solutions that leave fixes out (separation.py); `lean`: to which side fixes have come out lately (lean.py);
-    `fix_var_m2`: the mean variance per axis that recent fixes claimed; `former`: what drove it before `drive`.
+    `fix_var_m2`: the mean variance per axis that recent fixes claimed; `former`: what drove it before `drive`;
+    `doubt`: what odometry says of the velocity that drives it and no second interval has confirmed.
     """
 
     t_ns: int
@@ -53,6 +65,7 @@ class Belief:
     lean: Vec2 = UPRIGHT
     fix_var_m2: float = 0.0
     former: Former | None = None
+    doubt: Doubt | None = None
 
     @property
     def rested_ns(self) -> int:
@@ -103,7 +116,7 @@ def driven_by(belief: Belief, drive: Drive, variance: float) -> Belief:
     """With another velocity, of which only the variance of its error is known; what was known of the one before is kept."""
     since_ns = belief.started_ns if belief.former is None else belief.former.until_ns
     former = Former(since_ns, belief.t_ns, belief.x[VELOCITY], belief.P[VELOCITY, VELOCITY])
-    return replace(renewed(belief, VELOCITY, variance), drive=drive, former=former)
+    return replace(renewed(belief, VELOCITY, variance), drive=drive, former=former, doubt=None)
 
 
 def blurred(belief: Belief, sigma_m: float) -> Belief:

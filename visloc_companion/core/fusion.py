@@ -109,6 +109,7 @@ def propagated(
         belief.lean,
         belief.fix_var_m2,
         belief.former,
+        belief.doubt,
     )
 
 

@@ -7,17 +7,21 @@ so b may be learned from it even while the autopilot flies on them (fusion.py).
 An interval in which one driving velocity followed another tells of the present one what is left when the error of the former is
 taken off, which is as well known as it was when that one ended.
 
+One interval that contradicts all that is known is not believed alone (doubt.py).
+
 Errors of scale and heading stay for minutes: no number of intervals averages them away. They are states, which fixes tell from
 the velocity's own error; what an interval claims beyond what those states allow for leaves b no better known than it says.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from visloc_companion.core.belief import Belief, widened
+from visloc_companion.core.belief import Belief
+from visloc_companion.core.doubt import Claim, agrees, doubting
 from visloc_companion.core.fusion import taken
 from visloc_companion.core.propagation import (
     ACCELERATION,
@@ -37,9 +41,6 @@ from visloc_companion.types import Accepted, Cov2, FloatArray, Rejected, Vec2
 MEAN_VELOCITY: FloatArray = np.eye(N_STATES)[VELOCITY]
 MEAN_ACCELERATION: FloatArray = np.eye(N_STATES)[ACCELERATION]
 NO_NEWS = 1e-6
-MOST_CHANGE_MPS = 10.0
-"""The autopilot's velocity errs by metres a second within a moment when it brakes or turns; by more than this, odometry errs. An
-inertial velocity cannot: there the gate holds."""
 UNHEARD_M2PS2 = 1e6
 """Variance of a measurement that is to say nothing on an axis."""
 
@@ -81,15 +82,16 @@ def learned(belief: Belief, motion: Motion, travel_ne_m: Vec2, settings: Navigat
         alone += (1 - share) ** 2 * former.cov_m2ps2
     H, lag_m2ps2 = _seen(belief, motion, share, settings)
     alone += lag_m2ps2 * np.eye(2)
-    least = _beyond(motion)
-    R = weighed(alone, H @ belief.P @ H.T, least)
-    after, outcome = taken(belief, z, R, H, settings.gate_sigma)
-    changed_mps = float(np.abs(z - H @ belief.x).max())
-    jumps = belief.drive is not Drive.INERTIAL and changed_mps <= MOST_CHANGE_MPS
-    if isinstance(outcome, Rejected) and outcome.reason is Reason.GATED and jumps:
-        belief = widened(belief, 0.0, changed_mps**2)
-        return taken(belief, z, weighed(alone, H @ belief.P @ H.T, least), H)
-    return after, outcome
+    R = weighed(alone, H @ belief.P @ H.T, _beyond(motion))
+    claim = Claim(z - H @ belief.x, R, share)
+    if belief.doubt is None:
+        after, outcome = taken(belief, z, R, H, settings.gate_sigma)
+    elif agrees(belief, belief.doubt, claim, settings):
+        after, outcome = taken(replace(belief, doubt=None), z, R, H)
+    else:
+        after, outcome = belief, Rejected(Reason.GATED, math.inf)
+    gated = isinstance(outcome, Rejected) and outcome.reason is Reason.GATED
+    return doubting(belief, claim) if gated else after, outcome
 
 
 def _seen(belief: Belief, motion: Motion, share: float, settings: NavigatorSettings) -> tuple[FloatArray, float]:

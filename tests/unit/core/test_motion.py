@@ -105,10 +105,53 @@ def test_a_velocity_that_errs_anew_within_a_moment_is_followed() -> None:
         belief = fusion.propagated(belief, k * S // 2, (10.0, 0.0), SETTINGS)
         error = -1.0 if k <= 20 else 1.5
         belief, outcome = learned(belief, motion(k / 2, (5.0, 0.0)), (5.0 + error / 2, 0.0), SETTINGS)
-        assert isinstance(outcome, Accepted)
+        assert isinstance(outcome, Accepted) is (k != 21)
+        if k == 21:
+            assert abs(belief.x[2] - 1.5) < 1.5 * math.sqrt(belief.P[2, 2])
         if k == 22:
             assert belief.x[2] == pytest.approx(1.5, abs=0.3)
     assert belief.x[2] == pytest.approx(1.5, abs=0.15)
+
+
+def settled_velocity() -> Belief:
+    """The velocity errs by 0.3 m/s, as twenty intervals of half a second have told."""
+    belief = seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.FED_BACK, SETTINGS)
+    for k in range(1, 21):
+        belief = fusion.propagated(belief, k * S // 2, (10.0, 0.0), SETTINGS)
+        belief, _ = learned(belief, motion(k / 2, (5.0, 0.0)), (5.15, 0.0), SETTINGS)
+    return belief
+
+
+def after_intervals(belief: Belief, first: int, errors_mps: tuple[float, ...]) -> tuple[Belief, list[bool]]:
+    """Half a second each, from number `first` on, and whether each was taken."""
+    taken = []
+    for k, error in enumerate(errors_mps, first):
+        belief = fusion.propagated(belief, k * S // 2, (10.0, 0.0), SETTINGS)
+        belief, outcome = learned(belief, motion(k / 2, (5.0, 0.0)), (5.0 + error / 2, 0.0), SETTINGS)
+        taken.append(isinstance(outcome, Accepted))
+    return belief, taken
+
+
+@pytest.mark.parametrize("false", [(7.0,), (7.0, -4.0), (-6.0, 3.0, 8.0)])
+def test_intervals_that_nothing_agrees_with_move_nothing_and_leave_it_open(false: tuple[float, ...]) -> None:
+    before = settled_velocity()
+    doubted, taken = after_intervals(before, 21, false)
+    assert taken == [False] * len(false)
+    assert doubted.x[2] == pytest.approx(before.x[2], abs=0.1)
+    assert math.sqrt(doubted.P[2, 2]) > 0.6 * max(abs(error) for error in false)
+    assert math.sqrt(doubted.P[0, 0]) < 1.5 + 0.5 * sum(abs(error) for error in false)
+    after, taken = after_intervals(doubted, 21 + len(false), (0.3, 0.3))
+    assert taken == [True, True]
+    assert after.x[2] == pytest.approx(0.3, abs=0.15)
+    assert math.sqrt(after.P[2, 2]) < 0.4
+
+
+def test_another_velocity_begins_without_the_doubt_about_the_former() -> None:
+    doubted, _ = after_intervals(settled_velocity(), 21, (6.0,))
+    assert doubted.doubt is not None
+    assert fusion.with_velocity_trust(doubted, 0.3, Drive.AUTOPILOT).doubt is None
+    goes_on = fusion.with_inertial_velocity(doubted, 0.1)
+    assert goes_on.doubt is doubted.doubt, "an inertial velocity begins with the error of the autopilot's"
 
 
 def test_an_impossible_motion_is_refused() -> None:
