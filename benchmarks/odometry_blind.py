@@ -2,8 +2,9 @@
 
     python -m benchmarks.odometry_blind [--seeds 101 102] [--vehicles copter plane] [--keep DIR] [--json FILE]
 
-Rendered flights (odometry_world.py) whose frames 20 to 39 are spoilt: night, smear, cloud that drifts, fog, drops on the lens,
-or open water in their place: waves of 2 to 20 m that run with the wind, each at its own speed, on the level plane, with glint.
+Rendered flights (odometry_world.py) whose frames 20 to 39 are spoilt: night, starlight, dusk, smear, cloud that drifts, fog,
+drops on the lens, or open water in their place: waves of 2 to 20 m that run with the wind, each at its own speed, on the level
+plane, with glint.
 `blind`: share of these frames that are refused, and why. `wrong`: answered, but off by more than four claimed sigmas (of the
 leg). `back after`: so many frames later motion is found again, the longest of all flights; two at least, a keyframe and one more.
 """
@@ -31,12 +32,25 @@ from visloc_companion.types import FloatArray, Image
 SPOILT = range(20, 40)
 WRONG_SIGMAS = 4.0
 WAVES = 48
+AMPLIFIED = 20.0
+"""1-sigma of a sensor's noise at a gain of 40, grey levels."""
 Spoil = Callable[[Flight, int, np.random.Generator], Image]
 
 
 def night(flight: Flight, k: int, rng: np.random.Generator) -> Image:
     """A twentieth of the light, the sensor's noise as ever."""
     return _noisy(flight.frames[k] * 0.05, rng)
+
+
+def starlight(flight: Flight, k: int, rng: np.random.Generator) -> Image:
+    """A thousandth of the light, amplified by 40."""
+    return _noisy(flight.frames[k] * 0.04, rng, AMPLIFIED)
+
+
+def dusk(flight: Flight, k: int, rng: np.random.Generator) -> Image:
+    """A hundredth of the light, amplified by 40, over a pattern of the sensor's own that is half as strong as its noise."""
+    own = np.random.default_rng(5).standard_normal(flight.frames[k].shape)
+    return _noisy(flight.frames[k] * 0.4 + AMPLIFIED / 2 * own, rng, AMPLIFIED)
 
 
 def smear(flight: Flight, k: int, rng: np.random.Generator) -> Image:
@@ -89,11 +103,11 @@ def _on_plane(flight: Flight, k: int) -> FloatArray:
     return np.asarray(flight.p_ned_m[k, :2] + d[:, :2] * (height / np.maximum(d[:, 2:3], 0.1)), dtype=np.float32)
 
 
-def _noisy(light: FloatArray, rng: np.random.Generator) -> Image:
-    return np.asarray(np.clip(light + rng.normal(0, 2.0, light.shape), 0, 255), dtype=np.uint8)
+def _noisy(light: FloatArray, rng: np.random.Generator, sigma: float = 2.0) -> Image:
+    return np.asarray(np.clip(light + rng.normal(0, sigma, light.shape), 0, 255), dtype=np.uint8)
 
 
-CASES: dict[str, Spoil] = {"night": night, "smear": smear, "cloud": cloud, "fog": fog, "lens": lens, "water": water}
+CASES: dict[str, Spoil] = {case.__name__: case for case in (night, starlight, dusk, smear, cloud, fog, lens, water)}
 
 
 def judged(flight: Flight, name: str, seed: int) -> dict[str, Any]:

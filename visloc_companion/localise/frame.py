@@ -17,6 +17,9 @@ from visloc_companion.types import CameraModel, FloatArray, Image
 DARK_GREY = 25.0
 BRIGHT_GREY = 228.0
 MIN_CONTRAST = 2.5
+NOISE_LEFT = 0.35
+"""Of the contrast, where 4 x 4 pixels are averaged: 0.25 of white noise, 0.8 and more of ground by day."""
+MIDDLE_PX = 480
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +49,22 @@ def check_pixels(pixels: Image, model: CameraModel) -> tuple[Reason, str] | None
     small = cv2.resize(sample, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     if float(np.std(small)) < MIN_CONTRAST:
         return Reason.LOW_TEXTURE, f"contrast of {float(np.std(small)):.1f} grey levels"
-    return None
+    return _mostly_noise(pixels if pixels.ndim == 2 else pixels[:, :, 1], middle)
+
+
+def _mostly_noise(channel: Image, middle: float) -> tuple[Reason, str] | None:
+    """Why a frame with this median shows nothing where neighbours in (H, W) have little in common, or None."""
+    row, column = (max(0, (n - MIDDLE_PX) // 2) for n in channel.shape)
+    window = np.ascontiguousarray(channel[row : row + MIDDLE_PX, column : column + MIDDLE_PX])
+    averaged = cv2.resize(window, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
+    contrast = float(np.std(window))
+    if contrast == 0.0:
+        return Reason.LOW_TEXTURE, "one and the same grey all over its middle"
+    left = float(np.std(averaged)) / contrast
+    if left >= NOISE_LEFT:
+        return None
+    reason = Reason.TOO_DARK if middle < DARK_GREY else Reason.LOW_TEXTURE
+    return reason, f"noise and little else: averaged over 16 pixels, {100 * left:.0f} % of its contrast is left"
 
 
 def full_level(pixels: Image, model: CameraModel) -> FrameLevel:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 
@@ -86,6 +87,8 @@ def noise(low: float, high: float) -> Image:
         (np.zeros((120, 160), np.uint8), Reason.TOO_DARK),
         (noise(236, 246), Reason.OVEREXPOSED),
         (np.full((120, 160, 3), 90, np.uint8), Reason.LOW_TEXTURE),
+        (noise(0, 255), Reason.LOW_TEXTURE),
+        (noise(0, 40), Reason.TOO_DARK),
         (np.zeros((100, 160), np.uint8), Reason.BAD_FRAME),
         (np.zeros((120, 160, 4), np.uint8), Reason.BAD_FRAME),
         (np.zeros((120, 160), np.float32), Reason.BAD_FRAME),
@@ -122,7 +125,8 @@ def test_poses_that_cannot_see_the_map_are_declined(p, euler, reason, method, fl
 @pytest.mark.parametrize("seed", range(6))
 def test_frames_of_another_place_or_of_noise_are_declined(seed, flat, support):
     if seed % 2:
-        frame = np.random.default_rng(seed).uniform(0, 255, (120, 160)).astype(np.uint8)
+        coarse = np.random.default_rng(seed).uniform(0, 255, (30, 40)).astype(np.uint8)
+        frame = cv2.resize(coarse, (160, 120), interpolation=cv2.INTER_CUBIC)
     else:
         pixels = support.texture(100 + seed)
         other = support.FlatMap(pixels, np.full(pixels.shape, 100.0, np.float32))

@@ -12,7 +12,7 @@ from visloc_companion.geo.camera import R_FRD_CAM, project
 from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.sim.render_effects import AIRLIGHT, CameraEffects
+from visloc_companion.sim.render_effects import AIRLIGHT, CameraEffects, apply_effects
 from visloc_companion.sim.scene import Scene
 from visloc_companion.types import CameraModel, FloatArray, GeoPoint, Image, Quat
 
@@ -153,6 +153,16 @@ def test_the_same_seed_gives_the_same_frame_and_another_seed_other_noise() -> No
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
     assert np.array_equal(CameraSimulator(scene, PINHOLE, CameraEffects()).frame(camera, q, 7), first)
+
+
+@pytest.mark.parametrize("seeds", [(1, 2), (3, 4), (5, 6), (7, 8)])
+def test_the_noise_of_two_frames_is_not_the_same_field_shifted(seeds: tuple[int, int]) -> None:
+    dark = np.zeros((240, 320, 3), np.uint8)
+    effects = CameraEffects(exposure_mean=0.0, exposure_jitter=0.0, vignetting=0.0, motion_blur_px=0.0, read_noise=20.0)
+    a, b = (apply_effects(dark, np.ones((240, 320), np.float32), effects, s)[:, :, 0].astype(float) for s in seeds)
+    spectra = [np.fft.fft2(p - p.mean()) for p in (a, b)]
+    correlation = np.abs(np.fft.ifft2(spectra[0] * np.conj(spectra[1]))) / (a.size * a.std() * b.std())
+    assert correlation.max() < 6 / math.sqrt(a.size)
 
 
 def test_geographic_crs_puts_north_up_and_east_right() -> None:
