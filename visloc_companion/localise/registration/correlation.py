@@ -5,7 +5,8 @@
 over the cells n known in both the source's map T and the reference's M(s), the means over these cells alone (Padfield 2012,
 Masked object registration in the Fourier domain): a height between the clouds, holes and borders do not matter.
 o is the share of the source that n is: a correlation over few cells is by chance as high as a lower one over many. The reference
-is cut into blocks (localise/spectra.py): time is K A log(block) for K hypotheses over A cells, memory 32 bytes a cell.
+is cut into blocks (localise/spectra.py): time is K A log(block) for K hypotheses over A cells, memory 40 bytes a cell.
+The six sums are real; two go through one transform as real and imaginary part, so that three transforms give them.
 """
 
 from __future__ import annotations
@@ -57,9 +58,9 @@ class HeightCorrelator:
         self._level = np.float32(np.median(reference.height_m[reference.known])) if known.any() else np.float32(0)
         height = (reference.height_m - self._level) * known
         first = (known + 1j * height).astype(np.complex64)
-        second = np.square(height).astype(np.complex64)
+        second = np.stack([known, 1j * np.square(height)]).astype(np.complex64)
         size = block_size(box, extent, 3, n_templates)
-        self._first, self._second = (BlockCorrelator(f[None], box, extent, size) for f in (first, second))
+        self._first, self._second = (BlockCorrelator(f, box, extent, size) for f in (first[None], second))
         self._box = box
 
     def scores(self, templates: Iterable[Template]) -> Scores:
@@ -72,25 +73,24 @@ class HeightCorrelator:
             area = max(float(mask.sum()), 1.0)
             level = np.float32((template.height_m * mask).sum() / area)
             height = (template.height_m - level) * mask
-            of_first = [self._first.spectrum(t[None], template.offset) for t in (mask, height, np.square(height))]
-            of_second = self._second.spectrum(mask[None], template.offset)
+            of = self._first.spectrum(np.stack([height, np.square(height), mask]), template.offset)
             for block, at in enumerate(self._first.blocks):
-                sums = [self._first.each(block, s)[0] for s in of_first]
-                score = _score(sums, self._second.each(block, of_second)[0].real, area) - np.float32(template.handicap)
+                sums = self._first.each(block, of[2:])[0], self._first.each(block, of[:1])[0], self._second.summed(block, of[1:])
+                score = _score(*sums, area) - np.float32(template.handicap)
                 better = score > best[at]
                 np.copyto(best[at], score, where=better)
                 np.copyto(which[at], np.int32(k), where=better)
         return Scores(best, which, (u0, v0))
 
 
-def _score(sums: list[Complex64Array], squares: Float32Array, area: float) -> Float32Array:
-    """Scores from sum n + i sum n M; sum n T + i sum n T M; sum n T^2; and sum n M^2."""
-    n, of_m = np.maximum(sums[0].real, np.float32(1)), sums[0].imag
-    of_t, of_tm, of_tt = sums[1].real, sums[1].imag, sums[2].real
+def _score(of_one: Complex64Array, of_height: Complex64Array, of_squares: Complex64Array, area: float) -> Float32Array:
+    """Scores from sum n + i sum n M; sum n T + i sum n T M; and sum n T^2 + i sum n M^2."""
+    n, of_m = np.maximum(of_one.real, np.float32(1)), of_one.imag
+    of_t, of_tm = of_height.real, of_height.imag
     covariance = of_tm - of_t * of_m / n
     least = n * np.float32(LEAST_DEVIATION_M**2)
-    spread_t = np.maximum(of_tt - of_t * of_t / n, least)
-    spread_m = np.maximum(squares - of_m * of_m / n, least)
+    spread_t = np.maximum(of_squares.real - of_t * of_t / n, least)
+    spread_m = np.maximum(of_squares.imag - of_m * of_m / n, least)
     overlap = np.minimum(n / np.float32(area), np.float32(1))
     score = np.asarray(covariance * np.sqrt(overlap / (spread_t * spread_m)), dtype=np.float32)
     score[overlap < MIN_OVERLAP] = NO_SCORE

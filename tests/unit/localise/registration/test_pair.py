@@ -43,3 +43,8 @@ def test_density_is_of_the_covered_ground_and_the_middle_of_the_box():
     points = np.array([[0.0, 0, 0], [10, 20, 6], [9, 19, 6]])
     np.testing.assert_allclose(middle_m(points), [5, 10, 4])
     assert len(within(points, np.zeros(2), np.array([9.5, 20.0]))) == 2
+
+
+def test_density_of_a_cloud_with_a_point_far_out_asks_for_no_array_of_all_that_lies_between():
+    stray = np.vstack([square(40, 2), [[1e8, 1e8, 0.0]]])
+    assert density_per_m2(stray) == pytest.approx(2, rel=0.25)
