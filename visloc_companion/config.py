@@ -143,7 +143,8 @@ class WorkerConfig(Section):
     """The localisation process."""
 
     deadline_s: Positive = 5.0
-    """A localisation that takes longer is killed and the worker restarted."""
+    """A localisation that computes for longer is killed and the worker restarted; one that waits for a core may last six times
+    as long."""
     max_restarts: Annotated[int, Field(ge=1)] = 3
     """More restarts than this within 60 s give up the worker until the daemon restarts."""
     nice: Annotated[int, Field(ge=0, le=19)] = 10

@@ -16,6 +16,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from visloc_companion.app.mailbox import Mailbox
+from visloc_companion.app.patience import Patience
 from visloc_companion.app.slots import SharedFrameSlots
 from visloc_companion.app.worker_process import REAL_ANSWERS, Failed, Ready, WorkerJob, WorkerRequest, no_fix, run_worker
 from visloc_companion.config import Config
@@ -96,8 +97,7 @@ class WorkerSupervisor:
             self._decline(request, Reason.SUPERSEDED, "a newer frame took the slot")
         else:
             self._in_flight = request
-            limit_s = self._config.worker.deadline_s
-            self._arm(limit_s, f"a localisation took longer than {limit_s:g} s", Reason.WORKER_TIMEOUT)
+            self._wait(Patience(self._process.pid, self._config.worker.deadline_s))
             with contextlib.suppress(OSError):  # it died this instant: the sentinel says so and answers
                 self._connection.send(request)
 
@@ -133,6 +133,18 @@ class WorkerSupervisor:
         loop.add_reader(process.sentinel, self._died)
         loop.add_reader(ours.fileno(), self._receive)
         self._arm(patience_s, f"the worker did not start within {patience_s:g} s", Reason.WORKER_DIED)
+
+    def _wait(self, patience: Patience) -> None:
+        """For an answer, until the worker has computed for its time."""
+
+        def overdue() -> None:
+            if patience.lasts():
+                self._wait(patience)
+            else:
+                self._kill(f"a localisation took longer than {patience.limit_s:g} s", Reason.WORKER_TIMEOUT)
+
+        self._disarm()
+        self._deadline = asyncio.get_running_loop().call_later(patience.limit_s, overdue)
 
     def _arm(self, patience_s: float, why: str, reason: Reason) -> None:
         self._disarm()

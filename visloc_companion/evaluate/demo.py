@@ -18,6 +18,7 @@ from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.errors import ConfigError, LinkError
 from visloc_companion.evaluate.campaign import result_of
 from visloc_companion.evaluate.closed_loop import ALERT_LIMIT_M, FlightWorld, FlownScenario, fault_intervals, fly, judged
+from visloc_companion.evaluate.free_cores import affordable_speed, free_cores
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.map_image import map_image
 from visloc_companion.evaluate.record import from_entries
@@ -34,6 +35,7 @@ from visloc_companion.sim.setup import FlightSetup
 from visloc_companion.types import AutopilotKind, GeoPoint
 
 FRAME_RATE_HZ = 2.5
+FULL_SPEED = 2.0
 BASELINE_OFF_M = 100.0
 STARTUP_S = 60.0
 SHUTDOWN_S = 15.0
@@ -60,8 +62,10 @@ class DemoResult:
         return result_of(self.flown, DEFAULT_METHOD) | extra
 
 
-def run_demo(out: Path, dialect: AutopilotKind, speed: float, on_stage: Stage) -> DemoResult:
+def run_demo(out: Path, dialect: AutopilotKind, speed: float | None, on_stage: Stage) -> DemoResult:
     """Make the world, fly with the daemon and without, judge, and write `out/report.html`.
+
+    `speed`: times real time; None for FULL_SPEED, or less where other work leaves less of the computer.
 
     Raises LinkError where one of the processes ended early, with the end of its log, ConfigError where `out` cannot be made,
     ConfigError or ModelError before anything is made where the localiser's network cannot be used.
@@ -79,7 +83,7 @@ def run_demo(out: Path, dialect: AutopilotKind, speed: float, on_stage: Stage) -
     on_stage("flying without the daemon")
     baseline = fly(setup, world, with_daemon=False)
     del scene
-    log = _fly_processes(out, setup, world_files, speed, on_stage)
+    log = _fly_processes(out, setup, world_files, _affordable(on_stage) if speed is None else speed, on_stage)
     record = from_entries(read_journal(_journal(out)), log.truth, t0_ns=log.truth[0].t_ns)
     off_m = baseline.log.truth[-1].off_m or 0.0
     flown = judged(setup, log, record)
@@ -100,6 +104,14 @@ def run_demo(out: Path, dialect: AutopilotKind, speed: float, on_stage: Stage) -
     return DemoResult(flown, off_m, report)
 
 
+def _affordable(on_stage: Stage) -> float:
+    cores = free_cores()
+    speed = affordable_speed(FULL_SPEED, cores)
+    if speed < FULL_SPEED:
+        on_stage(f"other work leaves {cores:.1f} cores: the flight goes slower")
+    return speed
+
+
 def _fly_processes(out: Path, setup: FlightSetup, world: ProceduralWorld, speed: float, on_stage: Stage) -> FlightLog:
     plan = _plan(out, setup, world, speed)
     plan.save(out / "plan.json")
@@ -107,7 +119,7 @@ def _fly_processes(out: Path, setup: FlightSetup, world: ProceduralWorld, speed:
     config.write_text(_config_text(setup, plan, world), encoding="utf-8")
     for old in out.glob("*.mcap"):
         old.unlink()
-    on_stage(f"flying {setup.scenario.duration_s:.0f} s at {speed:g} times real time, daemon and autopilot over UDP")
+    on_stage(f"flying {setup.scenario.duration_s:.0f} s at {speed:.2g} times real time, daemon and autopilot over UDP")
     with (out / "autopilot.log").open("wb") as pilot_log, (out / "daemon.log").open("wb") as daemon_log:
         pilot = subprocess.Popen([sys.executable, "-m", "visloc_companion.sim.server", str(out / "plan.json")], stderr=pilot_log)
         daemon = subprocess.Popen(
@@ -189,6 +201,9 @@ pack = {json.dumps(str(world.pack))}
 [localiser]
 method = "{DEFAULT_METHOD}"
 max_rate_hz = {plan.frame_rate_hz}
+
+[worker]
+nice = 0
 
 [injection]
 switch_source = true

@@ -34,6 +34,12 @@ def _fix(request: LocaliseRequest, pixels: Image) -> Fix:
     )
 
 
+def _compute(seconds: float) -> None:
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+
+
 def prior_is_right(config: Config) -> Answer:
     """Answers with the prior at once."""
     return _fix
@@ -54,6 +60,12 @@ def by_request_id(config: Config) -> Answer:
             os._exit(7)
         if kind == 5:
             time.sleep(0.3)
+        if kind == 7:  # as if it got a core now and then
+            for _ in range(60):
+                time.sleep(0.02)
+                _compute(0.002)
+        if kind == 8:
+            _compute(60.0)
         if kind == 6:
             return NoFix(0, 0, request.request_id, request.frame.frame_id, "fake", Reason.NO_MATCH, 1.0)
         return _fix(request, pixels)

@@ -149,6 +149,23 @@ async def test_a_deadline_that_passes_kills_and_restarts() -> None:
             os.kill(pid or 0, 0)
 
 
+async def test_a_localisation_that_lacks_a_core_is_waited_for() -> None:
+    async with bench("by_request_id", deadline_s=0.4) as b:
+        pid = b.worker.pid
+        b.ask(7)
+        answer = await b.next()
+        assert isinstance(answer, Fix)
+        assert (b.worker.pid, b.worker.restarts) == (pid, 0)
+
+
+async def test_one_that_computes_for_ever_is_not() -> None:
+    async with bench("by_request_id", deadline_s=0.4) as b:
+        b.ask(8)
+        answer = await b.next()
+        assert isinstance(answer, NoFix)
+        assert answer.reason is Reason.WORKER_TIMEOUT
+
+
 async def test_too_many_deaths_give_up_and_tell_the_operator() -> None:
     async with bench("by_request_id", max_restarts=1) as b:
         b.ask(2)

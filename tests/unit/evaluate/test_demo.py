@@ -145,6 +145,28 @@ def fly_here(world: ProceduralWorld, monkeypatch: pytest.MonkeyPatch) -> Callabl
     return prepare
 
 
+@pytest.mark.parametrize(("cores", "speed"), [(2.0, 2.0), (1.5, 2.0), (0.75, 1.0), (0.05, 0.4)])
+def test_on_a_busy_computer_the_flight_goes_slower(
+    world: ProceduralWorld, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cores: float, speed: float
+) -> None:
+    flown: list[float] = []
+
+    def fly(out: Path, setup: FlightSetup, files: ProceduralWorld, speed: float, on_stage: object) -> FlightLog:
+        flown.append(speed)
+        raise LinkError("far enough")
+
+    stages: list[str] = []
+    for name, stand_in in (("open_features_for", lambda *_: None), ("procedural_world", lambda *_, **__: world)):
+        monkeypatch.setattr(demo, name, stand_in)
+    monkeypatch.setattr(demo, "free_cores", lambda: cores)
+    monkeypatch.setattr(demo, "_fly_processes", fly)
+    for asked in (None, 3.0):
+        with pytest.raises(LinkError, match="far enough"):
+            run_demo(tmp_path / "out", AutopilotKind.PX4, asked, stages.append)
+    assert flown == pytest.approx([speed, 3.0])
+    assert len([stage for stage in stages if "cores" in stage]) == (speed < 2.0)
+
+
 def test_a_good_flight_passes_and_is_reported(tmp_path: Path, oracle_eyes: MakeEyes, fly_here: Callable[[Eyes], None]) -> None:
     fly_here(oracle_eyes())
     stages: list[str] = []
