@@ -14,6 +14,7 @@ from visloc_companion.types import Cov2, FloatArray, Vec2
 
 LASTING_SHARE, FIX_WEIGHT = 0.5, 0.2
 """Share of a fix's variance that lasts for seconds (the GNSS monitor assumes the same), and the weight of the latest fix."""
+LONGEST_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +46,8 @@ class Belief:
     `travel_ne_m`: the integral of the driving velocity; `moved_ne_m`: how far the propagation carried the position (for an
     inertial velocity without the error that it knows of). `votes`: each method with the time of its last fix; `without`: the
     solutions that leave fixes out (separation.py); `lean`: to which side fixes have come out lately (lean.py);
-    `fix_var_m2`: the mean variance per axis that recent fixes claimed; `former`: what drove it before `drive`;
+    `fix_var_m2`: the mean variance per axis that recent fixes claimed, `fix_noise_m2s` that of variance times interval, by which
+    fixes would do the same however many there are a second (0 before the second); `former`: what drove it before `drive`;
     `doubt`: what odometry says of the velocity that drives it and no second interval has confirmed.
     """
 
@@ -64,6 +66,7 @@ class Belief:
     without: separation.Solutions = separation.NONE
     lean: Vec2 = UPRIGHT
     fix_var_m2: float = 0.0
+    fix_noise_m2s: float = 0.0
     former: Former | None = None
     doubt: Doubt | None = None
 
@@ -78,9 +81,14 @@ class Belief:
         same ground, so no number of them takes all of their error away."""
         return LASTING_SHARE * max(0.0, self.fix_var_m2 - float(self.P[0, 0] + self.P[1, 1]) / 2)
 
-    def after_fix(self, var_m2: float) -> float:
-        """`fix_var_m2` with another fix of this variance."""
-        return var_m2 if self.last_fix_ns is None else self.fix_var_m2 + FIX_WEIGHT * (var_m2 - self.fix_var_m2)
+    def after_fix(self, t_ns: int, var_m2: float) -> tuple[float, float]:
+        """`fix_var_m2` and `fix_noise_m2s` with another fix of this variance. No interval counts for more than LONGEST_S: when
+        nothing was recognised for a while, fixes are not rare for that."""
+        if self.last_fix_ns is None:
+            return var_m2, 0.0
+        noise_m2s = var_m2 * min(LONGEST_S, (t_ns - self.last_fix_ns) * 1e-9)
+        before_m2s = self.fix_noise_m2s or noise_m2s
+        return self.fix_var_m2 + FIX_WEIGHT * (var_m2 - self.fix_var_m2), before_m2s + FIX_WEIGHT * (noise_m2s - before_m2s)
 
 
 @dataclass(frozen=True, slots=True)

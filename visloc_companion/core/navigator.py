@@ -101,7 +101,7 @@ class Navigator:
             self._complaints,
         )
         self._steering = Steering(settings, self._monitor, self._switch)
-        self._sending = Sending(settings.injection, self._tracker, self._asking)
+        self._sending = Sending(settings.injection, self._tracker, self._asking, settings.navigator.output_rate_hz)
         self._link = LinkChanged(0, up=True)
         self._vision = Vision(
             self._queue,

@@ -30,6 +30,9 @@ RESET_MODULUS = 256
 MAX_LOCAL_M = 1e6
 LEAST_SIGMA_MPS = 0.1
 """1-sigma on each axis that is claimed of a velocity, at least."""
+RECKONED_MPS2 = 0.05
+"""Error of its accelerations that an autopilot's own filter reckons with: the gyroscopes' noise that EKF3 and EKF2 are set for
+(0.015 rad/s at 100 Hz) tilts them by so much in 10 s."""
 
 
 def is_due(policy: InjectionPolicy, verdict: Verdict) -> bool:
@@ -116,6 +119,18 @@ def injection(
         known,
         cov_v,
     )
+
+
+def stream_sigma_m(fix_noise_m2s: float, sigma_a_mps2: float, rate_hz: float) -> float:
+    """1-sigma that each of `rate_hz` positions a second may claim to a filter that takes each for news, m.
+
+    The slow errors of a filter driven by accelerations are those of its fixes: of so much noise (variance times interval). As
+    many positions as are sent have the same noise if each claims that times the rate. How far a filter follows positions depends
+    on their noise over that of its accelerations: where those are worse than it reckons (`sigma_a_mps2`), it must follow sooner,
+    and less is claimed (docs/decisions/0023-positions-claim-what-their-fixes-are-worth.md).
+    """
+    share = min(1.0, (RECKONED_MPS2 / sigma_a_mps2) ** 2) if sigma_a_mps2 > 0 else 1.0
+    return math.sqrt(share * fix_noise_m2s * rate_hz)
 
 
 def velocity(state: NavState) -> tuple[Vec3 | None, Cov2 | None]:

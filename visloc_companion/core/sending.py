@@ -13,10 +13,10 @@ from visloc_companion.types import AutopilotKind, Command, GeoPoint, GnssVerdict
 
 
 class Sending:
-    """Keeps the reset counter."""
+    """Keeps the reset counter. `rate_hz`: how many Ticks there are a second."""
 
-    def __init__(self, settings: InjectionSettings, tracker: Tracker, asking: Asking) -> None:
-        self._settings, self._tracker, self._asking = settings, tracker, asking
+    def __init__(self, settings: InjectionSettings, tracker: Tracker, asking: Asking, rate_hz: float) -> None:
+        self._settings, self._tracker, self._asking, self._rate_hz = settings, tracker, asking, rate_hz
         self._resets = output.ResetCounter(settings.max_step_m)
 
     def jumped(self) -> None:
@@ -44,6 +44,9 @@ class Sending:
         counter = self._resets.follow(state, belief.started_ns)
         sent = injecting and not protected.stopped
         injected = self._injection(state, protected, origin, autopilot, counter, now_ns) if sent else None
+        if injected is not None and not self._tracker.low:
+            stream_m = output.stream_sigma_m(belief.fix_noise_m2s, belief.sigma_a_mps2, self._rate_hz)
+            injected = replace(injected, stream_sigma_m=stream_m)
         status = output.status(state, belief.last_fix_ns, protected, origin, mode, verdict, counter, injected is not None)
         status = replace(status, open_places=n_open)
         return [status] if injected is None else [injected, status]

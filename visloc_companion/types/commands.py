@@ -66,7 +66,8 @@ class Injection:
     `p_ned_m` is in the autopilot's own projection about its EKF origin (core/output.py converts). `place` is the same
     position as geodetic coordinates. `cov_ne_m2` and `sigma_d_m` are true (co)variances; encoding them as each autopilot
     reads them is the codec's work. `v_ned_mps` is the velocity (its vertical part the autopilot's own), `cov_v_ne_m2ps2` the
-    covariance of its horizontal part; None where unknown.
+    covariance of its horizontal part; None where unknown. `stream_sigma_m`: 1-sigma that this position, as one of many, claims at
+    least to a filter that takes each for news.
     """
 
     t_ns: int
@@ -79,6 +80,7 @@ class Injection:
     reset_counter: int
     v_ned_mps: Vec3 | None = None
     cov_v_ne_m2ps2: Cov2 | None = None
+    stream_sigma_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

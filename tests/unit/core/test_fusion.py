@@ -218,3 +218,19 @@ def test_a_correction_tilts_nothing_while_the_autopilot_flies_on_gnss_that_is_tr
     for drive in (Drive.AUTOPILOT, Drive.FED_BACK):
         after, _ = fusion.observed(start(drive), fix(0.0, 3.0, 0.0), SETTINGS)
         assert after.P[4, 4] == pytest.approx(start(drive).P[4, 4])
+
+
+def test_the_noise_of_fixes_is_their_variance_times_their_interval() -> None:
+    """Half as many of half the variance are worth the same; a gap does not make them rare."""
+    noises = []
+    for every_s, sigma in ((0.25, 1.0), (0.5, math.sqrt(0.5)), (1.0, 1.0)):
+        belief = start(Drive.INERTIAL)
+        for k in range(1, 30):
+            carried = fusion.propagated(belief, round(k * every_s * S), (0.0, 0.0), SETTINGS)
+            belief, _ = fusion.observed(carried, fix(k * every_s, 0.0, 0.0, sigma), SETTINGS)
+        noises.append(belief.fix_noise_m2s)
+    assert noises == pytest.approx([0.25, 0.25, 1.0])
+    later = belief.t_ns * 1e-9 + 60.0
+    carried = fusion.propagated(belief, round(later * S), (0.0, 0.0), SETTINGS)
+    assert fusion.observed(carried, fix(later, 0.0, 0.0), SETTINGS)[0].fix_noise_m2s < 1.3
+    assert start().fix_noise_m2s == 0.0

@@ -287,3 +287,16 @@ def test_a_landing_is_not_flown_for_long_on_a_position_that_no_fix_holds(world: 
     assert last_fix_s < 40.5
     assert lost_s == pytest.approx(last_fix_s + 10.0, abs=1.0)
     assert max(t for t, c in w.commands if isinstance(c, Injection)) <= lost_s + 0.1
+
+
+def test_positions_claim_what_their_fixes_are_worth_until_the_vehicle_is_too_low_for_fixes(world: type[World]) -> None:
+    """Two fixes of 1.5 m a second, ten positions; the accelerations' error is not known here (0.2 m/s² are assumed)."""
+    w = world(jammed=lambda t: t > 20, height_m=lambda t: 100.0 if t < 40 else 10.0)
+    w.start()
+    w.fly(60.0)
+    claimed = {t: c.stream_sigma_m for t, c in w.commands if isinstance(c, Injection)}
+    flying = [sigma_m for t, sigma_m in claimed.items() if 30 < t < 39.5]
+    low = [sigma_m for t, sigma_m in claimed.items() if t > 41]
+    assert flying == pytest.approx([1.5 * math.sqrt(10 * 0.5) * 0.05 / 0.2] * len(flying), rel=0.35)
+    assert len(low) > 50
+    assert set(low) == {0.0}

@@ -146,3 +146,16 @@ def test_status() -> None:
     assert fixed.age_of_fix_s == pytest.approx(0.5)
     empty = output.empty_status(5, Mode.WAITING, VERDICT, 2)
     assert (empty.place, empty.protection_level_m, empty.age_of_fix_s, empty.injected) == (None, None, None, False)
+
+
+def test_positions_together_claim_what_their_fixes_are_worth() -> None:
+    """Whatever the rate, as much noise (variance times interval) is claimed as the fixes have."""
+    for rate_hz in (5.0, 10.0, 30.0):
+        assert output.stream_sigma_m(0.1225, 0.05, rate_hz) ** 2 / rate_hz == pytest.approx(0.1225)
+    assert output.stream_sigma_m(0.0, 0.05, 10.0) == 0.0
+
+
+def test_the_autopilot_is_to_follow_sooner_where_its_accelerations_are_worse_than_it_reckons() -> None:
+    good = output.stream_sigma_m(0.1225, 0.05, 10.0)
+    assert output.stream_sigma_m(0.1225, 0.01, 10.0) == good
+    assert output.stream_sigma_m(0.1225, 0.2, 10.0) == pytest.approx(good / 4)

@@ -125,6 +125,8 @@ def test_what_needs_a_velocity_waits_for_one_and_is_not_taken_for_sent(injection
         ({"cov_ne_m2": ((1e7, 0.0), (0.0, 1.0))}, Reason.BAD_INPUT),
         ({"sigma_d_m": 0.0}, Reason.BAD_INPUT),
         ({"sigma_yaw_rad": -0.1}, Reason.BAD_INPUT),
+        ({"stream_sigma_m": math.nan}, Reason.NOT_FINITE),
+        ({"stream_sigma_m": -1.0}, Reason.BAD_INPUT),
         ({"v_ned_mps": (0.0, 500.0, 0.0)}, Reason.BAD_INPUT),
         ({"place": GeoPoint(91.0, 8.0, 500.0)}, Reason.BAD_INPUT),
         ({"place": GeoPoint(47.3, 8.0, 60_000.0)}, Reason.BAD_INPUT),

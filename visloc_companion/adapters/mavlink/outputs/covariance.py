@@ -12,8 +12,9 @@ default or raise an internal error, and PX4 drop fixes.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
-from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.integrity import floored, largest_sigma_m
 from visloc_companion.types import AutopilotKind, Cov2, Injection
 
 MIN_SIGMA_M, MAX_SIGMA_M = 0.01, 1000.0
@@ -24,7 +25,9 @@ UNKNOWN_RATE_SIGMA_RADPS = 10.0
 
 
 def pose_triangle(injection: Injection, kind: AutopilotKind) -> list[float]:
-    """The 21 entries of the pose for an autopilot."""
+    """The 21 entries of the pose for an autopilot, whose filter takes each position for news (`Injection.stream_sigma_m`)."""
+    if injection.stream_sigma_m > 0:
+        injection = replace(injection, cov_ne_m2=floored(injection.cov_ne_m2, injection.stream_sigma_m))
     return ardupilot_triangle(injection) if kind is AutopilotKind.ARDUPILOT else variance_triangle(injection)
 
 
