@@ -1,10 +1,10 @@
 """Eyes for flights without pictures: they know the truth, and err as localiser and odometry claim to err.
 
-A fix is off by as much as it claims and by the map's own error. Half of the claimed variance is new in every fix, half that of
-the ground which neighbouring frames look at and lasts GROUND_TAU_S. The map's error wanders along the track with the 1-sigma
-`map_sigma_m` and a correlation of MAP_TAU_S. It is a wrong match as often as it claims, anywhere in the search region, and stays
-wrong in the same way with the probability `persistence`. Odometry: odometry_model.py. Where sight comes and goes, stretches
-without fixes and odometry take turns with others, each of a random length.
+A fix is off by as much as it claims and by the map's own error. LASTING_SHARE of the claimed variance is that of the ground which
+neighbouring frames look at and lasts GROUND_TAU_S. The map's error wanders along the track with the 1-sigma `map_sigma_m` and a
+correlation of MAP_TAU_S. It is a wrong match as often as it claims, anywhere in the search region, and stays wrong in the same
+way with the probability `persistence`. Odometry: odometry_model.py. Where sight comes and goes, stretches without fixes and
+odometry take turns with others, each of a random length.
 """
 
 from __future__ import annotations

@@ -12,8 +12,8 @@ from visloc_companion.core.propagation import N_STATES, POSITION, VELOCITY, Driv
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Cov2, FloatArray, Vec2
 
-LASTING_SHARE, FIX_WEIGHT = 0.5, 0.2
-"""Share of a fix's variance that lasts for seconds (the GNSS monitor assumes the same), and the weight of the latest fix."""
+LASTING_SHARE, FIX_WEIGHT = 0.6, 0.2
+"""Share of the variance which fixes claim that lasts for seconds (measured: benchmarks/lasting.py), and the latest fix's weight."""
 LONGEST_S = 2.0
 
 

@@ -1,0 +1,141 @@
+"""How much of a fix's error lasts: what neighbouring frames get wrong in common, by the distance between them.
+
+    python -m benchmarks.lasting [--worlds 11 12 ...] [--width 320] [--method deep] [--fixes FILE] [--no-flights]
+
+A vehicle flies up to LEG_M of each of the first LEGS legs of the scenarios' loop over procedural worlds, 120 m above home; the
+camera shows one date, the map is of another, years before. A frame every STEP_M, of an attitude that wavers; the prior errs by
+2 m in each frame, its tilt, heading and height by what lasts for a leg. The filter takes LASTING_SHARE (core/belief.py) of the
+variance that fixes claim for common to those of some seconds; here is what they have in common, as a share of what they claim.
+With --fixes the errors are added to a file, and all that are in it are counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from visloc_companion.config import DEFAULT_METHOD
+from visloc_companion.evaluate.closed_loop import FlightWorld, eyes_over
+from visloc_companion.geo.se3 import quat_from_euler
+from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
+from visloc_companion.maps.pack import PackMap
+from visloc_companion.prepare.world import procedural_world, scene_on
+from visloc_companion.sim.flight import Eyes
+from visloc_companion.sim.scenarios import SCENARIOS
+from visloc_companion.sim.scene import Scene
+from visloc_companion.sim.setup import FlightSetup
+from visloc_companion.types import AutopilotKind, Fix, FloatArray, FrameRef, LocaliseRequest, PosePrior, Quat, Vec3
+
+SIZE_M, LEGS, LEG_M, STEP_M = 1000.0, 4, 350.0, 5.0
+PRIOR_M, HEIGHT_M, TILT_RAD, YAW_RAD = 2.0, 1.5, math.radians(0.5), math.radians(1.5)
+WAVER_RAD, NOISE_RAD = math.radians(2.0), 0.002
+LEVEL_RAD = np.array([0.0, math.radians(-4.0)])
+"""Roll and pitch of a copter on its way."""
+APART_M = (0.0, 5.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0, 150.0, 200.0)
+SMOOTHED = 5
+BEYOND = (2.0, 2.5, 3.0, 3.5)
+Row = list[float]
+"""Leg, metres from its start, error north and east (m), claimed variance north and east (m²)."""
+
+
+def leg_poses(start: FloatArray, end: FloatArray, rng: np.random.Generator) -> Iterator[tuple[float, Vec3, Quat, Quat]]:
+    """Metres from the start, place, true attitude and the one that is believed."""
+    along = end - start
+    length, yaw = float(np.hypot(along[0], along[1])), math.atan2(along[1], along[0])
+    wrong, wrong_yaw = rng.normal(0, TILT_RAD, 2), rng.normal(0, YAW_RAD)
+    for k in range(int(min(length, LEG_M) / STEP_M)):
+        roll, pitch = (rng.normal(0, WAVER_RAD, 2) + LEVEL_RAD).tolist()
+        seen_roll, seen_pitch = (np.array([roll, pitch]) + wrong + rng.normal(0, NOISE_RAD, 2)).tolist()
+        north, east, down = (start + along * (STEP_M * k / length)).tolist()
+        believed = quat_from_euler(seen_roll, seen_pitch, yaw + wrong_yaw)
+        yield STEP_M * k, (north, east, down), quat_from_euler(roll, pitch, yaw), believed
+
+
+def flown(setup: FlightSetup, eyes: Eyes, reference: PackMap, rng: np.random.Generator) -> list[Row]:
+    """The fixes of all legs."""
+    corners, home, rows, number = np.array(setup.mission_ned_m()), setup.area.home, list[Row](), 0
+    for leg, (start, end) in enumerate(zip(corners[:LEGS], np.roll(corners, -1, axis=0)[:LEGS], strict=True)):
+        height_m = rng.normal(0, HEIGHT_M)
+        for at_m, (north, east, down), q_true, q_believed in leg_poses(start, end, rng):
+            number += 1
+            pixels = eyes.camera.render(geo_from_ned((north, east, down), home), q_true, number)
+            off_north, off_east = rng.normal(0, PRIOR_M, 2).tolist()
+            about = geo_from_ned((north + off_north, east + off_east, down + height_m), home)
+            cov = ((PRIOR_M**2, 0.0), (0.0, PRIOR_M**2))
+            prior = PosePrior(about, q_believed, cov, 2.0, math.radians(2.0), math.radians(0.7))
+            frame = FrameRef(number, number, number, 0, pixels.shape[1], pixels.shape[0], 3)
+            answer = eyes.localiser.localise(LocaliseRequest(number, frame, prior, 1), pixels, reference)
+            if isinstance(answer, Fix):
+                n, e, _ = ned_from_geo(answer.place, home)
+                (nn, _), (_, ee) = answer.cov_ne_m2
+                rows.append([float(leg), at_m, n - north, e - east, nn, ee])
+    return rows
+
+
+def of_world(number: int, width_px: int, method: str) -> list[Row]:
+    """The fixes over the procedural world of a number."""
+    files, scenario = procedural_world(number, size_m=SIZE_M), SCENARIOS["jam"]
+    reference = PackMap.open(files.pack, verify_hashes=False)
+    scene = Scene.load(*scene_on(files, scenario.date, number, size_m=SIZE_M))
+    world = FlightWorld(files.pack, reference, scene)
+    setup = FlightSetup(scenario, world.area(), AutopilotKind.ARDUPILOT, "copter", number, width_px=width_px)
+    return flown(setup, eyes_over(setup, world, method), reference, np.random.default_rng([number, 9]))
+
+
+def common(legs: list[FloatArray]) -> list[tuple[float, float, int]]:
+    """For each distance: the mean product of errors over what they claim, per axis, and of how many pairs."""
+    found = []
+    for apart_m in APART_M:
+        total, n = 0.0, 0
+        for leg in legs:
+            z, at_m = leg[:, 2:4] / np.sqrt(leg[:, 4:6]), leg[:, 1]
+            pairs = np.abs(at_m[:, None] - at_m[None, :] - apart_m) < STEP_M / 2
+            total, n = total + float((z @ z.T)[pairs].sum()) / 2, n + int(pairs.sum())
+        found.append((apart_m, total / max(n, 1), n))
+    return found
+
+
+def smoothed(legs: list[FloatArray]) -> FloatArray:
+    """(N, 2) the mean error of SMOOTHED fixes in a row over what one of them claims."""
+    mean = np.ones(SMOOTHED) / SMOOTHED
+    each = [np.apply_along_axis(np.convolve, 0, leg[:, 2:6], mean, "valid") for leg in legs if len(leg) >= SMOOTHED]
+    return np.concatenate([e[:, :2] / np.sqrt(e[:, 2:]) for e in each])
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Fly and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--worlds", type=int, nargs="+", default=[11, 12, 13, 14])
+    parser.add_argument("--width", type=int, default=320, help="columns of the camera")
+    parser.add_argument("--method", default=DEFAULT_METHOD)
+    parser.add_argument("--fixes", type=Path)
+    parser.add_argument("--no-flights", action="store_true", help="only count what is in --fixes")
+    options = parser.parse_args(argv)
+    cv2.setNumThreads(1)
+    worlds: dict[str, list[Row]] = {}
+    if options.fixes is not None and options.fixes.exists():
+        worlds = json.loads(options.fixes.read_text(encoding="utf-8"))
+    for number in [] if options.no_flights else options.worlds:
+        worlds[str(number)] = of_world(number, options.width, options.method)
+        if options.fixes is not None:
+            options.fixes.write_text(json.dumps(worlds), encoding="utf-8")
+    every = [np.array(rows) for rows in worlds.values() if rows]
+    legs = [rows[rows[:, 0] == leg] for rows in every for leg in np.unique(rows[:, 0])]
+    print(f"worlds {', '.join(worlds)}: {sum(map(len, every))} fixes\n")
+    print("| m apart | in common, of the claimed variance | pairs |\n|---|---|---|")
+    for apart_m, share, n in common(legs):
+        print(f"| {apart_m:.0f} | {share:.2f} | {n} |")
+    mean = smoothed(legs)
+    beyond = ", ".join(f"{(np.abs(mean) > limit).mean():.4f} beyond {limit:g}" for limit in BEYOND)
+    rms, most = float(np.sqrt((mean**2).mean())), float(np.abs(mean).max())
+    print(f"\nMean of {SMOOTHED} in a row over one's sigma, per axis: rms {rms:.2f}, {beyond}, most {most:.1f}")
+
+
+if __name__ == "__main__":
+    main()
