@@ -13,7 +13,7 @@ from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Cov2, FloatArray, Vec2
 
 LASTING_SHARE, FIX_WEIGHT = 0.6, 0.2
-"""Share of the variance which fixes claim that lasts for seconds (measured: benchmarks/lasting.py), and the latest fix's weight."""
+"""Share of the variance that fixes claim which lasts for seconds (benchmarks/lasting.py), and the weight of the latest fix."""
 LONGEST_S = 2.0
 
 
