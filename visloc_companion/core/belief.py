@@ -14,7 +14,7 @@ from visloc_companion.types import Cov2, FloatArray, Vec2
 
 LASTING_SHARE, FIX_WEIGHT = 0.6, 0.2
 """Share of the variance that fixes claim which lasts for seconds (benchmarks/lasting.py), and the weight of the latest fix."""
-LONGEST_S = 2.0
+LONGEST_S, LEAST_M2 = 2.0, 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,8 +46,8 @@ class Belief:
     `travel_ne_m`: the integral of the driving velocity; `moved_ne_m`: how far the propagation carried the position (for an
     inertial velocity without the error that it knows of). `votes`: each method with the time of its last fix; `without`: the
     solutions that leave fixes out (separation.py); `lean`: to which side fixes have come out lately (lean.py);
-    `fix_var_m2`: the mean variance per axis that recent fixes claimed, `fix_noise_m2s` that of variance times interval, by which
-    fixes would do the same however many there are a second (0 before the second); `former`: what drove it before `drive`;
+    `fix_var_m2`: the mean variance per axis that recent fixes claimed, `fix_per_m2` the mean of its inverse, `fix_every_s` that
+    of the intervals between them (0 before the second fix); `former`: what drove it before `drive`;
     `doubt`: what odometry says of the velocity that drives it and no second interval has confirmed.
     """
 
@@ -66,7 +66,8 @@ class Belief:
     without: separation.Solutions = separation.NONE
     lean: Vec2 = UPRIGHT
     fix_var_m2: float = 0.0
-    fix_noise_m2s: float = 0.0
+    fix_per_m2: float = 0.0
+    fix_every_s: float = 0.0
     former: Former | None = None
     doubt: Doubt | None = None
 
@@ -81,14 +82,22 @@ class Belief:
         same ground, so no number of them takes all of their error away."""
         return LASTING_SHARE * max(0.0, self.fix_var_m2 - float(self.P[0, 0] + self.P[1, 1]) / 2)
 
-    def after_fix(self, t_ns: int, var_m2: float) -> tuple[float, float]:
-        """`fix_var_m2` and `fix_noise_m2s` with another fix of this variance. No interval counts for more than LONGEST_S: when
-        nothing was recognised for a while, fixes are not rare for that."""
+    @property
+    def fix_noise_m2s(self) -> float:
+        """Variance times interval of equal fixes that would tell as much in the same time; 0 before the second fix."""
+        return self.fix_every_s / self.fix_per_m2 if self.fix_per_m2 > 0 else 0.0
+
+    def after_fix(self, t_ns: int, var_m2: float) -> tuple[float, float, float]:
+        """`fix_var_m2`, `fix_per_m2` and `fix_every_s` with another fix of this variance. No interval counts for more than
+        LONGEST_S: when nothing was recognised for a while, fixes are not rare for that."""
         if self.last_fix_ns is None:
-            return var_m2, 0.0
-        noise_m2s = var_m2 * min(LONGEST_S, (t_ns - self.last_fix_ns) * 1e-9)
-        before_m2s = self.fix_noise_m2s or noise_m2s
-        return self.fix_var_m2 + FIX_WEIGHT * (var_m2 - self.fix_var_m2), before_m2s + FIX_WEIGHT * (noise_m2s - before_m2s)
+            return var_m2, 1 / max(var_m2, LEAST_M2), 0.0
+        every_s = min(LONGEST_S, (t_ns - self.last_fix_ns) * 1e-9)
+        return (
+            self.fix_var_m2 + FIX_WEIGHT * (var_m2 - self.fix_var_m2),
+            self.fix_per_m2 + FIX_WEIGHT * (1 / max(var_m2, LEAST_M2) - self.fix_per_m2),
+            self.fix_every_s + FIX_WEIGHT * (every_s - self.fix_every_s) if self.fix_every_s > 0 else every_s,
+        )
 
 
 @dataclass(frozen=True, slots=True)

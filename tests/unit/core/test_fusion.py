@@ -234,3 +234,12 @@ def test_the_noise_of_fixes_is_their_variance_times_their_interval() -> None:
     carried = fusion.propagated(belief, round(later * S), (0.0, 0.0), SETTINGS)
     assert fusion.observed(carried, fix(later, 0.0, 0.0), SETTINGS)[0].fix_noise_m2s < 1.3
     assert start().fix_noise_m2s == 0.0
+
+
+def test_poor_fixes_among_good_ones_do_not_make_those_worth_less() -> None:
+    """A fix of 10 m after each of 1 m adds 1 % to what is known."""
+    belief = start(Drive.INERTIAL)
+    for k in range(1, 61):
+        carried = fusion.propagated(belief, round(k * 0.5 * S), (0.0, 0.0), SETTINGS)
+        belief, _ = fusion.observed(carried, fix(k * 0.5, 0.0, 0.0, 10.0 if k % 2 else 1.0), SETTINGS)
+    assert belief.fix_noise_m2s == pytest.approx(1.0, rel=0.15)
