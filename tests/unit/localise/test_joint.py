@@ -122,7 +122,8 @@ def test_frames_of_a_flight_are_found_together(world, support, request):
 def test_a_frame_that_the_map_does_not_show_is_carried_by_its_neighbours(flat, support):
     offset = np.array([3.0, -3.0, 0.0])
     frames, odometry = flight(flat, support, offset, 0.02)
-    blind = np.random.default_rng(1).integers(0, 255, (120, 160)).astype(np.uint8)
+    coarse = np.random.default_rng(1).integers(0, 255, (30, 40)).astype(np.uint8)
+    blind = cv2.resize(coarse, (160, 120), interpolation=cv2.INTER_CUBIC)
     result = joint_alignment([*frames[:2], JointFrame(blind, frames[2].prior)], odometry, MODEL, flat, GRADIENT)
     assert isinstance(result, JointResult)
     found = errors_m(result, np.array(TRUE[0][0]) + offset)
