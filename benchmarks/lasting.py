@@ -20,15 +20,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from benchmarks.scenario_page import table
+from benchmarks.scenarios import Worlds
 from visloc_companion.config import DEFAULT_METHOD
-from visloc_companion.evaluate.closed_loop import FlightWorld, eyes_over
+from visloc_companion.evaluate.closed_loop import eyes_over
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
 from visloc_companion.maps.pack import PackMap
-from visloc_companion.prepare.world import procedural_world, scene_on
 from visloc_companion.sim.flight import Eyes
 from visloc_companion.sim.scenarios import SCENARIOS
-from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightSetup
 from visloc_companion.types import AutopilotKind, Fix, FloatArray, FrameRef, LocaliseRequest, PosePrior, Quat, Vec3
 
@@ -80,12 +80,10 @@ def flown(setup: FlightSetup, eyes: Eyes, reference: PackMap, rng: np.random.Gen
 
 def of_world(number: int, width_px: int, method: str) -> list[Row]:
     """The fixes over the procedural world of a number."""
-    files, scenario = procedural_world(number, size_m=SIZE_M), SCENARIOS["jam"]
-    reference = PackMap.open(files.pack, verify_hashes=False)
-    scene = Scene.load(*scene_on(files, scenario.date, number, size_m=SIZE_M))
-    world = FlightWorld(files.pack, reference, scene)
+    scenario = SCENARIOS["jam"]
+    world = Worlds(SIZE_M, number).on(scenario.date)
     setup = FlightSetup(scenario, world.area(), AutopilotKind.ARDUPILOT, "copter", number, width_px=width_px)
-    return flown(setup, eyes_over(setup, world, method), reference, np.random.default_rng([number, 9]))
+    return flown(setup, eyes_over(setup, world, method), world.reference, np.random.default_rng([number, 9]))
 
 
 def common(legs: list[FloatArray]) -> list[tuple[float, float, int]]:
@@ -128,9 +126,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     every = [np.array(rows) for rows in worlds.values() if rows]
     legs = [rows[rows[:, 0] == leg] for rows in every for leg in np.unique(rows[:, 0])]
     print(f"worlds {', '.join(worlds)}: {sum(map(len, every))} fixes\n")
-    print("| m apart | in common, of the claimed variance | pairs |\n|---|---|---|")
-    for apart_m, share, n in common(legs):
-        print(f"| {apart_m:.0f} | {share:.2f} | {n} |")
+    rows = [[f"{apart_m:.0f}", f"{share:.2f}", str(n)] for apart_m, share, n in common(legs)]
+    print(table(("m apart", "in common, of the claimed variance", "pairs"), rows))
     mean = smoothed(legs)
     beyond = ", ".join(f"{(np.abs(mean) > limit).mean():.4f} beyond {limit:g}" for limit in BEYOND)
     rms, most = float(np.sqrt((mean**2).mean())), float(np.abs(mean).max())

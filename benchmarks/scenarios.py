@@ -87,17 +87,17 @@ def _in_short(modes: list[str], most: int = 5) -> str:
 
 
 class Worlds:
-    """The procedural world on the dates that were asked for, each loaded once."""
+    """The procedural world of a seed on the dates that were asked for, each loaded once."""
 
-    def __init__(self, size_m: float) -> None:
-        self._files: ProceduralWorld = procedural_world(WORLD_SEED, size_m=size_m)
-        self._size_m, self._reference = size_m, PackMap.open(self._files.pack, verify_hashes=False)
+    def __init__(self, size_m: float, seed: int = WORLD_SEED) -> None:
+        self._files: ProceduralWorld = procedural_world(seed, size_m=size_m)
+        self._size_m, self._seed, self._reference = size_m, seed, PackMap.open(self._files.pack, verify_hashes=False)
         self._scenes: dict[Date, Scene] = {}
 
     def on(self, date: Date) -> FlightWorld:
         """The map, and what the camera sees on a date."""
         if date not in self._scenes:
-            self._scenes[date] = Scene.load(*scene_on(self._files, date, WORLD_SEED, size_m=self._size_m))
+            self._scenes[date] = Scene.load(*scene_on(self._files, date, self._seed, size_m=self._size_m))
         return FlightWorld(self._files.pack, self._reference, self._scenes[date])
 
 

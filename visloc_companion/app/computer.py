@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import shutil
 from pathlib import Path
 
@@ -70,6 +71,14 @@ def memory_bytes(root: Path) -> dict[str, int]:
         if number is not None:
             found[name] = int(number) * _KIB
     return found
+
+
+def computed_s(pid: int, root: Path = Path("/")) -> float | None:
+    """Seconds of CPU that a process and its threads have used: utime and stime of proc(5), /proc/PID/stat."""
+    fields = _text(root / f"proc/{pid}/stat").rpartition(")")[2].split()
+    with contextlib.suppress(ValueError, IndexError):
+        return (int(fields[11]) + int(fields[12])) / float(os.sysconf("SC_CLK_TCK"))
+    return None
 
 
 def hottest_c(root: Path) -> float | None:

@@ -6,8 +6,9 @@ one that loops for ever uses up its time.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
+
+from visloc_companion.app.computer import computed_s
 
 STARVED_TIMES = 6.0
 """So many times its limit is the most that a process is waited for, however little it was given."""
@@ -30,13 +31,3 @@ class Patience:
             return False
         self._last_s = now_s
         return last_s < now_s < self._begun_s + self.limit_s and self._asked < STARVED_TIMES
-
-
-def computed_s(pid: int, root: Path = Path("/")) -> float | None:
-    """Seconds of CPU that a process and its threads have used: utime and stime of proc(5), /proc/PID/stat."""
-    try:
-        text = (root / f"proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
-        fields = text.rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / float(os.sysconf("SC_CLK_TCK"))
-    except (OSError, ValueError, IndexError):
-        return None

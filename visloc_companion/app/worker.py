@@ -97,7 +97,8 @@ class WorkerSupervisor:
             self._decline(request, Reason.SUPERSEDED, "a newer frame took the slot")
         else:
             self._in_flight = request
-            self._wait(Patience(self._process.pid, self._config.worker.deadline_s))
+            patience = Patience(self._process.pid, self._config.worker.deadline_s)
+            self._arm(patience.limit_s, self._overdue, patience)
             with contextlib.suppress(OSError):  # it died this instant: the sentinel says so and answers
                 self._connection.send(request)
 
@@ -132,23 +133,18 @@ class WorkerSupervisor:
         loop = asyncio.get_running_loop()
         loop.add_reader(process.sentinel, self._died)
         loop.add_reader(ours.fileno(), self._receive)
-        self._arm(patience_s, f"the worker did not start within {patience_s:g} s", Reason.WORKER_DIED)
+        self._arm(patience_s, self._kill, f"the worker did not start within {patience_s:g} s", Reason.WORKER_DIED)
 
-    def _wait(self, patience: Patience) -> None:
-        """For an answer, until the worker has computed for its time."""
+    def _overdue(self, patience: Patience) -> None:
+        """No answer yet: wait on until the worker has computed for its time."""
+        if patience.lasts():
+            self._arm(patience.limit_s, self._overdue, patience)
+        else:
+            self._kill(f"a localisation took longer than {patience.limit_s:g} s", Reason.WORKER_TIMEOUT)
 
-        def overdue() -> None:
-            if patience.lasts():
-                self._wait(patience)
-            else:
-                self._kill(f"a localisation took longer than {patience.limit_s:g} s", Reason.WORKER_TIMEOUT)
-
+    def _arm(self, after_s: float, then: Callable[..., None], *about: object) -> None:
         self._disarm()
-        self._deadline = asyncio.get_running_loop().call_later(patience.limit_s, overdue)
-
-    def _arm(self, patience_s: float, why: str, reason: Reason) -> None:
-        self._disarm()
-        self._deadline = asyncio.get_running_loop().call_later(patience_s, self._kill, why, reason)
+        self._deadline = asyncio.get_running_loop().call_later(after_s, then, *about)
 
     def _disarm(self) -> None:
         if self._deadline is not None:

@@ -87,16 +87,19 @@ class Belief:
         """Variance times interval of equal fixes that would tell as much in the same time; 0 before the second fix."""
         return self.fix_every_s / self.fix_per_m2 if self.fix_per_m2 > 0 else 0.0
 
-    def after_fix(self, t_ns: int, var_m2: float) -> tuple[float, float, float]:
-        """`fix_var_m2`, `fix_per_m2` and `fix_every_s` with another fix of this variance. No interval counts for more than
+    def after_fix(self, t_ns: int, var_m2: float) -> Belief:
+        """With another fix of this variance in the means over recent ones, and as the last. No interval counts for more than
         LONGEST_S: when nothing was recognised for a while, fixes are not rare for that."""
+        per_m2 = 1 / max(var_m2, LEAST_M2)
         if self.last_fix_ns is None:
-            return var_m2, 1 / max(var_m2, LEAST_M2), 0.0
+            return replace(self, last_fix_ns=t_ns, fix_var_m2=var_m2, fix_per_m2=per_m2, fix_every_s=0.0)
         every_s = min(LONGEST_S, (t_ns - self.last_fix_ns) * 1e-9)
-        return (
-            self.fix_var_m2 + FIX_WEIGHT * (var_m2 - self.fix_var_m2),
-            self.fix_per_m2 + FIX_WEIGHT * (1 / max(var_m2, LEAST_M2) - self.fix_per_m2),
-            self.fix_every_s + FIX_WEIGHT * (every_s - self.fix_every_s) if self.fix_every_s > 0 else every_s,
+        return replace(
+            self,
+            last_fix_ns=t_ns,
+            fix_var_m2=self.fix_var_m2 + FIX_WEIGHT * (var_m2 - self.fix_var_m2),
+            fix_per_m2=self.fix_per_m2 + FIX_WEIGHT * (per_m2 - self.fix_per_m2),
+            fix_every_s=self.fix_every_s + FIX_WEIGHT * (every_s - self.fix_every_s) if self.fix_every_s > 0 else every_s,
         )
 
 

@@ -204,6 +204,5 @@ def _others(belief: Belief, z: Position, cov: FloatArray, n_considered: int) -> 
 def _fixed(belief: Belief, z: Position) -> Belief:
     votes = separation.voted(belief.votes, z.method, z.t_ns)
     without = separation.apart(belief.without, belief.x, belief.P)
-    var_m2, per_m2, every_s = belief.after_fix(z.t_ns, (z.cov_ne_m2[0][0] + z.cov_ne_m2[1][1]) / 2)
-    known = replace(belief, last_fix_ns=z.t_ns, rejected=(), votes=votes, without=without)
-    return replace(known, fix_var_m2=var_m2, fix_per_m2=per_m2, fix_every_s=every_s)
+    after = belief.after_fix(z.t_ns, (z.cov_ne_m2[0][0] + z.cov_ne_m2[1][1]) / 2)
+    return replace(after, rejected=(), votes=votes, without=without)

@@ -57,10 +57,10 @@ def _mostly_noise(channel: Image, middle: float) -> tuple[Reason, str] | None:
     row, column = (max(0, (n - MIDDLE_PX) // 2) for n in channel.shape)
     window = np.ascontiguousarray(channel[row : row + MIDDLE_PX, column : column + MIDDLE_PX])
     averaged = cv2.resize(window, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
-    contrast = float(np.std(window))
+    contrast, contrast_left = (float(cv2.meanStdDev(p)[1][0, 0]) for p in (window, averaged))
     if contrast == 0.0:
         return Reason.LOW_TEXTURE, "one and the same grey all over its middle"
-    left = float(np.std(averaged)) / contrast
+    left = contrast_left / contrast
     if left >= NOISE_LEFT:
         return None
     reason = Reason.TOO_DARK if middle < DARK_GREY else Reason.LOW_TEXTURE

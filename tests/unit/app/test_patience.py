@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from visloc_companion.app.patience import STARVED_TIMES, Patience, computed_s
+from visloc_companion.app.computer import computed_s
+from visloc_companion.app.patience import STARVED_TIMES, Patience
 
 TICKS = float(os.sysconf("SC_CLK_TCK"))
 
