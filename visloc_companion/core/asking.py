@@ -100,7 +100,10 @@ class Asking:
             return []
         state = self._of_camera(self._wide(state) if injecting else state, q_ned_frd)
         prior = self._prior(state, q_ned_frd, self._camera.q_frd_cambody, injecting)
-        return [] if prior is None else [self._queue.taken(frame, prior, now_ns)]
+        if prior is None:
+            return []
+        prior = replace(prior, tilt=self._camera.tilt(frame.t_ns, q_ned_frd))
+        return [self._queue.taken(frame, prior, now_ns)]
 
     def _of_camera(self, state: NavState, q_ned_frd: Quat) -> NavState:
         return replace(state, p_ned_m=self._camera.camera_ned_m(state.p_ned_m, q_ned_frd))

@@ -56,6 +56,11 @@ class Boresight:
         return np.array(self._x[TURN])
 
     @property
+    def used_rad(self) -> FloatArray:
+        """(3,) how much of it `q_frd_cambody` has."""
+        return self._used
+
+    @property
     def sigma_rad(self) -> FloatArray:
         """(3,) its 1-sigma."""
         return np.asarray(np.sqrt(np.diag(self._P)[TURN]), dtype=np.float64)
@@ -136,10 +141,8 @@ class Boresight:
 
 def _turned(q_frd_cambody: Quat, turn_rad: FloatArray) -> Quat:
     """The mounting turned about the vehicle's axes by a small vector."""
-    angle = float(np.linalg.norm(turn_rad))
-    k = 0.5 if angle < 1e-9 else math.sin(angle / 2) / angle
-    x, y, z = (float(v) * k for v in turn_rad)
-    return se3.quat_multiply(se3.normalised((math.cos(angle / 2), x, y, z)), q_frd_cambody)
+    x, y, z = turn_rad.tolist()
+    return se3.quat_multiply(se3.quat_from_vector((x, y, z)), q_frd_cambody)
 
 
 def _small_turn(R: FloatArray) -> FloatArray:

@@ -83,7 +83,14 @@ class Navigator:
         )
         self._terrain = TerrainAiding() if settings.terrain else None
         self._search = PlaceSearch(settings.max_search_radius_m) if settings.navigator.start_anywhere else None
-        onboard = OnboardCamera(settings.q_frd_cambody, settings.lever_frd_m, self._clock, self._attitude, self._tracker)
+        onboard = OnboardCamera(
+            settings.q_frd_cambody,
+            settings.mount_sigma_rad,
+            settings.lever_frd_m,
+            self._clock,
+            self._attitude,
+            self._tracker,
+        )
         self._asking = Asking(
             settings, self._queue, self._tracker, self._clock, self._attitude, onboard, self._terrain, self._search
         )

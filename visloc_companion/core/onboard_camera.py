@@ -1,5 +1,5 @@
-"""The camera in the vehicle: when its frames are taken (camera_time.py) and how it is mounted (boresight.py), both learned in
-flight, and where (lever_arm.py)."""
+"""The camera in the vehicle: when its frames are taken (camera_time.py), how it is mounted (boresight.py) and tilted
+(tilt_memory.py), all learned in flight, and where (lever_arm.py)."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from visloc_companion.core.boresight import Boresight
 from visloc_companion.core.camera_time import CameraTime
 from visloc_companion.core.lever_arm import LeverArm
 from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
+from visloc_companion.core.tilt_memory import TiltMemory
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
-from visloc_companion.types import Command, Fix, FrameRef, LocaliseRequest, NoFix, Quat, Vec3
+from visloc_companion.geo import se3
+from visloc_companion.types import Command, Fix, FrameRef, LocaliseRequest, NoFix, Quat, TiltPrior, Vec3
 
 TIMED_S = 0.02
 """The mounting is learned only while frames are timed better than this: on the way, late is as tilted."""
@@ -22,10 +24,16 @@ class OnboardCamera:
     """Stands between frames and requests, and between answers and the filter."""
 
     def __init__(
-        self, q_frd_cambody: Quat, lever_frd_m: Vec3, clock: ClockOffset, attitude: AttitudeBuffer, tracker: Tracker
+        self,
+        q_frd_cambody: Quat,
+        mount_sigma_rad: float,
+        lever_frd_m: Vec3,
+        clock: ClockOffset,
+        attitude: AttitudeBuffer,
+        tracker: Tracker,
     ) -> None:
         self._time = CameraTime(clock, attitude)
-        self._boresight = Boresight(q_frd_cambody)
+        self._boresight, self._tilt = Boresight(q_frd_cambody), TiltMemory(mount_sigma_rad)
         self._lever = LeverArm(lever_frd_m, clock, attitude)
         self._tracker = tracker
 
@@ -33,6 +41,10 @@ class OnboardCamera:
     def q_frd_cambody(self) -> Quat:
         """The mounting as it is known by now."""
         return self._boresight.q_frd_cambody
+
+    def tilt(self, t_ns: int, q_ned_frd: Quat) -> TiltPrior | None:
+        """What earlier fixes tell of the camera's tilt at a time, at an attitude of the vehicle."""
+        return self._tilt.known(t_ns, q_ned_frd)
 
     def camera_ned_m(self, p_ned_m: Vec3, q_ned_frd: Quat) -> Vec3:
         """Where the camera is while the vehicle is at a place with an attitude."""
@@ -55,6 +67,9 @@ class OnboardCamera:
         for command in commands:
             if isinstance(command, LocaliseRequest):
                 self._boresight.on_request(command)
+                q_ned_cambody = command.prior.q_ned_frd
+                q_ned_frd = se3.quat_multiply(q_ned_cambody, se3.quat_inverse(self.q_frd_cambody))
+                self._tilt.asked(command.request_id, q_ned_frd)
         return commands
 
     def on_answer(self, answer: Fix | NoFix) -> list[Command]:
@@ -66,13 +81,19 @@ class OnboardCamera:
         state = None if fix.method == TERRAIN else self._tracker.at(fix.t_ns)
         return fix if state is None else self._time.stated(fix, state.v_ned_mps)
 
-    def on_fix(self, fix: Fix, gnss_trusted: bool) -> list[Command]:
-        """Learn from a fix beside a GNSS that is good."""
-        height_m = self._tracker.height_above_home_m
-        if not gnss_trusted or height_m is None or self._time.sigma_s > TIMED_S:
+    def on_fix(self, fix: Fix, *, taken: bool, gnss_trusted: bool) -> list[Command]:
+        """Learn from a fix, of the tilt where the filter took it, of the mounting beside a GNSS that is good."""
+        height_m, state = self._tracker.height_above_home_m, self._tracker.at(fix.t_ns)
+        if height_m is None or state is None:
             return []
-        state = self._tracker.at(fix.t_ns)
-        if state is None:
+        if taken:
+            self._tilt.taken(fix, state.v_ned_mps[:2], height_m)
+        if not gnss_trusted or self._time.sigma_s > TIMED_S:
             return []
         difference = self._tracker.gnss.minus(fix, state.v_ned_mps)
-        return [] if difference is None else self._boresight.on_fix(fix, difference, state.v_ned_mps, height_m)
+        if difference is None:
+            return []
+        used_rad = self._boresight.used_rad
+        commands = self._boresight.on_fix(fix, difference, state.v_ned_mps, height_m)
+        self._tilt.remounted(self._boresight.used_rad - used_rad)
+        return commands

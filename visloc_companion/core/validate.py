@@ -27,6 +27,7 @@ from visloc_companion.types import (
     PriorPose,
     Range,
     Tick,
+    TiltSeen,
     TimesyncSample,
     Turn,
     WorkerState,
@@ -88,8 +89,8 @@ def _fix_fault(fix: Fix, now_ns: int) -> Reason | None:
         return Reason.IMPLAUSIBLE_TIME
     claims = (*fix.cov_ne_m2[0], *fix.cov_ne_m2[1], fix.sigma_h_m)
     numbers = _finite(*fix.q_ned_frd, *claims, fix.sigma_yaw_rad, fix.probability_wrong)
-    turn = fix.turn is None or is_turn(fix.turn)
-    if not (numbers and turn and is_place(fix.place)):
+    turned = (fix.turn is None or is_turn(fix.turn)) and (fix.tilt is None or is_tilt(fix.tilt))
+    if not (numbers and turned and is_place(fix.place)):
         return Reason.NOT_FINITE
     return None if fix.sigma_h_m > 0 and is_covariance(fix.cov_ne_m2) else Reason.IMPLAUSIBLE_CLAIM
 
@@ -128,6 +129,13 @@ def is_covariance(cov_m2: Cov2) -> bool:
     if not _finite(nn, ne, en, ee) or abs(ne - en) > 1e-9 * (nn + ee):
         return False
     return min(nn, ee) >= 1e-6 and max(nn, ee) <= 1e10 and nn * ee - ne * en > 1e-9 * nn * ee
+
+
+def is_tilt(tilt: TiltSeen) -> bool:
+    """Finite, and with a covariance that is symmetric and positive definite."""
+    (nn, ne), (en, ee) = tilt.cov_rad2
+    finite = _finite(*tilt.turn_ne_rad, nn, ne, en, ee)
+    return finite and abs(ne - en) <= 1e-9 * (nn + ee) and min(nn, ee) > 0 and nn * ee - ne * en > 1e-9 * nn * ee
 
 
 def is_turn(turn: Turn) -> bool:

@@ -181,7 +181,8 @@ class Vision:
         origin = self._tracker.origin
         if self._terrain is not None and fix.method == TERRAIN and isinstance(outcome, Accepted) and state and origin:
             self._terrain.learn(fix, state, origin)
-        commands = [] if fix.method == TERRAIN else self._onboard.on_fix(fix, self._monitor.trusted)
+        taken, trusted = isinstance(outcome, Accepted), self._monitor.trusted
+        commands = [] if fix.method == TERRAIN else self._onboard.on_fix(fix, taken=taken, gnss_trusted=trusted)
         if isinstance(outcome, Accepted):
             commands = [*commands, *self._taken(fix, now_ns)]
             self._tracker.height.taken(fix)

@@ -57,6 +57,14 @@ def quat_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quat:
     )
 
 
+def quat_from_vector(turn_rad: Vec3) -> Quat:
+    """The rotation about a vector by its length, radians."""
+    x, y, z = turn_rad
+    angle = math.sqrt(x * x + y * y + z * z)
+    k = 0.5 if angle < 1e-9 else math.sin(angle / 2) / angle
+    return normalised((math.cos(angle / 2), k * x, k * y, k * z))
+
+
 def euler_from_quat(q: Quat) -> Vec3:
     """Roll, pitch, yaw (radians) of `q_ned_frd`."""
     w, x, y, z = q

@@ -20,9 +20,14 @@ FLOOR_PX = 0.15
 """... and the horizontal sigma (working pixels) that is added in any case. Fitted on NAIP rows < 400, nadir and oblique."""
 
 
+def widening(estimate: PoseEstimate) -> float:
+    """Factor on the formal sigmas of what the blocks tell."""
+    return float(FACTOR * max(1.0, estimate.scatter) ** SHARED_POWER)
+
+
 def claimed_covariance(estimate: PoseEstimate, gsd_m: float) -> FloatArray:
     """(6, 6) of north, east, up (metres) and rotation about them (radians) from a pose of blocks at a working resolution."""
-    factor = FACTOR * max(1.0, estimate.scatter) ** SHARED_POWER
+    factor = widening(estimate)
     of_blocks = estimate.covariance - estimate.of_slope
     covariance = np.asarray(of_blocks * factor**2 + estimate.of_slope, dtype=np.float64)
     covariance[:2, :2] += np.eye(2) * (FLOOR_PX * gsd_m) ** 2

@@ -29,6 +29,7 @@ from visloc_companion.localise.plan import SearchPlan, planned
 from visloc_companion.localise.pose import PoseEstimate, heading_and_tilt
 from visloc_companion.localise.ranking import DEEP_RANK, GRADIENT_RANK, RankWeights
 from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.localise.tilt import beyond, seen_tilt, set_right
 from visloc_companion.localise.verify import (
     DEEP_WEIGHTS,
     GRADIENT_WEIGHTS,
@@ -63,6 +64,10 @@ class DenseLocaliser:
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The pose of the camera, or why there is none. Never raises for what an image or a place may contain."""
+        answer = self._localised(replace(request, prior=set_right(request.prior)), pixels, ref)
+        return answer if isinstance(answer, NoFix) else replace(answer, tilt=beyond(answer.tilt, request.prior.tilt))
+
+    def _localised(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         watch = Stopwatch()
         try:
             plan = planned(request.prior, pixels, self._model, ref, self._settings)
@@ -101,7 +106,9 @@ class DenseLocaliser:
         estimate = final.estimate or match.estimate
         covariance = claimed_covariance(estimate, final.gsd_m)
         sigma_m = self._settings.map_sigma_m
-        return fix(request, self.method, task.watch, plan.frame, task.ref, estimate.pose, covariance, p, sigma_m, numbers)
+        pose = estimate.pose
+        answer = fix(request, self.method, task.watch, plan.frame, task.ref, pose, covariance, p, sigma_m, numbers)
+        return replace(answer, tilt=seen_tilt(estimate, request.prior))
 
 
 def gradient_localiser(model: CameraModel, settings: LocaliserSettings) -> DenseLocaliser:

@@ -24,6 +24,8 @@ CAUCHY = 2.0
 SIGMA_FLOOR = 0.8
 """Least scatter that is believed (in the given sigmas): errors that neighbouring blocks share, of surface model and map, do not
 show in their differences."""
+LEAST_SIGMA = 1e-5
+"""Of a prior's term (m, rad); nothing is known better."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +56,7 @@ class PriorTerm:
         heading, tilt = heading_and_tilt(pose.R_ned_cam, self.R_ned_cam)
         deviation = np.array([0.0, 0.0, -pose.p_ned_m[2] - self.up_m, tilt[0], tilt[1], heading])
         sigma = np.array([math.inf, math.inf, self.sigma_up_m, self.sigma_tilt_rad, self.sigma_tilt_rad, self.sigma_yaw_rad])
-        weight = 1 / np.maximum(sigma, 1e-5) ** 2
+        weight = 1 / np.maximum(sigma, LEAST_SIGMA) ** 2
         return np.diag(weight), -weight * deviation
 
 

@@ -34,6 +34,7 @@ from visloc_companion.types.commands import (
     Status,
     SwitchSource,
     TerrainRequest,
+    TiltPrior,
 )
 from visloc_companion.types.events import (
     Attitude,
@@ -58,6 +59,7 @@ from visloc_companion.types.events import (
     Range,
     SourceSwitched,
     Tick,
+    TiltSeen,
     TimesyncSample,
     Turn,
     WorkerState,
@@ -127,6 +129,8 @@ __all__ = [
     "SwitchSource",
     "TerrainRequest",
     "Tick",
+    "TiltPrior",
+    "TiltSeen",
     "TimesyncSample",
     "TooOld",
     "Turn",

@@ -4,15 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from visloc_companion.types.basic import Cov2, EkfSource, GeoPoint, Mode, Quat, Severity, Vec3, Verdict, Vote
+from visloc_companion.types.basic import Cov2, EkfSource, GeoPoint, Mode, Quat, Severity, Vec2, Vec3, Verdict, Vote
 from visloc_companion.types.events import FrameRef
+
+
+@dataclass(frozen=True, slots=True)
+class TiltPrior:
+    """What earlier fixes tell of a prior's attitude: the rotation about north and east (rad) that sets its tilt right, and the
+    1-sigma (rad) of what is still unknown on each axis."""
+
+    turn_ne_rad: Vec2
+    sigma_rad: float
 
 
 @dataclass(frozen=True, slots=True)
 class PosePrior:
     """A Gaussian prior of the camera's pose: place, attitude of the camera's body, and 1-sigma of each.
 
-    Of the place's height, `height_offset_m` is what was added to the autopilot's.
+    Of the place's height, `height_offset_m` is what was added to the autopilot's. `tilt` is for whoever localises a single frame:
+    `q_ned_frd` is without it, for it changes from frame to frame and is no turn of the camera.
     """
 
     place: GeoPoint
@@ -22,6 +32,7 @@ class PosePrior:
     sigma_yaw_rad: float
     sigma_tilt_rad: float
     height_offset_m: float = 0.0
+    tilt: TiltPrior | None = None
 
 
 @dataclass(frozen=True, slots=True)

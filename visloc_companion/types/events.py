@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from visloc_companion.errors import Reason
-from visloc_companion.types.basic import AutopilotKind, Cov2, EkfSource, GeoPoint, Quat, Vec3
+from visloc_companion.types.basic import AutopilotKind, Cov2, EkfSource, GeoPoint, Quat, Vec2, Vec3
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,6 +193,15 @@ class Turn:
 
 
 @dataclass(frozen=True, slots=True)
+class TiltSeen:
+    """How far the attitude of a request is tilted as the picture alone has it: the rotation about north and east (rad) that sets
+    it right, with its covariance (rad²)."""
+
+    turn_ne_rad: Vec2
+    cov_rad2: Cov2
+
+
+@dataclass(frozen=True, slots=True)
 class Fix:
     """An absolute pose of the camera at image time, from one frame.
 
@@ -200,7 +209,8 @@ class Fix:
     axis down). `cov_ne_m2` is the claimed covariance of the horizontal position, `sigma_h_m` that of the height.
     `probability_wrong` is the calibrated probability that the fix is a wrong match (error beyond what the covariance
     explains). `score` and `runner_up` are correlation peaks, `evidence` holds named numbers for reports. `motion`: how the camera
-    moved until the frame that was asked about, `turn`: how it turned, where that was seen.
+    moved until the frame that was asked about, `turn`: how it turned, `tilt`: how its prior's attitude was tilted, where that was
+    seen.
     """
 
     t_rx_ns: int
@@ -218,6 +228,7 @@ class Fix:
     evidence: tuple[tuple[str, float], ...] = ()
     motion: Odometry | None = None
     turn: Turn | None = None
+    tilt: TiltSeen | None = None
 
 
 @dataclass(frozen=True, slots=True)

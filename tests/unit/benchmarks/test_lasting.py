@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.lasting import common, main, smoothed
+from benchmarks.lasting import common, main, rms, smoothed
 
 SHARE, LENGTH_M, CLAIMED = 0.4, 40.0, 1.5
 
@@ -36,10 +37,12 @@ def test_the_share_in_common_is_found_at_each_distance() -> None:
 
 
 def test_a_mean_of_neighbours_keeps_what_they_have_in_common() -> None:
-    rms2 = float((smoothed(drawn()) ** 2).mean())
+    off_m, mean = smoothed(drawn())
+    rms2 = float((mean**2).mean())
     apart = np.abs(np.subtract.outer(np.arange(5), np.arange(5)))
     true = float(np.where(apart == 0, 1.0, SHARE * np.exp(-5.0 * apart / LENGTH_M)).mean()) / CLAIMED
     assert rms2 == pytest.approx(true, rel=0.06)
+    assert rms(off_m) ** 2 == pytest.approx(4.0 * CLAIMED * rms2)
 
 
 def test_what_was_flown_before_is_counted_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -47,5 +50,5 @@ def test_what_was_flown_before_is_counted_again(tmp_path: Path, capsys: pytest.C
     file.write_text(json.dumps({"7": np.concatenate(drawn(3)).tolist()}), encoding="utf-8")
     main(["--no-flights", "--fixes", str(file)])
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "worlds 7: 180 fixes"
+    assert re.fullmatch(r"worlds 7: 180 fixes, error per axis [12]\.\d\d m rms, over sigma 0\.\d\d", lines[0])
     assert lines[4].startswith("| 0 | ")

@@ -18,12 +18,13 @@ from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.errors import Reason
 from visloc_companion.geo import se3, wgs84
-from visloc_companion.types import Fix, FrameRef, GeoPoint, LocaliseRequest, NoFix, Notice, PosePrior, Quat, Tick, Vec3
+from visloc_companion.types import Fix, FrameRef, GeoPoint, LocaliseRequest, NoFix, Notice, PosePrior, Quat, Tick, TiltSeen, Vec3
 
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 HERE = GeoPoint(48.0, 11.0, 500.0)
 COV = ((0.5, 0.0), (0.0, 0.5))
 MS = 1_000_000
+SIGMA_RAD = math.radians(1.0)
 
 
 @pytest.fixture
@@ -50,7 +51,7 @@ def fix_at(t_ns: int, method: str = "image") -> Fix:
 
 
 def test_fixes_of_frames_by_arrival_are_wider_along_the_track(tracker: Tracker) -> None:
-    camera = OnboardCamera(LEVEL, (0.0, 0.0, 0.0), ClockOffset(), AttitudeBuffer(), tracker)
+    camera = OnboardCamera(LEVEL, SIGMA_RAD, (0.0, 0.0, 0.0), ClockOffset(), AttitudeBuffer(), tracker)
     fix = fix_at(200 * MS)
     for k in range(3):
         camera.on_frame(frame(k, k * 200 * MS))
@@ -67,7 +68,7 @@ def test_fixes_of_frames_by_arrival_are_wider_along_the_track(tracker: Tracker) 
 def test_a_tilted_mount_is_learned_beside_a_good_gnss_only(tracker: Tracker) -> None:
     truth = se3.quat_from_euler(math.radians(2.0), 0.0, 0.0)
     for trusted in (False, True):
-        camera = OnboardCamera(LEVEL, (0.0, 0.0, 0.0), ClockOffset(), AttitudeBuffer(), tracker)
+        camera = OnboardCamera(LEVEL, SIGMA_RAD, (0.0, 0.0, 0.0), ClockOffset(), AttitudeBuffer(), tracker)
         said = []
         start = 1 + 300 * trusted
         for k in range(start, start + 240):
@@ -82,13 +83,28 @@ def test_a_tilted_mount_is_learned_beside_a_good_gnss_only(tracker: Tracker) -> 
             axis = se3.R_from_quat(se3.quat_multiply(q, truth))[:, 2] - se3.R_from_quat(prior.q_ned_frd)[:, 2]
             place = wgs84.geo_from_ned((100 * float(axis[0]), 100 * float(axis[1]), 0.0), HERE)
             fix = replace(fix_at(t_ns), request_id=k, place=place, q_ned_frd=prior.q_ned_frd)
-            said += camera.on_fix(fix, trusted)
+            said += camera.on_fix(fix, taken=True, gnss_trusted=trusted)
         off = math.degrees(se3.angle_between(camera.q_frd_cambody, truth))
         assert off < 0.5 if trusted else off == pytest.approx(2.0, abs=1e-6)
         assert [n.text for n in said if isinstance(n, Notice)][:1] == (["camera's mounting learned"] if trusted else [])
 
 
 def test_answers_without_a_turn_say_nothing(tracker: Tracker) -> None:
-    camera = OnboardCamera(LEVEL, (0.0, 0.0, 0.0), ClockOffset(), AttitudeBuffer(), tracker)
+    camera = OnboardCamera(LEVEL, SIGMA_RAD, (0.0, 0.0, 0.0), ClockOffset(), AttitudeBuffer(), tracker)
     assert camera.on_answer(NoFix(0, 0, 1, 1, "image", Reason.NO_MATCH, 1.0)) == []
-    assert camera.on_fix(fix_at(0), True) == []
+    assert camera.on_fix(fix_at(0), taken=True, gnss_trusted=True) == []
+
+
+def test_what_fixes_tell_of_the_tilt_goes_into_the_next_prior_where_the_filter_took_them(tracker: Tracker) -> None:
+    turn, cov = (math.radians(0.8), 0.0), ((1e-6, 0.0), (0.0, 1e-6))
+    for taken in (False, True):
+        camera = OnboardCamera(LEVEL, SIGMA_RAD, (0.0, 0.0, 0.0), ClockOffset(), AttitudeBuffer(), tracker)
+        prior = PosePrior(HERE, LEVEL, COV, 3.0, 0.05, SIGMA_RAD)
+        camera.asked([LocaliseRequest(1, frame(1, None), prior, 1)])
+        fix = replace(fix_at(200 * MS), tilt=TiltSeen(turn, cov))
+        assert camera.on_fix(fix, taken=taken, gnss_trusted=False) == []
+        known = camera.tilt(400 * MS, LEVEL)
+        assert (known is not None) == taken
+        if known is not None:
+            assert 0.3 * turn[0] < known.turn_ne_rad[0] < turn[0]
+            assert known.sigma_rad < SIGMA_RAD

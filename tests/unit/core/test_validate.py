@@ -23,6 +23,7 @@ from visloc_companion.types import (
     OriginChanged,
     PriorPose,
     Tick,
+    TiltSeen,
     Turn,
 )
 
@@ -149,3 +150,18 @@ def test_answers_with_a_turn_that_is_none_are_refused(turn: Turn) -> None:
 def test_open_places_are_checked_as_fixes_are(place: OpenPlace, footprint_m: float, reason: Reason | None) -> None:
     answer = NoFix(NOW, NOW, 1, 1, "m", Reason.AMBIGUOUS, 5.0, open_places=(place,), footprint_m=footprint_m)
     assert fault(answer, NOW) is reason
+
+
+@pytest.mark.parametrize(
+    "tilt",
+    [
+        TiltSeen((math.nan, 0.0), ((1e-5, 0.0), (0.0, 1e-5))),
+        TiltSeen((0.0, 0.0), ((1e-5, 0.0), (0.0, 0.0))),
+        TiltSeen((0.0, 0.0), ((1e-5, 2e-5), (2e-5, 1e-5))),
+        TiltSeen((0.0, 0.0), ((1e-5, 5e-6), (0.0, 1e-5))),
+        TiltSeen((0.0, 0.0), ((math.inf, 0.0), (0.0, 1e-5))),
+    ],
+)
+def test_fixes_with_a_tilt_that_is_none_are_refused(tilt: TiltSeen) -> None:
+    assert fault(replace(FIX, tilt=TiltSeen((0.01, 0.0), ((1e-5, 1e-6), (1e-6, 1e-5)))), NOW) is None
+    assert fault(replace(FIX, tilt=tilt), NOW) is Reason.NOT_FINITE

@@ -1,0 +1,142 @@
+"""The camera's tilt, kept from fix to fix: what is learned, how sure it is, and what is not taken for it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from visloc_companion.core.tilt_memory import ATTITUDE_S, ATTITUDE_SIGMA_RAD, GATED_IN_A_ROW, TiltMemory
+from visloc_companion.geo import se3
+from visloc_companion.types import Fix, FloatArray, GeoPoint, Quat, TiltSeen
+
+LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
+SEEN_RAD, STATED_RAD = math.radians(0.5), math.radians(1.0)
+FIX = Fix(0, 0, 1, 1, "deep", GeoPoint(48.0, 11.0, 500.0), LEVEL, ((0.5, 0.0), (0.0, 0.5)), 1.0, 0.005, 1e-4, 1.0)
+FAST, STILL, HEIGHT_M = (10.0, 0.0), (0.0, 0.0), 100.0
+
+
+def fix_of(k: int, turn_ne_rad: FloatArray, t_s: float) -> Fix:
+    north, east = turn_ne_rad.tolist()
+    tilt = TiltSeen((north, east), ((SEEN_RAD**2, 0.0), (0.0, SEEN_RAD**2)))
+    return replace(FIX, request_id=k, t_ns=round(t_s * 1e9), tilt=tilt)
+
+
+def told(memory: TiltMemory, k: int, turn_ne_rad: FloatArray, t_s: float, q: Quat = LEVEL, v: tuple[float, float] = FAST) -> None:
+    memory.asked(k, q)
+    memory.taken(fix_of(k, turn_ne_rad, t_s), v, HEIGHT_M)
+
+
+def heading(t_s: float) -> Quat:
+    """A new leg every 30 s, a quarter turn on."""
+    return se3.quat_from_euler(0.0, 0.0, math.radians(90.0 * (t_s // 30.0)))
+
+
+def drawn(seed: int) -> list[tuple[float, float]]:
+    """Error and claim (rad) of what is known before each fix of a flight with a mounting and an attitude as they are assumed to
+    be, and fixes whose errors go by with the ground."""
+    rng, memory, found = np.random.default_rng(seed), TiltMemory(STATED_RAD), []
+    mounting = rng.normal(0, math.sqrt(STATED_RAD**2 - ATTITUDE_SIGMA_RAD**2), 2)
+    attitude, ground = rng.normal(0, ATTITUDE_SIGMA_RAD, 2), rng.normal(0, SEEN_RAD, 2)
+    for k in range(1, 360):
+        t_s, keep, alike = 0.5 * k, math.exp(-0.5 / ATTITUDE_S), math.exp(-0.5 * 10.0 / 80.0)
+        attitude = keep * attitude + math.sqrt(1 - keep**2) * rng.normal(0, ATTITUDE_SIGMA_RAD, 2)
+        ground = alike * ground + math.sqrt(1 - alike**2) * rng.normal(0, SEEN_RAD, 2)
+        q = heading(t_s)
+        true = se3.R_from_quat(q)[:2, :2] @ mounting + attitude
+        if (known := memory.known(round(t_s * 1e9), q)) is not None:
+            found += [(float(e), known.sigma_rad) for e in np.array(known.turn_ne_rad) - true]
+        told(memory, k, true + ground, t_s, q)
+    return found
+
+
+def test_what_is_known_is_as_good_as_it_claims() -> None:
+    errors = np.array([drawn(seed) for seed in range(40)])
+    late = errors[:, 200:]
+    assert 0.8 < np.sqrt((late[..., 0] ** 2 / late[..., 1] ** 2).mean()) < 1.1
+    assert np.degrees(np.sqrt((late[..., 0] ** 2).mean())) < 0.45  # of 1 degree when nothing is kept
+    assert (np.abs(late[..., 0]) > 4 * late[..., 1]).mean() < 1e-3
+
+
+def test_a_mounting_turns_with_the_vehicle_and_an_attitude_does_not() -> None:
+    memory, mounting = TiltMemory(STATED_RAD), np.radians([0.8, 0.0])
+    for k in range(1, 481):
+        q = heading(0.5 * k)
+        told(memory, k, se3.R_from_quat(q)[:2, :2] @ mounting, 0.5 * k, q)
+    ahead, after = memory.known(240 * 10**9, LEVEL), memory.known(240 * 10**9, se3.quat_from_euler(0.0, 0.0, math.pi))
+    assert ahead is not None
+    assert after is not None
+    assert np.degrees(ahead.turn_ne_rad) == pytest.approx([0.8, 0.0], abs=0.15)
+    assert np.degrees(after.turn_ne_rad) == pytest.approx([-0.8, 0.0], abs=0.15)
+
+
+def test_nothing_is_known_before_the_first_fix_and_the_attitudes_share_goes_by() -> None:
+    memory = TiltMemory(STATED_RAD)
+    assert memory.known(0, LEVEL) is None
+    for k in range(1, 200):
+        told(memory, k, np.radians([0.5, 0.5]), 0.5 * k)
+    now, later = memory.known(100 * 10**9, LEVEL), memory.known(300 * 10**9, LEVEL)
+    assert now is not None
+    assert later is not None
+    assert later.sigma_rad > now.sigma_rad
+    assert abs(later.turn_ne_rad[0]) < abs(now.turn_ne_rad[0])
+
+
+def test_ground_that_is_seen_again_and_again_counts_once() -> None:
+    hovering, once = TiltMemory(STATED_RAD), TiltMemory(STATED_RAD)
+    told(once, 1, np.radians([0.5, 0.0]), 1.0, v=STILL)
+    for k in range(1, 50):
+        told(hovering, k, np.radians([0.5, 0.0]), 1.0 + 1e-9 * k, v=STILL)
+    a, b = hovering.known(10**9, LEVEL), once.known(10**9, LEVEL)
+    assert a is not None
+    assert b is not None
+    assert a.sigma_rad == pytest.approx(b.sigma_rad, rel=1e-6)
+    assert a.turn_ne_rad == pytest.approx(b.turn_ne_rad, abs=1e-8)
+
+
+def test_a_first_fix_that_is_wrong_and_sure_does_not_last() -> None:
+    memory, wild = TiltMemory(STATED_RAD), np.radians([3.0, 0.0])
+    told(memory, 1, wild, 0.5)
+    for k in range(2, 42):
+        told(memory, k, np.zeros(2), 0.5 * k)
+    known = memory.known(21 * 10**9, LEVEL)
+    assert known is not None
+    assert abs(known.turn_ne_rad[0]) < known.sigma_rad
+
+
+def test_a_camera_that_was_knocked_is_learned_anew() -> None:
+    memory = TiltMemory(STATED_RAD)
+    for k in range(1, 100):
+        told(memory, k, np.zeros(2), 0.5 * k)
+    knocked = np.radians([5.0, 0.0])
+    for k in range(100, 100 + GATED_IN_A_ROW - 1):
+        told(memory, k, knocked, 0.5 * k)
+    kept = memory.known(60 * 10**9, LEVEL)
+    assert kept is not None
+    assert abs(kept.turn_ne_rad[0]) < math.radians(0.1)
+    told(memory, 200, knocked, 60.0)
+    assert memory.known(60 * 10**9, LEVEL) is None
+
+
+@pytest.mark.parametrize(
+    "change", [{"tilt": None}, {"probability_wrong": 0.2}, {"request_id": 99}], ids=["no tilt", "unsure", "not asked"]
+)
+def test_other_fixes_tell_nothing(change: dict[str, object]) -> None:
+    memory = TiltMemory(STATED_RAD)
+    memory.asked(1, LEVEL)
+    memory.taken(replace(fix_of(1, np.radians([0.5, 0.0]), 1.0), **change), FAST, HEIGHT_M)  # type: ignore[arg-type]
+    assert memory.known(10**9, LEVEL) is None
+
+
+def test_a_mounting_that_is_corrected_is_not_corrected_twice() -> None:
+    memory, turn = TiltMemory(STATED_RAD), np.radians([0.6, 0.0, 0.0])
+    for k in range(1, 200):
+        told(memory, k, turn[:2], 0.5 * k)
+    before = memory.known(100 * 10**9, LEVEL)
+    memory.remounted(turn)
+    after = memory.known(100 * 10**9, LEVEL)
+    assert before is not None
+    assert after is not None
+    assert before.turn_ne_rad[0] - after.turn_ne_rad[0] == pytest.approx(turn[0])

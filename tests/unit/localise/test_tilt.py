@@ -1,0 +1,100 @@
+"""What a frame tells of the tilt, apart from what was known of it before."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from visloc_companion.geo import se3
+from visloc_companion.geo.camera import R_FRD_CAM
+from visloc_companion.localise.claims import widening
+from visloc_companion.localise.dense import gradient_localiser
+from visloc_companion.localise.ortho_rectify import CameraPose
+from visloc_companion.localise.pose import PoseEstimate, PriorTerm, solve_pose
+from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.localise.tilt import beyond, seen_tilt, set_right
+from visloc_companion.types import CameraModel, Fix, FloatArray, GeoPoint, PosePrior, Quat, TiltPrior, TiltSeen
+
+K = np.array([[400.0, 0, 320], [0, 400.0, 240], [0, 0, 1]])
+LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
+TURN = (math.radians(0.7), math.radians(-0.4))
+MODEL = CameraModel(160, 120, 140.0, 140.0, 79.5, 59.5)
+
+
+def believed(sigma_deg: float) -> PosePrior:
+    cov = ((9.0, 0.0), (0.0, 9.0))
+    return PosePrior(GeoPoint(47.0, 8.0, 150.0), LEVEL, cov, 2.0, math.radians(3.0), math.radians(sigma_deg))
+
+
+def estimate(noise: FloatArray, sigma_deg: float) -> PoseEstimate:
+    """From points seen with this noise (40, 2) by a camera that is tilted by TURN against the prior's attitude."""
+    rng = np.random.default_rng(3)
+    points = np.column_stack([rng.uniform(-80, 80, (40, 2)), np.zeros(40)])
+    R = se3.R_from_quat(se3.quat_from_vector((*TURN, 0.0))) @ R_FRD_CAM
+    q = (points - np.array([0.0, 0.0, -150.0])) @ R
+    pix = q[:, :2] / q[:, 2:] * 400 + np.array([320, 240]) + noise
+    start = CameraPose(np.array([0.0, 0.0, -150.0]), R_FRD_CAM)
+    prior = PriorTerm(start.R_ned_cam, math.radians(sigma_deg), math.radians(3.0), 150.0, 2.0)
+    found = solve_pose(points, pix, np.full(40, 1.0), K, start, prior, 20)
+    assert found is not None
+    return found
+
+
+def test_what_the_blocks_tell_does_not_depend_on_the_prior() -> None:
+    noise = np.random.default_rng(5).normal(0, 1.0, (40, 2))
+    tight, loose = (seen_tilt(estimate(noise, s), believed(s)) for s in (0.3, 3.0))
+    assert tight is not None
+    assert loose is not None
+    assert tight.turn_ne_rad == pytest.approx(loose.turn_ne_rad, abs=math.radians(0.1))
+    assert np.array(tight.cov_rad2) == pytest.approx(np.array(loose.cov_rad2), rel=0.1, abs=1e-7)
+
+
+def test_the_tilt_is_as_far_off_as_it_claims() -> None:
+    rng, z = np.random.default_rng(6), []
+    for _ in range(150):
+        found = estimate(rng.normal(0, 1.0, (40, 2)), 1.0)
+        seen = seen_tilt(found, believed(1.0))
+        assert seen is not None
+        off = np.subtract(seen.turn_ne_rad, TURN) * widening(found)
+        z.append(float(off @ np.linalg.solve(np.array(seen.cov_rad2), off)))
+    assert np.mean(z) == pytest.approx(2.0, rel=0.25)
+
+
+def test_blocks_that_know_no_tilt_say_nothing_of_it() -> None:
+    found = replace(estimate(np.zeros((40, 2)), 1.0), covariance=np.diag([1.0, 1, 1, *[math.radians(1.0) ** 2] * 3]))
+    assert seen_tilt(found, believed(1.0)) is None
+
+
+def test_a_prior_is_set_right_by_what_is_known_of_its_tilt() -> None:
+    plain = believed(1.0)
+    assert set_right(plain) is plain
+    right = set_right(replace(plain, tilt=TiltPrior(TURN, 0.004)))
+    assert (right.sigma_tilt_rad, right.tilt) == (0.004, None)
+    assert right.q_ned_frd == pytest.approx(se3.quat_from_vector((*TURN, 0.0)))
+    seen = TiltSeen((0.001, 0.002), ((1e-5, 0.0), (0.0, 1e-5)))
+    assert beyond(seen, None) is seen
+    assert beyond(None, TiltPrior(TURN, 0.004)) is None
+    total = beyond(seen, TiltPrior(TURN, 0.004))
+    assert total is not None
+    assert total.turn_ne_rad == pytest.approx((TURN[0] + 0.001, TURN[1] + 0.002))
+
+
+def test_a_known_tilt_puts_the_fix_right_and_is_seen_again(flat, support):
+    truth = (5.0, 8.0, -240.0)
+    tilted = np.array([math.radians(1.5), math.radians(-1.0)])
+    frame = support.render(flat, MODEL, truth, (0.0, 0.0, 0.0))
+    request = support.request_at((0.0, 0.0, -240.0), (0.0, 0.0, 0.0))
+    wrong = se3.quat_from_vector((-float(tilted[0]), -float(tilted[1]), 0.0))
+    known = TiltPrior((float(tilted[0]), float(tilted[1])), math.radians(0.1))
+    localiser, found = gradient_localiser(MODEL, LocaliserSettings()), []
+    for tilt in (None, known):
+        answer = localiser.localise(replace(request, prior=replace(request.prior, q_ned_frd=wrong, tilt=tilt)), frame, flat)
+        assert isinstance(answer, Fix)
+        assert answer.tilt is not None
+        sigma = np.sqrt(np.diag(answer.tilt.cov_rad2))
+        assert (np.abs(np.subtract(answer.tilt.turn_ne_rad, tilted)) < 3 * sigma + math.radians(0.1)).all()
+        found.append(math.degrees(se3.angle_between(answer.q_ned_frd, LEVEL)))
+    assert found[1] < 0.1 < found[0]

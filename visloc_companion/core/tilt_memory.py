@@ -1,0 +1,113 @@
+"""What fixes tell of the camera's tilt, kept from frame to frame.
+
+A frame hardly tells a tilt from a step to the side, so that the tilt's prior decides most of a fix's error. How the camera is
+mounted stays as it is and the autopilot's attitude errs for seconds, so what earlier frames saw of both is worth more than to
+begin anew in each. A Kalman filter of four: mounting about the vehicle's forward and right axes, attitude about north and east.
+
+Neighbouring frames see the same trees grown and felled since the map was made, and take them for the same tilt: a fix counts by
+how far the vehicle has moved since the last one. No single one counts for much: where the ground has changed, a frame may see a
+tilt of degrees and be sure of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+
+import numpy as np
+
+from visloc_companion.geo import se3
+from visloc_companion.types import Fix, FloatArray, Quat, TiltPrior, Vec2
+
+MOUNTING, ATTITUDE, STATES = slice(0, 2), slice(2, 4), 4
+ATTITUDE_SIGMA_RAD, ATTITUDE_S = math.radians(0.4), 20.0
+"""Of the autopilot's tilt, Gauss-Markov: ArduCopter's simulator shows 0.1 degrees with GNSS and 0.2 to 0.4 on vision."""
+APART = 1.6
+"""Ground is other ground after so many times the height above it; nearer by, fixes err alike (benchmarks/lasting.py)."""
+FIRST_SHARE = 0.1
+"""What the first fix counts for."""
+CHANGED_RAD = math.radians(0.3)
+"""1-sigma of what changes of the ground add to a tilt that is seen; no frame knows of it."""
+ORDINARY_NIS = 3.0
+"""Of a fix that is further from what is known (2 is the mean), the covariance is raised by as much."""
+SURE = 0.05
+GATE_SIGMA, GATED_IN_A_ROW = 4.0, 8
+"""So many fixes in a row beyond the gate: the camera was knocked, and all begins anew."""
+REQUESTS_KEPT = 8
+
+
+class TiltMemory:
+    """`known` is for the next request's prior; `asked` and `taken` learn. `sigma_rad`: 1-sigma of mounting and attitude."""
+
+    def __init__(self, sigma_rad: float) -> None:
+        self._attitude_rad = min(ATTITUDE_SIGMA_RAD, sigma_rad / 2)
+        self._mounting_rad = math.sqrt(sigma_rad**2 - self._attitude_rad**2)
+        self._asked: OrderedDict[int, FloatArray] = OrderedDict()
+        self._begin()
+
+    def _begin(self) -> None:
+        self._x = np.zeros(STATES)
+        self._P = np.diag([self._mounting_rad**2] * 2 + [self._attitude_rad**2] * 2)
+        self._t_ns: int | None = None
+        self._gated = 0
+
+    def known(self, t_ns: int, q_ned_frd: Quat) -> TiltPrior | None:
+        """What is known of the tilt at a time, at an attitude of the vehicle; None before anything was learned."""
+        if self._t_ns is None:
+            return None
+        x, P = self._carried(t_ns)
+        H = _seen_of(se3.R_from_quat(q_ned_frd))
+        north, east = (H @ x).tolist()
+        return TiltPrior((north, east), math.sqrt(float(np.linalg.eigvalsh(H @ P @ H.T)[-1])))
+
+    def asked(self, request_id: int, q_ned_frd: Quat) -> None:
+        """Remember the attitude of the vehicle that a request's prior has."""
+        self._asked[request_id] = _seen_of(se3.R_from_quat(q_ned_frd))
+        if len(self._asked) > REQUESTS_KEPT:
+            self._asked.popitem(last=False)
+
+    def remounted(self, turn_rad: FloatArray) -> None:
+        """Requests have a mounting from now on that is turned by this much (3,) about the vehicle's axes."""
+        self._x[MOUNTING] -= turn_rad[:2]
+
+    def taken(self, fix: Fix, v_ne_mps: Vec2, height_m: float) -> None:
+        """Learn from a fix that the filter took, at a velocity and a height above the ground."""
+        H = self._asked.pop(fix.request_id, None)
+        if H is None or fix.tilt is None or fix.probability_wrong > SURE or height_m <= 0:
+            return
+        share = FIRST_SHARE
+        if self._t_ns is not None:
+            share = min(1.0, math.hypot(*v_ne_mps) * max(0.0, (fix.t_ns - self._t_ns) * 1e-9) / (APART * height_m))
+        x, P = self._carried(fix.t_ns)
+        cov, nu = np.array(fix.tilt.cov_rad2), np.array(fix.tilt.turn_ne_rad) - H @ x
+        S = H @ P @ H.T + cov
+        nis = float(nu @ np.linalg.solve(S, nu))
+        if nis > GATE_SIGMA**2:
+            self._gated += 1
+            if self._gated >= GATED_IN_A_ROW:
+                self._begin()
+            return
+        self._gated = 0
+        if share <= 0:
+            return
+        R = (cov + CHANGED_RAD**2 * np.eye(2)) * max(1.0, nis / ORDINARY_NIS) / share
+        gain = np.linalg.solve(S - cov + R, H @ P).T
+        left = np.eye(STATES) - gain @ H
+        self._x, self._P = x + gain @ nu, left @ P @ left.T + gain @ R @ gain.T
+        self._t_ns = fix.t_ns if self._t_ns is None else max(self._t_ns, fix.t_ns)
+
+    def _carried(self, t_ns: int) -> tuple[FloatArray, FloatArray]:
+        """Mean (4,) and covariance (4, 4) at a time."""
+        x, P = self._x.copy(), self._P.copy()
+        dt_s = 0.0 if self._t_ns is None else max(0.0, (t_ns - self._t_ns) * 1e-9)
+        keep = math.exp(-dt_s / ATTITUDE_S)
+        x[ATTITUDE] *= keep
+        P[ATTITUDE, :] *= keep
+        P[:, ATTITUDE] *= keep
+        P[ATTITUDE, ATTITUDE] += (1 - keep**2) * self._attitude_rad**2 * np.eye(2)
+        return x, P
+
+
+def _seen_of(R_ned_frd: FloatArray) -> FloatArray:
+    """(2, 4) rotation about north and east by mounting and attitude."""
+    return np.hstack([R_ned_frd[:2, :2], np.eye(2)])
