@@ -12,7 +12,7 @@ from visloc_companion.core.propagation import N_STATES, POSITION, VELOCITY, Driv
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Cov2, FloatArray, Vec2
 
-LASTING_SHARE, FIX_WEIGHT = 0.7, 0.2
+LASTING_SHARE, FIX_WEIGHT = 0.6, 0.2
 """Share of the variance that fixes claim which lasts for seconds (benchmarks/lasting.py), and the weight of the latest fix."""
 LONGEST_S, LEAST_M2 = 2.0, 1e-4
 

@@ -35,6 +35,7 @@ from visloc_companion.types import (
     Status,
     SwitchSource,
     Tick,
+    TiltSeen,
 )
 
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
@@ -72,6 +73,7 @@ class World:
     unused: Callable[[float, EkfSource], bool] = lambda t, source: False
     accel_bias_mps2: tuple[float, float] = (0.02, -0.02)
     map_error_m: tuple[float, float] = (0.4, -0.3)
+    tilt: TiltSeen | None = None
 
     def __post_init__(self) -> None:
         self.rng = np.random.default_rng(self.seed)
@@ -126,6 +128,7 @@ class World:
             cov = ((claimed, 0.0), (0.0, claimed))
             place, q = place_of(measured), request.prior.q_ned_frd
             answer = Fix(0, frame.t_ns, request.request_id, frame.frame_id, "test", place, q, cov, 2.0, 0.05, 0.002, 5.0)
+            answer = replace(answer, tilt=self.tilt)
         self.answers.append((self.t + self.latency_s, answer))
 
     def start(self) -> None:

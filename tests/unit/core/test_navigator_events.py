@@ -33,6 +33,7 @@ from visloc_companion.types import (
     RequestMessage,
     Status,
     Tick,
+    TiltSeen,
     TimesyncSample,
     Verdict,
     Vote,
@@ -204,6 +205,17 @@ def test_frames_are_asked_newest_first_from_the_filters_state(world: type[World]
     assert request.prior.q_ned_frd == pytest.approx(se3.quat_from_euler(0.0, 0.3, 0.0))
     assert request.prior.sigma_tilt_rad == settings.mount_sigma_rad
     assert [r.request_id for _, r, _ in w.requests] == list(range(1, len(w.requests) + 1))
+
+
+def test_requests_carry_what_fixes_told_of_the_tilt_beside_the_autopilots_attitude(world: type[World]) -> None:
+    seen = TiltSeen((math.radians(0.8), 0.0), ((1e-5, 0.0), (0.0, 1e-5)))
+    w = started(world, tilt=seen).fly(60)
+    first, last = w.requests[0][1].prior, w.requests[-1][1].prior
+    assert first.tilt is None
+    assert last.tilt is not None
+    assert last.tilt.turn_ne_rad == pytest.approx(seen.turn_ne_rad, abs=math.radians(0.1))
+    assert last.tilt.sigma_rad < last.sigma_tilt_rad
+    assert last.q_ned_frd == pytest.approx(first.q_ned_frd)
 
 
 def test_a_frame_with_the_autopilots_time_is_converted(world: type[World]) -> None:
