@@ -75,9 +75,11 @@ def covered(case: CloudCase) -> float:
     """
     if case.T_true is None:
         return 0.0
-    places = (_moved(case.T_true, case.source_m), case.reference_m)
-    side = 2 / np.sqrt(density_per_m2(case.reference_m))
-    cells = (np.floor(p[:, :2] / side).astype(np.int64) @ np.array([1 << 32, 1]) for p in places)
+    source, reference = _moved(case.T_true, case.source_m), case.reference_m
+    side = 2 / np.sqrt(density_per_m2(reference))
+    low, high = source[:, :2].min(0) - side, source[:, :2].max(0) + side
+    near = reference[((reference[:, :2] >= low) & (reference[:, :2] <= high)).all(1)]
+    cells = (np.floor(p[:, :2] / side).astype(np.int64) @ np.array([1 << 32, 1]) for p in (source, near))
     return float(np.isin(*cells).mean())
 
 

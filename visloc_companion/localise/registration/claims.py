@@ -1,6 +1,6 @@
 """What a registration claims of itself: the probability of being wrong, and a covariance that its errors keep to.
 
-Fitted by `python -m benchmarks.calibrate_clouds` on the places named there; scored on other places.
+Fitted by `python -m benchmarks.calibrate_clouds` on the places and worlds named there; scored on others.
 """
 
 from __future__ import annotations
@@ -16,14 +16,23 @@ from visloc_companion.localise.registration.evidence import Evidence
 from visloc_companion.localise.registration.refine import Refined
 from visloc_companion.types import FloatArray
 
-WEIGHTS = (-0.686, 59.8, -0.442)
+WEIGHTS = (2.67, 31.1, -0.445, -4.46, -3.74, -1.19)
 """On `regressors`: log-odds of being right. Fitted on answers of the search; they fit those of the other methods as well, since
 the evidence asks nothing of how a registration was found."""
 POWER = 1.5
 """Of the scores. Their squares are the log-likelihoods of independent cells; how many cells are independent falls with the score,
 as it does from a plantation to a lawn with a few trees."""
-MOST_CHI2 = 30.0
-"""Beyond this, farther from the prior is not likelier to be wrong."""
+LEAST_LEAD, LEAST_BLOCKS = 0.04, 0.45
+"""A place that leads by less, or at which less of the source agrees, is no likelier than another, whatever else speaks for it."""
+USUAL_RELIEF = (0.39, 1.28)
+"""Of the source's relief over the reference's, at 98 % of the right places that the claims were fitted on; beyond it a single
+thing in one of the two makes the correlation, or noise."""
+LEAST_RELIEF_M, LIKE_ENOUGH, MOST_UNLIKE = 0.01, 0.25, 2.0
+"""Less relief is none; a place farther out (log of the ratio) is not believed; still farther out is not likelier to be wrong."""
+MOST_CHI2, MOST_BOWL_M = 30.0, 1.5
+"""Beyond these, farther from the prior, or a cloud bent more, is not likelier to be wrong."""
+ROUGH = 0.5
+"""Differences of height beyond this share of the relief are doubt."""
 FLOOR_M = (0.05, 0.08)
 HEIGHT_SHARE = 0.22
 """Sigmas: the refinement's, a floor (horizontal, vertical), and of the height a share of the heights' deviation: crowns that are
@@ -33,14 +42,35 @@ FLAT_M, LOOSE_M, CLEAR_LEAD = 0.1, 1.5, 0.1
 
 
 def regressors(e: Evidence) -> tuple[float, ...]:
-    """What the log-odds are linear in: how much likelier the place is than its rival, and how far it is from the prior."""
-    return (1.0, max(e.score, 0.0) ** POWER - e.rival**POWER, min(e.prior_chi2, MOST_CHI2))
+    """What the log-odds are linear in: the lead, how far the place is from the prior, how unlike the reliefs are in size, how
+    much the cloud is bent to fit, and how rough the differences are beside the relief."""
+    rough = math.log(max(e.deviation_m, LEAST_RELIEF_M) / (ROUGH * max(e.relief_m, LEAST_RELIEF_M)))
+    return (1.0, lead(e), min(e.prior_chi2, MOST_CHI2), unlike(e), min(abs(e.bowl_m), MOST_BOWL_M), max(rough, 0.0))
+
+
+def lead(e: Evidence) -> float:
+    """How much likelier the place is than its rivals: the mean of all other places and those that were refined as it was."""
+    own, rival, refined = (math.pow(max(s, 0.0), POWER) for s in (e.score, e.rival, e.refined_rival))
+    return own - 0.5 * (rival + refined)
+
+
+def unlike(e: Evidence) -> float:
+    """Log of how far the ratio of the reliefs is out of what is usual, 0 within."""
+    ratio = max(e.source_relief_m, LEAST_RELIEF_M) / max(e.relief_m, LEAST_RELIEF_M)
+    low, high = USUAL_RELIEF
+    return min(max(math.log(low / ratio), math.log(ratio / high), 0.0), MOST_UNLIKE)
 
 
 def probability_wrong(e: Evidence) -> float:
     """Calibrated probability of being off by more than 5 m horizontally."""
     odds = float(np.dot(WEIGHTS, regressors(e)))
-    return 1 / (1 + math.exp(min(max(odds, -50), 50)))
+    return at_least(1 / (1 + math.exp(min(max(odds, -50), 50))), e)
+
+
+def at_least(wrong: float, e: Evidence) -> float:
+    """The probability, or at least a half where another place is as likely, little agrees, or the reliefs are too unlike."""
+    vague = lead(e) < LEAST_LEAD or e.blocks < LEAST_BLOCKS or unlike(e) > LIKE_ENOUGH
+    return max(wrong, 0.5) if vague else wrong
 
 
 def answer(refined: Refined, e: Evidence, prior: RegistrationPrior, max_probability_wrong: float) -> Registered | NotRegistered:

@@ -32,7 +32,8 @@ class Evidence:
     `deviation_m` of its height differences, `relief_m` of the reference's relief there; `bowl_m` that was taken out;
     `prior_chi2`: squared distance of place, height, heading and scale from the prior in sigmas; `handicap` (handicap.py) of that
     but the height, which a rival's score lacks as well;
-    `refined_rival` is `rival` but of refined places by their score after that, as this one's is."""
+    `refined_rival` is `rival` but of refined places by their score after that, as this one's is;
+    `source_relief_m` is `relief_m` of the source, on the same cells."""
 
     correlation: float
     overlap: float
@@ -45,6 +46,7 @@ class Evidence:
     prior_chi2: float
     handicap: float = 0.0
     refined_rival: float = 0.0
+    source_relief_m: float = 0.0
 
     @property
     def score(self) -> float:
@@ -58,13 +60,14 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Of the reliefs at a registration: `correlation`, `overlap`, share of `blocks` that agree, deviation of the reference's;
-    `handicap` of its distance from the prior."""
+    """Of the reliefs at a registration: `correlation`, `overlap`, share of `blocks` that agree, deviation of the reference's
+    (`relief_m`) and the source's; `handicap` of its distance from the prior."""
 
     correlation: float
     overlap: float
     blocks: float
     relief_m: float
+    source_relief_m: float
     handicap: float
 
     @property
@@ -77,14 +80,15 @@ def agreement(pair: Pair, source: SourceCells, relief: Surface, T: FloatArray, p
     """How well the source's relief agrees with the reference's after T."""
     on = met(source, relief, T)
     if len(on.at_m) < FEWEST_IN_BLOCK:
-        return Agreement(0.0, 0.0, 0.0, 0.0, 0.0)
+        return Agreement(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     a, b = source.relief_m[on.used], on.height_m
     off = (source.points_m[on.used, :2] - pair.centre_m[:2]) / (2 * pair.half_m) + 0.5
     block = np.clip((off * BLOCKS).astype(int), 0, BLOCKS - 1) @ np.array([BLOCKS, 1])
     each, deviation = _correlations(a, b, block)
     blocks = float(deviation @ (each > BLOCK_AGREES) / max(float(deviation.sum()), 1e-9))
     whole, _ = _correlations(a, b, np.zeros(len(a), np.int64))
-    return Agreement(float(whole[0]), float(on.used.mean()), blocks, float(b.std()), of_similarity(T, pair.centre_m, prior))
+    handicap = of_similarity(T, pair.centre_m, prior)
+    return Agreement(float(whole[0]), float(on.used.mean()), blocks, float(b.std()), float(a.std()), handicap)
 
 
 def evidence_of(
@@ -104,6 +108,7 @@ def evidence_of(
         prior_chi2(refined.T, pair.centre_m, prior),
         found.handicap,
         rivals[1],
+        found.source_relief_m,
     )
 
 

@@ -17,8 +17,9 @@ METHODS: dict[str, Callable[[float], RegistrationMethod]] = {
 }
 """Constructors of a largest `probability_wrong` that is still answered; the first is the default."""
 DEFAULT_METHOD = "height-search"
-DEFAULT_MAX_PROBABILITY_WRONG = 0.1
-"""On the places fitted on, each by weights of the others, this took every right answer on dense references and no wrong one."""
+DEFAULT_MAX_PROBABILITY_WRONG = 0.05
+"""On the places and worlds fitted on, each by weights of the others, this took every right answer of level normal on dense
+references and no wrong one; 0.1 took a wrong one."""
 
 
 def make_registration(method: str, max_probability_wrong: float = DEFAULT_MAX_PROBABILITY_WRONG) -> RegistrationMethod:

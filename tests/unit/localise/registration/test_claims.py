@@ -7,7 +7,16 @@ import pytest
 
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
-from visloc_companion.localise.registration.claims import WEIGHTS, answer, doubted, probability_wrong, regressors
+from visloc_companion.localise.registration.claims import (
+    LEAST_LEAD,
+    USUAL_RELIEF,
+    WEIGHTS,
+    answer,
+    doubted,
+    lead,
+    probability_wrong,
+    regressors,
+)
 from visloc_companion.localise.registration.evidence import Evidence
 from visloc_companion.localise.registration.refine import Refined
 
@@ -21,6 +30,8 @@ GOOD = Evidence(
     relief_m=3.0,
     bowl_m=0.1,
     prior_chi2=4.0,
+    refined_rival=0.3,
+    source_relief_m=2.5,
 )
 PRIOR = RegistrationPrior(20.0, 3.0, 0.05, 0.01, 0.012)
 REFINED = Refined(np.eye(4), 0.1, np.diag([1e-3, 2e-3, 1e-6, 1e-6]), np.diag([1e-4, 1e-6, 1e-6, 1e-3]), 0.3, 0.4)
@@ -31,12 +42,13 @@ def test_a_weight_for_every_regressor():
 
 
 def test_the_distance_from_the_prior_is_doubt_up_to_a_limit():
-    near, far, farther = (probability_wrong(replace(GOOD, rival=0.8, prior_chi2=c)) for c in (2.0, 30.0, 300.0))
+    doubtful = replace(GOOD, rival=0.8, refined_rival=0.75)
+    near, far, farther = (probability_wrong(replace(doubtful, prior_chi2=c)) for c in (2.0, 30.0, 300.0))
     assert near < far == farther
 
 
 def test_a_rival_nearly_as_good_is_doubt():
-    claims = [probability_wrong(replace(GOOD, rival=rival)) for rival in (0.2, 0.5, 0.8, 0.86)]
+    claims = [probability_wrong(replace(GOOD, rival=rival, refined_rival=rival)) for rival in (0.2, 0.5, 0.8, 0.86)]
     assert claims == sorted(claims)
     assert claims[0] < 0.02
     assert claims[-1] > 0.3
@@ -48,16 +60,66 @@ def test_what_is_the_opposite_of_the_map_is_no_evidence():
     )
 
 
+def test_a_rival_that_was_refined_is_more_doubt_than_one_that_was_not():
+    one, other = (replace(GOOD, rival=0.8, refined_rival=refined) for refined in (0.4, 0.8))
+    assert probability_wrong(one) < probability_wrong(other)
+
+
+def test_reliefs_of_unlike_size_are_doubt_beyond_what_is_usual():
+    ratios = (USUAL_RELIEF[0] + 0.01, 1.0, USUAL_RELIEF[1] - 0.01)
+    usual = [probability_wrong(replace(GOOD, source_relief_m=3.0 * ratio)) for ratio in ratios]
+    assert usual[0] == usual[1] == usual[2]
+    for beyond in ((0.35, 0.32), (1.4, 1.55)):
+        claims = [probability_wrong(replace(GOOD, source_relief_m=3.0 * ratio)) for ratio in beyond]
+        assert usual[0] < claims[0] < claims[1] < 0.5
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.28, 1.7])
+def test_reliefs_of_much_unlike_size_are_not_believed_however_far_the_place_leads(ratio):
+    leads = replace(GOOD, correlation=1.0, overlap=1.0, rival=0.0, refined_rival=0.0, source_relief_m=3.0 * ratio)
+    assert probability_wrong(leads) >= 0.5
+
+
+def test_a_level_field_on_a_single_thing_is_refused_however_well_they_correlate():
+    seen = replace(GOOD, correlation=0.75, rival=0.5, refined_rival=0.45, relief_m=0.67, source_relief_m=0.15)
+    assert probability_wrong(replace(seen, source_relief_m=0.5)) < 0.1
+    assert probability_wrong(seen) > 0.1
+
+
+def test_a_cloud_bent_to_fit_is_doubt_up_to_a_limit():
+    claims = [probability_wrong(replace(GOOD, bowl_m=bowl)) for bowl in (0.0, -0.5, 1.5, 9.0)]
+    assert claims[0] < claims[1] < claims[2] == claims[3]
+
+
+def test_differences_as_large_as_the_relief_are_doubt():
+    none, less, more = (probability_wrong(replace(GOOD, deviation_m=off)) for off in (0.1, 1.4, 3.0))
+    assert none == less < more
+
+
+def test_a_place_at_which_little_of_the_source_agrees_is_not_believed():
+    some, little = (probability_wrong(replace(GOOD, blocks=share)) for share in (0.5, 0.4))
+    assert some == probability_wrong(GOOD) < 0.01
+    assert little >= 0.5
+
+
+def test_a_place_without_a_lead_is_not_believed_whatever_else_speaks_for_it():
+    alike = replace(GOOD, correlation=0.95, overlap=1.0, rival=0.93, refined_rival=0.93, prior_chi2=0.0)
+    assert lead(alike) < LEAST_LEAD
+    assert probability_wrong(alike) >= 0.5
+
+
 def test_declines_with_the_reason_that_is_worst():
-    alike = answer(REFINED, replace(GOOD, rival=0.87), PRIOR, 0.05)
-    flat = answer(REFINED, replace(GOOD, correlation=0.1, rival=0.1, relief_m=0.02), PRIOR, 0.05)
+    alike = answer(REFINED, replace(GOOD, rival=0.87, refined_rival=0.87), PRIOR, 0.05)
+    flat = answer(REFINED, replace(GOOD, correlation=0.1, rival=0.1, refined_rival=0.1, relief_m=0.02), PRIOR, 0.05)
     assert isinstance(alike, NotRegistered)
     assert isinstance(flat, NotRegistered)
     assert (alike.reason, flat.reason) == (Reason.AMBIGUOUS, Reason.LOW_TEXTURE)
     assert dict(alike.evidence)["probability_wrong"] > 0.05
 
 
-@pytest.mark.parametrize("other", [{"rival": 0.87}, {"correlation": 0.1, "rival": 0.1, "relief_m": 0.02}])
+@pytest.mark.parametrize(
+    "other", [{"rival": 0.87, "refined_rival": 0.87}, {"correlation": 0.1, "rival": 0.1, "refined_rival": 0.1, "relief_m": 0.02}]
+)
 def test_what_was_answered_in_spite_of_doubt_has_the_refusal_that_it_would_have_been(other):
     evidence = replace(GOOD, **other)
     asked = answer(REFINED, evidence, PRIOR, 1.0)

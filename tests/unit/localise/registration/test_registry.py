@@ -1,12 +1,18 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from visloc_companion.errors import ConfigError
-from visloc_companion.localise.registration.registry import DEFAULT_METHOD, METHODS, make_registration
+from visloc_companion.localise.registration.registry import (
+    DEFAULT_MAX_PROBABILITY_WRONG,
+    DEFAULT_METHOD,
+    METHODS,
+    make_registration,
+)
 
 
 def test_the_default_is_the_first_name():
@@ -33,3 +39,8 @@ def test_gicp_refines_from_a_prior_that_is_near(scene):
     T = found.T_reference_source
     off = near @ T[:3, :3].T + T[:3, 3] - (near - [1.5, -1.0, 0.5])
     assert np.abs(off.mean(0)).max() < 0.3
+
+
+def test_the_limit_of_what_is_accepted_is_the_one_that_the_page_states():
+    page = (Path(__file__).resolve().parents[4] / "docs" / "structure.md").read_text(encoding="utf-8")
+    assert f"({DEFAULT_MAX_PROBABILITY_WRONG}, stated in the file)" in page

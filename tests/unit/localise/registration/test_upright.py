@@ -28,7 +28,7 @@ def place(yaw: float, score: float, shift=(0.0, 0.0, 0.0)) -> Settled:
     lever = np.array([0.0, -80.0, 1.0, 0.0])
     placed = 0.02**2 * np.outer(lever, lever) + np.diag([0.04, 0.04, 0.0, 1e-6])
     refined = Refined(T, 0.0, placed, np.eye(4), 0.1, 0.1)
-    return Settled(refined, Agreement(score, 1.0, 1.0, 1.0, 0.0), moved(T, CENTRE)[:2], 0.0)
+    return Settled(refined, Agreement(score, 1.0, 1.0, 1.0, 1.0, 0.0), moved(T, CENTRE)[:2], 0.0)
 
 
 class Fake:
