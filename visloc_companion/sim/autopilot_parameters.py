@@ -101,10 +101,12 @@ PREPARED: dict[AutopilotKind, dict[str, float]] = {
         "EKF2_AGP0_GATE": 3.0,
         "EKF2_DELAY_MAX": 200.0,
         "EKF2_NOAID_TOUT": 5000000,
+        "EKF2_TAU_POS": 0.1,
+        "EKF2_TAU_VEL": 0.1,
     },
 }
 """A vehicle prepared for external positions. What differs from the makers' defaults: VISO_TYPE, ARMING_CHECK, EK3_SRC2_*,
-EKF2_EV_CTRL, EKF2_HGT_REF (autopilot facts, sections 1.1 and 2.1)."""
+EKF2_EV_CTRL, EKF2_HGT_REF (autopilot facts, sections 1.1 and 2.1), and EKF2_TAU_*, on which nothing simulated here depends."""
 
 
 def prepared_parameters(kind: AutopilotKind, changes: Mapping[str, float]) -> dict[str, float]:

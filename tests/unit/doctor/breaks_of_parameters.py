@@ -81,6 +81,8 @@ PX4_RULES = [
     px4("px4-compass", "red", "EKF2_MAG_TYPE = 0", EKF2_MAG_TYPE=5),
     px4("px4-ev-offset", "amber", "EKF2_EV_POS_X = 0", EKF2_EV_POS_X=0.5),
     px4("px4-auxiliary-position", "amber", "EKF2_AGP0_CTRL = 0", EKF2_AGP0_CTRL=1),
+    px4("px4-output-position", "amber", "EKF2_TAU_POS = 0.1", EKF2_TAU_POS=0.25),
+    px4("px4-output-velocity", "amber", "EKF2_TAU_VEL = 0.1", EKF2_TAU_VEL=0.25),
     px4("px4-mavlink-mode", "red", "MAV_1_MODE = 2", MAV_1_MODE=0),
     px4("px4-mavlink-rate", "amber", "MAV_1_RATE = 0", MAV_1_RATE=1200),
     px4("px4-timesync-rate", "red", "MAV_n_MODE = 2", link(timesync_requests_hz=0.5)),

@@ -40,7 +40,9 @@ def test_makers_defaults_become_the_recommended_file() -> None:
     new = {"VISO_TYPE": 0.0, "VISO_POS_M_NSE": 0.2, "ARMING_CHECK": 1.0, "EK3_SRC2_POSXY": 0.0, "EK3_SRC2_YAW": 0.0}
     wanted = {"VISO_TYPE": 1.0, "VISO_POS_M_NSE": 0.5, "ARMING_CHECK": 786430.0, "EK3_SRC2_POSXY": 6.0, "EK3_SRC2_YAW": 1.0}
     assert changed(AP, **new) == wanted
-    assert changed(PX4, EKF2_EV_CTRL=0.0, EKF2_HGT_REF=1.0) == {"EKF2_EV_CTRL": 1.0, "EKF2_HGT_REF": 0.0}
+    new = {"EKF2_EV_CTRL": 0.0, "EKF2_HGT_REF": 1.0, "EKF2_TAU_POS": 0.25, "EKF2_TAU_VEL": 0.25}
+    wanted = {"EKF2_EV_CTRL": 1.0, "EKF2_HGT_REF": 0.0, "EKF2_TAU_POS": 0.1, "EKF2_TAU_VEL": 0.1}
+    assert changed(PX4, **new) == wanted
 
 
 def test_a_difference_shows_old_and_new() -> None:

@@ -15,13 +15,14 @@ from visloc_companion.doctor.rules import (
     model,
     position,
     px4_link,
+    px4_output,
     px4_vision,
     system,
 )
 
 THEMES: dict[str, tuple[Rule, ...]] = {
     "ArduPilot's parameters": (*ardupilot_vision.RULES, *ardupilot_ekf.RULES, *ardupilot_link.RULES),
-    "PX4's parameters": (*px4_vision.RULES, *px4_link.RULES),
+    "PX4's parameters": (*px4_vision.RULES, *px4_output.RULES, *px4_link.RULES),
     "Firmware": firmware.RULES,
     "Link and time": link.RULES,
     "Position": position.RULES,

@@ -83,6 +83,8 @@ def test_ardupilot_is_started_with_the_users_parameters(plane: bool, tmp_path: P
 def test_px4_is_started_with_the_users_parameters(tmp_path: Path) -> None:
     _, environment = make_pilot(Simulator.PX4).command(Path("/build/bin/px4"), tmp_path, 3.0)
     assert environment["PX4_PARAM_EKF2_EV_CTRL"] == "1"
+    assert environment["PX4_PARAM_EKF2_TAU_POS"] == "0.1"
+    assert environment["PX4_PARAM_EKF2_ACC_NOISE"] == "1.0"
     assert environment["PX4_SIM_SPEED_FACTOR"] == "3"
 
 
