@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from visloc_companion.core.output import stream_sigma_m
 from visloc_companion.types import FloatArray
 
 G_MPS2, STEP_S, SENSOR_HZ, EKF_S, SEND_S = 9.81, 0.05, 250.0, 0.01, 0.1
@@ -202,9 +203,8 @@ def main() -> None:
 
 
 def _claim_m(fixes: Fixes, sensors: Sensors) -> float:
-    """What positions claim at least (core/output.py, stream_sigma_m)."""
-    share = min(1.0, (0.05 / sensors.learned_mps2) ** 2)
-    return float(fixes.sigma_m * np.sqrt(share * fixes.every_s / SEND_S))
+    """What positions claim at least."""
+    return stream_sigma_m(fixes.sigma_m**2 * fixes.every_s, sensors.learned_mps2, 1 / SEND_S)
 
 
 if __name__ == "__main__":

@@ -89,8 +89,5 @@ class AttitudeBuffer:
 
 def turned(q_ned_frd: Quat, rate_frd_radps: Vec3, dt_s: float) -> Quat:
     """The attitude after turning with constant body rates."""
-    rate = math.sqrt(sum(r * r for r in rate_frd_radps))
-    half = rate * dt_s / 2
-    k = math.sin(half) / rate if rate > 1e-9 else dt_s / 2
     x, y, z = rate_frd_radps
-    return se3.quat_multiply(q_ned_frd, se3.normalised((math.cos(half), k * x, k * y, k * z)))
+    return se3.quat_multiply(q_ned_frd, se3.quat_from_vector((x * dt_s, y * dt_s, z * dt_s)))

@@ -10,10 +10,10 @@ ground that it looks at is where the picture puts it in either case, so that pla
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
 
 import numpy as np
 
+from visloc_companion.core.remembered import remember
 from visloc_companion.geo import se3
 from visloc_companion.types import Command, Fix, FloatArray, LocaliseRequest, Notice, Quat, Severity, Vec2, Vec3
 
@@ -34,7 +34,6 @@ USE_RAD = np.radians([0.6, 0.6, 1.2])
 FOLLOW_RAD = math.radians(0.2)
 LARGEST_RAD = math.radians(6.0)
 TELL_RAD = math.radians(3.0)
-REQUESTS_KEPT = 8
 
 
 class Boresight:
@@ -46,7 +45,7 @@ class Boresight:
         self._x = np.zeros(STATES)
         self._P = np.diag(FIRST_SIGMA**2)
         self._t_ns: int | None = None
-        self._asked: OrderedDict[int, tuple[Quat, FloatArray]] = OrderedDict()
+        self._asked: dict[int, tuple[Quat, FloatArray]] = {}
         self._told = False
         self.q_frd_cambody = q_frd_cambody
 
@@ -67,9 +66,7 @@ class Boresight:
 
     def on_request(self, request: LocaliseRequest) -> None:
         """Remember with which attitude a frame was asked about."""
-        self._asked[request.request_id] = request.prior.q_ned_frd, self._used
-        if len(self._asked) > REQUESTS_KEPT:
-            self._asked.popitem(last=False)
+        remember(self._asked, request.request_id, (request.prior.q_ned_frd, self._used))
 
     def on_fix(self, fix: Fix, gnss_minus_fix_m: Vec2, v_ned_mps: Vec3, height_m: float) -> list[Command]:
         """Take a fix while GNSS is trusted: what GNSS makes of its place, and velocity and height above ground at its time."""

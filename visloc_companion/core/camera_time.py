@@ -8,11 +8,12 @@ so. Frames with a time of their own stay as they are; if turns contradict it, th
 from __future__ import annotations
 
 import math
-from collections import OrderedDict, deque
+from collections import deque
 from dataclasses import replace
 
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.frame_clock import FrameClock
+from visloc_companion.core.remembered import remember
 from visloc_companion.core.time_offset import REACH_NS, Offset, TimeOffset
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.types import Command, Fix, FrameRef, Notice, Quat, Severity, Turn, Vec3
@@ -42,7 +43,7 @@ class CameraTime:
         self._by_arrival = False
         self._used: Offset | None = None
         self._frame_sigma_s = 0.0
-        self._stamps: OrderedDict[int, int] = OrderedDict()
+        self._stamps: dict[int, int] = {}
         self._waiting: deque[tuple[Turn, tuple[int, int]]] = deque(maxlen=TURNS_KEPT)
         self._told = self._asked_to_turn = False
         self._since_ns: int | None = None
@@ -72,9 +73,7 @@ class CameraTime:
             even = self._even.on_arrival(frame.t_ns, frame.frame_id)
             stamp_ns, self._frame_sigma_s = even.t_ns, even.sigma_s
             taken_ns = stamp_ns + (0 if self._used is None else round(self._used.offset_s * 1e9))
-        self._stamps[taken_ns] = stamp_ns
-        if len(self._stamps) > FRAMES_KEPT:
-            self._stamps.popitem(last=False)
+        remember(self._stamps, taken_ns, stamp_ns, FRAMES_KEPT)
         return frame if taken_ns == frame.t_ns else replace(frame, t_ns=taken_ns)
 
     def on_turn(self, turn: Turn | None, q_frd_cambody: Quat) -> list[Command]:

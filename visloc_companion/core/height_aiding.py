@@ -8,13 +8,13 @@ from collections import deque
 from dataclasses import dataclass
 
 from visloc_companion.core.height import HeightBelief, HeightFilter, HeightFix, news_of
+from visloc_companion.core.remembered import remember
 from visloc_companion.core.requests import UNKNOWN_HEIGHT_SIGMA_M, height_sigma_m
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Fix, LocaliseRequest, TerrainRequest
 
 HISTORY_NS = 10_000_000_000
 MAX_GAP_NS = 1_500_000_000
-REQUESTS = 8
 """Priors kept: one request is outstanding at a time."""
 LASTS_NS, LASTS_M = 500_000_000, 1.0
 """Without a new fix an answer stands for so long, and over so much of a climb: the barometer walks 0.07 m meanwhile."""
@@ -68,9 +68,7 @@ class HeightAiding:
 
     def asked(self, request: LocaliseRequest | TerrainRequest) -> None:
         """Remember which height the localiser was given."""
-        self._priors[request.request_id] = (request.prior.place.h_amsl_m, request.prior.sigma_h_m)
-        while len(self._priors) > REQUESTS:
-            del self._priors[next(iter(self._priors))]
+        remember(self._priors, request.request_id, (request.prior.place.h_amsl_m, request.prior.sigma_h_m))
 
     def taken(self, fix: Fix) -> None:
         """A fix that the navigator accepted."""

@@ -12,10 +12,10 @@ tilt of degrees and be sure of it.
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
 
 import numpy as np
 
+from visloc_companion.core.remembered import remember
 from visloc_companion.geo import se3
 from visloc_companion.types import Fix, FloatArray, Quat, TiltPrior, Vec2
 
@@ -33,7 +33,6 @@ ORDINARY_NIS = 3.0
 SURE = 0.05
 GATE_SIGMA, GATED_IN_A_ROW = 4.0, 8
 """So many fixes in a row beyond the gate: the camera was knocked, and all begins anew."""
-REQUESTS_KEPT = 8
 
 
 class TiltMemory:
@@ -42,7 +41,7 @@ class TiltMemory:
     def __init__(self, sigma_rad: float) -> None:
         self._attitude_rad = min(ATTITUDE_SIGMA_RAD, sigma_rad / 2)
         self._mounting_rad = math.sqrt(sigma_rad**2 - self._attitude_rad**2)
-        self._asked: OrderedDict[int, FloatArray] = OrderedDict()
+        self._asked: dict[int, FloatArray] = {}
         self._begin()
 
     def _begin(self) -> None:
@@ -62,9 +61,7 @@ class TiltMemory:
 
     def asked(self, request_id: int, q_ned_frd: Quat) -> None:
         """Remember the attitude of the vehicle that a request's prior has."""
-        self._asked[request_id] = _seen_of(se3.R_from_quat(q_ned_frd))
-        if len(self._asked) > REQUESTS_KEPT:
-            self._asked.popitem(last=False)
+        remember(self._asked, request_id, _seen_of(se3.R_from_quat(q_ned_frd)))
 
     def remounted(self, turn_rad: FloatArray) -> None:
         """Requests have a mounting from now on that is turned by this much (3,) about the vehicle's axes."""

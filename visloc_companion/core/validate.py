@@ -125,17 +125,21 @@ def is_place(place: GeoPoint) -> bool:
 
 def is_covariance(cov_m2: Cov2) -> bool:
     """Finite, symmetric, positive definite, between 1 mm and 100 km."""
-    (nn, ne), (en, ee) = cov_m2
-    if not _finite(nn, ne, en, ee) or abs(ne - en) > 1e-9 * (nn + ee):
-        return False
-    return min(nn, ee) >= 1e-6 and max(nn, ee) <= 1e10 and nn * ee - ne * en > 1e-9 * nn * ee
+    (nn, _), (_, ee) = cov_m2
+    return _is_positive_definite(cov_m2) and min(nn, ee) >= 1e-6 and max(nn, ee) <= 1e10
 
 
 def is_tilt(tilt: TiltSeen) -> bool:
     """Finite, and with a covariance that is symmetric and positive definite."""
-    (nn, ne), (en, ee) = tilt.cov_rad2
-    finite = _finite(*tilt.turn_ne_rad, nn, ne, en, ee)
-    return finite and abs(ne - en) <= 1e-9 * (nn + ee) and min(nn, ee) > 0 and nn * ee - ne * en > 1e-9 * nn * ee
+    return _finite(*tilt.turn_ne_rad) and _is_positive_definite(tilt.cov_rad2)
+
+
+def _is_positive_definite(cov: Cov2) -> bool:
+    """Finite and symmetric, too."""
+    (nn, ne), (en, ee) = cov
+    if not _finite(nn, ne, en, ee) or abs(ne - en) > 1e-9 * (nn + ee):
+        return False
+    return min(nn, ee) > 0 and nn * ee - ne * en > 1e-9 * nn * ee
 
 
 def is_turn(turn: Turn) -> bool:

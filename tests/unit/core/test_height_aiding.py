@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from visloc_companion.core.height_aiding import REQUESTS, HeightAiding
+from visloc_companion.core.height_aiding import HeightAiding
+from visloc_companion.core.remembered import REQUESTS_KEPT
 from visloc_companion.core.requests import UNKNOWN_HEIGHT_SIGMA_M
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Fix, FrameRef, GeoPoint, LocaliseRequest, PosePrior
@@ -74,9 +75,9 @@ def test_what_the_prior_knew_is_not_counted_again() -> None:
 
 def test_priors_of_old_requests_are_forgotten() -> None:
     aiding = climbing()
-    for k in range(3 * REQUESTS):
+    for k in range(3 * REQUESTS_KEPT):
         aiding.asked(request(k, 120.0, 1.5))
-    assert len(aiding._priors) == REQUESTS
+    assert len(aiding._priors) == REQUESTS_KEPT
 
 
 @pytest.mark.parametrize("t_s", [-5.0, 14.0])

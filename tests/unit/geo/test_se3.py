@@ -1,5 +1,6 @@
 import math
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,6 +13,7 @@ from visloc_companion.geo.se3 import (
     normalised,
     quat_from_euler,
     quat_from_R,
+    quat_from_vector,
     quat_inverse,
     quat_multiply,
     rotate,
@@ -103,6 +105,12 @@ def test_matrices_of_half_turns(axis, angle: float) -> None:
     unit = np.array(axis) / np.linalg.norm(axis)
     q = normalised((math.cos(angle / 2), *(float(c) for c in math.sin(angle / 2) * unit)))
     assert angle_between(quat_from_R(R_from_quat(q)), q) < 1e-7
+
+
+@pytest.mark.parametrize("vector", [(0.0, 0.0, 0.0), (1e-10, 0.0, 0.0), (0.02, -0.01, 0.3), (-2.0, 1.0, 0.5)])
+def test_a_vector_turns_about_itself_by_its_length(vector: tuple[float, float, float]) -> None:
+    q = quat_from_vector(vector)
+    assert R_from_quat(q) == pytest.approx(cv2.Rodrigues(np.array(vector))[0], abs=1e-12)
 
 
 @settings(max_examples=40, deadline=None)
