@@ -8,6 +8,8 @@ import numpy as np
 
 from visloc_companion.core.airspeed import Airspeed
 from visloc_companion.core.belief import Belief, seeded
+from visloc_companion.core.drag_aiding import MIN_HEIGHT_M, DragError, Forces, Second, holds
+from visloc_companion.core.drag_velocity import DragLearner
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
 from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
@@ -30,6 +32,8 @@ LEAST_ACCELERATION_SIGMA_MPS2 = 0.05
 SETTLED_BY = 20
 """An autopilot that never had a trusted GNSS takes seconds to find its velocity from what we send: so many fixes or intervals
 come before accelerations go on from it."""
+SEEN_NS, TEACHES_MPS = 2_500_000_000, 0.5
+"""Drag holds the velocity when nothing was recognised for so long; until then a velocity that is known as well teaches drag."""
 GNSS_BIAS_SIGMA_M = 3.0
 """1-sigma of the constant difference between GNSS and map, for the question whether GNSS can be true at all."""
 
@@ -44,6 +48,8 @@ class Tracker:
         self._velocity: Velocity | None = None
         self._odometry = OdometryAiding()
         self._inertial, self._velocity_boot_ns = InertialVelocity(), 0
+        self._forces, self._drag = Forces(), DragLearner()
+        self._drives_itself, self._seen_ns = False, 0
         self._taught_ns: list[int] = []
         self._velocity_known, self._n_taught = False, 0
         self.gnss = GnssTrack()
@@ -90,10 +96,12 @@ class Tracker:
         if last is not None and velocity.t_ns < last.t_ns + MIN_VELOCITY_INTERVAL_NS:
             return False
         self._velocity, self._velocity_boot_ns = velocity, t_boot_ns
+        self._forces.on_velocity(velocity.v_ned_mps, alone=alone)
         unknown, tau_s = self._settings.acceleration_sigma_mps2, self._settings.acceleration_correlation_s
         sigma_a = self._inertial.bias.sigma_mps2(unknown, LEAST_ACCELERATION_SIGMA_MPS2, tau_s)
         self._velocity_known |= not alone
         v_ne_mps = self._inertial.at(t_boot_ns) if alone and self._taught(velocity.t_ns, min(unknown, sigma_a)) else None
+        self._drives_itself = v_ne_mps is not None
         if v_ne_mps is None:
             self._inertial.anchor(t_boot_ns, velocity.v_ned_mps[:2], teaches=not alone)
         else:
@@ -112,6 +120,30 @@ class Tracker:
     def on_force(self, t_boot_ns: int, force_frd_mps2: Vec3, q_ned_frd: Quat) -> None:
         """Take what the accelerometers measured, with the attitude of that time."""
         self._inertial.on_force(t_boot_ns, force_frd_mps2, q_ned_frd)
+        height_m = self.height_above_home_m
+        if height_m is None or height_m < MIN_HEIGHT_M:
+            return
+        second = self._forces.on_force(t_boot_ns, force_frd_mps2, q_ned_frd)
+        if second is not None and self._velocity is not None:
+            self._felt(second, self._velocity.t_ns - self._velocity_boot_ns, t_boot_ns)
+
+    def _felt(self, second: Second, shell_minus_boot_ns: int, t_boot_ns: int) -> None:
+        """What a second of drag teaches where the velocity is known, or tells where it is not."""
+        middle_ns, t_ns = second.felt.t_boot_ns + shell_minus_boot_ns, t_boot_ns + shell_minus_boot_ns
+        if not second.alone:
+            self._drag.learn(second.felt, second.v_ned_mps, np.zeros((2, 2)))
+        elif t_ns - self._seen_ns <= SEEN_NS:
+            state = None if self._filter is None else self._filter.at(middle_ns)
+            cov = None if state is None or state.cov_v_ne_m2ps2 is None else np.array(state.cov_v_ne_m2ps2)
+            if state is not None and cov is not None and np.trace(cov) <= 2 * TEACHES_MPS**2:
+                self._drag.learn(second.felt, state.v_ned_mps, cov)
+        elif (told := self._drag.velocity(second.felt, second.v_ned_mps)) is not None:
+            if holds(told):
+                self._taught_by(t_ns)
+            v_ne_mps = self._inertial.at(told.t_boot_ns)
+            if self._filter is not None and v_ne_mps is not None and self._drives_itself:
+                off = (told.v_ne_mps[0] - v_ne_mps[0], told.v_ne_mps[1] - v_ne_mps[1])
+                self._filter.observe_drag(DragError(t_ns, off, told))
 
     def know_map(self, sigma_m: float) -> None:
         """Take another 1-sigma of the map's registration, on each axis."""
@@ -122,8 +154,8 @@ class Tracker:
             self._filter.know_map(sigma_m)
 
     def observe_airspeed(self, z: Airspeed) -> None:
-        """Take a velocity through the air."""
-        if self._filter is not None:
+        """Take a velocity through the air, of a plane."""
+        if self._filter is not None and not self._drag.known:
             self._filter.observe_airspeed(z)
 
     def forget_velocity(self) -> None:
@@ -131,6 +163,7 @@ class Tracker:
         self._velocity = None
         self._odometry = OdometryAiding()
         self._inertial.clear()
+        self._forces.clear()
 
     def stood(self, t_ns: int, stood_ns: int) -> None:
         """Our own clock stepped back; now that it has caught up, so much time went by that it did not count."""
@@ -147,6 +180,7 @@ class Tracker:
         start = seeded(max(t_ns, v.t_ns), (north, east), sigma_m, v.sigma_mps, v.drive, self._settings)
         self._inertial.anchor(self._velocity_boot_ns, v.v_ned_mps[:2])
         self._n_taught = 0
+        self._drag.filter_restarted()
         self._filter = PositionFilter(self._settings, self.origin, start, v)
         return True
 
@@ -179,9 +213,13 @@ class Tracker:
 
     def _teach(self, t_ns: int, outcome: Accepted | Rejected | TooOld) -> Accepted | Rejected | TooOld:
         if isinstance(outcome, Accepted):
-            self._taught_ns = sorted([*self._taught_ns, t_ns])[-TAUGHT_BY:]  # a late fix takes no place from later intervals
+            self._taught_by(t_ns)
             self._n_taught += 1
+            self._seen_ns = max(self._seen_ns, t_ns)
         return outcome
+
+    def _taught_by(self, t_ns: int) -> None:
+        self._taught_ns = sorted([*self._taught_ns, t_ns])[-TAUGHT_BY:]  # a late fix takes no place from later intervals
 
     def observe_odometry(self, odometry: Odometry) -> Motion | None:
         """Learn the velocity's error from what the camera saw of its own motion; the interval that it completes, if it does."""

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 import struct
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from visloc_companion.types import (
     EstimatorStatus,
     GeoPoint,
     Gnss,
+    Imu,
     LinkChanged,
     LocalPose,
     OriginChanged,
@@ -27,6 +29,7 @@ HEAD = b"\xa3\x95"
 CODES = {"B": "B", "Q": "Q", "c": "h", "C": "H", "L": "i", "e": "i", "f": "f", "I": "I", "H": "H", "i": "i", "E": "I", "Z": "64s"}
 MODERN = {
     "ATT": (1, "Qccc", "TimeUS,Roll,Pitch,Yaw"),
+    "IMU": (11, "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
     "GPS": (2, "QBBIHBcLLeffff", "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw"),
     "POS": (3, "QLLfff", "TimeUS,Lat,Lng,Alt,RelHomeAlt,RelOriginAlt"),
     "XKF1": (4, "QBffffff", "TimeUS,C,VN,VE,VD,PN,PE,PD"),
@@ -39,6 +42,7 @@ MODERN = {
 }
 OLD = {
     "ATT": (1, "Iccc", "TimeMS,Roll,Pitch,Yaw"),
+    "IMU": (6, "Iffffff", "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
     "GPS": (2, "BIHBcLLeeEefI", "Status,TimeMS,Week,NSats,HDop,Lat,Lng,RelAlt,Alt,Spd,GCrs,VZ,T"),
     "NTUN": (3, "Iffff", "TimeMS,PosX,PosY,VelX,VelY"),
     "CTUN": (4, "Ifh", "TimeMS,Alt,CRt"),
@@ -177,3 +181,22 @@ def test_impossible_values_and_times_are_left_out(tmp_path: Path) -> None:
 def test_a_log_that_tells_nothing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"a\.bin: holds no ATT"):
         open_log(write(tmp_path / "a.bin", formats(MODERN) + message(MODERN, "BARO", 1, 2.0)))
+
+
+def test_accelerations_of_the_first_sensor_at_no_more_than_a_hundred_hertz(tmp_path: Path) -> None:
+    parts = [modern_flight(2)]
+    for k in range(40):  # 400 Hz
+        us = 1_200_000 + 2_500 * k
+        parts += [message(MODERN, "IMU", us, sensor, 0.0, 0.0, 0.0, 0.5 + sensor, -0.25, -9.8) for sensor in (0, 1)]
+    parts.append(message(MODERN, "IMU", 1_400_000, 0, 0.0, 0.0, 0.0, math.nan, 0.0, 0.0))
+    recording = open_log(write(tmp_path / "a.bin", b"".join(parts)))
+    forces = [event for _, event in recording.events if isinstance(event, Imu)]
+    assert [event.t_boot_ns for event in forces] == [1_200_000_000 + 10_000_000 * k for k in range(10)]
+    assert all(event.force_frd_mps2 == pytest.approx((0.5, -0.25, -9.8)) for event in forces)
+    assert recording.losses.dropped_messages == 1
+
+
+def test_accelerations_of_a_log_of_2014(tmp_path: Path) -> None:
+    data = formats(OLD) + message(OLD, "ATT", 1_000, 0, 0, 9000) + message(OLD, "IMU", 1_020, 0.0, 0.0, 0.0, 1.0, 2.0, -9.5)
+    (force,) = [event for _, event in open_log(write(tmp_path / "a.bin", data)).events if isinstance(event, Imu)]
+    assert force == Imu(1_020_000_000, 1_020_000_000, (1.0, 2.0, -9.5))

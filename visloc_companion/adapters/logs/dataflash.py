@@ -1,8 +1,9 @@
 """ArduPilot's on-board logs (.bin), those of 2014 as well as today's.
 
-ATT gives the attitude, GPS the receiver, ORGN the origin, POS with XKF1 (NKF1, EKF1) the autopilot's position and velocity, XKF4
-(NKF4, EKF4) its innovation ratios, RFND (since 4.0) distances, EV arming, MSG the version. Logs of before the EKF have NTUN
-(position and velocity over home, cm) and CTUN (height, climb) instead; home is then the first mission item or the first fix.
+ATT gives the attitude, IMU the accelerations, GPS the receiver, ORGN the origin, POS with XKF1 (NKF1, EKF1) the autopilot's
+position and velocity, XKF4 (NKF4, EKF4) its innovation ratios, RFND (since 4.0) distances, EV arming, MSG the version. Logs of
+before the EKF have NTUN (position and velocity over home, cm) and CTUN (height, climb) instead; home is then the first mission
+item or the first fix.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from visloc_companion.types import (
     Event,
     GeoPoint,
     Gnss,
+    Imu,
     LocalPose,
     OriginChanged,
     PriorPose,
@@ -41,9 +43,10 @@ from visloc_companion.types import (
 
 _KIND = AutopilotKind.ARDUPILOT
 _POSITIONS = ("POS", "ORGN", "XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4", "NTUN", "CTUN")
-_WANTED = frozenset(("ATT", "GPS", "RFND", "EV", "MSG", "CMD", *_POSITIONS))
+_WANTED = frozenset(("ATT", "IMU", "GPS", "RFND", "EV", "MSG", "CMD", *_POSITIONS))
 _EV_ARMED, _EV_DISARMED = (10, 15), (11,)
 _DOWN, _GOOD = 25, 4
+_IMU_EVERY_NS = 10 * NS_PER_MS
 """MAV_SENSOR_ROTATION_PITCH_270, and RangeFinder::Status::Good."""
 _LEAP_NS, _MAX_STEP_NS = 2 * NS_PER_S, 3600 * NS_PER_S
 _GPS_EPOCH_UNIX_S = 315_964_800
@@ -70,6 +73,7 @@ class _Reader:
         self._t_ns = 0
         self._leap_ns: int | None = None
         self._last_attitude: Attitude | None = None
+        self._last_imu_ns: int | None = None
         self._v_ned_mps: Vec3 | None = None
         self._height: tuple[float, float] | None = None
         self._h_amsl_m: float | None = None
@@ -112,6 +116,15 @@ class _Reader:
         rates = rates_between(last.q_ned_frd, q, (t_ns - last.t_boot_ns) / NS_PER_S) if last else (0.0, 0.0, 0.0)
         self._last_attitude = Attitude(t_ns, t_ns, q, rates)
         return self._last_attitude
+
+    def _imu(self, fields: Fields) -> Event | None:
+        if fields.get("I", 0) != 0:
+            return None
+        t_ns = self._at(fields)
+        if self._last_imu_ns is not None and t_ns - self._last_imu_ns < _IMU_EVERY_NS:
+            return None
+        self._last_imu_ns = t_ns
+        return Imu(t_ns, t_ns, (_finite(fields["AccX"]), _finite(fields["AccY"]), _finite(fields["AccZ"])))
 
     def _gps(self, fields: Fields) -> Event | None:
         if fields.get("I", 0) != 0:
@@ -207,6 +220,7 @@ class _Reader:
 
 _HANDLERS = {
     "ATT": _Reader._att,
+    "IMU": _Reader._imu,
     "GPS": _Reader._gps,
     "ORGN": _Reader._orgn,
     "RFND": _Reader._rfnd,
