@@ -1,21 +1,21 @@
-"""A multicopter's drag, learned while GNSS is trusted, holds its velocity afterwards (model: rotor_drag.py).
+"""A multicopter's drag, learned while its velocity is known, tells the velocity afterwards (model: rotor_drag.py).
 
 An extended Kalman filter of drag factors, wind and the accelerometers' bias takes the mean force of each second beside the
-velocity of that second. Without a trusted GNSS the force of a second gives a velocity. What that gets wrong lasts (`error`: wind,
-factors, bias), but for gusts (`noise`, with how alike neighbouring residuals were): the position filter keeps the former as a
-state and is told how much other errors another course brings (`doubt`).
+velocity of that second. Later the force of a second tells a velocity. What that gets wrong lasts (wind, factors, bias), but for
+gusts, and is something else on another course: see AirVelocity.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from visloc_companion.core import kalman
+from visloc_companion.core.air_residuals import Residuals
+from visloc_companion.core.air_velocity import AirVelocity
 from visloc_companion.core.rotor_drag import BIAS, WIND, Felt, by_state, by_velocity, force_mps2, velocity_ne_mps
-from visloc_companion.types import FloatArray, Rejected, Vec2, Vec3
+from visloc_companion.types import FloatArray, Rejected, Vec3
 
 FACTORS_PER_S = (0.2, 0.45, 1.0)
 """Where k1 may begin; linearised about one that is far off, the filter takes drag for wind. The likeliest is kept."""
@@ -27,30 +27,12 @@ BIAS_WALK_MPS2_PER_SQRT_S = 0.01
 WALK_PER_SQRT_S: FloatArray = np.array([0.003, 0.0003, 0.1, 0.1, BIAS_WALK_MPS2_PER_SQRT_S, BIAS_WALK_MPS2_PER_SQRT_S])
 """Wind as in propagation.py; a copter of 2014 shows no more in minutes (tests/replay/test_rotor_drag.py)."""
 START_NOISE_MPS2, LEAST_NOISE_MPS2 = 0.3, 0.05
-MEMORY = 60
-"""Seconds that the running mean of the residuals' square reaches back over."""
-MOST_ALIKE = 0.8
 ENOUGH = 20
 """Seconds of flight before anything is said."""
 LEAST_FACTOR_PER_S, SURE_SIGMA = 0.08, 3.0
 """A plane's wings hold it up with no force along forward or right that would grow with its speed."""
 GATE_SIGMA, GATED_IN_A_ROW = 5.0, 10
 """So many seconds in a row beyond the gate: it is another vehicle now (a payload dropped), and all begins anew."""
-LONGEST_GAP_S = 2.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DragVelocity:
-    """Velocity (north, east) about a time, m/s. Its error that lasts has the covariance `error` (2, 2); since the sample before
-    it has `doubt` (2, 2) more, None where there was none since something was learned. `noise` (2, 2) is new in each. `turning`:
-    derivative by the heading error."""
-
-    t_boot_ns: int
-    v_ne_mps: Vec2
-    noise_m2ps2: FloatArray
-    error_m2ps2: FloatArray
-    doubt_m2ps2: FloatArray | None
-    turning: Vec2
 
 
 class DragLearner:
@@ -77,7 +59,7 @@ class DragLearner:
         if all(one.gated >= GATED_IN_A_ROW for one in self._among):
             self._among = [_Hypothesis(k1) for k1 in FACTORS_PER_S]
 
-    def velocity(self, felt: Felt, v_ned_mps: Vec3) -> DragVelocity | None:
+    def velocity(self, felt: Felt, v_ned_mps: Vec3) -> AirVelocity | None:
         """The velocity of a second, its part down taken for true; None where too little is known."""
         return self._best.velocity(felt, v_ned_mps)
 
@@ -95,57 +77,43 @@ class _Hypothesis:
         self._P = np.diag(START_SIGMA**2)
         self._P[0, 0] = (K1_SIGMA * k1_per_s) ** 2
         self.log_likelihood = 0.0
-        self._variance, self._alike = START_NOISE_MPS2**2, 0.0
-        self.n, self.gated = 0, 0
-        self._last: tuple[int, FloatArray] | None = None
+        self._residuals = Residuals(START_NOISE_MPS2, LEAST_NOISE_MPS2)
+        self.gated = 0
         self._J: tuple[int, FloatArray] | None = None
+
+    @property
+    def n(self) -> int:
+        """Seconds learned from."""
+        return self._residuals.n
 
     def filter_restarted(self) -> None:
         """The position filter knows nothing of lasting errors any more."""
         self._J = None
 
-    @property
-    def noise_mps2(self) -> float:
-        """1-sigma of a second's force beside what the model expects, as if neighbouring ones were independent."""
-        return math.sqrt(self._variance * (1 + self._alike) / (1 - self._alike))
-
     def learn(self, felt: Felt, v_ned_mps: Vec3, cov_ne_m2ps2: FloatArray) -> None:
         """Take the force of a second, and the velocity of that second with the covariance of its error (2, 2)."""
         self._J = None
-        since_s = 0.0 if self._last is None else max(0.0, (felt.t_boot_ns - self._last[0]) * 1e-9)
-        P = self._P + np.diag(WALK_PER_SQRT_S**2 * min(since_s, LONGEST_GAP_S))
+        P = self._P + np.diag(WALK_PER_SQRT_S**2 * self._residuals.since_s(felt.t_boot_ns))
         H = by_state(self._x, felt.axes_ned, v_ned_mps)
         residual = felt.force_mps2 - force_mps2(self._x, felt.axes_ned, v_ned_mps)
         slope = by_velocity(self._x, felt.axes_ned, v_ned_mps)
         of_velocity = slope @ cov_ne_m2ps2 @ slope.T
-        R = self.noise_mps2**2 * np.eye(2) + of_velocity
+        R = self._residuals.variance * np.eye(2) + of_velocity
         got = kalman.update(self._x, P, H @ self._x + residual, R, H, gate_sigma=GATE_SIGMA if self.n >= ENOUGH else math.inf)
         if isinstance(got, Rejected):
             self.gated += 1
             return
         self.gated = 0
         self.log_likelihood -= (got.nis + math.log(float(np.linalg.det(H @ P @ H.T + R)))) / 2
-        self._scatter(residual, float(np.trace(H @ P @ H.T + of_velocity)) / 2, felt.t_boot_ns, since_s)
+        self._residuals.take(felt.t_boot_ns, residual, float(np.trace(H @ P @ H.T + of_velocity)) / 2)
         self._x, self._P = got.x, got.P
-
-    def _scatter(self, residual: FloatArray, expected: float, t_boot_ns: int, since_s: float) -> None:
-        """The variance of residuals beyond what the state's own covariance explains, and how alike neighbours are."""
-        self.n += 1
-        share = max(1 / self.n, 1 / MEMORY)
-        beyond = max(float(residual @ residual) / 2 - expected, LEAST_NOISE_MPS2**2)
-        if self.n > 1:
-            self._variance += share * (beyond - self._variance)
-        if self._last is not None and since_s <= LONGEST_GAP_S:
-            alike = float(np.clip(residual @ self._last[1] / 2 / self._variance, -1.0, 1.0))
-            self._alike = float(np.clip(self._alike + share * (alike - self._alike), 0.0, MOST_ALIKE))
-        self._last = (t_boot_ns, residual)
 
     @property
     def known(self) -> bool:
         """Whether the vehicle is one whose drag is felt, as a multicopter's is."""
         return self.n >= ENOUGH and self._x[0] >= max(LEAST_FACTOR_PER_S, SURE_SIGMA * math.sqrt(self._P[0, 0]))
 
-    def velocity(self, felt: Felt, v_ned_mps: Vec3) -> DragVelocity | None:
+    def velocity(self, felt: Felt, v_ned_mps: Vec3) -> AirVelocity | None:
         """The velocity of a second, its part down taken for true; None where too little is known."""
         if not self.known:
             return None
@@ -161,10 +129,10 @@ class _Hypothesis:
             other, since_s = J - before[1], (felt.t_boot_ns - before[0]) * 1e-9
             doubt = other @ self._P @ other.T + BIAS_WALK_MPS2_PER_SQRT_S**2 * since_s * J[:, BIAS] @ J[:, BIAS].T
         wind_north, wind_east = self._x[WIND].tolist()
-        return DragVelocity(
+        return AirVelocity(
             felt.t_boot_ns,
             found,
-            self.noise_mps2**2 * by_force @ by_force.T,
+            self._residuals.variance * by_force @ by_force.T,
             J @ self._P @ J.T,
             doubt,
             (wind_east - found[1], found[0] - wind_north),

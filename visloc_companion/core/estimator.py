@@ -13,10 +13,9 @@ from typing import cast
 
 import numpy as np
 
-from visloc_companion.core import airspeed, drag_aiding, fusion, integrity, separation
-from visloc_companion.core.airspeed import Airspeed
+from visloc_companion.core import air_velocity, fusion, integrity, separation
+from visloc_companion.core.air_velocity import AirError
 from visloc_companion.core.belief import Belief, Position, blurred
-from visloc_companion.core.drag_aiding import DragError
 from visloc_companion.core.driving import Around, Velocity, height_at, velocity_at
 from visloc_companion.core.fusion import UNAIDED_GAP_S, UNAIDED_SIGMA_MPS
 from visloc_companion.core.motion import Motion, learned
@@ -27,7 +26,7 @@ from visloc_companion.types import Accepted, Cov2, Fix, GeoPoint, NavState, Reje
 
 HISTORY_S = 6.0
 
-Input = Velocity | Position | Motion | Airspeed | DragError
+Input = Velocity | Position | Motion | AirError
 Outcome = Accepted | Rejected | None
 
 
@@ -78,14 +77,8 @@ class PositionFilter:
             return TooOld((self.newest.t_ns - motion.t_from_ns) * 1e-9)
         return self._measured(motion)
 
-    def observe_airspeed(self, z: Airspeed) -> None:
-        """Take a velocity through the air; one that is older than the memory is dropped."""
-        if z.t_ns >= self._base.t_ns:
-            self._insert(z)
-            self._forget()
-
-    def observe_drag(self, z: DragError) -> None:
-        """Take what the drag tells of the driving velocity; what is older than the memory is dropped."""
+    def observe_air(self, z: AirError) -> None:
+        """Take what the air tells of the driving velocity; what is older than the memory is dropped."""
         if z.t_ns >= self._base.t_ns:
             self._insert(z)
             self._forget()
@@ -190,10 +183,8 @@ class PositionFilter:
             return fusion.with_velocity_trust(belief, entry.sigma_mps, entry.drive), None
         if isinstance(entry, Motion):
             return learned(belief, entry, self._travelled(belief, entry.t_from_ns), self._settings)
-        if isinstance(entry, Airspeed):
-            return airspeed.observed(belief, entry, velocity_at(entry.t_ns, around), self._settings)
-        if isinstance(entry, DragError):
-            return drag_aiding.observed(belief, entry, self._settings)
+        if isinstance(entry, AirError):
+            return air_velocity.observed(belief, entry, self._settings)
         return fusion.observed(belief, entry, self._settings)
 
     def _travelled(self, belief: Belief, t_from_ns: int) -> Vec2:
@@ -274,7 +265,7 @@ def _time(entry: Input) -> int:
 
 
 def _key(entry: Input) -> tuple[int, int, int]:
-    if isinstance(entry, Velocity | Airspeed | DragError):
+    if isinstance(entry, Velocity | AirError):
         return entry.t_ns, 0 if isinstance(entry, Velocity) else 1, 0
     return (entry.t_ns, 2, entry.t_from_ns) if isinstance(entry, Motion) else (entry.t_ns, 3, entry.tie)
 

@@ -1,9 +1,9 @@
 """How the filter's state goes on between measurements, for each velocity that can drive it.
 
 State (11,), pairs north and east: position at the EKF origin (m), error of the driving velocity (its value minus the true one,
-m/s), error of the acceleration that an inertial velocity is integrated from (m/s²), wind (where the air goes to, m/s); then the
-error of the heading by which those accelerations were turned (rad, clockwise), and what odometry gets wrong in scale (a share)
-and heading (rad).
+m/s), error of the acceleration that an inertial velocity is integrated from (m/s²), lasting error of the velocity that the air
+tells (wind, m/s: air_velocity.py); then the error of the heading by which those accelerations were turned (rad, clockwise), and
+what odometry gets wrong in scale (a share) and heading (rad).
 
 * `AUTOPILOT`, `FED_BACK`: the autopilot's velocity; its error is first-order Gauss-Markov.
 * `INERTIAL`: accelerations turned by the attitude and integrated (inertial.py). The error of that velocity is the integral of the
@@ -26,7 +26,7 @@ from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import FloatArray, Vec2
 
 N_STATES = 11
-POSITION, VELOCITY, ACCELERATION, WIND = slice(0, 2), slice(2, 4), slice(4, 6), slice(6, 8)
+POSITION, VELOCITY, ACCELERATION, AIR = slice(0, 2), slice(2, 4), slice(4, 6), slice(6, 8)
 HEADING, ODOMETRY_SCALE, ODOMETRY_HEADING = 8, 9, 10
 H_POSITION: FloatArray = np.eye(N_STATES)[POSITION]
 N_CONSIDERED = N_STATES - VELOCITY.start
@@ -36,8 +36,8 @@ WALK_M_PER_SQRT_S = 0.05
 INERTIAL_WALK_MPS_PER_SQRT_S = 0.12
 """Noise of the accelerometers, with what vibration aliases into samples of 50 Hz."""
 WIND_WALK_MPS_PER_SQRT_S = 0.1
-WIND_SIGMA_MPS = 10.0
-"""1-sigma of the wind before anything is known of it."""
+AIR_SIGMA_MPS = 10.0
+"""1-sigma of that velocity's error before anything is known of it."""
 ODOMETRY_SCALE_SIGMA, ODOMETRY_HEADING_SIGMA_RAD = 0.02, math.radians(1.0)
 SLOW = (
     (HEADING, math.radians(2.0), 100.0),
@@ -60,8 +60,8 @@ class Drive(Enum):
 
 
 def initial_covariance(position_m: float, velocity_mps: float, acceleration_mps2: float) -> FloatArray:
-    """(11, 11) where position and the errors of velocity and acceleration have these 1-sigmas, and the wind is unknown."""
-    pairs = np.repeat((position_m, velocity_mps, acceleration_mps2, WIND_SIGMA_MPS), 2)
+    """(11, 11) where position and the errors of velocity and acceleration have these 1-sigmas, and the air tells nothing yet."""
+    pairs = np.repeat((position_m, velocity_mps, acceleration_mps2, AIR_SIGMA_MPS), 2)
     return np.diag(np.square([*pairs, *(sigma for _, sigma, _ in SLOW)]))
 
 

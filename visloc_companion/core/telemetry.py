@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-from visloc_companion.core import airspeed
 from visloc_companion.core.asking import Asking
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.guard import Complaints
+from visloc_companion.core.pitot import LEAST_MPS, true_airspeed_mps
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.core.switching import SourceSwitch
@@ -29,7 +29,6 @@ from visloc_companion.types import (
     PriorPose,
     Range,
     Severity,
-    Vec2,
     Vec3,
 )
 
@@ -63,7 +62,6 @@ class Telemetry:
         self._vouching = Vouching()
         self._prior: PriorPose | None = None
         self._ground_down_m: float | None = None
-        self._air_ne_mps: Vec2 | None = None
 
     def attitude_fresh(self, now_ns: int) -> bool:
         """Whether an attitude arrived lately."""
@@ -140,16 +138,10 @@ class Telemetry:
     def on_baro(self, event: Baro) -> None:
         """Take the velocity through the air, along the heading, of a vehicle that measures one."""
         q_ned_frd = self._attitude.at(event.t_boot_ns)
-        speed_mps = airspeed.true_airspeed_mps(event.pressure_hpa, event.dynamic_hpa)
-        if q_ned_frd is None or speed_mps < airspeed.LEAST_MPS:
-            self._air_ne_mps = None
-            return
-        _, _, yaw = se3.euler_from_quat(q_ned_frd)
-        air, before = (speed_mps * math.cos(yaw), speed_mps * math.sin(yaw)), self._air_ne_mps
-        self._air_ne_mps = air
-        if before is not None:
-            t_ns = self.stamped_ns(event.t_rx_ns, event.t_boot_ns)
-            self._tracker.observe_airspeed(airspeed.Airspeed(t_ns, air, math.dist(air, before)))
+        speed_mps = true_airspeed_mps(event.pressure_hpa, event.dynamic_hpa)
+        if q_ned_frd is not None and speed_mps >= LEAST_MPS:
+            _, _, yaw = se3.euler_from_quat(q_ned_frd)
+            self._tracker.on_airspeed(event.t_boot_ns, (speed_mps * math.cos(yaw), speed_mps * math.sin(yaw)))
 
     def seed(self, now_ns: int, sigma_m: float) -> list[Command]:
         """Start the filter from the autopilot's position, once, while GNSS is trusted; or where the autopilot has a position that

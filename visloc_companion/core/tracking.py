@@ -6,22 +6,35 @@ from dataclasses import replace
 
 import numpy as np
 
-from visloc_companion.core.airspeed import Airspeed
+from visloc_companion.core.air_velocity import AirError, AirVelocity
 from visloc_companion.core.belief import Belief, seeded
-from visloc_companion.core.drag_aiding import MIN_HEIGHT_M, DragError, Forces, Second, holds
 from visloc_companion.core.drag_velocity import DragLearner
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
+from visloc_companion.core.forces import MIN_HEIGHT_M, Forces
 from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
 from visloc_companion.core.gnss_track import GnssTrack
 from visloc_companion.core.height_aiding import HeightAiding
 from visloc_companion.core.inertial import InertialVelocity
 from visloc_companion.core.motion import Motion
 from visloc_companion.core.odometry_aiding import OdometryAiding
+from visloc_companion.core.pitot import Airspeed, PitotLearner
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
-from visloc_companion.types import Accepted, Fix, GeoPoint, NavState, Odometry, Quat, Rejected, TooOld, Vec3
+from visloc_companion.types import (
+    Accepted,
+    Fix,
+    FloatArray,
+    GeoPoint,
+    NavState,
+    Odometry,
+    Quat,
+    Rejected,
+    TooOld,
+    Vec2,
+    Vec3,
+)
 
 MIN_VELOCITY_INTERVAL_NS = 5_000_000
 TAUGHT_BY, UNTAUGHT_LOSS = 2, 1.5
@@ -33,7 +46,7 @@ SETTLED_BY = 20
 """An autopilot that never had a trusted GNSS takes seconds to find its velocity from what we send: so many fixes or intervals
 come before accelerations go on from it."""
 SEEN_NS, TEACHES_MPS = 2_500_000_000, 0.5
-"""Drag holds the velocity when nothing was recognised for so long; until then a velocity that is known as well teaches drag."""
+"""The air tells the velocity when nothing was recognised for so long; until then a velocity that is known as well teaches it."""
 GNSS_BIAS_SIGMA_M = 3.0
 """1-sigma of the constant difference between GNSS and map, for the question whether GNSS can be true at all."""
 
@@ -48,8 +61,8 @@ class Tracker:
         self._velocity: Velocity | None = None
         self._odometry = OdometryAiding()
         self._inertial, self._velocity_boot_ns = InertialVelocity(), 0
-        self._forces, self._drag = Forces(), DragLearner()
-        self._drives_itself, self._seen_ns = False, 0
+        self._forces, self._drag, self._pitot = Forces(), DragLearner(), PitotLearner()
+        self._alone, self._drives_itself, self._seen_ns = False, False, 0
         self._taught_ns: list[int] = []
         self._velocity_known, self._n_taught = False, 0
         self.gnss = GnssTrack()
@@ -97,6 +110,7 @@ class Tracker:
             return False
         self._velocity, self._velocity_boot_ns = velocity, t_boot_ns
         self._forces.on_velocity(velocity.v_ned_mps, alone=alone)
+        self._alone = alone
         unknown, tau_s = self._settings.acceleration_sigma_mps2, self._settings.acceleration_correlation_s
         sigma_a = self._inertial.bias.sigma_mps2(unknown, LEAST_ACCELERATION_SIGMA_MPS2, tau_s)
         self._velocity_known |= not alone
@@ -124,26 +138,52 @@ class Tracker:
         if height_m is None or height_m < MIN_HEIGHT_M:
             return
         second = self._forces.on_force(t_boot_ns, force_frd_mps2, q_ned_frd)
-        if second is not None and self._velocity is not None:
-            self._felt(second, self._velocity.t_ns - self._velocity_boot_ns, t_boot_ns)
+        if second is None:
+            return
+        known = self._known(second.felt.t_boot_ns, second.v_ned_mps, alone=second.alone)
+        if known is not None:
+            self._drag.learn(second.felt, *known)
+        elif self._blind(t_boot_ns):
+            self._told(self._drag.velocity(second.felt, second.v_ned_mps), t_boot_ns)
 
-    def _felt(self, second: Second, shell_minus_boot_ns: int, t_boot_ns: int) -> None:
-        """What a second of drag teaches where the velocity is known, or tells where it is not."""
-        middle_ns, t_ns = second.felt.t_boot_ns + shell_minus_boot_ns, t_boot_ns + shell_minus_boot_ns
-        if not second.alone:
-            self._drag.learn(second.felt, second.v_ned_mps, np.zeros((2, 2)))
-        elif t_ns - self._seen_ns <= SEEN_NS:
-            state = None if self._filter is None else self._filter.at(middle_ns)
-            cov = None if state is None or state.cov_v_ne_m2ps2 is None else np.array(state.cov_v_ne_m2ps2)
-            if state is not None and cov is not None and np.trace(cov) <= 2 * TEACHES_MPS**2:
-                self._drag.learn(second.felt, state.v_ned_mps, cov)
-        elif (told := self._drag.velocity(second.felt, second.v_ned_mps)) is not None:
-            if holds(told):
-                self._taught_by(t_ns)
-            v_ne_mps = self._inertial.at(told.t_boot_ns)
-            if self._filter is not None and v_ne_mps is not None and self._drives_itself:
-                off = (told.v_ne_mps[0] - v_ne_mps[0], told.v_ne_mps[1] - v_ne_mps[1])
-                self._filter.observe_drag(DragError(t_ns, off, told))
+    def on_airspeed(self, t_boot_ns: int, v_ne_mps: Vec2) -> None:
+        """Take a velocity through the air, of a plane."""
+        if self._velocity is None or self._drag.known:
+            return
+        air = Airspeed(t_boot_ns, v_ne_mps)
+        known = self._known(t_boot_ns, self._velocity.v_ned_mps, alone=self._alone)
+        if known is not None:
+            self._pitot.learn(air, *known)
+        elif self._blind(t_boot_ns):
+            self._told(self._pitot.velocity(air), t_boot_ns)
+
+    def _shell_ns(self, t_boot_ns: int) -> int:
+        return t_boot_ns if self._velocity is None else t_boot_ns + self._velocity.t_ns - self._velocity_boot_ns
+
+    def _blind(self, t_boot_ns: int) -> bool:
+        """Whether nothing was recognised for a while."""
+        return self._shell_ns(t_boot_ns) - self._seen_ns > SEEN_NS
+
+    def _known(self, t_boot_ns: int, autopilots_ned_mps: Vec3, *, alone: bool) -> tuple[Vec3, FloatArray] | None:
+        """The velocity at a time and the covariance of its error (2, 2), where it is known well without what the air tells."""
+        if not alone:
+            return autopilots_ned_mps, np.zeros((2, 2))
+        if self._filter is None or self._blind(t_boot_ns):
+            return None
+        state = self._filter.at(self._shell_ns(t_boot_ns))
+        cov = np.array(state.cov_v_ne_m2ps2)
+        return (state.v_ned_mps, cov) if np.trace(cov) <= 2 * TEACHES_MPS**2 else None
+
+    def _told(self, told: AirVelocity | None, t_boot_ns: int) -> None:
+        """Take the velocity that the air tells."""
+        if told is None:
+            return
+        if told.holds:
+            self._taught_by(self._shell_ns(t_boot_ns))
+        v_ne_mps = self._inertial.at(told.t_boot_ns)
+        if self._filter is not None and v_ne_mps is not None and self._drives_itself:
+            off = (told.v_ne_mps[0] - v_ne_mps[0], told.v_ne_mps[1] - v_ne_mps[1])
+            self._filter.observe_air(AirError(self._shell_ns(t_boot_ns), off, told))
 
     def know_map(self, sigma_m: float) -> None:
         """Take another 1-sigma of the map's registration, on each axis."""
@@ -152,11 +192,6 @@ class Tracker:
         self._settings = replace(self._settings, map_sigma_m=sigma_m)
         if self._filter is not None:
             self._filter.know_map(sigma_m)
-
-    def observe_airspeed(self, z: Airspeed) -> None:
-        """Take a velocity through the air, of a plane."""
-        if self._filter is not None and not self._drag.known:
-            self._filter.observe_airspeed(z)
 
     def forget_velocity(self) -> None:
         """The autopilot restarted; its next velocity may bear any time."""
@@ -181,6 +216,7 @@ class Tracker:
         self._inertial.anchor(self._velocity_boot_ns, v.v_ned_mps[:2])
         self._n_taught = 0
         self._drag.filter_restarted()
+        self._pitot.filter_restarted()
         self._filter = PositionFilter(self._settings, self.origin, start, v)
         return True
 

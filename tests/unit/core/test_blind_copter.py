@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from visloc_companion.core.airspeed import Airspeed
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
@@ -57,7 +56,7 @@ def flown(k1: float, *, pitot: bool = False) -> tuple[Tracker, NavState]:
         if k == 0:
             tracker.seed(0, wgs84.geo_from_ned(position, ORIGIN), 2.0)
         if pitot and k % 10 == 0:
-            tracker.observe_airspeed(Airspeed(t_ns, (v_north + 5.0, v_east), 0.0))
+            tracker.on_airspeed(t_ns, (v_north + 5.0, v_east))
         if not blind and k % 50 == 0:
             tracker.observe_gnss(t_ns, wgs84.geo_from_ned(position, ORIGIN), 1.0)
         if LEARNS_S * 50 - 100 <= k < LEARNS_S * 50 and k % 25 == 0:

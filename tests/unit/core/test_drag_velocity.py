@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visloc_companion.core.drag_velocity import CHOSEN_AFTER, ENOUGH, GATED_IN_A_ROW, DragLearner, DragVelocity
+from visloc_companion.core.air_velocity import AirVelocity
+from visloc_companion.core.drag_velocity import CHOSEN_AFTER, ENOUGH, GATED_IN_A_ROW, DragLearner
 from visloc_companion.core.rotor_drag import Felt, force_mps2
 from visloc_companion.geo import se3
 from visloc_companion.types import FloatArray, Vec3
@@ -29,7 +30,7 @@ def taught(learner: DragLearner, seconds: range, rng: np.random.Generator, state
         learner.learn(*second(t, HEADINGS[t // 15 % 4], speed, state, 0.1 * rng.standard_normal(2)), EXACT)
 
 
-def told(learner: DragLearner, t_s: int, yaw: float, speed: float = 10.0, state: FloatArray = TRUE) -> DragVelocity:
+def told(learner: DragLearner, t_s: int, yaw: float, speed: float = 10.0, state: FloatArray = TRUE) -> AirVelocity:
     found = learner.velocity(*second(t_s, yaw, speed, state))
     assert found is not None
     return found

@@ -26,6 +26,8 @@ PX4_PLANE_MPS = 15.0
 RENDERED_M = 120.0
 """From 60 m up the procedural world, 0.5 m a pixel, is recognised at 4 of 18 places of the circuit, from here at 15."""
 FAULT_S = 60.0
+BLIND_LIMIT_M = 25.0
+"""Of a minute on accelerations and what the air tells of the velocity."""
 BRAKES = tuple(Brake(float(at_s)) for at_s in range(18, 360, 46))
 ORACLE = OracleSettings()
 Change = Callable[[RealScenario], RealScenario]
@@ -45,6 +47,7 @@ NAMES = {
     "jitter": "Answers take 0 to 500 ms.",
     "jump": "Fixes are 20 m off from 100 s to 150 s.",
     "outages": "Nothing is recognised for 2 s (at 100 s) and for 6 s (at 140 s).",
+    "blind_minute": "Nothing is recognised from 120 s to 180 s: neither fixes nor odometry.",
     "no_gnss_at_boot": "There is never any GNSS: origin from the ground station, take-off by hand.",
     "claims_too_little": "Fixes with a sigma of 1 m claim 0.2 m.",
     "claims_nothing": "Fixes with a sigma of 1 m claim a covariance of zero.",
@@ -87,6 +90,7 @@ _SHORT: dict[str, Change] = {
     "jitter": _with_fixes(latency_s=0.0, jitter_s=0.5),
     "jump": _with_fixes(moved=((100.0, 150.0, 0.0, 20.0),)),
     "outages": _with_fixes(blind=((100.0, 102.0), (140.0, 146.0))),
+    "blind_minute": lambda short: replace(short, oracle=replace(ORACLE, blind=((120.0, 180.0),)), p95_limit_m=BLIND_LIMIT_M),
     "no_gnss_at_boot": _without_gnss,
     "claims_too_little": _with_fixes(sigma_m=1.0, claimed_sigma_m=0.2),
     "claims_nothing": _with_fixes(sigma_m=1.0, claimed_sigma_m=0.0),

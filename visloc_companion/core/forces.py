@@ -1,7 +1,4 @@
-"""The velocity that a multicopter's drag tells, second by second, beside the velocity that drives the position filter.
-
-What it gets wrong for long takes the place of the wind among the filter's states, which a plane's velocity through the air has.
-"""
+"""The forces of a second, and the autopilot's velocities of that second (for drag_velocity.py)."""
 
 from __future__ import annotations
 
@@ -10,25 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from visloc_companion.core.airspeed import H_AIR
-from visloc_companion.core.belief import Belief, renewed, widened_by
-from visloc_companion.core.drag_velocity import DragVelocity
-from visloc_companion.core.fusion import taken
-from visloc_companion.core.propagation import HEADING, N_STATES, WIND, Drive
 from visloc_companion.core.rotor_drag import Felt
-from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import se3
-from visloc_companion.types import Accepted, Quat, Rejected, Vec2, Vec3
+from visloc_companion.types import Quat, Vec3
 
 WINDOW_NS = 1_000_000_000
 MAX_GAP_NS = 150_000_000
 MAX_TURN_COS = math.cos(math.radians(20.0) / 2)
-"""Of half the angle: where the attitude turns further within a window its mean force has no axis."""
+"""Of half the angle: where the attitude turns further within a second its mean force has no axis."""
 MIN_HEIGHT_M = 3.0
 """On the ground an accelerometer feels what the vehicle stands on."""
-LEAST_M2PS2 = 1e-4
-HOLDS_MPS = 1.5
-"""A velocity known as well as that (1-sigma) holds the velocity that is integrated from accelerations."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,28 +26,6 @@ class Second:
     felt: Felt
     v_ned_mps: Vec3
     alone: bool
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DragError:
-    """The velocity that drag tells at a time, less the driving one (2,), m/s."""
-
-    t_ns: int
-    off_ne_mps: Vec2
-    told: DragVelocity
-
-
-def observed(belief: Belief, z: DragError, settings: NavigatorSettings) -> tuple[Belief, Accepted | Rejected]:
-    """The belief after a sample. Beside any velocity but one that is integrated from accelerations it says nothing."""
-    if belief.drive is not Drive.INERTIAL:
-        return belief, Accepted(0.0)
-    told = z.told
-    if told.doubt_m2ps2 is None:
-        belief = renewed(belief, WIND, LEAST_M2PS2)
-    more, H = np.zeros((N_STATES, N_STATES)), H_AIR.copy()
-    more[WIND, WIND] = told.error_m2ps2 if told.doubt_m2ps2 is None else told.doubt_m2ps2
-    H[:, HEADING] = told.turning
-    return taken(widened_by(belief, more), np.array(z.off_ne_mps), told.noise_m2ps2, H, settings.gate_sigma)
 
 
 class Forces:
@@ -108,8 +74,3 @@ class Forces:
         felt = Felt(middle_ns, np.array(self._sum) / self._n, se3.R_from_quat(self._q_mid)[:, :2].T)
         north, east, down = (v / self._n_v for v in self._v_sum)
         return Second(felt, (north, east, down), self._alone)
-
-
-def holds(found: DragVelocity) -> bool:
-    """Whether a velocity by drag is known well enough to hold one that is integrated from accelerations."""
-    return float(np.linalg.eigvalsh(found.error_m2ps2)[-1]) <= HOLDS_MPS**2

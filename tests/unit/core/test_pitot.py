@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from visloc_companion.core.air_velocity import AirVelocity
+from visloc_companion.core.pitot import ENOUGH, Airspeed, PitotLearner, true_airspeed_mps
+
+S = 1_000_000_000
+EXACT = np.zeros((2, 2))
+SCALE, WIND, SPEED = 1.1, np.array([3.0, -6.0]), 20.0
+COURSES = (0.0, 1.6, 3.1, -1.5)
+
+
+def measured(t_s: int, heading: float, rng: np.random.Generator) -> tuple[Airspeed, tuple[float, float, float]]:
+    """A tube that reads a tenth too little."""
+    along = np.array([math.cos(heading), math.sin(heading)])
+    north, east = ((SPEED / SCALE) * along + 0.3 * rng.standard_normal(2)).tolist()
+    v_north, v_east = (SPEED * along + WIND).tolist()
+    return Airspeed(t_s * S, (north, east)), (v_north, v_east, 0.0)
+
+
+def taught(courses: tuple[float, ...], seconds: int = 120, seed: int = 1) -> PitotLearner:
+    learner, rng = PitotLearner(), np.random.default_rng(seed)
+    for t in range(seconds):
+        learner.learn(*measured(t, courses[t // 30 % len(courses)], rng), EXACT)
+    return learner
+
+
+def told(learner: PitotLearner, t_s: int, heading: float) -> tuple[AirVelocity, float]:
+    """What it tells, and how far that is off."""
+    air, (v_north, v_east, _) = measured(t_s, heading, np.random.default_rng(t_s))
+    found = learner.velocity(air)
+    assert found is not None
+    return found, math.hypot(found.v_ne_mps[0] - v_north, found.v_ne_mps[1] - v_east)
+
+
+def test_scale_and_wind_are_told_apart_by_turning() -> None:
+    found, off_mps = told(taught(COURSES), 130, 0.7)
+    assert off_mps < 1.0
+    assert math.sqrt(np.trace(found.error_m2ps2) / 2) < 0.6
+    assert found.holds
+
+
+def test_one_course_tells_the_velocity_on_that_course_alone() -> None:
+    learner = taught((0.0,))
+    same, off_mps = told(learner, 121, 0.0)
+    assert off_mps < 1.0
+    assert same.holds
+    turned, off_mps = told(learner, 122, math.pi)
+    assert off_mps > 2.0
+    assert not turned.holds
+    assert turned.doubt_m2ps2 is not None
+    assert off_mps**2 < 9 * np.trace(turned.doubt_m2ps2)
+
+
+def test_doubt_begins_anew_with_the_filter() -> None:
+    learner = taught(COURSES)
+    assert told(learner, 121, 0.0)[0].doubt_m2ps2 is None
+    assert told(learner, 122, 0.0)[0].doubt_m2ps2 is not None
+    learner.filter_restarted()
+    assert told(learner, 123, 0.0)[0].doubt_m2ps2 is None
+
+
+def test_says_nothing_before_it_has_learned() -> None:
+    learner = taught(COURSES, ENOUGH - 1)
+    assert learner.velocity(Airspeed(ENOUGH * S, (20.0, 0.0))) is None
+
+
+def test_a_reading_beyond_all_others_is_not_learned() -> None:
+    learner = taught(COURSES)
+    before, _ = told(learner, 121, 0.3)
+    learner.learn(Airspeed(122 * S, (60.0, 0.0)), (23.0, -6.0, 0.0), EXACT)
+    after, _ = told(learner, 121, 0.3)
+    assert after.v_ne_mps == before.v_ne_mps
+
+
+def test_true_airspeed_of_the_standard_atmosphere() -> None:
+    density = 1.225
+    assert true_airspeed_mps(1013.25, density * 25**2 / 200) == pytest.approx(25.0, rel=1e-3)
+    assert true_airspeed_mps(898.76, 1.1117 * 25**2 / 200) == pytest.approx(25.0, rel=1e-3)
+    assert true_airspeed_mps(1013.25, -0.2) == 0.0
+    assert true_airspeed_mps(0.0, 1.0) == 0.0
+    assert np.isfinite(true_airspeed_mps(1.0, 1000.0))
