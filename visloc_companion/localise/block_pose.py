@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from visloc_companion.localise.blocks import BlockMatches, correspondences, match_blocks
+from visloc_companion.localise.blocks import BlockMatches, block_side_px, correspondences, match_blocks
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.frame_features import FrameFeatures
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, freed_of_slope, solve_pose, widened
+from visloc_companion.localise.surface_error import height_covariance
 from visloc_companion.types import FloatArray
 
 
@@ -37,13 +38,16 @@ def block_pose(
     sigma_slope_rad: float = 0.0,
     rounds: int = 1,
 ) -> BlockPose:
-    """Match and solve at most so many times, each about the last pose; the round in which most blocks agreed is kept."""
-    wide = widened(prior, sigma_slope_rad)
-    kept = last = _matched(frame, K, grid, start, wide)
+    """Match and solve at most so many times, each about the last pose; the round in which most blocks agreed is kept.
+
+    Where the slope is open there is no surface model, and none that could err.
+    """
+    wide, with_surface = widened(prior, sigma_slope_rad), sigma_slope_rad <= 0
+    kept = last = _matched(frame, K, grid, start, wide, with_surface)
     for _ in range(rounds - 1):
         if last.estimate is None:
             break
-        last = _matched(frame, K, grid, last.estimate.pose, wide)
+        last = _matched(frame, K, grid, last.estimate.pose, wide, with_surface)
         if last.estimate is not None and last.blocks.agrees.sum() > kept.blocks.agrees.sum():
             kept = last
     if kept.estimate is None:
@@ -52,9 +56,13 @@ def block_pose(
     return replace(kept, estimate=freed_of_slope(kept.estimate, prior, sigma_slope_rad, ground_up_m))
 
 
-def _matched(frame: FrameFeatures, K: FloatArray, grid: MapGrid, pose: CameraPose, prior: PriorTerm) -> BlockPose:
+def _matched(
+    frame: FrameFeatures, K: FloatArray, grid: MapGrid, pose: CameraPose, prior: PriorTerm, with_surface: bool
+) -> BlockPose:
     values, mask = frame.on_surface(pose, grid)
     weight = mask * grid.weight
     blocks = match_blocks(grid, values, weight)
     ground, pix, sigma_px = correspondences(blocks, grid, K, pose)
-    return BlockPose(pose, values, weight, blocks, solve_pose(ground, pix, sigma_px, K, pose, prior))
+    at_px = blocks.centre_px + blocks.shift_px
+    heights_m2 = height_covariance(grid, at_px, block_side_px(weight)) if with_surface else None
+    return BlockPose(pose, values, weight, blocks, solve_pose(ground, pix, sigma_px, K, pose, prior, heights_m2=heights_m2))

@@ -28,10 +28,14 @@ class BlockMatches:
     agrees: FloatArray
 
 
+def block_side_px(weight: Float32Array) -> int:
+    """Side of the blocks of a frame that shows this much (H, W) of a window."""
+    return int(np.clip(round(np.sqrt(float(weight.sum())) / 6), 14, 40))
+
+
 def match_blocks(grid: MapGrid, frame: Float32Array, weight: Float32Array) -> BlockMatches:
     """Match blocks of the rectified frame's features (H, W, C) within ±REACH_PX of where the pose puts them."""
-    area = float(weight.sum())
-    side = int(np.clip(round(np.sqrt(area) / 6), 14, 40))
+    side = block_side_px(weight)
     rows, cols = np.flatnonzero(weight.any(1)), np.flatnonzero(weight.any(0))
     if not len(rows) or rows[-1] - rows[0] < side or cols[-1] - cols[0] < side:
         empty = np.zeros((0, 2))

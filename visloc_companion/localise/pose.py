@@ -122,32 +122,56 @@ def solve_pose(
     start: CameraPose,
     prior: PriorTerm,
     iterations: int = 8,
+    heights_m2: FloatArray | None = None,
 ) -> PoseEstimate | None:
     """Pose from (N, 3) ground points and (N, 2) undistorted pixels of a pinhole camera, or None where it is undetermined.
 
-    The covariance is scaled by the residuals' robust scatter where that is larger than what the sigmas claim.
+    The covariance is scaled by the residuals' robust scatter where that is larger than what the sigmas claim. The points' heights
+    may err with a covariance `heights_m2` (N, N); what that leaves open of the pose is in its covariance, unscaled.
     """
     pose, weights, scatter = start, np.ones(len(pix)), 1.0
     if len(pix) < 3:
         return None
-    normal = np.eye(6)
+    normal, lower_m = np.eye(6), np.zeros(len(pix))
     for _ in range(iterations):
         residual, J = _residuals(ground_ned_m, pix, K, pose)
         if residual is None:
             return None
-        whitened = np.hypot(residual[:, 0], residual[:, 1]) / sigma_px
+        whitened = np.hypot(*(residual - J[:, :, 2] * lower_m[:, None]).T) / sigma_px
         scatter = max(SIGMA_FLOOR, 1.1774**-1 * float(np.median(whitened)) * math.sqrt(len(pix) / max(1.0, len(pix) - 2.0)))
         weights = 1 / (1 + (whitened / (CAUCHY * scatter)) ** 2)
         w = (weights / (sigma_px * scatter) ** 2)[:, None]
         information, pull = prior.at(pose)
         normal = np.einsum("nij,nik->jk", J * w[..., None], J) + information
+        pull = np.einsum("nij,ni->j", J * w[..., None], residual) + pull
+        together, by_pose_m, seen_m = _heights_open(residual, J, w[:, 0], heights_m2)
+        normal, pull = normal - together.T @ by_pose_m, pull - together.T @ seen_m
         if np.linalg.cond(_scaled(normal)) > 1e12:
             return None
-        delta = np.linalg.solve(normal, np.einsum("nij,ni->j", J * w[..., None], residual) + pull)
-        pose = moved(pose, delta)
+        delta = np.linalg.solve(normal, pull)
+        pose, lower_m = moved(pose, delta), seen_m - by_pose_m @ delta
         if abs(delta[:3]).max() < 1e-4:
             break
     return PoseEstimate(pose, np.asarray(np.linalg.inv(normal), dtype=np.float64), scatter, weights)
+
+
+def _heights_open(
+    residual: FloatArray, J: FloatArray, w: FloatArray, heights_m2: FloatArray | None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What heights that are not known take from the normal equations: they are unknowns of their own, one for each point, with a
+    prior of covariance (N, N), and are solved for first (Schur complement).
+
+    Returns the terms that they share with the pose (N, 6), by how much they would be lower for each unit of the pose (N, 6), and
+    by how much the residuals have them lower (N,). A point that lies lower is seen as from a camera that much higher.
+    """
+    n = len(residual)
+    if heights_m2 is None:
+        return np.zeros((n, 6)), np.zeros((n, 6)), np.zeros(n)
+    of_pose_and_seen = np.concatenate([J, residual[:, :, None]], axis=2)
+    terms = (J[:, :, 2, None] * of_pose_and_seen).sum(axis=1) * w[:, None]
+    known = np.eye(n) + heights_m2 * terms[:, 2]
+    solved = np.linalg.solve(known, heights_m2 @ terms)
+    return terms[:, :6], solved[:, :6], solved[:, 6]
 
 
 def _residuals(
@@ -166,11 +190,9 @@ def _residuals(
     d_r = d_q @ pose.R_ned_cam.T  # per metre of r in NED
     J = np.empty((len(r), 2, 6))
     J[:, :, 0], J[:, :, 1], J[:, :, 2] = -d_r[:, :, 0], -d_r[:, :, 1], d_r[:, :, 2]
-    # q = (exp(w) R)^T r = R^T (r - w x r): d q = R^T (r x w) -> columns r x e_k
-    for k in range(3):
-        axis = np.zeros(3)
-        axis[k] = 1.0
-        J[:, :, 3 + k] = np.einsum("nij,nj->ni", d_r, np.cross(r, axis))
+    # q = (exp(w) R)^T r = R^T (r - w x r): d q = R^T (r x w) -> columns r x e_k (np.cross takes as long as all the rest)
+    for k, (a, b) in enumerate(((1, 2), (2, 0), (0, 1))):
+        J[:, :, 3 + k] = d_r[:, :, a] * r[:, None, b] - d_r[:, :, b] * r[:, None, a]
     return pix - predicted, J
 
 

@@ -1,0 +1,129 @@
+"""Ground whose surface model errs, where things stand on it and where not."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from visloc_companion.geo.camera import R_FRD_CAM
+from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
+from visloc_companion.localise.dense import gradient_localiser
+from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
+from visloc_companion.localise.pose import PoseEstimate, PriorTerm, solve_pose
+from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.localise.surface_error import GROUND_M, LOCAL_SHARE, SHARE, height_covariance, standing_m
+from visloc_companion.types import CameraModel, Fix, FloatArray
+
+K = np.array([[400.0, 0, 320], [0, 400.0, 240], [0, 0, 1]])
+POSE = CameraPose(np.array([0.0, 0.0, -120.0]), R_from_quat(quat_from_euler(0.0, math.radians(-20.0), 0.0)) @ R_FRD_CAM)
+CROWN_M = 14.0
+AHEAD = (slice(0, 105), slice(95, 200))
+"""Where the grid (pixels) holds a wood: from 5 m west of the camera on to the east."""
+
+
+def grid_of(surface_up_m: FloatArray) -> MapGrid:
+    """One metre a pixel, north up, the origin in the middle."""
+    up = surface_up_m.astype(np.float32)
+    A = np.array([[0.0, -1.0, 100.0], [1.0, 0.0, -100.0]])
+    return MapGrid(np.zeros((*up.shape, 2), np.float32), np.ones_like(up), up, A, 1.0)
+
+
+def test_what_is_narrow_stands_on_the_ground_and_a_slope_does_not() -> None:
+    rows, cols = np.mgrid[:200, :200].astype(float)
+    slope = 0.2 * rows + 0.1 * cols
+    wood = slope.copy()
+    wood[80:116, 60:96] += CROWN_M
+    at = np.array([[77.5, 97.5], [150.0, 40.0], [-5.0, 300.0]])
+    assert standing_m(grid_of(wood), at, 10.0) == pytest.approx([CROWN_M, 0.0, 0.0], abs=2.0)
+    assert standing_m(grid_of(slope), at, 10.0) == pytest.approx(0.0, abs=2.0)
+    assert standing_m(grid_of(wood), np.zeros((0, 2)), 10.0).shape == (0,)
+
+
+def test_neighbours_err_alike_and_woods_err_together() -> None:
+    surface = np.zeros((200, 200))
+    surface[80:116, 20:56] = surface[80:116, 140:176] = CROWN_M
+    at = np.array([[38.0, 98.0], [43.0, 98.0], [158.0, 98.0], [98.0, 20.0], [103.0, 20.0], [98.0, 180.0]])
+    covariance = height_covariance(grid_of(surface), at, 10.0)
+    sigma = np.sqrt(np.diag(covariance))
+    common = covariance / np.outer(sigma, sigma)
+    assert sigma[[0, 1, 2]] == pytest.approx(math.hypot(CROWN_M * math.hypot(SHARE, LOCAL_SHARE), GROUND_M), rel=0.1)
+    assert sigma[[3, 4, 5]] == pytest.approx(GROUND_M)
+    assert min(common[0, 1], common[3, 4]) > 0.9
+    assert common[0, 2] > 0.4 > 0.1 > max(common[3, 5], common[0, 3])
+    assert np.linalg.eigvalsh(covariance).min() > 0
+
+
+def solved(seed: int, heights_m2: FloatArray | None, lower_m: FloatArray, points: FloatArray) -> PoseEstimate:
+    """A leaning camera over points (N, 3) that are lower than the model by so much (N,)."""
+    rng = np.random.default_rng(seed)
+    q = (points + np.outer(lower_m, [0.0, 0.0, 1.0]) - POSE.p_ned_m) @ POSE.R_ned_cam
+    pix = q[:, :2] / q[:, 2:] * 400 + np.array([320, 240]) + rng.normal(0, 0.8, (len(points), 2))
+    prior = PriorTerm(POSE.R_ned_cam, math.radians(0.4), math.radians(5.0), 120.0, 1.6)
+    found = solve_pose(points, pix, np.full(len(points), 1.0), K, POSE, prior, 20, heights_m2=heights_m2)
+    assert found is not None
+    return found
+
+
+def seen_wood() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Points (40, 3) of a view that half shows a wood, the crowns' heights (40,) and what is said of the model's errors."""
+    rng = np.random.default_rng(4)
+    points = np.column_stack([rng.uniform(0, 95, 40), rng.uniform(-50, 50, 40), np.zeros(40)])
+    crowns = np.where(points[:, 1] > 0.0, CROWN_M, 0.0)
+    points[:, 2] = -crowns
+    rows, cols = np.mgrid[:200, :200]
+    stripes = np.where((cols > 100) & (cols < 155) & (rows < 105), CROWN_M, 0.0)
+    at = np.column_stack([points[:, 1] + 100, 100 - points[:, 0]])
+    return points, crowns, height_covariance(grid_of(stripes), at, 1.0)
+
+
+def test_a_bare_wood_under_a_leaning_camera_moves_the_pose_less() -> None:
+    points, crowns, heights_m2 = seen_wood()
+    off = {
+        known: np.mean([solved(s, heights_m2 if known else None, 0.4 * crowns, points).pose.p_ned_m for s in range(30)], axis=0)
+        - POSE.p_ned_m
+        for known in (False, True)
+    }
+    assert np.abs(off[True]).max() < 0.5 * np.abs(off[False]).max()
+    assert np.abs(off[False]).max() > 1.0
+
+
+def test_the_claim_holds_for_heights_that_err_as_said_and_not_without() -> None:
+    points, _, heights_m2 = seen_wood()
+    root, rng = np.linalg.cholesky(heights_m2), np.random.default_rng(9)
+    chi2: dict[bool, list[float]] = {True: [], False: []}
+    for seed in range(150):
+        lower_m = root @ rng.standard_normal(len(points))
+        for known, found in chi2.items():
+            estimate = solved(seed, heights_m2 if known else None, lower_m, points)
+            off = (estimate.pose.p_ned_m - POSE.p_ned_m) * [1.0, 1.0, -1.0]
+            found.append(float(off @ np.linalg.solve(estimate.covariance[:3, :3], off)))
+    assert 1.5 < np.mean(chi2[True]) < 3.3  # three axes; the prior is right by chance
+    assert np.mean(chi2[False]) > 2 * np.mean(chi2[True])
+
+
+def test_heights_that_do_not_err_change_nothing() -> None:
+    points, crowns, _ = seen_wood()
+    exact, without = (solved(1, heights, 0.1 * crowns, points) for heights in (np.zeros((40, 40)), None))
+    assert exact.pose.p_ned_m == pytest.approx(without.pose.p_ned_m, abs=1e-9)
+    assert exact.covariance == pytest.approx(without.covariance, rel=1e-9)
+
+
+def test_fixes_claim_it_over_a_surface_model_only(flat, hilly, support, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    model, level = CameraModel(160, 120, 140.0, 140.0, 79.5, 59.5), (0.0, 0.35, 0.6)
+
+    def sigma_h_m(ref) -> float:  # type: ignore[no-untyped-def]
+        frame = support.render(ref, model, (23.0, -41.0, -235.0), level)
+        answer = gradient_localiser(model, LocaliserSettings()).localise(
+            support.request_at((12.0, -29.0, -232.0), level), frame, ref
+        )
+        assert isinstance(answer, Fix)
+        return answer.sigma_h_m
+
+    claimed = {"flat": sigma_h_m(flat), "hilly": sigma_h_m(hilly)}
+    monkeypatch.setattr(
+        "visloc_companion.localise.block_pose.height_covariance", lambda grid, at_px, side_px: np.zeros((len(at_px),) * 2)
+    )
+    assert sigma_h_m(flat) == claimed["flat"]
+    assert sigma_h_m(hilly) < 0.95 * claimed["hilly"]

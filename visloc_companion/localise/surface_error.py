@@ -1,0 +1,52 @@
+"""How far the map's surface model may be off where the frame's blocks are matched.
+
+A wood without leaves is seen lower than the model has it, one that was felled is gone, one that has grown is higher; crops come
+and go with the year. Where the camera leans, or blocks lie to one side of the picture, that moves and lifts a pose which takes
+the model for true. Some of it is the same all over the picture (the season, the years), some goes by within tens of metres
+(woods, fields): neighbouring blocks err alike, and many of them tell less than as many that err on their own.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from visloc_companion.geo.raster import apply_affine
+from visloc_companion.localise.ortho_rectify import MapGrid
+from visloc_companion.types import FloatArray
+
+OPENED_M = 60.0
+"""What is narrower than this and higher than its surroundings stands on the ground; what is wider is ground."""
+STEP_M = 3.0
+"""Sampling at which that is found."""
+SHARE, LOCAL_SHARE = 0.3, 0.3
+"""1-sigma of the share of what stands there by which it is higher or lower: of all of it together, and from place to place."""
+GROUND_M = 0.3
+"""1-sigma of the ground's height, from place to place."""
+ALIKE_M = 60.0
+"""Places so far apart have exp(-1) of that in common."""
+
+
+def height_covariance(grid: MapGrid, at_px: FloatArray, side_px: float) -> FloatArray:
+    """(N, N) covariance (m²) of the surface model's errors over squares of a side about pixels (N, 2)."""
+    standing = standing_m(grid, at_px, side_px)
+    ne = apply_affine(grid.A_ne_pix, at_px)
+    apart_m = np.hypot(*(ne[:, None] - ne[None]).transpose(2, 0, 1))
+    both = np.outer(standing, standing)
+    return np.asarray(SHARE**2 * both + (GROUND_M**2 + LOCAL_SHARE**2 * both) * np.exp(-apart_m / ALIKE_M), dtype=np.float64)
+
+
+def standing_m(grid: MapGrid, at_px: FloatArray, side_px: float) -> FloatArray:
+    """(N,) mean height of what stands on the ground over squares of a side about pixels (N, 2)."""
+    step = max(1, round(STEP_M / grid.gsd_m))
+    height, width = (max(1, n // step) for n in grid.surface_up_m.shape)
+    up = cv2.resize(grid.surface_up_m[: height * step, : width * step], (width, height), interpolation=cv2.INTER_AREA)
+    reach = min(max(1, round(OPENED_M / 2 / (step * grid.gsd_m))), height - 1, width - 1)
+    beyond = np.pad(up, reach, mode="reflect", reflect_type="odd")  # a slope goes on beyond the window
+    opened = cv2.morphologyEx(beyond, cv2.MORPH_OPEN, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+    above = up - opened[reach : reach + height, reach : reach + width]
+    mean = cv2.blur(above, (max(1, math.ceil(side_px / step)),) * 2, borderType=cv2.BORDER_REPLICATE)
+    col, row = np.clip(np.rint((at_px + 0.5) / step - 0.5).astype(int), 0, (width - 1, height - 1)).T
+    return np.asarray(mean[row, col], dtype=np.float64)
