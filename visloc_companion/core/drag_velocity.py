@@ -102,6 +102,7 @@ class _Hypothesis:
         got = kalman.update(self._x, P, H @ self._x + residual, R, H, gate_sigma=GATE_SIGMA if self.n >= ENOUGH else math.inf)
         if isinstance(got, Rejected):
             self.gated += 1
+            self.log_likelihood -= GATE_SIGMA**2 / 2
             return
         self.gated = 0
         self.log_likelihood -= (got.nis + math.log(float(np.linalg.det(H @ P @ H.T + R)))) / 2

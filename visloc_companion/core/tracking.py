@@ -144,7 +144,7 @@ class Tracker:
         if known is not None:
             self._drag.learn(second.felt, *known)
         elif self._blind(t_boot_ns):
-            self._told(self._drag.velocity(second.felt, second.v_ned_mps), t_boot_ns)
+            self._told(self._drag.velocity(second.felt, second.v_ned_mps), self._drag, t_boot_ns)
 
     def on_airspeed(self, t_boot_ns: int, v_ne_mps: Vec2) -> None:
         """Take a velocity through the air, of a plane."""
@@ -155,7 +155,7 @@ class Tracker:
         if known is not None:
             self._pitot.learn(air, *known)
         elif self._blind(t_boot_ns):
-            self._told(self._pitot.velocity(air), t_boot_ns)
+            self._told(self._pitot.velocity(air), self._pitot, t_boot_ns)
 
     def _shell_ns(self, t_boot_ns: int) -> int:
         return t_boot_ns if self._velocity is None else t_boot_ns + self._velocity.t_ns - self._velocity_boot_ns
@@ -174,16 +174,18 @@ class Tracker:
         cov = np.array(state.cov_v_ne_m2ps2)
         return (state.v_ned_mps, cov) if np.trace(cov) <= 2 * TEACHES_MPS**2 else None
 
-    def _told(self, told: AirVelocity | None, t_boot_ns: int) -> None:
-        """Take the velocity that the air tells."""
+    def _told(self, told: AirVelocity | None, by: DragLearner | PitotLearner, t_boot_ns: int) -> None:
+        """Take the velocity that the air tells; what it says of its lasting error must reach the filter."""
         if told is None:
             return
         if told.holds:
             self._taught_by(self._shell_ns(t_boot_ns))
         v_ne_mps = self._inertial.at(told.t_boot_ns)
-        if self._filter is not None and v_ne_mps is not None and self._drives_itself:
-            off = (told.v_ne_mps[0] - v_ne_mps[0], told.v_ne_mps[1] - v_ne_mps[1])
-            self._filter.observe_air(AirError(self._shell_ns(t_boot_ns), off, told))
+        if self._filter is None or v_ne_mps is None or not self._drives_itself:
+            by.filter_restarted()
+            return
+        off = (told.v_ne_mps[0] - v_ne_mps[0], told.v_ne_mps[1] - v_ne_mps[1])
+        self._filter.observe_air(AirError(self._shell_ns(t_boot_ns), off, told))
 
     def know_map(self, sigma_m: float) -> None:
         """Take another 1-sigma of the map's registration, on each axis."""

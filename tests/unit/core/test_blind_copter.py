@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from visloc_companion.core.driving import Velocity
-from visloc_companion.core.propagation import Drive
+from visloc_companion.core.propagation import AIR, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.geo import wgs84
@@ -41,7 +41,7 @@ def at(t_s: float) -> tuple[Vec3, Vec3, float]:
     return (north, east, -100.0), tuple(along.tolist()), heading
 
 
-def flown(k1: float, *, pitot: bool = False) -> tuple[Tracker, NavState]:
+def flown(k1: float, *, pitot: bool = False, sight: bool = True) -> tuple[Tracker, NavState]:
     """GNSS until LEARNS_S; then the autopilot's attitude is false by half a degree and its velocity by 3 m/s."""
     tracker, rng, lean = Tracker(NavigatorSettings()), np.random.default_rng(1), lean_rad(k1)
     tracker.set_origin(ORIGIN)
@@ -59,7 +59,7 @@ def flown(k1: float, *, pitot: bool = False) -> tuple[Tracker, NavState]:
             tracker.on_airspeed(t_ns, (v_north + 5.0, v_east))
         if not blind and k % 50 == 0:
             tracker.observe_gnss(t_ns, wgs84.geo_from_ned(position, ORIGIN), 1.0)
-        if LEARNS_S * 50 - 100 <= k < LEARNS_S * 50 and k % 25 == 0:
+        if sight and LEARNS_S * 50 - 100 <= k < LEARNS_S * 50 and k % 25 == 0:
             tracker.observe(fix(t_ns, position))
         force = (-G * math.sin(lean), 0.0, -G * math.cos(lean)) + 0.3 * rng.standard_normal(3)
         q: Quat = quat_from_euler(0.0, -lean + FALSE_TILT_RAD * blind, heading)
@@ -79,13 +79,14 @@ def off_m(state: NavState) -> float:
     return math.hypot(state.p_ned_m[0] - north, state.p_ned_m[1] - east)
 
 
-@pytest.mark.parametrize("pitot", [False, True])
-def test_drag_holds_the_velocity_for_a_minute(pitot: bool) -> None:
-    tracker, state = flown(K1, pitot=pitot)
+@pytest.mark.parametrize(("pitot", "sight"), [(False, True), (True, True), (False, False)])
+def test_drag_holds_the_velocity_for_a_minute(pitot: bool, sight: bool) -> None:
+    tracker, state = flown(K1, pitot=pitot, sight=sight)
     assert tracker.belief is not None
     assert tracker.belief.drive is Drive.INERTIAL
     assert off_m(state) < 40.0
     assert off_m(state) < 3 * math.sqrt(state.cov_ne_m2[0][0] + state.cov_ne_m2[1][1])
+    assert tracker.belief.P[AIR, AIR].trace() < 2 * 1.5**2
 
 
 def test_without_drag_the_autopilots_velocity_carries_it_away() -> None:

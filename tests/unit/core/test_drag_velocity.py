@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from visloc_companion.core.air_velocity import AirVelocity
-from visloc_companion.core.drag_velocity import CHOSEN_AFTER, ENOUGH, GATED_IN_A_ROW, DragLearner
+from visloc_companion.core.drag_velocity import CHOSEN_AFTER, ENOUGH, GATED_IN_A_ROW, DragLearner, _Hypothesis
 from visloc_companion.core.rotor_drag import Felt, force_mps2
 from visloc_companion.geo import se3
 from visloc_companion.types import FloatArray, Vec3
@@ -105,3 +105,13 @@ def test_a_dropped_payload_makes_another_vehicle_of_it() -> None:
     assert not learner.known
     taught(learner, range(120, 240), np.random.default_rng(7), lighter)
     assert np.hypot(*(np.array(told(learner, 250, 0.0, state=lighter).v_ne_mps) - (10.0, 0.0))) < 1.0
+
+
+def test_a_second_beyond_the_gate_makes_a_hypothesis_less_likely() -> None:
+    one, rng = _Hypothesis(0.2), np.random.default_rng(8)
+    for t in range(40):
+        one.learn(*second(t, HEADINGS[t // 10 % 4], 8.0, noise=0.1 * rng.standard_normal(2)), EXACT)
+    before = one.log_likelihood
+    one.learn(*second(41, 0.0, 8.0, noise=np.array([9.0, -9.0])), EXACT)
+    assert one.gated == 1
+    assert one.log_likelihood < before - 5
