@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from visloc_companion.sim import faults
 from visloc_companion.sim.changes import Change
 from visloc_companion.sim.scenarios.base import Expectation, Scenario, by_name
@@ -75,9 +73,9 @@ WORLD: dict[str, Scenario] = by_name(
     Scenario(
         "open_sea",
         "From 250 m of the way on there is nothing but waves.",
-        130.0,
+        190.0,
         faults.jam(JAM_S),
-        replace(UNSOLVABLE, modes=(Mode.AIDING, Mode.DEAD_RECKONING), final_modes=(Mode.DEAD_RECKONING, Mode.LOST)),
+        UNSOLVABLE,
         changes=(Change("water", 250.0),),
         frame_rate_hz=1.0,
         pictures=True,
