@@ -14,6 +14,7 @@ import numpy as np
 from visloc_companion.core import kalman
 from visloc_companion.core.air_residuals import Residuals
 from visloc_companion.core.air_velocity import AirVelocity
+from visloc_companion.core.propagation import WIND_WALK_MPS_PER_SQRT_S
 from visloc_companion.core.rotor_drag import BIAS, WIND, Felt, by_state, by_velocity, force_mps2, velocity_ne_mps
 from visloc_companion.types import FloatArray, Rejected, Vec3
 
@@ -24,8 +25,8 @@ K1_SIGMA, START_K2_PER_M = 0.4, 0.01
 """1-sigma of k1 as a share of it, and where k2 begins."""
 CHOSEN_AFTER = 60
 BIAS_WALK_MPS2_PER_SQRT_S = 0.01
-WALK_PER_SQRT_S: FloatArray = np.array([0.003, 0.0003, 0.1, 0.1, BIAS_WALK_MPS2_PER_SQRT_S, BIAS_WALK_MPS2_PER_SQRT_S])
-"""Wind as in propagation.py; a copter of 2014 shows no more in minutes (tests/replay/test_rotor_drag.py)."""
+WALK_PER_SQRT_S: FloatArray = np.array([0.003, 0.0003, *[WIND_WALK_MPS_PER_SQRT_S] * 2, *[BIAS_WALK_MPS2_PER_SQRT_S] * 2])
+"""A copter of 2014 shows no more wind in minutes (tests/replay/test_rotor_drag.py)."""
 START_NOISE_MPS2, LEAST_NOISE_MPS2 = 0.3, 0.05
 ENOUGH = 20
 """Seconds of flight before anything is said."""
@@ -39,7 +40,7 @@ class DragLearner:
     """`learn` beside a velocity that is known; `velocity` without one."""
 
     def __init__(self) -> None:
-        self._among = [_Hypothesis(k1) for k1 in FACTORS_PER_S]
+        self._among = _begun()
 
     @property
     def known(self) -> bool:
@@ -57,7 +58,7 @@ class DragLearner:
         if len(self._among) > 1 and self._best.n >= CHOSEN_AFTER:
             self._among = [self._best]
         if all(one.gated >= GATED_IN_A_ROW for one in self._among):
-            self._among = [_Hypothesis(k1) for k1 in FACTORS_PER_S]
+            self._among = _begun()
 
     def velocity(self, felt: Felt, v_ned_mps: Vec3) -> AirVelocity | None:
         """The velocity of a second, its part down taken for true; None where too little is known."""
@@ -138,3 +139,7 @@ class _Hypothesis:
             doubt,
             (wind_east - found[1], found[0] - wind_north),
         )
+
+
+def _begun() -> list[_Hypothesis]:
+    return [_Hypothesis(k1) for k1 in FACTORS_PER_S]

@@ -15,13 +15,14 @@ import numpy as np
 from visloc_companion.core import kalman
 from visloc_companion.core.air_residuals import Residuals
 from visloc_companion.core.air_velocity import AirVelocity
+from visloc_companion.core.propagation import WIND_WALK_MPS_PER_SQRT_S
 from visloc_companion.types import FloatArray, Rejected, Vec2, Vec3
 
 LEAST_MPS = 8.0
 """Below it a pitot tube measures little, and a vehicle hovers."""
 GAS_CONSTANT, SEA_LEVEL_K, SEA_LEVEL_HPA, LAPSE_EXPONENT = 287.053, 288.15, 1013.25, 0.190263
 START_SIGMA: FloatArray = np.array([0.1, 10.0, 10.0])
-WALK_PER_SQRT_S: FloatArray = np.array([0.001, 0.1, 0.1])
+WALK_PER_SQRT_S: FloatArray = np.array([0.001, *[WIND_WALK_MPS_PER_SQRT_S] * 2])
 START_NOISE_MPS, LEAST_NOISE_MPS = 1.0, 0.2
 """Gusts, sideslip."""
 ENOUGH, LEAST_SCALE = 20, 0.3

@@ -178,14 +178,14 @@ class Tracker:
         """Take the velocity that the air tells; what it says of its lasting error must reach the filter."""
         if told is None:
             return
+        t_ns, v_ne_mps = self._shell_ns(t_boot_ns), self._inertial.at(told.t_boot_ns)
         if told.holds:
-            self._taught_by(self._shell_ns(t_boot_ns))
-        v_ne_mps = self._inertial.at(told.t_boot_ns)
+            self._taught_by(t_ns)
         if self._filter is None or v_ne_mps is None or not self._drives_itself:
             by.filter_restarted()
             return
         off = (told.v_ne_mps[0] - v_ne_mps[0], told.v_ne_mps[1] - v_ne_mps[1])
-        self._filter.observe_air(AirError(self._shell_ns(t_boot_ns), off, told))
+        self._filter.observe_air(AirError(t_ns, off, told))
 
     def know_map(self, sigma_m: float) -> None:
         """Take another 1-sigma of the map's registration, on each axis."""
