@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from visloc_companion.localise.blocks import BlockMatches, block_side_px, correspondences, match_blocks
+from visloc_companion.localise.blocks import BlockMatches, correspondences, match_blocks
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.frame_features import FrameFeatures
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
@@ -64,5 +64,5 @@ def _matched(
     blocks = match_blocks(grid, values, weight)
     ground, pix, sigma_px = correspondences(blocks, grid, K, pose)
     at_px = blocks.centre_px + blocks.shift_px
-    heights_m2 = height_covariance(grid, at_px, block_side_px(weight)) if with_surface else None
+    heights_m2 = height_covariance(grid, at_px, blocks.side_px) if with_surface else None
     return BlockPose(pose, values, weight, blocks, solve_pose(ground, pix, sigma_px, K, pose, prior, heights_m2=heights_m2))

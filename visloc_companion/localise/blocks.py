@@ -20,26 +20,22 @@ MIN_COVER = 0.6
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockMatches:
     """Centres (N, 2) in grid pixels, displacement (N, 2) of what the frame shows against the map (grid pixels), peak (N,) of
-    the normalised correlation, and whether the displacement is small enough to agree (N,)."""
+    the normalised correlation, and whether the displacement is small enough to agree (N,); the blocks' side in grid pixels."""
 
     centre_px: FloatArray
     shift_px: FloatArray
     peak: FloatArray
     agrees: FloatArray
-
-
-def block_side_px(weight: Float32Array) -> int:
-    """Side of the blocks of a frame that shows this much (H, W) of a window."""
-    return int(np.clip(round(np.sqrt(float(weight.sum())) / 6), 14, 40))
+    side_px: int
 
 
 def match_blocks(grid: MapGrid, frame: Float32Array, weight: Float32Array) -> BlockMatches:
     """Match blocks of the rectified frame's features (H, W, C) within ±REACH_PX of where the pose puts them."""
-    side = block_side_px(weight)
+    side = int(np.clip(round(np.sqrt(float(weight.sum())) / 6), 14, 40))
     rows, cols = np.flatnonzero(weight.any(1)), np.flatnonzero(weight.any(0))
     if not len(rows) or rows[-1] - rows[0] < side or cols[-1] - cols[0] < side:
         empty = np.zeros((0, 2))
-        return BlockMatches(empty, empty, np.zeros(0), np.zeros(0))
+        return BlockMatches(empty, empty, np.zeros(0), np.zeros(0), side)
     template = cv2.copyMakeBorder(grid.features * grid.weight[..., None], *(REACH_PX,) * 4, cv2.BORDER_CONSTANT, value=0)
     masked = frame * weight[..., None]
     found = []
@@ -54,7 +50,7 @@ def match_blocks(grid: MapGrid, frame: Float32Array, weight: Float32Array) -> Bl
             found.append((left + (side - 1) / 2, top + (side - 1) / 2, u, v, peak))
     table = np.array(found, dtype=np.float64).reshape(-1, 5)
     agrees = (np.hypot(table[:, 2], table[:, 3]) < AGREE_PX).astype(np.float64)
-    return BlockMatches(table[:, :2], table[:, 2:4], table[:, 4], agrees)
+    return BlockMatches(table[:, :2], table[:, 2:4], table[:, 4], agrees, side)
 
 
 def share_returning(matches: BlockMatches, grid: MapGrid, frame: Float32Array, weight: Float32Array) -> float:
