@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from benchmarks.odometry_model import OdometryModel, claimed
-from visloc_companion.core.belief import LASTING_SHARE
+from visloc_companion.core.lasting import SHARE as LASTING_SHARE
 from visloc_companion.core.separation import CORRELATION
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84

@@ -90,7 +90,7 @@ def flown(flight: Flight, seed: int, settings: NavigatorSettings | None = None, 
         )
         if eyes is not None and k % FRAME_STEPS == 0:
             seen = eyes.look(_ns(t_s), truth, rng)
-            motion = None if seen is None else aiding.on_odometry(seen)
+            motion = None if seen is None else aiding.on_odometry(seen, inertial=flight.inertial).of_filter
             if motion is not None:
                 position_filter.observe_motion(motion)
         observed = [_observe(position_filter, source, t_s, truth + map_error, flight, tally, rng) for source in sources]

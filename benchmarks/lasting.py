@@ -6,7 +6,7 @@ A vehicle flies up to LEG_M of each of the first LEGS legs of the scenarios' loo
 camera shows one date, the map is of another, years before. A frame every STEP_M, of an attitude that wavers; the prior errs by
 2 m in each frame, its heading and height by what lasts for a leg, its tilt by that of the mounting, which stays, and of the
 autopilot, which wanders; what fixes tell of both is kept as the daemon keeps it (core/tilt_memory.py), with --anew it is not. The
-filter takes LASTING_SHARE (core/belief.py) of the variance that fixes claim for common to those of some seconds; here is what
+filter takes SHARE (core/lasting.py) of the variance that fixes claim for common to those of some seconds; here is what
 they have in common, as a share of what they claim. With --fixes the errors are added to a file, and all that are in it are
 counted.
 """

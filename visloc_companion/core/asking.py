@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from visloc_companion.core import requests
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.onboard_camera import OnboardCamera
 from visloc_companion.core.place_search import PlaceSearch, Reach, tile_radius_m
-from visloc_companion.core.propagation import Drive
+from visloc_companion.core.propagation import VELOCITY, Drive
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.terrain_aiding import TerrainAiding
 from visloc_companion.core.timesync import ClockOffset
@@ -77,7 +79,7 @@ class Asking:
             return []
         prior = self._prior(state, q_ned_frd, LEVEL, injecting)
         steady = gnss_trusted and belief.drive is Drive.AUTOPILOT
-        known_mps = math.sqrt(max(float(belief.P[2, 2]), float(belief.P[3, 3])))
+        known_mps = math.sqrt(float(np.diag(belief.P[VELOCITY, VELOCITY]).max()))
         sigma_v_mps = belief.sigma_v_mps if belief.drive is Drive.INERTIAL else known_mps  # of the autopilot's own velocity
         asked = None if prior is None else terrain.request(self._queue.claimed(), now_ns, prior, sigma_v_mps, steady)
         return [] if asked is None else [asked]

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from visloc_companion.core import relocalise, separation
+from visloc_companion.core.lasting import LEAST_APART_M
 from visloc_companion.core.lean import UPRIGHT
 from visloc_companion.core.propagation import N_STATES, POSITION, VELOCITY, Drive, initial_covariance
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Cov2, FloatArray, Vec2
 
-LASTING_SHARE, FIX_WEIGHT = 0.6, 0.2
-"""Share of the variance that fixes claim which lasts for seconds (benchmarks/lasting.py), and the weight of the latest fix."""
+FIX_WEIGHT = 0.2
+"""Weight of the latest fix in means over recent ones."""
 LONGEST_S, LEAST_M2 = 2.0, 1e-4
 
 
@@ -41,14 +42,14 @@ class Doubt:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """The filter at `t_ns`: mean x (11,), covariance P (11, 11), and its memory.
+    """The filter at `t_ns`: mean x (13,), covariance P (13, 13), and its memory.
 
     `travel_ne_m`: the integral of the driving velocity; `moved_ne_m`: how far the propagation carried the position (for an
     inertial velocity without the error that it knows of). `votes`: each method with the time of its last fix; `without`: the
     solutions that leave fixes out (separation.py); `lean`: to which side fixes have come out lately (lean.py);
-    `fix_var_m2`: the mean variance per axis that recent fixes claimed, `fix_per_m2` the mean of its inverse, `fix_every_s` that
-    of the intervals between them (0 before the second fix); `former`: what drove it before `drive`;
-    `doubt`: what odometry says of the velocity that drives it and no second interval has confirmed.
+    `apart_m`: the way after which fixes look at other ground; `fix_per_m2`: the mean inverse of the variance per axis that
+    recent fixes claimed, `fix_every_s` that of the intervals between them (0 before the second fix); `former`: what drove it
+    before `drive`; `doubt`: what odometry says of the velocity that drives it and no second interval has confirmed.
     """
 
     t_ns: int
@@ -65,7 +66,7 @@ class Belief:
     votes: separation.Votes = ()
     without: separation.Solutions = separation.NONE
     lean: Vec2 = UPRIGHT
-    fix_var_m2: float = 0.0
+    apart_m: float = LEAST_APART_M
     fix_per_m2: float = 0.0
     fix_every_s: float = 0.0
     former: Former | None = None
@@ -77,12 +78,6 @@ class Belief:
         return self.started_ns if self.last_fix_ns is None else self.last_fix_ns
 
     @property
-    def lasting_m2(self) -> float:
-        """Variance per axis of what recent fixes have in common, as far as they were averaged: neighbouring frames look at the
-        same ground, so no number of them takes all of their error away."""
-        return LASTING_SHARE * max(0.0, self.fix_var_m2 - float(self.P[0, 0] + self.P[1, 1]) / 2)
-
-    @property
     def fix_noise_m2s(self) -> float:
         """Variance times interval of equal fixes that would tell as much in the same time; 0 before the second fix."""
         return self.fix_every_s / self.fix_per_m2 if self.fix_per_m2 > 0 else 0.0
@@ -92,12 +87,11 @@ class Belief:
         LONGEST_S: when nothing was recognised for a while, fixes are not rare for that."""
         per_m2 = 1 / max(var_m2, LEAST_M2)
         if self.last_fix_ns is None:
-            return replace(self, last_fix_ns=t_ns, fix_var_m2=var_m2, fix_per_m2=per_m2, fix_every_s=0.0)
+            return replace(self, last_fix_ns=t_ns, fix_per_m2=per_m2, fix_every_s=0.0)
         every_s = min(LONGEST_S, (t_ns - self.last_fix_ns) * 1e-9)
         return replace(
             self,
             last_fix_ns=t_ns,
-            fix_var_m2=self.fix_var_m2 + FIX_WEIGHT * (var_m2 - self.fix_var_m2),
             fix_per_m2=self.fix_per_m2 + FIX_WEIGHT * (per_m2 - self.fix_per_m2),
             fix_every_s=self.fix_every_s + FIX_WEIGHT * (every_s - self.fix_every_s) if self.fix_every_s > 0 else every_s,
         )
@@ -105,7 +99,7 @@ class Belief:
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """A horizontal position measurement. `from_fix` tells vision from GNSS."""
+    """A horizontal position measurement. `from_fix` tells vision from GNSS; `apart_m`: after this way fixes see other ground."""
 
     t_ns: int
     p_ne_m: Vec2
@@ -114,6 +108,7 @@ class Position:
     method: str = ""
     probability_wrong: float = 0.0
     tie: int = 0
+    apart_m: float = LEAST_APART_M
 
 
 def seeded(t_ns: int, p_ne_m: Vec2, sigma_m: float, sigma_v_mps: float, drive: Drive, settings: NavigatorSettings) -> Belief:
@@ -152,5 +147,5 @@ def widened(belief: Belief, position_m2: float, velocity_m2ps2: float) -> Belief
 
 
 def widened_by(belief: Belief, more: FloatArray) -> Belief:
-    """The belief with a covariance (11, 11) added."""
+    """The belief with a covariance (13, 13) added."""
     return replace(belief, P=belief.P + more, without=separation.widened(belief.without, more))

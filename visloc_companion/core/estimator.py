@@ -13,13 +13,13 @@ from typing import cast
 
 import numpy as np
 
-from visloc_companion.core import air_velocity, fusion, integrity, separation
+from visloc_companion.core import air_velocity, fusion, integrity, lasting, separation
 from visloc_companion.core.air_velocity import AirError
 from visloc_companion.core.belief import Belief, Position, blurred
 from visloc_companion.core.driving import Around, Velocity, height_at, velocity_at
 from visloc_companion.core.fusion import UNAIDED_GAP_S, UNAIDED_SIGMA_MPS
 from visloc_companion.core.motion import Motion, learned
-from visloc_companion.core.propagation import POSITION, Drive
+from visloc_companion.core.propagation import POSITION, VELOCITY, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Cov2, Fix, GeoPoint, NavState, Rejected, TooOld, Vec2
@@ -33,8 +33,8 @@ Outcome = Accepted | Rejected | None
 class PositionFilter:
     """Position in NED at an origin. `observe` and `at` are protocols.Estimator; `drive` feeds it the autopilot's velocity.
 
-    States that it gives include the map's registration error (`map_sigma_m`) and what neighbouring fixes have in common, which no
-    number of them averages away; of the height, which is the autopilot's, they know nothing (height.py).
+    States that it gives include the map's registration error (`map_sigma_m`), which no number of fixes averages away; of the
+    height, which is the autopilot's, they know nothing (height.py).
     """
 
     def __init__(self, settings: NavigatorSettings, origin: GeoPoint, start: Belief, velocity: Velocity) -> None:
@@ -62,6 +62,7 @@ class PositionFilter:
             method=fix.method,
             probability_wrong=fix.probability_wrong,
             tie=fix.frame_id,
+            apart_m=lasting.apart_m(fix.place.h_amsl_m - self._origin.h_amsl_m),
         )
         return self._take(measured)
 
@@ -92,11 +93,12 @@ class PositionFilter:
     def at(self, t_ns: int) -> NavState:
         """The state at a time: between inputs, or propagated beyond the last."""
         k, belief = self._belief_at(t_ns, alone=True)
-        north, east, b_north, b_east = belief.x[:4].tolist()
+        (north, east), (b_north, b_east) = belief.x[POSITION].tolist(), belief.x[VELOCITY].tolist()
         around = self._around(k)
         v_north, v_east = velocity_at(t_ns, around)
-        extra = self._settings.map_sigma_m**2 + belief.lasting_m2
-        (nn, ne, *_), (_, ee, *_), (_, _, vnn, vne), (*_, vee) = belief.P[:4, :4].tolist()
+        extra = self._settings.map_sigma_m**2
+        (nn, ne), (_, ee) = belief.P[POSITION, POSITION].tolist()
+        (vnn, vne), (_, vee) = belief.P[VELOCITY, VELOCITY].tolist()
         return NavState(
             t_ns,
             (north, east, self._origin.h_amsl_m - height_at(t_ns, around)),
@@ -110,7 +112,7 @@ class PositionFilter:
     def protection_level_m(self, t_ns: int) -> float:
         """Horizontal protection level at a time (core/integrity.py)."""
         _, belief = self._belief_at(t_ns, alone=False)
-        level_m = integrity.protection_level_m(belief.x, belief.P, belief.without, self._settings, belief.lasting_m2)
+        level_m = integrity.protection_level_m(belief.x, belief.P, belief.without, self._settings)
         return integrity.aged(level_m, (t_ns - belief.rested_ns) * 1e-9)
 
     def stood(self, t_ns: int, stood_ns: int) -> None:

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from visloc_companion.core import kalman, lean, refused, relocalise, separation
+from visloc_companion.core import kalman, lasting, lean, refused, relocalise, separation
 from visloc_companion.core.belief import Belief, Position, driven_by, renewed, widened, widened_by
 from visloc_companion.core.propagation import (
     ACCELERATION,
@@ -23,6 +23,7 @@ from visloc_companion.core.propagation import (
     N_CONSIDERED,
     N_STATES,
     POSITION,
+    VELOCITY,
     Drive,
     transition,
 )
@@ -39,9 +40,9 @@ INERTIAL_DRIFT_MPS2 = 0.03
 ORDINARY_NIS = 6.0
 """A normalised squared innovation that one position in 20 exceeds. Beyond it, up to the gate, it is rather wrong than unlikely:
 its covariance is raised until it would be ordinary, so that it hardly moves the velocity."""
-TILT_MPS2_PER_M = 0.1
+TILT_MPS2_PER_M = 0.15
 """While we inject, a correction of our position tilts the autopilot's attitude, by which accelerations are turned: so much
-acceleration for a metre, twice what ArduCopter's own simulator shows (docs/decisions/0021-corrections-tilt-the-autopilot.md)."""
+acceleration for a metre, three times what ArduCopter shows (docs/decisions/0021-corrections-tilt-the-autopilot.md)."""
 
 
 def with_velocity_trust(belief: Belief, sigma_mps: float, drive: Drive) -> Belief:
@@ -86,7 +87,8 @@ def propagated(
         return belief
     without = separation.NONE if alone else belief.without
     sigmas = _sigmas_mps(belief, without, settings)
-    F, Q = transition(dt, belief.drive, sigmas, belief.sigma_a_mps2, change_ne_mps, settings)
+    gone_by = math.hypot(*v_ne_mps) * dt / belief.apart_m
+    F, Q = transition(dt, belief.drive, sigmas, belief.sigma_a_mps2, change_ne_mps, settings, gone_by)
     north, east = v_ne_mps[0] * dt, v_ne_mps[1] * dt
     step = np.array((north, east, *STILL))
     x, P = kalman.predict(belief.x, belief.P, F, Q[0], step)
@@ -107,7 +109,7 @@ def propagated(
         belief.votes,
         separation.propagated(without, F, Q[1:], step),
         belief.lean,
-        belief.fix_var_m2,
+        belief.apart_m,
         belief.fix_per_m2,
         belief.fix_every_s,
         belief.former,
@@ -118,7 +120,7 @@ def propagated(
 def taken(
     belief: Belief, z: FloatArray, R: FloatArray, H: FloatArray, gate_sigma: float = math.inf
 ) -> tuple[Belief, Accepted | Rejected]:
-    """The belief after a measurement z (2,), R (2, 2) of H x, H (2, 11), that is no fix: every solution takes it, too."""
+    """The belief after a measurement z (2,), R (2, 2) of H x, H (2, 13), that is no fix: every solution takes it, too."""
     got = kalman.update(belief.x, belief.P, z, R, H, gate_sigma=gate_sigma)
     if isinstance(got, Rejected):
         return belief, got
@@ -133,8 +135,8 @@ def _sigmas_mps(belief: Belief, without: separation.Solutions, settings: Navigat
     if belief.drive is Drive.INERTIAL:
         return sigmas
     if belief.drive is not Drive.FED_BACK:  # a large learned error does not relax to zero as the model says: allow for that
-        sigmas[0] = max(belief.sigma_v_mps, math.hypot(belief.x[2], belief.x[3]) / 2)
-        np.maximum(sigmas[1:], np.hypot(without.x[:, 2], without.x[:, 3]) / 2, out=sigmas[1:])
+        sigmas[0] = max(belief.sigma_v_mps, math.hypot(*belief.x[VELOCITY]) / 2)
+        np.maximum(sigmas[1:], np.hypot(*without.x[:, VELOCITY].T) / 2, out=sigmas[1:])
     else:
         sigmas[0] += INERTIAL_DRIFT_MPS2 * max(0.0, (belief.t_ns - belief.rested_ns) * 1e-9 - settings.dead_reckoning_after_s)
         rested_s = (belief.t_ns - np.maximum(without.rested_ns, belief.started_ns)) * 1e-9
@@ -145,24 +147,26 @@ def _sigmas_mps(belief: Belief, without: separation.Solutions, settings: Navigat
 def observed(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[Belief, Accepted | Rejected]:
     """The belief after a position at its own time. Rejected fixes that agree with each other restart it at last."""
     considered = N_CONSIDERED if belief.drive is Drive.FED_BACK else 0
-    at, R, extra_m2 = np.array(z.p_ne_m), np.array(z.cov_ne_m2), settings.map_sigma_m**2
+    at, cov = np.array(z.p_ne_m), np.array(z.cov_ne_m2)
+    H, R = lasting.seen(cov) if z.from_fix else (H_POSITION, cov)
+    extra_m2 = settings.map_sigma_m**2 + (lasting.known_m2(cov, belief.P, H) if z.from_fix else 0.0)
     got = kalman.update(
         belief.x,
         belief.P,
         at,
         R,
-        H_POSITION,
+        H,
         gate_sigma=settings.gate_sigma,
         gate_extra_m2=extra_m2,
         n_considered=considered,
     )
     if isinstance(got, kalman.Updated) and got.nis > ORDINARY_NIS:
-        R = R + (got.nis / ORDINARY_NIS - 1) * (belief.P[POSITION, POSITION] + R + extra_m2 * np.eye(2))
-        less = kalman.update(belief.x, belief.P, at, R, H_POSITION, n_considered=considered)
+        R = R + (got.nis / ORDINARY_NIS - 1) * (H @ belief.P @ H.T + R + extra_m2 * np.eye(2))
+        less = kalman.update(belief.x, belief.P, at, R, H, n_considered=considered)
         got = replace(less, nis=got.nis) if isinstance(less, kalman.Updated) else less
     if isinstance(got, kalman.Updated):
-        after = _tilted(replace(belief, x=got.x, P=got.P, without=_others(belief, z, R, considered)), belief)
-        return (_leant(_fixed(after, z), belief, at, R) if z.from_fix else after), Accepted(got.nis)
+        after = _tilted(replace(belief, x=got.x, P=got.P, without=_others(belief, z, R, H, considered)), belief)
+        return (_leant(_fixed(after, z), belief, at, R, H) if z.from_fix else after), Accepted(got.nis)
     if not z.from_fix or got.reason is not Reason.GATED:
         return belief, got
     belief = refused.remembering(belief, z)
@@ -184,20 +188,20 @@ def _tilted(after: Belief, before: Belief) -> Belief:
     return widened_by(after, more)
 
 
-def _leant(after: Belief, before: Belief, at: FloatArray, R: FloatArray) -> Belief:
+def _leant(after: Belief, before: Belief, at: FloatArray, R: FloatArray, H: FloatArray) -> Belief:
     """Where fixes lean to one side, odometry is doubted."""
-    mean = lean.leaning(before.lean, at - before.x[POSITION], before.P[POSITION, POSITION] + R)
+    mean = lean.leaning(before.lean, at - H @ before.x, H @ before.P @ H.T + R)
     if not lean.leans(mean):
         return replace(after, lean=mean)
     return replace(widened_by(after, lean.DOUBT), lean=lean.UPRIGHT)
 
 
-def _others(belief: Belief, z: Position, cov: FloatArray, n_considered: int) -> separation.Solutions:
+def _others(belief: Belief, z: Position, R: FloatArray, H: FloatArray, n_considered: int) -> separation.Solutions:
     """The solutions that leave fixes out, after a position that the filter took."""
     among = belief.without
     take = ~separation.leaving_out(among, z.method) if z.from_fix else np.ones(len(among), np.bool_)
     at, rests_ns = np.array(z.p_ne_m), z.t_ns if z.from_fix else None
-    among = separation.updated(among, at, cov, H_POSITION, take=take, n_considered=n_considered, t_ns=rests_ns)
+    among = separation.updated(among, at, R, H, take=take, n_considered=n_considered, t_ns=rests_ns)
     return refused.founded(belief, z, among) if z.from_fix else among
 
 
@@ -205,4 +209,4 @@ def _fixed(belief: Belief, z: Position) -> Belief:
     votes = separation.voted(belief.votes, z.method, z.t_ns)
     without = separation.apart(belief.without, belief.x, belief.P)
     after = belief.after_fix(z.t_ns, (z.cov_ne_m2[0][0] + z.cov_ne_m2[1][1]) / 2)
-    return replace(after, rejected=(), votes=votes, without=without)
+    return replace(after, rejected=(), votes=votes, without=without, apart_m=z.apart_m)

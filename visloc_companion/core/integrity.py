@@ -90,15 +90,10 @@ def bound_m(
     return high
 
 
-def protection_level_m(
-    x: FloatArray, P: FloatArray, without: Solutions, settings: NavigatorSettings, lasting_m2: float = 0.0
-) -> float:
-    """Bound of the horizontal error of the filter's position; x (n,), P (n, n) begin with north and east.
-
-    `lasting_m2`: variance per axis of what neighbouring fixes have in common.
-    """
+def protection_level_m(x: FloatArray, P: FloatArray, without: Solutions, settings: NavigatorSettings) -> float:
+    """Bound of the horizontal error of the filter's position; x (n,), P (n, n) begin with north and east."""
     nn, ne, ee = (np.append(P[row, column], without.P[:, row, column]) for row, column in ((0, 0), (0, 1), (1, 1)))
-    sigma = np.sqrt((nn + ee) / 2 + np.hypot((nn - ee) / 2, ne) + settings.map_sigma_m**2 + lasting_m2)
+    sigma = np.sqrt((nn + ee) / 2 + np.hypot((nn - ee) / 2, ne) + settings.map_sigma_m**2)
     apart, probability = np.zeros(len(sigma)), np.ones(len(sigma))
     apart[1:], probability[1:] = np.hypot(*(without.x[:, :2] - x[:2]).T), without.probability
     return bound_m(apart, sigma, probability, settings.integrity_risk, rayleigh)

@@ -95,7 +95,7 @@ def learned(belief: Belief, motion: Motion, travel_ne_m: Vec2, settings: Navigat
 
 
 def _seen(belief: Belief, motion: Motion, share: float, settings: NavigatorSettings) -> tuple[FloatArray, float]:
-    """H (2, 11) of the velocity's mean error over the interval less odometry's own, and the variance of what it leaves out.
+    """H (2, 13) of the velocity's mean error over the interval less odometry's own, and the variance of what it leaves out.
 
     `share`: the last part of the interval, in which the present velocity drove.
     """

@@ -1,9 +1,10 @@
 """How the filter's state goes on between measurements, for each velocity that can drive it.
 
-State (11,), pairs north and east: position at the EKF origin (m), error of the driving velocity (its value minus the true one,
-m/s), error of the acceleration that an inertial velocity is integrated from (m/s²), lasting error of the velocity that the air
-tells (wind, m/s: air_velocity.py); then the error of the heading by which those accelerations were turned (rad, clockwise), and
-what odometry gets wrong in scale (a share) and heading (rad).
+State (13,), pairs north and east: position at the EKF origin (m), what neighbouring fixes get wrong in common (1-sigmas of that
+part of their claim: lasting.py), error of the driving velocity (its value minus the true one, m/s), error of the acceleration
+that an inertial velocity is integrated from (m/s²), lasting error of the velocity that the air tells (wind, m/s:
+air_velocity.py); then the error of the heading by which those accelerations were turned (rad, clockwise), and what odometry gets
+wrong in scale (a share) and heading (rad).
 
 * `AUTOPILOT`, `FED_BACK`: the autopilot's velocity; its error is first-order Gauss-Markov.
 * `INERTIAL`: accelerations turned by the attitude and integrated (inertial.py). The error of that velocity is the integral of the
@@ -25,9 +26,10 @@ import numpy as np
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import FloatArray, Vec2
 
-N_STATES = 11
-POSITION, VELOCITY, ACCELERATION, AIR = slice(0, 2), slice(2, 4), slice(4, 6), slice(6, 8)
-HEADING, ODOMETRY_SCALE, ODOMETRY_HEADING = 8, 9, 10
+N_STATES = 13
+POSITION, LASTING, VELOCITY, ACCELERATION, AIR = (slice(k, k + 2) for k in range(0, 10, 2))
+HEADING, ODOMETRY_SCALE, ODOMETRY_HEADING = 10, 11, 12
+PAIRS = np.array([pair.start for pair in (POSITION, VELOCITY, ACCELERATION, AIR)])
 H_POSITION: FloatArray = np.eye(N_STATES)[POSITION]
 N_CONSIDERED = N_STATES - VELOCITY.start
 """States that stay as they are where the velocity descends from our own fixes."""
@@ -60,28 +62,42 @@ class Drive(Enum):
 
 
 def initial_covariance(position_m: float, velocity_mps: float, acceleration_mps2: float) -> FloatArray:
-    """(11, 11) where position and the errors of velocity and acceleration have these 1-sigmas, and the air tells nothing yet."""
-    pairs = np.repeat((position_m, velocity_mps, acceleration_mps2, AIR_SIGMA_MPS), 2)
+    """(13, 13) where position and the errors of velocity and acceleration have these 1-sigmas, and the air tells nothing yet."""
+    pairs = np.repeat((position_m, 1.0, velocity_mps, acceleration_mps2, AIR_SIGMA_MPS), 2)
     return np.diag(np.square([*pairs, *(sigma for _, sigma, _ in SLOW)]))
 
 
 def transition(
-    dt_s: float, drive: Drive, sigma_mps: FloatArray, sigma_a_mps2: float, change_ne_mps: Vec2, settings: NavigatorSettings
+    dt_s: float,
+    drive: Drive,
+    sigma_mps: FloatArray,
+    sigma_a_mps2: float,
+    change_ne_mps: Vec2,
+    settings: NavigatorSettings,
+    gone_by: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
-    """F (11, 11), and Q (K, 11, 11) for K sigmas of the velocity's error (which an inertial velocity does not need).
+    """F (13, 13), and Q (K, 13, 13) for K sigmas of the velocity's error (which an inertial velocity does not need).
 
-    `change_ne_mps`: by how much the driving velocity changes meanwhile.
+    `change_ne_mps`: by how much the driving velocity changes meanwhile. `gone_by`: the way, over that after which fixes look at
+    other ground.
     """
     bias = (sigma_a_mps2, settings.acceleration_correlation_s)
     if drive is Drive.INERTIAL:
-        F, Q = _inertial(dt_s, *bias)
-        F = F.copy()
+        F, Q = (M.copy() for M in _inertial(dt_s, *bias))
         north, east = change_ne_mps
         F[VELOCITY, HEADING] = -east, north
         F[POSITION, HEADING] = east * dt_s / 2, -north * dt_s / 2
+        _forget(F, Q, gone_by)
         return F, np.broadcast_to(Q, (len(sigma_mps), *Q.shape))
-    F, per_variance, rest = _gauss_markov(dt_s, settings.velocity_correlation_s, *bias)
+    F, per_variance, rest = (M.copy() for M in _gauss_markov(dt_s, settings.velocity_correlation_s, *bias))
+    _forget(F, rest, gone_by)
     return F, np.square(sigma_mps)[:, None, None] * per_variance + rest
+
+
+def _forget(F: FloatArray, Q: FloatArray, gone_by: float) -> None:
+    """What fixes get wrong in common goes by with the way, in place."""
+    kept = math.exp(-gone_by)
+    F[LASTING, LASTING], Q[LASTING, LASTING] = kept * np.eye(2), (1 - kept * kept) * np.eye(2)
 
 
 def _wander(F: FloatArray, Q: FloatArray, dt_s: float) -> None:
@@ -93,7 +109,7 @@ def _wander(F: FloatArray, Q: FloatArray, dt_s: float) -> None:
 @lru_cache(maxsize=256)
 def _gauss_markov(dt_s: float, tau_s: float, sigma_a: float, tau_a_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     a, kept = math.exp(-dt_s / tau_s), math.exp(-dt_s / tau_a_s)
-    F, per_variance, rest = np.eye(4), np.zeros((4, 4)), np.zeros((4, 4))
+    F, per_variance, rest = np.eye(len(PAIRS)), np.zeros((4, 4)), np.zeros((4, 4))
     F[0, 1], F[1, 1], F[2, 2] = -tau_s * (1 - a), a, kept
     per_variance[1, 1] = 1 - a * a
     per_variance[0, 1] = per_variance[1, 0] = -tau_s * (1 - a) ** 2
@@ -128,7 +144,8 @@ def _wind_m2ps2(dt_s: float) -> float:
 
 def _both_axes(block: FloatArray) -> FloatArray:
     both = np.zeros((N_STATES, N_STATES))
-    both[0:HEADING:2, 0:HEADING:2] = both[1:HEADING:2, 1:HEADING:2] = block
+    for axis in range(2):
+        both[np.ix_(PAIRS + axis, PAIRS + axis)] = block
     return both
 
 

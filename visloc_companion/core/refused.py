@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from visloc_companion.core import relocalise, separation
+from visloc_companion.core import lasting, relocalise, separation
 from visloc_companion.core.belief import Belief, Position, widened
-from visloc_companion.core.propagation import N_STATES, POSITION, VELOCITY, Drive, initial_covariance
+from visloc_companion.core.propagation import LASTING, N_STATES, POSITION, VELOCITY, Drive, initial_covariance
 from visloc_companion.core.settings import NavigatorSettings
 
 DOUBT_AFTER = 2
@@ -39,7 +39,7 @@ def doubting(belief: Belief, z: Position) -> Belief:
     off_m = math.hypot(z.p_ne_m[0] - float(belief.x[0]), z.p_ne_m[1] - float(belief.x[1]))
     explained = off_m <= relocalise.MAX_VELOCITY_ERROR_MPS * (z.t_ns - belief.rested_ns) * 1e-9
     doubtful = len(belief.rejected) >= DOUBT_AFTER and explained and not relocalise.standing(belief.rejected)
-    if not doubtful or float(belief.P[2, 2]) > MAX_DOUBT_MPS**2:
+    if not doubtful or float(belief.P[VELOCITY.start, VELOCITY.start]) > MAX_DOUBT_MPS**2:
         return belief
     return widened(belief, 0.0, DOUBT_MPS**2)
 
@@ -55,6 +55,7 @@ def restarted(belief: Belief, z: Position, found: relocalise.Restart, settings: 
     elif belief.drive is Drive.INERTIAL:
         x[VELOCITY] += belief.x[VELOCITY]
     P = initial_covariance(0.0, sigma_v, belief.sigma_a_mps2)
-    P[POSITION, POSITION] = np.array(z.cov_ne_m2)
+    P[POSITION, POSITION] = cov = np.array(z.cov_ne_m2)
+    P[POSITION, LASTING] = P[LASTING, POSITION] = -lasting.root_m(cov)
     without = founded(belief, z, belief.without)
     return replace(belief, x=x, P=P, started_ns=z.t_ns, without=without)

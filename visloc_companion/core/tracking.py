@@ -260,11 +260,13 @@ class Tracker:
         self._taught_ns = sorted([*self._taught_ns, t_ns])[-TAUGHT_BY:]  # a late fix takes no place from later intervals
 
     def observe_odometry(self, odometry: Odometry) -> Motion | None:
-        """Learn the velocity's error from what the camera saw of its own motion; the interval that it completes, if it does."""
-        motion = self._odometry.on_odometry(odometry)
+        """Learn the velocity's error from what the camera saw of its own motion; the interval for the GNSS monitor that it
+        completes, if it does."""
+        completed = self._odometry.on_odometry(odometry, inertial=self._drives_itself)
+        motion = completed.of_filter
         if motion is not None and self._filter is not None:
             self._teach(motion.t_ns, self._filter.observe_motion(motion))
-        return motion
+        return completed.of_monitor
 
     def observe_gnss(self, t_ns: int, place: GeoPoint, sigma_m: float) -> Accepted | Rejected | TooOld | None:
         """Take a trusted GNSS position; None before seeding."""

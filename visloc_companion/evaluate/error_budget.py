@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from visloc_companion.core.propagation import POSITION, Drive, initial_covariance, transition
+from visloc_companion.core import lasting
+from visloc_companion.core.propagation import ACCELERATION, LASTING, Drive, initial_covariance, transition
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.localise.ortho_rectify import MAX_TAN_INCIDENCE
 from visloc_companion.types import FloatArray
@@ -174,51 +175,56 @@ def picture_of(roll_rad: float, pitch_rad: float, height_m: float, stated: State
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilterLoop:
-    """The position filter between two fixes when its gain K (11, 2) has settled: F, Q (11, 11), the fixes' 1-sigma on an axis,
-    and how it is carried to the outputs between two fixes: F, Q of each age."""
+    """The position filter between two fixes when its gain K (13, 2) has settled: F, Q (13, 13), H (2, 13) of a fix and what is
+    new in each R (2, 2), the share of a fix's variance that is its own and not the map's, and how it is carried to the outputs
+    between two fixes: F, Q of each age."""
 
     F: FloatArray
     Q: FloatArray
+    H: FloatArray
+    R: FloatArray
     K: FloatArray
-    matching_m: float
+    own_share: float
     ages: tuple[tuple[FloatArray, FloatArray], ...]
 
     @classmethod
     def of(cls, flown: Flown, stated: Stated, settings: NavigatorSettings) -> FilterLoop:
         """Riccati's equation, by going through it; the filter is driven by accelerations (core/propagation.py)."""
         period_s = 1 / flown.fix_rate_hz
-        F, Q = _step(period_s, settings)
+        F, Q = _step(period_s, flown, settings)
         P = initial_covariance(settings.seed_sigma_m, settings.velocity_sigma_aiding_mps, settings.acceleration_sigma_mps2)
-        R = (stated.matching_m**2 + stated.map_m**2) * np.eye(2)
+        H, R = lasting.seen((stated.matching_m**2 + stated.map_m**2) * np.eye(2))
         for _ in range(SETTLED):
             P = F @ P @ F.T + Q
-            K = np.linalg.solve(P[POSITION, POSITION] + R, P[POSITION]).T
-            P = P - K @ P[POSITION]
+            K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
+            P = P - K @ H @ P
             P = np.asarray((P + P.T) / 2, dtype=np.float64)
-        ages = tuple(_step(flown.latency_s + (k + 0.5) / AGES * period_s, settings) for k in range(AGES))
-        return cls(F, Q, np.asarray(K, dtype=np.float64), stated.matching_m, ages)
+        ages = tuple(_step(flown.latency_s + (k + 0.5) / AGES * period_s, flown, settings) for k in range(AGES))
+        own_share = stated.matching_m**2 / (stated.matching_m**2 + stated.map_m**2)
+        return cls(F, Q, H, R, np.asarray(K, dtype=np.float64), own_share, ages)
 
     def shares(self) -> tuple[float, float]:
         """1-sigma on an axis of the output that the fixes' own errors make, and that the motion between them makes."""
         n = len(self.F)
-        keep = np.eye(n)
-        keep[:, POSITION] -= self.K
+        keep = np.eye(n) - self.K @ self.H
+        lasts = np.zeros((n, n))
+        lasts[LASTING, LASTING] = self.Q[LASTING, LASTING]
         of_fixes, of_motion = np.zeros((n, n)), np.zeros((n, n))
         for _ in range(SETTLED):
-            of_fixes = keep @ self.F @ of_fixes @ self.F.T @ keep.T + self.matching_m**2 * self.K @ self.K.T
-            of_motion = keep @ (self.F @ of_motion @ self.F.T + self.Q) @ keep.T
+            of_fixes = keep @ (self.F @ of_fixes @ self.F.T + lasts) @ keep.T + self.K @ self.R @ self.K.T
+            of_motion = keep @ (self.F @ of_motion @ self.F.T + self.Q - lasts) @ keep.T
         fixes = np.mean([(F @ of_fixes @ F.T)[0, 0] for F, _ in self.ages])
         motion = np.mean([(F @ of_motion @ F.T + Q)[0, 0] for F, Q in self.ages])
-        return math.sqrt(float(fixes)), math.sqrt(float(motion))
+        return math.sqrt(self.own_share * float(fixes)), math.sqrt(float(motion))
 
     def step_response_m(self) -> float:
         """How far the output is drawn at most when an acceleration is wrong by 1 m/s² from some time on."""
         error, largest = np.zeros(len(self.F)), 0.0
-        error[4] = 1.0
+        error[ACCELERATION.start] = 1.0
         for _ in range(SETTLED):
             largest = max(largest, *(abs(float((F @ error)[0])) for F, _ in self.ages))
             error = self.F @ error
-            error = error - self.K @ error[POSITION]
+            error = error - self.K @ self.H @ error
         return largest
 
 
@@ -228,6 +234,7 @@ def heading(flown: Flown, heading_rad: float, loop: FilterLoop) -> Term:
     return Term("attitude: heading", drawn_m, drawn_m)
 
 
-def _step(dt_s: float, settings: NavigatorSettings) -> tuple[FloatArray, FloatArray]:
-    F, Q = transition(dt_s, Drive.INERTIAL, np.zeros(1), settings.acceleration_sigma_mps2, (0.0, 0.0), settings)
+def _step(dt_s: float, flown: Flown, settings: NavigatorSettings) -> tuple[FloatArray, FloatArray]:
+    gone_by = flown.speed_mps * dt_s / lasting.apart_m(flown.height_m)
+    F, Q = transition(dt_s, Drive.INERTIAL, np.zeros(1), settings.acceleration_sigma_mps2, (0.0, 0.0), settings, gone_by)
     return F, np.asarray(Q[0])

@@ -8,12 +8,13 @@ import pytest
 from visloc_companion.core import air_velocity, fusion
 from visloc_companion.core.air_velocity import AirError, AirVelocity
 from visloc_companion.core.belief import seeded
-from visloc_companion.core.propagation import AIR, HEADING, Drive
+from visloc_companion.core.propagation import AIR, HEADING, VELOCITY, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Accepted, FloatArray, Rejected
 
 S = 1_000_000_000
 SETTINGS = NavigatorSettings()
+V = VELOCITY.start
 
 
 def told(doubt: FloatArray | None, error: float = 0.5) -> AirVelocity:
@@ -41,11 +42,11 @@ def test_what_the_air_tells_holds_an_inertial_velocity() -> None:
 
 def test_its_lasting_error_begins_with_what_it_claims() -> None:
     belief = fusion.with_inertial_velocity(seeded(0, (0.0, 0.0), 1.0, 0.3, Drive.AUTOPILOT, SETTINGS), 0.2)
-    assert belief.P[6, 6] == pytest.approx(100.0)
+    assert belief.P[AIR.start, AIR.start] == pytest.approx(100.0)
     begun, outcome = air_velocity.observed(belief, AirError(0, (0.0, 0.0), told(None)), SETTINGS)
     assert isinstance(outcome, Accepted)
     assert math.sqrt(begun.P[6, 6]) < 0.5
-    assert begun.P[2, 2] < belief.P[2, 2]
+    assert begun.P[V, V] < belief.P[V, V]
     assert begun.P[HEADING, HEADING] < belief.P[HEADING, HEADING]
     more, _ = air_velocity.observed(begun, AirError(0, (0.0, 0.0), told(np.eye(2))), SETTINGS)
     assert more.P[AIR, AIR][0, 0] > 1.3 * begun.P[AIR, AIR][0, 0]
@@ -55,7 +56,7 @@ def test_a_gust_beyond_the_gate_is_not_taken() -> None:
     belief = fusion.with_inertial_velocity(seeded(0, (0.0, 0.0), 1.0, 0.3, Drive.AUTOPILOT, SETTINGS), 0.2)
     after, outcome = air_velocity.observed(belief, AirError(0, (30.0, 0.0), told(None)), SETTINGS)
     assert isinstance(outcome, Rejected)
-    assert after.x[2] == belief.x[2]
+    assert after.x[V] == belief.x[V]
 
 
 @pytest.mark.parametrize("drive", [Drive.FED_BACK, Drive.AUTOPILOT, Drive.NONE])

@@ -8,13 +8,14 @@ import pytest
 
 from visloc_companion.core import fusion, propagation, refused
 from visloc_companion.core.belief import Belief, Position, seeded
-from visloc_companion.core.propagation import Drive
+from visloc_companion.core.propagation import ACCELERATION, POSITION, VELOCITY, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.errors import Reason
 from visloc_companion.types import Accepted, Rejected
 
 SETTINGS = NavigatorSettings()
 S = 1_000_000_000
+V, A = VELOCITY.start, ACCELERATION.start
 
 
 def start(drive: Drive = Drive.AUTOPILOT, sigma_m: float = 2.0) -> Belief:
@@ -47,7 +48,7 @@ def test_growth_is_that_of_an_integrated_gauss_markov_error() -> None:
         b = following
     grown = fusion.propagated(start(sigma_m=0.001), 20 * S, (0.0, 0.0), SETTINGS).P
     assert math.sqrt(grown[0, 0] - 20 * propagation.WALK_M_PER_SQRT_S**2) == pytest.approx(float(np.std(p)), rel=0.02)
-    assert grown[0, 2] == pytest.approx(-float(np.mean(p * b)), rel=0.06)
+    assert grown[0, V] == pytest.approx(-float(np.mean(p * b)), rel=0.06)
 
 
 def test_time_does_not_run_back() -> None:
@@ -63,9 +64,9 @@ def test_learns_the_velocity_error_from_fixes_only_without_feedback() -> None:
             belief = fusion.propagated(belief, k * S, (0.0, 0.0), SETTINGS)
             belief, _ = fusion.observed(belief, fix(k, 0.5 * k, 0.0), SETTINGS)
         if drive is Drive.FED_BACK:
-            assert belief.x[2] == 0.0
+            assert belief.x[V] == 0.0
         else:
-            assert belief.x[2] == pytest.approx(-0.5, abs=0.1)
+            assert belief.x[V] == pytest.approx(-0.5, abs=0.1)
             assert belief.x[0] == pytest.approx(30.0, abs=0.3)
 
 
@@ -88,15 +89,15 @@ def test_velocity_trust() -> None:
         learned, _ = fusion.observed(learned, fix(k, 0.5 * k, 0.0), SETTINGS)
     assert fusion.with_velocity_trust(learned, 0.3, Drive.AUTOPILOT) is learned
     wider = fusion.with_velocity_trust(learned, 0.8, Drive.AUTOPILOT)
-    assert wider.x[2] == learned.x[2]
-    assert wider.P[2, 2] == pytest.approx(learned.P[2, 2] + 0.8**2 - 0.3**2)
+    assert wider.x[V] == learned.x[V]
+    assert wider.P[V, V] == pytest.approx(learned.P[V, V] + 0.8**2 - 0.3**2)
     narrower = fusion.with_velocity_trust(wider, 0.3, Drive.AUTOPILOT)
-    assert narrower.P[2, 2] == wider.P[2, 2]
+    assert narrower.P[V, V] == wider.P[V, V]
     assert narrower.sigma_v_mps == 0.3
     other = fusion.with_velocity_trust(learned, 0.8, Drive.FED_BACK)
-    np.testing.assert_array_equal(other.x[2:4], [0.0, 0.0])
-    np.testing.assert_allclose(other.P[2:4, 2:4], np.eye(2) * 0.64)
-    np.testing.assert_array_equal(other.P[:2, 2:4], np.zeros((2, 2)))
+    np.testing.assert_array_equal(other.x[VELOCITY], [0.0, 0.0])
+    np.testing.assert_allclose(other.P[VELOCITY, VELOCITY], np.eye(2) * 0.64)
+    np.testing.assert_array_equal(other.P[POSITION, VELOCITY], np.zeros((2, 2)))
 
 
 def test_rejected_fixes_that_agree_restart_the_filter_at_the_fourth() -> None:
@@ -132,12 +133,12 @@ def test_repeated_rejections_that_a_false_velocity_explains_widen_the_search() -
             assert isinstance(outcome, Rejected)
         return belief
 
-    assert after_two(50.0).P[2, 2] > refused.DOUBT_MPS**2
-    assert after_two(5000.0).P[2, 2] < 1.0
+    assert after_two(50.0).P[V, V] > refused.DOUBT_MPS**2
+    assert after_two(5000.0).P[V, V] < 1.0
     belief = after_two(50.0)
     for k in range(12, 60):
         belief, _ = fusion.observed(belief, fix(11, 100.0 + 37 * (k % 3), 0.0), SETTINGS)
-    assert belief.P[2, 2] < refused.MAX_DOUBT_MPS**2 + refused.DOUBT_MPS**2 + 1
+    assert belief.P[V, V] < refused.MAX_DOUBT_MPS**2 + refused.DOUBT_MPS**2 + 1
 
 
 def test_six_fixes_on_a_line_teach_the_velocity_error_unless_it_is_our_own() -> None:
@@ -150,10 +151,10 @@ def test_six_fixes_on_a_line_teach_the_velocity_error_unless_it_is_our_own() -> 
         assert isinstance(outcome, Accepted)
         assert belief.x[0] == pytest.approx(-470.0)
         if drive is Drive.FED_BACK:
-            assert belief.x[2] == 0.0
-            assert belief.P[2, 2] >= 20.0**2 - 1
+            assert belief.x[V] == 0.0
+            assert belief.P[V, V] >= 20.0**2 - 1
         else:
-            assert belief.x[2] == pytest.approx(20.0, abs=0.1)
+            assert belief.x[V] == pytest.approx(20.0, abs=0.1)
 
 
 def test_an_accepted_fix_or_a_long_pause_clears_the_candidates() -> None:
@@ -197,8 +198,8 @@ def test_a_fix_at_the_edge_of_the_gate_hardly_moves_the_velocity() -> None:
     assert beyond.rejected
     assert not near.rejected
     assert not far.rejected
-    assert near.x[2] < 0
-    assert abs(far.x[2]) < abs(near.x[2])
+    assert near.x[V] < 0
+    assert abs(far.x[V]) < abs(near.x[V])
     assert far.P[0, 0] > near.P[0, 0]
 
 
@@ -209,15 +210,15 @@ def test_a_correction_comes_back_as_an_error_of_the_accelerations_of_every_solut
     corrected_m2 = (belief.P - first.P)[:2, :2]
     assert corrected_m2[0, 0] == pytest.approx(4.0 * 4.0 / 5.0)
     expected = 0.05**2 * np.eye(2) + fusion.TILT_MPS2_PER_M**2 * corrected_m2
-    np.testing.assert_allclose(first.P[propagation.ACCELERATION, propagation.ACCELERATION], expected, atol=1e-9)
+    np.testing.assert_allclose(first.P[ACCELERATION, ACCELERATION], expected, atol=1e-9)
     for P in first.without.P:
-        assert P[4, 4] == pytest.approx(0.05**2 + fusion.TILT_MPS2_PER_M**2 * corrected_m2[0, 0])
+        assert P[A, A] == pytest.approx(0.05**2 + fusion.TILT_MPS2_PER_M**2 * corrected_m2[0, 0])
 
 
 def test_a_correction_tilts_nothing_while_the_autopilot_flies_on_gnss_that_is_trusted() -> None:
     for drive in (Drive.AUTOPILOT, Drive.FED_BACK):
         after, _ = fusion.observed(start(drive), fix(0.0, 3.0, 0.0), SETTINGS)
-        assert after.P[4, 4] == pytest.approx(start(drive).P[4, 4])
+        assert after.P[A, A] == pytest.approx(start(drive).P[A, A])
 
 
 def test_the_noise_of_fixes_is_their_variance_times_their_interval() -> None:

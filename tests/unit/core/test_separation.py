@@ -8,7 +8,7 @@ import pytest
 
 from visloc_companion.core import fusion, separation
 from visloc_companion.core.belief import Belief, Position, seeded
-from visloc_companion.core.propagation import Drive
+from visloc_companion.core.propagation import N_STATES, POSITION, VELOCITY, Drive
 from visloc_companion.core.separation import CLAIM_FLOOR, CORRELATION, EVERY, ONE
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Accepted
@@ -56,7 +56,7 @@ def test_solutions_move_and_spread_as_a_filter_that_never_had_the_fix() -> None:
 
 def test_one_that_takes_the_later_fixes_is_the_filter_without_the_first() -> None:
     only_second = taken(start(), 1.0, 0.2)
-    both = taken(taken(start(), 0.0, 4.0), 1.0, 0.2)
+    both = taken(taken(start(), 0.0, 1.5), 1.0, 0.2)
     w = both.without
     one = w.leaves.index(ONE)
     np.testing.assert_allclose(w.x[one], only_second.x, atol=1e-12)
@@ -107,17 +107,17 @@ def test_there_are_never_too_many_and_the_improbable_go_first() -> None:
 def test_a_new_velocity_leaves_no_learned_error() -> None:
     belief = taken(taken(start(Drive.AUTOPILOT), 0.0, 0.0), 3.0, 2.0)
     other = fusion.with_velocity_trust(belief, 0.8, Drive.FED_BACK)
-    assert (other.without.x[:, 2:4] == 0).all()
-    np.testing.assert_allclose(other.without.P[:, 2, 2], 0.64)
-    assert (other.without.P[:, :2, 2:4] == 0).all()
+    assert (other.without.x[:, VELOCITY] == 0).all()
+    np.testing.assert_allclose(other.without.P[:, VELOCITY.start, VELOCITY.start], 0.64)
+    assert (other.without.P[:, POSITION, VELOCITY] == 0).all()
     wider = fusion.with_velocity_trust(other, 1.0, Drive.FED_BACK)
-    np.testing.assert_allclose(wider.without.P[:, 3, 3], 1.0)
+    np.testing.assert_allclose(wider.without.P[:, VELOCITY.start + 1, VELOCITY.start + 1], 1.0)
 
 
 def test_the_origin_moves_them_along() -> None:
     w = taken(start(), 0.0, 3.0).without
     moved = separation.shifted(w, np.array([5.0, -2.0]))
-    np.testing.assert_allclose(moved.x - w.x, np.tile([5.0, -2.0, *[0.0] * 9], (len(w), 1)))
+    np.testing.assert_allclose(moved.x - w.x, np.tile([5.0, -2.0, *[0.0] * (N_STATES - 2)], (len(w), 1)))
     assert separation.shifted(separation.NONE, np.array([5.0, -2.0])) is separation.NONE
 
 

@@ -1,0 +1,51 @@
+"""What neighbouring fixes get wrong in common: they look at the same ground, with the same error of the attitude.
+
+A fix errs by a part that is new in each and one that lasts; the latter, in 1-sigmas of its own claim, is a pair of the filter's
+states, first-order Gauss-Markov over the way that the vehicle has gone (a vehicle that hovers learns nothing from many fixes).
+So odometry may carry the position while that error goes by, and a fix that claims little has little of it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from visloc_companion.core.propagation import LASTING, N_STATES, POSITION
+from visloc_companion.types import FloatArray
+
+SHARE = 0.6
+"""Of the variance that a fix claims, how much lasts (benchmarks/lasting.py)."""
+APART = 0.6
+"""It has gone by to 1/e after so many heights above the ground."""
+LEAST_APART_M = 20.0
+
+
+def apart_m(height_m: float) -> float:
+    """The way after which fixes from a height above the ground look at other ground."""
+    return max(LEAST_APART_M, APART * height_m)
+
+
+def seen(cov_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """H (2, 13) of a fix with this covariance (2, 2), and the covariance (2, 2) of what is new in it."""
+    H = np.zeros((2, N_STATES))
+    H[:, POSITION], H[:, LASTING] = np.eye(2), root_m(cov_m2)
+    return H, (1 - SHARE) * cov_m2
+
+
+def known_m2(cov_m2: FloatArray, P: FloatArray, H: FloatArray) -> float:
+    """By how much smaller, on an axis, a fix's innovation is for what is known of the lasting part. Other ground may begin at any
+    moment, so no fix is gated for that."""
+    unknown, known = P[POSITION, POSITION] + SHARE * cov_m2, H @ P @ H.T
+    return max(0.0, float(np.trace(unknown - known)) / 2)
+
+
+def root_m(cov_m2: FloatArray) -> FloatArray:
+    """(2, 2) what a 1-sigma of the lasting part is on the ground: the symmetric root of its covariance (zero where that is none,
+    which the update refuses)."""
+    (a, b), (_, c) = cov_m2.tolist()
+    determinant = a * c - b * b
+    if not (a > 0 and determinant > 0 and math.isfinite(determinant)):
+        return np.zeros((2, 2))
+    s = math.sqrt(determinant)
+    return math.sqrt(SHARE / (a + c + 2 * s)) * np.array([[a + s, b], [b, c + s]])
