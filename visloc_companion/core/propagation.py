@@ -97,7 +97,8 @@ def transition(
 def _forget(F: FloatArray, Q: FloatArray, gone_by: float) -> None:
     """What fixes get wrong in common goes by with the way, in place."""
     kept = math.exp(-gone_by)
-    F[LASTING, LASTING], Q[LASTING, LASTING] = kept * np.eye(2), (1 - kept * kept) * np.eye(2)
+    for state in range(LASTING.start, LASTING.stop):
+        F[state, state], Q[state, state] = kept, 1 - kept * kept
 
 
 def _wander(F: FloatArray, Q: FloatArray, dt_s: float) -> None:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from visloc_companion.core.propagation import (
     ACCELERATION,
     HEADING,
+    LASTING,
     N_STATES,
     POSITION,
     VELOCITY,
@@ -27,7 +28,8 @@ V, A = VELOCITY.start, ACCELERATION.start
 
 
 def step(dt_s: float, drive: Drive, change: tuple[float, float] = (0.0, 0.0)) -> tuple[FloatArray, FloatArray]:
-    F, Q = transition(dt_s, drive, np.array([0.8]), SIGMA_A, change, SETTINGS)
+    """With a way of a tenth of what makes ground other ground a second."""
+    F, Q = transition(dt_s, drive, np.array([0.8]), SIGMA_A, change, SETTINGS, 0.1 * dt_s)
     return F, Q[0]
 
 
@@ -88,3 +90,13 @@ def test_only_an_inertial_velocity_feels_acceleration_and_heading() -> None:
         for M in (F, Q):
             assert not M[: ACCELERATION.start, ACCELERATION].any()
             assert not M[:HEADING, HEADING:].any()
+
+
+@pytest.mark.parametrize("drive", list(Drive))
+def test_what_fixes_have_in_common_goes_by_with_the_way_and_keeps_its_size(drive: Drive) -> None:
+    F, Q = step(10.0, drive)
+    kept = math.exp(-1.0)
+    np.testing.assert_allclose(F[LASTING, LASTING], kept * np.eye(2))
+    np.testing.assert_allclose(F[LASTING, LASTING] @ F[LASTING, LASTING].T + Q[LASTING, LASTING], np.eye(2))
+    hovering, _ = transition(10.0, drive, np.array([0.8]), SIGMA_A, (0.0, 0.0), SETTINGS)
+    np.testing.assert_array_equal(hovering[LASTING, LASTING], np.eye(2))
