@@ -19,6 +19,8 @@ SHARE = 0.6
 APART = 0.6
 """It has gone by to 1/e after so many heights above the ground."""
 LEAST_APART_M = 20.0
+BY_SHAPE = frozenset({"structure", "terrain"})
+"""Methods that share no more with images than the attitude: what lasts of their own error is another thing, and comes on top."""
 
 
 def apart_m(height_m: float) -> float:
@@ -26,11 +28,11 @@ def apart_m(height_m: float) -> float:
     return max(LEAST_APART_M, APART * height_m)
 
 
-def seen(cov_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """H (2, 13) of a fix with this covariance (2, 2), and the covariance (2, 2) of what is new in it."""
+def seen(cov_m2: FloatArray, method: str) -> tuple[FloatArray, FloatArray]:
+    """H (2, 13) of a fix of a method with this covariance (2, 2), and the covariance (2, 2) of what is new in it."""
     H = np.zeros((2, N_STATES))
     H[:, POSITION], H[:, LASTING] = np.eye(2), root_m(cov_m2)
-    return H, (1 - SHARE) * cov_m2
+    return H, cov_m2 if method in BY_SHAPE else (1 - SHARE) * cov_m2
 
 
 def known_m2(cov_m2: FloatArray, P: FloatArray, H: FloatArray) -> float:

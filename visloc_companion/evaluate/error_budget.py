@@ -193,7 +193,7 @@ class FilterLoop:
         period_s = 1 / flown.fix_rate_hz
         F, Q = _step(period_s, flown, settings)
         P = initial_covariance(settings.seed_sigma_m, settings.velocity_sigma_aiding_mps, settings.acceleration_sigma_mps2)
-        H, R = lasting.seen((stated.matching_m**2 + stated.map_m**2) * np.eye(2))
+        H, R = lasting.seen((stated.matching_m**2 + stated.map_m**2) * np.eye(2), "image")
         for _ in range(SETTLED):
             P = F @ P @ F.T + Q
             K = np.linalg.solve(H @ P @ H.T + R, H @ P).T

@@ -44,8 +44,11 @@ def alike(rng: np.random.Generator, n: int, step_m: float, apart_m: float) -> Fl
 
 def test_a_fix_is_worth_what_it_claims() -> None:
     cov = np.array([[3.0, 1.0], [1.0, 2.0]])
-    H, R = lasting.seen(cov)
+    H, R = lasting.seen(cov, "deep")
     np.testing.assert_allclose(H[:, LASTING] @ H[:, LASTING].T + R, cov)
+    by_shape, more = lasting.seen(cov, "structure")
+    np.testing.assert_array_equal(by_shape, H)
+    np.testing.assert_array_equal(more, cov)
     np.testing.assert_allclose(lasting.root_m(cov), lasting.root_m(cov).T)
     assert not lasting.root_m(np.array([[1.0, 2.0], [2.0, 1.0]])).any()
     assert not lasting.root_m(np.full((2, 2), np.nan)).any()
@@ -84,7 +87,7 @@ def test_fixes_taken_for_independent_would_err_more(monkeypatch: pytest.MonkeyPa
 def test_other_ground_may_begin_at_any_moment() -> None:
     """A fix is gated against all that it may be off by, not against what is left when the last ground's error is known."""
     belief, _ = flown(np.full((60, 2), 1.0), 10.0)
-    H, R = lasting.seen(np.array(COV))
+    H, R = lasting.seen(np.array(COV), "deep")
     whole = belief.P[POSITION, POSITION] + np.array(COV)
     left = H @ belief.P @ H.T + R
     assert lasting.known_m2(np.array(COV), belief.P, H) == pytest.approx(float(np.trace(whole - left)) / 2)
