@@ -46,6 +46,10 @@ class OdometryAiding:
             return Intervals()
         return Intervals(self._filter.cut(event, before_ns, patient=inertial), self._monitor.cut(event, before_ns))
 
+    def lost(self) -> Motion | None:
+        """The camera's motion is seen no more: what was seen of it and waited for a longer interval, for the filter."""
+        return self._filter.rest()
+
 
 class _Cutter:
     """Intervals of one consumer."""
@@ -53,10 +57,11 @@ class _Cutter:
     def __init__(self, track: OdometryTrack) -> None:
         self._track = track
         self._since_ns: int | None = None
+        self._last: Odometry | None = None
 
     def cut(self, event: Odometry, before_ns: int | None, *, patient: bool = False) -> Motion | None:
         """After another displacement; before it the track ended at `before_ns`."""
-        newest_ns = self._track.newest_ns
+        self._last, newest_ns = event, self._track.newest_ns
         since_ns = event.t_from_ns if self._since_ns is None else self._since_ns
         self._since_ns = since_ns
         if newest_ns is None or newest_ns - since_ns < INTERVAL_NS:
@@ -67,6 +72,15 @@ class _Cutter:
         self._since_ns = newest_ns
         if motion is None and before_ns is not None and before_ns - since_ns >= INTERVAL_NS:
             return self._seen(event, since_ns, before_ns)
+        return motion
+
+    def rest(self) -> Motion | None:
+        """What has been seen since the last interval, if it is long enough for one."""
+        newest_ns = self._track.newest_ns
+        if self._last is None or self._since_ns is None or newest_ns is None or newest_ns - self._since_ns < INTERVAL_NS:
+            return None
+        motion = self._seen(self._last, self._since_ns, newest_ns)
+        self._since_ns = newest_ns
         return motion
 
     def _seen(self, event: Odometry, since_ns: int, until_ns: int) -> Motion | None:

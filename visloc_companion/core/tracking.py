@@ -263,10 +263,16 @@ class Tracker:
         """Learn the velocity's error from what the camera saw of its own motion; the interval for the GNSS monitor that it
         completes, if it does."""
         completed = self._odometry.on_odometry(odometry, inertial=self._drives_itself)
-        motion = completed.of_filter
+        self._learn_motion(completed.of_filter)
+        return completed.of_monitor
+
+    def odometry_lost(self) -> None:
+        """An answer without the camera's motion: nothing waits for a longer interval any more."""
+        self._learn_motion(self._odometry.lost())
+
+    def _learn_motion(self, motion: Motion | None) -> None:
         if motion is not None and self._filter is not None:
             self._teach(motion.t_ns, self._filter.observe_motion(motion))
-        return completed.of_monitor
 
     def observe_gnss(self, t_ns: int, place: GeoPoint, sigma_m: float) -> Accepted | Rejected | TooOld | None:
         """Take a trusted GNSS position; None before seeding."""

@@ -102,7 +102,9 @@ class Vision:
 
     def moved(self, motion: Odometry | None, now_ns: int) -> None:
         """The camera's own motion bears on the velocity, and on the GNSS verdict."""
-        if motion is not None and fault(motion, now_ns) is None:
+        if motion is None:
+            self._tracker.odometry_lost()
+        elif fault(motion, now_ns) is None:
             interval = self._tracker.observe_odometry(motion)
             if interval is not None:
                 self._aiding.on_motion(interval)

@@ -82,3 +82,15 @@ def test_what_was_seen_before_a_gap_is_told() -> None:
     assert after.of_filter is not None
     assert (after.of_filter.t_from_ns, after.of_filter.t_ns) == (0, 1000 * MS)
     assert after.of_filter.d_ne_m[0] == pytest.approx(10.0)
+
+
+def test_when_nothing_is_seen_any_more_nothing_waits() -> None:
+    aiding, wide = OdometryAiding(), ((0.25, 0.0), (0.0, 0.25))
+    assert aiding.lost() is None
+    for k in range(1, 5):
+        seen_ = Odometry(250 * k * MS, 0, 250 * k * MS, (2.5 * k, 0.0, 0.0), wide, 0.0, 0.0)
+        assert aiding.on_odometry(seen_, inertial=True).of_filter is None
+    rest = aiding.lost()
+    assert rest is not None
+    assert (rest.t_from_ns, rest.t_ns, rest.d_ne_m[0]) == (0, 1000 * MS, pytest.approx(10.0))
+    assert aiding.lost() is None, "each stretch is told once"
