@@ -15,12 +15,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from visloc_companion.core.fusion import TILT_MPS2_PER_M
 from visloc_companion.core.output import stream_sigma_m
 from visloc_companion.types import FloatArray
 
 G_MPS2, STEP_S, SENSOR_HZ, EKF_S, SEND_S = 9.81, 0.05, 250.0, 0.01, 0.1
-OURS_TAU_S, OURS_WHITE_M2PS3, OURS_WALK_M2PS, TILT_MPS2_PER_M = 20.0, 0.0144, 0.0025, 0.15
-"""Of our own filter: correlation of the accelerations' error, white noise, walk of the position, tilt by corrections."""
+OURS_TAU_S, OURS_WHITE_M2PS3, OURS_WALK_M2PS = 20.0, 0.0144, 0.0025
+"""Of our own filter: correlation of the accelerations' error, white noise, walk of the position."""
 POSITION, VELOCITY = np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 1.0, 0.0]])
 
 

@@ -61,32 +61,30 @@ class _Cutter:
 
     def cut(self, event: Odometry, before_ns: int | None, *, patient: bool = False) -> Motion | None:
         """After another displacement; before it the track ended at `before_ns`."""
-        self._last, newest_ns = event, self._track.newest_ns
-        since_ns = event.t_from_ns if self._since_ns is None else self._since_ns
-        self._since_ns = since_ns
-        if newest_ns is None or newest_ns - since_ns < INTERVAL_NS:
-            return None
-        motion = self._seen(event, since_ns, newest_ns)
-        if motion is not None and patient and not _worth(motion):
-            return None
-        self._since_ns = newest_ns
-        if motion is None and before_ns is not None and before_ns - since_ns >= INTERVAL_NS:
+        self._last = event
+        since_ns = self._since_ns = event.t_from_ns if self._since_ns is None else self._since_ns
+        motion = self.rest(patient=patient)
+        if motion is None and self._since_ns != since_ns:  # not all of it was seen: what was, before the gap
             return self._seen(event, since_ns, before_ns)
         return motion
 
-    def rest(self) -> Motion | None:
-        """What has been seen since the last interval, if it is long enough for one."""
-        newest_ns = self._track.newest_ns
-        if self._last is None or self._since_ns is None or newest_ns is None or newest_ns - self._since_ns < INTERVAL_NS:
+    def rest(self, *, patient: bool = False) -> Motion | None:
+        """What has been seen since the last interval, if it is long enough for one; nothing that was not seen waits."""
+        newest_ns, since_ns = self._track.newest_ns, self._since_ns
+        if self._last is None or since_ns is None or newest_ns is None or newest_ns - since_ns < INTERVAL_NS:
             return None
-        motion = self._seen(self._last, self._since_ns, newest_ns)
+        motion = self._seen(self._last, since_ns, newest_ns)
+        if motion is not None and patient and not _worth(motion):
+            return None
         self._since_ns = newest_ns
         return motion
 
-    def _seen(self, event: Odometry, since_ns: int, until_ns: int) -> Motion | None:
-        """An interval, if all of it was seen."""
+    def _seen(self, event: Odometry, since_ns: int, until_ns: int | None) -> Motion | None:
+        """An interval, if it is long enough and all of it was seen."""
+        if until_ns is None or not INTERVAL_NS <= until_ns - since_ns <= LONGEST_NS:
+            return None
         travelled = self._track.between(since_ns, until_ns)
-        if travelled is None or travelled.unseen_s > 0 or until_ns - since_ns > LONGEST_NS:
+        if travelled is None or travelled.unseen_s > 0:
             return None
         north, east, _ = travelled.displacement_ned_m
         (nn, ne), (_, ee) = travelled.own_ne_m2

@@ -103,7 +103,7 @@ def test_output_keeps_what_fixes_have_in_common_however_many_came() -> None:
         kalman_filter.observe(fix(0.02 * k, 0.2 * k, 0.0, k))
     state = kalman_filter.at(4 * S)
     least_m = math.hypot(SETTINGS.map_sigma_m, math.sqrt(0.5))
-    assert 0.97 * least_m < math.sqrt(state.cov_ne_m2[0][0]) < 1.2 * least_m
+    assert 0.97 * least_m < math.sqrt(state.cov_ne_m2[0][0]) < 1.1 * least_m
     assert kalman_filter.protection_level_m(4 * S) > 4.8 * least_m
     after_one = made()
     after_one.drive(velocity(0.02))

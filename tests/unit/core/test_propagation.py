@@ -24,7 +24,6 @@ from visloc_companion.types import FloatArray
 SETTINGS = NavigatorSettings()
 SIGMA_A = 0.2
 V, A = VELOCITY.start, ACCELERATION.start
-V, A = VELOCITY.start, ACCELERATION.start
 
 
 def step(dt_s: float, drive: Drive, change: tuple[float, float] = (0.0, 0.0)) -> tuple[FloatArray, FloatArray]:

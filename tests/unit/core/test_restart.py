@@ -76,5 +76,5 @@ def test_amid_a_spoofing_gnss_is_believed_for_seconds_only_and_never_followed(
     w.fly(80.0)
     assert w.first(Injection, since_s=40.0 + DOWN_S) - 40.0 - DOWN_S < 6.0
     assert w.status_at(50.0)[0].verdict is Verdict.SUSPECT
-    assert max(error for t, _, error in w.statuses if t > 45) < 6.5
+    assert max(error for t, _, error in w.statuses if t > 45) < 6.1
     assert not [c for t, c in w.commands if t > 40 and isinstance(c, SwitchSource) and c.source is EkfSource.GNSS]
