@@ -21,14 +21,14 @@ from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.faults import FaultSchedule
 from visloc_companion.sim.faults.camera import FramesLate
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes
-from visloc_companion.sim.imu import NOISY, QUIET
 from visloc_companion.sim.real.oracle import METHOD, OracleSettings
 from visloc_companion.sim.real.pilot import HOME
 from visloc_companion.sim.real.programs import Simulator
 from visloc_companion.sim.real.scenario import RealScenario
+from visloc_companion.sim.vehicle_model import ARDUPILOT_SITL, PX4_SIH
 from visloc_companion.types import AutopilotKind, EkfSource, Fix, GeoPoint, Image, LocaliseRequest, NoFix, Quat, SourceSwitched
 
-WIND_NED_MPS = (2.0, -4.0, 0.0)
+WIND_NED_MPS, CALM = (2.0, -4.0, 0.0), (0.0, 0.0, 0.0)
 BOOT_AGE_S = 60.0
 
 
@@ -49,9 +49,9 @@ def built_in_p95_m(scenario: RealScenario, simulator: Simulator) -> float | None
         route.speed_mps,
         scenario.seed,
         _faults(scenario),
-        WIND_NED_MPS,
+        CALM if simulator.is_px4 else WIND_NED_MPS,
         boot_age_s=BOOT_AGE_S,
-        imu=NOISY if simulator.is_px4 else QUIET,
+        model=PX4_SIH if simulator.is_px4 else ARDUPILOT_SITL,
     )
     oracle = scenario.oracle
     eyes = Eyes(

@@ -20,11 +20,11 @@ from visloc_companion.sim.autopilot_modes import Failsafe, custom_mode
 from visloc_companion.sim.autopilot_parameters import prepared_parameters
 from visloc_companion.sim.autopilot_receive import Receiver
 from visloc_companion.sim.faults import FaultSchedule
-from visloc_companion.sim.imu import QUIET, Imu
 from visloc_companion.sim.pitot import Pitot
 from visloc_companion.sim.rangefinder import Rangefinder
 from visloc_companion.sim.streams_messages import BUILDERS, Message, Ranged, Snapshot, heartbeat
 from visloc_companion.sim.vehicle import Truth
+from visloc_companion.sim.vehicle_model import USUAL, VehicleModel
 from visloc_companion.types import AutopilotKind, GeoPoint, Vec3
 
 HEARTBEAT_S, TIMESYNC_S = 1.0, 0.1
@@ -62,10 +62,10 @@ class BuiltInAutopilot:
         origin: GeoPoint | None = None,
         ready_s: float = 0.0,
         rangefinder: Rangefinder | None = None,
-        imu: Imu = QUIET,
+        model: VehicleModel = USUAL,
     ) -> None:
         way, wrong = tuple(mission_ned_m), faults or FaultSchedule()
-        plan = FlightPlan(kind, vehicle, home, way, speed_mps, seed, wrong, wind_ned_mps, start_airborne, imu)
+        plan = FlightPlan(kind, vehicle, home, way, speed_mps, seed, wrong, wind_ned_mps, start_airborne, model)
         self.parameters = prepared_parameters(kind, parameters or {})
         self.flight = Flight(plan, self.parameters, origin)
         self._boot_ns = round(boot_age_s * 1e9)
@@ -79,7 +79,8 @@ class BuiltInAutopilot:
         self._ready_due_s = ready_s if kind is AutopilotKind.ARDUPILOT and ready_s > 0 else math.inf
         self._origin_sent: GeoPoint | None = None
         self._rangefinder, self._range_rng = rangefinder, Random(f"{seed}/range")
-        self._accelerometer, self._pitot = Accelerometer(Random(f"{seed}/force")), Pitot(Random(f"{seed}/pitot"))
+        self._accelerometer = Accelerometer(Random(f"{seed}/force"), model.accelerometers)
+        self._pitot = Pitot(Random(f"{seed}/pitot"), model.tube)
 
     # ------------------------------------------------------------------------------------------------------------- drive
 

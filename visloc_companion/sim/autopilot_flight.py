@@ -16,13 +16,14 @@ from visloc_companion.sim.control_plane import PlaneControl
 from visloc_companion.sim.estimator import InertialFilter
 from visloc_companion.sim.estimator_ardupilot import ArduPilotEstimator
 from visloc_companion.sim.estimator_attitude import AttitudeEstimate
+from visloc_companion.sim.estimator_output import output_taus
 from visloc_companion.sim.estimator_px4 import Px4Estimator
 from visloc_companion.sim.estimator_status import EstimatorHealth, GnssMeasurement
 from visloc_companion.sim.faults import FaultSchedule
 from visloc_companion.sim.gnss import GnssReceiver, GnssSample
-from visloc_companion.sim.imu import QUIET, Imu
 from visloc_companion.sim.vehicle import Body, Truth
 from visloc_companion.sim.vehicle_copter import Copter
+from visloc_companion.sim.vehicle_model import USUAL, VehicleModel
 from visloc_companion.sim.vehicle_noise import Wind
 from visloc_companion.sim.vehicle_plane import Plane
 from visloc_companion.types import AutopilotKind, GeoPoint, Vec3
@@ -30,7 +31,6 @@ from visloc_companion.types import AutopilotKind, GeoPoint, Vec3
 PHYSICS_DT_S = 0.01
 GNSS_LAG_MS = 200.0
 """ArduPilot's fusion horizon is at least the receiver's lag."""
-GUST_SHARE = 0.1
 Phase = Literal["mission", "by_hand", "takeoff", "land", "landed"]
 
 
@@ -38,7 +38,7 @@ Phase = Literal["mission", "by_hand", "takeoff", "land", "landed"]
 class FlightPlan:
     """What is flown: home (the ground, down = 0), waypoints NED about home in true metres, speed, wind, faults and seed.
 
-    `speed_mps` is over ground for a copter and through the air for a plane. `imu`: what its inertial sensors get wrong.
+    `speed_mps` is over ground for a copter and through the air for a plane. `model`: vehicle, air and sensors.
     """
 
     kind: AutopilotKind
@@ -50,7 +50,7 @@ class FlightPlan:
     faults: FaultSchedule = field(default_factory=FaultSchedule)
     wind_ned_mps: Vec3 = (0.0, 0.0, 0.0)
     start_airborne: bool = True
-    imu: Imu = QUIET
+    model: VehicleModel = USUAL
 
     def __post_init__(self) -> None:
         if self.kind is AutopilotKind.UNKNOWN:
@@ -73,17 +73,19 @@ class Flight:
         self._had_fix, self._position_ok = False, False
         self._rng = {name: Random(f"{plan.seed}/{name}") for name in ("wind", "imu", "gnss", "attitude")}
         plane, ardupilot = plan.vehicle == "plane", plan.kind is AutopilotKind.ARDUPILOT
-        self._wind = Wind(self._rng["wind"], plan.wind_ned_mps, plan.speed_mps, GUST_SHARE)
+        self._wind = Wind(self._rng["wind"], plan.wind_ned_mps, plan.speed_mps, plan.model.gust_share)
         self.wind_ned_mps = plan.wind_ned_mps
         self.body = _start_body(plan)
         self._control: Control = (
             PlaneControl(Plane(self.body, plan.speed_mps), plan.speed_mps)
             if plane
-            else CopterControl(Copter(self.body), plan.speed_mps)
+            else CopterControl(Copter(self.body, plan.model.drag, plan.model.lean_rad), plan.speed_mps)
         )
         horizon_ms = max(parameters["VISO_DELAY_MS"], GNSS_LAG_MS) if ardupilot else parameters["EKF2_DELAY_MAX"]
-        self.filter = InertialFilter(self._rng["imu"], min(horizon_ms, 1000.0) / 1000, PHYSICS_DT_S, plan.imu)
-        self.attitude = AttitudeEstimate(self._rng["attitude"])
+        self.filter = InertialFilter(
+            self._rng["imu"], min(horizon_ms, 1000.0) / 1000, PHYSICS_DT_S, plan.model.imu, output_taus(parameters)
+        )
+        self.attitude = AttitudeEstimate(self._rng["attitude"], plan.model.attitude)
         estimator = ArduPilotEstimator if ardupilot else Px4Estimator
         self.estimator: ArduPilotEstimator | Px4Estimator = estimator(self.filter, parameters, plane)
         self._receiver = GnssReceiver(self._rng["gnss"])

@@ -84,6 +84,7 @@ PREPARED: dict[AutopilotKind, dict[str, float]] = {
         "EK3_SRC3_YAW": 0,
         "EK3_POS_I_GATE": 500,
         "EK3_GLITCH_RAD": 25,
+        "EK3_TAU_OUTPUT": 25,
         "FS_EKF_THRESH": 0.8,
     },
     AutopilotKind.PX4: {
@@ -106,7 +107,7 @@ PREPARED: dict[AutopilotKind, dict[str, float]] = {
     },
 }
 """A vehicle prepared for external positions. What differs from the makers' defaults: VISO_TYPE, ARMING_CHECK, EK3_SRC2_*,
-EKF2_EV_CTRL, EKF2_HGT_REF (autopilot facts, sections 1.1 and 2.1), and EKF2_TAU_*, on which nothing simulated here depends."""
+EKF2_EV_CTRL, EKF2_HGT_REF (autopilot facts, sections 1.1 and 2.1), and EKF2_TAU_*."""
 
 
 def prepared_parameters(kind: AutopilotKind, changes: Mapping[str, float]) -> dict[str, float]:

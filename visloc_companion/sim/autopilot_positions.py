@@ -35,6 +35,7 @@ class Positions:
         self._flight, self._parameters, self._timesync = flight, parameters, timesync
         self._kind = flight.plan.kind
         self._jitter = JitterCorrection()
+        self._early_s = flight.plan.model.stamped_early_s
 
     def take(self, message: Message, t_boot_ns: int) -> int | None:
         """Take one message; a MAV_RESULT where it is a command, None otherwise."""
@@ -55,7 +56,7 @@ class Positions:
 
     def _stamp_s(self, remote_s: float, now_s: float) -> float:
         ardupilot = self._kind is AutopilotKind.ARDUPILOT
-        return self._jitter.correct(remote_s, now_s) if ardupilot else self._timesync.convert(remote_s, now_s)
+        return self._jitter.correct(remote_s, now_s - self._early_s) if ardupilot else self._timesync.convert(remote_s, now_s)
 
     def _takes(self, message: Message) -> bool:
         """ODOMETRY of another frame is passed over without a word."""

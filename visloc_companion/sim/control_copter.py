@@ -10,16 +10,21 @@ from visloc_companion.sim.vehicle_copter import Copter, CopterCommand
 from visloc_companion.types import Vec3
 
 CORNER_MPS, BRAKE_MPS2, ACCEL_MPS2 = 3.0, 1.5, 3.0
+VELOCITY_P_PER_S, VELOCITY_I_PER_S2 = 2.0, 1.0
+"""ArduCopter's PSC_VELXY_P and _I (PX4's MPC_XY_VEL_P_ACC is 1.8)."""
 DESCENT_FAST_MPS, DESCENT_SLOW_MPS, SLOW_BELOW_M = 1.5, 0.5, 10.0
 
 
 class CopterControl:
-    """Flies the mission, lands, or holds still; keeps the lean that cancels the wind as an integral."""
+    """Flies the mission, lands, or holds still; the velocity asked for changes by ACCEL_MPS2 at most, and the lean that cancels
+    wind and drag is kept as an integral."""
 
     def __init__(self, vehicle: Copter, speed_mps: float) -> None:
         self.path: MissionPath | None = None
         self._vehicle, self._speed = vehicle, speed_mps
         self._trim_n = self._trim_e = 0.0
+        self._asked: tuple[float, float] | None = None
+        self._most_mps2 = GRAVITY_MPS2 * math.tan(vehicle.lean_rad)
 
     def fly(self, manner: Manner, at: Estimated, hold_down_m: float, wind_ned_mps: Vec3, dt_s: float) -> None:
         """Decide from the estimate and advance the vehicle by one step."""
@@ -53,15 +58,13 @@ class CopterControl:
     def _toward(
         self, at: Estimated, want_n: float, want_e: float, want_down_mps: float, yaw: float, dt_s: float
     ) -> CopterCommand:
-        d_n, d_e = want_n - at.v_north, want_e - at.v_east
-        a_n, a_e = 1.2 * d_n, 1.2 * d_e
-        size = math.hypot(a_n, a_e)
-        if size > ACCEL_MPS2:
-            a_n, a_e = a_n * ACCEL_MPS2 / size, a_e * ACCEL_MPS2 / size
-        else:
-            self._trim_n = clamp(self._trim_n + 0.25 * d_n * dt_s, 0.3 * GRAVITY_MPS2)
-            self._trim_e = clamp(self._trim_e + 0.25 * d_e * dt_s, 0.3 * GRAVITY_MPS2)
-        a_n, a_e = a_n + self._trim_n, a_e + self._trim_e
+        rate_n, rate_e, asked_n, asked_e = self._shaped(at, want_n, want_e, dt_s)
+        d_n, d_e = asked_n - at.v_north, asked_e - at.v_east
+        a_n = rate_n + VELOCITY_P_PER_S * d_n + self._trim_n
+        a_e = rate_e + VELOCITY_P_PER_S * d_e + self._trim_e
+        if math.hypot(a_n, a_e) < self._most_mps2 or d_n * self._trim_n + d_e * self._trim_e < 0.0:
+            self._trim_n = clamp(self._trim_n + VELOCITY_I_PER_S2 * d_n * dt_s, self._most_mps2)
+            self._trim_e = clamp(self._trim_e + VELOCITY_I_PER_S2 * d_e * dt_s, self._most_mps2)
         c, s = math.cos(at.yaw), math.sin(at.yaw)
         return CopterCommand(
             a_n * c + a_e * s,
@@ -69,3 +72,12 @@ class CopterControl:
             clamp(2.0 * (want_down_mps - at.v_down), 4.0),
             clamp(1.2 * wrap(yaw - at.yaw), math.radians(60)),
         )
+
+    def _shaped(self, at: Estimated, want_n: float, want_e: float, dt_s: float) -> tuple[float, float, float, float]:
+        """The acceleration (north, east) by which the velocity asked for goes to the one wanted, and where it has come to."""
+        n, e = self._asked or (at.v_north, at.v_east)
+        d_n, d_e = want_n - n, want_e - e
+        size = math.hypot(d_n, d_e)
+        share = min(1.0, ACCEL_MPS2 * dt_s / size) if size > 1e-9 else 1.0
+        self._asked = n + share * d_n, e + share * d_e
+        return share * d_n / dt_s, share * d_e / dt_s, *self._asked

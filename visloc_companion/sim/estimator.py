@@ -1,8 +1,9 @@
 """Inertial filter of the simulated autopilot: delayed fusion horizon, output predictor, and an account of what spoofing did.
 
 Each axis is a Kalman filter of position and velocity that runs `horizon_s` behind and integrates measured accelerations;
-corrections made there are carried to the present exactly (EKF3's and EKF2's output predictor). The same gains act on
-`pull`, the part of the estimate that false GNSS alone produced: the filter is linear, so this separation is exact.
+corrections made there are carried to the present, which follows them as EKF3's and EKF2's output predictor does
+(estimator_output.py). The same gains act on `pull`, the part of the estimate that false GNSS alone produced: the filter is
+linear, so this separation is exact.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections import deque
 from dataclasses import dataclass
 from random import Random
 
+from visloc_companion.sim.estimator_output import Due, OutputTaus
 from visloc_companion.sim.imu import QUIET, TILT_TAU_S, Imu
 from visloc_companion.sim.vehicle_noise import GaussMarkov
 from visloc_companion.types import Vec3
@@ -27,11 +29,12 @@ class Axis:
     """
 
     __slots__ = (
-        "P11", "P12", "P13", "P22", "P23", "P33", "imu", "lag_s", "p", "p_now", "pull_a", "pull_p", "pull_v", "tilt", "v", "v_now"
+        "P11", "P12", "P13", "P22", "P23", "P33", "due", "imu", "lag_s",
+        "p", "p_now", "pull_a", "pull_p", "pull_v", "tilt", "v", "v_now",
     )  # fmt: skip
 
-    def __init__(self, lag_s: float, imu: Imu = QUIET) -> None:
-        self.lag_s, self.imu = lag_s, imu
+    def __init__(self, lag_s: float, imu: Imu = QUIET, taus: OutputTaus | None = None) -> None:
+        self.lag_s, self.imu, self.due = lag_s, imu, Due(taus or OutputTaus())
         self.p = self.v = self.p_now = self.v_now = self.pull_p = self.pull_v = self.pull_a = self.tilt = 0.0
         self.P11, self.P12, self.P22 = 1.0, 0.0, 0.25
         self.P13 = self.P23 = self.P33 = 0.0
@@ -43,6 +46,7 @@ class Axis:
         self.v += a_delayed * dt_s
         self.p_now += (self.v_now + 0.5 * a_now * dt_s) * dt_s
         self.v_now += a_now * dt_s
+        self._follow(dt_s)
         self.pull_p += self.pull_v * dt_s
         self.pull_v += self.pull_a * dt_s
         self.P11 += (2 * self.P12 + self.P22 * dt_s) * dt_s
@@ -80,11 +84,16 @@ class Axis:
         self.p += k1 * innovation
         self.v += k2 * innovation
         self.tilt += k3 * innovation
-        self.p_now += (k1 + (k2 + k3 * self.lag_s / 2) * self.lag_s) * innovation
-        self.v_now += (k2 + k3 * self.lag_s) * innovation
+        self.due.p += (k1 + (k2 + k3 * self.lag_s / 2) * self.lag_s) * innovation
+        self.due.v += (k2 + k3 * self.lag_s) * innovation
         self.pull_p += k1 * pull_innovation
         self.pull_v += k2 * pull_innovation
         self.pull_a += k3 * pull_innovation
+
+    def _follow(self, dt_s: float) -> None:
+        p, v = self.due.step(dt_s)
+        self.p_now += p
+        self.v_now += v
 
     def reset_position(self, p: float, variance: float, false_m: float) -> None:
         """Jump to a position; the velocity stays."""
@@ -130,9 +139,10 @@ class InertialFilter:
     0.015 m/s², plus what `imu` says; the barometer drifts by 0.3 m in 120 s.
     """
 
-    def __init__(self, rng: Random, horizon_s: float, dt_s: float, imu: Imu = QUIET) -> None:
+    def __init__(self, rng: Random, horizon_s: float, dt_s: float, imu: Imu = QUIET, taus: OutputTaus | None = None) -> None:
         self.horizon_s, self._imu = horizon_s, imu
-        self.north, self.east, self.down = Axis(horizon_s, imu), Axis(horizon_s, imu), Axis(horizon_s)
+        self.north, self.east = Axis(horizon_s, imu, taus), Axis(horizon_s, imu, taus)
+        self.down = Axis(horizon_s, taus=taus)
         self.t_s = 0.0
         self._rng = rng
         self._bias = tuple(GaussMarkov(rng, 0.015, 60.0) for _ in range(3))
@@ -203,6 +213,7 @@ class InertialFilter:
         for axis in (self.north, self.east):
             axis.p = axis.p_now
             axis.v = axis.v_now = axis.pull_v = axis.pull_a = 0.0
+            axis.due.clear()
             axis.P11, axis.P12, axis.P13, axis.P22, axis.P23 = 25.0, 0.0, 0.0, 1.0, 0.0
 
     def ratio(self, fix: Fixed, gate_sigma: float) -> float:

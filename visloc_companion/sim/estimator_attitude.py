@@ -6,25 +6,26 @@ import math
 from random import Random
 
 from visloc_companion.sim.vehicle import Body
+from visloc_companion.sim.vehicle_model import AttitudeErrors
 from visloc_companion.sim.vehicle_noise import GaussMarkov
 
-YAW_SIGMA_RAD, TILT_SIGMA_RAD, RATE_SIGMA_RADPS = math.radians(1.0), math.radians(0.3), math.radians(0.2)
+RATE_SIGMA_RADPS = math.radians(0.2)
 PERIOD_S = 0.1
 
 
 class AttitudeEstimate:
-    """True attitude plus slowly varying errors: yaw 1° in 60 s, roll and pitch 0.3° in 20 s (1-sigma).
+    """True attitude plus slowly varying errors.
 
     `compass_error_rad` is added to the heading: what a disturbed compass has talked the filter into so far. `tilt_ne_rad` is what
     the filter's own tilt is off by about north and east.
     """
 
-    def __init__(self, rng: Random) -> None:
+    def __init__(self, rng: Random, model: AttitudeErrors) -> None:
         self._rng = rng
         self._errors = (
-            GaussMarkov(rng, TILT_SIGMA_RAD, 20.0),
-            GaussMarkov(rng, TILT_SIGMA_RAD, 20.0),
-            GaussMarkov(rng, YAW_SIGMA_RAD, 60.0),
+            GaussMarkov(rng, model.tilt_rad, model.tilt_s),
+            GaussMarkov(rng, model.tilt_rad, model.tilt_s),
+            GaussMarkov(rng, model.yaw_rad, model.yaw_s),
         )
         self._since_s = 0.0
         self.compass_error_rad = 0.0

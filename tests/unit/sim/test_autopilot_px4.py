@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from visloc_companion.sim import faults
-from visloc_companion.sim.imu import NOISY
+from visloc_companion.sim.vehicle_model import PX4_SIH
 
 NAN = math.nan
 
@@ -216,7 +216,7 @@ def local_error_mps(flight):
 
 
 def test_without_gnss_from_boot_a_velocity_that_nobody_vouches_for_goes_on_and_drifts(companion):
-    flight = companion(kind="px4", sending=False, faults=faults.no_gnss(), imu=NOISY)
+    flight = companion(kind="px4", sending=False, faults=faults.no_gnss(), model=PX4_SIH)
     for number in (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS):
         flight.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 100_000)
     early_mps = local_error_mps(flight.fly(2.0))
@@ -226,7 +226,7 @@ def test_without_gnss_from_boot_a_velocity_that_nobody_vouches_for_goes_on_and_d
 
 
 def test_on_the_ground_it_stands_still_without_gnss(companion):
-    flight = companion(kind="px4", sending=False, faults=faults.no_gnss(), imu=NOISY, start_airborne=False)
+    flight = companion(kind="px4", sending=False, faults=faults.no_gnss(), model=PX4_SIH, start_airborne=False)
     for number in (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS):
         flight.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 100_000)
     assert local_error_mps(flight.fly(60.0)) < 0.5
