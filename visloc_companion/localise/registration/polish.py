@@ -8,6 +8,9 @@ so that the step is that of generalised least squares under differences that are
 A difference counts in their robust deviation by its slope: on a lawn with a few trees that of all cells is the lawn's, beside
 which every edge of a crown, which alone says where things are, would look like a change.
 
+A cell counts by its trust (consensus.py): where nothing resembles the reference, nothing is measured; the deviation is that of
+the cells that count.
+
 The covariance is the one of clusters (Liang and Zeger 1986): what the cells of a block pull together counts once.
 """
 
@@ -39,8 +42,10 @@ FITTED = 4
 """Parameters."""
 
 
-def polish(source: SourceCells, surface: Surface, refined: Refined, prior: RegistrationPrior) -> Refined | None:
-    """Refined on the differences' relief; None where too few cells lie on the reference."""
+def polish(
+    source: SourceCells, surface: Surface, refined: Refined, prior: RegistrationPrior, trust: FloatArray
+) -> Refined | None:
+    """Refined on the differences' relief; None where too few cells lie on the reference. `trust` (N,) of each cell, 0 to 1."""
     T, bowl_m = refined.T, refined.bowl_m
     weight = np.ones(len(source.points_m))
     for left in range(STEPS, -1, -1):
@@ -52,8 +57,10 @@ def polish(source: SourceCells, surface: Surface, refined: Refined, prior: Regis
         values = np.column_stack([residual, jacobian])
         values -= _local_mean(source, values, used, weight[used], surface.heights.cell_m)
         residual, jacobian = values[:, 0], values[:, 1:]
-        sigma, weight[used] = robust(residual, prior.sigma_growth_m, np.hypot(jacobian[:, 0], jacobian[:, 1]))
-        weighted = jacobian * (weight[used] / (ALIKE * sigma**2))[:, None]
+        counts = np.hypot(jacobian[:, 0], jacobian[:, 1]) * trust[used]
+        sigma, weight[used] = robust(residual, prior.sigma_growth_m, counts)
+        usual = max(float(counts @ trust[used]) / max(float(counts.sum()), TINY), TINY)
+        weighted = jacobian * (weight[used] * trust[used] / (ALIKE * usual * sigma**2))[:, None]
         precision, wish = prior_of_placing(T, prior)
         bread = np.linalg.inv(weighted.T @ jacobian + np.diag(precision + TINY))
         step = bread @ (precision * wish - weighted.T @ residual)

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
 from visloc_companion.localise.registration.claims import answer
+from visloc_companion.localise.registration.consensus import consensus
 from visloc_companion.localise.registration.correlation import Scores
 from visloc_companion.localise.registration.evidence import Agreement, agreement, evidence_of
 from visloc_companion.localise.registration.pair import Pair, make_pair
 from visloc_companion.localise.registration.polish import polish
 from visloc_companion.localise.registration.refine import Refined, refine
 from visloc_companion.localise.registration.search import APART_M, runner_up, search
-from visloc_companion.localise.registration.similarity import moved, scale_of, yaw_of
+from visloc_companion.localise.registration.similarity import moved, scale_of, with_linear, yaw_of
 from visloc_companion.localise.registration.surfaces import SourceCells, Surface, cells_of, met, surface_of
 from visloc_companion.types import FloatArray
 
@@ -53,7 +54,9 @@ class Settler:
     def polished(self, settled: Settled) -> Settled:
         """The same after the last steps; as it was where they go astray."""
         surface, relief = self._near(settled.refined.T)
-        refined = polish(self.cells, surface, settled.refined, self.prior)
+        agreed = consensus(self.cells, relief, settled.refined.T)
+        T = with_linear(settled.refined.T[:3, :3], np.zeros(3), settled.refined.T[:3, 3] + np.append(agreed.shift_m, 0))
+        refined = polish(self.cells, surface, replace(settled.refined, T=T), self.prior, agreed.trust)
         if refined is None:
             return settled
         polished = self._with_agreement(refined, relief, settled.start_m)

@@ -10,7 +10,7 @@ from visloc_companion.localise.registration.height_map import HeightMap, high_pa
 from visloc_companion.localise.registration.polish import polish
 from visloc_companion.localise.registration.refine import refine, robust
 from visloc_companion.localise.registration.similarity import about, moved, scale_of, tilt_of, turned, with_linear
-from visloc_companion.localise.registration.surfaces import cells_of, surface_of
+from visloc_companion.localise.registration.surfaces import SourceCells, cells_of, surface_of
 
 PRIOR = RegistrationPrior(10.0, 3.0, np.radians(3.0), np.radians(2.0), 0.012)
 
@@ -31,11 +31,15 @@ def parts(source: HeightMap):
     return cells_of(source, high_passed(source), centre), surface_of(reference), surface_of(high_passed(reference)), centre
 
 
+def alike(cells: SourceCells) -> np.ndarray:
+    return np.ones(len(cells.points_m))
+
+
 def test_finds_shift_height_and_heading():
     cells, surface, of_relief, centre = parts(height_map(50, (35, 35), (1.5, -1.0), -2.0))
     found = refine(cells, surface, of_relief, np.eye(4), PRIOR, 20)
     np.testing.assert_allclose(moved(found.T, centre) - centre, [1.5, -1.0, 2.0], atol=0.2)
-    last = polish(cells, surface, found, PRIOR)
+    last = polish(cells, surface, found, PRIOR, alike(cells))
     np.testing.assert_allclose(moved(last.T, centre) - centre, [1.5, -1.0, 2.0], atol=0.05)
     turned_start = about(centre, 0.03, 1.01, np.zeros(3))
     again = refine(cells, surface, of_relief, turned_start, PRIOR, 20)
@@ -50,7 +54,8 @@ def test_noise_of_the_source_does_not_shrink_it():
         noisy = source.height_m + rng.normal(0, 2.0, source.height_m.shape).astype(np.float32)
         cells, surface, of_relief, _ = parts(replace(source, height_m=noisy))
         first = refine(cells, surface, of_relief, np.eye(4), replace(PRIOR, sigma_scale=0.1), 20)
-        found.append((scale_of(first.T), scale_of(polish(cells, surface, first, replace(PRIOR, sigma_scale=0.1)).T)))
+        last = polish(cells, surface, first, replace(PRIOR, sigma_scale=0.1), alike(cells))
+        found.append((scale_of(first.T), scale_of(last.T)))
     of_first, of_last = np.mean(found, axis=0)
     assert of_first == pytest.approx(1, abs=0.02), "0.954 by slopes from the source's own heights"
     assert of_last == pytest.approx(1, abs=0.006), "0.938"
@@ -69,7 +74,7 @@ def test_what_was_built_moves_nothing_and_a_bowl_is_seen():
     changed += (0.002 * ((rows - 24.5) ** 2 + (cols - 24.5) ** 2)).astype(np.float32)
     cells, surface, of_relief, centre = parts(replace(source, height_m=changed))
     first = refine(cells, surface, of_relief, np.eye(4), PRIOR, 20)
-    last = polish(cells, surface, first, PRIOR)
+    last = polish(cells, surface, first, PRIOR, alike(cells))
     off = moved(last.T, centre) - centre
     np.testing.assert_allclose(off[:2], [1.0, 0.5], atol=0.05)
     assert last.bowl_m < -0.3

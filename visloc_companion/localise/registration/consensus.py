@@ -1,0 +1,115 @@
+"""Which ground has stayed as the reference knows it, near a place that was found, and where that ground would have the source.
+
+Where land was felled, built or ploughed since, differences of height are no noise: they are alike over a crown, a house or a
+parcel, and a step that takes them for measurements follows whichever objects it can push over a border. A block of ground that
+has changed shows itself by its relief, which resembles the reference's nowhere near; one that has not resembles it at one shift,
+and the blocks that have not changed name the same shift. So the likeliest shift is that of
+
+    sum over blocks of -n log(1 - c²) / 2
+
+with the correlation c of a block's n cells: the likelihood of a block whose level, gain and noise are its own. A block without
+resemblance says nothing, however much it differs.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from visloc_companion.localise.features.base import Float32Array
+from visloc_companion.localise.registration.similarity import moved
+from visloc_companion.localise.registration.surfaces import IN_REFERENCE, SourceCells, Surface
+from visloc_companion.types import FloatArray
+
+NEAR_M = 6.0
+"""Shifts are looked at so far on each axis: what is farther is another place (search.APART_M)."""
+BLOCK_M = 16.0
+"""A few crowns or a house to a block. With 12 and 20 m errors are the same, with 28 and 40 m they are larger."""
+NOISE_M = 0.1
+"""Relief below this is noise, whatever it resembles."""
+MOST = 0.98
+"""No more correlation than this is told from a better one."""
+LEAST_TRUST = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Consensus:
+    """`shift_m` (2,) east and north of the reference, to where the blocks agree best; `trust` (N,) of the source's cells, above 0
+    and at most 1: how far their relief tells where it lies."""
+
+    shift_m: FloatArray
+    trust: FloatArray
+
+
+def consensus(source: SourceCells, relief: Surface, T: FloatArray) -> Consensus:
+    """What the source's blocks say of the reference's relief about where T (4, 4) puts them."""
+    cell = relief.heights.cell_m
+    side, margin = max(4, round(BLOCK_M / cell)), math.ceil(NEAR_M / cell)
+    rows, cols = (-(-n // side) * side for n in source.shape)
+    known, own = np.zeros((2, rows, cols), np.float32)
+    known[source.rows, source.cols], own[source.rows, source.cols] = 1, source.relief_m
+    beside, there = _beside(source, relief, T, (rows, cols), margin)
+    wide = 2 * margin + 1
+
+    def shifted(v: int, u: int) -> _Blocks:
+        window = (slice(v, v + rows), slice(u, u + cols))
+        return _compared(own, beside[window], known * there[window], side)
+
+    score = np.array([[shifted(v, u).likelihood() for u in range(wide)] for v in range(wide)])
+    v, u = divmod(int(np.argmax(score)), wide)
+    cells = np.array([_summit(score[v], u), _summit(score[:, u], v)]) - margin
+    trust = shifted(v, u).trust().reshape(rows // side, cols // side)[source.rows // side, source.cols // side]
+    return Consensus(T[:2, :2] @ (cells * cell), np.maximum(trust / max(float(trust.max()), 1e-12), LEAST_TRUST))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Blocks:
+    """(B,) number of cells that are known in both, correlation (0 where it is negative) and the source's variance."""
+
+    number: FloatArray
+    correlation: FloatArray
+    variance: FloatArray
+
+    def likelihood(self) -> float:
+        """Of the shift; the scale is no matter."""
+        return -float(self.number @ np.log(1 - np.square(self.correlation)))
+
+    def trust(self) -> FloatArray:
+        """(B,) the inverse of the variance that the reference leaves, of those that resemble it."""
+        left = self.variance * (1 - np.square(self.correlation)) + NOISE_M**2
+        return np.asarray(np.square(self.correlation) / left, dtype=np.float64)
+
+
+def _beside(
+    source: SourceCells, relief: Surface, T: FloatArray, shape: tuple[int, int], margin: int
+) -> tuple[Float32Array, Float32Array]:
+    """The reference's relief on the source's cells, so many more on each side, and where it is known (1, else 0)."""
+    cell = relief.heights.cell_m
+    rows, cols = (np.arange(-margin, n + margin) for n in shape)
+    corner = source.points_m[0] - cell * np.array([source.cols[0], source.rows[0], 0])
+    grid = np.stack(np.broadcast_arrays(cols * cell, rows[:, None] * cell, 0.0), -1).reshape(-1, 3)
+    grid += [corner[0], corner[1], float(source.points_m[:, 2].mean())]
+    layers = relief.at(moved(T, grid)[:, :2]).reshape(len(rows), len(cols), -1)
+    return np.asarray(layers[..., 0], dtype=np.float32), np.asarray(layers[..., 3] > IN_REFERENCE, dtype=np.float32)
+
+
+def _compared(own: Float32Array, beside: Float32Array, both: Float32Array, side: int) -> _Blocks:
+    rows, cols = (np.repeat(np.eye(n // side, dtype=np.float32), side, 0) for n in own.shape)
+    a, b = own * both, beside * both
+    sums = (rows.T @ np.stack([both, a, b, a * a, b * b, a * b]) @ cols).astype(np.float64)
+    number, *of = sums.reshape(6, -1)
+    mean_a, mean_b, square_a, square_b, product = np.stack(of) / np.maximum(number, 1)
+    var_a, var_b = np.maximum(square_a - mean_a**2, 0), np.maximum(square_b - mean_b**2, 0)
+    c = (product - mean_a * mean_b) / np.sqrt((var_a + NOISE_M**2) * (var_b + NOISE_M**2))
+    return _Blocks(number, np.clip(c, 0, MOST), var_a)
+
+
+def _summit(score: FloatArray, at: int) -> float:
+    """Where a parabola through the highest of a row's scores and its neighbours is highest."""
+    if not 0 < at < len(score) - 1:
+        return float(at)
+    before, here, after = (float(s) for s in score[at - 1 : at + 2])
+    curve = before - 2 * here + after
+    return at + (0.5 * (before - after) / curve if curve < 0 else 0.0)
