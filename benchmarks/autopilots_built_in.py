@@ -1,13 +1,20 @@
-"""The built-in autopilot on the circuits of the real simulators, with the same fixes: what stands beside them in the table."""
+"""The built-in autopilot on the circuits of the real simulators, with the same fixes: what stands beside them in the table.
+
+`python -m benchmarks.autopilots_built_in [--seeds S ...] [--write]` flies it for every row that has a figure, prints 95 % of its
+error for each seed, and with `--write` puts those of the rows' own seeds into the rows and docs/autopilots.md.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import argparse
+import json
+from dataclasses import dataclass, replace
 from random import Random
 from typing import cast
 
 import numpy as np
 
+from benchmarks.autopilots_table import DOCS, ROWS, Row, read_rows, row_path, written
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.core.navigator import Navigator
@@ -21,21 +28,25 @@ from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.faults import FaultSchedule
 from visloc_companion.sim.faults.camera import FramesLate
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes
+from visloc_companion.sim.imu import NOISY
 from visloc_companion.sim.real.oracle import METHOD, OracleSettings
 from visloc_companion.sim.real.pilot import HOME
 from visloc_companion.sim.real.programs import Simulator
 from visloc_companion.sim.real.scenario import RealScenario
+from visloc_companion.sim.real.scenarios import real_scenario
 from visloc_companion.sim.vehicle_model import ARDUPILOT_SITL, PX4_SIH
 from visloc_companion.types import AutopilotKind, EkfSource, Fix, GeoPoint, Image, LocaliseRequest, NoFix, Quat, SourceSwitched
 
 WIND_NED_MPS, CALM = (2.0, -4.0, 0.0), (0.0, 0.0, 0.0)
 BOOT_AGE_S = 60.0
+EKF2_DEFAULT_TAUS = {"EKF2_TAU_POS": 0.25, "EKF2_TAU_VEL": 0.25}
 
 
-def built_in_p95_m(scenario: RealScenario, simulator: Simulator) -> float | None:
+def built_in_p95_m(scenario: RealScenario, simulator: Simulator, *, ekf2_defaults: bool = False) -> float | None:
     """95 % of the built-in autopilot's own error while it flies on vision, metres.
 
     None where it never does, and for flights that it cannot fly: with restarts, jumps, rendered frames, or no GNSS at boot.
+    `ekf2_defaults`: with EKF2's own time constants and noise of the accelerometers, as before decision 25.
     """
     if scenario.restarts or scenario.oracle.moved or scenario.seen is not None or not scenario.gnss_at_boot:
         return None
@@ -51,7 +62,8 @@ def built_in_p95_m(scenario: RealScenario, simulator: Simulator) -> float | None
         _faults(scenario),
         CALM if simulator.is_px4 else WIND_NED_MPS,
         boot_age_s=BOOT_AGE_S,
-        model=PX4_SIH if simulator.is_px4 else ARDUPILOT_SITL,
+        model=replace(PX4_SIH, imu=NOISY) if ekf2_defaults else PX4_SIH if simulator.is_px4 else ARDUPILOT_SITL,
+        parameters=EKF2_DEFAULT_TAUS if ekf2_defaults else None,
     )
     oracle = scenario.oracle
     eyes = Eyes(
@@ -66,6 +78,31 @@ def built_in_p95_m(scenario: RealScenario, simulator: Simulator) -> float | None
     switches = [(e.now_ns, e.event.source) for e in log.entries if isinstance(e.event, SourceSwitched) and e.event.accepted]
     errors = [sample.off_m for sample in log.truth if _on_vision(switches, sample.t_ns) and sample.off_m is not None]
     return float(np.percentile(errors, 95)) if errors else None
+
+
+def main() -> None:
+    """Fly the rows' flights."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, nargs="*", default=[], help="further seeds, to see what is chance")
+    parser.add_argument("--flights", nargs="*", help="only these")
+    parser.add_argument("--write", action="store_true")
+    args = parser.parse_args()
+    for row in read_rows(ROWS):
+        if row.get("built_in_p95_m") is None or (args.flights and row["flight"] not in args.flights):
+            continue
+        figures = {seed: _figure(row, seed) for seed in dict.fromkeys([row["seed"], *args.seeds])}
+        shown = ", ".join(f"{figure:.2f} (seed {seed})" for seed, figure in figures.items() if figure is not None)
+        print(f"{row['simulator']} {row['flight']}: {shown}; the real one {row['error_p95_m']:.2f}", flush=True)
+        if args.write:
+            path = row_path(ROWS, Simulator(row["simulator"]), row["flight"], row["seed"])
+            path.write_text(json.dumps({**row, "built_in_p95_m": figures[row["seed"]]}, indent=1), encoding="utf-8")
+    if args.write:
+        DOCS.write_text(written(DOCS.read_text(encoding="utf-8"), read_rows(ROWS)), encoding="utf-8")
+
+
+def _figure(row: Row, seed: int) -> float | None:
+    simulator = Simulator(row["simulator"])
+    return built_in_p95_m(real_scenario(row["flight"], simulator, seed), simulator, ekf2_defaults=row.get("ekf2_defaults", False))
 
 
 def _on_vision(switches: list[tuple[int, EkfSource]], t_ns: int) -> bool:
@@ -124,3 +161,7 @@ class _PoseReader:
         cov = ((claimed, 0.0), (0.0, claimed))
         ids = request.request_id, frame.frame_id
         return Fix(0, frame.t_ns, *ids, METHOD, place, (w, x, y, z), cov, 1.0, 0.01, 1e-4, 50.0)
+
+
+if __name__ == "__main__":
+    main()

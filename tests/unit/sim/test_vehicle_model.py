@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import statistics
+from collections.abc import Callable
 from dataclasses import replace
 from random import Random
+from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -96,7 +98,7 @@ def test_the_bytes_that_make_ardupilot_stamp_early_are_those_that_the_daemon_sen
 
 
 @pytest.mark.parametrize("early_s", [0.0, 0.1])
-def test_positions_stamped_early_put_ardupilot_ahead_on_its_way(companion, early_s: float) -> None:
+def test_positions_stamped_early_put_ardupilot_ahead_on_its_way(companion: Callable[..., Any], early_s: float) -> None:
     model = replace(ARDUPILOT_SITL, stamped_early_s=early_s)
     flight = companion(mission=[(0, 0, -40), (900, 0, -40)], sigma_m=0.02, latency_s=0.0, model=model)
     flight.fly(20.0)

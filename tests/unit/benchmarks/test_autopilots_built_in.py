@@ -1,0 +1,70 @@
+"""Which vehicle stands beside which simulator, and that the rows get its figures; no flight is flown here."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import pytest
+
+from visloc_companion.sim.imu import NOISY
+from visloc_companion.sim.real.programs import Simulator
+from visloc_companion.sim.real.scenarios import real_scenario
+from visloc_companion.sim.vehicle_model import ARDUPILOT_SITL, PX4_SIH
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture
+def module(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """benchmarks/ is no part of the installed package."""
+    monkeypatch.syspath_prepend(str(ROOT))
+    return importlib.import_module("benchmarks.autopilots_built_in")
+
+
+def beside(module: ModuleType, monkeypatch: pytest.MonkeyPatch, simulator: Simulator, **more: Any) -> Any:
+    """The built-in autopilot that would fly."""
+    pilots: list[Any] = []
+    log = SimpleNamespace(entries=[], truth=[])
+
+    def of(pilot: Any, *_: Any) -> SimpleNamespace:
+        pilots.append(pilot)
+        return SimpleNamespace(run=lambda _s: log)
+
+    monkeypatch.setattr(module, "ClosedLoopFlight", of)
+    assert module.built_in_p95_m(real_scenario("jam", simulator), simulator, **more) is None
+    return pilots[0]
+
+
+@pytest.mark.parametrize("simulator", Simulator)
+def test_the_vehicle_is_the_simulators(module: ModuleType, monkeypatch: pytest.MonkeyPatch, simulator: Simulator) -> None:
+    pilot = beside(module, monkeypatch, simulator)
+    assert pilot.flight.plan.model == (PX4_SIH if simulator.is_px4 else ARDUPILOT_SITL)
+    assert pilot.flight.plan.wind_ned_mps == ((0.0, 0.0, 0.0) if simulator.is_px4 else (2.0, -4.0, 0.0))
+
+
+def test_a_row_of_before_has_ekf2s_own_settings(module: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    pilot = beside(module, monkeypatch, Simulator.PX4_PLANE, ekf2_defaults=True)
+    assert pilot.parameters["EKF2_TAU_POS"] == pilot.parameters["EKF2_TAU_VEL"] == 0.25
+    assert pilot.flight.plan.model.imu == NOISY
+
+
+def test_figures_go_into_the_rows_that_had_one(module: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    page, rows = tmp_path / "page.md", tmp_path / "rows"
+    page.write_text("no table")
+    rows.mkdir()
+    for flight, figure in (("jam", 1.0), ("jump", None)):
+        row = {"simulator": "px4", "flight": flight, "seed": 1, "built_in_p95_m": figure, "error_p95_m": 2.0}
+        (rows / f"px4-{flight}-1.json").write_text(json.dumps(row))
+    monkeypatch.setattr(module, "ROWS", rows)
+    monkeypatch.setattr(module, "DOCS", page)
+    monkeypatch.setattr(module, "written", lambda text, _rows: text + ", written")
+    monkeypatch.setattr(module, "built_in_p95_m", lambda scenario, *_, **__: 1.5 + scenario.seed)
+    monkeypatch.setattr("sys.argv", ["x", "--write", "--seeds", "2"])
+    module.main()
+    assert json.loads((rows / "px4-jam-1.json").read_text())["built_in_p95_m"] == 2.5
+    assert json.loads((rows / "px4-jump-1.json").read_text())["built_in_p95_m"] is None
+    assert page.read_text() == "no table, written"
