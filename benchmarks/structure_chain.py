@@ -102,8 +102,8 @@ class Answer:
         return math.inf if self.error_m is None else math.hypot(*self.error_m[:2])
 
 
-def flight(scene: Scene, camera: CameraSimulator, seed: int, number: int, frames: int) -> list[Shot]:
-    """So many frames in a line over a random place."""
+def flight(scene: Scene, camera: CameraSimulator, seed: int, number: int, frames: int, known: float = 1.0) -> list[Shot]:
+    """So many frames in a line over a random place. What their prior shares is off by `known` of the usual sigmas."""
     rng = np.random.default_rng([seed, number, 7])
     above, heading = rng.uniform(75, 120), rng.uniform(-math.pi, math.pi)
     width, height = scene.size_px
@@ -113,8 +113,8 @@ def flight(scene: Scene, camera: CameraSimulator, seed: int, number: int, frames
     under = scene.dsm_amsl_m[int(row) - half : int(row) + half, int(column) - half : int(column) + half]
     lat, lon = map_crs(scene.crs).to_geo(*(scene.T_map_pix @ np.array([column, row, 1.0])))
     middle = GeoPoint(lat, lon, float(np.median(under)) + above)
-    shared = np.array([*rng.normal(0, SIGMA_M, 2), rng.normal(0, SIGMA_H_M)])
-    turned = rng.normal(0, SIGMA_YAW_RAD)
+    shared = known * np.array([*rng.normal(0, SIGMA_M, 2), rng.normal(0, SIGMA_H_M)])
+    turned = known * rng.normal(0, SIGMA_YAW_RAD)
     shots = []
     for k in range(frames):
         along = (k - (frames - 1) / 2) * SPACING * above
@@ -128,8 +128,8 @@ def flight(scene: Scene, camera: CameraSimulator, seed: int, number: int, frames
         believed = geo_from_ned(tuple(shared + rng.normal(0, SIGMA_EACH_M, 3)), place)
         tilt = rng.normal(0, SIGMA_TILT_RAD, 2)
         q = quat_from_euler(roll + tilt[0], pitch + tilt[1], yaw + turned)
-        cov = ((SIGMA_M**2, 0.0), (0.0, SIGMA_M**2))
-        prior = PosePrior(believed, q, cov, SIGMA_H_M, SIGMA_YAW_RAD, SIGMA_TILT_RAD)
+        cov = (((known * SIGMA_M) ** 2, 0.0), (0.0, (known * SIGMA_M) ** 2))
+        prior = PosePrior(believed, q, cov, known * SIGMA_H_M, known * SIGMA_YAW_RAD, SIGMA_TILT_RAD)
         frame = FrameRef(k, (k + 1) * 1_000_000_000, k, 0, MODEL.width_px, MODEL.height_px, 3)
         shots.append(Shot(place, pixels, LocaliseRequest(k, frame, prior, seed)))
     return shots

@@ -3,7 +3,7 @@ import pytest
 
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered
-from visloc_companion.localise.structure.claims import LOOSE_M, MOST_BOWL_M, judged
+from visloc_companion.localise.structure.claims import HELD_M, LOOSE_M, MOST_BOWL_M, judged
 
 
 def registered(
@@ -49,6 +49,13 @@ def test_a_place_that_nothing_holds_is_refused_however_far_it_leads() -> None:
     found = judged(registered(0.7, 0.3, formal_sigma_m=1.1 * LOOSE_M), 1.0)
     assert isinstance(found, NotRegistered)
     assert found.reason is Reason.LOW_TEXTURE
+
+
+def test_a_place_that_is_held_loosely_has_to_lead_by_more() -> None:
+    held, loose = probability(0.45, 0.35, 0.0, 1.0, HELD_M), probability(0.45, 0.35, 0.0, 1.0, 0.9 * LOOSE_M)
+    assert held == probability(0.45, 0.35, 0.0, 1.0, 0.1)
+    assert held < 0.05 < loose
+    assert probability(0.55, 0.35, 0.0, 1.0, 0.9 * LOOSE_M) < 0.05
 
 
 @pytest.mark.parametrize("bend", [1.1, -1.1])
