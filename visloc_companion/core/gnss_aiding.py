@@ -85,7 +85,8 @@ class GnssAiding:
             if moved is not None:
                 own_m2 = (seen.cov_ne_m2[0][0] + seen.cov_ne_m2[1][1]) / 2
                 shared = (seen.sigma_scale**2 + seen.sigma_heading_rad**2) / 2
-                var_m2 = own_m2 + shared * (seen.d_ne_m[0] ** 2 + seen.d_ne_m[1] ** 2)
+                by_lens_m2 = seen.sigma_focal**2 * (seen.per_focal_ne_m[0] ** 2 + seen.per_focal_ne_m[1] ** 2) / 2
+                var_m2 = own_m2 + by_lens_m2 + shared * (seen.d_ne_m[0] ** 2 + seen.d_ne_m[1] ** 2)
                 self._monitor.on_displacement(seen.t_from_ns, seen.t_ns, moved, seen.d_ne_m, var_m2)
 
     def compare(self, fix: Fix) -> list[Command]:

@@ -29,7 +29,7 @@ def apart_m(height_m: float) -> float:
 
 
 def seen(cov_m2: FloatArray, method: str) -> tuple[FloatArray, FloatArray]:
-    """H (2, 13) of a fix of a method with this covariance (2, 2), and the covariance (2, 2) of what is new in it."""
+    """H (2, 14) of a fix of a method with this covariance (2, 2), and the covariance (2, 2) of what is new in it."""
     H = np.zeros((2, N_STATES))
     H[:, POSITION], H[:, LASTING] = np.eye(2), root_m(cov_m2)
     return H, cov_m2 if method in BY_SHAPE else (1 - SHARE) * cov_m2

@@ -9,8 +9,9 @@ taken off, which is as well known as it was when that one ended.
 
 One interval that contradicts all that is known is not believed alone (doubt.py).
 
-Errors of scale and heading stay for minutes: no number of intervals averages them away. They are states, which fixes tell from
-the velocity's own error; what an interval claims beyond what those states allow for leaves b no better known than it says.
+Errors of scale, heading and focal length stay for minutes: no number of intervals averages them away. They are states, which
+fixes tell from the velocity's own error; what an interval claims beyond what those states allow for leaves b no better known
+than it says.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ from visloc_companion.core.propagation import (
     N_STATES,
     ODOMETRY_HEADING,
     ODOMETRY_HEADING_SIGMA_RAD,
+    ODOMETRY_LENS,
+    ODOMETRY_LENS_SIGMA,
     ODOMETRY_SCALE,
     ODOMETRY_SCALE_SIGMA,
     VELOCITY,
@@ -49,8 +52,8 @@ UNHEARD_M2PS2 = 1e6
 class Motion:
     """Odometry over an interval that ends at `t_ns`: horizontal displacement north, east (metres).
 
-    `cov_ne_m2` is the error of this interval alone; `sigma_scale` (a share) and `sigma_heading_rad` are 1-sigmas of what it has
-    in common with other intervals.
+    `cov_ne_m2` is the error of this interval alone; `sigma_scale` (a share), `sigma_heading_rad` and `sigma_focal` (a share,
+    times `per_focal_ne_m`) are 1-sigmas of what it has in common with other intervals.
     """
 
     t_ns: int
@@ -59,6 +62,8 @@ class Motion:
     cov_ne_m2: Cov2
     sigma_scale: float = 0.0
     sigma_heading_rad: float = 0.0
+    sigma_focal: float = 0.0
+    per_focal_ne_m: Vec2 = (0.0, 0.0)
 
     @property
     def duration_s(self) -> float:
@@ -95,7 +100,7 @@ def learned(belief: Belief, motion: Motion, travel_ne_m: Vec2, settings: Navigat
 
 
 def _seen(belief: Belief, motion: Motion, share: float, settings: NavigatorSettings) -> tuple[FloatArray, float]:
-    """H (2, 13) of the velocity's mean error over the interval less odometry's own, and the variance of what it leaves out.
+    """H (2, 14) of the velocity's mean error over the interval less odometry's own, and the variance of what it leaves out.
 
     `share`: the last part of the interval, in which the present velocity drove.
     """
@@ -104,17 +109,19 @@ def _seen(belief: Belief, motion: Motion, share: float, settings: NavigatorSetti
     H = share * MEAN_VELOCITY
     H[:, ODOMETRY_SCALE] = -north, -east
     H[:, ODOMETRY_HEADING] = east, -north
+    H[:, ODOMETRY_LENS] = -motion.per_focal_ne_m[0] / dt, -motion.per_focal_ne_m[1] / dt
     if belief.drive is Drive.INERTIAL:
         return H - share**2 * dt / 2 * MEAN_ACCELERATION, INERTIAL_WALK_MPS_PER_SQRT_S**2 * dt / 3
     return H, belief.sigma_v_mps**2 * 2 * dt / (3 * settings.velocity_correlation_s)
 
 
 def _beyond(motion: Motion) -> FloatArray:
-    """Variances (2,) of the mean velocity, of errors of scale and heading beyond what the states for them allow."""
+    """Variances (2,) of the mean velocity, of errors of scale, heading and lens beyond what the states for them allow."""
     scale = max(0.0, motion.sigma_scale**2 - ODOMETRY_SCALE_SIGMA**2)
     heading = max(0.0, motion.sigma_heading_rad**2 - ODOMETRY_HEADING_SIGMA_RAD**2)
-    v2 = np.square(motion.d_ne_m) / motion.duration_s**2
-    return np.asarray(scale * v2 + heading * v2[::-1])
+    lens = max(0.0, motion.sigma_focal**2 - ODOMETRY_LENS_SIGMA**2)
+    moved2, focal2 = np.square(motion.d_ne_m), np.square(motion.per_focal_ne_m)
+    return np.asarray((scale * moved2 + heading * moved2[::-1] + lens * focal2) / motion.duration_s**2)
 
 
 def weighed(R: FloatArray, P: FloatArray, least: FloatArray) -> FloatArray:

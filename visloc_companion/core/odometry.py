@@ -2,10 +2,12 @@
 
 A displacement runs from a keyframe to a frame, and keyframes are the ends of earlier displacements: the times of frames are the
 nodes of a tree. What one displacement gets wrong on its own is independent of the others (variances add along the tree: the
-error grows with the root of the number of legs); what it shares with its neighbours (scale, heading) adds up with its sign, in
-proportion to the displacement: on a straight line it grows with the distance, on a closed loop it cancels.
+error grows with the root of the number of legs); what it shares with its neighbours (scale, heading, focal length) adds up with
+its sign, in proportion to the displacement, or to how far the camera turned: on a straight line it grows with the distance, on a
+closed loop it cancels, and where the camera turns back.
 
-    cov(d) = sum of own_k + s s' + h h',   s = sum of sigma_scale_k d_k,   h = sum of sigma_heading_k (d_k turned by 90 degrees)
+    cov(d) = sum of own_k + s s' + h h' + f f',   s = sum of sigma_scale_k d_k,
+    h = sum of sigma_heading_k (d_k turned by 90 degrees),   f = sum of sigma_focal_k per_focal_k
 
 Where displacements are missing the velocity is held, which is wrong by `VELOCITY_MPS` t and `ACCELERATION_MPS2` t² / 2 (1-sigma,
 each axis). Two frames of one leg are taken for independent, which claims too much error rather than too little. Displacements
@@ -22,7 +24,7 @@ import numpy as np
 
 from visloc_companion.core.integrity import floored
 from visloc_companion.errors import Reason
-from visloc_companion.types import Cov2, FloatArray, Odometry, Rejected, TooOld, Vec3
+from visloc_companion.types import Cov2, FloatArray, Odometry, Rejected, TooOld, Vec2, Vec3
 
 MEMORY_S = 60.0
 VELOCITY_MPS = 0.5
@@ -37,18 +39,21 @@ ROUNDING = 1e-9
 @dataclass(frozen=True, slots=True)
 class Travelled:
     """Displacement between two times, NED metres, its horizontal covariance, that without what neighbouring displacements have in
-    common, for how many seconds of it nothing was seen, and the length of the path along keyframes."""
+    common, for how many seconds of it nothing was seen, the length of the path along keyframes, and what a focal length
+    that is off adds for each share of it."""
 
     displacement_ned_m: Vec3
     cov_ne_m2: Cov2
     own_ne_m2: Cov2
     unseen_s: float
     path_m: float
+    per_focal_ne_m: Vec2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Node:
-    """A time with sums from the root of the tree: position (3,), own covariance (2, 2), shared errors (2,) each."""
+    """A time with sums from the root of the tree: position (3,), own covariance (2, 2), shared errors (2,) each, and what
+    a focal length that is off adds for each share of it (2,)."""
 
     t_ns: int
     parent_ns: int | None
@@ -56,6 +61,8 @@ class _Node:
     own_m2: FloatArray
     scale_m: FloatArray
     heading_m: FloatArray
+    focal_m: FloatArray
+    per_focal_m: FloatArray
     unseen_s: float
     path_m: float
 
@@ -106,8 +113,9 @@ class OdometryTrack:
         if a is None or b is None:
             return None
         own = self._own_between(a, b)
-        scale, heading = b.scale_m - a.scale_m, b.heading_m - a.heading_m
-        cov = own + np.outer(scale, scale) + np.outer(heading, heading)
+        shared = (b.scale_m - a.scale_m, b.heading_m - a.heading_m, b.focal_m - a.focal_m)
+        cov = own + sum(np.outer(s, s) for s in shared)
+        focal_n, focal_e = (b.per_focal_m - a.per_focal_m).tolist()
         d = b.p_ned_m - a.p_ned_m
         return Travelled(
             (float(d[0]), float(d[1]), float(d[2])),
@@ -115,6 +123,7 @@ class OdometryTrack:
             _cov2(own),
             max(0.0, b.unseen_s - a.unseen_s),
             max(float(np.hypot(d[0], d[1])), b.path_m - a.path_m),
+            (focal_n, focal_e),
         )
 
     def _fold(self, item: Odometry) -> None:
@@ -147,6 +156,8 @@ class OdometryTrack:
             last.own_m2 + sigma2 * np.eye(2),
             last.scale_m,
             last.heading_m,
+            last.focal_m,
+            last.per_focal_m,
             last.unseen_s + seconds,
             last.path_m + float(np.hypot(step[0], step[1])),
         )
@@ -169,6 +180,8 @@ class OdometryTrack:
             a.own_m2 + share**2 * self._own_between(a, b) + chord**2 * np.eye(2),
             a.scale_m + share * (b.scale_m - a.scale_m),
             a.heading_m + share * (b.heading_m - a.heading_m),
+            a.focal_m + share * (b.focal_m - a.focal_m),
+            a.per_focal_m + share * (b.per_focal_m - a.per_focal_m),
             a.unseen_s + share * (b.unseen_s - a.unseen_s),
             a.path_m + share * (b.path_m - a.path_m),
         )
@@ -211,7 +224,8 @@ def _key(item: Odometry) -> tuple[int, int]:
 
 def _why_refused(odometry: Odometry) -> Reason | None:
     d, cov = odometry.displacement_ned_m, odometry.cov_ne_m2
-    numbers = (*d, *cov[0], *cov[1], odometry.sigma_scale, odometry.sigma_heading_rad)
+    shared = (odometry.sigma_scale, odometry.sigma_heading_rad, odometry.sigma_focal)
+    numbers = (*d, *cov[0], *cov[1], *shared, *odometry.per_focal_ne_m)
     if not all(math.isfinite(n) for n in numbers):
         return Reason.NOT_FINITE
     if odometry.t_to_ns <= odometry.t_from_ns:
@@ -224,28 +238,33 @@ def _why_refused(odometry: Odometry) -> Reason | None:
 
 
 def _root(t_ns: int) -> _Node:
-    return _Node(t_ns, None, np.zeros(3), np.zeros((2, 2)), np.zeros(2), np.zeros(2), 0.0, 0.0)
+    zero = np.zeros(2)
+    return _Node(t_ns, None, np.zeros(3), np.zeros((2, 2)), zero, zero, zero, zero, 0.0, 0.0)
 
 
 def _moved(start: _Node, item: Odometry) -> _Node:
     d = np.array(item.displacement_ned_m)
     scale = item.sigma_scale * d[:2]
     heading = item.sigma_heading_rad * np.array([-d[1], d[0]])
+    per_focal = np.array(item.per_focal_ne_m)
+    focal = item.sigma_focal * per_focal
     return _Node(
         item.t_to_ns,
         start.t_ns,
         start.p_ned_m + d,
-        start.own_m2 + _own(item.cov_ne_m2, scale, heading),
+        start.own_m2 + _own(item.cov_ne_m2, scale, heading, focal),
         start.scale_m + scale,
         start.heading_m + heading,
+        start.focal_m + focal,
+        start.per_focal_m + per_focal,
         start.unseen_s,
         start.path_m + float(np.hypot(d[0], d[1])),
     )
 
 
-def _own(cov: Cov2, scale_m: FloatArray, heading_m: FloatArray) -> FloatArray:
+def _own(cov: Cov2, *shared_m: FloatArray) -> FloatArray:
     """(2, 2) a displacement's covariance less what it shares, nowhere negative."""
-    (scale_n, scale_e), (heading_n, heading_e), ((nn, ne), (_, ee)) = scale_m.tolist(), heading_m.tolist(), cov
-    left_ne = ne - scale_n * scale_e - heading_n * heading_e
-    left = (nn - scale_n**2 - heading_n**2, left_ne), (left_ne, ee - scale_e**2 - heading_e**2)
-    return np.array(floored(left, 0.0))
+    (nn, ne), (_, ee) = cov
+    for north, east in (s.tolist() for s in shared_m):
+        nn, ne, ee = nn - north**2, ne - north * east, ee - east**2
+    return np.array(floored(((nn, ne), (ne, ee)), 0.0))

@@ -89,7 +89,8 @@ class _Cutter:
         north, east, _ = travelled.displacement_ned_m
         (nn, ne), (_, ee) = travelled.own_ne_m2
         own = ((nn + LEAST_VARIANCE_M2, ne), (ne, ee + LEAST_VARIANCE_M2))
-        return Motion(until_ns, since_ns, (north, east), own, event.sigma_scale, event.sigma_heading_rad)
+        shared = event.sigma_scale, event.sigma_heading_rad, event.sigma_focal
+        return Motion(until_ns, since_ns, (north, east), own, *shared, travelled.per_focal_ne_m)
 
 
 def _worth(motion: Motion) -> bool:

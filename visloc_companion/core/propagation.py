@@ -1,10 +1,10 @@
 """How the filter's state goes on between measurements, for each velocity that can drive it.
 
-State (13,), pairs north and east: position at the EKF origin (m), what neighbouring fixes get wrong in common (1-sigmas of that
+State (14,), pairs north and east: position at the EKF origin (m), what neighbouring fixes get wrong in common (1-sigmas of that
 part of their claim: lasting.py), error of the driving velocity (its value minus the true one, m/s), error of the acceleration
 that an inertial velocity is integrated from (m/s²), lasting error of the velocity that the air tells (wind, m/s:
 air_velocity.py); then the error of the heading by which those accelerations were turned (rad, clockwise), and what odometry gets
-wrong in scale (a share) and heading (rad).
+wrong in scale (a share), in heading (rad), and by a focal length that is off (a share).
 
 * `AUTOPILOT`, `FED_BACK`: the autopilot's velocity; its error is first-order Gauss-Markov.
 * `INERTIAL`: accelerations turned by the attitude and integrated (inertial.py). The error of that velocity is the integral of the
@@ -26,9 +26,9 @@ import numpy as np
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import FloatArray, Vec2
 
-N_STATES = 13
+N_STATES = 14
 POSITION, LASTING, VELOCITY, ACCELERATION, AIR = (slice(k, k + 2) for k in range(0, 10, 2))
-HEADING, ODOMETRY_SCALE, ODOMETRY_HEADING = 10, 11, 12
+HEADING, ODOMETRY_SCALE, ODOMETRY_HEADING, ODOMETRY_LENS = 10, 11, 12, 13
 PAIRS = np.array([pair.start for pair in (POSITION, VELOCITY, ACCELERATION, AIR)])
 H_POSITION: FloatArray = np.eye(N_STATES)[POSITION]
 N_CONSIDERED = N_STATES - VELOCITY.start
@@ -40,11 +40,12 @@ INERTIAL_WALK_MPS_PER_SQRT_S = 0.12
 WIND_WALK_MPS_PER_SQRT_S = 0.1
 AIR_SIGMA_MPS = 10.0
 """1-sigma of that velocity's error before anything is known of it."""
-ODOMETRY_SCALE_SIGMA, ODOMETRY_HEADING_SIGMA_RAD = 0.02, math.radians(1.0)
+ODOMETRY_SCALE_SIGMA, ODOMETRY_HEADING_SIGMA_RAD, ODOMETRY_LENS_SIGMA = 0.02, math.radians(1.0), 0.015
 SLOW = (
     (HEADING, math.radians(2.0), 100.0),
     (ODOMETRY_SCALE, ODOMETRY_SCALE_SIGMA, 60.0),
     (ODOMETRY_HEADING, ODOMETRY_HEADING_SIGMA_RAD, 60.0),
+    (ODOMETRY_LENS, ODOMETRY_LENS_SIGMA, 600.0),
 )
 """States that wander about zero on their own: which, 1-sigma, correlation time in seconds."""
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
@@ -62,7 +63,7 @@ class Drive(Enum):
 
 
 def initial_covariance(position_m: float, velocity_mps: float, acceleration_mps2: float) -> FloatArray:
-    """(13, 13) where position and the errors of velocity and acceleration have these 1-sigmas, and the air tells nothing yet."""
+    """(14, 14) where position and the errors of velocity and acceleration have these 1-sigmas, and the air tells nothing yet."""
     pairs = np.repeat((position_m, 1.0, velocity_mps, acceleration_mps2, AIR_SIGMA_MPS), 2)
     return np.diag(np.square([*pairs, *(sigma for _, sigma, _ in SLOW)]))
 
@@ -76,7 +77,7 @@ def transition(
     settings: NavigatorSettings,
     gone_by: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
-    """F (13, 13), and Q (K, 13, 13) for K sigmas of the velocity's error (which an inertial velocity does not need).
+    """F (14, 14), and Q (K, 14, 14) for K sigmas of the velocity's error (which an inertial velocity does not need).
 
     `change_ne_mps`: by how much the driving velocity changes meanwhile. `gone_by`: the way, over that after which fixes look at
     other ground.

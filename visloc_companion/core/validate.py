@@ -107,7 +107,8 @@ def _no_fix_fault(answer: NoFix) -> Reason | None:
 def _odometry_fault(seen: Odometry, now_ns: int) -> Reason | None:
     if seen.t_to_ns > now_ns + MAX_LEAD_NS or seen.t_from_ns >= seen.t_to_ns:
         return Reason.IMPLAUSIBLE_TIME
-    numbers = _finite(*seen.displacement_ned_m, seen.sigma_scale, seen.sigma_heading_rad)
+    shared = (seen.sigma_scale, seen.sigma_heading_rad, seen.sigma_focal)
+    numbers = _finite(*seen.displacement_ned_m, *shared, *seen.per_focal_ne_m)
     return _unless(numbers and is_covariance(seen.cov_ne_m2))
 
 

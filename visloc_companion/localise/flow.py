@@ -157,7 +157,8 @@ class FrameToFrame:
         no_ground = why_no_ground(key, view.picture, R, start, followed, settings)
         if no_ground is not None:
             return no_ground
-        prior = MotionPrior(R, start, start[2], settings.sigma_turn_rad, key.sight.sigma_tilt_rad, settings.sigma_climb_m)
+        sigmas = (settings.sigma_turn_rad, key.sight.sigma_tilt_rad, settings.sigma_climb_m)
+        prior = MotionPrior(R, start, start[2], *sigmas, key.R_ned_cam[:, 2])
         motion = solve(key.ground_of(followed.number), followed.xy, prior, float(np.sqrt(np.linalg.det(view.picture.K))))
         if motion is None:
             return Reason.TOO_FEW_FEATURES, "the tracks leave the motion undetermined"

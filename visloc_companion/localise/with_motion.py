@@ -121,12 +121,14 @@ class WithMotion:
         across = np.array([-east, north])
         known = (seen.sigma_heading_rad**2 - sigma**2) * np.outer(across, across)
         cov = turn @ (np.array(seen.cov_ne_m2) - known) @ turn.T
-        n, e = turn @ np.array([north, east])
+        n, e = (turn @ np.array([north, east])).tolist()
+        focal_n, focal_e = (turn @ np.array(seen.per_focal_ne_m)).tolist()
         return replace(
             seen,
-            displacement_ned_m=(float(n), float(e), down),
+            displacement_ned_m=(n, e, down),
             cov_ne_m2=((float(cov[0, 0]), float(cov[0, 1])), (float(cov[0, 1]), float(cov[1, 1]))),
             sigma_heading_rad=sigma,
+            per_focal_ne_m=(focal_n, focal_e),
         )
 
     def _above_last_ground(self, request: LocaliseRequest, frame: LocalFrame) -> tuple[float, float]:

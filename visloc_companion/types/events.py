@@ -162,8 +162,9 @@ class FrameRef:
 class Odometry:
     """Displacement between two frames, NED metres, with its 2x2 horizontal covariance.
 
-    Of that covariance, `sigma_scale` (a share of the displacement) and `sigma_heading_rad` are errors that neighbouring
-    displacements have in common: they add up along a flight and cancel on a way back (core/odometry.py).
+    Of that covariance, `sigma_scale` (a share of the displacement), `sigma_heading_rad` and `sigma_focal` (a share of the focal
+    length: times `per_focal_ne_m`, what such a lens adds to a displacement in which the camera turned) are errors that
+    neighbouring displacements have in common: they add up along a flight and cancel on a way back (core/odometry.py).
     `inlier_share` of the tracks fit the motion.
     """
 
@@ -176,6 +177,8 @@ class Odometry:
     sigma_heading_rad: float = 0.0
     inlier_share: float = 1.0
     method: str = ""
+    sigma_focal: float = 0.0
+    per_focal_ne_m: Vec2 = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

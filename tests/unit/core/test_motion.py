@@ -13,7 +13,7 @@ from visloc_companion.core.belief import Belief, seeded
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
 from visloc_companion.core.motion import Motion, learned, weighed
-from visloc_companion.core.propagation import ODOMETRY_HEADING, ODOMETRY_SCALE, VELOCITY, Drive
+from visloc_companion.core.propagation import ODOMETRY_HEADING, ODOMETRY_LENS, ODOMETRY_SCALE, VELOCITY, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
@@ -98,6 +98,37 @@ def test_fixes_tell_scale_and_heading_of_the_odometry_from_the_error_of_the_velo
     assert belief.x[ODOMETRY_HEADING] == pytest.approx(turn, abs=math.radians(0.25))
     assert belief.x[V] == pytest.approx(0.3, abs=0.12)
     assert math.sqrt(belief.P[V, V]) < 0.21
+
+
+def rocking(claimed: bool) -> Belief:
+    """Two minutes at 25 m/s with a lens 2 % longer than calibrated: the axis swings over the ground by up to 126 m in a second,
+    there and back in ten; fixes are good to 0.7 m. `claimed`: odometry says that it swung."""
+    belief = fusion.with_inertial_velocity(seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.AUTOPILOT, SETTINGS), 0.05)
+    for k in range(1, 241):
+        belief = fusion.propagated(belief, k * S // 2, (25.0, 0.0), SETTINGS)
+        axis_m = [200.0 * math.sin(2 * math.pi * t / 20) for t in (k - 1, k)]
+        seen = motion(k / 2, (12.5, 0.02 * (axis_m[1] - axis_m[0])))
+        swung = replace(seen, sigma_focal=0.015, per_focal_ne_m=(0.0, axis_m[1] - axis_m[0]))
+        belief, _ = learned(belief, swung if claimed else seen, (12.5, 0.0), SETTINGS)
+        fixed = fusion.Position(k * S // 2, (12.5 * k, 0.0), ((0.5, 0.0), (0.0, 0.5)), from_fix=True)
+        belief, _ = fusion.observed(belief, fixed, SETTINGS)
+    return belief
+
+
+def test_a_wrong_lens_is_learned_while_the_axis_swings() -> None:
+    belief = rocking(claimed=True)
+    assert belief.x[ODOMETRY_LENS] == pytest.approx(0.02, abs=0.004)
+    assert math.sqrt(belief.P[ODOMETRY_LENS, ODOMETRY_LENS]) < 0.004
+    assert abs(belief.x[V + 1]) < 0.15 < abs(rocking(claimed=False).x[V + 1])
+
+
+def test_a_lens_claimed_worse_than_the_state_for_it_keeps_the_sigma_of_the_velocity() -> None:
+    belief = seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.FED_BACK, SETTINGS)
+    for k in range(1, 400):
+        belief = fusion.propagated(belief, k * S // 2, (10.0, 0.0), SETTINGS)
+        seen = replace(motion(k / 2, (5.0, 0.0)), sigma_focal=0.05, per_focal_ne_m=(5.0, 0.0))
+        belief, _ = learned(belief, seen, (5.0, 0.0), SETTINGS)
+    assert belief.P[V, V] >= (0.05**2 - 0.015**2) * 10**2 * 0.95
 
 
 def test_a_velocity_that_errs_anew_within_a_moment_is_followed() -> None:

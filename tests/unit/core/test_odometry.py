@@ -59,6 +59,19 @@ def test_what_is_shared_cancels_on_the_way_back() -> None:
     assert got.path_m == pytest.approx(200.0)
 
 
+def test_what_a_lens_makes_of_a_swing_ends_with_the_next_swing() -> None:
+    there = replace(leg(0, 1, 10.0, own=0.1), sigma_focal=0.015, per_focal_ne_m=(0.0, 40.0), cov_ne_m2=((0.01, 0.0), (0.0, 0.37)))
+    back = replace(leg(1, 2, 10.0, own=0.1), sigma_focal=0.015, per_focal_ne_m=(0.0, -40.0), cov_ne_m2=((0.01, 0.0), (0.0, 0.37)))
+    track = track_of(there, back)
+    half, whole = between(track, 0, 1), between(track, 0, 2)
+    assert half.per_focal_ne_m == (0.0, 40.0)
+    assert half.cov_ne_m2[1][1] == pytest.approx(0.1**2 + 0.6**2)
+    assert half.own_ne_m2[1][1] == pytest.approx(0.1**2)
+    assert whole.per_focal_ne_m == (0.0, 0.0)
+    assert np.array(whole.cov_ne_m2) == pytest.approx(2 * 0.1**2 * np.eye(2))
+    assert between(track, 0, 0.5).per_focal_ne_m == pytest.approx((0.0, 20.0))
+
+
 def test_frames_of_one_leg_replace_each_other_and_do_not_pile_up() -> None:
     hover = track_of(*(leg(0, 0.1 * k, 0.3 * math.sin(k), own=0.05) for k in range(1, 200)))
     assert between(hover, 0, 19.9).cov_ne_m2[0][0] == pytest.approx(0.05**2)
@@ -153,6 +166,8 @@ def test_bad_displacements_are_refused_with_a_reason() -> None:
     for bad, reason in (
         (replace(good, displacement_ned_m=(math.nan, 0.0, 0.0)), Reason.NOT_FINITE),
         (replace(good, sigma_scale=math.inf), Reason.NOT_FINITE),
+        (replace(good, sigma_focal=math.nan), Reason.NOT_FINITE),
+        (replace(good, per_focal_ne_m=(0.0, math.inf)), Reason.NOT_FINITE),
         (replace(good, t_to_ns=0), Reason.IMPLAUSIBLE_TIME),
         (replace(good, cov_ne_m2=((-1.0, 0.0), (0.0, 1.0))), Reason.BAD_INPUT),
         (replace(good, cov_ne_m2=((1.0, 2.0), (2.0, 1.0))), Reason.BAD_INPUT),

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -34,6 +35,16 @@ def test_what_lasts_is_told_from_what_does_not() -> None:
     assert motion is not None
     assert motion.sigma_scale == 0.02
     assert motion.cov_ne_m2[0][0] == pytest.approx(0.02, abs=2e-4)
+
+
+def test_an_interval_says_what_a_wrong_lens_adds_to_it() -> None:
+    aiding = OdometryAiding()
+    aiding.on_odometry(replace(seen(0, 600, 6.0), sigma_focal=0.015, per_focal_ne_m=(20.0, 0.0)), inertial=False)
+    motion = aiding.on_odometry(
+        replace(seen(0, 1200, 12.0), sigma_focal=0.015, per_focal_ne_m=(25.0, 3.0)), inertial=False
+    ).of_filter
+    assert motion is not None
+    assert (motion.sigma_focal, motion.per_focal_ne_m) == (0.015, (5.0, 3.0))
 
 
 def test_a_gap_gives_no_interval_and_the_next_one_begins_after_it() -> None:

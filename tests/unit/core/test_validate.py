@@ -58,6 +58,7 @@ BAD: list[tuple[Event, Reason]] = [
     (replace(SEEN, displacement_ned_m=NAN3), Reason.NOT_FINITE),
     (replace(SEEN, cov_ne_m2=((0.0, 0.0), (0.0, 1.0))), Reason.NOT_FINITE),
     (replace(SEEN, sigma_scale=math.inf), Reason.NOT_FINITE),
+    (replace(SEEN, per_focal_ne_m=(math.nan, 0.0)), Reason.NOT_FINITE),
     (replace(SEEN, t_from_ns=NOW), Reason.IMPLAUSIBLE_TIME),
     (replace(SEEN, t_to_ns=NOW + 10**9), Reason.IMPLAUSIBLE_TIME),
     (Attitude(NOW, NOW, (math.nan, 0.0, 0.0, 0.0), STILL), Reason.NOT_FINITE),

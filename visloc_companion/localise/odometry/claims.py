@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from visloc_companion.localise.odometry.base import Sight, Step
-from visloc_companion.localise.odometry.keyframe import Keyframe, attitude
+from visloc_companion.localise.odometry.keyframe import Keyframe
 from visloc_companion.localise.odometry.solve import Motion
 from visloc_companion.types import FloatArray, Odometry
 
@@ -25,12 +25,11 @@ def odometry_of(key: Keyframe, sight: Sight, motion: Motion, closes: bool) -> St
     d = motion.d_ned_m
     scale = _scale(motion, key)
     common_m = COMMON_PX * key.height_m / float(key.picture.K[0, 0])
-    swung = key.height_m * (_axis_ne(attitude(sight)) - _axis_ne(key.R_ned_cam))
+    swung = motion.by_lens_m[:2] - d[:2]
     own = motion.covariance - motion.shared + common_m**2 * np.eye(3)
-    own[:2, :2] += FOCAL_SHARE**2 * np.outer(swung, swung)
     across = key.sight.sigma_yaw_rad * np.array([-d[1], d[0]])
-    along = scale * d[:2]
-    cov = own[:2, :2] + np.outer(across, across) + np.outer(along, along)
+    along, by_lens = scale * d[:2], FOCAL_SHARE * swung
+    cov = own[:2, :2] + np.outer(across, across) + np.outer(along, along) + np.outer(by_lens, by_lens)
     cov = (cov + cov.T) / 2
     odometry = Odometry(
         sight.t_ns,
@@ -42,6 +41,8 @@ def odometry_of(key: Keyframe, sight: Sight, motion: Motion, closes: bool) -> St
         key.sight.sigma_yaw_rad,
         float(motion.fits.mean()),
         METHOD,
+        FOCAL_SHARE,
+        (float(swung[0]), float(swung[1])),
     )
     evidence = (
         ("tracks", float(len(motion.fits))),
@@ -61,9 +62,3 @@ def _scale(motion: Motion, key: Keyframe) -> float:
         heights = key.sight.sigma_up_m if key.mapped else key.sight.sigma_height_m
         return math.hypot(heights / key.height_m, FOCAL_SHARE)
     return math.hypot(math.sqrt(max(float(d @ motion.shared[:2, :2] @ d), 0.0)) / length2, FOCAL_SHARE)
-
-
-def _axis_ne(R_ned_cam: FloatArray) -> FloatArray:
-    """(2,) where the optical axis meets the ground, in heights from below the camera: a wrong focal length moves what is seen
-    towards it, so that a camera that tilts seems to move."""
-    return np.asarray(R_ned_cam[:2, 2] / R_ned_cam[2, 2], dtype=np.float64)

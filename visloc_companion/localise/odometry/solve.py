@@ -56,7 +56,8 @@ class Ground:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionPrior:
-    """What is believed of the second frame: attitude (3, 3), start of the search for the displacement (3,), climb (down, m)."""
+    """What is believed of the second frame: attitude (3, 3), start of the search for the displacement (3,), climb (down, m); and
+    the keyframe's optical axis (3,)."""
 
     R_ned_cam: FloatArray
     start_ned_m: FloatArray
@@ -64,13 +65,15 @@ class MotionPrior:
     sigma_turn_rad: float
     sigma_tilt_rad: float
     sigma_climb_m: float
+    key_axis_ned: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
     """Displacement (3,) with covariance (3, 3), heading's error left out; `shared` (3, 3) is the part of it that neighbouring
     legs share (heights, tilt). `fits` (N,) says which tracks fit, `scatter_px` how well; `roughness` is the rms departure of
-    points from the ground in their sigmas; `turn_rad` (3,) the correction of the attitude."""
+    points from the ground in their sigmas; `turn_rad` (3,) the correction of the attitude; `by_lens_m` (3,) by how much the
+    displacement comes out too long for each share by which the lens is longer than calibrated."""
 
     d_ned_m: FloatArray
     covariance: FloatArray
@@ -79,6 +82,7 @@ class Motion:
     scatter_px: float
     roughness: float
     turn_rad: FloatArray
+    by_lens_m: FloatArray
 
 
 def solve(ground: Ground, xy: FloatArray, prior: MotionPrior, focal_px: float) -> Motion | None:
@@ -88,7 +92,7 @@ def solve(ground: Ground, xy: FloatArray, prior: MotionPrior, focal_px: float) -
     departure = np.zeros(len(xy))
     information = _information(ground, prior)
     scatter, normal = FIRST_PX, np.eye(UNKNOWNS)
-    fits = np.ones(len(xy), np.bool_)
+    fits, weighted = np.ones(len(xy), np.bool_), np.zeros((len(xy), 2, UNKNOWNS))
     for step in range(STEPS):
         residual, J, g, ahead = _linearised(ground, x, departure, xy, prior, focal_px)
         residual = residual + g * departure[:, None]
@@ -110,7 +114,17 @@ def solve(ground: Ground, xy: FloatArray, prior: MotionPrior, focal_px: float) -
         if step > 1:
             scatter = _scatter(left - g * departure[:, None], g, fits)
     covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
-    return _motion(x, covariance, fits, scatter, departure / ground.spread_m)
+    by_lens = -covariance @ np.einsum("nij,ni->j", weighted, _by_lens(ground, J, xy, prior.key_axis_ned, focal_px))
+    return _motion(x, covariance, by_lens, fits, scatter, departure / ground.spread_m)
+
+
+def _by_lens(ground: Ground, J: FloatArray, xy: FloatArray, key_axis_ned: FloatArray, focal_px: float) -> FloatArray:
+    """(N, 2) derivative of the residuals by the share by which a lens is longer than calibrated: what is measured in the second
+    frame, and where the keyframe's rays meet the ground, are that much too far from the optical axis."""
+    at = ground.at_ned_m
+    off_axis = at - (at @ key_axis_ned)[:, None] * key_axis_ned
+    met = at * (off_axis[:, 2:3] / at[:, 2:3]) - off_axis
+    return np.asarray(np.einsum("nij,nj->ni", J[:, :, D], met) - focal_px * xy, dtype=np.float64)
 
 
 def _patches_m(ground: Ground, departure: FloatArray, fits: NDArray[np.bool_]) -> float:
@@ -194,7 +208,9 @@ def _scatter(left: FloatArray, g: FloatArray, fits: NDArray[np.bool_]) -> float:
     return max(LEAST_PX, float(np.median(size[fits])) / 0.6745) if fits.any() else FIRST_PX
 
 
-def _motion(x: FloatArray, covariance: FloatArray, fits: NDArray[np.bool_], scatter: float, departure: FloatArray) -> Motion:
+def _motion(
+    x: FloatArray, covariance: FloatArray, by_lens: FloatArray, fits: NDArray[np.bool_], scatter: float, departure: FloatArray
+) -> Motion:
     """The displacement in level axes, and its covariance with the part that the heights and the tilt make."""
     tilt = np.array([*x[TILT], 0.0])
     J = np.zeros((3, UNKNOWNS))
@@ -203,7 +219,7 @@ def _motion(x: FloatArray, covariance: FloatArray, fits: NDArray[np.bool_], scat
     toward = J @ covariance[:, COMMON]
     shared = toward @ np.linalg.inv(covariance[np.ix_(COMMON, COMMON)]) @ toward.T
     rough = float(np.sqrt(np.mean(departure[fits] ** 2))) if fits.any() else 0.0
-    return Motion(J[:, D] @ x[D], J @ covariance @ J.T, shared, fits, scatter, rough, x[TURN])
+    return Motion(J[:, D] @ x[D], J @ covariance @ J.T, shared, fits, scatter, rough, x[TURN], J @ by_lens)
 
 
 def _turned(turn: FloatArray) -> FloatArray:

@@ -161,6 +161,10 @@ def test_a_camera_that_swings_claims_what_a_wrong_lens_makes_of_it(odo, field) -
     assert abs(level.displacement_ned_m[0] - 2.0) < 0.2 < 0.4 < abs(swung.displacement_ned_m[0] - 2.0)
     assert abs(errors(odo, run(odo, field, points, swing, model=lens)[1:], points)[0][0, 0]) < 2.5
     assert swung.cov_ne_m2[0][0] > level.cov_ne_m2[0][0] + (0.3) ** 2 * 0.8
+    off_m = swung.displacement_ned_m[0] - level.displacement_ned_m[0]
+    assert off_m == pytest.approx(FOCAL_SHARE * swung.per_focal_ne_m[0], rel=0.3)
+    assert swung.sigma_focal == FOCAL_SHARE
+    assert abs(level.per_focal_ne_m[0]) < 0.01 * abs(swung.per_focal_ne_m[0])
 
 
 def test_where_the_height_is_hardly_known_the_claim_says_so(odo, field) -> None:

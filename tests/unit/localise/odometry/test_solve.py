@@ -14,6 +14,7 @@ from visloc_companion.localise.odometry.solve import Ground, MotionPrior, solve
 
 FOCAL = 400.0
 D = np.array([30.0, -12.0, 1.0])
+LEVEL = R_from_quat(quat_from_euler(0.0, 0.0, 0.7)) @ R_FRD_CAM
 
 
 def scene(rng, n=150, height=100.0, relief=3.0, tilt_deg=(0.0, 0.0), level=0.0):
@@ -39,10 +40,7 @@ def seen(rng, true, d, R, noise_px=0.2):
 
 def prior(R, **other):
     given = {"sigma_turn_rad": math.radians(0.2), "sigma_tilt_rad": math.radians(0.5), "sigma_climb_m": 0.3}
-    return MotionPrior(R, np.array([20.0, -5.0, 1.0]), float(D[2]), **(given | other))
-
-
-LEVEL = R_from_quat(quat_from_euler(0.0, 0.0, 0.7)) @ R_FRD_CAM
+    return MotionPrior(R, np.array([20.0, -5.0, 1.0]), float(D[2]), **(given | {"key_axis_ned": LEVEL[:, 2]} | other))
 
 
 def test_relief_costs_little_and_wrong_tracks_nothing():
@@ -119,3 +117,24 @@ def test_points_in_a_row_leave_it_undetermined_only_as_far_as_priors_do():
     xy = seen(np.random.default_rng(0), believed, D, LEVEL, 0.0)
     got = solve(ground(believed), xy, prior(LEVEL), FOCAL)
     assert got is None or got.covariance[0, 0] > (100 * math.radians(0.15)) ** 2
+
+
+@pytest.mark.parametrize("turn_deg", [(0.0, 0.0), (4.0, 0.0), (-3.0, 10.0)])
+@pytest.mark.parametrize("tilt_deg", [(0.0, 0.0), (15.0, 5.0)])
+def test_what_a_lens_makes_of_the_displacement_is_told(turn_deg, tilt_deg):
+    """Level ground, noise of a hundredth of a pixel, and a lens longer by a thousandth than calibrated."""
+    longer = 1e-3
+    key = R_from_quat(quat_from_euler(*(math.radians(a) for a in (*tilt_deg, 0.7)))) @ R_FRD_CAM
+    second = (
+        R_from_quat(quat_from_euler(*(math.radians(a + b) for a, b in zip(tilt_deg, turn_deg, strict=True)), 0.7)) @ R_FRD_CAM
+    )
+    rng = np.random.default_rng(5)
+    rays = np.column_stack([rng.uniform(-0.6, 0.6, (150, 2)), np.ones(150)])
+    true = rays @ key.T * (100.0 / (rays @ key.T)[:, 2:])
+    xy = seen(rng, true, D, second, 0.01)
+    looked = rays * [1 + longer, 1 + longer, 1.0] @ key.T
+    believed = {1.0: true, 1 + longer: looked * (100.0 / looked[:, 2:])}
+    got = {by: solve(ground(at, 0.5), xy * by, prior(second, key_axis_ned=key[:, 2]), FOCAL) for by, at in believed.items()}
+    off_m = (got[1 + longer].d_ned_m - got[1.0].d_ned_m) / longer
+    assert got[1.0].by_lens_m[:2] == pytest.approx(off_m[:2], abs=0.03 * np.linalg.norm(D) + 0.05 * np.abs(off_m).max())
+    assert np.linalg.norm(off_m[:2]) > 20
