@@ -6,6 +6,7 @@ _CALIBRATED: dict[str, float] = {
     **{f"INS_{sensor}OFFS_{axis}": 0.001 for sensor in ("ACC", "ACC2") for axis in "XYZ"},
     **{f"INS_{sensor}SCAL_{axis}": 1.001 for sensor in ("ACC", "ACC2") for axis in "XYZ"},
     "BATT_MONITOR": 4,
+    "SERIAL1_BAUD": 921,
     "SIM_WIND_SPD": 4.5,
     "SIM_WIND_DIR": 117,
     "SIM_WIND_TURB": 1.0,
