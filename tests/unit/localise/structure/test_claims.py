@@ -3,7 +3,7 @@ import pytest
 
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered
-from visloc_companion.localise.structure.claims import HELD_M, LOOSE_M, MOST_BOWL_M, judged
+from visloc_companion.localise.structure.claims import HELD_M, LEAST_OVERLAP, LOOSE_M, MOST_BOWL_M, judged
 
 
 def registered(
@@ -49,6 +49,14 @@ def test_a_place_that_nothing_holds_is_refused_however_far_it_leads() -> None:
     found = judged(registered(0.7, 0.3, formal_sigma_m=1.1 * LOOSE_M), 1.0)
     assert isinstance(found, NotRegistered)
     assert found.reason is Reason.LOW_TEXTURE
+
+
+@pytest.mark.parametrize("overlap", [0.97 * LEAST_OVERLAP, 1.03 * LEAST_OVERLAP])
+def test_a_cloud_that_hangs_over_the_maps_edge_is_not_believed(overlap: float) -> None:
+    found = judged(registered(0.7, 0.1, overlap=overlap), 1.0)
+    assert isinstance(found, NotRegistered) is (overlap < LEAST_OVERLAP)
+    if isinstance(found, NotRegistered):
+        assert (found.reason, found.detail) == (Reason.OUTSIDE_MAP, "the map knows the ground below 58% of the cloud")
 
 
 def test_a_place_that_is_held_loosely_has_to_lead_by_more() -> None:
