@@ -58,6 +58,8 @@ def consensus(source: SourceCells, relief: Surface, T: FloatArray) -> Consensus:
         return _compared(own, beside[window], known * there[window], side)
 
     score = np.array([[shifted(v, u).likelihood() for u in range(wide)] for v in range(wide)])
+    if score.max() <= 0:  # nothing resembles anything, as on a level
+        score[margin, margin] = 1
     v, u = divmod(int(np.argmax(score)), wide)
     cells = np.array([_summit(score[v], u), _summit(score[:, u], v)]) - margin
     trust = shifted(v, u).trust().reshape(rows // side, cols // side)[source.rows // side, source.cols // side]

@@ -80,5 +80,5 @@ def test_what_changed_moves_the_place_no_more() -> None:
 def test_a_level_field_says_nothing() -> None:
     flat, reference = heights_of(np.zeros((64, 64)), 52.0), heights_of(crowns(1), 0.0)
     found = consensus(cells_of(flat, high_passed(flat), CENTRE), surface_of(high_passed(reference)), np.eye(4))
-    assert np.isfinite(found.shift_m).all()
+    assert np.abs(found.shift_m).max() < 1e-9
     assert (found.trust == LEAST_TRUST).all()
