@@ -17,10 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.structure_chain import GSD_M, MODEL, SIZE_M, Answer, Shot, figures, files_of, flight, judged
-from visloc_companion.localise.flight import flight_registration
-from visloc_companion.localise.settings import LocaliserSettings
-from visloc_companion.localise.structure.localiser import StructureLocaliser
+from benchmarks.structure_chain import GSD_M, MODEL, SIZE_M, Answer, figures, files_of, flight, structure_vote
 from visloc_companion.maps.raster import RasterMap
 from visloc_companion.sim.changes import Change, changed
 from visloc_companion.sim.landscape import build_landscape
@@ -42,14 +39,6 @@ def stale(scene: Scene, seed: int) -> Scene:
     return scene
 
 
-def vote(shots: list[Shot], case: str, reference: RasterMap, most_wrong: float) -> Answer:
-    """The structure's vote on the last frame of a flight."""
-    structure = StructureLocaliser(MODEL, LocaliserSettings(max_probability_wrong=most_wrong), flight_registration())
-    for shot in shots:
-        structure.remember(shot.request, shot.pixels, reference)
-    return judged("structure", case, shots, structure.localise(shots[-1].request, shots[-1].pixels, reference), 0.0)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
@@ -67,7 +56,7 @@ def main() -> None:
         camera = CameraSimulator(scene, MODEL, CameraEffects())
         for number in range(chosen.n):
             shots = flight(scene, camera, seed, number, chosen.frames, chosen.known)
-            answers.append(vote(shots, f"{seed}_{number}", reference, chosen.max_probability_wrong))
+            answers.append(structure_vote(shots, f"{seed}_{number}", reference, chosen.max_probability_wrong))
             last = answers[-1]
             print(f"{last.case} {last.off_m:.2f} {last.probability_wrong} {last.sigma_m} {last.reason}", flush=True)
     if chosen.json is not None:

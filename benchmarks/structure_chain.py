@@ -147,17 +147,20 @@ def judged(vote: str, case: str, shots: list[Shot], answer: Fix | NoFix, cpu_s: 
 
 def votes_of(shots: list[Shot], case: str, reference: RasterMap, image: Localiser, most_wrong: float) -> list[Answer]:
     """The image's vote on the last frame, and the structure's."""
-    settings = LocaliserSettings(max_probability_wrong=most_wrong)
-    structure = StructureLocaliser(MODEL, settings, flight_registration())
-    last = shots[-1]
-    start = time.process_time()
+    last, start = shots[-1], time.process_time()
     by_image = image.localise(last.request, last.pixels, reference)
-    between = time.process_time()
+    spent = time.process_time() - start
+    return [judged("image", case, shots, by_image, spent), structure_vote(shots, case, reference, most_wrong)]
+
+
+def structure_vote(shots: list[Shot], case: str, reference: RasterMap, most_wrong: float) -> Answer:
+    """The structure's vote on the last frame of a flight."""
+    structure = StructureLocaliser(MODEL, LocaliserSettings(max_probability_wrong=most_wrong), flight_registration())
+    start = time.process_time()
     for shot in shots:
         structure.remember(shot.request, shot.pixels, reference)
-    by_structure = structure.localise(last.request, last.pixels, reference)
-    spent = time.process_time() - between
-    return [judged("image", case, shots, by_image, between - start), judged("structure", case, shots, by_structure, spent)]
+    answer = structure.localise(shots[-1].request, shots[-1].pixels, reference)
+    return judged("structure", case, shots, answer, time.process_time() - start)
 
 
 def files_of(seed: int, folder: Path) -> tuple[Path, Path]:

@@ -52,17 +52,14 @@ class Travelled:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Node:
-    """A time with sums from the root of the tree: position (3,), own covariance (2, 2), shared errors (2,) each, and what
-    a focal length that is off adds for each share of it (2,)."""
+    """A time with sums from the root of the tree: position (3,), own covariance (2, 2), and (4, 2) what adds up with its
+    sign: the errors by scale, heading and focal length, and what the latter adds for each share of it."""
 
     t_ns: int
     parent_ns: int | None
     p_ned_m: FloatArray
     own_m2: FloatArray
-    scale_m: FloatArray
-    heading_m: FloatArray
-    focal_m: FloatArray
-    per_focal_m: FloatArray
+    shared_m: FloatArray
     unseen_s: float
     path_m: float
 
@@ -113,9 +110,9 @@ class OdometryTrack:
         if a is None or b is None:
             return None
         own = self._own_between(a, b)
-        shared = (b.scale_m - a.scale_m, b.heading_m - a.heading_m, b.focal_m - a.focal_m)
-        cov = own + sum(np.outer(s, s) for s in shared)
-        focal_n, focal_e = (b.per_focal_m - a.per_focal_m).tolist()
+        shared = b.shared_m - a.shared_m
+        cov = own + shared[:3].T @ shared[:3]
+        focal_n, focal_e = shared[3].tolist()
         d = b.p_ned_m - a.p_ned_m
         return Travelled(
             (float(d[0]), float(d[1]), float(d[2])),
@@ -154,10 +151,7 @@ class OdometryTrack:
             last.t_ns,
             last.p_ned_m + step,
             last.own_m2 + sigma2 * np.eye(2),
-            last.scale_m,
-            last.heading_m,
-            last.focal_m,
-            last.per_focal_m,
+            last.shared_m,
             last.unseen_s + seconds,
             last.path_m + float(np.hypot(step[0], step[1])),
         )
@@ -178,10 +172,7 @@ class OdometryTrack:
             a.t_ns,
             a.p_ned_m + share * (b.p_ned_m - a.p_ned_m),
             a.own_m2 + share**2 * self._own_between(a, b) + chord**2 * np.eye(2),
-            a.scale_m + share * (b.scale_m - a.scale_m),
-            a.heading_m + share * (b.heading_m - a.heading_m),
-            a.focal_m + share * (b.focal_m - a.focal_m),
-            a.per_focal_m + share * (b.per_focal_m - a.per_focal_m),
+            a.shared_m + share * (b.shared_m - a.shared_m),
             a.unseen_s + share * (b.unseen_s - a.unseen_s),
             a.path_m + share * (b.path_m - a.path_m),
         )
@@ -238,8 +229,7 @@ def _why_refused(odometry: Odometry) -> Reason | None:
 
 
 def _root(t_ns: int) -> _Node:
-    zero = np.zeros(2)
-    return _Node(t_ns, None, np.zeros(3), np.zeros((2, 2)), zero, zero, zero, zero, 0.0, 0.0)
+    return _Node(t_ns, None, np.zeros(3), np.zeros((2, 2)), np.zeros((4, 2)), 0.0, 0.0)
 
 
 def _moved(start: _Node, item: Odometry) -> _Node:
@@ -247,24 +237,21 @@ def _moved(start: _Node, item: Odometry) -> _Node:
     scale = item.sigma_scale * d[:2]
     heading = item.sigma_heading_rad * np.array([-d[1], d[0]])
     per_focal = np.array(item.per_focal_ne_m)
-    focal = item.sigma_focal * per_focal
+    shared = np.stack([scale, heading, item.sigma_focal * per_focal, per_focal])
     return _Node(
         item.t_to_ns,
         start.t_ns,
         start.p_ned_m + d,
-        start.own_m2 + _own(item.cov_ne_m2, scale, heading, focal),
-        start.scale_m + scale,
-        start.heading_m + heading,
-        start.focal_m + focal,
-        start.per_focal_m + per_focal,
+        start.own_m2 + _own(item.cov_ne_m2, shared[:3]),
+        start.shared_m + shared,
         start.unseen_s,
         start.path_m + float(np.hypot(d[0], d[1])),
     )
 
 
-def _own(cov: Cov2, *shared_m: FloatArray) -> FloatArray:
-    """(2, 2) a displacement's covariance less what it shares, nowhere negative."""
+def _own(cov: Cov2, shared_m: FloatArray) -> FloatArray:
+    """(2, 2) a displacement's covariance less the errors (N, 2) that it shares, nowhere negative."""
     (nn, ne), (_, ee) = cov
-    for north, east in (s.tolist() for s in shared_m):
+    for north, east in shared_m.tolist():
         nn, ne, ee = nn - north**2, ne - north * east, ee - east**2
     return np.array(floored(((nn, ne), (ne, ee)), 0.0))

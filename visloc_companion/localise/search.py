@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.localise.features.base import Float32Array
+from visloc_companion.localise.parabola import peak_offset
 from visloc_companion.localise.spectra import BlockCorrelator, Box, Complex64Array, block_size
 
 MIN_OVERLAP = 0.5
@@ -110,7 +111,7 @@ def find_peaks(volume: ScoreVolume, allowed: NDArray[np.bool_], radius_px: float
         value = float(score[row, col])
         if value <= 0:
             break
-        du, dv = _parabola(volume.score, int(row), int(col))
+        du, dv = peak_offset(volume.score, int(row), int(col))
         peaks.append(
             Peak(
                 volume.origin_px[0] + int(col) + du, volume.origin_px[1] + int(row) + dv, int(volume.hypothesis[row, col]), value
@@ -118,18 +119,6 @@ def find_peaks(volume: ScoreVolume, allowed: NDArray[np.bool_], radius_px: float
         )
         cv2.circle(score, (int(col), int(row)), max(1, round(radius_px)), -1.0, -1)
     return peaks
-
-
-def _parabola(score: Float32Array, row: int, col: int) -> tuple[float, float]:
-    offsets = []
-    for line, k in ((score[row], col), (score[:, col], row)):
-        if not 0 < k < len(line) - 1:
-            offsets.append(0.0)
-            continue
-        a, b, c = (float(x) for x in line[k - 1 : k + 2])
-        curvature = a - 2 * b + c
-        offsets.append(max(-0.5, min(0.5, 0.5 * (a - c) / curvature)) if curvature < -1e-9 else 0.0)
-    return offsets[0], offsets[1]
 
 
 def _spectra(

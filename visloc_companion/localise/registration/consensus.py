@@ -19,12 +19,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from visloc_companion.localise.features.base import Float32Array
+from visloc_companion.localise.parabola import peak_offset
+from visloc_companion.localise.registration.search import APART_M
 from visloc_companion.localise.registration.similarity import moved
 from visloc_companion.localise.registration.surfaces import IN_REFERENCE, SourceCells, Surface
 from visloc_companion.types import FloatArray
 
-NEAR_M = 6.0
-"""Shifts are looked at so far on each axis: what is farther is another place (search.APART_M)."""
 BLOCK_M = 16.0
 """A few crowns or a house to a block. With 12 and 20 m errors are the same, with 28 and 40 m they are larger."""
 NOISE_M = 0.1
@@ -46,22 +46,24 @@ class Consensus:
 def consensus(source: SourceCells, relief: Surface, T: FloatArray) -> Consensus:
     """What the source's blocks say of the reference's relief about where T (4, 4) puts them."""
     cell = relief.heights.cell_m
-    side, margin = max(4, round(BLOCK_M / cell)), math.ceil(NEAR_M / cell)
+    side, margin = max(4, round(BLOCK_M / cell)), math.ceil(APART_M / cell)  # what is farther is another place
     rows, cols = (-(-n // side) * side for n in source.shape)
     known, own = np.zeros((2, rows, cols), np.float32)
     known[source.rows, source.cols], own[source.rows, source.cols] = 1, source.relief_m
     beside, there = _beside(source, relief, T, (rows, cols), margin)
     wide = 2 * margin + 1
+    of_block = _of_block(rows, side), _of_block(cols, side)
 
     def shifted(v: int, u: int) -> _Blocks:
         window = (slice(v, v + rows), slice(u, u + cols))
-        return _compared(own, beside[window], known * there[window], side)
+        return _compared(own, beside[window], known * there[window], of_block)
 
     score = np.array([[shifted(v, u).likelihood() for u in range(wide)] for v in range(wide)])
     if score.max() <= 0:  # nothing resembles anything, as on a level
         score[margin, margin] = 1
     v, u = divmod(int(np.argmax(score)), wide)
-    cells = np.array([_summit(score[v], u), _summit(score[:, u], v)]) - margin
+    right, down = peak_offset(score, v, u)
+    cells = np.array([u + right, v + down]) - margin
     trust = shifted(v, u).trust().reshape(rows // side, cols // side)[source.rows // side, source.cols // side]
     return Consensus(T[:2, :2] @ (cells * cell), np.maximum(trust / max(float(trust.max()), 1e-12), LEAST_TRUST))
 
@@ -97,8 +99,15 @@ def _beside(
     return np.asarray(layers[..., 0], dtype=np.float32), np.asarray(layers[..., 3] > IN_REFERENCE, dtype=np.float32)
 
 
-def _compared(own: Float32Array, beside: Float32Array, both: Float32Array, side: int) -> _Blocks:
-    rows, cols = (np.repeat(np.eye(n // side, dtype=np.float32), side, 0) for n in own.shape)
+def _of_block(cells: int, side: int) -> Float32Array:
+    """(cells, blocks) 1 where a cell lies in a block, on one axis."""
+    return np.repeat(np.eye(cells // side, dtype=np.float32), side, 0)
+
+
+def _compared(
+    own: Float32Array, beside: Float32Array, both: Float32Array, of_block: tuple[Float32Array, Float32Array]
+) -> _Blocks:
+    rows, cols = of_block
     a, b = own * both, beside * both
     sums = (rows.T @ np.stack([both, a, b, a * a, b * b, a * b]) @ cols).astype(np.float64)
     number, *of = sums.reshape(6, -1)
@@ -106,12 +115,3 @@ def _compared(own: Float32Array, beside: Float32Array, both: Float32Array, side:
     var_a, var_b = np.maximum(square_a - mean_a**2, 0), np.maximum(square_b - mean_b**2, 0)
     c = (product - mean_a * mean_b) / np.sqrt((var_a + NOISE_M**2) * (var_b + NOISE_M**2))
     return _Blocks(number, np.clip(c, 0, MOST), var_a)
-
-
-def _summit(score: FloatArray, at: int) -> float:
-    """Where a parabola through the highest of a row's scores and its neighbours is highest."""
-    if not 0 < at < len(score) - 1:
-        return float(at)
-    before, here, after = (float(s) for s in score[at - 1 : at + 2])
-    curve = before - 2 * here + after
-    return at + (0.5 * (before - after) / curve if curve < 0 else 0.0)
