@@ -2,6 +2,7 @@
 
 `python -m benchmarks.autopilots_built_in [--seeds S ...] [--write]` flies it for every row that has a figure, prints 95 % of its
 error for each seed, and with `--write` puts those of the rows' own seeds into the rows and docs/autopilots.md.
+`--alone arducopter/rendered` flies what has no row.
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ import numpy as np
 from benchmarks.autopilots_table import DOCS, ROWS, Row, read_rows, row_path, written
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
+from visloc_companion.app.settings import core_settings
+from visloc_companion.config import Config
 from visloc_companion.core.navigator import Navigator
-from visloc_companion.core.settings import CoreSettings, InjectionSettings
 from visloc_companion.errors import Reason
+from visloc_companion.evaluate.real_world import over_its_world
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.sim import faults
@@ -29,9 +32,10 @@ from visloc_companion.sim.faults import FaultSchedule
 from visloc_companion.sim.faults.camera import FramesLate
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes
 from visloc_companion.sim.imu import NOISY
+from visloc_companion.sim.real.lives import flight_config
 from visloc_companion.sim.real.oracle import METHOD, OracleSettings
-from visloc_companion.sim.real.pilot import HOME
 from visloc_companion.sim.real.programs import Simulator
+from visloc_companion.sim.real.rendered import opened
 from visloc_companion.sim.real.scenario import RealScenario
 from visloc_companion.sim.real.scenarios import real_scenario
 from visloc_companion.sim.vehicle_model import ARDUPILOT_SITL, PX4_SIH
@@ -45,17 +49,17 @@ EKF2_DEFAULT_TAUS = {"EKF2_TAU_POS": 0.25, "EKF2_TAU_VEL": 0.25}
 def built_in_p95_m(scenario: RealScenario, simulator: Simulator, *, ekf2_defaults: bool = False) -> float | None:
     """95 % of the built-in autopilot's own error while it flies on vision, metres.
 
-    None where it never does, and for flights that it cannot fly: with restarts, jumps, rendered frames, or no GNSS at boot.
+    None where it never does, and for flights that it cannot fly: with restarts, jumps, or no GNSS at boot.
     `ekf2_defaults`: with EKF2's own time constants and noise of the accelerometers, as before decision 25.
     """
-    if scenario.restarts or scenario.oracle.moved or scenario.seen is not None or not scenario.gnss_at_boot:
+    if scenario.restarts or scenario.oracle.moved or not scenario.gnss_at_boot:
         return None
     kind = AutopilotKind.PX4 if simulator.is_px4 else AutopilotKind.ARDUPILOT
     route = scenario.route
     pilot = BuiltInAutopilot(
         kind,
         "plane" if simulator.is_plane else "copter",
-        HOME,
+        scenario.home,
         [(leg.north_m, leg.east_m, -route.height_m) for leg in route.legs],
         route.speed_mps,
         scenario.seed,
@@ -65,16 +69,10 @@ def built_in_p95_m(scenario: RealScenario, simulator: Simulator, *, ekf2_default
         model=replace(PX4_SIH, imu=NOISY) if ekf2_defaults else PX4_SIH if simulator.is_px4 else ARDUPILOT_SITL,
         parameters=EKF2_DEFAULT_TAUS if ekf2_defaults else None,
     )
-    oracle = scenario.oracle
-    eyes = Eyes(
-        cast(SimulatedCamera, _PoseCamera()),
-        _PoseReader(oracle, scenario.seed),
-        cast(ReferenceMap, None),
-        oracle.rate_hz,
-        oracle.latency_s + oracle.jitter_s / 2,
-    )
-    settings = CoreSettings(structure=False, max_rate_hz=oracle.rate_hz, injection=InjectionSettings(switch_source=True))
-    log = ClosedLoopFlight(pilot, Navigator(settings), MavlinkSession(SessionSettings()), eyes).run(scenario.duration_s)
+    config = flight_config(scenario)
+    log = ClosedLoopFlight(
+        pilot, Navigator(core_settings(config)), MavlinkSession(SessionSettings()), _eyes(scenario, config)
+    ).run(scenario.duration_s)
     switches = [(e.now_ns, e.event.source) for e in log.entries if isinstance(e.event, SourceSwitched) and e.event.accepted]
     errors = [sample.off_m for sample in log.truth if _on_vision(switches, sample.t_ns) and sample.off_m is not None]
     return float(np.percentile(errors, 95)) if errors else None
@@ -86,7 +84,14 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="*", default=[], help="further seeds, to see what is chance")
     parser.add_argument("--flights", nargs="*", help="only these")
     parser.add_argument("--write", action="store_true")
+    parser.add_argument("--alone", nargs="*", default=[], metavar="SIMULATOR/FLIGHT", help="these, and no row's")
     args = parser.parse_args()
+    for simulator, _, flight in (name.partition("/") for name in args.alone):
+        for seed in args.seeds or [1]:
+            row = {"simulator": simulator, "flight": flight}
+            print(f"{simulator} {flight}, seed {seed}: {_figure(row, seed)}", flush=True)
+    if args.alone:
+        return
     for row in read_rows(ROWS):
         if row.get("built_in_p95_m") is None or (args.flights and row["flight"] not in args.flights):
             continue
@@ -102,7 +107,18 @@ def main() -> None:
 
 def _figure(row: Row, seed: int) -> float | None:
     simulator = Simulator(row["simulator"])
-    return built_in_p95_m(real_scenario(row["flight"], simulator, seed), simulator, ekf2_defaults=row.get("ekf2_defaults", False))
+    scenario = over_its_world(real_scenario(row["flight"], simulator, seed))
+    return built_in_p95_m(scenario, simulator, ekf2_defaults=row.get("ekf2_defaults", False))
+
+
+def _eyes(scenario: RealScenario, config: Config) -> Eyes:
+    oracle = scenario.oracle
+    latency_s = oracle.latency_s + oracle.jitter_s / 2
+    if scenario.seen is not None:
+        camera, localiser, reference = opened(scenario.seen, config)
+        return Eyes(camera, localiser, reference, oracle.rate_hz, latency_s)
+    poses = cast(SimulatedCamera, _PoseCamera()), _PoseReader(oracle, scenario.seed), cast(ReferenceMap, None)
+    return Eyes(*poses, oracle.rate_hz, latency_s)
 
 
 def _on_vision(switches: list[tuple[int, EkfSource]], t_ns: int) -> bool:

@@ -10,8 +10,13 @@ from typing import Any
 
 import pytest
 
+from visloc_companion.evaluate import real_world
+from visloc_companion.maps.pack import PackMap
+from visloc_companion.prepare.world import ProceduralWorld, procedural_world
+from visloc_companion.sim.flight import Eyes
 from visloc_companion.sim.imu import NOISY
 from visloc_companion.sim.real.programs import Simulator
+from visloc_companion.sim.real.scenario import RealScenario
 from visloc_companion.sim.real.scenarios import real_scenario
 from visloc_companion.sim.vehicle_model import ARDUPILOT_SITL, PX4_SIH
 
@@ -25,29 +30,45 @@ def module(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return importlib.import_module("benchmarks.autopilots_built_in")
 
 
-def beside(module: ModuleType, monkeypatch: pytest.MonkeyPatch, simulator: Simulator, **more: Any) -> Any:
-    """The built-in autopilot that would fly."""
-    pilots: list[Any] = []
+def beside(
+    module: ModuleType, monkeypatch: pytest.MonkeyPatch, simulator: Simulator, scenario: RealScenario | None = None, **more: Any
+) -> tuple[Any, Eyes]:
+    """The built-in autopilot that would fly, and its eyes."""
+    flown: list[tuple[Any, Eyes]] = []
     log = SimpleNamespace(entries=[], truth=[])
 
-    def of(pilot: Any, *_: Any) -> SimpleNamespace:
-        pilots.append(pilot)
+    def of(pilot: Any, _navigator: Any, _session: Any, eyes: Eyes) -> SimpleNamespace:
+        flown.append((pilot, eyes))
         return SimpleNamespace(run=lambda _s: log)
 
     monkeypatch.setattr(module, "ClosedLoopFlight", of)
-    assert module.built_in_p95_m(real_scenario("jam", simulator), simulator, **more) is None
-    return pilots[0]
+    assert module.built_in_p95_m(scenario or real_scenario("jam", simulator), simulator, **more) is None
+    return flown[0]
 
 
 @pytest.mark.parametrize("simulator", Simulator)
 def test_the_vehicle_is_the_simulators(module: ModuleType, monkeypatch: pytest.MonkeyPatch, simulator: Simulator) -> None:
-    pilot = beside(module, monkeypatch, simulator)
+    pilot, _ = beside(module, monkeypatch, simulator)
     assert pilot.flight.plan.model == (PX4_SIH if simulator.is_px4 else ARDUPILOT_SITL)
     assert pilot.flight.plan.wind_ned_mps == ((0.0, 0.0, 0.0) if simulator.is_px4 else (2.0, -4.0, 0.0))
 
 
+def test_rendered_frames_are_seen_from_over_their_own_home(
+    module: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def small(seed: int) -> ProceduralWorld:
+        return procedural_world(seed, tmp_path, size_m=200.0, networks=[])
+
+    monkeypatch.setattr(real_world, "procedural_world", small)
+    scenario = real_world.over_its_world(real_scenario("rendered", Simulator.ARDUCOPTER))
+    pilot, eyes = beside(module, monkeypatch, Simulator.ARDUCOPTER, scenario)
+    assert pilot.flight.plan.home == scenario.home
+    assert isinstance(eyes.reference, PackMap)
+    assert eyes.camera.render(scenario.home, (1.0, 0.0, 0.0, 0.0), 1).shape == (480, 640, 3)
+
+
 def test_a_row_of_before_has_ekf2s_own_settings(module: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    pilot = beside(module, monkeypatch, Simulator.PX4_PLANE, ekf2_defaults=True)
+    pilot, _ = beside(module, monkeypatch, Simulator.PX4_PLANE, ekf2_defaults=True)
     assert pilot.parameters["EKF2_TAU_POS"] == pilot.parameters["EKF2_TAU_VEL"] == 0.25
     assert pilot.flight.plan.model.imu == NOISY
 

@@ -22,15 +22,19 @@ from visloc_companion.sim.real.rendered import RenderedEyes
 from visloc_companion.sim.real.scenario import RealScenario
 
 
-def daemon_config(pilot: Pilot, scenario: RealScenario, folder: Path) -> Config:
-    """The daemon's configuration: defaults, but it may switch the source, and fixes come at the oracle's rate."""
+def flight_config(scenario: RealScenario) -> Config:
+    """The configuration of a flight: defaults, but the daemon may switch the source, and fixes come at the oracle's rate."""
     return Config(
-        link=LinkConfig(url=pilot.daemon_url),
         injection=InjectionConfig(switch_source=True),
         localiser=LocaliserConfig(max_rate_hz=scenario.oracle.rate_hz, structure=False, threads=1),
-        journal=JournalConfig(folder=str(folder)),
         seed=scenario.seed,
     )
+
+
+def daemon_config(pilot: Pilot, scenario: RealScenario, folder: Path) -> Config:
+    """The same with the daemon's link and journal."""
+    parts = {"link": LinkConfig(url=pilot.daemon_url), "journal": JournalConfig(folder=str(folder))}
+    return flight_config(scenario).model_copy(update=parts)
 
 
 class DaemonLives:
@@ -38,7 +42,7 @@ class DaemonLives:
 
     def __init__(self, pilot: Pilot, scenario: RealScenario, folder: Path, recorder: Recorder, simulator: Running) -> None:
         self._pilot, self._scenario, self._folder, self._recorder = pilot, scenario, folder, recorder
-        eyes = None if scenario.seen is None else RenderedEyes(scenario.seen, daemon_config(pilot, scenario, folder), simulator)
+        eyes = None if scenario.seen is None else RenderedEyes(scenario.seen, flight_config(scenario), simulator)
         self._oracle = Oracle(scenario.oracle, recorder.clock, scenario.seed, eyes)
         recorder.oracle = self._oracle
         self._killed = asyncio.Event()

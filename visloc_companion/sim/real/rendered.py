@@ -6,6 +6,7 @@ from visloc_companion.app.localiser import configured_localiser
 from visloc_companion.app.settings import camera_model, mounting
 from visloc_companion.config import Config
 from visloc_companion.maps.pack import PackMap
+from visloc_companion.protocols import Localiser
 from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.real.oracle import View
 from visloc_companion.sim.real.priority import in_turn
@@ -17,6 +18,14 @@ from visloc_companion.sim.scene import Scene
 from visloc_companion.types import Fix, LocaliseRequest, NoFix
 
 
+def opened(world: SeenWorld, config: Config) -> tuple[SimulatedCamera, Localiser, PackMap]:
+    """The configured camera over the world as it is now, the configured localiser, and the map. Raises MapError, ModelError."""
+    model = camera_model(config.camera)
+    seen = CameraSimulator(Scene.load(world.ortho, world.dsm), model, CameraEffects())
+    camera = SimulatedCamera(seen, model, mounting(config.camera), config.seed)
+    return camera, configured_localiser(config.localiser, model)[0], PackMap.open(world.pack, verify_hashes=False)
+
+
 class RenderedEyes:
     """oracle.Localise: only frames that are asked about are rendered. The simulator is held meanwhile, however long that takes.
 
@@ -24,13 +33,8 @@ class RenderedEyes:
     """
 
     def __init__(self, world: SeenWorld, config: Config, simulator: Running) -> None:
-        self._simulator, self._reference = simulator, PackMap.open(world.pack, verify_hashes=False)
-        model = camera_model(config.camera)
-        scene = Scene.load(world.ortho, world.dsm)
-        self._camera = SimulatedCamera(
-            CameraSimulator(scene, model, CameraEffects()), model, mounting(config.camera), config.seed
-        )
-        self._localiser, _ = configured_localiser(config.localiser, model)
+        self._simulator = simulator
+        self._camera, self._localiser, self._reference = opened(world, config)
 
     def __call__(self, request: LocaliseRequest, view: View) -> Fix | NoFix:
         """What the localiser says about a frame."""
