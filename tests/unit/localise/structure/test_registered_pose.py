@@ -11,6 +11,7 @@ from visloc_companion.localise.registration.base import Registered
 from visloc_companion.localise.structure.base import LocalCloud, NoCloud
 from visloc_companion.localise.structure.cloud import _pixels
 from visloc_companion.localise.structure.registered_pose import (
+    BEND_SHARE,
     HEIGHT_SHARE,
     LEAST_TILT_M,
     NED_ENU,
@@ -37,8 +38,9 @@ def similarity(yaw_deg, scale, shift, tilt_deg=0.0):
     return T
 
 
-def registered(T, sigma_up=0.3, sigma=0.4, deviation=1.2):
-    return Registered(T, np.diag([sigma**2, sigma**2, sigma_up**2]), 0.005, 0.002, 0.01, (("deviation_m", deviation),))
+def registered(T, sigma_up=0.3, sigma=0.4, deviation=1.2, bowl=0.0):
+    evidence = (("deviation_m", deviation), ("bowl_m", bowl))
+    return Registered(T, np.diag([sigma**2, sigma**2, sigma_up**2]), 0.005, 0.002, 0.01, evidence)
 
 
 def test_the_camera_goes_where_the_similarity_takes_it(cloud, structure):
@@ -62,6 +64,19 @@ def test_the_covariance_is_the_registration_s_with_tilt_and_scale_carried_to_the
     better = np.sqrt(np.diag(pose_from_registration(cloud, registered(T), structure.WIDE, tied).covariance))
     assert better[0] < sigma[0]
     assert better[0] == pytest.approx(0.4, rel=0.2)
+
+
+@pytest.mark.parametrize("bowl", [0.9, -0.9])
+def test_a_cloud_that_is_bent_leans_and_the_camera_with_it(cloud, structure, bowl):
+    T = similarity(0.0, 1.0, (0.0, 0.0, 0.0))
+    none = PriorTerm(NED_ENU @ cloud.pose_of(1)[:3, :3], math.inf)
+    level, bent = (
+        pose_from_registration(cloud, registered(T, bowl=b), structure.WIDE, none).covariance[[0, 1, 2], [0, 1, 2]]
+        for b in (0, bowl)
+    )
+    reach = np.sqrt(((cloud.points_m[:, :2] - cloud.points_m[:, :2].mean(0)) ** 2).mean())
+    np.testing.assert_allclose(bent[:2] - level[:2], (83 * BEND_SHARE * bowl / reach) ** 2, rtol=0.2)
+    assert bent[2] - level[2] < 0.1 * (bent[0] - level[0])
 
 
 def test_a_good_attitude_takes_back_the_tilt_of_a_bad_registration(cloud, structure):
