@@ -188,7 +188,8 @@ class KidnappedFlight:
         self.outcome.slower.append(slower)
         is_tile = math.sqrt(request.prior.cov_ne_m2[0][0]) > self._far_m
         (self.outcome.tile_ms if is_tile else self.outcome.test_ms).append(1e3 * took_s)
-        self._count(request, answer, place, is_tile)
+        if self.outcome.anchored_s is None:  # what is asked from then on is about the filter's own place
+            self._count(request, answer, place, is_tile)
         self._answers.append((self._t_s + TRANSFER_S + max(LEAST_LATENCY_S, took_s), answer))
 
     def _count(self, request: LocaliseRequest, answer: Fix | NoFix, truth: GeoPoint, is_tile: bool) -> None:

@@ -141,6 +141,8 @@ class Asking:
             frame.t_ns, (*where.place_ne_m, -height_m), velocity.v_ned_mps, where.cov_ne_m2, SEARCH_SIGMA_H_M, math.inf
         )
         prior = self._pose_prior(self._of_camera(asked, q_ned_frd), origin, q_ned_frd, self._camera.q_frd_cambody)
+        share = where.share_of_sigmas
+        prior = replace(prior, sigma_h_m=share * prior.sigma_h_m, sigma_yaw_rad=share * prior.sigma_yaw_rad)
         return [self._queue.taken(frame, prior, now_ns, aside=True)]
 
     def _prior(self, state: NavState, q_ned_frd: Quat, q_frd_body: Quat, injecting: bool) -> PosePrior | None:

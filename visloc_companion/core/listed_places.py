@@ -7,23 +7,20 @@ import math
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Fix, GeoPoint, NoFix, Vec2
 
-LISTED, LEAST_MASS, LIKELY_MASS = 4, 0.02, 0.5
-"""Of the modes that a search lists so many become hypotheses, unless its posterior has them less likely than the second; in the
-first sweep and every other one, the third."""
+LISTED = 4
+LIKELY, THOROUGH = 0.1, 0.01
+"""Of the places that an answer leaves open so many become hypotheses, unless it has them less likely than the second; in thorough
+sweeps, the third."""
 
 
-def places_of(answer: Fix | NoFix, centre_ne_m: Vec2, origin: GeoPoint, apart_m: float, least: float) -> list[Vec2]:
-    """The fix, and the modes of the search (localise/modes.py) of at least a probability that lie apart from it, metres north and
-    east of the origin."""
-    found: list[Vec2] = []
+def places_of(answer: Fix | NoFix, origin: GeoPoint, least: float) -> list[Vec2]:
+    """The fix, or the open places of at least a probability, likeliest first, metres north and east of the origin."""
     if isinstance(answer, Fix):
-        north, east, _ = wgs84.ned_from_geo(answer.place, origin)
-        found.append((north, east))
-    told = dict(answer.evidence)
-    for k in range(1, LISTED + 1):
-        if f"mode{k}_north_m" not in told or told.get(f"mode{k}_probability", 1.0) < least:
-            break
-        place = (centre_ne_m[0] + told[f"mode{k}_north_m"], centre_ne_m[1] + told[f"mode{k}_east_m"])
-        if all(math.dist(place, other) >= apart_m for other in found):
-            found.append(place)
-    return found
+        return [_ne_m(answer.place, origin)]
+    likely = [each for each in answer.open_places if each.log_evidence >= math.log(least)]
+    return [_ne_m(each.place, origin) for each in likely[:LISTED]]
+
+
+def _ne_m(place: GeoPoint, origin: GeoPoint) -> Vec2:
+    north, east, _ = wgs84.ned_from_geo(place, origin)
+    return north, east

@@ -1,12 +1,12 @@
 """Finding the vehicle anywhere on the map: without a first position, or after a loss that has lasted too long.
 
 Two kinds of questions take turns. A tile of the map (core/tiles.py) is searched in a frame, and the places that the answer lists
-become hypotheses (core/hypotheses.py): in the first sweep over the map, and in every other one after it, only fixes and what is
-as likely as not; in those between all that an answer leaves open. (A test takes as long as a third of a tile, and hardly one of
-the latter is right.) A hypothesis is tested by a search about it in a newer frame; while one is likely and about to be due, no
-tile is begun. The claim of a fix (`probability_wrong`) was fitted on small search regions; here no single answer counts for more
-than the odds that were measured for such searches, and a place is found only when so many agree, through the motion between them,
-that the probability of a false agreement is below RISK.
+(core/listed_places.py) become hypotheses (core/hypotheses.py). Two sweeps of three over the map are quick ones: they allow for
+less that compass and height may be off, and test only fixes and what is likely; the third leaves nothing out. A hypothesis is
+tested by a search about it in a newer frame; while one is likely and about to be due, no tile is begun. The claim of a fix
+(`probability_wrong`) was fitted on small search regions; here no single answer counts for more than the odds that were measured
+for such searches, and a place is found only when so many agree, through the motion between them, that the probability of a false
+agreement is below RISK.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from visloc_companion.core import hypotheses
 from visloc_companion.core.hypotheses import Hypothesis
 from visloc_companion.core.integrity import largest_sigma_m
-from visloc_companion.core.listed_places import LEAST_MASS, LIKELY_MASS, places_of
+from visloc_companion.core.listed_places import LIKELY, THOROUGH, places_of
 from visloc_companion.core.tiles import FARTHEST_M, Tile, Tiles
 from visloc_companion.core.travel import TravelLog
 from visloc_companion.core.vouching import velocity_sigma_mps
@@ -34,8 +34,8 @@ SPACING_HEIGHTS = 0.25
 """Answers count when the vehicle has moved by so much of its height, about a quarter of what it sees."""
 LISTED_HEIGHTS = 0.1
 """1-sigma of a listed place, and the least of the region in which it is tested, as a share of the height."""
-APART_HEIGHTS = 0.5
-"""A listed place that is nearer than this to the fix of the same answer is the same one."""
+SWEEPS, QUICK_SHARE = 3, 2 / 3
+"""Every so many sweeps one is thorough; the others search the second of the headings and heights that the prior allows for."""
 TEST_EVERY_NS = 2_000_000_000
 MOST_WRONG = 0.02
 """A fix that claims to be wrong with a larger probability tells nothing. On the training landscape 157 of 168 searches about the
@@ -56,10 +56,12 @@ class Reach:
 
 @dataclass(frozen=True, slots=True)
 class Where:
-    """What is asked about a frame: a place, metres north and east of the origin, and its covariance."""
+    """What is asked about a frame: a place, metres north and east of the origin, and its covariance; the share of heading's and
+    height's usual sigmas that is allowed for."""
 
     place_ne_m: Vec2
     cov_ne_m2: Cov2
+    share_of_sigmas: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +109,7 @@ class PlaceSearch:
         self._places: tuple[Hypothesis, ...] = ()
         self._swept: tuple[Reach, Tiles] | None = None
         self._tile_next = True
-        self._thorough = False
+        self._n_swept = 0
         if self._asked is not None:
             self._asked = replace(self._asked, tile=None, number=None)
 
@@ -115,6 +117,10 @@ class PlaceSearch:
     def active(self) -> bool:
         """Whether the map is being searched."""
         return self._swept is not None
+
+    @property
+    def _thorough(self) -> bool:
+        return self._n_swept % SWEEPS == SWEEPS - 1
 
     @property
     def places(self) -> tuple[Hypothesis, ...]:
@@ -138,7 +144,8 @@ class PlaceSearch:
         if due is None or (self._tile_next and due.log_odds < hypotheses.FIRST_LOG_ODDS):
             tile, tiles = self._next_tile(height_m, about)
             variance = (tiles.radius_m / 3) ** 2
-            where = Where(tiles.place_ne_m(tile), ((variance, 0.0), (0.0, variance)))
+            share = 1.0 if self._thorough else QUICK_SHARE
+            where = Where(tiles.place_ne_m(tile), ((variance, 0.0), (0.0, variance)), share)
         else:
             least = (LISTED_HEIGHTS * height_m) ** 2
             (nn, ne), (_, ee) = due.cov_ne_m2
@@ -193,16 +200,18 @@ class PlaceSearch:
         return hypotheses.untold(h) if untold else hypotheses.missed(h)
 
     def _listed(self, asked: _Asked, tile: Tile, answer: Fix | NoFix, origin: GeoPoint) -> None:
-        """The places that the search of a tile lists become hypotheses."""
+        """The places that the search of a tile lists become hypotheses. What is merely open was chosen for what this ground looks
+        like: only other ground may count for it."""
         if self._swept is not None:
             self._swept[1].answered(tile, not (isinstance(answer, NoFix) and answer.reason in NOT_THERE))
         sigma_m = LISTED_HEIGHTS * asked.height_m
-        least = LEAST_MASS if self._thorough else LIKELY_MASS
+        least = LIKELY if asked.where.share_of_sigmas < 1 else THOROUGH
         new = []
-        for place in places_of(answer, asked.where.place_ne_m, origin, APART_HEIGHTS * asked.height_m, least):
+        for place in places_of(answer, origin, least):
             self._n_born += 1
             sigma_v_mps = velocity_sigma_mps(asked.sigma_v_mps)
-            new.append(hypotheses.born(self._n_born, asked.t_ns, place, sigma_m, sigma_v_mps))
+            h = hypotheses.born(self._n_born, asked.t_ns, place, sigma_m, sigma_v_mps)
+            new.append(h if isinstance(answer, Fix) else replace(h, counted_ne_m=place))
         self._places = hypotheses.kept([*self._places, *new])
 
     def _next_tile(self, height_m: float, about: Reach) -> tuple[Tile, Tiles]:
@@ -210,7 +219,7 @@ class PlaceSearch:
         if self._swept is None or radius_m > CLIMBED * self._swept[1].radius_m:
             self._swept = about, Tiles(about.centre_ne_m, radius_m, about.radius_m)
         tile = self._swept[1].next()
-        self._thorough ^= tile is None
+        self._n_swept += tile is None
         if tile is None and self._swept[0] != about:
             self._swept = about, Tiles(about.centre_ne_m, radius_m, about.radius_m)
         tiles = self._swept[1]

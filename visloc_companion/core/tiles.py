@@ -1,7 +1,7 @@
 """The order in which the map is searched for a vehicle that may be anywhere: tiles about where it may rather be, outwards.
 
 A search region is a circle, a tile the hexagon in it: so fewest circles cover a plane (Kershner 1939). How far the map reaches
-nobody tells the core; a ring of tiles that lie all outside the map, after one that did not, is its end. The next sweep leaves out
+nobody tells the core; a ring of tiles that lie all outside the map, after one that did not, is its end. Later sweeps leave out
 what was found outside.
 """
 
@@ -13,6 +13,9 @@ from visloc_companion.types import Vec2
 
 FARTHEST_M = 20_000.0
 """No tile's middle is further off."""
+IN_ONE_PIECE = 2
+"""The first sweeps, so many, ask about no tile that lies behind others which are outside the map: maps are seldom in pieces, and
+each question takes a frame."""
 Tile = tuple[int, int]
 
 
@@ -23,7 +26,7 @@ class Tiles:
         self._centre_ne_m, self.radius_m, self._reach_m = centre_ne_m, radius_m, min(reach_m, FARTHEST_M)
         self._outside: set[Tile] = set()
         self._left_out: set[Tile] = set()
-        self._first = True
+        self._n_swept = 0
         self._begin()
 
     def _begin(self) -> None:
@@ -55,7 +58,7 @@ class Tiles:
             self._met_map |= self._inside_ring
             self._ring, self._inside_ring = self._ring + 1, False
             if over or (self._ring - 1) * self.row_m > self._reach_m:
-                self._first = False
+                self._n_swept += 1
                 self._begin()
                 return None
             self._todo = sorted(_ring(self._ring), key=lambda tile: (self._distance_m(tile), tile))
@@ -68,9 +71,8 @@ class Tiles:
             self._outside.add(tile)
 
     def _behind_the_edge(self, tile: Tile) -> bool:
-        """Whether all that leads to a tile from the ring before lies outside. The first sweep asks about no such tile, for maps
-        are seldom in pieces and each question takes a frame."""
-        if not (self._first and self._met_map):
+        """Whether all that leads to a tile from the ring before lies outside, in a sweep that asks about no such tile."""
+        if self._n_swept >= IN_ONE_PIECE or not self._met_map:
             return False
         inner = _ring(self._ring - 1)
         before = [t for t in inner if max(abs(t[0] - tile[0]), abs(t[1] - tile[1])) <= 1]

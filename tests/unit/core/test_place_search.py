@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import pytest
@@ -11,7 +12,7 @@ from visloc_companion.core import hypotheses
 from visloc_companion.core.place_search import Found, PlaceSearch, Reach, Where, tile_radius_m
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
-from visloc_companion.types import Fix, GeoPoint, NoFix, Vec2
+from visloc_companion.types import Fix, GeoPoint, NoFix, OpenPlace, Vec2
 
 S = 1_000_000_000
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
@@ -44,12 +45,15 @@ class Worker:
             place = wgs84.geo_from_ned((*seen[0], -HEIGHT_M), ORIGIN)
             return Fix(0, round(t_s * S), *told, place, (1.0, 0.0, 0.0, 0.0), COV, 1.0, 0.1, self.claim, 1.0)
         listed = [*seen, (north + 55.0, east - 80.0)]  # and one that is nothing
-        modes = {
-            f"mode{k}_{axis}_m": p[i] - (north, east)[i]
-            for k, p in enumerate(listed, 1)
-            for i, axis in enumerate(("north", "east"))
-        }
-        return NoFix(0, round(t_s * S), *told, Reason.AMBIGUOUS, 1.0, evidence=tuple(modes.items()))
+        return left_open(request_id, t_s, [(place, 1 / len(listed)) for place in listed])
+
+
+def left_open(request_id: int, t_s: float, places: Sequence[tuple[Vec2, float]]) -> NoFix:
+    """An answer that leaves places open: metres north and east of the origin, and the probability of each."""
+    there = [(wgs84.geo_from_ned((*place, -HEIGHT_M), ORIGIN), probability) for place, probability in places]
+    listed = tuple(OpenPlace(place, COV, math.log(probability)) for place, probability in there)
+    told = request_id, 1, "test"
+    return NoFix(0, round(t_s * S), *told, Reason.AMBIGUOUS, 1.0, open_places=listed, footprint_m=120.0)
 
 
 def searched(
@@ -141,15 +145,6 @@ def test_answers_that_are_thrown_away() -> None:
     assert not search.places
 
 
-def test_modes_that_are_unlikely_are_left_out() -> None:
-    search = PlaceSearch(2000.0)
-    search.next(1, S, HEIGHT_M, 3.0, Reach())
-    told = {"mode1_north_m": 100.0, "mode1_east_m": 0.0, "mode1_probability": 0.97}
-    told |= {"mode2_north_m": -300.0, "mode2_east_m": 0.0, "mode2_probability": 0.01}
-    search.answered(NoFix(0, S, 1, 1, "test", Reason.AMBIGUOUS, 1.0, evidence=tuple(told.items())), ORIGIN, S)
-    assert [h.place_ne_m for h in search.places] == [(100.0, 0.0)]
-
-
 def test_a_frame_that_shows_nothing_speaks_against_no_place() -> None:
     search, worker = PlaceSearch(2000.0), Worker(start=(0.0, 0.0))
     search.answered(worker.answer(1, 1.0, search.next(1, S, HEIGHT_M, 3.0, Reach())), ORIGIN, S)
@@ -162,34 +157,59 @@ def test_a_frame_that_shows_nothing_speaks_against_no_place() -> None:
     assert sorted(h.log_odds for h in search.places)[0] < before[0]
 
 
+def asked_tile(where: Where) -> bool:
+    return 3 * math.sqrt(where.cov_ne_m2[0][0]) > 900.0
+
+
 def tile_answer(request_id: int, *probabilities: float) -> NoFix:
-    """A tile that shows nothing for certain: modes 200 m apart."""
-    told = {}
-    for k, probability in enumerate(probabilities, 1):
-        told |= {f"mode{k}_north_m": 200.0 * k, f"mode{k}_east_m": 0.0, f"mode{k}_probability": probability}
-    return NoFix(0, request_id * S, request_id, 1, "test", Reason.AMBIGUOUS, 1.0, evidence=tuple(told.items()))
+    """A tile that shows nothing for certain: open places 200 m apart."""
+    return left_open(request_id, float(request_id), [((200.0 * k, 0.0), p) for k, p in enumerate(probabilities, 1)])
 
 
-def test_the_first_sweep_tests_only_what_is_as_likely_as_not() -> None:
+@pytest.mark.parametrize(("share", "listed"), [(2 / 3, [(200.0, 0.0)]), (1.0, [(200.0, 0.0), (400.0, 0.0)])])
+def test_quick_sweeps_test_what_is_likely_and_thorough_ones_all(share: float, listed: list[Vec2]) -> None:
     search = PlaceSearch(2000.0)
-    search.next(1, S, HEIGHT_M, 3.0, Reach())
-    search.answered(tile_answer(1, 0.4, 0.3), ORIGIN, S)
-    assert not search.places
-    search.next(2, 2 * S, HEIGHT_M, 3.0, Reach())
-    search.answered(tile_answer(2, 0.6, 0.3), ORIGIN, 2 * S)
-    assert len(search.places) == 1
-
-
-def test_the_second_sweep_tests_all_that_is_left_open() -> None:
-    search, listed = PlaceSearch(2000.0), []
-    for k in range(1, 40):
+    for k in range(1, 200):
         where = search.next(k, k * S, HEIGHT_M, 3.0, Reach((0.0, 0.0), 100.0))
-        tile = 3 * math.sqrt(where.cov_ne_m2[0][0]) > 900.0
-        search.answered(tile_answer(k, 0.4, 0.3) if tile else tile_answer(k), ORIGIN, k * S)
-        listed.append(len(search.places))
-    first = next(k for k, n in enumerate(listed) if n)
-    assert 0 < first < 20
-    assert listed[first] == 2
+        if asked_tile(where) and where.share_of_sigmas == pytest.approx(share):
+            break
+        search.answered(tile_answer(k), ORIGIN, k * S)
+    assert not search.places
+    search.answered(tile_answer(k, 0.2, 0.05, 0.005), ORIGIN, k * S)
+    assert [h.place_ne_m for h in search.places] == [pytest.approx(place, abs=1e-3) for place in listed]
+
+
+def test_two_sweeps_of_three_are_quick() -> None:
+    search, shares = PlaceSearch(2000.0), []
+    for k in range(1, 200):
+        where = search.next(k, k * S, HEIGHT_M, 3.0, Reach((0.0, 0.0), 100.0))
+        if where.place_ne_m == (0.0, 0.0):
+            shares.append(where.share_of_sigmas)
+        search.answered(tile_answer(k), ORIGIN, k * S)
+    assert shares[:6] == pytest.approx([2 / 3, 2 / 3, 1.0, 2 / 3, 2 / 3, 1.0])
+
+
+def test_tests_allow_for_all_headings_and_heights() -> None:
+    search = PlaceSearch(2000.0)
+    assert search.next(1, S, HEIGHT_M, 3.0, Reach()).share_of_sigmas < 1
+    search.answered(tile_answer(1, 0.9), ORIGIN, S)
+    where = search.next(2, 2 * S, HEIGHT_M, 3.0, Reach())
+    assert not asked_tile(where)
+    assert where.share_of_sigmas == 1.0
+
+
+@pytest.mark.parametrize(("fixed", "moved_m", "hits"), [(True, 10.0, 1), (False, 10.0, 0), (False, 35.0, 1)])
+def test_an_open_place_is_seen_only_on_other_ground(fixed: bool, moved_m: float, hits: int) -> None:
+    search, worker = PlaceSearch(2000.0), Worker(start=(200.0, 0.0))
+    search.moving(0, (SPEED_MPS, 0.0))
+    search.next(1, 0, HEIGHT_M, 3.0, Reach())
+    near = Where((200.0, 0.0), ((900.0, 0.0), (0.0, 900.0)))
+    search.answered(worker.answer(1, 0.0, near) if fixed else tile_answer(1, 0.9), ORIGIN, 0)
+    t_s = moved_m / SPEED_MPS
+    where = search.next(2, round(t_s * S), HEIGHT_M, 3.0, Reach())
+    assert not asked_tile(where)
+    search.answered(worker.answer(2, t_s, where), ORIGIN, round(t_s * S))
+    assert [h.hits for h in search.places] == [hits]
 
 
 def test_no_tile_is_begun_while_a_likely_place_is_about_to_be_due() -> None:
@@ -205,7 +225,7 @@ def test_no_tile_is_begun_while_a_likely_place_is_about_to_be_due() -> None:
         best = search.places[0]
         if 0 < best.hits < hypotheses.FEWEST_HITS and best.counted_ne_m is not None:
             moved_m = math.dist(best.counted_ne_m, best.place_ne_m)
-            after_hit.append((moved_m, 3 * math.sqrt(where.cov_ne_m2[0][0]) > 900.0))
+            after_hit.append((moved_m, asked_tile(where)))
         if search.answered(worker.answer(k, t_s, where), ORIGIN, round((t_s + 0.05) * S)) is not None:
             break
     assert any(tile for moved_m, tile in after_hit if moved_m < 14.0)

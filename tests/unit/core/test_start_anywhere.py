@@ -6,11 +6,23 @@ import math
 from typing import Any
 
 import numpy as np
+import pytest
 
 from visloc_companion.core.settings import CoreSettings, InjectionSettings, NavigatorSettings
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
-from visloc_companion.types import GeoPoint, Injection, LocaliseRequest, Mode, NoFix, OperatorFix, OriginChanged, Tick, Vote
+from visloc_companion.types import (
+    GeoPoint,
+    Injection,
+    LocaliseRequest,
+    Mode,
+    NoFix,
+    OpenPlace,
+    OperatorFix,
+    OriginChanged,
+    Tick,
+    Vote,
+)
 
 World = Any
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
@@ -29,8 +41,9 @@ def blinkered(world: type[World], settings: CoreSettings | None = None, **faults
             north, east, _ = wgs84.ned_from_geo(fix.place, request.prior.place)
             sigma_m = math.sqrt(request.prior.cov_ne_m2[0][0])
             within = math.hypot(north, east) <= 3 * sigma_m
-            modes = (("mode1_north_m", north), ("mode1_east_m", east)) if within else ()
-            none = NoFix(0, fix.t_ns, fix.request_id, fix.frame_id, "test", Reason.AMBIGUOUS, 5.0, evidence=modes)
+            listed = (OpenPlace(fix.place, fix.cov_ne_m2, math.log(0.5)),) if within else ()
+            told = fix.request_id, fix.frame_id, "test"
+            none = NoFix(0, fix.t_ns, *told, Reason.AMBIGUOUS, 5.0, open_places=listed, footprint_m=100.0)
             self.answers[-1] = (when, fix if within and sigma_m < 150 else none)
 
     w = Blinkered(**({"settings": settings or CoreSettings(injection=INJECTION), "jammed": lambda t: True} | faults))
@@ -51,6 +64,12 @@ def test_a_daemon_that_starts_while_gnss_is_lost_finds_its_place_and_injects(wor
     assert w.status_at(58)[0].mode is Mode.AIDING
     assert max(error for t, _, error in w.statuses if t > found_s + 1) < 8
     assert all(request.vote is Vote.IMAGE for t, request, _ in w.requests if t < found_s)
+    first, test = (
+        next(r.prior for _, r, _ in w.requests if (r.prior.cov_ne_m2[0][0] > 150**2) == tile) for tile in (True, False)
+    )
+    assert math.degrees(first.sigma_yaw_rad) == pytest.approx(10 / 3)
+    assert first.sigma_h_m < test.sigma_h_m
+    assert test.sigma_yaw_rad == math.radians(5.0)
 
 
 def test_nothing_is_searched_for_while_gnss_is_trusted_or_where_it_is_not_wished(world: type[World]) -> None:

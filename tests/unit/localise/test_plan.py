@@ -74,6 +74,20 @@ def test_a_large_region_is_searched_more_coarsely_within_limits(flat, support, m
     assert widest.fine_gsd_m == near.fine_gsd_m
 
 
+def test_a_search_that_is_coarse_for_cost_has_few_templates_and_a_coarse_map_all(flat, support, monkeypatch):
+    side_px = plan_module.COARSEST_PIXELS
+    blunt = CameraModel(52, 39, 45.0, 45.0, 25.5, 19.0)
+    of_map = plan_of(flat, support, sigma_m=100.0, sigma_yaw_deg=10.0, model=blunt)
+    monkeypatch.setattr(plan_module, "MOST_POSITIONS", 100)
+    for_cost = plan_of(flat, support, sigma_m=100.0, sigma_yaw_deg=10.0)
+    assert math.sqrt(of_map.area_m2) / of_map.coarse_gsd_m == pytest.approx(side_px, rel=0.1)
+    assert math.sqrt(for_cost.area_m2) / for_cost.coarse_gsd_m == pytest.approx(side_px)
+    assert len(for_cost.headings_rad) < 0.65 * len(of_map.headings_rad)
+    for plan in (of_map, for_cost):
+        step = float(np.diff(plan.headings_rad).max())
+        assert plan.headings_rad.max() + step / 2 >= math.radians(30) - 1e-9
+
+
 def test_unknown_tilt_widens_the_region(flat, support):
     request = support.request_at((0.0, 0.0, -240.0), (0.0, 0.0, 0.0), sigma_m=1.0)
     plan = make_plan(request.prior, MODEL, flat, LocaliserSettings())
