@@ -1,12 +1,13 @@
 """How much of a fix's error lasts: what neighbouring frames get wrong in common, by the distance between them.
 
-    python -m benchmarks.lasting [--worlds 11 12 ...] [--width 320] [--method deep] [--fixes FILE] [--no-flights] [--anew]
+    python -m benchmarks.lasting [--worlds 11 12 ...] [--width 320] [--method deep] [--fixes FILE] [--no-flights]
+        [--anew] [--without-turns] [--wander-deg 0.3] [--wander-s 20]
 
 A vehicle flies up to LEG_M of each of the first LEGS legs of the scenarios' loop over procedural worlds, 120 m above home; the
 camera shows one date, the map is of another, years before. A frame every STEP_M, of an attitude that wavers; the prior errs by
 2 m in each frame, its heading and height by what lasts for a leg, its tilt by that of the mounting, which stays, and of the
-autopilot, which wanders; what fixes tell of both is kept as the daemon keeps it (core/tilt_memory.py), with --anew it is not. The
-filter takes SHARE (core/lasting.py) of the variance that fixes claim for common to those of some seconds; here is what
+autopilot, which wanders; what fixes and turns tell of both is kept as in the daemon (core/tilt_memory.py), with --anew it is not.
+The filter takes SHARE (core/lasting.py) of the variance that fixes claim for common to those of some seconds; here is what
 they have in common, as a share of what they claim. With --fixes the errors are added to a file, and all that are in it are
 counted.
 """
@@ -17,6 +18,7 @@ import argparse
 import json
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -38,9 +40,8 @@ from visloc_companion.types import AutopilotKind, Fix, FloatArray, FrameRef, Loc
 SIZE_M, LEGS, LEG_M, STEP_M = 1000.0, 4, 350.0, 5.0
 SPEED_MPS = 10.0
 PRIOR_M, HEIGHT_M, YAW_RAD = 2.0, 1.5, math.radians(1.5)
-MOUNTING_RAD, ATTITUDE_RAD, ATTITUDE_S = math.radians(0.5), math.radians(0.3), 20.0
-"""1-sigma of the tilt: of the mounting about each axis of the vehicle, and of the autopilot's own about north and east (as of the
-built-in one), which goes by in this time."""
+MOUNTING_RAD = math.radians(0.5)
+"""1-sigma of the mounting's tilt about each axis of the vehicle."""
 STATED_RAD = math.radians(1.0)
 """What the configuration says of both together."""
 WAVER_RAD = math.radians(2.0)
@@ -53,18 +54,30 @@ Row = list[float]
 """Leg, metres from its start, error north and east (m), claimed variance north and east (m²)."""
 
 
+@dataclass(frozen=True, slots=True)
+class Tilts:
+    """The autopilot's own tilt about north and east, 1-sigma, and the time in which it goes by (as of the built-in one); `anew`:
+    every frame begins without what the ones before told; `with_turns`: what pictures show of turns is used."""
+
+    wander_rad: float = math.radians(0.3)
+    wander_s: float = 20.0
+    anew: bool = False
+    with_turns: bool = True
+
+
 class Believed:
     """The attitude that the autopilot and the configuration make of the camera's true one."""
 
-    def __init__(self, rng: np.random.Generator) -> None:
-        self._rng = rng
+    def __init__(self, rng: np.random.Generator, tilts: Tilts) -> None:
+        self._rng, self._tilts = rng, tilts
         self._mounting_rad = rng.normal(0, MOUNTING_RAD, 2)
-        self._attitude_rad = rng.normal(0, ATTITUDE_RAD, 2)
+        self._attitude_rad = rng.normal(0, tilts.wander_rad, 2)
 
     def after(self, dt_s: float, q_true: Quat, wrong_yaw_rad: float) -> Quat:
         """What is believed so long after the last."""
-        keep = math.exp(-dt_s / ATTITUDE_S)
-        self._attitude_rad = keep * self._attitude_rad + math.sqrt(1 - keep**2) * self._rng.normal(0, ATTITUDE_RAD, 2)
+        keep = math.exp(-dt_s / self._tilts.wander_s)
+        news = math.sqrt(1 - keep**2) * self._rng.normal(0, self._tilts.wander_rad, 2)
+        self._attitude_rad = keep * self._attitude_rad + news
         roll, pitch = self._mounting_rad.tolist()
         north, east = self._attitude_rad.tolist()
         turned = quat_multiply(quat_from_vector((north, east, wrong_yaw_rad)), q_true)
@@ -81,10 +94,10 @@ def leg_poses(start: FloatArray, end: FloatArray, rng: np.random.Generator) -> I
         yield STEP_M * k, (north, east, down), quat_from_euler(roll, pitch, yaw)
 
 
-def flown(setup: FlightSetup, eyes: Eyes, reference: PackMap, rng: np.random.Generator, *, anew: bool) -> list[Row]:
-    """The fixes of all legs; `anew`: every frame begins without what the ones before told of the tilt."""
+def flown(setup: FlightSetup, eyes: Eyes, reference: PackMap, rng: np.random.Generator, tilts: Tilts) -> list[Row]:
+    """The fixes of all legs."""
     corners, home, rows, number = np.array(setup.mission_ned_m()), setup.area.home, list[Row](), 0
-    believed, memory = Believed(rng), TiltMemory(STATED_RAD)
+    believed, memory = Believed(rng, tilts), TiltMemory(STATED_RAD)
     for leg, (start, end) in enumerate(zip(corners[:LEGS], np.roll(corners, -1, axis=0)[:LEGS], strict=True)):
         height_m, wrong_yaw = rng.normal(0, HEIGHT_M), rng.normal(0, YAW_RAD)
         for at_m, (north, east, down), q_true in leg_poses(start, end, rng):
@@ -94,11 +107,15 @@ def flown(setup: FlightSetup, eyes: Eyes, reference: PackMap, rng: np.random.Gen
             off_north, off_east = rng.normal(0, PRIOR_M, 2).tolist()
             about = geo_from_ned((north + off_north, east + off_east, down + height_m), home)
             cov, q = ((PRIOR_M**2, 0.0), (0.0, PRIOR_M**2)), believed.after(STEP_M / SPEED_MPS, q_true, wrong_yaw)
-            tilt = None if anew else memory.known(t_ns, q)
+            tilt = None if tilts.anew else memory.known(t_ns, q)
+            if tilt is not None and not tilts.with_turns:
+                tilt = replace(tilt, before=None)
             prior = PosePrior(about, q, cov, 2.0, math.radians(2.0), STATED_RAD, tilt=tilt)
-            memory.asked(number, q)
-            frame = FrameRef(number, t_ns, number, 0, pixels.shape[1], pixels.shape[0], 3)
-            answer = eyes.localiser.localise(LocaliseRequest(number, frame, prior, 1), pixels, reference)
+            request = LocaliseRequest(number, FrameRef(number, t_ns, number, 0, pixels.shape[1], pixels.shape[0], 3), prior, 1)
+            memory.asked(request, q)
+            answer = eyes.localiser.localise(request, pixels, reference)
+            if answer.turn is not None and tilts.with_turns:
+                memory.turned(answer.turn)
             if isinstance(answer, Fix):
                 memory.taken(answer, (SPEED_MPS, 0.0), -down)
                 n, e, _ = ned_from_geo(answer.place, home)
@@ -107,13 +124,13 @@ def flown(setup: FlightSetup, eyes: Eyes, reference: PackMap, rng: np.random.Gen
     return rows
 
 
-def of_world(number: int, width_px: int, method: str, *, anew: bool) -> list[Row]:
+def of_world(number: int, width_px: int, method: str, tilts: Tilts) -> list[Row]:
     """The fixes over the procedural world of a number."""
     scenario = SCENARIOS["jam"]
     world = Worlds(SIZE_M, number).on(scenario.date)
     setup = FlightSetup(scenario, world.area(), AutopilotKind.ARDUPILOT, "copter", number, width_px=width_px)
     rng = np.random.default_rng([number, 9])
-    return flown(setup, eyes_over(setup, world, method), world.reference, rng, anew=anew)
+    return flown(setup, eyes_over(setup, world, method), world.reference, rng, tilts)
 
 
 def common(legs: list[FloatArray]) -> list[tuple[float, float, int]]:
@@ -148,15 +165,19 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--width", type=int, default=320, help="columns of the camera")
     parser.add_argument("--method", default=DEFAULT_METHOD)
     parser.add_argument("--anew", action="store_true", help="every frame begins without what was learned of the tilt")
+    parser.add_argument("--without-turns", action="store_true", help="what pictures show of turns is not used")
+    parser.add_argument("--wander-deg", type=float, default=0.3, help="1-sigma of the autopilot's own tilt")
+    parser.add_argument("--wander-s", type=float, default=20.0, help="in which it goes by")
     parser.add_argument("--fixes", type=Path)
     parser.add_argument("--no-flights", action="store_true", help="only count what is in --fixes")
     options = parser.parse_args(argv)
     cv2.setNumThreads(1)
+    tilts = Tilts(math.radians(options.wander_deg), options.wander_s, options.anew, not options.without_turns)
     worlds: dict[str, list[Row]] = {}
     if options.fixes is not None and options.fixes.exists():
         worlds = json.loads(options.fixes.read_text(encoding="utf-8"))
     for number in [] if options.no_flights else options.worlds:
-        worlds[str(number)] = of_world(number, options.width, options.method, anew=options.anew)
+        worlds[str(number)] = of_world(number, options.width, options.method, tilts)
         if options.fixes is not None:
             options.fixes.write_text(json.dumps(worlds), encoding="utf-8")
     every = [np.array(rows) for rows in worlds.values() if rows]

@@ -32,9 +32,9 @@ def configured_localiser(chosen: LocaliserConfig, model: CameraModel) -> tuple[L
         threads=chosen.threads or default_threads(),
         structure=chosen.structure,
     )
-    moving = WithMotion(localiser, model) if chosen.odometry else localiser
-    turning = WithTurn(moving, model)
-    return (CheckedTwice(turning, _again(chosen, model), chosen.check_every) if chosen.check_every else turning), features
+    moving: Localiser = WithMotion(localiser, model) if chosen.odometry else localiser
+    checked = CheckedTwice(moving, _again(chosen, model), chosen.check_every) if chosen.check_every else moving
+    return WithTurn(checked, model), features
 
 
 def _again(chosen: LocaliserConfig, model: CameraModel) -> Localiser:

@@ -69,11 +69,13 @@ class OnboardCamera:
                 self._boresight.on_request(command)
                 q_ned_cambody = command.prior.q_ned_frd
                 q_ned_frd = se3.quat_multiply(q_ned_cambody, se3.quat_inverse(self.q_frd_cambody))
-                self._tilt.asked(command.request_id, q_ned_frd)
+                self._tilt.asked(command, q_ned_frd)
         return commands
 
     def on_answer(self, answer: Fix | NoFix) -> list[Command]:
         """Learn from how the camera turned; the filter has no part in it."""
+        if answer.turn is not None:
+            self._tilt.turned(answer.turn)
         return self._time.on_turn(answer.turn, self.q_frd_cambody)
 
     def stated(self, fix: Fix) -> Fix:

@@ -4,6 +4,10 @@ A frame hardly tells a tilt from a step to the side, so that the tilt's prior de
 mounted stays as it is and the autopilot's attitude errs for seconds, so what earlier frames saw of both is worth more than to
 begin anew in each. A Kalman filter of four: mounting about the vehicle's forward and right axes, attitude about north and east.
 
+Pictures also show how the camera turned from frame to frame (Turn). Against the change of the reported attitude that is by how
+much its error has changed: what is known of one frame holds for the next, however poor the gyroscopes are. How fast that error
+wanders is learned from the same turns.
+
 Neighbouring frames see the same trees grown and felled since the map was made, and take them for the same tilt: a fix counts by
 how far the vehicle has moved since the last one. No single one counts for much: where the ground has changed, a frame may see a
 tilt of degrees and be sure of it.
@@ -17,7 +21,8 @@ import numpy as np
 
 from visloc_companion.core.remembered import remember
 from visloc_companion.geo import se3
-from visloc_companion.types import Fix, FloatArray, Quat, TiltPrior, Vec2
+from visloc_companion.geo.tilt import tilt_gained
+from visloc_companion.types import Fix, FloatArray, LocaliseRequest, Quat, TiltBefore, TiltPrior, Turn, Vec2
 
 MOUNTING, ATTITUDE, STATES = slice(0, 2), slice(2, 4), 4
 ATTITUDE_SIGMA_RAD, ATTITUDE_S = math.radians(0.4), 20.0
@@ -33,39 +38,92 @@ ORDINARY_NIS = 3.0
 SURE = 0.05
 GATE_SIGMA, GATED_IN_A_ROW = 4.0, 8
 """So many fixes in a row beyond the gate: the camera was knocked, and all begins anew."""
+FRAMES_KEPT = 4
+RATE_WEIGHT = 0.05
+"""Of the latest turn in the mean rate at which the attitude's error wanders."""
+MOST_NEWS = 3.0
+"""A single turn is no more than so many times what is believed of that rate."""
 
 
 class TiltMemory:
-    """`known` is for the next request's prior; `asked` and `taken` learn. `sigma_rad`: 1-sigma of mounting and attitude."""
+    """`known` is for the next request's prior; the others learn. `sigma_rad`: 1-sigma of mounting and attitude together."""
 
     def __init__(self, sigma_rad: float) -> None:
+        self._sigma_rad = sigma_rad
         self._attitude_rad = min(ATTITUDE_SIGMA_RAD, sigma_rad / 2)
         self._mounting_rad = math.sqrt(sigma_rad**2 - self._attitude_rad**2)
+        self._least_rate = self._rate = 2 * self._attitude_rad**2 / ATTITUDE_S
         self._asked: dict[int, FloatArray] = {}
+        self._frames: dict[int, tuple[Quat, FloatArray]] = {}
         self._begin()
 
     def _begin(self) -> None:
         self._x = np.zeros(STATES)
         self._P = np.diag([self._mounting_rad**2] * 2 + [self._attitude_rad**2] * 2)
         self._t_ns: int | None = None
+        self._fix_ns: int | None = None
         self._gated = 0
 
     def known(self, t_ns: int, q_ned_frd: Quat) -> TiltPrior | None:
         """What is known of the tilt at a time, at an attitude of the vehicle; None before anything was learned."""
         if self._t_ns is None:
             return None
-        x, P = self._carried(t_ns)
-        H = _seen_of(se3.R_from_quat(q_ned_frd))
-        north, east = (H @ x).tolist()
-        return TiltPrior((north, east), math.sqrt(float(np.linalg.eigvalsh(H @ P @ H.T)[-1])))
+        turn, sigma_rad = self._told(t_ns, _seen_of(se3.R_from_quat(q_ned_frd)))
+        return TiltPrior(turn, sigma_rad, self._before())
 
-    def asked(self, request_id: int, q_ned_frd: Quat) -> None:
-        """Remember the attitude of the vehicle that a request's prior has."""
-        remember(self._asked, request_id, _seen_of(se3.R_from_quat(q_ned_frd)))
+    def _before(self) -> TiltBefore | None:
+        """The same of the last frame that was asked about."""
+        last_ns = next(reversed(self._frames), None)
+        if last_ns is None:
+            return None
+        q_ned_cambody, H = self._frames[last_ns]
+        return TiltBefore(last_ns, q_ned_cambody, *self._told(last_ns, H))
+
+    def _told(self, t_ns: int, H: FloatArray) -> tuple[Vec2, float]:
+        x, P = self._carried(t_ns)
+        north, east = (H @ x).tolist()
+        return (north, east), math.sqrt(float(np.linalg.eigvalsh(H @ P @ H.T)[-1]))
+
+    def asked(self, request: LocaliseRequest, q_ned_frd: Quat) -> None:
+        """Remember the attitude of the vehicle, and that of the camera's body, that a request's prior has."""
+        H = _seen_of(se3.R_from_quat(q_ned_frd))
+        remember(self._asked, request.request_id, H)
+        remember(self._frames, request.frame.t_ns, (request.prior.q_ned_frd, H), FRAMES_KEPT)
 
     def remounted(self, turn_rad: FloatArray) -> None:
         """Requests have a mounting from now on that is turned by this much (3,) about the vehicle's axes."""
+        if np.any(turn_rad):
+            self._frames.clear()
         self._x[MOUNTING] -= turn_rad[:2]
+
+    def turned(self, turn: Turn) -> None:
+        """Learn from how the camera turned between two frames that were asked about."""
+        if turn.t_from_ns not in self._frames or turn.t_to_ns not in self._frames:
+            return
+        gained, cov = tilt_gained(self._frames[turn.t_from_ns][0], turn, self._frames[turn.t_to_ns][0])
+        dt_s = (turn.t_to_ns - turn.t_from_ns) * 1e-9
+        news = max(0.0, float(gained @ gained - np.trace(cov)) / 2 / dt_s)
+        self._rate += RATE_WEIGHT * (min(news, MOST_NEWS * self._rate) - self._rate)
+        self._rate = max(self._rate, self._least_rate)
+        if self._t_ns is not None and self._t_ns <= turn.t_from_ns:
+            self._gain(turn, gained, cov)
+
+    def _gain(self, turn: Turn, gained: FloatArray, cov: FloatArray) -> None:
+        """The change of the attitude's error, measured; beyond the gate only time goes by."""
+        x, P = self._carried(turn.t_from_ns)
+        self._x, self._P, self._t_ns = x, P, turn.t_from_ns
+        after_x, after_P = self._carried(turn.t_to_ns)
+        across = P[:, ATTITUDE].copy()  # covariance of the state after with the attitude's error before
+        across[ATTITUDE] *= self._kept(turn.t_to_ns)
+        C = after_P[:, ATTITUDE] - across
+        S = C[ATTITUDE] - across[ATTITUDE].T + P[ATTITUDE, ATTITUDE] + cov
+        y = gained - (after_x - x)[ATTITUDE]
+        nis = float(y @ np.linalg.solve(S, y))
+        if nis <= GATE_SIGMA**2:
+            S += cov * (max(1.0, nis / ORDINARY_NIS) - 1)
+            K = np.linalg.solve(S, C.T).T
+            after_x, after_P = after_x + K @ y, after_P - K @ S @ K.T
+        self._x, self._P, self._t_ns = after_x, (after_P + after_P.T) / 2, turn.t_to_ns
 
     def taken(self, fix: Fix, v_ne_mps: Vec2, height_m: float) -> None:
         """Learn from a fix that the filter took, at a velocity and a height above the ground."""
@@ -73,8 +131,8 @@ class TiltMemory:
         if H is None or fix.tilt is None or fix.probability_wrong > SURE or height_m <= 0:
             return
         share = FIRST_SHARE
-        if self._t_ns is not None:
-            share = min(1.0, math.hypot(*v_ne_mps) * max(0.0, (fix.t_ns - self._t_ns) * 1e-9) / (APART * height_m))
+        if self._fix_ns is not None:
+            share = min(1.0, math.hypot(*v_ne_mps) * max(0.0, (fix.t_ns - self._fix_ns) * 1e-9) / (APART * height_m))
         x, P = self._carried(fix.t_ns)
         cov, nu = np.array(fix.tilt.cov_rad2), np.array(fix.tilt.turn_ne_rad) - H @ x
         S = H @ P @ H.T + cov
@@ -91,18 +149,28 @@ class TiltMemory:
         gain = np.linalg.solve(S - cov + R, H @ P).T
         left = np.eye(STATES) - gain @ H
         self._x, self._P = x + gain @ nu, left @ P @ left.T + gain @ R @ gain.T
+        self._fix_ns = fix.t_ns if self._fix_ns is None else max(self._fix_ns, fix.t_ns)
         self._t_ns = fix.t_ns if self._t_ns is None else max(self._t_ns, fix.t_ns)
 
     def _carried(self, t_ns: int) -> tuple[FloatArray, FloatArray]:
         """Mean (4,) and covariance (4, 4) at a time."""
         x, P = self._x.copy(), self._P.copy()
-        dt_s = 0.0 if self._t_ns is None else max(0.0, (t_ns - self._t_ns) * 1e-9)
-        keep = math.exp(-dt_s / ATTITUDE_S)
+        keep = self._kept(t_ns)
         x[ATTITUDE] *= keep
         P[ATTITUDE, :] *= keep
         P[:, ATTITUDE] *= keep
-        P[ATTITUDE, ATTITUDE] += (1 - keep**2) * self._attitude_rad**2 * np.eye(2)
+        P[ATTITUDE, ATTITUDE] += (1 - keep**2) * self._wander_rad2 * np.eye(2)
         return x, P
+
+    @property
+    def _wander_rad2(self) -> float:
+        """Variance of the attitude's error on each axis: what its rate comes to in ATTITUDE_S, and no more than is stated."""
+        return float(np.clip(self._rate * ATTITUDE_S / 2, self._attitude_rad**2, self._sigma_rad**2))
+
+    def _kept(self, t_ns: int) -> float:
+        """The share of the attitude's error that is left at a time."""
+        dt_s = 0.0 if self._t_ns is None else max(0.0, (t_ns - self._t_ns) * 1e-9)
+        return math.exp(-dt_s * self._rate / (2 * self._wander_rad2))
 
 
 def _seen_of(R_ned_frd: FloatArray) -> FloatArray:

@@ -1,12 +1,20 @@
-"""A localiser whose answers also say how the camera turned since the frame before, which tells when frames were really taken."""
+"""A localiser whose answers also say how the camera turned since the frame before, which tells when frames were really taken.
+
+The turn comes first: what was known of the tilt of the frame before is carried on by what the pictures show, not by the change
+of an attitude that errs by as much within a second where gyroscopes are poor.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
+import numpy as np
+
+from visloc_companion.geo.tilt import tilt_gained
 from visloc_companion.localise.odometry.rotation import TurnWatch
 from visloc_companion.protocols import Localiser, ReferenceMap
-from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix
+from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix, PosePrior, TiltPrior, Turn
 
 
 class WithTurn:
@@ -22,6 +30,21 @@ class WithTurn:
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The other localiser's answer, with the camera's turn."""
-        found = self._localiser.localise(request, pixels, ref)
         turn = self._watch.step(pixels, request.frame.t_ns, request.prior.q_ned_frd)
-        return found if turn is None else replace(found, turn=turn)
+        if turn is None:
+            return self._localiser.localise(request, pixels, ref)
+        found = self._localiser.localise(replace(request, prior=_carried_on(request.prior, turn)), pixels, ref)
+        return replace(found, turn=turn)
+
+
+def _carried_on(prior: PosePrior, turn: Turn) -> PosePrior:
+    """The prior with the tilt of the frame before, carried on by the turn, where that is surer."""
+    if prior.tilt is None or prior.tilt.before is None or prior.tilt.before.t_ns != turn.t_from_ns:
+        return prior
+    before = prior.tilt.before
+    gained, cov = tilt_gained(before.q_ned_frd, turn, prior.q_ned_frd)
+    sigma_rad = math.sqrt(before.sigma_rad**2 + float(np.linalg.eigvalsh(cov)[-1]))
+    if sigma_rad >= prior.tilt.sigma_rad:
+        return prior
+    north, east = (np.array(before.turn_ne_rad) + gained).tolist()
+    return replace(prior, tilt=TiltPrior((north, east), sigma_rad, before))

@@ -34,6 +34,7 @@ from visloc_companion.types.commands import (
     Status,
     SwitchSource,
     TerrainRequest,
+    TiltBefore,
     TiltPrior,
 )
 from visloc_companion.types.events import (
@@ -129,6 +130,7 @@ __all__ = [
     "SwitchSource",
     "TerrainRequest",
     "Tick",
+    "TiltBefore",
     "TiltPrior",
     "TiltSeen",
     "TimesyncSample",

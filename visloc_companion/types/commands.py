@@ -9,12 +9,23 @@ from visloc_companion.types.events import FrameRef
 
 
 @dataclass(frozen=True, slots=True)
+class TiltBefore:
+    """The same of the frame before: when that was, and the attitude of the camera's body that was reported then."""
+
+    t_ns: int
+    q_ned_frd: Quat
+    turn_ne_rad: Vec2
+    sigma_rad: float
+
+
+@dataclass(frozen=True, slots=True)
 class TiltPrior:
     """What earlier fixes tell of a prior's attitude: the rotation about north and east (rad) that sets its tilt right, and the
-    1-sigma (rad) of what is still unknown on each axis."""
+    1-sigma (rad) of what is still unknown on each axis. `before`: for whoever sees how the camera has turned since."""
 
     turn_ne_rad: Vec2
     sigma_rad: float
+    before: TiltBefore | None = None
 
 
 @dataclass(frozen=True, slots=True)

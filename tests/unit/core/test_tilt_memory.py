@@ -10,7 +10,7 @@ import pytest
 
 from visloc_companion.core.tilt_memory import ATTITUDE_S, ATTITUDE_SIGMA_RAD, GATED_IN_A_ROW, TiltMemory
 from visloc_companion.geo import se3
-from visloc_companion.types import Fix, FloatArray, GeoPoint, Quat, TiltSeen
+from visloc_companion.types import Fix, FloatArray, FrameRef, GeoPoint, LocaliseRequest, PosePrior, Quat, TiltSeen, Turn, Vec3
 
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 SEEN_RAD, STATED_RAD = math.radians(0.5), math.radians(1.0)
@@ -24,8 +24,14 @@ def fix_of(k: int, turn_ne_rad: FloatArray, t_s: float) -> Fix:
     return replace(FIX, request_id=k, t_ns=round(t_s * 1e9), tilt=tilt)
 
 
+def request_of(k: int, q: Quat, t_s: float = 0.0) -> LocaliseRequest:
+    t_ns = round(t_s * 1e9)
+    prior = PosePrior(FIX.place, q, FIX.cov_ne_m2, 1.0, 0.1, STATED_RAD)
+    return LocaliseRequest(k, FrameRef(t_ns, t_ns, k, 0, 640, 480, 3, t_ns), prior, 1)
+
+
 def told(memory: TiltMemory, k: int, turn_ne_rad: FloatArray, t_s: float, q: Quat = LEVEL, v: tuple[float, float] = FAST) -> None:
-    memory.asked(k, q)
+    memory.asked(request_of(k, q, t_s), q)
     memory.taken(fix_of(k, turn_ne_rad, t_s), v, HEIGHT_M)
 
 
@@ -125,7 +131,7 @@ def test_a_camera_that_was_knocked_is_learned_anew() -> None:
 )
 def test_other_fixes_tell_nothing(change: dict[str, object]) -> None:
     memory = TiltMemory(STATED_RAD)
-    memory.asked(1, LEVEL)
+    memory.asked(request_of(1, LEVEL), LEVEL)
     memory.taken(replace(fix_of(1, np.radians([0.5, 0.0]), 1.0), **change), FAST, HEIGHT_M)  # type: ignore[arg-type]
     assert memory.known(10**9, LEVEL) is None
 
@@ -140,3 +146,74 @@ def test_a_mounting_that_is_corrected_is_not_corrected_twice() -> None:
     assert before is not None
     assert after is not None
     assert before.turn_ne_rad[0] - after.turn_ne_rad[0] == pytest.approx(turn[0])
+
+
+def flown_with_turns(seed: int, wander_rad: float, wander_s: float, turn_rad: float) -> FloatArray:
+    """(N, 2) error and claim (rad) of what is known of the frame before, carried on by a turn, where the reported attitude errs
+    by `wander_rad` (1-sigma, Gauss-Markov) and turns are seen to `turn_rad`. What fixes see is good."""
+    rng, memory, found = np.random.default_rng(seed), TiltMemory(STATED_RAD), []
+    attitude, keep = np.zeros(2), math.exp(-0.25 / wander_s)
+    for k in range(1, 480):
+        before, t_s, q = attitude, 0.25 * k, LEVEL
+        attitude = keep * attitude + math.sqrt(1 - keep**2) * rng.normal(0, wander_rad, 2)
+        request, seen = request_of(k, q, t_s), attitude - before + rng.normal(0, turn_rad, 2)
+        known = memory.known(request.frame.t_ns, q)
+        memory.asked(request, q)
+        turn = Turn(request.frame.t_ns - 250_000_000, request.frame.t_ns, *turn_by(seen, turn_rad))
+        if known is not None and known.before is not None:
+            assert known.before.t_ns == turn.t_from_ns
+            error = np.array(known.before.turn_ne_rad) + seen - attitude
+            found += [(float(e), math.hypot(known.before.sigma_rad, turn_rad)) for e in error]
+        memory.turned(turn)
+        memory.taken(fix_of(k, attitude + rng.normal(0, SEEN_RAD / 3, 2), t_s), FAST, HEIGHT_M)
+    return np.array(found)
+
+
+def turn_by(turn_ne_rad: FloatArray, sigma_rad: float) -> tuple[Quat, tuple[Vec3, Vec3, Vec3]]:
+    north, east = turn_ne_rad.tolist()
+    v = sigma_rad**2
+    return se3.quat_from_vector((north, east, 0.0)), ((v, 0.0, 0.0), (0.0, v, 0.0), (0.0, 0.0, v))
+
+
+def test_turns_carry_the_tilt_on_where_the_attitude_wanders_fast() -> None:
+    found = np.concatenate([flown_with_turns(seed, math.radians(1.5), 5.0, math.radians(0.08))[200:] for seed in range(8)])
+    assert np.degrees(np.sqrt((found[:, 0] ** 2).mean())) < 0.85  # of 1.5 degrees
+    assert 0.6 < np.sqrt((found[:, 0] ** 2 / found[:, 1] ** 2).mean()) < 1.2
+
+
+def test_between_answers_a_fast_wander_is_allowed_for() -> None:
+    calm, rough = TiltMemory(STATED_RAD), TiltMemory(STATED_RAD)
+    rng = np.random.default_rng(3)
+    for memory, wander_rad in ((calm, math.radians(0.02)), (rough, math.radians(0.4))):
+        for k in range(1, 200):
+            request = request_of(k, LEVEL, 0.25 * k)
+            memory.asked(request, LEVEL)
+            seen = rng.normal(0, wander_rad, 2)
+            memory.turned(Turn(request.frame.t_ns - 250_000_000, request.frame.t_ns, *turn_by(seen, math.radians(0.05))))
+            memory.taken(fix_of(k, np.zeros(2), 0.25 * k), FAST, HEIGHT_M)
+    later_ns = round(0.25 * 200 * 1e9)
+    known_calm, known_rough = calm.known(later_ns, LEVEL), rough.known(later_ns, LEVEL)
+    assert known_calm is not None
+    assert known_rough is not None
+    assert known_rough.sigma_rad > known_calm.sigma_rad + math.radians(0.2)
+    assert known_rough.sigma_rad < math.radians(1.3)
+
+
+def test_a_turn_of_frames_that_were_not_asked_about_says_nothing() -> None:
+    memory = TiltMemory(STATED_RAD)
+    told(memory, 1, np.radians([0.5, 0.0]), 0.25)
+    before = memory.known(10**9, LEVEL)
+    memory.turned(Turn(0, 250_000_000, *turn_by(np.radians([1.0, 0.0]), math.radians(0.05))))
+    assert memory.known(10**9, LEVEL) == before
+
+
+def test_a_turn_that_contradicts_all_is_not_taken() -> None:
+    memory = TiltMemory(STATED_RAD)
+    for k in range(1, 100):
+        told(memory, k, np.zeros(2), 0.25 * k)
+    request = request_of(100, LEVEL, 25.0)
+    memory.asked(request, LEVEL)
+    memory.turned(Turn(round(24.75e9), request.frame.t_ns, *turn_by(np.radians([20.0, 0.0]), math.radians(0.05))))
+    known = memory.known(request.frame.t_ns, LEVEL)
+    assert known is not None
+    assert abs(known.turn_ne_rad[0]) < math.radians(0.1)

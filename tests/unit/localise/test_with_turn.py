@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 from visloc_companion.errors import Reason
 from visloc_companion.localise.with_turn import WithTurn
 from visloc_companion.protocols import ReferenceMap
-from visloc_companion.types import CameraModel, Image, LocaliseRequest, NoFix
+from visloc_companion.types import CameraModel, Image, LocaliseRequest, NoFix, TiltBefore, TiltPrior
 
 MODEL = CameraModel(640, 480, 560.0, 560.0, 319.5, 239.5)
 
@@ -37,3 +39,33 @@ def test_the_answer_stays_what_it_was_and_bears_the_turn(support, flat) -> None:
     assert turn is not None
     assert turn.t_to_ns == answers[2][0].t_ns
     assert abs(2 * turn.q_from_to[3] - 0.03) < 0.003
+
+
+class Listening(Blind):
+    """Remembers what prior it was given."""
+
+    def __init__(self) -> None:
+        self.tilts: list[TiltPrior | None] = []
+
+    def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> NoFix:
+        self.tilts.append(request.prior.tilt)
+        return super().localise(request, pixels, ref)
+
+
+@pytest.mark.parametrize(("known_rad", "carried"), [(0.01, True), (1e-4, False)])
+def test_the_tilt_of_the_frame_before_is_carried_on(support, flat, known_rad: float, carried: bool) -> None:
+    inner = Listening()
+    localiser, last = WithTurn(inner, MODEL), None
+    for k in range(3):
+        p, euler, off_rad = (4.0 * k, 10.0, -200.0), (0.0, 0.02 * k, 0.03 * k), 0.005 * k  # the reported attitude gains an error
+        asked = support.request_at(p, (euler[0] - off_rad, euler[1], euler[2]), model=MODEL)
+        tilt = TiltPrior((0.0, 0.0), known_rad, None if last is None else TiltBefore(*last, (0.005 * (k - 1), 0.0), 1e-3))
+        asked = replace(asked, frame=replace(asked.frame, t_ns=1_000_000_000 + 200_000_000 * k, frame_id=k))
+        asked = replace(asked, prior=replace(asked.prior, tilt=tilt))
+        last = asked.frame.t_ns, asked.prior.q_ned_frd
+        localiser.localise(asked, support.render(flat, MODEL, p, euler), flat)
+    told = inner.tilts[2]
+    assert told is not None
+    assert told.turn_ne_rad[0] == pytest.approx(0.010 if carried else 0.0, abs=2.5e-3)
+    assert (told.sigma_rad < known_rad) is carried
+    assert inner.tilts[0] == TiltPrior((0.0, 0.0), known_rad)
