@@ -9,6 +9,7 @@ import numpy as np
 
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, ground_points
+from visloc_companion.localise.parabola import peak_offset
 from visloc_companion.types import FloatArray
 
 REACH_PX = 6
@@ -104,8 +105,5 @@ def _peak(scores: Float32Array) -> tuple[float, float, float]:
     _, value, _, (col, row) = cv2.minMaxLoc(scores)
     du = dv = 0.0
     if 0 < col < scores.shape[1] - 1 and 0 < row < scores.shape[0] - 1:
-        a, b, c = (float(x) for x in scores[row, col - 1 : col + 2])
-        d, _, f = (float(x) for x in scores[row - 1 : row + 2, col])
-        du = 0.5 * (a - c) / min(a - 2 * b + c, -1e-9)
-        dv = 0.5 * (d - f) / min(d - 2 * b + f, -1e-9)
+        du, dv = peak_offset(scores, row, col)
     return col + du - REACH_PX, row + dv - REACH_PX, float(value)
