@@ -72,7 +72,7 @@ def flown(flight: Flight, seed: int, settings: NavigatorSettings | None = None, 
     position_filter = _started(settings, truth + map_error, rng)
     tally = Tally()
     a, a_slow = math.exp(-DT_S / settings.velocity_correlation_s), math.exp(-DT_S / settings.acceleration_correlation_s)
-    walk = INERTIAL_WALK_MPS_PER_SQRT_S * math.sqrt(DT_S)
+    walk, sigma_a_mps2 = INERTIAL_WALK_MPS_PER_SQRT_S * math.sqrt(DT_S), SIGMA_A_MPS2 if flight.inertial else None
     for k in range(1, round(flight.duration_s / DT_S) + 1):
         t_s = k * DT_S
         heading += 0.05 * math.sin(t_s / 20) * DT_S
@@ -90,7 +90,7 @@ def flown(flight: Flight, seed: int, settings: NavigatorSettings | None = None, 
         )
         if eyes is not None and k % FRAME_STEPS == 0:
             seen = eyes.look(_ns(t_s), truth, rng)
-            motion = None if seen is None else aiding.on_odometry(seen, inertial=flight.inertial).of_filter
+            motion = None if seen is None else aiding.on_odometry(seen, inertial_mps2=sigma_a_mps2).of_filter
             if motion is not None:
                 position_filter.observe_motion(motion)
         observed = [_observe(position_filter, source, t_s, truth + map_error, flight, tally, rng) for source in sources]

@@ -31,9 +31,10 @@ class Former:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Doubt:
-    """What one interval of odometry said at `t_ns` against all that was known: the driving velocity's error (2,) with covariance
-    (2, 2), and the covariance (2, 2) that was believed of it until then; m/s."""
+    """What one interval of odometry, `since_ns` to `t_ns`, said against all that was known: the driving velocity's error (2,) and
+    its covariance (2, 2), and the covariance (2, 2) that was believed of it until then; m/s."""
 
+    since_ns: int
     t_ns: int
     error_ne_mps: FloatArray
     cov_m2ps2: FloatArray

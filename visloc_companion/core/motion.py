@@ -7,7 +7,8 @@ so b may be learned from it even while the autopilot flies on them (fusion.py).
 An interval in which one driving velocity followed another tells of the present one what is left when the error of the former is
 taken off, which is as well known as it was when that one ended.
 
-One interval that contradicts all that is known is not believed alone (doubt.py).
+One interval that contradicts all that is known is not believed alone (doubt.py), but where the filter would agree with it without
+some of its last fixes, these are left out (exclusion.py).
 
 Errors of scale, heading and focal length stay for minutes: no number of intervals averages them away. They are states, which
 fixes tell from the velocity's own error; what an interval claims beyond what those states allow for leaves b no better known
@@ -21,8 +22,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from visloc_companion.core.belief import Belief
-from visloc_companion.core.doubt import Claim, agrees, doubting
+from visloc_companion.core.belief import Belief, Doubt
+from visloc_companion.core.doubt import Claim, carried_away, doubting, says_the_same, says_what_was_believed
+from visloc_companion.core.exclusion import excluding
 from visloc_companion.core.fusion import taken
 from visloc_companion.core.propagation import (
     ACCELERATION,
@@ -88,15 +90,25 @@ def learned(belief: Belief, motion: Motion, travel_ne_m: Vec2, settings: Navigat
     H, lag_m2ps2 = _seen(belief, motion, share, settings)
     alone += lag_m2ps2 * np.eye(2)
     R = weighed(alone, H @ belief.P @ H.T, _beyond(motion))
-    claim = Claim(z - H @ belief.x, R, share)
-    if belief.doubt is None:
-        after, outcome = taken(belief, z, R, H, settings.gate_sigma)
-    elif agrees(belief, belief.doubt, claim, settings):
-        after, outcome = taken(replace(belief, doubt=None), z, R, H)
-    else:
-        after, outcome = belief, Rejected(Reason.GATED, math.inf)
-    gated = isinstance(outcome, Rejected) and outcome.reason is Reason.GATED
-    return doubting(belief, claim) if gated else after, outcome
+    claim = Claim(z - H @ belief.x, R, share, motion.t_from_ns, math.hypot(*motion.d_ne_m) / dt)
+    confirmed = None if belief.doubt is None else _confirmed(belief, belief.doubt, claim, settings)
+    if confirmed is not None:
+        return taken(replace(confirmed, doubt=None), z, R, H)
+    other = excluding(belief, z, R, H) if belief.drive is Drive.INERTIAL else None
+    if other is not None:
+        return taken(replace(other, doubt=None), z, R, H)
+    after, outcome = taken(belief, z, R, H, settings.gate_sigma)
+    if belief.doubt is None and not (isinstance(outcome, Rejected) and outcome.reason is Reason.GATED):
+        return after, outcome
+    return doubting(belief, claim), Rejected(Reason.GATED, math.inf)
+
+
+def _confirmed(belief: Belief, doubt: Doubt, claim: Claim, settings: NavigatorSettings) -> Belief | None:
+    """The belief that takes an interval as it is, because that says what the one in doubt said or what was believed before; None
+    where it says neither."""
+    if says_the_same(belief, doubt, claim, settings):
+        return carried_away(belief, doubt, claim) if belief.drive is Drive.INERTIAL else belief
+    return belief if says_what_was_believed(belief, doubt, claim, settings) else None
 
 
 def _seen(belief: Belief, motion: Motion, share: float, settings: NavigatorSettings) -> tuple[FloatArray, float]:

@@ -38,13 +38,14 @@ class OdometryAiding:
         self._track = OdometryTrack()
         self._filter, self._monitor = _Cutter(self._track), _Cutter(self._track)
 
-    def on_odometry(self, event: Odometry, *, inertial: bool) -> Intervals:
-        """Take a displacement; `inertial`: accelerations drive the filter. What was not seen is in no interval."""
+    def on_odometry(self, event: Odometry, *, inertial_mps2: float | None) -> Intervals:
+        """Take a displacement; `inertial_mps2`: accelerations with a slow error of this 1-sigma drive the filter. What was not
+        seen is in no interval."""
         before_ns = self._track.newest_ns
         self._track.add(event)
         if self._track.newest_ns in (None, before_ns):
             return Intervals()
-        return Intervals(self._filter.cut(event, before_ns, patient=inertial), self._monitor.cut(event, before_ns))
+        return Intervals(self._filter.cut(event, before_ns, inertial_mps2), self._monitor.cut(event, before_ns))
 
     def lost(self) -> Motion | None:
         """The camera's motion is seen no more: what was seen of it and waited for a longer interval, for the filter."""
@@ -59,22 +60,23 @@ class _Cutter:
         self._since_ns: int | None = None
         self._last: Odometry | None = None
 
-    def cut(self, event: Odometry, before_ns: int | None, *, patient: bool = False) -> Motion | None:
-        """After another displacement; before it the track ended at `before_ns`."""
+    def cut(self, event: Odometry, before_ns: int | None, patient_mps2: float | None = None) -> Motion | None:
+        """After another displacement; before it the track ended at `before_ns`. With an error of accelerations: `rest`."""
         self._last = event
         since_ns = self._since_ns = event.t_from_ns if self._since_ns is None else self._since_ns
-        motion = self.rest(patient=patient)
+        motion = self.rest(patient_mps2)
         if motion is None and self._since_ns != since_ns:  # not all of it was seen: what was, before the gap
             return self._seen(event, since_ns, before_ns)
         return motion
 
-    def rest(self, *, patient: bool = False) -> Motion | None:
-        """What has been seen since the last interval, if it is long enough for one; nothing that was not seen waits."""
+    def rest(self, patient_mps2: float | None = None) -> Motion | None:
+        """What has been seen since the last interval, if it is long enough for one and, where accelerations of such an error
+        carry the velocity meanwhile, worth it; nothing that was not seen waits."""
         newest_ns, since_ns = self._track.newest_ns, self._since_ns
         if self._last is None or since_ns is None or newest_ns is None or newest_ns - since_ns < INTERVAL_NS:
             return None
         motion = self._seen(self._last, since_ns, newest_ns)
-        if motion is not None and patient and not _worth(motion):
+        if motion is not None and patient_mps2 is not None and not _worth(motion, patient_mps2):
             return None
         self._since_ns = newest_ns
         return motion
@@ -93,8 +95,8 @@ class _Cutter:
         return Motion(until_ns, since_ns, (north, east), own, *shared, travelled.per_focal_ne_m)
 
 
-def _worth(motion: Motion) -> bool:
+def _worth(motion: Motion, sigma_a_mps2: float) -> bool:
     """Whether a longer interval would tell little more of the velocity's error."""
-    own_m2 = (motion.cov_ne_m2[0][0] + motion.cov_ne_m2[1][1]) / 2
-    lost_m2 = INERTIAL_WALK_MPS_PER_SQRT_S**2 * motion.duration_s**3 / 3
-    return own_m2 <= lost_m2 or motion.duration_s * 1e9 >= ENOUGH_NS
+    own_m2, dt = (motion.cov_ne_m2[0][0] + motion.cov_ne_m2[1][1]) / 2, motion.duration_s
+    lost_m2 = INERTIAL_WALK_MPS_PER_SQRT_S**2 * dt**3 / 3 + (sigma_a_mps2 * dt**2 / 2) ** 2
+    return own_m2 <= lost_m2 or dt * 1e9 >= ENOUGH_NS

@@ -62,7 +62,7 @@ class Tracker:
         self._odometry = OdometryAiding()
         self._inertial, self._velocity_boot_ns = InertialVelocity(), 0
         self._forces, self._drag, self._pitot = Forces(), DragLearner(), PitotLearner()
-        self._alone, self._drives_itself, self._seen_ns = False, False, 0
+        self._alone, self._drives_itself, self._sigma_a_mps2, self._seen_ns = False, False, 0.0, 0
         self._taught_ns: list[int] = []
         self._velocity_known, self._n_taught = False, 0
         self.gnss = GnssTrack()
@@ -115,7 +115,7 @@ class Tracker:
         sigma_a = self._inertial.bias.sigma_mps2(unknown, LEAST_ACCELERATION_SIGMA_MPS2, tau_s)
         self._velocity_known |= not alone
         v_ne_mps = self._inertial.at(t_boot_ns) if alone and self._taught(velocity.t_ns, min(unknown, sigma_a)) else None
-        self._drives_itself = v_ne_mps is not None
+        self._drives_itself, self._sigma_a_mps2 = v_ne_mps is not None, sigma_a
         if v_ne_mps is None:
             self._inertial.anchor(t_boot_ns, velocity.v_ned_mps[:2], teaches=not alone)
         else:
@@ -262,7 +262,7 @@ class Tracker:
     def observe_odometry(self, odometry: Odometry) -> Motion | None:
         """Learn the velocity's error from what the camera saw of its own motion; the interval for the GNSS monitor that it
         completes, if it does."""
-        completed = self._odometry.on_odometry(odometry, inertial=self._drives_itself)
+        completed = self._odometry.on_odometry(odometry, inertial_mps2=self._sigma_a_mps2 if self._drives_itself else None)
         self._learn_motion(completed.of_filter)
         return completed.of_monitor
 
