@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from visloc_companion.localise.blocks import BlockMatches, correspondences, match_blocks
+from visloc_companion.localise.blocks import BlockMatches, correspondences, match_blocks, worth
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.frame_features import FrameFeatures
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, freed_of_slope, solve_pose, widened
 from visloc_companion.localise.surface_error import height_covariance
 from visloc_companion.types import FloatArray
+
+CAUCHY = 1.0
+"""Blocks are right to a fraction of a pixel or not at all: one that is a scatter off counts half."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,4 +68,5 @@ def _matched(
     ground, pix, sigma_px = correspondences(blocks, grid, K, pose)
     at_px = blocks.centre_px + blocks.shift_px
     heights_m2 = height_covariance(grid, at_px, blocks.side_px) if with_surface else None
-    return BlockPose(pose, values, weight, blocks, solve_pose(ground, pix, sigma_px, K, pose, prior, heights_m2=heights_m2))
+    estimate = solve_pose(ground, pix, sigma_px, K, pose, prior, heights_m2=heights_m2, worth=worth(blocks), cauchy=CAUCHY)
+    return BlockPose(pose, values, weight, blocks, estimate)

@@ -16,6 +16,12 @@ REACH_PX = 6
 AGREE_PX = 2.0
 RETURN_PX = 1.5
 MIN_COVER = 0.6
+CHANCE_SIDE_PX, TELLING_SIDE_PX = 14.0, 28.0
+"""Peaks of blocks of the former side are chance as much as likeness; those of the latter tell good blocks from bad ones."""
+LEAST_PEAK = 0.02
+FEW_AGREE, LEAST_SHARE = 0.5, 0.2
+"""Where fewer than this share of the blocks agree, those that do are in part there by chance, too, and all of them tell less: as
+the square of the share, but no less than for that one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,6 +58,17 @@ def match_blocks(grid: MapGrid, frame: Float32Array, weight: Float32Array) -> Bl
     table = np.array(found, dtype=np.float64).reshape(-1, 5)
     agrees = (np.hypot(table[:, 2], table[:, 3]) < AGREE_PX).astype(np.float64)
     return BlockMatches(table[:, :2], table[:, 2:4], table[:, 4], agrees, side)
+
+
+def worth(matches: BlockMatches) -> FloatArray:
+    """(N,) share of each block's information on the pose that counts: by its peak against the median of all, and by how many
+    agree."""
+    if not len(matches.peak):
+        return np.zeros(0)
+    peak = np.clip(matches.peak, LEAST_PEAK, 1.0)
+    telling = np.clip((matches.side_px - CHANCE_SIDE_PX) / (TELLING_SIDE_PX - CHANCE_SIDE_PX), 0.0, 1.0)
+    agreeing = np.clip(float(matches.agrees.mean()) / FEW_AGREE, LEAST_SHARE / FEW_AGREE, 1.0)
+    return np.asarray((peak / np.median(peak)) ** telling * agreeing**2, dtype=np.float64)
 
 
 def share_returning(matches: BlockMatches, grid: MapGrid, frame: Float32Array, weight: Float32Array) -> float:

@@ -123,13 +123,17 @@ def solve_pose(
     prior: PriorTerm,
     iterations: int = 8,
     heights_m2: FloatArray | None = None,
+    worth: FloatArray | None = None,
+    cauchy: float = CAUCHY,
 ) -> PoseEstimate | None:
     """Pose from (N, 3) ground points and (N, 2) undistorted pixels of a pinhole camera, or None where it is undetermined.
 
     The covariance is scaled by the residuals' robust scatter where that is larger than what the sigmas claim. The points' heights
-    may err with a covariance `heights_m2` (N, N); what that leaves open of the pose is in its covariance, unscaled.
+    may err with a covariance `heights_m2` (N, N); what that leaves open of the pose is in its covariance, unscaled. `worth` (N,)
+    is the share of each point's information that counts; a point `cauchy` scatters off counts half.
     """
     pose, weights, scatter = start, np.ones(len(pix)), 1.0
+    counts = np.ones(len(pix)) if worth is None else worth
     if len(pix) < 3:
         return None
     normal, lower_m = np.eye(6), np.zeros(len(pix))
@@ -139,8 +143,8 @@ def solve_pose(
             return None
         whitened = np.hypot(*(residual - J[:, :, 2] * lower_m[:, None]).T) / sigma_px
         scatter = max(SIGMA_FLOOR, 1.1774**-1 * float(np.median(whitened)) * math.sqrt(len(pix) / max(1.0, len(pix) - 2.0)))
-        weights = 1 / (1 + (whitened / (CAUCHY * scatter)) ** 2)
-        w = (weights / (sigma_px * scatter) ** 2)[:, None]
+        weights = 1 / (1 + (whitened / (cauchy * scatter)) ** 2)
+        w = (weights * counts / (sigma_px * scatter) ** 2)[:, None]
         information, pull = prior.at(pose)
         normal = np.einsum("nij,nik->jk", J * w[..., None], J) + information
         pull = np.einsum("nij,ni->j", J * w[..., None], residual) + pull

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from visloc_companion.localise.blocks import match_blocks, normalised_correlation, share_returning
+from visloc_companion.localise.blocks import BlockMatches, match_blocks, normalised_correlation, share_returning, worth
 from visloc_companion.localise.ortho_rectify import MapGrid
 
 
@@ -34,3 +34,28 @@ def test_blocks_come_back_where_frame_and_map_show_the_same_and_not_where_they_d
     assert share(np.roll(a, 1, axis=1)) > 0.95
     assert share(b) < 0.1
     assert share_returning(match_blocks(grid, a, weight * 0), grid, a, weight * 0) == 0.0
+
+
+def matches(peaks, agreeing, side_px=28):
+    n = len(peaks)
+    agrees = (np.arange(n) < agreeing).astype(float)
+    return BlockMatches(np.zeros((n, 2)), np.zeros((n, 2)), np.array(peaks, dtype=float), agrees, side_px)
+
+
+def test_blocks_of_a_high_peak_tell_more_and_small_ones_alike():
+    told = worth(matches([0.2, 0.4, 0.6], 3))
+    np.testing.assert_allclose(told, [0.5, 1.0, 1.5])
+    np.testing.assert_allclose(worth(matches([0.2, 0.4, 0.6], 3, side_px=14)), 1.0)
+    assert 0.5 < worth(matches([0.2, 0.4, 0.6], 3, side_px=20))[0] < 1.0
+
+
+@pytest.mark.parametrize(("agreeing", "share"), [(10, 1.0), (5, 1.0), (4, 0.64), (2, 0.16), (0, 0.16)])
+def test_where_few_agree_all_tell_less(agreeing, share):
+    np.testing.assert_allclose(worth(matches([0.4] * 10, agreeing)), share)
+
+
+def test_no_block_and_blocks_without_likeness_are_no_error():
+    assert worth(matches([], 0)).shape == (0,)
+    told = worth(matches([-0.1, 0.0, -0.2], 0))
+    assert np.isfinite(told).all()
+    assert (told > 0).all()

@@ -75,6 +75,28 @@ def test_claimed_covariance_is_what_repetition_shows():
     assert (ratio < 1.35).all()
 
 
+def test_points_that_count_for_a_quarter_leave_the_pose_twice_as_uncertain():
+    truth = pose_of((0, 0, -150), 0.1, 0, 0)
+    points = ground(40, 2, 10)
+    pix = project(points, truth) + np.random.default_rng(1).normal(0, 0.3, (40, 2))
+    free = PriorTerm(truth.R_ned_cam, math.radians(60))
+    whole, quarter = (solve_pose(points, pix, np.full(40, 0.3), K, truth, free, 20, worth=np.full(40, w)) for w in (1.0, 0.25))
+    assert whole is not None
+    assert quarter is not None
+    np.testing.assert_allclose(quarter.pose.p_ned_m, whole.pose.p_ned_m, atol=1e-3)
+    np.testing.assert_allclose(np.sqrt(np.diag(quarter.covariance) / np.diag(whole.covariance)), 2.0, rtol=0.01)
+
+
+def test_a_narrow_kernel_is_moved_less_by_points_that_are_wrong():
+    truth = pose_of((0, 0, -150), 0, 0, 0)
+    points = ground(40, 2, 0)
+    pix = project(points, truth) + np.random.default_rng(1).normal(0, 0.3, (40, 2))
+    pix[:14] += 1.5
+    prior = PriorTerm(truth.R_ned_cam, math.radians(0.05))
+    off = [solve_pose(points, pix, np.full(40, 0.3), K, truth, prior, 20, cauchy=c).pose.p_ned_m[:2] for c in (2.0, 1.0)]
+    assert np.hypot(*off[1]) < 0.7 * np.hypot(*off[0])
+
+
 def test_claims_hold_over_ground_of_unknown_slope():
     """A lean of the ground looks like a tilt: prior and picture share it, and the position's claim holds what that moves."""
     truth = pose_of((0, 0, -150), 0.06, -0.1, 0.4)
