@@ -1,12 +1,12 @@
 """Fixes of a camera that leans, over woods and elsewhere, with and without the surface model's errors in the pose's solution.
 
-    python -m benchmarks.leaning [--worlds 40 41 ...] [--frames 40] [--tilt 1.0]
+    python -m benchmarks.leaning [--worlds 40 41 ...] [--frames 40] [--tilt 1.0] [--largest 35]
 
 The map is of an early summer. Seen are a leafless March five years later, the same with crowns so thin that a fifth of their
 height shows, and a summer eight years later: woods bare, felled, grown and planted. The camera is 80 to 150 m up, leans by up to
-35 degrees to any side and has any heading; every other frame looks at a wood. The prior is off by what it says (1-sigma): 2 m,
-1.5 m of height, 2 degrees of heading, `--tilt` degrees of tilt. Every frame is localised twice, once as if the surface model were
-exact.
+`--largest` degrees to any side and has any heading; every other frame looks at a wood. The prior is off by what it says
+(1-sigma): 2 m, 1.5 m of height, 2 degrees of heading, `--tilt` degrees of tilt. Every frame is localised twice, once as if the
+surface model were exact.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import argparse
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise, product
 from unittest.mock import patch
 
 import cv2
@@ -47,7 +48,7 @@ DATES = (
     replace(FLIGHT, bare_height=0.2, bare_alpha=0.3),
     replace(MAP, years=8.0, sun_azimuth_deg=200.0, sun_elevation_deg=45.0),
 )
-ABOVE_M, LARGEST_DEG, LEANING_DEG = (80.0, 150.0), 35.0, 10.0
+ABOVE_M, BANDS_DEG = (80.0, 150.0), (0.0, 10.0, 35.0, 90.0)
 TREE_M, WOODED = 3.0, 0.35
 """What is higher stands on the ground; a view of a wood has this share of it or more."""
 CHI2_95 = 5.99
@@ -67,11 +68,13 @@ def exact(_: MapGrid, at_px: FloatArray, side_px: float) -> FloatArray:
 SURFACES = {"exact": exact, "may err": height_covariance}
 
 
-def views(scene: Scene, ground_m: Raster, stands_m: Raster, rng: np.random.Generator, n: int) -> Iterator[View]:
+def views(
+    scene: Scene, ground_m: Raster, stands_m: Raster, rng: np.random.Generator, n: int, largest_deg: float
+) -> Iterator[View]:
     """Poses over a scene, of whose grid the ground and the height of what stands on it are known; every other one of a wood."""
     crs, size = map_crs(scene.crs), scene.size_px[0]
     while n:
-        above, tilt = rng.uniform(*ABOVE_M), math.radians(rng.uniform(0, LARGEST_DEG))
+        above, tilt = rng.uniform(*ABOVE_M), math.radians(rng.uniform(0, largest_deg))
         side, yaw = rng.uniform(0, 2 * math.pi, 2)
         q = quat_from_euler(tilt * math.sin(side), tilt * math.cos(side), yaw)
         axis, at = R_from_quat(q)[:, 2], rng.uniform(0.06, 0.94, 2) * size
@@ -106,7 +109,7 @@ def judged(fix: Fix, view: View) -> Row:
     return north, east, -down, *over, float(off @ np.linalg.solve(cov, off)), *view[2:]
 
 
-def of_world(seed: int, n: int, sigma_tilt_rad: float) -> Iterator[tuple[str, Row]]:
+def of_world(seed: int, n: int, sigma_tilt_rad: float, largest_deg: float) -> Iterator[tuple[str, Row]]:
     """All fixes over the procedural world of a seed, of `n` frames of each date, with what the surface model was taken for."""
     reference, localiser = PackMap.open(procedural_world(seed, size_m=SIZE_M).pack, verify_hashes=False), localiser_of("deep")
     ground_m = terrain(seed, Grid(round(SIZE_M / GSD_M), GSD_M), make_plan(seed, SIZE_M))
@@ -114,7 +117,7 @@ def of_world(seed: int, n: int, sigma_tilt_rad: float) -> Iterator[tuple[str, Ro
     for date, season in enumerate(DATES):
         scene = build_landscape(seed, season, SIZE_M, GSD_M)
         camera, rng = CameraSimulator(scene, MODEL, CameraEffects()), np.random.default_rng([seed, date])
-        for number, view in enumerate(views(scene, ground_m, stands_m, rng, n)):
+        for number, view in enumerate(views(scene, ground_m, stands_m, rng, n, largest_deg)):
             pixels = camera.frame(view[0], view[1], 1000 * seed + 100 * date + number)
             request = request_of(view, number, rng, sigma_tilt_rad)
             for name, heights in SURFACES.items():
@@ -138,16 +141,17 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--worlds", type=int, nargs="+", default=[40, 41, 42, 43])
     parser.add_argument("--frames", type=int, default=40, help="of each of the three dates over each world")
     parser.add_argument("--tilt", type=float, default=1.0, help="1-sigma of the prior's tilt, degrees")
+    parser.add_argument("--largest", type=float, default=35.0, help="lean, degrees")
     options = parser.parse_args(argv)
     cv2.setNumThreads(1)
-    found = [each for seed in options.worlds for each in of_world(seed, options.frames, math.radians(options.tilt))]
+    sigma_rad = math.radians(options.tilt)
+    found = [each for seed in options.worlds for each in of_world(seed, options.frames, sigma_rad, options.largest)]
     lines = []
-    for wooded, leaning in ((1, 1), (0, 1), (1, 0), (0, 0)):
-        at = (LEANING_DEG, LARGEST_DEG) if leaning else (0.0, LEANING_DEG)
-        what = f"{'a wood' if wooded else 'elsewhere'}, leans {at[0]:.0f} to {at[1]:.0f}°"
+    for (low, high), wooded in product(reversed(list(pairwise(BANDS_DEG))), (1, 0)):
+        what = f"{'a wood' if wooded else 'elsewhere'}, leans {low:.0f} to {min(high, options.largest):.0f}°"
         for name in SURFACES:
             rows = np.array([row for each, row in found if each == name]).reshape(-1, 9)
-            rows = rows[(rows[:, 8] == wooded) & ((rows[:, 7] >= LEANING_DEG) == leaning)]
+            rows = rows[(rows[:, 8] == wooded) & (rows[:, 7] >= low) & (rows[:, 7] < high)]
             lines += [[what, name, *cells(rows)]] if len(rows) else []
     print(table(COLUMNS, lines))
 
