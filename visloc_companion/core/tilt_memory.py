@@ -39,6 +39,8 @@ SURE = 0.05
 GATE_SIGMA, GATED_IN_A_ROW = 4.0, 8
 """So many fixes in a row beyond the gate: the camera was knocked, and all begins anew."""
 FRAMES_KEPT = 4
+WIDEST_RAD = math.radians(2.0)
+"""Of an attitude whose error is seen to wander: an autopilot with poor gyroscopes errs by more than anybody states of it."""
 RATE_WEIGHT = 0.05
 """Of the latest turn in the mean rate at which the attitude's error wanders."""
 MOST_NEWS = 3.0
@@ -164,8 +166,8 @@ class TiltMemory:
 
     @property
     def _wander_rad2(self) -> float:
-        """Variance of the attitude's error on each axis: what its rate comes to in ATTITUDE_S, and no more than is stated."""
-        return float(np.clip(self._rate * ATTITUDE_S / 2, self._attitude_rad**2, self._sigma_rad**2))
+        """Variance of the attitude's error on each axis: what its rate comes to in ATTITUDE_S."""
+        return float(np.clip(self._rate * ATTITUDE_S / 2, self._attitude_rad**2, WIDEST_RAD**2))
 
     def _kept(self, t_ns: int) -> float:
         """The share of the attitude's error that is left at a time."""
