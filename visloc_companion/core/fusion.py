@@ -16,7 +16,6 @@ from dataclasses import replace
 import numpy as np
 
 from visloc_companion.core import kalman, lasting, lean, refused, relocalise, separation
-from visloc_companion.core.audit import HONEST, audited
 from visloc_companion.core.belief import Belief, Position, driven_by, renewed, widened, widened_by
 from visloc_companion.core.propagation import (
     ACCELERATION,
@@ -115,7 +114,6 @@ def propagated(
         belief.fix_every_s,
         belief.former,
         belief.doubt,
-        belief.claims_factor,
     )
 
 
@@ -148,23 +146,6 @@ def _sigmas_mps(belief: Belief, without: separation.Solutions, settings: Navigat
 
 def observed(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[Belief, Accepted | Rejected]:
     """The belief after a position at its own time. Rejected fixes that agree with each other restart it at last."""
-    if not z.from_fix:
-        return _observed(belief, z, settings)
-    after, outcome = _observed(belief, _believed(z, belief.claims_factor), settings)
-    if isinstance(outcome, Rejected) and outcome.reason is not Reason.GATED:
-        return after, outcome
-    return replace(after, claims_factor=audited(belief.claims_factor, outcome.nis)), outcome
-
-
-def _believed(z: Position, factor: float) -> Position:
-    """A fix with the covariance that fixes have turned out to have."""
-    if factor == HONEST:
-        return z
-    (nn, ne), (_, ee) = z.cov_ne_m2
-    return replace(z, cov_ne_m2=((factor * nn, factor * ne), (factor * ne, factor * ee)))
-
-
-def _observed(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[Belief, Accepted | Rejected]:
     considered = N_CONSIDERED if belief.drive is Drive.FED_BACK else 0
     at, cov = np.array(z.p_ne_m), np.array(z.cov_ne_m2)
     H, R = lasting.seen(cov, z.method) if z.from_fix else (H_POSITION, cov)
