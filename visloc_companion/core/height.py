@@ -30,8 +30,9 @@ as unsure as makes the fix an ordinary one."""
 HISTORY_NS = 6_000_000_000
 JUMPED = 0.5
 """Probability that it was the barometer when one fix is refused: an assumption."""
-LEAST_NEWS = 0.1
-"""A fix that knows the height hardly better than its prior did says nothing: share of the prior's information."""
+LEAST_NEWS = 0.25
+"""A fix that knows the height hardly better than its prior did says nothing: share of the prior's information. No claim is good
+enough to tell a height from less: what a fix differs from its prior by is multiplied by five then."""
 NOTHING = Solutions(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0, np.int64))
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from visloc_companion.localise.blocks import BlockMatches, correspondences, match_blocks, worth
+from visloc_companion.localise.claims import widening
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.frame_features import FrameFeatures
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
@@ -68,5 +69,8 @@ def _matched(
     ground, pix, sigma_px = correspondences(blocks, grid, K, pose)
     at_px = blocks.centre_px + blocks.shift_px
     heights_m2 = height_covariance(grid, at_px, blocks.side_px) if with_surface else None
-    estimate = solve_pose(ground, pix, sigma_px, K, pose, prior, heights_m2=heights_m2, worth=worth(blocks), cauchy=CAUCHY)
+    counts = worth(blocks)
+    estimate = solve_pose(
+        ground, pix, sigma_px, K, pose, prior, heights_m2=heights_m2, worth=counts, cauchy=CAUCHY, widening=widening
+    )
     return BlockPose(pose, values, weight, blocks, estimate)

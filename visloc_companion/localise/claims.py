@@ -2,7 +2,8 @@
 
 The pose's formal covariance takes the blocks' errors for independent. Neighbours share the surface model's and the map's
 errors, and the more the wider the blocks scatter: the formal sigmas are widened by a power of the scatter. What all blocks
-share shows in none of them: a floor.
+share shows in none of them: a floor. What the prior knew is widened by neither (pose.py): a fix of blocks that tell nothing
+claims what its prior did, and no more.
 """
 
 from __future__ import annotations
@@ -21,16 +22,15 @@ FLOOR_PX = 0.15
 procedural worlds 40 to 47."""
 
 
-def widening(estimate: PoseEstimate) -> float:
-    """Factor on the formal sigmas of what the blocks tell."""
-    return float(FACTOR * max(1.0, estimate.scatter) ** SHARED_POWER)
+def widening(scatter: float) -> float:
+    """Factor on the formal sigmas of blocks that scatter so much about their pose."""
+    return float(FACTOR * max(1.0, scatter) ** SHARED_POWER)
 
 
 def claimed_covariance(estimate: PoseEstimate, gsd_m: float) -> FloatArray:
-    """(6, 6) of north, east, up (metres) and rotation about them (radians) from a pose of blocks at a working resolution."""
-    factor = widening(estimate)
-    of_blocks = estimate.covariance - estimate.of_slope
-    covariance = np.asarray(of_blocks * factor**2 + estimate.of_slope, dtype=np.float64)
+    """(6, 6) of north, east, up (metres) and rotation about them (radians) from a pose of blocks, solved with that `widening`, at
+    a working resolution."""
+    covariance = estimate.covariance.copy()
     covariance[:2, :2] += np.eye(2) * (FLOOR_PX * gsd_m) ** 2
     return covariance
 

@@ -11,7 +11,8 @@ their share. Slope and tilt differ in the second order only, and no real ground 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -31,14 +32,12 @@ LEAST_SIGMA = 1e-5
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseEstimate:
     """Pose, covariance (6, 6) of (north, east, up, rotation about n, e, d), scatter of the residuals (in units of the given
-    sigmas), the final weights (N,) of the correspondences, and how much of the covariance (6, 6) is of the ground's open slope,
-    which no scatter tells of."""
+    sigmas), and the final weights (N,) of the correspondences."""
 
     pose: CameraPose
     covariance: FloatArray
     scatter: float
     weights: FloatArray
-    of_slope: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,10 +78,9 @@ def freed_of_slope(apparent: PoseEstimate, prior: PriorTerm, sigma_slope_rad: fl
     turn = _turns_about_view(apparent.pose, ground_up_m)
     kept = np.eye(6)
     kept[:, 3:5] -= share * turn
-    of_slope = np.asarray(share * tilt_2 * turn @ turn.T, dtype=np.float64)
-    covariance = np.asarray(kept @ apparent.covariance @ kept.T + of_slope, dtype=np.float64)
+    covariance = np.asarray(kept @ apparent.covariance @ kept.T + share * tilt_2 * turn @ turn.T, dtype=np.float64)
     pose = turned_about_view(apparent.pose, ground_up_m, np.append(-share * tilt, 0.0))
-    return replace(apparent, pose=pose, covariance=covariance, of_slope=of_slope)
+    return replace(apparent, pose=pose, covariance=covariance)
 
 
 def turned_about_view(pose: CameraPose, ground_up_m: float, turn_rad: FloatArray) -> CameraPose:
@@ -125,12 +123,14 @@ def solve_pose(
     heights_m2: FloatArray | None = None,
     worth: FloatArray | None = None,
     cauchy: float = CAUCHY,
+    widening: Callable[[float], float] | None = None,
 ) -> PoseEstimate | None:
     """Pose from (N, 3) ground points and (N, 2) undistorted pixels of a pinhole camera, or None where it is undetermined.
 
     The covariance is scaled by the residuals' robust scatter where that is larger than what the sigmas claim. The points' heights
     may err with a covariance `heights_m2` (N, N); what that leaves open of the pose is in its covariance, unscaled. `worth` (N,)
-    is the share of each point's information that counts; a point `cauchy` scatters off counts half.
+    is the share of each point's information that counts; a point `cauchy` scatters off counts half. `widening`: by how much the
+    points' sigmas are larger than they show themselves to be, at a scatter; what the prior knows is as well known as it says.
     """
     pose, weights, scatter = start, np.ones(len(pix)), 1.0
     counts = np.ones(len(pix)) if worth is None else worth
@@ -144,7 +144,8 @@ def solve_pose(
         whitened = np.hypot(*(residual - J[:, :, 2] * lower_m[:, None]).T) / sigma_px
         scatter = max(SIGMA_FLOOR, 1.1774**-1 * float(np.median(whitened)) * math.sqrt(len(pix) / max(1.0, len(pix) - 2.0)))
         weights = 1 / (1 + (whitened / (cauchy * scatter)) ** 2)
-        w = (weights * counts / (sigma_px * scatter) ** 2)[:, None]
+        factor = 1.0 if widening is None else widening(scatter)
+        w = (weights * counts / (sigma_px * scatter * factor) ** 2)[:, None]
         information, pull = prior.at(pose)
         normal = np.einsum("nij,nik->jk", J * w[..., None], J) + information
         pull = np.einsum("nij,ni->j", J * w[..., None], residual) + pull

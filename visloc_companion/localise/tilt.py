@@ -13,7 +13,6 @@ import numpy as np
 
 from visloc_companion.geo import se3
 from visloc_companion.geo.camera import R_FRD_CAM
-from visloc_companion.localise.claims import widening
 from visloc_companion.localise.pose import LEAST_SIGMA, PoseEstimate, heading_and_tilt
 from visloc_companion.types import PosePrior, TiltPrior, TiltSeen
 
@@ -39,7 +38,7 @@ def seen_tilt(estimate: PoseEstimate, prior: PosePrior) -> TiltSeen | None:
         return None
     _, tilt = heading_and_tilt(estimate.pose.R_ned_cam, se3.R_from_quat(prior.q_ned_frd) @ R_FRD_CAM)
     north, east = np.linalg.solve(of_blocks, of_both @ tilt).tolist()
-    (nn, ne), (_, ee) = (np.linalg.inv(of_blocks) * widening(estimate) ** 2).tolist()
+    (nn, ne), (_, ee) = np.linalg.inv(of_blocks).tolist()
     return TiltSeen((north, east), ((nn, ne), (ne, ee)))
 
 

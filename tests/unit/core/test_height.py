@@ -139,9 +139,9 @@ def test_the_prior_is_taken_out_of_a_fix(measured_m: float, sigma_m: float, prio
     whole = sigma_m**-2 + prior_sigma_m**-2
     given_m = (measured_m / sigma_m**2 + prior_m / prior_sigma_m**2) / whole
     news = news_of(given_m, whole**-0.5, prior_m, prior_sigma_m)
-    if sigma_m**-2 < 0.099 * prior_sigma_m**-2:
+    if sigma_m**-2 < 0.249 * prior_sigma_m**-2:
         assert news is None
-    elif sigma_m**-2 > 0.101 * prior_sigma_m**-2:
+    elif sigma_m**-2 > 0.251 * prior_sigma_m**-2:
         assert news is not None
         assert news[0] == pytest.approx(measured_m, abs=1e-6)
         assert news[1] == pytest.approx(sigma_m**2, rel=1e-6)

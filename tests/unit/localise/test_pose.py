@@ -87,6 +87,33 @@ def test_points_that_count_for_a_quarter_leave_the_pose_twice_as_uncertain():
     np.testing.assert_allclose(np.sqrt(np.diag(quarter.covariance) / np.diag(whole.covariance)), 2.0, rtol=0.01)
 
 
+def test_blocks_that_tell_nothing_leave_what_the_prior_claims():
+    truth = pose_of((0, 0, -150), 0.1, 0, 0)
+    points = ground(40, 2, 10)
+    prior = PriorTerm(truth.R_ned_cam, math.radians(1.0), math.radians(2.0), 150.0, 1.6)
+    told = {"worth": np.full(40, 1e-9), "widening": lambda _: 0.5}
+    estimate = solve_pose(points, project(points, truth), np.full(40, 0.3), K, truth, prior, 20, **told)
+    assert estimate is not None
+    assert math.sqrt(estimate.covariance[2, 2]) == pytest.approx(1.6, rel=1e-3)
+    assert math.sqrt(estimate.covariance[3, 3]) == pytest.approx(math.radians(1.0), rel=1e-3)
+
+
+def test_what_widens_the_points_sigmas_is_asked_at_their_scatter():
+    truth = pose_of((0, 0, -150), 0.1, 0, 0)
+    points = ground(60, 2, 10)
+    pix = project(points, truth) + np.random.default_rng(1).normal(0, 0.9, (60, 2))
+    free = PriorTerm(truth.R_ned_cam, math.radians(60))
+    asked: list[float] = []
+
+    def twice(scatter: float) -> float:
+        asked.append(scatter)
+        return 2.0
+
+    formal, widened_ = (solve_pose(points, pix, np.full(60, 0.3), K, truth, free, 20, widening=w) for w in (None, twice))
+    np.testing.assert_allclose(np.sqrt(np.diag(widened_.covariance) / np.diag(formal.covariance)), 2.0, rtol=0.02)
+    assert asked[-1] == pytest.approx(3.0, rel=0.3)
+
+
 def test_a_narrow_kernel_is_moved_less_by_points_that_are_wrong():
     truth = pose_of((0, 0, -150), 0, 0, 0)
     points = ground(40, 2, 0)

@@ -10,7 +10,6 @@ import pytest
 
 from visloc_companion.geo import se3
 from visloc_companion.geo.camera import R_FRD_CAM
-from visloc_companion.localise.claims import widening
 from visloc_companion.localise.dense import gradient_localiser
 from visloc_companion.localise.ortho_rectify import CameraPose
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, solve_pose
@@ -58,7 +57,7 @@ def test_the_tilt_is_as_far_off_as_it_claims() -> None:
         found = estimate(rng.normal(0, 1.0, (40, 2)), 1.0)
         seen = seen_tilt(found, believed(1.0))
         assert seen is not None
-        off = np.subtract(seen.turn_ne_rad, TURN) * widening(found)
+        off = np.subtract(seen.turn_ne_rad, TURN)
         z.append(float(off @ np.linalg.solve(np.array(seen.cov_rad2), off)))
     assert np.mean(z) == pytest.approx(2.0, rel=0.25)
 
