@@ -13,6 +13,8 @@ from visloc_companion.types import FloatArray
 
 BAND_CELLS, BAND_SIGMA = 1.0, 3.0
 """What lies within so many cell sides plus so many sigmas below a cell's top is the same surface."""
+LEAST_DISPARITY_PX = 1.0
+"""Of the whole baseline; pairs are chosen with some fifty. What has less (waves, a picture matched to itself) is no ground."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,8 +26,8 @@ class Points:
 
 
 def triangulated(pair: RectifiedPair, disparity: Disparity) -> Points:
-    """A point for each trusted pixel; a depth Z has sigma Z² / (f B) times that of its disparity."""
-    row, column = np.nonzero(disparity.good)
+    """A point for each trusted pixel that is not beyond all ground; a depth Z has sigma Z² / (f B) times its disparity's."""
+    row, column = np.nonzero(disparity.good & (disparity.value_px + pair.offset_px >= LEAST_DISPARITY_PX))
     depth = pair.depth_m(disparity.value_px[row, column].astype(np.float64))
     rays = pair.view.rays(np.column_stack([column, row]).astype(np.float64))
     points = rays * depth[:, None] @ pair.view.R_local_view.T + pair.T_left[:3, 3]

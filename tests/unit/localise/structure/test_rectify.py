@@ -3,7 +3,9 @@ import math
 import numpy as np
 import pytest
 
+from visloc_companion.localise.structure.disparity import Disparity
 from visloc_companion.localise.structure.rectify import rectify, seen_in_right
+from visloc_companion.localise.structure.surface import triangulated
 
 
 @pytest.mark.parametrize(
@@ -50,3 +52,17 @@ def test_frames_apart_have_nothing_to_rectify(structure):
     blank = np.zeros((240, 320), np.uint8)
     points = np.array([[0.0, 0, 0], [0, 1, 0]])
     assert rectify(blank, blank, structure.pose(0, 0, 90), structure.pose(0, 900, 90), points, structure.MODEL) is None
+
+
+def test_what_does_not_move_between_the_frames_is_no_ground(structure):
+    """Disparities of none and less, as over waves, would lie at infinity and behind the camera."""
+    blank = np.zeros((240, 320), np.uint8)
+    ground = np.array([[-20.0, -20, 0], [20, 20, 0], [0, 0, 0]])
+    pair = rectify(blank, blank, structure.pose(0, 0, 90), structure.pose(0, 27, 90), ground, structure.MODEL)
+    value = np.full(pair.left.shape, pair.view.focal_px * pair.baseline_m / 90 - pair.offset_px, np.float32)
+    value[0], value[1] = -pair.offset_px, -pair.offset_px - 3
+    seen = np.ones(value.shape, bool)
+    points = triangulated(pair, Disparity(value, np.ones_like(value), seen, seen))
+    assert len(points.m) == value.size - 2 * value.shape[1]
+    assert np.isfinite(points.m).all()
+    np.testing.assert_allclose(points.m[:, 2], 0.0, atol=1e-3)
