@@ -17,8 +17,8 @@ from visloc_companion.localise.pose import PoseEstimate, PriorTerm, freed_of_slo
 from visloc_companion.localise.surface_error import height_covariance
 from visloc_companion.types import FloatArray
 
-CAUCHY = 1.0
-"""Blocks are right to a fraction of a pixel or not at all: one that is a scatter off counts half."""
+CAUCHY = 1.5
+"""Blocks are right to a fraction of a pixel or not at all: one that is so many scatters off counts half."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

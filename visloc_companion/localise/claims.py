@@ -13,7 +13,7 @@ import numpy as np
 from visloc_companion.localise.pose import PoseEstimate
 from visloc_companion.types import FloatArray
 
-FACTOR = 0.95
+FACTOR = 1.05
 """On the formal sigmas of blocks that scatter by a pixel or less, ..."""
 SHARED_POWER = 0.25
 """... times this power of a larger scatter, ..."""
