@@ -7,12 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.leaning import ABOVE_M, GSD_M, HEIGHT_M, LARGEST_DEG, PRIOR_M, cells, judged, request_of, views
+from benchmarks.leaning import ABOVE_M, GSD_M, HEIGHT_M, PRIOR_M, cells, judged, request_of, views
 from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
 from visloc_companion.sim.scene import Scene
 from visloc_companion.types import Fix, GeoPoint
 
+LARGEST_DEG = 35.0
 SIZE = 1400
 T_MAP_PIX = np.array([[GSD_M, 0.0, 605000.0], [0.0, -GSD_M, 5349000.0]])
 
@@ -21,7 +22,7 @@ def test_every_other_view_is_of_a_wood() -> None:
     scene = Scene(np.zeros((SIZE, SIZE, 3), np.uint8), np.zeros((SIZE, SIZE), np.float32), T_MAP_PIX, "EPSG:32632")
     ground, stands = np.full((SIZE, SIZE), 400, np.float32), np.zeros((SIZE, SIZE), np.float32)
     stands[:, : SIZE // 3] = 12.0
-    found = list(views(scene, ground, stands, np.random.default_rng(1), 30))
+    found = list(views(scene, ground, stands, np.random.default_rng(1), 30, LARGEST_DEG))
     assert len(found) == 30
     assert 15 <= sum(wooded for *_, wooded in found) < 30
     for place, q, tilt_deg, _ in found:
