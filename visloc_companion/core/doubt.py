@@ -18,13 +18,12 @@ import numpy as np
 
 from visloc_companion.core.belief import Belief, Doubt, widened, widened_by
 from visloc_companion.core.propagation import ACCELERATION, INERTIAL_WALK_MPS_PER_SQRT_S, N_STATES, POSITION, VELOCITY, Drive
+from visloc_companion.core.relocalise import STANDING_MPS
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import FloatArray
 
 MOST_CHANGE_MPS = 10.0
 """The autopilot's velocity errs by metres a second within a moment when it brakes or turns; by more than this, odometry errs."""
-STANDING_MPS = 2.0
-"""A camera that is slower by odometry stands, or is frozen."""
 LEAST_SHARE = 0.1
 """An interval of which the present velocity drove less tells too little of it for a doubt."""
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from visloc_companion.core.belief import Belief
 from visloc_companion.core.lean import UPRIGHT
-from visloc_companion.core.separation import CLAIM_FLOOR, ONE, Solutions, chosen
+from visloc_companion.core.separation import CLAIM_FLOOR, ONE, Solutions, beside, chosen
 from visloc_companion.types import FloatArray
 
 DECEIVED, WITHIN_MPS = 0.01, 20.0
@@ -33,13 +33,14 @@ def excluding(belief: Belief, z: FloatArray, R: FloatArray, H: FloatArray) -> Be
     among = belief.without
     if not len(among):
         return None
-    nis, density = _seen(z, R, H, np.concatenate([belief.x[None], among.x]), np.concatenate([belief.P[None], among.P]))
-    if nis[0] <= SUSPECT_NIS:
+    (own_nis,), (own_density,) = _seen(z, R, H, belief.x[None], belief.P[None])
+    if own_nis <= SUSPECT_NIS:
         return None
-    likelihood = among.probability * density[1:]
+    nis, density = _seen(z, R, H, among.x, among.P)
+    likelihood = among.probability * density
     best = int(likelihood.argmax())
-    otherwise = float(density[0]) + DECEIVED / WITHIN_MPS**2
-    if nis[1 + best] > AGREES_NIS or likelihood[best] <= LIKELIER * otherwise:
+    otherwise = float(own_density) + DECEIVED / WITHIN_MPS**2
+    if nis[best] > AGREES_NIS or likelihood[best] <= LIKELIER * otherwise:
         return None
     until_now = max(CLAIM_FLOOR, otherwise / float(likelihood[best]))
     without = _beside(among, best, (belief.x, belief.P, belief.rested_ns), until_now)
@@ -61,12 +62,5 @@ def _beside(among: Solutions, best: int, before: tuple[FloatArray, FloatArray, i
     keep = among.rested_ns <= among.rested_ns[best]
     keep[best] = False
     kept = chosen(among, keep)
-    x, P, rested_ns = before
-    return Solutions(
-        np.concatenate([kept.x, x[None]]),
-        np.concatenate([kept.P, P[None]]),
-        np.append(np.minimum(1.0, kept.probability / among.probability[best]), probability),
-        np.append(kept.rested_ns, np.int64(rested_ns)),
-        (*kept.leaves, ONE),
-        (*kept.left, frozenset()),
-    )
+    likelier = replace(kept, probability=np.minimum(1.0, kept.probability / among.probability[best]))
+    return beside(likelier, before, (ONE,), probability, frozenset())

@@ -91,16 +91,16 @@ def learned(belief: Belief, motion: Motion, travel_ne_m: Vec2, settings: Navigat
     alone += lag_m2ps2 * np.eye(2)
     R = weighed(alone, H @ belief.P @ H.T, _beyond(motion))
     claim = Claim(z - H @ belief.x, R, share, motion.t_from_ns, math.hypot(*motion.d_ne_m) / dt)
-    confirmed = None if belief.doubt is None else _confirmed(belief, belief.doubt, claim, settings)
-    if confirmed is not None:
-        return taken(replace(confirmed, doubt=None), z, R, H)
-    other = excluding(belief, z, R, H) if belief.drive is Drive.INERTIAL else None
-    if other is not None:
-        return taken(replace(other, doubt=None), z, R, H)
+    believed = None if belief.doubt is None else _confirmed(belief, belief.doubt, claim, settings)
+    if believed is None and belief.drive is Drive.INERTIAL:
+        believed = excluding(belief, z, R, H)
+    if believed is not None:
+        return taken(replace(believed, doubt=None), z, R, H)
+    if belief.doubt is not None:
+        return doubting(belief, claim), Rejected(Reason.GATED, math.inf)
     after, outcome = taken(belief, z, R, H, settings.gate_sigma)
-    if belief.doubt is None and not (isinstance(outcome, Rejected) and outcome.reason is Reason.GATED):
-        return after, outcome
-    return doubting(belief, claim), Rejected(Reason.GATED, math.inf)
+    gated = isinstance(outcome, Rejected) and outcome.reason is Reason.GATED
+    return doubting(belief, claim) if gated else after, outcome
 
 
 def _confirmed(belief: Belief, doubt: Doubt, claim: Claim, settings: NavigatorSettings) -> Belief | None:

@@ -23,6 +23,7 @@ MEMORY = 12
 MAX_VELOCITY_ERROR_MPS = 40.0
 MIN_LINE_SPAN_S = 1.0
 STANDING_MPS = 2.0
+"""What is seen to move no faster stands, or comes from a frozen camera."""
 LINE_SIGMA_MPS = 2.0
 
 

@@ -157,17 +157,28 @@ def without_fix(
     ]
     left = tuple(left | {method} if leaves_it else left for leaves_it, left in zip(leaving, solutions.left, strict=True))
     kinds = (EVERY, method, ONE) if among - {method} else (EVERY, ONE)
-    x, P, rested_ns = before
+    less = Solutions(solutions.x, solutions.P, solutions.probability * factor, solutions.rested_ns, solutions.leaves, left)
+    return likely(beside(less, before, kinds, p, frozenset({method})))
+
+
+def beside(
+    solutions: Solutions,
+    state: tuple[FloatArray, FloatArray, int],
+    kinds: tuple[str, ...],
+    probability: float,
+    left: frozenset[str],
+) -> Solutions:
+    """With one more for each kind (what it goes on to leave out), all with the same mean, covariance and time of the last fix
+    (`state`), probability, and methods of what they left out."""
+    x, P, rested_ns = state
     n = len(kinds)
-    return likely(
-        Solutions(
-            np.concatenate([solutions.x, *[x[None]] * n]),
-            np.concatenate([solutions.P, *[P[None]] * n]),
-            np.concatenate([solutions.probability * factor, np.full(n, p)]),
-            np.concatenate([solutions.rested_ns, np.full(n, rested_ns, np.int64)]),
-            (*solutions.leaves, *kinds),
-            (*left, *([frozenset({method})] * n)),
-        )
+    return Solutions(
+        np.concatenate([solutions.x, *[x[None]] * n]),
+        np.concatenate([solutions.P, *[P[None]] * n]),
+        np.concatenate([solutions.probability, np.full(n, probability)]),
+        np.concatenate([solutions.rested_ns, np.full(n, rested_ns, np.int64)]),
+        (*solutions.leaves, *kinds),
+        (*solutions.left, *([left] * n)),
     )
 
 

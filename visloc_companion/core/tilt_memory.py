@@ -51,7 +51,6 @@ class TiltMemory:
     """`known` is for the next request's prior; the others learn. `sigma_rad`: 1-sigma of mounting and attitude together."""
 
     def __init__(self, sigma_rad: float) -> None:
-        self._sigma_rad = sigma_rad
         self._attitude_rad = min(ATTITUDE_SIGMA_RAD, sigma_rad / 2)
         self._mounting_rad = math.sqrt(sigma_rad**2 - self._attitude_rad**2)
         self._least_rate = self._rate = 2 * self._attitude_rad**2 / ATTITUDE_S

@@ -12,18 +12,18 @@ from visloc_companion.core import exclusion, fusion, separation
 from visloc_companion.core.belief import Belief, seeded
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
-from visloc_companion.core.motion import Motion, learned
+from visloc_companion.core.motion import MEAN_VELOCITY, Motion, learned
 from visloc_companion.core.propagation import POSITION, VELOCITY, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
-from visloc_companion.types import Accepted, Fix, FloatArray, GeoPoint, Rejected
+from visloc_companion.types import Accepted, Fix, GeoPoint, Rejected
 
 S = 1_000_000_000
 SETTINGS = NavigatorSettings()
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
 SPEED_MPS, EVERY_S, SIGMA_A = 8.0, 0.25, 0.25
 LAST_GOOD_S, END_S, ASTRAY_M = 20.75, 23.0, 2.0
-H: FloatArray = np.eye(14)[VELOCITY]
+H = MEAN_VELOCITY
 
 
 def fix(t_s: float, off_m: float, sigma_m: float, claimed: float) -> Fix:
