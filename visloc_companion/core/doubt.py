@@ -72,7 +72,7 @@ def doubting(belief: Belief, claim: Claim) -> Belief:
         return belief
     off = claim.off / claim.share
     inertial = belief.drive is Drive.INERTIAL
-    if float(np.abs(off).max()) > MOST_CHANGE_MPS or (inertial and before is None and claim.moves_mps < STANDING_MPS):
+    if float(np.abs(off).max()) > MOST_CHANGE_MPS or (inertial and claim.moves_mps < STANDING_MPS):
         return belief
     P = belief.P[VELOCITY, VELOCITY]
     believed = P if before is None else before.believed_m2ps2

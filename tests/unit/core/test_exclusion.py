@@ -160,3 +160,14 @@ def test_a_frozen_camera_agrees_with_itself_and_is_not_believed() -> None:
         belief, outcome = gone_on(belief, 1.5 * k, 0.0)
         assert isinstance(outcome, Rejected)
     assert abs(belief.x[VELOCITY.start]) < 0.1
+
+
+def test_a_frozen_camera_is_not_believed_after_a_doubt_of_another_kind() -> None:
+    belief, _ = gone_on(astray(0.0), 1.5, SPEED_MPS + 5.0)
+    doubt = belief.doubt
+    assert doubt is not None
+    for k in range(2, 6):
+        belief, outcome = gone_on(belief, 1.5 * k, 0.0)
+        assert isinstance(outcome, Rejected)
+        assert belief.doubt is doubt, "standing pictures take no doubt's place"
+    assert abs(belief.x[VELOCITY.start]) < 0.1
