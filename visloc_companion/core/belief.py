@@ -100,7 +100,8 @@ class Belief:
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """A horizontal position measurement. `from_fix` tells vision from GNSS; `apart_m`: after this way fixes see other ground."""
+    """A horizontal position measurement. `from_fix` tells vision from GNSS; `apart_m`: after this way fixes see other ground;
+    `per_focal_ne_m`: what a lens that is longer than calibrated adds to it, per share of the focal length."""
 
     t_ns: int
     p_ne_m: Vec2
@@ -110,6 +111,7 @@ class Position:
     probability_wrong: float = 0.0
     tie: int = 0
     apart_m: float = LEAST_APART_M
+    per_focal_ne_m: Vec2 = (0.0, 0.0)
 
 
 def seeded(t_ns: int, p_ne_m: Vec2, sigma_m: float, sigma_v_mps: float, drive: Drive, settings: NavigatorSettings) -> Belief:

@@ -63,6 +63,7 @@ class PositionFilter:
             probability_wrong=fix.probability_wrong,
             tie=fix.frame_id,
             apart_m=lasting.apart_m(fix.place.h_amsl_m - self._origin.h_amsl_m),
+            per_focal_ne_m=fix.per_focal_ne_m,
         )
         return self._take(measured)
 

@@ -148,7 +148,7 @@ def observed(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[
     """The belief after a position at its own time. Rejected fixes that agree with each other restart it at last."""
     considered = N_CONSIDERED if belief.drive is Drive.FED_BACK else 0
     at, cov = np.array(z.p_ne_m), np.array(z.cov_ne_m2)
-    H, R = lasting.seen(cov, z.method) if z.from_fix else (H_POSITION, cov)
+    H, R = lasting.seen(cov, z.method, z.per_focal_ne_m) if z.from_fix else (H_POSITION, cov)
     extra_m2 = settings.map_sigma_m**2 + (lasting.known_m2(cov, belief.P, H) if z.from_fix else 0.0)
     got = kalman.update(
         belief.x,

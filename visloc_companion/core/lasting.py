@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
-from visloc_companion.core.propagation import LASTING, N_STATES, POSITION
-from visloc_companion.types import FloatArray
+from visloc_companion.core.propagation import LASTING, LENS, N_STATES, POSITION
+from visloc_companion.types import FloatArray, Vec2
 
 SHARE = 0.6
 """Of the variance that a fix claims, how much lasts (benchmarks/lasting.py)."""
@@ -28,17 +28,21 @@ def apart_m(height_m: float) -> float:
     return max(LEAST_APART_M, APART * height_m)
 
 
-def seen(cov_m2: FloatArray, method: str) -> tuple[FloatArray, FloatArray]:
-    """H (2, 14) of a fix of a method with this covariance (2, 2), and the covariance (2, 2) of what is new in it."""
+def seen(cov_m2: FloatArray, method: str, per_focal_ne_m: Vec2 = (0.0, 0.0)) -> tuple[FloatArray, FloatArray]:
+    """H (2, 14) of a fix of a method with this covariance (2, 2), and the covariance (2, 2) of what is new in it.
+
+    `per_focal_ne_m`: what a lens that is longer than calibrated adds to it, per share of the focal length.
+    """
     H = np.zeros((2, N_STATES))
-    H[:, POSITION], H[:, LASTING] = np.eye(2), root_m(cov_m2)
+    H[:, POSITION], H[:, LASTING], H[:, LENS] = np.eye(2), root_m(cov_m2), per_focal_ne_m
     return H, cov_m2 if method in BY_SHAPE else (1 - SHARE) * cov_m2
 
 
 def known_m2(cov_m2: FloatArray, P: FloatArray, H: FloatArray) -> float:
     """By how much smaller, on an axis, a fix's innovation is for what is known of the lasting part. Other ground may begin at any
     moment, so no fix is gated for that."""
-    unknown, known = P[POSITION, POSITION] + SHARE * cov_m2, H @ P @ H.T
+    ours, unknown = slice(0, LASTING.stop), P[POSITION, POSITION] + SHARE * cov_m2
+    known = H[:, ours] @ P[ours, ours] @ H[:, ours].T
     return max(0.0, float(np.trace(unknown - known)) / 2)
 
 

@@ -29,11 +29,11 @@ from visloc_companion.core.fusion import taken
 from visloc_companion.core.propagation import (
     ACCELERATION,
     INERTIAL_WALK_MPS_PER_SQRT_S,
+    LENS,
+    LENS_SIGMA,
     N_STATES,
     ODOMETRY_HEADING,
     ODOMETRY_HEADING_SIGMA_RAD,
-    ODOMETRY_LENS,
-    ODOMETRY_LENS_SIGMA,
     ODOMETRY_SCALE,
     ODOMETRY_SCALE_SIGMA,
     VELOCITY,
@@ -121,7 +121,7 @@ def _seen(belief: Belief, motion: Motion, share: float, settings: NavigatorSetti
     H = share * MEAN_VELOCITY
     H[:, ODOMETRY_SCALE] = -north, -east
     H[:, ODOMETRY_HEADING] = east, -north
-    H[:, ODOMETRY_LENS] = -motion.per_focal_ne_m[0] / dt, -motion.per_focal_ne_m[1] / dt
+    H[:, LENS] = -motion.per_focal_ne_m[0] / dt, -motion.per_focal_ne_m[1] / dt
     if belief.drive is Drive.INERTIAL:
         return H - share**2 * dt / 2 * MEAN_ACCELERATION, INERTIAL_WALK_MPS_PER_SQRT_S**2 * dt / 3
     return H, belief.sigma_v_mps**2 * 2 * dt / (3 * settings.velocity_correlation_s)
@@ -131,7 +131,7 @@ def _beyond(motion: Motion) -> FloatArray:
     """Variances (2,) of the mean velocity, of errors of scale, heading and lens beyond what the states for them allow."""
     scale = max(0.0, motion.sigma_scale**2 - ODOMETRY_SCALE_SIGMA**2)
     heading = max(0.0, motion.sigma_heading_rad**2 - ODOMETRY_HEADING_SIGMA_RAD**2)
-    lens = max(0.0, motion.sigma_focal**2 - ODOMETRY_LENS_SIGMA**2)
+    lens = max(0.0, motion.sigma_focal**2 - LENS_SIGMA**2)
     moved2, focal2 = np.square(motion.d_ne_m), np.square(motion.per_focal_ne_m)
     return np.asarray((scale * moved2 + heading * moved2[::-1] + lens * focal2) / motion.duration_s**2)
 

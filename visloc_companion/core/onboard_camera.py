@@ -1,5 +1,5 @@
 """The camera in the vehicle: when its frames are taken (camera_time.py), how it is mounted (boresight.py) and tilted
-(tilt_memory.py), all learned in flight, and where (lever_arm.py)."""
+(tilt_memory.py), all learned in flight, where (lever_arm.py), and whether its lens is as calibrated (lens_watch.py)."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import replace
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.boresight import Boresight
 from visloc_companion.core.camera_time import CameraTime
+from visloc_companion.core.lens_watch import LensWatch
 from visloc_companion.core.lever_arm import LeverArm
 from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.core.tilt_memory import TiltMemory
@@ -35,7 +36,7 @@ class OnboardCamera:
         self._time = CameraTime(clock, attitude)
         self._boresight, self._tilt = Boresight(q_frd_cambody), TiltMemory(mount_sigma_rad)
         self._lever = LeverArm(lever_frd_m, clock, attitude)
-        self._tracker = tracker
+        self._lens, self._tracker = LensWatch(), tracker
 
     @property
     def q_frd_cambody(self) -> Quat:
@@ -85,17 +86,18 @@ class OnboardCamera:
 
     def on_fix(self, fix: Fix, *, taken: bool, gnss_trusted: bool) -> list[Command]:
         """Learn from a fix, of the tilt where the filter took it, of the mounting beside a GNSS that is good."""
-        height_m, state = self._tracker.height_above_home_m, self._tracker.at(fix.t_ns)
-        if height_m is None or state is None:
+        height_m, state, belief = self._tracker.height_above_home_m, self._tracker.at(fix.t_ns), self._tracker.belief
+        if height_m is None or state is None or belief is None:
             return []
         if taken:
             self._tilt.taken(fix, state.v_ned_mps[:2], height_m)
+        told = self._lens.after(belief)
         if not gnss_trusted or self._time.sigma_s > TIMED_S:
-            return []
+            return told
         difference = self._tracker.gnss.minus(fix, state.v_ned_mps)
         if difference is None:
-            return []
+            return told
         used_rad = self._boresight.used_rad
         commands = self._boresight.on_fix(fix, difference, state.v_ned_mps, height_m)
         self._tilt.remounted(self._boresight.used_rad - used_rad)
-        return commands
+        return [*told, *commands]

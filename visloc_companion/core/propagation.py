@@ -4,7 +4,8 @@ State (14,), pairs north and east: position at the EKF origin (m), what neighbou
 part of their claim: lasting.py), error of the driving velocity (its value minus the true one, m/s), error of the acceleration
 that an inertial velocity is integrated from (m/s²), lasting error of the velocity that the air tells (wind, m/s:
 air_velocity.py); then the error of the heading by which those accelerations were turned (rad, clockwise), and what odometry gets
-wrong in scale (a share), in heading (rad), and by a focal length that is off (a share).
+wrong in scale (a share) and in heading (rad); and by what share of the focal length the lens is longer than calibrated, which
+displaces what odometry and fixes see while the camera turns and leans.
 
 * `AUTOPILOT`, `FED_BACK`: the autopilot's velocity; its error is first-order Gauss-Markov.
 * `INERTIAL`: accelerations turned by the attitude and integrated (inertial.py). The error of that velocity is the integral of the
@@ -28,7 +29,7 @@ from visloc_companion.types import FloatArray, Vec2
 
 N_STATES = 14
 POSITION, LASTING, VELOCITY, ACCELERATION, AIR = (slice(k, k + 2) for k in range(0, 10, 2))
-HEADING, ODOMETRY_SCALE, ODOMETRY_HEADING, ODOMETRY_LENS = 10, 11, 12, 13
+HEADING, ODOMETRY_SCALE, ODOMETRY_HEADING, LENS = 10, 11, 12, 13
 PAIRS = np.array([pair.start for pair in (POSITION, VELOCITY, ACCELERATION, AIR)])
 H_POSITION: FloatArray = np.eye(N_STATES)[POSITION]
 N_CONSIDERED = N_STATES - VELOCITY.start
@@ -40,12 +41,12 @@ INERTIAL_WALK_MPS_PER_SQRT_S = 0.12
 WIND_WALK_MPS_PER_SQRT_S = 0.1
 AIR_SIGMA_MPS = 10.0
 """1-sigma of that velocity's error before anything is known of it."""
-ODOMETRY_SCALE_SIGMA, ODOMETRY_HEADING_SIGMA_RAD, ODOMETRY_LENS_SIGMA = 0.02, math.radians(1.0), 0.015
+ODOMETRY_SCALE_SIGMA, ODOMETRY_HEADING_SIGMA_RAD, LENS_SIGMA = 0.02, math.radians(1.0), 0.015
 SLOW = (
     (HEADING, math.radians(2.0), 100.0),
     (ODOMETRY_SCALE, ODOMETRY_SCALE_SIGMA, 60.0),
     (ODOMETRY_HEADING, ODOMETRY_HEADING_SIGMA_RAD, 60.0),
-    (ODOMETRY_LENS, ODOMETRY_LENS_SIGMA, 600.0),
+    (LENS, LENS_SIGMA, 600.0),
 )
 """States that wander about zero on their own: which, 1-sigma, correlation time in seconds."""
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)

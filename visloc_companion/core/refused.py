@@ -9,7 +9,7 @@ import numpy as np
 
 from visloc_companion.core import lasting, relocalise, separation
 from visloc_companion.core.belief import Belief, Position, widened
-from visloc_companion.core.propagation import LASTING, N_STATES, POSITION, VELOCITY, Drive, initial_covariance
+from visloc_companion.core.propagation import LASTING, LENS, N_STATES, POSITION, VELOCITY, Drive, initial_covariance
 from visloc_companion.core.settings import NavigatorSettings
 
 DOUBT_AFTER = 2
@@ -55,7 +55,9 @@ def restarted(belief: Belief, z: Position, found: relocalise.Restart, settings: 
     elif belief.drive is Drive.INERTIAL:
         x[VELOCITY] += belief.x[VELOCITY]
     P = initial_covariance(0.0, sigma_v, belief.sigma_a_mps2)
-    P[POSITION, POSITION] = cov = np.array(z.cov_ne_m2)
+    cov, by_lens_m = np.array(z.cov_ne_m2), np.array(z.per_focal_ne_m)
+    P[POSITION, POSITION] = cov + P[LENS, LENS] * np.outer(by_lens_m, by_lens_m)
     P[POSITION, LASTING] = P[LASTING, POSITION] = -lasting.root_m(cov)
+    P[POSITION, LENS] = P[LENS, POSITION] = -P[LENS, LENS] * by_lens_m
     without = founded(belief, z, belief.without)
     return replace(belief, x=x, P=P, started_ns=z.t_ns, without=without)

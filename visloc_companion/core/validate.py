@@ -88,7 +88,7 @@ def _fix_fault(fix: Fix, now_ns: int) -> Reason | None:
     if fix.t_ns > now_ns + MAX_LEAD_NS:
         return Reason.IMPLAUSIBLE_TIME
     claims = (*fix.cov_ne_m2[0], *fix.cov_ne_m2[1], fix.sigma_h_m)
-    numbers = _finite(*fix.q_ned_frd, *claims, fix.sigma_yaw_rad, fix.probability_wrong)
+    numbers = _finite(*fix.q_ned_frd, *claims, fix.sigma_yaw_rad, fix.probability_wrong, *fix.per_focal_ne_m)
     turned = (fix.turn is None or is_turn(fix.turn)) and (fix.tilt is None or is_tilt(fix.tilt))
     if not (numbers and turned and is_place(fix.place)):
         return Reason.NOT_FINITE

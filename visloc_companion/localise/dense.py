@@ -108,7 +108,8 @@ class DenseLocaliser:
         sigma_m = self._settings.map_sigma_m
         pose = estimate.pose
         answer = fix(request, self.method, task.watch, plan.frame, task.ref, pose, covariance, p, sigma_m, numbers)
-        return replace(answer, tilt=seen_tilt(estimate, request.prior))
+        north, east = estimate.per_focal[:2].tolist()
+        return replace(answer, tilt=seen_tilt(estimate, request.prior), per_focal_ne_m=(north, east))
 
 
 def gradient_localiser(model: CameraModel, settings: LocaliserSettings) -> DenseLocaliser:

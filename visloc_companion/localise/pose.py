@@ -32,12 +32,14 @@ LEAST_SIGMA = 1e-5
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseEstimate:
     """Pose, covariance (6, 6) of (north, east, up, rotation about n, e, d), scatter of the residuals (in units of the given
-    sigmas), and the final weights (N,) of the correspondences."""
+    sigmas), the final weights (N,) of the correspondences, and by how much (6,) the pose is off per share of the focal length
+    by which the lens is longer than the model has it."""
 
     pose: CameraPose
     covariance: FloatArray
     scatter: float
     weights: FloatArray
+    per_focal: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +82,7 @@ def freed_of_slope(apparent: PoseEstimate, prior: PriorTerm, sigma_slope_rad: fl
     kept[:, 3:5] -= share * turn
     covariance = np.asarray(kept @ apparent.covariance @ kept.T + share * tilt_2 * turn @ turn.T, dtype=np.float64)
     pose = turned_about_view(apparent.pose, ground_up_m, np.append(-share * tilt, 0.0))
-    return replace(apparent, pose=pose, covariance=covariance)
+    return replace(apparent, pose=pose, covariance=covariance, per_focal=np.asarray(kept @ apparent.per_focal))
 
 
 def turned_about_view(pose: CameraPose, ground_up_m: float, turn_rad: FloatArray) -> CameraPose:
@@ -136,7 +138,8 @@ def solve_pose(
     counts = np.ones(len(pix)) if worth is None else worth
     if len(pix) < 3:
         return None
-    normal, lower_m = np.eye(6), np.zeros(len(pix))
+    normal, by_focal, lower_m = np.eye(6), np.zeros(6), np.zeros(len(pix))
+    from_centre = pix - np.array([K[0, 2], K[1, 2]])
     for _ in range(iterations):
         residual, J = _residuals(ground_ned_m, pix, K, pose)
         if residual is None:
@@ -148,35 +151,37 @@ def solve_pose(
         w = (weights * counts / (sigma_px * scatter * factor) ** 2)[:, None]
         information, pull = prior.at(pose)
         normal = np.einsum("nij,nik->jk", J * w[..., None], J) + information
-        pull = np.einsum("nij,ni->j", J * w[..., None], residual) + pull
-        together, by_pose_m, seen_m = _heights_open(residual, J, w[:, 0], heights_m2)
-        normal, pull = normal - together.T @ by_pose_m, pull - together.T @ seen_m
+        both = np.stack([residual, from_centre], axis=2)
+        pulls = np.einsum("nij,nik->jk", J * w[..., None], both) + np.column_stack([pull, np.zeros(6)])
+        together, by_pose_m, seen_m = _heights_open(both, J, w[:, 0], heights_m2)
+        normal, pulls = normal - together.T @ by_pose_m, pulls - together.T @ seen_m
         if np.linalg.cond(_scaled(normal)) > 1e12:
             return None
-        delta = np.linalg.solve(normal, pull)
-        pose, lower_m = moved(pose, delta), seen_m - by_pose_m @ delta
+        delta, by_focal = np.linalg.solve(normal, pulls).T
+        pose, lower_m = moved(pose, delta), seen_m[:, 0] - by_pose_m @ delta
         if abs(delta[:3]).max() < 1e-4:
             break
-    return PoseEstimate(pose, np.asarray(np.linalg.inv(normal), dtype=np.float64), scatter, weights)
+    return PoseEstimate(pose, np.asarray(np.linalg.inv(normal), dtype=np.float64), scatter, weights, by_focal)
 
 
 def _heights_open(
-    residual: FloatArray, J: FloatArray, w: FloatArray, heights_m2: FloatArray | None
+    residuals: FloatArray, J: FloatArray, w: FloatArray, heights_m2: FloatArray | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """What heights that are not known take from the normal equations: they are unknowns of their own, one for each point, with a
     prior of covariance (N, N), and are solved for first (Schur complement).
 
     Returns the terms that they share with the pose (N, 6), by how much they would be lower for each unit of the pose (N, 6), and
-    by how much the residuals have them lower (N,). A point that lies lower is seen as from a camera that much higher.
+    by how much each of K residuals (N, 2, K) has them lower (N, K). A point that lies lower is seen as from a camera that much
+    higher.
     """
-    n = len(residual)
+    n = len(residuals)
     if heights_m2 is None:
-        return np.zeros((n, 6)), np.zeros((n, 6)), np.zeros(n)
-    of_pose_and_seen = np.concatenate([J, residual[:, :, None]], axis=2)
+        return np.zeros((n, 6)), np.zeros((n, 6)), np.zeros((n, residuals.shape[2]))
+    of_pose_and_seen = np.concatenate([J, residuals], axis=2)
     terms = (J[:, :, 2, None] * of_pose_and_seen).sum(axis=1) * w[:, None]
     known = np.eye(n) + heights_m2 * terms[:, 2]
     solved = np.linalg.solve(known, heights_m2 @ terms)
-    return terms[:, :6], solved[:, :6], solved[:, 6]
+    return terms[:, :6], solved[:, :6], solved[:, 6:]
 
 
 def _residuals(

@@ -213,7 +213,8 @@ class Fix:
     `probability_wrong` is the calibrated probability that the fix is a wrong match (error beyond what the covariance
     explains). `score` and `runner_up` are correlation peaks, `evidence` holds named numbers for reports. `motion`: how the camera
     moved until the frame that was asked about, `turn`: how it turned, `tilt`: how its prior's attitude was tilted, where that was
-    seen.
+    seen. `per_focal_ne_m`: how far off the place is, metres north and east, per share of the focal length by which the lens is
+    longer than calibrated (a camera that leans takes a wrong lens for a step to the side).
     """
 
     t_rx_ns: int
@@ -232,6 +233,7 @@ class Fix:
     motion: Odometry | None = None
     turn: Turn | None = None
     tilt: TiltSeen | None = None
+    per_focal_ne_m: Vec2 = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

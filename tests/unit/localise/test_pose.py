@@ -75,6 +75,22 @@ def test_claimed_covariance_is_what_repetition_shows():
     assert (ratio < 1.35).all()
 
 
+@pytest.mark.parametrize("height_is_known", [False, True])
+def test_what_a_longer_lens_moves_the_pose_by_is_told(height_is_known):
+    truth, points = pose_of((10, -5, -150), 0.1, -0.25, 1.0), ground(60, 3, 10)
+    up = {"up_m": 150.0, "sigma_up_m": 1.0} if height_is_known else {}
+    prior, open_m2 = PriorTerm(truth.R_ned_cam, math.radians(0.5), **up), np.eye(60) * 0.5
+    longer = (project(points, truth) - [320, 240]) * 1.02 + [320, 240]
+    found = solve_pose(points, longer, np.ones(60), K, truth, prior, 20, heights_m2=open_m2)
+    right = solve_pose(points, project(points, truth), np.ones(60), K, truth, prior, 20, heights_m2=open_m2)
+    assert found is not None
+    assert right is not None
+    off_m = (found.pose.p_ned_m - truth.p_ned_m) * [1, 1, -1]
+    assert np.hypot(*off_m[:2]) > 0.5, "a lens that nobody knows of moves a leaning camera"
+    assert np.linalg.norm(off_m - 0.02 * found.per_focal[:3]) < 0.1 * np.linalg.norm(off_m)
+    np.testing.assert_allclose(right.per_focal[:3], found.per_focal[:3], rtol=0.1, atol=5.0)
+
+
 def test_points_that_count_for_a_quarter_leave_the_pose_twice_as_uncertain():
     truth = pose_of((0, 0, -150), 0.1, 0, 0)
     points = ground(40, 2, 10)
@@ -180,7 +196,7 @@ def test_what_a_picture_without_a_tilt_leaves_open_is_the_prior():
     turn = (turned_about_view(pose, 0.0, np.array([1e-6, 0, 0])).p_ned_m - pose.p_ned_m) / 1e-6
     np.testing.assert_allclose(turn, [0, 150, 0], atol=1e-3)
     covariance = np.diag([1e-4, 1e-4, 1e-4, *[widened(term, sigma_slope).sigma_tilt_rad ** 2] * 2, 1e-6])
-    freed = freed_of_slope(PoseEstimate(pose, covariance, 1.0, np.ones(4)), term, sigma_slope, 0.0)
+    freed = freed_of_slope(PoseEstimate(pose, covariance, 1.0, np.ones(4), np.zeros(6)), term, sigma_slope, 0.0)
     assert np.sqrt(np.diag(freed.covariance)[3:5]) == pytest.approx(math.radians(4))
 
 

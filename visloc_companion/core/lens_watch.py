@@ -1,0 +1,29 @@
+"""Tells the operator once that the lens is not as it was calibrated: the filter allows for it (propagation.LENS), but heights and
+matches suffer, and a calibration mends it."""
+
+from __future__ import annotations
+
+import math
+
+from visloc_companion.core.belief import Belief
+from visloc_companion.core.propagation import LENS
+from visloc_companion.types import Command, Notice, Severity
+
+LEAST_SHARE, SURE_SIGMA = 0.015, 4.0
+
+
+class LensWatch:
+    """Looks at each belief that a fix has led to."""
+
+    def __init__(self) -> None:
+        self._told = False
+
+    def after(self, belief: Belief) -> list[Command]:
+        """What is to be said now."""
+        longer, sigma = float(belief.x[LENS]), math.sqrt(float(belief.P[LENS, LENS]))
+        if self._told or abs(longer) < max(LEAST_SHARE, SURE_SIGMA * sigma):
+            return []
+        self._told = True
+        text = f"visloc: lens {100 * abs(longer):.1f} % {'longer' if longer > 0 else 'shorter'} than calibrated"
+        data = (("longer_share", longer), ("sigma_share", sigma))
+        return [Notice(Severity.WARNING, text, to_operator=True, data=data)]
