@@ -43,7 +43,7 @@ class Doubt:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """The filter at `t_ns`: mean x (14,), covariance P (14, 14), and its memory.
+    """The filter at `t_ns`: mean x (15,), covariance P (15, 15), and its memory.
 
     `travel_ne_m`: the integral of the driving velocity; `moved_ne_m`: how far the propagation carried the position (for an
     inertial velocity without the error that it knows of). `votes`: each method with the time of its last fix; `without`: the
@@ -150,5 +150,5 @@ def widened(belief: Belief, position_m2: float, velocity_m2ps2: float) -> Belief
 
 
 def widened_by(belief: Belief, more: FloatArray) -> Belief:
-    """The belief with a covariance (14, 14) added."""
+    """The belief with a covariance (15, 15) added."""
     return replace(belief, P=belief.P + more, without=separation.widened(belief.without, more))

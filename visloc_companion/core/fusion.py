@@ -5,7 +5,8 @@ While an autopilot's velocity descends from our own fixes (`FED_BACK`), correcti
 would feed the correction back into its own source and run away, so the error is then only considered (Schmidt), never
 estimated, and grows with the time since the last fix. A velocity integrated from accelerations (`INERTIAL`) is fed by
 us through the attitude alone: its error, and that of the acceleration, are learned from fixes and odometry whatever is injected,
-and each correction makes the latter less known.
+and each correction makes the latter less known. What a wrong lens does to fixes is learned while the autopilot's velocity rests
+on GNSS, and considered from then on: a filter that learned it from fixes alone would take a rolling shutter for it.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.errors import Reason
 from visloc_companion.types import Accepted, FloatArray, Rejected, Vec2
 
+CONSIDERED = {Drive.AUTOPILOT: 0, Drive.NONE: 1, Drive.INERTIAL: 1, Drive.FED_BACK: N_CONSIDERED}
+"""So many of the last states are not learned from positions; the lens of fixes is the very last."""
 STILL = (0.0,) * (N_STATES - POSITION.stop)
 UNAIDED_GAP_S = 1.0
 UNAIDED_SIGMA_MPS = 3.0
@@ -120,12 +123,13 @@ def propagated(
 def taken(
     belief: Belief, z: FloatArray, R: FloatArray, H: FloatArray, gate_sigma: float = math.inf
 ) -> tuple[Belief, Accepted | Rejected]:
-    """The belief after a measurement z (2,), R (2, 2) of H x, H (2, 13), that is no fix: every solution takes it, too."""
-    got = kalman.update(belief.x, belief.P, z, R, H, gate_sigma=gate_sigma)
+    """The belief after a measurement z (2,), R (2, 2) of H x, H (2, 15), that is no fix: every solution takes it, too."""
+    considered = min(1, CONSIDERED[belief.drive])
+    got = kalman.update(belief.x, belief.P, z, R, H, gate_sigma=gate_sigma, n_considered=considered)
     if isinstance(got, Rejected):
         return belief, got
     every = np.ones(len(belief.without), np.bool_)
-    without = separation.updated(belief.without, z, R, H, take=every, n_considered=0)
+    without = separation.updated(belief.without, z, R, H, take=every, n_considered=considered)
     return replace(belief, x=got.x, P=got.P, without=without), Accepted(got.nis)
 
 
@@ -146,7 +150,7 @@ def _sigmas_mps(belief: Belief, without: separation.Solutions, settings: Navigat
 
 def observed(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[Belief, Accepted | Rejected]:
     """The belief after a position at its own time. Rejected fixes that agree with each other restart it at last."""
-    considered = N_CONSIDERED if belief.drive is Drive.FED_BACK else 0
+    considered = CONSIDERED[belief.drive]
     at, cov = np.array(z.p_ne_m), np.array(z.cov_ne_m2)
     H, R = lasting.seen(cov, z.method, z.per_focal_ne_m) if z.from_fix else (H_POSITION, cov)
     extra_m2 = settings.map_sigma_m**2 + (lasting.known_m2(cov, belief.P, H) if z.from_fix else 0.0)

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from visloc_companion.core.propagation import LASTING, LENS, N_STATES, POSITION
+from visloc_companion.core.propagation import FIX_LENS, LASTING, N_STATES, POSITION
 from visloc_companion.types import FloatArray, Vec2
 
 SHARE = 0.6
@@ -29,12 +29,12 @@ def apart_m(height_m: float) -> float:
 
 
 def seen(cov_m2: FloatArray, method: str, per_focal_ne_m: Vec2 = (0.0, 0.0)) -> tuple[FloatArray, FloatArray]:
-    """H (2, 14) of a fix of a method with this covariance (2, 2), and the covariance (2, 2) of what is new in it.
+    """H (2, 15) of a fix of a method with this covariance (2, 2), and the covariance (2, 2) of what is new in it.
 
     `per_focal_ne_m`: what a lens that is longer than calibrated adds to it, per share of the focal length.
     """
     H = np.zeros((2, N_STATES))
-    H[:, POSITION], H[:, LASTING], H[:, LENS] = np.eye(2), root_m(cov_m2), per_focal_ne_m
+    H[:, POSITION], H[:, LASTING], H[:, FIX_LENS] = np.eye(2), root_m(cov_m2), per_focal_ne_m
     return H, cov_m2 if method in BY_SHAPE else (1 - SHARE) * cov_m2
 
 

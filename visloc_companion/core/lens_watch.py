@@ -1,12 +1,12 @@
-"""Tells the operator once that the lens is not as it was calibrated: the filter allows for it (propagation.LENS), but heights and
-matches suffer, and a calibration mends it."""
+"""Tells the operator once that the lens is not as it was calibrated: the filter allows for it (propagation.FIX_LENS), but heights
+and matches suffer, and a calibration mends it."""
 
 from __future__ import annotations
 
 import math
 
 from visloc_companion.core.belief import Belief
-from visloc_companion.core.propagation import LENS
+from visloc_companion.core.propagation import FIX_LENS
 from visloc_companion.types import Command, Notice, Severity
 
 LEAST_SHARE, SURE_SIGMA = 0.015, 4.0
@@ -20,7 +20,7 @@ class LensWatch:
 
     def after(self, belief: Belief) -> list[Command]:
         """What is to be said now."""
-        longer, sigma = float(belief.x[LENS]), math.sqrt(float(belief.P[LENS, LENS]))
+        longer, sigma = float(belief.x[FIX_LENS]), math.sqrt(float(belief.P[FIX_LENS, FIX_LENS]))
         if self._told or abs(longer) < max(LEAST_SHARE, SURE_SIGMA * sigma):
             return []
         self._told = True

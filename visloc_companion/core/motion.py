@@ -29,11 +29,11 @@ from visloc_companion.core.fusion import taken
 from visloc_companion.core.propagation import (
     ACCELERATION,
     INERTIAL_WALK_MPS_PER_SQRT_S,
-    LENS,
     LENS_SIGMA,
     N_STATES,
     ODOMETRY_HEADING,
     ODOMETRY_HEADING_SIGMA_RAD,
+    ODOMETRY_LENS,
     ODOMETRY_SCALE,
     ODOMETRY_SCALE_SIGMA,
     VELOCITY,
@@ -112,7 +112,7 @@ def _confirmed(belief: Belief, doubt: Doubt, claim: Claim, settings: NavigatorSe
 
 
 def _seen(belief: Belief, motion: Motion, share: float, settings: NavigatorSettings) -> tuple[FloatArray, float]:
-    """H (2, 14) of the velocity's mean error over the interval less odometry's own, and the variance of what it leaves out.
+    """H (2, 15) of the velocity's mean error over the interval less odometry's own, and the variance of what it leaves out.
 
     `share`: the last part of the interval, in which the present velocity drove.
     """
@@ -121,7 +121,7 @@ def _seen(belief: Belief, motion: Motion, share: float, settings: NavigatorSetti
     H = share * MEAN_VELOCITY
     H[:, ODOMETRY_SCALE] = -north, -east
     H[:, ODOMETRY_HEADING] = east, -north
-    H[:, LENS] = -motion.per_focal_ne_m[0] / dt, -motion.per_focal_ne_m[1] / dt
+    H[:, ODOMETRY_LENS] = -motion.per_focal_ne_m[0] / dt, -motion.per_focal_ne_m[1] / dt
     if belief.drive is Drive.INERTIAL:
         return H - share**2 * dt / 2 * MEAN_ACCELERATION, INERTIAL_WALK_MPS_PER_SQRT_S**2 * dt / 3
     return H, belief.sigma_v_mps**2 * 2 * dt / (3 * settings.velocity_correlation_s)

@@ -1,11 +1,12 @@
 """How the filter's state goes on between measurements, for each velocity that can drive it.
 
-State (14,), pairs north and east: position at the EKF origin (m), what neighbouring fixes get wrong in common (1-sigmas of that
+State (15,), pairs north and east: position at the EKF origin (m), what neighbouring fixes get wrong in common (1-sigmas of that
 part of their claim: lasting.py), error of the driving velocity (its value minus the true one, m/s), error of the acceleration
 that an inertial velocity is integrated from (m/s²), lasting error of the velocity that the air tells (wind, m/s:
 air_velocity.py); then the error of the heading by which those accelerations were turned (rad, clockwise), and what odometry gets
-wrong in scale (a share) and in heading (rad); and by what share of the focal length the lens is longer than calibrated, which
-displaces what odometry and fixes see while the camera turns and leans.
+wrong in scale (a share), in heading (rad), and by a lens that is longer than calibrated (a share of the focal length); last the
+same share as fixes have it. It is one lens, but a rolling shutter and a clock that is off look like another one while the camera
+turns, so odometry does not teach it to fixes, and fixes learn it beside a GNSS that is trusted, or not at all (fusion.py).
 
 * `AUTOPILOT`, `FED_BACK`: the autopilot's velocity; its error is first-order Gauss-Markov.
 * `INERTIAL`: accelerations turned by the attitude and integrated (inertial.py). The error of that velocity is the integral of the
@@ -27,9 +28,9 @@ import numpy as np
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import FloatArray, Vec2
 
-N_STATES = 14
+N_STATES = 15
 POSITION, LASTING, VELOCITY, ACCELERATION, AIR = (slice(k, k + 2) for k in range(0, 10, 2))
-HEADING, ODOMETRY_SCALE, ODOMETRY_HEADING, LENS = 10, 11, 12, 13
+HEADING, ODOMETRY_SCALE, ODOMETRY_HEADING, ODOMETRY_LENS, FIX_LENS = 10, 11, 12, 13, 14
 PAIRS = np.array([pair.start for pair in (POSITION, VELOCITY, ACCELERATION, AIR)])
 H_POSITION: FloatArray = np.eye(N_STATES)[POSITION]
 N_CONSIDERED = N_STATES - VELOCITY.start
@@ -46,7 +47,8 @@ SLOW = (
     (HEADING, math.radians(2.0), 100.0),
     (ODOMETRY_SCALE, ODOMETRY_SCALE_SIGMA, 60.0),
     (ODOMETRY_HEADING, ODOMETRY_HEADING_SIGMA_RAD, 60.0),
-    (LENS, LENS_SIGMA, 600.0),
+    (ODOMETRY_LENS, LENS_SIGMA, 600.0),
+    (FIX_LENS, LENS_SIGMA, 600.0),
 )
 """States that wander about zero on their own: which, 1-sigma, correlation time in seconds."""
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
@@ -64,7 +66,7 @@ class Drive(Enum):
 
 
 def initial_covariance(position_m: float, velocity_mps: float, acceleration_mps2: float) -> FloatArray:
-    """(14, 14) where position and the errors of velocity and acceleration have these 1-sigmas, and the air tells nothing yet."""
+    """(15, 15) where position and the errors of velocity and acceleration have these 1-sigmas, and the air tells nothing yet."""
     pairs = np.repeat((position_m, 1.0, velocity_mps, acceleration_mps2, AIR_SIGMA_MPS), 2)
     return np.diag(np.square([*pairs, *(sigma for _, sigma, _ in SLOW)]))
 
@@ -78,7 +80,7 @@ def transition(
     settings: NavigatorSettings,
     gone_by: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
-    """F (14, 14), and Q (K, 14, 14) for K sigmas of the velocity's error (which an inertial velocity does not need).
+    """F (15, 15), and Q (K, 15, 15) for K sigmas of the velocity's error (which an inertial velocity does not need).
 
     `change_ne_mps`: by how much the driving velocity changes meanwhile. `gone_by`: the way, over that after which fixes look at
     other ground.

@@ -9,7 +9,7 @@ import numpy as np
 
 from visloc_companion.core import lasting, relocalise, separation
 from visloc_companion.core.belief import Belief, Position, widened
-from visloc_companion.core.propagation import LASTING, LENS, N_STATES, POSITION, VELOCITY, Drive, initial_covariance
+from visloc_companion.core.propagation import FIX_LENS, LASTING, N_STATES, POSITION, VELOCITY, Drive, initial_covariance
 from visloc_companion.core.settings import NavigatorSettings
 
 DOUBT_AFTER = 2
@@ -49,15 +49,18 @@ def restarted(belief: Belief, z: Position, found: relocalise.Restart, settings: 
     sigma_v = max(belief.sigma_v_mps, settings.velocity_sigma_aiding_mps, found.sigma_mps)
     error = found.velocity_error_ne_mps
     x = np.zeros(N_STATES)
-    x[POSITION], x[VELOCITY] = z.p_ne_m, error
+    by_lens_m = np.array(z.per_focal_ne_m)
+    x[FIX_LENS] = belief.x[FIX_LENS]
+    x[POSITION], x[VELOCITY] = np.array(z.p_ne_m) - x[FIX_LENS] * by_lens_m, error
     if belief.drive is Drive.FED_BACK:
         sigma_v, x[VELOCITY] = max(sigma_v, math.hypot(*error)), 0.0
     elif belief.drive is Drive.INERTIAL:
         x[VELOCITY] += belief.x[VELOCITY]
     P = initial_covariance(0.0, sigma_v, belief.sigma_a_mps2)
-    cov, by_lens_m = np.array(z.cov_ne_m2), np.array(z.per_focal_ne_m)
-    P[POSITION, POSITION] = cov + P[LENS, LENS] * np.outer(by_lens_m, by_lens_m)
+    cov = np.array(z.cov_ne_m2)
+    P[FIX_LENS, FIX_LENS] = belief.P[FIX_LENS, FIX_LENS]
+    P[POSITION, POSITION] = cov + P[FIX_LENS, FIX_LENS] * np.outer(by_lens_m, by_lens_m)
     P[POSITION, LASTING] = P[LASTING, POSITION] = -lasting.root_m(cov)
-    P[POSITION, LENS] = P[LENS, POSITION] = -P[LENS, LENS] * by_lens_m
+    P[POSITION, FIX_LENS] = P[FIX_LENS, POSITION] = -P[FIX_LENS, FIX_LENS] * by_lens_m
     without = founded(belief, z, belief.without)
     return replace(belief, x=x, P=P, started_ns=z.t_ns, without=without)

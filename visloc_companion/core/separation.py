@@ -71,7 +71,7 @@ NONE = Solutions(np.zeros((0, N_STATES)), np.zeros((0, N_STATES, N_STATES)), np.
 
 
 def propagated(solutions: Solutions, F: FloatArray, Q: FloatArray, step: FloatArray) -> Solutions:
-    """All solutions through x -> F x + step with process noise Q (K, 14, 14)."""
+    """All solutions through x -> F x + step with process noise Q (K, 15, 15)."""
     if not len(solutions):
         return solutions
     P = _times(_times(solutions.P, F.T).transpose(0, 2, 1), F.T)
@@ -80,12 +80,12 @@ def propagated(solutions: Solutions, F: FloatArray, Q: FloatArray, step: FloatAr
 
 
 def widened(solutions: Solutions, more: FloatArray) -> Solutions:
-    """With a covariance (14, 14) added to each."""
+    """With a covariance (15, 15) added to each."""
     return _moved(solutions, solutions.x, solutions.P + more) if len(solutions) else solutions
 
 
 def renewed(x: FloatArray, P: FloatArray, which: slice, variance: float) -> tuple[FloatArray, FloatArray]:
-    """Means (..., 14) and covariances (..., 14, 14) with two states set to zero, of this variance and independent of the rest."""
+    """Means (..., 15) and covariances (..., 15, 15) with two states set to zero, of this variance and independent of the rest."""
     x, P = x.copy(), P.copy()
     x[..., which] = 0.0
     P[..., which, :] = P[..., :, which] = 0.0

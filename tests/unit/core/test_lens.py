@@ -12,44 +12,76 @@ from visloc_companion.core import fusion, refused
 from visloc_companion.core.belief import Belief, Position, seeded
 from visloc_companion.core.lens_watch import LensWatch
 from visloc_companion.core.motion import Motion, learned
-from visloc_companion.core.propagation import LENS, POSITION, VELOCITY, Drive
+from visloc_companion.core.propagation import FIX_LENS, ODOMETRY_LENS, POSITION, Drive
 from visloc_companion.core.relocalise import Restart
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Accepted, Notice, Severity
 
 S = 1_000_000_000
 SETTINGS = NavigatorSettings()
-COV = ((0.5, 0.0), (0.0, 0.5))
+COV, NOW = ((0.5, 0.0), (0.0, 0.5)), ((0.01, 0.0), (0.0, 0.01))
 LONGER, SPEED_MPS, PER_FOCAL_M = 0.03, 10.0, 80.0
 """A lens 3 % longer than calibrated moves a fix by up to 2.4 m."""
 
 
-def flown(told: bool, longer: float = LONGER, until_s: int = 60) -> tuple[Belief, list[float]]:
-    """North on fixes twice a second while the camera leans to the east and west within 8 s, and how far off the filter was east.
-    `told`: fixes say what the lens does to them."""
-    belief = fusion.with_inertial_velocity(seeded(0, (0.0, 0.0), 1.0, 0.3, Drive.AUTOPILOT, SETTINGS), 0.05)
+def flown(
+    told: bool = True, longer: float = LONGER, until_s: int = 60, gnss_until_s: int = 60, learned: bool = True
+) -> tuple[Belief, list[float]]:
+    """North on fixes twice a second while the camera leans to the east and west within 8 s, beside GNSS until `gnss_until_s` and
+    on accelerations from then on; and how far off the filter was east. `told`: fixes say what the lens does to them. Not
+    `learned`: nothing of it was learned beside GNSS."""
+    belief = seeded(0, (0.0, 0.0), 1.0, 0.3, Drive.AUTOPILOT, SETTINGS)
     off_m = []
     for k in range(1, 2 * until_s + 1):
+        if k > 2 * gnss_until_s:
+            belief = fusion.with_inertial_velocity(belief, 0.05)
         belief = fusion.propagated(belief, k * S // 2, (SPEED_MPS, 0.0), SETTINGS)
         leans_m = PER_FOCAL_M * math.sin(2 * math.pi * k / 16)
         place = (SPEED_MPS * k / 2, longer * leans_m)
-        fix = Position(k * S // 2, place, COV, from_fix=True, apart_m=60.0, per_focal_ne_m=(0.0, leans_m if told else 0.0))
+        says_m = leans_m if told and (learned or k > 2 * gnss_until_s) else 0.0
+        fix = Position(k * S // 2, place, COV, from_fix=True, apart_m=60.0, per_focal_ne_m=(0.0, says_m))
         belief, _ = fusion.observed(belief, fix, SETTINGS)
         off_m.append(abs(float(belief.x[1])))
     return belief, off_m
 
 
-def test_fixes_of_a_camera_that_leans_show_a_wrong_lens() -> None:
-    belief, off_m = flown(told=True)
-    assert belief.x[LENS] == pytest.approx(LONGER, abs=0.006)
-    assert math.sqrt(belief.P[LENS, LENS]) < 0.006
+def test_fixes_of_a_camera_that_leans_show_a_wrong_lens_beside_gnss() -> None:
+    belief, off_m = flown(until_s=120)
+    assert belief.x[FIX_LENS] == pytest.approx(LONGER, abs=0.006)
+    assert math.sqrt(belief.P[FIX_LENS, FIX_LENS]) < 0.008
     assert max(off_m[40:]) < 0.6
-    assert max(flown(told=False)[1][40:]) > 1.0, "a filter that does not know of it is led astray"
+    assert max(flown(told=False, until_s=120)[1][160:]) > 1.0, "a filter that does not know of it is led astray"
+
+
+def test_without_gnss_a_lens_is_allowed_for_and_not_learned() -> None:
+    known, _ = flown(until_s=60)
+    after, _ = flown(until_s=120)
+    assert after.x[FIX_LENS] == pytest.approx(known.x[FIX_LENS], rel=0.2), "it goes by as slowly as lenses change"
+    assert after.P[FIX_LENS, FIX_LENS] > known.P[FIX_LENS, FIX_LENS]
+    unknown, off_m = flown(until_s=120, gnss_until_s=20, learned=False)
+    assert abs(unknown.x[FIX_LENS]) < 1e-9
+    assert math.sqrt(unknown.P[FIX_LENS, FIX_LENS]) == pytest.approx(0.015, rel=0.01)
+    never_told, told_off_m = flown(told=False, until_s=120, gnss_until_s=20)
+    assert max(off_m[160:]) < max(told_off_m[160:]), "fixes that lean count for less"
+    assert unknown.P[1, 1] > never_told.P[1, 1]
+
+
+def test_odometry_teaches_fixes_no_lens() -> None:
+    """A rolling shutter looks like another lens while the camera turns."""
+    belief = fusion.with_inertial_velocity(seeded(0, (0.0, 0.0), 1.0, 0.3, Drive.AUTOPILOT, SETTINGS), 0.05)
+    for k in range(1, 61):
+        belief = fusion.propagated(belief, k * S, (SPEED_MPS, 0.0), SETTINGS)
+        swung_m = 50.0 * math.sin(2 * math.pi * k / 8)
+        seen = Motion(k * S, (k - 1) * S, (SPEED_MPS, -0.03 * swung_m), NOW, 0.0, 0.0, 0.015, (0.0, swung_m))
+        belief, outcome = learned(belief, seen, (SPEED_MPS, 0.0), SETTINGS)
+        assert isinstance(outcome, Accepted)
+    assert belief.x[ODOMETRY_LENS] < -0.02
+    assert belief.x[FIX_LENS] == 0.0
 
 
 def test_a_right_lens_stays_right() -> None:
-    belief, off_m = flown(told=True, longer=0.0)
-    assert abs(belief.x[LENS]) < 0.003
+    belief, off_m = flown(longer=0.0)
+    assert abs(belief.x[FIX_LENS]) < 0.003
     assert max(off_m) < 0.3
 
 
@@ -59,37 +91,29 @@ def test_an_unknown_lens_leaves_a_leaning_fix_uncertain() -> None:
     after, _ = fusion.observed(start, level, SETTINGS)
     leaning, outcome = fusion.observed(start, replace(level, per_focal_ne_m=(PER_FOCAL_M, 0.0)), SETTINGS)
     assert isinstance(outcome, Accepted)
-    by_lens_m = PER_FOCAL_M * math.sqrt(start.P[LENS, LENS])
+    by_lens_m = PER_FOCAL_M * math.sqrt(start.P[FIX_LENS, FIX_LENS])
     assert leaning.P[0, 0] == pytest.approx(after.P[0, 0] + by_lens_m**2, rel=0.02)
     assert leaning.P[1, 1] == pytest.approx(after.P[1, 1], rel=0.01)
 
 
 def test_a_filter_that_begins_again_at_a_fix_knows_what_the_lens_may_add() -> None:
-    belief, z = flown(told=True)[0], Position(60 * S, (700.0, 40.0), COV, from_fix=True, per_focal_ne_m=(PER_FOCAL_M, -20.0))
+    belief = flown()[0]
+    z = Position(60 * S, (700.0, 40.0), COV, from_fix=True, per_focal_ne_m=(PER_FOCAL_M, -20.0))
     begun = refused.restarted(belief, z, Restart((0.0, 0.0), 0.3), SETTINGS)
     beside = np.array(z.per_focal_ne_m)
-    lens = begun.P[LENS, LENS]
+    lens = begun.P[FIX_LENS, FIX_LENS]
+    assert (begun.x[FIX_LENS], lens) == (belief.x[FIX_LENS], belief.P[FIX_LENS, FIX_LENS]), "it is the same lens"
+    np.testing.assert_allclose(begun.x[POSITION], np.array(z.p_ne_m) - begun.x[FIX_LENS] * np.array(z.per_focal_ne_m))
     np.testing.assert_allclose(begun.P[POSITION, POSITION], np.array(COV) + lens * np.outer(beside, beside))
     H = np.zeros((2, len(begun.x)))
-    H[:, POSITION], H[:, LENS] = np.eye(2), beside
+    H[:, POSITION], H[:, FIX_LENS] = np.eye(2), beside
     assert np.linalg.eigvalsh(begun.P)[0] > -1e-9
     np.testing.assert_allclose((H @ begun.P @ H.T), np.array(COV), atol=1e-9), "what the fix says is as sure as it claims"
 
 
-def test_odometry_and_fixes_share_the_lens() -> None:
-    """What fixes taught sets odometry right, too."""
-    belief, _ = flown(told=True)
-    now_ns = belief.t_ns + S
-    carried = fusion.propagated(belief, now_ns, (SPEED_MPS, 0.0), SETTINGS)
-    swung = Motion(now_ns, belief.t_ns, (SPEED_MPS, LONGER * 50.0), ((0.01, 0.0), (0.0, 0.01)), 0.0, 0.0, 0.015, (0.0, 50.0))
-    after, outcome = learned(carried, swung, (SPEED_MPS, 0.0), SETTINGS)
-    assert isinstance(outcome, Accepted)
-    assert abs(after.x[VELOCITY.start + 1]) < 0.3, "1.5 m/s to the side are the lens"
-
-
 @pytest.mark.parametrize(("longer", "says"), [(0.03, "longer"), (-0.03, "shorter")])
 def test_a_wrong_lens_is_told_once(longer: float, says: str) -> None:
-    watch, belief = LensWatch(), flown(told=True, longer=longer)[0]
+    watch, belief = LensWatch(), flown(longer=longer)[0]
     (notice,) = watch.after(belief)
     assert isinstance(notice, Notice)
     assert (notice.severity, notice.to_operator) == (Severity.WARNING, True)
@@ -100,6 +124,6 @@ def test_a_wrong_lens_is_told_once(longer: float, says: str) -> None:
 
 
 def test_a_lens_that_is_little_off_or_hardly_known_is_not_told() -> None:
-    assert LensWatch().after(flown(told=True, longer=0.01)[0]) == []
+    assert LensWatch().after(flown(longer=0.01)[0]) == []
     assert LensWatch().after(seeded(0, (0.0, 0.0), 1.0, 0.3, Drive.AUTOPILOT, SETTINGS)) == []
-    assert LensWatch().after(flown(told=True, longer=0.03, until_s=2)[0]) == []
+    assert LensWatch().after(flown(longer=0.03, until_s=2)[0]) == []

@@ -13,7 +13,7 @@ from visloc_companion.core.belief import Belief, seeded
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
 from visloc_companion.core.motion import Motion, learned, weighed
-from visloc_companion.core.propagation import LENS, ODOMETRY_HEADING, ODOMETRY_SCALE, VELOCITY, Drive
+from visloc_companion.core.propagation import ODOMETRY_HEADING, ODOMETRY_LENS, ODOMETRY_SCALE, VELOCITY, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
@@ -117,8 +117,8 @@ def rocking(claimed: bool) -> Belief:
 
 def test_a_wrong_lens_is_learned_while_the_axis_swings() -> None:
     belief = rocking(claimed=True)
-    assert belief.x[LENS] == pytest.approx(0.02, abs=0.004)
-    assert math.sqrt(belief.P[LENS, LENS]) < 0.004
+    assert belief.x[ODOMETRY_LENS] == pytest.approx(0.02, abs=0.004)
+    assert math.sqrt(belief.P[ODOMETRY_LENS, ODOMETRY_LENS]) < 0.004
     assert abs(belief.x[V + 1]) < 0.15 < abs(rocking(claimed=False).x[V + 1])
 
 
