@@ -1,8 +1,9 @@
 """Every answer of a method on a set of cases, kept on disk: a run that was broken off goes on, a refit needs no new run.
 
 Answers are taken whatever their claimed probability of being wrong, so that any limit can be applied afterwards, and stored
-without the map's own error, which is added where they are handed out. The file's name
-holds digests of the code (and of the model) that gave them and of the cases: answers of others are never mixed in.
+without the map's own error, which is added where they are handed out; what the evidence makes of that probability is computed
+there, too. The file's name holds digests of the code (and of the model) that gave them and of the cases: answers of others are
+never mixed in.
 """
 
 from __future__ import annotations
@@ -22,6 +23,14 @@ from visloc_companion.evaluate.image import run_cases
 from visloc_companion.evaluate.image_metrics import CaseResult
 from visloc_companion.evaluate.map_sigma import MapSigma, with_map_sigma
 from visloc_companion.localise.runtime import NetworkChoice
+from visloc_companion.localise.verify import (
+    DEEP_WEIGHTS,
+    GRADIENT_WEIGHTS,
+    Evidence,
+    Weights,
+    beside_others,
+    probability_wrong,
+)
 from visloc_companion.types import Fix, GeoPoint
 
 Judged = tuple[CaseResult, Truth]
@@ -29,6 +38,7 @@ Named = TypeVar("Named", bound=CaseResult | Case | BadCase)
 PACKAGE = PROJECT / "visloc_companion"
 CODE = ("localise", "maps", "geo")
 TAKE_ALL = 1.0
+WEIGHTS: dict[str, Weights] = {"gradient": GRADIENT_WEIGHTS, "deep": DEEP_WEIGHTS}
 EXACT, UNSTATED = MapSigma(0.0, 0.0), MapSigma()
 RENDERED = MapSigma(0.0, UNSTATED.height_m)
 """Of a made world: its dates are registered exactly, its surface has changed."""
@@ -77,9 +87,17 @@ def answers(
                 stream.flush()
                 kept[result.case_id] = result
                 _progress(f"{folder.name} {method}", k, len(missing), started)
-    return [
-        (named(_off_by(kept[case.case_id], map_sigma), folder), truth[case.case_id]) for case in cases if case.case_id in truth
-    ]
+    handed = ((case.case_id, _off_by(judged_anew(kept[case.case_id], method), map_sigma)) for case in cases)
+    return [(named(result, folder), truth[case_id]) for case_id, result in handed if case_id in truth]
+
+
+def judged_anew(result: CaseResult, method: str) -> CaseResult:
+    """The result with the probability that the coefficients of verify.py make of its evidence now."""
+    if result.fix is None or method not in WEIGHTS:
+        return result
+    alone = probability_wrong(Evidence.from_numbers(result.evidence), WEIGHTS[method])
+    p = beside_others(alone, result.evidence["share"])
+    return replace(result, fix=replace(result.fix, probability_wrong=p), evidence=result.evidence | {"p_wrong": p})
 
 
 def _off_by(result: CaseResult, map_sigma: MapSigma) -> CaseResult:
@@ -113,7 +131,9 @@ def _from_json(document: dict[str, Any]) -> CaseResult:
         place = GeoPoint(**fix["place"])
         covariance = tuple(tuple(row) for row in fix["cov_ne_m2"])
         evidence = tuple((name, value) for name, value in fix["evidence"])
-        fix = Fix(**fix | {"place": place, "q_ned_frd": tuple(fix["q_ned_frd"]), "cov_ne_m2": covariance, "evidence": evidence})
+        q, per_focal = tuple(fix["q_ned_frd"]), tuple(fix.get("per_focal_ne_m", (0.0, 0.0)))
+        known = {"place": place, "q_ned_frd": q, "cov_ne_m2": covariance, "evidence": evidence, "per_focal_ne_m": per_focal}
+        fix = Fix(**fix | known)
     reason = Reason(document["reason"]) if document["reason"] is not None else None
     return CaseResult(**document | {"fix": fix, "reason": reason})
 

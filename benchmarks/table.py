@@ -2,10 +2,10 @@
 
 Makes the cases (`benchmarks/sets.py`: 500 a row, 1,300 of them without a right answer), lets every method answer all of them, and
 prints one row for each set and method, then the pooled figures of each method: reliability, refusals, and (with several families
-of places) what each family gives. FOLDER keeps the answers: a run that was broken off goes on where it was, `--n` takes the first
-so many cases of each set. `--model DIR` scores the network of that folder, e.g. one that was trained without a place.
-`--breakdown` prints the errors by year gap, season, cover and texture; `--report DIR` writes a page for each method with these,
-the reliability diagram and the worst cases; `--json FILE` the figures.
+of places) what each family gives. FOLDER keeps the answers, which outlive changes of verify.py: a run that was broken off goes on
+where it was, `--n` takes the first so many cases of each set. `--model DIR` scores the network of that folder, e.g. one that was
+trained without a place. `--breakdown` prints the errors by year gap, season, cover and texture; `--report DIR` writes a page for
+each method with these, the reliability diagram and the worst cases; `--json FILE` the figures.
 
 Accuracy is that of all answers, however doubtful; accepted are those that claim at most `--limit-p`. Far is off by more than
 10 px of the map, or any answer where there is no right one.
@@ -37,7 +37,7 @@ HEADER = (
 def main() -> None:
     """Make, answer, print."""
     args = _arguments()
-    digest = code_digest(args.model)
+    digest = code_digest(args.model, without_verdict=True)
     names = args.sets or list(SETS)
     folders = {name: SETS[name](args.folder / "cases") for name in names}
     print(f"{HEADER}\n|{'---|' * HEADER.count(' | ')}---|", flush=True)

@@ -15,6 +15,7 @@ from visloc_companion.errors import Reason
 from visloc_companion.evaluate.image_metrics import CaseResult
 from visloc_companion.evaluate.map_sigma import MapSigma, with_map_sigma
 from visloc_companion.geo.se3 import quat_from_euler
+from visloc_companion.localise.verify import DEEP_WEIGHTS, Evidence, probability_wrong
 from visloc_companion.types import Fix, GeoPoint
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -61,8 +62,8 @@ def asked(load, monkeypatch) -> list[str]:
 
 def test_answers_are_kept_as_they_were(load, folder, tmp_path, asked):
     answers = load("answers").answers
-    first = answers(folder, "gradient", tmp_path / "store", "abc")
-    again = answers(folder, "gradient", tmp_path / "store", "abc")
+    first = answers(folder, "ncc", tmp_path / "store", "abc")
+    again = answers(folder, "ncc", tmp_path / "store", "abc")
     assert first == again
     assert asked == [f"c{k}" for k in range(5)]
     stated = with_map_sigma(FIX, MapSigma())
@@ -72,30 +73,30 @@ def test_answers_are_kept_as_they_were(load, folder, tmp_path, asked):
 
 def test_what_is_kept_is_without_the_maps_error(load, folder, tmp_path, asked):
     answers = load("answers").answers
-    answers(folder, "gradient", tmp_path / "store", "abc")
-    exact = answers(folder, "gradient", tmp_path / "store", "abc", map_sigma=MapSigma(0.0, 0.0))
+    answers(folder, "ncc", tmp_path / "store", "abc")
+    exact = answers(folder, "ncc", tmp_path / "store", "abc", map_sigma=MapSigma(0.0, 0.0))
     assert exact[0][0].fix == FIX
     assert len(asked) == 5
 
 
 def test_a_run_that_was_broken_off_goes_on(load, folder, tmp_path, asked):
     answers = load("answers").answers
-    whole = answers(folder, "gradient", tmp_path / "store", "abc")
+    whole = answers(folder, "ncc", tmp_path / "store", "abc")
     (file,) = (tmp_path / "store").iterdir()
     text = file.read_text()
     file.write_text(text[: text.index("\n", text.index("c2")) - 20])
     asked.clear()
-    assert answers(folder, "gradient", tmp_path / "store", "abc") == whole
+    assert answers(folder, "ncc", tmp_path / "store", "abc") == whole
     assert asked == ["c2", "c3", "c4"]
     assert file.read_text() == text
 
 
 def test_a_limit_is_filled_up_later_and_other_code_starts_anew(load, folder, tmp_path, asked):
     answers = load("answers").answers
-    assert len(answers(folder, "gradient", tmp_path / "store", "abc", limit=2)) == 2
-    answers(folder, "gradient", tmp_path / "store", "abc")
+    assert len(answers(folder, "ncc", tmp_path / "store", "abc", limit=2)) == 2
+    answers(folder, "ncc", tmp_path / "store", "abc")
     assert asked == [f"c{k}" for k in range(5)]
-    answers(folder, "gradient", tmp_path / "store", "def", limit=1)
+    answers(folder, "ncc", tmp_path / "store", "def", limit=1)
     assert asked[5:] == ["c0"]
 
 
@@ -177,7 +178,7 @@ def test_flights_of_a_method_become_one_row(load):
 
 
 def test_a_row_of_the_table_counts_refusals_and_far_answers(load, folder, tmp_path, asked):
-    judged = load("answers").answers(folder, "gradient", tmp_path / "store", "abc")
+    judged = load("answers").answers(folder, "ncc", tmp_path / "store", "abc")
     far = replace(judged[0][0], fix=replace(FIX, place=GeoPoint(47.001, 9.0, 100.0), probability_wrong=0.01))
     figures = load("table").figures([*judged, (far, judged[0][1])], 0.05)
     assert figures["n"] == 6
@@ -186,3 +187,20 @@ def test_a_row_of_the_table_counts_refusals_and_far_answers(load, folder, tmp_pa
     assert figures["refused_share"] == pytest.approx(5 / 6)
     assert load("table").row("t2", "gradient", figures).count("|") == load("table").HEADER.count("|")
     assert load("table").figures([], 0.05) == {"n": 0}
+
+
+def test_claims_follow_the_coefficients_without_a_new_run(load, monkeypatch):
+    answers = load("answers")
+    numbers = Evidence(0.5, 0.5, 0.6, 2.0, 0.9, 30.0, 25.0, 90.0, 0.8, 0.2, 0.2, 0.5, 0.8, 0.6).numbers() | {
+        "share": 0.9,
+        "p_wrong": 0.7,
+    }
+    stored = CaseResult("c0", FIX, None, "", 3.5, numbers, 0.5)
+    now = answers.judged_anew(stored, "deep")
+    alone = probability_wrong(Evidence.from_numbers(numbers), DEEP_WEIGHTS)
+    assert now.fix.probability_wrong == now.evidence["p_wrong"] == pytest.approx(1 - 0.9 * (1 - alone))
+    monkeypatch.setitem(answers.WEIGHTS, "deep", (-50.0, *DEEP_WEIGHTS[1:]))
+    assert answers.judged_anew(stored, "deep").fix.probability_wrong > 0.999
+    assert answers.judged_anew(stored, "ncc") is stored
+    nothing = replace(stored, fix=None)
+    assert answers.judged_anew(nothing, "deep") is nothing
