@@ -17,7 +17,8 @@ AGREE_PX = 2.0
 RETURN_PX = 1.5
 MIN_COVER = 0.6
 CHANCE_SIDE_PX, TELLING_SIDE_PX = 14.0, 28.0
-"""Peaks of blocks of the former side are chance as much as likeness; those of the latter tell good blocks from bad ones."""
+"""Peaks of blocks of the former side are chance as much as likeness, and few agree though the place is right; those of the latter
+tell good blocks from bad ones."""
 LEAST_PEAK = 0.02
 FEW_AGREE, LEAST_SHARE = 0.5, 0.2
 """Where fewer than this share of the blocks agree, those that do are in part there by chance, too, and all of them tell less: as
@@ -62,13 +63,13 @@ def match_blocks(grid: MapGrid, frame: Float32Array, weight: Float32Array) -> Bl
 
 def worth(matches: BlockMatches) -> FloatArray:
     """(N,) share of each block's information on the pose that counts: by its peak against the median of all, and by how many
-    agree."""
+    agree; neither counts for small blocks."""
     if not len(matches.peak):
         return np.zeros(0)
     peak = np.clip(matches.peak, LEAST_PEAK, 1.0)
     telling = np.clip((matches.side_px - CHANCE_SIDE_PX) / (TELLING_SIDE_PX - CHANCE_SIDE_PX), 0.0, 1.0)
     agreeing = np.clip(float(matches.agrees.mean()) / FEW_AGREE, LEAST_SHARE / FEW_AGREE, 1.0)
-    return np.asarray((peak / np.median(peak)) ** telling * agreeing**2, dtype=np.float64)
+    return np.asarray((peak / np.median(peak)) ** telling * agreeing ** (2 * telling), dtype=np.float64)
 
 
 def share_returning(matches: BlockMatches, grid: MapGrid, frame: Float32Array, weight: Float32Array) -> float:

@@ -19,7 +19,7 @@ Weights = tuple[float, ...]
 GRADIENT_WEIGHTS: Weights = (-1.94, 14.5, 7.67, 0.916, 2.56, -1.73, -2.6, -0.45, 4.18, 4.27, -0.038, 0.218, 0.102)
 """Logistic regression of being right on `Evidence.regressors` (`python -m benchmarks.calibrate`, training rows only) for gradient
 features, and ..."""
-DEEP_WEIGHTS: Weights = (-9.51, 8.65, 7.23, 1.21, 0.881, 0.409, -0.859, -0.42, 14.4, -1.11, 0.142, 0.304, 0.309)
+DEEP_WEIGHTS: Weights = (-10.1, 10.4, 3.96, 0.742, -0.325, 3.86, -0.309, -0.369, 14.5, -3.53, 0.13, 0.309, 0.0313)
 """... for the network's."""
 FAR_PX = 7.0
 """Pixels of the search level (90 across a footprint, fewer where the map has no more): an answer that is off by more is wrong

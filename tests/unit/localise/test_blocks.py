@@ -54,6 +54,12 @@ def test_where_few_agree_all_tell_less(agreeing, share):
     np.testing.assert_allclose(worth(matches([0.4] * 10, agreeing)), share)
 
 
+def test_where_few_small_blocks_agree_they_tell_what_they_tell():
+    """Of blocks of 14 px, a third or less agree at the right place."""
+    np.testing.assert_allclose(worth(matches([0.4] * 10, 2, side_px=14)), 1.0)
+    assert 0.16 < worth(matches([0.4] * 10, 2, side_px=21))[0] == pytest.approx(0.4)
+
+
 def test_no_block_and_blocks_without_likeness_are_no_error():
     assert worth(matches([], 0)).shape == (0,)
     told = worth(matches([-0.1, 0.0, -0.2], 0))
