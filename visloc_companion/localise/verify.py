@@ -16,7 +16,7 @@ from visloc_companion.errors import Reason
 CHANCE = 0.0744
 """Share of blocks that agree by chance: area of the agreement circle over that of the block search (blocks.py)."""
 Weights = tuple[float, ...]
-GRADIENT_WEIGHTS: Weights = (-1.94, 14.5, 7.67, 0.916, 2.56, -1.73, -2.6, -0.45, 4.18, 4.27, -0.038, 0.218, 0.102)
+GRADIENT_WEIGHTS: Weights = (-1.79, 18.6, 5.48, 0.442, 2.6, -0.583, -1.95, -0.393, -1.14, 3.81, 0.0932, 0.115, 2.33)
 """Logistic regression of being right on `Evidence.regressors` (`python -m benchmarks.calibrate`, training rows only) for gradient
 features, and ..."""
 DEEP_WEIGHTS: Weights = (-10.1, 10.4, 3.96, 0.742, -0.325, 3.86, -0.309, -0.369, 14.5, -3.53, 0.13, 0.309, 0.0313)
