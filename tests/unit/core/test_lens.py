@@ -12,7 +12,7 @@ from visloc_companion.core import fusion, refused
 from visloc_companion.core.belief import Belief, Position, seeded
 from visloc_companion.core.lens_watch import LensWatch
 from visloc_companion.core.motion import Motion, learned
-from visloc_companion.core.propagation import FIX_LENS, ODOMETRY_LENS, POSITION, Drive
+from visloc_companion.core.propagation import FIX_LENS, FIX_LENS_SIGMA, ODOMETRY_LENS, POSITION, Drive
 from visloc_companion.core.relocalise import Restart
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Accepted, Notice, Severity
@@ -60,7 +60,7 @@ def test_without_gnss_a_lens_is_allowed_for_and_not_learned() -> None:
     assert after.P[FIX_LENS, FIX_LENS] > known.P[FIX_LENS, FIX_LENS]
     unknown, off_m = flown(until_s=120, gnss_until_s=20, learned=False)
     assert abs(unknown.x[FIX_LENS]) < 1e-9
-    assert math.sqrt(unknown.P[FIX_LENS, FIX_LENS]) == pytest.approx(0.015, rel=0.01)
+    assert math.sqrt(unknown.P[FIX_LENS, FIX_LENS]) == pytest.approx(FIX_LENS_SIGMA, rel=0.01)
     never_told, told_off_m = flown(told=False, until_s=120, gnss_until_s=20)
     assert max(off_m[160:]) < max(told_off_m[160:]), "fixes that lean count for less"
     assert unknown.P[1, 1] > never_told.P[1, 1]
