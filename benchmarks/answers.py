@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from benchmarks.cases import PROJECT
+from visloc_companion.app.serialise import from_dict
 from visloc_companion.errors import Reason
 from visloc_companion.evaluate.cases import BadCase, Case, Truth, read_cases, read_truth
 from visloc_companion.evaluate.image import run_cases
@@ -31,7 +32,7 @@ from visloc_companion.localise.verify import (
     beside_others,
     probability_wrong,
 )
-from visloc_companion.types import Fix, GeoPoint
+from visloc_companion.types import Fix
 
 Judged = tuple[CaseResult, Truth]
 Named = TypeVar("Named", bound=CaseResult | Case | BadCase)
@@ -126,14 +127,7 @@ def _as_json(result: CaseResult) -> dict[str, Any]:
 
 
 def _from_json(document: dict[str, Any]) -> CaseResult:
-    fix = document["fix"]
-    if fix is not None:
-        place = GeoPoint(**fix["place"])
-        covariance = tuple(tuple(row) for row in fix["cov_ne_m2"])
-        evidence = tuple((name, value) for name, value in fix["evidence"])
-        q, per_focal = tuple(fix["q_ned_frd"]), tuple(fix.get("per_focal_ne_m", (0.0, 0.0)))
-        known = {"place": place, "q_ned_frd": q, "cov_ne_m2": covariance, "evidence": evidence, "per_focal_ne_m": per_focal}
-        fix = Fix(**fix | known)
+    fix = None if document["fix"] is None else from_dict({"type": Fix.__name__} | document["fix"])
     reason = Reason(document["reason"]) if document["reason"] is not None else None
     return CaseResult(**document | {"fix": fix, "reason": reason})
 

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.answers import RENDERED, UNSTATED, Judged, answers, code_digest
+from benchmarks.answers import RENDERED, UNSTATED, WEIGHTS, Judged, answers, code_digest
 from benchmarks.training_sets import FAMILIES, SETS
 from visloc_companion.evaluate.image_metrics import CHI2_95, CaseError, CaseResult, case_error
 from visloc_companion.evaluate.reliability import reliability
@@ -26,7 +26,6 @@ from visloc_companion.localise import iclk, mutual_information
 from visloc_companion.localise.verify import Evidence, probability_near
 
 LIMITS = (0.1, 0.05, 0.03, 0.01, 0.003)
-DENSE = ("gradient", "deep")
 Array = NDArray[np.float64]
 
 
@@ -87,7 +86,7 @@ def collect(method: str, judged: dict[str, list[Judged]]) -> Samples:
             if error is None or (error.wrong and not error.far and error.chi2 <= CHI2_95):
                 continue
             x.append(regressors(method, result))
-            sure.append(probability_near(result.evidence["sigma_px"]) if method in DENSE else 1.0)
+            sure.append(probability_near(result.evidence["sigma_px"]) if method in WEIGHTS else 1.0)
             right.append(not error.wrong)
             family.append(place)
             if not error.wrong:
@@ -99,7 +98,7 @@ def collect(method: str, judged: dict[str, list[Judged]]) -> Samples:
 def regressors(method: str, result: CaseResult) -> tuple[float, ...]:
     """What the logistic regression of a method is on."""
     e = result.evidence
-    if method in DENSE:
+    if method in WEIGHTS:
         return Evidence.from_numbers(e).regressors()
     if method == "iclk":
         return iclk.regressors(e)

@@ -29,11 +29,11 @@ from visloc_companion.core.fusion import taken
 from visloc_companion.core.propagation import (
     ACCELERATION,
     INERTIAL_WALK_MPS_PER_SQRT_S,
-    LENS_SIGMA,
     N_STATES,
     ODOMETRY_HEADING,
     ODOMETRY_HEADING_SIGMA_RAD,
     ODOMETRY_LENS,
+    ODOMETRY_LENS_SIGMA,
     ODOMETRY_SCALE,
     ODOMETRY_SCALE_SIGMA,
     VELOCITY,
@@ -131,7 +131,7 @@ def _beyond(motion: Motion) -> FloatArray:
     """Variances (2,) of the mean velocity, of errors of scale, heading and lens beyond what the states for them allow."""
     scale = max(0.0, motion.sigma_scale**2 - ODOMETRY_SCALE_SIGMA**2)
     heading = max(0.0, motion.sigma_heading_rad**2 - ODOMETRY_HEADING_SIGMA_RAD**2)
-    lens = max(0.0, motion.sigma_focal**2 - LENS_SIGMA**2)
+    lens = max(0.0, motion.sigma_focal**2 - ODOMETRY_LENS_SIGMA**2)
     moved2, focal2 = np.square(motion.d_ne_m), np.square(motion.per_focal_ne_m)
     return np.asarray((scale * moved2 + heading * moved2[::-1] + lens * focal2) / motion.duration_s**2)
 

@@ -42,14 +42,14 @@ INERTIAL_WALK_MPS_PER_SQRT_S = 0.12
 WIND_WALK_MPS_PER_SQRT_S = 0.1
 AIR_SIGMA_MPS = 10.0
 """1-sigma of that velocity's error before anything is known of it."""
-ODOMETRY_SCALE_SIGMA, ODOMETRY_HEADING_SIGMA_RAD, LENS_SIGMA = 0.02, math.radians(1.0), 0.015
+ODOMETRY_SCALE_SIGMA, ODOMETRY_HEADING_SIGMA_RAD, ODOMETRY_LENS_SIGMA = 0.02, math.radians(1.0), 0.015
 FIX_LENS_SIGMA = 0.01
 """With more, fixes of a camera that leans count for too little, and a rolling shutter shows."""
 SLOW = (
     (HEADING, math.radians(2.0), 100.0),
     (ODOMETRY_SCALE, ODOMETRY_SCALE_SIGMA, 60.0),
     (ODOMETRY_HEADING, ODOMETRY_HEADING_SIGMA_RAD, 60.0),
-    (ODOMETRY_LENS, LENS_SIGMA, 600.0),
+    (ODOMETRY_LENS, ODOMETRY_LENS_SIGMA, 600.0),
     (FIX_LENS, FIX_LENS_SIGMA, 600.0),
 )
 """States that wander about zero on their own: which, 1-sigma, correlation time in seconds."""
