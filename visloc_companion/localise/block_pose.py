@@ -69,7 +69,7 @@ def _matched(
     ground, pix, sigma_px = correspondences(blocks, grid, K, pose)
     at_px = blocks.centre_px + blocks.shift_px
     heights_m2 = height_covariance(grid, at_px, blocks.side_px) if with_surface else None
-    counts = worth(blocks)
+    counts = worth(blocks, with_surface)
     estimate = solve_pose(
         ground, pix, sigma_px, K, pose, prior, heights_m2=heights_m2, worth=counts, cauchy=CAUCHY, widening=widening
     )
