@@ -46,12 +46,12 @@ def block_pose(
 
     Where the slope is open there is no surface model, and none that could err.
     """
-    wide, with_surface = widened(prior, sigma_slope_rad), sigma_slope_rad <= 0
-    kept = last = _matched(frame, K, grid, start, wide, with_surface)
+    wide, with_surface, tilt_known = widened(prior, sigma_slope_rad), sigma_slope_rad <= 0, rounds == 1
+    kept = last = _matched(frame, K, grid, start, wide, with_surface, tilt_known)
     for _ in range(rounds - 1):
         if last.estimate is None:
             break
-        last = _matched(frame, K, grid, last.estimate.pose, wide, with_surface)
+        last = _matched(frame, K, grid, last.estimate.pose, wide, with_surface, tilt_known)
         if last.estimate is not None and last.blocks.agrees.sum() > kept.blocks.agrees.sum():
             kept = last
     if kept.estimate is None:
@@ -61,7 +61,13 @@ def block_pose(
 
 
 def _matched(
-    frame: FrameFeatures, K: FloatArray, grid: MapGrid, pose: CameraPose, prior: PriorTerm, with_surface: bool
+    frame: FrameFeatures,
+    K: FloatArray,
+    grid: MapGrid,
+    pose: CameraPose,
+    prior: PriorTerm,
+    with_surface: bool,
+    tilt_known: bool,
 ) -> BlockPose:
     values, mask = frame.on_surface(pose, grid)
     weight = mask * grid.weight
@@ -69,7 +75,7 @@ def _matched(
     ground, pix, sigma_px = correspondences(blocks, grid, K, pose)
     at_px = blocks.centre_px + blocks.shift_px
     heights_m2 = height_covariance(grid, at_px, blocks.side_px) if with_surface else None
-    counts = worth(blocks, with_surface)
+    counts = worth(blocks, tilt_known)
     estimate = solve_pose(
         ground, pix, sigma_px, K, pose, prior, heights_m2=heights_m2, worth=counts, cauchy=CAUCHY, widening=widening
     )

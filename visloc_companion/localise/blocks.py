@@ -21,9 +21,8 @@ CHANCE_SIDE_PX, TELLING_SIDE_PX = 14.0, 28.0
 tell good blocks from bad ones."""
 LEAST_PEAK = 0.02
 FEW_AGREE, LEAST_SHARE = 0.5, 0.2
-"""Where fewer than this share of the blocks agree with a known surface, those that do are in part there by chance, too, and all
-of them tell less: as the square of the share, but no less than for that one. Without a surface model roofs and trees disagree
-where the place is right."""
+"""Where fewer than this share of the blocks agree, those that do are in part there by chance, too, and all of them tell less: as
+the square of the share, but no less than for that one. Under a tilt that is not known they disagree where the place is right."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,15 +61,15 @@ def match_blocks(grid: MapGrid, frame: Float32Array, weight: Float32Array) -> Bl
     return BlockMatches(table[:, :2], table[:, 2:4], table[:, 4], agrees, side)
 
 
-def worth(matches: BlockMatches, surface_known: bool = True) -> FloatArray:
+def worth(matches: BlockMatches, tilt_known: bool = True) -> FloatArray:
     """(N,) share of each block's information on the pose that counts: by its peak against the median of all, and by how many
-    agree with a known surface; neither counts for small blocks."""
+    agree under a tilt that is known; neither counts for small blocks."""
     if not len(matches.peak):
         return np.zeros(0)
     peak = np.clip(matches.peak, LEAST_PEAK, 1.0)
     telling = np.clip((matches.side_px - CHANCE_SIDE_PX) / (TELLING_SIDE_PX - CHANCE_SIDE_PX), 0.0, 1.0)
     by_peak = np.asarray((peak / np.median(peak)) ** telling, dtype=np.float64)
-    if not surface_known:
+    if not tilt_known:
         return by_peak
     agreeing = float(np.clip(matches.agrees.mean() / FEW_AGREE, LEAST_SHARE / FEW_AGREE, 1.0))
     return np.asarray(by_peak * agreeing ** (2 * telling), dtype=np.float64)

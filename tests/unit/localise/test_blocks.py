@@ -54,10 +54,9 @@ def test_where_few_agree_all_tell_less(agreeing, share):
     np.testing.assert_allclose(worth(matches([0.4] * 10, agreeing)), share)
 
 
-def test_where_the_surface_is_not_known_few_tell_as_much_as_many():
-    """Roofs stand beside their place on a map without a surface model."""
-    np.testing.assert_allclose(worth(matches([0.4] * 10, 2), surface_known=False), 1.0)
-    told = worth(matches([0.2, 0.4, 0.6], 0), surface_known=False)
+def test_where_the_tilt_is_not_known_few_tell_as_much_as_many():
+    np.testing.assert_allclose(worth(matches([0.4] * 10, 2), tilt_known=False), 1.0)
+    told = worth(matches([0.2, 0.4, 0.6], 0), tilt_known=False)
     np.testing.assert_allclose(told, [0.5, 1.0, 1.5])
 
 
