@@ -2,15 +2,16 @@
 
 A frame hardly tells a tilt from a step to the side, so that the tilt's prior decides most of a fix's error. How the camera is
 mounted stays as it is and the autopilot's attitude errs for seconds, so what earlier frames saw of both is worth more than to
-begin anew in each. A Kalman filter of four: mounting about the vehicle's forward and right axes, attitude about north and east.
+begin anew in each. A Kalman filter of six: mounting about the vehicle's forward and right axes, attitude about north and east,
+and what neighbouring fixes get wrong in common about north and east (in 1-sigmas of it).
 
 Pictures also show how the camera turned from frame to frame (Turn). Against the change of the reported attitude that is by how
 much its error has changed: what is known of one frame holds for the next, however poor the gyroscopes are. How fast that error
 wanders is learned from the same turns.
 
-Neighbouring frames see the same trees grown and felled since the map was made, and take them for the same tilt: a fix counts by
-how far the vehicle has moved since the last one. No single one counts for much: where the ground has changed, a frame may see a
-tilt of degrees and be sure of it.
+Neighbouring frames see the same trees grown and felled since the map was made, and take them for the same tilt. That error goes
+by with the way over the ground, as that of their places does (lasting.py): many fixes of one place tell little more than one, and
+one that is sure of an attitude that has just gone wrong is believed at once.
 """
 
 from __future__ import annotations
@@ -19,28 +20,29 @@ import math
 
 import numpy as np
 
+from visloc_companion.core.lasting import SHARE, apart_m, root_m
 from visloc_companion.core.remembered import remember
 from visloc_companion.geo import se3
 from visloc_companion.geo.tilt import tilt_gained
 from visloc_companion.types import Fix, FloatArray, LocaliseRequest, Quat, TiltBefore, TiltPrior, Turn, Vec2
 
-MOUNTING, ATTITUDE, STATES = slice(0, 2), slice(2, 4), 4
+MOUNTING, ATTITUDE, IN_COMMON = (slice(k, k + 2) for k in (0, 2, 4))
+TILT, STATES = slice(0, 4), 6
 ATTITUDE_SIGMA_RAD, ATTITUDE_S = math.radians(0.4), 20.0
 """Of the autopilot's tilt, Gauss-Markov: ArduCopter's simulator shows 0.1 degrees with GNSS and 0.2 to 0.4 on vision."""
-APART = 1.6
-"""Ground is other ground after so many times the height above it; nearer by, fixes err alike (benchmarks/lasting.py)."""
-FIRST_SHARE = 0.1
-"""What the first fix counts for."""
 CHANGED_RAD = math.radians(0.3)
-"""1-sigma of what changes of the ground add to a tilt that is seen; no frame knows of it."""
+"""1-sigma of what changes of the ground add to a tilt that is seen, all of it in common; no frame knows of it."""
 ORDINARY_NIS = 3.0
-"""Of a fix that is further from what is known (2 is the mean), the covariance is raised by as much."""
+"""Where a measurement is further from what is known (2 is the mean), one of the two was surer of itself than it should: a fix is
+believed less by as much; between a turn and the attitude's model it is shared, for autopilots correct their attitude in steps."""
 SURE = 0.05
 GATE_SIGMA, GATED_IN_A_ROW = 4.0, 8
 """So many fixes in a row beyond the gate: the camera was knocked, and all begins anew."""
 FRAMES_KEPT = 4
 WIDEST_RAD = math.radians(2.0)
 """Of an attitude whose error is seen to wander: an autopilot with poor gyroscopes errs by more than anybody states of it."""
+MOST_STEP_RAD = math.radians(2.0)
+"""No autopilot corrects its attitude by more within a turn: the turn is wrong."""
 RATE_WEIGHT = 0.05
 """Of the latest turn in the mean rate at which the attitude's error wanders."""
 MOST_NEWS = 3.0
@@ -60,7 +62,7 @@ class TiltMemory:
 
     def _begin(self) -> None:
         self._x = np.zeros(STATES)
-        self._P = np.diag([self._mounting_rad**2] * 2 + [self._attitude_rad**2] * 2)
+        self._P = np.diag([self._mounting_rad**2] * 2 + [self._attitude_rad**2] * 2 + [1.0] * 2)
         self._t_ns: int | None = None
         self._fix_ns: int | None = None
         self._gated = 0
@@ -82,8 +84,8 @@ class TiltMemory:
 
     def _told(self, t_ns: int, H: FloatArray) -> tuple[Vec2, float]:
         x, P = self._carried(t_ns)
-        north, east = (H @ x).tolist()
-        return (north, east), math.sqrt(float(np.linalg.eigvalsh(H @ P @ H.T)[-1]))
+        north, east = (H @ x[TILT]).tolist()
+        return (north, east), math.sqrt(float(np.linalg.eigvalsh(H @ P[TILT, TILT] @ H.T)[-1]))
 
     def asked(self, request: LocaliseRequest, q_ned_frd: Quat) -> None:
         """Remember the attitude of the vehicle, and that of the camera's body, that a request's prior has."""
@@ -110,7 +112,7 @@ class TiltMemory:
             self._gain(turn, gained, cov)
 
     def _gain(self, turn: Turn, gained: FloatArray, cov: FloatArray) -> None:
-        """The change of the attitude's error, measured; beyond the gate only time goes by."""
+        """The change of the attitude's error, measured; of a turn that is wrong only time goes by."""
         x, P = self._carried(turn.t_from_ns)
         self._x, self._P, self._t_ns = x, P, turn.t_from_ns
         after_x, after_P = self._carried(turn.t_to_ns)
@@ -119,24 +121,27 @@ class TiltMemory:
         C = after_P[:, ATTITUDE] - across
         S = C[ATTITUDE] - across[ATTITUDE].T + P[ATTITUDE, ATTITUDE] + cov
         y = gained - (after_x - x)[ATTITUDE]
-        nis = float(y @ np.linalg.solve(S, y))
-        if nis <= GATE_SIGMA**2:
-            S += cov * (max(1.0, nis / ORDINARY_NIS) - 1)
-            K = np.linalg.solve(S, C.T).T
-            after_x, after_P = after_x + K @ y, after_P - K @ S @ K.T
-        self._x, self._P, self._t_ns = after_x, (after_P + after_P.T) / 2, turn.t_to_ns
+        self._x, self._P, self._t_ns = after_x, after_P, turn.t_to_ns
+        if math.hypot(*y) > MOST_STEP_RAD:
+            return
+        unlikely = (max(1.0, float(y @ np.linalg.solve(S, y)) / ORDINARY_NIS) - 1) * S
+        after_P[ATTITUDE, ATTITUDE] += unlikely / 2
+        C[ATTITUDE] += unlikely / 2
+        K = np.linalg.solve(S + unlikely, C.T).T
+        after_P -= K @ (S + unlikely) @ K.T
+        self._x, self._P = after_x + K @ y, (after_P + after_P.T) / 2
 
     def taken(self, fix: Fix, v_ne_mps: Vec2, height_m: float) -> None:
         """Learn from a fix that the filter took, at a velocity and a height above the ground."""
-        H = self._asked.pop(fix.request_id, None)
-        if H is None or fix.tilt is None or fix.probability_wrong > SURE or height_m <= 0:
+        H_tilt = self._asked.pop(fix.request_id, None)
+        if H_tilt is None or fix.tilt is None or fix.probability_wrong > SURE or height_m <= 0:
             return
-        share = FIRST_SHARE
-        if self._fix_ns is not None:
-            share = min(1.0, math.hypot(*v_ne_mps) * max(0.0, (fix.t_ns - self._fix_ns) * 1e-9) / (APART * height_m))
         x, P = self._carried(fix.t_ns)
-        cov, nu = np.array(fix.tilt.cov_rad2), np.array(fix.tilt.turn_ne_rad) - H @ x
-        S = H @ P @ H.T + cov
+        self._move_on(x, P, fix, v_ne_mps, height_m)
+        cov = np.array(fix.tilt.cov_rad2)
+        H = np.hstack([H_tilt, root_m(cov + CHANGED_RAD**2 / SHARE * np.eye(2))])
+        R, nu = (1 - SHARE) * cov, np.array(fix.tilt.turn_ne_rad) - H @ x
+        S = H @ P @ H.T + R
         nis = float(nu @ np.linalg.solve(S, nu))
         if nis > GATE_SIGMA**2:
             self._gated += 1
@@ -144,17 +149,24 @@ class TiltMemory:
                 self._begin()
             return
         self._gated = 0
-        if share <= 0:
-            return
-        R = (cov + CHANGED_RAD**2 * np.eye(2)) * max(1.0, nis / ORDINARY_NIS) / share
-        gain = np.linalg.solve(S - cov + R, H @ P).T
+        more = (max(1.0, nis / ORDINARY_NIS) - 1) * S
+        gain = np.linalg.solve(S + more, H @ P).T
         left = np.eye(STATES) - gain @ H
-        self._x, self._P = x + gain @ nu, left @ P @ left.T + gain @ R @ gain.T
+        self._x, self._P = x + gain @ nu, left @ P @ left.T + gain @ (R + more) @ gain.T
         self._fix_ns = fix.t_ns if self._fix_ns is None else max(self._fix_ns, fix.t_ns)
         self._t_ns = fix.t_ns if self._t_ns is None else max(self._t_ns, fix.t_ns)
 
+    def _move_on(self, x: FloatArray, P: FloatArray, fix: Fix, v_ne_mps: Vec2, height_m: float) -> None:
+        """What fixes get wrong in common goes by with the way since the last one, in place."""
+        since_s = 0.0 if self._fix_ns is None else max(0.0, (fix.t_ns - self._fix_ns) * 1e-9)
+        kept = math.exp(-math.hypot(*v_ne_mps) * since_s / apart_m(height_m))
+        x[IN_COMMON] *= kept
+        P[IN_COMMON, :] *= kept
+        P[:, IN_COMMON] *= kept
+        P[IN_COMMON, IN_COMMON] += (1 - kept**2) * np.eye(2)
+
     def _carried(self, t_ns: int) -> tuple[FloatArray, FloatArray]:
-        """Mean (4,) and covariance (4, 4) at a time."""
+        """Mean (6,) and covariance (6, 6) at a time."""
         x, P = self._x.copy(), self._P.copy()
         keep = self._kept(t_ns)
         x[ATTITUDE] *= keep
