@@ -121,15 +121,13 @@ class TiltMemory:
         C = after_P[:, ATTITUDE] - across
         S = C[ATTITUDE] - across[ATTITUDE].T + P[ATTITUDE, ATTITUDE] + cov
         y = gained - (after_x - x)[ATTITUDE]
-        self._x, self._P, self._t_ns = after_x, after_P, turn.t_to_ns
-        if math.hypot(*y) > MOST_STEP_RAD:
-            return
-        unlikely = (max(1.0, float(y @ np.linalg.solve(S, y)) / ORDINARY_NIS) - 1) * S
-        after_P[ATTITUDE, ATTITUDE] += unlikely / 2
-        C[ATTITUDE] += unlikely / 2
-        K = np.linalg.solve(S + unlikely, C.T).T
-        after_P -= K @ (S + unlikely) @ K.T
-        self._x, self._P = after_x + K @ y, (after_P + after_P.T) / 2
+        if math.hypot(*y) <= MOST_STEP_RAD:
+            more = _unexpected(float(y @ np.linalg.solve(S, y)), S)
+            after_P[ATTITUDE, ATTITUDE] += more / 2
+            C[ATTITUDE] += more / 2
+            K = np.linalg.solve(S + more, C.T).T
+            after_x, after_P = after_x + K @ y, after_P - K @ (S + more) @ K.T
+        self._x, self._P, self._t_ns = after_x, (after_P + after_P.T) / 2, turn.t_to_ns
 
     def taken(self, fix: Fix, v_ne_mps: Vec2, height_m: float) -> None:
         """Learn from a fix that the filter took, at a velocity and a height above the ground."""
@@ -137,9 +135,10 @@ class TiltMemory:
         if H_tilt is None or fix.tilt is None or fix.probability_wrong > SURE or height_m <= 0:
             return
         x, P = self._carried(fix.t_ns)
-        self._move_on(x, P, fix, v_ne_mps, height_m)
+        since_s = 0.0 if self._fix_ns is None else max(0.0, (fix.t_ns - self._fix_ns) * 1e-9)
+        _forget(x, P, IN_COMMON, math.exp(-math.hypot(*v_ne_mps) * since_s / apart_m(height_m)), 1.0)
         cov = np.array(fix.tilt.cov_rad2)
-        H = np.hstack([H_tilt, root_m(cov + CHANGED_RAD**2 / SHARE * np.eye(2))])
+        H = np.hstack([H_tilt, root_m(cov + CHANGED_RAD**2 / SHARE * np.eye(2))])  # the root is of SHARE of it
         R, nu = (1 - SHARE) * cov, np.array(fix.tilt.turn_ne_rad) - H @ x
         S = H @ P @ H.T + R
         nis = float(nu @ np.linalg.solve(S, nu))
@@ -149,30 +148,17 @@ class TiltMemory:
                 self._begin()
             return
         self._gated = 0
-        more = (max(1.0, nis / ORDINARY_NIS) - 1) * S
+        more = _unexpected(nis, S)
         gain = np.linalg.solve(S + more, H @ P).T
         left = np.eye(STATES) - gain @ H
         self._x, self._P = x + gain @ nu, left @ P @ left.T + gain @ (R + more) @ gain.T
         self._fix_ns = fix.t_ns if self._fix_ns is None else max(self._fix_ns, fix.t_ns)
         self._t_ns = fix.t_ns if self._t_ns is None else max(self._t_ns, fix.t_ns)
 
-    def _move_on(self, x: FloatArray, P: FloatArray, fix: Fix, v_ne_mps: Vec2, height_m: float) -> None:
-        """What fixes get wrong in common goes by with the way since the last one, in place."""
-        since_s = 0.0 if self._fix_ns is None else max(0.0, (fix.t_ns - self._fix_ns) * 1e-9)
-        kept = math.exp(-math.hypot(*v_ne_mps) * since_s / apart_m(height_m))
-        x[IN_COMMON] *= kept
-        P[IN_COMMON, :] *= kept
-        P[:, IN_COMMON] *= kept
-        P[IN_COMMON, IN_COMMON] += (1 - kept**2) * np.eye(2)
-
     def _carried(self, t_ns: int) -> tuple[FloatArray, FloatArray]:
         """Mean (6,) and covariance (6, 6) at a time."""
         x, P = self._x.copy(), self._P.copy()
-        keep = self._kept(t_ns)
-        x[ATTITUDE] *= keep
-        P[ATTITUDE, :] *= keep
-        P[:, ATTITUDE] *= keep
-        P[ATTITUDE, ATTITUDE] += (1 - keep**2) * self._wander_rad2 * np.eye(2)
+        _forget(x, P, ATTITUDE, self._kept(t_ns), self._wander_rad2)
         return x, P
 
     @property
@@ -184,6 +170,19 @@ class TiltMemory:
         """The share of the attitude's error that is left at a time."""
         dt_s = 0.0 if self._t_ns is None else max(0.0, (t_ns - self._t_ns) * 1e-9)
         return math.exp(-dt_s * self._rate / (2 * self._wander_rad2))
+
+
+def _forget(x: FloatArray, P: FloatArray, pair: slice, kept: float, variance: float) -> None:
+    """A pair of states goes by to this share, towards zero and a variance of its own (Gauss-Markov), in place."""
+    x[pair] *= kept
+    P[pair, :] *= kept
+    P[:, pair] *= kept
+    P[pair, pair] += (1 - kept**2) * variance * np.eye(2)
+
+
+def _unexpected(nis: float, S: FloatArray) -> FloatArray:
+    """By how much (2, 2) the covariance S of an innovation is too small for one that is further off than is ordinary."""
+    return np.asarray((max(1.0, nis / ORDINARY_NIS) - 1) * S)
 
 
 def _seen_of(R_ned_frd: FloatArray) -> FloatArray:

@@ -7,6 +7,7 @@ pose that the others gave, they come back.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 from visloc_companion.localise.blocks import BlockMatches, correspondences, match_blocks, worth
 from visloc_companion.localise.claims import widening
@@ -15,10 +16,13 @@ from visloc_companion.localise.frame_features import FrameFeatures
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, freed_of_slope, solve_pose, widened
 from visloc_companion.localise.surface_error import height_covariance
+from visloc_companion.localise.tilt_starts import tilt_is_known
 from visloc_companion.types import FloatArray
 
 CAUCHY = 1.5
 """Blocks are right to a fraction of a pixel or not at all: one that is so many scatters off counts half."""
+ROUNDS = 4
+"""Of matching blocks anew, where the tilt is not known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,18 +44,19 @@ def block_pose(
     start: CameraPose,
     prior: PriorTerm,
     sigma_slope_rad: float = 0.0,
-    rounds: int = 1,
 ) -> BlockPose:
-    """Match and solve at most so many times, each about the last pose; the round in which most blocks agreed is kept.
+    """Match and solve, where the prior does not know the tilt again and again, each time about the last pose; the round in which
+    most blocks agreed is kept.
 
     Where the slope is open there is no surface model, and none that could err.
     """
-    wide, with_surface, tilt_known = widened(prior, sigma_slope_rad), sigma_slope_rad <= 0, rounds == 1
-    kept = last = _matched(frame, K, grid, start, wide, with_surface, tilt_known)
-    for _ in range(rounds - 1):
+    with_surface, tilt_known = sigma_slope_rad <= 0, tilt_is_known(prior.sigma_tilt_rad)
+    match = partial(_matched, frame, K, grid, widened(prior, sigma_slope_rad), with_surface, tilt_known)
+    kept = last = match(start)
+    for _ in range(0 if tilt_known else ROUNDS - 1):
         if last.estimate is None:
             break
-        last = _matched(frame, K, grid, last.estimate.pose, wide, with_surface, tilt_known)
+        last = match(last.estimate.pose)
         if last.estimate is not None and last.blocks.agrees.sum() > kept.blocks.agrees.sum():
             kept = last
     if kept.estimate is None:
@@ -64,10 +69,10 @@ def _matched(
     frame: FrameFeatures,
     K: FloatArray,
     grid: MapGrid,
-    pose: CameraPose,
     prior: PriorTerm,
     with_surface: bool,
     tilt_known: bool,
+    pose: CameraPose,
 ) -> BlockPose:
     values, mask = frame.on_surface(pose, grid)
     weight = mask * grid.weight

@@ -31,7 +31,7 @@ from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import SearchPlan, view_box
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, heading_and_tilt
 from visloc_companion.localise.ranking import RankWeights, Standing, lead
-from visloc_companion.localise.tilt_starts import likeliest, starts, tilt_is_known
+from visloc_companion.localise.tilt_starts import likeliest, starts
 from visloc_companion.localise.verify import block_z
 from visloc_companion.localise.window import cropped, map_grid, part_of_box, thinned
 from visloc_companion.protocols import ReferenceMap
@@ -48,8 +48,6 @@ MARGIN_PX = 8
 ENOUGH_PX = 80
 """Larger footprints are aligned on every other pixel of every other row."""
 MIN_COARSE_SCORE = 0.05
-ROUNDS = 4
-"""Of matching blocks anew, where the tilt is not known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,8 +200,7 @@ def refined(task: Task, start: CameraPose, coarse_score: float, gsd_m: float) ->
     if end.score <= 0:
         return None
     leaning = sigma_slope_rad(grid.surface_up_m, math.sqrt(task.plan.area_m2))
-    rounds = 1 if tilt_is_known(task.prior.sigma_tilt_rad) else ROUNDS
-    found = block_pose(frame, level.K, grid, end.pose, task.whole_prior(), leaning, rounds)
+    found = block_pose(frame, level.K, grid, end.pose, task.whole_prior(), leaning)
     if found.pose is not end.pose:
         end, _ = descend_resampled(frame.about(start, thin, stride), found.pose, thin, descent, task.whole_prior(), 0)
     returning = partial(share_returning, found.blocks, grid, found.values, found.weight)

@@ -18,9 +18,9 @@ FIX = Fix(0, 0, 1, 1, "deep", GeoPoint(48.0, 11.0, 500.0), LEVEL, ((0.5, 0.0), (
 FAST, STILL, HEIGHT_M = (10.0, 0.0), (0.0, 0.0), 100.0
 
 
-def fix_of(k: int, turn_ne_rad: FloatArray, t_s: float) -> Fix:
+def fix_of(k: int, turn_ne_rad: FloatArray, t_s: float, seen_rad: float = SEEN_RAD) -> Fix:
     north, east = turn_ne_rad.tolist()
-    tilt = TiltSeen((north, east), ((SEEN_RAD**2, 0.0), (0.0, SEEN_RAD**2)))
+    tilt = TiltSeen((north, east), ((seen_rad**2, 0.0), (0.0, seen_rad**2)))
     return replace(FIX, request_id=k, t_ns=round(t_s * 1e9), tilt=tilt)
 
 
@@ -159,7 +159,7 @@ def flown_with_turns(seed: int, wander_rad: float, wander_s: float, turn_rad: fl
         request, seen = request_of(k, q, t_s), attitude - before + rng.normal(0, turn_rad, 2)
         known = memory.known(request.frame.t_ns, q)
         memory.asked(request, q)
-        turn = Turn(request.frame.t_ns - 250_000_000, request.frame.t_ns, *turn_by(seen, turn_rad))
+        turn = turn_to(request, seen, turn_rad)
         if known is not None and known.before is not None:
             assert known.before.t_ns == turn.t_from_ns
             error = np.array(known.before.turn_ne_rad) + seen - attitude
@@ -173,6 +173,11 @@ def turn_by(turn_ne_rad: FloatArray, sigma_rad: float) -> tuple[Quat, tuple[Vec3
     north, east = turn_ne_rad.tolist()
     v = sigma_rad**2
     return se3.quat_from_vector((north, east, 0.0)), ((v, 0.0, 0.0), (0.0, v, 0.0), (0.0, 0.0, v))
+
+
+def turn_to(request: LocaliseRequest, turn_ne_rad: FloatArray, sigma_rad: float) -> Turn:
+    """From the frame a quarter of a second before a request's."""
+    return Turn(request.frame.t_ns - 250_000_000, request.frame.t_ns, *turn_by(turn_ne_rad, sigma_rad))
 
 
 def test_turns_carry_the_tilt_on_where_the_attitude_wanders_fast() -> None:
@@ -189,7 +194,7 @@ def test_between_answers_a_fast_wander_is_allowed_for() -> None:
             request = request_of(k, LEVEL, 0.25 * k)
             memory.asked(request, LEVEL)
             seen = rng.normal(0, wander_rad, 2)
-            memory.turned(Turn(request.frame.t_ns - 250_000_000, request.frame.t_ns, *turn_by(seen, math.radians(0.05))))
+            memory.turned(turn_to(request, seen, math.radians(0.05)))
             memory.taken(fix_of(k, np.zeros(2), 0.25 * k), FAST, HEIGHT_M)
     later_ns = round(0.25 * 200 * 1e9)
     known_calm, known_rough = calm.known(later_ns, LEVEL), rough.known(later_ns, LEVEL)
@@ -214,7 +219,7 @@ def test_an_attitude_that_is_corrected_in_a_step_is_followed_and_known_less_well
     before = memory.known(round(24.75e9), LEVEL)
     request = request_of(100, LEVEL, 25.0)
     memory.asked(request, LEVEL)
-    memory.turned(Turn(round(24.75e9), request.frame.t_ns, *turn_by(np.radians([0.8, 0.0]), math.radians(0.05))))
+    memory.turned(turn_to(request, np.radians([0.8, 0.0]), math.radians(0.05)))
     after = memory.known(request.frame.t_ns, LEVEL)
     assert before is not None
     assert after is not None
@@ -227,17 +232,11 @@ def test_a_sure_fix_of_an_attitude_that_has_gone_wrong_is_believed_soon() -> Non
     for k in range(1, 200):
         request = request_of(k, LEVEL, 0.25 * k)
         memory.asked(request, LEVEL)
-        memory.turned(
-            Turn(request.frame.t_ns - 250_000_000, request.frame.t_ns, *turn_by(rng.normal(0, 0.007, 2), math.radians(0.05)))
-        )
+        memory.turned(turn_to(request, rng.normal(0, 0.007, 2), math.radians(0.05)))
         memory.taken(fix_of(k, np.zeros(2), 0.25 * k), FAST, HEIGHT_M)
-    sure = math.radians(0.15) ** 2 * np.eye(2)
-    (a, b), (c, d) = sure.tolist()
     for k in range(200, 202):
-        t_s = 0.25 * k
-        memory.asked(request_of(k, LEVEL, t_s), LEVEL)
-        fix = fix_of(k, np.radians([2.0, 0.0]), t_s)
-        memory.taken(replace(fix, tilt=TiltSeen((math.radians(2.0), 0.0), ((a, b), (c, d)))), FAST, HEIGHT_M)
+        memory.asked(request_of(k, LEVEL, 0.25 * k), LEVEL)
+        memory.taken(fix_of(k, np.radians([2.0, 0.0]), 0.25 * k, math.radians(0.15)), FAST, HEIGHT_M)
     known = memory.known(round(50.25e9), LEVEL)
     assert known is not None
     assert np.degrees(known.turn_ne_rad[0]) > 0.5
@@ -249,7 +248,7 @@ def test_a_turn_that_contradicts_all_is_not_taken() -> None:
         told(memory, k, np.zeros(2), 0.25 * k)
     request = request_of(100, LEVEL, 25.0)
     memory.asked(request, LEVEL)
-    memory.turned(Turn(round(24.75e9), request.frame.t_ns, *turn_by(np.radians([20.0, 0.0]), math.radians(0.05))))
+    memory.turned(turn_to(request, np.radians([20.0, 0.0]), math.radians(0.05)))
     known = memory.known(request.frame.t_ns, LEVEL)
     assert known is not None
     assert abs(known.turn_ne_rad[0]) < math.radians(0.1)
