@@ -12,6 +12,7 @@ import math
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from visloc_companion.geo.raster import apply_affine
 from visloc_companion.localise.ortho_rectify import MapGrid
@@ -40,13 +41,19 @@ def height_covariance(grid: MapGrid, at_px: FloatArray, side_px: float) -> Float
 
 def standing_m(grid: MapGrid, at_px: FloatArray, side_px: float) -> FloatArray:
     """(N,) mean height of what stands on the ground over squares of a side about pixels (N, 2)."""
-    step = max(1, round(STEP_M / grid.gsd_m))
-    height, width = (max(1, n // step) for n in grid.surface_up_m.shape)
-    up = cv2.resize(grid.surface_up_m[: height * step, : width * step], (width, height), interpolation=cv2.INTER_AREA)
-    reach = min(max(1, round(OPENED_M / 2 / (step * grid.gsd_m))), height - 1, width - 1)
-    beyond = np.pad(up, reach, mode="reflect", reflect_type="odd")  # a slope goes on beyond the window
-    opened = cv2.morphologyEx(beyond, cv2.MORPH_OPEN, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
-    above = up - opened[reach : reach + height, reach : reach + width]
+    above, step = above_opening(grid.surface_up_m, grid.gsd_m)
+    height, width = above.shape
     mean = cv2.blur(above, (max(1, math.ceil(side_px / step)),) * 2, borderType=cv2.BORDER_REPLICATE)
     col, row = np.clip(np.rint((at_px + 0.5) / step - 0.5).astype(int), 0, (width - 1, height - 1)).T
     return np.asarray(mean[row, col], dtype=np.float64)
+
+
+def above_opening(surface_up_m: NDArray[np.float32], gsd_m: float) -> tuple[NDArray[np.float32], int]:
+    """Heights (h, w) of what stands on the ground, one for every square of so many pixels of a surface model (H, W)."""
+    step = max(1, round(STEP_M / gsd_m))
+    height, width = (max(1, n // step) for n in surface_up_m.shape)
+    up = cv2.resize(surface_up_m[: height * step, : width * step], (width, height), interpolation=cv2.INTER_AREA)
+    reach = min(max(1, round(OPENED_M / 2 / (step * gsd_m))), height - 1, width - 1)
+    beyond = np.pad(up, reach, mode="reflect", reflect_type="odd")  # a slope goes on beyond the window
+    opened = cv2.morphologyEx(beyond, cv2.MORPH_OPEN, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+    return np.asarray(up - opened[reach : reach + height, reach : reach + width], dtype=np.float32), step

@@ -14,6 +14,7 @@ from visloc_companion.geo.raster import apply_affine, invert_affine
 from visloc_companion.geo.ray import intersect_surface
 from visloc_companion.localise.odometry.base import FlowSettings, Sight, Surface
 from visloc_companion.localise.odometry.solve import Ground
+from visloc_companion.localise.surface_error import LOCAL_SHARE, above_opening
 from visloc_companion.types import FloatArray, Vec2
 
 STEEPEST = math.cos(math.radians(72.0))
@@ -62,6 +63,7 @@ def on_surface(rays_ned: FloatArray, sight: Sight, surface: Surface, settings: F
     moved = _rms_when_moved(lookup, met[known], sight.sigma_place_m)
     level = math.hypot(settings.surface_m, settings.surface_share * float(np.median(spread[known])), moved)
     slope = math.hypot(settings.surface_slope_rad, moved / (sight.up_m + float(np.median(met[known, 2]))))
+    spread = np.hypot(spread, LOCAL_SHARE * lookup.standing(met[:, :2]))
     return Ground(met - camera, spread, np.zeros(len(met), np.bool_), level, slope, sight.sigma_up_m)
 
 
@@ -98,6 +100,7 @@ class _Lookup:
         mean = cv2.blur(known - middle, (side, side))
         variance = cv2.blur((known - middle) ** 2, (side, side)) - mean**2
         self._spread = np.sqrt(np.maximum(variance, 0) + np.float32(settings.surface_m**2))
+        self._standing = _of_each_pixel(*above_opening(known, pixel_m), self._up.shape)
 
     def height(self, ne: FloatArray) -> FloatArray:
         """(N,) heights at (N, 2) north, east; NaN outside."""
@@ -107,8 +110,20 @@ class _Lookup:
         """(N,) 1-sigma of the heights."""
         return self._at(self._spread.astype(np.float32), ne)
 
+    def standing(self, ne: FloatArray) -> FloatArray:
+        """(N,) heights of what stands on the ground."""
+        return self._at(self._standing, ne)
+
     def _at(self, layer: NDArray[np.float32], ne: FloatArray) -> FloatArray:
         pix = np.nan_to_num(apply_affine(self._A_pix_ne, ne), nan=-9.0).astype(np.float32)
         u, v = (np.ascontiguousarray(pix[:, k : k + 1]) for k in (0, 1))
         border = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": math.nan}
         return np.asarray(cv2.remap(layer, u, v, cv2.INTER_LINEAR, **border), dtype=np.float64).ravel()  # type: ignore[call-overload]
+
+
+def _of_each_pixel(above_m: NDArray[np.float32], step: int, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """(H, W) of what is given for squares of so many pixels; the rim that no square covers is as its neighbour."""
+    height, width = above_m.shape
+    fine = cv2.resize(above_m, (width * step, height * step), interpolation=cv2.INTER_LINEAR)
+    rim = (0, max(0, shape[0] - height * step)), (0, max(0, shape[1] - width * step))
+    return np.asarray(np.pad(fine, rim, mode="edge")[: shape[0], : shape[1]], dtype=np.float32)

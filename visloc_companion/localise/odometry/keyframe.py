@@ -39,8 +39,7 @@ class Keyframe:
 
     def ground_of(self, number: NDArray[np.intp]) -> Ground:
         """The ground below some of the corners."""
-        g = self.ground
-        return replace(g, at_ned_m=g.at_ned_m[number], spread_m=g.spread_m[number], ranged=g.ranged[number])
+        return self.ground.at(number)
 
 
 def attitude(sight: Sight) -> FloatArray:
@@ -65,7 +64,7 @@ def keyframe_of(
     known = np.isfinite(ground.at_ned_m).all(1) & np.isfinite(ground.spread_m)
     if known.sum() < settings.min_corners:
         return Reason.OUTSIDE_MAP, f"{int(known.sum())} corners lie on the surface that was given"
-    ground = replace(ground, at_ned_m=ground.at_ned_m[known], spread_m=ground.spread_m[known], ranged=ground.ranged[known])
+    ground = ground.at(np.flatnonzero(known))
     height = float(np.median(ground.at_ned_m[:, 2]))
     return Keyframe(sight, picture, R, corners[known], ground, height, surface is not None, place_ne_m)
 

@@ -10,7 +10,7 @@ covariance.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,10 @@ class Ground:
     readings: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     reading_m: float = 1.0
     readings_ranged: bool = False
+
+    def at(self, number: NDArray[np.intp]) -> Ground:
+        """The ground at some of its points."""
+        return replace(self, at_ned_m=self.at_ned_m[number], spread_m=self.spread_m[number], ranged=self.ranged[number])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,9 +153,10 @@ def _linearised(
     along = ground.at_ned_m / ground.at_ned_m[:, 2:3]
     ne = ground.at_ned_m[:, :2]
     tilt, plain = x[TILT], 1.0 - ground.ranged
-    grown = 1 + plain * (x[LEVEL] + x[UP]) / ground.at_ned_m[:, 2]
+    share = ground.at_ned_m[:, 2] / np.median(ground.at_ned_m[:, 2])
+    grown = 1 + plain * (x[LEVEL] + x[UP]) * share / ground.at_ned_m[:, 2]
     lower = departure * grown + ne @ np.array([tilt[1], -tilt[0]])
-    lower += plain * (x[LEVEL] + x[UP] + ne @ x[SLOPE]) + ground.ranged * x[RANGE]
+    lower += plain * ((x[LEVEL] + x[UP]) * share + ne @ x[SLOPE]) + ground.ranged * x[RANGE]
     r = ground.at_ned_m + along * lower[:, None] - x[D]
     R = _turned(x[TURN]) @ prior.R_ned_cam
     q = r @ R
@@ -161,7 +166,7 @@ def _linearised(
     J[:, :, D] = -J_r
     J[:, :, TURN] = np.einsum("nij,nkj->nik", J_r, np.cross(r[:, None, :], np.eye(3)[None]))
     g = np.einsum("nij,nj->ni", J_r, along)
-    J[:, :, LEVEL] = J[:, :, UP] = g * (plain * (1 + departure / ground.at_ned_m[:, 2]))[:, None]
+    J[:, :, LEVEL] = J[:, :, UP] = g * (plain * share * (1 + departure / ground.at_ned_m[:, 2]))[:, None]
     J[:, :, RANGE] = g * ground.ranged[:, None]
     J[:, :, SLOPE] = (g * plain[:, None])[:, :, None] * ne[:, None, :]
     J[:, :, TILT] = g[:, :, None] * (ne[:, ::-1] * [-1.0, 1.0])[:, None, :]

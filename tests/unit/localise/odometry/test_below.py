@@ -8,6 +8,7 @@ import pytest
 
 from visloc_companion.localise.odometry.base import FlowSettings
 from visloc_companion.localise.odometry.below import Reading, descends, on_plane, on_surface, read_near
+from visloc_companion.localise.surface_error import LOCAL_SHARE
 
 SETTINGS = FlowSettings()
 RAYS = np.array([[0.0, 0.0, 1.0], [0.5, 0.2, 1.0], [-0.8, 0.1, 1.0]])
@@ -47,6 +48,19 @@ def test_an_edge_is_unsure_as_far_as_the_place_is(odo) -> None:
     near, far = on_surface(rays, sight, surface, SETTINGS).spread_m
     assert near > 5
     assert far == pytest.approx(SETTINGS.surface_m, abs=0.05)
+
+
+def test_what_stands_on_the_ground_is_as_unsure_as_it_is_high(odo) -> None:
+    surface = odo.Ground(odo.texture()).surface()
+    up = surface.up_m.copy()
+    up[60:69, 60:69] = 15.0  # trees, 45 m wide
+    surface = replace(surface, up_m=up)
+    trees = surface.A_ne_pix @ np.array([64.0, 64.0, 1.0])
+    rays = np.array([[*trees / 85, 1.0], [0.5, -0.5, 1.0]])
+    sight = odo.sight(np.zeros((1, 1), np.uint8), 0, (0, 0, -100.0), sigma_up_m=1.0)
+    wood, field = on_surface(rays, sight, surface, SETTINGS).spread_m
+    assert wood == pytest.approx(math.hypot(SETTINGS.surface_m, LOCAL_SHARE * 15.0), rel=0.05)
+    assert field == pytest.approx(SETTINGS.surface_m, rel=0.05)
 
 
 def test_outside_and_below_there_is_no_surface(odo) -> None:

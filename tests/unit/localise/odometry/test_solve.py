@@ -81,6 +81,25 @@ def test_rough_ground_does_not_shrink_the_world():
     assert got.roughness > 1.5
 
 
+@pytest.mark.parametrize("seen_share", [0.7, 1.0, 1.3])
+@pytest.mark.parametrize("tilt_deg", [(0.0, 0.0), (30.0, -20.0)])
+def test_a_wood_seen_lower_or_higher_than_its_model_tells_no_height(seen_share, tilt_deg):
+    """Crowns of 15 m on half of the ground, seen at a share of that: the height that is open stays what it was believed."""
+    rng = np.random.default_rng(6)
+    key = R_from_quat(quat_from_euler(*(math.radians(a) for a in (*tilt_deg, 0.7)))) @ R_FRD_CAM
+    rays = np.column_stack([rng.uniform(-0.6, 0.6, (300, 2)), np.ones(300)]) @ key.T
+    crown_m = np.where(np.arange(300) % 2, 15.0, 0.0)
+    true, believed = (rays * ((110.0 - share * crown_m) / rays[:, 2])[:, None] for share in (seen_share, 1.0))
+    xy, given = seen(rng, true, D, key, 0.1), prior(key, key_axis_ned=key[:, 2])
+    spread = np.hypot(0.7, 0.3 * crown_m)
+    unsure, sure = (
+        solve(replace(ground(believed, up=up), level_m=level_m, slope_rad=1e-4, spread_m=spread), xy, given, FOCAL)
+        for up, level_m in ((1.6, 1.0), (1e-3, 1e-3))
+    )
+    assert np.linalg.norm(unsure.d_ned_m[:2]) == pytest.approx(np.linalg.norm(sure.d_ned_m[:2]), rel=0.003)
+    assert unsure.covariance[0, 0] > 10 * sure.covariance[0, 0]  # the height is as open as it was
+
+
 def test_points_that_a_rangefinder_measured_give_the_scale():
     rng = np.random.default_rng(3)
     true, believed = scene(rng, 200, level=12.0)
