@@ -24,6 +24,8 @@ from visloc_companion.types import FloatArray
 
 MOST_CHANGE_MPS = 10.0
 """The autopilot's velocity errs by metres a second within a moment when it brakes or turns; by more than this, odometry errs."""
+CARRIED_MPS2 = 0.5
+"""What carried the filter away went into the autopilot's attitude, too: it tilts by 3 degrees, and accelerations with it."""
 LEAST_SHARE = 0.1
 """An interval of which the present velocity drove less tells too little of it for a doubt."""
 
@@ -42,25 +44,29 @@ class Claim:
 
 
 def says_the_same(belief: Belief, doubt: Doubt, claim: Claim, settings: NavigatorSettings) -> bool:
-    """Whether an interval says what the one in doubt said."""
+    """Whether an interval says what the one in doubt said. Against an inertial velocity, standing pictures confirm nothing."""
+    if belief.drive is Drive.INERTIAL and claim.moves_mps < STANDING_MPS:
+        return False
     off = claim.off - claim.share * (doubt.error_ne_mps - belief.x[VELOCITY])
-    return _within(off, doubt.cov_m2ps2 + _changed(belief, doubt, settings), claim, settings)
+    return _within(off, doubt.cov_m2ps2 + _changed(belief, doubt, CARRIED_MPS2, settings), claim, settings)
 
 
 def says_what_was_believed(belief: Belief, doubt: Doubt, claim: Claim, settings: NavigatorSettings) -> bool:
     """Whether an interval says what was believed before the one in doubt."""
-    return _within(claim.off, doubt.believed_m2ps2 + _changed(belief, doubt, settings), claim, settings)
+    return _within(claim.off, doubt.believed_m2ps2 + _changed(belief, doubt, 0.0, settings), claim, settings)
 
 
 def _within(off: FloatArray, cov: FloatArray, claim: Claim, settings: NavigatorSettings) -> bool:
     return float(off @ np.linalg.solve(claim.share**2 * cov + claim.R, off)) <= settings.gate_sigma**2
 
 
-def _changed(belief: Belief, doubt: Doubt, settings: NavigatorSettings) -> FloatArray:
-    """(2, 2) by how much the velocity's error may be another than at the time of the doubt."""
+def _changed(belief: Belief, doubt: Doubt, carried_mps2: float, settings: NavigatorSettings) -> FloatArray:
+    """(2, 2) by how much the velocity's error may be another than at the time of the doubt; accelerations that drive it err by
+    `carried_mps2` or more."""
     since_s = (belief.t_ns - doubt.t_ns) * 1e-9
     if belief.drive is Drive.INERTIAL:
-        return ((belief.sigma_a_mps2 * since_s) ** 2 + INERTIAL_WALK_MPS_PER_SQRT_S**2 * since_s) * np.eye(2)
+        sigma_a_mps2 = max(belief.sigma_a_mps2, carried_mps2)
+        return ((sigma_a_mps2 * since_s) ** 2 + INERTIAL_WALK_MPS_PER_SQRT_S**2 * since_s) * np.eye(2)
     kept = math.exp(-since_s / settings.velocity_correlation_s)
     return np.asarray(2 * (1 - kept) * belief.sigma_v_mps**2 * np.eye(2))
 

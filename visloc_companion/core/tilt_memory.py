@@ -17,13 +17,14 @@ one that is sure of an attitude that has just gone wrong is believed at once.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from visloc_companion.core.lasting import SHARE, apart_m, root_m
 from visloc_companion.core.remembered import remember
 from visloc_companion.geo import se3
-from visloc_companion.geo.tilt import tilt_gained
+from visloc_companion.geo.tilt import composed, tilt_gained
 from visloc_companion.types import Fix, FloatArray, LocaliseRequest, Quat, TiltBefore, TiltPrior, Turn, Vec2
 
 MOUNTING, ATTITUDE, IN_COMMON = (slice(k, k + 2) for k in (0, 2, 4))
@@ -43,10 +44,20 @@ WIDEST_RAD = math.radians(2.0)
 """Of an attitude whose error is seen to wander: an autopilot with poor gyroscopes errs by more than anybody states of it."""
 MOST_STEP_RAD = math.radians(2.0)
 """No autopilot corrects its attitude by more within a turn: the turn is wrong."""
-RATE_WEIGHT = 0.05
-"""Of the latest turn in the mean rate at which the attitude's error wanders."""
-MOST_NEWS = 3.0
-"""A single turn is no more than so many times what is believed of that rate."""
+RATE_S = 3.0
+"""Turns are added up for so long to see how fast the attitude's error wanders: it goes on for seconds, each turn errs anew."""
+RATE_WEIGHT = 0.3
+"""Of the latest stretch in the mean rate."""
+MOST_NEWS = 6.0
+"""A single stretch is no more than so many times what is believed of that rate."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """Turns that follow each other, as one, and the attitude that was reported where it begins."""
+
+    turn: Turn
+    q_before: Quat
 
 
 class TiltMemory:
@@ -56,6 +67,7 @@ class TiltMemory:
         self._attitude_rad = min(ATTITUDE_SIGMA_RAD, sigma_rad / 2)
         self._mounting_rad = math.sqrt(sigma_rad**2 - self._attitude_rad**2)
         self._least_rate = self._rate = 2 * self._attitude_rad**2 / ATTITUDE_S
+        self._stretch: _Stretch | None = None
         self._asked: dict[int, FloatArray] = {}
         self._frames: dict[int, tuple[Quat, FloatArray]] = {}
         self._begin()
@@ -104,12 +116,24 @@ class TiltMemory:
         if turn.t_from_ns not in self._frames or turn.t_to_ns not in self._frames:
             return
         gained, cov = tilt_gained(self._frames[turn.t_from_ns][0], turn, self._frames[turn.t_to_ns][0])
+        self._wandered(turn, self._frames[turn.t_from_ns][0], self._frames[turn.t_to_ns][0])
+        if self._t_ns is not None and self._t_ns <= turn.t_from_ns:
+            self._gain(turn, gained, cov)
+
+    def _wandered(self, turn: Turn, q_before: Quat, q_now: Quat) -> None:
+        """Learn how fast the attitude's error wanders, from turns that follow each other."""
+        last = self._stretch
+        if last is not None and last.turn.t_to_ns == turn.t_from_ns:
+            q_before, turn = last.q_before, composed(last.turn, turn)
         dt_s = (turn.t_to_ns - turn.t_from_ns) * 1e-9
+        if dt_s < RATE_S:
+            self._stretch = _Stretch(turn, q_before)
+            return
+        self._stretch = None
+        gained, cov = tilt_gained(q_before, turn, q_now)
         news = max(0.0, float(gained @ gained - np.trace(cov)) / 2 / dt_s)
         self._rate += RATE_WEIGHT * (min(news, MOST_NEWS * self._rate) - self._rate)
         self._rate = max(self._rate, self._least_rate)
-        if self._t_ns is not None and self._t_ns <= turn.t_from_ns:
-            self._gain(turn, gained, cov)
 
     def _gain(self, turn: Turn, gained: FloatArray, cov: FloatArray) -> None:
         """The change of the attitude's error, measured; of a turn that is wrong only time goes by."""

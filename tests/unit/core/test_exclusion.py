@@ -137,6 +137,15 @@ def test_two_intervals_that_say_the_same_are_believed_against_an_inertial_veloci
     assert abs(error_m) < 6.0, "the velocity was false by 4 m/s for 3 s; most of that is taken back"
 
 
+@pytest.mark.parametrize(("later_mps", "believed"), [(1.0, True), (-1.0, True), (9.0, False)])
+def test_accelerations_that_were_carried_away_too_may_change_between_two_intervals(later_mps: float, believed: bool) -> None:
+    """Of an autopilot whose attitude followed our own error: 1 m/s in 1.5 s, though its accelerations were steady until now."""
+    steady = replace(astray(), sigma_a_mps2=0.05)
+    first, _ = gone_on(steady, 1.5, SPEED_MPS)
+    _, outcome = gone_on(first, 3.0, SPEED_MPS + later_mps)
+    assert isinstance(outcome, Accepted) is believed
+
+
 def test_one_interval_changes_nothing_but_the_doubt() -> None:
     first, _ = gone_on(astray(), 1.5, SPEED_MPS)
     carried = fusion.propagated(astray(), round(1.5 * S), (SPEED_MPS, 0.0), SETTINGS)

@@ -227,19 +227,45 @@ def test_an_attitude_that_is_corrected_in_a_step_is_followed_and_known_less_well
     assert after.sigma_rad > 1.1 * before.sigma_rad
 
 
-def test_a_sure_fix_of_an_attitude_that_has_gone_wrong_is_believed_soon() -> None:
-    memory, rng = TiltMemory(STATED_RAD), np.random.default_rng(5)
-    for k in range(1, 200):
-        request = request_of(k, LEVEL, 0.25 * k)
+def wandering(memory: TiltMemory, rng: np.random.Generator, frames: int, change_rad: float) -> FloatArray:
+    """The attitude's error after frames in which it changed by so much each, seen by turns and, less well, by fixes."""
+    error = np.zeros(2)
+    for k in range(1, frames):
+        request, gained = request_of(k, LEVEL, 0.25 * k), rng.normal(0, change_rad, 2) - 0.1 * error
+        error = error + gained
         memory.asked(request, LEVEL)
-        memory.turned(turn_to(request, rng.normal(0, 0.007, 2), math.radians(0.05)))
-        memory.taken(fix_of(k, np.zeros(2), 0.25 * k), FAST, HEIGHT_M)
+        memory.turned(turn_to(request, gained, math.radians(0.05)))
+        memory.taken(fix_of(k, error, 0.25 * k), FAST, HEIGHT_M)
+    return error
+
+
+def test_a_sure_fix_of_an_attitude_that_has_gone_wrong_is_believed_soon() -> None:
+    memory = TiltMemory(STATED_RAD)
+    error = wandering(memory, np.random.default_rng(5), 200, 0.007)
+    before = memory.known(round(49.75e9), LEVEL)
+    assert before is not None
     for k in range(200, 202):
         memory.asked(request_of(k, LEVEL, 0.25 * k), LEVEL)
-        memory.taken(fix_of(k, np.radians([2.0, 0.0]), 0.25 * k, math.radians(0.15)), FAST, HEIGHT_M)
+        memory.taken(fix_of(k, error + np.radians([1.0, 0.0]), 0.25 * k, math.radians(0.15)), FAST, HEIGHT_M)
     known = memory.known(round(50.25e9), LEVEL)
     assert known is not None
-    assert np.degrees(known.turn_ne_rad[0]) > 0.5
+    assert np.degrees(known.turn_ne_rad[0] - before.turn_ne_rad[0]) > 0.5
+
+
+def test_an_attitude_that_goes_one_way_slowly_is_followed() -> None:
+    """0.2 degrees a second for 14 s, which no single turn of 0.15 degrees (1-sigma) shows."""
+    memory, rng, noise_rad, error = TiltMemory(STATED_RAD), np.random.default_rng(7), math.radians(0.15), np.zeros(2)
+    for k in range(1, 257):
+        request, gained = request_of(k, LEVEL, 0.25 * k), np.radians([0.05, 0.0]) if k > 200 else np.zeros(2)
+        error = error + gained
+        memory.asked(request, LEVEL)
+        memory.turned(turn_to(request, gained + rng.normal(0, noise_rad, 2), noise_rad))
+        if k % 2 == 0:
+            memory.taken(fix_of(k, error, 0.25 * k), FAST, HEIGHT_M)
+    known = memory.known(64 * 10**9, LEVEL)
+    assert known is not None
+    assert math.dist(known.turn_ne_rad, error.tolist()) < 3.0 * known.sigma_rad
+    assert known.turn_ne_rad[0] > math.radians(1.5)  # of 2.8 degrees
 
 
 def test_a_turn_that_contradicts_all_is_not_taken() -> None:

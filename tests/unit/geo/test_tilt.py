@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from visloc_companion.geo import se3
-from visloc_companion.geo.tilt import TAILS, TURN_SHARE, tilt_gained
+from visloc_companion.geo.tilt import TURN_SHARE, composed, tilt_gained
 from visloc_companion.types import Quat, Turn
 
 SIGMA_RAD = math.radians(0.1)
@@ -28,7 +29,7 @@ def test_what_the_reported_attitude_gains_is_told_in_any_attitude() -> None:
     gained, cov = tilt_gained(reported(before, 0.010, -0.004), turn_of(before, after), reported(after, 0.022, 0.003))
     np.testing.assert_allclose(gained, (0.012, 0.007), atol=3e-4)
     angle = se3.angle_between(before, after)
-    np.testing.assert_allclose(np.diag(cov), TAILS * SIGMA_RAD**2 + (TURN_SHARE * angle) ** 2, rtol=1e-6)
+    np.testing.assert_allclose(np.diag(cov), SIGMA_RAD**2 + (TURN_SHARE * angle) ** 2, rtol=1e-6)
 
 
 def test_the_sign_of_a_quaternion_says_nothing() -> None:
@@ -36,3 +37,16 @@ def test_the_sign_of_a_quaternion_says_nothing() -> None:
     w, x, y, z = reported(q, 0.01, 0.0)
     gained, _ = tilt_gained(q, turn_of(q, q), (-w, -x, -y, -z))
     np.testing.assert_allclose(gained, (0.01, 0.0), atol=1e-4)
+
+
+def test_turns_that_follow_each_other_are_one() -> None:
+    a, b, c = se3.quat_from_euler(0.2, -0.1, 2.0), se3.quat_from_euler(-0.1, 0.15, 3.5), se3.quat_from_euler(0.0, 0.1, 4.0)
+    sure = math.radians(0.01) ** 2
+    along = ((SIGMA_RAD**2, 0.0, 0.0), (0.0, sure, 0.0), (0.0, 0.0, sure))
+    first, second = replace(turn_of(a, b), cov_rad2=along), replace(turn_of(b, c), t_from_ns=250_000_000, t_to_ns=500_000_000)
+    both = composed(first, second)
+    assert (both.t_from_ns, both.t_to_ns) == (0, 500_000_000)
+    assert se3.angle_between(both.q_from_to, turn_of(a, c).q_from_to) < 1e-9
+    ahead = se3.R_from_quat(turn_of(b, c).q_from_to).T[:, 0]  # the first turn's poor axis in those of the last frame
+    expected = np.array(COV) + sure * np.eye(3) + (SIGMA_RAD**2 - sure) * np.outer(ahead, ahead)
+    np.testing.assert_allclose(both.cov_rad2, expected, atol=1e-12)
