@@ -3,7 +3,7 @@
 Answers are taken whatever their claimed probability of being wrong, so that any limit can be applied afterwards, and stored
 without the map's own error, which is added where they are handed out; what the evidence makes of that probability is computed
 there, too. The file's name holds digests of the code (and of the model) that gave them and of the cases: answers of others are
-never mixed in.
+never mixed in. Where two looks at a frame were taken, the coefficients chose one, so they are part of the name, too.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ from visloc_companion.evaluate.image import run_cases
 from visloc_companion.evaluate.image_metrics import CaseResult
 from visloc_companion.evaluate.map_sigma import MapSigma, with_map_sigma
 from visloc_companion.localise.runtime import NetworkChoice
+from visloc_companion.localise.settings import Looks
 from visloc_companion.localise.verify import (
+    AGAIN_WEIGHTS,
     DEEP_WEIGHTS,
     GRADIENT_WEIGHTS,
     Evidence,
@@ -72,18 +74,19 @@ def answers(
     limit: int | None = None,
     model: Path | None = None,
     map_sigma: MapSigma = UNSTATED,
+    looks: Looks = Looks.BOTH,
 ) -> list[Judged]:
     """Answers and truths of the first `limit` cases of a folder: from the store, or computed and stored."""
     cases, truth = read_cases(folder)[:limit], read_truth(folder)
     of_cases = hashlib.sha256((folder / "cases.csv").read_bytes()).hexdigest()[:8]
-    file = store / f"{folder.name}.{method}.{digest}.{of_cases}.jsonl"
+    file = store / f"{folder.name}.{method}{_by_which(method, looks)}.{digest}.{of_cases}.jsonl"
     file.parent.mkdir(parents=True, exist_ok=True)
     kept = _read(file)
     missing = [case for case in cases if case.case_id not in kept]
     if missing:
         started = time.monotonic()
         with file.open("a", encoding="utf-8") as stream:
-            for k, result in enumerate(run_cases(missing, method, jobs, TAKE_ALL, NetworkChoice(model), EXACT), 1):
+            for k, result in enumerate(run_cases(missing, method, jobs, TAKE_ALL, NetworkChoice(model), EXACT, looks), 1):
                 stream.write(json.dumps(_as_json(result)) + "\n")
                 stream.flush()
                 kept[result.case_id] = result
@@ -96,13 +99,21 @@ def judged_anew(result: CaseResult, method: str) -> CaseResult:
     """The result with the probability that the coefficients of verify.py make of its evidence now."""
     if result.fix is None or method not in WEIGHTS:
         return result
-    alone = probability_wrong(Evidence.from_numbers(result.evidence), WEIGHTS[method])
+    weights = AGAIN_WEIGHTS if result.evidence["looks"] > 1 else WEIGHTS[method]
+    alone = probability_wrong(Evidence.from_numbers(result.evidence), weights)
     p = beside_others(alone, result.evidence["share"])
     return replace(result, fix=replace(result.fix, probability_wrong=p), evidence=result.evidence | {"p_wrong": p})
 
 
 def _off_by(result: CaseResult, map_sigma: MapSigma) -> CaseResult:
     return result if result.fix is None else replace(result, fix=with_map_sigma(result.fix, map_sigma))
+
+
+def _by_which(method: str, looks: Looks) -> str:
+    """Part of the file's name: which looks decided and, where one of two was chosen, by which coefficients."""
+    if looks is not Looks.BOTH:
+        return f".{looks.value}"
+    return f".{hashlib.sha256(repr((DEEP_WEIGHTS, AGAIN_WEIGHTS)).encode()).hexdigest()[:8]}" if method == "deep" else ""
 
 
 def named(of_case: Named, folder: Path) -> Named:

@@ -1,8 +1,9 @@
 """Fit what the localisers claim, on training data only: `python -m benchmarks.calibrate FOLDER [--method NAME] [--n N]`.
 
-Data: three families of places. NAIP rows above 400 with frames of water, cloud, other places and ground outside the map; the
+Data: four families of places. NAIP rows above 400 with frames of water, cloud, other places and ground outside the map; the
 bi-temporal pairs, and NAIP frames looked for on them; the procedural landscape's seeds below 100 at 0.3 to 1 m a pixel. NAIP and
-the landscape also with a tilt that the prior does not know, the landscape with and without its surface model.
+the landscape also with a tilt that the prior does not know, the landscape with and without its surface model; and cameras that
+lean over its woods. `deep` is fitted twice: its first look at every frame, and its second at what the first declines.
 
 Prints the logistic coefficients (localise/verify.py for the dense methods), how honest they are when fitted without a family and
 judged on it, and the ratio of errors to claimed sigmas. FOLDER keeps the evidence of every case; it outlives changes of
@@ -19,10 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.answers import RENDERED, UNSTATED, WEIGHTS, Judged, answers, code_digest
-from benchmarks.training_sets import FAMILIES, SETS
+from benchmarks.training_sets import FAMILIES, MADE, SETS
 from visloc_companion.evaluate.image_metrics import CHI2_95, CaseError, CaseResult, case_error
 from visloc_companion.evaluate.reliability import reliability
 from visloc_companion.localise import iclk, mutual_information
+from visloc_companion.localise.dense import LOOK_AGAIN_ABOVE
+from visloc_companion.localise.settings import Looks
 from visloc_companion.localise.verify import Evidence, probability_near
 
 LIMITS = (0.1, 0.05, 0.03, 0.01, 0.003)
@@ -50,17 +53,42 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--method", default="gradient")
     parser.add_argument("--n", type=int, help="the first so many cases of each set")
+    parser.add_argument("--whole", nargs="*", choices=list(SETS), default=[], help="sets that are taken whole all the same")
     parser.add_argument("--sets", nargs="*", choices=list(SETS), default=list(SETS))
     parser.add_argument("--model", type=Path, help="folder of the network, instead of the shipped one")
     args = parser.parse_args()
     digest = code_digest(args.model, without_verdict=True)
-    judged: dict[str, list[Judged]] = {}
-    for name in args.sets:
-        folder = SETS[name](args.folder / "cases")
-        sigma, store = RENDERED if name in FAMILIES["landscape"] else UNSTATED, args.folder / "answers"
-        judged[name] = answers(folder, args.method, store, digest, args.jobs, args.n, args.model, sigma)
-        print(_set_line(name, judged[name]), flush=True)
-    samples = collect(args.method, judged)
+    folders = {name: SETS[name](args.folder / "cases") for name in args.sets}
+
+    def judged_by(looks: Looks) -> dict[str, list[Judged]]:
+        judged: dict[str, list[Judged]] = {}
+        for name, folder in folders.items():
+            sigma, store = RENDERED if name in MADE else UNSTATED, args.folder / "answers"
+            n = None if name in args.whole else args.n
+            judged[name] = answers(folder, args.method, store, digest, args.jobs, n, args.model, sigma, looks)
+            print(_set_line(name, judged[name]), flush=True)
+        return judged
+
+    first = judged_by(Looks.FIRST)
+    _fitted(collect(args.method, first))
+    if args.method == "deep":
+        print("\nThe second look at what the first one declines")
+        second, taken = judged_by(Looks.SECOND), {r.case_id for pairs in first.values() for r, _ in pairs if _accepted(r)}
+        _fitted(collect(args.method, {name: [j for j in second[name] if _again(j, taken)] for name in second}))
+
+
+def _accepted(result: CaseResult) -> bool:
+    return result.fix is not None and result.fix.probability_wrong <= LOOK_AGAIN_ABOVE
+
+
+def _again(judged: Judged, taken: set[str]) -> bool:
+    """Whether a case is looked at again; where the map has nothing finer than what is searched, both looks are the same."""
+    result, _ = judged
+    return result.case_id not in taken and result.evidence.get("looks") == 2.0
+
+
+def _fitted(samples: Samples) -> None:
+    """Fit and print."""
     weights = fit_logistic(samples.x, samples.right, samples.sure)
     print("\nweights", tuple(float(f"{w:.3g}") for w in weights))
     print(_honesty("fitted and judged on all", probability_wrong(samples.x, weights, samples.sure), samples.right))

@@ -10,6 +10,7 @@ from benchmarks.frames import Recipe, two_dates, write_cases
 from benchmarks.landscape_cases import Worlds, write_landscape
 from benchmarks.negatives import clouds, outside, water, write_pack
 from benchmarks.tilt_cases import untold
+from benchmarks.wooded_cases import write_wooded
 
 Maker = Callable[[Path], Path]
 ROWS = (0, 400)
@@ -78,5 +79,9 @@ LANDSCAPE: dict[str, Maker] = {
     "tilt_plane": _untold("tilt_plane", _tilted_land, 96, without_surface=True),
     "land64": lambda root: write_landscape(root / "land64", Worlds(tuple(range(72, 84)), 12, foot_px=64, gsds_m=(1.0, 1.5))),
 }
-SETS = NAIP | BITEMPORAL | LANDSCAPE
-FAMILIES = {"naip": tuple(NAIP), "bitemporal": tuple(BITEMPORAL), "landscape": tuple(LANDSCAPE)}
+WOODS: dict[str, Maker] = {"wooded": lambda root: write_wooded(root / "wooded", tuple(range(40, 48)), 20)}
+"""Cameras that lean, half of them over woods that are bare, felled or grown since the map was made."""
+SETS = NAIP | BITEMPORAL | LANDSCAPE | WOODS
+FAMILIES = {"naip": tuple(NAIP), "bitemporal": tuple(BITEMPORAL), "landscape": tuple(LANDSCAPE), "woods": tuple(WOODS)}
+MADE = FAMILIES["landscape"] + FAMILIES["woods"]
+"""Sets whose dates are registered exactly."""

@@ -25,6 +25,7 @@ from visloc_companion.geo.se3 import euler_from_quat
 from visloc_companion.localise.features.onnx import NetworkFeatures
 from visloc_companion.localise.registry import make_localiser, open_features_for
 from visloc_companion.localise.runtime import NetworkChoice, default_threads
+from visloc_companion.localise.settings import Looks
 from visloc_companion.maps.raster import RasterMap
 from visloc_companion.types import Fix, FrameRef, LocaliseRequest
 
@@ -82,12 +83,11 @@ def run_cases(
     max_probability_wrong: float = MAX_PROBABILITY_WRONG,
     network: NetworkChoice = SHIPPED,
     map_sigma: MapSigma = UNSTATED,
+    looks: Looks = Looks.BOTH,
 ) -> Iterator[CaseResult]:
     """Results in the order of the cases; of several processes (as `run_all`) each gives the network one thread."""
-    here, there = (
-        partial(run_case, method=method, max_probability_wrong=max_probability_wrong, network=each, map_sigma=map_sigma)
-        for each in (network, replace(network, threads=1))
-    )
+    run = partial(run_case, method=method, max_probability_wrong=max_probability_wrong, map_sigma=map_sigma, looks=looks)
+    here, there = (partial(run, network=each) for each in (network, replace(network, threads=1)))
     return run_all(cases, here, there, jobs, CASES_AT_ONCE)
 
 
@@ -97,6 +97,7 @@ def run_case(
     max_probability_wrong: float = MAX_PROBABILITY_WRONG,
     network: NetworkChoice = SHIPPED,
     map_sigma: MapSigma = UNSTATED,
+    looks: Looks = Looks.BOTH,
 ) -> CaseResult:
     """Localise one case. Whatever is wrong with its files becomes a `no_fix`; a network is opened once for a process.
 
@@ -114,6 +115,7 @@ def run_case(
         features=_features(method, network),
         max_probability_wrong=max_probability_wrong,
         threads=network.threads or default_threads(),
+        looks=looks,
     )
     channels = 1 if pixels.ndim == 2 else 3
     frame = FrameRef(0, 0, 0, 0, model.width_px, model.height_px, channels)

@@ -5,54 +5,40 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
-from visloc_companion.localise.claims import claimed_covariance, horizontal_sigma
+from visloc_companion.localise.claims import claimed_covariance
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import full_level
-from visloc_companion.localise.matching import (
-    Found,
-    Match,
-    Task,
-    apart_m,
-    best_match,
-    find_candidates,
-    refined_candidates,
-    sharpened,
-)
-from visloc_companion.localise.modes import MODE_RADIUS, mass_near, mode_numbers
-from visloc_companion.localise.open_places import open_places, share_of, weighed
+from visloc_companion.localise.looks import Look, looked, surer
+from visloc_companion.localise.matching import Found, Task, find_candidates, sharpened
+from visloc_companion.localise.modes import mode_numbers
+from visloc_companion.localise.open_places import open_places
 from visloc_companion.localise.plan import SearchPlan, planned
-from visloc_companion.localise.pose import PoseEstimate, heading_and_tilt
 from visloc_companion.localise.ranking import DEEP_RANK, GRADIENT_RANK, RankWeights
-from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.localise.settings import LocaliserSettings, Looks
 from visloc_companion.localise.tilt import beyond, seen_tilt, set_right
-from visloc_companion.localise.verify import (
-    DEEP_WEIGHTS,
-    GRADIENT_WEIGHTS,
-    Evidence,
-    Weights,
-    beside_others,
-    block_z,
-    crowded,
-    probability_wrong,
-    refusal,
-)
+from visloc_companion.localise.tilt_starts import tilt_is_known
+from visloc_companion.localise.verify import AGAIN_WEIGHTS, DEEP_WEIGHTS, GRADIENT_WEIGHTS, Weights, block_z
 from visloc_companion.protocols import ReferenceMap
-from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix, PosePrior
+from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix
+
+LOOK_AGAIN_ABOVE, LEAST_OF_ONE_PLACE = 0.05, 0.25
+"""A frame is looked at again where the first look is wrong with more than the former probability and the search gives one place
+the latter or more: on training cases every right one had 0.27. Where much is searched none has it, and it would take long."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """What was fitted for a method's features: weights of being right, and of the ranking."""
+    """What was fitted for a method's features: weights of being right at the first look and, where there is one, at a second;
+    of the ranking."""
 
     right: Weights
     rank: RankWeights
     temperature: float
     """Of the score volume's posterior, times the footprint's side in pixels."""
+    again: Weights | None = None
 
 
 class DenseLocaliser:
@@ -78,38 +64,52 @@ class DenseLocaliser:
             features, threads = self._features, self._settings.threads
             task = Task(plan, request.prior, full, ref, watch, features, GRADIENT, rank, temperature, threads=threads)
             found = find_candidates(task)
-            matches = refined_candidates(task, found.candidates)
-            if not matches:
-                return no_fix(request, self.method, watch, (Reason.NO_MATCH, "no likeness within the search region"))
-            return self._answer(request, task, found, matches)
+            look = self._look(task, found)
+            return self._answer(request, look, found) if isinstance(look, Look) else no_fix(request, self.method, watch, look)
         except OutsideMap as outside:
             return no_fix(request, self.method, watch, (Reason.OUTSIDE_MAP, outside.what))
 
-    def _answer(self, request: LocaliseRequest, task: Task, found: Found, matches: list[Match]) -> Fix | NoFix:
-        plan = task.plan
-        match, lead = best_match(task, matches)
-        if match.estimate is None:
-            return no_fix(request, self.method, task.watch, (Reason.POSE_FAILED, "the blocks do not determine a pose"))
-        others = [c.score for c in found.candidates if apart_m(c.pose, match.descended.pose) > 4 * plan.coarse_gsd_m]
-        evidence = _evidence(match, match.estimate, max(others, default=0.0), lead, found, plan, request.prior)
-        likely = weighed(task, matches, match, found.modes)
-        share = share_of(task, matches, match, likely)
-        alone = probability_wrong(evidence, self._fitted.right)
-        p = beside_others(alone, share)
-        numbers = _numbers(evidence, p, plan.agl_m) | {"share": share} | mode_numbers(found.modes, plan.pose.p_ned_m)
-        limit = self._settings.max_probability_wrong
-        if why := refusal(evidence, alone, limit) or crowded(p, share, limit):
+    def _look(self, task: Task, found: Found) -> Look | tuple[Reason, str]:
+        """The first look or, where it declines, the surer of two."""
+        weights, looks = self._fitted.again, self._settings.looks
+        first = looked(task, found, self._fitted.right)
+        if weights is None or looks is Looks.FIRST or not _another_look_tells_more(task, found):
+            return first
+        if looks is Looks.BOTH and isinstance(first, Look) and first.why_not(LOOK_AGAIN_ABOVE) is None:
+            return first
+        second = looked(replace(task, fine_features=task.features), found, weights)
+        return second if looks is Looks.SECOND else surer(first, second, LOOK_AGAIN_ABOVE)
+
+    def _answer(self, request: LocaliseRequest, look: Look, found: Found) -> Fix | NoFix:
+        task, plan, match = look.task, look.task.plan, look.match
+        numbers = look.evidence.numbers() | {
+            "block_z": block_z(look.evidence.blocks, look.evidence.agreeing),
+            "agl_m": plan.agl_m,
+            "p_wrong": look.p,
+            "share": look.share,
+            "looks": 1.0 if task.fine_features is GRADIENT else 2.0,
+            **mode_numbers(found.modes, plan.pose.p_ned_m),
+        }
+        if why := look.why_not(self._settings.max_probability_wrong):
             declined = no_fix(request, self.method, task.watch, why, numbers)
-            places = open_places(task, matches, likely, 1 - alone)
+            places = open_places(task, look.matches, look.likely, 1 - look.alone)
             return replace(declined, open_places=places, footprint_m=math.sqrt(plan.area_m2))
         final = sharpened(task, match)
-        estimate = final.estimate or match.estimate
+        estimate = final.estimate or look.estimate
         covariance = claimed_covariance(estimate, final.gsd_m)
         sigma_m = self._settings.map_sigma_m
         pose = estimate.pose
-        answer = fix(request, self.method, task.watch, plan.frame, task.ref, pose, covariance, p, sigma_m, numbers)
+        answer = fix(request, self.method, task.watch, plan.frame, task.ref, pose, covariance, look.p, sigma_m, numbers)
         north, east = estimate.per_focal[:2].tolist()
         return replace(answer, tilt=seen_tilt(estimate, request.prior), per_focal_ne_m=(north, east))
+
+
+def _another_look_tells_more(task: Task, found: Found) -> bool:
+    """Whether a second look is another one than the first, and not in vain. Under a tilt that is not known, over a map without a
+    surface model, it was right no more often than the first, and surer of it."""
+    finer = task.refinement(task.plan.fine_gsd_m) is not task.features
+    one_place = bool(found.modes) and found.modes[0].mass >= LEAST_OF_ONE_PLACE
+    return finer and one_place and tilt_is_known(task.prior.sigma_tilt_rad)
 
 
 def gradient_localiser(model: CameraModel, settings: LocaliserSettings) -> DenseLocaliser:
@@ -118,33 +118,7 @@ def gradient_localiser(model: CameraModel, settings: LocaliserSettings) -> Dense
 
 
 def deep_localiser(model: CameraModel, settings: LocaliserSettings, features: Features) -> DenseLocaliser:
-    """Method `deep`: the network's features where candidates are found and judged, gradients where they are sharpened."""
-    return DenseLocaliser("deep", model, settings, features, Fitted(DEEP_WEIGHTS, DEEP_RANK, 0.673))
-
-
-def _evidence(
-    best: Match, estimate: PoseEstimate, runner_up: float, lead: float, found: Found, plan: SearchPlan, prior: PosePrior
-) -> Evidence:
-    pose = estimate.pose
-    heading, _ = heading_and_tilt(pose.R_ned_cam, plan.pose.R_ned_cam)
-    offset = pose.p_ned_m[:2] - plan.pose.p_ned_m[:2]
-    return Evidence(
-        score=best.descended.score,
-        coarse_score=best.coarse_score,
-        runner_up=min(2.0, runner_up / max(best.coarse_score, 1e-6)),
-        lead=lead,
-        mode_mass=mass_near(found.modes, best.descended.pose.p_ned_m, MODE_RADIUS * math.sqrt(plan.area_m2)),
-        blocks=len(best.blocks.agrees),
-        agreeing=float(best.blocks.agrees.sum()),
-        footprint_px=math.sqrt(plan.area_m2) / plan.fine_gsd_m,
-        scatter=estimate.scatter,
-        height_sigmas=abs(float(pose.p_ned_m[2] - plan.pose.p_ned_m[2])) / max(prior.sigma_h_m, 1.0),
-        yaw_sigmas=abs(heading) / max(prior.sigma_yaw_rad, math.radians(0.5)),
-        position_sigmas=math.sqrt(float(offset @ np.linalg.solve(plan.cov_ne_m2, offset))),
-        returning=best.returning(),
-        sigma_px=horizontal_sigma(claimed_covariance(estimate, best.gsd_m)) / plan.coarse_gsd_m,
-    )
-
-
-def _numbers(evidence: Evidence, p: float, agl_m: float) -> dict[str, float]:
-    return evidence.numbers() | {"block_z": block_z(evidence.blocks, evidence.agreeing), "agl_m": agl_m, "p_wrong": p}
+    """Method `deep`: the network's features where candidates are found and judged; gradients where they are sharpened and, where
+    these decline, the network's there, too (looks.py)."""
+    fitted = Fitted(DEEP_WEIGHTS, DEEP_RANK, 0.673, AGAIN_WEIGHTS)
+    return DenseLocaliser("deep", model, settings, features, fitted)

@@ -12,6 +12,7 @@ from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.frame_features import FrameFeatures, plane_raster
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import SIGMAS, SearchPlan, turned
+from visloc_companion.localise.pose import to_view
 from visloc_companion.localise.search import Peak, ScoreVolume, Template, find_peaks, search
 from visloc_companion.types import FloatArray
 
@@ -19,6 +20,12 @@ from visloc_companion.types import FloatArray
 def hypotheses(plan: SearchPlan) -> list[tuple[float, float]]:
     """All (heading, scale) pairs."""
     return [(float(h), float(s)) for h in plan.headings_rad for s in plan.scales]
+
+
+def arms_to_view(plan: SearchPlan) -> FloatArray:
+    """(K, 2) metres north, east from the nadir to the ground that the camera's axis meets, for each hypothesis."""
+    arm = to_view(plan.pose, plan.ground_up_m)[:2]
+    return np.array([scale * _turn(heading) @ arm for heading, scale in hypotheses(plan)])
 
 
 def footprint_box(plan: SearchPlan, headings_rad: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:

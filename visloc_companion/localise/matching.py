@@ -19,6 +19,7 @@ from visloc_companion.localise.frame import FrameLevel, reduced
 from visloc_companion.localise.frame_features import DescentFeatures, frame_features
 from visloc_companion.localise.ground import sigma_slope_rad
 from visloc_companion.localise.hypotheses import (
+    arms_to_view,
     footprint_heights,
     peaks_in_region,
     pose_of_peak,
@@ -29,13 +30,13 @@ from visloc_companion.localise.hypotheses import (
 from visloc_companion.localise.modes import PlaceMode, place_modes
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import SearchPlan, view_box
-from visloc_companion.localise.pose import PoseEstimate, PriorTerm, heading_and_tilt
+from visloc_companion.localise.pose import PoseEstimate, PriorTerm, heading_and_tilt, to_view
 from visloc_companion.localise.ranking import RankWeights, Standing, lead
 from visloc_companion.localise.tilt_starts import likeliest, starts
 from visloc_companion.localise.verify import block_z
 from visloc_companion.localise.window import cropped, map_grid, part_of_box, thinned
 from visloc_companion.protocols import ReferenceMap
-from visloc_companion.types import PosePrior
+from visloc_companion.types import FloatArray, PosePrior
 
 COARSE_STEPS, FINE_STEPS = 5, 4
 MAX_CANDIDATES, MAX_FINE = 10, 5
@@ -83,6 +84,10 @@ class Task:
         if gsd_m not in self.levels:
             self.levels[gsd_m] = reduced(self.full, gsd_m / self.plan.frame_gsd_m)
         return self.levels[gsd_m]
+
+    def view_ne_m(self, pose: CameraPose) -> FloatArray:
+        """(2,) the ground that the camera's axis meets: what tells places apart where the tilt is not known."""
+        return np.asarray((pose.p_ned_m + to_view(pose, self.plan.ground_up_m))[:2])
 
     def whole_prior(self) -> PriorTerm:
         """Attitude, heading and height of the prior: what keeps the descent of a faint match together."""
@@ -141,7 +146,7 @@ def find_candidates(task: Task) -> Found:
         if apart := [end for end, joined in ends if not joined]:
             found.append(likeliest(apart, plan.pose.R_ned_cam, task.prior.sigma_tilt_rad, task.rank[0] + task.rank[4]))
     temperature = task.temperature * grid.gsd_m / math.sqrt(plan.area_m2)
-    modes = place_modes(volume, region(volume, grid, plan), grid, temperature)
+    modes = place_modes(volume, region(volume, grid, plan), grid, temperature, arms_to_view(plan))
     return Found(sorted(found, key=lambda c: -c.score), modes)
 
 
@@ -181,7 +186,10 @@ def sharpened(task: Task, match: Match) -> Match:
     if task.plan.finest_gsd_m > 0.85 * match.gsd_m:
         return match
     finest = refined(task, match.descended.pose, match.coarse_score, task.plan.finest_gsd_m)
-    if finest is None or finest.estimate is None or apart_m(finest.descended.pose, match.descended.pose) > 4 * match.gsd_m:
+    if finest is None or finest.estimate is None:
+        return match
+    apart = task.view_ne_m(finest.descended.pose) - task.view_ne_m(match.descended.pose)
+    if math.hypot(*apart) > 4 * match.gsd_m:
         return match
     return finest
 

@@ -87,19 +87,19 @@ def freed_of_slope(apparent: PoseEstimate, prior: PriorTerm, sigma_slope_rad: fl
 
 def turned_about_view(pose: CameraPose, ground_up_m: float, turn_rad: FloatArray) -> CameraPose:
     """The pose turned (rotation vector about north, east, down) about the ground that the camera's axis meets."""
-    arm = _to_view(pose, ground_up_m)
+    arm = to_view(pose, ground_up_m)
     turned = moved(pose, np.concatenate([np.zeros(3), turn_rad]))
     return CameraPose(pose.p_ned_m + arm - turned.R_ned_cam @ pose.R_ned_cam.T @ arm, turned.R_ned_cam)
 
 
 def _turns_about_view(pose: CameraPose, ground_up_m: float) -> FloatArray:
     """(6, 2) change of north, east, up and rotation by a turn about north and about east around the ground looked at."""
-    arm = _to_view(pose, ground_up_m)
+    arm = to_view(pose, ground_up_m)
     columns = [np.append(-np.cross(axis, arm) * (1, 1, -1), axis) for axis in np.eye(3)[:2]]
     return np.column_stack(columns)
 
 
-def _to_view(pose: CameraPose, ground_up_m: float) -> FloatArray:
+def to_view(pose: CameraPose, ground_up_m: float) -> FloatArray:
     """(3,) from the camera to the ground that its axis meets; no flatter than 1 in 5."""
     axis = pose.R_ned_cam[:, 2]
     return np.asarray(axis * (max(1.0, -float(pose.p_ned_m[2]) - ground_up_m) / max(float(axis[2]), 0.2)))

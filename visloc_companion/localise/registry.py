@@ -12,7 +12,7 @@ from visloc_companion.localise.iclk import IclkLocaliser
 from visloc_companion.localise.keypoint import KeypointLocaliser
 from visloc_companion.localise.mutual_information import MutualInformationLocaliser
 from visloc_companion.localise.runtime import NetworkChoice
-from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.localise.settings import LocaliserSettings, Looks
 from visloc_companion.localise.template import NccLocaliser
 from visloc_companion.protocols import Localiser
 from visloc_companion.types import CameraModel
@@ -56,6 +56,7 @@ def make_localiser(
     max_probability_wrong: float = 0.05,
     max_search_radius_m: float = 2000.0,
     threads: int = 1,
+    looks: Looks = Looks.BOTH,
 ) -> Localiser:
     """The localiser of a name; `features` are ignored by those that need none.
 
@@ -66,6 +67,7 @@ def make_localiser(
         max_search_radius_m=max_search_radius_m,
         map_sigma_m=map_sigma_m,
         threads=threads,
+        looks=looks,
     )
     if method in ON_PIXELS:
         return ON_PIXELS[method](model, settings)

@@ -3,6 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
+
+
+class Looks(Enum):
+    """Which looks at a frame's candidates decide (looks.py): the second one only where the first declines, or one alone, which is
+    how each is calibrated."""
+
+    BOTH = "both"
+    FIRST = "first"
+    SECOND = "second"
 
 
 @dataclass(frozen=True, slots=True)
@@ -12,7 +22,7 @@ class LocaliserSettings:
     `max_probability_wrong`: fixes with a larger calibrated probability of being wrong are declined.
     `max_search_radius_m`: the search region never grows beyond this. `map_sigma_m`: 1-sigma of the map's registration, added
     to the claimed covariance. `min_height_m`: below this height above the surface nothing is tried. `threads` search together;
-    no answer depends on their number.
+    no answer depends on their number. `looks`: of localisers that look twice.
     """
 
     max_probability_wrong: float = 0.05
@@ -20,3 +30,4 @@ class LocaliserSettings:
     map_sigma_m: float = 0.0
     min_height_m: float = 8.0
     threads: int = 1
+    looks: Looks = Looks.BOTH

@@ -19,8 +19,10 @@ Weights = tuple[float, ...]
 GRADIENT_WEIGHTS: Weights = (-1.79, 18.6, 5.48, 0.442, 2.6, -0.583, -1.95, -0.393, -1.14, 3.81, 0.0932, 0.115, 2.33)
 """Logistic regression of being right on `Evidence.regressors` (`python -m benchmarks.calibrate`, training rows only) for gradient
 features, and ..."""
-DEEP_WEIGHTS: Weights = (-10.1, 10.4, 3.96, 0.742, -0.325, 3.86, -0.309, -0.369, 14.5, -3.53, 0.13, 0.309, 0.0313)
-"""... for the network's."""
+DEEP_WEIGHTS: Weights = (-4.31, 7.4, -4.56, 0.325, -1.44, 5.73, -2.24, -0.357, 13.6, 2.52, 0.125, 0.368, -0.408)
+"""... for the network's, and ..."""
+AGAIN_WEIGHTS: Weights = (-3.46, 7.36, -23.1, 0.872, 0.152, 19.5, -1.77, -0.31, 3.57, -7.16, 0.000988, 0.326, 15.9)
+"""... for a second look through the network's at what the first one declines (looks.py)."""
 FAR_PX = 7.0
 """Pixels of the search level (90 across a footprint, fewer where the map has no more): an answer that is off by more is wrong
 though the place be right. Of 150 training cases of unknown tilt 67 were accepted with 6 (none off by more than 10 px of the map),

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -48,6 +49,23 @@ def test_a_place_of_its_own_keeps_its_claim(flat, support):
     answer = make_localiser("gradient", MODEL).localise(support.request_at(p, (0.0, 0.0, 0.3)), pixels, flat)
     assert isinstance(answer, Fix)
     assert dict(answer.evidence)["share"] > 0.999
+
+
+def test_a_match_keeps_its_place_in_the_search_under_a_tilt_that_is_not_known(flat, support):
+    """The search looks with the prior's tilt, so its nadir lies a sixth of the footprint away from the refined one."""
+    p, tilted = (3.0, -6.0, -270.0), (0.1, -0.09, 0.3)
+    request = support.request_at(p, (0.0, 0.0, 0.3))
+    request = replace(request, prior=replace(request.prior, sigma_tilt_rad=math.radians(6)))
+    answer = make_localiser("gradient", MODEL, max_probability_wrong=1.0).localise(
+        request, support.render(flat, MODEL, p, tilted), flat
+    )
+    assert isinstance(answer, Fix)
+    evidence = dict(answer.evidence)
+    nadir_m = math.hypot(evidence["mode1_north_m"], evidence["mode1_east_m"])
+    assert nadir_m > 15.0
+    assert evidence["mode_mass"] > 0.9
+    assert evidence["share"] > 0.95
+    assert evidence["runner_up"] < 1.0
 
 
 def test_a_claim_is_no_better_than_the_share_of_all_places():

@@ -1,0 +1,123 @@
+"""A frame that gradients decline is looked at again through the features that found it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from visloc_companion.errors import Reason
+from visloc_companion.geo.wgs84 import ned_from_geo
+from visloc_companion.localise.dense import DenseLocaliser, Fitted
+from visloc_companion.localise.features.gradient import GRADIENT
+from visloc_companion.localise.looks import Look, surer
+from visloc_companion.localise.ranking import GRADIENT_RANK
+from visloc_companion.localise.settings import LocaliserSettings, Looks
+from visloc_companion.localise.verify import GRADIENT_WEIGHTS, Evidence
+from visloc_companion.types import CameraModel, Fix, GeoPoint, NoFix
+
+HOME = GeoPoint(47.0, 8.0, 0.0)
+MODEL = CameraModel(160, 120, 140.0, 140.0, 79.5, 59.5)
+TRUTH, LEVEL = (23.0, -41.0, -335.0), (0.0, 0.0, 0.6)
+
+
+@dataclass
+class Broad:
+    """Gradients of what is broad; counts how often they are made."""
+
+    name: str = "broad"
+    recipe: str = "blurred by 4 px"
+    channels: int = GRADIENT.channels
+    oriented: int = GRADIENT.oriented
+    bound: float = GRADIENT.bound
+    context_px: int = GRADIENT.context_px + 20
+    tolerance: tuple[float, float] | None = None
+    calls: int = 0
+
+    def __call__(self, image, valid):
+        self.calls += 1
+        return GRADIENT(cv2.GaussianBlur(image, (0, 0), 4), valid)
+
+
+def woods(support, seed):
+    """The same stands of trees; their crowns are others with each seed."""
+    stands = cv2.GaussianBlur(support.texture(1, 700), (0, 0), 4).astype(np.float32)
+    crowns = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal(stands.shape).astype(np.float32), (0, 0), 2)
+    pixels = np.clip(128 + stands - stands.mean() + 35 * crowns / crowns.std(), 0, 255).astype(np.uint8)
+    return support.FlatMap(pixels, np.full(pixels.shape, 100.0, np.float32))
+
+
+@pytest.fixture(scope="module")
+def map_and_frames(support):
+    known, grown = woods(support, 1), woods(support, 2)
+    return known, support.render(known, MODEL, TRUTH, LEVEL), support.render(grown, MODEL, TRUTH, LEVEL)
+
+
+def answer_of(features, looks, frame, known, support, limit=0.05):
+    fitted = Fitted(GRADIENT_WEIGHTS, GRADIENT_RANK, 1.04, GRADIENT_WEIGHTS)
+    settings = LocaliserSettings(max_probability_wrong=limit, looks=looks)
+    request = support.request_at((19.0, -37.0, -333.0), LEVEL, sigma_m=6.0)
+    return DenseLocaliser("deep", MODEL, settings, features, fitted).localise(request, frame, known)
+
+
+def test_what_gradients_decline_is_looked_at_again(map_and_frames, support):
+    known, _, grown = map_and_frames
+    first = answer_of(Broad(), Looks.FIRST, grown, known, support)
+    assert isinstance(first, NoFix)
+    both = answer_of(Broad(), Looks.BOTH, grown, known, support)
+    assert isinstance(both, Fix)
+    north, east, _ = ned_from_geo(both.place, HOME)
+    assert np.hypot(north - TRUTH[0], east - TRUTH[1]) < 4.0
+    assert dict(both.evidence)["looks"] == 2.0
+    second = answer_of(Broad(), Looks.SECOND, grown, known, support)
+    assert isinstance(second, Fix)
+    assert second.place == both.place
+
+
+def test_what_they_accept_is_not(map_and_frames, support):
+    known, same, _ = map_and_frames
+    once, twice = Broad(), Broad()
+    first = answer_of(once, Looks.FIRST, same, known, support)
+    both = answer_of(twice, Looks.BOTH, same, known, support)
+    assert isinstance(first, Fix)
+    assert isinstance(both, Fix)
+    assert (both.place, both.cov_ne_m2, twice.calls) == (first.place, first.cov_ne_m2, once.calls)
+    assert dict(both.evidence)["looks"] == 1.0
+
+
+def test_a_limit_changes_which_answers_are_given_but_none_of_them(map_and_frames, support):
+    known, _, grown = map_and_frames
+    strict, lenient = (answer_of(Broad(), Looks.BOTH, grown, known, support, limit) for limit in (1e-9, 1.0))
+    assert isinstance(strict, NoFix)
+    assert isinstance(lenient, Fix)
+    assert dict(strict.evidence)["p_wrong"] == dict(lenient.evidence)["p_wrong"]
+
+
+GOOD = Evidence(0.6, 0.6, 0.5, 6.0, 0.9, 36.0, 30.0, 170.0, 0.8, 0.5, 0.5, 0.5, 0.7, 0.4)
+NOTHING = (Reason.NO_MATCH, "no likeness within the search region")
+
+
+def look(p: float, position_sigmas: float = 0.5) -> Look:
+    nothing: Any = None
+    return Look(nothing, (), nothing, nothing, replace(GOOD, position_sigmas=position_sigmas), nothing, 1.0, p, p)
+
+
+def test_the_surer_look_decides():
+    good, doubtful, worse = look(0.01), look(0.2), look(0.3)
+    assert surer(worse, good, 0.05) is good
+    assert surer(worse, doubtful, 0.05) is doubtful
+    assert surer(doubtful, worse, 0.05) is doubtful
+    assert surer(worse, look(0.3), 0.05) is worse
+    assert surer(NOTHING, worse, 0.05) is worse
+    assert surer(worse, NOTHING, 0.05) is worse
+    assert surer(NOTHING, (Reason.POSE_FAILED, "no pose"), 0.05) is NOTHING
+
+
+def test_one_that_contradicts_the_prior_is_declined_however_sure_it_is():
+    far, good = look(0.001, position_sigmas=5.0), look(0.04)
+    assert far.why_not(0.05) == (Reason.INCONSISTENT_WITH_PRIOR, "5.0 sigma from the prior")
+    assert surer(far, good, 0.05) is good
+    assert surer(good, far, 0.05) is good

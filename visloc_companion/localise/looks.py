@@ -1,0 +1,96 @@
+"""One look at a frame's candidates: refined on some features, and what the strongest of them shows and claims.
+
+The first look refines on gradients, which are sharp. Over a wood that is bare in the picture and in leaf on the map they agree on
+nothing, though the place is right: the gradients' sign is another in every crown. The network's features still do, to a metre or
+three, so a frame that the first look declines is looked at again through them. Each look has coefficients of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from visloc_companion.errors import Reason
+from visloc_companion.localise.claims import claimed_covariance, horizontal_sigma
+from visloc_companion.localise.matching import Found, Match, Task, best_match, refined_candidates
+from visloc_companion.localise.modes import MODE_RADIUS, mass_near
+from visloc_companion.localise.open_places import Weighed, share_of, weighed
+from visloc_companion.localise.pose import PoseEstimate, heading_and_tilt
+from visloc_companion.localise.verify import Evidence, Weights, beside_others, crowded, probability_wrong, refusal
+
+Why = tuple[Reason, str]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """The strongest of the refined candidates, with its pose and evidence.
+
+    `likely`: how likely each candidate and each open mode of the search is, `share` what that leaves of the best under the prior;
+    `alone`: probability that the best is wrong by its own looks, `p` beside the others.
+    """
+
+    task: Task
+    matches: Sequence[Match]
+    match: Match
+    estimate: PoseEstimate
+    evidence: Evidence
+    likely: Weighed
+    share: float
+    alone: float
+    p: float
+
+    def why_not(self, limit: float) -> Why | None:
+        """Why it is declined at a limit of the probability of being wrong, or None."""
+        return refusal(self.evidence, self.alone, limit) or crowded(self.p, self.share, limit)
+
+
+def looked(task: Task, found: Found, weights: Weights) -> Look | Why:
+    """Refine what the search found, and judge the strongest. Raises OutsideMap."""
+    matches = refined_candidates(task, found.candidates)
+    if not matches:
+        return Reason.NO_MATCH, "no likeness within the search region"
+    match, lead = best_match(task, matches)
+    if match.estimate is None:
+        return Reason.POSE_FAILED, "the blocks do not determine a pose"
+    evidence = _evidence(task, match, match.estimate, lead, found)
+    likely = weighed(task, matches, match, found.modes)
+    share, alone = share_of(task, matches, match, likely), probability_wrong(evidence, weights)
+    return Look(task, matches, match, match.estimate, evidence, likely, share, alone, beside_others(alone, share))
+
+
+def surer(first: Look | Why, second: Look | Why, limit: float) -> Look | Why:
+    """The look that is not declined at a limit, else the one that is less likely to be wrong; the first of equals."""
+    if not isinstance(second, Look):
+        return first
+    if not isinstance(first, Look):
+        return second
+    declined = first.why_not(limit) is not None, second.why_not(limit) is not None
+    return second if (declined[1], second.p) < (declined[0], first.p) else first
+
+
+def _evidence(task: Task, best: Match, estimate: PoseEstimate, lead: float, found: Found) -> Evidence:
+    plan, prior, pose = task.plan, task.prior, estimate.pose
+    view = task.view_ne_m(best.descended.pose)
+    apart_m = [math.hypot(*(task.view_ne_m(c.pose) - view)) for c in found.candidates]
+    others = [c.score for c, off_m in zip(found.candidates, apart_m, strict=True) if off_m > 4 * plan.coarse_gsd_m]
+    heading, _ = heading_and_tilt(pose.R_ned_cam, plan.pose.R_ned_cam)
+    offset = pose.p_ned_m[:2] - plan.pose.p_ned_m[:2]
+    return Evidence(
+        score=best.descended.score,
+        coarse_score=best.coarse_score,
+        runner_up=min(2.0, max(others, default=0.0) / max(best.coarse_score, 1e-6)),
+        lead=lead,
+        mode_mass=mass_near(found.modes, view, MODE_RADIUS * math.sqrt(plan.area_m2)),
+        blocks=len(best.blocks.agrees),
+        agreeing=float(best.blocks.agrees.sum()),
+        footprint_px=math.sqrt(plan.area_m2) / plan.fine_gsd_m,
+        scatter=estimate.scatter,
+        height_sigmas=abs(float(pose.p_ned_m[2] - plan.pose.p_ned_m[2])) / max(prior.sigma_h_m, 1.0),
+        yaw_sigmas=abs(heading) / max(prior.sigma_yaw_rad, math.radians(0.5)),
+        position_sigmas=math.sqrt(float(offset @ np.linalg.solve(plan.cov_ne_m2, offset))),
+        returning=best.returning(),
+        sigma_px=horizontal_sigma(claimed_covariance(estimate, best.gsd_m)) / plan.coarse_gsd_m,
+    )
