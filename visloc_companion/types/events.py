@@ -93,7 +93,7 @@ class EstimatorStatus:
     """The autopilot's estimator health (EKF_STATUS_REPORT on ArduPilot, ESTIMATOR_STATUS on PX4).
 
     Ratios are innovation test ratios (> 1 is rejected), None where the autopilot does not send them. `gnss_glitch` is
-    ArduPilot bit 15 or PX4 bit 0x400; `gnss_in_use` is PX4 bit 0x200 (GNSS or an auxiliary
+    ArduPilot bit 15 (of its on-board log bit 14) or PX4 bit 0x400; `gnss_in_use` is PX4 bit 0x200 (GNSS or an auxiliary
     position), `aided` its bit 0x100 (anything horizontal); None on ArduPilot. `velocity_ok`: whether the autopilot vouches for
     its horizontal velocity (bit 0x2 of either, ArduPilot's without 0x80), None where that is not known.
     """

@@ -80,7 +80,7 @@ def modern_flight(n: int = 20) -> bytes:
             message(MODERN, "ATT", us, 1000, -500, 9000 + 100 * k),
             message(MODERN, "XKF1", us, 0, 10.0, 0.5, -0.1, float(k), 0.0, -40.0),
             message(MODERN, "XKF1", us, 1, 99.0, 99.0, 99.0, 99.0, 99.0, 99.0),
-            message(MODERN, "XKF4", us, 0, 12, 34, 5, 0x831F),
+            message(MODERN, "XKF4", us, 0, 12, 34, 5, 0x1A33F),
             message(MODERN, "POS", us, lat, 85_500_000, 540.0, 40.0, 40.0),
             message(MODERN, "GPS", us, 0, 3, 3_600_000, 2200, 15, 80, lat, 85_500_000, 54_000, 10.0, 90.0, -0.1, 0.0),
             message(MODERN, "GPS", us, 1, 3, 3_600_000, 2200, 5, 80, 0, 0, 0, 0.0, 0.0, 0.0, 0.0),
@@ -119,7 +119,7 @@ def test_a_log_of_today(tmp_path: Path) -> None:
     assert origin == GeoPoint(pytest.approx(47.4), pytest.approx(8.55), 500.0)
     assert not recording.origin_inferred
     status = next(e for _, e in recording.events if isinstance(e, EstimatorStatus))
-    assert (status.position_ratio, status.velocity_ratio, status.gnss_glitch) == (pytest.approx(0.34), pytest.approx(0.12), True)
+    assert (status.position_ratio, status.velocity_ratio, status.gnss_glitch) == (pytest.approx(0.34), pytest.approx(0.12), False)
     links = [e for _, e in recording.events if isinstance(e, LinkChanged)]
     assert [(e.autopilot, e.version, e.armed) for e in links] == [
         (AutopilotKind.ARDUPILOT, "4.5.7", False),
@@ -200,3 +200,28 @@ def test_accelerations_of_a_log_of_2014(tmp_path: Path) -> None:
     data = formats(OLD) + message(OLD, "ATT", 1_000, 0, 0, 9000) + message(OLD, "IMU", 1_020, 0.0, 0.0, 0.0, 1.0, 2.0, -9.5)
     (force,) = [event for _, event in open_log(write(tmp_path / "a.bin", data)).events if isinstance(event, Imu)]
     assert force == Imu(1_020_000_000, 1_020_000_000, (1.0, 2.0, -9.5))
+
+
+@pytest.mark.parametrize(
+    ("flags", "glitch", "position_ok", "velocity_ok"),
+    [
+        (0x1A33F, False, True, True),  # in flight: using GPS, whose quality is good
+        (0x0433F, True, True, True),
+        (0x180A7, False, False, False),  # good GPS before it is used: constant position
+        (0, False, False, None),
+    ],
+)
+def test_what_the_estimator_says_of_itself(
+    tmp_path: Path, flags: int, *, glitch: bool, position_ok: bool, velocity_ok: bool | None
+) -> None:
+    data = formats(MODERN) + message(MODERN, "ATT", 1_000_000, 0, 0, 0) + message(MODERN, "XKF4", 1_000_000, 0, 12, 34, 5, flags)
+    (status,) = [e for _, e in open_log(write(tmp_path / "a.bin", data)).events if isinstance(e, EstimatorStatus)]
+    assert (status.gnss_glitch, status.horizontal_position_ok, status.velocity_ok) == (glitch, position_ok, velocity_ok)
+
+
+def test_ratios_without_the_estimators_status_are_no_loss(tmp_path: Path) -> None:
+    old = {"ATT": OLD["ATT"], "EKF4": (7, "Icccc", "TimeMS,SV,SP,SH,SVT")}
+    data = formats(old) + message(old, "ATT", 1000, 0, 0, 0) + message(old, "EKF4", 1000, 3, 0, 0, 0)
+    recording = open_log(write(tmp_path / "a.bin", data))
+    assert [type(event) for _, event in recording.events] == [LinkChanged, Attitude]
+    assert recording.losses == Losses()

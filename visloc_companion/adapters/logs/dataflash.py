@@ -46,8 +46,10 @@ _POSITIONS = ("POS", "ORGN", "XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4", "NT
 _WANTED = frozenset(("ATT", "IMU", "GPS", "RFND", "EV", "MSG", "CMD", *_POSITIONS))
 _EV_ARMED, _EV_DISARMED = (10, 15), (11,)
 _DOWN, _GOOD = 25, 4
-_IMU_EVERY_NS = 10 * NS_PER_MS
 """MAV_SENSOR_ROTATION_PITCH_270, and RangeFinder::Status::Good."""
+_HORIZ_VEL, _HORIZ_POS_ABS, _CONST_POS_MODE, _GPS_GLITCHING = 0x2, 0x10, 0x80, 0x4000
+"""Of nav_filter_status (AP_Nav_Common.h). Beyond 0x200 they differ from EKF_STATUS_REPORT: 0x8000 is a *good* GPS here."""
+_IMU_EVERY_NS = 10 * NS_PER_MS
 _LEAP_NS, _MAX_STEP_NS = 2 * NS_PER_S, 3600 * NS_PER_S
 _GPS_EPOCH_UNIX_S = 315_964_800
 _LEAP_SECONDS = ((1_483_228_800, 18), (1_435_708_800, 17), (1_341_100_800, 16), (1_230_768_000, 15), (0, 14))
@@ -165,18 +167,20 @@ class _Reader:
         return LocalPose(t_ns, t_ns, (_finite(fields["PN"]), _finite(fields["PE"]), _finite(fields["PD"])), self._v_ned_mps)
 
     def _kf4(self, fields: Fields) -> Event | None:
-        if fields.get("C", 0) != 0:
+        """What the estimator says of itself; 3.2 and older (2014) log its ratios without its status, which alone says little."""
+        if fields.get("C", 0) != 0 or "SS" not in fields:
             return None
-        t_ns = self._at(fields)
+        t_ns, flags = self._at(fields), fields["SS"]
+        constant = bool(flags & _CONST_POS_MODE)
         return EstimatorStatus(
             t_ns,
             position_ratio=_finite(fields["SP"]),
             velocity_ratio=_finite(fields["SV"]),
             height_ratio=_finite(fields["SH"]),
-            horizontal_position_ok=bool(fields["SS"] & 0x10),
-            gnss_glitch=bool(fields["SS"] & 0x8000),
+            horizontal_position_ok=bool(flags & _HORIZ_POS_ABS) and not constant,
+            gnss_glitch=bool(flags & _GPS_GLITCHING),
             gnss_in_use=None,
-            velocity_ok=fields["SS"] & 0x82 == 0x2,
+            velocity_ok=bool(flags & _HORIZ_VEL) and not constant if flags else None,
         )
 
     def _pos(self, fields: Fields) -> Event | None:
