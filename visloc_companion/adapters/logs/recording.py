@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import bisect
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 from visloc_companion.errors import LogError
-from visloc_companion.geo.wgs84 import geo_from_autopilot_ned
+from visloc_companion.geo.wgs84 import distance_m, geo_from_autopilot_ned
 from visloc_companion.types import AutopilotKind, Event, GeoPoint, Gnss, LinkChanged, LocalPose, OriginChanged, PriorPose
 
 NS_PER_US, NS_PER_MS, NS_PER_S = 1_000, 1_000_000, 1_000_000_000
 MAX_FILE_BYTES = 4_000_000_000
 _PAIR_NS = 60 * NS_PER_MS
+_MOVED_M = 20.0
+"""An origin that is inferred scatters by metres; further off it is another one."""
 
 
 @dataclass(slots=True)
@@ -76,42 +79,67 @@ def in_order(events: list[tuple[int, Event]]) -> list[tuple[int, Event]]:
 def with_origin(recording: Recording) -> Recording:
     """The recording with an EKF origin, which the navigator needs and most ground stations never asked for.
 
-    The origin is where the autopilot's local position and its global position of the same moment put it; without a local
-    position, the first global position with a GNSS fix. A log without any position stays as it is.
+    The origin is where the autopilot's local position and its global position of the same moment put it, and it moves where two
+    such pairs after each other put it elsewhere (a restart, another estimator); without a local position, it is the first global
+    position with a GNSS fix. A log without any position stays as it is.
     """
     events = recording.events
     if any(isinstance(event, OriginChanged) for _, event in events):
         return recording
-    found = _origin_of_pair(events, recording.kind) or _first_position(events)
-    if found is None:
+    found = _origins_of_pairs(events, recording.kind) or _first_position(events)
+    if not found:
         return recording
     t_first = next(t for t, event in events if isinstance(event, PriorPose))
     made = list(events)
-    made.insert(bisect.bisect_left(events, t_first, key=lambda item: item[0]), (t_first, OriginChanged(t_first, found)))
+    for t_ns, origin in [*reversed(found[1:]), (t_first, found[0][1])]:
+        made.insert(bisect.bisect_left(events, t_ns, key=lambda item: item[0]), (t_ns, OriginChanged(t_ns, origin)))
     return replace(recording, events=made, origin_inferred=True)
 
 
-def _origin_of_pair(events: list[tuple[int, Event]], kind: AutopilotKind) -> GeoPoint | None:
-    latest: PriorPose | None = None
-    for _, event in events:
+def _origins_of_pairs(events: list[tuple[int, Event]], kind: AutopilotKind) -> list[tuple[int, GeoPoint]]:
+    """Times (ns) and places of the origins, the first and those that it moved to."""
+    found: list[tuple[int, GeoPoint]] = []
+    moved: GeoPoint | None = None
+    for t_ns, origin in _pairs(events, kind):
+        if not found:
+            found.append((t_ns, origin))
+        elif distance_m(origin, found[-1][1]) <= _MOVED_M:
+            moved = None
+        elif moved is not None and distance_m(origin, moved) <= _MOVED_M:
+            found.append((t_ns, origin))
+            moved = None
+        else:
+            moved = origin
+    return found
+
+
+def _pairs(events: list[tuple[int, Event]], kind: AutopilotKind) -> Iterator[tuple[int, GeoPoint]]:
+    """Where local and global positions of the same moment, in either order, put the origin."""
+    place: PriorPose | None = None
+    local: LocalPose | None = None
+    for t_ns, event in events:
         if isinstance(event, PriorPose):
-            latest = event
-        elif isinstance(event, LocalPose) and latest is not None and event.t_boot_ns > 0:
-            dt_ns = event.t_boot_ns - latest.t_boot_ns
-            if abs(dt_ns) <= _PAIR_NS and any(event.p_ned_m[:2]):
-                north, east, down = (p - v * dt_ns / NS_PER_S for p, v in zip(event.p_ned_m, event.v_ned_mps, strict=True))
-                return geo_from_autopilot_ned(kind, (-north, -east, -down), latest.place)
-    return None
+            place = event
+        elif isinstance(event, LocalPose) and event.t_boot_ns > 0 and any(event.p_ned_m[:2]):
+            local = event
+        else:
+            continue
+        if place is None or local is None:
+            continue
+        dt_ns = local.t_boot_ns - place.t_boot_ns
+        if abs(dt_ns) <= _PAIR_NS:
+            north, east, down = (p - v * dt_ns / NS_PER_S for p, v in zip(local.p_ned_m, local.v_ned_mps, strict=True))
+            yield t_ns, geo_from_autopilot_ned(kind, (-north, -east, -down), place.place)
 
 
-def _first_position(events: list[tuple[int, Event]]) -> GeoPoint | None:
+def _first_position(events: list[tuple[int, Event]]) -> list[tuple[int, GeoPoint]]:
     has_fix = False
-    for _, event in events:
+    for t_ns, event in events:
         if isinstance(event, Gnss):
             has_fix = event.fix_type >= 3
         elif isinstance(event, PriorPose) and has_fix:
-            return GeoPoint(event.place.lat_deg, event.place.lon_deg, event.place.h_amsl_m - event.h_rel_m)
-    return None
+            return [(t_ns, GeoPoint(event.place.lat_deg, event.place.lon_deg, event.place.h_amsl_m - event.h_rel_m))]
+    return []
 
 
 def link_up(t_ns: int, kind: AutopilotKind, version: str = "", armed: bool = False) -> LinkChanged:
