@@ -225,3 +225,14 @@ def test_ratios_without_the_estimators_status_are_no_loss(tmp_path: Path) -> Non
     recording = open_log(write(tmp_path / "a.bin", data))
     assert [type(event) for _, event in recording.events] == [LinkChanged, Attitude]
     assert recording.losses == Losses()
+
+
+def test_a_log_goes_on_after_hours_without_arming(tmp_path: Path) -> None:
+    hours_us = 3 * 3_600_000_000
+    later = [message(MODERN, "ATT", hours_us + k * 100_000, 0, 0, 0) for k in range(60)]
+    stray = message(MODERN, "ATT", 10**15, 0, 0, 0)
+    recording = open_log(write(tmp_path / "a.bin", modern_flight(2) + b"".join([*later[:30], stray, *later[30:]])))
+    attitudes = [event for _, event in recording.events if isinstance(event, Attitude)]
+    assert len(attitudes) == 2 + 60 - 20
+    assert attitudes[-1].t_boot_ns == 10_805_900_000_000
+    assert recording.losses.clock_steps == 2

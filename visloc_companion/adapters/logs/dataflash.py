@@ -51,6 +51,8 @@ _HORIZ_VEL, _HORIZ_POS_ABS, _CONST_POS_MODE, _GPS_GLITCHING = 0x2, 0x10, 0x80, 0
 """Of nav_filter_status (AP_Nav_Common.h). Beyond 0x200 they differ from EKF_STATUS_REPORT: 0x8000 is a *good* GPS here."""
 _IMU_EVERY_NS = 10 * NS_PER_MS
 _LEAP_NS, _MAX_STEP_NS = 2 * NS_PER_S, 3600 * NS_PER_S
+_CONFIRMED, _CONFIRMED_LONG = 1, 20
+"""So many messages must go on from a leap of the clock, more beyond `_MAX_STEP_NS` (disarmed for hours, not logging)."""
 _GPS_EPOCH_UNIX_S = 315_964_800
 _LEAP_SECONDS = ((1_483_228_800, 18), (1_435_708_800, 17), (1_341_100_800, 16), (1_230_768_000, 15), (0, 14))
 """UTC instants (Unix seconds) from which GPS time is so many seconds ahead of UTC."""
@@ -74,6 +76,7 @@ class _Reader:
         self._losses = losses
         self._t_ns = 0
         self._leap_ns: int | None = None
+        self._n_leapt = 0
         self._last_attitude: Attitude | None = None
         self._last_imu_ns: int | None = None
         self._v_ned_mps: Vec3 | None = None
@@ -98,15 +101,15 @@ class _Reader:
             self.events.append((self._t_ns, event))
 
     def _at(self, fields: Fields, milliseconds: str = "TimeMS") -> int:
-        """Boot time of a message. Raises ValueError where it goes back, or leaps and the next message does not confirm it."""
+        """Boot time of a message. Raises ValueError where it goes back, or leaps and the next messages do not confirm it."""
         t_ns = int(fields["TimeUS"] * NS_PER_US if "TimeUS" in fields else fields[milliseconds] * NS_PER_MS)
         if not self.events:
             self._t_ns = t_ns
         elif not -NS_PER_S <= t_ns - self._t_ns <= _LEAP_NS:
-            confirmed = t_ns > self._t_ns and self._leap_ns is not None and abs(t_ns - self._leap_ns) <= _LEAP_NS
-            self._leap_ns = t_ns
-            if not confirmed or t_ns - self._t_ns > _MAX_STEP_NS:
-                self._losses.clock_steps += 1
+            goes_on = t_ns > self._t_ns and self._leap_ns is not None and abs(t_ns - self._leap_ns) <= _LEAP_NS
+            self._leap_ns, self._n_leapt = t_ns, self._n_leapt + 1 if goes_on else 0
+            if self._n_leapt < (_CONFIRMED if t_ns - self._t_ns <= _MAX_STEP_NS else _CONFIRMED_LONG):
+                self._losses.clock_steps += not goes_on
                 raise ValueError(t_ns)
         self._t_ns = max(self._t_ns, t_ns)
         return self._t_ns
