@@ -26,7 +26,22 @@ from visloc_companion.types import (
 )
 
 HEAD = b"\xa3\x95"
-CODES = {"B": "B", "Q": "Q", "c": "h", "C": "H", "L": "i", "e": "i", "f": "f", "I": "I", "H": "H", "i": "i", "E": "I", "Z": "64s"}
+CODES = {
+    "B": "B",
+    "Q": "Q",
+    "c": "h",
+    "C": "H",
+    "L": "i",
+    "e": "i",
+    "f": "f",
+    "I": "I",
+    "H": "H",
+    "i": "i",
+    "E": "I",
+    "Z": "64s",
+    "N": "16s",
+    "b": "b",
+}
 MODERN = {
     "ATT": (1, "Qccc", "TimeUS,Roll,Pitch,Yaw"),
     "IMU": (11, "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
@@ -48,7 +63,7 @@ OLD = {
     "CTUN": (4, "Ifh", "TimeMS,Alt,CRt"),
     "EV": (5, "B", "Id"),
 }
-CODES["h"] = "h"
+CODES |= {"h": "h", "b": "b", "N": "16s"}
 
 
 def layout(code: str) -> struct.Struct:
@@ -236,3 +251,36 @@ def test_a_log_goes_on_after_hours_without_arming(tmp_path: Path) -> None:
     assert len(attitudes) == 2 + 60 - 20
     assert attitudes[-1].t_boot_ns == 10_805_900_000_000
     assert recording.losses.clock_steps == 2
+
+
+ESTIMATORS = {
+    "ATT": MODERN["ATT"],
+    "PARM": (20, "QNf", "TimeUS,Name,Value"),
+    "NKF1": (21, "Qffffff", "TimeUS,VN,VE,VD,PN,PE,PD"),
+    "NKF4": (22, "QcccI", "TimeUS,SV,SP,SH,SS"),
+    "XKF1": MODERN["XKF1"],
+    "XKF4": (23, "QBcccIb", "TimeUS,C,SV,SP,SH,SS,PI"),
+}
+
+
+def two_estimators(*, primary: int) -> bytes:
+    parts = [message(ESTIMATORS, "ATT", 1_000_000, 0, 0, 0)]
+    for k in range(4):
+        us = 1_000_000 + 100_000 * k
+        parts += [
+            message(ESTIMATORS, "NKF1", us, *[2.0] * 6),
+            message(ESTIMATORS, "NKF4", us, 0, 200, 0, 0x33F),
+            *(message(ESTIMATORS, "XKF1", us, core, *[10.0 + core] * 6) for core in (0, 1)),
+            *(message(ESTIMATORS, "XKF4", us, core, 0, 10 + core, 0, 0x33F, primary if k else 0) for core in (0, 1)),
+        ]
+    return b"".join(parts)
+
+
+@pytest.mark.parametrize(("in_use", "norths_m"), [(2, [2.0] * 4), (3, [10.0, 10.0, 11.0, 11.0])])
+def test_the_estimator_that_flies_and_its_primary_core(tmp_path: Path, in_use: int, norths_m: list[float]) -> None:
+    chosen = message(ESTIMATORS, "PARM", 900_000, b"AHRS_EKF_TYPE", float(in_use))
+    data = formats(ESTIMATORS) + chosen + message(ESTIMATORS, "PARM", 900_000, b"AHRS_GPS_USE", 1.0) + two_estimators(primary=1)
+    events = [event for _, event in open_log(write(tmp_path / "a.bin", data)).events]
+    assert [event.p_ned_m[0] for event in events if isinstance(event, LocalPose)] == norths_m
+    ratios = [event.position_ratio for event in events if isinstance(event, EstimatorStatus)]
+    assert ratios == pytest.approx([2.0] * 4 if in_use == 2 else [0.10, 0.11, 0.11, 0.11])

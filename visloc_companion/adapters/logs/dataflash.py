@@ -1,7 +1,8 @@
 """ArduPilot's on-board logs (.bin), those of 2014 as well as today's.
 
 ATT gives the attitude, IMU the accelerations, GPS the receiver, ORGN the origin, POS with XKF1 (NKF1, EKF1) the autopilot's
-position and velocity, XKF4 (NKF4, EKF4) its innovation ratios, RFND (since 4.0) distances, EV arming, MSG the version. Logs of
+position and velocity, XKF4 (NKF4, EKF4) its innovation ratios, RFND (since 4.0) distances, EV arming, MSG the version, PARM which
+of several estimators flies (of which XKF4 names the core that does). Logs of
 before the EKF have NTUN (position and velocity over home, cm) and CTUN (height, climb) instead; home is then the first mission
 item or the first fix.
 """
@@ -43,12 +44,14 @@ from visloc_companion.types import (
 
 _KIND = AutopilotKind.ARDUPILOT
 _POSITIONS = ("POS", "ORGN", "XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4", "NTUN", "CTUN")
-_WANTED = frozenset(("ATT", "IMU", "GPS", "RFND", "EV", "MSG", "CMD", *_POSITIONS))
+_WANTED = frozenset(("ATT", "IMU", "GPS", "RFND", "EV", "MSG", "CMD", "PARM", *_POSITIONS))
 _EV_ARMED, _EV_DISARMED = (10, 15), (11,)
 _DOWN, _GOOD = 25, 4
 """MAV_SENSOR_ROTATION_PITCH_270, and RangeFinder::Status::Good."""
 _HORIZ_VEL, _HORIZ_POS_ABS, _CONST_POS_MODE, _GPS_GLITCHING = 0x2, 0x10, 0x80, 0x4000
 """Of nav_filter_status (AP_Nav_Common.h). Beyond 0x200 they differ from EKF_STATUS_REPORT: 0x8000 is a *good* GPS here."""
+_ESTIMATORS = {1: "EKF", 2: "NKF", 3: "XKF"}
+"""Of AHRS_EKF_TYPE: how the messages of EKF1, EKF2 and EKF3 begin; with any other value the vehicle flies on none of them."""
 _IMU_EVERY_NS = 10 * NS_PER_MS
 _LEAP_NS, _MAX_STEP_NS = 2 * NS_PER_S, 3600 * NS_PER_S
 _CONFIRMED, _CONFIRMED_LONG = 1, 20
@@ -84,11 +87,13 @@ class _Reader:
         self._h_amsl_m: float | None = None
         self._home: GeoPoint | None = None
         self._version, self._armed = "", False
+        self._idle: frozenset[str] = frozenset()
+        self._core = 0
 
     def take(self, name: str, fields: Fields) -> None:
         """One message; those with missing or impossible values are counted and left out."""
         handler = _HANDLERS.get(name)
-        if handler is None:
+        if handler is None or name[:3] in self._idle:
             return
         try:
             event = handler(self, fields)
@@ -163,7 +168,7 @@ class _Reader:
         return Range(t_ns, t_ns, _finite(fields["Dist"]), fields["Stat"] == _GOOD)
 
     def _kf1(self, fields: Fields) -> Event | None:
-        if fields.get("C", 0) != 0:
+        if fields.get("C", self._core) != self._core:
             return None
         t_ns = self._at(fields)
         self._v_ned_mps = (_finite(fields["VN"]), _finite(fields["VE"]), _finite(fields["VD"]))
@@ -171,7 +176,9 @@ class _Reader:
 
     def _kf4(self, fields: Fields) -> Event | None:
         """What the estimator says of itself; 3.2 and older (2014) log its ratios without its status, which alone says little."""
-        if fields.get("C", 0) != 0 or "SS" not in fields:
+        if (primary := fields.get("PI", -1)) >= 0:
+            self._core = primary
+        if fields.get("C", self._core) != self._core or "SS" not in fields:
             return None
         t_ns, flags = self._at(fields), fields["SS"]
         constant = bool(flags & _CONST_POS_MODE)
@@ -220,6 +227,10 @@ class _Reader:
         if not self._version and len(words) > 1 and words[1].startswith("V"):
             self._version = words[1][1:]
 
+    def _parm(self, fields: Fields) -> None:
+        if fields["Name"].split(b"\0", 1)[0] == b"AHRS_EKF_TYPE" and fields["Value"] in _ESTIMATORS:
+            self._idle = frozenset(_ESTIMATORS.values()) - {_ESTIMATORS[int(fields["Value"])]}
+
     def _cmd(self, fields: Fields) -> None:
         if self._home is None and fields["CNum"] == 0 and (fields["Lat"] or fields["Lng"]):
             self._home = _place(fields["Lat"], fields["Lng"], fields["Alt"])
@@ -237,6 +248,7 @@ _HANDLERS = {
     "EV": _Reader._ev,
     "MSG": _Reader._msg,
     "CMD": _Reader._cmd,
+    "PARM": _Reader._parm,
     **dict.fromkeys(("XKF1", "NKF1", "EKF1"), _Reader._kf1),
     **dict.fromkeys(("XKF4", "NKF4", "EKF4"), _Reader._kf4),
 }
