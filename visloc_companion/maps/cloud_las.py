@@ -16,6 +16,7 @@ import numpy as np
 
 from visloc_companion.errors import CloudError, VislocError
 from visloc_companion.maps.crs import MapCrs, map_crs
+from visloc_companion.maps.las_crs import height_unit_m, stated_wkt
 from visloc_companion.types import FloatArray
 
 NOISE_CLASSES = (7, 18)
@@ -30,7 +31,7 @@ READ_AGAIN = "copy or download the file again"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LasFile:
-    """An open file. `low`, `high` (3,) are the header's bounds in the units of the file."""
+    """An open file. `low`, `high` (3,) are the header's bounds in the units of the file; a unit of height has `height_unit_m`."""
 
     path: Path
     reader: Any
@@ -38,13 +39,14 @@ class LasFile:
     point_count: int
     low: FloatArray
     high: FloatArray
+    height_unit_m: float
 
     @property
     def metres_per_unit(self) -> FloatArray:
         """(3,) of easting, northing and height; 1 where the file states no CRS."""
         if self.crs is None:
             return np.ones(3)
-        return np.array([self.crs.metres_per_unit] * 2 + [self.crs.vertical_metres_per_unit])
+        return np.array([self.crs.metres_per_unit, self.crs.metres_per_unit, self.height_unit_m])
 
     def chunks(self, chunk_points: int = CHUNK_POINTS) -> Iterator[FloatArray]:
         """(N, 3) points in the file's CRS and units, without noise classes and withheld points.
@@ -90,10 +92,9 @@ def open_las(path: Path, crs_text: str = "") -> Iterator[LasFile]:
     with reader:
         with las_errors(path):
             header = reader.header
-            found = header.parse_crs()
+            text = stated_wkt(header) or crs_text
             count = int(header.point_count)
             low, high = np.array(header.mins, np.float64), np.array(header.maxs, np.float64)
-            text = crs_text if found is None else found.to_wkt()
         if count == 0:
             raise CloudError("holds no point", where=str(path), remedy="name a cloud with content")
         if not (np.isfinite(low).all() and np.isfinite(high).all() and (low <= high).all()):
@@ -101,7 +102,9 @@ def open_las(path: Path, crs_text: str = "") -> Iterator[LasFile]:
         crs = map_crs(text, str(path)) if text else None
         if crs is not None and crs.is_geographic:
             raise CloudError("is in degrees", where=str(path), remedy="reproject it to a CRS in metres (pdal, las2las)")
-        yield LasFile(path, reader, crs, count, low, high)
+        with las_errors(path):
+            height_m = height_unit_m(header, crs)
+        yield LasFile(path, reader, crs, count, low, high, height_m)
 
 
 @contextmanager
@@ -149,7 +152,8 @@ def _check_chunks(path: Path) -> None:
         at = _int64(stream, to_points, size)
         at = _int64(stream, size - 8, size) if at == -1 else at
         if at is None or not 0 < at <= size - 8:
-            raise CloudError("the table of its chunks lies outside of the file", where=str(path), remedy=READ_AGAIN)
+            what = "the table of its chunks lies outside of the file (it is cut off, or a LASzip of before 2011 made it)"
+            raise CloudError(what, where=str(path), remedy=f"{READ_AGAIN}, or write it anew (las2las)")
         stream.seek(at)
         _, n_chunks = struct.unpack("<II", stream.read(8))
     if n_chunks > size:

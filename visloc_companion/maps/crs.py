@@ -18,7 +18,10 @@ from visloc_companion.errors import DatumMissing, MapError, OutsideMap
 from visloc_companion.geo.wgs84 import radii_m
 from visloc_companion.types import FloatArray, GeoPoint
 
-_REMEDY = "give the raster a projected or geographic CRS (gdal_edit.py -a_srs EPSG:..., gdalwarp -t_srs EPSG:...)"
+_REMEDY = (
+    "state a projected or geographic CRS (gdal_edit.py -a_srs EPSG:...) or change to one "
+    "(gdalwarp -t_srs EPSG:..., for clouds pdal translate with filters.reprojection)"
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,13 +44,17 @@ class Linearisation:
 
 
 class MapCrs:
-    """A horizontal CRS and its relation to WGS 84. Compare with `==`; build with `map_crs`."""
+    """A horizontal CRS and its relation to WGS 84. Compare with `==`; build with `map_crs`.
+
+    `vertical_metres_per_unit` is 1 where the CRS does not state heights (`states_heights`).
+    """
 
     def __init__(self, crs: CRS, vertical: CRS | None, to_map: Transformer, is_ellipsoidal_3d: bool = False) -> None:
         self._crs, self._to_map = crs, to_map
         self.is_ellipsoidal_3d = is_ellipsoidal_3d
-        self.vertical_name = vertical.name if vertical else ""
+        self.vertical_name = vertical.name if vertical and not is_ellipsoidal_3d else ""
         self.vertical_metres_per_unit = float(vertical.axis_info[-1].unit_conversion_factor) if vertical else 1.0
+        self.states_heights = vertical is not None
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, MapCrs) and self._crs.equals(other._crs, ignore_axis_order=True)
@@ -157,7 +164,17 @@ def map_crs(text: str, where: str = "") -> MapCrs:
         to_map = Transformer.from_crs(CRS.from_epsg(4326), horizontal, always_xy=True, allow_ballpark=False)
     except ProjError as why:
         raise DatumMissing(f"the relation of {full.name!r} to WGS 84 is unknown", where=where, remedy=_REMEDY) from why
-    return MapCrs(horizontal, vertical, to_map, is_ellipsoidal_3d=len(parts[0].axis_info) == 3)
+    is_3d = len(parts[0].axis_info) == 3
+    return MapCrs(horizontal, parts[0] if is_3d else vertical, to_map, is_ellipsoidal_3d=is_3d)
+
+
+def vertical_unit_m(epsg: int) -> float | None:
+    """Metres in a unit of a vertical CRS (feet: 0.3048), None where the code is none of one."""
+    try:
+        crs = CRS.from_epsg(epsg)
+    except CRSError:
+        return None
+    return float(crs.axis_info[-1].unit_conversion_factor) if crs.is_vertical else None
 
 
 def utm_at(lat_deg: float, lon_deg: float) -> MapCrs:

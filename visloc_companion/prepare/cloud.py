@@ -57,7 +57,7 @@ def _rasterised(las: LasFile, crs: MapCrs) -> Source:
     if not known.any():
         raise CloudError("holds no point that is a surface", where=str(las.path), remedy="name a cloud with content")
     T_map_pix = T_map_pix_from_gdal((cell, 0.0, float(low[0]), 0.0, -cell, float(high[1])))
-    heights *= np.float32(crs.vertical_metres_per_unit)
+    heights *= np.float32(las.height_unit_m)
     heights[~known] = 0
     return Source(str(las.path), array_layer(T_map_pix, heights, known), crs, ground_gsd_m(crs, T_map_pix, (rows, cols)))
 

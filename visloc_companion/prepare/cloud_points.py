@@ -108,7 +108,7 @@ def write_cloud(work: WorkFolder, cloud: PackCloud | None, report: Progress) -> 
 def _fold_file(scratch: Path, las: LasFile, cloud: PackCloud, step: Callable[[int], None]) -> None:
     crs, met = stated_crs(las), 0
     for points in las.chunks():
-        met += _fold(scratch, _in_map(points, crs, cloud), cloud)
+        met += _fold(scratch, _in_map(points, crs, las.height_unit_m, cloud), cloud)
         step(len(points))
     if not met:
         raise CloudError(
@@ -116,11 +116,11 @@ def _fold_file(scratch: Path, las: LasFile, cloud: PackCloud, step: Callable[[in
         )
 
 
-def _in_map(points: FloatArray, crs: MapCrs, cloud: PackCloud) -> FloatArray:
+def _in_map(points: FloatArray, crs: MapCrs, height_unit_m: float, cloud: PackCloud) -> FloatArray:
     """(N, 3) points of a file to easting, northing of the pack and height above sea level."""
     placed = np.empty_like(points)
     placed[:, :2] = points[:, :2] if crs == cloud.grid.crs else cloud.grid.crs.to_map_array(crs.to_geo_array(points[:, :2]))
-    placed[:, 2] = points[:, 2] * crs.vertical_metres_per_unit - (cloud.undulation_m or 0.0)
+    placed[:, 2] = points[:, 2] * height_unit_m - (cloud.undulation_m or 0.0)
     return placed
 
 

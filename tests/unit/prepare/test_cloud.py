@@ -61,8 +61,9 @@ def test_crs_is_stated_or_given(tmp_path: Path) -> None:
     assert surface.gsd_m == pytest.approx(10**0.5, rel=0.01), "three points a cell at 0.3 a square metre"
 
 
-def test_feet_become_metres(tmp_path: Path) -> None:
-    write_cloud(tmp_path / "c.las", scene((6e6, 2e6), 3000), "EPSG:2227+6360")
+@pytest.mark.parametrize("crs", ["EPSG:2227+6360", "EPSG:2227"])
+def test_feet_become_metres(tmp_path: Path, crs: str) -> None:
+    write_cloud(tmp_path / "c.las", scene((6e6, 2e6), 3000), crs)
     values, valid = cloud_surface(tmp_path / "c.las").layer.read(0, (10, 11), (10, 11))
     assert valid.all()
     assert values[0, 0] == pytest.approx(300 * 0.3048006, abs=0.01)
