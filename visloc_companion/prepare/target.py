@@ -17,6 +17,8 @@ from visloc_companion.types import FloatArray
 BLOCK_PX = 256
 """Tile of the pack's rasters; overviews go on until the raster fits into two of them."""
 MAX_PIXELS = 4_000_000_000
+LARGEST_M = 1_000_000.0
+"""Beyond, no projection is true to scale; and a pack is for one flight."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +63,14 @@ def pack_grid(sources: Sequence[Source]) -> TargetGrid:
     """The grid over all orthophotos: the first one's CRS, pixel and alignment where it is fit for it, else UTM."""
     first = sources[0]
     crs = pack_crs(first)
-    return grid_over(first, crs, outline_box(sources, crs))
+    box = outline_box(sources, crs)
+    if max(box[2] - box[0], box[3] - box[1]) > LARGEST_M:
+        raise MapError(
+            f"spans {(box[2] - box[0]) / 1000:.0f} x {(box[3] - box[1]) / 1000:.0f} km" + " with the others" * (len(sources) > 1),
+            where=first.name,
+            remedy="cut it to where you fly (gdalwarp -te, gdal_translate -projwin)",
+        )
+    return grid_over(first, crs, box)
 
 
 def pack_crs(first: Source) -> MapCrs:

@@ -93,6 +93,15 @@ def test_turned_feet_and_mercator_rasters_become_metric_and_north_up(tmp_path: P
         assert PackMap.open(tmp_path / "pack").covers(*place)
 
 
+@pytest.mark.parametrize(("crs", "place", "gsd_m"), [("EPSG:4326", (10.0, 20.0), 50_000.0), (UTM, PLACE, 30_000.0)])
+def test_a_raster_of_a_continent_is_refused(
+    tmp_path: Path, write_raster, crs: str, place: tuple[float, float], gsd_m: float
+) -> None:
+    write_raster(tmp_path / "a.tif", picture(64), crs, place, gsd_m)
+    with pytest.raises(MapError, match=r"a\.tif: (spans|has no place).*remedy"):
+        build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+
+
 def test_first_orthophoto_lies_on_top_and_others_fill(tmp_path: Path, write_raster) -> None:
     first = np.full((200, 200), 200, np.uint8)
     first[:, 150:] = 0
