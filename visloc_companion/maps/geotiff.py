@@ -24,14 +24,16 @@ IN_MEMORY_BYTES = 400_000_000
 """Rasters with fewer bytes than this are read whole; larger ones are read by windows."""
 _READ_AGAIN = "copy or download the file again (gdalinfo -checksum FILE names the damage)"
 FOOT_M = 0.3048
+HEIGHTS_M = (-1000.0, 10_000.0)
+"""Nothing on land is lower or higher: what a surface model holds beyond stands for "unknown", whether or not the file says so."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GeoTiff:
     """An open GeoTIFF, its CRS, its grid and which bands are used.
 
-    `stretch` maps other types than uint8 to 0-255; `height_unit_m` is None where
-    the bands are no heights.
+    `stretch` maps other types than uint8 to 0-255. Heights are `height_unit_m` (None where the bands are no heights) times the
+    band's values, and `lift_m`.
     """
 
     path: Path
@@ -41,6 +43,7 @@ class GeoTiff:
     bands: tuple[int, ...]
     stretch: tuple[float, float] | None
     height_unit_m: float | None
+    lift_m: float = 0.0
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -71,11 +74,24 @@ def open_ortho(path: Path) -> GeoTiff:
 def open_dsm(path: Path) -> GeoTiff:
     """Open a surface model: heights in the first band, metres or feet. Raises MapError, DatumMissing."""
     dataset, crs, T_map_pix = _open(path)
-    unit = (dataset.units[0] or "").lower()
-    if unit and unit not in ("m", "metre", "meter", "metres", "meters") and not unit.startswith(("ft", "foot", "feet", "us")):
+    if dataset.colorinterp[0] in (ColorInterp.palette, ColorInterp.red):
+        raise MapError("holds colours, no heights", where=str(path), remedy="name a surface model (GeoTIFF, one band of heights)")
+    unit_m = _height_unit_m(path, (dataset.units[0] or "").lower(), crs)
+    return GeoTiff(path, dataset, crs, T_map_pix, (1,), None, unit_m * dataset.scales[0], unit_m * dataset.offsets[0])
+
+
+def _height_unit_m(path: Path, unit: str, crs: MapCrs) -> float:
+    """Metres in a unit of height: the band's or the vertical CRS's. On a grid in metres or degrees neither need be stated."""
+    if unit.startswith(("ft", "foot", "feet", "us")):
+        return FOOT_M
+    if unit in ("m", "metre", "meter", "metres", "meters"):
+        return 1.0
+    if unit:
         raise MapError(f"heights are in {unit!r}", where=str(path), remedy="convert the heights to metres")
-    named = FOOT_M if unit.startswith(("ft", "foot", "feet", "us")) else 1.0
-    return GeoTiff(path, dataset, crs, T_map_pix, (1,), None, named if unit else crs.vertical_metres_per_unit)
+    if not crs.states_heights and not crs.is_geographic and crs.metres_per_unit != 1.0:
+        what = "its grid is in feet, and it does not say whether its heights are"
+        raise DatumMissing(what, where=str(path), remedy="gdal_edit.py -units ft FILE, or -units m")
+    return crs.vertical_metres_per_unit
 
 
 def layer_of(tiff: GeoTiff, in_memory_bytes: int = IN_MEMORY_BYTES) -> Layer:
@@ -122,15 +138,18 @@ class DatasetLayer:
             mask = self.tiff.dataset.dataset_mask(window=window, out_shape=shape, resampling=Resampling.nearest)
         except RasterioError as why:
             raise MapError(f"pixels cannot be read: {why}", where=str(self.tiff.path), remedy=_READ_AGAIN) from why
-        return self._converted(raw, np.where(mask > 127, np.uint8(255), np.uint8(0)))
+        opaque = 127 if self.tiff.dataset.dtypes[-1] == "uint8" else 0  # GDAL scales a wider alpha, whatever its largest value is
+        return self._converted(raw, np.where(mask > opaque, np.uint8(255), np.uint8(0)))
 
     def _converted(self, raw: NDArray[Any], mask: Validity) -> tuple[Values, Validity]:
         if self.tiff.height_unit_m is not None:
-            heights = raw[0].astype(np.float32) * np.float32(self.tiff.height_unit_m)
-            return heights, np.where(np.isfinite(heights), mask, 0).astype(np.uint8)
+            stored = np.where(mask > 0, raw[0], 0).astype(np.float64)
+            heights = (stored * self.tiff.height_unit_m + self.tiff.lift_m).astype(np.float32)
+            known = (mask > 0) & (heights >= HEIGHTS_M[0]) & (heights <= HEIGHTS_M[1])
+            return np.where(known, heights, np.float32(0)), known.astype(np.uint8) * np.uint8(255)
         if self.tiff.stretch is not None:
             low, high = self.tiff.stretch
-            scaled = (raw.astype(np.float32) - low) * (255 / (high - low))
+            scaled = (np.where(mask > 0, raw, 0).astype(np.float64) - low) * (255 / (high - low))
             finite = np.isfinite(scaled).all(axis=0)
             raw = np.clip(np.nan_to_num(scaled), 0, 255).astype(np.uint8)
             mask = np.where(finite, mask, 0).astype(np.uint8)

@@ -159,6 +159,59 @@ def test_heights_in_feet_become_metres(tmp_path: Path, write_raster) -> None:
         RasterMap.open(tmp_path / "a.tif", tmp_path / "dsm.tif")
 
 
+def test_heights_on_a_grid_in_feet_need_their_unit(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", image(100), *FEET, 1.0)
+    write_raster(tmp_path / "dsm.tif", np.full((100, 100), 1000, np.float32), *FEET, 1.0)
+    with pytest.raises(DatumMissing, match=r"dsm\.tif: its grid is in feet.*-units ft"):
+        RasterMap.open(tmp_path / "a.tif", tmp_path / "dsm.tif")
+    with rasterio.open(tmp_path / "dsm.tif", "r+") as dsm:
+        dsm.units = ("m",)
+    ref = RasterMap.open(tmp_path / "a.tif", tmp_path / "dsm.tif")
+    assert ref.height_amsl_m(*ref.center_map_m) == pytest.approx(1000.0)
+    write_raster(tmp_path / "dsm.tif", np.full((100, 100), 1000, np.float32), "EPSG:2227+6360", FEET[1], 1.0)
+    ref = RasterMap.open(tmp_path / "a.tif", tmp_path / "dsm.tif")
+    assert ref.height_amsl_m(*ref.center_map_m) == pytest.approx(304.8, abs=0.01)
+
+
+def test_scale_and_offset_of_heights(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", image(100), *NORTH, 1.0)
+    write_raster(tmp_path / "dsm.tif", np.full((100, 100), 1234, np.int16), *NORTH, 1.0)
+    with rasterio.open(tmp_path / "dsm.tif", "r+") as dsm:
+        dsm.scales, dsm.offsets = (0.1,), (200.0,)
+    ref = RasterMap.open(tmp_path / "a.tif", tmp_path / "dsm.tif")
+    assert ref.height_amsl_m(*ref.center_map_m) == pytest.approx(323.4)
+
+
+@pytest.mark.parametrize("unknown", [-9999, -32767, -3.4028234663852886e38, 1e20])
+def test_heights_that_no_land_has_are_unknown_whether_or_not_the_file_says_so(
+    tmp_path: Path, write_raster, unknown: float
+) -> None:
+    heights = surface(100)
+    heights[:, :30] = unknown
+    write_raster(tmp_path / "a.tif", image(100), *NORTH, 1.0)
+    write_raster(tmp_path / "dsm.tif", heights, *NORTH, 1.0)
+    patch = RasterMap.open(tmp_path / "a.tif", tmp_path / "dsm.tif").patch(
+        map_crs(NORTH[0]).to_map(*NORTH[1]), (90, 20), 1.0, 0.0
+    )
+    assert np.isnan(patch.dsm_amsl_m[:, :23]).all() and not patch.valid[:, :23].any()
+    assert patch.valid[:, 30:80].all()
+
+
+def test_a_picture_is_no_surface_model(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", np.dstack([image(100)] * 3), *NORTH, 1.0, photometric="RGB")
+    with pytest.raises(MapError, match=r"a\.tif: holds colours, no heights"):
+        RasterMap.open(tmp_path / "a.tif", tmp_path / "a.tif")
+
+
+def test_alpha_of_a_wider_type_counts_from_its_smallest_value(tmp_path: Path, write_raster) -> None:
+    bands = np.dstack([image(100).astype(np.uint16) * 100] * 3 + [np.full((100, 100), 255, np.uint16)])
+    bands[:, :30, 3] = 0
+    write_raster(tmp_path / "a.tif", bands, *NORTH, 1.0, photometric="RGB", alpha="yes")
+    ref = RasterMap.open(tmp_path / "a.tif")
+    patch = ref.patch(ref.center_map_m, (90, 20), 1.0, 0.0)
+    assert patch.valid[:, 30:].all() and not patch.valid[:, :20].any()
+
+
 def test_unknown_heights_are_not_a_number_and_invalid(tmp_path: Path, write_raster) -> None:
     heights = surface(100)
     heights[:, :30] = -9999
