@@ -7,8 +7,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
-
+from visloc_companion.adapters.camera.image import decode_image
 from visloc_companion.errors import CasesError
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.types import CameraModel, GeoPoint, Image, PosePrior
@@ -96,14 +95,10 @@ def read_truth(folder: Path) -> dict[str, Truth]:
 
 def read_frame(path: Path) -> Image | None:
     """The frame as RGB or grey uint8; None where there is no readable image."""
-    if not path.is_file():
+    try:
+        return decode_image(path.read_bytes(), keep_grey=True)
+    except OSError:
         return None
-    pixels = cv2.imread(str(path), cv2.IMREAD_ANYCOLOR)
-    if pixels is None:
-        return None
-    if pixels.ndim == 2:
-        return pixels.astype("uint8", copy=False)
-    return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB).astype("uint8", copy=False)
 
 
 def _table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:

@@ -20,6 +20,8 @@ MIN_CONTRAST = 2.5
 NOISE_LEFT = 0.35
 """Of the contrast, where 4 x 4 pixels are averaged: 0.25 of white noise, 0.8 and more of ground by day."""
 MIDDLE_PX = 480
+LEAST_PX = 32
+"""A frame's shorter side; smaller ones (a thumbnail) show nothing that could be found."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,10 +38,20 @@ class FrameLevel:
 
 def check_pixels(pixels: Image, model: CameraModel) -> tuple[Reason, str] | None:
     """Why a frame cannot be localised whatever the map is, or None."""
+    return _unfit(pixels, model) or _shows_nothing(pixels)
+
+
+def _unfit(pixels: Image, model: CameraModel) -> tuple[Reason, str] | None:
     if pixels.ndim not in {2, 3} or pixels.shape[:2] != (model.height_px, model.width_px):
         return Reason.BAD_FRAME, f"frame is {pixels.shape}, the calibration is for {model.width_px} x {model.height_px} pixels"
     if pixels.dtype != np.uint8 or (pixels.ndim == 3 and pixels.shape[2] != 3):
         return Reason.BAD_FRAME, f"frame is {pixels.dtype} with shape {pixels.shape}, expected uint8 grey or RGB"
+    if min(pixels.shape[:2]) < LEAST_PX:
+        return Reason.BAD_FRAME, f"frame has only {model.width_px} x {model.height_px} pixels"
+    return None
+
+
+def _shows_nothing(pixels: Image) -> tuple[Reason, str] | None:
     sample = pixels[::4, ::4] if pixels.ndim == 2 else pixels[::4, ::4, 1]
     low, middle, high = (float(p) for p in np.percentile(sample, (5, 50, 95)))
     if high < DARK_GREY:

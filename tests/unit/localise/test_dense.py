@@ -104,6 +104,16 @@ def test_frames_that_show_nothing_are_declined(frame, reason, method, flat, supp
     assert answer.method == method
 
 
+@pytest.mark.parametrize(("width_px", "height_px"), [(1, 1), (5, 3), (31, 400)])
+def test_a_thumbnail_is_no_frame(width_px: int, height_px: int, flat, support):
+    model = CameraModel(width_px, height_px, 100.0, 100.0, width_px / 2, height_px / 2)
+    frame = noise(0, 255)[:1, :1].repeat(height_px, 0).repeat(width_px, 1)
+    answer = gradient_localiser(model, LocaliserSettings()).localise(support.request_at((0.0, 0.0, -240.0), LEVEL), frame, flat)
+    assert isinstance(answer, NoFix)
+    assert answer.reason is Reason.BAD_FRAME
+    assert f"{width_px} x {height_px} pixels" in answer.detail
+
+
 @pytest.mark.parametrize(
     ("p", "euler", "reason"),
     [

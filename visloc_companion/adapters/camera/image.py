@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import zlib
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from visloc_companion.errors import CameraError
 from visloc_companion.protocols import FrameSlots
@@ -15,15 +17,44 @@ CHECKED_ROWS = 8
 """Every so many rows count for a frame's checksum: enough for noise to tell two exposures apart, in less than a millisecond."""
 
 
-def decode_image(data: bytes) -> Image | None:
-    """(H, W, 3) RGB of a PNG or JPEG file's bytes; None where they are damaged."""
-    if not data:
+_AS_STORED = cv2.IMREAD_IGNORE_ORIENTATION | cv2.IMREAD_ANYDEPTH
+"""Calibrations know nothing of the turn that EXIF proposes to viewers."""
+_JPEG, _SCAN, _END = b"\xff\xd8", 0xDA, b"\xff\xd9"
+
+
+def decode_image(data: bytes, *, keep_grey: bool = False) -> Image | None:
+    """(H, W, 3) RGB of an image file's bytes, (H, W) of a grey one with `keep_grey`; None where they are damaged or cut off.
+
+    Values of more than 8 bits are stretched between nearly their least and greatest: a thermal camera uses few of them.
+    """
+    if not data or _is_cut_jpeg(data):
         return None
+    flags = (cv2.IMREAD_ANYCOLOR if keep_grey else cv2.IMREAD_COLOR) | _AS_STORED
     try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error:
         return None
-    return None if pixels is None else rgb(np.asarray(pixels, dtype=np.uint8))
+    return None if pixels is None else rgb(_in_8_bits(np.asarray(pixels)))
+
+
+def _is_cut_jpeg(data: bytes) -> bool:
+    """Whether a JPEG has no end behind its first scan: decoders fill what is missing with grey. Scans hold no end by chance."""
+    at = len(_JPEG)
+    if not data.startswith(_JPEG):
+        return False
+    while at + 4 <= len(data) and data[at] == 0xFF:
+        if data[at + 1] == _SCAN:
+            return data.find(_END, at) < 0
+        at += 1 if data[at + 1] == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    return True
+
+
+def _in_8_bits(pixels: NDArray[Any]) -> Image:
+    if pixels.dtype == np.uint8:
+        return np.asarray(pixels, dtype=np.uint8)
+    values = np.nan_to_num(pixels.astype(np.float32))
+    low, high = np.percentile(values, [0.1, 99.9])
+    return np.asarray(np.clip((values - low) * (255 / max(high - low, 1e-6)), 0, 255), dtype=np.uint8)
 
 
 def rgb(bgr: Image) -> Image:

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
+from visloc_companion.adapters.camera.image import decode_image
 from visloc_companion.errors import LogError
 from visloc_companion.types import Image
 
@@ -37,10 +38,9 @@ class FileFrames:
     def pixels(self, number: int) -> Image | None:
         """The pixels of a frame; None for a missing or damaged file."""
         try:
-            raw = np.fromfile(self.files[number], dtype=np.uint8)
+            return decode_image(self.files[number].read_bytes())
         except OSError:
             return None
-        return _rgb(cv2.imdecode(raw, cv2.IMREAD_COLOR)) if raw.size else None
 
 
 class VideoFrames:
