@@ -6,8 +6,6 @@ no growth of a whole forest. The few best places are refined, and the one whose 
 
 from __future__ import annotations
 
-import math
-
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
 from visloc_companion.localise.registration.pair import make_pair
@@ -20,12 +18,14 @@ REFINED = 4
 """Places that are refined."""
 SLIDE_M, SLIDE_CELLS = 6.0, 3.0
 """A refinement that goes farther from its start than this has slid away."""
+MOST_WORK = 2e9
+"""About two minutes of a core. 66 m x 66 m within ±500 m and ±25° of the prior are an eighth of it."""
 
 
 class HeightSearchRegistration:
     """As base.RegistrationMethod. A search of more than `most_work` (search.work) is declined."""
 
-    def __init__(self, max_probability_wrong: float, most_work: float = math.inf) -> None:
+    def __init__(self, max_probability_wrong: float, most_work: float = MOST_WORK) -> None:
         self.max_probability_wrong, self.most_work = max_probability_wrong, most_work
 
     def __call__(self, source_m: FloatArray, reference_m: FloatArray, prior: RegistrationPrior) -> Registered | NotRegistered:

@@ -1,16 +1,18 @@
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from visloc_companion.errors import Reason
-from visloc_companion.localise.registration.base import NotRegistered, Registered
+from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
 from visloc_companion.localise.registration.correlation import NO_SCORE, Scores
 from visloc_companion.localise.registration.handicap import of_similarity
 from visloc_companion.localise.registration.height_search import HeightSearchRegistration
 from visloc_companion.localise.registration.pair import make_pair
+from visloc_companion.localise.registration.registry import make_registration
 from visloc_companion.localise.registration.search import find_places, hypotheses, runner_up, template, work
 from visloc_companion.localise.registration.similarity import moved, yaw_of
 
@@ -88,3 +90,13 @@ def test_a_search_that_would_take_too_long_is_declined(scene):
     assert isinstance(declined, NotRegistered)
     assert declined.reason is Reason.SEARCH_TOO_WIDE
     assert isinstance(HeightSearchRegistration(1.0, cost)(scene.source_m, scene.reference_m, scene.prior), Registered)
+
+
+def test_a_thin_cloud_of_kilometres_is_declined_at_once():
+    """A thousand points over 3 km x 4 km, as a file in feet without a CRS has them."""
+    xy = np.random.default_rng(1).uniform(0, [3300, 4600], (1065, 2))
+    points = np.column_stack([xy, 5 * np.sin(xy[:, 0] / 70)])
+    prior = RegistrationPrior(5.0, 2.0, math.radians(3.0), math.radians(0.5), 0.01, 0.0)
+    declined = make_registration("height-search")(points, points, prior)
+    assert isinstance(declined, NotRegistered)
+    assert declined.reason is Reason.SEARCH_TOO_WIDE
