@@ -85,6 +85,7 @@ def _run(
 
     from visloc_companion.cli.figures import figure_lines
     from visloc_companion.cli.progress import require_folder, write_json
+    from visloc_companion.errors import Reason
     from visloc_companion.evaluate.cases import read_cases, read_truth
     from visloc_companion.evaluate.image import evaluate_image
     from visloc_companion.evaluate.image_report import write_image_report
@@ -103,6 +104,9 @@ def _run(
         )
     if json_file is not None:
         write_json(json_file, document)
+    for result in results:
+        if result.reason in (Reason.BAD_INPUT, Reason.BAD_FRAME):
+            typer.echo(f"{result.case_id}: {result.detail}", err=True)
     if report is not None:
         typer.echo(write_image_report(report, document, results, read_truth(cases), cases=read_cases(cases)[:limit]))
     for line in figure_lines(document["summary"]):

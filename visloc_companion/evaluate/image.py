@@ -41,6 +41,7 @@ MAX_PROBABILITY_WRONG = 0.05
 """Fixes with a larger calibrated probability of being wrong become refusals."""
 CASES_AT_ONCE = 4
 """Handed to a process."""
+UNREADABLE = "is missing, cut off or no image; remedy: name a whole PNG or JPEG"
 
 
 def evaluate_image(
@@ -107,7 +108,7 @@ def run_case(
         return CaseResult(case.case_id, None, Reason.BAD_INPUT, case.why)
     pixels = read_frame(case.frame)
     if pixels is None:
-        return CaseResult(case.case_id, None, Reason.BAD_FRAME, f"{case.frame}: not a readable image")
+        return CaseResult(case.case_id, None, Reason.BAD_FRAME, f"{case.frame}: {UNREADABLE}")
     model = case.camera.model(pixels)
     localiser = make_localiser(
         method,

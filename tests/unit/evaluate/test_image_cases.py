@@ -213,6 +213,18 @@ def test_command_writes_json_and_report(folder, tmp_path):
     assert "http" not in page
 
 
+def test_the_command_says_what_is_wrong_with_which_case(folder):
+    said = CliRunner().invoke(evaluate_app, ["image", str(folder), "--method", "ncc"]).stderr
+    for words in (
+        f"no_frame: {folder / 'absent.png'}: is missing, cut off or no image; remedy: ",
+        f"no_map: {folder / 'absent.tif'}: there is no such file; remedy: ",
+        "not_a_number: prior_h_m is not a number: 'high'",
+        "off_earth: prior is not on earth",
+    ):
+        assert words in said
+    assert "far:" not in said, "what is outside the map is an answer"
+
+
 def test_methods_are_listed_and_unknown_ones_refused(folder):
     listed = CliRunner().invoke(evaluate_app, ["image", "--list-methods"])
     assert listed.output.split() == list(METHODS) and {"gradient", "deep", "ncc", "keypoint"} <= set(METHODS)
