@@ -198,6 +198,14 @@ def test_a_log_that_tells_nothing_is_refused(tmp_path: Path) -> None:
         open_log(write(tmp_path / "a.bin", formats(MODERN) + message(MODERN, "BARO", 1, 2.0)))
 
 
+def test_a_log_of_px4_of_before_ulog_is_told_from_an_empty_one(tmp_path: Path) -> None:
+    """Its framing is the same, but its attitudes have no time of their own."""
+    px4 = {"ATT": (2, "ffffff", "qw,qx,qy,qz,Roll,Pitch"), "TIME": (129, "Q", "StartTime")}
+    data = formats(px4) + message(px4, "TIME", 1_000_000) + message(px4, "ATT", 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    with pytest.raises(LogError, match=r"a\.bin: holds no ATT.* as ArduPilot writes them; remedy: .*\.ulg"):
+        open_log(write(tmp_path / "a.bin", data))
+
+
 def test_accelerations_of_the_first_sensor_at_no_more_than_a_hundred_hertz(tmp_path: Path) -> None:
     parts = [modern_flight(2)]
     for k in range(40):  # 400 Hz

@@ -68,7 +68,8 @@ def read_dataflash(path: Path) -> Recording:
     for name, fields in messages(read_bytes(path), _WANTED, losses):
         reader.take(name, fields)
     if not reader.events:
-        raise LogError("holds no ATT, GPS or POS message", where=str(path), remedy="name a DataFlash log (.bin) of ArduPilot")
+        what = "holds no ATT, GPS or POS message" + " as ArduPilot writes them" * bool(losses.dropped_messages)
+        raise LogError(what, where=str(path), remedy="name a DataFlash log (.bin) of ArduPilot, or PX4's .ulg")
     return Recording(path, _KIND, in_order(reader.events), losses, reader.unix_minus_boot_ns)
 
 
