@@ -1,6 +1,6 @@
 """Kalman prediction and update, stateless and checked: the one room that imports filterpy.
 
-filterpy's textbook functions turn a singular innovation covariance or a NaN measurement into a NaN state without raising;
+filterpy's textbook update turns a singular innovation covariance or a NaN measurement into a NaN state without raising;
 here everything is checked first, so that a caller gets a finite, symmetric, positive definite answer, a `Rejected`, or a
 ValueError for what can only be a mistake in the program (wrong shapes, a broken prior).
 """
@@ -11,7 +11,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from filterpy.kalman import predict as _predict
 from filterpy.kalman import update as _update
 from scipy.linalg.lapack import dpotrf  # type: ignore[import-untyped]
 
@@ -33,8 +32,7 @@ def predict(x: FloatArray, P: FloatArray, F: FloatArray, Q: FloatArray, step: Fl
     n = len(x)
     if not (P.shape == F.shape == Q.shape == (n, n) and step.shape == (n,)):
         raise ValueError(f"predict: shapes x {x.shape} P {P.shape} F {F.shape} Q {Q.shape} step {step.shape} do not fit")
-    x1, P1 = _predict(x, P, F=F, Q=Q, u=step, B=1)
-    return _checked(x1, P1, "predict")
+    return _checked(np.dot(F, x) + step, np.dot(np.dot(F, P), F.T) + Q, "predict")
 
 
 def update(

@@ -95,9 +95,12 @@ def transition(
         F[POSITION, HEADING] = east * dt_s / 2, -north * dt_s / 2
         _forget(F, Q, gone_by)
         return F, np.broadcast_to(Q, (len(sigma_mps), *Q.shape))
-    F, per_variance, rest = (M.copy() for M in _gauss_markov(dt_s, settings.velocity_correlation_s, *bias))
+    F, per_variance, rest = _gauss_markov(dt_s, settings.velocity_correlation_s, *bias)
+    F, rest = F.copy(), rest.copy()
     _forget(F, rest, gone_by)
-    return F, np.square(sigma_mps)[:, None, None] * per_variance + rest
+    Q = np.square(sigma_mps)[:, None, None] * per_variance
+    Q += rest
+    return F, Q
 
 
 def _forget(F: FloatArray, Q: FloatArray, gone_by: float) -> None:
