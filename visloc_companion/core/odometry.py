@@ -217,7 +217,7 @@ def _why_refused(odometry: Odometry) -> Reason | None:
     d, cov = odometry.displacement_ned_m, odometry.cov_ne_m2
     shared = (odometry.sigma_scale, odometry.sigma_heading_rad, odometry.sigma_focal)
     numbers = (*d, *cov[0], *cov[1], *shared, *odometry.per_focal_ne_m)
-    if not all(math.isfinite(n) for n in numbers):
+    if not all(map(math.isfinite, numbers)):
         return Reason.NOT_FINITE
     if odometry.t_to_ns <= odometry.t_from_ns:
         return Reason.IMPLAUSIBLE_TIME
@@ -233,25 +233,24 @@ def _root(t_ns: int) -> _Node:
 
 
 def _moved(start: _Node, item: Odometry) -> _Node:
-    d = np.array(item.displacement_ned_m)
-    scale = item.sigma_scale * d[:2]
-    heading = item.sigma_heading_rad * np.array([-d[1], d[0]])
-    per_focal = np.array(item.per_focal_ne_m)
-    shared = np.stack([scale, heading, item.sigma_focal * per_focal, per_focal])
+    (north, east, _), per_focal = item.displacement_ned_m, item.per_focal_ne_m
+    scale, heading, focal = item.sigma_scale, item.sigma_heading_rad, item.sigma_focal
+    by_focal = (focal * per_focal[0], focal * per_focal[1])
+    shared = ((scale * north, scale * east), (-heading * east, heading * north), by_focal, per_focal)
     return _Node(
         item.t_to_ns,
         start.t_ns,
-        start.p_ned_m + d,
+        start.p_ned_m + item.displacement_ned_m,
         start.own_m2 + _own(item.cov_ne_m2, shared[:3]),
         start.shared_m + shared,
         start.unseen_s,
-        start.path_m + float(np.hypot(d[0], d[1])),
+        start.path_m + float(np.hypot(north, east)),
     )
 
 
-def _own(cov: Cov2, shared_m: FloatArray) -> FloatArray:
-    """(2, 2) a displacement's covariance less the errors (N, 2) that it shares, nowhere negative."""
+def _own(cov: Cov2, shared_m: tuple[Vec2, ...]) -> Cov2:
+    """A displacement's covariance less the errors that it shares, nowhere negative."""
     (nn, ne), (_, ee) = cov
-    for north, east in shared_m.tolist():
+    for north, east in shared_m:
         nn, ne, ee = nn - north**2, ne - north * east, ee - east**2
-    return np.array(floored(((nn, ne), (ne, ee)), 0.0))
+    return floored(((nn, ne), (ne, ee)), 0.0)

@@ -119,17 +119,26 @@ def updated(
     """
     if not take.any():
         return solutions
-    PHt = _times(solutions.P, H.T)
+    if take.all():
+        x, P = _updated(solutions.x, solutions.P, z, R, H, n_considered)
+    else:  # those that leave a fix out are most of them
+        x, P = solutions.x.copy(), solutions.P.copy()
+        x[take], P[take] = _updated(x[take], P[take], z, R, H, n_considered)
+    rested = solutions.rested_ns if t_ns is None else np.where(take, t_ns, solutions.rested_ns)
+    return Solutions(x, P, solutions.probability, rested, solutions.leaves, solutions.left)
+
+
+def _updated(
+    x: FloatArray, P: FloatArray, z: FloatArray, R: FloatArray, H: FloatArray, n_considered: int
+) -> tuple[FloatArray, FloatArray]:
+    PHt = _times(P, H.T)
     gain = PHt @ np.linalg.inv(H @ PHt + R)
     if n_considered:
         gain[:, H.shape[1] - n_considered :] = 0.0
-    gain[~take] = 0.0
-    gain_T, innovation = gain.transpose(0, 2, 1), z - solutions.x @ H.T
-    left = solutions.P - gain @ PHt.transpose(0, 2, 1)  # (I - K H) P
+    gain_T, innovation = gain.transpose(0, 2, 1), z - x @ H.T
+    left = P - gain @ PHt.transpose(0, 2, 1)  # (I - K H) P
     P = left + (gain @ R - _times(left, H.T)) @ gain_T  # times (I - K H)', and K R K'
-    x = solutions.x + (gain @ innovation[:, :, None])[:, :, 0]
-    rested = solutions.rested_ns if t_ns is None else np.where(take, t_ns, solutions.rested_ns)
-    return Solutions(x, (P + P.transpose(0, 2, 1)) / 2, solutions.probability, rested, solutions.leaves, solutions.left)
+    return x + (gain @ innovation[:, :, None])[:, :, 0], (P + P.transpose(0, 2, 1)) / 2
 
 
 def _times(P: FloatArray, A: FloatArray) -> FloatArray:
@@ -199,12 +208,15 @@ def likely(solutions: Solutions) -> Solutions:
 
 def apart(solutions: Solutions, x: FloatArray, P: FloatArray, H: FloatArray = H_POSITION) -> Solutions:
     """Without each `ONE` that says no more of H x, H (m, n), than the filter itself, x (n,) and P (n, n), does."""
-    if not len(solutions):
+    ones = [k for k, leaves in enumerate(solutions.leaves) if leaves == ONE]
+    if not ones:
         return solutions
     variance = float(np.trace(H @ P @ H.T))
-    near = np.square((solutions.x - x) @ H.T).sum(1) < MERGED_SIGMA**2 * variance
-    same = near & (np.einsum("mi,kij,mj->k", H, solutions.P, H) < MERGED_VARIANCE * variance)
-    return chosen(solutions, ~(same & np.array([leaves == ONE for leaves in solutions.leaves])))
+    near = np.square((solutions.x[ones] - x) @ H.T).sum(1) < MERGED_SIGMA**2 * variance
+    same = near & ((H @ solutions.P[ones] * H).sum((1, 2)) < MERGED_VARIANCE * variance)
+    keep = np.ones(len(solutions), np.bool_)
+    keep[ones] = ~same
+    return chosen(solutions, keep)
 
 
 def chosen(solutions: Solutions, keep: NDArray[np.bool_]) -> Solutions:
