@@ -18,14 +18,16 @@ from visloc_companion.types import PosePrior, TiltPrior, TiltSeen
 
 WIDEST_RAD = math.radians(5.0)
 """Blocks that know the tilt about some axis no better than this (1-sigma) say nothing of it."""
+LEAST_RAD = 1e-4
+"""No attitude is known better, whatever a prior claims."""
 
 
 def set_right(prior: PosePrior) -> PosePrior:
-    """The prior with what earlier fixes tell of its tilt in its attitude and in its 1-sigma."""
+    """The prior with what earlier fixes tell of its tilt in its attitude and in its 1-sigma, which is no less than LEAST_RAD."""
     if prior.tilt is None:
-        return prior
+        return prior if prior.sigma_tilt_rad >= LEAST_RAD else replace(prior, sigma_tilt_rad=LEAST_RAD)
     turned = se3.quat_multiply(se3.quat_from_vector((*prior.tilt.turn_ne_rad, 0.0)), prior.q_ned_frd)
-    return replace(prior, q_ned_frd=turned, sigma_tilt_rad=prior.tilt.sigma_rad, tilt=None)
+    return replace(prior, q_ned_frd=turned, sigma_tilt_rad=max(prior.tilt.sigma_rad, LEAST_RAD), tilt=None)
 
 
 def seen_tilt(estimate: PoseEstimate, prior: PosePrior) -> TiltSeen | None:

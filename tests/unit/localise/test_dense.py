@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -64,6 +65,18 @@ def test_same_request_gives_the_same_answer(flat, support):
     assert distance_m(a.place, b.place) < 1e-5
     assert a.place.h_amsl_m == pytest.approx(b.place.h_amsl_m, abs=1e-5)
     assert a.probability_wrong == pytest.approx(b.probability_wrong, rel=1e-4)
+
+
+@pytest.mark.parametrize("method", ["gradient", "iclk"])
+def test_a_pose_that_is_known_exactly_is_one_as_any_other(method, flat, support):
+    truth = (5.0, 8.0, -240.0)
+    frame = support.render(flat, MODEL, truth, LEVEL)
+    localiser = make_localiser(method, MODEL, features=GRADIENT, max_probability_wrong=1.0)
+    request = support.request_at((4.0, 8.0, -240.0), LEVEL)
+    exact = replace(request.prior, sigma_tilt_rad=0.0)
+    assert error_m(localiser.localise(replace(request, prior=exact), frame, flat), truth)[0] < 0.35
+    all_exact = replace(exact, cov_ne_m2=((0.0, 0.0), (0.0, 0.0)), sigma_h_m=0.0, sigma_yaw_rad=0.0)
+    assert isinstance(localiser.localise(replace(request, prior=all_exact), frame, flat), Fix | NoFix)
 
 
 def test_map_sigma_enters_the_claimed_covariance(flat, support):
