@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 import rasterio
 from numpy.typing import NDArray
-from rasterio.enums import ColorInterp, Resampling
+from rasterio.enums import ColorInterp, MaskFlags, Resampling
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window
 
 from visloc_companion.errors import DatumMissing, MapError
 from visloc_companion.geo.raster import T_map_pix_from_gdal
+from visloc_companion.maps.collar import collar
 from visloc_companion.maps.crs import MapCrs, map_crs
 from visloc_companion.maps.layer import ArrayLayer, Layer, Validity, Values, array_layer, level_shapes
 from visloc_companion.types import FloatArray
@@ -24,6 +25,8 @@ IN_MEMORY_BYTES = 400_000_000
 """Rasters with fewer bytes than this are read whole; larger ones are read by windows."""
 _READ_AGAIN = "copy or download the file again (gdalinfo -checksum FILE names the damage)"
 FOOT_M = 0.3048
+SHADES, LEAST_SHADES = 0.25, 16
+"""An alpha band with such a share of pixels that are neither empty nor full, and so many shades, is a colour."""
 HEIGHTS_M = (-1000.0, 10_000.0)
 """Nothing on land is lower or higher: what a surface model holds beyond stands for "unknown", whether or not the file says so."""
 
@@ -33,7 +36,7 @@ class GeoTiff:
     """An open GeoTIFF, its CRS, its grid and which bands are used.
 
     `stretch` maps other types than uint8 to 0-255. Heights are `height_unit_m` (None where the bands are no heights) times the
-    band's values, and `lift_m`.
+    band's values, and `lift_m`. `masked`: the file says where it is empty.
     """
 
     path: Path
@@ -44,6 +47,7 @@ class GeoTiff:
     stretch: tuple[float, float] | None
     height_unit_m: float | None
     lift_m: float = 0.0
+    masked: bool = True
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -68,7 +72,7 @@ def open_ortho(path: Path) -> GeoTiff:
     dataset, crs, T_map_pix = _open(path)
     bands = _colour_bands(dataset)
     stretch = None if dataset.dtypes[0] == "uint8" else _stretch(path, dataset, bands)
-    return GeoTiff(path, dataset, crs, T_map_pix, bands, stretch, None)
+    return GeoTiff(path, dataset, crs, T_map_pix, bands, stretch, None, masked=_is_masked(path, dataset))
 
 
 def open_dsm(path: Path) -> GeoTiff:
@@ -101,6 +105,8 @@ def layer_of(tiff: GeoTiff, in_memory_bytes: int = IN_MEMORY_BYTES) -> Layer:
     if rows * cols * len(tiff.bands) * lazy.dtype.itemsize > in_memory_bytes:
         return lazy
     values, valid = lazy.read(0, (0, rows), (0, cols))
+    if not tiff.masked and tiff.stretch is None:
+        valid[collar(values)] = 0
     layer: ArrayLayer = array_layer(tiff.T_map_pix, values, valid > 0)
     tiff.dataset.close()
     return layer
@@ -135,7 +141,9 @@ class DatasetLayer:
         how = Resampling.average if level else Resampling.nearest
         try:
             raw = self.tiff.dataset.read(list(self.tiff.bands), window=window, out_shape=(self.channels, *shape), resampling=how)
-            mask = self.tiff.dataset.dataset_mask(window=window, out_shape=shape, resampling=Resampling.nearest)
+            mask = np.full(shape, 255, np.uint8)
+            if self.tiff.masked:
+                mask = self.tiff.dataset.dataset_mask(window=window, out_shape=shape, resampling=Resampling.nearest)
         except RasterioError as why:
             raise MapError(f"pixels cannot be read: {why}", where=str(self.tiff.path), remedy=_READ_AGAIN) from why
         opaque = 127 if self.tiff.dataset.dtypes[-1] == "uint8" else 0  # GDAL scales a wider alpha, whatever its largest value is
@@ -189,6 +197,20 @@ def _colour_bands(dataset: Any) -> tuple[int, ...]:
         return rgb
     colours = [band for band in dataset.indexes if dataset.colorinterp[band - 1] is not ColorInterp.alpha]
     return tuple(colours[:3]) if len(colours) >= 3 else (colours[0],)
+
+
+def _is_masked(path: Path, dataset: Any) -> bool:
+    """Whether the file says where it is empty. An alpha band of many shades does not: it is near infrared, and marked as alpha
+    because GDAL takes the last of four bands for that unless it is told otherwise."""
+    flags = dataset.mask_flag_enums[0]
+    if MaskFlags.alpha not in flags or dataset.dtypes[0] != "uint8":
+        return MaskFlags.all_valid not in flags
+    shape = (min(512, dataset.height), min(512, dataset.width))
+    try:
+        alpha = dataset.read(dataset.colorinterp.index(ColorInterp.alpha) + 1, out_shape=shape)
+    except RasterioError as why:
+        raise MapError(f"pixels cannot be read: {why}", where=str(path), remedy=_READ_AGAIN) from why
+    return len(np.unique(alpha)) < LEAST_SHADES or float(((alpha > 0) & (alpha < 255)).mean()) < SHADES
 
 
 def _stretch(path: Path, dataset: Any, bands: tuple[int, ...]) -> tuple[float, float]:

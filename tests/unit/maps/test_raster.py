@@ -197,6 +197,27 @@ def test_heights_that_no_land_has_are_unknown_whether_or_not_the_file_says_so(
     assert patch.valid[:, 30:80].all()
 
 
+@pytest.mark.parametrize("fill", [0, 255])
+def test_fill_about_a_picture_is_empty_though_the_file_does_not_say_so(tmp_path: Path, write_raster, fill: int) -> None:
+    rgb = np.dstack([image(300)] * 3)
+    v, u = np.mgrid[:300, :300]
+    corner = u + v < 200
+    rgb[corner] = fill
+    rgb[150:180, 200:230] = fill  # a roof
+    rgb[295:, 100:103] = fill  # a thing at the border
+    write_raster(tmp_path / "a.tif", rgb, *NORTH, 1.0, photometric="RGB")
+    ref = RasterMap.open(tmp_path / "a.tif")
+    patch = ref.patch(ref.center_map_m, (300, 300), 1.0, 0.0)
+    np.testing.assert_array_equal(patch.valid, ~corner)
+
+
+def test_near_infrared_that_is_marked_as_alpha_hides_nothing(tmp_path: Path, write_raster) -> None:
+    bands = np.dstack([image(300)] * 4)
+    write_raster(tmp_path / "a.tif", bands, *NORTH, 1.0, photometric="RGB", alpha="yes")
+    ref = RasterMap.open(tmp_path / "a.tif")
+    assert ref.patch(ref.center_map_m, (290, 290), 1.0, 0.0).valid.all()
+
+
 def test_a_picture_is_no_surface_model(tmp_path: Path, write_raster) -> None:
     write_raster(tmp_path / "a.tif", np.dstack([image(100)] * 3), *NORTH, 1.0, photometric="RGB")
     with pytest.raises(MapError, match=r"a\.tif: holds colours, no heights"):
