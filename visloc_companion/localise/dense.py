@@ -24,6 +24,9 @@ from visloc_companion.localise.verify import AGAIN_WEIGHTS, DEEP_WEIGHTS, GRADIE
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix
 
+MOST_LEAN_COS = math.cos(math.radians(30.0))
+"""A camera that leans further sees woods from the side: on training cases the errors of second looks are 1.3 times what they claim
+beyond it, 0.9 to 1.0 times below."""
 LOOK_AGAIN_ABOVE, LEAST_OF_ONE_PLACE = 0.05, 0.25
 """A frame is looked at again where the first look is wrong with more than the former probability and the search gives one place
 the latter or more: on training cases every right one had 0.27. Where much is searched none has it, and it would take long."""
@@ -109,7 +112,8 @@ def _another_look_tells_more(task: Task, found: Found) -> bool:
     surface model, it was right no more often than the first, and surer of it."""
     finer = task.refinement(task.plan.fine_gsd_m) is not task.features
     one_place = bool(found.modes) and found.modes[0].mass >= LEAST_OF_ONE_PLACE
-    return finer and one_place and tilt_is_known(task.prior.sigma_tilt_rad)
+    upright = float(task.plan.pose.R_ned_cam[2, 2]) >= MOST_LEAN_COS
+    return finer and one_place and upright and tilt_is_known(task.prior.sigma_tilt_rad)
 
 
 def gradient_localiser(model: CameraModel, settings: LocaliserSettings) -> DenseLocaliser:

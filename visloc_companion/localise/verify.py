@@ -21,7 +21,7 @@ GRADIENT_WEIGHTS: Weights = (-1.79, 18.6, 5.48, 0.442, 2.6, -0.583, -1.95, -0.39
 features, and ..."""
 DEEP_WEIGHTS: Weights = (-4.31, 7.4, -4.56, 0.325, -1.44, 5.73, -2.24, -0.357, 13.6, 2.52, 0.125, 0.368, -0.408)
 """... for the network's, and ..."""
-AGAIN_WEIGHTS: Weights = (-3.46, 7.36, -23.1, 0.872, 0.152, 19.5, -1.77, -0.31, 3.57, -7.16, 0.000988, 0.326, 15.9)
+AGAIN_WEIGHTS: Weights = (-9.9, 4.64, -22.4, 1.13, -1.41, 17.1, -0.0633, -0.389, 13.4, -3.55, 0.0335, 0.353, 18.2)
 """... for a second look through the network's at what the first one declines (looks.py)."""
 FAR_PX = 7.0
 """Pixels of the search level (90 across a footprint, fewer where the map has no more): an answer that is off by more is wrong
