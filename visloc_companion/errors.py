@@ -14,7 +14,9 @@
     └── CasesError
 """
 
+import traceback
 from enum import StrEnum
+from pathlib import Path
 
 
 class VislocError(Exception):
@@ -36,6 +38,13 @@ class VislocError(Exception):
 
 def _rebuild(kind: type[VislocError], what: str, where: str, remedy: str) -> VislocError:
     return kind(what, where=where, remedy=remedy)
+
+
+def fault_text(fault: BaseException) -> str:
+    """An exception that nobody raised on purpose, in one line: kind, text, file and line."""
+    calls = traceback.extract_tb(fault.__traceback__)
+    where = f" ({Path(calls[-1].filename).name}:{calls[-1].lineno})" if calls else ""
+    return f"{type(fault).__name__}: {fault}{where}"
 
 
 class ConfigError(VislocError):

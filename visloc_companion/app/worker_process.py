@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import os
 import signal
-import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -17,7 +16,7 @@ from visloc_companion.app.slots import SlotsName, WorkerSlots
 from visloc_companion.app.terrain import TerrainAnswer
 from visloc_companion.config import Config
 from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
-from visloc_companion.errors import Reason, VislocError, WorkerError
+from visloc_companion.errors import Reason, VislocError, WorkerError, fault_text
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix, TerrainRequest
 
@@ -154,6 +153,4 @@ def _answered(answer: Answer, request: WorkerRequest, slots: WorkerSlots, method
             return about_terrain(answer.terrain if isinstance(answer, OverMap) else None, request)
         return answer(request, slots.read(request.frame))
     except Exception as fault:
-        where = traceback.extract_tb(fault.__traceback__)[-1]
-        detail = f"{type(fault).__name__}: {fault} ({Path(where.filename).name}:{where.lineno})"
-        return no_fix(request, method, Reason.BAD_INPUT, detail)
+        return no_fix(request, method, Reason.BAD_INPUT, fault_text(fault))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from visloc_companion import __version__
-from visloc_companion.errors import MapError, Reason
+from visloc_companion.errors import MapError, Reason, fault_text
 from visloc_companion.evaluate.batch import run_all
 from visloc_companion.evaluate.cloud_cases import BadCloudCase, CloudCase, read_cloud_cases, read_cloud_truth
 from visloc_companion.evaluate.cloud_metrics import CloudResult, cloud_error, summarise
@@ -70,7 +70,7 @@ def evaluate_cloud(
 
 
 def run_case(posed: Posed, method: str, max_probability_wrong: float = DEFAULT_MAX_PROBABILITY_WRONG) -> CloudResult:
-    """Register one case and judge the answer. Whatever is wrong with its files becomes a refusal."""
+    """Register one case and judge the answer. Whatever is wrong with its files, or goes wrong over them, becomes a refusal."""
     case, T_true = posed
     known = T_true is not None
     if isinstance(case, BadCloudCase):
@@ -84,7 +84,10 @@ def run_case(posed: Posed, method: str, max_probability_wrong: float = DEFAULT_M
     clouds = source.points_m - origin, reference.points_m - origin
     register = make_registration(method, 1.0)
     start = time.perf_counter()
-    answer = register(*clouds, case.prior)
+    try:
+        answer = register(*clouds, case.prior)
+    except Exception as fault:  # one case must not cost the others their answers
+        return CloudResult(case.case_id, None, Reason.BAD_INPUT, fault_text(fault), has_truth=known)
     elapsed_ms = 1000 * (time.perf_counter() - start)
     notes = tuple(cloud.note for cloud in (source, reference) if cloud.note)
     placed, refusal, error = None, None, None

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from visloc_companion import __version__
-from visloc_companion.errors import MapError, OutsideMap, Reason
+from visloc_companion.errors import MapError, OutsideMap, Reason, fault_text
 from visloc_companion.evaluate.batch import run_all
 from visloc_companion.evaluate.cases import BadCase, Case, read_cases, read_frame, read_truth
 from visloc_companion.evaluate.image_metrics import CaseResult, summarise
@@ -100,7 +100,8 @@ def run_case(
     map_sigma: MapSigma = UNSTATED,
     looks: Looks = Looks.BOTH,
 ) -> CaseResult:
-    """Localise one case. Whatever is wrong with its files becomes a `no_fix`; a network is opened once for a process.
+    """Localise one case. Whatever is wrong with its files, or goes wrong over them, becomes a `no_fix`; a network is opened once
+    for a process.
 
     What is claimed includes the map's own error.
     """
@@ -123,15 +124,18 @@ def run_case(
     try:
         reference = _open_map(case.ortho, case.dsm)
         answer = localiser.localise(LocaliseRequest(0, frame, case.prior, 1), pixels, reference)
-    except OutsideMap as why:
-        return CaseResult(case.case_id, None, Reason.OUTSIDE_MAP, str(why))
-    except MapError as why:
-        return CaseResult(case.case_id, None, Reason.BAD_INPUT, str(why))
+    except Exception as fault:  # one case must not cost the others their answers
+        return _without_answer(case, fault)
     evidence = dict(answer.evidence)
     elapsed_ms = answer.elapsed_ms - evidence.get("map_ms", 0.0)
     if isinstance(answer, Fix):
         return CaseResult(case.case_id, with_map_sigma(answer, map_sigma), None, "", elapsed_ms, evidence, reference.gsd_m)
     return CaseResult(case.case_id, None, answer.reason, answer.detail, elapsed_ms, evidence, reference.gsd_m)
+
+
+def _without_answer(case: Case, fault: Exception) -> CaseResult:
+    reason = Reason.OUTSIDE_MAP if isinstance(fault, OutsideMap) else Reason.BAD_INPUT
+    return CaseResult(case.case_id, None, reason, str(fault) if isinstance(fault, MapError) else fault_text(fault))
 
 
 def as_json(result: CaseResult) -> dict[str, Any]:

@@ -25,8 +25,8 @@ from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix
 
 MOST_LEAN_COS = math.cos(math.radians(30.0))
-"""A camera that leans further sees woods from the side: on training cases the errors of second looks are 1.3 times what they claim
-beyond it, 0.9 to 1.0 times below."""
+"""A camera that leans further sees woods from the side: on training cases second looks err by 1.3 times their claim beyond it,
+by 0.9 to 1.0 times below."""
 LOOK_AGAIN_ABOVE, LEAST_OF_ONE_PLACE = 0.05, 0.25
 """A frame is looked at again where the first look is wrong with more than the former probability and the search gives one place
 the latter or more: on training cases every right one had 0.27. Where much is searched none has it, and it would take long."""

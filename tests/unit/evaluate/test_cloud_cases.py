@@ -133,6 +133,21 @@ def test_summary_counts_refused_cases_as_not_within(folder: Path) -> None:
     assert (everything["n_fix"], everything["far_and_accepted"], everything["wrong_and_accepted"]) == (3, 1, 1)
 
 
+def test_a_fault_over_one_case_costs_the_others_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    answer = Means.__call__
+
+    def faulty(self: Means, source: np.ndarray, *rest: object) -> object:
+        asked.append(1)
+        return answer(self, source, *rest) if len(asked) > 1 else asked[1]
+
+    monkeypatch.setattr(Means, "__call__", faulty)
+    results = evaluate_cloud(folder, "means", max_probability_wrong=1.0)[1]
+    faults = [r for r in results if r.detail.startswith("IndexError: list index out of range (test_cloud_cases.py:")]
+    assert len(faults) == 1 and faults[0].fix is None and faults[0].reason is Reason.BAD_INPUT
+    assert sum(r.fix is not None for r in results) == 2
+
+
 def test_every_readable_case_is_registered_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
     answer = Means.__call__

@@ -169,6 +169,27 @@ def test_a_killed_worker_does_not_end_the_run(folder, document, dying_pool):
     assert [case["id"] for case in cases] == [case["id"] for case in document["cases"]]
 
 
+def test_a_fault_over_one_case_costs_the_others_nothing(folder, document, monkeypatch):
+    from visloc_companion.evaluate import image
+
+    made = image.make_localiser
+    first = read_cases(folder)[0].case_id
+
+    def faulty(*given, **more):
+        localiser = made(*given, **more)
+        answer, asked = localiser.localise, len(calls)
+        calls.append(first)
+        localiser.localise = answer if asked else lambda *_: 1 / 0
+        return localiser
+
+    calls = []
+    monkeypatch.setattr(image, "make_localiser", faulty)
+    again, results = evaluate_image(folder, "gradient")
+    assert again["cases"][0]["status"] == "no_fix" and again["cases"][0]["reason"] == "bad_input"
+    assert results[0].detail.startswith("ZeroDivisionError: division by zero (test_image_cases.py:")
+    assert [case["status"] for case in again["cases"][1:]] == [case["status"] for case in document["cases"][1:]]
+
+
 def test_wrong_fixes_and_unsolvable_cases_count_as_wrong_and_accepted(folder):
     case = read_cases(folder)[0]
     assert isinstance(case, Case)
