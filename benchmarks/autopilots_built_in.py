@@ -38,7 +38,7 @@ from visloc_companion.sim.real.programs import Simulator
 from visloc_companion.sim.real.rendered import opened
 from visloc_companion.sim.real.scenario import RealScenario
 from visloc_companion.sim.real.scenarios import real_scenario
-from visloc_companion.sim.vehicle_model import ARDUPILOT_SITL, PX4_SIH
+from visloc_companion.sim.vehicle_model import ARDUPILOT_SITL, PX4_SIH, Drag, VehicleModel
 from visloc_companion.types import AutopilotKind, EkfSource, Fix, GeoPoint, Image, LocaliseRequest, NoFix, Quat, SourceSwitched
 
 WIND_NED_MPS, CALM = (2.0, -4.0, 0.0), (0.0, 0.0, 0.0)
@@ -66,7 +66,7 @@ def built_in_p95_m(scenario: RealScenario, simulator: Simulator, *, ekf2_default
         _faults(scenario),
         CALM if simulator.is_px4 else WIND_NED_MPS,
         boot_age_s=BOOT_AGE_S,
-        model=replace(PX4_SIH, imu=NOISY) if ekf2_defaults else PX4_SIH if simulator.is_px4 else ARDUPILOT_SITL,
+        model=_model(scenario, simulator, ekf2_defaults),
         parameters=EKF2_DEFAULT_TAUS if ekf2_defaults else None,
     )
     config = flight_config(scenario)
@@ -103,6 +103,13 @@ def main() -> None:
             path.write_text(json.dumps({**row, "built_in_p95_m": figures[row["seed"]]}, indent=1), encoding="utf-8")
     if args.write:
         DOCS.write_text(written(DOCS.read_text(encoding="utf-8"), read_rows(ROWS)), encoding="utf-8")
+
+
+def _model(scenario: RealScenario, simulator: Simulator, ekf2_defaults: bool) -> VehicleModel:
+    if not simulator.is_px4:
+        return ARDUPILOT_SITL
+    model = replace(PX4_SIH, imu=NOISY) if ekf2_defaults else PX4_SIH
+    return model if scenario.drag_per_s is None else replace(model, drag=Drag(scenario.drag_per_s))
 
 
 def _figure(row: Row, seed: int) -> float | None:

@@ -8,15 +8,15 @@ from visloc_companion.evaluate.closed_loop import FlightWorld
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.world import procedural_world
 from visloc_companion.sim.real.scenario import RealScenario, SeenWorld
+from visloc_companion.sim.real.scenarios import SEEN
 from visloc_companion.sim.scene import Scene
 
 WORLD_SEED = 1
-RENDERED = "rendered"
 
 
 def over_its_world(scenario: RealScenario) -> RealScenario:
     """A flight with rendered frames over the middle of the procedural world; any other as it is. Raises MapError."""
-    if scenario.name != RENDERED:
+    if scenario.name not in SEEN:
         return scenario
     world = procedural_world(WORLD_SEED)
     reference, scene = PackMap.open(world.pack, verify_hashes=False), Scene.load(world.flight_ortho, world.flight_dsm)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -18,7 +19,7 @@ from visloc_companion.sim.imu import NOISY
 from visloc_companion.sim.real.programs import Simulator
 from visloc_companion.sim.real.scenario import RealScenario
 from visloc_companion.sim.real.scenarios import real_scenario
-from visloc_companion.sim.vehicle_model import ARDUPILOT_SITL, PX4_SIH
+from visloc_companion.sim.vehicle_model import ARDUPILOT_SITL, PX4_SIH, Drag
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -51,6 +52,12 @@ def test_the_vehicle_is_the_simulators(module: ModuleType, monkeypatch: pytest.M
     pilot, _ = beside(module, monkeypatch, simulator)
     assert pilot.flight.plan.model == (PX4_SIH if simulator.is_px4 else ARDUPILOT_SITL)
     assert pilot.flight.plan.wind_ned_mps == ((0.0, 0.0, 0.0) if simulator.is_px4 else (2.0, -4.0, 0.0))
+
+
+def test_the_built_in_vehicle_has_the_flights_drag(module: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = replace(real_scenario("rendered_usual_drag", Simulator.PX4), seen=None)
+    pilot, _ = beside(module, monkeypatch, Simulator.PX4, scenario)
+    assert pilot.flight.plan.model == replace(PX4_SIH, drag=Drag(0.23))
 
 
 def test_rendered_frames_are_seen_from_over_their_own_home(

@@ -26,15 +26,20 @@ DAEMON_LOG, SAMPLES = "daemon.log", "samples.csv"
 PARAMETERS = Path(__file__).resolve().parents[3] / "docs" / "parameters"
 
 
-def make_pilot(simulator: Simulator, parameters: Path = PARAMETERS, home: GeoPoint = HOME) -> Pilot:
+def make_pilot(
+    simulator: Simulator, parameters: Path = PARAMETERS, home: GeoPoint = HOME, drag_per_s: float | None = None
+) -> Pilot:
     """The particulars of a simulator whose vehicle stands at `home`, with the parameter file that users are told to load.
 
-    Raises ConfigError where `parameters` (the folder) lacks it.
+    `drag_per_s`: of PX4's quadrotor (SIH_KDV over its mass of 1 kg). Raises ConfigError where `parameters` (the folder) lacks the
+    file.
     """
     file = parameters / ("px4.parm" if simulator.is_px4 else "ardupilot.parm")
     if not file.is_file():
         raise ConfigError("is missing", where=str(file), remedy="run in a checkout of the project")
-    return (Px4 if simulator.is_px4 else ArduPilot)(simulator.is_plane, file, home)
+    if not simulator.is_px4:
+        return ArduPilot(simulator.is_plane, file, home)
+    return Px4(simulator.is_plane, file, home, {} if drag_per_s is None else {"SIH_KDV": f"{drag_per_s:g}"})
 
 
 def fly_apart(simulator: Simulator, scenario: RealScenario, *, speed: float = 1.0, keep: Path | None = None) -> RealLog:
@@ -50,7 +55,7 @@ def fly_apart(simulator: Simulator, scenario: RealScenario, *, speed: float = 1.
 def _fly(simulator: Simulator, program: Path, scenario: RealScenario, speed: float, keep: Path | None) -> RealLog:
     enter_own_network()
     go_first()
-    pilot = make_pilot(simulator, home=scenario.home)
+    pilot = make_pilot(simulator, home=scenario.home, drag_per_s=scenario.drag_per_s)
     with tempfile.TemporaryDirectory(prefix="visloc-real-") as temporary:
         folder = Path(temporary) if keep is None else keep
         folder.mkdir(parents=True, exist_ok=True)

@@ -52,7 +52,10 @@ _OWN_PLANE = {"MIS_TKO_LAND_REQ": "0", "COM_LOW_BAT_ACT": "0"}
 
 
 class Px4:
-    """pilot.Pilot of the quadrotor and the plane, which stands at `home`. `parameter_file` is in QGroundControl's format."""
+    """pilot.Pilot of the quadrotor and the plane, which stands at `home`. `parameter_file` is in QGroundControl's format.
+
+    `own`: parameters of the simulated vehicle beside its makers'.
+    """
 
     kind = AutopilotKind.PX4
     station_url = f"udpin:127.0.0.1:{STATION_PORT}"
@@ -60,17 +63,16 @@ class Px4:
     withheld = "SYSTEM_TIME"
     """Its calendar is this machine's, which does not run at the speed of the simulation: GNSS time would seem to be forged."""
 
-    def __init__(self, plane: bool, parameter_file: Path, home: GeoPoint = HOME) -> None:
+    def __init__(self, plane: bool, parameter_file: Path, home: GeoPoint = HOME, own: Mapping[str, str] | None = None) -> None:
         self._plane, self._parameter_file, self._home = plane, parameter_file, home
+        self._own = _OWN | (_OWN_PLANE if plane else {}) | dict(own or {})
 
     def command(self, program: Path, folder: Path, speed: float, gnss: bool = True) -> tuple[Sequence[str], Mapping[str, str]]:
         """Links are those of PX4's start script: 14550 to the ground station, 14540 to the companion."""
         lines = self._parameter_file.read_text(encoding="ascii").splitlines()
         told = dict(line.split("\t")[2:4] for line in lines if not line.startswith("#"))
         home = self._home
-        environment = {
-            f"PX4_PARAM_{name}": value for name, value in {**_OWN, **(_OWN_PLANE if self._plane else {}), **told}.items()
-        }
+        environment = {f"PX4_PARAM_{name}": value for name, value in {**self._own, **told}.items()}
         if not gnss:
             environment |= {"PX4_PARAM_SIM_GPS_USED": "0", "PX4_PARAM_COM_RC_IN_MODE": "1"}
         environment |= {

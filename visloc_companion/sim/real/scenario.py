@@ -39,6 +39,7 @@ class RealScenario:
     there is never any GNSS: the ground station sets the origin, a pilot takes off by hand, and the circuit begins when the
     autopilot has a position. `p95_limit_m`: what is asked instead of the usual limit; infinite where nothing is. The
     vehicle stands at `home`. With `seen` frames are rendered and localised as in flight; without, fixes come from the truth.
+    `drag_per_s`: of PX4's quadrotor against the air, where it is not as its makers have it.
     """
 
     name: str
@@ -59,6 +60,7 @@ class RealScenario:
     seed: int = 1
     home: GeoPoint = HOME
     seen: SeenWorld | None = None
+    drag_per_s: float | None = None
 
 
 def timeline(scenario: RealScenario) -> Sequence[tuple[float, str]]:

@@ -14,6 +14,7 @@ from visloc_companion.sim.real.oracle import OracleSettings
 from visloc_companion.sim.real.pilot import Leg, Route
 from visloc_companion.sim.real.programs import Simulator
 from visloc_companion.sim.real.scenario import Brake, RealScenario
+from visloc_companion.sim.vehicle_model import Drag
 
 EXTRA_LATENCY_S = 0.3
 COPTER_ROUTE = Route(
@@ -28,6 +29,7 @@ RENDERED_M = 120.0
 FAULT_S = 60.0
 BLIND_LIMIT_M = 25.0
 """Of a minute on accelerations and what the air tells of the velocity."""
+RENDERED, RENDERED_USUAL_DRAG = SEEN = ("rendered", "rendered_usual_drag")
 BRAKES = tuple(Brake(float(at_s)) for at_s in range(18, 360, 46))
 ORACLE = OracleSettings()
 Change = Callable[[RealScenario], RealScenario]
@@ -52,7 +54,8 @@ NAMES = {
     "claims_too_little": "Fixes with a sigma of 1 m claim 0.2 m.",
     "claims_nothing": "Fixes with a sigma of 1 m claim a covariance of zero.",
     "restarts": "The daemon dies at 100 s and at 140 s and is started again 3 s later.",
-    "rendered": "Frames rendered 120 m above the procedural world, localised on its older map (image alone).",
+    RENDERED: "Frames rendered 120 m above the procedural world, localised on its older map (image alone).",
+    RENDERED_USUAL_DRAG: "The same with the drag of a real quadrotor; PX4's simulated one leans by 45° at 9 m/s.",
 }
 """Jammed at 60 s, with 140 s on vision, where nothing else is said."""
 
@@ -67,6 +70,10 @@ def _fixes(rate_hz: float, p95_limit_m: tuple[float, float] | None = None, laten
 
 def _with_fixes(**changed: object) -> Change:
     return lambda flight: replace(flight, oracle=replace(ORACLE, **changed))  # type: ignore[arg-type]
+
+
+def _rendered(short: RealScenario) -> RealScenario:
+    return replace(short, route=replace(short.route, height_m=RENDERED_M))
 
 
 def _without_gnss(short: RealScenario) -> RealScenario:
@@ -95,7 +102,8 @@ _SHORT: dict[str, Change] = {
     "claims_too_little": _with_fixes(sigma_m=1.0, claimed_sigma_m=0.2),
     "claims_nothing": _with_fixes(sigma_m=1.0, claimed_sigma_m=0.0),
     "restarts": lambda short: replace(short, restarts=(100.0, 140.0)),
-    "rendered": lambda short: replace(short, route=replace(short.route, height_m=RENDERED_M)),
+    RENDERED: _rendered,
+    RENDERED_USUAL_DRAG: lambda short: replace(_rendered(short), drag_per_s=Drag().per_s),
 }
 
 
@@ -122,4 +130,6 @@ def cannot_fly(name: str, simulator: Simulator) -> str:
         return "nothing moves PX4's simulated receiver"
     if name == "no_gnss_at_boot" and simulator.is_plane:
         return "nobody takes a plane off by hand here"
+    if name == RENDERED_USUAL_DRAG and simulator is not Simulator.PX4:
+        return "its simulated vehicle has a real one's drag already"
     return ""

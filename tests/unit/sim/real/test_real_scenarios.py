@@ -13,7 +13,7 @@ from visloc_companion.sim.real.lives import daemon_config
 from visloc_companion.sim.real.pilot import Leg, Route
 from visloc_companion.sim.real.programs import Simulator
 from visloc_companion.sim.real.scenario import Brake, RealScenario, timeline
-from visloc_companion.sim.real.scenarios import NAMES, cannot_fly, real_scenario
+from visloc_companion.sim.real.scenarios import NAMES, SEEN, cannot_fly, real_scenario
 
 ROUTE = Route((Leg(0, 100), Leg(100, 0)), 60.0, 10.0)
 
@@ -57,6 +57,20 @@ def test_rendered_frames_are_taken_from_higher_up() -> None:
     rendered, jam = (real_scenario(name, Simulator.ARDUCOPTER) for name in ("rendered", "jam"))
     assert rendered.route.height_m == 2 * jam.route.height_m
     assert rendered.route.legs == jam.route.legs
+
+
+def test_px4s_copter_flies_over_its_world_with_a_real_ones_drag_as_well(tmp_path: Path) -> None:
+    usual, rendered = (real_scenario(name, Simulator.PX4) for name in ("rendered_usual_drag", "rendered"))
+    assert usual.route == rendered.route and {usual.name, rendered.name} == set(SEEN)
+    assert usual.drag_per_s == 0.23 and rendered.drag_per_s is None
+    started = {
+        flight.name: make_pilot(Simulator.PX4, drag_per_s=flight.drag_per_s).command(Path("/build/bin/px4"), tmp_path, 1.0)[1]
+        for flight in (usual, rendered)
+    }
+    assert started["rendered_usual_drag"]["PX4_PARAM_SIH_KDV"] == "0.23"
+    assert "PX4_PARAM_SIH_KDV" not in started["rendered"], "its makers' own"
+    with pytest.raises(ConfigError, match="its simulated vehicle has a real one's drag already"):
+        real_scenario("rendered_usual_drag", Simulator.ARDUCOPTER)
 
 
 def test_an_unknown_flight_is_an_error() -> None:
