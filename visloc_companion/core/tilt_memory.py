@@ -30,7 +30,10 @@ from visloc_companion.types import Fix, FloatArray, LocaliseRequest, Quat, TiltB
 MOUNTING, ATTITUDE, IN_COMMON = (slice(k, k + 2) for k in (0, 2, 4))
 TILT, STATES = slice(0, 4), 6
 ATTITUDE_SIGMA_RAD, ATTITUDE_S = math.radians(0.4), 20.0
-"""Of the autopilot's tilt, Gauss-Markov: ArduCopter's simulator shows 0.1 degrees with GNSS and 0.2 to 0.4 on vision."""
+"""Of the autopilot's tilt, Gauss-Markov: ArduCopter's simulator shows 0.1 degrees with GNSS and 0.2 to 0.4 on vision, where it is
+calm."""
+LEAST_HASTE = 2.0
+"""It is never believed to wander more slowly than so many times that: turns shrunk by a belief in calm are lost for good."""
 CHANGED_RAD = math.radians(0.3)
 """1-sigma of what changes of the ground add to a tilt that is seen, all of it in common; no frame knows of it."""
 ORDINARY_NIS = 3.0
@@ -44,11 +47,12 @@ WIDEST_RAD = math.radians(2.0)
 """Of an attitude whose error is seen to wander: an autopilot with poor gyroscopes errs by more than anybody states of it."""
 MOST_STEP_RAD = math.radians(2.0)
 """No autopilot corrects its attitude by more within a turn: the turn is wrong."""
-RATE_S = 3.0
-"""Turns are added up for so long to see how fast the attitude's error wanders: it goes on for seconds, each turn errs anew."""
+RATE_S = 1.0
+"""Turns are added up for so long to see how fast the attitude's error wanders: it goes on for seconds, each turn errs anew. An
+autopilot that follows our positions swings like a pendulum; who sees that late swings with it."""
 RATE_WEIGHT = 0.3
 """Of the latest stretch in the mean rate."""
-MOST_NEWS = 6.0
+MOST_NEWS = 20.0
 """A single stretch is no more than so many times what is believed of that rate."""
 
 
@@ -66,7 +70,7 @@ class TiltMemory:
     def __init__(self, sigma_rad: float) -> None:
         self._attitude_rad = min(ATTITUDE_SIGMA_RAD, sigma_rad / 2)
         self._mounting_rad = math.sqrt(sigma_rad**2 - self._attitude_rad**2)
-        self._least_rate = self._rate = 2 * self._attitude_rad**2 / ATTITUDE_S
+        self._least_rate = self._rate = LEAST_HASTE * 2 * self._attitude_rad**2 / ATTITUDE_S
         self._stretch: _Stretch | None = None
         self._asked: dict[int, FloatArray] = {}
         self._frames: dict[int, tuple[Quat, FloatArray]] = {}
