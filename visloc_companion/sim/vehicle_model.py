@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-from visloc_companion.sim.imu import NOISY, QUIET, Imu
+from visloc_companion.sim.imu import EKF3, NOISY, QUIET, Imu
 from visloc_companion.types import Vec3
 
 BITS_PER_BYTE = 10
@@ -87,7 +87,7 @@ told to set it (4 ms early; 66 ms with its default of 57600). The least lag of a
 that the second's pair decides for all."""
 
 ARDUPILOT_SITL = VehicleModel(
-    imu=QUIET,
+    imu=EKF3,
     drag=Drag(per_s=0.24, per_m=0.034),
     accelerometers=Accelerometers(bias_mps2=0.0, noise_mps2=(0.15, 0.07, 0.4)),
     tube=Tube(scale=0.906, scale_sigma=0.0, noise_mps=0.63),
