@@ -98,7 +98,7 @@ class Pipeline:
         if prior is None:
             return
         started = time.process_time()
-        turn = self._watch.step(self._flight.frames[k], frame.t_ns, prior)
+        turn = self._watch.step(self._flight.frames[k], frame.t_ns, prior).since_last
         self.result.worker_ms += 1e3 * (time.process_time() - started)
         self.result.turns += turn is not None
         self._answers.append((t_s + ANSWER_S, turn))

@@ -115,7 +115,7 @@ def flown(setup: FlightSetup, eyes: Eyes, reference: PackMap, rng: np.random.Gen
             memory.asked(request, q)
             answer = eyes.localiser.localise(request, pixels, reference)
             if answer.turn is not None and tilts.with_turns:
-                memory.turned(answer.turn)
+                memory.turned(answer.turn, answer.turn_since_kept)
             if isinstance(answer, Fix):
                 memory.taken(answer, (SPEED_MPS, 0.0), -down)
                 n, e, _ = ned_from_geo(answer.place, home)

@@ -76,7 +76,7 @@ class OnboardCamera:
     def on_answer(self, answer: Fix | NoFix) -> list[Command]:
         """Learn from how the camera turned; the filter has no part in it."""
         if answer.turn is not None:
-            self._tilt.turned(answer.turn)
+            self._tilt.turned(answer.turn, answer.turn_since_kept)
         return self._time.on_turn(answer.turn, self.q_frd_cambody)
 
     def stated(self, fix: Fix) -> Fix:

@@ -2,12 +2,14 @@
 
 A frame hardly tells a tilt from a step to the side, so that the tilt's prior decides most of a fix's error. How the camera is
 mounted stays as it is and the autopilot's attitude errs for seconds, so what earlier frames saw of both is worth more than to
-begin anew in each. A Kalman filter of six: mounting about the vehicle's forward and right axes, attitude about north and east,
-and what neighbouring fixes get wrong in common about north and east (in 1-sigmas of it).
+begin anew in each. A Kalman filter of eight: mounting about the vehicle's forward and right axes, attitude about north and east,
+what neighbouring fixes get wrong in common about north and east (in 1-sigmas of it), and what the attitude's error was when the
+kept frame was taken.
 
 Pictures also show how the camera turned from frame to frame (Turn). Against the change of the reported attitude that is by how
 much its error has changed: what is known of one frame holds for the next, however poor the gyroscopes are. How fast that error
-wanders is learned from the same turns.
+wanders is learned from the same turns. Turns that follow each other add their errors up; those since one frame that is kept for
+seconds do not (a cloned state).
 
 Neighbouring frames see the same trees grown and felled since the map was made, and take them for the same tilt. That error goes
 by with the way over the ground, as that of their places does (lasting.py): many fixes of one place tell little more than one, and
@@ -27,8 +29,8 @@ from visloc_companion.geo import se3
 from visloc_companion.geo.tilt import composed, tilt_gained
 from visloc_companion.types import Fix, FloatArray, LocaliseRequest, Quat, TiltBefore, TiltPrior, Turn, Vec2
 
-MOUNTING, ATTITUDE, IN_COMMON = (slice(k, k + 2) for k in (0, 2, 4))
-TILT, STATES = slice(0, 4), 6
+MOUNTING, ATTITUDE, IN_COMMON, KEPT = (slice(k, k + 2) for k in (0, 2, 4, 6))
+TILT, STATES = slice(0, 4), 8
 ATTITUDE_SIGMA_RAD, ATTITUDE_S = math.radians(0.4), 20.0
 """Of the autopilot's tilt, Gauss-Markov: ArduCopter's simulator shows 0.1 degrees with GNSS and 0.2 to 0.4 on vision, where it is
 calm."""
@@ -78,7 +80,8 @@ class TiltMemory:
 
     def _begin(self) -> None:
         self._x = np.zeros(STATES)
-        self._P = np.diag([self._mounting_rad**2] * 2 + [self._attitude_rad**2] * 2 + [1.0] * 2)
+        self._P = np.diag([self._mounting_rad**2] * 2 + [self._attitude_rad**2] * 2 + [1.0] * 2 + [self._attitude_rad**2] * 2)
+        self._kept_frame: tuple[int, Quat] | None = None
         self._t_ns: int | None = None
         self._fix_ns: int | None = None
         self._gated = 0
@@ -113,16 +116,22 @@ class TiltMemory:
         """Requests have a mounting from now on that is turned by this much (3,) about the vehicle's axes."""
         if np.any(turn_rad):
             self._frames.clear()
+            self._kept_frame = None
         self._x[MOUNTING] -= turn_rad[:2]
 
-    def turned(self, turn: Turn) -> None:
-        """Learn from how the camera turned between two frames that were asked about."""
+    def turned(self, turn: Turn, since_kept: Turn | None = None) -> None:
+        """Learn from how the camera turned between two frames that were asked about, and since one further back."""
         if turn.t_from_ns not in self._frames or turn.t_to_ns not in self._frames:
             return
         gained, cov = tilt_gained(self._frames[turn.t_from_ns][0], turn, self._frames[turn.t_to_ns][0])
         self._wandered(turn, self._frames[turn.t_from_ns][0], self._frames[turn.t_to_ns][0])
-        if self._t_ns is not None and self._t_ns <= turn.t_from_ns:
-            self._gain(turn, gained, cov)
+        if self._t_ns is None or self._t_ns > turn.t_from_ns:
+            return
+        if since_kept is not None and since_kept.t_from_ns == turn.t_from_ns:
+            self._keep(turn.t_from_ns)
+        self._gain(turn, gained, cov)
+        if since_kept is not None and since_kept.t_from_ns < turn.t_from_ns:
+            self._gain_since_kept(since_kept)
 
     def _wandered(self, turn: Turn, q_before: Quat, q_now: Quat) -> None:
         """Learn how fast the attitude's error wanders, from turns that follow each other."""
@@ -157,6 +166,32 @@ class TiltMemory:
             after_x, after_P = after_x + K @ y, after_P - K @ (S + more) @ K.T
         self._x, self._P, self._t_ns = after_x, (after_P + after_P.T) / 2, turn.t_to_ns
 
+    def _keep(self, t_ns: int) -> None:
+        """What the attitude's error is at this frame stays beside what it becomes."""
+        self._x, self._P = self._carried(t_ns)
+        self._t_ns, self._kept_frame = t_ns, (t_ns, self._frames[t_ns][0])
+        self._x[KEPT] = self._x[ATTITUDE]
+        self._P[KEPT] = self._P[ATTITUDE]
+        self._P[:, KEPT] = self._P[:, ATTITUDE]
+
+    def _gain_since_kept(self, turn: Turn) -> None:
+        """The change since the kept frame, measured at once."""
+        if self._kept_frame is None or self._kept_frame[0] != turn.t_from_ns or self._t_ns != turn.t_to_ns:
+            return
+        gained, cov = tilt_gained(self._kept_frame[1], turn, self._frames[turn.t_to_ns][0])
+        y = gained - (self._x[ATTITUDE] - self._x[KEPT])
+        if math.hypot(*y) <= MOST_STEP_RAD:
+            H = np.zeros((2, STATES))
+            H[:, ATTITUDE], H[:, KEPT] = np.eye(2), -np.eye(2)
+            S = H @ self._P @ H.T + cov
+            self._learn(H, y, cov + _unexpected(float(y @ np.linalg.solve(S, y)), S))
+
+    def _learn(self, H: FloatArray, y: FloatArray, R: FloatArray) -> None:
+        """One update by an innovation (2,) of H (2, 8) with the covariance R (2, 2)."""
+        gain = np.linalg.solve(H @ self._P @ H.T + R, H @ self._P).T
+        left = np.eye(STATES) - gain @ H
+        self._x, self._P = self._x + gain @ y, left @ self._P @ left.T + gain @ R @ gain.T
+
     def taken(self, fix: Fix, v_ne_mps: Vec2, height_m: float) -> None:
         """Learn from a fix that the filter took, at a velocity and a height above the ground."""
         H_tilt = self._asked.pop(fix.request_id, None)
@@ -166,7 +201,8 @@ class TiltMemory:
         since_s = 0.0 if self._fix_ns is None else max(0.0, (fix.t_ns - self._fix_ns) * 1e-9)
         _forget(x, P, IN_COMMON, math.exp(-math.hypot(*v_ne_mps) * since_s / apart_m(height_m)), 1.0)
         cov = np.array(fix.tilt.cov_rad2)
-        H = np.hstack([H_tilt, root_m(cov + CHANGED_RAD**2 / SHARE * np.eye(2))])  # the root is of SHARE of it
+        in_common = root_m(cov + CHANGED_RAD**2 / SHARE * np.eye(2))  # the root is of SHARE of it
+        H = np.hstack([H_tilt, in_common, np.zeros((2, 2))])
         R, nu = (1 - SHARE) * cov, np.array(fix.tilt.turn_ne_rad) - H @ x
         S = H @ P @ H.T + R
         nis = float(nu @ np.linalg.solve(S, nu))
@@ -176,15 +212,13 @@ class TiltMemory:
                 self._begin()
             return
         self._gated = 0
-        more = _unexpected(nis, S)
-        gain = np.linalg.solve(S + more, H @ P).T
-        left = np.eye(STATES) - gain @ H
-        self._x, self._P = x + gain @ nu, left @ P @ left.T + gain @ (R + more) @ gain.T
+        self._x, self._P = x, P
+        self._learn(H, nu, R + _unexpected(nis, S))
         self._fix_ns = fix.t_ns if self._fix_ns is None else max(self._fix_ns, fix.t_ns)
         self._t_ns = fix.t_ns if self._t_ns is None else max(self._t_ns, fix.t_ns)
 
     def _carried(self, t_ns: int) -> tuple[FloatArray, FloatArray]:
-        """Mean (6,) and covariance (6, 6) at a time."""
+        """Mean (8,) and covariance (8, 8) at a time."""
         x, P = self._x.copy(), self._P.copy()
         _forget(x, P, ATTITUDE, self._kept(t_ns), self._wander_rad2)
         return x, P

@@ -89,16 +89,20 @@ def _fix_fault(fix: Fix, now_ns: int) -> Reason | None:
         return Reason.IMPLAUSIBLE_TIME
     claims = (*fix.cov_ne_m2[0], *fix.cov_ne_m2[1], fix.sigma_h_m)
     numbers = _finite(*fix.q_ned_frd, *claims, fix.sigma_yaw_rad, fix.probability_wrong, *fix.per_focal_ne_m)
-    turned = (fix.turn is None or is_turn(fix.turn)) and (fix.tilt is None or is_tilt(fix.tilt))
+    turned = _turns_are_sound(fix) and (fix.tilt is None or is_tilt(fix.tilt))
     if not (numbers and turned and is_place(fix.place)):
         return Reason.NOT_FINITE
     return None if fix.sigma_h_m > 0 and is_covariance(fix.cov_ne_m2) else Reason.IMPLAUSIBLE_CLAIM
 
 
+def _turns_are_sound(answer: Fix | NoFix) -> bool:
+    return all(turn is None or is_turn(turn) for turn in (answer.turn, answer.turn_since_kept))
+
+
 def _no_fix_fault(answer: NoFix) -> Reason | None:
     places = answer.open_places
     numbers = _finite(answer.footprint_m or 0.0, *(p.log_evidence for p in places)) and all(is_place(p.place) for p in places)
-    if not (numbers and (answer.turn is None or is_turn(answer.turn))):
+    if not (numbers and _turns_are_sound(answer)):
         return Reason.NOT_FINITE
     claims = all(p.log_evidence <= 0 and is_covariance(p.cov_ne_m2) for p in places)
     return None if claims and (answer.footprint_m is None or answer.footprint_m > 0) else Reason.IMPLAUSIBLE_CLAIM

@@ -62,7 +62,7 @@ def seen_turns(frames: FrameSource, model: CameraModel, q_frd_cambody: Quat) -> 
         if pixels is None:
             continue
         last_us = t_us
-        turn = watch.step(pixels, t_us * NS_PER_US, q_frd_cambody)
+        turn = watch.step(pixels, t_us * NS_PER_US, q_frd_cambody).since_last
         if turn is not None:
             turns.append(turn)
     return turns

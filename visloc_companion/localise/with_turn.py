@@ -18,7 +18,7 @@ from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoF
 
 
 class WithTurn:
-    """protocols.Localiser: asks another one and adds `turn` to its answer where one is seen."""
+    """protocols.Localiser: asks another one and adds `turn` and `turn_since_kept` to its answer where they are seen."""
 
     def __init__(self, localiser: Localiser, model: CameraModel) -> None:
         self._localiser, self._watch = localiser, TurnWatch(model)
@@ -30,11 +30,12 @@ class WithTurn:
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The other localiser's answer, with the camera's turn."""
-        turn = self._watch.step(pixels, request.frame.t_ns, request.prior.q_ned_frd)
-        if turn is None:
+        turns = self._watch.step(pixels, request.frame.t_ns, request.prior.q_ned_frd)
+        if turns.since_last is None:
             return self._localiser.localise(request, pixels, ref)
-        found = self._localiser.localise(replace(request, prior=_carried_on(request.prior, turn)), pixels, ref)
-        return replace(found, turn=turn)
+        carried_on = replace(request, prior=_carried_on(request.prior, turns.since_last))
+        found = self._localiser.localise(carried_on, pixels, ref)
+        return replace(found, turn=turns.since_last, turn_since_kept=turns.since_kept)
 
 
 def _carried_on(prior: PosePrior, turn: Turn) -> PosePrior:

@@ -212,9 +212,10 @@ class Fix:
     axis down). `cov_ne_m2` is the claimed covariance of the horizontal position, `sigma_h_m` that of the height.
     `probability_wrong` is the calibrated probability that the fix is a wrong match (error beyond what the covariance
     explains). `score` and `runner_up` are correlation peaks, `evidence` holds named numbers for reports. `motion`: how the camera
-    moved until the frame that was asked about, `turn`: how it turned, `tilt`: how its prior's attitude was tilted, where that was
-    seen. `per_focal_ne_m`: how far off the place is, metres north and east, per share of the focal length by which the lens is
-    longer than calibrated (a camera that leans takes a wrong lens for a step to the side).
+    moved until the frame that was asked about, `turn`: how it turned since the frame before, `turn_since_kept`: since one further
+    back that is kept for seconds (`turn` again where the frame before was chosen for it), `tilt`: how its prior's attitude was
+    tilted, where that was seen. `per_focal_ne_m`: how far off the place is, metres north and east, per share of the focal length
+    by which the lens is longer than calibrated (a camera that leans takes a wrong lens for a step to the side).
     """
 
     t_rx_ns: int
@@ -234,6 +235,7 @@ class Fix:
     turn: Turn | None = None
     tilt: TiltSeen | None = None
     per_focal_ne_m: Vec2 = (0.0, 0.0)
+    turn_since_kept: Turn | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,7 +253,7 @@ class OpenPlace:
 
 @dataclass(frozen=True, slots=True)
 class NoFix:
-    """The localiser declines to answer, and says why. `motion` and `turn` as in a Fix.
+    """The localiser declines to answer, and says why. `motion`, `turn` and `turn_since_kept` as in a Fix.
 
     `open_places`: where the camera may be all the same, likeliest first; none where the search told nothing. `footprint_m`: side
     of the square with the area of the ground that was seen, None where that is not known.
@@ -270,6 +272,7 @@ class NoFix:
     turn: Turn | None = None
     open_places: tuple[OpenPlace, ...] = ()
     footprint_m: float | None = None
+    turn_since_kept: Turn | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -58,7 +58,7 @@ def test_the_turn_is_that_of_the_camera(ground: Image, told: str, color: bool) -
     for k, (q, north) in enumerate(poses):
         seen = picture(ground, q, north)
         believed = q if told == "truth" else quat_multiply(q, q_of(4.0 * (k % 2), -3.0 * (k % 2), 5.0 * (k % 2)))
-        turn = watch.step(np.repeat(seen[:, :, None], 3, axis=2) if color else seen, S + k * S // 5, believed)
+        turn = watch.step(np.repeat(seen[:, :, None], 3, axis=2) if color else seen, S + k * S // 5, believed).since_last
         if k == 0:
             assert turn is None
             continue
@@ -72,23 +72,40 @@ def test_frames_that_are_late_old_identical_or_of_another_size_give_none(ground:
     a, b = q_of(0, 0, 0), q_of(1, 1, 2)
     first, second = picture(ground, a), picture(ground, b)
     watch = TurnWatch(MODEL)
-    assert watch.step(first, S, a) is None
-    assert watch.step(second, 3 * S, b) is None  # too long ago
-    assert watch.step(second, 3 * S + 1, b) is None  # the camera is frozen
-    assert watch.step(first, 2 * S, a) is None  # older
-    assert watch.step(second, round(2.2 * S), b) is not None
-    assert watch.step(second[:100], round(2.4 * S), b) is None
-    assert watch.step(first, round(2.6 * S), a) is None
+    assert watch.step(first, S, a).since_last is None
+    assert watch.step(second, 3 * S, b).since_last is None  # too long ago
+    assert watch.step(second, 3 * S + 1, b).since_last is None  # the camera is frozen
+    assert watch.step(first, 2 * S, a).since_last is None  # older
+    assert watch.step(second, round(2.2 * S), b).since_last is not None
+    assert watch.step(second[:100], round(2.4 * S), b).since_last is None
+    assert watch.step(first, round(2.6 * S), a).since_last is None
 
 
 def test_what_shows_no_ground_gives_none(ground: Image) -> None:
     watch = TurnWatch(MODEL)
     q = q_of(0, 0, 0)
-    assert watch.step(np.full((480, 640), 90, np.uint8), S, q) is None
-    assert watch.step(picture(ground, q), round(1.2 * S), q) is None
+    assert watch.step(np.full((480, 640), 90, np.uint8), S, q).since_last is None
+    assert watch.step(picture(ground, q), round(1.2 * S), q).since_last is None
     rng = np.random.default_rng(1)
     noise = np.asarray(cv2.GaussianBlur(rng.integers(0, 255, (480, 640)).astype(np.uint8), (0, 0), 3), dtype=np.uint8)
-    assert watch.step(noise, round(1.4 * S), q) is None
+    assert watch.step(noise, round(1.4 * S), q).since_last is None
     steep = q_of(0, 70, 0)
-    assert watch.step(picture(ground, q), round(1.6 * S), steep) is None
-    assert watch.step(picture(ground, q, 0.05), round(1.8 * S), steep) is None
+    assert watch.step(picture(ground, q), round(1.6 * S), steep).since_last is None
+    assert watch.step(picture(ground, q, 0.05), round(1.8 * S), steep).since_last is None
+
+
+def test_turns_since_a_kept_frame_do_not_add_up(ground: Image) -> None:
+    watch, kept_from = TurnWatch(MODEL), []
+    poses = [(q_of(3.0 * math.sin(0.7 * k), -2.0 * math.cos(0.5 * k), 2.0 * k), 0.02 * k) for k in range(20)]
+    for k, (q, north) in enumerate(poses):
+        turns = watch.step(picture(ground, q, north), S + k * S // 5, q)
+        if k == 0:
+            assert turns.since_kept is None
+            continue
+        assert turns.since_kept is not None and turns.since_kept.t_to_ns == S + k * S // 5
+        since = round((turns.since_kept.t_from_ns - S) / (S / 5))
+        kept_from.append(since)
+        assert np.abs(error_deg(turns.since_kept, poses[since][0], q)).max() < 0.15
+    assert kept_from == [0] * 15 + [15] * 4, "3 s, then the frame before"
+    lost = watch.step(np.full((480, 640), 90, np.uint8), S + 20 * S // 5, poses[-1][0])
+    assert lost.since_last is None and lost.since_kept is None
