@@ -91,3 +91,20 @@ def test_unverified_damage_never_crashes(pack: Path, data: st.DataObject) -> Non
         pass
     finally:
         path.write_bytes(raw)
+
+
+def test_wherever_the_directory_of_the_orthophoto_is_zeroed_opening_ends_in_a_map_or_a_map_error(pack: Path) -> None:
+    """Of an unknown tag GDAL tells only when the meaning of the bands is asked for."""
+    path = pack / "ortho.tif"
+    raw, refused = path.read_bytes(), 0
+    try:
+        for at in range(min(len(raw), 1200) - 2):
+            path.write_bytes(raw[:at] + b"\0\0" + raw[at + 2 :])
+            try:
+                PackMap.open(pack, verify_hashes=False)
+            except MapError as why:
+                refused += 1
+                assert why.where.startswith(str(pack))
+    finally:
+        path.write_bytes(raw)
+    assert refused > 0

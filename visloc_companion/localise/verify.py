@@ -16,7 +16,7 @@ from visloc_companion.errors import Reason
 CHANCE = 0.0744
 """Share of blocks that agree by chance: area of the agreement circle over that of the block search (blocks.py)."""
 Weights = tuple[float, ...]
-GRADIENT_WEIGHTS: Weights = (-0.152, 11.8, 3.0, 0.315, 2.6, -0.559, -2.41, -0.418, 0.269, 3.81, 0.134, 0.18, 2.29)
+GRADIENT_WEIGHTS: Weights = (-1.79, 18.6, 5.48, 0.442, 2.6, -0.583, -1.95, -0.393, -1.14, 3.81, 0.0932, 0.115, 2.33)
 """Logistic regression of being right on `Evidence.regressors` (`python -m benchmarks.calibrate`, training rows only) for gradient
 features, and ..."""
 DEEP_WEIGHTS: Weights = (-4.31, 7.4, -4.56, 0.325, -1.44, 5.73, -2.24, -0.357, 13.6, 2.52, 0.125, 0.368, -0.408)

@@ -70,15 +70,16 @@ def ground_gsd_m(crs: MapCrs, T_map_pix: FloatArray, shape: tuple[int, int]) -> 
 def open_ortho(path: Path) -> GeoTiff:
     """Open an orthophoto: colour (three bands) or grey (one). Raises MapError, DatumMissing."""
     dataset, crs, T_map_pix = _open(path)
-    bands = _colour_bands(dataset)
+    meanings = _meanings(path, dataset)
+    bands = _colour_bands(dataset, meanings)
     stretch = None if dataset.dtypes[0] == "uint8" else _stretch(path, dataset, bands)
-    return GeoTiff(path, dataset, crs, T_map_pix, bands, stretch, None, masked=_is_masked(path, dataset))
+    return GeoTiff(path, dataset, crs, T_map_pix, bands, stretch, None, masked=_is_masked(path, dataset, meanings))
 
 
 def open_dsm(path: Path) -> GeoTiff:
     """Open a surface model: heights in the first band, metres or feet. Raises MapError, DatumMissing."""
     dataset, crs, T_map_pix = _open(path)
-    if dataset.colorinterp[0] in (ColorInterp.palette, ColorInterp.red):
+    if _meanings(path, dataset)[0] in (ColorInterp.palette, ColorInterp.red):
         raise MapError("holds colours, no heights", where=str(path), remedy="name a surface model (GeoTIFF, one band of heights)")
     unit_m = _height_unit_m(path, (dataset.units[0] or "").lower(), crs)
     return GeoTiff(path, dataset, crs, T_map_pix, (1,), None, unit_m * dataset.scales[0], unit_m * dataset.offsets[0])
@@ -188,18 +189,26 @@ def _open(path: Path) -> tuple[Any, MapCrs, FloatArray]:
     return dataset, crs, T_map_pix_from_gdal((a, b, c, d, e, f))
 
 
-def _colour_bands(dataset: Any) -> tuple[int, ...]:
-    meaning = {interpretation: band for band, interpretation in zip(dataset.indexes, dataset.colorinterp, strict=True)}
+def _meanings(path: Path, dataset: Any) -> tuple[ColorInterp, ...]:
+    """What each band is; a damaged file answers even that with an error, and GDAL's own have no public base in rasterio."""
+    try:
+        return tuple(dataset.colorinterp)
+    except Exception as why:
+        raise MapError(f"bands cannot be told apart: {why}", where=str(path), remedy=_READ_AGAIN) from why
+
+
+def _colour_bands(dataset: Any, meanings: tuple[ColorInterp, ...]) -> tuple[int, ...]:
+    meaning = {interpretation: band for band, interpretation in zip(dataset.indexes, meanings, strict=True)}
     rgb = tuple(meaning.get(colour, 0) for colour in (ColorInterp.red, ColorInterp.green, ColorInterp.blue))
     if ColorInterp.palette in meaning:
         raise MapError("has a colour table", where=str(dataset.name), remedy="expand it: gdal_translate -expand rgb")
     if all(rgb):
         return rgb
-    colours = [band for band in dataset.indexes if dataset.colorinterp[band - 1] is not ColorInterp.alpha]
+    colours = [band for band in dataset.indexes if meanings[band - 1] is not ColorInterp.alpha]
     return tuple(colours[:3]) if len(colours) >= 3 else (colours[0],)
 
 
-def _is_masked(path: Path, dataset: Any) -> bool:
+def _is_masked(path: Path, dataset: Any, meanings: tuple[ColorInterp, ...]) -> bool:
     """Whether the file says where it is empty. An alpha band of many shades does not: it is near infrared, and marked as alpha
     because GDAL takes the last of four bands for that unless it is told otherwise."""
     flags = dataset.mask_flag_enums[0]
@@ -207,7 +216,7 @@ def _is_masked(path: Path, dataset: Any) -> bool:
         return MaskFlags.all_valid not in flags
     shape = (min(512, dataset.height), min(512, dataset.width))
     try:
-        alpha = dataset.read(dataset.colorinterp.index(ColorInterp.alpha) + 1, out_shape=shape)
+        alpha = dataset.read(meanings.index(ColorInterp.alpha) + 1, out_shape=shape)
     except RasterioError as why:
         raise MapError(f"pixels cannot be read: {why}", where=str(path), remedy=_READ_AGAIN) from why
     return len(np.unique(alpha)) < LEAST_SHADES or float(((alpha > 0) & (alpha < 255)).mean()) < SHADES
