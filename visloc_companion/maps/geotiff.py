@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -140,13 +142,11 @@ class DatasetLayer:
         window = Window(cols[0] * n, rows[0] * n, (cols[1] - cols[0]) * n, (rows[1] - rows[0]) * n)
         shape = (rows[1] - rows[0], cols[1] - cols[0])
         how = Resampling.average if level else Resampling.nearest
-        try:
+        with _reading(self.tiff.path):
             raw = self.tiff.dataset.read(list(self.tiff.bands), window=window, out_shape=(self.channels, *shape), resampling=how)
             mask = np.full(shape, 255, np.uint8)
             if self.tiff.masked:
                 mask = self.tiff.dataset.dataset_mask(window=window, out_shape=shape, resampling=Resampling.nearest)
-        except RasterioError as why:
-            raise MapError(f"pixels cannot be read: {why}", where=str(self.tiff.path), remedy=_READ_AGAIN) from why
         opaque = 127 if self.tiff.dataset.dtypes[-1] == "uint8" else 0  # GDAL scales a wider alpha, whatever its largest value is
         return self._converted(raw, np.where(mask > opaque, np.uint8(255), np.uint8(0)))
 
@@ -214,22 +214,31 @@ def _is_masked(path: Path, dataset: Any, meanings: tuple[ColorInterp, ...]) -> b
     flags = dataset.mask_flag_enums[0]
     if MaskFlags.alpha not in flags or dataset.dtypes[0] != "uint8":
         return MaskFlags.all_valid not in flags
-    shape = (min(512, dataset.height), min(512, dataset.width))
+    with _reading(path):
+        alpha = dataset.read(meanings.index(ColorInterp.alpha) + 1, out_shape=_thinned(dataset))
+    return len(np.unique(alpha)) < LEAST_SHADES or float(((alpha > 0) & (alpha < 255)).mean()) < SHADES
+
+
+def _thinned(dataset: Any) -> tuple[int, int]:
+    """Shape of a read that tells enough of a raster's values."""
+    return min(512, dataset.height), min(512, dataset.width)
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Turn errors of damaged pixels into a MapError that names the file."""
     try:
-        alpha = dataset.read(meanings.index(ColorInterp.alpha) + 1, out_shape=shape)
+        yield
     except RasterioError as why:
         raise MapError(f"pixels cannot be read: {why}", where=str(path), remedy=_READ_AGAIN) from why
-    return len(np.unique(alpha)) < LEAST_SHADES or float(((alpha > 0) & (alpha < 255)).mean()) < SHADES
 
 
 def _stretch(path: Path, dataset: Any, bands: tuple[int, ...]) -> tuple[float, float]:
     """2 % and 98 % of the values, from a thinned read."""
-    shape = (min(512, dataset.height), min(512, dataset.width))
-    try:
+    shape = _thinned(dataset)
+    with _reading(path):
         sample = dataset.read(list(bands), out_shape=(len(bands), *shape)).astype(np.float64)
         mask = dataset.dataset_mask(out_shape=shape) > 0
-    except RasterioError as why:
-        raise MapError(f"pixels cannot be read: {why}", where=str(path), remedy=_READ_AGAIN) from why
     used = sample[:, mask]
     used = used[np.isfinite(used)]
     if not used.size:
