@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -160,7 +160,7 @@ def best_match(task: Task, matches: list[Match]) -> tuple[Match, float]:
 def refined_candidates(task: Task, candidates: list[Descended]) -> list[Match]:
     """The best candidates, refined at the fine level. Raises OutsideMap."""
     matches = []
-    for candidate in distinct(candidates, 2 * task.plan.coarse_gsd_m)[:MAX_FINE]:
+    for candidate in distinct(candidates, 2 * task.plan.coarse_gsd_m, task.view_ne_m)[:MAX_FINE]:
         if candidate.score < max(MIN_COARSE_SCORE, FINE_SHARE * candidates[0].score):
             break
         match = refined(task, candidate.pose, candidate.score, task.plan.fine_gsd_m)
@@ -215,18 +215,14 @@ def refined(task: Task, start: CameraPose, coarse_score: float, gsd_m: float) ->
     return Match(end, coarse_score, found.blocks, found.estimate, grid.gsd_m, returning)
 
 
-def distinct(candidates: list[Descended], radius_m: float) -> list[Descended]:
-    """The candidates without those that ended within a radius of a better one."""
-    kept: list[Descended] = []
+def distinct(candidates: Sequence[Descended], radius_m: float, view_ne_m: Callable[[CameraPose], FloatArray]) -> list[Descended]:
+    """The candidates without those whose camera looks at ground within a radius of what a better one's does."""
+    kept: list[tuple[Descended, FloatArray]] = []
     for candidate in candidates:
-        if all(apart_m(candidate.pose, other.pose) > radius_m for other in kept):
-            kept.append(candidate)
-    return kept
-
-
-def apart_m(a: CameraPose, b: CameraPose) -> float:
-    """Horizontal distance of two poses."""
-    return float(np.hypot(*(a.p_ned_m[:2] - b.p_ned_m[:2])))
+        view = view_ne_m(candidate.pose)
+        if all(math.hypot(*(view - other)) > radius_m for _, other in kept):
+            kept.append((candidate, view))
+    return [candidate for candidate, _ in kept]
 
 
 def prior_chi2(task: Task, pose: CameraPose) -> float:
