@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,10 @@ COVER = {
     "made_field": "bare",
     "made_furrows": "bare",
     "made_tree_row": "bare",
+    "elsewhere": "foreign",
 }
+BLANK = ("water", "bare", "foreign")
+"""Covers on which there is nothing to be found, or hardly anything."""
 FITTED = ("delft_ahn3", "autzen_park", "quebec_lakes", "eucalyptus_farm")
 """Places that methods and claims are fitted on; all others only judge them."""
 SPARSE = 0.28
@@ -93,6 +96,14 @@ def thinned(case: CloudCase, per_m2: float, seed: int) -> CloudCase:
 def elsewhere(case: CloudCase, other: CloudCase) -> CloudCase:
     """The source of one case on the reference of another cloud: there is no right place."""
     return replace(case, name=f"{case.name}_on_{other.name}", reference_m=other.reference_m, T_true=None)
+
+
+def foreign(cases: Sequence[CloudCase]) -> Iterator[CloudCase]:
+    """Each source over land on the reference of another cloud of its scenario, as a place named elsewhere."""
+    land = [c for c in cases if c.cover not in BLANK]
+    for k, case in enumerate(land):
+        others = [c for c in land if c.cloud != case.cloud and c.scenario == case.scenario]
+        yield replace(elsewhere(case, others[7 * k % len(others)]), cloud="elsewhere")
 
 
 def _prior(case: dict[str, Any]) -> RegistrationPrior:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.cloud_answers import answer_of
-from benchmarks.cloud_cases import LEVELS, CloudCase, make, read
+from benchmarks.cloud_cases import BLANK, LEVELS, CloudCase, make, read
 from benchmarks.cloud_landscape import SOURCE_M, LandscapeWorld
 from benchmarks.cloud_mosaic import displaced, mosaic
 from visloc_companion.evaluate.reliability import reliability
@@ -75,7 +75,7 @@ def rows(label: str, scenes: list[Scene], errors_m: list[float]) -> Iterator[str
 
 
 def _of_clouds(clouds: Path, work: Path, level: str, n: int, seed: int, most_m: float) -> list[Scene]:
-    cases = [c for c in read(make(clouds, work / "real", level, n, seed), level) if c.cover not in ("water", "bare")]
+    cases = [c for c in read(make(clouds, work / "real", level, n, seed), level) if c.cover not in BLANK]
     return [partial(_cloud_scene, cases, k, most_m, seed) for k, case in enumerate(cases) if case.scenario == "A"]
 
 

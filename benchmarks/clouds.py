@@ -1,4 +1,4 @@
-"""The table of cloud registration: `python -m benchmarks.clouds CLOUDS WORK [--n N] [--methods ...] [--levels ...]`.
+"""The table of cloud registration: `python -m benchmarks.clouds CLOUDS WORK [--n N] [--methods ...] [--levels ...] [--foreign]`.
 
 Makes N cases for each cloud of CLOUDS, scenario and level (and of made clouds without information) in WORK, lets every method
 answer all of them, and prints a row for each method, level, scenario and land cover, then the pooled figures. Rows marked `*` are
@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.bare_clouds import write_bare_clouds
 from benchmarks.cloud_answers import FAR_M, WRONG_M, CloudAnswer, answer_of
-from benchmarks.cloud_cases import FITTED, LEVELS, CloudCase, make, read
+from benchmarks.cloud_cases import BLANK, FITTED, LEVELS, CloudCase, foreign, make, read
 from visloc_companion.evaluate.reliability import reliability
 from visloc_companion.localise.registration.registry import DEFAULT_MAX_PROBABILITY_WRONG, METHODS, make_registration
 
@@ -35,12 +35,15 @@ HEADER = (
 
 
 def all_cases(
-    clouds: Path, work: Path, n: int, seed: int, only: tuple[str, ...] | None, levels: Sequence[str] = LEVELS
+    clouds: Path, work: Path, n: int, seed: int, only: tuple[str, ...] | None, levels: Sequence[str] = LEVELS, *, on_foreign: bool
 ) -> Iterator[CloudCase]:
-    """Of these levels, one at a time."""
+    """Of these levels, one at a time; `on_foreign`: each source also on another cloud's reference."""
     bare = write_bare_clouds(work / "bare", seed)
     for level in levels:
-        yield from read(make(clouds, work / "real", level, n, seed), level, only)
+        folder = make(clouds, work / "real", level, n, seed)
+        yield from read(folder, level, only)
+        if on_foreign:
+            yield from foreign(list(read(folder, level, only)))
         yield from read(make(bare, work / "bare_cases", level, max(1, n // 4), seed), level, only)
 
 
@@ -52,7 +55,7 @@ def main() -> None:
     print(f"{HEADER}\n|{'---|' * HEADER.count(' | ')}---|", flush=True)
     for name in args.methods:
         method = make_registration(name, 1.0)
-        cases = all_cases(args.clouds, args.work, args.n, args.seed, only, args.levels)
+        cases = all_cases(args.clouds, args.work, args.n, args.seed, only, args.levels, on_foreign=args.foreign)
         most = args.first.get(name, args.n)
         found = [answer_of(method, case) for case in cases if number(case) < most]
         for label, some in groups(found):
@@ -67,11 +70,10 @@ def main() -> None:
 
 def groups(found: list[CloudAnswer]) -> Iterator[tuple[dict[str, str], list[CloudAnswer]]]:
     """By level, scenario and cloud; then all with information, of them those on the reference and those not fitted on."""
-    blank = ("water", "bare")
     whole: list[tuple[str, Callable[[CloudAnswer], bool]]] = [
-        ("all with information", lambda a: a.cover not in blank),
-        ("of these on the reference", lambda a: a.cover not in blank and a.covered >= HALF),
-        ("of these not fitted on", lambda a: a.cover not in blank and a.cloud not in FITTED),
+        ("all with information", lambda a: a.cover not in BLANK),
+        ("of these on the reference", lambda a: a.cover not in BLANK and a.covered >= HALF),
+        ("of these not fitted on", lambda a: a.cover not in BLANK and a.cloud not in FITTED),
     ]
     for level in LEVELS:
         for scenario in "AB":
@@ -162,6 +164,9 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--first", nargs="+", type=_first, default=[], metavar="METHOD=K", help="slow methods: the first K only")
     parser.add_argument("--clouds-only", nargs="+", help="names of the clouds to take")
     parser.add_argument("--levels", nargs="+", choices=LEVELS, default=LEVELS, help="how much the sources are degraded")
+    parser.add_argument(
+        "--foreign", action="store_true", help="also each source on another cloud's reference, where all are wrong"
+    )
     parser.add_argument("--limit-p", type=float, default=DEFAULT_MAX_PROBABILITY_WRONG)
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()

@@ -12,12 +12,13 @@ pytest.importorskip("laspy")
 from benchmarks.bare_clouds import BARE, write_bare_clouds
 from benchmarks.calibrate_clouds import crossed, fitted
 from benchmarks.cloud_answers import answer_of, covered
-from benchmarks.cloud_cases import CloudCase, elsewhere, thinned
+from benchmarks.cloud_cases import CloudCase, elsewhere, foreign, thinned
 from benchmarks.clouds import figures, groups, number, pooled
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
 
 PRIOR = RegistrationPrior(10.0, 3.0, 0.05, 0.01, 0.01)
+PAIR = ("suburb_fusa", "delft_ahn3")
 POINTS = np.random.default_rng(1).uniform(0, 60, (2000, 3))
 
 
@@ -60,6 +61,15 @@ def test_groups_hold_every_case_once_by_place_and_leave_fitted_places_out_where_
     sizes = {label["place"]: len(some) for label, some in groups(found)}
     assert sizes["buildings: suburb_fusa"] == sizes["buildings: delft_ahn3*"] == sizes["water: made_water"] == 1
     assert (sizes["all with information"], sizes["of these not fitted on"], sizes["of these on the reference"]) == (2, 1, 2)
+
+
+def test_foreign_cases_lie_on_another_cloud_of_their_scenario_and_are_no_land():
+    land = [replace(case(cloud), name=f"{cloud}_{s}_00", scenario=s) for cloud in ("suburb_fusa", "delft_ahn3") for s in "AB"]
+    made = list(foreign([*land, case("made_water")]))
+    assert [c.name for c in made] == [f"{a}_{s}_00_on_{b}_{s}_00" for a, b in (PAIR, PAIR[::-1]) for s in "AB"]
+    assert all(c.T_true is None for c in made)
+    sizes = {label["place"]: len(some) for label, some in groups([answer_of(off_by(0.0, 0.01), c) for c in made])}
+    assert sizes == {"foreign: elsewhere": 2}
 
 
 def test_what_lies_on_a_few_stray_returns_is_not_on_the_reference():

@@ -16,23 +16,23 @@ from visloc_companion.localise.registration.evidence import Evidence
 from visloc_companion.localise.registration.refine import Refined
 from visloc_companion.types import FloatArray
 
-WEIGHTS = (2.67, 31.1, -0.445, -4.46, -3.74, -1.19)
+WEIGHTS = (0.79, 32.4, 10.3, -0.475, -2.72, -1.07, 1.77)
 """On `regressors`: log-odds of being right. Fitted on answers of the search; they fit those of the other methods as well, since
 the evidence asks nothing of how a registration was found."""
 POWER = 1.5
 """Of the scores. Their squares are the log-likelihoods of independent cells; how many cells are independent falls with the score,
 as it does from a plantation to a lawn with a few trees."""
-LEAST_LEAD, LEAST_BLOCKS = 0.04, 0.45
-"""A place that leads by less, or at which less of the source agrees, is no likelier than another, whatever else speaks for it."""
-USUAL_RELIEF = (0.39, 1.28)
-"""Of the source's relief over the reference's, at 98 % of the right places that the claims were fitted on; beyond it a single
-thing in one of the two makes the correlation, or noise."""
-LEAST_RELIEF_M, LIKE_ENOUGH, MOST_UNLIKE = 0.01, 0.25, 2.0
-"""Less relief is none; a place farther out (log of the ratio) is not believed; still farther out is not likelier to be wrong."""
-MOST_CHI2, MOST_BOWL_M = 30.0, 1.5
-"""Beyond these, farther from the prior, or a cloud bent more, is not likelier to be wrong."""
-ROUGH = 0.5
-"""Differences of height beyond this share of the relief are doubt."""
+LEAST_LEAD, LEAST_PARTS_LEAD = 0.04, 0.0
+"""A place that leads by less, or whose parts do, is no likelier than another, whatever else speaks for it."""
+USUAL_RELIEF = (0.19, 2.6)
+"""Of the source's relief over the reference's: twice beyond that of 99 % of the right places that the claims were fitted on,
+where a single thing in one of the two makes the correlation, or noise."""
+LEAST_RELIEF_M = 0.01
+"""Less relief is none."""
+MOST_CHI2 = 30.0
+"""A place farther from the prior is not believed: twice as far as the farthest right one that the claims were fitted on."""
+MOST_BOWL_M, MOST_SIGMA_M = 1.5, 3.0
+"""Beyond these, a cloud bent more, or a place held more loosely, is not likelier to be wrong."""
 FLOOR_M = (0.05, 0.08)
 HEIGHT_SHARE = 0.22
 """Sigmas: the refinement's, a floor (horizontal, vertical), and of the height a share of the heights' deviation: crowns that are
@@ -42,10 +42,10 @@ FLAT_M, LOOSE_M, CLEAR_LEAD = 0.1, 1.5, 0.1
 
 
 def regressors(e: Evidence) -> tuple[float, ...]:
-    """What the log-odds are linear in: the lead, how far the place is from the prior, how unlike the reliefs are in size, how
-    much the cloud is bent to fit, and how rough the differences are beside the relief."""
-    rough = math.log(max(e.deviation_m, LEAST_RELIEF_M) / (ROUGH * max(e.relief_m, LEAST_RELIEF_M)))
-    return (1.0, lead(e), min(e.prior_chi2, MOST_CHI2), unlike(e), min(abs(e.bowl_m), MOST_BOWL_M), max(rough, 0.0))
+    """What the log-odds are linear in: the lead, that of the parts each on its own, how far the place is from the prior, how much
+    the cloud is bent to fit, how loosely the place is held, and how much of the source agrees."""
+    held = min(e.formal_sigma_m, MOST_SIGMA_M)
+    return (1.0, lead(e), e.parts_lead, min(e.prior_chi2, MOST_CHI2), min(abs(e.bowl_m), MOST_BOWL_M), held, e.blocks)
 
 
 def lead(e: Evidence) -> float:
@@ -54,11 +54,10 @@ def lead(e: Evidence) -> float:
     return own - 0.5 * (rival + refined)
 
 
-def unlike(e: Evidence) -> float:
-    """Log of how far the ratio of the reliefs is out of what is usual, 0 within."""
+def unlike(e: Evidence) -> bool:
+    """Whether one relief is much larger than the other."""
     ratio = max(e.source_relief_m, LEAST_RELIEF_M) / max(e.relief_m, LEAST_RELIEF_M)
-    low, high = USUAL_RELIEF
-    return min(max(math.log(low / ratio), math.log(ratio / high), 0.0), MOST_UNLIKE)
+    return not USUAL_RELIEF[0] <= ratio <= USUAL_RELIEF[1]
 
 
 def probability_wrong(e: Evidence) -> float:
@@ -68,9 +67,10 @@ def probability_wrong(e: Evidence) -> float:
 
 
 def at_least(wrong: float, e: Evidence) -> float:
-    """The probability, or at least a half where another place is as likely, little agrees, or the reliefs are too unlike."""
-    vague = lead(e) < LEAST_LEAD or e.blocks < LEAST_BLOCKS or unlike(e) > LIKE_ENOUGH
-    return max(wrong, 0.5) if vague else wrong
+    """The probability, or at least a half where another place is as likely, by the whole or by the parts, the place is far from
+    the prior, or the reliefs are too unlike."""
+    ambiguous = lead(e) < LEAST_LEAD or e.parts_lead < LEAST_PARTS_LEAD
+    return max(wrong, 0.5) if ambiguous or e.prior_chi2 > MOST_CHI2 or unlike(e) else wrong
 
 
 def answer(refined: Refined, e: Evidence, prior: RegistrationPrior, max_probability_wrong: float) -> Registered | NotRegistered:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.localise.registration.handicap import of_similarity
 from visloc_companion.localise.registration.pair import Pair
+from visloc_companion.localise.registration.parts import parts_lead
 from visloc_companion.localise.registration.refine import Refined
 from visloc_companion.localise.registration.similarity import moved, scale_of, yaw_of
 from visloc_companion.localise.registration.surfaces import SourceCells, Surface, met
@@ -33,7 +34,7 @@ class Evidence:
     `prior_chi2`: squared distance of place, height, heading and scale from the prior in sigmas; `handicap` (handicap.py) of that
     but the height, which a rival's score lacks as well;
     `refined_rival` is `rival` but of refined places by their score after that, as this one's is;
-    `source_relief_m` is `relief_m` of the source, on the same cells."""
+    `source_relief_m` is `relief_m` of the source, on the same cells; `parts_lead` as parts.py."""
 
     correlation: float
     overlap: float
@@ -47,6 +48,7 @@ class Evidence:
     handicap: float = 0.0
     refined_rival: float = 0.0
     source_relief_m: float = 0.0
+    parts_lead: float = 0.0
 
     @property
     def score(self) -> float:
@@ -109,6 +111,7 @@ def evidence_of(
         found.handicap,
         rivals[1],
         found.source_relief_m,
+        parts_lead(pair, refined.T, prior),
     )
 
 

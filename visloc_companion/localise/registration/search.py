@@ -55,15 +55,15 @@ def find_places(pair: Pair, prior: RegistrationPrior, most: int) -> tuple[list[P
 def work(pair: Pair, prior: RegistrationPrior) -> int:
     """What a search costs: hypotheses times the cells that they are correlated over. Time goes with it, memory with the cells."""
     pairs = hypotheses(pair.half_m, pair.reference.cell_m, prior)
-    low, high = _region(pair, prior)
-    wide = np.maximum(high - low + 1, 0) + 2 * _reach(pair, pairs)
+    low, high = region(pair, prior)
+    wide = np.maximum(high - low + 1, 0) + 2 * reach_of(pair, pairs)
     return len(pairs) * int(wide[0]) * int(wide[1])
 
 
 def search(pair: Pair, pairs: list[tuple[float, float]], prior: RegistrationPrior) -> Scores:
     """Scores of the source's relief, turned and scaled by (heading, scale), over the prior's region of the reference."""
-    cell, reach = pair.reference.cell_m, _reach(pair, pairs)
-    middle, (low, high) = pair.reference.cells_of(pair.centre_m[:2]), _region(pair, prior)
+    cell, reach = pair.reference.cell_m, reach_of(pair, pairs)
+    middle, (low, high) = pair.reference.cells_of(pair.centre_m[:2]), region(pair, prior)
     if (high < low).any():
         return Scores(np.zeros((0, 0), np.float32), np.zeros((0, 0), np.int32), (0, 0))
     box = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
@@ -96,12 +96,12 @@ def template(source: HeightMap, centre_m: FloatArray, yaw: float, scale: float, 
     return Template(np.where(known, height * np.float32(scale), 0).astype(np.float32), known, (-reach, -reach))
 
 
-def _reach(pair: Pair, pairs: list[tuple[float, float]]) -> int:
+def reach_of(pair: Pair, pairs: list[tuple[float, float]]) -> int:
     """How many cells the turned and scaled source reaches from its centre."""
     return math.ceil(pair.half_m * math.sqrt(2) * max(s for _, s in pairs) / pair.reference.cell_m) + 1
 
 
-def _region(pair: Pair, prior: RegistrationPrior) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+def region(pair: Pair, prior: RegistrationPrior) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
     """First and last cell (2,) of the reference that the source's centre may lie on; none where one is before the other."""
     middle, far = pair.reference.cells_of(pair.centre_m[:2]), SIGMAS * prior.sigma_horizontal_m / pair.reference.cell_m
     rows, cols = pair.reference.known.shape

@@ -9,6 +9,8 @@ from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
 from visloc_companion.localise.registration.claims import (
     LEAST_LEAD,
+    LEAST_PARTS_LEAD,
+    MOST_CHI2,
     USUAL_RELIEF,
     WEIGHTS,
     answer,
@@ -32,6 +34,7 @@ GOOD = Evidence(
     prior_chi2=4.0,
     refined_rival=0.3,
     source_relief_m=2.5,
+    parts_lead=0.3,
 )
 PRIOR = RegistrationPrior(20.0, 3.0, 0.05, 0.01, 0.012)
 REFINED = Refined(np.eye(4), 0.1, np.diag([1e-3, 2e-3, 1e-6, 1e-6]), np.diag([1e-4, 1e-6, 1e-6, 1e-3]), 0.3, 0.4)
@@ -41,10 +44,13 @@ def test_a_weight_for_every_regressor():
     assert len(WEIGHTS) == len(regressors(GOOD))
 
 
-def test_the_distance_from_the_prior_is_doubt_up_to_a_limit():
+def test_the_distance_from_the_prior_is_doubt_and_beyond_a_limit_disbelief():
     doubtful = replace(GOOD, rival=0.8, refined_rival=0.75)
-    near, far, farther = (probability_wrong(replace(doubtful, prior_chi2=c)) for c in (2.0, 30.0, 300.0))
-    assert near < far == farther
+    near, far = (probability_wrong(replace(doubtful, prior_chi2=c)) for c in (2.0, MOST_CHI2))
+    assert near < far
+    leads = replace(GOOD, correlation=1.0, overlap=1.0, rival=0.0, refined_rival=0.0, parts_lead=1.0)
+    assert probability_wrong(replace(leads, prior_chi2=MOST_CHI2)) < 0.01
+    assert probability_wrong(replace(leads, prior_chi2=MOST_CHI2 + 1)) >= 0.5
 
 
 def test_a_rival_nearly_as_good_is_doubt():
@@ -65,25 +71,33 @@ def test_a_rival_that_was_refined_is_more_doubt_than_one_that_was_not():
     assert probability_wrong(one) < probability_wrong(other)
 
 
-def test_reliefs_of_unlike_size_are_doubt_beyond_what_is_usual():
-    ratios = (USUAL_RELIEF[0] + 0.01, 1.0, USUAL_RELIEF[1] - 0.01)
-    usual = [probability_wrong(replace(GOOD, source_relief_m=3.0 * ratio)) for ratio in ratios]
-    assert usual[0] == usual[1] == usual[2]
-    for beyond in ((0.35, 0.32), (1.4, 1.55)):
-        claims = [probability_wrong(replace(GOOD, source_relief_m=3.0 * ratio)) for ratio in beyond]
-        assert usual[0] < claims[0] < claims[1] < 0.5
-
-
-@pytest.mark.parametrize("ratio", [0.0, 0.28, 1.7])
+@pytest.mark.parametrize("ratio", [0.0, 0.15, 2.8])
 def test_reliefs_of_much_unlike_size_are_not_believed_however_far_the_place_leads(ratio):
-    leads = replace(GOOD, correlation=1.0, overlap=1.0, rival=0.0, refined_rival=0.0, source_relief_m=3.0 * ratio)
-    assert probability_wrong(leads) >= 0.5
+    leads = replace(GOOD, correlation=1.0, overlap=1.0, rival=0.0, refined_rival=0.0)
+    assert probability_wrong(replace(leads, source_relief_m=3.0 * ratio)) >= 0.5
+    usual = [probability_wrong(replace(leads, source_relief_m=3.0 * inside)) for inside in USUAL_RELIEF]
+    assert usual[0] == usual[1] == probability_wrong(leads) < 0.05
 
 
-def test_a_level_field_on_a_single_thing_is_refused_however_well_they_correlate():
-    seen = replace(GOOD, correlation=0.75, rival=0.5, refined_rival=0.45, relief_m=0.67, source_relief_m=0.15)
-    assert probability_wrong(replace(seen, source_relief_m=0.5)) < 0.1
-    assert probability_wrong(seen) > 0.1
+def test_gullies_that_two_surveys_see_unlike_are_believed_where_they_lead():
+    """Two epochs of bragg, half a metre off: the source's relief is 1.7 times the reference's."""
+    seen = replace(GOOD, correlation=0.70, overlap=0.87, rival=0.40, refined_rival=0.36, prior_chi2=1.9)
+    assert probability_wrong(replace(seen, relief_m=0.17, source_relief_m=0.28, parts_lead=0.38, formal_sigma_m=0.58)) < 0.01
+
+
+def test_parts_that_would_lie_elsewhere_are_doubt():
+    doubtful = replace(GOOD, correlation=0.45, rival=0.35, refined_rival=0.3)
+    claims = [probability_wrong(replace(doubtful, parts_lead=lead)) for lead in (0.3, 0.1, 0.0)]
+    assert claims[0] < claims[1] < claims[2] < 0.5
+    assert probability_wrong(replace(GOOD, parts_lead=LEAST_PARTS_LEAD - 0.01)) >= 0.5
+
+
+def test_a_crown_that_carries_the_correlation_alone_is_refused():
+    """A suburb in the reference of another: as many sixteenths of it agree elsewhere."""
+    seen = replace(GOOD, correlation=0.43, overlap=0.75, rival=0.32, refined_rival=0.29, blocks=0.48, prior_chi2=0.2)
+    seen = replace(seen, relief_m=2.03, source_relief_m=1.46, formal_sigma_m=0.92, parts_lead=0.022)
+    assert probability_wrong(seen) > 0.05
+    assert probability_wrong(replace(seen, parts_lead=0.3)) < 0.01
 
 
 def test_a_cloud_bent_to_fit_is_doubt_up_to_a_limit():
@@ -91,15 +105,14 @@ def test_a_cloud_bent_to_fit_is_doubt_up_to_a_limit():
     assert claims[0] < claims[1] < claims[2] == claims[3]
 
 
-def test_differences_as_large_as_the_relief_are_doubt():
-    none, less, more = (probability_wrong(replace(GOOD, deviation_m=off)) for off in (0.1, 1.4, 3.0))
-    assert none == less < more
+def test_a_place_held_loosely_is_doubt_up_to_a_limit():
+    claims = [probability_wrong(replace(GOOD, formal_sigma_m=sigma)) for sigma in (0.1, 1.0, 3.0, 30.0)]
+    assert claims[0] < claims[1] < claims[2] == claims[3]
 
 
-def test_a_place_at_which_little_of_the_source_agrees_is_not_believed():
-    some, little = (probability_wrong(replace(GOOD, blocks=share)) for share in (0.5, 0.4))
-    assert some == probability_wrong(GOOD) < 0.01
-    assert little >= 0.5
+def test_a_place_at_which_little_of_the_source_agrees_is_doubt():
+    some, little = (probability_wrong(replace(GOOD, blocks=share)) for share in (0.9, 0.2))
+    assert some < little
 
 
 def test_a_place_without_a_lead_is_not_believed_whatever_else_speaks_for_it():

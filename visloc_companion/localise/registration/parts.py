@@ -1,0 +1,103 @@
+"""How far the parts of the source, each compared on its own, agree at a place rather than at any other of the prior's region.
+
+One correlation of the whole is made by what stands highest: a single house, or a crown that has grown, can carry it to a wrong
+place, and what was felled or built takes it down at the right one. Parts have levels and gains of their own, and each counts by
+its size, not by its relief. The mean over them of Fisher's z (atanh of the correlation, whose errors are alike everywhere) is
+high where many agree, whatever made the place be found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from visloc_companion.localise.features.base import Float32Array
+from visloc_companion.localise.registration.base import RegistrationPrior
+from visloc_companion.localise.registration.correlation import LEAST_DEVIATION_M, NO_SCORE, Scores, Template, summits
+from visloc_companion.localise.registration.handicap import of_place
+from visloc_companion.localise.registration.pair import Pair
+from visloc_companion.localise.registration.search import APART_M, reach_of, region, template
+from visloc_companion.localise.registration.similarity import moved, scale_of, yaw_of
+from visloc_companion.types import FloatArray
+
+Cells = NDArray[np.int_]
+"""(2,) column and row."""
+
+PARTS = 4
+"""Along each side: 17 m of a source of 67 m."""
+LEAST_KNOWN = 0.5
+"""Share of its cells that a part must know."""
+MOST = 0.98
+"""No more correlation than this is told from a better one."""
+NEAR_CELLS = 2.0
+"""The place's own value is the highest so near: it lies between cells."""
+
+
+def parts_lead(pair: Pair, T: FloatArray, prior: RegistrationPrior) -> float:
+    """Mean z of the parts at the place to which T (4, 4) takes the source, less the highest of another place at its heading and
+    scale, each less its handicap. A part sees nothing (z of 0) beyond the reference."""
+    low, high = region(pair, prior)
+    if (high < low).any():
+        return 0.0
+    z = _mean_z(pair, T, low, high)
+    here = pair.reference.cells_of(moved(T, pair.centre_m)[None, :2])[0]
+    middle, cell = pair.reference.cells_of(pair.centre_m[:2]), pair.reference.cell_m
+    u, v = np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1)[:, None]
+    z = z - of_place(cell * (u - middle[0]), cell * (v - middle[1]), prior)
+    cells = np.hypot(u - here[0], v - here[1])
+    own = float(np.max(z, where=cells <= NEAR_CELLS, initial=NO_SCORE))
+    away = summits(Scores(z, np.zeros(z.shape, np.int32), (0, 0))) & (cells >= APART_M / cell)
+    return max(own, 0.0) - float(np.max(z, where=away, initial=0.0))
+
+
+def _mean_z(pair: Pair, T: FloatArray, low: Cells, high: Cells) -> Float32Array:
+    """(rows, cols) mean z of the parts at the places of a box of the reference's cells, each part by its number of cells."""
+    yaw, scale, cell = yaw_of(T), scale_of(T), pair.reference.cell_m
+    reach = reach_of(pair, [(yaw, scale)])
+    around = _around(pair, low - reach, high + reach)
+    shape = (int(high[1] - low[1]) + 1, int(high[0] - low[0]) + 1)
+    total, number = np.zeros(shape, np.float32), 0
+    for row, col, part in _split(template(pair.source_relief, pair.centre_m, yaw, scale, cell, reach)):
+        beside = around[row : row + shape[0] + part.known.shape[0] - 1, col : col + shape[1] + part.known.shape[1] - 1]
+        cells = int(part.known.sum())
+        total += np.float32(cells) * np.arctanh(np.clip(_correlation(part, beside, cells), 0, np.float32(MOST)))
+        number += cells
+    return total / np.float32(max(number, 1))
+
+
+def _around(pair: Pair, low: Cells, high: Cells) -> Float32Array:
+    """The reference's relief on a box of its cells, 0 where it is not known."""
+    relief = np.where(pair.reference_relief.known, pair.reference_relief.height_m, np.float32(0))
+    shape = relief.shape[::-1]
+    before, after = np.maximum(-low, 0), np.maximum(high + 1 - shape, 0)
+    wide = np.pad(relief, ((int(before[1]), int(after[1])), (int(before[0]), int(after[0]))))
+    (u0, v0), (u1, v1) = low + before, high + before + 1
+    return np.ascontiguousarray(wide[v0:v1, u0:u1], dtype=np.float32)
+
+
+def _split(whole: Template) -> Iterator[tuple[int, int, Template]]:
+    """First row and column of each part that knows enough, and the part; its heights less their mean."""
+    rows, cols = (np.nonzero(whole.known.any(axis))[0] for axis in (1, 0))
+    if not len(rows):
+        return
+    edges = [np.linspace(some[0], some[-1] + 1, PARTS + 1).round().astype(int) for some in (rows, cols)]
+    for r0, r1 in zip(edges[0][:-1], edges[0][1:], strict=True):
+        for c0, c1 in zip(edges[1][:-1], edges[1][1:], strict=True):
+            known, height = whole.known[r0:r1, c0:c1], whole.height_m[r0:r1, c0:c1]
+            if known.sum() > LEAST_KNOWN * known.size:
+                level = np.where(known, height - height[known].mean(), 0).astype(np.float32)
+                yield int(r0), int(c0), Template(level, known, (0, 0))
+
+
+def _correlation(part: Template, beside: Float32Array, cells: int) -> Float32Array:
+    """Of a part of so many known cells with the relief beside it, at every place at which it lies within."""
+    h, w = part.known.shape
+    product = cv2.matchTemplate(beside, part.height_m, cv2.TM_CCORR) / np.float32(cells)
+    middle = (slice(h // 2, h // 2 + product.shape[0]), slice(w // 2, w // 2 + product.shape[1]))
+    mean, square = (cv2.boxFilter(a, -1, (w, h), borderType=cv2.BORDER_CONSTANT)[middle] for a in (beside, np.square(beside)))
+    least = np.float32(LEAST_DEVIATION_M**2)
+    own = np.float32(np.square(part.height_m).sum() / cells)
+    return np.asarray(product / np.sqrt((np.maximum(square - np.square(mean), 0) + least) * (own + least)), dtype=np.float32)
