@@ -104,7 +104,7 @@ class Asking:
         prior = self._prior(state, q_ned_frd, self._camera.q_frd_cambody, injecting)
         if prior is None:
             return []
-        prior = replace(prior, tilt=self._camera.tilt(frame.t_ns, q_ned_frd))
+        prior = replace(prior, tilt=self._camera.tilt(frame.t_ns, q_ned_frd), sun=self._camera.sun(frame.t_ns))
         return [self._queue.taken(frame, prior, now_ns)]
 
     def _of_camera(self, state: NavState, q_ned_frd: Quat) -> NavState:

@@ -1,5 +1,6 @@
 """The camera in the vehicle: when its frames are taken (camera_time.py), how it is mounted (boresight.py) and tilted
-(tilt_memory.py), all learned in flight, where (lever_arm.py), and whether its lens is as calibrated (lens_watch.py)."""
+(tilt_memory.py), all learned in flight, where (lever_arm.py), whether its lens is as calibrated (lens_watch.py), and where its
+pictures show the sun (sun_memory.py)."""
 
 from __future__ import annotations
 
@@ -10,12 +11,13 @@ from visloc_companion.core.boresight import Boresight
 from visloc_companion.core.camera_time import CameraTime
 from visloc_companion.core.lens_watch import LensWatch
 from visloc_companion.core.lever_arm import LeverArm
+from visloc_companion.core.sun_memory import SunMemory
 from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.core.tilt_memory import TiltMemory
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.geo import se3
-from visloc_companion.types import Command, Fix, FrameRef, LocaliseRequest, NoFix, Quat, TiltPrior, Vec3
+from visloc_companion.types import Command, Fix, FrameRef, LocaliseRequest, NoFix, Quat, Sun, TiltPrior, Vec3
 
 TIMED_S = 0.02
 """The mounting is learned only while frames are timed better than this: on the way, late is as tilted."""
@@ -36,7 +38,7 @@ class OnboardCamera:
         self._time = CameraTime(clock, attitude)
         self._boresight, self._tilt = Boresight(q_frd_cambody), TiltMemory(mount_sigma_rad)
         self._lever = LeverArm(lever_frd_m, clock, attitude)
-        self._lens, self._tracker = LensWatch(), tracker
+        self._lens, self._sun, self._tracker = LensWatch(), SunMemory(), tracker
 
     @property
     def q_frd_cambody(self) -> Quat:
@@ -46,6 +48,10 @@ class OnboardCamera:
     def tilt(self, t_ns: int, q_ned_frd: Quat) -> TiltPrior | None:
         """What earlier fixes tell of the camera's tilt at a time, at an attitude of the vehicle."""
         return self._tilt.known(t_ns, q_ned_frd)
+
+    def sun(self, t_ns: int) -> Sun | None:
+        """Where earlier pictures show the sun at a time."""
+        return self._sun.known(t_ns)
 
     def camera_ned_m(self, p_ned_m: Vec3, q_ned_frd: Quat) -> Vec3:
         """Where the camera is while the vehicle is at a place with an attitude."""
@@ -91,6 +97,8 @@ class OnboardCamera:
             return []
         if taken:
             self._tilt.taken(fix, state.v_ned_mps[:2], height_m)
+            if fix.sun is not None:
+                self._sun.seen(fix.t_ns, fix.sun)
         told = self._lens.after(belief)
         if not gnss_trusted or self._time.sigma_s > TIMED_S:
             return told

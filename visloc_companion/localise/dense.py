@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial, reduce
 
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
@@ -11,12 +12,15 @@ from visloc_companion.localise.claims import claimed_covariance
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import full_level
-from visloc_companion.localise.looks import Look, looked, surer
+from visloc_companion.localise.looks import Look, Why, accepted, looked, surer
+from visloc_companion.localise.map_suns import MapSuns
 from visloc_companion.localise.matching import Found, Task, find_candidates, sharpened
 from visloc_companion.localise.modes import mode_numbers
 from visloc_companion.localise.open_places import open_places
+from visloc_companion.localise.ortho_rectify import CameraPose
 from visloc_companion.localise.plan import SearchPlan, planned
 from visloc_companion.localise.ranking import DEEP_RANK, GRADIENT_RANK, RankWeights
+from visloc_companion.localise.relight import under_the_frames_sun
 from visloc_companion.localise.settings import LocaliserSettings, Looks
 from visloc_companion.localise.tilt import beyond, seen_tilt, set_right
 from visloc_companion.localise.tilt_starts import tilt_is_known
@@ -45,11 +49,12 @@ class Fitted:
 
 
 class DenseLocaliser:
-    """protocols.Localiser on dense features. Nothing is kept between frames or random."""
+    """protocols.Localiser on dense features. Nothing is kept between frames but what the map is, or random."""
 
     def __init__(self, method: str, model: CameraModel, settings: LocaliserSettings, features: Features, fitted: Fitted) -> None:
         self.method = method
         self._model, self._settings, self._features, self._fitted = model, settings, features, fitted
+        self._suns = MapSuns()
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The pose of the camera, or why there is none. Never raises for what an image or a place may contain."""
@@ -65,23 +70,47 @@ class DenseLocaliser:
             full = full_level(pixels, self._model)
             rank, temperature = self._fitted.rank, self._fitted.temperature
             features, threads = self._features, self._settings.threads
-            task = Task(plan, request.prior, full, ref, watch, features, GRADIENT, rank, temperature, threads=threads)
+            task = Task(
+                plan, request.prior, full, ref, watch, features, GRADIENT, rank, temperature, threads=threads, suns=self._suns
+            )
             found = find_candidates(task)
             look = self._look(task, found)
             return self._answer(request, look, found) if isinstance(look, Look) else no_fix(request, self.method, watch, look)
         except OutsideMap as outside:
             return no_fix(request, self.method, watch, (Reason.OUTSIDE_MAP, outside.what))
 
-    def _look(self, task: Task, found: Found) -> Look | tuple[Reason, str]:
-        """The first look or, where it declines, the surer of two."""
-        weights, looks = self._fitted.again, self._settings.looks
+    def _look(self, task: Task, found: Found) -> Look | Why:
+        """The look that the settings ask for; of all, one that is accepted, rather under the frame's sun, or the surest."""
+        if self._settings.looks is Looks.BOTH:
+            return self._surest(task, found)
+        second = None if self._settings.looks is Looks.FIRST else self._second(task, found)
+        return looked(task, found, self._fitted.right) if second is None else second
+
+    def _surest(self, task: Task, found: Found) -> Look | Why:
+        lit = None
+        if task.prior.sun is not None and found.candidates:
+            lit = self._lit(task, found, found.candidates[0].pose)
+            if accepted(lit, LOOK_AGAIN_ABOVE):
+                return lit
         first = looked(task, found, self._fitted.right)
-        if weights is None or looks is Looks.FIRST or not _another_look_tells_more(task, found):
-            return first
-        if looks is Looks.BOTH and isinstance(first, Look) and first.why_not(LOOK_AGAIN_ABOVE) is None:
-            return first
-        second = looked(replace(task, fine_features=task.features), found, weights)
-        return second if looks is Looks.SECOND else surer(first, second, LOOK_AGAIN_ABOVE)
+        if task.prior.sun is None and isinstance(first, Look):
+            lit = self._lit(task, found, first.match.descended.pose)
+        if accepted(first, LOOK_AGAIN_ABOVE):
+            return lit if accepted(lit, LOOK_AGAIN_ABOVE) else first
+        others = [look for look in (lit, self._second(task, found)) if look is not None]
+        return reduce(partial(surer, limit=LOOK_AGAIN_ABOVE), others, first)
+
+    def _lit(self, task: Task, found: Found, pose: CameraPose) -> Look | Why | None:
+        """A look at the map under the frame's sun, as it shows from a pose; None where it does not."""
+        under = under_the_frames_sun(task, pose)
+        return None if under is None else looked(under, found, self._fitted.right)
+
+    def _second(self, task: Task, found: Found) -> Look | Why | None:
+        """A look through the features of the search; None where it tells nothing more."""
+        weights = self._fitted.again
+        if weights is None or not _another_look_tells_more(task, found):
+            return None
+        return looked(replace(task, fine_features=task.features), found, weights)
 
     def _answer(self, request: LocaliseRequest, look: Look, found: Found) -> Fix | NoFix:
         task, plan, match = look.task, look.task.plan, look.match
@@ -91,6 +120,7 @@ class DenseLocaliser:
             "p_wrong": look.p,
             "share": look.share,
             "looks": 1.0 if task.fine_features is GRADIENT else 2.0,
+            "lit": 0.0 if task.light is None else 1.0,
             **mode_numbers(found.modes, plan.pose.p_ned_m),
         }
         if why := look.why_not(self._settings.max_probability_wrong):
@@ -104,7 +134,7 @@ class DenseLocaliser:
         pose = estimate.pose
         answer = fix(request, self.method, task.watch, plan.frame, task.ref, pose, covariance, look.p, sigma_m, numbers)
         north, east = estimate.per_focal[:2].tolist()
-        return replace(answer, tilt=seen_tilt(estimate, request.prior), per_focal_ne_m=(north, east))
+        return replace(answer, tilt=seen_tilt(estimate, request.prior), per_focal_ne_m=(north, east), sun=task.sun_seen)
 
 
 def _another_look_tells_more(task: Task, found: Found) -> bool:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeGuard
 
 import numpy as np
 
@@ -59,6 +60,11 @@ def looked(task: Task, found: Found, weights: Weights) -> Look | Why:
     likely = weighed(task, matches, match, found.modes)
     share, alone = share_of(task, matches, match, likely), probability_wrong(evidence, weights)
     return Look(task, matches, match, match.estimate, evidence, likely, share, alone, beside_others(alone, share))
+
+
+def accepted(look: Look | Why | None, limit: float) -> TypeGuard[Look]:
+    """Whether there is a look, and it is not declined at a limit."""
+    return isinstance(look, Look) and look.why_not(limit) is None
 
 
 def surer(first: Look | Why, second: Look | Why, limit: float) -> Look | Why:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -27,6 +28,8 @@ from visloc_companion.localise.hypotheses import (
     search_box,
     search_window,
 )
+from visloc_companion.localise.light import Light
+from visloc_companion.localise.map_suns import MapSuns
 from visloc_companion.localise.modes import PlaceMode, place_modes
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import SearchPlan, view_box
@@ -36,7 +39,7 @@ from visloc_companion.localise.tilt_starts import likeliest, starts
 from visloc_companion.localise.verify import block_z
 from visloc_companion.localise.window import cropped, map_grid, part_of_box, thinned
 from visloc_companion.protocols import ReferenceMap
-from visloc_companion.types import FloatArray, PosePrior
+from visloc_companion.types import FloatArray, PosePrior, Sun
 
 COARSE_STEPS, FINE_STEPS = 5, 4
 MAX_CANDIDATES, MAX_FINE = 10, 5
@@ -53,7 +56,9 @@ MIN_COARSE_SCORE = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
-    """One frame to be matched to one map: the features to search with, those to refine with, and the watch of the map's side."""
+    """One frame to be matched to one map: the features to search with, those to refine with, and the watch of the map's side.
+
+    With a `light` the map is refined on as it would look under the frame's sun; `sun_seen` where the frame itself showed that."""
 
     plan: SearchPlan
     prior: PosePrior
@@ -67,6 +72,9 @@ class Task:
     frames: dict[tuple[str, float], DescentFeatures] = field(default_factory=dict)
     levels: dict[float, FrameLevel] = field(default_factory=dict)
     threads: int = 1
+    suns: MapSuns = field(default_factory=MapSuns)
+    light: Light | None = None
+    sun_seen: Sun | None = None
 
     def frame(self, grid: MapGrid, features: Features) -> DescentFeatures:
         """The frame's features for a map window's resolution, made once."""
@@ -196,11 +204,11 @@ def sharpened(task: Task, match: Match) -> Match:
 
 def refined(task: Task, start: CameraPose, coarse_score: float, gsd_m: float) -> Match | None:
     """Lucas-Kanade, blocks and pose at one resolution; None where frame and map do not overlap."""
-    with task.watch:
+    with task.watch if task.light is None else nullcontext():
         low, high = view_box(task.plan, start)
         margin = MARGIN_PX * gsd_m
         features = task.refinement(gsd_m)
-        grid = map_grid(task.ref, task.plan.frame, low - margin, high + margin, gsd_m, features)
+        grid = map_grid(task.ref, task.plan.frame, low - margin, high + margin, gsd_m, features, task.light)
         stride = _stride(task.plan, gsd_m)
         thin, descent = thinned(grid, stride), align.prepare(grid, stride)
     frame, level = task.frame(grid, features), task.level(grid.gsd_m)

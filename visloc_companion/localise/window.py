@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.localise.features.base import Features, Float32Array
-from visloc_companion.localise.features.gradient import eroded
+from visloc_companion.localise.features.gradient import eroded, grey
+from visloc_companion.localise.light import Light, relit, turned, up_azimuth_deg
 from visloc_companion.localise.ortho_rectify import MapGrid
 from visloc_companion.localise.plan import LocalFrame
 from visloc_companion.localise.working_gsd import working_gsd_m
 from visloc_companion.protocols import FeatureMap, ReferenceMap
-from visloc_companion.types import FeaturePatch, FloatArray
+from visloc_companion.types import FeaturePatch, FloatArray, ReferencePatch
 
 MAX_SIDE_PX = 4000
 LEAST_PX = 16
@@ -26,11 +27,13 @@ def map_grid(
     high_ne_m: FloatArray,
     gsd_m: float,
     features: Features,
+    light: Light | None = None,
 ) -> MapGrid:
     """The map over a box of metres north, east (grown to the map's axes), along grid north.
 
     Where the map holds the features, of this name and recipe, they are taken from it at the stored GSD nearest to `gsd_m` (see
-    `working_gsd_m`; `MapGrid.gsd_m` is the one that was used) and no pixel is read; else they are computed.
+    `working_gsd_m`; `MapGrid.gsd_m` is the one that was used) and no pixel is read; else they are computed, of the map under
+    another sun where `light` says which.
     Raises OutsideMap where no pixel is on the map.
     """
     middle = (low_ne_m + high_ne_m) / 2
@@ -43,7 +46,10 @@ def map_grid(
         min(MAX_SIDE_PX, max(8, math.ceil(2 * extent / gsd_m) + 1))
         for extent in (c * half[1] + s * half[0], c * half[0] + s * half[1])
     )
-    patch = _feature_patch(ref, centre, (width, height), gsd_m, features)
+    if light is None:
+        patch = _feature_patch(ref, centre, (width, height), gsd_m, features)
+    else:
+        patch = _relit_patch(ref, frame, centre, (width, height), gsd_m, features, light)
     return MapGrid(
         np.asarray(patch.features, dtype=np.float32),
         eroded(patch.valid, 3),
@@ -60,7 +66,27 @@ def _feature_patch(
     if stored is not None:
         return stored
     patch = ref.patch(centre, size_px, gsd_m, 0.0)
-    return FeaturePatch(features(patch.pixels, patch.valid), patch.valid, patch.dsm_amsl_m, patch.T_map_pix, patch.gsd_m)
+    return _with_features(patch, features(patch.pixels, patch.valid))
+
+
+def _relit_patch(
+    ref: ReferenceMap,
+    frame: LocalFrame,
+    centre: tuple[float, float],
+    size_px: tuple[int, int],
+    gsd_m: float,
+    features: Features,
+    light: Light,
+) -> FeaturePatch:
+    patch = ref.patch(centre, size_px, gsd_m, 0.0)
+    up_deg = up_azimuth_deg(frame.A_ne_pix(patch.T_map_pix))
+    seen = Light(turned(light.map_sun, -up_deg), turned(light.frame_sun, -up_deg))
+    pixels = relit(grey(patch.pixels), _filled(patch.dsm_amsl_m, patch.valid), patch.gsd_m, seen)
+    return _with_features(patch, features(pixels, patch.valid))
+
+
+def _with_features(patch: ReferencePatch, values: Float32Array) -> FeaturePatch:
+    return FeaturePatch(values, patch.valid, patch.dsm_amsl_m, patch.T_map_pix, patch.gsd_m)
 
 
 def cropped(grid: MapGrid) -> MapGrid:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.sim.landscape_light import cast_shadow
+from visloc_companion.localise.shadow import cast_shadow
 from visloc_companion.sim.scene import Scene
 from visloc_companion.types import FloatArray
 

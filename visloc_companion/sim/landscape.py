@@ -11,10 +11,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from visloc_companion.localise.shadow import cast_shadow
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.sim.landscape_grid import Grid
 from visloc_companion.sim.landscape_ground import field_table, lasting_layers, paint_ground
-from visloc_companion.sim.landscape_light import cast_shadow, light_up
+from visloc_companion.sim.landscape_light import light_up
 from visloc_companion.sim.landscape_noise import Raster, rng_of, smooth_noise
 from visloc_companion.sim.landscape_objects import Trees, felled_parcels, place_buildings, plant_trees
 from visloc_companion.sim.landscape_plan import make_plan

@@ -1,4 +1,4 @@
-"""Sunlight on the procedural landscape: shading by slope, cast shadows from the surface model, and the photograph's tones."""
+"""Sunlight on the procedural landscape: shading by slope, and the photograph's tones."""
 
 from __future__ import annotations
 
@@ -10,27 +10,6 @@ from visloc_companion.sim.season import Season
 from visloc_companion.types import Image
 
 BAND_ROWS = 400
-FURTHEST_SHADOW_M = 110.0
-
-
-def cast_shadow(surface_m: Raster, gsd_m: float, azimuth_deg: float, elevation_deg: float) -> Raster:
-    """(H, W) height above the surface up to which the air is in shadow, metres (0 in sunlight).
-
-    The height of the shadow is the largest of the surface towards the sun less what the sun's ray climbs until there; it is
-    found in doubling steps: each step looks twice as far as the one before.
-    """
-    azimuth = np.radians(azimuth_deg)
-    towards = np.array([np.sin(azimuth), -np.cos(azimuth)])
-    climb_m = np.tan(np.radians(elevation_deg)) * gsd_m
-    shadow, step = surface_m, 1.0
-    size = (surface_m.shape[1], surface_m.shape[0])
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    while step * gsd_m <= FURTHEST_SHADOW_M:
-        shift = np.array([[1.0, 0.0, towards[0] * step], [0.0, 1.0, towards[1] * step]])
-        moved = cv2.warpAffine(shadow, shift, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
-        shadow = np.maximum(shadow, moved - np.float32(climb_m * step))
-        step *= 2
-    return np.asarray(shadow - surface_m, dtype=np.float32)
 
 
 def light_up(albedo: Image, surface_m: Raster, shaded: Raster, gsd_m: float, season: Season) -> Image:

@@ -84,6 +84,14 @@ class EkfSource(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class Sun:
+    """Where the sun stands: azimuth clockwise from true north and elevation, degrees."""
+
+    azimuth_deg: float
+    elevation_deg: float
+
+
+@dataclass(frozen=True, slots=True)
 class GeoPoint:
     """A place: WGS 84 latitude and longitude in degrees, height above mean sea level in metres.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from visloc_companion.types.basic import Cov2, EkfSource, GeoPoint, Mode, Quat, Severity, Vec2, Vec3, Verdict, Vote
+from visloc_companion.types.basic import Cov2, EkfSource, GeoPoint, Mode, Quat, Severity, Sun, Vec2, Vec3, Verdict, Vote
 from visloc_companion.types.events import FrameRef
 
 
@@ -33,7 +33,8 @@ class PosePrior:
     """A Gaussian prior of the camera's pose: place, attitude of the camera's body, and 1-sigma of each.
 
     Of the place's height, `height_offset_m` is what was added to the autopilot's. `tilt` is for whoever localises a single frame:
-    `q_ned_frd` is without it, for it changes from frame to frame and is no turn of the camera.
+    `q_ned_frd` is without it, for it changes from frame to frame and is no turn of the camera. `sun`: where earlier
+    pictures show it.
     """
 
     place: GeoPoint
@@ -44,6 +45,7 @@ class PosePrior:
     sigma_tilt_rad: float
     height_offset_m: float = 0.0
     tilt: TiltPrior | None = None
+    sun: Sun | None = None
 
 
 @dataclass(frozen=True, slots=True)

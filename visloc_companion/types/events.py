@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from visloc_companion.errors import Reason
-from visloc_companion.types.basic import AutopilotKind, Cov2, EkfSource, GeoPoint, Quat, Vec2, Vec3
+from visloc_companion.types.basic import AutopilotKind, Cov2, EkfSource, GeoPoint, Quat, Sun, Vec2, Vec3
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +215,8 @@ class Fix:
     moved until the frame that was asked about, `turn`: how it turned since the frame before, `turn_since_kept`: since one further
     back that is kept for seconds (`turn` again where the frame before was chosen for it), `tilt`: how its prior's attitude was
     tilted, where that was seen. `per_focal_ne_m`: how far off the place is, metres north and east, per share of the focal length
-    by which the lens is longer than calibrated (a camera that leans takes a wrong lens for a step to the side).
+    by which the lens is longer than calibrated (a camera that leans takes a wrong lens for a step to the side). `sun`: where the
+    picture shows it to stand, where it was looked for.
     """
 
     t_rx_ns: int
@@ -236,6 +237,7 @@ class Fix:
     tilt: TiltSeen | None = None
     per_focal_ne_m: Vec2 = (0.0, 0.0)
     turn_since_kept: Turn | None = None
+    sun: Sun | None = None
 
 
 @dataclass(frozen=True, slots=True)

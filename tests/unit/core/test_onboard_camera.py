@@ -13,12 +13,26 @@ from visloc_companion.core.driving import Velocity
 from visloc_companion.core.onboard_camera import OnboardCamera
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.core.sun_memory import FEWEST
 from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.errors import Reason
 from visloc_companion.geo import se3, wgs84
-from visloc_companion.types import Fix, FrameRef, GeoPoint, LocaliseRequest, NoFix, Notice, PosePrior, Quat, Tick, TiltSeen, Vec3
+from visloc_companion.types import (
+    Fix,
+    FrameRef,
+    GeoPoint,
+    LocaliseRequest,
+    NoFix,
+    Notice,
+    PosePrior,
+    Quat,
+    Sun,
+    Tick,
+    TiltSeen,
+    Vec3,
+)
 
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 HERE = GeoPoint(48.0, 11.0, 500.0)
@@ -108,3 +122,12 @@ def test_what_fixes_tell_of_the_tilt_goes_into_the_next_prior_where_the_filter_t
         if known is not None:
             assert 0.3 * turn[0] < known.turn_ne_rad[0] < turn[0]
             assert known.sigma_rad < SIGMA_RAD
+
+
+def test_where_fixes_show_the_sun_goes_into_the_next_prior_where_the_filter_took_them(tracker: Tracker) -> None:
+    for taken in (False, True):
+        camera = OnboardCamera(LEVEL, SIGMA_RAD, (0.0, 0.0, 0.0), ClockOffset(), AttitudeBuffer(), tracker)
+        for k in range(FEWEST):
+            assert camera.sun(k * 200 * MS) is None
+            camera.on_fix(replace(fix_at(k * 200 * MS), sun=Sun(210.0, 35.0)), taken=taken, gnss_trusted=False)
+        assert camera.sun(FEWEST * 200 * MS) == (Sun(210.0, 35.0) if taken else None)

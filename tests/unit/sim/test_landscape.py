@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from visloc_companion.geo.wgs84 import distance_m
+from visloc_companion.localise.shadow import cast_shadow
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.sim.landscape import build_landscape, home
 from visloc_companion.sim.landscape_grid import Grid
 from visloc_companion.sim.landscape_ground import lasting_layers
-from visloc_companion.sim.landscape_light import cast_shadow
 from visloc_companion.sim.landscape_objects import place_buildings, plant_trees
 from visloc_companion.sim.landscape_plan import Line, Use, make_plan
 from visloc_companion.sim.landscape_snow import drifted, snowed

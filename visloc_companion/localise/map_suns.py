@@ -1,0 +1,65 @@
+"""Suns over the map's picture, tile by tile: each is looked for once, whoever asks about it first."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from visloc_companion.localise.features.base import Float32Array, Mask
+from visloc_companion.localise.features.gradient import grey
+from visloc_companion.localise.light import WORKING_M, sun_over, turned, up_azimuth_deg
+from visloc_companion.localise.plan import LocalFrame
+from visloc_companion.localise.window import map_grid
+from visloc_companion.protocols import ReferenceMap
+from visloc_companion.types import FloatArray, Sun
+
+TILE_M, MARGIN_M = 128.0, 64.0
+"""Side of a tile, and what is looked at about it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Luminance:
+    """Brightness itself as localise.features.base.Features."""
+
+    name: str = "luminance"
+    recipe: str = ""
+    channels: int = 1
+    oriented: int = 0
+    bound: float = 255.0
+    context_px: int = 0
+    tolerance: tuple[float, float] | None = None
+
+    def __call__(self, image: NDArray[np.uint8] | Float32Array, valid: Mask) -> Float32Array:
+        """(H, W, 1) luminance, 0 where `valid` (H, W) is not."""
+        return grey(image)[..., None] * valid[..., None]
+
+
+class MapSuns:
+    """A mosaic may have another sun in each of its pictures. Answers depend on the place alone, not on what was asked before."""
+
+    def __init__(self) -> None:
+        self._ref: ReferenceMap | None = None
+        self._found: dict[tuple[int, int, int], Sun | None] = {}
+
+    def over(self, ref: ReferenceMap, frame: LocalFrame, ne_m: FloatArray) -> Sun | None:
+        """The sun over the tile that holds a place (2,), metres north and east; None where it does not show there. Raises
+        OutsideMap."""
+        if ref is not self._ref:
+            self._ref, self._found = ref, {}
+        octave = round(math.log2(abs(np.linalg.det(frame.J_map_ne))) / 2)
+        side = TILE_M * 2.0**octave  # in the map's units, the same all over a map
+        col, row = (math.floor(x / side) for x in frame.to_map(ne_m))
+        if (octave, col, row) not in self._found:
+            middle = np.array([(col + 0.5) * side, (row + 0.5) * side]) - frame.origin_map
+            self._found[octave, col, row] = _sun_about(ref, frame, np.asarray(np.linalg.solve(frame.J_map_ne, middle)))
+        return self._found[octave, col, row]
+
+
+def _sun_about(ref: ReferenceMap, frame: LocalFrame, ne_m: FloatArray) -> Sun | None:
+    half = TILE_M / 2 + MARGIN_M
+    grid = map_grid(ref, frame, ne_m - half, ne_m + half, max(WORKING_M, ref.gsd_m), Luminance())
+    sun = sun_over(grid.features[..., 0], grid.weight > 0, grid.surface_up_m, grid.gsd_m)
+    return None if sun is None else turned(sun, up_azimuth_deg(grid.A_ne_pix))

@@ -1,0 +1,46 @@
+"""The light of a frame and of the map's picture below it, found where the frame is believed to be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from visloc_companion.localise.light import COARSEST_M, WORKING_M, Light, sun_over, turned, up_azimuth_deg
+from visloc_companion.localise.map_suns import Luminance
+from visloc_companion.localise.matching import Task
+from visloc_companion.localise.ortho_rectify import CameraPose, rectify_surface
+from visloc_companion.localise.plan import view_box
+from visloc_companion.localise.window import map_grid
+from visloc_companion.types import Sun
+
+LEAST_APART_DEG = 15.0
+"""Suns that are nearer to each other light a wood alike."""
+
+
+def under_the_frames_sun(task: Task, pose: CameraPose) -> Task | None:
+    """The task with the map as under the sun that the frame was taken in: as the prior has it, else as the frame shows it from a
+    pose. None where that or the map's own is not to be seen, or both are alike. Raises OutsideMap."""
+    if max(task.plan.finest_gsd_m, WORKING_M) > COARSEST_M:
+        return None
+    with task.watch:
+        map_sun = task.suns.over(task.ref, task.plan.frame, task.view_ne_m(pose))
+    if map_sun is None:
+        return None
+    seen = _sun_of_frame(task, pose) if task.prior.sun is None else None
+    frame_sun = task.prior.sun or seen
+    if frame_sun is None or not _apart(map_sun, frame_sun):
+        return None
+    return replace(task, light=Light(map_sun, frame_sun), sun_seen=seen)
+
+
+def _sun_of_frame(task: Task, pose: CameraPose) -> Sun | None:
+    with task.watch:
+        low, high = view_box(task.plan, pose)
+        grid = map_grid(task.ref, task.plan.frame, low, high, max(task.plan.finest_gsd_m, WORKING_M), Luminance())
+    picture, seen = rectify_surface(task.level(grid.gsd_m), pose, grid)
+    sun = sun_over(picture, seen & (grid.weight > 0), grid.surface_up_m, grid.gsd_m)
+    return None if sun is None else turned(sun, up_azimuth_deg(grid.A_ne_pix))
+
+
+def _apart(a: Sun, b: Sun) -> bool:
+    turn_deg = abs((a.azimuth_deg - b.azimuth_deg + 180) % 360 - 180)
+    return max(turn_deg, abs(a.elevation_deg - b.elevation_deg)) >= LEAST_APART_DEG
