@@ -16,6 +16,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise, product
+from typing import NamedTuple
 from unittest.mock import patch
 
 import cv2
@@ -31,6 +32,7 @@ from visloc_companion.localise.surface_error import height_covariance
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.world import procedural_world
+from visloc_companion.protocols import Localiser
 from visloc_companion.sim.landscape import build_landscape
 from visloc_companion.sim.landscape_grid import Grid
 from visloc_companion.sim.landscape_noise import Raster
@@ -40,7 +42,7 @@ from visloc_companion.sim.render import CameraSimulator
 from visloc_companion.sim.render_effects import CameraEffects
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.season import FLIGHT, MAP
-from visloc_companion.types import Fix, FloatArray, FrameRef, GeoPoint, LocaliseRequest, PosePrior, Quat
+from visloc_companion.types import Fix, FloatArray, FrameRef, GeoPoint, Image, LocaliseRequest, PosePrior, Quat
 
 SIZE_M, GSD_M = 1000.0, 0.5
 DATES = (
@@ -109,9 +111,18 @@ def judged(fix: Fix, view: View) -> Row:
     return north, east, -down, *over, float(off @ np.linalg.solve(cov, off)), *view[2:]
 
 
-def of_world(seed: int, n: int, sigma_tilt_rad: float, largest_deg: float) -> Iterator[tuple[str, Row]]:
-    """All fixes over the procedural world of a seed, of `n` frames of each date, with what the surface model was taken for."""
-    reference, localiser = PackMap.open(procedural_world(seed, size_m=SIZE_M).pack, verify_hashes=False), localiser_of("deep")
+class Shot(NamedTuple):
+    """One frame of a view, with what is asked about it and what more is drawn of chance."""
+
+    date: int
+    view: View
+    pixels: Image
+    request: LocaliseRequest
+    rng: np.random.Generator
+
+
+def shots(seed: int, n: int, sigma_tilt_rad: float, largest_deg: float) -> Iterator[Shot]:
+    """`n` frames of each date over the procedural world of a seed."""
     ground_m = terrain(seed, Grid(round(SIZE_M / GSD_M), GSD_M), make_plan(seed, SIZE_M))
     stands_m = np.asarray(build_landscape(seed, "map", SIZE_M, GSD_M).dsm_amsl_m - ground_m, dtype=np.float32)
     for date, season in enumerate(DATES):
@@ -119,12 +130,23 @@ def of_world(seed: int, n: int, sigma_tilt_rad: float, largest_deg: float) -> It
         camera, rng = CameraSimulator(scene, MODEL, CameraEffects()), np.random.default_rng([seed, date])
         for number, view in enumerate(views(scene, ground_m, stands_m, rng, n, largest_deg)):
             pixels = camera.frame(view[0], view[1], 1000 * seed + 100 * date + number)
-            request = request_of(view, number, rng, sigma_tilt_rad)
-            for name, heights in SURFACES.items():
-                with patch.object(block_pose, "height_covariance", heights):
-                    answer = localiser.localise(request, pixels, reference)
-                if isinstance(answer, Fix):
-                    yield name, judged(answer, view)
+            yield Shot(date, view, pixels, request_of(view, number, rng, sigma_tilt_rad), rng)
+
+
+def opened(seed: int) -> tuple[PackMap, Localiser]:
+    """The map of the procedural world of a seed, and who localises."""
+    return PackMap.open(procedural_world(seed, size_m=SIZE_M).pack, verify_hashes=False), localiser_of("deep")
+
+
+def of_world(seed: int, n: int, sigma_tilt_rad: float, largest_deg: float) -> Iterator[tuple[str, Row]]:
+    """All fixes over the procedural world of a seed, of `n` frames of each date, with what the surface model was taken for."""
+    reference, localiser = opened(seed)
+    for shot in shots(seed, n, sigma_tilt_rad, largest_deg):
+        for name, heights in SURFACES.items():
+            with patch.object(block_pose, "height_covariance", heights):
+                answer = localiser.localise(shot.request, shot.pixels, reference)
+            if isinstance(answer, Fix):
+                yield name, judged(answer, shot.view)
 
 
 def cells(rows: FloatArray) -> list[str]:

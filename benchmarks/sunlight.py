@@ -19,18 +19,9 @@ from unittest.mock import patch
 
 import numpy as np
 
-from benchmarks.landscape import MODEL, localiser_of
-from benchmarks.leaning import DATES, GSD_M, SIZE_M, Row, cells, judged, request_of, views
+from benchmarks.leaning import DATES, Row, cells, judged, opened, shots
 from benchmarks.scenario_page import table
 from visloc_companion.localise import dense
-from visloc_companion.maps.pack import PackMap
-from visloc_companion.prepare.world import procedural_world
-from visloc_companion.sim.landscape import build_landscape
-from visloc_companion.sim.landscape_grid import Grid
-from visloc_companion.sim.landscape_plan import make_plan
-from visloc_companion.sim.landscape_terrain import terrain
-from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.sim.render_effects import CameraEffects
 from visloc_companion.types import Fix, Sun
 
 NAMES = ("March", "March, thin crowns", "summer")
@@ -67,23 +58,17 @@ class Answer(NamedTuple):
 
 def of_world(seed: int, n: int, sigma_tilt_rad: float, largest_deg: float) -> Iterator[Answer]:
     """All answers over the procedural world of a seed, of `n` frames of each date."""
-    reference, localiser = PackMap.open(procedural_world(seed, size_m=SIZE_M).pack, verify_hashes=False), localiser_of("deep")
-    ground_m = terrain(seed, Grid(round(SIZE_M / GSD_M), GSD_M), make_plan(seed, SIZE_M))
-    stands_m = np.asarray(build_landscape(seed, "map", SIZE_M, GSD_M).dsm_amsl_m - ground_m, dtype=np.float32)
-    for date, season in enumerate(DATES):
-        scene = build_landscape(seed, season, SIZE_M, GSD_M)
-        camera, rng = CameraSimulator(scene, MODEL, CameraEffects()), np.random.default_rng([seed, date])
-        for number, view in enumerate(views(scene, ground_m, stands_m, rng, n, largest_deg)):
-            pixels = camera.frame(view[0], view[1], 1000 * seed + 100 * date + number)
-            request = request_of(view, number, rng, sigma_tilt_rad)
-            azimuth_deg, elevation_deg = rng.normal((season.sun_azimuth_deg, season.sun_elevation_deg), TOLD_DEG).tolist()
-            told = replace(request, prior=replace(request.prior, sun=Sun(azimuth_deg, elevation_deg)))
-            for way, asked in ((AS_IS, request), (SEEN, request), (TOLD, told)):
-                seen = dense.under_the_frames_sun if way != AS_IS else lambda task, pose: None
-                with patch.object(dense, "under_the_frames_sun", seen):
-                    answer = localiser.localise(asked, pixels, reference)
-                row = judged(answer, view) if isinstance(answer, Fix) else None
-                yield Answer(date, bool(view[3]), way, dict(answer.evidence).get("lit") == 1.0, row)
+    reference, localiser = opened(seed)
+    for date, view, pixels, request, rng in shots(seed, n, sigma_tilt_rad, largest_deg):
+        true = DATES[date].sun_azimuth_deg, DATES[date].sun_elevation_deg
+        azimuth_deg, elevation_deg = rng.normal(true, TOLD_DEG).tolist()
+        told = replace(request, prior=replace(request.prior, sun=Sun(azimuth_deg, elevation_deg)))
+        for way, asked in ((AS_IS, request), (SEEN, request), (TOLD, told)):
+            seen = dense.under_the_frames_sun if way != AS_IS else lambda task, pose: None
+            with patch.object(dense, "under_the_frames_sun", seen):
+                answer = localiser.localise(asked, pixels, reference)
+            row = judged(answer, view) if isinstance(answer, Fix) else None
+            yield Answer(date, bool(view[3]), way, dict(answer.evidence).get("lit") == 1.0, row)
 
 
 def line(date: int, wooded: bool, way: str, answers: Sequence[Answer]) -> list[str]:

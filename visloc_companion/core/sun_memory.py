@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 
+from visloc_companion.geo.sun import turn_between_deg
 from visloc_companion.types import Sun
 
 KEPT_NS = 600_000_000_000
@@ -33,13 +34,8 @@ class SunMemory:
         suns = [sun for at_ns, sun in self._seen if abs(t_ns - at_ns) <= KEPT_NS]
         if len(suns) < FEWEST:
             return None
-        middle = min(suns, key=lambda sun: sum(turn_deg(sun.azimuth_deg, other.azimuth_deg) for other in suns))
-        alike = [sun for sun in suns if turn_deg(sun.azimuth_deg, middle.azimuth_deg) <= ALIKE_DEG]
+        middle = min(suns, key=lambda sun: sum(turn_between_deg(sun, other) for other in suns))
+        alike = [sun for sun in suns if turn_between_deg(sun, middle) <= ALIKE_DEG]
         if len(alike) < MAJORITY * len(suns):
             return None
         return Sun(middle.azimuth_deg, sorted(sun.elevation_deg for sun in alike)[len(alike) // 2])
-
-
-def turn_deg(a_deg: float, b_deg: float) -> float:
-    """Angle between two azimuths, 0 to 180 degrees."""
-    return abs((a_deg - b_deg + 180) % 360 - 180)

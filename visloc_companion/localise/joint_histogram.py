@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.localise.features.base import Float32Array
+from visloc_companion.localise.features.grey import GREY
 from visloc_companion.localise.frame import FrameLevel
 from visloc_companion.localise.frame_features import ForEachPose, plane_raster
 from visloc_companion.localise.hypotheses import hypotheses
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import SIGMAS, SearchPlan, turned
 from visloc_companion.localise.search import MIN_OVERLAP, ScoreVolume
-from visloc_companion.localise.template import GREY
 from visloc_companion.types import FloatArray
 
 Labels = NDArray[np.uint8]

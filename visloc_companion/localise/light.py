@@ -58,28 +58,29 @@ def up_azimuth_deg(A_ne_pix: FloatArray) -> float:
     return math.degrees(math.atan2(east, north))
 
 
-def turned(sun: Sun, turn_deg: float) -> Sun:
-    """A sun as from axes that are turned to the left by so much."""
-    return Sun((sun.azimuth_deg + turn_deg) % 360, sun.elevation_deg)
+class Relief:
+    """A surface (H, W) and its slopes: under every sun the same."""
 
+    def __init__(self, up_m: Float32Array, gsd_m: float) -> None:
+        self.up_m, self._gsd_m = up_m, gsd_m
+        smooth = cv2.GaussianBlur(up_m, (0, 0), 1.0)
+        self.u, self.v = (cv2.Sobel(smooth, cv2.CV_32F, *order, scale=1 / (8 * gsd_m)) for order in ((1, 0), (0, 1)))
+        self.steep = np.sqrt(1 + self.u * self.u + self.v * self.v)
 
-def light_on(surface_up_m: Float32Array, gsd_m: float, sun: Sun) -> Float32Array:
-    """(H, W) light on a surface, 1 on level ground in the sun, whose azimuth is clockwise from the upward axis."""
-    smooth = cv2.GaussianBlur(surface_up_m, (0, 0), 1.0)
-    slope_u, slope_v = (cv2.Sobel(smooth, cv2.CV_32F, *order, scale=1 / (8 * gsd_m)) for order in ((1, 0), (0, 1)))
-    azimuth, flat = math.radians(sun.azimuth_deg), 1 / math.tan(math.radians(sun.elevation_deg))
-    facing = (1 - flat * math.sin(azimuth) * slope_u + flat * math.cos(azimuth) * slope_v) / np.sqrt(
-        1 + slope_u * slope_u + slope_v * slope_v
-    )
-    shaded = np.clip(cast_shadow(surface_up_m, gsd_m, sun.azimuth_deg, sun.elevation_deg) / max(0.5, gsd_m), 0, 1)
-    in_sun = 1 - cv2.GaussianBlur(np.asarray(shaded, dtype=np.float32), (0, 0), 0.7)
-    return np.asarray(DIRECT * np.clip(facing, 0, BRIGHTEST) * in_sun + SKY, dtype=np.float32)
+    def light(self, sun: Sun) -> Float32Array:
+        """(H, W) light, 1 on level ground in the sun, whose azimuth is clockwise from the upward axis."""
+        azimuth, flat = math.radians(sun.azimuth_deg), 1 / math.tan(math.radians(sun.elevation_deg))
+        facing = (1 - flat * math.sin(azimuth) * self.u + flat * math.cos(azimuth) * self.v) / self.steep
+        shaded = np.clip(cast_shadow(self.up_m, self._gsd_m, sun.azimuth_deg, sun.elevation_deg) / max(0.5, self._gsd_m), 0, 1)
+        in_sun = 1 - cv2.GaussianBlur(np.asarray(shaded, dtype=np.float32), (0, 0), 0.7)
+        return np.asarray(DIRECT * np.clip(facing, 0, BRIGHTEST) * in_sun + SKY, dtype=np.float32)
 
 
 def relit(grey: Float32Array, surface_up_m: Float32Array, gsd_m: float, light: Light) -> Float32Array:
     """(H, W) the map's brightness as under the frame's sun. Azimuths are clockwise from the upward axis."""
-    now, then = (light_on(surface_up_m, gsd_m, sun) for sun in (light.frame_sun, light.map_sun))
-    return np.asarray(grey * np.clip(now / then, 1 / MOST_CHANGE, MOST_CHANGE), dtype=np.float32)
+    relief = Relief(surface_up_m, gsd_m)
+    change = relief.light(light.frame_sun) / relief.light(light.map_sun)
+    return np.asarray(grey * np.clip(change, 1 / MOST_CHANGE, MOST_CHANGE), dtype=np.float32)
 
 
 def sun_over(grey: Float32Array, seen: Mask, surface_up_m: Float32Array, gsd_m: float) -> Sun | None:
@@ -100,37 +101,36 @@ def sun_over(grey: Float32Array, seen: Mask, surface_up_m: Float32Array, gsd_m: 
     inside = cv2.resize(seen[whole].astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
     if inside.sum() < LEAST_PX**2:
         return None
-    if float(np.abs(_high_passed(up, gsd_m * step))[inside].mean()) < LEAST_RELIEF_M:
+    rise_m = _high_passed(up, gsd_m * step)
+    if float(np.abs(rise_m)[inside].mean()) < LEAST_RELIEF_M:
         return None
-    return _likeliest(_Shaded(picture, inside, up, gsd_m * step))
+    relief = Relief(up, gsd_m * step)
+    return _likeliest(_Shaded(picture, inside, relief), _azimuth_deg(_high_passed(picture, gsd_m * step), rise_m, relief, inside))
 
 
 class _Shaded:
     """A picture beside what its surface looks like under a sun."""
 
-    def __init__(self, grey: Float32Array, inside: Mask, up_m: Float32Array, gsd_m: float) -> None:
-        self.grey, self.inside, self.up_m, self.gsd_m = grey, inside, up_m, gsd_m
+    def __init__(self, grey: Float32Array, inside: Mask, relief: Relief) -> None:
+        self._inside, self._relief = inside, relief
         features = gradient_features(grey, inside)
         self._block = np.ascontiguousarray(features[SHIFT_PX:-SHIFT_PX, SHIFT_PX:-SHIFT_PX])
 
     def likeness(self, sun: Sun) -> float:
         """Normalised correlation of the gradients of both, at the best of some shifts."""
-        features = gradient_features(100 * light_on(self.up_m, self.gsd_m, sun), self.inside)
+        features = gradient_features(100 * self._relief.light(sun), self._inside)
         return float(normalised_correlation(features, self._block).max())
 
-    def azimuth_deg(self) -> float:
-        """From where the slopes say that the light comes. The height stands for crowns of another colour than the ground."""
-        brightness, up = (_high_passed(a, self.gsd_m) for a in (self.grey, self.up_m))
-        smooth = cv2.GaussianBlur(self.up_m, (0, 0), 1.0)
-        u, v = (cv2.Sobel(smooth, cv2.CV_32F, *order, scale=1 / (8 * self.gsd_m)) for order in ((1, 0), (0, 1)))
-        steep = np.sqrt(1 + u * u + v * v)
-        told = np.stack([u / steep, v / steep, up, np.ones_like(up)], axis=-1)[self.inside].astype(np.float64)
-        by_u, by_v, *_ = np.linalg.lstsq(told, brightness[self.inside], rcond=None)[0].tolist()
-        return math.degrees(math.atan2(-by_u, by_v))
+
+def _azimuth_deg(brightness: Float32Array, rise_m: Float32Array, relief: Relief, inside: Mask) -> float:
+    """From where the slopes say that the light comes. The rise stands for crowns of another colour than the ground."""
+    columns = (relief.u / relief.steep, relief.v / relief.steep, rise_m, np.ones_like(rise_m))
+    told = np.stack(columns, axis=-1)[inside].astype(np.float64)
+    by_u, by_v, *_ = np.linalg.lstsq(told, brightness[inside], rcond=None)[0].tolist()
+    return math.degrees(math.atan2(-by_u, by_v))
 
 
-def _likeliest(shaded: _Shaded) -> Sun | None:
-    azimuth = shaded.azimuth_deg()
+def _likeliest(shaded: _Shaded, azimuth: float) -> Sun | None:
     by_height = [(shaded.likeness(sun), sun) for sun in (Sun(azimuth, e) for e in ELEVATIONS_DEG)]
     _, first = max(by_height, key=lambda each: each[0])
     about = [(shaded.likeness(sun), sun) for sun in (Sun(azimuth + turn, first.elevation_deg) for turn in AZIMUTHS_DEG)]

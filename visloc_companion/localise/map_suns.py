@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from visloc_companion.localise.features.base import Float32Array, Mask
-from visloc_companion.localise.features.gradient import grey
-from visloc_companion.localise.light import WORKING_M, sun_over, turned, up_azimuth_deg
+from visloc_companion.geo.sun import turned
+from visloc_companion.localise.features.grey import GREY
+from visloc_companion.localise.light import WORKING_M, sun_over, up_azimuth_deg
 from visloc_companion.localise.plan import LocalFrame
 from visloc_companion.localise.window import map_grid
 from visloc_companion.protocols import ReferenceMap
@@ -18,23 +16,6 @@ from visloc_companion.types import FloatArray, Sun
 
 TILE_M, MARGIN_M = 128.0, 64.0
 """Side of a tile, and what is looked at about it."""
-
-
-@dataclass(frozen=True, slots=True)
-class Luminance:
-    """Brightness itself as localise.features.base.Features."""
-
-    name: str = "luminance"
-    recipe: str = ""
-    channels: int = 1
-    oriented: int = 0
-    bound: float = 255.0
-    context_px: int = 0
-    tolerance: tuple[float, float] | None = None
-
-    def __call__(self, image: NDArray[np.uint8] | Float32Array, valid: Mask) -> Float32Array:
-        """(H, W, 1) luminance, 0 where `valid` (H, W) is not."""
-        return grey(image)[..., None] * valid[..., None]
 
 
 class MapSuns:
@@ -60,6 +41,6 @@ class MapSuns:
 
 def _sun_about(ref: ReferenceMap, frame: LocalFrame, ne_m: FloatArray) -> Sun | None:
     half = TILE_M / 2 + MARGIN_M
-    grid = map_grid(ref, frame, ne_m - half, ne_m + half, max(WORKING_M, ref.gsd_m), Luminance())
+    grid = map_grid(ref, frame, ne_m - half, ne_m + half, max(WORKING_M, ref.gsd_m), GREY)
     sun = sun_over(grid.features[..., 0], grid.weight > 0, grid.surface_up_m, grid.gsd_m)
     return None if sun is None else turned(sun, up_azimuth_deg(grid.A_ne_pix))

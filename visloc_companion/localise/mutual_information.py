@@ -13,6 +13,7 @@ import numpy as np
 
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
+from visloc_companion.localise.features.grey import GREY
 from visloc_companion.localise.frame import FrameLevel, full_level, reduced
 from visloc_companion.localise.hypotheses import (
     footprint_box,
@@ -26,7 +27,6 @@ from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, rectify
 from visloc_companion.localise.plan import SearchPlan, planned, turned
 from visloc_companion.localise.pose import heading_and_tilt
 from visloc_companion.localise.settings import LocaliserSettings
-from visloc_companion.localise.template import GREY
 from visloc_companion.localise.window import cropped, map_grid
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from visloc_companion.localise.light import COARSEST_M, WORKING_M, Light, sun_over, turned, up_azimuth_deg
-from visloc_companion.localise.map_suns import Luminance
+from visloc_companion.geo.sun import turn_between_deg, turned
+from visloc_companion.localise.features.grey import GREY
+from visloc_companion.localise.light import COARSEST_M, WORKING_M, Light, sun_over, up_azimuth_deg
 from visloc_companion.localise.matching import Task
 from visloc_companion.localise.ortho_rectify import CameraPose, rectify_surface
 from visloc_companion.localise.plan import view_box
@@ -35,12 +36,11 @@ def under_the_frames_sun(task: Task, pose: CameraPose) -> Task | None:
 def _sun_of_frame(task: Task, pose: CameraPose) -> Sun | None:
     with task.watch:
         low, high = view_box(task.plan, pose)
-        grid = map_grid(task.ref, task.plan.frame, low, high, max(task.plan.finest_gsd_m, WORKING_M), Luminance())
+        grid = map_grid(task.ref, task.plan.frame, low, high, max(task.plan.finest_gsd_m, WORKING_M), GREY)
     picture, seen = rectify_surface(task.level(grid.gsd_m), pose, grid)
     sun = sun_over(picture, seen & (grid.weight > 0), grid.surface_up_m, grid.gsd_m)
     return None if sun is None else turned(sun, up_azimuth_deg(grid.A_ne_pix))
 
 
 def _apart(a: Sun, b: Sun) -> bool:
-    turn_deg = abs((a.azimuth_deg - b.azimuth_deg + 180) % 360 - 180)
-    return max(turn_deg, abs(a.elevation_deg - b.elevation_deg)) >= LEAST_APART_DEG
+    return max(turn_between_deg(a, b), abs(a.elevation_deg - b.elevation_deg)) >= LEAST_APART_DEG

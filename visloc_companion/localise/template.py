@@ -6,15 +6,13 @@ The best peak of the search level is searched again at the working resolution; i
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
-from visloc_companion.localise.features.base import Float32Array
-from visloc_companion.localise.features.gradient import grey
+from visloc_companion.localise.features.grey import GREY
 from visloc_companion.localise.frame import FrameLevel, full_level, reduced
 from visloc_companion.localise.frame_features import ForEachPose
 from visloc_companion.localise.hypotheses import (
@@ -35,26 +33,6 @@ from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoF
 SIGMA_PX = 1.5
 """Claimed 1-sigma of the position, working pixels: a constant, as the method has no better measure."""
 SIGMA_ANGLE_RAD = 0.02
-
-
-@dataclass(frozen=True, slots=True)
-class GreyFeatures:
-    """(H, W, 1) luminance, zero where invalid (localise.features.base.Features)."""
-
-    name: str = "grey"
-    recipe: str = "luminance"
-    channels: int = 1
-    oriented: int = 0
-    bound: float = 255.0
-    context_px: int = 0
-    tolerance: tuple[float, float] | None = None
-
-    def __call__(self, image: NDArray[np.uint8] | Float32Array, valid: NDArray[np.bool_]) -> Float32Array:
-        """The luminance."""
-        return (grey(image) * valid)[..., None].astype(np.float32)
-
-
-GREY = GreyFeatures()
 
 
 class NccLocaliser:

@@ -7,9 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from visloc_companion.geo.sun import turned
 from visloc_companion.localise.features.base import Features, Float32Array
 from visloc_companion.localise.features.gradient import eroded, grey
-from visloc_companion.localise.light import Light, relit, turned, up_azimuth_deg
+from visloc_companion.localise.light import Light, relit, up_azimuth_deg
 from visloc_companion.localise.ortho_rectify import MapGrid
 from visloc_companion.localise.plan import LocalFrame
 from visloc_companion.localise.working_gsd import working_gsd_m

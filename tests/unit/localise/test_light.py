@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from visloc_companion.geo.wgs84 import ned_from_geo
 from visloc_companion.localise.dense import gradient_localiser
-from visloc_companion.localise.light import Light, light_on, relit, sun_over
+from visloc_companion.localise.light import Light, Relief, relit, sun_over
 from visloc_companion.localise.settings import LocaliserSettings, Looks
 from visloc_companion.types import CameraModel, Fix, GeoPoint, Sun
 
@@ -121,7 +121,7 @@ def test_only_what_is_seen_is_asked():
 
 
 def test_level_ground_in_the_sun_is_lit_by_one():
-    assert light_on(level()[1], 1.0, EVENING) == pytest.approx(1.0, abs=1e-5)
+    assert Relief(level()[1], 1.0).light(EVENING) == pytest.approx(1.0, abs=1e-5)
 
 
 def test_a_map_under_another_sun_looks_like_the_picture_taken_under_it():
