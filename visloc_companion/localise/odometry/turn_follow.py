@@ -1,7 +1,8 @@
 """Corners of one frame found again in another, and how the camera turned between them.
 
 Corners of a reduced picture are followed by Lucas-Kanade there and back in the other one, which is first turned back by what is
-thought (a start, not a prior), and moved on as the ground is thought to have moved. The turn is solved in turn_solve.py.
+thought (a start, not a prior), and moved on as the ground is thought to have moved. Both are evened out, for Lucas-Kanade takes
+the same ground for equally bright and a camera sets its exposure anew in each frame. The turn is solved in turn_solve.py.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from visloc_companion.geo.camera import R_FRD_CAM, scaled
 from visloc_companion.geo.se3 import quat_from_R
 from visloc_companion.localise.odometry.turn_solve import Turned, solved
+from visloc_companion.localise.structure.contrast import as_bytes, evened
 from visloc_companion.localise.structure.tracks import corners_of
 from visloc_companion.types import CameraModel, FloatArray, Image, Turn
 
@@ -30,7 +32,7 @@ MOST_TILT_COS = math.cos(math.radians(60.0))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """A frame: reduced grey, its corners (N, 2), and what came with it."""
+    """A frame: reduced grey, evened out, its corners (N, 2), and what came with it."""
 
     t_ns: int
     grey: Image
@@ -56,7 +58,7 @@ class Follower:
         size = (self._model.width_px, self._model.height_px)
         one = pixels if pixels.ndim == 2 else pixels[:, :, 1]
         small = one if one.shape == size[::-1] else cv2.resize(one, size, interpolation=cv2.INTER_AREA)
-        grey = np.ascontiguousarray(cv2.GaussianBlur(small, (3, 3), 0), dtype=np.uint8)
+        grey = as_bytes(evened(np.asarray(cv2.GaussianBlur(small, (3, 3), 0), dtype=np.uint8)))
         return Seen(t_ns, grey, corners_of(grey, self._inner, SPACING_PX), R_ned_cam)
 
     def between(self, a: Seen, b: Seen, R_ba: FloatArray, moved_ned: FloatArray) -> Turned | None:

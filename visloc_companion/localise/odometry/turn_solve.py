@@ -23,7 +23,7 @@ LEAST_RELIEF, FIRST_RELIEF, MOST_RELIEF = 0.01, 0.05, 0.3
 """Of what single points are off the plane, as a share of the height."""
 EPIPOLAR_PX = 1.0
 """Where a departure of the whole height moves a point by less, it tells nothing of the relief."""
-CLAIM = 1.8
+CLAIM = 1.0
 """Factor on the claimed sigma, fitted on rendered flights (python -m benchmarks.camera_time)."""
 TURN, MOVED, SLOPE, UNKNOWNS = slice(0, 3), slice(3, 6), slice(6, 8), 8
 

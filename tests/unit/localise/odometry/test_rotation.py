@@ -68,6 +68,22 @@ def test_the_turn_is_that_of_the_camera(ground: Image, told: str, color: bool) -
         assert (np.diag(np.array(turn.cov_rad2)) > 0).all()
 
 
+@pytest.mark.parametrize("gain, offset", [(0.65, 0.0), (1.4, 0.0), (0.8, 40.0), (0.6, -20.0)])
+def test_a_camera_sets_its_exposure_anew_in_each_frame(ground: Image, gain: float, offset: float) -> None:
+    poses = [(q_of(0, -4, 10), 0.0), (q_of(3, -6, 13), 0.03), (q_of(4, -3, 17), 0.06), (q_of(2, 0, 20), 0.09)]
+    watch, claimed = TurnWatch(MODEL), []
+    for k, (q, north) in enumerate(poses):
+        seen = picture(ground, q, north)
+        exposed = np.asarray(np.clip(seen * gain + offset, 0, 255) if k % 2 else seen, dtype=np.uint8)
+        turns = watch.step(exposed, S + k * S // 5, q)
+        if k:
+            assert np.abs(error_deg(turns.since_last, poses[k - 1][0], q)).max() < 0.1
+            assert np.abs(error_deg(turns.since_kept, poses[0][0], q)).max() < 0.1
+            assert turns.since_last is not None
+            claimed.append(np.degrees(np.sqrt(np.diag(np.array(turns.since_last.cov_rad2)))).max())
+    assert max(claimed) < 0.1
+
+
 def test_frames_that_are_late_old_identical_or_of_another_size_give_none(ground: Image) -> None:
     a, b = q_of(0, 0, 0), q_of(1, 1, 2)
     first, second = picture(ground, a), picture(ground, b)
