@@ -20,7 +20,8 @@ from visloc_companion.localise.open_places import open_places
 from visloc_companion.localise.ortho_rectify import CameraPose
 from visloc_companion.localise.plan import SearchPlan, planned
 from visloc_companion.localise.ranking import DEEP_RANK, GRADIENT_RANK, RankWeights
-from visloc_companion.localise.relight import under_the_frames_sun
+from visloc_companion.localise.relight import under_the_frames_sun, with_sun_seen
+from visloc_companion.localise.relit_tiles import RelitTiles
 from visloc_companion.localise.settings import LocaliserSettings, Looks
 from visloc_companion.localise.tilt import beyond, seen_tilt, set_right
 from visloc_companion.localise.tilt_starts import tilt_is_known
@@ -54,7 +55,7 @@ class DenseLocaliser:
     def __init__(self, method: str, model: CameraModel, settings: LocaliserSettings, features: Features, fitted: Fitted) -> None:
         self.method = method
         self._model, self._settings, self._features, self._fitted = model, settings, features, fitted
-        self._suns = MapSuns()
+        self._suns, self._relit = MapSuns(), RelitTiles()
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The pose of the camera, or why there is none. Never raises for what an image or a place may contain."""
@@ -71,7 +72,18 @@ class DenseLocaliser:
             rank, temperature = self._fitted.rank, self._fitted.temperature
             features, threads = self._features, self._settings.threads
             task = Task(
-                plan, request.prior, full, ref, watch, features, GRADIENT, rank, temperature, threads=threads, suns=self._suns
+                plan,
+                request.prior,
+                full,
+                ref,
+                watch,
+                features,
+                GRADIENT,
+                rank,
+                temperature,
+                threads=threads,
+                suns=self._suns,
+                relit=self._relit,
             )
             found = find_candidates(task)
             look = self._look(task, found)
@@ -94,7 +106,9 @@ class DenseLocaliser:
                 return lit
         first = looked(task, found, self._fitted.right)
         if task.prior.sun is None and isinstance(first, Look):
-            lit = self._lit(task, found, first.match.descended.pose)
+            pose = first.match.descended.pose
+            first = replace(first, task=with_sun_seen(task, pose))
+            lit = self._lit(first.task, found, pose)
         if accepted(first, LOOK_AGAIN_ABOVE):
             return lit if accepted(lit, LOOK_AGAIN_ABOVE) else first
         others = [look for look in (lit, self._second(task, found)) if look is not None]
@@ -120,7 +134,7 @@ class DenseLocaliser:
             "p_wrong": look.p,
             "share": look.share,
             "looks": 1.0 if task.fine_features is GRADIENT else 2.0,
-            "lit": 0.0 if task.light is None else 1.0,
+            "lit": 0.0 if task.lit is None else 1.0,
             **mode_numbers(found.modes, plan.pose.p_ned_m),
         }
         if why := look.why_not(self._settings.max_probability_wrong):

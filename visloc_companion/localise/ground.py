@@ -1,4 +1,4 @@
-"""What is not known of the ground where the map has no surface model: its slope as the camera sees it.
+"""What is not known of the ground: gaps of a surface model, and without one its slope as the camera sees it.
 
 A plane that leans looks like a camera that tilts: both bend the picture by the same quadratic terms, so without a surface model
 a tilt is seen no better than the slope of what stands there is known, however sharp the picture. That slope has two parts:
@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from visloc_companion.localise.features.base import Float32Array
+from visloc_companion.localise.features.base import Float32Array, Mask
 
 TREND_M = 1.2
 """What roofs and trees add to one axis' linear trend of the surface, standard deviation over the footprint (metres), ..."""
@@ -28,3 +28,12 @@ def sigma_slope_rad(surface_up_m: Float32Array, side_m: float) -> float:
     if float(np.ptp(surface_up_m)) > LEVEL_M:
         return 0.0
     return math.hypot(TREND_M * math.sqrt(12.0) / side_m, LAND_RAD)
+
+
+def filled(heights: Float32Array, valid: Mask) -> Float32Array:
+    """(H, W) heights with the median of those known and valid where there are none."""
+    known = np.isfinite(heights) & valid
+    if known.all():
+        return np.asarray(heights, dtype=np.float32)
+    fill = float(np.median(heights[known])) if known.any() else 0.0
+    return np.where(np.isfinite(heights), heights, np.float32(fill)).astype(np.float32)

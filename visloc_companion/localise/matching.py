@@ -28,13 +28,13 @@ from visloc_companion.localise.hypotheses import (
     search_box,
     search_window,
 )
-from visloc_companion.localise.light import Light
 from visloc_companion.localise.map_suns import MapSuns
 from visloc_companion.localise.modes import PlaceMode, place_modes
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import SearchPlan, view_box
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, heading_and_tilt, to_view
 from visloc_companion.localise.ranking import RankWeights, Standing, lead
+from visloc_companion.localise.relit_tiles import Lit, RelitTiles
 from visloc_companion.localise.tilt_starts import likeliest, starts
 from visloc_companion.localise.verify import block_z
 from visloc_companion.localise.window import cropped, map_grid, part_of_box, thinned
@@ -58,7 +58,8 @@ MIN_COARSE_SCORE = 0.05
 class Task:
     """One frame to be matched to one map: the features to search with, those to refine with, and the watch of the map's side.
 
-    With a `light` the map is refined on as it would look under the frame's sun; `sun_seen` where the frame itself showed that."""
+    Where it is `lit` the map is refined on as it would look under the frame's sun; `sun_seen`: where the frame itself shows that.
+    """
 
     plan: SearchPlan
     prior: PosePrior
@@ -73,7 +74,8 @@ class Task:
     levels: dict[float, FrameLevel] = field(default_factory=dict)
     threads: int = 1
     suns: MapSuns = field(default_factory=MapSuns)
-    light: Light | None = None
+    relit: RelitTiles = field(default_factory=RelitTiles)
+    lit: Lit | None = None
     sun_seen: Sun | None = None
 
     def frame(self, grid: MapGrid, features: Features) -> DescentFeatures:
@@ -204,11 +206,11 @@ def sharpened(task: Task, match: Match) -> Match:
 
 def refined(task: Task, start: CameraPose, coarse_score: float, gsd_m: float) -> Match | None:
     """Lucas-Kanade, blocks and pose at one resolution; None where frame and map do not overlap."""
-    with task.watch if task.light is None else nullcontext():
+    with task.watch if task.lit is None else nullcontext():
         low, high = view_box(task.plan, start)
         margin = MARGIN_PX * gsd_m
         features = task.refinement(gsd_m)
-        grid = map_grid(task.ref, task.plan.frame, low - margin, high + margin, gsd_m, features, task.light)
+        grid = map_grid(task.ref, task.plan.frame, low - margin, high + margin, gsd_m, features, task.lit)
         stride = _stride(task.plan, gsd_m)
         thin, descent = thinned(grid, stride), align.prepare(grid, stride)
     frame, level = task.frame(grid, features), task.level(grid.gsd_m)

@@ -10,27 +10,37 @@ from visloc_companion.localise.light import COARSEST_M, WORKING_M, Light, sun_ov
 from visloc_companion.localise.matching import Task
 from visloc_companion.localise.ortho_rectify import CameraPose, rectify_surface
 from visloc_companion.localise.plan import view_box
+from visloc_companion.localise.relit_tiles import Lit
 from visloc_companion.localise.window import map_grid
 from visloc_companion.types import Sun
 
 LEAST_APART_DEG = 15.0
 """Suns that are nearer to each other light a wood alike."""
+STEP_DEG = 6.0
 
 
 def under_the_frames_sun(task: Task, pose: CameraPose) -> Task | None:
-    """The task with the map as under the sun that the frame was taken in: as the prior has it, else as the frame shows it from a
-    pose. None where that or the map's own is not to be seen, or both are alike. Raises OutsideMap."""
+    """The task with the map as under the sun that the frame was taken in: as the prior has it, else as the frame shows it.
+
+    None where that or the map's own is not to be seen, or both are alike. Raises OutsideMap.
+    """
+    frame_sun = task.prior.sun or task.sun_seen
+    map_sun = None if frame_sun is None else _sun_of_map(task, pose)
+    if frame_sun is None or map_sun is None or not _apart(map_sun, frame_sun):
+        return None
+    return replace(task, lit=Lit(task.relit, Light(_rounded(map_sun), _rounded(frame_sun))))
+
+
+def with_sun_seen(task: Task, pose: CameraPose) -> Task:
+    """The task with the sun that the frame shows from a pose; none where the map shows none and it would not be used."""
+    return task if _sun_of_map(task, pose) is None else replace(task, sun_seen=_sun_of_frame(task, pose))
+
+
+def _sun_of_map(task: Task, pose: CameraPose) -> Sun | None:
     if max(task.plan.finest_gsd_m, WORKING_M) > COARSEST_M:
         return None
     with task.watch:
-        map_sun = task.suns.over(task.ref, task.plan.frame, task.view_ne_m(pose))
-    if map_sun is None:
-        return None
-    seen = _sun_of_frame(task, pose) if task.prior.sun is None else None
-    frame_sun = task.prior.sun or seen
-    if frame_sun is None or not _apart(map_sun, frame_sun):
-        return None
-    return replace(task, light=Light(map_sun, frame_sun), sun_seen=seen)
+        return task.suns.over(task.ref, task.plan.frame, task.view_ne_m(pose))
 
 
 def _sun_of_frame(task: Task, pose: CameraPose) -> Sun | None:
@@ -44,3 +54,8 @@ def _sun_of_frame(task: Task, pose: CameraPose) -> Sun | None:
 
 def _apart(a: Sun, b: Sun) -> bool:
     return max(turn_between_deg(a, b), abs(a.elevation_deg - b.elevation_deg)) >= LEAST_APART_DEG
+
+
+def _rounded(sun: Sun) -> Sun:
+    """Tiles that are relit by it serve until the sun has gone on by as much as it is known."""
+    return replace(sun, azimuth_deg=STEP_DEG * round(sun.azimuth_deg / STEP_DEG) % 360)

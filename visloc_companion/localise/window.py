@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from visloc_companion.geo.sun import turned
-from visloc_companion.localise.features.base import Features, Float32Array
-from visloc_companion.localise.features.gradient import eroded, grey
-from visloc_companion.localise.light import Light, relit, up_azimuth_deg
+from visloc_companion.localise.features.base import Features
+from visloc_companion.localise.features.gradient import eroded
+from visloc_companion.localise.ground import filled
 from visloc_companion.localise.ortho_rectify import MapGrid
 from visloc_companion.localise.plan import LocalFrame
+from visloc_companion.localise.relit_tiles import Lit
 from visloc_companion.localise.working_gsd import working_gsd_m
 from visloc_companion.protocols import FeatureMap, ReferenceMap
-from visloc_companion.types import FeaturePatch, FloatArray, ReferencePatch
+from visloc_companion.types import FeaturePatch, FloatArray
 
 MAX_SIDE_PX = 4000
 LEAST_PX = 16
@@ -28,13 +27,13 @@ def map_grid(
     high_ne_m: FloatArray,
     gsd_m: float,
     features: Features,
-    light: Light | None = None,
+    lit: Lit | None = None,
 ) -> MapGrid:
     """The map over a box of metres north, east (grown to the map's axes), along grid north.
 
     Where the map holds the features, of this name and recipe, they are taken from it at the stored GSD nearest to `gsd_m` (see
-    `working_gsd_m`; `MapGrid.gsd_m` is the one that was used) and no pixel is read; else they are computed, of the map under
-    another sun where `light` says which.
+    `working_gsd_m`; `MapGrid.gsd_m` is the one that was used) and no pixel is read; else they are computed. With `lit` they are
+    those of the map under another sun.
     Raises OutsideMap where no pixel is on the map.
     """
     middle = (low_ne_m + high_ne_m) / 2
@@ -47,14 +46,14 @@ def map_grid(
         min(MAX_SIDE_PX, max(8, math.ceil(2 * extent / gsd_m) + 1))
         for extent in (c * half[1] + s * half[0], c * half[0] + s * half[1])
     )
-    if light is None:
+    if lit is None:
         patch = _feature_patch(ref, centre, (width, height), gsd_m, features)
     else:
-        patch = _relit_patch(ref, frame, centre, (width, height), gsd_m, features, light)
+        patch = lit.tiles.patch(ref, frame, centre, (width, height), gsd_m, features, lit.light)
     return MapGrid(
         np.asarray(patch.features, dtype=np.float32),
         eroded(patch.valid, 3),
-        _filled(patch.dsm_amsl_m, patch.valid),
+        filled(patch.dsm_amsl_m, patch.valid),
         frame.A_ne_pix(patch.T_map_pix),
         patch.gsd_m,
     )
@@ -67,26 +66,7 @@ def _feature_patch(
     if stored is not None:
         return stored
     patch = ref.patch(centre, size_px, gsd_m, 0.0)
-    return _with_features(patch, features(patch.pixels, patch.valid))
-
-
-def _relit_patch(
-    ref: ReferenceMap,
-    frame: LocalFrame,
-    centre: tuple[float, float],
-    size_px: tuple[int, int],
-    gsd_m: float,
-    features: Features,
-    light: Light,
-) -> FeaturePatch:
-    patch = ref.patch(centre, size_px, gsd_m, 0.0)
-    up_deg = up_azimuth_deg(frame.A_ne_pix(patch.T_map_pix))
-    seen = Light(turned(light.map_sun, -up_deg), turned(light.frame_sun, -up_deg))
-    pixels = relit(grey(patch.pixels), _filled(patch.dsm_amsl_m, patch.valid), patch.gsd_m, seen)
-    return _with_features(patch, features(pixels, patch.valid))
-
-
-def _with_features(patch: ReferencePatch, values: Float32Array) -> FeaturePatch:
+    values = features(patch.pixels, patch.valid)
     return FeaturePatch(values, patch.valid, patch.dsm_amsl_m, patch.T_map_pix, patch.gsd_m)
 
 
@@ -123,11 +103,3 @@ def thinned(grid: MapGrid, stride: int) -> MapGrid:
         np.ascontiguousarray(a[::stride, ::stride]) for a in (grid.features, grid.weight, grid.surface_up_m)
     )
     return MapGrid(features, weight, surface, grid.A_ne_pix * np.array([stride, stride, 1.0]), grid.gsd_m)
-
-
-def _filled(heights: NDArray[np.float32], valid: NDArray[np.bool_]) -> Float32Array:
-    known = np.isfinite(heights) & valid
-    if known.all():
-        return np.asarray(heights, dtype=np.float32)
-    fill = float(np.median(heights[known])) if known.any() else 0.0
-    return np.where(np.isfinite(heights), heights, np.float32(fill)).astype(np.float32)

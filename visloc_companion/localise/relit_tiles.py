@@ -1,0 +1,133 @@
+"""The map as under another sun, tile by tile: each is made once, whoever looks at it first, and kept while it is looked at.
+
+Frames overlap, so that the light of a window would be worked out some sixty times over. A tile depends on its place and the two
+suns alone, not on what was asked before; shadows fall into it from a margin about it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from visloc_companion.errors import OutsideMap
+from visloc_companion.geo.sun import turned
+from visloc_companion.localise.features.base import Features, Float32Array, Mask
+from visloc_companion.localise.features.gradient import grey
+from visloc_companion.localise.ground import filled
+from visloc_companion.localise.light import Light, relit, up_azimuth_deg
+from visloc_companion.localise.plan import LocalFrame, local_frame
+from visloc_companion.protocols import ReferenceMap
+from visloc_companion.types import FeaturePatch, FloatArray, GeoPoint
+
+SIDE_PX, MARGIN_M = 256, 32.0
+STEPS = 64
+"""Sizes of a pixel in an octave: tiles of neighbouring places have the same one."""
+MOST = 64
+"""Tiles that are kept, some 0.6 MB each."""
+
+_Key = tuple[Light, str, str, int, int, int]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tile:
+    """Features (n, n, C) in half precision, where the map is known (n, n), and the surface (n, n), filled."""
+
+    features: NDArray[np.float16]
+    valid: Mask
+    dsm_amsl_m: Float32Array
+
+
+class RelitTiles:
+    """Tiles of one map; of another one they begin anew."""
+
+    def __init__(self) -> None:
+        self._ref: ReferenceMap | None = None
+        self._kept: OrderedDict[_Key, _Tile | None] = OrderedDict()
+
+    def patch(
+        self,
+        ref: ReferenceMap,
+        frame: LocalFrame,
+        center_map_m: tuple[float, float],
+        size_px: tuple[int, int],
+        gsd_m: float,
+        features: Features,
+        light: Light,
+    ) -> FeaturePatch:
+        """Features of a window of the map as under the frame's sun. Centre and GSD are those that were asked for to half a pixel
+        and to half a per cent. Raises OutsideMap where no pixel is on the map."""
+        if ref is not self._ref:
+            self._ref, self._kept = ref, OrderedDict()
+        units = math.sqrt(abs(float(np.linalg.det(frame.J_map_ne))))
+        octave = round(STEPS * math.log2(gsd_m * units))
+        pixel = 2.0 ** (octave / STEPS)
+        width, height = size_px
+        first_col = round(center_map_m[0] / pixel - (width - 1) / 2)
+        first_row = round(-center_map_m[1] / pixel - (height - 1) / 2)
+        values = np.zeros((height, width, features.channels), np.float32)
+        valid, surface = np.zeros((height, width), np.bool_), np.full((height, width), np.nan, np.float32)
+        for row in range(first_row // SIDE_PX, (first_row + height - 1) // SIDE_PX + 1):
+            for col in range(first_col // SIDE_PX, (first_col + width - 1) // SIDE_PX + 1):
+                tile = self._tile((light, features.name, features.recipe, octave, col, row), ref, features)
+                if tile is None:
+                    continue
+                of_tile, of_window = zip(_overlap(row, first_row, height), _overlap(col, first_col, width), strict=True)
+                values[of_window], valid[of_window] = tile.features[of_tile], tile.valid[of_tile]
+                surface[of_window] = tile.dsm_amsl_m[of_tile]
+        if not valid.any():
+            raise OutsideMap(f"the window about {center_map_m} is outside the map", remedy="use a map that covers the flight")
+        T_map_pix = np.array([[pixel, 0.0, first_col * pixel], [0.0, -pixel, -first_row * pixel]])
+        return FeaturePatch(values, valid, surface, T_map_pix, pixel / units)
+
+    def _tile(self, key: _Key, ref: ReferenceMap, features: Features) -> _Tile | None:
+        if key in self._kept:
+            self._kept.move_to_end(key)
+            return self._kept[key]
+        light, _, _, octave, col, row = key
+        self._kept[key] = _made(ref, light, 2.0 ** (octave / STEPS), col, row, features)
+        while len(self._kept) > MOST:
+            self._kept.popitem(last=False)
+        return self._kept[key]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lit:
+    """The map under one light."""
+
+    tiles: RelitTiles
+    light: Light
+
+
+def _made(ref: ReferenceMap, light: Light, pixel: float, col: int, row: int, features: Features) -> _Tile | None:
+    """A tile, its first pixel at (col, -row) times SIDE_PX pixels in the map's CRS; None where no pixel is on the map."""
+    center = (col * SIDE_PX + (SIDE_PX - 1) / 2) * pixel, -(row * SIDE_PX + (SIDE_PX - 1) / 2) * pixel
+    frame = local_frame(GeoPoint(*ref.to_geo(*center), 0.0), ref)
+    gsd_m = pixel / math.sqrt(abs(float(np.linalg.det(frame.J_map_ne))))
+    margin = math.ceil(MARGIN_M / gsd_m)
+    try:
+        patch = ref.patch(center, (SIDE_PX + 2 * margin,) * 2, gsd_m, 0.0)
+    except OutsideMap:
+        return None
+    inner = slice(margin, margin + SIDE_PX), slice(margin, margin + SIDE_PX)
+    if not patch.valid[inner].any():
+        return None
+    surface = filled(patch.dsm_amsl_m, patch.valid)
+    pixels = relit(grey(patch.pixels), surface, patch.gsd_m, _in_axes(light, frame, patch.T_map_pix))
+    values = features(pixels, patch.valid)[inner]
+    return _Tile(values.astype(np.float16), patch.valid[inner], np.asarray(patch.dsm_amsl_m[inner], dtype=np.float32))
+
+
+def _in_axes(light: Light, frame: LocalFrame, T_map_pix: FloatArray) -> Light:
+    """Suns from the upward axis of a window instead of from north."""
+    up_deg = up_azimuth_deg(frame.A_ne_pix(T_map_pix))
+    return Light(turned(light.map_sun, -up_deg), turned(light.frame_sun, -up_deg))
+
+
+def _overlap(tile: int, first: int, size: int) -> tuple[slice, slice]:
+    """Pixels of a tile along one axis, and those of the window from `first` on that they are."""
+    low, high = max(tile * SIDE_PX, first), min((tile + 1) * SIDE_PX, first + size)
+    return slice(low - tile * SIDE_PX, high - tile * SIDE_PX), slice(low - first, high - first)
