@@ -8,28 +8,20 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from statistics import median
 
 import numpy as np
 
-from visloc_companion.errors import OutsideMap
 from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.localise.flow import FrameToFrame
 from visloc_companion.localise.odometry.base import FlowSettings, Sight, Step, Surface
 from visloc_companion.localise.plan import LocalFrame, local_frame
 from visloc_companion.localise.pose import heading_and_tilt
+from visloc_companion.localise.surface_window import SurfaceWindow
 from visloc_companion.protocols import Localiser, ReferenceMap
-from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix, Odometry, ReferencePatch
+from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix, Odometry
 
-REACH_HEIGHTS = 1.6
-"""Half side of the map's window in heights above the ground: what a camera sees that is tilted by 45 degrees, nearly."""
-WINDOW_PX = 200
-KEPT_SHARE = 0.4
-"""A window serves as long as the camera stays within this share of its half side from its middle, ..."""
-OUTGROWN = 1.25
-"""... and as long as the height asks for one no larger or smaller than by this factor."""
-LEAST_HEIGHT_M = 10.0
 GROUND_SIGMA_M, GROUND_SLOPE = 5.0, 0.03
 """1-sigma of the ground's height where the map ends or has none: relief, and how it goes on from where it was known last."""
 HEADINGS = 5
@@ -39,30 +31,13 @@ LEARNED_YAW_SIGMA_RAD = math.radians(1.0)
 """1-sigma of the heading that recent fixes corrected."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Window:
-    """A part of the map, half its side in metres, and the surface's height at its middle."""
-
-    patch: ReferencePatch
-    half_m: float
-    ground_amsl_m: float
-
-    def serves(self, at_map_m: FloatArray, h_amsl_m: float) -> bool:
-        """Whether a camera at a place and height sees this part, and not much less than it."""
-        height, width = self.patch.valid.shape
-        middle = self.patch.T_map_pix @ np.array([(width - 1) / 2, (height - 1) / 2, 1.0])
-        needed = REACH_HEIGHTS * max(LEAST_HEIGHT_M, h_amsl_m - self.ground_amsl_m) / self.half_m
-        near = float(np.abs(at_map_m - middle).max()) <= KEPT_SHARE * self.half_m
-        return near and 1 / OUTGROWN <= needed <= OUTGROWN
-
-
 class WithMotion:
     """protocols.Localiser: asks another one and adds `motion` to its answer where the camera's motion is seen."""
 
     def __init__(self, localiser: Localiser, model: CameraModel, settings: FlowSettings | None = None) -> None:
         self._localiser = localiser
         self._flow = FrameToFrame(model, settings)
-        self._window: _Window | None = None
+        self._window = SurfaceWindow()
         self._ground: tuple[FloatArray, float] | None = None
         self._headings: deque[tuple[int, float]] = deque(maxlen=HEADINGS)
 
@@ -142,29 +117,7 @@ class WithMotion:
 
     def _surface(self, request: LocaliseRequest, ref: ReferenceMap, frame: LocalFrame) -> Surface | None:
         """The surface about the camera, about its believed place; None off the map."""
-        at, h_amsl_m = np.array(frame.to_map(np.zeros(2))), request.prior.place.h_amsl_m
-        if self._window is None or not self._window.serves(at, h_amsl_m):
-            try:
-                self._window = _window(h_amsl_m, ref, at)
-            except OutsideMap:
-                self._window = None
-        if self._window is None:
-            return None
-        self._ground = at, self._window.ground_amsl_m
-        patch = self._window.patch
-        heights = np.where(patch.valid & np.isfinite(patch.dsm_amsl_m), patch.dsm_amsl_m, np.nan).astype(np.float32)
-        return Surface(heights, frame.A_ne_pix(patch.T_map_pix))
-
-
-def _window(h_amsl_m: float, ref: ReferenceMap, at_map_m: FloatArray) -> _Window | None:
-    """The map about a place, for a camera at a height; None where no height is known there. Raises OutsideMap."""
-    centre = (float(at_map_m[0]), float(at_map_m[1]))
-    below = ref.patch(centre, (3, 3), ref.gsd_m, 0.0).dsm_amsl_m
-    known = below[np.isfinite(below)]
-    if not len(known):
-        return None
-    ground_amsl_m = float(np.median(known))
-    half_m = REACH_HEIGHTS * max(LEAST_HEIGHT_M, h_amsl_m - ground_amsl_m)
-    gsd_m = max(ref.gsd_m, 2 * half_m / WINDOW_PX)
-    side = math.ceil(2 * half_m / gsd_m) + 1
-    return _Window(ref.patch(centre, (side, side), gsd_m, 0.0), half_m, ground_amsl_m)
+        surface = self._window.about(request.prior.place.h_amsl_m, ref, frame)
+        if surface is not None:
+            self._ground = np.array(frame.to_map(np.zeros(2))), self._window.ground_amsl_m
+        return surface

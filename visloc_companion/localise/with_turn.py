@@ -8,11 +8,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from visloc_companion.geo.tilt import tilt_gained
+from visloc_companion.localise.odometry.below import heights_above
 from visloc_companion.localise.odometry.rotation import TurnWatch
+from visloc_companion.localise.odometry.turn_follow import HeightsAbove
+from visloc_companion.localise.plan import local_frame
+from visloc_companion.localise.surface_window import SurfaceWindow
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix, PosePrior, TiltPrior, Turn
 
@@ -21,7 +26,7 @@ class WithTurn:
     """protocols.Localiser: asks another one and adds `turn` and `turn_since_kept` to its answer where they are seen."""
 
     def __init__(self, localiser: Localiser, model: CameraModel) -> None:
-        self._localiser, self._watch = localiser, TurnWatch(model)
+        self._localiser, self._watch, self._window = localiser, TurnWatch(model), SurfaceWindow()
 
     @property
     def method(self) -> str:
@@ -30,12 +35,17 @@ class WithTurn:
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The other localiser's answer, with the camera's turn."""
-        turns = self._watch.step(pixels, request.frame.t_ns, request.prior.q_ned_frd)
+        turns = self._watch.step(pixels, request.frame.t_ns, request.prior.q_ned_frd, self._heights(request.prior, ref))
         if turns.since_last is None:
             return self._localiser.localise(request, pixels, ref)
         carried_on = replace(request, prior=_carried_on(request.prior, turns.since_last))
         found = self._localiser.localise(carried_on, pixels, ref)
         return replace(found, turn=turns.since_last, turn_since_kept=turns.since_kept)
+
+    def _heights(self, prior: PosePrior, ref: ReferenceMap) -> HeightsAbove | None:
+        up_m = prior.place.h_amsl_m
+        surface = self._window.about(up_m, ref, local_frame(prior.place, ref))
+        return None if surface is None else partial(heights_above, camera_up_m=up_m, surface=surface)
 
 
 def _carried_on(prior: PosePrior, turn: Turn) -> PosePrior:

@@ -11,7 +11,8 @@ import pytest
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.localise.plan import local_frame
-from visloc_companion.localise.with_motion import HEADINGS, REACH_HEIGHTS, WithMotion
+from visloc_companion.localise.surface_window import REACH_HEIGHTS
+from visloc_companion.localise.with_motion import HEADINGS, WithMotion
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from visloc_companion.errors import Reason
@@ -69,3 +70,32 @@ def test_the_tilt_of_the_frame_before_is_carried_on(support, flat, known_rad: fl
     assert told.turn_ne_rad[0] == pytest.approx(0.010 if carried else 0.0, abs=2.5e-3)
     assert (told.sigma_rad < known_rad) is carried
     assert inner.tilts[0] == TiltPrior((0.0, 0.0), known_rad)
+
+
+def test_a_frame_without_corners_bears_no_turn(support, flat) -> None:
+    localiser = WithTurn(Blind(), MODEL)
+    for k in range(2):
+        asked = support.request_at((0.0, 0.0, -200.0), (0.0, 0.0, 0.0), model=MODEL)
+        asked = replace(asked, frame=replace(asked.frame, t_ns=1_000_000_000 + 200_000_000 * k, frame_id=k))
+        assert localiser.localise(asked, np.full((480, 640), 90 + k, np.uint8), flat).turn is None
+
+
+def test_the_turn_rests_on_the_maps_surface(support, flat) -> None:
+    """Beside a table mountain of a quarter of the height, over the same picture."""
+    up = flat.surface.copy()
+    up[: up.shape[0] // 2, up.shape[1] // 2 :] += 40.0
+    relief = support.FlatMap(flat.pixels, up)
+    errors = {}
+    for name, known in (("mountain", relief), ("level", flat)):
+        localiser, off = WithTurn(Blind(), MODEL), []
+        for k in range(8):
+            p, euler = (2.0 * k - 8.0, 5.0 * k - 20.0, -260.0), (0.01 * k, 0.0, 0.0)
+            asked = support.request_at(p, euler, model=MODEL)
+            asked = replace(asked, frame=replace(asked.frame, t_ns=1_000_000_000 + 200_000_000 * k, frame_id=k))
+            turn = localiser.localise(asked, support.render(relief, MODEL, p, euler), known).turn
+            if turn is not None:
+                off.append([2 * turn.q_from_to[1] - 0.01, 2 * turn.q_from_to[2]])
+        assert len(off) >= 6
+        errors[name] = np.degrees(np.abs(np.mean(off, axis=0)).max())
+    assert errors["mountain"] < 0.5 * errors["level"]
+    assert errors["mountain"] < 0.06

@@ -24,6 +24,9 @@ READING_APART_M = 10.0
 REACH = 0.7
 """Heights read further away than this share of the height say nothing of the ground in view."""
 ROW = 8192
+SMOOTHED, LEAST_ABOVE_M = 0.13, 1.0
+"""1-sigma of a Gaussian, as a share of the height: whether a point lies on a wood or on the field beside it is known, on which
+side of a crown is not, where attitude and place are off by metres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +70,23 @@ def on_surface(rays_ned: FloatArray, sight: Sight, surface: Surface, settings: F
     return Ground(met - camera, spread, np.zeros(len(met), np.bool_), level, slope, sight.sigma_up_m)
 
 
+def heights_above(rays_ned: FloatArray, camera_up_m: float, surface: Surface) -> FloatArray:
+    """(N,) by how much a camera above the origin of a surface model is higher than what rays (N, 3) meet of it, smoothed to
+    SMOOTHED of its height; NaN where that is not known."""
+    known = np.isfinite(surface.up_m)
+    low = float(np.nanmin(surface.up_m)) if known.any() else math.inf
+    if not camera_up_m > low + LEAST_ABOVE_M:
+        return np.full(len(rays_ned), math.nan)
+    pixel_m = math.sqrt(abs(float(np.linalg.det(surface.A_ne_pix[:, :2]))))
+    filled = np.where(known, surface.up_m, np.float32(np.nanmedian(surface.up_m)))
+    smooth = cv2.GaussianBlur(filled, (0, 0), max(0.5, SMOOTHED * (camera_up_m - low) / pixel_m))
+    up_m, A_pix_ne = np.where(known, smooth, np.float32(math.nan)), invert_affine(surface.A_ne_pix)
+    highest = min(float(smooth.max()) + 0.1, camera_up_m - 0.5 * LEAST_ABOVE_M)
+    camera = np.array([0.0, 0.0, -camera_up_m])
+    met = intersect_surface(camera, rays_ned, lambda ne: _at(up_m, A_pix_ne, ne), highest, low - 0.1)
+    return np.asarray(met[:, 2] + camera_up_m, dtype=np.float64)
+
+
 def read_near(readings: Sequence[Reading], place_ne_m: FloatArray, up_m: float, height_m: float) -> FloatArray:
     """(M, 3) where heights that were read near a keyframe found the surface: north, east, down from its camera."""
     found: list[tuple[float, float, float]] = []
@@ -104,21 +124,23 @@ class _Lookup:
 
     def height(self, ne: FloatArray) -> FloatArray:
         """(N,) heights at (N, 2) north, east; NaN outside."""
-        return self._at(self._up, ne)
+        return _at(self._up, self._A_pix_ne, ne)
 
     def spread(self, ne: FloatArray) -> FloatArray:
         """(N,) 1-sigma of the heights."""
-        return self._at(self._spread.astype(np.float32), ne)
+        return _at(self._spread.astype(np.float32), self._A_pix_ne, ne)
 
     def standing(self, ne: FloatArray) -> FloatArray:
         """(N,) heights of what stands on the ground."""
-        return self._at(self._standing, ne)
+        return _at(self._standing, self._A_pix_ne, ne)
 
-    def _at(self, layer: NDArray[np.float32], ne: FloatArray) -> FloatArray:
-        pix = np.nan_to_num(apply_affine(self._A_pix_ne, ne), nan=-9.0).astype(np.float32)
-        u, v = (np.ascontiguousarray(pix[:, k : k + 1]) for k in (0, 1))
-        border = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": math.nan}
-        return np.asarray(cv2.remap(layer, u, v, cv2.INTER_LINEAR, **border), dtype=np.float64).ravel()  # type: ignore[call-overload]
+
+def _at(layer: NDArray[np.float32], A_pix_ne: FloatArray, ne: FloatArray) -> FloatArray:
+    """(N,) a layer (H, W) at (N, 2) north, east; NaN outside."""
+    pix = np.nan_to_num(apply_affine(A_pix_ne, ne), nan=-9.0).astype(np.float32)
+    u, v = (np.ascontiguousarray(pix[:, k : k + 1]) for k in (0, 1))
+    border = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": math.nan}
+    return np.asarray(cv2.remap(layer, u, v, cv2.INTER_LINEAR, **border), dtype=np.float64).ravel()  # type: ignore[call-overload]
 
 
 def _of_each_pixel(above_m: NDArray[np.float32], step: int, shape: tuple[int, ...]) -> NDArray[np.float32]:

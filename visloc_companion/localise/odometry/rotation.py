@@ -13,7 +13,7 @@ import numpy as np
 
 from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat
-from visloc_companion.localise.odometry.turn_follow import Follower, Seen, turn_of
+from visloc_companion.localise.odometry.turn_follow import Follower, HeightsAbove, Seen, turn_of
 from visloc_companion.localise.odometry.turn_solve import Turned
 from visloc_companion.types import CameraModel, FloatArray, Image, Quat, Turn
 
@@ -48,9 +48,10 @@ class TurnWatch:
         self._kept: _Kept | None = None
         self._moved_ned_per_s = np.zeros(3)
 
-    def step(self, pixels: Image, t_ns: int, q_ned_cambody: Quat) -> Turns:
-        """The turns that end here; none where there is no frame near, or too little is found again."""
-        before, now = self._last, self._follower.seen(pixels, t_ns, R_from_quat(q_ned_cambody) @ R_FRD_CAM)
+    def step(self, pixels: Image, t_ns: int, q_ned_cambody: Quat, heights: HeightsAbove | None = None) -> Turns:
+        """The turns that end here; none where there is no frame near, or too little is found again. `heights`: of the camera
+        above what rays meet, where there is a surface model."""
+        before, now = self._last, self._follower.seen(pixels, t_ns, R_from_quat(q_ned_cambody) @ R_FRD_CAM, heights)
         self._last = now
         if before is None or now is None or not 0 < t_ns - before.t_ns <= MAX_GAP_NS:
             self._kept = None

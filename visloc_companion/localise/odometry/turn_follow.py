@@ -8,6 +8,7 @@ the same ground for equally bright and a camera sets its exposure anew in each f
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -28,16 +29,20 @@ RETURN_PX = 0.3
 LEAST_TRACKS, LEAST_FOUND, LEAST_FITTING = 20, 0.3, 0.6
 MOST_SCATTER_PX = 1.0
 MOST_TILT_COS = math.cos(math.radians(60.0))
+HeightsAbove = Callable[[FloatArray], FloatArray]
+"""(N,) by how much the camera is higher than what rays (N, 3), north, east, down, meet; NaN where that is not known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """A frame: reduced grey, evened out, its corners (N, 2), and what came with it."""
+    """A frame: reduced grey, evened out, its corners (N, 2), and what came with it; `nearer` (N,): how much higher the camera is
+    than it is above what each corner shows, as a factor."""
 
     t_ns: int
     grey: Image
     corners: FloatArray
     R_ned_cam: FloatArray
+    nearer: FloatArray
 
 
 class Follower:
@@ -51,15 +56,19 @@ class Follower:
         self._inner = np.zeros((m.height_px, m.width_px), np.bool_)
         self._inner[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX] = True
 
-    def seen(self, pixels: Image, t_ns: int, R_ned_cam: FloatArray) -> Seen | None:
-        """The frame, made ready; None where it is not this camera's."""
+    def seen(self, pixels: Image, t_ns: int, R_ned_cam: FloatArray, heights: HeightsAbove | None = None) -> Seen | None:
+        """The frame, made ready; None where it is not this camera's. `heights`: of the camera above what rays meet."""
         if pixels.shape[:2] != (self._full.height_px, self._full.width_px) or pixels.dtype != np.uint8:
             return None
         size = (self._model.width_px, self._model.height_px)
         one = pixels if pixels.ndim == 2 else pixels[:, :, 1]
         small = one if one.shape == size[::-1] else cv2.resize(one, size, interpolation=cv2.INTER_AREA)
         grey = as_bytes(evened(np.asarray(cv2.GaussianBlur(small, (3, 3), 0), dtype=np.uint8)))
-        return Seen(t_ns, grey, corners_of(grey, self._inner, SPACING_PX), R_ned_cam)
+        corners = corners_of(grey, self._inner, SPACING_PX)
+        nearer = np.ones(len(corners))
+        if heights is not None and len(corners):
+            nearer = _nearer(heights(self._rays(corners) @ R_ned_cam.T))
+        return Seen(t_ns, grey, corners, R_ned_cam, nearer)
 
     def between(self, a: Seen, b: Seen, R_ba: FloatArray, moved_ned: FloatArray) -> Turned | None:
         """The turn from `a` to `b`, from the start `R_ba` and `moved_ned` (3,), the displacement over the height; None where too
@@ -69,11 +78,11 @@ class Follower:
         if len(a.corners) < LEAST_TRACKS:
             return None
         rays = self._rays(a.corners)
-        start = rays - (rays @ a.R_ned_cam[2])[:, None] * (a.R_ned_cam.T @ moved_ned)
+        start = rays - (a.nearer * (rays @ a.R_ned_cam[2]))[:, None] * (a.R_ned_cam.T @ moved_ned)
         kept, found = self._followed(a, b, R_ba, start)
         if kept.sum() < max(LEAST_TRACKS, LEAST_FOUND * len(kept)):
             return None
-        turned = solved(rays[kept], self._rays(found)[:, :2], R_ba, a.R_ned_cam, self._model.fx_px)
+        turned = solved(rays[kept], self._rays(found)[:, :2], R_ba, a.R_ned_cam, self._model.fx_px, a.nearer[kept])
         if turned is None or turned.fitting < LEAST_FITTING or turned.scatter_px > MOST_SCATTER_PX:
             return None
         return turned
@@ -100,6 +109,14 @@ class Follower:
         inside = ((found >= BORDER_PX) & (found < np.array(size) - BORDER_PX)).all(1)
         kept = inside & (forth.ravel() > 0) & (back.ravel() > 0) & (np.hypot(*(again - here)[:, 0].T) < RETURN_PX)
         return kept, np.asarray(found[kept], dtype=np.float64)
+
+
+def _nearer(heights_m: FloatArray) -> FloatArray:
+    """(N,) the median of heights above what corners show over each of them; 1 where that is not known."""
+    known = np.isfinite(heights_m) & (heights_m > 0)
+    if not known.any():
+        return np.ones(len(heights_m))
+    return np.where(known, float(np.median(heights_m[known])) / np.where(known, heights_m, 1.0), 1.0)
 
 
 def turn_of(a: Seen, b: Seen, turned: Turned) -> Turn:

@@ -1,9 +1,9 @@
 """The turn between two frames from points followed from one to the other, with no belief of it and hardly one of the ground.
 
-The ground is a plane whose normal is known to some degrees, each point off it by a share of the height that is known to no
-better. Turn (3), displacement over height (3) and slope (2) are solved by Gauss-Newton with Cauchy weights. A point's departure
-moves it along its epipolar line only, so a residual counts less in that direction: what is left is a calibrated homography over
-flat ground (Faugeras and Lustman 1988) and epipolar geometry over rough.
+The ground is a plane whose normal is known to some degrees, or what a surface model says of it; each point is off that by a
+share of the height that is known to no better. Turn (3), displacement over height (3) and slope (2) are solved by Gauss-Newton
+with Cauchy weights. A point's departure moves it along its epipolar line only, so a residual counts less in that direction: what
+is left is a calibrated homography over flat ground (Faugeras and Lustman 1988) and epipolar geometry over rough.
 """
 
 from __future__ import annotations
@@ -49,9 +49,11 @@ class _Linear:
     g: FloatArray
 
 
-def solved(x_a: FloatArray, xy_b: FloatArray, R_ba: FloatArray, R_ned_a: FloatArray, focal_px: float) -> Turned | None:
+def solved(
+    x_a: FloatArray, xy_b: FloatArray, R_ba: FloatArray, R_ned_a: FloatArray, focal_px: float, nearer: FloatArray | float = 1.0
+) -> Turned | None:
     """The turn that fits rays `x_a` (N, 3, third 1) found at `xy_b` (N, 2, normalised), from the start `R_ba`; down is known by
-    `R_ned_a`. None where it is undetermined."""
+    `R_ned_a`. `nearer` (N,): the camera's height over its height above each point. None where it is undetermined."""
     u, slope = np.zeros(3), np.zeros(2)
     scatter, relief = FIRST_PX, FIRST_RELIEF
     down = R_ned_a[2]
@@ -60,7 +62,7 @@ def solved(x_a: FloatArray, xy_b: FloatArray, R_ba: FloatArray, R_ned_a: FloatAr
     prior[MOVED, MOVED] = np.outer(down, down) / SIGMA_CLIMB**2
     fits, normal = np.ones(len(x_a), np.bool_), prior
     for _ in range(STEPS):
-        at = _linearised(x_a, xy_b, R_ba, R_ned_a, u, slope, focal_px)
+        at = _linearised(x_a, xy_b, R_ba, R_ned_a, u, slope, focal_px, nearer)
         inverse = _weights(at.g, relief, scatter)
         size2 = np.einsum("ni,nij,nj->n", at.r, inverse, at.r)
         weighted = np.matmul(inverse / (1 + size2 / CAUCHY**2)[:, None, None], at.J).reshape(-1, UNKNOWNS)
@@ -82,10 +84,17 @@ def solved(x_a: FloatArray, xy_b: FloatArray, R_ba: FloatArray, R_ned_a: FloatAr
 
 
 def _linearised(
-    x_a: FloatArray, xy_b: FloatArray, R_ba: FloatArray, R_ned_a: FloatArray, u: FloatArray, slope: FloatArray, focal_px: float
+    x_a: FloatArray,
+    xy_b: FloatArray,
+    R_ba: FloatArray,
+    R_ned_a: FloatArray,
+    u: FloatArray,
+    slope: FloatArray,
+    focal_px: float,
+    nearer: FloatArray | float,
 ) -> _Linear:
     level = R_ned_a[:2].T
-    depth = x_a @ (R_ned_a[2] + level @ slope)
+    depth = nearer * (x_a @ R_ned_a[2]) + x_a @ level @ slope
     q = (x_a - depth[:, None] * u) @ R_ba.T
     z = np.maximum(q[:, 2], 1e-3)
     uv = q[:, :2] / z[:, None]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from visloc_companion.localise.odometry.base import FlowSettings
-from visloc_companion.localise.odometry.below import Reading, descends, on_plane, on_surface, read_near
+from visloc_companion.localise.odometry.below import Reading, descends, heights_above, on_plane, on_surface, read_near
 from visloc_companion.localise.surface_error import LOCAL_SHARE
 
 SETTINGS = FlowSettings()
@@ -36,6 +36,23 @@ def test_rays_meet_a_sloping_surface_where_it_is(odo) -> None:
     assert lost.level_m == pytest.approx(0.2 * 80, rel=0.2)  # on a slope, who does not know where knows no height
     assert lost.slope_rad > 5 * got.slope_rad
     assert (got.spread_m > SETTINGS.surface_m).all()
+
+
+def test_heights_above_a_surface_are_those_of_its_wider_forms(odo) -> None:
+    surface = odo.Ground(odo.texture(), slope=0.1).surface()
+    got = heights_above(RAYS, 100.0, surface)
+    for ray, height in zip(RAYS, got, strict=True):
+        assert height == pytest.approx(100 / (1 + 0.1 * ray[0]), abs=0.4)
+    up = odo.Ground(odo.texture()).surface().up_m.copy()
+    up[:60] += 20.0  # a wood north of 0, and a single tree south of it
+    up[80:82, 60:62] += 20.0
+    wood, tree, outside = heights_above(
+        np.array([[0.9, 0.0, 1.0], [-0.1, 0.0, 1.0], [40.0, 0.0, 1.0]]), 100.0, replace(surface, up_m=up)
+    )
+    assert (wood, tree) == (pytest.approx(80, abs=0.5), pytest.approx(100, abs=3.5))
+    assert math.isnan(outside)
+    assert np.isnan(heights_above(RAYS, 5.0, replace(surface, up_m=up + 10))).all()
+    assert np.isnan(heights_above(RAYS, 100.0, replace(surface, up_m=np.full_like(up, math.nan)))).all()
 
 
 def test_an_edge_is_unsure_as_far_as_the_place_is(odo) -> None:
