@@ -30,7 +30,7 @@ class MapSuns:
         OutsideMap."""
         if ref is not self._ref:
             self._ref, self._found = ref, {}
-        octave = round(math.log2(abs(np.linalg.det(frame.J_map_ne))) / 2)
+        octave = round(math.log2(frame.map_units_per_m))
         side = TILE_M * 2.0**octave  # in the map's units, the same all over a map
         col, row = (math.floor(x / side) for x in frame.to_map(ne_m))
         if (octave, col, row) not in self._found:

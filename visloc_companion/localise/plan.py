@@ -50,6 +50,11 @@ class LocalFrame:
     J_map_ne: FloatArray
     origin_map: FloatArray
 
+    @property
+    def map_units_per_m(self) -> float:
+        """How long a metre on the ground is in the map's CRS."""
+        return math.sqrt(abs(float(np.linalg.det(self.J_map_ne))))
+
     def A_ne_pix(self, T_map_pix: FloatArray) -> FloatArray:
         """(2, 3) pix -> metres north, east, for a window of the map."""
         inverse = np.linalg.inv(self.J_map_ne)

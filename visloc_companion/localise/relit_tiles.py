@@ -34,7 +34,7 @@ _Key = tuple[Light, str, str, int, int, int]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tile:
-    """Features (n, n, C) in half precision, where the map is known (n, n), and the surface (n, n), filled."""
+    """Features (n, n, C) in half precision, where the map is known (n, n), and the surface (n, n), NaN where it has none."""
 
     features: NDArray[np.float16]
     valid: Mask
@@ -62,8 +62,7 @@ class RelitTiles:
         and to half a per cent. Raises OutsideMap where no pixel is on the map."""
         if ref is not self._ref:
             self._ref, self._kept = ref, OrderedDict()
-        units = math.sqrt(abs(float(np.linalg.det(frame.J_map_ne))))
-        octave = round(STEPS * math.log2(gsd_m * units))
+        octave = round(STEPS * math.log2(gsd_m * frame.map_units_per_m))
         pixel = 2.0 ** (octave / STEPS)
         width, height = size_px
         first_col = round(center_map_m[0] / pixel - (width - 1) / 2)
@@ -81,7 +80,7 @@ class RelitTiles:
         if not valid.any():
             raise OutsideMap(f"the window about {center_map_m} is outside the map", remedy="use a map that covers the flight")
         T_map_pix = np.array([[pixel, 0.0, first_col * pixel], [0.0, -pixel, -first_row * pixel]])
-        return FeaturePatch(values, valid, surface, T_map_pix, pixel / units)
+        return FeaturePatch(values, valid, surface, T_map_pix, pixel / frame.map_units_per_m)
 
     def _tile(self, key: _Key, ref: ReferenceMap, features: Features) -> _Tile | None:
         if key in self._kept:
@@ -106,7 +105,7 @@ def _made(ref: ReferenceMap, light: Light, pixel: float, col: int, row: int, fea
     """A tile, its first pixel at (col, -row) times SIDE_PX pixels in the map's CRS; None where no pixel is on the map."""
     center = (col * SIDE_PX + (SIDE_PX - 1) / 2) * pixel, -(row * SIDE_PX + (SIDE_PX - 1) / 2) * pixel
     frame = local_frame(GeoPoint(*ref.to_geo(*center), 0.0), ref)
-    gsd_m = pixel / math.sqrt(abs(float(np.linalg.det(frame.J_map_ne))))
+    gsd_m = pixel / frame.map_units_per_m
     margin = math.ceil(MARGIN_M / gsd_m)
     try:
         patch = ref.patch(center, (SIDE_PX + 2 * margin,) * 2, gsd_m, 0.0)

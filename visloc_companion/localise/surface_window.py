@@ -6,12 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from visloc_companion.errors import OutsideMap
 from visloc_companion.localise.odometry.base import Surface
 from visloc_companion.localise.plan import LocalFrame
 from visloc_companion.protocols import ReferenceMap
-from visloc_companion.types import FloatArray, ReferencePatch
+from visloc_companion.types import FloatArray
 
 REACH_HEIGHTS = 1.6
 """Half side of the map's window in heights above the ground: what a camera sees that is tilted by 45 degrees, nearly."""
@@ -25,16 +26,17 @@ LEAST_HEIGHT_M = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Window:
-    """A part of the map, half its side in metres, and the surface's height at its middle."""
+    """A part of the map's surface (H, W), NaN where unknown, where it lies, half its side in metres, the height at its middle."""
 
-    patch: ReferencePatch
+    up_m: NDArray[np.float32]
+    T_map_pix: FloatArray
     half_m: float
     ground_amsl_m: float
 
     def serves(self, at_map_m: FloatArray, h_amsl_m: float) -> bool:
         """Whether a camera at a place and height sees this part, and not much less than it."""
-        height, width = self.patch.valid.shape
-        middle = self.patch.T_map_pix @ np.array([(width - 1) / 2, (height - 1) / 2, 1.0])
+        height, width = self.up_m.shape
+        middle = self.T_map_pix @ np.array([(width - 1) / 2, (height - 1) / 2, 1.0])
         needed = REACH_HEIGHTS * max(LEAST_HEIGHT_M, h_amsl_m - self.ground_amsl_m) / self.half_m
         near = float(np.abs(at_map_m - middle).max()) <= KEPT_SHARE * self.half_m
         return near and 1 / OUTGROWN <= needed <= OUTGROWN
@@ -61,9 +63,7 @@ class SurfaceWindow:
                 self._window = None
         if self._window is None:
             return None
-        patch = self._window.patch
-        heights = np.where(patch.valid & np.isfinite(patch.dsm_amsl_m), patch.dsm_amsl_m, np.nan).astype(np.float32)
-        return Surface(heights, frame.A_ne_pix(patch.T_map_pix))
+        return Surface(self._window.up_m, frame.A_ne_pix(self._window.T_map_pix))
 
 
 def _window(h_amsl_m: float, ref: ReferenceMap, at_map_m: FloatArray) -> _Window | None:
@@ -77,4 +77,6 @@ def _window(h_amsl_m: float, ref: ReferenceMap, at_map_m: FloatArray) -> _Window
     half_m = REACH_HEIGHTS * max(LEAST_HEIGHT_M, h_amsl_m - ground_amsl_m)
     gsd_m = max(ref.gsd_m, 2 * half_m / WINDOW_PX)
     side = math.ceil(2 * half_m / gsd_m) + 1
-    return _Window(ref.patch(centre, (side, side), gsd_m, 0.0), half_m, ground_amsl_m)
+    patch = ref.patch(centre, (side, side), gsd_m, 0.0)
+    up_m = np.where(patch.valid & np.isfinite(patch.dsm_amsl_m), patch.dsm_amsl_m, np.nan).astype(np.float32)
+    return _Window(up_m, patch.T_map_pix, half_m, ground_amsl_m)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.errors import Reason
+from visloc_companion.localise.ground import filled
 from visloc_companion.types import FloatArray, Image, Odometry, Quat, Vec2
 
 
@@ -47,6 +48,16 @@ class Surface:
 
     up_m: NDArray[np.float32]
     A_ne_pix: FloatArray
+
+    @property
+    def pixel_m(self) -> float:
+        """Side of a pixel on the ground."""
+        return math.sqrt(abs(float(np.linalg.det(self.A_ne_pix[:, :2]))))
+
+    @property
+    def filled_up_m(self) -> NDArray[np.float32]:
+        """(H, W) heights, the median of those known where there are none."""
+        return filled(self.up_m, np.isfinite(self.up_m))
 
 
 @dataclass(frozen=True, slots=True)

@@ -77,9 +77,8 @@ def heights_above(rays_ned: FloatArray, camera_up_m: float, surface: Surface) ->
     low = float(np.nanmin(surface.up_m)) if known.any() else math.inf
     if not camera_up_m > low + LEAST_ABOVE_M:
         return np.full(len(rays_ned), math.nan)
-    pixel_m = math.sqrt(abs(float(np.linalg.det(surface.A_ne_pix[:, :2]))))
-    filled = np.where(known, surface.up_m, np.float32(np.nanmedian(surface.up_m)))
-    smooth = cv2.GaussianBlur(filled, (0, 0), max(0.5, SMOOTHED * (camera_up_m - low) / pixel_m))
+    sigma_px = max(0.5, SMOOTHED * (camera_up_m - low) / surface.pixel_m)
+    smooth = cv2.GaussianBlur(surface.filled_up_m, (0, 0), sigma_px)
     up_m, A_pix_ne = np.where(known, smooth, np.float32(math.nan)), invert_affine(surface.A_ne_pix)
     highest = min(float(smooth.max()) + 0.1, camera_up_m - 0.5 * LEAST_ABOVE_M)
     camera = np.array([0.0, 0.0, -camera_up_m])
@@ -113,9 +112,9 @@ class _Lookup:
     def __init__(self, surface: Surface, sigma_place_m: float, settings: FlowSettings) -> None:
         self._A_pix_ne = invert_affine(surface.A_ne_pix)
         self._up = np.ascontiguousarray(surface.up_m, dtype=np.float32)
-        pixel_m = math.sqrt(abs(float(np.linalg.det(surface.A_ne_pix[:, :2]))))
+        pixel_m = surface.pixel_m
         side = 2 * max(1, round(1.5 * max(sigma_place_m, pixel_m) / pixel_m)) + 1
-        known = np.nan_to_num(self._up, nan=float(np.nanmedian(self._up)))
+        known = surface.filled_up_m
         middle = np.float32(known.mean())
         mean = cv2.blur(known - middle, (side, side))
         variance = cv2.blur((known - middle) ** 2, (side, side)) - mean**2

@@ -35,12 +35,13 @@ HeightsAbove = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """A frame: reduced grey, evened out, its corners (N, 2), and what came with it; `nearer` (N,): how much higher the camera is
-    than it is above what each corner shows, as a factor."""
+    """A frame: reduced grey, evened out, its corners (N, 2) and their rays (N, 3), and what came with it; `nearer` (N,): how much
+    higher the camera is than it is above what each corner shows, as a factor."""
 
     t_ns: int
     grey: Image
     corners: FloatArray
+    rays: FloatArray
     R_ned_cam: FloatArray
     nearer: FloatArray
 
@@ -65,10 +66,10 @@ class Follower:
         small = one if one.shape == size[::-1] else cv2.resize(one, size, interpolation=cv2.INTER_AREA)
         grey = as_bytes(evened(np.asarray(cv2.GaussianBlur(small, (3, 3), 0), dtype=np.uint8)))
         corners = corners_of(grey, self._inner, SPACING_PX)
-        nearer = np.ones(len(corners))
+        rays, nearer = self._rays(corners), np.ones(len(corners))
         if heights is not None and len(corners):
-            nearer = _nearer(heights(self._rays(corners) @ R_ned_cam.T))
-        return Seen(t_ns, grey, corners, R_ned_cam, nearer)
+            nearer = _nearer(heights(rays @ R_ned_cam.T))
+        return Seen(t_ns, grey, corners, rays, R_ned_cam, nearer)
 
     def between(self, a: Seen, b: Seen, R_ba: FloatArray, moved_ned: FloatArray) -> Turned | None:
         """The turn from `a` to `b`, from the start `R_ba` and `moved_ned` (3,), the displacement over the height; None where too
@@ -77,18 +78,19 @@ class Follower:
             return None
         if len(a.corners) < LEAST_TRACKS:
             return None
-        rays = self._rays(a.corners)
-        start = rays - (a.nearer * (rays @ a.R_ned_cam[2]))[:, None] * (a.R_ned_cam.T @ moved_ned)
+        start = a.rays - (a.nearer * (a.rays @ a.R_ned_cam[2]))[:, None] * (a.R_ned_cam.T @ moved_ned)
         kept, found = self._followed(a, b, R_ba, start)
         if kept.sum() < max(LEAST_TRACKS, LEAST_FOUND * len(kept)):
             return None
-        turned = solved(rays[kept], self._rays(found)[:, :2], R_ba, a.R_ned_cam, self._model.fx_px, a.nearer[kept])
+        turned = solved(a.rays[kept], self._rays(found)[:, :2], R_ba, a.R_ned_cam, self._model.fx_px, a.nearer[kept])
         if turned is None or turned.fitting < LEAST_FITTING or turned.scatter_px > MOST_SCATTER_PX:
             return None
         return turned
 
     def _rays(self, pix: FloatArray) -> FloatArray:
-        """(N, 3) directions of (N, 2) pixels of the reduced picture."""
+        """(N, 3) directions of (N, 2) pixels of the reduced picture, which may be none."""
+        if not len(pix):
+            return np.zeros((0, 3))
         xy = cv2.undistortPoints(pix[:, None], self._K, np.array(self._model.distortion))[:, 0]
         return np.column_stack([xy, np.ones(len(xy))])
 
