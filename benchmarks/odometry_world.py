@@ -2,7 +2,7 @@
 
 Pictures are of one date, the surface model of the other (years apart, 1 m). Copters fly at 10 m/s 60 to 120 m above the ground,
 planes at 25 m/s 150 to 300 m above it with a turn of up to 45 degrees of bank in the middle; 3 frames a second, the camera
-fixed to the body. `hover` stays where it is.
+fixed to the body. `hover` stays where it is, `leaning` is a copter against its drag: 9 m/s at 28 to 42 degrees, 45 to 75 m up.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from visloc_companion.geo.raster import apply_affine, compose_affine, invert_aff
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.localise.odometry.base import Sight, Surface
+from visloc_companion.localise.odometry.claims import FOCAL_SHARE
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.sim.landscape import build_landscape
 from visloc_companion.sim.render import CameraSimulator
@@ -28,10 +29,14 @@ from visloc_companion.types import CameraModel, FloatArray, GeoPoint, Image
 MODEL = CameraModel(640, 480, 425.5, 425.5, 319.5, 239.5, (-0.05, 0.01, 0.0, 0.0, 0.0))
 PERIOD_S = 1 / 3
 FRAMES = 60
-SIZE_M = {"copter": (800.0, 0.25), "hover": (800.0, 0.25), "plane": (1800.0, 0.5)}
-EDGE_M = {"copter": 140.0, "hover": 200.0, "plane": 350.0}
-SPEED_MPS = {"copter": 10.0, "hover": 0.0, "plane": 25.0}
-HEIGHT_M = {"copter": (60.0, 120.0), "hover": (60.0, 120.0), "plane": (150.0, 300.0)}
+VEHICLES = ("copter", "hover", "plane", "leaning")
+"""Their order goes into what is drawn: another one is added at the end."""
+SIZE_M = {"copter": (800.0, 0.25), "hover": (800.0, 0.25), "plane": (1800.0, 0.5), "leaning": (1100.0, 0.25)}
+EDGE_M = {"copter": 140.0, "hover": 200.0, "plane": 350.0, "leaning": 260.0}
+SPEED_MPS = {"copter": 10.0, "hover": 0.0, "plane": 25.0, "leaning": 9.0}
+HEIGHT_M = {"copter": (60.0, 120.0), "hover": (60.0, 120.0), "plane": (150.0, 300.0), "leaning": (45.0, 75.0)}
+LEAN_RAD = {"copter": math.radians(8.0), "leaning": math.radians(35.0)}
+LEAN_VARIES_RAD = {"leaning": math.radians(7.0)}
 G_MPS2 = 9.81
 
 
@@ -57,7 +62,8 @@ class Flight:
 @dataclass(frozen=True, slots=True)
 class Errors:
     """1-sigma of what the autopilot gets wrong: tilt and heading (constant, and of each frame), altitude against the map
-    (constant) and from frame to frame, the place on the map, a rangefinder (constant share and noise)."""
+    (constant) and from frame to frame, the place on the map, a rangefinder (constant share and noise); and by which share the
+    calibrated focal length is off."""
 
     tilt_rad: float = math.radians(0.5)
     yaw_rad: float = math.radians(1.0)
@@ -67,6 +73,7 @@ class Errors:
     place_m: float = 3.0
     range_m: float = 0.3
     home_m: float = 8.0
+    lens: float = FOCAL_SHARE
 
 
 def path_of(vehicle: str, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
@@ -85,7 +92,9 @@ def path_of(vehicle: str, rng: np.random.Generator) -> tuple[FloatArray, FloatAr
     p = np.cumsum(v, axis=0) * PERIOD_S
     if vehicle == "hover":
         p = np.column_stack([_waves(t, rng, 0.8), _waves(t, rng, 0.8)])
-    lean = -math.radians(8.0) if vehicle == "copter" else 0.0
+    lean = -LEAN_RAD.get(vehicle, 0.0)
+    if vehicle in LEAN_VARIES_RAD:
+        lean += LEAN_VARIES_RAD[vehicle] * rng.uniform(-1, 1)
     return p, np.column_stack([bank, np.full(len(t), lean), yaw]) + wobble
 
 
@@ -108,7 +117,7 @@ def flight_of(vehicle: str, seed: int, keep: Path) -> Flight:
 
 
 def _rendered(vehicle: str, seed: int) -> dict[str, np.ndarray]:
-    rng = np.random.default_rng([seed, sorted(SIZE_M).index(vehicle)])
+    rng = np.random.default_rng([seed, VEHICLES.index(vehicle)])
     size, gsd = SIZE_M[vehicle]
     dates = ("flight", "map") if seed % 2 else ("map", "flight")
     scene = build_landscape(seed, dates[0], size, gsd)  # type: ignore[arg-type]

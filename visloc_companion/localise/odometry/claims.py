@@ -51,7 +51,8 @@ def odometry_of(key: Keyframe, sight: Sight, motion: Motion, closes: bool) -> St
         ("turn_rad", float(np.linalg.norm(motion.turn_rad))),
         ("height_m", key.height_m),
     )
-    return Step(odometry, math.sqrt(max(float(motion.covariance[2, 2]), 0.0)), closes, evidence)
+    down_m2 = max(float(motion.covariance[2, 2]), 0.0) + (FOCAL_SHARE * float(motion.by_lens_m[2])) ** 2
+    return Step(odometry, math.sqrt(down_m2), closes, evidence)
 
 
 def _scale(motion: Motion, key: Keyframe) -> float:
