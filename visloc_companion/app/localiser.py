@@ -10,6 +10,7 @@ from visloc_companion.localise.features.onnx import NetworkFeatures
 from visloc_companion.localise.flight import flight_localiser
 from visloc_companion.localise.registry import make_localiser, open_features_for
 from visloc_companion.localise.runtime import default_threads
+from visloc_companion.localise.surface_window import SurfaceWindow
 from visloc_companion.localise.twice import CheckedTwice
 from visloc_companion.localise.with_motion import WithMotion
 from visloc_companion.localise.with_turn import WithTurn
@@ -32,9 +33,10 @@ def configured_localiser(chosen: LocaliserConfig, model: CameraModel) -> tuple[L
         threads=chosen.threads or default_threads(),
         structure=chosen.structure,
     )
-    moving: Localiser = WithMotion(localiser, model) if chosen.odometry else localiser
+    window = SurfaceWindow()  # turn and motion are seen over the same ground
+    moving: Localiser = WithMotion(localiser, model, window=window) if chosen.odometry else localiser
     checked = CheckedTwice(moving, _again(chosen, model), chosen.check_every) if chosen.check_every else moving
-    return WithTurn(checked, model), features
+    return WithTurn(checked, model, window), features
 
 
 def _again(chosen: LocaliserConfig, model: CameraModel) -> Localiser:

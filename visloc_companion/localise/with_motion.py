@@ -34,10 +34,16 @@ LEARNED_YAW_SIGMA_RAD = math.radians(1.0)
 class WithMotion:
     """protocols.Localiser: asks another one and adds `motion` to its answer where the camera's motion is seen."""
 
-    def __init__(self, localiser: Localiser, model: CameraModel, settings: FlowSettings | None = None) -> None:
+    def __init__(
+        self,
+        localiser: Localiser,
+        model: CameraModel,
+        settings: FlowSettings | None = None,
+        window: SurfaceWindow | None = None,
+    ) -> None:
         self._localiser = localiser
         self._flow = FrameToFrame(model, settings)
-        self._window = SurfaceWindow()
+        self._window = window or SurfaceWindow()
         self._ground: tuple[FloatArray, float] | None = None
         self._headings: deque[tuple[int, float]] = deque(maxlen=HEADINGS)
 

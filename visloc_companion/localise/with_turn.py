@@ -25,8 +25,8 @@ from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoF
 class WithTurn:
     """protocols.Localiser: asks another one and adds `turn` and `turn_since_kept` to its answer where they are seen."""
 
-    def __init__(self, localiser: Localiser, model: CameraModel) -> None:
-        self._localiser, self._watch, self._window = localiser, TurnWatch(model), SurfaceWindow()
+    def __init__(self, localiser: Localiser, model: CameraModel, window: SurfaceWindow | None = None) -> None:
+        self._localiser, self._watch, self._window = localiser, TurnWatch(model), window or SurfaceWindow()
 
     @property
     def method(self) -> str:

@@ -11,8 +11,9 @@ import pytest
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.localise.plan import local_frame
-from visloc_companion.localise.surface_window import REACH_HEIGHTS
+from visloc_companion.localise.surface_window import REACH_HEIGHTS, SurfaceWindow
 from visloc_companion.localise.with_motion import HEADINGS, WithMotion
+from visloc_companion.localise.with_turn import WithTurn
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix
 
@@ -145,6 +146,17 @@ def test_a_climb_asks_for_more_of_the_map_and_a_descent_for_less(support, flat, 
         assert len(reach_m) - before == 2 * asked  # the ground's height, and the window
         if asked:
             assert reach_m[-1] == pytest.approx(REACH_HEIGHTS * height_m, rel=0.02)
+
+
+def test_turn_and_motion_read_the_map_once(support, flat, monkeypatch: pytest.MonkeyPatch) -> None:
+    reads: list[object] = []
+    patch = type(flat).patch
+    monkeypatch.setattr(type(flat), "patch", lambda *a: reads.append(a[1]) or patch(*a))
+    window = SurfaceWindow()
+    answers = flown(support, flat, WithTurn(WithMotion(Witness(), MODEL, window=window), MODEL, window), along(3))
+    assert answers[-1].motion is not None
+    assert answers[-1].turn is not None
+    assert len(reads) == 2  # the ground's height, and the window
 
 
 def test_off_the_map_and_without_texture_there_is_none(support, flat) -> None:
