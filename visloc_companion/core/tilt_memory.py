@@ -9,7 +9,7 @@ kept frame was taken.
 Pictures also show how the camera turned from frame to frame (Turn). Against the change of the reported attitude that is by how
 much its error has changed: what is known of one frame holds for the next, however poor the gyroscopes are. How fast that error
 wanders is learned from the same turns. Turns that follow each other add their errors up; those since one frame that is kept for
-seconds do not (a cloned state).
+seconds do not (a cloned state). A wrong lens makes all turns too large alike: each by itself is no less certain for it.
 
 Neighbouring frames see the same trees grown and felled since the map was made, and take them for the same tilt. That error goes
 by with the way over the ground, as that of their places does (lasting.py): many fixes of one place tell little more than one, and
@@ -23,14 +23,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from visloc_companion.core.lasting import SHARE, apart_m, root_m
+from visloc_companion.core.belief import FIX_WEIGHT
+from visloc_companion.core.lasting import SHARE, apart_m, root_m, shared
 from visloc_companion.core.remembered import remember
 from visloc_companion.geo import se3
-from visloc_companion.geo.tilt import composed, tilt_gained
+from visloc_companion.geo.tilt import LENS_SIGMA, YAW_SIGMA_RAD, by_camera, composed, tilt_gained
 from visloc_companion.types import Fix, FloatArray, LocaliseRequest, Quat, TiltBefore, TiltPrior, Turn, Vec2
 
-MOUNTING, ATTITUDE, IN_COMMON, KEPT = (slice(k, k + 2) for k in (0, 2, 4, 6))
-TILT, STATES = slice(0, 4), 8
+MOUNTING, ATTITUDE, IN_COMMON, KEPT, CAMERA = (slice(k, k + 2) for k in (0, 2, 4, 6, 8))
+TILT, STATES = slice(0, 4), 10
 ATTITUDE_SIGMA_RAD, ATTITUDE_S = math.radians(0.4), 20.0
 """Of the autopilot's tilt, Gauss-Markov: ArduCopter's simulator shows 0.1 degrees with GNSS and 0.2 to 0.4 on vision, where it is
 calm."""
@@ -47,6 +48,9 @@ GATE_SIGMA, GATED_IN_A_ROW = 4.0, 8
 FRAMES_KEPT = 4
 WIDEST_RAD = math.radians(2.0)
 """Of an attitude whose error is seen to wander: an autopilot with poor gyroscopes errs by more than anybody states of it."""
+NEIGHBOURS, OF_ONE_FRAME = 4.0, 9.0
+"""Turns that follow each other err the same way for a second or two: forty together by twice what forty would that err anew each;
+and those since one kept frame err alike. Factors of their covariances."""
 MOST_STEP_RAD = math.radians(2.0)
 """No autopilot corrects its attitude by more within a turn: the turn is wrong."""
 RATE_S = 1.0
@@ -80,10 +84,12 @@ class TiltMemory:
 
     def _begin(self) -> None:
         self._x = np.zeros(STATES)
-        self._P = np.diag([self._mounting_rad**2] * 2 + [self._attitude_rad**2] * 2 + [1.0] * 2 + [self._attitude_rad**2] * 2)
-        self._kept_frame: tuple[int, Quat] | None = None
+        mounting, attitude = [self._mounting_rad] * 2, [self._attitude_rad] * 2
+        self._P = np.diag(np.square([*mounting, *attitude, 1.0, 1.0, *attitude, LENS_SIGMA, YAW_SIGMA_RAD]))
+        self._kept_frame: tuple[int, Quat, FloatArray] | None = None
         self._t_ns: int | None = None
         self._fix_ns: int | None = None
+        self._fix_per_rad2 = 0.0
         self._gated = 0
 
     def known(self, t_ns: int, q_ned_frd: Quat) -> TiltPrior | None:
@@ -123,13 +129,12 @@ class TiltMemory:
         """Learn from how the camera turned between two frames that were asked about, and since one further back."""
         if turn.t_from_ns not in self._frames or turn.t_to_ns not in self._frames:
             return
-        gained, cov = tilt_gained(self._frames[turn.t_from_ns][0], turn, self._frames[turn.t_to_ns][0])
         self._wandered(turn, self._frames[turn.t_from_ns][0], self._frames[turn.t_to_ns][0])
         if self._t_ns is None or self._t_ns > turn.t_from_ns:
             return
         if since_kept is not None and since_kept.t_from_ns == turn.t_from_ns:
             self._keep(turn.t_from_ns)
-        self._gain(turn, gained, cov)
+        self._gain(turn)
         if since_kept is not None and since_kept.t_from_ns < turn.t_from_ns:
             self._gain_since_kept(since_kept)
 
@@ -148,28 +153,31 @@ class TiltMemory:
         self._rate += RATE_WEIGHT * (min(news, MOST_NEWS * self._rate) - self._rate)
         self._rate = max(self._rate, self._least_rate)
 
-    def _gain(self, turn: Turn, gained: FloatArray, cov: FloatArray) -> None:
-        """The change of the attitude's error, measured; of a turn that is wrong only time goes by."""
+    def _gain(self, turn: Turn) -> None:
+        """The change of the tilt, measured; of a turn that is wrong only time goes by."""
+        before, now = self._frames[turn.t_from_ns], self._frames[turn.t_to_ns]
+        gained, cov = tilt_gained(before[0], turn, now[0])
         x, P = self._carried(turn.t_from_ns)
         self._x, self._P, self._t_ns = x, P, turn.t_from_ns
         after_x, after_P = self._carried(turn.t_to_ns)
         across = P[:, ATTITUDE].copy()  # covariance of the state after with the attitude's error before
         across[ATTITUDE] *= self._kept(turn.t_to_ns)
-        C = after_P[:, ATTITUDE] - across
-        S = C[ATTITUDE] - across[ATTITUDE].T + P[ATTITUDE, ATTITUDE] + cov
-        y = gained - (after_x - x)[ATTITUDE]
+        H = _changed(before, now)
+        C = after_P @ H.T - across
+        S = H @ C - (H @ across).T + P[ATTITUDE, ATTITUDE] + NEIGHBOURS * cov
+        y = gained - (H @ after_x - x[ATTITUDE])
         if math.hypot(*y) <= MOST_STEP_RAD:
             more = _unexpected(float(y @ np.linalg.solve(S, y)), S)
-            after_P[ATTITUDE, ATTITUDE] += more / 2
-            C[ATTITUDE] += more / 2
-            K = np.linalg.solve(S + more, C.T).T
-            after_x, after_P = after_x + K @ y, after_P - K @ (S + more) @ K.T
+            after_P[ATTITUDE, ATTITUDE] += more
+            C[ATTITUDE] += more
+            K = _weight(S + more, C)
+            after_x, after_P = after_x + K @ y, after_P - K @ C.T - C @ K.T + K @ (S + more) @ K.T
         self._x, self._P, self._t_ns = after_x, (after_P + after_P.T) / 2, turn.t_to_ns
 
     def _keep(self, t_ns: int) -> None:
         """What the attitude's error is at this frame stays beside what it becomes."""
         self._x, self._P = self._carried(t_ns)
-        self._t_ns, self._kept_frame = t_ns, (t_ns, self._frames[t_ns][0])
+        self._t_ns, self._kept_frame = t_ns, (t_ns, *self._frames[t_ns])
         self._x[KEPT] = self._x[ATTITUDE]
         self._P[KEPT] = self._P[ATTITUDE]
         self._P[:, KEPT] = self._P[:, ATTITUDE]
@@ -178,17 +186,18 @@ class TiltMemory:
         """The change since the kept frame, measured at once."""
         if self._kept_frame is None or self._kept_frame[0] != turn.t_from_ns or self._t_ns != turn.t_to_ns:
             return
-        gained, cov = tilt_gained(self._kept_frame[1], turn, self._frames[turn.t_to_ns][0])
-        y = gained - (self._x[ATTITUDE] - self._x[KEPT])
+        kept, now = self._kept_frame[1:], self._frames[turn.t_to_ns]
+        gained, cov = tilt_gained(kept[0], turn, now[0])
+        H = _changed(kept, now)
+        H[:, KEPT] = -np.eye(2)
+        y, R = gained - H @ self._x, OF_ONE_FRAME * cov
         if math.hypot(*y) <= MOST_STEP_RAD:
-            H = np.zeros((2, STATES))
-            H[:, ATTITUDE], H[:, KEPT] = np.eye(2), -np.eye(2)
-            S = H @ self._P @ H.T + cov
-            self._learn(H, y, cov + _unexpected(float(y @ np.linalg.solve(S, y)), S))
+            S = H @ self._P @ H.T + R
+            self._learn(H, y, R + _unexpected(float(y @ np.linalg.solve(S, y)), S))
 
     def _learn(self, H: FloatArray, y: FloatArray, R: FloatArray) -> None:
-        """One update by an innovation (2,) of H (2, 8) with the covariance R (2, 2)."""
-        gain = np.linalg.solve(H @ self._P @ H.T + R, H @ self._P).T
+        """One update by an innovation (2,) of H (2, 10) with the covariance R (2, 2)."""
+        gain = _weight(H @ self._P @ H.T + R, self._P @ H.T)
         left = np.eye(STATES) - gain @ H
         self._x, self._P = self._x + gain @ y, left @ self._P @ left.T + gain @ R @ gain.T
 
@@ -201,9 +210,13 @@ class TiltMemory:
         since_s = 0.0 if self._fix_ns is None else max(0.0, (fix.t_ns - self._fix_ns) * 1e-9)
         _forget(x, P, IN_COMMON, math.exp(-math.hypot(*v_ne_mps) * since_s / apart_m(height_m)), 1.0)
         cov = np.array(fix.tilt.cov_rad2)
-        in_common = root_m(cov + CHANGED_RAD**2 / SHARE * np.eye(2))  # the root is of SHARE of it
-        H = np.hstack([H_tilt, in_common, np.zeros((2, 2))])
-        R, nu = (1 - SHARE) * cov, np.array(fix.tilt.turn_ne_rad) - H @ x
+        in_all = cov + CHANGED_RAD**2 / SHARE * np.eye(2)
+        variance = float(np.trace(in_all)) / 2
+        alike, unshared = shared(variance, self._fix_per_rad2)
+        in_common = alike * root_m(in_all)  # the root is of SHARE of it
+        H = np.hstack([H_tilt, in_common, np.zeros((2, STATES - KEPT.start))])
+        R = (1 - SHARE) * cov + unshared * SHARE * in_all
+        nu = np.array(fix.tilt.turn_ne_rad) - H @ x
         S = H @ P @ H.T + R
         nis = float(nu @ np.linalg.solve(S, nu))
         if nis > GATE_SIGMA**2:
@@ -213,12 +226,13 @@ class TiltMemory:
             return
         self._gated = 0
         self._x, self._P = x, P
+        self._fix_per_rad2 += (FIX_WEIGHT if self._fix_per_rad2 > 0 else 1.0) * (1 / variance - self._fix_per_rad2)
         self._learn(H, nu, R + _unexpected(nis, S))
         self._fix_ns = fix.t_ns if self._fix_ns is None else max(self._fix_ns, fix.t_ns)
         self._t_ns = fix.t_ns if self._t_ns is None else max(self._t_ns, fix.t_ns)
 
     def _carried(self, t_ns: int) -> tuple[FloatArray, FloatArray]:
-        """Mean (8,) and covariance (8, 8) at a time."""
+        """Mean (10,) and covariance (10, 10) at a time."""
         x, P = self._x.copy(), self._P.copy()
         _forget(x, P, ATTITUDE, self._kept(t_ns), self._wander_rad2)
         return x, P
@@ -242,9 +256,27 @@ def _forget(x: FloatArray, P: FloatArray, pair: slice, kept: float, variance: fl
     P[pair, pair] += (1 - kept**2) * variance * np.eye(2)
 
 
+def _weight(S: FloatArray, C: FloatArray) -> FloatArray:
+    """(10, 2) of an innovation of covariance S (2, 2), and C (10, 2) with the states. What is wrong with a camera is considered,
+    not learned (Schmidt): an attitude that errs anew within seconds goes with the turns, as a wrong lens would have it."""
+    K = np.linalg.solve(S, C.T).T
+    K[CAMERA] = 0.0
+    return np.asarray(K)
+
+
 def _unexpected(nis: float, S: FloatArray) -> FloatArray:
     """By how much (2, 2) the covariance S of an innovation is too small for one that is further off than is ordinary."""
     return np.asarray((max(1.0, nis / ORDINARY_NIS) - 1) * S)
+
+
+def _changed(before: tuple[Quat, FloatArray], now: tuple[Quat, FloatArray]) -> FloatArray:
+    """(2, 10) what the change of the tilt between two frames (each: attitude of the camera's body, what is seen of mounting and
+    attitude) is of the states, less the attitude's error before."""
+    H = np.zeros((2, STATES))
+    H[:, TILT] = now[1]
+    H[:, MOUNTING] -= before[1][:, MOUNTING]
+    H[:, CAMERA] = by_camera(before[0], now[0])
+    return H
 
 
 def _seen_of(R_ned_frd: FloatArray) -> FloatArray:

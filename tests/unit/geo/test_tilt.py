@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from visloc_companion.geo import se3
-from visloc_companion.geo.tilt import TURN_SHARE, composed, tilt_gained
+from visloc_companion.geo.tilt import TURN_SHARE, by_camera, composed, tilt_gained
 from visloc_companion.types import Quat, Turn
 
 SIGMA_RAD = math.radians(0.1)
@@ -37,6 +37,19 @@ def test_the_sign_of_a_quaternion_says_nothing() -> None:
     w, x, y, z = reported(q, 0.01, 0.0)
     gained, _ = tilt_gained(q, turn_of(q, q), (-w, -x, -y, -z))
     np.testing.assert_allclose(gained, (0.01, 0.0), atol=1e-4)
+
+
+def test_what_a_wrong_camera_adds_to_a_turn_is_told_in_any_attitude() -> None:
+    """A lens longer by a share sees turns across its axis larger; a camera turned about its axis sees them about others."""
+    lens, yaw = 0.01, 0.012
+    before, after = se3.quat_from_euler(0.2, -0.1, 2.0), se3.quat_from_euler(-0.1, 0.15, 2.3)
+    w, x, y, z = turn_of(before, after).q_from_to
+    half = math.atan2(math.hypot(x, y, z), w) / math.hypot(x, y, z)
+    across = 2 * half * np.array([x, y])
+    longer = across * (1 + lens)
+    seen = (longer[0] + yaw * longer[1], longer[1] - yaw * longer[0], 2 * half * z)  # in a camera turned by yaw to the right
+    gained, _ = tilt_gained(before, replace(turn_of(before, after), q_from_to=se3.quat_from_vector(seen)), after)
+    np.testing.assert_allclose(by_camera(before, after) @ (lens, yaw), gained, atol=0.06 * np.abs(gained).max())
 
 
 def test_turns_that_follow_each_other_are_one() -> None:
