@@ -29,9 +29,9 @@ from visloc_companion.localise.verify import AGAIN_WEIGHTS, DEEP_WEIGHTS, GRADIE
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix
 
-MOST_LEAN_COS = math.cos(math.radians(30.0))
-"""A camera that leans further sees woods from the side: on training cases second looks err by 1.3 times their claim beyond it,
-by 0.9 to 1.0 times below."""
+MOST_LEAN_COS, SURE_TILT_RAD = math.cos(math.radians(30.0)), math.radians(0.7)
+"""A camera that leans further sees woods from the side: on training cases second looks err by 1.3 times their claim beyond it
+where the tilt is known to a degree (0.9 to 1.0 times below it), by 0.8 times where it is known to 0.6."""
 LOOK_AGAIN_ABOVE, LEAST_OF_ONE_PLACE = 0.05, 0.25
 """A frame is looked at again where the first look is wrong with more than the former probability and the search gives one place
 the latter or more: on training cases every right one had 0.27. Where much is searched none has it, and it would take long."""
@@ -156,8 +156,9 @@ def _another_look_tells_more(task: Task, found: Found) -> bool:
     surface model, it was right no more often than the first, and surer of it."""
     finer = task.refinement(task.plan.fine_gsd_m) is not task.features
     one_place = bool(found.modes) and found.modes[0].mass >= LEAST_OF_ONE_PLACE
-    upright = float(task.plan.pose.R_ned_cam[2, 2]) >= MOST_LEAN_COS
-    return finer and one_place and upright and tilt_is_known(task.prior.sigma_tilt_rad)
+    sigma_tilt = task.prior.sigma_tilt_rad
+    from_above = float(task.plan.pose.R_ned_cam[2, 2]) >= MOST_LEAN_COS or sigma_tilt <= SURE_TILT_RAD
+    return finer and one_place and from_above and tilt_is_known(sigma_tilt)
 
 
 def gradient_localiser(model: CameraModel, settings: LocaliserSettings) -> DenseLocaliser:

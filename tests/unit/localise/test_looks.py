@@ -88,6 +88,19 @@ def test_what_they_accept_is_not(map_and_frames, support):
     assert dict(both.evidence)["looks"] == 1.0
 
 
+@pytest.mark.parametrize(("lean_deg", "tilt_deg", "looks"), [(20.0, 1.0, 2.0), (40.0, 1.0, 1.0), (40.0, 0.5, 2.0)])
+def test_from_the_side_only_where_the_tilt_is_known(map_and_frames, support, lean_deg, tilt_deg, looks):
+    known, *_ = map_and_frames
+    attitude = (0.0, np.radians(lean_deg), 0.6)
+    seen = support.render(woods(support, 2), MODEL, TRUTH, attitude)
+    request = support.request_at((19.0, -37.0, -333.0), attitude, sigma_m=6.0)
+    request = replace(request, prior=replace(request.prior, sigma_tilt_rad=np.radians(tilt_deg)))
+    settings = LocaliserSettings(max_probability_wrong=0.0, looks=Looks.BOTH)
+    fitted = Fitted(GRADIENT_WEIGHTS, GRADIENT_RANK, 1.04, GRADIENT_WEIGHTS)
+    answer = DenseLocaliser("deep", MODEL, settings, Broad(), fitted).localise(request, seen, known)
+    assert dict(answer.evidence)["looks"] == looks
+
+
 def test_a_limit_changes_which_answers_are_given_but_none_of_them(map_and_frames, support):
     known, _, grown = map_and_frames
     strict, lenient = (answer_of(Broad(), Looks.BOTH, grown, known, support, limit) for limit in (1e-9, 1.0))
