@@ -152,8 +152,8 @@ def observed(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[
     """The belief after a position at its own time. Rejected fixes that agree with each other restart it at last."""
     considered = CONSIDERED[belief.drive]
     at, cov = np.array(z.p_ne_m), np.array(z.cov_ne_m2)
-    H, R = lasting.seen(cov, z.method, z.per_focal_ne_m, belief.fix_per_m2) if z.from_fix else (H_POSITION, cov)
-    extra_m2 = settings.map_sigma_m**2 + (lasting.known_m2(belief.P, H) if z.from_fix else 0.0)
+    H, R = lasting.seen(cov, z.method, z.per_focal_ne_m) if z.from_fix else (H_POSITION, cov)
+    extra_m2 = settings.map_sigma_m**2 + (lasting.known_m2(cov, belief.P, H) if z.from_fix else 0.0)
     got = kalman.update(
         belief.x,
         belief.P,

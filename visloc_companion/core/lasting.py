@@ -2,10 +2,7 @@
 
 A fix errs by a part that is new in each and one that lasts; the latter, in 1-sigmas of its own claim, is a pair of the filter's
 states, first-order Gauss-Markov over the way that the vehicle has gone (a vehicle that hovers learns nothing from many fixes).
-So odometry may carry the position while that error goes by, and a fix that claims little has little of it. One that claims
-otherwise than those before it has seen otherwise, and shares less with them: else, of two fixes, the one that claims more would
-be held against the other, and the position would lie beyond both. What it does not share lasts too, in those that follow and
-claim alike: where fixes get worse it counts as new noise that is so many times larger.
+So odometry may carry the position while that error goes by, and a fix that claims little has little of it.
 """
 
 from __future__ import annotations
@@ -22,8 +19,6 @@ SHARE = 0.6
 APART = 0.6
 """It has gone by to 1/e after so many heights above the ground."""
 LEAST_APART_M = 20.0
-IN_FOLLOWING = 4.0
-"""Of a fix that claims worse than those before: how many follow, about, with the same error."""
 BY_SHAPE = frozenset({"structure", "terrain"})
 """Methods that share no more with images than the attitude: what lasts of their own error is another thing, and comes on top."""
 
@@ -33,32 +28,20 @@ def apart_m(height_m: float) -> float:
     return max(LEAST_APART_M, APART * height_m)
 
 
-def seen(
-    cov_m2: FloatArray, method: str, per_focal_ne_m: Vec2 = (0.0, 0.0), before_per_m2: float = 0.0
-) -> tuple[FloatArray, FloatArray]:
+def seen(cov_m2: FloatArray, method: str, per_focal_ne_m: Vec2 = (0.0, 0.0)) -> tuple[FloatArray, FloatArray]:
     """H (2, 15) of a fix of a method with this covariance (2, 2), and the covariance (2, 2) of what is new in it.
 
-    `per_focal_ne_m`: what a lens that is longer than calibrated adds to it, per share of the focal length. `before_per_m2`: the
-    mean inverse of the variance that fixes before it claimed (0: there was none).
+    `per_focal_ne_m`: what a lens that is longer than calibrated adds to it, per share of the focal length.
     """
-    H, (alike, unshared) = np.zeros((2, N_STATES)), shared(float(np.trace(cov_m2)) / 2, before_per_m2)
-    H[:, POSITION], H[:, LASTING], H[:, FIX_LENS] = np.eye(2), alike * root_m(cov_m2), per_focal_ne_m
-    return H, cov_m2 if method in BY_SHAPE else (1 - SHARE + SHARE * unshared) * cov_m2
+    H = np.zeros((2, N_STATES))
+    H[:, POSITION], H[:, LASTING], H[:, FIX_LENS] = np.eye(2), root_m(cov_m2), per_focal_ne_m
+    return H, cov_m2 if method in BY_SHAPE else (1 - SHARE) * cov_m2
 
 
-def shared(variance: float, before_per_variance: float) -> tuple[float, float]:
-    """Of the lasting part of an error of this variance: the share, in its own 1-sigma, that it has in common with those before,
-    whose mean inverse variance is given (0: all), which is the ratio of the smaller 1-sigma to the larger; and the variance of
-    the new noise that the rest counts as, as a share of that of the lasting part."""
-    ratio = variance * before_per_variance
-    alike2 = min(ratio, 1 / ratio) if ratio > 0 else 1.0
-    return math.sqrt(alike2), (1 - alike2) * (IN_FOLLOWING if ratio > 1 else 1.0)
-
-
-def known_m2(P: FloatArray, H: FloatArray) -> float:
+def known_m2(cov_m2: FloatArray, P: FloatArray, H: FloatArray) -> float:
     """By how much smaller, on an axis, a fix's innovation is for what is known of the lasting part. Other ground may begin at any
     moment, so no fix is gated for that."""
-    ours, unknown = slice(0, LASTING.stop), P[POSITION, POSITION] + H[:, LASTING] @ H[:, LASTING].T
+    ours, unknown = slice(0, LASTING.stop), P[POSITION, POSITION] + SHARE * cov_m2
     known = H[:, ours] @ P[ours, ours] @ H[:, ours].T
     return max(0.0, float(np.trace(unknown - known)) / 2)
 

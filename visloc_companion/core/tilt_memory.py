@@ -23,8 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from visloc_companion.core.belief import FIX_WEIGHT
-from visloc_companion.core.lasting import SHARE, apart_m, root_m, shared
+from visloc_companion.core.lasting import SHARE, apart_m, root_m
 from visloc_companion.core.remembered import remember
 from visloc_companion.geo import se3
 from visloc_companion.geo.tilt import LENS_SIGMA, YAW_SIGMA_RAD, by_camera, composed, tilt_gained
@@ -89,7 +88,6 @@ class TiltMemory:
         self._kept_frame: tuple[int, Quat, FloatArray] | None = None
         self._t_ns: int | None = None
         self._fix_ns: int | None = None
-        self._fix_per_rad2 = 0.0
         self._gated = 0
 
     def known(self, t_ns: int, q_ned_frd: Quat) -> TiltPrior | None:
@@ -210,12 +208,9 @@ class TiltMemory:
         since_s = 0.0 if self._fix_ns is None else max(0.0, (fix.t_ns - self._fix_ns) * 1e-9)
         _forget(x, P, IN_COMMON, math.exp(-math.hypot(*v_ne_mps) * since_s / apart_m(height_m)), 1.0)
         cov = np.array(fix.tilt.cov_rad2)
-        in_all = cov + CHANGED_RAD**2 / SHARE * np.eye(2)
-        variance = float(np.trace(in_all)) / 2
-        alike, unshared = shared(variance, self._fix_per_rad2)
-        in_common = alike * root_m(in_all)  # the root is of SHARE of it
+        in_common = root_m(cov + CHANGED_RAD**2 / SHARE * np.eye(2))  # the root is of SHARE of it
         H = np.hstack([H_tilt, in_common, np.zeros((2, STATES - KEPT.start))])
-        R = (1 - SHARE) * cov + unshared * SHARE * in_all
+        R = (1 - SHARE) * cov
         nu = np.array(fix.tilt.turn_ne_rad) - H @ x
         S = H @ P @ H.T + R
         nis = float(nu @ np.linalg.solve(S, nu))
@@ -226,7 +221,6 @@ class TiltMemory:
             return
         self._gated = 0
         self._x, self._P = x, P
-        self._fix_per_rad2 += (FIX_WEIGHT if self._fix_per_rad2 > 0 else 1.0) * (1 / variance - self._fix_per_rad2)
         self._learn(H, nu, R + _unexpected(nis, S))
         self._fix_ns = fix.t_ns if self._fix_ns is None else max(self._fix_ns, fix.t_ns)
         self._t_ns = fix.t_ns if self._t_ns is None else max(self._t_ns, fix.t_ns)

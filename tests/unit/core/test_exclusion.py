@@ -22,7 +22,7 @@ S = 1_000_000_000
 SETTINGS = NavigatorSettings()
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
 SPEED_MPS, EVERY_S, SIGMA_A = 8.0, 0.25, 0.25
-LAST_GOOD_S, END_S, ASTRAY_M = 20.75, 23.0, 1.0
+LAST_GOOD_S, END_S, ASTRAY_M = 20.75, 23.0, 2.0
 H = MEAN_VELOCITY
 
 
@@ -50,7 +50,7 @@ def flown(wrong_m: float, until_s: float = END_S, wrong_from_s: float = LAST_GOO
             the_filter.observe(fix(t, 0.0, 0.6, 1e-4))
         elif k % 2:
             n_wrong += 1
-            the_filter.observe(fix(t, wrong_m * n_wrong, 0.6, 0.03))
+            the_filter.observe(fix(t, wrong_m * n_wrong, 1.0, 0.03))
         if k % 8 == 0 and t <= wrong_from_s:
             assert isinstance(the_filter.observe_motion(motion(t)), Accepted)
     return the_filter

@@ -54,25 +54,6 @@ def test_a_fix_is_worth_what_it_claims() -> None:
     assert not lasting.root_m(np.full((2, 2), np.nan)).any()
 
 
-@pytest.mark.parametrize(("claimed_m2", "unshared"), [(4.0, 0.0), (1.0, 0.75), (16.0, 0.75 * lasting.IN_FOLLOWING)])
-def test_a_fix_that_claims_otherwise_than_those_before_shares_less_with_them(claimed_m2: float, unshared: float) -> None:
-    cov = claimed_m2 * np.eye(2)
-    H, R = lasting.seen(cov, "deep", before_per_m2=1 / 4.0)
-    shared = lasting.SHARE * min(claimed_m2 / 4.0, 4.0 / claimed_m2)
-    np.testing.assert_allclose(H[:, LASTING] @ H[:, LASTING].T, shared * cov)
-    np.testing.assert_allclose(R, (1 - lasting.SHARE + lasting.SHARE * unshared) * cov)
-
-
-def test_a_fix_that_claims_better_is_not_held_against_those_before() -> None:
-    """North -2.5 m, claimed as 1.6, after 0.6 m, claimed as 3.1: shared in full the position would be at -2.9 m, beyond both."""
-    belief = seeded(0, (0.0, 0.0), 20.0, 0.3, Drive.AUTOPILOT, SETTINGS)
-    for k, (north, sigma_m) in enumerate([(0.6, 3.1)] * 8 + [(-2.5, 1.6)], 1):
-        belief = fusion.propagated(belief, k * S // 4, (0.0, 0.0), SETTINGS)
-        cov = ((sigma_m**2, 0.0), (0.0, sigma_m**2))
-        belief, _ = fusion.observed(belief, Position(k * S // 4, (north, 0.0), cov, from_fix=True, apart_m=60.0), SETTINGS)
-    assert -2.5 < belief.x[POSITION][0] < -1.5
-
-
 def test_a_vehicle_that_hovers_learns_nothing_from_many_fixes() -> None:
     belief, _ = flown(np.full((100, 2), 1.5), 0.0)
     least_m = 2 * math.sqrt(lasting.SHARE)
@@ -109,7 +90,7 @@ def test_other_ground_may_begin_at_any_moment() -> None:
     H, R = lasting.seen(np.array(COV), "deep")
     whole = belief.P[POSITION, POSITION] + np.array(COV)
     left = H @ belief.P @ H.T + R
-    assert lasting.known_m2(belief.P, H) == pytest.approx(float(np.trace(whole - left)) / 2)
+    assert lasting.known_m2(np.array(COV), belief.P, H) == pytest.approx(float(np.trace(whole - left)) / 2)
     assert np.trace(left) < 0.8 * np.trace(whole)
 
 
