@@ -18,7 +18,6 @@ from visloc_companion.geo.raster import apply_affine, compose_affine, invert_aff
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.localise.odometry.base import Sight, Surface
-from visloc_companion.localise.odometry.claims import FOCAL_SHARE
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.sim.landscape import build_landscape
 from visloc_companion.sim.render import CameraSimulator
@@ -73,7 +72,7 @@ class Errors:
     place_m: float = 3.0
     range_m: float = 0.3
     home_m: float = 8.0
-    lens: float = FOCAL_SHARE
+    lens: float = 0.015
 
 
 def path_of(vehicle: str, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:

@@ -26,7 +26,7 @@ import numpy as np
 from visloc_companion.core.lasting import SHARE, apart_m, root_m
 from visloc_companion.core.remembered import remember
 from visloc_companion.geo import se3
-from visloc_companion.geo.tilt import LENS_SIGMA, YAW_SIGMA_RAD, by_camera, composed, tilt_gained
+from visloc_companion.geo.tilt import CAMERA_SIGMA, by_camera, composed, tilt_gained
 from visloc_companion.types import Fix, FloatArray, LocaliseRequest, Quat, TiltBefore, TiltPrior, Turn, Vec2
 
 MOUNTING, ATTITUDE, IN_COMMON, KEPT, CAMERA = (slice(k, k + 2) for k in (0, 2, 4, 6, 8))
@@ -84,8 +84,8 @@ class TiltMemory:
     def _begin(self) -> None:
         self._x = np.zeros(STATES)
         mounting, attitude = [self._mounting_rad] * 2, [self._attitude_rad] * 2
-        self._P = np.diag(np.square([*mounting, *attitude, 1.0, 1.0, *attitude, LENS_SIGMA, YAW_SIGMA_RAD]))
-        self._kept_frame: tuple[int, Quat, FloatArray] | None = None
+        self._P = np.diag(np.square([*mounting, *attitude, 1.0, 1.0, *attitude, *CAMERA_SIGMA]))
+        self._kept_frame: tuple[int, tuple[Quat, FloatArray]] | None = None
         self._t_ns: int | None = None
         self._fix_ns: int | None = None
         self._gated = 0
@@ -175,7 +175,7 @@ class TiltMemory:
     def _keep(self, t_ns: int) -> None:
         """What the attitude's error is at this frame stays beside what it becomes."""
         self._x, self._P = self._carried(t_ns)
-        self._t_ns, self._kept_frame = t_ns, (t_ns, *self._frames[t_ns])
+        self._t_ns, self._kept_frame = t_ns, (t_ns, self._frames[t_ns])
         self._x[KEPT] = self._x[ATTITUDE]
         self._P[KEPT] = self._P[ATTITUDE]
         self._P[:, KEPT] = self._P[:, ATTITUDE]
@@ -184,7 +184,7 @@ class TiltMemory:
         """The change since the kept frame, measured at once."""
         if self._kept_frame is None or self._kept_frame[0] != turn.t_from_ns or self._t_ns != turn.t_to_ns:
             return
-        kept, now = self._kept_frame[1:], self._frames[turn.t_to_ns]
+        kept, now = self._kept_frame[1], self._frames[turn.t_to_ns]
         gained, cov = tilt_gained(kept[0], turn, now[0])
         H = _changed(kept, now)
         H[:, KEPT] = -np.eye(2)

@@ -8,6 +8,8 @@ from visloc_companion.types import CameraModel, FloatArray
 
 R_FRD_CAM: FloatArray = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Camera looking along the body's down axis with the image's top edge forward: cam right = body right, cam down = body aft."""
+FOCAL_SHARE = 0.015
+"""1-sigma of the focal length: a lens that is focused, warm or calibrated in haste is off by a percent or two."""
 
 
 def project(model: CameraModel, p_cam_m: FloatArray) -> FloatArray:

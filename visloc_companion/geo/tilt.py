@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from visloc_companion.geo import se3
+from visloc_companion.geo.camera import FOCAL_SHARE
 from visloc_companion.types import FloatArray, Quat, Turn
 
 TURN_SHARE = 0.003
 """Turn and reported attitudes disagree by this share of the turn (1-sigma), beside what is wrong with the camera, ..."""
-LENS_SIGMA, YAW_SIGMA_RAD = 0.015, math.radians(1.0)
-"""... whose focal length and mounting about its axis are off by so much (1-sigma)."""
+CAMERA_SIGMA = (FOCAL_SHARE, math.radians(1.0))
+"""... whose focal length (a share) and mounting about its axis (rad) are off by so much (1-sigma)."""
 
 
 def tilt_gained(q_before: Quat, turn: Turn, q_now: Quat) -> tuple[FloatArray, FloatArray]:

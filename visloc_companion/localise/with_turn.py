@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from visloc_companion.geo.tilt import LENS_SIGMA, YAW_SIGMA_RAD, by_camera, tilt_gained
+from visloc_companion.geo.tilt import CAMERA_SIGMA, by_camera, tilt_gained
 from visloc_companion.localise.odometry.below import heights_above
 from visloc_companion.localise.odometry.rotation import TurnWatch
 from visloc_companion.localise.odometry.turn_follow import HeightsAbove
@@ -55,7 +55,7 @@ def _carried_on(prior: PosePrior, turn: Turn) -> PosePrior:
     before = prior.tilt.before
     gained, cov = tilt_gained(before.q_ned_frd, turn, prior.q_ned_frd)
     wrong = by_camera(before.q_ned_frd, prior.q_ned_frd)
-    cov = cov + (wrong * np.square([LENS_SIGMA, YAW_SIGMA_RAD])) @ wrong.T
+    cov = cov + (wrong * np.square(CAMERA_SIGMA)) @ wrong.T
     sigma_rad = math.sqrt(before.sigma_rad**2 + float(np.linalg.eigvalsh(cov)[-1]))
     if sigma_rad >= prior.tilt.sigma_rad:
         return prior

@@ -6,14 +6,13 @@ import math
 
 import numpy as np
 
+from visloc_companion.geo.camera import FOCAL_SHARE
 from visloc_companion.localise.odometry.base import Sight, Step
 from visloc_companion.localise.odometry.keyframe import Keyframe
 from visloc_companion.localise.odometry.solve import Motion
 from visloc_companion.types import FloatArray, Odometry
 
 METHOD = "flow"
-FOCAL_SHARE = 0.015
-"""1-sigma of the focal length: a lens that is focused, warm or calibrated in haste is off by a percent or two."""
 COMMON_PX = 0.2
 """1-sigma of what all tracks of a frame are off by together (interpolation, light), which no number of tracks averages away."""
 LEAST_SHARE = 0.02

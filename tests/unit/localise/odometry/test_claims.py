@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from visloc_companion.localise.odometry.claims import COMMON_PX, FOCAL_SHARE, odometry_of
+from visloc_companion.geo.camera import FOCAL_SHARE
+from visloc_companion.localise.odometry.claims import COMMON_PX, odometry_of
 from visloc_companion.localise.odometry.solve import Motion
 from visloc_companion.types import FloatArray
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from visloc_companion.errors import Reason
+from visloc_companion.geo.camera import FOCAL_SHARE
 from visloc_companion.localise.flow import FrameToFrame
 from visloc_companion.localise.odometry.base import Blind, FlowSettings, Step
-from visloc_companion.localise.odometry.claims import FOCAL_SHARE
 
 
 def run(odo, ground, points, eulers=None, model=None, surface=None, tweak=None, settings=None):
