@@ -8,10 +8,11 @@ from collections import deque
 from dataclasses import dataclass
 
 from visloc_companion.core.height import HeightBelief, HeightFilter, HeightFix, news_of
+from visloc_companion.core.lasting import apart_m
 from visloc_companion.core.remembered import remember
 from visloc_companion.core.requests import UNKNOWN_HEIGHT_SIGMA_M, height_sigma_m
 from visloc_companion.core.settings import NavigatorSettings
-from visloc_companion.types import Fix, LocaliseRequest, TerrainRequest
+from visloc_companion.types import Fix, LocaliseRequest, TerrainRequest, Vec2
 
 HISTORY_NS = 10_000_000_000
 MAX_GAP_NS = 1_500_000_000
@@ -70,8 +71,8 @@ class HeightAiding:
         """Remember which height the localiser was given."""
         remember(self._priors, request.request_id, (request.prior.place.h_amsl_m, request.prior.sigma_h_m))
 
-    def taken(self, fix: Fix) -> None:
-        """A fix that the navigator accepted."""
+    def taken(self, fix: Fix, v_ne_mps: Vec2) -> None:
+        """A fix that the navigator accepted, and the velocity at which it was taken."""
         stated_m = self._at(fix.t_ns)
         if self._filter is None or stated_m is None:
             return
@@ -80,8 +81,9 @@ class HeightAiding:
         if news is not None:
             h_amsl_m, var_m2 = news
             climbed_m = self._filter.climbed_m(stated_m)
-            told = HeightFix(fix.t_ns, fix.request_id, h_amsl_m - stated_m, var_m2, climbed_m, fix.method, fix.probability_wrong)
-            self._filter.observe(told)
+            said = h_amsl_m - stated_m, var_m2, climbed_m, fix.method, fix.probability_wrong
+            gone_by_per_s = math.hypot(*v_ne_mps) / apart_m(self._above_home_m)
+            self._filter.observe(HeightFix(fix.t_ns, fix.request_id, *said, gone_by_per_s))
 
     def known(self, t_ns: int, h_amsl_m: float) -> Known:
         """What is known of a height that is stated at a time: priors of localisers rest on it."""

@@ -116,7 +116,7 @@ def test_prior_is_the_filters_state_with_the_cameras_attitude() -> None:
     assert height_sigma_m(120.0) == pytest.approx(4.2)
 
 
-@pytest.mark.parametrize(("sigma_d", "expected"), [(0.01, 1.6), (3.0, 3.0), (50.0, 20.0)])
+@pytest.mark.parametrize(("sigma_d", "expected"), [(0.01, 0.8), (3.0, 3.0), (50.0, 20.0)])
 def test_height_sigma_has_bounds(sigma_d: float, expected: float) -> None:
     state = NavState(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), ((1.0, 0.0), (0.0, 1.0)), sigma_d, 0.0)
     prior: PosePrior = pose_prior(state, ORIGIN, LEVEL, LEVEL, 0.0, 120.0, 0.02, 2000.0)

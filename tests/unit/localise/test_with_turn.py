@@ -72,6 +72,24 @@ def test_the_tilt_of_the_frame_before_is_carried_on(support, flat, known_rad: fl
     assert inner.tilts[0] == TiltPrior((0.0, 0.0), known_rad)
 
 
+@pytest.mark.parametrize(("turned_rad", "least_rad", "most_rad"), [(0.01, 0.0, 0.0007), (0.15, 0.0022, 0.004)])
+def test_a_large_turn_carries_the_tilt_no_better_than_the_lens_is_known(
+    support, flat, turned_rad: float, least_rad: float, most_rad: float
+) -> None:
+    inner = Listening()
+    localiser = WithTurn(inner, MODEL)
+    for k in range(2):
+        p, euler = (4.0 * k, 10.0, -200.0), (0.0, turned_rad * k, 0.0)
+        asked = support.request_at(p, euler, model=MODEL)
+        before = TiltBefore(1_000_000_000, support.request_at(p, (0.0, 0.0, 0.0), model=MODEL).prior.q_ned_frd, (0.0, 0.0), 1e-4)
+        tilt = TiltPrior((0.0, 0.0), 0.01, before if k else None)
+        asked = replace(asked, frame=replace(asked.frame, t_ns=1_000_000_000 + 200_000_000 * k, frame_id=k))
+        localiser.localise(replace(asked, prior=replace(asked.prior, tilt=tilt)), support.render(flat, MODEL, p, euler), flat)
+    told = inner.tilts[1]
+    assert told is not None
+    assert least_rad < told.sigma_rad < most_rad
+
+
 def test_a_frame_without_corners_bears_no_turn(support, flat) -> None:
     localiser = WithTurn(Blind(), MODEL)
     for k in range(2):
