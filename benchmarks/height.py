@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from visloc_companion.core.height import IN_COMMON, NEW, HeightFilter, HeightFix, news_of
+from visloc_companion.core.height import OVER_CLAIM, HeightFilter, HeightFix, news_of
 from visloc_companion.core.lasting import apart_m
 from visloc_companion.core.requests import height_sigma_m, least_height_sigma_m
 from visloc_companion.core.separation import CORRELATION
@@ -34,6 +34,7 @@ REACH_M = 40.0
 FAR_M, FROM_S = 20.0, 100.0
 KINDS = ("calm", "drift", "jump", "few")
 FEW_S = 20.0
+IN_COMMON = 0.8
 GONE_BY_PER_S = 10.0 / apart_m(HEIGHT_M)
 """At 10 m/s."""
 
@@ -94,7 +95,7 @@ def flown(kind: str, seed: int, *, blind: bool = False, in_common: float = IN_CO
         for method, every in (("deep", 40 if kind == "few" else 1), ("structure", 10)):
             if k % every or (kind == "few" and method == "structure"):
                 continue
-            lasts, anew = (in_common, NEW) if method == "deep" else (0.0, 1.0)
+            lasts, anew = (in_common * OVER_CLAIM, (1 - in_common) * OVER_CLAIM) if method == "deep" else (0.0, 1.0)
             errs = math.sqrt(lasts) * lasting + math.sqrt(anew) * rng.standard_normal()
             at_m = true_m + common, stated_m
             fix, wrong_by[method] = _fix(t_s, k, method, at_m, errs, wrong_by[method], heights, rng)

@@ -1,10 +1,12 @@
 """How far the autopilot's height is off: a filter of its error against fixes, and the solutions that leave fixes out.
 
-State (3,): `offset`, what must be added to the autopilot's height (a barometer's) at the start to get the true one; `scale`, by
-how much that changes with each metre climbed (air that is not the standard atmosphere's); and what neighbouring image fixes get
-wrong in common, in 1-sigmas of that part of their claim: they look at the same ground, whose height the map has wrong, under the
-same tilt. The offset walks, the common part goes by with the ground. Nothing of it is sent to the autopilot: its height stays its
-own, and is judged here.
+State (2,): `offset`, what must be added to the autopilot's height (a barometer's) at the start to get the true one, and `scale`,
+by how much that changes with each metre climbed (air that is not the standard atmosphere's). The offset walks. Nothing of it is
+sent to the autopilot: its height stays its own, and is judged here.
+
+Neighbouring image fixes err alike: they look at the same ground, whose height the map has wrong, under the same tilt. So the
+ground in view tells no more than its best fix; other ground, as it comes into view, tells its own. (As a state, what they share
+would have two fixes that claim unlike errors conclude a height beyond both.)
 
 A fix's height rests on the prior that its localiser was given, which is this height again: only what it adds is taken. A fix
 beyond the gate is wrong, or the barometer jumped: until the next one decides, the level covers both. Solutions that leave fixes
@@ -37,9 +39,11 @@ JUMPED = 0.5
 LEAST_NEWS = 0.25
 """A fix that knows the height hardly better than its prior did says nothing: share of the prior's information. No claim is good
 enough to tell a height from less: what a fix differs from its prior by is multiplied by five then."""
-IN_COMMON, NEW = 1.25, 0.3
-"""What image fixes tell of the height errs by, in shares of the variance that they claim: neighbours together, and each anew."""
-NOTHING = Solutions(np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0), np.zeros(0, np.int64))
+OVER_CLAIM = 1.5
+"""What image fixes tell of the height errs by this share of the variance that they claim, nearly all of it in common."""
+LEAST_ADDED = 0.01
+"""A fix of ground that told as much before still adds this share of its information: a barometer may have drifted since."""
+NOTHING = Solutions(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0, np.int64))
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -61,8 +65,9 @@ class HeightFix:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeightBelief:
-    """The filter at `t_ns`: mean x (3,), covariance P (3, 3), the time of the last fix that it rests on (or of its start), each
-    method with the time of its last fix, the solutions that leave fixes out, and the last fix if it was refused."""
+    """The filter at `t_ns`: mean x (2,), covariance P (2, 2), the time of the last fix that it rests on (or of its start), each
+    method with the time of its last fix, the solutions that leave fixes out, and the last fix if it was refused. `told`: the
+    information (1/m²) that image fixes of the ground in view have brought."""
 
     t_ns: int
     x: FloatArray
@@ -71,11 +76,12 @@ class HeightBelief:
     votes: separation.Votes = ()
     without: Solutions = NOTHING
     refused: HeightFix | None = None
+    told: float = 0.0
 
 
 def started(t_ns: int, sigma_m: float) -> HeightBelief:
     """Before any fix: no error is known, of this 1-sigma."""
-    return HeightBelief(t_ns, np.zeros(3), np.diag([sigma_m**2, SCALE_SIGMA**2, 1.0]), t_ns)
+    return HeightBelief(t_ns, np.zeros(2), np.diag([sigma_m**2, SCALE_SIGMA**2]), t_ns)
 
 
 def carried(belief: HeightBelief, t_ns: int, settings: NavigatorSettings) -> HeightBelief:
@@ -91,40 +97,36 @@ def _walked_m2(belief: HeightBelief, t_ns: int, settings: NavigatorSettings) -> 
 
 def observed(belief: HeightBelief, z: HeightFix, settings: NavigatorSettings) -> HeightBelief:
     """The belief at `z.t_ns` after a fix."""
-    belief = _over_other_ground(carried(belief, z.t_ns, settings), z)
-    in_common_m2, new_m2 = (0.0, z.var_m2) if z.method in BY_SHAPE else (IN_COMMON * z.var_m2, NEW * z.var_m2)
-    H = np.array([[1.0, z.climbed_m, math.sqrt(in_common_m2)]])
-    own = H[0, :2]  # other ground may begin at any moment: what is known of the common part excuses nothing
-    innovation2 = (z.offset_m - float(own @ belief.x[:2])) ** 2
-    expected_m2 = float(own @ belief.P[:2, :2] @ own) + in_common_m2 + new_m2
+    belief = carried(belief, z.t_ns, settings)
+    var_m2, added, told = _news(belief, z)
+    H = np.array([[1.0, z.climbed_m]])
+    innovation2, expected_m2 = (z.offset_m - float(H[0] @ belief.x)) ** 2, float(H[0] @ belief.P @ H[0]) + var_m2
     if innovation2 > GATE_SIGMA**2 * expected_m2:
         if belief.refused is None or not _agree(belief.refused, z):
             return replace(belief, refused=z)
-        belief = _widened(belief, innovation2)
+        belief, added = _widened(belief, innovation2), 1 / var_m2
     elif innovation2 > ORDINARY_SIGMA**2 * expected_m2:
-        belief = _widened(belief, innovation2 / ORDINARY_SIGMA**2 - expected_m2)
-    offset, R = np.array([z.offset_m]), np.array([[new_m2]])
+        belief, added = _widened(belief, innovation2 / ORDINARY_SIGMA**2 - expected_m2), 1 / var_m2
+    offset, R = np.array([z.offset_m]), np.array([[1 / added]])
     got = kalman.update(belief.x, belief.P, offset, R, H)
     if isinstance(got, Rejected):
         return belief
     votes = separation.voted(belief.votes, z.method, z.t_ns)
     without = separation.apart(_others(belief, z, offset, R, H), got.x, got.P, H)
-    return HeightBelief(z.t_ns, got.x, got.P, z.t_ns, votes, without)
+    return HeightBelief(z.t_ns, got.x, got.P, z.t_ns, votes, without, told=told)
 
 
-def _over_other_ground(belief: HeightBelief, z: HeightFix) -> HeightBelief:
-    """The belief with that of the common part left that has not gone by since the last fix."""
-    kept = np.array([1.0, 1.0, math.exp(-z.gone_by_per_s * max(0, z.t_ns - belief.rested_ns) * 1e-9)])
-    without = belief.without
-    if len(without):
-        without = replace(without, x=without.x * kept, P=_kept(without.P, kept))
-    return replace(belief, x=belief.x * kept, P=_kept(belief.P, kept), without=without)
-
-
-def _kept(P: FloatArray, kept: FloatArray) -> FloatArray:
-    left = P * np.outer(kept, kept)
-    left[..., 2, 2] += 1 - kept[2] ** 2
-    return left
+def _news(belief: HeightBelief, z: HeightFix) -> tuple[float, float, float]:
+    """Variance of what a fix says, the information that it adds to what ground in view has told, and what that has told then."""
+    seconds = max(0, z.t_ns - belief.rested_ns) * 1e-9
+    told = belief.told * math.exp(
+        -z.gone_by_per_s * seconds / 2
+    )  # n errors of a Gauss-Markov process tell half as much as n ways
+    if z.method in BY_SHAPE:
+        return z.var_m2, 1 / z.var_m2, told
+    var_m2 = OVER_CLAIM * z.var_m2
+    added = max(1 / var_m2 - told, LEAST_ADDED / var_m2)
+    return var_m2, added, told + added
 
 
 def _agree(a: HeightFix, b: HeightFix) -> bool:
@@ -187,15 +189,15 @@ class HeightFilter:
     def at(self, t_ns: int, h_amsl_m: float) -> tuple[float, float]:
         """By how much an autopilot's height at a time must be raised, and the variance of that."""
         belief, climbed_m = self.newest, self.climbed_m(h_amsl_m)
-        offset_m, scale = belief.x[:2].tolist()
-        (offset_m2, both_m), (_, scale2) = belief.P[:2, :2].tolist()
+        offset_m, scale = belief.x.tolist()
+        (offset_m2, both_m), (_, scale2) = belief.P.tolist()
         walked_m2 = _walked_m2(belief, t_ns, self._settings)
         return offset_m + climbed_m * scale, offset_m2 + walked_m2 + climbed_m * (2 * both_m + climbed_m * scale2)
 
     def protection_level_m(self, t_ns: int, h_amsl_m: float, height_above_home_m: float) -> float:
         """Bound of the error of an autopilot's height at a time (integrity.py)."""
         belief = carried(self.newest, t_ns, self._settings)
-        H, without = np.array([1.0, self.climbed_m(h_amsl_m), 0.0]), belief.without
+        H, without = np.array([1.0, self.climbed_m(h_amsl_m)]), belief.without
         known = [(float(H @ belief.x), float(H @ belief.P @ H), 1.0)]
         if belief.refused is not None:
             known.append((belief.refused.offset_m, belief.refused.var_m2, JUMPED))

@@ -23,10 +23,11 @@ LASTS_NS, LASTS_M = 500_000_000, 1.0
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """Of a stated height: what fixes would add to it, and the 1-sigma of the sum."""
+    """Of a stated height: what fixes would add to it, the 1-sigma of the sum, and how long no fix has been taken."""
 
     offset_m: float
     sigma_m: float
+    unseen_s: float = math.inf
 
 
 UNKNOWN = Known(0.0, UNKNOWN_HEIGHT_SIGMA_M)
@@ -50,6 +51,7 @@ class HeightAiding:
         self._filter: HeightFilter | None = None
         self._held: tuple[HeightBelief, int, float, Height] | None = None
         self._above_home_m = 0.0
+        self._taken_ns: int | None = None
 
     def drive(self, t_ns: int, h_amsl_m: float, above_home_m: float | None) -> None:
         """The autopilot's height at a time."""
@@ -76,6 +78,7 @@ class HeightAiding:
         stated_m = self._at(fix.t_ns)
         if self._filter is None or stated_m is None:
             return
+        self._taken_ns = max(fix.t_ns, self._taken_ns or 0)
         prior = self._priors.get(fix.request_id)
         news = (fix.place.h_amsl_m, fix.sigma_h_m**2) if prior is None else news_of(fix.place.h_amsl_m, fix.sigma_h_m, *prior)
         if news is not None:
@@ -90,7 +93,8 @@ class HeightAiding:
         if self._filter is None:
             return UNKNOWN
         offset_m, var_m2 = self._filter.at(t_ns, h_amsl_m)
-        return Known(offset_m, math.sqrt(var_m2))
+        unseen_s = math.inf if self._taken_ns is None else max(0.0, (t_ns - self._taken_ns) * 1e-9)
+        return Known(offset_m, math.sqrt(var_m2), unseen_s)
 
     def at(self, t_ns: int, h_amsl_m: float) -> Height | None:
         """What is known of a height that is stated at a time; None before the autopilot stated any."""

@@ -46,7 +46,7 @@ def test_a_fix_is_held_against_the_height_at_its_own_time() -> None:
         aiding.taken(fix(k / 10, 100.0 + 2 * k / 10 + 3.0, request_id=k), V_NE)
     height = aiding.at(10 * S, 120.0)
     assert height is not None
-    assert height.offset_m == pytest.approx(3.0, abs=0.2)
+    assert height.offset_m == pytest.approx(3.0, abs=0.3)
     assert height.protection_level_m > 3.0
 
 
@@ -60,7 +60,7 @@ def test_priors_rest_on_what_fixes_found() -> None:
     after, later = aiding.known(10 * S, 120.0), aiding.known(100 * S, 120.0)
     assert before.offset_m == 0.0
     assert after.offset_m == pytest.approx(3.0, abs=0.1)
-    assert after.sigma_m < 0.35 < later.sigma_m < before.sigma_m
+    assert after.sigma_m < 0.4 < later.sigma_m < before.sigma_m
 
 
 def test_what_the_prior_knew_is_not_counted_again() -> None:
