@@ -30,7 +30,7 @@ from visloc_companion.types import FloatArray, Rejected
 SCALE_SIGMA = 0.03
 """Air 9 degrees warmer or colder than the standard atmosphere's stretches heights by this share."""
 GATE_SIGMA = 4.0
-ORDINARY_SIGMA = 3.0
+ORDINARY_SIGMA = 2.5
 """A fix further off, but not beyond the gate, is a sign of a barometer that drifts faster than it is taken to: the filter becomes
 as unsure as makes the fix an ordinary one."""
 HISTORY_NS = 6_000_000_000
