@@ -121,7 +121,7 @@ def _news(belief: HeightBelief, z: HeightFix) -> tuple[float, float, float]:
     seconds = max(0, z.t_ns - belief.rested_ns) * 1e-9
     told = belief.told * math.exp(
         -z.gone_by_per_s * seconds / 2
-    )  # n errors of a Gauss-Markov process tell half as much as n ways
+    )  # half: errors of a Gauss-Markov process tell less than new ground
     if z.method in BY_SHAPE:
         return z.var_m2, 1 / z.var_m2, told
     var_m2 = OVER_CLAIM * z.var_m2
@@ -160,6 +160,7 @@ class HeightFilter:
         self._base = started(t_ns, sigma_m)
         self._log: list[HeightFix] = []
         self._beliefs: list[HeightBelief] = []
+        self._jumps: list[tuple[int, float]] = []
 
     @property
     def newest(self) -> HeightBelief:
@@ -172,15 +173,30 @@ class HeightFilter:
             return False
         at = bisect_right(self._log, fix)
         self._log.insert(at, fix)
-        del self._beliefs[at:]
-        for entry in self._log[at:]:
-            self._beliefs.append(observed(self.newest, entry, self._settings))
+        self._fold(at)
         horizon_ns = self._log[-1].t_ns - HISTORY_NS
         n_old = bisect_left(self._log, horizon_ns, key=lambda entry: entry.t_ns)
         if n_old:
             self._base = self._beliefs[n_old - 1]
             del self._log[:n_old], self._beliefs[:n_old]
+            self._jumps = [jump for jump in self._jumps if jump[0] > self._base.t_ns]
         return True
+
+    def jumped(self, t_ns: int, var_m2: float) -> None:
+        """The autopilot's height changed at a time by more than its climb: how far it is off is less known by this variance."""
+        self._jumps.append((t_ns, var_m2))
+        self._fold(bisect_right(self._log, t_ns, key=lambda entry: entry.t_ns))
+
+    def _fold(self, at: int) -> None:
+        del self._beliefs[at:]
+        for entry in self._log[at:]:
+            self._beliefs.append(observed(self._doubted(entry.t_ns), entry, self._settings))
+
+    def _doubted(self, t_ns: int) -> HeightBelief:
+        """The newest belief with the doubt of jumps until a time; what ground in view has told was of the height before."""
+        belief = self.newest
+        more_m2 = sum(var_m2 for jumped_ns, var_m2 in self._jumps if belief.t_ns < jumped_ns <= t_ns)
+        return replace(_widened(belief, more_m2), told=0.0) if more_m2 else belief
 
     def climbed_m(self, h_amsl_m: float) -> float:
         """How far an autopilot's height lies above that of the start."""
@@ -188,7 +204,7 @@ class HeightFilter:
 
     def at(self, t_ns: int, h_amsl_m: float) -> tuple[float, float]:
         """By how much an autopilot's height at a time must be raised, and the variance of that."""
-        belief, climbed_m = self.newest, self.climbed_m(h_amsl_m)
+        belief, climbed_m = self._doubted(t_ns), self.climbed_m(h_amsl_m)
         offset_m, scale = belief.x.tolist()
         (offset_m2, both_m), (_, scale2) = belief.P.tolist()
         walked_m2 = _walked_m2(belief, t_ns, self._settings)
@@ -196,7 +212,7 @@ class HeightFilter:
 
     def protection_level_m(self, t_ns: int, h_amsl_m: float, height_above_home_m: float) -> float:
         """Bound of the error of an autopilot's height at a time (integrity.py)."""
-        belief = carried(self.newest, t_ns, self._settings)
+        belief = carried(self._doubted(t_ns), t_ns, self._settings)
         H, without = np.array([1.0, self.climbed_m(h_amsl_m)]), belief.without
         known = [(float(H @ belief.x), float(H @ belief.P @ H), 1.0)]
         if belief.refused is not None:

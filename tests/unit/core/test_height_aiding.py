@@ -114,3 +114,44 @@ def test_after_a_restart_of_the_autopilot_heights_begin_anew() -> None:
     later = aiding.at(12 * S, 122.0)
     assert later is not None
     assert 1.0 < later.offset_m <= 3.0
+
+
+def taught(steps_m: list[float]) -> HeightAiding:
+    """A level flight of 20 s at 100 m that fixes found 3 m too low, then heights off by these, ten a second, at no velocity."""
+    aiding = HeightAiding(NavigatorSettings())
+    for k in range(200):
+        aiding.drive(k * S // 10, 100.0, 50.0, 0.0)
+        if k % 5 == 0:
+            aiding.taken(fix(k / 10, 103.0, 0.4, request_id=k), V_NE)
+    for k, step_m in enumerate(steps_m):
+        aiding.drive(20 * S + k * S // 10, 100.0 + step_m, 50.0, 0.0)
+    return aiding
+
+
+@pytest.mark.parametrize(
+    ("steps_m", "sigma_m"),
+    [([8.0] * 10, 8.0), ([0.8 * k for k in range(1, 11)], 8.0), ([1.0, 0.0] * 5, 1.0), ([0.02 * k for k in range(10)], 0.0)],
+)
+def test_a_height_that_jumps_is_doubted_by_its_jump(steps_m: list[float], sigma_m: float) -> None:
+    """At once, within a second, there and back (as of two messages that disagree), and a drift that is none."""
+    at_ns = 20 * S + (len(steps_m) - 1) * S // 10
+    known, before = taught(steps_m).known(at_ns, 100.0), taught([]).known(at_ns, 100.0)
+    assert known.sigma_m**2 - before.sigma_m**2 == pytest.approx(sigma_m**2, rel=0.05, abs=0.01)
+
+
+def test_after_a_jump_the_next_fix_tells_the_height() -> None:
+    aiding = taught([8.0] * 10)
+    aiding.taken(fix(21.0, 103.0, 0.4, request_id=500), V_NE)
+    known = aiding.known(21 * S, 108.0)
+    assert known.offset_m == pytest.approx(-5.0, abs=0.3)
+    assert known.sigma_m < 0.7
+
+
+def test_a_climb_that_is_told_is_no_jump() -> None:
+    aiding = HeightAiding(NavigatorSettings())
+    for k in range(100):
+        aiding.drive(k * S // 10, 100.0 + 0.5 * k, 50.0, -5.0)
+    still = HeightAiding(NavigatorSettings())
+    for k in range(100):
+        still.drive(k * S // 10, 100.0 + 0.5 * k, 50.0)
+    assert aiding.known(10 * S, 150.0) == still.known(10 * S, 150.0)
