@@ -187,8 +187,7 @@ class Vision:
         commands = [] if fix.method == TERRAIN else self._onboard.on_fix(fix, taken=taken, gnss_trusted=trusted)
         if isinstance(outcome, Accepted):
             commands = [*commands, *self._taken(fix, now_ns)]
-            velocity = self._tracker.velocity
-            self._tracker.height.taken(fix, (0.0, 0.0) if velocity is None else velocity.v_ned_mps[:2])
+            self._tracker.height.taken(fix)
             if before is not None and after is not None and after.started_ns != before.started_ns:
                 commands.append(Notice(Severity.WARNING, "visloc: relocalised", to_operator=True))
         elif isinstance(outcome, Rejected):
