@@ -26,6 +26,7 @@ from functools import lru_cache
 import numpy as np
 
 from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.geo.camera import FOCAL_SHARE
 from visloc_companion.types import FloatArray, Vec2
 
 N_STATES = 15
@@ -42,7 +43,7 @@ INERTIAL_WALK_MPS_PER_SQRT_S = 0.12
 WIND_WALK_MPS_PER_SQRT_S = 0.1
 AIR_SIGMA_MPS = 10.0
 """1-sigma of that velocity's error before anything is known of it."""
-ODOMETRY_SCALE_SIGMA, ODOMETRY_HEADING_SIGMA_RAD, ODOMETRY_LENS_SIGMA = 0.02, math.radians(1.0), 0.015
+ODOMETRY_SCALE_SIGMA, ODOMETRY_HEADING_SIGMA_RAD, ODOMETRY_LENS_SIGMA = 0.02, math.radians(1.0), FOCAL_SHARE
 FIX_LENS_SIGMA = 0.01
 """With more, fixes of a camera that leans count for too little, and a rolling shutter shows."""
 SLOW = (

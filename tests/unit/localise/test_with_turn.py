@@ -15,6 +15,11 @@ from visloc_companion.types import CameraModel, Image, LocaliseRequest, NoFix, T
 MODEL = CameraModel(640, 480, 560.0, 560.0, 319.5, 239.5)
 
 
+def of_frame(request: LocaliseRequest, k: int) -> LocaliseRequest:
+    """The same question about the k-th frame, five a second."""
+    return replace(request, frame=replace(request.frame, t_ns=1_000_000_000 + 200_000_000 * k, frame_id=k))
+
+
 class Blind:
     """Finds nothing."""
 
@@ -31,7 +36,7 @@ def test_the_answer_stays_what_it_was_and_bears_the_turn(support, flat) -> None:
     for k in range(3):
         p, euler = (4.0 * k, 10.0, -200.0), (0.0, 0.02 * k, 0.03 * k)
         asked = support.request_at(p, euler, model=MODEL)
-        asked = replace(asked, frame=replace(asked.frame, t_ns=1_000_000_000 + 200_000_000 * k, frame_id=k))
+        asked = of_frame(asked, k)
         pixels = support.render(flat, MODEL, p, euler)
         answers.append((localiser.localise(asked, pixels, flat), Blind().localise(asked, pixels, flat)))
     assert [replace(a, turn=None, turn_since_kept=None) for a, _ in answers] == [b for _, b in answers]
@@ -61,7 +66,7 @@ def test_the_tilt_of_the_frame_before_is_carried_on(support, flat, known_rad: fl
         p, euler, off_rad = (4.0 * k, 10.0, -200.0), (0.0, 0.02 * k, 0.03 * k), 0.005 * k  # the reported attitude gains an error
         asked = support.request_at(p, (euler[0] - off_rad, euler[1], euler[2]), model=MODEL)
         tilt = TiltPrior((0.0, 0.0), known_rad, None if last is None else TiltBefore(*last, (0.005 * (k - 1), 0.0), 1e-3))
-        asked = replace(asked, frame=replace(asked.frame, t_ns=1_000_000_000 + 200_000_000 * k, frame_id=k))
+        asked = of_frame(asked, k)
         asked = replace(asked, prior=replace(asked.prior, tilt=tilt))
         last = asked.frame.t_ns, asked.prior.q_ned_frd
         localiser.localise(asked, support.render(flat, MODEL, p, euler), flat)
@@ -83,7 +88,7 @@ def test_a_large_turn_carries_the_tilt_no_better_than_the_lens_is_known(
         asked = support.request_at(p, euler, model=MODEL)
         before = TiltBefore(1_000_000_000, support.request_at(p, (0.0, 0.0, 0.0), model=MODEL).prior.q_ned_frd, (0.0, 0.0), 1e-4)
         tilt = TiltPrior((0.0, 0.0), 0.01, before if k else None)
-        asked = replace(asked, frame=replace(asked.frame, t_ns=1_000_000_000 + 200_000_000 * k, frame_id=k))
+        asked = of_frame(asked, k)
         localiser.localise(replace(asked, prior=replace(asked.prior, tilt=tilt)), support.render(flat, MODEL, p, euler), flat)
     told = inner.tilts[1]
     assert told is not None
@@ -94,7 +99,7 @@ def test_a_frame_without_corners_bears_no_turn(support, flat) -> None:
     localiser = WithTurn(Blind(), MODEL)
     for k in range(2):
         asked = support.request_at((0.0, 0.0, -200.0), (0.0, 0.0, 0.0), model=MODEL)
-        asked = replace(asked, frame=replace(asked.frame, t_ns=1_000_000_000 + 200_000_000 * k, frame_id=k))
+        asked = of_frame(asked, k)
         assert localiser.localise(asked, np.full((480, 640), 90 + k, np.uint8), flat).turn is None
 
 
@@ -109,7 +114,7 @@ def test_the_turn_rests_on_the_maps_surface(support, flat) -> None:
         for k in range(8):
             p, euler = (2.0 * k - 8.0, 5.0 * k - 20.0, -260.0), (0.01 * k, 0.0, 0.0)
             asked = support.request_at(p, euler, model=MODEL)
-            asked = replace(asked, frame=replace(asked.frame, t_ns=1_000_000_000 + 200_000_000 * k, frame_id=k))
+            asked = of_frame(asked, k)
             turn = localiser.localise(asked, support.render(relief, MODEL, p, euler), known).turn
             if turn is not None:
                 off.append([2 * turn.q_from_to[1] - 0.01, 2 * turn.q_from_to[2]])
