@@ -163,7 +163,7 @@ class Asking:
             q_ned_frd,
             q_frd_body,
             height.offset_m,
-            self._tracker.height_above_home_m or 0.0,
+            requests.least_height_sigma_m(self._tracker.height_above_home_m or 0.0, height.unseen_s),
             self._settings.mount_sigma_rad,
             self._settings.max_search_radius_m,
         )

@@ -4,6 +4,10 @@ State (2,): `offset`, what must be added to the autopilot's height (a barometer'
 by how much that changes with each metre climbed (air that is not the standard atmosphere's). The offset walks. Nothing of it is
 sent to the autopilot: its height stays its own, and is judged here.
 
+Neighbouring image fixes err alike: they look at the same ground, whose height the map has wrong, under the same tilt. So the
+ground in view tells no more than its best fix; other ground, as it comes into view, tells its own. (As a state, what they share
+would have two fixes that claim unlike errors conclude a height beyond both.)
+
 A fix's height rests on the prior that its localiser was given, which is this height again: only what it adds is taken. A fix
 beyond the gate is wrong, or the barometer jumped: until the next one decides, the level covers both. Solutions that leave fixes
 out: separation.py; the level that they make: integrity.py.
@@ -11,12 +15,14 @@ out: separation.py; the level that they make: integrity.py.
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from visloc_companion.core import integrity, kalman, separation
+from visloc_companion.core.lasting import BY_SHAPE
 from visloc_companion.core.separation import Solutions
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import FloatArray, Rejected
@@ -24,7 +30,7 @@ from visloc_companion.types import FloatArray, Rejected
 SCALE_SIGMA = 0.03
 """Air 9 degrees warmer or colder than the standard atmosphere's stretches heights by this share."""
 GATE_SIGMA = 4.0
-ORDINARY_SIGMA = 2.0
+ORDINARY_SIGMA = 2.5
 """A fix further off, but not beyond the gate, is a sign of a barometer that drifts faster than it is taken to: the filter becomes
 as unsure as makes the fix an ordinary one."""
 HISTORY_NS = 6_000_000_000
@@ -33,6 +39,10 @@ JUMPED = 0.5
 LEAST_NEWS = 0.25
 """A fix that knows the height hardly better than its prior did says nothing: share of the prior's information. No claim is good
 enough to tell a height from less: what a fix differs from its prior by is multiplied by five then."""
+OVER_CLAIM = 1.5
+"""What image fixes tell of the height errs by this share of the variance that they claim, nearly all of it in common."""
+LEAST_ADDED = 0.01
+"""A fix of ground that told as much before still adds this share of its information: a barometer may have drifted since."""
 NOTHING = Solutions(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0, np.int64))
 
 
@@ -40,7 +50,7 @@ NOTHING = Solutions(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros
 class HeightFix:
     """What a fix says of the autopilot's height: raise it by `offset_m` (variance `var_m2`). It stood `climbed_m` over the start.
 
-    `tie` orders fixes of one time.
+    `tie` orders fixes of one time. `gone_by_per_s`: the way in a second, over that after which fixes look at other ground.
     """
 
     t_ns: int
@@ -50,12 +60,14 @@ class HeightFix:
     climbed_m: float
     method: str
     probability_wrong: float
+    gone_by_per_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeightBelief:
     """The filter at `t_ns`: mean x (2,), covariance P (2, 2), the time of the last fix that it rests on (or of its start), each
-    method with the time of its last fix, the solutions that leave fixes out, and the last fix if it was refused."""
+    method with the time of its last fix, the solutions that leave fixes out, and the last fix if it was refused. `told`: the
+    information (1/m²) that image fixes of the ground in view have brought."""
 
     t_ns: int
     x: FloatArray
@@ -64,6 +76,7 @@ class HeightBelief:
     votes: separation.Votes = ()
     without: Solutions = NOTHING
     refused: HeightFix | None = None
+    told: float = 0.0
 
 
 def started(t_ns: int, sigma_m: float) -> HeightBelief:
@@ -85,21 +98,34 @@ def _walked_m2(belief: HeightBelief, t_ns: int, settings: NavigatorSettings) -> 
 def observed(belief: HeightBelief, z: HeightFix, settings: NavigatorSettings) -> HeightBelief:
     """The belief at `z.t_ns` after a fix."""
     belief = carried(belief, z.t_ns, settings)
+    var_m2, added, told = _news(belief, z)
     H = np.array([[1.0, z.climbed_m]])
-    innovation2, expected_m2 = (z.offset_m - float(H[0] @ belief.x)) ** 2, float(H[0] @ belief.P @ H[0]) + z.var_m2
+    innovation2, expected_m2 = (z.offset_m - float(H[0] @ belief.x)) ** 2, float(H[0] @ belief.P @ H[0]) + var_m2
     if innovation2 > GATE_SIGMA**2 * expected_m2:
         if belief.refused is None or not _agree(belief.refused, z):
             return replace(belief, refused=z)
-        belief = _widened(belief, innovation2)
+        belief, added = _widened(belief, innovation2), 1 / var_m2
     elif innovation2 > ORDINARY_SIGMA**2 * expected_m2:
-        belief = _widened(belief, innovation2 / ORDINARY_SIGMA**2 - expected_m2)
-    offset, R = np.array([z.offset_m]), np.array([[z.var_m2]])
+        belief, added = _widened(belief, innovation2 / ORDINARY_SIGMA**2 - expected_m2), 1 / var_m2
+    offset, R = np.array([z.offset_m]), np.array([[1 / added]])
     got = kalman.update(belief.x, belief.P, offset, R, H)
     if isinstance(got, Rejected):
         return belief
     votes = separation.voted(belief.votes, z.method, z.t_ns)
     without = separation.apart(_others(belief, z, offset, R, H), got.x, got.P, H)
-    return HeightBelief(z.t_ns, got.x, got.P, z.t_ns, votes, without)
+    return HeightBelief(z.t_ns, got.x, got.P, z.t_ns, votes, without, told=told)
+
+
+def _news(belief: HeightBelief, z: HeightFix) -> tuple[float, float, float]:
+    """Variance of what a fix says, the information that it adds to what ground in view has told, and what that has told then."""
+    seconds = max(0, z.t_ns - belief.rested_ns) * 1e-9
+    gone_by = z.gone_by_per_s * seconds / 2  # half: errors of a Gauss-Markov process tell less than new ground
+    told = belief.told * math.exp(-gone_by)
+    if z.method in BY_SHAPE:
+        return z.var_m2, 1 / z.var_m2, told
+    var_m2 = OVER_CLAIM * z.var_m2
+    added = max(1 / var_m2 - told, LEAST_ADDED / var_m2)
+    return var_m2, added, told + added
 
 
 def _agree(a: HeightFix, b: HeightFix) -> bool:
@@ -133,6 +159,7 @@ class HeightFilter:
         self._base = started(t_ns, sigma_m)
         self._log: list[HeightFix] = []
         self._beliefs: list[HeightBelief] = []
+        self._jumps: list[tuple[int, float]] = []
 
     @property
     def newest(self) -> HeightBelief:
@@ -145,15 +172,30 @@ class HeightFilter:
             return False
         at = bisect_right(self._log, fix)
         self._log.insert(at, fix)
-        del self._beliefs[at:]
-        for entry in self._log[at:]:
-            self._beliefs.append(observed(self.newest, entry, self._settings))
+        self._fold(at)
         horizon_ns = self._log[-1].t_ns - HISTORY_NS
         n_old = bisect_left(self._log, horizon_ns, key=lambda entry: entry.t_ns)
         if n_old:
             self._base = self._beliefs[n_old - 1]
             del self._log[:n_old], self._beliefs[:n_old]
+            self._jumps = [jump for jump in self._jumps if jump[0] > self._base.t_ns]
         return True
+
+    def jumped(self, t_ns: int, var_m2: float) -> None:
+        """The autopilot's height changed at a time by more than its climb: how far it is off is less known by this variance."""
+        self._jumps.append((t_ns, var_m2))
+        self._fold(bisect_right(self._log, t_ns, key=lambda entry: entry.t_ns))
+
+    def _fold(self, at: int) -> None:
+        del self._beliefs[at:]
+        for entry in self._log[at:]:
+            self._beliefs.append(observed(self._doubted(entry.t_ns), entry, self._settings))
+
+    def _doubted(self, t_ns: int) -> HeightBelief:
+        """The newest belief with the doubt of jumps until a time; what ground in view has told was of the height before."""
+        belief = self.newest
+        more_m2 = sum(var_m2 for jumped_ns, var_m2 in self._jumps if belief.t_ns < jumped_ns <= t_ns)
+        return replace(_widened(belief, more_m2), told=0.0) if more_m2 else belief
 
     def climbed_m(self, h_amsl_m: float) -> float:
         """How far an autopilot's height lies above that of the start."""
@@ -161,7 +203,7 @@ class HeightFilter:
 
     def at(self, t_ns: int, h_amsl_m: float) -> tuple[float, float]:
         """By how much an autopilot's height at a time must be raised, and the variance of that."""
-        belief, climbed_m = self.newest, self.climbed_m(h_amsl_m)
+        belief, climbed_m = self._doubted(t_ns), self.climbed_m(h_amsl_m)
         offset_m, scale = belief.x.tolist()
         (offset_m2, both_m), (_, scale2) = belief.P.tolist()
         walked_m2 = _walked_m2(belief, t_ns, self._settings)
@@ -169,7 +211,7 @@ class HeightFilter:
 
     def protection_level_m(self, t_ns: int, h_amsl_m: float, height_above_home_m: float) -> float:
         """Bound of the error of an autopilot's height at a time (integrity.py)."""
-        belief = carried(self.newest, t_ns, self._settings)
+        belief = carried(self._doubted(t_ns), t_ns, self._settings)
         H, without = np.array([1.0, self.climbed_m(h_amsl_m)]), belief.without
         known = [(float(H @ belief.x), float(H @ belief.P @ H), 1.0)]
         if belief.refused is not None:

@@ -8,10 +8,11 @@ from collections import deque
 from dataclasses import dataclass
 
 from visloc_companion.core.height import HeightBelief, HeightFilter, HeightFix, news_of
+from visloc_companion.core.lasting import apart_m
 from visloc_companion.core.remembered import remember
 from visloc_companion.core.requests import UNKNOWN_HEIGHT_SIGMA_M, height_sigma_m
 from visloc_companion.core.settings import NavigatorSettings
-from visloc_companion.types import Fix, LocaliseRequest, TerrainRequest
+from visloc_companion.types import Fix, LocaliseRequest, TerrainRequest, Vec2
 
 HISTORY_NS = 10_000_000_000
 MAX_GAP_NS = 1_500_000_000
@@ -19,13 +20,21 @@ MAX_GAP_NS = 1_500_000_000
 LASTS_NS, LASTS_M = 500_000_000, 1.0
 """Without a new fix an answer stands for so long, and over so much of a climb: the barometer walks 0.07 m meanwhile."""
 
+JUMP_M, JUMP_MPS = 0.2, 1.0
+"""A height that changes by so much more than its climb is another one: an autopilot turns from one source to another, or comes
+right after it had none."""
+SAME_JUMP_NS = 1_000_000_000
+NO_JUMP = (0, 0.0, 0.0)
+"""When the height last jumped, by how much since the fix before or a second of calm, and by how much at most."""
+
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """Of a stated height: what fixes would add to it, and the 1-sigma of the sum."""
+    """Of a stated height: what fixes would add to it, the 1-sigma of the sum, and how long no fix has been taken."""
 
     offset_m: float
     sigma_m: float
+    unseen_s: float = math.inf
 
 
 UNKNOWN = Known(0.0, UNKNOWN_HEIGHT_SIGMA_M)
@@ -49,11 +58,17 @@ class HeightAiding:
         self._filter: HeightFilter | None = None
         self._held: tuple[HeightBelief, int, float, Height] | None = None
         self._above_home_m = 0.0
+        self._taken_ns: int | None = None
+        self._v_down_mps: float | None = None
+        self._jump = NO_JUMP
 
-    def drive(self, t_ns: int, h_amsl_m: float, above_home_m: float | None) -> None:
-        """The autopilot's height at a time."""
+    def drive(self, t_ns: int, h_amsl_m: float, above_home_m: float | None, v_down_mps: float | None = None) -> None:
+        """The autopilot's height at a time, and its velocity."""
         if self._heights and t_ns <= self._heights[-1][0]:
             return
+        if self._heights and self._filter is not None and v_down_mps is not None and self._v_down_mps is not None:
+            self._watch(self._filter, t_ns, h_amsl_m, -(v_down_mps + self._v_down_mps) / 2)
+        self._v_down_mps = v_down_mps
         self._heights.append((t_ns, h_amsl_m))
         while self._heights[0][0] < t_ns - HISTORY_NS:
             self._heights.popleft()
@@ -61,6 +76,21 @@ class HeightAiding:
         if self._filter is None:
             sigma_m = UNKNOWN_HEIGHT_SIGMA_M if above_home_m is None else height_sigma_m(above_home_m)
             self._filter = HeightFilter(self._settings, t_ns, h_amsl_m, sigma_m)
+
+    def _watch(self, heights: HeightFilter, t_ns: int, h_amsl_m: float, climb_mps: float) -> None:
+        """Doubt what fixes have taught where the height changes by more than its climb; what goes there and back before the next
+        fix counts once."""
+        before_ns, before_m = self._heights[-1]
+        dt_s = (t_ns - before_ns) * 1e-9
+        step_m = h_amsl_m - before_m - climb_mps * dt_s
+        if abs(step_m) < JUMP_M + JUMP_MPS * dt_s:
+            return
+        _, sum_m, most_m = self._jump if t_ns - self._jump[0] < SAME_JUMP_NS else NO_JUMP
+        sum_m += step_m
+        if abs(sum_m) > most_m:
+            heights.jumped(t_ns, sum_m**2 - most_m**2)
+            self._held = None
+        self._jump = t_ns, sum_m, max(most_m, abs(sum_m))
 
     def forget_heights(self) -> None:
         """The autopilot restarted; its next height may bear any time."""
@@ -70,25 +100,28 @@ class HeightAiding:
         """Remember which height the localiser was given."""
         remember(self._priors, request.request_id, (request.prior.place.h_amsl_m, request.prior.sigma_h_m))
 
-    def taken(self, fix: Fix) -> None:
-        """A fix that the navigator accepted."""
+    def taken(self, fix: Fix, v_ne_mps: Vec2) -> None:
+        """A fix that the navigator accepted, and the velocity at which it was taken."""
         stated_m = self._at(fix.t_ns)
         if self._filter is None or stated_m is None:
             return
+        self._taken_ns, self._jump = max(fix.t_ns, self._taken_ns or 0), NO_JUMP
         prior = self._priors.get(fix.request_id)
         news = (fix.place.h_amsl_m, fix.sigma_h_m**2) if prior is None else news_of(fix.place.h_amsl_m, fix.sigma_h_m, *prior)
         if news is not None:
             h_amsl_m, var_m2 = news
             climbed_m = self._filter.climbed_m(stated_m)
-            told = HeightFix(fix.t_ns, fix.request_id, h_amsl_m - stated_m, var_m2, climbed_m, fix.method, fix.probability_wrong)
-            self._filter.observe(told)
+            said = h_amsl_m - stated_m, var_m2, climbed_m, fix.method, fix.probability_wrong
+            gone_by_per_s = math.hypot(*v_ne_mps) / apart_m(self._above_home_m)
+            self._filter.observe(HeightFix(fix.t_ns, fix.request_id, *said, gone_by_per_s))
 
     def known(self, t_ns: int, h_amsl_m: float) -> Known:
         """What is known of a height that is stated at a time: priors of localisers rest on it."""
         if self._filter is None:
             return UNKNOWN
         offset_m, var_m2 = self._filter.at(t_ns, h_amsl_m)
-        return Known(offset_m, math.sqrt(var_m2))
+        unseen_s = math.inf if self._taken_ns is None else max(0.0, (t_ns - self._taken_ns) * 1e-9)
+        return Known(offset_m, math.sqrt(var_m2), unseen_s)
 
     def at(self, t_ns: int, h_amsl_m: float) -> Height | None:
         """What is known of a height that is stated at a time; None before the autopilot stated any."""

@@ -13,7 +13,9 @@ from visloc_companion.types import Cov2, FrameRef, GeoPoint, LocaliseRequest, Na
 SIGMA_YAW_RAD = math.radians(5.0)
 HEIGHT_SIGMA_M = 3.0
 HEIGHT_SIGMA_SHARE = 0.01
-LEARNED_HEIGHT_SIGMA_M = 1.0
+LEARNED_HEIGHT_SIGMA_M, LEARNED_HEIGHT_SIGMA_SHARE = 0.7, 0.0025
+UNSEEN_MPS = 0.5
+"""By so much a second it grows while no fix is taken: a wrong height may be why."""
 UNKNOWN_HEIGHT_SIGMA_M = 20.0
 """1-sigma of a height that nobody measured yet; no prior is wider."""
 RATE_SLACK = 0.8
@@ -30,6 +32,13 @@ MAX_SEED = 2**31
 def height_sigma_m(height_above_home_m: float) -> float:
     """1-sigma of the autopilot's height above sea level: 3 m and 1 % of the height flown."""
     return HEIGHT_SIGMA_M + HEIGHT_SIGMA_SHARE * abs(height_above_home_m)
+
+
+def least_height_sigma_m(height_above_home_m: float, unseen_s: float = 0.0) -> float:
+    """1-sigma of that height, however well fixes have taught how far it is off: the wind about the vehicle moves a barometer.
+    `unseen_s`: how long no fix has been taken."""
+    least_m = LEARNED_HEIGHT_SIGMA_M + LEARNED_HEIGHT_SIGMA_SHARE * abs(height_above_home_m) + UNSEEN_MPS * unseen_s
+    return min(least_m, height_sigma_m(height_above_home_m))
 
 
 class FrameQueue:
@@ -104,21 +113,20 @@ def pose_prior(
     q_ned_frd: Quat,
     q_frd_cambody: Quat,
     height_offset_m: float,
-    height_above_home_m: float,
+    least_sigma_h_m: float,
     sigma_tilt_rad: float,
     max_search_radius_m: float,
 ) -> PosePrior:
     """The localiser's prior: the filter's own state at image time, never the autopilot's position.
 
-    Height is the autopilot's above sea level and the offset that earlier fixes found.
+    Height is the autopilot's above sea level and the offset that earlier fixes found, known no better than `least_sigma_h_m`.
     """
     place = wgs84.geo_from_ned(state.p_ned_m, origin)
-    learned = LEARNED_HEIGHT_SIGMA_M + HEIGHT_SIGMA_SHARE / 2 * abs(height_above_home_m)
     return PosePrior(
         replace(place, h_amsl_m=place.h_amsl_m + height_offset_m),
         se3.quat_multiply(q_ned_frd, q_frd_cambody),
         bounded(state.cov_ne_m2, max_search_radius_m / 3),
-        min(max(state.sigma_d_m, learned), UNKNOWN_HEIGHT_SIGMA_M),
+        min(max(state.sigma_d_m, least_sigma_h_m), UNKNOWN_HEIGHT_SIGMA_M),
         SIGMA_YAW_RAD,
         sigma_tilt_rad,
         height_offset_m,

@@ -170,7 +170,7 @@ class Telemetry:
         t_ns = self.stamped_ns(t_rx_ns, t_boot_ns)
         if self._terrain is not None and believed.drive is Drive.FED_BACK:
             v_ned_mps = self._terrain.corrected(t_ns, v_ned_mps)
-        self._tracker.height.drive(t_ns, h_amsl_m, self._tracker.height_above_home_m)
+        self._tracker.height.drive(t_ns, h_amsl_m, self._tracker.height_above_home_m, v_ned_mps[2])
         velocity = Velocity(t_ns, v_ned_mps, h_amsl_m, believed.sigma_mps, believed.drive)
         alone = feedback or not self._monitor.trusted or believed.drive is Drive.NONE
         if self._tracker.drive(velocity, t_boot_ns, alone=alone) and self._terrain is not None:

@@ -14,6 +14,7 @@ from visloc_companion.core.onboard_camera import OnboardCamera
 from visloc_companion.core.open_tracks import OpenTracks
 from visloc_companion.core.place_search import Found, PlaceSearch
 from visloc_companion.core.requests import FrameQueue
+from visloc_companion.core.second_opinion import SecondOpinion
 from visloc_companion.core.steering import Steering
 from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.core.terrain_aiding import TerrainAiding
@@ -61,6 +62,7 @@ class Vision:
         self._terrain, self._search, self._complaints = terrain, search, complaints
         self._camera, self._computer = CameraWatch(), ComputerWatch()
         self._open = OpenTracks(max_probability_wrong)
+        self._second = SecondOpinion()
         self._searching = self._to_confirm = False
 
     @property
@@ -70,7 +72,11 @@ class Vision:
 
     def stood(self) -> None:
         """The clock showed no progress while the vehicle went on: nobody knows how far."""
+        self._nothing_open()
+
+    def _nothing_open(self) -> None:
         self._open.clear()
+        self._second.clear()
 
     def check(self, now_ns: int) -> list[Command]:
         """What is to be said of the camera at a Tick, and that the place is searched for from now on."""
@@ -136,7 +142,7 @@ class Vision:
         if fix is None:
             begun = self.n_open > 1 >= had
             return [Notice(Severity.INFO, f"{self.n_open} places are open")] if begun else []
-        self._open.clear()
+        self._nothing_open()
         fix = self._onboard.stated(fix)
         outcome = self._tracker.observe(fix)
         if isinstance(outcome, Rejected):
@@ -151,7 +157,7 @@ class Vision:
         if self._tracker.origin is None or self._search is None:
             return []
         self._search.clear()
-        self._open.clear()
+        self._nothing_open()
         self._to_confirm = False
         place = wgs84.geo_from_ned((*found.place_ne_m, 0.0), self._tracker.origin)
         if not self._tracker.seed(found.t_ns, place, found.sigma_m):
@@ -177,7 +183,10 @@ class Vision:
             waits = Notice(Severity.INFO, "a fix of the terrain from far off waits for a second one")
             return [waits, *self.free_worker(fix, now_ns)]
         fix = self._onboard.stated(fix)
-        state = self._tracker.at(fix.t_ns) if fix.method == TERRAIN else None
+        state = self._tracker.at(fix.t_ns)
+        if fix.method != TERRAIN and self._second.waits(fix, state, self._tracker.origin):
+            waits = Notice(Severity.INFO, "a fix that may be wrong, from far off, waits for a second one")
+            return [waits, *self.free_worker(fix, now_ns)]
         outcome = self._tracker.observe(fix)
         after = self._tracker.belief
         origin = self._tracker.origin
@@ -187,7 +196,8 @@ class Vision:
         commands = [] if fix.method == TERRAIN else self._onboard.on_fix(fix, taken=taken, gnss_trusted=trusted)
         if isinstance(outcome, Accepted):
             commands = [*commands, *self._taken(fix, now_ns)]
-            self._tracker.height.taken(fix)
+            velocity = self._tracker.velocity
+            self._tracker.height.taken(fix, (0.0, 0.0) if velocity is None else velocity.v_ned_mps[:2])
             if before is not None and after is not None and after.started_ns != before.started_ns:
                 commands.append(Notice(Severity.WARNING, "visloc: relocalised", to_operator=True))
         elif isinstance(outcome, Rejected):
@@ -199,7 +209,7 @@ class Vision:
 
     def _taken(self, fix: Fix, now_ns: int) -> list[Command]:
         """The filter took a fix: no place is open any more, and GNSS is compared with it."""
-        self._open.clear()
+        self._nothing_open()
         self._steering.taken(now_ns)
         return [*self._aiding.compare(fix), *self._confirmed()]
 
@@ -221,7 +231,7 @@ class Vision:
             tracker.seed_without_velocity(now_ns, t_boot_ns, event.place, event.sigma_m)
         else:
             tracker.seed(now_ns, event.place, event.sigma_m)
-        self._open.clear()
+        self._nothing_open()
         self._steering.doubt()
         self._to_confirm = True
         return [Notice(Severity.NOTICE, "visloc: position taken, looking there", to_operator=True)]

@@ -5,7 +5,15 @@ import math
 import pytest
 
 from visloc_companion.core.integrity import largest_sigma_m
-from visloc_companion.core.requests import FrameQueue, as_wide_as, bounded, height_sigma_m, held_by_gnss, pose_prior
+from visloc_companion.core.requests import (
+    FrameQueue,
+    as_wide_as,
+    bounded,
+    height_sigma_m,
+    held_by_gnss,
+    least_height_sigma_m,
+    pose_prior,
+)
 from visloc_companion.core.turns import Turns
 from visloc_companion.geo import se3, wgs84
 from visloc_companion.types import FrameRef, GeoPoint, LocaliseRequest, NavState, PosePrior, Vote
@@ -14,7 +22,7 @@ MS = 1_000_000
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 STATE = NavState(0, (100.0, 50.0, -120.0), (0.0, 0.0, 0.0), ((4.0, 1.0), (1.0, 9.0)), 3.0, 1.0)
-PRIOR = pose_prior(STATE, ORIGIN, LEVEL, LEVEL, 0.0, 120.0, 0.02, 2000.0)
+PRIOR = pose_prior(STATE, ORIGIN, LEVEL, LEVEL, 0.0, 0.8, 0.02, 2000.0)
 
 
 def frame(t_ms: int) -> FrameRef:
@@ -106,7 +114,7 @@ def test_frames_that_waited_too_long_are_dropped() -> None:
 def test_prior_is_the_filters_state_with_the_cameras_attitude() -> None:
     q_ned_frd = se3.quat_from_euler(0.1, -0.05, 1.0)
     mount = se3.quat_from_euler(0.0, math.radians(20), 0.0)
-    prior = pose_prior(STATE, ORIGIN, q_ned_frd, mount, 4.0, 120.0, 0.02, 2000.0)
+    prior = pose_prior(STATE, ORIGIN, q_ned_frd, mount, 4.0, 1.0, 0.02, 2000.0)
     assert wgs84.ned_from_geo(prior.place, ORIGIN)[:2] == pytest.approx((100.0, 50.0), abs=1e-6)
     assert prior.place.h_amsl_m == pytest.approx(164.0)
     assert se3.angle_between(prior.q_ned_frd, se3.quat_multiply(q_ned_frd, mount)) < 1e-9
@@ -116,11 +124,16 @@ def test_prior_is_the_filters_state_with_the_cameras_attitude() -> None:
     assert height_sigma_m(120.0) == pytest.approx(4.2)
 
 
-@pytest.mark.parametrize(("sigma_d", "expected"), [(0.01, 1.6), (3.0, 3.0), (50.0, 20.0)])
+@pytest.mark.parametrize(("sigma_d", "expected"), [(0.01, 0.8), (3.0, 3.0), (50.0, 20.0)])
 def test_height_sigma_has_bounds(sigma_d: float, expected: float) -> None:
     state = NavState(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), ((1.0, 0.0), (0.0, 1.0)), sigma_d, 0.0)
-    prior: PosePrior = pose_prior(state, ORIGIN, LEVEL, LEVEL, 0.0, 120.0, 0.02, 2000.0)
+    prior: PosePrior = pose_prior(state, ORIGIN, LEVEL, LEVEL, 0.0, 0.8, 0.02, 2000.0)
     assert prior.sigma_h_m == pytest.approx(expected)
+
+
+def test_a_height_that_fixes_taught_is_doubted_while_none_come() -> None:
+    least_m = [least_height_sigma_m(120.0, unseen_s) for unseen_s in (0.0, 2.0, 60.0, math.inf)]
+    assert least_m == [pytest.approx(1.0), pytest.approx(2.0), height_sigma_m(120.0), height_sigma_m(120.0)]
 
 
 def test_search_region_has_a_bound() -> None:
