@@ -94,6 +94,9 @@ class CameraConfig(Section):
     """1-sigma of the mounting and attitude together, as the localiser's prior of tilt."""
     latency_s: NonNegative = 0.0
     """Time from mid-exposure to arrival, where the camera gives no time stamp."""
+    readout_ms: Annotated[float, Field(ge=-200, le=200)] = 0.0
+    """Time from the first row of an image to the last where the shutter rolls (often 10 to 40 ms; the sensor's data sheet says);
+    negative where the image is turned upside down after it was read. Frames count from their middle row."""
 
 
 class MapConfig(Section):

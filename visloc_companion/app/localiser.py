@@ -9,6 +9,7 @@ from visloc_companion.config import LocaliserConfig
 from visloc_companion.localise.features.onnx import NetworkFeatures
 from visloc_companion.localise.flight import flight_localiser
 from visloc_companion.localise.registry import make_localiser, open_features_for
+from visloc_companion.localise.rolling_shutter import Unrolled
 from visloc_companion.localise.runtime import default_threads
 from visloc_companion.localise.surface_window import SurfaceWindow
 from visloc_companion.localise.twice import CheckedTwice
@@ -36,7 +37,7 @@ def configured_localiser(chosen: LocaliserConfig, model: CameraModel) -> tuple[L
     window = SurfaceWindow()  # turn and motion are seen over the same ground
     moving: Localiser = WithMotion(localiser, model, window=window) if chosen.odometry else localiser
     checked = CheckedTwice(moving, _again(chosen, model), chosen.check_every) if chosen.check_every else moving
-    return WithTurn(checked, model, window), features
+    return Unrolled(WithTurn(checked, model, window), model), features
 
 
 def _again(chosen: LocaliserConfig, model: CameraModel) -> Localiser:

@@ -30,6 +30,7 @@ def core_settings(config: Config) -> CoreSettings:
         q_frd_cambody=mounting(config.camera),
         lever_frd_m=config.camera.lever_arm_frd_m,
         mount_sigma_rad=math.radians(config.camera.mount_sigma_deg),
+        readout_s=config.camera.readout_ms * 1e-3,
         max_rate_hz=config.localiser.max_rate_hz,
         structure=config.localiser.structure,
         structure_every=config.localiser.structure_every,

@@ -21,7 +21,8 @@ from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.terrain_aiding import TerrainAiding
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
-from visloc_companion.types import FrameRef, GeoPoint, LocaliseRequest, NavState, PosePrior, Quat, TerrainRequest
+from visloc_companion.geo import se3
+from visloc_companion.types import FrameRef, GeoPoint, LocaliseRequest, NavState, PosePrior, Quat, Readout, TerrainRequest, Vec3
 
 Request = LocaliseRequest | TerrainRequest
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
@@ -105,7 +106,19 @@ class Asking:
         if prior is None:
             return []
         prior = replace(prior, tilt=self._camera.tilt(frame.t_ns, q_ned_frd), sun=self._camera.sun(frame.t_ns))
-        return [self._queue.taken(frame, prior, now_ns)]
+        return [self._read_out(self._queue.taken(frame, prior, now_ns), state.v_ned_mps)]
+
+    def _read_out(self, request: LocaliseRequest, v_ned_mps: Vec3) -> LocaliseRequest:
+        """The request with how the camera moves while a rolling shutter reads the frame, as far as that is known."""
+        span_s, height_m = self._settings.readout_s, self._tracker.height_above_home_m
+        t_boot_ns = self._boot_ns(request.frame)
+        if span_s == 0.0 or height_m is None or t_boot_ns is None:
+            return request
+        rate = self._attitude.rate_frd_radps(t_boot_ns, round(abs(span_s) * 1e9))
+        if rate is None:
+            return request
+        rate_cambody = se3.rotate(se3.quat_inverse(self._camera.q_frd_cambody), rate)
+        return replace(request, readout=Readout(span_s, rate_cambody, v_ned_mps, height_m))
 
     def _of_camera(self, state: NavState, q_ned_frd: Quat) -> NavState:
         return replace(state, p_ned_m=self._camera.camera_ned_m(state.p_ned_m, q_ned_frd))
@@ -143,7 +156,7 @@ class Asking:
         prior = self._pose_prior(self._of_camera(asked, q_ned_frd), origin, q_ned_frd, self._camera.q_frd_cambody)
         share = where.share_of_sigmas
         prior = replace(prior, sigma_h_m=share * prior.sigma_h_m, sigma_yaw_rad=share * prior.sigma_yaw_rad)
-        return [self._queue.taken(frame, prior, now_ns, aside=True)]
+        return [self._read_out(self._queue.taken(frame, prior, now_ns, aside=True), velocity.v_ned_mps)]
 
     def _prior(self, state: NavState, q_ned_frd: Quat, q_frd_body: Quat, injecting: bool) -> PosePrior | None:
         """The prior of a state for the camera's body, or for another one that is mounted so."""
@@ -169,5 +182,8 @@ class Asking:
         )
 
     def _attitude_at(self, frame: FrameRef) -> Quat | None:
-        t_boot_ns = self._clock.boot_ns(frame.t_ns) if frame.t_boot_ns is None else frame.t_boot_ns
+        t_boot_ns = self._boot_ns(frame)
         return None if t_boot_ns is None else self._attitude.at(t_boot_ns)
+
+    def _boot_ns(self, frame: FrameRef) -> int | None:
+        return self._clock.boot_ns(frame.t_ns) if frame.t_boot_ns is None else frame.t_boot_ns

@@ -67,6 +67,15 @@ class AttitudeBuffer:
             return None
         return turned(self._q[nearest], self._rate[nearest], dt_s)
 
+    def rate_frd_radps(self, t_boot_ns: int, span_ns: int) -> Vec3 | None:
+        """Mean body rates over a span about a time, or None where no sample is near enough."""
+        before, after = self.at(t_boot_ns - span_ns // 2), self.at(t_boot_ns + span_ns // 2)
+        if before is None or after is None:
+            return None
+        x, y, z = se3.vector_from_quat(se3.quat_multiply(se3.quat_inverse(before), after))
+        per_s = 1e9 / span_ns
+        return x * per_s, y * per_s, z * per_s
+
     def between(self, from_ns: int, to_ns: int) -> tuple[NDArray[np.int64], FloatArray]:
         """Times (N,) and attitudes (N, 4) of the samples of an interval; neighbours have the same sign."""
         first, end = bisect_left(self._t_ns, from_ns), bisect_right(self._t_ns, to_ns)

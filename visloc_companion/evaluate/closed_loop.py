@@ -118,8 +118,9 @@ def eyes_over(setup: FlightSetup, world: FlightWorld, method: str) -> Eyes:
 
 def simulated_config(setup: FlightSetup) -> Config:
     """The configuration of the daemon on the simulated vehicle; it may switch the autopilot's source."""
+    readout_s = setup.scenario.faults.optics(0.0).readout_s  # as the sensor's data sheet says
     return Config(
-        camera=CameraConfig(mount_pitch_deg=math.degrees(setup.scenario.mount_pitch_rad)),
+        camera=CameraConfig(mount_pitch_deg=math.degrees(setup.scenario.mount_pitch_rad), readout_ms=1e3 * readout_s),
         injection=InjectionConfig(switch_source=True),
         navigator=NavigatorConfig(map_sigma_m=map_sigma_m(setup.area.gsd_m)),
         localiser=LocaliserConfig(max_rate_hz=max(1.0, setup.scenario.frame_rate_hz), structure=setup.structure),

@@ -65,6 +65,15 @@ def quat_from_vector(turn_rad: Vec3) -> Quat:
     return normalised((math.cos(angle / 2), k * x, k * y, k * z))
 
 
+def vector_from_quat(q: Quat) -> Vec3:
+    """The rotation vector (rad) of a quaternion, at most pi long."""
+    sign = 1.0 if q[0] >= 0 else -1.0
+    x, y, z = (sign * part for part in q[1:])
+    sine = math.sqrt(x * x + y * y + z * z)
+    share = 2.0 if sine < 1e-12 else 2 * math.atan2(sine, abs(q[0])) / sine
+    return share * x, share * y, share * z
+
+
 def euler_from_quat(q: Quat) -> Vec3:
     """Roll, pitch, yaw (radians) of `q_ned_frd`."""
     w, x, y, z = q

@@ -49,14 +49,26 @@ class PosePrior:
 
 
 @dataclass(frozen=True, slots=True)
+class Readout:
+    """How the camera moves while its rows are exposed one after another, the last row `readout_s` after the first: body rates of
+    the camera's body (rad/s) and velocity (NED, m/s), and how far the ground lies below it (m)."""
+
+    readout_s: float
+    rate_frd_radps: Vec3
+    v_ned_mps: Vec3
+    height_m: float
+
+
+@dataclass(frozen=True, slots=True)
 class LocaliseRequest:
-    """Ask the worker to localise the frame in `frame.slot`. `seed` feeds whatever is random."""
+    """Ask the worker to localise the frame in `frame.slot`. `seed` feeds what is random; `readout` is of a rolling shutter."""
 
     request_id: int
     frame: FrameRef
     prior: PosePrior
     seed: int
     vote: Vote = Vote.IMAGE
+    readout: Readout | None = None
 
 
 Sounding = tuple[float, float, float, float, float, float, float]

@@ -25,7 +25,7 @@ def test_every_value_reaches_its_place() -> None:
             "injection": {"policy": "always", "switch_source": True},
             "localiser": {"max_rate_hz": 2.0, "max_search_radius_m": 300.0},
             "link": {"attitude_rate_hz": 25.0, "position_rate_hz": 4.0, "gnss_rate_hz": 3.0, "status_rate_hz": 1.0},
-            "camera": {"mount_sigma_deg": 2.0},
+            "camera": {"mount_sigma_deg": 2.0, "readout_ms": 25.0},
             "seed": 77,
         }
     )
@@ -38,6 +38,7 @@ def test_every_value_reaches_its_place() -> None:
     rates = settings.attitude_rate_hz, settings.position_rate_hz, settings.gnss_rate_hz, settings.status_rate_hz
     assert rates == (25.0, 4.0, 3.0, 1.0)
     assert settings.mount_sigma_rad == pytest.approx(math.radians(2.0))
+    assert settings.readout_s == pytest.approx(0.025)
     assert settings.seed == 77
 
 

@@ -73,3 +73,13 @@ def test_memory_is_bounded_and_can_be_cleared() -> None:
 
 def test_no_rate_turns_nothing() -> None:
     assert turned(LEVEL, STILL, 0.1) == LEVEL
+
+
+def test_mean_rates_over_a_span_are_those_of_the_turn() -> None:
+    buffer, rate = AttitudeBuffer(), (0.4, -0.2, 0.1)
+    for k in range(11):
+        t_s = 0.02 * k
+        buffer.add(round(t_s * 1e9), se3.quat_from_vector((0.4 * t_s, -0.2 * t_s, 0.1 * t_s)), rate)
+    assert buffer.rate_frd_radps(100_000_000, 50_000_000) == pytest.approx(rate, abs=1e-6)
+    assert buffer.rate_frd_radps(200_000_000, 50_000_000) == pytest.approx(rate, abs=1e-6), "its end is turned on by the newest"
+    assert buffer.rate_frd_radps(900_000_000, 50_000_000) is None

@@ -15,6 +15,7 @@ from tests.unit.doctor.changes import (
     px4,
     slow,
     system,
+    unstated,
     version,
     without,
 )
@@ -66,6 +67,7 @@ CAMERA = [
     ap("camera-calibrated", "amber", "distortion", config("camera", distortion=(0.0, 0.0, 0.0, 0.0, 0.0))),
     ap("camera-latency", "amber", "camera.latency_s", config("camera", latency_s=0.0)),
     ap("camera-latency", "red", "camera.latency_s", config("camera", latency_s=0.9)),
+    ap("camera-readout", "amber", "camera.readout_ms", unstated("camera", "readout_ms")),
     ap("camera-mounting", "red", "mount_pitch_deg", config("camera", mount_pitch_deg=60.0)),
     ap("camera-mount-sigma", "amber", "mount_sigma_deg = 1", config("camera", mount_sigma_deg=0.0)),
 ]

@@ -61,6 +61,15 @@ def config(section: str, **values: Any) -> Change:
     return change
 
 
+def unstated(section: str, name: str) -> Change:
+    def change(facts: Facts) -> Facts:
+        part = getattr(facts.config, section)
+        bare = type(part)(**part.model_dump(exclude={name}, exclude_unset=True))
+        return replace(facts, config=facts.config.model_copy(update={section: bare}))
+
+    return change
+
+
 def both(first: Change, second: Change) -> Change:
     return lambda facts: second(first(facts))
 

@@ -26,7 +26,14 @@ MORE = {
     AutopilotKind.PX4: {"MAV_1_CONFIG": 102.0, "SER_TEL2_BAUD": 921600.0, "UXRCE_DDS_CFG": 0.0},
 }
 RATES = {"ATTITUDE": 50.0, "SCALED_IMU": 50.0, "GLOBAL_POSITION_INT": 10.0, "LOCAL_POSITION_NED": 10.0, "GPS_RAW_INT": 5.0}
-CAMERA = {"url": "device:/dev/video0", "fx_px": 554.0, "fy_px": 554.0, "distortion": [0.1, 0, 0, 0, 0], "latency_s": 0.05}
+CAMERA = {
+    "url": "device:/dev/video0",
+    "fx_px": 554.0,
+    "fy_px": 554.0,
+    "distortion": [0.1, 0, 0, 0, 0],
+    "latency_s": 0.05,
+    "readout_ms": 20.0,
+}
 STATUS = {AutopilotKind.ARDUPILOT: "EKF_STATUS_REPORT", AutopilotKind.PX4: "ESTIMATOR_STATUS"}
 
 
@@ -47,6 +54,7 @@ def good_facts(kind: AutopilotKind) -> Facts:
                 "fy_px": 554.0,
                 "distortion": [0.1, 0, 0, 0, 0],
                 "latency_s": 0.05,
+                "readout_ms": 0.0,
             },
             "map": {"pack": "pack"},
             "journal": {"folder": "journals"},

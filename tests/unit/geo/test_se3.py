@@ -18,6 +18,7 @@ from visloc_companion.geo.se3 import (
     quat_multiply,
     rotate,
     slerp,
+    vector_from_quat,
     wrap_pi,
 )
 
@@ -111,6 +112,8 @@ def test_matrices_of_half_turns(axis, angle: float) -> None:
 def test_a_vector_turns_about_itself_by_its_length(vector: tuple[float, float, float]) -> None:
     q = quat_from_vector(vector)
     assert R_from_quat(q) == pytest.approx(cv2.Rodrigues(np.array(vector))[0], abs=1e-12)
+    assert vector_from_quat(q) == pytest.approx(vector, abs=1e-12)
+    assert vector_from_quat((-q[0], -q[1], -q[2], -q[3])) == pytest.approx(vector, abs=1e-12)
 
 
 @settings(max_examples=40, deadline=None)

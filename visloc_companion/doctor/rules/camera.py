@@ -162,6 +162,18 @@ def _latency(camera: CameraConfig, facts: Facts) -> Finding:
 
 
 @configured(
+    "camera-readout",
+    "camera.readout_ms",
+    "Most small cameras expose their rows one after another: turns bend the picture, and positions are off by metres.",
+    "set camera.readout_ms to the time from the first row to the last (the sensor's data sheet), or to 0 for a global shutter",
+)
+def _readout(camera: CameraConfig, facts: Facts) -> Finding:
+    del facts
+    unstated = camera.url.startswith("device:") and "readout_ms" not in camera.model_fields_set
+    return amber("camera.readout_ms is not stated") if unstated else green(f"camera.readout_ms = {camera.readout_ms:g}")
+
+
+@configured(
     "camera-mounting",
     "camera.mount_*_deg",
     "Beyond 45° from straight down the horizon comes into view, and little ground is matched.",
@@ -203,6 +215,7 @@ RULES: tuple[Rule, ...] = (
     _principal,
     _calibrated,
     _latency,
+    _readout,
     _mounting,
     _sigma,
 )

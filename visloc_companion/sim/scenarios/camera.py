@@ -33,7 +33,7 @@ CAMERA: dict[str, Scenario] = by_name(
     ),
     Scenario(
         "rolling_shutter",
-        "The last row of a picture is exposed 50 ms after the first.",
+        "The last row of a picture is exposed 50 ms after the first, as configured.",
         60.0,
         faults.jam(JAM_S) + faults.these(faults.RollingShutter(0.05)),
         frame_rate_hz=RATE_HZ,

@@ -1,0 +1,111 @@
+"""Frames of a rolling shutter, against those of a camera that stands still, as the simulator renders both."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, cast
+
+import cv2
+import numpy as np
+import pytest
+
+from visloc_companion.geo.se3 import quat_from_euler
+from visloc_companion.localise.rolling_shutter import Unrolled, unrolled
+from visloc_companion.maps.crs import map_crs
+from visloc_companion.protocols import ReferenceMap
+from visloc_companion.sim.render import CameraSimulator
+from visloc_companion.sim.render_motion import Shot
+from visloc_companion.sim.scene import Scene
+from visloc_companion.types import CameraModel, FrameRef, GeoPoint, Image, LocaliseRequest, PosePrior, Quat, Readout, Vec3
+
+CRS, EAST, NORTH, GROUND_M, HEIGHT_M = "EPSG:32632", 604_000.0, 5_350_000.0, 430.0, 100.0
+MODEL = CameraModel(320, 240, 300.0, 300.0, 159.5, 119.5)
+BENT = replace(MODEL, distortion=(-0.2, 0.05, 0.001, -0.001, 0.0))
+LEVEL, LEANING = quat_from_euler(0.0, 0.0, 0.7), quat_from_euler(0.3, -0.25, 2.0)
+STILL: Vec3 = (0.0, 0.0, 0.0)
+PLACE = GeoPoint(*map_crs(CRS).to_geo(EAST + 300.0, NORTH - 300.0), GROUND_M + HEIGHT_M)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    """Level ground with smooth random brightness."""
+    noise = np.random.default_rng(1).standard_normal((1200, 1200)).astype(np.float32)
+    grey = cv2.GaussianBlur(noise, (0, 0), 3.0)
+    pixels = np.clip(120 + 40 * grey / grey.std(), 0, 255).astype(np.uint8)
+    T = np.array([[0.5, 0.0, EAST], [0.0, -0.5, NORTH]])
+    return Scene(np.dstack([pixels] * 3), np.full((1200, 1200), GROUND_M, np.float32), T, CRS)
+
+
+def apart(a: Image, b: Image) -> float:
+    """Mean difference of two pictures in grey values, without the rim that only one of them saw."""
+    inside = (slice(24, -24), slice(24, -24))
+    return float(np.abs(a[inside].astype(float) - b[inside].astype(float)).mean())
+
+
+@pytest.mark.parametrize("readout_s", [0.05, -0.03])
+@pytest.mark.parametrize(
+    ("model", "q", "rate", "v"),
+    [
+        (MODEL, LEVEL, (0.5, 0.0, 0.0), STILL),
+        (MODEL, LEVEL, (0.0, -0.5, 0.0), STILL),
+        (MODEL, LEANING, (0.0, 0.0, 0.8), STILL),
+        (MODEL, LEVEL, STILL, (25.0, -35.0, 3.0)),
+        (BENT, LEANING, (0.3, 0.4, -0.5), (-12.0, 14.0, -4.0)),
+    ],
+)
+def test_rows_are_put_where_the_middle_one_would_have_seen_them(
+    scene: Scene, model: CameraModel, q: Quat, rate: Vec3, v: Vec3, readout_s: float
+) -> None:
+    camera = CameraSimulator(scene, model)
+    still, rolled = camera.frame(PLACE, q), camera.frame(PLACE, q, shot=Shot(v, rate, readout_s))
+    told = unrolled(rolled, model, q, Readout(readout_s, rate, v, HEIGHT_M))
+    assert apart(rolled, still) > 2.0, "the shutter shows"
+    assert apart(told, still) < 0.25 * apart(rolled, still)
+    assert told.shape == rolled.shape
+    assert told.dtype == np.uint8
+
+
+def test_a_camera_that_hovers_is_left_alone(scene: Scene) -> None:
+    picture = CameraSimulator(scene, MODEL).frame(PLACE, LEVEL)
+    assert unrolled(picture, MODEL, LEVEL, Readout(0.05, (1e-4, 0.0, 0.0), (0.05, 0.0, 0.0), HEIGHT_M)) is picture
+
+
+def test_a_horizon_in_view_is_turned_and_not_torn(scene: Scene) -> None:
+    """Rays that do not descend have no ground to move over, and the height may not be known at all."""
+    q, rate = quat_from_euler(0.0, 1.2, 0.0), (0.5, 0.0, 0.0)
+    camera = CameraSimulator(scene, MODEL)
+    still, rolled = camera.frame(PLACE, q), camera.frame(PLACE, q, shot=Shot(STILL, rate, 0.05))
+    assert apart(unrolled(rolled, MODEL, q, Readout(0.05, rate, (10.0, 0.0, 0.0), 0.0)), still) < apart(rolled, still)
+
+
+def test_grey_frames_too(scene: Scene) -> None:
+    camera, rate = CameraSimulator(scene, MODEL), (0.5, 0.2, 0.0)
+    still, rolled = (camera.frame(PLACE, LEVEL, shot=Shot(STILL, rate, s))[..., 1] for s in (0.0, 0.05))
+    told = unrolled(np.ascontiguousarray(rolled), MODEL, LEVEL, Readout(0.05, rate, STILL, HEIGHT_M))
+    assert apart(told, still) < 0.25 * apart(rolled, still)
+
+
+class Spy:
+    """A localiser that keeps what it was shown."""
+
+    method = "spy"
+
+    def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Any:
+        self.request, self.pixels = request, pixels
+
+
+def test_only_requests_that_say_how_the_camera_moved_change_a_frame(scene: Scene) -> None:
+    picture = CameraSimulator(scene, MODEL).frame(PLACE, LEVEL)
+    prior = PosePrior(PLACE, LEVEL, ((9.0, 0.0), (0.0, 9.0)), 3.0, 0.05, 0.02)
+    request = LocaliseRequest(1, FrameRef(0, 0, 1, 0, 320, 240, 3), prior, 1)
+    rolled = replace(request, readout=Readout(0.05, (0.5, 0.0, 0.0), STILL, HEIGHT_M))
+    spy, nowhere = Spy(), cast("ReferenceMap", None)
+    asked = Unrolled(spy, MODEL)
+    assert asked.method == "spy"
+    asked.localise(request, picture, nowhere)
+    assert spy.pixels is picture
+    asked.localise(rolled, picture, nowhere)
+    assert apart(spy.pixels, picture) > 2.0
+    assert spy.request == request, "it is set right once"
+    asked.localise(rolled, picture[:100], nowhere)
+    assert spy.pixels.shape[0] == 100, "a frame of another size is for the localiser to refuse"
