@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from visloc_companion.core import relocalise, separation
+from visloc_companion.core.claims import Claim
 from visloc_companion.core.lasting import LEAST_APART_M
 from visloc_companion.core.lean import UPRIGHT
 from visloc_companion.core.propagation import N_STATES, POSITION, VELOCITY, Drive, initial_covariance
@@ -50,7 +51,8 @@ class Belief:
     solutions that leave fixes out (separation.py); `lean`: to which side fixes have come out lately (lean.py);
     `apart_m`: the way after which fixes look at other ground; `fix_per_m2`: the mean inverse of the variance per axis that
     recent fixes claimed, `fix_every_s` that of the intervals between them (0 before the second fix); `former`: what drove it
-    before `drive`; `doubt`: what odometry says of the velocity that drives it and no second interval has confirmed.
+    before `drive`; `doubt`: what odometry says of the velocity that drives it and no second interval has confirmed;
+    `claims`: by how much the fixes of each method err more than they claim (claims.py).
     """
 
     t_ns: int
@@ -72,6 +74,7 @@ class Belief:
     fix_every_s: float = 0.0
     former: Former | None = None
     doubt: Doubt | None = None
+    claims: tuple[Claim, ...] = ()
 
     @property
     def rested_ns(self) -> int:

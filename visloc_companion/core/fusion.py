@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from visloc_companion.core import kalman, lasting, lean, refused, relocalise, separation
+from visloc_companion.core import claims, kalman, lasting, lean, refused, relocalise, separation
 from visloc_companion.core.belief import Belief, Position, driven_by, renewed, widened, widened_by
 from visloc_companion.core.propagation import (
     ACCELERATION,
@@ -117,6 +117,7 @@ def propagated(
         belief.fix_every_s,
         belief.former,
         belief.doubt,
+        belief.claims,
     )
 
 
@@ -152,6 +153,8 @@ def observed(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[
     """The belief after a position at its own time. Rejected fixes that agree with each other restart it at last."""
     considered = CONSIDERED[belief.drive]
     at, cov = np.array(z.p_ne_m), np.array(z.cov_ne_m2)
+    if z.from_fix:
+        cov = claims.over(belief.claims, z.method) * cov
     H, R = lasting.seen(cov, z.method, z.per_focal_ne_m) if z.from_fix else (H_POSITION, cov)
     extra_m2 = settings.map_sigma_m**2 + (lasting.known_m2(cov, belief.P, H) if z.from_fix else 0.0)
     got = kalman.update(
@@ -164,6 +167,9 @@ def observed(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[
         gate_extra_m2=extra_m2,
         n_considered=considered,
     )
+    if z.from_fix and isinstance(got, kalman.Updated):
+        white_ne = lean.whitened(at - H @ belief.x, H @ belief.P @ H.T + R + extra_m2 * np.eye(2))
+        belief = replace(belief, claims=claims.learned(belief.claims, z.method, white_ne))
     if isinstance(got, kalman.Updated) and got.nis > ORDINARY_NIS:
         R = R + (got.nis / ORDINARY_NIS - 1) * (H @ belief.P @ H.T + R + extra_m2 * np.eye(2))
         less = kalman.update(belief.x, belief.P, at, R, H, n_considered=considered)
@@ -194,7 +200,7 @@ def _tilted(after: Belief, before: Belief) -> Belief:
 
 def _leant(after: Belief, before: Belief, at: FloatArray, R: FloatArray, H: FloatArray) -> Belief:
     """Where fixes lean to one side, odometry is doubted."""
-    mean = lean.leaning(before.lean, at - H @ before.x, H @ before.P @ H.T + R)
+    mean = lean.leaning(before.lean, lean.whitened(at - H @ before.x, H @ before.P @ H.T + R))
     if not lean.leans(mean):
         return replace(after, lean=mean)
     return replace(widened_by(after, lean.DOUBT), lean=lean.UPRIGHT)

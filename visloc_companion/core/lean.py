@@ -23,11 +23,16 @@ DOUBT[ODOMETRY_SCALE, ODOMETRY_SCALE], DOUBT[ODOMETRY_HEADING, ODOMETRY_HEADING]
 UPRIGHT: Vec2 = (0.0, 0.0)
 
 
-def leaning(lean: Vec2, innovation_m: FloatArray, S_m2: FloatArray) -> Vec2:
-    """The mean after a fix with this innovation (2,) and its covariance (2, 2)."""
+def whitened(innovation_m: FloatArray, S_m2: FloatArray) -> Vec2:
+    """An innovation (2,) made white by its covariance (2, 2)."""
     (off_north, off_east), ((nn, ne), (_, ee)) = innovation_m.tolist(), S_m2.tolist()
     root, share = math.sqrt(nn), ne / nn  # Cholesky's decomposition
-    north, east = off_north / root, (off_east - share * off_north) / math.sqrt(ee - share * ne)
+    return off_north / root, (off_east - share * off_north) / math.sqrt(ee - share * ne)
+
+
+def leaning(lean: Vec2, white_ne: Vec2) -> Vec2:
+    """The mean after a fix with this whitened innovation."""
+    north, east = white_ne
     return (1 - SHARE) * lean[0] + SHARE * north, (1 - SHARE) * lean[1] + SHARE * east
 
 

@@ -1,6 +1,6 @@
 """The camera in the vehicle: when its frames are taken (camera_time.py), how it is mounted (boresight.py) and tilted
-(tilt_memory.py), all learned in flight, where (lever_arm.py), whether its lens is as calibrated (lens_watch.py), and where its
-pictures show the sun (sun_memory.py)."""
+(tilt_memory.py), all learned in flight, where (lever_arm.py), whether its lens is as calibrated (lens_watch.py) and its fixes as
+good as they claim (claim_watch.py), and where its pictures show the sun (sun_memory.py)."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import replace
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.boresight import Boresight
 from visloc_companion.core.camera_time import CameraTime
+from visloc_companion.core.claim_watch import ClaimWatch
 from visloc_companion.core.lens_watch import LensWatch
 from visloc_companion.core.lever_arm import LeverArm
 from visloc_companion.core.sun_memory import SunMemory
@@ -38,7 +39,7 @@ class OnboardCamera:
         self._time = CameraTime(clock, attitude)
         self._boresight, self._tilt = Boresight(q_frd_cambody), TiltMemory(mount_sigma_rad)
         self._lever = LeverArm(lever_frd_m, clock, attitude)
-        self._lens, self._sun, self._tracker = LensWatch(), SunMemory(), tracker
+        self._lens, self._claims, self._sun, self._tracker = LensWatch(), ClaimWatch(), SunMemory(), tracker
 
     @property
     def q_frd_cambody(self) -> Quat:
@@ -99,7 +100,7 @@ class OnboardCamera:
             self._tilt.taken(fix, state.v_ned_mps[:2], height_m)
             if fix.sun is not None:
                 self._sun.seen(fix.t_ns, fix.sun)
-        told = self._lens.after(belief)
+        told = [*self._lens.after(belief), *self._claims.after(belief)]
         if not gnss_trusted or self._time.sigma_s > TIMED_S:
             return told
         difference = self._tracker.gnss.minus(fix, state.v_ned_mps)

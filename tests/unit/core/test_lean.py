@@ -23,7 +23,7 @@ def test_independent_fixes_do_not_lean() -> None:
     draws = rng.multivariate_normal((0.0, 0.0), S_m2, 20_000)
     mean, n = lean.UPRIGHT, 0
     for innovation in draws:
-        mean = lean.leaning(mean, innovation, S_m2)
+        mean = lean.leaning(mean, lean.whitened(innovation, S_m2))
         n += lean.leans(mean)
     assert n <= 3
 
@@ -31,7 +31,7 @@ def test_independent_fixes_do_not_lean() -> None:
 def test_fixes_on_one_side_lean_within_a_dozen() -> None:
     mean, n = lean.UPRIGHT, 0
     while not lean.leans(mean):
-        mean, n = lean.leaning(mean, np.array([1.2, 1.2]), np.eye(2)), n + 1
+        mean, n = lean.leaning(mean, (1.2, 1.2)), n + 1
     assert 5 <= n <= 15
 
 
