@@ -8,11 +8,9 @@ Chang and Chen, "Analysis and compensation of rolling shutter effect", 2008, wit
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from visloc_companion.geo.camera import R_FRD_CAM, project, unproject
 from visloc_companion.geo.se3 import R_from_quat
@@ -20,7 +18,7 @@ from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix, Quat, Readout
 
 GRID_PX = 16
-"""The shift is smooth: it is computed so many pixels apart."""
+"""The shift is smooth: it is computed about so many pixels apart."""
 LEAST_PX = 0.1
 MIN_DESCENT = 0.1
 """A ray that descends by less, of unit length, sees ground so far off that only turns move it."""
@@ -50,20 +48,19 @@ def unrolled(pixels: Image, model: CameraModel, q_ned_frd: Quat, readout: Readou
 
     What no row saw is repeated from the nearest pixel that one did.
     """
-    across, down = (np.append(np.arange(0, size - 1, GRID_PX), size - 1) for size in (model.width_px, model.height_px))
-    grid = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2).astype(np.float64)
+    size_px = model.width_px, model.height_px
+    n_across, n_down = (2 + size // GRID_PX for size in size_px)
+    across, down = np.linspace(0, size_px[0] - 1, n_across), np.linspace(0, size_px[1] - 1, n_down)
+    grid = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
     seen = _where_seen(grid, model, q_ned_frd, readout)
     if not np.isfinite(seen).all() or float(np.abs(seen - grid).max()) < LEAST_PX:
         return pixels
-    shift = (seen - grid).reshape(len(down), len(across), 2)
-    u, v = np.arange(model.width_px), np.arange(model.height_px)
-    at_u, at_v = np.meshgrid(np.interp(u, across, np.arange(len(across))), np.interp(v, down, np.arange(len(down))))
-    whole = _sampled(shift.astype(np.float32), at_u, at_v, cv2.INTER_LINEAR)
-    return np.asarray(_sampled(pixels, whole[..., 0] + u, whole[..., 1] + v[:, None], cv2.INTER_CUBIC), dtype=np.uint8)
-
-
-def _sampled(values: NDArray[Any], u: NDArray[Any], v: NDArray[Any], interpolation: int) -> NDArray[Any]:
-    return cv2.remap(values, u.astype(np.float32), v.astype(np.float32), interpolation, borderMode=cv2.BORDER_REPLICATE)
+    shift = (seen - grid).reshape(n_down, n_across, 2).astype(np.float32)
+    to_grid = np.array([[1 / across[1], 0.0, 0.0], [0.0, 1 / down[1], 0.0]])
+    at = cv2.warpAffine(shift, to_grid, size_px, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE)
+    u = at[..., 0] + np.arange(size_px[0], dtype=np.float32)
+    v = at[..., 1] + np.arange(size_px[1], dtype=np.float32)[:, None]
+    return np.asarray(cv2.remap(pixels, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), dtype=np.uint8)
 
 
 def _where_seen(pix: FloatArray, model: CameraModel, q_ned_frd: Quat, readout: Readout) -> FloatArray:
