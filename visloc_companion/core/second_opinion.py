@@ -14,7 +14,7 @@ from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Fix, GeoPoint, NavState, Vec2
 
-DOUBTFUL = 0.01
+DOUBTFUL = 0.03
 """Probability of being wrong from which on a fix waits ..."""
 FAR = 3.0
 """... where the filter's 1-sigma is more than so many times its own."""
