@@ -111,8 +111,10 @@ class Asking:
     def _read_out(self, request: LocaliseRequest, v_ned_mps: Vec3) -> LocaliseRequest:
         """The request with how the camera moves while a rolling shutter reads the frame, as far as that is known."""
         span_s, height_m = self._settings.readout_s, self._tracker.height_above_home_m
+        if span_s == 0.0 or height_m is None:
+            return request
         t_boot_ns = self._boot_ns(request.frame)
-        if span_s == 0.0 or height_m is None or t_boot_ns is None:
+        if t_boot_ns is None:
             return request
         rate = self._attitude.rate_frd_radps(t_boot_ns, round(abs(span_s) * 1e9))
         if rate is None:

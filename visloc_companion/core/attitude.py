@@ -70,11 +70,7 @@ class AttitudeBuffer:
     def rate_frd_radps(self, t_boot_ns: int, span_ns: int) -> Vec3 | None:
         """Mean body rates over a span about a time, or None where no sample is near enough."""
         before, after = self.at(t_boot_ns - span_ns // 2), self.at(t_boot_ns + span_ns // 2)
-        if before is None or after is None:
-            return None
-        x, y, z = se3.vector_from_quat(se3.quat_multiply(se3.quat_inverse(before), after))
-        per_s = 1e9 / span_ns
-        return x * per_s, y * per_s, z * per_s
+        return None if before is None or after is None else se3.body_rates(before, after, span_ns * 1e-9)
 
     def between(self, from_ns: int, to_ns: int) -> tuple[NDArray[np.int64], FloatArray]:
         """Times (N,) and attitudes (N, 4) of the samples of an interval; neighbours have the same sign."""

@@ -1,11 +1,12 @@
 """Tells the operator once that fixes err by more than they claim: the filter allows for it (claims.py), but something that nobody
-stated bends the pictures, or the map is another place's at another time."""
+stated bends the pictures, or the map is of another time."""
 
 from __future__ import annotations
 
 import math
 
 from visloc_companion.core.belief import Belief
+from visloc_companion.core.claims import Claim
 from visloc_companion.types import Command, Notice, Severity
 
 LEAST_RATIO = 2.0
@@ -22,5 +23,9 @@ class ClaimWatch:
         """What is to be said now."""
         found = [c for c in belief.claims if c.over >= LEAST_RATIO**2 and c.method not in self._told]
         self._told.update(claim.method for claim in found)
-        texts = [(f"visloc: fixes err {math.sqrt(c.over):.1f} x their claim", c) for c in found]
-        return [Notice(Severity.WARNING, text, to_operator=True, data=((c.method, c.over),)) for text, c in texts]
+        return [_notice(claim) for claim in found]
+
+
+def _notice(claim: Claim) -> Notice:
+    text = f"visloc: fixes err {math.sqrt(claim.over):.1f} x their claim"
+    return Notice(Severity.WARNING, text, to_operator=True, data=((claim.method, claim.over),))

@@ -167,13 +167,15 @@ def observed(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[
         gate_extra_m2=extra_m2,
         n_considered=considered,
     )
-    if z.from_fix and isinstance(got, kalman.Updated):
-        white_ne = lean.whitened(at - H @ belief.x, H @ belief.P @ H.T + R + extra_m2 * np.eye(2))
-        belief = replace(belief, claims=claims.learned(belief.claims, z.method, white_ne))
-    if isinstance(got, kalman.Updated) and got.nis > ORDINARY_NIS:
-        R = R + (got.nis / ORDINARY_NIS - 1) * (H @ belief.P @ H.T + R + extra_m2 * np.eye(2))
-        less = kalman.update(belief.x, belief.P, at, R, H, n_considered=considered)
-        got = replace(less, nis=got.nis) if isinstance(less, kalman.Updated) else less
+    if isinstance(got, kalman.Updated):
+        S = H @ belief.P @ H.T + R + extra_m2 * np.eye(2)
+        if z.from_fix:
+            white_ne = lean.whitened(at - H @ belief.x, S)
+            belief = replace(belief, claims=claims.learned(belief.claims, z.method, white_ne))
+        if got.nis > ORDINARY_NIS:
+            R = R + (got.nis / ORDINARY_NIS - 1) * S
+            less = kalman.update(belief.x, belief.P, at, R, H, n_considered=considered)
+            got = replace(less, nis=got.nis) if isinstance(less, kalman.Updated) else less
     if isinstance(got, kalman.Updated):
         after = _tilted(replace(belief, x=got.x, P=got.P, without=_others(belief, z, R, H, considered)), belief)
         return (_leant(_fixed(after, z), belief, at, R, H) if z.from_fix else after), Accepted(got.nis)

@@ -32,6 +32,11 @@ class _Waiting:
     filter_sigma_m: float
 
 
+def doubtful(fix: Fix) -> bool:
+    """Whether a fix waits where it would carry the filter far."""
+    return fix.probability_wrong > DOUBTFUL
+
+
 class SecondOpinion:
     """Remembers the last fix that waits."""
 
@@ -44,10 +49,10 @@ class SecondOpinion:
 
     def waits(self, fix: Fix, state: NavState | None, origin: GeoPoint | None) -> bool:
         """Whether a fix waits, given the filter's state at its time; it is remembered then. Never before there is a state."""
-        if state is None or origin is None:
+        if state is None or origin is None or not doubtful(fix):
             return False
         sigma_m, known_m = largest_sigma_m(fix.cov_ne_m2), largest_sigma_m(state.cov_ne_m2)
-        if fix.probability_wrong <= DOUBTFUL or known_m <= FAR * sigma_m:
+        if known_m <= FAR * sigma_m:
             return False
         north, east, _ = wgs84.ned_from_geo(fix.place, origin)
         off_ne_m = (north - state.p_ned_m[0], east - state.p_ned_m[1])

@@ -14,7 +14,7 @@ from visloc_companion.core.onboard_camera import OnboardCamera
 from visloc_companion.core.open_tracks import OpenTracks
 from visloc_companion.core.place_search import Found, PlaceSearch
 from visloc_companion.core.requests import FrameQueue
-from visloc_companion.core.second_opinion import SecondOpinion
+from visloc_companion.core.second_opinion import SecondOpinion, doubtful
 from visloc_companion.core.steering import Steering
 from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.core.terrain_aiding import TerrainAiding
@@ -183,7 +183,7 @@ class Vision:
             waits = Notice(Severity.INFO, "a fix of the terrain from far off waits for a second one")
             return [waits, *self.free_worker(fix, now_ns)]
         fix = self._onboard.stated(fix)
-        state = self._tracker.at(fix.t_ns)
+        state = self._tracker.at(fix.t_ns) if fix.method == TERRAIN or doubtful(fix) else None
         if fix.method != TERRAIN and self._second.waits(fix, state, self._tracker.origin):
             waits = Notice(Severity.INFO, "a fix that may be wrong, from far off, waits for a second one")
             return [waits, *self.free_worker(fix, now_ns)]

@@ -74,6 +74,12 @@ def vector_from_quat(q: Quat) -> Vec3:
     return share * x, share * y, share * z
 
 
+def body_rates(q_before: Quat, q_after: Quat, dt_s: float) -> Vec3:
+    """Mean angular velocity (rad/s, body axes) that turns one `q_ned_frd` into the next within `dt_s`."""
+    x, y, z = vector_from_quat(quat_multiply(quat_inverse(q_before), q_after))
+    return x / dt_s, y / dt_s, z / dt_s
+
+
 def euler_from_quat(q: Quat) -> Vec3:
     """Roll, pitch, yaw (radians) of `q_ned_frd`."""
     w, x, y, z = q

@@ -48,14 +48,7 @@ def good_facts(kind: AutopilotKind) -> Facts:
     config = parse_config(
         {
             "link": {"url": "serial:/dev/ttyAMA0:921600"},
-            "camera": {
-                "url": "device:/dev/video0",
-                "fx_px": 554.0,
-                "fy_px": 554.0,
-                "distortion": [0.1, 0, 0, 0, 0],
-                "latency_s": 0.05,
-                "readout_ms": 0.0,
-            },
+            "camera": CAMERA,
             "map": {"pack": "pack"},
             "journal": {"folder": "journals"},
             "injection": {"switch_source": True},

@@ -5,41 +5,35 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, cast
 
-import cv2
 import numpy as np
 import pytest
 
+from tests.unit.level_ground import apart, level_ground, over_its_middle
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.localise.rolling_shutter import Unrolled, unrolled
-from visloc_companion.maps.crs import map_crs
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.sim.render import CameraSimulator
 from visloc_companion.sim.render_motion import Shot
 from visloc_companion.sim.scene import Scene
-from visloc_companion.types import CameraModel, FrameRef, GeoPoint, Image, LocaliseRequest, PosePrior, Quat, Readout, Vec3
+from visloc_companion.types import CameraModel, FrameRef, Image, LocaliseRequest, PosePrior, Quat, Readout, Vec3
 
-CRS, EAST, NORTH, GROUND_M, HEIGHT_M = "EPSG:32632", 604_000.0, 5_350_000.0, 430.0, 100.0
+HEIGHT_M = 100.0
 MODEL = CameraModel(320, 240, 300.0, 300.0, 159.5, 119.5)
 BENT = replace(MODEL, distortion=(-0.2, 0.05, 0.001, -0.001, 0.0))
 LEVEL, LEANING = quat_from_euler(0.0, 0.0, 0.7), quat_from_euler(0.3, -0.25, 2.0)
 STILL: Vec3 = (0.0, 0.0, 0.0)
-PLACE = GeoPoint(*map_crs(CRS).to_geo(EAST + 300.0, NORTH - 300.0), GROUND_M + HEIGHT_M)
+PLACE = over_its_middle(HEIGHT_M)
 
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    """Level ground with smooth random brightness."""
-    noise = np.random.default_rng(1).standard_normal((1200, 1200)).astype(np.float32)
-    grey = cv2.GaussianBlur(noise, (0, 0), 3.0)
-    pixels = np.clip(120 + 40 * grey / grey.std(), 0, 255).astype(np.uint8)
-    T = np.array([[0.5, 0.0, EAST], [0.0, -0.5, NORTH]])
-    return Scene(np.dstack([pixels] * 3), np.full((1200, 1200), GROUND_M, np.float32), T, CRS)
+    return level_ground()
 
 
-def apart(a: Image, b: Image) -> float:
-    """Mean difference of two pictures in grey values, without the rim that only one of them saw."""
+def inner_apart(a: Image, b: Image) -> float:
+    """How far two pictures are apart without the rim that only one of them saw."""
     inside = (slice(24, -24), slice(24, -24))
-    return float(np.abs(a[inside].astype(float) - b[inside].astype(float)).mean())
+    return apart(a[inside], b[inside])
 
 
 @pytest.mark.parametrize("readout_s", [0.05, -0.03])
@@ -59,8 +53,8 @@ def test_rows_are_put_where_the_middle_one_would_have_seen_them(
     camera = CameraSimulator(scene, model)
     still, rolled = camera.frame(PLACE, q), camera.frame(PLACE, q, shot=Shot(v, rate, readout_s))
     told = unrolled(rolled, model, q, Readout(readout_s, rate, v, HEIGHT_M))
-    assert apart(rolled, still) > 2.0, "the shutter shows"
-    assert apart(told, still) < 0.25 * apart(rolled, still)
+    assert inner_apart(rolled, still) > 2.0, "the shutter shows"
+    assert inner_apart(told, still) < 0.25 * inner_apart(rolled, still)
     assert told.shape == rolled.shape
     assert told.dtype == np.uint8
 
@@ -75,14 +69,14 @@ def test_a_horizon_in_view_is_turned_and_not_torn(scene: Scene) -> None:
     q, rate = quat_from_euler(0.0, 1.2, 0.0), (0.5, 0.0, 0.0)
     camera = CameraSimulator(scene, MODEL)
     still, rolled = camera.frame(PLACE, q), camera.frame(PLACE, q, shot=Shot(STILL, rate, 0.05))
-    assert apart(unrolled(rolled, MODEL, q, Readout(0.05, rate, (10.0, 0.0, 0.0), 0.0)), still) < apart(rolled, still)
+    assert inner_apart(unrolled(rolled, MODEL, q, Readout(0.05, rate, (10.0, 0.0, 0.0), 0.0)), still) < inner_apart(rolled, still)
 
 
 def test_grey_frames_too(scene: Scene) -> None:
     camera, rate = CameraSimulator(scene, MODEL), (0.5, 0.2, 0.0)
     still, rolled = (camera.frame(PLACE, LEVEL, shot=Shot(STILL, rate, s))[..., 1] for s in (0.0, 0.05))
     told = unrolled(np.ascontiguousarray(rolled), MODEL, LEVEL, Readout(0.05, rate, STILL, HEIGHT_M))
-    assert apart(told, still) < 0.25 * apart(rolled, still)
+    assert inner_apart(told, still) < 0.25 * inner_apart(rolled, still)
 
 
 class Spy:
@@ -105,7 +99,7 @@ def test_only_requests_that_say_how_the_camera_moved_change_a_frame(scene: Scene
     asked.localise(request, picture, nowhere)
     assert spy.pixels is picture
     asked.localise(rolled, picture, nowhere)
-    assert apart(spy.pixels, picture) > 2.0
+    assert inner_apart(spy.pixels, picture) > 2.0
     assert spy.request == request, "it is set right once"
     asked.localise(rolled, picture[:100], nowhere)
     assert spy.pixels.shape[0] == 100, "a frame of another size is for the localiser to refuse"

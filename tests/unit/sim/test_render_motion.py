@@ -4,44 +4,27 @@ from __future__ import annotations
 
 import math
 
-import cv2
 import numpy as np
 
+from tests.unit.level_ground import apart, level_ground, over_its_middle
 from visloc_companion.geo.se3 import quat_from_euler
-from visloc_companion.maps.crs import map_crs
 from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.render import CameraSimulator
 from visloc_companion.sim.render_effects import CameraEffects
 from visloc_companion.sim.render_motion import Shot, row_times_s
 from visloc_companion.sim.render_water import rippled
-from visloc_companion.sim.scene import Scene
 from visloc_companion.types import CameraModel, GeoPoint, Image
 
-CRS, EAST, NORTH, GROUND_M = "EPSG:32632", 604_000.0, 5_350_000.0, 430.0
 MODEL = CameraModel(320, 240, 270.0, 270.0, 159.5, 119.5)
 LEVEL = quat_from_euler(0.0, 0.0, 0.0)
 GOOD = CameraEffects(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def scene() -> Scene:
-    """Level ground with smooth random brightness."""
-    noise = np.random.default_rng(1).standard_normal((1200, 1200)).astype(np.float32)
-    grey = cv2.GaussianBlur(noise, (0, 0), 3.0)
-    pixels = np.clip(120 + 40 * grey / grey.std(), 0, 255).astype(np.uint8)
-    T = np.array([[0.5, 0.0, EAST], [0.0, -0.5, NORTH]])
-    return Scene(np.dstack([pixels] * 3), np.full((1200, 1200), GROUND_M, np.float32), T, CRS)
-
-
-SIMULATOR = CameraSimulator(scene(), MODEL)
+SIMULATOR = CameraSimulator(level_ground(), MODEL)
 
 
 def at(north_m: float = 0.0, east_m: float = 0.0) -> GeoPoint:
-    lat, lon = map_crs(CRS).to_geo(EAST + 300.0 + east_m, NORTH - 300.0 + north_m)
-    return GeoPoint(lat, lon, GROUND_M + 120.0)
-
-
-def apart(a: Image, b: Image) -> float:
-    return float(np.abs(a.astype(float) - b.astype(float)).mean())
+    return over_its_middle(120.0, north_m, east_m)
 
 
 def test_every_row_is_seen_from_where_the_camera_was_at_its_time() -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
-from visloc_companion.geo.se3 import quat_inverse, quat_multiply
+from visloc_companion.geo.se3 import body_rates
 from visloc_companion.types import Quat, Vec3
 
 _MAX_GAP_S = 1.0
@@ -17,8 +15,4 @@ def rates_between(q_before: Quat, q_after: Quat, dt_s: float) -> Vec3:
     """
     if not 0 < dt_s <= _MAX_GAP_S:
         return (0.0, 0.0, 0.0)
-    w, x, y, z = quat_multiply(quat_inverse(q_before), q_after)
-    sign = -1.0 if w < 0 else 1.0
-    sine = math.sqrt(x * x + y * y + z * z)
-    factor = sign * (2 * math.atan2(sine, abs(w)) / sine if sine > 1e-12 else 2.0) / dt_s
-    return (x * factor, y * factor, z * factor)
+    return body_rates(q_before, q_after, dt_s)

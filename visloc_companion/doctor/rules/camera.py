@@ -47,6 +47,10 @@ def seen(rule_id: str, reads: str, why: str, remedy: str) -> Callable[[JudgeSeen
     return make
 
 
+def _is_device(camera: CameraConfig) -> bool:
+    return camera.url.startswith("device:")
+
+
 def _opens(facts: Facts) -> Finding:
     if facts.camera is None:
         return skipped("no camera was tried", "give --config FILE with camera.url")
@@ -141,7 +145,7 @@ def _calibrated(camera: CameraConfig, facts: Facts) -> Finding:
     default = CameraConfig()
     if (camera.fx_px, camera.fy_px) == (default.fx_px, default.fy_px):
         return red(f"fx_px = {camera.fx_px:g}, the default")
-    real = camera.url.startswith("device:")
+    real = _is_device(camera)
     bare = real and not any(camera.distortion)
     return amber("distortion is all zero") if bare else green("fx_px and distortion are stated" if real else "fx_px is stated")
 
@@ -155,7 +159,7 @@ def _calibrated(camera: CameraConfig, facts: Facts) -> Finding:
 def _latency(camera: CameraConfig, facts: Facts) -> Finding:
     del facts
     read = f"camera.latency_s = {camera.latency_s:g}"
-    unstated = camera.url.startswith("device:") and camera.latency_s == 0
+    unstated = _is_device(camera) and camera.latency_s == 0
     if camera.latency_s > 0.5:
         return red(f"{read}: too old to be used")
     return amber(read) if unstated else green(read)
@@ -169,7 +173,7 @@ def _latency(camera: CameraConfig, facts: Facts) -> Finding:
 )
 def _readout(camera: CameraConfig, facts: Facts) -> Finding:
     del facts
-    unstated = camera.url.startswith("device:") and "readout_ms" not in camera.model_fields_set
+    unstated = _is_device(camera) and "readout_ms" not in camera.model_fields_set
     return amber("camera.readout_ms is not stated") if unstated else green(f"camera.readout_ms = {camera.readout_ms:g}")
 
 
