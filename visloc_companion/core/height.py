@@ -184,7 +184,15 @@ class HeightFilter:
     def jumped(self, t_ns: int, var_m2: float) -> None:
         """The autopilot's height changed at a time by more than its climb: how far it is off is less known by this variance."""
         self._jumps.append((t_ns, var_m2))
+        self._merge_old_jumps(t_ns - HISTORY_NS)
         self._fold(bisect_right(self._log, t_ns, key=lambda entry: entry.t_ns))
+
+    def _merge_old_jumps(self, horizon_ns: int) -> None:
+        """One doubt of all those since the newest fix that no fix will come between any more: without fixes they would pile up."""
+        old = [jump for jump in self._jumps if self.newest.t_ns < jump[0] <= horizon_ns]
+        if len(old) > 1:
+            merged = (max(t_ns for t_ns, _ in old), sum(var_m2 for _, var_m2 in old))
+            self._jumps = [merged, *(jump for jump in self._jumps if jump not in old)]
 
     def _fold(self, at: int) -> None:
         del self._beliefs[at:]

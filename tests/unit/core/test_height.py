@@ -203,3 +203,15 @@ def test_the_level_holds_on_flights_with_wrong_fixes() -> None:
             levels.append(heights.protection_level_m(round(k / 2 * S), 100.0, 50.0))
     assert not any(error > level for error, level in zip(errors, levels, strict=True))
     assert np.median(levels) < 5 * np.median(errors)
+
+
+def test_jumps_without_fixes_do_not_pile_up_and_their_doubt_does_not_depend_on_it() -> None:
+    long, short = fed([fix(1, 2.0)]), fed([fix(1, 2.0)])
+    for t_s in range(2, 500):
+        long.jumped(t_s * S, 0.5)
+        assert len(long._jumps) <= 8  # six seconds of history, one merged, one new
+    short.jumped(499 * S, 498 * 0.5)
+    assert long.at(500 * S, 100.0) == pytest.approx(short.at(500 * S, 100.0))
+    for heights in (long, short):
+        heights.observe(fix(501, 3.0))
+    assert long.at(502 * S, 100.0) == pytest.approx(short.at(502 * S, 100.0))
