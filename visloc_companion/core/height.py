@@ -188,7 +188,7 @@ class HeightFilter:
         self._fold(bisect_right(self._log, t_ns, key=lambda entry: entry.t_ns))
 
     def _merge_old_jumps(self, horizon_ns: int) -> None:
-        """One doubt of all those since the newest fix that no fix will come between any more: without fixes they would pile up."""
+        """One doubt of all those since the newest fix that no fix will come between any more."""
         old = [jump for jump in self._jumps if self.newest.t_ns < jump[0] <= horizon_ns]
         if len(old) > 1:
             merged = (max(t_ns for t_ns, _ in old), sum(var_m2 for _, var_m2 in old))
