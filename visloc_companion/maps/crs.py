@@ -155,13 +155,13 @@ def map_crs(text: str, where: str = "") -> MapCrs:
         full = CRS.from_user_input(text)
     except CRSError as why:
         raise MapError(f"is not a coordinate reference system: {text[:80]!r}", where=where, remedy=_REMEDY) from why
-    parts = full.sub_crs_list if full.is_compound else [full]
+    parts = _parts(full)
     vertical = parts[1] if len(parts) > 1 and parts[1].is_vertical else None
     horizontal = parts[0].to_2d()
     if not (horizontal.is_projected or horizontal.is_geographic):
         raise MapError(f"the CRS {full.name!r} is neither projected nor geographic", where=where, remedy=_REMEDY)
     try:
-        to_map = Transformer.from_crs(CRS.from_epsg(4326), horizontal, always_xy=True, allow_ballpark=False)
+        horizontal, to_map = _related(full, horizontal)
     except ProjError as why:
         raise DatumMissing(f"the relation of {full.name!r} to WGS 84 is unknown", where=where, remedy=_REMEDY) from why
     is_3d = len(parts[0].axis_info) == 3
@@ -181,6 +181,45 @@ def utm_at(lat_deg: float, lon_deg: float) -> MapCrs:
     """The UTM zone (WGS 84) of a place; the zones' exceptions in Norway and Svalbard are not applied."""
     zone = int((lon_deg + 180) % 360 // 6) + 1
     return map_crs(f"EPSG:{(32600 if lat_deg >= 0 else 32700) + zone}")
+
+
+def _related(full: CRS, horizontal: CRS) -> tuple[CRS, Transformer]:
+    """The horizontal part of a CRS and the transformer to it from WGS 84. Raises ProjError where none is known.
+
+    GDAL's tables may be newer than PROJ's here, and call the datum of a country by a name that these do not know (ETRS89 in
+    Finland, Norway and Greenland). Then the CRS serves whose code `full` bears, where projection, axes and ellipsoid are the same.
+    """
+    try:
+        return horizontal, _from_wgs84(horizontal)
+    except ProjError:
+        named = _of_code(full)
+        if named is None or _shape(named) != _shape(horizontal):
+            raise
+        return named, _from_wgs84(named)
+
+
+def _from_wgs84(horizontal: CRS) -> Transformer:
+    return Transformer.from_crs(CRS.from_epsg(4326), horizontal, always_xy=True, allow_ballpark=False)
+
+
+def _of_code(full: CRS) -> CRS | None:
+    """The horizontal part of the CRS whose code a CRS bears; None where it bears none that is known."""
+    bears = full.to_json_dict().get("id")
+    try:
+        known = None if bears is None else CRS.from_authority(bears["authority"], bears["code"])
+    except CRSError:
+        return None
+    return known and _parts(known)[0].to_2d()
+
+
+def _shape(horizontal: CRS) -> tuple[object, ...]:
+    """All of a CRS but its datum's name."""
+    return horizontal.coordinate_operation, horizontal.coordinate_system, horizontal.ellipsoid, horizontal.prime_meridian
+
+
+def _parts(full: CRS) -> list[CRS]:
+    """Of a compound CRS its parts, of any other one itself."""
+    return full.sub_crs_list if full.is_compound else [full]
 
 
 def _finite(xy: tuple[FloatArray, FloatArray]) -> FloatArray:

@@ -1,7 +1,9 @@
 import math
+import re
 
 import numpy as np
 import pytest
+from pyproj import CRS
 
 from visloc_companion.errors import DatumMissing, MapError, OutsideMap
 from visloc_companion.geo.wgs84 import geo_from_ned
@@ -84,6 +86,25 @@ def test_unknown_datum_is_refused() -> None:
     )
     with pytest.raises(DatumMissing, match="relation"):
         map_crs(wkt, "moon.tif")
+
+
+def renamed_datum(epsg: int) -> str:
+    """WKT of a CRS as tables of another age write it: its datum has a name that PROJ here does not know."""
+    datum = re.compile(r'(?:DATUM|ENSEMBLE)\["[^"]*",(?:MEMBER\["[^"]*"\],)*(ELLIPSOID\[.*?\]\])(?:,ENSEMBLEACCURACY\[[\d.]+\])?')
+    return datum.sub(r'DATUM["ETRS89 of a country",\1', CRS.from_epsg(epsg).to_wkt(pretty=False), count=1)
+
+
+@pytest.mark.parametrize("epsg", [3067, 5972])
+def test_a_datum_of_newer_tables_is_known_by_the_code_of_its_crs(epsg: int) -> None:
+    crs = map_crs(renamed_datum(epsg))
+    assert crs == map_crs(f"EPSG:{epsg}") and crs.states_heights == (epsg == 5972)
+    assert map_crs(crs.wkt) == crs
+
+
+def test_a_code_that_does_not_fit_its_crs_is_not_believed() -> None:
+    moved = renamed_datum(3067).replace('"False easting",500000', '"False easting",400000')
+    with pytest.raises(DatumMissing, match="relation"):
+        map_crs(moved, "moved.tif")
 
 
 def test_places_without_coordinates() -> None:
