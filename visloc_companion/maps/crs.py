@@ -89,6 +89,11 @@ class MapCrs:
         return math.nan if self.is_geographic else float(self._crs.axis_info[0].unit_conversion_factor)
 
     @property
+    def turn(self) -> float:
+        """A full turn in the unit of a geographic CRS's longitudes (360 in degrees)."""
+        return 2 * math.pi / float(self._crs.axis_info[0].unit_conversion_factor)
+
+    @property
     def accuracy_m(self) -> float | None:
         """Stated accuracy of the transformation from WGS 84, metres; None where it depends on the place or is unknown."""
         accuracy = self._to_map.accuracy
@@ -187,7 +192,7 @@ def _related(full: CRS, horizontal: CRS) -> tuple[CRS, Transformer]:
     """The horizontal part of a CRS and the transformer to it from WGS 84. Raises ProjError where none is known.
 
     GDAL's tables may be newer than PROJ's here, and call the datum of a country by a name that these do not know (ETRS89 in
-    Finland, Norway and Greenland). Then the CRS serves whose code `full` bears, where projection, axes and ellipsoid are the same.
+    Finland, Norway and Greenland). Then the CRS whose code `full` bears serves, where projection, axes, ellipsoid are the same.
     """
     try:
         return horizontal, _from_wgs84(horizontal)

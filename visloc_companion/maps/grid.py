@@ -14,6 +14,7 @@ from visloc_companion.maps.around import MAX_POINTS, on_the_ground, sampled_surf
 from visloc_companion.maps.crs import Linearisation, MapCrs
 from visloc_companion.maps.geotiff import ground_gsd_m
 from visloc_companion.maps.layer import Layer
+from visloc_companion.maps.places import pix_of_geo
 from visloc_companion.maps.warp import interpolate, warp_affine, warp_places
 from visloc_companion.types import FloatArray, GeoPoint, ReferencePatch
 
@@ -156,7 +157,7 @@ class GridMap:
     def _height_pix(self, layer: Layer, map_m: FloatArray) -> FloatArray:
         """(N, 2) pix of the height layer at (N, 2) easting, northing of the map."""
         if self._heights.crs != self._crs:
-            map_m = self._heights.crs.to_map_array(self._crs.to_geo_array(map_m))
+            return pix_of_geo(layer, self._heights.crs, self._crs.to_geo_array(map_m))
         return apply_affine(invert_affine(layer.T_map_pix), map_m)
 
     def _height_window(self, T_map_pix: FloatArray, size_px: tuple[int, int]) -> NDArray[np.float32]:

@@ -50,7 +50,7 @@ class CrsEntry(Part):
 
 
 class Bounds(Part):
-    """The rectangle of the pixels, in map coordinates and as the geographic box around it."""
+    """The rectangle of the pixels, in map coordinates and as the geographic box around it (west > east where it crosses 180°)."""
 
     west_map_m: Finite
     south_map_m: Finite

@@ -39,6 +39,7 @@ from visloc_companion.prepare.mosaic import write_ortho
 from visloc_companion.prepare.surface import Datum, Surface, make_surface, surface_sources, write_surface
 from visloc_companion.prepare.target import Source, TargetGrid, pack_grid
 from visloc_companion.prepare.work_folder import Progress, WorkFolder, stage, synced, work_key
+from visloc_companion.types import FloatArray
 
 ORTHO = "ortho.tif"
 SOFTWARE = f"visloc-companion {visloc_companion.__version__}"
@@ -189,7 +190,8 @@ def _bounds(grid: TargetGrid) -> Bounds:
     west, south, east, north = grid.bounds
     x, y = np.meshgrid(np.linspace(west, east, 17), np.linspace(south, north, 17))
     geo = grid.crs.to_geo_array(np.column_stack([x.ravel(), y.ravel()]))
-    (south_deg, west_deg), (north_deg, east_deg) = (tuple(float(v) for v in f(geo, axis=0)) for f in (np.min, np.max))
+    south_deg, north_deg = float(geo[:, 0].min()), float(geo[:, 0].max())
+    west_deg, east_deg = _longitudes(geo[:, 1])
     return Bounds(
         west_map_m=west,
         south_map_m=south,
@@ -200,6 +202,12 @@ def _bounds(grid: TargetGrid) -> Bounds:
         east_deg=east_deg,
         north_deg=north_deg,
     )
+
+
+def _longitudes(lon_deg: FloatArray) -> tuple[float, float]:
+    """The westernmost and the easternmost of places near each other; across the antimeridian west is larger than east."""
+    away = (lon_deg - lon_deg[0] + 180) % 360 - 180
+    return float(lon_deg[np.argmin(away)]), float(lon_deg[np.argmax(away)])
 
 
 def _no_progress(stage: str, share: float) -> None:

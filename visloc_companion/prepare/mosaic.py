@@ -16,8 +16,9 @@ from rasterio.errors import RasterioError
 from rasterio.windows import Window
 
 from visloc_companion.errors import MapError
-from visloc_companion.geo.raster import apply_affine, compose_affine, invert_affine
+from visloc_companion.geo.raster import apply_affine, compose_affine
 from visloc_companion.maps.layer import Values
+from visloc_companion.maps.places import pix_of_geo
 from visloc_companion.maps.warp import warp_affine, warp_places
 from visloc_companion.prepare.target import BLOCK_PX, Source, TargetGrid
 from visloc_companion.types import FloatArray
@@ -81,10 +82,9 @@ def resampled(
     """A window of a source in the grid's CRS."""
     if source.crs == grid.crs:
         return warp_affine(source.layer, T_map_pix, size_px)
-    T_src_map = invert_affine(source.layer.T_map_pix)
 
     def places(pix: FloatArray) -> FloatArray:
-        return apply_affine(T_src_map, source.crs.to_map_array(grid.crs.to_geo_array(apply_affine(T_map_pix, pix))))
+        return pix_of_geo(source.layer, source.crs, grid.crs.to_geo_array(apply_affine(T_map_pix, pix)))
 
     return warp_places(source.layer, places, size_px)
 

@@ -93,6 +93,26 @@ def test_turned_feet_and_mercator_rasters_become_metric_and_north_up(tmp_path: P
         assert PackMap.open(tmp_path / "pack").covers(*place)
 
 
+@pytest.mark.parametrize(
+    ("crs", "east_deg"), [("EPSG:4326", 180.0), ("EPSG:4326", -180.0), ("EPSG:4326", 190.0), ("EPSG:32701", 180.0)]
+)
+def test_maps_about_and_beyond_the_antimeridian_are_whole(tmp_path: Path, write_raster, crs: str, east_deg: float) -> None:
+    write_raster(tmp_path / "a.tif", picture(200), crs, (-16.8, east_deg), 1.0)
+    write_raster(tmp_path / "dsm.tif", slope(200), "EPSG:4326", (-16.8, east_deg), 1.0)
+    manifest = build_pack([tmp_path / "a.tif"], tmp_path / "dsm.tif", tmp_path / "pack")
+    pack = PackMap.open(tmp_path / "pack")
+    assert manifest.share_valid > 0.95 and manifest.heights.share_known > 0.95
+    for step_deg in (-5e-4, 5e-4):
+        lon_deg = (east_deg + step_deg + 180) % 360 - 180
+        patch = pack.patch(pack.to_map(-16.8, lon_deg), (9, 9), 1.0, 0.0)
+        assert patch.valid.all()
+        assert patch.dsm_amsl_m[4, 4] == pytest.approx(415 + step_deg * 1.066e5 * 0.1, abs=0.6)
+    bounds = manifest.bounds
+    assert (bounds.east_deg - bounds.west_deg) % 360 < 0.003
+    assert (bounds.west_deg > bounds.east_deg) == (abs(east_deg) == 180)
+    assert bounds.east_map_m - bounds.west_map_m == pytest.approx(manifest.ortho.cols * manifest.ortho.transform[0])
+
+
 @pytest.mark.parametrize(("crs", "place", "gsd_m"), [("EPSG:4326", (10.0, 20.0), 50_000.0), (UTM, PLACE, 30_000.0)])
 def test_a_raster_of_a_continent_is_refused(
     tmp_path: Path, write_raster, crs: str, place: tuple[float, float], gsd_m: float
