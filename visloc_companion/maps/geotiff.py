@@ -21,6 +21,7 @@ from visloc_companion.geo.raster import T_map_pix_from_gdal
 from visloc_companion.maps.collar import collar
 from visloc_companion.maps.crs import MapCrs, map_crs
 from visloc_companion.maps.layer import ArrayLayer, Layer, Validity, Values, array_layer, level_shapes
+from visloc_companion.maps.manifest import require_utf8
 from visloc_companion.types import FloatArray
 
 IN_MEMORY_BYTES = 400_000_000
@@ -168,6 +169,7 @@ class DatasetLayer:
 
 def _open(path: Path) -> tuple[Any, MapCrs, FloatArray]:
     where = str(path)
+    require_utf8(where)
     if not path.is_file():
         raise MapError("there is no such file", where=where, remedy="name a GeoTIFF")
     try:

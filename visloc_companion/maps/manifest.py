@@ -211,6 +211,15 @@ def is_manifest(path: Path) -> bool:
     return True
 
 
+def require_utf8(*texts: str) -> None:
+    """Raise MapError for a text (of a manifest, or a path) that is none in UTF-8: neither JSON nor GDAL takes it."""
+    for text in texts:
+        try:
+            text.encode()
+        except UnicodeEncodeError as why:
+            raise MapError("is not written in UTF-8", where=ascii(text), remedy="rename it (convmv -t UTF-8)") from why
+
+
 def _schema_of(raw: bytes, where: str) -> object:
     try:
         data = json.loads(raw)

@@ -15,6 +15,7 @@ from visloc_companion.maps.verify import verify_files
 from visloc_companion.prepare.build import SOFTWARE
 from visloc_companion.prepare.defaults import FINEST_FEATURES_M
 from visloc_companion.prepare.features import check_names, feature_levels, stored_bytes, wanted_levels
+from visloc_companion.prepare.replaced import check_target
 from visloc_companion.prepare.target import TargetGrid
 from visloc_companion.prepare.work_folder import Progress, WorkFolder, work_key
 
@@ -35,6 +36,7 @@ def add_features(
     report: Progress = progress or (lambda stage, share: None)
     check_names((GRADIENT, *networks))
     old = read_manifest(folder)
+    check_target(folder)
     verify_files(folder, old)
     added = {each.name for each in networks}
     kept = tuple(level for level in old.features if level.name == GRADIENT.name or (not replace and level.name not in added))

@@ -15,7 +15,6 @@ from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.maps.geotiff import ground_gsd_m, layer_of, open_ortho
 from visloc_companion.maps.manifest import (
     KIND,
-    MANIFEST,
     SCHEMA,
     Bounds,
     CrsEntry,
@@ -23,7 +22,7 @@ from visloc_companion.maps.manifest import (
     HeightEntry,
     Manifest,
     SourceEntry,
-    is_manifest,
+    require_utf8,
     sha256_file,
     write_manifest,
 )
@@ -36,6 +35,7 @@ from visloc_companion.prepare.features import (
     wanted_levels,
 )
 from visloc_companion.prepare.mosaic import write_ortho
+from visloc_companion.prepare.replaced import check_target
 from visloc_companion.prepare.surface import Datum, Surface, make_surface, surface_sources, write_surface
 from visloc_companion.prepare.target import Source, TargetGrid, pack_grid
 from visloc_companion.prepare.work_folder import Progress, WorkFolder, stage, synced, work_key
@@ -74,7 +74,8 @@ def build_pack(
     ModelError for networks whose names are no file names.
     """
     report = progress or _no_progress
-    _check_target(out)
+    require_utf8(*map(str, (*orthos, dsm, *clouds, out)), name, source, licence)
+    check_target(out)
     functions = (GRADIENT, *networks)
     check_names(functions)
     if not orthos:
@@ -160,13 +161,6 @@ def _heights(work: WorkFolder, grid: TargetGrid, surface: Surface | None, plane_
     flush = None if entry.grid is None else partial(synced, work.path / entry.grid.file)
     work.record("heights", entry.model_dump(mode="json"), flush)
     return entry
-
-
-def _check_target(out: Path) -> None:
-    """A folder that is empty or a pack (of any version, whole or not) may be replaced."""
-    if not out.exists() or (out.is_dir() and (not any(out.iterdir()) or is_manifest(out / MANIFEST))):
-        return
-    raise MapError("exists and is no map pack", where=str(out), remedy="name a folder that does not exist yet, or remove it")
 
 
 def _check_space(

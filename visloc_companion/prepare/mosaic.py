@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,6 @@ from rasterio.enums import ColorInterp
 from rasterio.errors import RasterioError
 from rasterio.windows import Window
 
-from visloc_companion.errors import MapError
 from visloc_companion.geo.raster import apply_affine, compose_affine
 from visloc_companion.maps.layer import Values
 from visloc_companion.maps.places import pix_of_geo
@@ -31,12 +32,15 @@ Step = Callable[[int], None]
 
 
 def write_ortho(path: Path, grid: TargetGrid, sources: Sequence[Source], step: Step) -> float:
-    """Mosaic of orthophotos, the first on top, with an alpha band. Returns the share of valid pixels. Raises MapError."""
+    """Mosaic of orthophotos, the first on top, with an alpha band. Returns the share of valid pixels.
+
+    Raises MapError for damaged sources, OSError where the disk refuses what is written.
+    """
     channels = max(source.layer.channels for source in sources)
     interpretation = [ColorInterp.gray] if channels == 1 else [ColorInterp.red, ColorInterp.green, ColorInterp.blue]
     n_valid = 0
     plain = path.with_suffix(".plain.tif")
-    with rasterio.open(plain, "w", **_profile(grid, channels + 1, "uint8")) as out:
+    with _writing(path), rasterio.open(plain, "w", **_profile(grid, channels + 1, "uint8")) as out:
         out.colorinterp = [*interpretation, ColorInterp.alpha]
         for window, T_map_pix, size_px in blocks(grid, SIDE_PX):
             pixels, valid = _merged(sources, grid, T_map_pix, size_px, channels)
@@ -49,10 +53,13 @@ def write_ortho(path: Path, grid: TargetGrid, sources: Sequence[Source], step: S
 
 
 def write_heights(path: Path, grid: TargetGrid, sources: Sequence[Source], lower_m: float, step: Step) -> tuple[float, float]:
-    """Surface model less `lower_m`, the first on top, small holes filled. Returns the shares of known and of filled pixels."""
+    """Surface model less `lower_m`, the first on top, small holes filled. Returns the shares of known and of filled pixels.
+
+    Raises as `write_ortho`.
+    """
     n_known = n_filled = 0
     plain = path.with_suffix(".plain.tif")
-    with rasterio.open(plain, "w", nodata=np.nan, **_profile(grid, 1, "float32")) as out:
+    with _writing(path), rasterio.open(plain, "w", nodata=np.nan, **_profile(grid, 1, "float32")) as out:
         for window, T_map_pix, size_px in blocks(grid, SIDE_PX):
             margin = np.array([[1.0, 0.0, -FILL_PX], [0.0, 1.0, -FILL_PX]])
             grown = size_px[0] + 2 * FILL_PX, size_px[1] + 2 * FILL_PX
@@ -133,7 +140,7 @@ def _profile(grid: TargetGrid, count: int, dtype: str) -> dict[str, Any]:
 
 def _to_cog(plain: Path, path: Path, grid: TargetGrid) -> None:
     """Uncompressed, so that a window costs no decoding; overviews by averaging, which weighs with alpha."""
-    try:
+    with _writing(path):
         rasterio.shutil.copy(
             plain,
             path,
@@ -144,6 +151,16 @@ def _to_cog(plain: Path, path: Path, grid: TargetGrid) -> None:
             OVERVIEW_RESAMPLING="AVERAGE",
             BIGTIFF="IF_SAFER",
         )
-    except (RasterioError, SystemError) as why:  # rasterio gives SystemError where GDAL names no reason
-        raise MapError(f"cannot be written: {why}", where=str(path), remedy="check the disk and its free space") from why
     plain.unlink()
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """What GDAL raises where it cannot write as an OSError: its own exceptions have no public base in rasterio, and where it
+    names no reason rasterio gives SystemError."""
+    try:
+        yield
+    except Exception as why:
+        if not isinstance(why, (RasterioError, SystemError)) and not type(why).__name__.startswith("CPLE_"):
+            raise
+        raise OSError(errno.EIO, str(why), str(path)) from why

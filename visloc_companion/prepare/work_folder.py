@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from types import TracebackType
 from typing import Any, Self
 
 from visloc_companion.errors import MapError, VislocError
@@ -29,30 +30,43 @@ class WorkFolder:
     `key` says what the work is made from: a folder that was left behind with the same key is gone on with, another one is
     emptied. A part is noted only after its data were handed to the disk, so that even a loss of power costs SYNC_S at most.
     One process at a time: a second one gets a MapError. As a context it is closed at the end, and removed by a VislocError: what
-    is refused once is refused again.
+    is refused once is refused again. What the disk refuses (OSError) becomes a MapError, and leaves the folder to go on with.
+    A target that is a link is followed: the work lies on the disk that will hold it.
     """
 
     def __init__(self, target: Path, key: str) -> None:
-        self.target = target.absolute()
-        self.path = self.target.with_name(f".{target.name}.building")
-        self.path.mkdir(parents=True, exist_ok=True)
-        self._log = (self.path / LOG).open("a+", encoding="utf-8", errors="replace")
-        self._lock()
-        self._pending: dict[str, tuple[object, Callable[[], object] | None]] = {}
-        self._synced_at = time.monotonic()
-        self._done = self._read(key)
-        if not self._done:
-            self._start(key)
+        try:
+            self.target = target.resolve()
+            self.path = self.target.with_name(f".{self.target.name}.building")
+            self.path.mkdir(parents=True, exist_ok=True)
+            self._log = (self.path / LOG).open("a+", encoding="utf-8", errors="replace")
+            self._lock()
+            self._pending: dict[str, tuple[object, Callable[[], object] | None]] = {}
+            self._synced_at = time.monotonic()
+            self._done = self._read(key)
+            if not self._done:
+                self._start(key)
+        except OSError as why:
+            raise MapError(
+                f"no folder can be made there: {why.strerror}", where=str(target), remedy="name a place that can be written to"
+            ) from why
 
     def __enter__(self) -> Self:
         """The folder itself."""
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, why: BaseException | None, trace: TracebackType | None) -> None:
         """Remove after a refusal; else only let go."""
-        if kind is not None and issubclass(kind, VislocError):
+        if isinstance(why, VislocError):
             self.remove()
-        self.close()
+        with suppress(OSError):  # closing writes what is left
+            self.close()
+        if isinstance(why, OSError):
+            raise MapError(
+                f"cannot be written: {why.strerror}",
+                where=str(why.filename or self.path),
+                remedy="check the disk and its free space, then give the command again: it goes on with what is done",
+            ) from why
 
     def result(self, part: str) -> Any:
         """What a finished part was recorded with; None where it is not finished."""

@@ -1,4 +1,5 @@
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from visloc_companion.geo.raster import apply_affine, invert_affine
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.raster import RasterMap
+from visloc_companion.prepare.add_features import add_features
 from visloc_companion.prepare.build import build_pack
 from visloc_companion.types import GeoPoint
 
@@ -231,6 +233,54 @@ def test_targets(tmp_path: Path, write_raster) -> None:
     build_pack(orthos, None, tmp_path / "empty", name="second")
     assert PackMap.open(tmp_path / "empty").manifest.name == "second"
     assert not list(tmp_path.glob(".empty*"))
+
+
+def test_what_lies_in_a_pack_without_being_part_of_it_is_not_lost(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+    (tmp_path / "pack" / "mission.plan").write_text("mine")
+    for rebuild in (
+        lambda: build_pack([tmp_path / "a.tif"], None, tmp_path / "pack"),
+        lambda: add_features(tmp_path / "pack", []),
+    ):
+        with pytest.raises(MapError, match=r"pack: holds 'mission\.plan'.*remedy"):
+            rebuild()
+    assert (tmp_path / "pack" / "mission.plan").read_text() == "mine"
+
+
+def test_a_link_as_target_stays_and_leads_to_the_new_pack(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "pack").symlink_to(tmp_path / "disk" / "pack")
+    for name in ("first", "second", "third"):
+        build_pack([tmp_path / "a.tif"], None, tmp_path / "pack", name=name)
+        assert (tmp_path / "pack").is_symlink() and PackMap.open(tmp_path / "disk" / "pack").manifest.name == name
+    assert {path.name for path in (*tmp_path.iterdir(), *(tmp_path / "disk").iterdir())} == {"a.tif", "disk", "pack"}
+
+
+def test_places_and_names_that_nothing_can_be_written_to(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
+    with pytest.raises(MapError, match="no folder can be made there: Not a directory; remedy"):
+        build_pack([tmp_path / "a.tif"], None, tmp_path / "a.tif" / "pack")
+    with pytest.raises(MapError, match="is not written in UTF-8; remedy"):
+        build_pack([tmp_path / "a.tif"], None, tmp_path / os.fsdecode(b"pack\xff"))
+    with pytest.raises(MapError, match="is not written in UTF-8; remedy"):
+        build_pack([tmp_path / os.fsdecode(b"a\xff.tif")], None, tmp_path / "pack")
+
+
+def test_a_full_disk_is_told_and_the_work_is_gone_on_with(tmp_path: Path, write_raster, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
+
+    def full(*_: object, **__: object) -> None:
+        raise type("CPLE_AppDefinedError", (Exception,), {})("Write error at scanline 0")  # GDAL's own, as rasterio hands it on
+
+    with monkeypatch.context() as patched:
+        patched.setattr("rasterio.shutil.copy", full)
+        with pytest.raises(MapError, match=r"ortho\.tif: cannot be written: Write error.*remedy: check the disk"):
+            build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+    assert (tmp_path / ".pack.building").is_dir()
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+    assert PackMap.open(tmp_path / "pack").manifest.share_valid == 1.0
 
 
 def test_old_pack_survives_a_failing_build(tmp_path: Path, write_raster) -> None:

@@ -1,0 +1,40 @@
+"""The folder that a new pack replaces."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from visloc_companion.errors import MapError
+from visloc_companion.maps.manifest import DIGEST, MANIFEST, is_manifest
+
+
+def check_target(folder: Path) -> None:
+    """Raise MapError where a folder is something else than a pack (of any version, whole or not), or holds more than one.
+
+    An empty folder, and one that is not there, are fit.
+    """
+    try:
+        if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+            return
+        is_pack = is_manifest(folder / MANIFEST)
+        foreign = _foreign_files(folder) if is_pack else []
+    except OSError as why:
+        raise MapError(f"cannot be read: {why.strerror}", where=str(folder), remedy="name a folder that can be read") from why
+    if not is_pack:
+        raise MapError(
+            "exists and is no map pack", where=str(folder), remedy="name a folder that does not exist yet, or remove it"
+        )
+    if foreign:
+        raise MapError(
+            f"holds {foreign[0]!r}, which is no part of the pack and would be lost",
+            where=str(folder),
+            remedy="move it out of the folder, or name another folder",
+        )
+
+
+def _foreign_files(folder: Path) -> list[str]:
+    """Names of what lies in the folder of a pack of any version without being part of it."""
+    listed = json.loads((folder / MANIFEST).read_bytes()).get("files")
+    own = {MANIFEST, DIGEST, *(listed if isinstance(listed, dict) else ())}
+    return sorted(path.name for path in folder.iterdir() if path.name not in own)
