@@ -78,11 +78,15 @@ def build(
     json_file: Json = None,
 ) -> None:
     """Make a pack from orthophotos, a surface model and point clouds."""
-    from visloc_companion.cli.progress import write_json
+    from visloc_companion.cli.progress import require_folder, write_json
+    from visloc_companion.maps.geotiff import HEIGHTS_M
     from visloc_companion.prepare.build import build_pack
     from visloc_companion.prepare.check import cloud_info
 
     _check_date(capture_date)
+    if not HEIGHTS_M[0] <= ground_height_m <= HEIGHTS_M[1]:
+        raise ConfigError(f"--ground-height-m: no ground is at {ground_height_m:g} m", remedy="name its height above sea level")
+    require_folder(json_file, "--json")
     networks = chosen_networks(model)
     with stages() as report:
         manifest = build_pack(

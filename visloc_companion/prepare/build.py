@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import visloc_companion
-from visloc_companion.errors import MapError
+from visloc_companion.errors import DatumMissing, MapError
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.maps.geotiff import ground_gsd_m, layer_of, open_ortho
@@ -84,6 +84,7 @@ def build_pack(
     grid = pack_grid(sources)
     cloud = pack_cloud(clouds, cloud_crs, grid, vertical_datum, geoid_undulation_m)
     surface = make_surface(surface_sources(dsm, clouds, cloud_crs), grid, vertical_datum, geoid_undulation_m)
+    _check_undulation(geoid_undulation_m, surface, cloud)
     inputs = tuple(_inputs([*orthos, *([dsm] if dsm else []), *clouds], report))
     made_from: list[object] = [cloud_crs, ground_h_amsl_m, vertical_datum, geoid_undulation_m, len(orthos), len(clouds)]
     made_from += [finest_features_m, *(entry.sha256 for entry in inputs), *((each.name, each.recipe) for each in functions)]
@@ -161,6 +162,17 @@ def _heights(work: WorkFolder, grid: TargetGrid, surface: Surface | None, plane_
     flush = None if entry.grid is None else partial(synced, work.path / entry.grid.file)
     work.record("heights", entry.model_dump(mode="json"), flush)
     return entry
+
+
+def _check_undulation(given_m: float | None, surface: Surface | None, cloud: PackCloud | None) -> None:
+    """Refuse an undulation that no heights are corrected by: whoever gives one holds them for ellipsoidal."""
+    used = [each.undulation_m for each in (surface, cloud) if each is not None]
+    if given_m is not None and given_m not in used:
+        raise DatumMissing(
+            "is given, but all heights count as above sea level",
+            where="--geoid-undulation-m",
+            remedy="--vertical-datum ellipsoidal where those of --dsm or --cloud are ellipsoidal, else leave it out",
+        )
 
 
 def _check_space(

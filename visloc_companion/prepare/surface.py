@@ -20,6 +20,8 @@ from visloc_companion.prepare.target import Source, TargetGrid, grid_over, outli
 
 Datum = Literal["amsl", "ellipsoidal"]
 DSM = "dsm.tif"
+LARGEST_UNDULATION_M = 120.0
+"""The geoid (EGM2008) lies between -107 and +86 m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +72,12 @@ def settled_datum(
             "heights are ellipsoidal and the geoid undulation is not given",
             where=named[0][0],
             remedy="--geoid-undulation-m N, the geoid's height above the ellipsoid at the place",
+        )
+    if abs(undulation_m) > LARGEST_UNDULATION_M:
+        raise DatumMissing(
+            f"nowhere on earth is the geoid {undulation_m:g} m above the ellipsoid",
+            where="--geoid-undulation-m",
+            remedy="name the geoid's height above the ellipsoid, not that of the ground",
         )
     return datum, undulation_m
 

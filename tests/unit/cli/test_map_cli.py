@@ -103,6 +103,11 @@ def test_wrong_options_are_named(tmp_path: Path, ortho: Path, visloc: Visloc) ->
         visloc(*base, "--vertical-datum", "sea")
     with pytest.raises(ConfigError, match=r"--capture-date.*YYYY-MM-DD"):
         visloc(*base, "--capture-date", "last summer")
+    for height in ("nan", "1e6"):
+        with pytest.raises(ConfigError, match=r"--ground-height-m.*remedy"):
+            visloc(*base, "--ground-height-m", height)
+    with pytest.raises(ConfigError, match=r"its folder does not exist.*--json"):
+        visloc(*base, "--json", "/nowhere/pack.json")
     with pytest.raises(CloudError, match=r"c\.laz: there is no such file"):
         visloc(*base, "--dsm", ortho, "--cloud", "c.laz")
     assert visloc("build", "--out", tmp_path / "pack")[0] == 2

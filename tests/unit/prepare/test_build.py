@@ -166,6 +166,19 @@ def test_ellipsoidal_heights_need_and_get_the_undulation(tmp_path: Path, write_r
     assert (pack.manifest.heights.source_datum, pack.manifest.heights.geoid_undulation_m) == ("ellipsoidal", 46.5)
 
 
+def test_an_undulation_that_would_be_passed_over_or_is_none_is_refused(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
+    write_raster(tmp_path / "dsm.tif", slope(100), UTM, PLACE, 1.0)
+    files = [tmp_path / "a.tif"], tmp_path / "dsm.tif", tmp_path / "pack"
+    for stated in (None, "amsl"):
+        with pytest.raises(DatumMissing, match=r"--geoid-undulation-m: is given.*--vertical-datum ellipsoidal"):
+            build_pack(*files, vertical_datum=stated, geoid_undulation_m=46.5)
+    with pytest.raises(DatumMissing, match=r"nowhere on earth.*460 m.*remedy"):
+        build_pack(*files, vertical_datum="ellipsoidal", geoid_undulation_m=460.0)
+    with pytest.raises(DatumMissing, match=r"--geoid-undulation-m: is given.*remedy"):
+        build_pack([tmp_path / "a.tif"], None, tmp_path / "pack", ground_h_amsl_m=430.0, geoid_undulation_m=46.5)
+
+
 def test_three_dimensional_crs_is_ellipsoidal(tmp_path: Path, write_raster) -> None:
     write_raster(tmp_path / "a.tif", picture(100), "EPSG:4326", PLACE, 1.0)
     write_raster(tmp_path / "dsm.tif", slope(100), "EPSG:4979", PLACE, 1.0)
