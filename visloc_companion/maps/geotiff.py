@@ -63,6 +63,17 @@ class GeoTiff:
         return ground_gsd_m(self.crs, self.T_map_pix, self.shape)
 
 
+def files_of(path: Path) -> list[Path]:
+    """A raster's file, and all that its pixels and place come from as well: world files, .aux.xml, masks, tiles of a .vrt.
+
+    Raises MapError.
+    """
+    dataset, _, _ = _open(path)
+    with dataset:
+        others = sorted({Path(name) for name in dataset.files} - {path})
+    return [path, *(other for other in others if other.is_file())]
+
+
 def ground_gsd_m(crs: MapCrs, T_map_pix: FloatArray, shape: tuple[int, int]) -> float:
     """Geometric mean of a pixel's sides on the ground, at the centre of a raster of (rows, cols)."""
     centre = T_map_pix @ np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2, 1.0])

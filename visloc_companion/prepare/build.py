@@ -12,7 +12,7 @@ import visloc_companion
 from visloc_companion.errors import DatumMissing, MapError
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
-from visloc_companion.maps.geotiff import ground_gsd_m, layer_of, open_ortho
+from visloc_companion.maps.geotiff import files_of, ground_gsd_m, layer_of, open_ortho
 from visloc_companion.maps.manifest import (
     KIND,
     SCHEMA,
@@ -85,8 +85,17 @@ def build_pack(
     cloud = pack_cloud(clouds, cloud_crs, grid, vertical_datum, geoid_undulation_m)
     surface = make_surface(surface_sources(dsm, clouds, cloud_crs), grid, vertical_datum, geoid_undulation_m)
     _check_undulation(geoid_undulation_m, surface, cloud)
-    inputs = tuple(_inputs([*orthos, *([dsm] if dsm else []), *clouds], report))
-    made_from: list[object] = [cloud_crs, ground_h_amsl_m, vertical_datum, geoid_undulation_m, len(orthos), len(clouds)]
+    rasters = [file for path in (*orthos, *([dsm] if dsm else ())) for file in files_of(path)]
+    inputs = tuple(_inputs([*rasters, *clouds], report))
+    made_from: list[object] = [
+        cloud_crs,
+        ground_h_amsl_m,
+        vertical_datum,
+        geoid_undulation_m,
+        len(orthos),
+        dsm is None,
+        len(clouds),
+    ]
     made_from += [finest_features_m, *(entry.sha256 for entry in inputs), *((each.name, each.recipe) for each in functions)]
     with WorkFolder(out, work_key("build", SOFTWARE, made_from)) as work:
         _check_space(work, grid, surface, cloud, max(each.layer.channels for each in sources), functions, finest_features_m)

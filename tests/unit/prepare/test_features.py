@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
 
 from visloc_companion.errors import HashMismatch, MapError, ModelError
 from visloc_companion.maps.crs import map_crs
@@ -119,6 +120,54 @@ def test_work_left_behind_for_something_else_is_not_gone_on_with(sources: Path, 
     shutil.rmtree(sources / "pack")
     build_pack([sources / "a.tif"], sources / "dsm.tif", sources / "pack", networks=[NETWORK])
     assert digests(sources / "pack") == digests(sources / "kept")
+
+
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+def test_work_on_another_place_or_other_tiles_is_not_gone_on_with(
+    sources: Path, write_raster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where a raster lies may stand beside it, and its pixels in other files: neither changes the file that is named."""
+    monkeypatch.setattr("visloc_companion.prepare.work_folder.SYNC_S", 0.0)
+    ortho, sheet = sources / "a.tif", sources / "a.vrt"
+    with rasterio.open(ortho) as tiff:
+        where, shape = tiff.transform, tiff.shape
+    sheet.write_text(
+        f'<VRTDataset rasterXSize="{shape[1]}" rasterYSize="{shape[0]}"><SRS>{UTM}</SRS><GeoTransform>'
+        f'{", ".join(map(str, where.to_gdal()))}</GeoTransform><VRTRasterBand dataType="Byte" band="1"><SimpleSource>'
+        '<SourceFilename relativeToVRT="1">a.tif</SourceFilename><SourceBand>1</SourceBand>'
+        "</SimpleSource></VRTRasterBand></VRTDataset>"
+    )
+    plain = sources / "plain.tif"
+    with rasterio.open(ortho) as tiff, rasterio.open(plain, "w", **(tiff.profile | {"transform": None})) as copy:
+        copy.write(tiff.read())
+    world = sources / "plain.tfw"
+    write_world(world, where)
+
+    def stopped(path: Path) -> None:
+        def stop(stage: str, share: float) -> None:
+            if stage == "features gradient":
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            build_pack([path], None, sources / "pack", progress=stop)
+
+    stopped(plain)
+    write_world(world, rasterio.Affine(where.a, where.b, where.c - 3 * where.a, where.d, where.e, where.f))
+    manifest = build_pack([plain], None, sources / "pack")
+    assert PackMap.open(sources / "pack").manifest == manifest
+    assert [entry.file for entry in manifest.inputs] == ["plain.tif", "plain.tfw"]
+    shutil.rmtree(sources / "pack")
+    stopped(sheet)
+    write_raster(ortho, np.full(shape, 77, np.uint8), UTM, PLACE, 0.5)
+    build_pack([sheet], None, sources / "pack")
+    with rasterio.open(sources / "pack" / "ortho.tif") as built:
+        assert (built.read(1, window=((40, 200), (40, 200))) == 77).all()
+
+
+def write_world(path: Path, where: rasterio.Affine) -> None:
+    """A world file: it names the centre of the first pixel."""
+    east, north = where.c + (where.a + where.b) / 2, where.f + (where.d + where.e) / 2
+    path.write_text("\n".join(map(repr, (where.a, where.d, where.b, where.e, east, north))))
 
 
 def test_adding_is_building_with_them(sources: Path) -> None:
