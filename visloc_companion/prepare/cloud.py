@@ -12,7 +12,7 @@ from visloc_companion.errors import CloudError, DatumMissing
 from visloc_companion.geo.raster import T_map_pix_from_gdal
 from visloc_companion.maps.cloud_las import LasFile, open_las
 from visloc_companion.maps.crs import MapCrs
-from visloc_companion.maps.geotiff import ground_gsd_m
+from visloc_companion.maps.geotiff import HEIGHTS_M, ground_gsd_m
 from visloc_companion.maps.layer import array_layer
 from visloc_companion.prepare.target import Source
 from visloc_companion.types import FloatArray
@@ -51,7 +51,8 @@ def _rasterised(las: LasFile, crs: MapCrs) -> Source:
         raise CloudError(f"spans {cols} x {rows} cells", where=str(las.path), remedy="cut it into smaller clouds, or give --dsm")
     top = np.full(rows * cols, -np.inf, np.float32)
     for points in las.chunks():
-        _raise_cells(top, points, low, high, cell, cols)
+        _check_bounds(points, las, cell)
+        _raise_cells(top, points[on_land(points[:, 2] * las.height_unit_m)], low, high, cell, cols)
     heights = top.reshape(rows, cols)
     known = np.isfinite(heights)
     if not known.any():
@@ -60,6 +61,23 @@ def _rasterised(las: LasFile, crs: MapCrs) -> Source:
     heights *= np.float32(las.height_unit_m)
     heights[~known] = 0
     return Source(str(las.path), array_layer(T_map_pix, heights, known), crs, ground_gsd_m(crs, T_map_pix, (rows, cols)))
+
+
+def on_land(heights_m: FloatArray) -> NDArray[np.bool_]:
+    """(N,) which heights land can have; a surface model's are judged so, too."""
+    return np.asarray((heights_m >= HEIGHTS_M[0]) & (heights_m <= HEIGHTS_M[1]))
+
+
+def _check_bounds(points: FloatArray, las: LasFile, cell: float) -> None:
+    """Raise CloudError where points (N, 3) lie outside of the header's bounds, which the grid of cells is made from."""
+    beyond = (points[:, :2] < las.low[:2] - cell) | (points[:, :2] > las.high[:2] + cell)
+    if beyond.any():
+        easting, northing = points[int(np.argmax(beyond.any(axis=1))), :2]
+        raise CloudError(
+            f"header: its bounds do not hold all points, such as that at {easting:.2f}, {northing:.2f}",
+            where=str(las.path),
+            remedy="write it anew (las2las, pdal translate)",
+        )
 
 
 def _raise_cells(top: NDArray[np.float32], points: FloatArray, low: FloatArray, high: FloatArray, cell: float, cols: int) -> None:

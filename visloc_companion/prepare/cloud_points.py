@@ -24,7 +24,7 @@ from visloc_companion.maps.crs import MapCrs
 from visloc_companion.maps.manifest import CloudEntry
 from visloc_companion.maps.stored import npy_header
 from visloc_companion.maps.wild import surface_mask
-from visloc_companion.prepare.cloud import stated_crs
+from visloc_companion.prepare.cloud import on_land, stated_crs
 from visloc_companion.prepare.surface import Datum, settled_datum
 from visloc_companion.prepare.target import TargetGrid
 from visloc_companion.prepare.work_folder import Progress, WorkFolder, stage, synced
@@ -131,7 +131,7 @@ def _fold(scratch: Path, points: FloatArray, cloud: PackCloud) -> int:
     """
     west, south, east, north = cloud.grid.bounds
     inside = (points[:, 0] >= west) & (points[:, 0] < east) & (points[:, 1] > south) & (points[:, 1] <= north)
-    points = points[inside]
+    points = points[inside & on_land(points[:, 2])]
     if not len(points):
         return 0
     offsets = np.column_stack([points[:, 0] - west, north - points[:, 1]])

@@ -1,9 +1,10 @@
+import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from visloc_companion.errors import DatumMissing, MapError
+from visloc_companion.errors import CloudError, DatumMissing, MapError
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.build import build_pack
 from visloc_companion.prepare.cloud import cloud_surface
@@ -80,6 +81,30 @@ def test_unusable_clouds_are_named(tmp_path: Path) -> None:
     for name in ("cut.laz", "head.laz", "noise.laz", "absent.laz", "degrees.las", "bad.las"):
         with pytest.raises(MapError, match=rf"{name}.*remedy"):
             cloud_surface(tmp_path / name)
+
+
+def test_points_outside_of_the_headers_bounds_are_not_piled_up_at_its_edge(tmp_path: Path) -> None:
+    write_cloud(tmp_path / "c.las", scene((5e5, 5.2e6)), "EPSG:32633")
+    raw = bytearray((tmp_path / "c.las").read_bytes())
+    struct.pack_into("<2d", raw, 179, 500_020.0, 499_980.0)  # largest and smallest x
+    (tmp_path / "c.las").write_bytes(raw)
+    with pytest.raises(CloudError, match=r"c\.las: header: its bounds do not hold all points.*remedy"):
+        cloud_surface(tmp_path / "c.las")
+
+
+def test_heights_that_no_land_has_do_not_count(tmp_path: Path, write_raster) -> None:
+    T = write_raster(tmp_path / "a.tif", np.full((160, 160), 90, np.uint8), "EPSG:32633", PLACE, 0.5)
+    points = scene((T @ [79.5, 79.5, 1.0])[:2])
+    high = points[::50] + np.array([0.0, 0.0, 29_000.0])
+    write_cloud(tmp_path / "c.las", np.concatenate([points, high]), "EPSG:32633")
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack", clouds=[tmp_path / "c.las"])
+    pack = PackMap.open(tmp_path / "pack")
+    heights = pack.patch(pack.center_map_m, (120, 120), 0.5, 0.0).dsm_amsl_m
+    assert np.isfinite(heights).all() and heights.max() <= 310.01
+    assert pack.cloud_around(pack.center_map_m, 40.0)[:, 2].max() <= 310.01
+    write_cloud(tmp_path / "c.las", points - np.array([0.0, 0.0, 9999.0]), "EPSG:32633")
+    with pytest.raises(CloudError, match=r"c\.las: holds no point that is a surface"):
+        build_pack([tmp_path / "a.tif"], None, tmp_path / "pack", clouds=[tmp_path / "c.las"])
 
 
 @pytest.mark.shared
