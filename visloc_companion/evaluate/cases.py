@@ -18,6 +18,8 @@ COLUMNS = (
     *("sigma_horizontal_m", "sigma_h_m", "sigma_yaw_deg", "sigma_tilt_deg"),
 )
 TRUTH_COLUMNS = ("id", "lat_deg", "lon_deg", "h_m", "roll_deg", "pitch_deg", "yaw_deg")
+LARGEST = 1e9
+"""No uncertainty is larger, in whatever unit; squares of larger ones leave the range of numbers."""
 EULER_COLUMNS = ("prior_roll_deg", "prior_pitch_deg", "prior_yaw_deg")
 
 
@@ -121,7 +123,7 @@ def _case(folder: Path, row: dict[str, str], number: int) -> Case | BadCase:
             case_id,
             folder / _named(row, "frame"),
             folder / _named(row, "ortho"),
-            folder / row["dsm"] if row["dsm"] else None,
+            folder / _named(row, "dsm") if row["dsm"] else None,
             _camera(row),
             _prior(row),
         )
@@ -154,13 +156,13 @@ def _camera(row: dict[str, str]) -> Camera:
 
 def _truth(row: dict[str, str]) -> Truth:
     lat, lon, h, yaw, roll, pitch = (_number(row, c) for c in ("lat_deg", "lon_deg", "h_m", "yaw_deg", "roll_deg", "pitch_deg"))
-    gsd_m, solvable = float(row.get("gsd_m") or 0.0), (row.get("solvable") or "1") != "0"
+    gsd_m, solvable = _number(row, "gsd_m") if row.get("gsd_m") else 0.0, (row.get("solvable") or "1") != "0"
     return Truth(lat, lon, h, yaw, gsd_m, solvable, roll, pitch, row.get("map_date") or "", row.get("frame_date") or "")
 
 
 def _named(row: dict[str, str], column: str) -> str:
-    if not row[column]:
-        raise ValueError(f"{column} is empty")
+    if not row[column] or "\0" in row[column]:
+        raise ValueError(f"{column} is empty" if not row[column] else f"{column} names no file: {row[column]!r}")
     return row[column]
 
 
@@ -176,8 +178,8 @@ def _number(row: dict[str, str], column: str) -> float:
 
 def _sigma(row: dict[str, str], column: str) -> float:
     value = _number(row, column)
-    if value < 0:
-        raise ValueError(f"{column} is negative: {value}")
+    if not 0 <= value <= LARGEST:
+        raise ValueError(f"{column} is {'negative' if value < 0 else 'too large'}: {value}")
     return value
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from visloc_companion.errors import CasesError
+from visloc_companion.evaluate.cases import LARGEST
 from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.types import FloatArray
 
@@ -86,14 +87,14 @@ def _sigma(entry: dict[str, Any], field: str) -> float:
     value = entry.get(field)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"{field} is not a number: {value!r}")
-    if not (math.isfinite(value) and value >= 0):
-        raise ValueError(f"{field} is not a finite number from 0 on: {value}")
+    if not 0 <= value <= LARGEST:  # a JSON integer can be beyond any float
+        raise ValueError(f"{field} is not a number from 0 to {LARGEST:g}: {str(value)[:20]}")
     return float(value)
 
 
 def _text(entry: dict[str, Any], field: str) -> str:
     value = entry.get(field)
-    if not isinstance(value, str) or not value:
+    if not isinstance(value, str) or not value or "\0" in value:
         raise ValueError(f"{field} names no file: {value!r}")
     return value
 
@@ -102,7 +103,7 @@ def _similarity(value: object, where: str) -> FloatArray:
     """(4, 4) with the last row 0 0 0 1 and a positive determinant."""
     try:
         T = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as why:
+    except (TypeError, ValueError, OverflowError) as why:
         raise CasesError(f"T_reference_source: {why}", where=where, remedy="write 4 x 4 numbers, row by row") from why
     if T.shape != (4, 4) or not np.isfinite(T).all() or not np.array_equal(T[3], [0, 0, 0, 1]) or np.linalg.det(T[:3, :3]) <= 0:
         raise CasesError("T_reference_source: is no similarity", where=where, remedy="write 4 x 4 numbers, row by row")

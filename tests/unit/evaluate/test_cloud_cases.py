@@ -70,6 +70,8 @@ def folder(tmp_path: Path) -> Path:
         entry | {"id": "nameless", "source": None},
         {"id": "nothing"},
         7,
+        entry | {"id": "beyond_floats", "sigma_scale": 10**400},
+        entry | {"id": "no_name", "source": "a\0.npz"},
     ]
     (tmp_path / "cases.json").write_text(json.dumps(cases))
     T = np.eye(4)
@@ -95,6 +97,7 @@ def test_every_case_is_answered_or_refused_with_a_reason(folder: Path) -> None:
         "wood_B_00": "no_match",
         "wood_B_01": "too_few_features",
         **dict.fromkeys(("unknown", "absent", "text", "negative", "endless", "nameless", "nothing", "entry12"), "bad_input"),
+        **dict.fromkeys(("beyond_floats", "no_name"), "bad_input"),
     }
     assert set(by_id["unknown"]) == {
         *("id", "status", "reason", "T_reference_source", "sigma_horizontal_m", "sigma_vertical_m"),
@@ -121,7 +124,7 @@ def test_a_similarity_of_far_coordinates_is_about_their_own_zero(folder: Path) -
 def test_summary_counts_refused_cases_as_not_within(folder: Path) -> None:
     document, results = evaluate_cloud(folder, "means")
     summary = document["summary"]
-    assert (summary["n"], summary["n_fix"], summary["n_with_truth"]) == (12, 2, 4)
+    assert (summary["n"], summary["n_fix"], summary["n_with_truth"]) == (14, 2, 4)
     assert summary["mtre_m"]["max"] < 1e-6
     assert summary["within_1m_share"] == 0.5 and summary["within_5m_of_fixes_share"] == 1.0
     assert summary["far_and_accepted"] == 0
@@ -170,7 +173,7 @@ def test_without_truth_there_are_counts_only(folder: Path) -> None:
 def test_a_killed_process_does_not_end_the_run(folder: Path, dying_pool: None) -> None:
     done: list[int] = []
     cases = evaluate_cloud(folder, "means", jobs=2, progress=lambda k, n: done.append(k))[0]["cases"]
-    assert [case["id"] for case in cases][:2] == ["town_A_00", "town_A_01"] and done == list(range(1, 13))
+    assert [case["id"] for case in cases][:2] == ["town_A_00", "town_A_01"] and done == list(range(1, 15))
 
 
 def test_processes_of_their_own_give_the_same(folder: Path) -> None:
@@ -192,7 +195,10 @@ def test_files_that_are_no_list_of_cases(tmp_path: Path, text: str) -> None:
     [
         5,
         {"id": "a"},
-        *({"id": "a", "T_reference_source": T} for T in ("x", [[1, 2]], np.zeros((4, 4)).tolist(), [[None] * 4] * 4)),
+        *(
+            {"id": "a", "T_reference_source": T}
+            for T in ("x", [[1, 2]], np.zeros((4, 4)).tolist(), [[None] * 4] * 4, [[10**400] * 4] * 4)
+        ),
     ],
 )
 def test_truth_that_is_no_similarity(tmp_path: Path, entry: object) -> None:
@@ -218,7 +224,7 @@ def test_command_writes_json_and_report(folder: Path, tmp_path: Path) -> None:
     result = CliRunner().invoke(evaluate_app, command)
     assert result.exit_code == 0, result.output
     written = json.loads(out.read_text())
-    assert written["method"] == "means" and written["schema"] == 1 and len(written["cases"]) == 12
+    assert written["method"] == "means" and written["schema"] == 1 and len(written["cases"]) == 14
     for words in ("nan.npz: points: 180 values are not finite", "town                     2 of 2 accepted", "far_and_accepted"):
         assert words in result.output
     page = (report / "report.html").read_text()

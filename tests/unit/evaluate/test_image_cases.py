@@ -88,6 +88,8 @@ def folder(tmp_path_factory) -> Path:
         rows[0] | {"id": "off_earth", "prior_lat_deg": "95"},
         rows[0] | {"id": "long_distortion", "distortion": "1 2 3 4 5 6"},
         rows[0] | {"id": "no_focal_length", "fx_px": "0"},
+        rows[0] | {"id": "endless_sigma", "sigma_horizontal_m": "1e200"},
+        rows[0] | {"id": "no_name", "frame": "a\0.png"},
     ]
     write(root / "cases.csv", rows + bad)
     write(root / "truth.csv", truths)
@@ -120,6 +122,8 @@ def test_good_cases_are_fixed_and_bad_ones_declined_with_a_reason(document):
         "off_earth": "bad_input",
         "long_distortion": "bad_input",
         "no_focal_length": "bad_input",
+        "endless_sigma": "bad_input",
+        "no_name": "bad_input",
     }
     assert all(case["lat_deg"] is None for case in by_id.values() if case["status"] == "no_fix")
 
@@ -138,7 +142,7 @@ def test_document_has_the_agreed_fields_and_is_strict_json(document):
 
 def test_summary_tells_errors_against_the_truth(document):
     summary = document["summary"]
-    assert (summary["n"], summary["n_fix"], summary["n_with_truth"]) == (12, 3, 3)
+    assert (summary["n"], summary["n_fix"], summary["n_with_truth"]) == (14, 3, 3)
     assert summary["error_m"]["max"] < 0.5
     assert summary["error_px"]["max"] == pytest.approx(summary["error_m"]["max"], rel=0.01)
     assert summary["within_5px_share"] == 1.0
@@ -211,6 +215,9 @@ def test_folders_that_are_none_are_errors(tmp_path):
     (tmp_path / "cases.csv").write_text("id,frame\na,b\n")
     with pytest.raises(CasesError, match="ortho"):
         read_cases(tmp_path)
+    (tmp_path / "truth.csv").write_text(",".join(TRUTH_COLUMNS) + ",gsd_m\na,0,0,0,0,0,0,nan\n")
+    with pytest.raises(CasesError, match=r"truth\.csv: gsd_m is not finite.*remedy"):
+        read_truth(tmp_path)
     (tmp_path / "truth.csv").write_text(",".join(TRUTH_COLUMNS) + "\na,north,0,0,0,0,0\n")
     with pytest.raises(CasesError, match="lat_deg"):
         read_truth(tmp_path)
