@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,7 +17,7 @@ from rasterio.enums import ColorInterp, MaskFlags, Resampling
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window
 
-from visloc_companion.errors import DatumMissing, MapError
+from visloc_companion.errors import DatumMissing, MapError, OutsideMap
 from visloc_companion.geo.raster import T_map_pix_from_gdal
 from visloc_companion.maps.collar import collar
 from visloc_companion.maps.crs import MapCrs, map_crs
@@ -182,7 +183,7 @@ def _open(path: Path) -> tuple[Any, MapCrs, FloatArray]:
     where = str(path)
     require_utf8(where)
     if not path.is_file():
-        raise MapError("there is no such file", where=where, remedy="name a GeoTIFF")
+        raise MapError("is a folder" if path.is_dir() else "there is no such file", where=where, remedy="name a GeoTIFF")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
@@ -197,9 +198,26 @@ def _open(path: Path) -> tuple[Any, MapCrs, FloatArray]:
         )
     crs = map_crs(dataset.crs.to_wkt(version="WKT2_2019"), where)
     a, b, c, d, e, f = tuple(dataset.transform)[:6]
-    if dataset.transform.is_identity or abs(a * e - b * d) < 1e-30:
+    if dataset.transform.is_identity or not abs(a * e - b * d) >= 1e-30:
         raise DatumMissing("has no georeference", where=where, remedy="georeference it (gdal_translate -a_ullr, gdalwarp)")
-    return dataset, crs, T_map_pix_from_gdal((a, b, c, d, e, f))
+    T_map_pix = T_map_pix_from_gdal((a, b, c, d, e, f))
+    _check_place(where, crs, T_map_pix, (dataset.height, dataset.width))
+    return dataset, crs, T_map_pix
+
+
+def _check_place(where: str, crs: MapCrs, T_map_pix: FloatArray, shape: tuple[int, int]) -> None:
+    """Refuse a raster whose middle is no place on earth: its CRS is that of other coordinates."""
+    x, y = (float(v) for v in T_map_pix @ np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2, 1.0]))
+    try:
+        lat_deg = crs.to_geo(x, y)[0]
+    except OutsideMap:
+        lat_deg = math.nan
+    if not abs(lat_deg) <= 90:
+        raise MapError(
+            f"its middle, {x:.8g}, {y:.8g}, is no place in {crs.name}",
+            where=where,
+            remedy="state the CRS that these coordinates have (gdal_edit.py -a_srs EPSG:CODE FILE)",
+        )
 
 
 def _meanings(path: Path, dataset: Any) -> tuple[ColorInterp, ...]:

@@ -352,6 +352,25 @@ def test_bad_files_are_refused_by_name(tmp_path: Path, write_raster) -> None:
         RasterMap.open(tmp_path / "noplace.tif")
 
 
+@pytest.mark.parametrize(
+    ("crs", "corner"),
+    [("EPSG:32633", (5e7, 5e6)), ("EPSG:32633", (np.inf, 5e6)), ("EPSG:4326", (5e5, 5.2e6)), ("EPSG:4326", (47.0, 115.0))],
+)
+def test_coordinates_that_are_no_place_in_the_crs_are_named(tmp_path: Path, crs: str, corner: tuple[float, float]) -> None:
+    transform = rasterio.Affine(1e-5, 0, corner[0], 0, -1e-5, corner[1])
+    with rasterio.open(
+        tmp_path / "a.tif", "w", driver="GTiff", width=9, height=9, count=1, dtype="uint8", crs=crs, transform=transform
+    ) as out:
+        out.write(np.full((1, 9, 9), 9, np.uint8))
+    with pytest.raises(MapError, match=r"a\.tif: its middle, .* is no place in WGS 84.*remedy"):
+        RasterMap.open(tmp_path / "a.tif")
+
+
+def test_a_folder_is_no_raster(tmp_path: Path) -> None:
+    with pytest.raises(MapError, match="is a folder; remedy"):
+        RasterMap.open(tmp_path)
+
+
 def test_colour_tables_are_refused_and_four_bands_read_as_colour(tmp_path: Path, write_raster) -> None:
     write_raster(tmp_path / "p.tif", image(64), *NORTH, 1.0, photometric="palette")
     with rasterio.open(tmp_path / "p.tif", "r+") as out:
