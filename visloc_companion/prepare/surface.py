@@ -19,6 +19,8 @@ from visloc_companion.prepare.mosaic import Step, write_heights
 from visloc_companion.prepare.target import Source, TargetGrid, grid_over, outline, outline_box
 
 Datum = Literal["amsl", "ellipsoidal"]
+Box = tuple[float, float, float, float]
+"""West, south, east, north (map units)."""
 DSM = "dsm.tif"
 LARGEST_UNDULATION_M = 120.0
 """The geoid (EGM2008) lies between -107 and +86 m."""
@@ -90,7 +92,7 @@ def write_surface(folder: Path, surface: Surface, grid: TargetGrid, plane_h_amsl
         raise MapError(
             "holds no height on the orthophoto", where=surface.sources[0].name, remedy="name the surface model of the place"
         )
-    area = own.rows * own.cols * own.pixel**2 / (grid.rows * grid.cols * grid.pixel**2)
+    area = _area(_common(own.bounds, grid.bounds)) / _area(grid.bounds)
     return HeightEntry(
         source_datum=surface.datum,
         geoid_undulation_m=surface.undulation_m,
@@ -114,7 +116,8 @@ def _datum(named: Sequence[tuple[str, MapCrs]], stated: Datum | None) -> Datum:
 
 
 def _height_grid(sources: tuple[Source, ...], grid: TargetGrid) -> TargetGrid:
-    """Over what the sources and the orthophoto share; the pixel of the first source, but not finer than the orthophoto's."""
+    """Over what the sources and the orthophoto share, and a pixel more where the sources reach, so that heights at its border lie
+    between known ones; the pixel of the first source, but not finer than the orthophoto's."""
     west, south, east, north = grid.bounds
     for source in sources:
         edge = outline(source, grid.crs)
@@ -125,5 +128,15 @@ def _height_grid(sources: tuple[Source, ...], grid: TargetGrid) -> TargetGrid:
                 "does not overlap the orthophoto", where=source.name, remedy="name the surface model of the place, check its CRS"
             )
     box = outline_box(sources, grid.crs)
-    shared = max(west, box[0]), max(south, box[1]), min(east, box[2]), min(north, box[3])
-    return grid_over(sources[0], grid.crs, shared, smallest_pixel=grid.pixel)
+    shared = grid_over(sources[0], grid.crs, _common(grid.bounds, box), smallest_pixel=grid.pixel)
+    more = shared.pixel
+    grown = west - more, south - more, east + more, north + more
+    return grid_over(sources[0], grid.crs, _common(grown, box), smallest_pixel=grid.pixel)
+
+
+def _area(box: Box) -> float:
+    return (box[2] - box[0]) * (box[3] - box[1])
+
+
+def _common(a: Box, b: Box) -> Box:
+    return max(a[0], b[0]), max(a[1], b[1]), min(a[2], b[2]), min(a[3], b[3])

@@ -153,6 +153,30 @@ def test_small_holes_of_the_surface_are_filled_and_large_ones_are_not(tmp_path: 
     assert np.isnan(pack.height_amsl_m(easting, northing))
 
 
+@pytest.mark.parametrize("pixel_m", [2.0, 30.0, 500.0])
+def test_heights_at_the_orthophotos_border_lie_between_known_ones(tmp_path: Path, write_raster, pixel_m: float) -> None:
+    T = write_raster(tmp_path / "a.tif", picture(300), UTM, PLACE, 1.0)
+    side = round(300 / pixel_m) // 2 * 2 + 6
+    v, u = np.mgrid[:side, :side] - (side - 1) / 2
+    write_raster(tmp_path / "dsm.tif", (400 + pixel_m * (0.2 * u + 0.1 * v)).astype(np.float32), UTM, PLACE, pixel_m)
+    manifest = build_pack([tmp_path / "a.tif"], tmp_path / "dsm.tif", tmp_path / "pack")
+    pack = PackMap.open(tmp_path / "pack")
+    v, u = np.mgrid[:300:13, :300:13]
+    heights = pack.heights_amsl_m(apply_affine(T, np.column_stack([u.ravel(), v.ravel()]).astype(float)))
+    np.testing.assert_allclose(heights, 400 + 0.2 * (u.ravel() - 149.5) + 0.1 * (v.ravel() - 149.5), atol=0.01)
+    assert pack.patch(pack.center_map_m, (280, 280), 1.0, 0.0).valid.all()
+    assert manifest.heights.share_known == 1.0
+
+
+def test_a_hole_of_a_coarse_surface_model_counts(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", picture(300), UTM, PLACE, 1.0)
+    heights = np.full((120, 120), 400, np.float32)
+    heights[60:, 60:] = -9999
+    write_raster(tmp_path / "dsm.tif", heights, UTM, PLACE, 5.0, nodata=-9999)
+    share = build_pack([tmp_path / "a.tif"], tmp_path / "dsm.tif", tmp_path / "pack").heights.share_known
+    assert share == pytest.approx(1 - 18**2 / 60**2, abs=0.02), "of its 30 x 30 pixels 12 at the edge are filled"
+
+
 def test_ellipsoidal_heights_need_and_get_the_undulation(tmp_path: Path, write_raster) -> None:
     write_raster(tmp_path / "a.tif", picture(200), UTM, PLACE, 1.0)
     write_raster(tmp_path / "dsm.tif", slope(200), UTM, PLACE, 1.0)
