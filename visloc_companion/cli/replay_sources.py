@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-from visloc_companion.adapters.logs.folder import FlightFolder, FoundOffset, TruthRow, open_folder
+from visloc_companion.adapters.logs.folder import FlightFolder, FoundOffset, open_folder
 from visloc_companion.adapters.logs.frames import FrameSource
 from visloc_companion.adapters.logs.open import open_log
 from visloc_companion.adapters.logs.recording import Recording
+from visloc_companion.adapters.logs.truth import TruthRow
 from visloc_companion.app.journal import Entry, read_header, read_journal
 from visloc_companion.app.replay import command_lines, recorded_commands, replay_entries
 from visloc_companion.app.settings import camera_model, core_settings, mounting
@@ -138,6 +139,7 @@ class LogSource:
         """What the log lacks."""
         losses = {name: n for name, n in self.recording.losses.as_dict().items() if n and name != "foreign_messages"}
         notes = [f"The log has losses: {', '.join(f'{name} {n}' for name, n in losses.items())}."] if losses else []
+        notes += self.folder.notes if self.folder is not None else ()
         found = None if self.folder is None else self.folder.found
         if found is not None:
             offset_s = found.offset_ns / 1e9

@@ -198,8 +198,8 @@ def from_entries(
 ) -> FlightRecord:
     """The record of a flight from its journal's entries and, where somebody knows it, the truth.
 
-    `t0_ns` is the flight's start on the shell's clock; without it the first entry (or truth sample) counts. An empty
-    journal gives a record without epochs.
+    `t0_ns` is the flight's start on the shell's clock; without it the first entry (or truth sample) counts. It ends with the
+    last entry: truth is often recorded for longer. An empty journal gives a record without epochs.
     """
     got = _Collected()
     for entry in entries:
@@ -207,7 +207,8 @@ def from_entries(
     samples = list(truth or ())
     starts = [t for t in (got.first_ns, samples[0].t_ns if samples else None) if t is not None]
     start_ns = t0_ns if t0_ns is not None else min(starts, default=0)
-    end_ns = max(got.last_ns, samples[-1].t_ns if samples else 0, start_ns)
+    ends = [got.last_ns] if got.first_ns is not None else [sample.t_ns for sample in samples[-1:]]
+    end_ns = max([*ends, start_ns])
     origin = _origin(samples, got)
     true_path = _track([(sample.t_ns, sample.place) for sample in samples], origin, start_ns)
     t_s = _seconds([now for now, _ in got.statuses], start_ns)

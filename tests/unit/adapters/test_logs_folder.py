@@ -49,16 +49,40 @@ def test_a_whole_folder(flight: Path) -> None:
 
 def test_unix_times_are_placed_by_the_log(flight: Path) -> None:
     (flight / "camera.toml").write_text('width_px = 64\nheight_px = 48\ntime_base = "unix"\n')
+    (flight / "frames.csv").write_text(f"t_us,file\n{UNIX_US},f0.png\n")
     (flight / "truth.csv").write_text(f"t_us,lat_deg,lon_deg,h_amsl_m\n{UNIX_US + 500_000},47.4,8.55,500\n")
     opened = open_folder(flight)
     assert opened.truth[0].t_ns == 60_500_000_000
 
 
 def test_an_offset_is_added(flight: Path) -> None:
-    (flight / "camera.toml").write_text('width_px = 64\nheight_px = 48\ntime_base = "offset"\noffset_s = -0.25\n')
+    toml = 'width_px = 64\nheight_px = 48\ntime_base = "offset"\noffset_s = 0.25\n'
+    (flight / "camera.toml").write_text(toml, encoding="utf-8-sig")
     opened = open_folder(flight)
-    assert opened.truth[0].t_ns == 59_750_000_000
-    assert opened.boot_from_file_ns == -250_000_000
+    assert opened.truth[0].t_ns == 60_250_000_000
+    assert opened.boot_from_file_ns == 250_000_000
+
+
+def test_what_lies_outside_of_the_telemetry_is_counted_and_left_out(flight: Path) -> None:
+    seconds = [0, 59, 60, 61, 62, 3600]
+    (flight / "truth.csv").write_text("t_us,lat_deg,lon_deg,h_amsl_m\n" + "".join(f"{s * 10**6},47,8,500\n" for s in seconds))
+    (flight / "frames.csv").write_text("t_us,file\n59000000,f0.png\n60100000,f1.png\n")
+    opened = open_folder(flight)
+    assert [row.t_ns // 10**9 for row in opened.truth] == [59, 60, 61, 62], (
+        "with the neighbours that the ends are interpolated with"
+    )
+    assert opened.notes == (
+        "Of 2 frames, 1 lie outside of the telemetry and were left out.",
+        "Of 6 rows of truth.csv, 4 lie outside of the telemetry and were left out.",
+    )
+
+
+@pytest.mark.parametrize(("name", "row"), [("truth.csv", "60.1,47,8,500"), ("frames.csv", f"{UNIX_US},f0.png")])
+def test_times_of_another_base_are_refused(flight: Path, name: str, row: str) -> None:
+    text = (flight / name).read_text().splitlines()[0]
+    (flight / name).write_text(f"{text}\n{row}\n")
+    with pytest.raises(LogError, match=r"lies in the telemetry, which goes from 60\.000 to 61\.900 s.*time_base"):
+        open_folder(flight)
 
 
 @pytest.mark.parametrize(
@@ -67,6 +91,8 @@ def test_an_offset_is_added(flight: Path) -> None:
         ('time_base = "gps"', "time_base: 'gps' is unknown"),
         ('time_base = "offset"', "offset_s: needed"),
         ('time_base = "offset"\noffset_s = nan', "offset_s: needed"),
+        ('time_base = "offset"\noffset_s = 1e300', "offset_s: needed"),
+        ("offset_s = 3.0", "offset_s: means nothing with time_base 'autopilot_boot'"),
         ("width_pxx = 64", "did you mean 'width_px'"),
         ("width_px = ", "cannot be read"),
         ("video_start_us = 1.5", "video_start_us"),
@@ -88,6 +114,11 @@ def test_a_wrong_camera_file_is_named(flight: Path, toml: str, words: str) -> No
         ("frames.csv", "time,name\n1,a.png\n", "column t_us"),
         ("truth.csv", "t_us,lat_deg,lon_deg,h_amsl_m\n1,47,8,\n", "row 1, column h_amsl_m"),
         ("truth.csv", "t_us,lat_deg,lon_deg\n1,47,8\n", "column h_amsl_m"),
+        ("truth.csv", "t_us,lat_deg,lon_deg,h_amsl_m\n", "has no rows"),
+        ("truth.csv", "", "has no column t_us, lat_deg, lon_deg, h_amsl_m"),
+        ("truth.csv", "t_us;lat_deg;lon_deg;h_amsl_m\n1;47;8;9\n", "its first line is 't_us;lat_deg;lon_deg;h_amsl_m'"),
+        ("truth.csv", "t_us,lat_deg,lon_deg,h_amsl_m\n1,474000000,85500000,9\n", "column lat_deg: 4.74e+08 is beyond ±90"),
+        ("truth.csv", "t_us,lat_deg,lon_deg,h_amsl_m\n1,47,8,9\n1,0,0,0\n", "row 2, column lat_deg: 0, 0 is what receivers"),
     ],
 )
 def test_a_wrong_table_is_named(flight: Path, name: str, text: str, words: str) -> None:
@@ -151,6 +182,9 @@ def test_a_video_needs_its_start_or_times(flight: Path) -> None:
     frames = open_folder(flight).frames
     assert frames is not None
     assert frames.t_us == (60_000_000, 60_100_000)
+    (flight / "frames.csv").write_text("t_us\n60100000\n60000000\n")
+    with pytest.raises(LogError, match="row 2, column t_us: goes back"):
+        open_folder(flight)
 
 
 def test_a_video_that_is_none_is_refused(flight: Path) -> None:

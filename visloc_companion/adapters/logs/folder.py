@@ -13,10 +13,9 @@ The base holds for frames.csv and truth.csv alike.
 
 from __future__ import annotations
 
-import csv
-import math
+import bisect
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,21 +23,14 @@ from typing import Any
 from visloc_companion.adapters.logs.frames import FrameSource, open_frames
 from visloc_companion.adapters.logs.open import LOG_SUFFIXES, open_log
 from visloc_companion.adapters.logs.recording import NS_PER_S, NS_PER_US, Recording
+from visloc_companion.adapters.logs.truth import TruthRow, read_truth
 from visloc_companion.config import CameraConfig, parse_config
 from visloc_companion.errors import ConfigError, LogError
-from visloc_companion.types import GeoPoint
 
 TIME_BASES = ("autopilot_boot", "unix", "offset")
 _STATE_IT = "state boot time minus file time in seconds"
+_MAX_OFFSET_S = 1e10
 _OWN_KEYS = ("time_base", "offset_s", "video_start_us")
-
-
-@dataclass(frozen=True, slots=True)
-class TruthRow:
-    """Where the vehicle really was, on the recording's clock."""
-
-    t_ns: int
-    place: GeoPoint
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +47,7 @@ FindOffset = Callable[[Recording, FrameSource, CameraConfig], FoundOffset]
 @dataclass(slots=True)
 class FlightFolder:
     """A flight with what lies beside its telemetry. `boot_from_file_ns` added to a file's time gives the recording's; `found` is
-    set where nobody stated that."""
+    set where nobody stated that. `notes` tell in sentences what of it is of no use."""
 
     recording: Recording
     camera: CameraConfig | None
@@ -63,6 +55,7 @@ class FlightFolder:
     truth: list[TruthRow]
     boot_from_file_ns: int
     found: FoundOffset | None = None
+    notes: tuple[str, ...] = ()
 
 
 def open_folder(folder: Path, find_offset: FindOffset | None = None) -> FlightFolder:
@@ -86,7 +79,36 @@ def open_folder(folder: Path, find_offset: FindOffset | None = None) -> FlightFo
             raise LogError("offset_s: cannot be found without frames", where=str(folder), remedy=_STATE_IT)
         found = find_offset(recording, frames, camera)
         stated_ns = found.offset_ns
-    return FlightFolder(recording, camera, frames, read_truth(folder / "truth.csv", stated_ns), stated_ns, found)
+    truth = read_truth(folder / "truth.csv", stated_ns)
+    frames_ns = [t_us * NS_PER_US + stated_ns for t_us in frames.t_us] if frames is not None else []
+    notes = (
+        *_outside(folder, "frames", frames_ns, recording),
+        *_outside(folder, "rows of truth.csv", [row.t_ns for row in truth], recording),
+    )
+    return FlightFolder(recording, camera, frames, _about(truth, recording), stated_ns, found, notes)
+
+
+def _about(truth: list[TruthRow], recording: Recording) -> list[TruthRow]:
+    """The rows within the telemetry, and one before and after, between which the truth at its ends is interpolated."""
+    first = bisect.bisect_left(truth, recording.events[0][0], key=lambda row: row.t_ns)
+    after = bisect.bisect_right(truth, recording.events[-1][0], key=lambda row: row.t_ns)
+    return truth[max(first - 1, 0) : after + 1]
+
+
+def _outside(folder: Path, what: str, times_ns: Sequence[int], recording: Recording) -> list[str]:
+    """Says how many of these times lie outside of the telemetry. Raises LogError where all do: their time base is another one."""
+    first_ns, last_ns = recording.events[0][0], recording.events[-1][0]
+    n_outside = sum(not first_ns <= t_ns <= last_ns for t_ns in times_ns)
+    if not n_outside:
+        return []
+    if n_outside == len(times_ns):
+        raise LogError(
+            f"none of the {what} lies in the telemetry, which goes from {first_ns / NS_PER_S:.3f} to {last_ns / NS_PER_S:.3f} s; "
+            f"they go from {min(times_ns) / NS_PER_S:.3f} to {max(times_ns) / NS_PER_S:.3f} s on its clock",
+            where=str(folder),
+            remedy="write t_us in microseconds and state their time_base in camera.toml",
+        )
+    return [f"Of {len(times_ns)} {what}, {n_outside} lie outside of the telemetry and were left out."]
 
 
 def _telemetry(folder: Path) -> Path:
@@ -105,7 +127,7 @@ def _camera_toml(path: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as why:
         raise ConfigError(f"cannot be read: {why}", where=str(path), remedy="correct the TOML") from why
 
@@ -116,6 +138,12 @@ def _boot_from_file_ns(path: Path, settings: dict[str, Any], recording: Recordin
     start_us = settings.get("video_start_us")
     if start_us is not None and (not isinstance(start_us, int) or isinstance(start_us, bool)):
         raise ConfigError(f"video_start_us: not a whole number: {start_us!r}", where=str(path), remedy="state microseconds")
+    if "offset_s" in settings and base != "offset":
+        raise ConfigError(
+            f"offset_s: means nothing with time_base {base!r}",
+            where=str(path),
+            remedy='set time_base = "offset", or leave it out',
+        )
     if base == "autopilot_boot":
         return 0
     if base == "unix":
@@ -128,7 +156,7 @@ def _boot_from_file_ns(path: Path, settings: dict[str, Any], recording: Recordin
         offset_s = settings.get("offset_s")
         if offset_s is None and sought:
             return None
-        if not isinstance(offset_s, int | float) or isinstance(offset_s, bool) or not math.isfinite(offset_s):
+        if not isinstance(offset_s, int | float) or isinstance(offset_s, bool) or not abs(offset_s) <= _MAX_OFFSET_S:
             raise ConfigError(
                 f"offset_s: needed as a number of seconds, got {offset_s!r}",
                 where=str(path),
@@ -136,33 +164,3 @@ def _boot_from_file_ns(path: Path, settings: dict[str, Any], recording: Recordin
             )
         return round(offset_s * NS_PER_S)
     raise ConfigError(f"time_base: {base!r} is unknown", where=str(path), remedy=f"use one of {', '.join(TIME_BASES)}")
-
-
-def read_truth(path: Path, boot_from_file_ns: int) -> list[TruthRow]:
-    """Rows of truth.csv in time order; empty where there is no such file. Raises LogError naming the row and the column."""
-    if not path.exists():
-        return []
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.DictReader(file, skipinitialspace=True))
-    except (OSError, UnicodeDecodeError, csv.Error) as why:
-        raise LogError(f"cannot be read: {why}", where=str(path), remedy="write UTF-8 CSV") from why
-    truth = [_truth_row(path, number + 1, row, boot_from_file_ns) for number, row in enumerate(rows)]
-    return sorted(truth, key=lambda row: row.t_ns)
-
-
-def _truth_row(path: Path, number: int, row: dict[str, str], boot_from_file_ns: int) -> TruthRow:
-    values: dict[str, float] = {}
-    for name in ("t_us", "lat_deg", "lon_deg", "h_amsl_m"):
-        try:
-            values[name] = float(row[name])
-        except (KeyError, TypeError, ValueError):
-            values[name] = math.nan
-        if not math.isfinite(values[name]):
-            raise LogError(
-                "is missing or no number",
-                where=f"{path}, row {number}, column {name}",
-                remedy="write columns t_us, lat_deg, lon_deg, h_amsl_m",
-            )
-    place = GeoPoint(values["lat_deg"], values["lon_deg"], values["h_amsl_m"])
-    return TruthRow(round(values["t_us"]) * NS_PER_US + boot_from_file_ns, place)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -11,6 +10,7 @@ import cv2
 import numpy as np
 
 from visloc_companion.adapters.camera.image import decode_image
+from visloc_companion.adapters.logs.table import read_table, refuse
 from visloc_companion.errors import LogError
 from visloc_companion.types import Image
 
@@ -73,39 +73,28 @@ def open_frames(folder: Path, start_us: int | None) -> FrameSource | None:
     """
     table = folder / "frames.csv"
     video = next((path for path in sorted(folder.glob("video.*")) if path.suffix.lower() in VIDEO_SUFFIXES), None)
-    rows = _rows(table) if table.exists() else None
     if video is not None:
-        return VideoFrames(video, tuple(row[0] for row in rows) if rows else _regular_times(video, start_us))
-    if rows is None:
+        times = tuple(t_us for t_us, _ in _rows(table, files=False)) if table.exists() else _regular_times(video, start_us)
+        return VideoFrames(video, times)
+    if not table.exists():
         return None
-    for number, (_, name) in enumerate(rows):
-        if not name:
-            raise LogError(
-                "has no file name", where=f"{table}, row {number + 1}, column file", remedy="name the image of each row"
-            )
-    rows.sort(key=lambda row: row[0])
+    rows = sorted(_rows(table, files=True), key=lambda row: row[0])
     return FileFrames(tuple(row[0] for row in rows), tuple(folder / row[1] for row in rows))
 
 
-def _rows(table: Path) -> list[tuple[int, str]]:
-    try:
-        with table.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as why:
-        raise LogError(f"cannot be read: {why}", where=str(table), remedy="write UTF-8 CSV with columns t_us, file") from why
+def _rows(table: Path, files: bool) -> list[tuple[int, str]]:
+    """(t_us, file) as the table lists them; without `files` the column of that name need not be there."""
     found: list[tuple[int, str]] = []
-    for number, row in enumerate(rows):
-        clean = {str(key).strip(): value for key, value in row.items()}
+    for number, row in enumerate(read_table(table, ("t_us", "file") if files else ("t_us",)), start=1):
         try:
-            found.append((int(float(clean["t_us"])), str(clean.get("file") or "").strip()))
-        except (KeyError, TypeError, ValueError, OverflowError) as why:
-            raise LogError(
-                "has no whole number of microseconds",
-                where=f"{table}, row {number + 1}, column t_us",
-                remedy="write columns t_us, file",
-            ) from why
-    if not found:
-        raise LogError("has no rows", where=str(table), remedy="list the frames as t_us, file")
+            t_us = int(float(row["t_us"]))
+        except (ValueError, OverflowError) as why:
+            raise refuse(table, number, "t_us", "has no whole number of microseconds", "write microseconds") from why
+        if files and not row["file"]:
+            raise refuse(table, number, "file", "has no file name", "name the image of each row")
+        if not files and found and t_us < found[-1][0]:
+            raise refuse(table, number, "t_us", "goes back", "write a row for each frame of the video, in its order")
+        found.append((t_us, "" if not files else row["file"]))
     return found
 
 
