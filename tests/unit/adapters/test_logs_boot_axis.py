@@ -49,6 +49,38 @@ def test_a_reboot_continues_the_clock() -> None:
     assert losses.reboots == 1
 
 
+def test_what_is_sent_twice_is_no_reboot() -> None:
+    line, losses = axis()
+    line.place(UNIX_US, 611_982)
+    again = line.place(UNIX_US + 222_000, 610_541)
+    assert (again.rebooted, again.t_ns, again.boot_shift_ns) == (False, 611_982_000_000, 0)
+    assert line.place(UNIX_US + 2 * S_US, 612_300).t_ns == 612_300_000_000
+    assert losses.reboots == 0
+    line.place(UNIX_US + 3 * S_US, 6_000)
+    assert line.place(UNIX_US + 7 * S_US, 3_000).rebooted, "it had the time to start again"
+
+
+def test_hours_without_records_are_neither_a_reboot_nor_a_step() -> None:
+    line, losses = axis()
+    line.place(UNIX_US, 100_000)
+    line.place(UNIX_US + 7200 * S_US, None)
+    after = line.place(UNIX_US + 7200 * S_US, 7_300_000)
+    assert (after.rebooted, after.t_ns, after.boot_shift_ns) == (False, 7300 * S_NS, 0)
+    assert losses == Losses()
+    assert line.place(UNIX_US + 7201 * S_US, 20_000_000).rebooted, "hours on one clock alone"
+
+
+def test_the_boot_clock_goes_on_where_its_32_bits_overflow() -> None:
+    line, losses = axis()
+    before = line.place(UNIX_US, 2**32 - 50)
+    after = line.place(UNIX_US + 100_000, 50)
+    assert after.t_ns - before.t_ns == 100_000_000
+    assert (after.rebooted, after.boot_shift_ns) == (False, 2**32 * 1_000_000)
+    assert line.place(UNIX_US + 110_000, 2**32 - 40).t_ns == after.t_ns, "disorder"
+    assert line.place(UNIX_US + 200_000, 150).t_ns - before.t_ns == 200_000_000
+    assert losses == Losses()
+
+
 def test_steps_of_the_wall_clock_change_nothing() -> None:
     line, losses = axis()
     line.place(UNIX_US, 100_000)

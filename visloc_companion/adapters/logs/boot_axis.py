@@ -9,6 +9,8 @@ from visloc_companion.adapters.logs.recording import NS_PER_MS, NS_PER_S, NS_PER
 _BACK_NS = 1 * NS_PER_S
 _FORWARD_NS = 3600 * NS_PER_S
 _MAX_LAG_NS = 10 * NS_PER_S
+_WRAP_NS = 2**32 * NS_PER_MS
+"""time_boot_ms has 32 bits: after 49.7 days it begins anew, without a restart."""
 _SILENCE_NS = 5 * NS_PER_S
 """Only when no stamped message came for so long, the ground station's clock moves time on."""
 
@@ -27,8 +29,8 @@ class BootAxis:
 
     A record whose message has a boot time lies there: a ground station writes in bursts, which would look like silence of the
     autopilot. A record without one lies at the last stamped record. Time never goes back: small disorder is flattened, a step
-    of the wall clock has no effect but in long stretches without stamps, and after a reboot the boot clock is continued (its
-    shift grows) so that times before and after stay apart. Steps and reboots are counted in `losses`.
+    of the wall clock has no effect but in long stretches without stamps, and after a reboot or where its 32 bits overflow the
+    boot clock is continued (its shift grows) so that times before and after stay apart. Steps and reboots are counted in `losses`.
     `unix_minus_boot_ns` places records before the first stamped one.
     """
 
@@ -38,32 +40,57 @@ class BootAxis:
         self._t_ns: int | None = None
         self._wall_ns = 0
         self._stamped: tuple[int, int] | None = None
-        self._boot_ns: int | None = None
+        self._boot: tuple[int, int] | None = None
+        self._n_steps = 0
         self._shift_ns = 0
+        self._wrapped_ns = 0
 
     def place(self, wall_us: int, boot_ms: int | None) -> Instant:
         """The instant of a record, from the ground station's stamp and, where its message has one, its boot time."""
         wall_ns = wall_us * NS_PER_US
+        boot_ns = None if boot_ms is None else self._unwrapped(boot_ms * NS_PER_MS)
+        restarted = boot_ns is not None and self._restarted(boot_ns, wall_ns)
         if self._t_ns is not None and not -_BACK_NS <= wall_ns - self._wall_ns <= _FORWARD_NS:
             self._losses.clock_steps += 1
             self._zero_ns += wall_ns - self._wall_ns
             if self._stamped is not None:
                 self._stamped = (self._stamped[0], self._stamped[1] + wall_ns - self._wall_ns)
         self._wall_ns = wall_ns
-        rebooted = False
-        if boot_ms is None:
+        if boot_ns is None:
             t_ns = self._between(wall_ns)
         else:
-            boot_ns = boot_ms * NS_PER_MS
-            rebooted = self._boot_ns is not None and not -_BACK_NS <= boot_ns - self._boot_ns <= _FORWARD_NS
-            if rebooted and self._stamped is not None:
+            if restarted and self._stamped is not None:
                 self._losses.reboots += 1
                 self._shift_ns = self._stamped[0] + max(0, wall_ns - self._stamped[1]) - boot_ns
-            self._boot_ns = boot_ns
+            elif self._silent(boot_ns, wall_ns):
+                self._losses.clock_steps = self._n_steps
+            self._boot, self._n_steps = (boot_ns, wall_ns), self._losses.clock_steps
             t_ns = boot_ns + self._shift_ns
             self._stamped = (t_ns, wall_ns)
         self._t_ns = t_ns if self._t_ns is None else max(t_ns, self._t_ns)
-        return Instant(self._t_ns, self._shift_ns, rebooted)
+        return Instant(self._t_ns, self._shift_ns + self._wrapped_ns, restarted)
+
+    def _unwrapped(self, boot_ns: int) -> int:
+        if self._boot is not None:
+            ahead_ns = (boot_ns + self._wrapped_ns - self._boot[0] + _BACK_NS) % _WRAP_NS - _BACK_NS
+            if ahead_ns <= _FORWARD_NS:
+                self._wrapped_ns = self._boot[0] + ahead_ns - boot_ns
+        return boot_ns + self._wrapped_ns
+
+    def _restarted(self, boot_ns: int, wall_ns: int) -> bool:
+        """A boot time that goes back by a few seconds tells of a restart only where there was time for one: links that lag by
+        seconds bring some of what was sent twice."""
+        if self._boot is None or -_BACK_NS <= (ahead_ns := boot_ns - self._boot[0]) <= _FORWARD_NS:
+            return False
+        if ahead_ns > 0:
+            return not self._silent(boot_ns, wall_ns)
+        return ahead_ns < -_MAX_LAG_NS or boot_ns - self._wrapped_ns <= wall_ns - self._boot[1] + _BACK_NS
+
+    def _silent(self, boot_ns: int, wall_ns: int) -> bool:
+        """Whether both clocks went on by the same hours: nothing was recorded meanwhile, and none of them stepped."""
+        if self._boot is None or boot_ns - self._boot[0] <= _FORWARD_NS:
+            return False
+        return abs((boot_ns - self._boot[0]) - (wall_ns - self._boot[1])) <= _MAX_LAG_NS
 
     def _between(self, wall_ns: int) -> int:
         if self._stamped is None:
