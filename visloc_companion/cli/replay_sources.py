@@ -139,6 +139,7 @@ class LogSource:
         """What the log lacks."""
         losses = {name: n for name, n in self.recording.losses.as_dict().items() if n and name != "foreign_messages"}
         notes = [f"The log has losses: {', '.join(f'{name} {n}' for name, n in losses.items())}."] if losses else []
+        notes += self.recording.notes
         notes += self.folder.notes if self.folder is not None else ()
         found = None if self.folder is None else self.folder.found
         if found is not None:

@@ -53,6 +53,7 @@ def test_unix_times_are_placed_by_the_log(flight: Path) -> None:
     (flight / "truth.csv").write_text(f"t_us,lat_deg,lon_deg,h_amsl_m\n{UNIX_US + 500_000},47.4,8.55,500\n")
     opened = open_folder(flight)
     assert opened.truth[0].t_ns == 60_500_000_000
+    assert "the ground station's clock was taken for it" in opened.notes[0]
 
 
 def test_an_offset_is_added(flight: Path) -> None:

@@ -138,6 +138,30 @@ def test_other_systems_are_left_out(tmp_path: Path) -> None:
     assert rolls == pytest.approx([0.1] * 50, abs=1e-6)
 
 
+def test_other_autopilots_are_named(tmp_path: Path) -> None:
+    second = writer(mavlink2, system=7)
+    extra = [
+        stamped(UNIX_US + 100_000, heartbeat(second), second),
+        *(stamped(UNIX_US, heartbeat(m), m) for m in [writer(mavlink2, 255)]),
+    ]
+    assert read_tlog(write(tmp_path / "a.tlog", *flight(mavlink2), *extra)).notes == (
+        "The log holds other autopilots, which were left out: 7 (component 1), 255 (component 1); read was 1.",
+    )
+    assert read_tlog(write(tmp_path / "b.tlog", *flight(mavlink2))).notes == ()
+
+
+def test_utc_is_what_the_autopilot_says_of_it(tmp_path: Path) -> None:
+    """Of the real copter's log of 2015 the ground station's clock was 1.7 s behind."""
+    mav = writer(mavlink2)
+    ahead_us = 5_000_000
+    times = [0, *(UNIX_US - ahead_us + 100_000 * k for k in range(1, 9)), UNIX_US + 10**9]
+    says = [stamped(UNIX_US + 100_000 * k, mav.system_time_encode(t_us, 60_000 + 100 * k), mav) for k, t_us in enumerate(times)]
+    recording = read_tlog(write(tmp_path / "a.tlog", *flight(mavlink2, n=1), *says))
+    assert not recording.utc_of_station
+    assert recording.unix_minus_boot_ns == (UNIX_US - ahead_us) * 1000 - 60 * 10**9
+    assert read_tlog(write(tmp_path / "b.tlog", *flight(mavlink2))).utc_of_station
+
+
 def test_a_reboot_brings_the_link_down_and_continues_time(tmp_path: Path) -> None:
     before, after = flight(mavlink2), flight(mavlink2, boot0_ms=1_000, wall0_us=UNIX_US + 20_000_000)
     recording = read_tlog(write(tmp_path / "a.tlog", *before, *after))

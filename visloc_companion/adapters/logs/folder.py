@@ -29,6 +29,7 @@ from visloc_companion.errors import ConfigError, LogError
 
 TIME_BASES = ("autopilot_boot", "unix", "offset")
 _STATE_IT = "state boot time minus file time in seconds"
+_STATION = "The log does not state UTC: the ground station's clock was taken for it, which may err by seconds."
 _MAX_OFFSET_S = 1e10
 _OWN_KEYS = ("time_base", "offset_s", "video_start_us")
 
@@ -82,6 +83,7 @@ def open_folder(folder: Path, find_offset: FindOffset | None = None) -> FlightFo
     truth = read_truth(folder / "truth.csv", stated_ns)
     frames_ns = [t_us * NS_PER_US + stated_ns for t_us in frames.t_us] if frames is not None else []
     notes = (
+        *([_STATION] if settings.get("time_base") == "unix" and recording.utc_of_station else ()),
         *_outside(folder, "frames", frames_ns, recording),
         *_outside(folder, "rows of truth.csv", [row.t_ns for row in truth], recording),
     )

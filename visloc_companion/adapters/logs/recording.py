@@ -41,8 +41,9 @@ class Recording:
     """Events of one autopilot in time order.
 
     `events` are (t_ns, event): `t_ns` is the arrival on the autopilot's boot clock (continued across a reboot), equal to the
-    event's `t_rx_ns`. `unix_minus_boot_ns` places that clock on UTC where the log says so. `origin_inferred` tells that no
-    GPS_GLOBAL_ORIGIN was in the log and `with_origin` made one up from the positions.
+    event's `t_rx_ns`. `unix_minus_boot_ns` places that clock on UTC where the log says so; with `utc_of_station` it is the ground
+    station's clock, which may be wrong. `origin_inferred` tells that no GPS_GLOBAL_ORIGIN was in the log and `with_origin` made
+    one up from the positions. `notes` are sentences on what else the reader chose.
     """
 
     path: Path
@@ -50,7 +51,9 @@ class Recording:
     events: list[tuple[int, Event]]
     losses: Losses
     unix_minus_boot_ns: int | None = None
+    utc_of_station: bool = False
     origin_inferred: bool = False
+    notes: tuple[str, ...] = ()
 
     @property
     def duration_s(self) -> float:

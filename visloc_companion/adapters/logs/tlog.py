@@ -7,6 +7,7 @@ time stamp and a right checksum, and counts what it skipped. One vehicle is read
 from __future__ import annotations
 
 import re
+import statistics
 import struct
 from collections import Counter
 from collections.abc import Iterator
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from visloc_companion.adapters.logs.boot_axis import BootAxis, Instant, smallest_difference_ns
-from visloc_companion.adapters.logs.recording import Losses, Recording, in_order, read_bytes
+from visloc_companion.adapters.logs.recording import NS_PER_MS, NS_PER_US, Losses, Recording, in_order, read_bytes
 from visloc_companion.adapters.mavlink.codec import decode, is_autopilot
 from visloc_companion.adapters.mavlink.dialect import Message, mav
 from visloc_companion.adapters.mavlink.link_state import LinkState
@@ -41,23 +42,26 @@ def read_tlog(path: Path) -> Recording:
     """The flight in a telemetry log. Raises LogError where there is no autopilot's message in it at all."""
     losses = Losses()
     records = list(records_of(read_bytes(path), losses))
-    vehicle = _vehicle(records)
-    if vehicle is None:
+    heard = _autopilots(records)
+    if not heard:
         raise LogError("holds no MAVLink packet of an autopilot", where=str(path), remedy="name a telemetry log (.tlog)")
-    own = [record for record in records if _source(record.message) == vehicle]
+    own = [record for record in records if _source(record.message) == heard[0]]
     losses.foreign_messages = len(records) - len(own)
     zero_ns = _anchor_ns(own)
     axis, link = BootAxis(zero_ns, losses), LinkState()
     events: list[tuple[int, Event]] = []
+    unix_ns: list[int] = []
     for record in own:
         instant = axis.place(record.wall_us, _boot_ms(record.message))
+        unix_ns += _unix_minus_boot_ns(record.message, instant)
         if instant.rebooted:
             _append(events, instant, link.down(instant.t_ns))
         for event in decode(record.message, instant.t_ns):
             _append(events, instant, link.heard(event) if isinstance(event, LinkChanged) else _shifted(event, instant))
     if not events:
         raise LogError("holds no message that tells of a flight", where=str(path), remedy="record ATTITUDE and positions")
-    return Recording(path, link.known.autopilot, in_order(events), losses, zero_ns)
+    utc_ns = round(statistics.median(unix_ns)) if unix_ns else zero_ns
+    return Recording(path, link.known.autopilot, in_order(events), losses, utc_ns, not unix_ns, notes=_others_noted(heard))
 
 
 def records_of(data: bytes, losses: Losses) -> Iterator[Record]:
@@ -130,12 +134,25 @@ def _source(message: Message) -> tuple[int, int]:
     return message.get_srcSystem(), message.get_srcComponent()
 
 
-def _vehicle(records: list[Record]) -> tuple[int, int] | None:
-    """System and component of the autopilot that is heard most; a companion beside it has a boot clock of its own."""
+def _autopilots(records: list[Record]) -> list[tuple[int, int]]:
+    """System and component of the autopilots, that which is heard most first; a companion beside it has a boot clock of its own."""
     heard: Counter[tuple[int, int]] = Counter(
         _source(record.message) for record in records if record.message.get_type() == "HEARTBEAT" and is_autopilot(record.message)
     )
-    return heard.most_common(1)[0][0] if heard else None
+    return [source for source, _ in heard.most_common()]
+
+
+def _others_noted(heard: list[tuple[int, int]]) -> tuple[str, ...]:
+    others = ", ".join(f"{system} (component {component})" for system, component in sorted(heard[1:]))
+    return (f"The log holds other autopilots, which were left out: {others}; read was {heard[0][0]}.",) if others else ()
+
+
+def _unix_minus_boot_ns(message: Message, instant: Instant) -> list[int]:
+    """What SYSTEM_TIME says of UTC, on the recording's clock; nothing before the autopilot knows it."""
+    if message.get_type() != "SYSTEM_TIME" or not _EARLIEST_US <= message.time_unix_usec <= _LATEST_US:
+        return []
+    boot_ns = message.time_boot_ms * NS_PER_MS + instant.boot_shift_ns
+    return [message.time_unix_usec * NS_PER_US - boot_ns] if message.time_boot_ms else []
 
 
 def _boot_ms(message: Message) -> int | None:
