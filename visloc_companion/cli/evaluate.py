@@ -84,7 +84,7 @@ def _run(
     from rich.progress import Progress
 
     from visloc_companion.cli.figures import figure_lines
-    from visloc_companion.cli.progress import require_folder, write_json
+    from visloc_companion.cli.progress import require_folder, results_into, write_json
     from visloc_companion.errors import Reason
     from visloc_companion.evaluate.cases import read_cases, read_truth
     from visloc_companion.evaluate.image import evaluate_image
@@ -108,6 +108,7 @@ def _run(
         if result.reason in (Reason.BAD_INPUT, Reason.BAD_FRAME):
             typer.echo(f"{result.case_id}: {result.detail}", err=True)
     if report is not None:
-        typer.echo(write_image_report(report, document, results, read_truth(cases), cases=read_cases(cases)[:limit]))
+        with results_into(report, "--report"):
+            typer.echo(write_image_report(report, document, results, read_truth(cases), cases=read_cases(cases)[:limit]))
     for line in figure_lines(document["summary"]):
         typer.echo(line)

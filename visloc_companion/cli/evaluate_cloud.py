@@ -32,7 +32,7 @@ def cloud(
 
 def _run(cases: Path, method: str, jobs: int, limit: int | None, json_file: Path | None, report: Path | None) -> None:
     from visloc_companion.cli.figures import figure_lines
-    from visloc_companion.cli.progress import bar, require_folder, write_json
+    from visloc_companion.cli.progress import bar, require_folder, results_into, write_json
     from visloc_companion.errors import Reason
     from visloc_companion.evaluate.cloud import evaluate_cloud
     from visloc_companion.evaluate.cloud_report import write_cloud_report
@@ -46,7 +46,8 @@ def _run(cases: Path, method: str, jobs: int, limit: int | None, json_file: Path
         if result.detail and (result.fix is not None or result.reason is Reason.BAD_INPUT):
             typer.echo(f"{result.case_id}: {result.detail}", err=True)
     if report is not None:
-        typer.echo(write_cloud_report(report, document, results, cases))
+        with results_into(report, "--report"):
+            typer.echo(write_cloud_report(report, document, results, cases))
     summary = dict(document["summary"])
     places = summary.pop("by_place", {})
     for line in (*figure_lines(summary), *(_place_line(name, figures) for name, figures in places.items())):

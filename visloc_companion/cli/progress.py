@@ -61,6 +61,16 @@ def require_folder(path: Path | None, option: str) -> None:
         raise ConfigError("its folder does not exist", where=str(path), remedy=f"name a file in an existing folder for {option}")
 
 
+@contextmanager
+def results_into(folder: Path, option: str) -> Iterator[None]:
+    """Makes the folder; raises ConfigError naming the option where it, or what is written into it meanwhile, cannot be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+    except OSError as why:
+        raise ConfigError(f"cannot be written: {why}", where=str(folder), remedy=f"name a writable folder for {option}") from why
+
+
 def write_json(path: Path, result: dict[str, Any]) -> None:
     """Write UTF-8 JSON. Raises ConfigError where the file cannot be written, ValueError for a number that is not finite."""
     text = json.dumps(result, indent=1, allow_nan=False, ensure_ascii=False)

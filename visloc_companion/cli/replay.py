@@ -10,6 +10,7 @@ import typer
 if TYPE_CHECKING:
     from visloc_companion.cli.replay_sources import Source
     from visloc_companion.evaluate.gate import Check
+    from visloc_companion.evaluate.record import FlightRecord
 
 
 def replay(
@@ -27,34 +28,25 @@ def replay(
 
     Exit codes: 0 ok, 1 the gate failed or a journal's commands differ, 2 usage or configuration, 3 bad data.
     """
+    from visloc_companion.cli.progress import require_folder, results_into, write_json
     from visloc_companion.cli.replay_sources import open_source
     from visloc_companion.evaluate.gate import check_gate, parse_gate
-    from visloc_companion.evaluate.metrics import flight_summary, write_epochs
+    from visloc_companion.evaluate.metrics import flight_summary
 
     parse_gate(gate)
+    require_folder(json, "--json")
+    if out is not None:
+        with results_into(out, "--out"):
+            pass  # an hour's replay must not end with a folder that cannot be made
     source = open_source(flight, pack, config, salvage, _speed(speed))
     record = source.record()
-    epochs = _output_folder(out) / "epochs.csv" if out is not None else None
-    summary = flight_summary(record, alert_limit_m=alert_limit_m, latency=source.latency, epochs=str(epochs) if epochs else None)
+    epochs = str(out / "epochs.csv") if out is not None else None
+    summary = flight_summary(record, alert_limit_m=alert_limit_m, latency=source.latency, epochs=epochs)
     summary |= {"flight": str(flight), **source.facts()}
     checks = [*source.checks(), *check_gate(gate, summary)]
-    if out is not None and epochs is not None:
-        from visloc_companion.evaluate.report import write_flight_report
-
-        write_epochs(record, epochs)
-        write_flight_report(
-            record,
-            out / "report.html",
-            title=f"Replay of {flight.name}",
-            checks=checks,
-            map_image=source.map_image(record),
-            alert_limit_m=alert_limit_m,
-            notes=source.notes(),
-            latency=source.latency,
-        )
+    if out is not None:
+        _write_results(out, flight, source, record, checks, alert_limit_m)
     if json is not None:
-        from visloc_companion.cli.progress import write_json
-
         write_json(json, summary)
     _tell(source, summary, checks, out)
 
@@ -73,14 +65,26 @@ def _speed(text: str) -> float | None:
     return speed
 
 
-def _output_folder(out: Path) -> Path:
-    from visloc_companion.errors import ConfigError
+def _write_results(
+    out: Path, flight: Path, source: Source, record: FlightRecord, checks: list[Check], alert_limit_m: float
+) -> None:
+    from visloc_companion.cli.progress import results_into
+    from visloc_companion.evaluate.metrics import write_epochs
+    from visloc_companion.evaluate.report import write_flight_report
 
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as why:
-        raise ConfigError(f"cannot be made: {why}", where=str(out), remedy="name a writable folder for --out") from why
-    return out
+    map_image = source.map_image(record)
+    with results_into(out, "--out"):
+        write_epochs(record, out / "epochs.csv")
+        write_flight_report(
+            record,
+            out / "report.html",
+            title=f"Replay of {flight.name}",
+            checks=checks,
+            map_image=map_image,
+            alert_limit_m=alert_limit_m,
+            notes=source.notes(),
+            latency=source.latency,
+        )
 
 
 def _tell(source: Source, summary: dict[str, Any], checks: list[Check], out: Path | None) -> None:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
+import numpy as np
+
 from visloc_companion.adapters.logs.folder import FlightFolder, FoundOffset, open_folder
 from visloc_companion.adapters.logs.frames import FrameSource
 from visloc_companion.adapters.logs.open import open_log
@@ -15,14 +17,15 @@ from visloc_companion.adapters.logs.recording import Recording
 from visloc_companion.adapters.logs.truth import TruthRow
 from visloc_companion.app.journal import Entry, read_header, read_journal
 from visloc_companion.app.replay import command_lines, recorded_commands, replay_entries
+from visloc_companion.app.salvage import MAGIC
 from visloc_companion.app.settings import camera_model, core_settings, mounting
 from visloc_companion.app.terrain import TerrainAnswer, configured_terrain
 from visloc_companion.cli.progress import bar
 from visloc_companion.config import CameraConfig, Config, load_config, parse_config
-from visloc_companion.errors import ConfigError
+from visloc_companion.errors import ConfigError, LogError
 from visloc_companion.evaluate.flight import Pace, RecordedEyes, replay_recording
 from visloc_companion.evaluate.gate import Check
-from visloc_companion.evaluate.record import FlightRecord, from_entries
+from visloc_companion.evaluate.record import MAX_TRUTH_GAP_S, FlightRecord, from_entries
 from visloc_companion.evaluate.report_map import MapImage
 from visloc_companion.maps.pack import PackMap
 
@@ -55,16 +58,27 @@ def open_source(flight: Path, pack: Path | None, config: Path | None, salvage: b
     if not flight.exists():
         raise ConfigError("is not there", where=str(flight), remedy="name a log, a journal or a folder")
     reference = PackMap.open(pack) if pack is not None else None
-    if flight.suffix.lower() == ".mcap":
-        return JournalSource(flight, load_config(config) if config else None, salvage, reference)
-    settings = load_config(config) if config else Config()
     pace = _pace(speed) if speed is not None else None
+    if _is_journal(flight):
+        return JournalSource(flight, load_config(config) if config else None, salvage, reference, pace)
+    settings = load_config(config) if config else Config()
     if flight.is_dir():
         folder = open_folder(flight, _find_offset)
         if folder.camera is not None:
             settings = settings.model_copy(update={"camera": folder.camera})
         return LogSource(folder.recording, settings, reference, pace, folder)
     return LogSource(open_log(flight), settings, reference, pace, None)
+
+
+def _is_journal(flight: Path) -> bool:
+    """By its beginning; a damaged one by its suffix."""
+    if flight.suffix.lower() == ".mcap" or not flight.is_file():
+        return flight.is_file()
+    try:
+        with flight.open("rb") as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except OSError as why:
+        raise LogError(f"cannot be read: {why}", where=str(flight), remedy="name a readable file") from why
 
 
 def _find_offset(recording: Recording, frames: FrameSource, camera: CameraConfig) -> FoundOffset:
@@ -96,6 +110,7 @@ class LogSource:
     folder: FlightFolder | None
     latency: Latency = "computation"
     changes: dict[str, Any] = field(default_factory=dict)
+    truth_share: float = 0.0
 
     def record(self) -> FlightRecord:
         """Fly it through a new navigator."""
@@ -111,6 +126,7 @@ class LogSource:
             )
             events = self.recording.events
             record = from_entries(entries, truth, t0_ns=events[0][0] if events else None)
+        self.truth_share = float(np.mean(np.isfinite(record.truth_ned_m[:, 0]))) if len(record.t_s) else 0.0
         self.changes = {"verdicts": record.changes(record.verdicts), "modes": record.changes(record.modes)}
         return record
 
@@ -137,17 +153,21 @@ class LogSource:
 
     def notes(self) -> list[str]:
         """What the log lacks."""
+        folder = self.folder
         losses = {name: n for name, n in self.recording.losses.as_dict().items() if n and name != "foreign_messages"}
         notes = [f"The log has losses: {', '.join(f'{name} {n}' for name, n in losses.items())}."] if losses else []
-        notes += self.recording.notes
-        notes += self.folder.notes if self.folder is not None else ()
-        found = None if self.folder is None else self.folder.found
+        notes += [*self.recording.notes, *(folder.notes if folder is not None else ())]
+        if folder is not None and folder.truth and self.truth_share < 0.95:
+            notes.append(
+                f"Truth is known at {self.truth_share:.0%} of the epochs; gaps beyond {MAX_TRUTH_GAP_S:g} s are not bridged."
+            )
+        found = None if folder is None else folder.found
         if found is not None:
             offset_s = found.offset_ns / 1e9
             notes.append(f"The frames' clock was found: boot time = t_us + {offset_s:.3f} s, 1-sigma {found.sigma_s:.3f} s.")
         if self.recording.origin_inferred:
             notes.append("The log states no EKF origin; it was inferred from the positions.")
-        has_frames = self.folder is not None and self.folder.frames is not None
+        has_frames = folder is not None and folder.frames is not None
         if has_frames and self.reference is None:
             notes.append("Frames are there, but no --map: they were not localised.")
         if self.reference is not None and not has_frames and not self.config.localiser.terrain:
@@ -173,6 +193,7 @@ class JournalSource:
     config: Config | None
     salvage: bool
     reference: PackMap | None
+    pace: Pace | None = None
     latency: Latency = "arrival"
     result: dict[str, Any] = field(default_factory=dict)
 
@@ -182,7 +203,7 @@ class JournalSource:
         entries = list(read_journal(self.path, salvage=self.salvage, on_damage=damages.append))
         effective = self.config or parse_config(read_header(self.path).configuration, where=str(self.path))
         events = [entry for entry in entries if entry.event is not None]
-        replayed = replay_entries(events, core_settings(effective))
+        replayed = replay_entries(self._paced(events), core_settings(effective))
         recorded_lines, replayed_lines = list(command_lines(recorded_commands(entries))), list(command_lines(replayed))
         n_compared = min(len(recorded_lines), len(replayed_lines))
         differences = (i for i in range(n_compared) if recorded_lines[i] != replayed_lines[i])
@@ -192,7 +213,7 @@ class JournalSource:
         record = from_entries(sorted(flown, key=lambda entry: entry.now_ns))
         self.result = {
             "commands": {
-                "identical": first is None and same_length,
+                "identical": first is None and same_length and (n_compared > 0 or not damages),
                 "n_recorded": len(recorded_lines),
                 "n_replayed": len(replayed_lines),
                 "first_difference": first,
@@ -203,6 +224,12 @@ class JournalSource:
         }
         return record
 
+    def _paced(self, events: list[Entry]) -> Iterable[Entry]:
+        for entry in events:
+            if self.pace is not None:
+                self.pace(entry.now_ns)
+            yield entry
+
     def facts(self) -> dict[str, Any]:
         """Whether the commands are the recorded ones byte for byte, what was damaged, verdicts and modes over time."""
         return self.result
@@ -211,7 +238,9 @@ class JournalSource:
         """The outcome of the comparison in words."""
         commands = self.result["commands"]
         n, recorded = commands["n_replayed"], commands["n_recorded"]
-        if commands["identical"]:
+        if not min(n, recorded) and self.result["damages"]:
+            words = "No command could be compared."
+        elif commands["identical"]:
             words = f"All {min(n, recorded)} commands are byte for byte those of the flight."
         elif commands["first_difference"] is None:
             words = f"The replay gives {n} commands, the flight gave {recorded}; those that both have are the same."

@@ -6,6 +6,7 @@ import csv
 import json
 import re
 import struct
+import time
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,8 @@ from visloc_companion.core.navigator import Navigator
 from visloc_companion.errors import ConfigError, JournalError, LogError, MapError
 from visloc_companion.types import Attitude, Tick
 
+CHUNK = 6
+"""The MCAP record that holds others; the first of a journal, with its header, is within the first thousand bytes."""
 UNIX_US = 1_600_000_000_000_000
 app = typer.Typer()
 app.command()(replay)
@@ -111,6 +114,27 @@ def test_wrong_flights_are_named(tmp_path: Path) -> None:
         run(tmp_path / "a.mcap")
 
 
+@pytest.mark.parametrize("name", ["epochs.csv", "report.html"])
+def test_results_that_cannot_be_written_are_named(log: Path, tmp_path: Path, name: str) -> None:
+    (tmp_path / "out" / name).mkdir(parents=True)
+    with pytest.raises(ConfigError, match=rf"cannot be written: .*{re.escape(name)}.*writable folder for --out"):
+        run(log, "--out", tmp_path / "out")
+
+
+def test_a_json_file_without_folder_is_refused_before_the_replay(tmp_path: Path) -> None:
+    (tmp_path / "none.tlog").write_bytes(b"no log")
+    with pytest.raises(ConfigError, match="its folder does not exist"):
+        run(tmp_path / "none.tlog", "--json", tmp_path / "nowhere" / "x.json")
+
+
+def test_truth_of_a_part_of_the_flight_is_said_to_be(log: Path, tmp_path: Path) -> None:
+    rows = [f"{60_000_000 + 3_000_000 * k},{47.4 + 30 * k * 4.5e-6},8.55,540" for k in range(4)]
+    (tmp_path / "truth.csv").write_text("t_us,lat_deg,lon_deg,h_amsl_m\n" + "\n".join(rows))
+    code, text = run(tmp_path)
+    assert code == 0
+    assert re.search(r"Truth is known at [0-4]% of the epochs", text)
+
+
 def journal(path: Path, *, tamper: bool = False) -> Path:
     config = Config(seed=7)
     navigator = Navigator(core_settings(config))
@@ -140,6 +164,23 @@ def test_a_journal_that_differs_says_where(tmp_path: Path) -> None:
     assert code == 1
     assert not commands["identical"]
     assert f"first at command {commands['first_difference'] + 1}" in text
+
+
+def test_a_journal_is_told_by_its_beginning_and_replayed_in_real_time(tmp_path: Path) -> None:
+    path = journal(tmp_path / "a.mcap").rename(tmp_path / "flight.bin")
+    started = time.monotonic()
+    assert "commands are byte for byte" in run(path, "--speed", "20")[1]
+    assert time.monotonic() - started > 0.45, "9.9 s at twenty times the pace"
+
+
+def test_a_journal_of_which_nothing_is_left_is_not_identical(tmp_path: Path) -> None:
+    path = journal(tmp_path / "a.mcap")
+    data, at = path.read_bytes(), 8
+    while data[at] != CHUNK or at < 1000:
+        at += 9 + struct.unpack_from("<Q", data, at + 1)[0]
+    path.write_bytes(data[: at + 20])
+    code, text = run(path, "--salvage")
+    assert (code, "No command could be compared." in text) == (1, True)
 
 
 def test_a_cut_journal_needs_salvage(tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ class BootAxis:
     A record whose message has a boot time lies there: a ground station writes in bursts, which would look like silence of the
     autopilot. A record without one lies at the last stamped record. Time never goes back: small disorder is flattened, a step
     of the wall clock has no effect but in long stretches without stamps, and after a reboot or where its 32 bits overflow the
-    boot clock is continued (its shift grows) so that times before and after stay apart. Steps and reboots are counted in `losses`.
+    boot clock is continued (its shift grows): times before and after stay apart. Steps and reboots are counted in `losses`.
     `unix_minus_boot_ns` places records before the first stamped one.
     """
 

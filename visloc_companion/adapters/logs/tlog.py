@@ -135,7 +135,7 @@ def _source(message: Message) -> tuple[int, int]:
 
 
 def _autopilots(records: list[Record]) -> list[tuple[int, int]]:
-    """System and component of the autopilots, that which is heard most first; a companion beside it has a boot clock of its own."""
+    """System and component of the autopilots, that heard most first; a companion beside it has a boot clock of its own."""
     heard: Counter[tuple[int, int]] = Counter(
         _source(record.message) for record in records if record.message.get_type() == "HEARTBEAT" and is_autopilot(record.message)
     )
