@@ -81,8 +81,8 @@ def write_flight_report(
         _answers(record, summary, latency),
         _events(record),
         _definitions(),
-        f"<footer>visloc-companion {escape(__version__)}. Positions are metres north and east of the start; "
-        "times are seconds of the flight.</footer>",
+        f"<footer>visloc-companion {escape(__version__)}. Positions are metres north and east of "
+        f"{record.origin.lat_deg:.6f}°, {record.origin.lon_deg:.6f}°; times are seconds of the flight.</footer>",
     ]
     page = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'

@@ -79,7 +79,7 @@ def flight_map(
     parts += [*_scale_bar(view), *_north_arrow()]
     for track, css in ((record.gnss, "gnss"), (record.truth, own), (Track(record.t_s, record.estimate_ned_m), "estimate")):
         parts += _line(track, css, east, north, halo=image is not None)
-    parts += _markers(record.truth, east, north, lost_at_s)
+    parts += _markers(_flown(record), east, north, lost_at_s)
     parts += ["</g>", rect(0.5, 0.5, WIDTH - 1, HEIGHT - 1, "frame")]
     return figure(WIDTH, HEIGHT, parts, label, "map")
 
@@ -89,7 +89,15 @@ def map_legend(record: FlightRecord, own: str, own_words: str) -> str:
     items = [(own, own_words)] if len(record.truth.t_s) else []
     items += [("estimate", "our estimate")] if np.isfinite(record.estimate_ned_m).any() else []
     items += [("gnss", "position that GNSS reported")] if len(record.gnss.t_s) else []
-    return legend([*items, ("dotstart", "start"), ("dotend", "end")])
+    ends = [("dotstart", "start"), ("dotend", "end")] if len(_flown(record).t_s) else []
+    return legend([*items, *ends])
+
+
+def _flown(record: FlightRecord) -> Track:
+    """The true track, or what is nearest to it."""
+    known = np.isfinite(record.estimate_ned_m[:, 0])
+    estimate = Track(record.t_s[known], record.estimate_ned_m[known])
+    return next((track for track in (record.truth, estimate, record.gnss) if len(track.t_s)), record.truth)
 
 
 def _line(track: Track, css: str, east: Scale, north: Scale, *, halo: bool) -> list[str]:

@@ -13,6 +13,7 @@ from visloc_companion.types import FloatArray
 
 _WIDTH, _HEIGHT, _LEFT, _RIGHT, _TOP, _BOTTOM = 600.0, 564.0, 84.0, 560.0, 14.0, 490.0
 _FLOOR_M, _LEAST_TOP_M = 0.1, 100.0
+_MANY_TIMES = 1000
 _BINS = 56
 _DENSITY = (3, 10, 100)
 """Epochs in a cell from which on it is drawn darker."""
@@ -60,7 +61,8 @@ def _verdict(judged: list[tuple[str, Judged]]) -> str:
         broken = int(np.sum(one.error_m > one.level_m))
         ratio = float(np.median(one.level_m)) / max(float(np.median(one.error_m)), 1e-9)
         kept = "held at every tick" if not broken else f"was too small at {broken} of {len(one.region)} ticks"
-        sentences.append(f"The {axis} level {kept}; its median is {ratio:.1f} times the median error.")
+        words = f"{ratio:.1f}" if ratio < _MANY_TIMES else f"more than {_MANY_TIMES}"
+        sentences.append(f"The {axis} level {kept}; its median is {words} times the median error.")
     return " ".join(sentences)
 
 

@@ -93,6 +93,21 @@ def test_pass_needs_every_check(synthetic: ModuleType, tmp_path: Path) -> None:
     assert '<span class="badge">NO GATE</span>' in page_of(record, tmp_path)
 
 
+def test_without_truth_the_estimate_has_the_start_and_the_end(synthetic: ModuleType, tmp_path: Path) -> None:
+    entries = synthetic.make_entries(20.0)
+    page = page_of(from_entries(entries), tmp_path)
+    assert page.count('class="dotstart"') == page.count('class="dotend"') == 2, "on the map and in the legend"
+    assert "north and east of 47.400365°, 8.549986°" in page
+    empty = page_of(from_entries([]), tmp_path)
+    assert 'class="dotstart"' not in empty
+
+
+def test_an_error_of_nothing_makes_no_huge_ratio(synthetic: ModuleType, tmp_path: Path) -> None:
+    record = synthetic.make_record(60.0)
+    page = page_of(replace(record, estimate_ned_m=record.truth_ned_m.copy()), tmp_path)
+    assert "its median is more than 1000 times the median error" in page
+
+
 def test_a_flight_without_anything_is_still_a_page(synthetic: ModuleType, tmp_path: Path) -> None:
     page = page_of(from_entries([]), tmp_path, checks=[Check("hmi", None, "= 0", False)])
     assert "No navigator ran" in page
