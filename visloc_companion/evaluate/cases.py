@@ -9,6 +9,7 @@ from pathlib import Path
 
 from visloc_companion.adapters.camera.image import decode_image
 from visloc_companion.errors import CasesError
+from visloc_companion.evaluate.case_ids import require_distinct
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.types import CameraModel, GeoPoint, Image, PosePrior
 
@@ -79,9 +80,11 @@ class Truth:
 
 
 def read_cases(folder: Path) -> list[Case | BadCase]:
-    """The rows of `cases.csv`. Raises CasesError where the file or one of its columns is missing."""
-    rows = _table(folder / "cases.csv", COLUMNS)
-    return [_case(folder, row, k) for k, row in enumerate(rows)]
+    """The rows of `cases.csv`. Raises CasesError where the file or one of its columns is missing, or ids are not distinct."""
+    path = folder / "cases.csv"
+    cases = [_case(folder, row, k) for k, row in enumerate(_table(path, COLUMNS))]
+    require_distinct([case.case_id for case in cases], path)
+    return cases
 
 
 def read_truth(folder: Path) -> dict[str, Truth]:
@@ -89,10 +92,15 @@ def read_truth(folder: Path) -> dict[str, Truth]:
     path = folder / "truth.csv"
     if not path.exists():
         return {}
-    try:
-        return {row["id"]: _truth(row) for row in _table(path, TRUTH_COLUMNS)}
-    except ValueError as why:
-        raise CasesError(str(why), where=str(path), remedy="correct the number") from why
+    rows = _table(path, TRUTH_COLUMNS)
+    require_distinct([row["id"] for row in rows], path)
+    truth: dict[str, Truth] = {}
+    for number, row in enumerate(rows, start=1):
+        try:
+            truth[row["id"]] = _truth(row)
+        except ValueError as why:
+            raise CasesError(str(why), where=f"{path}, row {number}", remedy="correct the value") from why
+    return truth
 
 
 def read_frame(path: Path) -> Image | None:
@@ -106,13 +114,14 @@ def read_frame(path: Path) -> Image | None:
 def _table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.DictReader(stream)
+            reader = csv.DictReader(stream, skipinitialspace=True)
             missing = [c for c in columns if c not in (reader.fieldnames or [])]
             rows = [{k: (v or "") for k, v in row.items() if k is not None} for row in reader]
     except (OSError, UnicodeDecodeError, csv.Error) as why:
         raise CasesError(f"cannot be read: {why}", where=str(path), remedy="name a folder with cases.csv") from why
     if missing:
-        raise CasesError(f"columns are missing: {', '.join(missing)}", where=str(path), remedy="add them")
+        remedy = "add them" if len(missing) < len(columns) else "separate them by commas, and name them in the first line"
+        raise CasesError(f"columns are missing: {', '.join(missing)}", where=str(path), remedy=remedy)
     return rows
 
 
@@ -156,8 +165,12 @@ def _camera(row: dict[str, str]) -> Camera:
 
 def _truth(row: dict[str, str]) -> Truth:
     lat, lon, h, yaw, roll, pitch = (_number(row, c) for c in ("lat_deg", "lon_deg", "h_m", "yaw_deg", "roll_deg", "pitch_deg"))
-    gsd_m, solvable = _number(row, "gsd_m") if row.get("gsd_m") else 0.0, (row.get("solvable") or "1") != "0"
-    return Truth(lat, lon, h, yaw, gsd_m, solvable, roll, pitch, row.get("map_date") or "", row.get("frame_date") or "")
+    if not (abs(lat) <= 90 and abs(lon) <= 360):
+        raise ValueError(f"truth is not on earth: {lat}, {lon}")
+    gsd_m, solvable = _number({"gsd_m": row.get("gsd_m") or "0"}, "gsd_m"), row.get("solvable") or "1"
+    if solvable not in ("0", "1"):
+        raise ValueError(f"solvable is neither 0 nor 1: {solvable!r}")
+    return Truth(lat, lon, h, yaw, gsd_m, solvable == "1", roll, pitch, row.get("map_date") or "", row.get("frame_date") or "")
 
 
 def _named(row: dict[str, str], column: str) -> str:
@@ -184,7 +197,7 @@ def _sigma(row: dict[str, str], column: str) -> float:
 
 
 def _distortion(text: str) -> tuple[float, float, float, float, float]:
-    values = [float(x) for x in text.replace(",", " ").split()]
+    values = [_number({"distortion": x}, "distortion") for x in text.replace(",", " ").split()]
     if len(values) > 5:
         raise ValueError(f"distortion has {len(values)} coefficients, expected at most 5: k1 k2 p1 p2 k3")
     k1, k2, p1, p2, k3 = values + [0.0] * (5 - len(values))

@@ -17,6 +17,7 @@ import numpy as np
 from visloc_companion import __version__
 from visloc_companion.errors import MapError, Reason, fault_text
 from visloc_companion.evaluate.batch import run_all
+from visloc_companion.evaluate.case_ids import require_truth_of
 from visloc_companion.evaluate.cloud_cases import BadCloudCase, CloudCase, read_cloud_cases, read_cloud_truth
 from visloc_companion.evaluate.cloud_metrics import CloudResult, cloud_error, summarise
 from visloc_companion.evaluate.protection import horizontal_bound_m
@@ -49,8 +50,9 @@ def evaluate_cloud(
     ConfigError for a method that there is not. A case that cannot be read is a `no_fix` with its reason.
     """
     make_registration(method)
-    cases = read_cloud_cases(folder)[:limit]
-    truth = read_cloud_truth(folder)
+    cases, truth = read_cloud_cases(folder), read_cloud_truth(folder)
+    require_truth_of([case.case_id for case in cases], truth, folder / "truth.json")
+    cases = cases[:limit]
     posed = [(case, truth.get(case.case_id)) for case in cases]
     run = partial(run_case, method=method, max_probability_wrong=max_probability_wrong)
     results = []

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from visloc_companion.errors import CasesError
+from visloc_companion.evaluate.case_ids import require_distinct
 from visloc_companion.evaluate.cases import LARGEST
 from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.types import FloatArray
@@ -41,8 +42,11 @@ class BadCloudCase:
 
 
 def read_cloud_cases(folder: Path) -> list[CloudCase | BadCloudCase]:
-    """The entries of `cases.json`. Raises CasesError where the file is missing or no list."""
-    return [_case(folder, entry, k) for k, entry in enumerate(_entries(folder / "cases.json"))]
+    """The entries of `cases.json`. Raises CasesError where the file is missing or no list, or ids are not distinct."""
+    path = folder / "cases.json"
+    cases = [_case(folder, entry, k) for k, entry in enumerate(_entries(path))]
+    require_distinct([case.case_id for case in cases], path)
+    return cases
 
 
 def read_cloud_truth(folder: Path) -> dict[str, FloatArray]:
@@ -55,7 +59,9 @@ def read_cloud_truth(folder: Path) -> dict[str, FloatArray]:
         where = f"{path}: entry {number + 1}"
         if not isinstance(entry, dict) or any(field not in entry for field in TRUTH_FIELDS):
             raise CasesError(f"needs {' and '.join(TRUTH_FIELDS)}", where=where, remedy="add them")
-        truth[str(entry["id"])] = _similarity(entry["T_reference_source"], where)
+        if (case_id := str(entry["id"])) in truth:
+            raise CasesError(f"id {case_id!r} is there twice", where=where, remedy="write one entry a case")
+        truth[case_id] = _similarity(entry["T_reference_source"], where)
     return truth
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from visloc_companion import __version__
 from visloc_companion.errors import MapError, OutsideMap, Reason, fault_text
 from visloc_companion.evaluate.batch import run_all
+from visloc_companion.evaluate.case_ids import require_truth_of
 from visloc_companion.evaluate.cases import BadCase, Case, read_cases, read_frame, read_truth
 from visloc_companion.evaluate.image_metrics import CaseResult, summarise
 from visloc_companion.evaluate.map_sigma import MapSigma, with_map_sigma
@@ -59,8 +60,9 @@ def evaluate_image(
     Raises CasesError where the folder cannot be read, ConfigError for an unknown method, ModelError for a network that cannot be
     used. A case that cannot be read is a `no_fix` with its reason.
     """
-    cases = read_cases(folder)[:limit]
-    truth = read_truth(folder)
+    cases, truth = read_cases(folder), read_truth(folder)
+    require_truth_of([case.case_id for case in cases], truth, folder / "truth.csv")
+    cases = cases[:limit]
     about = environment(_features(method, network))  # first: what stands against the network is said before an hour of cases
     results = []
     for result in run_cases(cases, method, jobs, max_probability_wrong, network, map_sigma):
