@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 import struct
 from pathlib import Path
 
@@ -173,6 +174,25 @@ def test_a_video_is_timed_by_its_rate_and_read_forwards_and_back(flight: Path) -
         assert pixels is not None
         assert abs(int(pixels[20, 20, 0]) - 40 * number) <= 3
     assert frames.pixels(6) is None
+
+
+def test_a_video_of_varying_rate_is_timed_by_its_stamps(flight: Path) -> None:
+    (flight / "frames.csv").unlink()
+    path, shown_ms = flight / "video.mkv", [0, 100, 250, 700, 800, 1500]
+    out = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10.0, (64, 48))
+    for k in range(6):
+        out.write(np.full((48, 64, 3), 40 * k, np.uint8))
+    out.release()
+    data = bytearray(path.read_bytes())
+    blocks = [found.start(1) for found in re.finditer(rb"\xa3.\x81(..)[\x00\x80]\x00\x00\x01", data, re.DOTALL)]
+    assert len(blocks) == 6, "SimpleBlocks of Matroska: size, track, milliseconds (16 bits), flags"
+    for at, t_ms in zip(blocks, shown_ms, strict=True):
+        struct.pack_into(">h", data, at, t_ms)
+    path.write_bytes(data)
+    (flight / "camera.toml").write_text("width_px = 64\nheight_px = 48\nvideo_start_us = 60000000\n")
+    frames = open_folder(flight).frames
+    assert frames is not None
+    assert frames.t_us == tuple(60_000_000 + 1000 * t_ms for t_ms in shown_ms)
 
 
 def test_a_video_needs_its_start_or_times(flight: Path) -> None:

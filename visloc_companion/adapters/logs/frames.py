@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -69,12 +70,12 @@ def open_frames(folder: Path, start_us: int | None) -> FrameSource | None:
     """The frames of a flight's folder, or None where it has none.
 
     `frames.csv` has the columns `t_us` and `file` (paths relative to the folder); beside a video it needs `t_us` only, one row a
-    frame. A video without frames.csv is timed by its frame rate from `start_us`. Raises LogError for what is missing or wrong.
+    frame. A video without frames.csv is timed by its own stamps from `start_us`. Raises LogError for what is missing or wrong.
     """
     table = folder / "frames.csv"
     video = next((path for path in sorted(folder.glob("video.*")) if path.suffix.lower() in VIDEO_SUFFIXES), None)
     if video is not None:
-        times = tuple(t_us for t_us, _ in _rows(table, files=False)) if table.exists() else _regular_times(video, start_us)
+        times = tuple(t_us for t_us, _ in _rows(table, files=False)) if table.exists() else _own_times(video, start_us)
         return VideoFrames(video, times)
     if not table.exists():
         return None
@@ -98,19 +99,32 @@ def _rows(table: Path, files: bool) -> list[tuple[int, str]]:
     return found
 
 
-def _regular_times(video: Path, start_us: int | None) -> tuple[int, ...]:
+def _own_times(video: Path, start_us: int | None) -> tuple[int, ...]:
     if start_us is None:
         raise LogError(
             "the video's start is unknown",
             where=str(video),
             remedy="set video_start_us in camera.toml, or add frames.csv with a t_us for each frame",
         )
-    capture = cv2.VideoCapture(str(video))
-    rate, count = capture.get(cv2.CAP_PROP_FPS), int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-    capture.release()
-    if not rate > 0 or count <= 0:
+    shown_us = _stamps_us(video)
+    if not shown_us:
         raise LogError("cannot be decoded as a video", where=str(video), remedy="convert it to MP4 with H.264")
-    return tuple(start_us + round(number * 1e6 / rate) for number in range(count))
+    return tuple(start_us + t_us for t_us in shown_us)
+
+
+def _stamps_us(video: Path) -> list[int]:
+    """When each frame is shown after the first, microseconds: cameras and phones record at a rate that varies with the light.
+
+    A video whose frames have no stamps of their own is timed by its rate.
+    """
+    capture = cv2.VideoCapture(str(video))
+    rate_hz, shown_us = capture.get(cv2.CAP_PROP_FPS), []
+    while capture.grab():
+        shown_us.append(round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e3))
+    capture.release()
+    if all(before < after for before, after in pairwise(shown_us)):
+        return [t_us - shown_us[0] for t_us in shown_us]
+    return [round(number * 1e6 / rate_hz) for number in range(len(shown_us))] if rate_hz > 0 else []
 
 
 def _rgb(pixels: Any) -> Image | None:
