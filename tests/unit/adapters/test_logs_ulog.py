@@ -120,3 +120,16 @@ def test_truncation_and_garbage(tmp_path: Path) -> None:
         open_log(write(tmp_path / "c.ulg", b"nothing of the kind"))
     with pytest.raises(LogError, match="no attitude and no position"):
         open_log(write(tmp_path / "d.ulg", header()))
+
+
+def test_a_size_gone_wrong_leads_nowhere(tmp_path: Path) -> None:
+    """The size of a format leads 4 kB on, to where one byte is a type by chance: what lies between holds all subscriptions."""
+    padding = block(b"P", b"\x05int32_t A" + bytes(4)) * 300
+    data = bytearray(header() + padding + flight()[len(header()) :])
+    other = data.index(b"Fvehicle_status") - 2
+    data[other + 1] += 0x10
+    landing = other + 3 + struct.unpack_from("<H", data, other)[0]
+    data[landing : landing + 3] = b"\x40\x00D"
+    recording = open_log(write(tmp_path / "a.ulg", bytes(data)))
+    assert sum(isinstance(e, Attitude) for _, e in recording.events) >= 28
+    assert recording.losses.garbage_pieces >= 1

@@ -20,6 +20,7 @@ _CODES = {
     **{"int8_t": "b", "uint8_t": "B", "int16_t": "h", "uint16_t": "H", "int32_t": "i", "uint32_t": "I"},
     **{"int64_t": "q", "uint64_t": "Q", "float": "f", "double": "d", "bool": "?", "char": "c"},
 }
+_LONG_BYTES, _FOLLOWING = 2048, 5
 _FIELD = re.compile(r"^(\w+?)(?:\[(\d+)\])? (\w+)$")
 Row = dict[str, Any]
 
@@ -67,10 +68,19 @@ def read_topics(data: bytes, wanted: Collection[str], losses: Losses) -> dict[st
 
 
 def _plausible(data: bytes, at: int) -> bool:
-    """Whether a message starts here: a known type, and another one (or the file's end) behind it."""
-    size, kind = struct.unpack_from("<HB", data, at)
-    following = at + 3 + size
-    return kind in _TYPES and size > 0 and (following + 3 > len(data) or data[following + 2] in _TYPES)
+    """Whether a message starts here: a known type, and another one (or the file's end) behind it, behind a long one several.
+
+    A bit that flips in a size leads far away, where one byte is a type by chance.
+    """
+    size = struct.unpack_from("<H", data, at)[0]
+    for _ in range(1 if size <= _LONG_BYTES else _FOLLOWING):
+        size, kind = struct.unpack_from("<HB", data, at)
+        if kind not in _TYPES or size == 0:
+            return False
+        at += 3 + size
+        if at + 3 > len(data):
+            return True
+    return data[at + 2] in _TYPES
 
 
 def _resynchronised(data: bytes, at: int, losses: Losses) -> int:
