@@ -13,7 +13,7 @@ import numpy as np
 from visloc_companion.adapters.logs.folder import FlightFolder, FoundOffset, open_folder
 from visloc_companion.adapters.logs.frames import FrameSource
 from visloc_companion.adapters.logs.open import open_log
-from visloc_companion.adapters.logs.recording import Recording
+from visloc_companion.adapters.logs.recording import Recording, lacking
 from visloc_companion.adapters.logs.truth import TruthRow
 from visloc_companion.app.journal import Entry, read_header, read_journal
 from visloc_companion.app.replay import command_lines, recorded_commands, replay_entries
@@ -156,6 +156,10 @@ class LogSource:
         folder = self.folder
         losses = {name: n for name, n in self.recording.losses.as_dict().items() if n and name != "foreign_messages"}
         notes = [f"The log has losses: {', '.join(f'{name} {n}' for name, n in losses.items())}."] if losses else []
+        if missing := lacking(self.recording.events):
+            notes.append(
+                f"The log holds no usable message of: {', '.join(missing)}. Without them little or nothing is estimated."
+            )
         notes += [*self.recording.notes, *(folder.notes if folder is not None else ())]
         if folder is not None and folder.truth and self.truth_share < 0.95:
             notes.append(

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from visloc_companion.adapters.logs.recording import Losses, Recording, with_origin
+from visloc_companion.adapters.logs.recording import Losses, Recording, lacking, with_origin
 from visloc_companion.geo.wgs84 import distance_m, geo_from_autopilot_ned
-from visloc_companion.types import AutopilotKind, Event, GeoPoint, LocalPose, OriginChanged, PriorPose, Vec3
+from visloc_companion.types import Attitude, AutopilotKind, Event, GeoPoint, LocalPose, OriginChanged, PriorPose, Vec3
 
 KIND = AutopilotKind.ARDUPILOT
 HOME = GeoPoint(-35.208, 149.043, 585.0)
@@ -56,3 +56,9 @@ def test_what_scatters_is_one_origin() -> None:
         e for k in range(9) for e in (place(100 * k, (k + 6.0 * (k % 3), 0.0, 0.0)), local(100 * k, (float(k + 1), 1.0, 0.0)))
     ]
     assert len(origins(*flight)) == 1
+
+
+def test_what_a_log_lacks_altogether_is_named() -> None:
+    attitude = Attitude(0, 0, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    assert lacking([(0, attitude)]) == ["satellite receiver", "global position"]
+    assert lacking([]) == ["attitude", "satellite receiver", "global position"]

@@ -127,6 +127,16 @@ def test_a_json_file_without_folder_is_refused_before_the_replay(tmp_path: Path)
         run(tmp_path / "none.tlog", "--json", tmp_path / "nowhere" / "x.json")
 
 
+def test_a_log_without_attitude_says_so(tmp_path: Path) -> None:
+    mav = mavlink2.MAVLink(None, srcSystem=1, srcComponent=1)
+    sent = [
+        mav.heartbeat_encode(2, 3, 0x81, 0, 4),
+        mav.global_position_int_encode(1000, 474_000_000, 85_500_000, 0, 0, 0, 0, 0, 0),
+    ]
+    (tmp_path / "a.tlog").write_bytes(b"".join(struct.pack(">Q", UNIX_US) + bytes(message.pack(mav)) for message in sent))
+    assert "The log holds no usable message of: attitude, satellite receiver." in run(tmp_path / "a.tlog")[1]
+
+
 def test_truth_of_a_part_of_the_flight_is_said_to_be(log: Path, tmp_path: Path) -> None:
     rows = [f"{60_000_000 + 3_000_000 * k},{47.4 + 30 * k * 4.5e-6},8.55,540" for k in range(4)]
     (tmp_path / "truth.csv").write_text("t_us,lat_deg,lon_deg,h_amsl_m\n" + "\n".join(rows))

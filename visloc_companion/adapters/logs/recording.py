@@ -9,7 +9,17 @@ from pathlib import Path
 
 from visloc_companion.errors import LogError
 from visloc_companion.geo.wgs84 import distance_m, geo_from_autopilot_ned
-from visloc_companion.types import AutopilotKind, Event, GeoPoint, Gnss, LinkChanged, LocalPose, OriginChanged, PriorPose
+from visloc_companion.types import (
+    Attitude,
+    AutopilotKind,
+    Event,
+    GeoPoint,
+    Gnss,
+    LinkChanged,
+    LocalPose,
+    OriginChanged,
+    PriorPose,
+)
 
 NS_PER_US, NS_PER_MS, NS_PER_S = 1_000, 1_000_000, 1_000_000_000
 MAX_FILE_BYTES = 4_000_000_000
@@ -59,6 +69,15 @@ class Recording:
     def duration_s(self) -> float:
         """From the first to the last event, seconds."""
         return (self.events[-1][0] - self.events[0][0]) / NS_PER_S if self.events else 0.0
+
+
+_NEEDED = {"attitude": Attitude, "satellite receiver": Gnss, "global position": PriorPose}
+
+
+def lacking(events: list[tuple[int, Event]]) -> list[str]:
+    """Names of what a navigator cannot do without and a log does not hold at all."""
+    kinds = {type(event) for _, event in events}
+    return [name for name, kind in _NEEDED.items() if kind not in kinds]
 
 
 def read_bytes(path: Path) -> bytes:
