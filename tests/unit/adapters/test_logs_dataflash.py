@@ -193,6 +193,20 @@ def test_impossible_values_and_times_are_left_out(tmp_path: Path) -> None:
     assert recording.events[-1][0] == 1_200_000_000
 
 
+def test_a_first_time_that_is_wrong_does_not_cost_the_flight(tmp_path: Path) -> None:
+    stray = message(MODERN, "GPS", 10**15, 0, 3, 0, 2200, 15, 80, 474_000_000, 85_500_000, 54_000, 0.0, 0.0, 0.0, 0.0)
+    clean = open_log(write(tmp_path / "a.bin", modern_flight(20)))
+    head = formats(MODERN)
+    recording = open_log(write(tmp_path / "b.bin", head + stray + modern_flight(20)[len(head) :]))
+    attitudes = [event.t_boot_ns for _, event in recording.events if isinstance(event, Attitude)]
+    assert attitudes[-1] == 2_900_000_000
+    assert len(attitudes) >= 16
+    assert recording.losses.clock_steps == 1
+    assert recording.unix_minus_boot_ns is not None
+    assert clean.unix_minus_boot_ns is not None
+    assert abs(recording.unix_minus_boot_ns - clean.unix_minus_boot_ns) < 10**9, "not by the stray time"
+
+
 def test_a_log_that_tells_nothing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"a\.bin: holds no ATT"):
         open_log(write(tmp_path / "a.bin", formats(MODERN) + message(MODERN, "BARO", 1, 2.0)))

@@ -56,6 +56,7 @@ _IMU_EVERY_NS = 10 * NS_PER_MS
 _LEAP_NS, _MAX_STEP_NS = 2 * NS_PER_S, 3600 * NS_PER_S
 _CONFIRMED, _CONFIRMED_LONG = 1, 20
 """So many messages must go on from a leap of the clock, more beyond `_MAX_STEP_NS` (disarmed for hours, not logging)."""
+_FEW_EVENTS = 20
 _GPS_EPOCH_UNIX_S = 315_964_800
 _LEAP_SECONDS = ((1_483_228_800, 18), (1_435_708_800, 17), (1_341_100_800, 16), (1_230_768_000, 15), (0, 14))
 """UTC instants (Unix seconds) from which GPS time is so many seconds ahead of UTC."""
@@ -107,16 +108,25 @@ class _Reader:
             self.events.append((self._t_ns, event))
 
     def _at(self, fields: Fields, milliseconds: str = "TimeMS") -> int:
-        """Boot time of a message. Raises ValueError where it goes back, or leaps and the next messages do not confirm it."""
+        """Boot time of a message. Raises ValueError where it goes back, or leaps and the next messages do not confirm it.
+
+        The format has no checksums: where the very first times were wrong, what follows confirms the way back.
+        """
         t_ns = int(fields["TimeUS"] * NS_PER_US if "TimeUS" in fields else fields[milliseconds] * NS_PER_MS)
         if not self.events:
             self._t_ns = t_ns
         elif not -NS_PER_S <= t_ns - self._t_ns <= _LEAP_NS:
-            goes_on = t_ns > self._t_ns and self._leap_ns is not None and abs(t_ns - self._leap_ns) <= _LEAP_NS
+            back = t_ns < self._t_ns
+            possible = self._leap_ns is not None and not (back and len(self.events) > _FEW_EVENTS)
+            goes_on = possible and abs(t_ns - (self._leap_ns or 0)) <= _LEAP_NS
             self._leap_ns, self._n_leapt = t_ns, self._n_leapt + 1 if goes_on else 0
-            if self._n_leapt < (_CONFIRMED if t_ns - self._t_ns <= _MAX_STEP_NS else _CONFIRMED_LONG):
+            if self._n_leapt < (_CONFIRMED if 0 < t_ns - self._t_ns <= _MAX_STEP_NS else _CONFIRMED_LONG):
                 self._losses.clock_steps += not goes_on
                 raise ValueError(t_ns)
+            if back:
+                self._losses.dropped_messages += len(self.events)
+                self.events, self._t_ns = [], t_ns
+                self._last_attitude = self._last_imu_ns = self.unix_minus_boot_ns = None
         self._t_ns = max(self._t_ns, t_ns)
         return self._t_ns
 
