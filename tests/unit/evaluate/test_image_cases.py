@@ -216,7 +216,7 @@ def test_folders_that_are_none_are_errors(tmp_path):
     with pytest.raises(CasesError, match="ortho"):
         read_cases(tmp_path)
     (tmp_path / "truth.csv").write_text(",".join(TRUTH_COLUMNS) + ",gsd_m\na,0,0,0,0,0,0,nan\n")
-    with pytest.raises(CasesError, match=r"truth\.csv: gsd_m is not finite.*remedy"):
+    with pytest.raises(CasesError, match=r"truth\.csv, row 1: gsd_m is not finite.*remedy"):
         read_truth(tmp_path)
     (tmp_path / "truth.csv").write_text(",".join(TRUTH_COLUMNS) + "\na,north,0,0,0,0,0\n")
     with pytest.raises(CasesError, match="lat_deg"):
