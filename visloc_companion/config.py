@@ -11,9 +11,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from visloc_companion.errors import ConfigError
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Lever = Annotated[float, Field(ge=-20, le=20, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Lever = Annotated[float, Field(ge=-20, le=20)]
 Share = Annotated[float, Field(gt=0, lt=1)]
 Method = Literal["deep", "gradient", "iclk", "ncc", "mi", "keypoint"]
 DEFAULT_METHOD: Method = "deep"
@@ -21,9 +21,9 @@ DEFAULT_METHOD: Method = "deep"
 
 
 class Section(BaseModel):
-    """Base of all sections: frozen, no unknown keys."""
+    """Base of all sections: frozen, no unknown keys, no number that is none (TOML has nan and inf)."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
 
 
 class LinkConfig(Section):

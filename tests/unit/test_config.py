@@ -36,6 +36,16 @@ def test_all_problems_are_told_at_once() -> None:
     assert "gnss.max_h_acc_m" in text
 
 
+@pytest.mark.parametrize(
+    "text", ["mount_roll_deg = nan", "mount_yaw_deg = -inf", "distortion = [0.0, nan, 0.0, 0.0, 0.0]", "cx_px = inf"]
+)
+def test_what_is_no_number_is_refused_by_name(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "visloc.toml"
+    path.write_text(f"[camera]\n{text}\n")
+    with pytest.raises(ConfigError, match=rf"camera\.{text.split(maxsplit=1)[0]}.*finite number"):
+        load_config(path)
+
+
 def test_unreadable_and_broken_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"absent.toml: cannot be read"):
         load_config(tmp_path / "absent.toml")
