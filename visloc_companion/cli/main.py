@@ -32,7 +32,7 @@ app.command()(replay)
 app.command()(sim)
 app.command()(demo)
 app.command()(doctor)
-app.command()(here)
+app.command(context_settings={"ignore_unknown_options": True})(here)  # south of the equator its place begins with a minus
 app.command()(link_key)
 app.add_typer(map_app, name="map")
 app.add_typer(evaluate_app, name="evaluate")

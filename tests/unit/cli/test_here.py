@@ -16,7 +16,9 @@ from visloc_companion.errors import ConfigError
 PLACE = "47.0123,8.4567"
 
 
-def call(monkeypatch: pytest.MonkeyPatch, answer: str, *options: str) -> tuple[int, str, list[tuple[Any, ...]]]:
+def call(
+    monkeypatch: pytest.MonkeyPatch, answer: str, *options: str, place: str = PLACE
+) -> tuple[int, str, list[tuple[Any, ...]]]:
     asked: list[tuple[Any, ...]] = []
 
     async def say_here(*arguments: Any) -> str:
@@ -24,7 +26,7 @@ def call(monkeypatch: pytest.MonkeyPatch, answer: str, *options: str) -> tuple[i
         return answer
 
     monkeypatch.setattr(operator_call, "say_here", say_here)
-    ran = CliRunner().invoke(app, ["here", PLACE, "--link", "udpin:127.0.0.1:14550", *options], catch_exceptions=False)
+    ran = CliRunner().invoke(app, ["here", place, "--link", "udpin:127.0.0.1:14550", *options], catch_exceptions=False)
     return ran.exit_code, ran.output, asked
 
 
@@ -41,6 +43,18 @@ def test_the_daemons_answer_is_shown(monkeypatch: pytest.MonkeyPatch, answer: st
     assert (exit_code, output) == (code, shown)
     assert (url, place.lat_deg, place.lon_deg, sigma_m) == ("udpin:127.0.0.1:14550", 47.0123, 8.4567, 20.0)
     assert (caller.system_id, caller.component_id, caller.signing) == (252, 197, None)
+
+
+@pytest.mark.parametrize("place", ["-33.4567,-70.6543", "-0.5,36.8"])
+def test_places_south_of_the_equator_are_no_options(monkeypatch: pytest.MonkeyPatch, place: str) -> None:
+    exit_code, _, ((_, said, *_),) = call(monkeypatch, "", place=place)
+    assert (exit_code, f"{said.lat_deg},{said.lon_deg}") == (0, place)
+
+
+def test_a_mistyped_option_is_still_refused() -> None:
+    ran = CliRunner().invoke(app, ["here", PLACE, "--link", "udpin:127.0.0.1:0", "--sgima", "20"])
+    assert ran.exit_code == 2
+    assert "--sgima" in ran.output
 
 
 def test_a_key_signs_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
