@@ -11,6 +11,7 @@ import asyncio
 import contextlib
 import json
 from collections.abc import Callable, Coroutine
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,6 @@ from visloc_companion.app.settings import core_settings
 from visloc_companion.app.status import status_server
 from visloc_companion.app.ticker import time_grid
 from visloc_companion.config import Config
-from visloc_companion.core.navigator import Navigator
 from visloc_companion.errors import LinkError
 from visloc_companion.protocols import Clock, FrameSlots
 from visloc_companion.types import (
@@ -56,6 +56,8 @@ SLOW_STEP_NS = 2_000_000
 LIMITS_S = {"link": 10.0, "camera": 15.0, "worker": 10.0, "tick": 3.0}
 _ORDERS_AT_ONCE = 32
 _WATCH_S = 0.5
+_NAVIGATOR = "visloc_companion.core.navigator"
+"""Imported while the worker starts: with SciPy it takes most of a second."""
 
 
 class Daemon:
@@ -64,6 +66,8 @@ class Daemon:
     def __init__(self, parts: Parts, make: Constructors, notifier: Notifier, at: At | None = None) -> None:
         if parts.link is None:
             raise ValueError("a daemon needs a link")
+        from visloc_companion.core.navigator import Navigator  # run_daemon imports it beside the worker's start
+
         self.parts, self.link = parts, parts.link
         self.navigator = Navigator(core_settings(parts.config))
         self.status: Status | None = None
@@ -180,7 +184,7 @@ class Daemon:
         return work
 
     async def _serve_link(self) -> None:
-        async for event in self.link.events():
+        async for event in self.link.events() if self.parts.heard is None else self.parts.heard:
             self.health.beat("link", self._wall.now_ns())
             if isinstance(event, LinkChanged):
                 self._link_up = event.up
@@ -308,7 +312,11 @@ async def run_daemon(
 
     stop = asyncio.Event() if stop is None else stop
     assembling = asyncio.create_task(assemble(config, clock, make, Reports(report, journal_problem, link_warning)))
-    parts = await _unless(stop, assembling)
+    importing = asyncio.create_task(asyncio.to_thread(import_module, _NAVIGATOR))
+    try:
+        parts = await _unless(stop, assembling)
+    finally:
+        await importing
     if parts is None:
         return
     try:

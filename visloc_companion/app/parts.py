@@ -7,7 +7,7 @@ import hashlib
 import importlib.metadata
 import platform
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -20,7 +20,7 @@ from visloc_companion.app.worker_process import REAL_ANSWERS
 from visloc_companion.config import Config
 from visloc_companion.errors import CameraError, ConfigError, VislocError
 from visloc_companion.protocols import AutopilotLink, Camera, Clock
-from visloc_companion.types import Notice
+from visloc_companion.types import Event, Notice
 
 T = TypeVar("T")
 MakeLink = Callable[[Config, Clock, Callable[[bytes, int, bool], None], Callable[[str], None]], AutopilotLink]
@@ -40,11 +40,12 @@ class Constructors:
 @dataclass(slots=True)
 class Parts:
     """The parts of a running daemon. Without a camera, or terrain to be asked about, there is no worker either; without a folder
-    no journal."""
+    no journal. `heard` are the link's events since it was opened."""
 
     config: Config
     clock: Clock
     link: AutopilotLink | None = None
+    heard: AsyncIterator[Event] | None = None
     slots: SharedFrameSlots | None = None
     camera: Camera | None = None
     worker: WorkerSupervisor | None = None
@@ -87,28 +88,38 @@ async def assemble(config: Config, clock: Clock, make: Constructors, reports: Re
             raise StartFailed("visloc cannot start", problems)
     except BaseException:
         await parts.close()
+        if parts.journal is not None:
+            _discard(parts.journal)
         raise
     return parts
 
 
 async def _build(parts: Parts, make: Constructors, reports: Reports) -> list[VislocError]:
-    """Fill in the parts; what stands against them."""
+    """Fill in the parts; what stands against them.
+
+    What takes long goes side by side, since a start in flight is time without positions: the worker's process is begun first,
+    and while it opens map and network this one imports the link's libraries and is already heard by the autopilot.
+    """
     config, clock = parts.config, parts.clock
     problems: list[VislocError] = []
-    parts.link = _tried(problems, lambda: make.link(config, clock, _raw_tap(parts), reports.link_warning))
-    if config.camera.url:
-        parts.camera = _tried(problems, lambda: make.camera(config, clock))
-        _tried(problems, lambda: check_calibration(config, parts.camera))
     if config.camera.url or config.localiser.terrain:
         _tried(problems, lambda: require_pack(config))
         slots = parts.slots = _tried(problems, lambda: SharedFrameSlots(camera_model(config.camera)))
         if config.map.pack and slots is not None:
             parts.worker = WorkerSupervisor(config, slots, clock, on_notice=reports.notice, factory=make.answers)
-            await _tried_later(problems, parts.worker.start())
+            parts.worker.begin()
+    parts.link = _tried(problems, lambda: make.link(config, clock, _raw_tap(parts), reports.link_warning))
+    if config.camera.url:
+        parts.camera = _tried(problems, lambda: make.camera(config, clock))
+        _tried(problems, lambda: check_calibration(config, parts.camera))
     if config.journal.folder and not problems:
         parts.journal = _tried(problems, lambda: _journal(config, clock, reports.journal_problem))
     elif config.journal.folder:
         _tried(problems, lambda: check_journal_folder(config))
+    if parts.link is not None and not problems:
+        parts.heard = parts.link.events()
+    if parts.worker is not None:
+        await _tried_later(problems, parts.worker.start())
     return problems
 
 
@@ -130,10 +141,7 @@ def require_pack(config: Config) -> bool:
 
 def check_journal_folder(config: Config) -> None:
     """Make a file in the journal's folder and remove it. Raises JournalError."""
-    writer = JournalWriter.create(Path(config.journal.folder), JournalHeader({}), max_bytes=config.journal.max_bytes)
-    writer.close()
-    if writer.path is not None:
-        writer.path.unlink()
+    _discard(JournalWriter.create(Path(config.journal.folder), JournalHeader({}), max_bytes=config.journal.max_bytes))
 
 
 def journal_header(config: Config, clock: Clock) -> JournalHeader:
@@ -155,6 +163,13 @@ def versions() -> dict[str, str]:
 def _journal(config: Config, clock: Clock, on_problem: Callable[[str], None]) -> JournalWriter:
     header, folder = journal_header(config, clock), Path(config.journal.folder)
     return JournalWriter.create(folder, header, max_bytes=config.journal.max_bytes, on_problem=on_problem)
+
+
+def _discard(journal: JournalWriter) -> None:
+    """Leave no file of a start that failed."""
+    journal.close()
+    if journal.path is not None:
+        journal.path.unlink(missing_ok=True)
 
 
 def _raw_tap(parts: Parts) -> Callable[[bytes, int, bool], None]:

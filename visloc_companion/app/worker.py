@@ -74,13 +74,19 @@ class WorkerSupervisor:
         """Whether a deadline has passed without anything being done about it; never, unless this class is at fault."""
         return self._deadline is not None and asyncio.get_running_loop().time() > self._deadline.when() + _STOP_S
 
+    def begin(self) -> None:
+        """Start the first worker's process; `start` waits for it."""
+        self._started = asyncio.get_running_loop().create_future()
+        self._spawn(self._config, _START_S)
+
     async def start(self) -> None:
-        """Start the first worker and wait until map and localiser are open.
+        """Wait until the first worker, begun here unless it was, has opened map and localiser.
 
         Raises what stands against it (MapError, ModelError, ConfigError, WorkerError).
         """
-        self._started = asyncio.get_running_loop().create_future()
-        self._spawn(self._config, _START_S)
+        if self._started is None:
+            self.begin()
+        assert self._started is not None
         try:
             await self._started
         except BaseException:

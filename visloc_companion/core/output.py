@@ -8,6 +8,7 @@ from visloc_companion.core.integrity import floored
 from visloc_companion.core.protection import Protected
 from visloc_companion.core.requests import SIGMA_YAW_RAD
 from visloc_companion.core.settings import InjectionSettings
+from visloc_companion.core.step import step_m
 from visloc_companion.core.validate import MAX_SPEED_MPS, is_covariance
 from visloc_companion.geo import wgs84
 from visloc_companion.types import (
@@ -76,13 +77,6 @@ class ResetCounter:
     def _has_stepped(self, last: NavState, state: NavState) -> bool:
         dt_s = (state.t_ns - last.t_ns) * 1e-9
         return step_m(last.p_ned_m, last.v_ned_mps, state.p_ned_m, state.v_ned_mps, dt_s) > self._max_step_m
-
-
-def step_m(before_m: Vec3, v_before_mps: Vec3, after_m: Vec3, v_after_mps: Vec3, dt_s: float) -> float:
-    """How far a position in NED is, horizontally, from where the mean of two velocities leads from an earlier one."""
-    north = after_m[0] - before_m[0] - (v_before_mps[0] + v_after_mps[0]) / 2 * dt_s
-    east = after_m[1] - before_m[1] - (v_before_mps[1] + v_after_mps[1]) / 2 * dt_s
-    return math.hypot(north, east)
 
 
 def injection(

@@ -214,7 +214,7 @@ async def test_everything_that_stands_against_the_start_is_told_at_once(tmp_path
     make = constructors(FakeLink(MonotonicClock()), [], "broken_pack")
     with pytest.raises(StartFailed) as caught:
         await run_daemon(config, make=Constructors(no_link, make.camera, make.answers))
-    assert [type(problem) for problem in caught.value.exceptions] == [LinkError, HashMismatch, JournalError]
+    assert [type(problem) for problem in caught.value.exceptions] == [LinkError, JournalError, HashMismatch]
 
 
 async def test_a_camera_without_a_map_is_refused(tmp_path: Path) -> None:

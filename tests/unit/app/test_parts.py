@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.parts import Constructors, Reports, StartFailed, assemble
+from visloc_companion.app.worker import WorkerSupervisor
 from visloc_companion.config import parse_config
 from visloc_companion.testing.fake_link import FakeLink
 
@@ -49,3 +52,30 @@ async def test_terrain_without_a_map_is_refused() -> None:
     with pytest.raises(StartFailed) as raised:
         await assemble(config, MonotonicClock(), constructors(), REPORTS)
     assert any("localiser.terrain is set" in str(problem) for problem in raised.value.exceptions)
+
+
+async def test_the_worker_is_begun_first_and_the_autopilot_heard_while_it_starts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+
+    async def started(self: WorkerSupervisor) -> None:
+        done.append(f"worker awaited, autopilot {'heard' if link.up else 'not heard'}")
+
+    def make_link(*_: object) -> FakeLink:
+        done.append("link made")
+        return link
+
+    link = FakeLink(MonotonicClock())
+    monkeypatch.setattr(WorkerSupervisor, "begin", lambda self: done.append("worker begun"))
+    monkeypatch.setattr(WorkerSupervisor, "start", started)
+    config = parse_config({"localiser": {"terrain": True}, "map": {"pack": str(tmp_path)}})
+    parts = await assemble(config, MonotonicClock(), Constructors(make_link, constructors().camera), REPORTS)
+    await parts.close()
+    assert done == ["worker begun", "link made", "worker awaited, autopilot heard"]
+
+
+def test_what_takes_long_to_import_is_not_waited_for_before_the_worker_begins() -> None:
+    code = "import sys, visloc_companion.app.live as _; print([m for m in ('filterpy', 'pymavlink', 'cv2') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == "[]"

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from visloc_companion.adapters.mavlink.outputs.covariance import MAX_SIGMA_M
 from visloc_companion.adapters.mavlink.outputs.kinds import Output
 from visloc_companion.adapters.mavlink.outputs.soundness import fault
-from visloc_companion.core.output import step_m
+from visloc_companion.core.step import step_m
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.types import AutopilotKind, GeoPoint, Injection

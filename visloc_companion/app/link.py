@@ -1,0 +1,90 @@
+"""From the configuration to the MAVLink link: what is signed, where positions may be sent, and who owns the connection."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from visloc_companion.adapters.mavlink.channels import OpenChannel
+from visloc_companion.adapters.mavlink.mavsdk_channel import MavsdkOpener
+from visloc_companion.adapters.mavlink.outputs.fence import Fence
+from visloc_companion.adapters.mavlink.outputs.kinds import Output
+from visloc_companion.adapters.mavlink.pymavlink_link import PymavlinkLink
+from visloc_companion.adapters.mavlink.settings import SessionSettings
+from visloc_companion.adapters.mavlink.signing import SigningSettings, at_zero_of, stamp_at_zero
+from visloc_companion.adapters.mavlink.signing_key import read_key
+from visloc_companion.adapters.mavlink.signing_stamp import StampFile
+from visloc_companion.config import Config, LinkConfig
+from visloc_companion.errors import ConfigError, MapError
+from visloc_companion.protocols import AutopilotLink, Clock
+from visloc_companion.types import GeoPoint
+
+
+def make_link(
+    config: Config, clock: Clock, on_raw: Callable[[bytes, int, bool], None], on_warning: Callable[[str], None]
+) -> AutopilotLink:
+    """The MAVLink connection of a configuration. Raises LinkError for a URL that is not valid, ConfigError for a bad key file
+    or an origin without a map, MapError for a pack that cannot be read."""
+    fence, middle = map_extent(config)
+    settings = SessionSettings(
+        system_id=config.link.system_id,
+        component_id=config.link.component_id,
+        operator_systems=config.link.operator_systems,
+        gnss_source_set=config.injection.gnss_source_set,
+        vision_source_set=config.injection.vision_source_set,
+        px4_gps_ctrl=config.injection.px4_gps_ctrl,
+        reconnect_s=config.link.reconnect_s,
+        signing=_signing(config.link, clock, on_warning),
+        output=None if config.injection.output == "auto" else Output(config.injection.output),
+        position_sensor_id=config.injection.position_sensor_id,
+        external_estimate_period_s=config.injection.external_estimate_period_s,
+        max_step_m=config.injection.max_step_m,
+        fence=fence,
+        origin_to_set=middle if config.injection.set_origin else None,
+    )
+    opener = _through_mavsdk(config.link) if config.link.backend == "mavsdk" else None
+    return PymavlinkLink(config.link.url, settings, clock, on_raw=on_raw, on_warning=on_warning, open_channel=opener)
+
+
+def _through_mavsdk(link: LinkConfig) -> OpenChannel:
+    if link.signing_key_file:
+        remedy = 'link.backend = "pymavlink", or no key'
+        raise ConfigError("MAVSDK cannot sign, and link.signing_key_file is set", where="link.backend", remedy=remedy)
+    return MavsdkOpener(link.system_id, link.component_id)
+
+
+def map_extent(config: Config) -> tuple[Fence | None, GeoPoint | None]:
+    """Where positions may be sent, and the middle of the map at the height of its plane; neither without a pack.
+
+    Raises MapError for a pack whose manifest cannot be read, ConfigError where an origin is to be set and there is no pack.
+    """
+    if not config.map.pack:
+        if config.injection.set_origin:
+            remedy = "name the folder that `visloc map build` made, or leave injection.set_origin off"
+            raise ConfigError("is empty, but injection.set_origin takes the origin from the map", where="map.pack", remedy=remedy)
+        return None, None
+    from visloc_companion.maps.manifest import read_manifest
+
+    try:
+        manifest = read_manifest(Path(config.map.pack))
+    except MapError:
+        if config.camera.url or config.localiser.terrain:
+            return None, None  # the worker cannot start either, and says so with all else that is wrong
+        raise
+    b = manifest.bounds
+    fence = Fence(b.south_deg, b.west_deg, b.north_deg, b.east_deg, config.injection.max_outside_map_m)
+    lon_deg = (b.west_deg + (b.east_deg - b.west_deg) % 360 / 2 + 180) % 360 - 180
+    return fence, GeoPoint((b.south_deg + b.north_deg) / 2, lon_deg, manifest.heights.plane_amsl_m)
+
+
+def _signing(link: LinkConfig, clock: Clock, on_warning: Callable[[str], None]) -> SigningSettings | None:
+    if not link.signing_key_file:
+        return None
+    key = read_key(Path(link.signing_key_file))
+    now_ns = clock.now_ns()
+    at_zero = stamp_at_zero(time.time_ns(), now_ns)
+    kept = StampFile(Path(link.signing_stamp_file), on_warning) if link.signing_stamp_file else None
+    if kept is not None:
+        at_zero = max(at_zero, at_zero_of(kept.first(), now_ns))
+    return SigningSettings(key, link.signing_link_id, link.accept_unsigned, at_zero, None if kept is None else kept.keep)
