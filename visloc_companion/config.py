@@ -149,7 +149,7 @@ class WorkerConfig(Section):
     """A localisation that computes for longer is killed and the worker restarted; one that waits for a core may last six times
     as long."""
     max_restarts: Annotated[int, Field(ge=1)] = 3
-    """More restarts than this within 60 s give up the worker until the daemon restarts."""
+    """After more restarts than this within 60 s the next tries come a minute apart."""
     nice: Annotated[int, Field(ge=0, le=19)] = 10
     """Niceness of the localisation process."""
 

@@ -1,4 +1,4 @@
-"""Keeps one localisation process alive: starts it, feeds it, kills it at the deadline, restarts it, and gives up in time.
+"""Keeps one localisation process alive: starts it, feeds it, kills it at the deadline, restarts it, and pauses where that fails.
 
 A death is noticed at once by the process's sentinel. Whatever happens, every request is answered by exactly one Fix or NoFix,
 and everything is told to the core by WorkerState events.
@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 from visloc_companion.app.mailbox import Mailbox
@@ -25,7 +26,10 @@ from visloc_companion.protocols import Clock
 from visloc_companion.types import Fix, LocaliseRequest, NoFix, Notice, Severity, WorkerState
 
 WorkerEvent = Fix | NoFix | WorkerState
+FileStamps = tuple[tuple[str, int, int, int], ...]
 _WINDOW_S = 60.0
+_PAUSE_S = 60.0
+"""After more deaths than `worker.max_restarts`: what kills a worker may pass (memory, heat, a pack that is being copied)."""
 _START_S = 120.0
 _RESTART_S = 30.0
 _STOP_S = 1.0
@@ -58,6 +62,8 @@ class WorkerSupervisor:
         self._deaths: deque[float] = deque()
         self._started: asyncio.Future[None] | None = None
         self._why, self._reason = "", Reason.WORKER_DIED
+        self._stamps: FileStamps = ()
+        self._verified: FileStamps = ()
 
     @property
     def pid(self) -> int | None:
@@ -77,6 +83,7 @@ class WorkerSupervisor:
     def begin(self) -> None:
         """Start the first worker's process; `start` waits for it."""
         self._started = asyncio.get_running_loop().create_future()
+        self._stamps = file_stamps(self._config.map.pack)
         self._spawn(self._config, _START_S)
 
     async def start(self) -> None:
@@ -173,7 +180,9 @@ class WorkerSupervisor:
             return
         if isinstance(message, Ready):
             self._disarm()
-            self.up = True
+            if self.given_up:
+                self._on_notice(Notice(Severity.NOTICE, "localiser is back", True))
+            self.up, self.given_up, self._verified = True, False, self._stamps
             self._report(f"ready: {message.about}" if message.about else "ready")
             if self._started is not None and not self._started.done():
                 self._started.set_result(None)
@@ -216,16 +225,28 @@ class WorkerSupervisor:
         self._deaths.append(now_s)
         while now_s - self._deaths[0] > _WINDOW_S:
             self._deaths.popleft()
-        self.given_up = len(self._deaths) > self._config.worker.max_restarts
+        was_given_up = self.given_up
+        self.given_up = was_given_up or len(self._deaths) > self._config.worker.max_restarts
         if self.given_up:
             self._report(f"given up: {why}")
-            self._on_notice(Notice(Severity.CRITICAL, "localiser gave up, restart visloc", True, (("why", why),)))
+            if not was_given_up:
+                text = f"localiser failed, next try in {_PAUSE_S:.0f} s"
+                self._on_notice(Notice(Severity.CRITICAL, text, True, (("why", why),)))
+            self._arm(_PAUSE_S, self._restart)
             return
         self._report(why)
         self._on_notice(Notice(Severity.WARNING, "localiser restarts", False, (("why", why),)))
+        self._restart()
+
+    def _restart(self) -> None:
+        """Another worker, at once: hashes are not computed again, unless a file of the pack is not the one that was verified."""
         self.restarts += 1
-        unverified = self._config.map.model_copy(update={"verify_hashes": False})  # verified at the start; be quick now
-        self._spawn(self._config.model_copy(update={"map": unverified}), _RESTART_S)
+        self._stamps = file_stamps(self._config.map.pack)
+        verify = self._config.map.verify_hashes and self._stamps != self._verified
+        if verify:
+            self._on_notice(Notice(Severity.WARNING, "the map pack has changed since the start and is verified anew"))
+        config = self._config.model_copy(update={"map": self._config.map.model_copy(update={"verify_hashes": verify})})
+        self._spawn(config, _START_S if verify else _RESTART_S)
 
     def _detach(self) -> tuple[Any, Connection | None]:
         """Stop listening to the worker and forget it; its process and connection are the caller's to end."""
@@ -244,6 +265,16 @@ class WorkerSupervisor:
 
     def _decline(self, request: WorkerRequest, reason: Reason, detail: str) -> None:
         self.events.put(no_fix(request, self._config.localiser.method, reason, detail, self._clock.now_ns()))
+
+
+def file_stamps(folder: str) -> FileStamps:
+    """What tells whether files of a folder were replaced or written to: name, inode, size and time of each."""
+    stamps = []
+    with contextlib.suppress(OSError):
+        for path in sorted(Path(folder).rglob("*")) if folder else ():
+            stat = path.stat()
+            stamps.append((str(path), stat.st_ino, stat.st_size, stat.st_mtime_ns))
+    return tuple(stamps)
 
 
 def _exit(code: int | None) -> str:

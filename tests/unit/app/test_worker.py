@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from visloc_companion.app import worker as supervisor_module
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.slots import SharedFrameSlots
-from visloc_companion.app.worker import WorkerSupervisor
+from visloc_companion.app.worker import WorkerSupervisor, file_stamps
 from visloc_companion.app.worker_process import load_factory
 from visloc_companion.config import Config, parse_config
 from visloc_companion.errors import HashMismatch, Reason, VislocError, WorkerError
@@ -64,8 +65,8 @@ def _answers_can_be_imported(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @asynccontextmanager
-async def bench(factory: str, start: bool = True, **worker: float) -> AsyncIterator[Bench]:
-    config: Config = parse_config({"worker": worker})
+async def bench(factory: str, start: bool = True, pack: str = "", **worker: float) -> AsyncIterator[Bench]:
+    config: Config = parse_config({"worker": worker, "map": {"pack": pack}})
     notices: list[Notice] = []
     with SharedFrameSlots(MODEL) as slots:
         supervisor = WorkerSupervisor(config, slots, MonotonicClock(), on_notice=notices.append, factory=f"answers:{factory}")
@@ -179,12 +180,51 @@ async def test_too_many_deaths_give_up_and_tell_the_operator() -> None:
         assert (down.up, down.restarts, down.detail) == (False, 2, "given up: the worker ended with exit code 7")
         assert b.worker.given_up
         assert not b.worker.alive
+        assert b.notices[-1].text == "localiser failed, next try in 60 s"
         assert b.notices[-1].to_operator
         assert len(b.notices[-1].text) <= 50
         b.ask(10)
         late = await b.next()
         assert isinstance(late, NoFix)
         assert (late.reason, late.detail) == (Reason.WORKER_DIED, "there is no worker")
+
+
+async def test_what_was_given_up_is_tried_again_and_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(supervisor_module, "_PAUSE_S", 0.05)
+    async with bench("by_request_id", max_restarts=1) as b:
+        for request_id in (2, 2):
+            b.ask(request_id)
+            while not isinstance(state := await b.next(), WorkerState) or "signal 9" not in state.detail:
+                pass
+            again = await b.next()
+            assert isinstance(again, WorkerState)
+            assert again.up
+        assert [notice.text for notice in b.notices][-1] == "localiser is back"
+        assert b.notices[-1].to_operator
+        assert b.worker.alive
+        b.ask(10)
+        assert isinstance(await b.next(), Fix)
+
+
+async def test_a_pack_that_was_written_to_is_verified_anew_when_a_worker_restarts(tmp_path: Path) -> None:
+    (tmp_path / "ortho.tif").write_bytes(b"as verified")
+    async with bench("starts_once", pack=str(tmp_path)) as b:  # its later starts fail unless they are told to verify
+        assert b.worker.pid is not None
+        (tmp_path / "ortho.tif").write_bytes(b"written to in flight")
+        os.kill(b.worker.pid, signal.SIGKILL)
+        states = [await b.next(), await b.next()]
+        assert [isinstance(state, WorkerState) and state.up for state in states] == [False, True]
+        assert "changed since the start" in b.notices[-1].text
+
+
+def test_a_replaced_file_has_another_stamp(tmp_path: Path) -> None:
+    (tmp_path / "levels").mkdir()
+    (tmp_path / "levels" / "0.npy").write_bytes(b"a")
+    before = file_stamps(str(tmp_path))
+    (tmp_path / "new").write_bytes(b"b")
+    (tmp_path / "new").replace(tmp_path / "levels" / "0.npy")
+    assert file_stamps(str(tmp_path)) != before
+    assert file_stamps("") == file_stamps(str(tmp_path / "none")) == ()
 
 
 async def test_a_restart_that_fails_counts_as_a_death() -> None:
