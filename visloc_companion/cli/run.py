@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from visloc_companion.config import Config
     from visloc_companion.errors import VislocError
 
+_WHOLE_LINES = 10_000
+"""Columns: longer than any problem."""
+
 
 def run(
     config: Annotated[Path, typer.Option("--config", help="Configuration (TOML), see docs/configuration.md.")],
@@ -23,7 +26,7 @@ def run(
     sigma: Annotated[float, typer.Option("--sigma", help="How well that is known: 1-sigma radius in metres.")] = 50.0,
     json: Annotated[Path | None, typer.Option("--json", help="Write what --check found as JSON.")] = None,
 ) -> None:
-    """Localise and inject until SIGTERM or Ctrl-C. Exit codes: 0 ok, 2 configuration, 3 data, 4 link."""
+    """Localise and inject until SIGTERM, SIGHUP or Ctrl-C. Exit codes: 0 ok, 2 configuration, 3 data, 4 link."""
     from visloc_companion.app.first_position import At
     from visloc_companion.config import load_config
 
@@ -44,8 +47,9 @@ def _serve(config: Config, at: At | None) -> list[VislocError]:
 
     async def serve() -> None:
         stop = asyncio.Event()
-        for number in (signal.SIGTERM, signal.SIGINT):
-            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):  # the last when the terminal that started it is gone
+            if signal.getsignal(number) is not signal.SIG_IGN:  # nohup
+                asyncio.get_running_loop().add_signal_handler(number, stop.set)
         await run_daemon(config, stop=stop, at=at)
 
     problems: list[VislocError] = []
@@ -97,7 +101,8 @@ def _finish(problems: list[VislocError]) -> None:
         branch = tree.add(Text(f"{problem.where}: {problem.what}" if problem.where else problem.what))
         if problem.remedy:
             branch.add(Text(f"remedy: {problem.remedy}", style="green"))
-    Console(stderr=True, soft_wrap=True).print(tree)
+    # a tree is cut at the console's width where that is softly wrapped; into the journal each problem goes as one line
+    Console(stderr=True, width=None if sys.stderr.isatty() else _WHOLE_LINES).print(tree)
     raise typer.Exit(min(exit_code(problem) for problem in problems))
 
 

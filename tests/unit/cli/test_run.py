@@ -59,6 +59,15 @@ def test_check_names_every_problem_in_one_tree(tmp_path: Path) -> None:
     assert len(json.loads((tmp_path / "found.json").read_text())["problems"]) == 4
 
 
+def test_no_problem_is_cut_at_the_width_of_a_terminal_that_is_not_there(tmp_path: Path) -> None:
+    path = configuration(tmp_path, f'[map]\npack = "/none/{"far/" * 40}"\n')
+    environment = {name: value for name, value in ENVIRONMENT.items() if name != "COLUMNS"}
+    done = subprocess.run([*COMMAND, str(path)], capture_output=True, text=True, timeout=100, check=False, env=environment)
+    assert done.returncode == 3
+    assert "far/manifest.json: there is no such file\n" in done.stderr
+    assert "or build one (visloc map build)\n" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("text", "code", "what"),
     [
@@ -80,7 +89,7 @@ def test_a_missing_configuration(tmp_path: Path) -> None:
     assert "cannot be read" in done.stderr
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_a_signal_ends_it_cleanly_with_a_whole_journal(tmp_path: Path, number: signal.Signals) -> None:
     journals = tmp_path / "journals"
     path = configuration(tmp_path, f'[link]\nurl = "udpin:127.0.0.1:0"\n[journal]\nfolder = "{journals}"\n')
