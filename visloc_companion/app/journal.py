@@ -223,10 +223,12 @@ class JournalWriter:
         self._put(_FRAME, now_ns, (frame.frame_id, np.array(pixels)))
 
     def close(self) -> None:
-        """Write what waits, flush to the disk and close the file."""
+        """Write what waits, flush to the disk and close the file; at most `_CLOSE_S` is waited for a disk that hangs."""
         if self._thread.is_alive():
-            self._queue.put(None)
-            self._thread.join(_CLOSE_S)
+            by_s = time.monotonic() + _CLOSE_S
+            with contextlib.suppress(queue.Full):
+                self._queue.put(None, timeout=_CLOSE_S)
+            self._thread.join(max(0.0, by_s - time.monotonic()))
         if not self._stream.closed:
             _abandon(self._stream)
 
@@ -250,7 +252,7 @@ class JournalWriter:
                     self._flush()
                     flush_at = time.monotonic() + _FLUSH_S
             self._finish()
-        except (OSError, _FullError) as why:
+        except (OSError, ValueError, _FullError) as why:  # ValueError: closed while the disk hung
             self._end(f"journal stopped: {getattr(why, 'strerror', None) or why}")
             self._drain()
 

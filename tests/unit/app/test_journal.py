@@ -148,6 +148,25 @@ def test_a_full_queue_drops_counts_and_the_reader_says_so(tmp_path: Path, monkey
     assert damage == [f"{writer.dropped} records are missing before number {len(flight(100)) + 2}"]
 
 
+def test_a_disk_that_hangs_does_not_keep_the_daemon_from_ending(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(journal, "_QUEUE", 5)
+    monkeypatch.setattr(journal, "_CLOSE_S", 0.05)
+    gate = threading.Event()
+
+    class Hung(io.BytesIO):
+        def write(self, data: object) -> int:
+            gate.wait(30)
+            return super().write(data)  # type: ignore[arg-type]
+
+    writer = JournalWriter(Hung(), HEADER)
+    write(writer, flight(100))
+    writer.close()
+    assert writer._thread.is_alive()  # it was not waited for
+    gate.set()
+    writer._thread.join()
+    assert "closed file" in writer.problem
+
+
 def test_a_record_that_cannot_be_written_costs_only_itself(tmp_path: Path) -> None:
     problems: list[str] = []
     writer = JournalWriter.create(tmp_path, HEADER, max_bytes=10_000_000, on_problem=problems.append)
