@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import socket
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ _WRITE_S = 1.0
 
 @contextlib.asynccontextmanager
 async def status_server(path: Path, snapshot: Callable[[], dict[str, Any]]) -> AsyncIterator[None]:
-    """Serve snapshots while the context lasts. Raises ConfigError where the socket cannot be made."""
+    """Serve snapshots while the context lasts. Raises ConfigError where the socket cannot be made, or is another daemon's."""
 
     async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with contextlib.suppress(OSError, TimeoutError):
@@ -29,6 +30,9 @@ async def status_server(path: Path, snapshot: Callable[[], dict[str, Any]]) -> A
         with contextlib.suppress(OSError):
             await writer.wait_closed()
 
+    if _answers(path):
+        remedy = "stop that one (systemctl stop visloc): two on one link contradict each other; or name another status.socket"
+        raise ConfigError("another visloc is running and answers here", where=str(path), remedy=remedy)
     try:
         _remove(path)  # left by a daemon that was killed
         server = await asyncio.start_unix_server(answer, path)
@@ -39,6 +43,16 @@ async def status_server(path: Path, snapshot: Callable[[], dict[str, Any]]) -> A
     finally:
         server.close()
         _remove(path)
+
+
+def _answers(path: Path) -> bool:
+    with socket.socket(socket.AF_UNIX) as probe:
+        probe.settimeout(_WRITE_S)
+        try:
+            probe.connect(str(path))
+        except OSError:
+            return False
+    return True
 
 
 def _remove(path: Path) -> None:

@@ -36,6 +36,15 @@ async def test_a_socket_left_by_a_killed_daemon_is_replaced(tmp_path: Path) -> N
         assert await ask(path) == {"alive": True}
 
 
+async def test_the_socket_of_a_daemon_that_runs_is_left_to_it(tmp_path: Path) -> None:
+    path = tmp_path / "status.sock"
+    async with status_server(path, lambda: {"who": "first"}):
+        with pytest.raises(ConfigError, match="another visloc is running"):
+            async with status_server(path, lambda: {"who": "second"}):
+                pass
+        assert await ask(path) == {"who": "first"}
+
+
 async def test_a_client_that_goes_away_does_no_harm(tmp_path: Path) -> None:
     path = tmp_path / "status.sock"
     async with status_server(path, lambda: {"x": "y" * 2_000_000}):
