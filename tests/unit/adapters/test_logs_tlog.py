@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 import struct
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -228,3 +229,15 @@ def test_gnss_keeps_its_receiver(tmp_path: Path) -> None:
     gnss = [event for _, event in recording.events if isinstance(event, Gnss)]
     assert {event.receiver for event in gnss} == {0}
     assert gnss[3].v_ned_mps == pytest.approx((11.0, 0.0, 0.0))
+
+
+def test_messages_that_tell_of_no_flight_take_little_memory(tmp_path: Path) -> None:
+    mav = writer(mavlink2)
+    parameter = mav.param_value_encode(b"ATC_RAT_PIT_P", 0.135, 9, 900, 17)
+    many = [stamped(UNIX_US + k, parameter, mav) for k in range(20_000)]
+    path = write(tmp_path / "a.tlog", *flight(mavlink2), *many)
+    tracemalloc.start()
+    assert len(read_tlog(path).events) > 200
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 3 * path.stat().st_size  # with all messages kept: 33 times

@@ -9,9 +9,9 @@ from __future__ import annotations
 import re
 import statistics
 import struct
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,8 @@ _START = re.compile(b"[\xfd\xfe]")
 _EARLIEST_US, _LATEST_US = 946_684_800_000_000, 4_102_444_800_000_000
 """The years 2000 to 2100: what a time stamp may say."""
 _ANCHOR_RECORDS = 5000
+_Source = tuple[int, int]
+"""System and component."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,20 +40,44 @@ class Record:
     message: Message
 
 
+@dataclass(slots=True)
+class _Heard:
+    """Of one source: packets, heartbeats of an autopilot, its first stamp, and (stamp, boot time, ms) of the first few."""
+
+    records: int = 0
+    heartbeats: int = 0
+    first_us: int = 0
+    stamps: list[tuple[int, int]] = field(default_factory=list)
+
+    def add(self, record: Record) -> None:
+        """Take its next packet."""
+        self.first_us = self.first_us or record.wall_us
+        self.records += 1
+        self.heartbeats += record.message.get_type() == "HEARTBEAT" and is_autopilot(record.message)
+        if self.records <= _ANCHOR_RECORDS and (boot_ms := _boot_ms(record.message)) is not None:
+            self.stamps.append((record.wall_us, boot_ms))
+
+    @property
+    def zero_ns(self) -> int:
+        """UTC of the boot, by the packet that came soonest."""
+        return smallest_difference_ns(self.stamps) if self.stamps else self.first_us * NS_PER_US
+
+
 def read_tlog(path: Path) -> Recording:
     """The flight in a telemetry log. Raises LogError where there is no autopilot's message in it at all."""
-    losses = Losses()
-    records = list(records_of(read_bytes(path), losses))
-    heard = _autopilots(records)
+    data, losses = read_bytes(path), Losses()
+    sources = _survey(data, losses)
+    heard = sorted((source for source in sources if sources[source].heartbeats), key=lambda s: -sources[s].heartbeats)
     if not heard:
         raise LogError("holds no MAVLink packet of an autopilot", where=str(path), remedy="name a telemetry log (.tlog)")
-    own = [record for record in records if _source(record.message) == heard[0]]
-    losses.foreign_messages = len(records) - len(own)
-    zero_ns = _anchor_ns(own)
+    losses.foreign_messages = sum(found.records for found in sources.values()) - sources[heard[0]].records
+    zero_ns = sources[heard[0]].zero_ns
     axis, link = BootAxis(zero_ns, losses), LinkState()
     events: list[tuple[int, Event]] = []
     unix_ns: list[int] = []
-    for record in own:
+    for record in records_of(data, Losses()):
+        if _source(record.message) != heard[0]:
+            continue
         instant = axis.place(record.wall_us, _boot_ms(record.message))
         unix_ns += _unix_minus_boot_ns(record.message, instant)
         if instant.rebooted:
@@ -130,19 +156,22 @@ def _next_record(data: bytes, at: int, parser: Any) -> int:
     return len(data)
 
 
-def _source(message: Message) -> tuple[int, int]:
+def _source(message: Message) -> _Source:
     return message.get_srcSystem(), message.get_srcComponent()
 
 
-def _autopilots(records: list[Record]) -> list[tuple[int, int]]:
-    """System and component of the autopilots, that heard most first; a companion beside it has a boot clock of its own."""
-    heard: Counter[tuple[int, int]] = Counter(
-        _source(record.message) for record in records if record.message.get_type() == "HEARTBEAT" and is_autopilot(record.message)
-    )
-    return [source for source, _ in heard.most_common()]
+def _survey(data: bytes, losses: Losses) -> dict[_Source, _Heard]:
+    """What is heard of each source; a companion beside an autopilot has a boot clock of its own.
+
+    The file is gone through once for this and once more for the events: its messages, kept, would take 33 times its size.
+    """
+    sources: defaultdict[_Source, _Heard] = defaultdict(_Heard)
+    for record in records_of(data, losses):
+        sources[_source(record.message)].add(record)
+    return sources
 
 
-def _others_noted(heard: list[tuple[int, int]]) -> tuple[str, ...]:
+def _others_noted(heard: list[_Source]) -> tuple[str, ...]:
     others = ", ".join(f"{system} (component {component})" for system, component in sorted(heard[1:]))
     return (f"The log holds other autopilots, which were left out: {others}; read was {heard[0][0]}.",) if others else ()
 
@@ -158,11 +187,6 @@ def _unix_minus_boot_ns(message: Message, instant: Instant) -> list[int]:
 def _boot_ms(message: Message) -> int | None:
     boot_ms = getattr(message, "time_boot_ms", None)
     return int(boot_ms) if boot_ms else None
-
-
-def _anchor_ns(records: list[Record]) -> int:
-    stamps = [(r.wall_us, boot) for r in records[:_ANCHOR_RECORDS] if (boot := _boot_ms(r.message)) is not None]
-    return smallest_difference_ns(stamps) if stamps else records[0].wall_us * 1000
 
 
 def _shifted(event: Event, instant: Instant) -> Event:
