@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,6 +30,8 @@ IN_MEMORY_BYTES = 400_000_000
 """Rasters with fewer bytes than this are read whole; larger ones are read by windows."""
 _READ_AGAIN = "copy or download the file again (gdalinfo -checksum FILE names the damage)"
 FOOT_M = 0.3048
+Stretch = tuple[float, float]
+"""Values that become 0 and 255."""
 SHADES, LEAST_SHADES = 0.25, 16
 """An alpha band with such a share of pixels that are neither empty nor full, and so many shades, is a colour."""
 HEIGHTS_M = (-1000.0, 10_000.0)
@@ -48,7 +51,7 @@ class GeoTiff:
     crs: MapCrs
     T_map_pix: FloatArray
     bands: tuple[int, ...]
-    stretch: tuple[float, float] | None
+    stretch: Stretch | None
     height_unit_m: float | None
     lift_m: float = 0.0
     masked: bool = True
@@ -82,13 +85,27 @@ def ground_gsd_m(crs: MapCrs, T_map_pix: FloatArray, shape: tuple[int, int]) -> 
     return float(np.sqrt(abs(np.linalg.det(T_map_pix[:, :2]) / np.linalg.det(J))))
 
 
-def open_ortho(path: Path) -> GeoTiff:
-    """Open an orthophoto: colour (three bands) or grey (one). Raises MapError, DatumMissing."""
+def open_ortho(path: Path, stretches: Mapping[str, Stretch] | None = None) -> GeoTiff:
+    """Open an orthophoto: colour (three bands) or grey (one). `stretches`: those of its map. Raises MapError, DatumMissing."""
     dataset, crs, T_map_pix = _open(path)
     meanings = _meanings(path, dataset)
+    stretch = (stretches_of([path]) if stretches is None else stretches).get(dataset.dtypes[0])
     bands = _colour_bands(dataset, meanings)
-    stretch = None if dataset.dtypes[0] == "uint8" else _stretch(path, dataset, bands)
     return GeoTiff(path, dataset, crs, T_map_pix, bands, stretch, None, masked=_is_masked(path, dataset, meanings))
+
+
+def stretches_of(paths: Sequence[Path]) -> dict[str, Stretch]:
+    """What each type of value but uint8 is stretched by, 2 % and 98 % of the values of all files of that type.
+
+    One for all tiles of a map: each by its own values, they would differ in brightness. Raises MapError.
+    """
+    of_type = defaultdict[str, list[FloatArray]](list)
+    for path in paths:
+        dataset, _, _ = _open(path)
+        with dataset:
+            if dataset.dtypes[0] != "uint8":
+                of_type[dataset.dtypes[0]].append(_sampled(path, dataset, _colour_bands(dataset, _meanings(path, dataset))))
+    return {dtype: _stretch(np.concatenate(samples)) for dtype, samples in of_type.items()}
 
 
 def open_dsm(path: Path) -> GeoTiff:
@@ -264,15 +281,19 @@ def _reading(path: Path) -> Iterator[None]:
         raise MapError(f"pixels cannot be read: {why}", where=str(path), remedy=_READ_AGAIN) from why
 
 
-def _stretch(path: Path, dataset: Any, bands: tuple[int, ...]) -> tuple[float, float]:
-    """2 % and 98 % of the values, from a thinned read."""
+def _sampled(path: Path, dataset: Any, bands: tuple[int, ...]) -> FloatArray:
+    """Valid values of all bands, from a thinned read."""
     shape = _thinned(dataset)
     with _reading(path):
         sample = dataset.read(list(bands), out_shape=(len(bands), *shape)).astype(np.float64)
         mask = dataset.dataset_mask(out_shape=shape) > 0
-    used = sample[:, mask]
+    used: FloatArray = sample[:, mask]
     used = used[np.isfinite(used)]
     if not used.size:
         raise MapError("has no valid pixel", where=str(path), remedy="name an orthophoto with content")
-    low, high = np.percentile(used, [2, 98])
+    return used
+
+
+def _stretch(values: FloatArray) -> Stretch:
+    low, high = np.percentile(values, [2, 98])
     return float(low), float(max(high, low + 1e-6))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import visloc_companion
 from visloc_companion.errors import DatumMissing, MapError
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
-from visloc_companion.maps.geotiff import files_of, ground_gsd_m, layer_of, open_ortho
+from visloc_companion.maps.geotiff import Stretch, files_of, ground_gsd_m, layer_of, open_ortho, stretches_of
 from visloc_companion.maps.manifest import (
     KIND,
     SCHEMA,
@@ -80,7 +80,8 @@ def build_pack(
     check_names(functions)
     if not orthos:
         raise MapError("no orthophoto is given", remedy="--ortho FILE")
-    sources = [_ortho_source(path) for path in orthos]
+    stretches = stretches_of(orthos)
+    sources = [_ortho_source(path, stretches) for path in orthos]
     grid = pack_grid(sources)
     cloud = pack_cloud(clouds, cloud_crs, grid, vertical_datum, geoid_undulation_m)
     surface = make_surface(surface_sources(dsm, clouds, cloud_crs), grid, vertical_datum, geoid_undulation_m)
@@ -147,8 +148,8 @@ def _ortho(work: WorkFolder, grid: TargetGrid, sources: Sequence[Source], report
     return share
 
 
-def _ortho_source(path: Path) -> Source:
-    tiff = open_ortho(path)
+def _ortho_source(path: Path, stretches: Mapping[str, Stretch]) -> Source:
+    tiff = open_ortho(path, stretches)
     gsd_m = tiff.gsd_m
     return Source(str(path), layer_of(tiff), tiff.crs, gsd_m)
 

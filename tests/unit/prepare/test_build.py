@@ -55,6 +55,18 @@ def test_pack_shows_what_the_files_show(tmp_path: Path, write_raster) -> None:
     assert not list(tmp_path.glob(".pack*"))
 
 
+def test_sixteen_bit_tiles_of_one_survey_stay_alike(tmp_path: Path, write_raster) -> None:
+    bright = 3000 + 40 * picture(200).astype(np.uint16)
+    write_raster(tmp_path / "n.tif", bright, UTM, PLACE, 0.5)
+    write_raster(tmp_path / "s.tif", bright // 3, UTM, (PLACE[0] - 100 / 111_200, PLACE[1]), 0.5)
+    build_pack([tmp_path / "n.tif", tmp_path / "s.tif"], None, tmp_path / "pack")
+    pack = PackMap.open(tmp_path / "pack")
+    to_map = map_crs(UTM).to_map
+    middles = [np.array(to_map(PLACE[0] - south_m / 111_200, PLACE[1])) for south_m in (0, 100)]
+    north, south = (pack.patch((float(m[0]), float(m[1])), (60, 60), 0.5, 0.0).pixels.astype(float) for m in middles)
+    assert north.mean() > 2 * south.mean()  # each by its own values, both would have the same mean
+
+
 def test_rasters_are_cloud_optimised_and_uncompressed(tmp_path: Path, write_raster) -> None:
     write_raster(tmp_path / "a.tif", picture(1300), UTM, PLACE, 0.5)
     build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
