@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.unit.adapters.varying_video import write_varying_video
 from visloc_companion.adapters.camera.device import DeviceCamera
 from visloc_companion.adapters.camera.factory import make_camera
 from visloc_companion.adapters.camera.files import FilesCamera
@@ -173,6 +174,13 @@ async def test_a_video_is_timed_by_its_rate_or_by_the_table_beside_it(tmp_path: 
     path.with_suffix(".csv").write_text("t_us\n7000000\n7500000\n", encoding="utf-8")
     timed = await all_of(VideoCamera(path, MODEL, JumpingClock()), Slots())
     assert [frame.t_ns - timed[0].t_ns for frame in timed] == [0, 500_000_000]
+
+
+async def test_a_video_of_varying_rate_is_timed_by_its_stamps(tmp_path: Path) -> None:
+    shown_ms = [0, 100, 250, 700, 800, 1500]
+    write_varying_video(tmp_path / "flight.mkv", shown_ms)
+    frames = await all_of(VideoCamera(tmp_path / "flight.mkv", MODEL, JumpingClock()), Slots())
+    assert [(frame.t_ns - frames[0].t_ns) // 1_000_000 for frame in frames] == shown_ms
 
 
 def test_videos_that_cannot_be_used_are_named(tmp_path: Path) -> None:

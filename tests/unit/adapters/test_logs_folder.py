@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import re
 import struct
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink2
 
+from tests.unit.adapters.varying_video import write_varying_video
 from visloc_companion.adapters.logs.folder import open_folder
 from visloc_companion.errors import ConfigError, LogError
 
@@ -178,17 +178,8 @@ def test_a_video_is_timed_by_its_rate_and_read_forwards_and_back(flight: Path) -
 
 def test_a_video_of_varying_rate_is_timed_by_its_stamps(flight: Path) -> None:
     (flight / "frames.csv").unlink()
-    path, shown_ms = flight / "video.mkv", [0, 100, 250, 700, 800, 1500]
-    out = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10.0, (64, 48))
-    for k in range(6):
-        out.write(np.full((48, 64, 3), 40 * k, np.uint8))
-    out.release()
-    data = bytearray(path.read_bytes())
-    blocks = [found.start(1) for found in re.finditer(rb"\xa3.\x81(..)[\x00\x80]\x00\x00\x01", data, re.DOTALL)]
-    assert len(blocks) == 6, "SimpleBlocks of Matroska: size, track, milliseconds (16 bits), flags"
-    for at, t_ms in zip(blocks, shown_ms, strict=True):
-        struct.pack_into(">h", data, at, t_ms)
-    path.write_bytes(data)
+    shown_ms = [0, 100, 250, 700, 800, 1500]
+    write_varying_video(flight / "video.mkv", shown_ms)
     (flight / "camera.toml").write_text("width_px = 64\nheight_px = 48\nvideo_start_us = 60000000\n")
     frames = open_folder(flight).frames
     assert frames is not None

@@ -19,7 +19,8 @@ from visloc_companion.types import CameraModel, FrameRef
 class VideoCamera:
     """`path` is a video that OpenCV decodes. Beside it may lie a table of times, one row a frame with the column `t_us`.
 
-    The table is `<name of the video>.csv`, or else `frames.csv`; without one the video's frame rate times the frames.
+    The table is `<name of the video>.csv`, or else `frames.csv`; without one the video's own stamps time the frames, for cameras
+    record at a rate that varies with the light, and its frame rate where it has none.
     `camera.toml` counts as for a folder of files. Raises CameraError for a file that cannot be decoded or without times.
     """
 
@@ -39,6 +40,7 @@ class VideoCamera:
             raise CameraError(
                 "states no frame rate", where=str(path), remedy=f"write the frames' times (t_us) to {tables[0].name} beside it"
             )
+        self._first_us = 0
         self._closed = False
 
     def model(self) -> CameraModel:
@@ -48,12 +50,12 @@ class VideoCamera:
     async def frames(self, slots: FrameSlots) -> AsyncIterator[FrameRef]:
         """Each frame at its time; ends with the video, or with the table where that is shorter."""
         start_ns = self._clock.now_ns()
-        number = 0
+        number, t_us = 0, 0
         while self._t_us is None or number < len(self._t_us):
             ok, pixels = await asyncio.to_thread(self._capture.read)
             if not ok:
                 break
-            t_us = round(number * 1e6 / self._rate_hz) if self._t_us is None else self._t_us[number]
+            t_us = self._shown_us(number, t_us) if self._t_us is None else self._t_us[number]
             t_ns = start_ns + (t_us - (self._t_us[0] if self._t_us else 0)) * 1000
             await self._clock.sleep_until(t_ns)
             if self._closed:
@@ -63,6 +65,15 @@ class VideoCamera:
             yield stored(slots, rgb(np.asarray(pixels, dtype=np.uint8)), number, self._clock.now_ns(), t_ns, t_boot_ns)
         if number == 0 and not self._closed:
             raise CameraError("holds no frame that can be decoded", where=str(self._path), remedy="convert it to MP4 with H.264")
+
+    def _shown_us(self, number: int, before_us: int) -> int:
+        """When the frame that was just read is shown, after the first one; `before_us`: when the one before it was."""
+        stamp_us = round(1e3 * self._capture.get(cv2.CAP_PROP_POS_MSEC))
+        if number == 0:
+            self._first_us = stamp_us
+        elif stamp_us - self._first_us <= before_us:
+            return before_us + round(1e6 / self._rate_hz)
+        return stamp_us - self._first_us
 
     async def close(self) -> None:
         """Stop before the next frame and release the file."""
