@@ -7,7 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 from visloc_companion.errors import ConfigError
 
@@ -21,9 +21,16 @@ DEFAULT_METHOD: Method = "deep"
 
 
 class Section(BaseModel):
-    """Base of all sections: frozen, no unknown keys, no number that is none (TOML has nan and inf)."""
+    """Base of all sections: frozen, no unknown keys, no number that is none (TOML has nan and inf; true is none either)."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_truth_for_a_number(cls, value: object, info: ValidationInfo) -> object:
+        if isinstance(value, bool) and cls.model_fields[str(info.field_name)].annotation is not bool:
+            raise ValueError("true and false are no values for it")
+        return value
 
 
 class LinkConfig(Section):

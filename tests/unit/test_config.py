@@ -84,3 +84,11 @@ def test_providers_are_an_ordered_choice() -> None:
         parse_config({"localiser": {"providers": ["vulkan"]}})
     with pytest.raises(ConfigError, match=r"localiser.providers: .* at least 1 item"):
         parse_config({"localiser": {"providers": []}})
+
+
+def test_true_is_no_number() -> None:
+    with pytest.raises(ConfigError, match=r"link.system_id: .*true and false are no values for it \(got True\)"):
+        parse_config({"link": {"system_id": True}})
+    with pytest.raises(ConfigError, match=r"navigator.output_rate_hz: .*true and false"):
+        parse_config({"navigator": {"output_rate_hz": True}})
+    assert parse_config({"localiser": {"odometry": False}}).localiser.odometry is False

@@ -18,15 +18,16 @@ class At:
     sigma_m: float
 
     @classmethod
-    def parsed(cls, text: str, sigma_m: float) -> At:
-        """From "LAT,LON". Raises ConfigError for what is no place on the globe, or no radius."""
-        remedy = "write --at LAT,LON in degrees, such as --at 47.0123,8.4567, and --sigma in metres"
+    def parsed(cls, text: str, sigma_m: float, where: str = "--at") -> At:
+        """From "LAT,LON", which `where` gave. Raises ConfigError for what is no place on the globe, or no radius."""
+        option = where + " " if where.startswith("--") else ""
+        remedy = f"write {option}LAT,LON in degrees, such as {option}47.0123,8.4567, and --sigma in metres"
         try:
             lat_deg, lon_deg = (float(part) for part in text.split(","))
         except ValueError as why:
-            raise ConfigError(f"{text!r} is no latitude and longitude", where="--at", remedy=remedy) from why
+            raise ConfigError(f"{text!r} is no latitude and longitude", where=where, remedy=remedy) from why
         if not is_place(GeoPoint(lat_deg, lon_deg, 0.0)):
-            raise ConfigError(f"{text!r} is no place to fly", where="--at", remedy=remedy)
+            raise ConfigError(f"{text!r} is no place to fly", where=where, remedy=remedy)
         if not 0 < sigma_m <= MAX_OPERATOR_SIGMA_M:
             raise ConfigError(f"{sigma_m} is not above 0 and at most {MAX_OPERATOR_SIGMA_M:.0f}", where="--sigma", remedy=remedy)
         return cls(lat_deg, lon_deg, sigma_m)

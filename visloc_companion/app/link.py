@@ -24,7 +24,7 @@ from visloc_companion.types import GeoPoint
 def make_link(
     config: Config, clock: Clock, on_raw: Callable[[bytes, int, bool], None], on_warning: Callable[[str], None]
 ) -> AutopilotLink:
-    """The MAVLink connection of a configuration. Raises LinkError for a URL that is not valid, ConfigError for a bad key file
+    """The MAVLink connection of a configuration. Raises ConfigError for a URL that is not valid or a bad key file
     or an origin without a map, MapError for a pack that cannot be read."""
     fence, middle = map_extent(config)
     settings = SessionSettings(

@@ -28,7 +28,7 @@ def here(
     from visloc_companion.app.first_position import At
     from visloc_companion.types import GeoPoint
 
-    where = At.parsed(at, sigma)
+    where = At.parsed(at, sigma, where="LAT,LON")
     caller = Caller(system, component, None if key is None else _signing(key))
     place = GeoPoint(where.lat_deg, where.lon_deg, 0.0)
     said = asyncio.run(say_here(link, place, where.sigma_m, caller, open_own_channel))

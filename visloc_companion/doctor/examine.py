@@ -54,7 +54,7 @@ class Report:
 
 
 async def examine(wishes: Wishes) -> Report:
-    """Examine an installation. Raises ConfigError for a signing key that is none, LinkError for a URL that is none."""
+    """Examine an installation. Raises ConfigError for a signing key or a URL that is none."""
     config = wishes.config or Config()
     conversation = Conversation(wishes.url, config.link.system_id, _signing(config)) if wishes.url else None
     if conversation is None:

@@ -4,7 +4,7 @@ import pytest
 
 from visloc_companion.adapters.mavlink.endpoint import Endpoint, EndpointKind, parse_endpoint
 from visloc_companion.adapters.mavlink.event_queue import EventQueue
-from visloc_companion.errors import LinkError
+from visloc_companion.errors import ConfigError
 from visloc_companion.types import LinkChanged, Tick
 
 
@@ -33,7 +33,7 @@ def test_valid_urls(url, endpoint):
      "serial:/dev/x:0", "serial::57600", "tcp:host:-1", "tcp:host:²"],
 )  # fmt: skip
 def test_wrong_urls_are_named_with_the_valid_forms(url):
-    with pytest.raises(LinkError) as caught:
+    with pytest.raises(ConfigError) as caught:
         parse_endpoint(url)
     assert repr(url) in str(caught.value)
     assert "udpin:HOST:PORT" in str(caught.value)

@@ -51,6 +51,12 @@ def test_places_south_of_the_equator_are_no_options(monkeypatch: pytest.MonkeyPa
     assert (exit_code, f"{said.lat_deg},{said.lon_deg}") == (0, place)
 
 
+def test_a_place_that_is_none_is_named_as_it_was_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ConfigError, match=r"LAT,LON: '97,8' is no place to fly; remedy: write LAT,LON in degrees") as refused:
+        call(monkeypatch, "", place="97,8")
+    assert "--at" not in str(refused.value)
+
+
 def test_a_mistyped_option_is_still_refused() -> None:
     ran = CliRunner().invoke(app, ["here", PLACE, "--link", "udpin:127.0.0.1:0", "--sgima", "20"])
     assert ran.exit_code == 2

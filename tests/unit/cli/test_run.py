@@ -73,6 +73,7 @@ def test_no_problem_is_cut_at_the_width_of_a_terminal_that_is_not_there(tmp_path
     [
         ("[link]\nulr = 1\n", 2, "did you mean 'url'"),
         ("not toml", 2, "is not valid TOML"),
+        ('[link]\nurl = "udp:1"\n', 2, "is no kind of connection"),
         ('[journal]\nfolder = "/proc/none"\n', 3, "remedy: name a writable journal.folder"),
     ],
 )

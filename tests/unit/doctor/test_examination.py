@@ -16,7 +16,7 @@ from visloc_companion.config import parse_config
 from visloc_companion.doctor.examine import Report, Wishes, examine
 from visloc_companion.doctor.finding import Level
 from visloc_companion.doctor.report import as_json, summary
-from visloc_companion.errors import LinkError
+from visloc_companion.errors import ConfigError
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.faults import no_gnss
 from visloc_companion.types import AutopilotKind
@@ -191,5 +191,5 @@ async def test_a_line_that_cannot_be_opened_names_the_remedy() -> None:
 
 
 async def test_an_address_that_is_none_is_refused() -> None:
-    with pytest.raises(LinkError, match="pigeon"):
+    with pytest.raises(ConfigError, match="pigeon"):
         await examine(Wishes("pigeon:home:1"))

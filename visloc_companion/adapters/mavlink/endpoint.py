@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from visloc_companion.errors import LinkError
+from visloc_companion.errors import ConfigError
 
 VALID_FORMS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or serial:DEVICE:BAUD"
 
@@ -33,7 +33,7 @@ class Endpoint:
 
 
 def parse_endpoint(url: str) -> Endpoint:
-    """Read a link URL; an IPv6 host stands in brackets. Raises LinkError naming the URL and the valid forms."""
+    """Read a link URL; an IPv6 host stands in brackets. Raises ConfigError naming the URL and the valid forms."""
     scheme, _, rest = url.partition(":")
     place, _, number = rest.rpartition(":")
     place = place.removeprefix("[").removesuffix("]")
@@ -54,5 +54,5 @@ def parse_endpoint(url: str) -> Endpoint:
     return Endpoint(kind, place, value)
 
 
-def _wrong(url: str, why: str) -> LinkError:
-    return LinkError(f"the link URL {url!r} is not valid: {why}", where="link.url", remedy=f"write {VALID_FORMS}")
+def _wrong(url: str, why: str) -> ConfigError:
+    return ConfigError(f"the link URL {url!r} is not valid: {why}", where="link.url", remedy=f"write {VALID_FORMS}")

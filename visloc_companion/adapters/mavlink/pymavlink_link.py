@@ -29,7 +29,7 @@ class PymavlinkLink:
     `request` and `switch` wait for the autopilot (seconds): a caller that must not wait runs them as tasks; the request goes on
     being seen to whether or not somebody waits. `on_warning` gets one line for what an operator may want to know.
     `open_channel` makes the connection: our own (UDP, TCP, serial) unless told otherwise (mavsdk_channel.py).
-    Raises LinkError for a URL that is not valid.
+    Raises ConfigError for a URL that is not valid.
     """
 
     def __init__(
