@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.errors import Reason
+from visloc_companion.geo.camera import reach_tan
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.features.gradient import grey
 from visloc_companion.types import CameraModel, FloatArray, Image
@@ -92,13 +94,21 @@ def full_level(pixels: Image, model: CameraModel) -> FrameLevel:
 
 @lru_cache(maxsize=2)
 def _undistortion(model: CameraModel) -> tuple[Float32Array, Float32Array, NDArray[np.uint8]]:
-    """Where each undistorted pixel is in the frame (u, v), and which are in it at all: the same for all frames of a camera."""
+    """Where each undistorted pixel is in the frame (u, v), and which are in it at all: the same for all frames of a camera.
+
+    Beyond the distortion's reach the polynomial leads back into the frame, to ground that lies elsewhere.
+    """
     K = np.array([[model.fx_px, 0.0, model.cx_px], [0.0, model.fy_px, model.cy_px], [0.0, 0.0, 1.0]])
     size = (model.width_px, model.height_px)
     maps = cv2.initUndistortRectifyMap(K, np.array(model.distortion), np.eye(3), K, size, cv2.CV_32FC1)
     map_u, map_v = (np.asarray(of_axis, dtype=np.float32) for of_axis in maps)
     everywhere = np.full((model.height_px, model.width_px), 255, np.uint8)
     valid = np.asarray(cv2.remap(everywhere, map_u, map_v, cv2.INTER_NEAREST, borderValue=0), dtype=np.uint8)
+    reach = reach_tan(model)
+    if math.isfinite(reach):
+        x = (np.arange(model.width_px) - model.cx_px) / model.fx_px
+        y = (np.arange(model.height_px) - model.cy_px) / model.fy_px
+        valid = np.where(x**2 + y[:, None] ** 2 < reach**2, valid, np.uint8(0))
     for shared in (map_u, map_v, valid):
         shared.setflags(write=False)
     return map_u, map_v, valid

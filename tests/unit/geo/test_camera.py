@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from visloc_companion.geo.camera import R_FRD_CAM, project, scaled, unproject
+from visloc_companion.geo.camera import R_FRD_CAM, project, reach_tan, scaled, unproject
 from visloc_companion.types import CameraModel
 
 PLAIN = CameraModel(640, 480, 500.0, 510.0, 319.5, 239.5)
@@ -28,6 +28,37 @@ def test_rays_go_back_through_their_pixels(model: CameraModel) -> None:
     rays = unproject(model, pix)
     assert (rays[:, 2] == 1).all()
     assert project(model, rays * 57.0) == pytest.approx(pix, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("focal_px", "distortion"),
+    [
+        (330.0, (-0.35, 0.12, 0.001, -0.002, 0.0)),
+        (280.0, (-0.3, 0.1, 0.001, -0.002, -0.01)),
+        (600.0, (-0.3, 0.0, 0.0, 0.0, 0.0)),
+        (330.0, (0.25, 0.05, 0.0, 0.0, 0.0)),
+        (400.0, (0.5, 0.3, 0.001, 0.001, 0.0)),
+        (280.0, (0.1, -0.2, 0.0, 0.0, 0.5)),
+    ],
+)
+def test_rays_of_strong_lenses_go_back_through_their_pixels(focal_px: float, distortion: tuple[float, ...]) -> None:
+    model = CameraModel(640, 480, focal_px, focal_px, 319.5, 239.5, distortion)
+    u, v = np.meshgrid(np.linspace(0, 639, 17), np.linspace(0, 479, 13))
+    pix = np.column_stack([u.ravel(), v.ravel()])
+    rays = unproject(model, pix)
+    assert project(model, rays) == pytest.approx(pix, abs=1e-6)
+    assert (np.hypot(rays[:, 0], rays[:, 1]) < reach_tan(model)).all()
+
+
+def test_pixels_beyond_what_the_polynomial_reaches_get_its_last_ray() -> None:
+    model = CameraModel(640, 480, 330.0, 330.0, 319.5, 239.5, (-0.3, 0.0, 0.0, 0.0, 0.0))
+    reach = reach_tan(model)
+    assert reach == pytest.approx((1 / 0.9) ** 0.5)
+    corner = unproject(model, np.array([[0.0, 0.0], [639.0, 479.0]]))
+    assert np.hypot(corner[:, 0], corner[:, 1]) == pytest.approx([reach, reach])
+    assert corner[0, :2] == pytest.approx(reach * np.array([-0.8, -0.6]), abs=1e-3)
+    assert reach_tan(PLAIN) == np.inf
+    assert unproject(model, np.zeros((0, 2))).shape == (0, 3)
 
 
 def test_behind_the_camera_is_not_a_number() -> None:

@@ -102,3 +102,12 @@ def test_thinly_sampled_ground_counts_by_the_frame_pixels_that_it_holds():
         assert weight[row, 0] == pytest.approx(1.5 * pixels, rel=0.03)
     down = CameraPose(pose.p_ned_m, R_from_quat((1.0, 0.0, 0.0, 0.0)) @ R_FRD_CAM)
     assert sampling_weight(K, down, A, (1, 301), 0.0) is None
+
+
+def test_what_the_lens_shows_twice_is_not_seen_beyond_its_reach():
+    lens = CameraModel(320, 240, 130.0, 130.0, 159.5, 119.5, (-0.3, 0.0, 0.0, 0.0, 0.0))
+    level = full_level(np.full((240, 320), 100, np.uint8), lens)
+    v, u = np.mgrid[0:240, 0:320]
+    tan = np.hypot(u - 159.5, v - 119.5) / 130.0
+    assert (level.valid[tan > 1.06] == 0).all()
+    assert (level.valid[tan < 1.0] == 255).all()

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from visloc_companion.geo.camera import R_FRD_CAM, scaled
+from visloc_companion.geo.camera import R_FRD_CAM, scaled, unproject
 from visloc_companion.geo.se3 import quat_from_R
 from visloc_companion.localise.odometry.turn_solve import Turned, solved
 from visloc_companion.localise.structure.contrast import as_bytes, evened
@@ -66,7 +66,7 @@ class Follower:
         small = one if one.shape == size[::-1] else cv2.resize(one, size, interpolation=cv2.INTER_AREA)
         grey = as_bytes(evened(np.asarray(cv2.GaussianBlur(small, (3, 3), 0), dtype=np.uint8)))
         corners = corners_of(grey, self._inner, SPACING_PX)
-        rays, nearer = self._rays(corners), np.ones(len(corners))
+        rays, nearer = unproject(self._model, corners), np.ones(len(corners))
         if heights is not None and len(corners):
             nearer = _nearer(heights(rays @ R_ned_cam.T))
         return Seen(t_ns, grey, corners, rays, R_ned_cam, nearer)
@@ -82,17 +82,10 @@ class Follower:
         kept, found = self._followed(a, b, R_ba, start)
         if kept.sum() < max(LEAST_TRACKS, LEAST_FOUND * len(kept)):
             return None
-        turned = solved(a.rays[kept], self._rays(found)[:, :2], R_ba, a.R_ned_cam, self._model.fx_px, a.nearer[kept])
+        turned = solved(a.rays[kept], unproject(self._model, found)[:, :2], R_ba, a.R_ned_cam, self._model.fx_px, a.nearer[kept])
         if turned is None or turned.fitting < LEAST_FITTING or turned.scatter_px > MOST_SCATTER_PX:
             return None
         return turned
-
-    def _rays(self, pix: FloatArray) -> FloatArray:
-        """(N, 3) directions of (N, 2) pixels of the reduced picture, which may be none."""
-        if not len(pix):
-            return np.zeros((0, 3))
-        xy = cv2.undistortPoints(pix[:, None], self._K, np.array(self._model.distortion))[:, 0]
-        return np.column_stack([xy, np.ones(len(xy))])
 
     def _followed(self, a: Seen, b: Seen, R_ba: FloatArray, start: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Which corners of `a` (N,) come back, and where those are in `b` (M, 2); `start` (N, 3) are rays in `a`'s axes."""

@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from visloc_companion.geo.camera import R_FRD_CAM
+from visloc_companion.geo.camera import R_FRD_CAM, project, scaled
 from visloc_companion.geo.se3 import R_from_quat, quat_from_euler, quat_inverse, quat_multiply
 from visloc_companion.localise.odometry.rotation import TurnWatch
+from visloc_companion.localise.odometry.turn_follow import Follower
 from visloc_companion.types import CameraModel, Image, Quat, Turn
 
 MODEL = CameraModel(640, 480, 420.0, 420.0, 319.5, 239.5)
@@ -125,3 +126,10 @@ def test_turns_since_a_kept_frame_do_not_add_up(ground: Image) -> None:
     assert kept_from == [0] * 15 + [15] * 4, "3 s, then the frame before"
     lost = watch.step(np.full((480, 640), 90, np.uint8), S + 20 * S // 5, poses[-1][0])
     assert lost.since_last is None and lost.since_kept is None
+
+
+def test_corners_of_a_strong_lens_are_given_their_rays(ground: Image) -> None:
+    lens = CameraModel(640, 480, 330.0, 330.0, 319.5, 239.5, (-0.35, 0.12, 0.001, -0.002, 0.0))
+    seen = Follower(lens).seen(picture(ground, q_of(0, 0, 0)), 0, R_FRD_CAM)
+    assert seen is not None
+    assert project(scaled(lens, 0.5), seen.rays) == pytest.approx(seen.corners, abs=1e-6)
