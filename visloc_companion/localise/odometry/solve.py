@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.localise.pinhole import projected
+from visloc_companion.localise.pose import LEAST_SIGMA
 from visloc_companion.types import FloatArray
 
 D, TURN, TILT, LEVEL, SLOPE, RANGE, UP = slice(0, 3), slice(3, 6), slice(6, 8), 8, slice(9, 11), 11, 12
@@ -140,7 +141,7 @@ def _patches_m(ground: Ground, departure: FloatArray, fits: NDArray[np.bool_]) -
 
 def _information(ground: Ground, prior: MotionPrior) -> FloatArray:
     sigma = np.full(UNKNOWNS, np.inf)
-    sigma[TURN], sigma[TILT], sigma[LEVEL] = prior.sigma_turn_rad, prior.sigma_tilt_rad, ground.level_m
+    sigma[TURN], sigma[TILT], sigma[LEVEL] = prior.sigma_turn_rad, max(prior.sigma_tilt_rad, LEAST_SIGMA), ground.level_m
     sigma[SLOPE] = ground.slope_rad
     sigma[RANGE], sigma[UP] = max(ground.sigma_range_m, LEAST_M), max(ground.sigma_up_m, LEAST_M)
     return np.diag(1 / sigma**2)

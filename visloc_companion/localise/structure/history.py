@@ -12,6 +12,7 @@ import numpy as np
 from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.geo.wgs84 import distance_m, ned_from_geo
+from visloc_companion.localise.pose import LEAST_SIGMA
 from visloc_companion.localise.structure.base import PosedFrame
 from visloc_companion.localise.structure.registered_pose import NED_ENU
 from visloc_companion.types import FloatArray, GeoPoint, Image, LocaliseRequest, PosePrior
@@ -64,7 +65,13 @@ def posed(seen: Sequence[Seen], origin: GeoPoint, height_m: float, sigma_height_
     sigma_m = relative_sigma_m([s.prior for s in seen])
     return [
         PosedFrame(
-            s.pixels, _pose(s.prior, origin), sigma_m, s.prior.sigma_tilt_rad, s.prior.sigma_yaw_rad, height_m, sigma_height_m
+            s.pixels,
+            _pose(s.prior, origin),
+            sigma_m,
+            max(s.prior.sigma_tilt_rad, LEAST_SIGMA),
+            max(s.prior.sigma_yaw_rad, LEAST_SIGMA),
+            height_m,
+            sigma_height_m,
         )
         for s in seen
     ]

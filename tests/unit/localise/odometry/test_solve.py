@@ -157,3 +157,11 @@ def test_what_a_lens_makes_of_the_displacement_is_told(turn_deg, tilt_deg):
     off_m = (got[1 + longer].d_ned_m - got[1.0].d_ned_m) / longer
     assert got[1.0].by_lens_m == pytest.approx(off_m, abs=0.03 * np.linalg.norm(D) + 0.05 * np.abs(off_m).max())
     assert np.linalg.norm(off_m[:2]) > 20
+
+
+def test_a_tilt_that_is_claimed_to_be_exact_leaves_the_motion_determined():
+    rng = np.random.default_rng(7)
+    true, believed = scene(rng)
+    got = solve(ground(believed), seen(rng, true, D, LEVEL), prior(LEVEL, sigma_tilt_rad=0.0), FOCAL)
+    assert got is not None
+    assert np.abs(got.d_ned_m - D).max() < 0.4

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -99,6 +100,15 @@ def test_shape_alone_corrects_a_prior_that_is_ten_metres_off(structure, support,
     assert np.hypot(*error[:2]) < 1.0
     assert abs(error[2]) < 4.0
     assert 0.05 < math.sqrt(answer.cov_ne_m2[0][0]) < 3.0
+
+
+def test_attitudes_that_are_claimed_to_be_exact_are_no_fault(structure, support, village) -> None:
+    reference, structural, answer = map_of(support, village), localiser(structure), None
+    for request, pixels, _ in shots(structure, village):
+        exact = replace(request, prior=replace(request.prior, sigma_tilt_rad=0.0, sigma_yaw_rad=0.0))
+        structural.remember(exact, pixels, reference)
+        answer = structural.localise(exact, pixels, reference)
+    assert isinstance(answer, Fix), answer
 
 
 def test_the_same_frames_give_the_same_answer(structure, support, village) -> None:
