@@ -23,6 +23,7 @@ from visloc_companion.localise.odometry.follow import Followed, first_guess, fol
 from visloc_companion.localise.odometry.keyframe import Keyframe, attitude, keyframe_of, with_readings
 from visloc_companion.localise.odometry.picture import Picture, prepared
 from visloc_companion.localise.odometry.solve import Motion, MotionPrior, solve
+from visloc_companion.localise.working_size import reduced_model, resized
 from visloc_companion.types import CameraModel, FloatArray, Image
 
 MOST_READINGS = 40
@@ -58,6 +59,7 @@ class FrameToFrame:
 
     def __init__(self, model: CameraModel, settings: FlowSettings | None = None) -> None:
         self._model, self._settings = model, settings or FlowSettings()
+        self._worked = reduced_model(model, self._settings.working_px)
         self._key: Keyframe | None = None
         self._last: _View | None = None
         self._v_ned_mps: FloatArray | None = None
@@ -70,7 +72,8 @@ class FrameToFrame:
         why = refused(sight, surface, self._model, self._settings, newest)
         if why is not None:
             return Blind(sight.t_ns, *why)
-        view = _View(replace(sight, pixels=NO_PIXELS), prepared(sight.pixels, self._model), np.zeros(3))
+        picture = prepared(resized(sight.pixels, self._worked), self._worked)
+        view = _View(replace(sight, pixels=NO_PIXELS), picture, np.zeros(3))
         last = self._last
         if last is not None and np.array_equal(view.picture.grey, last.picture.grey):
             return Blind(sight.t_ns, Reason.BAD_FRAME, "identical to the frame before: the camera is frozen")

@@ -64,6 +64,7 @@ class Surface:
 class FlowSettings:
     """Limits, and what is known of errors (1-sigma).
 
+    Frames of more than `working_px` pixels are reduced; pixels below are those of the frames as worked on.
     `min_height_m`, `max_height_m`, `max_tilt_rad`: beyond, nothing is tried. `corner_spacing_px`: one corner in each cell of so
     many pixels. `min_corners` of a keyframe, `min_tracks` that fit of a frame, `min_inlier_share` of what was followed.
     `keep_overlap`: below, the next frame starts from a new keyframe; below `min_overlap` nothing is tried. `patience_ns`: for how
@@ -79,6 +80,7 @@ class FlowSettings:
     measured.
     """
 
+    working_px: int = 1_200_000
     min_height_m: float = 15.0
     max_height_m: float = 1500.0
     max_tilt_rad: float = math.radians(50.0)

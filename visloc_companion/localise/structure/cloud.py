@@ -23,10 +23,9 @@ from visloc_companion.localise.structure.rectify import rectify
 from visloc_companion.localise.structure.scale import Scale, baseline_sigma, from_heights
 from visloc_companion.localise.structure.sharpness import blur_px
 from visloc_companion.localise.structure.surface import Points, triangulated, upper_surface
+from visloc_companion.localise.working_size import reduced_model, resized
 from visloc_companion.types import CameraModel, FloatArray, Image
 
-LEAST_REDUCTION = 0.9
-"""A frame that is hardly too large is not worth resampling."""
 MOST_APART_SIGMAS = 5.0
 
 
@@ -46,7 +45,7 @@ def local_cloud(frames: Sequence[PosedFrame], model: CameraModel, settings: Ster
     stars = choose(frames, model, settings)
     if isinstance(stars, NoCloud):
         return stars
-    worked = _reduced(model, settings.working_px)
+    worked = reduced_model(model, settings.working_px)
     greys = {i: _grey(frames[i].pixels, worked) for star in stars for i in (star.hub, *star.partners)}
     evidence = {"base_to_height": max(stars[0].base_to_height), "overlap": max(stars[0].overlap)}
     found: Adjusted | LocalCloud | NoCloud = adjusted(frames, greys, stars, worked, settings, evidence)
@@ -64,24 +63,10 @@ def _check(number: int, frame: PosedFrame) -> None:
             raise ValueError(f"frame {number}: {name} is {getattr(frame, name)}, it must be positive")
 
 
-def _reduced(model: CameraModel, most_px: int) -> CameraModel:
-    """The model of frames resized to at most so many pixels; itself where that is hardly less."""
-    factor = math.sqrt(most_px / (model.width_px * model.height_px))
-    if factor >= LEAST_REDUCTION:
-        return model
-    width, height = round(model.width_px * factor), round(model.height_px * factor)
-    across, down = width / model.width_px, height / model.height_px
-    fx, fy = model.fx_px * across, model.fy_px * down
-    cx, cy = (model.cx_px + 0.5) * across - 0.5, (model.cy_px + 0.5) * down - 0.5
-    return CameraModel(width, height, fx, fy, cx, cy, model.distortion)
-
-
 def _grey(pixels: Image, model: CameraModel) -> Image:
     """The frame in grey, at the model's size."""
     grey = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY) if pixels.ndim == 3 else pixels
-    size = (model.width_px, model.height_px)
-    reduced = grey if grey.shape == size[::-1] else cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
-    return np.asarray(reduced, dtype=np.uint8)
+    return resized(np.asarray(grey, dtype=np.uint8), model)
 
 
 def _blamed_on_blur(refusal: NoCloud, greys: dict[int, Image], settings: StereoSettings) -> NoCloud:

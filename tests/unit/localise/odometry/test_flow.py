@@ -11,6 +11,7 @@ from visloc_companion.errors import Reason
 from visloc_companion.geo.camera import FOCAL_SHARE
 from visloc_companion.localise.flow import FrameToFrame
 from visloc_companion.localise.odometry.base import Blind, FlowSettings, Step
+from visloc_companion.types import CameraModel
 
 
 def run(odo, ground, points, eulers=None, model=None, surface=None, tweak=None, settings=None):
@@ -313,3 +314,16 @@ def test_dirt_on_the_lens_is_not_ground(odo, field) -> None:
     steps = run(odo, field, points, eulers, tweak=dirty)
     assert not any(isinstance(step, Step) for step in steps)
     assert Reason.INCONSISTENT_WITH_PRIOR in {step.reason for step in steps[1:]}
+
+
+def test_large_frames_that_are_soft_and_noisy_are_followed_as_well(odo, field) -> None:
+    large = CameraModel(2560, 1920, 1760.0, 1760.0, 1279.5, 959.5)
+    rng, points = np.random.default_rng(5), odo.path(3, (6.0, 3.0, 0.0))
+    flow, steps = FrameToFrame(large), []
+    for k, p in enumerate(points):
+        sharp = cv2.resize(field.frame(p, seed=k, noise=0.0), (2560, 1920), interpolation=cv2.INTER_CUBIC)
+        soft = cv2.GaussianBlur(sharp, (0, 0), 6.0)
+        pixels = np.clip(soft + rng.normal(0, 12, soft.shape), 0, 255).astype(np.uint8)
+        steps.append(flow.step(odo.sight(pixels, k, p)))
+    assert all(isinstance(step, Step) for step in steps[1:]), steps
+    assert errors(odo, steps[1:], points)[1] < 0.25
