@@ -23,6 +23,8 @@ LARGEST = 1e9
 """No uncertainty is larger, in whatever unit; squares of larger ones leave the range of numbers."""
 EULER_COLUMNS = ("prior_roll_deg", "prior_pitch_deg", "prior_yaw_deg")
 
+SOLVABLE = {"0": False, "false": False, "1": True, "true": True}
+
 
 @dataclass(frozen=True, slots=True)
 class Camera:
@@ -167,10 +169,10 @@ def _truth(row: dict[str, str]) -> Truth:
     lat, lon, h, yaw, roll, pitch = (_number(row, c) for c in ("lat_deg", "lon_deg", "h_m", "yaw_deg", "roll_deg", "pitch_deg"))
     if not (abs(lat) <= 90 and abs(lon) <= 360):
         raise ValueError(f"truth is not on earth: {lat}, {lon}")
-    gsd_m, solvable = _number({"gsd_m": row.get("gsd_m") or "0"}, "gsd_m"), row.get("solvable") or "1"
-    if solvable not in ("0", "1"):
+    gsd_m, solvable = _number({"gsd_m": row.get("gsd_m") or "0"}, "gsd_m"), (row.get("solvable") or "1").lower()
+    if solvable not in SOLVABLE:
         raise ValueError(f"solvable is neither 0 nor 1: {solvable!r}")
-    return Truth(lat, lon, h, yaw, gsd_m, solvable == "1", roll, pitch, row.get("map_date") or "", row.get("frame_date") or "")
+    return Truth(lat, lon, h, yaw, gsd_m, SOLVABLE[solvable], roll, pitch, row.get("map_date") or "", row.get("frame_date") or "")
 
 
 def _named(row: dict[str, str], column: str) -> str:

@@ -51,7 +51,7 @@ def test_columns_may_be_set_off_by_blanks_as_the_interface_writes_them(tmp_path:
         (["a,147,8,100,0,0,0,1,1"], "row 1: truth is not on earth"),
         (["a,47,8,100,0,0,0,1,1", "b,47,8,nan,0,0,0,1,1"], "row 2: h_m is not finite"),
         (["a,47,8,100,0,0,0,five,1"], "row 1: gsd_m is not a number"),
-        (["a,47,8,100,0,0,0,1,false"], "row 1: solvable is neither 0 nor 1"),
+        (["a,47,8,100,0,0,0,1,maybe"], "row 1: solvable is neither 0 nor 1"),
     ],
 )
 def test_a_wrong_truth_of_images_is_named(tmp_path: Path, truth: list[str], words: str) -> None:
