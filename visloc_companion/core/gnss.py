@@ -16,7 +16,7 @@ from visloc_companion.core.gnss_clock import GnssClock
 from visloc_companion.core.gnss_height import HeightTest
 from visloc_companion.core.gnss_map import MapCheck
 from visloc_companion.core.gnss_odometry import OdometryTest
-from visloc_companion.core.gnss_receiver import Reports, Talk, autopilot_signs, integrity_signs, receiver_sign, receiver_signs
+from visloc_companion.core.gnss_receiver import Interference, Reports, Talk, autopilot_signs, receiver_sign, receiver_signs
 from visloc_companion.core.gnss_trust import VISION_AGE_S, Trust
 from visloc_companion.core.settings import GnssSettings
 from visloc_companion.types import (
@@ -45,7 +45,7 @@ class GnssMonitor:
 
     def __init__(self, settings: GnssSettings) -> None:
         self._settings = settings
-        self._reports = Reports()
+        self._reports, self._interference = Reports(), Interference()
         self._drift = DriftTest(settings.gnss_sigma_m)
         self._odometry, self._height = OdometryTest(), HeightTest()
         self._clock, self._map = GnssClock(), MapCheck()
@@ -100,10 +100,9 @@ class GnssMonitor:
 
     def on_gnss(self, gnss: Gnss) -> None:
         """Take a receiver's report; the first receiver is judged, the second is held against it."""
+        self._reports.on_gnss(gnss)
         if gnss.receiver != 0:
-            self._reports.second = gnss
             return
-        self._reports.gnss = gnss
         if receiver_signs(gnss, self._settings):
             self._height.learn_anew()  # with four satellites heights are tens of metres off, and nobody relies on them
         else:
@@ -115,7 +114,7 @@ class GnssMonitor:
             case EstimatorStatus():
                 self._reports.status = event
             case GnssIntegrity():
-                self._reports.integrity = event
+                self._interference.on_report(event)
             case GnssTime():
                 self._clock.on_time(event)
             case MapAtGnss():
@@ -223,8 +222,8 @@ class GnssMonitor:
         agrees = self._sees(now_ns) and self._vision_sigma <= limits.suspect_sigma
         return (
             *receiver_signs(gnss, limits),
-            *integrity_signs(reports.integrity, now_ns, agrees),
-            *receiver_sign(gnss, reports.second, self.sigma_m(gnss), limits),
+            *self._interference.signs(now_ns, agrees),
+            *receiver_sign(reports.compared, now_ns, self.sigma_m(gnss), limits),
             *(self._clock.signs(now_ns) if self._clock_follows else ()),
             *self._map.signs(now_ns, gnss, self._armed is True),
             *autopilot_signs(reports.status, now_ns, source),

@@ -14,20 +14,59 @@ TELEMETRY_GAP_NS = 1_000_000_000
 RATIO_REJECTED = 1.0
 STATUS_AGE_S = 3.0
 INTEGRITY_AGE_S = 10.0
+JAMMING = "receiver_jamming"
+INTERFERENCE = ("receiver_spoofing", "receiver_authentication", JAMMING)
 RECEIVER_AGE_S = 1.0
-"""Two receivers are compared while their reports are no further apart."""
+"""Two receivers are compared where their reports are no further apart."""
+COMPARED_S = 3.0
+"""What that showed stands for so long: a second receiver may be streamed more slowly than the first."""
 ANTENNAS_APART_M = 5.0
 APART_SIGMA = 4.0
 
 
 @dataclass(slots=True)
 class Reports:
-    """The latest of each kind; None before the first."""
+    """The latest of each kind; None before the first. `compared`: the latest of both receivers that were of one time."""
 
     gnss: Gnss | None = None
     second: Gnss | None = None
-    integrity: GnssIntegrity | None = None
+    compared: tuple[Gnss, Gnss] | None = None
     status: EstimatorStatus | None = None
+
+    def on_gnss(self, gnss: Gnss) -> None:
+        """Take a report of either receiver."""
+        if gnss.receiver == 0:
+            self.gnss = gnss
+        else:
+            self.second = gnss
+        first, second = self.gnss, self.second
+        if first is not None and second is not None and abs(first.t_rx_ns - second.t_rx_ns) <= RECEIVER_AGE_S * 1e9:
+            self.compared = first, second
+
+
+class Interference:
+    """What the receivers say of interference. Each speaks for itself, and what one does not know it has not taken back: a state
+    stands until its receiver reports another, or for INTEGRITY_AGE_S."""
+
+    def __init__(self) -> None:
+        self._said: dict[tuple[str, int], tuple[int, bool]] = {}
+
+    def on_report(self, report: GnssIntegrity) -> None:
+        """Take a report."""
+        forged = None if report.authentic is None else not report.authentic
+        for sign, bad in zip(INTERFERENCE, (report.spoofed, forged, report.jammed), strict=True):
+            if bad is not None:
+                self._said[sign, report.receiver] = (report.t_rx_ns, bad)
+
+    def signs(self, now_ns: int, vision_agrees: bool) -> tuple[str, ...]:
+        """What any receiver says now.
+
+        Jamming that leaves a position which vision confirms is no sign: receivers report it long before it does harm.
+        """
+        bad = {sign for (sign, _), (t_ns, is_bad) in self._said.items() if is_bad and now_ns - t_ns <= INTEGRITY_AGE_S * 1e9}
+        if vision_agrees:
+            bad.discard(JAMMING)
+        return tuple(sign for sign in INTERFERENCE if sign in bad)
 
 
 class Talk:
@@ -63,28 +102,18 @@ def receiver_signs(gnss: Gnss, limits: GnssSettings) -> tuple[str, ...]:
     return tuple(signs)
 
 
-def integrity_signs(report: GnssIntegrity | None, now_ns: int, vision_agrees: bool) -> tuple[str, ...]:
-    """What the receiver says of interference.
-
-    Jamming that leaves a position which vision confirms is no sign: receivers report it long before it does harm.
-    """
-    if report is None or now_ns - report.t_rx_ns > INTEGRITY_AGE_S * 1e9:
-        return ()
-    signs = ["receiver_spoofing"] * (report.spoofed is True) + ["receiver_authentication"] * (report.authentic is False)
-    return (*signs, "receiver_jamming") if report.jammed and not vision_agrees else tuple(signs)
-
-
-def receivers_apart_m(first: Gnss, second: Gnss | None, limits: GnssSettings) -> float | None:
+def receivers_apart_m(first: Gnss, second: Gnss, limits: GnssSettings) -> float | None:
     """Horizontal distance of two receivers' positions, None where they cannot be compared."""
-    if second is None or abs(first.t_rx_ns - second.t_rx_ns) > RECEIVER_AGE_S * 1e9:
-        return None
     if min(first.fix_type, second.fix_type) < limits.min_fix_type or not (is_place(first.place) and is_place(second.place)):
         return None
     return wgs84.distance_m(first.place, second.place)
 
 
-def receiver_sign(first: Gnss, second: Gnss | None, sigma_m: float, limits: GnssSettings) -> tuple[str, ...]:
+def receiver_sign(compared: tuple[Gnss, Gnss] | None, now_ns: int, sigma_m: float, limits: GnssSettings) -> tuple[str, ...]:
     """Two receivers that see different places; `sigma_m` is that of each. The distance covers antennas and delays."""
+    if compared is None or now_ns - min(report.t_rx_ns for report in compared) > COMPARED_S * 1e9:
+        return ()
+    first, second = compared
     apart_m = receivers_apart_m(first, second, limits)
     speed = 0.0 if first.v_ned_mps is None else math.hypot(first.v_ned_mps[0], first.v_ned_mps[1])
     allowed_m = ANTENNAS_APART_M + RECEIVER_AGE_S / 2 * speed + APART_SIGMA * math.sqrt(2) * sigma_m

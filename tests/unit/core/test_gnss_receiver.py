@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from visloc_companion.core.gnss_receiver import Talk, integrity_signs, receiver_sign, receivers_apart_m
+from visloc_companion.core.gnss_receiver import Interference, Reports, Talk, receiver_sign, receivers_apart_m
 from visloc_companion.core.settings import GnssSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import GeoPoint, Gnss, GnssIntegrity
@@ -20,31 +20,67 @@ def second(east_m: float, **changes: object) -> Gnss:
     return replace(FIRST, receiver=1, place=place, **changes)  # type: ignore[arg-type]
 
 
+def signs(first: Gnss, other: Gnss, now_ns: int = 10 * S) -> tuple[str, ...]:
+    reports = Reports()
+    reports.on_gnss(first)
+    reports.on_gnss(other)
+    return receiver_sign(reports.compared, now_ns, 1.5, LIMITS)
+
+
 def test_two_receivers_that_see_different_places() -> None:
     assert receivers_apart_m(FIRST, second(30.0), LIMITS) == pytest.approx(30.0, abs=0.01)
-    assert receiver_sign(FIRST, second(30.0), 1.5, LIMITS) == ("receivers_differ",)
-    assert receiver_sign(FIRST, second(12.0), 1.5, LIMITS) == ()  # 5 m of antennas, 5 m of delay, 8.5 m of noise
-    assert receiver_sign(replace(FIRST, v_ned_mps=None), second(14.0), 1.5, LIMITS) == ("receivers_differ",)
+    assert signs(FIRST, second(30.0)) == ("receivers_differ",)
+    assert signs(FIRST, second(12.0)) == ()  # 5 m of antennas, 5 m of delay, 8.5 m of noise
+    assert signs(replace(FIRST, v_ned_mps=None), second(14.0)) == ("receivers_differ",)
 
 
-@pytest.mark.parametrize("other", [None, second(90.0, fix_type=1), second(90.0, t_rx_ns=5 * S)])
-def test_receivers_that_cannot_be_compared(other: Gnss | None) -> None:
-    assert receivers_apart_m(FIRST, other, LIMITS) is None
-    assert receiver_sign(FIRST, other, 1.5, LIMITS) == ()
+@pytest.mark.parametrize("other", [second(90.0, fix_type=1), second(90.0, t_rx_ns=5 * S)])
+def test_receivers_that_cannot_be_compared(other: Gnss) -> None:
+    assert signs(FIRST, other) == ()
 
 
 def test_a_receiver_that_knows_no_place_yet_is_not_compared() -> None:
     assert receivers_apart_m(FIRST, replace(FIRST, receiver=1, place=GeoPoint(0.0, 0.0, 0.0)), LIMITS) is None
 
 
+def test_a_second_receiver_that_is_streamed_slowly_differs_all_the_time() -> None:
+    reports, seen = Reports(), []
+    for k in range(100):  # the first five times a second, the second every other second
+        if k % 10 == 0:
+            reports.on_gnss(second(90.0, t_rx_ns=k * S // 5))
+        reports.on_gnss(replace(FIRST, t_rx_ns=k * S // 5))
+        seen.append(receiver_sign(reports.compared, k * S // 5, 1.5, LIMITS))
+    assert set(seen) == {("receivers_differ",)}
+    reports.on_gnss(replace(FIRST, t_rx_ns=24 * S))
+    assert receiver_sign(reports.compared, 24 * S, 1.5, LIMITS) == ()  # it speaks no more
+
+
+def interference(*reports: GnssIntegrity, now_ns: int = 11 * S, agrees: bool = False) -> tuple[str, ...]:
+    said = Interference()
+    for report in reports:
+        said.on_report(report)
+    return said.signs(now_ns, agrees)
+
+
 def test_what_the_receiver_says_of_interference() -> None:
     report = GnssIntegrity(10 * S, 0, jammed=True, spoofed=True, authentic=False)
-    signs = ("receiver_spoofing", "receiver_authentication", "receiver_jamming")
-    assert integrity_signs(report, 11 * S, vision_agrees=False) == signs
-    assert integrity_signs(report, 11 * S, vision_agrees=True) == signs[:2]  # jamming that does no harm
-    assert integrity_signs(report, 30 * S, vision_agrees=False) == ()
-    assert integrity_signs(GnssIntegrity(10 * S, 0, False, None, None), 10 * S, vision_agrees=False) == ()
-    assert integrity_signs(None, 10 * S, vision_agrees=False) == ()
+    all_three = ("receiver_spoofing", "receiver_authentication", "receiver_jamming")
+    assert interference(report) == all_three
+    assert interference(report, agrees=True) == all_three[:2]  # jamming that does no harm
+    assert interference(report, now_ns=30 * S) == ()
+    assert interference(GnssIntegrity(10 * S, 0, False, None, None)) == ()
+    assert interference() == ()
+
+
+def test_what_one_receiver_says_of_interference_another_does_not_take_back() -> None:
+    spoofed, fine = GnssIntegrity(10 * S, 0, False, True, None), GnssIntegrity(10 * S, 1, False, False, None)
+    assert interference(spoofed, fine) == interference(fine, spoofed) == ("receiver_spoofing",)
+    assert interference(spoofed, replace(fine, receiver=0)) == ()
+
+
+def test_a_text_about_jamming_does_not_take_back_the_one_about_spoofing() -> None:
+    spoofed, jammed = GnssIntegrity(10 * S, 0, None, True, None), GnssIntegrity(11 * S, 0, True, None, None)
+    assert interference(spoofed, jammed) == ("receiver_spoofing", "receiver_jamming")
 
 
 def test_silence_counts_only_while_the_autopilot_talks() -> None:
