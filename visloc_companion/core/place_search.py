@@ -28,6 +28,9 @@ from visloc_companion.types import Cov2, Fix, GeoPoint, NoFix, Odometry, Vec2
 RISK = 1e-5
 TILE_HEIGHTS, LEAST_RADIUS_M = 8.0, 300.0
 """Radius of the region of a tile in heights above the origin: as many footprints whatever the height, so it costs as much."""
+LEAST_HEIGHT_M = LEAST_RADIUS_M / TILE_HEIGHTS
+"""The ground may lie below the origin, and the vehicle above it no higher than that: a height of nothing would count every look
+at one place as another agreement."""
 CLIMBED = 1.5
 """A sweep begins anew where the height asks for tiles larger by this factor."""
 SPACING_HEIGHTS = 0.25
@@ -137,6 +140,7 @@ class PlaceSearch:
 
     def next(self, request_id: int, t_ns: int, height_m: float, sigma_v_mps: float, about: Reach) -> Where:
         """What to ask of a frame of `t_ns`, taken `height_m` above the origin; `sigma_v_mps`: 1-sigma of the velocity input."""
+        height_m = max(height_m, LEAST_HEIGHT_M)
         self._carry(t_ns)
         due, tile = self._due(t_ns, height_m), None
         if due is None or due.log_odds < hypotheses.FIRST_LOG_ODDS:

@@ -230,3 +230,14 @@ def test_no_tile_is_begun_while_a_likely_place_is_about_to_be_due() -> None:
             break
     assert any(tile for moved_m, tile in after_hit if moved_m < 14.0)
     assert not any(tile for moved_m, tile in after_hit if moved_m > 16.0)
+
+
+@pytest.mark.parametrize("height_m", [20.0, 0.0, -50.0])
+def test_looks_at_one_place_are_one_agreement_below_the_origin_too(height_m: float) -> None:
+    search, place = PlaceSearch(2000.0), wgs84.geo_from_ned((100.0, 50.0, -height_m), ORIGIN)
+    for k in range(1, 60):
+        t_ns = k * S // 2
+        search.moving(t_ns, (0.0, 0.0))
+        search.next(k, t_ns, height_m, 0.5, Reach())
+        answer = Fix(t_ns, t_ns, k, k, "test", place, (1.0, 0.0, 0.0, 0.0), COV, 1.0, 0.1, 0.001, 1.0)
+        assert search.answered(answer, ORIGIN, t_ns) is None
