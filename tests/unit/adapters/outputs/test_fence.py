@@ -8,7 +8,7 @@ import pytest
 from visloc_companion.adapters.mavlink.outputs.fence import CATCH_UP_MPS, MAX_AGE_NS, MAX_LEAD_NS, Fence, Gate
 from visloc_companion.adapters.mavlink.outputs.kinds import Output
 from visloc_companion.errors import Reason
-from visloc_companion.geo.wgs84 import geo_from_ned
+from visloc_companion.geo.wgs84 import autopilot_ned_from_geo, geo_from_ned
 from visloc_companion.types import AutopilotKind, GeoPoint
 
 KIND = AutopilotKind.ARDUPILOT
@@ -135,3 +135,13 @@ def test_what_needs_a_velocity_waits_for_one_and_is_not_taken_for_sent(injection
 )
 def test_what_is_not_sound_is_refused(injection, change, reason):
     assert judge(Gate(None, 5.0), injection(**change)) is reason
+
+
+@pytest.mark.parametrize("output", [GPS, Output.GLOBAL_POSITION_SENSOR])
+def test_another_origin_is_no_step_where_latitude_and_longitude_are_sent(injection, output):
+    gate, moved = Gate(None, 5.0), geo_from_ned((5000.0, 0.0, 0.0), ORIGIN)
+    first = at(injection, 1.0, v_ned_mps=(0.0, 0.0, 0.0))
+    assert judge(gate, first, output) == first
+    local_m = autopilot_ned_from_geo(KIND, first.place, moved)
+    second = replace(first, t_ns=first.t_ns + S // 10, p_ned_m=local_m, reset_counter=1)
+    assert judge(gate, second, output, origin=moved) == second

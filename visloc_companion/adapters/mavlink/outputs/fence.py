@@ -51,6 +51,7 @@ class Gate:
     def __init__(self, fence: Fence | None, max_step_m: float) -> None:
         self._fence, self._max_step_m = fence, max_step_m
         self._last: Injection | None = None
+        self._origin: GeoPoint | None = None
         self._own_counts = 0
         self._owed_m = 0.0
 
@@ -63,7 +64,10 @@ class Gate:
             return reason
         if origin is None:
             return Reason.NO_ORIGIN
-        return self._announced(injection, output) if _about(injection, kind, origin) else Reason.BAD_INPUT
+        if not _about(injection, kind, origin):
+            return Reason.BAD_INPUT
+        self._know_origin(kind, origin, output)
+        return self._announced(injection, output)
 
     def _objection(self, injection: Injection, output: Output, now_ns: int) -> Reason | None:
         backwards = self._last is not None and injection.t_ns < self._last.t_ns
@@ -75,6 +79,12 @@ class Gate:
             return Reason.NOT_SEEDED
         inside = self._fence is None or self._fence.contains(injection.place)
         return None if inside else Reason.OUTSIDE_MAP
+
+    def _know_origin(self, kind: AutopilotKind, origin: GeoPoint, output: Output) -> None:
+        """To a message of latitude and longitude, which are those without a counter, another origin is no step."""
+        last, moved, self._origin = self._last, origin != self._origin, origin
+        if moved and last is not None and not output.announces_steps:
+            self._last = replace(last, p_ned_m=wgs84.autopilot_ned_from_geo(kind, last.place, origin))
 
     def _announced(self, injection: Injection, output: Output) -> Injection:
         """With a counter, or a covariance, that fits the step since the last one."""
