@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from visloc_companion.types import TimesyncSample
 
 BUCKET_NS = 10_000_000_000
-STEP_NS = 500_000_000
-"""A boot time that falls back by so much is a clock step."""
+BACK_NS = 5_000_000_000
+"""A boot time that falls back by so much is a clock step: no link is so late, or sends again what is so old."""
 EARLY_NS = 5_000_000_000
 """A message may be so much earlier than the ones before, which then were late; beyond that the clock was set forward."""
-LATE_FOR_NS = 5_000_000_000
+STEP_NS, LATE_FOR_NS = 500_000_000, 5_000_000_000
 """Messages that are all later than the offset by STEP_NS for so long are a clock step, too."""
 MAX_ROUND_TRIP_NS = 50_000_000
 
@@ -72,7 +72,7 @@ class ClockOffset:
         return step
 
     def _step(self, t_rx_ns: int, t_boot_ns: int, late_ns: int) -> ClockStep | None:
-        fell_back = self._last_boot_ns is not None and t_boot_ns < self._last_boot_ns - STEP_NS
+        fell_back = self._last_boot_ns is not None and t_boot_ns < self._last_boot_ns - BACK_NS
         if late_ns < STEP_NS:
             self._late_since_ns = None
         elif self._late_since_ns is None:

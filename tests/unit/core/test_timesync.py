@@ -76,6 +76,14 @@ def test_a_reboot_is_a_step_at_once() -> None:
     assert clock.offset_ns() == OFFSET + 100 * S
 
 
+def test_one_message_that_comes_again_late_is_no_step() -> None:
+    clock = ClockOffset()
+    clock.on_arrival(OFFSET + 100 * S, 100 * S)
+    assert clock.on_arrival(OFFSET + 100 * S + MS, 98 * S) is None
+    assert clock.on_arrival(OFFSET + 101 * S, 101 * S) is None
+    assert clock.offset_ns() == OFFSET
+
+
 def test_a_clock_set_forward_is_a_step_at_once() -> None:
     clock = ClockOffset()
     clock.on_arrival(OFFSET + S, S)
