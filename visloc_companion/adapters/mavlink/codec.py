@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 
 from visloc_companion.adapters.mavlink import codec_gnss
-from visloc_companion.adapters.mavlink.codec_gnss import Outcome, place
+from visloc_companion.adapters.mavlink.codec_gnss import Outcome, place, wrapped_ns
 from visloc_companion.adapters.mavlink.dialect import NO_AUTOPILOT_TYPES, Message, mav
 from visloc_companion.errors import Reason
 from visloc_companion.geo.se3 import normalised, quat_from_euler
@@ -29,7 +29,7 @@ from visloc_companion.types import (
     Vec3,
 )
 
-_NS_PER_MS, _NS_PER_US = 1_000_000, 1_000
+_NS_PER_MS = 1_000_000
 _MILLI_G_MPS2 = 9.80665e-3
 _VERSION_TYPES = ((255, ""), (192, "-rc"), (128, "-beta"), (64, "-alpha"), (0, "-dev"))
 _KINDS = {mav.MAV_AUTOPILOT_ARDUPILOTMEGA: AutopilotKind.ARDUPILOT, mav.MAV_AUTOPILOT_PX4: AutopilotKind.PX4}
@@ -164,11 +164,11 @@ def _scaled_imu(msg: Message, t_rx_ns: int) -> Outcome:
 
 def _raw_imu(msg: Message, t_rx_ns: int) -> Outcome:
     """ArduPilot fills RAW_IMU with thousandths of g (GCS_Common.cpp, send_raw_imu)."""
-    return _imu(t_rx_ns, msg.time_usec * _NS_PER_US, _from_milli_g(msg))
+    return _imu(t_rx_ns, wrapped_ns(msg.time_usec), _from_milli_g(msg))
 
 
 def _highres_imu(msg: Message, t_rx_ns: int) -> Outcome:
-    return _imu(t_rx_ns, msg.time_usec * _NS_PER_US, (float(msg.xacc), float(msg.yacc), float(msg.zacc)))
+    return _imu(t_rx_ns, wrapped_ns(msg.time_usec), (float(msg.xacc), float(msg.yacc), float(msg.zacc)))
 
 
 def _from_milli_g(msg: Message) -> Vec3:

@@ -13,6 +13,8 @@ Outcome = Event | Reason | None
 """What a message comes to: an event, why it was dropped, or None where it says nothing to the navigator."""
 _MAX_BOOT_US = 100_000_000_000_000
 """About three years: a larger time_usec counts from 1970 or 1980 and says nothing about the autopilot's clock."""
+BOOT_PERIOD_NS = 2**32 * 1_000_000
+"""Attitudes and positions bear 32 bits of milliseconds, which begin anew after 49.7 days; other times of the same clock go on."""
 _MIN_UNIX_US = 1_420_070_400_000_000
 """Before 2015 no calendar time came from a receiver: the autopilot has none yet."""
 _UNKNOWN, _DETECTED = 0, 3
@@ -20,6 +22,11 @@ _AUTHENTICATION_ERROR, _AUTHENTICATION_OK = 2, 3
 """GPS_JAMMING_STATE and GPS_SPOOFING_STATE: unknown, none, mitigated, detected; GPS_AUTHENTICATION_STATE likewise by name."""
 _SPOOFED_TEXT, _JAMMED_TEXT = "GNSS signal spoofed", "GPS reports critical jamming"
 """What PX4 says where it has no message for it (estimatorCheck.cpp)."""
+
+
+def wrapped_ns(t_boot_us: int) -> int:
+    """Microseconds of the autopilot's clock as the boot time that attitudes and positions would bear."""
+    return t_boot_us * 1000 % BOOT_PERIOD_NS
 
 
 def place(lat_e7: int, lon_e7: int, alt_mm: int) -> GeoPoint | None:
@@ -39,7 +46,7 @@ def _gnss(msg: Message, t_rx_ns: int, receiver: int) -> Outcome:
         v_ned_mps = (speed_mps * math.cos(course_rad), speed_mps * math.sin(course_rad), 0.0)
     return Gnss(
         t_rx_ns,
-        msg.time_usec * 1000 if msg.time_usec < _MAX_BOOT_US else 0,
+        wrapped_ns(msg.time_usec) if msg.time_usec < _MAX_BOOT_US else 0,
         msg.fix_type,
         None if msg.satellites_visible == 255 else msg.satellites_visible,
         where,

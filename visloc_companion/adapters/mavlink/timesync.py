@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 
+from visloc_companion.adapters.mavlink.codec_gnss import BOOT_PERIOD_NS
 from visloc_companion.adapters.mavlink.dialect import Message, mav
 from visloc_companion.types import TimesyncSample
 
@@ -32,7 +33,7 @@ class Timesync:
         if msg.ts1 not in self._open or msg.tc1 < 0:
             return None, None
         self._open.remove(msg.ts1)
-        return None, TimesyncSample(now_ns, msg.ts1, msg.tc1)
+        return None, TimesyncSample(now_ns, msg.ts1, msg.tc1 % BOOT_PERIOD_NS)
 
     def clear(self) -> None:
         """Forget the open requests (the autopilot may have been restarted)."""
