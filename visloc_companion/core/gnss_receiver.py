@@ -91,9 +91,9 @@ class Talk:
 
 
 def receiver_signs(gnss: Gnss, limits: GnssSettings) -> tuple[str, ...]:
-    """What GPS_RAW_INT itself shows: no fix, few satellites, poor accuracy."""
+    """What GPS_RAW_INT itself shows: no fix (or one at no place, 0, 0), few satellites, poor accuracy."""
     signs = []
-    if gnss.fix_type < limits.min_fix_type:
+    if gnss.fix_type < limits.min_fix_type or not is_place(gnss.place):
         signs.append("no_fix")
     if gnss.n_satellites is not None and gnss.n_satellites < limits.min_satellites:
         signs.append("few_satellites")

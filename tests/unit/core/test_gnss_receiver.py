@@ -1,10 +1,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
-from visloc_companion.core.gnss_receiver import Interference, Reports, Talk, receiver_sign, receivers_apart_m
+from visloc_companion.core.gnss_receiver import Interference, Reports, Talk, receiver_sign, receiver_signs, receivers_apart_m
 from visloc_companion.core.settings import GnssSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import GeoPoint, Gnss, GnssIntegrity
@@ -41,6 +42,20 @@ def test_receivers_that_cannot_be_compared(other: Gnss) -> None:
 
 def test_a_receiver_that_knows_no_place_yet_is_not_compared() -> None:
     assert receivers_apart_m(FIRST, replace(FIRST, receiver=1, place=GeoPoint(0.0, 0.0, 0.0)), LIMITS) is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({}, ()),
+        ({"fix_type": 2}, ("no_fix",)),
+        ({"place": GeoPoint(0.0, 0.0, 0.0)}, ("no_fix",)),  # a fix at no place
+        ({"n_satellites": 5, "h_acc_m": 20.0}, ("few_satellites", "accuracy")),
+        ({"n_satellites": None, "h_acc_m": None, "fix_type": 8}, ()),
+    ],
+)
+def test_what_a_receiver_shows_of_itself(changes: dict[str, Any], expected: tuple[str, ...]) -> None:
+    assert receiver_signs(replace(FIRST, **changes), LIMITS) == expected
 
 
 def test_a_second_receiver_that_is_streamed_slowly_differs_all_the_time() -> None:
