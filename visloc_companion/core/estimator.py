@@ -277,7 +277,7 @@ def _shifted(belief: Belief, shift: Vec2) -> Belief:
     def moved(p: Vec2) -> Vec2:
         return p[0] + shift[0], p[1] + shift[1]
 
-    rejected = tuple(replace(c, anchor_ne_m=moved(c.anchor_ne_m)) for c in belief.rejected)
+    rejected = tuple(replace(c, p_ne_m=moved(c.p_ne_m), anchor_ne_m=moved(c.anchor_ne_m)) for c in belief.rejected)
     without = separation.shifted(belief.without, np.array(shift))
     x = belief.x.copy()
     x[POSITION] += shift

@@ -181,6 +181,17 @@ def test_a_moved_origin_leaves_the_vehicle_where_it_is() -> None:
     assert other.newest.rejected[0].anchor_ne_m[0] == pytest.approx(plain.newest.rejected[0].anchor_ne_m[0] - 1000, abs=0.2)
 
 
+@pytest.mark.parametrize("moved_m", [0.0, 5000.0])
+def test_a_frozen_camera_is_not_believed_because_the_origin_moved(moved_m: float) -> None:
+    kalman_filter = made()
+    for k in range(1, 200):
+        kalman_filter.drive(velocity(0.1 * k))
+        if k == 170:
+            kalman_filter.move_origin(wgs84.geo_from_ned((moved_m, 0.0, 0.0), ORIGIN))
+        if k >= 110 and k % 10 == 0:
+            assert isinstance(kalman_filter.observe(fix(0.1 * k, 0.0, 0.0)), Rejected)
+
+
 def test_bad_covariance_is_rejected_not_spread() -> None:
     kalman_filter = made()
     broken = replace(fix(0.0, 0.0, 0.0), cov_ne_m2=((math.nan, 0.0), (0.0, 1.0)))
