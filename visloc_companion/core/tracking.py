@@ -87,9 +87,9 @@ class Tracker:
 
     @property
     def low(self) -> bool:
-        """Whether the vehicle is known to be too low to be localised."""
+        """Whether the vehicle is known to be too low to be localised. Far below its home it flies in a valley."""
         height_m = self.height_above_home_m
-        return height_m is not None and height_m < self._settings.min_height_m
+        return height_m is not None and abs(height_m) < self._settings.min_height_m
 
     def set_origin(self, origin: GeoPoint) -> bool:
         """Take the EKF origin; True when it moved a frame that was in use."""
@@ -135,7 +135,7 @@ class Tracker:
         """Take what the accelerometers measured, with the attitude of that time."""
         self._inertial.on_force(t_boot_ns, force_frd_mps2, q_ned_frd)
         height_m = self.height_above_home_m
-        if height_m is None or height_m < MIN_HEIGHT_M:
+        if height_m is None or abs(height_m) < MIN_HEIGHT_M:
             return
         second = self._forces.on_force(t_boot_ns, force_frd_mps2, q_ned_frd)
         if second is None:

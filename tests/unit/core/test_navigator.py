@@ -289,6 +289,15 @@ def test_a_landing_is_not_flown_for_long_on_a_position_that_no_fix_holds(world: 
     assert max(t for t, c in w.commands if isinstance(c, Injection)) <= lost_s + 0.1
 
 
+def test_a_valley_below_home_is_no_landing(world: type[World]) -> None:
+    w = world(jammed=lambda t: t > 20, height_m=lambda t: max(60.0 - 8 * max(0.0, t - 25), -120.0))
+    w.start()
+    w.fly(70.0)
+    assert [t for t, _, _ in w.requests if t > 69], "frames are asked about"
+    assert w.status_at(69)[0].mode is Mode.AIDING
+    assert max(errors(w, 55)) < 10
+
+
 def test_positions_claim_what_their_fixes_are_worth_until_the_vehicle_is_too_low_for_fixes(world: type[World]) -> None:
     """Two fixes of 1.5 m a second, ten positions; the accelerations' error is not known here (0.2 m/s² are assumed)."""
     w = world(jammed=lambda t: t > 20, height_m=lambda t: 100.0 if t < 40 else 10.0)

@@ -36,7 +36,7 @@ def images(folder: Path, cases: list[str], truth: list[str], gap: str = ",") -> 
 
 
 def test_columns_may_be_set_off_by_blanks_as_the_interface_writes_them(tmp_path: Path) -> None:
-    folder = images(tmp_path, [CASE], ["a, 47, 8, 100, 0, 0, 0, 0.5, 0"], gap=", ")
+    folder = images(tmp_path, [CASE], ["a, 47, 8, 100, 0, 0, 0, 0.5, False"], gap=", ")
     case, truth = read_cases(folder)[0], read_truth(folder)["a"]
     assert isinstance(case, Case)
     assert (case.frame.name, case.dsm, truth.gsd_m, truth.solvable) == ("f.png", None, 0.5, False)
