@@ -20,7 +20,9 @@ USUAL_CELL_M = 1.0
 LEAST_CELL_M = 0.9
 """A cell is a whole number of parts, about the usual side and not below the least."""
 MOST_CELLS = 2048
-"""A reference wider than this many cells gets coarser ones."""
+"""A source or reference wider than this many cells gets coarser ones."""
+MOST_PARTS = 4096
+"""Wider than this many parts, it gets coarser ones of these as well: maps of parts are what memory goes to."""
 SMOOTHING_CELLS = 0.6
 STRAY_SHARE = 0.05
 """Source points farther out than this share of the width of 99.8 % of them are strays."""
@@ -64,10 +66,11 @@ def make_pair(source_m: FloatArray, reference_m: FloatArray, prior: Registration
         what = f"the reference has {len(reference)} points where the prior reaches, fewer than {FEWEST_POINTS}"
         return NotRegistered(Reason.OUTSIDE_MAP, what)
     density = density_per_m2(reference)
-    side = float(np.ptp(reference[:, :2], axis=0).max())
-    part = max(FINEST_PART_M, 1 / math.sqrt(density))
+    side = max(float(np.ptp(points[:, :2], axis=0).max()) for points in (source, reference))
+    finest = max(FINEST_PART_M, side / MOST_PARTS)
+    part = max(finest, 1 / math.sqrt(density))
     parts = max(1, round(USUAL_CELL_M / part), math.ceil(side / (MOST_CELLS * part)))
     cell = max(part * parts, LEAST_CELL_M)
-    surfaces = [upper_surface(source, cell, max(1, int(cell / FINEST_PART_M))), upper_surface(reference, cell, parts)]
+    surfaces = [upper_surface(source, cell, max(1, int(cell / finest))), upper_surface(reference, cell, parts)]
     smooth = [smoothed(surface, SMOOTHING_CELLS * cell) for surface in surfaces]
     return Pair(source, reference, centre, *smooth, *(high_passed(surface) for surface in smooth))

@@ -6,7 +6,8 @@ import pytest
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, RegistrationPrior
 from visloc_companion.localise.registration.clouds import density_per_m2, middle_m, within
-from visloc_companion.localise.registration.pair import MOST_CELLS, make_pair
+from visloc_companion.localise.registration.height_map import upper_surface
+from visloc_companion.localise.registration.pair import MOST_CELLS, MOST_PARTS, make_pair
 
 RNG = np.random.default_rng(9)
 PRIOR = RegistrationPrior(10.0, 3.0, 0.05, 0.01, 0.01)
@@ -48,3 +49,20 @@ def test_density_is_of_the_covered_ground_and_the_middle_of_the_box():
 def test_density_of_a_cloud_with_a_point_far_out_asks_for_no_array_of_all_that_lies_between():
     stray = np.vstack([square(40, 2), [[1e8, 1e8, 0.0]]])
     assert density_per_m2(stray) == pytest.approx(2, rel=0.25)
+
+
+@pytest.mark.parametrize("source_side_m", [60.0, 20_000.0])
+def test_no_surface_is_finer_than_memory_holds(monkeypatch, source_side_m):
+    """A source of 20 km over a reference of 300 m had 1.6e9 parts of half a metre: 8 GB."""
+    sides = []
+
+    def seen(points_m, cell_m, parts):
+        sides.append(float(np.ptp(points_m[:, :2], axis=0).max()) / (cell_m / parts))
+        return upper_surface(points_m, cell_m, parts)
+
+    monkeypatch.setattr("visloc_companion.localise.registration.pair.upper_surface", seen)
+    per_m2 = 20_000 / source_side_m**2
+    wide = RegistrationPrior(10_000.0, 3.0, 0.05, 0.01, 0.01)
+    pair = make_pair(square(source_side_m, per_m2), np.vstack([square(300, 1), square(60, 20), [[9e3, 9e3, 0.0]]]), wide)
+    assert max(sides) <= 1.02 * MOST_PARTS
+    assert max(pair.reference.known.shape + pair.source.known.shape) <= MOST_CELLS + 2
