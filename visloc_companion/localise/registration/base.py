@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Protocol
 
 from visloc_companion.errors import Reason
@@ -17,7 +17,7 @@ class RegistrationPrior:
     each horizontal axis. `sigma_growth_m`: how much the surface may have risen since the reference was captured; it
     widens what is claimed of the height and what counts as a change, and moves nothing.
     `gaussian`: places, headings and scales are likelier the nearer they are to the prior's own, as a filter's are; otherwise all
-    within 3 sigma are alike.
+    within 3 sigma are alike. Raises ValueError for a sigma that is negative or not a number.
     """
 
     sigma_horizontal_m: float
@@ -27,6 +27,11 @@ class RegistrationPrior:
     sigma_scale: float
     sigma_growth_m: float = 0.0
     gaussian: bool = False
+
+    def __post_init__(self) -> None:
+        sigmas = [getattr(self, field.name) for field in fields(self) if field.name.startswith("sigma_")]
+        if not all(sigma >= 0 for sigma in sigmas):
+            raise ValueError(f"{self}: a sigma is negative or not a number")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

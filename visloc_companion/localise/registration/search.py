@@ -20,6 +20,8 @@ from visloc_companion.types import FloatArray
 
 EDGE_STEP_CELLS = 1.5
 """Headings and scales are so close that the source's edge moves by this many cells between them."""
+MOST_LOG_SCALE = 5.0
+"""A source of a size that is not known to a factor of 150 is not searched for: the ladder of scales would fill the memory."""
 APART_M = 6.0
 """Two places are two where they are this far from each other."""
 
@@ -34,9 +36,7 @@ class Place:
 
 def hypotheses(half_m: float, cell_m: float, prior: RegistrationPrior) -> list[tuple[float, float]]:
     """(heading, scale) that cover three sigma, of headings at most the circle."""
-    step = EDGE_STEP_CELLS * cell_m / half_m
-    headings = _ladder(min(SIGMAS * prior.sigma_yaw_rad, math.pi), step)
-    scales = _ladder(SIGMAS * prior.sigma_scale, step)
+    headings, scales = _ladders(half_m, cell_m, prior)
     return [(yaw, math.exp(log_scale)) for log_scale, yaw in itertools.product(scales, headings)]
 
 
@@ -52,12 +52,14 @@ def find_places(pair: Pair, prior: RegistrationPrior, most: int) -> tuple[list[P
     return found, scores
 
 
-def work(pair: Pair, prior: RegistrationPrior) -> int:
+def work(pair: Pair, prior: RegistrationPrior) -> float:
     """What a search costs: hypotheses times the cells that they are correlated over. Time goes with it, memory with the cells."""
-    pairs = hypotheses(pair.half_m, pair.reference.cell_m, prior)
+    if SIGMAS * prior.sigma_scale > MOST_LOG_SCALE:
+        return math.inf
+    headings, scales = _ladders(pair.half_m, pair.reference.cell_m, prior)
     low, high = region(pair, prior)
-    wide = np.maximum(high - low + 1, 0) + 2 * reach_of(pair, pairs)
-    return len(pairs) * int(wide[0]) * int(wide[1])
+    wide = np.maximum(high - low + 1, 0) + 2 * reach_of(pair, [(0.0, math.exp(scales[-1]))])
+    return float(len(headings) * len(scales) * int(wide[0]) * int(wide[1]))
 
 
 def search(pair: Pair, pairs: list[tuple[float, float]], prior: RegistrationPrior) -> Scores:
@@ -107,6 +109,12 @@ def region(pair: Pair, prior: RegistrationPrior) -> tuple[NDArray[np.int_], NDAr
     rows, cols = pair.reference.known.shape
     low = np.maximum(np.floor(middle - far), 0).astype(int)
     return low, np.minimum(np.ceil(middle + far), [cols - 1, rows - 1]).astype(int)
+
+
+def _ladders(half_m: float, cell_m: float, prior: RegistrationPrior) -> tuple[list[float], list[float]]:
+    """Headings (radians) and logarithms of scales, ascending."""
+    step = EDGE_STEP_CELLS * cell_m / half_m
+    return _ladder(min(SIGMAS * prior.sigma_yaw_rad, math.pi), step), _ladder(SIGMAS * prior.sigma_scale, step)
 
 
 def _ladder(far: float, step: float) -> list[float]:

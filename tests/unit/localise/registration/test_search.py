@@ -92,6 +92,24 @@ def test_a_search_that_would_take_too_long_is_declined(scene):
     assert isinstance(HeightSearchRegistration(1.0, cost)(scene.source_m, scene.reference_m, scene.prior), Registered)
 
 
+@pytest.mark.parametrize("sigma_scale", [100.0, 1e9])
+def test_a_scale_that_is_hardly_known_is_declined_before_its_ladder_is_made(scene, sigma_scale):
+    """Three sigma of 100 overflowed, of a million filled the memory with hypotheses."""
+    declined = make_registration("height-search")(
+        scene.source_m, scene.reference_m, replace(scene.prior, sigma_scale=sigma_scale, sigma_yaw_rad=1e9)
+    )
+    assert isinstance(declined, NotRegistered)
+    assert declined.reason is Reason.SEARCH_TOO_WIDE
+
+
+@pytest.mark.parametrize("field", ["sigma_horizontal_m", "sigma_vertical_m", "sigma_yaw_rad", "sigma_scale", "sigma_growth_m"])
+def test_a_prior_that_is_no_number_is_refused(scene, field):
+    """One of NaN made a probability of NaN, which no limit declines."""
+    for value in (math.nan, -1.0):
+        with pytest.raises(ValueError, match="negative or not a number"):
+            replace(scene.prior, **{field: value})
+
+
 def test_a_thin_cloud_of_kilometres_is_declined_at_once():
     """A thousand points over 3 km x 4 km, as a file in feet without a CRS has them."""
     xy = np.random.default_rng(1).uniform(0, [3300, 4600], (1065, 2))
