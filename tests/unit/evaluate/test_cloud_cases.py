@@ -10,11 +10,11 @@ from typer.testing import CliRunner
 from visloc_companion.cli import evaluate_cloud as evaluate_cloud_command
 from visloc_companion.cli.evaluate import evaluate_app
 from visloc_companion.errors import CasesError, ConfigError, Reason
-from visloc_companion.evaluate import cloud as room
 from visloc_companion.evaluate.cloud import evaluate_cloud
 from visloc_companion.evaluate.cloud_cases import BadCloudCase, CloudCase, read_cloud_cases, read_cloud_truth
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
 from visloc_companion.localise.registration.registry import DEFAULT_METHOD, METHODS
+from visloc_companion.localise.registration.similarity import from_origin
 
 SIGMAS = {
     "sigma_horizontal_m": 10.0,
@@ -116,7 +116,7 @@ def test_a_similarity_of_far_coordinates_is_about_their_own_zero(folder: Path) -
     np.testing.assert_allclose(np.array(case["T_reference_source"])[:3, 3], SHIFT, atol=1e-6)
     T = np.eye(4)
     T[:3, :3] = 1.02 * np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
-    moved = room.about_zero(Registered(T, np.eye(3), 0.0, 0.0, 0.0, ()), FAR_ORIGIN).T_reference_source
+    moved = from_origin(T, FAR_ORIGIN)
     point = FAR_ORIGIN + np.array([7.0, 8.0, 9.0])
     np.testing.assert_allclose(moved[:3, :3] @ point + moved[:3, 3], FAR_ORIGIN + T[:3, :3] @ [7.0, 8.0, 9.0], atol=1e-6)
 

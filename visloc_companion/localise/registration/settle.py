@@ -17,7 +17,14 @@ from visloc_companion.localise.registration.pair import Pair, make_pair
 from visloc_companion.localise.registration.polish import polish
 from visloc_companion.localise.registration.refine import Refined, refine
 from visloc_companion.localise.registration.search import APART_M, runner_up, search
-from visloc_companion.localise.registration.similarity import moved, scale_of, with_linear, yaw_of
+from visloc_companion.localise.registration.similarity import (
+    from_origin,
+    moved,
+    near_origin_m,
+    scale_of,
+    with_linear,
+    yaw_of,
+)
 from visloc_companion.localise.registration.surfaces import SourceCells, Surface, cells_of, met, surface_of
 from visloc_companion.types import FloatArray
 
@@ -113,7 +120,8 @@ def judged(
     pair = make_pair(*clouds_m, prior)
     if isinstance(pair, NotRegistered):
         return pair
-    T = align(pair.source_m, pair.reference_m)
+    origin = near_origin_m(pair.reference_m)  # small_gicp's voxels end at some 500 km
+    T = from_origin(align(pair.source_m - origin, pair.reference_m - origin), origin)
     if not np.isfinite(T).all() or np.linalg.det(T[:3, :3]) <= 0:
         return NotRegistered(Reason.NO_MATCH, "no similarity was found")
     settler = Settler(pair, prior)

@@ -8,6 +8,9 @@ import numpy as np
 
 from visloc_companion.types import FloatArray
 
+ORIGIN_STEP_M = 1000.0
+"""Clouds are registered about the reference's middle, rounded to this: clouds about zero stay as they are to the bit."""
+
 
 def moved(T: FloatArray, points_m: FloatArray) -> FloatArray:
     """(N, 3) or (3,) points after the similarity."""
@@ -27,6 +30,18 @@ def with_linear(linear: FloatArray, from_m: FloatArray, to_m: FloatArray) -> Flo
     T[:3, :3] = linear
     T[:3, 3] = to_m - linear @ from_m
     return T
+
+
+def from_origin(T: FloatArray, origin_m: FloatArray) -> FloatArray:
+    """(4, 4) Similarity of points from one that holds for the points less (3,) an origin, on both sides."""
+    found = T.copy()
+    found[:3, 3] += origin_m - T[:3, :3] @ origin_m
+    return found
+
+
+def near_origin_m(points_m: FloatArray) -> FloatArray:
+    """(3,) The middle of points (N, 3), rounded to ORIGIN_STEP_M."""
+    return np.asarray(np.rint(points_m.mean(axis=0) / ORIGIN_STEP_M) * ORIGIN_STEP_M, dtype=np.float64)
 
 
 def turned(tilt_x: float, tilt_y: float, yaw: float) -> FloatArray:

@@ -41,6 +41,18 @@ def test_gicp_refines_from_a_prior_that_is_near(scene):
     assert np.abs(off.mean(0)).max() < 0.3
 
 
+def test_gicp_finds_the_same_in_coordinates_of_a_projected_crs(scene, capfd):
+    """Its voxels end at some 500 km: what lies beyond was left out, with a line of warning for each point."""
+    origin = np.array([500_000.0, 5_000_000.0, 0.0])
+    near = scene.source_m @ scene.T_true[:3, :3].T + scene.T_true[:3, 3] + [1.5, -1.0, 0.5]
+    register = make_registration("gicp", 1.0)
+    here, far = register(near, scene.reference_m, scene.prior), register(near + origin, scene.reference_m + origin, scene.prior)
+    T, T_far = here.T_reference_source, far.T_reference_source
+    moved_far = (near + origin) @ T_far[:3, :3].T + T_far[:3, 3] - origin
+    assert np.abs(near @ T[:3, :3].T + T[:3, 3] - moved_far).max() < 2e-3
+    assert "out of range" not in "".join(capfd.readouterr())
+
+
 def test_the_limit_of_what_is_accepted_is_the_one_that_the_page_states():
     page = (Path(__file__).resolve().parents[4] / "docs" / "structure.md").read_text(encoding="utf-8")
     assert f"({DEFAULT_MAX_PROBABILITY_WRONG}, stated in the file)" in page
