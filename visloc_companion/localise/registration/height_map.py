@@ -18,6 +18,8 @@ from visloc_companion.types import FloatArray
 SPIKE_M = 2.5
 """A part that stands out of all its neighbours by so much is an outlier."""
 FEWEST_NEIGHBOURS = 4
+ASIDE = 0.08
+"""Points whose mean lies so far (in cells) from the middle of their cells are samples of a raster, not scattered."""
 HIGH_PASS_M = 8.0
 KNOWN_SHARE, FADED = 0.3, 0.02
 """Shares of a Gaussian's weight on known cells: of a smoothed cell that counts as known, and that has a height at all."""
@@ -92,7 +94,7 @@ def _without_plane(heights: HeightMap) -> HeightMap:
 
 def _highest(points_m: FloatArray, cell_m: float, multiple: int) -> HeightMap:
     """The highest point of each cell; sides are multiples of `multiple` cells."""
-    corner = points_m[:, :2].min(0)
+    corner = np.array([_corner(points_m[:, axis], cell_m) for axis in (0, 1)])
     index = np.floor((points_m[:, :2] - corner) / cell_m).astype(np.int64)
     cols, rows = (-(-(int(n) + 1) // multiple) * multiple for n in index.max(0))
     height = np.full(rows * cols, -np.inf, np.float32)
@@ -100,6 +102,14 @@ def _highest(points_m: FloatArray, cell_m: float, multiple: int) -> HeightMap:
     known = height > -np.inf
     shape = (rows, cols)
     return HeightMap(np.where(known, height, 0).reshape(shape), known.reshape(shape), corner, cell_m)
+
+
+def _corner(along_m: FloatArray, cell_m: float) -> float:
+    """Where the first cell of an axis begins: at the first point, or before it where that leaves the points to one side of their
+    cells, as the samples of a raster are whose spacing the cells are a multiple of."""
+    first = float(along_m.min())
+    aside = float(np.mod((along_m - first) / cell_m, 1).mean()) - 0.5
+    return first + aside * cell_m if aside < -ASIDE else first
 
 
 def _without_spikes(heights: HeightMap) -> Mask:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from visloc_companion.localise.registration.height_map import HeightMap, high_passed, smoothed, upper_surface
 
@@ -22,8 +23,8 @@ def test_a_cell_is_the_mean_of_the_highest_points_of_its_parts():
 def test_rows_run_north_and_columns_east():
     heights = np.arange(30.0).reshape(5, 6)
     surface = upper_surface(grid_points(heights), 1.0, 1)
-    np.testing.assert_array_equal(surface.corner_m, [0.5, 0.5])
-    column, row = np.round(surface.cells_of(np.array([[4.0, 2.0]]))[0]).astype(int)
+    np.testing.assert_array_equal(surface.corner_m, [0.0, 0.0])
+    column, row = np.round(surface.cells_of(np.array([[3.5, 1.5]]))[0]).astype(int)
     assert (column, row) == (3, 1)
     assert surface.height_m[row, column] == heights[1, 3]
 
@@ -61,3 +62,14 @@ def test_around_is_a_part_at_its_place():
     np.testing.assert_array_equal(part.corner_m, [106.0, 56.0])
     assert part.height_m[0, 0] == surface.height_m[3, 3]
     assert surface.around(np.array([500.0, 60.0]), 4.0).known.size == 0
+
+
+@pytest.mark.parametrize("spacing_m", [0.125, 0.25, 0.5])
+def test_a_surface_of_a_raster_lies_where_its_samples_do(spacing_m):
+    """Cells that began at the first sample put a plane half a sample's spacing to the east and north."""
+    x, y = np.meshgrid(np.arange(0, 20, spacing_m), np.arange(0, 30, spacing_m))
+    points = np.column_stack([x.ravel() + 1000, y.ravel() - 7, (0.5 * x + 0.25 * y).ravel()])
+    surface = upper_surface(points, 1.0, 2)
+    east, north = (surface.corner_m + 1.0 * np.array([10.5, 15.5])) - [1000, -7]
+    highest = (0.5 + 0.25) * (0.25 - spacing_m / 2)  # of a part over its middle
+    assert surface.height_m[15, 10] == pytest.approx(0.5 * east + 0.25 * north + highest, abs=1e-4)
