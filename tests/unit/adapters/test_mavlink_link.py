@@ -14,7 +14,7 @@ from visloc_companion.adapters.mavlink.framing import Framer
 from visloc_companion.adapters.mavlink.pymavlink_link import PymavlinkLink
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.app.clock import ManualClock, MonotonicClock
-from visloc_companion.errors import LinkError
+from visloc_companion.errors import ConfigError
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.testing.fake_autopilot import FakeAutopilot
 from visloc_companion.testing.loopback import HOST, tcp_autopilot, tcp_client_autopilot, udp_autopilot
@@ -32,7 +32,7 @@ async def until(true: Callable[[], bool]) -> None:
 
 
 def test_a_wrong_url_is_an_error_at_once():
-    with pytest.raises(LinkError, match="udpin:HOST:PORT"):
+    with pytest.raises(ConfigError, match="udpin:HOST:PORT"):
         PymavlinkLink("udp://:14550", SETTINGS, ManualClock())
 
 

@@ -83,7 +83,7 @@ def test_the_link_of_the_configuration_is_taken_and_given_way_to(asked: list[Wis
     [
         ([], 2, "--link URL"),
         (["--config", "/none.toml"], 2, "cannot be read"),
-        (["--link", "pigeon:home:1"], 4, "pigeon"),
+        (["--link", "pigeon:home:1"], 2, "pigeon"),
         (["--link", "serial:/dev/no-such-port:921600"], 4, "cannot be opened"),
     ],
 )

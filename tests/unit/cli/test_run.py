@@ -8,6 +8,8 @@ import signal
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -29,6 +31,21 @@ def visloc_run(path: Path, *options: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [*COMMAND, str(path), *options], capture_output=True, text=True, timeout=100, check=False, env=ENVIRONMENT
     )
+
+
+@contextmanager
+def started(path: Path) -> Iterator[subprocess.Popen[str]]:
+    """The daemon, which never outlives the test. Tests that run under `nohup` would hand on to it that SIGHUP is ignored."""
+    listening = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    try:
+        process = subprocess.Popen([*COMMAND, str(path)], stderr=subprocess.PIPE, text=True, env=ENVIRONMENT)
+    finally:
+        signal.signal(signal.SIGHUP, listening)
+    with process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def test_check_prints_the_effective_configuration(tmp_path: Path) -> None:
@@ -94,7 +111,7 @@ def test_a_missing_configuration(tmp_path: Path) -> None:
 def test_a_signal_ends_it_cleanly_with_a_whole_journal(tmp_path: Path, number: signal.Signals) -> None:
     journals = tmp_path / "journals"
     path = configuration(tmp_path, f'[link]\nurl = "udpin:127.0.0.1:0"\n[journal]\nfolder = "{journals}"\n')
-    with subprocess.Popen([*COMMAND, str(path)], stderr=subprocess.PIPE, text=True, env=ENVIRONMENT) as process:
+    with started(path) as process:
         assert process.stderr is not None
         lines = [process.stderr.readline()]
         assert json.loads(lines[0])["event"] == "ready"
