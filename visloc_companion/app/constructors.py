@@ -15,7 +15,7 @@ from visloc_companion.protocols import AutopilotLink, Camera, Clock
 def make_link(
     config: Config, clock: Clock, on_raw: Callable[[bytes, int, bool], None], on_warning: Callable[[str], None]
 ) -> AutopilotLink:
-    """The MAVLink connection of a configuration. Raises LinkError, ConfigError or MapError (app/link.py)."""
+    """The MAVLink connection of a configuration. Raises ConfigError or MapError (app/link.py)."""
     from visloc_companion.app.link import make_link as make
 
     return make(config, clock, on_raw, on_warning)

@@ -89,9 +89,11 @@ def open_ortho(path: Path, stretches: Mapping[str, Stretch] | None = None) -> Ge
     """Open an orthophoto: colour (three bands) or grey (one). `stretches`: those of its map. Raises MapError, DatumMissing."""
     dataset, crs, T_map_pix = _open(path)
     meanings = _meanings(path, dataset)
-    stretch = (stretches_of([path]) if stretches is None else stretches).get(dataset.dtypes[0])
-    bands = _colour_bands(dataset, meanings)
-    return GeoTiff(path, dataset, crs, T_map_pix, bands, stretch, None, masked=_is_masked(path, dataset, meanings))
+    dtype, bands = dataset.dtypes[0], _colour_bands(dataset, meanings)
+    if stretches is None:
+        stretches = {} if dtype == "uint8" else {dtype: _stretch(_sampled(path, dataset, bands))}
+    masked = _is_masked(path, dataset, meanings)
+    return GeoTiff(path, dataset, crs, T_map_pix, bands, stretches.get(dtype), None, masked=masked)
 
 
 def stretches_of(paths: Sequence[Path]) -> dict[str, Stretch]:

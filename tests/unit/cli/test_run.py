@@ -128,7 +128,7 @@ def test_a_restart_begins_a_journal_of_its_own(tmp_path: Path) -> None:
     journals = tmp_path / "journals"
     path = configuration(tmp_path, f'[link]\nurl = "udpin:127.0.0.1:0"\n[journal]\nfolder = "{journals}"\n')
     for number in (signal.SIGKILL, signal.SIGTERM):
-        with subprocess.Popen([*COMMAND, str(path)], stderr=subprocess.PIPE, text=True, env=ENVIRONMENT) as process:
+        with started(path) as process:
             assert process.stderr is not None
             process.stderr.readline()
             process.send_signal(number)
