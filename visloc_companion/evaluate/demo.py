@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import socket
 import subprocess
@@ -74,7 +75,7 @@ def run_demo(out: Path, dialect: AutopilotKind, speed: float | None, on_stage: S
         out.mkdir(parents=True, exist_ok=True)
     except OSError as why:
         raise ConfigError(f"cannot be made: {why}", where=str(out), remedy="name a writable folder for --out") from why
-    network = open_features_for(DEFAULT_METHOD, NetworkChoice())
+    network = open_features_for(DEFAULT_METHOD, NetworkChoice(threads=len(os.sched_getaffinity(0))))
     world_files = procedural_world(1, on_stage=on_stage, networks=[network] if network else None)
     reference = PackMap.open(world_files.pack, verify_hashes=True)
     scene = Scene.load(world_files.flight_ortho, world_files.flight_dsm)
