@@ -1,48 +1,28 @@
 """The conversation with an autopilot: identity, pinning, time, origin, link up and down."""
 
-from dataclasses import replace
-
 import pytest
 
+from tests.unit.adapters.session_talk import ORIGIN, injection, talk
 from visloc_companion.adapters.mavlink.dialect import mav
-from visloc_companion.adapters.mavlink.outputs.kinds import Output
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import CompanionState, SessionSettings
 from visloc_companion.errors import Reason
-from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.testing.conversation import Conversation
 from visloc_companion.testing.fake_autopilot import Behaviour, FakeAutopilot
 from visloc_companion.types import (
     Attitude,
     AutopilotKind,
-    EkfSource,
     GeoPoint,
-    Gnss,
-    Injection,
     LinkChanged,
     Notice,
     OriginChanged,
     Report,
     RequestMessage,
     Severity,
-    SourceSwitched,
-    SwitchSource,
     TimesyncSample,
 )
 
 ATTITUDE = mav.MAVLINK_MSG_ID_ATTITUDE
-ORIGIN = GeoPoint(47.3977, 8.5456, 488.0)
-
-
-def injection(t_ns: int, reset_counter: int = 0, north_m: float = 10.0) -> Injection:
-    cov = ((4.0, 0.0), (0.0, 4.0))
-    p_ned_m = (north_m, -3.0, -42.0)
-    place = geo_from_ned(p_ned_m, ORIGIN) if abs(north_m) < 1e6 else ORIGIN
-    return Injection(t_ns, p_ned_m, place, (1.0, 0.0, 0.0, 0.0), cov, 1.0, 0.02, reset_counter)
-
-
-def talk(**autopilot: object) -> Conversation:
-    return Conversation(MavlinkSession(SessionSettings()), FakeAutopilot(**autopilot))  # type: ignore[arg-type]
 
 
 def links(events: list[object]) -> list[LinkChanged]:
@@ -313,99 +293,3 @@ def test_requests_go_on_when_commands_get_no_answer():
     events = talking.run(10.0)
     assert any(isinstance(e, OriginChanged) for e in events)
     assert sum(isinstance(e, Attitude) for e in events) > 10
-
-
-def test_the_output_fits_the_parameters_and_is_told_once():
-    talking = talk(kind=AutopilotKind.PX4, params={"EKF2_EV_CTRL": 1, "EKF2_EV_QMIN": 40})
-    talking.run(3.0)
-    assert talking.session.choice.output is Output.ODOMETRY
-    for _ in range(3):
-        talking.run(0.1)
-        what = replace(injection(talking.now_ns), v_ned_mps=(1.0, 0.0, 0.0), cov_v_ne_m2ps2=((1.0, 0.0), (0.0, 1.0)))
-        assert talking.session.send(what, talking.now_ns)
-    talking.run(0.1)
-    assert [message.get_type() for message in talking.autopilot.positions] == ["ODOMETRY"] * 3
-    told = [text for text in talking.session.warnings() if "positions are sent" in text]
-    assert told == ["positions are sent as ODOMETRY: the autopilot asks for a quality, which only ODOMETRY carries"]
-
-
-def test_parameters_stay_known_over_a_silence():
-    talking = talk(kind=AutopilotKind.PX4, params={"EKF2_EV_CTRL": 1, "EKF2_EV_QMIN": 40})
-    talking.run(3.0)
-    talking.autopilot.behaviour.silent = True
-    talking.run(4.0)
-    talking.autopilot.behaviour.silent = False
-    talking.run(1.2)
-    assert talking.session.link.up
-    assert talking.session.choice.output is Output.ODOMETRY
-    talking.autopilot.params["EKF2_EV_QMIN"] = 0
-    talking.session.disconnected("unplugged", talking.now_ns)
-    talking.run(4.0)
-    assert talking.session.choice.output is Output.VISION_POSITION_ESTIMATE
-
-
-def test_what_cannot_be_sent_is_told_to_the_operator_before_the_flight():
-    talking = talk(kind=AutopilotKind.PX4, params={"EKF2_EV_CTRL": 0})
-    talking.run(4.0)
-    assert not talking.session.send(injection(talking.now_ns), talking.now_ns)
-    assert [text for text in talking.session.warnings() if "set EKF2_EV_CTRL 1" in text]
-    assert talking.autopilot.texts == ["visloc NOT SENT: set EKF2_EV_CTRL 1"]
-
-
-@pytest.mark.parametrize("ev_ctrl", [0, 1])
-def test_an_autopilot_that_can_be_sent_nothing_is_left_on_gnss(ev_ctrl: int):
-    talking = talk(kind=AutopilotKind.PX4, params={"EKF2_EV_CTRL": ev_ctrl, "EKF2_GPS_CTRL": 7})
-    talking.run(4.0)
-    talking.session.switch(SwitchSource(EkfSource.VISION), talking.now_ns)
-    ended = [event for event in talking.run(1.0) if isinstance(event, SourceSwitched)]
-    assert [event.accepted for event in ended] == [ev_ctrl == 1]
-    assert talking.autopilot.params["EKF2_GPS_CTRL"] == (0 if ev_ctrl else 7)
-    assert ev_ctrl or "EKF2_EV_CTRL" in ended[0].detail
-
-
-def test_a_long_remedy_reaches_the_operator_whole():
-    talking = Conversation(
-        MavlinkSession(SessionSettings(output=Output.GPS_INPUT)), FakeAutopilot(params={"GPS1_TYPE": 1, "GPS2_TYPE": 0})
-    )
-    talking.run(6.0)
-    remedy = f"visloc NOT SENT: {talking.session.choice.remedy}"
-    assert len(remedy) > 50
-    assert "".join(talking.autopilot.texts) == remedy
-
-
-def test_the_echo_of_a_receiver_that_we_play_is_not_listened_to():
-    """Else the verdict would hold GNSS against our own position."""
-    talking = talk(params={"GPS2_TYPE": 14, "EK3_SRC2_POSXY": 3})
-    talking.run(3.0)
-    assert talking.session.choice.output is Output.GPS_INPUT
-    talking.autopilot.send(mav.MAVLink_gps2_raw_message(5_000_000, 3, 1, 1, 1, 90, 120, 0, 0, 10, 0, 0))
-    talking.autopilot.send(mav.MAVLink_gps_raw_int_message(5_000_000, 3, 474000000, 85000000, 1000, 90, 120, 0, 0, 10))
-    heard = [event for event in talking.run(0.1) if isinstance(event, Gnss)]
-    assert [event.receiver for event in heard] == [0]
-
-
-def test_a_receiver_is_told_the_calendars_time_where_the_autopilot_told_it():
-    talking = talk(params={"GPS2_TYPE": 14, "EK3_SRC2_POSXY": 3})
-    talking.run(3.0)
-    talking.autopilot.send(mav.MAVLink_system_time_message(1_700_000_000_000_000, 5000))
-    talking.run(0.1)
-    what = replace(injection(talking.now_ns), v_ned_mps=(1.0, 0.0, 0.0), cov_v_ne_m2ps2=((1.0, 0.0), (0.0, 1.0)))
-    assert talking.session.send(what, talking.now_ns)
-    talking.run(0.1)
-    (message,) = talking.autopilot.positions
-    assert message.time_week == 2288
-    assert abs(message.time_week_ms - 252_818_000) <= 200
-
-
-def test_estimates_for_dead_reckoning_come_at_their_own_slow_period():
-    talking = talk(plane=True, params={"VISO_TYPE": 0})
-    talking.run(3.0)
-    assert talking.session.choice.output is Output.EXTERNAL_POSITION_ESTIMATE
-    for _ in range(100):
-        talking.run(0.1)
-        talking.session.send(injection(talking.now_ns), talking.now_ns)
-    talking.run(0.1)
-    assert len(talking.autopilot.positions) == 5
-    talking.session.switch(SwitchSource(EkfSource.VISION), talking.now_ns)
-    ended = [event for event in talking.run(1.0) if isinstance(event, SourceSwitched)]
-    assert [(event.accepted, event.shows_use) for event in ended] == [(True, False)]
