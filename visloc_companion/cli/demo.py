@@ -37,7 +37,7 @@ def demo(
     typer.echo(
         f"{'PASS' if result.passed else 'FAIL'}: without GNSS median {figures['median error without GNSS']}, "
         f"largest {figures['largest error without GNSS']}; spoof pulled {figures['pulled by false GNSS']}; "
-        f"failsafe {figures['failsafe']}; without the daemon {figures['off without the daemon']} off"
+        f"failsafe {figures['failsafe']}; without the daemon {figures['autopilot off without the daemon']} off"
     )
     if not result.passed:
         raise typer.Exit(1)

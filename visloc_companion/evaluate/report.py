@@ -159,7 +159,7 @@ def _maps(
     if moved is None or strayed is None:
         return f"<h2>Map</h2><div class=two>{own}</div>"
     last = strayed[1][np.isfinite(strayed[1])]
-    end = f": {last[-1]:.0f} m away at the end" if len(last) else ""
+    end = f": {last[-1]:.0f} m from the first at the end" if len(last) else ""
     other = _panel(
         f"The same flight without it{end}",
         flight_map(moved, view, "Map of the flight without the daemon", image, own="baseline", lost_at_s=lost_at),

@@ -25,7 +25,7 @@ CHECKS = [
     Check("largest error without GNSS", "4 m", "≤ 10 m", True),
     Check("pulled by false GNSS", "16 m", "≤ 30 m", True),
     Check("failsafe", "none", "none", True),
-    Check("off without the daemon", "170 m", "> 100 m", True),
+    Check("autopilot off without the daemon", "170 m", "> 100 m", True),
 ]
 
 

@@ -174,7 +174,7 @@ def test_a_good_flight_passes_and_is_reported(tmp_path: Path, oracle_eyes: MakeE
     assert result.passed, [check for check in result.flown.checks if not check.passed]
     assert stages == ["flying without the daemon", "writing the report"]
     names = [check.name for check in result.flown.checks]
-    assert names[-1] == "off without the daemon"
+    assert names[-1] == "autopilot off without the daemon"
     stated = json.loads(json.dumps(result.as_json(), allow_nan=False))
     assert stated["scenario"] == "demo"
     assert stated["passed"] is True
@@ -183,4 +183,4 @@ def test_a_good_flight_passes_and_is_reported(tmp_path: Path, oracle_eyes: MakeE
     page = result.report.read_text(encoding="utf-8")
     assert page.count("PASS") >= 1
     assert "data:image/jpeg" in page
-    assert "off without the daemon" in page
+    assert "autopilot off without the daemon" in page

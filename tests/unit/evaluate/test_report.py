@@ -69,7 +69,7 @@ def test_the_page_is_whole_and_stands_alone(synthetic: ModuleType, tmp_path: Pat
     assert "seed 1 &lt; 2" in page
     assert '<span class="badge">FAIL</span>' in page
     assert "Not met: p95_m." in page
-    assert re.search(r"The same flight without it: \d{3} m away at the end", page)
+    assert re.search(r"The same flight without it: \d{3} m from the first at the end", page)
     assert page.count("data:image/jpeg;base64,") == 2
     for words in ("no fix: ambiguous", "disagrees with vision", "dead reckoning", "protection level", "GNSS bad from 85 s"):
         assert words in page
