@@ -88,7 +88,9 @@ def run_demo(out: Path, dialect: AutopilotKind, speed: float | None, on_stage: S
     record = from_entries(read_journal(_journal(out)), log.truth, t0_ns=log.truth[0].t_ns)
     off_m = baseline.log.truth[-1].off_m or 0.0
     flown = judged(setup, log, record)
-    flown.checks.append(Check("autopilot off without the daemon", f"{off_m:.0f} m", f"> {BASELINE_OFF_M:.0f} m", off_m > BASELINE_OFF_M))
+    flown.checks.append(
+        Check("autopilot off without the daemon", f"{off_m:.0f} m", f"> {BASELINE_OFF_M:.0f} m", off_m > BASELINE_OFF_M)
+    )
     on_stage("writing the report")
     report = out / "report.html"
     title = f"GNSS loss over the procedural world, {dialect.value} copter"
