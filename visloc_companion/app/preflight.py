@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from visloc_companion.app.clock import MonotonicClock
@@ -15,13 +16,14 @@ from visloc_companion.app.parts import (
     require_pack,
     versions,
 )
+from visloc_companion.app.status import check_status_socket
 from visloc_companion.app.worker_process import OverMap, load_factory
 from visloc_companion.config import Config
 from visloc_companion.errors import VislocError
 
 
 def preflight(config: Config, make: Constructors = CONSTRUCTORS) -> tuple[list[VislocError], dict[str, Any]]:
-    """All problems of link, camera, calibration, map, localiser and journal, and what was found."""
+    """All problems of link, camera, calibration, map, localiser, journal and status socket, and what was found."""
     problems: list[VislocError] = []
     clock = MonotonicClock()
     about = ""
@@ -41,9 +43,12 @@ def preflight(config: Config, make: Constructors = CONSTRUCTORS) -> tuple[list[V
     attempt(lambda: make.link(config, clock, lambda *_: None, lambda _: None))
     if config.camera.url:
         attempt(lambda: check_calibration(config, make.camera(config, clock)))
+    if config.camera.url or config.localiser.terrain:
         attempt(open_worker)
     if config.journal.folder:
         attempt(lambda: check_journal_folder(config))
+    if config.status.socket:
+        attempt(lambda: check_status_socket(Path(config.status.socket)))
     found = {
         "versions": versions(),
         "map_manifest_sha256": journal_header(config, clock).map_manifest_sha256,

@@ -37,12 +37,32 @@ async def status_server(path: Path, snapshot: Callable[[], dict[str, Any]]) -> A
         _remove(path)  # left by a daemon that was killed
         server = await asyncio.start_unix_server(answer, path)
     except OSError as why:
-        raise ConfigError(f"no status socket: {why}", where=str(path), remedy="name a path in a writable folder") from why
+        raise _no_socket(path, why) from why
     try:
         yield
     finally:
         server.close()
         _remove(path)
+
+
+def check_status_socket(path: Path) -> None:
+    """Make the socket and remove it; the one of a daemon that runs is left to it. Raises ConfigError where it cannot be made."""
+    if _answers(path):
+        return
+    with socket.socket(socket.AF_UNIX) as probe:
+        try:
+            _remove(path)
+            probe.bind(str(path))
+            _remove(path)
+        except OSError as why:
+            raise _no_socket(path, why) from why
+
+
+def _no_socket(path: Path, why: OSError) -> ConfigError:
+    remedy = "name a path in a writable folder"
+    if path.parent.parent == Path("/run") and not path.parent.exists():
+        remedy = f"the systemd unit makes {path.parent}; by hand: sudo install -d -o USER {path.parent}"
+    return ConfigError(f"no status socket: {why}", where=str(path), remedy=remedy)
 
 
 def _answers(path: Path) -> bool:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from visloc_companion.app.status import status_server
+from visloc_companion.app.status import check_status_socket, status_server
 from visloc_companion.errors import ConfigError
 
 
@@ -43,6 +43,28 @@ async def test_the_socket_of_a_daemon_that_runs_is_left_to_it(tmp_path: Path) ->
             async with status_server(path, lambda: {"who": "second"}):
                 pass
         assert await ask(path) == {"who": "first"}
+
+
+async def test_a_check_makes_the_socket_and_leaves_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "status.sock"
+    check_status_socket(path)
+    assert not path.is_socket()
+    async with status_server(path, lambda: {"who": "first"}):
+        check_status_socket(path)
+        assert await ask(path) == {"who": "first"}
+
+
+def test_a_check_names_who_makes_the_folder_of_a_service() -> None:
+    with pytest.raises(ConfigError, match=r"sudo install -d -o USER /run/visloc-of-a-test$"):
+        check_status_socket(Path("/run/visloc-of-a-test/status.sock"))
+
+
+@pytest.mark.parametrize("name", ["none/status.sock", "file", "x" * 120])
+def test_a_check_finds_a_path_that_cannot_be(tmp_path: Path, name: str) -> None:
+    (tmp_path / "file").write_text("precious")
+    with pytest.raises(ConfigError, match="name a path in a writable folder"):
+        check_status_socket(tmp_path / name)
+    assert (tmp_path / "file").read_text() == "precious"
 
 
 async def test_a_client_that_goes_away_does_no_harm(tmp_path: Path) -> None:

@@ -76,6 +76,21 @@ def test_check_names_every_problem_in_one_tree(tmp_path: Path) -> None:
     assert len(json.loads((tmp_path / "found.json").read_text())["problems"]) == 4
 
 
+@pytest.mark.parametrize(
+    ("text", "code", "what"),
+    [
+        ('[localiser]\nterrain = true\n[map]\npack = "/none"\n', 3, "/none/manifest.json: there is no such file"),
+        ("[localiser]\nterrain = true\n", 2, "map.pack: is empty, but localiser.terrain is set"),
+        ('[status]\nsocket = "/none/status.sock"\n', 2, "/none/status.sock: no status socket"),
+    ],
+)
+def test_check_finds_what_the_start_would_fail_of(tmp_path: Path, text: str, code: int, what: str) -> None:
+    path = configuration(tmp_path, f'[link]\nurl = "udpin:127.0.0.1:0"\n{text}')
+    for done in (visloc_run(path, "--check"), visloc_run(path)):
+        assert done.returncode == code
+        assert what in done.stderr
+
+
 def test_no_problem_is_cut_at_the_width_of_a_terminal_that_is_not_there(tmp_path: Path) -> None:
     path = configuration(tmp_path, f'[map]\npack = "/none/{"far/" * 40}"\n')
     environment = {name: value for name, value in ENVIRONMENT.items() if name != "COLUMNS"}
