@@ -9,8 +9,12 @@ import pytest
 
 from visloc_companion.app import live
 from visloc_companion.app.worker import _START_S
+from visloc_companion.cli.main import exit_code
+from visloc_companion.config import load_config
+from visloc_companion.errors import CameraError, ConfigError, JournalError, LinkError, WorkerError
 
-UNIT = Path(__file__).resolve().parents[3] / "systemd" / "visloc.service"
+ROOT = Path(__file__).resolve().parents[3]
+UNIT, EXAMPLES = ROOT / "systemd" / "visloc.service", ROOT / "docs" / "examples"
 
 
 @pytest.fixture(scope="module")
@@ -36,10 +40,27 @@ def test_the_watchdog_waits_for_several_beats(directives: dict[str, list[str]]) 
     assert float(directives["WatchdogSec"][0]) >= 4 * live._WATCH_S
 
 
-def test_only_the_daemon_gets_the_first_signal_and_errors_of_configuration_are_final(directives: dict[str, list[str]]) -> None:
+def test_only_the_daemon_gets_the_first_signal(directives: dict[str, list[str]]) -> None:
     assert directives["KillMode"] == ["mixed"]
+
+
+def test_only_errors_of_the_configuration_are_final(directives: dict[str, list[str]]) -> None:
     assert directives["Restart"] == ["on-failure"]
-    assert directives["RestartPreventExitStatus"] == ["2 3"]
+    final = {int(code) for code in directives["RestartPreventExitStatus"][0].split()}
+    assert exit_code(ConfigError("")) in final
+    for passing in (CameraError(""), WorkerError(""), JournalError(""), LinkError("")):
+        assert exit_code(passing) not in final
+    assert directives["StartLimitIntervalSec"] == ["0"]
+
+
+@pytest.mark.parametrize("example", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)
+def test_what_the_examples_write_to_is_writable_and_there_after_a_stop(directives: dict[str, list[str]], example: Path) -> None:
+    config = load_config(example)
+    if config.journal.folder:
+        assert Path(config.journal.folder).is_relative_to(Path("/var/lib", directives["StateDirectory"][0]))
+    if config.status.socket:
+        assert Path(config.status.socket).parent == Path("/run", directives["RuntimeDirectory"][0])
+        assert directives["RuntimeDirectoryPreserve"] == ["yes"]
 
 
 def test_it_is_fenced_in(directives: dict[str, list[str]]) -> None:
