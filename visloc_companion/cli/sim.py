@@ -13,11 +13,15 @@ from visloc_companion.errors import ConfigError
 if TYPE_CHECKING:
     from visloc_companion.evaluate.campaign import FlightSpec
     from visloc_companion.evaluate.closed_loop import FlownScenario
+    from visloc_companion.evaluate.record import FlightRecord
 
 WORLD_SEED = 1
+_OF_BUILT_IN = "map_pack camera_ortho camera_dsm dialect method without_structure report campaign jobs"
+_OF_CAMPAIGN = "dialect vehicle seed"
 
 
 def sim(
+    ctx: typer.Context,
     scenario: Annotated[str, typer.Option(help="Name of the flight; --list shows them.")] = "",
     map_pack: Annotated[Path | None, typer.Option("--map", help="Map pack; without it the embedded procedural world.")] = None,
     camera_ortho: Annotated[Path | None, typer.Option(help="Orthophoto of another date, which the camera sees.")] = None,
@@ -43,7 +47,7 @@ def sim(
     from dataclasses import replace
 
     from visloc_companion.cli.progress import require_folder
-    from visloc_companion.evaluate.campaign import FlightSpec, campaign_specs
+    from visloc_companion.evaluate.campaign import CAMPAIGNS, FlightSpec, campaign_specs
 
     if list_all:
         _list()
@@ -51,12 +55,15 @@ def sim(
     if autopilot != "built-in":
         from visloc_companion.cli.sim_real import fly_real
 
+        _refuse(ctx, _OF_BUILT_IN, f"means nothing with --autopilot {autopilot}", "leave it out, or fly the built-in autopilot")
         fly_real(autopilot, vehicle, scenario, seed, not without_daemon, json_file)
         return
     if bool(scenario) == bool(campaign):
         raise ConfigError("name either --scenario or --campaign", remedy="visloc sim --list")
     if campaign and report is not None:
         raise ConfigError("--report shows one flight", remedy="give it with --scenario")
+    if campaign in CAMPAIGNS:
+        _refuse(ctx, _OF_CAMPAIGN, f"is settled by the campaign {campaign}", "name a JSON file with a list of flights")
     require_folder(json_file, "--json")
     require_folder(report, "--report")
     nowhere = Path()
@@ -67,6 +74,14 @@ def sim(
         _campaign(specs, jobs, json_file)
     else:
         _single(specs[0], json_file, report)
+
+
+def _refuse(ctx: typer.Context, parameters: str, why: str, remedy: str) -> None:
+    """What is given and would have no effect is a mistake that shows only after the flight."""
+    for param in ctx.command.params:
+        source = ctx.get_parameter_source(param.name or "")
+        if param.name in parameters.split() and source is not None and source.name == "COMMANDLINE":
+            raise ConfigError(f"{param.opts[0]} {why}", remedy=remedy)
 
 
 def _list() -> None:
@@ -102,17 +117,14 @@ def _placed(
 
 
 def _single(spec: FlightSpec, json_file: Path | None, report: Path | None) -> None:
-    from visloc_companion.cli.progress import bar, write_json
+    from visloc_companion.cli.progress import bar
     from visloc_companion.evaluate.campaign import find_scenario, fly_spec, result_of
-    from visloc_companion.evaluate.metrics import write_epochs
 
     with bar(f"flying {spec.scenario}", find_scenario(spec.scenario).duration_s) as advance:
         flown = fly_spec(spec, advance)
     result = result_of(flown, spec.method, spec.with_daemon)
     if json_file is not None:
-        epochs = json_file.with_name(f"{json_file.stem}-epochs.csv")
-        write_json(json_file, {**result, "epochs": str(epochs)})
-        write_epochs(flown.record, epochs)
+        write_result(flown.record, result, json_file)
     if report is not None:
         _report(spec, flown, report)
     typer.echo(_line(result))
@@ -120,6 +132,16 @@ def _single(spec: FlightSpec, json_file: Path | None, report: Path | None) -> No
         typer.echo(f"  {'ok  ' if check.passed else 'FAIL'} {check.name}: {check.value} (limit {check.limit})")
     if not flown.passed:
         raise typer.Exit(1)
+
+
+def write_result(record: FlightRecord, result: dict[str, Any], json_file: Path) -> None:
+    """The JSON of a flight, and beside it its epochs as CSV."""
+    from visloc_companion.cli.progress import write_json
+    from visloc_companion.evaluate.metrics import write_epochs
+
+    epochs = json_file.with_name(f"{json_file.stem}-epochs.csv")
+    write_json(json_file, {**result, "epochs": str(epochs)})
+    write_epochs(record, epochs)
 
 
 def _report(spec: FlightSpec, flown: FlownScenario, path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,8 +22,10 @@ def fly_real(autopilot: str, vehicle: str, name: str, seed: int, with_daemon: bo
 
     Raises ConfigError for names that there are not and where the program is missing.
     """
-    from visloc_companion.cli.progress import require_folder, write_json
+    from visloc_companion.cli.progress import require_folder
+    from visloc_companion.cli.sim import write_result
     from visloc_companion.evaluate.real_flight import checks, real_figures
+    from visloc_companion.evaluate.real_result import real_record, real_result
     from visloc_companion.evaluate.real_world import over_its_world
     from visloc_companion.sim.real.apart import fly_apart
     from visloc_companion.sim.real.scenarios import real_scenario
@@ -31,11 +34,13 @@ def fly_real(autopilot: str, vehicle: str, name: str, seed: int, with_daemon: bo
     scenario = over_its_world(real_scenario(name, simulator, seed))
     scenario = replace(scenario, with_daemon=with_daemon and name != "without_daemon")
     require_folder(json_file, "--json")
-    log = fly_apart(simulator, scenario, speed=SPEED)
-    figures = real_figures(log, scenario)
-    judged = checks(figures, scenario, simulator) if scenario.with_daemon else []
-    if json_file is not None:
-        write_json(json_file, {"version": log.version, **asdict(figures), "marks": log.marks, "texts": log.texts})
+    with tempfile.TemporaryDirectory(prefix="visloc-real-") as kept:
+        log = fly_apart(simulator, scenario, speed=SPEED, keep=Path(kept))
+        figures = real_figures(log, scenario)
+        judged = checks(figures, scenario, simulator) if scenario.with_daemon else []
+        if json_file is not None:
+            record = real_record(log, Path(kept))
+            write_result(record, real_result(log, scenario, simulator, figures, judged, record), json_file)
     for field, value in asdict(figures).items():
         typer.echo(f"{field:16} {value}")
     for check in judged:
