@@ -15,6 +15,7 @@ from typing import TypeVar
 from visloc_companion.app.journal import JournalHeader, JournalWriter
 from visloc_companion.app.settings import camera_model
 from visloc_companion.app.slots import SharedFrameSlots
+from visloc_companion.app.status import require_status_socket
 from visloc_companion.app.worker import WorkerSupervisor
 from visloc_companion.app.worker_process import REAL_ANSWERS
 from visloc_companion.config import Config
@@ -102,6 +103,8 @@ async def _build(parts: Parts, make: Constructors, reports: Reports) -> list[Vis
     """
     config, clock = parts.config, parts.clock
     problems: list[VislocError] = []
+    if config.status.socket:
+        _tried(problems, lambda: require_status_socket(Path(config.status.socket)))
     if config.camera.url or config.localiser.terrain:
         _tried(problems, lambda: require_pack(config))
         slots = parts.slots = _tried(problems, lambda: SharedFrameSlots(camera_model(config.camera)))

@@ -30,9 +30,7 @@ async def status_server(path: Path, snapshot: Callable[[], dict[str, Any]]) -> A
         with contextlib.suppress(OSError):
             await writer.wait_closed()
 
-    if _answers(path):
-        remedy = "stop that one (systemctl stop visloc): two on one link contradict each other; or name another status.socket"
-        raise ConfigError("another visloc is running and answers here", where=str(path), remedy=remedy)
+    _require_nobody(path)
     try:
         _remove(path)  # left by a daemon that was killed
         server = await asyncio.start_unix_server(answer, path)
@@ -45,8 +43,14 @@ async def status_server(path: Path, snapshot: Callable[[], dict[str, Any]]) -> A
         _remove(path)
 
 
+def require_status_socket(path: Path) -> None:
+    """Before anything is opened: make the socket and remove it. Raises ConfigError as `status_server` would."""
+    _require_nobody(path)
+    check_status_socket(path)
+
+
 def check_status_socket(path: Path) -> None:
-    """Make the socket and remove it; the one of a daemon that runs is left to it. Raises ConfigError where it cannot be made."""
+    """The same, but the socket of a daemon that runs is left to it. Raises ConfigError where it cannot be made."""
     if _answers(path):
         return
     with socket.socket(socket.AF_UNIX) as probe:
@@ -56,6 +60,12 @@ def check_status_socket(path: Path) -> None:
             _remove(path)
         except OSError as why:
             raise _no_socket(path, why) from why
+
+
+def _require_nobody(path: Path) -> None:
+    if _answers(path):
+        remedy = "stop that one (systemctl stop visloc): two on one link contradict each other; or name another status.socket"
+        raise ConfigError("another visloc is running and answers here", where=str(path), remedy=remedy)
 
 
 def _no_socket(path: Path, why: OSError) -> ConfigError:

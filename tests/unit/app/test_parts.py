@@ -10,6 +10,7 @@ import pytest
 
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.parts import Constructors, Reports, StartFailed, assemble
+from visloc_companion.app.status import status_server
 from visloc_companion.app.worker import WorkerSupervisor
 from visloc_companion.config import parse_config
 from visloc_companion.testing.fake_link import FakeLink
@@ -73,6 +74,19 @@ async def test_the_worker_is_begun_first_and_the_autopilot_heard_while_it_starts
     parts = await assemble(config, MonotonicClock(), Constructors(make_link, constructors().camera), REPORTS)
     await parts.close()
     assert done == ["worker begun", "link made", "worker awaited, autopilot heard"]
+
+
+async def test_beside_a_daemon_that_runs_nothing_is_said_to_the_autopilot_and_no_journal_begun(tmp_path: Path) -> None:
+    socket, journals = tmp_path / "status.sock", tmp_path / "journals"
+    link = FakeLink(MonotonicClock())
+    config = parse_config({"status": {"socket": str(socket)}, "journal": {"folder": str(journals)}})
+    make = Constructors(lambda *_: link, constructors().camera)
+    async with status_server(socket, dict):
+        with pytest.raises(StartFailed) as raised:
+            await assemble(config, MonotonicClock(), make, REPORTS)
+    assert [problem.what for problem in raised.value.exceptions] == ["another visloc is running and answers here"]
+    assert not link.up
+    assert list(journals.iterdir()) == []
 
 
 def test_what_takes_long_to_import_is_not_waited_for_before_the_worker_begins() -> None:
