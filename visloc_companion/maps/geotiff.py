@@ -92,7 +92,7 @@ def open_ortho(path: Path, stretches: Mapping[str, Stretch] | None = None) -> Ge
     dtype, bands = dataset.dtypes[0], _colour_bands(dataset, meanings)
     if stretches is None:
         stretches = {} if dtype == "uint8" else {dtype: _stretch(_sampled(path, dataset, bands))}
-    masked = _is_masked(path, dataset, meanings)
+    masked = is_masked(path, dataset, meanings)
     return GeoTiff(path, dataset, crs, T_map_pix, bands, stretches.get(dtype), None, masked=masked)
 
 
@@ -258,7 +258,7 @@ def _colour_bands(dataset: Any, meanings: tuple[ColorInterp, ...]) -> tuple[int,
     return tuple(colours[:3]) if len(colours) >= 3 else (colours[0],)
 
 
-def _is_masked(path: Path, dataset: Any, meanings: tuple[ColorInterp, ...]) -> bool:
+def is_masked(path: Path, dataset: Any, meanings: tuple[ColorInterp, ...]) -> bool:
     """Whether the file says where it is empty. An alpha band of many shades does not: it is near infrared, and marked as alpha
     because GDAL takes the last of four bands for that unless it is told otherwise."""
     flags = dataset.mask_flag_enums[0]

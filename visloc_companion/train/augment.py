@@ -8,14 +8,15 @@ from numpy.typing import NDArray
 
 Float32Array = NDArray[np.float32]
 Rng = np.random.Generator
+LUMINANCE = (0.299, 0.587, 0.114)
 
 
 def mixed_bands(rng: Rng, image: NDArray[np.uint8]) -> Float32Array:
-    """(H, W) grey of (H, W, K) bands: the luminance, or at random another mixture of all bands (near infrared turns vegetation
-    bright)."""
+    """(H, W) grey of (H, W, K) bands: the luminance (the first of fewer than three bands), or at random another mixture of all
+    bands (near infrared turns vegetation bright)."""
     bands = image.shape[2]
     weights = np.zeros(bands)
-    weights[:3] = (0.299, 0.587, 0.114)
+    weights[:3] = LUMINANCE if bands >= 3 else (1, 0)[:bands]
     if rng.random() < 0.5:
         weights = rng.dirichlet(np.full(bands, 0.6))
     return np.asarray(cv2.transform(image, weights[None].astype(np.float64)), dtype=np.float32)

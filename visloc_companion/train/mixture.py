@@ -10,7 +10,7 @@ from visloc_companion.errors import ConfigError
 from visloc_companion.train.config import PairsConfig, TrainingConfig, ValidationConfig
 from visloc_companion.train.config_sources import DatesSource, LandscapeSource, PairsSource, SourceConfig
 from visloc_companion.train.pairs import PairSettings, StackPyramid
-from visloc_companion.train.sources import Stack, landscape_stack, naip_stack, paired_stack
+from visloc_companion.train.sources import Stack, dates_stack, landscape_stack, paired_stack
 from visloc_companion.train.steps import Batch, Source, make_batch
 
 Tell = Callable[[str], None]
@@ -30,7 +30,7 @@ class Places:
     def open(self, config: SourceConfig) -> Source:
         """The source that a table names. Raises ConfigError for missing folders, CasesError for images that cannot be used."""
         if isinstance(config, DatesSource):
-            stacks = self._opened(config, lambda folder: [naip_stack(folder, config.first_row, config.last_row)])
+            stacks = self._opened(config, lambda folder: [dates_stack(folder, config.first_row, config.last_row)])
         elif isinstance(config, PairsSource):
             stacks = self._opened(config, lambda folder: paired_stack(folder, config.pairs or pairs_in(folder)))
         elif isinstance(config, LandscapeSource):

@@ -16,6 +16,9 @@ from visloc_companion.train.sources import Stack
 
 Float32Array = NDArray[np.float32]
 Rng = np.random.Generator
+PLACES_TRIED = 100
+EMPTY_SHARE = 0.02
+"""So much of a piece may be empty: specks of the nodata value are land that happens to have it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +66,14 @@ class StackPyramid:
             self._levels.append([_halved(image) for image in self._levels[-1]])
         self.dates = len(stack.dates)
         self.shape = stack.dates[0].shape[:2]
+        self._empty = None if stack.valid.all() else (~stack.valid).astype(np.uint8)
+
+    def empty_share(self, A_source_piece: NDArray[np.float64], size_px: int) -> float:
+        """How much of a piece (as for `piece`) some date shows no land of, 0 to 1."""
+        if self._empty is None:
+            return 0.0
+        flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+        return float(cv2.warpAffine(self._empty, A_source_piece, (size_px, size_px), flags=flags).mean())
 
     def piece(self, rng: Rng, date: int, A_source_piece: NDArray[np.float64], size_px: int) -> Float32Array:
         """(size, size) grey of a date. `A_source_piece` (2, 3) maps its pixels to the common grid."""
@@ -89,8 +100,10 @@ class StackPyramid:
 
 
 def _halved(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    size = (image.shape[1] // 2, image.shape[0] // 2)
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    """Means of 2 x 2 pixels; an odd last row or column is left out, which would stretch the others by a share of a pixel."""
+    height, width = (side // 2 for side in image.shape[:2])
+    even = image[: 2 * height, : 2 * width]
+    return np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 class PaintedStack:
@@ -102,6 +115,10 @@ class PaintedStack:
     def __init__(self, rng: Rng, size_px: int) -> None:
         self.shape = (size_px, size_px)
         self._images = paint_dates(rng, size_px)
+
+    def empty_share(self, A_source_piece: NDArray[np.float64], size_px: int) -> float:
+        """See StackPyramid.empty_share: there is land all over."""
+        return 0.0
 
     def piece(self, rng: Rng, date: int, A_source_piece: NDArray[np.float64], size_px: int) -> Float32Array:
         """See StackPyramid.piece."""
@@ -116,16 +133,22 @@ class PaintedStack:
 def make_pair(
     rng: Rng, stack: StackPyramid | PaintedStack, settings: PairSettings, window_px: int, scales: tuple[float, float]
 ) -> Pair:
-    """A random pair of a stack; `scales`: range of common-grid pixels to a pixel of the pair."""
+    """A random pair of a stack; `scales`: range of common-grid pixels to a pixel of the pair.
+
+    Of up to `PLACES_TRIED` places the first is taken that all dates show, or the one that they show most of.
+    """
     R, Q = settings.reference_px, window_px
-    A_source_ref = _placed(rng, stack.shape, R, scales)
-    a = int(rng.integers(stack.dates))
-    b = a if rng.random() < settings.same_date_share else int((a + rng.integers(1, stack.dates)) % stack.dates)
-    turn, log_scale = rng.uniform(-1, 1, 2) * (settings.turn_rad, settings.log_scale)
-    offset = rng.uniform(0, R - Q, 2)
     centre = np.full(2, (Q - 1) / 2)
-    back = _about(-turn, math.exp(-log_scale), centre)  # query pixel -> window pixel
-    A_source_query = _compose(A_source_ref, _shifted(back, offset))
+    least_empty = math.inf
+    for _ in range(PLACES_TRIED):
+        drawn = _drawn(rng, stack, settings, Q, scales)
+        empty = max(stack.empty_share(drawn.A_source_ref, R), stack.empty_share(drawn.A_source_query, Q))
+        if empty < least_empty:
+            least_empty, place = empty, drawn
+        if empty <= EMPTY_SHARE:
+            break
+    A_source_ref, A_source_query = place.A_source_ref, place.A_source_query
+    a, b, turn, log_scale, offset = place.map_date, place.frame_date, place.turn_rad, place.log_scale, place.offset_px
     reference = stack.piece(rng, a, A_source_ref, R)
     query = stack.piece(rng, b, A_source_query, Q)
     if rng.random() < settings.change_share:
@@ -143,6 +166,32 @@ def make_pair(
         turn + misfit[0],
         offset.astype(np.float32),
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Place:
+    """Where a pair is cut: dates, what takes pixels of map piece and frame to the source, and the frame's place in the piece."""
+
+    map_date: int
+    frame_date: int
+    A_source_ref: NDArray[np.float64]
+    A_source_query: NDArray[np.float64]
+    turn_rad: float
+    log_scale: float
+    offset_px: NDArray[np.float64]
+
+
+def _drawn(
+    rng: Rng, stack: StackPyramid | PaintedStack, settings: PairSettings, window_px: int, scales: tuple[float, float]
+) -> _Place:
+    R, Q = settings.reference_px, window_px
+    A_source_ref = _placed(rng, stack.shape, R, scales)
+    a = int(rng.integers(stack.dates))
+    b = a if rng.random() < settings.same_date_share else int((a + rng.integers(1, stack.dates)) % stack.dates)
+    turn, log_scale = rng.uniform(-1, 1, 2) * (settings.turn_rad, settings.log_scale)
+    offset = rng.uniform(0, R - Q, 2)
+    back = _about(-turn, math.exp(-log_scale), np.full(2, (Q - 1) / 2))  # query pixel -> window pixel
+    return _Place(a, b, A_source_ref, _compose(A_source_ref, _shifted(back, offset)), turn, log_scale, offset)
 
 
 def _placed(rng: Rng, shape: tuple[int, int], side: int, scales: tuple[float, float]) -> NDArray[np.float64]:

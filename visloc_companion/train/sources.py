@@ -7,41 +7,59 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import rasterio
 from numpy.typing import NDArray
 
 from visloc_companion.errors import CasesError
 from visloc_companion.localise.features.gradient import gradient_features
 from visloc_companion.sim.landscape import build_landscape
 from visloc_companion.sim.season import Cover, Rgb, Season, season_of
+from visloc_companion.train.imagery import (
+    SUFFIXES,
+    Bands,
+    Imagery,
+    colours,
+    geotiffs_in,
+    read_imagery,
+    require_same_grid,
+    require_same_size,
+)
 
-Bands = NDArray[np.uint8]
+MOST_SHIFT_PX = 6
+"""By more the two dates of a pair must not be shifted against each other; ..."""
+SEARCHED_PX = 24
+"""... which is told by a search that reaches further."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stack:
-    """Images of one place: `dates` are (H, W, K) uint8 on one pixel grid of `gsd_m`, up to `shift_px` (D, 2).
+    """Images of one place: `dates` are (H, W, K) uint8 on one pixel grid, up to `shift_px` (D, 2).
 
-    The shift is by how much a date's content lies right of and below the common grid.
+    The shift is by how much a date's content lies right of and below the common grid. `valid` (H, W): where all dates show land.
     """
 
     name: str
     dates: tuple[Bands, ...]
     shift_px: NDArray[np.float64]
-    gsd_m: float
+    valid: NDArray[np.bool_]
 
 
-def naip_stack(folder: Path, first_row: int = 0, last_row: int = 400) -> Stack:
-    """The dates of a folder of GeoTIFFs on one grid, cut to the rows `first_row` <= row < `last_row`.
+def dates_stack(folder: Path, first_row: int = 0, last_row: int = 400) -> Stack:
+    """The dates of a folder of GeoTIFFs on one grid: of the rows `first_row` <= row < `last_row` the part that shows land.
 
-    Raises CasesError where there are not at least two images of one size.
+    Raises CasesError where there are not at least two images of one grid, or there is no land that all of them show.
     """
-    images = [_bands(path)[first_row:last_row] for path in sorted(folder.glob("*.tif"))]
-    if len(images) < 2 or len({image.shape[:2] for image in images}) != 1:
+    images = [read_imagery(path) for path in geotiffs_in(folder)]
+    if len(images) < 2:
         raise CasesError(
-            "needs at least two GeoTIFFs of one size", where=str(folder), remedy="name a folder with the dates of one place"
+            f"holds {len(images)} GeoTIFFs ({', '.join(SUFFIXES)}), at least two are needed",
+            where=str(folder),
+            remedy="name a folder with the dates of one place",
         )
-    return Stack(folder.name, tuple(images), np.zeros((len(images), 2)), _gsd_m(min(folder.glob("*.tif"))))
+    for other in images[1:]:
+        require_same_grid(images[0], other)
+    rows = slice(first_row, last_row)
+    valid = np.logical_and.reduce([image.valid[rows] for image in images])
+    return _cropped(folder, Stack(folder.name, tuple(image.bands[rows] for image in images), np.zeros((len(images), 2)), valid))
 
 
 def paired_stack(folder: Path, pairs: tuple[str, ...]) -> list[Stack]:
@@ -50,17 +68,43 @@ def paired_stack(folder: Path, pairs: tuple[str, ...]) -> list[Stack]:
 
 
 def _pair(folder: Path) -> Stack:
-    a, b = (_bands(folder / f"{side}.tif") for side in "ab")
-    return Stack(folder.name, (a, b), np.stack([np.zeros(2), measured_shift_px(a, b)]), _gsd_m(folder / "a.tif"))
+    a, b = (read_imagery(folder / f"{side}.tif") for side in "ab")
+    require_same_size(a, b)
+    shift_px = measured_shift_px(a, b)
+    if np.abs(shift_px).max() > MOST_SHIFT_PX:
+        raise CasesError(
+            f"is shifted against a.tif by {np.abs(shift_px).max():g} px or more, or shows another place",
+            where=str(b.path),
+            remedy=f"register the two to within {MOST_SHIFT_PX} px, or leave the pair out (`pairs` of the source)",
+        )
+    back = np.column_stack([np.eye(2), shift_px])
+    flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+    b_valid = cv2.warpAffine(b.valid.astype(np.uint8), back, b.valid.shape[::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    valid = np.logical_and(a.valid, np.asarray(b_valid) > 0)
+    return _cropped(folder, Stack(folder.name, (a.bands, b.bands), np.stack([np.zeros(2), shift_px]), valid))
 
 
-def measured_shift_px(a: Bands, b: Bands, reach_px: int = 6) -> NDArray[np.float64]:
+def measured_shift_px(a: Imagery, b: Imagery) -> NDArray[np.float64]:
     """(2,) columns and rows by which b's content lies right of and below a's: peak of the correlation of gradient features."""
-    fa, fb = (gradient_features(image[..., :3], np.ones(image.shape[:2], bool)) for image in (a, b))
-    inner = np.ascontiguousarray(fa[reach_px:-reach_px, reach_px:-reach_px])
+    reach = min(SEARCHED_PX, min(a.valid.shape) // 4)
+    fa, fb = (gradient_features(colours(image), image.valid) for image in (a, b))
+    inner = np.ascontiguousarray(fa[reach:-reach, reach:-reach])
     scores = cv2.matchTemplate(np.ascontiguousarray(fb), inner, cv2.TM_CCORR_NORMED)
     _, _, _, (col, row) = cv2.minMaxLoc(scores)
-    return np.array([col - reach_px, row - reach_px], dtype=np.float64)
+    return np.array([col - reach, row - reach], dtype=np.float64)
+
+
+def _cropped(folder: Path, stack: Stack) -> Stack:
+    """The least rectangle of a stack that holds all land that all its dates show."""
+    if not stack.valid.any() and stack.valid.size:
+        raise CasesError(
+            "no pixel shows land on all dates", where=str(folder), remedy="cut the dates to the area that all of them cover"
+        )
+    rows, cols = (np.flatnonzero(stack.valid.any(axis)) for axis in (1, 0))
+    if not len(rows):
+        return stack
+    part = slice(rows[0], rows[-1] + 1), slice(cols[0], cols[-1] + 1)
+    return replace(stack, dates=tuple(np.ascontiguousarray(date[part]) for date in stack.dates), valid=stack.valid[part])
 
 
 def landscape_stack(seed: int, size_m: float, gsd_m: float, dates: int) -> Stack:
@@ -69,7 +113,7 @@ def landscape_stack(seed: int, size_m: float, gsd_m: float, dates: int) -> Stack
     images = [
         build_landscape(seed, _varied(season_of(("map", "flight")[k % 2]), rng), size_m, gsd_m).pixels for k in range(dates)
     ]
-    return Stack(f"landscape {seed}", tuple(images), np.zeros((dates, 2)), gsd_m)
+    return Stack(f"landscape {seed}", tuple(images), np.zeros((dates, 2)), np.ones(images[0].shape[:2], np.bool_))
 
 
 def _varied(season: Season, rng: np.random.Generator) -> Season:
@@ -100,16 +144,3 @@ def _tinted(color: Rgb, rng: np.random.Generator, spread: float) -> Rgb:
     gain = np.exp(rng.normal(0, spread) + rng.normal(0, 0.08, 3))
     r, g, b = np.clip(np.array(color) * gain, 5, 250)
     return float(r), float(g), float(b)
-
-
-def _bands(path: Path) -> Bands:
-    try:
-        with rasterio.open(path) as source:
-            return np.ascontiguousarray(source.read()[:4].transpose(1, 2, 0).astype(np.uint8))
-    except rasterio.errors.RasterioIOError as why:
-        raise CasesError(f"cannot be read: {why}", where=str(path), remedy="name a GeoTIFF") from why
-
-
-def _gsd_m(path: Path) -> float:
-    with rasterio.open(path) as source:
-        return float(abs(source.transform.a))
