@@ -27,6 +27,8 @@ GOLDEN = "golden.npz"
 DEFAULT = "default"
 """File in `models/` with the name of the folder that is used where none is configured."""
 COPY_AGAIN = "copy the model's folder again from where it was made, or export it again (visloc train export)"
+OWN_SHA256 = "manifest_sha256"
+"""Key of the manifest: SHA-256 of all else in it, as JSON with sorted keys and no spaces. Earlier exports have none."""
 MAX_BYTES = 64 * 1024 * 1024
 """Larger files are refused unread: no network of this project comes near."""
 
@@ -189,12 +191,13 @@ def write_manifest(folder: Path, manifest: ModelManifest) -> None:
         read_variant(folder, manifest, variant)
     read_golden(folder, manifest)
     draft = folder / f".{MANIFEST}.part"
-    draft.write_text(manifest.model_dump_json(indent=1) + "\n", encoding="utf-8")
+    data = json.loads(manifest.model_dump_json())
+    draft.write_text(json.dumps(data | {OWN_SHA256: _sha256_of(data)}, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     draft.replace(folder / MANIFEST)
 
 
 def read_manifest(folder: Path) -> ModelManifest:
-    """The manifest of a model's folder. Raises ModelError where it is missing, of another kind or schema, or wrong."""
+    """The manifest of a model's folder. Raises ModelError where it is missing, of another kind or schema, wrong or changed."""
     where = folder / MANIFEST
     raw = _read(where)
     try:
@@ -209,11 +212,23 @@ def read_manifest(folder: Path) -> ModelManifest:
             where=str(where),
             remedy="use the model that came with this version, or export it again (visloc train export)",
         )
+    own = data.pop(OWN_SHA256, None)
     try:
-        return ModelManifest.model_validate_json(raw)
+        manifest = ModelManifest.model_validate_json(json.dumps(data))
     except ValidationError as why:
         wrong = "; ".join(f"{'.'.join(str(p) for p in e['loc']) or 'manifest'}: {e['msg']}" for e in why.errors())
         raise ModelError(wrong, where=str(where), remedy=COPY_AGAIN) from why
+    if own is not None and own != _sha256_of(data):
+        raise ModelError(
+            f"was changed after it was written: {OWN_SHA256} does not fit",
+            where=str(where),
+            remedy=f"{COPY_AGAIN}; who changed it on purpose removes the line {OWN_SHA256}",
+        )
+    return manifest
+
+
+def _sha256_of(data: object) -> str:
+    return hashlib.sha256(json.dumps(data, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 def read_variant(folder: Path, manifest: ModelManifest, variant: VariantName) -> bytes:

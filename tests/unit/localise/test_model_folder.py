@@ -108,6 +108,27 @@ def test_wrong_fields_are_named(folder: Path, changes: dict[str, object], named:
     assert named in str(caught.value) and "remedy: " in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("oriented", 0), ("oriented", 2), ("context_px", 41), ("bound", 3.0), ("multiple_px", 2)],
+)
+def test_a_changed_manifest_is_refused_though_its_fields_fit(folder: Path, field: str, value: float) -> None:
+    output = json.loads((folder / MANIFEST).read_text())["output"]
+    edited(folder, output=output | {field: value})
+    with pytest.raises(ModelError, match=r"manifest.json: was changed after it was written.*removes the line manifest_sha256"):
+        read_manifest(folder)
+    data = json.loads((folder / MANIFEST).read_text())
+    del data["manifest_sha256"]
+    (folder / MANIFEST).write_text(json.dumps(data))
+    assert getattr(read_manifest(folder).output, field) == value
+
+
+def test_a_manifest_that_is_only_written_otherwise_is_read(folder: Path) -> None:
+    before = read_manifest(folder)
+    (folder / MANIFEST).write_text(json.dumps(json.loads((folder / MANIFEST).read_text()), indent=4, sort_keys=True))
+    assert read_manifest(folder) == before
+
+
 def test_a_changed_network_is_refused(folder: Path) -> None:
     content = (folder / "model.onnx").read_bytes()
     (folder / "model.onnx").write_bytes(content[:-1] + b"!")
