@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import os
 import pickle
+import zipfile
+import zlib
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,6 +19,11 @@ from visloc_companion.errors import ConfigError, ModelError
 FORMAT = "visloc-training-checkpoint"
 VERSION = 2
 FREE_SPACE = "free some space or name another folder for --out"
+_DAMAGES = (
+    *(RuntimeError, EOFError, IndexError, KeyError, ValueError, TypeError, AttributeError, NotImplementedError, OSError),
+    *(pickle.UnpicklingError, zipfile.BadZipFile, zlib.error),
+)
+"""What zipfile and PyTorch raise over damaged files."""
 START_AGAIN = "name an undamaged checkpoint, or train again into another folder"
 
 
@@ -78,13 +85,23 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     write_file(path, buffer.getvalue())
 
 
+def _require_whole(content: bytes) -> None:
+    """Raise BadZipFile for a changed byte of what is stored: PyTorch does not look at the checksums that it writes."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        if damaged := archive.testzip():
+            raise zipfile.BadZipFile(damaged)
+
+
 def load_checkpoint(path: Path) -> Checkpoint:
     """Read one, tensors on the CPU. Raises ModelError for a missing, damaged or foreign file."""
     try:
-        data = torch.load(io.BytesIO(path.read_bytes()), map_location="cpu", weights_only=True)
+        content = path.read_bytes()
     except OSError as why:
         raise ModelError(f"cannot be read: {why.strerror}", where=str(path), remedy="name a checkpoint.pt that is there") from why
-    except (RuntimeError, EOFError, IndexError, KeyError, ValueError, TypeError, AttributeError, pickle.UnpicklingError) as why:
+    try:
+        _require_whole(content)
+        data = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
+    except _DAMAGES as why:
         raise ModelError("is damaged or no checkpoint", where=str(path), remedy=START_AGAIN) from why
     if not isinstance(data, dict) or data.get("format") != FORMAT or data.get("version") != VERSION:
         raise ModelError(f"is no {FORMAT} of version {VERSION}", where=str(path), remedy=START_AGAIN)

@@ -4,6 +4,7 @@ import errno
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: make install-train")
@@ -41,6 +42,27 @@ def test_a_full_disk_is_told_and_leaves_the_previous_checkpoint(tmp_path: Path, 
         save_checkpoint(path, checkpoint(2))
     assert load_checkpoint(path).step == 1
     assert [path.name for path in tmp_path.iterdir()] == ["checkpoint.pt"]
+
+
+def test_a_checkpoint_with_a_flipped_bit_is_refused_or_holds_what_was_saved(tmp_path: Path) -> None:
+    path = tmp_path / "checkpoint.pt"
+    save_checkpoint(path, checkpoint())
+    content, saved = path.read_bytes(), load_checkpoint(path)
+    rng, refused = np.random.default_rng(0), 0
+    for at in rng.choice(len(content), 150, replace=False):
+        damaged = bytearray(content)
+        damaged[at] ^= 1 << int(rng.integers(8))
+        path.write_bytes(damaged)
+        try:
+            loaded = load_checkpoint(path)
+        except ModelError:
+            refused += 1
+            continue
+        assert torch.equal(loaded.network["w"], saved.network["w"])
+        assert torch.equal(loaded.random, saved.random)
+        assert (loaded.step, loaded.seconds, loaded.config) == (3, 1.5, {"seed": 1})
+        assert loaded.ancestors == saved.ancestors
+    assert refused > 75
 
 
 def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
