@@ -6,6 +6,7 @@ import csv
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from visloc_companion.adapters.camera.image import decode_image
 from visloc_companion.errors import CasesError
@@ -23,6 +24,8 @@ LARGEST = 1e9
 """No uncertainty is larger, in whatever unit; squares of larger ones leave the range of numbers."""
 EULER_COLUMNS = ("prior_roll_deg", "prior_pitch_deg", "prior_yaw_deg")
 
+BEYOND = "\0"
+"""Stands for the column of what a row has more than columns: no file has one of that name."""
 SOLVABLE = {"0": False, "false": False, "1": True, "true": True}
 
 
@@ -118,7 +121,7 @@ def _table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.DictReader(stream, skipinitialspace=True)
             missing = [c for c in columns if c not in (reader.fieldnames or [])]
-            rows = [{k: (v or "") for k, v in row.items() if k is not None} for row in reader]
+            rows = [_row(row) for row in reader]
     except (OSError, UnicodeDecodeError, csv.Error) as why:
         raise CasesError(f"cannot be read: {why}", where=str(path), remedy="name a folder with cases.csv") from why
     if missing:
@@ -127,9 +130,23 @@ def _table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
     return rows
 
 
+def _row(row: dict[str | None, Any]) -> dict[str, str]:
+    """A row's fields; what it has beyond the columns, other than blanks, under `BEYOND`."""
+    beyond = ", ".join(text for text in row.pop(None, None) or () if text.strip())
+    return {str(column): text or "" for column, text in row.items()} | ({BEYOND: beyond} if beyond else {})
+
+
+def _require_no_more(row: dict[str, str]) -> None:
+    if BEYOND in row:
+        raise ValueError(
+            f"has more fields than there are columns ({row[BEYOND]!r}): write decimals with a point, quote texts with commas"
+        )
+
+
 def _case(folder: Path, row: dict[str, str], number: int) -> Case | BadCase:
     case_id = row["id"] or f"row{number + 1}"
     try:
+        _require_no_more(row)
         return Case(
             case_id,
             folder / _named(row, "frame"),
@@ -166,6 +183,7 @@ def _camera(row: dict[str, str]) -> Camera:
 
 
 def _truth(row: dict[str, str]) -> Truth:
+    _require_no_more(row)
     lat, lon, h, yaw, roll, pitch = (_number(row, c) for c in ("lat_deg", "lon_deg", "h_m", "yaw_deg", "roll_deg", "pitch_deg"))
     if not (abs(lat) <= 90 and abs(lon) <= 360):
         raise ValueError(f"truth is not on earth: {lat}, {lon}")

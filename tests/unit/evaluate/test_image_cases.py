@@ -229,6 +229,20 @@ def test_rows_that_are_cut_short_are_bad_cases(tmp_path, folder):
     assert isinstance(read_cases(tmp_path)[0], BadCase)
 
 
+def test_rows_with_decimal_commas_are_bad_cases_and_blanks_at_their_end_are_none(tmp_path, folder):
+    lines = (folder / "cases.csv").read_text().splitlines()
+    fields = lines[1].split(",")
+    comma = ["comma", *fields[1:11], fields[11].replace("101", "100,5"), *fields[12:]]
+    (tmp_path / "cases.csv").write_text("\n".join([lines[0], lines[1] + ",,", ",".join(comma)]))
+    right, wrong = read_cases(tmp_path)
+    assert isinstance(right, Case)
+    assert isinstance(wrong, BadCase)
+    assert "has more fields than there are columns" in wrong.why
+    (tmp_path / "truth.csv").write_text("id,lat_deg,lon_deg,h_m,roll_deg,pitch_deg,yaw_deg\nc0,47,5,9,100,0,0,0\n")
+    with pytest.raises(CasesError, match=r"truth\.csv, row 1: has more fields than there are columns \('0'\).*"):
+        read_truth(tmp_path)
+
+
 def test_command_writes_json_and_report(folder, tmp_path):
     out, report = tmp_path / "out.json", tmp_path / "report"
     result = CliRunner().invoke(
