@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -70,11 +71,16 @@ def export(
 
     require_training()
     from visloc_companion.cli.progress import spinner
+    from visloc_companion.localise.model_folder import NAME_PATTERN
     from visloc_companion.train.export import ExportOrder
     from visloc_companion.train.export import export as write_model
 
-    if not name or not name.replace("-", "").replace("_", "").isascii() or not name.replace("-", "").replace("_", "").isalnum():
-        raise ConfigError(f"{name!r} is no name", where="--name", remedy="use letters, digits, hyphens and underscores")
+    if not re.fullmatch(NAME_PATTERN, name):
+        raise ConfigError(
+            f"{name!r} is no name",
+            where="--name",
+            remedy="use letters, digits, hyphens and underscores, the first a letter or digit",
+        )
     with spinner("export") as tell:
         manifest = write_model(ExportOrder(checkpoint, name, out, licence, data, cases, limit), tell)
     for variant, entry in manifest.variants.items():

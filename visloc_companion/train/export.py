@@ -12,6 +12,7 @@ import numpy as np
 import torch
 
 from visloc_companion.errors import ConfigError, ModelError
+from visloc_companion.evaluate.cases import read_cases
 from visloc_companion.evaluate.image import evaluate_image
 from visloc_companion.localise.features.network_input import CHANNELS, RECIPE
 from visloc_companion.localise.model_folder import (
@@ -66,8 +67,10 @@ def export(order: ExportOrder, tell: Tell) -> ModelManifest:
     """Write the folder; the same checkpoint and order give the same bytes (but for measured localisation).
 
     Raises ModelError where the checkpoint cannot be used, a file answers otherwise than PyTorch or is too large (nothing is
-    written then), ConfigError where the folder cannot be written or data are missing.
+    written then), ConfigError where the folder cannot be written or data are missing, CasesError for cases that cannot be read.
     """
+    if order.cases is not None:
+        read_cases(order.cases)
     saved = load_checkpoint(order.checkpoint)
     config = parse_training_config(saved.config, where=str(order.checkpoint))
     network = _network(saved, config, order.checkpoint)

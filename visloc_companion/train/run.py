@@ -17,13 +17,14 @@ import cv2
 import torch
 from torch import nn
 
-from visloc_companion.errors import ConfigError, ModelError
-from visloc_companion.train.checkpoint import FREE_SPACE, Checkpoint, save_checkpoint, write_file
+from visloc_companion.errors import ModelError
+from visloc_companion.train.checkpoint import Checkpoint, save_checkpoint, write_file
 from visloc_companion.train.config import TrainingConfig
 from visloc_companion.train.curves import curves_svg
 from visloc_companion.train.learner import Beginning, begun, checked_device, hardware, learning_rate
 from visloc_companion.train.log import RunLog
 from visloc_companion.train.mixture import Places, pair_settings, training_sources, validation_batches
+from visloc_companion.train.run_folder import run_folder
 from visloc_companion.train.steps import Batch, make_batch, training_loss, validate
 
 CHECKPOINT, LOG, CURVES = "checkpoint.pt", "log.jsonl", "curves.svg"
@@ -52,13 +53,17 @@ def train(
 
     `data` is the folder that the sources' folders lie in; `first` a checkpoint whose weights to begin with. Writes
     `checkpoint.pt`, `log.jsonl` and `curves.svg` as it goes.
-    Raises ConfigError (missing data, full disk, another configuration's run in `out`), CasesError (images that cannot be used),
-    ModelError (damaged checkpoint, loss that is not finite).
+    Raises ConfigError (missing data, full disk, a run of another configuration or process in `out`), CasesError (images that
+    cannot be used), ModelError (damaged checkpoint, loss that is not finite).
     """
     device = checked_device(device_name)
     torch.set_num_threads(config.threads)
     cv2.setNumThreads(1)
-    _make_folder(out)
+    with run_folder(out):
+        return _trained(config, data, out, watcher, device, first)
+
+
+def _trained(config: TrainingConfig, data: Path, out: Path, watcher: Watcher, device: torch.device, first: Path | None) -> Path:
     beginning = begun(config, out / CHECKPOINT, device, first)
     start = beginning.step
     places, settings = Places(data, watcher.preparing), pair_settings(config.pairs)
@@ -189,10 +194,3 @@ def _finite(loss: float, step: int, out: Path) -> float:
             remedy="lower schedule.learning_rate and train into another folder",
         )
     return loss
-
-
-def _make_folder(out: Path) -> None:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as why:
-        raise ConfigError(f"cannot be made: {why.strerror}", where=str(out), remedy=FREE_SPACE) from why

@@ -62,10 +62,11 @@ def test_a_run_tells_how_it_goes_and_what_comes_next(tmp_path: Path, monkeypatch
     assert "visloc train export --checkpoint" in done.stdout
 
 
-def test_a_name_that_is_none_is_told_at_once(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["a/b", "", "_a", "-", "ä", "a\n"])
+def test_a_name_that_is_none_is_told_at_once(tmp_path: Path, name: str) -> None:
     pytest.importorskip("torch", reason="PyTorch is not installed: make install-train")
-    words = ["train", "export", "--checkpoint", "checkpoint.pt", "--name", "a/b", "--out", str(tmp_path)]
-    assert "'a/b' is no name" in str(CliRunner().invoke(app, words).exception)
+    words = ["train", "export", "--checkpoint", "checkpoint.pt", f"--name={name}", "--out", str(tmp_path)]
+    assert f"{name!r} is no name" in str(CliRunner().invoke(app, words).exception)
 
 
 @pytest.mark.parametrize(("seconds", "words"), [(12.3, "12 s"), (90, "0 h 02 min"), (7320, "2 h 02 min")])

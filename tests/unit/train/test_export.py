@@ -13,7 +13,7 @@ onnx = pytest.importorskip("onnx", reason="onnx is not installed: make install-t
 pytest.importorskip("onnxscript", reason="onnxscript is not installed: make install-train")
 pytest.importorskip("onnxruntime")
 
-from visloc_companion.errors import ModelError  # noqa: E402
+from visloc_companion.errors import CasesError, ModelError  # noqa: E402
 from visloc_companion.localise.model_folder import ModelManifest, read_manifest  # noqa: E402
 from visloc_companion.localise.runtime import open_session  # noqa: E402
 from visloc_companion.train import export as exporting  # noqa: E402
@@ -63,6 +63,12 @@ def test_the_manifest_says_how_the_network_came_about(order: ExportOrder, export
     assert exported.figures["float32: largest difference of a feature to PyTorch"] <= 1e-4
     assert "int8: validation queries placed wrong, shapes" in exported.figures
     assert "gradient features alone: validation queries placed wrong, shapes" in exported.figures
+
+
+def test_cases_that_are_not_there_are_told_before_anything_is_written(order: ExportOrder, tmp_path: Path) -> None:
+    with pytest.raises(CasesError, match=r"nowhere/cases\.csv: cannot be read"):
+        export(replace(order, out=tmp_path / "model", cases=tmp_path / "nowhere"), lambda stage: None)
+    assert not (tmp_path / "model").exists()
 
 
 def test_the_card_states_what_the_manifest_does(order: ExportOrder, exported: ModelManifest) -> None:

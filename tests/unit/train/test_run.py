@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -69,6 +71,21 @@ def test_another_seed_gives_other_weights_and_the_run_of_another_configuration_i
     assert not torch.equal(*weights)
     with pytest.raises(ConfigError, match=r"another configuration \(seed, schedule.batch\)"):
         run.train(tiny(seed=3, schedule={**short, "batch": 3}), tmp_path, tmp_path / "1", watcher())
+
+
+def test_a_folder_that_another_process_trains_into_is_refused_until_that_ends(tmp_path: Path, tiny: Tiny, watcher: Any) -> None:
+    out = tmp_path / "run"
+    holding = "import sys; from pathlib import Path; from visloc_companion.train.run_folder import run_folder\n"
+    holding += "with run_folder(Path(sys.argv[1])): print('held', flush=True); sys.stdin.read()"
+    with subprocess.Popen(
+        [sys.executable, "-c", holding, str(out)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "held\n"
+        with pytest.raises(ConfigError, match=r"run: another process is training into it; remedy: .*another folder for --out"):
+            run.train(tiny(), tmp_path, out, watcher())
+        other.kill()
+    assert load_checkpoint(run.train(tiny(), tmp_path, out, watcher())).step == 4
 
 
 def test_a_finished_run_is_left_as_it_is(tmp_path: Path, tiny: Tiny, watcher: Any) -> None:
