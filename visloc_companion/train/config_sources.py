@@ -75,6 +75,18 @@ class ShapesSource(Place):
 
 SourceConfig = Annotated[DatesSource | PairsSource | LandscapeSource | ShapesSource, Field(discriminator="kind")]
 
+
+def share_images(a: SourceConfig, b: SourceConfig) -> bool:
+    """Whether two sources hold images of one place in common; invented shapes are new for every pair."""
+    if isinstance(a, DatesSource) and isinstance(b, DatesSource):
+        return a.folder == b.folder and max(a.first_row, b.first_row) < min(a.last_row, b.last_row)
+    if isinstance(a, PairsSource) and isinstance(b, PairsSource):
+        return a.folder == b.folder and (not a.pairs or not b.pairs or not set(a.pairs).isdisjoint(b.pairs))
+    if isinstance(a, LandscapeSource) and isinstance(b, LandscapeSource):
+        return not set(a.seeds).isdisjoint(b.seeds)
+    return False
+
+
 SOURCE_KINDS: dict[str, type[BaseModel]] = {
     "dates": DatesSource,
     "pairs": PairsSource,

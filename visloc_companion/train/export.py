@@ -30,7 +30,7 @@ from visloc_companion.localise.model_folder import (
 from visloc_companion.localise.runtime import NetworkChoice
 from visloc_companion.train.checkpoint import FREE_SPACE, Checkpoint, load_checkpoint, write_file
 from visloc_companion.train.config import TrainingConfig, parse_training_config
-from visloc_companion.train.config_sources import DatesSource, LandscapeSource, PairsSource, SourceConfig
+from visloc_companion.train.config_sources import DatesSource, LandscapeSource, PairsSource, SourceConfig, share_images
 from visloc_companion.train.judge import Difference, answer, check, compare, inputs_for_comparison, painted_input, placed_wrong
 from visloc_companion.train.learner import network_settings
 from visloc_companion.train.mixture import Places, Tell, pair_settings, validation_batches
@@ -45,6 +45,8 @@ GOLDEN_SEED, GOLDEN_SIZE = 3, (64, 96)
 ELSEWHERE_MAX, ELSEWHERE_RMS = 5e-3, 5e-4
 """What another provider's float32 arithmetic may add to a variant's own difference on the golden input."""
 METHOD = "deep"
+TRAINED_ON = " (trained on)"
+"""Behind a figure of pairs that are cut from images of the training."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +88,7 @@ def export(order: ExportOrder, tell: Tell) -> ModelManifest:
         _check_size(variant, content)
         differences[variant] = compare(network, content, inputs)
         check(variant, differences[variant])
-    figures = _figures(contents, differences, batches, tell)
+    figures = _figures(contents, differences, batches, trained_on(saved, config), tell)
     manifest = _written(order, saved, config, network, contents, figures)
     if order.cases is not None:
         figures |= _localisation(order, order.cases, contents, tell)
@@ -133,6 +135,7 @@ def _figures(
     contents: Mapping[VariantName, bytes],
     differences: Mapping[VariantName, Difference],
     batches: Mapping[str, Sequence[Batch]],
+    trained: frozenset[str],
     tell: Tell,
 ) -> dict[str, float | str]:
     figures: dict[str, float | str] = {}
@@ -143,8 +146,19 @@ def _figures(
         for who, content in (("gradient features alone", None), *contents.items()):
             tell(f"validation pairs: {who}")
             for name, share in placed_wrong(content, batches).items():
-                figures[f"{who}: validation queries placed wrong, {name}"] = _rounded(share)
+                remark = TRAINED_ON if name in trained else ""
+                figures[f"{who}: validation queries placed wrong, {name}{remark}"] = _rounded(share)
     return figures
+
+
+def trained_on(saved: Checkpoint, config: TrainingConfig) -> frozenset[str]:
+    """Names of the validation sources whose images this run, or one that its first weights came from, was trained on."""
+    sources = [source for run in _runs(saved, config) for source in run.sources]
+    return frozenset(own.name for own in config.validation.sources if any(share_images(own, source) for source in sources))
+
+
+def _runs(saved: Checkpoint, config: TrainingConfig) -> tuple[TrainingConfig, ...]:
+    return (*(parse_training_config(run.config, where="ancestor") for run in saved.ancestors), config)
 
 
 def _localisation(order: ExportOrder, cases: Path, contents: Mapping[VariantName, bytes], tell: Tell) -> dict[str, float | str]:
@@ -217,7 +231,7 @@ def _written(
 
 def training_of(saved: Checkpoint, config: TrainingConfig) -> Training:
     """How the weights came about, as the manifest states it: this run and those that its first weights came from."""
-    runs = (*(parse_training_config(run.config, where="ancestor") for run in saved.ancestors), config)
+    runs = _runs(saved, config)
     return Training(
         data=tuple(dict.fromkeys(_trained_on(source) for run in runs for source in run.sources)),
         split=config.split or "not stated",

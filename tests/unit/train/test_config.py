@@ -9,7 +9,7 @@ import pytest
 
 from visloc_companion.errors import ConfigError
 from visloc_companion.train.config import TrainingConfig, load_training_config, parse_training_config
-from visloc_companion.train.config_sources import DatesSource, LandscapeSource, PairsSource
+from visloc_companion.train.config_sources import DatesSource, LandscapeSource, PairsSource, share_images
 
 SHIPPED = Path(__file__).resolve().parents[3] / "models" / "features.toml"
 SHAPES = {"kind": "shapes", "name": "shapes"}
@@ -33,6 +33,31 @@ def test_the_shipped_configuration_is_valid_and_trains_on_no_held_out_row() -> N
         for sources in (config.sources, config.validation.sources)
     )
     assert not trained & checked
+
+
+DATES: dict[str, Any] = {"kind": "dates", "name": "d", "folder": "d"}
+PAIRS: dict[str, Any] = {"kind": "pairs", "name": "p", "folder": "p"}
+LANDSCAPE: dict[str, Any] = {"kind": "landscape", "name": "l", "seeds": [1, 2]}
+
+
+@pytest.mark.parametrize(
+    ("trained", "checked", "shared"),
+    [
+        (DATES | {"last_row": 400}, DATES | {"first_row": 400}, False),
+        (DATES | {"last_row": 400}, DATES | {"first_row": 399}, True),
+        (DATES, DATES | {"folder": "e"}, False),
+        (PAIRS | {"pairs": ["x"]}, PAIRS | {"pairs": ["y", "z"]}, False),
+        (PAIRS | {"pairs": ["x"]}, PAIRS | {"pairs": ["y", "x"]}, True),
+        (PAIRS, PAIRS | {"pairs": ["y"]}, True),
+        (LANDSCAPE, LANDSCAPE | {"seeds": [3]}, False),
+        (LANDSCAPE, LANDSCAPE | {"seeds": [2, 3], "size_m": 300}, True),
+        (LANDSCAPE, DATES, False),
+        (SHAPES, SHAPES, False),
+    ],
+)
+def test_sources_that_share_images_are_told(trained: dict[str, Any], checked: dict[str, Any], shared: bool) -> None:
+    config = parse_training_config({"sources": [trained], "validation": {"sources": [checked]}}, where="own.toml")
+    assert share_images(config.validation.sources[0], config.sources[0]) is shared
 
 
 def test_the_shipped_configuration_states_every_default_that_matters() -> None:

@@ -17,9 +17,9 @@ from visloc_companion.errors import CasesError, ModelError  # noqa: E402
 from visloc_companion.localise.model_folder import ModelManifest, read_manifest  # noqa: E402
 from visloc_companion.localise.runtime import open_session  # noqa: E402
 from visloc_companion.train import export as exporting  # noqa: E402
-from visloc_companion.train.checkpoint import Ancestor, Checkpoint, save_checkpoint  # noqa: E402
+from visloc_companion.train.checkpoint import Ancestor, Checkpoint, load_checkpoint, save_checkpoint  # noqa: E402
 from visloc_companion.train.config import TrainingConfig  # noqa: E402
-from visloc_companion.train.export import ExportOrder, context_px, export, training_of  # noqa: E402
+from visloc_companion.train.export import ExportOrder, context_px, export, trained_on, training_of  # noqa: E402
 from visloc_companion.train.learner import new_learner  # noqa: E402
 from visloc_companion.train.networks import FeatureNetwork, NetworkSettings  # noqa: E402
 from visloc_companion.train.onnx_file import reduced  # noqa: E402
@@ -63,6 +63,31 @@ def test_the_manifest_says_how_the_network_came_about(order: ExportOrder, export
     assert exported.figures["float32: largest difference of a feature to PyTorch"] <= 1e-4
     assert "int8: validation queries placed wrong, shapes" in exported.figures
     assert "gradient features alone: validation queries placed wrong, shapes" in exported.figures
+
+
+def test_figures_of_images_that_were_trained_on_say_so(
+    order: ExportOrder, tiny: Callable[..., TrainingConfig], tmp_path: Path, write_raster: Callable[..., Any]
+) -> None:
+    dates = {"kind": "dates", "name": "own", "folder": "own"}
+    (tmp_path / "own").mkdir()
+    for year in (2019, 2024):
+        pixels = np.random.default_rng(year).integers(1, 255, (240, 130, 3)).astype(np.uint8)
+        write_raster(tmp_path / "own" / f"{year}.tif", pixels, "EPSG:32632", (48.0, 9.0), 1.0)
+    checked = {
+        "batch": 2,
+        "windows_px": [32],
+        "sources": [dates | {"last_row": 120}, dates | {"name": "other", "first_row": 120}],
+    }
+    config = tiny(validation=checked, network={"quarter_width": 4, "quarter_dilations": [1, 2]})
+    saved = replace(load_checkpoint(order.checkpoint), config=config.plain())
+    assert trained_on(saved, config) == frozenset()
+    before = tiny(sources=[dates | {"first_row": 119, "last_row": 120}])
+    saved = replace(saved, ancestors=(Ancestor(before.plain(), 6, 3600.0),))
+    save_checkpoint(tmp_path / "checkpoint.pt", saved)
+    told = ExportOrder(tmp_path / "checkpoint.pt", "tiny", tmp_path / "model", "Apache-2.0", data=tmp_path)
+    figures = export(told, lambda stage: None).figures
+    assert "int8: validation queries placed wrong, own (trained on)" in figures
+    assert "int8: validation queries placed wrong, other" in figures
 
 
 def test_cases_that_are_not_there_are_told_before_anything_is_written(order: ExportOrder, tmp_path: Path) -> None:
