@@ -94,7 +94,8 @@ def training_loss(network: FeatureNetwork, log_sharpness: Tensor, batch: Batch, 
 
 @torch.no_grad()
 def validate(network: FeatureNetwork | None, batches: Sequence[Batch]) -> tuple[float, float]:
-    """Share of the queries whose highest score is within 1.5 px of the truth, and their mean margin over the rest of the surface.
+    """Share of the queries whose highest score is within 1.5 px (and half a diagonal of a cell) of the truth, and their mean
+    margin over the rest of the surface.
 
     Without a network: of the gradient features alone.
     """
