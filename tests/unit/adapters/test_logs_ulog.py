@@ -133,3 +133,45 @@ def test_a_size_gone_wrong_leads_nowhere(tmp_path: Path) -> None:
     recording = open_log(write(tmp_path / "a.ulg", bytes(data)))
     assert sum(isinstance(e, Attitude) for _, e in recording.events) >= 28
     assert recording.losses.garbage_pieces >= 1
+
+
+ATTITUDE = b"\x00\x00\x00vehicle_attitude"
+"""The body of its subscription: instance, number, topic."""
+
+
+@pytest.mark.parametrize(
+    ("at", "bit"),
+    [(-1, 1), (-1, 2), (-1, 16), (1, 1), (1, 64), (2, 1), (3, 1), (10, 1)],
+    ids=[
+        "type to none",
+        "type to C",
+        "type to Q",
+        "number to that of another",
+        "number",
+        "number's high byte",
+        "name's first",
+        "name",
+    ],
+)
+def test_a_bit_that_hides_a_subscription_is_a_loss(tmp_path: Path, at: int, bit: int) -> None:
+    """Expected: the attitudes are gone, and the 30 are counted; of an undamaged log none is."""
+    data = bytearray(flight())
+    assert open_log(write(tmp_path / "whole.ulg", bytes(data))).losses.unknown_messages == 0
+    data[data.index(ATTITUDE) + at] ^= bit
+    recording = open_log(write(tmp_path / "a.ulg", bytes(data)))
+    assert not any(isinstance(event, Attitude) for _, event in recording.events)
+    assert recording.losses.unknown_messages >= 30
+
+
+def test_a_bit_in_a_format_is_a_loss(tmp_path: Path) -> None:
+    data = flight().replace(b"vehicle_attitude:uint64_t", b"vehicle_attitude:uint74_t")
+    recording = open_log(write(tmp_path / "a.ulg", data))
+    assert recording.losses.unknown_messages == 31
+
+
+def test_a_bit_in_the_instance_costs_nothing(tmp_path: Path) -> None:
+    """Expected: the only instance there is is read, whatever its number."""
+    data = bytearray(flight())
+    data[data.index(ATTITUDE)] ^= 4
+    recording = open_log(write(tmp_path / "a.ulg", bytes(data)))
+    assert sum(isinstance(event, Attitude) for _, event in recording.events) == 30

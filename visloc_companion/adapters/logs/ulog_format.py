@@ -23,12 +23,15 @@ _CODES = {
 _LONG_BYTES, _FOLLOWING = 2048, 5
 _FIELD = re.compile(r"^(\w+?)(?:\[(\d+)\])? (\w+)$")
 Row = dict[str, Any]
+_Subscription = tuple[int, str]
+"""Instance and topic."""
 
 
 class _Format:
-    """Names and struct codes of a topic's fields; trailing padding is not written in data messages."""
+    """Names and struct codes of a topic's fields, and its size with trailing padding, which most data messages leave out."""
 
     def __init__(self, names: list[str], codes: list[str]) -> None:
+        self.padded = struct.calcsize("<" + "".join(codes))
         while names and names[-1].startswith("_padding"):
             names.pop()
             codes.pop()
@@ -37,10 +40,14 @@ class _Format:
 
 
 def read_topics(data: bytes, wanted: Collection[str], losses: Losses) -> dict[str, list[Row]]:
-    """Rows of the wanted topics (first instance of each), in the order of the file. Never raises for what bytes may hold."""
-    formats: dict[str, _Format] = {}
-    subscribed: dict[int, str] = {}
-    found: dict[str, list[Row]] = {}
+    """Rows of the wanted topics (first instance of each), in the order of the file. Never raises for what bytes may hold.
+
+    A subscription whose topic has no format that can be read, and data without a subscription, count as unknown: a bit that flips
+    in either hides a whole topic.
+    """
+    formats: dict[str, _Format | None] = {}
+    subscribed: dict[int, _Subscription] = {}
+    found: dict[_Subscription, list[Row]] = {}
     at = _HEADER_BYTES
     while at + 3 <= len(data):
         size, kind = struct.unpack_from("<HB", data, at)
@@ -57,14 +64,19 @@ def read_topics(data: bytes, wanted: Collection[str], losses: Losses) -> dict[st
         elif kind == ord("A") and size > 3:
             multi_id, number = struct.unpack_from("<BH", body)
             name = body[3:].decode("ascii", errors="replace")
-            if multi_id == 0 and name in wanted and name in formats:
-                subscribed[number] = name
+            if name not in formats or (name in wanted and formats[name] is None):
+                losses.unknown_messages += 1
+            elif number not in subscribed:
+                subscribed[number] = (multi_id, name)
+            elif subscribed[number] != (multi_id, name):
+                losses.unknown_messages += 1
         elif kind == ord("D") and size > 2:
-            _take(body, formats, subscribed, found, losses)
+            _take(body, formats, subscribed, wanted, found, losses)
         elif kind == ord("O"):
             losses.garbage_pieces += 1
         at = end
-    return found
+    first = {name: min(key for key in found if key[1] == name) for _, name in found}
+    return {name: found[key] for name, key in first.items()}
 
 
 def _plausible(data: bytes, at: int) -> bool:
@@ -96,9 +108,10 @@ def _resynchronised(data: bytes, at: int, losses: Losses) -> int:
     return start
 
 
-def _learn(formats: dict[str, _Format], body: bytes) -> None:
-    """Take a format whose fields are all of basic types; others are not needed."""
+def _learn(formats: dict[str, _Format | None], body: bytes) -> None:
+    """Take a format whose fields are all of basic types; others are not needed, and only their names are kept."""
     name, _, listed = body.decode("ascii", errors="replace").partition(":")
+    formats.setdefault(name, None)
     names: list[str] = []
     codes: list[str] = []
     for part in filter(None, listed.split(";")):
@@ -116,13 +129,21 @@ def _learn(formats: dict[str, _Format], body: bytes) -> None:
 
 
 def _take(
-    body: bytes, formats: dict[str, _Format], subscribed: dict[int, str], found: dict[str, list[Row]], losses: Losses
+    body: bytes,
+    formats: dict[str, _Format | None],
+    subscribed: dict[int, _Subscription],
+    wanted: Collection[str],
+    found: dict[_Subscription, list[Row]],
+    losses: Losses,
 ) -> None:
-    name = subscribed.get(struct.unpack_from("<H", body)[0])
-    if name is None:
+    subscription = subscribed.get(struct.unpack_from("<H", body)[0])
+    if subscription is None:
+        losses.unknown_messages += 1
         return
-    known = formats[name]
-    if len(body) - 2 < known.layout.size:
+    known = formats[subscription[1]]
+    if known is None or subscription[1] not in wanted:
+        return
+    if not known.layout.size <= len(body) - 2 <= known.padded:
         losses.dropped_messages += 1
         return
-    found.setdefault(name, []).append(dict(zip(known.names, known.layout.unpack_from(body, 2), strict=True)))
+    found.setdefault(subscription, []).append(dict(zip(known.names, known.layout.unpack_from(body, 2), strict=True)))
