@@ -23,6 +23,10 @@ def replay(
     speed: Annotated[str, typer.Option("--speed", help="max, or 1 for real time.")] = "max",
     alert_limit_m: Annotated[float, typer.Option("--alert-limit", min=0.1, help="Alert limit of HMI, metres.")] = 25.0,
     salvage: Annotated[bool, typer.Option("--salvage", help="Read a damaged journal as far as it goes.")] = False,
+    system_id: Annotated[
+        int, typer.Option("--system-id", min=0, max=255, help="Vehicle of a telemetry log; 0: the one heard most.")
+    ] = 0,
+    boot: Annotated[int, typer.Option("--boot", min=0, help="Which boot of an ArduPilot log; 0: the one that tells most.")] = 0,
 ) -> None:
     """Replay a flight: GNSS verdicts and dead reckoning, with frames and a map its fixes, of a journal also its commands.
 
@@ -38,7 +42,7 @@ def replay(
     if out is not None:
         with results_into(out, "--out"):
             pass  # an hour's replay must not end with a folder that cannot be made
-    source = open_source(flight, pack, config, salvage, _speed(speed))
+    source = open_source(flight, pack, config, salvage, _speed(speed), system_id, boot)
     record = source.record()
     epochs = str(out / "epochs.csv") if out is not None else None
     summary = flight_summary(record, alert_limit_m=alert_limit_m, latency=source.latency, epochs=epochs)

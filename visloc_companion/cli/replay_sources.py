@@ -53,21 +53,28 @@ class Source(Protocol):
         """The ground under the tracks, where a map was given."""
 
 
-def open_source(flight: Path, pack: Path | None, config: Path | None, salvage: bool, speed: float | None) -> Source:
-    """The flight of a path. Raises LogError, JournalError, MapError or ConfigError naming what is wrong."""
+def open_source(
+    flight: Path, pack: Path | None, config: Path | None, salvage: bool, speed: float | None, system_id: int = 0, boot: int = 0
+) -> Source:
+    """The flight of a path; `system_id`, `boot`: which of several in one log (`open_log`).
+
+    Raises LogError, JournalError, MapError or ConfigError naming what is wrong.
+    """
     if not flight.exists():
         raise ConfigError("is not there", where=str(flight), remedy="name a log, a journal or a folder")
     reference = PackMap.open(pack) if pack is not None else None
     pace = _pace(speed) if speed is not None else None
     if _is_journal(flight):
+        if system_id or boot:
+            raise ConfigError("are for logs, not for journals", where="--system-id, --boot", remedy="leave them out")
         return JournalSource(flight, load_config(config) if config else None, salvage, reference, pace)
     settings = load_config(config) if config else Config()
     if flight.is_dir():
-        folder = open_folder(flight, _find_offset)
+        folder = open_folder(flight, _find_offset, system_id, boot)
         if folder.camera is not None:
             settings = settings.model_copy(update={"camera": folder.camera})
         return LogSource(folder.recording, settings, reference, pace, folder)
-    return LogSource(open_log(flight), settings, reference, pace, None)
+    return LogSource(open_log(flight, system_id, boot), settings, reference, pace, None)
 
 
 def _is_journal(flight: Path) -> bool:

@@ -181,6 +181,43 @@ def test_garbage_and_truncation_cost_only_what_they_hit(tmp_path: Path) -> None:
     assert len(clean.events) / 2 < len(cut.events) < len(clean.events)
 
 
+BEGINNING = HEAD + b"\x80" + struct.pack("<BB4s16s64s", 0x80, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
+
+
+def boot(n: int, north_m: float, start_us: int = 1_000_000) -> bytes:
+    """A log with its own beginning: attitudes and local positions, ten a second."""
+    parts = [BEGINNING, formats(MODERN)]
+    for us in range(start_us, start_us + n * 100_000, 100_000):
+        parts += [message(MODERN, "ATT", us, 1000, -500, 9000)]
+        parts += [message(MODERN, "XKF1", us, 0, 10.0, 0.5, -0.1, north_m, 0.0, -40.0)]
+    return b"".join(parts)
+
+
+@pytest.mark.parametrize(("chosen", "north_m", "n"), [(0, 2.0, 90), (1, 1.0, 40), (2, 2.0, 90), (3, 3.0, 30)])
+def test_one_of_several_boots_is_read_and_the_others_are_named(tmp_path: Path, chosen: int, north_m: float, n: int) -> None:
+    """Three logs one after another. Expected: all of one and nothing of the others, although its clock goes over theirs; the one
+    that tells most where none is chosen."""
+    path = write(tmp_path / "a.bin", boot(40, 1.0) + boot(90, 2.0) + boot(30, 3.0))
+    recording = open_log(path, boot=chosen)
+    norths_m = [event.p_ned_m[0] for _, event in recording.events if isinstance(event, LocalPose)]
+    assert norths_m == [north_m] * n
+    assert (recording.losses.reboots, recording.losses.dropped_messages, recording.losses.clock_steps) == (2, 0, 0)
+    read = f"read was {chosen or 2}, --boot reads another."
+    assert recording.notes == (f"The log holds 3 boots of the autopilot (1 of 4 s, 2 of 9 s, 3 of 3 s); {read}",)
+
+
+def test_a_boot_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"holds no boot 3 of the autopilot; remedy: name one of 1 to 2$"):
+        open_log(write(tmp_path / "a.bin", boot(40, 1.0) + boot(90, 2.0)), boot=3)
+
+
+def test_logs_of_one_boot_go_on(tmp_path: Path) -> None:
+    """Two logs of one boot: the clock goes on. Expected: both, without a word."""
+    recording = open_log(write(tmp_path / "a.bin", boot(40, 1.0) + boot(50, 2.0, start_us=9_000_000)))
+    assert sum(isinstance(event, LocalPose) for _, event in recording.events) == 90
+    assert (recording.notes, recording.losses) == ((), Losses())
+
+
 def test_impossible_values_and_times_are_left_out(tmp_path: Path) -> None:
     bad = [
         message(MODERN, "XKF1", 1_100_000, 0, float("nan"), 0.0, 0.0, 0.0, 0.0, 0.0),

@@ -151,6 +151,23 @@ def test_other_autopilots_are_named(tmp_path: Path) -> None:
     assert read_tlog(write(tmp_path / "b.tlog", *flight(mavlink2))).notes == ()
 
 
+def test_the_vehicle_of_a_system_id_is_read(tmp_path: Path) -> None:
+    """Expected: the second vehicle, though the first has more heartbeats; one that is not there is refused."""
+    second = mavlink2.MAVLink(None, srcSystem=7, srcComponent=1)
+    records = [stamped(UNIX_US, heartbeat(second), second)]
+    records += [
+        stamped(UNIX_US + 100_000 * k, second.attitude_encode(5_000 + 100 * k, 0.2, 0, 0, 0, 0, 0), second) for k in range(9)
+    ]
+    path = write(tmp_path / "a.tlog", *flight(mavlink2), *records)
+    chosen = open_log(path, system_id=7)
+    assert sum(isinstance(event, Attitude) for _, event in chosen.events) == 9
+    assert {event.system_id for _, event in chosen.events if isinstance(event, LinkChanged)} == {7}
+    assert chosen.notes == ("The log holds other autopilots, which were left out: 1 (component 1); read was 7.",)
+    assert sum(isinstance(event, Attitude) for _, event in open_log(path).events) == 50
+    with pytest.raises(LogError, match=r"holds no autopilot of system 3; remedy: name one that is there: 1, 7$"):
+        open_log(path, system_id=3)
+
+
 def test_utc_is_what_the_autopilot_says_of_it(tmp_path: Path) -> None:
     """Of the real copter's log of 2015 the ground station's clock was 1.7 s behind."""
     mav = writer(mavlink2)

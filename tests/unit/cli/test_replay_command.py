@@ -104,6 +104,30 @@ def test_wrong_arguments_are_named(log: Path, arguments: list[str], kind: type[E
     assert words in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("suffix", "option", "kind", "words"),
+    [
+        ("tlog", "--system-id", LogError, r"no autopilot of system 2; remedy: name one that is there: 1"),
+        ("tlog", "--boot", LogError, r"no on-board log of ArduPilot.*leave --boot out"),
+        ("bin", "--system-id", LogError, r"no telemetry log: it is of one vehicle; remedy: leave --system-id out"),
+        ("mcap", "--system-id", ConfigError, r"are for logs, not for journals"),
+    ],
+)
+def test_a_choice_that_a_flight_does_not_offer_is_refused(
+    log: Path, tmp_path: Path, suffix: str, option: str, kind: type[Exception], words: str
+) -> None:
+    flight = tmp_path / f"flight.{suffix}"
+    flight.write_bytes(log.read_bytes() if suffix == "tlog" else b"\xa3\x95\x80 a log")
+    with pytest.raises(kind, match=words):
+        run(flight, option, "2")
+
+
+def test_the_vehicle_of_a_system_id_is_replayed(log: Path, tmp_path: Path) -> None:
+    figures = tmp_path / "figures.json"
+    assert run(log, "--system-id", "1", "--json", figures)[0] == 0
+    assert json.loads(figures.read_text())["duration_s"] == pytest.approx(9.9, abs=0.1)
+
+
 def test_wrong_flights_are_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="is not there"):
         run(tmp_path / "none.tlog")

@@ -13,7 +13,7 @@ import math
 from pathlib import Path
 
 from visloc_companion.adapters.logs.attitude_rates import rates_between
-from visloc_companion.adapters.logs.dataflash_format import Fields, messages
+from visloc_companion.adapters.logs.dataflash_format import Fields, logs_of, messages
 from visloc_companion.adapters.logs.recording import (
     NS_PER_MS,
     NS_PER_S,
@@ -62,16 +62,46 @@ _LEAP_SECONDS = ((1_483_228_800, 18), (1_435_708_800, 17), (1_341_100_800, 16), 
 """UTC instants (Unix seconds) from which GPS time is so many seconds ahead of UTC."""
 
 
-def read_dataflash(path: Path) -> Recording:
-    """The flight in an on-board log. Raises LogError where nothing in it tells of a flight."""
+def read_dataflash(path: Path, boot: int = 0) -> Recording:
+    """The flight in an on-board log; of several boots in one file, one: `boot` counts from 1, 0 is the one that tells most.
+
+    Raises LogError where nothing in it tells of a flight, or where there are not so many boots.
+    """
     losses = Losses()
-    reader = _Reader(losses)
-    for name, fields in messages(read_bytes(path), _WANTED, losses):
-        reader.take(name, fields)
-    if not reader.events:
+    boots = _boots(read_bytes(path), losses)
+    if not boots:
         what = "holds no ATT, GPS or POS message" + " as ArduPilot writes them" * bool(losses.dropped_messages)
         raise LogError(what, where=str(path), remedy="name a DataFlash log (.bin) of ArduPilot, or PX4's .ulg")
-    return Recording(path, _KIND, in_order(reader.events), losses, reader.unix_minus_boot_ns)
+    if boot > len(boots):
+        raise LogError(f"holds no boot {boot} of the autopilot", where=str(path), remedy=f"name one of 1 to {len(boots)}")
+    read = boot or 1 + max(range(len(boots)), key=lambda k: len(boots[k].events))
+    losses.reboots = len(boots) - 1
+    one = boots[read - 1]
+    return Recording(path, _KIND, in_order(one.events), losses, one.unix_minus_boot_ns, notes=_others_noted(boots, read))
+
+
+def _boots(data: bytes, losses: Losses) -> list[_Reader]:
+    """One reader for each boot. Logs that were written one after another into one file are told apart by how each begins; one
+    whose clock goes on from the log before is of the same boot."""
+    boots: list[_Reader] = []
+    for log in logs_of(data):
+        reader = _Reader(losses)
+        for name, fields in messages(log, _WANTED, losses):
+            reader.take(name, fields)
+        if not reader.events:
+            continue
+        if boots and reader.events[0][0] >= boots[-1].events[-1][0] - NS_PER_S:
+            boots[-1].events += reader.events
+        else:
+            boots.append(reader)
+    return boots
+
+
+def _others_noted(boots: list[_Reader], read: int) -> tuple[str, ...]:
+    if len(boots) == 1:
+        return ()
+    spans = ", ".join(f"{k} of {(b.events[-1][0] - b.events[0][0]) / NS_PER_S:.0f} s" for k, b in enumerate(boots, start=1))
+    return (f"The log holds {len(boots)} boots of the autopilot ({spans}); read was {read}, --boot reads another.",)
 
 
 class _Reader:

@@ -59,12 +59,12 @@ class FlightFolder:
     notes: tuple[str, ...] = ()
 
 
-def open_folder(folder: Path, find_offset: FindOffset | None = None) -> FlightFolder:
-    """Open a FLIGHT folder; `find_offset` is asked where the time base is "offset" and none is stated.
+def open_folder(folder: Path, find_offset: FindOffset | None = None, system_id: int = 0, boot: int = 0) -> FlightFolder:
+    """Open a FLIGHT folder; `find_offset` is asked where the time base is "offset" and none is stated. The rest: `open_log`.
 
     Raises LogError or ConfigError naming the file, what is wrong with it, and the remedy.
     """
-    recording = open_log(_telemetry(folder))
+    recording = open_log(_telemetry(folder), system_id, boot)
     settings = _camera_toml(folder / "camera.toml")
     stated_ns = _boot_from_file_ns(folder / "camera.toml", settings, recording, sought=find_offset is not None)
     camera = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from visloc_companion.adapters.logs.dataflash import read_dataflash
@@ -18,10 +19,12 @@ LOG_SUFFIXES = tuple(_BY_SUFFIX)
 _REMEDY = "give a .tlog, .bin or .ulg file, an .mcap journal, or a folder with telemetry.*"
 
 
-def open_log(path: Path) -> Recording:
+def open_log(path: Path, system_id: int = 0, boot: int = 0) -> Recording:
     """The events of a telemetry log (.tlog), an ArduPilot log (.bin) or a PX4 log (.ulg), with an EKF origin.
 
-    Raises LogError naming the file where it is missing, of another kind, or holds no flight.
+    `system_id`: the vehicle of a telemetry log (0: the one whose heartbeats are most); `boot`: which of several boots in one
+    ArduPilot log, from 1 (0: the one that tells most). Raises LogError naming the file where it is missing, of another kind, or
+    holds no such flight.
     """
     try:
         with path.open("rb") as file:
@@ -31,6 +34,16 @@ def open_log(path: Path) -> Recording:
     reader = _by_content(head) or _BY_SUFFIX.get(path.suffix.lower())
     if reader is None:
         raise LogError(f"is no log that is known (it begins with {head[:8].hex(' ')})", where=str(path), remedy=_REMEDY)
+    if system_id and reader is not read_tlog:
+        raise LogError("is no telemetry log: it is of one vehicle", where=str(path), remedy="leave --system-id out")
+    if boot and reader is not read_dataflash:
+        raise LogError(
+            "is no on-board log of ArduPilot: its boots are not told apart", where=str(path), remedy="leave --boot out"
+        )
+    if reader is read_tlog:
+        reader = partial(read_tlog, system_id=system_id)
+    elif reader is read_dataflash:
+        reader = partial(read_dataflash, boot=boot)
     return with_origin(reader(path))
 
 

@@ -1,7 +1,8 @@
 """Telemetry logs of ground stations (.tlog): 8 bytes big-endian microseconds since 1970, then a MAVLink packet, repeated.
 
 A lossy radio leaves pieces of broken packets between them; the reader finds the next record by its start byte, a plausible
-time stamp and a right checksum, and counts what it skipped. One vehicle is read: the one whose heartbeats are most.
+time stamp and a right checksum, and counts what it skipped. One vehicle is read: the one that is named, else the one whose
+heartbeats are most.
 """
 
 from __future__ import annotations
@@ -63,13 +64,23 @@ class _Heard:
         return smallest_difference_ns(self.stamps) if self.stamps else self.first_us * NS_PER_US
 
 
-def read_tlog(path: Path) -> Recording:
-    """The flight in a telemetry log. Raises LogError where there is no autopilot's message in it at all."""
+def read_tlog(path: Path, system_id: int = 0) -> Recording:
+    """The flight of a vehicle in a telemetry log, with `system_id` 0 of the one whose heartbeats are most.
+
+    Raises LogError where no autopilot of it is heard.
+    """
     data, losses = read_bytes(path), Losses()
     sources = _survey(data, losses)
     heard = sorted((source for source in sources if sources[source].heartbeats), key=lambda s: -sources[s].heartbeats)
     if not heard:
         raise LogError("holds no MAVLink packet of an autopilot", where=str(path), remedy="name a telemetry log (.tlog)")
+    if system_id:
+        heard.sort(key=lambda source: source[0] != system_id)
+        if heard[0][0] != system_id:
+            there = ", ".join(str(system) for system in sorted({system for system, _ in heard}))
+            raise LogError(
+                f"holds no autopilot of system {system_id}", where=str(path), remedy=f"name one that is there: {there}"
+            )
     losses.foreign_messages = sum(found.records for found in sources.values()) - sources[heard[0]].records
     zero_ns = sources[heard[0]].zero_ns
     axis, link = BootAxis(zero_ns, losses), LinkState()
