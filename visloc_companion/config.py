@@ -7,9 +7,10 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from visloc_companion.errors import ConfigError
+from visloc_companion.types import DISTORTION_COEFFICIENTS, DistortionModel
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -88,8 +89,10 @@ class CameraConfig(Section):
     """Principal point, column (centre of the top-left pixel is 0)."""
     cy_px: NonNegative = 239.5
     """Principal point, row."""
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
-    """Brown-Conrady k1 k2 p1 p2 k3."""
+    distortion_model: DistortionModel = "brown_conrady"
+    """How the lens bends: `brown_conrady` (ROS: plumb_bob), `rational` (rational_polynomial) or `fisheye` (equidistant)."""
+    distortion: Annotated[tuple[float, ...], Field(validate_default=True)] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """As OpenCV writes them: k1 k2 p1 p2 k3; `rational` k1 k2 p1 p2 k3 k4 k5 k6; `fisheye` k1 k2 k3 k4."""
     mount_roll_deg: float = 0.0
     """Roll of the camera's body in the vehicle's body."""
     mount_pitch_deg: float = 0.0
@@ -105,6 +108,15 @@ class CameraConfig(Section):
     readout_ms: Annotated[float, Field(ge=-200, le=200)] = 0.0
     """Time from the first row of an image to the last where the shutter rolls (often 10 to 40 ms; the sensor's data sheet says);
     negative where the image is turned upside down after it was read. Frames count from their middle row."""
+
+    @field_validator("distortion")
+    @classmethod
+    def _as_many_as_the_model_has(cls, values: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+        model = info.data.get("distortion_model")
+        if model is not None and len(values) != len(DISTORTION_COEFFICIENTS[model]):
+            names = DISTORTION_COEFFICIENTS[model]
+            raise ValueError(f"{len(values)} coefficients, but distortion_model {model!r} has {len(names)}: {' '.join(names)}")
+        return values
 
 
 class MapConfig(Section):

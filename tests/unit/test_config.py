@@ -46,6 +46,23 @@ def test_what_is_no_number_is_refused_by_name(tmp_path: Path, text: str) -> None
         load_config(path)
 
 
+@pytest.mark.parametrize(
+    ("camera", "told"),
+    [
+        ({"distortion": [0.1, 0.2, 0.0, 0.0]}, "4 coefficients, but distortion_model 'brown_conrady' has 5: k1 k2 p1 p2 k3"),
+        ({"distortion_model": "fisheye"}, "5 coefficients, but distortion_model 'fisheye' has 4: k1 k2 k3 k4"),
+        ({"distortion_model": "rational", "distortion": [0.1] * 5}, "5 coefficients, .*has 8: k1 k2 p1 p2 k3 k4 k5 k6"),
+        (
+            {"distortion_model": "equidistant"},
+            "camera.distortion_model: Input should be 'brown_conrady', 'rational' or 'fisheye'",
+        ),
+    ],
+)
+def test_coefficients_that_do_not_fit_the_lens_are_told(camera: dict[str, object], told: str) -> None:
+    with pytest.raises(ConfigError, match=told):
+        parse_config({"camera": camera})
+
+
 def test_unreadable_and_broken_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"absent.toml: cannot be read"):
         load_config(tmp_path / "absent.toml")

@@ -6,8 +6,10 @@ from dataclasses import replace
 
 from visloc_companion.app.settings import network_choice
 from visloc_companion.config import LocaliserConfig
+from visloc_companion.geo.pinhole_view import pinhole_view
 from visloc_companion.localise.features.onnx import NetworkFeatures
 from visloc_companion.localise.flight import flight_localiser
+from visloc_companion.localise.rectified import behind_the_lens
 from visloc_companion.localise.registry import make_localiser, open_features_for
 from visloc_companion.localise.rolling_shutter import Unrolled
 from visloc_companion.localise.runtime import default_threads
@@ -25,9 +27,10 @@ def configured_localiser(chosen: LocaliserConfig, model: CameraModel) -> tuple[L
     Raises ConfigError for a method that there is not, ModelError where the network cannot be used.
     """
     features = open_features_for(chosen.method, network_choice(chosen))
+    view = pinhole_view(model)
     localiser = flight_localiser(
         chosen.method,
-        model,
+        view,
         features,
         max_probability_wrong=chosen.max_probability_wrong,
         max_search_radius_m=chosen.max_search_radius_m,
@@ -35,9 +38,9 @@ def configured_localiser(chosen: LocaliserConfig, model: CameraModel) -> tuple[L
         structure=chosen.structure,
     )
     window = SurfaceWindow()  # turn and motion are seen over the same ground
-    moving: Localiser = WithMotion(localiser, model, window=window) if chosen.odometry else localiser
-    checked = CheckedTwice(moving, _again(chosen, model), chosen.check_every) if chosen.check_every else moving
-    return Unrolled(WithTurn(checked, model, window), model), features
+    moving: Localiser = WithMotion(localiser, view, window=window) if chosen.odometry else localiser
+    checked = CheckedTwice(moving, _again(chosen, view), chosen.check_every) if chosen.check_every else moving
+    return Unrolled(behind_the_lens(WithTurn(checked, view, window), model), model), features
 
 
 def _again(chosen: LocaliserConfig, model: CameraModel) -> Localiser:

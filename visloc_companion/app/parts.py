@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.app.journal import JournalHeader, JournalWriter
-from visloc_companion.app.settings import camera_model
 from visloc_companion.app.slots import SharedFrameSlots
 from visloc_companion.app.status import require_status_socket
 from visloc_companion.app.worker import WorkerSupervisor

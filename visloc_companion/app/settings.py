@@ -11,7 +11,7 @@ from visloc_companion.config import CameraConfig, Config, LocaliserConfig, Secti
 from visloc_companion.core.settings import CoreSettings, GnssSettings, InjectionSettings, NavigatorSettings
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.localise.runtime import NetworkChoice
-from visloc_companion.types import BeyondLimit, CameraModel, InjectionPolicy, Quat
+from visloc_companion.types import BeyondLimit, InjectionPolicy, Quat
 
 _Settings = TypeVar("_Settings", NavigatorSettings, GnssSettings, InjectionSettings)
 
@@ -42,13 +42,6 @@ def core_settings(config: Config) -> CoreSettings:
         gnss_rate_hz=config.link.gnss_rate_hz,
         status_rate_hz=config.link.status_rate_hz,
         seed=config.seed,
-    )
-
-
-def camera_model(camera: CameraConfig) -> CameraModel:
-    """The calibrated pinhole model."""
-    return CameraModel(
-        camera.width_px, camera.height_px, camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, camera.distortion
     )
 
 

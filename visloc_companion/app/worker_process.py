@@ -11,7 +11,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from visloc_companion.app.settings import camera_model
+from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.app.slots import SlotsName, WorkerSlots
 from visloc_companion.app.terrain import TerrainAnswer
 from visloc_companion.config import Config

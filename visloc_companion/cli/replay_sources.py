@@ -10,6 +10,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
+from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.adapters.logs.folder import FlightFolder, FoundOffset, open_folder
 from visloc_companion.adapters.logs.frames import FrameSource
 from visloc_companion.adapters.logs.open import open_log
@@ -18,7 +19,7 @@ from visloc_companion.adapters.logs.truth import TruthRow
 from visloc_companion.app.journal import Entry, read_header, read_journal
 from visloc_companion.app.replay import command_lines, recorded_commands, replay_entries
 from visloc_companion.app.salvage import MAGIC
-from visloc_companion.app.settings import camera_model, core_settings, mounting
+from visloc_companion.app.settings import core_settings, mounting
 from visloc_companion.app.terrain import TerrainAnswer, configured_terrain
 from visloc_companion.cli.progress import bar
 from visloc_companion.config import CameraConfig, Config, load_config, parse_config

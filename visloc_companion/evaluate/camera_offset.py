@@ -20,8 +20,10 @@ from visloc_companion.adapters.logs.frames import FrameSource
 from visloc_companion.adapters.logs.recording import NS_PER_S, NS_PER_US, Recording
 from visloc_companion.core.time_offset import log_likelihood
 from visloc_companion.errors import LogError
+from visloc_companion.geo.pinhole_view import pinhole_view
 from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.localise.odometry.rotation import TurnWatch
+from visloc_companion.localise.rectified import rectified
 from visloc_companion.types import Attitude, CameraModel, FloatArray, Quat, Turn
 
 LEAST_GAP_US = 150_000
@@ -53,7 +55,7 @@ def find_offset(recording: Recording, frames: FrameSource, model: CameraModel, q
 
 def seen_turns(frames: FrameSource, model: CameraModel, q_frd_cambody: Quat) -> list[Turn]:
     """How the camera turned between neighbouring frames, on the frames' own clock; the vehicle is taken to be about level."""
-    watch, turns = TurnWatch(model), []
+    watch, turns = TurnWatch(pinhole_view(model)), []
     last_us: int | None = None
     for number, t_us in enumerate(frames.t_us[:MOST_FRAMES]):
         if last_us is not None and t_us - last_us < LEAST_GAP_US:
@@ -62,7 +64,7 @@ def seen_turns(frames: FrameSource, model: CameraModel, q_frd_cambody: Quat) -> 
         if pixels is None:
             continue
         last_us = t_us
-        turn = watch.step(pixels, t_us * NS_PER_US, q_frd_cambody).since_last
+        turn = watch.step(rectified(pixels, model), t_us * NS_PER_US, q_frd_cambody).since_last
         if turn is not None:
             turns.append(turn)
     return turns

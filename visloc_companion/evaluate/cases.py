@@ -12,7 +12,7 @@ from visloc_companion.adapters.camera.image import decode_image
 from visloc_companion.errors import CasesError
 from visloc_companion.evaluate.case_ids import require_distinct
 from visloc_companion.geo.se3 import quat_from_euler
-from visloc_companion.types import CameraModel, GeoPoint, Image, PosePrior
+from visloc_companion.types import DISTORTION_COEFFICIENTS, CameraModel, DistortionModel, GeoPoint, Image, PosePrior
 
 COLUMNS = (
     *("id", "frame", "ortho", "dsm", "fx_px", "fy_px", "cx_px", "cy_px", "distortion"),
@@ -37,12 +37,13 @@ class Camera:
     fy_px: float
     cx_px: float
     cy_px: float
-    distortion: tuple[float, float, float, float, float]
+    distortion: tuple[float, ...]
+    distortion_model: DistortionModel = "brown_conrady"
 
     def model(self, frame: Image) -> CameraModel:
         """The camera model of a frame of this size."""
         height, width = frame.shape[:2]
-        return CameraModel(width, height, self.fx_px, self.fy_px, self.cx_px, self.cy_px, self.distortion)
+        return CameraModel(width, height, self.fx_px, self.fy_px, self.cx_px, self.cy_px, self.distortion, self.distortion_model)
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +180,11 @@ def _camera(row: dict[str, str]) -> Camera:
     fx, fy, cx, cy = (_number(row, c) for c in ("fx_px", "fy_px", "cx_px", "cy_px"))
     if min(fx, fy) <= 0:
         raise ValueError(f"focal length is not positive: {fx}, {fy}")
-    return Camera(fx, fy, cx, cy, _distortion(row["distortion"]))
+    name = row.get("distortion_model") or "brown_conrady"
+    models = {str(model): model for model in DISTORTION_COEFFICIENTS}
+    if name not in models:
+        raise ValueError(f"distortion_model is none of {', '.join(models)}: {name!r}")
+    return Camera(fx, fy, cx, cy, _distortion(row["distortion"], models[name]), models[name])
 
 
 def _truth(row: dict[str, str]) -> Truth:
@@ -216,9 +221,13 @@ def _sigma(row: dict[str, str], column: str) -> float:
     return value
 
 
-def _distortion(text: str) -> tuple[float, float, float, float, float]:
-    values = [_number({"distortion": x}, "distortion") for x in text.replace(",", " ").split()]
-    if len(values) > 5:
-        raise ValueError(f"distortion has {len(values)} coefficients, expected at most 5: k1 k2 p1 p2 k3")
-    k1, k2, p1, p2, k3 = values + [0.0] * (5 - len(values))
-    return k1, k2, p1, p2, k3
+def _distortion(text: str, model: DistortionModel) -> tuple[float, ...]:
+    """The coefficients; of a Brown-Conrady lens those that are left out at the end are zero."""
+    values = tuple(_number({"distortion": x}, "distortion") for x in text.replace(",", " ").split())
+    names = DISTORTION_COEFFICIENTS[model]
+    if model == "brown_conrady" and len(values) <= len(names):
+        return values + (0.0,) * (len(names) - len(values))
+    if len(values) != len(names):
+        most = "at most " if model == "brown_conrady" else ""
+        raise ValueError(f"distortion has {len(values)} coefficients, expected {most}{len(names)}: {' '.join(names)}")
+    return values

@@ -11,10 +11,12 @@ from visloc_companion.errors import MapError, OutsideMap
 from visloc_companion.evaluate.cases import BadCase, Case, Truth, read_frame
 from visloc_companion.evaluate.image_metrics import CaseResult
 from visloc_companion.geo.camera import R_FRD_CAM
+from visloc_companion.geo.pinhole_view import pinhole_view
 from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
 from visloc_companion.localise.frame import full_level, reduced
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, rectify_surface
 from visloc_companion.localise.plan import footprint, local_frame
+from visloc_companion.localise.rectified import rectified
 from visloc_companion.maps.raster import RasterMap
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import GeoPoint, Image, Quat
@@ -58,7 +60,8 @@ def case_pictures(case: Case | BadCase, truth: Truth, result: CaseResult) -> Cas
 
 def _laid_out(case: Case, pixels: Image, ref: ReferenceMap, place: GeoPoint, q_ned_frd: Quat) -> tuple[Image, Image]:
     """Frame rectified on the map's surface and the map, on one north-up window about the footprint. Raises OutsideMap."""
-    model = case.camera.model(pixels)
+    camera = case.camera.model(pixels)
+    pixels, model = rectified(pixels, camera), pinhole_view(camera)
     R_ned_cam = R_from_quat(q_ned_frd) @ R_FRD_CAM
     outline, _ = footprint(model, R_ned_cam)
     local = local_frame(place, ref)

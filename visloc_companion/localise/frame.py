@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.errors import Reason
-from visloc_companion.geo.camera import reach_tan
+from visloc_companion.geo.lens import is_bent, reach_tan
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.features.gradient import grey
+from visloc_companion.localise.lens_maps import pinhole_matrix, where_seen
 from visloc_companion.types import CameraModel, FloatArray, Image
 
 DARK_GREY = 25.0
@@ -40,10 +41,11 @@ class FrameLevel:
 
 def check_pixels(pixels: Image, model: CameraModel) -> tuple[Reason, str] | None:
     """Why a frame cannot be localised whatever the map is, or None."""
-    return _unfit(pixels, model) or _shows_nothing(pixels)
+    return unfit(pixels, model) or _shows_nothing(pixels)
 
 
-def _unfit(pixels: Image, model: CameraModel) -> tuple[Reason, str] | None:
+def unfit(pixels: Image, model: CameraModel) -> tuple[Reason, str] | None:
+    """Why pixels are no frame of this camera, or None."""
     if pixels.ndim not in {2, 3} or pixels.shape[:2] != (model.height_px, model.width_px):
         return Reason.BAD_FRAME, f"frame is {pixels.shape}, the calibration is for {model.width_px} x {model.height_px} pixels"
     if pixels.dtype != np.uint8 or (pixels.ndim == 3 and pixels.shape[2] != 3):
@@ -83,10 +85,10 @@ def _mostly_noise(channel: Image, middle: float) -> tuple[Reason, str] | None:
 
 def full_level(pixels: Image, model: CameraModel) -> FrameLevel:
     """The undistorted frame at full resolution. The pinhole matrix stays that of the model."""
-    K = np.array([[model.fx_px, 0.0, model.cx_px], [0.0, model.fy_px, model.cy_px], [0.0, 0.0, 1.0]])
+    K = pinhole_matrix(model)
     image = grey(pixels)
     valid = np.full(image.shape, 255, np.uint8)
-    if any(model.distortion):
+    if is_bent(model):
         map_u, map_v, valid = _undistortion(model)
         image = np.asarray(cv2.remap(image, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
     return FrameLevel(image, valid, K)
@@ -98,10 +100,7 @@ def _undistortion(model: CameraModel) -> tuple[Float32Array, Float32Array, NDArr
 
     Beyond the distortion's reach the polynomial leads back into the frame, to ground that lies elsewhere.
     """
-    K = np.array([[model.fx_px, 0.0, model.cx_px], [0.0, model.fy_px, model.cy_px], [0.0, 0.0, 1.0]])
-    size = (model.width_px, model.height_px)
-    maps = cv2.initUndistortRectifyMap(K, np.array(model.distortion), np.eye(3), K, size, cv2.CV_32FC1)
-    map_u, map_v = (np.asarray(of_axis, dtype=np.float32) for of_axis in maps)
+    map_u, map_v = where_seen(model, np.eye(3), pinhole_matrix(model), (model.width_px, model.height_px))
     everywhere = np.full((model.height_px, model.width_px), 255, np.uint8)
     valid = np.asarray(cv2.remap(everywhere, map_u, map_v, cv2.INTER_NEAREST, borderValue=0), dtype=np.uint8)
     reach = reach_tan(model)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from visloc_companion.errors import ConfigError
+from visloc_companion.geo.pinhole_view import pinhole_view
 from visloc_companion.localise.dense import deep_localiser, gradient_localiser
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.onnx import NetworkFeatures, open_features
 from visloc_companion.localise.iclk import IclkLocaliser
 from visloc_companion.localise.keypoint import KeypointLocaliser
 from visloc_companion.localise.mutual_information import MutualInformationLocaliser
+from visloc_companion.localise.rectified import behind_the_lens
 from visloc_companion.localise.runtime import NetworkChoice
 from visloc_companion.localise.settings import LocaliserSettings, Looks
 from visloc_companion.localise.template import NccLocaliser
@@ -69,8 +71,9 @@ def make_localiser(
         threads=threads,
         looks=looks,
     )
+    view = pinhole_view(model)
     if method in ON_PIXELS:
-        return ON_PIXELS[method](model, settings)
+        return behind_the_lens(ON_PIXELS[method](view, settings), model)
     if method not in ON_FEATURES:
         raise ConfigError(f"unknown method {method!r}", where="localiser.method", remedy=f"use one of {', '.join(METHODS)}")
     if features is None:
@@ -79,4 +82,4 @@ def make_localiser(
             where="localiser.method",
             remedy="open a network (open_features_for), or use one of " + ", ".join(ON_PIXELS),
         )
-    return ON_FEATURES[method](model, settings, features)
+    return behind_the_lens(ON_FEATURES[method](view, settings, features), model)

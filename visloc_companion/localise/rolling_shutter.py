@@ -55,9 +55,10 @@ def unrolled(pixels: Image, model: CameraModel, q_ned_frd: Quat, readout: Readou
     across, down = np.linspace(0, size_px[0] - 1, n_across), np.linspace(0, size_px[1] - 1, n_down)
     grid = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
     seen = _where_seen(grid, model, q_ned_frd, readout)
-    if not np.isfinite(seen).all() or float(np.abs(seen - grid).max()) < LEAST_PX:
+    moved = np.where(np.isfinite(seen).all(1, keepdims=True), seen - grid, 0.0)  # a fisheye looks past its own plane at the rim
+    if float(np.abs(moved).max()) < LEAST_PX:
         return pixels
-    shift = (seen - grid).reshape(n_down, n_across, 2).astype(np.float32)
+    shift = moved.reshape(n_down, n_across, 2).astype(np.float32)
     to_grid = np.array([[1 / across[1], 0.0, 0.0], [0.0, 1 / down[1], 0.0]])
     at = cv2.warpAffine(shift, to_grid, size_px, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE)
     u = at[..., 0] + np.arange(size_px[0], dtype=np.float32)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -22,7 +23,7 @@ def reduced_model(model: CameraModel, most_px: int) -> CameraModel:
     across, down = width / model.width_px, height / model.height_px
     fx, fy = model.fx_px * across, model.fy_px * down
     cx, cy = (model.cx_px + 0.5) * across - 0.5, (model.cy_px + 0.5) * down - 0.5
-    return CameraModel(width, height, fx, fy, cx, cy, model.distortion)
+    return replace(model, width_px=width, height_px=height, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy)
 
 
 def resized(pixels: Image, model: CameraModel) -> Image:

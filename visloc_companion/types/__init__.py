@@ -69,8 +69,10 @@ from visloc_companion.types.events import (
 )
 from visloc_companion.types.reports import ComputerLoad, Report
 from visloc_companion.types.values import (
+    DISTORTION_COEFFICIENTS,
     Accepted,
     CameraModel,
+    DistortionModel,
     FeaturePatch,
     GnssVerdict,
     NavState,
@@ -80,6 +82,7 @@ from visloc_companion.types.values import (
 )
 
 __all__ = [
+    "DISTORTION_COEFFICIENTS",
     "Accepted",
     "Attitude",
     "AutopilotKind",
@@ -89,6 +92,7 @@ __all__ = [
     "Command",
     "ComputerLoad",
     "Cov2",
+    "DistortionModel",
     "EkfSource",
     "EstimatorStatus",
     "Event",

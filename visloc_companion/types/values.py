@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +11,19 @@ from numpy.typing import NDArray
 from visloc_companion.errors import Reason
 from visloc_companion.types.basic import Cov2, FloatArray, Image, Vec3, Verdict
 
+DistortionModel = Literal["brown_conrady", "rational", "fisheye"]
+DISTORTION_COEFFICIENTS: dict[DistortionModel, tuple[str, ...]] = {
+    "brown_conrady": ("k1", "k2", "p1", "p2", "k3"),
+    "rational": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+    "fisheye": ("k1", "k2", "k3", "k4"),
+}
+"""In the order in which OpenCV writes them. ROS calls the models plumb_bob, rational_polynomial and equidistant."""
+
 
 @dataclass(frozen=True, slots=True)
 class CameraModel:
-    """Pinhole camera with Brown-Conrady distortion (OpenCV order k1 k2 p1 p2 k3), in pixels of `pix`."""
+    """A calibrated camera, in pixels of `pix`. Distortion coefficients in OpenCV's order: `brown_conrady` k1 k2 p1 p2 k3,
+    `rational` k1 k2 p1 p2 k3 k4 k5 k6, `fisheye` (equidistant) k1 k2 k3 k4. Raises ValueError for another number of them."""
 
     width_px: int
     height_px: int
@@ -21,7 +31,13 @@ class CameraModel:
     fy_px: float
     cx_px: float
     cy_px: float
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    distortion_model: DistortionModel = "brown_conrady"
+
+    def __post_init__(self) -> None:
+        names = DISTORTION_COEFFICIENTS[self.distortion_model]
+        if len(self.distortion) != len(names):
+            raise ValueError(f"{self.distortion_model} has {len(names)} coefficients, not {len(self.distortion)}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.adapters.systemd.notify import Notifier
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.first_position import At
 from visloc_companion.app.journal import Entry, read_journal
 from visloc_companion.app.live import Daemon, run_daemon
 from visloc_companion.app.parts import Constructors
-from visloc_companion.app.settings import camera_model
 from visloc_companion.config import Config, parse_config
 from visloc_companion.errors import CameraError
 from visloc_companion.protocols import Camera, Clock, FrameSlots

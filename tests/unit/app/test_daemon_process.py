@@ -16,12 +16,12 @@ from typing import Any
 
 import pytest
 
+from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.adapters.camera.framing import StreamedFrame, encode_frame
 from visloc_companion.adapters.mavlink.dialect import mav
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.journal import read_frames, read_header, read_journal, read_mavlink
 from visloc_companion.app.replay import compare_with_recording
-from visloc_companion.app.settings import camera_model
 from visloc_companion.cli.toml import to_toml
 from visloc_companion.config import Config, parse_config
 from visloc_companion.maps.pack import PackMap

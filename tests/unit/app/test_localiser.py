@@ -2,20 +2,54 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from typing import Any, cast
 
+import numpy as np
 import pytest
 
+from tests.unit.level_ground import CRS, level_ground, over_its_middle
+from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.app.localiser import configured_localiser
-from visloc_companion.app.settings import camera_model
 from visloc_companion.config import CameraConfig, LocaliserConfig
+from visloc_companion.errors import OutsideMap
+from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.localise.rolling_shutter import Unrolled
 from visloc_companion.localise.twice import CheckedTwice
 from visloc_companion.localise.with_motion import WithMotion
 from visloc_companion.localise.with_turn import WithTurn
+from visloc_companion.maps.crs import map_crs
 from visloc_companion.protocols import Localiser
+from visloc_companion.sim.render import CameraSimulator
+from visloc_companion.types import FrameRef, GeoPoint, LocaliseRequest, PosePrior
 
 MODEL = camera_model(CameraConfig())
+FISHEYE = CameraConfig(
+    width_px=320,
+    height_px=240,
+    fx_px=160,
+    fy_px=160,
+    cx_px=161,
+    cy_px=118,
+    distortion_model="fisheye",
+    distortion=(0.02, -0.01, 0.003, -0.001),
+)
+
+
+class _NoMap:
+    """protocols.ReferenceMap of another continent."""
+
+    gsd_m = 0.5
+
+    def __getattr__(self, name: str) -> Any:
+        def outside(*_: object, **__: object) -> Any:
+            raise OutsideMap("nothing here")
+
+        return outside
+
+    def projection_at(self, place: GeoPoint) -> Any:
+        return map_crs(CRS).linearised_at(place)
 
 
 def of_frames_set_right(localiser: Localiser) -> WithTurn:
@@ -42,3 +76,18 @@ def test_the_second_computation_has_a_network_of_its_own(network: Path) -> None:
     assert again is not features
     assert again.session.run is not features.session.run
     assert (again.session.provider, again.session.threads) == ("cpu", 1)
+
+
+def test_a_wide_camera_s_turn_is_told_as_it_was() -> None:
+    """Behind the lens all see a pinhole's frames: the turn of a fisheye is not that of bent pixels."""
+    model, roll = camera_model(FISHEYE), math.radians(4.0)
+    localiser, _ = configured_localiser(LocaliserConfig(method="gradient", structure=False, odometry=False, check_every=0), model)
+    camera, place, answers = CameraSimulator(level_ground(), model), over_its_middle(60.0), []
+    for number, q in enumerate([quat_from_euler(0.0, 0.0, 0.3), quat_from_euler(roll, 0.0, 0.3)]):
+        frame = FrameRef(0, number * 200_000_000, number, 0, 320, 240, 3)
+        level = quat_from_euler(0.0, 0.0, 0.3)
+        prior = PosePrior(place, level, ((9.0, 0.0), (0.0, 9.0)), 2.0, 0.05, 0.05)
+        answers.append(localiser.localise(LocaliseRequest(number, frame, prior, 1), camera.frame(place, q), cast(Any, _NoMap())))
+    turn = answers[1].turn
+    assert turn is not None
+    assert 2 * np.array(turn.q_from_to[1:]) == pytest.approx([roll, 0.0, 0.0], abs=math.radians(0.05))

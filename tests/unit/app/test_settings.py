@@ -6,9 +6,11 @@ import math
 
 import pytest
 
-from visloc_companion.app.settings import camera_model, core_settings, mounting
+from visloc_companion.adapters.camera.calibration import camera_model
+from visloc_companion.app.settings import core_settings, mounting
 from visloc_companion.config import CameraConfig, parse_config
 from visloc_companion.core.settings import CoreSettings
+from visloc_companion.errors import ConfigError
 from visloc_companion.geo.se3 import rotate
 from visloc_companion.types import CameraModel, InjectionPolicy
 
@@ -57,3 +59,18 @@ def test_camera_model_is_the_calibration() -> None:
         width_px=320, height_px=240, fx_px=250, fy_px=251, cx_px=160, cy_px=121, distortion=(0.1, -0.2, 0.001, 0.002, 0.05)
     )
     assert camera_model(camera) == CameraModel(320, 240, 250.0, 251.0, 160.0, 121.0, (0.1, -0.2, 0.001, 0.002, 0.05))
+
+
+def test_camera_model_names_the_lens() -> None:
+    camera = CameraConfig(distortion_model="fisheye", distortion=(0.1, -0.02, 0.0, 0.0), fx_px=300, fy_px=300)
+    assert camera_model(camera) == CameraModel(640, 480, 300.0, 300.0, 319.5, 239.5, (0.1, -0.02, 0.0, 0.0), "fisheye")
+
+
+def test_a_lens_that_folds_within_the_picture_is_refused() -> None:
+    wrong_order = CameraConfig(distortion_model="fisheye", distortion=(-0.6, 0.1, 0.0, 0.0), fx_px=300, fy_px=300)
+    with pytest.raises(
+        ConfigError, match=r"camera.distortion: the mapping of this fisheye lens folds back .* at \d+ % of the way"
+    ):
+        camera_model(wrong_order)
+    in_the_corners = CameraConfig(distortion_model="fisheye", distortion=(-0.15, 0.0, 0.0, 0.0), fx_px=300, fy_px=300)
+    assert camera_model(in_the_corners).distortion_model == "fisheye"

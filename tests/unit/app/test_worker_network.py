@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 
+from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.preflight import preflight
-from visloc_companion.app.settings import camera_model, network_choice
+from visloc_companion.app.settings import network_choice
 from visloc_companion.app.slots import SharedFrameSlots
 from visloc_companion.app.worker import WorkerSupervisor
 from visloc_companion.app.worker_process import open_localiser

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.app.clock import MonotonicClock
-from visloc_companion.app.settings import camera_model
 from visloc_companion.app.slots import SharedFrameSlots
 from visloc_companion.app.worker import WorkerSupervisor
 from visloc_companion.config import Config, parse_config

@@ -12,9 +12,10 @@ from typing import Any
 
 import pytest
 
+from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
-from visloc_companion.app.settings import camera_model, core_settings
+from visloc_companion.app.settings import core_settings
 from visloc_companion.config import load_config
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.errors import ConfigError, LinkError

@@ -87,11 +87,13 @@ def folder(tmp_path_factory) -> Path:
         rows[0] | {"id": "text_for_frame", "frame": "cases.csv"},
         rows[0] | {"id": "off_earth", "prior_lat_deg": "95"},
         rows[0] | {"id": "long_distortion", "distortion": "1 2 3 4 5 6"},
+        rows[0] | {"id": "short_fisheye", "distortion_model": "fisheye", "distortion": "0 0"},
+        rows[0] | {"id": "unknown_lens", "distortion_model": "equidistant", "distortion": "0 0 0 0"},
         rows[0] | {"id": "no_focal_length", "fx_px": "0"},
         rows[0] | {"id": "endless_sigma", "sigma_horizontal_m": "1e200"},
         rows[0] | {"id": "no_name", "frame": "a\0.png"},
     ]
-    write(root / "cases.csv", rows + bad)
+    write(root / "cases.csv", [{"distortion_model": ""} | row for row in rows + bad])
     write(root / "truth.csv", truths)
     return root
 
@@ -121,6 +123,8 @@ def test_good_cases_are_fixed_and_bad_ones_declined_with_a_reason(document):
         "text_for_frame": "bad_frame",
         "off_earth": "bad_input",
         "long_distortion": "bad_input",
+        "short_fisheye": "bad_input",
+        "unknown_lens": "bad_input",
         "no_focal_length": "bad_input",
         "endless_sigma": "bad_input",
         "no_name": "bad_input",
@@ -142,7 +146,7 @@ def test_document_has_the_agreed_fields_and_is_strict_json(document):
 
 def test_summary_tells_errors_against_the_truth(document):
     summary = document["summary"]
-    assert (summary["n"], summary["n_fix"], summary["n_with_truth"]) == (14, 3, 3)
+    assert (summary["n"], summary["n_fix"], summary["n_with_truth"]) == (16, 3, 3)
     assert summary["error_m"]["max"] < 0.5
     assert summary["error_px"]["max"] == pytest.approx(summary["error_m"]["max"], rel=0.01)
     assert summary["within_5px_share"] == 1.0

@@ -1,12 +1,19 @@
+import math
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
-from visloc_companion.geo.camera import R_FRD_CAM, project, reach_tan, scaled, unproject
-from visloc_companion.types import CameraModel
+from visloc_companion.geo.camera import R_FRD_CAM, project, scaled, unproject
+from visloc_companion.geo.lens import reach_tan
+from visloc_companion.types import CameraModel, DistortionModel
 
 PLAIN = CameraModel(640, 480, 500.0, 510.0, 319.5, 239.5)
 BENT = CameraModel(640, 480, 500.0, 510.0, 321.0, 236.0, (-0.28, 0.09, 0.001, -0.0007, -0.01))
+RATIONAL = CameraModel(640, 480, 290.0, 291.0, 322.0, 236.0, (1.2, 0.35, 3e-4, -2e-4, 0.01, 1.5, 0.7, 0.05), "rational")
+FISHEYE = CameraModel(640, 480, 306.0, 305.0, 322.0, 236.0, (0.02, -0.01, 0.003, -0.001), "fisheye")
+LENSES = (PLAIN, BENT, RATIONAL, FISHEYE)
 
 
 def points(n: int = 200) -> np.ndarray:
@@ -14,14 +21,23 @@ def points(n: int = 200) -> np.ndarray:
     return np.column_stack([rng.uniform(-0.55, 0.55, n), rng.uniform(-0.4, 0.4, n), np.ones(n)]) * rng.uniform(1, 300, (n, 1))
 
 
-@pytest.mark.parametrize("model", [PLAIN, BENT])
-def test_projection_is_opencv_s(model: CameraModel) -> None:
+def projected_by_opencv(model: CameraModel, p_cam_m: np.ndarray) -> np.ndarray:
     K = np.array([[model.fx_px, 0, model.cx_px], [0, model.fy_px, model.cy_px], [0, 0, 1]])
-    want = cv2.projectPoints(points(), np.zeros(3), np.zeros(3), K, np.array(model.distortion))[0].reshape(-1, 2)
-    assert project(model, points()) == pytest.approx(want, abs=1e-9)
+    coefficients, still = np.array(model.distortion), np.zeros(3)
+    if model.distortion_model == "fisheye":
+        return cv2.fisheye.projectPoints(p_cam_m[:, None], still, still, K, coefficients)[0].reshape(-1, 2)
+    return cv2.projectPoints(p_cam_m, still, still, K, coefficients)[0].reshape(-1, 2)
 
 
-@pytest.mark.parametrize("model", [PLAIN, BENT])
+@pytest.mark.parametrize("model", LENSES)
+def test_projection_is_opencv_s(model: CameraModel) -> None:
+    assert project(model, points()) == pytest.approx(projected_by_opencv(model, points()), abs=1e-9)
+    wide = points() * (4.0, 4.0, 1.0)
+    if model.distortion_model != "brown_conrady":
+        assert project(model, wide) == pytest.approx(projected_by_opencv(model, wide), abs=1e-9)
+
+
+@pytest.mark.parametrize("model", LENSES)
 def test_rays_go_back_through_their_pixels(model: CameraModel) -> None:
     u, v = np.meshgrid(np.linspace(0, 639, 9), np.linspace(0, 479, 7))
     pix = np.column_stack([u.ravel(), v.ravel()])
@@ -50,6 +66,47 @@ def test_rays_of_strong_lenses_go_back_through_their_pixels(focal_px: float, dis
     assert (np.hypot(rays[:, 0], rays[:, 1]) < reach_tan(model)).all()
 
 
+@pytest.mark.parametrize("diagonal_deg", [100.0, 140.0, 178.0])
+@pytest.mark.parametrize("distortion", [(0.0, 0.0, 0.0, 0.0), (-0.04, 0.01, -0.003, 0.0), (0.12, -0.05, 0.02, -0.003)])
+def test_rays_of_fisheyes_go_back_through_their_pixels(diagonal_deg: float, distortion: tuple[float, ...]) -> None:
+    half = math.radians(diagonal_deg / 2)
+    angle = half * (1 + sum(k * half ** (2 * n) for n, k in enumerate(distortion, start=1)))
+    focal_px = math.hypot(320.0, 240.0) / angle
+    model = CameraModel(640, 480, focal_px, focal_px, 319.5, 239.5, distortion, "fisheye")
+    u, v = np.meshgrid(np.linspace(0, 639, 17), np.linspace(0, 479, 13))
+    pix = np.column_stack([u.ravel(), v.ravel()])
+    rays = unproject(model, pix)
+    assert project(model, rays) == pytest.approx(pix, abs=1e-6)
+    corner_deg = np.degrees(np.arctan(np.hypot(rays[0, 0], rays[0, 1])))
+    assert corner_deg == pytest.approx(diagonal_deg / 2, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("model", "distortion", "reach"),
+    [
+        ("fisheye", (-0.2, 0.0, 0.0, 0.0), math.tan((1 / 0.6) ** 0.5)),
+        ("fisheye", (-0.1, 0.0, 0.0, 0.0), math.inf),  # turns only beyond a right angle
+        ("rational", (-0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (1 / 0.9) ** 0.5),
+        ("rational", (0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0), 2.0**0.5),
+        ("rational", (0.0, 0.0, 0.0, 0.0, 0.0, -0.25, 0.0, 0.0), 2.0),  # a pole
+    ],
+)
+def test_where_a_lens_folds(model: DistortionModel, distortion: tuple[float, ...], reach: float) -> None:
+    folding = CameraModel(640, 480, 300.0, 300.0, 319.5, 239.5, distortion, model)
+    assert reach_tan(folding) == pytest.approx(reach)
+    if math.isfinite(reach):
+        just = [project(folding, np.array([[r, 0.0, 1.0]]))[0, 0] for r in reach * np.array([0.98, 0.99, 0.999, 1.001, 1.01])]
+        assert just[0] < just[1] < just[2]
+        assert just[4] < just[2]
+
+
+def test_a_model_has_the_coefficients_of_its_kind() -> None:
+    with pytest.raises(ValueError, match="fisheye has 4 coefficients, not 5"):
+        replace(PLAIN, distortion_model="fisheye")
+    with pytest.raises(ValueError, match="rational has 8 coefficients, not 4"):
+        replace(FISHEYE, distortion_model="rational")
+
+
 def test_pixels_beyond_what_the_polynomial_reaches_get_its_last_ray() -> None:
     model = CameraModel(640, 480, 330.0, 330.0, 319.5, 239.5, (-0.3, 0.0, 0.0, 0.0, 0.0))
     reach = reach_tan(model)
@@ -72,11 +129,12 @@ def test_camera_looks_down_with_its_top_forward() -> None:
     assert (R_FRD_CAM @ [1, 0, 0] == [0, 1, 0]).all(), "right of the image = body right"
 
 
+@pytest.mark.parametrize("model", [BENT, RATIONAL, FISHEYE])
 @pytest.mark.parametrize("factor", [0.5, 0.25, 2.0])
-def test_scaled_model_sees_the_resized_image(factor: float) -> None:
-    small = scaled(BENT, factor)
+def test_scaled_model_sees_the_resized_image(factor: float, model: CameraModel) -> None:
+    small = scaled(model, factor)
     assert (small.width_px, small.height_px) == (640 * factor, 480 * factor)
-    assert project(small, points()) == pytest.approx((project(BENT, points()) + 0.5) * factor - 0.5, abs=1e-9)
+    assert project(small, points()) == pytest.approx((project(model, points()) + 0.5) * factor - 0.5, abs=1e-9)
 
 
 def test_scaled_model_keeps_a_pixel() -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from tests.unit.level_ground import apart, level_ground, over_its_middle
 from visloc_companion.geo.se3 import quat_from_euler
+from visloc_companion.localise.rectified import rectified
 from visloc_companion.localise.rolling_shutter import Unrolled, unrolled
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.sim.render import CameraSimulator
@@ -20,6 +21,8 @@ from visloc_companion.types import CameraModel, FrameRef, Image, LocaliseRequest
 HEIGHT_M = 100.0
 MODEL = CameraModel(320, 240, 300.0, 300.0, 159.5, 119.5)
 BENT = replace(MODEL, distortion=(-0.2, 0.05, 0.001, -0.001, 0.0))
+FISHEYE = CameraModel(320, 240, 190.0, 190.0, 162.0, 117.0, (0.02, -0.01, 0.003, -0.001), "fisheye")
+PAST_ITS_PLANE = CameraModel(320, 240, 100.0, 100.0, 159.5, 119.5, (0.0, 0.0, 0.0, 0.0), "fisheye")
 LEVEL, LEANING = quat_from_euler(0.0, 0.0, 0.7), quat_from_euler(0.3, -0.25, 2.0)
 STILL: Vec3 = (0.0, 0.0, 0.0)
 PLACE = over_its_middle(HEIGHT_M)
@@ -45,6 +48,7 @@ def inner_apart(a: Image, b: Image) -> float:
         (MODEL, LEANING, (0.0, 0.0, 0.8), STILL),
         (MODEL, LEVEL, STILL, (25.0, -35.0, 3.0)),
         (BENT, LEANING, (0.3, 0.4, -0.5), (-12.0, 14.0, -4.0)),
+        (FISHEYE, LEVEL, (0.5, 0.3, 0.2), (25.0, -35.0, 3.0)),
     ],
 )
 def test_rows_are_put_where_the_middle_one_would_have_seen_them(
@@ -57,6 +61,16 @@ def test_rows_are_put_where_the_middle_one_would_have_seen_them(
     assert inner_apart(told, still) < 0.25 * inner_apart(rolled, still)
     assert told.shape == rolled.shape
     assert told.dtype == np.uint8
+
+
+def test_a_lens_that_sees_past_its_own_plane_is_set_right_where_it_is_looked_at(scene: Scene) -> None:
+    """Of 229° corner to corner, rays at the rim turn behind the plane, where they have no pixel."""
+    rate = (0.6, -0.3, 0.2)
+    camera = CameraSimulator(scene, PAST_ITS_PLANE)
+    still, rolled = camera.frame(PLACE, LEVEL), camera.frame(PLACE, LEVEL, shot=Shot(STILL, rate, 0.05))
+    told = unrolled(rolled, PAST_ITS_PLANE, LEVEL, Readout(0.05, rate, STILL, HEIGHT_M))
+    still, rolled, told = (rectified(picture, PAST_ITS_PLANE) for picture in (still, rolled, told))
+    assert inner_apart(told, still) < 0.3 * inner_apart(rolled, still)
 
 
 def test_a_camera_that_hovers_is_left_alone(scene: Scene) -> None:

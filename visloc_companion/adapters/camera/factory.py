@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.adapters.camera.device import DeviceCamera
 from visloc_companion.adapters.camera.files import FilesCamera
 from visloc_companion.adapters.camera.tcp import TcpCamera
@@ -9,17 +10,14 @@ from visloc_companion.adapters.camera.video import VideoCamera
 from visloc_companion.config import CameraConfig
 from visloc_companion.errors import ConfigError
 from visloc_companion.protocols import Camera, Clock
-from visloc_companion.types import CameraModel
 
 KINDS = ("files:FOLDER", "video:FILE", "device:/dev/video0", "tcp:HOST:PORT")
 
 
 def make_camera(config: CameraConfig, clock: Clock) -> Camera:
-    """Open the camera. Raises ConfigError for a URL of no known kind, CameraError where the camera cannot be used."""
+    """Open the camera. Raises ConfigError for a URL of no known kind or a lens that folds, CameraError for one that fails."""
     kind, _, address = config.url.partition(":")
-    model = CameraModel(
-        config.width_px, config.height_px, config.fx_px, config.fy_px, config.cx_px, config.cy_px, config.distortion
-    )
+    model = camera_model(config)
     if address and kind == "files":
         return FilesCamera(address, model, clock)
     if address and kind == "video":

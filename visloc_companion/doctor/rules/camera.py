@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.config import CameraConfig
 from visloc_companion.doctor.facts import CameraFacts, Facts
 from visloc_companion.doctor.finding import Finding, Rule, amber, green, red, skipped
+from visloc_companion.errors import ConfigError
+from visloc_companion.geo.pinhole_view import field_of_view_deg, inner_reach, pinhole_view
 
 JudgeSeen = Callable[[CameraFacts, Facts], Finding]
 JudgeConfigured = Callable[[CameraConfig, Facts], Finding]
@@ -101,9 +104,40 @@ def _frozen(camera: CameraFacts, facts: Facts) -> Finding:
 )
 def _focal(camera: CameraConfig, facts: Facts) -> Finding:
     del facts
+    if camera.distortion_model != "brown_conrady":
+        return _wide(camera)
     angle_deg = math.degrees(2 * math.atan(camera.width_px / 2 / camera.fx_px))
     read = f"{angle_deg:.0f}° across {camera.width_px} px"
     return green(read) if NARROWEST_DEG <= angle_deg <= WIDEST_DEG else red(read)
+
+
+def _wide(camera: CameraConfig) -> Finding:
+    """What a rational or fisheye lens sees, and how much of that is looked at."""
+    try:
+        model = camera_model(camera)
+    except ConfigError as why:
+        return skipped(why.what, "see camera-lens")
+    (across_deg, down_deg), (kept_across_deg, kept_down_deg) = field_of_view_deg(model), field_of_view_deg(pinhole_view(model))
+    read = f"{across_deg:.0f} x {down_deg:.0f}°, the inner {kept_across_deg:.0f} x {kept_down_deg:.0f}° are looked at"
+    return green(read) if across_deg >= NARROWEST_DEG else red(read)
+
+
+@configured(
+    "camera-lens",
+    "camera.distortion_model camera.distortion",
+    "A mapping that folds back within the picture is none of a lens: coefficients in another order, or of another model.",
+    "check distortion_model, order and signs; calibrate again with views that reach into the corners",
+)
+def _lens(camera: CameraConfig, facts: Facts) -> Finding:
+    del facts
+    try:
+        reach = inner_reach(camera_model(camera))
+    except ConfigError as why:
+        return red(why.what)
+    if math.isinf(reach):
+        return green(f"{camera.distortion_model}, never folds")
+    read = f"{camera.distortion_model}, folds at {100 * reach:.0f} % of the way to the nearest border"
+    return green(read) if reach >= 1.0 else red(read)
 
 
 @configured(
@@ -146,7 +180,7 @@ def _calibrated(camera: CameraConfig, facts: Facts) -> Finding:
     if (camera.fx_px, camera.fy_px) == (default.fx_px, default.fy_px):
         return red(f"fx_px = {camera.fx_px:g}, the default")
     real = _is_device(camera)
-    bare = real and not any(camera.distortion)
+    bare = real and camera.distortion_model == "brown_conrady" and not any(camera.distortion)
     return amber("distortion is all zero") if bare else green("fx_px and distortion are stated" if real else "fx_px is stated")
 
 
@@ -215,6 +249,7 @@ RULES: tuple[Rule, ...] = (
     _exposure,
     _frozen,
     _focal,
+    _lens,
     _aspect,
     _principal,
     _calibrated,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.geo.camera import unproject
+from visloc_companion.localise.lens_maps import where_seen
 from visloc_companion.types import CameraModel, FloatArray, Image
 
 DOWN: FloatArray = np.array([0.0, 0.0, -1.0])
@@ -44,10 +45,9 @@ class View:
 
     def render(self, grey: Image, model: CameraModel, R_local_cam: FloatArray) -> tuple[Image, NDArray[np.bool_]]:
         """(H, W) what the frame shows of the window, and the mask of where it does."""
-        K = np.array([[model.fx_px, 0.0, model.cx_px], [0.0, model.fy_px, model.cy_px], [0.0, 0.0, 1.0]])
         drawn = np.array([[self.focal_px, 0.0, -self.corner[0]], [0.0, self.focal_px, -self.corner[1]], [0.0, 0.0, 1.0]])
         R = self.R_local_view.T @ R_local_cam
-        maps = cv2.initUndistortRectifyMap(K, np.array(model.distortion), R, drawn, self.size, cv2.CV_32FC1)
+        maps = where_seen(model, R, drawn, self.size)
         image = cv2.remap(grey, maps[0], maps[1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         outline = plane_outline(model, R, self.focal_px) - np.array(self.corner)
         seen = np.zeros(self.size[::-1], np.uint8)

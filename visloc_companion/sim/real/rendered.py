@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.app.localiser import configured_localiser
-from visloc_companion.app.settings import camera_model, mounting
+from visloc_companion.app.settings import mounting
 from visloc_companion.config import Config
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.protocols import Localiser
