@@ -22,7 +22,8 @@ from visloc_companion.errors import DatumMissing, MapError, OutsideMap
 from visloc_companion.geo.raster import T_map_pix_from_gdal
 from visloc_companion.maps.collar import collar
 from visloc_companion.maps.crs import MapCrs, map_crs
-from visloc_companion.maps.layer import ArrayLayer, Layer, Validity, Values, array_layer, level_shapes
+from visloc_companion.maps.fills import in_missing, missing_blocks, no_colour, undeclared_fill
+from visloc_companion.maps.layer import ArrayLayer, Layer, Validity, Values, array_layer, halved, level_shapes
 from visloc_companion.maps.manifest import require_utf8
 from visloc_companion.types import FloatArray
 
@@ -34,6 +35,7 @@ Stretch = tuple[float, float]
 """Values that become 0 and 255."""
 SHADES, LEAST_SHADES = 0.25, 16
 """An alpha band with such a share of pixels that are neither empty nor full, and so many shades, is a colour."""
+STRIP_ROWS = 256
 HEIGHTS_M = (-1000.0, 10_000.0)
 """Nothing on land is lower or higher: what a surface model holds beyond stands for "unknown", whether or not the file says so."""
 
@@ -43,7 +45,8 @@ class GeoTiff:
     """An open GeoTIFF, its CRS, its grid and which bands are used.
 
     `stretch` maps other types than uint8 to 0-255. Heights are `height_unit_m` (None where the bands are no heights) times the
-    band's values, and `lift_m`. `masked`: the file says where it is empty.
+    band's values, and `lift_m`. `masked`: the file says where it is empty; `missing`: where it does not,
+    its blocks that were never written (maps/fills.py).
     """
 
     path: Path
@@ -55,6 +58,7 @@ class GeoTiff:
     height_unit_m: float | None
     lift_m: float = 0.0
     masked: bool = True
+    missing: NDArray[np.bool_] | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -93,7 +97,8 @@ def open_ortho(path: Path, stretches: Mapping[str, Stretch] | None = None) -> Ge
     if stretches is None:
         stretches = {} if dtype == "uint8" else {dtype: _stretch(_sampled(path, dataset, bands))}
     masked = is_masked(path, dataset, meanings)
-    return GeoTiff(path, dataset, crs, T_map_pix, bands, stretches.get(dtype), None, masked=masked)
+    missing = None if masked else missing_blocks(dataset)
+    return GeoTiff(path, dataset, crs, T_map_pix, bands, stretches.get(dtype), None, masked=masked, missing=missing)
 
 
 def stretches_of(paths: Sequence[Path]) -> dict[str, Stretch]:
@@ -116,7 +121,35 @@ def open_dsm(path: Path) -> GeoTiff:
     if _meanings(path, dataset)[0] in (ColorInterp.palette, ColorInterp.red):
         raise MapError("holds colours, no heights", where=str(path), remedy="name a surface model (GeoTIFF, one band of heights)")
     unit_m = _height_unit_m(path, (dataset.units[0] or "").lower(), crs)
-    return GeoTiff(path, dataset, crs, T_map_pix, (1,), None, unit_m * dataset.scales[0], unit_m * dataset.offsets[0])
+    scale, lift_m = unit_m * dataset.scales[0], unit_m * dataset.offsets[0]
+    masked = MaskFlags.all_valid not in dataset.mask_flag_enums[0]
+    missing = None if masked else missing_blocks(dataset)
+    return GeoTiff(path, dataset, crs, T_map_pix, (1,), None, scale, lift_m, masked=masked, missing=missing)
+
+
+def require_heights(tiff: GeoTiff) -> None:
+    """Refuse a surface model whose holes look like ground: a value that is none, and that the file does not declare.
+
+    Raises MapError with the command that declares it.
+    """
+    shape = _thinned(tiff.dataset)
+    with _reading(tiff.path):
+        raw = tiff.dataset.read(1, out_shape=shape, resampling=Resampling.nearest).astype(np.float64)
+        mask = tiff.dataset.dataset_mask(out_shape=shape) > 0
+    if tiff.missing is not None:
+        middles = ((np.arange(n) * full + full // 2) // n for n, full in zip(shape, tiff.shape, strict=True))
+        mask &= ~in_missing(tiff.dataset, tiff.missing, *middles)
+    heights = raw * (tiff.height_unit_m or 1.0) + tiff.lift_m
+    used = mask & (heights >= HEIGHTS_M[0]) & (heights <= HEIGHTS_M[1])
+    fill_m = undeclared_fill(heights[used]) if used.any() else None
+    if fill_m is not None:
+        share = float((heights[used] == fill_m).mean())
+        value = float(raw[used][heights[used] == fill_m][0])
+        raise MapError(
+            f"{100 * share:.2g} % of its pixels are {value:.9g}, far from all other heights: holes that it does not declare",
+            where=str(tiff.path),
+            remedy=f"gdal_edit.py -a_nodata {value:.9g} FILE; where that is a height, declare another value there",
+        )
 
 
 def _height_unit_m(path: Path, unit: str, crs: MapCrs) -> float:
@@ -140,11 +173,18 @@ def layer_of(tiff: GeoTiff, in_memory_bytes: int = IN_MEMORY_BYTES) -> Layer:
     if rows * cols * len(tiff.bands) * lazy.dtype.itemsize > in_memory_bytes:
         return lazy
     values, valid = lazy.read(0, (0, rows), (0, cols))
-    if not tiff.masked and tiff.stretch is None:
-        valid[collar(values)] = 0
+    if not tiff.masked and tiff.height_unit_m is None:
+        valid[collar(values if tiff.stretch is None else _raw(tiff))] = 0
     layer: ArrayLayer = array_layer(tiff.T_map_pix, values, valid > 0)
     tiff.dataset.close()
     return layer
+
+
+def _raw(tiff: GeoTiff) -> Values:
+    """(rows, cols[, 3]) as the file has them: a stretch makes dark and empty pixels the same."""
+    with _reading(tiff.path):
+        raw = tiff.dataset.read(list(tiff.bands))
+    return np.asarray(raw[0] if len(raw) == 1 else raw.transpose(1, 2, 0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,6 +210,8 @@ class DatasetLayer:
 
     def read(self, level: int, rows: tuple[int, int], cols: tuple[int, int]) -> tuple[Values, Validity]:
         """A window. Raises MapError where the file is damaged."""
+        if level and self._says_nothing:
+            return self._averaged(level, rows, cols)
         n = 2**level
         window = Window(cols[0] * n, rows[0] * n, (cols[1] - cols[0]) * n, (rows[1] - rows[0]) * n)
         shape = (rows[1] - rows[0], cols[1] - cols[0])
@@ -179,8 +221,23 @@ class DatasetLayer:
             mask = np.full(shape, 255, np.uint8)
             if self.tiff.masked:
                 mask = self.tiff.dataset.dataset_mask(window=window, out_shape=shape, resampling=Resampling.nearest)
+        if self.tiff.missing is not None:
+            middles = (np.arange(*span) * n + n // 2 for span in (rows, cols))
+            mask[in_missing(self.tiff.dataset, self.tiff.missing, *middles)] = 0
         opaque = 127 if self.tiff.dataset.dtypes[-1] == "uint8" else 0  # GDAL scales a wider alpha, whatever its largest value is
         return self._converted(raw, np.where(mask > opaque, np.uint8(255), np.uint8(0)))
+
+    @property
+    def _says_nothing(self) -> bool:
+        """Whether values may stand for nothing that GDAL would take for such, and average with others."""
+        as_they_are = self.tiff.height_unit_m is None and self.tiff.stretch is None
+        return not self.tiff.masked and not as_they_are
+
+    def _averaged(self, level: int, rows: tuple[int, int], cols: tuple[int, int]) -> tuple[Values, Validity]:
+        """A window of a level from that below it, known pixels alone, a strip of rows at a time."""
+        strips = [(top, min(top + STRIP_ROWS, rows[1])) for top in range(rows[0], rows[1], STRIP_ROWS)]
+        parts = [halved(*self.read(level - 1, (2 * top, 2 * bottom), (2 * cols[0], 2 * cols[1]))) for top, bottom in strips]
+        return np.concatenate([values for values, _ in parts]), np.concatenate([valid for _, valid in parts])
 
     def _converted(self, raw: NDArray[Any], mask: Validity) -> tuple[Values, Validity]:
         if self.tiff.height_unit_m is not None:
@@ -192,6 +249,8 @@ class DatasetLayer:
             low, high = self.tiff.stretch
             scaled = (np.where(mask > 0, raw, 0).astype(np.float64) - low) * (255 / (high - low))
             finite = np.isfinite(scaled).all(axis=0)
+            if not self.tiff.masked:
+                finite &= ~no_colour(raw)
             raw = np.clip(np.nan_to_num(scaled), 0, 255).astype(np.uint8)
             mask = np.where(finite, mask, 0).astype(np.uint8)
         pixels = raw[0] if self.channels == 1 else np.ascontiguousarray(raw.transpose(1, 2, 0))
@@ -209,6 +268,13 @@ def _open(path: Path) -> tuple[Any, MapCrs, FloatArray]:
             dataset = rasterio.open(path)
     except RasterioError as why:
         raise MapError(f"cannot be opened as a raster: {why}", where=where, remedy=_READ_AGAIN) from why
+    if dataset.crs is None and (dataset.gcps[0] or dataset.rpcs):
+        how = "ground control points" if dataset.gcps[0] else "a camera model (RPC)"
+        raise DatumMissing(
+            f"is georeferenced by {how} alone",
+            where=where,
+            remedy=f"rectify it: gdalwarp {'-tps' if dataset.gcps[0] else '-rpc'} -t_srs EPSG:CODE FILE OUT.tif",
+        )
     if dataset.crs is None:
         raise DatumMissing(
             "has no coordinate reference system",
@@ -287,13 +353,21 @@ def _sampled(path: Path, dataset: Any, bands: tuple[int, ...]) -> FloatArray:
     """Valid values of all bands, from a thinned read."""
     shape = _thinned(dataset)
     with _reading(path):
-        sample = dataset.read(list(bands), out_shape=(len(bands), *shape)).astype(np.float64)
+        raw = dataset.read(list(bands), out_shape=(len(bands), *shape))
         mask = dataset.dataset_mask(out_shape=shape) > 0
+    if MaskFlags.all_valid in dataset.mask_flag_enums[0]:
+        mask &= ~(no_colour(raw) | _of_collar(raw))
+    sample = raw.astype(np.float64)
     used: FloatArray = sample[:, mask]
     used = used[np.isfinite(used)]
     if not used.size:
         raise MapError("has no valid pixel", where=str(path), remedy="name an orthophoto with content")
     return used
+
+
+def _of_collar(raw: NDArray[Any]) -> NDArray[np.bool_]:
+    """(rows, cols) where (bands, rows, cols) shows the fill about it."""
+    return collar(raw[0] if len(raw) == 1 else raw.transpose(1, 2, 0))
 
 
 def _stretch(values: FloatArray) -> Stretch:

@@ -12,7 +12,7 @@ import numpy as np
 
 from visloc_companion.errors import DatumMissing, MapError
 from visloc_companion.maps.crs import MapCrs
-from visloc_companion.maps.geotiff import layer_of, open_dsm
+from visloc_companion.maps.geotiff import layer_of, open_dsm, require_heights
 from visloc_companion.maps.manifest import Grid, HeightEntry
 from visloc_companion.prepare.cloud import cloud_surface
 from visloc_companion.prepare.mosaic import Step, write_heights
@@ -41,6 +41,7 @@ def surface_sources(dsm: Path | None, clouds: Sequence[Path], cloud_crs: str = "
     if dsm is None:
         return tuple(cloud_surface(path, cloud_crs) for path in clouds)
     tiff = open_dsm(dsm)
+    require_heights(tiff)
     gsd_m = tiff.gsd_m
     return (Source(str(dsm), layer_of(tiff), tiff.crs, gsd_m),)
 

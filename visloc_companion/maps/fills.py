@@ -1,0 +1,65 @@
+"""What stands for "unknown" in rasters that do not say so: values that are no height or colour, and tiles never written.
+
+GDAL reads a missing tile of a sparse file as zeros, and a hole of a surface model that is zero is a pit as deep as the ground is
+high: neither looks wrong to whoever reads the file alone.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+NO_COLOURS = (-9999.0, -32767.0, -32768.0, float(np.finfo(np.float32).min))
+"""What programs write into bands of signed or real numbers where they have nothing."""
+LEAST_PX, LEAST_SHARE = 16, 1e-4
+"""A value that fewer pixels have, or a smaller share of them, may be anything."""
+BELOW_M, ABOVE_M, HIGH_M = 30.0, 1000.0, 5000.0
+"""A fill lies at or below 0 m and so far below all heights, or above the last and so far above them ..."""
+BETWEEN_SHARE = 0.01
+"""... with at most such a share of its own pixels in between (a resampled border): ground and sea have slopes there."""
+
+
+def undeclared_fill(heights_m: NDArray[Any]) -> float | None:
+    """The height, of a sample (N,), that is none: the same in many pixels, and far from all others; None where there is none."""
+    for fill, gap_m in ((float(heights_m.min()), BELOW_M), (float(heights_m.max()), ABOVE_M)):
+        if 0 < fill < HIGH_M:
+            continue
+        n_fill = int((heights_m == fill).sum())
+        n_near = int((np.abs(heights_m - fill) <= gap_m).sum()) - n_fill
+        if max(LEAST_PX, LEAST_SHARE * heights_m.size) <= n_fill < heights_m.size and n_near <= BETWEEN_SHARE * n_fill:
+            return fill
+    return None
+
+
+def no_colour(raw: NDArray[Any]) -> NDArray[np.bool_]:
+    """(rows, cols) where all bands of (bands, rows, cols) hold one value that stands for nothing."""
+    empty = np.zeros(raw.shape[1:], np.bool_)
+    if np.issubdtype(raw.dtype, np.unsignedinteger):
+        return empty
+    for value in NO_COLOURS:
+        empty |= (raw == value).all(axis=0)
+    return empty
+
+
+def missing_blocks(dataset: Any) -> NDArray[np.bool_] | None:
+    """(block rows, block columns) of an open GeoTIFF that were never written; None where none is missing, or nobody can tell."""
+    if dataset.driver != "GTiff":
+        return None
+    height, width = dataset.block_shapes[0]
+    shape = -(-dataset.height // height), -(-dataset.width // width)
+    absent = np.array([[_offset(dataset, row, col) is None for col in range(shape[1])] for row in range(shape[0])], np.bool_)
+    return absent if absent.any() and not absent.all() else None
+
+
+def in_missing(dataset: Any, missing: NDArray[np.bool_], rows: NDArray[np.intp], cols: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """(rows, cols) whether the pixels of these rows (N,) and columns (M,) lie in blocks that are missing."""
+    height, width = dataset.block_shapes[0]
+    return np.asarray(missing[np.ix_(rows // height, cols // width)], dtype=np.bool_)
+
+
+def _offset(dataset: Any, row: int, col: int) -> str | None:
+    """Where a block lies in the file."""
+    found: str | None = dataset.get_tag_item(f"BLOCK_OFFSET_{col}_{row}", "TIFF", bidx=1)
+    return found
