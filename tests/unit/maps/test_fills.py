@@ -129,6 +129,7 @@ def test_fill_of_wider_types_is_empty_and_does_not_spoil_the_contrast(
     tmp_path: Path, write_raster, dtype: str, scale: float, fill: float
 ) -> None:
     plain = (colours() * scale).astype(dtype)
+    plain[(U + V >= 200) & (U + V < 203)] = scale  # shadow beside the fill: black once it is stretched
     filled = plain.copy()
     filled[CORNER] = fill
     write_raster(tmp_path / "plain.tif", plain, *NORTH, 1.0, photometric="RGB")
