@@ -108,21 +108,18 @@ class Flight:
     def set_origin(self, origin: GeoPoint) -> None:
         """Fix the EKF origin; the mission's waypoints become local to it."""
         self.origin = GeoPoint(round(origin.lat_deg, 7), round(origin.lon_deg, 7), round(origin.h_amsl_m, 3))
+        self.filter.origin_above_home_m = self.origin.h_amsl_m - self.plan.home.h_amsl_m
         self._control.path = MissionPath([self.local_from_home(p) for p in self.plan.mission_ned_m])
 
     def move_origin(self, origin: GeoPoint) -> None:
         """SET_GPS_GLOBAL_ORIGIN: the place stays, its local coordinates follow (before any origin they are kept)."""
-        place, shift_down = self.place, -self._origin_above_home_m
+        place, above_m = self.place, self.filter.origin_above_home_m
         self.set_origin(origin)
-        self.filter.down.shift(shift_down + self._origin_above_home_m)
+        self.filter.down.shift(self.filter.origin_above_home_m - above_m)
         if place is not None and self.origin is not None:
             local = autopilot_ned_from_geo(self.plan.kind, place, self.origin)
             self.filter.north.shift(local[0] - self.filter.north.p_now)
             self.filter.east.shift(local[1] - self.filter.east.p_now)
-
-    @property
-    def _origin_above_home_m(self) -> float:
-        return self.origin.h_amsl_m - self.plan.home.h_amsl_m if self.origin is not None else 0.0
 
     @property
     def local_position_sent(self) -> bool:
@@ -155,7 +152,7 @@ class Flight:
         self.attitude.step(dt)
         self.attitude.compass_error_rad = self.plan.faults.compass_error_rad(self.t_s)
         self.filter.baro_error_m = self.plan.faults.baro_error_m(self.t_s)
-        self.filter.step((b.a_north, b.a_east, b.a_down), self.attitude.yaw_error_rad, b.down + self._origin_above_home_m, dt)
+        self.filter.step((b.a_north, b.a_east, b.a_down), self.attitude.yaw_error_rad, b.down, dt)
         self.attitude.tilt_ne_rad = self.filter.tilt_ne_rad
         if self.t_s >= self._gnss_due_s - 1e-9:
             self._sample_gnss()
@@ -176,7 +173,7 @@ class Flight:
         if phase == "by_hand" and not self.body.landed:
             self._control.fly("hold", self._by_eye(), height, wind, dt_s)
         elif phase == "takeoff":
-            self._control.fly("hold", self._estimated(), height + self._origin_above_home_m, wind, dt_s)
+            self._control.fly("hold", self._estimated(), height + self.filter.origin_above_home_m, wind, dt_s)
         elif phase in ("mission", "land"):
             self._control.fly("mission" if phase == "mission" else "land", self._estimated(), height, wind, dt_s)
 

@@ -161,6 +161,8 @@ class InertialFilter:
         """What a fault adds to the barometer's height (up)."""
         self.baro_down_m = 0.0
         """The barometer's last reading, as a position down of home."""
+        self.origin_above_home_m = 0.0
+        """By how much the local metres begin above home: the barometer knows nothing of any origin."""
 
     def align(self, p_ned_m: Vec3, v_ned_mps: Vec3) -> None:
         """Start at a position and velocity, at rest in acceleration."""
@@ -179,7 +181,10 @@ class InertialFilter:
         return self.t_s - self.horizon_s
 
     def step(self, accel_ned_mps2: Vec3, yaw_error_rad: float, true_down_m: float, dt_s: float) -> None:
-        """Advance by the true acceleration, seen through the sensors' and the heading's errors, and sample the barometer."""
+        """Advance by the true acceleration, seen through the sensors' and the heading's errors, and sample the barometer.
+
+        `true_down_m` is down of home.
+        """
         gauss, noise = self._rng.gauss, self._imu.noise_mps2
         a_n, a_e, a_d = accel_ned_mps2
         now = (
@@ -203,7 +208,7 @@ class InertialFilter:
         while self._baro and self._baro[0][0] <= self.t_delayed_s:
             down = self._baro.popleft()[1]
             if use:
-                self.down.correct_position(down, BARO_SIGMA_M**2, 0.0)
+                self.down.correct_position(down + self.origin_above_home_m, BARO_SIGMA_M**2, 0.0)
 
     def hold(self) -> None:
         """Keep the position still, as ArduPilot does without any aiding, PX4 only at rest (constant position mode)."""

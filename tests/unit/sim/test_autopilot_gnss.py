@@ -128,6 +128,20 @@ def test_px4_moves_its_origin_in_flight_and_stays_where_it_is(companion):
     assert flight.estimated_local()[2] == pytest.approx(468.0 - true.h_amsl_m, abs=2.0)
 
 
+@pytest.mark.parametrize(("kind", "above_m"), [("ardupilot", 40.0), ("px4", 40.0), ("px4", -300.0)])
+def test_an_origin_changes_neither_height_nor_air_pressure(companion, kind, above_m):
+    """A barometer knows nothing of origins, nor do readings that wait to be fused: the height was 28 m off for seconds."""
+    flight = companion(kind=kind, faults=faults.no_gnss(), sending=False)
+    flight.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE, 1e5)
+    flight.fly(3.0)
+    altitude_m = pressure_altitude_m(flight.last["SCALED_PRESSURE"].press_abs)
+    flight.send(mavlink.MAVLink_set_gps_global_origin_message(1, 473977000, 85456000, round(488000 + above_m * 1e3)))
+    off_m: list[float] = []
+    flight.fly(3.0, lambda: off_m.append(flight.pilot.estimate().h_amsl_m - flight.pilot.truth().place.h_amsl_m))
+    assert max(map(abs, off_m)) < 1.5
+    assert pressure_altitude_m(flight.last["SCALED_PRESSURE"].press_abs) == pytest.approx(altitude_m, abs=1.5)
+
+
 @pytest.mark.parametrize("kind", ["ardupilot", "px4"])
 def test_a_flight_that_began_without_a_position_has_no_drift_between_filter_and_predictor(companion, kind):
     """The hold without aiding once left the present velocity apart from the delayed one for good."""
