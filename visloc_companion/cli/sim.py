@@ -25,7 +25,7 @@ def sim(
     scenario: Annotated[str, typer.Option(help="Name of the flight; --list shows them.")] = "",
     map_pack: Annotated[Path | None, typer.Option("--map", help="Map pack; without it the embedded procedural world.")] = None,
     camera_ortho: Annotated[Path | None, typer.Option(help="Orthophoto of another date, which the camera sees.")] = None,
-    camera_dsm: Annotated[Path | None, typer.Option(help="Surface model of that date.")] = None,
+    camera_dsm: Annotated[Path | None, typer.Option(help="Surface model of that date; without it the pack's.")] = None,
     autopilot: Annotated[str, typer.Option(help="built-in, ardupilot or px4.")] = "built-in",
     dialect: Annotated[str, typer.Option(help="What the built-in autopilot behaves like: ardupilot or px4.")] = "ardupilot",
     vehicle: Annotated[str, typer.Option(help="copter or plane.")] = "copter",

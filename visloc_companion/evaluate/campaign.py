@@ -56,6 +56,8 @@ class FlightSpec:
             value, kind = getattr(self, item), kinds.get(item, str)
             if type(value) is not kind:
                 raise ConfigError(f"{item} is {value!r}, no {kind.__name__}", remedy="see visloc sim --help")
+        if self.seed < 0:
+            raise ConfigError(f"seed is {self.seed}", remedy="give a whole number from 0 on")
         find_scenario(self.scenario)
         _one_of("dialect", self.dialect, DIALECTS)
         _one_of("vehicle", self.vehicle, VEHICLES)
@@ -74,11 +76,13 @@ def find_scenario(name: str) -> Scenario:
 
 
 def fly_spec(spec: FlightSpec, on_progress: Callable[[float], None] | None = None) -> FlownScenario:
-    """Open the files and fly. Raises MapError."""
+    """Open the files and fly. Without a surface model of its own the camera's scene has the pack's. Raises MapError."""
     reference = PackMap.open(spec.pack, verify_hashes=False)
     easting, northing = reference.center_map_m
     ground = float(np.nan_to_num(reference.height_amsl_m(easting, northing)))
-    world = FlightWorld(spec.pack, reference, Scene.load(spec.camera_ortho, spec.camera_dsm, ground))
+    surface = reference.manifest.heights.grid
+    dsm = spec.camera_dsm or (None if surface is None else spec.pack / surface.file)
+    world = FlightWorld(spec.pack, reference, Scene.load(spec.camera_ortho, dsm, ground))
     vehicle = cast("VehicleKind", spec.vehicle)
     scenario, kind = find_scenario(spec.scenario), AutopilotKind(spec.dialect)
     setup = FlightSetup(scenario, world.area(), kind, vehicle, spec.seed, spec.height_m, spec.structure)

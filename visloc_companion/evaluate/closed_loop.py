@@ -46,14 +46,24 @@ class FlightWorld:
     scene: Scene
 
     def area(self) -> FlightArea:
-        """Home on the map's surface in the middle, and how far map and scene reach around it."""
+        """Home on the map's surface in the middle, and how far map and scene reach around it.
+
+        Raises MapError where the middle has no height, or the scene does not show it.
+        """
         easting, northing = self.reference.center_map_m
         lat, lon = self.reference.to_geo(easting, northing)
         height = self.reference.height_amsl_m(easting, northing)
         if not np.isfinite(height):
             raise MapError("has no surface height in its middle", where=str(self.pack), remedy="give a pack without a hole there")
         home = GeoPoint(lat, lon, float(height))
-        return FlightArea(home, _reach_m(self.reference, home), self.reference.gsd_m)
+        seen_m = self.scene.reach_m(home)
+        if seen_m <= 0:
+            raise MapError(
+                f"lies {-seen_m:.0f} m beyond what the camera is to see",
+                where=f"the middle of {self.pack}",
+                remedy="give --camera-ortho of the same place as --map",
+            )
+        return FlightArea(home, min(_reach_m(self.reference, home), seen_m), self.reference.gsd_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,8 +15,10 @@ from rasterio.transform import Affine
 from rasterio.warp import Resampling, reproject
 
 from visloc_companion.errors import MapError
-from visloc_companion.geo.raster import T_map_pix_from_gdal
-from visloc_companion.types import FloatArray, Image
+from visloc_companion.geo.raster import T_map_pix_from_gdal, apply_affine, invert_affine
+from visloc_companion.maps.crs import map_crs
+from visloc_companion.maps.geotiff import HEIGHTS_M, open_dsm
+from visloc_companion.types import FloatArray, GeoPoint, Image
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +50,14 @@ class Scene:
         centre = self.T_map_pix[:, :2] @ (np.array(self.size_px) - 1) / 2 + self.T_map_pix[:, 2]
         return float(centre[0]), float(centre[1])
 
+    def reach_m(self, place: GeoPoint) -> float:
+        """Horizontal distance from a place to the nearest edge, negative beyond it. Raises OutsideMap where its CRS has none."""
+        local = map_crs(self.crs).linearised_at(place)
+        T_pix_map = invert_affine(self.T_map_pix)
+        pix_per_m = np.linalg.norm(T_pix_map[:, :2] @ local.J_map_ne, axis=1)
+        at = apply_affine(T_pix_map, np.array(local.origin_map_m))
+        return float(np.min(np.minimum(at + 0.5, np.array(self.size_px) - 0.5 - at) / pix_per_m))
+
     def save(self, folder: Path) -> tuple[Path, Path]:
         """Write `ortho.tif` and `dsm.tif` (tiled GeoTIFF) and return their paths. Raises MapError where that fails."""
         ortho, dsm = folder / "ortho.tif", folder / "dsm.tif"
@@ -61,18 +73,29 @@ class Scene:
     def load(cls, ortho: Path, dsm: Path | None = None, ground_h_amsl_m: float = 0.0) -> Scene:
         """Read a GeoTIFF (its first three bands, or its single one) and a surface model of any grid.
 
-        Without a surface model the ground is the plane at `ground_h_amsl_m`; holes of the surface model get its lowest height.
+        Without a surface model the ground is the plane at `ground_h_amsl_m`. Its heights are read as those of a map are (feet,
+        what no land is); holes get the lowest one.
         Raises MapError naming the file, the fault and the remedy.
         """
-        try:
-            with rasterio.open(ortho) as source:
-                pixels, transform, crs = _pixels(source, ortho), source.transform, source.crs
-            heights = np.full(pixels.shape[:2], ground_h_amsl_m, np.float32)
-            if dsm is not None:
+        with _readable(ortho), rasterio.open(ortho) as source:
+            pixels, transform, crs = _pixels(source, ortho), source.transform, source.crs
+        heights = np.full(pixels.shape[:2], ground_h_amsl_m, np.float32)
+        if dsm is not None:
+            with _readable(dsm):
                 heights = _heights_on_grid(dsm, pixels.shape[:2], transform, crs)
-        except RasterioError as why:
-            raise MapError(f"cannot be read: {why}", where=str(ortho), remedy="give readable GeoTIFF files") from why
+            if not np.isfinite(heights).any():
+                what = f"does not overlap {ortho}"
+                raise MapError(what, where=str(dsm), remedy="give orthophoto and surface model of the same place")
+            heights = np.where(np.isfinite(heights), heights, np.nanmin(heights))
         return cls(pixels, heights, T_map_pix_from_gdal(tuple(transform)[:6]), crs.to_string())
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except RasterioError as why:
+        raise MapError(f"cannot be read: {why}", where=str(path), remedy="give a readable GeoTIFF file") from why
 
 
 def _write(path: Path, bands: NDArray[np.uint8] | NDArray[np.float32], T_map_pix: FloatArray, crs: str) -> None:
@@ -106,19 +129,21 @@ def _pixels(source: rasterio.DatasetReader, path: Path) -> Image:
 
 
 def _heights_on_grid(path: Path, shape: tuple[int, int], transform: Affine, crs: rasterio.CRS) -> NDArray[np.float32]:
-    with rasterio.open(path) as source:
-        if source.crs is None:
-            raise MapError("has no coordinate reference system", where=str(path), remedy="assign it (gdal_edit -a_srs EPSG:...)")
-        heights = np.full(shape, np.nan, np.float32)
-        reproject(
-            rasterio.band(source, 1),
-            heights,
-            dst_transform=transform,
-            dst_crs=crs,
-            dst_nodata=np.nan,
-            resampling=Resampling.bilinear,
-        )
-    known = np.isfinite(heights)
-    if not known.any():
-        raise MapError("does not overlap the orthophoto", where=str(path), remedy="give the surface model of the same place")
-    return np.where(known, heights, heights[known].min())
+    """Heights above sea level, m, NaN where there are none."""
+    tiff = open_dsm(path)
+    unit_m, source = tiff.height_unit_m or 1.0, tiff.dataset
+    stored = source.read(1, masked=True).astype(np.float32).filled(np.nan) * np.float32(unit_m) + np.float32(tiff.lift_m)
+    stored[(stored < HEIGHTS_M[0]) | (stored > HEIGHTS_M[1])] = np.nan
+    heights = np.full(shape, np.nan, np.float32)
+    reproject(
+        stored,
+        heights,
+        src_transform=source.transform,
+        src_crs=source.crs,
+        src_nodata=np.nan,
+        dst_transform=transform,
+        dst_crs=crs,
+        dst_nodata=np.nan,
+        resampling=Resampling.bilinear,
+    )
+    return heights

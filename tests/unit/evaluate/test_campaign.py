@@ -9,10 +9,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from visloc_companion.errors import ConfigError, MapError
-from visloc_companion.evaluate import closed_loop
+from visloc_companion.evaluate import campaign, closed_loop
 from visloc_companion.evaluate.campaign import (
     CAMPAIGNS,
     FlightSpec,
@@ -22,8 +23,11 @@ from visloc_companion.evaluate.campaign import (
     result_of,
     run_campaign,
 )
+from visloc_companion.evaluate.closed_loop import FlightWorld
+from visloc_companion.maps.pack import PackMap
 from visloc_companion.sim.flight import Eyes
 from visloc_companion.sim.scenarios import DEMO, SCENARIOS, SEASON_CHANGE
+from visloc_companion.sim.setup import FlightSetup
 
 REPLAY_FIELDS = {
     *("schema", "duration_s", "n_frames", "n_fixes", "n_no_fix", "reasons", "error_horizontal_m", "availability", "hmi"),
@@ -94,6 +98,7 @@ def test_without_the_daemon_nothing_is_expected(spec: FlightSpec) -> None:
         ({"method": "guess"}, "unknown method 'guess'.*gradient"),
         ({"seed": "1"}, "seed is '1', no int"),
         ({"seed": True}, "seed is True, no int"),
+        ({"seed": -1}, "seed is -1.*from 0 on"),
         ({"with_daemon": 1}, "with_daemon is 1, no bool"),
         ({"scenario": ["jam"]}, "scenario is .*, no str"),
     ],
@@ -114,6 +119,35 @@ def test_files_that_are_not_there_are_named(spec: FlightSpec, tmp_path: Path) ->
         fly_spec(replace(spec, pack=tmp_path / "none"))
     with pytest.raises(MapError, match=r"none\.tif"):
         fly_spec(replace(spec, camera_ortho=tmp_path / "none.tif"))
+
+
+def test_without_a_surface_model_of_its_own_the_scene_has_the_packs(spec: FlightSpec, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plane below a hill that the map knows would be another place."""
+    highest_m: list[float] = []
+
+    def fly(setup: FlightSetup, world: FlightWorld, **_: object) -> None:
+        highest_m.append(float(world.scene.dsm_amsl_m.max()))
+
+    monkeypatch.setattr(campaign, "fly", fly)
+    fly_spec(replace(spec, camera_dsm=None))
+    assert highest_m == [pytest.approx(310.0, abs=0.5)]
+
+
+def test_the_flight_keeps_to_what_the_camera_is_to_see(spec: FlightSpec, write_raster: Any, tmp_path: Path) -> None:
+    """An orthophoto of a part of the map, and one of another place: both once flew over the colour of hazy air."""
+    pack = PackMap.open(spec.pack)
+    middle = pack.to_geo(*pack.center_map_m)
+    pixels = np.zeros((200, 200, 3), np.uint8)
+    write_raster(tmp_path / "part.tif", pixels, "EPSG:32632", middle, 1.0)
+    with pytest.raises(MapError, match="reach 100 m from the middle, too little for a flight"):
+        fly_spec(replace(spec, camera_ortho=tmp_path / "part.tif", camera_dsm=None, with_daemon=False))
+    for north_deg, complaint in (
+        (0.0018, r"lies 100 m beyond what the camera is to see.*--camera-ortho of the same place"),
+        (0.01, r"dsm\.tif: does not overlap \S*away\.tif.*of the same place"),
+    ):
+        write_raster(tmp_path / "away.tif", pixels, "EPSG:32632", (middle[0] + north_deg, middle[1]), 1.0)
+        with pytest.raises(MapError, match=complaint):
+            fly_spec(replace(spec, camera_ortho=tmp_path / "away.tif", camera_dsm=None, with_daemon=False))
 
 
 @pytest.mark.parametrize("name", CAMPAIGNS)

@@ -10,7 +10,10 @@ import rasterio
 from rasterio.transform import Affine
 
 from visloc_companion.errors import MapError
+from visloc_companion.geo.wgs84 import geo_from_ned
+from visloc_companion.maps.crs import map_crs
 from visloc_companion.sim.scene import Scene
+from visloc_companion.types import GeoPoint
 
 
 def scene() -> Scene:
@@ -92,3 +95,46 @@ def test_layers_of_different_size_are_refused() -> None:
         Scene(np.zeros((4, 4, 3), np.uint8), np.zeros((4, 5), np.float32), np.eye(2, 3), "EPSG:32632")
     with pytest.raises(MapError, match="uint8"):
         Scene(np.zeros((4, 4, 4), np.uint8), np.zeros((4, 4), np.float32), np.eye(2, 3), "EPSG:32632")
+
+
+def test_a_damaged_surface_model_is_named_and_not_the_orthophoto(tmp_path: Path) -> None:
+    ortho = write(tmp_path / "ortho.tif", np.zeros((3, 4, 4), np.uint8))
+    (tmp_path / "dsm.tif").write_bytes(b"no heights")
+    for name in ("dsm.tif", "nowhere.tif"):
+        with pytest.raises(MapError, match=rf"^\S*{name}: (cannot be opened|there is no such file)"):
+            Scene.load(ortho, tmp_path / name)
+
+
+def test_heights_that_no_land_has_are_holes(tmp_path: Path) -> None:
+    """-9999 that no tag declares would be a shaft ten kilometres deep."""
+    ortho = write(tmp_path / "ortho.tif", np.zeros((3, 20, 20), np.uint8))
+    heights = np.full((1, 20, 20), 430.0, np.float32)
+    heights[:, 4:8], heights[:, 9:12], heights[:, 15:] = -9999.0, 3.4e38, 420.0
+    loaded = Scene.load(ortho, write(tmp_path / "dsm.tif", heights))
+    assert loaded.dsm_amsl_m.min() == 420.0
+    assert loaded.dsm_amsl_m.max() == 430.0
+
+
+def test_heights_in_feet_are_metres_in_the_scene(tmp_path: Path) -> None:
+    ortho = write(tmp_path / "ortho.tif", np.zeros((3, 20, 20), np.uint8))
+    dsm = write(tmp_path / "dsm.tif", np.full((1, 20, 20), 1000.0, np.float32))
+    with rasterio.open(dsm, "r+") as target:
+        target.set_band_unit(1, "ft")
+    assert Scene.load(ortho, dsm).dsm_amsl_m == pytest.approx(304.8, abs=0.01)
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 90.0])
+def test_how_far_a_scene_reaches_about_a_place(turn_deg: float) -> None:
+    """200 x 100 pixels of 0.5 m: 25 m from the middle to the nearer edges, and less beside it, however the raster is turned."""
+    c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+    linear = np.array([[c, -s], [s, c]]) @ np.diag([0.5, -0.5])
+    corner = np.array([500_000.0, 5_250_000.0]) - linear @ [99.5, 49.5]
+    scene = Scene(
+        np.zeros((100, 200, 3), np.uint8), np.zeros((100, 200), np.float32), np.column_stack([linear, corner]), "EPSG:32632"
+    )
+    middle = GeoPoint(*map_crs("EPSG:32632").to_geo(500_000.0, 5_250_000.0), 0.0)
+    across = (-10.0, 0.0, 0.0) if turn_deg == 0.0 else (0.0, 10.0, 0.0)
+    assert scene.reach_m(middle) == pytest.approx(25.0, abs=0.1)
+    assert scene.reach_m(geo_from_ned(across, middle)) == pytest.approx(15.0, abs=0.1)
+    beyond = scene.reach_m(geo_from_ned((-400.0, 0.0, 0.0), middle))
+    assert beyond == pytest.approx(-375.0 if turn_deg == 0.0 else -350.0, abs=0.3)

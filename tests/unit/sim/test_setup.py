@@ -49,7 +49,7 @@ def test_a_height_that_is_asked_for_is_flown() -> None:
 
 
 def test_a_map_that_is_too_small_is_refused_with_the_size_that_would_do() -> None:
-    with pytest.raises(MapError, match=r"reaches 100 m .* remedy: give a map that reaches 157 m") as caught:
+    with pytest.raises(MapError, match=r"reach 100 m .* remedy: give a map and an orthophoto that reach 157 m") as caught:
         setup_of(100.0).autopilot()
     needed_m = float(caught.value.remedy.split(" m ")[0].split()[-1])
     assert setup_of(needed_m + 0.5).mission_ned_m()
