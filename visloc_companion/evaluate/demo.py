@@ -8,8 +8,10 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,6 +43,8 @@ BASELINE_OFF_M = 100.0
 STARTUP_S = 60.0
 SHUTDOWN_S = 15.0
 
+OURS = "# Written by the demonstration"
+
 Stage = Callable[[str], None]
 
 
@@ -68,13 +72,15 @@ def run_demo(out: Path, dialect: AutopilotKind, speed: float | None, on_stage: S
 
     `speed`: times real time; None for FULL_SPEED, or less where other work leaves less of the computer.
 
-    Raises LinkError where one of the processes ended early, with the end of its log, ConfigError where `out` cannot be made,
-    ConfigError or ModelError before anything is made where the localiser's network cannot be used.
+    Raises LinkError where one of the processes ended early, with the end of its log, ConfigError where `out` cannot be made or
+    holds what another than the demonstration left there, ConfigError or ModelError before anything is made where the
+    localiser's network cannot be used.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as why:
         raise ConfigError(f"cannot be made: {why}", where=str(out), remedy="name a writable folder for --out") from why
+    _require_ours(out)
     network = open_features_for(DEFAULT_METHOD, NetworkChoice(threads=len(os.sched_getaffinity(0))))
     world_files = procedural_world(1, on_stage=on_stage, networks=[network] if network else None)
     reference = PackMap.open(world_files.pack, verify_hashes=True)
@@ -107,6 +113,20 @@ def run_demo(out: Path, dialect: AutopilotKind, speed: float | None, on_stage: S
     return DemoResult(flown, off_m, report)
 
 
+def _require_ours(out: Path) -> None:
+    """A demonstration replaces its own files of before; nobody else's journals and configurations."""
+    config = out / "visloc.toml"
+    if config.is_file() and config.read_text(encoding="utf-8", errors="replace").startswith(OURS):
+        return
+    others = [path.name for path in (*out.glob("*.mcap"), config) if path.exists()]
+    if others:
+        raise ConfigError(
+            f"holds {', '.join(sorted(others)[:3])}, which no demonstration wrote",
+            where=str(out),
+            remedy="name a new folder for --out: the demonstration's journal and configuration would take their place",
+        )
+
+
 def _affordable(on_stage: Stage) -> float:
     cores = free_cores()
     speed = affordable_speed(FULL_SPEED, cores)
@@ -123,7 +143,11 @@ def _fly_processes(out: Path, setup: FlightSetup, world: ProceduralWorld, speed:
     for old in out.glob("*.mcap"):
         old.unlink()
     on_stage(f"flying {setup.scenario.duration_s:.0f} s at {speed:.2g} times real time, daemon and autopilot over UDP")
-    with (out / "autopilot.log").open("wb") as pilot_log, (out / "daemon.log").open("wb") as daemon_log:
+    with (
+        _ended_in_order(),
+        (out / "autopilot.log").open("wb") as pilot_log,
+        (out / "daemon.log").open("wb") as daemon_log,
+    ):
         pilot = subprocess.Popen([sys.executable, "-m", "visloc_companion.sim.server", str(out / "plan.json")], stderr=pilot_log)
         daemon = subprocess.Popen(
             [sys.executable, "-m", "visloc_companion.cli.main", "run", "--config", str(config)],
@@ -136,6 +160,25 @@ def _fly_processes(out: Path, setup: FlightSetup, world: ProceduralWorld, speed:
             _stop(daemon)
             _stop(pilot)
     return _log_of(json.loads(Path(plan.result).read_text(encoding="utf-8")), setup.scenario.duration_s)
+
+
+@contextmanager
+def _ended_in_order() -> Iterator[None]:
+    """SIGTERM and SIGHUP unwind, as Ctrl-C does: else the daemon would fly on with nobody to end it."""
+
+    def end(number: int, _: object) -> None:
+        raise SystemExit(128 + number)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    heard = [number for number in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(number) is not signal.SIG_IGN]  # nohup
+    before = {number: signal.signal(number, end) for number in heard}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _wait(pilot: subprocess.Popen[bytes], daemon: subprocess.Popen[bytes], out: Path, flight_s: float) -> None:
@@ -183,7 +226,7 @@ def _plan(out: Path, setup: FlightSetup, world: ProceduralWorld, speed: float) -
 
 def _config_text(setup: FlightSetup, plan: ServerPlan, world: ProceduralWorld) -> str:
     model = setup.camera_model()
-    return f"""# Written by the demonstration: the daemon beside the built-in autopilot.
+    return f"""{OURS}: the daemon beside the built-in autopilot.
 seed = {setup.seed}
 
 [link]

@@ -104,7 +104,8 @@ class FlightSetup:
         if half_m < LEAST_HALF_M:
             needed_m = LEAST_HALF_M / 0.9 + 1.3 * footprint_m
             raise MapError(
-                f"map and scene reach {self.area.reach_m:.0f} m from the middle, too little for a flight {self.height_m:.0f} m above",
+                f"map and scene reach {self.area.reach_m:.0f} m from the middle, "
+                f"too little for a flight {self.height_m:.0f} m above",
                 remedy=f"give a map and an orthophoto that reach {needed_m:.0f} m in every direction",
             )
         return tuple((north, east, -self.height_m) for north, east in COURSES[self.scenario.course](half_m, self.area.reach_m))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -96,6 +98,50 @@ def test_a_flight_that_does_not_end_is_broken_off(tmp_path: Path) -> None:
         demo._wait(pilot, daemon, tmp_path, -demo.STARTUP_S)
 
 
+DEMONSTRATION = """
+import sys
+from pathlib import Path
+from visloc_companion.evaluate import demo
+
+def fly(pilot, daemon, *_):
+    print(pilot.pid, daemon.pid, flush=True)
+    pilot.wait(60)
+
+class Sleeper(demo.subprocess.Popen):
+    def __init__(self, arguments, **more):
+        super().__init__([sys.executable, "-c", "import time; time.sleep(60)"], **more)
+
+class Plan:
+    speed, result = 1.0, "none"
+    def save(self, path):
+        pass
+
+class Setup:
+    class scenario:
+        duration_s = 60.0
+
+demo.subprocess.Popen, demo._wait, demo._plan, demo._config_text = Sleeper, fly, lambda *_: Plan(), lambda *_: ""
+demo._fly_processes(Path(sys.argv[1]), Setup(), None, 1.0, lambda stage: None)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_whoever_ends_the_demonstration_ends_its_processes(tmp_path: Path, number: signal.Signals) -> None:
+    """`timeout 60 visloc demo` left a daemon behind."""
+    with subprocess.Popen(
+        [sys.executable, "-c", DEMONSTRATION, tmp_path], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as parent:
+        assert parent.stdout is not None
+        children = [int(pid) for pid in parent.stdout.readline().split()]
+        parent.send_signal(number)
+        parent.wait(30)
+    left = [pid for pid in children if Path(f"/proc/{pid}").exists()]
+    for pid in left:
+        os.kill(pid, signal.SIGKILL)
+    assert len(children) == 2
+    assert not left
+
+
 def test_a_process_that_ignores_the_signal_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(demo, "SHUTDOWN_S", 0.3)
     stubborn = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print(flush=True); time.sleep(60)"
@@ -116,6 +162,29 @@ def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(ConfigError, match=r"cannot be made.*--out"):
         run_demo(tmp_path / "file" / "out", AutopilotKind.PX4, 2.0, lambda _: None)
+
+
+@pytest.mark.parametrize("name", ["visloc.toml", "visloc-20260401T101500Z.mcap"])
+def test_files_of_somebody_else_are_left_alone(tmp_path: Path, name: str) -> None:
+    """Journals of real flights were deleted, a daemon's configuration written over."""
+    (tmp_path / name).write_text("[link]\n")
+    with pytest.raises(ConfigError, match=rf"holds {name}, which no demonstration wrote.*name a new folder for --out"):
+        run_demo(tmp_path, AutopilotKind.PX4, 2.0, pytest.fail)
+    assert (tmp_path / name).read_text() == "[link]\n"
+
+
+def test_a_demonstration_takes_the_place_of_the_one_before(
+    world: ProceduralWorld, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "visloc.toml").write_text(demo._config_text(SETUP, demo._plan(tmp_path, SETUP, world, 2.0), world))
+    (tmp_path / "visloc-20260401T101500Z.mcap").touch()
+
+    def on(*_: object) -> None:
+        raise LinkError("far enough")
+
+    monkeypatch.setattr(demo, "open_features_for", on)
+    with pytest.raises(LinkError, match="far enough"):
+        run_demo(tmp_path, AutopilotKind.PX4, 2.0, pytest.fail)
 
 
 def test_without_onnxruntime_the_remedy_is_told_before_anything_is_made(
