@@ -145,7 +145,7 @@ def map_sigma_m(gsd_m: float) -> float:
 
 def fault_intervals(scenario: Scenario) -> list[Interval]:
     """When GNSS is really bad, seconds since the start."""
-    return [(scenario.fault_start_s, scenario.duration_s)] if np.isfinite(scenario.fault_start_s) else []
+    return scenario.faults.gnss_intervals_s(scenario.duration_s)
 
 
 def judged(setup: FlightSetup, log: FlightLog, record: FlightRecord) -> FlownScenario:

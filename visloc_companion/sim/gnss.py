@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from random import Random
 
 from visloc_companion.sim.faults import GnssEffect
+from visloc_companion.sim.faults.gnss import REGAIN_S
 from visloc_companion.sim.vehicle_noise import GaussMarkov
 from visloc_companion.types import Vec3
 
@@ -56,11 +57,9 @@ class ReceiverErrors:
 class GnssReceiver:
     """Makes a sample every `period_s`, with the errors given.
 
-    It loses its fix within 0.5 s of jamming and needs 3 s to regain it (autopilot facts, section 3: fix 6 -> 1, 10 -> 3
+    It loses its fix within 0.5 s of jamming and needs REGAIN_S to regain it (autopilot facts, section 3: fix 6 -> 1, 10 -> 3
     satellites, accuracies left at the last good value).
     """
-
-    REGAIN_S = 3.0
 
     def __init__(self, rng: Random, period_s: float = 0.2, errors: ReceiverErrors | None = None) -> None:
         self.period_s = period_s
@@ -78,7 +77,7 @@ class GnssReceiver:
         noise_v = [self._rng.gauss(0.0, errors.velocity_mps) for _ in range(3)]
         if effect.jammed:
             self._jammed_until_s = t_s
-        if t_s < self._jammed_until_s + self.REGAIN_S:
+        if t_s < self._jammed_until_s + REGAIN_S:
             return GnssSample(t_s, FIX_NONE, SATELLITES_NONE, *self._last_good)
         shift, shift_v = _false(p_ned_m, v_ned_mps, effect)
         p = (p_ned_m[0] + noise[0] + shift[0], p_ned_m[1] + noise[1] + shift[1], p_ned_m[2] + noise[2] + shift[2])

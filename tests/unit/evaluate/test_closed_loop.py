@@ -18,6 +18,7 @@ from visloc_companion.evaluate.closed_loop import (
     fault_intervals,
     fly,
     fly_with,
+    judged,
     map_sigma_m,
 )
 from visloc_companion.evaluate.expected import checks_of
@@ -27,7 +28,7 @@ from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.world import ProceduralWorld, procedural_world, scene_on
 from visloc_companion.sim import faults
 from visloc_companion.sim.flight import Eyes
-from visloc_companion.sim.scenarios import SCENARIOS, SEASON_CHANGE, Expectation, Scenario
+from visloc_companion.sim.scenarios import DEMO, SCENARIOS, SEASON_CHANGE, Expectation, Scenario
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightArea, FlightSetup
 from visloc_companion.types import AutopilotKind, Fix, GeoPoint, LocaliseRequest, NoFix, Notice, Verdict, Vote
@@ -195,7 +196,24 @@ def test_the_answer_of_the_structure_vote_takes_longer(oracle_eyes: MakeEyes) ->
 def test_when_gnss_is_bad() -> None:
     assert fault_intervals(SCENARIOS["jam"]) == [(30.0, 120.0)]
     assert fault_intervals(SCENARIOS["no_gnss"]) == [(0.0, 110.0)]
+    assert fault_intervals(SCENARIOS["gnss_returns_good"]) == [(30.0, 73.0)]
+    assert fault_intervals(SCENARIOS["gnss_returns_bad"]) == [(30.0, 150.0)], "at the wrong place, as bad as none"
+    assert fault_intervals(SCENARIOS["jam_on_and_off"]) == [(30.0 + 20 * k, 45.0 + 20 * k) for k in range(5)]
+    assert fault_intervals(DEMO) == [(60.0, 200.0)]
     assert fault_intervals(Scenario("calm", "Nothing goes wrong.", 60.0, faults.FaultSchedule())) == []
+
+
+def test_an_alarm_after_gnss_has_come_back_is_a_false_one(oracle_eyes: MakeEyes) -> None:
+    """What left OK after the return counted as right until the flight's end."""
+    scenario = replace(SCENARIOS["gnss_returns_good"], duration_s=60.0, faults=faults.jam(12.0, 17.0))
+    flown = fly_with(setup_of(scenario), oracle_eyes())
+    assert flown.summary["gnss"]["false_alarms"] == 0
+    cut = flown.record.t_s >= 55.0
+    verdicts = tuple("suspect" if late else verdict for late, verdict in zip(cut, flown.record.verdicts, strict=True))
+    assert flown.record.verdicts[int(np.argmax(cut))] == "ok"
+    again = judged(flown.setup, flown.log, replace(flown.record, verdicts=verdicts))
+    assert again.summary["gnss"]["false_alarms"] == 1
+    assert any(name.startswith("false alarms: 1") for name in failed(again))
 
 
 def test_a_map_without_known_registration_is_half_a_pixel_off() -> None:

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from visloc_companion.geo.se3 import plus
 from visloc_companion.types import Vec3
 
+REGAIN_S = 3.0
+"""What a receiver that was jammed needs to have a fix again."""
+
 
 @dataclass(frozen=True, slots=True)
 class GnssEffect:
@@ -91,6 +94,17 @@ def effect_of(faults: tuple[GnssFault, ...], t_s: float) -> GnssEffect:
                 if fault.consistent_velocity and t_s < fault.end_s:
                     velocity = plus(velocity, fault.velocity_ned_mps)
     return GnssEffect(False, offset, velocity, meacon)
+
+
+def bad_s(fault: GnssFault) -> tuple[float, float]:
+    """From when to when the receiver has no fix or a false one; after jamming it needs REGAIN_S to find the sky again."""
+    match fault:
+        case Jam():
+            return fault.start_s, fault.end_s + REGAIN_S
+        case SlowDrag():
+            return fault.start_s, fault.release_s
+        case StepSpoof() | Meacon():
+            return fault.start_s, fault.end_s
 
 
 def _scaled(a: Vec3, factor: float) -> Vec3:

@@ -15,7 +15,7 @@ from visloc_companion.sim.faults.camera import (
     OpticsFault,
     optics_of,
 )
-from visloc_companion.sim.faults.gnss import GnssEffect, GnssFault, effect_of
+from visloc_companion.sim.faults.gnss import GnssEffect, GnssFault, bad_s, effect_of
 from visloc_companion.sim.faults.installation import FocalError, InstallationFault, MapShift, MountError
 from visloc_companion.sim.faults.onboard import (
     AutopilotClockStep,
@@ -63,6 +63,18 @@ class FaultSchedule:
     def gnss_start_s(self) -> float | None:
         """When the first fault of GNSS begins, None without any."""
         return min((f.start_s for f in self._of_gnss), default=None)
+
+    def gnss_intervals_s(self, duration_s: float) -> list[tuple[float, float]]:
+        """When the receiver says nothing or something false in a flight of so long, seconds; what touches is one interval."""
+        found: list[tuple[float, float]] = []
+        for start_s, end_s in sorted(bad_s(fault) for fault in self._of_gnss):
+            begin_s, stop_s = max(start_s, 0.0), min(end_s, duration_s)
+            if begin_s >= stop_s:
+                continue
+            if found and begin_s <= found[-1][1]:
+                begin_s, stop_s = found[-1][0], max(found.pop()[1], stop_s)
+            found.append((begin_s, stop_s))
+        return found
 
     def compass_error_rad(self, t_s: float) -> float:
         """What is added to the autopilot's heading."""
