@@ -17,7 +17,7 @@ def demo(
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
 ) -> None:
     """Fly through spoofing and jamming on the embedded procedural world. Exit code 1 when a requirement is missed."""
-    from visloc_companion.cli.progress import require_folder, spinner, write_json
+    from visloc_companion.cli.progress import require_folder, results_into, spinner, write_json
     from visloc_companion.errors import ConfigError
     from visloc_companion.evaluate.demo import run_demo
     from visloc_companion.types import AutopilotKind
@@ -25,7 +25,7 @@ def demo(
     if dialect not in ("ardupilot", "px4"):
         raise ConfigError(f"unknown dialect {dialect!r}", remedy="ardupilot or px4")
     require_folder(json_file, "--json")
-    with spinner("demo") as tell:
+    with spinner("demo") as tell, results_into(out, "--out"):
         result = run_demo(out, AutopilotKind(dialect), speed, tell)
     checks = result.flown.checks
     if json_file is not None:

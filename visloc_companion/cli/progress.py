@@ -59,6 +59,8 @@ def require_folder(path: Path | None, option: str) -> None:
     """Find out before long work that its result could not be written. Raises ConfigError naming the option."""
     if path is not None and not path.parent.is_dir():
         raise ConfigError("its folder does not exist", where=str(path), remedy=f"name a file in an existing folder for {option}")
+    if path is not None and path.is_dir():
+        raise ConfigError("is a folder", where=str(path), remedy=f"name a file for {option}")
 
 
 @contextmanager
@@ -71,10 +73,17 @@ def results_into(folder: Path, option: str) -> Iterator[None]:
         raise ConfigError(f"cannot be written: {why}", where=str(folder), remedy=f"name a writable folder for {option}") from why
 
 
+@contextmanager
+def result_to(path: Path, option: str) -> Iterator[None]:
+    """Raises ConfigError naming the option where the file that is written meanwhile cannot be."""
+    try:
+        yield
+    except OSError as why:
+        raise ConfigError(f"cannot be written: {why}", where=str(path), remedy=f"name a writable file for {option}") from why
+
+
 def write_json(path: Path, result: dict[str, Any]) -> None:
     """Write UTF-8 JSON. Raises ConfigError where the file cannot be written, ValueError for a number that is not finite."""
     text = json.dumps(result, indent=1, allow_nan=False, ensure_ascii=False)
-    try:
+    with result_to(path, "--json"):
         path.write_text(text + "\n", encoding="utf-8")
-    except OSError as why:
-        raise ConfigError(f"cannot be written: {why}", where=str(path), remedy="name a writable file for --json") from why

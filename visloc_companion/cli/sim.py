@@ -102,6 +102,8 @@ def _placed(
 
     if (map_pack is None) != (camera_ortho is None):
         raise ConfigError("--map and --camera-ortho go together", remedy="give both, or neither for the procedural world")
+    if map_pack is None and camera_dsm is not None:
+        raise ConfigError("--camera-dsm goes with --map and --camera-ortho", remedy="give all, or none for the procedural world")
     if map_pack is not None and camera_ortho is not None:
         return [replace(one, pack=map_pack, camera_ortho=camera_ortho, camera_dsm=camera_dsm) for one in specs]
     from visloc_companion.cli.progress import spinner
@@ -125,28 +127,30 @@ def _single(spec: FlightSpec, json_file: Path | None, report: Path | None) -> No
     result = result_of(flown, spec.method, spec.with_daemon)
     if json_file is not None:
         write_result(flown.record, result, json_file)
-    if report is not None:
-        _report(spec, flown, report)
     typer.echo(_line(result))
     for check in flown.checks:
         typer.echo(f"  {'ok  ' if check.passed else 'FAIL'} {check.name}: {check.value} (limit {check.limit})")
+    if report is not None:
+        _report(spec, flown, report)
     if not flown.passed:
         raise typer.Exit(1)
 
 
 def write_result(record: FlightRecord, result: dict[str, Any], json_file: Path) -> None:
-    """The JSON of a flight, and beside it its epochs as CSV."""
-    from visloc_companion.cli.progress import write_json
+    """The JSON of a flight, and beside it its epochs as CSV. Raises ConfigError where they cannot be written."""
+    from visloc_companion.cli.progress import result_to, write_json
     from visloc_companion.evaluate.metrics import write_epochs
 
     epochs = json_file.with_name(f"{json_file.stem}-epochs.csv")
     write_json(json_file, {**result, "epochs": str(epochs)})
-    write_epochs(record, epochs)
+    with result_to(epochs, "--json"):
+        write_epochs(record, epochs)
 
 
 def _report(spec: FlightSpec, flown: FlownScenario, path: Path) -> None:
     from dataclasses import replace
 
+    from visloc_companion.cli.progress import result_to
     from visloc_companion.evaluate.campaign import find_scenario, fly_spec
     from visloc_companion.evaluate.closed_loop import ALERT_LIMIT_M, fault_intervals
     from visloc_companion.evaluate.map_image import map_image
@@ -154,16 +158,17 @@ def _report(spec: FlightSpec, flown: FlownScenario, path: Path) -> None:
     from visloc_companion.maps.pack import PackMap
 
     baseline = fly_spec(replace(spec, with_daemon=False)).record if spec.with_daemon else None
-    write_flight_report(
-        flown.record,
-        path,
-        title=f"{spec.scenario}: {spec.dialect} {spec.vehicle}, {spec.method}",
-        checks=flown.checks,
-        baseline=baseline,
-        map_image=map_image(PackMap.open(spec.pack, verify_hashes=False), flown.record, baseline),
-        alert_limit_m=ALERT_LIMIT_M,
-        gnss_faults_s=fault_intervals(find_scenario(spec.scenario)),
-    )
+    with result_to(path, "--report"):
+        write_flight_report(
+            flown.record,
+            path,
+            title=f"{spec.scenario}: {spec.dialect} {spec.vehicle}, {spec.method}",
+            checks=flown.checks,
+            baseline=baseline,
+            map_image=map_image(PackMap.open(spec.pack, verify_hashes=False), flown.record, baseline),
+            alert_limit_m=ALERT_LIMIT_M,
+            gnss_faults_s=fault_intervals(find_scenario(spec.scenario)),
+        )
 
 
 def _campaign(specs: list[FlightSpec], jobs: int, json_file: Path | None) -> None:

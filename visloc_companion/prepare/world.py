@@ -13,6 +13,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import visloc_companion
+from visloc_companion.errors import ConfigError
 from visloc_companion.localise.features.base import Features
 from visloc_companion.prepare.build import build_pack
 from visloc_companion.prepare.shipped import shipped_networks
@@ -44,7 +45,8 @@ def procedural_world(
     """The world of a seed, a square of `size_m`; kept in `folder` (by default the cache) and made only where it is missing.
 
     The two dates are made side by side, then the pack is built, with the features of `networks` (None: of the
-    one that came with this version, where it can be opened). Made whole or not at all.
+    one that came with this version, where it can be opened). Made whole or not at all. Raises ConfigError for a folder that
+    cannot be written, MapError where there is no space.
     """
     networks = shipped_networks()[0] if networks is None else networks
     home = (folder or cache_folder()) / f"landscape-{seed}-{size_m:g}m-{_digest(networks)}"
@@ -52,8 +54,7 @@ def procedural_world(
     if home.is_dir():
         return world
     tell = on_stage or (lambda stage: None)
-    home.parent.mkdir(parents=True, exist_ok=True)
-    draft = Path(tempfile.mkdtemp(prefix=".landscape-", dir=home.parent))
+    draft = _draft(home.parent, ".landscape-")
     try:
         tell("making the landscape of two dates")
         with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
@@ -88,13 +89,22 @@ def scene_on(
     if not home.is_dir():
         if on_stage is not None:
             on_stage(f"making the landscape's {date}")
-        draft = Path(tempfile.mkdtemp(prefix=f".{date}-", dir=home.parent))
+        draft = _draft(home.parent, f".{date}-")
         try:
             _make_date(seed, size_m, date, draft)
             _keep(draft / date, home)
         finally:
             shutil.rmtree(draft, ignore_errors=True)
     return home / "ortho.tif", home / "dsm.tif"
+
+
+def _draft(folder: Path, prefix: str) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return Path(tempfile.mkdtemp(prefix=prefix, dir=folder))
+    except OSError as why:
+        remedy = "set XDG_CACHE_HOME to a writable folder with 1 GB of space"
+        raise ConfigError(f"the procedural world cannot be kept: {why}", where=str(folder), remedy=remedy) from why
 
 
 def _keep(draft: Path, home: Path) -> None:

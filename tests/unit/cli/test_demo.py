@@ -78,6 +78,18 @@ def test_a_missing_folder_is_found_before_the_flight(monkeypatch: pytest.MonkeyP
         run(monkeypatch, CHECKS, "--json", tmp_path / "none" / "demo.json")
 
 
+def test_a_full_disk_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def run_demo(*_: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(demo, "run_demo", run_demo)
+    why = CliRunner().invoke(app, ["--out", str(tmp_path)]).exception
+    assert isinstance(why, ConfigError)
+    assert (
+        str(why) == f"{tmp_path}: cannot be written: [Errno 28] No space left on device; remedy: name a writable folder for --out"
+    )
+
+
 def test_a_process_that_ended_early_is_an_error_of_the_link(monkeypatch: pytest.MonkeyPatch) -> None:
     def run_demo(*_: Any) -> None:
         raise LinkError("the daemon ended early", where="daemon.log")

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from visloc_companion.cli.sim import sim
 from visloc_companion.errors import ConfigError, MapError
-from visloc_companion.evaluate import campaign, closed_loop
+from visloc_companion.evaluate import campaign, closed_loop, metrics, report
 from visloc_companion.evaluate.campaign import FlightSpec
 from visloc_companion.prepare import world
 from visloc_companion.sim.flight import Eyes
@@ -166,6 +166,10 @@ def test_a_campaign_is_flown_told_and_written(
         (["--scenario", "jam", "--json", "none/result.json"], "its folder does not exist"),
         (["--scenario", "jam", "--map", "pack"], "--map and --camera-ortho go together"),
         (["--scenario", "jam", "--camera-ortho", "ortho.tif"], "--map and --camera-ortho go together"),
+        (["--scenario", "jam", "--camera-dsm", "dsm.tif"], "--camera-dsm goes with --map and --camera-ortho"),
+        (["--scenario", "jam", "--json", "."], "is a folder.*name a file for --json"),
+        (["--scenario", "jam", "--report", "."], "is a folder.*name a file for --report"),
+        (["--scenario", "jam", "--seed", "-1"], "seed is -1"),
     ],
 )
 def test_what_cannot_be_flown_is_refused_before_any_work(
@@ -181,6 +185,21 @@ def test_what_cannot_be_flown_is_refused_before_any_work(
     monkeypatch.setattr(world, "procedural_world", never)
     with pytest.raises(ConfigError, match=complaint):
         run(*arguments)
+
+
+@pytest.mark.parametrize("option", ["--json", "--report"])
+def test_a_full_disk_is_told_with_the_option_after_the_flight_was_judged(
+    option: str, places: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A traceback and exit code 1, which means a failed gate, once took the place of the verdict."""
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(metrics, "write_epochs", full)
+    monkeypatch.setattr(report, "write_flight_report", full)
+    with pytest.raises(ConfigError, match=rf"cannot be written: .*No space left.*name a writable file for {option}"):
+        run("--scenario", "jam", "--without-daemon", *places, option, tmp_path / "out")
 
 
 def test_a_map_that_is_too_small_is_refused(tiny_world: Any, monkeypatch: pytest.MonkeyPatch) -> None:

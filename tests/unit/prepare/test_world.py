@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from visloc_companion.errors import ConfigError
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare import world as module
 from visloc_companion.prepare.world import ProceduralWorld, cache_folder, procedural_world, scene_on
@@ -107,3 +108,10 @@ def test_other_code_makes_another_world(monkeypatch: pytest.MonkeyPatch, tmp_pat
         digests.append(module._digest(()))
     (package / "sim" / "vehicle.py").write_text("b = 1\n")
     assert digests[0] != digests[1] == module._digest(())
+
+
+def test_a_cache_that_cannot_be_written_is_told_with_what_to_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    with pytest.raises(ConfigError, match=r"file/visloc: the procedural world cannot be kept.*set XDG_CACHE_HOME"):
+        procedural_world(3, size_m=SIZE_M, networks=())
