@@ -65,13 +65,13 @@ def error_over_level(record: FlightRecord, epochs: NDArray[np.bool_]) -> float |
 
 def longest_misled_s(record: FlightRecord, epochs: NDArray[np.bool_]) -> float:
     """For how long the error exceeded the protection level at a stretch, of epochs (N,); one epoch alone counts as the time to
-    the next."""
-    misled = epochs & (record.error_m > record.protection_level_m)
+    the next, the last of a flight as long as the one before."""
+    misled, times_s = epochs & (record.error_m > record.protection_level_m), record.t_s.tolist()
     longest, began_s = 0.0, None
-    for k in range(len(record.t_s)):
+    for k, next_s in enumerate([*times_s[1:], 2 * times_s[-1] - times_s[-2]] if len(times_s) > 1 else []):
+        began_s = (times_s[k] if began_s is None else began_s) if misled[k] else None
         if began_s is not None:
-            longest = max(longest, float(record.t_s[k]) - began_s)
-        began_s = (float(record.t_s[k]) if began_s is None else began_s) if misled[k] else None
+            longest = max(longest, next_s - began_s)
     return longest
 
 

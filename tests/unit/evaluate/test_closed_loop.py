@@ -216,6 +216,32 @@ def test_an_alarm_after_gnss_has_come_back_is_a_false_one(oracle_eyes: MakeEyes)
     assert any(name.startswith("false alarms: 1") for name in failed(again))
 
 
+def test_every_limit_can_be_missed(oracle_eyes: MakeEyes) -> None:
+    """The same good flight with one thing wrong at a time."""
+    flown = fly_with(setup_of(JAM_SOON), oracle_eyes())
+    record, log = flown.record, flown.log
+    assert flown.passed, failed(flown)
+    late, last = record.t_s >= 20.0, np.arange(len(record.t_s)) == len(record.t_s) - 1
+    moved = np.where(late[:, None], record.estimate_ned_m + np.array([40.0, 0.0, 0.0]), record.estimate_ned_m)
+    away = tuple(replace(fix, p_ned_m=(fix.p_ned_m[0] + 20.0, *fix.p_ned_m[1:])) for fix in record.fixes)
+    silent = record.injection_t_s[(record.injection_t_s < 20.0) | (record.injection_t_s > 20.6)]
+    wrong = {
+        "median error without GNSS": (log, replace(record, estimate_ned_m=moved)),
+        "hazardously misleading epochs": (log, replace(record, estimate_ned_m=moved)),
+        "largest step without a reset": (log, replace(record, estimate_ned_m=moved)),
+        "furthest fix that was taken": (log, replace(record, fixes=away)),
+        "longest gap between injections": (log, replace(record, injection_t_s=silent)),
+        "error beyond protection level for": (log, replace(record, protection_level_m=np.where(last, 0.0, 99.0))),
+        "modes without GNSS": (log, replace(record, modes=("dead_reckoning",) * len(record.modes))),
+        "mode at the end": (log, replace(record, modes=("lost",) * len(record.modes))),
+        "pulled by false GNSS": (replace(log, pulled_m=30.1), record),
+        "failsafe": (replace(log, failsafe="EKF Failsafe: changed to LAND"), record),
+    }
+    for name, (told, seen) in wrong.items():
+        missed = failed(judged(flown.setup, told, seen))
+        assert any(text.startswith(f"{name}: ") for text in missed), (name, missed)
+
+
 def test_a_map_without_known_registration_is_half_a_pixel_off() -> None:
     assert map_sigma_m(0.3) == 0.5
     assert map_sigma_m(5.0) == 2.5
