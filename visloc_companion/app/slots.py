@@ -90,15 +90,17 @@ class SharedFrameSlots(_Slots):
     def write(self, pixels: Image) -> int:
         """Copy (H, W) or (H, W, 3) uint8 pixels into a slot that nobody reads; the oldest unread frame gives way.
 
-        Raises CameraError for an image of another size than the calibration's.
+        Raises CameraError for an image of another size than the calibration's, or of other channels.
         """
-        if pixels.shape[:2] != self._size or pixels.ndim not in (2, 3) or (pixels.ndim == 3 and pixels.shape[2] != _CHANNELS):
-            expected = f"{self._size[1]}x{self._size[0]} grey or RGB"
+        if pixels.shape[:2] != self._size:
             raise CameraError(
-                f"frame has shape {pixels.shape}, the calibration is for {expected}",
+                f"frame has shape {pixels.shape}, the calibration is for {self._size[1]}x{self._size[0]} grey or RGB",
                 where="camera",
                 remedy="set width_px and height_px to the camera's image size and calibrate at that size",
             )
+        if pixels.ndim != 2 and pixels.shape[2:] != (_CHANNELS,):
+            remedy = "let it deliver grey, BGR or BGRx (GStreamer: videoconvert ! video/x-raw,format=BGR ! appsink)"
+            raise CameraError(f"frame has shape {pixels.shape}, which is neither grey nor RGB", where="camera", remedy=remedy)
         with self._lock:
             free = [slot for slot in range(N_SLOTS) if slot not in (self._held, self._newest)]
             slot = min(free, key=self._generation.__getitem__)

@@ -7,6 +7,7 @@ import contextlib
 import time
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
@@ -221,6 +222,34 @@ async def test_a_device_of_another_size_is_an_error() -> None:
     camera = DeviceCamera("/dev/video9", MODEL, JumpingClock(), capture=FakeCapture([picture(1, 32, 24)]))
     with pytest.raises(CameraError, match=r"/dev/video9: image is 32x24"):
         await all_of(camera, Slots())
+
+
+@pytest.mark.parametrize("filler", [0, 255])
+async def test_a_device_with_a_fourth_channel_shows_its_colours(filler: int) -> None:
+    """BGRx is what GStreamer's converters of most boards give."""
+    bgr = picture(7)[:, :, ::-1]
+    bgrx = np.dstack([bgr, np.full(bgr.shape[:2], filler, np.uint8)])
+    slots = Slots()
+    with pytest.raises(CameraError, match="gives no frames"):
+        await all_of(DeviceCamera("0", MODEL, JumpingClock(), capture=FakeCapture([bgrx])), slots)
+    assert [np.array_equal(pixels, picture(7)) for pixels in slots.pictures] == [True]
+
+
+async def test_a_grey_device_may_say_that_it_has_one_channel() -> None:
+    grey, slots = np.full((48, 64, 1), 9, np.uint8), Slots()
+    with pytest.raises(CameraError, match="gives no frames"):
+        await all_of(DeviceCamera("0", MODEL, JumpingClock(), capture=FakeCapture([grey])), slots)
+    assert [pixels.shape for pixels in slots.pictures] == [(48, 64)]
+
+
+async def test_a_device_of_16_bits_is_stretched() -> None:
+    """A thermal camera's counts; their lower 8 bits alone are a picture of another world."""
+    ramp = (8000 + 4 * np.arange(48 * 64).reshape(48, 64)).astype(np.uint16)
+    slots = Slots()
+    with pytest.raises(CameraError, match="gives no frames"):
+        await all_of(DeviceCamera("0", MODEL, JumpingClock(), capture=FakeCapture([cast("Image", ramp)])), slots)
+    assert np.all(np.diff(slots.pictures[0].reshape(-1).astype(int)) >= 0)
+    assert (slots.pictures[0].min(), slots.pictures[0].max()) == (0, 255)
 
 
 def test_a_device_that_is_not_there_is_named(tmp_path: Path) -> None:

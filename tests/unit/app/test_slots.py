@@ -80,9 +80,15 @@ def test_what_is_held_stays_whatever_happens(actions: list[str]) -> None:
                 assert (slots.read(frame) == frame.frame_id).all()
 
 
-@pytest.mark.parametrize("shape", [(6, 9), (8, 6), (6, 8, 4), (6, 8, 1), (6,)])
+@pytest.mark.parametrize("shape", [(6, 9), (8, 6), (6,)])
 def test_an_image_of_another_size_than_the_calibration(slots: SharedFrameSlots, shape: tuple[int, ...]) -> None:
     with pytest.raises(CameraError, match=r"the calibration is for 8x6 grey or RGB.*remedy: set width_px"):
+        slots.write(np.zeros(shape, np.uint8))
+
+
+@pytest.mark.parametrize("shape", [(6, 8, 4), (6, 8, 2), (6, 8, 1), (6, 8, 3, 1)])
+def test_an_image_of_other_channels_is_no_matter_of_its_size(slots: SharedFrameSlots, shape: tuple[int, ...]) -> None:
+    with pytest.raises(CameraError, match=r"neither grey nor RGB; remedy: let it deliver grey, BGR or BGRx"):
         slots.write(np.zeros(shape, np.uint8))
 
 

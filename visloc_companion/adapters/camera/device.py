@@ -75,7 +75,7 @@ class DeviceCamera:
             ok, pixels = await asyncio.to_thread(self._capture.read)
         finally:
             self._idle.set()
-        return rgb(np.asarray(pixels, dtype=np.uint8)) if ok else None
+        return rgb(np.asarray(pixels)) if ok else None
 
     async def close(self) -> None:
         """Stop, and release the device once the read in progress is over (at most a second is waited for it)."""

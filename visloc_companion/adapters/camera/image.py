@@ -34,7 +34,7 @@ def decode_image(data: bytes, *, keep_grey: bool = False) -> Image | None:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error:
         return None
-    return None if pixels is None else rgb(_in_8_bits(np.asarray(pixels)))
+    return None if pixels is None else rgb(np.asarray(pixels))
 
 
 def _is_cut_jpeg(data: bytes) -> bool:
@@ -57,9 +57,15 @@ def _in_8_bits(pixels: NDArray[Any]) -> Image:
     return np.asarray(np.clip((values - low) * (255 / max(high - low, 1e-6)), 0, 255), dtype=np.uint8)
 
 
-def rgb(bgr: Image) -> Image:
-    """OpenCV's channel order to ours; grey stays grey."""
-    return bgr if bgr.ndim == 2 else np.ascontiguousarray(bgr[:, :, ::-1])
+def rgb(bgr: NDArray[Any]) -> Image:
+    """Pixels as OpenCV gives them, (H, W) or (H, W, C) of 8 or more bits, as ours: grey (H, W) or RGB (H, W, 3) of 8 bits.
+
+    What an alpha channel (or the filler of BGRx) holds is no part of the picture.
+    """
+    pixels = _in_8_bits(bgr)
+    if pixels.ndim == 2 or pixels.shape[2] == 1:
+        return pixels.reshape(pixels.shape[:2])
+    return np.ascontiguousarray(pixels[:, :, 2::-1])
 
 
 def require_size(width_px: int, height_px: int, model: CameraModel, where: str) -> None:

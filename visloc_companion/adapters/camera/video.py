@@ -62,7 +62,7 @@ class VideoCamera:
                 break
             number += 1
             t_boot_ns = t_us * 1000 if self._of_autopilot else None
-            yield stored(slots, rgb(np.asarray(pixels, dtype=np.uint8)), number, self._clock.now_ns(), t_ns, t_boot_ns)
+            yield stored(slots, rgb(np.asarray(pixels)), number, self._clock.now_ns(), t_ns, t_boot_ns)
         if number == 0 and not self._closed:
             raise CameraError("holds no frame that can be decoded", where=str(self._path), remedy="convert it to MP4 with H.264")
 
