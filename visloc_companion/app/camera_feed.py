@@ -14,6 +14,8 @@ from visloc_companion.types import FrameRef, Notice, Severity
 
 STALL_S = 5.0
 RETRY_S = 2.0
+OPEN_S = 60.0
+"""A network camera's library takes half a minute to find that nobody answers."""
 
 
 class CameraFeed:
@@ -72,8 +74,20 @@ class CameraFeed:
             self._beat()
             await asyncio.sleep(RETRY_S)
             with contextlib.suppress(CameraError):
-                self._parts.camera = self._make_camera(self._parts.config, self._parts.clock)
+                self._parts.camera = await self._opened()
                 return
+
+    async def _opened(self) -> Camera:
+        """A new camera, opened in a thread: the flight goes on meanwhile. Beats for as long as that may take."""
+        opening = asyncio.create_task(asyncio.to_thread(self._make_camera, self._parts.config, self._parts.clock))
+        try:
+            begun_s = asyncio.get_running_loop().time()
+            while not opening.done() and asyncio.get_running_loop().time() - begun_s < OPEN_S:
+                self._beat()
+                await asyncio.wait({opening}, timeout=RETRY_S)
+            return await opening
+        finally:
+            opening.cancel()
 
 
 async def _generator(camera: Camera, slots: FrameSlots) -> AsyncGenerator[FrameRef, None]:

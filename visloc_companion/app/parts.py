@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import hashlib
 import importlib.metadata
@@ -113,7 +114,7 @@ async def _build(parts: Parts, make: Constructors, reports: Reports) -> list[Vis
             parts.worker.begin()
     parts.link = _tried(problems, lambda: make.link(config, clock, _raw_tap(parts), reports.link_warning))
     if config.camera.url:
-        parts.camera = _tried(problems, lambda: make.camera(config, clock))
+        parts.camera = await _tried_later(problems, asyncio.to_thread(make.camera, config, clock))
         _tried(problems, lambda: check_calibration(config, parts.camera))
     if config.journal.folder and not problems:
         parts.journal = _tried(problems, lambda: _journal(config, clock, reports.journal_problem))
@@ -191,8 +192,9 @@ def _tried(problems: list[VislocError], build: Callable[[], T]) -> T | None:
         return None
 
 
-async def _tried_later(problems: list[VislocError], start: Awaitable[None]) -> None:
+async def _tried_later(problems: list[VislocError], start: Awaitable[T]) -> T | None:
     try:
-        await start
+        return await start
     except VislocError as problem:
         problems.append(problem)
+        return None

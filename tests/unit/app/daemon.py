@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -110,8 +111,11 @@ def configuration(tmp_path: Path, **sections: dict[str, Any]) -> Config:
     return parse_config(base)
 
 
-def constructors(link: FakeLink, cameras: list[Any], answers: str, **camera: Any) -> Constructors:
+def constructors(link: FakeLink, cameras: list[Any], answers: str, opens_s: float = 0.0, **camera: Any) -> Constructors:
+    """`camera`: the plan of the first camera; each takes `opens_s` to open."""
+
     def make_camera(config: Config, clock: Clock) -> Camera:
+        time.sleep(opens_s)
         cameras.append(FakeCamera(config, clock, **(camera if not cameras else {})))
         made: Camera = cameras[-1]
         return made

@@ -138,6 +138,28 @@ async def test_a_camera_that_breaks_is_opened_again(tmp_path: Path, monkeypatch:
     assert [frame.frame_id for frame in frames] == list(range(len(frames)))
 
 
+async def test_a_camera_that_takes_long_to_open_stops_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An RTSP address where nobody answers takes half a minute; watchdog, ticks and positions cannot wait for that."""
+    monkeypatch.setattr(camera_feed, "RETRY_S", 0.05)
+    async with flight(configuration(tmp_path), n_frames=3, then="break", opens_s=2.0) as f:
+        f.daemon.health.limits_s["camera"] = 1.0
+        n_slipped, n_beats = f.daemon.health.cycle_slips, f.notifier.said.count("WATCHDOG=1")
+        await f.until(lambda: len(f.cameras) == 2, "another camera")
+        await asyncio.sleep(0.3)
+        assert f.daemon.health.cycle_slips - n_slipped < 10
+        assert f.notifier.said.count("WATCHDOG=1") - n_beats >= 3
+
+
+async def test_a_stop_is_heard_while_the_camera_opens(tmp_path: Path) -> None:
+    stop, clock = asyncio.Event(), MonotonicClock()
+    link = FakeLink(clock)
+    asyncio.get_running_loop().call_later(0.2, stop.set)
+    opening = constructors(link, [], "prior_is_right", opens_s=3.0)
+    begun_s = clock.now_ns() / 1e9
+    await run_daemon(configuration(tmp_path), stop=stop, clock=clock, make=opening)
+    assert clock.now_ns() / 1e9 - begun_s < 2.5
+
+
 async def test_a_camera_that_falls_silent_is_opened_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(camera_feed, "RETRY_S", 0.05)
     monkeypatch.setattr(camera_feed, "STALL_S", 0.3)
