@@ -169,12 +169,14 @@ class JournalWriter:
         on_problem: Callable[[str], None] | None = None,
         path: Path | None = None,
     ) -> None:
-        """`on_problem` is called at most once, from the writing thread, when the journal ends before the flight does."""
+        """`on_problem` is called from the writing thread: when the journal ends before the flight does, and before that for the
+        first record that cannot be written."""
         self.path = path
         self.dropped = self.written = 0
         self.problem = ""
         self._stream, self._max_bytes, self._on_problem = stream, max_bytes, on_problem
         self._sequence = self._frames_waiting = self._pending_bytes = self._chunks = 0
+        self._drop_told = False
         self._queue: queue.Queue[tuple[str, int, int, Any] | None] = queue.Queue(_QUEUE)
         self._channels: dict[str, int] = {}
         self._writer = Writer(cast(Any, stream), chunk_size=2**30, compression=CompressionType.ZSTD)
@@ -277,7 +279,9 @@ class JournalWriter:
             self.written += 1
         except JournalError as why:
             self.dropped += 1
-            self._report(f"journal record dropped: {why}")
+            if not self._drop_told:
+                self._drop_told = True
+                self._report(f"journal record dropped: {why}")
 
     def _has_room(self, n_bytes: int) -> bool:
         """Whether a record fits; ends the chunk first where it would grow too large."""
@@ -306,6 +310,8 @@ class JournalWriter:
         self._end_chunk()
         try:
             os.fsync(self._stream.fileno())
+            if self.path is not None and os.fstat(self._stream.fileno()).st_nlink == 0 and not self.path.exists():
+                raise FileNotFoundError(errno.ENOENT, "its file was removed")
         except io.UnsupportedOperation:
             return  # a stream without a file
         except OSError as why:
@@ -323,9 +329,8 @@ class JournalWriter:
         self._report(problem)
 
     def _report(self, problem: str) -> None:
-        on_problem, self._on_problem = self._on_problem, None
-        if on_problem is not None:
-            on_problem(problem)
+        if self._on_problem is not None:
+            self._on_problem(problem)
 
     def _drain(self) -> None:
         with contextlib.suppress(queue.Empty):
