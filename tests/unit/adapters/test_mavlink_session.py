@@ -213,6 +213,18 @@ def test_a_restart_of_the_autopilot_without_silence_is_noticed():
     assert any("restarted" in warning for warning in talking.session.warnings())
 
 
+def test_a_restarted_autopilot_that_was_not_silent_is_asked_for_its_streams_at_once():
+    """It has forgotten the rates; all that it says by itself are heartbeats, and what its clock shows."""
+    talking = talk()
+    talking.session.request(RequestMessage(ATTITUDE, 20.0), talking.now_ns)
+    talking.run(10.0)
+    talking.autopilot.reboot()
+    talking.boot_offset_ns = talking.now_ns
+    assert [link.up for link in links(talking.run(0.5))][:1] == [False]
+    events = talking.run(1.5)
+    assert sum(isinstance(e, Attitude) for e in events) > 10
+
+
 def test_an_attitude_that_is_said_in_two_messages_is_one():
     """PX4's onboard streams hold ATTITUDE and ATTITUDE_QUATERNION of the same instants."""
     talking = talk(kind=AutopilotKind.PX4)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from visloc_companion.adapters.mavlink.link_state import LinkState
-from visloc_companion.types import Attitude, Event, GeoPoint, LinkChanged, LocalPose, OriginChanged, PriorPose
+from visloc_companion.types import Attitude, Event, GeoPoint, LinkChanged, LocalPose, OriginChanged, PriorPose, TimesyncSample
 
 _NS_PER_S = 1_000_000_000
 _REBOOT_NS = 5 * _NS_PER_S
@@ -54,11 +54,18 @@ class Presence:
         return moved
 
     def restarted(self, event: Event) -> bool:
-        """Whether the autopilot's clock went back: it was restarted without falling silent."""
-        if not isinstance(event, Attitude | LocalPose | PriorPose):
+        """Whether the autopilot's clock went back: it was restarted without falling silent.
+
+        One that was sends no telemetry until it is asked for anew, but answers what its clock says.
+        """
+        if isinstance(event, TimesyncSample):
+            boot_ns = event.t_remote_ns
+        elif isinstance(event, Attitude | LocalPose | PriorPose):
+            boot_ns = event.t_boot_ns
+        else:
             return False
-        back = event.t_boot_ns < self._boot_ns - _REBOOT_NS
-        self._boot_ns = event.t_boot_ns if back else max(self._boot_ns, event.t_boot_ns)
+        back = boot_ns < self._boot_ns - _REBOOT_NS
+        self._boot_ns = boot_ns if back else max(self._boot_ns, boot_ns)
         return back
 
     def down(self, now_ns: int) -> LinkChanged | None:

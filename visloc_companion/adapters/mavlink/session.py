@@ -236,15 +236,19 @@ class MavlinkSession:
             return
         events = self._upkeep.take(msg, self._listener.pinned, now_ns)
         if events is not None:
-            self._pending += events
+            for event in events:
+                self._pass_on(event, now_ns)
             return
-        event = self._decoder.event(msg, now_ns)
-        if isinstance(event, LinkChanged):
-            self._take_link(event, now_ns)
-        elif event is not None and (not isinstance(event, OriginChanged) or self._presence.take_origin(event)):
-            if self._presence.restarted(event):
-                self._lose("the autopilot's clock went back: it was restarted", now_ns)
-            self._pending.append(event)
+        decoded = self._decoder.event(msg, now_ns)
+        if isinstance(decoded, LinkChanged):
+            self._take_link(decoded, now_ns)
+        elif decoded is not None and (not isinstance(decoded, OriginChanged) or self._presence.take_origin(decoded)):
+            self._pass_on(decoded, now_ns)
+
+    def _pass_on(self, event: Event, now_ns: int) -> None:
+        if self._presence.restarted(event):
+            self._lose("the autopilot's clock went back: it was restarted", now_ns)
+        self._pending.append(event)
 
     def _take_order(self, msg: Message) -> None:
         """A ground station speaks to this component."""
