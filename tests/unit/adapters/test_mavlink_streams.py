@@ -6,7 +6,7 @@ from visloc_companion.adapters.mavlink.commands import CommandQueue, Question
 from visloc_companion.adapters.mavlink.dialect import mav
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
-from visloc_companion.adapters.mavlink.streams import StreamState
+from visloc_companion.adapters.mavlink.streams import StreamKeeper, StreamState
 from visloc_companion.testing.conversation import Conversation
 from visloc_companion.testing.fake_autopilot import Behaviour, FakeAutopilot
 from visloc_companion.types import Attitude, AutopilotKind, EkfSource, RequestMessage, SourceSwitched, SwitchSource
@@ -73,6 +73,25 @@ def test_a_message_that_never_comes_is_missing_with_one_warning_and_slows_down()
     talking.run(60.0)
     assert talking.session.stream_state(mav.MAVLINK_MSG_ID_EKF_STATUS_REPORT) is StreamState.MISSING
     assert len([w for w in talking.session.warnings() if "EKF_STATUS_REPORT" in w]) == 1
+
+
+@pytest.mark.parametrize("result", [mav.MAV_RESULT_ACCEPTED, mav.MAV_RESULT_UNSUPPORTED])
+def test_a_message_that_never_comes_is_asked_for_every_ten_seconds_all_day(result: int):
+    queue = CommandQueue(0.7, 197)
+    keeper = StreamKeeper(queue, 3.0)
+    keeper.want(RequestMessage(mav.MAVLINK_MSG_ID_DISTANCE_SENSOR, 10.0), 0)
+    n_asked = 0
+    for t_s in range(0, 24 * 3600):
+        now_ns = t_s * 1_000_000_000
+        keeper.poll(now_ns)
+        asked, _ = queue.poll(1, now_ns)
+        if asked is not None:
+            n_asked += 1
+            answer = queue.acknowledged(mav.MAVLink_command_ack_message(asked.command, result), 1, now_ns)
+            assert answer is not None
+            keeper.answered(answer, now_ns)
+    assert n_asked == pytest.approx(24 * 3600 / 10, rel=0.3)
+    assert len(keeper.warnings) == 1
 
 
 def test_a_local_position_is_not_missed_before_there_is_an_origin():

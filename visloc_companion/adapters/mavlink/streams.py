@@ -15,7 +15,8 @@ from visloc_companion.types import RequestMessage
 _NS_PER_S = 1_000_000_000
 _ENOUGH = 0.7
 _MISSING_AFTER = 3
-_MAX_PAUSE_S = 8.0
+_PAUSES_S = (0.0, 1.0, 2.0, 4.0, 8.0)
+"""Before it is asked for again after so many failures; the last one from then on."""
 _NEEDS_ORIGIN = frozenset((mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED,))
 _FIRST_STEP_DOWN, _STEP_DOWN, _SLOWEST_HZ = 0.75, 0.5, 0.5
 
@@ -121,7 +122,7 @@ class StreamKeeper:
     def _failed(self, stream: _Stream, why: str, now_ns: int) -> None:
         stream.failures += 1
         stream.window_from_ns = None
-        pause_s = 0.0 if stream.failures == 1 else min(_MAX_PAUSE_S, 2.0 ** (stream.failures - 2))
+        pause_s = _PAUSES_S[min(stream.failures, len(_PAUSES_S)) - 1]
         stream.due_ns = now_ns + round(pause_s * _NS_PER_S)
         if stream.wanted.message_id in _NEEDS_ORIGIN and not self.has_origin:
             stream.failures = min(stream.failures, _MISSING_AFTER - 1)
