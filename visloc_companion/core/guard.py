@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from enum import Enum
 
+from visloc_companion.core.validate import MAX_SIGMA_M
 from visloc_companion.errors import Reason
 from visloc_companion.types import Event, Fix, Notice, Severity
 
@@ -77,6 +78,7 @@ class Complaints:
 
 
 def _of_claim(fix: Fix) -> str:
-    """A localiser that claims to be certain is not believed, and the operator flies without it."""
-    sigma_m = math.sqrt(max(0.0, min(fix.cov_ne_m2[0][0], fix.cov_ne_m2[1][1])))
-    return f"visloc: {fix.method[:12]} claims {sigma_m:.2f} m, FIXES REFUSED"
+    """A localiser that claims to be certain, or to know nothing, is not believed, and the operator flies without it."""
+    sigmas_m = (math.sqrt(max(0.0, fix.cov_ne_m2[0][0])), math.sqrt(max(0.0, fix.cov_ne_m2[1][1])), fix.sigma_h_m)
+    claimed_m = f"{max(sigmas_m):.0e}" if max(sigmas_m) > MAX_SIGMA_M else f"{min(sigmas_m):.2f}"
+    return f"visloc: {fix.method[:12]} claims {claimed_m} m, FIXES REFUSED"

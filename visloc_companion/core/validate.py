@@ -38,6 +38,7 @@ MAX_SPEED_MPS = 200.0
 MAX_FORCE_MPS2 = 160.0
 """What accelerometers of autopilots can measure."""
 MAX_OPERATOR_SIGMA_M = 10_000.0
+MIN_SIGMA_M, MAX_SIGMA_M = 1e-3, 1e5
 MAX_LEAD_NS = 200_000_000
 """Times of validity may lie this far ahead of the shell's clock (clock offsets are estimates)."""
 
@@ -87,12 +88,13 @@ def fault(event: Event, now_ns: int) -> Reason | None:  # noqa: PLR0911, PLR0912
 def _fix_fault(fix: Fix, now_ns: int) -> Reason | None:
     if fix.t_ns > now_ns + MAX_LEAD_NS:
         return Reason.IMPLAUSIBLE_TIME
-    claims = (*fix.cov_ne_m2[0], *fix.cov_ne_m2[1], fix.sigma_h_m)
-    numbers = _finite(*fix.q_ned_frd, *claims, fix.sigma_yaw_rad, fix.probability_wrong, *fix.per_focal_ne_m)
+    sigmas = (*fix.cov_ne_m2[0], *fix.cov_ne_m2[1], fix.sigma_h_m)
+    numbers = _finite(*fix.q_ned_frd, *sigmas, fix.sigma_yaw_rad, fix.probability_wrong, *fix.per_focal_ne_m)
     turned = _turns_are_sound(fix) and (fix.tilt is None or is_tilt(fix.tilt))
     if not (numbers and turned and is_place(fix.place)):
         return Reason.NOT_FINITE
-    return None if fix.sigma_h_m > 0 and is_covariance(fix.cov_ne_m2) else Reason.IMPLAUSIBLE_CLAIM
+    claims = MIN_SIGMA_M <= fix.sigma_h_m <= MAX_SIGMA_M and is_covariance(fix.cov_ne_m2)
+    return None if claims else Reason.IMPLAUSIBLE_CLAIM
 
 
 def _turns_are_sound(answer: Fix | NoFix) -> bool:
@@ -131,7 +133,7 @@ def is_place(place: GeoPoint) -> bool:
 def is_covariance(cov_m2: Cov2) -> bool:
     """Finite, symmetric, positive definite, between 1 mm and 100 km."""
     (nn, _), (_, ee) = cov_m2
-    return _is_positive_definite(cov_m2) and min(nn, ee) >= 1e-6 and max(nn, ee) <= 1e10
+    return _is_positive_definite(cov_m2) and min(nn, ee) >= MIN_SIGMA_M**2 and max(nn, ee) <= MAX_SIGMA_M**2
 
 
 def is_tilt(tilt: TiltSeen) -> bool:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import pytest
+
 from visloc_companion.core.guard import RESTART_AFTER, STEP_NS, Complaints, TimeCheck, TimeGuard
 from visloc_companion.errors import Reason
 from visloc_companion.types import Fix, GeoPoint, Tick
@@ -43,9 +45,12 @@ def test_the_same_complaint_is_made_once_in_ten_seconds() -> None:
     assert len(complaints.about(Tick(0), Reason.NOT_FINITE, 10 * S)) == 1
 
 
-def test_the_operator_hears_which_localiser_claims_to_be_certain() -> None:
-    place, level, certain = GeoPoint(47.0, 8.0, 500.0), (1.0, 0.0, 0.0, 0.0), ((0.0, 0.0), (0.0, 0.0))
-    fix = Fix(0, 0, 1, 1, "a_long_name_of_mine", place, level, certain, 1.0, 0.01, 1e-4, 5.0)
+@pytest.mark.parametrize(
+    ("var_n_m2", "sigma_h_m", "claimed"), [(0.0, 1.0, "0.00"), (0.5, 1e-9, "0.00"), (4e10, 1.0, "2e+05"), (0.5, 1e6, "1e+06")]
+)
+def test_the_operator_hears_which_localiser_claims_what_cannot_be(var_n_m2: float, sigma_h_m: float, claimed: str) -> None:
+    place, level, cov_m2 = GeoPoint(47.0, 8.0, 500.0), (1.0, 0.0, 0.0, 0.0), ((var_n_m2, 0.0), (0.0, 0.5))
+    fix = Fix(0, 0, 1, 1, "a_long_name_of_mine", place, level, cov_m2, sigma_h_m, 0.01, 1e-4, 5.0)
     (notice,) = Complaints().about(fix, Reason.IMPLAUSIBLE_CLAIM, 0)
-    assert (notice.text, notice.to_operator) == ("visloc: a_long_name_ claims 0.00 m, FIXES REFUSED", True)
+    assert (notice.text, notice.to_operator) == (f"visloc: a_long_name_ claims {claimed} m, FIXES REFUSED", True)
     assert len(notice.text) <= 50

@@ -80,6 +80,8 @@ BAD: list[tuple[Event, Reason]] = [
     (replace(FIX, cov_ne_m2=((1.0, 2.0), (2.0, 1.0))), Reason.IMPLAUSIBLE_CLAIM),
     (replace(FIX, cov_ne_m2=((0.0, 0.0), (0.0, 0.0))), Reason.IMPLAUSIBLE_CLAIM),
     (replace(FIX, sigma_h_m=0.0), Reason.IMPLAUSIBLE_CLAIM),
+    (replace(FIX, sigma_h_m=1e-12), Reason.IMPLAUSIBLE_CLAIM),
+    (replace(FIX, sigma_h_m=1e9), Reason.IMPLAUSIBLE_CLAIM),
     (replace(FIX, per_focal_ne_m=(0.0, math.inf)), Reason.NOT_FINITE),
     (replace(FIX, probability_wrong=math.nan), Reason.NOT_FINITE),
     (FrameRef(NOW, NOW + 10**9, 1, 0, 640, 480, 1), Reason.IMPLAUSIBLE_TIME),
