@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import multiprocessing
+import signal
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
@@ -140,7 +141,11 @@ class WorkerSupervisor:
         ours, theirs = self._context.Pipe(duplex=True)
         job = WorkerJob(config, self._slots.name, self._factory)
         process = self._context.Process(target=run_worker, args=(job, theirs), name="visloc-worker", daemon=True)
-        process.start()
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))  # the process inherits that
+        try:
+            process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
         self._process, self._connection, self._why, self._reason = process, ours, "", Reason.WORKER_DIED
         loop = asyncio.get_running_loop()

@@ -290,6 +290,19 @@ async def test_the_workers_group_signals_do_not_end_it() -> None:
         assert isinstance(await b.next(), Fix)
 
 
+@pytest.mark.parametrize("after_s", [0.0, 0.05, 0.3])
+async def test_nor_do_they_while_it_starts(after_s: float) -> None:
+    """Ctrl-C goes to the worker, too: the daemon ends it, and not a traceback of its own."""
+    async with bench("by_request_id", start=False) as b:
+        b.worker.begin()
+        await asyncio.sleep(after_s)
+        assert b.worker.pid is not None
+        for number in (signal.SIGINT, signal.SIGTERM):
+            os.kill(b.worker.pid, number)
+        await b.worker.start()
+        assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
 async def test_a_start_that_is_cancelled_leaves_no_process() -> None:
     async with bench("prior_is_right", start=False) as b:
         task = asyncio.create_task(b.worker.start())
