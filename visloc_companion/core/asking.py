@@ -99,7 +99,7 @@ class Asking:
             return self._about_place(self._search, state, frame, q_ned_frd, now_ns)
         if self._search is not None and self._search.active:
             self._search.clear()
-        if state is None:
+        if state is None or not self._tracker.takes(frame.t_ns):
             return []
         state = self._of_camera(self._wide(state) if injecting else state, q_ned_frd)
         prior = self._prior(state, q_ned_frd, self._camera.q_frd_cambody, injecting)

@@ -51,6 +51,11 @@ class PositionFilter:
         """The belief after the last input."""
         return self._after(len(self._log))
 
+    @property
+    def earliest_ns(self) -> int:
+        """What was seen before this time can no longer be taken, or not yet: the filter began later."""
+        return self._base.t_ns
+
     def observe(self, fix: Fix) -> Accepted | Rejected | TooOld:
         """Take a fix at its image time."""
         north, east, _ = wgs84.ned_from_geo(fix.place, self._origin)
@@ -147,7 +152,7 @@ class PositionFilter:
         ]
 
     def _take(self, z: Position) -> Accepted | Rejected | TooOld:
-        if z.t_ns < self._base.t_ns:
+        if z.t_ns < self.earliest_ns:
             return TooOld((self.newest.t_ns - z.t_ns) * 1e-9)
         return self._measured(z)
 

@@ -241,6 +241,10 @@ class Tracker:
         state = self._filter.at(t_ns)
         return replace(state, sigma_d_m=self.height.known(t_ns, self.origin.h_amsl_m - state.p_ned_m[2]).sigma_m)
 
+    def takes(self, t_ns: int) -> bool:
+        """Whether the filter, where there is one, can take what was seen at a time."""
+        return self._filter is not None and t_ns >= self._filter.earliest_ns
+
     def protection_level_m(self, t_ns: int) -> float | None:
         """Horizontal protection level at a time; None before seeding."""
         return None if self._filter is None else self._filter.protection_level_m(t_ns)
