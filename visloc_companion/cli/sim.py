@@ -24,7 +24,9 @@ def sim(
     ctx: typer.Context,
     scenario: Annotated[str, typer.Option(help="Name of the flight; --list shows them.")] = "",
     map_pack: Annotated[Path | None, typer.Option("--map", help="Map pack; without it the embedded procedural world.")] = None,
-    camera_ortho: Annotated[Path | None, typer.Option(help="Orthophoto of another date, which the camera sees.")] = None,
+    camera_ortho: Annotated[
+        Path | None, typer.Option(help="Orthophoto of another date, for the camera; else the map's own.")
+    ] = None,
     camera_dsm: Annotated[Path | None, typer.Option(help="Surface model of that date; without it the pack's.")] = None,
     autopilot: Annotated[str, typer.Option(help="built-in, ardupilot or px4.")] = "built-in",
     dialect: Annotated[str, typer.Option(help="What the built-in autopilot behaves like: ardupilot or px4.")] = "ardupilot",
@@ -100,11 +102,12 @@ def _placed(
     """The flights over the map that is given, or over the procedural world on the date of each scenario."""
     from dataclasses import replace
 
-    if (map_pack is None) != (camera_ortho is None):
-        raise ConfigError("--map and --camera-ortho go together", remedy="give both, or neither for the procedural world")
-    if map_pack is None and camera_dsm is not None:
-        raise ConfigError("--camera-dsm goes with --map and --camera-ortho", remedy="give all, or none for the procedural world")
-    if map_pack is not None and camera_ortho is not None:
+    if map_pack is None and (camera_ortho is not None or camera_dsm is not None):
+        what = "--camera-dsm" if camera_ortho is None else "--camera-ortho"
+        raise ConfigError(
+            f"{what} goes with --map", remedy="name the pack that is flown over, or neither for the procedural world"
+        )
+    if map_pack is not None:
         return [replace(one, pack=map_pack, camera_ortho=camera_ortho, camera_dsm=camera_dsm) for one in specs]
     from visloc_companion.cli.progress import spinner
     from visloc_companion.evaluate.campaign import find_scenario
@@ -124,7 +127,7 @@ def _single(spec: FlightSpec, json_file: Path | None, report: Path | None) -> No
 
     with bar(f"flying {spec.scenario}", find_scenario(spec.scenario).duration_s) as advance:
         flown = fly_spec(spec, advance)
-    result = result_of(flown, spec.method, spec.with_daemon)
+    result = result_of(flown, spec.method, spec.with_daemon, spec.camera_ortho is None)
     if json_file is not None:
         write_result(flown.record, result, json_file)
     typer.echo(_line(result))
@@ -157,12 +160,13 @@ def _report(spec: FlightSpec, flown: FlownScenario, path: Path) -> None:
     from visloc_companion.evaluate.report import write_flight_report
     from visloc_companion.maps.pack import PackMap
 
+    same_image = spec.camera_ortho is None
     baseline = fly_spec(replace(spec, with_daemon=False)).record if spec.with_daemon else None
     with result_to(path, "--report"):
         write_flight_report(
             flown.record,
             path,
-            title=f"{spec.scenario}: {spec.dialect} {spec.vehicle}, {spec.method}",
+            title=f"{spec.scenario}: {spec.dialect} {spec.vehicle}, {spec.method}{', same image' if same_image else ''}",
             checks=flown.checks,
             baseline=baseline,
             map_image=map_image(PackMap.open(spec.pack, verify_hashes=False), flown.record, baseline),
@@ -196,7 +200,7 @@ def _line(result: dict[str, Any]) -> str:
     error = result["error_horizontal_m"]
     return (
         f"{_word(result)} {result['scenario']} {result['dialect']} {result['vehicle']} "
-        f"seed {result['seed']}: "
+        f"seed {result['seed']}{', same image' if result['same_image'] else ''}: "
         f"error median {error['median']} max {error['max']} m, pulled {result['pulled_m']} m, "
         f"GNSS declared bad at {result['gnss']['detected_at_s']} s, failsafe {result['failsafe'] or 'none'}"
     )

@@ -38,7 +38,8 @@ class FlightSpec:
 
     scenario: str
     pack: Path
-    camera_ortho: Path
+    camera_ortho: Path | None
+    """None: the pack's own. Camera and map are the same image then, and the result says so."""
     camera_dsm: Path | None
     dialect: str = "ardupilot"
     vehicle: str = "copter"
@@ -82,14 +83,15 @@ def fly_spec(spec: FlightSpec, on_progress: Callable[[float], None] | None = Non
     ground = float(np.nan_to_num(reference.height_amsl_m(easting, northing)))
     surface = reference.manifest.heights.grid
     dsm = spec.camera_dsm or (None if surface is None else spec.pack / surface.file)
-    world = FlightWorld(spec.pack, reference, Scene.load(spec.camera_ortho, dsm, ground))
+    ortho = spec.camera_ortho or spec.pack / reference.manifest.ortho.file
+    world = FlightWorld(spec.pack, reference, Scene.load(ortho, dsm, ground))
     vehicle = cast("VehicleKind", spec.vehicle)
     scenario, kind = find_scenario(spec.scenario), AutopilotKind(spec.dialect)
     setup = FlightSetup(scenario, world.area(), kind, vehicle, spec.seed, spec.height_m, spec.structure)
     return fly(setup, world, method=spec.method, with_daemon=spec.with_daemon, on_progress=on_progress)
 
 
-def result_of(flown: FlownScenario, method: str, with_daemon: bool = True) -> dict[str, Any]:
+def result_of(flown: FlownScenario, method: str, with_daemon: bool = True, same_image: bool = False) -> dict[str, Any]:
     """The JSON of one flight: the figures of the summary, what was flown, and what was expected."""
     setup, log, record = flown.setup, flown.log, flown.record
     return {
@@ -101,6 +103,7 @@ def result_of(flown: FlownScenario, method: str, with_daemon: bool = True) -> di
         "seed": setup.seed,
         "method": method,
         "with_daemon": with_daemon,
+        "same_image": same_image,
         "structure": setup.structure,
         "fixes_by_method": dict(sorted(Counter(fix.method for fix in record.fixes).items())),
         "failsafe": log.failsafe,
@@ -174,7 +177,8 @@ def run_campaign(specs: list[FlightSpec], jobs: int, on_flight: Callable[[dict[s
 
 def _fly_one(spec: FlightSpec) -> tuple[dict[str, Any], FloatArray, FloatArray]:
     flown = fly_spec(spec)
-    return result_of(flown, spec.method, spec.with_daemon), flown.record.protection_level_m, flown.record.error_m
+    result = result_of(flown, spec.method, spec.with_daemon, spec.camera_ortho is None)
+    return result, flown.record.protection_level_m, flown.record.error_m
 
 
 def _median(values: FloatArray) -> float | None:

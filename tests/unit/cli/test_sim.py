@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import typer
 from typer.testing import CliRunner
@@ -17,9 +18,13 @@ from visloc_companion.cli.sim import sim
 from visloc_companion.errors import ConfigError, MapError
 from visloc_companion.evaluate import campaign, closed_loop, metrics, report
 from visloc_companion.evaluate.campaign import FlightSpec
+from visloc_companion.evaluate.closed_loop import FlightWorld
+from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare import world
 from visloc_companion.sim.flight import Eyes
 from visloc_companion.sim.scenarios import SCENARIOS
+from visloc_companion.sim.scene import Scene
+from visloc_companion.sim.setup import FlightSetup
 
 app = typer.Typer()
 app.command()(sim)
@@ -65,6 +70,27 @@ def test_a_good_flight_is_told_judged_and_written(
     assert "PASS" in page
     assert "With the daemon" in page, "the flight without it is shown beside"
     assert "data:image/jpeg" in page
+
+
+def test_over_the_maps_own_orthophoto_the_figures_say_same_image(
+    tiny_world: Any, tmp_path: Path, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[Scene] = []
+
+    def eyes(setup: FlightSetup, world: FlightWorld, method: str) -> Eyes:
+        seen.append(world.scene)
+        return oracle_eyes()
+
+    monkeypatch.setattr(closed_loop, "eyes_over", eyes)
+    files = "--json", tmp_path / "jam.json", "--report", tmp_path / "jam.html"
+    code, text = run("--scenario", "jam", "--map", tiny_world.pack, *files)
+    assert code == 0
+    assert "seed 1, same image: error" in text
+    assert json.loads((tmp_path / "jam.json").read_text(encoding="utf-8"))["same_image"] is True
+    assert ", same image</" in (tmp_path / "jam.html").read_text(encoding="utf-8")
+    reference = PackMap.open(tiny_world.pack, verify_hashes=False)
+    own = Scene.load(tiny_world.pack / reference.manifest.ortho.file)
+    np.testing.assert_array_equal(seen[0].pixels, own.pixels)
 
 
 def test_a_flight_that_fails_exits_with_1(
@@ -120,7 +146,8 @@ def test_a_campaign_is_flown_told_and_written(
     def run_campaign(specs: list[FlightSpec], jobs: int, on_flight: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
         asked.append((specs, jobs))
         figures = {"error_horizontal_m": {"median": 1.0, "max": 2.0}, "pulled_m": 0.0, "gnss": {"detected_at_s": 31.0}}
-        flights = [{**asdict(spec), **figures, "passed": k < passed, "failsafe": None} for k, spec in enumerate(specs)]
+        figures |= {"failsafe": None, "same_image": False}
+        flights = [{**asdict(spec), **figures, "passed": k < passed} for k, spec in enumerate(specs)]
         for flight in flights:
             on_flight(flight)
         return {"schema": 1, "flights": [], "totals": {"flights": 2, "passed": passed}}
@@ -164,9 +191,8 @@ def test_a_campaign_is_flown_told_and_written(
         (["--autopilot", "px4", "--scenario", "jam", "--report", "x.html"], "--report means nothing with --autopilot px4"),
         (["--autopilot", "px4", "--scenario", "jam", "--without-structure"], "--without-structure means nothing"),
         (["--scenario", "jam", "--json", "none/result.json"], "its folder does not exist"),
-        (["--scenario", "jam", "--map", "pack"], "--map and --camera-ortho go together"),
-        (["--scenario", "jam", "--camera-ortho", "ortho.tif"], "--map and --camera-ortho go together"),
-        (["--scenario", "jam", "--camera-dsm", "dsm.tif"], "--camera-dsm goes with --map and --camera-ortho"),
+        (["--scenario", "jam", "--camera-ortho", "ortho.tif"], "--camera-ortho goes with --map"),
+        (["--scenario", "jam", "--camera-dsm", "dsm.tif"], "--camera-dsm goes with --map"),
         (["--scenario", "jam", "--json", "."], "is a folder.*name a file for --json"),
         (["--scenario", "jam", "--report", "."], "is a folder.*name a file for --report"),
         (["--scenario", "jam", "--seed", "-1"], "seed is -1"),

@@ -34,7 +34,7 @@ REPLAY_FIELDS = {
     *("misleading", "nees", "integrity", "gnss", "injected", "latency_ms", "epochs"),
 }
 SIM_FIELDS = {"scenario", "autopilot", "vehicle", "seed", "failsafe", "pulled_m", "modes", "verdicts", "passed", "expected"}
-EXTRAS = {"dialect", "method", "with_daemon", "structure", "fixes_by_method"}
+EXTRAS = {"dialect", "method", "with_daemon", "same_image", "structure", "fixes_by_method"}
 NOWHERE = Path()
 MakeEyes = Callable[..., Eyes]
 
