@@ -128,10 +128,12 @@ def open_dsm(path: Path) -> GeoTiff:
 
 
 def require_heights(tiff: GeoTiff) -> None:
-    """Refuse a surface model whose holes look like ground: a value that is none, and that the file does not declare.
+    """Refuse a surface model whose holes look like ground: a value that is none, where the file declares none at all.
 
     Raises MapError with the command that declares it.
     """
+    if tiff.dataset.nodata is not None:
+        return
     shape = _thinned(tiff.dataset)
     with _reading(tiff.path):
         raw = tiff.dataset.read(1, out_shape=shape, resampling=Resampling.nearest).astype(np.float64)
@@ -148,7 +150,7 @@ def require_heights(tiff: GeoTiff) -> None:
         raise MapError(
             f"{100 * share:.2g} % of its pixels are {value:.9g}, far from all other heights: holes that it does not declare",
             where=str(tiff.path),
-            remedy=f"gdal_edit.py -a_nodata {value:.9g} FILE; where that is a height, declare another value there",
+            remedy=f"gdal_edit.py -a_nodata {value:.9g} FILE; where that is a height, declare what none has: -a_nodata -32768",
         )
 
 

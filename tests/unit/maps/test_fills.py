@@ -47,6 +47,18 @@ def test_holes_that_look_like_ground_are_an_error(tmp_path: Path, write_raster, 
     np.testing.assert_array_equal(layer.read(0, (0, SIDE), (0, SIDE))[1] > 0, ~HOLE)
 
 
+def test_a_sea_under_cliffs_is_one_where_the_file_declares_another_value(tmp_path: Path, write_raster) -> None:
+    path = tmp_path / "dsm.tif"
+    write_raster(path, np.where(HOLE, 0.0, hills()).astype(np.float32), *NORTH, 1.0)
+    with pytest.raises(MapError, match="where that is a height, declare what none has: -a_nodata -32768"):
+        require_heights(open_dsm(path))
+    with rasterio.open(path, "r+") as dsm:
+        dsm.nodata = -32768.0
+    tiff = open_dsm(path)
+    require_heights(tiff)
+    assert (layer_of(tiff).read(0, (0, SIDE), (0, SIDE))[1] > 0).all()
+
+
 @pytest.mark.parametrize(
     "heights",
     [
