@@ -10,6 +10,10 @@ from pathlib import Path
 from typing import cast
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("unhurried", deadline=None)  # the machines are shared: how long an example takes says nothing
+settings.load_profile("unhurried")
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -13,7 +13,7 @@ from visloc_companion.errors import MapError
 from visloc_companion.maps.cloud import read_cloud
 
 laspy = pytest.importorskip("laspy")
-FUZZ = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+FUZZ = settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 HEAD_BYTES = 2500
 """Where headers lie: half of the changes are there."""
 

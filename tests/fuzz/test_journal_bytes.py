@@ -39,7 +39,7 @@ def entries_of(path: Path, data: bytes) -> tuple[list[Entry], list[str]]:
 
 
 @given(share=st.floats(0, 1))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_cut_anywhere(share: float, tmp_path_factory: pytest.TempPathFactory) -> None:
     data, entries = whole()
     cut = round(share * len(data))
@@ -61,7 +61,7 @@ def test_cut_at_every_byte_of_the_first_and_last_records(tmp_path: Path) -> None
 
 
 @given(flips=st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(1, 255)), min_size=1, max_size=4))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_flipped_bytes_cost_their_chunks_only(flips: list[tuple[float, int]], tmp_path_factory: pytest.TempPathFactory) -> None:
     data, entries = whole()
     damaged = bytearray(data)
@@ -101,7 +101,7 @@ def test_without_its_first_chunk_the_rest_is_still_read(tmp_path: Path) -> None:
 
 
 @given(st.binary(max_size=300))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_rubbish_after_the_signature_ends_quietly(rubbish: bytes) -> None:
     damage: list[str] = []
     assert list(read_records(MAGIC + rubbish, "x", damage.append)) == []
@@ -109,7 +109,7 @@ def test_rubbish_after_the_signature_ends_quietly(rubbish: bytes) -> None:
 
 
 @given(st.binary(max_size=60), st.binary(max_size=60))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_rubbish_that_looks_like_a_chunk(before: bytes, after: bytes) -> None:
     data = MAGIC + b"\x06" + before + b"\x06" * 37 + b"\x04\x00\x00\x00zstd" + after
     assert list(read_records(data, "x", lambda _: None)) == []

@@ -15,7 +15,7 @@ from visloc_companion.testing.conversation import Conversation
 from visloc_companion.testing.fake_autopilot import FakeAutopilot
 from visloc_companion.types import Attitude, AutopilotKind, GeoPoint, Injection, Range
 
-QUICK = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+QUICK = settings(max_examples=150, suppress_health_check=[HealthCheck.too_slow])
 T = 1_000_000_000
 KNOWN_IDS = sorted(i for i in mav.mavlink_map if i >= 0)
 OURS = (0, 24, 30, 31, 32, 33, 49, 77, 22, 111, 124, 132, 148, 173, 193, 230, 29)

@@ -20,7 +20,7 @@ STARTS = {"tlog": b"\x00\x05\xaf\x00\x00\x00\x00\x00\xfe", "bin": b"\xa3\x95\x80
 
 
 @pytest.mark.parametrize("kind", list(READERS))
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.binary(max_size=600))
 def test_noise(tmp_path: Path, kind: str, data: bytes) -> None:
     path = tmp_path / f"noise.{kind}"

@@ -16,7 +16,7 @@ from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.build import build_pack
 
 laspy = pytest.importorskip("laspy")
-FUZZ = settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+FUZZ = settings(max_examples=120, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @pytest.fixture(scope="module")

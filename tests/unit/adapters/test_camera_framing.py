@@ -51,7 +51,7 @@ def test_jpeg_keeps_the_colours_apart() -> None:
     assert frame.pixels.mean((0, 1)) == pytest.approx([200, 0, 0], abs=3)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(cuts=st.lists(st.integers(1, 900), min_size=1, max_size=30), seed=st.integers(0, 5))
 def test_any_cutting_of_the_stream_gives_the_same_frames(cuts: list[int], seed: int) -> None:
     stream = b"".join(encode_frame(StreamedFrame(picture(seed + k), k)) for k in range(3))
@@ -64,7 +64,7 @@ def test_any_cutting_of_the_stream_gives_the_same_frames(cuts: list[int], seed: 
     assert (decoder.resyncs, decoder.buffered_bytes) == (0, 0)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(at=st.integers(0, 640), garbage=st.binary(min_size=1, max_size=40))
 def test_after_damage_the_following_frames_come_through(at: int, garbage: bytes) -> None:
     first, second, third = (encode_frame(StreamedFrame(picture(k), k)) for k in range(3))

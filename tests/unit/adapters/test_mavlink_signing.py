@@ -65,7 +65,7 @@ def signed_conversation(peer_stamp=YEAR_2026, peer_key=KEY, signing=SIGNED):
 
 
 @given(stamp=st.integers(0, 2**48 - 1), link_id=st.integers(0, 255), key=st.binary(min_size=32, max_size=32))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_the_signature_is_that_of_pymavlink(stamp, link_id, key):
     packet = attitude(stamp, key, link_id)
     assert is_signed(packet)
@@ -279,7 +279,7 @@ def test_texts_go_out_signed():
 
 
 @given(data=st.data())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_no_damaged_packet_is_believed(data):
     """A flipped bit, with or without a checksum that was made to fit, or a cut: never believed, and the good ones behind it are.
 
@@ -302,7 +302,7 @@ def test_no_damaged_packet_is_believed(data):
 
 
 @given(order=st.permutations(range(6)), repeats=st.lists(st.integers(0, 5), max_size=6))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_only_rising_stamps_are_believed(order, repeats):
     """Any order and any repeats: what is believed is the sequence of new maxima."""
     bench = Bench()
@@ -313,7 +313,7 @@ def test_only_rising_stamps_are_believed(order, repeats):
 
 
 @given(noise=st.binary(max_size=600))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_noise_is_never_believed(noise):
     conversation = signed_conversation()
     conversation.run(1.5)

@@ -57,7 +57,7 @@ def exact(value: Any) -> Any:
 
 @pytest.mark.parametrize("name", sorted(TYPES))
 def test_round_trip_of_every_type(name: str) -> None:
-    @settings(max_examples=25, deadline=None)
+    @settings(max_examples=25)
     @given(strategy(TYPES[name]))
     def check(thing: Any) -> None:
         text = to_json(thing)

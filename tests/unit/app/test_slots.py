@@ -62,7 +62,7 @@ def test_a_frame_whose_slot_was_taken_cannot_be_held(slots: SharedFrameSlots) ->
 
 
 @given(st.lists(st.sampled_from(["write", "hold newest", "hold previous", "release"]), max_size=40))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_what_is_held_stays_whatever_happens(actions: list[str]) -> None:
     with SharedFrameSlots(MODEL) as slots:
         frames: list[FrameRef] = []

@@ -64,7 +64,7 @@ def test_is_an_estimator() -> None:
     assert isinstance(estimator.observe(fix(0.0, 0.0, 0.0)), Accepted)
 
 
-@hypothesis_settings(max_examples=60, deadline=None)
+@hypothesis_settings(max_examples=60)
 @given(st.permutations(range(16)), st.integers(0, 10_000))
 def test_late_fixes_give_the_state_of_those_in_order(order: list[int], seed: int) -> None:
     """Ten fixes, among them outliers that agree (so that the filter restarts), arriving in any order among the velocities."""

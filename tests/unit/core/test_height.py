@@ -135,7 +135,7 @@ def test_the_level_covers_a_vote_that_is_wrong_for_a_while() -> None:
     assert level_m > abs(offset_m) + 1.02 * 4.42 * np.hypot(np.sqrt(var_m2), 1.0)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.permutations(range(10)), st.integers(0, 2**31))
 def test_the_order_of_arrival_does_not_matter(order: list[int], seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -78,7 +78,7 @@ def test_frames_of_one_leg_replace_each_other_and_do_not_pile_up() -> None:
     assert between(hover, 5.0, 19.9).cov_ne_m2[0][0] == pytest.approx(2 * 0.05**2)
 
 
-@hypothesis_settings(max_examples=60, deadline=None)
+@hypothesis_settings(max_examples=60)
 @given(st.randoms(use_true_random=False), st.integers(2, 12))
 def test_the_order_of_arrival_does_not_matter(random, n: int) -> None:
     legs = []
@@ -93,7 +93,7 @@ def test_the_order_of_arrival_does_not_matter(random, n: int) -> None:
         assert between(one, start_s, end_s) == between(other, start_s, end_s)
 
 
-@hypothesis_settings(max_examples=60, deadline=None)
+@hypothesis_settings(max_examples=60)
 @given(
     st.lists(
         st.tuples(st.floats(-40, 40), st.floats(-40, 40), st.floats(0.0, 2.0), st.floats(0, 0.05), st.floats(0, 0.1)),
@@ -115,7 +115,7 @@ def test_covariances_are_covariances_and_displacements_add(legs, a: float, b: fl
         assert whole.displacement_ned_m[axis] == pytest.approx(total, abs=1e-9)
 
 
-@hypothesis_settings(max_examples=40, deadline=None)
+@hypothesis_settings(max_examples=40)
 @given(st.integers(1, 20), st.floats(0.01, 1.0), st.floats(0.0, 0.03), st.floats(0.0, 0.05))
 def test_on_a_straight_line_the_claim_only_grows(n: int, own: float, scale: float, heading: float) -> None:
     track = track_of(*(leg(k, k + 1, 20.0, 5.0, own, scale, heading) for k in range(n)))

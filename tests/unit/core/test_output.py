@@ -37,7 +37,7 @@ def test_position_is_in_the_autopilots_own_projection(kind: AutopilotKind) -> No
 number = st.floats(allow_nan=True, allow_infinity=True, width=64)
 
 
-@hypothesis_settings(max_examples=300, deadline=None)
+@hypothesis_settings(max_examples=300)
 @given(st.tuples(number, number, number), st.tuples(number, number, number), st.tuples(number, number, number, number), number)
 def test_never_a_number_that_is_not_finite(
     p_ned_m: tuple[float, float, float], cov: tuple[float, float, float], q: tuple[float, float, float, float], sigma: float
@@ -52,7 +52,7 @@ def test_never_a_number_that_is_not_finite(
         assert min(nn, ee) >= SETTINGS.min_sigma_m**2 * (1 - 1e-9)
 
 
-@hypothesis_settings(max_examples=200, deadline=None)
+@hypothesis_settings(max_examples=200)
 @given(st.floats(-1e5, 1e5), st.floats(-1e5, 1e5), st.floats(1e-2, 1e6), st.floats(1e-2, 1e6), st.floats(-0.99, 0.99))
 def test_every_sane_state_is_injected(north: float, east: float, nn: float, ee: float, rho: float) -> None:
     ne = rho * math.sqrt(nn * ee)

@@ -39,7 +39,7 @@ def test_gdal_transform_of_the_first_pixel() -> None:
     assert apply_affine(T_map_pix_from_gdal(turned), np.array([7.0, 3.0])) == pytest.approx(want)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(affines, affines, st.tuples(numbers, numbers))
 def test_inverse_and_composition(A: np.ndarray, B: np.ndarray, p) -> None:
     point = np.array(p)

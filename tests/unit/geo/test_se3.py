@@ -26,7 +26,7 @@ ANGLE = st.floats(-math.pi, math.pi)
 quats = st.builds(quat_from_euler, ANGLE, st.floats(-math.pi / 2, math.pi / 2), ANGLE)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.floats(-1000, 1000))
 def test_wrapped_angle_is_the_same_direction(angle: float) -> None:
     wrapped = wrap_pi(angle)
@@ -70,7 +70,7 @@ def test_roll_lowers_the_right_wing() -> None:
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(ANGLE, st.floats(-1.5, 1.5), ANGLE)
 def test_euler_there_and_back(roll: float, pitch: float, yaw: float) -> None:
     back = euler_from_quat(quat_from_euler(roll, pitch, yaw))
@@ -84,14 +84,14 @@ def test_gimbal_lock_stays_a_number() -> None:
         assert euler_from_quat(quat_from_euler(0.3, pitch, 0.7))[1] == pytest.approx(pitch, abs=1e-6)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(quats, quats)
 def test_product_is_composition(a, b) -> None:
     assert R_from_quat(quat_multiply(a, b)) == pytest.approx(R_from_quat(a) @ R_from_quat(b), abs=1e-12)
     assert R_from_quat(quat_inverse(a)) == pytest.approx(R_from_quat(a).T, abs=1e-12)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(quats)
 def test_matrix_there_and_back(q) -> None:
     R = R_from_quat(q)
@@ -116,7 +116,7 @@ def test_a_vector_turns_about_itself_by_its_length(vector: tuple[float, float, f
     assert vector_from_quat((-q[0], -q[1], -q[2], -q[3])) == pytest.approx(vector, abs=1e-12)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(quats, quats, st.floats(0, 1))
 def test_slerp_divides_the_angle(a, b, share: float) -> None:
     whole = angle_between(a, b)

@@ -44,7 +44,7 @@ def check_geodesic(lat: float, azimuth: float, distance: float) -> None:
         )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(places, steps)
 def test_ned_there_and_back(origin: GeoPoint, p_ned_m) -> None:
     assert ned_from_geo(geo_from_ned(p_ned_m, origin), origin) == pytest.approx(p_ned_m, abs=1e-4)
@@ -77,7 +77,7 @@ def test_px4_formula() -> None:
 
 
 @pytest.mark.parametrize("kind", list(AutopilotKind))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(origin=places, p_ned_m=steps)
 def test_autopilot_coordinates_there_and_back(kind: AutopilotKind, origin: GeoPoint, p_ned_m) -> None:
     place = geo_from_autopilot_ned(kind, p_ned_m, origin)

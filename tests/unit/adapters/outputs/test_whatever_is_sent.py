@@ -106,7 +106,7 @@ def sigma_of(message, kind):
 
 
 @pytest.mark.parametrize("output", list(Output))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(sequence=st.lists(steps(), min_size=1, max_size=12))
 def test_every_packet_is_finite_inside_the_fence_of_now_and_announces_its_steps(output, sequence):
     kind, params = ABLE[output]
