@@ -1,4 +1,4 @@
-"""Baseline `keypoint`: SIFT on the frame rectified north-up, ratio test, MAGSAC homography, PnP with the attitude prior."""
+"""Baseline `keypoint`: upright SIFT on the frame turned north up, ratio test, MAGSAC homography, PnP with the attitude prior."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ MIN_INLIERS = 6
 MAGSAC_PX = 3.0
 MATCH_SIGMA_PX = 1.0
 SIGMA_FLOOR_PX = 0.4
-MAX_FEATURES = 4000
+MOST_FRAME_PX = 400
+"""Longer side of the rectified frame: what is smaller than its pixels seldom outlives the years between photograph and map."""
 Pairs = tuple[FloatArray, FloatArray]
 
 
@@ -70,7 +71,8 @@ def _matched(
     plan: SearchPlan, full: FrameLevel, ref: ReferenceMap, watch: Stopwatch
 ) -> tuple[Pairs, MapGrid, FloatArray, FloatArray]:
     """Consistent matches, the map window, and the pinhole matrix and grid of the rectified frame."""
-    gsd_m = max(plan.frame_gsd_m, ref.gsd_m)
+    longer_px = max(full.grey.shape[:2])
+    gsd_m = max(ref.gsd_m, plan.frame_gsd_m * max(1.0, longer_px / MOST_FRAME_PX))
     with watch:
         low, high = search_box(plan)
         grid = cropped(map_grid(ref, plan.frame, low, high, gsd_m, GREY))
@@ -95,12 +97,20 @@ def _detect(image: Float32Array, seen: NDArray[np.bool_]) -> Pairs:
     """Key points (N, 2) pix and RootSIFT descriptors (N, 128)."""
     low, high = float(image.min()), float(image.max())
     stretched = ((image - low) * (255 / max(high - low, 1e-6))).astype(np.uint8)
-    sift = cv2.SIFT.create(nfeatures=MAX_FEATURES, contrastThreshold=0.01)
-    points, descriptors = sift.detectAndCompute(stretched, seen.astype(np.uint8))
+    sift = cv2.SIFT.create(contrastThreshold=0.01)
+    places = {
+        (k.pt, k.octave): k for k in sift.detect(stretched, seen.astype(np.uint8))
+    }  # several orientations of a place are one
+    points, descriptors = sift.compute(stretched, [_upright(k) for k in places.values()])
     if descriptors is None or len(points) < 2:
         return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
     roots = np.sqrt(descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-9))
     return np.array([k.pt for k in points], dtype=np.float64), roots
+
+
+def _upright(point: cv2.KeyPoint) -> cv2.KeyPoint:
+    """Both pictures are turned north up: an orientation that is read off them only adds what they differ in."""
+    return cv2.KeyPoint(point.pt[0], point.pt[1], point.size, 0.0, point.response, point.octave, point.class_id)
 
 
 def _consistent(frame: Pairs, there: Pairs) -> Pairs:
@@ -133,4 +143,4 @@ def _pose(
 
 def _probability_wrong(inliers: int) -> float:
     """Logistic in the number of inliers, fitted on training rows (benchmarks/calibrate.py)."""
-    return 1 / (1 + math.exp(max(-50.0, min(50.0, 0.394 * inliers - 2.21))))
+    return 1 / (1 + math.exp(max(-50.0, min(50.0, 0.447 * inliers - 2.32))))
