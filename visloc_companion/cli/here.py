@@ -32,7 +32,7 @@ def here(
     caller = Caller(system, component, None if key is None else _signing(key))
     place = GeoPoint(where.lat_deg, where.lon_deg, 0.0)
     said = asyncio.run(say_here(link, place, where.sigma_m, caller, open_own_channel))
-    sys.stdout.write(f"{said or 'taken; the daemon looks there'}\n")
+    sys.stdout.write(f"{said}\n")
     raise typer.Exit(4 if "refused" in said else 0)
 
 

@@ -108,10 +108,13 @@ def test_before_the_origin_it_must_be_said_again() -> None:
 
 
 class Vehicle(asyncio.DatagramProtocol):
-    """Autopilot and daemon behind one port: heartbeats, and what the daemon makes of what comes. Speaks to who is named."""
+    """Autopilot and daemon behind one port: heartbeats, and what the daemon makes of what comes. Speaks to who is named.
 
-    def __init__(self, talk: Conversation) -> None:
-        self.talk = talk
+    `n_between`: heartbeats between its acknowledgement and its answer. `word`: "" where the answer is lost.
+    """
+
+    def __init__(self, talk: Conversation, n_between: int = 0, word: str = "taken") -> None:
+        self.talk, self.n_between, self.word = talk, n_between, word
         self.transport: asyncio.DatagramTransport | None = None
 
     def connection_made(self, transport: asyncio.DatagramTransport) -> None:  # type: ignore[override]
@@ -123,8 +126,14 @@ class Vehicle(asyncio.DatagramProtocol):
         self.transport.sendto(said_by((1, 1), beat), addr)
         self.talk.session.outgoing()
         fixes = [e for e in self.talk.session.receive(data, self.talk.now_ns) if isinstance(e, OperatorFix)]
-        for fix in fixes:
-            text = f"visloc: position taken, {fix.sigma_m:.0f}"
+        self.transport.sendto(self.talk.session.outgoing(), addr)
+        if fixes:
+            found = Notice(Severity.WARNING, "visloc: position found on the map", to_operator=True)
+            self.talk.session.notify(found, self.talk.now_ns)
+        for _ in range(self.n_between if fixes else 0):
+            self.transport.sendto(said_by((1, 1), beat), addr)
+        for fix in fixes if self.word else []:
+            text = f"visloc: position {self.word}, {fix.sigma_m:.0f}"
             self.talk.session.notify(Notice(Severity.NOTICE, text, to_operator=True), self.talk.now_ns)
         out = self.talk.session.outgoing()
         if out:
@@ -132,8 +141,8 @@ class Vehicle(asyncio.DatagramProtocol):
 
 
 @asynccontextmanager
-async def vehicle(talk: Conversation | None = None) -> AsyncIterator[str]:
-    end = Vehicle(talk or known())
+async def vehicle(talk: Conversation | None = None, n_between: int = 0, word: str = "taken") -> AsyncIterator[str]:
+    end = Vehicle(talk or known(), n_between, word)
     transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(lambda: end, local_addr=("127.0.0.1", 0))
     try:
         yield f"udpout:127.0.0.1:{transport.get_extra_info('sockname')[1]}"
@@ -144,6 +153,23 @@ async def vehicle(talk: Conversation | None = None) -> AsyncIterator[str]:
 async def test_the_command_reaches_the_daemon_and_its_answer_comes_back() -> None:
     async with vehicle() as url:
         assert await say_here(url, PLACE, 25.0, Caller(), open_own_channel, 0.1) == "visloc: position taken, 25"
+
+
+async def test_each_call_is_answered_though_the_answer_repeats_the_last() -> None:
+    async with vehicle(word="refused") as url:
+        answers = [await say_here(url, PLACE, 25.0, Caller(), open_own_channel, 0.1) for _ in range(3)]
+    assert answers == ["visloc: position refused, 25"] * 3
+
+
+async def test_a_busy_link_does_not_hide_the_answer() -> None:
+    async with vehicle(n_between=50) as url:
+        assert await say_here(url, PLACE, 25.0, Caller(), open_own_channel, 0.1) == "visloc: position taken, 25"
+
+
+async def test_an_answer_that_is_lost_is_not_taken_for_a_yes() -> None:
+    async with vehicle(word="") as url:
+        with pytest.raises(LinkError, match=r"its answer did not come: taken or refused\?; remedy: look at its texts"):
+            await say_here(url, PLACE, 25.0, Caller(), open_own_channel, 0.02)
 
 
 async def test_a_daemon_that_does_not_know_the_ground_station_does_not_answer() -> None:

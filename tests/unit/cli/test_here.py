@@ -14,6 +14,7 @@ from visloc_companion.cli.main import app
 from visloc_companion.errors import ConfigError
 
 PLACE = "47.0123,8.4567"
+TAKEN = "visloc: position taken, looking there"
 
 
 def call(
@@ -33,8 +34,7 @@ def call(
 @pytest.mark.parametrize(
     ("answer", "shown", "code"),
     [
-        ("visloc: position taken, looking there", "visloc: position taken, looking there\n", 0),
-        ("", "taken; the daemon looks there\n", 0),
+        (TAKEN, f"{TAKEN}\n", 0),
         ("visloc: position refused, far from the fixes", "visloc: position refused, far from the fixes\n", 4),
     ],
 )
@@ -47,13 +47,13 @@ def test_the_daemons_answer_is_shown(monkeypatch: pytest.MonkeyPatch, answer: st
 
 @pytest.mark.parametrize("place", ["-33.4567,-70.6543", "-0.5,36.8"])
 def test_places_south_of_the_equator_are_no_options(monkeypatch: pytest.MonkeyPatch, place: str) -> None:
-    exit_code, _, ((_, said, *_),) = call(monkeypatch, "", place=place)
+    exit_code, _, ((_, said, *_),) = call(monkeypatch, TAKEN, place=place)
     assert (exit_code, f"{said.lat_deg},{said.lon_deg}") == (0, place)
 
 
 def test_a_place_that_is_none_is_named_as_it_was_given(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ConfigError, match=r"LAT,LON: '97,8' is no place to fly; remedy: write LAT,LON in degrees") as refused:
-        call(monkeypatch, "", place="97,8")
+        call(monkeypatch, TAKEN, place="97,8")
     assert "--at" not in str(refused.value)
 
 
@@ -65,7 +65,7 @@ def test_a_mistyped_option_is_still_refused() -> None:
 
 def test_a_key_signs_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     write_key(tmp_path / "key")
-    _, _, ((*_, caller, _opener),) = call(monkeypatch, "", "--key", str(tmp_path / "key"))
+    _, _, ((*_, caller, _opener),) = call(monkeypatch, TAKEN, "--key", str(tmp_path / "key"))
     assert caller.signing.key == read_key(tmp_path / "key")
     assert caller.signing.stamp_at_zero > 0
 

@@ -20,7 +20,8 @@ from visloc_companion.types import GeoPoint
 
 STATION_COMPONENT = mav.MAV_COMP_ID_MISSIONPLANNER
 TRIES, PERIOD_S = 8, 1.0
-ANSWER_BEGINS = "visloc: position "
+ANSWERS = tuple(f"visloc: position {word}" for word in ("taken", "agrees", "refused"))
+"""How they begin (core/vision.py); other texts of positions, as of one found on the map, are none."""
 _NOT_YET = (None, mav.MAV_RESULT_TEMPORARILY_REJECTED)
 _REFUSALS = {
     mav.MAV_RESULT_TEMPORARILY_REJECTED: "it has no origin from the autopilot yet",
@@ -94,17 +95,17 @@ class _Call:
     def _take(self, message: Message) -> None:
         if message.get_type() == "COMMAND_ACK" and message.command == operator_position.COMMAND:
             self.result = message.result
-        elif message.get_type() == "STATUSTEXT" and message.text.startswith(ANSWER_BEGINS):
+        elif message.get_type() == "STATUSTEXT" and message.text.startswith(ANSWERS):
             self.said = message.text
 
 
 async def say_here(
     url: str, place: GeoPoint, sigma_m: float, caller: Caller, open_channel: OpenChannel, period_s: float = PERIOD_S
 ) -> str:
-    """What the daemon answers to "the vehicle is at `place`, to `sigma_m` (1-sigma)"; "" where it took it without a word.
+    """What the daemon answers to "the vehicle is at `place`, to `sigma_m` (1-sigma)".
 
-    Said TRIES times, `period_s` apart, until it is heard and the daemon is ready. Raises LinkError where nothing answers, or
-    where the daemon refuses the command.
+    Said TRIES times, `period_s` apart, until it is heard and the daemon is ready. Raises LinkError where nothing answers, where
+    the daemon refuses the command, or where it acknowledges it and its answer is not heard within TRIES / 2 periods.
     """
     call = _Call(caller, open_channel)
     await call.open(url)
@@ -113,13 +114,21 @@ async def say_here(
         if result != mav.MAV_RESULT_ACCEPTED:
             why = _REFUSALS.get(result, f"MAV_RESULT {result}")
             raise LinkError(f"the daemon refuses: {why}", where=url, remedy="see docs/start-anywhere.md")
-        for _ in range(TRIES):
-            if call.said:
-                break
-            await call.changed(period_s / 2)
+        if not await _answer(call, TRIES / 2 * period_s):
+            remedy = "look at its texts on the ground station, or say it again"
+            raise LinkError("the daemon has heard it, but its answer did not come: taken or refused?", where=url, remedy=remedy)
         return call.said
     finally:
         call.close()
+
+
+async def _answer(call: _Call, timeout_s: float) -> str:
+    """The text; "" where none comes in time, however much else comes."""
+    loop = asyncio.get_running_loop()
+    until_s = loop.time() + timeout_s
+    while not call.said and (left_s := until_s - loop.time()) > 0:
+        await call.changed(left_s)
+    return call.said
 
 
 async def _answered(call: _Call, place: GeoPoint, sigma_m: float, period_s: float) -> int:

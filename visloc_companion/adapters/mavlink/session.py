@@ -257,6 +257,7 @@ class MavlinkSession:
         answer, said = operator_position.taken(msg, self.origin is not None, self._now_ns)
         self._outbox.put(answer)
         if said is not None:
+            self._texts.asked()
             self._pending.append(said)
 
     def _take_link(self, event: LinkChanged, now_ns: int) -> None:

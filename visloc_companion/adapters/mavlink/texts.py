@@ -45,6 +45,10 @@ class TextSender:
         self._plain, self._critical = _Bucket(), _Bucket()
         self._id = 0
 
+    def asked(self) -> None:
+        """Somebody waits for an answer: the next text is sent even if it repeats the last one."""
+        self._last = None
+
     def messages(self, notice: Notice, now_ns: int) -> list[Message]:
         """What is to be sent for a notice: one message, several pieces, or nothing."""
         said = notice.severity, notice.text
