@@ -30,7 +30,7 @@ def replay(
 ) -> None:
     """Replay a flight: GNSS verdicts and dead reckoning, with frames and a map its fixes, of a journal also its commands.
 
-    Exit codes: 0 ok, 1 the gate failed or a journal's commands differ, 2 usage or configuration, 3 bad data.
+    Exit codes: 0 ok, 1 the gate failed or a journal's commands differ or are gone, 2 usage or configuration, 3 bad data.
     """
     from visloc_companion.cli.progress import require_folder, results_into, write_json
     from visloc_companion.cli.replay_sources import open_source

@@ -225,7 +225,7 @@ class JournalSource:
         record = from_entries(sorted(flown, key=lambda entry: entry.now_ns))
         self.result = {
             "commands": {
-                "identical": first is None and same_length and (n_compared > 0 or not damages),
+                "identical": None if damages and not n_compared else first is None and same_length,
                 "n_recorded": len(recorded_lines),
                 "n_replayed": len(replayed_lines),
                 "first_difference": first,
@@ -243,15 +243,16 @@ class JournalSource:
             yield entry
 
     def facts(self) -> dict[str, Any]:
-        """Whether the commands are the recorded ones byte for byte, what was damaged, verdicts and modes over time."""
+        """Whether the commands are the recorded ones byte for byte (None: damage left none to compare), what was damaged,
+        verdicts and modes over time."""
         return self.result
 
     def notes(self) -> list[str]:
         """The outcome of the comparison in words."""
         commands = self.result["commands"]
         n, recorded = commands["n_replayed"], commands["n_recorded"]
-        if not min(n, recorded) and self.result["damages"]:
-            words = "No command could be compared."
+        if commands["identical"] is None:
+            words = "Of what is left of the journal no command can be compared with the flight's."
         elif commands["identical"]:
             words = f"All {min(n, recorded)} commands are byte for byte those of the flight."
         elif commands["first_difference"] is None:
@@ -263,11 +264,12 @@ class JournalSource:
         return [words, *(f"Damaged: {damage}." for damage in self.result["damages"])]
 
     def checks(self) -> list[Check]:
-        """With the flight's own configuration the commands must be the recorded ones."""
+        """With the flight's own configuration the commands must be the recorded ones, and be there to be compared."""
         if self.config is not None:
             return []
         identical = self.result["commands"]["identical"]
-        return [Check("commands", "identical" if identical else "different", "identical to the recording", identical)]
+        found = {True: "identical", False: "different", None: "not known, none can be compared"}[identical]
+        return [Check("commands", found, "identical to the recording", identical is True)]
 
     def map_image(self, record: FlightRecord) -> MapImage | None:
         """The pack's ortho under the tracks."""

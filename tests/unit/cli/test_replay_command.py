@@ -213,8 +213,11 @@ def test_a_journal_of_which_nothing_is_left_is_not_identical(tmp_path: Path) -> 
     while data[at] != CHUNK or at < 1000:
         at += 9 + struct.unpack_from("<Q", data, at + 1)[0]
     path.write_bytes(data[: at + 20])
-    code, text = run(path, "--salvage")
-    assert (code, "No command could be compared." in text) == (1, True)
+    figures = tmp_path / "figures.json"
+    code, text = run(path, "--salvage", "--json", figures)
+    assert (code, "no command can be compared with the flight's." in text) == (1, True)
+    assert "FAILED: commands identical to the recording (is not known, none can be compared)" in text
+    assert json.loads(figures.read_text())["commands"]["identical"] is None
 
 
 def test_a_cut_journal_needs_salvage(tmp_path: Path) -> None:
