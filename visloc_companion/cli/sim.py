@@ -43,7 +43,7 @@ def sim(
     report: Annotated[Path | None, typer.Option(help="Write an HTML report here.")] = None,
     campaign: Annotated[str, typer.Option(help="Many flights: a name (--list) or a JSON file.")] = "",
     jobs: Annotated[int, typer.Option(min=1, help="Flights at a time.")] = 1,
-    list_all: Annotated[bool, typer.Option("--list", help="Name scenarios and campaigns.")] = False,
+    list_all: Annotated[bool, typer.Option("--list", help="Name scenarios and campaigns, of --autopilot and --vehicle.")] = False,
 ) -> None:
     """Fly a scenario in simulated time and judge it. Exit code 1 when it does not show what is expected."""
     from dataclasses import replace
@@ -52,7 +52,7 @@ def sim(
     from visloc_companion.evaluate.campaign import CAMPAIGNS, FlightSpec, campaign_specs
 
     if list_all:
-        _list()
+        _list() if autopilot == "built-in" else _list_real(autopilot, vehicle)
         return
     if autopilot != "built-in":
         from visloc_companion.cli.sim_real import fly_real
@@ -94,6 +94,17 @@ def _list() -> None:
         typer.echo(f"{one.name:20} {one.duration_s:4.0f} s  {one.summary}")
     for name, (dialects, vehicles, seeds) in CAMPAIGNS.items():
         typer.echo(f"{name:20} campaign of all scenarios: {', '.join(dialects)}; {', '.join(vehicles)}; {len(seeds)} seed(s)")
+
+
+def _list_real(autopilot: str, vehicle: str) -> None:
+    """The flights of a real autopilot's simulator. Raises ConfigError where there is none of such a vehicle."""
+    from visloc_companion.cli.sim_real import chosen_simulator
+    from visloc_companion.sim.real.scenarios import NAMES, cannot_fly, real_scenario
+
+    simulator = chosen_simulator(autopilot, vehicle)
+    for name, summary in NAMES.items():
+        if not cannot_fly(name, simulator):
+            typer.echo(f"{name:20} {real_scenario(name, simulator).duration_s:4.0f} s  {summary}")
 
 
 def _placed(
@@ -176,23 +187,25 @@ def _report(spec: FlightSpec, flown: FlownScenario, path: Path) -> None:
 
 
 def _campaign(specs: list[FlightSpec], jobs: int, json_file: Path | None) -> None:
+    """What was flown before an interruption, or before a flight that raises, is written and told all the same."""
     from visloc_companion.cli.progress import bar, write_json
-    from visloc_companion.evaluate.campaign import run_campaign
+    from visloc_companion.evaluate.campaign import FlownSpec, campaign_outcome, fly_campaign
 
-    done = 0
-    with bar(f"{len(specs)} flights", len(specs)) as advance:
-
-        def tell(result: dict[str, Any]) -> None:
-            nonlocal done
-            done += 1
-            advance(done)
-            typer.echo(_line(result))
-
-        outcome = run_campaign(specs, jobs, tell)
-    if json_file is not None:
-        write_json(json_file, outcome)
-    typer.echo(" ".join(f"{name}={value}" for name, value in outcome["totals"].items()))
-    if outcome["totals"]["passed"] < len(specs):
+    flown = list[FlownSpec]()
+    try:
+        with bar(f"{len(specs)} flights", len(specs)) as advance:
+            for one in fly_campaign(specs, jobs):
+                flown.append(one)
+                advance(len(flown))
+                typer.echo(_line(one.result))
+    finally:
+        if flown:
+            outcome = campaign_outcome(flown, len(specs))
+            totals = " ".join(f"{name}={value}" for name, value in outcome["totals"].items())
+            typer.echo(totals if outcome["complete"] else f"INCOMPLETE, of {len(specs)} flights: {totals}")
+            if json_file is not None:
+                write_json(json_file, outcome)
+    if not all(one.result["passed"] for one in flown):
         raise typer.Exit(1)
 
 

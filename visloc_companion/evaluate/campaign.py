@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass, replace
+from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, cast, get_args
@@ -152,16 +153,37 @@ def _specs_of_file(path: Path, template: FlightSpec) -> Iterator[FlightSpec]:
             raise ConfigError(f"entry {k}: {why.what}", where=str(path), remedy=why.remedy) from why
 
 
-def run_campaign(specs: list[FlightSpec], jobs: int, on_flight: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
-    """Fly all, some at a time, and add the totals up."""
-    with ProcessPoolExecutor(max(1, jobs), mp_context=get_context("spawn")) as pool:
-        flown = []
-        for one in pool.map(_fly_one, specs):
-            on_flight(one[0])
-            flown.append(one)
-    results = [result for result, _, _ in flown]
-    levels = np.concatenate([level for _, level, _ in flown])
-    errors = np.concatenate([error for _, _, error in flown])
+@dataclass(frozen=True, slots=True, eq=False)
+class FlownSpec:
+    """The result of the flight `number` of a campaign (`result_of`), and at each epoch (n,) its protection level and error, m."""
+
+    number: int
+    result: dict[str, Any]
+    protection_level_m: FloatArray
+    error_m: FloatArray
+
+
+def fly_campaign(specs: Sequence[FlightSpec], jobs: int) -> Iterator[FlownSpec]:
+    """Fly all, `jobs` at a time in processes of their own; each as it ends. What a flight raises ends the campaign."""
+    pool = ProcessPoolExecutor(max(1, jobs), mp_context=get_context("spawn"))
+    waiting, flying = enumerate(specs), set[Future[FlownSpec]]()
+    try:
+        while True:
+            # no more than fly: a process that is interrupted would begin with what the pool has queued
+            flying |= {pool.submit(_fly_one, number, spec) for number, spec in islice(waiting, max(1, jobs) - len(flying))}
+            if not flying:
+                return
+            ended, flying = wait(flying, return_when=FIRST_COMPLETED)
+            for flight in sorted(ended, key=lambda one: one.exception() is not None):
+                yield flight.result()
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def campaign_outcome(flown: Sequence[FlownSpec], n_asked: int) -> dict[str, Any]:
+    """The JSON of a campaign: its flights in the order asked for, and their totals. `complete`: all of them were flown."""
+    flown = sorted(flown, key=lambda one: one.number)
+    results = [one.result for one in flown]
     shares = [result["availability"] for result in results if result["availability"] is not None]
     totals = {
         "flights": len(results),
@@ -169,18 +191,19 @@ def run_campaign(specs: list[FlightSpec], jobs: int, on_flight: Callable[[dict[s
         "fix_epochs": sum(result["n_fixes"] for result in results),
         "hmi": sum(result["hmi"] or 0 for result in results),
         "availability": round(float(np.mean(shares)), 4) if shares else None,
-        "protection_level_median_m": _median(levels),
-        "error_median_m": _median(errors),
+        "protection_level_median_m": _median([one.protection_level_m for one in flown]),
+        "error_median_m": _median([one.error_m for one in flown]),
     }
-    return {"schema": 1, "flights": results, "totals": totals}
+    return {"schema": 1, "complete": len(flown) == n_asked, "asked": n_asked, "flights": results, "totals": totals}
 
 
-def _fly_one(spec: FlightSpec) -> tuple[dict[str, Any], FloatArray, FloatArray]:
+def _fly_one(number: int, spec: FlightSpec) -> FlownSpec:
     flown = fly_spec(spec)
     result = result_of(flown, spec.method, spec.with_daemon, spec.camera_ortho is None)
-    return result, flown.record.protection_level_m, flown.record.error_m
+    return FlownSpec(number, result, flown.record.protection_level_m, flown.record.error_m)
 
 
-def _median(values: FloatArray) -> float | None:
+def _median(flights: list[FloatArray]) -> float | None:
+    values = np.concatenate(flights) if flights else np.empty(0)
     finite = values[np.isfinite(values)]
     return round(float(np.median(finite)), 3) if len(finite) else None

@@ -48,10 +48,13 @@ class FlightWorld:
     def area(self) -> FlightArea:
         """Home on the map's surface in the middle, and how far map and scene reach around it.
 
-        Raises MapError where the middle has no height, or the scene does not show it.
+        Raises MapError where the middle has no height, the scene does not show it, or it is 0°, 0°.
         """
         easting, northing = self.reference.center_map_m
         lat, lon = self.reference.to_geo(easting, northing)
+        if round(lat * 1e7) == round(lon * 1e7) == 0:
+            why = "has its middle at latitude 0, longitude 0, by which autopilots say that they know no position"
+            raise MapError(why, where=str(self.pack), remedy="fly over a map whose middle is a metre beside")
         height = self.reference.height_amsl_m(easting, northing)
         if not np.isfinite(height):
             raise MapError("has no surface height in its middle", where=str(self.pack), remedy="give a pack without a hole there")

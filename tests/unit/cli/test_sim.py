@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -17,11 +17,12 @@ from typer.testing import CliRunner
 from visloc_companion.cli.sim import sim
 from visloc_companion.errors import ConfigError, MapError
 from visloc_companion.evaluate import campaign, closed_loop, metrics, report
-from visloc_companion.evaluate.campaign import FlightSpec
+from visloc_companion.evaluate.campaign import FlightSpec, FlownSpec
 from visloc_companion.evaluate.closed_loop import FlightWorld
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare import world
 from visloc_companion.sim.flight import Eyes
+from visloc_companion.sim.real.scenarios import NAMES
 from visloc_companion.sim.scenarios import SCENARIOS
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightSetup
@@ -39,6 +40,13 @@ def run(*arguments: str | Path) -> tuple[int, str]:
     return result.exit_code, result.stdout
 
 
+def flown_by_hand(number: int, spec: FlightSpec, *, passed: bool = True) -> FlownSpec:
+    figures = {"error_horizontal_m": {"median": 1.0, "max": 2.0}, "pulled_m": 0.0, "gnss": {"detected_at_s": 31.0}}
+    more = {"passed": passed, "failsafe": None, "availability": 1.0, "n_fixes": 9, "hmi": 0, "same_image": False}
+    flown = {**asdict(spec), **figures, **more, "pack": "", "camera_ortho": "", "camera_dsm": ""}
+    return FlownSpec(number, flown, np.full(3, 5.0), np.full(3, 1.0))
+
+
 @pytest.fixture
 def places(tiny_world: Any) -> list[str]:
     return ["--map", str(tiny_world.pack), "--camera-ortho", str(tiny_world.ortho), "--camera-dsm", str(tiny_world.dsm)]
@@ -48,6 +56,26 @@ def test_the_list_names_scenarios_and_campaigns() -> None:
     code, text = run("--list")
     assert code == 0
     assert [line.split()[0] for line in text.splitlines()] == [*SCENARIOS, "demo", "scenarios", "vehicles"]
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "vehicle", "lacking"),
+    [
+        ("ardupilot", "copter", {"rendered_usual_drag"}),
+        ("px4", "copter", {"slow_drag"}),
+        ("ardupilot", "plane", {"rendered_usual_drag", "no_gnss_at_boot"}),
+    ],
+)
+def test_the_list_of_a_real_autopilot_names_what_it_can_fly(autopilot: str, vehicle: str, lacking: set[str]) -> None:
+    code, text = run("--list", "--autopilot", autopilot, "--vehicle", vehicle)
+    assert code == 0
+    assert [line.split()[0] for line in text.splitlines()] == [name for name in NAMES if name not in lacking]
+    assert "jam                   360 s  GNSS is jammed at 60 s for good; 300 s on vision" in text
+
+
+def test_the_list_of_an_autopilot_that_there_is_not_is_refused() -> None:
+    with pytest.raises(ConfigError, match="no simulator of betaflight"):
+        run("--list", "--autopilot", "betaflight")
 
 
 def test_a_good_flight_is_told_judged_and_written(
@@ -143,16 +171,11 @@ def test_a_campaign_is_flown_told_and_written(
 ) -> None:
     asked: list[Any] = []
 
-    def run_campaign(specs: list[FlightSpec], jobs: int, on_flight: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
+    def fly_campaign(specs: list[FlightSpec], jobs: int) -> Iterator[FlownSpec]:
         asked.append((specs, jobs))
-        figures = {"error_horizontal_m": {"median": 1.0, "max": 2.0}, "pulled_m": 0.0, "gnss": {"detected_at_s": 31.0}}
-        figures |= {"failsafe": None, "same_image": False}
-        flights = [{**asdict(spec), **figures, "passed": k < passed} for k, spec in enumerate(specs)]
-        for flight in flights:
-            on_flight(flight)
-        return {"schema": 1, "flights": [], "totals": {"flights": 2, "passed": passed}}
+        yield from (flown_by_hand(k, spec, passed=k < passed) for k, spec in enumerate(specs))
 
-    monkeypatch.setattr(campaign, "run_campaign", run_campaign)
+    monkeypatch.setattr(campaign, "fly_campaign", fly_campaign)
     path = tmp_path / "two.json"
     path.write_text(json.dumps([{"scenario": "jam"}, {"scenario": "slow_drag", "vehicle": "plane"}]), encoding="utf-8")
     told = run("--campaign", path, "--dialect", "px4", *places, "--json", tmp_path / "out.json", "--jobs", "2")
@@ -166,8 +189,29 @@ def test_a_campaign_is_flown_told_and_written(
     assert {str(spec.pack) for spec in specs} == {places[1]}
     lines = told[1].splitlines()
     assert [line.split()[0] for line in lines[:2]] == ["PASS", "PASS" if passed == 2 else "FAIL"]
-    assert lines[2] == f"flights=2 passed={passed}"
-    assert json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))["totals"]["passed"] == passed
+    assert lines[2].startswith(f"flights=2 passed={passed} ")
+    written = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
+    assert (written["complete"], written["asked"], written["totals"]["passed"]) == (True, 2, passed)
+
+
+@pytest.mark.parametrize("why", [KeyboardInterrupt(), MapError("is damaged"), RuntimeError("of one flight")], ids=repr)
+def test_a_campaign_that_ends_early_writes_what_was_flown(
+    why: BaseException, places: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fly_campaign(specs: list[FlightSpec], jobs: int) -> Iterator[FlownSpec]:
+        yield flown_by_hand(1, specs[1])
+        yield flown_by_hand(0, specs[0])
+        raise why
+
+    monkeypatch.setattr(campaign, "fly_campaign", fly_campaign)
+    path, out = tmp_path / "three.json", tmp_path / "out.json"
+    path.write_text(json.dumps([{"scenario": "jam", "seed": seed} for seed in (1, 2, 3)]), encoding="utf-8")
+    ended = CliRunner().invoke(app, ["--campaign", str(path), *places, "--json", str(out)])
+    assert ended.exit_code != 0
+    written = json.loads(out.read_text(encoding="utf-8"))
+    assert (written["complete"], written["asked"], written["totals"]["flights"]) == (False, 3, 2)
+    assert [flight["seed"] for flight in written["flights"]] == [1, 2]
+    assert "INCOMPLETE, of 3 flights: flights=2 " in ended.stdout
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,14 +18,17 @@ from visloc_companion.evaluate import campaign, closed_loop
 from visloc_companion.evaluate.campaign import (
     CAMPAIGNS,
     FlightSpec,
+    FlownSpec,
+    campaign_outcome,
     campaign_specs,
     find_scenario,
+    fly_campaign,
     fly_spec,
     result_of,
-    run_campaign,
 )
 from visloc_companion.evaluate.closed_loop import FlightWorld
 from visloc_companion.maps.pack import PackMap
+from visloc_companion.prepare.build import build_pack
 from visloc_companion.sim.flight import Eyes
 from visloc_companion.sim.scenarios import DEMO, SCENARIOS, SEASON_CHANGE
 from visloc_companion.sim.setup import FlightSetup
@@ -150,6 +154,23 @@ def test_the_flight_keeps_to_what_the_camera_is_to_see(spec: FlightSpec, write_r
             fly_spec(replace(spec, camera_ortho=tmp_path / "away.tif", camera_dsm=None, with_daemon=False))
 
 
+@pytest.mark.parametrize(("east_deg", "flies"), [(0.0, False), (1e-5, True)])
+def test_a_home_that_autopilots_take_for_none_is_refused(
+    east_deg: float, flies: bool, write_raster: Any, tmp_path: Path, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every message of a position at 0, 0 is dropped as unknown: the daemon never had an origin, and nothing said why."""
+    monkeypatch.setattr(closed_loop, "eyes_over", lambda *_: oracle_eyes())
+    write_raster(tmp_path / "ortho.tif", np.full((400, 400, 3), 90, np.uint8), "EPSG:32631", (0.0, east_deg), 1.0)
+    write_raster(tmp_path / "dsm.tif", np.full((400, 400), 10.0, np.float32), "EPSG:32631", (0.0, east_deg), 1.0)
+    build_pack([tmp_path / "ortho.tif"], tmp_path / "dsm.tif", tmp_path / "pack", capture_date="2026-01-01")
+    spec = FlightSpec("jam", tmp_path / "pack", tmp_path / "ortho.tif", tmp_path / "dsm.tif")
+    if flies:
+        assert fly_spec(spec).passed
+    else:
+        with pytest.raises(MapError, match=r"pack: has its middle at latitude 0, longitude 0, .*know no position"):
+            fly_spec(spec)
+
+
 @pytest.mark.parametrize("name", CAMPAIGNS)
 def test_a_named_campaign_flies_every_scenario(name: str, spec: FlightSpec) -> None:
     specs = campaign_specs(name, spec)
@@ -195,12 +216,12 @@ def test_an_unknown_campaign_names_the_known_ones(spec: FlightSpec) -> None:
 
 
 def test_a_campaign_adds_its_flights_up(spec: FlightSpec) -> None:
-    """In processes of their own, told one by one in the order asked for."""
-    told: list[str] = []
-    specs = [replace(spec, scenario=name, with_daemon=False) for name in ("step_spoof", "no_gnss")]
-    outcome = run_campaign(specs, 2, lambda result: told.append(result["scenario"]))
-    assert told == ["step_spoof", "no_gnss"]
-    assert [flight["scenario"] for flight in outcome["flights"]] == told
+    """In processes of their own, written in the order asked for."""
+    names = ["step_spoof", "no_gnss"]
+    flown = list(fly_campaign([replace(spec, scenario=name, with_daemon=False) for name in names], 2))
+    outcome = campaign_outcome(flown, 2)
+    assert [flight["scenario"] for flight in outcome["flights"]] == names
+    assert outcome["complete"]
     assert outcome["totals"] == {
         "flights": 2,
         "passed": 2,
@@ -211,3 +232,37 @@ def test_a_campaign_adds_its_flights_up(spec: FlightSpec) -> None:
         "error_median_m": None,
     }
     json.dumps(outcome, allow_nan=False)
+
+
+def test_what_a_flight_raises_ends_the_campaign_after_those_that_ended_before(spec: FlightSpec, tmp_path: Path) -> None:
+    good, bad = replace(spec, with_daemon=False), replace(spec, pack=tmp_path / "none")
+    flights = fly_campaign([good, bad, good], 1)
+    ended = [next(flights)]
+    with pytest.raises(MapError, match="none"):
+        next(flights)
+    outcome = campaign_outcome(ended, 3)
+    assert (outcome["complete"], outcome["asked"], outcome["totals"]["flights"]) == (False, 3, 1)
+
+
+def test_an_interrupted_campaign_begins_no_other_flight(spec: FlightSpec, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the pool had queued was flown to its end after Ctrl-C."""
+    pools, begun = list[ThreadPoolExecutor](), list[int]()
+
+    def threads(jobs: int, **_: object) -> ThreadPoolExecutor:
+        pools.append(ThreadPoolExecutor(jobs))
+        return pools[0]
+
+    def fly_one(number: int, _: FlightSpec) -> FlownSpec:
+        begun.append(number)
+        if number == 1:
+            raise KeyboardInterrupt
+        return FlownSpec(number, {}, np.zeros(1), np.zeros(1))
+
+    monkeypatch.setattr(campaign, "ProcessPoolExecutor", threads)
+    monkeypatch.setattr(campaign, "_fly_one", fly_one)
+    flights = fly_campaign([spec] * 4, 1)
+    assert next(flights).number == 0
+    with pytest.raises(KeyboardInterrupt):
+        next(flights)
+    pools[0].shutdown()
+    assert begun == [0, 1]
