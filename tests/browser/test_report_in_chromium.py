@@ -18,6 +18,8 @@ from visloc_companion.evaluate.cloud_metrics import CloudResult, cloud_error, su
 from visloc_companion.evaluate.cloud_report import write_cloud_report
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.report import write_flight_report
+from visloc_companion.evaluate.report_pictures import PicturePair, picture_section
+from visloc_companion.evaluate.report_style import CSS
 from visloc_companion.localise.registration.base import Registered
 
 pytestmark = pytest.mark.browser
@@ -104,6 +106,33 @@ def test_tracks_are_drawn_in_their_colours(report: Path, tmp_path: Path) -> None
     for name, bgr in (("estimate", (180, 104, 0)), ("baseline", (156, 58, 139)), ("gnss", (10, 71, 208))):
         near = np.abs(pixels.astype(int) - bgr).max(axis=2) < 12
         assert near.sum() > 100, name
+
+
+def test_on_a_phone_what_was_met_is_seen_without_scrolling(report: Path, tmp_path: Path) -> None:
+    """In a frame, because Chromium's own window is never narrower than 500 pixels."""
+    (tmp_path / "page.html").write_text(report.read_text().replace("&lt;= 2", "denied or suspect"))
+    outer = tmp_path / "outer.html"
+    outer.write_text(
+        "<iframe src='page.html' style='width:375px;height:900px'></iframe><script>addEventListener('load', () => {"
+        "const box = frames[0].document.querySelector('table').parentElement;"
+        "document.title = 'wider by ' + (box.scrollWidth - box.clientWidth) + ' px';})</script>"
+    )
+    shown = chromium(outer, tmp_path / "profile", "--dump-dom", "--allow-file-access-from-files")
+    assert "<title>wider by 0 px</title>" in shown.stdout
+
+
+@pytest.mark.parametrize("width", [1280, 1000, 500])
+def test_the_picture_of_the_camera_is_beside_that_of_the_map(tmp_path: Path, width: int) -> None:
+    pixels = cv2.imencode(".jpg", np.zeros((48, 64, 3), np.uint8))[1].tobytes()
+    page = tmp_path / "pairs.html"
+    page.write_text(
+        f"<style>{CSS}</style><main>{picture_section([PicturePair(float(t), pixels, pixels) for t in range(4)])}</main>"
+        "<script>addEventListener('load', () => {const tops = [...document.querySelectorAll('figure')]"
+        ".map(f => Math.round(f.getBoundingClientRect().top));document.title = 'apart: ' + "
+        "tops.filter((top, k) => k % 2 && top != tops[k - 1]).length;})</script>"
+    )
+    shown = chromium(page, tmp_path / "profile", "--dump-dom", f"--window-size={width},1200")
+    assert "<title>apart: 0</title>" in shown.stdout
 
 
 @pytest.mark.parametrize("width", [1280, 500])

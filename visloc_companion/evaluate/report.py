@@ -131,8 +131,8 @@ def _checks_table(checks: Sequence[Check]) -> str:
     rows = [
         (
             escape(check.name),
-            _n(_value(check.value)),
-            _n(check.limit),
+            _wrapping(_value(check.value)),
+            _wrapping(check.limit),
             '<span class="yes">met</span>' if check.passed else '<span class="no">not met</span>',
         )
         for check in checks
@@ -261,6 +261,11 @@ def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def _n(words: str) -> str:
     return f'<td class="n">{escape(words)}</td>'
+
+
+def _wrapping(words: str) -> str:
+    """As `_n`, in more than one line on a phone."""
+    return f'<td class="n wrap">{escape(words).replace("_", "_<wbr>")}</td>'
 
 
 def _value(value: float | str | None) -> str:

@@ -22,8 +22,8 @@ def picture_section(pairs: Sequence[PicturePair]) -> str:
     if not pairs:
         return ""
     shown = "".join(
-        captioned(jpeg, f"{words} at {pair.t_s:.0f} s")
+        f'<div class="pair">{captioned(pair.camera, f"what the camera saw at {pair.t_s:.0f} s")}'
+        f"{captioned(pair.map, f'the map there at {pair.t_s:.0f} s')}</div>"
         for pair in pairs
-        for words, jpeg in (("what the camera saw", pair.camera), ("the map there", pair.map))
     )
     return f'<h2>Camera and map</h2><div class="pairs">{shown}</div>'

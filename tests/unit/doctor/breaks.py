@@ -105,6 +105,7 @@ REST = [
     ap("system-bits", "red", "64-bit", system(bits=32)),
     ap("system-clock", "amber", "timedatectl", system(clock_synchronised=False)),
     ap("system-serial", "red", "dialout", system(serial_problem="no right to use it")),
+    ap("system-serial", "red", "plugged in", system(serial_problem="/dev/ttyAMA0 does not exist")),
     ap("system-console", "red", "console=", system(console_on_serial=True)),
     ap("system-journal", "red", "install -d", system(journal_problem="cannot be written")),
     ap("system-disk", "red", "journal.max_bytes", system(disk_free_mb=100.0)),

@@ -142,7 +142,10 @@ def _clock(system: SystemFacts, facts: Facts) -> Finding:
 def _serial(system: SystemFacts, facts: Facts) -> Finding:
     if not facts.assumed.link.url.startswith("serial:"):
         return green("the link is not a serial line")
-    return red(system.serial_problem) if system.serial_problem else green("may be used")
+    if not system.serial_problem:
+        return green("may be used")
+    remedy = "see that link.url names it (ls /dev/tty* /dev/serial/by-id), that it is plugged in, and that the port is enabled"
+    return red(system.serial_problem, remedy if system.serial_problem.endswith("does not exist") else "")
 
 
 @system_rule(
