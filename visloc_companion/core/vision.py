@@ -64,6 +64,7 @@ class Vision:
         self._open = OpenTracks(max_probability_wrong)
         self._second = SecondOpinion()
         self._searching = self._to_confirm = False
+        self._off_map_since_ns: int | None = None
 
     @property
     def n_open(self) -> int:
@@ -131,7 +132,17 @@ class Vision:
             return [*([] if found is None else self._on_found(found, now_ns)), *self.free_worker(event, now_ns)]
         if isinstance(event, Fix):
             return self._on_fix(event, before, now_ns)
-        return [*self._on_open(event, now_ns), *self.free_worker(event, now_ns)]
+        return [*self._stated_off_map(event), *self._on_open(event, now_ns), *self.free_worker(event, now_ns)]
+
+    def _stated_off_map(self, event: NoFix) -> list[Command]:
+        """Once: a frame taken after the operator's word shows that there is no map there, so nothing can confirm it."""
+        since_ns = self._off_map_since_ns
+        if not self._to_confirm or since_ns is None or event.t_ns < since_ns:
+            return []
+        if event.reason is not Reason.OUTSIDE_MAP or event.method == TERRAIN:
+            return []
+        self._off_map_since_ns = None
+        return [Notice(Severity.WARNING, "visloc: stated position is outside the map", to_operator=True)]
 
     def _on_open(self, event: NoFix, now_ns: int) -> list[Command]:
         """An answer that leaves several places open; the filter takes the one that earlier and later answers leave."""
@@ -233,5 +244,5 @@ class Vision:
             tracker.seed(now_ns, event.place, event.sigma_m)
         self._nothing_open()
         self._steering.doubt()
-        self._to_confirm = True
+        self._to_confirm, self._off_map_since_ns = True, now_ns
         return [Notice(Severity.NOTICE, "visloc: position taken, looking there", to_operator=True)]

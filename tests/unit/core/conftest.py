@@ -66,6 +66,7 @@ class World:
     pull_m: Callable[[float], tuple[float, float]] = lambda t: (0.0, 0.0)
     jammed: Callable[[float], bool] = lambda t: False
     blind: Callable[[float], bool] = lambda t: False
+    why_blind: Reason = Reason.NO_MATCH
     camera: Callable[[float], bool] = lambda t: True
     frozen: Callable[[float], bool] = lambda t: False
     height_m: Callable[[float], float] = lambda t: HEIGHT_M
@@ -120,7 +121,7 @@ class World:
         frame = request.frame
         self.requests.append((self.t, request, wgs84.distance_m(request.prior.place, place_of(self.p))))
         if self.blind(self.t):
-            answer: Event = NoFix(0, frame.t_ns, request.request_id, frame.frame_id, "test", Reason.NO_MATCH, 5.0)
+            answer: Event = NoFix(0, frame.t_ns, request.request_id, frame.frame_id, "test", self.why_blind, 5.0)
         else:
             self.seen = self.seen if self.frozen(self.t) else self.p
             measured = self.seen + np.array(self.map_error_m) + self.fix_sigma_m * self.rng.standard_normal(2)

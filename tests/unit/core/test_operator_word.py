@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from visloc_companion.core.operator_word import MARGIN_M, objection
+from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.types import GeoPoint, Injection, Mode, NavState, OperatorFix
 
@@ -64,6 +65,21 @@ def test_nothing_is_sent_before_a_localiser_has_found_the_vehicle_there(world: t
     (confirmed_s,) = w.notices("operator's position confirmed")
     assert 20 < confirmed_s <= w.first(Injection) < 25
     assert w.status_at(39)[0].mode is Mode.AIDING
+
+
+@pytest.mark.parametrize(("why", "times"), [(Reason.OUTSIDE_MAP, 2), (Reason.NO_MATCH, 0)])
+def test_a_place_outside_the_map_is_named_once_a_word(world: type[World], why: Reason, times: int) -> None:
+    w = world(jammed=lambda t: True, blind=lambda t: True, why_blind=why)
+    w.start()
+    w.fly(5)
+    assert not w.notices("outside the map")
+    for until_s in (9, 13):
+        w.send(OperatorFix(0, true_place(w, 3000.0), 10.0))
+        w.fly(until_s)
+    assert len(w.notices("position taken, looking there")) == 2
+    told = w.notices("visloc: stated position is outside the map")
+    assert len(told) == times
+    assert all(told_s < said_s + 1.0 for told_s, said_s in zip(told, (5, 9), strict=False))
 
 
 def test_a_position_that_fixes_hold_is_not_moved_by_words(world: type[World]) -> None:
