@@ -22,6 +22,7 @@ from visloc_companion.evaluate.cases import BadCase, Case, read_cases, read_fram
 from visloc_companion.evaluate.image_metrics import CaseResult, summarise
 from visloc_companion.evaluate.map_sigma import MapSigma, with_map_sigma
 from visloc_companion.evaluate.protection import horizontal_bound_m
+from visloc_companion.geo.pinhole_view import why_folded
 from visloc_companion.geo.se3 import euler_from_quat
 from visloc_companion.localise.features.onnx import NetworkFeatures
 from visloc_companion.localise.registry import make_localiser, open_features_for
@@ -113,6 +114,8 @@ def run_case(
     if pixels is None:
         return CaseResult(case.case_id, None, Reason.BAD_FRAME, f"{case.frame}: {UNREADABLE}")
     model = case.camera.model(pixels)
+    if why := why_folded(model):
+        return CaseResult(case.case_id, None, Reason.BAD_INPUT, f"distortion: {why}")
     localiser = make_localiser(
         method,
         model,

@@ -64,6 +64,17 @@ def inner_reach(model: CameraModel) -> float:
     return _distorted(model, turning) / nearest
 
 
+def why_folded(model: CameraModel) -> str | None:
+    """What is wrong with a rational or fisheye lens whose mapping folds between the principal point and the nearest border: its
+    coefficients are another lens's, or in another order. None where it does not fold there."""
+    if model.distortion_model == "brown_conrady" or (reach := inner_reach(model)) >= 1.0:
+        return None
+    return (
+        f"the mapping of this {model.distortion_model} lens folds back within the picture, "
+        f"at {100 * reach:.0f} % of the way from the principal point to the nearest border"
+    )
+
+
 def _distorted(model: CameraModel, r: float) -> float:
     return r * float(radial_factor(model, np.array(r * r)))
 

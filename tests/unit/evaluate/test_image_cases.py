@@ -89,6 +89,7 @@ def folder(tmp_path_factory) -> Path:
         rows[0] | {"id": "long_distortion", "distortion": "1 2 3 4 5 6"},
         rows[0] | {"id": "short_fisheye", "distortion_model": "fisheye", "distortion": "0 0"},
         rows[0] | {"id": "unknown_lens", "distortion_model": "equidistant", "distortion": "0 0 0 0"},
+        rows[0] | {"id": "folded_fisheye", "distortion_model": "fisheye", "distortion": "-1.5 0 0 0"},
         rows[0] | {"id": "no_focal_length", "fx_px": "0"},
         rows[0] | {"id": "endless_sigma", "sigma_horizontal_m": "1e200"},
         rows[0] | {"id": "no_name", "frame": "a\0.png"},
@@ -125,6 +126,7 @@ def test_good_cases_are_fixed_and_bad_ones_declined_with_a_reason(document):
         "long_distortion": "bad_input",
         "short_fisheye": "bad_input",
         "unknown_lens": "bad_input",
+        "folded_fisheye": "bad_input",
         "no_focal_length": "bad_input",
         "endless_sigma": "bad_input",
         "no_name": "bad_input",
@@ -146,7 +148,7 @@ def test_document_has_the_agreed_fields_and_is_strict_json(document):
 
 def test_summary_tells_errors_against_the_truth(document):
     summary = document["summary"]
-    assert (summary["n"], summary["n_fix"], summary["n_with_truth"]) == (16, 3, 3)
+    assert (summary["n"], summary["n_fix"], summary["n_with_truth"]) == (17, 3, 3)
     assert summary["error_m"]["max"] < 0.5
     assert summary["error_px"]["max"] == pytest.approx(summary["error_m"]["max"], rel=0.01)
     assert summary["within_5px_share"] == 1.0
@@ -235,8 +237,8 @@ def test_rows_that_are_cut_short_are_bad_cases(tmp_path, folder):
 
 def test_rows_with_decimal_commas_are_bad_cases_and_blanks_at_their_end_are_none(tmp_path, folder):
     lines = (folder / "cases.csv").read_text().splitlines()
-    fields = lines[1].split(",")
-    comma = ["comma", *fields[1:11], fields[11].replace("101", "100,5"), *fields[12:]]
+    columns, comma = lines[0].split(","), lines[1].split(",")
+    comma[columns.index("id")], comma[columns.index("prior_h_m")] = "comma", "100,5"
     (tmp_path / "cases.csv").write_text("\n".join([lines[0], lines[1] + ",,", ",".join(comma)]))
     right, wrong = read_cases(tmp_path)
     assert isinstance(right, Case)

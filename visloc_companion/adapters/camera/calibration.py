@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from visloc_companion.config import CameraConfig
 from visloc_companion.errors import ConfigError
-from visloc_companion.geo.pinhole_view import inner_reach
+from visloc_companion.geo.pinhole_view import why_folded
 from visloc_companion.types import CameraModel
 
 
@@ -24,10 +24,9 @@ def camera_model(camera: CameraConfig) -> CameraModel:
         camera.distortion,
         camera.distortion_model,
     )
-    if model.distortion_model != "brown_conrady" and (reach := inner_reach(model)) < 1.0:
+    if why := why_folded(model):
         raise ConfigError(
-            f"the mapping of this {model.distortion_model} lens folds back within the picture, "
-            f"at {100 * reach:.0f} % of the way from the principal point to the nearest border",
+            why,
             where="camera.distortion",
             remedy="check order and signs of the coefficients and that they belong to this width_px and fx_px, or calibrate anew",
         )
