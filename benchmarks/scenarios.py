@@ -1,7 +1,7 @@
 """Every scenario of the library, flown and judged: one table.
 
     python -m benchmarks.scenarios [--only NAME ...] [--dialects ardupilot px4] [--vehicles copter plane] [--seeds 1]
-                                   [--size 1000] [--width 640] [--rate 4] [--method deep]
+                                   [--size 1000] [--width 640] [--rate 4] [--method deep] [--lens fisheye_150]
                                    [--rows FILE] [--write docs/scenarios.md [--no-flights]]
 
 Flights are those of `visloc sim`, over the procedural world of a given size. With --write the tables in that file are replaced.
@@ -20,6 +20,7 @@ from typing import cast
 import cv2
 import numpy as np
 
+from benchmarks.lenses import LENSES, lens
 from benchmarks.scenario_page import LIMITS, RESULTS, limits_table, replaced, table
 from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.evaluate.closed_loop import FlightWorld, FlownScenario, fly
@@ -61,7 +62,7 @@ class Row:
         modes = [mode for t_s, mode in record.changes(record.modes) if t_s >= start_s]
         return [
             setup.scenario.name,
-            f"{setup.kind.value} {setup.vehicle}, seed {setup.seed}, {setup.width_px} px, {setup.scenario.frame_rate_hz:.2g}/s",
+            f"{setup.kind.value} {setup.vehicle}, seed {setup.seed}, {self._camera}, {setup.scenario.frame_rate_hz:.2g}/s",
             _number(error["median"]),
             _number(error["max"]),
             _number(level, 2),
@@ -75,6 +76,15 @@ class Row:
             "yes" if flown.passed else "NO: " + "; ".join(failed),
             f"{self.cpu_s:.0f}",
         ]
+
+    @property
+    def _camera(self) -> str:
+        model = self.flown.setup.camera_model()
+        return (
+            f"{model.width_px} px"
+            if model.distortion_model == "brown_conrady"
+            else f"{model.distortion_model} {model.fx_px:.0f} px"
+        )
 
 
 def _number(value: float | None, digits: int = 1) -> str:
@@ -111,7 +121,9 @@ def fly_all(options: argparse.Namespace) -> list[list[str]]:
         scenario = replace(scenario, frame_rate_hz=min(scenario.frame_rate_hz, options.rate))
         world, kind, which = worlds.on(scenario.date), AutopilotKind(dialect), cast("VehicleKind", vehicle)
         began = time.process_time()
-        flown = fly(FlightSetup(scenario, world.area(), kind, which, seed, width_px=options.width), world, method=options.method)
+        camera = lens(options.lens, options.width) if options.lens else None
+        setup = FlightSetup(scenario, world.area(), kind, which, seed, width_px=options.width, camera=camera)
+        flown = fly(setup, world, method=options.method)
         rows.append(Row(flown, time.process_time() - began).cells)
         print(f"| {' | '.join(rows[-1])} |", flush=True)
         if options.rows is not None:
@@ -138,6 +150,7 @@ def main() -> None:
     parser.add_argument("--seeds", nargs="+", type=int, default=[1])
     parser.add_argument("--size", type=float, default=1000.0)
     parser.add_argument("--width", type=int, default=640, help="columns of the camera")
+    parser.add_argument("--lens", choices=LENSES, help="in place of the pinhole camera of 60 degrees")
     parser.add_argument("--rate", type=float, default=4.0, help="frames a second, at most")
     parser.add_argument("--method", default=DEFAULT_METHOD)
     parser.add_argument("--rows", type=Path, help="add the rows to this file; --write takes them from it")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import cv2
@@ -11,11 +10,11 @@ import numpy as np
 from visloc_companion.errors import OutsideMap
 from visloc_companion.evaluate.closed_loop import FlightWorld, FlownScenario
 from visloc_companion.evaluate.report_pictures import PicturePair
+from visloc_companion.geo.pinhole_view import pinhole_view
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.sim.camera import LEVEL
 from visloc_companion.sim.render import CameraSimulator
 from visloc_companion.sim.render_effects import CameraEffects
-from visloc_companion.sim.setup import FIELD_OF_VIEW_RAD
 from visloc_companion.types import GeoPoint, Image
 
 _WIDTH_PX = 420
@@ -24,10 +23,10 @@ _QUALITY = 75
 
 def picture_pairs(flown: FlownScenario, world: FlightWorld, times_s: Sequence[float]) -> list[PicturePair]:
     """Frames of a level camera from the true track, rendered anew, each beside the map; times off the map are left out."""
-    model, record = flown.setup.camera_model(), flown.record
+    model, record = pinhole_view(flown.setup.camera_model()), flown.record
     camera = CameraSimulator(world.scene, model, CameraEffects())
     size_px = (_WIDTH_PX, round(_WIDTH_PX * model.height_px / model.width_px))
-    gsd_m = 2 * flown.setup.height_m * math.tan(FIELD_OF_VIEW_RAD / 2) / _WIDTH_PX
+    gsd_m = flown.setup.height_m * model.width_px / model.fx_px / _WIDTH_PX
     pairs = []
     for t_s in times_s:
         north_m, east_m, down_m = (float(value) for value in record.truth.at(np.array([t_s]))[0])

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from visloc_companion.errors import MapError
+from visloc_companion.geo.pinhole_view import pinhole_view
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.scenarios import Course, Scenario
 from visloc_companion.types import AutopilotKind, CameraModel, GeoPoint, Vec3
@@ -70,7 +71,7 @@ class FlightArea:
 class FlightSetup:
     """Everything that makes a flight repeatable. `structure`: whether that vote is asked for where the image fails.
 
-    `width_px`: the camera's columns; a coarse one is rendered sooner.
+    `width_px`: the columns of a pinhole camera; a coarse one is rendered sooner. `camera`: another one in its place.
     """
 
     scenario: Scenario
@@ -81,6 +82,7 @@ class FlightSetup:
     height_asked_m: float | None = None
     structure: bool = True
     width_px: int = 640
+    camera: CameraModel | None = None
 
     @property
     def height_m(self) -> float:
@@ -89,7 +91,9 @@ class FlightSetup:
         return self.height_asked_m or self.scenario.height_m or max(120.0, 150.0 * self.area.gsd_m)
 
     def camera_model(self) -> CameraModel:
-        """640 x 480 pixels (or a coarser 4:3) over 60 degrees, as the daemon believes the camera to be."""
+        """As the daemon believes the camera to be: 640 x 480 pixels (or a coarser 4:3) over 60 degrees, or what was asked for."""
+        if self.camera is not None:
+            return self.camera
         width, height = self.width_px, self.width_px * 3 // 4
         focal_px = width / 2 / math.tan(FIELD_OF_VIEW_RAD / 2)
         return CameraModel(width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2)
@@ -99,7 +103,8 @@ class FlightSetup:
 
         Raises MapError where the map is too small.
         """
-        footprint_m = self.height_m * math.tan(FIELD_OF_VIEW_RAD / 2)
+        view = pinhole_view(self.camera_model())
+        footprint_m = self.height_m * view.width_px / 2 / view.fx_px
         half_m = min(400.0, 0.9 * (self.area.reach_m - 1.3 * footprint_m))
         if half_m < LEAST_HALF_M:
             needed_m = LEAST_HALF_M / 0.9 + 1.3 * footprint_m

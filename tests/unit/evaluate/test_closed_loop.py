@@ -31,7 +31,18 @@ from visloc_companion.sim.flight import Eyes
 from visloc_companion.sim.scenarios import DEMO, SCENARIOS, SEASON_CHANGE, Expectation, Scenario
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightArea, FlightSetup
-from visloc_companion.types import AutopilotKind, Fix, GeoPoint, LocaliseRequest, NoFix, Notice, Verdict, Vote
+from visloc_companion.types import (
+    AutopilotKind,
+    CameraModel,
+    Fix,
+    FrameRef,
+    GeoPoint,
+    LocaliseRequest,
+    NoFix,
+    Notice,
+    Verdict,
+    Vote,
+)
 
 HOME = GeoPoint(47.4, 8.55, 480.0)
 AREA = FlightArea(HOME, 1000.0, 0.5)
@@ -280,6 +291,29 @@ def test_rendered_frames_and_the_real_localiser_carry_a_flight(small_world: Flig
     assert below is not None
     assert camera.shape == below.shape == (315, 420, 3)
     assert camera.std() > 5
+
+
+def test_a_fisheye_of_150_degrees_carries_a_flight(small_world: FlightWorld) -> None:
+    """As above, through a lens that bends: position, the camera's own motion and its pictures in the report."""
+    lens = CameraModel(320, 240, 152.8, 152.8, 161.0, 118.0, (0.02, -0.01, 0.003, -0.001), "fisheye")
+    scenario = replace(SCENARIOS["jam"], duration_s=13.0, frame_rate_hz=2.0, faults=faults.jam(5.0))
+    setup = FlightSetup(scenario, small_world.area(), AutopilotKind.ARDUPILOT, "copter", 1, camera=lens)
+    flown = fly(setup, small_world, method="gradient")
+    assert flown.passed, failed(flown)
+    assert {e.event.width_px for e in flown.log.entries if isinstance(e.event, FrameRef)} == {320}
+    answers = [entry.event for entry in flown.log.entries if isinstance(entry.event, Fix | NoFix)]
+    assert len(flown.record.fixes) > 0.8 * len(answers)
+    truth = flown.record.truth
+    off_m = [math.dist(fix.p_ned_m[:2], truth.at(np.array([fix.t_s]))[0, :2]) for fix in flown.record.fixes]
+    assert median(off_m) < 1.5
+    moves = [answer.motion for answer in answers if answer.motion is not None]
+    assert len(moves) > 0.5 * len(answers)
+    for move in moves:
+        ends = truth.at((np.array([move.t_from_ns, move.t_to_ns]) - flown.record.t0_ns) * 1e-9)
+        assert math.dist(move.displacement_ned_m[:2], (ends[1] - ends[0])[:2]) < 2.0
+    [pair] = picture_pairs(flown, small_world, [6.0])
+    pictures = [cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR) for jpeg in (pair.camera, pair.map)]
+    assert [picture.shape[:2] for picture in pictures if picture is not None] == [(288, 420)] * 2
 
 
 def test_structure_helps_where_snow_hides_what_the_image_is_known_by(small_world: FlightWorld) -> None:

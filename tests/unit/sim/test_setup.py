@@ -12,7 +12,7 @@ from visloc_companion.geo.wgs84 import distance_m, ned_from_geo
 from visloc_companion.sim.faults import FaultSchedule
 from visloc_companion.sim.scenarios import SCENARIOS, Scenario
 from visloc_companion.sim.setup import FlightArea, FlightSetup, VehicleKind
-from visloc_companion.types import AutopilotKind, GeoPoint
+from visloc_companion.types import AutopilotKind, CameraModel, GeoPoint
 
 HOME = GeoPoint(47.4, 8.55, 480.0)
 CALM = Scenario("calm", "Nothing goes wrong.", 120.0, FaultSchedule())
@@ -32,6 +32,17 @@ def test_the_footprint_stays_on_the_map(reach_m: float, gsd_m: float) -> None:
     for north_m, east_m, down_m in setup.mission_ned_m():
         assert max(abs(north_m), abs(east_m)) + 1.3 * half_m <= reach_m
         assert down_m == -setup.height_m
+
+
+def test_all_that_a_wide_lens_is_looked_at_for_stays_on_the_map() -> None:
+    """A fisheye's frame is taken for a pinhole's of up to 55° to each side, whatever its focal length and width would make."""
+    lens = CameraModel(320, 240, 110.0, 110.0, 159.5, 119.5, (0.0, 0.0, 0.0, 0.0), "fisheye")
+    setup = replace(setup_of(400.0), camera=lens)
+    assert setup.camera_model() is lens
+    reach_m = setup.height_m * math.tan(math.radians(55.0))
+    furthest_m = max(max(abs(north_m), abs(east_m)) for north_m, east_m, _ in setup.mission_ned_m())
+    assert furthest_m + 1.3 * reach_m == pytest.approx(400.0, abs=20.0)
+    assert furthest_m + 1.3 * reach_m <= 400.0
 
 
 def test_a_coarse_map_is_flown_higher() -> None:
