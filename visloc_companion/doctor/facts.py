@@ -53,7 +53,8 @@ class LinkFacts:
 class CameraFacts:
     """What the camera gave in a few seconds. `problem` says why it could not be used; then the rest is empty.
 
-    `dark` and `bright` are the shares of pixels at the ends of the range, `repeated` that of frames equal to the one before.
+    Of what is looked at in flight, `dark` and `bright` are the shares of pixels at the ends of the range, `unlit` that of pixels
+    that are black in every frame while the middle is not; `repeated` is that of frames equal to the one before.
     """
 
     problem: str = ""
@@ -62,6 +63,7 @@ class CameraFacts:
     dark: float = 0.0
     bright: float = 0.0
     repeated: float = 0.0
+    unlit: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

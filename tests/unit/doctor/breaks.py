@@ -60,6 +60,7 @@ CAMERA = [
     ap("camera-rate", "amber", "max_rate_hz", camera(rate_hz=1.0)),
     ap("camera-exposure", "amber", "exposure", camera(dark=0.9)),
     ap("camera-frozen", "red", "camera", camera(repeated=1.0)),
+    ap("camera-rim", "amber", "crop", camera(unlit=0.3)),
     ap("camera-focal-length", "red", "fx_px", config("camera", fx_px=5540.0, fy_px=5540.0)),
     ap("camera-focal-length", "red", "fx_px", config("camera", distortion_model="fisheye", distortion=(0.0,) * 4, fx_px=5540.0)),
     ap("camera-lens", "red", "distortion_model", config("camera", distortion=(-1.5, 0.0, 0.0, 0.0, 0.0))),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import AsyncIterator
 from dataclasses import replace
 from pathlib import Path
@@ -12,8 +13,9 @@ import numpy as np
 import pytest
 
 from tests.unit.doctor.conftest import good_facts
+from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.app.clock import MonotonicClock
-from visloc_companion.config import Config, parse_config
+from visloc_companion.config import CameraConfig, Config, parse_config
 from visloc_companion.doctor.collect.camera import read_camera
 from visloc_companion.doctor.collect.maps import read_map
 from visloc_companion.doctor.collect.model import read_model
@@ -84,6 +86,36 @@ async def test_frames_are_counted_and_looked_at() -> None:
 async def test_black_and_repeated_frames_are_seen() -> None:
     facts = await camera_facts(Frames(0))
     assert (facts.dark, facts.bright, facts.repeated) == (1.0, 0.0, 1.0)
+
+
+class Round(Frames):
+    """A fisheye whose image is a circle as high as the picture, black around it."""
+
+    def __init__(self, section: CameraConfig, grey: int = 200) -> None:
+        super().__init__(grey, 3)
+        v, u = np.mgrid[0:240, 0:320]
+        self.lens, self.circle = camera_model(section), np.hypot(u - 159.5, v - 119.5) < 120.0
+
+    def model(self) -> CameraModel:
+        return self.lens
+
+    async def frames(self, slots: Any) -> AsyncIterator[FrameRef]:
+        for k in range(self.n):
+            slots.write(np.where(self.circle, self.grey - k, 0).astype(np.uint8))
+            yield FrameRef(k, 0, 0, 0, 320, 240, 1)
+
+
+@pytest.mark.parametrize(("half_deg", "grey", "unlit"), [(90.0, 200, 0.0), (45.0, 200, 0.44), (45.0, 20, 0.0)])
+async def test_black_around_the_image_counts_where_it_is_looked_at(half_deg: float, grey: int, unlit: float) -> None:
+    """A circle of 180° holds all that is looked at, one of 90° half of it; a lens that is capped says nothing of its rim."""
+    focal = {"fx_px": 120 / math.radians(half_deg), "fy_px": 120 / math.radians(half_deg)}
+    size = {"width_px": 320, "height_px": 240, "cx_px": 159.5, "cy_px": 119.5}
+    lens = {"distortion_model": "fisheye", "distortion": (0.0, 0.0, 0.0, 0.0)}
+    config = parse_config({"camera": {"url": "device:0", **size, **focal, **lens}})
+    facts = await camera_facts(Round(config.camera, grey), config)
+    assert (facts.problem, facts.n_frames) == ("", 3)
+    assert facts.unlit == pytest.approx(unlit, abs=0.02)
+    assert facts.dark == pytest.approx(0.0 if half_deg == 90.0 else 0.44, abs=0.02)
 
 
 async def test_a_camera_that_gives_nothing_or_cannot_be_used_is_a_problem() -> None:

@@ -7,29 +7,35 @@ import time
 
 import numpy as np
 
+from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.app.constructors import make_camera
 from visloc_companion.app.parts import MakeCamera, check_calibration
 from visloc_companion.config import Config
 from visloc_companion.doctor.facts import CameraFacts
 from visloc_companion.errors import VislocError
+from visloc_companion.localise.rectified import rectified
 from visloc_companion.protocols import Camera, Clock
-from visloc_companion.types import FrameRef, Image
+from visloc_companion.types import CameraModel, FrameRef, Image
 
-_BLACK, _WHITE, _PATIENCE_S = 8, 247, 4.0
+_BLACK, _WHITE, _LIT, _PATIENCE_S = 8, 247, 32, 4.0
 
 
 class _Slots:
-    """protocols.FrameSlots that looks at each frame and keeps one."""
+    """protocols.FrameSlots that looks at what of each frame is looked at in flight, and keeps one frame."""
 
-    def __init__(self) -> None:
+    def __init__(self, model: CameraModel) -> None:
+        self._model, self._brightest = model, np.zeros((1, 1), np.uint8)
         self.dark: list[float] = []
         self.bright: list[float] = []
         self.repeated = 0
         self._last: Image | None = None
 
     def write(self, pixels: Image) -> int:
-        self.dark.append(float(np.mean(pixels <= _BLACK)))
-        self.bright.append(float(np.mean(pixels >= _WHITE)))
+        view = rectified(pixels, self._model)
+        self.dark.append(float(np.mean(view <= _BLACK)))
+        self.bright.append(float(np.mean(view >= _WHITE)))
+        grey = view if view.ndim == 2 else view.max(axis=2)
+        self._brightest = np.maximum(self._brightest, grey) if self._brightest.shape == grey.shape else grey
         self.repeated += self._last is not None and np.array_equal(pixels, self._last)
         self._last = pixels.copy()
         return 0
@@ -38,6 +44,13 @@ class _Slots:
         del frame
         assert self._last is not None
         return self._last
+
+    @property
+    def unlit(self) -> float:
+        """Share of the view that stayed black, 0 where the middle hardly shows anything either."""
+        height, width = self._brightest.shape
+        middle = self._brightest[height // 4 : height - height // 4, width // 4 : width - width // 4]
+        return float(np.mean(self._brightest <= _BLACK)) if np.median(middle) >= _LIT else 0.0
 
 
 async def read_camera(config: Config, clock: Clock, seconds: float, make: MakeCamera = make_camera) -> CameraFacts | None:
@@ -50,15 +63,15 @@ async def read_camera(config: Config, clock: Clock, seconds: float, make: MakeCa
     except VislocError as why:
         return CameraFacts(problem=str(why))
     try:
-        return await _watch(camera, seconds)
+        return await _watch(camera, seconds, camera_model(config.camera))
     except VislocError as why:
         return CameraFacts(problem=str(why))
     finally:
         await camera.close()
 
 
-async def _watch(camera: Camera, seconds: float) -> CameraFacts:
-    slots, times = _Slots(), list[float]()
+async def _watch(camera: Camera, seconds: float, model: CameraModel) -> CameraFacts:
+    slots, times = _Slots(model), list[float]()
 
     async def take() -> None:
         async for _frame in camera.frames(slots):
@@ -80,4 +93,5 @@ async def _watch(camera: Camera, seconds: float) -> CameraFacts:
         dark=float(np.mean(slots.dark)),
         bright=float(np.mean(slots.bright)),
         repeated=slots.repeated / max(1, len(times) - 1),
+        unlit=slots.unlit,
     )

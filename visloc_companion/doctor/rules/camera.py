@@ -16,7 +16,7 @@ JudgeSeen = Callable[[CameraFacts, Facts], Finding]
 JudgeConfigured = Callable[[CameraConfig, Facts], Finding]
 NARROWEST_DEG, WIDEST_DEG = 15.0, 110.0
 MAX_ASPECT, MAX_OFF_CENTRE, MAX_TILT_DEG = 0.05, 0.15, 45.0
-MAX_DARK, MAX_BRIGHT = 0.5, 0.3
+MAX_DARK, MAX_BRIGHT, MAX_UNLIT = 0.5, 0.3, 0.05
 ENOUGH = 0.7
 
 
@@ -94,6 +94,18 @@ def _frozen(camera: CameraFacts, facts: Facts) -> Finding:
     del facts
     read = f"{100 * camera.repeated:.0f} % of the frames repeat the one before"
     return green(read) if camera.repeated < 0.5 else red(read)
+
+
+@seen(
+    "camera-rim",
+    "what is black in every frame",
+    "A rim that the lens leaves black stands still whatever the ground does: fewer fixes, and turns that are wrong.",
+    "a lens whose image covers the sensor; or crop the pictures to what it covers and calibrate those",
+)
+def _rim(camera: CameraFacts, facts: Facts) -> Finding:
+    del facts
+    read = f"{100 * camera.unlit:.0f} % of what is looked at stay black"
+    return green(read) if camera.unlit <= MAX_UNLIT else amber(read)
 
 
 @configured(
@@ -248,6 +260,7 @@ RULES: tuple[Rule, ...] = (
     _rate,
     _exposure,
     _frozen,
+    _rim,
     _focal,
     _lens,
     _aspect,
