@@ -148,10 +148,10 @@ def main() -> None:
     cv2.setNumThreads(1)
     files = procedural_world(options.seed)
     scene, reference = Scene.load(files.flight_ortho, files.flight_dsm), PackMap.open(files.pack, verify_hashes=False)
-    features, rng = open_features_for(options.method, NetworkChoice(threads=1)), np.random.default_rng(options.seed)
+    features = open_features_for(options.method, NetworkChoice(threads=1))
     print(table(COLUMNS, []), flush=True)
     for band in pairwise(BANDS_DEG):
-        shown = list(views(scene, rng, options.frames, band))
+        shown = list(views(scene, np.random.default_rng(options.seed), options.frames, band))
         for name in options.lenses:
             model = lens(name, options.width)
             localiser = make_localiser(options.method, model, features=features)
