@@ -34,6 +34,8 @@ from visloc_companion.localise.parabola import peak_offset
 from visloc_companion.localise.spectra import BlockCorrelator, Box, Complex64Array, block_size
 
 MIN_OVERLAP = 0.5
+LEAST_DEVIATION = 1.0
+"""Of brightness under a template (0 to 255), for `zero_mean`: what varies less shows nothing but noise."""
 SPECTRA_BYTES, SPECTRA_OVERHEAD = 48 << 20, 2.5
 """Limit of the map's spectra, and their size for one position over that of its features, because blocks overlap."""
 NO_SCORE = -1.0
@@ -83,6 +85,8 @@ def search(
     window pixels (may lie outside the window), `extent_px` the same of all templates about the nadir. `make_template` must be
     pure: with `threads` > 1 it is called from several threads. The result does not depend on their number.
     """
+    if zero_mean:  # the variance under a template is the difference of two sums, which a common brightness drowns
+        features = features - np.einsum("ijk,ij->k", features, weight) / np.float32(max(float(weight.sum()), 1.0))
     workers = max(1, min(threads, n_hypotheses))
     shares = [range(n_hypotheses * t // workers, n_hypotheses * (t + 1) // workers) for t in range(workers)]
     parts = []
@@ -133,6 +137,7 @@ def _spectra(
     sums = _paired(np.stack([valid, squares], -1))
     if zero_mean:
         sums = np.concatenate([sums, fields[:1]])
+        fields = fields + np.complex64(1j) * valid  # one channel leaves the imaginary part free for the weight itself
     box = (u0, v0 - top, u1, v1 - top)
     size = block_size(box, extent, len(fields) + len(sums), n_hypotheses)
     return BlockCorrelator(fields, box, extent, size), BlockCorrelator(sums, box, extent, size)
@@ -155,7 +160,7 @@ def _best(
         fields.transform(masked, template.offset_px, of_features)
         sums.transform(template.mask[None], template.offset_px, of_mask)
         for block, at in enumerate(fields.blocks):
-            product = fields.summed(block, of_features).real
+            product = fields.summed(block, of_features)
             score = _score(product, sums.each(block, of_mask), area, energy)
             better = score > best[at]
             np.maximum(best[at], score, out=best[at])
@@ -172,12 +177,16 @@ def _weighted(values: Float32Array, weight: Float32Array) -> tuple[Complex64Arra
     return pairs, (squares[:, ::2] + squares[:, 1::2]) * weight
 
 
-def _score(product: Float32Array, sums: list[Complex64Array], area: float, energy: float) -> Float32Array:
-    """Scores (rows, cols) from sum m w T . M; sum m w + i sum m w |M|^2; for `zero_mean` sum m w M; sum m; sum m |T|^2."""
+def _score(products: Complex64Array, sums: list[Complex64Array], area: float, energy: float) -> Float32Array:
+    """Scores (rows, cols) from sum m w T . M, for `zero_mean` + i sum m w T; sum m w + i sum m w |M|^2; for `zero_mean`
+    sum m w M; sum m; sum m |T|^2."""
+    product: Float32Array = products.real
     seen: Float32Array = sums[0].real
     under: Float32Array = sums[0].imag
-    if len(sums) > 1:
+    if len(sums) > 1:  # where a part of the template is off the map, neither mean is that of the whole
+        product = np.asarray(product - products.imag * sums[1].real / np.maximum(seen, 1), dtype=np.float32)
         under = np.asarray(under - np.square(sums[1].real) / np.maximum(seen, 1), dtype=np.float32)
+        under = np.maximum(under, LEAST_DEVIATION**2 * seen)
     share = seen * np.float32(1 / area)
     own = np.minimum(share, np.float32(1)) * np.float32(energy)
     score: Float32Array = product / np.sqrt(np.maximum(own * under, np.float32(1e-6 * area * area + 1e-6)))

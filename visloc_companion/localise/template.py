@@ -100,5 +100,5 @@ def _narrowed(plan: SearchPlan, pose: CameraPose) -> SearchPlan:
 
 def _probability_wrong(score: float, runner_up: float) -> float:
     """Logistic in the score and the runner-up ratio, fitted on training rows (benchmarks/calibrate.py)."""
-    logit = -2.32 - 0.676 * score + 24.6 * (1 - runner_up)
+    logit = -4.62 + 4.02 * score + 12.8 * (1 - runner_up)
     return 1 / (1 + math.exp(max(-50.0, min(50.0, logit))))

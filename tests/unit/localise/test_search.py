@@ -16,6 +16,7 @@ def direct(features, weight, template: Template, u: int, v: int, zero_mean: bool
     top, left = v + template.offset_px[1], u + template.offset_px[0]
     t = template.features * template.mask[..., None]
     if zero_mean:
+        features = features - (features[..., 0] * weight).sum() / weight.sum()
         t = t - template.mask[..., None] * t.sum((0, 1)) / template.mask.sum()
     m, seen = np.zeros_like(t), np.zeros((h, w))
     for row in range(h):
@@ -23,19 +24,22 @@ def direct(features, weight, template: Template, u: int, v: int, zero_mean: bool
             if 0 <= top + row < features.shape[0] and 0 <= left + col < features.shape[1]:
                 seen[row, col] = weight[top + row, left + col] * template.mask[row, col]
                 m[row, col] = features[top + row, left + col] * seen[row, col]
-    energy = (m * m).sum()
+    energy, product = (m * m).sum(), (t * m).sum()
     if zero_mean:
         energy -= m.sum() ** 2 / max(seen.sum(), 1)
+        product -= (t[..., 0] * seen).sum() * m.sum() / max(seen.sum(), 1)
     share = seen.sum() / template.mask.sum()
     if share < 0.5:
         return 0.0, float(share)
-    return float((t * m).sum() / np.sqrt((t * t).sum() * share * energy)), float(share)
+    return float(product / np.sqrt((t * t).sum() * share * energy)), float(share)
 
 
 @pytest.mark.parametrize("zero_mean", [False, True])
 def test_scores_equal_the_direct_sum_also_across_the_border(zero_mean):
     channels = 1 if zero_mean else 2
     features = RNG.normal(size=(30, 41, channels)).astype(np.float32)
+    if zero_mean:
+        features = 120 + 30 * features  # brightness
     weight = np.ones((30, 41), np.float32)
     weight[:, :6] = 0
     features *= weight[..., None]
@@ -47,6 +51,18 @@ def test_scores_equal_the_direct_sum_also_across_the_border(zero_mean):
         expected, share = direct(features, weight, template, u, v, zero_mean)
         got = volume.score[v - volume.origin_px[1], u - volume.origin_px[0]]
         assert got == pytest.approx(expected if share >= 0.5 else -1.0, abs=2e-3), (u, v, share)
+
+
+def test_level_ground_is_like_nothing_and_no_correlation_is_above_one() -> None:
+    """The difference of two large sums is noise where brightness hardly varies; divided by its root anything looks alike."""
+    rng = np.random.default_rng(5)
+    features = (120 + 30 * cv2.GaussianBlur(rng.normal(size=(200, 260)), (0, 0), 2)).astype(np.float32)[..., None]
+    features[:, 130:] = 200.0 + rng.normal(0, 0.01, (200, 130, 1))
+    template = Template(features[60:110, 40:100].copy(), np.ones((50, 60), np.float32), (0, 0))
+    volume = search(features, np.ones((200, 260), np.float32), lambda _: template, 1, (0, 0, 199, 149), (0, 0, 59, 49), True)
+    assert volume.score[60, 40] == pytest.approx(1.0, abs=1e-3)
+    assert volume.score.max() <= 1.001
+    assert np.abs(volume.score[:, 131:]).max() < 0.1
 
 
 def scene(channels: int) -> tuple[np.ndarray, np.ndarray, list[Template], tuple[int, int, int, int]]:
