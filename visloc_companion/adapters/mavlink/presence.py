@@ -17,7 +17,9 @@ class Presence:
         self.origin: GeoPoint | None = None
         self._link = LinkState()
         self._timeout_ns = round(timeout_s * _NS_PER_S)
-        self._heard_ns = self._polled_ns = self._boot_ns = 0
+        self._heard_ns = self._polled_ns = 0
+        self._newest_ns: dict[bool, int] = {}
+        """Of the clock of TIMESYNC, which need not count from the boot, and of that of telemetry, which does."""
 
     @property
     def link(self) -> LinkChanged:
@@ -44,7 +46,7 @@ class Presence:
         changed = self._link.heard(event)
         came = changed is not None and not was_up
         if came:
-            self._boot_ns = 0
+            self._newest_ns.clear()
         return changed, came
 
     def take_origin(self, event: OriginChanged) -> bool:
@@ -58,15 +60,18 @@ class Presence:
 
         One that was sends no telemetry until it is asked for anew, but answers what its clock says.
         """
-        if isinstance(event, TimesyncSample):
-            boot_ns = event.t_remote_ns
+        if asked := isinstance(event, TimesyncSample):
+            clock_ns = event.t_remote_ns
         elif isinstance(event, Attitude | LocalPose | PriorPose):
-            boot_ns = event.t_boot_ns
+            clock_ns = event.t_boot_ns
         else:
             return False
-        back = boot_ns < self._boot_ns - _REBOOT_NS
-        self._boot_ns = boot_ns if back else max(self._boot_ns, boot_ns)
-        return back
+        newest_ns = self._newest_ns.get(asked, clock_ns)
+        if clock_ns < newest_ns - _REBOOT_NS:
+            self._newest_ns = {asked: clock_ns}
+            return True
+        self._newest_ns[asked] = max(newest_ns, clock_ns)
+        return False
 
     def down(self, now_ns: int) -> LinkChanged | None:
         """The link is down; None where it was before."""
