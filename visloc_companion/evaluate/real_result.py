@@ -6,10 +6,11 @@ The daemon's part is read from the journals that it left, one for each of its li
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from visloc_companion.adapters.logs.truth import TruthRow
 from visloc_companion.app.journal import Entry, read_header, read_journal
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.metrics import Interval, flight_summary
@@ -19,17 +20,8 @@ from visloc_companion.sim.real.clock import EPOCH_NS
 from visloc_companion.sim.real.programs import Simulator
 from visloc_companion.sim.real.record import RealLog
 from visloc_companion.sim.real.scenario import RealScenario
-from visloc_companion.types import GeoPoint
 
 _NS_PER_S = 1_000_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class TruthRow:
-    """Where the vehicle really was, `t_ns` on the shell's clock."""
-
-    t_ns: int
-    place: GeoPoint
 
 
 def real_record(log: RealLog, folder: Path) -> FlightRecord:

@@ -72,6 +72,11 @@ def _pix_from_normalised(model: CameraModel, xy: FloatArray) -> FloatArray:
     return np.asarray(xy * np.array([model.fx_px, model.fy_px]) + np.array([model.cx_px, model.cy_px]), dtype=np.float64)
 
 
+def pinhole_matrix(model: CameraModel) -> FloatArray:
+    """(3, 3) of focal lengths and principal point."""
+    return np.array([[model.fx_px, 0.0, model.cx_px], [0.0, model.fy_px, model.cy_px], [0.0, 0.0, 1.0]])
+
+
 def scaled(model: CameraModel, factor: float) -> CameraModel:
     """The model of the same image resized by a factor (pixel centres: u' = (u + 0.5) factor - 0.5)."""
     return replace(

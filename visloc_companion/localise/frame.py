@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.errors import Reason
+from visloc_companion.geo.camera import pinhole_matrix
 from visloc_companion.geo.lens import is_bent, reach_tan
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.features.gradient import grey
-from visloc_companion.localise.lens_maps import pinhole_matrix, where_seen
+from visloc_companion.localise.lens_maps import where_seen
 from visloc_companion.types import CameraModel, FloatArray, Image
 
 DARK_GREY = 25.0

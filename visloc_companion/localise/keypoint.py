@@ -98,10 +98,9 @@ def _detect(image: Float32Array, seen: NDArray[np.bool_]) -> Pairs:
     low, high = float(image.min()), float(image.max())
     stretched = ((image - low) * (255 / max(high - low, 1e-6))).astype(np.uint8)
     sift = cv2.SIFT.create(contrastThreshold=0.01)
-    places = {
-        (k.pt, k.octave): k for k in sift.detect(stretched, seen.astype(np.uint8))
-    }  # several orientations of a place are one
-    points, descriptors = sift.compute(stretched, [_upright(k) for k in places.values()])
+    turned = sift.detect(stretched, seen.astype(np.uint8))
+    places = {(k.pt, k.octave): _upright(k) for k in turned}  # several orientations of a place are one
+    points, descriptors = sift.compute(stretched, list(places.values()))
     if descriptors is None or len(points) < 2:
         return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
     roots = np.sqrt(descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-9))

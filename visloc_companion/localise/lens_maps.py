@@ -5,13 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from visloc_companion.geo.camera import pinhole_matrix
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.types import CameraModel, FloatArray
-
-
-def pinhole_matrix(model: CameraModel) -> FloatArray:
-    """(3, 3) of focal lengths and principal point."""
-    return np.array([[model.fx_px, 0.0, model.cx_px], [0.0, model.fy_px, model.cy_px], [0.0, 0.0, 1.0]])
 
 
 def where_seen(

@@ -8,11 +8,12 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
+from visloc_companion.geo.camera import pinhole_matrix
 from visloc_companion.geo.pinhole_view import pinhole_view
 from visloc_companion.localise.answer import Stopwatch, no_fix
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.frame import unfit
-from visloc_companion.localise.lens_maps import pinhole_matrix, where_seen
+from visloc_companion.localise.lens_maps import where_seen
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix
 

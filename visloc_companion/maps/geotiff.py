@@ -174,19 +174,18 @@ def layer_of(tiff: GeoTiff, in_memory_bytes: int = IN_MEMORY_BYTES) -> Layer:
     rows, cols = tiff.shape
     if rows * cols * len(tiff.bands) * lazy.dtype.itemsize > in_memory_bytes:
         return lazy
-    values, valid = lazy.read(0, (0, rows), (0, cols))
+    raw, mask = lazy.stored(0, (0, rows), (0, cols))
+    values, valid = lazy.converted(raw, mask)
     if not tiff.masked and tiff.height_unit_m is None:
-        valid[collar(values if tiff.stretch is None else _raw(tiff))] = 0
+        valid[collar(_pixels_of(raw))] = 0  # a stretch makes dark and empty pixels the same
     layer: ArrayLayer = array_layer(tiff.T_map_pix, values, valid > 0)
     tiff.dataset.close()
     return layer
 
 
-def _raw(tiff: GeoTiff) -> Values:
-    """(rows, cols[, 3]) as the file has them: a stretch makes dark and empty pixels the same."""
-    with _reading(tiff.path):
-        raw = tiff.dataset.read(list(tiff.bands))
-    return np.asarray(raw[0] if len(raw) == 1 else raw.transpose(1, 2, 0))
+def _pixels_of(raw: NDArray[Any]) -> NDArray[Any]:
+    """(rows, cols) of one band or (rows, cols, 3) of bands (1 or 3, rows, cols)."""
+    return np.asarray(raw[0]) if len(raw) == 1 else np.ascontiguousarray(raw.transpose(1, 2, 0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,6 +213,10 @@ class DatasetLayer:
         """A window. Raises MapError where the file is damaged."""
         if level and self._says_nothing:
             return self._averaged(level, rows, cols)
+        return self.converted(*self.stored(level, rows, cols))
+
+    def stored(self, level: int, rows: tuple[int, int], cols: tuple[int, int]) -> tuple[NDArray[Any], Validity]:
+        """(bands, rows, cols) of a window as the file has them, and where it says that it shows something."""
         n = 2**level
         window = Window(cols[0] * n, rows[0] * n, (cols[1] - cols[0]) * n, (rows[1] - rows[0]) * n)
         shape = (rows[1] - rows[0], cols[1] - cols[0])
@@ -227,7 +230,7 @@ class DatasetLayer:
             middles = (np.arange(*span) * n + n // 2 for span in (rows, cols))
             mask[in_missing(self.tiff.dataset, self.tiff.missing, *middles)] = 0
         opaque = 127 if self.tiff.dataset.dtypes[-1] == "uint8" else 0  # GDAL scales a wider alpha, whatever its largest value is
-        return self._converted(raw, np.where(mask > opaque, np.uint8(255), np.uint8(0)))
+        return raw, np.where(mask > opaque, np.uint8(255), np.uint8(0))
 
     @property
     def _says_nothing(self) -> bool:
@@ -241,7 +244,8 @@ class DatasetLayer:
         parts = [halved(*self.read(level - 1, (2 * top, 2 * bottom), (2 * cols[0], 2 * cols[1]))) for top, bottom in strips]
         return np.concatenate([values for values, _ in parts]), np.concatenate([valid for _, valid in parts])
 
-    def _converted(self, raw: NDArray[Any], mask: Validity) -> tuple[Values, Validity]:
+    def converted(self, raw: NDArray[Any], mask: Validity) -> tuple[Values, Validity]:
+        """Heights in metres, or colours of 8 bits, of what is stored, and where they are known."""
         if self.tiff.height_unit_m is not None:
             stored = np.where(mask > 0, raw[0], 0).astype(np.float64)
             heights = (stored * self.tiff.height_unit_m + self.tiff.lift_m).astype(np.float32)
@@ -255,8 +259,7 @@ class DatasetLayer:
                 finite &= ~no_colour(raw)
             raw = np.clip(np.nan_to_num(scaled), 0, 255).astype(np.uint8)
             mask = np.where(finite, mask, 0).astype(np.uint8)
-        pixels = raw[0] if self.channels == 1 else np.ascontiguousarray(raw.transpose(1, 2, 0))
-        return pixels, mask
+        return _pixels_of(raw), mask
 
 
 def _open(path: Path) -> tuple[Any, MapCrs, FloatArray]:
@@ -369,7 +372,7 @@ def _sampled(path: Path, dataset: Any, bands: tuple[int, ...]) -> FloatArray:
 
 def _of_collar(raw: NDArray[Any]) -> NDArray[np.bool_]:
     """(rows, cols) where (bands, rows, cols) shows the fill about it."""
-    return collar(raw[0] if len(raw) == 1 else raw.transpose(1, 2, 0))
+    return collar(_pixels_of(raw))
 
 
 def _stretch(values: FloatArray) -> Stretch:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from visloc_companion.geo.camera import R_FRD_CAM
+from visloc_companion.geo.camera import R_FRD_CAM, pinhole_matrix
 from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.sim.render_effects import CameraEffects
 from visloc_companion.types import CameraModel, FloatArray, Image, Quat, Vec3
@@ -69,7 +69,7 @@ def smeared(pixels: Image, model: CameraModel, q_ned_frd: Quat, height_m: float,
 
 def _homography(model: CameraModel, q_ned_frd: Quat, height_m: float, shot: Shot, t_s: float) -> FloatArray:
     """(3, 3) from a pixel at a time about the middle of the exposure to the pixel of the same ground in the middle."""
-    K = np.array([[model.fx_px, 0.0, model.cx_px], [0.0, model.fy_px, model.cy_px], [0.0, 0.0, 1.0]])
+    K = pinhole_matrix(model)
     R_middle = R_from_quat(q_ned_frd)
     R_then = turning(R_middle, shot.rate_frd_radps, np.array([t_s]))[0]
     # X_ned from the camera then is X + v t from the camera in the middle; on the plane down = height: n . X = height

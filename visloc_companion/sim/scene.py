@@ -17,7 +17,7 @@ from rasterio.warp import Resampling, reproject
 from visloc_companion.errors import MapError
 from visloc_companion.geo.raster import T_map_pix_from_gdal, apply_affine, invert_affine
 from visloc_companion.maps.crs import map_crs
-from visloc_companion.maps.geotiff import HEIGHTS_M, open_dsm
+from visloc_companion.maps.geotiff import DatasetLayer, open_dsm
 from visloc_companion.types import FloatArray, GeoPoint, Image
 
 
@@ -131,9 +131,9 @@ def _pixels(source: rasterio.DatasetReader, path: Path) -> Image:
 def _heights_on_grid(path: Path, shape: tuple[int, int], transform: Affine, crs: rasterio.CRS) -> NDArray[np.float32]:
     """Heights above sea level, m, NaN where there are none."""
     tiff = open_dsm(path)
-    unit_m, source = tiff.height_unit_m or 1.0, tiff.dataset
-    stored = source.read(1, masked=True).astype(np.float32).filled(np.nan) * np.float32(unit_m) + np.float32(tiff.lift_m)
-    stored[(stored < HEIGHTS_M[0]) | (stored > HEIGHTS_M[1])] = np.nan
+    (rows, cols), source = tiff.shape, tiff.dataset
+    values, known = DatasetLayer(tiff, ((rows, cols),)).read(0, (0, rows), (0, cols))
+    stored = np.where(known > 0, values, np.float32(np.nan))
     heights = np.full(shape, np.nan, np.float32)
     reproject(
         stored,

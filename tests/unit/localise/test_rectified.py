@@ -10,11 +10,11 @@ import pytest
 
 from tests.unit.level_ground import apart, level_ground, over_its_middle
 from visloc_companion.errors import Reason
-from visloc_companion.geo.camera import project, unproject
+from visloc_companion.geo.camera import pinhole_matrix, project, unproject
 from visloc_companion.geo.pinhole_view import field_of_view_deg, pinhole_view
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.geo.wgs84 import distance_m, geo_from_ned
-from visloc_companion.localise.lens_maps import pinhole_matrix, where_seen
+from visloc_companion.localise.lens_maps import where_seen
 from visloc_companion.localise.rectified import rectified
 from visloc_companion.localise.registry import make_localiser
 from visloc_companion.maps.crs import map_crs

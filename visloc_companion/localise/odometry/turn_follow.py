@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from visloc_companion.geo.camera import R_FRD_CAM, scaled, unproject
+from visloc_companion.geo.camera import R_FRD_CAM, pinhole_matrix, scaled, unproject
 from visloc_companion.geo.se3 import quat_from_R
 from visloc_companion.localise.odometry.turn_solve import Turned, solved
 from visloc_companion.localise.structure.contrast import as_bytes, evened
@@ -53,7 +53,7 @@ class Follower:
         self._full = model
         self._model = scaled(model, min(1.0, WIDTH_PX / model.width_px))
         m = self._model
-        self._K = np.array([[m.fx_px, 0.0, m.cx_px], [0.0, m.fy_px, m.cy_px], [0.0, 0.0, 1.0]])
+        self._K = pinhole_matrix(m)
         self._inner = np.zeros((m.height_px, m.width_px), np.bool_)
         self._inner[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX] = True
 

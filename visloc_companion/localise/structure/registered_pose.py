@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from visloc_companion.errors import Reason
-from visloc_companion.geo.camera import unproject
+from visloc_companion.geo.camera import pinhole_matrix, unproject
 from visloc_companion.localise.align import moved
 from visloc_companion.localise.ortho_rectify import CameraPose
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, solve_pose
@@ -50,7 +50,7 @@ def pose_from_registration(
     shown = shown[:: max(1, len(shown) // MOST_POINTS)]
     T = registered.T_reference_source
     ground = (cloud.points_m[shown] @ T[:3, :3].T + T[:3, 3]) @ NED_ENU.T
-    K = np.array([[model.fx_px, 0.0, model.cx_px], [0.0, model.fy_px, model.cy_px], [0.0, 0.0, 1.0]])
+    K = pinhole_matrix(model)
     pix = unproject(model, cloud.pix[shown]) @ K.T
     free = PriorTerm(prior.R_ned_cam, math.inf)
     found = solve_pose(ground, pix[:, :2], np.full(len(shown), SIGMA_PX), K, _carried(cloud, T), free)
