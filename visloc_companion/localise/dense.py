@@ -65,7 +65,7 @@ class DenseLocaliser:
     def _localised(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         watch = Stopwatch()
         try:
-            plan = planned(request.prior, pixels, self._model, ref, self._settings)
+            plan = planned(request.prior, pixels, self._model, ref, self._settings, watch)
             if not isinstance(plan, SearchPlan):
                 return no_fix(request, self.method, watch, plan)
             full = full_level(pixels, self._model)

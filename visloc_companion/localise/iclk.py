@@ -55,7 +55,7 @@ class IclkLocaliser:
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The pose where the descent from the prior ended, or why it is not believed."""
         watch = Stopwatch()
-        plan = planned(request.prior, pixels, self._model, ref, self._settings)
+        plan = planned(request.prior, pixels, self._model, ref, self._settings, watch)
         if not isinstance(plan, SearchPlan):
             return no_fix(request, self.method, watch, plan)
         try:

@@ -44,7 +44,7 @@ class KeypointLocaliser:
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The pose from the consistent matches, or why there is none."""
         watch = Stopwatch()
-        plan = planned(request.prior, pixels, self._model, ref, self._settings)
+        plan = planned(request.prior, pixels, self._model, ref, self._settings, watch)
         if not isinstance(plan, SearchPlan):
             return no_fix(request, self.method, watch, plan)
         level = full_level(pixels, self._model)

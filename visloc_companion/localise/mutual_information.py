@@ -67,7 +67,7 @@ class MutualInformationLocaliser:
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The pose at the highest mutual information, or why there is none."""
         watch = Stopwatch()
-        plan = planned(request.prior, pixels, self._model, ref, self._settings)
+        plan = planned(request.prior, pixels, self._model, ref, self._settings, watch)
         if not isinstance(plan, SearchPlan):
             return no_fix(request, self.method, watch, plan)
         full = full_level(pixels, self._model)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -40,6 +41,8 @@ HALF_WINDOW = 24
 """Half side (px) of the window that the ground's height is taken from."""
 SAMPLES = 13
 """Rows and columns of the lattice of the frame whose rays are followed to the ground."""
+UNTIMED: AbstractContextManager[object] = nullcontext()
+"""For callers that do not tell the map's side from the rest."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,15 +106,23 @@ def local_frame(place: GeoPoint, ref: ReferenceMap) -> LocalFrame:
 
 
 def make_plan(
-    prior: PosePrior, model: CameraModel, ref: ReferenceMap, settings: LocaliserSettings
+    prior: PosePrior,
+    model: CameraModel,
+    ref: ReferenceMap,
+    settings: LocaliserSettings,
+    map_side: AbstractContextManager[object] = UNTIMED,
 ) -> SearchPlan | tuple[Reason, str]:
-    """Plan the search, or say why there is nothing to search (too low, horizon in view, outside the map)."""
+    """Plan the search, or say why there is nothing to search (too low, horizon in view, outside the map).
+
+    The map is read within `map_side` (answer.Stopwatch).
+    """
     frame = local_frame(prior.place, ref)
     pose = CameraPose(np.array([0.0, 0.0, -prior.place.h_amsl_m]), R_from_quat(prior.q_ned_frd) @ R_FRD_CAM)
     outline, share = footprint(model, pose.R_ned_cam)
     if share < MIN_SHARE_OF_GROUND:
         return Reason.HORIZON_IN_VIEW, f"only {100 * share:.0f} % of the frame looks down steeply enough"
-    surface = ground_near(prior, ref, frame, outline, settings)
+    with map_side:
+        surface = ground_near(prior, ref, frame, outline, settings)
     if surface is None:
         return Reason.OUTSIDE_MAP, "no map within the search region"
     ground, spread, searched_m2 = surface
@@ -149,10 +160,15 @@ def make_plan(
 
 
 def planned(
-    prior: PosePrior, pixels: Image, model: CameraModel, ref: ReferenceMap, settings: LocaliserSettings
+    prior: PosePrior,
+    pixels: Image,
+    model: CameraModel,
+    ref: ReferenceMap,
+    settings: LocaliserSettings,
+    map_side: AbstractContextManager[object] = UNTIMED,
 ) -> SearchPlan | tuple[Reason, str]:
     """The plan for a frame, or why it cannot be localised: what is wrong with its pixels, or with where it was taken."""
-    return check_pixels(pixels, model) or make_plan(prior, model, ref, settings)
+    return check_pixels(pixels, model) or make_plan(prior, model, ref, settings, map_side)
 
 
 def ground_near(

@@ -1,7 +1,9 @@
 """Names to localisers: which need features, and what is said where they are missing."""
 
+import time
 from typing import Any
 
+import numpy as np
 import pytest
 
 from visloc_companion.errors import ConfigError
@@ -47,3 +49,23 @@ def test_what_a_method_needs_is_enough(method: str) -> None:
 
 def test_features_that_nobody_needs_are_no_error() -> None:
     assert make_localiser("gradient", MODEL, features=GRADIENT).method == "gradient"
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_all_time_that_a_map_takes_to_be_read_is_the_maps_side(method, flat, support) -> None:
+    """Of a large GeoTIFF without overviews the window for the plan alone takes ten times as long as all else."""
+    n_read = 0
+
+    class SlowMap(support.FlatMap):
+        def patch(self, *window):
+            nonlocal n_read
+            n_read += 1
+            time.sleep(0.2)
+            return super().patch(*window)
+
+    slow = SlowMap(flat.pixels, np.full(flat.pixels.shape[:2], 100, np.float32))
+    frame = support.render(flat, MODEL, (5.0, 8.0, -240.0), (0.0, 0.0, 0.6))
+    localiser = make_localiser(method, MODEL, features=GRADIENT if needs_features(method) else None)
+    answer = localiser.localise(support.request_at((0.0, 0.0, -240.0), (0.0, 0.0, 0.6)), frame, slow)
+    assert n_read >= 2
+    assert dict(answer.evidence)["map_ms"] >= 200 * n_read

@@ -68,7 +68,7 @@ class StructureLocaliser:
         watch = Stopwatch()
         if not isinstance(ref, ShapeMap):
             return no_fix(request, METHOD, watch, (Reason.BAD_INPUT, "the map has no shape to compare with"))
-        plan = planned(request.prior, pixels, self._model, ref, self._settings)
+        plan = planned(request.prior, pixels, self._model, ref, self._settings, watch)
         if not isinstance(plan, SearchPlan):
             return no_fix(request, METHOD, watch, plan)
         seen = self._history.frames()
