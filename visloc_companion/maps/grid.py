@@ -14,7 +14,7 @@ from visloc_companion.maps.around import MAX_POINTS, on_the_ground, sampled_surf
 from visloc_companion.maps.crs import Linearisation, MapCrs
 from visloc_companion.maps.geotiff import ground_gsd_m
 from visloc_companion.maps.layer import Layer
-from visloc_companion.maps.places import pix_of_geo
+from visloc_companion.maps.places import near_middle, pix_of_geo
 from visloc_companion.maps.warp import interpolate, warp_affine, warp_places
 from visloc_companion.types import FloatArray, GeoPoint, ReferencePatch
 
@@ -87,15 +87,17 @@ class GridMap:
 
     def projection_at(self, place: GeoPoint) -> Linearisation:
         """The CRS linearised at a place."""
-        return self._crs.linearised_at(place)
+        here = self._crs.linearised_at(place)
+        return Linearisation(here.J_map_ne, self._on_the_raster(*here.origin_map_m))
 
     def to_map(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
         """Easting and northing in the map's CRS. Raises OutsideMap where it has none."""
-        return self._crs.to_map(lat_deg, lon_deg)
+        return self._on_the_raster(*self._crs.to_map(lat_deg, lon_deg))
 
     def to_geo(self, easting_m: float, northing_m: float) -> tuple[float, float]:
-        """Latitude and longitude, degrees WGS 84. Raises OutsideMap where there are none."""
-        return self._crs.to_geo(easting_m, northing_m)
+        """Latitude and longitude (-180 to 180), degrees WGS 84. Raises OutsideMap where there are none."""
+        lat_deg, lon_deg = self._crs.to_geo(easting_m, northing_m)
+        return lat_deg, lon_deg if abs(lon_deg) <= 180 else (lon_deg + 180) % 360 - 180
 
     def height_amsl_m(self, easting_m: float, northing_m: float) -> float:
         """Surface height at a place (NaN outside)."""
@@ -114,7 +116,7 @@ class GridMap:
     def covers(self, lat_deg: float, lon_deg: float, margin_m: float = 0.0) -> bool:
         """Whether a place lies on the map's rectangle, grown (or shrunk, if negative) by a margin."""
         try:
-            easting, northing = self._crs.to_map(lat_deg, lon_deg)
+            easting, northing = self.to_map(lat_deg, lon_deg)
         except OutsideMap:
             return False
         u, v = apply_affine(self._T_pix_map, np.array([easting, northing]))
@@ -147,6 +149,12 @@ class GridMap:
         pixel = gsd_m * self._crs.linearised_at_map(*center_map_m).scale
         T_map_pix = layer.T_map_pix if same else None
         return sampled_surface(self._height_window, T_map_pix, pixel, center_map_m, radius_map, max_points)
+
+    def _on_the_raster(self, easting: float, northing: float) -> tuple[float, float]:
+        """A place as the raster has it: longitudes may run beyond 180 there, across the antimeridian or from 0 to 360."""
+        if not self._crs.is_geographic:
+            return easting, northing
+        return float(near_middle(self._pixels, self._crs, np.array([easting]))[0]), northing
 
     def share_valid(self, T_map_pix: FloatArray, size_px: tuple[int, int]) -> FloatArray:
         """(height, width) share of each pixel of a coarse window that holds map, from 4 x 4 samples (heights not asked)."""

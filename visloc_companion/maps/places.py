@@ -18,7 +18,12 @@ def pix_of_geo(layer: Layer, crs: MapCrs, lat_lon_deg: FloatArray) -> FloatArray
     """
     places = crs.to_map_array(lat_lon_deg)
     if crs.is_geographic:
-        rows, cols = layer.shapes[0]
-        west = float(apply_affine(layer.T_map_pix, np.array([(cols - 1) / 2, (rows - 1) / 2]))[0]) - crs.turn / 2
-        places[:, 0] = west + np.mod(places[:, 0] - west, crs.turn)
+        places[:, 0] = near_middle(layer, crs, places[:, 0])
     return apply_affine(invert_affine(layer.T_map_pix), places)
+
+
+def near_middle(layer: Layer, crs: MapCrs, lon: FloatArray) -> FloatArray:
+    """Longitudes in the unit of a geographic CRS as the layer in it would have them: within half a turn of its middle."""
+    rows, cols = layer.shapes[0]
+    west = float(apply_affine(layer.T_map_pix, np.array([(cols - 1) / 2, (rows - 1) / 2]))[0]) - crs.turn / 2
+    return np.asarray(lon - crs.turn * np.floor((lon - west) / crs.turn), dtype=np.float64)
