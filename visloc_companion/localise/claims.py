@@ -35,6 +35,16 @@ def claimed_covariance(estimate: PoseEstimate, gsd_m: float) -> FloatArray:
     return covariance
 
 
+def with_prior_tilt(covariance: FloatArray, sigma_tilt_rad: float, agl_m: float) -> FloatArray:
+    """The (6, 6) covariance of a method that takes the prior's tilt for exact, with what that tilt may be off by.
+
+    A camera so far above the ground that leans by more than was thought is by that angle beside where it is put.
+    """
+    beside_m = agl_m * sigma_tilt_rad
+    added = np.array([beside_m, beside_m, 0.0, sigma_tilt_rad, sigma_tilt_rad, 0.0])
+    return np.asarray(covariance + np.diag(added**2), dtype=np.float64)
+
+
 def horizontal_sigma(covariance: FloatArray) -> float:
     """1-sigma (metres) along the worst horizontal axis of a covariance of north, east, ..."""
     return float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))

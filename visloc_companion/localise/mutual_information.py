@@ -13,6 +13,7 @@ import numpy as np
 
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
+from visloc_companion.localise.claims import with_prior_tilt
 from visloc_companion.localise.features.grey import GREY
 from visloc_companion.localise.frame import FrameLevel, full_level, reduced
 from visloc_companion.localise.hypotheses import (
@@ -85,7 +86,8 @@ class MutualInformationLocaliser:
             reason = Reason.AMBIGUOUS if numbers["score"] > MIN_SCORE else Reason.NO_MATCH
             return no_fix(request, self.method, watch, (reason, f"probability of being wrong {p:.3f}"), numbers)
         metres, angles = SIGMA_PX * ends[0].gsd_m, SIGMA_ANGLE_RAD
-        covariance = np.diag(np.array([metres, metres, angles * plan.agl_m, angles, angles, angles]) ** 2)
+        own = np.diag(np.array([metres, metres, angles * plan.agl_m, angles, angles, angles]) ** 2)
+        covariance = with_prior_tilt(own, request.prior.sigma_tilt_rad, plan.agl_m)
         sigma_m = self._settings.map_sigma_m
         return fix(request, self.method, watch, plan.frame, ref, ends[0].pose, covariance, p, sigma_m, numbers)
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
+from visloc_companion.localise.claims import with_prior_tilt
 from visloc_companion.localise.features.grey import GREY
 from visloc_companion.localise.frame import FrameLevel, full_level, reduced
 from visloc_companion.localise.frame_features import ForEachPose
@@ -68,9 +69,8 @@ class NccLocaliser:
         sigma = (
             np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) * SIGMA_PX * plan.fine_gsd_m + np.array([0, 0, 0, 1, 1, 1]) * SIGMA_ANGLE_RAD
         )
-        return fix(
-            request, self.method, watch, plan.frame, ref, fine[0], np.diag(sigma**2), p, self._settings.map_sigma_m, numbers
-        )
+        covariance = with_prior_tilt(np.diag(sigma**2), request.prior.sigma_tilt_rad, plan.agl_m)
+        return fix(request, self.method, watch, plan.frame, ref, fine[0], covariance, p, self._settings.map_sigma_m, numbers)
 
 
 def _best(
