@@ -19,7 +19,8 @@ COLUMNS = (
     *("prior_lat_deg", "prior_lon_deg", "prior_h_m", "prior_roll_deg", "prior_pitch_deg", "prior_yaw_deg"),
     *("sigma_horizontal_m", "sigma_h_m", "sigma_yaw_deg", "sigma_tilt_deg"),
 )
-TRUTH_COLUMNS = ("id", "lat_deg", "lon_deg", "h_m", "roll_deg", "pitch_deg", "yaw_deg")
+TRUTH_NEEDED = ("id", "lat_deg", "lon_deg")
+TRUTH_COLUMNS = (*TRUTH_NEEDED, "h_m", "roll_deg", "pitch_deg", "yaw_deg")
 LARGEST = 1e9
 """No uncertainty is larger, in whatever unit; squares of larger ones leave the range of numbers."""
 EULER_COLUMNS = ("prior_roll_deg", "prior_pitch_deg", "prior_yaw_deg")
@@ -68,7 +69,8 @@ class BadCase:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """Where the camera was. `gsd_m` (of the map) and `solvable` are 0 and True where the table does not say.
+    """Where the camera was; height and angles are NaN where the table does not say. `gsd_m` (of the map) and `solvable` are 0 and
+    True where it does not.
 
     `map_date` and `frame_date` are as the table writes them (YYYYMMDD where they are known), else empty.
     """
@@ -84,6 +86,11 @@ class Truth:
     map_date: str = ""
     frame_date: str = ""
 
+    @property
+    def is_pose(self) -> bool:
+        """Whether height and attitude are known, too."""
+        return all(map(math.isfinite, (self.h_m, self.roll_deg, self.pitch_deg, self.yaw_deg)))
+
 
 def read_cases(folder: Path) -> list[Case | BadCase]:
     """The rows of `cases.csv`. Raises CasesError where the file or one of its columns is missing, or ids are not distinct."""
@@ -98,7 +105,7 @@ def read_truth(folder: Path) -> dict[str, Truth]:
     path = folder / "truth.csv"
     if not path.exists():
         return {}
-    rows = _table(path, TRUTH_COLUMNS)
+    rows = _table(path, TRUTH_NEEDED)
     require_distinct([row["id"] for row in rows], path)
     truth: dict[str, Truth] = {}
     for number, row in enumerate(rows, start=1):
@@ -189,7 +196,8 @@ def _camera(row: dict[str, str]) -> Camera:
 
 def _truth(row: dict[str, str]) -> Truth:
     _require_no_more(row)
-    lat, lon, h, yaw, roll, pitch = (_number(row, c) for c in ("lat_deg", "lon_deg", "h_m", "yaw_deg", "roll_deg", "pitch_deg"))
+    lat, lon = (_number(row, c) for c in ("lat_deg", "lon_deg"))
+    h, yaw, roll, pitch = (_number(row, c) if row.get(c) else math.nan for c in ("h_m", "yaw_deg", "roll_deg", "pitch_deg"))
     if not (abs(lat) <= 90 and abs(lon) <= 360):
         raise ValueError(f"truth is not on earth: {lat}, {lon}")
     gsd_m, solvable = _number({"gsd_m": row.get("gsd_m") or "0"}, "gsd_m"), (row.get("solvable") or "1").lower()

@@ -106,8 +106,9 @@ def grounds_under(judged: Sequence[Judged], cases: Mapping[str, Case | BadCase])
     """By case id, the ground under every solvable case whose files can be read."""
     found = {}
     for result, truth in judged:
-        if result.case_id in cases and truth.solvable:
-            ground = ground_under(cases[result.case_id], truth, result.evidence.get("agl_m") or truth.h_m)
+        agl_m = result.evidence.get("agl_m") or truth.h_m
+        if result.case_id in cases and truth.solvable and math.isfinite(agl_m):
+            ground = ground_under(cases[result.case_id], truth, agl_m)
             if ground is not None:
                 found[result.case_id] = ground
     return found

@@ -41,7 +41,10 @@ class CaseResult:
 @dataclass(frozen=True, slots=True)
 class CaseError:
     """Errors of one fix: metres north and east, height (also per cent of that above ground), heading, tilt (angle between the
-    camera's true and found vertical axes), over the sigmas, and `chi2` of the horizontal error under the claimed covariance."""
+    camera's true and found vertical axes), over the sigmas, and `chi2` of the horizontal error under the claimed covariance.
+
+    Those of height and angles are NaN where the truth does not know them.
+    """
 
     north_m: float
     east_m: float
@@ -80,7 +83,7 @@ def case_error(result: CaseResult, truth: Truth) -> CaseError | None:
     fix = result.fix
     if fix is None:
         return None
-    north, east, _ = ned_from_geo(fix.place, GeoPoint(truth.lat_deg, truth.lon_deg, truth.h_m))
+    north, east, _ = ned_from_geo(fix.place, GeoPoint(truth.lat_deg, truth.lon_deg, fix.place.h_amsl_m))
     up = fix.place.h_amsl_m - truth.h_m
     yaw = wrap_pi(euler_from_quat(fix.q_ned_frd)[2] - math.radians(truth.yaw_deg))
     sigmas = tuple(math.sqrt(max(v, 1e-12)) for v in (fix.cov_ne_m2[0][0], fix.cov_ne_m2[1][1]))
@@ -100,7 +103,12 @@ def case_error(result: CaseResult, truth: Truth) -> CaseError | None:
 
 
 def tilt_between_deg(fix: Fix, truth: Truth) -> float:
-    """Angle between where the body's down axis points by the fix and by the truth, both turned to north: without the heading."""
+    """Angle between where the body's down axis points by the fix and by the truth, both turned to north: without the heading.
+
+    NaN where the truth does not know it.
+    """
+    if math.isnan(truth.roll_deg) or math.isnan(truth.pitch_deg):
+        return math.nan
     down = []
     for roll, pitch in (euler_from_quat(fix.q_ned_frd)[:2], (math.radians(truth.roll_deg), math.radians(truth.pitch_deg))):
         down.append(R_from_quat(quat_from_euler(roll, pitch, 0.0))[:, 2])
@@ -149,7 +157,6 @@ def _against_truth(judged: list[tuple[CaseResult, Truth]]) -> dict[str, Any]:
     near = [e for e in errors if not e.far]
     px = np.array([e.horizontal_px for e in errors if e.solvable])
     metres = np.array([e.horizontal_m for e in errors if e.solvable])
-    sigmas = np.array([e.sigmas for e in near]).reshape(-1, 3)
     return {
         "n_with_truth": len(judged),
         "n_solvable": solvable,
@@ -164,18 +171,25 @@ def _against_truth(judged: list[tuple[CaseResult, Truth]]) -> dict[str, Any]:
         ),
         "error_m": _spread(metres),
         "error_px": _spread(px),
-        "rms_error_over_sigma": {axis: _rms(sigmas[:, k]) for k, axis in enumerate(("north", "east", "height"))},
+        "rms_error_over_sigma": {
+            axis: _rms(_known([e.sigmas[k] for e in near])) for k, axis in enumerate(("north", "east", "height"))
+        },
         "inside_95_ellipse_share": _share(sum(e.chi2 <= CHI2_95 for e in near), len(near)),
-        "altitude_error_m": _spread(np.array([abs(e.h_m) for e in right])),
-        "altitude_error_percent": _spread(np.array([abs(e.h_percent) for e in right])),
-        "heading_error_deg": _spread(np.array([abs(e.yaw_deg) for e in right])),
-        "tilt_error_deg": _spread(np.array([e.tilt_deg for e in right])),
+        "altitude_error_m": _spread(_known([abs(e.h_m) for e in right])),
+        "altitude_error_percent": _spread(_known([abs(e.h_percent) for e in right])),
+        "heading_error_deg": _spread(_known([abs(e.yaw_deg) for e in right])),
+        "tilt_error_deg": _spread(_known([e.tilt_deg for e in right])),
         "reliability": reliability(*claims(judged)),
     }
 
 
 def _share(part: int, whole: int) -> float | None:
     return part / whole if whole else None
+
+
+def _known(values: list[float]) -> FloatArray:
+    """Those of the values that the truth was known for."""
+    return np.array([value for value in values if not math.isnan(value)])
 
 
 def _rms(values: FloatArray) -> float | None:

@@ -37,8 +37,8 @@ class CasePictures:
 
 
 def case_pictures(case: Case | BadCase, truth: Truth, result: CaseResult) -> CasePictures | None:
-    """The pictures of a case, None where frame or map cannot be read or the truth lies outside the map."""
-    if isinstance(case, BadCase):
+    """The pictures of a case, None where frame or map cannot be read, or the truth lies outside the map or is no whole pose."""
+    if isinstance(case, BadCase) or not truth.is_pose:
         return None
     pixels = read_frame(case.frame)
     if pixels is None:

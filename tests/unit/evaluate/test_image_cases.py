@@ -3,6 +3,8 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -247,6 +249,31 @@ def test_rows_with_decimal_commas_are_bad_cases_and_blanks_at_their_end_are_none
     (tmp_path / "truth.csv").write_text("id,lat_deg,lon_deg,h_m,roll_deg,pitch_deg,yaw_deg\nc0,47,5,9,100,0,0,0\n")
     with pytest.raises(CasesError, match=r"truth\.csv, row 1: has more fields than there are columns \('0'\).*"):
         read_truth(tmp_path)
+
+
+@pytest.mark.parametrize("known", [("h_m",), ("h_m", "roll_deg", "pitch_deg", "yaw_deg"), ()])
+@pytest.mark.parametrize("empty", [False, True])
+def test_a_truth_need_not_know_height_and_attitude(folder, tmp_path, known, empty):
+    """A photo's place is often known where its attitude is not: what is not known is judged by nothing."""
+    columns = [c for c in TRUTH_COLUMNS if empty or c in ("id", "lat_deg", "lon_deg", *known)]
+    whole = list(csv.DictReader((folder / "truth.csv").read_text().splitlines()))
+    truths = [{c: row[c] if c in ("id", "lat_deg", "lon_deg", *known) else "" for c in columns} for row in whole]
+    here = tmp_path / "cases"
+    shutil.copytree(folder, here)
+    write(here / "truth.csv", truths)
+    out, report = tmp_path / "out.json", tmp_path / "report"
+    result = CliRunner().invoke(
+        evaluate_app, ["image", str(here), "--limit", "3", "--json", str(out), "--report", str(report), "--method", "gradient"]
+    )
+    assert result.exit_code == 0, result.output
+    summary = json.loads(out.read_text())["summary"]
+    assert summary["n_with_truth"] == summary["n_fix"] == 3
+    assert summary["error_m"]["max"] < 1.0
+    of_height = ("altitude_error_m", "altitude_error_percent")
+    assert [summary[name] is not None for name in of_height] == ["h_m" in known] * 2
+    assert (summary["rms_error_over_sigma"]["height"] is not None) == ("h_m" in known)
+    assert [summary[name] is not None for name in ("heading_error_deg", "tilt_error_deg")] == ["yaw_deg" in known] * 2
+    assert not re.search(r"\bnan\b", re.sub(r"base64,[^\"]*", "", (report / "report.html").read_text()))
 
 
 def test_command_writes_json_and_report(folder, tmp_path):
