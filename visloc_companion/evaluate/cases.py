@@ -129,7 +129,7 @@ def _table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.DictReader(stream, skipinitialspace=True)
             missing = [c for c in columns if c not in (reader.fieldnames or [])]
-            rows = [_row(row) for row in reader]
+            rows = [row for row in map(_row, reader) if any(text.strip() for text in row.values())]
     except (OSError, UnicodeDecodeError, csv.Error) as why:
         raise CasesError(f"cannot be read: {why}", where=str(path), remedy="name a folder with cases.csv") from why
     if missing:

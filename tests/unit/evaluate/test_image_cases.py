@@ -237,6 +237,16 @@ def test_rows_that_are_cut_short_are_bad_cases(tmp_path, folder):
     assert isinstance(read_cases(tmp_path)[0], BadCase)
 
 
+def test_rows_of_commas_alone_are_no_cases(tmp_path, folder):
+    """Spreadsheets end a table with such rows."""
+    for name in ("cases.csv", "truth.csv"):
+        lines = (folder / name).read_text().splitlines()
+        empty = "," * lines[0].count(",")
+        (tmp_path / name).write_text("\n".join([lines[0], lines[1], empty, " " + empty, ""]))
+    assert [case.case_id for case in read_cases(tmp_path)] == ["c0"]
+    assert list(read_truth(tmp_path)) == ["c0"]
+
+
 def test_rows_with_decimal_commas_are_bad_cases_and_blanks_at_their_end_are_none(tmp_path, folder):
     lines = (folder / "cases.csv").read_text().splitlines()
     columns, comma = lines[0].split(","), lines[1].split(",")
