@@ -27,7 +27,7 @@ from visloc_companion.maps.wild import surface_mask
 from visloc_companion.prepare.cloud import on_land, stated_crs
 from visloc_companion.prepare.surface import Datum, settled_datum
 from visloc_companion.prepare.target import TargetGrid
-from visloc_companion.prepare.work_folder import Progress, WorkFolder, stage, synced
+from visloc_companion.prepare.work_folder import Progress, WorkFolder, reserved, stage, synced
 from visloc_companion.types import FloatArray
 
 POINTS, TILES, SCRATCH = "cloud.npy", "cloud_tiles.npy", "cloud.cells"
@@ -83,7 +83,8 @@ def pack_cloud(
 def write_cloud(work: WorkFolder, cloud: PackCloud | None, report: Progress) -> CloudEntry | None:
     """Write the points, unless they are there, and return what the manifest says of them.
 
-    Goes on where the work was broken off, file by file. Raises CloudError for a file without a point on the orthophoto.
+    Goes on where the work was broken off, file by file. Raises CloudError for a file without a point on the orthophoto, OSError
+    where the disk is full.
     """
     known = work.result(POINTS)
     if known is not None or cloud is None:
@@ -92,6 +93,7 @@ def write_cloud(work: WorkFolder, cloud: PackCloud | None, report: Progress) -> 
     if work.result(SCRATCH) is None:
         with scratch.open("wb") as stream:
             stream.truncate(math.prod(cloud.shape) * SIDE * SIDE * CELL.itemsize)
+        reserved(scratch)
         work.record(SCRATCH, flush=partial(synced, scratch))
     for number, path in enumerate(cloud.paths):
         if work.result(f"{SCRATCH} {number}") is None:

@@ -24,7 +24,7 @@ from visloc_companion.maps.stored import LEVEL_RATIO, NEAR_OCTAVES, STEPS, TILE_
 from visloc_companion.maps.warp import warp_affine
 from visloc_companion.prepare.mosaic import Step
 from visloc_companion.prepare.target import TargetGrid
-from visloc_companion.prepare.work_folder import Progress, WorkFolder, stage
+from visloc_companion.prepare.work_folder import Progress, WorkFolder, reserved, stage
 
 SMALLEST_PX = 48
 BLOCK_PX = 4 * TILE_PX
@@ -84,7 +84,7 @@ def feature_levels(
 ) -> tuple[FeatureLevel, ...]:
     """Write the features of all functions, computed from the pack's own orthophoto, and return what the manifest says of them.
 
-    Goes on where the work was broken off. Raises MapError where a file cannot be written.
+    Goes on where the work was broken off. Raises MapError where a file cannot be written, OSError where the disk is full.
     """
     pixels = DatasetLayer(open_ortho(ortho), level_shapes(grid.rows, grid.cols))
     found: list[FeatureLevel] = []
@@ -138,6 +138,7 @@ def _opened(work: WorkFolder, entry: FeatureLevel) -> np.memmap[Any, np.dtype[np
     if work.result(part) is not None:
         return _memmap(path, "r+", None)
     out = _memmap(path, "w+", shape)
+    reserved(path)
     work.record(part, flush=out.flush)
     return out
 
@@ -145,8 +146,8 @@ def _opened(work: WorkFolder, entry: FeatureLevel) -> np.memmap[Any, np.dtype[np
 def _memmap(path: Path, mode: str, shape: tuple[int, ...] | None) -> np.memmap[Any, np.dtype[np.int8]]:
     try:
         return open_memmap(path, mode=mode, dtype=np.int8 if shape else None, shape=shape)
-    except (OSError, ValueError) as why:
-        raise MapError(f"cannot be written: {why}", where=str(path), remedy="check the disk, then build again") from why
+    except ValueError as why:
+        raise MapError(f"is no array any more: {why}", where=str(path), remedy="check the disk, then build again") from why
 
 
 def _block(

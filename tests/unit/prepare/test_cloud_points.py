@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import errno
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -93,6 +95,18 @@ def test_points_are_metres_east_and_north_of_the_place(pack: PackMap) -> None:
     back = points[:, 1::-1] @ J.T + [10.0, 10.0]
     edge = (np.abs(np.abs(back) - 10.0) < 0.05).any(axis=1)
     np.testing.assert_allclose(points[~edge, 2], ground(*back[~edge].T), atol=0.012)
+
+
+def test_a_disk_that_fills_up_is_told_before_points_are_folded(
+    tmp_path: Path, ortho, built: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(descriptor: int, offset: int, length: int) -> None:
+        if Path(f"/proc/self/fd/{descriptor}").readlink().name == cloud_points.SCRATCH:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(MapError, match="cannot be written: No space left on device; remedy: check the disk"):
+        build_pack([ortho[0]], None, tmp_path / "pack", clouds=[built / "c.laz"])
 
 
 def test_the_highest_point_of_a_cell_is_kept_and_wild_ones_are_not(tmp_path: Path, ortho) -> None:

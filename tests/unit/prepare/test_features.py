@@ -1,3 +1,4 @@
+import errno
 import hashlib
 import os
 import shutil
@@ -207,6 +208,27 @@ def test_links_that_the_disk_does_not_know_become_copies(sources: Path, monkeypa
     monkeypatch.setattr(os, "link", refuse)
     add_features(sources / "pack", [NETWORK])
     assert not PackMap.open(sources / "pack").why_not_stored(NETWORK.name, NETWORK.recipe)
+
+
+@pytest.mark.parametrize("of", ["gradient", NETWORK.name])
+def test_a_disk_that_fills_up_is_told_before_the_features_are_mapped(
+    sources: Path, monkeypatch: pytest.MonkeyPatch, of: str
+) -> None:
+    """A write to a mapped file that the disk has no block for ends the process without a word."""
+
+    def full(descriptor: int, offset: int, length: int) -> None:
+        name = Path(f"/proc/self/fd/{descriptor}").readlink().name
+        if name.startswith(of):
+            assert (offset, length) == (0, os.fstat(descriptor).st_size) and length > 10_000
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "posix_fallocate", full)
+        with pytest.raises(MapError, match="cannot be written: No space left on device; remedy: check the disk"):
+            build_pack([sources / "a.tif"], None, sources / "pack", networks=[NETWORK])
+    assert (sources / ".pack.building").is_dir()
+    build_pack([sources / "a.tif"], None, sources / "pack", networks=[NETWORK])
+    assert PackMap.open(sources / "pack").stored
 
 
 def test_failing_network_leaves_the_old_pack(sources: Path) -> None:
