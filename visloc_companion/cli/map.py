@@ -80,6 +80,7 @@ def build(
     """Make a pack from orthophotos, a surface model and point clouds."""
     from visloc_companion.cli.progress import require_folder, write_json
     from visloc_companion.maps.geotiff import HEIGHTS_M
+    from visloc_companion.maps.registration import registration_warnings
     from visloc_companion.prepare.build import build_pack
     from visloc_companion.prepare.check import cloud_info
 
@@ -114,6 +115,8 @@ def build(
     echo_features(manifest)
     if (points := cloud_info(manifest)) is not None:
         typer.echo(f"cloud {described_cloud(points)}")
+    for warning in registration_warnings(ortho):
+        typer.echo(f"warning: {warning}", err=True)
     if manifest.heights.share_known < 1:
         typer.echo(f"warning: {1 - manifest.heights.share_known:.1%} of it has no height and will not be used", err=True)
 
@@ -205,6 +208,11 @@ def _described(result: dict[str, Any]) -> Iterator[tuple[str, str]]:
     bounds, heights = manifest["bounds"], manifest["heights"]
     yield "name", manifest["name"]
     yield "CRS", manifest["crs"]["name"] + (f" (EPSG:{manifest['crs']['epsg']})" if manifest["crs"]["epsg"] else "")
+    accuracy_m = result["crs_accuracy_m"]
+    yield (
+        "tied to WGS 84",
+        "not stated how well" if accuracy_m is None else f"to {accuracy_m:g} m" if accuracy_m else "by its nature",
+    )
     yield "pixels", f"{manifest['ortho']['cols']} x {manifest['ortho']['rows']} at {manifest['gsd_m']:.4g} m"
     yield "latitude", f"{bounds['south_deg']:.6f} to {bounds['north_deg']:.6f}"
     yield "longitude", f"{bounds['west_deg']:.6f} to {bounds['east_deg']:.6f}"

@@ -71,7 +71,8 @@ class MapFacts:
     """The map pack. `problem` says why it could not be used; then the rest is empty.
 
     Margins are the distances in metres from a place to the nearest edge of the map, negative outside; None where there is no
-    such place. `height_above_surface_m` is the height of home above the map's surface there.
+    such place. `height_above_surface_m` is the height of home above the map's surface there. `crs_accuracy_m` is what is stated
+    of the relation of the map's CRS to WGS 84, None where nothing is.
     """
 
     problem: str = ""
@@ -83,6 +84,7 @@ class MapFacts:
     mission_margin_m: float | None = None
     height_above_surface_m: float | None = None
     features_missing: str = ""
+    crs_accuracy_m: float | None = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -93,12 +93,6 @@ class MapCrs:
         """A full turn in the unit of a geographic CRS's longitudes (360 in degrees)."""
         return 2 * math.pi / float(self._crs.axis_info[0].unit_conversion_factor)
 
-    @property
-    def accuracy_m(self) -> float | None:
-        """Stated accuracy of the transformation from WGS 84, metres; None where it depends on the place or is unknown."""
-        accuracy = self._to_map.accuracy
-        return None if accuracy is None or accuracy < 0 else float(accuracy)
-
     def to_map(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
         """Easting and northing (map units). Raises OutsideMap where the CRS has no coordinates for the place."""
         easting, northing = self._to_map.transform(lon_deg, lat_deg)
@@ -116,6 +110,18 @@ class MapCrs:
                 f"easting {easting}, northing {northing} is no place in {self.name}", remedy="use a map of the place"
             )
         return float(lat), float(lon)
+
+    def accuracy_m(self, easting: float, northing: float) -> float | None:
+        """What EPSG states of the relation to WGS 84 at a place, metres: nationwide parameters are good to 1 to 10 m.
+
+        Zero of WGS 84 itself, None where nothing is stated. Raises OutsideMap.
+        """
+        self.to_geo(easting, northing)
+        try:
+            accuracy = self._to_map.get_last_used_operation().accuracy
+        except ProjError:  # there is nothing to do
+            accuracy = self._to_map.accuracy
+        return None if accuracy < 0 else float(accuracy)
 
     def to_map_array(self, lat_lon_deg: FloatArray) -> FloatArray:
         """(N, 2) latitude, longitude to (N, 2) easting, northing; NaN where undefined."""

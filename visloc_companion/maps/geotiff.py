@@ -82,6 +82,14 @@ def files_of(path: Path) -> list[Path]:
     return [path, *(other for other in others if other.is_file())]
 
 
+def crs_of(path: Path) -> tuple[MapCrs, tuple[float, float]]:
+    """A raster's CRS, and easting and northing of its middle. Raises MapError, DatumMissing."""
+    dataset, crs, T_map_pix = _open(path)
+    with dataset:
+        easting, northing = T_map_pix @ np.array([(dataset.width - 1) / 2, (dataset.height - 1) / 2, 1.0])
+    return crs, (float(easting), float(northing))
+
+
 def ground_gsd_m(crs: MapCrs, T_map_pix: FloatArray, shape: tuple[int, int]) -> float:
     """Geometric mean of a pixel's sides on the ground, at the centre of a raster of (rows, cols)."""
     centre = T_map_pix @ np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2, 1.0])

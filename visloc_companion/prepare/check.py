@@ -15,6 +15,7 @@ from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.maps.manifest import FeatureLevel, Manifest
 from visloc_companion.maps.pack import PackMap
+from visloc_companion.maps.registration import pack_accuracy_m, why_off
 from visloc_companion.prepare.matchability import Matchability, matchability
 from visloc_companion.prepare.route import along, read_route
 from visloc_companion.types import GeoPoint
@@ -37,6 +38,7 @@ def check_pack(pack: PackMap, route: Path | None, margin_m: float = 0.0, network
         "files": len(pack.manifest.files),
         "share_valid": pack.manifest.share_valid,
         "share_with_height": pack.manifest.heights.share_known,
+        "crs_accuracy_m": pack_accuracy_m(pack),
         "matchability": {
             "cell_m": cells.cell_m,
             "cells": known,
@@ -50,6 +52,7 @@ def check_pack(pack: PackMap, route: Path | None, margin_m: float = 0.0, network
     result["features"] = features_info(pack.manifest)
     result["cloud"] = cloud_info(pack.manifest)
     result["warnings"] = _warnings(result)
+    result["warnings"] += [why] if (why := why_off(pack.crs.name, result["crs_accuracy_m"])) else []
     result["warnings"] += [why for each in (GRADIENT, *networks) if (why := pack.why_not_stored(each.name, each.recipe))]
     result["passed"] = route is None or result["route"]["points_outside"] == 0
     return result
@@ -107,6 +110,7 @@ def pack_info(pack: PackMap, folder: Path) -> dict[str, Any]:
         "schema": 1,
         "folder": str(folder),
         "bytes": sum(entry.bytes for entry in manifest.files.values()),
+        "crs_accuracy_m": pack_accuracy_m(pack),
         "features": features_info(manifest),
         "cloud": cloud_info(manifest),
         "manifest": manifest.model_dump(mode="json"),

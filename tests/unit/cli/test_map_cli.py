@@ -70,6 +70,36 @@ def test_build_info_check(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:
     assert json.loads(result.read_text())["passed"] is True
 
 
+@pytest.mark.parametrize(
+    ("code", "place", "metres_per_unit", "own", "said"),
+    [
+        ("EPSG:32617", (36.0, -80.0), 1.0, 0.0, None),
+        ("EPSG:26717", (36.0, -80.0), 1.0, 10.0, "NAD27 / UTM zone 17N is tied to WGS 84 to about 10 m"),
+        ("EPSG:2264", (36.0, -80.0), 0.3048, 0.0, "NAD83 / North Carolina (ftUS) is tied to WGS 84 to about 4 m"),
+    ],
+)
+def test_maps_that_may_lie_beside_wgs_84_are_warned_of(
+    tmp_path: Path, visloc: Visloc, code: str, place: tuple[float, float], metres_per_unit: float, own: float, said: str | None
+) -> None:
+    """A grid in feet is reprojected to WGS 84, so that only the build can tell."""
+    image = np.random.default_rng(1).integers(1, 255, (200, 200)).astype(np.uint8)
+    easting, northing = map_crs(code).to_map(*place)
+    corner = rasterio.Affine(1 / metres_per_unit, 0.0, easting, 0.0, -1 / metres_per_unit, northing)
+    shape = {"width": 200, "height": 200, "count": 1, "dtype": "uint8"}
+    with rasterio.open(tmp_path / "a.tif", "w", driver="GTiff", crs=code, transform=corner, **shape) as out:
+        out.write(image, 1)
+    json_file = tmp_path / "found.json"
+    built = visloc("build", "--ortho", tmp_path / "a.tif", "--out", tmp_path / "pack", "--model", "none")
+    checked = visloc("check", tmp_path / "pack", "--model", "none", "--json", json_file)
+    assert (built[0], checked[0]) == (0, 0)
+    warning = f"warning: {said}, and every fix may be off by as much: compare the map with surveyed points"
+    assert (warning in built[1]) == (said is not None)
+    assert ("is tied to WGS 84" in checked[1]) == (own > 1)
+    assert json.loads(json_file.read_text())["crs_accuracy_m"] == own
+    described = visloc("info", tmp_path / "pack")[1]
+    assert f"tied to WGS 84   {'to 10 m' if own else 'by its nature'}" in described
+
+
 def test_surface_of_another_extent_is_warned_of(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:
     dsm = write(tmp_path / "dsm.tif", np.full((200, 200), 300, np.float32), 100.0)
     code, text = visloc("build", "--ortho", ortho, "--dsm", dsm, "--out", tmp_path / "pack")

@@ -88,6 +88,8 @@ MAP = [
     ap("map-age", "amber", "orthophoto", found(capture_date="2009-05-01")),
     ap("map-age", "amber", "--capture-date", found(capture_date="unknown")),
     ap("map-resolution", "amber", "orthophoto", found(gsd_m=5.0)),
+    ap("map-registration", "amber", "navigator.map_sigma_m", found(crs_accuracy_m=4.0)),
+    ap("map-registration", "amber", "navigator.map_sigma_m", config("navigator", map_sigma_m=0.1)),
     ap("map-valid", "amber", "gaps", found(share_valid=0.5)),
     ap("map-features", "amber", "visloc map features", found(features_missing="the pack holds no features")),
 ]

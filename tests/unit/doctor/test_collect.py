@@ -23,6 +23,7 @@ from visloc_companion.doctor.collect.rates import drift
 from visloc_companion.doctor.collect.system import read_system
 from visloc_companion.errors import CameraError
 from visloc_companion.maps.pack import PackMap
+from visloc_companion.prepare.build import build_pack
 from visloc_companion.types import AutopilotKind, CameraModel, FrameRef, GeoPoint, TimesyncSample
 
 
@@ -146,6 +147,14 @@ def test_a_pack_is_held_against_home_and_mission(tiny_world: Any) -> None:
     assert (facts.capture_date, facts.has_surface) == ("2026-01-01", True)
     alone = read_map(config, None, None)
     assert (alone.home_margin_m, alone.mission_margin_m, alone.features_missing) == (None, None, "")
+
+
+def test_how_well_a_pack_is_tied_to_wgs_84_is_told(tmp_path: Path, tiny_world: Any, write_raster: Any) -> None:
+    image = np.random.default_rng(1).integers(1, 255, (100, 100)).astype(np.uint8)
+    write_raster(tmp_path / "a.tif", image, "EPSG:26717", (36.0, -80.0), 1.0)
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+    told = [read_map(parse_config({"map": {"pack": str(pack)}}), None, None) for pack in (tmp_path / "pack", tiny_world.pack)]
+    assert [facts.crs_accuracy_m for facts in told if facts is not None] == [10.0, 0.0]
 
 
 def test_a_pack_that_is_none_is_a_problem(tmp_path: Path) -> None:

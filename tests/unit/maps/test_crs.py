@@ -60,9 +60,27 @@ def test_properties() -> None:
     assert (feet.epsg, map_crs(feet.wkt).epsg) == (2227, 2227)
     assert map_crs(feet.wkt) == feet != degrees and hash(map_crs(feet.wkt)) == hash(feet)
     assert feet != "EPSG:2227"
-    assert map_crs("EPSG:26912").accuracy_m == 4.0
-    assert map_crs("EPSG:27700").accuracy_m is None
     assert map_crs("EPSG:4979").is_ellipsoidal_3d and not degrees.is_ellipsoidal_3d
+
+
+@pytest.mark.parametrize(
+    ("code", "place", "accuracy_m"),
+    [
+        ("EPSG:4326", (47.0, 9.0), 0.0),
+        ("EPSG:32632", (47.0, 9.0), 0.0),
+        ("EPSG:25832", (47.0, 9.0), 1.0),
+        ("EPSG:26912", (40.0, -111.0), 4.0),
+        ("EPSG:26717", (36.0, -80.0), 10.0),
+        ("EPSG:23030", (40.0, -3.0), 1.5),
+        ("EPSG:23032", (47.0, 9.0), 2.0),
+    ],
+)
+def test_what_is_stated_of_the_relation_to_wgs_84_is_that_of_the_place(
+    code: str, place: tuple[float, float], accuracy_m: float
+) -> None:
+    """ED50 has one for Spain and another for Germany. No grid of a country that another may have installed is better here."""
+    crs = map_crs(map_crs(code).wkt)
+    assert crs.accuracy_m(*crs.to_map(*place)) == accuracy_m
 
 
 def test_compound_crs_keeps_its_vertical_unit() -> None:

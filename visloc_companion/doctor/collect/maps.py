@@ -11,6 +11,7 @@ from visloc_companion.config import Config
 from visloc_companion.doctor.facts import LinkFacts, MapFacts
 from visloc_companion.errors import VislocError
 from visloc_companion.maps.pack import PackMap
+from visloc_companion.maps.registration import pack_accuracy_m
 from visloc_companion.types import GeoPoint
 
 
@@ -33,6 +34,7 @@ def read_map(config: Config, link: LinkFacts | None, network: tuple[str, str] | 
         mission_margin_m=margin_m(pack, mission) if mission else None,
         height_above_surface_m=None if home is None else _above_surface(pack, home),
         features_missing="" if network is None else pack.why_not_stored(*network),
+        crs_accuracy_m=pack_accuracy_m(pack),
     )
 
 

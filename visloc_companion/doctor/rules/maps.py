@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 from visloc_companion.doctor.facts import Facts, MapFacts
 from visloc_companion.doctor.finding import Finding, Rule, amber, green, red, skipped
+from visloc_companion.maps.registration import GOOD_M
 
 Judge = Callable[[MapFacts, Facts], Finding]
 MARGIN_M, OLD_YEARS, GRAVE_HEIGHT_M, ODD_HEIGHT_M = 150.0, 5.0, 30.0, 10.0
@@ -126,6 +127,22 @@ def _resolution(found: MapFacts, facts: Facts) -> Finding:
 
 
 @map_rule(
+    "map-registration",
+    "navigator.map_sigma_m, the pack's CRS and ground sample distance",
+    "A map that lies metres beside WGS 84 puts all fixes there alike, and only map_sigma_m allows for that.",
+    "compare the map with surveyed points, and state what is left as navigator.map_sigma_m (docs/maps.md, Horizontal datum)",
+)
+def _registration(found: MapFacts, facts: Facts) -> Finding:
+    stated_m, tied_m = facts.assumed.navigator.map_sigma_m, found.crs_accuracy_m
+    read = f"map_sigma_m = {stated_m:g}, {found.gsd_m:.2f} m/px"
+    if tied_m is None:
+        return amber(f"{read}, nobody states how well its CRS is tied to WGS 84")
+    read += f", CRS tied to WGS 84 to {tied_m:g} m"
+    doubtful_m = tied_m if tied_m > GOOD_M else 0.0
+    return green(read) if stated_m >= max(doubtful_m, found.gsd_m) / 2 else amber(read)
+
+
+@map_rule(
     "map-valid",
     "the share of pixels that the pack knows",
     "Where the map is empty there are no fixes.",
@@ -163,6 +180,7 @@ RULES: tuple[Rule, ...] = (
     _surface,
     _age,
     _resolution,
+    _registration,
     _valid,
     _features,
 )
