@@ -156,6 +156,8 @@ def check(
     if "route" in result:
         leg = result["route"]
         typer.echo(f"route of {leg['length_m'] / 1000:.2f} km: {leg['points_outside']} of {leg['points']} points off the map")
+        without = f"{leg['longest_unmatchable_m'] / 1000:.2f} km on end at most without such"
+        typer.echo(f"{leg['share_matchable']:.0%} of it over ground that can be matched, {without}")
     for warning in result["warnings"]:
         typer.echo(f"warning: {warning}")
     if not result["passed"]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from visloc_companion.errors import OutsideMap
 from visloc_companion.geo.wgs84 import distance_m
@@ -61,8 +62,10 @@ def check_pack(pack: PackMap, route: Path | None, margin_m: float = 0.0, network
 def _route(pack: PackMap, cells: Matchability, places: list[GeoPoint], margin_m: float) -> dict[str, Any]:
     points = along(places, cells.cell_m / 2)
     outside = [point for point in points if not on_map(pack, point, margin_m)]
-    inside = [point for point in points if on_map(pack, point, 0.0)]
-    good = cells.at(np.array([pack.to_map(p.lat_deg, p.lon_deg) for p in inside])) if inside else np.zeros(0, np.bool_)
+    inside = np.array([on_map(pack, point, 0.0) for point in points])
+    good = np.zeros(len(points), np.bool_)
+    if inside.any():
+        good[inside] = cells.at(np.array([pack.to_map(points[k].lat_deg, points[k].lon_deg) for k in np.flatnonzero(inside)]))
     first = outside[0] if outside else None
     return {
         "length_m": sum(distance_m(a, b) for a, b in pairwise(places)),
@@ -70,8 +73,16 @@ def _route(pack: PackMap, cells: Matchability, places: list[GeoPoint], margin_m:
         "points": len(points),
         "points_outside": len(outside),
         "first_outside": None if first is None else {"lat_deg": first.lat_deg, "lon_deg": first.lon_deg},
-        "share_matchable": float(good.mean()) if good.size else 0.0,
+        "share_matchable": float(good[inside].mean()) if inside.any() else 0.0,
+        "longest_unmatchable_m": longest_without_m(points, good),
     }
+
+
+def longest_without_m(points: Sequence[GeoPoint], good: NDArray[np.bool_]) -> float:
+    """Metres of the longest way from one of the points of a route that are good, or its start, to the next one, or its end."""
+    along_m = np.cumsum([0.0, *(distance_m(a, b) for a, b in pairwise(points))])
+    stops = [0, *np.flatnonzero(good).tolist(), len(points) - 1]
+    return max((float(along_m[b] - along_m[a]) for a, b in pairwise(stops) if not good[a : b + 1].all()), default=0.0)
 
 
 def on_map(pack: PackMap, place: GeoPoint, margin_m: float) -> bool:

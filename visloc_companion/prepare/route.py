@@ -15,25 +15,33 @@ from visloc_companion.types import GeoPoint
 
 LAST_NAV_COMMAND = 95
 """MAV_CMD_NAV_LAST: commands up to here move the vehicle, those above only do something."""
-RETURN_TO_LAUNCH = 20
+WAYPOINT, RETURN_TO_LAUNCH, LAND = 16, 20, 21
+Item = tuple[int, float, float]
+"""MAV_CMD, latitude, longitude (degrees)."""
 _REMEDY = "give a CSV with the columns lat_deg,lon_deg, a .waypoints file (QGC WPL 110) or a QGroundControl .plan"
 
 
 def read_route(path: Path) -> list[GeoPoint]:
-    """The places of a route in order (heights are not used and are zero). Raises MapError for what is no route."""
+    """The places of a route in order (heights are not used and are zero; of circles the middles).
+
+    Raises MapError for what is no route, with the line or the item that is wrong.
+    """
     try:
         text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError as why:
+        raise MapError("there is no such file", where=str(path), remedy="name the file of a route") from why
     except (OSError, UnicodeDecodeError) as why:
         raise MapError(f"cannot be read: {why}", where=str(path), remedy=_REMEDY) from why
     try:
-        if path.suffix == ".plan":
-            places = _plan(json.loads(text))
-        elif text.startswith("QGC WPL"):
+        if text.startswith("QGC WPL"):
             places = _waypoints(text)
+        elif path.suffix.lower() == ".plan" or text.lstrip().startswith("{"):
+            places = _plan(json.loads(text))
         else:
             places = _table(text)
     except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError) as why:
-        raise MapError(f"is no route: {type(why).__name__}: {why}", where=str(path), remedy=_REMEDY) from why
+        said = str(why) if isinstance(why, ValueError) else f"{type(why).__name__}: {why}"
+        raise MapError(f"is no route: {said}", where=str(path), remedy=_REMEDY) from why
     if not places:
         raise MapError("holds no place", where=str(path), remedy=_REMEDY)
     wrong = [p for p in places if not (abs(p.lat_deg) <= 90 and abs(p.lon_deg) <= 180)]
@@ -54,33 +62,62 @@ def along(places: list[GeoPoint], step_m: float) -> list[GeoPoint]:
 
 
 def _table(text: str) -> list[GeoPoint]:
-    rows = csv.DictReader(text.splitlines(), strict=True)
-    return [GeoPoint(float(row["lat_deg"]), float(row["lon_deg"]), 0.0) for row in rows]
+    rows = csv.DictReader(text.splitlines(), strict=True, skipinitialspace=True)
+    missing = {"lat_deg", "lon_deg"} - {name.strip() for name in rows.fieldnames or ()}
+    if missing:
+        raise ValueError(f"its first line names no column {' and '.join(sorted(missing))}")
+    rows.fieldnames = [name.strip() for name in rows.fieldnames or ()]
+    return [GeoPoint(_number(row["lat_deg"], rows.line_num), _number(row["lon_deg"], rows.line_num), 0.0) for row in rows]
+
+
+def _number(text: str | None, line: int) -> float:
+    try:
+        return float(text or "")
+    except ValueError as why:
+        raise ValueError(f"line {line}: {text or 'nothing'!r} is no number of degrees") from why
 
 
 def _waypoints(text: str) -> list[GeoPoint]:
-    rows = [line.split() for line in text.splitlines()[1:] if line.strip()]
-    items = [(int(row[3]), float(row[8]), float(row[9])) for row in rows]
+    lines = [(number, line.split()) for number, line in enumerate(text.splitlines(), 1) if number > 1 and line.strip()]
+    items = [_waypoint(row, number) for number, row in lines]
     home = GeoPoint(items[0][1], items[0][2], 0.0) if items and (items[0][1] or items[0][2]) else None
     return _flown(items[1:] if home else items, home)
 
 
+def _waypoint(row: list[str], line: int) -> Item:
+    try:
+        return int(row[3]), float(row[8]), float(row[9])
+    except (ValueError, IndexError) as why:
+        raise ValueError(f"line {line}: is not twelve numbers, the 4th a command, the 9th and 10th latitude, longitude") from why
+
+
 def _plan(plan: Any) -> list[GeoPoint]:
+    if "mission" not in plan:
+        raise ValueError("it holds no mission")
     mission = plan["mission"]
     home = mission.get("plannedHomePosition")
-    items = [item for entry in mission["items"] for item in _simple_items(entry)]
+    items = [item for n, entry in enumerate(mission["items"], 1) for item in _items(entry, n)]
     return _flown(items, GeoPoint(float(home[0]), float(home[1]), 0.0) if home else None)
 
 
-def _simple_items(entry: Any) -> list[tuple[int, float, float]]:
+def _items(entry: Any, number: int) -> list[Item]:
+    """The commands of an item of a plan; of a pattern that QGroundControl only flies, its places."""
     if entry["type"] == "SimpleItem":
         params = [0.0 if p is None else float(p) for p in entry["params"]]
         return [(int(entry["command"]), params[4], params[5])]
-    inner = entry.get("TransectStyleComplexItem", entry)["Items"]
-    return [item for one in inner for item in _simple_items(one)]
+    inner = entry.get("TransectStyleComplexItem", entry).get("Items")
+    if inner is not None:
+        return [item for one in inner for item in _items(one, number)]
+    if "landCoordinate" in entry:  # fwLandingPattern and vtolLandingPattern
+        approach = entry["landingApproachCoordinate"] if "landingApproachCoordinate" in entry else entry["loiterCoordinate"]
+        return [(command, float(at[0]), float(at[1])) for command, at in ((WAYPOINT, approach), (LAND, entry["landCoordinate"]))]
+    kind = entry.get("complexItemType", "of an unknown kind")
+    raise ValueError(
+        f"item {number} ({kind}) does not say where it flies: send the plan to the vehicle, download it from there and save that"
+    )
 
 
-def _flown(items: list[tuple[int, float, float]], home: GeoPoint | None) -> list[GeoPoint]:
+def _flown(items: list[Item], home: GeoPoint | None) -> list[GeoPoint]:
     places = [home] if home else []
     for command, lat_deg, lon_deg in items:
         if command == RETURN_TO_LAUNCH and home:

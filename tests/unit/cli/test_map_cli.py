@@ -115,6 +115,7 @@ def test_route_that_leaves_the_map_fails_the_gate(tmp_path: Path, ortho: Path, v
         route.write_text(f"lat_deg,lon_deg\n{lat},{lon}\n{end},{lon}\n")
         got, text = visloc("check", tmp_path / "pack", "--route", route)
         assert got == code, text
+        assert "% of it over ground that can be matched, " in text and "km on end at most without such" in text
         assert ("leaves the map at" in text) == bool(code)
 
 

@@ -72,13 +72,17 @@ def test_rows_of_one_direction_are_warned_of(tmp_path: Path, write_raster) -> No
 
 
 def test_routes_on_and_off_the_map(lake: PackMap, tmp_path: Path) -> None:
-    over_land = write_route(tmp_path / "land.csv", [place(lake, -300, 300), place(lake, -150, -100)])
-    result = check_pack(lake, over_land)
-    assert result["passed"] and result["route"]["points_outside"] == 0
-    assert result["route"]["share_matchable"] > 0.9
-    assert result["route"]["length_m"] == pytest.approx(427.2, abs=0.5)
+    over_land = check_pack(lake, write_route(tmp_path / "land.csv", [place(lake, -300, 300), place(lake, -150, -100)]))
+    assert over_land["passed"] and over_land["route"]["points_outside"] == 0
+    assert over_land["route"]["share_matchable"] > 0.9
+    assert over_land["route"]["length_m"] == pytest.approx(427.2, abs=0.5)
     over_water = check_pack(lake, write_route(tmp_path / "water.csv", [place(lake, 100, 300), place(lake, 400, -100)]))
     assert over_water["passed"] and any("route" in warning for warning in over_water["warnings"])
+    assert over_water["route"]["longest_unmatchable_m"] == pytest.approx(500.0, abs=0.5)
+    across = check_pack(lake, write_route(tmp_path / "x.csv", [place(lake, e, 300) for e in (-400, 300, -400)]))["route"]
+    assert across["share_matchable"] == pytest.approx(4 / 7, abs=0.05)
+    assert across["longest_unmatchable_m"] == pytest.approx(600.0, abs=80.0), "to the far shore's end and back, as cells see it"
+    assert over_land["route"]["longest_unmatchable_m"] < 100.0
     away = check_pack(lake, write_route(tmp_path / "away.csv", [place(lake, 0, 0), place(lake, 0, 900), place(lake, 0, 0)]))
     assert not away["passed"]
     first = GeoPoint(**away["route"]["first_outside"], h_amsl_m=0.0)
@@ -159,33 +163,67 @@ def test_plan(tmp_path: Path) -> None:
     assert [(p.lat_deg, p.lon_deg) for p in read_route(path)] == [(47.0, 15.0), (47.001, 15.001), (47.002, 15.002)]
 
 
+@pytest.mark.parametrize("kind", ["fwLandingPattern", "vtolLandingPattern"])
+@pytest.mark.parametrize("approach", ["landingApproachCoordinate", "loiterCoordinate"])
+def test_landing_patterns_of_plans_are_flown_to(tmp_path: Path, kind: str, approach: str) -> None:
+    """QGroundControl writes them without commands; before version 4 it called the approach after its loiter."""
+    landing = {
+        "type": "ComplexItem",
+        "complexItemType": kind,
+        approach: [47.001, 15.001, 40],
+        "landCoordinate": [47.002, 15.002, 0],
+    }
+    (tmp_path / "R.PLAN").write_text(json.dumps({"mission": {"plannedHomePosition": [47.0, 15.0, 400], "items": [landing]}}))
+    places = [(p.lat_deg, p.lon_deg) for p in read_route(tmp_path / "R.PLAN")]
+    assert places == [(47.0, 15.0), (47.001, 15.001), (47.002, 15.002)]
+
+
+def test_columns_may_have_spaces_and_a_plan_another_name(tmp_path: Path) -> None:
+    (tmp_path / "r.csv").write_text("lat_deg, lon_deg\n47.1, 15.2\n")
+    item = {"type": "SimpleItem", "command": 16, "params": [0, 0, 0, None, 47.1, 15.2, 50]}
+    (tmp_path / "r.json").write_text(json.dumps({"mission": {"items": [item]}}))
+    assert read_route(tmp_path / "r.csv") == read_route(tmp_path / "r.json") == [GeoPoint(47.1, 15.2, 0.0)]
+
+
 @pytest.mark.parametrize(
-    ("name", "text"),
+    ("name", "text", "what"),
     [
-        ("r.csv", "latitude,longitude\n47,15\n"),
-        ("r.csv", "lat_deg,lon_deg\nnorth,east\n"),
-        ("r.csv", "lat_deg,lon_deg\n470,15\n"),
-        ("r.csv", "lat_deg,lon_deg\nnan,15\n"),
-        ("r.csv", "lat_deg,lon_deg\n"),
-        ("r.csv", ""),
-        ("r.plan", "{"),
-        ("r.plan", '{"mission": {"items": [{"type": "SimpleItem"}]}}'),
-        ("r.plan", '{"mission": {"items": [{"type": "ComplexItem"}]}}'),
-        ("r.plan", "[]"),
-        ("r.waypoints", "QGC WPL 110\n0 1 0\n"),
-        ("r.waypoints", "QGC WPL 110\n"),
+        ("r.csv", "latitude,longitude\n47,15\n", "its first line names no column lat_deg and lon_deg"),
+        ("r.csv", "lat_deg;lon_deg\n47;15\n", "its first line names no column lat_deg and lon_deg"),
+        ("r.kml", "<?xml version='1.0'?>\n<kml/>\n", "its first line names no column"),
+        ("r.gpx", "<?xml version='1.0'?><gpx/>", "its first line names no column"),
+        ("r.csv", "lat_deg,lon_deg\n47,15\nnorth,east\n", "line 3: 'north' is no number"),
+        ("r.csv", "lat_deg,lon_deg\n47,15\n47\n", "line 3: 'nothing' is no number"),
+        ("r.csv", "lat_deg,lon_deg\n470,15\n", "470.0, 15.0 is no latitude, longitude"),
+        ("r.csv", "lat_deg,lon_deg\nnan,15\n", "nan, 15.0 is no latitude, longitude"),
+        ("r.csv", "lat_deg,lon_deg\n", "holds no place"),
+        ("r.csv", "", "its first line names no column"),
+        ("r.plan", "{", "line 1 column 2"),
+        ("r.plan", '{"fileType": "Plan", "geoFence": {}}', "it holds no mission"),
+        ("r.plan", '{"mission": {"items": [{"type": "SimpleItem"}]}}', "params"),
+        ("r.plan", '{"mission": {"items": [{"type": "ComplexItem"}]}}', "item 1 .* does not say where it flies"),
+        (
+            "r.plan",
+            '{"mission": {"items": [{"type": "ComplexItem", "complexItemType": "StructureScan", "polygon": [[47, 15]]}]}}',
+            r"item 1 \(StructureScan\) does not say where it flies: send the plan",
+        ),
+        ("r.plan", "[]", "it holds no mission"),
+        ("r.plan", "17", "TypeError"),
+        ("r.waypoints", "QGC WPL 110\n0 1 0\n", "line 2: is not twelve numbers"),
+        ("r.waypoints", "QGC WPL 110\n0\t1\t0\t16\t0\t0\t0\t0\t47,1\t15,2\t584\t1\n", "line 2: is not twelve numbers"),
+        ("r.waypoints", "QGC WPL 110\n", "holds no place"),
     ],
 )
-def test_what_is_no_route_is_named(tmp_path: Path, name: str, text: str) -> None:
+def test_what_is_no_route_is_named(tmp_path: Path, name: str, text: str, what: str) -> None:
     (tmp_path / name).write_text(text)
-    with pytest.raises(MapError, match=rf"{name}.*remedy"):
+    with pytest.raises(MapError, match=rf"{name}: .*{what}.*remedy"):
         read_route(tmp_path / name)
 
 
 def test_unreadable_route(tmp_path: Path) -> None:
     (tmp_path / "r.csv").write_bytes(b"\xff\xfe\x00lat")
-    for name in ("r.csv", "absent.csv"):
-        with pytest.raises(MapError, match=name):
+    for name, what in (("r.csv", "cannot be read"), ("absent.csv", "there is no such file")):
+        with pytest.raises(MapError, match=f"{name}: {what}.*remedy"):
             read_route(tmp_path / name)
 
 
