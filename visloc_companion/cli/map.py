@@ -80,9 +80,11 @@ def build(
     """Make a pack from orthophotos, a surface model and point clouds."""
     from visloc_companion.cli.progress import require_folder, write_json
     from visloc_companion.maps.geotiff import HEIGHTS_M
+    from visloc_companion.maps.pack import PackMap
     from visloc_companion.maps.registration import registration_warnings
     from visloc_companion.prepare.build import build_pack
     from visloc_companion.prepare.check import cloud_info
+    from visloc_companion.prepare.heights import cloud_above_surface_m, described_range, heights_warnings, surface_range
 
     _check_date(capture_date)
     if not HEIGHTS_M[0] <= ground_height_m <= HEIGHTS_M[1]:
@@ -112,10 +114,14 @@ def build(
     size_mb = sum(entry.bytes for entry in manifest.files.values()) / 1e6
     pixels = f"{manifest.ortho.cols} x {manifest.ortho.rows} px at {manifest.gsd_m:.3g} m"
     typer.echo(f"{out}: {pixels}, {manifest.crs.name}, {size_mb:.1f} MB")
+    typer.echo(f"content on {manifest.share_valid:.1%} of it")
     echo_features(manifest)
+    pack = PackMap.open(out, verify_hashes=False)
+    if (surface := surface_range(pack)) is not None:
+        typer.echo(f"surface {described_range(surface)}")
     if (points := cloud_info(manifest)) is not None:
         typer.echo(f"cloud {described_cloud(points)}")
-    for warning in registration_warnings(ortho):
+    for warning in (*registration_warnings(ortho), *heights_warnings(cloud_above_surface_m(pack))):
         typer.echo(f"warning: {warning}", err=True)
     if manifest.heights.share_known < 1:
         typer.echo(f"warning: {1 - manifest.heights.share_known:.1%} of it has no height and will not be used", err=True)
@@ -146,12 +152,15 @@ def check(
     """Check hashes, how much can be matched, and whether a route stays on the map (exit code 1 if not)."""
     from visloc_companion.cli.progress import write_json
     from visloc_companion.prepare.check import check_pack
+    from visloc_companion.prepare.heights import described_range
 
     result = check_pack(_verified(pack), route, margin_m, chosen_networks(model))
     if json_file is not None:
         write_json(json_file, result)
     cells = result["matchability"]
-    typer.echo(f"{result['files']} files are as built")
+    typer.echo(f"{result['files']} files are as built, content on {result['share_valid']:.1%} of the map")
+    if result["surface"] is not None:
+        typer.echo(f"surface {described_range(result['surface'])}")
     typer.echo(f"{cells['share_matchable']:.0%} of {cells['cells']} cells of {cells['cell_m']:.0f} m can be matched")
     if "route" in result:
         leg = result["route"]
@@ -206,6 +215,8 @@ def _check_date(text: str) -> None:
 
 
 def _described(result: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    from visloc_companion.prepare.heights import described_range
+
     manifest = result["manifest"]
     bounds, heights = manifest["bounds"], manifest["heights"]
     yield "name", manifest["name"]
@@ -224,7 +235,9 @@ def _described(result: dict[str, Any]) -> Iterator[tuple[str, str]]:
     else:
         grid = heights["grid"]
         made = f"made from {heights['source_datum']} heights"
-        yield "heights", f"{grid['cols']} x {grid['rows']} at {grid['transform'][0]:.4g} m above sea level, {made}"
+        known = f", known on {heights['share_known']:.1%} of the map" if heights["share_known"] < 1 else ""
+        yield "heights", f"{described_range(result['surface'])}, {made}{known}"
+        yield "surface pixels", f"{grid['cols']} x {grid['rows']} at {grid['transform'][0]:.4g} m"
     if result["cloud"] is not None:
         yield "cloud", described_cloud(result["cloud"])
     for each in result["features"]:

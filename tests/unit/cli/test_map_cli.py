@@ -104,7 +104,15 @@ def test_surface_of_another_extent_is_warned_of(tmp_path: Path, ortho: Path, vis
     dsm = write(tmp_path / "dsm.tif", np.full((200, 200), 300, np.float32), 100.0)
     code, text = visloc("build", "--ortho", ortho, "--dsm", dsm, "--out", tmp_path / "pack")
     assert code == 0 and "has no height" in text
-    assert "above sea level, made from amsl heights" in visloc("info", tmp_path / "pack")[1]
+    assert "content on 100.0% of it\n" in text and "surface 300 to 300 m above sea level\n" in text
+    described = visloc("info", tmp_path / "pack")[1]
+    assert "heights          300 to 300 m above sea level, made from amsl heights, known on 5" in described
+
+
+def test_gaps_between_orthophotos_are_stated(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:
+    away = write(tmp_path / "b.tif", np.random.default_rng(2).integers(1, 255, (200, 200)).astype(np.uint8), 600.0)
+    assert "content on 50.0% of it\n" in visloc("build", "--ortho", ortho, away, "--out", tmp_path / "pack")[1]
+    assert "files are as built, content on 50.0% of the map\n" in visloc("check", tmp_path / "pack")[1]
 
 
 def test_route_that_leaves_the_map_fails_the_gate(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:

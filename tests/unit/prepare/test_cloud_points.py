@@ -19,6 +19,7 @@ from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare import cloud_points
 from visloc_companion.prepare.add_features import add_features
 from visloc_companion.prepare.build import build_pack
+from visloc_companion.prepare.check import check_pack
 from visloc_companion.types import GeoPoint
 
 laspy = pytest.importorskip("laspy")
@@ -95,6 +96,26 @@ def test_points_are_metres_east_and_north_of_the_place(pack: PackMap) -> None:
     back = points[:, 1::-1] @ J.T + [10.0, 10.0]
     edge = (np.abs(np.abs(back) - 10.0) < 0.05).any(axis=1)
     np.testing.assert_allclose(points[~edge, 2], ground(*back[~edge].T), atol=0.012)
+
+
+@pytest.mark.parametrize(
+    ("raised_m", "scale", "above_m"),
+    [(0.0, 1.0, 0.0), (-3.0, 1.0, 3.0), (48.0, 1.0, -48.0), (-12.0, 1.0, 12.0), (0.0, 1 / 0.3048, -684)],
+)
+def test_a_cloud_and_a_surface_model_that_do_not_fit_are_told(
+    tmp_path: Path, ortho, built: Path, raised_m: float, scale: float, above_m: float
+) -> None:
+    """Ellipsoidal heights, the bare ground below woods, and feet on a grid in metres: nothing else would tell."""
+    y, x = np.mgrid[SIZE / 2 - 0.5 : -SIZE / 2 : -1, -SIZE / 2 + 0.5 : SIZE / 2 : 1]
+    dsm = write_tif(tmp_path / "dsm.tif", ((ground(x, y) + raised_m) * scale).astype(np.float32))
+    build_pack([ortho[0]], dsm, tmp_path / "pack", clouds=[built / "c.laz"])
+    result = check_pack(PackMap.open(tmp_path / "pack"), None)
+    assert result["cloud_above_surface_m"] == pytest.approx(above_m, abs=1.0)
+    assert any("the surface model: another vertical datum" in warning for warning in result["warnings"]) == (abs(above_m) > 5)
+    low, median, high = (result["surface"][key] for key in ("low_m", "median_m", "high_m"))
+    assert (low, median, high) == pytest.approx(np.percentile((ground(x, y) + raised_m) * scale, [1, 50, 99]), abs=0.5 * scale)
+    said = CliRunner().invoke(map_app, ["info", str(tmp_path / "pack")]).output
+    assert f"heights          {low:.0f} to {high:.0f} m above sea level, made from amsl heights\n" in said
 
 
 def test_a_disk_that_fills_up_is_told_before_points_are_folded(

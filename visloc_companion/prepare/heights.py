@@ -1,0 +1,73 @@
+"""What the heights of a pack look like: a wrong datum, unit or kind of model is seen in numbers, not in pictures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from visloc_companion.maps.pack import PackMap
+from visloc_companion.types import FloatArray
+
+SURFACE_SIDE, CLOUD_SIDE = 64, 10
+"""Places on a side at which the surface, and both surface and cloud, are looked at."""
+CLOUD_RADIUS_M, CLOUD_POINTS = 15.0, 400
+APART_M = 5.0
+"""Cloud and surface model of one place: crowns that differ are seen in the median as less than that, a datum or bare ground as
+more (the geoid lies up to 107 m off the ellipsoid)."""
+
+
+def surface_range(pack: PackMap) -> dict[str, float] | None:
+    """1st percentile, median and 99th percentile of the surface, metres above sea level; None where the ground is a plane.
+
+    Raises MapError for damaged pixels.
+    """
+    if pack.manifest.heights.grid is None:
+        return None
+    heights = np.concatenate([pack.heights_amsl_m(row) for row in _grid(pack, SURFACE_SIDE)])
+    known = heights[np.isfinite(heights)]
+    if not known.size:
+        return None
+    low, median, high = (round(float(value), 2) for value in np.percentile(known, [1, 50, 99]))
+    return {"low_m": low, "median_m": median, "high_m": high}
+
+
+def cloud_above_surface_m(pack: PackMap) -> float | None:
+    """Median of how far the points of a pack's cloud lie above its surface, metres; None where it lacks one of both."""
+    if pack.cloud is None or pack.manifest.heights.grid is None:
+        return None
+    above = [_above(pack, (float(x), float(y))) for row in _grid(pack, CLOUD_SIDE) for x, y in row]
+    known = np.concatenate(above)
+    return round(float(np.median(known)), 2) if known.size else None
+
+
+def heights_warnings(cloud_above_m: float | None) -> list[str]:
+    """What is to be said of a cloud so far above the surface model."""
+    if cloud_above_m is None or abs(cloud_above_m) <= APART_M:
+        return []
+    side = "above" if cloud_above_m > 0 else "below"
+    return [
+        f"the cloud lies {abs(cloud_above_m):.1f} m {side} the surface model: another vertical datum or unit, or a model of the "
+        "bare ground, without crowns and roofs; convert one of them, or build with one of them alone"
+    ]
+
+
+def described_range(heights: dict[str, Any] | None) -> str:
+    """Heights for people; empty where there are none."""
+    return "" if heights is None else f"{heights['low_m']:.0f} to {heights['high_m']:.0f} m above sea level"
+
+
+def _grid(pack: PackMap, side: int) -> FloatArray:
+    """(side, side, 2) places in the middles of as many equal parts of the pack's rectangle, easting and northing."""
+    box, share = pack.manifest.bounds, (np.arange(side) + 0.5) / side
+    x = box.west_map_m + share * (box.east_map_m - box.west_map_m)
+    y = box.north_map_m - share * (box.north_map_m - box.south_map_m)
+    return np.stack(np.meshgrid(x, y), axis=-1)
+
+
+def _above(pack: PackMap, center_map_m: tuple[float, float]) -> FloatArray:
+    points = np.zeros((0, 3)) if pack.cloud is None else pack.cloud.within(center_map_m, CLOUD_RADIUS_M, CLOUD_POINTS)
+    if not len(points):
+        return np.zeros(0)
+    above = points[:, 2] - pack.heights_amsl_m(points[:, :2])
+    return above[np.isfinite(above)]
