@@ -99,3 +99,16 @@ def _first_number(text: str) -> float | None:
     with contextlib.suppress(ValueError, IndexError):
         return float(text.split(maxsplit=1)[0])
     return None
+
+
+def serial_device(url: str) -> str:
+    """The device of a link's URL; empty where it is no serial line."""
+    scheme, _, rest = url.partition(":")
+    return rest.rpartition(":")[0] if scheme == "serial" else ""
+
+
+def serial_problem(device: str) -> str:
+    """What stands against opening a device (whoever has it open may keep it): empty where nothing does."""
+    if not Path(device).exists():
+        return f"{device} does not exist"
+    return "" if os.access(device, os.R_OK | os.W_OK) else f"no right to use {device}"

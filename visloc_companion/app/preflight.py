@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from visloc_companion.app.clock import MonotonicClock
+from visloc_companion.app.computer import serial_device, serial_problem
 from visloc_companion.app.constructors import CONSTRUCTORS
 from visloc_companion.app.parts import (
     Constructors,
@@ -19,7 +20,7 @@ from visloc_companion.app.parts import (
 from visloc_companion.app.status import check_status_socket
 from visloc_companion.app.worker_process import OverMap, load_factory
 from visloc_companion.config import Config
-from visloc_companion.errors import VislocError
+from visloc_companion.errors import LinkError, VislocError
 
 
 def preflight(config: Config, make: Constructors = CONSTRUCTORS) -> tuple[list[VislocError], dict[str, Any]]:
@@ -41,6 +42,7 @@ def preflight(config: Config, make: Constructors = CONSTRUCTORS) -> tuple[list[V
             about = answer.about if isinstance(answer, OverMap) else ""
 
     attempt(lambda: make.link(config, clock, lambda *_: None, lambda _: None))
+    attempt(lambda: check_serial_device(config.link.url))
     if config.camera.url:
         attempt(lambda: check_calibration(config, make.camera(config, clock)))
     if config.camera.url or config.localiser.terrain:
@@ -55,3 +57,16 @@ def preflight(config: Config, make: Constructors = CONSTRUCTORS) -> tuple[list[V
         "localiser": about,
     }
     return problems, found
+
+
+def check_serial_device(url: str) -> None:
+    """The daemon waits for a serial device that is not there, as a cable may come later; before a flight it is missed.
+
+    Raises LinkError.
+    """
+    device = serial_device(url)
+    if device and (problem := serial_problem(device)):
+        remedy = (
+            "check the name (ls /dev/tty* /dev/serial/by-id), that the port is enabled, and the right to use it (group dialout)"
+        )
+        raise LinkError(problem, where="link.url", remedy=remedy)

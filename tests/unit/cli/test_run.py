@@ -91,6 +91,16 @@ def test_check_finds_what_the_start_would_fail_of(tmp_path: Path, text: str, cod
         assert what in done.stderr
 
 
+def test_check_misses_a_serial_device_that_a_start_would_wait_for(tmp_path: Path) -> None:
+    there, absent = tmp_path / "tty", tmp_path / "ttyAMA0"
+    there.touch()
+    done = [
+        visloc_run(configuration(tmp_path, f'[link]\nurl = "serial:{device}:921600"\n'), "--check") for device in (there, absent)
+    ]
+    assert [each.returncode for each in done] == [0, 4]
+    assert f"link.url: {absent} does not exist" in done[1].stderr and "remedy: check the name" in done[1].stderr
+
+
 def test_no_problem_is_cut_at_the_width_of_a_terminal_that_is_not_there(tmp_path: Path) -> None:
     path = configuration(tmp_path, f'[map]\npack = "/none/{"far/" * 40}"\n')
     environment = {name: value for name, value in ENVIRONMENT.items() if name != "COLUMNS"}

@@ -9,7 +9,7 @@ import struct
 import subprocess
 from pathlib import Path
 
-from visloc_companion.app.computer import hottest_c, memory_bytes
+from visloc_companion.app.computer import hottest_c, memory_bytes, serial_device, serial_problem
 from visloc_companion.app.parts import check_journal_folder
 from visloc_companion.config import Config
 from visloc_companion.doctor.facts import SystemFacts
@@ -21,7 +21,7 @@ _TIMEOUT_S = 3.0
 def read_system(config: Config, root: Path = Path("/")) -> SystemFacts:
     """The state of this computer. `root` stands for the file system in tests."""
     memory = {name: size / 1024**2 for name, size in memory_bytes(root).items()}
-    device = config.link.url.split(":")[1] if config.link.url.startswith("serial:") else ""
+    device = serial_device(config.link.url)
     folder = Path(config.journal.folder) if config.journal.folder else None
     return SystemFacts(
         cores=len(os.sched_getaffinity(0)),
@@ -34,7 +34,7 @@ def read_system(config: Config, root: Path = Path("/")) -> SystemFacts:
         bits=8 * struct.calcsize("P"),
         disk_free_mb=None if folder is None else _disk_free_mb(folder),
         journal_problem="" if folder is None else _journal_problem(config),
-        serial_problem=_serial_problem(device) if device else "",
+        serial_problem=serial_problem(device) if device else "",
         console_on_serial=_console(root, device),
     )
 
@@ -73,12 +73,6 @@ def _journal_problem(config: Config) -> str:
     except VislocError as why:
         return str(why)
     return ""
-
-
-def _serial_problem(device: str) -> str:
-    if not Path(device).exists():
-        return f"{device} does not exist"
-    return "" if os.access(device, os.R_OK | os.W_OK) else f"no right to use {device}"
 
 
 def _console(root: Path, device: str) -> bool | None:
