@@ -206,12 +206,18 @@ def _datum(text: str) -> Literal["amsl", "ellipsoidal"] | None:
 
 
 def _check_date(text: str) -> None:
-    from datetime import date
+    from datetime import UTC, date, datetime, timedelta
 
+    if not text:
+        return
     try:
-        _ = text and date.fromisoformat(text)
-    except ValueError as why:
-        raise ConfigError(f"--capture-date: {text!r} is no date", remedy="write it as YYYY-MM-DD") from why
+        taken = date.fromisoformat(text)
+    except ValueError:
+        taken = None
+    if taken is None or taken.isoformat() != text:
+        raise ConfigError(f"--capture-date: {text!r} is no date", remedy="write it as YYYY-MM-DD")
+    if taken > datetime.now(tz=UTC).date() + timedelta(days=1):
+        raise ConfigError(f"--capture-date: {text} is still to come", remedy="correct it, or the clock of this computer")
 
 
 def _described(result: dict[str, Any]) -> Iterator[tuple[str, str]]:

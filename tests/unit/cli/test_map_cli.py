@@ -140,8 +140,11 @@ def test_wrong_options_are_named(tmp_path: Path, ortho: Path, visloc: Visloc) ->
     base = ("build", "--ortho", ortho, "--out", tmp_path / "pack")
     with pytest.raises(ConfigError, match=r"--vertical-datum.*amsl or ellipsoidal"):
         visloc(*base, "--vertical-datum", "sea")
-    with pytest.raises(ConfigError, match=r"--capture-date.*YYYY-MM-DD"):
-        visloc(*base, "--capture-date", "last summer")
+    for date in ("last summer", "20240630", "2024-W26-7", "30.06.2024"):
+        with pytest.raises(ConfigError, match=r"--capture-date.*YYYY-MM-DD"):
+            visloc(*base, "--capture-date", date)
+    with pytest.raises(ConfigError, match=r"--capture-date: 2924-06-30 is still to come; remedy"):
+        visloc(*base, "--capture-date", "2924-06-30")
     for height in ("nan", "1e6"):
         with pytest.raises(ConfigError, match=r"--ground-height-m.*remedy"):
             visloc(*base, "--ground-height-m", height)
