@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 map_app = typer.Typer(help="Build, describe and check map packs.", no_args_is_help=True)
 map_app.command()(features)
-MANY = ("--ortho", "--cloud")
+MANY = ("--ortho", "--dsm", "--cloud")
 Pack = Annotated[Path, typer.Argument(metavar="PACK", help="Folder of the pack.")]
 Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the result here.")]
 
@@ -57,7 +57,9 @@ def repeated(args: Sequence[str]) -> list[str]:
 def build(
     ortho: Annotated[list[Path], typer.Option(metavar="FILE...", help="Orthophotos (GeoTIFF); the first lies on top.")],
     out: Annotated[Path, typer.Option(metavar="PACK", help="Folder to make; an existing pack is replaced.")],
-    dsm: Annotated[Path | None, typer.Option(metavar="FILE", help="Surface model (GeoTIFF).")] = None,
+    dsm: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE...", help="Surface models (GeoTIFF); the first lies on top.")
+    ] = None,
     cloud: Annotated[
         list[Path] | None, typer.Option(metavar="FILE...", help="Point clouds (.las, .laz): kept, and the surface without --dsm.")
     ] = None,

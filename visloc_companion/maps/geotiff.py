@@ -359,7 +359,8 @@ def _reading(path: Path) -> Iterator[None]:
     try:
         yield
     except RasterioError as why:
-        raise MapError(f"pixels cannot be read: {why}", where=str(path), remedy=_READ_AGAIN) from why
+        said = why.__cause__ or why  # rasterio says "see previous exception"; GDAL names block or tile
+        raise MapError(f"pixels cannot be read: {said}", where=str(path), remedy=_READ_AGAIN) from why
 
 
 def _sampled(path: Path, dataset: Any, bands: tuple[int, ...]) -> FloatArray:

@@ -47,7 +47,7 @@ SOFTWARE = f"visloc-companion {visloc_companion.__version__}"
 
 def build_pack(
     orthos: Sequence[Path],
-    dsm: Path | None,
+    dsm: Path | Sequence[Path] | None,
     out: Path,
     *,
     clouds: Sequence[Path] = (),
@@ -63,8 +63,9 @@ def build_pack(
     finest_features_m: float = FINEST_FEATURES_M,
     progress: Progress | None = None,
 ) -> Manifest:
-    """Build a pack from GeoTIFFs (the first orthophoto on top) and clouds. `cloud_crs` is that of clouds that state none.
+    """Build a pack from GeoTIFFs (of orthophotos, and of surface models, the first on top) and clouds.
 
+    `cloud_crs` is that of clouds that state none.
     The pack keeps the clouds' upper points; where there is no surface model, they make that as well. Without either the ground
     is the plane `ground_h_amsl_m`. `vertical_datum` is that of the surface; where heights are
     ellipsoidal, h_amsl = h_ell - `geoid_undulation_m`. The gradient's features are stored at all levels, those of `networks`
@@ -74,7 +75,8 @@ def build_pack(
     ModelError for networks whose names are no file names.
     """
     report = progress or _no_progress
-    require_utf8(*map(str, (*orthos, dsm, *clouds, out)), name, source, licence)
+    dsms = [dsm] if isinstance(dsm, Path) else list(dsm or ())
+    require_utf8(*map(str, (*orthos, *dsms, *clouds, out)), name, source, licence)
     check_target(out)
     functions = (GRADIENT, *networks)
     check_names(functions)
@@ -84,9 +86,9 @@ def build_pack(
     sources = [_ortho_source(path, stretches) for path in orthos]
     grid = pack_grid(sources)
     cloud = pack_cloud(clouds, cloud_crs, grid, vertical_datum, geoid_undulation_m)
-    surface = make_surface(surface_sources(dsm, clouds, cloud_crs), grid, vertical_datum, geoid_undulation_m)
+    surface = make_surface(surface_sources(dsms, clouds, cloud_crs), grid, vertical_datum, geoid_undulation_m)
     _check_undulation(geoid_undulation_m, surface, cloud)
-    rasters = [file for path in (*orthos, *([dsm] if dsm else ())) for file in files_of(path)]
+    rasters = [file for path in (*orthos, *dsms) for file in files_of(path)]
     inputs = tuple(_inputs([*rasters, *clouds], report))
     made_from: list[object] = [
         cloud_crs,
@@ -94,7 +96,7 @@ def build_pack(
         vertical_datum,
         geoid_undulation_m,
         len(orthos),
-        dsm is None,
+        len(dsms),
         len(clouds),
     ]
     made_from += [finest_features_m, *(entry.sha256 for entry in inputs), *((each.name, each.recipe) for each in functions)]

@@ -36,14 +36,16 @@ class Surface:
     grid: TargetGrid
 
 
-def surface_sources(dsm: Path | None, clouds: Sequence[Path], cloud_crs: str = "") -> tuple[Source, ...]:
-    """The surface model or, without one, the upper surfaces of the clouds. Raises MapError, DatumMissing."""
-    if dsm is None:
-        return tuple(cloud_surface(path, cloud_crs) for path in clouds)
+def surface_sources(dsms: Sequence[Path], clouds: Sequence[Path], cloud_crs: str = "") -> tuple[Source, ...]:
+    """The surface models or, without one, the upper surfaces of the clouds. Raises MapError, DatumMissing."""
+    return tuple(map(_model, dsms)) or tuple(cloud_surface(path, cloud_crs) for path in clouds)
+
+
+def _model(dsm: Path) -> Source:
     tiff = open_dsm(dsm)
     require_heights(tiff)
     gsd_m = tiff.gsd_m
-    return (Source(str(dsm), layer_of(tiff), tiff.crs, gsd_m),)
+    return Source(str(dsm), layer_of(tiff), tiff.crs, gsd_m)
 
 
 def make_surface(
@@ -112,7 +114,7 @@ def _datum(named: Sequence[tuple[str, MapCrs]], stated: Datum | None) -> Datum:
             "its CRS says that heights are ellipsoidal", where=ellipsoidal[0], remedy="--vertical-datum ellipsoidal"
         )
     if 0 < len(ellipsoidal) < len(named) and stated is None:
-        raise DatumMissing("heights of the clouds have different datums", where=ellipsoidal[0], remedy="convert them to one")
+        raise DatumMissing("heights of the files have different datums", where=ellipsoidal[0], remedy="convert them to one")
     return stated or ("ellipsoidal" if ellipsoidal else "amsl")
 
 

@@ -171,6 +171,7 @@ def test_damaged_pack_is_found(tmp_path: Path, ortho: Path, visloc: Visloc) -> N
     ("args", "want"),
     [
         (["--ortho", "a", "b", "--out", "p"], ["--ortho", "a", "--ortho", "b", "--out", "p"]),
+        (["--dsm", "a", "b", "--out", "p"], ["--dsm", "a", "--dsm", "b", "--out", "p"]),
         (["--cloud", "a", "b", "c"], ["--cloud", "a", "--cloud", "b", "--cloud", "c"]),
         (["--ortho", "a", "--ortho", "b"], ["--ortho", "a", "--ortho", "b"]),
         (["--out", "p", "q"], ["--out", "p", "q"]),

@@ -15,6 +15,7 @@ from rasterio import Affine
 from rasterio.shutil import copy
 from rasterio.warp import Resampling, reproject
 
+from visloc_companion.errors import MapError
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.geo.wgs84 import distance_m, geo_from_ned
 from visloc_companion.localise.registry import make_localiser
@@ -159,3 +160,39 @@ def test_a_frame_is_placed_where_it_was_taken(tmp_path: Path, frame: Image, rast
     assert isinstance(answer, Fix), answer
     assert distance_m(answer.place, PLACE) < 0.16, "a third of a pixel: half a pixel of another convention shows"
     assert answer.place.h_amsl_m == pytest.approx(PLACE.h_amsl_m, abs=0.2)
+
+
+def test_a_surface_model_in_tiles_is_put_together(tmp_path: Path) -> None:
+    """One of them in another CRS: where they meet there is neither a gap nor a step. The first lies on top."""
+    heights, half = SCENE.dsm_amsl_m, SIDE // 2
+    west = write(tmp_path / "west.tif", heights[:, :half])
+    east = write(tmp_path / "east.tif", heights[:, half:], EDGES @ Affine.translation(half, 0))
+    wrong = write(tmp_path / "wrong.tif", heights + 100)
+    other = write(tmp_path / "other.tif", heights[:, half:], EDGES @ Affine.translation(half, 0), "EPSG:25832")
+    ortho = write(tmp_path / "a.tif", SCENE.pixels)
+    places = np.stack(np.meshgrid(EAST + np.arange(5.0, 245), NORTH - np.arange(5.0, 245)), -1).reshape(-1, 2)
+    truth = heights[np.rint((NORTH - places[:, 1]) / GSD_M).astype(int), np.rint((places[:, 0] - EAST) / GSD_M).astype(int)]
+    for tiles in ([west, east], [east, west, wrong], [west, other]):
+        manifest = build_pack([ortho], tiles, tmp_path / "pack")
+        assert manifest.heights.share_known == 1.0
+        assert [entry.file for entry in manifest.inputs] == ["a.tif", *(tile.name for tile in tiles)]
+        assert np.abs(PackMap.open(tmp_path / "pack").heights_amsl_m(places) - truth).max() < 0.01
+
+
+def test_damage_is_told_by_block_and_by_tile(tmp_path: Path) -> None:
+    """rasterio's own words are "Read failed. See previous exception for details"."""
+    ortho = write(tmp_path / "a.tif", SCENE.pixels, tiled=True, compress="deflate")
+    size = ortho.stat().st_size
+    with ortho.open("r+b") as stream:
+        stream.seek(size // 2)
+        stream.write(b"\xff" * (size // 4))
+    with pytest.raises(MapError, match=r"a\.tif: pixels cannot be read: .*a\.tif, band 1: IReadBlock failed"):
+        build_pack([ortho], None, tmp_path / "pack")
+    corner = ", ".join(str(value) for value in EDGES.to_gdal())
+    (tmp_path / "a.vrt").write_text(
+        f'<VRTDataset rasterXSize="{SIDE}" rasterYSize="{SIDE}"><SRS>{CRS}</SRS><GeoTransform>{corner}</GeoTransform>'
+        '<VRTRasterBand dataType="Byte" band="1"><SimpleSource><SourceFilename relativeToVRT="1">gone.tif</SourceFilename>'
+        "<SourceBand>1</SourceBand></SimpleSource></VRTRasterBand></VRTDataset>"
+    )
+    with pytest.raises(MapError, match=r"a\.vrt: pixels cannot be read: .*gone\.tif: No such file"):
+        build_pack([tmp_path / "a.vrt"], None, tmp_path / "pack")
