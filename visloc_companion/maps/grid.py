@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -162,6 +163,18 @@ class GridMap:
         valid = warp_affine(self._pixels, fine, (4 * size_px[0], 4 * size_px[1]))[1]
         return np.asarray(valid.reshape(size_px[1], 4, size_px[0], 4).mean(axis=(1, 3)), np.float64)
 
+    def contrast_left(self, T_map_cell: FloatArray, size_px: tuple[int, int], side_px: int) -> FloatArray:
+        """(height, width) how much of the contrast of each pixel of a coarse window, (2, 3) `T_map_cell`, is left where 4 x 4
+        pixels of the map are averaged: 0.25 of white noise. `side_px`, a multiple of 4, of them lie along a coarse one."""
+        share = 1 / side_px
+        fine = compose_affine(T_map_cell, np.array([[share, 0.0, share / 2 - 0.5], [0.0, share, share / 2 - 0.5]]))
+        left = np.zeros((size_px[1], size_px[0]))
+        for row in range(size_px[1]):
+            here = compose_affine(fine, np.array([[1.0, 0.0, 0.0], [0.0, 1.0, row * side_px]]))
+            pixels, valid = warp_affine(self._pixels, here, (size_px[0] * side_px, side_px))
+            left[row] = _contrast_left(pixels if pixels.ndim == 2 else pixels[..., 1], valid, side_px)
+        return left
+
     def _height_pix(self, layer: Layer, map_m: FloatArray) -> FloatArray:
         """(N, 2) pix of the height layer at (N, 2) easting, northing of the map."""
         if self._heights.crs != self._crs:
@@ -178,3 +191,15 @@ class GridMap:
         layer = heights.layer
         places = warp_places(layer, lambda pix: self._height_pix(layer, apply_affine(T_map_pix, pix)), size_px)
         return np.asarray(places[0], np.float32)
+
+
+def _contrast_left(pixels: NDArray[np.uint8], valid: NDArray[np.bool_], side_px: int) -> FloatArray:
+    """(N,) of the squares of a strip (side_px, N side_px); what is not valid counts as the mean of the rest."""
+    strip = pixels.astype(np.float32)
+    if not valid.all():
+        known = valid.reshape(side_px, -1, side_px)
+        mean = (strip.reshape(known.shape) * known).sum(axis=(0, 2)) / np.maximum(known.sum(axis=(0, 2)), 1)
+        strip = np.where(valid, strip, np.repeat(mean, side_px)).astype(np.float32)
+    averaged = cv2.resize(strip, (strip.shape[1] // 4, side_px // 4), interpolation=cv2.INTER_AREA)
+    full, left = (part.reshape(len(part), -1, n).std(axis=(0, 2)) for part, n in ((strip, side_px), (averaged, side_px // 4)))
+    return np.asarray(left / np.maximum(full, 1e-6), np.float64)

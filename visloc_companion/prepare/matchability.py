@@ -13,21 +13,26 @@ from visloc_companion.maps.pack import PackMap
 from visloc_companion.types import FloatArray
 
 LEVEL = 4
-"""Stored level that is judged, four times coarser than the map: sensor noise has averaged out, structure has not."""
+"""Stored level that is judged, four times coarser than the map: most of the sensor's noise is averaged out, structure is not."""
 CELL_PX = 16
 MIN_TEXTURE = 0.4
 """Mean magnitude of the gradient features: a mean gradient of 0.4 grey levels a pixel."""
 MAX_COHERENCE = 0.9
 """Share of the gradients that have one direction; rows and shores above it leave the place along them open."""
+NOISE_LEFT = 0.5
+"""Of the contrast, where 4 x 4 pixels are averaged: 0.25 of noise, up to 0.48 where JPEG has stored it, and of cells of land at
+least 0.65 (NAIP of 5 m) or 0.82 (a town of 0.16 m)."""
 MIN_VALID = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matchability:
-    """Cells of a map, (rows, cols): texture (NaN without content), coherence in [0, 1], and where the cells lie."""
+    """Cells of a map, (rows, cols): texture (NaN without content), coherence in [0, 1], how much of the contrast is left where
+    4 x 4 pixels are averaged, and where the cells lie."""
 
     texture: FloatArray
     coherence: FloatArray
+    contrast_left: FloatArray
     T_map_cell: FloatArray
     cell_m: float
 
@@ -38,8 +43,8 @@ class Matchability:
 
     @property
     def flat(self) -> NDArray[np.bool_]:
-        """Cells with too little texture: water, snow, bare ground."""
-        return self.known & (np.nan_to_num(self.texture) < MIN_TEXTURE)
+        """Cells with too little texture, or none but noise: water, snow, bare ground."""
+        return self.known & ((np.nan_to_num(self.texture) < MIN_TEXTURE) | (self.contrast_left < NOISE_LEFT))
 
     @property
     def one_way(self) -> NDArray[np.bool_]:
@@ -77,7 +82,9 @@ def matchability(pack: PackMap) -> Matchability:
     half = CELL_PX / 2
     T_map_cell = np.array([[a * CELL_PX, b, c + a * half], [d, e * CELL_PX, f + e * half]])
     _mask_unknown(pack, T_map_cell, texture)
-    return Matchability(texture, coherence, T_map_cell, stored.level.gsd_m * CELL_PX)
+    side_px = max(4, 4 * round(CELL_PX * stored.level.gsd_m / pack.gsd_m / 4))
+    left = pack.contrast_left(T_map_cell, (cols, rows), side_px)
+    return Matchability(texture, coherence, left, T_map_cell, stored.level.gsd_m * CELL_PX)
 
 
 def _judge(magnitude: NDArray[np.float32], features: NDArray[np.float32]) -> tuple[float, float]:

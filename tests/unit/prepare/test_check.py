@@ -2,6 +2,7 @@ import json
 from itertools import pairwise
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -59,6 +60,21 @@ def test_water_is_flat_and_land_is_not(lake: PackMap) -> None:
     assert any("little texture" in warning for warning in result["warnings"])
     assert result["passed"]
     json.dumps(result, allow_nan=False)
+
+
+@pytest.mark.parametrize("quality", [None, 75, 90])
+def test_noise_is_no_texture(tmp_path: Path, write_raster, quality: int | None) -> None:
+    """Still water under a noisy camera has a gradient everywhere, and JPEG stores it as patches."""
+    image = textured(700, 700)
+    image[:, 320:] = np.clip(70 + np.random.default_rng(5).normal(0, 4, (700, 380)), 1, 255).astype(np.uint8)
+    if quality is not None:
+        stored = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+        image = np.maximum(cv2.imdecode(stored, cv2.IMREAD_GRAYSCALE), 1)
+    write_raster(tmp_path / "a.tif", image, UTM, PLACE, 0.3)
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+    cells = matchability(PackMap.open(tmp_path / "pack"))
+    assert cells.good.shape == (11, 11) and cells.known.all()
+    assert cells.good[:, :5].all() and not cells.good[:, 5:].any()
 
 
 def test_rows_of_one_direction_are_warned_of(tmp_path: Path, write_raster) -> None:
