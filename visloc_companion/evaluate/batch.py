@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from multiprocessing import get_context
+from multiprocessing.synchronize import Event
 from typing import TypeVar
 
 import cv2
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+_broken_off: list[Event] = []
+"""In a process of `run_all`: whether nobody waits for its results any more; empty in others."""
 
 
 def run_all(
@@ -24,17 +29,35 @@ def run_all(
     """Results in the order of the items, by so many processes; where one of them is killed, this process does the rest.
 
     `here` is what this process does with an item; `there`, which travels by pickle, what the others do, `at_once` items a time.
-    OpenCV has one thread in each of them.
+    OpenCV has one thread in each of them. Broken off (Ctrl-C, which is this process' to hear, or an iterator that is closed),
+    they end with the item that they are at.
     """
     if jobs <= 1:
         cv2.setNumThreads(1)
         yield from map(here, items)
         return
-    done = 0
+    done, context = 0, get_context("spawn")
+    broken_off = context.Event()
     try:
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)) as pool:
-            for result in pool.map(there, items, chunksize=at_once):
-                done += 1
-                yield result
+        with ProcessPoolExecutor(jobs, mp_context=context, initializer=_began, initargs=(broken_off,)) as pool:
+            try:
+                for result in pool.map(partial(_unless_broken_off, there), items, chunksize=at_once):
+                    done += 1
+                    yield result
+            finally:
+                broken_off.set()
     except BrokenProcessPool:
         yield from run_all(items[done:], here, there, 1)
+
+
+def _began(broken_off: Event) -> None:
+    """First thing in a process of `run_all`."""
+    _broken_off.append(broken_off)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    cv2.setNumThreads(1)
+
+
+def _unless_broken_off(there: Callable[[Item], Result], item: Item) -> Result:
+    if any(event.is_set() for event in _broken_off):
+        raise InterruptedError("nobody waits for this result")
+    return there(item)

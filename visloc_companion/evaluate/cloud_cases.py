@@ -17,7 +17,16 @@ from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.types import FloatArray
 
 CLOUD_FIELDS = ("source", "reference")
-SIGMA_FIELDS = ("sigma_horizontal_m", "sigma_vertical_m", "sigma_yaw_deg", "sigma_tilt_deg", "sigma_scale")
+LEAST_SIGMAS = {
+    "sigma_horizontal_m": 0.1,
+    "sigma_vertical_m": 0.1,
+    "sigma_yaw_deg": 0.05,
+    "sigma_tilt_deg": 0.02,
+    "sigma_scale": 5e-4,
+}
+"""A prior is taken to know nothing better: what is given as exact (0) is to be found as well as a registration can tell, and an
+answer that differs by a hair is no contradiction."""
+SIGMA_FIELDS = tuple(LEAST_SIGMAS)
 TRUTH_FIELDS = ("id", "T_reference_source")
 GROWTH = "sigma_growth_m"
 """A field that may be missing."""
@@ -80,7 +89,9 @@ def _case(folder: Path, entry: object, number: int) -> CloudCase | BadCloudCase:
         return BadCloudCase(f"entry{number + 1}", "is no object")
     case_id = str(entry.get("id") or f"entry{number + 1}")
     try:
-        horizontal_m, vertical_m, yaw_deg, tilt_deg, scale = (_sigma(entry, field) for field in SIGMA_FIELDS)
+        horizontal_m, vertical_m, yaw_deg, tilt_deg, scale = (
+            max(_sigma(entry, field), least) for field, least in LEAST_SIGMAS.items()
+        )
         growth_m = _sigma({GROWTH: 0.0} | entry, GROWTH)
         source, reference = (folder / _text(entry, field) for field in CLOUD_FIELDS)
     except ValueError as why:

@@ -218,6 +218,25 @@ def test_priors_come_in_radians(folder: Path) -> None:
     assert isinstance(bad, BadCloudCase) and bad.why == "sigma_scale is not a number: 'wide'"
 
 
+def test_what_is_given_as_exact_is_found_where_it_is(tmp_path: Path) -> None:
+    """An answer that differs from an exact prior by a centimetre is right, and no contradiction."""
+    rng = np.random.default_rng(5)
+    xy = rng.uniform(-70, 70, (60_000, 2))
+    crowns = np.column_stack([rng.uniform(-70, 70, (160, 2)), rng.uniform(2, 9, 160), rng.uniform(1.5, 4, 160)])
+    upper = [h * np.maximum(0, 1 - ((xy - [e, n]) ** 2).sum(1) / r**2) for e, n, h, r in crowns]
+    points = np.column_stack([xy, np.max(upper, 0) + 0.02 * xy[:, 0] + rng.normal(0, 0.05, len(xy))])
+    inner = np.abs(points[:, :2]).max(1) < 30
+    np.savez_compressed(tmp_path / "source.npz", points=points[::2][inner[::2]])
+    np.savez_compressed(tmp_path / "reference.npz", points=points[1::2])
+    entry = {"source": "source.npz", "reference": "reference.npz", **SIGMAS}
+    exact = [entry | {"id": field, field: 0.0} for field in SIGMAS] + [entry | dict.fromkeys(SIGMAS, 0.0) | {"id": "all"}]
+    (tmp_path / "cases.json").write_text(json.dumps([entry | {"id": "none"}, *exact]))
+    document = evaluate_cloud(tmp_path, DEFAULT_METHOD)[0]
+    assert {case["id"]: case["status"] for case in document["cases"]} == dict.fromkeys(["none", *SIGMAS, "all"], "fix")
+    for case in document["cases"]:
+        assert np.abs(np.array(case["T_reference_source"]) - np.eye(4)).max() < 0.2
+
+
 def test_command_writes_json_and_report(folder: Path, tmp_path: Path) -> None:
     out, report = tmp_path / "out.json", tmp_path / "report"
     command = ["cloud", str(folder), "--method", "means", "--json", str(out), "--report", str(report)]
