@@ -58,6 +58,7 @@ def _with_link(settings: Config | None, url: str) -> Config | None:
 def _print(report: Report, everything: bool) -> None:
     from rich.console import Console
 
+    from visloc_companion.doctor.finding import number
     from visloc_companion.doctor.parameter_file import diff
     from visloc_companion.doctor.report import summary, table
 
@@ -67,8 +68,11 @@ def _print(report: Report, everything: bool) -> None:
         console.print("To change in the autopilot:", highlight=False)
         for line in diff(report.facts.parameters, report.changes):
             console.print(f"  {line}", highlight=False, markup=False)
-    for name in report.applied:
-        console.print(f"set and read back: {name}", highlight=False, markup=False)
+    for name, value in report.applied.items():
+        console.print(f"set and read back: {name} = {number(value)}", highlight=False, markup=False)
+    if report.changes:
+        done = "The table is of before. " if report.applied else ""
+        console.print(f"{done}Afterwards reboot the autopilot, and run the doctor again.", highlight=False)
     console.print(summary(report), highlight=False)
 
 

@@ -20,11 +20,13 @@ from visloc_companion.doctor.collect.parameters import Parameters
 from visloc_companion.doctor.collect.system import read_system
 from visloc_companion.doctor.collect.vehicle import Vehicle, read_vehicle
 from visloc_companion.doctor.facts import Facts
-from visloc_companion.doctor.finding import Judged, judge
+from visloc_companion.doctor.finding import Judged, agree, judge
 from visloc_companion.doctor.parameter_file import changes
 from visloc_companion.doctor.rules.registry import RULES
 from visloc_companion.errors import LinkError
 from visloc_companion.types import AutopilotKind
+
+_ROUNDS, _AGAIN_S = 3, 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,14 +85,25 @@ async def _report(wishes: Wishes, config: Config, vehicle: Vehicle | None, conve
     if vehicle is None or conversation is None:
         return Report(facts, judged, {})
     new = changes(RULES, facts)
-    report = Report(facts, judged, new, dict(vehicle.parameters.types))
+    report = Report(facts, agree(judged, new), new, dict(vehicle.parameters.types))
     done: dict[str, float] = {}
     try:
         if wishes.apply:
-            await apply(conversation, vehicle.parameters, new, done)
+            await _apply_all(conversation, vehicle.parameters, facts, done)
     except LinkError as problem:
         return replace(report, applied=done, problem=problem)
     return replace(report, applied=done)
+
+
+async def _apply_all(conversation: Conversation, parameters: Parameters, facts: Facts, done: dict[str, float]) -> None:
+    """Apply what must change, and what must among the parameters that show only then (VISO_TYPE hides the other VISO_*)."""
+    for _ in range(_ROUNDS):
+        before = len(done)
+        await apply(conversation, parameters, changes(RULES, facts), done)
+        if len(done) == before:
+            return
+        await parameters.read_again(_AGAIN_S)
+        facts = replace(facts, parameters=dict(parameters.values))
 
 
 async def apply(conversation: Conversation, parameters: Parameters, new: Mapping[str, float], done: dict[str, float]) -> None:

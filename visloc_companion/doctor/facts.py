@@ -19,7 +19,7 @@ class LinkFacts:
     `refused` what it denied. `rtt_ms` are TIMESYNC round trips; `timesync_requests_hz` are the autopilot's own requests.
     `drift_ppm` is how much faster its clock runs than ours, within `drift_sigma_ppm`. `mission` is None where the autopilot
     did not answer, and empty where it has none. `signed`: the autopilot signs.
-    `others` are (system, component) of further senders of HEARTBEAT.
+    `others` are (system, component) of further senders of HEARTBEAT. `lost_share`: messages lost, of all that were sent.
     """
 
     url: str
@@ -47,6 +47,7 @@ class LinkFacts:
     signed: bool = False
     other_autopilots: tuple[int, ...] = ()
     others: tuple[tuple[int, int], ...] = ()
+    lost_share: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +138,11 @@ class Facts:
         return self.config or Config()
 
     @property
+    def parameters_complete(self) -> bool:
+        """Whether what `parameters` lacks the autopilot does not have; False where some were lost on the way."""
+        return self.link is None or 0 < self.link.parameters_expected <= len(self.parameters)
+
+    @property
     def choice(self) -> Choice:
         """What the daemon would send to this autopilot (adapters/mavlink/outputs/choice.py)."""
         wanted = self.assumed.injection
@@ -144,7 +150,7 @@ class Facts:
             kind=self.autopilot,
             plane=None if self.link is None else self.link.vehicle == "plane",
             parameters=self.parameters,
-            complete=bool(self.parameters),
+            complete=bool(self.parameters) and self.parameters_complete,
             vision_source_set=wanted.vision_source_set,
             sensor_id=wanted.position_sensor_id,
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from visloc_companion.doctor.facts import Facts
@@ -98,14 +98,24 @@ def _answer(rule: Rule, facts: Facts) -> Judged:
     if rule.poses and not facts.sends_poses:
         return Judged(rule, Level.SKIPPED, str(facts.choice), "concerns positions of a vision system only")
     finding = rule.check(facts)
-    remedy = "" if finding.level is Level.GREEN else _remedy(rule, finding)
+    remedy = "" if finding.level is Level.GREEN else finding.remedy or rule.remedy
+    if finding.parameters:
+        remedy = _to_set(rule, finding.parameters)
     return Judged(rule, finding.level, finding.read, remedy, finding.parameters)
 
 
-def _remedy(rule: Rule, finding: Finding) -> str:
-    if not finding.parameters:
-        return finding.remedy or rule.remedy
-    values = ", ".join(f"{name} = {number(value)}" for name, value in finding.parameters.items())
+def agree(judged: list[Judged], agreed: Mapping[str, float]) -> list[Judged]:
+    """The same answers; what several rules would set in different ways is told in each with the value that suits all of them."""
+    return [_agreeing(answer, agreed) if answer.parameters else answer for answer in judged]
+
+
+def _agreeing(answer: Judged, agreed: Mapping[str, float]) -> Judged:
+    parameters = {name: agreed.get(name, value) for name, value in answer.parameters.items()}
+    return replace(answer, parameters=parameters, remedy=_to_set(answer.rule, parameters))
+
+
+def _to_set(rule: Rule, parameters: Mapping[str, float]) -> str:
+    values = ", ".join(f"{name} = {number(value)}" for name, value in parameters.items())
     return f"set {values}" + (f", {REBOOT}" if REBOOT in rule.remedy else "")
 
 

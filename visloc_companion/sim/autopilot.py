@@ -143,6 +143,7 @@ class BuiltInAutopilot:
 
     def _send(self, message: Message) -> None:
         self._out += message.pack(self._mav)
+        self._mav.seq = (self._mav.seq + 1) % 256
 
     # ------------------------------------------------------------------------------------------------------------- state
 

@@ -9,6 +9,7 @@ ARDUPILOT = [
     ap("ap-viso-type", "red", "VISO_TYPE = 1", VISO_TYPE=3),
     ap("ap-viso-delay", "red", "VISO_DELAY_MS = 10", VISO_DELAY_MS=300),
     ap("ap-viso-delay", "amber", "VISO_DELAY_MS = 10", VISO_DELAY_MS=200),
+    ap("ap-viso-delay", "amber", "VISO_DELAY_MS = 250, then reboot", link(rtt_ms=(600.0,) * 9)),
     ap("ap-viso-position-noise", "amber", "VISO_POS_M_NSE = 0.5", VISO_POS_M_NSE=0.2),
     ap("ap-viso-quality", "amber", "VISO_QUAL_MIN = 0", VISO_QUAL_MIN=50),
     ap("ap-viso-quality", "red", "VISO_QUAL_MIN = 0", both(AS_VISION, parameters(VISO_QUAL_MIN=50))),
@@ -43,6 +44,7 @@ ARDUPILOT = [
     ap("ap-ekf-failsafe-action", "amber", "FS_EKF_ACTION = 1", FS_EKF_ACTION=0),
     ap("ap-source-switch", "amber", "RCn_OPTION = 90", config("injection", switch_source=False)),
     ap("ap-serial-protocol", "red", "SERIAL1_PROTOCOL = 2", SERIAL1_PROTOCOL=1),
+    ap("ap-serial-protocol", "red", "SERIAL2_PROTOCOL = 2", both(parameters(SERIAL2_PROTOCOL=1), link(mavlink_version=1))),
     ap(
         "ap-serial-baud",
         "red",

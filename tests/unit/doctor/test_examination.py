@@ -120,6 +120,37 @@ async def test_parameters_that_were_lost_are_asked_for_again(served: Callable[..
     assert report.facts.parameters["EKF2_NOAID_TOUT"] == 5e6
 
 
+class Hiding(BuiltInAutopilot):
+    """Shows the other VISO_* once VISO_TYPE is not 0, as ArduPilot does, and loses every tenth message on the way."""
+
+    sent = 0
+
+    def outgoing(self) -> bytes:
+        """See BuiltInAutopilot."""
+        if self.parameters["VISO_TYPE"] != 0:
+            self.parameters.setdefault("VISO_POS_M_NSE", 0.2)
+        kept, parser = b"", mav.MAVLink(None)
+        parser.robust_parsing = True
+        for message in parser.parse_buffer(super().outgoing()) or []:
+            self.sent += 1
+            kept += b"" if self.sent % 10 == 0 else message.get_msgbuf()
+        return kept
+
+
+async def test_parameters_that_show_only_then_are_set_too_and_losses_are_seen(served: Callable[..., Any]) -> None:
+    kind = AutopilotKind.ARDUPILOT
+    pilot = Hiding(kind, "copter", HOME, [(0.0, 0.0, -100.0)], 10.0, 1, start_airborne=False, faults=no_gnss())
+    pilot.parameters.update(recommended(kind) | {"VISO_TYPE": 0.0})
+    del pilot.parameters["VISO_POS_M_NSE"]
+    report = await examined(served, pilot, apply=True)
+    assert report.problem is None
+    assert (report.changes, report.applied) == ({"VISO_TYPE": 1.0}, {"VISO_TYPE": 1.0, "VISO_POS_M_NSE": 0.5})
+    assert pilot.parameters["VISO_POS_M_NSE"] == 0.5
+    assert report.facts.link is not None
+    assert report.facts.link.lost_share == pytest.approx(0.1, abs=0.03)
+    assert bad(report)["link-loss"] == "amber"
+
+
 async def test_rates_that_were_forgotten_are_asked_for_again(served: Callable[..., Any]) -> None:
     """ArduPilot accepts them before it is ready."""
     pilot = BuiltInAutopilot(
@@ -149,7 +180,7 @@ async def test_an_autopilot_that_only_beats_is_red_where_it_matters_and_skipped_
     levels = {answer.rule.id: str(answer.level) for answer in report.judged}
     assert report.problem is None
     assert (levels["ap-viso-type"], levels["firmware-measured"], levels["link-clock-drift"]) == ("skipped",) * 3
-    assert (levels["link-parameters"], levels["link-round-trip"], levels["link-attitude-rate"]) == ("amber", "red", "red")
+    assert (levels["link-parameters"], levels["link-round-trip"], levels["link-attitude-rate"]) == ("red", "red", "red")
 
 
 async def test_nothing_is_set_while_armed_nor_unasked(served: Callable[..., Any]) -> None:

@@ -11,7 +11,8 @@ import pytest
 from tests.unit.doctor.breaks import BREAKS
 from tests.unit.doctor.changes import Break, Change, config, link, parameters, without
 from visloc_companion.doctor.facts import Facts
-from visloc_companion.doctor.finding import Level, judge
+from visloc_companion.doctor.finding import Level, agree, judge
+from visloc_companion.doctor.parameter_file import changes
 from visloc_companion.doctor.rules.registry import RULES, THEMES
 from visloc_companion.types import AutopilotKind
 
@@ -84,6 +85,45 @@ def test_a_parameter_that_was_lost_is_not_taken_for_an_old_version(good: Good) -
     facts = without("EKF2_EV_CTRL")(good(AutopilotKind.PX4))
     answers = judge(RULES, link(parameters_expected=1000)(facts))
     assert next(a.level for a in answers if a.rule.id == "firmware-px4-external-vision") is Level.SKIPPED
+
+
+def test_a_rule_about_a_parameter_that_was_lost_says_so(good: Good) -> None:
+    """Of a part of the parameters the doctor must not say that all is well."""
+    facts = link(parameters_expected=1000)(without("VISO_TYPE")(good(AutopilotKind.ARDUPILOT)))
+    answers = {a.rule.id: a for a in judge(RULES, facts)}
+    assert (answers["ap-viso-type"].level, answers["ap-viso-type"].read) == (Level.SKIPPED, "VISO_TYPE was not read")
+    assert answers["ap-viso-type"].remedy == "see link-parameters"
+    assert answers["link-parameters"].level is Level.RED
+
+
+def test_source_sets_that_a_switched_off_filter_hides_are_not_taken_for_an_old_version(good: Good) -> None:
+    """ArduPilot 4.7 with EK3_ENABLE 0 has no parameter EK3_SRC1_POSXY."""
+    shown = {name for name in good(AutopilotKind.ARDUPILOT).parameters if name.startswith("EK3_")}
+    facts = good(AutopilotKind.ARDUPILOT)
+    for name in shown:
+        facts = without(name, EK3_ENABLE=0.0)(facts)
+    answers = {a.rule.id: a for a in judge(RULES, link(parameters_expected=len(facts.parameters))(facts))}
+    assert (answers["ap-ekf3"].level, answers["ap-ekf3"].remedy) == (Level.RED, "set EK3_ENABLE = 1, then reboot the autopilot")
+    assert answers["firmware-ardupilot-source-sets"].level is Level.SKIPPED
+    assert answers["firmware-ardupilot-source-sets"].remedy == "see ap-ekf3"
+
+
+@pytest.mark.parametrize(
+    ("kind", "wrong", "remedy"),
+    [
+        (AutopilotKind.ARDUPILOT, {"ARMING_CHECK": 262144}, "set ARMING_CHECK = 786430"),
+        (AutopilotKind.ARDUPILOT, {"EK3_SRC_OPTIONS": 9}, "set EK3_SRC_OPTIONS = 0"),
+        (AutopilotKind.PX4, {"EKF2_EV_CTRL": 14}, "set EKF2_EV_CTRL = 1"),
+    ],
+)
+def test_rules_that_share_a_parameter_tell_the_same_value(
+    good: Good, kind: AutopilotKind, wrong: dict[str, float], remedy: str
+) -> None:
+    """Each alone would say another one: of ARMING_CHECK even 0, which is no check at all."""
+    facts = parameters(**wrong)(good(kind))
+    answers = [a for a in agree(judge(RULES, facts), changes(RULES, facts)) if a.parameters]
+    assert len(answers) >= 2
+    assert {a.remedy for a in answers} == {remedy}
 
 
 def test_the_worst_comes_first(good: Good) -> None:

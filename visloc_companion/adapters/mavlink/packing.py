@@ -22,8 +22,10 @@ class Packer:
         self._mav.srcSystem = system_id
 
     def packet(self, message: Message) -> bytes:
-        """The packet of a message."""
+        """The packet of a message, numbered in turn: receivers count what is lost."""
         if self._time is not None:
             self._time.advance(time.monotonic_ns())
             self._mav.signing.timestamp = self._time.next()
-        return bytes(message.pack(self._mav))
+        packet = bytes(message.pack(self._mav))
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return packet

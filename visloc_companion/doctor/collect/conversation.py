@@ -21,6 +21,7 @@ from visloc_companion.adapters.mavlink.packing import Packer
 from visloc_companion.adapters.mavlink.serial_channel import SerialChannel
 from visloc_companion.adapters.mavlink.signing import SigningSettings, is_signed
 from visloc_companion.adapters.mavlink.timesync import Timesync
+from visloc_companion.doctor.collect.numbers import Numbers
 from visloc_companion.errors import LinkError
 from visloc_companion.types import AutopilotKind, TimesyncSample
 
@@ -48,6 +49,7 @@ class Conversation:
         self.autopilots: set[int] = set()
         self.others: set[tuple[int, int]] = set()
         self.bytes_in = 0
+        self._numbers = Numbers()
         self._framer = Framer()
         self._timesync = Timesync()
         self.signed = False
@@ -106,6 +108,11 @@ class Conversation:
     def garbage_share(self) -> float:
         """Bytes so far that were no message, of all."""
         return self._framer.counts.garbage_bytes / max(1, self.bytes_in)
+
+    @property
+    def lost_share(self) -> float:
+        """Messages of the autopilot that did not arrive, of all that it sent so far."""
+        return self._numbers.lost_share(self._framer.counts.unknown)
 
     # ------------------------------------------------------------------------------------------------------- talking
 
@@ -173,6 +180,7 @@ class Conversation:
         self._packer.speak_as(self.system_id)
         self.mavlink_version = 1 if message.get_msgbuf()[0] == mav.PROTOCOL_MARKER_V1 else 2
         self.signed = is_signed(message.get_msgbuf())
+        self._numbers.take(message.get_seq())
         self.last[kind] = message
         self.counts[kind] += 1
         if kind == "TIMESYNC":

@@ -14,8 +14,10 @@ from visloc_companion.errors import LinkError
 from visloc_companion.types import AutopilotKind
 
 REAL_TYPES = (mav.MAV_PARAM_TYPE_REAL32, mav.MAV_PARAM_TYPE_REAL64)
-_QUIET_S, _ROUNDS, _SILENT_ROUNDS, _AT_ONCE, _ANSWER_S, _TRIES = 1.5, 12, 3, 30, 1.0, 4
+_QUIET_S, _ROUNDS, _SILENT_ROUNDS, _AT_ONCE, _ANSWER_S, _TRIES = 1.5, 120, 3, 30, 1.0, 4
 NO_INDEX = 65535
+_CHECKSUM = "_HASH_CHECK"
+"""PX4 sends it among the parameters, and does not count it as one."""
 
 
 class Parameters:
@@ -30,19 +32,23 @@ class Parameters:
         conversation.listeners.append(self._heard)
 
     async def read_all(self, timeout_s: float) -> None:
-        """Ask for the list, then for what did not come, until nothing is missing or the time is over."""
-        system = self._conversation.system_id
-        self._conversation.send(mav.MAVLink_param_request_list_message(system, AUTOPILOT_COMPONENT))
+        """Ask for the list, which may take so long, then for what did not come until nothing is missing or nothing more comes."""
+        self._ask_for_list()
         await self._flow(timeout_s)
-        for number in range(_ROUNDS):
-            if self._complete or (self.expected == 0 and number >= _SILENT_ROUNDS):
+        silent = 0
+        for _ in range(_ROUNDS):
+            if self._complete or silent >= _SILENT_ROUNDS:
                 return
-            missing = [index for index in range(self.expected) if index not in self._indices][:_AT_ONCE]
-            for index in missing:
-                self._conversation.send(mav.MAVLink_param_request_read_message(system, AUTOPILOT_COMPONENT, b"", index))
-            if not missing:
-                self._conversation.send(mav.MAVLink_param_request_list_message(system, AUTOPILOT_COMPONENT))
-            await self._flow(_QUIET_S)
+            known = len(self._indices)
+            await self._ask_for_missing()
+            silent = silent + 1 if len(self._indices) == known else 0
+
+    async def read_again(self, timeout_s: float) -> None:
+        """Forget what was read, and read all: a parameter that was set may show others (ArduPilot's VISO_TYPE)."""
+        self.values.clear()
+        self._indices.clear()
+        self.expected = 0
+        await self.read_all(timeout_s)
 
     async def set(self, name: str, value: float) -> None:
         """PARAM_SET until PARAM_VALUE says the same. Raises LinkError where the autopilot does not take it."""
@@ -65,6 +71,18 @@ class Parameters:
     def _complete(self) -> bool:
         return 0 < self.expected <= len(self._indices)
 
+    def _ask_for_list(self) -> None:
+        self._conversation.send(mav.MAVLink_param_request_list_message(self._conversation.system_id, AUTOPILOT_COMPONENT))
+
+    async def _ask_for_missing(self) -> None:
+        missing = [index for index in range(self.expected) if index not in self._indices][:_AT_ONCE]
+        if not missing:
+            self._ask_for_list()
+        for index in missing:
+            message = mav.MAVLink_param_request_read_message(self._conversation.system_id, AUTOPILOT_COMPONENT, b"", index)
+            self._conversation.send(message)
+        await self._conversation.until(lambda: bool(missing) and self._indices.issuperset(missing), _QUIET_S)
+
     async def _flow(self, timeout_s: float) -> None:
         """Wait while parameters go on coming, at most `timeout_s`."""
         for _ in range(max(1, math.ceil(timeout_s / _QUIET_S))):
@@ -82,7 +100,7 @@ class Parameters:
         if message.get_type() != "PARAM_VALUE":
             return
         name, value = message.param_id.rstrip("\x00"), parameter_value(message, self._conversation.kind)
-        if not math.isfinite(value):
+        if not math.isfinite(value) or name == _CHECKSUM:
             return
         self.values[name] = value
         self.types[name] = int(message.param_type)

@@ -20,7 +20,7 @@ from visloc_companion.doctor.collect.conversation import Conversation
 from visloc_companion.types import RequestMessage, TimesyncSample
 
 _ANSWER_S, _FIRST_S, _TIMESYNC_S, _STEPS = 1.0, 2.0, 0.1, (1.0, 0.75, 0.5)
-_LEAST_SAMPLES, _LEAST_SPAN_S = 10, 2.0
+_LEAST_SAMPLES, _LEAST_SPAN_S, _MORE_TIMES = 10, 2.0, 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,15 +68,16 @@ async def measure(conversation: Conversation, config: Config, seconds: float) ->
 
 
 async def _see_to_it(conversation: Conversation, wanted: dict[int, float], names: dict[int, str]) -> None:
-    """Ask once more for what does not come: ArduPilot acknowledges rates before it is ready, and forgets them."""
+    """Ask again for what does not come: ArduPilot acknowledges rates before it is ready and forgets them; orders go lost."""
     counts = dict(conversation.counts)
 
     def missing() -> list[int]:
         return [number for number, name in names.items() if conversation.counts[name] == counts.get(name, 0)]
 
-    await conversation.until(lambda: not missing(), _FIRST_S)
-    for number in missing():
-        await _ask(conversation, number, wanted[number])
+    for _ in range(_MORE_TIMES):
+        await conversation.until(lambda: not missing(), _FIRST_S)
+        for number in missing():
+            await _ask(conversation, number, wanted[number])
 
 
 def drift(samples: list[TimesyncSample]) -> tuple[float | None, float]:

@@ -15,7 +15,7 @@ from visloc_companion.doctor.facts import LinkFacts
 from visloc_companion.errors import LinkError
 from visloc_companion.types import AutopilotKind, EstimatorStatus, GeoPoint, LinkChanged
 
-_ANSWER_S, _TRIES = 1.0, 3
+_ANSWER_S, _TRIES = 1.0, 5
 _FIXED_WING = 1
 _VTOL = range(19, 26)
 _STATUS = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
@@ -91,6 +91,7 @@ async def read_vehicle(conversation: Conversation, config: Config, seconds: floa
         n_satellites=None if gnss is None or gnss.satellites_visible == 255 else int(gnss.satellites_visible),
         other_autopilots=tuple(sorted(conversation.autopilots - {conversation.system_id})),
         others=tuple(sorted(conversation.others)),
+        lost_share=conversation.lost_share,
     )
     return Vehicle(facts, _version(last.get("AUTOPILOT_VERSION")), parameters)
 

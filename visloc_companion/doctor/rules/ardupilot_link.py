@@ -40,7 +40,8 @@ def _protocol(facts: Facts) -> Finding:
         return skipped("no parameters of serial ports", "give --link URL")
     ports, old = _ports(facts, (MAVLINK2,)), _ports(facts, (MAVLINK1,))
     read = f"MAVLink 2 on {_names(ports)}, MAVLink 1 on {_names(old)}"
-    if ports:
+    spoken = MAVLINK2 if facts.link is None else facts.link.mavlink_version
+    if ports and (spoken == MAVLINK2 or not old):
         return green(read)
     if old:
         return red(read, parameters={f"SERIAL{old[0]}_PROTOCOL": float(MAVLINK2)})

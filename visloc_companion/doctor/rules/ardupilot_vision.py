@@ -31,6 +31,8 @@ def _delay(name: str, value: float, facts: Facts) -> Finding:
     if value > MAX_DELAY_MS or value < 0:
         return red(f"{read}: beyond what the EKF buffers", parameters={name: 10.0})
     least = min(rtt_ms) / 2 if rtt_ms else 0.0
+    if least > value + LINK_DELAY_MS:
+        return amber(read, f"a faster way (link-round-trip); or {name} = {min(MAX_DELAY_MS, round(least))}, {REBOOT}")
     return green(read) if value <= max(LINK_DELAY_MS, least) else amber(read, parameters={name: 10.0})
 
 

@@ -50,8 +50,10 @@ def _has(name: str) -> Callable[[Facts], Finding]:
     def check(facts: Facts) -> Finding:
         if not facts.parameters:
             return skipped("no parameters were read", "give --link URL")
-        if facts.link is not None and name not in facts.parameters and len(facts.parameters) < facts.link.parameters_expected:
+        if name not in facts.parameters and not facts.parameters_complete:
             return skipped("not all parameters were read", "see link-parameters")
+        if name not in facts.parameters and facts.autopilot is AP and facts.parameters.get("EK3_ENABLE", 1.0) != 1:
+            return skipped("EK3_ENABLE is not 1, which hides the source sets", "see ap-ekf3")
         read = f"{facts.version or 'no version'}, {'has' if name in facts.parameters else 'lacks'} {name}"
         return green(read) if name in facts.parameters else red(read)
 

@@ -11,9 +11,12 @@ from visloc_companion.types import AutopilotKind
 Judge = Callable[[LinkFacts, Facts], Finding]
 ENOUGH = 0.7
 MAX_RTT_MS, GRAVE_RTT_MS, MAX_SPREAD_MS = 10.0, 50.0, 50.0
-MAX_DRIFT_PPM, MAX_GARBAGE = 500.0, 0.02
+MAX_DRIFT_PPM, MAX_GARBAGE, MAX_LOST = 500.0, 0.02, 0.02
 LEAST_SAMPLES, LEAST_BAUD = 5, 115_200
 STATUS = {AutopilotKind.ARDUPILOT: "EKF_STATUS_REPORT", AutopilotKind.PX4: "ESTIMATOR_STATUS"}
+NEEDS_POSITION = {AutopilotKind.ARDUPILOT: "LOCAL_POSITION_NED", AutopilotKind.PX4: "GLOBAL_POSITION_INT"}
+"""What an autopilot sends only while its EKF has a position."""
+_UNSENT = {"EKF_STATUS_REPORT": "AHRS_EKF_TYPE = 3 (ap-ekf-type): no other estimator sends it; else a faster line (921600 baud)"}
 
 
 def link_rule(rule_id: str, reads: str, why: str, remedy: str) -> Callable[[Judge], Rule]:
@@ -40,7 +43,9 @@ def _stream(rule_id: str, name: str, why: str) -> Rule:
         read = f"{kind} at {got:.1f} Hz of {asked:g} Hz" + (", refused at first" if kind in link.refused else "")
         if got >= ENOUGH * asked:
             return green(read)
-        return red(read) if got == 0 else amber(read)
+        if got == 0 and not link.claims_position and NEEDS_POSITION.get(facts.autopilot) == kind:
+            return amber(read, "wait for a position of the EKF (link-ekf-position): without one the autopilot does not send it")
+        return red(read, _UNSENT.get(kind, "")) if got == 0 else amber(read)
 
     return rule
 
@@ -49,19 +54,20 @@ def _stream(rule_id: str, name: str, why: str) -> Rule:
     "link-parameters",
     "PARAM_VALUE",
     "Rules about parameters that did not arrive cannot be judged.",
-    "run it again with nothing else on the link; a slow line needs --seconds 20",
+    "run it again with nothing else on the link; a slow line needs --seconds 20. Where none comes: the autopilot may refuse what "
+    "is not signed (link.signing_key_file), or a router on the way drops it",
 )
 def _parameters(link: LinkFacts, facts: Facts) -> Finding:
     got, expected = len(facts.parameters), link.parameters_expected
     read = f"{got} of {expected or 'an unknown number of'} parameters"
-    return green(read) if expected and got >= expected else amber(read)
+    return green(read) if expected and facts.parameters_complete else red(read)
 
 
 @link_rule(
     "link-mavlink-2",
     "the first byte of messages",
     "MAVLink 1 carries neither covariance nor reset counter.",
-    "ArduPilot: SERIALn_PROTOCOL = 2. PX4: MAV_PROTO_VER = 2",
+    "ArduPilot: SERIALn_PROTOCOL = 2 of the companion's port, then reboot the autopilot. PX4: MAV_PROTO_VER = 2",
 )
 def _version(link: LinkFacts, facts: Facts) -> Finding:
     del facts
@@ -79,6 +85,18 @@ def _noise(link: LinkFacts, facts: Facts) -> Finding:
     del facts
     read = f"{100 * link.garbage_share:.1f} % of the bytes"
     return green(read) if link.garbage_share <= MAX_GARBAGE else amber(read)
+
+
+@link_rule(
+    "link-loss",
+    "the numbers of messages",
+    "What is lost on the way here is lost on the way there, too: fewer positions arrive, and orders must be repeated.",
+    "a wire instead of radio, a faster line (921600 baud, flow control), Ethernet that is not full",
+)
+def _loss(link: LinkFacts, facts: Facts) -> Finding:
+    del facts
+    read = f"{100 * link.lost_share:.1f} % of the messages"
+    return green(read) if link.lost_share <= MAX_LOST else amber(read)
 
 
 @link_rule(
@@ -195,6 +213,7 @@ RULES: tuple[Rule, ...] = (
     _parameters,
     _version,
     _noise,
+    _loss,
     _baud,
     _round_trip,
     _jitter,

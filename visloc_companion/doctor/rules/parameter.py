@@ -32,6 +32,8 @@ def parameter(
         for name in candidates:
             if name in facts.parameters:
                 return judge(name, facts.parameters[name], facts)
+        if not facts.parameters_complete:
+            return skipped(f"{candidates[0]} was not read", "see link-parameters")
         return skipped(f"the autopilot has no parameter {candidates[0]}", "nothing to do where this version does not need it")
 
     return Rule(rule_id, reads or (names if isinstance(names, str) else "") or rule_id, why, remedy, check, only, poses)
