@@ -188,13 +188,20 @@ def _report(spec: FlightSpec, flown: FlownScenario, path: Path) -> None:
 
 def _campaign(specs: list[FlightSpec], jobs: int, json_file: Path | None) -> None:
     """What was flown before an interruption, or before a flight that raises, is written and told all the same."""
+    from contextlib import closing
+
     from visloc_companion.cli.progress import bar, write_json
     from visloc_companion.evaluate.campaign import FlownSpec, campaign_outcome, fly_campaign
+    from visloc_companion.evaluate.ended_in_order import ended_in_order
 
     flown = list[FlownSpec]()
     try:
-        with bar(f"{len(specs)} flights", len(specs)) as advance:
-            for one in fly_campaign(specs, jobs):
+        with (
+            ended_in_order(),
+            bar(f"{len(specs)} flights", len(specs)) as advance,
+            closing(fly_campaign(specs, jobs)) as flights,
+        ):
+            for one in flights:
                 flown.append(one)
                 advance(len(flown))
                 typer.echo(_line(one.result))

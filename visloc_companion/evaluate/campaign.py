@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, replace
 from itertools import islice
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 from typing import Any, cast, get_args
 
 import numpy as np
 
 from visloc_companion.config import DEFAULT_METHOD
-from visloc_companion.errors import ConfigError
+from visloc_companion.errors import ConfigError, WorkerError
 from visloc_companion.evaluate.closed_loop import FlightWorld, FlownScenario, fly
 from visloc_companion.localise.registry import METHODS
 from visloc_companion.maps.pack import PackMap
@@ -137,7 +138,7 @@ def _specs_of_file(path: Path, template: FlightSpec) -> Iterator[FlightSpec]:
     remedy = f"name one of {', '.join(CAMPAIGNS)} or a JSON file with a list of flights"
     try:
         items = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as why:
+    except (OSError, ValueError, RecursionError) as why:
         raise ConfigError(f"is no campaign: {why}", where=str(path), remedy=remedy) from why
     if not isinstance(items, list) or not items:
         raise ConfigError("holds no list of flights", where=str(path), remedy=remedy)
@@ -163,8 +164,13 @@ class FlownSpec:
     error_m: FloatArray
 
 
-def fly_campaign(specs: Sequence[FlightSpec], jobs: int) -> Iterator[FlownSpec]:
-    """Fly all, `jobs` at a time in processes of their own; each as it ends. What a flight raises ends the campaign."""
+def fly_campaign(specs: Sequence[FlightSpec], jobs: int) -> Generator[FlownSpec, None, None]:
+    """Fly all, `jobs` at a time in processes of their own; each as it ends.
+
+    What a flight raises ends the campaign, and so does closing the generator: flights under way end with it. Raises WorkerError
+    where the process of a flight is killed.
+    """
+    others = active_children()
     pool = ProcessPoolExecutor(max(1, jobs), mp_context=get_context("spawn"))
     waiting, flying = enumerate(specs), set[Future[FlownSpec]]()
     try:
@@ -176,8 +182,13 @@ def fly_campaign(specs: Sequence[FlightSpec], jobs: int) -> Iterator[FlownSpec]:
             ended, flying = wait(flying, return_when=FIRST_COMPLETED)
             for flight in sorted(ended, key=lambda one: one.exception() is not None):
                 yield flight.result()
+    except BrokenProcessPool as why:
+        raise WorkerError("the process of a flight was killed", remedy="where memory ran out: fewer --jobs") from why
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
+        for process in active_children():
+            if process not in others:
+                process.terminate()  # the pool would wait for its flight's end
 
 
 def campaign_outcome(flown: Sequence[FlownSpec], n_asked: int) -> dict[str, Any]:

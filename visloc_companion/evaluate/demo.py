@@ -8,10 +8,8 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +19,7 @@ from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.errors import ConfigError, LinkError
 from visloc_companion.evaluate.campaign import result_of
 from visloc_companion.evaluate.closed_loop import ALERT_LIMIT_M, FlightWorld, FlownScenario, fault_intervals, fly, judged
+from visloc_companion.evaluate.ended_in_order import ended_in_order
 from visloc_companion.evaluate.free_cores import affordable_speed, free_cores
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.map_image import map_image
@@ -144,7 +143,7 @@ def _fly_processes(out: Path, setup: FlightSetup, world: ProceduralWorld, speed:
         old.unlink()
     on_stage(f"flying {setup.scenario.duration_s:.0f} s at {speed:.2g} times real time, daemon and autopilot over UDP")
     with (
-        _ended_in_order(),
+        ended_in_order(),
         (out / "autopilot.log").open("wb") as pilot_log,
         (out / "daemon.log").open("wb") as daemon_log,
     ):
@@ -160,25 +159,6 @@ def _fly_processes(out: Path, setup: FlightSetup, world: ProceduralWorld, speed:
             _stop(daemon)
             _stop(pilot)
     return _log_of(json.loads(Path(plan.result).read_text(encoding="utf-8")), setup.scenario.duration_s)
-
-
-@contextmanager
-def _ended_in_order() -> Iterator[None]:
-    """SIGTERM and SIGHUP unwind, as Ctrl-C does: else the daemon would fly on with nobody to end it."""
-
-    def end(number: int, _: object) -> None:
-        raise SystemExit(128 + number)
-
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    heard = [number for number in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(number) is not signal.SIG_IGN]  # nohup
-    before = {number: signal.signal(number, end) for number in heard}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _wait(pilot: subprocess.Popen[bytes], daemon: subprocess.Popen[bytes], out: Path, flight_s: float) -> None:
