@@ -139,11 +139,11 @@ def _single(spec: FlightSpec, json_file: Path | None, report: Path | None) -> No
     with bar(f"flying {spec.scenario}", find_scenario(spec.scenario).duration_s) as advance:
         flown = fly_spec(spec, advance)
     result = result_of(flown, spec.method, spec.with_daemon, spec.camera_ortho is None)
-    if json_file is not None:
-        write_result(flown.record, result, json_file)
     typer.echo(_line(result))
     for check in flown.checks:
         typer.echo(f"  {'ok  ' if check.passed else 'FAIL'} {check.name}: {check.value} (limit {check.limit})")
+    if json_file is not None:
+        write_result(flown.record, result, json_file)
     if report is not None:
         _report(spec, flown, report)
     if not flown.passed:

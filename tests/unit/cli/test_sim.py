@@ -268,8 +268,10 @@ def test_a_full_disk_is_told_with_the_option_after_the_flight_was_judged(
 
     monkeypatch.setattr(metrics, "write_epochs", full)
     monkeypatch.setattr(report, "write_flight_report", full)
+    ended = CliRunner().invoke(app, ["--scenario", "jam", "--without-daemon", *places, option, str(tmp_path / "out")])
     with pytest.raises(ConfigError, match=rf"cannot be written: .*No space left.*name a writable file for {option}"):
-        run("--scenario", "jam", "--without-daemon", *places, option, tmp_path / "out")
+        raise ended.exception or AssertionError("nothing was raised")
+    assert ended.stdout.startswith("FLOWN jam ardupilot copter seed 1")
 
 
 def test_a_map_that_is_too_small_is_refused(tiny_world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
