@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,12 +12,12 @@ from visloc_companion.geo.se3 import quat_from_euler, quat_multiply
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.sim.camera import SimulatedCamera
-from visloc_companion.sim.changes import along_way, beyond_the_map, changed
+from visloc_companion.sim.changes import Change, along_way, beyond_the_map, changed
 from visloc_companion.sim.render import CameraSimulator
 from visloc_companion.sim.render_effects import CameraEffects
 from visloc_companion.sim.render_rays import Mask
 from visloc_companion.sim.scene import Scene
-from visloc_companion.sim.setup import BEYOND_M, FIELD_OF_VIEW_RAD, FlightSetup
+from visloc_companion.sim.setup import BEYOND_M, FIELD_OF_VIEW_RAD, SPEED_MPS, FlightSetup
 from visloc_companion.types import FloatArray, GeoPoint, Quat
 
 
@@ -41,7 +42,7 @@ def seen_ground(setup: FlightSetup, scene: Scene) -> tuple[Scene, Mask | None]:
     if scenario.course == "over_the_edge":
         scene = beyond_the_map(scene, BEYOND_M + 2 * setup.height_m * float(np.tan(FIELD_OF_VIEW_RAD)))
     water: Mask | None = None
-    for change in scenario.changes:
+    for change in (met_in_time(change, setup) for change in scenario.changes):
         way = way_pix(setup, scene)
         scene = changed(scene, change, way, setup.seed)
         if change.kind == "water":
@@ -49,6 +50,20 @@ def seen_ground(setup: FlightSetup, scene: Scene) -> tuple[Scene, Mask | None]:
             water = flooded if water is None else np.maximum(water, flooded)
     north_m, east_m = scenario.faults.map_shift_ne_m
     return (scene if north_m == east_m == 0.0 else _moved(scene, setup.area.home, -north_m, -east_m)), water
+
+
+def met_in_time(change: Change, setup: FlightSetup) -> Change:
+    """A change where this vehicle meets it when the copter, whose way a scenario's metres are, would; as long as it was.
+
+    Else a plane had most of it behind itself when GNSS ends. Where the closed way is too short the change stays where it was.
+    """
+    later_m = change.begin_m * (SPEED_MPS[setup.vehicle] / SPEED_MPS["copter"] - 1.0)
+    way = setup.mission_ned_m()
+    length_m = sum(math.dist(a[:2], b[:2]) for a, b in zip(way, (*way[1:], way[0]), strict=True))
+    last_m = change.end_m if math.isfinite(change.end_m) else change.begin_m + 2 * change.half_width_m
+    if last_m + later_m > length_m:
+        return change
+    return replace(change, begin_m=change.begin_m + later_m, end_m=change.end_m + later_m)
 
 
 def way_pix(setup: FlightSetup, scene: Scene) -> FloatArray:

@@ -5,7 +5,9 @@ One small world for all of them. Those without pictures are flown in test_closed
 
 from __future__ import annotations
 
+import math
 import os
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -19,9 +21,9 @@ from visloc_companion.prepare.world import procedural_world
 from visloc_companion.sim import faults
 from visloc_companion.sim.scenarios import SCENARIOS, SEASON_CHANGE, Scenario
 from visloc_companion.sim.scene import Scene
-from visloc_companion.sim.seen import mounting, seen_ground, simulated_camera, way_pix
-from visloc_companion.sim.setup import FlightSetup
-from visloc_companion.types import AutopilotKind
+from visloc_companion.sim.seen import met_in_time, mounting, seen_ground, simulated_camera, way_pix
+from visloc_companion.sim.setup import FlightArea, FlightSetup, VehicleKind
+from visloc_companion.types import AutopilotKind, GeoPoint
 
 SEEN = [scenario for scenario in SCENARIOS.values() if scenario.pictures and scenario is not SEASON_CHANGE]
 SIZE_M, WIDTH_PX = 800.0, 320
@@ -68,6 +70,37 @@ def test_water_lies_where_the_way_passes(world: FlightWorld) -> None:
     way = way_pix(setup, ground)
     leg = way[1] - way[0]
     at = way[0] + leg / np.linalg.norm(leg) * np.array([100.0, 360.0])[:, None] / 0.5
+    assert [bool(water[round(v), round(u)]) for u, v in at] == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "reach_m", "name", "between_m"),
+    [
+        ("copter", 1000.0, "over_water", (250.0, 600.0)),
+        ("plane", 1000.0, "over_water", (625.0, 975.0)),
+        ("plane", 1000.0, "stale_map", (625.0, math.inf)),
+        ("plane", 170.0, "over_water", (250.0, 600.0)),
+    ],
+)
+def test_a_plane_meets_a_change_at_the_same_second(
+    vehicle: VehicleKind, reach_m: float, name: str, between_m: tuple[float, float]
+) -> None:
+    """The water began 5 s before the jamming of a plane, which could never be aiding first; a way of 500 m leaves no choice."""
+    area = FlightArea(GeoPoint(47.4, 8.55, 480.0), reach_m, 0.5)
+    setup = FlightSetup(SCENARIOS[name], area, AutopilotKind.PX4, vehicle, 1)
+    for change in SCENARIOS[name].changes:
+        met = met_in_time(change, setup)
+        assert (met.begin_m, met.end_m) == between_m
+        assert replace(met, begin_m=0.0, end_m=0.0) == replace(change, begin_m=0.0, end_m=0.0)
+
+
+def test_a_planes_water_lies_further_on(world: FlightWorld) -> None:
+    setup = replace(setup_of(SCENARIOS["over_water"], world), vehicle="plane")
+    ground, water = seen_ground(setup, world.scene)
+    assert water is not None
+    way = way_pix(setup, ground)
+    lengths_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T)) * 0.5])
+    at = np.column_stack([np.interp([425.0, 800.0], lengths_m, way[:, axis]) for axis in (0, 1)])
     assert [bool(water[round(v), round(u)]) for u, v in at] == [False, True]
 
 
