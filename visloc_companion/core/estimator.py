@@ -127,8 +127,23 @@ class PositionFilter:
         k, belief = self._belief_at(t_ns, alone=False)
         before, _ = self._around(k)
         gone = self._carried(belief, t_ns + stood_ns, (before, None))
-        self._base = replace(blurred(gone, UNAIDED_SIGMA_MPS * stood_ns * 1e-9), t_ns=t_ns)
-        self._base_velocity = replace(before, t_ns=min(before.t_ns, t_ns))
+        self._begin_anew(t_ns, blurred(gone, UNAIDED_SIGMA_MPS * stood_ns * 1e-9), before)
+
+    def leapt(self, t_ns: int, leapt_ns: int, since_ns: int) -> None:
+        """The clock counted so much, from since_ns on, that did not go by: the vehicle is as much further back, at a velocity
+        known no better than where none arrives. A fix of after the leap has said so already."""
+        k, belief = self._belief_at(t_ns, alone=False)
+        if belief.last_fix_ns is not None and belief.last_fix_ns > since_ns:
+            return
+        before, _ = self._around(k)
+        v_north, v_east, _ = self.at(t_ns).v_ned_mps
+        leapt_s = leapt_ns * 1e-9
+        back = _shifted(belief, (-v_north * leapt_s, -v_east * leapt_s))
+        self._begin_anew(t_ns, blurred(back, UNAIDED_SIGMA_MPS * leapt_s), before)
+
+    def _begin_anew(self, t_ns: int, belief: Belief, velocity: Velocity) -> None:
+        self._base = replace(belief, t_ns=t_ns)
+        self._base_velocity = replace(velocity, t_ns=min(velocity.t_ns, t_ns))
         self._log, self._motions, self._beliefs, self._asked = [], [], [], None
 
     def know_map(self, sigma_m: float) -> None:

@@ -14,6 +14,9 @@ STEP_NS = 50_000_000
 STEP_EVENTS = 5
 """Events may overtake each other by so much; so many in a row further back mean that the clock itself stepped."""
 RESTART_AFTER = 20
+LEAP_NS, LEAP_AGE_NS = 400_000_000, 5_000_000_000
+"""A time without any event that may have been a step forward, at least; and for how long it may explain a step of the clocks'
+offset, which it exceeds by the usual time between events, at most LEAP_NS."""
 REPEAT_NS = 10_000_000_000
 
 
@@ -37,6 +40,7 @@ class TimeGuard:
     def __init__(self) -> None:
         self.now_ns: int | None = None
         self._n_back = self._n_behind = self._behind_ns = 0
+        self._gap_ns = (0, 0)
 
     def check(self, now_ns: int) -> TimeCheck:
         """Judge and remember a time."""
@@ -48,8 +52,18 @@ class TimeGuard:
         if back_ns > (0 if self._n_behind else STEP_NS):
             self._n_behind, self._behind_ns = self._n_behind + 1, max(self._behind_ns, back_ns)
             return TimeCheck.BEHIND
+        if self.now_ns is not None and -back_ns >= LEAP_NS:
+            self._gap_ns = (self.now_ns, now_ns)
         self.now_ns = now_ns if self.now_ns is None else max(self.now_ns, now_ns)
         return TimeCheck.FINE
+
+    def leapt_since_ns(self, step_ns: int) -> int | None:
+        """The last time before a step of the clocks' offset, where it is this clock that stepped: lately nothing happened on it
+        for as long. A step of the other clock leaves no such gap, a process that was held no step."""
+        began_ns, ended_ns = self._gap_ns
+        recent = self.now_ns is not None and self.now_ns - ended_ns <= LEAP_AGE_NS
+        fits = -STEP_NS <= ended_ns - began_ns - step_ns <= LEAP_NS
+        return began_ns if recent and fits else None
 
     def stood_ns(self) -> int:
         """For how long the core's time stood while a clock that had stepped back caught up; asked when it has, told once."""

@@ -185,7 +185,7 @@ class Navigator:
             case Fix() | NoFix():
                 return self._vision.on_answer(event, now_ns)
             case TimesyncSample():
-                return self._telemetry.on_step(self._clock.on_exchange(event))
+                return self._on_exchange(event, now_ns)
             case OriginChanged():
                 return self._on_origin(event)
             case LinkChanged():
@@ -201,6 +201,15 @@ class Navigator:
                 return self._vision.request(now_ns)
 
     # ------------------------------------------------------------------------------------------- the link and its origin
+
+    def _on_exchange(self, event: TimesyncSample, now_ns: int) -> list[Command]:
+        step = self._clock.on_exchange(event)
+        since_ns = None if step is None else self._time.leapt_since_ns(step.jump_ns)
+        if step is not None and since_ns is not None:
+            self._tracker.leapt(now_ns, step.jump_ns, since_ns)
+            self._sending.jumped()
+            self._vision.stood()
+        return self._telemetry.on_step(step)
 
     def _on_origin(self, event: OriginChanged) -> list[Command]:
         if self._search is not None and event.origin != self._tracker.origin:

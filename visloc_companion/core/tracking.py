@@ -208,6 +208,12 @@ class Tracker:
         if self._filter is not None:
             self._filter.stood(t_ns, stood_ns)
 
+    def leapt(self, t_ns: int, leapt_ns: int, since_ns: int) -> None:
+        """Our own clock stepped forward at since_ns: so much time did not go by that it counted."""
+        self._odometry = OdometryAiding()
+        if self._filter is not None:
+            self._filter.leapt(t_ns, leapt_ns, since_ns)
+
     def seed(self, t_ns: int, place: GeoPoint, sigma_m: float) -> bool:
         """Start (or restart) the filter from a place; False while origin or velocity is missing."""
         if self.origin is None or self._velocity is None:

@@ -1,4 +1,4 @@
-"""The companion's clock steps back by less than a second: time stands in the core until it has caught up."""
+"""The companion's clock steps back by less than a second: time stands in the core until it has caught up. Or it leaps."""
 
 from __future__ import annotations
 
@@ -44,6 +44,25 @@ def test_a_filter_goes_on_by_what_the_clock_did_not_count() -> None:
     assert isinstance(flown.observe(fix(1.9, 19.0, 0.0)), TooOld)
     flown.drive(velocity(2.5))
     assert flown.at(round(2.5 * S)).p_ned_m[0] == pytest.approx(33.0, abs=0.5)
+
+
+def test_a_filter_goes_back_by_what_the_clock_counted_too_much() -> None:
+    flown = made()
+    for k in range(1, 9):
+        flown.drive(velocity(0.25 * k))
+    flown.observe(fix(1.9, 19.0, 0.0))
+    before, level_m = flown.at(4 * S), flown.protection_level_m(4 * S)
+    flown.leapt(4 * S, 15 * S // 10, 2 * S)
+    after = flown.at(4 * S)
+    assert after.p_ned_m[0] - before.p_ned_m[0] == pytest.approx(-15.0, abs=0.5)
+    assert after.cov_ne_m2[0][0] - before.cov_ne_m2[0][0] > 4.4**2
+    assert flown.protection_level_m(4 * S) > level_m + 5.0
+    assert isinstance(flown.observe(fix(3.9, 24.0, 0.0)), TooOld)
+    flown.drive(velocity(4.5))
+    flown.observe(fix(4.5, 29.0, 0.0))
+    told = flown.at(5 * S)
+    flown.leapt(5 * S, 15 * S // 10, 2 * S)
+    assert flown.at(5 * S) == told, "a fix of after the leap has told where it is"
 
 
 def test_nothing_is_said_while_time_stands_and_the_level_covers_what_follows(world: type[World]) -> None:

@@ -54,3 +54,16 @@ def test_the_operator_hears_which_localiser_claims_what_cannot_be(var_n_m2: floa
     (notice,) = Complaints().about(fix, Reason.IMPLAUSIBLE_CLAIM, 0)
     assert (notice.text, notice.to_operator) == (f"visloc: a_long_name_ claims {claimed} m, FIXES REFUSED", True)
     assert len(notice.text) <= 50
+
+
+@pytest.mark.parametrize(
+    ("step_s", "asked_s", "since_s"),
+    [(1.5, 12.6, 11.0), (1.5, 17.0, 11.0), (1.5, 18.0, None), (0.6, 12.6, None), (2.0, 12.6, None)],
+)
+def test_a_gap_as_long_as_the_step_tells_whose_clock_leapt(step_s: float, asked_s: float, since_s: float | None) -> None:
+    guard = TimeGuard()
+    for k in range(11):
+        guard.check(10 * S + k * S // 10)
+    for k in range(round((asked_s - 12.6) * 10) + 1):
+        guard.check(126 * S // 10 + k * S // 10)
+    assert guard.leapt_since_ns(round(step_s * S)) == (None if since_s is None else round(since_s * S))

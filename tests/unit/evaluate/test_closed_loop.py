@@ -94,6 +94,16 @@ def test_without_the_daemon_it_ends_far_off(
         assert flown.log.pulled_m > at_least_off_m
 
 
+@pytest.mark.parametrize("kind", KINDS, ids=str)
+def test_a_leap_of_our_own_clock_carries_a_plane_nowhere(kind: AutopilotKind, oracle_eyes: MakeEyes) -> None:
+    """It was stated, and sent, 40 m ahead with a level of 29 m, until the fixes had been gated for 7 s."""
+    scenario = replace(SCENARIOS["companion_clock_step"], duration_s=60.0)
+    flown = fly_with(FlightSetup(scenario, AREA, kind, "plane", 4), oracle_eyes(4))
+    assert flown.passed, failed(flown)
+    after = (flown.record.t_s > 47.5) & flown.record.injected
+    assert np.max(flown.record.error_m[after]) < 8.0
+
+
 def test_the_operator_may_speak_of_a_moving_plane(oracle_eyes: MakeEyes) -> None:
     """What the operator says is true when it is said, not half a minute of flight before."""
     scenario = replace(SCENARIOS["no_gnss"], duration_s=40.0, operator_fix_at_s=8.0)
