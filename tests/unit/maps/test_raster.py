@@ -284,22 +284,6 @@ def test_covers_with_margin(tmp_path: Path, write_raster) -> None:
     assert not ref.covers(95.0, 10.0)
 
 
-@pytest.mark.parametrize("middle_deg", [180.0, -180.0, 190.0])
-def test_longitudes_beyond_the_antimeridian_are_those_of_the_other_side(tmp_path: Path, write_raster, middle_deg: float) -> None:
-    write_raster(tmp_path / "a.tif", image(), "EPSG:4326", (-17.0, middle_deg), 0.5)
-    ref = RasterMap.open(tmp_path / "a.tif")
-    for away_deg in (-0.0005, 0.0, 0.0005):
-        for turn_deg in (-360.0, 0.0, 360.0):
-            lon_deg = middle_deg + away_deg + turn_deg
-            place = ref.to_map(-17.0, lon_deg)
-            assert place == pytest.approx((middle_deg + away_deg, -17.0), abs=1e-9)
-            assert ref.covers(-17.0, lon_deg)
-            assert ref.projection_at(GeoPoint(-17.0, lon_deg, 0.0)).origin_map_m == pytest.approx(place, abs=1e-9)
-            assert -180 <= ref.to_geo(*place)[1] <= 180
-            assert math.remainder(ref.to_geo(*place)[1] - lon_deg, 360) == pytest.approx(0.0, abs=1e-9)
-    assert not ref.covers(-17.0, middle_deg + 1.0)
-
-
 def test_large_rasters_are_read_by_windows(tmp_path: Path, write_raster, monkeypatch: pytest.MonkeyPatch) -> None:
     rgb = np.dstack([image(700), image(700)[::-1], image(700)[:, ::-1]])
     write_raster(tmp_path / "a.tif", rgb, *NORTH, 0.5, photometric="RGB", tiled=True, blockxsize=128, blockysize=128)
@@ -366,20 +350,6 @@ def test_bad_files_are_refused_by_name(tmp_path: Path, write_raster) -> None:
         out.write(np.ones((1, 9, 9), np.uint8))
     with pytest.raises(DatumMissing, match=r"noplace\.tif.*georeference"):
         RasterMap.open(tmp_path / "noplace.tif")
-
-
-@pytest.mark.parametrize(
-    ("crs", "corner"),
-    [("EPSG:32633", (5e7, 5e6)), ("EPSG:32633", (np.inf, 5e6)), ("EPSG:4326", (5e5, 5.2e6)), ("EPSG:4326", (47.0, 115.0))],
-)
-def test_coordinates_that_are_no_place_in_the_crs_are_named(tmp_path: Path, crs: str, corner: tuple[float, float]) -> None:
-    transform = rasterio.Affine(1e-5, 0, corner[0], 0, -1e-5, corner[1])
-    with rasterio.open(
-        tmp_path / "a.tif", "w", driver="GTiff", width=9, height=9, count=1, dtype="uint8", crs=crs, transform=transform
-    ) as out:
-        out.write(np.full((1, 9, 9), 9, np.uint8))
-    with pytest.raises(MapError, match=r"a\.tif: its middle, .* is no place in WGS 84.*remedy"):
-        RasterMap.open(tmp_path / "a.tif")
 
 
 def test_a_folder_is_no_raster(tmp_path: Path) -> None:
