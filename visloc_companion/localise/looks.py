@@ -97,6 +97,7 @@ def _evidence(task: Task, best: Match, estimate: PoseEstimate, lead: float, foun
         height_sigmas=abs(float(pose.p_ned_m[2] - plan.pose.p_ned_m[2])) / max(prior.sigma_h_m, 1.0),
         yaw_sigmas=abs(heading) / max(prior.sigma_yaw_rad, math.radians(0.5)),
         position_sigmas=math.sqrt(float(offset @ np.linalg.solve(plan.cov_ne_m2, offset))),
+        tilt_sigmas=estimate.tilt_sigmas,
         returning=best.returning(),
         sigma_px=horizontal_sigma(claimed_covariance(estimate, best.gsd_m)) / plan.coarse_gsd_m,
     )

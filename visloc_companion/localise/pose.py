@@ -27,19 +27,24 @@ SIGMA_FLOOR = 0.8
 show in their differences."""
 LEAST_SIGMA = 1e-5
 """Of a prior's term (m, rad); nothing is known better."""
+LEAST_TOLD = 1e-6
+"""Share of the tilt's variance about an axis that points take away, where they tell nothing of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseEstimate:
     """Pose, covariance (6, 6) of (north, east, up, rotation about n, e, d), scatter of the residuals (in units of the given
-    sigmas), the final weights (N,) of the correspondences, and by how much (6,) the pose is off per share of the focal length
-    by which the lens is longer than the model has it."""
+    sigmas), the final weights (N,) of the correspondences, by how much (6,) the pose is off per share of the focal length
+    by which the lens is longer than the model has it. Of the prior that it was solved with: the 1-sigma of the tilt, and how many
+    sigmas what the points show of it is from that, their own uncertainty included."""
 
     pose: CameraPose
     covariance: FloatArray
     scatter: float
     weights: FloatArray
     per_focal: FloatArray
+    sigma_tilt_rad: float
+    tilt_sigmas: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +87,8 @@ def freed_of_slope(apparent: PoseEstimate, prior: PriorTerm, sigma_slope_rad: fl
     kept[:, 3:5] -= share * turn
     covariance = np.asarray(kept @ apparent.covariance @ kept.T + share * tilt_2 * turn @ turn.T, dtype=np.float64)
     pose = turned_about_view(apparent.pose, ground_up_m, np.append(-share * tilt, 0.0))
-    return replace(apparent, pose=pose, covariance=covariance, per_focal=np.asarray(kept @ apparent.per_focal))
+    per_focal = np.asarray(kept @ apparent.per_focal)
+    return replace(apparent, pose=pose, covariance=covariance, per_focal=per_focal, sigma_tilt_rad=prior.sigma_tilt_rad)
 
 
 def turned_about_view(pose: CameraPose, ground_up_m: float, turn_rad: FloatArray) -> CameraPose:
@@ -161,7 +167,21 @@ def solve_pose(
         pose, lower_m = moved(pose, delta), seen_m[:, 0] - by_pose_m @ delta
         if abs(delta[:3]).max() < 1e-4:
             break
-    return PoseEstimate(pose, np.asarray(np.linalg.inv(normal), dtype=np.float64), scatter, weights, by_focal)
+    covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    tilt_sigmas = _tilt_sigmas(pose, covariance, prior)
+    return PoseEstimate(pose, covariance, scatter, weights, by_focal, prior.sigma_tilt_rad, tilt_sigmas)
+
+
+def _tilt_sigmas(pose: CameraPose, covariance: FloatArray, prior: PriorTerm) -> float:
+    """Root of chi-squared, of two degrees of freedom where points and prior err as they claim.
+
+    Points that move the tilt away from the prior's make it surer as well: by how far they move it has the prior's covariance less
+    the answer's.
+    """
+    sigma = max(prior.sigma_tilt_rad, LEAST_SIGMA)
+    told, axes = np.linalg.eigh(np.eye(2) - covariance[3:5, 3:5] / sigma**2)
+    _, tilt = heading_and_tilt(pose.R_ned_cam, prior.R_ned_cam)
+    return float(np.linalg.norm(axes.T @ tilt / sigma / np.sqrt(np.maximum(told, LEAST_TOLD))))
 
 
 def _heights_open(

@@ -33,7 +33,7 @@ def set_right(prior: PosePrior) -> PosePrior:
 def seen_tilt(estimate: PoseEstimate, prior: PosePrior) -> TiltSeen | None:
     """How the prior's attitude is tilted as the blocks alone have it, from the pose that blocks and prior gave; None where they
     know too little of it."""
-    of_prior = np.eye(2) / max(prior.sigma_tilt_rad, LEAST_SIGMA) ** 2
+    of_prior = np.eye(2) / max(estimate.sigma_tilt_rad, LEAST_SIGMA) ** 2
     of_both = np.linalg.inv(estimate.covariance[3:5, 3:5])
     of_blocks = of_both - of_prior
     if float(np.linalg.eigvalsh(of_blocks)[0]) < 1 / WIDEST_RAD**2:

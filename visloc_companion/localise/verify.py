@@ -43,7 +43,7 @@ class Evidence:
     the best's; `lead`: log-odds against the other candidates (ranking.py), `mode_mass`:
     probability of its place by the search's posterior; `blocks`, `agreeing`: blocks matched on their own
     and how many agree; `footprint_px`: side of the footprint; `scatter`: of the blocks about the pose, pixels;
-    `height_sigmas`, `yaw_sigmas`, `position_sigmas`: distance from the prior; `returning`: share of blocks that
+    `height_sigmas`, `yaw_sigmas`, `position_sigmas`, `tilt_sigmas`: distance from the prior; `returning`: share of blocks that
     agree from frame to map and back; `sigma_px`: claimed 1-sigma along the worst horizontal axis, pixels of the search.
     """
 
@@ -59,6 +59,7 @@ class Evidence:
     height_sigmas: float
     yaw_sigmas: float
     position_sigmas: float
+    tilt_sigmas: float
     returning: float
     sigma_px: float
 
@@ -131,7 +132,7 @@ def crowded(p: float, share: float, max_probability_wrong: float) -> tuple[Reaso
 
 def refusal(evidence: Evidence, p: float, max_probability_wrong: float) -> tuple[Reason, str] | None:
     """Why the match is declined, or None."""
-    worst = max(evidence.height_sigmas, evidence.yaw_sigmas, evidence.position_sigmas)
+    worst = max(evidence.height_sigmas, evidence.yaw_sigmas, evidence.position_sigmas, evidence.tilt_sigmas)
     if worst > MAX_CHI2_SIGMA:
         return Reason.INCONSISTENT_WITH_PRIOR, f"{worst:.1f} sigma from the prior"
     if p <= max_probability_wrong:

@@ -191,7 +191,7 @@ def test_a_row_of_the_table_counts_refusals_and_far_answers(load, folder, tmp_pa
 
 def test_claims_follow_the_coefficients_without_a_new_run(load, monkeypatch):
     answers = load("answers")
-    numbers = Evidence(0.5, 0.5, 0.6, 2.0, 0.9, 30.0, 25.0, 90.0, 0.8, 0.2, 0.2, 0.5, 0.8, 0.6).numbers() | {
+    numbers = Evidence(0.5, 0.5, 0.6, 2.0, 0.9, 30.0, 25.0, 90.0, 0.8, 0.2, 0.2, 0.5, 0.5, 0.8, 0.6).numbers() | {
         "share": 0.9,
         "p_wrong": 0.7,
         "looks": 1.0,

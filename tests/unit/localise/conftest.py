@@ -174,4 +174,4 @@ def hilly() -> FlatMap:
 @pytest.fixture(scope="session")
 def support() -> SimpleNamespace:
     """The helpers of this file."""
-    return SimpleNamespace(render=render, request_at=request_at, texture=texture, blobs=blobs, FlatMap=FlatMap)
+    return SimpleNamespace(HOME=HOME, render=render, request_at=request_at, texture=texture, blobs=blobs, FlatMap=FlatMap)

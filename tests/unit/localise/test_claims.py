@@ -11,7 +11,7 @@ FORMAL = np.diag([4.0, 9.0, 16.0, 1e-4, 1e-4, 1e-4])
 
 
 def estimate(scatter: float) -> PoseEstimate:
-    return PoseEstimate(CameraPose(np.zeros(3), np.eye(3)), FORMAL.copy(), scatter, np.ones(5), np.zeros(6))
+    return PoseEstimate(CameraPose(np.zeros(3), np.eye(3)), FORMAL.copy(), scatter, np.ones(5), np.zeros(6), 0.01, 0.0)
 
 
 def test_wider_scatter_claims_more_than_the_formal_covariance_says():

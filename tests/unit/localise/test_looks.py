@@ -109,7 +109,7 @@ def test_a_limit_changes_which_answers_are_given_but_none_of_them(map_and_frames
     assert dict(strict.evidence)["p_wrong"] == dict(lenient.evidence)["p_wrong"]
 
 
-GOOD = Evidence(0.6, 0.6, 0.5, 6.0, 0.9, 36.0, 30.0, 170.0, 0.8, 0.5, 0.5, 0.5, 0.7, 0.4)
+GOOD = Evidence(0.6, 0.6, 0.5, 6.0, 0.9, 36.0, 30.0, 170.0, 0.8, 0.5, 0.5, 0.5, 0.5, 0.7, 0.4)
 NOTHING = (Reason.NO_MATCH, "no likeness within the search region")
 
 

@@ -196,7 +196,8 @@ def test_what_a_picture_without_a_tilt_leaves_open_is_the_prior():
     turn = (turned_about_view(pose, 0.0, np.array([1e-6, 0, 0])).p_ned_m - pose.p_ned_m) / 1e-6
     np.testing.assert_allclose(turn, [0, 150, 0], atol=1e-3)
     covariance = np.diag([1e-4, 1e-4, 1e-4, *[widened(term, sigma_slope).sigma_tilt_rad ** 2] * 2, 1e-6])
-    freed = freed_of_slope(PoseEstimate(pose, covariance, 1.0, np.ones(4), np.zeros(6)), term, sigma_slope, 0.0)
+    apparent = PoseEstimate(pose, covariance, 1.0, np.ones(4), np.zeros(6), term.sigma_tilt_rad, 0.0)
+    freed = freed_of_slope(apparent, term, sigma_slope, 0.0)
     assert np.sqrt(np.diag(freed.covariance)[3:5]) == pytest.approx(math.radians(4))
 
 

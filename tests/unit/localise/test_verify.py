@@ -29,6 +29,7 @@ GOOD = Evidence(
     height_sigmas=0.5,
     yaw_sigmas=0.5,
     position_sigmas=0.5,
+    tilt_sigmas=0.5,
     returning=0.7,
     sigma_px=0.4,
 )
@@ -53,6 +54,7 @@ def test_probability_rises_with_worse_evidence(name, worse):
         (replace(GOOD, height_sigmas=5.0), Reason.INCONSISTENT_WITH_PRIOR),
         (replace(GOOD, yaw_sigmas=5.0), Reason.INCONSISTENT_WITH_PRIOR),
         (replace(GOOD, position_sigmas=5.0), Reason.INCONSISTENT_WITH_PRIOR),
+        (replace(GOOD, tilt_sigmas=5.0), Reason.INCONSISTENT_WITH_PRIOR),
         (replace(GOOD, score=0.05, agreeing=3.0), Reason.NO_MATCH),
         (replace(GOOD, score=0.2, coarse_score=0.2, runner_up=0.99, lead=0.1, mode_mass=0.5, agreeing=6.0), Reason.AMBIGUOUS),
         (replace(GOOD, score=0.2, coarse_score=0.2, runner_up=0.8, agreeing=3.0), Reason.BLOCKS_DISAGREE),
