@@ -35,10 +35,20 @@ def untold(source: Path, folder: Path, *, largest_deg: float, n: int, without_su
     for told, truth in zip(_rows(source / "cases.csv"), _rows(source / "truth.csv"), strict=True):
         if len(cases) == n or tilt_deg(truth) > largest_deg:
             continue
-        case = told | NADIR | {"frame": str((source / told["frame"]).resolve())}
+        case = _found_from_anywhere(told, source) | NADIR
         found = _on_a_plane(case, truth) if without_surface else (case, truth)
         cases.append(found[0])
         truths.append(found[1])
+    folder.mkdir(parents=True, exist_ok=True)
+    return write_tables(folder, cases, truths)
+
+
+def without_model(source: Path, folder: Path) -> Path:
+    """The cases of a folder without their surface models."""
+    if (folder / "cases.csv").exists():
+        return folder
+    pairs = zip(_rows(source / "cases.csv"), _rows(source / "truth.csv"), strict=True)
+    cases, truths = zip(*(_on_a_plane(_found_from_anywhere(case, source), truth) for case, truth in pairs), strict=True)
     folder.mkdir(parents=True, exist_ok=True)
     return write_tables(folder, cases, truths)
 
@@ -47,6 +57,10 @@ def tilt_deg(truth: Mapping[str, Any]) -> float:
     """Angle between the camera's down axis and the vertical."""
     roll, pitch = (math.radians(float(truth[k])) for k in ("roll_deg", "pitch_deg"))
     return math.degrees(math.acos(math.cos(roll) * math.cos(pitch)))
+
+
+def _found_from_anywhere(case: dict[str, Any], source: Path) -> dict[str, Any]:
+    return case | {"frame": str((source / case["frame"]).resolve())}
 
 
 def _on_a_plane(case: dict[str, Any], truth: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
