@@ -9,6 +9,7 @@ from visloc_companion.config import LocaliserConfig
 from visloc_companion.geo.pinhole_view import pinhole_view
 from visloc_companion.localise.features.onnx import NetworkFeatures
 from visloc_companion.localise.flight import flight_localiser
+from visloc_companion.localise.masked import behind_the_mask
 from visloc_companion.localise.rectified import behind_the_lens
 from visloc_companion.localise.registry import make_localiser, open_features_for
 from visloc_companion.localise.rolling_shutter import Unrolled
@@ -27,6 +28,11 @@ def configured_localiser(chosen: LocaliserConfig, model: CameraModel) -> tuple[L
     Raises ConfigError for a method that there is not, ModelError where the network cannot be used.
     """
     features = open_features_for(chosen.method, network_choice(chosen))
+    return behind_the_mask(lambda shown: _of_ground(chosen, shown, features), model), features
+
+
+def _of_ground(chosen: LocaliserConfig, model: CameraModel, features: NetworkFeatures | None) -> Localiser:
+    """The localiser of frames that show nothing but ground where the model's mask does not say otherwise."""
     view = pinhole_view(model)
     localiser = flight_localiser(
         chosen.method,
@@ -40,7 +46,7 @@ def configured_localiser(chosen: LocaliserConfig, model: CameraModel) -> tuple[L
     window = SurfaceWindow()  # turn and motion are seen over the same ground
     moving: Localiser = WithMotion(localiser, view, window=window) if chosen.odometry else localiser
     checked = CheckedTwice(moving, _again(chosen, view), chosen.check_every) if chosen.check_every else moving
-    return Unrolled(behind_the_lens(WithTurn(checked, view, window), model), model), features
+    return Unrolled(behind_the_lens(WithTurn(checked, view, window), model), model)
 
 
 def _again(chosen: LocaliserConfig, model: CameraModel) -> Localiser:

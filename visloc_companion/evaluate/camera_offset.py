@@ -22,6 +22,7 @@ from visloc_companion.core.time_offset import log_likelihood
 from visloc_companion.errors import LogError
 from visloc_companion.geo.pinhole_view import pinhole_view
 from visloc_companion.geo.se3 import R_from_quat
+from visloc_companion.localise.masked import painted_over, with_margin
 from visloc_companion.localise.odometry.rotation import TurnWatch
 from visloc_companion.localise.rectified import rectified
 from visloc_companion.types import Attitude, CameraModel, FloatArray, Quat, Turn
@@ -55,7 +56,8 @@ def find_offset(recording: Recording, frames: FrameSource, model: CameraModel, q
 
 def seen_turns(frames: FrameSource, model: CameraModel, q_frd_cambody: Quat) -> list[Turn]:
     """How the camera turned between neighbouring frames, on the frames' own clock; the vehicle is taken to be about level."""
-    watch, turns = TurnWatch(pinhole_view(model)), []
+    shown = with_margin(model)
+    watch, turns = TurnWatch(pinhole_view(shown)), []
     last_us: int | None = None
     for number, t_us in enumerate(frames.t_us[:MOST_FRAMES]):
         if last_us is not None and t_us - last_us < LEAST_GAP_US:
@@ -64,7 +66,7 @@ def seen_turns(frames: FrameSource, model: CameraModel, q_frd_cambody: Quat) -> 
         if pixels is None:
             continue
         last_us = t_us
-        turn = watch.step(rectified(pixels, model), t_us * NS_PER_US, q_frd_cambody).since_last
+        turn = watch.step(rectified(painted_over(pixels, model), shown), t_us * NS_PER_US, q_frd_cambody).since_last
         if turn is not None:
             turns.append(turn)
     return turns

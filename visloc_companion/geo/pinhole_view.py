@@ -7,16 +7,19 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from visloc_companion.geo.camera import unproject
+from visloc_companion.geo.camera import project, unproject
 from visloc_companion.geo.lens import radial_factor, reach_tan
-from visloc_companion.types import CameraModel, FloatArray
+from visloc_companion.types import CameraMask, CameraModel, FloatArray
 
 WIDEST_HALF_DEG = 55.0
 """Off the axis, across and down. Further out ground is seen ever flatter, and a pinhole's picture grows without bound:
 150° of a fisheye would be three times as wide at the same scale in the middle, and 180° endless."""
 INSIDE = 0.999
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
+ROWS = 64
+"""Of a mask, so many are looked up at a time: all of a large picture at once would take gigabytes."""
 
 
 @lru_cache(maxsize=16)
@@ -25,7 +28,8 @@ def pinhole_view(model: CameraModel) -> CameraModel:
     Brown-Conrady camera stays as it is.
 
     It keeps the scale of the middle (`fx_px`, `fy_px`), so that nothing that the sensor resolves there is lost; its size is
-    that of the largest upright picture which the frame fills to its corners, at most 55° off the axis to each side.
+    that of the largest upright picture which the frame fills to its corners, at most 55° off the axis to each side. A mask
+    is turned as the frames are.
     """
     if model.distortion_model == "brown_conrady":
         return model
@@ -33,7 +37,7 @@ def pinhole_view(model: CameraModel) -> CameraModel:
     focal = np.array([model.fx_px, model.fy_px])
     width, height = (max(1, math.floor(extent)) for extent in ((high - low) * focal).tolist())
     cx, cy = (-low * focal).tolist()
-    return replace(
+    view = replace(
         model,
         width_px=width,
         height_px=height,
@@ -41,7 +45,9 @@ def pinhole_view(model: CameraModel) -> CameraModel:
         cy_px=cy,
         distortion=NO_DISTORTION,
         distortion_model="brown_conrady",
+        mask=None,
     )
+    return view if model.mask is None else replace(view, mask=_seen_by(view, model, model.mask.ground()))
 
 
 def field_of_view_deg(model: CameraModel) -> tuple[float, float]:
@@ -73,6 +79,17 @@ def why_folded(model: CameraModel) -> str | None:
         f"the mapping of this {model.distortion_model} lens folds back within the picture, "
         f"at {100 * reach:.0f} % of the way from the principal point to the nearest border"
     )
+
+
+def _seen_by(view: CameraModel, model: CameraModel, ground: NDArray[np.bool_]) -> CameraMask:
+    """The mask of `model`, (H, W) true for ground, as a pinhole of the same place and attitude sees it."""
+    seen = np.zeros((view.height_px, view.width_px), np.bool_)
+    for first in range(0, view.height_px, ROWS):
+        v, u = np.mgrid[first : min(first + ROWS, view.height_px), 0 : view.width_px]
+        pix = np.round(project(model, unproject(view, np.column_stack([u.ravel(), v.ravel()]).astype(np.float64))))
+        column, row = np.clip(pix, 0, (model.width_px - 1, model.height_px - 1)).astype(np.intp).T
+        seen[first : first + ROWS] = ground[row, column].reshape(u.shape)
+    return CameraMask.of(seen)
 
 
 def _distorted(model: CameraModel, r: float) -> float:

@@ -16,6 +16,7 @@ from visloc_companion.geo.lens import is_bent, reach_tan
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.features.gradient import grey
 from visloc_companion.localise.lens_maps import where_seen
+from visloc_companion.localise.masked import ground_of
 from visloc_companion.types import CameraModel, FloatArray, Image
 
 DARK_GREY = 25.0
@@ -24,6 +25,7 @@ MIN_CONTRAST = 2.5
 NOISE_LEFT = 0.35
 """Of the contrast, where 4 x 4 pixels are averaged: 0.25 of white noise, 0.8 and more of ground by day."""
 MIDDLE_PX = 480
+LEAST_OPEN = 0.125
 LEAST_PX = 32
 """A frame's shorter side; smaller ones (a thumbnail) show nothing that could be found."""
 
@@ -42,7 +44,7 @@ class FrameLevel:
 
 def check_pixels(pixels: Image, model: CameraModel) -> tuple[Reason, str] | None:
     """Why a frame cannot be localised whatever the map is, or None."""
-    return unfit(pixels, model) or _shows_nothing(pixels)
+    return unfit(pixels, model) or _shows_nothing(pixels, None if model.mask is None else ground_of(model))
 
 
 def unfit(pixels: Image, model: CameraModel) -> tuple[Reason, str] | None:
@@ -56,25 +58,38 @@ def unfit(pixels: Image, model: CameraModel) -> tuple[Reason, str] | None:
     return None
 
 
-def _shows_nothing(pixels: Image) -> tuple[Reason, str] | None:
+def _shows_nothing(pixels: Image, ground: NDArray[np.uint8] | None) -> tuple[Reason, str] | None:
+    """Why a frame shows nothing where its mask (H, W), 255 for ground, says that there is ground, or None."""
     sample = pixels[::4, ::4] if pixels.ndim == 2 else pixels[::4, ::4, 1]
-    low, middle, high = (float(p) for p in np.percentile(sample, (5, 50, 95)))
+    of_ground = sample if ground is None else sample[ground[::4, ::4] > 0]
+    if not of_ground.size:
+        return Reason.LOW_TEXTURE, "the camera's mask, with its margin, leaves no ground"
+    low, middle, high = (float(p) for p in np.percentile(of_ground, (5, 50, 95)))
     if high < DARK_GREY:
         return Reason.TOO_DARK, f"95 % of the pixels are darker than {high:.0f} of 255"
     if middle > BRIGHT_GREY and low > BRIGHT_GREY - 15:
         return Reason.OVEREXPOSED, f"95 % of the pixels are brighter than {low:.0f} of 255"
     small = cv2.resize(sample, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    if ground is not None:
+        small = small[_wholly(ground[::4, ::4], 0.5) > 0]
     if float(np.std(small)) < MIN_CONTRAST:
         return Reason.LOW_TEXTURE, f"contrast of {float(np.std(small)):.1f} grey levels"
-    return _mostly_noise(pixels if pixels.ndim == 2 else pixels[:, :, 1], middle)
+    return _mostly_noise(pixels if pixels.ndim == 2 else pixels[:, :, 1], middle, ground)
 
 
-def _mostly_noise(channel: Image, middle: float) -> tuple[Reason, str] | None:
-    """Why a frame with this median shows nothing where neighbours in (H, W) have little in common, or None."""
+def _mostly_noise(channel: Image, middle: float, ground: NDArray[np.uint8] | None) -> tuple[Reason, str] | None:
+    """Why a frame with this median shows nothing where neighbours in (H, W) have little in common, or None; also where its
+    mask leaves less than LEAST_OPEN of the middle to tell."""
     row, column = (max(0, (n - MIDDLE_PX) // 2) for n in channel.shape)
-    window = np.ascontiguousarray(channel[row : row + MIDDLE_PX, column : column + MIDDLE_PX])
-    averaged = cv2.resize(window, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
-    contrast, contrast_left = (float(cv2.meanStdDev(p)[1][0, 0]) for p in (window, averaged))
+    middle_part = slice(row, row + MIDDLE_PX), slice(column, column + MIDDLE_PX)
+    window = np.ascontiguousarray(channel[middle_part])
+    averaged = np.asarray(cv2.resize(window, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    seen, wholly_seen = None, None
+    if ground is not None:
+        seen, wholly_seen = np.ascontiguousarray(ground[middle_part]), _wholly(ground[middle_part], 0.25)
+        if float(np.mean(wholly_seen > 0)) < LEAST_OPEN:
+            return None
+    contrast, contrast_left = _contrast(window, seen), _contrast(averaged, wholly_seen)
     if contrast == 0.0:
         return Reason.LOW_TEXTURE, "one and the same grey all over its middle"
     left = contrast_left / contrast
@@ -84,11 +99,22 @@ def _mostly_noise(channel: Image, middle: float) -> tuple[Reason, str] | None:
     return reason, f"noise and little else: averaged over 16 pixels, {100 * left:.0f} % of its contrast is left"
 
 
+def _contrast(channel: Image, seen: NDArray[np.uint8] | None) -> float:
+    """Standard deviation of (H, W), in grey levels, where `seen` (H, W) is not 0; everywhere where it is None."""
+    return float(cv2.meanStdDev(channel, mask=seen)[1][0, 0])
+
+
+def _wholly(ground: NDArray[np.uint8], factor: float) -> NDArray[np.uint8]:
+    """The mask (H, W) reduced by a factor: 255 where all that a pixel is made of is ground, else 0."""
+    share = cv2.resize(ground, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    return np.asarray((share == 255) * np.uint8(255), dtype=np.uint8)
+
+
 def full_level(pixels: Image, model: CameraModel) -> FrameLevel:
     """The undistorted frame at full resolution. The pinhole matrix stays that of the model."""
     K = pinhole_matrix(model)
     image = grey(pixels)
-    valid = np.full(image.shape, 255, np.uint8)
+    valid = np.full(image.shape, 255, np.uint8) if model.mask is None else ground_of(model)
     if is_bent(model):
         map_u, map_v, valid = _undistortion(model)
         image = np.asarray(cv2.remap(image, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
@@ -97,13 +123,12 @@ def full_level(pixels: Image, model: CameraModel) -> FrameLevel:
 
 @lru_cache(maxsize=2)
 def _undistortion(model: CameraModel) -> tuple[Float32Array, Float32Array, NDArray[np.uint8]]:
-    """Where each undistorted pixel is in the frame (u, v), and which are in it at all: the same for all frames of a camera.
+    """Where each undistorted pixel is in the frame (u, v), and which show ground there: the same for all frames of a camera.
 
     Beyond the distortion's reach the polynomial leads back into the frame, to ground that lies elsewhere.
     """
     map_u, map_v = where_seen(model, np.eye(3), pinhole_matrix(model), (model.width_px, model.height_px))
-    everywhere = np.full((model.height_px, model.width_px), 255, np.uint8)
-    valid = np.asarray(cv2.remap(everywhere, map_u, map_v, cv2.INTER_NEAREST, borderValue=0), dtype=np.uint8)
+    valid = np.asarray(cv2.remap(ground_of(model), map_u, map_v, cv2.INTER_NEAREST, borderValue=0), dtype=np.uint8)
     reach = reach_tan(model)
     if math.isfinite(reach):
         x = (np.arange(model.width_px) - model.cx_px) / model.fx_px

@@ -23,7 +23,8 @@ def reduced_model(model: CameraModel, most_px: int) -> CameraModel:
     across, down = width / model.width_px, height / model.height_px
     fx, fy = model.fx_px * across, model.fy_px * down
     cx, cy = (model.cx_px + 0.5) * across - 0.5, (model.cy_px + 0.5) * down - 0.5
-    return replace(model, width_px=width, height_px=height, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy)
+    mask = None if model.mask is None else model.mask.reduced(width, height)
+    return replace(model, width_px=width, height_px=height, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, mask=mask)
 
 
 def resized(pixels: Image, model: CameraModel) -> Image:

@@ -67,6 +67,7 @@ from visloc_companion.types.events import (
     Turn,
     WorkerState,
 )
+from visloc_companion.types.mask import CameraMask
 from visloc_companion.types.reports import ComputerLoad, Report
 from visloc_companion.types.values import (
     DISTORTION_COEFFICIENTS,
@@ -88,6 +89,7 @@ __all__ = [
     "AutopilotKind",
     "Baro",
     "BeyondLimit",
+    "CameraMask",
     "CameraModel",
     "Command",
     "ComputerLoad",

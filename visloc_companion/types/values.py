@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from visloc_companion.errors import Reason
 from visloc_companion.types.basic import Cov2, FloatArray, Image, Vec3, Verdict
+from visloc_companion.types.mask import CameraMask
 
 DistortionModel = Literal["brown_conrady", "rational", "fisheye"]
 DISTORTION_COEFFICIENTS: dict[DistortionModel, tuple[str, ...]] = {
@@ -23,7 +24,8 @@ DISTORTION_COEFFICIENTS: dict[DistortionModel, tuple[str, ...]] = {
 @dataclass(frozen=True, slots=True)
 class CameraModel:
     """A calibrated camera, in pixels of `pix`. Distortion coefficients in OpenCV's order: `brown_conrady` k1 k2 p1 p2 k3,
-    `rational` k1 k2 p1 p2 k3 k4 k5 k6, `fisheye` (equidistant) k1 k2 k3 k4. Raises ValueError for another number of them."""
+    `rational` k1 k2 p1 p2 k3 k4 k5 k6, `fisheye` (equidistant) k1 k2 k3 k4. `mask`: where it sees ground; None is all over.
+    Raises ValueError for another number of coefficients, and for a mask of another size."""
 
     width_px: int
     height_px: int
@@ -33,11 +35,15 @@ class CameraModel:
     cy_px: float
     distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
     distortion_model: DistortionModel = "brown_conrady"
+    mask: CameraMask | None = None
 
     def __post_init__(self) -> None:
         names = DISTORTION_COEFFICIENTS[self.distortion_model]
         if len(self.distortion) != len(names):
             raise ValueError(f"{self.distortion_model} has {len(names)} coefficients, not {len(self.distortion)}")
+        mask, size_px = self.mask, (self.width_px, self.height_px)
+        if mask is not None and (mask.width_px, mask.height_px) != size_px:
+            raise ValueError(f"a mask of {mask.width_px} x {mask.height_px} pixels, frames have {size_px[0]} x {size_px[1]}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,6 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from tests.unit.landing_gear import masked, with_gear
 from tests.unit.level_ground import CRS, level_ground, over_its_middle
 from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.app.localiser import configured_localiser
@@ -22,7 +23,8 @@ from visloc_companion.localise.with_turn import WithTurn
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.protocols import Localiser
 from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.types import FrameRef, GeoPoint, LocaliseRequest, PosePrior
+from visloc_companion.sim.render_motion import Shot
+from visloc_companion.types import CameraModel, FrameRef, GeoPoint, LocaliseRequest, PosePrior, Readout
 
 MODEL = camera_model(CameraConfig())
 FISHEYE = CameraConfig(
@@ -91,3 +93,30 @@ def test_a_wide_camera_s_turn_is_told_as_it_was() -> None:
     turn = answers[1].turn
     assert turn is not None
     assert 2 * np.array(turn.q_from_to[1:]) == pytest.approx([roll, 0.0, 0.0], abs=math.radians(0.05))
+
+
+PINHOLE = CameraConfig(width_px=320, height_px=240, fx_px=250, fy_px=250, cx_px=159.5, cy_px=119.5)
+
+
+@pytest.mark.parametrize("section", [PINHOLE, FISHEYE], ids=["pinhole", "fisheye"])
+def test_gear_in_view_of_a_rolling_shutter_turns_nothing(section: CameraConfig) -> None:
+    """Setting the shutter right moves the gear, too: it is gone before that, and what takes its place is not followed."""
+    bare, roll, place = camera_model(section), math.radians(4.0), over_its_middle(60.0)
+    rate, still, level = (roll / 0.2, 0.0, 0.0), (0.0, 0.0, 0.0), quat_from_euler(0.0, 0.0, 0.3)
+    camera = CameraSimulator(level_ground(), bare)
+    frames = [camera.frame(place, quat_from_euler(k * roll, 0.0, 0.3), shot=Shot(still, rate, 0.04)) for k in range(2)]
+
+    def turn_rad(model: CameraModel, seed: int) -> list[float] | None:
+        localiser, _ = configured_localiser(LocaliserConfig(method="gradient", check_every=0), model)
+        prior = PosePrior(place, level, ((9.0, 0.0), (0.0, 9.0)), 2.0, 0.05, 0.05)
+        for k, pixels in enumerate(frames):
+            frame, readout = FrameRef(0, k * 200_000_000, k, 0, 320, 240, 3), Readout(0.04, rate, still, 60.0)
+            asked = LocaliseRequest(k, frame, prior, 1, readout=readout)
+            answer = localiser.localise(asked, with_gear(pixels, seed) if seed else pixels, cast(Any, _NoMap()))
+        return None if answer.turn is None else (2 * np.array(answer.turn.q_from_to[1:])).tolist()
+
+    told = turn_rad(masked(bare), 5)
+    assert told == pytest.approx([roll, 0.0, 0.0], abs=math.radians(0.25))
+    assert told == turn_rad(masked(bare), 6) == turn_rad(masked(bare), 0), "whatever the gear looks like"
+    untold = turn_rad(bare, 5)
+    assert untold is None or abs(untold[0] - roll) > math.radians(0.5)

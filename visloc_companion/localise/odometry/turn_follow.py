@@ -16,6 +16,7 @@ import numpy as np
 
 from visloc_companion.geo.camera import R_FRD_CAM, pinhole_matrix, scaled, unproject
 from visloc_companion.geo.se3 import quat_from_R
+from visloc_companion.localise.masked import ground_of
 from visloc_companion.localise.odometry.turn_solve import Turned, solved
 from visloc_companion.localise.structure.contrast import as_bytes, evened
 from visloc_companion.localise.structure.tracks import corners_of
@@ -56,6 +57,8 @@ class Follower:
         self._K = pinhole_matrix(m)
         self._inner = np.zeros((m.height_px, m.width_px), np.bool_)
         self._inner[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX] = True
+        if m.mask is not None:
+            self._inner &= cv2.erode(ground_of(m), np.ones((2 * BORDER_PX + 1,) * 2, np.uint8)) > 0
 
     def seen(self, pixels: Image, t_ns: int, R_ned_cam: FloatArray, heights: HeightsAbove | None = None) -> Seen | None:
         """The frame, made ready; None where it is not this camera's. `heights`: of the camera above what rays meet."""
@@ -102,6 +105,8 @@ class Follower:
         p = np.column_stack([there[:, 0], np.ones(len(there))]) @ H.T
         found = p[:, :2] / p[:, 2:3]
         inside = ((found >= BORDER_PX) & (found < np.array(size) - BORDER_PX)).all(1)
+        column, row = found[inside].astype(np.intp).T
+        inside[inside] = self._inner[row, column]
         kept = inside & (forth.ravel() > 0) & (back.ravel() > 0) & (np.hypot(*(again - here)[:, 0].T) < RETURN_PX)
         return kept, np.asarray(found[kept], dtype=np.float64)
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from visloc_companion.geo.camera import unproject
 from visloc_companion.localise.lens_maps import where_seen
+from visloc_companion.localise.masked import ground_of
 from visloc_companion.types import CameraModel, FloatArray, Image
 
 DOWN: FloatArray = np.array([0.0, 0.0, -1.0])
@@ -44,7 +45,7 @@ class View:
         return np.asarray(points_view[:, :2] / points_view[:, 2:3] * self.focal_px - np.array(self.corner), dtype=np.float64)
 
     def render(self, grey: Image, model: CameraModel, R_local_cam: FloatArray) -> tuple[Image, NDArray[np.bool_]]:
-        """(H, W) what the frame shows of the window, and the mask of where it does."""
+        """(H, W) what the frame shows of the window, and the mask of where it does, and where the camera sees ground there."""
         drawn = np.array([[self.focal_px, 0.0, -self.corner[0]], [0.0, self.focal_px, -self.corner[1]], [0.0, 0.0, 1.0]])
         R = self.R_local_view.T @ R_local_cam
         maps = where_seen(model, R, drawn, self.size)
@@ -52,6 +53,8 @@ class View:
         outline = plane_outline(model, R, self.focal_px) - np.array(self.corner)
         seen = np.zeros(self.size[::-1], np.uint8)
         cv2.fillPoly(seen, [np.round(outline * 16).astype(np.int32)], 1, shift=4)
+        if model.mask is not None:
+            seen &= cv2.remap(ground_of(model), maps[0], maps[1], cv2.INTER_NEAREST, borderValue=0)
         return np.asarray(image, dtype=np.uint8), seen > 0
 
 
