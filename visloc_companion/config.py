@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
+import hashlib
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -103,6 +105,11 @@ class CameraConfig(Section):
     """The camera in the vehicle's body: metres forward, right and down of the autopilot's IMU."""
     mount_sigma_deg: NonNegative = 1.0
     """1-sigma of the mounting and attitude together, as the localiser's prior of tilt."""
+    mask: str = ""
+    """8-bit PNG of the image's size, black where the camera sees its own vehicle or the lens's rim, white where it sees ground
+    (docs/on-a-drone.md, Mask); relative to the file that names it. Empty: ground everywhere."""
+    mask_sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
+    """SHA-256 of that file; where it is not stated, that of the file as it is at the start, which journals keep."""
     latency_s: NonNegative = 0.0
     """Time from mid-exposure to arrival, where the camera gives no time stamp."""
     readout_ms: Annotated[float, Field(ge=-200, le=200)] = 0.0
@@ -342,7 +349,22 @@ def load_config(path: Path) -> Config:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as why:
         raise ConfigError(f"is not valid TOML: {why}", where=str(path), remedy="correct the line that is named") from why
-    return parse_config(data, where=str(path))
+    config = parse_config(data, where=str(path))
+    return config.model_copy(update={"camera": mask_found(config.camera, path)}) if config.camera.mask else config
+
+
+def mask_found(camera: CameraConfig, stated_in: Path) -> CameraConfig:
+    """The section with its mask's absolute path, counted from the file that states it, and the SHA-256 of what is there.
+
+    A file that is not there is for those to tell who need it (adapters/camera/mask.py).
+    """
+    if not camera.mask:
+        return camera
+    path, digest = (stated_in.parent / camera.mask).resolve(), camera.mask_sha256
+    if not digest:
+        with contextlib.suppress(OSError):
+            digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    return camera.model_copy(update={"mask": str(path), "mask_sha256": digest})
 
 
 def parse_config(data: dict[str, Any], where: str = "configuration") -> Config:

@@ -54,8 +54,9 @@ class LinkFacts:
 class CameraFacts:
     """What the camera gave in a few seconds. `problem` says why it could not be used; then the rest is empty.
 
-    Of what is looked at in flight, `dark` and `bright` are the shares of pixels at the ends of the range, `unlit` that of pixels
-    that are black in every frame while the middle is not; `repeated` is that of frames equal to the one before.
+    Of what is looked at in flight, without what the camera's mask names, `dark` and `bright` are the shares of pixels at the ends
+    of the range, `unlit` that of pixels that are black in every frame while the middle is not; `repeated` is that of frames equal
+    to the one before.
     """
 
     problem: str = ""

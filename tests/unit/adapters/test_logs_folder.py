@@ -48,6 +48,15 @@ def test_a_whole_folder(flight: Path) -> None:
     assert opened.boot_from_file_ns == 0
 
 
+def test_a_mask_is_sought_in_the_folder(flight: Path) -> None:
+    cv2.imwrite(str(flight / "gear.png"), np.eye(48, 64, dtype=np.uint8) * 255)
+    with (flight / "camera.toml").open("a", encoding="utf-8") as file:
+        file.write('mask = "gear.png"\n')
+    camera = open_folder(flight).camera
+    assert camera is not None
+    assert (camera.mask, len(camera.mask_sha256)) == (str(flight / "gear.png"), 64)
+
+
 def test_unix_times_are_placed_by_the_log(flight: Path) -> None:
     (flight / "camera.toml").write_text('width_px = 64\nheight_px = 48\ntime_base = "unix"\n')
     (flight / "frames.csv").write_text(f"t_us,file\n{UNIX_US},f0.png\n")

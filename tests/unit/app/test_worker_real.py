@@ -12,15 +12,19 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
+from tests.unit.landing_gear import legs, with_gear
 from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.slots import SharedFrameSlots
 from visloc_companion.app.worker import WorkerSupervisor
+from visloc_companion.app.worker_process import open_localiser
 from visloc_companion.config import Config, parse_config
-from visloc_companion.errors import MapError
+from visloc_companion.errors import ConfigError, MapError
+from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.types import Fix, FrameRef, GeoPoint, Image, LocaliseRequest, NoFix, PosePrior, WorkerState
 
@@ -115,3 +119,35 @@ async def test_a_pack_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(MapError, match="remedy"):
         async with worker(configuration(tmp_path / "none")):
             pass
+
+
+async def test_a_worker_does_not_look_at_what_the_mask_names(pack: Path, tmp_path: Path) -> None:
+    """The mask is named by the configuration alone: the process that is spawned reads it."""
+    bare = configuration(pack)
+    pixels, truth = nadir(pack, bare)
+    size = bare.camera.width_px, bare.camera.height_px
+    cv2.imwrite(str(tmp_path / "mask.png"), np.where(legs(*size), 0, 255).astype(np.uint8))
+    camera = bare.camera.model_copy(update={"mask": str(tmp_path / "mask.png")})
+    config = bare.model_copy(update={"camera": camera})
+    prior = PosePrior(truth, (1.0, 0.0, 0.0, 0.0), ((64.0, 0.0), (0.0, 64.0)), 2.0, math.radians(3), math.radians(1))
+    async with worker(config) as (slots, supervisor):
+        frame = FrameRef(0, 5, 0, slots.write(with_gear(pixels)), *size, 1)
+        slots.announce(frame)
+        request = LocaliseRequest(0, frame, prior, 1)
+        supervisor.submit(request)
+        told = await answer(supervisor)
+    other_gear, untold = (open_localiser(c)(request, with_gear(pixels, seed=6)) for c in (config, bare))
+    assert isinstance(told, Fix)
+    assert isinstance(other_gear, Fix)
+    assert distance_m(told.place, truth) < 0.7
+    assert (told.place, told.cov_ne_m2) == (other_gear.place, other_gear.cov_ne_m2)
+    assert not isinstance(untold, Fix) or untold.place != told.place
+
+
+async def test_a_mask_that_is_not_there_stands_against_the_start(pack: Path, tmp_path: Path) -> None:
+    config = configuration(pack)
+    gone = config.model_copy(update={"camera": config.camera.model_copy(update={"mask": str(tmp_path / "mask.png")})})
+    with SharedFrameSlots(camera_model(config.camera)) as slots:
+        supervisor = WorkerSupervisor(gone, slots, MonotonicClock(), on_notice=lambda _: None)
+        with pytest.raises(ConfigError, match=r"camera.mask = .*mask.png: cannot be read: No such file"):
+            await supervisor.start()

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import math
+import re
 from collections.abc import AsyncIterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -21,6 +23,8 @@ from visloc_companion.doctor.collect.maps import read_map
 from visloc_companion.doctor.collect.model import read_model
 from visloc_companion.doctor.collect.rates import drift
 from visloc_companion.doctor.collect.system import read_system
+from visloc_companion.doctor.finding import judge
+from visloc_companion.doctor.rules.registry import RULES
 from visloc_companion.errors import CameraError
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.build import build_pack
@@ -117,6 +121,20 @@ async def test_black_around_the_image_counts_where_it_is_looked_at(half_deg: flo
     assert (facts.problem, facts.n_frames) == ("", 3)
     assert facts.unlit == pytest.approx(unlit, abs=0.02)
     assert facts.dark == pytest.approx(0.0 if half_deg == 90.0 else 0.44, abs=0.02)
+
+
+async def test_a_rim_that_is_masked_is_no_rim(tmp_path: Path) -> None:
+    v, u = np.mgrid[0:240, 0:320]
+    cv2.imwrite(str(tmp_path / "mask.png"), np.where(np.hypot(u - 159.5, v - 119.5) < 118, 255, 0).astype(np.uint8))
+    size = {"width_px": 320, "height_px": 240, "cx_px": 159.5, "cy_px": 119.5, "fx_px": 152.8, "fy_px": 152.8}
+    lens = {"distortion_model": "fisheye", "distortion": (0.0, 0.0, 0.0, 0.0), "mask": str(tmp_path / "mask.png")}
+    config = parse_config({"camera": {"url": "device:0", **size, **lens}})
+    facts = await camera_facts(Round(config.camera), config)
+    assert (facts.problem, facts.unlit, facts.dark) == ("", 0.0, 0.0)
+    good = good_facts(AutopilotKind.PX4)
+    answers = {a.rule.id: a for a in judge(RULES, replace(good, camera=facts, config=config))}
+    assert str(answers["camera-rim"].level) == str(answers["camera-mask"].level) == "green"
+    assert re.fullmatch(r"4[4-7] % of what is looked at are masked", answers["camera-mask"].read)
 
 
 async def test_a_camera_that_gives_nothing_or_cannot_be_used_is_a_problem() -> None:

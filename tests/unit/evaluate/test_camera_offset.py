@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink2
 
+from tests.unit.landing_gear import legs, with_gear
 from visloc_companion.adapters.logs.recording import Losses, Recording
 from visloc_companion.cli.replay_sources import open_source
 from visloc_companion.errors import LogError
@@ -90,7 +91,7 @@ def test_steady_flight_and_another_flight_tell_nothing() -> None:
         best_offset(recording(told[:400]), turns_of(told, 60.0, 200.0, 3.0, 0.004, LEVEL), told[:400], LEVEL)
 
 
-def write_flight(folder: Path, told: list[Attitude], late_s: float, seconds: float) -> None:
+def write_flight(folder: Path, told: list[Attitude], late_s: float, seconds: float, *, gear: bool = False) -> None:
     """Telemetry and rendered pictures of a textured plane."""
     mav = mavlink2.MAVLink(None, srcSystem=1, srcComponent=1)
     pieces = []
@@ -112,7 +113,7 @@ def write_flight(folder: Path, told: list[Attitude], late_s: float, seconds: flo
         to_ground = np.diag([260.0, 260.0, 1.0]) @ np.array([[0, 1.0, 2.3 + 0.01 * k], [-1.0, 0, 2.3], [0, 0, 1.0]])
         H = to_ground @ R_from_quat(a.q_ned_frd) @ R_FRD_CAM @ K_inv
         seen = cv2.warpPerspective(ground, H, (320, 240), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
-        cv2.imwrite(str(folder / f"{k}.jpg"), seen)
+        cv2.imwrite(str(folder / f"{k}.jpg"), with_gear(seen) if gear else seen)
         rows.append(f"{a.t_boot_ns // 1000 - round(late_s * 1e6)},{k}.jpg")
     (folder / "frames.csv").write_text("\n".join(rows))
 
@@ -122,6 +123,17 @@ def test_a_replay_finds_it_and_says_so(tmp_path: Path) -> None:
     write_flight(tmp_path, told, 31.4, 30.0)
     source = open_source(tmp_path, None, None, False, None)
     (note, *_) = [note for note in source.notes() if "clock was found" in note]
+    assert float(note.split("+ ")[1].split(" s")[0]) == pytest.approx(31.4, abs=0.03)
+
+
+def test_gear_in_view_hides_the_clock_until_a_mask_names_it(tmp_path: Path) -> None:
+    write_flight(tmp_path, attitudes(90.0, 0.6), 31.4, 30.0, gear=True)
+    with pytest.raises(LogError, match="state offset_s"):
+        open_source(tmp_path, None, None, False, None)
+    cv2.imwrite(str(tmp_path / "mask.png"), np.where(legs(320, 240), 0, 255).astype(np.uint8))
+    with (tmp_path / "camera.toml").open("a", encoding="utf-8") as file:
+        file.write('mask = "mask.png"\n')
+    (note, *_) = [note for note in open_source(tmp_path, None, None, False, None).notes() if "clock was found" in note]
     assert float(note.split("+ ")[1].split(" s")[0]) == pytest.approx(31.4, abs=0.03)
 
 

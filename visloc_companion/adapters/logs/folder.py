@@ -24,7 +24,7 @@ from visloc_companion.adapters.logs.frames import FrameSource, open_frames
 from visloc_companion.adapters.logs.open import LOG_SUFFIXES, open_log
 from visloc_companion.adapters.logs.recording import NS_PER_S, NS_PER_US, Recording
 from visloc_companion.adapters.logs.truth import TruthRow, read_truth
-from visloc_companion.config import CameraConfig, parse_config
+from visloc_companion.config import CameraConfig, mask_found, parse_config
 from visloc_companion.errors import ConfigError, LogError
 
 TIME_BASES = ("autopilot_boot", "unix", "offset")
@@ -70,7 +70,7 @@ def open_folder(folder: Path, find_offset: FindOffset | None = None, system_id: 
     camera = None
     if settings:
         section = {key: value for key, value in settings.items() if key not in _OWN_KEYS}
-        camera = parse_config({"camera": section}, where=str(folder / "camera.toml")).camera
+        camera = mask_found(parse_config({"camera": section}, where=str(folder / "camera.toml")).camera, folder / "camera.toml")
     frames = open_frames(folder, settings.get("video_start_us"))
     if frames is not None and camera is None:
         raise LogError("is missing beside the frames", where=str(folder / "camera.toml"), remedy="describe the camera there")

@@ -13,6 +13,8 @@ from visloc_companion.app.parts import MakeCamera, check_calibration
 from visloc_companion.config import Config
 from visloc_companion.doctor.facts import CameraFacts
 from visloc_companion.errors import VislocError
+from visloc_companion.geo.pinhole_view import pinhole_view
+from visloc_companion.localise.masked import ground_of
 from visloc_companion.localise.rectified import rectified
 from visloc_companion.protocols import Camera, Clock
 from visloc_companion.types import CameraModel, FrameRef, Image
@@ -25,6 +27,7 @@ class _Slots:
 
     def __init__(self, model: CameraModel) -> None:
         self._model, self._brightest = model, np.zeros((1, 1), np.uint8)
+        self._ground = ground_of(pinhole_view(model)) > 0
         self.dark: list[float] = []
         self.bright: list[float] = []
         self.repeated = 0
@@ -32,8 +35,9 @@ class _Slots:
 
     def write(self, pixels: Image) -> int:
         view = rectified(pixels, self._model)
-        self.dark.append(float(np.mean(view <= _BLACK)))
-        self.bright.append(float(np.mean(view >= _WHITE)))
+        of_ground = view[self._ground] if view.shape[:2] == self._ground.shape else view
+        self.dark.append(float(np.mean(of_ground <= _BLACK)))
+        self.bright.append(float(np.mean(of_ground >= _WHITE)))
         grey = view if view.ndim == 2 else view.max(axis=2)
         self._brightest = np.maximum(self._brightest, grey) if self._brightest.shape == grey.shape else grey
         self.repeated += self._last is not None and np.array_equal(pixels, self._last)
@@ -47,10 +51,13 @@ class _Slots:
 
     @property
     def unlit(self) -> float:
-        """Share of the view that stayed black, 0 where the middle hardly shows anything either."""
+        """Share of the view that stayed black where no mask says why, 0 where the middle hardly shows anything either."""
         height, width = self._brightest.shape
         middle = self._brightest[height // 4 : height - height // 4, width // 4 : width - width // 4]
-        return float(np.mean(self._brightest <= _BLACK)) if np.median(middle) >= _LIT else 0.0
+        black = self._brightest <= _BLACK
+        if black.shape == self._ground.shape:
+            black &= self._ground
+        return float(np.mean(black)) if np.median(middle) >= _LIT else 0.0
 
 
 async def read_camera(config: Config, clock: Clock, seconds: float, make: MakeCamera = make_camera) -> CameraFacts | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from visloc_companion.adapters.camera.calibration import camera_model
+from visloc_companion.adapters.camera.calibration import camera_model, lens_model, masked_share
 from visloc_companion.config import CameraConfig
 from visloc_companion.doctor.facts import CameraFacts, Facts
 from visloc_companion.doctor.finding import Finding, Rule, amber, green, red, skipped
@@ -100,12 +100,28 @@ def _frozen(camera: CameraFacts, facts: Facts) -> Finding:
     "camera-rim",
     "what is black in every frame",
     "A rim that the lens leaves black stands still whatever the ground does: fewer fixes, and turns that are wrong.",
-    "a lens whose image covers the sensor; or crop the pictures to what it covers and calibrate those",
+    "paint it black in the mask that camera.mask names (docs/on-a-drone.md, Mask); or a lens whose image covers the sensor",
 )
 def _rim(camera: CameraFacts, facts: Facts) -> Finding:
     del facts
     read = f"{100 * camera.unlit:.0f} % of what is looked at stay black"
     return green(read) if camera.unlit <= MAX_UNLIT else amber(read)
+
+
+@configured(
+    "camera-mask",
+    "camera.mask",
+    "Landing gear, guards or a gimbal in view stand still while the ground moves: fewer fixes, and turns that are wrong.",
+    "what it says; docs/on-a-drone.md, Mask, tells how to make one",
+)
+def _mask(camera: CameraConfig, facts: Facts) -> Finding:
+    del facts
+    if not camera.mask:
+        return green("names no file: all of the picture is taken for ground")
+    try:
+        return green(f"{100 * masked_share(camera_model(camera)):.0f} % of what is looked at are masked")
+    except ConfigError as why:
+        return red(f"{why.where}: {why.what}")
 
 
 @configured(
@@ -126,7 +142,7 @@ def _focal(camera: CameraConfig, facts: Facts) -> Finding:
 def _wide(camera: CameraConfig) -> Finding:
     """What a rational or fisheye lens sees, and how much of that is looked at."""
     try:
-        model = camera_model(camera)
+        model = lens_model(camera)
     except ConfigError as why:
         return skipped(why.what, "see camera-lens")
     (across_deg, down_deg), (kept_across_deg, kept_down_deg) = field_of_view_deg(model), field_of_view_deg(pinhole_view(model))
@@ -143,7 +159,7 @@ def _wide(camera: CameraConfig) -> Finding:
 def _lens(camera: CameraConfig, facts: Facts) -> Finding:
     del facts
     try:
-        reach = inner_reach(camera_model(camera))
+        reach = inner_reach(lens_model(camera))
     except ConfigError as why:
         return red(why.what)
     if math.isinf(reach):
@@ -261,6 +277,7 @@ RULES: tuple[Rule, ...] = (
     _exposure,
     _frozen,
     _rim,
+    _mask,
     _focal,
     _lens,
     _aspect,
