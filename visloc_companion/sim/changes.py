@@ -30,13 +30,25 @@ BRASH, STREET, ROOFS = (126, 104, 82), (120, 120, 122), ((150, 84, 64), (96, 94,
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One kind of change from `begin_m` to `end_m` of the way, `half_width_m` to either side, on `share` of the parcels."""
+    """One kind of change from `begin_m` to `end_m` of the way, `half_width_m` to either side, on `share` of the parcels.
+
+    `all_else`: not there, but wherever the way before `begin_m` is not, so far to either side of it.
+    """
 
     kind: Kind
     begin_m: float = 0.0
     end_m: float = np.inf
     half_width_m: float = 110.0
     share: float = 1.0
+    all_else: bool = False
+
+
+def lies(change: Change, scene: Scene, way_pix: FloatArray) -> Mask:
+    """(H, W) 255 where a change is, before parcels are chosen, along a closed way (N, 2) of scene pix."""
+    half_m = change.half_width_m
+    if change.all_else:
+        return np.bitwise_not(along_way(scene, way_pix, -half_m, change.begin_m, half_m))
+    return along_way(scene, way_pix, change.begin_m, change.end_m, half_m)
 
 
 def along_way(scene: Scene, way_pix: FloatArray, begin_m: float, end_m: float, half_width_m: float) -> Mask:
@@ -57,7 +69,7 @@ def along_way(scene: Scene, way_pix: FloatArray, begin_m: float, end_m: float, h
 
 def changed(scene: Scene, change: Change, way_pix: FloatArray, seed: int) -> Scene:
     """The scene with one change. Deterministic by the seed."""
-    inside = along_way(scene, way_pix, change.begin_m, change.end_m, change.half_width_m)
+    inside = lies(change, scene, way_pix)
     rng = np.random.default_rng((seed, sum(map(ord, change.kind))))
     parcels = _parcels(scene, rng)
     inside[rng.random(int(parcels.max()) + 1)[parcels] >= change.share] = 0

@@ -12,7 +12,7 @@ from visloc_companion.geo.se3 import quat_from_euler, quat_multiply
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.sim.camera import SimulatedCamera
-from visloc_companion.sim.changes import Change, along_way, beyond_the_map, changed
+from visloc_companion.sim.changes import Change, beyond_the_map, changed, lies
 from visloc_companion.sim.render import CameraSimulator
 from visloc_companion.sim.render_effects import CameraEffects
 from visloc_companion.sim.render_rays import Mask
@@ -46,7 +46,7 @@ def seen_ground(setup: FlightSetup, scene: Scene) -> tuple[Scene, Mask | None]:
         way = way_pix(setup, scene)
         scene = changed(scene, change, way, setup.seed)
         if change.kind == "water":
-            flooded = along_way(scene, way, change.begin_m, change.end_m, change.half_width_m)
+            flooded = lies(change, scene, way)
             water = flooded if water is None else np.maximum(water, flooded)
     north_m, east_m = scenario.faults.map_shift_ne_m
     return (scene if north_m == east_m == 0.0 else _moved(scene, setup.area.home, -north_m, -east_m)), water

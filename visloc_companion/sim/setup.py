@@ -19,6 +19,8 @@ SPEED_MPS: dict[VehicleKind, float] = {"copter": 10.0, "plane": 25.0}
 LEAST_HALF_M = 60.0
 ZIG_M, ZAG_M, BEYOND_M = 35.0, 30.0, 130.0
 FIELD_OF_VIEW_RAD = math.radians(60.0)
+LONGEST_WAY_M = 6000.0
+"""More than a plane flies in 190 s with the wind."""
 
 
 def _loop(half_m: float, reach_m: float) -> list[tuple[float, float]]:
@@ -47,10 +49,20 @@ def _over_the_edge(half_m: float, reach_m: float) -> list[tuple[float, float]]:
     return [(inside, 0.0), (outside, 0.0), (outside, 40.0), (inside, 40.0)]
 
 
+def _out_to_sea(half_m: float, reach_m: float) -> list[tuple[float, float]]:
+    """Along the southern edge, then rounds in the north, so many that no vehicle comes back to the first leg."""
+    del reach_m
+    south_m = 0.4 * half_m
+    lap = [(half_m, half_m), (half_m, -half_m), (south_m, -half_m), (south_m, half_m)]
+    length_m = 2 * (2 * half_m + half_m - south_m)
+    return [(-half_m, -half_m), (-half_m, half_m)] + math.ceil(LONGEST_WAY_M / length_m) * lap
+
+
 COURSES: dict[Course, Callable[[float, float], list[tuple[float, float]]]] = {
     "loop": _loop,
     "zigzag": _zigzag,
     "over_the_edge": _over_the_edge,
+    "out_to_sea": _out_to_sea,
 }
 """Ways (north, east of home, metres) from the half width that keeps the footprint on the map, and from the map's reach."""
 

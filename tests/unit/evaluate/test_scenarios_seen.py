@@ -22,7 +22,7 @@ from visloc_companion.sim import faults
 from visloc_companion.sim.scenarios import SCENARIOS, SEASON_CHANGE, Scenario
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.seen import met_in_time, mounting, seen_ground, simulated_camera, way_pix
-from visloc_companion.sim.setup import FlightArea, FlightSetup, VehicleKind
+from visloc_companion.sim.setup import SPEED_MPS, FlightArea, FlightSetup, VehicleKind
 from visloc_companion.types import AutopilotKind, GeoPoint
 
 SEEN = [scenario for scenario in SCENARIOS.values() if scenario.pictures and scenario is not SEASON_CHANGE]
@@ -102,6 +102,24 @@ def test_a_planes_water_lies_further_on(world: FlightWorld) -> None:
     lengths_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T)) * 0.5])
     at = np.column_stack([np.interp([425.0, 800.0], lengths_m, way[:, axis]) for axis in (0, 1)])
     assert [bool(water[round(v), round(u)]) for u, v in at] == [False, True]
+
+
+@pytest.mark.parametrize("vehicle", ["copter", "plane"])
+def test_nobody_comes_back_from_the_open_sea(vehicle: VehicleKind) -> None:
+    """A plane was back over the land of its first metres after 117 s, was recognised there, and never lost."""
+    scenario = SCENARIOS["open_sea"]
+    area = FlightArea(GeoPoint(47.4, 8.55, 480.0), 1000.0, 0.5)
+    setup = FlightSetup(scenario, area, AutopilotKind.ARDUPILOT, vehicle, 1)
+    way = np.array([(*point[:2],) for point in setup.mission_ned_m()])
+    lengths_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
+    flown_m = 1.2 * SPEED_MPS[vehicle] * scenario.duration_s
+    assert lengths_m[-1] > flown_m
+    at_m = np.arange(0.0, flown_m, 5.0)
+    places = np.column_stack([np.interp(at_m, lengths_m, axis) for axis in way.T])
+    change = met_in_time(scenario.changes[0], setup)
+    land, later = places[at_m < change.begin_m], places[at_m > lengths_m[2]]
+    nearest_m = min(float(np.hypot(*(land - place).T).min()) for place in later)
+    assert nearest_m > 2 * (change.half_width_m + setup.height_m * math.tan(math.radians(30.0)))
 
 
 def test_the_land_beyond_the_map_reaches_as_far_as_is_seen(world: FlightWorld) -> None:

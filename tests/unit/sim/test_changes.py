@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visloc_companion.sim.changes import Change, along_way, beyond_the_map, changed, ground_below
+from visloc_companion.sim.changes import Change, along_way, beyond_the_map, changed, ground_below, lies
 from visloc_companion.sim.scene import Scene
 
 SIZE = 600
@@ -75,6 +75,17 @@ def test_a_share_of_the_parcels_changes_and_the_seed_says_which() -> None:
 def test_water_is_level() -> None:
     after = changed(scene(), Change("water", 50.0, 150.0, 20.0), WAY, 1)
     assert np.ptp(after.dsm_amsl_m[300, 210:390]) == 0.0
+
+
+def test_all_else_is_changed_but_the_way_before() -> None:
+    change = Change("water", 100.0, half_width_m=20.0, all_else=True)
+    land = lies(change, scene(), WAY) == 0
+    (first_v, first_u), along = WAY[0][::-1], np.array([-45, -35, 90, 190, 210, 450])
+    assert [bool(land[round(first_v), round(first_u + u)]) for u in along] == [False, True, True, True, False, False]
+    assert not land[:200].any(), "the way that comes back is not land"
+    flooded = changed(scene(), change, WAY, 1)
+    assert np.ptp(flooded.dsm_amsl_m[~land]) == 0.0
+    assert np.array_equal(flooded.dsm_amsl_m[land], scene().dsm_amsl_m[land])
 
 
 def test_beyond_the_map_the_land_goes_on_mirrored_and_stays_where_it_was() -> None:

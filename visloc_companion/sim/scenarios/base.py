@@ -11,7 +11,7 @@ from visloc_companion.sim.faults import FaultSchedule
 from visloc_companion.sim.season import Date
 from visloc_companion.types import Mode, Verdict
 
-Course = Literal["loop", "zigzag", "over_the_edge"]
+Course = Literal["loop", "zigzag", "over_the_edge", "out_to_sea"]
 BAD_GNSS: tuple[Verdict, ...] = (Verdict.DENIED, Verdict.SUSPECT)
 
 
