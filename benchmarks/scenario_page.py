@@ -35,7 +35,8 @@ def _limits(scenario: Scenario) -> list[str]:
 def _in_words(e: Expectation) -> str:
     parts = []
     if e.median_error_m is not None and e.max_error_m is not None:
-        parts.append(f"error ≤ {e.median_error_m:g} m median, ≤ {e.max_error_m:g} m at most")
+        of_plane = "" if e.plane_max_error_m is None else f" (a plane {e.plane_max_error_m:g} m)"
+        parts.append(f"error ≤ {e.median_error_m:g} m median, ≤ {e.max_error_m:g} m at most{of_plane}")
     if e.dead_reckoning_m is not None:
         parts.append(f"≤ {e.dead_reckoning_m:g} m without fixes")
     if e.verdict_within_s is not None:

@@ -1,13 +1,15 @@
 """The velocity and height that drive the position filter, between their samples and beyond the last.
 
 Between two samples both are interpolated linearly, unless they are different velocities; after the last the velocity is held, and
-the height goes on with it for a while.
+the height goes on with it for a while. Over a gap of the link different velocities are interpolated, too: what a plane turns by
+meanwhile is far more than what they differ by.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from visloc_companion.core.fusion import UNAIDED_GAP_S
 from visloc_companion.core.propagation import Drive
 from visloc_companion.types import Vec2, Vec3
 
@@ -52,11 +54,16 @@ def height_at(t_ns: int, around: Around) -> float:
 
 def _share(t_ns: int, around: Around) -> tuple[Velocity, Velocity, float]:
     before, after = around
-    if after is None or _another(before.drive, after.drive) or after.t_ns <= before.t_ns:
+    if after is None or after.t_ns <= before.t_ns or _another(before, after):
         return before, before, 0.0
     return before, after, (t_ns - before.t_ns) / (after.t_ns - before.t_ns)
 
 
-def _another(before: Drive, after: Drive) -> bool:
+def _another(before: Velocity, after: Velocity) -> bool:
     """Whether one velocity says nothing of the other; an inertial one begins with what was there before it."""
-    return before is not after and (before is Drive.INERTIAL or (Drive.NONE in (before, after) and after is not Drive.INERTIAL))
+    drives = before.drive, after.drive
+    if before.drive is after.drive or after.drive is Drive.INERTIAL:
+        return False
+    if Drive.NONE in drives:
+        return True
+    return before.drive is Drive.INERTIAL and after.t_ns - before.t_ns <= UNAIDED_GAP_S * 1e9

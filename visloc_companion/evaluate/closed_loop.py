@@ -154,7 +154,7 @@ def fault_intervals(scenario: Scenario) -> list[Interval]:
 def judged(setup: FlightSetup, log: FlightLog, record: FlightRecord) -> FlownScenario:
     """The flight's figures and the checks that its scenario asks for."""
     summary = flight_summary(record, alert_limit_m=ALERT_LIMIT_M, gnss_faults_s=fault_intervals(setup.scenario))
-    return FlownScenario(setup, log, record, summary, checks_of(setup.scenario, log, record, summary, setup.area.gsd_m))
+    return FlownScenario(setup, log, record, summary, checks_of(setup.judged_as, log, record, summary, setup.area.gsd_m))
 
 
 def _operator(scenario: Scenario) -> OperatorEntry | None:

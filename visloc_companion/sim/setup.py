@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from visloc_companion.errors import MapError
@@ -101,6 +101,12 @@ class FlightSetup:
         """Height above home: as asked; else the scenario's; else low where the map is fine, and 170 pixels of a coarse one to a
         frame."""
         return self.height_asked_m or self.scenario.height_m or max(120.0, 150.0 * self.area.gsd_m)
+
+    @property
+    def judged_as(self) -> Scenario:
+        """The scenario with what is expected of this vehicle."""
+        plane = self.vehicle == "plane"
+        return replace(self.scenario, expected=self.scenario.expected.of_a_plane) if plane else self.scenario
 
     def camera_model(self) -> CameraModel:
         """As the daemon believes the camera to be: 640 x 480 pixels (or a coarser 4:3) over 60 degrees, or what was asked for."""

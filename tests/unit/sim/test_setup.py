@@ -15,6 +15,7 @@ from visloc_companion.sim.setup import FlightArea, FlightSetup, VehicleKind
 from visloc_companion.types import AutopilotKind, CameraModel, GeoPoint
 
 HOME = GeoPoint(47.4, 8.55, 480.0)
+VEHICLES: tuple[VehicleKind, ...] = ("copter", "plane")
 CALM = Scenario("calm", "Nothing goes wrong.", 120.0, FaultSchedule())
 
 
@@ -89,3 +90,12 @@ def test_the_scenario_reaches_the_autopilot() -> None:
     pilot = setup.autopilot()
     assert pilot.kind is AutopilotKind.PX4
     assert pilot.faults == SCENARIOS["camera_freeze"].faults
+
+
+def test_a_plane_is_judged_by_its_own_limits() -> None:
+    """What is not told of a turn grows with the speed."""
+    copter, plane = (replace(setup_of(1000.0, vehicle=each), scenario=SCENARIOS["link_gaps"]) for each in VEHICLES)
+    assert copter.judged_as is copter.scenario
+    assert (copter.judged_as.expected.max_error_m, plane.judged_as.expected.max_error_m) == (10.0, 32.0)
+    assert replace(plane.judged_as.expected, max_error_m=10.0) == copter.scenario.expected
+    assert replace(plane, scenario=SCENARIOS["jam"]).judged_as == SCENARIOS["jam"]

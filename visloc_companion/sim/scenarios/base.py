@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from visloc_companion.sim.changes import Change
@@ -27,7 +27,7 @@ class Expectation:
     From the first fault of GNSS on, `modes` are gone through in this order (others may lie between), and the last second's are
     `final_modes`. At no time is the error beyond the protection level. No fix that the navigator took
     is further off than `wrong_fix_m`. A scenario that cannot be solved has a `failsafe`: the autopilot's own is allowed, once
-    the daemon has said that it is lost.
+    the daemon has said that it is lost. `plane_max_error_m`: in place of `max_error_m` for a plane, which is 2.5 times as fast.
     """
 
     median_error_m: float | None = 2.0
@@ -42,6 +42,12 @@ class Expectation:
     final_modes: tuple[Mode, ...] = (Mode.AIDING,)
     wrong_fix_m: float = 10.0
     failsafe: bool = False
+    plane_max_error_m: float | None = None
+
+    @property
+    def of_a_plane(self) -> Expectation:
+        """The same with a plane's limits."""
+        return self if self.plane_max_error_m is None else replace(self, max_error_m=self.plane_max_error_m)
 
 
 @dataclass(frozen=True, slots=True)
