@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import inspect
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import cast
@@ -14,6 +15,9 @@ from hypothesis import settings
 
 settings.register_profile("unhurried", deadline=None)  # the machines are shared: how long an example takes says nothing
 settings.load_profile("unhurried")
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # begun in the background of a script: programs under test would inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 
