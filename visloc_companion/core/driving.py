@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from visloc_companion.core.fusion import UNAIDED_GAP_S
-from visloc_companion.core.propagation import Drive
+from visloc_companion.core.propagation import UNAIDED_GAP_S, Drive
 from visloc_companion.types import Vec2, Vec3
 
 MAX_CLIMB_HELD_S = 1.0

@@ -17,9 +17,9 @@ from visloc_companion.core import air_velocity, fusion, integrity, lasting, sepa
 from visloc_companion.core.air_velocity import AirError
 from visloc_companion.core.belief import Belief, Position, blurred
 from visloc_companion.core.driving import Around, Velocity, height_at, velocity_at
-from visloc_companion.core.fusion import UNAIDED_GAP_S, UNAIDED_SIGMA_MPS
+from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
 from visloc_companion.core.motion import Motion, learned
-from visloc_companion.core.propagation import POSITION, VELOCITY, Drive
+from visloc_companion.core.propagation import POSITION, UNAIDED_GAP_S, VELOCITY, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Cov2, Fix, GeoPoint, NavState, Rejected, TooOld, Vec2

@@ -35,7 +35,6 @@ from visloc_companion.types import Accepted, FloatArray, Rejected, Vec2
 CONSIDERED = {Drive.AUTOPILOT: 0, Drive.NONE: 1, Drive.INERTIAL: 1, Drive.FED_BACK: N_CONSIDERED}
 """So many of the last states are not learned from positions; the lens of fixes is the very last."""
 STILL = (0.0,) * (N_STATES - POSITION.stop)
-UNAIDED_GAP_S = 1.0
 UNAIDED_SIGMA_MPS = 3.0
 """1-sigma of the velocity error where no velocity arrived for UNAIDED_GAP_S, or the autopilot itself does not trust it."""
 INERTIAL_DRIFT_MPS2 = 0.03

@@ -41,6 +41,8 @@ WALK_M_PER_SQRT_S = 0.05
 INERTIAL_WALK_MPS_PER_SQRT_S = 0.12
 """Noise of the accelerometers, with what vibration aliases into samples of 50 Hz."""
 WIND_WALK_MPS_PER_SQRT_S = 0.1
+UNAIDED_GAP_S = 1.0
+"""Longer without a velocity the link is silent: nothing is known of what the vehicle did meanwhile."""
 AIR_SIGMA_MPS = 10.0
 """1-sigma of that velocity's error before anything is known of it."""
 ODOMETRY_SCALE_SIGMA, ODOMETRY_HEADING_SIGMA_RAD, ODOMETRY_LENS_SIGMA = 0.02, math.radians(1.0), FOCAL_SHARE
