@@ -11,21 +11,17 @@ import hashlib
 import numpy as np
 
 from visloc_companion.errors import Reason
+from visloc_companion.localise.asking import Asking
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix
 
 
-class FreshFramesOnly:
+class FreshFramesOnly(Asking):
     """A Localiser that asks another one, but only about frames that differ from the last one answered."""
 
     def __init__(self, localiser: Localiser) -> None:
-        self._localiser = localiser
+        super().__init__(localiser)
         self._last: tuple[int, bytes] | None = None
-
-    @property
-    def method(self) -> str:
-        """Name of the localiser that answers."""
-        return self._localiser.method
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """As the localiser that is asked; BAD_FRAME for another frame with the very same pixels."""

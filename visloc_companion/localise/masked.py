@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from visloc_companion.localise.asking import Asking
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import CameraMask, CameraModel, Fix, Image, LocaliseRequest, NoFix
 
@@ -25,16 +26,12 @@ LEAST_SHARE = 1e-3
 """Where less ground lies about, the whole frame's mean is taken."""
 
 
-class Masked:
+class Masked(Asking):
     """protocols.Localiser: asks another one, made for `with_margin(model)`, about frames that are painted over."""
 
     def __init__(self, localiser: Localiser, model: CameraModel) -> None:
-        self._localiser, self._model = localiser, model
-
-    @property
-    def method(self) -> str:
-        """Name of the localiser that answers."""
-        return self._localiser.method
+        super().__init__(localiser)
+        self._model = model
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The other localiser's answer."""

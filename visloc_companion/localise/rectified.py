@@ -11,6 +11,7 @@ import numpy as np
 from visloc_companion.geo.camera import pinhole_matrix
 from visloc_companion.geo.pinhole_view import pinhole_view
 from visloc_companion.localise.answer import Stopwatch, no_fix
+from visloc_companion.localise.asking import Asking
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.frame import unfit
 from visloc_companion.localise.lens_maps import where_seen
@@ -18,16 +19,12 @@ from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix
 
 
-class Rectified:
+class Rectified(Asking):
     """protocols.Localiser: asks another one, made for `pinhole_view(model)`, about frames of `model`."""
 
     def __init__(self, localiser: Localiser, model: CameraModel) -> None:
-        self._localiser, self._model = localiser, model
-
-    @property
-    def method(self) -> str:
-        """Name of the localiser that answers."""
-        return self._localiser.method
+        super().__init__(localiser)
+        self._model = model
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The other localiser's answer."""

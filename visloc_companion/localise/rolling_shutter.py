@@ -14,6 +14,7 @@ import numpy as np
 
 from visloc_companion.geo.camera import R_FRD_CAM, project, unproject
 from visloc_companion.geo.se3 import R_from_quat
+from visloc_companion.localise.asking import Asking
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix, Quat, Readout
 
@@ -25,16 +26,12 @@ MIN_DESCENT = 0.1
 PASSES = 3
 
 
-class Unrolled:
+class Unrolled(Asking):
     """protocols.Localiser: asks another one about frames that are set right where their request says how the shutter rolled."""
 
     def __init__(self, localiser: Localiser, model: CameraModel) -> None:
-        self._localiser, self._model = localiser, model
-
-    @property
-    def method(self) -> str:
-        """Name of the localiser that answers."""
-        return self._localiser.method
+        super().__init__(localiser)
+        self._model = model
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The other localiser's answer."""

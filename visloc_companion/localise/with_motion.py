@@ -14,6 +14,7 @@ from statistics import median
 import numpy as np
 
 from visloc_companion.geo.se3 import R_from_quat
+from visloc_companion.localise.asking import Asking
 from visloc_companion.localise.flow import FrameToFrame
 from visloc_companion.localise.odometry.base import FlowSettings, Sight, Step, Surface
 from visloc_companion.localise.plan import LocalFrame, local_frame
@@ -31,7 +32,7 @@ LEARNED_YAW_SIGMA_RAD = math.radians(1.0)
 """1-sigma of the heading that recent fixes corrected."""
 
 
-class WithMotion:
+class WithMotion(Asking):
     """protocols.Localiser: asks another one and adds `motion` to its answer where the camera's motion is seen."""
 
     def __init__(
@@ -41,16 +42,11 @@ class WithMotion:
         settings: FlowSettings | None = None,
         window: SurfaceWindow | None = None,
     ) -> None:
-        self._localiser = localiser
+        super().__init__(localiser)
         self._flow = FrameToFrame(model, settings)
         self._window = window or SurfaceWindow()
         self._ground: tuple[FloatArray, float] | None = None
         self._headings: deque[tuple[int, float]] = deque(maxlen=HEADINGS)
-
-    @property
-    def method(self) -> str:
-        """Name of the localiser that answers."""
-        return self._localiser.method
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The other localiser's answer, with the camera's motion."""

@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 
 from visloc_companion.geo.tilt import CAMERA_SIGMA, by_camera, tilt_gained
+from visloc_companion.localise.asking import Asking
 from visloc_companion.localise.odometry.below import heights_above
 from visloc_companion.localise.odometry.rotation import TurnWatch
 from visloc_companion.localise.odometry.turn_follow import HeightsAbove
@@ -22,16 +23,12 @@ from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix, PosePrior, TiltPrior, Turn
 
 
-class WithTurn:
+class WithTurn(Asking):
     """protocols.Localiser: asks another one and adds `turn` and `turn_since_kept` to its answer where they are seen."""
 
     def __init__(self, localiser: Localiser, model: CameraModel, window: SurfaceWindow | None = None) -> None:
-        self._localiser, self._watch, self._window = localiser, TurnWatch(model), window or SurfaceWindow()
-
-    @property
-    def method(self) -> str:
-        """Name of the localiser that answers."""
-        return self._localiser.method
+        super().__init__(localiser)
+        self._watch, self._window = TurnWatch(model), window or SurfaceWindow()
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The other localiser's answer, with the camera's turn."""
