@@ -9,6 +9,7 @@ import pytest
 
 from tests.unit.core.flown import World, errors, started
 from tests.unit.core.test_estimator import fix, made, velocity
+from visloc_companion.core.estimator import PositionFilter
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.types import Command, Event, Injection, Status, TooOld
 
@@ -30,11 +31,17 @@ class SteppedBack:
         return self._navigator.on(replace(event, **moved), now_ns - step_ns)
 
 
-def test_a_filter_goes_on_by_what_the_clock_did_not_count() -> None:
+def flown_for_2_s() -> PositionFilter:
+    """A filter that was driven for so long, with a fix at 1.9 s."""
     flown = made()
     for k in range(1, 9):
         flown.drive(velocity(0.25 * k))
     flown.observe(fix(1.9, 19.0, 0.0))
+    return flown
+
+
+def test_a_filter_goes_on_by_what_the_clock_did_not_count() -> None:
+    flown = flown_for_2_s()
     before, level_m = flown.at(2 * S), flown.protection_level_m(2 * S)
     flown.stood(2 * S, 8 * S // 10)
     after = flown.at(2 * S)
@@ -47,10 +54,7 @@ def test_a_filter_goes_on_by_what_the_clock_did_not_count() -> None:
 
 
 def test_a_filter_goes_back_by_what_the_clock_counted_too_much() -> None:
-    flown = made()
-    for k in range(1, 9):
-        flown.drive(velocity(0.25 * k))
-    flown.observe(fix(1.9, 19.0, 0.0))
+    flown = flown_for_2_s()
     before, level_m = flown.at(4 * S), flown.protection_level_m(4 * S)
     flown.leapt(4 * S, 15 * S // 10, 2 * S)
     after = flown.at(4 * S)

@@ -60,7 +60,7 @@ def _stream(rule_id: str, name: str, why: str) -> Rule:
 def _parameters(link: LinkFacts, facts: Facts) -> Finding:
     got, expected = len(facts.parameters), link.parameters_expected
     read = f"{got} of {expected or 'an unknown number of'} parameters"
-    return green(read) if expected and facts.parameters_complete else red(read)
+    return green(read) if facts.parameters_complete else red(read)
 
 
 @link_rule(
