@@ -65,7 +65,7 @@ def evaluate_cloud(
         "method": method,
         "max_probability_wrong": max_probability_wrong,
         "environment": environment(),
-        "cases": [as_json(result) for result in results],
+        "cases": [as_json(result) | {"id": case.given_id} for case, result in zip(cases, results, strict=True)],
         "summary": summarise(results),
     }
     return document, results

@@ -30,6 +30,8 @@ SIGMA_FIELDS = tuple(LEAST_SIGMAS)
 TRUTH_FIELDS = ("id", "T_reference_source")
 GROWTH = "sigma_growth_m"
 """A field that may be missing."""
+GivenId = str | int | float
+"""An id as `cases.json` has it: whoever joins the results on it must find it as it was."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +42,7 @@ class CloudCase:
     source: Path
     reference: Path
     prior: RegistrationPrior
+    given_id: GivenId
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +51,7 @@ class BadCloudCase:
 
     case_id: str
     why: str
+    given_id: GivenId
 
 
 def read_cloud_cases(folder: Path) -> list[CloudCase | BadCloudCase]:
@@ -86,8 +90,9 @@ def _entries(path: Path) -> list[Any]:
 
 def _case(folder: Path, entry: object, number: int) -> CloudCase | BadCloudCase:
     if not isinstance(entry, dict):
-        return BadCloudCase(f"entry{number + 1}", "is no object")
-    case_id = str(entry.get("id") or f"entry{number + 1}")
+        return BadCloudCase(f"entry{number + 1}", "is no object", f"entry{number + 1}")
+    given_id = _given_id(entry, number)
+    case_id = str(given_id)
     try:
         horizontal_m, vertical_m, yaw_deg, tilt_deg, scale = (
             max(_sigma(entry, field), least) for field, least in LEAST_SIGMAS.items()
@@ -95,9 +100,18 @@ def _case(folder: Path, entry: object, number: int) -> CloudCase | BadCloudCase:
         growth_m = _sigma({GROWTH: 0.0} | entry, GROWTH)
         source, reference = (folder / _text(entry, field) for field in CLOUD_FIELDS)
     except ValueError as why:
-        return BadCloudCase(case_id, str(why))
+        return BadCloudCase(case_id, str(why), given_id)
     angles = math.radians(yaw_deg), math.radians(tilt_deg)
-    return CloudCase(case_id, source, reference, RegistrationPrior(horizontal_m, vertical_m, *angles, scale, growth_m))
+    prior = RegistrationPrior(horizontal_m, vertical_m, *angles, scale, growth_m)
+    return CloudCase(case_id, source, reference, prior, given_id)
+
+
+def _given_id(entry: dict[str, Any], number: int) -> GivenId:
+    given = entry.get("id")
+    if given is None or given == "":
+        return f"entry{number + 1}"
+    as_it_is = isinstance(given, str | int) or (isinstance(given, float) and math.isfinite(given))
+    return given if as_it_is else str(given)
 
 
 def _sigma(entry: dict[str, Any], field: str) -> float:

@@ -218,6 +218,20 @@ def test_priors_come_in_radians(folder: Path) -> None:
     assert isinstance(bad, BadCloudCase) and bad.why == "sigma_scale is not a number: 'wide'"
 
 
+def test_ids_come_back_as_they_were_given(folder: Path) -> None:
+    """Whoever joins the results on them finds none where 3 has become "3"; truths meet either way."""
+    entry, bad = ({"source": f"{name}_source.npz", "reference": "a_reference.npz", **SIGMAS} for name in ("a", "absent"))
+    ids = [0, 3, "4", 2.5, "5"]
+    given = [*(entry | {"id": case_id} for case_id in ids), bad | {"id": 7}, entry, entry | {"id": [1]}]
+    (folder / "cases.json").write_text(json.dumps(given))
+    truth = [{"id": case_id, "T_reference_source": np.eye(4).tolist()} for case_id in (0, "3", 4, "2.5")]
+    (folder / "truth.json").write_text(json.dumps(truth))
+    document, results = evaluate_cloud(folder, "means")
+    back = [case["id"] for case in json.loads(json.dumps(document, allow_nan=False))["cases"]]
+    assert back == [*ids, 7, "entry7", "[1]"] and [type(case_id) for case_id in back[:4]] == [int, int, str, float]
+    assert [r.has_truth for r in results] == [True] * 4 + [False] * 4
+
+
 def test_what_is_given_as_exact_is_found_where_it_is(tmp_path: Path) -> None:
     """An answer that differs from an exact prior by a centimetre is right, and no contradiction."""
     rng = np.random.default_rng(5)
