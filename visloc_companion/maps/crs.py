@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from pyproj import CRS, Transformer
@@ -22,6 +22,7 @@ _REMEDY = (
     "state a projected or geographic CRS (gdal_edit.py -a_srs EPSG:...) or change to one "
     "(gdalwarp -t_srs EPSG:..., for clouds pdal translate with filters.reprojection)"
 )
+_EVEN_ALL_AROUND = ("Popular Visualisation Pseudo Mercator", "Mercator (variant A)", "Mercator (variant B)")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,10 +89,16 @@ class MapCrs:
         """Of a projected CRS (feet: 0.3048); NaN of a geographic one."""
         return math.nan if self.is_geographic else float(self._crs.axis_info[0].unit_conversion_factor)
 
-    @property
-    def turn(self) -> float:
-        """A full turn in the unit of a geographic CRS's longitudes (360 in degrees)."""
-        return 2 * math.pi / float(self._crs.axis_info[0].unit_conversion_factor)
+    @cached_property
+    def turn(self) -> float | None:
+        """A full turn in map units (360 in degrees, 40,075 km in Web Mercator) where eastings grow evenly with the longitude
+        all around the earth, so that a raster's may run on beyond the antimeridian; None elsewhere."""
+        if self.is_geographic:
+            return 2 * math.pi / float(self._crs.axis_info[0].unit_conversion_factor)
+        if not (self._crs.coordinate_operation and self._crs.coordinate_operation.method_name in _EVEN_ALL_AROUND):
+            return None
+        half = self.to_map(0.0, 90.0)[0] - self.to_map(0.0, -90.0)[0]
+        return 2 * half if half > 0 else None
 
     def to_map(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
         """Easting and northing (map units). Raises OutsideMap where the CRS has no coordinates for the place."""
@@ -132,7 +139,8 @@ class MapCrs:
         return _finite(self._to_map.transform(map_m[:, 0], map_m[:, 1], direction="INVERSE"))[:, ::-1]
 
     def linearised_at(self, place: GeoPoint) -> Linearisation:
-        """Jacobian by central differences over ±1e-4 degrees (about 11 m): truncation and rounding stay below 1e-8."""
+        """Jacobian by central differences over ±1e-4 degrees (about 11 m): truncation and rounding stay below 1e-8 (1e-6 beside
+        the CRS's seam, where differences are of one side)."""
         meridian_m, normal_m = radii_m(place.lat_deg)
         parallel_m = normal_m * math.cos(math.radians(place.lat_deg))
         step_deg = 1e-4
@@ -146,7 +154,7 @@ class MapCrs:
                 f"latitude {lat}, longitude {lon} has no coordinates in {self.name}", remedy="use a map of the place"
             )
         arc = 2 * math.radians(step_deg)
-        J = np.column_stack([(p[1] - p[2]) / (arc * meridian_m), (p[3] - p[4]) / (arc * parallel_m)])
+        J = np.column_stack([_across(p[2], p[0], p[1]) / (arc * meridian_m), _across(p[4], p[0], p[3]) / (arc * parallel_m)])
         return Linearisation(J, (float(p[0, 0]), float(p[0, 1])))
 
     def linearised_at_map(self, easting: float, northing: float) -> Linearisation:
@@ -231,6 +239,16 @@ def _shape(horizontal: CRS) -> tuple[object, ...]:
 def _parts(full: CRS) -> list[CRS]:
     """Of a compound CRS its parts, of any other one itself."""
     return full.sub_crs_list if full.is_compound else [full]
+
+
+def _across(before: FloatArray, here: FloatArray, after: FloatArray) -> FloatArray:
+    """From one neighbour of a place to the other, map units (2,); where the CRS has its seam between, at which coordinates jump
+    by a whole turn (Web Mercator's is the antimeridian), twice the step on this side of it."""
+    behind, ahead = here - before, after - here
+    lengths = float(np.linalg.norm(behind)), float(np.linalg.norm(ahead))
+    if max(lengths) < 2 * min(lengths):
+        return np.asarray(after - before)
+    return np.asarray(2 * (behind if lengths[0] < lengths[1] else ahead))
 
 
 def _finite(xy: tuple[FloatArray, FloatArray]) -> FloatArray:

@@ -152,10 +152,10 @@ class GridMap:
         return sampled_surface(self._height_window, T_map_pix, pixel, center_map_m, radius_map, max_points)
 
     def _on_the_raster(self, easting: float, northing: float) -> tuple[float, float]:
-        """A place as the raster has it: longitudes may run beyond 180 there, across the antimeridian or from 0 to 360."""
-        if not self._crs.is_geographic:
+        """A place as the raster has it: eastings may run beyond 180 degrees, across the antimeridian or from 0 to 360."""
+        if (turn := self._crs.turn) is None:
             return easting, northing
-        return float(near_middle(self._pixels, self._crs, np.array([easting]))[0]), northing
+        return float(near_middle(self._pixels, turn, np.array([easting]))[0]), northing
 
     def share_valid(self, T_map_pix: FloatArray, size_px: tuple[int, int]) -> FloatArray:
         """(height, width) share of each pixel of a coarse window that holds map, from 4 x 4 samples (heights not asked)."""

@@ -13,17 +13,17 @@ from visloc_companion.types import FloatArray
 def pix_of_geo(layer: Layer, crs: MapCrs, lat_lon_deg: FloatArray) -> FloatArray:
     """(N, 2) pix of level 0 of a layer in `crs` at (N, 2) latitude, longitude (WGS 84); NaN where there is none.
 
-    The longitudes of a raster in degrees may run beyond 180, across the antimeridian or from 0 to 360: places are looked for
-    within half a turn of its middle.
+    The eastings of a raster in degrees or Web Mercator may run beyond 180 degrees, across the antimeridian or from 0 to 360:
+    places are looked for within half a turn of its middle.
     """
     places = crs.to_map_array(lat_lon_deg)
-    if crs.is_geographic:
-        places[:, 0] = near_middle(layer, crs, places[:, 0])
+    if (turn := crs.turn) is not None:
+        places[:, 0] = near_middle(layer, turn, places[:, 0])
     return apply_affine(invert_affine(layer.T_map_pix), places)
 
 
-def near_middle(layer: Layer, crs: MapCrs, lon: FloatArray) -> FloatArray:
-    """Longitudes in the unit of a geographic CRS as the layer in it would have them: within half a turn of its middle."""
+def near_middle(layer: Layer, turn: float, eastings: FloatArray) -> FloatArray:
+    """Eastings as the layer would have them: within half a turn (map units) of its middle."""
     rows, cols = layer.shapes[0]
-    west = float(apply_affine(layer.T_map_pix, np.array([(cols - 1) / 2, (rows - 1) / 2]))[0]) - crs.turn / 2
-    return np.asarray(lon - crs.turn * np.floor((lon - west) / crs.turn), dtype=np.float64)
+    west = float(apply_affine(layer.T_map_pix, np.array([(cols - 1) / 2, (rows - 1) / 2]))[0]) - turn / 2
+    return np.asarray(eastings - turn * np.floor((eastings - west) / turn), dtype=np.float64)

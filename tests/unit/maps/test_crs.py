@@ -32,6 +32,19 @@ def test_jacobian_predicts_where_a_step_on_the_ground_leads(text: str, lat: floa
         assert np.linalg.norm(off) < 1e-5 * np.linalg.norm(moved)
 
 
+@pytest.mark.parametrize("text", ["EPSG:3857", "EPSG:3395", "EPSG:6933", "ESRI:54009"])
+def test_beside_its_seam_a_crs_is_as_it_is_elsewhere(text: str) -> None:
+    """At the antimeridian the eastings of most world-wide projections jump by 40,000 km."""
+    crs = map_crs(text)
+    for side in (-1, 1):
+        off_seam = crs.linearised_at(GeoPoint(-17.0, side * 179.999, 0.0)).J_map_ne
+        for lon in (179.99995, 179.999999, 180.0):
+            here = crs.linearised_at(GeoPoint(-17.0, side * lon, 0.0))
+            np.testing.assert_allclose(here.J_map_ne, off_seam, rtol=1e-5, atol=1e-6)
+            at_map = crs.linearised_at_map(*here.origin_map_m)
+            np.testing.assert_allclose(at_map.J_map_ne, here.J_map_ne, rtol=1e-8, atol=1e-8)
+
+
 @pytest.mark.parametrize(("text", "lat", "lon"), PLACES)
 def test_there_and_back(text: str, lat: float, lon: float) -> None:
     crs = map_crs(text)
