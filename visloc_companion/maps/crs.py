@@ -22,6 +22,11 @@ _REMEDY = (
     "state a projected or geographic CRS (gdal_edit.py -a_srs EPSG:...) or change to one "
     "(gdalwarp -t_srs EPSG:..., for clouds pdal translate with filters.reprojection)"
 )
+HELD_FOR_WGS84_M = {4490: 1.0, 10284: 1.0}
+"""Geographic CRS, by EPSG code, that no table of PROJ relates to WGS 84 though it follows from what they are: the same
+coordinates, to so many metres. CGCS2000 (4490) is ITRF97 at the epoch 2000.0, centimetres from WGS 84 but for the drift of the
+continent since, 0.8 m by 2027 (ITRF2020's motion of the Eurasian plate); ETRS89/DREF91/2016 (10284) is ETRS89 in Germany, of
+which EPSG states 1 m."""
 _EVEN_ALL_AROUND = ("Popular Visualisation Pseudo Mercator", "Mercator (variant A)", "Mercator (variant B)")
 
 
@@ -52,6 +57,7 @@ class MapCrs:
 
     def __init__(self, crs: CRS, vertical: CRS | None, to_map: Transformer, is_ellipsoidal_3d: bool = False) -> None:
         self._crs, self._to_map = crs, to_map
+        self._held = _held_for_wgs84(crs)
         self.is_ellipsoidal_3d = is_ellipsoidal_3d
         self.vertical_name = vertical.name if vertical and not is_ellipsoidal_3d else ""
         self.vertical_metres_per_unit = float(vertical.axis_info[-1].unit_conversion_factor) if vertical else 1.0
@@ -119,11 +125,14 @@ class MapCrs:
         return float(lat), float(lon)
 
     def accuracy_m(self, easting: float, northing: float) -> float | None:
-        """What EPSG states of the relation to WGS 84 at a place, metres: nationwide parameters are good to 1 to 10 m.
+        """What EPSG (else HELD_FOR_WGS84_M) states of the relation to WGS 84 at a place, metres: nationwide parameters are good
+        to 1 to 10 m.
 
         Zero of WGS 84 itself, None where nothing is stated. Raises OutsideMap.
         """
         self.to_geo(easting, northing)
+        if self._held is not None:
+            return self._held[1]
         try:
             accuracy = self._to_map.get_last_used_operation().accuracy
         except ProjError:  # there is nothing to do
@@ -218,7 +227,21 @@ def _related(full: CRS, horizontal: CRS) -> tuple[CRS, Transformer]:
 
 
 def _from_wgs84(horizontal: CRS) -> Transformer:
-    return Transformer.from_crs(CRS.from_epsg(4326), horizontal, always_xy=True, allow_ballpark=False)
+    held = _held_for_wgs84(horizontal)
+    start = CRS.from_epsg(4326) if held is None else held[0]
+    return Transformer.from_crs(start, horizontal, always_xy=True, allow_ballpark=False)
+
+
+def _held_for_wgs84(horizontal: CRS) -> tuple[CRS, float] | None:
+    """The geographic CRS of HELD_FOR_WGS84_M that a CRS rests on, and how good that is, metres."""
+    for code, accuracy_m in HELD_FOR_WGS84_M.items():
+        try:
+            geographic = CRS.from_epsg(code)
+        except CRSError:  # tables of before the code
+            continue
+        if horizontal.datum == geographic.datum:
+            return geographic, accuracy_m
+    return None
 
 
 def _of_code(full: CRS) -> CRS | None:

@@ -1,5 +1,6 @@
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,9 @@ from pyproj import CRS
 from visloc_companion.errors import DatumMissing, MapError, OutsideMap
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.maps.crs import map_crs, utm_at
+from visloc_companion.maps.pack import PackMap
+from visloc_companion.maps.registration import registration_warnings
+from visloc_companion.prepare.build import build_pack
 from visloc_companion.types import GeoPoint
 
 PLACES = [
@@ -74,6 +78,37 @@ def test_properties() -> None:
     assert map_crs(feet.wkt) == feet != degrees and hash(map_crs(feet.wkt)) == hash(feet)
     assert feet != "EPSG:2227"
     assert map_crs("EPSG:4979").is_ellipsoidal_3d and not degrees.is_ellipsoidal_3d
+
+
+@pytest.mark.parametrize("version", ["WKT1_GDAL", "WKT1_ESRI", "WKT2_2019"])
+@pytest.mark.parametrize(
+    ("epsg", "projection", "place"),
+    [
+        (4490, "+proj=longlat", (30.6, 114.3)),
+        (4547, "+proj=tmerc +lon_0=114 +x_0=500000", (30.6, 114.3)),
+        (4526, "+proj=tmerc +lon_0=114 +x_0=38500000", (30.6, 114.3)),
+        (10732, "+proj=utm +zone=32", (51.2, 9.9)),
+    ],
+)
+def test_what_no_table_relates_to_wgs_84_is_held_for_it_where_it_is_that(
+    version: str, epsg: int, projection: str, place: tuple[float, float]
+) -> None:
+    """CGCS2000, in degrees, about 114 degrees east and in zone 38, and ETRS89 in Germany under its newer name."""
+    crs, of_wgs84 = map_crs(CRS.from_epsg(epsg).to_wkt(version)), map_crs(f"{projection} +datum=WGS84")
+    assert crs.to_map(*place) == pytest.approx(of_wgs84.to_map(*place), abs=1e-3)
+    assert crs.to_geo(*crs.to_map(*place)) == pytest.approx(place, abs=1e-9)
+    assert crs.accuracy_m(*crs.to_map(*place)) == 1.0
+
+
+def test_maps_in_cgcs2000_and_in_wgs_84_meet_in_a_pack(tmp_path: Path, write_raster) -> None:
+    pixels = np.random.default_rng(1).integers(1, 255, (200, 200), dtype=np.uint8)
+    write_raster(tmp_path / "a.tif", pixels, "EPSG:4547", (30.6, 114.3), 0.5)
+    write_raster(tmp_path / "dsm.tif", np.full((150, 150), 33.0, np.float32), "EPSG:32650", (30.6, 114.3), 1.0)
+    manifest = build_pack([tmp_path / "a.tif"], tmp_path / "dsm.tif", tmp_path / "pack")
+    assert manifest.crs.epsg == 4547 and manifest.heights.share_known == 1.0
+    pack = PackMap.open(tmp_path / "pack")
+    assert pack.covers(30.6, 114.3) and pack.height_amsl_m(*pack.to_map(30.6, 114.3)) == 33.0
+    assert registration_warnings([tmp_path / "a.tif"]) == []
 
 
 @pytest.mark.parametrize(
