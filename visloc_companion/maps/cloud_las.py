@@ -31,11 +31,15 @@ READ_AGAIN = "copy or download the file again"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LasFile:
-    """An open file. `low`, `high` (3,) are the header's bounds in the units of the file; a unit of height has `height_unit_m`."""
+    """An open file. `low`, `high` (3,) are the header's bounds in the units of the file; a unit of height has `height_unit_m`.
+
+    `states_crs`: `crs` is what the file says, not what it was opened with.
+    """
 
     path: Path
     reader: Any
     crs: MapCrs | None
+    states_crs: bool
     point_count: int
     low: FloatArray
     high: FloatArray
@@ -92,7 +96,8 @@ def open_las(path: Path, crs_text: str = "") -> Iterator[LasFile]:
     with reader:
         with las_errors(path):
             header = reader.header
-            text = stated_wkt(header) or crs_text
+            stated = stated_wkt(header)
+            text = stated or crs_text
             count = int(header.point_count)
             low, high = np.array(header.mins, np.float64), np.array(header.maxs, np.float64)
         if count == 0:
@@ -104,7 +109,7 @@ def open_las(path: Path, crs_text: str = "") -> Iterator[LasFile]:
             raise CloudError("is in degrees", where=str(path), remedy="reproject it to a CRS in metres (pdal, las2las)")
         with las_errors(path):
             height_m = height_unit_m(header, crs)
-        yield LasFile(path, reader, crs, count, low, high, height_m)
+        yield LasFile(path, reader, crs, stated != "", count, low, high, height_m)
 
 
 @contextmanager

@@ -17,10 +17,10 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.errors import CloudError
+from visloc_companion.errors import CloudError, DatumMissing
 from visloc_companion.maps.cloud_las import LasFile, open_las
 from visloc_companion.maps.cloud_tiles import POINTS_TYPE, SPACING_M, STEP_M, TILE_M, TILES_TYPE
-from visloc_companion.maps.crs import MapCrs
+from visloc_companion.maps.crs import MapCrs, map_crs
 from visloc_companion.maps.manifest import CloudEntry
 from visloc_companion.maps.stored import npy_header
 from visloc_companion.maps.wild import surface_mask
@@ -68,16 +68,33 @@ def pack_cloud(
 ) -> PackCloud | None:
     """Open all files once and settle their datum; None without files.
 
-    Raises CloudError for a file that cannot be read, DatumMissing for one without a CRS, or ellipsoidal without an undulation.
+    Raises CloudError for a file that cannot be read, DatumMissing for one without a CRS, or ellipsoidal without an undulation,
+    and for a `crs_text` that no file takes.
     """
+    if crs_text and not paths:
+        raise DatumMissing("is given without --cloud", where="--cloud-crs", remedy="name the clouds, or leave it out")
     if not paths:
         return None
-    named = []
+    named, takes_it = [], False
     for path in paths:
         with open_las(path, crs_text) as las:
             named.append((str(path), stated_crs(las)))
+            takes_it |= not las.states_crs
+    if crs_text and not takes_it:
+        _require_same(named, map_crs(crs_text, "--cloud-crs"))
     datum, undulation_m = settled_datum(named, stated, undulation_m)
     return PackCloud(tuple(paths), crs_text, datum, undulation_m, grid)
+
+
+def _require_same(named: Sequence[tuple[str, MapCrs]], given: MapCrs) -> None:
+    """Raise DatumMissing where a file that states a CRS states another one than is given: nobody knows which of them is meant."""
+    for name, crs in named:
+        if crs != given:
+            raise DatumMissing(
+                f"states {crs.name}, so that --cloud-crs ({given.name}) would not be used",
+                where=name,
+                remedy="leave --cloud-crs out, or put right what the file states (las2las -epsg, pdal translate)",
+            )
 
 
 def write_cloud(work: WorkFolder, cloud: PackCloud | None, report: Progress) -> CloudEntry | None:

@@ -33,14 +33,15 @@ def ground(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return 300 + 0.05 * x - 0.02 * y + np.where((np.abs(x) < 10) & (np.abs(y) < 10), 8.0, 0.0)
 
 
-def write_las(path: Path, points: np.ndarray, crs: str) -> Path:
+def write_las(path: Path, points: np.ndarray, crs: str | None) -> Path:
     from pyproj import CRS
 
     header = laspy.LasHeader(point_format=6, version="1.4")
     header.offsets, header.scales = np.floor(points.min(axis=0)), np.array([0.001] * 3)
-    if CRS.from_user_input(crs).is_geographic:
-        header.scales = np.array([1e-9, 1e-9, 0.001])
-    header.add_crs(CRS.from_user_input(crs))
+    if crs is not None:
+        if CRS.from_user_input(crs).is_geographic:
+            header.scales = np.array([1e-9, 1e-9, 0.001])
+        header.add_crs(CRS.from_user_input(crs))
     las = laspy.LasData(header)
     las.x, las.y, las.z = points.T
     las.write(path)
@@ -151,6 +152,33 @@ def test_clouds_of_another_crs_and_feet_come_to_the_same_place(tmp_path: Path, o
     utm32[:, :2] = map_crs("EPSG:32632").to_map_array(map_crs("EPSG:32633").to_geo_array(points[:, :2]))
     feet = utm32 / [1, 1, 0.3048006096012192]
     build_pack([image], None, tmp_path / "pack", clouds=[write_las(tmp_path / "c.laz", feet, "EPSG:32632+6360")])
+    found = PackMap.open(tmp_path / "pack").cloud_around(middle, 60.0)
+    assert found[:, 2].min() > 290 and found[:, 2].max() == pytest.approx(308, abs=1.0)
+
+
+def test_a_crs_that_no_cloud_takes_is_not_passed_over(tmp_path: Path, ortho) -> None:
+    """`--cloud-crs` is that of clouds that state none; given over a wrong one, it was ignored without a word."""
+    image, middle = ortho
+    las = write_las(tmp_path / "c.laz", scene(middle, 2.0), "EPSG:32633")
+    with pytest.raises(
+        DatumMissing, match=r"c\.laz: states WGS 84 / UTM zone 33N, .*--cloud-crs \(ETRS89 / UTM zone 32N\).*remedy"
+    ):
+        build_pack([image], None, tmp_path / "pack", clouds=[las], cloud_crs="EPSG:25832")
+    with pytest.raises(MapError, match=r"--cloud-crs: is not a coordinate reference system: 'UTM 33'"):
+        build_pack([image], None, tmp_path / "pack", clouds=[las], cloud_crs="UTM 33")
+    with pytest.raises(DatumMissing, match=r"--cloud-crs: is given without --cloud; remedy"):
+        build_pack([image], None, tmp_path / "pack", cloud_crs="EPSG:32633")
+    build_pack([image], None, tmp_path / "pack", clouds=[las], cloud_crs="EPSG:32633")
+
+
+def test_clouds_that_state_another_crs_keep_it_beside_one_that_states_none(tmp_path: Path, ortho) -> None:
+    image, middle = ortho
+    points = scene(middle, 2.0)
+    utm32 = points.copy()
+    utm32[:, :2] = map_crs("EPSG:32632").to_map_array(map_crs("EPSG:32633").to_geo_array(points[:, :2]))
+    stated, silent = write_las(tmp_path / "a.laz", utm32, "EPSG:32632"), write_las(tmp_path / "b.laz", points, None)
+    manifest = build_pack([image], None, tmp_path / "pack", clouds=[stated, silent], cloud_crs="EPSG:32633")
+    assert manifest.cloud is not None and manifest.cloud.share_covered > 0.7
     found = PackMap.open(tmp_path / "pack").cloud_around(middle, 60.0)
     assert found[:, 2].min() > 290 and found[:, 2].max() == pytest.approx(308, abs=1.0)
 
