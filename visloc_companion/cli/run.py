@@ -33,9 +33,9 @@ def run(
     settings = load_config(config)
     first = At.parsed(at, sigma) if at else None
     if check:
-        _finish(_check(settings, json))
+        _finish(_check(settings, json), config)
     _start_logging()
-    _finish(_serve(settings, first))
+    _finish(_serve(settings, first), config)
 
 
 def _serve(config: Config, at: At | None) -> list[VislocError]:
@@ -86,7 +86,7 @@ def _leaves(group: BaseExceptionGroup[Any]) -> list[VislocError]:
     return leaves
 
 
-def _finish(problems: list[VislocError]) -> None:
+def _finish(problems: list[VislocError], config: Path) -> None:
     """Print the tree of problems, if there are any, and leave with the code of the gravest: 2, then 3, then 4."""
     if not problems:
         raise typer.Exit(0)
@@ -96,7 +96,7 @@ def _finish(problems: list[VislocError]) -> None:
 
     from visloc_companion.cli.main import exit_code
 
-    tree = Tree(Text("visloc cannot run", style="bold red"))
+    tree = Tree(Text(f"visloc cannot run with {config}", style="bold red"))
     for problem in problems:
         branch = tree.add(Text(f"{problem.where}: {problem.what}" if problem.where else problem.what))
         if problem.remedy:

@@ -71,9 +71,9 @@ def inner_reach(model: CameraModel) -> float:
 
 
 def why_folded(model: CameraModel) -> str | None:
-    """What is wrong with a rational or fisheye lens whose mapping folds between the principal point and the nearest border: its
-    coefficients are another lens's, or in another order. None where it does not fold there."""
-    if model.distortion_model == "brown_conrady" or (reach := inner_reach(model)) >= 1.0:
+    """What is wrong with a lens whose mapping folds between the principal point and the nearest border: its coefficients are
+    another lens's, or in another order. None where it does not fold there."""
+    if (reach := inner_reach(model)) >= 1.0:
         return None
     return (
         f"the mapping of this {model.distortion_model} lens folds back within the picture, "

@@ -19,6 +19,7 @@ from visloc_companion.errors import ConfigError
 from visloc_companion.types import Image
 
 WIDTH, HEIGHT = 96, 64
+MIDDLE = "cx_px = 47.5\ncy_px = 31.5\n"
 
 
 def painted(share_black: float = 0.25) -> Image:
@@ -34,7 +35,7 @@ def stated(folder: Path, content: bytes | Image | None, more: str = "") -> Path:
         content = cv2.imencode(".png", content)[1].tobytes()
     if content is not None:
         (folder / "mask.png").write_bytes(content)
-    toml = f'[camera]\nmask = "mask.png"\nwidth_px = {WIDTH}\nheight_px = {HEIGHT}\n{more}'
+    toml = f'[camera]\nmask = "mask.png"\nwidth_px = {WIDTH}\nheight_px = {HEIGHT}\n{more or MIDDLE}'
     (folder / "visloc.toml").write_text(toml, encoding="utf-8")
     return folder / "visloc.toml"
 

@@ -357,7 +357,7 @@ async def test_nobody_there_yields_nothing_and_close_ends_it() -> None:
 
 def test_urls_name_cameras(tmp_path: Path) -> None:
     folder = folder_of(tmp_path, ["a.png"], "0, a.png\n")
-    sized = {"width_px": 64, "height_px": 48}
+    sized = {"width_px": 64, "height_px": 48, "cx_px": 31.5, "cy_px": 23.5}
     assert isinstance(make_camera(CameraConfig(url=f"files:{folder}", **sized), JumpingClock()), FilesCamera)
     camera = make_camera(CameraConfig(url="tcp:[::1]:5600", **sized, fx_px=61.0), JumpingClock())
     assert isinstance(camera, TcpCamera)

@@ -101,7 +101,7 @@ class Flight:
 
 def configuration(tmp_path: Path, **sections: dict[str, Any]) -> Config:
     base: dict[str, Any] = {
-        "camera": {"url": "fake:1", "width_px": 64, "height_px": 48},
+        "camera": {"url": "fake:1", "width_px": 64, "height_px": 48, "cx_px": 31.5, "cy_px": 23.5},
         "map": {"pack": str(tmp_path)},
         "journal": {"folder": str(tmp_path / "journals")},
         "injection": {"policy": "always"},

@@ -67,6 +67,16 @@ def test_a_first_position_that_is_none_is_refused_before_anything_starts(tmp_pat
     assert "--at LAT,LON" in done.stderr
 
 
+def test_a_camera_that_no_lens_makes_is_refused_by_file_and_field(tmp_path: Path) -> None:
+    (tmp_path / "frames.csv").write_text("t_us, file\n0, a.png\n")
+    text = f'[link]\nurl = "udpin:127.0.0.1:0"\n[camera]\nurl = "files:{tmp_path}"\nfx_px = 5\n[map]\npack = "/none"\n'
+    path = configuration(tmp_path, text)
+    for done in (visloc_run(path, "--check"), visloc_run(path)):
+        assert done.returncode == 2
+        assert f"visloc cannot run with {path}" in done.stderr and "remedy: write the focal length" in done.stderr
+        assert "camera.fx_px: 5 px are a view of 178° over the 640 px of the picture" in done.stderr
+
+
 def test_check_names_every_problem_in_one_tree(tmp_path: Path) -> None:
     text = '[link]\nurl = "pigeon:home"\n[camera]\nurl = "teleport:x"\n[map]\npack = "/none"\n[journal]\nfolder = "/proc/none"\n'
     done = visloc_run(configuration(tmp_path, text), "--check", "--json", str(tmp_path / "found.json"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from visloc_companion.adapters.camera.mask import mask_error, read_mask
@@ -14,6 +15,9 @@ from visloc_companion.types import CameraModel
 SHARE_PX = 480
 MOST_MASKED = 0.7
 """Of what is looked at. Beyond it black and white are the wrong way round, or too little ground is left to be found again."""
+VIEWS_DEG = (1.0, 160.0)
+"""Angles that a pinhole of the focal length sees from side to side. Lenses with less are telescopes; a fisheye of 220° whose
+circle lies within the picture has almost 150°, and a focal length that was written in millimetres more than that."""
 
 
 def camera_model(camera: CameraConfig) -> CameraModel:
@@ -37,11 +41,13 @@ def masked_share(model: CameraModel) -> float:
 
 
 def lens_model(camera: CameraConfig) -> CameraModel:
-    """The calibrated model without its mask. Raises ConfigError where a rational or fisheye lens's mapping folds between the
-    principal point and the nearest border: its coefficients are wrong, or in another order.
+    """The calibrated model without its mask. Raises ConfigError for a focal length that no lens has, a principal point outside of
+    the picture, and where the mapping folds between the principal point and the nearest border: its coefficients are wrong, or in
+    another order.
 
     A mapping that folds further out is that of a calibration which no view of the corners supports; what lies there is left out.
     """
+    _require_lens(camera)
     model = CameraModel(
         camera.width_px,
         camera.height_px,
@@ -59,3 +65,22 @@ def lens_model(camera: CameraConfig) -> CameraModel:
             remedy="check order and signs of the coefficients and that they belong to this width_px and fx_px, or calibrate anew",
         )
     return model
+
+
+def _require_lens(camera: CameraConfig) -> None:
+    """Refuse what is no camera's, but mistaken for it: another unit, the values of another image size or of another row."""
+    for axis, focal_px, size_px in (("x", camera.fx_px, camera.width_px), ("y", camera.fy_px, camera.height_px)):
+        view_deg = math.degrees(2 * math.atan(size_px / 2 / focal_px))
+        if not VIEWS_DEG[0] <= view_deg <= VIEWS_DEG[1]:
+            raise ConfigError(
+                f"{focal_px:g} px are a view of {view_deg:.3g}° over the {size_px} px of the picture",
+                where=f"camera.f{axis}_px",
+                remedy="write the focal length in pixels, not millimetres, as calibrated for this image size",
+            )
+    for axis, centre_px, size_px in (("x", camera.cx_px, camera.width_px), ("y", camera.cy_px, camera.height_px)):
+        if centre_px > size_px - 1:
+            raise ConfigError(
+                f"{centre_px:g} lies outside of the picture, which has {size_px} px",
+                where=f"camera.c{axis}_px",
+                remedy="write the principal point as calibrated for this image size (half the size gives half the values)",
+            )
