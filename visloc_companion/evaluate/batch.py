@@ -13,6 +13,8 @@ from typing import TypeVar
 
 import cv2
 
+from visloc_companion.app.with_parent import end_with_parent
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 _broken_off: list[Event] = []
@@ -30,7 +32,7 @@ def run_all(
 
     `here` is what this process does with an item; `there`, which travels by pickle, what the others do, `at_once` items a time.
     OpenCV has one thread in each of them. Broken off (Ctrl-C, which is this process' to hear, or an iterator that is closed),
-    they end with the item that they are at.
+    they end with the item that they are at; where this process is killed, at once.
     """
     if jobs <= 1:
         cv2.setNumThreads(1)
@@ -52,6 +54,7 @@ def run_all(
 
 def _began(broken_off: Event) -> None:
     """First thing in a process of `run_all`."""
+    end_with_parent()
     _broken_off.append(broken_off)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     cv2.setNumThreads(1)

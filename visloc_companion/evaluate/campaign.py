@@ -15,6 +15,7 @@ from typing import Any, cast, get_args
 
 import numpy as np
 
+from visloc_companion.app.with_parent import end_with_parent
 from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.errors import ConfigError, WorkerError
 from visloc_companion.evaluate.closed_loop import FlightWorld, FlownScenario, fly
@@ -167,11 +168,11 @@ class FlownSpec:
 def fly_campaign(specs: Sequence[FlightSpec], jobs: int) -> Generator[FlownSpec, None, None]:
     """Fly all, `jobs` at a time in processes of their own; each as it ends.
 
-    What a flight raises ends the campaign, and so does closing the generator: flights under way end with it. Raises WorkerError
-    where the process of a flight is killed.
+    What a flight raises ends the campaign, and so does closing the generator: flights under way end with it, as they do where
+    this process is killed. Raises WorkerError where the process of a flight is killed.
     """
     others = active_children()
-    pool = ProcessPoolExecutor(max(1, jobs), mp_context=get_context("spawn"))
+    pool = ProcessPoolExecutor(max(1, jobs), mp_context=get_context("spawn"), initializer=end_with_parent)
     waiting, flying = enumerate(specs), set[Future[FlownSpec]]()
     try:
         while True:

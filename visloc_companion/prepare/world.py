@@ -13,6 +13,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import visloc_companion
+from visloc_companion.app.with_parent import end_with_parent
 from visloc_companion.errors import ConfigError
 from visloc_companion.localise.features.base import Features
 from visloc_companion.prepare.build import build_pack
@@ -57,7 +58,7 @@ def procedural_world(
     draft = _draft(home.parent, ".landscape-")
     try:
         tell("making the landscape of two dates")
-        with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        with ProcessPoolExecutor(2, mp_context=get_context("spawn"), initializer=end_with_parent) as pool:
             list(pool.map(_make_date, [seed] * 2, [size_m] * 2, ["map", "flight"], [draft] * 2))
         tell("building the map pack")
         build_pack(

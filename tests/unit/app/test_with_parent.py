@@ -1,0 +1,91 @@
+"""Processes that work for another one end with it, though it was killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import NoReturn
+
+import pytest
+
+from visloc_companion.app.with_parent import end_with_parent
+from visloc_companion.evaluate import campaign
+from visloc_companion.evaluate.batch import run_all
+from visloc_companion.evaluate.campaign import FlightSpec, fly_campaign
+
+PATIENCE_S = 90.0
+WITHIN_S = 20.0
+
+
+def work(_: object, folder: Path) -> NoReturn:
+    """Goes on until somebody ends it."""
+    (folder / str(os.getpid())).touch()
+    while True:
+        time.sleep(0.1)
+
+
+def do_all(folder: Path) -> None:
+    endless = partial(work, folder=folder)
+    list(run_all([0, 1], endless, endless, 2))
+
+
+def fly_all(folder: Path) -> None:
+    list(fly_campaign([FlightSpec("jam", folder, None, None, seed=seed) for seed in (1, 2)], 2))
+
+
+def as_main(what: str, folder: Path) -> None:
+    """In the process that is killed, and in those that it starts, which import its script anew."""
+    campaign.fly_spec = partial(work, folder=folder)  # type: ignore[assignment]
+    if what:
+        {"do_all": do_all, "fly_all": fly_all}[what](folder)
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text(encoding="ascii")
+    except OSError:
+        return False
+    return stat.rpartition(")")[2].split()[0] != "Z"
+
+
+def within(limit_s: float, what: Callable[[], bool]) -> bool:
+    end = time.monotonic() + limit_s
+    while not what():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.05)
+    return True
+
+
+@pytest.mark.parametrize("what", ["do_all", "fly_all"])
+def test_those_of_a_killed_process_end(tmp_path: Path, what: str) -> None:
+    script, folder = tmp_path / "script.py", tmp_path / "pids"
+    folder.mkdir()
+    script.write_text(
+        f"import pathlib, sys\nsys.path.insert(0, {str(Path(__file__).parent)!r})\nimport test_with_parent\n"
+        f"test_with_parent.as_main({what!r} if __name__ == '__main__' else '', pathlib.Path({str(folder)!r}))\n",
+        encoding="utf-8",
+    )
+    parent = subprocess.Popen([sys.executable, str(script)])
+    try:
+        assert within(PATIENCE_S, lambda: len(list(folder.iterdir())) == 2)
+    finally:
+        parent.kill()
+        parent.wait()
+    pids = [int(file.name) for file in folder.iterdir()]
+    try:
+        assert within(WITHIN_S, lambda: not any(map(is_alive, pids)))
+    finally:
+        for pid in filter(is_alive, pids):
+            os.kill(pid, signal.SIGKILL)
+
+
+def test_a_process_that_nobody_waits_for_goes_on() -> None:
+    end_with_parent()
+    assert is_alive(os.getpid())
