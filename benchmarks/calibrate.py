@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from benchmarks.answers import RENDERED, UNSTATED, WEIGHTS, Judged, answers, code_digest
 from benchmarks.training_sets import FAMILIES, MADE, SETS
-from visloc_companion.evaluate.image_metrics import CHI2_95, CaseError, CaseResult, case_error
+from visloc_companion.evaluate.image_metrics import CaseError, CaseResult, case_error
+from visloc_companion.evaluate.protection import CHI2_95
 from visloc_companion.evaluate.reliability import reliability
 from visloc_companion.localise import iclk, mutual_information
 from visloc_companion.localise.dense import LOOK_AGAIN_ABOVE

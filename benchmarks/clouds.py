@@ -22,11 +22,11 @@ import numpy as np
 from benchmarks.bare_clouds import write_bare_clouds
 from benchmarks.cloud_answers import FAR_M, WRONG_M, CloudAnswer, answer_of
 from benchmarks.cloud_cases import BLANK, FITTED, LEVELS, CloudCase, foreign, make, read
+from visloc_companion.evaluate.protection import CHI2_95
 from visloc_companion.evaluate.reliability import reliability
 from visloc_companion.localise.registration.registry import DEFAULT_MAX_PROBABILITY_WRONG, METHODS, make_registration
 
 SEED = 1
-CHI2_95 = 5.991
 HALF = 0.5
 HEADER = (
     "| method | level | scenario | place | n | accepted % | accepted, wrong | accepted, far | < 5 m % | horizontal median m | "

@@ -24,6 +24,7 @@ import numpy as np
 
 from benchmarks.landscape import MODEL, localiser_of
 from benchmarks.scenario_page import table
+from visloc_companion.evaluate.protection import CHI2_95
 from visloc_companion.geo.se3 import R_from_quat, quat_from_euler, quat_from_vector, quat_multiply
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
 from visloc_companion.localise import block_pose
@@ -53,7 +54,6 @@ DATES = (
 ABOVE_M, BANDS_DEG = (80.0, 150.0), (0.0, 10.0, 35.0, 90.0)
 TREE_M, WOODED = 3.0, 0.35
 """What is higher stands on the ground; a view of a wood has this share of it or more."""
-CHI2_95 = 5.99
 PRIOR_M, HEIGHT_M, YAW_RAD = 2.0, 1.5, math.radians(2.0)
 COLUMNS = ("view", "surface model", "fixes", "m rms", "median", "95 %", "height m rms", "over sigma", "height", "in 95 % ellipse")
 View = tuple[GeoPoint, Quat, float, bool]

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 
 from benchmarks.scenario_page import table
-from visloc_companion.evaluate.image_metrics import CHI2_95
+from visloc_companion.evaluate.protection import CHI2_95
 from visloc_companion.geo.se3 import quat_from_euler, quat_from_vector, quat_multiply
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
 from visloc_companion.localise.registry import METHODS, make_localiser, open_features_for

@@ -26,6 +26,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from visloc_companion.evaluate.protection import CHI2_95
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
 from visloc_companion.localise.flight import flight_registration
@@ -49,7 +50,6 @@ SIZE_M, GSD_M = 800.0, 0.4
 SPACING = 0.14
 SIGMA_M, SIGMA_H_M, SIGMA_YAW_RAD, SIGMA_TILT_RAD, SIGMA_EACH_M = 10.0, 3.0, math.radians(3.0), math.radians(0.5), 0.3
 SUCCESS_M, FAR_M = 2.0, 5.0
-CHI2_95 = 5.99
 DRAWS = 2000
 Truths = NDArray[np.float64]
 

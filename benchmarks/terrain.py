@@ -21,12 +21,12 @@ from benchmarks import terrain_converge
 from benchmarks.terrain_flight import DRIFTS, make_flight
 from benchmarks.terrain_run import Judged, Outcome, Run
 from benchmarks.terrain_world import CLASSES, World, elevation_model, make_world
+from visloc_companion.evaluate.protection import CHI2_95
 from visloc_companion.localise.terrain.base import Kind, TerrainFix
 from visloc_companion.localise.terrain.settings import TerrainSettings
 from visloc_companion.types import FloatArray
 
 RIGHT_M, RIGHT_H_M = 20.0, 5.0
-CHI2_95 = 5.991
 SENSORS = {"scanner": (Kind.PATCH, 0.3), "stereo": (Kind.PATCH, 1.5), "altimeter": (Kind.PROFILE, 0.5)}
 
 

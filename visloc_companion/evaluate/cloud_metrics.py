@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from visloc_companion.errors import Reason
+from visloc_companion.evaluate.protection import CHI2_95
 from visloc_companion.evaluate.reliability import reliability
 from visloc_companion.localise.registration.base import Registered
 from visloc_companion.localise.registration.clouds import middle_m
@@ -25,8 +26,6 @@ WRONG_M = 5.0
 """An answer that is off by more, horizontally, is wrong: what `probability_wrong` is the probability of; ..."""
 FAR_M = 10.0
 """... by more than this (MTRE) it is far off: what must not be accepted."""
-CHI2_95 = 5.991
-"""95 % of the chi-squared distribution of two degrees of freedom."""
 AXES = ("east", "north", "up")
 _NUMBERING = re.compile(r"(_[A-Z])?_?\d*$")
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from visloc_companion.errors import Reason
 from visloc_companion.evaluate.cases import Truth
+from visloc_companion.evaluate.protection import CHI2_95
 from visloc_companion.evaluate.reliability import reliability
 from visloc_companion.geo.se3 import R_from_quat, euler_from_quat, quat_from_euler, wrap_pi
 from visloc_companion.geo.wgs84 import ned_from_geo
@@ -21,8 +22,6 @@ WRONG_PX = 5.0
 """A fix that is off by as much is wrong; ..."""
 FAR_PX = 10.0
 """... by more than this it is far off: what must not be accepted."""
-CHI2_95 = 5.991
-"""95 % of the chi-squared distribution of two degrees of freedom."""
 
 
 @dataclass(frozen=True, slots=True)

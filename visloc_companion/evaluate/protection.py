@@ -1,4 +1,4 @@
-"""The bound of the horizontal error that a single answer implies."""
+"""Bounds of the horizontal error that a single answer implies."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from visloc_companion.types import FloatArray
 
 RAYLEIGH_1E5 = math.sqrt(-2 * math.log(1e-5))
 """4.80: radius, in sigmas of a circular Gaussian, that an error exceeds once in 100,000."""
+CHI2_95 = 5.991
+"""95 % of the chi-squared distribution of two degrees of freedom."""
 
 
 def horizontal_bound_m(covariance_m2: FloatArray) -> float:

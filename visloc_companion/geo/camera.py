@@ -78,15 +78,17 @@ def pinhole_matrix(model: CameraModel) -> FloatArray:
 
 
 def scaled(model: CameraModel, factor: float) -> CameraModel:
-    """The model of the same image resized by a factor (pixel centres: u' = (u + 0.5) factor - 0.5)."""
+    """The model, and with it the mask, of the same image resized by a factor, to whole pixels: across and down by what that makes
+    of it (pixel centres: u' = (u + 0.5) across - 0.5)."""
     width_px, height_px = max(1, round(model.width_px * factor)), max(1, round(model.height_px * factor))
+    across, down = width_px / model.width_px, height_px / model.height_px
     return replace(
         model,
         width_px=width_px,
         height_px=height_px,
-        fx_px=model.fx_px * factor,
-        fy_px=model.fy_px * factor,
-        cx_px=(model.cx_px + 0.5) * factor - 0.5,
-        cy_px=(model.cy_px + 0.5) * factor - 0.5,
+        fx_px=model.fx_px * across,
+        fy_px=model.fy_px * down,
+        cx_px=(model.cx_px + 0.5) * across - 0.5,
+        cy_px=(model.cy_px + 0.5) * down - 0.5,
         mask=None if model.mask is None else model.mask.reduced(width_px, height_px),
     )

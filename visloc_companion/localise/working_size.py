@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import cv2
 import numpy as np
 
+from visloc_companion.geo.camera import scaled
 from visloc_companion.types import CameraModel, Image
 
 LEAST_REDUCTION = 0.9
@@ -17,14 +17,7 @@ LEAST_REDUCTION = 0.9
 def reduced_model(model: CameraModel, most_px: int) -> CameraModel:
     """The model of frames resized to at most so many pixels; itself where that is hardly less."""
     factor = math.sqrt(most_px / (model.width_px * model.height_px))
-    if factor >= LEAST_REDUCTION:
-        return model
-    width, height = round(model.width_px * factor), round(model.height_px * factor)
-    across, down = width / model.width_px, height / model.height_px
-    fx, fy = model.fx_px * across, model.fy_px * down
-    cx, cy = (model.cx_px + 0.5) * across - 0.5, (model.cy_px + 0.5) * down - 0.5
-    mask = None if model.mask is None else model.mask.reduced(width, height)
-    return replace(model, width_px=width, height_px=height, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, mask=mask)
+    return model if factor >= LEAST_REDUCTION else scaled(model, factor)
 
 
 def resized(pixels: Image, model: CameraModel) -> Image:
