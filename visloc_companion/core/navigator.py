@@ -209,7 +209,7 @@ class Navigator:
             self._tracker.leapt(now_ns, step.jump_ns, since_ns)
             self._sending.jumped()
             self._vision.stood()
-        return self._telemetry.on_step(step)
+        return self._telemetry.on_step(step, own=since_ns is not None)
 
     def _on_origin(self, event: OriginChanged) -> list[Command]:
         if self._search is not None and event.origin != self._tracker.origin:

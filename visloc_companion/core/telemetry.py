@@ -72,8 +72,8 @@ class Telemetry:
         t_ns = self._clock.shell_ns(t_boot_ns, t_rx_ns)
         return t_ns if abs(t_ns - t_rx_ns) <= MAX_STAMP_ERROR_NS else t_rx_ns
 
-    def on_step(self, step: ClockStep | None) -> list[Command]:
-        """Forget what is older than a step of the autopilot's clock, if there was one."""
+    def on_step(self, step: ClockStep | None, own: bool = False) -> list[Command]:
+        """Forget what is older than a step of the autopilot's clock or (`own`) of this one, if there was one."""
         if step is None:
             return []
         self._attitude.clear()
@@ -83,8 +83,7 @@ class Telemetry:
         if self._terrain is not None:
             self._terrain.clear()
         self._switch.restarted()
-        text = f"visloc: autopilot clock stepped {step.jump_ns * 1e-9:.1f} s"
-        return [Notice(Severity.WARNING, text, to_operator=True)]
+        return [Notice(Severity.WARNING, _of_step(step, own), to_operator=True)]
 
     def on_attitude(self, event: Attitude, now_ns: int) -> list[Command]:
         """Keep an attitude."""
@@ -175,3 +174,12 @@ class Telemetry:
         alone = feedback or not self._monitor.trusted or believed.drive is Drive.NONE
         if self._tracker.drive(velocity, t_boot_ns, alone=alone) and self._terrain is not None:
             self._terrain.drive(velocity)
+
+
+def _of_step(step: ClockStep, own: bool) -> str:
+    jump_s = step.jump_ns * 1e-9
+    if own:
+        return f"visloc: companion clock stepped {jump_s:+.1f} s"
+    if step.of_autopilot:
+        return f"visloc: autopilot clock stepped {-jump_s:+.1f} s"
+    return f"visloc: clocks stepped apart by {abs(jump_s):.1f} s"

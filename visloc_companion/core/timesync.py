@@ -24,9 +24,13 @@ MAX_ROUND_TRIP_NS = 50_000_000
 
 @dataclass(frozen=True, slots=True)
 class ClockStep:
-    """The autopilot's clock was set or the autopilot restarted; `jump_ns` is by how much the offset changed."""
+    """One of both clocks was set, or the autopilot restarted; `jump_ns` is by how much the offset changed.
+
+    `of_autopilot`: its stamps fell back, which they do for no step of the shell's clock. Without that either may have stepped.
+    """
 
     jump_ns: int
+    of_autopilot: bool = False
 
 
 class _Smallest:
@@ -49,7 +53,7 @@ class _Smallest:
 
 
 class ClockOffset:
-    """Estimates the offset from arrivals and TIMESYNC exchanges, and says when the autopilot's clock stepped."""
+    """Estimates the offset from arrivals and TIMESYNC exchanges, and says when one of both clocks stepped."""
 
     def __init__(self) -> None:
         self._reset()
@@ -78,7 +82,7 @@ class ClockOffset:
         elif self._late_since_ns is None:
             self._late_since_ns = t_rx_ns
         late_for_long = self._late_since_ns is not None and t_rx_ns - self._late_since_ns > LATE_FOR_NS
-        return ClockStep(late_ns) if fell_back or late_ns < -EARLY_NS or late_for_long else None
+        return ClockStep(late_ns, fell_back) if fell_back or late_ns < -EARLY_NS or late_for_long else None
 
     def on_exchange(self, sample: TimesyncSample) -> ClockStep | None:
         """Take a TIMESYNC exchange; those with an impossible or long round trip are not used."""

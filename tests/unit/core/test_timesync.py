@@ -72,7 +72,7 @@ def test_a_reboot_is_a_step_at_once() -> None:
     clock = ClockOffset()
     clock.on_arrival(OFFSET + 100 * S, 100 * S)
     step = clock.on_arrival(OFFSET + 101 * S, 1 * S)
-    assert step == ClockStep(100 * S)
+    assert step == ClockStep(100 * S, of_autopilot=True)
     assert clock.offset_ns() == OFFSET + 100 * S
 
 

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
+import pytest
+
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.core.navigator import Navigator
@@ -14,6 +16,7 @@ from visloc_companion.errors import Reason
 from visloc_companion.sim import faults
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.faults import FaultSchedule
+from visloc_companion.sim.faults.schedule import Fault
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes, FlightLog
 from visloc_companion.types import (
     Attitude,
@@ -24,6 +27,7 @@ from visloc_companion.types import (
     Injection,
     LocaliseRequest,
     NoFix,
+    Notice,
     WorkerState,
 )
 
@@ -95,6 +99,23 @@ def test_the_companions_clock_steps_and_truth_keeps_to_it(oracle_eyes: MakeEyes)
     for log in (ahead, back):
         times = [sample.t_ns for sample in log.truth]
         assert times == sorted(set(times))
+
+
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [
+        (faults.CompanionClockStep(6.0, 1.5), ["visloc: companion clock stepped +1.5 s"]),
+        (faults.CompanionClockStep(6.0, 7.0), ["visloc: companion clock stepped +7.0 s"]),
+        (faults.AutopilotClockStep(12.0, -8.0), ["visloc: autopilot clock stepped -8.0 s"]),
+        (faults.AutopilotClockStep(6.0, -3.0), ["visloc: clocks stepped apart by 3.0 s"]),
+        (faults.AutopilotClockStep(6.0, 8.0), ["visloc: clocks stepped apart by 8.0 s"]),
+    ],
+)
+def test_the_operator_reads_whose_clock_stepped_where_that_is_known(oracle_eyes: MakeEyes, fault: Fault, told: list[str]) -> None:
+    """A companion that stood still for 8 s (suspended) looks as an autopilot does that went ahead."""
+    log = fly(faults.these(fault), 16.0, oracle_eyes())
+    notices = [entry.command.text for entry in log.entries if isinstance(entry.command, Notice)]
+    assert [text for text in notices if "clock" in text] == told
 
 
 def test_compass_and_barometer_mislead_the_autopilot_itself() -> None:
