@@ -49,7 +49,7 @@ class Camera:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One frame to be placed on one map."""
+    """One frame to be placed on one map; `mask` tells what of the frame is ground (adapters/camera/mask.py)."""
 
     case_id: str
     frame: Path
@@ -57,6 +57,7 @@ class Case:
     dsm: Path | None
     camera: Camera
     prior: PosePrior
+    mask: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,6 +163,7 @@ def _case(folder: Path, row: dict[str, str], number: int) -> Case | BadCase:
             folder / _named(row, "dsm") if row["dsm"] else None,
             _camera(row),
             _prior(row),
+            folder / _named(row, "mask") if row.get("mask") else None,
         )
     except ValueError as why:
         return BadCase(case_id, str(why))

@@ -15,7 +15,9 @@ import cv2
 import numpy as np
 
 from visloc_companion import __version__
-from visloc_companion.errors import MapError, OutsideMap, Reason, fault_text
+from visloc_companion.adapters.camera.calibration import with_mask
+from visloc_companion.adapters.camera.mask import decode_mask
+from visloc_companion.errors import ConfigError, MapError, OutsideMap, Reason, fault_text
 from visloc_companion.evaluate.batch import run_all
 from visloc_companion.evaluate.case_ids import require_truth_of
 from visloc_companion.evaluate.cases import BadCase, Case, read_cases, read_frame, read_truth
@@ -29,7 +31,7 @@ from visloc_companion.localise.registry import make_localiser, open_features_for
 from visloc_companion.localise.runtime import NetworkChoice, default_threads
 from visloc_companion.localise.settings import Looks
 from visloc_companion.maps.raster import RasterMap
-from visloc_companion.types import Fix, FrameRef, LocaliseRequest
+from visloc_companion.types import CameraModel, Fix, FrameRef, Image, LocaliseRequest
 
 POSE_FIELDS = (
     *("lat_deg", "lon_deg", "h_m", "roll_deg", "pitch_deg", "yaw_deg"),
@@ -113,9 +115,10 @@ def run_case(
     pixels = read_frame(case.frame)
     if pixels is None:
         return CaseResult(case.case_id, None, Reason.BAD_FRAME, f"{case.frame}: {UNREADABLE}")
-    model = case.camera.model(pixels)
-    if model.distortion_model != "brown_conrady" and (why := why_folded(model)):  # which is looked at as it is, within its fold
-        return CaseResult(case.case_id, None, Reason.BAD_INPUT, f"distortion: {why}")
+    try:
+        model = _camera_model(case, pixels)
+    except ConfigError as wrong:
+        return CaseResult(case.case_id, None, Reason.BAD_INPUT, str(wrong))
     localiser = make_localiser(
         method,
         model,
@@ -141,6 +144,24 @@ def run_case(
 def _without_answer(case: Case, fault: Exception) -> CaseResult:
     reason = Reason.OUTSIDE_MAP if isinstance(fault, OutsideMap) else Reason.BAD_INPUT
     return CaseResult(case.case_id, None, reason, str(fault) if isinstance(fault, MapError) else fault_text(fault))
+
+
+def _camera_model(case: Case, pixels: Image) -> CameraModel:
+    """The camera of a case and its frame, with the mask that the case names. Raises ConfigError for a rational or fisheye lens
+    that folds within the picture (a Brown-Conrady one is looked at as it is), and for a mask that is missing or none of the
+    frame."""
+    model = case.camera.model(pixels)
+    if model.distortion_model != "brown_conrady" and (why := why_folded(model)):
+        raise ConfigError(why, where="distortion")
+    if case.mask is None:
+        return model
+    where = f"mask = {case.mask}"
+    try:
+        content = case.mask.read_bytes()
+    except OSError as why_not:
+        remedy = "name a picture that is there, or leave the column empty"
+        raise ConfigError(f"cannot be read: {why_not.strerror}", where=where, remedy=remedy) from why_not
+    return with_mask(model, decode_mask(content, model.width_px, model.height_px, where), where)
 
 
 def as_json(result: CaseResult) -> dict[str, Any]:

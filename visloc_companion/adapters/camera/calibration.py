@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from visloc_companion.adapters.camera.mask import mask_error, read_mask
+from visloc_companion.adapters.camera.mask import read_mask, stated
 from visloc_companion.config import CameraConfig
 from visloc_companion.errors import ConfigError
 from visloc_companion.geo.camera import scaled
 from visloc_companion.geo.pinhole_view import pinhole_view, why_folded
-from visloc_companion.types import CameraModel
+from visloc_companion.types import CameraMask, CameraModel
 
 SHARE_PX = 480
 MOST_MASKED = 0.7
@@ -21,16 +21,19 @@ circle lies within the picture has almost 150°, and a focal length that was wri
 
 
 def camera_model(camera: CameraConfig) -> CameraModel:
-    """The calibrated model with its mask. Raises ConfigError as `lens_model` and `read_mask`, and for a mask that leaves less
-    than three tenths of what is looked at."""
+    """The calibrated model with its mask. Raises ConfigError as `lens_model`, `read_mask` and `with_mask`."""
     model, mask = lens_model(camera), read_mask(camera)
-    if mask is None:
-        return model
+    return model if mask is None else with_mask(model, mask, stated(camera))
+
+
+def with_mask(model: CameraModel, mask: CameraMask, where: str) -> CameraModel:
+    """The model with a mask of its frames' size. Raises ConfigError for one that leaves less than three tenths of what is looked
+    at."""
     model = replace(model, mask=mask)
     if (share := masked_share(model)) > MOST_MASKED:
         what = f"{100 * share:.0f} % of what is looked at are black, at most {100 * MOST_MASKED:.0f} % may be"
         remedy = "if it is the wrong way round, invert it (white is ground); else move the camera to where it sees more ground"
-        raise mask_error(camera, what, remedy)
+        raise ConfigError(what, where=where, remedy=remedy)
     return model
 
 
