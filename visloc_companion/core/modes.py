@@ -48,7 +48,7 @@ Condition = Callable[[Situation], bool]
 TRANSITIONS: tuple[tuple[Mode, Mode, Condition], ...] = (
     (Mode.WAITING, Mode.SHADOW, lambda s: s.ready),
     (Mode.SHADOW, Mode.WAITING, lambda s: not s.ready),
-    (Mode.SHADOW, Mode.LOST, lambda s: s.lost),
+    (Mode.SHADOW, Mode.LOST, lambda s: s.lost or (s.due and s.stranded and not s.recent_fix)),
     (Mode.SHADOW, Mode.AIDING, lambda s: s.due and s.recent_fix),
     (Mode.SHADOW, Mode.DEAD_RECKONING, lambda s: s.due),
     (Mode.AIDING, Mode.WAITING, lambda s: not s.ready),

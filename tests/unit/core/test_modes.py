@@ -68,6 +68,8 @@ def test_a_landing_does_not_go_on_without_fixes_for_long() -> None:
     blind = Situation(ready=True, due=True, recent_fix=False, sigma_m=1.0, lost_sigma_m=60.0, stranded=True)
     assert next_mode(Mode.DEAD_RECKONING, blind) is Mode.LOST
     assert next_mode(Mode.LOST, blind) is Mode.LOST
+    assert next_mode(Mode.SHADOW, blind) is Mode.LOST
+    assert next_mode(Mode.SHADOW, replace(blind, recent_fix=True)) is Mode.AIDING
     assert next_mode(Mode.SHADOW, replace(blind, due=False)) is Mode.SHADOW
     assert next_mode(Mode.LOST, replace(blind, recent_fix=True)) is Mode.AIDING
     assert next_mode(Mode.LOST, replace(blind, stranded=False)) is Mode.DEAD_RECKONING

@@ -169,6 +169,18 @@ def test_vision_that_returns_after_dead_reckoning_is_taken(world: type[World]) -
     assert max(errors(w, 105)) < 5
 
 
+def test_gnss_that_is_lost_after_the_landing_does_not_put_the_autopilot_on_vision(world: type[World]) -> None:
+    """The vehicle is carried indoors, or its autopilot is started again: nothing would be sent on that source."""
+    w = started(
+        world,
+        jammed=lambda t: t > 70,
+        height_m=lambda t: 100.0 if t < 40 else 0.0,
+        camera=lambda t: t < 40,
+    ).fly(90)
+    assert Mode.DEAD_RECKONING not in modes(w)
+    assert w.first(SwitchSource, source=EkfSource.VISION) == math.inf
+
+
 def test_camera_that_stops(world: type[World]) -> None:
     w = started(world, jammed=lambda t: t > 40, camera=lambda t: not 60 < t < 75).fly(90)
     assert modes(w) == [Mode.WAITING, Mode.SHADOW, Mode.AIDING, Mode.DEAD_RECKONING, Mode.AIDING]
