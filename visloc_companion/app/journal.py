@@ -127,7 +127,7 @@ def read_frames(path: Path) -> Iterator[tuple[int, Image]]:
 def _records(path: Path, salvage: bool, on_damage: OnDamage | None) -> Iterator[Record]:
     def damaged(what: str) -> None:
         if not salvage:
-            raise JournalError(f"is damaged: {what}", where=str(path), remedy="read it with salvage")
+            raise JournalError(f"is damaged: {what}", where=str(path), remedy="read what is there: visloc replay FILE --salvage")
         if on_damage is not None:
             on_damage(what)
 

@@ -265,7 +265,7 @@ def test_a_killed_writer_costs_at_most_the_last_chunk(tmp_path: Path) -> None:
     assert len(damage) == 1
     assert "the writer was killed" in damage[0]
     assert read_header(path).configuration == {"seed": 4}
-    with pytest.raises(JournalError, match=r"is damaged: .*remedy: read it with salvage"):
+    with pytest.raises(JournalError, match=r"is damaged: .*remedy: .*visloc replay FILE --salvage"):
         list(read_journal(path, salvage=False))
 
 
