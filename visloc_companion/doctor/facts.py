@@ -18,8 +18,9 @@ class LinkFacts:
     Rates are messages a second by name: `asked_hz` what was asked of the autopilot as the daemon would, `rates_hz` what came,
     `refused` what it denied. `rtt_ms` are TIMESYNC round trips; `timesync_requests_hz` are the autopilot's own requests.
     `drift_ppm` is how much faster its clock runs than ours, within `drift_sigma_ppm`. `mission` is None where the autopilot
-    did not answer, and empty where it has none. `signed`: the autopilot signs.
-    `others` are (system, component) of further senders of HEARTBEAT. `lost_share`: messages lost, of all that were sent.
+    did not answer, and empty where it has none. `signed`: the autopilot signs, `another_key`: not with our key.
+    `others` are (system, component) of further senders of HEARTBEAT, `strangers` addresses that are not listened to.
+    `lost_share`: messages lost, of all that were sent.
     """
 
     url: str
@@ -45,8 +46,10 @@ class LinkFacts:
     fix_type: int | None
     n_satellites: int | None
     signed: bool = False
+    another_key: bool = False
     other_autopilots: tuple[int, ...] = ()
     others: tuple[tuple[int, int], ...] = ()
+    strangers: tuple[str, ...] = ()
     lost_share: float = 0.0
 
 

@@ -178,6 +178,22 @@ def test_each_reason_is_told_once():
     assert any("unsigned" in text for text in bench.told)
 
 
+def test_who_does_not_sign_is_named():
+    """An unsigned ground station on the link is no reason to look for the fault in the autopilot."""
+    bench = Bench()
+    bench.admits(bytearray(mav.MAVLink(None, 255, 190).heartbeat_encode(6, 8, 0, 0, 4, 3).pack(mav.MAVLink(None, 255, 190))))
+    bench.admits(attitude(YEAR_2026, OTHER_KEY))
+    assert "system 255" in bench.told[0]
+    assert "system" not in bench.told[1]
+
+
+def test_who_does_not_sign_is_named_in_mavlink_1_too():
+    bench = Bench()
+    packer = mav.MAVLink(None, 200, 190)
+    bench.admits(bytearray(packer.heartbeat_encode(6, 8, 0, 0, 4, 3).pack(packer, force_mavlink1=True)))
+    assert "system 200" in bench.told[0]
+
+
 def test_the_key_shows_in_no_text():
     assert repr(KEY) not in repr(SessionSettings(signing=SIGNED))
     assert KEY.hex() not in repr(SIGNED)

@@ -30,6 +30,7 @@ FIRMWARE = [
 LINK = [
     ap("link-parameters", "red", "--seconds", link(parameters_expected=1400)),
     px4("link-parameters", "red", "signing_key_file", link(parameters_expected=0)),
+    ap("link-parameters", "red", "the autopilot signs", link(parameters_expected=0, signed=True)),
     ap("link-mavlink-2", "red", "SERIALn_PROTOCOL = 2", link(mavlink_version=1)),
     px4("link-noise", "amber", "baud", link(garbage_share=0.2)),
     px4("link-loss", "amber", "wire", link(lost_share=0.2)),
@@ -59,6 +60,7 @@ LINK = [
     ap("link-ekf-ratio", "amber", "source", link(position_ratio=1.4)),
     ap("link-system", "red", "link.system_id", config("link", system_id=9)),
     ap("link-second-autopilot", "red", "link", link(other_autopilots=(2,))),
+    ap("link-second-autopilot", "amber", "port", link(strangers=("10.0.0.2:14555",))),
     ap("link-component-taken", "amber", "component_id", link(others=((1, 197),))),
     ap("link-disarmed", "amber", "arming", link(armed=True, others=((1, 197),))),
 ]
@@ -133,6 +135,7 @@ REST = [
     ),
     ap("config-signing", "red", "link-key", config("link", signing_key_file="key")),
     ap("config-signing", "amber", "link-key", link(signed=True)),
+    ap("config-signing", "red", "passphrase", both(config("link", signing_key_file="key"), link(signed=True, another_key=True))),
     ap("config-policy", "amber", "when_unreliable", config("injection", policy="never")),
     ap("config-min-sigma", "amber", "min_sigma_m = 0.5", config("injection", min_sigma_m=0.01)),
     ap("config-clock", "red", "clock.speed = 1", config("clock", speed=3.0)),

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
+import hashlib
 import json
 import re
 import socket
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -19,6 +22,7 @@ from visloc_companion.doctor.report import as_json, summary
 from visloc_companion.errors import ConfigError
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.faults import no_gnss
+from visloc_companion.testing.signing_peer import PymavlinkSigning
 from visloc_companion.types import AutopilotKind
 
 KINDS = [AutopilotKind.ARDUPILOT, AutopilotKind.PX4]
@@ -181,6 +185,61 @@ async def test_an_autopilot_that_only_beats_is_red_where_it_matters_and_skipped_
     assert report.problem is None
     assert (levels["ap-viso-type"], levels["firmware-measured"], levels["link-clock-drift"]) == ("skipped",) * 3
     assert (levels["link-parameters"], levels["link-round-trip"], levels["link-attitude-rate"]) == ("red", "red", "red")
+
+
+class Signing(BuiltInAutopilot):
+    """Signs all that it says with a key."""
+
+    def __init__(self, key: bytes) -> None:
+        kind = AutopilotKind.ARDUPILOT
+        super().__init__(kind, "copter", HOME, [(0.0, 0.0, -100.0)], 10.0, 1, parameters=recommended(kind))
+        self._peer, self._packer = PymavlinkSigning(key, stamp=10**9), mav.MAVLink(None, srcSystem=1, srcComponent=1)
+
+    def outgoing(self) -> bytes:
+        """See BuiltInAutopilot."""
+        parser = mav.MAVLink(None)
+        parser.robust_parsing = True
+        return b"".join(self._peer.pack(message, self._packer) for message in parser.parse_buffer(super().outgoing()) or [])
+
+
+@pytest.mark.parametrize(("passphrase", "level"), [("the one", "green"), ("another", "red")])
+async def test_a_key_that_is_not_the_autopilots_is_red(
+    served: Callable[..., Any], tmp_path: Path, passphrase: str, level: str
+) -> None:
+    """Both sign: with the wrong key the autopilot refuses all that the daemon says, and the daemon all that it says."""
+    file = tmp_path / "signing.key"
+    file.write_text(passphrase)
+    file.chmod(0o600)
+    config = parse_config({"link": {"signing_key_file": str(file)}})
+    port = free_port()
+    async with served(Signing(hashlib.sha256(b"the one").digest()), port):
+        report = await examine(Wishes(f"udpin:127.0.0.1:{port}", config, seconds=1.2, wait_s=30.0))
+    (signing,) = [answer for answer in report.judged if answer.rule.id == "config-signing"]
+    assert str(signing.level) == level
+    assert ("another key" in signing.read) == (level == "red")
+
+
+async def test_a_second_vehicle_on_the_same_port_is_told(served: Callable[..., Any]) -> None:
+    """The daemon would keep to the one that it hears first, and so does the doctor."""
+    port, packer = free_port(), mav.MAVLink(None, srcSystem=2, srcComponent=1)
+    other = mav.MAVLink_heartbeat_message(mav.MAV_TYPE_QUADROTOR, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, mav.MAV_STATE_STANDBY, 3)
+
+    async def beat() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            while True:
+                sender.sendto(other.pack(packer), ("127.0.0.1", port))
+                await asyncio.sleep(0.2)
+
+    beating = asyncio.create_task(beat())
+    try:
+        async with served(pilot_of(AutopilotKind.ARDUPILOT), port):
+            report = await examine(Wishes(f"udpin:127.0.0.1:{port}", CONFIG, seconds=1.2, wait_s=30.0))
+    finally:
+        beating.cancel()
+    (second,) = [answer for answer in report.judged if answer.rule.id == "link-second-autopilot"]
+    assert second.level is Level.AMBER
+    assert "127.0.0.1:" in second.read
+    assert "link.system_id" in second.remedy
 
 
 async def test_nothing_is_set_while_armed_nor_unasked(served: Callable[..., Any]) -> None:

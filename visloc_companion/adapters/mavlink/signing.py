@@ -28,7 +28,7 @@ _NS_PER_UNIT = 10_000
 _NEW_STREAM_UNITS = 60 * UNITS_PER_S
 _LAST_STAMP = 2**48 - 1
 _BLOCK, _SIGNATURE = 13, 6
-_FLAGS_AT, _SYSTEM_AT, _COMPONENT_AT = 2, 5, 6
+_FLAGS_AT, _SYSTEM_AT, _COMPONENT_AT, _SYSTEM_AT_V1 = 2, 5, 6, 3
 _UNSIGNED_AS_ON_ARDUPILOT = frozenset((mav.MAVLINK_MSG_ID_RADIO, mav.MAVLINK_MSG_ID_RADIO_STATUS))
 """Telemetry radios put these in and know no key."""
 
@@ -107,7 +107,7 @@ class Refusal(StrEnum):
 
 
 _TOLD = {
-    Refusal.UNSIGNED: "unsigned messages are refused: set up signing in the autopilot, or link.accept_unsigned",
+    Refusal.UNSIGNED: "unsigned messages are refused: set up signing there, or link.accept_unsigned",
     Refusal.WRONG: "messages with a wrong signature are refused: has the autopilot the key of link.signing_key_file?",
     Refusal.REPLAYED: "signed messages came a second time and are refused: a loop in the routing, or somebody replays them",
     Refusal.STALE: "signed messages with an old time are refused until the sender has heard ours (an old recording, or no clock)",
@@ -134,7 +134,8 @@ class SignatureGuard:
         if refusal is None:
             return True
         if not self.counts[refusal]:
-            self._warn(_TOLD[refusal])
+            who = f" (system {frame[_system_at(frame)]} sends them)" if refusal is Refusal.UNSIGNED else ""
+            self._warn(_TOLD[refusal] + who)
         self.counts[refusal] += 1
         return False
 
@@ -142,7 +143,7 @@ class SignatureGuard:
         if not is_signed(frame):
             passes = self._settings.accept_unsigned or message_id in _UNSIGNED_AS_ON_ARDUPILOT
             return None if passes else Refusal.UNSIGNED
-        if not hmac.compare_digest(frame[-_SIGNATURE:], signature(self._settings.key, frame[:-_SIGNATURE])):
+        if not is_signed_with(self._settings.key, frame):
             return Refusal.WRONG
         stream = frame[-_BLOCK], frame[_SYSTEM_AT], frame[_COMPONENT_AT]
         stamp = int.from_bytes(frame[-_BLOCK + 1 : -_SIGNATURE], "little")
@@ -158,9 +159,18 @@ class SignatureGuard:
         return None
 
 
+def _system_at(frame: bytes | bytearray) -> int:
+    return _SYSTEM_AT if frame[0] == mav.PROTOCOL_MARKER_V2 else _SYSTEM_AT_V1
+
+
 def is_signed(frame: bytes | bytearray) -> bool:
     """Whether a whole packet is of MAVLink 2 and says that it is signed."""
     return frame[0] == mav.PROTOCOL_MARKER_V2 and bool(frame[_FLAGS_AT] & mav.MAVLINK_IFLAG_SIGNED)
+
+
+def is_signed_with(key: bytes, frame: bytes | bytearray) -> bool:
+    """Whether the signature of a whole packet that says it is signed was made with a key."""
+    return hmac.compare_digest(frame[-_SIGNATURE:], signature(key, frame[:-_SIGNATURE]))
 
 
 def signature(key: bytes, packet: bytes | bytearray) -> bytes:

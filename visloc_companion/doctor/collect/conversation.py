@@ -19,7 +19,7 @@ from visloc_companion.adapters.mavlink.endpoint import EndpointKind, parse_endpo
 from visloc_companion.adapters.mavlink.framing import Framer
 from visloc_companion.adapters.mavlink.packing import Packer
 from visloc_companion.adapters.mavlink.serial_channel import SerialChannel
-from visloc_companion.adapters.mavlink.signing import SigningSettings, is_signed
+from visloc_companion.adapters.mavlink.signing import SigningSettings, is_signed, is_signed_with
 from visloc_companion.adapters.mavlink.timesync import Timesync
 from visloc_companion.doctor.collect.numbers import Numbers
 from visloc_companion.errors import LinkError
@@ -34,7 +34,8 @@ class Conversation:
     """`last` holds the autopilot's newest message of each type, `counts` how many came. Listeners get each message.
 
     `system_id` 0 takes the first autopilot that is heard. What comes is read whether or not it is
-    signed; `signed` says which.
+    signed; `signed` says which, `another_key` that it was signed with another key than ours. `strangers` are addresses that speak
+    on the same port and are not listened to, as the daemon would not.
     """
 
     def __init__(self, url: str, system_id: int = 0, signing: SigningSettings | None = None) -> None:
@@ -48,11 +49,13 @@ class Conversation:
         self.mavlink_version = 0
         self.autopilots: set[int] = set()
         self.others: set[tuple[int, int]] = set()
+        self.strangers: set[str] = set()
         self.bytes_in = 0
         self._numbers = Numbers()
         self._framer = Framer()
         self._timesync = Timesync()
-        self.signed = False
+        self.signed = self.another_key = False
+        self._key = None if signing is None else signing.key
         self._packer = Packer(1, COMPONENT, signing)
         self._channel: Channel | None = None
         self._changed = asyncio.Event()
@@ -63,7 +66,7 @@ class Conversation:
 
     async def open(self) -> None:
         """Open the line and begin to say that somebody is there. Raises LinkError where it cannot be opened."""
-        listener = Listener(self._received, self._connection_lost, lambda: bool(self.last), lambda _who: None)
+        listener = Listener(self._received, self._connection_lost, lambda: bool(self.last), self.strangers.add)
         try:
             if self.endpoint.kind is EndpointKind.SERIAL:
                 self._channel = SerialChannel(self.endpoint, listener)
@@ -178,8 +181,10 @@ class Conversation:
     def _take(self, message: Message, now_ns: int) -> None:
         kind = message.get_type()
         self._packer.speak_as(self.system_id)
-        self.mavlink_version = 1 if message.get_msgbuf()[0] == mav.PROTOCOL_MARKER_V1 else 2
-        self.signed = is_signed(message.get_msgbuf())
+        frame = message.get_msgbuf()
+        self.mavlink_version = 1 if frame[0] == mav.PROTOCOL_MARKER_V1 else 2
+        self.signed = is_signed(frame)
+        self.another_key = self.signed and self._key is not None and not is_signed_with(self._key, frame)
         self._numbers.take(message.get_seq())
         self.last[kind] = message
         self.counts[kind] += 1

@@ -88,9 +88,11 @@ async def read_vehicle(conversation: Conversation, config: Config, seconds: floa
         position_ratio=None if status is None else status.position_ratio,
         fix_type=None if gnss is None else int(gnss.fix_type),
         signed=conversation.signed,
+        another_key=conversation.another_key,
         n_satellites=None if gnss is None or gnss.satellites_visible == 255 else int(gnss.satellites_visible),
         other_autopilots=tuple(sorted(conversation.autopilots - {conversation.system_id})),
         others=tuple(sorted(conversation.others)),
+        strangers=tuple(sorted(conversation.strangers)),
         lost_share=conversation.lost_share,
     )
     return Vehicle(facts, _version(last.get("AUTOPILOT_VERSION")), parameters)

@@ -184,6 +184,9 @@ def _output(config: Config, facts: Facts) -> Finding:
     return red(choice.why, choice.remedy) if choice.output is None else green(str(choice))
 
 
+_SAME_KEY = "give the autopilot the passphrase of that file (docs/safety.md, Somebody on the link), or name the file with its key"
+
+
 @config_rule(
     "config-signing",
     "link.signing_key_file, signatures of the autopilot",
@@ -194,6 +197,8 @@ def _signing(config: Config, facts: Facts) -> Finding:
     if facts.link is None:
         return skipped("no link", "give --link URL")
     key, signed = bool(config.link.signing_key_file), facts.link.signed
+    if facts.link.another_key:
+        return red("the autopilot signs with another key than that of link.signing_key_file", _SAME_KEY)
     read = f"{'a key' if key else 'no key'}, the autopilot {'signs' if signed else 'does not sign'}"
     if key == signed or (key and config.link.accept_unsigned):
         return green(read)

@@ -50,6 +50,11 @@ def _stream(rule_id: str, name: str, why: str) -> Rule:
     return rule
 
 
+_SIGNS = (
+    "the autopilot signs and may refuse what is not: give --config FILE with its key (link.signing_key_file, visloc link-key)"
+)
+
+
 @link_rule(
     "link-parameters",
     "PARAM_VALUE",
@@ -60,7 +65,10 @@ def _stream(rule_id: str, name: str, why: str) -> Rule:
 def _parameters(link: LinkFacts, facts: Facts) -> Finding:
     got, expected = len(facts.parameters), link.parameters_expected
     read = f"{got} of {expected or 'an unknown number of'} parameters"
-    return green(read) if facts.parameters_complete else red(read)
+    if facts.parameters_complete:
+        return green(read)
+    keyless = link.signed and not facts.assumed.link.signing_key_file
+    return red(read, _SIGNS if keyless else "")
 
 
 @link_rule(
@@ -172,6 +180,9 @@ def _system(link: LinkFacts, facts: Facts) -> Finding:
     return green(read) if wanted in (0, link.system_id) else red(read)
 
 
+_PORT = "a port for each vehicle, and link.system_id: else the daemon keeps to the one that it hears first"
+
+
 @link_rule(
     "link-second-autopilot",
     "HEARTBEATs",
@@ -181,7 +192,13 @@ def _system(link: LinkFacts, facts: Facts) -> Finding:
 def _second(link: LinkFacts, facts: Facts) -> Finding:
     del facts
     others = ", ".join(f"system {number}" for number in link.other_autopilots)
-    return red(f"also {others}") if link.other_autopilots else green("one autopilot")
+    if others:
+        return red(f"also {others}")
+    if link.strangers:
+        return amber(
+            f"system {link.system_id}; {', '.join(link.strangers)} also speaks on this port and was not listened to", _PORT
+        )
+    return green("one autopilot")
 
 
 @link_rule(
