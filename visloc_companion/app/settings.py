@@ -31,6 +31,7 @@ def core_settings(config: Config) -> CoreSettings:
         lever_frd_m=config.camera.lever_arm_frd_m,
         mount_sigma_rad=math.radians(config.camera.mount_sigma_deg),
         readout_s=config.camera.readout_ms * 1e-3,
+        has_camera=bool(config.camera.url),
         max_rate_hz=config.localiser.max_rate_hz,
         structure=config.localiser.structure,
         structure_every=config.localiser.structure_every,

@@ -1,35 +1,64 @@
-"""Tells the operator once when frames stop, and once when they come again. A picture that is repeated is no frame."""
+"""Tells the operator once when frames stop, and once when they come again. A picture that is repeated is no frame.
+
+Nor is one whose stamp says that it is old, or still to come: a camera process stamps with another clock than the autopilot's, or
+sends what has waited in a buffer.
+"""
 
 from __future__ import annotations
 
+from visloc_companion.core.requests import MAX_FRAME_AGE_NS
 from visloc_companion.types import Command, FrameRef, Notice, Severity
 
 SILENCE_NS = 2_000_000_000
+FIRST_FRAME_NS = 10_000_000_000
+"""A camera that is configured has so long for its first frame once the autopilot is heard, and with it the operator."""
+MAX_AHEAD_NS = 1_000_000_000
+"""No attitude belongs to a frame that is stamped further ahead of the autopilot's clock. It must not wait for one either: every
+frame after it would seem to be an older one."""
 
 
 class CameraWatch:
-    """Knows when the last frame arrived."""
+    """Knows when the last frame of use arrived. `expected`: a camera is configured."""
 
-    def __init__(self) -> None:
+    def __init__(self, expected: bool = False) -> None:
+        self._expected = expected
+        self._since_ns: int | None = None
         self._frame_rx_ns: int | None = None
         self._silent = False
         self._checksum: int | None = None
+        self._age_ns: int | None = None
 
     def is_new(self, frame: FrameRef) -> bool:
         """Whether a frame differs from the one before."""
         before, self._checksum = self._checksum, frame.checksum
         return frame.checksum is None or frame.checksum != before
 
-    def on_frame(self, t_rx_ns: int) -> list[Command]:
-        """A new frame arrived."""
-        self._frame_rx_ns = t_rx_ns
+    def on_frame(self, t_rx_ns: int, t_taken_ns: int) -> list[Command] | None:
+        """A new frame arrived that was taken then, both on the shell's clock; None where that makes it useless."""
+        age_ns = t_rx_ns - t_taken_ns
+        if not -MAX_AHEAD_NS <= age_ns <= MAX_FRAME_AGE_NS:
+            self._age_ns, self._expected = age_ns, True
+            return None
+        self._frame_rx_ns, self._age_ns = t_rx_ns, None
         was_silent, self._silent = self._silent, False
         return [Notice(Severity.NOTICE, "camera frames are back")] if was_silent else []
 
-    def check(self, now_ns: int) -> list[Command]:
-        """What is to be said now."""
-        silent = self._frame_rx_ns is not None and now_ns - self._frame_rx_ns > SILENCE_NS
+    def check(self, now_ns: int, heard: bool = True) -> list[Command]:
+        """What is to be said now; `heard`: the autopilot is, which takes it to the operator."""
+        if self._since_ns is None and self._expected and heard:
+            self._since_ns = now_ns
+        if self._frame_rx_ns is not None:
+            silent = now_ns - self._frame_rx_ns > SILENCE_NS
+        else:
+            silent = self._since_ns is not None and now_ns - self._since_ns > FIRST_FRAME_NS
         if not silent or self._silent:
             return []
         self._silent = True
-        return [Notice(Severity.WARNING, "visloc: no new camera frames", to_operator=True)]
+        return [Notice(Severity.WARNING, f"visloc: {self._trouble}", to_operator=True)]
+
+    @property
+    def _trouble(self) -> str:
+        if self._age_ns is None:
+            return "no new camera frames" if self._frame_rx_ns is not None else "no camera frames yet"
+        seconds, way = abs(self._age_ns) * 1e-9, "old" if self._age_ns > 0 else "ahead"
+        return f"camera frames {seconds:.0f} s {way}, unused" if seconds < 1e6 else "camera stamps of another clock, unused"

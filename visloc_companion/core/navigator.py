@@ -122,6 +122,7 @@ class Navigator:
             self._search,
             self._complaints,
             settings.max_probability_wrong,
+            settings.has_camera,
         )
         self._origin_asked_ns: int | None = None
 
@@ -254,9 +255,10 @@ class Navigator:
 
     def _watch(self, now_ns: int) -> list[Command]:
         """A camera that went silent, and an origin that has not come."""
-        commands = self._vision.check(now_ns)
         asked = self._origin_asked_ns
-        if self._tracker.origin is None and self._link.up and asked is not None and now_ns - asked >= ORIGIN_RETRY_NS:
+        heard = self._link.up and asked is not None
+        commands = self._vision.check(now_ns, heard)
+        if self._tracker.origin is None and heard and asked is not None and now_ns - asked >= ORIGIN_RETRY_NS:
             self._origin_asked_ns = now_ns
             commands.append(streams.ORIGIN_REQUEST)
         return commands

@@ -72,9 +72,10 @@ class CoreSettings:
 
     `q_frd_cambody` is the attitude of the camera's body (looks along its down axis, top edge of the image forward) in the
     vehicle's body, `lever_frd_m` its position there, metres from the IMU; `mount_sigma_rad` the 1-sigma tilt of mounting and
-    attitude together, `readout_s` the time from the first row of an image to the last. `max_rate_hz` bounds the requests to the
-    localiser, `max_search_radius_m` the 3-sigma radius of their search, `max_probability_wrong` what a fix may claim. For
-    `structure`, `structure_every` see core/turns.py, for `terrain` core/terrain_aiding.py. The link rates go into RequestMessage.
+    attitude together, `readout_s` the time from the first row of an image to the last, `has_camera` whether one is configured.
+    `max_rate_hz` bounds the requests to the localiser, `max_search_radius_m` the 3-sigma radius of their search,
+    `max_probability_wrong` what a fix may claim. For `structure`, `structure_every` see core/turns.py, for `terrain`
+    core/terrain_aiding.py. The link rates go into RequestMessage.
     """
 
     navigator: NavigatorSettings = NavigatorSettings()
@@ -84,6 +85,7 @@ class CoreSettings:
     lever_frd_m: Vec3 = (0.0, 0.0, 0.0)
     mount_sigma_rad: float = math.radians(1.0)
     readout_s: float = 0.0
+    has_camera: bool = False
     max_rate_hz: float = 5.0
     structure: bool = True
     structure_every: int = 0

@@ -56,11 +56,12 @@ class Vision:
         search: PlaceSearch | None,
         complaints: Complaints,
         max_probability_wrong: float,
+        has_camera: bool,
     ) -> None:
         self._queue, self._asking, self._onboard = queue, asking, onboard
         self._tracker, self._aiding, self._monitor, self._steering = tracker, aiding, monitor, steering
         self._terrain, self._search, self._complaints = terrain, search, complaints
-        self._camera, self._computer = CameraWatch(), ComputerWatch()
+        self._camera, self._computer = CameraWatch(has_camera), ComputerWatch()
         self._open = OpenTracks(max_probability_wrong)
         self._second = SecondOpinion()
         self._searching = self._to_confirm = False
@@ -79,19 +80,22 @@ class Vision:
         self._open.clear()
         self._second.clear()
 
-    def check(self, now_ns: int) -> list[Command]:
-        """What is to be said of the camera at a Tick, and that the place is searched for from now on."""
+    def check(self, now_ns: int, heard: bool) -> list[Command]:
+        """What is to be said of the camera at a Tick (`heard`: the autopilot is), and that the place is searched for."""
         was_searching, self._searching = self._searching, self._search is not None and self._search.active
         begun = self._searching and not was_searching
         text = "visloc: searching the map, keep moving"
-        return [*self._camera.check(now_ns), *([Notice(Severity.NOTICE, text, to_operator=True)] if begun else [])]
+        return [*self._camera.check(now_ns, heard), *([Notice(Severity.NOTICE, text, to_operator=True)] if begun else [])]
 
     def on_frame(self, event: FrameRef, now_ns: int) -> list[Command]:
         """A frame lies in its slot."""
         if not self._camera.is_new(event):
             return []
-        back = self._camera.on_frame(event.t_rx_ns)
-        self._queue.offer(self._onboard.on_frame(event))
+        frame = self._onboard.on_frame(event)
+        back = self._camera.on_frame(event.t_rx_ns, frame.t_ns)
+        if back is None:
+            return []
+        self._queue.offer(frame)
         return [*back, *self.request(now_ns)]
 
     def request(self, now_ns: int) -> list[Command]:

@@ -355,6 +355,14 @@ async def test_nobody_there_yields_nothing_and_close_ends_it() -> None:
     assert await asyncio.wait_for(task, 5.0) == []
 
 
+async def test_nobody_there_for_long_is_an_error_that_says_what_to_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("visloc_companion.adapters.camera.tcp.PATIENCE_S", 0.05)
+    async with sending(b"") as address:
+        pass
+    with pytest.raises(CameraError, match=rf"tcp:{address}: no camera process answers there: .*Connect call failed.*start"):
+        await asyncio.wait_for(all_of(TcpCamera(address, MODEL, WallClock(), reconnect_s=0.01), Slots()), 5.0)
+
+
 def test_urls_name_cameras(tmp_path: Path) -> None:
     folder = folder_of(tmp_path, ["a.png"], "0, a.png\n")
     sized = {"width_px": 64, "height_px": 48, "cx_px": 31.5, "cy_px": 23.5}

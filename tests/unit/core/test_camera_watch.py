@@ -1,6 +1,9 @@
 from __future__ import annotations
 
-from visloc_companion.core.camera_watch import SILENCE_NS, CameraWatch
+import pytest
+
+from visloc_companion.core.camera_watch import FIRST_FRAME_NS, MAX_AHEAD_NS, SILENCE_NS, CameraWatch
+from visloc_companion.core.requests import MAX_FRAME_AGE_NS
 from visloc_companion.types import FrameRef, Notice
 
 
@@ -14,16 +17,51 @@ def test_a_picture_that_is_repeated_is_not_new_unless_nobody_looked() -> None:
     assert seen == [True, False, True, True, False, True, True, True]
 
 
-def test_a_camera_that_never_spoke_is_not_missed() -> None:
-    assert CameraWatch().check(10 * SILENCE_NS) == []
+def test_a_camera_that_is_not_configured_is_not_missed() -> None:
+    watch = CameraWatch()
+    assert watch.check(0) == watch.check(10 * FIRST_FRAME_NS) == []
+
+
+def test_a_configured_camera_that_never_spoke_is_told_once_the_operator_can_hear_of_it() -> None:
+    watch = CameraWatch(expected=True)
+    heard_ns = 10 * FIRST_FRAME_NS
+    assert watch.check(0, heard=False) == watch.check(heard_ns - 1, heard=False) == []
+    assert watch.check(heard_ns) == watch.check(heard_ns + FIRST_FRAME_NS) == []
+    late_ns = heard_ns + FIRST_FRAME_NS + 1
+    assert texts(watch.check(late_ns)) == ["visloc: no camera frames yet"]
+    assert watch.check(2 * late_ns) == []
+    assert texts(watch.on_frame(2 * late_ns, 2 * late_ns) or []) == ["camera frames are back"]
+
+
+@pytest.mark.parametrize(
+    ("age_s", "told"),
+    [
+        (3.2, "visloc: camera frames 3 s old, unused"),
+        (-363.0, "visloc: camera frames 363 s ahead, unused"),
+        (-1.8e9, "visloc: camera stamps of another clock, unused"),
+    ],
+)
+def test_frames_of_another_time_are_none_and_the_operator_is_told_why(age_s: float, told: str) -> None:
+    watch = CameraWatch()
+    watch.on_frame(0, 0)
+    for t_s in range(1, 5):
+        assert watch.on_frame(t_s * 10**9, round((t_s - age_s) * 1e9)) is None
+        said = texts(watch.check(t_s * 10**9))
+        assert said == ([told] if t_s == 3 else [])
+    assert len(told) <= 50
+
+
+def test_a_frame_within_reach_counts() -> None:
+    watch = CameraWatch()
+    assert watch.on_frame(MAX_FRAME_AGE_NS, 0) == watch.on_frame(0, MAX_AHEAD_NS) == []
 
 
 def test_silence_is_told_once_and_so_is_its_end() -> None:
     watch = CameraWatch()
-    assert watch.on_frame(0) == []
+    assert watch.on_frame(0, 0) == []
     assert watch.check(SILENCE_NS) == []
     assert texts(watch.check(SILENCE_NS + 1)) == ["visloc: no new camera frames"]
     assert watch.check(3 * SILENCE_NS) == []
-    assert texts(watch.on_frame(3 * SILENCE_NS)) == ["camera frames are back"]
-    assert watch.on_frame(3 * SILENCE_NS + 1) == []
+    assert texts(watch.on_frame(3 * SILENCE_NS, 3 * SILENCE_NS) or []) == ["camera frames are back"]
+    assert watch.on_frame(3 * SILENCE_NS + 1, 3 * SILENCE_NS) == []
     assert texts(watch.check(6 * SILENCE_NS)) == ["visloc: no new camera frames"]

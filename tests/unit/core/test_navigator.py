@@ -20,6 +20,7 @@ from visloc_companion.types import (
     EkfSource,
     EstimatorStatus,
     Fix,
+    FrameRef,
     GeoPoint,
     Gnss,
     Injection,
@@ -187,6 +188,22 @@ def test_camera_that_stops(world: type[World]) -> None:
     (when,) = w.notices("no new camera frames")
     assert 62 <= when <= 62.3
     assert len(w.notices("frames are back")) == 1
+
+
+def test_a_frame_stamped_before_the_autopilot_was_restarted_does_not_stop_those_after_it(world: type[World]) -> None:
+    """Its stamp lies an hour ahead: as the newest one it waited for its attitude, and all others seemed older."""
+    w = started(world).fly(30)
+    ahead = FrameRef(30 * S, 30 * S, w.k, 0, 640, 480, 1, t_boot_ns=3600 * S)
+    w.send(ahead)
+    w.fly(40)
+    asked = [t for t, _, _ in w.requests if t > 31]
+    assert len(asked) >= 15
+
+
+def test_a_camera_that_never_delivers_is_told(world: type[World]) -> None:
+    w = started(world, settings=dataclasses.replace(CoreSettings(), has_camera=True), camera=lambda t: False).fly(30)
+    (when,) = w.notices("no camera frames yet")
+    assert 10 <= when <= 10.5
 
 
 def test_a_camera_that_repeats_one_picture_does_not_stop_the_filter(world: type[World]) -> None:

@@ -15,7 +15,8 @@ from visloc_companion.types import CameraModel, FrameRef
 __all__ = ["Encoding", "FrameDecoder", "StreamedFrame", "TcpCamera", "encode_frame"]
 
 READ_BYTES = 1 << 18
-CONNECT_TIMEOUT_S = 5.0
+CONNECT_TIMEOUT_S, PATIENCE_S = 2.5, 2.0
+"""Together less than what the daemon waits for a frame (5 s), so that it can say why there is none."""
 
 
 class TcpCamera:
@@ -36,6 +37,7 @@ class TcpCamera:
         self._max_payload = model.width_px * model.height_px * 3 * 5 // 4 + (1 << 16)
         self._writer: asyncio.StreamWriter | None = None
         self._closed = False
+        self._refusal = ""
         self._frame_id = 0
         self.connections = self.resyncs = self.damaged = self.skipped = 0
 
@@ -46,11 +48,15 @@ class TcpCamera:
     async def frames(self, slots: FrameSlots) -> AsyncIterator[FrameRef]:
         """Frames as they come, until `close`; yields nothing while there is no connection.
 
-        Raises CameraError for frames of another size than the calibration's or of another version of the stream.
+        Raises CameraError for frames of another size than the calibration's or of another version of the stream, and where
+        nobody has answered for `PATIENCE_S`.
         """
+        alone_since_ns = self._clock.now_ns()
         while not self._closed:
             reader = await self._connected()
-            if reader is not None:
+            if reader is None:
+                self._complain(self._clock.now_ns() - alone_since_ns)
+            else:
                 decoder = FrameDecoder(self._max_payload)
                 try:
                     while data := await self._read(reader):
@@ -61,6 +67,7 @@ class TcpCamera:
                             yield self._stored(slots, frame)
                 finally:
                     self._disconnect()
+                alone_since_ns = self._clock.now_ns()
             if not self._closed:
                 await self._clock.sleep_until(self._clock.now_ns() + self._reconnect_ns)
 
@@ -73,10 +80,19 @@ class TcpCamera:
         try:
             async with asyncio.timeout(CONNECT_TIMEOUT_S):
                 reader, self._writer = await asyncio.open_connection(self._host, self._port)
-        except OSError:  # TimeoutError is one
+        except OSError as why:  # TimeoutError is one
+            self._refusal = str(why) or "no answer"
             return None
         self.connections += 1
         return reader
+
+    def _complain(self, alone_ns: int) -> None:
+        if alone_ns > PATIENCE_S * 1e9:
+            raise CameraError(
+                f"no camera process answers there: {self._refusal}",
+                where=self._where,
+                remedy="start the process that sends the frames; it listens, and this program connects to it",
+            )
 
     async def _read(self, reader: asyncio.StreamReader) -> bytes:
         try:
