@@ -52,7 +52,8 @@ class Belief:
     `apart_m`: the way after which fixes look at other ground; `fix_per_m2`: the mean inverse of the variance per axis that
     recent fixes claimed, `fix_every_s` that of the intervals between them (0 before the second fix); `former`: what drove it
     before `drive`; `doubt`: what odometry says of the velocity that drives it and no second interval has confirmed;
-    `claims`: by how much the fixes of each method err more than they claim (claims.py).
+    `claims`: by how much the fixes of each method err more than they claim (claims.py); `fed_back_over`: by what factor the
+    variance of a velocity that rests on our fixes is larger than the model says (fed_back.py).
     """
 
     t_ns: int
@@ -75,6 +76,7 @@ class Belief:
     former: Former | None = None
     doubt: Doubt | None = None
     claims: tuple[Claim, ...] = ()
+    fed_back_over: float = 1.0
 
     @property
     def rested_ns(self) -> int:

@@ -3,10 +3,11 @@
 State and process: propagation.py. The velocity that drives the filter is an input, never a measurement; its error is a state.
 While an autopilot's velocity descends from our own fixes (`FED_BACK`), correcting it by a learned error and injecting the result
 would feed the correction back into its own source and run away, so the error is then only considered (Schmidt), never
-estimated, and grows with the time since the last fix. A velocity integrated from accelerations (`INERTIAL`) is fed by
-us through the attitude alone: its error, and that of the acceleration, are learned from fixes and odometry whatever is injected,
-and each correction makes the latter less known. What a wrong lens does to fixes is learned while the autopilot's velocity rests
-on GNSS, and considered from then on: a filter that learned it from fixes alone would take a rolling shutter for it.
+estimated, and grows with the time since the last fix and with what rare fixes tell of it (fed_back.py). A velocity integrated
+from accelerations (`INERTIAL`) is fed by us through the attitude alone: its error, and that of the acceleration, are learned from
+fixes and odometry whatever is injected, and each correction makes the latter less known. What a wrong lens does to fixes is
+learned while the autopilot's velocity rests on GNSS, and considered from then on: a filter that learned it from fixes alone would
+take a rolling shutter for it.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from visloc_companion.core import claims, kalman, lasting, lean, refused, relocalise, separation
+from visloc_companion.core import claims, fed_back, kalman, lasting, lean, refused, relocalise, separation
 from visloc_companion.core.belief import Belief, Position, driven_by, renewed, widened, widened_by
 from visloc_companion.core.propagation import (
     ACCELERATION,
@@ -53,11 +54,12 @@ def with_velocity_trust(belief: Belief, sigma_mps: float, drive: Drive) -> Belie
     The latter makes it another velocity, whose error starts anew. A larger sigma takes effect at once; a smaller one over the
     correlation time.
     """
+    over = belief.fed_back_over if drive is Drive.FED_BACK else 1.0
     if drive is not belief.drive:
-        other = driven_by(belief, drive, max(sigma_mps, belief.sigma_v_mps) ** 2)
+        other = driven_by(belief, drive, over * max(sigma_mps, belief.sigma_v_mps) ** 2)
         return replace(other, sigma_v_mps=sigma_mps)
     if sigma_mps > belief.sigma_v_mps:
-        return replace(widened(belief, 0.0, sigma_mps**2 - belief.sigma_v_mps**2), sigma_v_mps=sigma_mps)
+        return replace(widened(belief, 0.0, over * (sigma_mps**2 - belief.sigma_v_mps**2)), sigma_v_mps=sigma_mps)
     return belief if sigma_mps == belief.sigma_v_mps else replace(belief, sigma_v_mps=sigma_mps)
 
 
@@ -117,6 +119,7 @@ def propagated(
         belief.former,
         belief.doubt,
         belief.claims,
+        belief.fed_back_over,
     )
 
 
@@ -145,6 +148,7 @@ def _sigmas_mps(belief: Belief, without: separation.Solutions, settings: Navigat
         sigmas[0] += INERTIAL_DRIFT_MPS2 * max(0.0, (belief.t_ns - belief.rested_ns) * 1e-9 - settings.dead_reckoning_after_s)
         rested_s = (belief.t_ns - np.maximum(without.rested_ns, belief.started_ns)) * 1e-9
         sigmas[1:] += INERTIAL_DRIFT_MPS2 * np.maximum(0.0, rested_s - settings.dead_reckoning_after_s)
+        sigmas *= math.sqrt(belief.fed_back_over)
     return sigmas
 
 
@@ -177,6 +181,7 @@ def observed(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[
             got = replace(less, nis=got.nis) if isinstance(less, kalman.Updated) else less
     if isinstance(got, kalman.Updated):
         after = _tilted(replace(belief, x=got.x, P=got.P, without=_others(belief, z, R, H, considered)), belief)
+        after = _suspected(after, belief, z, got.nis / 2, H @ belief.P @ H.T + R)
         return (_leant(_fixed(after, z), belief, at, R, H) if z.from_fix else after), Accepted(got.nis)
     if not z.from_fix or got.reason is not Reason.GATED:
         return belief, got
@@ -185,6 +190,17 @@ def observed(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[
     if restart is None:
         return refused.doubting(belief, z), got
     return _fixed(refused.restarted(belief, z, restart, settings), z), Accepted(got.nis)
+
+
+def _suspected(after: Belief, before: Belief, z: Position, squared: float, S: FloatArray) -> Belief:
+    """With the variance of a fed-back velocity that a fix tells; `squared`: its normalised squared innovation over its degrees of
+    freedom, S (2, 2) the innovation's covariance."""
+    if before.drive is not Drive.FED_BACK or not z.from_fix:
+        return after
+    since_ns = max(before.rested_ns, before.started_ns if before.former is None else before.former.until_ns)
+    over = fed_back.learned(before.fed_back_over, squared, before.P, S, (z.t_ns - since_ns) * 1e-9)
+    more = max(0.0, over - before.fed_back_over) * before.sigma_v_mps**2
+    return replace(widened(after, 0.0, more) if more else after, fed_back_over=over)
 
 
 def _tilted(after: Belief, before: Belief) -> Belief:
