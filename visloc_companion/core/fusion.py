@@ -46,6 +46,8 @@ its covariance is raised until it would be ordinary, so that it hardly moves the
 TILT_MPS2_PER_M = 0.15
 """While we inject, a correction of our position tilts the autopilot's attitude, by which accelerations are turned: so much
 acceleration for a metre, three times what ArduCopter shows (docs/decisions/0021-corrections-tilt-the-autopilot.md)."""
+RESET_M = 5.0
+"""Larger corrections are sent as resets (injection.max_step_m), which leave the autopilot's attitude as it was."""
 
 
 def with_velocity_trust(belief: Belief, sigma_mps: float, drive: Drive) -> Belief:
@@ -206,12 +208,15 @@ def _suspected(after: Belief, before: Belief, z: Position, squared: float, S: Fl
 def _tilted(after: Belief, before: Belief) -> Belief:
     """With the error of the accelerations that the correction just made will come back as.
 
-    Its covariance is that of the correction, P before less P after. Every solution reckons with the same accelerations.
+    Its covariance is that of the correction, P before less P after, as far as that is no reset. Every solution reckons with the
+    same accelerations.
     """
     if before.drive is not Drive.INERTIAL:
         return after
+    corrected_m2 = (before.P - after.P)[POSITION, POSITION]
+    tilting = RESET_M**2 / max(RESET_M**2, float(np.linalg.norm(corrected_m2, 2)))
     more = np.zeros((N_STATES, N_STATES))
-    more[ACCELERATION, ACCELERATION] = TILT_MPS2_PER_M**2 * (before.P - after.P)[POSITION, POSITION]
+    more[ACCELERATION, ACCELERATION] = TILT_MPS2_PER_M**2 * tilting * corrected_m2
     return widened_by(after, more)
 
 

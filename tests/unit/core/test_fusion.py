@@ -215,6 +215,16 @@ def test_a_correction_comes_back_as_an_error_of_the_accelerations_of_every_solut
         assert P[A, A] == pytest.approx(0.05**2 + fusion.TILT_MPS2_PER_M**2 * corrected_m2[0, 0])
 
 
+def test_a_correction_that_is_sent_as_a_reset_tilts_no_more_than_the_largest_that_is_none() -> None:
+    """After a gap of the link of 4 s a correction of 13 m made the acceleration unknown by 2 m/s²; fixes drove the velocity."""
+    for sigma_m in (20.0, 100.0):
+        belief = fusion.with_inertial_velocity(start(sigma_m=sigma_m), 0.05)
+        first, _ = fusion.observed(belief, fix(0.0, 0.7 * sigma_m, 0.0), SETTINGS)
+        assert first.P[A, A] == pytest.approx(0.05**2 + (fusion.TILT_MPS2_PER_M * fusion.RESET_M) ** 2)
+        for P in first.without.P:
+            assert P[A, A] == pytest.approx(first.P[A, A])
+
+
 def test_a_correction_tilts_nothing_while_the_autopilot_flies_on_gnss_that_is_trusted() -> None:
     for drive in (Drive.AUTOPILOT, Drive.FED_BACK):
         after, _ = fusion.observed(start(drive), fix(0.0, 3.0, 0.0), SETTINGS)
