@@ -47,6 +47,21 @@ def test_what_is_expected_goes_together(scenario: Scenario) -> None:
     assert scenario.pictures or (scenario.changes == () and scenario.course == "loop" and scenario.date == "flight")
 
 
+def test_a_plane_may_end_in_a_turn_in_which_it_is_not_recognised() -> None:
+    """frames_late ended 1 s after the last fix, 40 degrees banked, and failed for that."""
+    for name, final_modes in (
+        ("frames_late", {Mode.AIDING, Mode.DEAD_RECKONING}),
+        ("season_change", {Mode.AIDING, Mode.DEAD_RECKONING}),
+        ("gnss_returns_good", {Mode.SHADOW}),
+        ("open_sea", {Mode.LOST}),
+    ):
+        of_a_plane = SCENARIOS[name].expected.of_a_plane
+        assert set(of_a_plane.final_modes) == final_modes
+        assert len(of_a_plane.final_modes) == len(final_modes)
+        assert of_a_plane.max_error_m == SCENARIOS[name].expected.max_error_m
+    assert SCENARIOS["frames_late"].expected.final_modes == (Mode.AIDING,), "a copter is recognised all the time"
+
+
 def test_a_slow_drag_pulls_position_and_velocity_alike() -> None:
     drag = SCENARIOS["slow_drag"].faults
     assert drag.gnss(50.0).offset_ned_m == pytest.approx((0.0, 20.0, 0.0))

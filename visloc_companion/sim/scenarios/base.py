@@ -28,6 +28,7 @@ class Expectation:
     `final_modes`. At no time is the error beyond the protection level. No fix that the navigator took
     is further off than `wrong_fix_m`. A scenario that cannot be solved has a `failsafe`: the autopilot's own is allowed, once
     the daemon has said that it is lost. `plane_max_error_m`: in place of `max_error_m` for a plane, which is 2.5 times as fast.
+    A plane that ends aiding may end dead reckoning: banked by 40 degrees for 8 s of a turn, it is not recognised for seconds.
     """
 
     median_error_m: float | None = 2.0
@@ -47,7 +48,10 @@ class Expectation:
     @property
     def of_a_plane(self) -> Expectation:
         """The same with a plane's limits."""
-        return self if self.plane_max_error_m is None else replace(self, max_error_m=self.plane_max_error_m)
+        max_error_m = self.max_error_m if self.plane_max_error_m is None else self.plane_max_error_m
+        banked = Mode.AIDING in self.final_modes and Mode.DEAD_RECKONING not in self.final_modes
+        final_modes = (*self.final_modes, Mode.DEAD_RECKONING) if banked else self.final_modes
+        return replace(self, max_error_m=max_error_m, final_modes=final_modes)
 
 
 @dataclass(frozen=True, slots=True)
