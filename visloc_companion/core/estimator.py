@@ -236,10 +236,13 @@ class PositionFilter:
     def _carried(self, belief: Belief, t_ns: int, around: Around, *, alone: bool = False) -> Belief:
         if t_ns == belief.t_ns:
             return belief
-        mean, change = _driven(belief.t_ns, t_ns, around)
-        carried = fusion.propagated(belief, t_ns, mean, self._settings, change, alone=alone)
         before, after = around
         gap_s = ((t_ns if after is None else after.t_ns) - before.t_ns) * 1e-9
+        if after is not None and gap_s > UNAIDED_GAP_S and after.drive is not before.drive:
+            erring = fusion.propagated(belief, after.t_ns, (0.0, 0.0), self._settings, alone=True)
+            around = before, _as_if_it_erred(after, erring)
+        mean, change = _driven(belief.t_ns, t_ns, around)
+        carried = fusion.propagated(belief, t_ns, mean, self._settings, change, alone=alone)
         return blurred(carried, UNAIDED_SIGMA_MPS * (t_ns - belief.t_ns) * 1e-9) if gap_s > UNAIDED_GAP_S else carried
 
     def _around(self, k: int) -> Around:
@@ -275,6 +278,13 @@ class _Asked:
     k: int
     belief: Belief
     alone: bool
+
+
+def _as_if_it_erred(after: Velocity, belief: Belief) -> Velocity:
+    """The velocity at the end of a gap with the error that the one before is known to have by then (`belief`), which is taken off
+    until that end."""
+    (b_north, b_east), (v_north, v_east, v_down) = belief.x[VELOCITY].tolist(), after.v_ned_mps
+    return replace(after, v_ned_mps=(v_north + b_north, v_east + b_east, v_down))
 
 
 def _driven(from_ns: int, to_ns: int, around: Around) -> tuple[Vec2, Vec2]:
