@@ -1,7 +1,8 @@
-"""All benchmarks one after the other: `python -m benchmarks.all` (several hours on two cores)."""
+"""The benchmarks of speed, matching and flights one after the other: `python -m benchmarks.all` (several hours on two cores)."""
 
 from __future__ import annotations
 
+import argparse
 import subprocess
 import sys
 import tempfile
@@ -11,6 +12,7 @@ from benchmarks.cases import SHARED
 
 def main() -> None:
     """Run each as a process of its own; ends with the first failure's code."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     steps = [["speed"], ["navigator"], ["height"], ["landscape"], ["flights"]]
     if SHARED.is_dir():
         folder = tempfile.mkdtemp(prefix="visloc-cases-")

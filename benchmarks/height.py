@@ -33,7 +33,6 @@ CLAIMS = (1e-4, 0.05)
 REACH_M = 40.0
 FAR_M, FROM_S = 20.0, 100.0
 KINDS = ("calm", "drift", "jump", "few")
-FEW_S = 20.0
 IN_COMMON = 0.8
 GONE_BY_PER_S = 10.0 / apart_m(HEIGHT_M)
 """At 10 m/s."""

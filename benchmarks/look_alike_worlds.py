@@ -25,7 +25,6 @@ from visloc_companion.sim.scene import Scene
 from visloc_companion.types import Image
 
 KINDS: Final = ("blocks", "rows", "periodic", "plantation", "ordinary")
-REPEATING: Final = ("periodic", "plantation")
 SIZE_M, GSD_M = 1000.0, 0.5
 BLOCK_M, PLANT_M, STRAY = 60.0, 12.0, 0.12
 LETTERS = 3

@@ -8,6 +8,7 @@ how much the shift that the cases use (one correlation of the whole images) diff
 
 from __future__ import annotations
 
+import argparse
 from itertools import combinations
 
 import cv2
@@ -26,6 +27,7 @@ Dates = dict[str, NDArray[np.float32]]
 
 def main() -> None:
     """Measure and print."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     cv2.setNumThreads(1)
     print("| dates | m a pixel | windows | pairs | east, m | north, m | an axis, m | noise, m |")
     print("|---|---|---|---|---|---|---|---|")

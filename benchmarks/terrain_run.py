@@ -49,7 +49,6 @@ class Judged:
     error_h_m: float
     region: str
     length_m: float
-    prior_error_m: float
     cpu_ms: float
 
 
@@ -182,8 +181,7 @@ class Run:
             outcome.gated += isinstance(got, Rejected)
         elif answer.reason is Reason.INCONSISTENT_WITH_PRIOR:
             self.filter.doubt()
-        off = float(np.hypot(*(np.array(prior.p_ne_m) - flight.p_ne_m[at])))
-        judged = Judged(answer, error, error_h, region, length, off, took)
+        judged = Judged(answer, error, error_h, region, length, took)
         now = self.dead_reckoned[at] - self.filter.x[:2] - flight.p_ne_m[at]
         high = flight.h_indicated_m[at] - self.filter.x[6] - flight.h_amsl_m[at]
         outcome.filter_error.append(np.array([*now, high]))

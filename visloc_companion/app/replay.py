@@ -56,11 +56,15 @@ class Comparison:
     first_difference: int | None
 
 
+def compare(recorded: Iterable[tuple[int, Command]], replayed: Iterable[tuple[int, Command]]) -> Comparison:
+    """Every command, with its time, beside the recorded one, byte for byte."""
+    flown, now = list(command_lines(recorded)), list(command_lines(replayed))
+    n_compared = min(len(flown), len(now))
+    differences = (n for n in range(n_compared) if flown[n] != now[n])
+    return Comparison(len(flown), len(now), n_compared, next(differences, None))
+
+
 def compare_with_recording(path: Path) -> Comparison:
-    """Replay a journal and compare every command with the recorded one, byte for byte."""
+    """Replay a journal and compare its commands."""
     entries = list(read_journal(path))
-    recorded = list(command_lines(recorded_commands(entries)))
-    replayed = list(command_lines(replay_entries(entries, journal_settings(path))))
-    n_compared = min(len(recorded), len(replayed))
-    differences = (n for n in range(n_compared) if recorded[n] != replayed[n])
-    return Comparison(len(recorded), len(replayed), n_compared, next(differences, None))
+    return compare(recorded_commands(entries), replay_entries(entries, journal_settings(path)))

@@ -17,7 +17,7 @@ from visloc_companion.adapters.logs.open import open_log
 from visloc_companion.adapters.logs.recording import Recording, lacking
 from visloc_companion.adapters.logs.truth import TruthRow
 from visloc_companion.app.journal import Entry, read_header, read_journal
-from visloc_companion.app.replay import command_lines, recorded_commands, replay_entries
+from visloc_companion.app.replay import compare, recorded_commands, replay_entries
 from visloc_companion.app.salvage import MAGIC
 from visloc_companion.app.settings import core_settings, mounting
 from visloc_companion.app.terrain import TerrainAnswer, configured_terrain
@@ -216,19 +216,16 @@ class JournalSource:
         effective = self.config or parse_config(read_header(self.path).configuration, where=str(self.path))
         events = [entry for entry in entries if entry.event is not None]
         replayed = replay_entries(self._paced(events), core_settings(effective))
-        recorded_lines, replayed_lines = list(command_lines(recorded_commands(entries))), list(command_lines(replayed))
-        n_compared = min(len(recorded_lines), len(replayed_lines))
-        differences = (i for i in range(n_compared) if recorded_lines[i] != replayed_lines[i])
-        first = next(differences, None)
-        same_length = self.salvage or len(recorded_lines) == len(replayed_lines)
+        found = compare(recorded_commands(entries), replayed)
+        same_length = self.salvage or found.n_recorded == found.n_replayed
         flown = [*events, *(Entry(now_ns, None, command) for now_ns, command in replayed)]
         record = from_entries(sorted(flown, key=lambda entry: entry.now_ns))
         self.result = {
             "commands": {
-                "identical": None if damages and not n_compared else first is None and same_length,
-                "n_recorded": len(recorded_lines),
-                "n_replayed": len(replayed_lines),
-                "first_difference": first,
+                "identical": None if damages and not found.n_compared else found.first_difference is None and same_length,
+                "n_recorded": found.n_recorded,
+                "n_replayed": found.n_replayed,
+                "first_difference": found.first_difference,
             },
             "damages": damages,
             "verdicts": record.changes(record.verdicts),

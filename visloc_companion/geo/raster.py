@@ -7,16 +7,6 @@ import numpy as np
 from visloc_companion.types import FloatArray
 
 
-def ras_from_pix(pix: FloatArray) -> FloatArray:
-    """(..., 2) pix (u, v) to ras (col, row)."""
-    return pix + 0.5
-
-
-def pix_from_ras(ras: FloatArray) -> FloatArray:
-    """(..., 2) ras (col, row) to pix (u, v)."""
-    return ras - 0.5
-
-
 def T_map_pix_from_gdal(transform: tuple[float, float, float, float, float, float]) -> FloatArray:
     """(2, 3) map-from-pix of an affine (a, b, c, d, e, f) that maps ras: x = a col + b row + c, y = d col + e row + f."""
     a, b, c, d, e, f = transform

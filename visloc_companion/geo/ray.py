@@ -1,4 +1,4 @@
-"""Rays from the camera to the ground: plane and surface model."""
+"""Rays from the camera to the ground."""
 
 from __future__ import annotations
 
@@ -10,17 +10,6 @@ from visloc_companion.types import FloatArray
 
 SurfaceHeight = Callable[[FloatArray], FloatArray]
 """(N, 2) north, east metres -> (N,) surface height above the same zero as the camera's height; NaN outside."""
-
-
-def intersect_plane(p_cam_ned_m: FloatArray, ray_ned: FloatArray, plane_down_m: float | FloatArray) -> FloatArray:
-    """(N, 2) north, east where rays from (3,) a camera meet a horizontal plane (one down-coordinate, or one for each ray).
-
-    Rays that do not descend give NaN.
-    """
-    down = ray_ned[:, 2]
-    t = np.where(down > 1e-6, (plane_down_m - p_cam_ned_m[2]) / np.where(down > 1e-6, down, 1.0), np.nan)
-    t = np.where(t > 0, t, np.nan)
-    return np.asarray(p_cam_ned_m[:2] + ray_ned[:, :2] * t[:, None], dtype=np.float64)
 
 
 def intersect_surface(

@@ -41,14 +41,13 @@ class PairSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pair:
-    """`reference` (3, R, R) and `query` (3, Q, Q) network inputs, their masks (R, R), (Q, Q) float32.
+    """`reference` (3, R, R) and `query` (3, Q, Q) network inputs, `query_valid` (Q, Q) the mask of the latter, float32.
 
     `window_to_query` (2, 3): pixels of the upright window to the query's, `turn_rad` is the turn in it; `offset_px` (2,):
     place of the window's first pixel (u, v) in the reference.
     """
 
     reference: Float32Array
-    reference_valid: Float32Array
     query: Float32Array
     query_valid: Float32Array
     window_to_query: Float32Array
@@ -159,7 +158,6 @@ def make_pair(
     whole = np.ones((R, R), bool)
     return Pair(
         network_input(reference, whole),
-        whole.astype(np.float32),
         network_input(query, valid),
         valid.astype(np.float32),
         _about(turn + misfit[0], math.exp(log_scale + misfit[1]), centre).astype(np.float32),

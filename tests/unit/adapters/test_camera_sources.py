@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import cast
 
@@ -255,9 +255,6 @@ async def test_a_device_of_16_bits_is_stretched() -> None:
 def test_a_device_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(CameraError, match="cannot be opened"):
         DeviceCamera(str(tmp_path / "video9"), MODEL, JumpingClock())
-
-
-Sender = Callable[[asyncio.StreamWriter], AsyncIterator[None]]
 
 
 @contextlib.asynccontextmanager

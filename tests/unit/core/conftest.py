@@ -41,7 +41,6 @@ from visloc_companion.types import (
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
 HEIGHT_M = 100.0
 BOOT_OFFSET_NS = 5_000_000_000
-NoFixUntil = Callable[[float], bool]
 
 
 def ns(t_s: float) -> int:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from visloc_companion.geo.ray import intersect_plane, intersect_surface
+from visloc_companion.geo.ray import intersect_surface
 
 CAMERA = np.array([10.0, 20.0, -100.0])
 
@@ -11,23 +11,9 @@ def rays(n: int = 60, spread: float = 0.8) -> np.ndarray:
     return np.column_stack([rng.uniform(-spread, spread, (n, 2)), np.ones(n)]) * rng.uniform(0.5, 2, (n, 1))
 
 
-def test_plane_below() -> None:
-    straight = intersect_plane(CAMERA, np.array([[0.0, 0.0, 1.0], [1.0, -0.5, 1.0]]), -40.0)
-    assert straight == pytest.approx(np.array([[10.0, 20.0], [70.0, -10.0]]))
-    each = intersect_plane(CAMERA, np.array([[1.0, 0.0, 1.0], [1.0, 0.0, 1.0]]), np.array([0.0, -90.0]))
-    assert each[:, 0] == pytest.approx([110.0, 20.0])
-
-
-def test_rays_that_do_not_meet_the_plane() -> None:
-    missed = intersect_plane(CAMERA, np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), 0.0)
-    assert np.isnan(missed).all()
-    assert np.isnan(intersect_plane(CAMERA, np.array([[0.0, 0.0, 1.0]]), -200.0)).all(), "a plane above the camera"
-
-
 def test_flat_surface_is_the_plane() -> None:
     got = intersect_surface(CAMERA, rays(), lambda p: np.full(len(p), 30.0), 60.0, 0.0)
-    assert got[:, :2] == pytest.approx(intersect_plane(CAMERA, rays(), -30.0), abs=0.01)
-    assert got[:, 2] == pytest.approx(np.full(60, -30.0), abs=0.01)
+    assert got == pytest.approx(CAMERA + rays() * (70.0 / rays()[:, 2:]), abs=0.01)
 
 
 def test_slope_is_met_where_algebra_says() -> None:

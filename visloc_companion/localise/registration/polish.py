@@ -67,7 +67,7 @@ def polish(
         if not left or max(abs(step[0]), abs(step[1]), abs(level.up_m)) < SMALL_STEP_M:
             placed = bread + bread @ _meat(source, used, weighted * residual[:, None], weighted * jacobian) @ bread
             raised = level.raised
-            return Refined(T, bowl_m, np.asarray(placed, dtype=np.float64), raised.covariance(), sigma, raised.sigma_m)
+            return Refined(T, bowl_m, np.asarray(placed, dtype=np.float64), raised.covariance(), raised.sigma_m)
         T = stepped(T, source.centre_m, np.array([step[0], step[1], 0]), (0.0, 0.0, float(step[2])), float(step[3]))
     return None
 

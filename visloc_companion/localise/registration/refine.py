@@ -38,13 +38,12 @@ LEAST_PRIOR, TINY = 1e-6, 1e-9
 @dataclass(frozen=True, slots=True, eq=False)
 class Refined:
     """`T` (4, 4), `bowl_m`; formal covariances of what is `placed` (4, 4: east, north,
-    heading, scale) and `raised` (4, 4: up, tilt about east and north, bowl); robust deviations of either kind of differences."""
+    heading, scale) and `raised` (4, 4: up, tilt about east and north, bowl); robust deviation of the differences in height."""
 
     T: FloatArray
     bowl_m: float
     placed: FloatArray
     raised: FloatArray
-    relief_sigma_m: float
     height_sigma_m: float
 
 
@@ -61,7 +60,7 @@ def refine(
         T, bowl_m = level.T, level.bowl_m
         east, north, yaw, scale = placed.step()
         if not left or max(abs(east), abs(north), abs(level.up_m)) < SMALL_STEP_M:
-            return Refined(T, bowl_m, placed.covariance(), level.raised.covariance(), placed.sigma_m, level.raised.sigma_m)
+            return Refined(T, bowl_m, placed.covariance(), level.raised.covariance(), level.raised.sigma_m)
         T = stepped(T, source.centre_m, np.array([east, north, 0]), (0.0, 0.0, yaw), scale)
     return None
 

@@ -8,7 +8,6 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.core.belief import Position
 from visloc_companion.errors import Reason
 from visloc_companion.types import Cov2, FloatArray, Vec2
 
@@ -98,16 +97,6 @@ class TerrainFix:
     sigma_h_m: float
     probability_wrong: float
     evidence: tuple[tuple[str, float], ...] = ()
-
-    def as_position(self) -> Position:
-        """The measurement as the navigation filter takes it (core/fusion.py), of the filter's own origin."""
-        return Position(
-            self.t_ns,
-            self.p_ne_m,
-            self.cov_ne_m2,
-            from_fix=True,
-            probability_wrong=self.probability_wrong,
-        )
 
 
 @dataclass(frozen=True, slots=True)

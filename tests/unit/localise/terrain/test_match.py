@@ -8,16 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from visloc_companion.core.belief import seeded
-from visloc_companion.core.fusion import observed
-from visloc_companion.core.propagation import Drive
-from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.errors import Reason
 from visloc_companion.localise.terrain.base import NoTerrainFix, Soundings, TerrainFix, TerrainPrior
 from visloc_companion.localise.terrain.elevation import ElevationMap
 from visloc_companion.localise.terrain.match import locate
 from visloc_companion.localise.terrain.settings import TerrainSettings
-from visloc_companion.types import Accepted
 
 SETTINGS = TerrainSettings()
 
@@ -159,19 +154,6 @@ def test_the_same_question_gets_the_same_answer(world: SimpleNamespace) -> None:
     ground = world.waves(10)
     first, second = (locate(world.patch(ground), world.prior(), world.elevation(ground), SETTINGS) for _ in range(2))
     assert first == second
-
-
-def test_the_navigation_filter_takes_the_fix(world: SimpleNamespace) -> None:
-    ground = world.waves(30)
-    fix = locate(world.patch(ground), world.prior(), world.elevation(ground), SETTINGS)
-    assert isinstance(fix, TerrainFix)
-    belief, verdict = observed(
-        seeded(9, (0.0, 0.0), 50.0, 0.3, Drive.AUTOPILOT, NavigatorSettings()),
-        fix.as_position(),
-        NavigatorSettings(),
-    )
-    assert isinstance(verdict, Accepted)
-    assert np.hypot(belief.x[0] - world.true_ne[0], belief.x[1] - world.true_ne[1]) < 3
 
 
 def test_bad_input_is_named() -> None:
