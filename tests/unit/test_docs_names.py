@@ -105,3 +105,17 @@ def test_decisions_are_listed_in_order_for_a_list_counts_by_itself() -> None:
     )
     assert [int(number) for number, _ in listed] == list(range(1, len(listed) + 1))
     assert [name for _, name in listed] == sorted(file.name for file in folder.glob("[0-9]*.md"))
+
+
+def test_the_readme_lists_every_page() -> None:
+    listed = set(
+        re.findall(r"\]\((docs/[\w-]+\.md)\)", (ROOT / "README.md").read_text(encoding="utf-8").split("## Documentation")[1])
+    )
+    assert listed == {f"docs/{page.name}" for page in DOCS.glob("*.md")}
+
+
+def test_figures_at_a_glance_count_the_flights_of_the_scenarios() -> None:
+    kept, flown = re.findall(r"^(\d+) of (\d+) flights", (DOCS / "scenarios.md").read_text(encoding="utf-8"), re.MULTILINE)[0]
+    assert f"| {flown} flights of the scenarios | as each expects | {kept} of {flown} |" in (DOCS / "benchmarks.md").read_text(
+        encoding="utf-8"
+    )

@@ -119,7 +119,8 @@ def result_of(flown: FlownScenario, method: str, with_daemon: bool = True, same_
 
 
 def campaign_specs(name: str, template: FlightSpec) -> list[FlightSpec]:
-    """The flights of a named campaign, or of a JSON file: a list of {scenario, dialect, vehicle, seed, method, structure}.
+    """The flights of a named campaign, or of a JSON file: a list of {scenario, dialect, vehicle, seed, method,
+    structure, with_daemon}.
 
     Raises ConfigError naming the file and the entry.
     """
