@@ -10,7 +10,7 @@ import sys
 
 import visloc_companion
 
-OPTIONAL = {"torch", "onnx", "onnxscript", "onnxruntime", "open3d", "starlette", "uvicorn", "laspy", "rerun"}
+OPTIONAL = {"torch", "onnx", "onnxscript", "onnxruntime", "open3d", "laspy"}
 
 where = pathlib.Path(visloc_companion.__file__).parent
 if "site-packages" not in where.parts:

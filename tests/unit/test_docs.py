@@ -20,6 +20,7 @@ from visloc_companion.errors import ConfigError, Reason
 from visloc_companion.evaluate.cases import COLUMNS, TRUTH_COLUMNS
 from visloc_companion.evaluate.cloud_cases import CLOUD_FIELDS, GROWTH, SIGMA_FIELDS, TRUTH_FIELDS
 from visloc_companion.evaluate.gate import parse_gate
+from visloc_companion.evaluate.image import POSE_FIELDS
 from visloc_companion.sim.autopilot_parameters import PREPARED
 from visloc_companion.types import AutopilotKind, Mode
 
@@ -228,6 +229,11 @@ def test_columns_and_gates_that_are_named_exist() -> None:
     section = page.split("`--gate` takes")[1].split("dotted paths")[0]
     for name in re.findall(r"\b[a-z]+[a-z0-9]*_[a-z0-9_]+\b|\bhmi\b|\bnees\b", section):
         assert parse_gate(f"{name}<=1")
+
+
+def test_every_field_of_an_answer_is_described() -> None:
+    page = text_of(DOCS / "replay.md").split("## Image cases")[1]
+    assert [field for field in ("id", "status", "reason", *POSE_FIELDS, "elapsed_ms") if f"`{field}`" not in page] == []
 
 
 def test_every_field_of_cloud_cases_is_described() -> None:

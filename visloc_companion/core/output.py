@@ -47,7 +47,7 @@ class ResetCounter:
     """Counts the discontinuities of the output.
 
     A discontinuity is a restart of the filter, a moved origin, or a step between two outputs (after motion by the velocity)
-    of more than `max_step_m`: each would otherwise be taken for motion, or be rejected for seconds (docs: facts sheet 0.6).
+    of more than `max_step_m`: each would otherwise be taken for motion, or be rejected for seconds (docs/ardupilot.md).
     """
 
     def __init__(self, max_step_m: float) -> None:

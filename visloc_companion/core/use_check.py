@@ -1,6 +1,6 @@
 """Whether an autopilot uses the position source that it says it was switched to: its acknowledgement does not tell.
 
-ArduPilot accepts a source that has no data and carries on with what it had (facts sheet, 1.4). Its test ratio of the position is
+ArduPilot accepts a source that has no data and carries on with what it had. Its test ratio of the position is
 that of the last position fused: while positions are fused it is another one with every report, and else stands still. PX4 tells
 whether GNSS is in use, and whether anything horizontal aids it (ESTIMATOR_STATUS, 0x200 and 0x100); once EKF2_GPS_CTRL is 0 the
 latter is not GNSS.

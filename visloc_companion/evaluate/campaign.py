@@ -1,4 +1,4 @@
-"""Flights by description: what `visloc sim` flies, one or many, and the totals of a campaign (evaluation.md section 3.6)."""
+"""Flights by description: what `visloc sim` flies, one or many, and the totals of a campaign (docs/simulation.md)."""
 
 from __future__ import annotations
 

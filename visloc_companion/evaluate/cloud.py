@@ -108,7 +108,7 @@ def run_case(posed: Posed, method: str, max_probability_wrong: float = DEFAULT_M
 
 
 def as_json(result: CloudResult) -> dict[str, Any]:
-    """One case as evaluation.md section 3.2 wants it; what a `no_fix` does not have is null.
+    """One case of the JSON (docs/structure.md, What comes out); what a `no_fix` does not have is null.
 
     `sigma_horizontal_m` is that of one axis: the root of the mean of both variances.
     """

@@ -165,7 +165,7 @@ def _camera_model(case: Case, pixels: Image) -> CameraModel:
 
 
 def as_json(result: CaseResult) -> dict[str, Any]:
-    """One case as evaluation.md section 3.1 wants it; what a `no_fix` does not have is null.
+    """One case of the JSON (docs/replay.md, Image cases); what a `no_fix` does not have is null.
 
     The protection level is provisional, from one vote alone; the covariance includes the map's own.
     """

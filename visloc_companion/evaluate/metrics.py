@@ -1,4 +1,4 @@
-"""The figures of a flight (evaluation.md section 3.3), and its epochs as CSV. Undefined figures are None, never NaN."""
+"""The figures of a flight (docs/replay.md, Figures), and its epochs as CSV. Undefined figures are None, never NaN."""
 
 from __future__ import annotations
 

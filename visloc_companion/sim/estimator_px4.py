@@ -214,7 +214,7 @@ class Px4Estimator:
         return self.filter.t_s - max(self._gnss_pass_s, self._external_pass_s, self._auxiliary_pass_s) < 1.0
 
     def health(self) -> EstimatorHealth:
-        """ESTIMATOR_STATUS's flags and ratios. A plane stays valid on airspeed (not measured in the facts sheet)."""
+        """ESTIMATOR_STATUS's flags and ratios. A plane stays valid on airspeed (not measured)."""
         now = self.filter.t_s
         plane_coasting = self._wind is not None and self._valid_until_s > -math.inf
         ok = now < self._valid_until_s or plane_coasting

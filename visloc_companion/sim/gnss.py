@@ -57,8 +57,8 @@ class ReceiverErrors:
 class GnssReceiver:
     """Makes a sample every `period_s`, with the errors given.
 
-    It loses its fix within 0.5 s of jamming and needs REGAIN_S to regain it (autopilot facts, section 3: fix 6 -> 1, 10 -> 3
-    satellites, accuracies left at the last good value).
+    It loses its fix within 0.5 s of jamming and needs REGAIN_S to regain it (measured in ArduPilot's simulator: fix 6 -> 1,
+    10 -> 3 satellites, accuracies left at the last good value).
     """
 
     def __init__(self, rng: Random, period_s: float = 0.2, errors: ReceiverErrors | None = None) -> None:

@@ -24,7 +24,7 @@ class Imu:
 
 
 QUIET = Imu(0.1, 0.0, 0.16, 0.0)
-"""ArduPilot's simulator: fitted to the facts sheet's table 5.1 (rms against rate)."""
+"""ArduPilot's simulator: fitted to its error (rms) at several rates of positions (tests/unit/sim/test_autopilot_ardupilot.py)."""
 EKF3 = Imu(0.1, 0.0, 1.2e-3, 2.2e-4)
 """The same vehicle with what ArduPilot's filter assumes: 0.35 m/s² (EK3_ACC_P_NSE) and 0.015 rad/s (EK3_GYRO_P_NSE) at 100 Hz. It
 takes the false acceleration of a position that goes wrong for a tilt of its own: in the real one's flights the accelerations

@@ -36,7 +36,7 @@ LOOP_RATE_HZ = {"copter": 400.0, "plane": 50.0}
 class Streams:
     """The table of requested intervals. ArduPilot denies more than 0.8 of its loop rate (a plane: 40 Hz), -1 stops.
 
-    (autopilot facts, section 4: GCS_Common.cpp:262; PX4 mavlink_receiver.cpp:2236)
+    (ArduPilot's GCS_Common.cpp:262, PX4's mavlink_receiver.cpp:2236, both of July 2025)
     """
 
     def __init__(self, kind: AutopilotKind, vehicle: str) -> None:

@@ -17,7 +17,7 @@ from visloc_companion.sim.vehicle import GRAVITY_MPS2
 from visloc_companion.types import AutopilotKind, GeoPoint, Vec3
 
 FIRMWARE_VERSION = {AutopilotKind.ARDUPILOT: (4, 7, 0, 0), AutopilotKind.PX4: (1, 17, 0, 0)}
-"""Major, minor, patch and FIRMWARE_VERSION_TYPE (0 = development) of the trees that the facts sheet read."""
+"""Major, minor, patch and FIRMWARE_VERSION_TYPE (0 = development) of what docs/ardupilot.md and docs/px4.md speak of."""
 BOOT_UNIX_US = 1_750_000_000_000_000
 """Calendar time at which the simulated autopilot booted."""
 GPS_BIT, VISION_BIT, XY_BIT = 1 << 5, 1 << 7, 1 << 14

@@ -1,4 +1,4 @@
-"""Figures of the facts sheet, sections 1 and 5: the simulated ArduPilot must land near them."""
+"""Figures that docs/ardupilot.md states of the maker's simulator: the simulated ArduPilot must land near them."""
 
 import math
 import statistics

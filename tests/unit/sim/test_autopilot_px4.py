@@ -1,4 +1,4 @@
-"""Figures of the facts sheet, sections 2 and 6: the simulated PX4 must land near them."""
+"""Figures that docs/px4.md states of the maker's simulator: the simulated PX4 must land near them."""
 
 import math
 

@@ -1,7 +1,7 @@
 """SET_GPS_GLOBAL_ORIGIN (48): gives an autopilot that has no origin, and no GNSS to get one from, the middle of our map.
 
 ArduPilot takes an origin once and ignores any further one in silence. PX4 takes one at any time and moves its frame with it,
-so it is never sent to an armed PX4: its origin may only not have been heard yet (facts sheet, 1.4 and 2.2).
+so it is never sent to an armed PX4: its origin may only not have been heard yet.
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ class SlowDrag:
     """A position that is dragged away at a constant velocity from `start_s` to `end_s`, then held until `release_s`.
 
     With `consistent_velocity` the reported velocity is dragged too, as a transmitter that spoofs signals does it; without,
-    only the position is (ArduPilot's SIM_GPS1_GLTCH, the case that the facts sheet measured).
+    only the position is (ArduPilot's SIM_GPS1_GLTCH, the drag of docs/ardupilot.md).
     """
 
     start_s: float

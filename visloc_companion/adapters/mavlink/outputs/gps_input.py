@@ -1,6 +1,6 @@
 """GPS_INPUT (232): a receiver of type 14 (MAVLink) of ArduPilot.
 
-Without a velocity it is worthless (facts sheet, 5.7), so none is sent then. The height is the autopilot's own and the vertical
+Without a velocity ArduPilot's EKF failed within 1.2 s, so none is sent then. The height is the autopilot's own and the vertical
 velocity is left out: the estimator's height must not rest on this receiver (EK3_SRCn_POSZ other than 3).
 """
 

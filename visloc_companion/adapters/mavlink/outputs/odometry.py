@@ -1,6 +1,6 @@
 """ODOMETRY (331): pose and velocity, with a quality.
 
-The frames are what each autopilot takes (facts sheet, section 0): ArduPilot only LOCAL_FRD with BODY_FRD, whose position it then
+The frames are what each autopilot takes (docs/mavlink.md): ArduPilot only LOCAL_FRD with BODY_FRD, whose position it then
 reads as NED and whose velocity it turns by our attitude; PX4 would turn LOCAL_FRD by its heading's error and gets LOCAL_NED, for
 the velocity, too. `estimator_type` VISION is one of those that PX4 takes with its covariances.
 """
