@@ -19,19 +19,13 @@ from visloc_companion.testing.contract_link import LinkBench, LinkContract
 from visloc_companion.testing.fake_autopilot import FakeAutopilot
 from visloc_companion.testing.fake_link import FakeLink
 from visloc_companion.testing.link_peers import FakePeer, WirePeer
-from visloc_companion.testing.loopback import tcp_autopilot, udp_autopilot
+from visloc_companion.testing.loopback import free_port, tcp_autopilot, udp_autopilot
 from visloc_companion.testing.signing_peer import PymavlinkSigning
 from visloc_companion.types import AutopilotKind
 
 SPEED = 5.0
 SETTINGS = SessionSettings(window_s=1.0)
 KEY = bytes(range(32))
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 class TestFakeLink(LinkContract):
@@ -73,7 +67,7 @@ class TestMavsdkLinkOverUdp(LinkContract):
         pytest.importorskip("mavsdk", reason="MAVSDK is missing: pip install 'visloc-companion[mavsdk]'")
         clock = MonotonicClock(SPEED)
         autopilot = FakeAutopilot(kind=AutopilotKind.ARDUPILOT, origin=None)
-        port = free_port()
+        port = free_port(socket.SOCK_DGRAM)
         link = PymavlinkLink(f"udpin:127.0.0.1:{port}", SETTINGS, clock, open_channel=MavsdkOpener(0, 197))
         async with udp_autopilot(autopilot, clock, lambda: port):
             yield LinkBench(link, WirePeer(autopilot), clock)

@@ -83,6 +83,13 @@ def test_settings_are_valid(page: Path) -> None:
             parse_config(data)
 
 
+@EVERY_PAGE
+def test_extras_exist(page: Path) -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    named = re.findall(r"visloc-companion\[([\w,]+)\]", page.read_text(encoding="utf-8"))
+    assert {extra for group in named for extra in group.split(",")} <= set(extras)
+
+
 def test_every_reason_for_which_there_is_no_fix_is_explained() -> None:
     reasons = list(Reason)
     unanswered = reasons[: reasons.index(Reason.GATED)]

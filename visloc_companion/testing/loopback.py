@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import Any
@@ -64,6 +65,13 @@ async def _pump(autopilot: FakeAutopilot, clock: Clock, write: Callable[[bytes],
         autopilot.step(now_ns - start_ns)
         write(autopilot.outgoing())
         await clock.sleep_until(now_ns + _STEP_NS)
+
+
+def free_port(kind: socket.SocketKind) -> int:
+    """A port of this kind (SOCK_DGRAM, SOCK_STREAM) that nobody uses now."""
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind((HOST, 0))
+        return int(probe.getsockname()[1])
 
 
 @asynccontextmanager

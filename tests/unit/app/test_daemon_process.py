@@ -28,15 +28,10 @@ from visloc_companion.maps.pack import PackMap
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.render import CameraSimulator
 from visloc_companion.sim.scene import Scene
+from visloc_companion.testing.loopback import free_port
 from visloc_companion.types import Attitude, AutopilotKind, Fix, GeoPoint, Injection, WorkerState
 
 HEIGHT_M = 80.0
-
-
-def free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def configuration(tmp_path: Path, pack: Path) -> Config:

@@ -22,6 +22,7 @@ from visloc_companion.doctor.report import as_json, summary
 from visloc_companion.errors import ConfigError
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.faults import no_gnss
+from visloc_companion.testing.loopback import free_port
 from visloc_companion.testing.signing_peer import PymavlinkSigning
 from visloc_companion.types import AutopilotKind
 
@@ -38,12 +39,6 @@ def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(f"visloc_companion.doctor.collect.{name}", 0.4)
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 def pilot_of(kind: AutopilotKind, grounded: bool = False, **parameters: float) -> BuiltInAutopilot:
     """Flying its mission, or on the ground without GNSS and so disarmed."""
     on_ground: dict[str, Any] = {"start_airborne": False, "faults": no_gnss()} if grounded else {}
@@ -52,7 +47,7 @@ def pilot_of(kind: AutopilotKind, grounded: bool = False, **parameters: float) -
 
 
 async def examined(served: Callable[..., Any], pilot: BuiltInAutopilot, apply: bool = False) -> Report:
-    port = free_port()
+    port = free_port(socket.SOCK_DGRAM)
     async with served(pilot, port):
         return await examine(Wishes(f"udpin:127.0.0.1:{port}", CONFIG, seconds=1.2, wait_s=30.0, apply=apply))
 
@@ -211,7 +206,7 @@ async def test_a_key_that_is_not_the_autopilots_is_red(
     file.write_text(passphrase)
     file.chmod(0o600)
     config = parse_config({"link": {"signing_key_file": str(file)}})
-    port = free_port()
+    port = free_port(socket.SOCK_DGRAM)
     async with served(Signing(hashlib.sha256(b"the one").digest()), port):
         report = await examine(Wishes(f"udpin:127.0.0.1:{port}", config, seconds=1.2, wait_s=30.0))
     (signing,) = [answer for answer in report.judged if answer.rule.id == "config-signing"]
@@ -221,7 +216,7 @@ async def test_a_key_that_is_not_the_autopilots_is_red(
 
 async def test_a_second_vehicle_on_the_same_port_is_told(served: Callable[..., Any]) -> None:
     """The daemon would keep to the one that it hears first, and so does the doctor."""
-    port, packer = free_port(), mav.MAVLink(None, srcSystem=2, srcComponent=1)
+    port, packer = free_port(socket.SOCK_DGRAM), mav.MAVLink(None, srcSystem=2, srcComponent=1)
     other = mav.MAVLink_heartbeat_message(mav.MAV_TYPE_QUADROTOR, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, mav.MAV_STATE_STANDBY, 3)
 
     async def beat() -> None:
@@ -261,14 +256,14 @@ async def test_without_a_link_the_rest_is_judged_all_the_same() -> None:
 
 
 async def test_a_silent_link_says_what_to_look_at() -> None:
-    report = await examine(Wishes(f"udpin:127.0.0.1:{free_port()}", CONFIG, wait_s=1.0))
+    report = await examine(Wishes(f"udpin:127.0.0.1:{free_port(socket.SOCK_DGRAM)}", CONFIG, wait_s=1.0))
     assert re.search(r"nothing is heard for 1 s.*remedy: power and wires", str(report.problem))
     levels = {answer.rule.id: answer.level for answer in report.judged}
     assert (levels["link-origin"], levels["config-clock"]) == (Level.SKIPPED, Level.GREEN)
 
 
 async def test_another_system_than_the_configured_one_is_named(served: Callable[..., Any]) -> None:
-    port = free_port()
+    port = free_port(socket.SOCK_DGRAM)
     config = parse_config({"link": {"system_id": 9}})
     async with served(pilot_of(AutopilotKind.PX4), port):
         report = await examine(Wishes(f"udpin:127.0.0.1:{port}", config, wait_s=3.0))

@@ -21,16 +21,11 @@ from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.server import ServerPlan, SimulationServer, main
+from visloc_companion.testing.loopback import free_port
 from visloc_companion.types import AutopilotKind, GeoPoint
 
 EAST_M, NORTH_M, SIZE_PX = 500_000.0, 5_205_000.0, 300
 BOOT_AGE_S = 3.0
-
-
-def free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @pytest.fixture
