@@ -17,6 +17,7 @@ def main() -> None:
     if SHARED.is_dir():
         folder = tempfile.mkdtemp(prefix="visloc-cases-")
         steps += [["table", folder, "--jobs", "2", "--breakdown"], ["floor", folder, "--jobs", "2"]]
+        steps += [["cross_view", folder, "--jobs", "2"]]
         steps += [["joint", "--n", "60"], ["joint", "--n", "60", "--method", "deep"]]
     for step in steps:
         print(f"\n## {step[0]}\n", flush=True)

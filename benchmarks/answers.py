@@ -33,6 +33,7 @@ from visloc_companion.localise.verify import (
     Weights,
     beside_others,
     probability_wrong,
+    unknown_attitude_wrong,
 )
 from visloc_companion.types import Fix
 
@@ -97,6 +98,9 @@ def answers(
 
 def judged_anew(result: CaseResult, method: str) -> CaseResult:
     """The result with the probability that the coefficients of verify.py make of its evidence now."""
+    if result.fix is not None and method == "cross-view":
+        p = unknown_attitude_wrong(result.evidence)
+        return replace(result, fix=replace(result.fix, probability_wrong=p), evidence=result.evidence | {"p_wrong": p})
     if result.fix is None or method not in WEIGHTS:
         return result
     weights = AGAIN_WEIGHTS if result.evidence["looks"] > 1 else WEIGHTS[method]

@@ -26,8 +26,16 @@ FOOTPRINT_HEIGHTS = 2 * math.tan(math.radians(30))
 """Side of the shared tool's footprint over the height above the ground."""
 
 
-def untold(source: Path, folder: Path, *, largest_deg: float, n: int, without_surface: bool = False) -> Path:
-    """The first `n` cases of a folder that tilt by no more than `largest_deg`, with a prior that says nadir."""
+def untold(
+    source: Path,
+    folder: Path,
+    *,
+    largest_deg: float,
+    n: int,
+    without_surface: bool = False,
+    prior: Mapping[str, float] = NADIR,
+) -> Path:
+    """The first `n` cases of a folder that tilt by no more than `largest_deg`, with a prior that says nadir or something else."""
     if (folder / "cases.csv").exists():
         return folder
     cases: list[dict[str, Any]] = []
@@ -35,7 +43,7 @@ def untold(source: Path, folder: Path, *, largest_deg: float, n: int, without_su
     for told, truth in zip(_rows(source / "cases.csv"), _rows(source / "truth.csv"), strict=True):
         if len(cases) == n or tilt_deg(truth) > largest_deg:
             continue
-        case = _found_from_anywhere(told, source) | NADIR
+        case = _found_from_anywhere(told, source) | dict(prior)
         found = _on_a_plane(case, truth) if without_surface else (case, truth)
         cases.append(found[0])
         truths.append(found[1])

@@ -18,7 +18,7 @@ Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Lever = Annotated[float, Field(ge=-20, le=20)]
 Share = Annotated[float, Field(gt=0, lt=1)]
-Method = Literal["deep", "gradient", "iclk", "ncc", "mi", "keypoint"]
+Method = Literal["deep", "gradient", "cross-view", "iclk", "ncc", "mi", "keypoint"]
 DEFAULT_METHOD: Method = "deep"
 """What localises where nobody chose: the daemon, `visloc evaluate image`, simulated and demonstrated flights."""
 
@@ -139,9 +139,9 @@ class LocaliserConfig(Section):
     """How frames are localised."""
 
     method: Method = DEFAULT_METHOD
-    """Which localiser answers; `deep` and `iclk` need onnxruntime (`pip install 'visloc-companion[cpu]'`)."""
+    """Which localiser answers; `deep`, `cross-view` and `iclk` need onnxruntime (`pip install 'visloc-companion[cpu]'`)."""
     model: str = ""
-    """Folder of the network for `deep` and `iclk`; empty takes the one that came with this version."""
+    """Folder of the network for `deep`, `cross-view` and `iclk`; empty takes the one that came with this version."""
     model_variant: Literal["float32", "float16", "int8"] = "float32"
     """Which of the network's files is used."""
     providers: Annotated[tuple[Literal["tensorrt", "cuda", "openvino", "qnn", "cpu"], ...], Field(min_length=1)] = ("cpu",)

@@ -33,6 +33,10 @@ class Stopwatch:
         """End of work on the map's side."""
         self._map_s += time.perf_counter() - self._map_start_s
 
+    def add_map_ms(self, ms: float) -> None:
+        """Count what another one's watch told of the map's side."""
+        self._map_s += 1e-3 * ms
+
     @property
     def elapsed_ms(self) -> float:
         """Milliseconds since construction, all included."""

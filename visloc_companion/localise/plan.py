@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import cv2
@@ -157,6 +157,13 @@ def make_plan(
         headings_rad=_grid(min(math.pi, SIGMAS * prior.sigma_yaw_rad), step),
         scales=np.exp(_grid(math.log1p(min(1.5, (SIGMAS * prior.sigma_h_m + spread) / agl)), step)),
     )
+
+
+def with_steps(plan: SearchPlan, gsd_m: float, step: float) -> SearchPlan:
+    """The plan at another resolution of its search, with headings (rad) and logarithms of the scale so far apart."""
+    reach = float(plan.headings_rad.max()), float(np.log(plan.scales.max()))
+    headings, scales = (_grid(at_most, step) for at_most in reach)
+    return replace(plan, coarse_gsd_m=gsd_m, headings_rad=headings, scales=np.exp(scales))
 
 
 def planned(

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from visloc_companion.errors import ConfigError
 from visloc_companion.geo.pinhole_view import pinhole_view
+from visloc_companion.localise.cross_view import CrossViewLocaliser
 from visloc_companion.localise.dense import deep_localiser, gradient_localiser
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.onnx import NetworkFeatures, open_features
@@ -21,6 +22,7 @@ from visloc_companion.types import CameraModel
 
 ON_FEATURES: dict[str, Callable[[CameraModel, LocaliserSettings, Features], Localiser]] = {
     "deep": deep_localiser,
+    "cross-view": CrossViewLocaliser,
     "iclk": IclkLocaliser,
 }
 """Those that look through dense features that somebody else opens: a network's."""

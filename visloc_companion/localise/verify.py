@@ -23,6 +23,8 @@ DEEP_WEIGHTS: Weights = (-4.31, 7.4, -4.56, 0.325, -1.44, 5.73, -2.24, -0.357, 1
 """... for the network's, and ..."""
 AGAIN_WEIGHTS: Weights = (-9.9, 4.64, -22.4, 1.13, -1.41, 17.1, -0.0633, -0.389, 13.4, -3.55, 0.0335, 0.353, 18.2)
 """... for a second look through the network's at what the first one declines (looks.py)."""
+UNKNOWN_ATTITUDE_WEIGHTS: Weights = (1.96, 7.55, 1.64, 1.0, -1.49, -4.97)
+"""... for frames of unknown attitude (`python -m benchmarks.cross_view --fit`, training rows only)."""
 FAR_PX = 7.0
 """Pixels of the search level (90 across a footprint, fewer where the map has no more): an answer that is off by more is wrong
 though the place be right. Of 150 training cases of unknown tilt 67 were accepted with 6 (none off by more than 10 px of the map),
@@ -112,6 +114,21 @@ def probability_wrong(evidence: Evidence, weights: Weights) -> float:
 def probability_near(sigma_px: float) -> float:
     """Probability that a position of this 1-sigma on each axis is not far off (Rayleigh's distribution)."""
     return 1 - math.exp(-0.5 * (FAR_PX / max(sigma_px, 1e-3)) ** 2)
+
+
+def unknown_attitude_regressors(numbers: Mapping[str, float]) -> tuple[float, ...]:
+    """What being right is regressed on where the attitude was searched for, too (cross_view.py). `ahead`: score less that of what
+    resembles the frame elsewhere."""
+    z = math.sqrt(max(0.0, block_z(numbers["blocks"], numbers["blocks_agreeing"])))
+    spread, sigma = math.log(0.3 + numbers["scatter_px"]), math.log(max(numbers["sigma_px"], 1e-3))
+    return 1.0, numbers["score"], numbers["ahead"], z, spread, sigma
+
+
+def unknown_attitude_wrong(numbers: Mapping[str, float]) -> float:
+    """Calibrated probability that such an answer is another place, or is this place and far off, from its evidence."""
+    regressors = unknown_attitude_regressors(numbers)
+    logit = sum(w * v for w, v in zip(UNKNOWN_ATTITUDE_WEIGHTS, regressors, strict=True))
+    return 1 / (1 + math.exp(min(50.0, max(-50.0, logit))))
 
 
 def beside_others(alone: float, share: float) -> float:
