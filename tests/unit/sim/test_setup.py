@@ -12,7 +12,7 @@ from visloc_companion.geo.wgs84 import distance_m, ned_from_geo
 from visloc_companion.sim.faults import FaultSchedule
 from visloc_companion.sim.scenarios import SCENARIOS, Scenario
 from visloc_companion.sim.setup import FlightArea, FlightSetup, VehicleKind
-from visloc_companion.types import AutopilotKind, CameraModel, GeoPoint
+from visloc_companion.types import AutopilotKind, CameraModel, GeoPoint, Mode
 
 HOME = GeoPoint(47.4, 8.55, 480.0)
 VEHICLES: tuple[VehicleKind, ...] = ("copter", "plane")
@@ -97,5 +97,8 @@ def test_a_plane_is_judged_by_its_own_limits() -> None:
     copter, plane = (replace(setup_of(1000.0, vehicle=each), scenario=SCENARIOS["link_gaps"]) for each in VEHICLES)
     assert copter.judged_as is copter.scenario
     assert (copter.judged_as.expected.max_error_m, plane.judged_as.expected.max_error_m) == (10.0, 32.0)
-    assert replace(plane.judged_as.expected, max_error_m=10.0) == copter.scenario.expected
-    assert replace(plane, scenario=SCENARIOS["jam"]).judged_as == SCENARIOS["jam"]
+    told = replace(plane.judged_as.expected, max_error_m=10.0, final_modes=copter.scenario.expected.final_modes)
+    assert told == copter.scenario.expected
+    jammed = replace(plane, scenario=SCENARIOS["jam"]).judged_as.expected
+    assert jammed.final_modes == (*SCENARIOS["jam"].expected.final_modes, Mode.DEAD_RECKONING)
+    assert replace(jammed, final_modes=SCENARIOS["jam"].expected.final_modes) == SCENARIOS["jam"].expected

@@ -37,7 +37,7 @@ GOOD = Evidence(
     parts_lead=0.3,
 )
 PRIOR = RegistrationPrior(20.0, 3.0, 0.05, 0.01, 0.012)
-REFINED = Refined(np.eye(4), 0.1, np.diag([1e-3, 2e-3, 1e-6, 1e-6]), np.diag([1e-4, 1e-6, 1e-6, 1e-3]), 0.3, 0.4)
+REFINED = Refined(np.eye(4), 0.1, np.diag([1e-3, 2e-3, 1e-6, 1e-6]), np.diag([1e-4, 1e-6, 1e-6, 1e-3]), 0.4)
 
 
 def test_a_weight_for_every_regressor():

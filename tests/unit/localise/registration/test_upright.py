@@ -27,7 +27,7 @@ def place(yaw: float, score: float, shift=(0.0, 0.0, 0.0)) -> Settled:
     T = about(HELD, yaw, 1.0, np.array(shift))
     lever = np.array([0.0, -80.0, 1.0, 0.0])
     placed = 0.02**2 * np.outer(lever, lever) + np.diag([0.04, 0.04, 0.0, 1e-6])
-    refined = Refined(T, 0.0, placed, np.eye(4), 0.1, 0.1)
+    refined = Refined(T, 0.0, placed, np.eye(4), 0.1)
     return Settled(refined, Agreement(score, 1.0, 1.0, 1.0, 1.0, 0.0), moved(T, CENTRE)[:2], 0.0)
 
 
