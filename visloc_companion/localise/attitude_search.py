@@ -19,7 +19,7 @@ from visloc_companion.localise.frame import FrameLevel, reduced
 from visloc_companion.localise.frame_features import Resampled
 from visloc_companion.localise.hypotheses import footprint_heights, pose_of_peak, region, search_box, search_window
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
-from visloc_companion.localise.plan import SearchPlan, with_steps
+from visloc_companion.localise.plan import SearchPlan, grid_step, with_steps
 from visloc_companion.localise.pose import to_view
 from visloc_companion.localise.search import NO_SCORE, find_peaks
 from visloc_companion.localise.window import cropped, map_grid, part_of_box
@@ -45,7 +45,6 @@ class Candidate:
 
     pose: CameraPose
     stands_out: float
-    score: float
     agl_m: float
     side_m: float
     view_ne_m: FloatArray
@@ -55,7 +54,9 @@ def searched_leans(
     plans: Sequence[SearchPlan], full: FrameLevel, ref: ReferenceMap, features: Features, watch: Stopwatch, threads: int
 ) -> list[Candidate]:
     """The best peaks of all plans, which share a local frame, those first that stand out most. Raises OutsideMap."""
-    coarse = [_coarse(plan, max(_gsd_m(plans), plan.finest_gsd_m)) for plan in plans]
+    gsd_m = min(math.sqrt(plan.area_m2) for plan in plans) / SIDE_PX
+    step = grid_step(STEP_PX, SIDE_PX)
+    coarse = [with_steps(plan, max(gsd_m, plan.finest_gsd_m), step) for plan in plans]
     boxes = [search_box(plan) for plan in coarse]
     low = reduce(np.minimum, [box[0] for box in boxes])
     high = reduce(np.maximum, [box[1] for box in boxes])
@@ -66,15 +67,6 @@ def searched_leans(
         grid = cropped(part_of_box(whole, *box, MARGIN_PX))
         found += _of_one(plan, grid, full, features, threads)
     return _apart(sorted(found, key=lambda c: -c.stands_out))
-
-
-def _gsd_m(plans: Sequence[SearchPlan]) -> float:
-    return min(math.sqrt(plan.area_m2) for plan in plans) / SIDE_PX
-
-
-def _coarse(plan: SearchPlan, gsd_m: float) -> SearchPlan:
-    step = 2 * STEP_PX / (0.7 * SIDE_PX / 2 * 1.13)
-    return with_steps(plan, gsd_m, step)
 
 
 def _of_one(plan: SearchPlan, grid: MapGrid, full: FrameLevel, features: Features, threads: int) -> Iterator[Candidate]:
@@ -91,7 +83,7 @@ def _of_one(plan: SearchPlan, grid: MapGrid, full: FrameLevel, features: Feature
     for peak in find_peaks(volume, allowed, max(3.0, APART * side_m / grid.gsd_m), PEAKS_EACH):
         pose = pose_of_peak(peak, grid, plan, heights)
         view = np.asarray((pose.p_ned_m + to_view(pose, plan.ground_up_m))[:2])
-        yield Candidate(pose, (peak.score - middle) / deviation, peak.score, plan.agl_m, side_m, view)
+        yield Candidate(pose, (peak.score - middle) / deviation, plan.agl_m, side_m, view)
 
 
 def _apart(candidates: Sequence[Candidate]) -> list[Candidate]:

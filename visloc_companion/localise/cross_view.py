@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from visloc_companion.errors import OutsideMap, Reason
+from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.geo.wgs84 import ned_from_geo
 from visloc_companion.localise.answer import Stopwatch, no_fix
@@ -31,7 +32,9 @@ from visloc_companion.localise.guess import (
     prior_sigmas,
 )
 from visloc_companion.localise.leans import STEP_RAD, leans
+from visloc_companion.localise.ortho_rectify import CameraPose
 from visloc_companion.localise.plan import SearchPlan, make_plan
+from visloc_companion.localise.pose import to_view
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.tilt import set_right
 from visloc_companion.localise.verify import MAX_CHI2_SIGMA, unknown_attitude_wrong
@@ -150,8 +153,8 @@ class _Asked:
 
 def _arm(fix: Fix, ground_up_m: float) -> FloatArray:
     """(2,) metres north, east from a camera to the ground that its axis meets."""
-    axis = R_from_quat(fix.q_ned_frd)[:, 2]
-    return np.asarray(axis[:2] / max(float(axis[2]), 0.2) * (fix.place.h_amsl_m - ground_up_m))
+    pose = CameraPose(np.array([0.0, 0.0, -fix.place.h_amsl_m]), R_from_quat(fix.q_ned_frd) @ R_FRD_CAM)
+    return to_view(pose, ground_up_m)[:2]
 
 
 def _leaning(prior: PosePrior, q_ned_frd: Quat) -> PosePrior:

@@ -23,6 +23,7 @@ from visloc_companion.localise.plan import SearchPlan, planned
 from visloc_companion.localise.pose import heading_and_tilt
 from visloc_companion.localise.pyramid import LEVELS, LowPassed, View, blurred, view, window
 from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.localise.verify import log_odds, logistic
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix, PosePrior
 
@@ -122,8 +123,7 @@ def regressors(numbers: dict[str, float]) -> tuple[float, ...]:
 
 def probability_wrong(values: tuple[float, ...]) -> float:
     """Calibrated probability that the descent ended at another place."""
-    logit = sum(w * v for w, v in zip(WEIGHTS, values, strict=True))
-    return 1 / (1 + math.exp(min(50.0, max(-50.0, logit))))
+    return logistic(-log_odds(WEIGHTS, values))
 
 
 def claimed_covariance(found: Alignment) -> FloatArray | None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +17,7 @@ from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, ground_
 from visloc_companion.localise.plan import SearchPlan, planned
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, solve_pose
 from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.localise.verify import logistic
 from visloc_companion.localise.window import cropped, map_grid
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix
@@ -142,4 +141,4 @@ def _pose(
 
 def _probability_wrong(inliers: int) -> float:
     """Logistic in the number of inliers, fitted on training rows (benchmarks/calibrate.py)."""
-    return 1 / (1 + math.exp(max(-50.0, min(50.0, 0.447 * inliers - 2.32))))
+    return logistic(-(0.447 * inliers - 2.32))

@@ -28,6 +28,7 @@ from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, rectify
 from visloc_companion.localise.plan import SearchPlan, planned, turned
 from visloc_companion.localise.pose import heading_and_tilt
 from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.localise.verify import log_odds, logistic
 from visloc_companion.localise.window import cropped, map_grid
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix
@@ -99,8 +100,7 @@ def regressors(numbers: dict[str, float]) -> tuple[float, ...]:
 
 def probability_wrong(values: tuple[float, ...]) -> float:
     """Calibrated probability that the match is another place."""
-    logit = sum(w * v for w, v in zip(WEIGHTS, values, strict=True))
-    return 1 / (1 + math.exp(max(-50.0, min(50.0, logit))))
+    return logistic(-log_odds(WEIGHTS, values))
 
 
 def _coarser(plan: SearchPlan) -> SearchPlan:

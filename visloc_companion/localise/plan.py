@@ -138,7 +138,7 @@ def make_plan(
     coarse = max(finest, math.sqrt(area) / COARSE_PIXELS, affordable)
     side_px = math.sqrt(area) / coarse
     misfit_px = STEP_PX if coarse == affordable else min(STEP_PX, STEP_SHARE * side_px)
-    step = 2 * misfit_px / (0.7 * side_px / 2 * 1.13)
+    step = grid_step(misfit_px, side_px)
     tilt_m = prior.sigma_tilt_rad * agl
     return SearchPlan(
         frame=frame,
@@ -157,6 +157,12 @@ def make_plan(
         headings_rad=_grid(min(math.pi, SIGMAS * prior.sigma_yaw_rad), step),
         scales=np.exp(_grid(math.log1p(min(1.5, (SIGMAS * prior.sigma_h_m + spread) / agl)), step)),
     )
+
+
+def grid_step(misfit_px: float, side_px: float) -> float:
+    """Between headings (rad) and logarithms of the scale that leave a misfit at 0.7 of a square footprint's half side (1.13: a
+    disc of that area has such a radius)."""
+    return 2 * misfit_px / (0.7 * side_px / 2 * 1.13)
 
 
 def with_steps(plan: SearchPlan, gsd_m: float, step: float) -> SearchPlan:

@@ -27,6 +27,7 @@ from visloc_companion.localise.ortho_rectify import CameraPose
 from visloc_companion.localise.plan import SearchPlan, planned
 from visloc_companion.localise.pose import heading_and_tilt
 from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.localise.verify import logistic
 from visloc_companion.localise.window import cropped, map_grid
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix
@@ -100,5 +101,4 @@ def _narrowed(plan: SearchPlan, pose: CameraPose) -> SearchPlan:
 
 def _probability_wrong(score: float, runner_up: float) -> float:
     """Logistic in the score and the runner-up ratio, fitted on training rows (benchmarks/calibrate.py)."""
-    logit = -4.62 + 4.02 * score + 12.8 * (1 - runner_up)
-    return 1 / (1 + math.exp(max(-50.0, min(50.0, logit))))
+    return logistic(-(-4.62 + 4.02 * score + 12.8 * (1 - runner_up)))

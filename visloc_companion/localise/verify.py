@@ -106,9 +106,18 @@ def block_z(blocks: float, agreeing: float) -> float:
 
 def probability_wrong(evidence: Evidence, weights: Weights) -> float:
     """Calibrated probability that the match is another place, or is this place and far off."""
-    logit = sum(w * v for w, v in zip(weights, evidence.regressors(), strict=True))
-    right_place = 1 / (1 + math.exp(min(50.0, max(-50.0, -logit))))
+    right_place = logistic(log_odds(weights, evidence.regressors()))
     return 1 - right_place * probability_near(evidence.sigma_px)
+
+
+def log_odds(weights: Weights, regressors: tuple[float, ...]) -> float:
+    """Of being right, by a logistic regression."""
+    return sum(w * v for w, v in zip(weights, regressors, strict=True))
+
+
+def logistic(log_odds: float) -> float:
+    """The probability of odds with this logarithm, which beyond ±50 makes no difference."""
+    return 1 / (1 + math.exp(min(50.0, max(-50.0, -log_odds))))
 
 
 def probability_near(sigma_px: float) -> float:
@@ -126,9 +135,7 @@ def unknown_attitude_regressors(numbers: Mapping[str, float]) -> tuple[float, ..
 
 def unknown_attitude_wrong(numbers: Mapping[str, float]) -> float:
     """Calibrated probability that such an answer is another place, or is this place and far off, from its evidence."""
-    regressors = unknown_attitude_regressors(numbers)
-    logit = sum(w * v for w, v in zip(UNKNOWN_ATTITUDE_WEIGHTS, regressors, strict=True))
-    return 1 / (1 + math.exp(min(50.0, max(-50.0, logit))))
+    return logistic(-log_odds(UNKNOWN_ATTITUDE_WEIGHTS, unknown_attitude_regressors(numbers)))
 
 
 def beside_others(alone: float, share: float) -> float:

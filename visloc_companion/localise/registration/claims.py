@@ -14,6 +14,7 @@ from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
 from visloc_companion.localise.registration.evidence import Evidence
 from visloc_companion.localise.registration.refine import Refined
+from visloc_companion.localise.verify import logistic
 from visloc_companion.types import FloatArray
 
 WEIGHTS = (0.79, 32.4, 10.3, -0.475, -2.72, -1.07, 1.77)
@@ -62,8 +63,7 @@ def unlike(e: Evidence) -> bool:
 
 def probability_wrong(e: Evidence) -> float:
     """Calibrated probability of being off by more than 5 m horizontally."""
-    odds = float(np.dot(WEIGHTS, regressors(e)))
-    return at_least(1 / (1 + math.exp(min(max(odds, -50), 50))), e)
+    return at_least(logistic(-float(np.dot(WEIGHTS, regressors(e)))), e)
 
 
 def at_least(wrong: float, e: Evidence) -> float:
