@@ -23,6 +23,7 @@ import cv2
 import numpy as np
 
 from benchmarks.cases import SHARED
+from visloc_companion.app.with_parent import end_with_parent
 from visloc_companion.evaluate.campaign import FlightSpec, campaign_specs, find_scenario, fly_spec, result_of
 from visloc_companion.evaluate.closed_loop import ALERT_LIMIT_M, fault_intervals
 from visloc_companion.evaluate.metrics import fix_errors_m
@@ -94,7 +95,7 @@ def report(world: str, specs: Sequence[FlightSpec], methods: Sequence[str], jobs
     todo = [replace(spec, method=method) for spec in specs for method in methods]
     made: dict[str, list[Flown]] = {method: [] for method in methods}
     print(f"\n{HEADER}\n|{'---|' * (HEADER.count('|') - 1)}")
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=end_with_parent) as pool:
         alone = [text for text in pool.map(without_daemon, specs) for _ in methods]
         for spec, without, flown in zip(todo, alone, pool.map(fly_one, todo), strict=True):
             made[spec.method].append(flown)

@@ -127,8 +127,7 @@ def written(entries: list[Entry], folder: Path) -> Path:
             writer.event(entry.now_ns, entry.event)
         if entry.command is not None:
             writer.command(entry.now_ns, entry.command)
-        while writer._queue.qsize() > 4000:  # the daemon never writes so fast
-            time.sleep(0.01)
+        writer.wait(4000)  # the daemon never writes so fast
     writer.close()
     if writer.path is None:
         raise RuntimeError("the journal was not written")

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.training_sets import SETS
+from visloc_companion.app.with_parent import end_with_parent
 from visloc_companion.evaluate.cases import BadCase, Case, Truth, read_cases, read_frame, read_truth
 from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.localise.answer import Stopwatch
@@ -52,7 +53,7 @@ def main() -> None:
         folder = SETS[name](args.folder / "cases")
         cases, truth = read_cases(folder)[: args.n], read_truth(folder)
         todo = [(case, truth[case.case_id], model) for case in cases if not isinstance(case, BadCase)]
-        with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
+        with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn"), initializer=end_with_parent) as pool:
             here = [c for c in pool.map(candidates_of, todo, chunksize=4) if c is not None]
         weights = np.array(GRADIENT_RANK if args.method == "gradient" else DEEP_RANK)
         best = [bool(right[int(np.argmax(x @ weights))]) for x, right in here]

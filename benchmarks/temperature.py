@@ -16,6 +16,7 @@ import numpy as np
 
 from benchmarks.rank import RIGHT_PX, task_of
 from benchmarks.training_sets import SETS
+from visloc_companion.app.with_parent import end_with_parent
 from visloc_companion.evaluate.cases import BadCase, Case, Truth, read_cases, read_truth
 from visloc_companion.localise.hypotheses import region, search_box, search_window
 from visloc_companion.localise.posterior import KnownPosition, fit_temperature, posterior
@@ -37,7 +38,7 @@ def main() -> None:
         folder = SETS[name](args.folder / "cases")
         truth = read_truth(folder)
         todo += [(c, truth[c.case_id], model) for c in read_cases(folder)[: args.n] if not isinstance(c, BadCase)]
-    with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn"), initializer=end_with_parent) as pool:
         samples = [s for s in pool.map(sample_of, todo, chunksize=4) if s is not None]
     factor = fit_temperature(samples)
     print(f"temperature x side: {factor:.3g} ({len(samples)} cases)")

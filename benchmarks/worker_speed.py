@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 
 from benchmarks.landscape import MODEL
+from visloc_companion.app.with_parent import end_with_parent
 from visloc_companion.geo.wgs84 import distance_m, geo_from_ned
 from visloc_companion.localise.registry import make_localiser, open_features_for
 from visloc_companion.localise.runtime import NetworkChoice
@@ -50,7 +51,7 @@ def report(pack: Path, todo: list[Posed], methods: list[str], threads: int) -> N
     print("|" + "---|" * 6)
     for name, jobs in (("tracking", tracking(todo)), ("whole map of 900 x 700 px", whole_map(todo))):
         for method in methods:
-            with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+            with ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=end_with_parent) as pool:
                 run = pool.submit(measured, pack, jobs, method, threads).result()
             rates = (
                 f"{run.wall_ms:.0f} | {1e3 / run.wall_ms:.1f} | {run.cpu_ms:.0f} | {run.peak_mb:.0f} | {100 * run.right:.0f} %"

@@ -158,7 +158,7 @@ def _parsed(record: Record, path: Path) -> Any:
 
 
 class JournalWriter:
-    """Writes a journal from a thread of its own. No method but `close` blocks or raises."""
+    """Writes a journal from a thread of its own. No method but `wait` and `close` blocks or raises."""
 
     def __init__(
         self,
@@ -222,7 +222,13 @@ class JournalWriter:
             self.dropped += 1
             return
         self._frames_waiting += 1
-        self._put(_FRAME, now_ns, (frame.frame_id, np.array(pixels)))
+        if not self._put(_FRAME, now_ns, (frame.frame_id, np.array(pixels))):
+            self._frames_waiting -= 1
+
+    def wait(self, most: int) -> None:
+        """Return when at most so many records wait, and no frame: for what records faster than a flight goes by."""
+        while self._thread.is_alive() and (self._queue.qsize() > most or self._frames_waiting):
+            time.sleep(0.001)
 
     def close(self) -> None:
         """Write what waits, flush to the disk and close the file; at most `_CLOSE_S` is waited for a disk that hangs."""
@@ -234,7 +240,8 @@ class JournalWriter:
         if not self._stream.closed:
             _abandon(self._stream)
 
-    def _put(self, topic: str, now_ns: int, thing: Any) -> None:
+    def _put(self, topic: str, now_ns: int, thing: Any) -> bool:
+        """Whether it waits to be written now."""
         self._sequence = (self._sequence + 1) % 2**32
         try:
             if self.problem:
@@ -242,6 +249,8 @@ class JournalWriter:
             self._queue.put_nowait((topic, now_ns, self._sequence, thing))
         except queue.Full:
             self.dropped += 1
+            return False
+        return True
 
     def _run(self) -> None:
         try:
@@ -268,10 +277,10 @@ class JournalWriter:
     def _write(self, topic: str, now_ns: int, sequence: int, thing: Any) -> None:
         try:
             data = _payload(topic, thing)
-            if not 0 <= now_ns < 2**64:
-                raise JournalError(f"the time {now_ns} ns is outside of what MCAP can hold", where=topic)
             if topic == _FRAME:
                 self._frames_waiting -= 1
+            if not 0 <= now_ns < 2**64:
+                raise JournalError(f"the time {now_ns} ns is outside of what MCAP can hold", where=topic)
             if not self._has_room(len(data) + _MESSAGE_OVERHEAD_BYTES):
                 self._finish()
                 raise _FullError(f"it reached journal.max_bytes = {self._max_bytes}")

@@ -148,11 +148,12 @@ def check_journal_folder(config: Config) -> None:
     _discard(JournalWriter.create(Path(config.journal.folder), JournalHeader({}), max_bytes=config.journal.max_bytes))
 
 
-def journal_header(config: Config, clock: Clock) -> JournalHeader:
-    """What flies: effective configuration, versions, hash of the map's manifest."""
+def journal_header(config: Config, started_ns: int) -> JournalHeader:
+    """What flies from now on, which is `started_ns` on the shell's clock: effective configuration, versions, hash of the map's
+    manifest."""
     manifest = Path(config.map.pack) / "manifest.json"
     digest = hashlib.sha256(manifest.read_bytes()).hexdigest() if config.map.pack and manifest.is_file() else ""
-    return JournalHeader(config.model_dump(mode="json"), versions(), digest, clock.now_ns(), time.time_ns())
+    return JournalHeader(config.model_dump(mode="json"), versions(), digest, started_ns, time.time_ns())
 
 
 def versions() -> dict[str, str]:
@@ -165,7 +166,7 @@ def versions() -> dict[str, str]:
 
 
 def _journal(config: Config, clock: Clock, on_problem: Callable[[str], None]) -> JournalWriter:
-    header, folder = journal_header(config, clock), Path(config.journal.folder)
+    header, folder = journal_header(config, clock.now_ns()), Path(config.journal.folder)
     return JournalWriter.create(folder, header, max_bytes=config.journal.max_bytes, on_problem=on_problem)
 
 

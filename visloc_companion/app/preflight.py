@@ -53,7 +53,7 @@ def preflight(config: Config, make: Constructors = CONSTRUCTORS) -> tuple[list[V
         attempt(lambda: check_status_socket(Path(config.status.socket)))
     found = {
         "versions": versions(),
-        "map_manifest_sha256": journal_header(config, clock).map_manifest_sha256,
+        "map_manifest_sha256": journal_header(config, clock.now_ns()).map_manifest_sha256,
         "localiser": about,
     }
     return problems, found

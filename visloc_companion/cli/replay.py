@@ -22,6 +22,10 @@ def replay(
     gate: Annotated[str, typer.Option("--gate", help='Conditions, as in "hmi=0,p95_m<=12"; exit code 1 where one fails.')] = "",
     speed: Annotated[str, typer.Option("--speed", help="max, or 1 for real time.")] = "max",
     alert_limit_m: Annotated[float, typer.Option("--alert-limit", min=0.1, help="Alert limit of HMI, metres.")] = 25.0,
+    rerun: Annotated[
+        bool,
+        typer.Option("--rerun", help="Localise a journal's recorded frames anew, with this version, --config and --map."),
+    ] = False,
     salvage: Annotated[bool, typer.Option("--salvage", help="Read a damaged journal as far as it goes.")] = False,
     system_id: Annotated[
         int, typer.Option("--system-id", min=0, max=255, help="Vehicle of a telemetry log; 0: the one heard most.")
@@ -29,6 +33,8 @@ def replay(
     boot: Annotated[int, typer.Option("--boot", min=0, help="Which boot of an ArduPilot log; 0: the one that tells most.")] = 0,
 ) -> None:
     """Replay a flight: GNSS verdicts and dead reckoning, with frames and a map its fixes, of a journal also its commands.
+
+    A journal's recorded answers are taken as they are, or with --rerun made anew from its recorded frames.
 
     Exit codes: 0 ok, 1 the gate failed or a journal's commands differ or are gone, 2 usage or configuration, 3 bad data.
     """
@@ -42,7 +48,7 @@ def replay(
     if out is not None:
         with results_into(out, "--out"):
             pass  # an hour's replay must not end with a folder that cannot be made
-    source = open_source(flight, pack, config, salvage, _speed(speed), system_id, boot)
+    source = open_source(flight, pack, config, salvage, _speed(speed), system_id, boot, rerun=rerun)
     record = source.record()
     epochs = str(out / "epochs.csv") if out is not None else None
     summary = flight_summary(record, alert_limit_m=alert_limit_m, latency=source.latency, epochs=epochs)

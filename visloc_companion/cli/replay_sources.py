@@ -22,6 +22,7 @@ from visloc_companion.app.salvage import MAGIC
 from visloc_companion.app.settings import core_settings, mounting
 from visloc_companion.app.terrain import TerrainAnswer, configured_terrain
 from visloc_companion.cli.progress import bar
+from visloc_companion.cli.rerun_source import RerunSource
 from visloc_companion.config import CameraConfig, Config, load_config, parse_config
 from visloc_companion.errors import ConfigError, LogError
 from visloc_companion.evaluate.flight import Pace, RecordedEyes, replay_recording
@@ -55,9 +56,17 @@ class Source(Protocol):
 
 
 def open_source(
-    flight: Path, pack: Path | None, config: Path | None, salvage: bool, speed: float | None, system_id: int = 0, boot: int = 0
+    flight: Path,
+    pack: Path | None,
+    config: Path | None,
+    salvage: bool,
+    speed: float | None,
+    system_id: int = 0,
+    boot: int = 0,
+    *,
+    rerun: bool = False,
 ) -> Source:
-    """The flight of a path; `system_id`, `boot`: which of several in one log (`open_log`).
+    """The flight of a path; `system_id`, `boot`: which of several in one log (`open_log`); `rerun`: a journal's frames anew.
 
     Raises LogError, JournalError, MapError or ConfigError naming what is wrong.
     """
@@ -68,7 +77,11 @@ def open_source(
     if _is_journal(flight):
         if system_id or boot:
             raise ConfigError("are for logs, not for journals", where="--system-id, --boot", remedy="leave them out")
+        if rerun:
+            return RerunSource(flight, load_config(config) if config else None, pack, salvage, pace)
         return JournalSource(flight, load_config(config) if config else None, salvage, reference, pace)
+    if rerun:
+        raise ConfigError("is for journals", where="--rerun", remedy="leave it out: frames beside a log are localised with --map")
     settings = load_config(config) if config else Config()
     if flight.is_dir():
         folder = open_folder(flight, _find_offset, system_id, boot)

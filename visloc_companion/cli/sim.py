@@ -14,9 +14,10 @@ if TYPE_CHECKING:
     from visloc_companion.evaluate.campaign import FlightSpec
     from visloc_companion.evaluate.closed_loop import FlownScenario
     from visloc_companion.evaluate.record import FlightRecord
+    from visloc_companion.evaluate.sim_journal import JournalChoice
 
 WORLD_SEED = 1
-_OF_BUILT_IN = "map_pack camera_ortho camera_dsm dialect method without_structure report campaign jobs"
+_OF_BUILT_IN = "map_pack camera_ortho camera_dsm dialect method without_structure report journal record_frames campaign jobs"
 _OF_CAMPAIGN = "dialect vehicle seed"
 
 
@@ -41,6 +42,12 @@ def sim(
         Path | None, typer.Option("--json", help="Write the result here, and one flight's epochs beside it as CSV.")
     ] = None,
     report: Annotated[Path | None, typer.Option(help="Write an HTML report here.")] = None,
+    journal: Annotated[
+        Path | None, typer.Option(help="Write the flight's journal here, as the daemon would: for visloc replay.")
+    ] = None,
+    record_frames: Annotated[
+        bool, typer.Option("--record-frames", help="With --journal: the frames that are localised, too.")
+    ] = False,
     campaign: Annotated[str, typer.Option(help="Many flights: a name (--list) or a JSON file.")] = "",
     jobs: Annotated[int, typer.Option(min=1, help="Flights at a time.")] = 1,
     list_all: Annotated[bool, typer.Option("--list", help="Name scenarios and campaigns, of --autopilot and --vehicle.")] = False,
@@ -50,6 +57,7 @@ def sim(
 
     from visloc_companion.cli.progress import require_folder
     from visloc_companion.evaluate.campaign import CAMPAIGNS, FlightSpec, campaign_specs
+    from visloc_companion.evaluate.sim_journal import JournalChoice
 
     if list_all:
         _list() if autopilot == "built-in" else _list_real(autopilot, vehicle)
@@ -64,10 +72,12 @@ def sim(
         raise ConfigError("name either --scenario or --campaign", remedy="visloc sim --list")
     if campaign and report is not None:
         raise ConfigError("--report shows one flight", remedy="give it with --scenario")
+    _check_journal(journal, record_frames, campaign, without_daemon)
     if campaign in CAMPAIGNS:
         _refuse(ctx, _OF_CAMPAIGN, f"is settled by the campaign {campaign}", "name a JSON file with a list of flights")
     require_folder(json_file, "--json")
     require_folder(report, "--report")
+    require_folder(journal, "--journal")
     nowhere = Path()
     spec = FlightSpec(scenario or "demo", nowhere, nowhere, None, dialect, vehicle, seed, method, not without_daemon)
     spec = replace(spec, structure=not without_structure)
@@ -75,7 +85,16 @@ def sim(
     if campaign:
         _campaign(specs, jobs, json_file)
     else:
-        _single(specs[0], json_file, report)
+        _single(specs[0], json_file, report, None if journal is None else JournalChoice(journal, record_frames))
+
+
+def _check_journal(journal: Path | None, frames: bool, campaign: str, without_daemon: bool) -> None:
+    if journal is None and frames:
+        raise ConfigError("--record-frames goes with --journal", remedy="name the journal's file")
+    if journal is not None and campaign:
+        raise ConfigError("--journal keeps one flight", remedy="give it with --scenario")
+    if journal is not None and without_daemon:
+        raise ConfigError("--journal keeps what the daemon does", remedy="leave --without-daemon or --journal out")
 
 
 def _refuse(ctx: typer.Context, parameters: str, why: str, remedy: str) -> None:
@@ -132,12 +151,12 @@ def _placed(
     ]
 
 
-def _single(spec: FlightSpec, json_file: Path | None, report: Path | None) -> None:
+def _single(spec: FlightSpec, json_file: Path | None, report: Path | None, kept: JournalChoice | None) -> None:
     from visloc_companion.cli.progress import bar
     from visloc_companion.evaluate.campaign import find_scenario, fly_spec, result_of
 
     with bar(f"flying {spec.scenario}", find_scenario(spec.scenario).duration_s) as advance:
-        flown = fly_spec(spec, advance)
+        flown = fly_spec(spec, advance, kept)
     result = result_of(flown, spec.method, spec.with_daemon, spec.camera_ortho is None)
     typer.echo(_line(result))
     for check in flown.checks:

@@ -19,6 +19,7 @@ from visloc_companion.app.with_parent import end_with_parent
 from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.errors import ConfigError, WorkerError
 from visloc_companion.evaluate.closed_loop import FlightWorld, FlownScenario, fly
+from visloc_companion.evaluate.sim_journal import JournalChoice
 from visloc_companion.localise.registry import METHODS
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.sim.scenarios import FLIGHTS, SCENARIOS, Scenario
@@ -79,8 +80,13 @@ def find_scenario(name: str) -> Scenario:
     return FLIGHTS[name]
 
 
-def fly_spec(spec: FlightSpec, on_progress: Callable[[float], None] | None = None) -> FlownScenario:
-    """Open the files and fly. Without a surface model of its own the camera's scene has the pack's. Raises MapError."""
+def fly_spec(
+    spec: FlightSpec, on_progress: Callable[[float], None] | None = None, kept: JournalChoice | None = None
+) -> FlownScenario:
+    """Open the files and fly; `kept`: the journal to write. Without a surface model of its own the camera's scene has the pack's.
+
+    Raises MapError, and JournalError where the journal cannot be written.
+    """
     reference = PackMap.open(spec.pack, verify_hashes=False)
     easting, northing = reference.center_map_m
     ground = float(np.nan_to_num(reference.height_amsl_m(easting, northing)))
@@ -91,7 +97,7 @@ def fly_spec(spec: FlightSpec, on_progress: Callable[[float], None] | None = Non
     vehicle = cast("VehicleKind", spec.vehicle)
     scenario, kind = find_scenario(spec.scenario), AutopilotKind(spec.dialect)
     setup = FlightSetup(scenario, world.area(), kind, vehicle, spec.seed, spec.height_m, spec.structure)
-    return fly(setup, world, method=spec.method, with_daemon=spec.with_daemon, on_progress=on_progress)
+    return fly(setup, world, method=spec.method, with_daemon=spec.with_daemon, on_progress=on_progress, kept=kept)
 
 
 def result_of(flown: FlownScenario, method: str, with_daemon: bool = True, same_image: bool = False) -> dict[str, Any]:

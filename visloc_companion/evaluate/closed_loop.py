@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
+from visloc_companion.app.journal import Entry
 from visloc_companion.app.localiser import configured_localiser
 from visloc_companion.app.settings import core_settings
 from visloc_companion.config import DEFAULT_METHOD, CameraConfig, Config, InjectionConfig, LocaliserConfig, NavigatorConfig
@@ -21,6 +22,7 @@ from visloc_companion.evaluate.expected import ALERT_LIMIT_M, checks_of
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.metrics import Interval, flight_summary
 from visloc_companion.evaluate.record import FlightRecord, from_entries
+from visloc_companion.evaluate.sim_journal import JournalChoice, flight_journal, journalled_config
 from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.protocols import Localiser
@@ -92,16 +94,28 @@ def fly(
     method: str = DEFAULT_METHOD,
     with_daemon: bool = True,
     on_progress: Callable[[float], None] | None = None,
+    kept: JournalChoice | None = None,
 ) -> FlownScenario:
-    """Fly one scenario in simulated time over a world. Raises MapError, ConfigError.
+    """Fly one scenario in simulated time over a world; `kept`: the journal to write. Raises MapError, ConfigError, JournalError.
 
-    Without the daemon only the autopilot flies, and nothing is expected.
+    Without the daemon only the autopilot flies, nothing is expected, and there is no journal.
     """
-    return fly_with(setup, eyes_over(setup, world, method) if with_daemon else None, on_progress)
+    eyes = eyes_over(setup, world, method) if with_daemon else None
+    if eyes is None or kept is None:
+        return fly_with(setup, eyes, on_progress)
+    config = journalled_config(simulated_config(setup), eyes.camera.model, world.pack, method)
+    with flight_journal(kept.path, config, frames=kept.frames) as journal:
+        return fly_with(setup, replace(eyes, on_pixels=journal.pixels), on_progress, journal.entry)
 
 
-def fly_with(setup: FlightSetup, eyes: Eyes | None, on_progress: Callable[[float], None] | None = None) -> FlownScenario:
-    """Fly one scenario with these eyes; with None nobody helps the autopilot, and nothing is expected."""
+def fly_with(
+    setup: FlightSetup,
+    eyes: Eyes | None,
+    on_progress: Callable[[float], None] | None = None,
+    on_entry: Callable[[Entry], None] | None = None,
+) -> FlownScenario:
+    """Fly one scenario with these eyes; with None nobody helps the autopilot, and nothing is expected. `on_entry` is told every
+    event and command of the navigator."""
     pilot = setup.autopilot()
     if eyes is None:
         log = ClosedLoopFlight(pilot, None, None, None).run(setup.scenario.duration_s, on_progress)
@@ -109,7 +123,7 @@ def fly_with(setup: FlightSetup, eyes: Eyes | None, on_progress: Callable[[float
         return FlownScenario(setup, log, record, flight_summary(record, alert_limit_m=ALERT_LIMIT_M), [])
     navigator = Navigator(core_settings(simulated_config(setup)))
     session, operator = MavlinkSession(SessionSettings()), _operator(setup.scenario)
-    flight = ClosedLoopFlight(pilot, navigator, session, eyes, operator=operator)
+    flight = ClosedLoopFlight(pilot, navigator, session, eyes, operator=operator, on_entry=on_entry)
     log = flight.run(setup.scenario.duration_s, on_progress)
     return judged(setup, log, from_entries(log.entries, log.truth, t0_ns=CLOCK_OFFSET_NS))
 

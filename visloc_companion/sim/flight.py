@@ -55,10 +55,13 @@ class ClosedLoopFlight:
         *,
         operator: OperatorEntry | None = None,
         output_rate_hz: float = 10.0,
+        on_entry: Callable[[Entry], None] | None = None,
     ) -> None:
+        """`on_entry` is told every event and command as it comes."""
         self._autopilot, self._navigator, self._session = autopilot, navigator, session
         self._eyes = None if eyes is None else FlightEyes(eyes, autopilot)
         self._operator = operator
+        self._on_entry = on_entry
         self._ticks = Every(output_rate_hz)
         self._origin_due_ns: int | None = None
         self.log = FlightLog()
@@ -119,10 +122,15 @@ class ClosedLoopFlight:
 
     def _feed(self, navigator: Navigator, session: MavlinkSession, events: Sequence[Event], now_ns: int) -> None:
         for event in events:
-            self.log.entries.append(Entry(now_ns, event, None))
+            self._note(Entry(now_ns, event, None))
             for command in navigator.on(event, now_ns):
-                self.log.entries.append(Entry(now_ns, None, command))
+                self._note(Entry(now_ns, None, command))
                 self._carry_out(command, session, now_ns)
+
+    def _note(self, entry: Entry) -> None:
+        self.log.entries.append(entry)
+        if self._on_entry is not None:
+            self._on_entry(entry)
 
     def _carry_out(self, command: Command, session: MavlinkSession, now_ns: int) -> None:
         match command:

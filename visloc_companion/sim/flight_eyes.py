@@ -95,6 +95,8 @@ class FlightEyes:
         else:
             view = self._views[request.frame.frame_id]
             pixels = eyes.camera.render(view.place, view.q_ned_frd, view.frame_id, view.shot)
+            if eyes.on_pixels is not None:
+                eyes.on_pixels(request.frame, pixels)
             answer = self._localiser.localise(request, pixels, eyes.reference)
             latency_s = eyes.structure_latency_s if request.vote is Vote.STRUCTURE else latency_s
         due_ns = self._pilot.t_sim_ns + round(latency_s * 1e9)

@@ -10,7 +10,7 @@ from visloc_companion.app.terrain import TerrainAnswer
 from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.sim.camera import SimulatedCamera
-from visloc_companion.types import GeoPoint, Vec3
+from visloc_companion.types import FrameRef, GeoPoint, Image, Vec3
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class Eyes:
     """What the navigator sees with: the camera over the scene, the localiser, its map, and how long an answer takes.
 
     `reopen` makes the localiser anew, as a worker process that was restarted does; `terrain` answers questions about the
-    ground below the track, where there is who can.
+    ground below the track, where there is who can. `on_pixels` is shown each frame that is localised, as it is.
     """
 
     camera: SimulatedCamera
@@ -66,3 +66,4 @@ class Eyes:
     structure_latency_s: float = 1.0
     terrain: TerrainAnswer | None = None
     reopen: Callable[[], Localiser] | None = None
+    on_pixels: Callable[[FrameRef, Image], None] | None = None

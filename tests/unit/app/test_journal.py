@@ -150,6 +150,27 @@ def test_a_full_queue_drops_counts_and_the_reader_says_so(tmp_path: Path, monkey
     assert damage == [f"{writer.dropped} records are missing before number {len(flight(100)) + 2}"]
 
 
+def test_frames_are_recorded_again_after_the_queue_was_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(journal, "_QUEUE", 3)
+    gate, path = threading.Event(), tmp_path / "slow.mcap"
+
+    class Slow(io.FileIO):
+        def write(self, data: object) -> int:
+            gate.wait(30)
+            return super().write(data)  # type: ignore[arg-type]
+
+    writer = JournalWriter(Slow(path, "wb"), HEADER)  # type: ignore[arg-type]
+    pixels = np.zeros((6, 8), np.uint8)
+    write(writer, flight(9))
+    for i in range(6):
+        writer.frame(i, FrameRef(i, i, i, 0, 8, 6, 1), pixels)
+    gate.set()
+    writer.wait(0)
+    writer.frame(77, FrameRef(77, 77, 77, 0, 8, 6, 1), pixels)
+    writer.close()
+    assert [frame_id for frame_id, _ in read_frames(path)] == [77]
+
+
 def test_a_disk_that_hangs_does_not_keep_the_daemon_from_ending(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(journal, "_QUEUE", 5)
     monkeypatch.setattr(journal, "_CLOSE_S", 0.05)

@@ -102,8 +102,7 @@ def test_a_flight_without_answers_has_the_default_latency() -> None:
 def test_frames_from_a_journal_come_in_any_recent_order(tmp_path: Path) -> None:
     writer = JournalWriter.create(tmp_path, JournalHeader({}), max_bytes=10**7)
     for n, pixels in frames():
-        while writer._frames_waiting:
-            pass
+        writer.wait(100)
         writer.frame(n, FrameRef(n, n, n, 0, 16, 12, 1), pixels)
     writer.close()
     assert writer.path is not None

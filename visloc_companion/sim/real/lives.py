@@ -75,7 +75,9 @@ class DaemonLives:
     async def _live(self, stop: asyncio.Event) -> None:
         recorder, oracle = self._recorder, self._oracle
         config = daemon_config(self._pilot, self._scenario, self._folder)
-        journal = JournalWriter.create(self._folder, journal_header(config, recorder.clock), max_bytes=config.journal.max_bytes)
+        journal = JournalWriter.create(
+            self._folder, journal_header(config, recorder.clock.now_ns()), max_bytes=config.journal.max_bytes
+        )
         recorder.journal = journal
         link = CONSTRUCTORS.link(config, recorder.clock, recorder.raw, recorder.log.warnings.append)
         parts = Parts(config, recorder.clock, link, journal=cast(JournalWriter, recorder))

@@ -1,0 +1,144 @@
+"""Journals of simulated flights: replayed byte for byte, and their frames localised anew (`visloc replay --rerun`)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from visloc_companion.app.journal import Entry, read_frames, read_header
+from visloc_companion.cli.replay import replay
+from visloc_companion.cli.rerun_source import compared
+from visloc_companion.cli.sim import sim
+from visloc_companion.errors import ConfigError, JournalError
+from visloc_companion.evaluate.closed_loop import FlightWorld, fly
+from visloc_companion.evaluate.sim_journal import JournalChoice
+from visloc_companion.maps.pack import PackMap
+from visloc_companion.sim.scenarios import FLIGHTS
+from visloc_companion.sim.scene import Scene
+from visloc_companion.sim.setup import FlightSetup
+from visloc_companion.types import AutopilotKind, Fix, GeoPoint
+
+app = typer.Typer()
+app.command("replay")(replay)
+app.command("sim")(sim)
+PLACE = GeoPoint(47.0, 8.0, 500.0)
+
+
+def run(*arguments: str | Path) -> tuple[int, str]:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result.exit_code, result.output
+
+
+@pytest.fixture(scope="module")
+def flown(tiny_world: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The journal of ten seconds over the small world, with the frames that were localised."""
+    path = tmp_path_factory.mktemp("flown") / "flight.mcap"
+    world = FlightWorld(tiny_world.pack, PackMap.open(tiny_world.pack), Scene.load(tiny_world.ortho, tiny_world.dsm))
+    scenario = replace(FLIGHTS["jam"], duration_s=10.0)
+    setup = FlightSetup(scenario, world.area(), AutopilotKind.ARDUPILOT, "copter", 1)
+    fly(setup, world, method="gradient", kept=JournalChoice(path, frames=True))
+    return path
+
+
+def figures(journal: Path, folder: Path, *arguments: str | Path) -> dict[str, Any]:
+    code, text = run("replay", journal, "--json", folder / "figures.json", *arguments)
+    assert code == 0, text
+    found: dict[str, Any] = json.loads((folder / "figures.json").read_text())
+    return found
+
+
+def test_a_simulated_flight_is_replayed_byte_for_byte(flown: Path, tmp_path: Path) -> None:
+    found = figures(flown, tmp_path)
+    assert found["commands"]["identical"] is True
+    assert found["commands"]["n_recorded"] > 20
+    assert found["n_fixes"] > 5
+
+
+def test_frames_localised_anew_are_where_they_were(flown: Path, tmp_path: Path) -> None:
+    found = figures(flown, tmp_path, "--rerun", "--out", tmp_path / "report")
+    again = found["rerun"]
+    assert again["method"] == "gradient"
+    assert again["n_fixes"] == again["n_fixes_in_flight"] == again["n_frames_of_both"] == found["n_fixes"]
+    assert again["apart_p95_m"] == pytest.approx(0.0, abs=0.02)  # the answers arrive at the median of the flight's delays
+    assert again["n_not_recorded"] == 0
+    assert (tmp_path / "report" / "report.html").is_file()
+
+
+def test_another_configuration_is_flown_with_another_map(flown: Path, tiny_world: Any, tmp_path: Path) -> None:
+    configuration = read_header(flown).configuration
+    pack = Path(configuration["map"]["pack"])
+    assert pack == tiny_world.pack
+    own = tmp_path / "own.toml"
+    camera = "\n".join(f"{name} = {value}" for name, value in configuration["camera"].items() if isinstance(value, int | float))
+    own.write_text(f'[camera]\n{camera}\n[localiser]\nmethod = "ncc"\n')
+    with pytest.raises(ConfigError, match=r"names no map; remedy: give the pack with --map"):
+        run("replay", flown, "--rerun", "--config", own)
+    found = figures(flown, tmp_path, "--rerun", "--config", own, "--map", pack)
+    again = found["rerun"]
+    assert (again["method"], again["map"]) == ("ncc", str(pack))
+    assert 5 < again["n_frames_of_both"] <= again["n_fixes"]
+    assert 0.01 < again["apart_median_m"] < 5.0  # another method: not the same place, but within a few pixels
+
+
+def test_a_journal_without_frames_and_a_log_are_refused(flown: Path, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"--rerun: is for journals"):
+        (tmp_path / "flight.tlog").write_bytes(b"")
+        run("replay", tmp_path / "flight.tlog", "--rerun")
+    assert next(read_frames(flown), None) is not None
+    bare = tmp_path / "bare.mcap"
+    bare.write_bytes(_without_frames(flown))
+    with pytest.raises(JournalError, match=r"bare\.mcap: holds no frames; remedy: record them: journal\.record_frames"):
+        run("replay", bare, "--rerun")
+
+
+def _without_frames(journal: Path) -> bytes:
+    from io import BytesIO
+
+    from visloc_companion.app.journal import JournalWriter, read_journal
+
+    stream = BytesIO()
+    stream.close = lambda: None  # type: ignore[method-assign]
+    writer = JournalWriter(stream, read_header(journal))
+    for entry in read_journal(journal):
+        if entry.event is not None:
+            writer.event(entry.now_ns, entry.event)
+        writer.wait(100)
+    writer.close()
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--scenario", "jam", "--record-frames"), "--record-frames goes with --journal"),
+        (("--campaign", "scenarios", "--journal", "a.mcap"), "--journal keeps one flight"),
+        (("--scenario", "jam", "--without-daemon", "--journal", "a.mcap"), "--journal keeps what the daemon does"),
+        (("--scenario", "jam", "--journal", "/nowhere/a.mcap"), "/nowhere/a.mcap"),
+        (("--autopilot", "px4", "--scenario", "jam", "--journal", "a.mcap"), "--journal means nothing with --autopilot px4"),
+    ],
+)
+def test_a_journal_that_cannot_be_is_refused_before_the_flight(arguments: Sequence[str], words: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        run("sim", *arguments)
+    assert words in str(caught.value)
+
+
+def test_fixes_are_compared_frame_by_frame() -> None:
+    def fix(frame: int, north_deg: float, method: str = "deep") -> Entry:
+        place = replace(PLACE, lat_deg=PLACE.lat_deg + north_deg)
+        level = (1.0, 0.0, 0.0, 0.0)
+        return Entry(frame, Fix(0, 0, frame, frame, method, place, level, ((1.0, 0.0), (0.0, 1.0)), 1.0, 0.01, 0.0, 1.0), None)
+
+    old, new = [fix(1, 0.0), fix(2, 0.0), fix(4, 0.0, "structure")], [fix(1, 1e-5), fix(2, 3e-5), fix(3, 0.0), fix(4, 0.0)]
+    found = compared(old, new)
+    assert (found["n_fixes_in_flight"], found["n_fixes"], found["n_frames_of_both"]) == (3, 4, 2)
+    assert found["apart_median_m"] == pytest.approx(2e-5 * 111_170, rel=1e-3)
