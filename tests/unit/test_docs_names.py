@@ -16,7 +16,7 @@ from visloc_companion.types import Command, Event
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
-PAGES = sorted([ROOT / "README.md", *DOCS.rglob("*.md"), *ROOT.glob("models/*.md")])
+PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *DOCS.rglob("*.md"), *ROOT.glob("models/*.md")])
 EVERY_PAGE = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 SECTIONS = "|".join(name for name, field in Config.model_fields.items() if isinstance(field.annotation, type))
 GROUPS = "|".join(sorted({rule.id.partition("-")[0] for rule in RULES}))
