@@ -71,14 +71,16 @@ class Entry:
 
 
 def read_journal(
-    path: Path, salvage: bool = True, on_damage: OnDamage | None = None, *, commands: bool = True
+    path: Path, salvage: bool = True, on_damage: OnDamage | None = None, *, commands: bool = True, shell: bool = False
 ) -> Iterator[Entry]:
     """Events and commands in the order in which they happened.
 
     With `salvage`, damaged parts are left out and told to `on_damage`, as are gaps in the numbering; without, they raise.
-    Without `commands` these are passed over unread: a replay gives its own. Raises JournalError for a file that is no journal.
+    Without `commands` these are passed over unread: a replay gives its own. With `shell` the shell's own notices come among the
+    commands. Raises JournalError for a file that is no journal.
     """
-    topics = ("/event/", "/command/") if commands else ("/event/",)
+    topics: tuple[str, ...] = ("/event/", "/command/") if commands else ("/event/",)
+    topics = (*topics, _NOTICE) if shell else topics
     expected: int | None = None
     for record in _records(path, salvage, on_damage):
         if expected is not None and record.sequence != expected and on_damage is not None:

@@ -27,6 +27,7 @@ from visloc_companion.app.ground_reports import Condition, GroundReports
 from visloc_companion.app.health import Health
 from visloc_companion.app.mailbox import Mailbox
 from visloc_companion.app.parts import Constructors, Parts, Reports, assemble
+from visloc_companion.app.seen import Seen
 from visloc_companion.app.serialise import to_json
 from visloc_companion.app.settings import core_settings
 from visloc_companion.app.status import status_server
@@ -71,6 +72,7 @@ class Daemon:
         self.parts, self.link = parts, parts.link
         self.navigator = Navigator(core_settings(parts.config))
         self.status: Status | None = None
+        self._seen = Seen()
         self.health = Health({part: limit for part, limit in LIMITS_S.items() if part != "camera" or parts.camera is not None})
         self.slow_steps = self.slowest_ns = self.orders_dropped = 0
         self._make, self._notifier = make, notifier
@@ -93,9 +95,11 @@ class Daemon:
         begun_ns = self._wall.now_ns()
         if journal is not None:
             journal.event(now_ns, event)
+        self._seen.event(event)
         for command in self.navigator.on(event, now_ns):
             if journal is not None:
                 journal.command(now_ns, command)
+            self._seen.command(now_ns, command)
             self._dispatch(command)
         spent_ns = self._wall.now_ns() - begun_ns
         self.slow_steps += spent_ns > SLOW_STEP_NS
@@ -117,8 +121,10 @@ class Daemon:
 
     def report(self, notice: Notice) -> None:
         """The shell's own notice: logged, journalled apart from the navigator's, and sent where it is for the operator."""
+        now_ns = self.parts.clock.now_ns()
         if self.parts.journal is not None:
-            self.parts.journal.notice(self.parts.clock.now_ns(), notice)
+            self.parts.journal.notice(now_ns, notice)
+        self._seen.command(now_ns, notice)
         self._tell(notice)
 
     def _tell(self, notice: Notice) -> None:
@@ -258,10 +264,10 @@ class Daemon:
 
     def snapshot(self) -> dict[str, Any]:
         """State for other processes (app/status.py)."""
-        journal, worker = self.parts.journal, self.parts.worker
+        journal, worker, now_ns = self.parts.journal, self.parts.worker, self.parts.clock.now_ns()
         return {
             "schema": 1,
-            "t_ns": self.parts.clock.now_ns(),
+            "t_ns": now_ns,
             "status": None if self.status is None else json.loads(to_json(self.status)),
             "link_up": self._link_up,
             "worker": None
@@ -278,6 +284,8 @@ class Daemon:
             "slowest_ms": self.slowest_ns / 1e6,
             "injections": {"sent": self._injections.taken, "dropped": self._injections.dropped},
             "late": self.health.late(self._wall.now_ns()),
+            "camera": self.parts.camera is not None,
+            **self._seen.snapshot(now_ns),
         }
 
 

@@ -93,6 +93,8 @@ def test_raw_bytes_and_the_shells_notices_are_kept_apart_from_the_replay(tmp_pat
     assert list(read_mavlink(writer.path, outgoing=False)) == [(1, b"\xfd\x00\xff")]
     assert list(read_mavlink(writer.path, outgoing=True)) == [(2, b"\xfd\x01")]
     assert list(read_journal(writer.path)) == [Entry(4, Tick(4), None)]
+    with_the_shell = list(read_journal(writer.path, shell=True))
+    assert with_the_shell == [Entry(3, None, Notice(Severity.WARNING, "worker died")), Entry(4, Tick(4), None)]
 
 
 @pytest.mark.parametrize("shape", [(6, 8), (6, 8, 3)])

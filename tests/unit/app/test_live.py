@@ -283,6 +283,10 @@ async def test_without_a_camera_there_is_telemetry_only(tmp_path: Path) -> None:
         assert snapshot["worker"] is None
         assert snapshot["status"]["type"] == "Status"
         assert snapshot["late"] == []
+        assert snapshot["camera"] is False
+        assert snapshot["autopilot"]["kind"] in ("ardupilot", "px4")
+        assert 0.0 <= snapshot["heading_deg"] < 360.0
+        assert snapshot["fix"] is None
     assert not (tmp_path / "s.sock").exists()
     recorded = entries(config)
     assert events_of(LinkChanged, recorded)
