@@ -10,7 +10,7 @@ import sys
 
 import visloc_companion
 
-OPTIONAL = {"torch", "onnx", "onnxscript", "onnxruntime", "open3d", "laspy"}
+OPTIONAL = {"torch", "onnx", "onnxscript", "onnxruntime", "open3d", "laspy", "starlette", "uvicorn", "prometheus_client"}
 
 where = pathlib.Path(visloc_companion.__file__).parent
 if "site-packages" not in where.parts:
@@ -27,6 +27,17 @@ for name in names:
 print(f"imported {len(names)} modules of {where.name}")
 
 from visloc_companion.localise.model_folder import read_golden, read_manifest, read_variant, shipped_model  # noqa: E402
+
+
+def files_of(room: pathlib.Path) -> dict[str, bytes]:
+    """The page's files by name."""
+    return {file.name: file.read_bytes() for file in (room / "web" / "page").iterdir()}
+
+
+page = files_of(pathlib.Path(__file__).resolve().parents[1] / "visloc_companion")
+if files_of(where) != page:
+    sys.exit("the wheel does not hold the dashboard's page as the checkout does")
+print(f"the dashboard's page: {len(page)} files, {sum(map(len, page.values()))} bytes")
 
 checkout = pathlib.Path(__file__).resolve().parents[1] / "models"
 for folder in sorted(path.parent for path in checkout.glob("*/manifest.json")):

@@ -17,6 +17,7 @@ from visloc_companion.cli.replay import replay
 from visloc_companion.cli.run import run
 from visloc_companion.cli.sim import sim
 from visloc_companion.cli.train import train_app
+from visloc_companion.cli.web import web
 from visloc_companion.errors import CameraError, ConfigError, LinkError, VislocError
 
 app = typer.Typer(
@@ -31,6 +32,7 @@ app.command()(run)
 app.command()(replay)
 app.command()(sim)
 app.command()(demo)
+app.command()(web)
 app.command()(doctor)
 app.command(context_settings={"ignore_unknown_options": True})(here)  # south of the equator its place begins with a minus
 app.command()(link_key)

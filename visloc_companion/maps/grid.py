@@ -157,6 +157,11 @@ class GridMap:
             return easting, northing
         return float(near_middle(self._pixels, turn, np.array([easting]))[0]), northing
 
+    def picture(self, T_map_pix: FloatArray, size_px: tuple[int, int]) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+        """Pixels of a (width, height) window of any (2, 3) affine, and which of them hold map (heights not asked)."""
+        pixels, valid = warp_affine(self._pixels, T_map_pix, size_px)
+        return np.asarray(pixels, np.uint8), valid
+
     def share_valid(self, T_map_pix: FloatArray, size_px: tuple[int, int]) -> FloatArray:
         """(height, width) share of each pixel of a coarse window that holds map, from 4 x 4 samples (heights not asked)."""
         fine = compose_affine(T_map_pix, np.array([[0.25, 0.0, -0.375], [0.0, 0.25, -0.375]]))

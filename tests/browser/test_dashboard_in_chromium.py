@@ -1,0 +1,288 @@
+"""The dashboard as Chromium shows it, while a fake daemon answers on a status socket, and while none does."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.browser.devtools import Page, chromium_page
+from tests.unit.web.snapshots import snapshot
+from visloc_companion.app.status import status_server
+from visloc_companion.web.daemon_socket import DaemonSocket
+from visloc_companion.web.feed import Feed
+from visloc_companion.web.guard import own_names
+from visloc_companion.web.pictures import MapPictures
+from visloc_companion.web.recording import Recording
+from visloc_companion.web.serve import listening, serve
+from visloc_companion.web.server import application
+from visloc_companion.web.source import Source
+
+pytestmark = pytest.mark.browser
+
+TEXT = "document.body.innerText"
+STATE = "document.body.dataset.state"
+INK = (17, 17, 17)
+GRID_ONLY = "no map: start visloc web with --map PACK"
+
+
+class InThread:
+    """Something asynchronous that lives in a thread of its own until it is told to stop."""
+
+    def __init__(self) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever)
+        self._thread.start()
+
+    def begin(self, work: Any) -> Any:
+        return asyncio.run_coroutine_threadsafe(work, self._loop)
+
+    def end(self) -> None:
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(10)
+        self._loop.close()
+
+
+@contextmanager
+def dashboard(source: Source, pictures: MapPictures | None = None) -> Iterator[str]:
+    thread = InThread()
+    with listening("127.0.0.1", 0) as listener:
+        stop = asyncio.Event()
+
+        async def run() -> None:
+            feed = Feed(source)
+            await serve(feed, application(feed, pictures, own_names("127.0.0.1")), listener, stop)
+
+        serving = thread.begin(run())
+        try:
+            yield f"http://127.0.0.1:{listener.getsockname()[1]}/"
+        finally:
+            thread._loop.call_soon_threadsafe(stop.set)
+            serving.result(10)
+            thread.end()
+
+
+@contextmanager
+def daemon(path: Path, **status: Any) -> Iterator[None]:
+    """A daemon's status socket: the flight goes on with every look, a quarter of a second each."""
+    thread, looks, stop = InThread(), [0], asyncio.Event()
+
+    def look() -> dict[str, Any]:
+        looks[0] += 1
+        return snapshot(looks[0] / 4, **status)
+
+    async def run() -> None:
+        async with status_server(path, look):
+            await stop.wait()
+
+    running = thread.begin(run())
+    try:
+        yield
+    finally:
+        thread._loop.call_soon_threadsafe(stop.set)
+        running.result(10)
+        thread.end()
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    with chromium_page(tmp_path_factory.mktemp("profile")) as tab:
+        yield tab
+
+
+@pytest.fixture
+def quiet(page: Page) -> Iterator[Page]:
+    """The tab, whose console and network must have nothing to complain of."""
+    page.faults.clear()
+    yield page
+    assert page.faults == []
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "status.sock"
+
+
+def drawn(page: Page, tmp_path: Path) -> tuple[np.ndarray, tuple[float, float], float]:
+    """The map's pixels (RGB), where its middle is, and CSS pixels a metre by the scale bar's rule in chart.js."""
+    box = page.value(
+        "(() => { const b = document.getElementById('map').getBoundingClientRect(); return [b.x, b.y, b.width, b.height]; })()"
+    )
+    shot = cv2.imread(str(page.picture(tmp_path / "shot.png")))
+    assert shot is not None
+    x, y, width, height = (round(v) for v in box)
+    return shot[y : y + height, x : x + width, ::-1], (width / 2, height / 2), min(width, height) / 250.0
+
+
+def share_inked(pixels: np.ndarray, middle: tuple[float, float], radius_px: float, rgb: tuple[int, int, int]) -> float:
+    """Share of the directions in which a pixel of that colour lies within 2 px of the radius."""
+    hits = 0
+    for k in range(120):
+        c, s = math.cos(k * math.pi / 60), math.sin(k * math.pi / 60)
+        near = [
+            pixels[round(middle[1] + r * s), round(middle[0] + r * c)] for r in np.arange(radius_px - 2, radius_px + 2.1, 0.5)
+        ]
+        hits += any(np.abs(pixel.astype(int) - rgb).max() < 30 for pixel in near)
+    return hits / 120
+
+
+def test_what_the_daemon_says_is_seen(quiet: Page, path: Path, tmp_path: Path) -> None:
+    with daemon(path), dashboard(DaemonSocket(path)) as url:
+        quiet.open(url)
+        quiet.until(f"{STATE} === 'live' && {TEXT}.includes('AIDING')")
+        text = quiet.value(TEXT)
+        for words in (
+            "not trusted",
+            "the camera sees the vehicle elsewhere",
+            "the receiver reports spoofing",
+            "± 12 m",
+            "within the alert limits",
+            "SENDING",
+            "camera against map (deep)",
+            "no fix: several places look alike",
+            "ArduPilot 4.6.2, armed",
+            "visloc: GNSS not trusted, camera says elsewhere",
+            "47.400000, 8.550000",
+            GRID_ONLY,
+        ):
+            assert words in text, words
+        assert not quiet.value("document.getElementById('problem').checkVisibility()")
+        assert quiet.value("document.title") == "AIDING · visloc"
+        quiet.until("document.getElementById('map').clientWidth > 300")
+
+
+def test_rings_are_drawn_at_their_radii(quiet: Page, path: Path, tmp_path: Path) -> None:
+    with daemon(path), dashboard(DaemonSocket(path)) as url:
+        quiet.open(url)
+        quiet.until(f"{STATE} === 'live'")
+        quiet.until("new Promise(done => setTimeout(() => done(true), 500))")
+        pixels, middle, per_metre = drawn(quiet, tmp_path)
+    assert share_inked(pixels, middle, 12 * per_metre, INK) > 0.8, "the protection level of 12 m"
+    assert share_inked(pixels, middle, 18 * per_metre, INK) < 0.3
+    assert 0.4 < share_inked(pixels, middle, 40 * per_metre, (0x6A, 0x1B, 0x9A)) < 0.9, "the alert limit of 40 m, dashed"
+
+
+def test_without_a_daemon_that_is_said_and_nothing_is_made_up(quiet: Page, path: Path) -> None:
+    with dashboard(DaemonSocket(path)) as url:
+        quiet.open(url)
+        quiet.until(f"{TEXT}.includes('No daemon answers at {path}: there is no such socket.')")
+        assert quiet.value(STATE) == "absent"
+        assert quiet.value("document.querySelector('#mode strong').textContent") == "UNKNOWN"
+        assert quiet.value("document.getElementById('place').textContent") == "not known"
+        assert quiet.value("document.title") == "NO DATA · visloc"
+
+
+def test_a_daemon_that_is_lost_is_not_shown_as_current_and_one_that_is_back_is(quiet: Page, path: Path) -> None:
+    with dashboard(DaemonSocket(path)) as url:
+        with daemon(path):
+            quiet.open(url)
+            quiet.until(f"{STATE} === 'live'")
+        quiet.until(f"{STATE} === 'stale' && {TEXT}.includes('Last heard')")
+        assert "line-through" in quiet.value("getComputedStyle(document.querySelector('#mode strong')).textDecorationLine")
+        assert quiet.value("document.title") == "NO DATA · visloc"
+        with daemon(path, mode="lost"):
+            quiet.until(f"{STATE} === 'live' && document.querySelector('#mode strong').textContent === 'LOST'")
+
+
+def test_a_server_that_is_gone_is_said_by_the_page_itself(page: Page, path: Path) -> None:
+    with daemon(path):
+        with dashboard(DaemonSocket(path)) as url:
+            page.open(url)
+            page.until(f"{STATE} === 'live'")
+        page.until(f"{STATE} === 'stale' && {TEXT}.includes('server has not answered for')")
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (800, 1000), (360, 740)])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_it_fits_into_the_window_and_can_be_read(quiet: Page, path: Path, width: int, height: int, scheme: str) -> None:
+    """No sideways scrolling, no text cut off, and contrasts of at least 4.5 : 1."""
+    with daemon(path), dashboard(DaemonSocket(path)) as url:
+        quiet.open(url, width, height, scheme)
+        quiet.until(f"{STATE} === 'live'")
+        assert quiet.value("document.documentElement.scrollWidth <= innerWidth")
+        assert quiet.value(f"({CUT_OFF})()") == []
+        assert quiet.value(f"({FAINT})()") == []
+
+
+CUT_OFF = """() => [...document.querySelectorAll('.badge *, dd, dt, h2, li span, .banner')]
+  .filter(e => e.checkVisibility() && e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== 'inline')
+  .map(e => e.textContent)"""
+FAINT = """() => {
+  const rgb = (text) => text.match(/[\\d.]+/g).map(Number);
+  const light = ([r, g, b]) => [r, g, b].map(v => v / 255).map(v => v <= 0.04 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
+    .reduce((sum, v, k) => sum + v * [0.2126, 0.7152, 0.0722][k], 0);
+  const behind = (e) => {
+    for (; e; e = e.parentElement) {
+      const c = rgb(getComputedStyle(e).backgroundColor);
+      if (c.length === 3 || c[3] > 0.8) return c;
+    }
+    return [255, 255, 255];
+  };
+  const texts = '.badge *, dd, dt, h2, #health span, #notices span, time, footer, footer a, .key span, button, summary';
+  return [...document.querySelectorAll(texts)]
+    .filter(e => e.checkVisibility() && e.textContent.trim())
+    .map(e => [e.textContent, light(rgb(getComputedStyle(e).color)), light(behind(e))])
+    .filter(([, a, b]) => (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05) < 4.5);
+}"""
+
+
+def test_the_map_lies_under_the_vehicle_and_can_be_panned_and_followed(
+    quiet: Page, path: Path, tmp_path: Path, tiny_pack: Path
+) -> None:
+    pictures = MapPictures(tiny_pack)
+    places = pictures.description()["places"]
+    lat_deg, lon_deg = places[len(places) // 2]
+    here = {"lat_deg": lat_deg, "lon_deg": lon_deg, "h_amsl_m": 400.0}
+    with daemon(path, place=here), dashboard(DaemonSocket(path), pictures) as url:
+        quiet.open(url)
+        quiet.until(f"{STATE} === 'live' && performance.getEntriesByType('resource').some(e => e.name.endsWith('.webp'))")
+        quiet.until("new Promise(done => setTimeout(() => done(true), 1000))")
+        pixels, (x, y), per_metre = drawn(quiet, tmp_path)
+        east, west = (pixels[round(y + 60 * per_metre), round(x + side * 20 * per_metre)] for side in (1, -1))
+        assert east[0] > 150 and west[2] > 150, "east of the middle the map is red, west of it blue"
+        assert not quiet.value("document.getElementById('map-note').checkVisibility()")
+        for name, dx in (("mousePressed", 0), ("mouseMoved", 120), ("mouseReleased", 120)):
+            quiet.call("Input.dispatchMouseEvent", type=name, x=400 + dx, y=400, button="left", buttons=1, clickCount=1)
+        quiet.until("document.getElementById('follow').getAttribute('aria-pressed') === 'false'")
+        quiet.value("document.getElementById('follow').click()")
+        assert quiet.value("document.getElementById('follow').getAttribute('aria-pressed')") == "true"
+
+
+@pytest.fixture(scope="module")
+def tiny_pack(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """600 x 600 m, the west half blue, the east half red."""
+    from visloc_companion.prepare.build import build_pack
+    from visloc_companion.sim.scene import Scene
+
+    folder = tmp_path_factory.mktemp("map")
+    pixels = np.zeros((600, 600, 3), np.uint8)
+    pixels[:, :300, 2] = pixels[:, 300:, 0] = 220
+    T_map_pix = np.array([[1.0, 0.0, 500_000.0], [0.0, -1.0, 5_250_000.0]])
+    ortho, dsm = Scene(pixels, np.full((600, 600), 300.0, np.float32), T_map_pix, "EPSG:32632").save(folder)
+    build_pack([ortho], dsm, folder / "pack", capture_date="2026-01-01")
+    return folder / "pack"
+
+
+def test_a_recording_says_on_the_page_that_it_is_one(quiet: Page, tmp_path: Path) -> None:
+    from visloc_companion.app.journal import JournalHeader, JournalWriter
+    from visloc_companion.app.serialise import from_dict
+
+    journal = tmp_path / "flight.mcap"
+    writer = JournalWriter(journal.open("xb"), JournalHeader({}), path=journal)
+    for k in range(400):
+        said = snapshot(k / 10)
+        writer.command(said["t_ns"], from_dict(said["status"]))  # type: ignore[arg-type]
+    writer.close()
+    with dashboard(Recording(journal, 2.0)) as url:
+        quiet.open(url)
+        quiet.until(f"{TEXT}.includes('RECORDING of flight.mcap, 2 × real time: not what happens now')")
+        quiet.until(f"{TEXT}.includes('AIDING')")
+        assert quiet.value("document.title").startswith("recording · ")

@@ -1,0 +1,94 @@
+"""Health of the daemon's parts, what it sends, and what the operator was told, out of a snapshot."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from visloc_companion.web.reading import count, flag, number, part, text, texts
+from visloc_companion.web.words import span
+
+PARTS = ("link", "camera", "worker", "tick")
+FRAME_LATE_S = 5.0
+MAX_NOTICES = 8
+NOT_KNOWN = "not known"
+SEVERITIES = ("info", "notice", "warning", "critical")
+
+
+def injection(snapshot: dict[str, Any]) -> dict[str, Any]:
+    """Whether positions go to the autopilot now, and how many have."""
+    sent = part(snapshot, "injections")
+    injected = flag(part(snapshot, "status").get("injected"))
+    says = {True: "sending positions to the autopilot", False: "not sending", None: "not known"}[injected]
+    return {"now": injected, "says": says, "sent": count(sent.get("sent")), "dropped": count(sent.get("dropped"))}
+
+
+def health(snapshot: dict[str, Any]) -> list[dict[str, Any]]:
+    """One row a part: name, `ok` (None: there is none, or it is not known) and what to say."""
+    hanging = set(texts(snapshot.get("late"), len(PARTS)))
+    rows = [
+        _row("link", *_link(snapshot)),
+        _row("camera", *_camera(snapshot)),
+        _row("worker", *_worker(snapshot)),
+        _row("disk", *_disk(snapshot)),
+    ]
+    if "tick" in hanging:
+        rows.append(_row("tick", False, "hangs"))
+    return [_row(row["part"], False, f"hangs; {row['says']}") if row["part"] in hanging and row["ok"] else row for row in rows]
+
+
+def notices(snapshot: dict[str, Any]) -> list[dict[str, Any]]:
+    """The last texts that went to the operator (STATUSTEXT), newest first."""
+    found = snapshot.get("notices")
+    rows = [item for item in found if isinstance(item, dict)] if isinstance(found, list) else []
+    return [
+        {"text": text(row.get("text")), "severity": _severity(row.get("severity")), "age_s": number(row.get("age_s"), 0.0)}
+        for row in rows[:MAX_NOTICES]
+    ]
+
+
+def _severity(value: object) -> str:
+    return value if isinstance(value, str) and value in SEVERITIES else "info"
+
+
+def _row(name: str, ok: bool | None, says: str) -> dict[str, Any]:
+    return {"part": name, "ok": ok, "says": says}
+
+
+def _link(snapshot: dict[str, Any]) -> tuple[bool | None, str]:
+    up, autopilot = flag(snapshot.get("link_up")), part(snapshot, "autopilot")
+    if not up:
+        return up, "no autopilot answers" if up is False else NOT_KNOWN
+    name = {"ardupilot": "ArduPilot", "px4": "PX4"}.get(text(autopilot.get("kind")), "an autopilot")
+    armed = {True: "armed", False: "disarmed", None: "armed or not is not known"}[flag(autopilot.get("armed"))]
+    version = text(autopilot.get("version"))
+    return True, f"{name} {version}, {armed}" if version else f"{name}, {armed}"
+
+
+def _camera(snapshot: dict[str, Any]) -> tuple[bool | None, str]:
+    age_s = number(snapshot.get("frame_age_s"), 0.0)
+    if flag(snapshot.get("camera")) is False:
+        return None, "none configured"
+    if age_s is None:
+        return (False, "no frame yet") if "camera" in snapshot else (None, NOT_KNOWN)
+    return age_s <= FRAME_LATE_S, f"last frame {span(age_s)} ago"
+
+
+def _worker(snapshot: dict[str, Any]) -> tuple[bool | None, str]:
+    worker = part(snapshot, "worker")
+    if not worker:
+        return None, "none: nothing is localised" if "worker" in snapshot else NOT_KNOWN
+    restarts = count(worker.get("restarts")) or 0
+    again = f"; {restarts} restarts in the last minute" if restarts else ""
+    if flag(worker.get("given_up")):
+        return False, f"died too often, tried again each minute{again}"
+    return (True, f"up{again}") if flag(worker.get("up")) else (False, f"down{again}")
+
+
+def _disk(snapshot: dict[str, Any]) -> tuple[bool | None, str]:
+    journal = part(snapshot, "journal")
+    if not journal:
+        return None, "no journal is written" if "journal" in snapshot else NOT_KNOWN
+    dropped, problem = count(journal.get("dropped")) or 0, text(journal.get("problem"))
+    if problem:
+        return False, problem
+    return (False, f"journal lacks {dropped} records") if dropped else (True, "journal is written")

@@ -1,0 +1,42 @@
+// How modes are drawn: by colour and by dashes, so that either tells them apart. Colours come from page.css.
+export const TRAIL = {
+  shadow: { color: "--shadow", dash: [], width: 4, words: "SHADOW" },
+  aiding: { color: "--aiding", dash: [], width: 6, words: "AIDING" },
+  dead_reckoning: { color: "--dead", dash: [12, 6], width: 5, words: "DEAD RECKONING" },
+  lost: { color: "--lost", dash: [2, 7], width: 5, words: "LOST" },
+  waiting: { color: "--waiting", dash: [2, 10], width: 3, words: "WAITING" },
+  unknown: { color: "--waiting", dash: [2, 10], width: 3, words: "unknown mode" },
+};
+
+export function color(name) {
+  return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+}
+
+// Over pictures of any brightness a line needs a rim
+export function stroke(context, path, { color: name, dash = [], width = 3 }) {
+  context.save();
+  context.lineJoin = context.lineCap = dash.length ? "butt" : "round";
+  if (dash.length && dash[0] < 4) context.lineCap = "round";
+  context.setLineDash(dash);
+  for (const [style, wide] of [[color("--plate"), width + 3], [color(name), width]]) {
+    context.strokeStyle = style;
+    context.lineWidth = wide;
+    context.beginPath();
+    path(context);
+    context.stroke();
+  }
+  context.restore();
+}
+
+export function plate(context, words, x, y, align = "left") {
+  context.save();
+  context.font = "600 13px system-ui, sans-serif";
+  const wide = context.measureText(words).width + 8;
+  const left = align === "center" ? x - wide / 2 : align === "right" ? x - wide : x;
+  context.fillStyle = color("--plate");
+  context.fillRect(left, y - 10, wide, 20);
+  context.fillStyle = color("--text");
+  context.textBaseline = "middle";
+  context.fillText(words, left + 4, y + 1);
+  context.restore();
+}
