@@ -33,7 +33,7 @@ PARAMETERS = {AutopilotKind.ARDUPILOT: "ardupilot", AutopilotKind.PX4: "px4"}
 FILE_SUFFIXES = ("toml", "mcap")
 SETTINGS = r"`((?:link|camera|map|localiser|worker|navigator|gnss|injection|journal|clock|status)\.[a-z_0-9]+)`"
 
-COMMAND = re.compile(r"(?:\S*/)?visloc ((?:run|replay|sim|demo|doctor|here|link-key|map|evaluate|train)\b.*)$")
+COMMAND = re.compile(r"(?:\S*/)?visloc ((?:run|replay|sim|demo|web|doctor|here|link-key|map|evaluate|train)\b.*)$")
 
 
 def text_of(page: Path) -> str:
@@ -97,6 +97,7 @@ def test_the_documentation_names_every_command() -> None:
         "replay",
         "sim",
         "demo",
+        "web",
         "doctor",
         "here",
         "link-key",

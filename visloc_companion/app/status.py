@@ -1,6 +1,7 @@
 """The daemon's state for other processes: each connection to a Unix socket gets one JSON snapshot and is closed.
 
 The client pulls, so a slow or dead one cannot make the daemon keep anything: `socat - UNIX-CONNECT:/run/visloc/status.sock`.
+The daemon's user and group may ask, so that a dashboard needs not run as the daemon's user.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from typing import Any
 from visloc_companion.errors import ConfigError
 
 _WRITE_S = 1.0
+_MODE = 0o660
+"""Who asks must be allowed to write to a socket."""
 
 
 @contextlib.asynccontextmanager
@@ -34,6 +37,7 @@ async def status_server(path: Path, snapshot: Callable[[], dict[str, Any]]) -> A
     try:
         _remove(path)  # left by a daemon that was killed
         server = await asyncio.start_unix_server(answer, path)
+        _let_the_group_ask(path)
     except OSError as why:
         raise _no_socket(path, why) from why
     try:
@@ -83,6 +87,10 @@ def _answers(path: Path) -> bool:
         except OSError:
             return False
     return True
+
+
+def _let_the_group_ask(path: Path) -> None:
+    path.chmod(_MODE)
 
 
 def _remove(path: Path) -> None:

@@ -43,7 +43,7 @@ def sim(
     ] = None,
     report: Annotated[Path | None, typer.Option(help="Write an HTML report here.")] = None,
     journal: Annotated[
-        Path | None, typer.Option(help="Write the flight's journal here, as the daemon would: for visloc replay.")
+        Path | None, typer.Option(help="Write the flight's journal here, as the daemon would: for visloc replay and visloc web.")
     ] = None,
     record_frames: Annotated[
         bool, typer.Option("--record-frames", help="With --journal: the frames that are localised, too.")

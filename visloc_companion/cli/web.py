@@ -22,7 +22,9 @@ def web(
         Path | None, typer.Option("--socket", metavar="PATH", help=f"The daemon's status socket; else {SOCKET}.")
     ] = None,
     config: Annotated[Path | None, typer.Option("--config", help="The daemon's configuration: names socket and map.")] = None,
-    map_pack: Annotated[Path | None, typer.Option("--map", help="Map pack; without it a grid is shown.")] = None,
+    map_pack: Annotated[
+        Path | None, typer.Option("--map", help="Map pack; else that of --config or --journal, or a grid.")
+    ] = None,
     host: Annotated[str, typer.Option("--host", help="Address to listen on; 0.0.0.0 is the whole network.")] = "127.0.0.1",
     port: Annotated[int, typer.Option("--port", min=1, max=65535, help="TCP port.")] = 8480,
     name: Annotated[
@@ -47,7 +49,7 @@ def web(
         raise ConfigError("shows a recorded flight", where="--journal", remedy="leave --socket and --config out")
     if journal is None and speed != 1.0:
         raise ConfigError("is of a recorded flight", where="--speed", remedy="give it with --journal")
-    source, pack = (_live(status_socket, config)) if journal is None else (_recorded(journal, speed), None)
+    source, pack = _live(status_socket, config) if journal is None else _recorded(journal, speed)
     pictures, problem = _pictures(map_pack, pack)
 
     async def run() -> None:
@@ -77,23 +79,28 @@ def _live(status_socket: Path | None, config: Path | None) -> tuple[Source, Path
     return DaemonSocket(path), Path(settings.map.pack) if settings is not None and settings.map.pack else None
 
 
-def _recorded(journal: Path, speed: float) -> Source:
+def _recorded(journal: Path, speed: float) -> tuple[Source, Path | None]:
+    """The flight, and the pack that it was flown with, wherever that was."""
+    from visloc_companion.app.journal import read_header
+    from visloc_companion.web.reading import part, text
     from visloc_companion.web.recording import Recording
 
-    return Recording(journal, speed)
+    pack = text(part(read_header(journal).configuration, "map").get("pack"))
+    return Recording(journal, speed), Path(pack) if pack else None
 
 
 def _pictures(asked: Path | None, configured: Path | None) -> tuple[MapPictures | None, str]:
-    """The map that is asked for, or the daemon's; of the latter a page without it is better than no page."""
+    """The map that is asked for, or that of the flight; without the latter there is still a page."""
+    pack = asked or configured
+    if pack is None:
+        return None, ""
     from visloc_companion.web.pictures import MapPictures
 
-    if asked is not None:
-        return MapPictures(asked), ""
-    if configured is None:
-        return None, ""
     try:
-        return MapPictures(configured), ""
+        return MapPictures(pack), ""
     except MapError as why:
+        if asked is not None:
+            raise
         sys.stderr.write(f"warning: no map is shown: {why}\n")
         return None, str(why)
 

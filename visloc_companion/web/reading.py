@@ -55,6 +55,15 @@ def place(value: object) -> tuple[float, float] | None:
     return None if lat_deg is None or lon_deg is None else (lat_deg, lon_deg)
 
 
+def only_finite(value: Any) -> Any:
+    """Nested dicts and lists with None for numbers that JSON cannot hold: sums of what was finite need not be."""
+    if isinstance(value, dict):
+        return {name: only_finite(inner) for name, inner in value.items()}
+    if isinstance(value, list):
+        return [only_finite(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 def covariance(value: object) -> Cov2 | None:
     """A symmetric 2x2 covariance (m²) that is positive semi-definite; None for all else."""
     rows = value if isinstance(value, list) and len(value) == 2 else [None, None]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
@@ -17,8 +17,10 @@ from visloc_companion.errors import OutsideMap
 from visloc_companion.web.feed import Feed
 from visloc_companion.web.guard import Guard
 from visloc_companion.web.metrics import metrics_text
-from visloc_companion.web.pictures import MapPictures
 from visloc_companion.web.stream import EventStream
+
+if TYPE_CHECKING:  # without a map none of its libraries is loaded
+    from visloc_companion.web.pictures import MapPictures
 
 INDEX = "index.html"
 MEDIA = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}

@@ -44,7 +44,7 @@ class EventStream:
             try:
                 async with asyncio.timeout(SEND_S):
                     await send({"type": "http.response.body", "body": message, "more_body": True})
-            except (TimeoutError, OSError):
+            except OSError:  # TimeoutError, too
                 return
             message = await self._feed.next_message()
         await send({"type": "http.response.body", "body": b"", "more_body": False})

@@ -7,7 +7,7 @@ from typing import Any
 
 from visloc_companion.web import condition, navigation
 from visloc_companion.web.heard import CLIENT_STALE_S, Heard, aged, state_of
-from visloc_companion.web.reading import number, part
+from visloc_companion.web.reading import number, only_finite, part
 
 SCHEMA = 1
 
@@ -32,7 +32,7 @@ def view_of(heard: Heard, origin: Origin, now_s: float) -> dict[str, Any]:
     status = part(snapshot, "status")
     state, says = state_of(heard, now_s)
     t_ns = number(snapshot.get("t_ns"), 0.0)
-    return {
+    view: dict[str, Any] = {
         "schema": SCHEMA,
         "source": {"name": origin.name, "recording": origin.recording, "speed": origin.speed},
         "state": state,
@@ -49,3 +49,5 @@ def view_of(heard: Heard, origin: Origin, now_s: float) -> dict[str, Any]:
         "health": condition.health(snapshot),
         "notices": condition.notices(snapshot),
     }
+    finite: dict[str, Any] = only_finite(view)
+    return finite

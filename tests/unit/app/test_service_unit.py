@@ -6,25 +6,35 @@ import shlex
 from pathlib import Path
 
 import pytest
+import typer.main
 
 from visloc_companion.app import live
 from visloc_companion.app.worker import _START_S
-from visloc_companion.cli.main import exit_code
+from visloc_companion.cli.main import app, exit_code
 from visloc_companion.config import load_config
 from visloc_companion.errors import CameraError, ConfigError, JournalError, LinkError, WorkerError
 
 ROOT = Path(__file__).resolve().parents[3]
-UNIT, EXAMPLES = ROOT / "systemd" / "visloc.service", ROOT / "docs" / "examples"
+UNITS, EXAMPLES = ROOT / "systemd", ROOT / "docs" / "examples"
 
 
-@pytest.fixture(scope="module")
-def directives() -> dict[str, list[str]]:
+def directives_of(unit: str) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
-    for line in UNIT.read_text().splitlines():
+    for line in (UNITS / unit).read_text().splitlines():
         if line and not line.startswith(("#", "[")):
             name, _, value = line.partition("=")
             found.setdefault(name, []).append(value)
     return found
+
+
+@pytest.fixture(scope="module")
+def directives() -> dict[str, list[str]]:
+    return directives_of("visloc.service")
+
+
+@pytest.fixture(scope="module")
+def of_the_page() -> dict[str, list[str]]:
+    return directives_of("visloc-web.service")
 
 
 def test_it_starts_the_daemon_and_waits_for_its_word(directives: dict[str, list[str]]) -> None:
@@ -72,3 +82,37 @@ def test_it_is_fenced_in(directives: dict[str, list[str]]) -> None:
     }.items():
         assert directives[name] == [value]
     assert "AF_UNIX" in directives["RestrictAddressFamilies"][0]  # NOTIFY_SOCKET and the status socket
+
+
+def test_the_dashboard_is_started_by_options_that_there_are(of_the_page: dict[str, list[str]]) -> None:
+    (command,) = of_the_page["ExecStart"]
+    program, *arguments = shlex.split(command)
+    assert program.endswith("/bin/visloc")
+    assert arguments[:2] == ["web", "--config"]
+    options = {name for param in typer.main.get_command(app).commands["web"].params for name in param.opts}  # type: ignore[attr-defined]
+    assert {word for word in arguments if word.startswith("--")} <= options
+    assert "--host" not in arguments, "on this computer only, unless somebody decides otherwise"
+
+
+def test_the_dashboard_may_ask_the_daemon_and_is_not_the_daemons_user(
+    directives: dict[str, list[str]], of_the_page: dict[str, list[str]]
+) -> None:
+    assert of_the_page["DynamicUser"] == ["yes"]
+    assert "User" not in of_the_page
+    assert of_the_page["SupplementaryGroups"] == directives["Group"]
+    assert "AF_UNIX" in of_the_page["RestrictAddressFamilies"][0]
+
+
+def test_the_dashboard_gives_way_to_the_daemon(directives: dict[str, list[str]], of_the_page: dict[str, list[str]]) -> None:
+    assert int(of_the_page["CPUWeight"][0]) * 10 <= int(directives["CPUWeight"][0])
+    assert int(of_the_page["OOMScoreAdjust"][0]) > 0
+    assert not {"Requires", "BindsTo", "PartOf"} & of_the_page.keys(), "it goes on and says so when the daemon is down"
+    assert not {"Wants", "Requires", "BindsTo"} & directives.keys(), "and the daemon needs no dashboard"
+
+
+def test_the_dashboard_is_fenced_in_further(of_the_page: dict[str, list[str]]) -> None:
+    for name in ("NoNewPrivileges", "PrivateDevices", "PrivateTmp", "ProtectHome", "ProtectKernelModules", "RestrictNamespaces"):
+        assert of_the_page[name] == ["yes"], name
+    assert of_the_page["ProtectSystem"] == ["strict"]
+    assert of_the_page["CapabilityBoundingSet"] == [""]
+    assert not {"ReadWritePaths", "StateDirectory", "DeviceAllow"} & of_the_page.keys()

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import socket
+import stat
 from pathlib import Path
 
 import pytest
@@ -26,6 +28,15 @@ async def test_every_connection_gets_one_snapshot(tmp_path: Path) -> None:
     async with status_server(path, lambda: {"n": next(n)}):
         assert [await ask(path) for _ in range(3)] == [{"n": 0}, {"n": 1}, {"n": 2}]
     assert not path.exists()
+
+
+async def test_the_daemons_group_may_ask_and_nobody_else(tmp_path: Path) -> None:
+    path, before = tmp_path / "status.sock", os.umask(0o027)
+    try:
+        async with status_server(path, dict):
+            assert stat.S_IMODE(path.stat().st_mode) == 0o660
+    finally:
+        os.umask(before)
 
 
 async def test_a_socket_left_by_a_killed_daemon_is_replaced(tmp_path: Path) -> None:

@@ -14,10 +14,12 @@ from socket import SOCK_STREAM
 import pytest
 from typer.testing import CliRunner
 
+from visloc_companion.app.journal import JournalHeader, JournalWriter
 from visloc_companion.cli import web as module
 from visloc_companion.cli.main import app
 from visloc_companion.errors import ConfigError, JournalError, MapError
 from visloc_companion.testing.loopback import free_port
+from visloc_companion.types import Mode, Status, Verdict
 from visloc_companion.web import extra
 
 HEAVY = {"cv2", "numpy", "rasterio", "starlette", "uvicorn", "pydantic"}
@@ -44,7 +46,7 @@ def test_a_live_page_loads_no_localiser_and_no_autopilot() -> None:
     """It runs beside the daemon, in memory that the daemon may need."""
     code = (
         "import sys, visloc_companion.web.server, visloc_companion.web.serve, visloc_companion.web.daemon_socket; "
-        "print(sorted({'onnxruntime', 'pymavlink', 'open3d', 'torch', 'filterpy', 'scipy', 'mcap'} & sys.modules.keys()))"
+        "print(sorted({'onnxruntime', 'pymavlink', 'open3d', 'filterpy', 'mcap', 'cv2', 'rasterio'} & sys.modules.keys()))"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
 
@@ -73,6 +75,18 @@ def test_only_a_recording_has_a_speed() -> None:
 def test_a_journal_or_a_map_that_cannot_be_opened_is_an_error_of_data(tmp_path: Path) -> None:
     assert isinstance(error_of("--journal", str(tmp_path / "none.mcap")), JournalError)
     assert isinstance(error_of("--map", str(tmp_path)), MapError)
+
+
+def test_a_recording_is_shown_over_the_map_that_it_was_flown_with(tmp_path: Path) -> None:
+    path = tmp_path / "flight.mcap"
+    writer = JournalWriter(path.open("xb"), JournalHeader({"map": {"pack": "/maps/field"}}), path=path)
+    nowhere = ((0.0, 0.0), (0.0, 0.0))
+    writer.command(
+        1, Status(1, Mode.WAITING, Verdict.DENIED, ("no_data",), None, (0.0, 0.0, 0.0), nowhere, 0.0, None, None, False, 0)
+    )
+    writer.close()
+    source, pack = module._recorded(path, 2.0)
+    assert (source.origin.name, source.origin.speed, pack) == ("flight.mcap", 2.0, Path("/maps/field"))
 
 
 def test_the_daemons_own_map_that_cannot_be_opened_costs_only_the_map(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -186,6 +186,33 @@ def test_no_value_anywhere_in_a_snapshot_breaks_the_view(changes: tuple[tuple[An
     assert shown["mode"]["label"]
 
 
+@pytest.mark.parametrize(
+    "value",
+    [
+        None,
+        True,
+        math.inf,
+        -math.inf,
+        math.nan,
+        10**400,
+        -1,
+        1e308,
+        "text",
+        "",
+        [],
+        {},
+        [None, None],
+        [[1.0, math.inf], [1.0, 1.0]],
+    ],
+    ids=repr,
+)
+def test_no_value_stands_for_another_and_none_breaks_the_view(value: object) -> None:
+    for path in paths(SNAPSHOT):
+        shown = view(with_changed(path, value))
+        json.dumps(shown, allow_nan=False)
+        metrics_text(shown, 0)
+
+
 @given(given=st.dictionaries(st.sampled_from(list(SNAPSHOT)), ANY))
 def test_no_snapshot_whatever_breaks_the_view(given: dict[str, Any]) -> None:
     shown = view(given)
