@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import re
+import struct
+import zlib
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
+import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.opcode import Opcode
 
 from visloc_companion.app.journal import Entry, JournalHeader, JournalWriter, read_header, read_journal
 from visloc_companion.app.salvage import MAGIC, read_records
@@ -113,3 +117,14 @@ def test_rubbish_after_the_signature_ends_quietly(rubbish: bytes) -> None:
 def test_rubbish_that_looks_like_a_chunk(before: bytes, after: bytes) -> None:
     data = MAGIC + b"\x06" + before + b"\x06" * 37 + b"\x04\x00\x00\x00zstd" + after
     assert list(read_records(data, "x", lambda _: None)) == []
+
+
+def test_a_message_that_is_shorter_than_its_own_head_is_damage_and_takes_nothing_from_the_next() -> None:
+    short, following = (struct.pack("<BQ", Opcode.MESSAGE, n) + bytes(n) for n in (10, 30))
+    records = short + following
+    body = zstandard.ZstdCompressor().compress(records)
+    head = struct.pack("<QQQII4sQ", 0, 0, len(records), zlib.crc32(records), 4, b"zstd", len(body))
+    chunk = struct.pack("<BQ", Opcode.CHUNK, len(head) + len(body)) + head + body
+    damage: list[str] = []
+    assert list(read_records(MAGIC + chunk, "a.mcap", damage.append)) == []
+    assert "ends in the middle of a record" in damage[0]

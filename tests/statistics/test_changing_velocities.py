@@ -4,7 +4,7 @@ odometry is deceived now and then."""
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
@@ -134,8 +134,8 @@ def believing(belief: Belief, seen: Motion, travel_ne_m: Vec2, settings: Navigat
     an inertial one."""
     after, outcome = learned(belief, seen, travel_ne_m, settings)
     if after.doubt is None or after.drive is Drive.INERTIAL:
-        return replace(after, doubt=None), outcome
-    return learned(replace(after, doubt=None), seen, travel_ne_m, settings)
+        return after._replace(doubt=None), outcome
+    return learned(after._replace(doubt=None), seen, travel_ne_m, settings)
 
 
 def test_a_filter_that_forgets_the_former_velocity_and_believes_single_intervals_fails_the_same_check(
@@ -144,7 +144,7 @@ def test_a_filter_that_forgets_the_former_velocity_and_believes_single_intervals
     def forgetting(
         belief: Belief, seen: Motion, travel_ne_m: Vec2, settings: NavigatorSettings
     ) -> tuple[Belief, Accepted | Rejected]:
-        return believing(replace(belief, former=None), seen, travel_ne_m, settings)
+        return believing(belief._replace(former=None), seen, travel_ne_m, settings)
 
     monkeypatch.setattr(motion, "excluding", lambda *_: None)
     monkeypatch.setattr(estimator, "learned", forgetting)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -137,7 +136,7 @@ def tilting_flight(seed: int, share: float) -> tuple[list[float], float]:
     def sample(t_s: float) -> Velocity:
         return Velocity(ns(t_s), (float(b[0]), float(b[1]), 0.0), 140.0, 0.8, Drive.INERTIAL, sigma_a)
 
-    begin = replace(seeded(0, (0.0, 0.0), 1.0, 0.3, Drive.INERTIAL, SETTINGS), sigma_a_mps2=sigma_a)
+    begin = seeded(0, (0.0, 0.0), 1.0, 0.3, Drive.INERTIAL, SETTINGS)._replace(sigma_a_mps2=sigma_a)
     kalman_filter = PositionFilter(SETTINGS, ORIGIN, begin, sample(0.0))
     for k in range(1, 1501):
         t = k * dt

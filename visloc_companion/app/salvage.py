@@ -94,10 +94,10 @@ def _chunk(payload: bytes, topics: dict[int, str]) -> Iterator[Record]:
         while at < len(records):
             opcode, length = _RECORD.unpack_from(records, at)
             begin, at = at + _RECORD.size, at + _RECORD.size + length
-            if at > len(records):
+            if at > len(records) or (opcode == _MESSAGE_OPCODE and length < _MESSAGE.size):
                 raise ValueError("it ends in the middle of a record")
             if opcode == _MESSAGE_OPCODE:
-                channel_id, sequence, log_time_ns = _MESSAGE.unpack_from(records[begin:at])
+                channel_id, sequence, log_time_ns = _MESSAGE.unpack_from(records, begin)
                 yield Record(topics.get(channel_id), log_time_ns, sequence, records[begin + _MESSAGE.size : at])
             elif opcode == Opcode.CHANNEL:
                 channel = Channel.read(ReadDataStream(BytesIO(records[begin:at])))

@@ -14,7 +14,7 @@ from visloc_companion.errors import Reason
 from visloc_companion.geo import se3
 from visloc_companion.types import FloatArray, Quat, Vec3
 
-SPAN_S = 6.0
+SPAN_NS = 6_000_000_000
 MAX_EXTRAPOLATION_S = 0.1
 MAX_GAP_S = 0.5
 
@@ -44,7 +44,7 @@ class AttitudeBuffer:
         self._t_ns.append(t_boot_ns)
         self._q.append(q)
         self._rate.append(rate_frd_radps)
-        while self._t_ns[0] < t_boot_ns - SPAN_S * 1e9:
+        while self._t_ns[0] < t_boot_ns - SPAN_NS:
             self._t_ns.popleft()
             self._q.popleft()
             self._rate.popleft()

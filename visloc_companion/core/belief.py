@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,8 +43,7 @@ class Doubt:
     believed_m2ps2: FloatArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Belief:
+class Belief(NamedTuple):
     """The filter at `t_ns`: mean x (15,), covariance P (15, 15), and its memory.
 
     `travel_ne_m`: the integral of the driving velocity; `moved_ne_m`: how far the propagation carried the position (for an
@@ -53,7 +53,8 @@ class Belief:
     recent fixes claimed, `fix_every_s` that of the intervals between them (0 before the second fix); `former`: what drove it
     before `drive`; `doubt`: what odometry says of the velocity that drives it and no second interval has confirmed;
     `claims`: by how much the fixes of each method err more than they claim (claims.py); `fed_back_over`: by what factor the
-    variance of a velocity that rests on our fixes is larger than the model says (fed_back.py).
+    variance of a velocity that rests on our fixes is larger than the model says (fed_back.py). A tuple, since some fifty are made
+    for a second of flight; two of them are never compared.
     """
 
     t_ns: int
@@ -93,10 +94,9 @@ class Belief:
         LONGEST_S: when nothing was recognised for a while, fixes are not rare for that."""
         per_m2 = 1 / max(var_m2, LEAST_M2)
         if self.last_fix_ns is None:
-            return replace(self, last_fix_ns=t_ns, fix_per_m2=per_m2, fix_every_s=0.0)
+            return self._replace(last_fix_ns=t_ns, fix_per_m2=per_m2, fix_every_s=0.0)
         every_s = min(LONGEST_S, (t_ns - self.last_fix_ns) * 1e-9)
-        return replace(
-            self,
+        return self._replace(
             last_fix_ns=t_ns,
             fix_per_m2=self.fix_per_m2 + FIX_WEIGHT * (per_m2 - self.fix_per_m2),
             fix_every_s=self.fix_every_s + FIX_WEIGHT * (every_s - self.fix_every_s) if self.fix_every_s > 0 else every_s,
@@ -132,14 +132,14 @@ def renewed(belief: Belief, which: slice, variance: float) -> Belief:
     """With two states of which nothing is known any more but their variance."""
     x, P = separation.renewed(belief.x, belief.P, which, variance)
     others_x, others_P = separation.renewed(belief.without.x, belief.without.P, which, variance)
-    return replace(belief, x=x, P=P, without=replace(belief.without, x=others_x, P=others_P))
+    return belief._replace(x=x, P=P, without=replace(belief.without, x=others_x, P=others_P))
 
 
 def driven_by(belief: Belief, drive: Drive, variance: float) -> Belief:
     """With another velocity, of which only the variance of its error is known; what was known of the one before is kept."""
     since_ns = belief.started_ns if belief.former is None else belief.former.until_ns
     former = Former(since_ns, belief.t_ns, belief.x[VELOCITY], belief.P[VELOCITY, VELOCITY])
-    return replace(renewed(belief, VELOCITY, variance), drive=drive, former=former, doubt=None)
+    return renewed(belief, VELOCITY, variance)._replace(drive=drive, former=former, doubt=None)
 
 
 def blurred(belief: Belief, sigma_m: float) -> Belief:
@@ -156,4 +156,4 @@ def widened(belief: Belief, position_m2: float, velocity_m2ps2: float) -> Belief
 
 def widened_by(belief: Belief, more: FloatArray) -> Belief:
     """The belief with a covariance (15, 15) added."""
-    return replace(belief, P=belief.P + more, without=separation.widened(belief.without, more))
+    return belief._replace(P=belief.P + more, without=separation.widened(belief.without, more))

@@ -12,7 +12,7 @@ itself, too), odometry is right, and what the filter holds has been carried away
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -84,9 +84,9 @@ def doubting(belief: Belief, claim: Claim) -> Belief:
     believed = P if before is None else before.believed_m2ps2
     doubt = Doubt(claim.since_ns, belief.t_ns, belief.x[VELOCITY] + off, claim.R / claim.share**2, believed)
     if inertial:
-        return replace(belief, doubt=doubt)
+        return belief._replace(doubt=doubt)
     more = float(np.max(off**2)) - (0.0 if before is None else float(np.min(np.diag(P))))
-    return replace(widened(belief, 0.0, max(0.0, more)), doubt=doubt)
+    return widened(belief, 0.0, max(0.0, more))._replace(doubt=doubt)
 
 
 def carried_away(belief: Belief, doubt: Doubt, claim: Claim) -> Belief:

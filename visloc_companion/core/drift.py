@@ -66,7 +66,8 @@ class DriftTest:
     @property
     def bias_m(self) -> Vec2:
         """The learned part of the difference that lasts, north and east."""
-        return self._running.healthy.real, self._running.healthy.imag
+        healthy = self._running.healthy
+        return healthy.real, healthy.imag
 
     @property
     def log_r(self) -> float:

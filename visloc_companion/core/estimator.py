@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import cast
 
 import numpy as np
@@ -28,6 +29,7 @@ HISTORY_S = 6.0
 
 Input = Velocity | Position | Motion | AirError
 Outcome = Accepted | Rejected | None
+_time = attrgetter("t_ns")
 
 
 class PositionFilter:
@@ -142,7 +144,7 @@ class PositionFilter:
         self._begin_anew(t_ns, blurred(back, UNAIDED_SIGMA_MPS * leapt_s), before)
 
     def _begin_anew(self, t_ns: int, belief: Belief, velocity: Velocity) -> None:
-        self._base = replace(belief, t_ns=t_ns)
+        self._base = belief._replace(t_ns=t_ns)
         self._base_velocity = replace(velocity, t_ns=min(velocity.t_ns, t_ns))
         self._log, self._motions, self._beliefs, self._asked = [], [], [], None
 
@@ -293,10 +295,6 @@ def _driven(from_ns: int, to_ns: int, around: Around) -> tuple[Vec2, Vec2]:
     return ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2), (end[0] - start[0], end[1] - start[1])
 
 
-def _time(entry: Input) -> int:
-    return entry.t_ns
-
-
 def _key(entry: Input) -> tuple[int, int, int]:
     if isinstance(entry, Velocity | AirError):
         return entry.t_ns, 0 if isinstance(entry, Velocity) else 1, 0
@@ -311,4 +309,4 @@ def _shifted(belief: Belief, shift: Vec2) -> Belief:
     without = separation.shifted(belief.without, np.array(shift))
     x = belief.x.copy()
     x[POSITION] += shift
-    return replace(belief, x=x, rejected=rejected, without=without)
+    return belief._replace(x=x, rejected=rejected, without=without)

@@ -44,8 +44,8 @@ def excluding(belief: Belief, z: FloatArray, R: FloatArray, H: FloatArray) -> Be
         return None
     until_now = max(CLAIM_FLOOR, otherwise / float(likelihood[best]))
     without = _beside(among, best, (belief.x, belief.P, belief.rested_ns), until_now)
-    return replace(
-        belief, x=among.x[best], P=among.P[best], last_fix_ns=int(among.rested_ns[best]), without=without, lean=UPRIGHT
+    return belief._replace(
+        x=among.x[best], P=among.P[best], last_fix_ns=int(among.rested_ns[best]), without=without, lean=UPRIGHT
     )
 
 

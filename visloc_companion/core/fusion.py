@@ -59,10 +59,10 @@ def with_velocity_trust(belief: Belief, sigma_mps: float, drive: Drive) -> Belie
     over = belief.fed_back_over if drive is Drive.FED_BACK else 1.0
     if drive is not belief.drive:
         other = driven_by(belief, drive, over * max(sigma_mps, belief.sigma_v_mps) ** 2)
-        return replace(other, sigma_v_mps=sigma_mps)
+        return other._replace(sigma_v_mps=sigma_mps)
     if sigma_mps > belief.sigma_v_mps:
-        return replace(widened(belief, 0.0, over * (sigma_mps**2 - belief.sigma_v_mps**2)), sigma_v_mps=sigma_mps)
-    return belief if sigma_mps == belief.sigma_v_mps else replace(belief, sigma_v_mps=sigma_mps)
+        return widened(belief, 0.0, over * (sigma_mps**2 - belief.sigma_v_mps**2))._replace(sigma_v_mps=sigma_mps)
+    return belief if sigma_mps == belief.sigma_v_mps else belief._replace(sigma_v_mps=sigma_mps)
 
 
 def with_inertial_velocity(belief: Belief, sigma_a_mps2: float) -> Belief:
@@ -71,8 +71,8 @@ def with_inertial_velocity(belief: Belief, sigma_a_mps2: float) -> Belief:
     `sigma_a_mps2`: 1-sigma of the slow error of its accelerations.
     """
     if belief.drive is not Drive.INERTIAL:
-        belief = replace(renewed(belief, ACCELERATION, sigma_a_mps2**2), drive=Drive.INERTIAL)
-    return belief if sigma_a_mps2 == belief.sigma_a_mps2 else replace(belief, sigma_a_mps2=sigma_a_mps2)
+        belief = renewed(belief, ACCELERATION, sigma_a_mps2**2)._replace(drive=Drive.INERTIAL)
+    return belief if sigma_a_mps2 == belief.sigma_a_mps2 else belief._replace(sigma_a_mps2=sigma_a_mps2)
 
 
 def propagated(
@@ -135,22 +135,26 @@ def taken(
         return belief, got
     every = np.ones(len(belief.without), np.bool_)
     without = separation.updated(belief.without, z, R, H, take=every, n_considered=considered)
-    return replace(belief, x=got.x, P=got.P, without=without), Accepted(got.nis)
+    return belief._replace(x=got.x, P=got.P, without=without), Accepted(got.nis)
 
 
 def _sigmas_mps(belief: Belief, without: separation.Solutions, settings: NavigatorSettings) -> FloatArray:
     """1-sigma (K + 1,) of the velocity's error of the filter and of K solutions; an inertial velocity does without it."""
-    sigmas = np.full(1 + len(without), belief.sigma_v_mps)
+    sigmas = np.empty(1 + len(without))
+    sigmas.fill(belief.sigma_v_mps)
     if belief.drive is Drive.INERTIAL:
         return sigmas
     if belief.drive is not Drive.FED_BACK:  # a large learned error does not relax to zero as the model says: allow for that
-        sigmas[0] = max(belief.sigma_v_mps, math.hypot(*belief.x[VELOCITY]) / 2)
-        np.maximum(sigmas[1:], np.hypot(*without.x[:, VELOCITY].T) / 2, out=sigmas[1:])
-    else:
-        sigmas[0] += INERTIAL_DRIFT_MPS2 * max(0.0, (belief.t_ns - belief.rested_ns) * 1e-9 - settings.dead_reckoning_after_s)
+        sigmas[0] = max(belief.sigma_v_mps, math.hypot(*belief.x[VELOCITY].tolist()) / 2)
+        if len(without):
+            np.maximum(sigmas[1:], np.hypot(*without.x[:, VELOCITY].T) / 2, out=sigmas[1:])
+        return sigmas
+    held_s = settings.dead_reckoning_after_s
+    sigmas[0] += INERTIAL_DRIFT_MPS2 * max(0.0, (belief.t_ns - belief.rested_ns) * 1e-9 - held_s)
+    if len(without):
         rested_s = (belief.t_ns - np.maximum(without.rested_ns, belief.started_ns)) * 1e-9
-        sigmas[1:] += INERTIAL_DRIFT_MPS2 * np.maximum(0.0, rested_s - settings.dead_reckoning_after_s)
-        sigmas *= math.sqrt(belief.fed_back_over)
+        sigmas[1:] += INERTIAL_DRIFT_MPS2 * np.maximum(0.0, rested_s - held_s)
+    sigmas *= math.sqrt(belief.fed_back_over)
     return sigmas
 
 
@@ -173,18 +177,19 @@ def observed(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[
         n_considered=considered,
     )
     if isinstance(got, kalman.Updated):
-        S = H @ belief.P @ H.T + R + extra_m2 * np.eye(2)
+        off_m, seen_m2 = at - H @ belief.x, H @ belief.P @ H.T
+        S = seen_m2 + R + extra_m2 * np.eye(2)
         if z.from_fix:
-            white_ne = lean.whitened(at - H @ belief.x, S)
-            belief = replace(belief, claims=claims.learned(belief.claims, z.method, white_ne))
+            white_ne = lean.whitened(off_m, S)
+            belief = belief._replace(claims=claims.learned(belief.claims, z.method, white_ne))
         if got.nis > ORDINARY_NIS:
             R = R + (got.nis / ORDINARY_NIS - 1) * S
             less = kalman.update(belief.x, belief.P, at, R, H, n_considered=considered)
             got = replace(less, nis=got.nis) if isinstance(less, kalman.Updated) else less
     if isinstance(got, kalman.Updated):
-        after = _tilted(replace(belief, x=got.x, P=got.P, without=_others(belief, z, R, H, considered)), belief)
-        after = _suspected(after, belief, z, got.nis / 2, H @ belief.P @ H.T + R)
-        return (_leant(_fixed(after, z), belief, at, R, H) if z.from_fix else after), Accepted(got.nis)
+        after = _tilted(belief._replace(x=got.x, P=got.P, without=_others(belief, z, R, H, considered)), belief)
+        after = _suspected(after, belief, z, got.nis / 2, seen_m2 + R)
+        return (_leant(_fixed(after, z), belief.lean, off_m, seen_m2 + R) if z.from_fix else after), Accepted(got.nis)
     if not z.from_fix or got.reason is not Reason.GATED:
         return belief, got
     belief = refused.remembering(belief, z)
@@ -202,7 +207,7 @@ def _suspected(after: Belief, before: Belief, z: Position, squared: float, S: Fl
     since_ns = max(before.rested_ns, before.started_ns if before.former is None else before.former.until_ns)
     over = fed_back.learned(before.fed_back_over, squared, before.P, S, (z.t_ns - since_ns) * 1e-9)
     more = max(0.0, over - before.fed_back_over) * before.sigma_v_mps**2
-    return replace(widened(after, 0.0, more) if more else after, fed_back_over=over)
+    return (widened(after, 0.0, more) if more else after)._replace(fed_back_over=over)
 
 
 def _tilted(after: Belief, before: Belief) -> Belief:
@@ -220,12 +225,12 @@ def _tilted(after: Belief, before: Belief) -> Belief:
     return widened_by(after, more)
 
 
-def _leant(after: Belief, before: Belief, at: FloatArray, R: FloatArray, H: FloatArray) -> Belief:
-    """Where fixes lean to one side, odometry is doubted."""
-    mean = lean.leaning(before.lean, lean.whitened(at - H @ before.x, H @ before.P @ H.T + R))
+def _leant(after: Belief, before_ne: Vec2, off_m: FloatArray, S: FloatArray) -> Belief:
+    """Where fixes lean to one side, odometry is doubted. The lean before, an innovation (2,) and its covariance (2, 2)."""
+    mean = lean.leaning(before_ne, lean.whitened(off_m, S))
     if not lean.leans(mean):
-        return replace(after, lean=mean)
-    return replace(widened_by(after, lean.DOUBT), lean=lean.UPRIGHT)
+        return after._replace(lean=mean)
+    return widened_by(after, lean.DOUBT)._replace(lean=lean.UPRIGHT)
 
 
 def _others(belief: Belief, z: Position, R: FloatArray, H: FloatArray, n_considered: int) -> separation.Solutions:
@@ -241,4 +246,4 @@ def _fixed(belief: Belief, z: Position) -> Belief:
     votes = separation.voted(belief.votes, z.method, z.t_ns)
     without = separation.apart(belief.without, belief.x, belief.P)
     after = belief.after_fix(z.t_ns, (z.cov_ne_m2[0][0] + z.cov_ne_m2[1][1]) / 2)
-    return replace(after, rejected=(), votes=votes, without=without, apart_m=z.apart_m)
+    return after._replace(rejected=(), votes=votes, without=without, apart_m=z.apart_m)

@@ -166,7 +166,8 @@ class GnssMonitor:
         reasons = self._reasons(lasting)
         verdict = trust.verdict(now_ns, reasons)
         since = self._verdict.since_ns if verdict is self._verdict.verdict else now_ns
-        self._verdict = GnssVerdict(verdict, since, reasons, self._evidence(now_ns), self._probability())
+        log_r = self._log_r()
+        self._verdict = GnssVerdict(verdict, since, reasons, self._evidence(now_ns, log_r), self._probability(log_r))
         return self._verdict
 
     def _consider(self, now_ns: int) -> None:
@@ -206,10 +207,10 @@ class GnssMonitor:
         tests = zip(("vision", "odometry", "height"), self._log_r(), (vision, limit, limit), strict=True)
         return tuple(f"{name}_disagrees" for name, log_r, most in tests if log_r > most)
 
-    def _probability(self) -> float:
+    def _probability(self, log_r: tuple[float, float, float]) -> float:
         """Of a false position. What is not compared yet since trust was lost has what decided that, or the prior's."""
         if not self._drift.in_probation or self._drift.log_r > -math.inf:
-            return gnss_odds.probability_false(*self._log_r())
+            return gnss_odds.probability_false(*log_r)
         return gnss_odds.probability_false(*self._decided) if self._disagreed else gnss_odds.FALSE_RETURN
 
     def _signs(self, now_ns: int, source: EkfSource) -> tuple[str, ...]:
@@ -238,9 +239,9 @@ class GnssMonitor:
         reach = ("out_of_reach",) if self._out_of_reach and self._trust.ever else ()
         return (*lasting, *self._disagreed, *reach) or ("probation",)
 
-    def _evidence(self, now_ns: int) -> tuple[tuple[str, float, float], ...]:
+    def _evidence(self, now_ns: int, log_r: tuple[float, float, float]) -> tuple[tuple[str, float, float], ...]:
         limits, gnss = self._settings, self._reports.gnss
-        sums = self._decided if self._disagreed else self._log_r()
+        sums = self._decided if self._disagreed else log_r
         tests = zip(("drift_sum", "odometry_sum", "height_sum"), sums, strict=True)
         items = [(name, value, limits.drift_threshold) for name, value in tests if value > -math.inf]
         items.append(("vision_sigma", self._vision_sigma, limits.suspect_sigma))

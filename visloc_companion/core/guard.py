@@ -45,6 +45,9 @@ class TimeGuard:
     def check(self, now_ns: int) -> TimeCheck:
         """Judge and remember a time."""
         back_ns = 0 if self.now_ns is None else self.now_ns - now_ns
+        if -LEAP_NS < back_ns <= 0:  # nearly all
+            self._n_back, self.now_ns = 0, now_ns
+            return TimeCheck.FINE
         if back_ns > TOLERATED_NS:
             self._n_back += 1
             return TimeCheck.RESTART if self._n_back >= RESTART_AFTER else TimeCheck.DROP
@@ -67,6 +70,8 @@ class TimeGuard:
 
     def stood_ns(self) -> int:
         """For how long the core's time stood while a clock that had stepped back caught up; asked when it has, told once."""
+        if not self._n_behind:
+            return 0
         stood_ns = self._behind_ns if self._n_behind >= STEP_EVENTS else 0
         self._n_behind = self._behind_ns = 0
         return stood_ns

@@ -92,7 +92,9 @@ def bound_m(
 
 def protection_level_m(x: FloatArray, P: FloatArray, without: Solutions, settings: NavigatorSettings) -> float:
     """Bound of the horizontal error of the filter's position; x (n,), P (n, n) begin with north and east."""
-    nn, ne, ee = (np.append(P[row, column], without.P[:, row, column]) for row, column in ((0, 0), (0, 1), (1, 1)))
+    covs_m2 = np.empty((1 + len(without), 2, 2))
+    covs_m2[0], covs_m2[1:] = P[:2, :2], without.P[:, :2, :2]
+    nn, ne, ee = covs_m2[:, 0, 0], covs_m2[:, 0, 1], covs_m2[:, 1, 1]
     sigma = np.sqrt((nn + ee) / 2 + np.hypot((nn - ee) / 2, ne) + settings.map_sigma_m**2)
     apart, probability = np.zeros(len(sigma)), np.ones(len(sigma))
     apart[1:], probability[1:] = np.hypot(*(without.x[:, :2] - x[:2]).T), without.probability

@@ -58,15 +58,15 @@ def update(
         raise ValueError(f"update: shapes x {x.shape} P {P.shape} z {z.shape} R {R.shape} H {H.shape} do not fit")
     if not (math.isfinite(np.vdot(z, z)) and _is_positive_definite((R + R.T) / 2)):
         return Rejected(Reason.NOT_FINITE, 0.0)
-    innovation = z - H @ x
-    S = H @ P @ H.T + R
+    innovation, HP = z - H @ x, H @ P
+    S = HP @ H.T + R
     nis = _normalised(innovation, S, gate_extra_m2)
     if not nis <= gate_sigma * gate_sigma:
         return Rejected(Reason.GATED, nis)
     if n_considered == 0:
         x1, P1 = _update(x, P, z, R, H)
     else:
-        K = np.linalg.solve(S, H @ P).T
+        K = np.linalg.solve(S, HP).T
         K[n - n_considered :] = 0.0
         keep = np.eye(n) - K @ H
         x1, P1 = x + K @ innovation, keep @ P @ keep.T + K @ R @ K.T

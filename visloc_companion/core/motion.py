@@ -18,7 +18,7 @@ than it says.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -95,7 +95,7 @@ def learned(belief: Belief, motion: Motion, travel_ne_m: Vec2, settings: Navigat
     if believed is None and belief.drive is Drive.INERTIAL:
         believed = excluding(belief, z, R, H)
     if believed is not None:
-        return taken(replace(believed, doubt=None), z, R, H)
+        return taken(believed._replace(doubt=None), z, R, H)
     if belief.doubt is not None:
         return doubting(belief, claim), Rejected(Reason.GATED, math.inf)
     after, outcome = taken(belief, z, R, H, settings.gate_sigma)

@@ -88,10 +88,11 @@ def injection(
     reset_counter: int,
     sigma_d_m: float,
     least_sigma_m: float = 0.0,
+    stream_sigma_m: float = 0.0,
 ) -> Injection | None:
     """The external position for a state, or None where it would not be finite and sane (never NaN, never absurd).
 
-    No principal sigma below `least_sigma_m`, or that of the settings, is claimed.
+    No principal sigma below `least_sigma_m`, or that of the settings, is claimed; `stream_sigma_m`: see `stream_sigma_m()`.
 
     The vertical is the autopilot's own height (baro), unchanged: nothing vertical that we estimate is sent back.
     """
@@ -112,6 +113,7 @@ def injection(
         reset_counter,
         known,
         cov_v,
+        stream_sigma_m,
     )
 
 
@@ -144,6 +146,7 @@ def status(
     verdict: GnssVerdict,
     reset_counter: int,
     injected: bool,
+    open_places: int = 0,
 ) -> Status:
     """The Status of a Tick."""
     return Status(
@@ -165,6 +168,7 @@ def status(
         protected.limits.vertical_m,
         protected.available,
         protected.alert,
+        open_places,
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -28,7 +27,7 @@ def remembering(belief: Belief, z: Position) -> Belief:
     """With a rejected fix kept in mind."""
     anchor = (z.p_ne_m[0] - belief.moved_ne_m[0], z.p_ne_m[1] - belief.moved_ne_m[1])
     new = relocalise.Candidate(z.t_ns, z.p_ne_m, anchor, z.cov_ne_m2)
-    return replace(belief, rejected=relocalise.remembered(belief.rejected, new))
+    return belief._replace(rejected=relocalise.remembered(belief.rejected, new))
 
 
 def doubting(belief: Belief, z: Position) -> Belief:
@@ -63,4 +62,4 @@ def restarted(belief: Belief, z: Position, found: relocalise.Restart, settings: 
     P[POSITION, LASTING] = P[LASTING, POSITION] = -lasting.root_m(cov)
     P[POSITION, FIX_LENS] = P[FIX_LENS, POSITION] = -P[FIX_LENS, FIX_LENS] * by_lens_m
     without = founded(belief, z, belief.without)
-    return replace(belief, x=x, P=P, started_ns=z.t_ns, without=without)
+    return belief._replace(x=x, P=P, started_ns=z.t_ns, without=without)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from visloc_companion.core import output, requests
 from visloc_companion.core.asking import Asking
+from visloc_companion.core.belief import Belief
 from visloc_companion.core.protection import Protected
 from visloc_companion.core.settings import InjectionSettings
 from visloc_companion.core.tracking import Tracker
@@ -43,20 +42,25 @@ class Sending:
             return [output.empty_status(now_ns, mode, verdict, self._resets.count)]
         counter = self._resets.follow(state, belief.started_ns)
         sent = injecting and not protected.stopped
-        injected = self._injection(state, protected, origin, autopilot, counter, now_ns) if sent else None
-        if injected is not None and not self._tracker.low:
-            stream_m = output.stream_sigma_m(belief.fix_noise_m2s, belief.sigma_a_mps2, self._rate_hz)
-            injected = replace(injected, stream_sigma_m=stream_m)
-        status = output.status(state, belief.last_fix_ns, protected, origin, mode, verdict, counter, injected is not None)
-        status = replace(status, open_places=n_open)
+        injected = self._injection(state, belief, protected, origin, autopilot, counter, now_ns) if sent else None
+        of_fix, sends = belief.last_fix_ns, injected is not None
+        status = output.status(state, of_fix, protected, origin, mode, verdict, counter, sends, n_open)
         return [status] if injected is None else [injected, status]
 
     def _injection(
-        self, state: NavState, protected: Protected, origin: GeoPoint, autopilot: AutopilotKind, counter: int, now_ns: int
+        self,
+        state: NavState,
+        belief: Belief,
+        protected: Protected,
+        origin: GeoPoint,
+        autopilot: AutopilotKind,
+        counter: int,
+        now_ns: int,
     ) -> Injection | None:
         q_ned_frd = self._asking.attitude_now(now_ns)
         if q_ned_frd is None:
             return None
         sigma_d = requests.height_sigma_m(self._tracker.height_above_home_m or 0.0)
-        least_m = protected.least_sigma_m
-        return output.injection(state, q_ned_frd, origin, autopilot, self._settings, counter, sigma_d, least_m)
+        stream_m = output.stream_sigma_m(belief.fix_noise_m2s, belief.sigma_a_mps2, self._rate_hz)
+        least_m, stream_m = protected.least_sigma_m, 0.0 if self._tracker.low else stream_m
+        return output.injection(state, q_ned_frd, origin, autopilot, self._settings, counter, sigma_d, least_m, stream_m)

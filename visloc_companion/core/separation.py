@@ -16,6 +16,7 @@ another method fails for other reasons. integrity.py makes the protection level 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Final
 
 import numpy as np
@@ -117,13 +118,14 @@ def updated(
 
     The last `n_considered` states keep mean and variance (kalman.update). `t_ns`: of a fix that they rest on from now on.
     """
-    if not take.any():
+    at = take.nonzero()[0]
+    if not len(at):
         return solutions
-    if take.all():
+    if len(at) == len(take):
         x, P = _updated(solutions.x, solutions.P, z, R, H, n_considered)
     else:  # those that leave a fix out are most of them
         x, P = solutions.x.copy(), solutions.P.copy()
-        x[take], P[take] = _updated(x[take], P[take], z, R, H, n_considered)
+        x[at], P[at] = _updated(x.take(at, 0), P.take(at, 0), z, R, H, n_considered)
     rested = solutions.rested_ns if t_ns is None else np.where(take, t_ns, solutions.rested_ns)
     return Solutions(x, P, solutions.probability, rested, solutions.leaves, solutions.left)
 
@@ -137,8 +139,10 @@ def _updated(
         gain[:, H.shape[1] - n_considered :] = 0.0
     gain_T, innovation = gain.transpose(0, 2, 1), z - x @ H.T
     left = P - gain @ PHt.transpose(0, 2, 1)  # (I - K H) P
-    P = left + (gain @ R - _times(left, H.T)) @ gain_T  # times (I - K H)', and K R K'
-    return x + (gain @ innovation[:, :, None])[:, :, 0], (P + P.transpose(0, 2, 1)) / 2
+    left += (gain @ R - _times(left, H.T)) @ gain_T  # times (I - K H)', and K R K'
+    symmetric = left + left.transpose(0, 2, 1)
+    symmetric /= 2
+    return x + (gain @ innovation[:, :, None])[:, :, 0], symmetric
 
 
 def _times(P: FloatArray, A: FloatArray) -> FloatArray:
@@ -208,14 +212,16 @@ def likely(solutions: Solutions) -> Solutions:
 
 def apart(solutions: Solutions, x: FloatArray, P: FloatArray, H: FloatArray = H_POSITION) -> Solutions:
     """Without each `ONE` that says no more of H x, H (m, n), than the filter itself, x (n,) and P (n, n), does."""
-    ones = [k for k, leaves in enumerate(solutions.leaves) if leaves == ONE]
-    if not ones:
+    ones = np.array([k for k, leaves in enumerate(solutions.leaves) if leaves == ONE], np.intp)
+    if not len(ones):
         return solutions
-    variance = float(np.trace(H @ P @ H.T))
-    near = np.square((solutions.x[ones] - x) @ H.T).sum(1) < MERGED_SIGMA**2 * variance
-    same = near & ((H @ solutions.P[ones] * H).sum((1, 2)) < MERGED_VARIANCE * variance)
+    variance = float((H @ P @ H.T).trace())
+    near = ones[np.square((solutions.x.take(ones, 0) - x) @ H.T).sum(1) < MERGED_SIGMA**2 * variance]
+    if not len(near):
+        return solutions
+    same = (H @ solutions.P.take(near, 0) * H).sum((1, 2)) < MERGED_VARIANCE * variance
     keep = np.ones(len(solutions), np.bool_)
-    keep[ones] = ~same
+    keep[near] = ~same
     return chosen(solutions, keep)
 
 
@@ -223,12 +229,12 @@ def chosen(solutions: Solutions, keep: NDArray[np.bool_]) -> Solutions:
     """Some of them (K,)."""
     if keep.all():
         return solutions
-    at = np.flatnonzero(keep)
+    at, kept = np.flatnonzero(keep), keep.tolist()
     return Solutions(
-        solutions.x[at],
-        solutions.P[at],
-        solutions.probability[at],
-        solutions.rested_ns[at],
-        tuple(solutions.leaves[k] for k in at),
-        tuple(solutions.left[k] for k in at),
+        solutions.x.take(at, 0),
+        solutions.P.take(at, 0),
+        solutions.probability.take(at),
+        solutions.rested_ns.take(at),
+        tuple(compress(solutions.leaves, kept)),
+        tuple(compress(solutions.left, kept)),
     )

@@ -275,4 +275,6 @@ def _changed(before: tuple[Quat, FloatArray], now: tuple[Quat, FloatArray]) -> F
 
 def _seen_of(R_ned_frd: FloatArray) -> FloatArray:
     """(2, 4) rotation about north and east by mounting and attitude."""
-    return np.hstack([R_ned_frd[:2, :2], np.eye(2)])
+    seen = np.eye(2, 4, k=2)
+    seen[:, :2] = R_ned_frd[:2, :2]
+    return seen

@@ -244,8 +244,10 @@ class Tracker:
         """The state at a time, with what is known of the autopilot's height."""
         if self._filter is None or self.origin is None:
             return None
-        state = self._filter.at(t_ns)
-        return replace(state, sigma_d_m=self.height.known(t_ns, self.origin.h_amsl_m - state.p_ned_m[2]).sigma_m)
+        known = self._filter.at(t_ns)
+        sigma_d_m = self.height.known(t_ns, self.origin.h_amsl_m - known.p_ned_m[2]).sigma_m
+        about = known.p_ned_m, known.v_ned_mps, known.cov_ne_m2
+        return NavState(t_ns, *about, sigma_d_m, known.age_of_fix_s, known.cov_v_ne_m2ps2)
 
     def takes(self, t_ns: int) -> bool:
         """Whether the filter, where there is one, can take what was seen at a time."""

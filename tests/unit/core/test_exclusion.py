@@ -107,7 +107,7 @@ def test_an_interval_that_agrees_leaves_nothing_out() -> None:
 
 
 def test_without_other_solutions_nothing_is_left_out() -> None:
-    belief = replace(flown(ASTRAY_M).newest, without=separation.NONE)
+    belief = flown(ASTRAY_M).newest._replace(without=separation.NONE)
     assert exclusion.excluding(belief, H @ belief.x + 5.0, 0.04 * np.eye(2), H) is None
 
 
@@ -116,7 +116,7 @@ def astray(false_mps: float = 4.0) -> Belief:
     belief = seeded(0, (0.0, 0.0), 1.0, 0.3, Drive.INERTIAL, SETTINGS)
     x = belief.x.copy()
     x[VELOCITY.start] = -false_mps
-    return replace(belief, x=x, sigma_a_mps2=SIGMA_A)
+    return belief._replace(x=x, sigma_a_mps2=SIGMA_A)
 
 
 def gone_on(belief: Belief, t_s: float, seen_mps: float) -> tuple[Belief, Accepted | Rejected]:
@@ -140,7 +140,7 @@ def test_two_intervals_that_say_the_same_are_believed_against_an_inertial_veloci
 @pytest.mark.parametrize(("later_mps", "believed"), [(1.0, True), (-1.0, True), (9.0, False)])
 def test_accelerations_that_were_carried_away_too_may_change_between_two_intervals(later_mps: float, believed: bool) -> None:
     """Of an autopilot whose attitude followed our own error: 1 m/s in 1.5 s, though its accelerations were steady until now."""
-    steady = replace(astray(), sigma_a_mps2=0.05)
+    steady = astray()._replace(sigma_a_mps2=0.05)
     first, _ = gone_on(steady, 1.5, SPEED_MPS)
     _, outcome = gone_on(first, 3.0, SPEED_MPS + later_mps)
     assert isinstance(outcome, Accepted) is believed

@@ -115,20 +115,20 @@ def test_a_filter_that_begins_again_at_a_fix_knows_what_the_lens_may_add() -> No
 def test_a_wrong_lens_is_told_once(longer: float, says: str) -> None:
     watch, belief = LensWatch(), flown(longer=longer)[0]
     assert watch.after(belief) == []
-    (notice,) = watch.after(replace(belief, t_ns=belief.t_ns + HELD_NS))
+    (notice,) = watch.after(belief._replace(t_ns=belief.t_ns + HELD_NS))
     assert isinstance(notice, Notice)
     assert (notice.severity, notice.to_operator) == (Severity.WARNING, True)
     assert f"% {says} than calibrated" in notice.text
     assert 2.3 < float(notice.text.split()[2]) < 3.4
     assert len(notice.text) <= 50
-    assert watch.after(replace(belief, t_ns=belief.t_ns + 2 * HELD_NS)) == []
+    assert watch.after(belief._replace(t_ns=belief.t_ns + 2 * HELD_NS)) == []
 
 
 def test_what_looks_like_another_lens_for_seconds_is_not_told() -> None:
     watch, wrong, right = LensWatch(), flown()[0], flown(longer=0.0)[0]
     for k in range(20):  # 15 s of one, 5 s of the other
         belief = right if k % 4 == 3 else wrong
-        assert watch.after(replace(belief, t_ns=belief.t_ns + 5 * k * S)) == []
+        assert watch.after(belief._replace(t_ns=belief.t_ns + 5 * k * S)) == []
 
 
 def test_a_lens_that_is_little_off_or_hardly_known_is_not_told() -> None:
@@ -136,4 +136,4 @@ def test_a_lens_that_is_little_off_or_hardly_known_is_not_told() -> None:
     for belief in (flown(longer=0.01)[0], never_flown, flown(longer=0.03, until_s=2)[0]):
         watch = LensWatch()
         assert watch.after(belief) == []
-        assert watch.after(replace(belief, t_ns=belief.t_ns + HELD_NS)) == []
+        assert watch.after(belief._replace(t_ns=belief.t_ns + HELD_NS)) == []

@@ -252,7 +252,7 @@ def replaced_velocity(at_s: float) -> Belief:
     x[VELOCITY] = 5.0, -4.0
     P = belief.P.copy()
     P[VELOCITY, VELOCITY] = 0.2**2 * np.eye(2)
-    inertial = fusion.propagated(replace(belief, x=x, P=P), round(at_s * S), (15.0, -4.0), SETTINGS)
+    inertial = fusion.propagated(belief._replace(x=x, P=P), round(at_s * S), (15.0, -4.0), SETTINGS)
     return fusion.with_velocity_trust(inertial, 0.8, Drive.FED_BACK)
 
 
