@@ -59,7 +59,7 @@ class CameraFacts:
 
     Of what is looked at in flight, without what the camera's mask names, `dark` and `bright` are the shares of pixels at the ends
     of the range, `unlit` that of pixels that are black in every frame while the middle is not; `repeated` is that of frames equal
-    to the one before.
+    to the one before. `still` is the share that has the same edges in every frame while the rest moves; None where it does not.
     """
 
     problem: str = ""
@@ -69,6 +69,7 @@ class CameraFacts:
     bright: float = 0.0
     repeated: float = 0.0
     unlit: float = 0.0
+    still: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

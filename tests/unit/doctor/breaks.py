@@ -70,6 +70,7 @@ CAMERA = [
     ap("camera-exposure", "amber", "exposure", camera(dark=0.9)),
     ap("camera-frozen", "red", "camera", camera(repeated=1.0)),
     ap("camera-rim", "amber", "camera.mask", camera(unlit=0.3)),
+    ap("camera-still", "amber", "camera.mask", camera(still=0.02)),
     ap("camera-mask", "red", "Mask", config("camera", mask="/nowhere/mask.png")),
     ap("camera-focal-length", "red", "fx_px", config("camera", fx_px=5540.0, fy_px=5540.0)),
     ap("camera-focal-length", "red", "fx_px", config("camera", distortion_model="fisheye", distortion=(0.0,) * 4, fx_px=5540.0)),

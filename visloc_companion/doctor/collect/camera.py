@@ -11,6 +11,7 @@ from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.app.constructors import make_camera
 from visloc_companion.app.parts import MakeCamera, check_calibration
 from visloc_companion.config import Config
+from visloc_companion.doctor.collect.still import StillEdges
 from visloc_companion.doctor.facts import CameraFacts
 from visloc_companion.errors import VislocError
 from visloc_companion.geo.pinhole_view import pinhole_view
@@ -28,6 +29,7 @@ class _Slots:
     def __init__(self, model: CameraModel) -> None:
         self._model, self._brightest = model, np.zeros((1, 1), np.uint8)
         self._ground = ground_of(pinhole_view(model)) > 0
+        self.edges = StillEdges(self._ground)
         self.dark: list[float] = []
         self.bright: list[float] = []
         self.repeated = 0
@@ -40,6 +42,7 @@ class _Slots:
         self.bright.append(float(np.mean(of_ground >= _WHITE)))
         grey = view if view.ndim == 2 else view.max(axis=2)
         self._brightest = np.maximum(self._brightest, grey) if self._brightest.shape == grey.shape else grey
+        self.edges.add(view)
         self.repeated += self._last is not None and np.array_equal(pixels, self._last)
         self._last = pixels.copy()
         return 0
@@ -101,4 +104,5 @@ async def _watch(camera: Camera, seconds: float, model: CameraModel) -> CameraFa
         bright=float(np.mean(slots.bright)),
         repeated=slots.repeated / max(1, len(times) - 1),
         unlit=slots.unlit,
+        still=slots.edges.share,
     )

@@ -16,7 +16,7 @@ JudgeSeen = Callable[[CameraFacts, Facts], Finding]
 JudgeConfigured = Callable[[CameraConfig, Facts], Finding]
 NARROWEST_DEG, WIDEST_DEG = 15.0, 110.0
 MAX_ASPECT, MAX_OFF_CENTRE, MAX_TILT_DEG = 0.05, 0.15, 45.0
-MAX_DARK, MAX_BRIGHT, MAX_UNLIT = 0.5, 0.3, 0.05
+MAX_DARK, MAX_BRIGHT, MAX_UNLIT, MAX_STILL = 0.5, 0.3, 0.05, 0.003
 ENOUGH = 0.7
 
 
@@ -106,6 +106,22 @@ def _rim(camera: CameraFacts, facts: Facts) -> Finding:
     del facts
     read = f"{100 * camera.unlit:.0f} % of what is looked at stay black"
     return green(read) if camera.unlit <= MAX_UNLIT else amber(read)
+
+
+@seen(
+    "camera-still",
+    "what stands still in every frame while the rest moves",
+    "Text of a video link, gear or dead lines are followed as if they were ground that does not move: motion and turns err.",
+    "switch the text off at the camera; paint black what stays in the mask that camera.mask names (docs/on-a-drone.md, Mask)",
+)
+def _still(camera: CameraFacts, facts: Facts) -> Finding:
+    del facts
+    if camera.still is None:
+        return skipped(
+            "the picture did not move", 'move the vehicle meanwhile, or examine frames of a flight (camera.url = "files:FOLDER")'
+        )
+    read = f"{100 * camera.still:.1f} % of what is looked at stand still while the rest moves"
+    return green(read) if camera.still <= MAX_STILL else amber(read)
 
 
 @configured(
@@ -277,6 +293,7 @@ RULES: tuple[Rule, ...] = (
     _exposure,
     _frozen,
     _rim,
+    _still,
     _mask,
     _focal,
     _lens,
