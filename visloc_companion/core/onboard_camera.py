@@ -1,6 +1,7 @@
 """The camera in the vehicle: when its frames are taken (camera_time.py), how it is mounted (boresight.py) and tilted
-(tilt_memory.py), all learned in flight, where (lever_arm.py), whether its lens is as calibrated (lens_watch.py) and its fixes as
-good as they claim (claim_watch.py), and where its pictures show the sun (sun_memory.py)."""
+(tilt_memory.py), all learned in flight, where (lever_arm.py), whether its lens is as calibrated (lens_watch.py), its picture
+mirrored (mirror_watch.py) and its fixes as good as they claim (claim_watch.py), and where its pictures show the sun
+(sun_memory.py)."""
 
 from __future__ import annotations
 
@@ -12,6 +13,7 @@ from visloc_companion.core.camera_time import CameraTime
 from visloc_companion.core.claim_watch import ClaimWatch
 from visloc_companion.core.lens_watch import LensWatch
 from visloc_companion.core.lever_arm import LeverArm
+from visloc_companion.core.mirror_watch import MirrorWatch, shown_by_none
 from visloc_companion.core.sun_memory import SunMemory
 from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.core.tilt_memory import TiltMemory
@@ -38,7 +40,7 @@ class OnboardCamera:
     ) -> None:
         self._time = CameraTime(clock, attitude)
         self._boresight, self._tilt = Boresight(q_frd_cambody), TiltMemory(mount_sigma_rad)
-        self._lever = LeverArm(lever_frd_m, clock, attitude)
+        self._lever, self._mirror = LeverArm(lever_frd_m, clock, attitude), MirrorWatch(clock, attitude)
         self._lens, self._claims, self._sun, self._tracker = LensWatch(), ClaimWatch(), SunMemory(), tracker
 
     @property
@@ -59,8 +61,13 @@ class OnboardCamera:
         return self._lever.camera_ned_m(p_ned_m, q_ned_frd)
 
     def of_vehicle(self, answer: Fix | NoFix) -> Fix | NoFix:
-        """An answer about the camera, as one about the vehicle; a terrain's fix is that already."""
-        return answer if answer.method == TERRAIN else self._lever.of_vehicle(answer, self.q_frd_cambody)
+        """An answer about the camera, as one about the vehicle; a terrain's fix is that already. A mirrored picture shows
+        nothing."""
+        if answer.method == TERRAIN:
+            return answer
+        if self._mirror.mirrored:
+            return shown_by_none(answer)
+        return self._lever.of_vehicle(answer, self.q_frd_cambody)
 
     def asked_of_vehicle(self, request: LocaliseRequest) -> LocaliseRequest:
         """A request with the vehicle's place in its prior."""
@@ -83,6 +90,9 @@ class OnboardCamera:
     def on_answer(self, answer: Fix | NoFix) -> list[Command]:
         """Learn from how the camera turned; the filter has no part in it."""
         if answer.turn is not None:
+            told = self._mirror.on_turn(answer.turn, self.q_frd_cambody)
+            if told:
+                return told
             self._tilt.turned(answer.turn, answer.turn_since_kept)
         return self._time.on_turn(answer.turn, self.q_frd_cambody)
 

@@ -26,11 +26,13 @@ from visloc_companion.types import (
     LocaliseRequest,
     NoFix,
     Notice,
+    Odometry,
     PosePrior,
     Quat,
     Sun,
     Tick,
     TiltSeen,
+    Turn,
     Vec3,
 )
 
@@ -131,3 +133,27 @@ def test_where_fixes_show_the_sun_goes_into_the_next_prior_where_the_filter_took
             assert camera.sun(k * 200 * MS) is None
             camera.on_fix(replace(fix_at(k * 200 * MS), sun=Sun(210.0, 35.0)), taken=taken, gnss_trusted=False)
         assert camera.sun(FEWEST * 200 * MS) == (Sun(210.0, 35.0) if taken else None)
+
+
+def test_a_picture_that_turns_against_the_vehicle_is_used_no_more(tracker: Tracker) -> None:
+    clock, attitude = ClockOffset(), AttitudeBuffer()
+    camera, said = OnboardCamera(LEVEL, SIGMA_RAD, (0.3, 0.0, 0.0), clock, attitude, tracker), []
+    motion = Odometry(0, 0, 1, (1.0, 0.0, 0.0), COV)
+    for k in range(1, 40):
+        clock.on_arrival(k * 200 * MS, k * 200 * MS)
+        attitude.add(k * 200 * MS, se3.quat_from_euler(0.0, 0.0, 0.05 * k), (0.0, 0.0, 0.25))
+        turn = Turn(
+            (k - 1) * 200 * MS,
+            k * 200 * MS,
+            se3.quat_from_euler(0.0, 0.0, -0.05),
+            ((1e-6, 0.0, 0.0), (0.0, 1e-6, 0.0), (0.0, 0.0, 1e-6)),
+        )
+        before = camera.of_vehicle(replace(fix_at(k * 200 * MS), motion=motion, turn=turn))
+        said += camera.on_answer(before)
+    assert [n.text for n in said if isinstance(n, Notice)] == ["visloc: picture is mirrored, NOT USED"]
+    assert isinstance(before, NoFix)
+    assert (before.reason, before.motion, before.turn) == (Reason.BAD_FRAME, None, None)
+    lost = NoFix(0, 0, 1, 1, "image", Reason.WORKER_DIED, 1.0, motion=motion)
+    assert camera.of_vehicle(lost) == replace(lost, motion=None)
+    ground = fix_at(0, TERRAIN)
+    assert camera.of_vehicle(ground) is ground
