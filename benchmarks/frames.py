@@ -61,7 +61,7 @@ def write_cases(folder: Path, n: int, seed: int, draw: Draw, recipe: Recipe) -> 
         place = next((drawn for _ in range(MAX_TRIES) if (drawn := draw(rng)) is not None), None)
         if place is None:
             raise SystemExit(f"{folder.name}: no place for a case in {MAX_TRIES} draws")
-        case, truth = _rows(f"{folder.name}{len(cases):04d}", place, recipe, rng)
+        case, truth = case_rows(f"{folder.name}{len(cases):04d}", place, recipe, rng)
         noisy = np.clip(place.frame * rng.uniform(0.8, 1.2) + rng.normal(0, 3, place.frame.shape), 0, 255).astype(np.uint8)
         cv2.imwrite(str(folder / case["frame"]), noisy[..., ::-1])
         cases.append(case)
@@ -134,7 +134,7 @@ def cut(
     return Place(frame, map_file, at, height, (roll, pitch, yaw), dates, foot_px, solvable)
 
 
-def _rows(name: str, place: Place, recipe: Recipe, rng: np.random.Generator) -> tuple[dict[str, Any], dict[str, Any]]:
+def case_rows(name: str, place: Place, recipe: Recipe, rng: np.random.Generator) -> tuple[dict[str, Any], dict[str, Any]]:
     tool = maker()
     transform, crs = georeference(place.ortho)
     lon, lat = lon_lat(transform, crs, place.camera_pix)
