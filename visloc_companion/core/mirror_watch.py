@@ -32,8 +32,12 @@ class MirrorWatch:
 
     def __init__(self, clock: ClockOffset, attitude: AttitudeBuffer) -> None:
         self._clock, self._attitude = clock, attitude
-        self._n, self._turned_rad, self._both, self._own = 0, 0.0, 0.0, 0.0
         self.mirrored = False
+        self.recognised()
+
+    def recognised(self) -> None:
+        """A place was found in the picture, which none is in a mirrored one: begin anew."""
+        self._n, self._turned_rad, self._both, self._own = 0, 0.0, 0.0, 0.0
 
     def on_turn(self, turn: Turn, q_frd_cambody: Quat) -> list[Command]:
         """Take a turn of the camera's body; says once that the picture is mirrored."""

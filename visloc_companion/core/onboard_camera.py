@@ -89,6 +89,8 @@ class OnboardCamera:
 
     def on_answer(self, answer: Fix | NoFix) -> list[Command]:
         """Learn from how the camera turned; the filter has no part in it."""
+        if isinstance(answer, Fix):
+            self._mirror.recognised()
         if answer.turn is not None:
             told = self._mirror.on_turn(answer.turn, self.q_frd_cambody)
             if told:

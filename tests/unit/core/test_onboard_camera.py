@@ -54,6 +54,10 @@ def tracker() -> Tracker:
     return made
 
 
+MOTION = Odometry(0, 0, 1, (1.0, 0.0, 0.0), COV)
+TURN_COV = ((1e-6, 0.0, 0.0), (0.0, 1e-6, 0.0), (0.0, 0.0, 1e-6))
+
+
 def drive(tracker: Tracker, t_ns: int, v_ned_mps: Vec3) -> None:
     tracker.drive(Velocity(t_ns, v_ned_mps, 600.0, 0.3, Drive.AUTOPILOT), t_ns, alone=False)
 
@@ -135,25 +139,33 @@ def test_where_fixes_show_the_sun_goes_into_the_next_prior_where_the_filter_took
         assert camera.sun(FEWEST * 200 * MS) == (Sun(210.0, 35.0) if taken else None)
 
 
-def test_a_picture_that_turns_against_the_vehicle_is_used_no_more(tracker: Tracker) -> None:
+def turned_against(tracker: Tracker, *, fix_every: int) -> tuple[OnboardCamera, list[str]]:
+    """A camera whose pictures turn against the vehicle, with a fix now and then (0: none), and what it told."""
     clock, attitude = ClockOffset(), AttitudeBuffer()
     camera, said = OnboardCamera(LEVEL, SIGMA_RAD, (0.3, 0.0, 0.0), clock, attitude, tracker), []
-    motion = Odometry(0, 0, 1, (1.0, 0.0, 0.0), COV)
-    for k in range(1, 40):
+    for k in range(1, 60):
         clock.on_arrival(k * 200 * MS, k * 200 * MS)
         attitude.add(k * 200 * MS, se3.quat_from_euler(0.0, 0.0, 0.05 * k), (0.0, 0.0, 0.25))
-        turn = Turn(
-            (k - 1) * 200 * MS,
-            k * 200 * MS,
-            se3.quat_from_euler(0.0, 0.0, -0.05),
-            ((1e-6, 0.0, 0.0), (0.0, 1e-6, 0.0), (0.0, 0.0, 1e-6)),
-        )
-        before = camera.of_vehicle(replace(fix_at(k * 200 * MS), motion=motion, turn=turn))
-        said += camera.on_answer(before)
-    assert [n.text for n in said if isinstance(n, Notice)] == ["visloc: picture is mirrored, NOT USED"]
-    assert isinstance(before, NoFix)
-    assert (before.reason, before.motion, before.turn) == (Reason.BAD_FRAME, None, None)
-    lost = NoFix(0, 0, 1, 1, "image", Reason.WORKER_DIED, 1.0, motion=motion)
+        turn = Turn((k - 1) * 200 * MS, k * 200 * MS, se3.quat_from_euler(0.0, 0.0, -0.05), TURN_COV)
+        found = fix_every > 0 and k % fix_every == 0
+        nothing = NoFix(k * 200 * MS, k * 200 * MS, k, k, "image", Reason.NO_MATCH, 1.0, motion=MOTION, turn=turn)
+        said += camera.on_answer(camera.of_vehicle(replace(fix_at(k * 200 * MS), motion=MOTION, turn=turn) if found else nothing))
+    return camera, [n.text for n in said if isinstance(n, Notice)]
+
+
+def test_a_picture_that_turns_against_the_vehicle_is_used_no_more(tracker: Tracker) -> None:
+    camera, said = turned_against(tracker, fix_every=0)
+    assert said == ["visloc: picture is mirrored, NOT USED"]
+    after = camera.of_vehicle(replace(fix_at(0), motion=MOTION))
+    assert isinstance(after, NoFix)
+    assert (after.reason, after.motion, after.turn) == (Reason.BAD_FRAME, None, None)
+    lost = NoFix(0, 0, 1, 1, "image", Reason.WORKER_DIED, 1.0, motion=MOTION)
     assert camera.of_vehicle(lost) == replace(lost, motion=None)
     ground = fix_at(0, TERRAIN)
     assert camera.of_vehicle(ground) is ground
+
+
+def test_a_camera_whose_pictures_are_recognised_is_not_taken_for_mirrored(tracker: Tracker) -> None:
+    camera, said = turned_against(tracker, fix_every=15)
+    assert said == []
+    assert isinstance(camera.of_vehicle(fix_at(0)), Fix)
