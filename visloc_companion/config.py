@@ -9,32 +9,15 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import BaseModel, Field, ValidationError
 
+from visloc_companion.config_camera import CameraConfig
+from visloc_companion.config_section import NonNegative, Positive, Section, Share
 from visloc_companion.errors import ConfigError
-from visloc_companion.types import DISTORTION_COEFFICIENTS, DistortionModel
 
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
-Lever = Annotated[float, Field(ge=-20, le=20)]
-Share = Annotated[float, Field(gt=0, lt=1)]
 Method = Literal["deep", "gradient", "cross-view", "iclk", "ncc", "mi", "keypoint"]
 DEFAULT_METHOD: Method = "deep"
 """What localises where nobody chose: the daemon, `visloc evaluate image`, simulated and demonstrated flights."""
-
-
-class Section(BaseModel):
-    """Base of all sections: frozen, no unknown keys, no number that is none (TOML has nan and inf; true is none either)."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _no_truth_for_a_number(cls, data: Any) -> Any:
-        for name, value in data.items() if isinstance(data, dict) else ():
-            if isinstance(value, bool) and name in cls.model_fields and cls.model_fields[name].annotation is not bool:
-                raise ValueError(f"{name} is {str(value).lower()}, which is no value for it")
-        return data
 
 
 class LinkConfig(Section):
@@ -58,6 +41,8 @@ class LinkConfig(Section):
     """GPS_RAW_INT asked of the autopilot."""
     status_rate_hz: Positive = 2.0
     """EKF_STATUS_REPORT or ESTIMATOR_STATUS asked of the autopilot."""
+    gimbal_rate_hz: Positive = 25.0
+    """GIMBAL_DEVICE_ATTITUDE_STATUS asked of the autopilot where `camera.mount` is `gimbal`."""
     signing_key_file: str = ""
     """File with the key of MAVLink 2 signing (`visloc link-key` makes one; owner only, mode 0600); empty signs nothing."""
     signing_link_id: Annotated[int, Field(ge=0, le=255)] = 0
@@ -72,58 +57,6 @@ class LinkConfig(Section):
     """Send ONBOARD_COMPUTER_STATUS once a second."""
     reconnect_s: Positive = 2.0
     """Silence after which the connection is opened anew, and the pause between tries."""
-
-
-class CameraConfig(Section):
-    """The camera and how it is mounted."""
-
-    url: str = ""
-    """`files:FOLDER` (with frames.csv), `video:FILE`, `device:/dev/video0` or `tcp:HOST:PORT` (length-prefixed frames)."""
-    width_px: Annotated[int, Field(ge=64, le=10000)] = 640
-    """Width of the calibrated image; frames of another size are refused."""
-    height_px: Annotated[int, Field(ge=48, le=10000)] = 480
-    """Height of the calibrated image."""
-    fx_px: Positive = 500.0
-    """Focal length along the columns."""
-    fy_px: Positive = 500.0
-    """Focal length along the rows."""
-    cx_px: NonNegative = 319.5
-    """Principal point, column (centre of the top-left pixel is 0)."""
-    cy_px: NonNegative = 239.5
-    """Principal point, row."""
-    distortion_model: DistortionModel = "brown_conrady"
-    """How the lens bends: `brown_conrady` (ROS: plumb_bob), `rational` (rational_polynomial) or `fisheye` (equidistant)."""
-    distortion: Annotated[tuple[float, ...], Field(validate_default=True)] = (0.0, 0.0, 0.0, 0.0, 0.0)
-    """As OpenCV writes them: k1 k2 p1 p2 k3; `rational` k1 k2 p1 p2 k3 k4 k5 k6; `fisheye` k1 k2 k3 k4."""
-    mount_roll_deg: float = 0.0
-    """Roll of the camera's body in the vehicle's body."""
-    mount_pitch_deg: float = 0.0
-    """Pitch of the camera's body in the vehicle's body; positive lifts the top edge of the image."""
-    mount_yaw_deg: float = 0.0
-    """Attitude of the camera's body in the vehicle's body; zero looks down with the image's top edge forward."""
-    lever_arm_frd_m: tuple[Lever, Lever, Lever] = (0.0, 0.0, 0.0)
-    """The camera in the vehicle's body: metres forward, right and down of the autopilot's IMU."""
-    mount_sigma_deg: NonNegative = 1.0
-    """1-sigma of the mounting and attitude together, as the localiser's prior of tilt."""
-    mask: str = ""
-    """8-bit PNG of the image's size, black where the camera sees its own vehicle or the lens's rim, white where it sees ground
-    (docs/on-a-drone.md, Mask); relative to the file that names it. Empty: ground everywhere."""
-    mask_sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
-    """SHA-256 of that file; where it is not stated, that of the file as it is at the start, which journals keep."""
-    latency_s: NonNegative = 0.0
-    """Time from mid-exposure to arrival, where the camera gives no time stamp."""
-    readout_ms: Annotated[float, Field(ge=-200, le=200)] = 0.0
-    """Time from the first row of an image to the last where the shutter rolls (often 10 to 40 ms; the sensor's data sheet says);
-    negative where the image is turned upside down after it was read. Frames count from their middle row."""
-
-    @field_validator("distortion")
-    @classmethod
-    def _as_many_as_the_model_has(cls, values: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
-        model = info.data.get("distortion_model")
-        if model is not None and len(values) != len(DISTORTION_COEFFICIENTS[model]):
-            names = DISTORTION_COEFFICIENTS[model]
-            raise ValueError(f"{len(values)} coefficients, but distortion_model {model!r} has {len(names)}: {' '.join(names)}")
-        return values
 
 
 class MapConfig(Section):

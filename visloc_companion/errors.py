@@ -141,5 +141,7 @@ class Reason(StrEnum):
     IMPLAUSIBLE_CLAIM = "implausible_claim"
     NO_ORIGIN = "no_origin"
     NO_ATTITUDE = "no_attitude"
+    NO_GIMBAL_ATTITUDE = "no_gimbal_attitude"
+    GIMBAL_TURNING = "gimbal_turning"
     NOT_SEEDED = "not_seeded"
     IMPLAUSIBLE_TIME = "implausible_time"

@@ -109,3 +109,26 @@ def test_true_is_no_number() -> None:
     with pytest.raises(ConfigError, match=r"navigator: .*output_rate_hz is true"):
         parse_config({"navigator": {"output_rate_hz": True}})
     assert parse_config({"localiser": {"odometry": False}}).localiser.odometry is False
+
+
+@pytest.mark.parametrize(
+    ("camera", "told"),
+    [
+        ({"mount": "gimble"}, r"camera.mount: Input should be 'fixed' or 'gimbal'"),
+        ({"gimbal_id": 2}, r'camera: .*gimbal_id without a gimbal: set mount = "gimbal", or leave out'),
+        ({"mount": "fixed", "gimbal_frame": "north"}, r"camera: .*gimbal_frame without a gimbal"),
+        ({"mount": "gimbal", "gimbal_id": 9}, r"camera.gimbal_id: .*1 to 6 \(the autopilot's own\) or a component \(154, 171"),
+        ({"mount": "gimbal", "gimbal_frame": "body"}, r"camera.gimbal_frame: .*'auto', 'airframe', 'heading' or 'north'"),
+        ({"mount": "gimbal", "gimbal_yaw_sigma_deg": 90.0}, r"camera.gimbal_yaw_sigma_deg: "),
+    ],
+)
+def test_a_gimbal_that_cannot_be_is_told(camera: dict[str, object], told: str) -> None:
+    with pytest.raises(ConfigError, match=told):
+        parse_config({"camera": camera})
+
+
+def test_an_effective_configuration_may_state_the_defaults_of_gimbals() -> None:
+    """Journals hold every key; a fixed camera's must be read again."""
+    whole = parse_config({"camera": {"mount": "fixed"}}).model_dump(mode="json")
+    assert parse_config(whole).camera.mount == "fixed"
+    assert parse_config({"camera": {"mount": "gimbal", "gimbal_id": 154}}).camera.gimbal_id == 154

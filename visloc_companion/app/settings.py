@@ -7,11 +7,13 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
 
-from visloc_companion.config import CameraConfig, Config, LocaliserConfig, Section
-from visloc_companion.core.settings import CoreSettings, GnssSettings, InjectionSettings, NavigatorSettings
+from visloc_companion.config import Config, LocaliserConfig
+from visloc_companion.config_camera import CameraConfig
+from visloc_companion.config_section import Section
+from visloc_companion.core.settings import CoreSettings, GimbalSettings, GnssSettings, InjectionSettings, NavigatorSettings
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.localise.runtime import NetworkChoice
-from visloc_companion.types import BeyondLimit, InjectionPolicy, Quat
+from visloc_companion.types import BeyondLimit, GimbalFrame, InjectionPolicy, Quat
 
 _Settings = TypeVar("_Settings", NavigatorSettings, GnssSettings, InjectionSettings)
 
@@ -43,7 +45,17 @@ def core_settings(config: Config) -> CoreSettings:
         gnss_rate_hz=config.link.gnss_rate_hz,
         status_rate_hz=config.link.status_rate_hz,
         seed=config.seed,
+        gimbal=gimbal(config),
     )
+
+
+def gimbal(config: Config) -> GimbalSettings | None:
+    """The gimbal that carries the camera, None where the airframe does."""
+    camera = config.camera
+    if camera.mount == "fixed":
+        return None
+    frame = None if camera.gimbal_frame == "auto" else GimbalFrame(camera.gimbal_frame)
+    return GimbalSettings(camera.gimbal_id, frame, math.radians(camera.gimbal_yaw_sigma_deg), config.link.gimbal_rate_hz)
 
 
 def network_choice(localiser: LocaliserConfig) -> NetworkChoice:
@@ -53,7 +65,7 @@ def network_choice(localiser: LocaliserConfig) -> NetworkChoice:
 
 
 def mounting(camera: CameraConfig) -> Quat:
-    """Attitude of the camera's body in the vehicle's body, `q_frd_cambody` (intrinsic yaw, pitch, roll)."""
+    """Attitude of the camera's body in the body of what carries it, `q_frd_cambody` (intrinsic yaw, pitch, roll)."""
     return quat_from_euler(
         math.radians(camera.mount_roll_deg), math.radians(camera.mount_pitch_deg), math.radians(camera.mount_yaw_deg)
     )

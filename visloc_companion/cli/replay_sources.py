@@ -23,7 +23,8 @@ from visloc_companion.app.settings import core_settings, mounting
 from visloc_companion.app.terrain import TerrainAnswer, configured_terrain
 from visloc_companion.cli.progress import bar
 from visloc_companion.cli.rerun_source import RerunSource
-from visloc_companion.config import CameraConfig, Config, load_config, parse_config
+from visloc_companion.config import Config, load_config, parse_config
+from visloc_companion.config_camera import CameraConfig
 from visloc_companion.errors import ConfigError, LogError
 from visloc_companion.evaluate.flight import Pace, RecordedEyes, replay_recording
 from visloc_companion.evaluate.gate import Check

@@ -21,7 +21,6 @@ from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.terrain_aiding import TerrainAiding
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
-from visloc_companion.geo import se3
 from visloc_companion.types import FrameRef, GeoPoint, LocaliseRequest, NavState, PosePrior, Quat, Readout, TerrainRequest, Vec3
 
 Request = LocaliseRequest | TerrainRequest
@@ -91,21 +90,22 @@ class Asking:
         frame = self._queue.next_frame(now_ns)
         if frame is None or self._tracker.low:
             return []
-        q_ned_frd = self._attitude_at(frame)
-        if q_ned_frd is None:
+        poses = self._attitudes_at(frame, now_ns)
+        if poses is None:
             return []
+        q_ned_frd, q_ned_carrier = poses
         state = self._tracker.at(frame.t_ns)
         if self._search is not None and self._anywhere(state, now_ns):
-            return self._about_place(self._search, state, frame, q_ned_frd, now_ns)
+            return self._about_place(self._search, state, frame, poses, now_ns)
         if self._search is not None and self._search.active:
             self._search.clear()
         if state is None or not self._tracker.takes(frame.t_ns):
             return []
         state = self._of_camera(self._wide(state) if injecting else state, q_ned_frd)
-        prior = self._prior(state, q_ned_frd, self._camera.q_frd_cambody, injecting)
+        prior = self._prior(state, q_ned_carrier, self._camera.q_carrier_cambody, injecting)
         if prior is None:
             return []
-        prior = replace(prior, tilt=self._camera.tilt(frame.t_ns, q_ned_frd), sun=self._camera.sun(frame.t_ns))
+        prior = replace(prior, tilt=self._camera.tilt(frame.t_ns, q_ned_carrier), sun=self._camera.sun(frame.t_ns))
         return [self._read_out(self._queue.taken(frame, prior, now_ns), state.v_ned_mps)]
 
     def _read_out(self, request: LocaliseRequest, v_ned_mps: Vec3) -> LocaliseRequest:
@@ -116,10 +116,9 @@ class Asking:
         t_boot_ns = self._boot_ns(request.frame)
         if t_boot_ns is None:
             return request
-        rate = self._attitude.rate_frd_radps(t_boot_ns, round(abs(span_s) * 1e9))
-        if rate is None:
+        rate_cambody = self._camera.rate_radps(t_boot_ns, round(abs(span_s) * 1e9))
+        if rate_cambody is None:
             return request
-        rate_cambody = se3.rotate(se3.quat_inverse(self._camera.q_frd_cambody), rate)
         return replace(request, readout=Readout(span_s, rate_cambody, v_ned_mps, height_m))
 
     def _of_camera(self, state: NavState, q_ned_frd: Quat) -> NavState:
@@ -143,9 +142,10 @@ class Asking:
         return state is None or 3 * largest_sigma_m(state.cov_ne_m2) > radius_m
 
     def _about_place(
-        self, search: PlaceSearch, state: NavState | None, frame: FrameRef, q_ned_frd: Quat, now_ns: int
+        self, search: PlaceSearch, state: NavState | None, frame: FrameRef, poses: tuple[Quat, Quat], now_ns: int
     ) -> list[Request]:
         """The next question of the search for the vehicle's place."""
+        q_ned_frd, q_ned_carrier = poses
         velocity, origin = self._tracker.velocity, self._tracker.origin
         if velocity is None or origin is None:
             return []
@@ -155,37 +155,43 @@ class Asking:
         asked = NavState(
             frame.t_ns, (*where.place_ne_m, -height_m), velocity.v_ned_mps, where.cov_ne_m2, SEARCH_SIGMA_H_M, math.inf
         )
-        prior = self._pose_prior(self._of_camera(asked, q_ned_frd), origin, q_ned_frd, self._camera.q_frd_cambody)
+        prior = self._pose_prior(self._of_camera(asked, q_ned_frd), origin, q_ned_carrier, self._camera.q_carrier_cambody)
         share = where.share_of_sigmas
         prior = replace(prior, sigma_h_m=share * prior.sigma_h_m, sigma_yaw_rad=share * prior.sigma_yaw_rad)
         return [self._read_out(self._queue.taken(frame, prior, now_ns, aside=True), velocity.v_ned_mps)]
 
-    def _prior(self, state: NavState, q_ned_frd: Quat, q_frd_body: Quat, injecting: bool) -> PosePrior | None:
-        """The prior of a state for the camera's body, or for another one that is mounted so."""
+    def _prior(self, state: NavState, q_ned_carrier: Quat, q_carrier_body: Quat, injecting: bool) -> PosePrior | None:
+        """The prior of a state for the camera's body on what carries it, or for another one that is mounted so on another."""
         origin = self._tracker.origin
         if origin is None:
             return None
         if not injecting:
             cov = requests.held_by_gnss(state.cov_ne_m2, state.age_of_fix_s, self._settings.navigator.seed_sigma_m)
             state = replace(state, cov_ne_m2=cov)
-        return self._pose_prior(state, origin, q_ned_frd, q_frd_body)
+        return self._pose_prior(state, origin, q_ned_carrier, q_carrier_body)
 
-    def _pose_prior(self, state: NavState, origin: GeoPoint, q_ned_frd: Quat, q_frd_body: Quat) -> PosePrior:
+    def _pose_prior(self, state: NavState, origin: GeoPoint, q_ned_carrier: Quat, q_carrier_body: Quat) -> PosePrior:
         height = self._tracker.height.known(state.t_ns, origin.h_amsl_m - state.p_ned_m[2])
         return requests.pose_prior(
             state,
             origin,
-            q_ned_frd,
-            q_frd_body,
+            q_ned_carrier,
+            q_carrier_body,
             height.offset_m,
             requests.least_height_sigma_m(self._tracker.height_above_home_m or 0.0, height.unseen_s),
             self._settings.mount_sigma_rad,
             self._settings.max_search_radius_m,
+            math.hypot(requests.SIGMA_YAW_RAD, self._camera.sigma_yaw_rad),
         )
 
-    def _attitude_at(self, frame: FrameRef) -> Quat | None:
+    def _attitudes_at(self, frame: FrameRef, now_ns: int) -> tuple[Quat, Quat] | None:
+        """Of the vehicle and of what carries the camera, when a frame was taken; None where one of them makes it useless."""
         t_boot_ns = self._boot_ns(frame)
-        return None if t_boot_ns is None else self._attitude.at(t_boot_ns)
+        q_ned_frd = None if t_boot_ns is None else self._attitude.at(t_boot_ns)
+        if t_boot_ns is None or q_ned_frd is None:
+            return None
+        q_ned_carrier = self._camera.carrier(t_boot_ns, q_ned_frd, now_ns)
+        return None if q_ned_carrier is None else (q_ned_frd, q_ned_carrier)
 
     def _boot_ns(self, frame: FrameRef) -> int | None:
         return self._clock.boot_ns(frame.t_ns) if frame.t_boot_ns is None else frame.t_boot_ns

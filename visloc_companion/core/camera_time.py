@@ -33,10 +33,13 @@ FRAMES_KEPT, TURNS_KEPT = 64, 8
 
 
 class CameraTime:
-    """`on_frame` gives each frame the time when it was taken; `on_turn` learns from what answers say."""
+    """`on_frame` gives each frame the time when it was taken; `on_turn` learns from what answers say.
 
-    def __init__(self, clock: ClockOffset, attitude: AttitudeBuffer) -> None:
-        self._clock, self._attitude = clock, attitude
+    `learns` False: the camera does not turn with the vehicle, and turns of its pictures tell nothing of the autopilot's clock.
+    """
+
+    def __init__(self, clock: ClockOffset, attitude: AttitudeBuffer, *, learns: bool = True) -> None:
+        self._clock, self._attitude, self._learns = clock, attitude, learns
         self._even = FrameClock()
         self._offset = TimeOffset()
         self._lag_ns: int | None = None
@@ -78,6 +81,8 @@ class CameraTime:
 
     def on_turn(self, turn: Turn | None, q_frd_cambody: Quat) -> list[Command]:
         """Learn from the turn between two frames that an answer bears; those whose attitudes are to come wait for them."""
+        if not self._learns:
+            return []
         if turn is not None and turn.t_from_ns in self._stamps and turn.t_to_ns in self._stamps:
             self._waiting.append((turn, (self._stamps[turn.t_from_ns], self._stamps[turn.t_to_ns])))
         learned = False

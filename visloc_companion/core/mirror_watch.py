@@ -11,6 +11,7 @@ import math
 from dataclasses import replace
 
 from visloc_companion.core.attitude import AttitudeBuffer
+from visloc_companion.core.gimbal import Gimbal
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.errors import Reason
 from visloc_companion.geo import se3
@@ -28,9 +29,9 @@ AGAINST = -0.7
 
 
 class MirrorWatch:
-    """Adds up turns about the camera's axis, as they are seen and as the autopilot reports them."""
+    """Adds up turns about the camera's axis, as they are seen and as what carries the camera is reported to have turned."""
 
-    def __init__(self, clock: ClockOffset, attitude: AttitudeBuffer) -> None:
+    def __init__(self, clock: ClockOffset, attitude: AttitudeBuffer | Gimbal) -> None:
         self._clock, self._attitude = clock, attitude
         self.mirrored = False
         self.recognised()
@@ -39,16 +40,16 @@ class MirrorWatch:
         """A place was found in the picture, which none is in a mirrored one: begin anew."""
         self._n, self._turned_rad, self._both, self._own = 0, 0.0, 0.0, 0.0
 
-    def on_turn(self, turn: Turn, q_frd_cambody: Quat) -> list[Command]:
+    def on_turn(self, turn: Turn, q_carrier_cambody: Quat) -> list[Command]:
         """Take a turn of the camera's body; says once that the picture is mirrored."""
         first_ns, last_ns = self._clock.boot_ns(turn.t_from_ns), self._clock.boot_ns(turn.t_to_ns)
         if self.mirrored or first_ns is None or last_ns is None:
             return []
-        reported_rad = self._about_axis_rad(first_ns, last_ns, q_frd_cambody)
+        reported_rad = self._about_axis_rad(first_ns, last_ns, q_carrier_cambody)
         if reported_rad is None or abs(reported_rad) < LEAST_TURN_RAD:
             return []
         for earlier_ns in EARLIER_NS:
-            earlier_rad = self._about_axis_rad(first_ns - earlier_ns, last_ns - earlier_ns, q_frd_cambody)
+            earlier_rad = self._about_axis_rad(first_ns - earlier_ns, last_ns - earlier_ns, q_carrier_cambody)
             if earlier_rad is None or earlier_rad / reported_rad < LEAST_EARLIER:
                 return []
         self._n += 1
@@ -61,12 +62,12 @@ class MirrorWatch:
         data = (("seen_of_reported", self._both / self._own), ("turned_deg", math.degrees(self._turned_rad)))
         return [Notice(Severity.WARNING, "visloc: picture is mirrored, NOT USED", to_operator=True, data=data)]
 
-    def _about_axis_rad(self, first_ns: int, last_ns: int, q_frd_cambody: Quat) -> float | None:
+    def _about_axis_rad(self, first_ns: int, last_ns: int, q_carrier_cambody: Quat) -> float | None:
         """How the camera turned about the axis that it looks along, by the autopilot's attitudes; None where one is not known."""
         before, after = self._attitude.at(first_ns), self._attitude.at(last_ns)
         if before is None or after is None:
             return None
-        start, end = (se3.quat_multiply(q, q_frd_cambody) for q in (before, after))
+        start, end = (se3.quat_multiply(q, q_carrier_cambody) for q in (before, after))
         return se3.vector_from_quat(se3.quat_multiply(se3.quat_inverse(start), end))[2]
 
 

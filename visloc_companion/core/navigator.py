@@ -12,6 +12,7 @@ from __future__ import annotations
 from visloc_companion.core import gnss_words, requests, streams
 from visloc_companion.core.asking import Asking
 from visloc_companion.core.attitude import AttitudeBuffer
+from visloc_companion.core.gimbal import Gimbal
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.guard import Complaints, TimeCheck, TimeGuard
@@ -38,6 +39,7 @@ from visloc_companion.types import (
     Event,
     Fix,
     FrameRef,
+    GimbalAttitude,
     Gnss,
     GnssIntegrity,
     GnssTime,
@@ -83,13 +85,15 @@ class Navigator:
         )
         self._terrain = TerrainAiding() if settings.terrain else None
         self._search = PlaceSearch(settings.max_search_radius_m) if settings.navigator.start_anywhere else None
-        onboard = OnboardCamera(
+        gimbal = None if settings.gimbal is None else Gimbal(settings.gimbal, self._clock, self._attitude)
+        self._onboard = onboard = OnboardCamera(
             settings.q_frd_cambody,
             settings.mount_sigma_rad,
             settings.lever_frd_m,
             self._clock,
             self._attitude,
             self._tracker,
+            gimbal,
         )
         self._asking = Asking(
             settings, self._queue, self._tracker, self._clock, self._attitude, onboard, self._terrain, self._search
@@ -106,6 +110,7 @@ class Navigator:
             self._asking,
             self._terrain,
             self._complaints,
+            gimbal,
         )
         self._steering = Steering(settings, self._monitor, self._switch)
         self._sending = Sending(settings.injection, self._tracker, self._asking, settings.navigator.output_rate_hz)
@@ -154,6 +159,9 @@ class Navigator:
                 return self._on_tick(now_ns)
             case Attitude():
                 return self._telemetry.on_attitude(event, now_ns)
+            case GimbalAttitude():
+                self._onboard.on_gimbal(event, now_ns)
+                return []
             case PriorPose():
                 return self._telemetry.on_prior(event, self._steering.feedback)
             case LocalPose():

@@ -1,7 +1,10 @@
 """The camera in the vehicle: when its frames are taken (camera_time.py), how it is mounted (boresight.py) and tilted
 (tilt_memory.py), all learned in flight, where (lever_arm.py), whether its lens is as calibrated (lens_watch.py), its picture
 mirrored (mirror_watch.py) and its fixes as good as they claim (claim_watch.py), and where its pictures show the sun
-(sun_memory.py)."""
+(sun_memory.py).
+
+What carries it is the airframe or a gimbal (gimbal.py). Mounting and tilt are those against what carries it, in either case. Its
+time is learned on the airframe only: a gimbal's word comes late by an unknown time itself."""
 
 from __future__ import annotations
 
@@ -11,6 +14,8 @@ from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.boresight import Boresight
 from visloc_companion.core.camera_time import CameraTime
 from visloc_companion.core.claim_watch import ClaimWatch
+from visloc_companion.core.gimbal import Gimbal
+from visloc_companion.core.gimbal_watch import GimbalWatch
 from visloc_companion.core.lens_watch import LensWatch
 from visloc_companion.core.lever_arm import LeverArm
 from visloc_companion.core.mirror_watch import MirrorWatch, shown_by_none
@@ -20,7 +25,18 @@ from visloc_companion.core.tilt_memory import TiltMemory
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.geo import se3
-from visloc_companion.types import Command, Fix, FrameRef, LocaliseRequest, NoFix, Quat, Sun, TiltPrior, Vec3
+from visloc_companion.types import (
+    Command,
+    Fix,
+    FrameRef,
+    GimbalAttitude,
+    LocaliseRequest,
+    NoFix,
+    Quat,
+    Sun,
+    TiltPrior,
+    Vec3,
+)
 
 TIMED_S = 0.02
 """The mounting is learned only while frames are timed better than this: on the way, late is as tilted."""
@@ -37,20 +53,61 @@ class OnboardCamera:
         clock: ClockOffset,
         attitude: AttitudeBuffer,
         tracker: Tracker,
+        gimbal: Gimbal | None = None,
     ) -> None:
-        self._time = CameraTime(clock, attitude)
+        self._clock, self._attitude, self._gimbal, self._gimbal_watch = clock, attitude, gimbal, GimbalWatch()
+        self._time = CameraTime(clock, attitude, learns=gimbal is None)
         self._boresight, self._tilt = Boresight(q_frd_cambody), TiltMemory(mount_sigma_rad)
-        self._lever, self._mirror = LeverArm(lever_frd_m, clock, attitude), MirrorWatch(clock, attitude)
+        self._lever, self._mirror = LeverArm(lever_frd_m, clock, attitude), MirrorWatch(clock, gimbal or attitude)
         self._lens, self._claims, self._sun, self._tracker = LensWatch(), ClaimWatch(), SunMemory(), tracker
 
     @property
-    def q_frd_cambody(self) -> Quat:
-        """The mounting as it is known by now."""
+    def q_carrier_cambody(self) -> Quat:
+        """The mounting on what carries the camera, as it is known by now."""
         return self._boresight.q_frd_cambody
 
-    def tilt(self, t_ns: int, q_ned_frd: Quat) -> TiltPrior | None:
-        """What earlier fixes tell of the camera's tilt at a time, at an attitude of the vehicle."""
-        return self._tilt.known(t_ns, q_ned_frd)
+    @property
+    def sigma_yaw_rad(self) -> float:
+        """1-sigma of the yaw of what carries the camera, beside the autopilot's heading."""
+        return 0.0 if self._gimbal is None else self._gimbal.sigma_yaw_rad
+
+    def on_gimbal(self, event: GimbalAttitude, now_ns: int) -> None:
+        """A gimbal says where it points."""
+        if self._gimbal is not None and self._gimbal.on_attitude(event):
+            self._gimbal_watch.heard(now_ns)
+
+    def check(self, now_ns: int, *, heard: bool, needed: bool) -> list[Command]:
+        """What is to be said of the gimbal at a Tick (gimbal_watch.GimbalWatch.check)."""
+        return [] if self._gimbal is None else self._gimbal_watch.check(now_ns, heard=heard, needed=needed)
+
+    def carrier(self, t_boot_ns: int, q_ned_frd: Quat, now_ns: int) -> Quat | None:
+        """Attitude of what carries the camera while the vehicle's is `q_ned_frd`; None where a gimbal makes a frame useless."""
+        if self._gimbal is None:
+            return q_ned_frd
+        reason = self._gimbal.refusal(t_boot_ns, self.q_carrier_cambody)
+        self._gimbal_watch.judged(reason, now_ns)
+        return None if reason is not None else self._gimbal.at(t_boot_ns)
+
+    def rate_radps(self, t_boot_ns: int, span_ns: int) -> Vec3 | None:
+        """Mean rates of the camera's body about its own axes over a span about a time, None where they are not known."""
+        carrier = self._attitude.rate_frd_radps if self._gimbal is None else self._gimbal.rate_radps
+        rate = carrier(t_boot_ns, span_ns)
+        return None if rate is None else se3.rotate(se3.quat_inverse(self.q_carrier_cambody), rate)
+
+    def _q_frd_cambody(self, t_ns: int) -> Quat:
+        """The camera in the vehicle at a time; while a gimbal's is not known, as if it looked straight down."""
+        t_boot_ns = None if self._gimbal is None else self._clock.boot_ns(t_ns)
+        if self._gimbal is None or t_boot_ns is None:
+            return self.q_carrier_cambody
+        q_ned_frd, q_ned_carrier = self._attitude.at(t_boot_ns), self._gimbal.at(t_boot_ns)
+        if q_ned_frd is None or q_ned_carrier is None:
+            return self.q_carrier_cambody
+        q_frd_carrier = se3.quat_multiply(se3.quat_inverse(q_ned_frd), q_ned_carrier)
+        return se3.quat_multiply(q_frd_carrier, self.q_carrier_cambody)
+
+    def tilt(self, t_ns: int, q_ned_carrier: Quat) -> TiltPrior | None:
+        """What earlier fixes tell of the camera's tilt at a time, at an attitude of what carries it."""
+        return self._tilt.known(t_ns, q_ned_carrier)
 
     def sun(self, t_ns: int) -> Sun | None:
         """Where earlier pictures show the sun at a time."""
@@ -67,11 +124,12 @@ class OnboardCamera:
             return answer
         if self._mirror.mirrored:
             return shown_by_none(answer)
-        return self._lever.of_vehicle(answer, self.q_frd_cambody)
+        return self._lever.of_vehicle(answer, self._q_frd_cambody(answer.t_ns))
 
     def asked_of_vehicle(self, request: LocaliseRequest) -> LocaliseRequest:
         """A request with the vehicle's place in its prior."""
-        return replace(request, prior=self._lever.prior_of_vehicle(request.prior, self.q_frd_cambody))
+        q_frd_cambody = self._q_frd_cambody(request.frame.t_ns)
+        return replace(request, prior=self._lever.prior_of_vehicle(request.prior, q_frd_cambody))
 
     def on_frame(self, frame: FrameRef) -> FrameRef:
         """The frame with the time when it was taken."""
@@ -83,8 +141,8 @@ class OnboardCamera:
             if isinstance(command, LocaliseRequest):
                 self._boresight.on_request(command)
                 q_ned_cambody = command.prior.q_ned_frd
-                q_ned_frd = se3.quat_multiply(q_ned_cambody, se3.quat_inverse(self.q_frd_cambody))
-                self._tilt.asked(command, q_ned_frd)
+                q_ned_carrier = se3.quat_multiply(q_ned_cambody, se3.quat_inverse(self.q_carrier_cambody))
+                self._tilt.asked(command, q_ned_carrier)
         return commands
 
     def on_answer(self, answer: Fix | NoFix) -> list[Command]:
@@ -92,11 +150,11 @@ class OnboardCamera:
         if isinstance(answer, Fix):
             self._mirror.recognised()
         if answer.turn is not None:
-            told = self._mirror.on_turn(answer.turn, self.q_frd_cambody)
+            told = self._mirror.on_turn(answer.turn, self.q_carrier_cambody)
             if told:
                 return told
             self._tilt.turned(answer.turn, answer.turn_since_kept)
-        return self._time.on_turn(answer.turn, self.q_frd_cambody)
+        return self._time.on_turn(answer.turn, self.q_carrier_cambody)
 
     def stated(self, fix: Fix) -> Fix:
         """The fix with what its time may be off by in its covariance."""

@@ -110,12 +110,13 @@ class FrameQueue:
 def pose_prior(
     state: NavState,
     origin: GeoPoint,
-    q_ned_frd: Quat,
-    q_frd_cambody: Quat,
+    q_ned_carrier: Quat,
+    q_carrier_cambody: Quat,
     height_offset_m: float,
     least_sigma_h_m: float,
     sigma_tilt_rad: float,
     max_search_radius_m: float,
+    sigma_yaw_rad: float = SIGMA_YAW_RAD,
 ) -> PosePrior:
     """The localiser's prior: the filter's own state at image time, never the autopilot's position.
 
@@ -124,10 +125,10 @@ def pose_prior(
     place = wgs84.geo_from_ned(state.p_ned_m, origin)
     return PosePrior(
         replace(place, h_amsl_m=place.h_amsl_m + height_offset_m),
-        se3.quat_multiply(q_ned_frd, q_frd_cambody),
+        se3.quat_multiply(q_ned_carrier, q_carrier_cambody),
         bounded(state.cov_ne_m2, max_search_radius_m / 3),
         min(max(state.sigma_d_m, least_sigma_h_m), UNKNOWN_HEIGHT_SIGMA_M),
-        SIGMA_YAW_RAD,
+        sigma_yaw_rad,
         sigma_tilt_rad,
         height_offset_m,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from visloc_companion.types import BeyondLimit, InjectionPolicy, Quat, Vec3
+from visloc_companion.types import BeyondLimit, GimbalFrame, InjectionPolicy, Quat, Vec3
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +67,24 @@ class InjectionSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class GimbalSettings:
+    """The gimbal that carries the camera: which one (0: the first that is heard), what its attitude counts from (None: as it
+    says), 1-sigma of its yaw, and how often it is to be told."""
+
+    gimbal_id: int = 0
+    frame: GimbalFrame | None = None
+    sigma_yaw_rad: float = math.radians(3.0)
+    rate_hz: float = 25.0
+
+
+@dataclass(frozen=True, slots=True)
 class CoreSettings:
     """Everything that `Navigator` needs to know.
 
     `q_frd_cambody` is the attitude of the camera's body (looks along its down axis, top edge of the image forward) in the
-    vehicle's body, `lever_frd_m` its position there, metres from the IMU; `mount_sigma_rad` the 1-sigma tilt of mounting and
-    attitude together, `readout_s` the time from the first row of an image to the last, `has_camera` whether one is configured.
+    vehicle's body, with a `gimbal` in that of core/gimbal.py; `lever_frd_m` its position in the vehicle's body, metres from the
+    IMU; `mount_sigma_rad` the 1-sigma tilt of mounting and attitude together, `readout_s` the time from the first row of an image
+    to the last, `has_camera` whether one is configured.
     `max_rate_hz` bounds the requests to the localiser, `max_search_radius_m` the 3-sigma radius of their search,
     `max_probability_wrong` what a fix may claim. For `structure`, `structure_every` see core/turns.py, for `terrain`
     core/terrain_aiding.py. The link rates go into RequestMessage.
@@ -97,3 +109,4 @@ class CoreSettings:
     gnss_rate_hz: float = 5.0
     status_rate_hz: float = 2.0
     seed: int = 1
+    gimbal: GimbalSettings | None = None

@@ -11,6 +11,7 @@ EKF_STATUS_REPORT, ESTIMATOR_STATUS = 193, 230
 SYSTEM_TIME, SCALED_PRESSURE, EVIDENCE_RATE_HZ = 2, 29, 1.0
 """What bears on the GNSS verdict only."""
 DISTANCE_SENSOR, RANGE_RATE_HZ = 132, 10.0
+GIMBAL_DEVICE_ATTITUDE_STATUS = 285
 STATUS_MESSAGES = {
     AutopilotKind.ARDUPILOT: (EKF_STATUS_REPORT,),
     AutopilotKind.PX4: (ESTIMATOR_STATUS,),
@@ -27,6 +28,7 @@ def requests_for(autopilot: AutopilotKind, settings: CoreSettings) -> list[Comma
         RequestMessage(LOCAL_POSITION_NED, settings.position_rate_hz),
         RequestMessage(GPS_RAW_INT, settings.gnss_rate_hz),
         RequestMessage(SCALED_IMU, settings.attitude_rate_hz),
+        *([RequestMessage(GIMBAL_DEVICE_ATTITUDE_STATUS, settings.gimbal.rate_hz)] if settings.gimbal else []),
         *([RequestMessage(DISTANCE_SENSOR, RANGE_RATE_HZ)] if settings.terrain else []),
         *(RequestMessage(message_id, settings.status_rate_hz) for message_id in STATUS_MESSAGES[autopilot]),
         RequestMessage(SCALED_PRESSURE, EVIDENCE_RATE_HZ),

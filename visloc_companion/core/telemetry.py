@@ -7,6 +7,7 @@ import math
 from visloc_companion.core.asking import Asking
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.driving import Velocity
+from visloc_companion.core.gimbal import Gimbal
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.guard import Complaints
 from visloc_companion.core.pitot import LEAST_MPS, true_airspeed_mps
@@ -53,10 +54,11 @@ class Telemetry:
         asking: Asking,
         terrain: TerrainAiding | None,
         complaints: Complaints,
+        gimbal: Gimbal | None = None,
     ) -> None:
         self._settings, self._clock, self._attitude = settings, clock, attitude
         self._tracker, self._monitor, self._switch = tracker, monitor, switch
-        self._asking, self._terrain, self._complaints = asking, terrain, complaints
+        self._asking, self._terrain, self._complaints, self._gimbal = asking, terrain, complaints, gimbal
         self._attitude_rx_ns: int | None = None
         self._status: EstimatorStatus | None = None
         self._vouching = Vouching()
@@ -82,6 +84,8 @@ class Telemetry:
         self._vouching.forget()
         if self._terrain is not None:
             self._terrain.clear()
+        if self._gimbal is not None:
+            self._gimbal.clear()
         self._switch.restarted()
         return [Notice(Severity.WARNING, _of_step(step, own), to_operator=True)]
 

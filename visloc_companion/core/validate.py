@@ -14,6 +14,7 @@ from visloc_companion.types import (
     Fix,
     FrameRef,
     GeoPoint,
+    GimbalAttitude,
     Gnss,
     GnssTime,
     Imu,
@@ -50,6 +51,8 @@ def fault(event: Event, now_ns: int) -> Reason | None:  # noqa: PLR0911, PLR0912
     match event:
         case Attitude():
             return _unless(_finite(*event.q_ned_frd, *event.rate_frd_radps))
+        case GimbalAttitude():
+            return _unless(_finite(*event.q_frame_gimbal) and abs(math.hypot(*event.q_frame_gimbal) - 1.0) < 1e-3)
         case PriorPose():
             return _unless(is_place(event.place) and _is_velocity(event.v_ned_mps) and _finite(event.h_rel_m))
         case LocalPose():

@@ -85,7 +85,8 @@ class Vision:
         was_searching, self._searching = self._searching, self._search is not None and self._search.active
         begun = self._searching and not was_searching
         text = "visloc: searching the map, keep moving"
-        return [*self._camera.check(now_ns, heard), *([Notice(Severity.NOTICE, text, to_operator=True)] if begun else [])]
+        told = [*self._camera.check(now_ns, heard), *self._onboard.check(now_ns, heard=heard, needed=self._steering.injecting)]
+        return [*told, *([Notice(Severity.NOTICE, text, to_operator=True)] if begun else [])]
 
     def on_frame(self, event: FrameRef, now_ns: int) -> list[Command]:
         """A frame lies in its slot."""

@@ -12,6 +12,16 @@ from visloc_companion.types import AutopilotKind, GeoPoint
 
 
 @dataclass(frozen=True, slots=True)
+class GimbalHeard:
+    """A gimbal that says where it points: its number as in GimbalAttitude, how often, and what its attitude counted from
+    (GimbalFrame; none where its flags name what is not allowed)."""
+
+    gimbal_id: int
+    rate_hz: float
+    frames: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True)
 class LinkFacts:
     """What was seen on the link in a few seconds.
 
@@ -20,7 +30,7 @@ class LinkFacts:
     `drift_ppm` is how much faster its clock runs than ours, within `drift_sigma_ppm`. `mission` is None where the autopilot
     did not answer, and empty where it has none. `signed`: the autopilot signs, `another_key`: not with our key.
     `others` are (system, component) of further senders of HEARTBEAT, `strangers` addresses that are not listened to.
-    `lost_share`: messages lost, of all that were sent.
+    `lost_share`: messages lost, of all that were sent. `gimbals` said where they point, `old_gimbal`: in MOUNT_ORIENTATION.
     """
 
     url: str
@@ -51,6 +61,8 @@ class LinkFacts:
     others: tuple[tuple[int, int], ...] = ()
     strangers: tuple[str, ...] = ()
     lost_share: float = 0.0
+    gimbals: tuple[GimbalHeard, ...] = ()
+    old_gimbal: bool = False
 
 
 @dataclass(frozen=True, slots=True)

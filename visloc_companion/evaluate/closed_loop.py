@@ -15,7 +15,8 @@ from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.app.journal import Entry
 from visloc_companion.app.localiser import configured_localiser
 from visloc_companion.app.settings import core_settings
-from visloc_companion.config import DEFAULT_METHOD, CameraConfig, Config, InjectionConfig, LocaliserConfig, NavigatorConfig
+from visloc_companion.config import DEFAULT_METHOD, Config, InjectionConfig, LocaliserConfig, NavigatorConfig
+from visloc_companion.config_camera import CameraConfig
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.errors import MapError
 from visloc_companion.evaluate.expected import ALERT_LIMIT_M, checks_of
@@ -147,7 +148,11 @@ def simulated_config(setup: FlightSetup) -> Config:
     """The configuration of the daemon on the simulated vehicle; it may switch the autopilot's source."""
     readout_s = setup.scenario.faults.optics(0.0).readout_s  # as the sensor's data sheet says
     return Config(
-        camera=CameraConfig(mount_pitch_deg=math.degrees(setup.scenario.mount_pitch_rad), readout_ms=1e3 * readout_s),
+        camera=CameraConfig(
+            mount="fixed" if setup.scenario.gimbal is None else "gimbal",
+            mount_pitch_deg=math.degrees(setup.scenario.mount_pitch_rad),
+            readout_ms=1e3 * readout_s,
+        ),
         injection=InjectionConfig(switch_source=True),
         navigator=NavigatorConfig(map_sigma_m=map_sigma_m(setup.area.gsd_m)),
         localiser=LocaliserConfig(max_rate_hz=max(1.0, setup.scenario.frame_rate_hz), structure=setup.structure),

@@ -20,12 +20,13 @@ from visloc_companion.sim.autopilot_modes import Failsafe, custom_mode
 from visloc_companion.sim.autopilot_parameters import prepared_parameters
 from visloc_companion.sim.autopilot_receive import Receiver
 from visloc_companion.sim.faults import FaultSchedule
+from visloc_companion.sim.gimbal import GimbalPlan, SimulatedGimbal
 from visloc_companion.sim.pitot import Pitot
 from visloc_companion.sim.rangefinder import Rangefinder
 from visloc_companion.sim.streams_messages import BUILDERS, Message, Ranged, Snapshot, heartbeat
 from visloc_companion.sim.vehicle import Truth
 from visloc_companion.sim.vehicle_model import USUAL, VehicleModel
-from visloc_companion.types import AutopilotKind, GeoPoint, Vec3
+from visloc_companion.types import AutopilotKind, GeoPoint, Quat, Vec3
 
 HEARTBEAT_S, TIMESYNC_S = 1.0, 0.1
 
@@ -39,7 +40,8 @@ class BuiltInAutopilot:
     `start_airborne` begins at the first waypoint; else a copter takes off as soon as it has a position. Without GNSS at the
     start the vehicle is flown by hand (it keeps its place by eye; a plane circles) until its estimator has a position and
     an origin; `origin` is one that the ground station set before, else the first fix or SET_GPS_GLOBAL_ORIGIN gives it.
-    With a `rangefinder` it sends DISTANCE_SENSOR to who asks for it.
+    With a `rangefinder` it sends DISTANCE_SENSOR to who asks for it, with a `gimbal`, which then carries the camera,
+    GIMBAL_DEVICE_ATTITUDE_STATUS.
     ArduPilot is "ready" `ready_s` after the start: it accepts stream requests before that and forgets them.
     `parameters` change the prepared vehicle's (autopilot_parameters.PREPARED). Raises ValueError for a plan that cannot be
     flown. Deterministic by `seed` and by what is received.
@@ -63,6 +65,7 @@ class BuiltInAutopilot:
         ready_s: float = 0.0,
         rangefinder: Rangefinder | None = None,
         model: VehicleModel = USUAL,
+        gimbal: GimbalPlan | None = None,
     ) -> None:
         way, wrong = tuple(mission_ned_m), faults or FaultSchedule()
         plan = FlightPlan(kind, vehicle, home, way, speed_mps, seed, wrong, wind_ned_mps, start_airborne, model)
@@ -81,6 +84,7 @@ class BuiltInAutopilot:
         self._rangefinder, self._range_rng = rangefinder, Random(f"{seed}/range")
         self._accelerometer = Accelerometer(Random(f"{seed}/force"), model.accelerometers)
         self._pitot = Pitot(Random(f"{seed}/pitot"), model.tube)
+        self._gimbal = None if gimbal is None else SimulatedGimbal(gimbal, Random(f"{seed}/gimbal"), self.flight.body)
 
     # ------------------------------------------------------------------------------------------------------------- drive
 
@@ -106,6 +110,8 @@ class BuiltInAutopilot:
 
     def _step(self) -> None:
         texts = self.flight.step()
+        if self._gimbal is not None:
+            self._gimbal.step(self.flight.body, self.t_s, PHYSICS_DT_S)
         texts += self._failsafe.step(self.flight, self.parameters)
         for text in texts:
             self._send(mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_CRITICAL, text.encode()))
@@ -136,6 +142,8 @@ class BuiltInAutopilot:
             snapshot = replace(snapshot, force_frd_mps2=self._accelerometer.measured(self.flight.body, self.t_s))
         if mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE in wanted and self.flight.plan.vehicle == "plane":
             snapshot = replace(snapshot, airspeed_mps=self._pitot.measured_mps(self.flight.body, self.flight.wind_ned_mps))
+        if self._gimbal is not None and not self.faults.gimbal_silent(self.t_s):
+            snapshot = replace(snapshot, q_heading_gimbal=self._gimbal.said)
         for message_id in wanted:
             message = BUILDERS[message_id](snapshot)
             if message is not None:
@@ -170,6 +178,14 @@ class BuiltInAutopilot:
     def truth(self) -> Truth:
         """Where the vehicle truly is."""
         return self.flight.truth(self.t_boot_ns)
+
+    def camera_carrier(self) -> tuple[Quat, Vec3]:
+        """True attitude of what carries the camera, and its rates about its own axes: the airframe, or a body that is level while
+        the gimbal points straight down."""
+        if self._gimbal is None:
+            truth = self.truth()
+            return truth.q_ned_frd, truth.rate_frd_radps
+        return self._gimbal.q_ned_body, self._gimbal.rate_radps
 
     def estimate(self) -> GeoPoint | None:
         """Where the autopilot believes to be (stale while `position_ok` is False), None before it has an origin."""

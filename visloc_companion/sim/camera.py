@@ -11,10 +11,10 @@ LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 
 
 class SimulatedCamera:
-    """Renders what a camera fixed to the vehicle sees.
+    """Renders what a camera sees that is fixed to the vehicle, or to a gimbal.
 
     `model` is what the daemon believes the lens to be (the simulator knows what it is), `q_frd_cambody` the true attitude of the
-    camera's body in the vehicle's body.
+    camera's body in the body of what carries it.
     """
 
     def __init__(self, simulator: CameraSimulator, model: CameraModel, q_frd_cambody: Quat = LEVEL, seed: int = 1) -> None:
@@ -23,7 +23,7 @@ class SimulatedCamera:
     def render(self, place: GeoPoint, q_ned_frd: Quat, frame_id: int, shot: Shot = STILL) -> Image:
         """The frame from a place of the vehicle, with noise drawn from the seed and the frame's number.
 
-        `shot` holds the vehicle's velocity and body rates.
+        `q_ned_frd` is the attitude of what carries the camera; `shot` holds the vehicle's velocity and that body's rates.
         """
         rates = rotate(quat_inverse(self._q_frd_cambody), shot.rate_frd_radps)
         turned = Shot(shot.v_ned_mps, rates, shot.readout_s, shot.exposure_s, shot.effects)

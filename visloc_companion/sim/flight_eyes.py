@@ -36,10 +36,10 @@ class Every:
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """From where and how a frame is taken; only frames that are asked for are rendered."""
+    """From where, by what carries the camera, and how a frame is taken; only frames that are asked for are rendered."""
 
     place: GeoPoint
-    q_ned_frd: Quat
+    q_ned_carrier: Quat
     frame_id: int
     shot: Shot
 
@@ -75,8 +75,9 @@ class FlightEyes:
         self._frame_id += 1
         if self._view is None or not pilot.faults.camera_frozen(pilot.t_s):
             truth, optics = pilot.truth(), pilot.faults.optics(pilot.t_s)
-            shot = Shot(truth.v_ned_mps, truth.rate_frd_radps, optics.readout_s, optics.exposure_s, optics.effects)
-            self._view = View(truth.place, truth.q_ned_frd, self._frame_id, shot)
+            q_ned_carrier, rate_radps = pilot.camera_carrier()
+            shot = Shot(truth.v_ned_mps, rate_radps, optics.readout_s, optics.exposure_s, optics.effects)
+            self._view = View(truth.place, q_ned_carrier, self._frame_id, shot)
         self._views[self._frame_id] = self._view
         self._views.pop(self._frame_id - VIEWS_KEPT, None)
         model = self._eyes.camera.model
@@ -94,7 +95,7 @@ class FlightEyes:
             answer = about_terrain(eyes.terrain, request)
         else:
             view = self._views[request.frame.frame_id]
-            pixels = eyes.camera.render(view.place, view.q_ned_frd, view.frame_id, view.shot)
+            pixels = eyes.camera.render(view.place, view.q_ned_carrier, view.frame_id, view.shot)
             if eyes.on_pixels is not None:
                 eyes.on_pixels(request.frame, pixels)
             answer = self._localiser.localise(request, pixels, eyes.reference)

@@ -149,8 +149,9 @@ class SimulationServer:
             truth, t_boot_ns, optics = pilot.truth(), pilot.t_boot_ns, pilot.faults.optics(pilot.t_s)
             self._frame_id += 1
             if pixels is None or not pilot.faults.camera_frozen(pilot.t_s):
-                shot = Shot(truth.v_ned_mps, truth.rate_frd_radps, optics.readout_s, optics.exposure_s, optics.effects)
-                pixels = await asyncio.to_thread(self._camera.render, truth.place, truth.q_ned_frd, self._frame_id, shot)
+                q_ned_carrier, rate_radps = pilot.camera_carrier()
+                shot = Shot(truth.v_ned_mps, rate_radps, optics.readout_s, optics.exposure_s, optics.effects)
+                pixels = await asyncio.to_thread(self._camera.render, truth.place, q_ned_carrier, self._frame_id, shot)
             data = encode_frame(StreamedFrame(pixels=pixels, t_us=t_boot_ns // 1000, autopilot_clock=True))
             for viewer in self._viewers.values():
                 if viewer.transport.get_write_buffer_size() == 0:

@@ -145,4 +145,5 @@ class FlightSetup:
             self.scenario.faults,
             WIND_NED_MPS,
             boot_age_s=boot_age_s,
+            gimbal=self.scenario.gimbal,
         )

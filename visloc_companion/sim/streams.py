@@ -24,6 +24,7 @@ COMMON = frozenset(
         mavlink.MAVLINK_MSG_ID_SCALED_IMU,
         mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
         mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR,
+        mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS,
     }
 )
 STATUS_MESSAGE = {

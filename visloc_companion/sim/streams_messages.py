@@ -14,7 +14,7 @@ from visloc_companion.sim.estimator_status import EstimatorHealth
 from visloc_companion.sim.gnss import HDOP, SPEED_ACC_MPS, GnssSample
 from visloc_companion.sim.streams import STATUS_MESSAGE
 from visloc_companion.sim.vehicle import GRAVITY_MPS2
-from visloc_companion.types import AutopilotKind, GeoPoint, Vec3
+from visloc_companion.types import AutopilotKind, GeoPoint, Quat, Vec3
 
 FIRMWARE_VERSION = {AutopilotKind.ARDUPILOT: (4, 7, 0, 0), AutopilotKind.PX4: (1, 17, 0, 0)}
 """Major, minor, patch and FIRMWARE_VERSION_TYPE (0 = development) of what docs/ardupilot.md and docs/px4.md speak of."""
@@ -58,6 +58,7 @@ class Snapshot:
     range: Ranged | None = None
     force_frd_mps2: Vec3 | None = None
     airspeed_mps: float = 0.0
+    q_heading_gimbal: Quat | None = None
 
     @property
     def t_ms(self) -> int:
@@ -216,6 +217,28 @@ def distance_sensor(s: Snapshot) -> Message | None:
     return mavlink.MAVLink_distance_sensor_message(s.t_ms, round(s.range.min_m * 100), far_cm, distance_cm, laser, 0, down, 255)
 
 
+GIMBAL_FLAGS = (
+    mavlink.GIMBAL_DEVICE_FLAGS_ROLL_LOCK
+    | mavlink.GIMBAL_DEVICE_FLAGS_PITCH_LOCK
+    | mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME
+)
+
+
+def gimbal_device_attitude_status(s: Snapshot) -> Message | None:
+    """GIMBAL_DEVICE_ATTITUDE_STATUS of the only gimbal, where there is one.
+
+    ArduPilot states neither rates nor the heading (AP_Mount_Backend.cpp, send_gimbal_device_attitude_status; its simulator sends
+    the same), PX4 leaves them zero (output_rc.cpp).
+    """
+    if s.q_heading_gimbal is None:
+        return None
+    unstated = math.nan if s.kind is AutopilotKind.ARDUPILOT else 0.0
+    rates, heading = (unstated,) * 3, (unstated,) * 2
+    return mavlink.MAVLink_gimbal_device_attitude_status_message(
+        0, 0, s.t_ms, GIMBAL_FLAGS, s.q_heading_gimbal, *rates, 0, *heading, 1
+    )
+
+
 BUILDERS: dict[int, Builder] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: heartbeat,
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: sys_status,
@@ -231,6 +254,7 @@ BUILDERS: dict[int, Builder] = {
     mavlink.MAVLINK_MSG_ID_SCALED_IMU: scaled_imu,
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: system_time,
     mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: distance_sensor,
+    mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: gimbal_device_attitude_status,
     STATUS_MESSAGE[AutopilotKind.ARDUPILOT]: ekf_status_report,
     STATUS_MESSAGE[AutopilotKind.PX4]: estimator_status,
 }

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from visloc_companion.config import NonNegative, Positive, Section
+from visloc_companion.config_section import NonNegative, Positive, Section
 from visloc_companion.errors import ConfigError
 from visloc_companion.train.config_sources import SOURCE_KINDS, SourceConfig
 

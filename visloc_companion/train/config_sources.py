@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, Field, model_validator
 
-from visloc_companion.config import Positive, Section
+from visloc_companion.config_section import Positive, Section
 
 Count = Annotated[int, Field(ge=0)]
 Whole = Annotated[int, Field(ge=1)]

@@ -67,6 +67,7 @@ from visloc_companion.types.events import (
     Turn,
     WorkerState,
 )
+from visloc_companion.types.gimbal import GimbalAttitude, GimbalFrame
 from visloc_companion.types.mask import CameraMask
 from visloc_companion.types.reports import ComputerLoad, Report
 from visloc_companion.types.values import (
@@ -103,6 +104,8 @@ __all__ = [
     "FloatArray",
     "FrameRef",
     "GeoPoint",
+    "GimbalAttitude",
+    "GimbalFrame",
     "Gnss",
     "GnssIntegrity",
     "GnssTime",

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from visloc_companion.errors import Reason
 from visloc_companion.types.basic import AutopilotKind, Cov2, EkfSource, GeoPoint, Quat, Sun, Vec2, Vec3
+from visloc_companion.types.gimbal import GimbalAttitude
 
 
 @dataclass(frozen=True, slots=True)
@@ -349,6 +350,7 @@ class Tick:
 
 Event = (
     Attitude
+    | GimbalAttitude
     | PriorPose
     | LocalPose
     | Gnss

@@ -8,11 +8,11 @@ import pytest
 
 from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.app.settings import core_settings, mounting
-from visloc_companion.config import CameraConfig, parse_config
-from visloc_companion.core.settings import CoreSettings
+from visloc_companion.config import CameraConfig, Config, LinkConfig, parse_config
+from visloc_companion.core.settings import CoreSettings, GimbalSettings
 from visloc_companion.errors import ConfigError
 from visloc_companion.geo.se3 import rotate
-from visloc_companion.types import CameraModel, InjectionPolicy
+from visloc_companion.types import CameraModel, GimbalFrame, InjectionPolicy
 
 
 def test_the_default_configuration_gives_the_default_settings() -> None:
@@ -74,3 +74,16 @@ def test_a_lens_that_folds_within_the_picture_is_refused() -> None:
         camera_model(wrong_order)
     in_the_corners = CameraConfig(distortion_model="fisheye", distortion=(-0.15, 0.0, 0.0, 0.0), fx_px=300, fy_px=300)
     assert camera_model(in_the_corners).distortion_model == "fisheye"
+
+
+def test_a_fixed_camera_has_no_gimbal() -> None:
+    assert core_settings(Config()).gimbal is None
+
+
+def test_a_gimbal_is_told_in_the_cores_units() -> None:
+    camera = CameraConfig(mount="gimbal", gimbal_id=2, gimbal_frame="airframe", gimbal_yaw_sigma_deg=4.0)
+    config = Config(camera=camera, link=LinkConfig(gimbal_rate_hz=30.0))
+    assert core_settings(config).gimbal == GimbalSettings(2, GimbalFrame.AIRFRAME, math.radians(4.0), 30.0)
+    as_it_says = core_settings(Config(camera=CameraConfig(mount="gimbal"))).gimbal
+    assert as_it_says is not None
+    assert as_it_says.frame is None, "as its messages say"

@@ -97,14 +97,14 @@ def test_a_tilted_mount_is_learned_beside_a_good_gnss_only(tracker: Tracker) -> 
             tracker.gnss.add(t_ns, HERE)
             camera.on_frame(replace(frame(k, t_ns), t_ns=t_ns))
             q = se3.quat_from_euler(0.0, 0.0, heading)
-            prior = PosePrior(HERE, se3.quat_multiply(q, camera.q_frd_cambody), COV, 3.0, 0.05, 0.02)
+            prior = PosePrior(HERE, se3.quat_multiply(q, camera.q_carrier_cambody), COV, 3.0, 0.05, 0.02)
             asked = [LocaliseRequest(k, frame(k, None), prior, 1), Tick(0)]
             assert camera.asked(asked) is asked  # type: ignore[arg-type, comparison-overlap]
             axis = se3.R_from_quat(se3.quat_multiply(q, truth))[:, 2] - se3.R_from_quat(prior.q_ned_frd)[:, 2]
             place = wgs84.geo_from_ned((100 * float(axis[0]), 100 * float(axis[1]), 0.0), HERE)
             fix = replace(fix_at(t_ns), request_id=k, place=place, q_ned_frd=prior.q_ned_frd)
             said += camera.on_fix(fix, taken=True, gnss_trusted=trusted)
-        off = math.degrees(se3.angle_between(camera.q_frd_cambody, truth))
+        off = math.degrees(se3.angle_between(camera.q_carrier_cambody, truth))
         assert off < 0.5 if trusted else off == pytest.approx(2.0, abs=1e-6)
         assert [n.text for n in said if isinstance(n, Notice)][:1] == (["camera's mounting learned"] if trusted else [])
 

@@ -1,6 +1,7 @@
 """One change to good facts for every other rule: what it must become, and what the remedy must name. `BREAKS` are all."""
 
 import math
+from dataclasses import replace
 
 from tests.unit.doctor.breaks_of_parameters import ARDUPILOT, PX4_RULES
 from tests.unit.doctor.changes import (
@@ -19,6 +20,7 @@ from tests.unit.doctor.changes import (
     version,
     without,
 )
+from visloc_companion.doctor.facts import GimbalHeard
 
 FIRMWARE = [
     ap("firmware-measured", "amber", "simulator", version("4.5.7")),
@@ -64,6 +66,9 @@ LINK = [
     ap("link-component-taken", "amber", "component_id", link(others=((1, 197),))),
     ap("link-disarmed", "amber", "arming", link(armed=True, others=((1, 197),))),
 ]
+POINTED = GimbalHeard(1, 25.0, frozenset({"heading"}))
+BY_TURNS = GimbalHeard(1, 25.0, frozenset({"heading", "north"}))
+ON_GIMBAL = config("camera", mount="gimbal")
 CAMERA = [
     ap("camera-opens", "red", "cable", camera(problem="cannot be opened")),
     ap("camera-rate", "amber", "max_rate_hz", camera(rate_hz=1.0)),
@@ -85,6 +90,20 @@ CAMERA = [
     ap("camera-readout", "amber", "camera.readout_ms", unstated("camera", "readout_ms")),
     ap("camera-mounting", "red", "mount_pitch_deg", config("camera", mount_pitch_deg=60.0)),
     ap("camera-mount-sigma", "amber", "mount_sigma_deg = 1", config("camera", mount_sigma_deg=0.0)),
+    ap("camera-gimbal", "amber", 'camera.mount = "gimbal"', parameters(MNT1_TYPE=8)),
+    px4("camera-gimbal", "amber", 'camera.mount = "gimbal"', parameters(MNT_MODE_IN=0)),
+    px4("camera-gimbal", "amber", 'camera.mount = "gimbal"', link(gimbals=(POINTED,))),
+    px4("camera-gimbal", "amber", 'camera.mount = "gimbal"', link(old_gimbal=True)),
+    ap("camera-gimbal-rate", "red", "MNT1_TYPE", ON_GIMBAL),
+    ap("camera-gimbal-rate", "red", "gimbal_id", both(config("camera", mount="gimbal", gimbal_id=2), link(gimbals=(POINTED,)))),
+    px4("camera-gimbal-rate", "amber", "20 Hz", both(ON_GIMBAL, link(gimbals=(replace(POINTED, rate_hz=1.0),)))),
+    ap("camera-gimbal-frame", "red", "gimbal_frame", both(ON_GIMBAL, link(gimbals=(replace(POINTED, frames=frozenset()),)))),
+    ap("camera-gimbal-frame", "amber", "gimbal_frame", both(ON_GIMBAL, link(gimbals=(BY_TURNS,)))),
+    ap("camera-gimbal-frame", "red", 'camera.gimbal_frame = "airframe"', both(ON_GIMBAL, parameters(MNT1_TYPE=1))),
+    ap("camera-gimbal-frame", "red", "stabilises itself", both(ON_GIMBAL, parameters(MNT1_TYPE=1, SERVO11_FUNCTION=8))),
+    px4("camera-gimbal-frame", "red", '"airframe"', both(ON_GIMBAL, parameters(MNT_MODE_OUT=0, MNT_DO_STAB=3))),
+    ap("camera-gimbal-measured", "amber", "mount_sigma_deg", both(ON_GIMBAL, parameters(MNT1_TYPE=7))),
+    px4("camera-gimbal-measured", "amber", "mount_sigma_deg", both(ON_GIMBAL, parameters(MNT_MODE_OUT=0))),
 ]
 MAP = [
     ap("map-opens", "red", "visloc map build", found(problem="does not have the SHA-256")),

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from tests.unit.doctor.breaks import BREAKS
-from tests.unit.doctor.changes import Break, Change, config, link, parameters, without
-from visloc_companion.doctor.facts import Facts
+from tests.unit.doctor.changes import Break, Change, both, config, link, parameters, without
+from visloc_companion.doctor.facts import Facts, GimbalHeard
 from visloc_companion.doctor.finding import Level, agree, judge
 from visloc_companion.doctor.parameter_file import changes
 from visloc_companion.doctor.rules.registry import RULES, THEMES
@@ -45,6 +45,31 @@ def test_a_change_breaks_the_rule(good: Good, case: Break) -> None:
     (answer,) = [a for a in judge(RULES, case.change(good(case.kind))) if a.rule.id == case.rule]
     assert (str(answer.level), answer.read != "") == (case.level, True)
     assert case.names in answer.remedy
+
+
+@pytest.mark.parametrize(
+    ("kind", "more"),
+    [
+        (KINDS[0], parameters(MNT1_TYPE=8)),
+        (KINDS[0], both(parameters(MNT1_TYPE=1), config("camera", mount="gimbal", gimbal_frame="airframe"))),
+        (KINDS[1], parameters(MNT_MODE_IN=0, MNT_MODE_OUT=2)),
+    ],
+)
+def test_a_gimbal_that_is_set_up_is_green(good: Good, kind: AutopilotKind, more: Change) -> None:
+    """But that ArduPilot knows of servos only what it told them."""
+    heard = link(gimbals=(GimbalHeard(1, 25.0, frozenset({"heading"})),))
+    facts = more(heard(config("camera", mount="gimbal")(good(kind))))
+    worse = {a.rule.id for a in judge(RULES, facts) if a.level in (Level.RED, Level.AMBER)}
+    assert worse == ({"camera-gimbal-measured"} if facts.parameters.get("MNT1_TYPE") == 1 else set())
+
+
+def test_the_gimbal_that_carries_the_camera_is_judged(good: Good) -> None:
+    """Another one on the same vehicle may be as slow as it likes."""
+    slow, ours = GimbalHeard(1, 1.0, frozenset()), GimbalHeard(154, 20.0, frozenset({"north"}))
+    facts = link(gimbals=(slow, ours))(config("camera", mount="gimbal", gimbal_id=154)(good(KINDS[1])))
+    answers = {a.rule.id: a for a in judge(RULES, facts)}
+    assert answers["camera-gimbal-rate"].level is Level.GREEN
+    assert answers["camera-gimbal-frame"].level is Level.GREEN
 
 
 def test_without_facts_every_rule_is_skipped_and_says_what_to_give() -> None:

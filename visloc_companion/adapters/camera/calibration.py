@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from visloc_companion.adapters.camera.mask import read_mask, stated
-from visloc_companion.config import CameraConfig
+from visloc_companion.config_camera import CameraConfig
 from visloc_companion.errors import ConfigError
 from visloc_companion.geo.camera import scaled
 from visloc_companion.geo.pinhole_view import pinhole_view, why_folded

@@ -7,7 +7,7 @@ from visloc_companion.adapters.camera.device import DeviceCamera
 from visloc_companion.adapters.camera.files import FilesCamera
 from visloc_companion.adapters.camera.tcp import TcpCamera
 from visloc_companion.adapters.camera.video import VideoCamera
-from visloc_companion.config import CameraConfig
+from visloc_companion.config_camera import CameraConfig
 from visloc_companion.errors import ConfigError
 from visloc_companion.protocols import Camera, Clock
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from visloc_companion.config import CameraConfig
+from visloc_companion.config_camera import CameraConfig
 from visloc_companion.errors import ConfigError
 from visloc_companion.types import CameraMask
 

@@ -24,7 +24,8 @@ from visloc_companion.adapters.logs.frames import FrameSource, open_frames
 from visloc_companion.adapters.logs.open import LOG_SUFFIXES, open_log
 from visloc_companion.adapters.logs.recording import NS_PER_S, NS_PER_US, Recording
 from visloc_companion.adapters.logs.truth import TruthRow, read_truth
-from visloc_companion.config import CameraConfig, mask_found, parse_config
+from visloc_companion.config import mask_found, parse_config
+from visloc_companion.config_camera import CameraConfig
 from visloc_companion.errors import ConfigError, LogError
 
 TIME_BASES = ("autopilot_boot", "unix", "offset")

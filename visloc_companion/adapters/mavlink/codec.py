@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from visloc_companion.adapters.mavlink import codec_gnss
+from visloc_companion.adapters.mavlink import codec_gimbal, codec_gnss
 from visloc_companion.adapters.mavlink.codec_gnss import Outcome, place, wrapped_ns
 from visloc_companion.adapters.mavlink.dialect import NO_AUTOPILOT_TYPES, Message, mav
 from visloc_companion.errors import Reason
@@ -218,6 +218,7 @@ _HANDLERS: dict[str, Callable[[Message, int], Outcome]] = {
     "ATTITUDE_QUATERNION": _attitude_quaternion,
     "GLOBAL_POSITION_INT": _global_position_int,
     "LOCAL_POSITION_NED": _local_position_ned,
+    codec_gimbal.NAME: codec_gimbal.gimbal_attitude,
     **codec_gnss.HANDLERS,
     "EKF_STATUS_REPORT": _ekf_status_report,
     "ESTIMATOR_STATUS": _estimator_status,

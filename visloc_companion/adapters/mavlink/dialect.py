@@ -18,6 +18,16 @@ Message = Any
 mav.mavlink_map.setdefault(development.MAVLINK_MSG_ID_GNSS_INTEGRITY, development.MAVLink_gnss_integrity_message)
 
 AUTOPILOT_COMPONENT = 1
+GIMBAL_COMPONENTS = frozenset(
+    (
+        mav.MAV_COMP_ID_GIMBAL,
+        mav.MAV_COMP_ID_GIMBAL2,
+        mav.MAV_COMP_ID_GIMBAL3,
+        mav.MAV_COMP_ID_GIMBAL4,
+        mav.MAV_COMP_ID_GIMBAL5,
+        mav.MAV_COMP_ID_GIMBAL6,
+    )
+)
 GLOBAL_FRAMES = (
     mav.MAV_FRAME_GLOBAL,
     mav.MAV_FRAME_GLOBAL_INT,

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 
 from visloc_companion.adapters.mavlink.codec import examine, is_autopilot
+from visloc_companion.adapters.mavlink.codec_gimbal import is_of_gimbal
 from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT, Message
 from visloc_companion.adapters.mavlink.framing import FrameCounts, Framer
 from visloc_companion.adapters.mavlink.signing import SignatureGuard, is_signed
@@ -19,9 +20,10 @@ _GARBAGE_BYTES = 64
 class Listener:
     """Pins to one autopilot: the first HEARTBEAT of one (component 1) fixes the system id for good, or `system_id` names it.
 
-    What another system says is passed over, but for what the systems `operators` say to us, which `ordered` is given; a second
-    autopilot is warned of once. `pinned` is 0 before any was heard, and `pin` is told. With a `guard` only what it admits counts
-    as said at all; without one signatures are not checked, and an autopilot that signs is warned of: it may not believe us.
+    What another system says is passed over, but for what the systems `operators` say to us, which `ordered` is given, and what
+    other components of the vehicle say, but for how its gimbals point, which `pointed` is given; a second autopilot is warned of
+    once. `pinned` is 0 before any was heard, and `pin` is told. With a `guard` only what it admits counts as said at all; without
+    one signatures are not checked, and an autopilot that signs is warned of: it may not believe us.
     """
 
     def __init__(
@@ -32,9 +34,10 @@ class Listener:
         guard: SignatureGuard | None = None,
         operators: tuple[int, ...] = (),
         ordered: Callable[[Message], None] = lambda _message: None,
+        pointed: Callable[[Message], None] = lambda _message: None,
     ) -> None:
         self.pinned = system_id
-        self._operators, self._ordered = operators, ordered
+        self._operators, self._ordered, self._pointed = operators, ordered, pointed
         self._pin = pin
         self.n_heard = 0
         self._warn = warn
@@ -58,6 +61,8 @@ class Listener:
                 yield msg
             elif self.pinned and msg.get_srcSystem() in self._operators:
                 self._ordered(msg)
+            elif self.pinned and msg.get_srcSystem() == self.pinned and is_of_gimbal(msg):
+                self._pointed(msg)
         counts = self._framer.counts
         if not self._garbage_told and counts.garbage_bytes >= _GARBAGE_BYTES + counts.messages:
             self._garbage_told = True

@@ -56,7 +56,13 @@ class MavlinkSession:
         self._guard = None if signing is None or self._time is None else SignatureGuard(signing, self._time, self._warn)
         self._outbox = Outbox(settings.component_id, signing, self._time)
         self._listener = Listener(
-            settings.system_id, self._warn, self._outbox.speak_as, self._guard, settings.operator_systems, self._take_order
+            settings.system_id,
+            self._warn,
+            self._outbox.speak_as,
+            self._guard,
+            settings.operator_systems,
+            self._take_order,
+            self._take_pointed,
         )
         self._decoder = Decoder()
         self._presence = Presence(settings.timeout_s)
@@ -259,6 +265,12 @@ class MavlinkSession:
         if said is not None:
             self._texts.asked()
             self._pending.append(said)
+
+    def _take_pointed(self, msg: Message) -> None:
+        """A gimbal speaks for itself: no sign that the autopilot lives, nor an answer to what was asked of it."""
+        pointed = self._decoder.event(msg, self._now_ns) if self.link.up else None
+        if pointed is not None:
+            self._pending.append(pointed)
 
     def _take_link(self, event: LinkChanged, now_ns: int) -> None:
         changed, came = self._presence.take_link(event)

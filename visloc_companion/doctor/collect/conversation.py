@@ -13,6 +13,8 @@ from collections.abc import Callable
 
 from visloc_companion.adapters.mavlink.channels import Address, Channel, Listener, open_network_channel
 from visloc_companion.adapters.mavlink.codec import autopilot_kind, is_autopilot
+from visloc_companion.adapters.mavlink.codec_gimbal import NAME as GIMBAL_ATTITUDE
+from visloc_companion.adapters.mavlink.codec_gimbal import is_of_gimbal
 from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT, Message, mav
 from visloc_companion.adapters.mavlink.encode import command_long, heartbeat
 from visloc_companion.adapters.mavlink.endpoint import EndpointKind, parse_endpoint
@@ -45,6 +47,7 @@ class Conversation:
         self.counts: Counter[str] = Counter()
         self.listeners: list[Callable[[Message], None]] = []
         self.samples: list[TimesyncSample] = []
+        self.pointed: list[Message] = []
         self.timesync_requests = 0
         self.mavlink_version = 0
         self.autopilots: set[int] = set()
@@ -164,6 +167,8 @@ class Conversation:
                 if self._channel is not None:
                     self._channel.speak_to(source)
                 self._take(message, now_ns)
+            elif is_of_gimbal(message) and message.get_srcSystem() == self.system_id:
+                self.pointed.append(message)
         self._changed.set()
 
     def _is_ours(self, message: Message) -> bool:
@@ -188,6 +193,8 @@ class Conversation:
         self._numbers.take(message.get_seq())
         self.last[kind] = message
         self.counts[kind] += 1
+        if kind == GIMBAL_ATTITUDE:
+            self.pointed.append(message)
         if kind == "TIMESYNC":
             reply, sample = self._timesync.take(message, now_ns)
             if reply is not None:

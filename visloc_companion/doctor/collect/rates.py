@@ -12,11 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from visloc_companion.adapters.mavlink.dialect import mav
+from visloc_companion.adapters.mavlink.codec_gimbal import frame_of
+from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT, Message, mav
 from visloc_companion.app.settings import core_settings
 from visloc_companion.config import Config
 from visloc_companion.core.streams import requests_for
 from visloc_companion.doctor.collect.conversation import Conversation
+from visloc_companion.doctor.facts import GimbalHeard
 from visloc_companion.types import RequestMessage, TimesyncSample
 
 _ANSWER_S, _FIRST_S, _TIMESYNC_S, _STEPS = 1.0, 2.0, 0.1, (1.0, 0.75, 0.5)
@@ -25,7 +27,8 @@ _LEAST_SAMPLES, _LEAST_SPAN_S, _MORE_TIMES = 10, 2.0, 2
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """Rates (by message name), round trips, and how much faster the autopilot's clock runs than ours (ppm, 1-sigma)."""
+    """Rates (by message name), round trips, how much faster the autopilot's clock runs than ours (ppm, 1-sigma), and what gimbals
+    say."""
 
     asked_hz: dict[str, float]
     rates_hz: dict[str, float]
@@ -34,6 +37,7 @@ class Measured:
     timesync_requests_hz: float
     drift_ppm: float | None
     drift_sigma_ppm: float
+    gimbals: tuple[GimbalHeard, ...]
 
 
 async def measure(conversation: Conversation, config: Config, seconds: float) -> Measured:
@@ -47,7 +51,7 @@ async def measure(conversation: Conversation, config: Config, seconds: float) ->
     refused = [names[number] for number, rate_hz in wanted.items() if not await _ask(conversation, number, rate_hz)]
     await _see_to_it(conversation, wanted, names)
     counts, samples, requests = dict(conversation.counts), len(conversation.samples), conversation.timesync_requests
-    start = time.monotonic()
+    pointed, start = len(conversation.pointed), time.monotonic()
     while (elapsed := time.monotonic() - start) < seconds:
         conversation.ask_time()
         await asyncio.sleep(min(_TIMESYNC_S, seconds - elapsed))
@@ -64,6 +68,20 @@ async def measure(conversation: Conversation, config: Config, seconds: float) ->
         timesync_requests_hz=(conversation.timesync_requests - requests) / elapsed,
         drift_ppm=drift_ppm,
         drift_sigma_ppm=sigma_ppm,
+        gimbals=gimbals_of(conversation.pointed[pointed:], elapsed),
+    )
+
+
+def gimbals_of(messages: list[Message], seconds: float) -> tuple[GimbalHeard, ...]:
+    """The gimbals in GIMBAL_DEVICE_ATTITUDE_STATUS messages of so many seconds."""
+    frames: dict[int, list[str | None]] = {}
+    for message in messages:
+        component = message.get_srcComponent()
+        number = int(message.gimbal_device_id or 1) if component == AUTOPILOT_COMPONENT else int(component)
+        frames.setdefault(number, []).append(frame_of(message.flags))
+    return tuple(
+        GimbalHeard(number, len(said) / seconds, frozenset(str(frame) for frame in said if frame is not None))
+        for number, said in sorted(frames.items())
     )
 
 

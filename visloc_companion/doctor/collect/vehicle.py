@@ -94,6 +94,8 @@ async def read_vehicle(conversation: Conversation, config: Config, seconds: floa
         others=tuple(sorted(conversation.others)),
         strangers=tuple(sorted(conversation.strangers)),
         lost_share=conversation.lost_share,
+        gimbals=measured.gimbals,
+        old_gimbal="MOUNT_ORIENTATION" in last,
     )
     return Vehicle(facts, _version(last.get("AUTOPILOT_VERSION")), parameters)
 

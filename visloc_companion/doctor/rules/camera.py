@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 
 from visloc_companion.adapters.camera.calibration import camera_model, lens_model, masked_share
-from visloc_companion.config import CameraConfig
+from visloc_companion.config_camera import CameraConfig
 from visloc_companion.doctor.facts import CameraFacts, Facts
 from visloc_companion.doctor.finding import Finding, Rule, amber, green, red, skipped
 from visloc_companion.errors import ConfigError
@@ -265,7 +265,8 @@ def _mounting(camera: CameraConfig, facts: Facts) -> Finding:
     del facts
     roll, pitch = math.radians(camera.mount_roll_deg), math.radians(camera.mount_pitch_deg)
     tilt_deg = math.degrees(math.acos(max(-1.0, min(1.0, math.cos(roll) * math.cos(pitch)))))
-    read = f"{tilt_deg:.0f}° from straight down, yaw {camera.mount_yaw_deg:g}°"
+    straight = "straight down" if camera.mount == "fixed" else "where its gimbal points"
+    read = f"{tilt_deg:.0f}° from {straight}, yaw {camera.mount_yaw_deg:g}°"
     return green(read) if tilt_deg <= MAX_TILT_DEG else red(read)
 
 

@@ -7,7 +7,17 @@ from __future__ import annotations
 
 import math
 
-from visloc_companion.sim.faults.camera import Blur, CameraFreeze, CameraSilence, FramesLate, Haze, Night, Optics, RollingShutter
+from visloc_companion.sim.faults.camera import (
+    Blur,
+    CameraFreeze,
+    CameraSilence,
+    FramesLate,
+    GimbalSilence,
+    Haze,
+    Night,
+    Optics,
+    RollingShutter,
+)
 from visloc_companion.sim.faults.gnss import GnssEffect, Jam, Meacon, SlowDrag, StepSpoof
 from visloc_companion.sim.faults.installation import FocalError, MapShift, MountError
 from visloc_companion.sim.faults.onboard import (
@@ -33,6 +43,7 @@ __all__ = [
     "FaultSchedule",
     "FocalError",
     "FramesLate",
+    "GimbalSilence",
     "GnssEffect",
     "Haze",
     "Jam",

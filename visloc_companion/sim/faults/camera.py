@@ -28,6 +28,14 @@ class CameraSilence:
 
 
 @dataclass(frozen=True, slots=True)
+class GimbalSilence:
+    """The gimbal that carries the camera holds it as before, and nobody says how."""
+
+    start_s: float
+    end_s: float = math.inf
+
+
+@dataclass(frozen=True, slots=True)
 class FramesLate:
     """Frames reach the daemon `delay_s` after their exposure and up to `spread_s` more, so that they overtake each other.
 
@@ -79,7 +87,7 @@ class Night:
 
 
 OpticsFault = RollingShutter | Blur | Haze | Night
-CameraFault = CameraFreeze | CameraSilence | FramesLate | OpticsFault
+CameraFault = CameraFreeze | CameraSilence | GimbalSilence | FramesLate | OpticsFault
 
 
 @dataclass(frozen=True, slots=True)

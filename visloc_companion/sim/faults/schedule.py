@@ -11,6 +11,7 @@ from visloc_companion.sim.faults.camera import (
     CameraFreeze,
     CameraSilence,
     FramesLate,
+    GimbalSilence,
     Optics,
     OpticsFault,
     optics_of,
@@ -111,6 +112,10 @@ class FaultSchedule:
     def camera_silent(self, t_s: float) -> bool:
         """Whether the camera sends nothing."""
         return any(isinstance(f, CameraSilence) and f.start_s <= t_s < f.end_s for f in self.faults)
+
+    def gimbal_silent(self, t_s: float) -> bool:
+        """Whether nobody says where the camera's gimbal points."""
+        return any(isinstance(f, GimbalSilence) and f.start_s <= t_s < f.end_s for f in self.faults)
 
     def frame_delay_s(self, t_s: float, frame_id: int) -> float:
         """How long after its exposure a frame arrives; drawn from the frame's number."""

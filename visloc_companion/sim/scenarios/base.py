@@ -8,6 +8,7 @@ from typing import Literal
 
 from visloc_companion.sim.changes import Change
 from visloc_companion.sim.faults import FaultSchedule
+from visloc_companion.sim.gimbal import GimbalPlan
 from visloc_companion.sim.season import Date
 from visloc_companion.types import Mode, Verdict
 
@@ -60,7 +61,8 @@ class Scenario:
 
     `date` is that on which the procedural world is seen, `changes` what has happened to any world since the map was made.
     `course` is the way that is flown, `height_m` its height above home (None: what suits the map). The camera takes
-    `frame_rate_hz` and is mounted at `mount_pitch_rad`, as configured. `pictures` False: nothing in it depends on what is seen.
+    `frame_rate_hz` and is mounted at `mount_pitch_rad`, as configured, on the airframe or on a `gimbal`. `pictures` False:
+    nothing in it depends on what is seen.
     """
 
     name: str
@@ -76,6 +78,7 @@ class Scenario:
     frame_rate_hz: float = 4.0
     mount_pitch_rad: float = 0.0
     pictures: bool = False
+    gimbal: GimbalPlan | None = None
 
     @property
     def fault_start_s(self) -> float:
