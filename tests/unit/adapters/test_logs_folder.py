@@ -9,7 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink2
 
 from tests.unit.adapters.varying_video import write_varying_video
-from visloc_companion.adapters.logs.folder import open_folder
+from visloc_companion.adapters.logs.folder import FoundOffset, open_folder
 from visloc_companion.errors import ConfigError, LogError
 
 UNIX_US = 1_600_000_000_000_000
@@ -214,3 +214,17 @@ def test_a_video_that_is_none_is_refused(flight: Path) -> None:
     (flight / "camera.toml").write_text("width_px = 64\nheight_px = 48\nvideo_start_us = 60000000\n")
     with pytest.raises(LogError, match="cannot be decoded as a video"):
         open_folder(flight)
+
+
+def test_turns_of_a_camera_on_a_gimbal_find_no_offset(flight: Path) -> None:
+    """They are not the vehicle's: an offset found from them would be wrong without a word."""
+    toml = 'width_px = 64\nheight_px = 48\ntime_base = "offset"\nmount = "gimbal"\n'
+    (flight / "camera.toml").write_text(toml)
+
+    def found(*_: object) -> FoundOffset:
+        raise AssertionError("it was sought")
+
+    with pytest.raises(LogError, match=r"camera.toml: offset_s: cannot be found from the turns of a camera on a gimbal"):
+        open_folder(flight, found)
+    (flight / "camera.toml").write_text(toml + "offset_s = 0.25\n")
+    assert open_folder(flight, found).boot_from_file_ns == 250_000_000

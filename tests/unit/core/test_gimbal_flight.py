@@ -17,10 +17,8 @@ from visloc_companion.core.settings import CoreSettings, GimbalSettings, Injecti
 from visloc_companion.geo import se3, wgs84
 from visloc_companion.types import (
     Attitude,
-    AutopilotKind,
     GimbalAttitude,
     GimbalFrame,
-    LinkChanged,
     Mode,
     Notice,
     Quat,
@@ -47,10 +45,13 @@ class Gimballed(World):
     silent: Callable[[float], bool] = lambda t: False
     frame: GimbalFrame = GimbalFrame.HEADING
     vehicle: Quat = LEANING
+    restart_s: float = math.inf
 
     def send(self, event: Any) -> Any:
         if isinstance(event, Attitude):
             event = replace(event, q_ned_frd=self.vehicle)
+        if self.t > self.restart_s and getattr(event, "t_boot_ns", None):
+            event = replace(event, t_boot_ns=ns(self.t - self.restart_s))
         return super().send(event)
 
     def _telemetry(self, t: float, gnss: Any, jammed: bool) -> None:
@@ -88,6 +89,16 @@ def test_the_mounting_is_that_on_the_gimbal() -> None:
     settings = replace(SETTINGS, q_frd_cambody=pitched(10.0))
     w = started(Gimballed, settings=settings, pitch_deg=lambda t: -70.0).fly(6)
     assert math.degrees(se3.angle_between(w.requests[-1][1].prior.q_ned_frd, pitched(0.0, 80.0))) == pytest.approx(30.0)
+
+
+def test_a_rolling_shutter_is_told_how_the_gimbal_turns() -> None:
+    """It rises by 5 degrees a second beneath a vehicle that does not turn at all."""
+    settings = replace(SETTINGS, readout_s=0.05)
+    w = started(Gimballed, settings=settings, pitch_deg=lambda t: -90.0 + 5.0 * min(max(t - 8, 0.0), 5.0)).fly(13)
+    rates = [request.readout.rate_frd_radps for t, request, _ in w.requests if 9 < t < 12.5 and request.readout is not None]
+    assert len(rates) > 3
+    for rate in rates:
+        assert [math.degrees(axis) for axis in rate] == pytest.approx([0.0, 5.0, 0.0], abs=1e-3)
 
 
 def test_a_jam_is_flown_as_with_a_fixed_camera() -> None:
@@ -153,14 +164,12 @@ def test_on_the_ground_it_may_look_where_it_likes() -> None:
     assert operator_texts(w, "gimbal") == []
 
 
-def test_after_a_step_of_the_clock_old_words_are_forgotten() -> None:
-    w = started(Gimballed).fly(10)
-    n_before = len(w.requests)
-    w.silent = lambda t: True
-    w.send(Attitude(ns(w.t), ns(w.t), w.vehicle, (0.0, 0.0, 0.0)))  # restarted: its clock begins anew
-    w.send(LinkChanged(0, up=True, autopilot=AutopilotKind.ARDUPILOT, system_id=1))
-    w.fly(12)
-    assert len(w.requests) <= n_before + 1
+def test_after_a_restart_of_the_autopilot_old_words_are_forgotten() -> None:
+    """Its clock begins anew: what it says now is earlier than what it said before."""
+    w = started(Gimballed, restart_s=10.0).fly(25)
+    assert [text for text in texts(w) if "autopilot clock stepped" in text]
+    assert [t for t, _, _ in w.requests if t > 15]
+    assert operator_texts(w, "gimbal") == []
 
 
 def test_the_lever_arm_is_the_vehicles() -> None:
@@ -175,16 +184,16 @@ def test_the_lever_arm_is_the_vehicles() -> None:
 
 
 def test_fixes_are_those_of_the_vehicle_behind_its_camera() -> None:
+    """A gimbal 10 m ahead of the IMU of a vehicle that heads east, looking 40 degrees ahead and 10 to the right."""
     level = se3.quat_from_euler(0.0, 0.0, math.radians(90.0))
-    lever = (3.0, 0.0, 0.0)
-    settings = replace(SETTINGS, lever_frd_m=lever)
+    settings = replace(SETTINGS, lever_frd_m=(10.0, 0.0, 0.0))
     w = started(
-        Gimballed, settings=settings, vehicle=level, jammed=lambda t: t > JAM_S, map_error_m=(0.0, 3.0), fix_sigma_m=0.3,
-        pitch_deg=lambda t: -60.0,
+        Gimballed, settings=settings, vehicle=level, jammed=lambda t: t > JAM_S, map_error_m=(0.0, 10.0), fix_sigma_m=0.3,
+        pitch_deg=lambda t: -50.0,
     ).fly(60)  # fmt: skip
     status, error_m = w.status_at(60)
     assert status.mode is Mode.AIDING
-    assert error_m < 1.0, "cameras 3 m east of the vehicle are fixed 3 m east of it"
+    assert error_m < 1.0, "cameras 10 m east of the vehicle are fixed 10 m east of it"
 
 
 def test_what_pictures_tell_of_the_clock_is_not_learned() -> None:

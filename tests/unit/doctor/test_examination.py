@@ -15,13 +15,16 @@ import pytest
 
 from tests.unit.doctor.conftest import HOME, recommended
 from visloc_companion.adapters.mavlink.dialect import mav
-from visloc_companion.config import parse_config
+from visloc_companion.config import CameraConfig, parse_config
+from visloc_companion.doctor.collect.rates import gimbals_of
 from visloc_companion.doctor.examine import Report, Wishes, examine
+from visloc_companion.doctor.facts import GimbalHeard
 from visloc_companion.doctor.finding import Level
 from visloc_companion.doctor.report import as_json, summary
 from visloc_companion.errors import ConfigError
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.faults import no_gnss
+from visloc_companion.sim.gimbal import GimbalPlan
 from visloc_companion.testing.loopback import free_port
 from visloc_companion.testing.signing_peer import PymavlinkSigning
 from visloc_companion.types import AutopilotKind
@@ -278,3 +281,31 @@ async def test_a_line_that_cannot_be_opened_names_the_remedy() -> None:
 async def test_an_address_that_is_none_is_refused() -> None:
     with pytest.raises(ConfigError, match="pigeon"):
         await examine(Wishes("pigeon:home:1"))
+
+
+async def test_a_gimbal_on_the_link_is_heard(served: Callable[..., Any]) -> None:
+    """Its rate is asked for as the daemon would."""
+    pilot = BuiltInAutopilot(KINDS[0], "copter", HOME, [(0.0, 0.0, -100.0)], 10.0, 1, gimbal=GimbalPlan())
+    config = CONFIG.model_copy(update={"camera": CameraConfig(mount="gimbal")})
+    port = free_port(socket.SOCK_DGRAM)
+    async with served(pilot, port):
+        report = await examine(Wishes(f"udpin:127.0.0.1:{port}", config, seconds=1.5, wait_s=30.0))
+    assert report.facts.link is not None
+    (heard,) = report.facts.link.gimbals
+    assert (heard.gimbal_id, heard.frames) == (1, frozenset({"heading"}))
+    assert heard.rate_hz > 5.0
+    assert not report.facts.link.old_gimbal
+
+
+def test_gimbals_are_told_apart_by_number_and_component() -> None:
+    def said(component: int, number: int, flags: int) -> Any:
+        message = mav.MAVLink_gimbal_device_attitude_status_message(0, 0, 1, flags, (1, 0, 0, 0), 0, 0, 0, 0, 0, 0, number)
+        packed = message.pack(mav.MAVLink(None, srcSystem=1, srcComponent=component))
+        return mav.MAVLink(None).parse_buffer(packed)[0]
+
+    messages = [said(1, 1, 44), said(1, 1, 44), said(1, 2, 64), said(154, 0, 96), said(1, 1, 60)]
+    assert gimbals_of(messages, 2.0) == (
+        GimbalHeard(1, 1.5, frozenset({"heading"})),
+        GimbalHeard(2, 0.5, frozenset({"north"})),
+        GimbalHeard(154, 0.5, frozenset()),
+    )

@@ -33,6 +33,8 @@ from visloc_companion.types import (
     EstimatorStatus,
     Event,
     GeoPoint,
+    GimbalAttitude,
+    GimbalFrame,
     Gnss,
     Imu,
     LocalPose,
@@ -44,7 +46,7 @@ from visloc_companion.types import (
 
 _KIND = AutopilotKind.ARDUPILOT
 _POSITIONS = ("POS", "ORGN", "XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4", "NTUN", "CTUN")
-_WANTED = frozenset(("ATT", "IMU", "GPS", "RFND", "EV", "MSG", "CMD", "PARM", *_POSITIONS))
+_WANTED = frozenset(("ATT", "MNT", "IMU", "GPS", "RFND", "EV", "MSG", "CMD", "PARM", *_POSITIONS))
 _EV_ARMED, _EV_DISARMED = (10, 15), (11,)
 _DOWN, _GOOD = 25, 4
 """MAV_SENSOR_ROTATION_PITCH_270, and RangeFinder::Status::Good."""
@@ -168,6 +170,12 @@ class _Reader:
         self._last_attitude = Attitude(t_ns, t_ns, q, rates)
         return self._last_attitude
 
+    def _mnt(self, fields: Fields) -> Event:
+        """Roll and pitch against horizon, yaw against heading, as in GIMBAL_DEVICE_ATTITUDE_STATUS (AP_Mount, LogStructure.h)."""
+        t_ns = self._at(fields)
+        q = quat_from_euler(*(math.radians(_finite(fields[name])) for name in ("Roll", "Pitch", "YawB")))
+        return GimbalAttitude(t_ns, t_ns, int(fields["I"]) + 1, q, GimbalFrame.HEADING)
+
     def _imu(self, fields: Fields) -> Event | None:
         if fields.get("I", 0) != 0:
             return None
@@ -279,6 +287,7 @@ class _Reader:
 
 _HANDLERS = {
     "ATT": _Reader._att,
+    "MNT": _Reader._mnt,
     "IMU": _Reader._imu,
     "GPS": _Reader._gps,
     "ORGN": _Reader._orgn,

@@ -79,6 +79,9 @@ def open_folder(folder: Path, find_offset: FindOffset | None = None, system_id: 
     if stated_ns is None:
         if frames is None or camera is None or find_offset is None:
             raise LogError("offset_s: cannot be found without frames", where=str(folder), remedy=_STATE_IT)
+        if camera.mount == "gimbal":
+            why = "offset_s: cannot be found from the turns of a camera on a gimbal, which are not the vehicle's"
+            raise LogError(why, where=str(folder / "camera.toml"), remedy=_STATE_IT)
         found = find_offset(recording, frames, camera)
         stated_ns = found.offset_ns
     truth = read_truth(folder / "truth.csv", stated_ns)

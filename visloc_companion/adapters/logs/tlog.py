@@ -19,6 +19,7 @@ from typing import Any
 from visloc_companion.adapters.logs.boot_axis import BootAxis, Instant, smallest_difference_ns
 from visloc_companion.adapters.logs.recording import NS_PER_MS, NS_PER_US, Losses, Recording, in_order, read_bytes
 from visloc_companion.adapters.mavlink.codec import decode, is_autopilot
+from visloc_companion.adapters.mavlink.codec_gimbal import is_of_gimbal
 from visloc_companion.adapters.mavlink.dialect import Message, mav
 from visloc_companion.adapters.mavlink.link_state import LinkState
 from visloc_companion.errors import LogError
@@ -87,9 +88,10 @@ def read_tlog(path: Path, system_id: int = 0) -> Recording:
     events: list[tuple[int, Event]] = []
     unix_ns: list[int] = []
     for record in records_of(data, Losses()):
-        if _source(record.message) != heard[0]:
+        own_clock = _source(record.message)[0] == heard[0][0] and is_of_gimbal(record.message)
+        if _source(record.message) != heard[0] and not own_clock:
             continue
-        instant = axis.place(record.wall_us, _boot_ms(record.message))
+        instant = axis.place(record.wall_us, None if own_clock else _boot_ms(record.message))
         unix_ns += _unix_minus_boot_ns(record.message, instant)
         if instant.rebooted:
             _append(events, instant, link.down(instant.t_ns))

@@ -13,6 +13,7 @@ import numpy as np
 from visloc_companion.adapters.logs.attitude_rates import rates_between
 from visloc_companion.adapters.logs.recording import NS_PER_US, Losses, Recording, in_order, link_up, read_bytes
 from visloc_companion.adapters.logs.ulog_format import MAGIC, Row, read_topics
+from visloc_companion.adapters.mavlink.codec_gimbal import frame_of, has_failed
 from visloc_companion.errors import LogError
 from visloc_companion.geo.se3 import normalised
 from visloc_companion.types import (
@@ -21,6 +22,7 @@ from visloc_companion.types import (
     EstimatorStatus,
     Event,
     GeoPoint,
+    GimbalAttitude,
     Gnss,
     LinkChanged,
     LocalPose,
@@ -38,6 +40,7 @@ _TOPICS = (
     "estimator_status",
     "vehicle_status",
     "distance_sensor",
+    "gimbal_device_attitude_status",
 )
 _ARMED = 2
 _DOWN = 25
@@ -209,11 +212,21 @@ def _distance(t_ns: int, row: Row) -> Event | None:
     return Range(t_ns, t_ns, distance_m if known else 0.0, known and row.get("signal_quality", -1) != 0)
 
 
+def _gimbal(t_ns: int, row: Row) -> Event | None:
+    """Gimbals that speak MAVLink themselves are numbered as PX4 numbers them here, and stamped with its clock."""
+    frame = frame_of(int(row["device_flags"]))
+    if frame is None:
+        raise ValueError(row["device_flags"])
+    q = normalised((row["q[0]"], row["q[1]"], row["q[2]"], row["q[3]"]))
+    return GimbalAttitude(t_ns, t_ns, int(row.get("gimbal_device_id", 0)) or 1, q, frame, has_failed(int(row["failure_flags"])))
+
+
 _CONVERTERS: dict[str, Callable[[int, Row], Event | None]] = {
     "vehicle_local_position": _local_position,
     "estimator_status": _estimator_status,
     "vehicle_status": _vehicle_status,
     "distance_sensor": _distance,
+    "gimbal_device_attitude_status": _gimbal,
 }
 
 

@@ -37,6 +37,11 @@ def frame_of(flags: int) -> GimbalFrame | None:
     return GimbalFrame.NORTH if of_earth else GimbalFrame.HEADING
 
 
+def has_failed(failure_flags: int) -> bool:
+    """Whether an attitude is worth nothing by its GIMBAL_DEVICE_ERROR_FLAGS."""
+    return bool(failure_flags & _WORTHLESS)
+
+
 def is_of_gimbal(msg: Message) -> bool:
     """Whether a gimbal's own component says how it points."""
     return msg.get_srcComponent() in GIMBAL_COMPONENTS and msg.get_type() == NAME
@@ -57,6 +62,6 @@ def gimbal_attitude(msg: Message, t_rx_ns: int) -> Outcome:
         (msg.gimbal_device_id or 1) if of_autopilot else component,
         normalised((q[0], q[1], q[2], q[3])),
         frame,
-        bool(msg.failure_flags & _WORTHLESS),
+        has_failed(msg.failure_flags),
         None if of_autopilot else t_ns,
     )

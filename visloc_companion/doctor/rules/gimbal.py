@@ -125,8 +125,8 @@ def _servos(camera: CameraConfig, facts: Facts) -> Finding | None:
     "camera-gimbal-measured",
     "MNT1_TYPE, MNT_MODE_OUT",
     "Where it was told to point is not where it points while it turns, at its limits, or when it has lost its horizon.",
-    "a gimbal whose driver reads its angles (Siyi, Gremsy, Viewpro, Xacti, SToRM32 over its serial protocol); else do not turn it "
-    "in flight, and state what it errs by in camera.mount_sigma_deg",
+    "a gimbal whose driver reads its angles (Siyi, Gremsy, Viewpro, Xacti, SToRM32 over its serial protocol); else do not turn "
+    "it in flight, and state what it errs by in camera.mount_sigma_deg",
 )
 def _measured(camera: CameraConfig, facts: Facts) -> Finding:
     if camera.mount == "fixed":

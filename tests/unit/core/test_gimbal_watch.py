@@ -1,0 +1,56 @@
+"""What an operator is told of a gimbal, and when not."""
+
+from __future__ import annotations
+
+from visloc_companion.core.gimbal_watch import GimbalWatch
+from visloc_companion.errors import Reason
+from visloc_companion.types import Notice, Severity
+
+S = 1_000_000_000
+
+
+def said(watch: GimbalWatch, t_s: float, *, heard: bool = True, needed: bool = False) -> list[tuple[Severity, str]]:
+    told = watch.check(round(t_s * S), heard=heard, needed=needed)
+    return [(c.severity, c.text) for c in told if isinstance(c, Notice)]
+
+
+def test_while_the_autopilot_is_not_heard_nothing_is_said_and_no_time_counts() -> None:
+    watch = GimbalWatch()
+    assert [text for k in range(100) for text in said(watch, k * 0.1, heard=False)] == []
+    assert said(watch, 10.0) == said(watch, 12.9) == []
+    assert said(watch, 13.1) == [(Severity.WARNING, "visloc: no gimbal attitude")]
+    assert said(watch, 20.0) == []
+    watch.heard(21 * S)
+    assert said(watch, 21.0) == [(Severity.NOTICE, "visloc: gimbal attitude is back")]
+
+
+def test_what_was_between_frames_that_are_far_apart_nobody_knows() -> None:
+    """A frame at the horizon, a landing, a frame at the horizon: it may have looked down meanwhile."""
+    watch = GimbalWatch()
+    watch.judged(Reason.HORIZON_IN_VIEW, 1 * S)
+    watch.heard(10 * S)
+    watch.judged(Reason.HORIZON_IN_VIEW, 10 * S)
+    assert said(watch, 10.5) == []
+    for k in range(8):
+        watch.judged(Reason.GIMBAL_TURNING, (10 + k) * S)
+        watch.heard((10 + k) * S)
+    assert said(watch, 17.0) == [(Severity.NOTICE, "visloc: gimbal looks away from the ground")]
+
+
+def test_that_nobody_says_where_it_points_is_no_look_away() -> None:
+    watch = GimbalWatch()
+    for k in range(8):
+        watch.judged(Reason.NO_GIMBAL_ATTITUDE, k * S)
+    assert said(watch, 8.0) == []
+    assert said(watch, 11.1) == [(Severity.WARNING, "visloc: no gimbal attitude")]
+
+
+def test_a_warning_is_not_said_again_when_positions_are_needed_no_more() -> None:
+    watch = GimbalWatch()
+    for k in range(10):
+        watch.judged(Reason.HORIZON_IN_VIEW, k * S)
+        watch.heard(k * S)
+    assert [severity for severity, _ in said(watch, 9.0, needed=True)] == [Severity.WARNING]
+    assert said(watch, 9.1, needed=False) == []
+    watch.judged(None, 10 * S)
+    assert said(watch, 10.0) == [(Severity.NOTICE, "visloc: gimbal looks at the ground again")]
