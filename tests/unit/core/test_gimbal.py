@@ -208,3 +208,28 @@ def test_another_frame_begins_anew() -> None:
         bench.gimbal.on_attitude(said(t_ms, rpy(0.0, -90.0, 90.0), GimbalFrame.NORTH))
     assert off_deg(bench.body_at(1500), rpy(0.0, 0.0, 90.0)) < 1e-6
     assert bench.gimbal.at(900 * MS) is None
+
+
+def test_before_the_autopilots_clock_is_known_a_gimbal_says_nothing() -> None:
+    gimbal = Gimbal(GimbalSettings(), ClockOffset(), AttitudeBuffer())
+    assert not gimbal.on_attitude(told(0, NADIR, 7))
+    assert gimbal.at(0) is None
+
+
+def test_what_is_said_twice_counts_once() -> None:
+    bench = Bench()
+    assert bench.gimbal.on_attitude(said(40, NADIR))
+    assert not bench.gimbal.on_attitude(said(40, rpy(0.0, -60.0, 0.0)))
+    assert not bench.gimbal.on_attitude(said(0, rpy(0.0, -60.0, 0.0)))
+    assert se3.rotate(bench.body_at(40), DOWN)[2] == pytest.approx(1.0)
+
+
+def test_a_gimbal_that_boots_again_goes_on() -> None:
+    """Its clock falls back; what it said by the old one is forgotten."""
+    bench = Bench()
+    for t_ms in range(0, 1001, 40):
+        assert bench.gimbal.on_attitude(told(t_ms, NADIR, 3_600_000 + t_ms))
+    for t_ms in range(1040, 2001, 40):
+        assert bench.gimbal.on_attitude(told(t_ms, rpy(0.0, -60.0, 0.0), t_ms - 1000))
+    assert bench.gimbal.at(900 * MS) is None
+    assert se3.rotate(bench.body_at(1500), DOWN)[0] == pytest.approx(0.5)

@@ -10,9 +10,10 @@ import pytest
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.camera_time import UNKNOWN_S
 from visloc_companion.core.driving import Velocity
+from visloc_companion.core.gimbal import Gimbal
 from visloc_companion.core.onboard_camera import OnboardCamera
 from visloc_companion.core.propagation import Drive
-from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.core.settings import GimbalSettings, NavigatorSettings
 from visloc_companion.core.sun_memory import FEWEST
 from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.core.timesync import ClockOffset
@@ -23,6 +24,8 @@ from visloc_companion.types import (
     Fix,
     FrameRef,
     GeoPoint,
+    GimbalAttitude,
+    GimbalFrame,
     LocaliseRequest,
     NoFix,
     Notice,
@@ -169,3 +172,35 @@ def test_a_camera_whose_pictures_are_recognised_is_not_taken_for_mirrored(tracke
     camera, said = turned_against(tracker, fix_every=15)
     assert said == []
     assert isinstance(camera.of_vehicle(fix_at(0)), Fix)
+
+
+def test_while_nobody_says_where_the_gimbal_points_the_camera_counts_as_looking_down(tracker: Tracker) -> None:
+    """The clock stepped between question and answer: the lever arm is that of a gimbal that points straight down."""
+    clock, attitude, lever_m = ClockOffset(), AttitudeBuffer(), 2.0
+    gimbal = Gimbal(GimbalSettings(), clock, attitude)
+    camera = OnboardCamera(LEVEL, SIGMA_RAD, (lever_m, 0.0, 0.0), clock, attitude, tracker, gimbal)
+    for known in (False, True):
+        if known:
+            clock.on_arrival(200 * MS, 200 * MS)
+        moved = camera.of_vehicle(fix_at(200 * MS))
+        assert isinstance(moved, Fix)
+        assert wgs84.ned_from_geo(moved.place, HERE) == pytest.approx((-lever_m, 0.0, 0.0), abs=1e-6)
+    request = LocaliseRequest(1, frame(1, None), PosePrior(HERE, LEVEL, COV, 3.0, 0.05, 0.02), 1)
+    asked = camera.asked_of_vehicle(request).prior.place
+    assert wgs84.ned_from_geo(asked, HERE) == pytest.approx((-lever_m, 0.0, 0.0), abs=1e-6)
+
+
+def test_a_gimbal_that_turns_against_the_vehicle_is_no_mirror(tracker: Tracker) -> None:
+    """Its pictures turn as it says that it turned, and the other way round than the vehicle did."""
+    clock, attitude = ClockOffset(), AttitudeBuffer()
+    gimbal = Gimbal(GimbalSettings(), clock, attitude)
+    camera, said = OnboardCamera(LEVEL, SIGMA_RAD, (0.0, 0.0, 0.0), clock, attitude, tracker, gimbal), []
+    for k in range(1, 60):
+        t_ns = k * 200 * MS
+        clock.on_arrival(t_ns, t_ns)
+        attitude.add(t_ns, se3.quat_from_euler(0.0, 0.0, 0.05 * k), (0.0, 0.0, 0.25))
+        q_ned_gimbal = se3.quat_multiply(se3.quat_from_euler(0.0, 0.0, -0.05 * k), se3.quat_from_euler(0.0, -math.pi / 2, 0.0))
+        camera.on_gimbal(GimbalAttitude(t_ns, t_ns, 1, q_ned_gimbal, GimbalFrame.NORTH), t_ns)
+        turn = Turn((k - 1) * 200 * MS, t_ns, se3.quat_from_euler(0.0, 0.0, -0.05), TURN_COV)
+        said += camera.on_answer(NoFix(t_ns, t_ns, k, k, "image", Reason.NO_MATCH, 1.0, turn=turn))
+    assert [n.text for n in said if isinstance(n, Notice)] == []

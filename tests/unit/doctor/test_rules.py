@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -61,6 +62,13 @@ def test_a_gimbal_that_is_set_up_is_green(good: Good, kind: AutopilotKind, more:
     facts = more(heard(config("camera", mount="gimbal")(good(kind))))
     worse = {a.rule.id for a in judge(RULES, facts) if a.level in (Level.RED, Level.AMBER)}
     assert worse == ({"camera-gimbal-measured"} if facts.parameters.get("MNT1_TYPE") == 1 else set())
+
+
+def test_what_cannot_be_read_of_a_gimbal_is_skipped(good: Good) -> None:
+    facts = replace(config("camera", mount="gimbal")(good(KINDS[0])), link=None, parameters={})
+    answers = {a.rule.id: a.level for a in judge(RULES, facts)}
+    rules = ("camera-gimbal", "camera-gimbal-rate", "camera-gimbal-frame", "camera-gimbal-measured")
+    assert [answers[rule] for rule in rules] == [Level.GREEN, Level.SKIPPED, Level.SKIPPED, Level.SKIPPED]
 
 
 def test_the_gimbal_that_carries_the_camera_is_judged(good: Good) -> None:
