@@ -9,7 +9,8 @@ from pathlib import Path
 
 from visloc_companion.app.journal import Entry, JournalWriter
 from visloc_companion.app.parts import journal_header
-from visloc_companion.config import CameraConfig, Config, MapConfig
+from visloc_companion.config import Config, MapConfig
+from visloc_companion.config_camera import CameraConfig
 from visloc_companion.errors import JournalError
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS
 from visloc_companion.types import CameraModel, FrameRef, Image
