@@ -198,7 +198,7 @@ def attacked_part(world: World, scale: float) -> dict[str, Any]:
 
 
 def shown(result: dict[str, Any]) -> str:
-    """The tables, as they stand in docs/benchmarks.md."""
+    """The tables, as they stand in docs/benchmarks/navigation.md."""
     lines = [
         f"threshold {result['threshold']:g} (fitted on {result['train_hours']:g} h: {result['fitted_threshold']:g}), "
         f"{result['false_alarms']} false alarms in {result['clean_hours']:g} h, "
