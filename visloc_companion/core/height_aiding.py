@@ -24,6 +24,8 @@ JUMP_M, JUMP_MPS = 0.2, 1.0
 """A height that changes by so much more than its climb is another one: an autopilot turns from one source to another, or comes
 right after it had none."""
 SAME_JUMP_NS = 1_000_000_000
+SHOWN_NS, SURE = 2_000_000_000, 3.0
+"""What a fix that was taken shows of the height stands for so long; what all of them taught, beyond so many sigmas."""
 NO_JUMP = (0, 0.0, 0.0)
 """When the height last jumped, by how much since the fix before or a second of calm, and by how much at most."""
 
@@ -59,6 +61,7 @@ class HeightAiding:
         self._held: tuple[HeightBelief, int, float, Height] | None = None
         self._above_home_m = 0.0
         self._taken_ns: int | None = None
+        self._last_shown = 0, 0.0
         self._v_down_mps: float | None = None
         self._jump = NO_JUMP
 
@@ -106,6 +109,7 @@ class HeightAiding:
         if self._filter is None or stated_m is None:
             return
         self._taken_ns, self._jump = max(fix.t_ns, self._taken_ns or 0), NO_JUMP
+        self._last_shown = fix.t_ns, fix.place.h_amsl_m - stated_m
         prior = self._priors.get(fix.request_id)
         news = (fix.place.h_amsl_m, fix.sigma_h_m**2) if prior is None else news_of(fix.place.h_amsl_m, fix.sigma_h_m, *prior)
         if news is not None:
@@ -122,6 +126,15 @@ class HeightAiding:
         offset_m, var_m2 = self._filter.at(t_ns, h_amsl_m)
         unseen_s = math.inf if self._taken_ns is None else max(0.0, (t_ns - self._taken_ns) * 1e-9)
         return Known(offset_m, math.sqrt(var_m2), unseen_s)
+
+    def shown_m(self, t_ns: int, h_amsl_m: float) -> float:
+        """What the last fix would add to a height that is stated at a time, where that was a moment ago, or else all of them
+        beyond doubt; 0 where neither is so."""
+        last_ns, offset_m = self._last_shown
+        if last_ns and abs(t_ns - last_ns) <= SHOWN_NS:
+            return offset_m
+        known = self.known(t_ns, h_amsl_m)
+        return known.offset_m if abs(known.offset_m) > SURE * known.sigma_m else 0.0
 
     def at(self, t_ns: int, h_amsl_m: float) -> Height | None:
         """What is known of a height that is stated at a time; None before the autopilot stated any."""

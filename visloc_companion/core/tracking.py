@@ -87,9 +87,18 @@ class Tracker:
 
     @property
     def low(self) -> bool:
-        """Whether the vehicle is known to be too low to be localised. Far below its home it flies in a valley."""
-        height_m = self.height_above_home_m
-        return height_m is not None and abs(height_m) < self._settings.min_height_m
+        """Whether the vehicle is known to be too low to be localised. Far below its home it flies in a valley.
+
+        Not where fixes show that the autopilot's height is off by more than that: ArduPilot's, without any position, says 0 m all
+        the way up.
+        """
+        height_m, least_m = self.height_above_home_m, self._settings.min_height_m
+        if height_m is None or abs(height_m) >= least_m:
+            return False
+        if self._velocity is None:
+            return True
+        shown_m = self.height.shown_m(self._velocity.t_ns, self._velocity.h_amsl_m)
+        return abs(shown_m) < least_m or abs(height_m + shown_m) < least_m
 
     def set_origin(self, origin: GeoPoint) -> bool:
         """Take the EKF origin; True when it moved a frame that was in use."""
