@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import subprocess
 from dataclasses import asdict
 from pathlib import Path
@@ -68,6 +69,8 @@ def _flown(simulator: Simulator, name: str, args: argparse.Namespace, speed: flo
     scenario = over_its_world(real_scenario(name, simulator, args.seed))
     row: Row = {"simulator": str(simulator), "flight": name, "seed": args.seed, "speed": speed, "commit": _commit()}
     keep = None if args.keep is None else args.keep / f"{simulator}-{name}-{args.seed}"
+    if keep is not None:
+        shutil.rmtree(keep, ignore_errors=True)  # the same flight's, flown before
     try:
         log = fly_apart(simulator, scenario, speed=speed, keep=keep)
     except VislocError as why:

@@ -43,11 +43,15 @@ def make_pilot(
 
 
 def fly_apart(simulator: Simulator, scenario: RealScenario, *, speed: float = 1.0, keep: Path | None = None) -> RealLog:
-    """Fly one scenario; what the program and the daemon write goes to the folder `keep`, else away with a temporary one.
+    """Fly one scenario; what the program and the daemon write goes to the empty folder `keep`, else away with a temporary one.
 
-    Raises ConfigError where the program or the system's permission is missing, LinkError where the flight could not be begun.
+    Raises ConfigError where the program or the system's permission is missing, or `keep` holds something: an autopilot would take
+    up the parameters that a former flight left there. Raises LinkError where the flight could not be begun.
     """
     program = find_program(simulator)
+    if keep is not None and keep.exists() and any(keep.iterdir()):
+        why = "holds something already: the autopilot would fly with the parameters that another flight left"
+        raise ConfigError(why, where=str(keep), remedy="name a new folder, or empty it")
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         return pool.submit(_fly, simulator, program, scenario, speed, keep).result()
 

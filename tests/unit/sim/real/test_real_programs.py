@@ -10,7 +10,9 @@ from pathlib import Path
 import pytest
 
 from visloc_companion.errors import ConfigError
+from visloc_companion.sim.real.apart import fly_apart
 from visloc_companion.sim.real.programs import LOG, Running, Simulator, find_program, running
+from visloc_companion.sim.real.scenarios import real_scenario
 
 
 def test_a_program_that_is_not_there_is_an_error_that_says_what_to_set(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -68,3 +70,11 @@ def wait_for(condition: Callable[[], bool]) -> None:
 def state_of(simulator: Running) -> str:
     """The letter of the process's state in /proc."""
     return Path(f"/proc/{simulator.pid}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()[0]
+
+
+def test_a_folder_in_which_another_flight_left_its_parameters_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """PX4 took up the parameters of the flight before, GNSS switched off among them, and could not be armed."""
+    monkeypatch.setenv("VISLOC_PX4", sys.executable)
+    (tmp_path / "parameters.bson").write_bytes(b"")
+    with pytest.raises(ConfigError, match=r"holds something already.*; remedy: name a new folder, or empty it"):
+        fly_apart(Simulator.PX4, real_scenario("jam", Simulator.PX4), keep=tmp_path)
