@@ -123,10 +123,7 @@ def written(entries: list[Entry], folder: Path) -> Path:
     """The journal of a flight."""
     writer = JournalWriter.create(folder, JournalHeader(CONFIGURATION), max_bytes=MAX_BYTES)
     for entry in entries:
-        if entry.event is not None:
-            writer.event(entry.now_ns, entry.event)
-        if entry.command is not None:
-            writer.command(entry.now_ns, entry.command)
+        writer.entry(entry)
         writer.wait(4000)  # the daemon never writes so fast
     writer.close()
     if writer.path is None:

@@ -28,6 +28,8 @@ from visloc_companion.types import Image
 NOISE_GREY, SEED = 3.0, 31
 Taken = tuple[Image, dict[str, float]]
 """A picture and its `fx_px`, `fy_px`, `cx_px` and `cy_px`."""
+Rows = tuple[dict[str, Any], dict[str, Any]]
+"""Of a case: its row of cases.csv and that of truth.csv."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,28 +90,31 @@ def sites(n: int, foot_px: float, seed: int = SEED) -> list[Site]:
 
 def of_frames(root: Path, name: str, n: int, foot_px: float) -> Path:
     """The folder of cases whose frames are varied (`FRAMES` or `SIZES`), over the map as it is."""
-    folder = root / f"frame {name}"
-    if (folder / "cases.csv").exists():
-        return folder
-    (folder / "frames").mkdir(parents=True, exist_ok=True)
-    tables = []
-    for number, site in enumerate(sites(n, foot_px)):
+
+    def rows(folder: Path, number: int, site: Site) -> Rows:
         pixels, calibration = _taken(name, site.bands, number)
         case, truth = _written(folder, number, site, pixels)
-        tables.append((case | calibration, truth | {"solvable": int(name not in NOT_OF_THIS_CAMERA)}))
-    return write_tables(folder, *zip(*tables, strict=True))
+        return case | calibration, truth | {"solvable": int(name not in NOT_OF_THIS_CAMERA)}
+
+    return _cases(root / f"frame {name}", n, foot_px, rows)
 
 
 def of_maps(root: Path, name: str, n: int, foot_px: float) -> Path:
     """The folder of cases whose maps are varied (`MAPS`), under the frames in colour."""
-    folder = root / f"map {name}"
+
+    def rows(folder: Path, number: int, site: Site) -> Rows:
+        case, truth = _written(folder, number, site, colour(site.bands))
+        return case | {"ortho": str(_varied_map(folder, name, site).resolve())}, truth
+
+    return _cases(root / f"map {name}", n, foot_px, rows)
+
+
+def _cases(folder: Path, n: int, foot_px: float, rows: Callable[[Path, int, Site], Rows]) -> Path:
+    """The folder, made where it is not there yet, of one case a site."""
     if (folder / "cases.csv").exists():
         return folder
     (folder / "frames").mkdir(parents=True, exist_ok=True)
-    tables = []
-    for number, site in enumerate(sites(n, foot_px)):
-        case, truth = _written(folder, number, site, colour(site.bands))
-        tables.append((case | {"ortho": str(_varied_map(folder, name, site).resolve())}, truth))
+    tables = [rows(folder, number, site) for number, site in enumerate(sites(n, foot_px))]
     return write_tables(folder, *zip(*tables, strict=True))
 
 
@@ -126,7 +131,7 @@ def _taken(name: str, bands: Bands, number: int) -> Taken:
     return FRAMES[name](bands, np.random.default_rng([SEED, number])), {}
 
 
-def _written(folder: Path, number: int, site: Site, pixels: Image) -> tuple[dict[str, Any], dict[str, Any]]:
+def _written(folder: Path, number: int, site: Site, pixels: Image) -> Rows:
     case, truth = case_rows(f"site{number:04d}", site.place, PLACE, np.random.default_rng([SEED, 1, number]))
     cv2.imwrite(str(folder / case["frame"]), pixels if pixels.ndim == 2 else pixels[..., ::-1])
     return case, truth

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from visloc_companion.app.journal import Entry, JournalHeader, JournalWriter, read_journal
+from visloc_companion.app.journal import Entry, read_journal
 from visloc_companion.app.replay import command_lines, compare_with_recording, journal_settings, replay_entries
 from visloc_companion.app.settings import core_settings
 from visloc_companion.config import parse_config
@@ -74,19 +74,8 @@ def flown() -> list[Entry]:
 
 
 @pytest.fixture
-def journal(tmp_path: Path) -> Path:
-    header = JournalHeader(parse_config(CONFIGURATION).model_dump(mode="json"))
-    writer = JournalWriter.create(tmp_path, header, max_bytes=10**8)
-    for entry in flown():
-        if entry.event is not None:
-            writer.event(entry.now_ns, entry.event)
-        if entry.command is not None:
-            writer.command(entry.now_ns, entry.command)
-        while writer._queue.qsize() > 4000:
-            pass
-    writer.close()
-    assert writer.path is not None
-    return writer.path
+def journal(recorded: Callable[..., Path]) -> Path:
+    return recorded(flown(), CONFIGURATION)
 
 
 def test_it_is_replayed_as_it_was(journal: Path) -> None:

@@ -7,7 +7,7 @@ import math
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visloc_companion.app.journal import Entry, JournalHeader, JournalWriter, read_journal
+from visloc_companion.app.journal import Entry, read_journal
 from visloc_companion.app.replay import (
     command_lines,
     compare_with_recording,
@@ -117,18 +117,8 @@ def flight() -> tuple[Entry, ...]:
 
 
 @pytest.fixture
-def journal(tmp_path: Path) -> Path:
-    writer = JournalWriter.create(tmp_path, JournalHeader(parse_config(CONFIGURATION).model_dump(mode="json")), max_bytes=10**8)
-    for entry in flight():
-        if entry.event is not None:
-            writer.event(entry.now_ns, entry.event)
-        if entry.command is not None:
-            writer.command(entry.now_ns, entry.command)
-        while writer._queue.qsize() > 4000:
-            pass
-    writer.close()
-    assert writer.path is not None
-    return writer.path
+def journal(recorded: Callable[..., Path]) -> Path:
+    return recorded(flight(), CONFIGURATION)
 
 
 def statuses(commands: list[tuple[int, Command]]) -> list[Status]:

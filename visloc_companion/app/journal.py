@@ -210,6 +210,13 @@ class JournalWriter:
         """Record what the navigator answered."""
         self._put(f"/command/{type(command).__name__}", now_ns, command)
 
+    def entry(self, entry: Entry) -> None:
+        """Record an event or a command that is at hand as `read_journal` gives it."""
+        if entry.event is not None:
+            self.event(entry.now_ns, entry.event)
+        if entry.command is not None:
+            self.command(entry.now_ns, entry.command)
+
     def notice(self, now_ns: int, notice: Notice) -> None:
         """Record what the shell itself reports; it is no part of the replay."""
         self._put(_NOTICE, now_ns, notice)

@@ -73,13 +73,13 @@ def open_source(
     """
     if not flight.exists():
         raise ConfigError("is not there", where=str(flight), remedy="name a log, a journal or a folder")
+    pace, is_journal = _pace(speed) if speed is not None else None, _is_journal(flight)
+    if is_journal and (system_id or boot):
+        raise ConfigError("are for logs, not for journals", where="--system-id, --boot", remedy="leave them out")
+    if is_journal and rerun:  # opens the pack itself, as the daemon's worker does
+        return RerunSource(flight, load_config(config) if config else None, pack, salvage, pace)
     reference = PackMap.open(pack) if pack is not None else None
-    pace = _pace(speed) if speed is not None else None
-    if _is_journal(flight):
-        if system_id or boot:
-            raise ConfigError("are for logs, not for journals", where="--system-id, --boot", remedy="leave them out")
-        if rerun:
-            return RerunSource(flight, load_config(config) if config else None, pack, salvage, pace)
+    if is_journal:
         return JournalSource(flight, load_config(config) if config else None, salvage, reference, pace)
     if rerun:
         raise ConfigError("is for journals", where="--rerun", remedy="leave it out: frames beside a log are localised with --map")

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from visloc_companion.adapters.camera.calibration import wrong_size
 from visloc_companion.app.journal import Entry, JournalHeader, read_frames, read_header, read_journal
 from visloc_companion.app.rerun import RecordedFrames, recorded_latency_ns, rerun
 from visloc_companion.app.settings import core_settings
@@ -54,13 +55,10 @@ class RerunSource:
         frames = self._frames()
         over = open_localiser(config)
         self._reference = over.reference if isinstance(over.reference, PackMap) else None
-        wanted = (config.camera.height_px, config.camera.width_px)
 
         def answer(request: LocaliseRequest, pixels: Image) -> Fix | NoFix:
-            if pixels.shape[:2] != wanted:
-                size = f"{pixels.shape[1]} x {pixels.shape[0]} px, calibrated for {wanted[1]} x {wanted[0]}"
-                return no_fix(request, over.localiser.method, Reason.BAD_FRAME, size)
-            return over(request, pixels)
+            fault = wrong_size(pixels, config.camera)
+            return over(request, pixels) if fault is None else no_fix(request, over.localiser.method, Reason.BAD_FRAME, fault)
 
         with bar(self.path.name, _duration_s(entries)) as advance:
             flown = list(

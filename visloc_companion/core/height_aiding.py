@@ -61,7 +61,7 @@ class HeightAiding:
         self._held: tuple[HeightBelief, int, float, Height] | None = None
         self._above_home_m = 0.0
         self._taken_ns: int | None = None
-        self._last_shown = 0, 0.0
+        self._last_shown: tuple[int, float] | None = None
         self._v_down_mps: float | None = None
         self._jump = NO_JUMP
 
@@ -130,9 +130,8 @@ class HeightAiding:
     def shown_m(self, t_ns: int, h_amsl_m: float) -> float:
         """What the last fix would add to a height that is stated at a time, where that was a moment ago, or else all of them
         beyond doubt; 0 where neither is so."""
-        last_ns, offset_m = self._last_shown
-        if last_ns and abs(t_ns - last_ns) <= SHOWN_NS:
-            return offset_m
+        if self._last_shown is not None and abs(t_ns - self._last_shown[0]) <= SHOWN_NS:
+            return self._last_shown[1]
         known = self.known(t_ns, h_amsl_m)
         return known.offset_m if abs(known.offset_m) > SURE * known.sigma_m else 0.0
 

@@ -8,10 +8,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 
+from visloc_companion.adapters.camera.calibration import wrong_size
 from visloc_companion.adapters.logs.frames import FrameSource
 from visloc_companion.app.journal import Entry
 from visloc_companion.app.terrain import TerrainAnswer
-from visloc_companion.app.worker_process import about_terrain
+from visloc_companion.app.worker_process import about_terrain, no_fix
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.errors import Reason
@@ -48,15 +49,11 @@ class RecordedEyes:
         """Localise the frame that is asked for; a frame that cannot be used is a NoFix."""
         pixels = self.frames.pixels(request.frame.frame_id)
         if pixels is None:
-            return self._refused(request, "cannot be decoded")
-        wanted = (self.model.height_px, self.model.width_px)
-        if pixels.shape[:2] != wanted:
-            return self._refused(request, f"{pixels.shape[1]} x {pixels.shape[0]} px, calibrated for {wanted[1]} x {wanted[0]}")
+            return no_fix(request, self.localiser.method, Reason.BAD_FRAME, "cannot be decoded")
+        fault = wrong_size(pixels, self.model)
+        if fault is not None:
+            return no_fix(request, self.localiser.method, Reason.BAD_FRAME, fault)
         return self.localiser.localise(request, pixels, self.reference)
-
-    def _refused(self, request: LocaliseRequest, detail: str) -> NoFix:
-        frame, method = request.frame, self.localiser.method
-        return NoFix(frame.t_ns, frame.t_ns, request.request_id, frame.frame_id, method, Reason.BAD_FRAME, 0.0, detail)
 
 
 def replay_recording(

@@ -38,10 +38,7 @@ class FlightJournal:
     def entry(self, entry: Entry) -> None:
         """Record an event or a command."""
         self._now_ns = entry.now_ns
-        if entry.event is not None:
-            self.writer.event(entry.now_ns, entry.event)
-        if entry.command is not None:
-            self.writer.command(entry.now_ns, entry.command)
+        self.writer.entry(entry)
         self.writer.wait(_WAITING)
 
     def pixels(self, frame: FrameRef, pixels: Image) -> None:

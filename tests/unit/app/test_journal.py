@@ -39,10 +39,19 @@ def flight(n: int) -> list[Entry]:
 
 def write(writer: JournalWriter, entries: list[Entry]) -> None:
     for entry in entries:
-        if entry.event is not None:
-            writer.event(entry.now_ns, entry.event)
-        if entry.command is not None:
-            writer.command(entry.now_ns, entry.command)
+        writer.entry(entry)
+
+
+class Slow(io.FileIO):
+    """A file that takes nothing before its gate is open."""
+
+    def __init__(self, path: Path, gate: threading.Event) -> None:
+        super().__init__(path, "wb")
+        self._gate = gate
+
+    def write(self, data: object) -> int:
+        self._gate.wait(30)
+        return super().write(data)  # type: ignore[arg-type]
 
 
 def recorded(folder: Path, entries: list[Entry]) -> Path:
@@ -113,13 +122,7 @@ def test_frames_come_back_pixel_for_pixel(tmp_path: Path, shape: tuple[int, ...]
 
 def test_frames_give_way_when_the_disk_is_slow(tmp_path: Path) -> None:
     gate = threading.Event()
-
-    class Slow(io.BytesIO):
-        def write(self, data: object) -> int:
-            gate.wait(30)
-            return super().write(data)  # type: ignore[arg-type]
-
-    writer = JournalWriter(Slow(), HEADER)
+    writer = JournalWriter(Slow(tmp_path / "slow.mcap", gate), HEADER)  # type: ignore[arg-type]
     for i in range(10):
         writer.frame(i, FrameRef(i, i, i, 0, 8, 6, 1), np.zeros((6, 8), np.uint8))
         writer.event(i, Tick(i))
@@ -131,13 +134,7 @@ def test_frames_give_way_when_the_disk_is_slow(tmp_path: Path) -> None:
 def test_a_full_queue_drops_counts_and_the_reader_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(journal, "_QUEUE", 20)
     gate, path = threading.Event(), tmp_path / "slow.mcap"
-
-    class Slow(io.FileIO):
-        def write(self, data: object) -> int:
-            gate.wait(30)
-            return super().write(data)  # type: ignore[arg-type]
-
-    writer = JournalWriter(Slow(path, "wb"), HEADER)  # type: ignore[arg-type]
+    writer = JournalWriter(Slow(path, gate), HEADER)  # type: ignore[arg-type]
     write(writer, flight(100))
     gate.set()
     while writer._queue.qsize():
@@ -155,13 +152,7 @@ def test_a_full_queue_drops_counts_and_the_reader_says_so(tmp_path: Path, monkey
 def test_frames_are_recorded_again_after_the_queue_was_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(journal, "_QUEUE", 3)
     gate, path = threading.Event(), tmp_path / "slow.mcap"
-
-    class Slow(io.FileIO):
-        def write(self, data: object) -> int:
-            gate.wait(30)
-            return super().write(data)  # type: ignore[arg-type]
-
-    writer = JournalWriter(Slow(path, "wb"), HEADER)  # type: ignore[arg-type]
+    writer = JournalWriter(Slow(path, gate), HEADER)  # type: ignore[arg-type]
     pixels = np.zeros((6, 8), np.uint8)
     write(writer, flight(9))
     for i in range(6):

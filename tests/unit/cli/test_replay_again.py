@@ -109,8 +109,7 @@ def _without_frames(journal: Path) -> bytes:
     stream.close = lambda: None  # type: ignore[method-assign]
     writer = JournalWriter(stream, read_header(journal))
     for entry in read_journal(journal):
-        if entry.event is not None:
-            writer.event(entry.now_ns, entry.event)
+        writer.entry(entry)
         writer.wait(100)
     writer.close()
     return stream.getvalue()

@@ -10,7 +10,7 @@ from visloc_companion.config_camera import CameraConfig
 from visloc_companion.errors import ConfigError
 from visloc_companion.geo.camera import scaled
 from visloc_companion.geo.pinhole_view import pinhole_view, why_folded
-from visloc_companion.types import CameraMask, CameraModel
+from visloc_companion.types import CameraMask, CameraModel, Image
 
 SHARE_PX = 480
 MOST_MASKED = 0.7
@@ -24,6 +24,14 @@ def camera_model(camera: CameraConfig) -> CameraModel:
     """The calibrated model with its mask. Raises ConfigError as `lens_model`, `read_mask` and `with_mask`."""
     model, mask = lens_model(camera), read_mask(camera)
     return model if mask is None else with_mask(model, mask, stated(camera))
+
+
+def wrong_size(pixels: Image, calibrated: CameraModel | CameraConfig) -> str | None:
+    """What is wrong with the size of a frame, (H, W, 3) or (H, W); None where it is the calibrated one."""
+    height, width = pixels.shape[:2]
+    if (width, height) == (calibrated.width_px, calibrated.height_px):
+        return None
+    return f"{width} x {height} px, calibrated for {calibrated.width_px} x {calibrated.height_px}"
 
 
 def with_mask(model: CameraModel, mask: CameraMask, where: str) -> CameraModel:
