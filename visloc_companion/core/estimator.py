@@ -36,11 +36,18 @@ class PositionFilter:
     """Position in NED at an origin. `observe` and `at` are protocols.Estimator; `drive` feeds it the autopilot's velocity.
 
     States that it gives include the map's registration error (`map_sigma_m`), which no number of fixes averages away; of the
-    height, which is the autopilot's, they know nothing (height.py).
+    height, which is the autopilot's, they know nothing (height.py). `max_step_m`: larger corrections are sent as resets.
     """
 
-    def __init__(self, settings: NavigatorSettings, origin: GeoPoint, start: Belief, velocity: Velocity) -> None:
-        self._settings = settings
+    def __init__(
+        self,
+        settings: NavigatorSettings,
+        origin: GeoPoint,
+        start: Belief,
+        velocity: Velocity,
+        max_step_m: float = fusion.MAX_STEP_M,
+    ) -> None:
+        self._settings, self._max_step_m = settings, max_step_m
         self._origin = origin
         self._base, self._base_velocity = start, velocity
         self._log: list[Input] = []
@@ -210,7 +217,7 @@ class PositionFilter:
             return learned(belief, entry, self._travelled(belief, entry.t_from_ns), self._settings)
         if isinstance(entry, AirError):
             return air_velocity.observed(belief, entry, self._settings)
-        return fusion.observed(belief, entry, self._settings)
+        return fusion.observed(belief, entry, self._settings, self._max_step_m)
 
     def _travelled(self, belief: Belief, t_from_ns: int) -> Vec2:
         """How far the velocity input went since a time, north and east metres."""

@@ -29,7 +29,7 @@ from visloc_companion.core.propagation import (
     Drive,
     transition,
 )
-from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.core.settings import InjectionSettings, NavigatorSettings
 from visloc_companion.errors import Reason
 from visloc_companion.types import Accepted, FloatArray, Rejected, Vec2
 
@@ -46,8 +46,8 @@ its covariance is raised until it would be ordinary, so that it hardly moves the
 TILT_MPS2_PER_M = 0.15
 """While we inject, a correction of our position tilts the autopilot's attitude, by which accelerations are turned: so much
 acceleration for a metre, three times what ArduCopter shows (docs/decisions/0021-corrections-tilt-the-autopilot.md)."""
-RESET_M = 5.0
-"""Larger corrections are sent as resets (injection.max_step_m), which leave the autopilot's attitude as it was."""
+MAX_STEP_M = InjectionSettings().max_step_m
+"""Where nothing else is configured. Larger corrections are sent as resets, which leave the autopilot's attitude as it was."""
 
 
 def with_velocity_trust(belief: Belief, sigma_mps: float, drive: Drive) -> Belief:
@@ -158,8 +158,13 @@ def _sigmas_mps(belief: Belief, without: separation.Solutions, settings: Navigat
     return sigmas
 
 
-def observed(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[Belief, Accepted | Rejected]:
-    """The belief after a position at its own time. Rejected fixes that agree with each other restart it at last."""
+def observed(
+    belief: Belief, z: Position, settings: NavigatorSettings, max_step_m: float = MAX_STEP_M
+) -> tuple[Belief, Accepted | Rejected]:
+    """The belief after a position at its own time. Rejected fixes that agree with each other restart it at last.
+
+    `max_step_m`: larger corrections reach the autopilot as resets (`injection.max_step_m`).
+    """
     considered = CONSIDERED[belief.drive]
     at, cov = np.array(z.p_ne_m), np.array(z.cov_ne_m2)
     if z.from_fix:
@@ -187,7 +192,7 @@ def observed(belief: Belief, z: Position, settings: NavigatorSettings) -> tuple[
             less = kalman.update(belief.x, belief.P, at, R, H, n_considered=considered)
             got = replace(less, nis=got.nis) if isinstance(less, kalman.Updated) else less
     if isinstance(got, kalman.Updated):
-        after = _tilted(belief._replace(x=got.x, P=got.P, without=_others(belief, z, R, H, considered)), belief)
+        after = _tilted(belief._replace(x=got.x, P=got.P, without=_others(belief, z, R, H, considered)), belief, max_step_m)
         after = _suspected(after, belief, z, got.nis / 2, seen_m2 + R)
         return (_leant(_fixed(after, z), belief.lean, off_m, seen_m2 + R) if z.from_fix else after), Accepted(got.nis)
     if not z.from_fix or got.reason is not Reason.GATED:
@@ -210,16 +215,16 @@ def _suspected(after: Belief, before: Belief, z: Position, squared: float, S: Fl
     return (widened(after, 0.0, more) if more else after)._replace(fed_back_over=over)
 
 
-def _tilted(after: Belief, before: Belief) -> Belief:
+def _tilted(after: Belief, before: Belief, max_step_m: float) -> Belief:
     """With the error of the accelerations that the correction just made will come back as.
 
-    Its covariance is that of the correction, P before less P after, as far as that is no reset. Every solution reckons with the
-    same accelerations.
+    Its covariance is that of the correction, P before less P after, as far as that is no reset of more than `max_step_m`.
+    Every solution reckons with the same accelerations.
     """
     if before.drive is not Drive.INERTIAL:
         return after
     corrected_m2 = (before.P - after.P)[POSITION, POSITION]
-    tilting = RESET_M**2 / max(RESET_M**2, float(np.linalg.norm(corrected_m2, 2)))
+    tilting = max_step_m**2 / max(max_step_m**2, float(np.linalg.norm(corrected_m2, 2)))
     more = np.zeros((N_STATES, N_STATES))
     more[ACCELERATION, ACCELERATION] = TILT_MPS2_PER_M**2 * tilting * corrected_m2
     return widened_by(after, more)

@@ -77,7 +77,7 @@ class Navigator:
         self._time = TimeGuard()
         self._clock = ClockOffset()
         self._attitude = AttitudeBuffer()
-        self._tracker = Tracker(settings.navigator)
+        self._tracker = Tracker(settings.navigator, settings.injection.max_step_m)
         self._monitor = GnssMonitor(settings.gnss)
         self._aiding = GnssAiding(settings, self._tracker, self._monitor)
         self._queue = requests.FrameQueue(

@@ -12,7 +12,7 @@ from visloc_companion.core.drag_velocity import DragLearner
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
 from visloc_companion.core.forces import MIN_HEIGHT_M, Forces
-from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
+from visloc_companion.core.fusion import MAX_STEP_M, UNAIDED_SIGMA_MPS
 from visloc_companion.core.gnss_track import GnssTrack
 from visloc_companion.core.height_aiding import HeightAiding
 from visloc_companion.core.inertial import InertialVelocity
@@ -53,10 +53,10 @@ GNSS_BIAS_SIGMA_M = 3.0
 
 class Tracker:
     """Position filter with the inputs that it keeps for it: velocity, the receiver's positions (`gnss`), and how far the
-    autopilot's height is off (`height`)."""
+    autopilot's height is off (`height`). `max_step_m`: larger corrections are sent to the autopilot as resets."""
 
-    def __init__(self, settings: NavigatorSettings) -> None:
-        self._settings = settings
+    def __init__(self, settings: NavigatorSettings, max_step_m: float = MAX_STEP_M) -> None:
+        self._settings, self._max_step_m = settings, max_step_m
         self._filter: PositionFilter | None = None
         self._velocity: Velocity | None = None
         self._odometry = OdometryAiding()
@@ -234,7 +234,7 @@ class Tracker:
         self._n_taught = 0
         self._drag.filter_restarted()
         self._pitot.filter_restarted()
-        self._filter = PositionFilter(self._settings, self.origin, start, v)
+        self._filter = PositionFilter(self._settings, self.origin, start, v, self._max_step_m)
         return True
 
     def seed_without_velocity(self, t_ns: int, t_boot_ns: int, place: GeoPoint, sigma_m: float) -> None:

@@ -220,9 +220,16 @@ def test_a_correction_that_is_sent_as_a_reset_tilts_no_more_than_the_largest_tha
     for sigma_m in (20.0, 100.0):
         belief = fusion.with_inertial_velocity(start(sigma_m=sigma_m), 0.05)
         first, _ = fusion.observed(belief, fix(0.0, 0.7 * sigma_m, 0.0), SETTINGS)
-        assert first.P[A, A] == pytest.approx(0.05**2 + (fusion.TILT_MPS2_PER_M * fusion.RESET_M) ** 2)
+        assert first.P[A, A] == pytest.approx(0.05**2 + (fusion.TILT_MPS2_PER_M * fusion.MAX_STEP_M) ** 2)
         for P in first.without.P:
             assert P[A, A] == pytest.approx(first.P[A, A])
+
+
+def test_a_reset_is_as_large_as_is_configured() -> None:
+    for max_step_m in (1.0, 20.0):
+        belief = fusion.with_inertial_velocity(start(sigma_m=100.0), 0.05)
+        first, _ = fusion.observed(belief, fix(0.0, 70.0, 0.0), SETTINGS, max_step_m)
+        assert first.P[A, A] == pytest.approx(0.05**2 + (fusion.TILT_MPS2_PER_M * max_step_m) ** 2)
 
 
 def test_a_correction_tilts_nothing_while_the_autopilot_flies_on_gnss_that_is_trusted() -> None:

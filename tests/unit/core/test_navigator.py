@@ -23,6 +23,7 @@ from visloc_companion.types import (
     FrameRef,
     GeoPoint,
     Gnss,
+    Imu,
     Injection,
     InjectionPolicy,
     LinkChanged,
@@ -168,6 +169,24 @@ def test_vision_that_returns_after_dead_reckoning_is_taken(world: type[World]) -
     before, after = w.status_at(95)[0].reset_counter, w.status_at(97)[0].reset_counter
     assert after == before + 1  # a step of more than max_step_m is a discontinuity
     assert max(errors(w, 105)) < 5
+
+
+@pytest.mark.parametrize(("max_step_m", "claimed_m"), [(0.5, 5.76), (5.0, 6.77)])
+def test_corrections_that_are_sent_as_resets_by_the_configuration_make_accelerations_less_doubtful(
+    world: type[World], max_step_m: float, claimed_m: float
+) -> None:
+    """Five seconds after the last fix; what is sent as a reset does not tilt the autopilot (docs/decisions/0021)."""
+
+    class Feeling(world):  # type: ignore[misc]
+        def _telemetry(self, t: float, gnss: np.ndarray, jammed: bool) -> None:
+            super()._telemetry(t, gnss, jammed)
+            now, boot = round(t * S), round((t + 995) * S)
+            north, east = ((b - a) / 0.05 for a, b in zip(self.velocity(t - 0.05), self.velocity(t), strict=True))
+            self.send(Imu(now, boot, (north + self.accel_bias_mps2[0], east + self.accel_bias_mps2[1], -9.80665)))
+
+    settings = CoreSettings(injection=InjectionSettings(switch_source=True, max_step_m=max_step_m))
+    w = started(Feeling, settings=settings, jammed=lambda t: t > 30, blind=lambda t: t > 40).fly(45)
+    assert math.sqrt(w.status_at(44.9)[0].cov_ne_m2[0][0]) == pytest.approx(claimed_m, rel=0.02)
 
 
 def test_gnss_that_is_lost_after_the_landing_does_not_put_the_autopilot_on_vision(world: type[World]) -> None:
