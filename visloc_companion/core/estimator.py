@@ -20,7 +20,7 @@ from visloc_companion.core.belief import Belief, Position, blurred
 from visloc_companion.core.driving import Around, Velocity, height_at, velocity_at
 from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
 from visloc_companion.core.motion import Motion, learned
-from visloc_companion.core.propagation import POSITION, UNAIDED_GAP_S, VELOCITY, Drive
+from visloc_companion.core.propagation import OVERDUE_S, POSITION, UNAIDED_GAP_S, VELOCITY, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Cov2, Fix, GeoPoint, NavState, Rejected, TooOld, Vec2
@@ -208,7 +208,7 @@ class PositionFilter:
 
     def _folded(self, k: int) -> tuple[Belief, Outcome]:
         entry, around = self._log[k], self._around(k)
-        belief = self._carried(self._after(k), entry.t_ns, around)
+        belief = self._predicted(self._after(k), entry.t_ns, around)
         if isinstance(entry, Velocity):
             if entry.drive is Drive.INERTIAL:
                 return fusion.with_inertial_velocity(belief, entry.sigma_a_mps2), None
@@ -238,9 +238,16 @@ class PositionFilter:
             return asked.k, asked.belief
         k = bisect_right(self._log, t_ns, key=_time)
         alone = alone and k < len(self._log)  # of the present state the protection level is asked, too
-        belief = self._carried(self._after(k), t_ns, self._around(k), alone=alone)
+        belief = self._predicted(self._after(k), t_ns, self._around(k), alone=alone)
         self._asked = _Asked(t_ns, k, belief, alone)
         return k, belief
+
+    def _predicted(self, belief: Belief, t_ns: int, around: Around, *, alone: bool = False) -> Belief:
+        """The belief carried to a time, with what a velocity that is overdue claims."""
+        carried, (before, after) = self._carried(belief, t_ns, around, alone=alone), around
+        from_s, to_s = ((t - before.t_ns) * 1e-9 for t in (belief.t_ns, t_ns))
+        overdue = after is None and from_s < to_s and OVERDUE_S < to_s <= UNAIDED_GAP_S
+        return blurred(carried, _held_m(from_s, to_s)) if overdue else carried
 
     def _carried(self, belief: Belief, t_ns: int, around: Around, *, alone: bool = False) -> Belief:
         if t_ns == belief.t_ns:
@@ -294,6 +301,12 @@ def _as_if_it_erred(after: Velocity, belief: Belief) -> Velocity:
     until that end."""
     (b_north, b_east), (v_north, v_east, v_down) = belief.x[VELOCITY].tolist(), after.v_ned_mps
     return replace(after, v_ned_mps=(v_north + b_north, v_east + b_east, v_down))
+
+
+def _held_m(from_s: float, to_s: float) -> float:
+    """1-sigma of where a vehicle is taken to by a velocity that is held between these ages of its sample, m: it is less known by
+    the second, until at UNAIDED_GAP_S as much is claimed as of a silent link."""
+    return UNAIDED_SIGMA_MPS * (to_s**2 - max(0.0, from_s) ** 2) / UNAIDED_GAP_S
 
 
 def _driven(from_ns: int, to_ns: int, around: Around) -> tuple[Vec2, Vec2]:

@@ -43,6 +43,8 @@ INERTIAL_WALK_MPS_PER_SQRT_S = 0.12
 WIND_WALK_MPS_PER_SQRT_S = 0.1
 UNAIDED_GAP_S = 1.0
 """Longer without a velocity the link is silent: nothing is known of what the vehicle did meanwhile."""
+OVERDUE_S = 0.25
+"""So long after its sample, 2.5 intervals of `link.position_rate_hz`, a held velocity claims that the vehicle turns."""
 AIR_SIGMA_MPS = 10.0
 """1-sigma of that velocity's error before anything is known of it."""
 ODOMETRY_SCALE_SIGMA, ODOMETRY_HEADING_SIGMA_RAD, ODOMETRY_LENS_SIGMA = 0.02, math.radians(1.0), FOCAL_SHARE

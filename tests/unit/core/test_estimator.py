@@ -157,6 +157,28 @@ def test_a_gap_in_the_velocity_blurs_the_position() -> None:
     assert steady.at(9 * S).cov_ne_m2[0][0] > steady.at(5 * S).cov_ne_m2[0][0] + 100
 
 
+def test_a_velocity_that_is_overdue_claims_more_by_the_tick() -> None:
+    """A plane that turned was 4.4 m off within a second of silence, with 1.6 m claimed, and 3 m more a tick later."""
+    steady, silent = made(), made()
+    for k in range(1, 81):
+        steady.drive(velocity(0.1 * k))
+        if k <= 50:
+            silent.drive(velocity(0.1 * k))
+
+    def more_m(age_s: float) -> float:
+        t_ns = round((5.0 + age_s) * S)
+        return math.sqrt(silent.at(t_ns).cov_ne_m2[0][0] - steady.at(t_ns).cov_ne_m2[0][0])
+
+    assert silent.at(S * 21 // 4).cov_ne_m2[0][0] == pytest.approx(steady.at(S * 21 // 4).cov_ne_m2[0][0])
+    for age_s in (0.3, 0.5, 0.9, 1.0, 1.01):
+        assert more_m(age_s) == pytest.approx(3.0 * age_s**2, rel=0.02)
+    for flying in (steady, silent):
+        flying.observe(fix(5.5, 55.0, 0.0))  # what comes meanwhile takes away none of what is claimed from then on
+    assert more_m(1.0) > 3.0 * (1.0 - 0.5**2)
+    silent.drive(velocity(5.9))
+    assert silent.at(S * 59 // 10).cov_ne_m2[0][0] == pytest.approx(steady.at(S * 59 // 10).cov_ne_m2[0][0], rel=0.02)
+
+
 def test_height_is_the_autopilots_and_follows_its_climb() -> None:
     kalman_filter = made()
     kalman_filter.drive(velocity(1.0, down=-2.0, h_m=502.0))
