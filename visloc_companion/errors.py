@@ -15,6 +15,8 @@
 """
 
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 
@@ -49,6 +51,15 @@ def fault_text(fault: BaseException) -> str:
 
 class ConfigError(VislocError):
     """The configuration is wrong: unknown key, bad value, or parts that contradict each other."""
+
+
+@contextmanager
+def stated_in(file: Path) -> Iterator[None]:
+    """Put before the key that a ConfigError names the file that states it, for those who read several."""
+    try:
+        yield
+    except ConfigError as why:
+        raise ConfigError(why.what, where=f"{file}: {why.where}" if why.where else str(file), remedy=why.remedy) from why
 
 
 class MapError(VislocError):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -25,12 +26,13 @@ from visloc_companion.cli.progress import bar
 from visloc_companion.cli.rerun_source import RerunSource
 from visloc_companion.config import Config, load_config, parse_config
 from visloc_companion.config_camera import CameraConfig
-from visloc_companion.errors import ConfigError, LogError
+from visloc_companion.errors import ConfigError, LogError, stated_in
 from visloc_companion.evaluate.flight import Pace, RecordedEyes, replay_recording
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.record import MAX_TRUTH_GAP_S, FlightRecord, from_entries
 from visloc_companion.evaluate.report_map import MapImage
 from visloc_companion.maps.pack import PackMap
+from visloc_companion.types import CameraModel
 
 Latency = Literal["arrival", "computation"]
 
@@ -77,7 +79,7 @@ def open_source(
     if is_journal and (system_id or boot):
         raise ConfigError("are for logs, not for journals", where="--system-id, --boot", remedy="leave them out")
     if is_journal and rerun:  # opens the pack itself, as the daemon's worker does
-        return RerunSource(flight, load_config(config) if config else None, pack, salvage, pace)
+        return RerunSource(flight, load_config(config) if config else None, config or flight, pack, salvage, pace)
     reference = PackMap.open(pack) if pack is not None else None
     if is_journal:
         return JournalSource(flight, load_config(config) if config else None, salvage, reference, pace)
@@ -85,7 +87,7 @@ def open_source(
         raise ConfigError("is for journals", where="--rerun", remedy="leave it out: frames beside a log are localised with --map")
     settings = load_config(config) if config else Config()
     if flight.is_dir():
-        folder = open_folder(flight, _find_offset, system_id, boot)
+        folder = open_folder(flight, partial(_find_offset, flight), system_id, boot)
         if folder.camera is not None:
             settings = settings.model_copy(update={"camera": folder.camera})
         return LogSource(folder.recording, settings, reference, pace, folder)
@@ -103,10 +105,15 @@ def _is_journal(flight: Path) -> bool:
         raise LogError(f"cannot be read: {why}", where=str(flight), remedy="name a readable file") from why
 
 
-def _find_offset(recording: Recording, frames: FrameSource, camera: CameraConfig) -> FoundOffset:
+def _find_offset(folder: Path, recording: Recording, frames: FrameSource, camera: CameraConfig) -> FoundOffset:
     from visloc_companion.evaluate.camera_offset import find_offset
 
-    return find_offset(recording, frames, camera_model(camera), mounting(camera))
+    return find_offset(recording, frames, _model(folder, camera), mounting(camera))
+
+
+def _model(folder: Path, camera: CameraConfig) -> CameraModel:
+    with stated_in(folder / "camera.toml"):
+        return camera_model(camera)
 
 
 def _pace(speed: float) -> Pace:
@@ -157,7 +164,7 @@ class LogSource:
 
         if self.folder is None or self.folder.frames is None or self.reference is None:
             return None
-        model = camera_model(self.config.camera)
+        model = _model(self.folder.path, self.config.camera)
         localiser, _ = configured_localiser(self.config.localiser, model)
         return RecordedEyes(self.folder.frames, self.folder.boot_from_file_ns, model, localiser, self.reference)
 

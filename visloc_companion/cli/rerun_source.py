@@ -19,7 +19,7 @@ from visloc_companion.cli.progress import bar
 from visloc_companion.config import Config, parse_config
 from visloc_companion.core.lasting import BY_SHAPE
 from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
-from visloc_companion.errors import ConfigError, JournalError, Reason
+from visloc_companion.errors import ConfigError, JournalError, Reason, stated_in
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.record import FlightRecord, from_entries
 from visloc_companion.evaluate.report_map import MapImage
@@ -34,11 +34,12 @@ _NS_PER_S = 1e9
 class RerunSource:
     """What the navigator decides now, on the answers that its recorded frames get now.
 
-    `config` replaces the flight's own configuration, `pack` the map that it names.
+    `config` replaces the flight's own configuration, `pack` the map that it names; `stated_in` is the configuration's file.
     """
 
     path: Path
     config: Config | None
+    stated_in: Path
     pack: Path | None
     salvage: bool
     pace: Callable[[int], None] | None = None
@@ -53,7 +54,8 @@ class RerunSource:
         header = read_header(self.path)
         config = self._effective(header)
         frames = self._frames()
-        over = open_localiser(config)
+        with stated_in(self.stated_in):
+            over = open_localiser(config)
         self._reference = over.reference if isinstance(over.reference, PackMap) else None
 
         def answer(request: LocaliseRequest, pixels: Image) -> Fix | NoFix:
@@ -86,7 +88,7 @@ class RerunSource:
         if self.pack is not None:
             config = config.model_copy(update={"map": config.map.model_copy(update={"pack": str(self.pack)})})
         if not config.map.pack:
-            raise ConfigError("names no map", where=str(self.path), remedy="give the pack with --map")
+            raise ConfigError("names no map", where=str(self.stated_in), remedy="give the pack with --map")
         return config
 
     def _frames(self) -> RecordedFrames:

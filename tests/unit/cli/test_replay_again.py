@@ -80,8 +80,12 @@ def test_another_configuration_is_flown_with_another_map(flown: Path, tiny_world
     own = tmp_path / "own.toml"
     camera = "\n".join(f"{name} = {value}" for name, value in configuration["camera"].items() if isinstance(value, int | float))
     own.write_text(f'[camera]\n{camera}\n[localiser]\nmethod = "ncc"\n')
-    with pytest.raises(ConfigError, match=r"names no map; remedy: give the pack with --map"):
+    with pytest.raises(ConfigError, match=r"own\.toml: names no map; remedy: give the pack with --map"):
         run("replay", flown, "--rerun", "--config", own)
+    wrong = tmp_path / "wrong.toml"
+    wrong.write_text(own.read_text().replace("cx_px = ", "cx_px = 9"))
+    with pytest.raises(ConfigError, match=r"wrong\.toml: camera\.cx_px: 9.* lies outside of the picture"):
+        run("replay", flown, "--rerun", "--config", wrong, "--map", pack)
     found = figures(flown, tmp_path, "--rerun", "--config", own, "--map", pack)
     again = found["rerun"]
     assert (again["method"], again["map"]) == ("ncc", str(pack))

@@ -8,7 +8,10 @@ import re
 import struct
 import time
 from pathlib import Path
+from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 import typer
 from pymavlink.dialects.v20 import ardupilotmega as mavlink2
@@ -126,6 +129,16 @@ def test_the_vehicle_of_a_system_id_is_replayed(log: Path, tmp_path: Path) -> No
     figures = tmp_path / "figures.json"
     assert run(log, "--system-id", "1", "--json", figures)[0] == 0
     assert json.loads(figures.read_text())["duration_s"] == pytest.approx(9.9, abs=0.1)
+
+
+@pytest.mark.parametrize("time_base", ["autopilot_boot", "offset"])
+def test_a_lens_that_is_none_is_named_with_its_file(log: Path, tmp_path: Path, tiny_world: Any, time_base: str) -> None:
+    """Millimetres for pixels."""
+    cv2.imwrite(str(tmp_path / "f0.png"), np.full((48, 64, 3), 90, np.uint8))
+    (tmp_path / "frames.csv").write_text("t_us,file\n61000000,f0.png\n")
+    (tmp_path / "camera.toml").write_text(f'width_px = 64\nheight_px = 48\nfx_px = 0.2\ntime_base = "{time_base}"\n')
+    with pytest.raises(ConfigError, match=r"/camera\.toml: camera\.fx_px: 0\.2 px are a view of 179.*; remedy: write the focal"):
+        run(log.parent, "--map", tiny_world.pack)
 
 
 def test_wrong_flights_are_named(tmp_path: Path) -> None:

@@ -48,9 +48,10 @@ FindOffset = Callable[[Recording, FrameSource, CameraConfig], FoundOffset]
 
 @dataclass(slots=True)
 class FlightFolder:
-    """A flight with what lies beside its telemetry. `boot_from_file_ns` added to a file's time gives the recording's; `found` is
-    set where nobody stated that. `notes` tell in sentences what of it is of no use."""
+    """A flight with what lies beside its telemetry in the folder `path`. `boot_from_file_ns` added to a file's time gives the
+    recording's; `found` is set where nobody stated that. `notes` tell in sentences what of it is of no use."""
 
+    path: Path
     recording: Recording
     camera: CameraConfig | None
     frames: FrameSource | None
@@ -91,7 +92,7 @@ def open_folder(folder: Path, find_offset: FindOffset | None = None, system_id: 
         *_outside(folder, "frames", frames_ns, recording),
         *_outside(folder, "rows of truth.csv", [row.t_ns for row in truth], recording),
     )
-    return FlightFolder(recording, camera, frames, _about(truth, recording), stated_ns, found, notes)
+    return FlightFolder(folder, recording, camera, frames, _about(truth, recording), stated_ns, found, notes)
 
 
 def _about(truth: list[TruthRow], recording: Recording) -> list[TruthRow]:
