@@ -243,7 +243,7 @@ class Navigator:
         commands += self._telemetry.seed(now_ns, self._settings.navigator.seed_sigma_m)
         state = self._tracker.at(now_ns)
         ready = self._link.up and self._telemetry.attitude_fresh(now_ns) and state is not None
-        commands += self._steering.change_mode(state, ready, self._tracker.low, now_ns)
+        commands += self._steering.change_mode(state, ready, self._tracker.low, self._link.armed, now_ns)
         commands = gnss_words.two_at_most([*commands, *self._steering.steer_source(self._link.armed, now_ns)])
         mode, injecting = self._steering.mode, self._steering.injecting
         protected = self._protection.judge(state, now_ns)

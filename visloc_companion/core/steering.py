@@ -22,7 +22,7 @@ class Steering:
         self._settings, self._monitor, self._switch = settings, monitor, switch
         self._anchored = False
         self._fix_taken_ns: int | None = None
-        self._stranded = False
+        self._stranded = self._landed = False
         self.mode = Mode.WAITING
 
     @property
@@ -41,24 +41,28 @@ class Steering:
 
     @property
     def believed(self) -> bool:
-        """Whether the filter rests on fixes, and has not lost its way since."""
-        return self._anchored and self.mode is not Mode.LOST
+        """Whether the filter rests on fixes, and has not lost its way since; a vehicle that landed may have been carried away."""
+        return self._anchored and not self._landed and self.mode is not Mode.LOST
 
     def doubt(self) -> None:
         """The filter starts at a place that no fix has confirmed."""
         self._anchored, self._fix_taken_ns = False, None
 
-    def change_mode(self, state: NavState | None, ready: bool, low: bool, now_ns: int) -> list[Command]:
-        """One step of the table of modes; `ready`: link, attitude and state are there; `low`: too low to be localised."""
+    def change_mode(self, state: NavState | None, ready: bool, low: bool, armed: bool, now_ns: int) -> list[Command]:
+        """One step of the table of modes; `ready`: link, attitude and state are there; `low`: too low to be localised.
+
+        A vehicle that is low without fixes and not `armed` has landed: it needs no positions, which is nothing to warn of.
+        """
         limits = self._settings.navigator
         self._stranded = low and (self._stranded or self._may_drift(state, now_ns))
+        self._landed = self._stranded and not armed
         situation = modes.Situation(
             ready=ready,
-            due=self._anchored and self._is_due,
+            due=self._anchored and self._is_due and not self._landed,
             recent_fix=self._fix_within(limits.dead_reckoning_after_s, now_ns),
             sigma_m=0.0 if state is None else largest_sigma_m(state.cov_ne_m2),
             lost_sigma_m=limits.lost_sigma_m,
-            stranded=self._stranded,
+            stranded=self._stranded and not self._landed,
         )
         before, self.mode = self.mode, modes.next_mode(self.mode, situation)
         if self.mode is before:

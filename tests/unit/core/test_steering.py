@@ -24,13 +24,13 @@ class Landing:
         self.t_s = 0.0
         self.steering.taken(0)
 
-    def until(self, end_s: float, sigma_v_mps: float | None, *, low: bool = True) -> Mode:
+    def until(self, end_s: float, sigma_v_mps: float | None, *, low: bool = True, armed: bool = True) -> Mode:
         variance = None if sigma_v_mps is None else ((sigma_v_mps**2, 0.0), (0.0, 0.04))
         while self.t_s < end_s:
             self.t_s += TICK_S
             now_ns = round(self.t_s * 1e9)
             state = NavState(now_ns, (0.0, 0.0, -10.0), (1.0, 0.0, 0.5), ((4.0, 0.0), (0.0, 4.0)), 1.0, 0.0, variance)
-            self.steering.change_mode(state, True, low, now_ns)
+            self.steering.change_mode(state, True, low, armed, now_ns)
         return self.steering.mode
 
 
@@ -53,6 +53,15 @@ def test_a_smaller_claim_without_a_fix_changes_nothing() -> None:
     assert landing.until(6.0, 0.5) is Mode.LOST
     landing.steering.taken(round(landing.t_s * 1e9))
     assert landing.until(7.0, 0.5) is Mode.AIDING
+
+
+def test_a_vehicle_that_has_landed_is_not_lost_and_may_be_carried_away() -> None:
+    landing = Landing()
+    assert landing.until(WINDOW_S + 1.0, 0.5) is Mode.LOST
+    assert landing.until(WINDOW_S + 2.0, 0.5, armed=False) is Mode.SHADOW
+    assert not landing.steering.believed
+    assert landing.until(WINDOW_S + 3.0, 0.5) is Mode.LOST, "a take-off without positions"
+    assert Landing().until(WINDOW_S + 1.0, 0.5, armed=False) is Mode.SHADOW
 
 
 def test_higher_up_it_is_carried_on() -> None:
