@@ -3,6 +3,7 @@ from itertools import pairwise
 
 import pytest
 
+from visloc_companion.errors import ConfigError
 from visloc_companion.sim import faults
 from visloc_companion.sim.faults import FaultSchedule
 
@@ -113,6 +114,21 @@ def test_clocks_step_each_on_its_own():
     schedule = faults.these(faults.AutopilotClockStep(5.0, 2.5), faults.CompanionClockStep(7.0, -1.5))
     assert [schedule.autopilot_clock_ns(t) for t in (4.9, 5.0)] == [0, 2_500_000_000]
     assert [schedule.companion_clock_ns(t) for t in (6.9, 7.0)] == [0, -1_500_000_000]
+
+
+@pytest.mark.parametrize(
+    ("steps", "at"),
+    [
+        ([(2.0, -5.0)], r"at 2 s by -5 s: leads to 3 s before"),
+        ([(4.0, 2.0), (6.0, -9.0)], r"at 6 s by -9 s: leads to 1 s before"),
+        ([(-1.0, -0.5)], r"at -1 s by -0\.5 s: leads to 0\.5 s before"),
+    ],
+)
+def test_an_autopilot_has_no_time_before_its_boot(steps, at):
+    """A message's time_usec is unsigned: such a flight ended in struct.error."""
+    with pytest.raises(ConfigError, match=at):
+        faults.these(*(faults.AutopilotClockStep(*step) for step in steps))
+    assert faults.these(faults.AutopilotClockStep(5.0, 2.0), faults.AutopilotClockStep(6.0, -8.0)).autopilot_clock_ns(6.0) < 0
 
 
 def test_link_and_worker_come_back():

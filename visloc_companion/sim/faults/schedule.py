@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from random import Random
 
+from visloc_companion.errors import ConfigError
 from visloc_companion.sim.faults.camera import (
     CameraFault,
     CameraFreeze,
@@ -35,9 +36,22 @@ NS_PER_S = 1e9
 
 @dataclass(frozen=True)
 class FaultSchedule:
-    """Faults that act together; offsets add up, jamming wins over spoofing. Empty means a flight without faults."""
+    """Faults that act together; offsets add up, jamming wins over spoofing. Empty means a flight without faults.
+
+    Raises ConfigError where the autopilot's clock would step to before its boot, a time that no message can carry.
+    """
 
     faults: tuple[Fault, ...] = ()
+
+    def __post_init__(self) -> None:
+        for fault in self.faults:
+            if isinstance(fault, AutopilotClockStep) and (boot_s := self._boot_s(max(fault.at_s, 0.0))) < 0:
+                what = f"leads to {-boot_s:g} s before the autopilot's boot, which is when the flight begins"
+                remedy = "let it come later, or step back by less"
+                raise ConfigError(what, where=f"AutopilotClockStep at {fault.at_s:g} s by {fault.by_s:g} s", remedy=remedy)
+
+    def _boot_s(self, t_s: float) -> float:
+        return t_s + self.autopilot_clock_ns(t_s) / NS_PER_S
 
     def __add__(self, other: FaultSchedule) -> FaultSchedule:
         return FaultSchedule(self.faults + other.faults)
