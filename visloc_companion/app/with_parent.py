@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import os
 import threading
+from collections.abc import Callable
 from multiprocessing import parent_process
 from multiprocessing.connection import wait
 
 
-def end_with_parent() -> None:
+def end_with_parent(first: Callable[[], None] | None = None) -> None:
     """End this process as soon as the one that started it is gone, killed ones too, which cannot say so.
 
     First thing in a process of a pool: it would go on to the end of its work, and then wait for more for ever. Nothing is
-    unwound: what the process has started itself must end by itself. Nothing is done in a process that has no such parent.
+    unwound: what the process has started itself must end by itself, or be ended by `first`. Nothing is done in a process that has
+    no such parent.
     """
     parent = parent_process()
     if parent is not None:
-        threading.Thread(target=_watch, args=(parent.sentinel,), name="with-parent", daemon=True).start()
+        threading.Thread(target=_watch, args=(parent.sentinel, first), name="with-parent", daemon=True).start()
 
 
-def _watch(sentinel: int) -> None:
+def _watch(sentinel: int, first: Callable[[], None] | None) -> None:
     wait([sentinel])
-    os._exit(1)
+    try:
+        if first is not None:
+            first()
+    finally:
+        os._exit(1)

@@ -18,6 +18,9 @@ from visloc_companion.app.with_parent import end_with_parent
 from visloc_companion.evaluate import campaign
 from visloc_companion.evaluate.batch import run_all
 from visloc_companion.evaluate.campaign import FlightSpec, fly_campaign
+from visloc_companion.sim.real import apart
+from visloc_companion.sim.real.programs import Simulator, running
+from visloc_companion.sim.real.scenarios import real_scenario
 
 PATIENCE_S = 90.0
 WITHIN_S = 20.0
@@ -39,11 +42,25 @@ def fly_all(folder: Path) -> None:
     list(fly_campaign([FlightSpec("jam", folder, None, None, seed=seed) for seed in (1, 2)], 2))
 
 
+async def beside_a_simulator(*_: object, folder: Path) -> NoReturn:
+    """The program of an autopilot leads a session of its own."""
+    with running(["sleep", "600"], folder.parent, {}) as simulator:
+        (folder / str(simulator.pid)).touch()
+        work(None, folder)
+
+
+def fly_beside_a_simulator(_: Path) -> None:
+    os.environ["VISLOC_ARDUCOPTER"] = "sleep"
+    apart.fly_apart(Simulator.ARDUCOPTER, real_scenario("jam", Simulator.ARDUCOPTER))
+
+
 def as_main(what: str, folder: Path) -> None:
     """In the process that is killed, and in those that it starts, which import its script anew."""
     campaign.fly_spec = partial(work, folder=folder)  # type: ignore[assignment]
+    apart.fly = partial(beside_a_simulator, folder=folder)
+    apart.enter_own_network = lambda: None
     if what:
-        {"do_all": do_all, "fly_all": fly_all}[what](folder)
+        {"do_all": do_all, "fly_all": fly_all, "fly_beside_a_simulator": fly_beside_a_simulator}[what](folder)
 
 
 def is_alive(pid: int) -> bool:
@@ -63,7 +80,7 @@ def within(limit_s: float, what: Callable[[], bool]) -> bool:
     return True
 
 
-@pytest.mark.parametrize("what", ["do_all", "fly_all"])
+@pytest.mark.parametrize("what", ["do_all", "fly_all", "fly_beside_a_simulator"])
 def test_those_of_a_killed_process_end(tmp_path: Path, what: str) -> None:
     script, folder = tmp_path / "script.py", tmp_path / "pids"
     folder.mkdir()

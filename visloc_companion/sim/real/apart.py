@@ -10,13 +10,14 @@ from pathlib import Path
 
 import structlog
 
+from visloc_companion.app.with_parent import end_with_parent
 from visloc_companion.errors import ConfigError
 from visloc_companion.sim.real.ardupilot import ArduPilot
 from visloc_companion.sim.real.flight import fly
 from visloc_companion.sim.real.network import enter_own_network
 from visloc_companion.sim.real.pilot import HOME, Pilot
 from visloc_companion.sim.real.priority import go_first
-from visloc_companion.sim.real.programs import Simulator, find_program
+from visloc_companion.sim.real.programs import Simulator, find_program, kill_all
 from visloc_companion.sim.real.px4 import Px4
 from visloc_companion.sim.real.record import RealLog, write_csv
 from visloc_companion.sim.real.scenario import RealScenario
@@ -57,7 +58,8 @@ def fly_apart(simulator: Simulator, scenario: RealScenario, *, speed: float = 1.
 
 
 def _fly(simulator: Simulator, program: Path, scenario: RealScenario, speed: float, keep: Path | None) -> RealLog:
-    enter_own_network()
+    enter_own_network()  # before any thread
+    end_with_parent(kill_all)
     go_first()
     pilot = make_pilot(simulator, home=scenario.home, drag_per_s=scenario.drag_per_s)
     with tempfile.TemporaryDirectory(prefix="visloc-real-") as temporary:

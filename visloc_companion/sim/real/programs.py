@@ -18,6 +18,7 @@ from visloc_companion.sim.real.priority import go_first
 
 LOG = "autopilot.log"
 _END_S = 5.0
+_running: set[int] = set()
 
 
 class Simulator(StrEnum):
@@ -111,10 +112,22 @@ def running(command: Sequence[str], folder: Path, environment: Mapping[str, str]
             env={**os.environ, **environment},
             start_new_session=True,
         )
+        _running.add(process.pid)
         go_first(process.pid)
         try:
             yield Running(process, folder)
         finally:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
+            _kill(process.pid)
             process.wait(_END_S)
+            _running.discard(process.pid)
+
+
+def kill_all() -> None:
+    """Kill what `running` has started, for a process that ends without coming to the end of it."""
+    for pid in tuple(_running):
+        _kill(pid)
+
+
+def _kill(pid: int) -> None:
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(pid, signal.SIGKILL)
