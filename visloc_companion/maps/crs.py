@@ -6,9 +6,10 @@ different datums, and coordinates of unknown datums, as equal.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 
 import numpy as np
 from pyproj import CRS, Transformer
@@ -22,11 +23,13 @@ _REMEDY = (
     "state a projected or geographic CRS (gdal_edit.py -a_srs EPSG:...) or change to one "
     "(gdalwarp -t_srs EPSG:..., for clouds pdal translate with filters.reprojection)"
 )
-HELD_FOR_WGS84_M = {4490: 1.0, 10284: 1.0}
+HELD_FOR_WGS84_M = {4490: 1.0, 10284: 1.0, 6783: 2.0, 8237: 2.0, 8240: 2.0, 8246: 2.0, 8249: 2.0, 6325: 2.0, 6322: 5.0}
 """Geographic CRS, by EPSG code, that no table of PROJ relates to WGS 84 though it follows from what they are: the same
 coordinates, to so many metres. CGCS2000 (4490) is ITRF97 at the epoch 2000.0, centimetres from WGS 84 but for the drift of the
 continent since, 0.8 m by 2027 (ITRF2020's motion of the Eurasian plate); ETRS89/DREF91/2016 (10284) is ETRS89 in Germany, of
-which EPSG states 1 m."""
+which EPSG states 1 m. NAD83(CORS96) (6783), NAD83(CSRS) v2 to v5 (8237, 8240, 8246, 8249), NAD83(MA11) and NAD83(PA11) (6325,
+6322) lie beside the ITRF as EPSG's relations to that say: by 2027 up to 1.8 m in North America (1.94 m by 2035), 1.5 m in the
+Marianas, 4.7 m in the Pacific."""
 _EVEN_ALL_AROUND = ("Popular Visualisation Pseudo Mercator", "Mercator (variant A)", "Mercator (variant B)")
 
 
@@ -49,15 +52,23 @@ class Linearisation:
         return math.sqrt(abs(float(np.linalg.det(self.J_map_ne))))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Related:
+    """A CRS and the transformer to it from WGS 84; `held_m`: how good that is where its datum is held for WGS 84."""
+
+    crs: CRS
+    to_map: Transformer
+    held_m: float | None
+
+
 class MapCrs:
     """A horizontal CRS and its relation to WGS 84. Compare with `==`; build with `map_crs`.
 
     `vertical_metres_per_unit` is 1 where the CRS does not state heights (`states_heights`).
     """
 
-    def __init__(self, crs: CRS, vertical: CRS | None, to_map: Transformer, is_ellipsoidal_3d: bool = False) -> None:
-        self._crs, self._to_map = crs, to_map
-        self._held = _held_for_wgs84(crs)
+    def __init__(self, related: _Related, vertical: CRS | None, is_ellipsoidal_3d: bool = False) -> None:
+        self._crs, self._to_map, self._held_m = related.crs, related.to_map, related.held_m
         self.is_ellipsoidal_3d = is_ellipsoidal_3d
         self.vertical_name = vertical.name if vertical and not is_ellipsoidal_3d else ""
         self.vertical_metres_per_unit = float(vertical.axis_info[-1].unit_conversion_factor) if vertical else 1.0
@@ -131,8 +142,8 @@ class MapCrs:
         Zero of WGS 84 itself, None where nothing is stated. Raises OutsideMap.
         """
         self.to_geo(easting, northing)
-        if self._held is not None:
-            return self._held[1]
+        if self._held_m is not None:
+            return self._held_m
         try:
             accuracy = self._to_map.get_last_used_operation().accuracy
         except ProjError:  # there is nothing to do
@@ -189,11 +200,11 @@ def map_crs(text: str, where: str = "") -> MapCrs:
     if not (horizontal.is_projected or horizontal.is_geographic):
         raise MapError(f"the CRS {full.name!r} is neither projected nor geographic", where=where, remedy=_REMEDY)
     try:
-        horizontal, to_map = _related(full, horizontal)
+        related = _related(full, horizontal)
     except ProjError as why:
         raise DatumMissing(f"the relation of {full.name!r} to WGS 84 is unknown", where=where, remedy=_REMEDY) from why
     is_3d = len(parts[0].axis_info) == 3
-    return MapCrs(horizontal, parts[0] if is_3d else vertical, to_map, is_ellipsoidal_3d=is_3d)
+    return MapCrs(related, parts[0] if is_3d else vertical, is_ellipsoidal_3d=is_3d)
 
 
 def vertical_unit_m(epsg: int) -> float | None:
@@ -211,37 +222,34 @@ def utm_at(lat_deg: float, lon_deg: float) -> MapCrs:
     return map_crs(f"EPSG:{(32600 if lat_deg >= 0 else 32700) + zone}")
 
 
-def _related(full: CRS, horizontal: CRS) -> tuple[CRS, Transformer]:
-    """The horizontal part of a CRS and the transformer to it from WGS 84. Raises ProjError where none is known.
+def _related(full: CRS, horizontal: CRS) -> _Related:
+    """The horizontal part of a CRS and its relation to WGS 84. Raises ProjError where none is known.
 
     GDAL's tables may be newer than PROJ's here, and call the datum of a country by a name that these do not know (ETRS89 in
     Finland, Norway and Greenland). Then the CRS whose code `full` bears serves, where projection, axes, ellipsoid are the same.
     """
     try:
-        return horizontal, _from_wgs84(horizontal)
+        return _from_wgs84(horizontal)
     except ProjError:
         named = _of_code(full)
         if named is None or _shape(named) != _shape(horizontal):
             raise
-        return named, _from_wgs84(named)
+        return _from_wgs84(named)
 
 
-def _from_wgs84(horizontal: CRS) -> Transformer:
-    held = _held_for_wgs84(horizontal)
-    start = CRS.from_epsg(4326) if held is None else held[0]
-    return Transformer.from_crs(start, horizontal, always_xy=True, allow_ballpark=False)
+def _from_wgs84(horizontal: CRS) -> _Related:
+    start, held_m = next((held for held in _held_for_wgs84() if held[0].datum == horizontal.datum), (CRS.from_epsg(4326), None))
+    return _Related(horizontal, Transformer.from_crs(start, horizontal, always_xy=True, allow_ballpark=False), held_m)
 
 
-def _held_for_wgs84(horizontal: CRS) -> tuple[CRS, float] | None:
-    """The geographic CRS of HELD_FOR_WGS84_M that a CRS rests on, and how good that is, metres."""
+@cache
+def _held_for_wgs84() -> tuple[tuple[CRS, float], ...]:
+    """Those of HELD_FOR_WGS84_M that the tables here know, and how good that is, metres."""
+    known: list[tuple[CRS, float]] = []
     for code, accuracy_m in HELD_FOR_WGS84_M.items():
-        try:
-            geographic = CRS.from_epsg(code)
-        except CRSError:  # tables of before the code
-            continue
-        if horizontal.datum == geographic.datum:
-            return geographic, accuracy_m
-    return None
+        with contextlib.suppress(CRSError):  # tables of before the code
+            known.append((CRS.from_epsg(code), accuracy_m))
+    return tuple(known)
 
 
 def _of_code(full: CRS) -> CRS | None:

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pyproj import CRS
+from pyproj import CRS, Transformer
 
 from visloc_companion.errors import DatumMissing, MapError, OutsideMap
-from visloc_companion.geo.wgs84 import geo_from_ned
-from visloc_companion.maps.crs import map_crs, utm_at
+from visloc_companion.geo.wgs84 import distance_m, geo_from_ned
+from visloc_companion.maps.crs import HELD_FOR_WGS84_M, map_crs, utm_at
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.registration import registration_warnings
 from visloc_companion.prepare.build import build_pack
@@ -23,6 +23,7 @@ PLACES = [
     ("EPSG:2227", 37.5, -122.0),
     ("EPSG:3035", 63.0, 27.0),
 ]
+NORTH_AMERICA = [(44.0, -121.0), (32.7, -117.1), (25.8, -80.2), (47.6, -52.7), (82.5, -62.3), (71.3, -156.8), (52.8, -173.2)]
 
 
 @pytest.mark.parametrize(("text", "lat", "lon"), PLACES)
@@ -82,22 +83,50 @@ def test_properties() -> None:
 
 @pytest.mark.parametrize("version", ["WKT1_GDAL", "WKT1_ESRI", "WKT2_2019"])
 @pytest.mark.parametrize(
-    ("epsg", "projection", "place"),
+    ("epsg", "projection", "place", "accuracy_m"),
     [
-        (4490, "+proj=longlat", (30.6, 114.3)),
-        (4547, "+proj=tmerc +lon_0=114 +x_0=500000", (30.6, 114.3)),
-        (4526, "+proj=tmerc +lon_0=114 +x_0=38500000", (30.6, 114.3)),
-        (10732, "+proj=utm +zone=32", (51.2, 9.9)),
+        (4490, "+proj=longlat", (30.6, 114.3), 1.0),
+        (4547, "+proj=tmerc +lon_0=114 +x_0=500000", (30.6, 114.3), 1.0),
+        (4526, "+proj=tmerc +lon_0=114 +x_0=38500000", (30.6, 114.3), 1.0),
+        (10732, "+proj=utm +zone=32", (51.2, 9.9), 1.0),
+        (6783, "+proj=longlat", (44.0, -121.0), 2.0),
+        (22317, "+proj=utm +zone=17", (43.7, -79.4), 2.0),
+        (6634, "+proj=utm +zone=4", (21.3, -157.9), 5.0),
     ],
 )
 def test_what_no_table_relates_to_wgs_84_is_held_for_it_where_it_is_that(
-    version: str, epsg: int, projection: str, place: tuple[float, float]
+    version: str, epsg: int, projection: str, place: tuple[float, float], accuracy_m: float
 ) -> None:
-    """CGCS2000, in degrees, about 114 degrees east and in zone 38, and ETRS89 in Germany under its newer name."""
+    """CGCS2000, in degrees, about 114 degrees east and in zone 38, ETRS89 in Germany under its newer name, and NAD83 as of
+    CORS96, CSRS v3 (Ontario) and PA11 (Hawaii)."""
     crs, of_wgs84 = map_crs(CRS.from_epsg(epsg).to_wkt(version)), map_crs(f"{projection} +datum=WGS84")
     assert crs.to_map(*place) == pytest.approx(of_wgs84.to_map(*place), abs=1e-3)
     assert crs.to_geo(*crs.to_map(*place)) == pytest.approx(place, abs=1e-9)
-    assert crs.accuracy_m(*crs.to_map(*place)) == 1.0
+    assert crs.accuracy_m(*crs.to_map(*place)) == accuracy_m
+
+
+@pytest.mark.parametrize(
+    ("epsg", "itrf", "nad83", "places"),
+    [
+        (6783, 7909, 6782, NORTH_AMERICA),
+        (8237, 7907, 8235, NORTH_AMERICA),
+        (8240, 7908, 8239, NORTH_AMERICA),
+        (8246, 7909, 8244, NORTH_AMERICA),
+        (8249, 7910, 8248, NORTH_AMERICA),
+        (6325, 7911, 6324, [(13.4, 144.8), (15.2, 145.7), (7.5, 134.6), (18.1, 145.8)]),
+        (6322, 7911, 6321, [(19.7, -155.1), (22.0, -159.5), (28.2, -177.4), (-14.3, -170.7), (7.1, 171.2)]),
+    ],
+)
+def test_nad83_lies_beside_the_itrf_by_what_is_stated(
+    epsg: int, itrf: int, nad83: int, places: list[tuple[float, float]]
+) -> None:
+    """Up to 2027; WGS 84 is the ITRF to centimetres."""
+    related = Transformer.from_crs(itrf, nad83, always_xy=True, allow_ballpark=False)
+    off_m = []
+    for lat, lon in places:
+        there_lon, there_lat, _, _ = related.transform(lon, lat, 0.0, 2027.0)
+        off_m.append(distance_m(GeoPoint(lat, lon, 0.0), GeoPoint(there_lat, there_lon, 0.0)))
+    assert 0.7 * HELD_FOR_WGS84_M[epsg] < max(off_m) < HELD_FOR_WGS84_M[epsg]
 
 
 def test_maps_in_cgcs2000_and_in_wgs_84_meet_in_a_pack(tmp_path: Path, write_raster) -> None:
