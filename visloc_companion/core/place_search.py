@@ -46,7 +46,6 @@ right place gave a better one, none of about 800 about another place that a tile
 SAYS_NOTHING = (Reason.LOW_TEXTURE, Reason.BLURRED, Reason.BAD_FRAME, Reason.BAD_INPUT, Reason.HORIZON_IN_VIEW)
 """Of the frame, not of the place; as is a worker that was lost."""
 NO_ANSWER = (Reason.WORKER_TIMEOUT, Reason.WORKER_DIED)
-NOT_THERE = (Reason.OUTSIDE_MAP, Reason.TOO_LOW)
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,7 +206,7 @@ class PlaceSearch:
         """The places that the search of a tile lists become hypotheses. What is merely open was chosen for what this ground looks
         like: only other ground may count for it."""
         if self._swept is not None:
-            self._swept[1].answered(tile, not (isinstance(answer, NoFix) and answer.reason in NOT_THERE))
+            self._swept[1].answered(tile, not (isinstance(answer, NoFix) and answer.reason is Reason.OUTSIDE_MAP))
         sigma_m = LISTED_HEIGHTS * asked.height_m
         least = LIKELY if asked.where.share_of_sigmas < 1 else THOROUGH
         new = []

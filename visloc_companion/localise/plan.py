@@ -39,6 +39,8 @@ SIGMAS = 3.0
 MIN_SHARE_OF_GROUND = 0.4
 HALF_WINDOW = 24
 """Half side (px) of the window that the ground's height is taken from."""
+LEAST_SHARE_BELOW = 0.1
+"""Share of the search region that must lie low enough below the vehicle where its middle does not."""
 SAMPLES = 13
 """Rows and columns of the lattice of the frame whose rays are followed to the ground."""
 UNTIMED: AbstractContextManager[object] = nullcontext()
@@ -190,7 +192,9 @@ def ground_near(
     """Surface height where the prior looks, averaged over a footprint, half its spread over the search region, and the area (m²)
     of the map about that region; else None.
 
-    `outline` (N, 2) is the footprint 1 m below. None where no map lies within the region.
+    Where the vehicle cannot be above that, but can above other ground of the region (a slope that the prior is on, and the valley
+    beside it), height and spread are those of that ground. `outline` (N, 2) is the footprint 1 m below. None where no map lies
+    within the region.
     """
     sigma = math.sqrt(max(np.linalg.eigvalsh(np.array(prior.cov_ne_m2))[-1], 0.0))
     reach = min(settings.max_search_radius_m, SIGMAS * sigma)
@@ -209,8 +213,13 @@ def ground_near(
         mean = cv2.blur(heights, (max(1, round(side / patch.gsd_m)) | 1,) * 2, borderType=cv2.BORDER_REPLICATE)
         centre, around = len(mean) // 2, int(reach / patch.gsd_m)
         within = slice(centre - around, centre + around + 1)
-        low, high = np.percentile(mean[within, within], (5, 95))
-        ground, spread = float(mean[centre, centre]), float(high - low) / 2
+        near = mean[within, within]
+        below = near[near <= prior.place.h_amsl_m - settings.min_height_m]
+        ground = float(mean[centre, centre])
+        if prior.place.h_amsl_m - ground < settings.min_height_m and below.size >= LEAST_SHARE_BELOW * near.size:
+            near, ground = below, float(np.median(below))
+        low, high = np.percentile(near, (5, 95))
+        spread = float(high - low) / 2
         searched_m2 = float(known.mean()) * (2 * (reach + side)) ** 2
         agl, before = max(1.0, prior.place.h_amsl_m - ground), agl
         if abs(agl - before) < 0.1 * agl:

@@ -28,6 +28,7 @@ class Worker:
     doubles: tuple[Vec2, ...] = ((0.0, 0.0),)
     half_m: float = 2000.0
     claim: float = 0.001
+    ridge_m: tuple[float, float] | None = None
     asked: list[Where] = field(default_factory=list)
 
     def truth(self, t_s: float) -> Vec2:
@@ -39,6 +40,8 @@ class Worker:
         told = request_id, 1, "test"
         if max(abs(north), abs(east)) > self.half_m + 3 * sigma_m:
             return NoFix(0, round(t_s * S), *told, Reason.OUTSIDE_MAP, 1.0)
+        if self.ridge_m is not None and self.ridge_m[0] < math.hypot(north, east) < self.ridge_m[1]:
+            return NoFix(0, round(t_s * S), *told, Reason.TOO_LOW, 1.0)
         at = self.truth(t_s)
         seen = [p for d in self.doubles if math.dist(p := (at[0] + d[0], at[1] + d[1]), where.place_ne_m) <= 3 * sigma_m]
         if len(seen) == 1 and sigma_m < 100:
@@ -96,6 +99,14 @@ def test_a_map_without_the_vehicle_has_no_answer() -> None:
 
 def test_a_place_that_repeats_itself_has_no_answer() -> None:
     assert searched(Worker(doubles=((0.0, 0.0), (0.0, 600.0))), 120.0)[0] is None
+
+
+def test_mountains_all_around_the_start_are_not_the_edge_of_the_map() -> None:
+    """Tiles of 960 m about a valley: the first ring about the middle one lies higher than the vehicle, which is beyond."""
+    worker = Worker(start=(3000.0, 300.0), half_m=4500.0, ridge_m=(500.0, 2950.0))
+    found, t_s = searched(worker, 130.0)
+    assert found is not None
+    assert math.dist(found.place_ne_m, worker.truth(t_s)) < 5.0
 
 
 def test_doubtful_fixes_find_nothing() -> None:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from visloc_companion.errors import Reason
 from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
 from visloc_companion.localise import plan as plan_module
@@ -53,6 +54,20 @@ def test_relief_widens_the_scales(flat, support):
     slope = 100 + 0.2 * (np.arange(500, dtype=np.float32)[None, :] - 250) + np.zeros((500, 1), np.float32)
     sloping = support.FlatMap(flat.pixels, slope)
     assert plan_of(sloping, support, sigma_m=60.0).scales.max() > plan_of(flat, support, sigma_m=60.0).scales.max() + 0.1
+
+
+def test_a_prior_on_a_slope_above_the_vehicle_searches_the_valley_beside_it(flat, support):
+    """The prior lies on ground at 300 m, west of it is a valley at 100 m: the vehicle, at 240 m, can be there only."""
+    east = np.arange(500, dtype=np.float32) - 250
+    valley = np.clip(220 + 2 * (east + 60), 100, 300) + np.zeros((500, 1), np.float32)
+    mountains = support.FlatMap(flat.pixels, valley.astype(np.float32))
+    plan = plan_of(mountains, support, sigma_m=60.0)
+    assert plan.ground_up_m == pytest.approx(120.0, abs=20.0)
+    assert plan.agl_m * plan.scales.min() < 140 < plan.agl_m * plan.scales.max()
+    request = support.request_at((0.0, 0.0, -240.0), (0.0, 0.0, 0.0), sigma_m=3.0)
+    near = make_plan(request.prior, MODEL, mountains, LocaliserSettings())
+    assert isinstance(near, tuple)
+    assert near[0] is Reason.TOO_LOW
 
 
 def test_working_resolution_is_the_coarser_of_map_and_frame(flat, support):
