@@ -9,6 +9,7 @@ from visloc_companion.config import LocaliserConfig
 from visloc_companion.geo.pinhole_view import pinhole_view
 from visloc_companion.localise.features.onnx import NetworkFeatures
 from visloc_companion.localise.flight import flight_localiser
+from visloc_companion.localise.map_shape import OverPlane
 from visloc_companion.localise.masked import behind_the_mask
 from visloc_companion.localise.rectified import behind_the_lens
 from visloc_companion.localise.registry import make_localiser, open_features_for
@@ -46,7 +47,7 @@ def _of_ground(chosen: LocaliserConfig, model: CameraModel, features: NetworkFea
     window = SurfaceWindow()  # turn and motion are seen over the same ground
     moving: Localiser = WithMotion(localiser, view, window=window) if chosen.odometry else localiser
     checked = CheckedTwice(moving, _again(chosen, view), chosen.check_every) if chosen.check_every else moving
-    return Unrolled(behind_the_lens(WithTurn(checked, view, window), model), model)
+    return Unrolled(behind_the_lens(OverPlane(WithTurn(checked, view, window)), model), model)
 
 
 def _again(chosen: LocaliserConfig, model: CameraModel) -> Localiser:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from visloc_companion.errors import MapError, OutsideMap
+from visloc_companion.localise.map_shape import MapShape
 from visloc_companion.localise.structure.localiser import StructureLocaliser
-from visloc_companion.protocols import Localiser, ReferenceMap, ShapeMap
+from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix, Vote
-
-PROBE_M, PROBE_POINTS = 20.0, 100
 
 
 class TwoVotes:
@@ -18,7 +16,7 @@ class TwoVotes:
 
     def __init__(self, image: Localiser, structure: StructureLocaliser) -> None:
         self._image, self._structure = image, structure
-        self._shaped: bool | None = None
+        self._shape = MapShape()
 
     @property
     def method(self) -> str:
@@ -27,21 +25,8 @@ class TwoVotes:
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The answer of the vote that is asked for."""
-        if not self._has_shape(request, ref):
+        if not self._shape.known(request, ref):
             return self._image.localise(request, pixels, ref)
         self._structure.remember(request, pixels, ref)
         asked = self._structure if request.vote is Vote.STRUCTURE else self._image
         return asked.localise(request, pixels, ref)
-
-    def _has_shape(self, request: LocaliseRequest, ref: ReferenceMap) -> bool:
-        """Whether the map has one at all; looked up until a request lies on the map."""
-        if self._shaped is None and isinstance(ref, ShapeMap):
-            place = request.prior.place
-            try:
-                ref.cloud_around(ref.to_map(place.lat_deg, place.lon_deg), PROBE_M, PROBE_POINTS)
-                self._shaped = True
-            except OutsideMap:
-                return False
-            except MapError:
-                self._shaped = False
-        return bool(self._shaped)
