@@ -43,8 +43,8 @@ PACKAGE = PROJECT / "visloc_companion"
 CODE = ("localise", "maps", "geo")
 TAKE_ALL = 1.0
 WEIGHTS: dict[str, Weights] = {"gradient": GRADIENT_WEIGHTS, "deep": DEEP_WEIGHTS}
-EXACT, UNSTATED = MapSigma(0.0, 0.0), MapSigma()
-RENDERED = MapSigma(0.0, UNSTATED.height_m)
+EXACT, UNSTATED = MapSigma(0.0, 0.0, 0.0), MapSigma()
+RENDERED = MapSigma(0.0, 0.0, UNSTATED.height_m)
 """Of a made world: its dates are registered exactly, its surface has changed."""
 
 

@@ -30,7 +30,7 @@ PLACE_M, HEIGHT_M, YAW_DEG = 5.0, 3.0, 2.5
 TILT_DEG, TILT_SIGMAS = (0.3, 0.5, 1.0), (0, 1, 2, 4, 6, 10)
 """1-sigma that is claimed of the tilt, and by how many the tilt is off; 0: drawn honestly."""
 OTHER_SIGMAS, OTHERS_TILT_DEG = 6.0, 0.5
-EXACT = MapSigma(0.0)
+EXACT = MapSigma(0.0, 0.0)
 
 
 def main() -> None:

@@ -37,28 +37,22 @@ def image(
     provider: Annotated[
         list[str] | None, typer.Option(help="What the network may compute on, in order of wish (repeat it); cpu by default.")
     ] = None,
-    map_sigma_m: Annotated[float | None, typer.Option(min=0, help="The map's own horizontal error, 1-sigma.")] = None,
+    map_sigma_m: Annotated[
+        str | None, typer.Option(help="The map's own horizontal error, 1-sigma: of both axes, or 'north,east'.")
+    ] = None,
     map_sigma_h_m: Annotated[float | None, typer.Option(min=0, help="The same of its heights.")] = None,
     report: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
     list_methods: Annotated[bool, typer.Option("--list-methods", help="Print the methods of this version.")] = False,
 ) -> None:
     """Place frames on a map: fixes, errors against the truth, claimed accuracy and time."""
+    from visloc_companion.evaluate.map_sigma import stated
     from visloc_companion.localise.registry import METHODS
     from visloc_companion.localise.runtime import NetworkChoice
 
     folder = chosen_cases(cases, method, METHODS, list_methods, "visloc evaluate image FOLDER (with cases.csv)")
     if folder is not None:
         network = NetworkChoice(model, _providers(provider or ["cpu"]))
-        _run(folder, method, jobs, limit, json_file, report, network, _map_sigma(map_sigma_m, map_sigma_h_m))
-
-
-def _map_sigma(horizontal_m: float | None, height_m: float | None) -> MapSigma:
-    from visloc_companion.evaluate.map_sigma import MapSigma
-
-    unstated = MapSigma()
-    return MapSigma(
-        unstated.horizontal_m if horizontal_m is None else horizontal_m, unstated.height_m if height_m is None else height_m
-    )
+        _run(folder, method, jobs, limit, json_file, report, network, stated(map_sigma_m, map_sigma_h_m))
 
 
 def _providers(names: list[str]) -> tuple[ProviderName, ...]:

@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from visloc_companion.errors import ConfigError
 from visloc_companion.types import Fix
 
 
 @dataclass(frozen=True, slots=True)
 class MapSigma:
-    """1-sigma of a map's registration on each horizontal axis, and of its heights, metres.
+    """1-sigma of a map's registration to the north and to the east, and of its heights, metres.
 
     The defaults were set on training cases. Two dates of a place at 1 m a pixel are 0.5 m apart on each axis, less the shift that
     the whole image has, and 1.7 m at 5 m a pixel (`python -m benchmarks.registration`); with 0.7 m 92 % of the errors of training
@@ -22,12 +23,34 @@ class MapSigma:
     and of made ground over its model of five years before agree with their errors.
     """
 
-    horizontal_m: float = 0.7
+    north_m: float = 0.7
+    east_m: float = 0.7
     height_m: float = 0.5
 
 
 def with_map_sigma(fix: Fix, sigma: MapSigma) -> Fix:
     """The fix with the map's own error in what it claims."""
     (nn, ne), (en, ee) = fix.cov_ne_m2
-    added = sigma.horizontal_m**2
-    return replace(fix, cov_ne_m2=((nn + added, ne), (en, ee + added)), sigma_h_m=math.hypot(fix.sigma_h_m, sigma.height_m))
+    cov_ne_m2 = (nn + sigma.north_m**2, ne), (en, ee + sigma.east_m**2)
+    return replace(fix, cov_ne_m2=cov_ne_m2, sigma_h_m=math.hypot(fix.sigma_h_m, sigma.height_m))
+
+
+def stated(horizontal: str | None, height_m: float | None) -> MapSigma:
+    """What is stated of a map as `--map-sigma-m` (one number for both axes, or north and east: "0.4,0.8" or "0.4 0.8") and
+    `--map-sigma-h-m`; the defaults for None. Raises ConfigError naming the option."""
+    sigma = MapSigma()
+    if horizontal is not None:
+        north_m, east_m = _axes_m(horizontal)
+        sigma = replace(sigma, north_m=north_m, east_m=east_m)
+    return sigma if height_m is None else replace(sigma, height_m=height_m)
+
+
+def _axes_m(text: str) -> tuple[float, float]:
+    try:
+        sigmas_m = [float(part) for part in text.replace(",", " ").split()]
+    except ValueError:
+        sigmas_m = []
+    if len(sigmas_m) not in (1, 2) or not all(0 <= sigma_m < math.inf for sigma_m in sigmas_m):
+        remedy = 'give metres: 0.7 for both axes, or "0.4,0.8" for north and east'
+        raise ConfigError(f"{text!r} is no 1-sigma of a map", where="--map-sigma-m", remedy=remedy)
+    return sigmas_m[0], sigmas_m[-1]

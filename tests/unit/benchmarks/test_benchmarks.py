@@ -74,7 +74,7 @@ def test_answers_are_kept_as_they_were(load, folder, tmp_path, asked):
 def test_what_is_kept_is_without_the_maps_error(load, folder, tmp_path, asked):
     answers = load("answers").answers
     answers(folder, "ncc", tmp_path / "store", "abc")
-    exact = answers(folder, "ncc", tmp_path / "store", "abc", map_sigma=MapSigma(0.0, 0.0))
+    exact = answers(folder, "ncc", tmp_path / "store", "abc", map_sigma=MapSigma(0.0, 0.0, 0.0))
     assert exact[0][0].fix == FIX
     assert len(asked) == 5
 

@@ -162,10 +162,11 @@ def test_summary_tells_errors_against_the_truth(document):
 
 def test_what_a_case_claims_includes_the_maps_own_error(folder):
     exact, off = (
-        evaluate_image(folder, "gradient", limit=1, map_sigma=MapSigma(*sigmas))[0]["cases"][0] for sigmas in ((0, 0), (3, 4))
+        evaluate_image(folder, "gradient", limit=1, map_sigma=MapSigma(*sigmas))[0]["cases"][0]
+        for sigmas in ((0, 0, 0), (3, 2, 4))
     )
     added = np.array(off["cov_ne_m2"]) - np.array(exact["cov_ne_m2"])
-    np.testing.assert_allclose(added, np.eye(2) * 9, atol=1e-4)
+    np.testing.assert_allclose(added, np.diag([9, 4]), atol=1e-4)
     assert off["sigma_h_m"] == pytest.approx(math.hypot(exact["sigma_h_m"], 4), rel=1e-4)
     assert off["protection_level_m"] > exact["protection_level_m"]
 
