@@ -21,7 +21,7 @@ from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.sim.render_motion import STILL, Shot
-from visloc_companion.types import CameraModel, Fix, FloatArray, GeoPoint, Image, LocaliseRequest, NoFix, Odometry, Quat
+from visloc_companion.types import CameraModel, Fix, FloatArray, GeoPoint, Image, LocaliseRequest, NoFix, Odometry, Quat, Vec2
 
 MAP_TAU_S, GROUND_TAU_S = 15.0, 5.0
 SIGMA_M = (0.3, 1.2)
@@ -89,15 +89,21 @@ class KnowingEyes:
         motion = self._motion(frame.t_ns, place)
         if self._rng.random() > self.model_.fix_share:
             return NoFix(*about, Reason.NO_MATCH, 60.0, motion=motion)
+        off, sigma, claim = self._erring(request)
+        seen = wgs84.geo_from_ned((float(off[0]), float(off[1]), float(HEIGHT_SIGMA_M * self._rng.standard_normal())), place)
+        var = (sigma / self.model_.overconfident) ** 2
+        cov = ((var, 0.0), (0.0, var))
+        return Fix(*about, seen, q_ned_frd, cov, HEIGHT_SIGMA_M, 0.02, claim, 60.0, motion=motion)
+
+    def _erring(self, request: LocaliseRequest, wrong_by_m: Vec2 | None = None) -> tuple[FloatArray, float, float]:
+        """By how much (2,) a fix is off, the 1-sigma that is meant by that, and the probability of being wrong that it claims;
+        `wrong_by_m`: of one that is wrong for certain."""
         claim = claimed(self._rng)
         self._err(claim, request)
         sigma = float(self._rng.uniform(*SIGMA_M))
         matched = math.sqrt(LASTING_SHARE) * self._ground + math.sqrt(1 - LASTING_SHARE) * self._rng.standard_normal(2)
         off = self._map_m + sigma * matched + (0.0 if self._wrong_by_m is None else self._wrong_by_m)
-        seen = wgs84.geo_from_ned((float(off[0]), float(off[1]), float(HEIGHT_SIGMA_M * self._rng.standard_normal())), place)
-        var = (sigma / self.model_.overconfident) ** 2
-        cov = ((var, 0.0), (0.0, var))
-        return Fix(*about, seen, q_ned_frd, cov, HEIGHT_SIGMA_M, 0.02, claim, 60.0, motion=motion)
+        return (off if wrong_by_m is None else self._map_m + sigma * matched + np.array(wrong_by_m)), sigma, claim
 
     def _sighted(self, t_ns: int) -> bool:
         """Whether anything is seen at a time, which is not before the last one asked about."""

@@ -181,7 +181,7 @@ class Asking:
             requests.least_height_sigma_m(self._tracker.height_above_home_m or 0.0, height.unseen_s),
             self._settings.mount_sigma_rad,
             self._settings.max_search_radius_m,
-            math.hypot(requests.SIGMA_YAW_RAD, self._camera.sigma_yaw_rad),
+            requests.heading_sigma_rad(self._camera.sigma_yaw_rad, self._tracker.heading.since_fixes_rad),
         )
 
     def _attitudes_at(self, frame: FrameRef, now_ns: int) -> tuple[Quat, Quat] | None:

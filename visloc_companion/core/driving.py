@@ -20,7 +20,8 @@ MAX_CLIMB_HELD_S = 1.0
 class Velocity:
     """The driving velocity and the autopilot's height at a time; `sigma_mps`: how far an autopilot's velocity is believed.
 
-    `sigma_a_mps2`: 1-sigma of the slow error of the accelerations that an inertial one is integrated from.
+    `sigma_a_mps2`: 1-sigma of the slow error of the accelerations that an inertial one is integrated from; `more_heading_rad2`:
+    by how much the variance of the heading that turned them has grown since the sample before.
     """
 
     t_ns: int
@@ -29,6 +30,7 @@ class Velocity:
     sigma_mps: float
     drive: Drive
     sigma_a_mps2: float = 0.0
+    more_heading_rad2: float = 0.0
 
 
 Around = tuple[Velocity, Velocity | None]

@@ -211,7 +211,7 @@ class PositionFilter:
         belief = self._predicted(self._after(k), entry.t_ns, around)
         if isinstance(entry, Velocity):
             if entry.drive is Drive.INERTIAL:
-                return fusion.with_inertial_velocity(belief, entry.sigma_a_mps2), None
+                return fusion.with_inertial_velocity(belief, entry.sigma_a_mps2, entry.more_heading_rad2), None
             return fusion.with_velocity_trust(belief, entry.sigma_mps, entry.drive), None
         if isinstance(entry, Motion):
             return learned(belief, entry, self._travelled(belief, entry.t_from_ns), self._settings)

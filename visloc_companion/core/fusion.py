@@ -22,6 +22,7 @@ from visloc_companion.core.belief import Belief, Position, driven_by, renewed, w
 from visloc_companion.core.propagation import (
     ACCELERATION,
     H_POSITION,
+    HEADING,
     N_CONSIDERED,
     N_STATES,
     POSITION,
@@ -65,13 +66,18 @@ def with_velocity_trust(belief: Belief, sigma_mps: float, drive: Drive) -> Belie
     return belief if sigma_mps == belief.sigma_v_mps else belief._replace(sigma_v_mps=sigma_mps)
 
 
-def with_inertial_velocity(belief: Belief, sigma_a_mps2: float) -> Belief:
+def with_inertial_velocity(belief: Belief, sigma_a_mps2: float, more_heading_rad2: float = 0.0) -> Belief:
     """Account for an inertial velocity, which begins with the autopilot's: that error goes on.
 
-    `sigma_a_mps2`: 1-sigma of the slow error of its accelerations.
+    `sigma_a_mps2`: 1-sigma of the slow error of its accelerations; `more_heading_rad2`: by how much the variance of the heading
+    that turns them has grown.
     """
     if belief.drive is not Drive.INERTIAL:
         belief = renewed(belief, ACCELERATION, sigma_a_mps2**2)._replace(drive=Drive.INERTIAL)
+    if more_heading_rad2 > 0:
+        more = np.zeros((N_STATES, N_STATES))
+        more[HEADING, HEADING] = more_heading_rad2
+        belief = widened_by(belief, more)
     return belief if sigma_a_mps2 == belief.sigma_a_mps2 else belief._replace(sigma_a_mps2=sigma_a_mps2)
 
 

@@ -11,6 +11,8 @@ from visloc_companion.geo import se3, wgs84
 from visloc_companion.types import Cov2, FrameRef, GeoPoint, LocaliseRequest, NavState, PosePrior, Quat, Vote
 
 SIGMA_YAW_RAD = math.radians(5.0)
+MOST_PULL_RAD = math.radians(15.0)
+"""However far a compass has pulled the heading since the last fixes, no wider is searched for that: it takes longer."""
 HEIGHT_SIGMA_M = 3.0
 HEIGHT_SIGMA_SHARE = 0.01
 LEARNED_HEIGHT_SIGMA_M, LEARNED_HEIGHT_SIGMA_SHARE = 0.7, 0.0025
@@ -105,6 +107,11 @@ class FrameQueue:
         self._aside_id = self._last_id if aside else self._aside_id
         seed = (self._seed * SEED_STEP + self._last_id) % MAX_SEED
         return LocaliseRequest(self._last_id, frame, prior, seed, Vote.IMAGE if aside else self._turns.vote)
+
+
+def heading_sigma_rad(of_carrier_rad: float, pulled_rad: float) -> float:
+    """1-sigma of the heading: the autopilot's, that of what carries the camera, and a compass's pull since the last fixes."""
+    return math.hypot(SIGMA_YAW_RAD, of_carrier_rad, min(pulled_rad, MOST_PULL_RAD))
 
 
 def pose_prior(

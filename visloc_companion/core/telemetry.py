@@ -96,6 +96,7 @@ class Telemetry:
         if reason is not None:
             return [*commands, *self._complaints.about(event, reason, now_ns)]
         self._attitude_rx_ns = event.t_rx_ns
+        self._tracker.heading.on_attitude(event.t_boot_ns, event.q_ned_frd, event.rate_frd_radps)
         self._monitor.on_telemetry(event.t_rx_ns)
         return commands
 

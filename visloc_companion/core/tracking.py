@@ -14,8 +14,10 @@ from visloc_companion.core.estimator import PositionFilter
 from visloc_companion.core.forces import MIN_HEIGHT_M, Forces
 from visloc_companion.core.fusion import MAX_STEP_M, UNAIDED_SIGMA_MPS
 from visloc_companion.core.gnss_track import GnssTrack
+from visloc_companion.core.heading_pull import HeadingPull
 from visloc_companion.core.height_aiding import HeightAiding
 from visloc_companion.core.inertial import InertialVelocity
+from visloc_companion.core.lasting import BY_SHAPE
 from visloc_companion.core.motion import Motion
 from visloc_companion.core.odometry_aiding import OdometryAiding
 from visloc_companion.core.pitot import Airspeed, PitotLearner
@@ -53,7 +55,8 @@ GNSS_BIAS_SIGMA_M = 3.0
 
 class Tracker:
     """Position filter with the inputs that it keeps for it: velocity, the receiver's positions (`gnss`), and how far the
-    autopilot's height is off (`height`). `max_step_m`: larger corrections are sent to the autopilot as resets."""
+    autopilot's height (`height`) and heading (`heading`) are off. `max_step_m`: larger corrections are sent to the autopilot as
+    resets."""
 
     def __init__(self, settings: NavigatorSettings, max_step_m: float = MAX_STEP_M) -> None:
         self._settings, self._max_step_m = settings, max_step_m
@@ -67,6 +70,7 @@ class Tracker:
         self._velocity_known, self._n_taught = False, 0
         self.gnss = GnssTrack()
         self.height = HeightAiding(settings)
+        self.heading = HeadingPull()
         self.origin: GeoPoint | None = None
         self.height_above_home_m: float | None = None
 
@@ -129,7 +133,13 @@ class Tracker:
             self._inertial.anchor(t_boot_ns, velocity.v_ned_mps[:2], teaches=not alone)
         else:
             v_ned_mps = (*v_ne_mps, velocity.v_ned_mps[2])
-            velocity = replace(velocity, v_ned_mps=v_ned_mps, drive=Drive.INERTIAL, sigma_a_mps2=sigma_a)
+            velocity = replace(
+                velocity,
+                v_ned_mps=v_ned_mps,
+                drive=Drive.INERTIAL,
+                sigma_a_mps2=sigma_a,
+                more_heading_rad2=self.heading.more_rad2(),
+            )
         if self._filter is not None:
             self._filter.drive(velocity)
         return True
@@ -210,6 +220,7 @@ class Tracker:
         self._odometry = OdometryAiding()
         self._inertial.clear()
         self._forces.clear()
+        self.heading.interrupted()
 
     def stood(self, t_ns: int, stood_ns: int) -> None:
         """Our own clock stepped back; now that it has caught up, so much time went by that it did not count."""
@@ -268,7 +279,12 @@ class Tracker:
 
     def observe(self, fix: Fix) -> Accepted | Rejected | TooOld | None:
         """Take a fix; None before seeding."""
-        return None if self._filter is None else self._teach(fix.t_ns, self._filter.observe(fix))
+        if self._filter is None:
+            return None
+        outcome = self._teach(fix.t_ns, self._filter.observe(fix))
+        if isinstance(outcome, Accepted) and fix.method not in BY_SHAPE:
+            self.heading.borne_out()
+        return outcome
 
     def _teach(self, t_ns: int, outcome: Accepted | Rejected | TooOld) -> Accepted | Rejected | TooOld:
         if isinstance(outcome, Accepted):
@@ -283,6 +299,7 @@ class Tracker:
     def observe_odometry(self, odometry: Odometry) -> Motion | None:
         """Learn the velocity's error from what the camera saw of its own motion; the interval for the GNSS monitor that it
         completes, if it does."""
+        odometry = self.heading.doubted(odometry)
         completed = self._odometry.on_odometry(odometry, inertial_mps2=self._sigma_a_mps2 if self._drives_itself else None)
         self._learn_motion(completed.of_filter)
         return completed.of_monitor

@@ -9,6 +9,7 @@ from visloc_companion.core.requests import (
     FrameQueue,
     as_wide_as,
     bounded,
+    heading_sigma_rad,
     height_sigma_m,
     held_by_gnss,
     least_height_sigma_m,
@@ -146,3 +147,9 @@ def test_search_widens_while_gnss_holds_the_filter() -> None:
     assert held_by_gnss(cov, 4.0, 5.0) == cov
     assert held_by_gnss(cov, 10.0, 5.0) == ((4.0 + 25 + 64, 1.0), (1.0, pytest.approx(9.0 + 25 + 64)))
     assert held_by_gnss(cov, 1e6, 5.0)[0][0] == pytest.approx(4.0 + 25 + 1600)
+
+
+def test_a_heading_that_was_pulled_is_searched_more_widely_up_to_a_limit() -> None:
+    assert heading_sigma_rad(0.0, 0.0) == math.radians(5.0)
+    assert heading_sigma_rad(math.radians(3.0), math.radians(4.0)) == pytest.approx(math.radians(math.sqrt(50.0)))
+    assert heading_sigma_rad(0.0, math.pi) == pytest.approx(math.radians(math.hypot(5.0, 15.0)))
