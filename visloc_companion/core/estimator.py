@@ -14,7 +14,7 @@ from typing import cast
 
 import numpy as np
 
-from visloc_companion.core import air_velocity, fusion, integrity, lasting, separation
+from visloc_companion.core import air_velocity, fusion, integrity, lasting, refused, separation
 from visloc_companion.core.air_velocity import AirError
 from visloc_companion.core.belief import Belief, Position, blurred
 from visloc_companion.core.driving import Around, Velocity, height_at, velocity_at
@@ -149,6 +149,12 @@ class PositionFilter:
         leapt_s = leapt_ns * 1e-9
         back = _shifted(belief, (-v_north * leapt_s, -v_east * leapt_s))
         self._begin_anew(t_ns, blurred(back, UNAIDED_SIGMA_MPS * leapt_s), before)
+
+    def dragged(self, t_ns: int, sigma_m: float) -> None:
+        """The position may have been dragged away by so much (1-sigma) in a way that nothing contradicted."""
+        k, belief = self._belief_at(t_ns, alone=False)
+        before, _ = self._around(k)
+        self._begin_anew(t_ns, refused.dragged(belief, sigma_m), before)
 
     def _begin_anew(self, t_ns: int, belief: Belief, velocity: Velocity) -> None:
         self._base = belief._replace(t_ns=t_ns)

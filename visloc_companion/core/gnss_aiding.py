@@ -12,6 +12,7 @@ from collections import deque
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.map_offset import MapOffset
 from visloc_companion.core.motion import Motion
+from visloc_companion.core.requests import dragged_m
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.core.validate import is_place
@@ -31,7 +32,7 @@ class GnssAiding:
         self._settings = settings
         self._tracker, self._monitor = tracker, monitor
         self._fused_ns: int | None = None
-        self._rejected = 0
+        self._rejected, self._was_trusted = 0, False
         self._odometry: deque[Motion] = deque(maxlen=MOTIONS_WAITING)
         self._map = MapOffset(settings.navigator.map_sigma_m)
 
@@ -67,6 +68,16 @@ class GnssAiding:
         self._rejected = 0
         self._tracker.seed(t_ns, event.place, sigma)
         return [Notice(Severity.NOTICE, "visloc: restarted from trusted GNSS")]
+
+    def judged(self, now_ns: int) -> None:
+        """The verdict was passed. Where GNSS is trusted no more and alone has held the filter since the last fix, it may have
+        dragged it away."""
+        was_trusted, self._was_trusted = self._was_trusted, self._monitor.trusted
+        belief = self._tracker.belief
+        if not was_trusted or self._was_trusted or belief is None or self._fused_ns is None:
+            return
+        if self._fused_ns > belief.rested_ns:
+            self._tracker.dragged(now_ns, dragged_m((now_ns - belief.rested_ns) * 1e-9))
 
     def on_motion(self, seen: Motion) -> None:
         """Hold what the camera saw of an interval against the receiver, once its position after it is there.

@@ -257,6 +257,7 @@ class Navigator:
     def _judge_gnss(self, now_ns: int) -> list[Command]:
         before = self._monitor.verdict.verdict
         verdict = self._monitor.update(now_ns, self._switch.source)
+        self._aiding.judged(now_ns)
         if verdict.verdict is before:
             return []
         return [gnss_words.notice(verdict, self._monitor.ever_trusted)]

@@ -11,10 +11,21 @@ from visloc_companion.core.belief import Belief, Position, widened
 from visloc_companion.core.propagation import FIX_LENS, LASTING, N_STATES, POSITION, VELOCITY, Drive, initial_covariance
 from visloc_companion.core.settings import NavigatorSettings
 
+DRAGGED = 0.01
+"""Probability that a GNSS which alone was followed, and is trusted no more, had been dragged before: an assumption."""
 DOUBT_AFTER = 2
 DOUBT_MPS = 4.0
 MAX_DOUBT_MPS = 12.0
 """Added 1-sigma of the velocity error for each rejection from the second on, and where that ends."""
+
+
+def dragged(belief: Belief, sigma_m: float) -> Belief:
+    """With one more solution, which says that a GNSS that was followed had been dragged away by so much (1-sigma). It takes all
+    later fixes, so the first of them tells."""
+    more = np.zeros((N_STATES, N_STATES))
+    more[POSITION, POSITION] = sigma_m**2 * np.eye(2)
+    state = belief.x, belief.P + more, belief.rested_ns
+    return belief._replace(without=separation.beside(belief.without, state, (separation.ONE,), DRAGGED, frozenset()))
 
 
 def founded(belief: Belief, z: Position, among: separation.Solutions) -> separation.Solutions:

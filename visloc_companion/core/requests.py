@@ -148,6 +148,11 @@ def as_wide_as(cov_ne_m2: Cov2, sigma_m: float) -> Cov2:
     return (share * nn, share * ne), (share * en, share * ee)
 
 
+def dragged_m(since_fix_s: float) -> float:
+    """1-sigma of what a GNSS that was followed may have pulled since the last fix."""
+    return min(DRAG_MPS * since_fix_s, MAX_DRAG_M)
+
+
 def held_by_gnss(cov_ne_m2: Cov2, since_fix_s: float, seed_sigma_m: float) -> Cov2:
     """The covariance of the search while GNSS, not vision, holds the filter.
 
@@ -156,7 +161,7 @@ def held_by_gnss(cov_ne_m2: Cov2, since_fix_s: float, seed_sigma_m: float) -> Co
     """
     if since_fix_s < HELD_AFTER_S:
         return cov_ne_m2
-    extra = seed_sigma_m**2 + min(DRAG_MPS * since_fix_s, MAX_DRAG_M) ** 2
+    extra = seed_sigma_m**2 + dragged_m(since_fix_s) ** 2
     (nn, ne), (en, ee) = cov_ne_m2
     return (nn + extra, ne), (en, ee + extra)
 

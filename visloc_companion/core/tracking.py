@@ -234,6 +234,11 @@ class Tracker:
         if self._filter is not None:
             self._filter.leapt(t_ns, leapt_ns, since_ns)
 
+    def dragged(self, t_ns: int, sigma_m: float) -> None:
+        """GNSS, which alone held the filter, is trusted no more; it may have been dragged by so much."""
+        if self._filter is not None:
+            self._filter.dragged(t_ns, sigma_m)
+
     def seed(self, t_ns: int, place: GeoPoint, sigma_m: float) -> bool:
         """Start (or restart) the filter from a place; False while origin or velocity is missing."""
         if self.origin is None or self._velocity is None:

@@ -88,6 +88,49 @@ def test_not_when_gnss_is_not_trusted() -> None:
     assert abs(rig.north()) < 0.01
 
 
+def level_m(rig: Rig) -> float:
+    level = rig.tracker.protection_level_m(round(rig.t * S))
+    assert level is not None
+    return level
+
+
+def jammed(rig: Rig) -> None:
+    """A second and a half later GNSS is denied."""
+    for _ in range(10):
+        rig.t += 0.2
+        now = round(rig.t * S)
+        rig.tracker.drive(Velocity(now, (0.0, 0.0, 0.0), 140.0, 0.3, Drive.AUTOPILOT), now, alone=False)
+        rig.aiding.on_gnss(Gnss(now, now, 1, 3, at(0.0), 1.0, None, None), now, Mode.SHADOW)
+        rig.monitor.update(now, EkfSource.GNSS)
+        rig.aiding.judged(now)
+    assert not rig.monitor.trusted
+
+
+def test_the_level_reckons_that_a_gnss_which_alone_held_the_filter_was_dragged() -> None:
+    rig = Rig()
+    rig.tracker.observe(fix(rig.t, 0.0))
+    rig.aiding.judged(round(rig.t * S))
+    rig.run(40, 0.0)
+    before_m = level_m(rig)
+    jammed(rig)
+    assert level_m(rig) > before_m + 3.5 * 0.8 * 40
+    for _ in range(3):
+        rig.t += 0.5
+        rig.tracker.observe(fix(rig.t, 0.0))
+    assert level_m(rig) < before_m
+
+
+def test_no_drag_is_reckoned_with_where_fixes_came_until_now() -> None:
+    rig = Rig()
+    rig.aiding.judged(round(rig.t * S))
+    for _ in range(20):
+        rig.tracker.observe(fix(rig.t, 0.0))
+        rig.run(2, 0.0)
+    before_m = level_m(rig)
+    jammed(rig)
+    assert level_m(rig) < 1.5 * before_m
+
+
 def test_a_filter_that_keeps_refusing_starts_again_from_it() -> None:
     rig = Rig()
     rig.run(4, 500.0)
