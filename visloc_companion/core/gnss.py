@@ -38,6 +38,7 @@ MAX_SIGMA_SHARE = 2.0
 """A receiver that states a poor accuracy is believed up to this multiple of `gnss_sigma_m`: no spoofer may widen the gate."""
 FALSE_AGAIN = 0.9
 """In a probation vision disagrees at this probability."""
+ODOMETRY = "odometry_disagrees"
 
 
 class GnssMonitor:
@@ -145,6 +146,16 @@ class GnssMonitor:
     def on_displacement(self, t_from_ns: int, t_to_ns: int, gnss_ne_m: Vec2, odometry_ne_m: Vec2, var_m2: float) -> None:
         """Take what GNSS and odometry moved over an interval, with the variance per axis that odometry claims."""
         self._odometry.add(t_from_ns, t_to_ns, gnss_ne_m, odometry_ne_m, var_m2)
+
+    def disown_odometry(self) -> bool:
+        """What odometry said was wrong all along; whether it alone spoke against GNSS, which is then on probation."""
+        self._odometry = OdometryTest()
+        alone = self._disagreed == (ODOMETRY,)
+        if alone:
+            self._disagreed = ()
+            self._trust.interrupt()
+            self._begin_tests()
+        return alone
 
     # -------------------------------------------------------------------------------------------------------- the verdict
 

@@ -29,6 +29,8 @@ WORDS = {
 }
 STATE = {Verdict.OK: "trusted", Verdict.SUSPECT: "not trusted", Verdict.DENIED: "lost"}
 FIRST = "waiting"
+OR_CAMERA = "visloc: or camera, map set up wrong: no fix yet"
+"""Beside a GNSS that moves unlike a camera in whose pictures nothing was recognised yet: who is wrong is open."""
 MAX_TEXT, MAX_MESSAGES = 50, 2
 MODES = frozenset(f"visloc: {mode.value.upper()}" for mode in Mode)
 

@@ -13,7 +13,7 @@ from visloc_companion.core import gnss_words, requests, streams
 from visloc_companion.core.asking import Asking
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.gimbal import Gimbal
-from visloc_companion.core.gnss import GnssMonitor
+from visloc_companion.core.gnss import ODOMETRY, GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.guard import Complaints, TimeCheck, TimeGuard
 from visloc_companion.core.onboard_camera import OnboardCamera
@@ -58,6 +58,7 @@ from visloc_companion.types import (
     SourceSwitched,
     Tick,
     TimesyncSample,
+    Verdict,
     WorkerState,
 )
 
@@ -260,7 +261,12 @@ class Navigator:
         self._aiding.judged(now_ns)
         if verdict.verdict is before:
             return []
-        return [gnss_words.notice(verdict, self._monitor.ever_trusted)]
+        told: list[Command] = [gnss_words.notice(verdict, self._monitor.ever_trusted)]
+        belief = self._tracker.belief
+        alone = verdict.verdict is Verdict.SUSPECT and verdict.reasons[0] == ODOMETRY
+        if alone and belief is not None and belief.last_fix_ns is None:
+            told.append(Notice(Severity.NOTICE, gnss_words.OR_CAMERA, to_operator=True))
+        return told
 
     def _watch(self, now_ns: int) -> list[Command]:
         """A camera that went silent, and an origin that has not come."""

@@ -1,7 +1,7 @@
 """The camera in the vehicle: when its frames are taken (camera_time.py), how it is mounted (boresight.py) and tilted
 (tilt_memory.py), all learned in flight, where (lever_arm.py), whether its lens is as calibrated (lens_watch.py), its picture
-mirrored (mirror_watch.py) and its fixes as good as they claim (claim_watch.py), and where its pictures show the sun
-(sun_memory.py).
+mirrored (mirror_watch.py), its mounting as configured (mount_watch.py) and its fixes as good as they claim (claim_watch.py), and
+where its pictures show the sun (sun_memory.py).
 
 What carries it is the airframe or a gimbal (gimbal.py). Mounting and tilt are those against what carries it, in either case. Its
 time is learned on the airframe only: a gimbal's word comes late by an unknown time itself."""
@@ -19,6 +19,7 @@ from visloc_companion.core.gimbal_watch import GimbalWatch
 from visloc_companion.core.lens_watch import LensWatch
 from visloc_companion.core.lever_arm import LeverArm
 from visloc_companion.core.mirror_watch import MirrorWatch, shown_by_none
+from visloc_companion.core.mount_watch import MountWatch
 from visloc_companion.core.sun_memory import SunMemory
 from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.core.tilt_memory import TiltMemory
@@ -59,12 +60,18 @@ class OnboardCamera:
         self._time = CameraTime(clock, attitude, learns=gimbal is None)
         self._boresight, self._tilt = Boresight(q_frd_cambody), TiltMemory(mount_sigma_rad)
         self._lever, self._mirror = LeverArm(lever_frd_m, clock, attitude), MirrorWatch(clock, gimbal or attitude)
+        self._mount = MountWatch(clock, gimbal or attitude, q_frd_cambody)
         self._lens, self._claims, self._sun, self._tracker = LensWatch(), ClaimWatch(), SunMemory(), tracker
 
     @property
     def q_carrier_cambody(self) -> Quat:
         """The mounting on what carries the camera, as it is known by now."""
         return self._boresight.q_frd_cambody
+
+    @property
+    def mounted_wrong(self) -> bool:
+        """Whether the pictures show another mounting than the configured one: what they show of motion is not to be used."""
+        return self._mount.wrong
 
     @property
     def sigma_yaw_rad(self) -> float:
@@ -119,11 +126,13 @@ class OnboardCamera:
 
     def of_vehicle(self, answer: Fix | NoFix) -> Fix | NoFix:
         """An answer about the camera, as one about the vehicle; a terrain's fix is that already. A mirrored picture shows
-        nothing."""
+        nothing, one of a camera that is mounted otherwise neither motion nor turn."""
         if answer.method == TERRAIN:
             return answer
         if self._mirror.mirrored:
             return shown_by_none(answer)
+        if self._mount.wrong:
+            answer = replace(answer, motion=None, turn=None, turn_since_kept=None)
         return self._lever.of_vehicle(answer, self._q_frd_cambody(answer.t_ns))
 
     def asked_of_vehicle(self, request: LocaliseRequest) -> LocaliseRequest:
@@ -149,8 +158,9 @@ class OnboardCamera:
         """Learn from how the camera turned; the filter has no part in it."""
         if isinstance(answer, Fix):
             self._mirror.recognised()
+            self._mount.recognised()
         if answer.turn is not None:
-            told = self._mirror.on_turn(answer.turn, self.q_carrier_cambody)
+            told = self._mirror.on_turn(answer.turn, self.q_carrier_cambody) or self._mount.on_turn(answer.turn)
             if told:
                 return told
             self._tilt.turned(answer.turn, answer.turn_since_kept)

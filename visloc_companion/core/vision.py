@@ -19,6 +19,7 @@ from visloc_companion.core.steering import Steering
 from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.core.terrain_aiding import TerrainAiding
 from visloc_companion.core.tracking import Tracker
+from visloc_companion.core.unmatched_watch import UnmatchedWatch
 from visloc_companion.core.validate import fault
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
@@ -63,7 +64,7 @@ class Vision:
         self._terrain, self._search, self._complaints = terrain, search, complaints
         self._camera, self._computer = CameraWatch(has_camera), ComputerWatch()
         self._open = OpenTracks(max_probability_wrong)
-        self._second = SecondOpinion()
+        self._second, self._unmatched = SecondOpinion(), UnmatchedWatch()
         self._searching = self._to_confirm = False
         self._off_map_since_ns: int | None = None
 
@@ -129,7 +130,16 @@ class Vision:
         event = self._onboard.of_vehicle(event)
         before = self._tracker.belief  # not between motion and fix: the inputs after them would be folded twice
         self.moved(event.motion, now_ns)
-        return [*self._computer.on_answer(event), *self._onboard.on_answer(event), *self._localised(event, before, now_ns)]
+        told = [*self._computer.on_answer(event), *self._learned(event)]
+        return [*told, *self._localised(event, before, now_ns)]
+
+    def _learned(self, event: Fix | NoFix) -> list[Command]:
+        """What an answer tells of the camera; a mounting that is wrong also takes back what its motion said against GNSS."""
+        knew = self._onboard.mounted_wrong
+        told = self._onboard.on_answer(event)
+        if self._onboard.mounted_wrong and not knew and self._monitor.disown_odometry():
+            self._tracker.forget_unfixed()
+        return told
 
     def _localised(self, event: Fix | NoFix, before: Belief | None, now_ns: int) -> list[Command]:
         if self._search is not None and self._search.is_asked(event.request_id):
@@ -137,7 +147,8 @@ class Vision:
             return [*([] if found is None else self._on_found(found, now_ns)), *self.free_worker(event, now_ns)]
         if isinstance(event, Fix):
             return self._on_fix(event, before, now_ns)
-        return [*self._stated_off_map(event), *self._on_open(event, now_ns), *self.free_worker(event, now_ns)]
+        told = [*self._stated_off_map(event), *self._unmatched.on_refusal(event, now_ns)]
+        return [*told, *self._on_open(event, now_ns), *self.free_worker(event, now_ns)]
 
     def _stated_off_map(self, event: NoFix) -> list[Command]:
         """Once: a frame taken after the operator's word shows that there is no map there, so nothing can confirm it."""
@@ -226,6 +237,7 @@ class Vision:
     def _taken(self, fix: Fix, now_ns: int) -> list[Command]:
         """The filter took a fix: no place is open any more, and GNSS is compared with it."""
         self._nothing_open()
+        self._unmatched.recognised()
         self._steering.taken(now_ns)
         return [*self._aiding.compare(fix), *self._confirmed()]
 
