@@ -39,6 +39,7 @@ MAX_SIGMA_SHARE = 2.0
 FALSE_AGAIN = 0.9
 """In a probation vision disagrees at this probability."""
 ODOMETRY = "odometry_disagrees"
+BY_CAMERA = (ODOMETRY, "vision_disagrees")
 
 
 class GnssMonitor:
@@ -147,15 +148,16 @@ class GnssMonitor:
         """Take what GNSS and odometry moved over an interval, with the variance per axis that odometry claims."""
         self._odometry.add(t_from_ns, t_to_ns, gnss_ne_m, odometry_ne_m, var_m2)
 
-    def disown_odometry(self) -> bool:
-        """What odometry said was wrong all along; whether it alone spoke against GNSS, which is then on probation."""
-        self._odometry = OdometryTest()
-        alone = self._disagreed == (ODOMETRY,)
-        if alone:
-            self._disagreed = ()
+    def disown_camera(self) -> bool:
+        """What the camera said was wrong all along; whether it alone spoke against GNSS, which is then on probation."""
+        self._odometry, self._drift = OdometryTest(), DriftTest(self._settings.gnss_sigma_m)
+        self._vision_ns, self._vision_sigma = None, 0.0
+        said = bool(self._disagreed)
+        self._disagreed = tuple(reason for reason in self._disagreed if reason not in BY_CAMERA)
+        if not self._trust.trusted:
             self._trust.interrupt()
             self._begin_tests()
-        return alone
+        return said and not self._disagreed
 
     # -------------------------------------------------------------------------------------------------------- the verdict
 

@@ -13,10 +13,11 @@ from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.map_offset import MapOffset
 from visloc_companion.core.motion import Motion
 from visloc_companion.core.requests import dragged_m
+from visloc_companion.core.scale_watch import ScaleWatch
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.core.validate import is_place
-from visloc_companion.types import Command, Fix, Gnss, Mode, Notice, Rejected, Severity, Verdict
+from visloc_companion.types import Command, Fix, Gnss, Mode, Notice, Rejected, Severity, Vec2, Verdict
 
 GNSS_AFTER_NS = 5_000_000_000
 GNSS_INTERVAL_NS = 1_000_000_000
@@ -34,7 +35,8 @@ class GnssAiding:
         self._fused_ns: int | None = None
         self._rejected, self._was_trusted = 0, False
         self._odometry: deque[Motion] = deque(maxlen=MOTIONS_WAITING)
-        self._map = MapOffset(settings.navigator.map_sigma_m)
+        self._map, self._scale = MapOffset(settings.navigator.map_sigma_m), ScaleWatch()
+        self._told: list[Command] = []
 
     def on_gnss(self, event: Gnss, t_ns: int, mode: Mode) -> list[Command]:
         """Take a receiver's report; `t_ns` is its time of validity. Only the first receiver may feed the filter."""
@@ -47,7 +49,20 @@ class GnssAiding:
         self._tracker.gnss.add(t_ns, event.place)
         self._compare_odometry()
         self._monitor.on_reach(self._tracker.out_of_reach(t_ns, event.place, self._monitor.sigma_m(event)))
-        return self._keep_near(event, t_ns, mode)
+        told, self._told = self._told, []
+        return [*told, *self._keep_near(event, t_ns, mode)]
+
+    @property
+    def scaled(self) -> bool:
+        """Whether the camera's motion is off by a factor: it is not to be used."""
+        return self._scale.wrong
+
+    def disown_camera(self) -> None:
+        """What the camera showed was wrong; where that alone spoke against GNSS, or gave fixes, the filter has to start anew."""
+        self._odometry.clear()
+        belief = self._tracker.belief
+        if self._monitor.disown_camera() or (belief is not None and belief.last_fix_ns is not None):
+            self._tracker.forget()
 
     def _keep_near(self, event: Gnss, t_ns: int, mode: Mode) -> list[Command]:
         belief = self._tracker.belief
@@ -99,6 +114,18 @@ class GnssAiding:
                 by_lens_m2 = seen.sigma_focal**2 * (seen.per_focal_ne_m[0] ** 2 + seen.per_focal_ne_m[1] ** 2) / 2
                 var_m2 = own_m2 + by_lens_m2 + shared * (seen.d_ne_m[0] ** 2 + seen.d_ne_m[1] ** 2)
                 self._monitor.on_displacement(seen.t_from_ns, seen.t_ns, moved, seen.d_ne_m, var_m2)
+                self._watch_scale(seen, moved)
+
+    def _watch_scale(self, seen: Motion, moved_ne_m: Vec2) -> None:
+        """Until a first fix shows that the camera is set up right."""
+        belief, height_m = self._tracker.belief, self._tracker.height_above_home_m
+        if belief is None or belief.last_fix_ns is not None or height_m is None:
+            self._scale.clear()
+            return
+        told = self._scale.on_motion(seen, moved_ne_m, height_m)
+        if told:
+            self._told += told
+            self.disown_camera()
 
     def compare(self, fix: Fix) -> list[Command]:
         """Show the monitor an accepted fix beside GNSS: the fix itself, for the filter rides on a velocity that may be false.

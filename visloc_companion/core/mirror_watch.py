@@ -71,9 +71,9 @@ class MirrorWatch:
         return se3.vector_from_quat(se3.quat_multiply(se3.quat_inverse(start), end))[2]
 
 
-def shown_by_none(answer: Fix | NoFix) -> NoFix:
-    """The answer without whatever a mirrored picture said of place, motion and turn; a refusal keeps its reason."""
+def shown_by_none(answer: Fix | NoFix, why: str = "the picture is mirrored") -> NoFix:
+    """The answer without whatever such a picture said of place, motion and turn; a refusal keeps its reason."""
     if isinstance(answer, NoFix):
         return replace(answer, motion=None, turn=None, turn_since_kept=None, open_places=())
     asked = answer.request_id, answer.frame_id, answer.method
-    return NoFix(answer.t_rx_ns, answer.t_ns, *asked, Reason.BAD_FRAME, answer.elapsed_ms, "the picture is mirrored")
+    return NoFix(answer.t_rx_ns, answer.t_ns, *asked, Reason.BAD_FRAME, answer.elapsed_ms, why)

@@ -23,15 +23,19 @@ from visloc_companion.types import Command, FloatArray, Notice, Quat, Severity, 
 DELAYS_NS = tuple(1_000_000 * late_ms for late_ms in (0, 50, 100, 150, 200, 300, 400, 500))
 LEAST_TURN_RAD, MOST_TURN_RAD = math.radians(0.3), math.radians(25.0)
 """Smaller turns between two frames say little beside their errors, larger ones are seldom followed right."""
-SIGMA_RAD, SIGMA_SHARE = math.radians(0.1), 0.03
-"""1-sigma of a seen turn against a reported one: constant, and a share of it."""
+SIGMA_RAD, SIGMA_SHARE, SHARE_BY_OFF = math.radians(0.1), 0.03, 0.1
+"""1-sigma of a seen turn against a reported one: constant, and shares of it, the last times 1 - cos of what the mounting is off:
+who believes down to be elsewhere follows the ground less well."""
 FITS_SIGMAS, CAUCHY, STEPS = 3.0, 2.4, 4
 KEPT, FEWEST, EVERY = 120, 24, 4
 """Turns that are kept, before the first judgement, and from one judgement to the next."""
-FEWEST_TELLING, LEAST_FIT_FOUND, MOST_FIT_CONFIGURED = 12, 0.8, 0.4
+FEWEST_TELLING, LEAST_FIT_FOUND, MOST_FIT_CONFIGURED = 10, 0.6, 0.4
 """Turns by which the two mountings can be told apart, and shares of them: one may be followed wrong, or fit by chance."""
-LEAST_LOG_ODDS = 30.0
-"""Natural logarithm of by how much likelier all turns are with the found mounting; neighbours share a frame."""
+LEAST_LOG_ODDS = 20.0
+"""Natural logarithm of by how much likelier all turns are with the found mounting; neighbours share a frame. Of cameras that are
+mounted as configured it was at most 3 in simulated flights of copters, planes and gimbals."""
+TAKEN_BACK = 2
+"""Turns that a recognised frame speaks against: with a wrong mounting one in ten or twenty may be, most of them wrongly."""
 LEAST_ACROSS_RAD2 = math.radians(3.0) ** 2
 """Summed squares of what was turned about other axes than the main one: else the rotation about that one is open."""
 TELL_RAD = math.radians(10.0)
@@ -45,18 +49,18 @@ NAMES = ("roll", "pitch", "yaw")
 
 
 class MountWatch:
-    """`on_turn` takes what answers say; `wrong`: the operator was told, and the camera's motion is not to be used."""
+    """`on_turn` takes what answers say; `wrong`: the operator was told, and nothing of the camera is to be used."""
 
     def __init__(self, clock: ClockOffset, attitude: AttitudeBuffer | Gimbal, q_carrier_cambody: Quat) -> None:
         """`q_carrier_cambody`: the mounting as it is configured."""
         self._clock, self._attitude, self._configured = clock, attitude, q_carrier_cambody
-        self.wrong = False
-        self.recognised()
+        self.wrong, self._n = False, 0
+        self._turns: deque[FloatArray] = deque(maxlen=KEPT)
 
     def recognised(self) -> None:
-        """A place was found in the picture, which is hardly possible with such a mounting: begin anew."""
-        self._n = 0
-        self._turns: deque[FloatArray] = deque(maxlen=KEPT)
+        """A place was found in the picture, which is seldom possible with such a mounting: the oldest turns are left out."""
+        for _ in range(min(TAKEN_BACK, len(self._turns))):
+            self._turns.popleft()
 
     def on_turn(self, turn: Turn) -> list[Command]:
         """Take a turn of the camera's body; says once how the camera seems to be mounted."""
@@ -72,7 +76,7 @@ class MountWatch:
             return []
         self._n += 1
         self._turns.append(np.array([seen, *known]))
-        return self._judged() if self._n >= FEWEST and self._n % EVERY == 0 else []
+        return self._judged() if len(self._turns) >= FEWEST and self._n % EVERY == 0 else []
 
     def _reported(self, first_ns: int, last_ns: int) -> FloatArray | None:
         """(3,) turn about the configured camera's axes by the autopilot's attitudes; None where one is not known."""
@@ -86,18 +90,20 @@ class MountWatch:
         turns = np.array(self._turns)
         seen, delayed = turns[:, 0], [turns[:, k] for k in range(1, turns.shape[1])]
         found = [rotation_between(seen, reported) for reported in delayed]
-        fits = [_fits(seen, reported @ R.T) for reported, R in zip(delayed, found, strict=True)]
-        best = int(np.argmax([one.sum() for one in fits]))
+        likely = [_log_likelihood(seen, one @ R.T, SIGMA_SHARE) for one, R in zip(delayed, found, strict=True)]
+        best = int(np.argmax(likely))
         R, reported = found[best], delayed[best]
-        telling = ~_fits(reported @ R.T, reported)
-        if telling.sum() < FEWEST_TELLING or fits[best][telling].mean() < LEAST_FIT_FOUND:
+        share = _share(R)
+        fits = _fits(seen, reported @ R.T, share)
+        telling = ~_fits(reported @ R.T, reported, share)
+        if telling.sum() < FEWEST_TELLING or fits[telling].mean() < LEAST_FIT_FOUND:
             return []
-        as_configured = max(_log_likelihood(seen, one) for one in delayed)
-        fit_configured = max(float(_fits(seen, one)[telling].mean()) for one in delayed)
-        log_odds = _log_likelihood(seen, reported @ R.T) - as_configured
+        as_configured = max(_log_likelihood(seen, one, share) for one in delayed)
+        fit_configured = max(float(_fits(seen, one, share)[telling].mean()) for one in delayed)
+        log_odds = _log_likelihood(seen, reported @ R.T, share) - as_configured
         if log_odds < LEAST_LOG_ODDS or fit_configured > MOST_FIT_CONFIGURED:
             return []
-        across = np.linalg.eigvalsh(reported[fits[best]].T @ reported[fits[best]])[:2].sum()
+        across = np.linalg.eigvalsh(reported[fits].T @ reported[fits])[:2].sum()
         off_rad = se3.angle_between(se3.quat_from_R(R), (1.0, 0.0, 0.0, 0.0))
         if off_rad < TELL_RAD or across < LEAST_ACROSS_RAD2 or R[2, 2] < LEAST_DOWN:
             return []
@@ -118,19 +124,24 @@ def rotation_between(seen: FloatArray, reported: FloatArray) -> FloatArray:
     return np.asarray(R, dtype=np.float64)
 
 
-def _sigma_rad(turns: FloatArray) -> FloatArray:
-    return np.asarray(SIGMA_RAD + SIGMA_SHARE * np.linalg.norm(turns, axis=1), dtype=np.float64)
+def _share(R: FloatArray) -> float:
+    """Share of a turn that is its 1-sigma while the mounting is believed to be off by a rotation (3, 3)."""
+    return SIGMA_SHARE + SHARE_BY_OFF * (3 - float(np.trace(R))) / 2
 
 
-def _log_likelihood(seen: FloatArray, expected: FloatArray) -> float:
+def _sigma_rad(turns: FloatArray, share: float = SIGMA_SHARE) -> FloatArray:
+    return np.asarray(SIGMA_RAD + share * np.linalg.norm(turns, axis=1), dtype=np.float64)
+
+
+def _log_likelihood(seen: FloatArray, expected: FloatArray, share: float) -> float:
     """Of turns (N, 3), by Cauchy's distribution of their sizes off."""
-    off = np.linalg.norm(seen - expected, axis=1) / _sigma_rad(seen)
+    off = np.linalg.norm(seen - expected, axis=1) / _sigma_rad(seen, share)
     return -float(np.log1p((off / CAUCHY) ** 2).sum())
 
 
-def _fits(a: FloatArray, b: FloatArray) -> NDArray[np.bool_]:
+def _fits(a: FloatArray, b: FloatArray, share: float) -> NDArray[np.bool_]:
     """(N,) whether turns (N, 3) are the same within their errors."""
-    return np.asarray(np.linalg.norm(a - b, axis=1) < FITS_SIGMAS * _sigma_rad(a), dtype=np.bool_)
+    return np.asarray(np.linalg.norm(a - b, axis=1) < FITS_SIGMAS * _sigma_rad(a, share), dtype=np.bool_)
 
 
 def _mounted(configured: Quat, R_cam_configured: FloatArray) -> Quat:

@@ -1,7 +1,7 @@
 """The camera in the vehicle: when its frames are taken (camera_time.py), how it is mounted (boresight.py) and tilted
 (tilt_memory.py), all learned in flight, where (lever_arm.py), whether its lens is as calibrated (lens_watch.py), its picture
-mirrored (mirror_watch.py), its mounting as configured (mount_watch.py) and its fixes as good as they claim (claim_watch.py), and
-where its pictures show the sun (sun_memory.py).
+mirrored (mirror_watch.py), its mounting right (mount_watch.py), its fixes as good as they claim (claim_watch.py) and as
+high as GNSS (fix_height_watch.py), and where its pictures show the sun (sun_memory.py).
 
 What carries it is the airframe or a gimbal (gimbal.py). Mounting and tilt are those against what carries it, in either case. Its
 time is learned on the airframe only: a gimbal's word comes late by an unknown time itself."""
@@ -14,6 +14,7 @@ from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.boresight import Boresight
 from visloc_companion.core.camera_time import CameraTime
 from visloc_companion.core.claim_watch import ClaimWatch
+from visloc_companion.core.fix_height_watch import FixHeightWatch
 from visloc_companion.core.gimbal import Gimbal
 from visloc_companion.core.gimbal_watch import GimbalWatch
 from visloc_companion.core.lens_watch import LensWatch
@@ -62,6 +63,7 @@ class OnboardCamera:
         self._lever, self._mirror = LeverArm(lever_frd_m, clock, attitude), MirrorWatch(clock, gimbal or attitude)
         self._mount = MountWatch(clock, gimbal or attitude, q_frd_cambody)
         self._lens, self._claims, self._sun, self._tracker = LensWatch(), ClaimWatch(), SunMemory(), tracker
+        self._heights = FixHeightWatch()
 
     @property
     def q_carrier_cambody(self) -> Quat:
@@ -70,7 +72,7 @@ class OnboardCamera:
 
     @property
     def mounted_wrong(self) -> bool:
-        """Whether the pictures show another mounting than the configured one: what they show of motion is not to be used."""
+        """Whether the pictures show another mounting than the configured one: nothing of them is to be used."""
         return self._mount.wrong
 
     @property
@@ -126,13 +128,13 @@ class OnboardCamera:
 
     def of_vehicle(self, answer: Fix | NoFix) -> Fix | NoFix:
         """An answer about the camera, as one about the vehicle; a terrain's fix is that already. A mirrored picture shows
-        nothing, one of a camera that is mounted otherwise neither motion nor turn."""
+        nothing, nor does a camera that is mounted otherwise than configured."""
         if answer.method == TERRAIN:
             return answer
         if self._mirror.mirrored:
             return shown_by_none(answer)
         if self._mount.wrong:
-            answer = replace(answer, motion=None, turn=None, turn_since_kept=None)
+            return shown_by_none(answer, "the camera is mounted otherwise than configured")
         return self._lever.of_vehicle(answer, self._q_frd_cambody(answer.t_ns))
 
     def asked_of_vehicle(self, request: LocaliseRequest) -> LocaliseRequest:
@@ -181,6 +183,9 @@ class OnboardCamera:
             if fix.sun is not None:
                 self._sun.seen(fix.t_ns, fix.sun)
         told = [*self._lens.after(belief), *self._claims.after(belief)]
+        gnss = self._tracker.gnss
+        if taken and gnss_trusted and gnss.newest is not None and gnss.newest_ns is not None:
+            told += self._heights.on_fix(fix, gnss.newest.h_amsl_m, height_m)
         if not gnss_trusted or self._time.sigma_s > TIMED_S:
             return told
         difference = self._tracker.gnss.minus(fix, state.v_ned_mps)

@@ -253,11 +253,10 @@ class Tracker:
         self._filter = PositionFilter(self._settings, self.origin, start, v, self._max_step_m)
         return True
 
-    def forget_unfixed(self) -> None:
-        """The camera's motion was wrong: a filter that nothing but that and GNSS have taught has to be seeded anew."""
-        if self.belief is not None and self.belief.last_fix_ns is None:
-            self._filter = None
-            self._odometry = OdometryAiding()
+    def forget(self) -> None:
+        """What taught the filter was wrong: it has to be seeded anew."""
+        self._filter = None
+        self._odometry = OdometryAiding()
 
     def seed_without_velocity(self, t_ns: int, t_boot_ns: int, place: GeoPoint, sigma_m: float) -> None:
         """Start from a place while the autopilot gives no velocity or height (PX4 without any position).

@@ -115,7 +115,7 @@ class Vision:
 
     def moved(self, motion: Odometry | None, now_ns: int) -> None:
         """The camera's own motion bears on the velocity, and on the GNSS verdict."""
-        if motion is None:
+        if motion is None or self._aiding.scaled:
             self._tracker.odometry_lost()
         elif fault(motion, now_ns) is None:
             interval = self._tracker.observe_odometry(motion)
@@ -134,11 +134,12 @@ class Vision:
         return [*told, *self._localised(event, before, now_ns)]
 
     def _learned(self, event: Fix | NoFix) -> list[Command]:
-        """What an answer tells of the camera; a mounting that is wrong also takes back what its motion said against GNSS."""
+        """What an answer tells of the camera; a mounting that is wrong also takes back what it said against GNSS."""
         knew = self._onboard.mounted_wrong
         told = self._onboard.on_answer(event)
-        if self._onboard.mounted_wrong and not knew and self._monitor.disown_odometry():
-            self._tracker.forget_unfixed()
+        if self._onboard.mounted_wrong and not knew:
+            self._aiding.disown_camera()
+            self._steering.doubt()
         return told
 
     def _localised(self, event: Fix | NoFix, before: Belief | None, now_ns: int) -> list[Command]:

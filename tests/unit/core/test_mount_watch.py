@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from visloc_companion.core.attitude import AttitudeBuffer
-from visloc_companion.core.mount_watch import FEWEST, MountWatch
+from visloc_companion.core.mount_watch import MountWatch
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.geo import se3
 from visloc_companion.types import Notice, Quat, Turn
@@ -96,10 +96,10 @@ def said(
 )
 @pytest.mark.parametrize("late_s", [0.0, 0.15])
 def test_another_mounting_is_told_once_with_what_to_write(real: Quat, configured: Quat, text: str, late_s: float) -> None:
-    (notice,) = said(real, configured, late_s=late_s)
-    words, numbers = re.subn(r"-?\d+", "N", notice.text), re.findall(r"-?\d+", notice.text)
-    assert words == re.subn(r"-?\d+", "N", text)
-    assert list(map(float, numbers)) == pytest.approx(list(map(float, re.findall(r"-?\d+", text))), abs=3)
+    (notice,) = said(real, configured, late_s=late_s, seconds=120)
+    assert re.sub(r"-?\d+", "N", notice.text) == re.sub(r"-?\d+", "N", text)
+    for found_deg, right_deg in zip(re.findall(r"-?\d+", notice.text), re.findall(r"-?\d+", text), strict=True):
+        assert abs((float(found_deg) - float(right_deg) + 180) % 360 - 180) <= 3
     found = mounted(*(float(dict(notice.data)[name]) for name in ("roll", "pitch", "yaw")))
     assert math.degrees(se3.angle_between(found, real)) < 3.0
     assert notice.to_operator
@@ -127,8 +127,9 @@ def test_a_mirrored_picture_is_left_to_others() -> None:
     assert said(upside_down) == []
 
 
-def test_a_camera_whose_pictures_are_recognised_is_not_judged() -> None:
-    assert said(mounted(yaw_deg=90), recognised_each=FEWEST // 2) == []
+def test_a_camera_whose_pictures_are_recognised_is_not_judged_but_by_a_few() -> None:
+    assert said(mounted(yaw_deg=90), recognised_each=2) == []
+    assert said(mounted(yaw_deg=90), recognised_each=12) != []
 
 
 def test_turns_of_times_without_attitude_say_nothing() -> None:
