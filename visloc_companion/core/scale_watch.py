@@ -20,8 +20,9 @@ LEAST_M, KEPT, FEWEST, LEAST_WAY_M = 1.0, 200, 20, 150.0
 LEAST_SPREAD = 0.25
 """Variance of the displacements over their mean square: 0 straight ahead, 0.5 where half of the way leads to the side."""
 TELL_SHARE, MOST_TURN_RAD = 0.12, math.radians(6.0)
-MOST_DRAG, MOST_LEFT = 0.08, 0.12
-"""Of the rms displacement: what is the same in every direction, and the rms of what neither explains."""
+MOST_DRAG, MOST_LEFT, SURE_SIGMAS = 0.08, 0.45, 4.0
+"""Of the rms displacement: what is the same in every direction, and the rms of what neither explains (a wrong lens bends every
+turn as well); and in how many of its own sigmas the factor must differ from 1."""
 
 
 class ScaleWatch:
@@ -49,7 +50,8 @@ class ScaleWatch:
         factor = complex(np.vdot(off, saw) / np.vdot(off, off))
         drag = complex(saw.mean() - factor * moved.mean())
         left = math.sqrt(float(np.mean(np.abs(saw - factor * moved - drag) ** 2)))
-        scaled = abs(abs(factor) - 1) >= TELL_SHARE and abs(cmath.phase(factor)) <= MOST_TURN_RAD
+        sigma = left / math.sqrt(float(np.vdot(off, off).real))
+        scaled = abs(abs(factor) - 1) >= max(TELL_SHARE, SURE_SIGMAS * sigma) and abs(cmath.phase(factor)) <= MOST_TURN_RAD
         if not scaled or abs(drag) > MOST_DRAG * rms or left > MOST_LEFT * rms:
             return []
         self.wrong = True
