@@ -140,7 +140,7 @@ class GnssAiding:
         self._monitor.on_vision(fix.t_ns, difference, fix.cov_ne_m2, self._settings.navigator.map_sigma_m, (north, east))
         verdict = self._monitor.verdict
         if verdict.verdict is Verdict.SUSPECT:
-            self._map.suspected(verdict.since_ns)
+            self._map.suspected(verdict.since_ns, fix.t_ns, difference)
         elif self._monitor.trusted:
             self._map.compared(fix.t_ns, difference)
         self._tracker.know_map(self._map.sigma_m)

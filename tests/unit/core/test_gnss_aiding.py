@@ -174,3 +174,18 @@ def test_odometry_across_a_lost_fix_is_not_compared() -> None:
     rig.aiding.on_motion(Motion(now, start, (900.0, 0.0), ((0.01, 0.0), (0.0, 0.01))))
     rig.run(3, 0.0)
     assert rig.monitor.trusted
+
+
+def test_the_claim_reckons_with_a_map_that_gnss_never_agreed_with() -> None:
+    rig = Rig()
+    rig.tracker.seed(round(rig.t * S), at(-30.0), 2.0)  # fixes that agree among themselves: relocalised
+    for _ in range(20):
+        rig.run(0.6, 0.0, mode=Mode.AIDING)
+        seen = fix(rig.t, -30.0)
+        rig.tracker.observe(seen)
+        rig.notices += rig.aiding.compare(seen)
+    assert rig.monitor.verdict.verdict is Verdict.SUSPECT
+    assert [n.text for n in rig.notices if isinstance(n, Notice)] == ["visloc: map is 30 m off GNSS"]
+    state = rig.tracker.at(round(rig.t * S))
+    assert state is not None
+    assert state.cov_ne_m2[0][0] ** 0.5 > 14.0
