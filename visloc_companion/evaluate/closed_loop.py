@@ -24,7 +24,7 @@ from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.metrics import Interval, flight_summary
 from visloc_companion.evaluate.record import FlightRecord, from_entries
 from visloc_companion.evaluate.sim_journal import JournalChoice, flight_journal, journalled_config
-from visloc_companion.geo.raster import square_reach_m
+from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.protocols import Localiser
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes, FlightLog, OperatorEntry
@@ -184,5 +184,10 @@ def _operator(scenario: Scenario) -> OperatorEntry | None:
 
 def _reach_m(reference: PackMap, home: GeoPoint) -> float:
     rows, cols = reference.shape
-    here = reference.projection_at(home)
-    return square_reach_m(reference.T_map_pix, (cols, rows), here.J_map_ne, np.array(here.origin_map_m))
+    corners = np.array([[0, 0], [cols - 1, 0], [0, rows - 1], [cols - 1, rows - 1]], dtype=np.float64)
+    T = reference.T_map_pix
+    map_m = corners @ T[:, :2].T + T[:, 2]
+    places = [GeoPoint(*reference.to_geo(float(e), float(n)), home.h_amsl_m) for e, n in map_m]
+    north_m = min(abs(distance_m(GeoPoint(p.lat_deg, home.lon_deg, 0.0), home)) for p in places)
+    east_m = min(abs(distance_m(GeoPoint(home.lat_deg, p.lon_deg, 0.0), home)) for p in places)
+    return min(north_m, east_m)

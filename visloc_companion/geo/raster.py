@@ -42,12 +42,3 @@ def window_affine(
     linear = J_map_ne @ ne_from_uv
     centre_pix = np.array([(size_px[0] - 1) / 2, (size_px[1] - 1) / 2])
     return np.column_stack([linear, np.array(center_map_m) - linear @ centre_pix])
-
-
-def square_reach_m(T_map_pix: FloatArray, size_px: tuple[int, int], J_map_ne: FloatArray, at_map: FloatArray) -> float:
-    """Half the side, metres, of the largest square with sides north and east about a place (2,) that a raster of (width, height)
-    pixels holds, however it is turned; negative beyond the raster. `J_map_ne` (2, 2) maps (north, east) metres to map units."""
-    T_pix_map = invert_affine(T_map_pix)
-    pix_per_m = np.abs(T_pix_map[:, :2] @ J_map_ne).sum(axis=1)
-    at = apply_affine(T_pix_map, at_map)
-    return float(np.min(np.minimum(at + 0.5, np.array(size_px) - 0.5 - at) / pix_per_m))

@@ -15,7 +15,7 @@ from rasterio.transform import Affine
 from rasterio.warp import Resampling, reproject
 
 from visloc_companion.errors import MapError
-from visloc_companion.geo.raster import T_map_pix_from_gdal, square_reach_m
+from visloc_companion.geo.raster import T_map_pix_from_gdal, apply_affine, invert_affine
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.maps.geotiff import DatasetLayer, open_dsm
 from visloc_companion.types import FloatArray, GeoPoint, Image
@@ -51,12 +51,12 @@ class Scene:
         return float(centre[0]), float(centre[1])
 
     def reach_m(self, place: GeoPoint) -> float:
-        """How far the scene reaches north, south, east and west of a place alike (geo.raster.square_reach_m), negative beyond it.
-
-        Raises OutsideMap where its CRS has no coordinates for the place.
-        """
+        """Horizontal distance from a place to the nearest edge, negative beyond it. Raises OutsideMap where its CRS has none."""
         local = map_crs(self.crs).linearised_at(place)
-        return square_reach_m(self.T_map_pix, self.size_px, local.J_map_ne, np.array(local.origin_map_m))
+        T_pix_map = invert_affine(self.T_map_pix)
+        pix_per_m = np.linalg.norm(T_pix_map[:, :2] @ local.J_map_ne, axis=1)
+        at = apply_affine(T_pix_map, np.array(local.origin_map_m))
+        return float(np.min(np.minimum(at + 0.5, np.array(self.size_px) - 0.5 - at) / pix_per_m))
 
     def save(self, folder: Path) -> tuple[Path, Path]:
         """Write `ortho.tif` and `dsm.tif` (tiled GeoTIFF) and return their paths. Raises MapError where that fails."""

@@ -71,7 +71,7 @@ COURSES: dict[Course, Callable[[float, float], list[tuple[float, float]]]] = {
 class FlightArea:
     """Where a flight takes place: home on the ground in the middle, how far the map reaches, and its ground sample distance.
 
-    `reach_m` is how far the map and the camera's scene reach north, south, east and west of home alike.
+    `reach_m` is the distance from home to the nearest edge of the map and of the camera's scene.
     """
 
     home: GeoPoint

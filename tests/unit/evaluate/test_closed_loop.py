@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from statistics import median
 
 import cv2
@@ -24,10 +23,8 @@ from visloc_companion.evaluate.closed_loop import (
 )
 from visloc_companion.evaluate.expected import checks_of
 from visloc_companion.evaluate.flight_pictures import picture_pairs
-from visloc_companion.geo.wgs84 import distance_m, geo_from_ned
-from visloc_companion.maps.crs import map_crs
+from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.maps.pack import PackMap
-from visloc_companion.prepare.build import build_pack
 from visloc_companion.prepare.world import ProceduralWorld, procedural_world, scene_on
 from visloc_companion.sim import faults
 from visloc_companion.sim.flight import Eyes
@@ -306,20 +303,6 @@ def test_home_and_reach_are_the_maps(small_world: FlightWorld) -> None:
     assert distance_m(area.home, GeoPoint(lat_deg, lon_deg, 0.0)) < 0.5
     assert area.reach_m == pytest.approx(300.0, abs=8.0)
     assert area.gsd_m == pytest.approx(0.5, rel=0.01)
-
-
-def test_a_polar_map_turned_by_half_a_right_angle_holds_the_square_within(tmp_path: Path) -> None:
-    """Grid north of the polar stereographic projection lies 45 degrees beside true north at 0 degrees of longitude."""
-    middle = map_crs("EPSG:3413").to_map(75.0, 0.0)
-    T_map_pix = np.array([[2.0, 0.0, middle[0] - 399.0], [0.0, -2.0, middle[1] + 399.0]])
-    pixels = np.random.default_rng(1).integers(0, 255, (400, 400, 3), np.uint8)
-    scene = Scene(pixels, np.full((400, 400), 20.0, np.float32), T_map_pix, "EPSG:3413")
-    build_pack(scene.save(tmp_path)[:1], tmp_path / "dsm.tif", tmp_path / "pack")
-    area = FlightWorld(tmp_path / "pack", PackMap.open(tmp_path / "pack"), scene).area()
-    assert area.reach_m == pytest.approx(400.0 / math.sqrt(2.0), rel=0.02)
-    for north_m, east_m in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-        corner = geo_from_ned((0.99 * north_m * area.reach_m, 0.99 * east_m * area.reach_m, 0.0), area.home)
-        assert scene.reach_m(corner) > 0
 
 
 def test_rendered_frames_and_the_real_localiser_carry_a_flight(small_world: FlightWorld) -> None:
