@@ -20,21 +20,17 @@ from random import Random
 import numpy as np
 
 from benchmarks.combined_faults_eyes import FaultyEyes, Spell
-from benchmarks.consistency import FRAME_RATE_HZ, HOME, LATENCY_S
+from benchmarks.consistency import FRAME_RATE_HZ, HOME, over_hills, pilot_of
 from benchmarks.consistency_eyes import EyesModel
-from visloc_companion.adapters.mavlink.session import MavlinkSession
-from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.app.journal import Entry
-from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings, InjectionSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.sim import faults
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.faults import FaultSchedule
-from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes
+from visloc_companion.sim.flight import CLOCK_OFFSET_NS
 from visloc_companion.sim.scenarios import Scenario
-from visloc_companion.sim.setup import FlightArea, FlightSetup, VehicleKind
-from visloc_companion.testing.hills import HillyMap
+from visloc_companion.sim.setup import VehicleKind
 from visloc_companion.types import AutopilotKind, Status, Vec2
 
 DURATION_S = 140.0
@@ -95,13 +91,11 @@ def flown(plan: Plan, seed: int) -> Worst:
     """One flight."""
     settings = CoreSettings(injection=InjectionSettings(switch_source=True), max_rate_hz=FRAME_RATE_HZ, has_camera=True)
     scenario = Scenario("combined", "", plan.duration_s, plan.schedule)
-    pilot = FlightSetup(scenario, FlightArea(HOME, 1000.0, 0.5), plan.kind, plan.vehicle, seed).autopilot()
+    pilot = pilot_of(scenario, plan.kind, plan.vehicle, seed)
     sigma_m, start_ns = settings.navigator.map_sigma_m, CLOCK_OFFSET_NS
     eyes = FaultyEyes(plan.model, seed, sigma_m, spells=plan.spells, start_ns=start_ns, home_amsl_m=HOME.h_amsl_m)
-    seen = Eyes(eyes, eyes, HillyMap(HOME, 3000.0, 1.0, seed=1), FRAME_RATE_HZ, LATENCY_S)  # type: ignore[arg-type]
     worst = Worst()
-    judge = _judge(worst, pilot)
-    ClosedLoopFlight(pilot, Navigator(settings), MavlinkSession(SessionSettings()), seen, on_entry=judge).run(plan.duration_s)
+    over_hills(pilot, eyes, settings, _judge(worst, pilot)).run(plan.duration_s)
     return worst
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,10 +24,12 @@ import numpy as np
 from benchmarks.consistency_eyes import EyesModel, KnowingEyes
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
+from visloc_companion.app.journal import Entry
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings, InjectionSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.sim import faults
+from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.flight import ClosedLoopFlight, Eyes, FlightLog
 from visloc_companion.sim.scenarios import Scenario
 from visloc_companion.sim.setup import FlightArea, FlightSetup, VehicleKind
@@ -67,12 +69,22 @@ def flown(vehicle: VehicleKind, seed: int, seconds: float, model: EyesModel, set
     """One flight, jammed from JAM_S on."""
     settings = settings or CoreSettings(injection=InjectionSettings(switch_source=True), max_rate_hz=FRAME_RATE_HZ)
     scenario = Scenario("jam", "", seconds, faults.jam(JAM_S))
-    area = FlightArea(HOME, 1000.0, 0.5)
-    setup = FlightSetup(scenario, area, AutopilotKind.ARDUPILOT, vehicle, seed)
-    eyes = KnowingEyes(model, seed, settings.navigator.map_sigma_m)
-    seen = Eyes(eyes, eyes, HillyMap(HOME, 3000.0, 1.0, seed=1), FRAME_RATE_HZ, LATENCY_S)  # type: ignore[arg-type]
-    log = ClosedLoopFlight(setup.autopilot(), Navigator(settings), MavlinkSession(SessionSettings()), seen).run(seconds)
+    pilot = pilot_of(scenario, AutopilotKind.ARDUPILOT, vehicle, seed)
+    log = over_hills(pilot, KnowingEyes(model, seed, settings.navigator.map_sigma_m), settings).run(seconds)
     return epochs(log, JAM_S + SETTLED_S)
+
+
+def pilot_of(scenario: Scenario, kind: AutopilotKind, vehicle: VehicleKind, seed: int) -> BuiltInAutopilot:
+    """The autopilot of a flight about HOME."""
+    return FlightSetup(scenario, FlightArea(HOME, 1000.0, 0.5), kind, vehicle, seed).autopilot()
+
+
+def over_hills(
+    pilot: BuiltInAutopilot, eyes: KnowingEyes, settings: CoreSettings, on_entry: Callable[[Entry], None] | None = None
+) -> ClosedLoopFlight:
+    """A flight of the daemon's core with these eyes, ready to run."""
+    seen = Eyes(eyes, eyes, HillyMap(HOME, 3000.0, 1.0, seed=1), FRAME_RATE_HZ, LATENCY_S)  # type: ignore[arg-type]
+    return ClosedLoopFlight(pilot, Navigator(settings), MavlinkSession(SessionSettings()), seen, on_entry=on_entry)
 
 
 def epochs(log: FlightLog, from_s: float) -> Epochs:

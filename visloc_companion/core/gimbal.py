@@ -131,3 +131,13 @@ def _ned_from(frame: GimbalFrame | None, q_ned_frd: Quat) -> Quat:
     if frame is GimbalFrame.NORTH:
         return (1.0, 0.0, 0.0, 0.0)
     return se3.quat_from_euler(0.0, 0.0, se3.euler_from_quat(q_ned_frd)[2])
+
+
+def camera_turn(carrier: AttitudeBuffer | Gimbal, q_carrier_cambody: Quat, first_ns: int, last_ns: int) -> Vec3 | None:
+    """How a camera on what carries it turned between two boot times, a rotation vector (rad) about the axes of its body, by the
+    attitudes that were told; None where one is not known."""
+    before, after = carrier.at(first_ns), carrier.at(last_ns)
+    if before is None or after is None:
+        return None
+    start, end = (se3.quat_multiply(q, q_carrier_cambody) for q in (before, after))
+    return se3.vector_from_quat(se3.quat_multiply(se3.quat_inverse(start), end))

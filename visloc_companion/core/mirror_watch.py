@@ -11,7 +11,7 @@ import math
 from dataclasses import replace
 
 from visloc_companion.core.attitude import AttitudeBuffer
-from visloc_companion.core.gimbal import Gimbal
+from visloc_companion.core.gimbal import Gimbal, camera_turn
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.errors import Reason
 from visloc_companion.geo import se3
@@ -64,11 +64,8 @@ class MirrorWatch:
 
     def _about_axis_rad(self, first_ns: int, last_ns: int, q_carrier_cambody: Quat) -> float | None:
         """How the camera turned about the axis that it looks along, by the autopilot's attitudes; None where one is not known."""
-        before, after = self._attitude.at(first_ns), self._attitude.at(last_ns)
-        if before is None or after is None:
-            return None
-        start, end = (se3.quat_multiply(q, q_carrier_cambody) for q in (before, after))
-        return se3.vector_from_quat(se3.quat_multiply(se3.quat_inverse(start), end))[2]
+        turn_rad = camera_turn(self._attitude, q_carrier_cambody, first_ns, last_ns)
+        return None if turn_rad is None else turn_rad[2]
 
 
 def shown_by_none(answer: Fix | NoFix, why: str = "the picture is mirrored") -> NoFix:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.core.attitude import AttitudeBuffer
-from visloc_companion.core.gimbal import Gimbal
+from visloc_companion.core.gimbal import Gimbal, camera_turn
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.geo import se3
 from visloc_companion.types import Command, FloatArray, Notice, Quat, Severity, Turn
@@ -70,21 +70,13 @@ class MountWatch:
         seen = se3.vector_from_quat(turn.q_from_to)
         if not LEAST_TURN_RAD <= math.hypot(*seen) <= MOST_TURN_RAD:
             return []
-        reported = [self._reported(first_ns - late_ns, last_ns - late_ns) for late_ns in DELAYS_NS]
+        reported = [camera_turn(self._attitude, self._configured, first_ns - late, last_ns - late) for late in DELAYS_NS]
         known = [one for one in reported if one is not None]
         if len(known) < len(DELAYS_NS):
             return []
         self._n += 1
         self._turns.append(np.array([seen, *known]))
         return self._judged() if len(self._turns) >= FEWEST and self._n % EVERY == 0 else []
-
-    def _reported(self, first_ns: int, last_ns: int) -> FloatArray | None:
-        """(3,) turn about the configured camera's axes by the autopilot's attitudes; None where one is not known."""
-        before, after = self._attitude.at(first_ns), self._attitude.at(last_ns)
-        if before is None or after is None:
-            return None
-        start, end = (se3.quat_multiply(q, self._configured) for q in (before, after))
-        return np.array(se3.vector_from_quat(se3.quat_multiply(se3.quat_inverse(start), end)))
 
     def _judged(self) -> list[Command]:
         turns = np.array(self._turns)
