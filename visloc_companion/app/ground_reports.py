@@ -14,7 +14,7 @@ from visloc_companion.app.ticker import time_grid
 from visloc_companion.config import Config
 from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.protocols import Clock
-from visloc_companion.types import Mode, Report, Status, Verdict
+from visloc_companion.types import ComputerLoad, Mode, Report, Status, Verdict
 
 LOAD_RATE_HZ = 1.0
 MODES = {Mode.WAITING: 0, Mode.SHADOW: 1, Mode.AIDING: 2, Mode.DEAD_RECKONING: 3, Mode.LOST: 4}
@@ -45,6 +45,8 @@ class GroundReports:
         self._rate_hz, self._tells_load = config.link.telemetry_rate_hz, config.link.computer_status
         self._clock, self._look, self._send = clock, look, send
         self._computer = Computer(Path(config.journal.folder or "/"))
+        self.load: ComputerLoad | None = None
+        """The newest look at the computer, whether the ground station is told of it or not."""
 
     async def serve(self) -> None:
         """Serve until cancelled."""
@@ -56,8 +58,9 @@ class GroundReports:
     async def _serve_load(self) -> None:
         """The heartbeat's state goes with it, so that it is told even where the load is not."""
         async for now_ns, _ in time_grid(self._clock, LOAD_RATE_HZ):
-            load = await asyncio.to_thread(self._computer.look) if self._tells_load else None
-            await self._send(Report(now_ns, load=load, critical=self._look().critical))
+            self.load = await asyncio.to_thread(self._computer.look)
+            told = self.load if self._tells_load else None
+            await self._send(Report(now_ns, load=told, critical=self._look().critical))
 
     async def _serve_values(self) -> None:
         async for now_ns, _ in time_grid(self._clock, self._rate_hz):

@@ -11,6 +11,7 @@ import asyncio
 import contextlib
 import json
 from collections.abc import Callable, Coroutine
+from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -83,6 +84,7 @@ class Daemon:
         self._group: asyncio.TaskGroup | None = None
         self._link_up = self._stopping = False
         self._ground = GroundCheck(parts.config, parts.clock, self.handle)
+        self._reports = GroundReports(parts.config, parts.clock, self._condition, self.link.report)
         self._first = FirstPosition(at)
 
     # ------------------------------------------------------------------------------------------------- events, commands
@@ -179,7 +181,7 @@ class Daemon:
             "injections": self._send_injections(),
             "notices": self._send_notices(),
             "watch": self._watch(),
-            "reports": GroundReports(self.parts.config, self.parts.clock, self._condition, self.link.report).serve(),
+            "reports": self._reports.serve(),
         }
         if self.parts.config.map.pack:
             work["ground"] = self._ground.serve()
@@ -279,6 +281,7 @@ class Daemon:
                 "given_up": worker.given_up,
             },
             "journal": None if journal is None else {"dropped": journal.dropped, "problem": journal.problem},
+            "computer": None if self._reports.load is None else asdict(self._reports.load),
             "cycle_slips": self.health.cycle_slips,
             "slow_steps": self.slow_steps,
             "slowest_ms": self.slowest_ns / 1e6,

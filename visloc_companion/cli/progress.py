@@ -49,7 +49,7 @@ def spinner(what: str) -> Iterator[Callable[[str], None]]:
     """A line that says what goes on; call with the stage."""
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield lambda stage: console.print(f"{what}: {stage}", highlight=False, markup=False)
+        yield lambda stage: console.print(f"{what}: {stage}", highlight=False, markup=False, soft_wrap=True)
         return
     with console.status(escape(what)) as status:
         yield lambda stage: status.update(escape(f"{what}: {stage}"))

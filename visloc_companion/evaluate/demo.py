@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from visloc_companion.app.journal import read_journal
+from visloc_companion.app.status import check_status_socket
 from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.errors import ConfigError, LinkError
 from visloc_companion.evaluate.campaign import result_of
@@ -141,7 +142,8 @@ def _fly_processes(out: Path, setup: FlightSetup, world: ProceduralWorld, speed:
     config.write_text(_config_text(setup, plan, world), encoding="utf-8")
     for old in out.glob("*.mcap"):
         old.unlink()
-    on_stage(f"flying {setup.scenario.duration_s:.0f} s at {speed:.2g} times real time, daemon and autopilot over UDP")
+    flown = f"flying {setup.scenario.duration_s:.0f} s at {speed:.2g} times real time, daemon and autopilot over UDP"
+    on_stage(f"{flown}; to watch: visloc web --config {config}" if _status_socket(out) else flown)
     with (
         ended_in_order(),
         (out / "autopilot.log").open("wb") as pilot_log,
@@ -237,9 +239,22 @@ switch_source = true
 [journal]
 folder = {json.dumps(str(Path(plan.result).parent))}
 
+[status]
+socket = {json.dumps(_status_socket(Path(plan.result).parent))}
+
 [clock]
 speed = {plan.speed}
 """
+
+
+def _status_socket(out: Path) -> str:
+    """Where the dashboard may ask; empty where no socket can be: too long a path, or a file system that has none."""
+    path = out / "status.sock"
+    try:
+        check_status_socket(path)
+    except ConfigError:
+        return ""
+    return str(path)
 
 
 def _free_port(kind: socket.SocketKind) -> int:

@@ -9,6 +9,10 @@ from visloc_companion.web.words import span
 
 PARTS = ("link", "camera", "worker", "tick")
 FRAME_LATE_S = 5.0
+HOT_C = 85.0
+"""Small computers slow down beyond it."""
+SPARE_BYTES = 500e6
+"""Less than this on the journal's disk is as good as full."""
 MAX_NOTICES = 8
 NOT_KNOWN = "not known"
 SEVERITIES = ("info", "notice", "warning", "critical")
@@ -31,6 +35,8 @@ def health(snapshot: dict[str, Any]) -> list[dict[str, Any]]:
         _row("worker", *_worker(snapshot)),
         _row("disk", *_disk(snapshot)),
     ]
+    if computer := part(snapshot, "computer"):
+        rows.append(_row("computer", *_computer(computer)))
     if "tick" in hanging:
         rows.append(_row("tick", False, "hangs"))
     return [_row(row["part"], False, f"hangs; {row['says']}") if row["part"] in hanging and row["ok"] else row for row in rows]
@@ -91,4 +97,26 @@ def _disk(snapshot: dict[str, Any]) -> tuple[bool | None, str]:
     dropped, problem = count(journal.get("dropped")) or 0, text(journal.get("problem"))
     if problem:
         return False, problem
-    return (False, f"journal lacks {dropped} records") if dropped else (True, "journal is written")
+    used, total = _used_of(part(snapshot, "computer"), "storage")
+    free = None if used is None or total is None else total - used
+    room = "" if free is None else f", {free / 1e9:.1f} GB free"
+    if dropped:
+        return False, f"journal lacks {dropped} records{room}"
+    return free is None or free >= SPARE_BYTES, f"journal is written{room}"
+
+
+def _computer(load: dict[str, Any]) -> tuple[bool | None, str]:
+    found = load.get("cores")
+    cores = [share for core in found if (share := number(core, 0.0, 1.0)) is not None] if isinstance(found, list) else []
+    used, total = _used_of(load, "ram")
+    celsius = number(load.get("temperature_c"))
+    says = [f"{sum(cores) / len(cores):.0%} of {len(cores)} cores".replace("%", " %")] if cores else []
+    if used is not None and total is not None:
+        says.append(f"{used / 1e9:.1f} of {total / 1e9:.1f} GB memory")
+    if celsius is not None:
+        says.append(f"{celsius:.0f} °C")
+    return None if celsius is None else celsius < HOT_C, ", ".join(says) or NOT_KNOWN
+
+
+def _used_of(load: dict[str, Any], what: str) -> tuple[int | None, int | None]:
+    return count(load.get(f"{what}_used_bytes")), count(load.get(f"{what}_total_bytes"))

@@ -85,3 +85,20 @@ async def test_both_can_be_switched_off_and_the_state_is_still_told() -> None:
     config = parse_config({"link": {"telemetry_rate_hz": 0, "computer_status": False}})
     sent = await reports_of(config, Condition(status(), faulty=True, recording=False), 3)
     assert {(report.values, report.load, report.critical) for report in sent} == {((), None, True)}
+
+
+async def test_the_computer_is_looked_at_for_the_status_socket_whatever_the_ground_station_is_told() -> None:
+    config = parse_config({"link": {"telemetry_rate_hz": 0, "computer_status": False}})
+    looked = asyncio.Event()
+
+    async def send(_: Report) -> None:
+        looked.set()
+
+    reports = GroundReports(config, MonotonicClock(50.0), lambda: Condition(None, faulty=False, recording=False), send)
+    assert reports.load is None
+    serving = asyncio.create_task(reports.serve())
+    await asyncio.wait_for(looked.wait(), 20.0)
+    serving.cancel()
+    await asyncio.gather(serving, return_exceptions=True)
+    assert reports.load is not None
+    assert reports.load.ram_total_bytes

@@ -273,7 +273,7 @@ async def test_a_link_that_ends_by_itself_ends_the_daemon(tmp_path: Path) -> Non
 async def test_without_a_camera_there_is_telemetry_only(tmp_path: Path) -> None:
     config = configuration(tmp_path, camera={"url": ""}, map={"pack": ""}, status={"socket": str(tmp_path / "s.sock")})
     async with flight(config) as f, hovering(f):
-        await f.until(lambda: f.daemon.status is not None, "a status")
+        await f.until(lambda: f.daemon.status is not None and f.daemon.snapshot()["computer"], "a status")
         reader, writer = await asyncio.open_unix_connection(tmp_path / "s.sock")
         snapshot = json.loads(await reader.read())
         writer.close()
@@ -284,6 +284,7 @@ async def test_without_a_camera_there_is_telemetry_only(tmp_path: Path) -> None:
         assert snapshot["status"]["type"] == "Status"
         assert snapshot["late"] == []
         assert snapshot["camera"] is False
+        assert snapshot["computer"]["ram_total_bytes"] > 0
         assert snapshot["autopilot"]["kind"] in ("ardupilot", "px4")
         assert 0.0 <= snapshot["heading_deg"] < 360.0
         assert snapshot["fix"] is None

@@ -58,6 +58,16 @@ def test_the_daemon_is_told_what_the_autopilot_is_told(world: ProceduralWorld, t
     assert Path(config.map.pack) == world.pack
     assert Path(config.journal.folder) == tmp_path
     assert config.injection.switch_source
+    assert config.status.socket == str(tmp_path / "status.sock")
+
+
+def test_where_no_socket_can_be_the_demonstration_flies_without_a_dashboard(world: ProceduralWorld, tmp_path: Path) -> None:
+    """A Unix socket's path has 107 bytes at most: in a deep folder the daemon would refuse its configuration."""
+    deep = tmp_path / ("a" * 100)
+    deep.mkdir()
+    path = deep / "visloc.toml"
+    path.write_text(demo._config_text(SETUP, demo._plan(deep, SETUP, world, 2.0), world), encoding="utf-8")
+    assert load_config(path).status.socket == ""
     assert not list(tmp_path.glob("*.mcap"))
 
 

@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 
 from tests.unit.web.snapshots import SNAPSHOT, snapshot
 from visloc_companion.core import gnss_words, terrain_aiding
+from visloc_companion.doctor.rules import system
 from visloc_companion.errors import Reason
 from visloc_companion.localise.structure import localiser as structure
 from visloc_companion.types import Mode, Verdict
-from visloc_companion.web import words
+from visloc_companion.web import condition, words
 from visloc_companion.web.heard import STALE_S, Heard
 from visloc_companion.web.history import History
 from visloc_companion.web.metrics import metrics_text
@@ -113,6 +114,40 @@ def test_what_is_wrong_with_the_parts_is_said() -> None:
     assert {name: row["ok"] for name, row in rows.items()} == dict.fromkeys(("link", "camera", "worker", "disk", "tick"), False)
     assert rows["disk"]["says"] == "journal stopped: No space left on device"
     assert rows["camera"]["says"] == "last frame 31 s ago"
+
+
+LOAD = {
+    "uptime_s": 60.0,
+    "cores": [0.5, 0.25],
+    "temperature_c": 61.4,
+    "ram_used_bytes": 1_200_000_000,
+    "ram_total_bytes": 4_000_000_000,
+    "storage_used_bytes": 20_000_000_000,
+    "storage_total_bytes": 32_300_000_000,
+}
+
+
+@pytest.mark.parametrize(
+    ("load", "computer", "disk"),
+    [
+        ({}, (True, "38 % of 2 cores, 1.2 of 4.0 GB memory, 61 °C"), (True, "journal is written, 12.3 GB free")),
+        ({"temperature_c": 91.0}, (False, "38 % of 2 cores, 1.2 of 4.0 GB memory, 91 °C"), (True, None)),
+        ({"storage_used_bytes": 32_000_000_000}, (True, None), (False, "journal is written, 0.3 GB free")),
+        ({"temperature_c": None, "cores": [], "ram_used_bytes": None}, (None, "not known"), (True, None)),
+    ],
+)
+def test_the_computer_is_told(
+    load: dict[str, Any], computer: tuple[bool | None, str | None], disk: tuple[bool, str | None]
+) -> None:
+    rows = {row["part"]: row for row in view(snapshot() | {"computer": LOAD | load})["health"]}
+    for name, (ok, says) in (("computer", computer), ("disk", disk)):
+        assert rows[name]["ok"] is ok
+        assert says is None or rows[name]["says"] == says
+
+
+def test_the_page_finds_a_computer_hot_and_full_where_the_doctor_does() -> None:
+    assert condition.HOT_C == system.HOT_C
+    assert condition.SPARE_BYTES == system.SPARE_DISK_MB * 1e6
 
 
 def test_a_part_that_hangs_is_not_healthy_whatever_else_is_known_of_it() -> None:
