@@ -20,11 +20,11 @@ from visloc_companion.config_camera import CameraConfig
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.errors import MapError
 from visloc_companion.evaluate.expected import ALERT_LIMIT_M, checks_of
+from visloc_companion.evaluate.flight_area import flight_area
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.metrics import Interval, flight_summary
 from visloc_companion.evaluate.record import FlightRecord, from_entries
 from visloc_companion.evaluate.sim_journal import JournalChoice, flight_journal, journalled_config
-from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.protocols import Localiser
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes, FlightLog, OperatorEntry
@@ -69,7 +69,7 @@ class FlightWorld:
                 where=f"the middle of {self.pack}",
                 remedy="give --camera-ortho of the same place as --map",
             )
-        return FlightArea(home, min(_reach_m(self.reference, home), seen_m), self.reference.gsd_m)
+        return flight_area(self.reference, self.scene, home)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,14 +180,3 @@ def _operator(scenario: Scenario) -> OperatorEntry | None:
     at_s = scenario.operator_fix_at_s
     error_ned_m = (0.6 * OPERATOR_SIGMA_M, -0.5 * OPERATOR_SIGMA_M, 0.0)
     return None if at_s is None else OperatorEntry(at_s, error_ned_m, OPERATOR_SIGMA_M)
-
-
-def _reach_m(reference: PackMap, home: GeoPoint) -> float:
-    rows, cols = reference.shape
-    corners = np.array([[0, 0], [cols - 1, 0], [0, rows - 1], [cols - 1, rows - 1]], dtype=np.float64)
-    T = reference.T_map_pix
-    map_m = corners @ T[:, :2].T + T[:, 2]
-    places = [GeoPoint(*reference.to_geo(float(e), float(n)), home.h_amsl_m) for e, n in map_m]
-    north_m = min(abs(distance_m(GeoPoint(p.lat_deg, home.lon_deg, 0.0), home)) for p in places)
-    east_m = min(abs(distance_m(GeoPoint(home.lat_deg, p.lon_deg, 0.0), home)) for p in places)
-    return min(north_m, east_m)

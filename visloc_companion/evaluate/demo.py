@@ -202,6 +202,7 @@ def _plan(out: Path, setup: FlightSetup, world: ProceduralWorld, speed: float) -
         area.home,
         area.reach_m,
         area.gsd_m,
+        area.turn_rad,
         str(out / "truth.json"),
     )
 

@@ -42,3 +42,21 @@ def window_affine(
     linear = J_map_ne @ ne_from_uv
     centre_pix = np.array([(size_px[0] - 1) / 2, (size_px[1] - 1) / 2])
     return np.column_stack([linear, np.array(center_map_m) - linear @ centre_pix])
+
+
+def sides_turn_rad(T_map_pix: FloatArray, J_map_ne: FloatArray) -> float:
+    """How far a raster's sides are turned clockwise from north and east, -pi/4 to pi/4. `J_map_ne` as in `window_affine`."""
+    north, east = np.linalg.solve(J_map_ne, T_map_pix[:, 0])
+    return float(np.arctan2(east, north) + np.pi / 4) % (np.pi / 2) - np.pi / 4
+
+
+def square_reach_m(
+    T_map_pix: FloatArray, size_px: tuple[int, int], J_map_ne: FloatArray, at_map: FloatArray, turn_rad: float
+) -> float:
+    """Half the side, metres, of the largest square about a place (2,) that a raster of (width, height) pixels holds, with sides
+    turned clockwise from north and east by `turn_rad`; negative beyond the raster. `J_map_ne` as in `window_affine`."""
+    s, c = np.sin(turn_rad), np.cos(turn_rad)
+    T_pix_map = invert_affine(T_map_pix)
+    pix_per_m = np.abs(T_pix_map[:, :2] @ J_map_ne @ np.array([[c, -s], [s, c]])).sum(axis=1)
+    at = apply_affine(T_pix_map, at_map)
+    return float(np.min(np.minimum(at + 0.5, np.array(size_px) - 0.5 - at) / pix_per_m))

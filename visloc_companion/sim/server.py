@@ -45,6 +45,7 @@ class ServerPlan:
     home: GeoPoint
     reach_m: float
     gsd_m: float
+    turn_rad: float
     result: str
 
     @classmethod
@@ -69,7 +70,7 @@ class ServerPlan:
 
     def setup(self) -> FlightSetup:
         """The flight that is asked for."""
-        area = FlightArea(self.home, self.reach_m, self.gsd_m)
+        area = FlightArea(self.home, self.reach_m, self.gsd_m, self.turn_rad)
         return FlightSetup(FLIGHTS[self.scenario], area, self.kind, self.vehicle, self.seed)
 
 

@@ -64,19 +64,22 @@ COURSES: dict[Course, Callable[[float, float], list[tuple[float, float]]]] = {
     "over_the_edge": _over_the_edge,
     "out_to_sea": _out_to_sea,
 }
-"""Ways (north, east of home, metres) from the half width that keeps the footprint on the map, and from the map's reach."""
+"""Ways (north, east of home, metres, of an area that is not turned) from the half width that keeps the footprint on the map, and
+from the map's reach."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlightArea:
     """Where a flight takes place: home on the ground in the middle, how far the map reaches, and its ground sample distance.
 
-    `reach_m` is the distance from home to the nearest edge of the map and of the camera's scene.
+    `reach_m` is the distance from home to the nearest edge of the map and of the camera's scene, along the course's axes, which
+    are turned by `turn_rad` clockwise from north and east where the map itself is turned (evaluate.flight_area).
     """
 
     home: GeoPoint
     reach_m: float
     gsd_m: float
+    turn_rad: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +134,9 @@ class FlightSetup:
                 f"too little for a flight {self.height_m:.0f} m above",
                 remedy=f"give a map and an orthophoto that reach {needed_m:.0f} m in every direction",
             )
-        return tuple((north, east, -self.height_m) for north, east in COURSES[self.scenario.course](half_m, self.area.reach_m))
+        s, c = math.sin(self.area.turn_rad), math.cos(self.area.turn_rad)
+        course = COURSES[self.scenario.course](half_m, self.area.reach_m)
+        return tuple((c * ahead - s * right, s * ahead + c * right, -self.height_m) for ahead, right in course)
 
     def autopilot(self, boot_age_s: float = 0.0) -> BuiltInAutopilot:
         """The vehicle at its first waypoint, in the air. Raises MapError where the map is too small."""

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from visloc_companion.cli.sim import sim
 from visloc_companion.errors import ConfigError, MapError
-from visloc_companion.evaluate import campaign, closed_loop, metrics, report
+from visloc_companion.evaluate import campaign, closed_loop, flight_area, metrics, report
 from visloc_companion.evaluate.campaign import FlightSpec, FlownSpec
 from visloc_companion.evaluate.closed_loop import FlightWorld
 from visloc_companion.maps.pack import PackMap
@@ -275,6 +275,6 @@ def test_a_full_disk_is_told_with_the_option_after_the_flight_was_judged(
 
 
 def test_a_map_that_is_too_small_is_refused(tiny_world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(closed_loop, "_reach_m", lambda *_: 100.0)
+    monkeypatch.setattr(flight_area, "corners_reach_m", lambda *_: 100.0)
     with pytest.raises(MapError, match="too little for a flight"):
         run("--scenario", "jam", "--without-daemon", "--map", tiny_world.pack, "--camera-ortho", tiny_world.ortho)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from statistics import median
 
 import cv2
@@ -24,7 +25,9 @@ from visloc_companion.evaluate.closed_loop import (
 from visloc_companion.evaluate.expected import checks_of
 from visloc_companion.evaluate.flight_pictures import picture_pairs
 from visloc_companion.geo.wgs84 import distance_m
+from visloc_companion.maps.crs import map_crs
 from visloc_companion.maps.pack import PackMap
+from visloc_companion.prepare.build import build_pack
 from visloc_companion.prepare.world import ProceduralWorld, procedural_world, scene_on
 from visloc_companion.sim import faults
 from visloc_companion.sim.flight import Eyes
@@ -324,6 +327,27 @@ def test_rendered_frames_and_the_real_localiser_carry_a_flight(small_world: Flig
     assert below is not None
     assert camera.shape == below.shape == (315, 420, 3)
     assert camera.std() > 5
+
+
+def test_a_flight_over_a_polar_map_turned_by_half_a_right_angle(small_world: FlightWorld, tmp_path: Path) -> None:
+    """As above, the same world at 75 degrees north, 45 degrees from where the polar stereographic grid points north."""
+    middle = np.array(map_crs("EPSG:3413").to_map(75.0, 0.0))
+    linear = np.diag([0.5, -0.5]) * map_crs("EPSG:3413").linearised_at(GeoPoint(75.0, 0.0, 0.0)).scale
+    surface = small_world.reference.manifest.heights.grid
+    assert surface is not None
+    older = Scene.load(small_world.pack / small_world.reference.manifest.ortho.file, small_world.pack / surface.file)
+    T_map_pix = np.column_stack([linear, middle - linear @ (np.array(older.size_px) - 1) / 2])
+    polar = [replace(scene, T_map_pix=T_map_pix, crs="EPSG:3413") for scene in (older, small_world.scene)]
+    build_pack(polar[0].save(tmp_path)[:1], tmp_path / "dsm.tif", tmp_path / "pack")
+    world = FlightWorld(tmp_path / "pack", PackMap.open(tmp_path / "pack"), polar[1])
+    scenario = replace(SCENARIOS["jam"], duration_s=13.0, frame_rate_hz=2.0, faults=faults.jam(5.0))
+    setup = FlightSetup(scenario, world.area(), AutopilotKind.ARDUPILOT, "copter", 1, width_px=320)
+    assert math.degrees(setup.area.turn_rad) == pytest.approx(45.0, abs=0.1)
+    flown = fly(setup, world, method="gradient")
+    assert flown.passed, failed(flown)
+    assert len(flown.record.fixes) > 0.8 * flown.record.n_requests
+    off_m = [math.dist(fix.p_ned_m[:2], flown.record.truth.at(np.array([fix.t_s]))[0, :2]) for fix in flown.record.fixes]
+    assert median(off_m) < 1.5
 
 
 def test_a_fisheye_of_150_degrees_carries_a_flight(small_world: FlightWorld) -> None:

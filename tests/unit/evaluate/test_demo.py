@@ -33,7 +33,7 @@ from visloc_companion.sim.setup import FlightArea, FlightSetup
 from visloc_companion.types import AutopilotKind, GeoPoint
 
 MakeEyes = Callable[..., Eyes]
-SETUP = FlightSetup(DEMO, FlightArea(GeoPoint(47.4, 8.55, 480.0), 1000.0, 0.5), AutopilotKind.PX4, "copter", 1)
+SETUP = FlightSetup(DEMO, FlightArea(GeoPoint(47.4, 8.55, 480.0), 1000.0, 0.5, 0.1), AutopilotKind.PX4, "copter", 1)
 
 
 @pytest.fixture

@@ -10,6 +10,8 @@ from visloc_companion.geo.raster import (
     apply_affine,
     compose_affine,
     invert_affine,
+    sides_turn_rad,
+    square_reach_m,
     window_affine,
 )
 
@@ -53,3 +55,24 @@ def test_window_points_where_it_is_told(heading_deg: float) -> None:
     assert up == pytest.approx((2 * math.sin(math.radians(heading_deg)), 2 * math.cos(math.radians(heading_deg))))
     right = apply_affine(T, np.array([6.0, 3.0])) - centre
     assert right == pytest.approx((2 * math.cos(math.radians(heading_deg)), -2 * math.sin(math.radians(heading_deg))))
+
+
+@pytest.mark.parametrize(("heading_deg", "turn_deg"), [(0.0, 0.0), (30.0, 30.0), (60.0, -30.0), (90.0, 0.0), (-100.0, -10.0)])
+def test_sides_turn_from_north_and_east(heading_deg: float, turn_deg: float) -> None:
+    """Whichever side is the upper one, and in a grid that itself is turned by 20 degrees and of half metres."""
+    c, s = math.cos(math.radians(20.0)), math.sin(math.radians(20.0))
+    J_map_ne = 2 * np.array([[-s, c], [c, s]])
+    T = window_affine((500.0, 900.0), (11, 7), J_map_ne, 2.0, math.radians(heading_deg))
+    assert math.degrees(sides_turn_rad(T, J_map_ne)) == pytest.approx(turn_deg)
+
+
+def test_the_square_that_a_turned_raster_holds() -> None:
+    """100 x 60 pixels of 2 m: 60 m to the nearer sides along them, 60 / sqrt(2) with sides across, less beside the middle."""
+    J_map_ne = np.array([[0.0, 1.0], [1.0, 0.0]])
+    turn_rad, middle = math.radians(30.0), np.array([500.0, 900.0])
+    T = window_affine((500.0, 900.0), (100, 60), J_map_ne, 2.0, turn_rad)
+    up = np.array([math.sin(turn_rad), math.cos(turn_rad)])
+    assert square_reach_m(T, (100, 60), J_map_ne, middle, turn_rad) == pytest.approx(60.0)
+    assert square_reach_m(T, (100, 60), J_map_ne, middle, turn_rad + math.pi / 4) == pytest.approx(60.0 / math.sqrt(2.0))
+    assert square_reach_m(T, (100, 60), J_map_ne, middle + 25.0 * up, turn_rad) == pytest.approx(35.0)
+    assert square_reach_m(T, (100, 60), J_map_ne, middle + 70.0 * up, turn_rad) == pytest.approx(-10.0)

@@ -49,6 +49,7 @@ def plan(tmp_path: Path) -> ServerPlan:
         home=GeoPoint(lat_deg, lon_deg, 480.0),
         reach_m=200.0,
         gsd_m=0.5,
+        turn_rad=0.3,
         result=str(tmp_path / "truth.json"),
     )
 
