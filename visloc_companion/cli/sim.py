@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from visloc_companion.evaluate.sim_journal import JournalChoice
 
 WORLD_SEED = 1
-_OF_BUILT_IN = "map_pack camera_ortho camera_dsm dialect method without_structure report journal record_frames campaign jobs"
+_OF_BUILT_IN = (
+    "map_pack camera_ortho camera_dsm dialect method without_structure gimbal report journal record_frames campaign jobs"
+)
 _OF_CAMPAIGN = "dialect vehicle seed"
 
 
@@ -36,6 +38,9 @@ def sim(
     method: Annotated[str, typer.Option(help="Localiser; visloc evaluate image --list-methods names them.")] = DEFAULT_METHOD,
     without_structure: Annotated[
         bool, typer.Option("--without-structure", help="Never ask for the structure vote, whatever the image fails at.")
+    ] = False,
+    gimbal: Annotated[
+        bool, typer.Option("--gimbal", help="A gimbal that points straight down carries the camera, not the airframe.")
     ] = False,
     without_daemon: Annotated[bool, typer.Option("--without-daemon", help="The same flight, nobody helping.")] = False,
     json_file: Annotated[
@@ -80,7 +85,7 @@ def sim(
     require_folder(journal, "--journal")
     nowhere = Path()
     spec = FlightSpec(scenario or "demo", nowhere, nowhere, None, dialect, vehicle, seed, method, not without_daemon)
-    spec = replace(spec, structure=not without_structure)
+    spec = replace(spec, structure=not without_structure, gimbal=gimbal)
     specs = _placed(campaign_specs(campaign, spec) if campaign else [spec], map_pack, camera_ortho, camera_dsm)
     if campaign:
         _campaign(specs, jobs, json_file)
@@ -190,13 +195,13 @@ def _report(spec: FlightSpec, flown: FlownScenario, path: Path) -> None:
     from visloc_companion.evaluate.report import write_flight_report
     from visloc_companion.maps.pack import PackMap
 
-    same_image = spec.camera_ortho is None
+    carried, seen = ", gimbal" * spec.gimbal, ", same image" * (spec.camera_ortho is None)
     baseline = fly_spec(replace(spec, with_daemon=False)).record if spec.with_daemon else None
     with result_to(path, "--report"):
         write_flight_report(
             flown.record,
             path,
-            title=f"{spec.scenario}: {spec.dialect} {spec.vehicle}, {spec.method}{', same image' if same_image else ''}",
+            title=f"{spec.scenario}: {spec.dialect} {spec.vehicle}{carried}, {spec.method}{seen}",
             checks=flown.checks,
             baseline=baseline,
             map_image=map_image(PackMap.open(spec.pack, verify_hashes=False), flown.record, baseline),
@@ -237,9 +242,10 @@ def _campaign(specs: list[FlightSpec], jobs: int, json_file: Path | None) -> Non
 
 def _line(result: dict[str, Any]) -> str:
     error = result["error_horizontal_m"]
+    how = ", gimbal" * result["gimbal"] + ", same image" * result["same_image"]
     return (
         f"{_word(result)} {result['scenario']} {result['dialect']} {result['vehicle']} "
-        f"seed {result['seed']}{', same image' if result['same_image'] else ''}: "
+        f"seed {result['seed']}{how}: "
         f"error median {error['median']} max {error['max']} m, pulled {result['pulled_m']} m, "
         f"GNSS declared bad at {result['gnss']['detected_at_s']} s, failsafe {result['failsafe'] or 'none'}"
     )

@@ -22,6 +22,7 @@ from visloc_companion.evaluate.closed_loop import FlightWorld, FlownScenario, fl
 from visloc_companion.evaluate.sim_journal import JournalChoice
 from visloc_companion.localise.registry import METHODS
 from visloc_companion.maps.pack import PackMap
+from visloc_companion.sim.gimbal import GimbalPlan
 from visloc_companion.sim.scenarios import FLIGHTS, SCENARIOS, Scenario
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightSetup, VehicleKind
@@ -34,6 +35,8 @@ CAMPAIGNS = {
 """Name -> dialects, vehicles and seeds; each with every scenario."""
 DIALECTS = ("ardupilot", "px4")
 VEHICLES: tuple[VehicleKind, ...] = get_args(VehicleKind)
+OF_A_FLIGHT = ("scenario", "dialect", "vehicle", "seed", "method", "with_daemon", "structure", "gimbal")
+"""What a flight of a campaign's file may say."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +57,12 @@ class FlightSpec:
     """Above home; None: what suits the map's pixels."""
     structure: bool = True
     """Whether the structure vote is asked for where the image fails."""
+    gimbal: bool = False
+    """Whether a gimbal that points straight down carries the camera, where the scenario has none of its own."""
 
     def __post_init__(self) -> None:
-        kinds = {"seed": int, "with_daemon": bool, "structure": bool}
-        for item in ("scenario", "dialect", "vehicle", "seed", "method", "with_daemon", "structure"):
+        kinds = {"seed": int, "with_daemon": bool, "structure": bool, "gimbal": bool}
+        for item in OF_A_FLIGHT:
             value, kind = getattr(self, item), kinds.get(item, str)
             if type(value) is not kind:
                 raise ConfigError(f"{item} is {value!r}, no {kind.__name__}", remedy="see visloc sim --help")
@@ -96,6 +101,8 @@ def fly_spec(
     world = FlightWorld(spec.pack, reference, Scene.load(ortho, dsm, ground))
     vehicle = cast("VehicleKind", spec.vehicle)
     scenario, kind = find_scenario(spec.scenario), AutopilotKind(spec.dialect)
+    if spec.gimbal and scenario.gimbal is None:
+        scenario = replace(scenario, gimbal=GimbalPlan())
     setup = FlightSetup(scenario, world.area(), kind, vehicle, spec.seed, spec.height_m, spec.structure)
     return fly(setup, world, method=spec.method, with_daemon=spec.with_daemon, on_progress=on_progress, kept=kept)
 
@@ -114,6 +121,7 @@ def result_of(flown: FlownScenario, method: str, with_daemon: bool = True, same_
         "with_daemon": with_daemon,
         "same_image": same_image,
         "structure": setup.structure,
+        "gimbal": setup.scenario.gimbal is not None,
         "fixes_by_method": dict(sorted(Counter(fix.method for fix in record.fixes).items())),
         "failsafe": log.failsafe,
         "pulled_m": round(log.pulled_m, 3),
@@ -125,8 +133,7 @@ def result_of(flown: FlownScenario, method: str, with_daemon: bool = True, same_
 
 
 def campaign_specs(name: str, template: FlightSpec) -> list[FlightSpec]:
-    """The flights of a named campaign, or of a JSON file: a list of {scenario, dialect, vehicle, seed, method,
-    structure, with_daemon}.
+    """The flights of a named campaign, or of a JSON file: a list of objects with a scenario and what else is `OF_A_FLIGHT`.
 
     Raises ConfigError naming the file and the entry.
     """
@@ -150,11 +157,10 @@ def _specs_of_file(path: Path, template: FlightSpec) -> Iterator[FlightSpec]:
         raise ConfigError(f"is no campaign: {why}", where=str(path), remedy=remedy) from why
     if not isinstance(items, list) or not items:
         raise ConfigError("holds no list of flights", where=str(path), remedy=remedy)
-    allowed = {"scenario", "dialect", "vehicle", "seed", "method", "with_daemon", "structure"}
     for k, item in enumerate(items):
-        if not isinstance(item, dict) or not set(item) <= allowed or "scenario" not in item:
+        if not isinstance(item, dict) or not set(item) <= set(OF_A_FLIGHT) or "scenario" not in item:
             raise ConfigError(
-                f"entry {k} needs scenario and may have {', '.join(sorted(allowed))}", where=str(path), remedy=remedy
+                f"entry {k} needs scenario and may have {', '.join(sorted(OF_A_FLIGHT))}", where=str(path), remedy=remedy
             )
         try:
             yield replace(template, **item)

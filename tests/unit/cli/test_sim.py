@@ -121,6 +121,18 @@ def test_over_the_maps_own_orthophoto_the_figures_say_same_image(
     np.testing.assert_array_equal(seen[0].pixels, own.pixels)
 
 
+def test_a_flight_with_the_camera_on_a_gimbal_is_told_as_one(
+    places: list[str], tmp_path: Path, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(closed_loop, "eyes_over", lambda *_: oracle_eyes())
+    files = "--json", tmp_path / "jam.json", "--report", tmp_path / "jam.html"
+    code, text = run("--scenario", "jam", "--gimbal", *places, *files)
+    assert code == 0
+    assert text.startswith("PASS jam ardupilot copter seed 1, gimbal: error median ")
+    assert json.loads((tmp_path / "jam.json").read_text(encoding="utf-8"))["gimbal"] is True
+    assert "jam: ardupilot copter, gimbal, deep</" in (tmp_path / "jam.html").read_text(encoding="utf-8")
+
+
 def test_a_flight_that_fails_exits_with_1(
     places: list[str], tmp_path: Path, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -234,6 +246,7 @@ def test_a_campaign_that_ends_early_writes_what_was_flown(
         (["--autopilot", "ardupilot", "--scenario", "jam", "--map", "pack"], "--map means nothing with --autopilot ardupilot"),
         (["--autopilot", "px4", "--scenario", "jam", "--report", "x.html"], "--report means nothing with --autopilot px4"),
         (["--autopilot", "px4", "--scenario", "jam", "--without-structure"], "--without-structure means nothing"),
+        (["--autopilot", "px4", "--scenario", "jam", "--gimbal"], "--gimbal means nothing with --autopilot px4"),
         (["--scenario", "jam", "--json", "none/result.json"], "its folder does not exist"),
         (["--scenario", "jam", "--camera-ortho", "ortho.tif"], "--camera-ortho goes with --map"),
         (["--scenario", "jam", "--camera-dsm", "dsm.tif"], "--camera-dsm goes with --map"),

@@ -17,6 +17,7 @@ from visloc_companion.errors import ConfigError, MapError
 from visloc_companion.evaluate import campaign, closed_loop
 from visloc_companion.evaluate.campaign import (
     CAMPAIGNS,
+    DIALECTS,
     FlightSpec,
     FlownSpec,
     campaign_outcome,
@@ -26,19 +27,20 @@ from visloc_companion.evaluate.campaign import (
     fly_spec,
     result_of,
 )
-from visloc_companion.evaluate.closed_loop import FlightWorld
+from visloc_companion.evaluate.closed_loop import FlightWorld, simulated_config
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.build import build_pack
 from visloc_companion.sim.flight import Eyes
 from visloc_companion.sim.scenarios import DEMO, SCENARIOS, SEASON_CHANGE
 from visloc_companion.sim.setup import FlightSetup
+from visloc_companion.types import GimbalAttitude
 
 REPLAY_FIELDS = {
     *("schema", "duration_s", "n_frames", "n_fixes", "n_no_fix", "reasons", "error_horizontal_m", "availability", "hmi"),
     *("misleading", "nees", "integrity", "gnss", "injected", "latency_ms", "epochs"),
 }
 SIM_FIELDS = {"scenario", "autopilot", "vehicle", "seed", "failsafe", "pulled_m", "modes", "verdicts", "passed", "expected"}
-EXTRAS = {"dialect", "method", "with_daemon", "same_image", "structure", "fixes_by_method"}
+EXTRAS = {"dialect", "method", "with_daemon", "same_image", "structure", "gimbal", "fixes_by_method"}
 NOWHERE = Path()
 MakeEyes = Callable[..., Eyes]
 
@@ -85,6 +87,30 @@ def test_the_result_has_the_fields_of_the_interface(
     assert len(told) == 120
 
 
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_any_scenario_can_be_flown_with_the_camera_on_a_gimbal(
+    dialect: str, spec: FlightSpec, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The autopilot is asked how the gimbal points, says so, and frames are placed by that, as jammed as before."""
+    monkeypatch.setattr(closed_loop, "eyes_over", lambda *_: oracle_eyes())
+    flown = fly_spec(replace(spec, dialect=dialect, gimbal=True))
+    assert flown.passed, flown.checks
+    assert result_of(flown, "gradient")["gimbal"] is True
+    assert simulated_config(flown.setup).camera.mount == "gimbal"
+    events = [entry.event for entry in flown.log.entries]
+    assert sum(isinstance(event, GimbalAttitude) for event in events) > 20 * flown.log.duration_s
+    fixed = fly_spec(spec)
+    assert result_of(fixed, "gradient")["gimbal"] is False
+    assert not any(isinstance(entry.event, GimbalAttitude) for entry in fixed.log.entries)
+
+
+def test_a_scenario_keeps_the_gimbal_that_it_has(spec: FlightSpec, monkeypatch: pytest.MonkeyPatch) -> None:
+    setups: list[FlightSetup] = []
+    monkeypatch.setattr(campaign, "fly", lambda setup, *_, **__: setups.append(setup))
+    fly_spec(replace(spec, scenario="gimbal_to_horizon", gimbal=True))
+    assert [setup.scenario for setup in setups] == [SCENARIOS["gimbal_to_horizon"]]
+
+
 def test_without_the_daemon_nothing_is_expected(spec: FlightSpec) -> None:
     result = result_of(fly_spec(replace(spec, scenario="slow_drag", with_daemon=False)), "gradient", with_daemon=False)
     json.dumps(result, allow_nan=False)
@@ -104,6 +130,7 @@ def test_without_the_daemon_nothing_is_expected(spec: FlightSpec) -> None:
         ({"seed": True}, "seed is True, no int"),
         ({"seed": -1}, "seed is -1.*from 0 on"),
         ({"with_daemon": 1}, "with_daemon is 1, no bool"),
+        ({"gimbal": "down"}, "gimbal is 'down', no bool"),
         ({"scenario": ["jam"]}, "scenario is .*, no str"),
     ],
 )
@@ -182,9 +209,9 @@ def test_a_named_campaign_flies_every_scenario(name: str, spec: FlightSpec) -> N
 
 def test_a_campaign_file_changes_the_template(spec: FlightSpec, tmp_path: Path) -> None:
     path = tmp_path / "campaign.json"
-    path.write_text(json.dumps([{"scenario": "jam", "seed": 7}, {"scenario": "demo", "dialect": "px4", "vehicle": "plane"}]))
+    path.write_text(json.dumps([{"scenario": "jam", "gimbal": True}, {"scenario": "demo", "dialect": "px4", "vehicle": "plane"}]))
     assert campaign_specs(str(path), spec) == [
-        replace(spec, seed=7),
+        replace(spec, gimbal=True),
         replace(spec, scenario="demo", dialect="px4", vehicle="plane"),
     ]
 
