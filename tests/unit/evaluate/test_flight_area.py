@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -114,6 +116,29 @@ def test_a_turned_orthophoto_is_seen_along_its_own_sides(tmp_path: Path) -> None
     assert math.degrees(area.turn_rad) == pytest.approx(-30.0, abs=0.1)
     assert area.reach_m == pytest.approx(400.0, abs=5.0), "the pack's grid goes on for some pixels"
     assert from_edge_m(world, area.home, course(area)).min() > 1.3 * 120.0 * math.tan(math.radians(30.0))
+
+
+def test_a_survey_that_is_no_upright_rectangle_is_flown_where_it_shows_something(tmp_path: Path) -> None:
+    """Over the pack's own picture of a survey turned by 45 degrees the first waypoint lay where the map holds nothing."""
+    turned = world_at(tmp_path, "EPSG:32632", (47.4, 9.0), turn_deg=45.0)
+    own = replace(turned, scene=Scene.load(turned.pack / turned.reference.manifest.ortho.file))
+    area = own.area()
+    assert area.turn_rad == 0.0
+    assert area.reach_m == pytest.approx(0.58 * 400.0 * math.sqrt(2.0), rel=0.04), "a square of it is 95 % full"
+    assert from_edge_m(turned, area.home, course(area)).min() > 1.1 * 120.0 * math.tan(math.radians(30.0))
+
+
+def test_holes_cost_no_reach(write_raster: Any, tmp_path: Path) -> None:
+    """A missing tile, 4 % of the map, some of it below the flight."""
+    pixels = np.random.default_rng(1).integers(1, 255, (400, 400, 3), np.uint8)
+    pixels[180:260, 210:290] = 0
+    write_raster(tmp_path / "ortho.tif", pixels, "EPSG:32632", (47.4, 9.0), 2.0, nodata=0)
+    build_pack([tmp_path / "ortho.tif"], None, tmp_path / "pack")
+    world = FlightWorld(tmp_path / "pack", PackMap.open(tmp_path / "pack"), Scene.load(tmp_path / "ortho.tif"))
+    area = world.area()
+    shown = world.reference.picture(world.reference.T_map_pix, (400, 400))[1]
+    assert shown.mean() == pytest.approx(0.96, abs=0.005)
+    assert area.reach_m == min(corners_reach_m(world.reference, area.home), world.scene.reach_m(area.home))
 
 
 def test_a_turned_map_that_is_too_small_is_refused_with_the_size_that_would_do(tmp_path: Path) -> None:
