@@ -8,7 +8,7 @@ import numpy as np
 
 from visloc_companion.geo.raster import sides_turn_rad, square_reach_m, window_affine
 from visloc_companion.geo.wgs84 import distance_m
-from visloc_companion.maps.crs import Linearisation, map_crs
+from visloc_companion.maps.crs import Linearisation
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightArea
@@ -29,7 +29,7 @@ def flight_area(reference: PackMap, scene: Scene, home: GeoPoint) -> FlightArea:
     about it in its own, reaches as far as a square of it is full (`HELD`).
     """
     rows, cols = reference.shape
-    map_here, scene_here = reference.projection_at(home), map_crs(scene.crs).linearised_at(home)
+    map_here, scene_here = reference.projection_at(home), scene.projection_at(home)
     rasters = (
         (reference.T_map_pix, (cols, rows), map_here.J_map_ne, np.array(map_here.origin_map_m)),
         (scene.T_map_pix, scene.size_px, scene_here.J_map_ne, np.array(scene_here.origin_map_m)),

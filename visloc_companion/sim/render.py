@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from visloc_companion.geo.camera import R_FRD_CAM, unproject
 from visloc_companion.geo.raster import apply_affine, invert_affine
 from visloc_companion.geo.se3 import R_from_quat
-from visloc_companion.maps.crs import map_crs
 from visloc_companion.sim.render_effects import AIRLIGHT, NO_EFFECTS, CameraEffects, apply_effects
 from visloc_companion.sim.render_motion import STILL, Shot, row_times_s, smeared, turning
 from visloc_companion.sim.render_rays import Mask, Plane, Rays, hit_levels
@@ -30,7 +29,6 @@ class CameraSimulator:
 
     def __init__(self, scene: Scene, model: CameraModel, effects: CameraEffects = NO_EFFECTS, water: Mask | None = None) -> None:
         self.scene, self.model, self.effects, self._water = scene, model, effects, water
-        self._crs = map_crs(scene.crs)
         self._T_pix_map = invert_affine(scene.T_map_pix)
         v, u = np.mgrid[0 : model.height_px, 0 : model.width_px]
         rays = unproject(model, np.column_stack([u.ravel(), v.ravel()]).astype(np.float64))
@@ -68,7 +66,7 @@ class CameraSimulator:
 
     def _rays(self, place: GeoPoint, q_ned_frd: Quat, shot: Shot) -> tuple[Rays, Plane, NDArray[np.bool_]]:
         """Rays by level, the down component of each (of a ray of unit depth in `cam`), and which of them descend."""
-        local = self._crs.linearised_at(place)
+        local = self.scene.projection_at(place)
         base = apply_affine(self._T_pix_map, np.array(local.origin_map_m))
         J_pix_ne = self._T_pix_map[:, :2] @ local.J_map_ne
         t_s = row_times_s(self.model.height_px, shot.readout_s)

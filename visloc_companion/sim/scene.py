@@ -16,7 +16,7 @@ from rasterio.warp import Resampling, reproject
 
 from visloc_companion.errors import MapError
 from visloc_companion.geo.raster import T_map_pix_from_gdal, apply_affine, invert_affine
-from visloc_companion.maps.crs import map_crs
+from visloc_companion.maps.crs import Linearisation, map_crs
 from visloc_companion.maps.geotiff import DatasetLayer, open_dsm
 from visloc_companion.types import FloatArray, GeoPoint, Image
 
@@ -50,9 +50,21 @@ class Scene:
         centre = self.T_map_pix[:, :2] @ (np.array(self.size_px) - 1) / 2 + self.T_map_pix[:, 2]
         return float(centre[0]), float(centre[1])
 
+    def projection_at(self, place: GeoPoint) -> Linearisation:
+        """Its CRS linearised at a place, whose easting is as the raster has it: that may run on beyond 180 degrees.
+
+        Raises OutsideMap where the CRS has no coordinates for the place.
+        """
+        crs = map_crs(self.crs)
+        here = crs.linearised_at(place)
+        if crs.turn is None:
+            return here
+        easting, northing = here.origin_map_m
+        return Linearisation(here.J_map_ne, (easting + crs.turn * round((self.center_map[0] - easting) / crs.turn), northing))
+
     def reach_m(self, place: GeoPoint) -> float:
         """Horizontal distance from a place to the nearest edge, negative beyond it. Raises OutsideMap where its CRS has none."""
-        local = map_crs(self.crs).linearised_at(place)
+        local = self.projection_at(place)
         T_pix_map = invert_affine(self.T_map_pix)
         pix_per_m = np.linalg.norm(T_pix_map[:, :2] @ local.J_map_ne, axis=1)
         at = apply_affine(T_pix_map, np.array(local.origin_map_m))

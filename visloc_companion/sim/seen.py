@@ -10,7 +10,6 @@ import numpy as np
 from visloc_companion.geo.raster import apply_affine, invert_affine
 from visloc_companion.geo.se3 import quat_from_euler, quat_multiply
 from visloc_companion.geo.wgs84 import geo_from_ned
-from visloc_companion.maps.crs import map_crs
 from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.changes import Change, beyond_the_map, changed, lies
 from visloc_companion.sim.render import CameraSimulator
@@ -68,13 +67,13 @@ def met_in_time(change: Change, setup: FlightSetup) -> Change:
 
 def way_pix(setup: FlightSetup, scene: Scene) -> FloatArray:
     """(N, 2) the mission's waypoints as scene pix."""
-    crs, to_pix = map_crs(scene.crs), invert_affine(scene.T_map_pix)
+    to_pix = invert_affine(scene.T_map_pix)
     places = [geo_from_ned(point, setup.area.home) for point in setup.mission_ned_m()]
-    return np.array([apply_affine(to_pix, np.array(crs.to_map(place.lat_deg, place.lon_deg))) for place in places])
+    return np.array([apply_affine(to_pix, np.array(scene.projection_at(place).origin_map_m)) for place in places])
 
 
 def _moved(scene: Scene, about: GeoPoint, north_m: float, east_m: float) -> Scene:
     """The scene elsewhere."""
     T = scene.T_map_pix.copy()
-    T[:, 2] += map_crs(scene.crs).linearised_at(about).J_map_ne @ np.array([north_m, east_m])
+    T[:, 2] += scene.projection_at(about).J_map_ne @ np.array([north_m, east_m])
     return replace(scene, T_map_pix=T)

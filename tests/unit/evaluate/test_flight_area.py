@@ -21,6 +21,7 @@ from visloc_companion.prepare.build import build_pack
 from visloc_companion.sim.faults import FaultSchedule
 from visloc_companion.sim.scenarios import Course, Scenario
 from visloc_companion.sim.scene import Scene
+from visloc_companion.sim.seen import way_pix
 from visloc_companion.sim.setup import FlightArea, FlightSetup
 from visloc_companion.types import AutopilotKind, FloatArray, GeoPoint
 
@@ -42,9 +43,13 @@ def world_at(
     return FlightWorld(folder / "pack", PackMap.open(folder / "pack"), scene)
 
 
-def course(area: FlightArea, name: Course = "loop") -> list[tuple[float, float, float]]:
+def setup_on(area: FlightArea, name: Course = "loop") -> FlightSetup:
     scenario = Scenario("calm", "Nothing goes wrong.", 60.0, FaultSchedule(), course=name)
-    return list(FlightSetup(scenario, area, AutopilotKind.ARDUPILOT, "copter", 1, height_asked_m=120.0).mission_ned_m())
+    return FlightSetup(scenario, area, AutopilotKind.ARDUPILOT, "copter", 1, height_asked_m=120.0)
+
+
+def course(area: FlightArea, name: Course = "loop") -> list[tuple[float, float, float]]:
+    return list(setup_on(area, name).mission_ned_m())
 
 
 def from_edge_m(world: FlightWorld, home: GeoPoint, way: list[tuple[float, float, float]]) -> FloatArray:
@@ -100,6 +105,21 @@ def test_a_map_that_is_hardly_turned_is_flown_along_north_and_east(
     assert area.turn_rad == 0.0
     assert area.reach_m == min(corners_reach_m(world.reference, area.home), world.scene.reach_m(area.home))
     assert course(area)[0][:2] == pytest.approx(waypoint_m, abs=1e-6)
+
+
+def test_a_course_across_the_antimeridian_lies_on_the_scene(tmp_path: Path) -> None:
+    """The camera's orthophoto in degrees, whose eastings go on beyond 180: half of the course lay 38 million pixels away."""
+    world = world_at(tmp_path, "EPSG:32760", (-17.5, 179.9999))
+    pixel_deg = 1.9e-5
+    corner = (179.9999 - 200 * pixel_deg, -17.5 + 200 * pixel_deg)
+    T_map_pix = np.array([[pixel_deg, 0.0, corner[0]], [0.0, -pixel_deg, corner[1]]])
+    degrees = replace(world, scene=replace(world.scene, T_map_pix=T_map_pix, crs="EPSG:4326"))
+    setup = setup_on(degrees.area())
+    lons_deg = [geo_from_ned(point, setup.area.home).lon_deg for point in setup.mission_ned_m()]
+    assert min(lons_deg) < 0.0 < max(lons_deg)
+    way = way_pix(setup, degrees.scene)
+    assert way.min() > 0.0
+    assert way.max() < 400.0
 
 
 def test_over_a_long_strip_a_turn_of_three_degrees_is_reckoned_with(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from visloc_companion.geo.camera import R_FRD_CAM, project
 from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
+from visloc_companion.geo.wgs84 import radii_m
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.sim.render import CameraSimulator
 from visloc_companion.sim.render_effects import AIRLIGHT, CameraEffects, apply_effects
@@ -175,3 +177,17 @@ def test_geographic_crs_puts_north_up_and_east_right() -> None:
     image = CameraSimulator(scene, PINHOLE).frame(GeoPoint(lat0, lon0, GROUND_M + 100.0), quat_from_euler(0, 0, 0))
     expected = np.array([160.0, 118.0 - 275.0 * 60 * 0.5 / 100.0])
     assert np.hypot(*(seen_pix(image, expected) - expected)) < 0.4
+
+
+@pytest.mark.parametrize("middle_lon_deg", [179.9999, -179.9999, 180.0001, -180.0001])
+def test_a_scene_in_degrees_is_seen_from_both_sides_of_the_antimeridian(middle_lon_deg: float) -> None:
+    """From beyond it, the scene lay 38,000 km away: the camera saw nothing but hazy air."""
+    degree_m = radii_m(-17.5)[1] * math.cos(math.radians(17.5)) * math.pi / 180
+    size_deg = 0.5 / degree_m
+    T_map_pix = np.array([[size_deg, 0, middle_lon_deg - 599.5 * size_deg], [0, -size_deg, -17.5 + 599.5 * size_deg]])
+    scene = replace(scene_with_dots([]), T_map_pix=T_map_pix, crs="EPSG:4326")
+    for lon_deg in (179.9997, -179.9997):
+        place = GeoPoint(-17.5, lon_deg, GROUND_M + 120.0)
+        assert scene.reach_m(place) > 200.0
+        frame = CameraSimulator(scene, PINHOLE).frame(place, quat_from_euler(0.0, 0.0, 0.0))
+        assert set(np.unique(frame)) <= set(range(55, 125)), "the ground and the block, no air"
