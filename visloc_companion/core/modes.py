@@ -40,7 +40,12 @@ class Situation:
     @property
     def recovered(self) -> bool:
         """Sure again, with hysteresis."""
-        return self.sigma_m < RECOVERED_SHARE * self.lost_sigma_m
+        return recovered(self.sigma_m, self.lost_sigma_m)
+
+
+def recovered(sigma_m: float, lost_sigma_m: float) -> bool:
+    """Whether a largest horizontal 1-sigma is that of a vehicle that is lost no more."""
+    return sigma_m < RECOVERED_SHARE * lost_sigma_m
 
 
 Condition = Callable[[Situation], bool]

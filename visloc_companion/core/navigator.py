@@ -128,6 +128,7 @@ class Navigator:
             self._search,
             self._complaints,
             settings.max_probability_wrong,
+            settings.max_search_radius_m,
             settings.has_camera,
         )
         self._origin_asked_ns: int | None = None

@@ -44,6 +44,12 @@ class Steering:
         """Whether the filter rests on fixes, and has not lost its way since; a vehicle that landed may have been carried away."""
         return self._anchored and not self._landed and self.mode is not Mode.LOST
 
+    def would_end_loss(self, state: NavState) -> bool:
+        """Whether a fix that meets this state is what the way out of LOST hangs on."""
+        return self.mode is Mode.LOST and not modes.recovered(
+            largest_sigma_m(state.cov_ne_m2), self._settings.navigator.lost_sigma_m
+        )
+
     def doubt(self) -> None:
         """The filter starts at a place that no fix has confirmed."""
         self._anchored, self._fix_taken_ns = False, None

@@ -13,6 +13,7 @@ from visloc_companion.core.guard import Complaints
 from visloc_companion.core.onboard_camera import OnboardCamera
 from visloc_companion.core.open_tracks import OpenTracks
 from visloc_companion.core.place_search import Found, PlaceSearch
+from visloc_companion.core.regaining import Regaining
 from visloc_companion.core.requests import FrameQueue
 from visloc_companion.core.second_opinion import SecondOpinion, doubtful
 from visloc_companion.core.steering import Steering
@@ -30,6 +31,8 @@ from visloc_companion.types import (
     Fix,
     FrameRef,
     LocaliseRequest,
+    Mode,
+    NavState,
     NoFix,
     Notice,
     Odometry,
@@ -57,6 +60,7 @@ class Vision:
         search: PlaceSearch | None,
         complaints: Complaints,
         max_probability_wrong: float,
+        max_search_radius_m: float,
         has_camera: bool,
     ) -> None:
         self._queue, self._asking, self._onboard = queue, asking, onboard
@@ -64,9 +68,10 @@ class Vision:
         self._terrain, self._search, self._complaints = terrain, search, complaints
         self._camera, self._computer = CameraWatch(has_camera), ComputerWatch()
         self._open = OpenTracks(max_probability_wrong)
-        self._second, self._unmatched = SecondOpinion(), UnmatchedWatch()
+        self._second, self._regaining, self._unmatched = SecondOpinion(), Regaining(), UnmatchedWatch()
         self._searching = self._to_confirm = False
         self._off_map_since_ns: int | None = None
+        self._max_search_radius_m = max_search_radius_m
 
     @property
     def n_open(self) -> int:
@@ -76,6 +81,7 @@ class Vision:
     def stood(self) -> None:
         """The clock showed no progress while the vehicle went on: nobody knows how far."""
         self._nothing_open()
+        self._regaining.clear()
 
     def _nothing_open(self) -> None:
         self._open.clear()
@@ -85,9 +91,19 @@ class Vision:
         """What is to be said of the camera at a Tick (`heard`: the autopilot is), and that the place is searched for."""
         was_searching, self._searching = self._searching, self._search is not None and self._search.active
         begun = self._searching and not was_searching
+        self._follow(now_ns)
         text = "visloc: searching the map, keep moving"
         told = [*self._camera.check(now_ns, heard), *self._onboard.check(now_ns, heard=heard, needed=self._steering.injecting)]
         return [*told, *([Notice(Severity.NOTICE, text, to_operator=True)] if begun else [])]
+
+    def _follow(self, now_ns: int) -> None:
+        """Fixes that wait are held against the way in between."""
+        lost = self._steering.mode is Mode.LOST
+        if not lost:
+            self._regaining.clear()
+        state = self._tracker.at(now_ns) if lost else None
+        if state is not None:
+            self._regaining.moving(now_ns, state.v_ned_mps[:2])
 
     def on_frame(self, event: FrameRef, now_ns: int) -> list[Command]:
         """A frame lies in its slot."""
@@ -122,6 +138,7 @@ class Vision:
             if interval is not None:
                 self._aiding.on_motion(interval)
             self._open.moved(motion)
+            self._regaining.moved(motion)
             if self._search is not None:
                 self._search.moved(motion)
 
@@ -211,10 +228,12 @@ class Vision:
             waits = Notice(Severity.INFO, "a fix of the terrain from far off waits for a second one")
             return [waits, *self.free_worker(fix, now_ns)]
         fix = self._onboard.stated(fix)
-        state = self._tracker.at(fix.t_ns) if fix.method == TERRAIN or doubtful(fix) else None
-        if fix.method != TERRAIN and self._second.waits(fix, state, self._tracker.origin):
-            waits = Notice(Severity.INFO, "a fix that may be wrong, from far off, waits for a second one")
-            return [waits, *self.free_worker(fix, now_ns)]
+        lost = self._steering.mode is Mode.LOST
+        far = doubtful(fix) or lost
+        state = self._tracker.at(fix.t_ns) if fix.method == TERRAIN or far else None
+        why = None if fix.method == TERRAIN else self._why_waits(fix, state)
+        if why is not None:
+            return [*why, *self.free_worker(fix, now_ns)]
         outcome = self._tracker.observe(fix)
         after = self._tracker.belief
         origin = self._tracker.origin
@@ -234,6 +253,21 @@ class Vision:
             reason = Reason.NOT_SEEDED if outcome is None else Reason.TOO_OLD
             commands += self._complaints.about(fix, reason, now_ns, Severity.INFO)
         return [*commands, *self.free_worker(fix, now_ns)]
+
+    def _why_waits(self, fix: Fix, state: NavState | None) -> list[Command] | None:
+        """What is to be said of a fix that waits for others, given the filter's state at its time; None where it does not."""
+        origin = self._tracker.origin
+        if state is None or origin is None:
+            return None
+        if not self._steering.would_end_loss(state):
+            waits = self._second.waits(fix, state, origin)
+            return [Notice(Severity.INFO, "a fix that may be wrong, from far off, waits for a second one")] if waits else None
+        begun = not self._regaining.waiting
+        if not self._regaining.waits(fix, state, origin, self._max_search_radius_m):
+            return None
+        if begun:
+            return [Notice(Severity.NOTICE, "visloc: a place is seen, fly on to confirm it", to_operator=True)]
+        return [Notice(Severity.INFO, "a fix after a loss waits for others over other ground")]
 
     def _taken(self, fix: Fix, now_ns: int) -> list[Command]:
         """The filter took a fix: no place is open any more, and GNSS is compared with it."""
@@ -261,6 +295,7 @@ class Vision:
         else:
             tracker.seed(now_ns, event.place, event.sigma_m)
         self._nothing_open()
+        self._regaining.clear()
         self._steering.doubt()
         self._to_confirm, self._off_map_since_ns = True, now_ns
         return [Notice(Severity.NOTICE, "visloc: position taken, looking there", to_operator=True)]
