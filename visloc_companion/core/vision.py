@@ -7,7 +7,8 @@ from visloc_companion.core.asking import Asking
 from visloc_companion.core.belief import Belief
 from visloc_companion.core.camera_watch import CameraWatch
 from visloc_companion.core.computer_watch import ComputerWatch
-from visloc_companion.core.gnss import GnssMonitor
+from visloc_companion.core.first_fixes import FirstFixes
+from visloc_companion.core.gnss import ODOMETRY, GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.guard import Complaints
 from visloc_companion.core.onboard_camera import OnboardCamera
@@ -69,6 +70,7 @@ class Vision:
         self._camera, self._computer = CameraWatch(has_camera), ComputerWatch()
         self._open = OpenTracks(max_probability_wrong)
         self._second, self._regaining, self._unmatched = SecondOpinion(), Regaining(), UnmatchedWatch()
+        self._first = FirstFixes()
         self._searching = self._to_confirm = False
         self._off_map_since_ns: int | None = None
         self._max_search_radius_m = max_search_radius_m
@@ -101,9 +103,15 @@ class Vision:
         lost = self._steering.mode is Mode.LOST
         if not lost:
             self._regaining.clear()
-        state = self._tracker.at(now_ns) if lost else None
+        state = self._tracker.at(now_ns) if lost or self._camera_in_question else None
         if state is not None:
             self._regaining.moving(now_ns, state.v_ned_mps[:2])
+            self._first.moving(now_ns, state.v_ned_mps[:2])
+
+    @property
+    def _camera_in_question(self) -> bool:
+        """Whether GNSS moved unlike the camera before anything was recognised."""
+        return not self._first.decided and ODOMETRY in self._monitor.verdict.reasons
 
     def on_frame(self, event: FrameRef, now_ns: int) -> list[Command]:
         """A frame lies in its slot."""
@@ -139,6 +147,7 @@ class Vision:
                 self._aiding.on_motion(interval)
             self._open.moved(motion)
             self._regaining.moved(motion)
+            self._first.moved(motion)
             if self._search is not None:
                 self._search.moved(motion)
 
@@ -229,7 +238,7 @@ class Vision:
             return [waits, *self.free_worker(fix, now_ns)]
         fix = self._onboard.stated(fix)
         lost = self._steering.mode is Mode.LOST
-        far = doubtful(fix) or lost
+        far = doubtful(fix) or lost or self._camera_in_question
         state = self._tracker.at(fix.t_ns) if fix.method == TERRAIN or far else None
         why = None if fix.method == TERRAIN else self._why_waits(fix, state)
         if why is not None:
@@ -259,6 +268,10 @@ class Vision:
         origin = self._tracker.origin
         if state is None or origin is None:
             return None
+        if self._camera_in_question:
+            beside_ne_m = self._tracker.gnss.minus(fix, state.v_ned_mps)
+            if self._first.waits(fix, beside_ne_m, -state.p_ned_m[2]):
+                return [Notice(Severity.INFO, "a first fix waits: GNSS or camera, who is wrong is open")]
         if not self._steering.would_end_loss(state):
             waits = self._second.waits(fix, state, origin)
             return [Notice(Severity.INFO, "a fix that may be wrong, from far off, waits for a second one")] if waits else None
@@ -273,6 +286,7 @@ class Vision:
         """The filter took a fix: no place is open any more, and GNSS is compared with it."""
         self._nothing_open()
         self._unmatched.recognised()
+        self._first.taken()
         self._steering.taken(now_ns)
         return [*self._aiding.compare(fix), *self._confirmed()]
 
