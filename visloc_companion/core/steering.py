@@ -44,11 +44,12 @@ class Steering:
         """Whether the filter rests on fixes, and has not lost its way since; a vehicle that landed may have been carried away."""
         return self._anchored and not self._landed and self.mode is not Mode.LOST
 
-    def would_end_loss(self, state: NavState) -> bool:
-        """Whether a fix that meets this state is what the way out of LOST hangs on."""
-        return self.mode is Mode.LOST and not modes.recovered(
-            largest_sigma_m(state.cov_ne_m2), self._settings.navigator.lost_sigma_m
-        )
+    def would_end_loss(self, state: NavState, *, stated: bool = False) -> bool:
+        """Whether a fix that meets this state is what the way out of LOST hangs on; not where the operator `stated` the place
+        well enough for a vehicle that is not lost."""
+        sigma_m, lost_sigma_m = largest_sigma_m(state.cov_ne_m2), self._settings.navigator.lost_sigma_m
+        known = sigma_m <= lost_sigma_m if stated else modes.recovered(sigma_m, lost_sigma_m)
+        return self.mode is Mode.LOST and not known
 
     def doubt(self) -> None:
         """The filter starts at a place that no fix has confirmed."""

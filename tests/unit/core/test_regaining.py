@@ -11,7 +11,7 @@ import pytest
 from visloc_companion.core.regaining import FORGET_NS, Regaining, hits_needed
 from visloc_companion.core.settings import CoreSettings, InjectionSettings
 from visloc_companion.geo import wgs84
-from visloc_companion.types import Fix, GeoPoint, LocaliseRequest, Mode, NavState, Vec2
+from visloc_companion.types import Fix, GeoPoint, LocaliseRequest, Mode, NavState, OperatorFix, Vec2
 
 World = Any
 S = 1_000_000_000
@@ -128,6 +128,18 @@ def test_right_fixes_end_a_loss_within_seconds(world: type[World]) -> None:
     found_s = min(t for t, status, _ in w.statuses if t > SEES_AGAIN_S and status.mode is Mode.AIDING)
     assert found_s - SEES_AGAIN_S < 4.5, "a quarter of the height is flown within 2.5 s"
     assert w.status_at(140)[1] < 5.0
+
+
+def test_one_fix_is_enough_where_the_operator_said_the_place(world: type[World]) -> None:
+    """Over the ground below a vehicle that hovers no two fixes count; the word is the other one."""
+    w = lost(world, lambda t: SEES_AGAIN_S + 0.6 < t < 140.0)
+    w.fly(SEES_AGAIN_S - 1.0)
+    assert w.status_at(SEES_AGAIN_S - 1.1)[0].mode is Mode.LOST
+    w.send(OperatorFix(0, wgs84.geo_from_ned((float(w.p[0]), float(w.p[1]), 0.0), GeoPoint(59.3, 18.1, 40.0)), 50.0))
+    w.fly(SEES_AGAIN_S + 6.0)
+    assert w.notices("operator's position confirmed")
+    assert w.notices("a place is seen, fly on to confirm it") == []
+    assert w.status_at(SEES_AGAIN_S + 1.5)[0].mode is Mode.AIDING
 
 
 def test_fixes_that_the_filter_refuses_at_first_are_not_asked_to_agree_again() -> None:
