@@ -14,6 +14,7 @@ from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.boresight import Boresight
 from visloc_companion.core.camera_time import CameraTime
 from visloc_companion.core.claim_watch import ClaimWatch
+from visloc_companion.core.distortion_watch import DistortionWatch
 from visloc_companion.core.fix_height_watch import FixHeightWatch
 from visloc_companion.core.gimbal import Gimbal
 from visloc_companion.core.gimbal_watch import GimbalWatch
@@ -37,6 +38,7 @@ from visloc_companion.types import (
     Quat,
     Sun,
     TiltPrior,
+    Turn,
     Vec3,
 )
 
@@ -63,7 +65,7 @@ class OnboardCamera:
         self._lever, self._mirror = LeverArm(lever_frd_m, clock, attitude), MirrorWatch(clock, gimbal or attitude)
         self._mount = MountWatch(clock, gimbal or attitude, q_frd_cambody)
         self._lens, self._claims, self._sun, self._tracker = LensWatch(), ClaimWatch(), SunMemory(), tracker
-        self._heights = FixHeightWatch()
+        self._heights, self._distortion = FixHeightWatch(), DistortionWatch(clock, gimbal or attitude)
 
     @property
     def q_carrier_cambody(self) -> Quat:
@@ -71,9 +73,9 @@ class OnboardCamera:
         return self._boresight.q_frd_cambody
 
     @property
-    def mounted_wrong(self) -> bool:
-        """Whether the pictures show another mounting than the configured one: nothing of them is to be used."""
-        return self._mount.wrong
+    def set_up_wrong(self) -> bool:
+        """Whether the pictures show another mounting or lens than the configured one: nothing of them is to be used."""
+        return self._mount.wrong or self._distortion.wrong
 
     @property
     def sigma_yaw_rad(self) -> float:
@@ -135,6 +137,8 @@ class OnboardCamera:
             return shown_by_none(answer)
         if self._mount.wrong:
             return shown_by_none(answer, "the camera is mounted otherwise than configured")
+        if self._distortion.wrong:
+            return shown_by_none(answer, "the lens bends the picture otherwise than configured")
         return self._lever.of_vehicle(answer, self._q_frd_cambody(answer.t_ns))
 
     def asked_of_vehicle(self, request: LocaliseRequest) -> LocaliseRequest:
@@ -163,10 +167,17 @@ class OnboardCamera:
             self._mount.recognised()
         if answer.turn is not None:
             told = self._mirror.on_turn(answer.turn, self.q_carrier_cambody) or self._mount.on_turn(answer.turn)
+            told = told or self._bent(answer.turn)
             if told:
                 return told
             self._tilt.turned(answer.turn, answer.turn_since_kept)
         return self._time.on_turn(answer.turn, self.q_carrier_cambody)
+
+    def _bent(self, turn: Turn) -> list[Command]:
+        velocity, height_m = self._tracker.velocity, self._tracker.height_above_home_m
+        if velocity is None or height_m is None:
+            return []
+        return self._distortion.on_turn(turn, self.q_carrier_cambody, velocity.v_ned_mps, height_m)
 
     def stated(self, fix: Fix) -> Fix:
         """The fix with what its time may be off by in its covariance."""

@@ -160,10 +160,10 @@ class Vision:
         return [*told, *self._localised(event, before, now_ns)]
 
     def _learned(self, event: Fix | NoFix) -> list[Command]:
-        """What an answer tells of the camera; a mounting that is wrong also takes back what it said against GNSS."""
-        knew = self._onboard.mounted_wrong
+        """What an answer tells of the camera; a mounting or lens that is wrong also takes back what it said against GNSS."""
+        knew = self._onboard.set_up_wrong
         told = self._onboard.on_answer(event)
-        if self._onboard.mounted_wrong and not knew:
+        if self._onboard.set_up_wrong and not knew:
             self._aiding.disown_camera()
             self._steering.doubt()
         return told

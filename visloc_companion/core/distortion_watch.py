@@ -1,0 +1,106 @@
+"""Tells a lens that bends the picture otherwise than configured: over ground that goes by, the picture then turns though the
+camera does not.
+
+A camera that moves straight ahead sees the middle of the ground go by faster than its borders where these are drawn in (barrel
+distortion, k1 below 0). The turn that explains this best is about the axis across the way, by -2 k1 times the way over the
+height: 17 degrees for one height and k1 = -0.15, each time anew, where attitudes of the autopilot do not drift at all. A
+focal length, a principal point, a rolling shutter or a tilt of the mounting change pictures linearly, which from one frame to the
+next a plane's motion explains without any turn. Neither GNSS nor map has a part in it, but for the speed.
+
+Seen less reported turn = bend * (way x axis) + across * way + mounting x turn + scale * turn, by least squares with Cauchy
+weights; the latter two are what a mounting and a focal length that are off do while the camera turns.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from visloc_companion.core.attitude import AttitudeBuffer
+from visloc_companion.core.gimbal import Gimbal, camera_turn
+from visloc_companion.core.timesync import ClockOffset
+from visloc_companion.geo import se3
+from visloc_companion.types import Command, FloatArray, Notice, Quat, Severity, Turn, Vec3
+
+LEAST_HEIGHT_M = 15.0
+LEAST_WAY, MOST_WAY = 0.008, 0.3
+"""Between two frames, over the height: less tells little beside the errors, more is seldom followed right."""
+MOST_TURN_RAD = math.radians(25.0)
+SIGMA_RAD, SIGMA_SHARE = math.radians(0.1), 0.05
+"""1-sigma of a seen turn against a reported one: constant, and share of it."""
+PRIOR_SIGMAS = (1.0, 1.0, math.radians(6.0), math.radians(6.0), math.radians(10.0), 0.5)
+"""Bend and across; mounting about forward, right and down; scale."""
+BEND, ACROSS, MOUNT, SCALE = 0, 1, slice(2, 5), 5
+CAUCHY, STEPS = 2.4, 8
+KEPT, FEWEST, EVERY = 120, 16, 4
+"""Turns that are kept, before the first judgement, and from one judgement to the next."""
+LEAST_HEIGHTS = 1.0
+"""Way over the height before the first judgement: relief that looks like a bend has gone by then."""
+TELL_K1, SURE_SIGMAS = 0.035, 6.0
+MOST_ACROSS = 0.35
+"""Of the bend: else it is another thing that turns the pictures."""
+
+
+class DistortionWatch:
+    """`on_turn` takes what answers say; `wrong`: the operator was told, and nothing of the camera is to be used."""
+
+    def __init__(self, clock: ClockOffset, attitude: AttitudeBuffer | Gimbal) -> None:
+        self._clock, self._attitude = clock, attitude
+        self.wrong, self._n = False, 0
+        self._rows: deque[FloatArray] = deque(maxlen=KEPT)
+
+    def on_turn(self, turn: Turn, q_carrier_cambody: Quat, v_ned_mps: Vec3, height_m: float) -> list[Command]:
+        """Take a turn of the camera's body, at a velocity and a height above home; says once that the lens bends the picture."""
+        first_ns, last_ns = self._clock.boot_ns(turn.t_from_ns), self._clock.boot_ns(turn.t_to_ns)
+        if self.wrong or height_m < LEAST_HEIGHT_M or first_ns is None or last_ns is None:
+            return []
+        reported, q_ned_carrier = camera_turn(self._attitude, q_carrier_cambody, first_ns, last_ns), self._attitude.at(last_ns)
+        if reported is None or q_ned_carrier is None or math.hypot(*reported) > MOST_TURN_RAD:
+            return []
+        q_ned_cambody = se3.quat_multiply(q_ned_carrier, q_carrier_cambody)
+        v_cambody_mps = np.array(se3.rotate(se3.quat_inverse(q_ned_cambody), v_ned_mps))
+        way = v_cambody_mps * ((turn.t_to_ns - turn.t_from_ns) * 1e-9 / height_m)
+        if not LEAST_WAY <= math.hypot(*way[:2]) <= MOST_WAY:
+            return []
+        self._n += 1
+        self._rows.append(_row(np.array(se3.vector_from_quat(turn.q_from_to)), np.array(reported), way))
+        return self._judged() if len(self._rows) >= FEWEST and self._n % EVERY == 0 else []
+
+    def _judged(self) -> list[Command]:
+        rows = np.array(self._rows)
+        if float(np.hypot(rows[:, 0, 1], rows[:, 0, 2]).sum()) < LEAST_HEIGHTS:
+            return []
+        x, sigma = _solved(rows)
+        k1, k1_sigma = -x[BEND] / 2, sigma[BEND] / 2
+        if abs(k1) < max(TELL_K1, SURE_SIGMAS * k1_sigma) or abs(x[ACROSS]) > MOST_ACROSS * abs(x[BEND]):
+            return []
+        self.wrong = True
+        text = f"visloc: lens, k1 off by about {k1:+.2f}: calibrate"
+        data = (("k1_off", float(k1)), ("sigma", float(k1_sigma)), ("turns", float(len(rows))))
+        return [Notice(Severity.WARNING, text, to_operator=True, data=data)]
+
+
+def _row(seen: FloatArray, reported: FloatArray, way: FloatArray) -> FloatArray:
+    """(2, 8) of what is seen less what is reported about forward and right: what bend, across, mounting and scale make of it,
+    itself, and its 1-sigma."""
+    x, y, z = reported
+    forward = (way[1], way[0], 0.0, z, -y, x)
+    right = (-way[0], way[1], -z, 0.0, x, y)
+    off, sigma = seen - reported, SIGMA_RAD + SIGMA_SHARE * float(np.linalg.norm(reported))
+    return np.array([(*forward, off[0], sigma), (*right, off[1], sigma)])
+
+
+def _solved(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(6,) bend, across, mounting and scale that fit rows (N, 2, 8), and their 1-sigmas (6,)."""
+    A, off = rows[:, :, :6] / rows[:, :, 7:], rows[:, :, 6] / rows[:, :, 7]
+    information = np.diag(np.square(PRIOR_SIGMAS) ** -1)
+    weight, x, normal, scatter = np.ones(len(A)), np.zeros(6), information, 1.0
+    for _ in range(STEPS):
+        normal = np.einsum("nij,n,nik->jk", A, weight, A) / scatter**2 + information
+        x = np.linalg.solve(normal, np.einsum("nij,n,ni->j", A, weight, off) / scatter**2)
+        size = np.linalg.norm(off - A @ x, axis=1)
+        scatter = max(1.0, float(np.median(size)) / 1.1774)
+        weight = 1 / (1 + (size / (CAUCHY * scatter)) ** 2)
+    return x, np.sqrt(np.diag(np.linalg.inv(normal)))
