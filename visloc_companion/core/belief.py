@@ -11,7 +11,15 @@ from visloc_companion.core import relocalise, separation
 from visloc_companion.core.claims import Claim
 from visloc_companion.core.lasting import LEAST_APART_M
 from visloc_companion.core.lean import UPRIGHT
-from visloc_companion.core.propagation import N_STATES, POSITION, VELOCITY, Drive, initial_covariance
+from visloc_companion.core.propagation import (
+    FIX_LENS,
+    N_STATES,
+    ODOMETRY_LENS,
+    POSITION,
+    VELOCITY,
+    Drive,
+    initial_covariance,
+)
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Cov2, FloatArray, Vec2
 
@@ -53,7 +61,8 @@ class Belief(NamedTuple):
     recent fixes claimed, `fix_every_s` that of the intervals between them (0 before the second fix); `former`: what drove it
     before `drive`; `doubt`: what odometry says of the velocity that drives it and no second interval has confirmed;
     `claims`: by how much the fixes of each method err more than they claim (claims.py); `fed_back_over`: by what factor the
-    variance of a velocity that rests on our fixes is larger than the model says (fed_back.py). A tuple, since some fifty are made
+    variance of a velocity that rests on our fixes is larger than the model says (fed_back.py); `lens_share`: 1-sigma of the focal
+    length, a share, beside what is believed of every lens. A tuple, since some fifty are made
     for a second of flight; two of them are never compared.
     """
 
@@ -78,6 +87,7 @@ class Belief(NamedTuple):
     doubt: Doubt | None = None
     claims: tuple[Claim, ...] = ()
     fed_back_over: float = 1.0
+    lens_share: float = 0.0
 
     @property
     def rested_ns(self) -> int:
@@ -152,6 +162,18 @@ def widened(belief: Belief, position_m2: float, velocity_m2ps2: float) -> Belief
     more = np.zeros((N_STATES, N_STATES))
     more[POSITION, POSITION], more[VELOCITY, VELOCITY] = position_m2 * np.eye(2), velocity_m2ps2 * np.eye(2)
     return widened_by(belief, more)
+
+
+def lens_doubted(belief: Belief, share: float, per_focal_ne_m: Vec2) -> Belief:
+    """With a lens that may be longer or shorter than calibrated by a share (1-sigma) beside what is believed of every lens.
+
+    The position rests on fixes that had the same error: `per_focal_ne_m` is what it adds to the last of them.
+    """
+    fixes, odometry = np.zeros(N_STATES), np.zeros(N_STATES)
+    fixes[FIX_LENS], odometry[ODOMETRY_LENS] = share, share
+    fixes[POSITION] = -share * np.array(per_focal_ne_m)
+    more = np.outer(fixes, fixes) + np.outer(odometry, odometry)
+    return widened_by(belief, more)._replace(lens_share=share)
 
 
 def widened_by(belief: Belief, more: FloatArray) -> Belief:

@@ -14,7 +14,7 @@ from dataclasses import replace
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.frame_clock import FrameClock
 from visloc_companion.core.remembered import remember
-from visloc_companion.core.time_offset import REACH_NS, Offset, TimeOffset
+from visloc_companion.core.time_offset import LATE_S, REACH_NS, Offset, TimeOffset
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.types import Command, Fix, FrameRef, Notice, Quat, Severity, Turn, Vec3
 
@@ -41,7 +41,8 @@ class CameraTime:
     def __init__(self, clock: ClockOffset, attitude: AttitudeBuffer, *, learns: bool = True) -> None:
         self._clock, self._attitude, self._learns = clock, attitude, learns
         self._even = FrameClock()
-        self._offset = TimeOffset()
+        self._offset, self._far = TimeOffset(), TimeOffset(LATE_S)
+        self._wrong_s = 0.0
         self._lag_ns: int | None = None
         self._by_arrival = False
         self._used: Offset | None = None
@@ -57,10 +58,15 @@ class CameraTime:
         return self._offset.best()
 
     @property
+    def wrong(self) -> bool:
+        """Whether the operator was told that frames come at other times than they bear."""
+        return self._told
+
+    @property
     def sigma_s(self) -> float:
-        """1-sigma of the time of frames as they are given out: zero for stamps of the camera's own."""
-        if not self._by_arrival:
-            return 0.0
+        """1-sigma of the time of frames as they are given out: zero for the camera's own stamps, unless turns contradict them."""
+        if not self._by_arrival or self._wrong_s > 0:
+            return self._wrong_s
         return math.hypot(UNKNOWN_S if self._used is None else self._used.sigma_s, self._frame_sigma_s)
 
     def on_frame(self, frame: FrameRef) -> FrameRef:
@@ -94,7 +100,8 @@ class CameraTime:
                 break
             self._waiting.popleft()
             sigma_s = self._frame_sigma_s if self._by_arrival else 0.0
-            learned |= self._offset.add(waits, (first_ns, last_ns), sigma_s, self._attitude, q_frd_cambody)
+            for offset in (self._offset, self._far):
+                learned |= offset.add(waits, (first_ns, last_ns), sigma_s, self._attitude, q_frd_cambody)
         return [*(self._judged() if learned else []), *self._still_unknown()]
 
     def stated(self, fix: Fix, v_ned_mps: Vec3) -> Fix:
@@ -107,12 +114,15 @@ class CameraTime:
         return replace(fix, cov_ne_m2=((nn + north * north, ne + north * east), (en + north * east, ee + east * east)))
 
     def _judged(self) -> list[Command]:
+        far = self._far.best()
+        if far.sigma_s <= SURE_S and abs(far.offset_s) > LARGEST_S:
+            return self._complaint(far)
         best = self._offset.best()
         if best.sigma_s > SURE_S:
             return []
         if abs(best.offset_s) > LARGEST_S or not self._by_arrival:
             return self._complaint(best)
-        first = self._used is None
+        first, self._wrong_s = self._used is None, 0.0
         if self._used is not None and abs(best.offset_s - self._used.offset_s) < max(FOLLOW_S, best.sigma_s / 2):
             self._used = replace(self._used, sigma_s=best.sigma_s)
             return []
@@ -137,7 +147,9 @@ class CameraTime:
 
     def _complaint(self, best: Offset) -> list[Command]:
         """Once: an offset that is too large to be used, or stamps of the camera's own that are wrong."""
-        if self._told or (not self._by_arrival and abs(best.offset_s) <= WRONG_STAMP_S):
+        right = not self._by_arrival and abs(best.offset_s) <= WRONG_STAMP_S
+        self._wrong_s = 0.0 if right else abs(best.offset_s)
+        if self._told or right:
             return []
         self._told = True
         late_ms = -1e3 * best.offset_s

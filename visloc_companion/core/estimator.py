@@ -16,7 +16,7 @@ import numpy as np
 
 from visloc_companion.core import air_velocity, fusion, integrity, lasting, refused, separation
 from visloc_companion.core.air_velocity import AirError
-from visloc_companion.core.belief import Belief, Position, blurred
+from visloc_companion.core.belief import Belief, Position, blurred, lens_doubted
 from visloc_companion.core.driving import Around, Velocity, height_at, velocity_at
 from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
 from visloc_companion.core.motion import Motion, learned
@@ -155,6 +155,12 @@ class PositionFilter:
         k, belief = self._belief_at(t_ns, alone=False)
         before, _ = self._around(k)
         self._begin_anew(t_ns, refused.dragged(belief, sigma_m), before)
+
+    def doubt_lens(self, share: float, per_focal_ne_m: Vec2) -> None:
+        """The lens is off by about a share (belief.lens_doubted); the last fix had so much of it, metres per share."""
+        belief = self.newest
+        before, _ = self._around(len(self._log))
+        self._begin_anew(belief.t_ns, lens_doubted(belief, share, per_focal_ne_m), before)
 
     def _begin_anew(self, t_ns: int, belief: Belief, velocity: Velocity) -> None:
         self._base = belief._replace(t_ns=t_ns)

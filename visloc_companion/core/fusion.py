@@ -100,7 +100,7 @@ def propagated(
     without = separation.NONE if alone else belief.without
     sigmas = _sigmas_mps(belief, without, settings)
     gone_by = math.hypot(*v_ne_mps) * dt / belief.apart_m
-    F, Q = transition(dt, belief.drive, sigmas, belief.sigma_a_mps2, change_ne_mps, settings, gone_by)
+    F, Q = transition(dt, belief.drive, sigmas, belief.sigma_a_mps2, change_ne_mps, settings, gone_by, belief.lens_share)
     north, east = v_ne_mps[0] * dt, v_ne_mps[1] * dt
     step = np.array((north, east, *STILL))
     x, P = kalman.predict(belief.x, belief.P, F, Q[0], step)
@@ -128,6 +128,7 @@ def propagated(
         belief.doubt,
         belief.claims,
         belief.fed_back_over,
+        belief.lens_share,
     )
 
 

@@ -15,7 +15,7 @@ from visloc_companion.core.drift import MAX_BIAS_M, DriftTest
 from visloc_companion.core.gnss_clock import GnssClock
 from visloc_companion.core.gnss_height import HeightTest
 from visloc_companion.core.gnss_map import MapCheck
-from visloc_companion.core.gnss_odometry import OdometryTest
+from visloc_companion.core.gnss_odometry import RIGHT, Lens, OdometryTest
 from visloc_companion.core.gnss_receiver import Interference, Reports, Talk, autopilot_signs, receiver_sign, receiver_signs
 from visloc_companion.core.gnss_trust import VISION_AGE_S, Trust
 from visloc_companion.core.settings import GnssSettings
@@ -144,9 +144,18 @@ class GnssMonitor:
         if block.distance_sigma > self._settings.suspect_sigma:
             self._trust.interrupt()
 
-    def on_displacement(self, t_from_ns: int, t_to_ns: int, gnss_ne_m: Vec2, odometry_ne_m: Vec2, var_m2: float) -> None:
-        """Take what GNSS and odometry moved over an interval, with the variance per axis that odometry claims."""
-        self._odometry.add(t_from_ns, t_to_ns, gnss_ne_m, odometry_ne_m, var_m2)
+    def on_displacement(
+        self,
+        t_from_ns: int,
+        t_to_ns: int,
+        gnss_ne_m: Vec2,
+        odometry_ne_m: Vec2,
+        var_m2: float,
+        lens: Lens = RIGHT,
+    ) -> None:
+        """Take what GNSS and odometry moved over an interval, with the variance per axis that odometry claims, and a lens that is
+        doubted."""
+        self._odometry.add(t_from_ns, t_to_ns, gnss_ne_m, odometry_ne_m, var_m2, lens)
 
     def disown_camera(self) -> bool:
         """What the camera said was wrong all along; whether it alone spoke against GNSS, which is then on probation."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import deque
 
 from visloc_companion.core.gnss import GnssMonitor
+from visloc_companion.core.gnss_odometry import Lens
 from visloc_companion.core.map_offset import MapOffset
 from visloc_companion.core.motion import Motion
 from visloc_companion.core.requests import dragged_m
@@ -17,7 +18,7 @@ from visloc_companion.core.scale_watch import ScaleWatch
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.core.validate import is_place
-from visloc_companion.types import Command, Fix, Gnss, Mode, Notice, Rejected, Severity, Vec2, Verdict
+from visloc_companion.types import Command, Cov2, Fix, Gnss, Mode, Notice, Rejected, Severity, Vec2, Verdict
 
 GNSS_AFTER_NS = 5_000_000_000
 GNSS_INTERVAL_NS = 1_000_000_000
@@ -113,7 +114,8 @@ class GnssAiding:
                 shared = (seen.sigma_scale**2 + seen.sigma_heading_rad**2) / 2
                 by_lens_m2 = seen.sigma_focal**2 * (seen.per_focal_ne_m[0] ** 2 + seen.per_focal_ne_m[1] ** 2) / 2
                 var_m2 = own_m2 + by_lens_m2 + shared * (seen.d_ne_m[0] ** 2 + seen.d_ne_m[1] ** 2)
-                self._monitor.on_displacement(seen.t_from_ns, seen.t_ns, moved, seen.d_ne_m, var_m2)
+                lens = Lens(abs(self._tracker.longer_share), seen.per_focal_ne_m)
+                self._monitor.on_displacement(seen.t_from_ns, seen.t_ns, moved, seen.d_ne_m, var_m2, lens)
                 self._watch_scale(seen, moved)
 
     def _watch_scale(self, seen: Motion, moved_ne_m: Vec2) -> None:
@@ -127,21 +129,27 @@ class GnssAiding:
             self._told += told
             self.disown_camera()
 
-    def compare(self, fix: Fix) -> list[Command]:
+    def _with_lens(self, fix: Fix) -> Cov2:
+        """Covariance of a fix with what a lens that is doubted adds to it."""
+        (nn, ne), (en, ee), (north, east) = *fix.cov_ne_m2, fix.per_focal_ne_m
+        var = self._tracker.longer_share**2
+        return (nn + var * north**2, ne + var * north * east), (en + var * north * east, ee + var * east**2)
+
+    def compare(self, fix: Fix, *, delay_told: bool = False) -> list[Command]:
         """Show the monitor an accepted fix beside GNSS: the fix itself, for the filter rides on a velocity that may be false.
 
-        While GNSS is trusted, the difference also tells how far the map is off.
+        While GNSS is trusted, the difference also tells how far the map is off. `delay_told`: frames are known to come late.
         """
         velocity = self._tracker.velocity
         difference = None if velocity is None else self._tracker.gnss.minus(fix, velocity.v_ned_mps)
         if velocity is None or difference is None:
             return []
         north, east, _ = velocity.v_ned_mps
-        self._monitor.on_vision(fix.t_ns, difference, fix.cov_ne_m2, self._settings.navigator.map_sigma_m, (north, east))
+        self._monitor.on_vision(fix.t_ns, difference, self._with_lens(fix), self._settings.navigator.map_sigma_m, (north, east))
         verdict = self._monitor.verdict
         if verdict.verdict is Verdict.SUSPECT:
-            self._map.suspected(verdict.since_ns, fix.t_ns, difference)
+            self._map.suspected(verdict.since_ns, fix.t_ns, difference, (north, east), fix.per_focal_ne_m)
         elif self._monitor.trusted:
-            self._map.compared(fix.t_ns, difference)
+            self._map.compared(fix.t_ns, difference, (north, east), fix.per_focal_ne_m)
         self._tracker.know_map(self._map.sigma_m)
-        return self._map.notices()
+        return self._map.notices(delay_told=delay_told, longer_share=self._tracker.longer_share)

@@ -8,6 +8,7 @@ follows GNSS.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -38,6 +39,18 @@ RATE = ShiftModel(
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """By how much (1-sigma, a share) the focal length is doubted beyond what odometry claims, and what a lens that is twice as
+    long adds to a displacement beside its scale, north and east metres."""
+
+    share: float = 0.0
+    per_focal_ne_m: Vec2 = (0.0, 0.0)
+
+
+RIGHT = Lens()
+
+
 class OdometryTest:
     """Two sequential tests of GNSS against odometry; `log_r` is that of both together."""
 
@@ -54,6 +67,7 @@ class OdometryTest:
 
     def _clear_block(self) -> None:
         self._gnss, self._odometry, self._var, self._span_s = 0j, 0j, 0.0, 0.0
+        self._by_scale, self._by_swing = 0j, 0j
 
     @property
     def log_r(self) -> float:
@@ -66,14 +80,17 @@ class OdometryTest:
         self._rate = self._rate.fork()
         self._restart()
 
-    def add(self, t_from_ns: int, t_to_ns: int, gnss_ne_m: Vec2, odometry_ne_m: Vec2, var_m2: float) -> None:
-        """Take the displacements of both over an interval; `var_m2` is what odometry claims, per axis."""
+    def add(self, t_from_ns: int, t_to_ns: int, gnss_ne_m: Vec2, odometry_ne_m: Vec2, var_m2: float, lens: Lens = RIGHT) -> None:
+        """Take the displacements of both over an interval; `var_m2` is what odometry claims, per axis. What a lens does to
+        neighbouring intervals adds up."""
         if self._to_ns is not None and not -0.5 * GAP_S <= (t_from_ns - self._to_ns) * 1e-9 <= GAP_S:
             self._restart()
         self._to_ns = t_to_ns
         self._gnss += complex(*gnss_ne_m)
         self._odometry += complex(*odometry_ne_m)
         self._var += var_m2
+        self._by_scale += lens.share * complex(*odometry_ne_m)
+        self._by_swing += lens.share * complex(*lens.per_focal_ne_m)
         self._span_s += (t_to_ns - t_from_ns) * 1e-9
         if self._span_s >= BLOCK_S:
             self._finish(t_to_ns * 1e-9)
@@ -85,7 +102,8 @@ class OdometryTest:
         turn_var = 0.0 if self._v is None else (DELAY_S * abs(v - self._v)) ** 2
         self._v = v
         apart = self._gnss - self._odometry
-        rate_var = max(self._var / span_s**2, MIN_RATE_SIGMA_MPS**2)
+        by_lens_m2 = (abs(self._by_scale) ** 2 + abs(self._by_swing) ** 2) / 2
+        rate_var = max((self._var + by_lens_m2) / span_s**2, MIN_RATE_SIGMA_MPS**2)
         self._rate.update(t_s, apart / span_s, (2 * GNSS_WHITE_M**2 + turn_var) / span_s**2, rate_var, v)
         self._apart += apart
         self._path += self._odometry

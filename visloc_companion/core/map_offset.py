@@ -1,14 +1,20 @@
-"""How far the map seems to be from GNSS while GNSS is good: a shift that is more than GNSS explains may be the map's own.
+"""How far the map lies beside GNSS while GNSS is good: a shift that is more than GNSS explains may be the map's own.
 
 Nobody can say which of the two is wrong, so positions are not corrected by it; but the covariance and the protection level of
 what is stated later, by the map alone, must not claim the map's usual accuracy. A GNSS that once agreed with the map and then did
 not was led away; where the two never agreed, the map may lie beside its place as well (georeferencing, datum).
+
+Fixes of frames that come late lie behind the vehicle, by as much as it flew meanwhile: that goes round with the course, where a
+map's offset stays in north and east. On one course the two look the same.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
 
 from visloc_companion.types import Command, Notice, Severity, Vec2
 
@@ -23,41 +29,82 @@ MOST_M = 50.0
 GNSS_SIGMA_M = 3.0
 """1-sigma of what GNSS is off by for minutes, on each axis."""
 BEYOND_SIGMAS = 2.0
+LEAST_LAG_S, MOST_LAG_S, LEAST_SPEED_MPS = 0.25, 4.0, 2.0
+FITS_SHARE = 0.4
+"""Of the offset, rms: what a lag, or a map's place, leaves unexplained where that is what it is."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Difference:
+    """GNSS less a fix, the velocity, and what a lens that is twice as long adds to the fix; north and east."""
+
+    t_ns: int
+    off_ne_m: Vec2
+    v_ne_mps: Vec2
+    per_focal_ne_m: Vec2
 
 
 class MapOffset:
-    """The mean difference of GNSS and fixes over the last two minutes of a good GNSS."""
+    """The mean difference of GNSS and fixes over the last two minutes of a good GNSS, and how far fixes lag behind it."""
 
     def __init__(self, map_sigma_m: float) -> None:
         self._map_sigma_m = map_sigma_m
-        self._differences: deque[tuple[int, Vec2]] = deque()
-        self._told = self._borne_out = False
+        self._differences: deque[_Difference] = deque()
+        self._told: set[str] = set()
+        self._borne_out = False
+        self._lag_s = 0.0
+        self._place_fits = True
         self.distance_m = 0.0
-        """Length of the mean difference, 0 while too little is known."""
+        """Length of the mean difference, or that of a lag; 0 while too little is known."""
 
-    def compared(self, t_ns: int, gnss_minus_fix_m: Vec2) -> None:
-        """Take the difference of a trusted GNSS and an accepted fix."""
-        self._differences.append((t_ns, gnss_minus_fix_m))
-        while self._differences[0][0] < t_ns - SPAN_NS:
+    def compared(self, t_ns: int, gnss_minus_fix_m: Vec2, v_ne_mps: Vec2 = (0.0, 0.0), per_focal_ne_m: Vec2 = (0.0, 0.0)) -> None:
+        """Take the difference of a trusted GNSS and an accepted fix, with the velocity and what a lens adds to the fix."""
+        self._differences.append(_Difference(t_ns, gnss_minus_fix_m, v_ne_mps, per_focal_ne_m))
+        while self._differences[0].t_ns < t_ns - SPAN_NS:
             self._differences.popleft()
         self._average()
 
-    def suspected(self, t_ns: int, t_fix_ns: int, gnss_minus_fix_m: Vec2) -> None:
+    def suspected(
+        self,
+        t_ns: int,
+        t_fix_ns: int,
+        gnss_minus_fix_m: Vec2,
+        v_ne_mps: Vec2 = (0.0, 0.0),
+        per_focal_ne_m: Vec2 = (0.0, 0.0),
+    ) -> None:
         """GNSS is suspect since a time; take how far from it the newest fix is, which counts until the map was borne out."""
         if not self._borne_out:
-            self.compared(t_fix_ns, gnss_minus_fix_m)
+            self.compared(t_fix_ns, gnss_minus_fix_m, v_ne_mps, per_focal_ne_m)
             return
-        while self._differences and self._differences[-1][0] > t_ns - SOILED_NS:
+        while self._differences and self._differences[-1].t_ns > t_ns - SOILED_NS:
             self._differences.pop()
         self._average()
 
     def _average(self) -> None:
         n = len(self._differences)
-        sums = (math.fsum(d[axis] for _, d in self._differences) for axis in range(2))
+        sums = (math.fsum(d.off_ne_m[axis] for d in self._differences) for axis in range(2))
         mean_m = math.hypot(*(total / n for total in sums)) if n else 0.0
         self._borne_out |= n >= BORNE_OUT_BY and mean_m <= self._explained_m
-        known = n >= FEWEST if self._borne_out else n >= BORNE_OUT_BY and mean_m <= MOST_M
-        self.distance_m = mean_m if known else 0.0
+        enough = n >= FEWEST if self._borne_out else n >= BORNE_OUT_BY
+        self._lag_s, lag_m, self._place_fits = self._lagging() if enough else (0.0, 0.0, True)
+        offset_m = max(mean_m, lag_m)
+        self.distance_m = offset_m if enough and (self._borne_out or offset_m <= MOST_M) else 0.0
+
+    def _lagging(self) -> tuple[float, float, bool]:
+        """By how many seconds fixes lag behind GNSS, 0 where that is not what they do; how far that is, m; and whether an offset
+        that stays where it is explains the differences as well."""
+        off, v = (
+            np.array(pairs) @ (1.0, 1j) for pairs in zip(*((d.off_ne_m, d.v_ne_mps) for d in self._differences), strict=True)
+        )
+        speed_mps = math.sqrt(float(np.mean(np.abs(v) ** 2)))
+        if speed_mps < LEAST_SPEED_MPS:
+            return 0.0, 0.0, True
+        lag_s = float(np.vdot(v, off).real) / (len(v) * speed_mps**2)
+        lag_m = abs(lag_s) * speed_mps
+        left_m, left_of_place_m = (math.sqrt(float(np.mean(np.abs(rest) ** 2))) for rest in (off - lag_s * v, off - off.mean()))
+        if not LEAST_LAG_S <= abs(lag_s) <= MOST_LAG_S or lag_m <= self._explained_m or left_m > FITS_SHARE * lag_m:
+            return 0.0, 0.0, True
+        return lag_s, lag_m, left_of_place_m <= FITS_SHARE * lag_m
 
     @property
     def _explained_m(self) -> float:
@@ -69,10 +116,25 @@ class MapOffset:
         distance_m = self.distance_m
         return self._map_sigma_m if distance_m <= self._explained_m else max(self._map_sigma_m, distance_m / 2)
 
-    def notices(self) -> list[Command]:
-        """The operator is told once."""
-        if self._told or self.sigma_m <= self._map_sigma_m:
+    def _is_the_lens(self, longer_share: float) -> bool:
+        """Whether a lens that is longer by a share leaves nothing of the mean difference that GNSS does not explain."""
+        left = [complex(*d.off_ne_m) + longer_share * complex(*d.per_focal_ne_m) for d in self._differences]
+        return longer_share != 0 and abs(sum(left)) <= self._explained_m * len(left)
+
+    def notices(self, *, delay_told: bool = False, longer_share: float = 0.0) -> list[Command]:
+        """The operator is told once of what it may be, and once of what it is; not of a lag where the camera's delay was told,
+        nor while a lens that fixes show to be longer by a share explains it."""
+        if self.sigma_m <= self._map_sigma_m or self._told & {"map", "lag"} or self._is_the_lens(longer_share):
             return []
-        self._told = True
-        text = f"visloc: map is {self.distance_m:.0f} m off GNSS"
-        return [Notice(Severity.WARNING, text, to_operator=True, data=(("distance_m", self.distance_m),))]
+        kind = "map" if self._lag_s == 0 else "either" if self._place_fits else "lag"
+        if kind in self._told or (delay_told and kind != "map"):
+            return []
+        self._told.add(kind)
+        way = "behind" if self._lag_s > 0 else "ahead of"
+        text = {
+            "map": f"visloc: map is {self.distance_m:.0f} m off GNSS",
+            "either": f"visloc: fixes {self.distance_m:.0f} m {way} GNSS: delay, or map?",
+            "lag": f"visloc: fixes {abs(self._lag_s):.1f} s {way} GNSS: camera's delay",
+        }[kind]
+        data = (("distance_m", self.distance_m), ("lag_s", self._lag_s))
+        return [Notice(Severity.WARNING, text, to_operator=True, data=data)]

@@ -78,6 +78,11 @@ class OnboardCamera:
         return self._mount.wrong or self._distortion.wrong
 
     @property
+    def mistimed(self) -> bool:
+        """Whether the operator was told that frames come at other times than they bear."""
+        return self._time.wrong
+
+    @property
     def sigma_yaw_rad(self) -> float:
         """1-sigma of the yaw of what carries the camera, beside the autopilot's heading."""
         return 0.0 if self._gimbal is None else self._gimbal.sigma_yaw_rad
@@ -197,6 +202,8 @@ class OnboardCamera:
         gnss = self._tracker.gnss
         if taken and gnss_trusted and gnss.newest is not None and gnss.newest_ns is not None:
             told += self._heights.on_fix(fix, gnss.newest.h_amsl_m, height_m)
+            if self._heights.longer_share != self._tracker.longer_share:
+                self._tracker.doubt_lens(fix, self._heights.longer_share)
         if not gnss_trusted or self._time.sigma_s > TIMED_S:
             return told
         difference = self._tracker.gnss.minus(fix, state.v_ned_mps)

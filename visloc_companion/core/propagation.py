@@ -86,11 +86,12 @@ def transition(
     change_ne_mps: Vec2,
     settings: NavigatorSettings,
     gone_by: float = 0.0,
+    lens_share: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
     """F (15, 15), and Q (K, 15, 15) for K sigmas of the velocity's error (which an inertial velocity does not need).
 
     `change_ne_mps`: by how much the driving velocity changes meanwhile. `gone_by`: the way, over that after which fixes look at
-    other ground.
+    other ground. `lens_share`: 1-sigma of the focal length beside what is believed of every lens.
     """
     bias = (sigma_a_mps2, settings.acceleration_correlation_s)
     if drive is Drive.INERTIAL:
@@ -99,10 +100,12 @@ def transition(
         F[VELOCITY, HEADING] = -east, north
         F[POSITION, HEADING] = east * dt_s / 2, -north * dt_s / 2
         _forget(F, Q, gone_by)
+        _doubt_lens(F, Q, lens_share)
         return F, np.broadcast_to(Q, (len(sigma_mps), *Q.shape))
     F, per_variance, rest = _gauss_markov(dt_s, settings.velocity_correlation_s, *bias)
     F, rest = F.copy(), rest.copy()
     _forget(F, rest, gone_by)
+    _doubt_lens(F, rest, lens_share)
     Q = np.square(sigma_mps)[:, None, None] * per_variance
     Q += rest
     return F, Q
@@ -113,6 +116,13 @@ def _forget(F: FloatArray, Q: FloatArray, gone_by: float) -> None:
     kept = math.exp(-gone_by)
     for state in range(LASTING.start, LASTING.stop):
         F[state, state], Q[state, state] = kept, 1 - kept * kept
+
+
+def _doubt_lens(F: FloatArray, Q: FloatArray, share: float) -> None:
+    """A lens that is off by so much stays so, in place."""
+    if share > 0:
+        for state in (ODOMETRY_LENS, FIX_LENS):
+            Q[state, state] += share**2 * (1 - F[state, state] ** 2)
 
 
 def _wander(F: FloatArray, Q: FloatArray, dt_s: float) -> None:

@@ -8,7 +8,16 @@ import numpy as np
 
 from visloc_companion.core import lasting, relocalise, separation
 from visloc_companion.core.belief import Belief, Position, widened
-from visloc_companion.core.propagation import FIX_LENS, LASTING, N_STATES, POSITION, VELOCITY, Drive, initial_covariance
+from visloc_companion.core.propagation import (
+    FIX_LENS,
+    LASTING,
+    N_STATES,
+    ODOMETRY_LENS,
+    POSITION,
+    VELOCITY,
+    Drive,
+    initial_covariance,
+)
 from visloc_companion.core.settings import NavigatorSettings
 
 DRAGGED = 0.01
@@ -69,6 +78,7 @@ def restarted(belief: Belief, z: Position, found: relocalise.Restart, settings: 
     P = initial_covariance(0.0, sigma_v, belief.sigma_a_mps2)
     cov = np.array(z.cov_ne_m2)
     P[FIX_LENS, FIX_LENS] = belief.P[FIX_LENS, FIX_LENS]
+    P[ODOMETRY_LENS, ODOMETRY_LENS] += belief.lens_share**2
     P[POSITION, POSITION] = cov + P[FIX_LENS, FIX_LENS] * np.outer(by_lens_m, by_lens_m)
     P[POSITION, LASTING] = P[LASTING, POSITION] = -lasting.root_m(cov)
     P[POSITION, FIX_LENS] = P[FIX_LENS, POSITION] = -P[FIX_LENS, FIX_LENS] * by_lens_m

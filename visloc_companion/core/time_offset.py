@@ -34,6 +34,9 @@ NEAR = 4
 """Cells on either side of the peak that its curvature stands for."""
 LEAST_SIGMA_S = 0.002
 REACH_NS = round((REACH_S + STEP_S) * 1e9)
+LONG_AGO_S = 2.5
+LATE_S: FloatArray = np.linspace(-LONG_AGO_S, REACH_S, round((LONG_AGO_S + REACH_S) / STEP_S) + 1)
+"""Offsets among which frames are looked for that come through a network's buffers."""
 MAX_GAP_NS = 150_000_000
 """Between attitudes further apart than this nothing is known."""
 
@@ -47,10 +50,12 @@ class Offset:
 
 
 class TimeOffset:
-    """Adds up what turns say of each offset."""
+    """Adds up what turns say of each offset (seconds, STEP_S apart)."""
 
-    def __init__(self) -> None:
-        self._score = np.zeros(len(OFFSETS_S))
+    def __init__(self, offsets_s: FloatArray = OFFSETS_S) -> None:
+        self._offsets_s = offsets_s
+        self._earliest_ns = round((STEP_S - float(offsets_s[0])) * 1e9)
+        self._score = np.zeros(len(offsets_s))
         self._t_ns: int | None = None
 
     def add(
@@ -65,7 +70,7 @@ class TimeOffset:
 
         False where the autopilot's attitudes about these times are not known.
         """
-        first_ns, last_ns = stamps_boot_ns[0] - REACH_NS, stamps_boot_ns[1] + REACH_NS
+        first_ns, last_ns = stamps_boot_ns[0] - self._earliest_ns, stamps_boot_ns[1] + REACH_NS
         t_ns, q = attitude.between(first_ns - MAX_GAP_NS, last_ns + MAX_GAP_NS)
         if not len(t_ns) or t_ns[0] > first_ns or t_ns[-1] < last_ns or int(np.diff(t_ns).max(initial=0)) > MAX_GAP_NS:
             return False
@@ -73,11 +78,12 @@ class TimeOffset:
             np.asarray((t_ns - stamps_boot_ns[0]) * 1e-9, dtype=np.float64),
             (stamps_boot_ns[1] - stamps_boot_ns[0]) * 1e-9,
         )
-        start, end = _at(t_s, q, OFFSETS_S), _at(t_s, q, np.asarray(OFFSETS_S + apart_s, dtype=np.float64))
+        offsets_s = self._offsets_s
+        start, end = _at(t_s, q, offsets_s), _at(t_s, q, np.asarray(offsets_s + apart_s, dtype=np.float64))
         r = _difference(
             start, end, se3.quat_multiply(se3.quat_multiply(q_frd_cambody, turn.q_from_to), se3.quat_inverse(q_frd_cambody))
         )
-        peak = min(max(int(np.argmax(self._score)), 1), len(OFFSETS_S) - 2)
+        peak = min(max(int(np.argmax(self._score)), 1), len(offsets_s) - 2)
         rate2 = sum(float(((at[peak + 1] - at[peak - 1]) ** 2).sum()) for at in (start, end)) / STEP_S**2
         angle = se3.angle_between(turn.q_from_to, (1.0, 0.0, 0.0, 0.0))
         own = ATTITUDE_SIGMA_RAD**2 + (MOUNT_SIGMA_RAD * angle) ** 2 + sigma_s**2 * rate2
@@ -96,13 +102,13 @@ class TimeOffset:
         p /= p.sum()
         peak = int(np.argmax(p))
         if not 0 < peak < len(p) - 1:
-            return Offset(float(OFFSETS_S[peak]), REACH_S)
+            return Offset(float(self._offsets_s[peak]), REACH_S)
         before, here, after = (float(v) for v in self._score[peak - 1 : peak + 2])
         bend = 2 * here - before - after
-        at = float(OFFSETS_S[peak]) + (0.5 * STEP_S * (after - before) / bend if bend > 0 else 0.0)
+        at = float(self._offsets_s[peak]) + (0.5 * STEP_S * (after - before) / bend if bend > 0 else 0.0)
         curved = STEP_S**2 / bend if bend > 0 else REACH_S**2
         far = np.abs(np.arange(len(p)) - peak) > NEAR
-        spread = float(p[far] @ (OFFSETS_S[far] - at) ** 2)
+        spread = float(p[far] @ (self._offsets_s[far] - at) ** 2)
         return Offset(at, math.sqrt(max(LEAST_SIGMA_S**2, min(curved, REACH_S**2)) + spread))
 
     def _forget(self, t_ns: int) -> None:

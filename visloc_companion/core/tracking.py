@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from visloc_companion.core.air_velocity import AirError, AirVelocity
-from visloc_companion.core.belief import Belief, seeded
+from visloc_companion.core.belief import Belief, lens_doubted, seeded
 from visloc_companion.core.drag_velocity import DragLearner
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
@@ -73,6 +73,7 @@ class Tracker:
         self.heading = HeadingPull()
         self.origin: GeoPoint | None = None
         self.height_above_home_m: float | None = None
+        self.longer_share = 0.0
 
     @property
     def belief(self) -> Belief | None:
@@ -214,6 +215,12 @@ class Tracker:
         if self._filter is not None:
             self._filter.know_map(sigma_m)
 
+    def doubt_lens(self, fix: Fix, longer_share: float) -> None:
+        """Fixes, of which this is the last, show that the lens may be longer than calibrated by a share."""
+        self.longer_share = longer_share
+        if self._filter is not None:
+            self._filter.doubt_lens(abs(longer_share), fix.per_focal_ne_m)
+
     def forget_velocity(self) -> None:
         """The autopilot restarted; its next velocity may bear any time."""
         self._velocity = None
@@ -246,6 +253,8 @@ class Tracker:
         north, east, _ = wgs84.ned_from_geo(place, self.origin)
         v = self._velocity
         start = seeded(max(t_ns, v.t_ns), (north, east), sigma_m, v.sigma_mps, v.drive, self._settings)
+        if self.longer_share != 0:
+            start = lens_doubted(start, abs(self.longer_share), (0.0, 0.0))
         self._inertial.anchor(self._velocity_boot_ns, v.v_ned_mps[:2])
         self._n_taught = 0
         self._drag.filter_restarted()

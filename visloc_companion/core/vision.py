@@ -248,8 +248,10 @@ class Vision:
         origin = self._tracker.origin
         if self._terrain is not None and fix.method == TERRAIN and isinstance(outcome, Accepted) and state and origin:
             self._terrain.learn(fix, state, origin)
-        taken, trusted = isinstance(outcome, Accepted), self._monitor.trusted
+        taken, trusted, longer_share = isinstance(outcome, Accepted), self._monitor.trusted, self._tracker.longer_share
         commands = [] if fix.method == TERRAIN else self._onboard.on_fix(fix, taken=taken, gnss_trusted=trusted)
+        if self._tracker.longer_share != longer_share:
+            self._monitor.disown_camera()
         if isinstance(outcome, Accepted):
             commands = [*commands, *self._taken(fix, now_ns)]
             velocity = self._tracker.velocity
@@ -288,7 +290,7 @@ class Vision:
         self._unmatched.recognised()
         self._first.taken()
         self._steering.taken(now_ns)
-        return [*self._aiding.compare(fix), *self._confirmed()]
+        return [*self._aiding.compare(fix, delay_told=self._onboard.mistimed), *self._confirmed()]
 
     def _confirmed(self) -> list[Command]:
         waited, self._to_confirm = self._to_confirm, False

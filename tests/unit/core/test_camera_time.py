@@ -73,6 +73,7 @@ def test_frames_that_arrive_late_get_the_time_when_they_were_taken(late_s: float
     assert np.abs(vehicle.errors_s[-50:]).max() < 0.01
     assert vehicle.camera.sigma_s <= SURE_S
     assert vehicle.told == []
+    assert not vehicle.camera.wrong
     assert [n.text for n in vehicle.said if isinstance(n, Notice)] == ["camera's delay found"]
 
 
@@ -108,9 +109,11 @@ def test_stamps_of_the_cameras_own_stay_and_wrong_ones_are_told_once() -> None:
     for vehicle in (right, wrong):
         vehicle.fly(60)
         assert vehicle.errors_s == pytest.approx([vehicle.late_s] * len(vehicle.errors_s))
-        assert vehicle.camera.stated(FIX, (20.0, 0.0, 0.0)) is FIX
     assert right.told == []
     assert wrong.told == ["visloc: camera frames 120 ms too late"]
+    assert right.camera.stated(FIX, (20.0, 0.0, 0.0)) is FIX
+    (nn, ne), (_, ee) = wrong.camera.stated(FIX, (20.0, 0.0, 0.0)).cov_ne_m2
+    assert (nn, ne, ee) == pytest.approx((1 + (20 * 0.12) ** 2, 0.0, 1.0), rel=0.1)
 
 
 def test_stamps_that_are_no_arrivals_stay_too() -> None:
@@ -122,11 +125,18 @@ def test_stamps_that_are_no_arrivals_stay_too() -> None:
     assert camera.sigma_s == 0.0
 
 
-def test_an_offset_that_is_too_large_is_told_and_not_used() -> None:
-    vehicle = Vehicle(0.55)
+@pytest.mark.parametrize("late_s", [0.55, 1.0, 2.2])
+def test_an_offset_that_is_too_large_is_told_and_claimed_but_not_used(late_s: float) -> None:
+    vehicle = Vehicle(late_s)
     vehicle.fly(60)
-    assert vehicle.told == ["visloc: camera frames 550 ms too late"]
-    assert vehicle.errors_s[-1] == pytest.approx(0.55, abs=1e-6)
+    (told,) = vehicle.told
+    assert told.startswith("visloc: camera frames ")
+    assert told.endswith(" ms too late")
+    assert float(told.split()[3]) == pytest.approx(1000 * late_s, abs=15)
+    assert vehicle.camera.wrong
+    assert vehicle.errors_s[-1] == pytest.approx(late_s, abs=1e-6)
+    (nn, _), (_, ee) = vehicle.camera.stated(FIX, (20.0, 0.0, 0.0)).cov_ne_m2
+    assert (nn, ee) == pytest.approx((1 + (20 * late_s) ** 2, 1.0), rel=0.1)
 
 
 def test_turns_between_frames_that_nobody_knows_are_left_out() -> None:

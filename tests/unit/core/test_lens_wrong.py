@@ -1,4 +1,4 @@
-"""A lens that is not as configured: nothing of the camera is used."""
+"""A lens that is not as configured: what it does to fixes and motion is reckoned with, or nothing of the camera is used."""
 
 from __future__ import annotations
 
@@ -10,16 +10,79 @@ import numpy as np
 import pytest
 
 from visloc_companion.errors import Reason
-from visloc_companion.geo import se3
+from visloc_companion.geo import se3, wgs84
 from visloc_companion.types import Fix, Injection, LocaliseRequest, NoFix, Notice, Odometry, Turn
 
 COV = ((0.01, 0.0), (0.0, 0.01))
 TURN_COV = ((1e-6, 0.0, 0.0), (0.0, 1e-6, 0.0), (0.0, 0.0, 1e-6))
-HEIGHT_M = 100.0
+HEIGHT_M, JAM_S = 100.0, 45.0
 
 
 def told(w: Any) -> list[str]:
     return [c.text for _, c in w.commands if isinstance(c, Notice) and c.to_operator]
+
+
+@pytest.fixture
+def longer(world: Any) -> type[Any]:
+    """The lens is longer than calibrated by a share: fixes lie low, and to the side to which the camera leans, and so do motions
+    in which it swings over."""
+
+    @dataclass
+    class Longer(world):  # type: ignore[misc]
+        share: float = 0.0
+        fix_sigma_m: float = 0.7
+
+        def leans_m(self, t_s: float) -> np.ndarray:
+            """What a lens that is twice as long would add to a fix."""
+            return np.array((20 * math.sin(0.5 * t_s), -50 + 30 * math.cos(0.35 * t_s)))
+
+        def _localise(self, request: LocaliseRequest) -> None:
+            super()._localise(request)
+            when, fix = self.answers.pop()
+            t1_s, t0_s = fix.t_ns * 1e-9, fix.t_ns * 1e-9 - self.fix_period_s
+            leans, swung = self.leans_m(t1_s), self.leans_m(t1_s) - self.leans_m(t0_s)
+            low_m = HEIGHT_M * (1 - 1 / (1 + self.share))
+            north, east, down = wgs84.ned_from_geo(fix.place, request.prior.place)
+            off = self.share * leans
+            place = wgs84.geo_from_ned((north + off[0], east + off[1], down + low_m), request.prior.place)
+            moved = np.array(self.velocity((t0_s + t1_s) / 2)) * self.fix_period_s + self.share * 2 * swung
+            motion = Odometry(
+                0,
+                round(t0_s * 1e9),
+                fix.t_ns,
+                (*moved.tolist(), 0.0),
+                COV,
+                0.01,
+                0.02,
+                sigma_focal=0.015,
+                per_focal_ne_m=tuple((2 * swung).tolist()),
+            )
+            self.answers.append((when, replace(fix, place=place, motion=motion, per_focal_ne_m=tuple(leans.tolist()))))
+
+    return Longer
+
+
+@pytest.mark.parametrize("share", [0.1, -0.09])
+def test_a_lens_of_another_length_is_named_and_neither_gnss_is_called_false_nor_too_little_claimed(
+    longer: Any, share: float
+) -> None:
+    w = longer(share=share, jammed=lambda t: t > JAM_S)
+    w.start()
+    w.fly(90.0)
+    assert len(w.notices("fx_px x")) == 1
+    assert w.notices("not trusted") == w.notices("off GNSS") == w.notices("or map") == []
+    aided = [(s, off_m) for t, s, off_m in w.statuses if t > JAM_S + 2]
+    assert any(isinstance(c, Injection) for _, c in w.commands)
+    assert all(off_m < s.protection_level_m for s, off_m in aided)
+    assert max(off_m for _, off_m in aided) < 6.0
+
+
+def test_a_lens_as_calibrated_costs_nothing(longer: Any) -> None:
+    w = longer(jammed=lambda t: t > JAM_S)
+    w.start()
+    w.fly(90.0)
+    assert w.notices("fx_px x") == []
+    assert max(s.protection_level_m for t, s, _ in w.statuses if t > JAM_S + 2) < 8.0
 
 
 @pytest.fixture

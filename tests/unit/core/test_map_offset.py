@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -86,3 +89,64 @@ def test_a_drag_that_was_found_is_not_the_maps() -> None:
     known.suspected(90 * S, 90 * S, (30.0, 0.0))
     assert known.sigma_m == 0.5
     assert known.distance_m < 1.0
+
+
+def lagging(lag_s: float, course_deg: Callable[[int], float], n: int = 60, map_north_m: float = 0.0) -> MapOffset:
+    """Fixes lag behind GNSS at 10 m/s, over a map that lies to the north."""
+    rng, known = np.random.default_rng(2), MapOffset(0.5)
+    for k in range(n):
+        v = 10 * np.array((math.cos(math.radians(course_deg(k))), math.sin(math.radians(course_deg(k)))))
+        north, east = (lag_s * v + (map_north_m, 0.0) + rng.standard_normal(2)).tolist()
+        known.compared(k * S, (north, east), (float(v[0]), float(v[1])))
+    return known
+
+
+def texts(known: MapOffset, *, delay_told: bool = False) -> list[str]:
+    return [n.text for n in known.notices(delay_told=delay_told) if isinstance(n, Notice)]
+
+
+def test_what_goes_round_with_the_course_is_a_delay_and_stays_in_the_level() -> None:
+    there_and_back = lagging(1.0, lambda k: 180.0 * (k // 30))
+    assert there_and_back.sigma_m == pytest.approx(5.0, abs=0.3)
+    assert texts(there_and_back) == ["visloc: fixes 1.0 s behind GNSS: camera's delay"]
+    assert texts(there_and_back) == []
+    assert texts(lagging(-0.8, lambda k: 90.0 * (k // 15))) == ["visloc: fixes 0.8 s ahead of GNSS: camera's delay"]
+
+
+def test_on_one_course_it_may_be_either_and_later_courses_tell() -> None:
+    known = lagging(1.0, lambda k: 30.0)
+    assert texts(known) == ["visloc: fixes 10 m behind GNSS: delay, or map?"]
+    assert texts(known) == []
+    for k in range(60, 120):
+        known.compared(k * S, (0.0, -10.0), (0.0, -10.0))
+    assert texts(known) == ["visloc: fixes 1.0 s behind GNSS: camera's delay"]
+    mapped = lagging(0.0, lambda k: 0.0, map_north_m=10.0)
+    assert texts(mapped) == ["visloc: fixes 10 m behind GNSS: delay, or map?"]
+    for k in range(60, 120):
+        mapped.compared(k * S, (10.0, 0.0), (0.0, 10.0))
+    assert texts(mapped) == ["visloc: map is 10 m off GNSS"]
+
+
+def test_an_offset_across_the_way_or_of_a_vehicle_that_hovers_is_the_maps() -> None:
+    assert texts(lagging(0.0, lambda k: 90.0, map_north_m=10.0)) == ["visloc: map is 10 m off GNSS"]
+    assert texts(lagging(0.0, lambda k: 40.0 * k, map_north_m=10.0)) == ["visloc: map is 10 m off GNSS"]
+    assert texts(after(10.0)) == ["visloc: map is 10 m off GNSS"]
+
+
+def test_who_was_told_of_the_delay_is_not_told_of_it_again() -> None:
+    assert texts(lagging(1.0, lambda k: 30.0), delay_told=True) == []
+    assert texts(lagging(0.0, lambda k: 90.0, map_north_m=10.0), delay_told=True) == ["visloc: map is 10 m off GNSS"]
+
+
+def test_the_texts_fit_the_screen() -> None:
+    texts_all = [*texts(lagging(-4.0, lambda k: 30.0)), *texts(lagging(-4.0, lambda k: 90.0 * k))]
+    assert max(map(len, texts_all)) <= 50
+
+
+def test_what_a_lens_that_fixes_show_to_be_longer_explains_is_not_blamed_on_the_map() -> None:
+    known = MapOffset(0.5)
+    for k in range(60):
+        known.compared(k * S, (0.0, 8.0), (10.0, 0.0), (0.0, -80.0))
+    assert known.notices(longer_share=0.1) == []
+    assert known.sigma_m == pytest.approx(4.0)
+    assert [n.text for n in known.notices(longer_share=-0.1) if isinstance(n, Notice)] == ["visloc: map is 8 m off GNSS"]
