@@ -138,6 +138,7 @@ class Reason(StrEnum):
     POSE_FAILED = "pose_failed"
     MOVING_SURFACE = "moving_surface"
     BAD_FRAME = "bad_frame"
+    FROZEN = "frozen"
     BAD_INPUT = "bad_input"
     # the worker or the queue has no answer
     WORKER_TIMEOUT = "worker_timeout"

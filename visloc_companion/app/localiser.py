@@ -15,6 +15,7 @@ from visloc_companion.localise.rectified import behind_the_lens
 from visloc_companion.localise.registry import make_localiser, open_features_for
 from visloc_companion.localise.rolling_shutter import Unrolled
 from visloc_companion.localise.runtime import default_threads
+from visloc_companion.localise.still_picture import MovingFramesOnly
 from visloc_companion.localise.surface_window import SurfaceWindow
 from visloc_companion.localise.twice import CheckedTwice
 from visloc_companion.localise.with_motion import WithMotion
@@ -47,7 +48,8 @@ def _of_ground(chosen: LocaliserConfig, model: CameraModel, features: NetworkFea
     window = SurfaceWindow()  # turn and motion are seen over the same ground
     moving: Localiser = WithMotion(localiser, view, window=window) if chosen.odometry else localiser
     checked = CheckedTwice(moving, _again(chosen, view), chosen.check_every) if chosen.check_every else moving
-    return Unrolled(behind_the_lens(OverPlane(WithTurn(checked, view, window)), model), model)
+    seen = Unrolled(behind_the_lens(OverPlane(WithTurn(checked, view, window)), model), model)
+    return MovingFramesOnly(seen, model)
 
 
 def _again(chosen: LocaliserConfig, model: CameraModel) -> Localiser:

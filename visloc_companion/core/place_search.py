@@ -43,7 +43,7 @@ TEST_EVERY_NS = 2_000_000_000
 MOST_WRONG = 0.02
 """A fix that claims to be wrong with a larger probability tells nothing. On the training landscape 157 of 168 searches about the
 right place gave a better one, none of about 800 about another place that a tile had listed (two gave a worse one)."""
-SAYS_NOTHING = (Reason.LOW_TEXTURE, Reason.BLURRED, Reason.BAD_FRAME, Reason.BAD_INPUT, Reason.HORIZON_IN_VIEW)
+SAYS_NOTHING = (Reason.LOW_TEXTURE, Reason.BLURRED, Reason.BAD_FRAME, Reason.FROZEN, Reason.BAD_INPUT, Reason.HORIZON_IN_VIEW)
 """Of the frame, not of the place; as is a worker that was lost."""
 NO_ANSWER = (Reason.WORKER_TIMEOUT, Reason.WORKER_DIED)
 

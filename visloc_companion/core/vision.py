@@ -156,7 +156,7 @@ class Vision:
         event = self._onboard.of_vehicle(event)
         before = self._tracker.belief  # not between motion and fix: the inputs after them would be folded twice
         self.moved(event.motion, now_ns)
-        told = [*self._computer.on_answer(event), *self._learned(event)]
+        told = [*self._camera.on_answer(event), *self._computer.on_answer(event), *self._learned(event)]
         return [*told, *self._localised(event, before, now_ns)]
 
     def _learned(self, event: Fix | NoFix) -> list[Command]:

@@ -76,7 +76,7 @@ class FrameToFrame:
         view = _View(replace(sight, pixels=NO_PIXELS), picture, np.zeros(3))
         last = self._last
         if last is not None and np.array_equal(view.picture.grey, last.picture.grey):
-            return Blind(sight.t_ns, Reason.BAD_FRAME, "identical to the frame before: the camera is frozen")
+            return Blind(sight.t_ns, Reason.FROZEN, "identical to the frame before: the camera is frozen")
         if self._key is None or last is None:
             return self._restarted(view, surface, (Reason.NO_BASELINE, "the first frame of a stretch"))
         key, last = self._at_its_height(self._key, last, view, surface)

@@ -24,7 +24,7 @@ class FreshFramesOnly(Asking):
         self._last: tuple[int, bytes] | None = None
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
-        """As the localiser that is asked; BAD_FRAME for another frame with the very same pixels."""
+        """As the localiser that is asked; FROZEN for another frame with the very same pixels."""
         digest = hashlib.blake2b(np.ascontiguousarray(pixels).data, digest_size=16).digest()
         frame_id = request.frame.frame_id
         repeated = self._last is not None and self._last[0] != frame_id and self._last[1] == digest
@@ -37,7 +37,7 @@ class FreshFramesOnly(Asking):
             request.request_id,
             frame_id,
             self.method,
-            Reason.BAD_FRAME,
+            Reason.FROZEN,
             0.0,
             "identical to the frame before: the camera is frozen",
         )

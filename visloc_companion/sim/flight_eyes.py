@@ -78,6 +78,8 @@ class FlightEyes:
             q_ned_carrier, rate_radps = pilot.camera_carrier()
             shot = Shot(truth.v_ned_mps, rate_radps, optics.readout_s, optics.exposure_s, optics.effects)
             self._view = View(truth.place, q_ned_carrier, self._frame_id, shot)
+        elif pilot.faults.camera_anew(pilot.t_s):
+            self._view = replace(self._view, frame_id=self._frame_id)  # which feeds the noise
         self._views[self._frame_id] = self._view
         self._views.pop(self._frame_id - VIEWS_KEPT, None)
         model = self._eyes.camera.model

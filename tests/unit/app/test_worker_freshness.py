@@ -18,5 +18,5 @@ def test_a_frozen_camera_is_refused_by_the_worker(small_world: Any) -> None:
     prior = PosePrior(GeoPoint(46.998, 9.002, 80.0), (1.0, 0.0, 0.0, 0.0), ((4.0, 0.0), (0.0, 4.0)), 2.0, 0.02, 0.02)
     pixels = np.full((48, 64), 90, np.uint8)
     answers = [answer(LocaliseRequest(n, FrameRef(0, 5, n, 0, 64, 48, 1), prior, 1), pixels) for n in range(2)]
-    refused = [isinstance(one, NoFix) and one.reason is Reason.BAD_FRAME and "frozen" in one.detail for one in answers]
+    refused = [isinstance(one, NoFix) and one.reason is Reason.FROZEN and "frozen" in one.detail for one in answers]
     assert refused == [False, True]

@@ -4,7 +4,9 @@ import pytest
 
 from visloc_companion.core.camera_watch import FIRST_FRAME_NS, MAX_AHEAD_NS, SILENCE_NS, CameraWatch
 from visloc_companion.core.requests import MAX_FRAME_AGE_NS
-from visloc_companion.types import FrameRef, Notice
+from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
+from visloc_companion.errors import Reason
+from visloc_companion.types import FrameRef, NoFix, Notice
 
 
 def texts(commands: list) -> list[str]:
@@ -54,6 +56,32 @@ def test_frames_of_another_time_are_none_and_the_operator_is_told_why(age_s: flo
 def test_a_frame_within_reach_counts() -> None:
     watch = CameraWatch()
     assert watch.on_frame(MAX_FRAME_AGE_NS, 0) == watch.on_frame(0, MAX_AHEAD_NS) == []
+
+
+def answered(t_s: float, reason: Reason, method: str = "deep") -> NoFix:
+    t_ns = round(t_s * 1e9)
+    return NoFix(t_ns, t_ns, 1, 1, method, reason, 1.0)
+
+
+def test_a_picture_that_stands_still_is_told_once_and_so_is_its_end() -> None:
+    watch = CameraWatch()
+    assert watch.on_answer(answered(10.0, Reason.NO_MATCH)) == watch.on_answer(answered(10.5, Reason.FROZEN)) == []
+    assert watch.check(10_500_000_000 + SILENCE_NS) == []
+    told = watch.check(10_500_000_001 + SILENCE_NS)
+    assert texts(told) == ["visloc: camera picture stands still, unused"]
+    assert told[0].to_operator
+    assert len(texts(told)[0]) <= 50
+    assert watch.on_answer(answered(13.0, Reason.FROZEN)) == watch.check(20 * SILENCE_NS) == []
+    assert watch.on_answer(answered(13.2, Reason.NO_MATCH, TERRAIN)) == []
+    assert texts(watch.on_answer(answered(13.5, Reason.NO_MATCH))) == ["camera frames are back"]
+    assert watch.on_answer(answered(14.0, Reason.NO_MATCH)) == watch.check(30 * SILENCE_NS) == []
+
+
+def test_a_single_picture_that_seemed_to_stand_still_is_not_told() -> None:
+    watch = CameraWatch()
+    for t_s in range(10):
+        assert watch.on_answer(answered(t_s, Reason.FROZEN if t_s % 2 else Reason.NO_MATCH)) == []
+        assert watch.check(t_s * 10**9 + 10**9 - 1) == []
 
 
 def test_silence_is_told_once_and_so_is_its_end() -> None:

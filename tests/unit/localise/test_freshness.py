@@ -54,10 +54,10 @@ def test_a_repeated_picture_is_refused_until_another_one_comes() -> None:
     fresh = FreshFramesOnly(witness)
     ask(fresh, 1, picture(1))
     refused = ask(fresh, 2, picture(1), request_id=9)
-    assert refused.reason is Reason.BAD_FRAME
+    assert refused.reason is Reason.FROZEN
     assert "frozen" in refused.detail
     assert (refused.request_id, refused.frame_id, refused.t_ns, refused.method) == (9, 2, 60, "witness")
-    assert ask(fresh, 3, picture(1)).reason is Reason.BAD_FRAME
+    assert ask(fresh, 3, picture(1)).reason is Reason.FROZEN
     assert ask(fresh, 4, picture(2)).reason is Reason.NO_MATCH
     assert witness.asked == [1, 4]
 
@@ -67,11 +67,11 @@ def test_the_same_frame_may_be_asked_about_again() -> None:
     witness = Witness()
     fresh = FreshFramesOnly(witness)
     assert [ask(fresh, 1, picture(1)).reason for _ in range(2)] == [Reason.NO_MATCH] * 2
-    assert [ask(fresh, 2, picture(1)).reason for _ in range(2)] == [Reason.BAD_FRAME] * 2
+    assert [ask(fresh, 2, picture(1)).reason for _ in range(2)] == [Reason.FROZEN] * 2
 
 
 def test_pixels_need_not_be_contiguous() -> None:
     fresh = FreshFramesOnly(Witness())
     wide = np.repeat(picture(3), 2, axis=1)
     ask(fresh, 1, wide[:, ::2])
-    assert ask(fresh, 2, picture(3)).reason is Reason.BAD_FRAME
+    assert ask(fresh, 2, picture(3)).reason is Reason.FROZEN

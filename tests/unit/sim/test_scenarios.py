@@ -13,6 +13,7 @@ from visloc_companion.types import Mode, Verdict
 WANTED = {
     *("jam", "step_spoof", "slow_drag", "meaconing", "gnss_returns_bad", "stale_map", "season_change", "haze", "blur"),
     *("rolling_shutter", "night", "over_water", "sharp_turns", "camera_freeze", "frames_late", "autopilot_clock_step"),
+    "camera_stuck",
     *("companion_clock_step", "compass_error", "baro_drift", "tilted_mount", "wrong_focal_length", "link_gaps", "worker_crash"),
     *("map_edge", "map_shifted", "no_gnss"),
 }
@@ -76,11 +77,14 @@ def test_gnss_returns_at_a_wrong_place() -> None:
     assert math.hypot(*back.offset_ned_m) == pytest.approx(78.1, abs=0.1)
 
 
-def test_only_one_camera_freezes_and_only_for_twelve_seconds() -> None:
+def test_two_cameras_freeze_one_with_the_very_same_pixels_and_one_without() -> None:
     frozen = {
         name: [t_s for t_s in range(200) if scenario.faults.camera_frozen(float(t_s))] for name, scenario in SCENARIOS.items()
     }
     assert frozen.pop("camera_freeze") == list(range(60, 72))
+    assert frozen.pop("camera_stuck") == list(range(25, 45))
+    assert [SCENARIOS[name].faults.camera_anew(30.0) for name in ("camera_freeze", "camera_stuck")] == [False, True]
+    assert not SCENARIOS["camera_freeze"].faults.camera_anew(65.0)
     assert not any(frozen.values())
 
 

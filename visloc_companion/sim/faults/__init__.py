@@ -120,9 +120,9 @@ def intermittent(start_s: float, on_s: float, off_s: float, end_s: float) -> Fau
     return FaultSchedule(tuple(Jam(begin, min(begin + on_s, end_s)) for begin in begins))
 
 
-def camera_freeze(start_s: float, end_s: float = math.inf) -> FaultSchedule:
-    """The camera repeats one picture between two times."""
-    return FaultSchedule((CameraFreeze(start_s, end_s),))
+def camera_freeze(start_s: float, end_s: float = math.inf, *, anew: bool = False) -> FaultSchedule:
+    """The camera repeats one picture between two times; `anew`: with other noise each time."""
+    return FaultSchedule((CameraFreeze(start_s, end_s, anew),))
 
 
 def camera_silence(start_s: float, end_s: float = math.inf) -> FaultSchedule:

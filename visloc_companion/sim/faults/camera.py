@@ -13,10 +13,12 @@ SHUTTER_S = 0.002
 
 @dataclass(frozen=True, slots=True)
 class CameraFreeze:
-    """The camera goes on sending one and the same picture."""
+    """The camera goes on sending one and the same picture; `anew`: with other noise each time, as an encoder that lost its
+    sensor does, which compresses its last picture again and again."""
 
     start_s: float
     end_s: float = math.inf
+    anew: bool = False
 
 
 @dataclass(frozen=True, slots=True)

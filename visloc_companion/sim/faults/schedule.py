@@ -123,6 +123,10 @@ class FaultSchedule:
         """Whether the camera repeats its last picture."""
         return any(isinstance(f, CameraFreeze) and f.start_s <= t_s < f.end_s for f in self.faults)
 
+    def camera_anew(self, t_s: float) -> bool:
+        """Whether the picture that it repeats has other noise each time."""
+        return any(isinstance(f, CameraFreeze) and f.anew and f.start_s <= t_s < f.end_s for f in self.faults)
+
     def camera_silent(self, t_s: float) -> bool:
         """Whether the camera sends nothing."""
         return any(isinstance(f, CameraSilence) and f.start_s <= t_s < f.end_s for f in self.faults)

@@ -22,6 +22,15 @@ CAMERA: dict[str, Scenario] = by_name(
         Expectation(max_error_m=20.0, modes=(Mode.AIDING, Mode.DEAD_RECKONING, Mode.AIDING)),
     ),
     Scenario(
+        "camera_stuck",
+        "For 20 s, first with good GNSS, the camera repeats one picture, with other noise each time.",
+        65.0,
+        faults.jam(35.0) + faults.camera_freeze(25.0, 45.0, anew=True),
+        Expectation(dead_reckoning_m=20.0, modes=(Mode.DEAD_RECKONING, Mode.AIDING)),
+        frame_rate_hz=RATE_HZ,
+        pictures=True,
+    ),
+    Scenario(
         "frames_late",
         "Frames arrive up to 1 s late and overtake each other.",
         90.0,

@@ -247,7 +247,7 @@ def test_a_frozen_camera_is_not_taken_for_hovering(odo, field) -> None:
     flow.step(odo.sight(picture, 0, (0.0, 0.0, -100.0)))
     frozen = flow.step(odo.sight(picture.copy(), 1, (0.0, 0.0, -100.0)))
     assert isinstance(frozen, Blind)
-    assert frozen.reason is Reason.BAD_FRAME
+    assert frozen.reason is Reason.FROZEN
 
 
 def test_pixels_may_be_overwritten_once_a_step_is_done(odo, field) -> None:

@@ -1,0 +1,167 @@
+"""Refuses a picture that stands still while the camera moved: an encoder that lost its camera goes on with the last picture, and
+compresses it anew, so that no two are equal in every pixel.
+
+Such a picture is localised well, at a place that the vehicle has long left, and odometry between two of them shows a vehicle that
+stands: both agree that GNSS is false. Two pictures are held for one where their difference is less than a small shift would
+make; how far the camera should have moved by then, its attitude says, and the place that is believed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from visloc_companion.errors import MapError, Reason
+from visloc_companion.geo.camera import R_FRD_CAM, project, unproject
+from visloc_companion.geo.se3 import R_from_quat
+from visloc_companion.geo.wgs84 import ned_from_geo
+from visloc_companion.localise.asking import Asking
+from visloc_companion.localise.features.base import Float32Array
+from visloc_companion.localise.features.gradient import grey
+from visloc_companion.localise.frame import unfit
+from visloc_companion.protocols import Localiser, ReferenceMap
+from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix, PosePrior
+
+WIDTH_PX = 160
+"""Pictures are compared at this width: compression and noise average away, a shift of a pixel of the frame does not."""
+EVEN_PX = 15
+"""What is smoother than this is the lens's shade and the light's, not the ground."""
+LEAST_SLOPE = 0.5
+"""Grey levels a pixel (rms): with less there is nothing whose shift could be seen."""
+STILL_PX = 0.15
+"""What is found between two pictures of one view, pixels at WIDTH_PX."""
+SMOOTH_PX = 1.0
+NOISE = 2.0
+"""Mean square of what no shift explains, as a share of that of the gradient: then noise, smoothed by SMOOTH_PX, makes up less
+than half of the gradient, and a shift comes out at half its size at least."""
+MOVED_PX = 1.0
+"""A camera that moved by so much does not show the same picture: 0.4 degrees with a lens of 60 degrees."""
+STEP_NS, STEP_PX, STEPS, WAY_PX = 250_000_000, 0.25, 3, 2.0
+"""A way of so many steps is believed, where a leap of the place alone, from one step to the next, is not for longer than one."""
+STRETCH_NS = 10_000_000_000
+"""Attitudes so far apart differ by their drift, too."""
+LEAST_HEIGHT_M = 10.0
+"""Lower the vehicle may stand, and what a receiver's wander makes it believe it moved is many pixels."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stretch:
+    """Pictures that show the same: how the first one looked, and from where. The last `steps` steps of the way, the newest of
+    which ended at `at`, each went on, from `start`."""
+
+    first: Float32Array
+    prior: PosePrior
+    since_ns: int
+    start: PosePrior
+    at: PosePrior
+    at_ns: int
+    steps: int = 0
+    frozen: bool = False
+
+
+class MovingFramesOnly(Asking):
+    """protocols.Localiser: asks another one, but not about a picture that stands still while the camera moved."""
+
+    def __init__(self, localiser: Localiser, model: CameraModel) -> None:
+        super().__init__(localiser)
+        self._model = model
+        self._points_px = _points_px(model)
+        self._stretch: _Stretch | None = None
+        self._judged: tuple[int, bool] | None = None
+
+    def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
+        """As the localiser that is asked; FROZEN for a picture that stands still while the camera moved."""
+        frame = request.frame
+        if self._judged is None or self._judged[0] != frame.frame_id:
+            self._judged = frame.frame_id, unfit(pixels, self._model) is None and self._stands(request, pixels, ref)
+        if not self._judged[1]:
+            return self._localiser.localise(request, pixels, ref)
+        why = "the picture stands still while the camera moves: the camera is frozen"
+        return NoFix(frame.t_rx_ns, frame.t_ns, request.request_id, frame.frame_id, self.method, Reason.FROZEN, 0.0, why)
+
+    def _stands(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> bool:
+        seen, now_ns, prior = small(pixels), request.frame.t_ns, request.prior
+        stretch = self._stretch
+        if stretch is None or not is_same(stretch.first, seen):
+            self._stretch = _Stretch(seen, prior, now_ns, prior, prior, now_ns)
+            return False
+        height_m = _height_m(prior, ref)
+        if height_m < LEAST_HEIGHT_M:
+            return False
+        turned = stretch.frozen or self._moved_px(stretch.prior, prior, math.inf) >= MOVED_PX
+        if not turned and now_ns - stretch.since_ns > STRETCH_NS:
+            self._stretch = _Stretch(seen, prior, now_ns, prior, prior, now_ns)
+            return False
+        moved_px = self._moved_px(stretch.at, prior, height_m)
+        if now_ns - stretch.at_ns >= STEP_NS:
+            steps, start = (stretch.steps + 1, stretch.start) if moved_px >= STEP_PX else (0, prior)
+            stretch = replace(stretch, start=start, at=prior, at_ns=now_ns, steps=steps)
+        flew = stretch.steps >= STEPS and self._moved_px(stretch.start, prior, height_m) >= WAY_PX
+        self._stretch = replace(stretch, frozen=turned or flew)
+        return turned or flew or moved_px >= MOVED_PX
+
+    def _moved_px(self, before: PosePrior, now: PosePrior, height_m: float) -> float:
+        """By how many pixels (at WIDTH_PX) what the camera saw should have moved, in the median over the picture."""
+        d_ned = np.zeros(3) if math.isinf(height_m) else np.array(ned_from_geo(now.place, before.place))
+        return moved_px(self._model, self._points_px, before, now, d_ned / height_m) * WIDTH_PX / self._model.width_px
+
+
+def is_same(first: Float32Array, seen: Float32Array) -> bool:
+    """Whether two pictures as `small` makes them (H, W) differ by noise and a shift, turn and zoom below STILL_PX (rms).
+
+    Least squares on the difference with the mean gradient (Lucas and Kanade 1981, similarity). Where noise makes up too much of
+    the gradient a shift would be underrated, and where the picture is another one nothing explains the difference.
+    """
+    if first.shape != seen.shape:
+        return False
+    difference = (seen - first).astype(np.float64)
+    g_v, g_u = np.gradient(((seen + first) / 2).astype(np.float64))
+    slope2 = float(np.mean(np.square(g_u) + np.square(g_v))) / 2
+    if slope2 < LEAST_SLOPE**2:
+        return False
+    v, u = (axis - axis.mean() for axis in np.mgrid[: first.shape[0], : first.shape[1]])
+    J = np.column_stack([column.ravel() for column in (g_u, g_v, g_v * u - g_u * v, g_u * u + g_v * v)])
+    found = np.linalg.lstsq(J.T @ J, -J.T @ difference.ravel(), rcond=None)[0]
+    rest2 = float(np.mean(np.square(difference.ravel() + J @ found)))
+    arm2 = float(np.mean(np.square(u) + np.square(v)))
+    moved_px = math.sqrt(float(found[0] ** 2 + found[1] ** 2 + arm2 * (found[2] ** 2 + found[3] ** 2)))
+    return rest2 <= NOISE * slope2 and moved_px <= STILL_PX
+
+
+def moved_px(model: CameraModel, points_px: FloatArray, before: PosePrior, now: PosePrior, d_over_height: FloatArray) -> float:
+    """Median shift (pixels) of ground that was seen at `points_px` (N, 2). `d_over_height` (3,) is the camera's way since then,
+    north, east, down, in heights above the ground. NaN where none of it is seen."""
+    rays = unproject(model, points_px) @ (R_from_quat(before.q_ned_frd) @ R_FRD_CAM).T
+    below = rays[:, 2] > 0
+    if not below.any():
+        return math.nan
+    ground = rays[below] / rays[below, 2:] - d_over_height
+    again_px = project(model, ground @ (R_from_quat(now.q_ned_frd) @ R_FRD_CAM))
+    shifts = np.linalg.norm(again_px - points_px[below], axis=1)
+    return float(np.nanmedian(shifts)) if np.isfinite(shifts).any() else math.nan
+
+
+def small(pixels: Image) -> Float32Array:
+    """Grey, WIDTH_PX wide, without noise of single pixels and without what changes slowly over the picture."""
+    height_px, width_px = pixels.shape[:2]
+    size = WIDTH_PX, max(1, round(height_px * WIDTH_PX / width_px))
+    reduced = cv2.resize(grey(pixels), size, interpolation=cv2.INTER_AREA)
+    smooth = cv2.GaussianBlur(reduced, (0, 0), SMOOTH_PX)
+    return np.asarray(smooth - cv2.blur(smooth, (EVEN_PX, EVEN_PX)), np.float32)
+
+
+def _height_m(prior: PosePrior, ref: ReferenceMap) -> float:
+    """Above the ground, or above height zero of a map without heights and beside the map."""
+    try:
+        ground_m = ref.height_amsl_m(*ref.to_map(prior.place.lat_deg, prior.place.lon_deg))
+    except MapError:
+        ground_m = math.nan
+    return prior.place.h_amsl_m - (ground_m if math.isfinite(ground_m) else 0.0)
+
+
+def _points_px(model: CameraModel) -> FloatArray:
+    u, v = np.meshgrid(*(np.array([0.25, 0.5, 0.75]) * size for size in (model.width_px, model.height_px)))
+    return np.column_stack([u.ravel(), v.ravel()])
