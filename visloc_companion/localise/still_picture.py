@@ -29,14 +29,16 @@ WIDTH_PX = 160
 """Pictures are compared at this width: compression and noise average away, a shift of a pixel of the frame does not."""
 EVEN_PX = 15
 """What is smoother than this is the lens's shade and the light's, not the ground."""
-LEAST_SLOPE = 0.5
-"""Grey levels a pixel (rms): with less there is nothing whose shift could be seen."""
+BLOCK_PX, FEWEST_BLOCKS, SHARE = 20, 6, 0.6
+"""Pictures are compared block by block; of those that show something so many show the same."""
+LEAST_SLOPE = 0.4
+"""Grey levels a pixel (rms), in every direction: with less there is nothing whose shift could be seen."""
 STILL_PX = 0.15
 """What is found between two pictures of one view, pixels at WIDTH_PX."""
 SMOOTH_PX = 1.0
 NOISE = 2.0
-"""Mean square of what no shift explains, as a share of that of the gradient: then noise, smoothed by SMOOTH_PX, makes up less
-than half of the gradient, and a shift comes out at half its size at least."""
+"""Mean square of what no shift explains, as a share of that of the weaker gradient: then noise, smoothed by SMOOTH_PX, makes up
+less than half of the gradient, and a shift comes out at half its size at least."""
 MOVED_PX = 1.0
 """A camera that moved by so much does not show the same picture: 0.4 degrees with a lens of 60 degrees."""
 STEP_NS, STEP_PX, STEPS, WAY_PX = 250_000_000, 0.25, 3, 2.0
@@ -110,25 +112,33 @@ class MovingFramesOnly(Asking):
 
 
 def is_same(first: Float32Array, seen: Float32Array) -> bool:
-    """Whether two pictures as `small` makes them (H, W) differ by noise and a shift, turn and zoom below STILL_PX (rms).
+    """Whether two pictures as `small` makes them (H, W) differ by noise and shifts below STILL_PX.
 
-    Least squares on the difference with the mean gradient (Lucas and Kanade 1981, similarity). Where noise makes up too much of
-    the gradient a shift would be underrated, and where the picture is another one nothing explains the difference.
+    Least squares in each block on the difference with the mean gradient (Lucas and Kanade 1981). A block is judged where it has a
+    slope in every direction: rows of a field that is flown along show the same for long. What does not move with the ground
+    (landing gear, the rim of a fisheye, a text) leaves most blocks to the ground.
     """
     if first.shape != seen.shape:
         return False
-    difference = (seen - first).astype(np.float64)
+    d = (seen - first).astype(np.float64)
     g_v, g_u = np.gradient(((seen + first) / 2).astype(np.float64))
-    slope2 = float(np.mean(np.square(g_u) + np.square(g_v))) / 2
-    if slope2 < LEAST_SLOPE**2:
-        return False
-    v, u = (axis - axis.mean() for axis in np.mgrid[: first.shape[0], : first.shape[1]])
-    J = np.column_stack([column.ravel() for column in (g_u, g_v, g_v * u - g_u * v, g_u * u + g_v * v)])
-    found = np.linalg.lstsq(J.T @ J, -J.T @ difference.ravel(), rcond=None)[0]
-    rest2 = float(np.mean(np.square(difference.ravel() + J @ found)))
-    arm2 = float(np.mean(np.square(u) + np.square(v)))
-    moved_px = math.sqrt(float(found[0] ** 2 + found[1] ** 2 + arm2 * (found[2] ** 2 + found[3] ** 2)))
-    return rest2 <= NOISE * slope2 and moved_px <= STILL_PX
+    uu, uv, vv, ud, vd, dd = (
+        _means(np.asarray(a * b)) for a, b in ((g_u, g_u), (g_u, g_v), (g_v, g_v), (g_u, d), (g_v, d), (d, d))
+    )
+    least2 = (uu + vv) / 2 - np.hypot((uu - vv) / 2, uv)
+    shown = least2 >= LEAST_SLOPE**2
+    det = np.where(shown, uu * vv - uv * uv, 1.0)
+    shift_u, shift_v = (uv * vd - vv * ud) / det, (uv * ud - uu * vd) / det
+    rest2 = dd + shift_u * ud + shift_v * vd
+    still = shown & (rest2 <= NOISE * least2) & (np.hypot(shift_u, shift_v) <= STILL_PX)
+    return int(shown.sum()) >= FEWEST_BLOCKS and int(still.sum()) >= SHARE * int(shown.sum())
+
+
+def _means(product: FloatArray) -> FloatArray:
+    """Means over whole blocks of BLOCK_PX."""
+    rows, cols = (n // BLOCK_PX for n in product.shape)
+    whole = product[: rows * BLOCK_PX, : cols * BLOCK_PX].reshape(rows, BLOCK_PX, cols, BLOCK_PX)
+    return np.asarray(whole.mean(axis=(1, 3)))
 
 
 def moved_px(model: CameraModel, points_px: FloatArray, before: PosePrior, now: PosePrior, d_over_height: FloatArray) -> float:

@@ -18,6 +18,7 @@ from visloc_companion.errors import OutsideMap
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.localise.map_shape import OverPlane
 from visloc_companion.localise.rolling_shutter import Unrolled
+from visloc_companion.localise.still_picture import MovingFramesOnly
 from visloc_companion.localise.twice import CheckedTwice
 from visloc_companion.localise.with_motion import WithMotion
 from visloc_companion.localise.with_turn import WithTurn
@@ -56,12 +57,13 @@ class _NoMap:
 
 
 def of_frames_set_right(localiser: Localiser) -> WithTurn:
-    """Everything looks at frames that a rolling shutter no longer bends and knows when the ground is a plane, and both
-    computations have the prior that the turn carried on."""
-    assert isinstance(localiser, Unrolled)
-    assert isinstance(localiser._localiser, OverPlane)
-    assert isinstance(localiser._localiser._localiser, WithTurn)
-    return localiser._localiser._localiser
+    """A picture that stands still is seen by nobody; everything looks at frames that a rolling shutter no longer bends and knows
+    when the ground is a plane, and both computations have the prior that the turn carried on."""
+    assert isinstance(localiser, MovingFramesOnly)
+    assert isinstance(localiser._localiser, Unrolled)
+    assert isinstance(localiser._localiser._localiser, OverPlane)
+    assert isinstance(localiser._localiser._localiser._localiser, WithTurn)
+    return localiser._localiser._localiser._localiser
 
 
 @pytest.mark.parametrize(("every", "kind"), [(0, WithMotion), (20, CheckedTwice)])

@@ -102,6 +102,32 @@ def test_a_picture_that_shows_nothing_is_not_the_same_as_another() -> None:
     assert not is_same(small(fog), small(fog))
 
 
+def with_gear(pixels: Image) -> Image:
+    """Legs at both sides, a text below and the rim of a wide lens, all of which stay where they are."""
+    seen = pixels.copy()
+    v, u = np.mgrid[:480, :640]
+    seen[:, :76], seen[:, 564:], seen[408:] = 20, 20, 200
+    seen[408:, ::53] = 0
+    seen[np.hypot(u - 320, v - 240) > 305] = 0
+    return np.asarray(seen, np.uint8)
+
+
+def test_what_the_vehicle_carries_into_the_picture_does_not_make_it_stand() -> None:
+    first = small(with_gear(ground(1)))
+    assert is_same(first, small(with_gear(compressed(ground(1), 2))))
+    assert not is_same(first, small(with_gear(shifted(ground(1), 4.0))))
+    flight = Flight()
+    assert {flight.ask(with_gear(shifted(ground(1), 4.0 * n)), (0.8 * n, 0.0, 0.0)) for n in range(6)} == {Reason.NO_MATCH}
+
+
+def test_rows_that_are_flown_along_do_not_stand() -> None:
+    """Vines and furrows look the same for long along them."""
+    rows = 40 * np.sin(np.arange(640) / 3.0)[None, :] + 15 * (ground(1)[:, :, 0].astype(np.float64) - 120) / 40
+    seen = [np.clip(np.roll(rows, 12 * n, axis=0) + 120, 0, 255).astype(np.uint8) for n in range(2)]
+    assert is_same(small(seen[0]), small(compressed(cv2.cvtColor(seen[0], cv2.COLOR_GRAY2RGB), 1)))
+    assert not is_same(small(seen[0]), small(seen[1]))
+
+
 def test_a_camera_that_is_stuck_while_the_vehicle_flies_is_refused_at_once() -> None:
     flight, still = Flight(), ground(1)
     reasons = [flight.ask(compressed(still, n), (5.0 * n, 0.0, 0.0)) for n in range(6)]
