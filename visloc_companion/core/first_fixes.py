@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from visloc_companion.core.place_search import LEAST_HEIGHT_M, SPACING_HEIGHTS
 from visloc_companion.core.travel import TravelLog
 from visloc_companion.geo import wgs84
-from visloc_companion.types import Fix, GeoPoint, Odometry, Vec2
+from visloc_companion.types import Fix, GeoPoint, Vec2
 
 LIKELIER = 10.0
 """By so much fixes must be likelier to move as odometry does than as GNSS does ..."""
@@ -44,8 +44,10 @@ class _Waiting:
 class FirstFixes:
     """Remembers the fixes that wait."""
 
-    def __init__(self) -> None:
-        self._travel = TravelLog()
+    def __init__(self, travel: TravelLog) -> None:
+        """`travel`: how far the vehicle came by odometry, and where a frame gives none by the velocity that the filter knows,
+        which odometry taught it; others keep it."""
+        self._travel = travel
         self._waiting: deque[_Waiting] = deque()
         self.decided = False
         """Whether a fix was taken, or may be: the camera is set up well enough."""
@@ -54,14 +56,6 @@ class FirstFixes:
         """A fix was taken."""
         self.decided = True
         self._waiting.clear()
-
-    def moving(self, t_ns: int, v_ne_mps: Vec2) -> None:
-        """Take the velocity that the filter knows (m/s): what odometry taught it carries on where a frame gives none."""
-        self._travel.velocity(t_ns, v_ne_mps)
-
-    def moved(self, seen: Odometry) -> None:
-        """Take what the camera saw of its own motion."""
-        self._travel.odometry(seen)
 
     def waits(self, fix: Fix, gnss_minus_fix_m: Vec2 | None, height_m: float) -> bool:
         """Whether a fix is not to be taken yet; `gnss_minus_fix_m` at its time, None while GNSS has no position."""

@@ -183,7 +183,7 @@ class PlaceSearch:
         best = hypotheses.winner(self._places, RISK)
         if best is None or best.number != asked.number or not isinstance(answer, Fix):
             return None
-        now = hypotheses.carried(best, now_ns, self._travel.between(best.t_ns, now_ns)) if now_ns > best.t_ns else best
+        now = self._travel.carried(best, now_ns)
         wrong = hypotheses.probability_wrong(best, self._places)
         return Found(now.t_ns, now.place_ne_m, largest_sigma_m(now.cov_ne_m2), wrong, now.hits)
 
@@ -230,9 +230,7 @@ class PlaceSearch:
 
     def _carry(self, t_ns: int) -> None:
         """All hypotheses to the time of a frame, which is never older than the one before."""
-        self._places = tuple(
-            hypotheses.carried(h, t_ns, self._travel.between(h.t_ns, t_ns)) if t_ns > h.t_ns else h for h in self._places
-        )
+        self._places = tuple(self._travel.carried(h, t_ns) for h in self._places)
 
     def _due(self, t_ns: int, height_m: float) -> Hypothesis | None:
         """The likeliest hypothesis that was not tested yet, or whose next test would count."""

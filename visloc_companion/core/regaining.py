@@ -20,7 +20,7 @@ from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.place_search import LEAST_HEIGHT_M, SPACING_HEIGHTS, tile_radius_m
 from visloc_companion.core.travel import TravelLog
 from visloc_companion.geo import wgs84
-from visloc_companion.types import Fix, GeoPoint, NavState, Odometry, Vec2
+from visloc_companion.types import Fix, GeoPoint, NavState, Vec2
 
 FEW, SEVERAL = 2, 3
 """So many fixes end a loss where three sigma are less than half of the region of one search, and less than all of it."""
@@ -30,8 +30,9 @@ FORGET_NS = 20_000_000_000
 class Regaining:
     """The places that fixes named since the loss, each with how many agree on it."""
 
-    def __init__(self) -> None:
-        self._travel = TravelLog()
+    def __init__(self, travel: TravelLog) -> None:
+        """`travel`: how far the vehicle came, by the velocity that the filter knows and by odometry; others keep it."""
+        self._travel = travel
         self._n_born = 0
         self.clear()
 
@@ -45,19 +46,11 @@ class Regaining:
         """Whether a fix waits."""
         return bool(self._places)
 
-    def moving(self, t_ns: int, v_ne_mps: Vec2) -> None:
-        """Take the velocity that the filter knows (m/s)."""
-        self._travel.velocity(t_ns, v_ne_mps)
-
-    def moved(self, seen: Odometry) -> None:
-        """Take what the camera saw of its own motion."""
-        self._travel.odometry(seen)
-
     def waits(self, fix: Fix, state: NavState, origin: GeoPoint, max_radius_m: float) -> bool:
         """Whether a fix waits for others, given the filter's state at its time; `max_radius_m`: of a search."""
         height_m = max(-state.p_ned_m[2], LEAST_HEIGHT_M)
         north, east, _ = wgs84.ned_from_geo(fix.place, origin)
-        places = [self._carried(h, fix.t_ns) for h in self._places if fix.t_ns - (h.tested_ns or 0) <= FORGET_NS]
+        places = [self._travel.carried(h, fix.t_ns) for h in self._places if fix.t_ns - (h.tested_ns or 0) <= FORGET_NS]
         agreeing = [h for h in places if _agrees(h, fix, (north, east))]
         if agreeing:
             best = max(agreeing, key=lambda h: h.hits)
@@ -70,9 +63,6 @@ class Regaining:
         if now.hits >= needed and all(h.hits < now.hits for h in others):
             self._found = now.number  # a filter that refuses it, or follows half way, hears the next ones, too
         return now.number != self._found
-
-    def _carried(self, h: Hypothesis, t_ns: int) -> Hypothesis:
-        return hypotheses.carried(h, t_ns, self._travel.between(h.t_ns, t_ns)) if t_ns > h.t_ns else h
 
     def _named(self, fix: Fix, place_ne_m: Vec2, state: NavState) -> Hypothesis:
         self._n_born += 1

@@ -5,7 +5,8 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import deque
 
-from visloc_companion.core.hypotheses import Travel
+from visloc_companion.core import hypotheses
+from visloc_companion.core.hypotheses import Hypothesis, Travel
 from visloc_companion.core.odometry import OdometryTrack
 from visloc_companion.types import Odometry, Vec2
 
@@ -54,6 +55,10 @@ class TravelLog:
         start, end = self._at(t_from_ns), self._at(t_to_ns)
         walk = WALK_M2_PER_S * dt_s
         return Travel((end[0] - start[0], end[1] - start[1]), ((walk, 0.0), (0.0, walk)), dt_s, by_velocity=True)
+
+    def carried(self, h: Hypothesis, t_ns: int) -> Hypothesis:
+        """A hypothesis at a time, where that is later than its own."""
+        return hypotheses.carried(h, t_ns, self.between(h.t_ns, t_ns)) if t_ns > h.t_ns else h
 
     def _at(self, t_ns: int) -> Vec2:
         """Place by the velocity since it began; before and after what is known the velocity is held."""

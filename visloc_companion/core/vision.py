@@ -21,6 +21,7 @@ from visloc_companion.core.steering import Steering
 from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.core.terrain_aiding import TerrainAiding
 from visloc_companion.core.tracking import Tracker
+from visloc_companion.core.travel import TravelLog
 from visloc_companion.core.unmatched_watch import UnmatchedWatch
 from visloc_companion.core.validate import fault
 from visloc_companion.errors import Reason
@@ -69,8 +70,9 @@ class Vision:
         self._terrain, self._search, self._complaints = terrain, search, complaints
         self._camera, self._computer = CameraWatch(has_camera), ComputerWatch()
         self._open = OpenTracks(max_probability_wrong)
-        self._second, self._regaining, self._unmatched = SecondOpinion(), Regaining(), UnmatchedWatch()
-        self._first = FirstFixes()
+        self._second, self._unmatched = SecondOpinion(), UnmatchedWatch()
+        self._travel = TravelLog()
+        self._regaining, self._first = Regaining(self._travel), FirstFixes(self._travel)
         self._searching = self._to_confirm = False
         self._off_map_since_ns: int | None = None
         self._max_search_radius_m = max_search_radius_m
@@ -105,8 +107,7 @@ class Vision:
             self._regaining.clear()
         state = self._tracker.at(now_ns) if lost or self._camera_in_question else None
         if state is not None:
-            self._regaining.moving(now_ns, state.v_ned_mps[:2])
-            self._first.moving(now_ns, state.v_ned_mps[:2])
+            self._travel.velocity(now_ns, state.v_ned_mps[:2])
 
     @property
     def _camera_in_question(self) -> bool:
@@ -146,8 +147,7 @@ class Vision:
             if interval is not None:
                 self._aiding.on_motion(interval)
             self._open.moved(motion)
-            self._regaining.moved(motion)
-            self._first.moved(motion)
+            self._travel.odometry(motion)
             if self._search is not None:
                 self._search.moved(motion)
 

@@ -139,11 +139,12 @@ def _fly_processes(out: Path, setup: FlightSetup, world: ProceduralWorld, speed:
     plan = _plan(out, setup, world, speed)
     plan.save(out / "plan.json")
     config = out / "visloc.toml"
-    config.write_text(_config_text(setup, plan, world), encoding="utf-8")
+    status_socket = _status_socket(out)
+    config.write_text(_config_text(setup, plan, world, status_socket), encoding="utf-8")
     for old in out.glob("*.mcap"):
         old.unlink()
     flown = f"flying {setup.scenario.duration_s:.0f} s at {speed:.2g} times real time, daemon and autopilot over UDP"
-    on_stage(f"{flown}; to watch: visloc web --config {config}" if _status_socket(out) else flown)
+    on_stage(f"{flown}; to watch: visloc web --config {config}" if status_socket else flown)
     with (
         ended_in_order(),
         (out / "autopilot.log").open("wb") as pilot_log,
@@ -207,7 +208,7 @@ def _plan(out: Path, setup: FlightSetup, world: ProceduralWorld, speed: float) -
     )
 
 
-def _config_text(setup: FlightSetup, plan: ServerPlan, world: ProceduralWorld) -> str:
+def _config_text(setup: FlightSetup, plan: ServerPlan, world: ProceduralWorld, status_socket: str) -> str:
     model = setup.camera_model()
     return f"""{OURS}: the daemon beside the built-in autopilot.
 seed = {setup.seed}
@@ -241,7 +242,7 @@ switch_source = true
 folder = {json.dumps(str(Path(plan.result).parent))}
 
 [status]
-socket = {json.dumps(_status_socket(Path(plan.result).parent))}
+socket = {json.dumps(status_socket)}
 
 [clock]
 speed = {plan.speed}

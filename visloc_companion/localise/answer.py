@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -51,19 +52,14 @@ class Stopwatch:
 def no_fix(
     request: LocaliseRequest, method: str, watch: Stopwatch, why: tuple[Reason, str], evidence: dict[str, float] | None = None
 ) -> NoFix:
+    """A typed refusal, with how long it took."""
+    return replace(refused(request, method, *why, watch.elapsed_ms), evidence=_evidence(evidence, watch))
+
+
+def refused(request: LocaliseRequest, method: str, reason: Reason, detail: str, elapsed_ms: float = 0.0) -> NoFix:
     """A typed refusal."""
     frame = request.frame
-    return NoFix(
-        frame.t_rx_ns,
-        frame.t_ns,
-        request.request_id,
-        frame.frame_id,
-        method,
-        why[0],
-        watch.elapsed_ms,
-        why[1],
-        _evidence(evidence, watch),
-    )
+    return NoFix(frame.t_rx_ns, frame.t_ns, request.request_id, frame.frame_id, method, reason, elapsed_ms, detail)
 
 
 def fix(

@@ -11,6 +11,7 @@ import hashlib
 import numpy as np
 
 from visloc_companion.errors import Reason
+from visloc_companion.localise.answer import refused
 from visloc_companion.localise.asking import Asking
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix
@@ -31,13 +32,4 @@ class FreshFramesOnly(Asking):
         if not repeated:
             self._last = (frame_id, digest)
             return self._localiser.localise(request, pixels, ref)
-        return NoFix(
-            request.frame.t_rx_ns,
-            request.frame.t_ns,
-            request.request_id,
-            frame_id,
-            self.method,
-            Reason.FROZEN,
-            0.0,
-            "identical to the frame before: the camera is frozen",
-        )
+        return refused(request, self.method, Reason.FROZEN, "identical to the frame before: the camera is frozen")

@@ -18,6 +18,7 @@ from visloc_companion.errors import MapError, Reason
 from visloc_companion.geo.camera import R_FRD_CAM, project, unproject
 from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.geo.wgs84 import ned_from_geo
+from visloc_companion.localise.answer import refused
 from visloc_companion.localise.asking import Asking
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.features.gradient import grey
@@ -76,26 +77,28 @@ class MovingFramesOnly(Asking):
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """As the localiser that is asked; FROZEN for a picture that stands still while the camera moved."""
-        frame = request.frame
-        if self._judged is None or self._judged[0] != frame.frame_id:
-            self._judged = frame.frame_id, unfit(pixels, self._model) is None and self._stands(request, pixels, ref)
+        frame_id = request.frame.frame_id
+        if self._judged is None or self._judged[0] != frame_id:
+            self._judged = frame_id, unfit(pixels, self._model) is None and self._stands(request, pixels, ref)
         if not self._judged[1]:
             return self._localiser.localise(request, pixels, ref)
         why = "the picture stands still while the camera moves: the camera is frozen"
-        return NoFix(frame.t_rx_ns, frame.t_ns, request.request_id, frame.frame_id, self.method, Reason.FROZEN, 0.0, why)
+        return refused(request, self.method, Reason.FROZEN, why)
 
     def _stands(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> bool:
         seen, now_ns, prior = small(pixels), request.frame.t_ns, request.prior
-        stretch = self._stretch
+        stretch, begun = self._stretch, _Stretch(seen, prior, now_ns, prior, prior, now_ns)
         if stretch is None or not is_same(stretch.first, seen):
-            self._stretch = _Stretch(seen, prior, now_ns, prior, prior, now_ns)
+            self._stretch = begun
             return False
         height_m = _height_m(prior, ref)
         if height_m < LEAST_HEIGHT_M:
             return False
-        turned = stretch.frozen or self._moved_px(stretch.prior, prior, math.inf) >= MOVED_PX
+        if stretch.frozen:
+            return True
+        turned = self._moved_px(stretch.prior, prior, math.inf) >= MOVED_PX
         if not turned and now_ns - stretch.since_ns > STRETCH_NS:
-            self._stretch = _Stretch(seen, prior, now_ns, prior, prior, now_ns)
+            self._stretch = begun
             return False
         moved_px = self._moved_px(stretch.at, prior, height_m)
         if now_ns - stretch.at_ns >= STEP_NS:
@@ -106,9 +109,10 @@ class MovingFramesOnly(Asking):
         return turned or flew or moved_px >= MOVED_PX
 
     def _moved_px(self, before: PosePrior, now: PosePrior, height_m: float) -> float:
-        """By how many pixels (at WIDTH_PX) what the camera saw should have moved, in the median over the picture."""
-        d_ned = np.zeros(3) if math.isinf(height_m) else np.array(ned_from_geo(now.place, before.place))
-        return moved_px(self._model, self._points_px, before, now, d_ned / height_m) * WIDTH_PX / self._model.width_px
+        """By how many pixels (at WIDTH_PX) ground so far below should have moved, in the median over the picture; infinitely far
+        below only turns move it."""
+        d_over_height = np.array(ned_from_geo(now.place, before.place)) / height_m
+        return moved_px(self._model, self._points_px, before, now, d_over_height) * WIDTH_PX / self._model.width_px
 
 
 def is_same(first: Float32Array, seen: Float32Array) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 from visloc_companion.errors import Reason
 from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.geo.wgs84 import ned_from_geo
+from visloc_companion.localise.answer import refused
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix
 
@@ -41,7 +42,7 @@ class CheckedTwice:
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The first one's answer; COMPUTATION_DIFFERS where the second one's is another, SWITCHED_OFF after that was repeated."""
         if self._off:
-            return _refused(request, self.method, Reason.SWITCHED_OFF, "computations differed repeatedly; start visloc again")
+            return refused(request, self.method, Reason.SWITCHED_OFF, "computations differed repeatedly; start visloc again")
         found = self._first.localise(request, pixels, ref)
         if not isinstance(found, Fix) or found.method != self._second.method:
             return found
@@ -57,7 +58,7 @@ class CheckedTwice:
         self._differed += 1
         self._off = self._differed >= OFF_AFTER
         reason = Reason.SWITCHED_OFF if self._off else Reason.COMPUTATION_DIFFERS
-        return _refused(request, self.method, reason, what, found.elapsed_ms + again.elapsed_ms)
+        return refused(request, self.method, reason, what, found.elapsed_ms + again.elapsed_ms)
 
 
 def difference(found: Fix, again: Fix | NoFix) -> str | None:
@@ -73,8 +74,3 @@ def difference(found: Fix, again: Fix | NoFix) -> str | None:
     turn = R_from_quat(found.q_ned_frd).T @ R_from_quat(again.q_ned_frd)
     angle = math.acos(float(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))
     return None if angle <= TURN_RAD else f"attitudes {math.degrees(angle):.3g} degrees apart"
-
-
-def _refused(request: LocaliseRequest, method: str, reason: Reason, detail: str, elapsed_ms: float = 0.0) -> NoFix:
-    frame = request.frame
-    return NoFix(frame.t_rx_ns, frame.t_ns, request.request_id, frame.frame_id, method, reason, elapsed_ms, detail)

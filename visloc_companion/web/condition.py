@@ -110,7 +110,7 @@ def _computer(load: dict[str, Any]) -> tuple[bool | None, str]:
     cores = [share for core in found if (share := number(core, 0.0, 1.0)) is not None] if isinstance(found, list) else []
     used, total = _used_of(load, "ram")
     celsius = number(load.get("temperature_c"))
-    says = [f"{sum(cores) / len(cores):.0%} of {len(cores)} cores".replace("%", " %")] if cores else []
+    says = [f"{100 * sum(cores) / len(cores):.0f} % of {len(cores)} cores"] if cores else []
     if used is not None and total is not None:
         says.append(f"{used / 1e9:.1f} of {total / 1e9:.1f} GB memory")
     if celsius is not None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from visloc_companion.core.first_fixes import FORGET_NS, FirstFixes
+from visloc_companion.core.travel import TravelLog
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Fix, GeoPoint, Injection, LocaliseRequest, Odometry
 
@@ -25,11 +26,17 @@ def fix(t_s: float, north_m: float, sigma_m: float = 1.5) -> Fix:
     return Fix(round(t_s * S), round(t_s * S), 1, 1, "deep", place, level, cov, 1.5, 0.05, 0.002, 5.0, ())
 
 
+def flown(speed_mps: float, until_s: float) -> TravelLog:
+    """Northwards since t = 0."""
+    travel = TravelLog()
+    for k in range(round(10 * until_s) + 1):
+        travel.velocity(k * S // 10, (speed_mps, 0.0))
+    return travel
+
+
 def waits(odometry_mps: float, gnss_mps: float, fixes_mps: float, until_s: float = 12.0, offset_m: float = 70.0) -> list[bool]:
     """Whether each fix of a second waits; all three move northwards, and fixes lie `offset_m` beside GNSS at first."""
-    asked = FirstFixes()
-    for k in range(round(10 * until_s) + 1):
-        asked.moving(k * S // 10, (odometry_mps, 0.0))
+    asked = FirstFixes(flown(odometry_mps, until_s))
     beside = [(offset_m + (gnss_mps - fixes_mps) * t, 0.0) for t in range(round(until_s))]
     return [asked.waits(fix(t, fixes_mps * t), beside[t], HEIGHT_M) for t in range(round(until_s))]
 
@@ -56,14 +63,12 @@ def test_a_vehicle_that_hovers_is_not_waited_for_longer_than_ten_seconds() -> No
 
 @pytest.mark.parametrize(("odometry_mps", "waiting"), [(10.0, [True] * 3 + [False] * 4), (5.6, [True] * 7)])
 def test_without_gnss_fixes_must_move_as_odometry_does(odometry_mps: float, waiting: list[bool]) -> None:
-    asked = FirstFixes()
-    for k in range(81):
-        asked.moving(k * S // 10, (odometry_mps, 0.0))
+    asked = FirstFixes(flown(odometry_mps, 8.0))
     assert [asked.waits(fix(t, 10.0 * t), None, HEIGHT_M) for t in range(7)] == waiting
 
 
 def test_what_waited_is_forgotten_and_a_fix_that_was_taken_ends_it() -> None:
-    asked = FirstFixes()
+    asked = FirstFixes(TravelLog())
     beside = (70.0, 0.0)
     assert asked.waits(fix(0.0, 0.0), beside, HEIGHT_M)
     assert asked.waits(fix(1.0 + FORGET_NS / S, 210.0), beside, HEIGHT_M), "the first one is too old"

@@ -10,6 +10,7 @@ import pytest
 
 from visloc_companion.core.regaining import FORGET_NS, Regaining, hits_needed
 from visloc_companion.core.settings import CoreSettings, InjectionSettings
+from visloc_companion.core.travel import TravelLog
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Fix, GeoPoint, LocaliseRequest, Mode, NavState, OperatorFix, Vec2
 
@@ -34,10 +35,10 @@ def state(t_s: float, sigma_m: float = 100.0) -> NavState:
 
 def flying(until_s: float, speed_mps: float = SPEED_MPS) -> Regaining:
     """Northwards since t = 0."""
-    asked = Regaining()
+    travel = TravelLog()
     for k in range(round(10 * until_s) + 1):
-        asked.moving(k * S // 10, (speed_mps, 0.0))
-    return asked
+        travel.velocity(k * S // 10, (speed_mps, 0.0))
+    return Regaining(travel)
 
 
 def seen(asked: Regaining, *fixes: tuple[float, Vec2], sigma_m: float = 100.0) -> list[bool]:

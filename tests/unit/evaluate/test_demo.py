@@ -48,7 +48,7 @@ def test_the_daemon_is_told_what_the_autopilot_is_told(world: ProceduralWorld, t
     assert ServerPlan.load(tmp_path / "plan.json") == plan
     assert plan.setup() == SETUP
     path = tmp_path / "visloc.toml"
-    path.write_text(demo._config_text(SETUP, plan, world), encoding="utf-8")
+    path.write_text(demo._config_text(SETUP, plan, world, demo._status_socket(tmp_path)), encoding="utf-8")
     config = load_config(path)
     assert config.link.url == f"udpin:127.0.0.1:{plan.mavlink_port}"
     assert config.camera.url == f"tcp:127.0.0.1:{plan.camera_port}"
@@ -66,7 +66,8 @@ def test_where_no_socket_can_be_the_demonstration_flies_without_a_dashboard(worl
     deep = tmp_path / ("a" * 100)
     deep.mkdir()
     path = deep / "visloc.toml"
-    path.write_text(demo._config_text(SETUP, demo._plan(deep, SETUP, world, 2.0), world), encoding="utf-8")
+    plan = demo._plan(deep, SETUP, world, 2.0)
+    path.write_text(demo._config_text(SETUP, plan, world, demo._status_socket(deep)), encoding="utf-8")
     assert load_config(path).status.socket == ""
     assert not list(tmp_path.glob("*.mcap"))
 
@@ -186,7 +187,8 @@ def test_files_of_somebody_else_are_left_alone(tmp_path: Path, name: str) -> Non
 def test_a_demonstration_takes_the_place_of_the_one_before(
     world: ProceduralWorld, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "visloc.toml").write_text(demo._config_text(SETUP, demo._plan(tmp_path, SETUP, world, 2.0), world))
+    plan = demo._plan(tmp_path, SETUP, world, 2.0)
+    (tmp_path / "visloc.toml").write_text(demo._config_text(SETUP, plan, world, ""))
     (tmp_path / "visloc-20260401T101500Z.mcap").touch()
 
     def on(*_: object) -> None:

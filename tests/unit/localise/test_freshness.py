@@ -6,6 +6,7 @@ from typing import cast
 
 import numpy as np
 
+from tests.unit.localise.witness import Witness
 from visloc_companion.errors import Reason
 from visloc_companion.localise.freshness import FreshFramesOnly
 from visloc_companion.protocols import Localiser, ReferenceMap
@@ -13,19 +14,6 @@ from visloc_companion.types import FrameRef, GeoPoint, Image, LocaliseRequest, N
 
 NOWHERE = cast("ReferenceMap", None)
 PRIOR = PosePrior(GeoPoint(47.0, 8.0, 100.0), (1.0, 0.0, 0.0, 0.0), ((1.0, 0.0), (0.0, 1.0)), 1.0, 0.1, 0.1)
-
-
-class Witness:
-    """Answers NO_MATCH, and remembers which frames it was asked about."""
-
-    method = "witness"
-
-    def __init__(self) -> None:
-        self.asked: list[int] = []
-
-    def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> NoFix:
-        self.asked.append(request.frame.frame_id)
-        return NoFix(0, 0, request.request_id, request.frame.frame_id, self.method, Reason.NO_MATCH, 1.0)
 
 
 def ask(localiser: Localiser, frame_id: int, pixels: Image, request_id: int = 1) -> NoFix:

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.unit.localise.witness import Witness
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.localise.still_picture import MovingFramesOnly, is_same, small
@@ -30,17 +31,6 @@ class Ground:
 
     def height_amsl_m(self, easting_m: float, northing_m: float) -> float:
         return GROUND_M
-
-
-class Witness:
-    method = "witness"
-
-    def __init__(self) -> None:
-        self.asked: list[int] = []
-
-    def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> NoFix:
-        self.asked.append(request.frame.frame_id)
-        return NoFix(0, 0, request.request_id, request.frame.frame_id, self.method, Reason.NO_MATCH, 1.0)
 
 
 class Flight:
