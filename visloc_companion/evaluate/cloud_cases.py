@@ -80,7 +80,7 @@ def read_cloud_truth(folder: Path) -> dict[str, FloatArray]:
 
 def _entries(path: Path) -> list[Any]:
     try:
-        entries = json.loads(path.read_text(encoding="utf-8"))
+        entries = json.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError) as why:
         raise CasesError(f"cannot be read: {why}", where=str(path), remedy="name a folder with cases.json") from why
     if not isinstance(entries, list):

@@ -66,8 +66,11 @@ def read_cloud(path: Path, *, box_m: Box | None = None, max_points: int = MAX_PO
 
 
 def require_same_crs(source: Cloud, reference: Cloud) -> None:
-    """Raise CloudError where both clouds state their CRS and these differ."""
-    if source.crs is not None and reference.crs is not None and source.crs != reference.crs:
+    """Raise CloudError where both clouds state their CRS and these are different grids.
+
+    Two realisations of a datum lie a metre or two apart, which is a registration's to find.
+    """
+    if source.crs is not None and reference.crs is not None and not source.crs.has_grid_of(reference.crs):
         raise CloudError(
             f"is in {source.crs.name}, the reference in {reference.crs.name}",
             where=source.name,

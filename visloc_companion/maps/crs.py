@@ -106,6 +106,20 @@ class MapCrs:
         """Of a projected CRS (feet: 0.3048); NaN of a geographic one."""
         return math.nan if self.is_geographic else float(self._crs.axis_info[0].unit_conversion_factor)
 
+    def has_grid_of(self, other: MapCrs) -> bool:
+        """Whether both are one projection of ellipsoids that agree to a metre (GRS 1980, WGS 84), whatever realisation of a datum
+        each is tied to: NAD83 and NAD83(2011), ETRS89 and WGS 84. The datums of other ellipsoids lie 100 m and more away."""
+        if self == other:
+            return True
+        mine, theirs = self._crs, other._crs
+        same_projection = (mine.coordinate_operation, mine.coordinate_system, mine.prime_meridian) == (
+            theirs.coordinate_operation,
+            theirs.coordinate_system,
+            theirs.prime_meridian,
+        )
+        axes_m = [(crs.ellipsoid.semi_major_metre, crs.ellipsoid.semi_minor_metre) for crs in (mine, theirs) if crs.ellipsoid]
+        return same_projection and len(axes_m) == 2 and float(np.ptp(np.array(axes_m), axis=0).max()) < 1.0
+
     @cached_property
     def turn(self) -> float | None:
         """A full turn in map units (360 in degrees, 40,075 km in Web Mercator) where eastings grow evenly with the longitude

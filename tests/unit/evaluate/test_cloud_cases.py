@@ -181,6 +181,14 @@ def test_processes_of_their_own_give_the_same(folder: Path) -> None:
     assert [case["T_reference_source"] for case in one] == [case["T_reference_source"] for case in two]
 
 
+def test_a_byte_order_mark_is_no_fault(folder: Path, tmp_path: Path) -> None:
+    """Windows PowerShell and Excel write one."""
+    for name in ("cases.json", "truth.json"):
+        (tmp_path / name).write_text((folder / name).read_text(encoding="utf-8"), encoding="utf-8-sig")
+    assert [case.case_id for case in read_cloud_cases(tmp_path)] == [case.case_id for case in read_cloud_cases(folder)]
+    assert read_cloud_truth(tmp_path).keys() == read_cloud_truth(folder).keys()
+
+
 @pytest.mark.parametrize("text", ["", "{", '{"id": 1}', "[" * 100_000])
 def test_files_that_are_no_list_of_cases(tmp_path: Path, text: str) -> None:
     with pytest.raises(CasesError, match=r"cases\.json.*remedy"):

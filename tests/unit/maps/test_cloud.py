@@ -250,6 +250,26 @@ def test_clouds_of_different_crs_are_refused() -> None:
         require_same_crs(cloud("EPSG:32632"), cloud("EPSG:32633"))
 
 
+@pytest.mark.parametrize(
+    ("older", "newer", "one_grid"),
+    [
+        ("EPSG:26911", "EPSG:6340", True),  # NAD83 and NAD83(2011), both UTM 11N
+        ("EPSG:26911", "EPSG:2955", True),  # NAD83(CSRS)
+        ("EPSG:28356", "EPSG:7856", True),  # GDA94 and GDA2020
+        ("EPSG:26711", "EPSG:26911", False),  # NAD27: 200 m to the south
+        ("EPSG:23032", "EPSG:25832", False),  # ED50
+        ("EPSG:2277", "EPSG:32139", False),  # one projection, in feet and in metres, with other false eastings
+    ],
+)
+def test_epochs_in_two_realisations_of_a_datum_are_one_grid(older: str, newer: str, one_grid: bool) -> None:
+    source, reference = (Cloud(f"{crs}.laz", np.zeros((1, 3)), map_crs(crs), 1, 0) for crs in (newer, older))
+    if one_grid:
+        require_same_crs(source, reference)
+    else:
+        with pytest.raises(CloudError, match="the reference in"):
+            require_same_crs(source, reference)
+
+
 @pytest.mark.shared
 def test_a_real_cloud_survives_the_loss_of_its_noise_class(shared_data: Path, tmp_path: Path) -> None:
     """Nine wild points of class 7, from -47 m to +84 m, in a plantation of at most 35 m."""
