@@ -24,6 +24,7 @@ from visloc_companion.evaluate.cases import BadCase, Case, read_cases, read_fram
 from visloc_companion.evaluate.image_metrics import CaseResult, summarise
 from visloc_companion.evaluate.map_sigma import MapSigma, with_map_sigma
 from visloc_companion.evaluate.protection import horizontal_bound_m
+from visloc_companion.evaluate.search_reach import MOST_POSITIONS, search_reach_m
 from visloc_companion.geo.pinhole_view import why_folded
 from visloc_companion.geo.se3 import euler_from_quat
 from visloc_companion.localise.features.onnx import NetworkFeatures
@@ -117,22 +118,25 @@ def run_case(
         return CaseResult(case.case_id, None, Reason.BAD_FRAME, f"{case.frame}: {UNREADABLE}")
     try:
         model = _camera_model(case, pixels)
-    except ConfigError as wrong:
-        return CaseResult(case.case_id, None, Reason.BAD_INPUT, str(wrong))
+        reference = _open_map(case.ortho, case.dsm)
+        reach_m = search_reach_m(case.prior.place, reference)
+    except Exception as fault:  # one case must not cost the others their answers
+        return _without_answer(case, fault)
     localiser = make_localiser(
         method,
         model,
         features=_features(method, network),
         max_probability_wrong=max_probability_wrong,
+        max_search_radius_m=reach_m,
+        most_positions=MOST_POSITIONS,
         threads=network.threads or default_threads(),
         looks=looks,
     )
     channels = 1 if pixels.ndim == 2 else 3
     frame = FrameRef(0, 0, 0, 0, model.width_px, model.height_px, channels)
     try:
-        reference = _open_map(case.ortho, case.dsm)
         answer = localiser.localise(LocaliseRequest(0, frame, case.prior, 1), pixels, reference)
-    except Exception as fault:  # one case must not cost the others their answers
+    except Exception as fault:  # as above
         return _without_answer(case, fault)
     evidence = dict(answer.evidence)
     elapsed_ms = answer.elapsed_ms - evidence.get("map_ms", 0.0)
@@ -143,7 +147,7 @@ def run_case(
 
 def _without_answer(case: Case, fault: Exception) -> CaseResult:
     reason = Reason.OUTSIDE_MAP if isinstance(fault, OutsideMap) else Reason.BAD_INPUT
-    return CaseResult(case.case_id, None, reason, str(fault) if isinstance(fault, MapError) else fault_text(fault))
+    return CaseResult(case.case_id, None, reason, str(fault) if isinstance(fault, MapError | ConfigError) else fault_text(fault))
 
 
 def _camera_model(case: Case, pixels: Image) -> CameraModel:

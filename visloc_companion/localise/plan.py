@@ -21,9 +21,8 @@ from visloc_companion.protocols import FeatureMap, ReferenceMap
 from visloc_companion.types import CameraModel, FeaturePatch, FloatArray, GeoPoint, Image, PosePrior, ReferencePatch
 
 COARSE_PIXELS, COARSEST_PIXELS = 90.0, 45.0
-"""Side (px) of the square with the footprint's area at the search level; down to the second, ..."""
-MOST_POSITIONS = 250_000
-"""... where the map within the region would have more pixels than this."""
+"""Side (px) of the square with the footprint's area at the search level; down to the second
+where the map within the region would have more pixels than `LocaliserSettings.most_positions`."""
 FINE_PIXELS = 200.0
 """The same at the level of the refinement, ..."""
 FINEST_PIXELS = 400.0
@@ -136,7 +135,7 @@ def make_plan(
     area = agl * agl * min(_area(outline), pixel_m2 * pixels)
     frame_gsd = math.sqrt(area / pixels)
     finest = max(frame_gsd, ref.gsd_m)
-    affordable = min(math.sqrt(searched_m2 / MOST_POSITIONS), math.sqrt(area) / COARSEST_PIXELS)
+    affordable = min(math.sqrt(searched_m2 / settings.most_positions), math.sqrt(area) / COARSEST_PIXELS)
     coarse = max(finest, math.sqrt(area) / COARSE_PIXELS, affordable)
     side_px = math.sqrt(area) / coarse
     misfit_px = STEP_PX if coarse == affordable else min(STEP_PX, STEP_SHARE * side_px)

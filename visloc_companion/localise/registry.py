@@ -15,7 +15,7 @@ from visloc_companion.localise.keypoint import KeypointLocaliser
 from visloc_companion.localise.mutual_information import MutualInformationLocaliser
 from visloc_companion.localise.rectified import behind_the_lens
 from visloc_companion.localise.runtime import NetworkChoice
-from visloc_companion.localise.settings import LocaliserSettings, Looks
+from visloc_companion.localise.settings import MOST_POSITIONS, LocaliserSettings, Looks
 from visloc_companion.localise.template import NccLocaliser
 from visloc_companion.protocols import Localiser
 from visloc_companion.types import CameraModel
@@ -59,6 +59,7 @@ def make_localiser(
     map_sigma_m: float = 0.0,
     max_probability_wrong: float = 0.05,
     max_search_radius_m: float = 2000.0,
+    most_positions: int = MOST_POSITIONS,
     threads: int = 1,
     looks: Looks = Looks.BOTH,
 ) -> Localiser:
@@ -69,6 +70,7 @@ def make_localiser(
     settings = LocaliserSettings(
         max_probability_wrong=max_probability_wrong,
         max_search_radius_m=max_search_radius_m,
+        most_positions=most_positions,
         map_sigma_m=map_sigma_m,
         threads=threads,
         looks=looks,

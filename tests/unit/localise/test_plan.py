@@ -22,8 +22,9 @@ from visloc_companion.types import CameraModel
 MODEL = CameraModel(160, 120, 140.0, 140.0, 79.5, 59.5)
 
 
-def plan_of(ref, support, p=(0.0, 0.0, -240.0), euler=(0.0, 0.0, 0.0), model=MODEL, **prior) -> SearchPlan:
-    plan = make_plan(support.request_at(p, euler, **prior).prior, model, ref, LocaliserSettings())
+def plan_of(ref, support, p=(0.0, 0.0, -240.0), euler=(0.0, 0.0, 0.0), model=MODEL, most=250_000, **prior) -> SearchPlan:
+    settings = LocaliserSettings(most_positions=most)
+    plan = make_plan(support.request_at(p, euler, **prior).prior, model, ref, settings)
     assert isinstance(plan, SearchPlan)
     return plan
 
@@ -77,24 +78,21 @@ def test_working_resolution_is_the_coarser_of_map_and_frame(flat, support):
     assert plan_of(flat, support, model=blunt).finest_gsd_m == pytest.approx(4.0, rel=0.05)
 
 
-def test_a_large_region_is_searched_more_coarsely_within_limits(flat, support, monkeypatch):
+def test_a_large_region_is_searched_more_coarsely_within_limits(flat, support):
     near = plan_of(flat, support)
-    monkeypatch.setattr(plan_module, "MOST_POSITIONS", 40_000)
-    assert plan_of(flat, support, sigma_m=4.0).coarse_gsd_m == pytest.approx(near.coarse_gsd_m)
-    wide = plan_of(flat, support, sigma_m=100.0)
+    assert plan_of(flat, support, sigma_m=4.0, most=40_000).coarse_gsd_m == pytest.approx(near.coarse_gsd_m)
+    wide = plan_of(flat, support, sigma_m=100.0, most=40_000)
     assert wide.coarse_gsd_m == pytest.approx(500 / 200, rel=0.15)
-    monkeypatch.setattr(plan_module, "MOST_POSITIONS", 100)
-    widest = plan_of(flat, support, sigma_m=100.0)
+    widest = plan_of(flat, support, sigma_m=100.0, most=100)
     assert widest.coarse_gsd_m == pytest.approx(math.sqrt(widest.area_m2) / plan_module.COARSEST_PIXELS)
     assert widest.fine_gsd_m == near.fine_gsd_m
 
 
-def test_a_search_that_is_coarse_for_cost_has_few_templates_and_a_coarse_map_all(flat, support, monkeypatch):
+def test_a_search_that_is_coarse_for_cost_has_few_templates_and_a_coarse_map_all(flat, support):
     side_px = plan_module.COARSEST_PIXELS
     blunt = CameraModel(52, 39, 45.0, 45.0, 25.5, 19.0)
     of_map = plan_of(flat, support, sigma_m=100.0, sigma_yaw_deg=10.0, model=blunt)
-    monkeypatch.setattr(plan_module, "MOST_POSITIONS", 100)
-    for_cost = plan_of(flat, support, sigma_m=100.0, sigma_yaw_deg=10.0)
+    for_cost = plan_of(flat, support, sigma_m=100.0, sigma_yaw_deg=10.0, most=100)
     assert math.sqrt(of_map.area_m2) / of_map.coarse_gsd_m == pytest.approx(side_px, rel=0.1)
     assert math.sqrt(for_cost.area_m2) / for_cost.coarse_gsd_m == pytest.approx(side_px)
     assert len(for_cost.headings_rad) < 0.65 * len(of_map.headings_rad)
