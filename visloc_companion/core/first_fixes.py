@@ -12,7 +12,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from visloc_companion.core.place_search import LEAST_HEIGHT_M, SPACING_HEIGHTS
+from visloc_companion.core.place_search import spacing_m
 from visloc_companion.core.travel import TravelLog
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Fix, GeoPoint, Vec2
@@ -33,12 +33,14 @@ FORGET_NS = 20_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class _Waiting:
-    """A fix, how far GNSS was from it (GNSS minus fix, m; None where it had no position) and its variance per axis."""
+    """A fix, how far GNSS was from it (GNSS minus fix, m; None where it had no position), its variance per axis, and the way
+    after which another one looks at other ground."""
 
     t_ns: int
     place: GeoPoint
     beside_ne_m: Vec2 | None
     var_m2: float
+    spacing_m: float
 
 
 class FirstFixes:
@@ -58,17 +60,19 @@ class FirstFixes:
         self._waiting.clear()
 
     def waits(self, fix: Fix, gnss_minus_fix_m: Vec2 | None, height_m: float) -> bool:
-        """Whether a fix is not to be taken yet; `gnss_minus_fix_m` at its time, None while GNSS has no position."""
+        """Whether a fix is not to be taken yet; `gnss_minus_fix_m` at its time, None while GNSS has no position; `height_m`:
+        above the origin."""
         if self.decided:
             return False
-        now = _Waiting(fix.t_ns, fix.place, gnss_minus_fix_m, (fix.cov_ne_m2[0][0] + fix.cov_ne_m2[1][1]) / 2)
+        var_m2 = (fix.cov_ne_m2[0][0] + fix.cov_ne_m2[1][1]) / 2
+        now = _Waiting(fix.t_ns, fix.place, gnss_minus_fix_m, var_m2, spacing_m(fix, height_m))
         while self._waiting and now.t_ns - self._waiting[0].t_ns > FORGET_NS:
             self._waiting.popleft()
         self._waiting.append(now)
-        self.decided = _lies_there(now) or self._gnss_is_false(now, height_m)
+        self.decided = _lies_there(now) or self._gnss_is_false(now)
         return not self.decided
 
-    def _gnss_is_false(self, now: _Waiting, height_m: float) -> bool:
+    def _gnss_is_false(self, now: _Waiting) -> bool:
         first = next(each for each in self._waiting if now.beside_ne_m is None or each.beside_ne_m is not None)
         travel = self._travel.between(first.t_ns, now.t_ns)
         (nn, _), (_, ee) = travel.cov_ne_m2
@@ -76,7 +80,7 @@ class FirstFixes:
         north, east, _ = wgs84.ned_from_geo(now.place, first.place)
         unlike_odometry_m = math.dist((north, east), travel.moved_ne_m)
         hovers = now.t_ns - first.t_ns >= LONGEST_NS
-        if math.hypot(north, east) < SPACING_HEIGHTS * max(height_m, LEAST_HEIGHT_M) and not hovers:
+        if math.hypot(north, east) < now.spacing_m and not hovers:
             return False
         if first.beside_ne_m is None or now.beside_ne_m is None:
             return unlike_odometry_m <= AGREES_SIGMA * math.sqrt(var_m2)

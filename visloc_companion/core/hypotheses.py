@@ -40,7 +40,8 @@ MOST = 40
 class Hypothesis:
     """A place at `t_ns`: x (4,) metres north, east and the error of the velocity input (m/s), with covariance P (4, 4).
 
-    `hits` and `misses` are answers that count; `counted_ne_m` is where the last hit was, `missed_ns` the time of the last miss.
+    `hits` and `misses` are answers that count; `counted_ne_m` is where the last hit was, `spacing_m` how far from there the next
+    one counts, `missed_ns` the time of the last miss.
     """
 
     number: int
@@ -51,6 +52,7 @@ class Hypothesis:
     hits: int = 0
     misses: int = 0
     counted_ne_m: Vec2 | None = None
+    spacing_m: float = 0.0
     missed_ns: int | None = None
     tested_ns: int | None = None
 
@@ -107,7 +109,7 @@ def confirmed(h: Hypothesis, place_ne_m: Vec2, cov_ne_m2: Cov2, spacing_m: float
     taken = replace(h, x=updated.x, P=updated.P, tested_ns=h.t_ns)
     if h.counted_ne_m is not None and math.dist(h.counted_ne_m, place_ne_m) < spacing_m:
         return taken
-    return replace(taken, log_odds=h.log_odds + HIT, hits=h.hits + 1, counted_ne_m=place_ne_m)
+    return replace(taken, log_odds=h.log_odds + HIT, hits=h.hits + 1, counted_ne_m=place_ne_m, spacing_m=spacing_m)
 
 
 def missed(h: Hypothesis) -> Hypothesis:

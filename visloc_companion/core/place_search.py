@@ -96,6 +96,12 @@ def tile_radius_m(height_m: float, max_radius_m: float) -> float:
     return min(max(LEAST_RADIUS_M, TILE_HEIGHTS * height_m), max_radius_m)
 
 
+def spacing_m(fix: Fix, height_m: float) -> float:
+    """The way after which another fix like this one looks at other ground; `height_m`: above the origin, for a fix that does not
+    say how high it is over the ground (which may lie far below where the vehicle started)."""
+    return SPACING_HEIGHTS * max(LEAST_HEIGHT_M, height_m if fix.above_ground_m is None else fix.above_ground_m)
+
+
 class PlaceSearch:
     """Asks and judges; the navigator carries its questions to the worker. All places are about one origin."""
 
@@ -141,9 +147,9 @@ class PlaceSearch:
         """What to ask of a frame of `t_ns`, taken `height_m` above the origin; `sigma_v_mps`: 1-sigma of the velocity input."""
         height_m = max(height_m, LEAST_HEIGHT_M)
         self._carry(t_ns)
-        due, tile = self._due(t_ns, height_m), None
+        due, tile = self._due(t_ns), None
         if due is None or due.log_odds < hypotheses.FIRST_LOG_ODDS:
-            due = self._likely(height_m) or due
+            due = self._likely() or due
         if due is None or (self._tile_next and due.log_odds < hypotheses.FIRST_LOG_ODDS):
             tile, tiles = self._next_tile(height_m, about)
             variance = (tiles.radius_m / 3) ** 2
@@ -198,7 +204,7 @@ class PlaceSearch:
             return h
         if isinstance(answer, Fix) and answer.probability_wrong <= MOST_WRONG:
             north, east, _ = wgs84.ned_from_geo(answer.place, origin)
-            return hypotheses.confirmed(h, (north, east), answer.cov_ne_m2, SPACING_HEIGHTS * asked.height_m)
+            return hypotheses.confirmed(h, (north, east), answer.cov_ne_m2, spacing_m(answer, asked.height_m))
         untold = isinstance(answer, Fix) or answer.reason in SAYS_NOTHING
         return hypotheses.untold(h) if untold else hypotheses.missed(h)
 
@@ -207,14 +213,14 @@ class PlaceSearch:
         like: only other ground may count for it."""
         if self._swept is not None:
             self._swept[1].answered(tile, not (isinstance(answer, NoFix) and answer.reason is Reason.OUTSIDE_MAP))
-        sigma_m = LISTED_HEIGHTS * asked.height_m
+        sigma_m, spacing = LISTED_HEIGHTS * asked.height_m, SPACING_HEIGHTS * asked.height_m
         least = LIKELY if asked.where.share_of_sigmas < 1 else THOROUGH
         new = []
         for place in places_of(answer, origin, least):
             self._n_born += 1
             sigma_v_mps = velocity_sigma_mps(asked.sigma_v_mps)
             h = hypotheses.born(self._n_born, asked.t_ns, place, sigma_m, sigma_v_mps)
-            new.append(h if isinstance(answer, Fix) else replace(h, counted_ne_m=place))
+            new.append(h if isinstance(answer, Fix) else replace(h, counted_ne_m=place, spacing_m=spacing))
         self._places = hypotheses.kept([*self._places, *new])
 
     def _next_tile(self, height_m: float, about: Reach) -> tuple[Tile, Tiles]:
@@ -232,20 +238,20 @@ class PlaceSearch:
         """All hypotheses to the time of a frame, which is never older than the one before."""
         self._places = tuple(self._travel.carried(h, t_ns) for h in self._places)
 
-    def _due(self, t_ns: int, height_m: float) -> Hypothesis | None:
+    def _due(self, t_ns: int) -> Hypothesis | None:
         """The likeliest hypothesis that was not tested yet, or whose next test would count."""
-        return next((h for h in self._places if _is_due(h, t_ns, SPACING_HEIGHTS * height_m)), None)
+        return next((h for h in self._places if _is_due(h, t_ns)), None)
 
-    def _likely(self, height_m: float) -> Hypothesis | None:
+    def _likely(self) -> Hypothesis | None:
         """The likeliest hypothesis, where it was seen, is right rather than wrong, and has moved on by half of what its next test
         waits for. Once it was seen often enough to win and has not, another place is as likely, and the search goes on."""
         best = self._places[0] if self._places else None
         if best is None or not 0 < best.hits < hypotheses.FEWEST_HITS or best.log_odds <= 0 or best.counted_ne_m is None:
             return None
-        return best if math.dist(best.counted_ne_m, best.place_ne_m) >= SPACING_HEIGHTS / 2 * height_m else None
+        return best if math.dist(best.counted_ne_m, best.place_ne_m) >= best.spacing_m / 2 else None
 
 
-def _is_due(h: Hypothesis, t_ns: int, spacing_m: float) -> bool:
+def _is_due(h: Hypothesis, t_ns: int) -> bool:
     if h.tested_ns is None or t_ns - h.tested_ns >= TEST_EVERY_NS:
         return True
-    return h.counted_ne_m is not None and math.dist(h.counted_ne_m, h.place_ne_m) >= spacing_m and t_ns > h.tested_ns
+    return h.counted_ne_m is not None and math.dist(h.counted_ne_m, h.place_ne_m) >= h.spacing_m and t_ns > h.tested_ns

@@ -17,7 +17,7 @@ from visloc_companion.core import hypotheses
 from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
 from visloc_companion.core.hypotheses import FEWEST_HITS, GATE_SIGMA, Hypothesis
 from visloc_companion.core.integrity import largest_sigma_m
-from visloc_companion.core.place_search import LEAST_HEIGHT_M, SPACING_HEIGHTS, tile_radius_m
+from visloc_companion.core.place_search import spacing_m, tile_radius_m
 from visloc_companion.core.travel import TravelLog
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Fix, GeoPoint, NavState, Vec2
@@ -48,13 +48,13 @@ class Regaining:
 
     def waits(self, fix: Fix, state: NavState, origin: GeoPoint, max_radius_m: float) -> bool:
         """Whether a fix waits for others, given the filter's state at its time; `max_radius_m`: of a search."""
-        height_m = max(-state.p_ned_m[2], LEAST_HEIGHT_M)
+        height_m = -state.p_ned_m[2]
         north, east, _ = wgs84.ned_from_geo(fix.place, origin)
         places = [self._travel.carried(h, fix.t_ns) for h in self._places if fix.t_ns - (h.tested_ns or 0) <= FORGET_NS]
         agreeing = [h for h in places if _agrees(h, fix, (north, east))]
         if agreeing:
             best = max(agreeing, key=lambda h: h.hits)
-            now = hypotheses.confirmed(best, (north, east), fix.cov_ne_m2, SPACING_HEIGHTS * height_m)
+            now = hypotheses.confirmed(best, (north, east), fix.cov_ne_m2, spacing_m(fix, height_m))
         else:
             best, now = None, self._named(fix, (north, east), state)
         others = [h for h in places if h is not best]

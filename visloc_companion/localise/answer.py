@@ -12,7 +12,7 @@ from visloc_companion.errors import Reason
 from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import quat_from_R
 from visloc_companion.localise.ortho_rectify import CameraPose
-from visloc_companion.localise.plan import LocalFrame
+from visloc_companion.localise.plan import SearchPlan
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import Fix, FloatArray, GeoPoint, LocaliseRequest, NoFix
 
@@ -66,7 +66,7 @@ def fix(
     request: LocaliseRequest,
     method: str,
     watch: Stopwatch,
-    local: LocalFrame,
+    plan: SearchPlan,
     ref: ReferenceMap,
     pose: CameraPose,
     covariance: FloatArray,
@@ -74,8 +74,8 @@ def fix(
     map_sigma_m: float,
     evidence: dict[str, float],
 ) -> Fix:
-    """A fix from a local pose and its covariance (6, 6) of north, east, up, rotation about n, e, d."""
-    lat, lon = ref.to_geo(*local.to_map(pose.p_ned_m[:2]))
+    """A fix from a pose in the plan's frame and its covariance (6, 6) of north, east, up, rotation about n, e, d."""
+    lat, lon = ref.to_geo(*plan.frame.to_map(pose.p_ned_m[:2]))
     cov = covariance[:2, :2] + np.eye(2) * map_sigma_m**2
     frame = request.frame
     return Fix(
@@ -92,6 +92,7 @@ def fix(
         probability_wrong=probability_wrong,
         elapsed_ms=watch.elapsed_ms,
         evidence=_evidence(evidence, watch),
+        above_ground_m=-float(pose.p_ned_m[2]) - plan.ground_up_m,
     )
 
 

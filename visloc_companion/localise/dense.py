@@ -146,7 +146,7 @@ class DenseLocaliser:
         covariance = claimed_covariance(estimate, final.gsd_m)
         sigma_m = self._settings.map_sigma_m
         pose = estimate.pose
-        answer = fix(request, self.method, task.watch, plan.frame, task.ref, pose, covariance, look.p, sigma_m, numbers)
+        answer = fix(request, self.method, task.watch, plan, task.ref, pose, covariance, look.p, sigma_m, numbers)
         north, east = estimate.per_focal[:2].tolist()
         return replace(answer, tilt=seen_tilt(estimate, request.prior), per_focal_ne_m=(north, east), sun=task.sun_seen)
 

@@ -73,7 +73,7 @@ class IclkLocaliser:
             reason = Reason.NO_MATCH if numbers["score"] < MIN_SCORE else Reason.REFINEMENT_DIVERGED
             return no_fix(request, self.method, watch, (reason, f"probability of being wrong {p:.3f}"), numbers)
         sigma_m = self._settings.map_sigma_m
-        return fix(request, self.method, watch, plan.frame, ref, found.end.pose, covariance, p, sigma_m, numbers)
+        return fix(request, self.method, watch, plan, ref, found.end.pose, covariance, p, sigma_m, numbers)
 
 
 def aligned(start: View, ref: ReferenceMap, features: Features, watch: Stopwatch) -> Alignment | None:

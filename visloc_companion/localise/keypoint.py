@@ -61,9 +61,7 @@ class KeypointLocaliser:
             return no_fix(request, self.method, watch, (Reason.NO_MATCH, f"probability of being wrong {p:.3f}"), numbers)
         floor = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) * (SIGMA_FLOOR_PX * grid.gsd_m) ** 2
         covariance = estimate.covariance + floor
-        return fix(
-            request, self.method, watch, plan.frame, ref, estimate.pose, covariance, p, self._settings.map_sigma_m, numbers
-        )
+        return fix(request, self.method, watch, plan, ref, estimate.pose, covariance, p, self._settings.map_sigma_m, numbers)
 
 
 def _matched(

@@ -90,7 +90,7 @@ class MutualInformationLocaliser:
         own = np.diag(np.array([metres, metres, angles * plan.agl_m, angles, angles, angles]) ** 2)
         covariance = with_prior_tilt(own, request.prior.sigma_tilt_rad, plan.agl_m)
         sigma_m = self._settings.map_sigma_m
-        return fix(request, self.method, watch, plan.frame, ref, ends[0].pose, covariance, p, sigma_m, numbers)
+        return fix(request, self.method, watch, plan, ref, ends[0].pose, covariance, p, sigma_m, numbers)
 
 
 def regressors(numbers: dict[str, float]) -> tuple[float, ...]:

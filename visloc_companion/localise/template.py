@@ -71,7 +71,7 @@ class NccLocaliser:
             np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) * SIGMA_PX * plan.fine_gsd_m + np.array([0, 0, 0, 1, 1, 1]) * SIGMA_ANGLE_RAD
         )
         covariance = with_prior_tilt(np.diag(sigma**2), request.prior.sigma_tilt_rad, plan.agl_m)
-        return fix(request, self.method, watch, plan.frame, ref, fine[0], covariance, p, self._settings.map_sigma_m, numbers)
+        return fix(request, self.method, watch, plan, ref, fine[0], covariance, p, self._settings.map_sigma_m, numbers)
 
 
 def _best(

@@ -217,7 +217,8 @@ class Fix:
     back that is kept for seconds (`turn` again where the frame before was chosen for it), `tilt`: how its prior's attitude was
     tilted, where that was seen. `per_focal_ne_m`: how far off the place is, metres north and east, per share of the focal length
     by which the lens is longer than calibrated (a camera that leans takes a wrong lens for a step to the side). `sun`: where the
-    picture shows it to stand, where it was looked for.
+    picture shows it to stand, where it was looked for. `above_ground_m`: how high the camera is over the ground that it looks at,
+    where that is known.
     """
 
     t_rx_ns: int
@@ -239,6 +240,7 @@ class Fix:
     per_focal_ne_m: Vec2 = (0.0, 0.0)
     turn_since_kept: Turn | None = None
     sun: Sun | None = None
+    above_ground_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,6 +45,12 @@ def test_where_fixes_move_as_odometry_does_they_are_taken_after_a_quarter_of_the
     assert waits(odometry_mps=10.0, gnss_mps=12.8, fixes_mps=10.0) == [True] * 3 + [False] * 9
 
 
+def test_from_a_summit_it_is_a_quarter_of_the_height_over_the_valley() -> None:
+    asked = FirstFixes(flown(10.0, 12.0))
+    seen = [replace(fix(t, 10.0 * t), above_ground_m=2.4 * HEIGHT_M) for t in range(9)]
+    assert [asked.waits(each, (70.0 + 2.8 * t, 0.0), HEIGHT_M) for t, each in enumerate(seen)] == [True] * 6 + [False] * 3
+
+
 def test_where_fixes_move_as_gnss_does_none_is_taken() -> None:
     assert waits(odometry_mps=5.6, gnss_mps=10.0, fixes_mps=10.0) == [True] * 12
 

@@ -29,6 +29,7 @@ class Worker:
     half_m: float = 2000.0
     claim: float = 0.001
     ridge_m: tuple[float, float] | None = None
+    above_ground_m: float | None = None
     asked: list[Where] = field(default_factory=list)
 
     def truth(self, t_s: float) -> Vec2:
@@ -46,7 +47,8 @@ class Worker:
         seen = [p for d in self.doubles if math.dist(p := (at[0] + d[0], at[1] + d[1]), where.place_ne_m) <= 3 * sigma_m]
         if len(seen) == 1 and sigma_m < 100:
             place = wgs84.geo_from_ned((*seen[0], -HEIGHT_M), ORIGIN)
-            return Fix(0, round(t_s * S), *told, place, (1.0, 0.0, 0.0, 0.0), COV, 1.0, 0.1, self.claim, 1.0)
+            level, above_m = (1.0, 0.0, 0.0, 0.0), self.above_ground_m
+            return Fix(0, round(t_s * S), *told, place, level, COV, 1.0, 0.1, self.claim, 1.0, above_ground_m=above_m)
         listed = [*seen, (north + 55.0, east - 80.0)]  # and one that is nothing
         return left_open(request_id, t_s, [(place, 1 / len(listed)) for place in listed])
 
@@ -99,6 +101,15 @@ def test_a_map_without_the_vehicle_has_no_answer() -> None:
 
 def test_a_place_that_repeats_itself_has_no_answer() -> None:
     assert searched(Worker(doubles=((0.0, 0.0), (0.0, 600.0))), 120.0)[0] is None
+
+
+def test_agreement_is_about_other_ground_also_where_the_ground_lies_far_below_the_start() -> None:
+    """From a summit: 120 m above it, 600 m above the valley, a quarter of which is 150 m and takes 15 s."""
+    near = searched(Worker(), 60.0)[1]
+    found, t_s = searched(worker := Worker(above_ground_m=5 * HEIGHT_M), 120.0)
+    assert found is not None
+    assert math.dist(found.place_ne_m, worker.truth(t_s)) < 3.0
+    assert near < 30.0 < (hypotheses.FEWEST_HITS - 1) * 0.25 * 5 * HEIGHT_M / SPEED_MPS < t_s
 
 
 def test_mountains_all_around_the_start_are_not_the_edge_of_the_map() -> None:

@@ -56,6 +56,13 @@ def test_a_second_look_at_the_same_ground_says_no_more() -> None:
     assert seen(flying(60.0, 0.0), *((50.0 + k, (300.0, 0.0)) for k in range(5))) == [True] * 5
 
 
+def test_from_a_summit_it_is_the_height_over_the_valley_that_counts() -> None:
+    """600 m over it, a quarter is 150 m."""
+    asked = flying(70.0)
+    fixes = [replace(fix(50.0 + k, (300.0 + 10 * k, 0.0)), above_ground_m=5 * HEIGHT_M) for k in (0, 4, 14, 16)]
+    assert [asked.waits(each, state(each.t_ns / S), ORIGIN, RADIUS_M) for each in fixes] == [True, True, True, False]
+
+
 def test_lone_fixes_here_and_there_end_nothing() -> None:
     places = [(300.0, 0.0), (-200.0, 150.0), (40.0, -260.0), (500.0, 90.0), (300.0, 0.0)]
     assert seen(flying(80.0), *((50.0 + 5 * k, place) for k, place in enumerate(places))) == [True] * 5

@@ -17,7 +17,7 @@ from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.protocols import Localiser
 from visloc_companion.types import CameraModel, Fix, GeoPoint, Image, NoFix
 
-HOME = GeoPoint(47.0, 8.0, 0.0)
+HOME, GROUND_M = GeoPoint(47.0, 8.0, 0.0), 100.0
 MODEL = CameraModel(160, 120, 140.0, 140.0, 79.5, 59.5)
 LEVEL = (0.0, 0.0, 0.6)
 
@@ -179,6 +179,7 @@ def test_every_method_finds_an_easy_frame_and_keeps_the_protocol(method, flat, s
     horizontal, vertical = error_m(answer, truth)
     assert horizontal < (1.5 if method == "ncc" else 0.6)
     assert vertical < 6.0
+    assert answer.above_ground_m == pytest.approx(answer.place.h_amsl_m - GROUND_M, abs=0.1)
 
 
 def test_unknown_method_is_named():

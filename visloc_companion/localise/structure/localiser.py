@@ -121,7 +121,7 @@ class StructureLocaliser:
             return no_fix(request, METHOD, watch, (pose.reason, pose.detail), evidence)
         of_frame = LocaliseRequest(request.request_id, seen.request.frame, seen.prior, request.seed)
         sigma, p = self._settings.map_sigma_m, registered.probability_wrong
-        return fix(of_frame, METHOD, watch, plan.frame, ref, pose.pose, pose.covariance, p, sigma, evidence)
+        return fix(of_frame, METHOD, watch, plan, ref, pose.pose, pose.covariance, p, sigma, evidence)
 
 
 def _prior(cloud: LocalCloud, prior: PosePrior) -> RegistrationPrior:
