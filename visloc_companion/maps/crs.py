@@ -30,6 +30,10 @@ continent since, 0.8 m by 2027 (ITRF2020's motion of the Eurasian plate); ETRS89
 which EPSG states 1 m. NAD83(CORS96) (6783), NAD83(CSRS) v2 to v5 (8237, 8240, 8246, 8249), NAD83(MA11) and NAD83(PA11) (6325,
 6322) lie beside the ITRF as EPSG's relations to that say: by 2027 up to 1.8 m in North America (1.94 m by 2035), 1.5 m in the
 Marianas, 4.7 m in the Pacific."""
+NO_BETTER_M = {4617: 2.0, 4152: 2.0, 4167: 2.0}
+"""Geographic CRS, by EPSG code, of which EPSG states 1 m although they keep to a plate that has moved on by more: NAD83(CSRS)
+without a version (4617) and NAD83(HARN) (4152) lie beside the ITRF by up to 1.8 m as the versions do, of which it states 2 m;
+NZGD2000 (4167) is ITRF96 as of 2000.0, from where New Zealand has moved by 4 to 5 cm a year."""
 _EVEN_ALL_AROUND = ("Popular Visualisation Pseudo Mercator", "Mercator (variant A)", "Mercator (variant B)")
 
 
@@ -150,8 +154,8 @@ class MapCrs:
         return float(lat), float(lon)
 
     def accuracy_m(self, easting: float, northing: float) -> float | None:
-        """What EPSG (else HELD_FOR_WGS84_M) states of the relation to WGS 84 at a place, metres: nationwide parameters are good
-        to 1 to 10 m.
+        """What EPSG (else HELD_FOR_WGS84_M; no less than NO_BETTER_M) states of the relation to WGS 84 at a place, metres:
+        nationwide parameters are good to 1 to 10 m.
 
         Zero of WGS 84 itself, None where nothing is stated. Raises OutsideMap.
         """
@@ -162,7 +166,7 @@ class MapCrs:
             accuracy = self._to_map.get_last_used_operation().accuracy
         except ProjError:  # there is nothing to do
             accuracy = self._to_map.accuracy
-        return None if accuracy < 0 else float(accuracy)
+        return None if accuracy < 0 else max(float(accuracy), _of_datum(_no_better(), self._crs, 0.0)[1])
 
     def to_map_array(self, lat_lon_deg: FloatArray) -> FloatArray:
         """(N, 2) latitude, longitude to (N, 2) easting, northing; NaN where undefined."""
@@ -252,15 +256,31 @@ def _related(full: CRS, horizontal: CRS) -> _Related:
 
 
 def _from_wgs84(horizontal: CRS) -> _Related:
-    start, held_m = next((held for held in _held_for_wgs84() if held[0].datum == horizontal.datum), (CRS.from_epsg(4326), None))
-    return _Related(horizontal, Transformer.from_crs(start, horizontal, always_xy=True, allow_ballpark=False), held_m)
+    held, held_m = _of_datum(_held_for_wgs84(), horizontal, math.nan)
+    start = CRS.from_epsg(4326) if held is None else held
+    to_map = Transformer.from_crs(start, horizontal, always_xy=True, allow_ballpark=False)
+    return _Related(horizontal, to_map, None if held is None else held_m)
+
+
+def _of_datum(known: tuple[tuple[CRS, float], ...], horizontal: CRS, otherwise_m: float) -> tuple[CRS | None, float]:
+    """The first of the known CRS that is on the datum of another, with its metres."""
+    return next((each for each in known if each[0].datum == horizontal.datum), (None, otherwise_m))
 
 
 @cache
 def _held_for_wgs84() -> tuple[tuple[CRS, float], ...]:
-    """Those of HELD_FOR_WGS84_M that the tables here know, and how good that is, metres."""
+    return _known(HELD_FOR_WGS84_M)
+
+
+@cache
+def _no_better() -> tuple[tuple[CRS, float], ...]:
+    return _known(NO_BETTER_M)
+
+
+def _known(table: dict[int, float]) -> tuple[tuple[CRS, float], ...]:
+    """Those of a table that PROJ's tables here know, and how good each is, metres."""
     known: list[tuple[CRS, float]] = []
-    for code, accuracy_m in HELD_FOR_WGS84_M.items():
+    for code, accuracy_m in table.items():
         with contextlib.suppress(CRSError):  # tables of before the code
             known.append((CRS.from_epsg(code), accuracy_m))
     return tuple(known)
