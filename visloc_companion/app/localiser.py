@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 from visloc_companion.app.settings import network_choice
 from visloc_companion.config import LocaliserConfig
@@ -20,6 +21,7 @@ from visloc_companion.localise.surface_window import SurfaceWindow
 from visloc_companion.localise.twice import CheckedTwice
 from visloc_companion.localise.with_motion import WithMotion
 from visloc_companion.localise.with_turn import WithTurn
+from visloc_companion.localise.zoomed import Zoomed
 from visloc_companion.protocols import Localiser
 from visloc_companion.types import CameraModel
 
@@ -30,7 +32,15 @@ def configured_localiser(chosen: LocaliserConfig, model: CameraModel) -> tuple[L
     Raises ConfigError for a method that there is not, ModelError where the network cannot be used.
     """
     features = open_features_for(chosen.method, network_choice(chosen))
-    return behind_the_mask(lambda shown: _of_ground(chosen, shown, features), model), features
+    as_calibrated = behind_the_mask(lambda shown: _of_ground(chosen, shown, features), model)
+
+    def made_for(other: CameraModel, **less: object) -> Localiser:
+        """For an enlarged picture; a check by another network would be opened for each enlargement."""
+        like_it = chosen.model_copy(update={"check_every": 0, **less})
+        return behind_the_mask(lambda shown: _of_ground(like_it, shown, features), other)
+
+    tries_for = partial(made_for, odometry=False, structure=False)
+    return Zoomed(as_calibrated, made_for, tries_for, model), features
 
 
 def _of_ground(chosen: LocaliserConfig, model: CameraModel, features: NetworkFeatures | None) -> Localiser:

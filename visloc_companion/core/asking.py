@@ -106,7 +106,9 @@ class Asking:
         if prior is None:
             return []
         prior = replace(prior, tilt=self._camera.tilt(frame.t_ns, q_ned_carrier), sun=self._camera.sun(frame.t_ns))
-        return [self._read_out(self._queue.taken(frame, prior, now_ns), state.v_ned_mps)]
+        asked = self._queue.taken(frame, prior, now_ns)
+        asked = replace(asked, zoom=self._camera.zoom.factor, try_zoom=self._camera.zoom.next(now_ns, self._tracker.gnss))
+        return [self._read_out(asked, state.v_ned_mps)]
 
     def _read_out(self, request: LocaliseRequest, v_ned_mps: Vec3) -> LocaliseRequest:
         """The request with how the camera moves while a rolling shutter reads the frame, as far as that is known."""
@@ -158,7 +160,8 @@ class Asking:
         prior = self._pose_prior(self._of_camera(asked, q_ned_frd), origin, q_ned_carrier, self._camera.q_carrier_cambody)
         share = where.share_of_sigmas
         prior = replace(prior, sigma_h_m=share * prior.sigma_h_m, sigma_yaw_rad=share * prior.sigma_yaw_rad)
-        return [self._read_out(self._queue.taken(frame, prior, now_ns, aside=True), velocity.v_ned_mps)]
+        request = replace(self._queue.taken(frame, prior, now_ns, aside=True), zoom=self._camera.zoom.factor)
+        return [self._read_out(request, velocity.v_ned_mps)]
 
     def _prior(self, state: NavState, q_ned_carrier: Quat, q_carrier_body: Quat, injecting: bool) -> PosePrior | None:
         """The prior of a state for the camera's body on what carries it, or for another one that is mounted so on another."""

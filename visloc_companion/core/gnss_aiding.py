@@ -65,6 +65,13 @@ class GnssAiding:
         if self._monitor.disown_camera() or (belief is not None and belief.last_fix_ns is not None):
             self._tracker.forget()
 
+    def camera_changed(self) -> None:
+        """What the camera showed lately was wrong, and right before: the filter starts anew where GNSS says the place, and goes
+        on where nothing else does."""
+        self._odometry.clear()
+        if self._monitor.disown_camera() or self._monitor.trusted:
+            self._tracker.forget()
+
     def _keep_near(self, event: Gnss, t_ns: int, mode: Mode) -> list[Command]:
         belief = self._tracker.belief
         if belief is None or not self._monitor.trusted or mode not in (Mode.SHADOW, Mode.LOST):

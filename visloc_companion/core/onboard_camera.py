@@ -1,7 +1,8 @@
 """The camera in the vehicle: when its frames are taken (camera_time.py), how it is mounted (boresight.py) and tilted
 (tilt_memory.py), all learned in flight, where (lever_arm.py), whether its lens is as calibrated (lens_watch.py), its picture
-mirrored (mirror_watch.py), its mounting right (mount_watch.py), its fixes as good as they claim (claim_watch.py) and as
-high as GNSS (fix_height_watch.py), and where its pictures show the sun (sun_memory.py).
+mirrored (mirror_watch.py) or kept level (level_watch.py), its mounting right (mount_watch.py), its fixes as good as they claim
+(claim_watch.py) and as high as GNSS (fix_height_watch.py), whether it zoomed (zoom_watch.py), and where its pictures show the sun
+(sun_memory.py).
 
 What carries it is the airframe or a gimbal (gimbal.py). Mounting and tilt are those against what carries it, in either case. Its
 time is learned on the airframe only: a gimbal's word comes late by an unknown time itself."""
@@ -19,6 +20,7 @@ from visloc_companion.core.fix_height_watch import FixHeightWatch
 from visloc_companion.core.gimbal import Gimbal
 from visloc_companion.core.gimbal_watch import GimbalWatch
 from visloc_companion.core.lens_watch import LensWatch
+from visloc_companion.core.level_watch import LevelWatch
 from visloc_companion.core.lever_arm import LeverArm
 from visloc_companion.core.mirror_watch import MirrorWatch, shown_by_none
 from visloc_companion.core.mount_watch import MountWatch
@@ -27,6 +29,7 @@ from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.core.tilt_memory import TiltMemory
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
+from visloc_companion.core.zoom_watch import ZoomWatch
 from visloc_companion.geo import se3
 from visloc_companion.types import (
     Command,
@@ -66,6 +69,7 @@ class OnboardCamera:
         self._mount = MountWatch(clock, gimbal or attitude, q_frd_cambody)
         self._lens, self._claims, self._sun, self._tracker = LensWatch(), ClaimWatch(), SunMemory(), tracker
         self._heights, self._distortion = FixHeightWatch(), DistortionWatch(clock, gimbal or attitude)
+        self._level, self.zoom = LevelWatch(clock, attitude), ZoomWatch()
 
     @property
     def q_carrier_cambody(self) -> Quat:
@@ -76,6 +80,11 @@ class OnboardCamera:
     def set_up_wrong(self) -> bool:
         """Whether the pictures show another mounting or lens than the configured one: nothing of them is to be used."""
         return self._mount.wrong or self._distortion.wrong
+
+    @property
+    def keeps_level(self) -> bool:
+        """Whether pictures do not tilt with the vehicle now: nothing of them is to be used until they do."""
+        return self._level.wrong
 
     @property
     def mistimed(self) -> bool:
@@ -144,6 +153,8 @@ class OnboardCamera:
             return shown_by_none(answer, "the camera is mounted otherwise than configured")
         if self._distortion.wrong:
             return shown_by_none(answer, "the lens bends the picture otherwise than configured")
+        if self._level.wrong:
+            return replace(shown_by_none(answer, "the picture does not tilt with the vehicle"), turn=answer.turn)
         return self._lever.of_vehicle(answer, self._q_frd_cambody(answer.t_ns))
 
     def asked_of_vehicle(self, request: LocaliseRequest) -> LocaliseRequest:
@@ -170,6 +181,11 @@ class OnboardCamera:
         if isinstance(answer, Fix):
             self._mirror.recognised()
             self._mount.recognised()
+            self._level.recognised()
+        if answer.turn is not None and self._gimbal is None:
+            told = self._level.on_turn(answer.turn, self.q_carrier_cambody)
+            if told or self._level.wrong:
+                return told
         if answer.turn is not None:
             told = self._mirror.on_turn(answer.turn, self.q_carrier_cambody) or self._mount.on_turn(answer.turn)
             told = told or self._bent(answer.turn)
@@ -200,7 +216,7 @@ class OnboardCamera:
                 self._sun.seen(fix.t_ns, fix.sun)
         told = [*self._lens.after(belief), *self._claims.after(belief)]
         gnss = self._tracker.gnss
-        if taken and gnss_trusted and gnss.newest is not None and gnss.newest_ns is not None:
+        if taken and gnss_trusted and self.zoom.factor == 1.0 and gnss.newest is not None and gnss.newest_ns is not None:
             told += self._heights.on_fix(fix, gnss.newest.h_amsl_m, height_m)
             if self._heights.longer_share != self._tracker.longer_share:
                 self._tracker.doubt_lens(fix, self._heights.longer_share)

@@ -315,12 +315,13 @@ class Tracker:
     def _taught_by(self, t_ns: int) -> None:
         self._taught_ns = sorted([*self._taught_ns, t_ns])[-TAUGHT_BY:]  # a late fix takes no place from later intervals
 
-    def observe_odometry(self, odometry: Odometry) -> Motion | None:
-        """Learn the velocity's error from what the camera saw of its own motion; the interval for the GNSS monitor that it
-        completes, if it does."""
+    def observe_odometry(self, odometry: Odometry, *, doubted: bool = False) -> Motion | None:
+        """Learn the velocity's error from what the camera saw of its own motion, unless it is doubted; the interval for the GNSS
+        monitor that it completes, if it does."""
         odometry = self.heading.doubted(odometry)
         completed = self._odometry.on_odometry(odometry, inertial_mps2=self._sigma_a_mps2 if self._drives_itself else None)
-        self._learn_motion(completed.of_filter)
+        if not doubted:
+            self._learn_motion(completed.of_filter)
         return completed.of_monitor
 
     def odometry_lost(self) -> None:

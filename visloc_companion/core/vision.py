@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from visloc_companion.core import operator_word
 from visloc_companion.core.asking import Asking
 from visloc_companion.core.belief import Belief
@@ -11,6 +13,7 @@ from visloc_companion.core.first_fixes import FirstFixes
 from visloc_companion.core.gnss import ODOMETRY, GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.guard import Complaints
+from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.onboard_camera import OnboardCamera
 from visloc_companion.core.open_tracks import OpenTracks
 from visloc_companion.core.place_search import Found, PlaceSearch
@@ -43,6 +46,8 @@ from visloc_companion.types import (
     Severity,
 )
 
+SEED_SIGMA_M = 5.0
+"""1-sigma of a place by fixes through a lens whose length they told."""
 WORKER_LOST = (Reason.WORKER_TIMEOUT, Reason.WORKER_DIED)
 
 
@@ -136,15 +141,18 @@ class Vision:
             self._tracker.height.asked(told)
             if isinstance(told, LocaliseRequest):
                 self._open.asked(told)
+                self._onboard.zoom.asked(told, self._tracker.height_above_home_m or 0.0)
         return self._onboard.asked([*asked])
 
-    def moved(self, motion: Odometry | None, now_ns: int) -> None:
-        """The camera's own motion bears on the velocity, and on the GNSS verdict."""
+    def moved(self, motion: Odometry | None, now_ns: int, *, recognised: bool = True) -> None:
+        """The camera's own motion bears on the velocity, and on the GNSS verdict; `recognised`: the frame that shows it was."""
         if motion is None or self._aiding.scaled:
             self._tracker.odometry_lost()
         elif fault(motion, now_ns) is None:
-            interval = self._tracker.observe_odometry(motion)
+            doubted = not recognised and self._onboard.zoom.doubts(motion)
+            interval = self._tracker.observe_odometry(motion, doubted=doubted)
             if interval is not None:
+                self._onboard.zoom.moved(interval)
                 self._aiding.on_motion(interval)
             self._open.moved(motion)
             self._travel.odometry(motion)
@@ -155,17 +163,35 @@ class Vision:
         """The worker answered."""
         event = self._onboard.of_vehicle(event)
         before = self._tracker.belief  # not between motion and fix: the inputs after them would be folded twice
-        self.moved(event.motion, now_ns)
+        self.moved(event.motion, now_ns, recognised=isinstance(event, Fix))
         told = [*self._camera.on_answer(event), *self._computer.on_answer(event), *self._learned(event)]
         return [*told, *self._localised(event, before, now_ns)]
 
     def _learned(self, event: Fix | NoFix) -> list[Command]:
         """What an answer tells of the camera; a mounting or lens that is wrong also takes back what it said against GNSS."""
-        knew = self._onboard.set_up_wrong
+        knew, knew_level = self._onboard.set_up_wrong, self._onboard.keeps_level
         told = self._onboard.on_answer(event)
         if self._onboard.set_up_wrong and not knew:
             self._aiding.disown_camera()
             self._steering.doubt()
+        if self._onboard.keeps_level and not knew_level:
+            self._aiding.camera_changed()
+        if event.method == TERRAIN or self._onboard.keeps_level or self._onboard.set_up_wrong:
+            return told
+        speed_mps = 0.0 if self._tracker.velocity is None else math.hypot(*self._tracker.velocity.v_ned_mps[:2])
+        return [*told, *self._zoomed(self._onboard.zoom.answered(event, speed_mps))]
+
+    def _zoomed(self, told: list[Command]) -> list[Command]:
+        """Where `told` says so, the lens is another one by now: what the camera showed lately went by the wrong one, the filter
+        starts where frames are recognised through the right one, unless GNSS says where."""
+        found = self._onboard.zoom.found
+        if not told or found is None:
+            return told
+        self._aiding.camera_changed()
+        self._nothing_open()
+        self._regaining.clear()
+        if not self._monitor.trusted:
+            self._tracker.seed(found.t_ns, found.place, max(SEED_SIGMA_M, largest_sigma_m(found.cov_ne_m2)))
         return told
 
     def _localised(self, event: Fix | NoFix, before: Belief | None, now_ns: int) -> list[Command]:
@@ -255,7 +281,8 @@ class Vision:
         if isinstance(outcome, Accepted):
             commands = [*commands, *self._taken(fix, now_ns)]
             velocity = self._tracker.velocity
-            self._tracker.height.taken(fix, (0.0, 0.0) if velocity is None else velocity.v_ned_mps[:2])
+            if self._onboard.zoom.settled:
+                self._tracker.height.taken(fix, (0.0, 0.0) if velocity is None else velocity.v_ned_mps[:2])
             if before is not None and after is not None and after.started_ns != before.started_ns:
                 commands.append(Notice(Severity.WARNING, "visloc: relocalised", to_operator=True))
         elif isinstance(outcome, Rejected):

@@ -61,7 +61,9 @@ class Readout:
 
 @dataclass(frozen=True, slots=True)
 class LocaliseRequest:
-    """Ask the worker to localise the frame in `frame.slot`. `seed` feeds what is random; `readout` is of a rolling shutter."""
+    """Ask the worker to localise the frame in `frame.slot`. `seed` feeds what is random; `readout` is of a rolling shutter;
+    `zoom` is by how much the picture is believed to be enlarged beyond the calibrated lens, `try_zoom` how it is to be looked at
+    as well where it is not recognised so."""
 
     request_id: int
     frame: FrameRef
@@ -69,6 +71,8 @@ class LocaliseRequest:
     seed: int
     vote: Vote = Vote.IMAGE
     readout: Readout | None = None
+    zoom: float = 1.0
+    try_zoom: float | None = None
 
 
 Sounding = tuple[float, float, float, float, float, float, float]

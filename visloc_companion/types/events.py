@@ -261,7 +261,8 @@ class NoFix:
     """The localiser declines to answer, and says why. `motion`, `turn` and `turn_since_kept` as in a Fix.
 
     `open_places`: where the camera may be all the same, likeliest first; none where the search told nothing. `footprint_m`: side
-    of the square with the area of the ground that was seen, None where that is not known.
+    of the square with the area of the ground that was seen, None where that is not known. `zoomed`: the fix that there would be
+    through a lens as long as the request's `try_zoom` says.
     """
 
     t_rx_ns: int
@@ -278,6 +279,7 @@ class NoFix:
     open_places: tuple[OpenPlace, ...] = ()
     footprint_m: float | None = None
     turn_since_kept: Turn | None = None
+    zoomed: Fix | None = None
 
 
 @dataclass(frozen=True, slots=True)

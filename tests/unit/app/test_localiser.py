@@ -22,6 +22,7 @@ from visloc_companion.localise.still_picture import MovingFramesOnly
 from visloc_companion.localise.twice import CheckedTwice
 from visloc_companion.localise.with_motion import WithMotion
 from visloc_companion.localise.with_turn import WithTurn
+from visloc_companion.localise.zoomed import Zoomed
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.protocols import Localiser
 from visloc_companion.sim.render import CameraSimulator
@@ -58,7 +59,9 @@ class _NoMap:
 
 def of_frames_set_right(localiser: Localiser) -> WithTurn:
     """A picture that stands still is seen by nobody; everything looks at frames that a rolling shutter no longer bends and knows
-    when the ground is a plane, and both computations have the prior that the turn carried on."""
+    when the ground is a plane, and both computations have the prior that the turn carried on. So it is for every zoom."""
+    assert isinstance(localiser, Zoomed)
+    localiser = localiser._localiser
     assert isinstance(localiser, MovingFramesOnly)
     assert isinstance(localiser._localiser, Unrolled)
     assert isinstance(localiser._localiser._localiser, OverPlane)

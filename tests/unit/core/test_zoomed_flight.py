@@ -1,0 +1,147 @@
+"""A camera that zooms in flight: the zoom is found and reckoned with, a good GNSS stays trusted, and a false one is found as soon
+as ever."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from visloc_companion.errors import Reason
+from visloc_companion.types import Fix, Injection, LocaliseRequest, NoFix, Notice, Odometry
+
+COV = ((0.01, 0.0), (0.0, 0.01))
+HEIGHT_M, ZOOM_S = 100.0, 30.0
+RECOGNISED = 0.07
+"""Natural logarithm of a scale that is off by so much that no frame is recognised."""
+
+
+def told(w: Any) -> list[str]:
+    return [c.text for _, c in w.commands if isinstance(c, Notice) and c.to_operator]
+
+
+def suspected_s(w: Any) -> float:
+    return float(w.notices("GNSS not trusted")[0])
+
+
+@pytest.fixture
+def zooming(world: Any) -> type[Any]:
+    """Pictures are enlarged by `zoom`: recognised through such a lens alone, and off in height and motion by what is left."""
+
+    @dataclass
+    class Zooming(world):  # type: ignore[misc]
+        zoom: Callable[[float], float] = lambda t: 1.0
+        tries: bool = True
+
+        def _localise(self, request: LocaliseRequest) -> None:
+            super()._localise(request)
+            when, answer = self.answers.pop()
+            left = self.zoom(self.t) / request.zoom
+            t1_s = answer.t_ns * 1e-9
+            north, east = np.array(self.velocity(t1_s - self.fix_period_s / 2)) * self.fix_period_s * left
+            first_ns = round((t1_s - self.fix_period_s) * 1e9)
+            motion = Odometry(0, first_ns, answer.t_ns, (float(north), float(east), 0.0), COV, 0.01, 0.02)
+            if (found := self.through(answer, request.zoom)) is not None:
+                seen: Fix | NoFix = replace(found, motion=motion)
+            else:
+                ids = request.request_id, request.frame.frame_id, "test"
+                tried = None if request.try_zoom is None or not self.tries else self.through(answer, request.try_zoom)
+                seen = NoFix(0, answer.t_ns, *ids, Reason.NO_MATCH, 5.0, motion=motion, zoomed=tried)
+            self.answers.append((when, seen))
+
+        def through(self, answer: Fix | NoFix, zoom: float) -> Fix | None:
+            left = self.zoom(self.t) / zoom
+            if not isinstance(answer, Fix) or abs(math.log(left)) > RECOGNISED:
+                return None
+            h_amsl_m = answer.place.h_amsl_m + HEIGHT_M * (1 / left - 1)
+            return replace(answer, place=replace(answer.place, h_amsl_m=h_amsl_m))
+
+    return Zooming
+
+
+@pytest.mark.parametrize("factor", [1.5, 2.0, 1.2, 0.7])
+def test_a_zoom_is_named_and_reckoned_with_and_gnss_stays_trusted(zooming: Any, factor: float) -> None:
+    w = zooming(zoom=lambda t: factor if t > ZOOM_S else 1.0, jammed=lambda t: t > 60)
+    w.start()
+    w.fly(90.0)
+    (named_s,) = w.notices(f"camera zoomed x {factor:.2f}, or height off?")
+    assert ZOOM_S < named_s < ZOOM_S + 6
+    assert w.notices("not trusted") == w.notices("fx_px") == []
+    assert w.requests[-1][1].zoom == pytest.approx(factor, rel=0.015)
+    aided = [(s, off_m) for t, s, off_m in w.statuses if t > 62]
+    assert any(isinstance(c, Injection) for _, c in w.commands)
+    assert all(off_m < s.protection_level_m for s, off_m in aided)
+    assert max(off_m for _, off_m in aided) < 6.0
+
+
+def test_a_zoom_while_nothing_but_the_camera_tells_the_place(zooming: Any) -> None:
+    w = zooming(zoom=lambda t: 1.5 if t > ZOOM_S else 1.0, jammed=lambda t: t > 15)
+    w.start()
+    w.fly(70.0)
+    (named_s,) = w.notices("camera zoomed x 1.50")
+    assert named_s < ZOOM_S + 8
+    assert all(off_m < s.protection_level_m for t, s, off_m in w.statuses if t > 17)
+    assert max(off_m for t, _, off_m in w.statuses if t > named_s + 5) < 6.0
+
+
+def test_a_zoom_that_is_taken_back_is_told_and_goes_unnamed_afterwards(zooming: Any) -> None:
+    w = zooming(zoom=lambda t: 1.5 if ZOOM_S < t < 50 else 1.0)
+    w.start()
+    w.fly(80.0)
+    assert len(w.notices("camera zoomed")) == 1
+    (back_s,) = w.notices("camera zoom is back to normal")
+    assert 50 < back_s < 55
+    assert w.requests[-1][1].zoom == 1.0
+    assert w.notices("not trusted") == []
+
+
+@pytest.mark.parametrize("along_mps", [0.0, -3.0])
+def test_a_drag_of_gnss_while_nothing_is_recognised_is_found_as_soon_as_ever(zooming: Any, along_mps: float) -> None:
+    """A drag that slows GNSS down looks as a zoom does to odometry."""
+
+    def dragged(t: float) -> tuple[float, float]:
+        d = max(0.0, t - ZOOM_S)
+        return (along_mps * d, 1.0 * d)
+
+    flights = [zooming(blind=lambda t: t > ZOOM_S - 2, pull_m=dragged, seed=seed) for seed in (1, 2, 3)]
+    plain = [zooming(blind=lambda t: t > ZOOM_S - 2, pull_m=dragged, seed=seed) for seed in (1, 2, 3)]
+    for w in plain:
+        w.navigator._onboard.zoom.next = lambda *_: None  # tries nothing
+    for w in (*flights, *plain):
+        w.start()
+        w.fly(70.0)
+        assert w.notices("zoom") == []
+    assert any(r.try_zoom is not None for _, r, _ in flights[0].requests)
+    later_s = [suspected_s(a) - suspected_s(b) for a, b in zip(flights, plain, strict=True)]
+    assert max(later_s) <= 1.0
+
+
+def test_a_false_gnss_is_no_zoom_and_a_zoom_hides_none(zooming: Any) -> None:
+    w = zooming(zoom=lambda t: 1.5 if t > ZOOM_S else 1.0, pull_m=lambda t: (0.0, max(0.0, 1.0 * (t - ZOOM_S))))
+    w.start()
+    w.fly(70.0)
+    assert len(w.notices("camera zoomed x 1.5")) == 1
+    assert suspected_s(w) < ZOOM_S + 20
+    assert max(off_m for t, _, off_m in w.statuses if t > ZOOM_S + 25) < 6.0
+
+
+def test_a_localiser_that_tries_none_answers_as_ever(zooming: Any) -> None:
+    w = zooming(tries=False, blind=lambda t: 20 < t < 40)
+    w.start()
+    w.fly(60.0)
+    assert any(r.try_zoom is not None for _, r, _ in w.requests)
+    assert w.notices("zoom") == []
+    assert w.requests[-1][1].zoom == 1.0
+
+
+def test_ground_that_comes_nearer_little_by_little_is_no_zoom(zooming: Any) -> None:
+    """Woods or a hill that the map does not show: it is in the heights of the last frames that are recognised."""
+    w = zooming(zoom=lambda t: 1.0 + 0.3 * min(1.0, max(0.0, (t - ZOOM_S) / 10)))
+    w.start()
+    w.fly(60.0)
+    assert w.notices("zoom") == []
+    assert {r.try_zoom for _, r, _ in w.requests} == {None}
