@@ -121,7 +121,7 @@ class GnssAiding:
                 shared = (seen.sigma_scale**2 + seen.sigma_heading_rad**2) / 2
                 by_lens_m2 = seen.sigma_focal**2 * (seen.per_focal_ne_m[0] ** 2 + seen.per_focal_ne_m[1] ** 2) / 2
                 var_m2 = own_m2 + by_lens_m2 + shared * (seen.d_ne_m[0] ** 2 + seen.d_ne_m[1] ** 2)
-                lens = Lens(abs(self._tracker.longer_share), seen.per_focal_ne_m)
+                lens = Lens(abs(self._tracker.longer_share) + self._tracker.lens_bend, seen.per_focal_ne_m)
                 self._monitor.on_displacement(seen.t_from_ns, seen.t_ns, moved, seen.d_ne_m, var_m2, lens)
                 self._watch_scale(seen, moved)
 
@@ -139,7 +139,8 @@ class GnssAiding:
     def _with_lens(self, fix: Fix) -> Cov2:
         """Covariance of a fix with what a lens that is doubted adds to it."""
         (nn, ne), (en, ee), (north, east) = *fix.cov_ne_m2, fix.per_focal_ne_m
-        var = self._tracker.longer_share**2
+        var, bent_m2 = self._tracker.longer_share**2, self._tracker.bent_m**2
+        nn, ee = nn + bent_m2, ee + bent_m2
         return (nn + var * north**2, ne + var * north * east), (en + var * north * east, ee + var * east**2)
 
     def compare(self, fix: Fix, *, delay_told: bool = False) -> list[Command]:
@@ -159,4 +160,6 @@ class GnssAiding:
         elif self._monitor.trusted:
             self._map.compared(fix.t_ns, difference, (north, east), fix.per_focal_ne_m)
         self._tracker.know_map(self._map.sigma_m)
+        if self._tracker.lens_bend:
+            return []
         return self._map.notices(delay_told=delay_told, longer_share=self._tracker.longer_share)

@@ -198,7 +198,9 @@ class OnboardCamera:
         velocity, height_m = self._tracker.velocity, self._tracker.height_above_home_m
         if velocity is None or height_m is None:
             return []
-        return self._distortion.on_turn(turn, self.q_carrier_cambody, velocity.v_ned_mps, height_m)
+        told = self._distortion.on_turn(turn, self.q_carrier_cambody, velocity.v_ned_mps, height_m)
+        self._tracker.doubt_bend(self._distortion.bend)
+        return told
 
     def stated(self, fix: Fix) -> Fix:
         """The fix with what its time may be off by in its covariance."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -73,7 +74,8 @@ class Tracker:
         self.heading = HeadingPull()
         self.origin: GeoPoint | None = None
         self.height_above_home_m: float | None = None
-        self.longer_share = 0.0
+        self.longer_share = self.lens_bend = 0.0
+        self._map_sigma_m = settings.map_sigma_m
 
     @property
     def belief(self) -> Belief | None:
@@ -209,6 +211,23 @@ class Tracker:
 
     def know_map(self, sigma_m: float) -> None:
         """Take another 1-sigma of the map's registration, on each axis."""
+        self._map_sigma_m = sigma_m
+        self._widen()
+
+    def doubt_bend(self, bend: float) -> None:
+        """The lens may bend pictures otherwise than configured (distortion_watch.DistortionWatch.bend): what a height of way
+        turns them by is taken for a tilt, which shifts all fixes alike."""
+        self.lens_bend = bend
+        self._widen()
+
+    @property
+    def bent_m(self) -> float:
+        """1-sigma, on each axis, of what fixes may be off by because the lens bends the picture: half of what a height of way
+        makes of it."""
+        return self.lens_bend / 2 * abs(self.height_above_home_m or 0.0)
+
+    def _widen(self) -> None:
+        sigma_m = math.hypot(self._map_sigma_m, self.bent_m) if self.lens_bend else self._map_sigma_m
         if sigma_m == self._settings.map_sigma_m:
             return
         self._settings = replace(self._settings, map_sigma_m=sigma_m)
@@ -319,6 +338,8 @@ class Tracker:
         """Learn the velocity's error from what the camera saw of its own motion, unless it is doubted; the interval for the GNSS
         monitor that it completes, if it does."""
         odometry = self.heading.doubted(odometry)
+        if self.lens_bend:
+            odometry = replace(odometry, sigma_scale=math.hypot(odometry.sigma_scale, self.lens_bend))
         completed = self._odometry.on_odometry(odometry, inertial_mps2=self._sigma_a_mps2 if self._drives_itself else None)
         if not doubted:
             self._learn_motion(completed.of_filter)

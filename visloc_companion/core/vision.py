@@ -78,7 +78,7 @@ class Vision:
         self._second, self._unmatched = SecondOpinion(), UnmatchedWatch()
         self._travel = TravelLog()
         self._regaining, self._first = Regaining(self._travel), FirstFixes(self._travel)
-        self._searching = self._to_confirm = False
+        self._searching = self._to_confirm = self._lens_doubted = False
         self._off_map_since_ns: int | None = None
         self._max_search_radius_m = max_search_radius_m
 
@@ -169,8 +169,11 @@ class Vision:
 
     def _learned(self, event: Fix | NoFix) -> list[Command]:
         """What an answer tells of the camera; a mounting or lens that is wrong also takes back what it said against GNSS."""
-        knew, knew_level = self._onboard.set_up_wrong, self._onboard.keeps_level
+        knew, knew_level, doubted = self._onboard.set_up_wrong, self._onboard.keeps_level, self._lens_doubted
         told = self._onboard.on_answer(event)
+        self._lens_doubted |= self._tracker.lens_bend > 0
+        if self._lens_doubted and not doubted:
+            self._monitor.disown_camera()
         if self._onboard.set_up_wrong and not knew:
             self._aiding.disown_camera()
             self._steering.doubt()

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -76,7 +77,16 @@ def seen_turn(
     return None if turned is None else se3.quat_from_R(R_FRD_CAM @ turned.R_ba.T @ R_FRD_CAM.T)
 
 
-def said(
+@dataclass
+class Flown:
+    """What was told after so many seconds, and what the watch reckoned with after each turn."""
+
+    told: list[tuple[float, Notice]] = field(default_factory=list)
+    bends: list[tuple[float, float]] = field(default_factory=list)
+    wrong: bool = False
+
+
+def flown(
     lens: CameraModel,
     attitude_at: Callable[[float], Quat] = copter_at,
     mount: Quat = LEVEL,
@@ -85,10 +95,10 @@ def said(
     late_s: float = 0.0,
     speed_mps: float = SPEED_MPS,
     seconds: float = 60.0,
-) -> list[tuple[float, Notice]]:
-    """What is told after so many seconds of flying ahead with a camera that has this lens and mounting."""
+) -> Flown:
+    """Flying ahead with a camera that has this lens and mounting."""
     clock, attitude, rng = ClockOffset(), AttitudeBuffer(), np.random.default_rng(3)
-    watch, told = DistortionWatch(clock, attitude), []
+    watch, flight = DistortionWatch(clock, attitude), Flown()
     at_ne_m = np.zeros(2)
     for k in range(1, round(seconds * 20)):
         t_s = k / 20
@@ -106,9 +116,18 @@ def said(
             continue
         seen = Turn(round((t_s - EVERY_S) * S), k * S // 20, turn, ((1e-6, 0.0, 0.0), (0.0, 1e-6, 0.0), (0.0, 0.0, 1e-6)))
         q_configured = mount if configured is None else configured
-        told += [(t_s, n) for n in watch.on_turn(seen, q_configured, v_ned_mps, HEIGHT_M) if isinstance(n, Notice)]
-    assert watch.wrong == bool(told)
-    return told
+        told = watch.on_turn(seen, q_configured, v_ned_mps, HEIGHT_M)
+        flight.told += [(t_s, n) for n in told if isinstance(n, Notice)]
+        flight.bends.append((t_s, watch.bend))
+    flight.wrong = watch.wrong
+    return flight
+
+
+def said(lens: CameraModel, *args: Any, **kwargs: Any) -> list[tuple[float, Notice]]:
+    """What is told, after how many seconds; nothing of the camera is used from then on."""
+    flight = flown(lens, *args, **kwargs)
+    assert flight.wrong == bool(flight.told)
+    return flight.told
 
 
 @pytest.mark.parametrize(("k1", "k2"), [(-0.3, 0.09), (-0.15, 0.02), (0.15, 0.0)])
@@ -134,7 +153,9 @@ def test_a_lens_that_bends_the_picture_is_told_once_with_about_its_k1(
 def test_what_is_linear_in_the_picture_is_no_distortion(
     attitude_at: Callable[[float], Quat], up_m: Callable[[FloatArray], FloatArray], lens: CameraModel
 ) -> None:
-    assert said(lens, attitude_at, up_m=up_m) == []
+    flight = flown(lens, attitude_at, up_m=up_m)
+    assert flight.told == []
+    assert max(bend for _, bend in flight.bends) == 0.0
 
 
 @pytest.mark.parametrize("late_s", [0.2, 1.0])
@@ -157,6 +178,27 @@ def test_a_mounting_that_is_off_is_another_matter(attitude_at: Callable[[float],
 def test_a_little_of_it_or_no_way_is_not_told() -> None:
     assert said(bent(-TELL_K1 / 2)) == []
     assert said(bent(-0.3), speed_mps=1.0) == []
+
+
+@pytest.mark.parametrize("up_m", [plain_m, hills_m])
+@pytest.mark.parametrize("k1", [-0.05, 0.05])
+def test_a_bend_is_reckoned_with_before_it_is_sure(k1: float, up_m: Callable[[FloatArray], FloatArray]) -> None:
+    flight = flown(bent(k1), up_m=up_m)
+    ((told_s, _),) = flight.told
+    doubted_s = next(t_s for t_s, bend in flight.bends if bend > 0)
+    assert doubted_s < 8 < told_s
+    assert flight.wrong
+    assert flight.bends[-1][1] == 0.0
+    assert all(0.5 < bend / abs(2 * k1) < 1.5 for t_s, bend in flight.bends if 10 < t_s < told_s)
+
+
+def test_a_bend_too_little_to_leave_the_camera_out_for_is_told_and_reckoned_with_for_good() -> None:
+    flight = flown(bent(-0.027), seconds=120)
+    ((told_s, notice),) = flight.told
+    assert re.fullmatch(r"visloc: lens, k1 off by about -0\.0\d: calibrate", notice.text)
+    assert told_s > 20
+    assert not flight.wrong
+    assert all(bend > 0.03 for t_s, bend in flight.bends if t_s > told_s)
 
 
 def test_turns_of_times_without_attitude_say_nothing() -> None:

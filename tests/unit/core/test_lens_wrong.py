@@ -87,11 +87,13 @@ def test_a_lens_as_calibrated_costs_nothing(longer: Any) -> None:
 
 @pytest.fixture
 def bent(world: Any) -> type[Any]:
-    """Pictures turn as those of an unstated distortion, and what fixes and motion there are is wrong."""
+    """Pictures turn as those of an unstated distortion, and what fixes and motion there are is wrong; `tilted`: turns add up to
+    a tilt, by which fixes come to lie beside their place, and no frame is refused."""
 
     @dataclass
     class Bent(world):  # type: ignore[misc]
         k1: float = 0.0
+        tilted: bool = False
 
         def _localise(self, request: LocaliseRequest) -> None:
             super()._localise(request)
@@ -104,10 +106,15 @@ def bent(world: Any) -> type[Any]:
             turn = np.array((bend * east, -bend * north, 0.0)) + noise
             seen = Turn(round(t0_s * 1e9), fix.t_ns, se3.quat_from_vector(tuple(turn.tolist())), TURN_COV)
             off = 1 + 0.6 * self.k1
+            moved = (north * (1 - 2 * self.k1), east * (1 - 2 * self.k1), 0.0)
             motion = Odometry(0, seen.t_from_ns, fix.t_ns, (north * off, east * off, 0.0), COV, 0.01, 0.03)
-            if self.k1 and self.k % 3:
+            if self.tilted:
+                behind_m = -2 * self.k1 * min(HEIGHT_M, 10.0 * t1_s)
+                place = wgs84.geo_from_ned((*(-behind_m * np.array(self.velocity(t1_s)) / 10.0).tolist(), 0.0), fix.place)
+                answer: Fix | NoFix = replace(fix, place=place, motion=replace(motion, displacement_ned_m=moved), turn=seen)
+            elif self.k1 and self.k % 3:
                 ids = fix.request_id, fix.frame_id, "test"
-                answer: Fix | NoFix = NoFix(0, fix.t_ns, *ids, Reason.NO_MATCH, 5.0, motion=motion, turn=seen)
+                answer = NoFix(0, fix.t_ns, *ids, Reason.NO_MATCH, 5.0, motion=motion, turn=seen)
             else:
                 answer = replace(fix, motion=motion, turn=seen)
             self.answers.append((when, answer))
@@ -127,6 +134,19 @@ def test_a_lens_that_bends_the_picture_is_named_and_used_no_more(bent: Any) -> N
     status, error_m = w.status_at(90.0)
     assert status.verdict.value == "ok"
     assert error_m < 10.0
+
+
+@pytest.mark.parametrize("jam_s", [9.0, 60.0])
+def test_what_a_lens_bends_is_in_the_level_before_it_is_sure_and_gnss_is_not_called_false_for_it(bent: Any, jam_s: float) -> None:
+    w = bent(k1=-0.05, tilted=True, fix_sigma_m=0.7, jammed=lambda t: t > jam_s)
+    w.start()
+    w.fly(40.0)
+    (named,) = w.notices("calibrate")
+    assert named > jam_s or jam_s > 40
+    assert w.notices("camera says elsewhere") == w.notices("moves unlike") == w.notices("off GNSS") == []
+    sent = [t for t, c in w.commands if isinstance(c, Injection)]
+    assert bool(sent) == (jam_s < 40)
+    assert all(off_m < s.protection_level_m for t, s, off_m in w.statuses if sent and sent[0] <= t <= sent[-1])
 
 
 def test_a_lens_as_configured_says_nothing(bent: Any) -> None:
