@@ -16,11 +16,11 @@ import numpy as np
 
 from visloc_companion.core import air_velocity, fusion, integrity, lasting, refused, separation
 from visloc_companion.core.air_velocity import AirError
-from visloc_companion.core.belief import Belief, Position, blurred, lens_doubted
+from visloc_companion.core.belief import Belief, Position, blurred, lens_doubted, widened_by
 from visloc_companion.core.driving import Around, Velocity, height_at, velocity_at
 from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
 from visloc_companion.core.motion import Motion, learned
-from visloc_companion.core.propagation import OVERDUE_S, POSITION, UNAIDED_GAP_S, VELOCITY, Drive
+from visloc_companion.core.propagation import N_STATES, OVERDUE_S, POSITION, UNAIDED_GAP_S, VELOCITY, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Cov2, Fix, GeoPoint, NavState, Rejected, TooOld, Vec2
@@ -161,6 +161,15 @@ class PositionFilter:
         belief = self.newest
         before, _ = self._around(len(self._log))
         self._begin_anew(belief.t_ns, lens_doubted(belief, share, per_focal_ne_m), before)
+
+    def retimed(self, later_s: float) -> None:
+        """Frames turned out to be taken so much later than their fixes said: the position may be off by the way of that time."""
+        belief = self.newest
+        before, _ = self._around(len(self._log))
+        more = np.zeros((N_STATES, N_STATES))
+        way_ne_m = later_s * np.array(before.v_ned_mps[:2])
+        more[POSITION, POSITION] = np.outer(way_ne_m, way_ne_m)
+        self._begin_anew(belief.t_ns, widened_by(belief, more), before)
 
     def _begin_anew(self, t_ns: int, belief: Belief, velocity: Velocity) -> None:
         self._base = belief._replace(t_ns=t_ns)

@@ -37,12 +37,19 @@ class Taken:
 
 
 class FrameClock:
-    """The even clock behind arrivals. `late_s` is by how much the last arrival was behind it."""
+    """The even clock behind arrivals. `jumps`: how often its phase began anew."""
 
     def __init__(self) -> None:
+        self.jumps = -1
         self._restart()
 
+    @property
+    def period_s(self) -> float:
+        """Of the frames, 0 until it is known."""
+        return self._period_s
+
     def _restart(self) -> None:
+        self.jumps += 1
         self._first: list[tuple[int, int]] = []
         self._last = (0, 0)
         self._late_s, self._period_s = 0.0, 0.0

@@ -72,6 +72,12 @@ class GnssAiding:
         if self._monitor.disown_camera() or self._monitor.trusted:
             self._tracker.forget()
 
+    def retimed(self) -> None:
+        """What frames said so far, beside GNSS and against it, was of other times."""
+        self._odometry.clear()
+        self._map = MapOffset(self._settings.navigator.map_sigma_m)
+        self._monitor.disown_camera()
+
     def _keep_near(self, event: Gnss, t_ns: int, mode: Mode) -> list[Command]:
         belief = self._tracker.belief
         if belief is None or not self._monitor.trusted or mode not in (Mode.SHADOW, Mode.LOST):

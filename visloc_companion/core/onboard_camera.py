@@ -38,6 +38,7 @@ from visloc_companion.types import (
     GimbalAttitude,
     LocaliseRequest,
     NoFix,
+    Odometry,
     Quat,
     Sun,
     TiltPrior,
@@ -64,6 +65,7 @@ class OnboardCamera:
     ) -> None:
         self._clock, self._attitude, self._gimbal, self._gimbal_watch = clock, attitude, gimbal, GimbalWatch()
         self._time = CameraTime(clock, attitude, learns=gimbal is None)
+        self._configured, self._mount_sigma_rad = q_frd_cambody, mount_sigma_rad
         self._boresight, self._tilt = Boresight(q_frd_cambody), TiltMemory(mount_sigma_rad)
         self._lever, self._mirror = LeverArm(lever_frd_m, clock, attitude), MirrorWatch(clock, gimbal or attitude)
         self._mount = MountWatch(clock, gimbal or attitude, q_frd_cambody)
@@ -90,6 +92,11 @@ class OnboardCamera:
     def mistimed(self) -> bool:
         """Whether the operator was told that frames come at other times than they bear."""
         return self._time.wrong
+
+    @property
+    def retimed_s(self) -> float:
+        """By how much later than they bear frames are taken, as far as the operator was told."""
+        return 0.0 if self._time.told_s is None else self._time.told_s
 
     @property
     def sigma_yaw_rad(self) -> float:
@@ -153,9 +160,27 @@ class OnboardCamera:
             return shown_by_none(answer, "the camera is mounted otherwise than configured")
         if self._distortion.wrong:
             return shown_by_none(answer, "the lens bends the picture otherwise than configured")
+        if self._time.outdated(answer.t_ns):
+            return shown_by_none(answer, "the frame was taken at another time than was believed")
+        answer = self._alike(answer)
         if self._level.wrong:
             return replace(shown_by_none(answer, "the picture does not tilt with the vehicle"), turn=answer.turn)
         return self._lever.of_vehicle(answer, self._q_frd_cambody(answer.t_ns))
+
+    def _alike(self, answer: Fix | NoFix) -> Fix | NoFix:
+        """The answer without motions and turns between frames whose times were found otherwise meanwhile."""
+
+        def alike(part: Odometry | Turn | None) -> bool:
+            return part is None or self._time.alike(part.t_from_ns, part.t_to_ns)
+
+        if alike(answer.motion) and alike(answer.turn) and alike(answer.turn_since_kept):
+            return answer
+        return replace(
+            answer,
+            motion=answer.motion if alike(answer.motion) else None,
+            turn=answer.turn if alike(answer.turn) else None,
+            turn_since_kept=answer.turn_since_kept if alike(answer.turn_since_kept) else None,
+        )
 
     def asked_of_vehicle(self, request: LocaliseRequest) -> LocaliseRequest:
         """A request with the vehicle's place in its prior."""
@@ -192,7 +217,11 @@ class OnboardCamera:
             if told:
                 return told
             self._tilt.turned(answer.turn, answer.turn_since_kept)
-        return self._time.on_turn(answer.turn, self.q_carrier_cambody)
+        retimed_s = self.retimed_s
+        told = self._time.on_turn(answer.turn, self.q_carrier_cambody)
+        if self.retimed_s != retimed_s:
+            self._boresight, self._tilt = Boresight(self._configured), TiltMemory(self._mount_sigma_rad)
+        return told
 
     def _bent(self, turn: Turn) -> list[Command]:
         velocity, height_m = self._tracker.velocity, self._tracker.height_above_home_m

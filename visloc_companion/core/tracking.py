@@ -214,6 +214,12 @@ class Tracker:
         self._map_sigma_m = sigma_m
         self._widen()
 
+    def retimed(self, later_s: float) -> None:
+        """Frames turned out to be taken so much later than was believed."""
+        self._odometry = OdometryAiding()
+        if self._filter is not None:
+            self._filter.retimed(later_s)
+
     def doubt_bend(self, bend: float) -> None:
         """The lens may bend pictures otherwise than configured (distortion_watch.DistortionWatch.bend): what a height of way
         turns them by is taken for a tilt, which shifts all fixes alike."""

@@ -169,11 +169,15 @@ class Vision:
 
     def _learned(self, event: Fix | NoFix) -> list[Command]:
         """What an answer tells of the camera; a mounting or lens that is wrong also takes back what it said against GNSS."""
-        knew, knew_level, doubted = self._onboard.set_up_wrong, self._onboard.keeps_level, self._lens_doubted
+        knew, knew_level = self._onboard.set_up_wrong, self._onboard.keeps_level
+        doubted, retimed_s = self._lens_doubted, self._onboard.retimed_s
         told = self._onboard.on_answer(event)
         self._lens_doubted |= self._tracker.lens_bend > 0
         if self._lens_doubted and not doubted:
             self._monitor.disown_camera()
+        if self._onboard.retimed_s != retimed_s:
+            self._tracker.retimed(self._onboard.retimed_s - retimed_s)
+            self._aiding.retimed()
         if self._onboard.set_up_wrong and not knew:
             self._aiding.disown_camera()
             self._steering.doubt()

@@ -179,6 +179,18 @@ def test_a_velocity_that_is_overdue_claims_more_by_the_tick() -> None:
     assert silent.at(S * 59 // 10).cov_ne_m2[0][0] == pytest.approx(steady.at(S * 59 // 10).cov_ne_m2[0][0], rel=0.02)
 
 
+def test_frames_that_were_taken_at_another_time_leave_the_position_open_along_the_way() -> None:
+    kalman_filter = made()
+    for k in range(1, 9):
+        kalman_filter.drive(velocity(0.25 * k, 6.0, 8.0))
+    (nn, _), (_, ee) = kalman_filter.at(2 * S).cov_ne_m2
+    level_m = kalman_filter.protection_level_m(2 * S)
+    kalman_filter.retimed(-1.5)
+    (wide_nn, wide_ne), (_, wide_ee) = kalman_filter.at(2 * S).cov_ne_m2
+    assert (wide_nn - nn, wide_ne, wide_ee - ee) == pytest.approx((9.0**2, 9.0 * 12.0, 12.0**2), rel=0.01)
+    assert kalman_filter.protection_level_m(2 * S) > level_m + 45.0
+
+
 def test_height_is_the_autopilots_and_follows_its_climb() -> None:
     kalman_filter = made()
     kalman_filter.drive(velocity(1.0, down=-2.0, h_m=502.0))

@@ -204,3 +204,43 @@ def test_a_gimbal_that_turns_against_the_vehicle_is_no_mirror(tracker: Tracker) 
         turn = Turn((k - 1) * 200 * MS, t_ns, se3.quat_from_euler(0.0, 0.0, -0.05), TURN_COV)
         said += camera.on_answer(NoFix(t_ns, t_ns, k, k, "image", Reason.NO_MATCH, 1.0, turn=turn))
     assert [n.text for n in said if isinstance(n, Notice)] == []
+
+
+def test_once_a_delay_is_told_what_was_seen_before_it_counts_no_more(tracker: Tracker) -> None:
+    clock, attitude, late_ns = ClockOffset(), AttitudeBuffer(), 1000 * MS
+    camera = OnboardCamera(LEVEL, SIGMA_RAD, (0.0, 0.0, 0.0), clock, attitude, tracker)
+
+    def rocking(t_ns: int) -> Quat:
+        t_s = t_ns * 1e-9
+        return se3.quat_from_euler(0.05 * math.sin(2.3 * t_s), 0.05 * math.sin(1.6 * t_s + 1), 0.3 * math.sin(0.4 * t_s))
+
+    given: list[int] = []
+    told_at = None
+    for k in range(1, 100):
+        for t_ns in range((k - 1) * 200 * MS, k * 200 * MS, 20 * MS):
+            clock.on_arrival(t_ns, t_ns)
+            attitude.add(t_ns, rocking(t_ns), (0.0, 0.0, 0.0))
+        given.append(camera.on_frame(frame(k, None)).t_ns)
+        if k < 3:
+            continue
+        a, b = (rocking(at * 200 * MS - late_ns) for at in (k - 1, k))
+        seen = Turn(given[-2], given[-1], se3.quat_multiply(se3.quat_inverse(a), b), TURN_COV)
+        answer = replace(fix_at(given[-1]), turn=seen, motion=replace(MOTION, t_from_ns=given[-2], t_to_ns=given[-1]))
+        of_vehicle = camera.of_vehicle(answer)
+        if told_at is None:
+            assert isinstance(of_vehicle, Fix)
+        told = [c.text for c in camera.on_answer(of_vehicle) if isinstance(c, Notice) and c.to_operator]
+        if told:
+            assert told == ["visloc: frames late, corrected: latency_s = 1.00"]
+            told_at = len(given)
+            assert camera.retimed_s == pytest.approx(-1.0, abs=0.01)
+            before = camera.of_vehicle(fix_at(given[-1]))
+            assert isinstance(before, NoFix)
+            assert before.detail == "the frame was taken at another time than was believed"
+        elif told_at == len(given) - 1:
+            assert isinstance(of_vehicle, Fix)
+            assert of_vehicle.motion is of_vehicle.turn is None
+        elif told_at is not None:
+            assert isinstance(of_vehicle, Fix)
+            assert of_vehicle.motion is not None
+    assert told_at is not None
