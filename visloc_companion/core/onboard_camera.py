@@ -156,16 +156,20 @@ class OnboardCamera:
             return answer
         if self._mirror.mirrored:
             return shown_by_none(answer)
-        if self._mount.wrong:
-            return shown_by_none(answer, "the camera is mounted otherwise than configured")
-        if self._distortion.wrong:
-            return shown_by_none(answer, "the lens bends the picture otherwise than configured")
-        if self._time.outdated(answer.t_ns):
-            return shown_by_none(answer, "the frame was taken at another time than was believed")
+        unusable = self._unusable(answer)
+        if unusable is not None:
+            return shown_by_none(answer, unusable)
         answer = self._alike(answer)
         if self._level.wrong:
             return replace(shown_by_none(answer, "the picture does not tilt with the vehicle"), turn=answer.turn)
         return self._lever.of_vehicle(answer, self._q_frd_cambody(answer.t_ns))
+
+    def _unusable(self, answer: Fix | NoFix) -> str | None:
+        if self._mount.wrong:
+            return "the camera is mounted otherwise than configured"
+        if self._distortion.wrong:
+            return "the lens bends the picture otherwise than configured"
+        return "the frame was taken at another time than was believed" if self._time.outdated(answer.t_ns) else None
 
     def _alike(self, answer: Fix | NoFix) -> Fix | NoFix:
         """The answer without motions and turns between frames whose times were found otherwise meanwhile."""
