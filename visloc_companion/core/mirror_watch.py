@@ -68,7 +68,7 @@ class MirrorWatch:
         return None if turn_rad is None else turn_rad[2]
 
 
-def shown_by_none(answer: Fix | NoFix, why: str = "the picture is mirrored") -> NoFix:
+def shown_by_none(answer: Fix | NoFix, why: str) -> NoFix:
     """The answer without whatever such a picture said of place, motion and turn; a refusal keeps its reason."""
     if isinstance(answer, NoFix):
         return replace(answer, motion=None, turn=None, turn_since_kept=None, open_places=())

@@ -154,8 +154,6 @@ class OnboardCamera:
         nothing, nor does a camera that is mounted otherwise than configured."""
         if answer.method == TERRAIN:
             return answer
-        if self._mirror.mirrored:
-            return shown_by_none(answer)
         unusable = self._unusable(answer)
         if unusable is not None:
             return shown_by_none(answer, unusable)
@@ -165,6 +163,8 @@ class OnboardCamera:
         return self._lever.of_vehicle(answer, self._q_frd_cambody(answer.t_ns))
 
     def _unusable(self, answer: Fix | NoFix) -> str | None:
+        if self._mirror.mirrored:
+            return "the picture is mirrored"
         if self._mount.wrong:
             return "the camera is mounted otherwise than configured"
         if self._distortion.wrong:

@@ -133,8 +133,8 @@ class ZoomWatch:
         if isinstance(answer, NoFix):
             if answer.reason in UNLIKE_THE_MAP:
                 self._misses = min(MOST_MISSES, self._misses + 1)
-            tried = self._trying is not None and self._asked is not None and self._asked[0].request_id == answer.request_id
-            return self._tried(answer.zoomed, self._trying) if tried and self._trying is not None else []
+            asked = self._asked is not None and self._asked[0].request_id == answer.request_id
+            return self._tried(answer.zoomed, self._trying) if asked and self._trying is not None else []
         hit = self._hit(answer, self.factor)
         if hit is not None and self._misses == 0:
             self._heights.append(hit.as_stated)

@@ -6,7 +6,6 @@ different datums, and coordinates of unknown datums, as equal.
 
 from __future__ import annotations
 
-import contextlib
 import math
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
@@ -166,7 +165,8 @@ class MapCrs:
             accuracy = self._to_map.get_last_used_operation().accuracy
         except ProjError:  # there is nothing to do
             accuracy = self._to_map.accuracy
-        return None if accuracy < 0 else max(float(accuracy), _of_datum(_no_better(), self._crs, 0.0)[1])
+        _, least_m = _of_datum(NO_BETTER_M, self._crs) or (None, 0.0)
+        return None if accuracy < 0 else max(float(accuracy), least_m)
 
     def to_map_array(self, lat_lon_deg: FloatArray) -> FloatArray:
         """(N, 2) latitude, longitude to (N, 2) easting, northing; NaN where undefined."""
@@ -256,34 +256,23 @@ def _related(full: CRS, horizontal: CRS) -> _Related:
 
 
 def _from_wgs84(horizontal: CRS) -> _Related:
-    held, held_m = _of_datum(_held_for_wgs84(), horizontal, math.nan)
-    start = CRS.from_epsg(4326) if held is None else held
-    to_map = Transformer.from_crs(start, horizontal, always_xy=True, allow_ballpark=False)
-    return _Related(horizontal, to_map, None if held is None else held_m)
+    start, held_m = _of_datum(HELD_FOR_WGS84_M, horizontal) or (CRS.from_epsg(4326), None)
+    return _Related(horizontal, Transformer.from_crs(start, horizontal, always_xy=True, allow_ballpark=False), held_m)
 
 
-def _of_datum(known: tuple[tuple[CRS, float], ...], horizontal: CRS, otherwise_m: float) -> tuple[CRS | None, float]:
-    """The first of the known CRS that is on the datum of another, with its metres."""
-    return next((each for each in known if each[0].datum == horizontal.datum), (None, otherwise_m))
-
-
-@cache
-def _held_for_wgs84() -> tuple[tuple[CRS, float], ...]:
-    return _known(HELD_FOR_WGS84_M)
+def _of_datum(table: dict[int, float], horizontal: CRS) -> tuple[CRS, float] | None:
+    """The first CRS of a table that is on the datum of another, with its metres; None where there is none."""
+    known = ((_geographic(code), accuracy_m) for code, accuracy_m in table.items())
+    return next(((crs, metres) for crs, metres in known if crs is not None and crs.datum == horizontal.datum), None)
 
 
 @cache
-def _no_better() -> tuple[tuple[CRS, float], ...]:
-    return _known(NO_BETTER_M)
-
-
-def _known(table: dict[int, float]) -> tuple[tuple[CRS, float], ...]:
-    """Those of a table that PROJ's tables here know, and how good each is, metres."""
-    known: list[tuple[CRS, float]] = []
-    for code, accuracy_m in table.items():
-        with contextlib.suppress(CRSError):  # tables of before the code
-            known.append((CRS.from_epsg(code), accuracy_m))
-    return tuple(known)
+def _geographic(code: int) -> CRS | None:
+    """The CRS of an EPSG code, None where PROJ's tables here are of before it."""
+    try:
+        return CRS.from_epsg(code)
+    except CRSError:
+        return None
 
 
 def _of_code(full: CRS) -> CRS | None:
