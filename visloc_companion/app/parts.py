@@ -5,8 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import hashlib
-import importlib.metadata
-import platform
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
@@ -17,6 +15,7 @@ from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.app.journal import JournalHeader, JournalWriter
 from visloc_companion.app.slots import SharedFrameSlots
 from visloc_companion.app.status import require_status_socket
+from visloc_companion.app.versions import versions
 from visloc_companion.app.worker import WorkerSupervisor
 from visloc_companion.app.worker_process import REAL_ANSWERS
 from visloc_companion.config import Config
@@ -27,7 +26,6 @@ from visloc_companion.types import Event, Notice
 T = TypeVar("T")
 MakeLink = Callable[[Config, Clock, Callable[[bytes, int, bool], None], Callable[[str], None]], AutopilotLink]
 MakeCamera = Callable[[Config, Clock], Camera]
-_PACKAGES = ("visloc-companion", "numpy", "opencv-python-headless", "pymavlink", "filterpy", "rasterio", "pyproj", "mcap")
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,15 +152,6 @@ def journal_header(config: Config, started_ns: int) -> JournalHeader:
     manifest = Path(config.map.pack) / "manifest.json"
     digest = hashlib.sha256(manifest.read_bytes()).hexdigest() if config.map.pack and manifest.is_file() else ""
     return JournalHeader(config.model_dump(mode="json"), versions(), digest, started_ns, time.time_ns())
-
-
-def versions() -> dict[str, str]:
-    """Versions of Python and of what decides the results."""
-    found = {"python": platform.python_version()}
-    for name in _PACKAGES:
-        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-            found[name] = importlib.metadata.version(name)
-    return found
 
 
 def _journal(config: Config, clock: Clock, on_problem: Callable[[str], None]) -> JournalWriter:

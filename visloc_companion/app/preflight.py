@@ -15,9 +15,9 @@ from visloc_companion.app.parts import (
     check_journal_folder,
     journal_header,
     require_pack,
-    versions,
 )
 from visloc_companion.app.status import check_status_socket
+from visloc_companion.app.versions import versions
 from visloc_companion.app.worker_process import OverMap, load_factory
 from visloc_companion.config import Config
 from visloc_companion.errors import LinkError, VislocError

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from visloc_companion.app.journal import Entry, read_header, read_journal
+from visloc_companion.app.rounding import largest_difference
 from visloc_companion.app.serialise import to_json
 from visloc_companion.app.settings import core_settings
 from visloc_companion.config import parse_config
@@ -47,13 +48,15 @@ def command_lines(commands: Iterable[tuple[int, Command]]) -> Iterator[str]:
 class Comparison:
     """A replay against its recording. `first_difference` is the number of the first command that differs, None if none does.
 
-    A journal whose end was lost has fewer recorded commands than the replay gives: `n_compared` tells how far both go.
+    A journal whose end was lost has fewer recorded commands than the replay gives: `n_compared` tells how far both go, and
+    `largest_difference` how far their numbers lie apart there (`app.rounding`), None where anything else differs.
     """
 
     n_recorded: int
     n_replayed: int
     n_compared: int
     first_difference: int | None
+    largest_difference: float | None
 
 
 def compare(recorded: Iterable[tuple[int, Command]], replayed: Iterable[tuple[int, Command]]) -> Comparison:
@@ -61,7 +64,7 @@ def compare(recorded: Iterable[tuple[int, Command]], replayed: Iterable[tuple[in
     flown, now = list(command_lines(recorded)), list(command_lines(replayed))
     n_compared = min(len(flown), len(now))
     differences = (n for n in range(n_compared) if flown[n] != now[n])
-    return Comparison(len(flown), len(now), n_compared, next(differences, None))
+    return Comparison(len(flown), len(now), n_compared, next(differences, None), largest_difference(flown, now))
 
 
 def compare_with_recording(path: Path) -> Comparison:

@@ -17,14 +17,14 @@ from visloc_companion.adapters.logs.frames import FrameSource
 from visloc_companion.adapters.logs.open import open_log
 from visloc_companion.adapters.logs.recording import Recording, lacking
 from visloc_companion.adapters.logs.truth import TruthRow
-from visloc_companion.app.journal import Entry, read_header, read_journal
-from visloc_companion.app.replay import compare, recorded_commands, replay_entries
+from visloc_companion.app.journal import Entry
 from visloc_companion.app.salvage import MAGIC
 from visloc_companion.app.settings import core_settings, mounting
 from visloc_companion.app.terrain import TerrainAnswer, configured_terrain
+from visloc_companion.cli.journal_source import JournalSource
 from visloc_companion.cli.progress import bar
 from visloc_companion.cli.rerun_source import RerunSource
-from visloc_companion.config import Config, load_config, parse_config
+from visloc_companion.config import Config, load_config
 from visloc_companion.config_camera import CameraConfig
 from visloc_companion.errors import ConfigError, LogError, stated_in
 from visloc_companion.evaluate.flight import Pace, RecordedEyes, replay_recording
@@ -210,84 +210,6 @@ class LogSource:
     def checks(self) -> list[Check]:
         """Nothing besides the gate."""
         return []
-
-    def map_image(self, record: FlightRecord) -> MapImage | None:
-        """The pack's ortho under the tracks."""
-        from visloc_companion.evaluate.map_image import map_image
-
-        return map_image(self.reference, record) if self.reference is not None else None
-
-
-@dataclass(slots=True)
-class JournalSource:
-    """A journal: its events go through the navigator again, and every command is compared with the recorded one."""
-
-    path: Path
-    config: Config | None
-    salvage: bool
-    reference: PackMap | None
-    pace: Pace | None = None
-    latency: Latency = "arrival"
-    result: dict[str, Any] = field(default_factory=dict)
-
-    def record(self) -> FlightRecord:
-        """Replay and compare. Raises JournalError for damage, unless it is to be salvaged."""
-        damages: list[str] = []
-        entries = list(read_journal(self.path, salvage=self.salvage, on_damage=damages.append))
-        effective = self.config or parse_config(read_header(self.path).configuration, where=str(self.path))
-        events = [entry for entry in entries if entry.event is not None]
-        replayed = replay_entries(self._paced(events), core_settings(effective))
-        found = compare(recorded_commands(entries), replayed)
-        same_length = self.salvage or found.n_recorded == found.n_replayed
-        flown = [*events, *(Entry(now_ns, None, command) for now_ns, command in replayed)]
-        record = from_entries(sorted(flown, key=lambda entry: entry.now_ns))
-        self.result = {
-            "commands": {
-                "identical": None if damages and not found.n_compared else found.first_difference is None and same_length,
-                "n_recorded": found.n_recorded,
-                "n_replayed": found.n_replayed,
-                "first_difference": found.first_difference,
-            },
-            "damages": damages,
-            "verdicts": record.changes(record.verdicts),
-            "modes": record.changes(record.modes),
-        }
-        return record
-
-    def _paced(self, events: list[Entry]) -> Iterable[Entry]:
-        for entry in events:
-            if self.pace is not None:
-                self.pace(entry.now_ns)
-            yield entry
-
-    def facts(self) -> dict[str, Any]:
-        """Whether the commands are the recorded ones byte for byte (None: damage left none to compare), what was damaged,
-        verdicts and modes over time."""
-        return self.result
-
-    def notes(self) -> list[str]:
-        """The outcome of the comparison in words."""
-        commands = self.result["commands"]
-        n, recorded = commands["n_replayed"], commands["n_recorded"]
-        if commands["identical"] is None:
-            words = "Of what is left of the journal no command can be compared with the flight's."
-        elif commands["identical"]:
-            words = f"All {min(n, recorded)} commands are byte for byte those of the flight."
-        elif commands["first_difference"] is None:
-            words = f"The replay gives {n} commands, the flight gave {recorded}; those that both have are the same."
-        else:
-            words = f"The replay differs from the flight, first at command {commands['first_difference'] + 1} of {recorded}."
-        if self.config is not None:
-            words += " The configuration is not the flight's own."
-        return [words, *(f"Damaged: {damage}." for damage in self.result["damages"])]
-
-    def checks(self) -> list[Check]:
-        """With the flight's own configuration the commands must be the recorded ones, and be there to be compared."""
-        if self.config is not None:
-            return []
-        identical = self.result["commands"]["identical"]
-        found = {True: "identical", False: "different", None: "not known, none can be compared"}[identical]
-        return [Check("commands", found, "identical to the recording", identical is True)]
 
     def map_image(self, record: FlightRecord) -> MapImage | None:
         """The pack's ortho under the tracks."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from visloc_companion.app.journal import Entry, read_frames, read_header
+from visloc_companion.app.journal import Entry, JournalWriter, read_frames, read_header, read_journal
 from visloc_companion.cli.replay import replay
 from visloc_companion.cli.rerun_source import compared
 from visloc_companion.cli.sim import sim
@@ -23,7 +24,7 @@ from visloc_companion.maps.pack import PackMap
 from visloc_companion.sim.scenarios import FLIGHTS
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightSetup
-from visloc_companion.types import AutopilotKind, Fix, GeoPoint
+from visloc_companion.types import AutopilotKind, Fix, GeoPoint, Status
 
 app = typer.Typer()
 app.command("replay")(replay)
@@ -61,6 +62,28 @@ def test_a_simulated_flight_is_replayed_byte_for_byte(flown: Path, tmp_path: Pat
     assert found["commands"]["identical"] is True
     assert found["commands"]["n_recorded"] > 20
     assert found["n_fixes"] > 5
+
+
+@pytest.mark.parametrize(
+    ("share", "elsewhere", "code", "words"),
+    [
+        (1e-12, True, 0, "commands are those of the flight but for rounding: numbers are 1e-12 apart"),
+        (1e-12, False, 1, "commands are those of the flight but for rounding: numbers are 1e-12 apart"),
+        (1e-6, True, 1, "differs from the flight, first at command"),
+    ],
+)
+def test_another_computer_may_round_otherwise(
+    share: float, elsewhere: bool, code: int, words: str, flown: Path, tmp_path: Path
+) -> None:
+    versions = read_header(flown).versions
+    journal = tmp_path / "flown.mcap"
+    journal.write_bytes(_copied(flown, versions | ({"machine": "other64"} if elsewhere else {}), share))
+    got, text = run("replay", journal, "--json", tmp_path / "figures.json")
+    commands = json.loads((tmp_path / "figures.json").read_text())["commands"]
+    assert (got, words in " ".join(text.split())) == (code, True), text
+    assert (f"machine other64 (here {versions['machine']})" in " ".join(text.split())) is elsewhere
+    assert commands["identical"] is False
+    assert commands["largest_difference"] == pytest.approx(share, rel=0.01)
 
 
 def test_frames_localised_anew_are_where_they_were(flown: Path, tmp_path: Path) -> None:
@@ -105,14 +128,18 @@ def test_a_journal_without_frames_and_a_log_are_refused(flown: Path, tmp_path: P
 
 
 def _without_frames(journal: Path) -> bytes:
-    from io import BytesIO
+    return _copied(journal, read_header(journal).versions, 0.0)
 
-    from visloc_companion.app.journal import JournalWriter, read_journal
 
+def _copied(journal: Path, versions: dict[str, str], share: float) -> bytes:
+    """Without frames, as if versions had flown that make protection levels larger by a share."""
     stream = BytesIO()
     stream.close = lambda: None  # type: ignore[method-assign]
-    writer = JournalWriter(stream, read_header(journal))
+    writer = JournalWriter(stream, replace(read_header(journal), versions=versions))
     for entry in read_journal(journal):
+        if share and isinstance(entry.command, Status) and entry.command.protection_level_m is not None:
+            larger = replace(entry.command, protection_level_m=entry.command.protection_level_m * (1 + share))
+            entry = replace(entry, command=larger)  # noqa: PLW2901
         writer.entry(entry)
         writer.wait(100)
     writer.close()
