@@ -78,6 +78,11 @@ class GnssAiding:
         self._map = MapOffset(self._settings.navigator.map_sigma_m)
         self._monitor.disown_camera()
 
+    def reaimed(self) -> None:
+        """What frames said so far was off by what is taken off from now on: the filter starts from GNSS anew."""
+        self.retimed()
+        self._tracker.forget()
+
     def _keep_near(self, event: Gnss, t_ns: int, mode: Mode) -> list[Command]:
         belief = self._tracker.belief
         if belief is None or not self._monitor.trusted or mode not in (Mode.SHADOW, Mode.LOST):
@@ -143,10 +148,10 @@ class GnssAiding:
             self.disown_camera()
 
     def _with_lens(self, fix: Fix) -> Cov2:
-        """Covariance of a fix with what a lens that is doubted adds to it."""
+        """Covariance of a fix with what a lens or an aim that is doubted adds to it."""
         (nn, ne), (en, ee), (north, east) = *fix.cov_ne_m2, fix.per_focal_ne_m
-        var, bent_m2 = self._tracker.longer_share**2, self._tracker.bent_m**2
-        nn, ee = nn + bent_m2, ee + bent_m2
+        var, astray_m2 = self._tracker.longer_share**2, self._tracker.astray_m**2
+        nn, ee = nn + astray_m2, ee + astray_m2
         return (nn + var * north**2, ne + var * north * east), (en + var * north * east, ee + var * east**2)
 
     def compare(self, fix: Fix, *, delay_told: bool = False) -> list[Command]:
@@ -166,6 +171,6 @@ class GnssAiding:
         elif self._monitor.trusted:
             self._map.compared(fix.t_ns, difference, (north, east), fix.per_focal_ne_m)
         self._tracker.know_map(self._map.sigma_m)
-        if self._tracker.lens_bend:
+        if self._tracker.lens_bend or 0 < self._tracker.aim_share <= self._tracker.aim_open:
             return []
         return self._map.notices(delay_told=delay_told, longer_share=self._tracker.longer_share)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import cmath
+import math
 from dataclasses import replace
 
 from visloc_companion.core.attitude import AttitudeBuffer
@@ -9,26 +11,31 @@ from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.geo import se3, wgs84
 from visloc_companion.types import Fix, GeoPoint, NoFix, Odometry, OpenPlace, PosePrior, Quat, Vec3
 
+SWUNG_ALIKE = 2.0
+"""Neighbouring motions of a turn err alike by a doubted aim, where their covariances add up as independent ones: for four."""
+
 
 class LeverArm:
-    """`lever_frd_m`: the camera in the vehicle's body, metres forward, right and down of the IMU."""
+    """`lever_frd_m`: the camera in the vehicle's body, metres forward, right and down of the IMU. `aim_m`: how far beside the
+    camera its answers lie, because it looks elsewhere (aim.py), metres forward and right, level, as a complex number;
+    `doubted_m`: how far beyond that they may lie."""
 
     def __init__(self, lever_frd_m: Vec3, clock: ClockOffset, attitude: AttitudeBuffer) -> None:
         self._lever_frd_m, self._clock, self._attitude = lever_frd_m, clock, attitude
-        self._back_frd_m = (-lever_frd_m[0], -lever_frd_m[1], -lever_frd_m[2])
+        self.aim_m, self.doubted_m = 0j, 0.0
 
     def camera_ned_m(self, p_ned_m: Vec3, q_ned_frd: Quat) -> Vec3:
         """Where the camera is while the vehicle is at a place with an attitude."""
-        return se3.plus(p_ned_m, se3.rotate(q_ned_frd, self._lever_frd_m))
+        return se3.plus(p_ned_m, self._arm_ned_m(q_ned_frd))
 
     def place_of_vehicle(self, place: GeoPoint, q_ned_cambody: Quat, q_frd_cambody: Quat) -> GeoPoint:
         """Where the vehicle is while the camera's body is at a place with an attitude."""
         q_ned_frd = se3.quat_multiply(q_ned_cambody, se3.quat_inverse(q_frd_cambody))
-        return wgs84.geo_from_ned(se3.rotate(q_ned_frd, self._back_frd_m), place)
+        return wgs84.geo_from_ned(_back(self._arm_ned_m(q_ned_frd)), place)
 
     def of_vehicle(self, answer: Fix | NoFix, q_frd_cambody: Quat) -> Fix | NoFix:
         """The answer about the vehicle; the fix's own attitude turns the lever. Motion whose attitudes are not known stays."""
-        if not any(self._lever_frd_m):
+        if self._nothing:
             return answer
         motion = None if answer.motion is None else self._moved(answer.motion)
         if isinstance(answer, NoFix):
@@ -37,7 +44,7 @@ class LeverArm:
 
     def prior_of_vehicle(self, prior: PosePrior, q_frd_cambody: Quat) -> PosePrior:
         """A prior of the camera as one of the vehicle's place."""
-        if not any(self._lever_frd_m):
+        if self._nothing:
             return prior
         return replace(prior, place=self.place_of_vehicle(prior.place, prior.q_ned_frd, q_frd_cambody))
 
@@ -46,7 +53,7 @@ class LeverArm:
         q_ned_frd = self._attitude_at(answer.t_ns)
         if q_ned_frd is None:
             return ()
-        back_ned_m = se3.rotate(q_ned_frd, self._back_frd_m)
+        back_ned_m = _back(self._arm_ned_m(q_ned_frd))
         return tuple(replace(each, place=wgs84.geo_from_ned(back_ned_m, each.place)) for each in answer.open_places)
 
     def _moved(self, motion: Odometry) -> Odometry:
@@ -54,9 +61,35 @@ class LeverArm:
         before, after = self._attitude_at(motion.t_from_ns), self._attitude_at(motion.t_to_ns)
         if before is None or after is None:
             return motion
-        swung_back = se3.plus(se3.rotate(before, self._lever_frd_m), se3.rotate(after, self._back_frd_m))
-        return replace(motion, displacement_ned_m=se3.plus(motion.displacement_ned_m, swung_back))
+        swung_back = se3.plus(self._arm_ned_m(before), _back(self._arm_ned_m(after)))
+        (nn, ne), (en, ee) = motion.cov_ne_m2
+        turned_rad = abs(cmath.rect(1.0, heading_rad(after)) - cmath.rect(1.0, heading_rad(before)))
+        more_m2 = (SWUNG_ALIKE * self.doubted_m * turned_rad) ** 2
+        cov = ((nn + more_m2, ne), (en, ee + more_m2))
+        return replace(motion, displacement_ned_m=se3.plus(motion.displacement_ned_m, swung_back), cov_ne_m2=cov)
+
+    @property
+    def _nothing(self) -> bool:
+        return not (any(self._lever_frd_m) or self.aim_m or self.doubted_m)
+
+    def _arm_ned_m(self, q_ned_frd: Quat) -> Vec3:
+        """From the vehicle to where its answers lie."""
+        lever_ned_m = se3.rotate(q_ned_frd, self._lever_frd_m)
+        if not self.aim_m:
+            return lever_ned_m
+        aim = self.aim_m * cmath.rect(1.0, heading_rad(q_ned_frd))
+        return se3.plus(lever_ned_m, (aim.real, aim.imag, 0.0))
 
     def _attitude_at(self, t_ns: int) -> Quat | None:
         t_boot_ns = self._clock.boot_ns(t_ns)
         return None if t_boot_ns is None else self._attitude.at(t_boot_ns)
+
+
+def heading_rad(q_ned_frd: Quat) -> float:
+    """Heading of a vehicle's forward axis, clockwise from north."""
+    north, east, _ = se3.rotate(q_ned_frd, (1.0, 0.0, 0.0))
+    return math.atan2(east, north)
+
+
+def _back(ned_m: Vec3) -> Vec3:
+    return -ned_m[0], -ned_m[1], -ned_m[2]

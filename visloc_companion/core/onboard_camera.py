@@ -1,8 +1,8 @@
 """The camera in the vehicle: when its frames are taken (camera_time.py), how it is mounted (boresight.py) and tilted
-(tilt_memory.py), all learned in flight, where (lever_arm.py), whether its lens is as calibrated (lens_watch.py), its picture
-mirrored (mirror_watch.py) or kept level (level_watch.py), its mounting right (mount_watch.py), its fixes as good as they claim
-(claim_watch.py) and as high as GNSS (fix_height_watch.py), whether it zoomed (zoom_watch.py), and where its pictures show the sun
-(sun_memory.py).
+(tilt_memory.py), where it looks (aim.py), all learned in flight, where it is (lever_arm.py), whether its lens is as calibrated
+(lens_watch.py), its picture mirrored (mirror_watch.py) or kept level (level_watch.py), its mounting right (mount_watch.py), its
+fixes as good as they claim (claim_watch.py) and as high as GNSS (fix_height_watch.py), whether it zoomed (zoom_watch.py), and
+where its pictures show the sun (sun_memory.py).
 
 What carries it is the airframe or a gimbal (gimbal.py). Mounting and tilt are those against what carries it, in either case. Its
 time is learned on the airframe only: a gimbal's word comes late by an unknown time itself."""
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from visloc_companion.core.aim import SURE, Aim
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.boresight import Boresight
 from visloc_companion.core.camera_time import CameraTime
@@ -21,7 +22,7 @@ from visloc_companion.core.gimbal import Gimbal
 from visloc_companion.core.gimbal_watch import GimbalWatch
 from visloc_companion.core.lens_watch import LensWatch
 from visloc_companion.core.level_watch import LevelWatch
-from visloc_companion.core.lever_arm import LeverArm
+from visloc_companion.core.lever_arm import LeverArm, heading_rad
 from visloc_companion.core.mirror_watch import MirrorWatch, shown_by_none
 from visloc_companion.core.mount_watch import MountWatch
 from visloc_companion.core.sun_memory import SunMemory
@@ -43,6 +44,7 @@ from visloc_companion.types import (
     Sun,
     TiltPrior,
     Turn,
+    Vec2,
     Vec3,
 )
 
@@ -71,7 +73,7 @@ class OnboardCamera:
         self._mount = MountWatch(clock, gimbal or attitude, q_frd_cambody)
         self._lens, self._claims, self._sun, self._tracker = LensWatch(), ClaimWatch(), SunMemory(), tracker
         self._heights, self._distortion = FixHeightWatch(), DistortionWatch(clock, gimbal or attitude)
-        self._level, self.zoom = LevelWatch(clock, attitude), ZoomWatch()
+        self._level, self.zoom, self._aim = LevelWatch(clock, attitude), ZoomWatch(), Aim()
 
     @property
     def q_carrier_cambody(self) -> Quat:
@@ -97,6 +99,11 @@ class OnboardCamera:
     def retimed_s(self) -> float:
         """By how much later than they bear frames are taken, as far as the operator was told."""
         return 0.0 if self._time.told_s is None else self._time.told_s
+
+    @property
+    def aimed(self) -> bool:
+        """Whether something is taken off fixes, because the camera looks beside where it should."""
+        return self._aim.used != 0
 
     @property
     def sigma_yaw_rad(self) -> float:
@@ -158,9 +165,14 @@ class OnboardCamera:
         if unusable is not None:
             return shown_by_none(answer, unusable)
         answer = self._alike(answer)
+        self._lever.aim_m, self._lever.doubted_m = self._aim.used * self._height_m, self._aim.doubt * self._height_m
         if self._level.wrong:
             return replace(shown_by_none(answer, "the picture does not tilt with the vehicle"), turn=answer.turn)
         return self._lever.of_vehicle(answer, self._q_frd_cambody(answer.t_ns))
+
+    @property
+    def _height_m(self) -> float:
+        return self._tracker.height_above_home_m or 0.0
 
     def _unusable(self, answer: Fix | NoFix) -> str | None:
         if self._mirror.mirrored:
@@ -224,7 +236,8 @@ class OnboardCamera:
         retimed_s = self.retimed_s
         told = self._time.on_turn(answer.turn, self.q_carrier_cambody)
         if self.retimed_s != retimed_s:
-            self._boresight, self._tilt = Boresight(self._configured), TiltMemory(self._mount_sigma_rad)
+            self._boresight, self._tilt, self._aim = Boresight(self._configured), TiltMemory(self._mount_sigma_rad), Aim()
+            self._tracker.doubt_aim(0.0, 0.0)
         return told
 
     def _bent(self, turn: Turn) -> list[Command]:
@@ -255,12 +268,30 @@ class OnboardCamera:
             told += self._heights.on_fix(fix, gnss.newest.h_amsl_m, height_m)
             if self._heights.longer_share != self._tracker.longer_share:
                 self._tracker.doubt_lens(fix, self._heights.longer_share)
-        if not gnss_trusted or self._time.sigma_s > TIMED_S:
-            return told
-        difference = self._tracker.gnss.minus(fix, state.v_ned_mps)
+        difference = self._tracker.gnss.minus(fix, state.v_ned_mps) if gnss_trusted else None
         if difference is None:
+            return told
+        if taken:
+            told += self._aimed(fix, difference, state.v_ned_mps, height_m)
+        if self._time.sigma_s > TIMED_S:
             return told
         used_rad = self._boresight.used_rad
         commands = self._boresight.on_fix(fix, difference, state.v_ned_mps, height_m)
         self._tilt.remounted(self._boresight.used_rad - used_rad)
         return [*told, *commands]
+
+    def _aimed(self, fix: Fix, gnss_minus_fix_m: Vec2, v_ned_mps: Vec3, height_m: float) -> list[Command]:
+        """Learn where the camera looks beside where it should, while nothing else of the picture is in doubt."""
+        tracker, timed = self._tracker, self._time.sigma_s <= TIMED_S
+        if self._gimbal is not None or self.zoom.factor != 1.0 or tracker.longer_share or tracker.lens_bend:
+            return []
+        if fix.method == TERRAIN or fix.probability_wrong > SURE:
+            return []
+        heading = heading_rad(se3.quat_multiply(fix.q_ned_frd, se3.quat_inverse(self.q_carrier_cambody)))
+        off_ne_m = (-gnss_minus_fix_m[0], -gnss_minus_fix_m[1])
+        used = self._aim.used
+        told = self._aim.on_fix(fix.t_ns, off_ne_m, fix.cov_ne_m2, heading, v_ned_mps[:2], height_m, timed=timed)
+        tracker.doubt_aim(max(abs(self._aim.used), self._aim.doubt), self._aim.doubt)
+        if self._aim.used and not used:
+            self._boresight, self._tilt = Boresight(self._configured), TiltMemory(self._mount_sigma_rad)
+        return told

@@ -74,7 +74,7 @@ class Tracker:
         self.heading = HeadingPull()
         self.origin: GeoPoint | None = None
         self.height_above_home_m: float | None = None
-        self.longer_share = self.lens_bend = 0.0
+        self.longer_share = self.lens_bend = self.aim_share = self.aim_open = 0.0
         self._map_sigma_m = settings.map_sigma_m
 
     @property
@@ -232,8 +232,21 @@ class Tracker:
         makes of it."""
         return self.lens_bend / 2 * abs(self.height_above_home_m or 0.0)
 
+    def doubt_aim(self, share: float, open_share: float) -> None:
+        """The camera may look beside where it should by so much of the height, of which so much is not taken off (aim.Aim)."""
+        self.aim_share, self.aim_open = share, open_share
+        self._widen()
+
+    @property
+    def astray_m(self) -> float:
+        """1-sigma, on each axis, of what fixes are off by beside GNSS, for a lens that bends the picture or a camera that looks
+        elsewhere: half of what moves them, as of a map."""
+        return math.hypot(self.bent_m, self.aim_open / 2 * abs(self.height_above_home_m or 0.0))
+
     def _widen(self) -> None:
-        sigma_m = math.hypot(self._map_sigma_m, self.bent_m) if self.lens_bend else self._map_sigma_m
+        """What is taken off is in the level all the same: nobody can say whether it was the camera's, or a false GNSS's."""
+        alike_m = max(self._map_sigma_m, self.aim_share / 2 * abs(self.height_above_home_m or 0.0))
+        sigma_m = math.hypot(alike_m, self.bent_m) if self.lens_bend else alike_m
         if sigma_m == self._settings.map_sigma_m:
             return
         self._settings = replace(self._settings, map_sigma_m=sigma_m)

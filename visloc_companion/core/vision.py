@@ -281,10 +281,14 @@ class Vision:
         origin = self._tracker.origin
         if self._terrain is not None and fix.method == TERRAIN and isinstance(outcome, Accepted) and state and origin:
             self._terrain.learn(fix, state, origin)
-        taken, trusted, longer_share = isinstance(outcome, Accepted), self._monitor.trusted, self._tracker.longer_share
+        taken, trusted = isinstance(outcome, Accepted), self._monitor.trusted
+        longer_share, aim_open, aimed = self._tracker.longer_share, self._tracker.aim_open, self._onboard.aimed
         commands = [] if fix.method == TERRAIN else self._onboard.on_fix(fix, taken=taken, gnss_trusted=trusted)
-        if self._tracker.longer_share != longer_share:
+        if self._tracker.longer_share != longer_share or (self._tracker.aim_open and not aim_open):
             self._monitor.disown_camera()
+        if self._onboard.aimed and not aimed:
+            self._aiding.reaimed()
+            return [*commands, *self.free_worker(fix, now_ns)]
         if isinstance(outcome, Accepted):
             commands = [*commands, *self._taken(fix, now_ns)]
             velocity = self._tracker.velocity

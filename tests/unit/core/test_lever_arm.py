@@ -109,3 +109,41 @@ def _reason() -> Any:
     from visloc_companion.errors import Reason
 
     return Reason.NO_MATCH
+
+
+def test_an_aim_goes_round_with_the_heading_and_stays_level() -> None:
+    """It is beside the lever, of fixes and priors alike; a motion in which the vehicle turned from north to east has both."""
+    aimed, place = arm(), GeoPoint(59.3, 18.1, 140.0)
+    aimed.aim_m = 6j
+    q = se3.quat_multiply(TURNED, MOUNT)
+    (north, east, down) = (
+        a - b
+        for a, b in zip(
+            wgs84.ned_from_geo(aimed.place_of_vehicle(place, q, MOUNT), place),
+            wgs84.ned_from_geo(arm().place_of_vehicle(place, q, MOUNT), place),
+            strict=True,
+        )
+    )
+    assert (north, east, down) == pytest.approx((6.0, 0.0, 0.0), abs=0.05), "6 m right of east is south: back is north"
+    there = aimed.camera_ned_m((0.0, 0.0, 0.0), TURNED)
+    assert [a - b for a, b in zip(there, arm().camera_ned_m((0.0, 0.0, 0.0), TURNED), strict=True)] == pytest.approx(
+        (-6.0, 0.0, 0.0), abs=0.05
+    )
+    motion = Odometry(0, S, 2 * S, (0.0, 0.0, 0.0), ((0.01, 0.0), (0.0, 0.01)))
+    seen = [one.of_vehicle(fix(place, motion), MOUNT).motion for one in (aimed, arm())]
+    assert seen[0] is not None
+    assert seen[1] is not None
+    moved = [a - b for a, b in zip(seen[0].displacement_ned_m, seen[1].displacement_ned_m, strict=True)]
+    assert moved == pytest.approx((6.0, 6.0, 0.0), abs=0.05)
+    assert seen[0].cov_ne_m2 == seen[1].cov_ne_m2 == motion.cov_ne_m2
+
+
+def test_a_doubted_aim_makes_turning_motions_uncertain_and_no_other() -> None:
+    doubted, place = arm((0.0, 0.0, 0.0)), GeoPoint(59.3, 18.1, 140.0)
+    doubted.doubted_m = 5.0
+    for t_to_ns, more_m2 in ((2 * S, 200.0), (S, 0.0)):
+        motion = Odometry(0, S, t_to_ns, (3.0, 0.0, 0.0), ((0.01, 0.0), (0.0, 0.01)))
+        seen = doubted.of_vehicle(fix(place, motion), MOUNT).motion
+        assert seen is not None
+        assert seen.displacement_ned_m == motion.displacement_ned_m
+        assert seen.cov_ne_m2[0][0] == pytest.approx(0.01 + more_m2, rel=0.01)

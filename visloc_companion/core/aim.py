@@ -1,0 +1,164 @@
+"""Where the camera looks beside where it should: an offset of fixes that goes round with the vehicle's heading.
+
+A principal point that is set up wrongly, a mounting that is tilted or a wrong lever arm moves each fix in the vehicle's own axes.
+What GNSS and map differ by stays in north and east, and a delay lies along the velocity. A Kalman filter of these five tells them
+apart as far as the flight allows it. boresight.py sees no principal point: the picture shows no tilt, so what it lays into the
+mounting comes back in what fixes say of the tilt.
+
+On one heading an offset may be GNSS's, the map's or the camera's: it is doubted, so that level and gates reckon with it. Where
+headings tell, it is taken off. A camera whose fixes once agreed with GNSS looks where it should: nobody who sends a false GNSS
+later can use it.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+
+import numpy as np
+
+from visloc_companion.core.lasting import SHARE
+from visloc_companion.types import Command, Cov2, FloatArray, Notice, Severity, Vec2
+
+AIM, DIFFERENCE, DELAY, STATES = slice(0, 2), slice(2, 4), 4, 5
+FIRST_SIGMA = np.array([0.05, 0.05, 3.0, 3.0, 0.1])
+"""Aim forward and right (shares of the height); difference north and east (m); delay (s)."""
+WALK_PER_SQRT_S = np.array([0.0, 0.0, 0.1, 0.1, 1e-4])
+EVERY_NS = 1_000_000_000
+GNSS_SIGMA_M, LASTS_S = 1.0, 5.0
+"""1-sigma of what comes and goes of GNSS from second to second; what fixes get wrong lasts for so long."""
+SURE = 0.01
+GATE_SIGMA = 5.0
+MIN_HEIGHT_M = 20.0
+FEWEST = 8
+DOUBT_M, AGREES_M = 2.2, 1.2
+"""An aim that moves fixes by as much is doubted: less is in any level. One that moves them by less than the other is none."""
+STEADY_SHARE, MOST_NOISE = 0.4, 0.32
+"""Of the offset, rms: what is left of it where it has always been there, and what fixes claim of that at most. A drag that grows
+evenly leaves 0.58, and still 0.48 with so much taken off."""
+USE_M, USE_SIGMAS, USE_SIGMA_M = 2.0, 4.0, 1.2
+"""It is taken off once it moves fixes by as much, and by so many 1-sigmas, each of them no more than that."""
+FOLLOW_M = 0.5
+LARGEST = 0.1
+"""A share of the height: 10 % of the width of a picture over 53 degrees."""
+AGREED, AGREES_OFF_M = 20, 1.5
+"""So many seconds of fixes whose mean is within that of GNSS: the camera looks where it should."""
+HIGHER = 1.5
+"""Up to so many times the height at which it was seen to."""
+
+
+class Aim:
+    """`on_fix` learns; `used` is to be taken off fixes, `doubt` to be reckoned with: shares of the height, as complex numbers
+    (forward + i right) and as a length."""
+
+    def __init__(self) -> None:
+        self._x = np.zeros(STATES)
+        self._P = np.diag(FIRST_SIGMA**2)
+        self._t_ns: int | None = None
+        self._n, self._turned, self._squares, self._heights, self._claimed_m2 = 0, 0j, 0.0, 0.0, 0.0
+        self._agreed_to_m = 0.0
+        self._told: set[str] = set()
+        self.used, self.doubt = 0j, 0.0
+
+    @property
+    def estimate(self) -> complex:
+        """What flight shows of it, taken off or not."""
+        return complex(*self._x[AIM])
+
+    @property
+    def sigma(self) -> float:
+        """Its 1-sigma, along the less certain axis."""
+        return math.sqrt(float(np.linalg.eigvalsh(self._P[AIM, AIM])[-1]))
+
+    def on_fix(
+        self,
+        t_ns: int,
+        off_ne_m: Vec2,
+        cov_ne_m2: Cov2,
+        heading_rad: float,
+        v_ne_mps: Vec2,
+        height_m: float,
+        *,
+        timed: bool = True,
+    ) -> list[Command]:
+        """Take how far a fix, less what is taken off, lies from a trusted GNSS, with heading, velocity and height at its time;
+        `timed`: that is known. Says once what it may be, and once what is taken off."""
+        early = self._t_ns is not None and t_ns - self._t_ns < EVERY_NS
+        if early or height_m < MIN_HEIGHT_M or height_m <= self._agreed_to_m:
+            return []
+        dt_s = 0.0 if self._t_ns is None else (t_ns - self._t_ns) * 1e-9
+        self._t_ns = t_ns
+        self._P = self._P + np.diag(WALK_PER_SQRT_S**2) * dt_s
+        ahead = cmath.rect(height_m, heading_rad)
+        off = complex(*off_ne_m) + self.used * ahead
+        if not self._learned(off, ahead, np.array(cov_ne_m2), v_ne_mps):
+            return []
+        self._n += 1
+        self._turned += off * ahead.conjugate()
+        self._squares += abs(off) ** 2
+        self._heights += height_m**2
+        self._claimed_m2 += cov_ne_m2[0][0] + cov_ne_m2[1][1]
+        self._judge(height_m, timed=timed)
+        return self._notices(height_m)
+
+    def _learned(self, off: complex, ahead: complex, cov: FloatArray, v_ne_mps: Vec2) -> bool:
+        H = np.zeros((2, STATES))
+        H[:, AIM] = ((ahead.real, -ahead.imag), (ahead.imag, ahead.real))
+        H[:, DIFFERENCE] = np.eye(2)
+        H[:, DELAY] = v_ne_mps
+        R = 2 * LASTS_S * SHARE * cov + GNSS_SIGMA_M**2 * np.eye(2)
+        nu = np.array((off.real, off.imag)) - H @ self._x
+        S = H @ self._P @ H.T + R
+        if float(nu @ np.linalg.solve(S, nu)) > GATE_SIGMA**2:
+            return False
+        gain = np.linalg.solve(S, H @ self._P).T
+        self._x = self._x + gain @ nu
+        left = np.eye(STATES) - gain @ H
+        self._P = left @ self._P @ left.T + gain @ R @ gain.T
+        return True
+
+    def _judge(self, height_m: float, *, timed: bool) -> None:
+        found_m, sigma_m = abs(self.estimate) * height_m, self.sigma * height_m
+        if self.used:
+            self._follow(height_m)
+            return
+        off_m, left_m = self._steady()
+        if self._n >= AGREED and found_m <= AGREES_M and math.hypot(off_m, left_m) <= AGREES_OFF_M:
+            self._agreed_to_m = HIGHER * height_m
+        steady = left_m <= STEADY_SHARE * off_m
+        likely = steady and self._n >= FEWEST and found_m >= USE_M and abs(self.estimate) <= LARGEST
+        if likely and timed and sigma_m <= min(USE_SIGMA_M, found_m / USE_SIGMAS):
+            self.used, self.doubt = self.estimate, 2 * self.sigma
+        elif likely and found_m >= DOUBT_M:
+            self.doubt = abs(self.estimate)
+        elif found_m <= AGREES_M or not steady:
+            self.doubt = 0.0
+
+    def _follow(self, height_m: float) -> None:
+        """What is taken off becomes what it is by now, until that is well known."""
+        sigma_m = self.sigma * height_m
+        if abs(self.estimate - self.used) * height_m > max(FOLLOW_M, sigma_m) and abs(self.estimate) <= LARGEST:
+            self.used = self.estimate
+        self.doubt = 2 * self.sigma
+        if sigma_m <= FOLLOW_M:
+            self._agreed_to_m = HIGHER * height_m
+
+    def _steady(self) -> tuple[float, float]:
+        """Metres: the offset that goes round with the heading and fits all fixes best, and what is left of them beyond what they
+        claim, rms."""
+        n, turned = self._n, abs(self._turned)
+        fits_m2 = turned**2 / self._heights / n
+        claimed_m2 = min(self._claimed_m2 / n, MOST_NOISE**2 * fits_m2)
+        return math.sqrt(fits_m2), math.sqrt(max(0.0, self._squares / n - fits_m2 - claimed_m2))
+
+    def _notices(self, height_m: float) -> list[Command]:
+        kind, share = ("known", self.used) if self.used else ("doubted", self.estimate)
+        if self.doubt == 0 or kind in self._told:
+            return []
+        self._told |= {kind, "doubted"}
+        along = abs(share.real) >= abs(share.imag)
+        way = ("ahead" if share.real > 0 else "back") if along else ("right" if share.imag > 0 else "left")
+        off = f"visloc: fixes {abs(share) * height_m if self.used else self._steady()[0]:.0f} m {way}"
+        what = {"known": "cx/cy_px, mount, lever?", "doubted": "aim, delay, or map?" if along else "camera's aim, or map?"}
+        data = (("ahead", share.real), ("right", share.imag), ("sigma", self.sigma))
+        return [Notice(Severity.WARNING, f"{off}: {what[kind]}", to_operator=True, data=data)]
