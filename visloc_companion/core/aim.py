@@ -42,7 +42,7 @@ FOLLOW_M = 0.5
 LARGEST = 0.1
 """A share of the height: 10 % of the width of a picture over 53 degrees."""
 AGREED, AGREES_OFF_M = 20, 1.5
-"""So many seconds of fixes whose mean is within that of GNSS: the camera looks where it should."""
+"""So many seconds of fixes that lie within that of GNSS, rms, beyond what they claim: the camera looks where it should."""
 HIGHER = 1.5
 """Up to so many times the height at which it was seen to."""
 
@@ -123,7 +123,8 @@ class Aim:
             self._follow(height_m)
             return
         off_m, left_m = self._steady()
-        if self._n >= AGREED and found_m <= AGREES_M and math.hypot(off_m, left_m) <= AGREES_OFF_M:
+        agrees = self._squares - self._claimed_m2 <= AGREES_OFF_M**2 * self._n
+        if self._n >= AGREED and found_m <= AGREES_M and agrees:
             self._agreed_to_m = HIGHER * height_m
         steady = left_m <= STEADY_SHARE * off_m
         likely = steady and self._n >= FEWEST and found_m >= USE_M and abs(self.estimate) <= LARGEST

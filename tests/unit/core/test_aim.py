@@ -11,7 +11,6 @@ from visloc_companion.core.aim import AGREED, FEWEST, LARGEST, Aim
 from visloc_companion.types import Notice
 
 S = 1_000_000_000
-COV = ((0.25, 0.0), (0.0, 0.25))
 HEIGHT_M, SPEED_MPS = 120.0, 10.0
 
 
@@ -26,8 +25,9 @@ def there_and_back(k: int) -> float:
 class Flown:
     """A second a fix, the nose ahead; `share` of the height to the side, GNSS and map `apart_m` (north + i east)."""
 
-    def __init__(self) -> None:
+    def __init__(self, noise_m: float = 0.5) -> None:
         self.aim, self.texts, self.k = Aim(), list[str](), 0
+        self._noise_m, self._cov = noise_m, ((noise_m**2, 0.0), (0.0, noise_m**2))
         self._rng = np.random.default_rng(3)
 
     def fly(
@@ -43,10 +43,10 @@ class Flown:
     ) -> Aim:
         for _ in range(n):
             ahead = cmath.rect(1.0, heading(self.k))
-            noise = complex(*(0.5 * self._rng.standard_normal(2)))
+            noise = complex(*(self._noise_m * self._rng.standard_normal(2)))
             off = (share - self.aim.used) * height_m * ahead + apart_m(self.k) + noise
             v = speed_mps * ahead
-            fix = (self.k * S, (off.real, off.imag), COV, cmath.phase(ahead), (v.real, v.imag), height_m)
+            fix = (self.k * S, (off.real, off.imag), self._cov, cmath.phase(ahead), (v.real, v.imag), height_m)
             told = self.aim.on_fix(*fix, timed=timed)
             self.texts += [notice.text for notice in told if isinstance(notice, Notice)]
             self.k += 1
@@ -98,6 +98,10 @@ def test_who_agreed_with_gnss_once_is_not_doubted_for_what_gnss_does_later() -> 
     assert flown.fly(90, 0.07j, heading=there_and_back).doubt == 0
     assert flown.aim.used == 0
     assert flown.texts == []
+    noisy = Flown(1.1)
+    noisy.fly(3 * AGREED)
+    assert noisy.fly(90, 0.07j, heading=there_and_back).doubt == 0
+    assert noisy.aim.used == 0
     low = Flown()
     low.fly(AGREED + 2, 0.058j, height_m=21.0)
     assert low.fly(60, 0.058j).doubt > 0
