@@ -38,6 +38,8 @@ STEADY_SHARE, MOST_NOISE = 0.4, 0.32
 evenly leaves 0.58, and still 0.48 with so much taken off."""
 USE_M, USE_SIGMAS, USE_SIGMA_M = 2.0, 4.0, 1.2
 """It is taken off once it moves fixes by as much, and by so many 1-sigmas, each of them no more than that."""
+TELL_M = 6.0
+"""On one heading the operator is told from here on: GNSS and a map are often as far apart as less."""
 FOLLOW_M = 0.5
 LARGEST = 0.1
 """A share of the height: 10 % of the width of a picture over 53 degrees."""
@@ -154,12 +156,12 @@ class Aim:
 
     def _notices(self, height_m: float) -> list[Command]:
         kind, share = ("known", self.used) if self.used else ("doubted", self.estimate)
-        if self.doubt == 0 or kind in self._told:
+        off_m = abs(share) * height_m if self.used else self._steady()[0]
+        if self.doubt == 0 or kind in self._told or (kind == "doubted" and off_m < TELL_M):
             return []
         self._told |= {kind, "doubted"}
         along = abs(share.real) >= abs(share.imag)
         way = ("ahead" if share.real > 0 else "back") if along else ("right" if share.imag > 0 else "left")
-        off = f"visloc: fixes {abs(share) * height_m if self.used else self._steady()[0]:.0f} m {way}"
         what = {"known": "cx/cy_px, mount, lever?", "doubted": "aim, delay, or map?" if along else "camera's aim, or map?"}
         data = (("ahead", share.real), ("right", share.imag), ("sigma", self.sigma))
-        return [Notice(Severity.WARNING, f"{off}: {what[kind]}", to_operator=True, data=data)]
+        return [Notice(Severity.WARNING, f"visloc: fixes {off_m:.0f} m {way}: {what[kind]}", to_operator=True, data=data)]

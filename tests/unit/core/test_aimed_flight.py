@@ -90,8 +90,7 @@ def test_a_camera_that_looks_elsewhere_is_in_the_level_on_one_course_and_in_the_
     w = flown(flight, 90.0, aim=aim, turns_s=(50.0,), jammed=lambda t: t > 28)
     assert any(isinstance(c, Injection) for _, c in w.commands)
     assert beyond(w, 28.0) == []
-    assert len(aims(w)) == 1
-    assert " or map?" in aims(w)[0]
+    assert not any("cx/cy_px" in text for text in aims(w)), "one heading before the jam does not tell"
 
 
 @pytest.mark.parametrize("aim", [0.058j, -0.058])
