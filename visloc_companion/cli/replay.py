@@ -21,7 +21,9 @@ def replay(
     json: Annotated[Path | None, typer.Option("--json", help="Write the figures as JSON.")] = None,
     gate: Annotated[str, typer.Option("--gate", help='Conditions, as in "hmi=0,p95_m<=12"; exit code 1 where one fails.')] = "",
     speed: Annotated[str, typer.Option("--speed", help="max, or 1 for real time.")] = "max",
-    alert_limit_m: Annotated[float, typer.Option("--alert-limit", min=0.1, help="Alert limit of HMI, metres.")] = 25.0,
+    alert_limit_m: Annotated[
+        float, typer.Option("--alert-limit", min=0.1, max=10_000, help="Alert limit of HMI, metres.")
+    ] = 25.0,
     rerun: Annotated[
         bool,
         typer.Option("--rerun", help="Localise a journal's recorded frames anew, with this version, --config and --map."),

@@ -85,6 +85,8 @@ def open_source(
         return JournalSource(flight, load_config(config) if config else None, salvage, reference, pace)
     if rerun:
         raise ConfigError("is for journals", where="--rerun", remedy="leave it out: frames beside a log are localised with --map")
+    if salvage:
+        raise ConfigError("is for journals", where="--salvage", remedy="leave it out: damage of a log is skipped and counted")
     settings = load_config(config) if config else Config()
     if flight.is_dir():
         folder = open_folder(flight, partial(_find_offset, flight), system_id, boot)
@@ -140,15 +142,17 @@ class LogSource:
     latency: Latency = "computation"
     changes: dict[str, Any] = field(default_factory=dict)
     truth_share: float = 0.0
+    eyes: RecordedEyes | None = None
 
     def record(self) -> FlightRecord:
         """Fly it through a new navigator."""
         truth: list[TruthRow] = self.folder.truth if self.folder else []
+        self.eyes = self._eyes()
         with bar(self.recording.path.name, self.recording.duration_s) as advance:
             entries: Iterable[Entry] = replay_recording(
                 self.recording.events,
                 core_settings(self.config),
-                eyes=self._eyes(),
+                eyes=self.eyes,
                 terrain=self._terrain(),
                 on_progress=advance,
                 pace=self.pace,
@@ -190,6 +194,8 @@ class LogSource:
                 f"The log holds no usable message of: {', '.join(missing)}. Without them little or nothing is estimated."
             )
         notes += [*self.recording.notes, *(folder.notes if folder is not None else ())]
+        if self.eyes is not None:
+            notes += [f"{n} frames that were asked for are no use: {why}." for why, n in self.eyes.unusable.items()]
         if folder is not None and folder.truth and self.truth_share < 0.95:
             notes.append(
                 f"Truth is known at {self.truth_share:.0%} of the epochs; gaps beyond {MAX_TRUTH_GAP_S:g} s are not bridged."

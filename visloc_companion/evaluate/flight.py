@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import heapq
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import count
 
 from visloc_companion.adapters.camera.calibration import wrong_size
@@ -30,13 +31,15 @@ _Timed = tuple[int, Event]
 
 @dataclass(frozen=True, slots=True)
 class RecordedEyes:
-    """What a replay sees with. `file_to_boot_ns` added to a frame's own time gives the recording's clock."""
+    """What a replay sees with. `file_to_boot_ns` added to a frame's own time gives the recording's clock; `unusable` counts by
+    what is wrong with them the frames that were asked for and are no use."""
 
     frames: FrameSource
     file_to_boot_ns: int
     model: CameraModel
     localiser: Localiser
     reference: ReferenceMap
+    unusable: Counter[str] = field(default_factory=Counter)
 
     def frame_events(self) -> Iterator[_Timed]:
         """One FrameRef a frame, at its own time."""
@@ -48,11 +51,10 @@ class RecordedEyes:
     def answer(self, request: LocaliseRequest) -> Fix | NoFix:
         """Localise the frame that is asked for; a frame that cannot be used is a NoFix."""
         pixels = self.frames.pixels(request.frame.frame_id)
-        if pixels is None:
-            return no_fix(request, self.localiser.method, Reason.BAD_FRAME, "cannot be decoded")
-        fault = wrong_size(pixels, self.model)
-        if fault is not None:
-            return no_fix(request, self.localiser.method, Reason.BAD_FRAME, fault)
+        fault = "cannot be decoded" if pixels is None else wrong_size(pixels, self.model)
+        if pixels is None or fault is not None:
+            self.unusable[fault or ""] += 1
+            return no_fix(request, self.localiser.method, Reason.BAD_FRAME, fault or "")
         return self.localiser.localise(request, pixels, self.reference)
 
 

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.unit.adapters.turned_video import write_upside_down
 from tests.unit.adapters.varying_video import write_varying_video
 from visloc_companion.adapters.camera.device import DeviceCamera
 from visloc_companion.adapters.camera.factory import make_camera
@@ -182,6 +183,13 @@ async def test_a_video_of_varying_rate_is_timed_by_its_stamps(tmp_path: Path) ->
     write_varying_video(tmp_path / "flight.mkv", shown_ms)
     frames = await all_of(VideoCamera(tmp_path / "flight.mkv", MODEL, JumpingClock()), Slots())
     assert [(frame.t_ns - frames[0].t_ns) // 1_000_000 for frame in frames] == shown_ms
+
+
+async def test_a_video_is_shown_as_it_is_stored(tmp_path: Path) -> None:
+    write_upside_down(tmp_path / "flight.mp4", 2)
+    slots = Slots()
+    await all_of(VideoCamera(tmp_path / "flight.mp4", MODEL, JumpingClock()), slots)
+    assert [int(picture[5, 30, 0]) > 150 > int(picture[40, 30, 0]) for picture in slots.pictures] == [True, True]
 
 
 def test_videos_that_cannot_be_used_are_named(tmp_path: Path) -> None:

@@ -29,6 +29,28 @@ def test_records_without_stamp_lie_at_the_last_stamped_one() -> None:
     assert line.place(UNIX_US + 60 * S_US, None).t_ns == 155 * S_NS, "a long stretch without stamps is not a standstill"
 
 
+def test_a_step_of_the_ground_stations_clock_moves_no_record_behind_the_next_stamped_one() -> None:
+    """Up to an hour of a flight would be heaped upon the record that was first after it."""
+    line, losses = axis()
+    line.place(UNIX_US, 100_000)
+    stepped = UNIX_US + 600 * S_US
+    assert line.place(stepped, None, 100_200).t_ns == 100_200_000_000
+    assert line.place(stepped, 100_200, 100_200).t_ns == 100_200_000_000
+    assert line.place(stepped + 60 * S_US, None, 150_000).t_ns == 150_000_000_000, (
+        "a stretch without stamps is as long as they say"
+    )
+    assert line.place(stepped + 70 * S_US, None, 3_000).t_ns == 165_200_000_000, "the next one is of another boot"
+    assert losses.reboots == 0
+
+
+def test_what_comes_before_the_first_stamped_record_is_not_behind_it() -> None:
+    line, _ = axis()
+    assert line.place(UNIX_US + 3 * S_US, None, 100_500).t_ns == 100_500_000_000
+    assert line.place(UNIX_US + 3 * S_US, 100_500, 100_500).t_ns == 100_500_000_000
+    early, _ = axis()
+    assert early.place(UNIX_US - 86_400 * S_US, None, 100_500).t_ns == 0
+
+
 def test_time_never_goes_back_and_small_disorder_is_no_reboot() -> None:
     line, losses = axis()
     times = [line.place(UNIX_US + k, boot).t_ns for k, boot in enumerate((100_000, 100_400, 100_200, 100_600))]

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink2
 
+from tests.unit.adapters.turned_video import write_upside_down
 from tests.unit.adapters.varying_video import write_varying_video
 from visloc_companion.adapters.logs.folder import FoundOffset, open_folder
 from visloc_companion.errors import ConfigError, LogError
 
 UNIX_US = 1_600_000_000_000_000
+LENS = "width_px = 64\nheight_px = 48\nfx_px = 50.0\nfy_px = 50.0\ncx_px = 31.5\ncy_px = 23.5\n"
 
 
 def telemetry(folder: Path) -> None:
@@ -30,7 +32,7 @@ def flight(tmp_path: Path) -> Path:
     for k in range(3):
         cv2.imwrite(str(tmp_path / f"f{k}.png"), np.full((48, 64, 3), (10, 20, 30 + k), np.uint8))
     (tmp_path / "frames.csv").write_text("t_us,file\n60200000,f2.png\n60000000,f0.png\n60100000,f1.png\n")
-    (tmp_path / "camera.toml").write_text('width_px = 64\nheight_px = 48\nfx_px = 50.0\ntime_base = "autopilot_boot"\n')
+    (tmp_path / "camera.toml").write_text(LENS + 'time_base = "autopilot_boot"\n')
     (tmp_path / "truth.csv").write_text("t_us, lat_deg, lon_deg, h_amsl_m\n60100000,47.4,8.55,500\n60000000,47.3,8.55,501\n")
     return tmp_path
 
@@ -58,7 +60,7 @@ def test_a_mask_is_sought_in_the_folder(flight: Path) -> None:
 
 
 def test_unix_times_are_placed_by_the_log(flight: Path) -> None:
-    (flight / "camera.toml").write_text('width_px = 64\nheight_px = 48\ntime_base = "unix"\n')
+    (flight / "camera.toml").write_text(LENS + 'time_base = "unix"\n')
     (flight / "frames.csv").write_text(f"t_us,file\n{UNIX_US},f0.png\n")
     (flight / "truth.csv").write_text(f"t_us,lat_deg,lon_deg,h_amsl_m\n{UNIX_US + 500_000},47.4,8.55,500\n")
     opened = open_folder(flight)
@@ -67,7 +69,7 @@ def test_unix_times_are_placed_by_the_log(flight: Path) -> None:
 
 
 def test_an_offset_is_added(flight: Path) -> None:
-    toml = 'width_px = 64\nheight_px = 48\ntime_base = "offset"\noffset_s = 0.25\n'
+    toml = LENS + 'time_base = "offset"\noffset_s = 0.25\n'
     (flight / "camera.toml").write_text(toml, encoding="utf-8-sig")
     opened = open_folder(flight)
     assert opened.truth[0].t_ns == 60_250_000_000
@@ -123,6 +125,9 @@ def test_a_wrong_camera_file_is_named(flight: Path, toml: str, words: str) -> No
         ("frames.csv", "t_us,file\n1,\n", "column file"),
         ("frames.csv", "t_us,file\n", "has no rows"),
         ("frames.csv", "time,name\n1,a.png\n", "column t_us"),
+        ("frames.csv", "t_us,t_us,file\n60000000,60100000,f0.png\n", "has column t_us more than once"),
+        ("frames.csv", "t_us,file\n60000000,frames\\f0.png\n", "none of the files that it lists is there, the first being "),
+        ("truth.csv", "t_us,lat_deg,lat_deg,lon_deg,h_amsl_m\n1,47,46,8,9\n", "has column lat_deg more than once"),
         ("truth.csv", "t_us,lat_deg,lon_deg,h_amsl_m\n1,47,8,\n", "row 1, column h_amsl_m"),
         ("truth.csv", "t_us,lat_deg,lon_deg\n1,47,8\n", "column h_amsl_m"),
         ("truth.csv", "t_us,lat_deg,lon_deg,h_amsl_m\n", "has no rows"),
@@ -146,12 +151,22 @@ def test_a_frame_that_is_missing_or_damaged_is_none(flight: Path) -> None:
     opened = open_folder(flight)
     assert opened.frames is not None
     assert [opened.frames.pixels(k) for k in range(3)] == [None, None, None]
+    assert opened.notes[0] == f"Of 3 files of frames.csv, 1 are not there, the first being {flight / 'f0.png'}."
 
 
 def test_frames_need_a_camera(flight: Path) -> None:
     (flight / "camera.toml").unlink()
     with pytest.raises(LogError, match="describe the camera"):
         open_folder(flight)
+
+
+def test_no_lens_is_assumed_for_frames(flight: Path) -> None:
+    """Half of the focal length is twice the height."""
+    (flight / "camera.toml").write_text("width_px = 64\nheight_px = 48\nfx_px = 50.0\ncx_px = 31.5\n")
+    with pytest.raises(ConfigError, match=r"camera\.toml: does not say fy_px, cy_px; remedy: write the calibration's values"):
+        open_folder(flight)
+    (flight / "frames.csv").unlink()
+    assert open_folder(flight).frames is None, "without frames nobody needs one"
 
 
 def test_telemetry_must_be_there_once(flight: Path) -> None:
@@ -174,7 +189,7 @@ def make_video(flight: Path, n: int = 6) -> None:
 
 def test_a_video_is_timed_by_its_rate_and_read_forwards_and_back(flight: Path) -> None:
     make_video(flight)
-    (flight / "camera.toml").write_text("width_px = 64\nheight_px = 48\nvideo_start_us = 60000000\n")
+    (flight / "camera.toml").write_text(LENS + "video_start_us = 60000000\n")
     frames = open_folder(flight).frames
     assert frames is not None
     assert frames.t_us == tuple(60_000_000 + 100_000 * k for k in range(6))
@@ -189,14 +204,57 @@ def test_a_video_of_varying_rate_is_timed_by_its_stamps(flight: Path) -> None:
     (flight / "frames.csv").unlink()
     shown_ms = [0, 100, 250, 700, 800, 1500]
     write_varying_video(flight / "video.mkv", shown_ms)
-    (flight / "camera.toml").write_text("width_px = 64\nheight_px = 48\nvideo_start_us = 60000000\n")
+    (flight / "camera.toml").write_text(LENS + "video_start_us = 60000000\n")
     frames = open_folder(flight).frames
     assert frames is not None
     assert frames.t_us == tuple(60_000_000 + 1000 * t_ms for t_ms in shown_ms)
 
 
-def test_a_video_needs_its_start_or_times(flight: Path) -> None:
+def test_frames_that_are_shown_at_once_keep_the_stamps_of_all(flight: Path) -> None:
+    """Timed by the rate they would be half a second off."""
+    (flight / "frames.csv").unlink()
+    shown_ms = [0, 100, 250, 250, 900, 1500]
+    write_varying_video(flight / "video.mkv", shown_ms)
+    (flight / "camera.toml").write_text(LENS + "video_start_us = 60000000\n")
+    frames = open_folder(flight).frames
+    assert frames is not None
+    assert frames.t_us == tuple(60_000_000 + 1000 * t_ms for t_ms in shown_ms)
+    write_varying_video(flight / "video.mkv", [0, 100, 250, 200, 900, 1500])
+    with pytest.raises(LogError, match=r"video\.mkv: its stamps go back, and it has no even rate; remedy: add frames\.csv"):
+        open_folder(flight)
+    write_varying_video(flight / "video.mkv", [0, 100, 90, 300, 400, 500])
+    frames = open_folder(flight).frames
+    assert frames is not None
+    assert frames.t_us == tuple(60_000_000 + 100_000 * k for k in range(6)), "disorder about an even rate"
+
+
+def test_a_video_is_read_as_it_is_stored(flight: Path) -> None:
+    (flight / "frames.csv").unlink()
+    write_upside_down(flight / "video.mp4", 3)
+    (flight / "camera.toml").write_text(LENS + "video_start_us = 60000000\n")
+    opened = open_folder(flight)
+    pixels = opened.frames.pixels(1) if opened.frames is not None else None
+    assert pixels is not None
+    assert int(pixels[5, 30, 0]) > 150 > int(pixels[40, 30, 0])
+    assert opened.notes == ("video.mp4 asks viewers to turn it by 180 degrees: its frames were taken as they are stored.",)
+
+
+def test_frames_of_two_kinds_or_of_another_number_are_refused(flight: Path) -> None:
     make_video(flight)
+    (flight / "frames.csv").write_text("t_us,file\n60000000,f1.png\n60100000,f2.png\n")
+    with pytest.raises(LogError, match=r"frames\.csv: lists f1\.png beside video\.avi; remedy: leave either"):
+        open_folder(flight)
+    for n in (5, 7):
+        (flight / "frames.csv").write_text("t_us\n" + "".join(f"{60_000_000 + 100_000 * k}\n" for k in range(n)))
+        with pytest.raises(LogError, match=rf"frames\.csv: has {n} rows, video\.avi 6 frames; remedy: write a row for each"):
+            open_folder(flight)
+    (flight / "video.mp4").write_bytes(b"another")
+    with pytest.raises(LogError, match=r"may hold one video, has video\.avi, video\.mp4"):
+        open_folder(flight)
+
+
+def test_a_video_needs_its_start_or_times(flight: Path) -> None:
+    make_video(flight, 2)
     with pytest.raises(LogError, match="video_start_us"):
         open_folder(flight)
     (flight / "frames.csv").write_text("t_us\n60000000\n60100000\n")
@@ -211,14 +269,14 @@ def test_a_video_needs_its_start_or_times(flight: Path) -> None:
 def test_a_video_that_is_none_is_refused(flight: Path) -> None:
     (flight / "frames.csv").unlink()
     (flight / "video.mp4").write_bytes(b"no video")
-    (flight / "camera.toml").write_text("width_px = 64\nheight_px = 48\nvideo_start_us = 60000000\n")
+    (flight / "camera.toml").write_text(LENS + "video_start_us = 60000000\n")
     with pytest.raises(LogError, match="cannot be decoded as a video"):
         open_folder(flight)
 
 
 def test_turns_of_a_camera_on_a_gimbal_find_no_offset(flight: Path) -> None:
     """They are not the vehicle's: an offset found from them would be wrong without a word."""
-    toml = 'width_px = 64\nheight_px = 48\ntime_base = "offset"\nmount = "gimbal"\n'
+    toml = LENS + 'time_base = "offset"\nmount = "gimbal"\n'
     (flight / "camera.toml").write_text(toml)
 
     def found(*_: object) -> FoundOffset:

@@ -191,6 +191,18 @@ def test_a_reboot_brings_the_link_down_and_continues_time(tmp_path: Path) -> Non
     assert last.t_boot_ns == last.t_rx_ns == pytest.approx(84.9e9)
 
 
+@pytest.mark.parametrize("step_s", [-600, 30, 600])
+def test_a_clock_of_the_ground_station_that_is_set_moves_nothing(tmp_path: Path, step_s: int) -> None:
+    """At whatever message it is set: GPS_RAW_INT and HEARTBEAT have no boot time of the autopilot."""
+    records = flight(mavlink2)
+    for at in range(100, 106):
+        late = [struct.pack(">Q", struct.unpack(">Q", record[:8])[0] + step_s * 10**6) + record[8:] for record in records[at:]]
+        recording = open_log(write(tmp_path / "a.tlog", *records[:at], *late))
+        assert recording.duration_s == pytest.approx(4.9)
+        behind_s = [(t_ns - e.t_boot_ns) / 1e9 for t_ns, e in recording.events if isinstance(e, Attitude | PriorPose | LocalPose)]
+        assert max(map(abs, behind_s)) == pytest.approx(0)
+
+
 def test_a_signed_packet_is_read(tmp_path: Path) -> None:
     mav = writer(mavlink2)
     mav.signing.secret_key, mav.signing.sign_outgoing, mav.signing.timestamp = b"k" * 32, True, 1

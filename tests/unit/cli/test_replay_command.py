@@ -96,6 +96,7 @@ def test_gates_on_what_is_undefined_fail(log: Path) -> None:
         (["--gate", "p95_mm<3"], ConfigError, "--gate: 'p95_mm' is no figure"),
         (["--speed", "fast"], ConfigError, "--speed: 'fast' is no speed"),
         (["--speed", "0"], ConfigError, "--speed"),
+        (["--salvage"], ConfigError, "--salvage: is for journals"),
         (["--map", "nowhere"], MapError, "nowhere"),
         (["--config", "nowhere.toml"], ConfigError, "nowhere.toml"),
         (["--out", "/proc/nowhere/out"], ConfigError, "/proc/nowhere/out"),
@@ -105,6 +106,15 @@ def test_wrong_arguments_are_named(log: Path, arguments: list[str], kind: type[E
     with pytest.raises(kind) as caught:
         run(log, *arguments)
     assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("limit", ["nan", "inf", "1e400", "0"])
+def test_an_alert_limit_that_is_none_is_refused(log: Path, tmp_path: Path, limit: str) -> None:
+    """An infinite one would find nothing hazardous, and is no number of JSON."""
+    (tmp_path / "truth.csv").write_text("t_us,lat_deg,lon_deg,h_amsl_m\n60000000,47.4,8.55,540\n61000000,47.4,8.55,540\n")
+    code, text = run(tmp_path, "--alert-limit", limit, "--json", tmp_path / "figures.json")
+    assert code == 2
+    assert "--alert-limit" in text
 
 
 @pytest.mark.parametrize(
@@ -136,7 +146,9 @@ def test_a_lens_that_is_none_is_named_with_its_file(log: Path, tmp_path: Path, t
     """Millimetres for pixels."""
     cv2.imwrite(str(tmp_path / "f0.png"), np.full((48, 64, 3), 90, np.uint8))
     (tmp_path / "frames.csv").write_text("t_us,file\n61000000,f0.png\n")
-    (tmp_path / "camera.toml").write_text(f'width_px = 64\nheight_px = 48\nfx_px = 0.2\ntime_base = "{time_base}"\n')
+    (tmp_path / "camera.toml").write_text(
+        "width_px = 64\nheight_px = 48\nfx_px = 0.2\nfy_px = 50.0\ncx_px = 31.5\ncy_px = 23.5\n" + f'time_base = "{time_base}"\n'
+    )
     with pytest.raises(ConfigError, match=r"/camera\.toml: camera\.fx_px: 0\.2 px are a view of 179.*; remedy: write the focal"):
         run(log.parent, "--map", tiny_world.pack)
 

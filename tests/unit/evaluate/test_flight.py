@@ -111,6 +111,7 @@ def test_frames_are_localised_in_line_and_carry_the_flight_through_jamming() -> 
     assert len(record.injection_t_s) > 100
     reasons = Counter(refusal.reason for refusal in record.refusals)
     assert reasons == {"bad_frame": 2}
+    assert seeing.unusable == {"cannot be decoded": 1, "64 x 60 px, calibrated for 64 x 48": 1}
 
 
 @dataclass(frozen=True)

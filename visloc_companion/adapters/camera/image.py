@@ -37,6 +37,12 @@ def decode_image(data: bytes, *, keep_grey: bool = False) -> Image | None:
     return None if pixels is None else rgb(np.asarray(pixels))
 
 
+def as_stored(video: cv2.VideoCapture) -> cv2.VideoCapture:
+    """An opened video without the turn that its file proposes to viewers, as images are read without that of EXIF."""
+    video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+    return video
+
+
 def _is_cut_jpeg(data: bytes) -> bool:
     """Whether a JPEG has no end behind its first scan: decoders fill what is missing with grey. Scans hold no end by chance."""
     at = len(_JPEG)

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from visloc_companion.adapters.camera.image import require_size, rgb, stored
+from visloc_companion.adapters.camera.image import as_stored, require_size, rgb, stored
 from visloc_companion.adapters.camera.table import read_table, stamped_by_autopilot
 from visloc_companion.errors import CameraError
 from visloc_companion.protocols import Clock, FrameSlots
@@ -29,6 +29,7 @@ class VideoCamera:
         self._capture = cv2.VideoCapture()
         if not (self._path.is_file() and self._capture.open(str(self._path))):
             raise CameraError("cannot be opened as a video", where=str(path), remedy="name a video file, e.g. MP4 with H.264")
+        as_stored(self._capture)
         size = [int(self._capture.get(prop)) for prop in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
         require_size(size[0], size[1], model, str(path))
         tables = [self._path.with_suffix(".csv"), self._path.parent / "frames.csv"]

@@ -28,7 +28,8 @@ class BootAxis:
     """Places records on the autopilot's boot clock of the log's first part.
 
     A record whose message has a boot time lies there: a ground station writes in bursts, which would look like silence of the
-    autopilot. A record without one lies at the last stamped record. Time never goes back: small disorder is flattened, a step
+    autopilot. A record without one lies at the last stamped record, after a long silence as far on as the ground station's clock
+    says, but never behind the next stamped record of that boot. Time never goes back: small disorder is flattened, a step
     of the wall clock has no effect but in long stretches without stamps, and after a reboot or where its 32 bits overflow the
     boot clock is continued (its shift grows): times before and after stay apart. Steps and reboots are counted in `losses`.
     `unix_minus_boot_ns` places records before the first stamped one.
@@ -45,8 +46,11 @@ class BootAxis:
         self._shift_ns = 0
         self._wrapped_ns = 0
 
-    def place(self, wall_us: int, boot_ms: int | None) -> Instant:
-        """The instant of a record, from the ground station's stamp and, where its message has one, its boot time."""
+    def place(self, wall_us: int, boot_ms: int | None, next_boot_ms: int | None = None) -> Instant:
+        """The instant of a record, from the ground station's stamp and, where its message has one, its boot time.
+
+        `next_boot_ms`: the boot time of the next record whose message has one.
+        """
         wall_ns = wall_us * NS_PER_US
         boot_ns = None if boot_ms is None else self._unwrapped(boot_ms * NS_PER_MS)
         restarted = boot_ns is not None and self._restarted(boot_ns, wall_ns)
@@ -57,7 +61,7 @@ class BootAxis:
                 self._stamped = (self._stamped[0], self._stamped[1] + wall_ns - self._wall_ns)
         self._wall_ns = wall_ns
         if boot_ns is None:
-            t_ns = self._between(wall_ns)
+            t_ns = self._between(wall_ns, next_boot_ms)
         else:
             if restarted and self._stamped is not None:
                 self._losses.reboots += 1
@@ -92,11 +96,18 @@ class BootAxis:
             return False
         return abs((boot_ns - self._boot[0]) - (wall_ns - self._boot[1])) <= _MAX_LAG_NS
 
-    def _between(self, wall_ns: int) -> int:
-        if self._stamped is None:
-            return wall_ns - self._zero_ns
+    def _between(self, wall_ns: int, next_boot_ms: int | None) -> int:
+        if self._stamped is None or self._boot is None:
+            t_ns = wall_ns - self._zero_ns
+            return t_ns if next_boot_ms is None else max(0, min(t_ns, next_boot_ms * NS_PER_MS))
         t_ns, then_ns = self._stamped
-        return t_ns + max(0, wall_ns - then_ns - _SILENCE_NS)
+        silent_ns = max(0, wall_ns - then_ns - _SILENCE_NS)
+        if next_boot_ms is not None:
+            boot_ns = next_boot_ms * NS_PER_MS + self._wrapped_ns
+            ahead_ns = (boot_ns - self._boot[0] + _BACK_NS) % _WRAP_NS - _BACK_NS
+            if ahead_ns <= _FORWARD_NS:  # else it is of another boot
+                silent_ns = min(silent_ns, max(0, ahead_ns))
+        return t_ns + silent_ns
 
 
 def smallest_difference_ns(stamps: list[tuple[int, int]]) -> int:

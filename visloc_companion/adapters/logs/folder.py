@@ -1,6 +1,6 @@
 """A FLIGHT folder: telemetry.*, camera.toml, frames.csv or video.*, and truth.csv where somebody measured it.
 
-`camera.toml` holds the keys of the configuration's section `camera` and
+`camera.toml` holds the keys of the configuration's section `camera`, with frames its size and its lens at least, and
 
     time_base = "autopilot_boot"   # t_us counts from the autopilot's boot; or
     time_base = "unix"             # t_us counts from 1970, UTC; or
@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from visloc_companion.adapters.logs.frames import FrameSource, open_frames
+from visloc_companion.adapters.logs.frames import FrameSource, notes_on, open_frames
 from visloc_companion.adapters.logs.open import LOG_SUFFIXES, open_log
 from visloc_companion.adapters.logs.recording import NS_PER_S, NS_PER_US, Recording
 from visloc_companion.adapters.logs.truth import TruthRow, read_truth
@@ -33,6 +33,7 @@ _STATE_IT = "state boot time minus file time in seconds"
 _STATION = "The log does not state UTC: the ground station's clock was taken for it, which may err by seconds."
 _MAX_OFFSET_S = 1e10
 _OWN_KEYS = ("time_base", "offset_s", "video_start_us")
+_LENS_KEYS = ("width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px")
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +77,10 @@ def open_folder(folder: Path, find_offset: FindOffset | None = None, system_id: 
     frames = open_frames(folder, settings.get("video_start_us"))
     if frames is not None and camera is None:
         raise LogError("is missing beside the frames", where=str(folder / "camera.toml"), remedy="describe the camera there")
+    if frames is not None and (unsaid := [key for key in _LENS_KEYS if key not in settings]):
+        what = f"does not say {', '.join(unsaid)}"
+        raise ConfigError(what, where=str(folder / "camera.toml"), remedy="write the calibration's values: none is assumed")
+    of_frames = notes_on(frames, folder / "frames.csv")
     found = None
     if stated_ns is None:
         if frames is None or camera is None or find_offset is None:
@@ -89,6 +94,7 @@ def open_folder(folder: Path, find_offset: FindOffset | None = None, system_id: 
     frames_ns = [t_us * NS_PER_US + stated_ns for t_us in frames.t_us] if frames is not None else []
     notes = (
         *([_STATION] if settings.get("time_base") == "unix" and recording.utc_of_station else ()),
+        *of_frames,
         *_outside(folder, "frames", frames_ns, recording),
         *_outside(folder, "rows of truth.csv", [row.t_ns for row in truth], recording),
     )

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
-from typing import Any, Protocol
-
-import cv2
-import numpy as np
+from typing import Protocol
 
 from visloc_companion.adapters.camera.image import decode_image
 from visloc_companion.adapters.logs.table import read_table, refuse
+from visloc_companion.adapters.logs.video import VIDEO_SUFFIXES, VideoFrames, frame_count, own_times_us, turn_deg
 from visloc_companion.errors import LogError
 from visloc_companion.types import Image
-
-VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v")
 
 
 class FrameSource(Protocol):
@@ -44,43 +39,57 @@ class FileFrames:
             return None
 
 
-class VideoFrames:
-    """A video, decoded forwards; asking for an earlier frame begins anew."""
-
-    def __init__(self, path: Path, t_us: tuple[int, ...]) -> None:
-        self.t_us = t_us
-        self._path = path
-        self._capture: Any = None
-        self._next = 0
-
-    def pixels(self, number: int) -> Image | None:
-        """The pixels of a frame; None past the end or where it is damaged."""
-        if self._capture is None or number < self._next:
-            self._capture, self._next = cv2.VideoCapture(str(self._path)), 0
-        while self._next < number and self._capture.grab():
-            self._next += 1
-        if self._next != number:
-            return None
-        ok, pixels = self._capture.read()
-        self._next += 1
-        return _rgb(pixels) if ok else None
-
-
 def open_frames(folder: Path, start_us: int | None) -> FrameSource | None:
     """The frames of a flight's folder, or None where it has none.
 
     `frames.csv` has the columns `t_us` and `file` (paths relative to the folder); beside a video it needs `t_us` only, one row a
-    frame. A video without frames.csv is timed by its own stamps from `start_us`. Raises LogError for what is missing or wrong.
+    frame. A video without frames.csv is timed by its own stamps from `start_us`. Raises LogError for what is missing, wrong or
+    there twice.
     """
     table = folder / "frames.csv"
-    video = next((path for path in sorted(folder.glob("video.*")) if path.suffix.lower() in VIDEO_SUFFIXES), None)
-    if video is not None:
-        times = tuple(t_us for t_us, _ in _rows(table, files=False)) if table.exists() else _own_times(video, start_us)
-        return VideoFrames(video, times)
+    videos = [path for path in sorted(folder.glob("video.*")) if path.suffix.lower() in VIDEO_SUFFIXES]
+    if len(videos) > 1:
+        names = ", ".join(path.name for path in videos)
+        raise LogError(f"may hold one video, has {names}", where=str(folder), remedy="leave that of the flight there")
+    if videos:
+        times = _listed_times(table, videos[0]) if table.exists() else own_times_us(videos[0], start_us)
+        return VideoFrames(videos[0], times)
     if not table.exists():
         return None
     rows = sorted(_rows(table, files=True), key=lambda row: row[0])
     return FileFrames(tuple(row[0] for row in rows), tuple(folder / row[1] for row in rows))
+
+
+def notes_on(frames: FrameSource | None, table: Path) -> list[str]:
+    """Sentences on what of the frames is of no use. Raises LogError where not one of the files that `table` lists is there."""
+    if isinstance(frames, VideoFrames):
+        asked_deg = turn_deg(frames.path)
+        asked = f"{frames.path.name} asks viewers to turn it by {asked_deg} degrees: its frames were taken as they are stored."
+        return [asked] if asked_deg else []
+    files = frames.files if isinstance(frames, FileFrames) else ()
+    missing = [file for file in files if not file.is_file()]
+    if not missing:
+        return []
+    if len(missing) == len(files):
+        what = f"none of the files that it lists is there, the first being {missing[0]}"
+        raise LogError(what, where=str(table), remedy="write paths relative to the folder, with /")
+    return [f"Of {len(files)} files of frames.csv, {len(missing)} are not there, the first being {missing[0]}."]
+
+
+def _listed_times(table: Path, video: Path) -> tuple[int, ...]:
+    rows = _rows(table, files=False)
+    pictures = [name for _, name in rows if name and name != video.name and (table.parent / name).is_file()]
+    if pictures:
+        raise LogError(
+            f"lists {pictures[0]} beside {video.name}",
+            where=str(table),
+            remedy="leave either the video or the image files, with their table, in the folder",
+        )
+    n_frames = frame_count(video, len(rows))
+    if n_frames != len(rows):
+        what = f"has {len(rows)} rows, {video.name} {n_frames} frames"
+        raise LogError(what, where=str(table), remedy="write a row for each frame of the video, in its order")
+    return tuple(t_us for t_us, _ in rows)
 
 
 def _rows(table: Path, files: bool) -> list[tuple[int, str]]:
@@ -95,37 +104,5 @@ def _rows(table: Path, files: bool) -> list[tuple[int, str]]:
             raise refuse(table, number, "file", "has no file name", "name the image of each row")
         if not files and found and t_us < found[-1][0]:
             raise refuse(table, number, "t_us", "goes back", "write a row for each frame of the video, in its order")
-        found.append((t_us, "" if not files else row["file"]))
+        found.append((t_us, row.get("file", "")))
     return found
-
-
-def _own_times(video: Path, start_us: int | None) -> tuple[int, ...]:
-    if start_us is None:
-        raise LogError(
-            "the video's start is unknown",
-            where=str(video),
-            remedy="set video_start_us in camera.toml, or add frames.csv with a t_us for each frame",
-        )
-    shown_us = _stamps_us(video)
-    if not shown_us:
-        raise LogError("cannot be decoded as a video", where=str(video), remedy="convert it to MP4 with H.264")
-    return tuple(start_us + t_us for t_us in shown_us)
-
-
-def _stamps_us(video: Path) -> list[int]:
-    """When each frame is shown after the first, microseconds: cameras and phones record at a rate that varies with the light.
-
-    A video whose frames have no stamps of their own is timed by its rate.
-    """
-    capture = cv2.VideoCapture(str(video))
-    rate_hz, shown_us = capture.get(cv2.CAP_PROP_FPS), []
-    while capture.grab():
-        shown_us.append(round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e3))
-    capture.release()
-    if all(before < after for before, after in pairwise(shown_us)):
-        return [t_us - shown_us[0] for t_us in shown_us]
-    return [round(number * 1e6 / rate_hz) for number in range(len(shown_us))] if rate_hz > 0 else []
-
-
-def _rgb(pixels: Any) -> Image | None:
-    return None if pixels is None else np.ascontiguousarray(pixels[:, :, ::-1])

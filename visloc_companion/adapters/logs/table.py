@@ -11,7 +11,7 @@ from visloc_companion.errors import LogError
 def read_table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
     """The rows by column, blanks about names and values left out; what a short row lacks is empty.
 
-    Raises LogError for a file that cannot be read, lacks one of the columns, or has no rows.
+    Raises LogError for a file that cannot be read, lacks one of the columns or has it twice, or has no rows.
     """
     remedy = f"write UTF-8 CSV, separated by commas, with the columns {','.join(columns)}"
     try:
@@ -24,6 +24,8 @@ def read_table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
         raise LogError(
             f"has no column {', '.join(missing)} (its first line is {','.join(names)!r})", where=str(path), remedy=remedy
         )
+    if twice := [name for name in columns if names.count(name) > 1]:
+        raise LogError(f"has column {', '.join(twice)} more than once", where=str(path), remedy="leave one of them there")
     if len(lines) < 2:
         raise LogError("has no rows", where=str(path), remedy=remedy)
     empty = dict.fromkeys(names, "")

@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 import statistics
 import struct
+from array import array
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -44,20 +45,27 @@ class Record:
 
 @dataclass(slots=True)
 class _Heard:
-    """Of one source: packets, heartbeats of an autopilot, its first stamp, and (stamp, boot time, ms) of the first few."""
+    """Of one source: packets, heartbeats of an autopilot, its first stamp, (stamp, boot time, ms) of the first few, and the boot
+    time (ms) of each packet that states it and is not a gimbal's."""
 
     records: int = 0
     heartbeats: int = 0
     first_us: int = 0
     stamps: list[tuple[int, int]] = field(default_factory=list)
+    boots_ms: array[int] = field(default_factory=lambda: array("q"))
 
     def add(self, record: Record) -> None:
         """Take its next packet."""
         self.first_us = self.first_us or record.wall_us
         self.records += 1
         self.heartbeats += record.message.get_type() == "HEARTBEAT" and is_autopilot(record.message)
-        if self.records <= _ANCHOR_RECORDS and (boot_ms := _boot_ms(record.message)) is not None:
+        boot_ms = _boot_ms(record.message)
+        if boot_ms is None:
+            return
+        if self.records <= _ANCHOR_RECORDS:
             self.stamps.append((record.wall_us, boot_ms))
+        if not is_of_gimbal(record.message):
+            self.boots_ms.append(boot_ms)
 
     @property
     def zero_ns(self) -> int:
@@ -87,11 +95,14 @@ def read_tlog(path: Path, system_id: int = 0) -> Recording:
     axis, link = BootAxis(zero_ns, losses), LinkState()
     events: list[tuple[int, Event]] = []
     unix_ns: list[int] = []
+    boots_ms, n_stamped = sources[heard[0]].boots_ms, 0
     for record in records_of(data, Losses()):
         own_clock = _source(record.message)[0] == heard[0][0] and is_of_gimbal(record.message)
         if _source(record.message) != heard[0] and not own_clock:
             continue
-        instant = axis.place(record.wall_us, None if own_clock else _boot_ms(record.message))
+        boot_ms = None if own_clock else _boot_ms(record.message)
+        instant = axis.place(record.wall_us, boot_ms, boots_ms[n_stamped] if n_stamped < len(boots_ms) else None)
+        n_stamped += boot_ms is not None
         unix_ns += _unix_minus_boot_ns(record.message, instant)
         if instant.rebooted:
             _append(events, instant, link.down(instant.t_ns))

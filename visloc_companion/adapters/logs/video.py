@@ -1,0 +1,95 @@
+"""A video of a recorded flight: its frames, as they are stored, and when each of them is shown."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from visloc_companion.adapters.camera.image import as_stored
+from visloc_companion.errors import LogError
+from visloc_companion.types import Image
+
+VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v")
+_OFF_PERIODS = 1.5
+"""A rate times a video whose stamps are out of order only if none of them is further from it, in periods."""
+_STAMP_THEM = "add frames.csv with a t_us for each frame"
+
+
+class VideoFrames:
+    """A video, decoded forwards; asking for an earlier frame begins anew."""
+
+    def __init__(self, path: Path, t_us: tuple[int, ...]) -> None:
+        self.t_us = t_us
+        self.path = path
+        self._capture: Any = None
+        self._next = 0
+
+    def pixels(self, number: int) -> Image | None:
+        """The pixels of a frame; None past the end or where it is damaged."""
+        if self._capture is None or number < self._next:
+            self._capture, self._next = as_stored(cv2.VideoCapture(str(self.path))), 0
+        while self._next < number and self._capture.grab():
+            self._next += 1
+        if self._next != number:
+            return None
+        ok, pixels = self._capture.read()
+        self._next += 1
+        return _rgb(pixels) if ok else None
+
+
+def turn_deg(video: Path) -> int:
+    """By how many degrees clockwise the file asks viewers to turn its frames."""
+    return round(cv2.VideoCapture(str(video)).get(cv2.CAP_PROP_ORIENTATION_META)) % 360
+
+
+def frame_count(video: Path, expected: int) -> int:
+    """How many frames it has: counted where what it states is not what is expected."""
+    stated = round(cv2.VideoCapture(str(video)).get(cv2.CAP_PROP_FRAME_COUNT))
+    return expected if stated == expected else len(_stamps_us(video)[0])
+
+
+def own_times_us(video: Path, start_us: int | None) -> tuple[int, ...]:
+    """When its frames were taken by its own stamps, the first at `start_us`. Raises LogError where neither says."""
+    if start_us is None:
+        raise LogError(
+            "the video's start is unknown",
+            where=str(video),
+            remedy=f"set video_start_us in camera.toml, or {_STAMP_THEM}",
+        )
+    shown_us, rate_hz = _stamps_us(video)
+    if not shown_us:
+        raise LogError("cannot be decoded as a video", where=str(video), remedy="convert it to MP4 with H.264")
+    if shown_us[0] == shown_us[-1] or any(before > after for before, after in pairwise(shown_us)):
+        shown_us = _by_rate(video, shown_us, rate_hz)
+    return tuple(start_us + t_us - shown_us[0] for t_us in shown_us)
+
+
+def _stamps_us(video: Path) -> tuple[list[int], float]:
+    """When each frame is shown, microseconds (cameras record at a rate that varies with the light), and the rate, Hz."""
+    capture = cv2.VideoCapture(str(video))
+    rate_hz, shown_us = float(capture.get(cv2.CAP_PROP_FPS)), []
+    while capture.grab():
+        shown_us.append(round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e3))
+    capture.release()
+    return shown_us, rate_hz
+
+
+def _by_rate(video: Path, shown_us: list[int], rate_hz: float) -> list[int]:
+    """Times by the rate of a video that has no stamps, or whose stamps are in disorder about it. Raises LogError elsewhere."""
+    if len(shown_us) == 1:
+        return shown_us
+    if not rate_hz > 0:
+        raise LogError("states neither stamps nor a rate", where=str(video), remedy=_STAMP_THEM)
+    even_us = [shown_us[0] + round(number * 1e6 / rate_hz) for number in range(len(shown_us))]
+    worst_us = max(abs(shown - even) for shown, even in zip(shown_us, even_us, strict=True))
+    if shown_us[0] != shown_us[-1] and worst_us > _OFF_PERIODS * 1e6 / rate_hz:
+        raise LogError("its stamps go back, and it has no even rate", where=str(video), remedy=_STAMP_THEM)
+    return even_us
+
+
+def _rgb(pixels: Any) -> Image | None:
+    return None if pixels is None else np.ascontiguousarray(pixels[:, :, ::-1])
