@@ -93,6 +93,7 @@ def build(
         raise ConfigError(f"--ground-height-m: no ground is at {ground_height_m:g} m", remedy="name its height above sea level")
     require_folder(json_file, "--json")
     networks = chosen_networks(model)
+    seams: list[str] = []
     with stages() as report:
         manifest = build_pack(
             ortho,
@@ -110,6 +111,7 @@ def build(
             networks=networks,
             finest_features_m=finest_features_m,
             progress=report,
+            warn=seams.append,
         )
     if json_file is not None:
         write_json(json_file, {"schema": 1, "folder": str(out), "manifest": manifest.model_dump(mode="json")})
@@ -123,7 +125,7 @@ def build(
         typer.echo(f"surface {described_range(surface)}")
     if (points := cloud_info(manifest)) is not None:
         typer.echo(f"cloud {described_cloud(points)}")
-    for warning in (*registration_warnings(ortho), *heights_warnings(cloud_above_surface_m(pack))):
+    for warning in (*registration_warnings(ortho), *seams, *heights_warnings(cloud_above_surface_m(pack))):
         typer.echo(f"warning: {warning}", err=True)
     if manifest.heights.share_known < 1:
         typer.echo(f"warning: {1 - manifest.heights.share_known:.1%} of it has no height and will not be used", err=True)

@@ -326,6 +326,11 @@ def _meanings(path: Path, dataset: Any) -> tuple[ColorInterp, ...]:
         raise MapError(f"bands cannot be told apart: {why}", where=str(path), remedy=_READ_AGAIN) from why
 
 
+def colour_bands(path: Path, dataset: Any) -> tuple[int, ...]:
+    """Bands of red, green and blue, or of grey, of an open raster. Raises MapError where it has a colour table or is damaged."""
+    return _colour_bands(dataset, _meanings(path, dataset))
+
+
 def _colour_bands(dataset: Any, meanings: tuple[ColorInterp, ...]) -> tuple[int, ...]:
     meaning = {interpretation: band for band, interpretation in zip(dataset.indexes, meanings, strict=True)}
     rgb = tuple(meaning.get(colour, 0) for colour in (ColorInterp.red, ColorInterp.green, ColorInterp.blue))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -36,6 +36,7 @@ from visloc_companion.prepare.features import (
 )
 from visloc_companion.prepare.mosaic import write_ortho
 from visloc_companion.prepare.replaced import check_target
+from visloc_companion.prepare.seams import seams
 from visloc_companion.prepare.surface import Datum, Surface, make_surface, surface_sources, write_surface
 from visloc_companion.prepare.target import Source, TargetGrid, pack_grid
 from visloc_companion.prepare.work_folder import Progress, WorkFolder, stage, synced, work_key
@@ -62,6 +63,7 @@ def build_pack(
     networks: Sequence[Features] = (),
     finest_features_m: float = FINEST_FEATURES_M,
     progress: Progress | None = None,
+    warn: Callable[[str], None] | None = None,
 ) -> Manifest:
     """Build a pack from GeoTIFFs (of orthophotos, and of surface models, the first on top) and clouds.
 
@@ -70,9 +72,9 @@ def build_pack(
     is the plane `ground_h_amsl_m`. `vertical_datum` is that of the surface; where heights are
     ellipsoidal, h_amsl = h_ell - `geoid_undulation_m`. The gradient's features are stored at all levels, those of `networks`
     at levels from the GSD `finest_features_m` on. An existing pack is replaced when the new one is whole; a build of the same
-    inputs that was broken off is gone on with, and ends in the same bytes. Returns the manifest. Raises MapError and
-    DatumMissing for files that cannot be used, too little disk space, and a target that is something else than a pack,
-    ModelError for networks whose names are no file names.
+    inputs that was broken off is gone on with, and ends in the same bytes. `warn` is told what of the surface models does not
+    fit together. Returns the manifest. Raises MapError and DatumMissing for files that cannot be used, too little disk space, and
+    a target that is something else than a pack, ModelError for networks whose names are no file names.
     """
     report = progress or _no_progress
     dsms = [dsm] if isinstance(dsm, Path) else list(dsm or ())
@@ -88,6 +90,9 @@ def build_pack(
     cloud = pack_cloud(clouds, cloud_crs, grid, vertical_datum, geoid_undulation_m)
     surface = make_surface(surface_sources(dsms, clouds, cloud_crs), grid, vertical_datum, geoid_undulation_m)
     _check_undulation(geoid_undulation_m, surface, cloud)
+    if warn is not None and surface is not None and dsms:
+        for seam in seams(surface.sources, surface.grid):
+            warn(seam)
     rasters = [file for path in (*orthos, *dsms) for file in files_of(path)]
     inputs = tuple(_inputs([*rasters, *clouds], report))
     made_from: list[object] = [

@@ -77,7 +77,7 @@ def _route(pack: PackMap, cells: Matchability, places: list[GeoPoint], margin_m:
         "points": len(points),
         "points_outside": len(outside),
         "first_outside": None if first is None else {"lat_deg": first.lat_deg, "lon_deg": first.lon_deg},
-        "share_matchable": float(good[inside].mean()) if inside.any() else 0.0,
+        "share_matchable": float(good.mean()),
         "longest_unmatchable_m": longest_without_m(points, good),
     }
 

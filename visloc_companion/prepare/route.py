@@ -63,10 +63,12 @@ def along(places: list[GeoPoint], step_m: float) -> list[GeoPoint]:
 
 def _table(text: str) -> list[GeoPoint]:
     rows = csv.DictReader(text.splitlines(), strict=True, skipinitialspace=True)
-    missing = {"lat_deg", "lon_deg"} - {name.strip() for name in rows.fieldnames or ()}
+    rows.fieldnames = [name.strip() for name in rows.fieldnames or ()]
+    missing = {"lat_deg", "lon_deg"} - set(rows.fieldnames)
     if missing:
         raise ValueError(f"its first line names no column {' and '.join(sorted(missing))}")
-    rows.fieldnames = [name.strip() for name in rows.fieldnames or ()]
+    if twice := [name for name in ("lat_deg", "lon_deg") if rows.fieldnames.count(name) > 1]:
+        raise ValueError(f"its first line names {' and '.join(twice)} more than once")
     return [GeoPoint(_number(row["lat_deg"], rows.line_num), _number(row["lon_deg"], rows.line_num), 0.0) for row in rows]
 
 

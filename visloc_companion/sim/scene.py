@@ -17,7 +17,7 @@ from rasterio.warp import Resampling, reproject
 from visloc_companion.errors import MapError
 from visloc_companion.geo.raster import T_map_pix_from_gdal, apply_affine, invert_affine
 from visloc_companion.maps.crs import Linearisation, map_crs
-from visloc_companion.maps.geotiff import DatasetLayer, open_dsm
+from visloc_companion.maps.geotiff import DatasetLayer, colour_bands, open_dsm
 from visloc_companion.types import FloatArray, GeoPoint, Image
 
 
@@ -83,7 +83,8 @@ class Scene:
 
     @classmethod
     def load(cls, ortho: Path, dsm: Path | None = None, ground_h_amsl_m: float = 0.0) -> Scene:
-        """Read a GeoTIFF (its first three bands, or its single one) and a surface model of any grid.
+        """Read a GeoTIFF (red, green and blue where they are named, else its first three bands or its single one) and a surface
+        model of any grid.
 
         Without a surface model the ground is the plane at `ground_h_amsl_m`. Its heights are read as those of a map are (feet,
         what no land is); holes get the lowest one.
@@ -136,8 +137,8 @@ def _pixels(source: rasterio.DatasetReader, path: Path) -> Image:
         raise MapError("has no coordinate reference system", where=str(path), remedy="assign it (gdal_edit -a_srs EPSG:...)")
     if source.dtypes[0] != "uint8":
         raise MapError(f"has {source.dtypes[0]} bands, not uint8", where=str(path), remedy="gdal_translate -ot Byte -scale")
-    bands = (1, 2, 3) if source.count >= 3 else (1, 1, 1)
-    return np.ascontiguousarray(np.moveaxis(source.read(bands), 0, 2))
+    bands = colour_bands(path, source)
+    return np.ascontiguousarray(np.moveaxis(source.read(bands if len(bands) == 3 else bands * 3), 0, 2))
 
 
 def _heights_on_grid(path: Path, shape: tuple[int, int], transform: Affine, crs: rasterio.CRS) -> NDArray[np.float32]:

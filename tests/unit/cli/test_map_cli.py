@@ -109,6 +109,15 @@ def test_surface_of_another_extent_is_warned_of(tmp_path: Path, ortho: Path, vis
     assert "heights          300 to 300 m above sea level, made from amsl heights, known on 5" in described
 
 
+def test_surface_models_of_two_datums_are_warned_of(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:
+    dsm = write(tmp_path / "dsm.tif", np.full((200, 200), 300, np.float32), 0.0)
+    other = write(tmp_path / "ell.tif", np.full((200, 200), 348, np.float32), 50.0)
+    code, text = visloc("build", "--ortho", ortho, "--dsm", dsm, other, "--out", tmp_path / "pack")
+    assert code == 0
+    assert f"warning: {other} lies 48.0 m above the surface models before it" in text
+    assert "lies" not in visloc("build", "--ortho", ortho, "--dsm", dsm, "--out", tmp_path / "pack")[1]
+
+
 def test_gaps_between_orthophotos_are_stated(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:
     away = write(tmp_path / "b.tif", np.random.default_rng(2).integers(1, 255, (200, 200)).astype(np.uint8), 600.0)
     assert "content on 50.0% of it\n" in visloc("build", "--ortho", ortho, away, "--out", tmp_path / "pack")[1]

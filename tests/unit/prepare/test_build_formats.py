@@ -173,7 +173,10 @@ def test_a_surface_model_in_tiles_is_put_together(tmp_path: Path) -> None:
     places = np.stack(np.meshgrid(EAST + np.arange(5.0, 245), NORTH - np.arange(5.0, 245)), -1).reshape(-1, 2)
     truth = heights[np.rint((NORTH - places[:, 1]) / GSD_M).astype(int), np.rint((places[:, 0] - EAST) / GSD_M).astype(int)]
     for tiles in ([west, east], [east, west, wrong], [west, other]):
-        manifest = build_pack([ortho], tiles, tmp_path / "pack")
+        said: list[str] = []
+        manifest = build_pack([ortho], tiles, tmp_path / "pack", warn=said.append)
+        beside = [f"{wrong} lies 100.0 m above the surface models before it"] if wrong in tiles else []
+        assert [words.split(",")[0] for words in said] == beside, "hidden here, where it reaches beyond them a step"
         assert manifest.heights.share_known == 1.0
         assert [entry.file for entry in manifest.inputs] == ["a.tif", *(tile.name for tile in tiles)]
         assert np.abs(PackMap.open(tmp_path / "pack").heights_amsl_m(places) - truth).max() < 0.01

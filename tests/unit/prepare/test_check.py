@@ -101,6 +101,9 @@ def test_routes_on_and_off_the_map(lake: PackMap, tmp_path: Path) -> None:
     assert over_land["route"]["longest_unmatchable_m"] < 100.0
     away = check_pack(lake, write_route(tmp_path / "away.csv", [place(lake, 0, 0), place(lake, 0, 900), place(lake, 0, 0)]))
     assert not away["passed"]
+    beside = check_pack(lake, write_route(tmp_path / "beside.csv", [place(lake, -300, 0), place(lake, -300, 900)]))["route"]
+    shown = 1 - beside["points_outside"] / beside["points"]
+    assert 0.4 < beside["share_matchable"] <= shown < 0.7, "what lies off the map counts, and cannot be matched"
     first = GeoPoint(**away["route"]["first_outside"], h_amsl_m=0.0)
     assert 490 < distance_m(first, place(lake, 0, 0)) < 540, "between the waypoints, at the edge"
     hole = check_pack(lake, write_route(tmp_path / "hole.csv", [place(lake, -350, -350)]))
@@ -108,6 +111,9 @@ def test_routes_on_and_off_the_map(lake: PackMap, tmp_path: Path) -> None:
     elsewhere = check_pack(lake, write_route(tmp_path / "else.csv", [GeoPoint(0.0, 100.0, 0.0)]))
     assert not elsewhere["passed"] and elsewhere["route"]["share_matchable"] == 0.0
     json.dumps(elsewhere, allow_nan=False)
+    (tmp_path / "twice.csv").write_text("lat_deg,lat_deg,lon_deg\n47,48,8\n")
+    with pytest.raises(MapError, match=r"twice\.csv: is no route: its first line names lat_deg more than once"):
+        check_pack(lake, tmp_path / "twice.csv")
 
 
 def test_margin_around_the_route(lake: PackMap, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
+from rasterio.enums import ColorInterp
 from rasterio.transform import Affine
 
 from visloc_companion.errors import MapError
@@ -48,6 +49,20 @@ def test_the_first_three_of_four_bands_over_a_plane(tmp_path: Path) -> None:
     assert np.array_equal(loaded.pixels, np.moveaxis(bands[:3], 0, 2))
     assert (loaded.dsm_amsl_m == 470.0).all()
     assert loaded.T_map_pix[:, 2] == pytest.approx([485_907.5, 5_209_237.5])
+
+
+def test_colours_are_those_that_are_named_and_no_numbers_of_a_table(tmp_path: Path) -> None:
+    """Infrared first, or a colour table's numbers for colours, would be a scene that nobody ever saw."""
+    bands = np.arange(4 * 6 * 8, dtype=np.uint8).reshape(4, 6, 8)
+    named = write(tmp_path / "nrgb.tif", bands)
+    with rasterio.open(named, "r+") as file:
+        file.colorinterp = [ColorInterp.undefined, ColorInterp.red, ColorInterp.green, ColorInterp.blue]
+    assert np.array_equal(Scene.load(named).pixels, np.moveaxis(bands[1:], 0, 2))
+    table = write(tmp_path / "table.tif", bands[:1])
+    with rasterio.open(table, "r+") as file:
+        file.write_colormap(1, {k: (255 - k, k, 7, 255) for k in range(256)})
+    with pytest.raises(MapError, match=r"table\.tif: has a colour table; remedy: expand it: gdal_translate -expand rgb"):
+        Scene.load(table)
 
 
 def test_one_grey_band_serves_as_all_three(tmp_path: Path) -> None:
