@@ -218,6 +218,31 @@ def test_logs_of_one_boot_go_on(tmp_path: Path) -> None:
     assert (recording.notes, recording.losses) == ((), Losses())
 
 
+def test_a_later_start_is_another_boot_though_the_clock_goes_on(tmp_path: Path) -> None:
+    """Armed 4 s after the first start, and on the next day 9 s after the second: GPS time tells them apart."""
+
+    def gps(us: int, ms: int) -> bytes:
+        return message(MODERN, "GPS", us, 0, 3, ms, 2200, 15, 80, 474_000_000, 85_500_000, 54_000, 10.0, 90.0, -0.1, 0.0)
+
+    first = boot(40, 1.0) + gps(5_000_000, 3_600_000)
+    for later_ms, chosen, n, reboots in ((86_400_000, 1, 40, 1), (3_600_000 + 9_000, 0, 90, 0)):
+        second = boot(50, 2.0, start_us=9_000_000) + gps(14_000_000, later_ms)
+        recording = open_log(write(tmp_path / "a.bin", first + second), boot=chosen)
+        assert sum(isinstance(event, LocalPose) for _, event in recording.events) == n
+        assert recording.losses.reboots == reboots
+
+
+def test_a_message_that_lost_its_end_to_a_block_of_zeros_is_left_out(tmp_path: Path) -> None:
+    """As cards leave them. Its longitude would be 0, and the format has no checksums."""
+    whole = modern_flight()
+    at = whole.rindex(HEAD + bytes([MODERN["POS"][0]])) + 16
+    recording = open_log(write(tmp_path / "a.bin", whole[:at] + bytes(512) + whole[at + 512 :]))
+    places = [event.place for _, event in recording.events if isinstance(event, PriorPose)]
+    assert len(places) == 19
+    assert [place.lon_deg for place in places] == pytest.approx([8.55] * 19)
+    assert sum(isinstance(event, PriorPose) for _, event in open_log(write(tmp_path / "b.bin", whole + bytes(4096))).events) == 20
+
+
 def test_impossible_values_and_times_are_left_out(tmp_path: Path) -> None:
     bad = [
         message(MODERN, "XKF1", 1_100_000, 0, float("nan"), 0.0, 0.0, 0.0, 0.0, 0.0),

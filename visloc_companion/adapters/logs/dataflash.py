@@ -59,6 +59,8 @@ _LEAP_NS, _MAX_STEP_NS = 2 * NS_PER_S, 3600 * NS_PER_S
 _CONFIRMED, _CONFIRMED_LONG = 1, 20
 """So many messages must go on from a leap of the clock, more beyond `_MAX_STEP_NS` (disarmed for hours, not logging)."""
 _FEW_EVENTS = 20
+_APART_NS = 10 * NS_PER_S
+"""No receiver's latency, and no leap second, makes so much of a difference between what two logs of one boot say of its UTC."""
 _GPS_EPOCH_UNIX_S = 315_964_800
 _LEAP_SECONDS = ((1_483_228_800, 18), (1_435_708_800, 17), (1_341_100_800, 16), (1_230_768_000, 15), (0, 14))
 """UTC instants (Unix seconds) from which GPS time is so many seconds ahead of UTC."""
@@ -84,7 +86,7 @@ def read_dataflash(path: Path, boot: int = 0) -> Recording:
 
 def _boots(data: bytes, losses: Losses) -> list[_Reader]:
     """One reader for each boot. Logs that were written one after another into one file are told apart by how each begins; one
-    whose clock goes on from the log before is of the same boot."""
+    whose clock goes on from the log before is of the same boot, unless GPS time says that the autopilot started in between."""
     boots: list[_Reader] = []
     for log in logs_of(data):
         reader = _Reader(losses)
@@ -92,11 +94,19 @@ def _boots(data: bytes, losses: Losses) -> list[_Reader]:
             reader.take(name, fields)
         if not reader.events:
             continue
-        if boots and reader.events[0][0] >= boots[-1].events[-1][0] - NS_PER_S:
+        if boots and reader.events[0][0] >= boots[-1].events[-1][0] - NS_PER_S and not _started_apart(boots[-1], reader):
             boots[-1].events += reader.events
+            boots[-1].unix_minus_boot_ns = boots[-1].unix_minus_boot_ns or reader.unix_minus_boot_ns
         else:
             boots.append(reader)
     return boots
+
+
+def _started_apart(one: _Reader, other: _Reader) -> bool:
+    """Whether both know when their autopilot started, and that is not the same."""
+    if one.unix_minus_boot_ns is None or other.unix_minus_boot_ns is None:
+        return False
+    return abs(one.unix_minus_boot_ns - other.unix_minus_boot_ns) > _APART_NS
 
 
 def _others_noted(boots: list[_Reader], read: int) -> tuple[str, ...]:

@@ -79,8 +79,13 @@ def _length_at(data: bytes, start: int, formats: dict[int, _Format]) -> int:
 
 
 def _followed(data: bytes, end: int) -> bool:
-    """Whether a message may end here: the file's end or the next header (there are no checksums in this format)."""
-    return end == len(data) or data[end : end + 2] in (_HEAD, _HEAD[:1]) or (end < len(data) and not any(data[end : end + 64]))
+    """Whether a message may end here: the file's end or the next header (there are no checksums in this format).
+
+    Where a block of zeros follows, as cards leave it, the message must not end in one: it may have lost its end to the block.
+    """
+    if end == len(data) or data[end : end + 2] in (_HEAD, _HEAD[:1]):
+        return True
+    return end < len(data) and data[end - 1] != 0 and not any(data[end : end + 64])
 
 
 def _learn(formats: dict[int, _Format], body: bytes) -> None:
