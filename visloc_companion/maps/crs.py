@@ -236,7 +236,7 @@ def vertical_unit_m(epsg: int) -> float | None:
 
 def utm_at(lat_deg: float, lon_deg: float) -> MapCrs:
     """The UTM zone (WGS 84) of a place; the zones' exceptions in Norway and Svalbard are not applied."""
-    zone = int((lon_deg + 180) % 360 // 6) + 1
+    zone = int((lon_deg + 180) % 360 // 6) % 60 + 1  # a hair west of the antimeridian the remainder rounds to 360
     return map_crs(f"EPSG:{(32600 if lat_deg >= 0 else 32700) + zone}")
 
 

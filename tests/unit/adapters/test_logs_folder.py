@@ -33,7 +33,9 @@ def flight(tmp_path: Path) -> Path:
         cv2.imwrite(str(tmp_path / f"f{k}.png"), np.full((48, 64, 3), (10, 20, 30 + k), np.uint8))
     (tmp_path / "frames.csv").write_text("t_us,file\n60200000,f2.png\n60000000,f0.png\n60100000,f1.png\n")
     (tmp_path / "camera.toml").write_text(LENS + 'time_base = "autopilot_boot"\n')
-    (tmp_path / "truth.csv").write_text("t_us, lat_deg, lon_deg, h_amsl_m\n60100000,47.4,8.55,500\n60000000,47.3,8.55,501\n")
+    (tmp_path / "truth.csv").write_text(
+        "t_us, lat_deg, lon_deg, h_amsl_m\n60100000,47.4,8.55,500\n\n  \n60000000,47.3,8.55,501\n  \n"
+    )
     return tmp_path
 
 

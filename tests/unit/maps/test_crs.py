@@ -218,7 +218,11 @@ def test_places_without_coordinates() -> None:
 
 
 @pytest.mark.parametrize(
-    ("lat", "lon", "epsg"), [(47.0, 15.0, 32633), (-33.0, 18.4, 32734), (10.0, 179.9, 32660), (10.0, -180.0, 32601)]
+    ("lat", "lon", "epsg"),
+    [
+        *((47.0, 15.0, 32633), (-33.0, 18.4, 32734), (10.0, 179.9, 32660), (10.0, -180.0, 32601)),
+        *((10.0, -180.00000000000003, 32601), (-10.0, -180.00000000000003, 32701)),
+    ],
 )
 def test_utm_zone(lat: float, lon: float, epsg: int) -> None:
     assert utm_at(lat, lon).epsg == epsg

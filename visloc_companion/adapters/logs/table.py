@@ -16,7 +16,7 @@ def read_table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
     remedy = f"write UTF-8 CSV, separated by commas, with the columns {','.join(columns)}"
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            lines = [line for line in csv.reader(file, skipinitialspace=True) if line]
+            lines = [line for line in csv.reader(file, skipinitialspace=True) if any(value.strip() for value in line)]
     except (OSError, UnicodeDecodeError, csv.Error) as why:
         raise LogError(f"cannot be read: {why}", where=str(path), remedy=remedy) from why
     names = [name.strip() for name in lines[0]] if lines else []
