@@ -17,6 +17,8 @@ from visloc_companion.types import FloatArray
 BLOCK_PX = 256
 """Tile of the pack's rasters; overviews go on until the raster fits into two of them."""
 MAX_PIXELS = 4_000_000_000
+FINEST_M = 0.001
+"""No camera over land sees as little in a pixel: coordinates in degrees that are held for metres do."""
 LARGEST_M = 1_000_000.0
 """Beyond, no projection is true to scale; and a pack is for one flight."""
 
@@ -60,8 +62,18 @@ class TargetGrid:
 
 
 def pack_grid(sources: Sequence[Source]) -> TargetGrid:
-    """The grid over all orthophotos: the first one's CRS, pixel and alignment where it is fit for it, else UTM."""
+    """The grid over all orthophotos: the first one's CRS, pixel and alignment where it is fit for it, else UTM.
+
+    Raises MapError for orthophotos that no map can be made from.
+    """
     first = sources[0]
+    for source in sources:
+        if source.gsd_m < FINEST_M:
+            raise MapError(
+                f"has pixels of {source.gsd_m:.2g} m in {source.crs.name}",
+                where=source.name,
+                remedy="where its coordinates are degrees, state that: gdal_edit.py -a_srs EPSG:4326 FILE",
+            )
     crs = pack_crs(first)
     box = outline_box(sources, crs)
     if max(box[2] - box[0], box[3] - box[1]) > LARGEST_M:

@@ -182,6 +182,13 @@ def test_a_surface_model_in_tiles_is_put_together(tmp_path: Path) -> None:
         assert np.abs(PackMap.open(tmp_path / "pack").heights_amsl_m(places) - truth).max() < 0.01
 
 
+def test_degrees_that_are_held_for_metres_are_told(tmp_path: Path) -> None:
+    """The map would lie at the zone's corner on the equator, with pixels of micrometres."""
+    degrees = write(tmp_path / "deg.tif", SCENE.pixels, Affine(5e-6, 0, 10.4, 0, -5e-6, 48.2))
+    with pytest.raises(MapError, match=r"deg\.tif: has pixels of 5e-06 m in .*; remedy: where its coordinates are degrees"):
+        build_pack([write(tmp_path / "a.tif", SCENE.pixels), degrees], None, tmp_path / "pack")
+
+
 def test_damage_is_told_by_block_and_by_tile(tmp_path: Path) -> None:
     """rasterio's own words are "Read failed. See previous exception for details"."""
     ortho = write(tmp_path / "a.tif", SCENE.pixels, tiled=True, compress="deflate")
