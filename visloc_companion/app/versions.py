@@ -8,6 +8,7 @@ import platform
 from pathlib import Path
 
 _PACKAGES = ("visloc-companion", "numpy", "opencv-python-headless", "pymavlink", "filterpy", "rasterio", "pyproj", "mcap")
+_NOT_KNOWN = "not known"
 _OF_THE_PROCESSOR = ("model name", "CPU implementer", "CPU part")
 
 
@@ -21,12 +22,12 @@ def versions() -> dict[str, str]:
 
 
 def processor(root: Path = Path("/")) -> str:
-    """The first processor as proc(5), /proc/cpuinfo, tells it: x86 by a name, Arm by implementer and part; empty if unknown."""
+    """The first processor as proc(5), /proc/cpuinfo, tells it: x86 by a name, Arm by implementer and part."""
     try:
         lines = (root / "proc/cpuinfo").read_text(errors="replace").splitlines()
     except OSError:
-        return ""
+        return _NOT_KNOWN
     told: dict[str, str] = {}
     for key, _, value in (line.partition(":") for line in lines):
         told.setdefault(key.strip(), value.strip())
-    return " ".join(told[key] for key in _OF_THE_PROCESSOR if told.get(key))
+    return " ".join(told[key] for key in _OF_THE_PROCESSOR if told.get(key)) or _NOT_KNOWN
