@@ -39,8 +39,12 @@ class LeverArm:
             return answer
         motion = None if answer.motion is None else self._moved(answer.motion)
         if isinstance(answer, NoFix):
-            return replace(answer, motion=motion, open_places=self._places_of_vehicle(answer))
-        return replace(answer, motion=motion, place=self.place_of_vehicle(answer.place, answer.q_ned_frd, q_frd_cambody))
+            zoomed = None if answer.zoomed is None else self._fix_of_vehicle(answer.zoomed, q_frd_cambody)
+            return replace(answer, motion=motion, open_places=self._places_of_vehicle(answer), zoomed=zoomed)
+        return replace(self._fix_of_vehicle(answer, q_frd_cambody), motion=motion)
+
+    def _fix_of_vehicle(self, fix: Fix, q_frd_cambody: Quat) -> Fix:
+        return replace(fix, place=self.place_of_vehicle(fix.place, fix.q_ned_frd, q_frd_cambody))
 
     def prior_of_vehicle(self, prior: PosePrior, q_frd_cambody: Quat) -> PosePrior:
         """A prior of the camera as one of the vehicle's place."""

@@ -71,6 +71,6 @@ class MirrorWatch:
 def shown_by_none(answer: Fix | NoFix, why: str) -> NoFix:
     """The answer without whatever such a picture said of place, motion and turn; a refusal keeps its reason."""
     if isinstance(answer, NoFix):
-        return replace(answer, motion=None, turn=None, turn_since_kept=None, open_places=())
+        return replace(answer, motion=None, turn=None, turn_since_kept=None, open_places=(), zoomed=None)
     asked = answer.request_id, answer.frame_id, answer.method
     return NoFix(answer.t_rx_ns, answer.t_ns, *asked, Reason.BAD_FRAME, answer.elapsed_ms, why)

@@ -79,7 +79,7 @@ def fault(event: Event, now_ns: int) -> Reason | None:  # noqa: PLR0911, PLR0912
         case Fix():
             return _fix_fault(event, now_ns)
         case NoFix():
-            return _no_fix_fault(event)
+            return _no_fix_fault(event) or (None if event.zoomed is None else _fix_fault(event.zoomed, now_ns))
         case Odometry():
             return _odometry_fault(event, now_ns)
         case FrameRef():

@@ -67,6 +67,17 @@ def test_open_places_are_the_vehicles_too() -> None:
     assert lever.of_vehicle(replace(none, t_ns=99 * S), MOUNT).open_places == ()
 
 
+def test_a_fix_through_a_longer_lens_is_the_vehicles_too() -> None:
+    lever = arm()
+    camera = wgs84.geo_from_ned(lever.camera_ned_m((10.0, 20.0, -100.0), TURNED), ORIGIN)
+    none = NoFix(0, S, 1, 1, "test", _reason(), 1.0, zoomed=fix(camera))
+    found = lever.of_vehicle(none, MOUNT)
+    assert isinstance(found, NoFix)
+    assert found.zoomed == lever.of_vehicle(fix(camera), MOUNT)
+    assert found.zoomed is not None
+    assert wgs84.ned_from_geo(found.zoomed.place, ORIGIN) == pytest.approx((10.0, 20.0, -100.0), abs=1e-4)
+
+
 def test_without_a_lever_nothing_is_touched() -> None:
     lever, answer = arm((0.0, 0.0, 0.0)), fix(ORIGIN)
     assert lever.of_vehicle(answer, MOUNT) is answer

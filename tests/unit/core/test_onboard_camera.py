@@ -164,6 +164,7 @@ def test_a_picture_that_turns_against_the_vehicle_is_used_no_more(tracker: Track
     assert (after.reason, after.motion, after.turn) == (Reason.BAD_FRAME, None, None)
     lost = NoFix(0, 0, 1, 1, "image", Reason.WORKER_DIED, 1.0, motion=MOTION)
     assert camera.of_vehicle(lost) == replace(lost, motion=None)
+    assert camera.of_vehicle(replace(lost, zoomed=fix_at(0))) == replace(lost, motion=None)
     ground = fix_at(0, TERRAIN)
     assert camera.of_vehicle(ground) is ground
 

@@ -139,6 +139,12 @@ def test_answers_with_a_turn_that_is_none_are_refused(turn: Turn) -> None:
         assert fault(replace(answer, turn=turn), NOW) is Reason.NOT_FINITE
 
 
+def test_a_refusal_whose_fix_through_another_lens_is_none_is_refused() -> None:
+    none = NoFix(NOW, NOW, 1, 1, "m", Reason.NO_MATCH, 5.0)
+    assert fault(replace(none, zoomed=FIX), NOW) is None
+    assert fault(replace(none, zoomed=replace(FIX, place=NOWHERE)), NOW) is Reason.NOT_FINITE
+
+
 @pytest.mark.parametrize(
     ("place", "footprint_m", "reason"),
     [
