@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -15,6 +16,7 @@ from visloc_companion.core.propagation import (
     FIX_LENS,
     N_STATES,
     ODOMETRY_LENS,
+    ODOMETRY_LENS_SIGMA,
     POSITION,
     VELOCITY,
     Drive,
@@ -170,10 +172,17 @@ def lens_doubted(belief: Belief, share: float, per_focal_ne_m: Vec2) -> Belief:
     The position rests on fixes that had the same error: `per_focal_ne_m` is what it adds to the last of them.
     """
     fixes, odometry = np.zeros(N_STATES), np.zeros(N_STATES)
-    fixes[FIX_LENS], odometry[ODOMETRY_LENS] = share, share
-    fixes[POSITION] = -share * np.array(per_focal_ne_m)
+    more_share = math.sqrt(max(0.0, share**2 - belief.lens_share**2))
+    fixes[FIX_LENS], odometry[ODOMETRY_LENS] = more_share, more_share
+    fixes[POSITION] = -more_share * np.array(per_focal_ne_m)
     more = np.outer(fixes, fixes) + np.outer(odometry, odometry)
     return widened_by(belief, more)._replace(lens_share=share)
+
+
+def lens_known(belief: Belief, share: float) -> Belief:
+    """With another lens, which may be off by a share (1-sigma) beside what is believed of every lens."""
+    anew = renewed(belief, slice(ODOMETRY_LENS, FIX_LENS + 1), share**2 + ODOMETRY_LENS_SIGMA**2)
+    return anew._replace(lens_share=share)
 
 
 def widened_by(belief: Belief, more: FloatArray) -> Belief:

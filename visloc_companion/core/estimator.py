@@ -16,11 +16,12 @@ import numpy as np
 
 from visloc_companion.core import air_velocity, fusion, integrity, lasting, refused, separation
 from visloc_companion.core.air_velocity import AirError
-from visloc_companion.core.belief import Belief, Position, blurred, lens_doubted, widened_by
+from visloc_companion.core.belief import Belief, Position, blurred, lens_doubted, lens_known, widened_by
 from visloc_companion.core.driving import Around, Velocity, height_at, velocity_at
 from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
 from visloc_companion.core.motion import Motion, learned
 from visloc_companion.core.propagation import N_STATES, OVERDUE_S, POSITION, UNAIDED_GAP_S, VELOCITY, Drive
+from visloc_companion.core.reckoned import Reckoned, reckoned
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Cov2, Fix, GeoPoint, NavState, Rejected, TooOld, Vec2
@@ -130,6 +131,10 @@ class PositionFilter:
         level_m = integrity.protection_level_m(belief.x, belief.P, belief.without, self._settings)
         return integrity.aged(level_m, (t_ns - belief.rested_ns) * 1e-9)
 
+    def reckoned(self, t_ns: int) -> Reckoned:
+        """What the driving velocity has come to at a time, and what is known of its error."""
+        return reckoned(self._belief_at(t_ns, alone=True)[1])
+
     def stood(self, t_ns: int, stood_ns: int) -> None:
         """The clock showed no more than t_ns for so long: the vehicle went on by that, at a velocity known no better than where
         none arrives. What bears an earlier time is TooOld from now on, for two moments bear it."""
@@ -161,6 +166,12 @@ class PositionFilter:
         belief = self.newest
         before, _ = self._around(len(self._log))
         self._begin_anew(belief.t_ns, lens_doubted(belief, share, per_focal_ne_m), before)
+
+    def know_lens(self, share: float) -> None:
+        """Frames are looked at through another lens, which may be off by a share (belief.lens_known)."""
+        belief = self.newest
+        before, _ = self._around(len(self._log))
+        self._begin_anew(belief.t_ns, lens_known(belief, share), before)
 
     def retimed(self, later_s: float) -> None:
         """Frames turned out to be taken so much later than their fixes said: the position may be off by the way of that time."""

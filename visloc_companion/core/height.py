@@ -79,9 +79,9 @@ class HeightBelief:
     told: float = 0.0
 
 
-def started(t_ns: int, sigma_m: float) -> HeightBelief:
-    """Before any fix: no error is known, of this 1-sigma."""
-    return HeightBelief(t_ns, np.zeros(2), np.diag([sigma_m**2, SCALE_SIGMA**2]), t_ns)
+def started(t_ns: int, sigma_m: float, offset_m: float = 0.0) -> HeightBelief:
+    """Before any fix: all that is known of the error is this 1-sigma about an offset."""
+    return HeightBelief(t_ns, np.array([offset_m, 0.0]), np.diag([sigma_m**2, SCALE_SIGMA**2]), t_ns)
 
 
 def carried(belief: HeightBelief, t_ns: int, settings: NavigatorSettings) -> HeightBelief:
@@ -154,9 +154,9 @@ def _widened(belief: HeightBelief, more_m2: float) -> HeightBelief:
 class HeightFilter:
     """Folds fixes in the order of their times, so that a late one changes nothing but what came after it."""
 
-    def __init__(self, settings: NavigatorSettings, t_ns: int, h_amsl_m: float, sigma_m: float) -> None:
+    def __init__(self, settings: NavigatorSettings, t_ns: int, h_amsl_m: float, sigma_m: float, offset_m: float = 0.0) -> None:
         self._settings, self._start_amsl_m = settings, h_amsl_m
-        self._base = started(t_ns, sigma_m)
+        self._base = started(t_ns, sigma_m, offset_m)
         self._log: list[HeightFix] = []
         self._beliefs: list[HeightBelief] = []
         self._jumps: list[tuple[int, float]] = []

@@ -119,6 +119,32 @@ class HeightAiding:
             gone_by_per_s = math.hypot(*v_ne_mps) / apart_m(self._above_home_m)
             self._filter.observe(HeightFix(fix.t_ns, fix.request_id, *said, gone_by_per_s))
 
+    def own_m(self, fix: Fix) -> float | None:
+        """By how much a fix alone, without the prior of its request, would raise the autopilot's height; None where it tells next
+        to nothing of it."""
+        stated_m, prior = self._at(fix.t_ns), self._priors.get(fix.request_id)
+        if stated_m is None or prior is None:
+            return None
+        news = news_of(fix.place.h_amsl_m, fix.sigma_h_m, *prior)
+        return None if news is None else news[0] - stated_m
+
+    def learned_m(self, t_ns: int) -> float:
+        """By how much fixes have taught to raise the autopilot's height at a time."""
+        stated_m = self._at(t_ns)
+        return 0.0 if stated_m is None else self.known(t_ns, stated_m).offset_m
+
+    def loosen(self, t_ns: int, sigma_m: float) -> None:
+        """What fixes taught of the height until a time holds for the next one within this 1-sigma only."""
+        if self._filter is not None:
+            self._filter.jumped(t_ns, sigma_m**2)
+
+    def hold(self, t_ns: int, offset_m: float, sigma_m: float) -> None:
+        """What fixes taught lately was wrong: at a time the autopilot's height had to be raised by so much (1-sigma)."""
+        stated_m = self._at(t_ns)
+        if stated_m is not None:
+            self._filter, self._held = HeightFilter(self._settings, t_ns, stated_m, sigma_m, offset_m), None
+            self._last_shown = None
+
     def known(self, t_ns: int, h_amsl_m: float) -> Known:
         """What is known of a height that is stated at a time: priors of localisers rest on it."""
         if self._filter is None:

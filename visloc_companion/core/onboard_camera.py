@@ -30,6 +30,7 @@ from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.core.tilt_memory import TiltMemory
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
+from visloc_companion.core.zoom_ramp import ZoomRamp
 from visloc_companion.core.zoom_watch import ZoomWatch
 from visloc_companion.geo import se3
 from visloc_companion.types import (
@@ -74,6 +75,7 @@ class OnboardCamera:
         self._lens, self._claims, self._sun, self._tracker = LensWatch(), ClaimWatch(), SunMemory(), tracker
         self._heights, self._distortion = FixHeightWatch(), DistortionWatch(clock, gimbal or attitude)
         self._level, self.zoom, self._aim = LevelWatch(clock, attitude), ZoomWatch(), Aim()
+        self.ramp = ZoomRamp(tracker, self.zoom)
 
     @property
     def q_carrier_cambody(self) -> Quat:
@@ -251,6 +253,7 @@ class OnboardCamera:
     def stated(self, fix: Fix) -> Fix:
         """The fix with what its time may be off by in its covariance."""
         state = None if fix.method == TERRAIN else self._tracker.at(fix.t_ns)
+        fix = replace(fix, per_focal_ne_m=self.ramp.stated(fix))
         return fix if state is None else self._time.stated(fix, state.v_ned_mps)
 
     def on_fix(self, fix: Fix, *, taken: bool, gnss_trusted: bool) -> list[Command]:
@@ -266,10 +269,11 @@ class OnboardCamera:
         gnss = self._tracker.gnss
         if taken and gnss_trusted and self.zoom.factor == 1.0 and gnss.newest is not None and gnss.newest_ns is not None:
             told += self._heights.on_fix(fix, gnss.newest.h_amsl_m, height_m)
-            if self._heights.longer_share != self._tracker.longer_share:
+            if abs(self._heights.longer_share) > abs(self._tracker.longer_share):
                 self._tracker.doubt_lens(fix, self._heights.longer_share)
-        difference = self._tracker.gnss.minus(fix, state.v_ned_mps) if gnss_trusted else None
-        if difference is None:
+        difference = gnss.minus(fix, state.v_ned_mps) if gnss_trusted else None
+        told += self.ramp.on_fix(fix, height_m, difference, taken=taken)
+        if difference is None or self.ramp.doubting:
             return told
         if taken:
             told += self._aimed(fix, difference, state.v_ned_mps, height_m)

@@ -23,6 +23,7 @@ from visloc_companion.core.motion import Motion
 from visloc_companion.core.odometry_aiding import OdometryAiding
 from visloc_companion.core.pitot import Airspeed, PitotLearner
 from visloc_companion.core.propagation import Drive
+from visloc_companion.core.reckoned import Reckoned
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import (
@@ -259,6 +260,12 @@ class Tracker:
         if self._filter is not None:
             self._filter.doubt_lens(abs(longer_share), fix.per_focal_ne_m)
 
+    def know_lens(self, share: float) -> None:
+        """Frames are looked at through another lens, which may be off by a share, or the lens is not doubted any more (0)."""
+        self.longer_share = share
+        if self._filter is not None:
+            self._filter.know_lens(share)
+
     def forget_velocity(self) -> None:
         """The autopilot restarted; its next velocity may bear any time."""
         self._velocity = None
@@ -325,6 +332,10 @@ class Tracker:
         sigma_d_m = self.height.known(t_ns, self.origin.h_amsl_m - known.p_ned_m[2]).sigma_m
         about = known.p_ned_m, known.v_ned_mps, known.cov_ne_m2
         return NavState(t_ns, *about, sigma_d_m, known.age_of_fix_s, known.cov_v_ne_m2ps2)
+
+    def reckoned(self, t_ns: int) -> Reckoned | None:
+        """What the driving velocity has come to at a time; None before seeding, or where that is forgotten."""
+        return self._filter.reckoned(t_ns) if self._filter is not None and self.takes(t_ns) else None
 
     def takes(self, t_ns: int) -> bool:
         """Whether the filter, where there is one, can take what was seen at a time."""

@@ -186,7 +186,8 @@ class Vision:
         if event.method == TERRAIN or self._onboard.keeps_level or self._onboard.set_up_wrong:
             return told
         speed_mps = 0.0 if self._tracker.velocity is None else math.hypot(*self._tracker.velocity.v_ned_mps[:2])
-        return [*told, *self._zoomed(self._onboard.zoom.answered(event, speed_mps))]
+        told = [*told, *self._zoomed(self._onboard.zoom.answered(event, speed_mps))]
+        return [*told, *self._onboard.ramp.check(event.t_ns)] if isinstance(event, NoFix) else told
 
     def _zoomed(self, told: list[Command]) -> list[Command]:
         """Where `told` says so, the lens is another one by now: what the camera showed lately went by the wrong one, the filter
@@ -194,6 +195,7 @@ class Vision:
         found = self._onboard.zoom.found
         if not told or found is None:
             return told
+        self._onboard.ramp.found(found.t_ns)
         self._aiding.camera_changed()
         self._nothing_open()
         self._regaining.clear()
@@ -265,6 +267,11 @@ class Vision:
             return self.request(now_ns)
         return []
 
+    @property
+    def _doubts(self) -> tuple[bool, bool, bool]:
+        """Whether the lens is in doubt, a zoom followed, or where the camera looks in doubt."""
+        return self._tracker.longer_share != 0, self._onboard.ramp.following, self._tracker.aim_open != 0
+
     def _on_fix(self, fix: Fix, before: Belief | None, now_ns: int) -> list[Command]:
         if self._terrain is not None and fix.method == TERRAIN and self._terrain.answered(fix) is None:
             waits = Notice(Severity.INFO, "a fix of the terrain from far off waits for a second one")
@@ -282,9 +289,9 @@ class Vision:
         if self._terrain is not None and fix.method == TERRAIN and isinstance(outcome, Accepted) and state and origin:
             self._terrain.learn(fix, state, origin)
         taken, trusted = isinstance(outcome, Accepted), self._monitor.trusted
-        longer_share, aim_open, aimed = self._tracker.longer_share, self._tracker.aim_open, self._onboard.aimed
+        doubted, aimed = self._doubts, self._onboard.aimed
         commands = [] if fix.method == TERRAIN else self._onboard.on_fix(fix, taken=taken, gnss_trusted=trusted)
-        if self._tracker.longer_share != longer_share or (self._tracker.aim_open and not aim_open):
+        if any(now and not before for now, before in zip(self._doubts, doubted, strict=True)):
             self._monitor.disown_camera()
         if self._onboard.aimed and not aimed:
             self._aiding.reaimed()
@@ -292,7 +299,7 @@ class Vision:
         if isinstance(outcome, Accepted):
             commands = [*commands, *self._taken(fix, now_ns)]
             velocity = self._tracker.velocity
-            if self._onboard.zoom.settled:
+            if not self._onboard.ramp.following:
                 self._tracker.height.taken(fix, (0.0, 0.0) if velocity is None else velocity.v_ned_mps[:2])
             if before is not None and after is not None and after.started_ns != before.started_ns:
                 commands.append(Notice(Severity.WARNING, "visloc: relocalised", to_operator=True))

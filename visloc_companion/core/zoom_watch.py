@@ -44,8 +44,6 @@ ALIKE, PLACE_M, PLACE_MPS = 0.04, 5.0, 3.0
 carried the place on by the wrong lens, which may double the speed."""
 TELL_SHARE, NONE_SHARE = 0.08, 0.04
 """A change that is told and reckoned with; so near to the calibrated lens it is that one: heights err by as much."""
-SETTLED_BY, SETTLED_SHARE = 6, 0.01
-"""Fixes after a change by which the enlargement is set right, where it is off by more."""
 HEIGHTS, LEAST_HEIGHTS, LAST, SUDDEN_SHARE = 8, 5, 2, 0.03
 """Fixes whose heights are remembered, and so many at least: before, it may be map or set-up that show nothing; the last ones of
 them, and by how much these may differ from those before."""
@@ -79,15 +77,10 @@ class ZoomWatch:
         self._trying: float | None = None
         self._hits: list[_Hit] = []
         self._missed = 0
-        self._since: list[float] | None = None
+        self._expected: float | None = None
         self.found: Fix | None = None
         """The newest fix through the lens that was found to be there."""
         self._heights: deque[float] = deque(maxlen=HEIGHTS)
-
-    @property
-    def settled(self) -> bool:
-        """Whether heights of fixes bear on the height again, not on the enlargement."""
-        return self._since is None
 
     def moved(self, seen: Motion) -> None:
         """Take an interval of odometry, which goes by the believed lens."""
@@ -109,10 +102,18 @@ class ZoomWatch:
         before, self._trying = self._trying, None
         if self._hits:
             self._trying = before
-        elif before is None and self._misses >= MISSES and now_ns - self._fix_ns >= LEAST_NS and self._sudden:
-            more = self._tries.next(now_ns, self._more(gnss), 1 / self.factor)
+        elif before is None and self._misses >= MISSES and now_ns - self._fix_ns >= LEAST_NS and self._may_have:
+            more = self._tries.next(now_ns, self._guess(gnss), 1 / self.factor)
             self._trying = None if more is None else self.factor * more
         return self._trying
+
+    @property
+    def _may_have(self) -> bool:
+        """Whether it may be a zoom that hides the ground."""
+        return self._expected is not None or self._sudden
+
+    def _guess(self, gnss: GnssTrack) -> float | None:
+        return self._more(gnss) if self._expected is None else self._expected / self.factor
 
     @property
     def _sudden(self) -> bool:
@@ -122,6 +123,20 @@ class ZoomWatch:
             return False
         before = median(heights[:-LAST])
         return all(abs(math.log(last / before)) < SUDDEN_SHARE for last in heights[-LAST:])
+
+    def asked_zoom(self, request_id: int) -> float | None:
+        """Through which lens the frame of a request was looked at; None for one that is not the last."""
+        asked = None if self._asked is None else self._asked[0]
+        return None if asked is None or asked.request_id != request_id else asked.zoom
+
+    def follow(self, factor: float) -> None:
+        """Fixes that are recognised show that the enlargement is another one by now."""
+        self.factor = factor
+        self._clear()
+
+    def expect(self, factor: float | None) -> None:
+        """The enlargement that comes first where frames are not recognised."""
+        self._expected = factor
 
     def asked(self, request: LocaliseRequest, height_m: float) -> None:
         """The worker is asked; `height_m`: of the vehicle above home."""
@@ -143,7 +158,7 @@ class ZoomWatch:
             self._fix_ns, self._speed_mps = answer.t_ns, speed_mps
             self._motions.clear()
             self._tries.clear()
-        return [] if hit is None or self._since is None else self._set_right(self._since, hit)
+        return []
 
     def _tried(self, fix: Fix | None, zoom: float) -> list[Command]:
         hit = None if fix is None else self._hit(fix, zoom)
@@ -164,23 +179,20 @@ class ZoomWatch:
         self.found = fix
         return self._changed(factor)
 
-    def _set_right(self, since: list[float], hit: _Hit) -> list[Command]:
-        since.append(hit.factor)
-        if len(since) < SETTLED_BY:
-            return []
-        factor, self._since = median(since), None
-        off = abs(math.log(factor / self.factor)) > SETTLED_SHARE
-        return self._changed(factor, settled=True) if off else []
+    def _changed(self, factor: float) -> list[Command]:
+        self.follow(1.0 if abs(math.log(factor)) < NONE_SHARE else factor)
+        return self.tell()
 
-    def _changed(self, factor: float, *, settled: bool = False) -> list[Command]:
-        self.factor = 1.0 if abs(math.log(factor)) < NONE_SHARE else factor
+    def _clear(self) -> None:
         self._hits, self._misses = [], 0
-        self._since = None if settled or self.factor == 1.0 else []
         self._heights.clear()
         self._motions.clear()
         self._tries.clear()
+
+    def tell(self, least: float = TELL_SHARE) -> list[Command]:
+        """What is to be said of the enlargement where it is another one, by a share, than was told before."""
         before = self._told
-        if abs(math.log(self.factor / before)) < TELL_SHARE and (self.factor != 1.0 or before == 1.0):
+        if abs(math.log(self.factor / before)) < least and (self.factor != 1.0 or before == 1.0):
             return []
         self._told = self.factor
         if self.factor == 1.0:

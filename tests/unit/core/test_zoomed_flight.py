@@ -12,16 +12,26 @@ import numpy as np
 import pytest
 
 from visloc_companion.errors import Reason
+from visloc_companion.geo import wgs84
 from visloc_companion.types import Fix, Injection, LocaliseRequest, NoFix, Notice, Odometry
 
 COV = ((0.01, 0.0), (0.0, 0.01))
-HEIGHT_M, ZOOM_S = 100.0, 30.0
+HEIGHT_M, ORIGIN_AMSL_M, ZOOM_S = 100.0, 40.0, 30.0
 RECOGNISED = 0.07
 """Natural logarithm of a scale that is off by so much that no frame is recognised."""
+LEAN_M = 45.0
+"""What a camera that leans by 20 degrees to the west adds to a fix for a lens that is twice as long, metres east."""
+HELD_SIGMAS, ASIDE_M, SIGMA_H_M = 3.0, 6.0, 0.8
+"""A height that is held further away than so many sigmas leaves no place that explains the picture: fixes are as far aside."""
 
 
 def told(w: Any) -> list[str]:
     return [c.text for _, c in w.commands if isinstance(c, Notice) and c.to_operator]
+
+
+def named(w: Any) -> list[float]:
+    """The factors that were told."""
+    return [dict(c.data)["factor"] for _, c in w.commands if isinstance(c, Notice) and "zoomed x" in c.text]
 
 
 def suspected_s(w: Any) -> float:
@@ -30,37 +40,104 @@ def suspected_s(w: Any) -> float:
 
 @pytest.fixture
 def zooming(world: Any) -> type[Any]:
-    """Pictures are enlarged by `zoom`: recognised through such a lens alone, and off in height and motion by what is left."""
+    """Pictures are enlarged by `zoom`, and by ground that is `nearer`: recognised through such a lens, or from a height that
+    looks alike, and off in height and motion by what is left."""
 
     @dataclass
     class Zooming(world):  # type: ignore[misc]
         zoom: Callable[[float], float] = lambda t: 1.0
+        nearer: Callable[[float], float] = lambda t: 1.0
         tries: bool = True
 
         def _localise(self, request: LocaliseRequest) -> None:
             super()._localise(request)
             when, answer = self.answers.pop()
-            left = self.zoom(self.t) / request.zoom
+            left = self.zoom(self.t) * self.nearer(self.t) / request.zoom * self.lower(request)
             t1_s = answer.t_ns * 1e-9
             north, east = np.array(self.velocity(t1_s - self.fix_period_s / 2)) * self.fix_period_s * left
             first_ns = round((t1_s - self.fix_period_s) * 1e9)
             motion = Odometry(0, first_ns, answer.t_ns, (float(north), float(east), 0.0), COV, 0.01, 0.02)
-            if (found := self.through(answer, request.zoom)) is not None:
+            if (found := self.through(request, answer, request.zoom)) is not None:
                 seen: Fix | NoFix = replace(found, motion=motion)
             else:
                 ids = request.request_id, request.frame.frame_id, "test"
-                tried = None if request.try_zoom is None or not self.tries else self.through(answer, request.try_zoom)
+                tries = request.try_zoom is not None and self.tries
+                tried = self.through(request, answer, request.try_zoom) if tries else None
                 seen = NoFix(0, answer.t_ns, *ids, Reason.NO_MATCH, 5.0, motion=motion, zoomed=tried)
             self.answers.append((when, seen))
 
-        def through(self, answer: Fix | NoFix, zoom: float) -> Fix | None:
-            left = self.zoom(self.t) / zoom
-            if not isinstance(answer, Fix) or abs(math.log(left)) > RECOGNISED:
+        def lower(self, request: LocaliseRequest) -> float:
+            """By how much the ground looks smaller than from the height that the request says."""
+            return (request.prior.place.h_amsl_m - ORIGIN_AMSL_M) / HEIGHT_M
+
+        def through(self, request: LocaliseRequest, answer: Fix | NoFix, zoom: float) -> Fix | None:
+            left = self.zoom(self.t) * self.nearer(self.t) / zoom
+            if not isinstance(answer, Fix) or abs(math.log(left * self.lower(request))) > RECOGNISED:
                 return None
-            h_amsl_m = answer.place.h_amsl_m + HEIGHT_M * (1 / left - 1)
-            return replace(answer, place=replace(answer.place, h_amsl_m=h_amsl_m))
+            h_amsl_m, prior = answer.place.h_amsl_m + HEIGHT_M * (1 / left - 1), request.prior
+            held = abs(h_amsl_m - prior.place.h_amsl_m) > HELD_SIGMAS * prior.sigma_h_m
+            east_m = (self.zoom(self.t) / zoom - 1) * LEAN_M - (ASIDE_M if held else 0.0)
+            place = wgs84.geo_from_ned((0.0, east_m, 0.0), answer.place)
+            if held:
+                return replace(answer, place=replace(place, h_amsl_m=prior.place.h_amsl_m), sigma_h_m=prior.sigma_h_m)
+            known, own = prior.sigma_h_m**-2, SIGMA_H_M**-2
+            h_amsl_m = (known * prior.place.h_amsl_m + own * h_amsl_m) / (known + own)
+            place, sigma_h_m = replace(place, h_amsl_m=h_amsl_m), (known + own) ** -0.5
+            return replace(answer, place=place, sigma_h_m=sigma_h_m, per_focal_ne_m=(0.0, LEAN_M))
 
     return Zooming
+
+
+def slow(share_per_s: float, to: float, since_s: float = ZOOM_S) -> Callable[[float], float]:
+    """A zoom that goes on evenly from a time on."""
+    return lambda t: min(to, 1.0 + share_per_s * max(0.0, t - since_s))
+
+
+@pytest.mark.parametrize(("share_per_s", "to"), [(0.01, 1.2), (0.025, 1.25), (0.025, 1.8), (0.05, 1.8)])
+def test_a_slow_zoom_is_followed_and_gnss_stays_trusted(zooming: Any, share_per_s: float, to: float) -> None:
+    w = zooming(zoom=slow(share_per_s, to), jammed=lambda t: t > 65)
+    w.start()
+    w.fly(85.0)
+    assert ZOOM_S < w.notices("camera zoomed x")[0] < ZOOM_S + 0.08 / share_per_s + 6
+    assert w.notices("not trusted") == w.notices("fx_px") == []
+    assert w.requests[-1][1].zoom == pytest.approx(to, rel=0.02)
+    assert w.requests[-1][1].try_zoom is None
+    sent = [(s, off_m) for t, s, off_m in w.statuses if t > 67]
+    assert all(off_m < s.protection_level_m for s, off_m in sent)
+    assert max(off_m for _, off_m in sent) < 4.0
+
+
+def test_a_slow_zoom_while_nothing_but_the_camera_tells_the_place_is_in_the_level(zooming: Any) -> None:
+    w = zooming(zoom=slow(0.025, 1.25), jammed=lambda t: t > 15)
+    w.start()
+    w.fly(60.0)
+    assert all(off_m < s.protection_level_m for t, s, off_m in w.statuses if t > 17)
+    assert max(off_m for t, _, off_m in w.statuses if t > 17) < 15.0
+
+
+def test_a_zoom_that_goes_on_unseen_is_looked_for_where_it_would_be_by_then(zooming: Any) -> None:
+    def cloud(t: float) -> bool:
+        return ZOOM_S + 9 < t < ZOOM_S + 16
+
+    w = zooming(zoom=slow(0.025, 1.7), blind=cloud)
+    w.start()
+    w.fly(75.0)
+    tried = [(t, r.try_zoom) for t, r, _ in w.requests if r.try_zoom is not None and cloud(t)]
+    assert min(abs(zoom / w.zoom(t) - 1) for t, zoom in tried[:4]) < 0.03
+    assert w.requests[-1][1].zoom == pytest.approx(1.7, rel=0.02)
+    assert w.notices("not trusted") == []
+
+
+def test_a_false_gnss_is_found_while_a_zoom_is_followed(zooming: Any) -> None:
+    def dragged(t: float) -> tuple[float, float]:
+        return (0.0, 1.0 * max(0.0, t - ZOOM_S - 10))
+
+    w = zooming(zoom=slow(0.025, 1.6), pull_m=dragged)
+    plain = zooming(pull_m=dragged)
+    for each in (w, plain):
+        each.start()
+        each.fly(70.0)
+    assert suspected_s(w) <= suspected_s(plain) + 5.0
 
 
 @pytest.mark.parametrize("factor", [1.5, 2.0, 1.2, 0.7])
@@ -68,7 +145,8 @@ def test_a_zoom_is_named_and_reckoned_with_and_gnss_stays_trusted(zooming: Any, 
     w = zooming(zoom=lambda t: factor if t > ZOOM_S else 1.0, jammed=lambda t: t > 60)
     w.start()
     w.fly(90.0)
-    (named_s,) = w.notices(f"camera zoomed x {factor:.2f}, or height off?")
+    (named_s,) = w.notices("camera zoomed x")
+    assert named(w)[0] == pytest.approx(factor, rel=0.03)
     assert ZOOM_S < named_s < ZOOM_S + 6
     assert w.notices("not trusted") == w.notices("fx_px") == []
     assert w.requests[-1][1].zoom == pytest.approx(factor, rel=0.015)
@@ -82,7 +160,8 @@ def test_a_zoom_while_nothing_but_the_camera_tells_the_place(zooming: Any) -> No
     w = zooming(zoom=lambda t: 1.5 if t > ZOOM_S else 1.0, jammed=lambda t: t > 15)
     w.start()
     w.fly(70.0)
-    (named_s,) = w.notices("camera zoomed x 1.50")
+    (named_s,) = w.notices("camera zoomed x")
+    assert named(w)[0] == pytest.approx(1.5, rel=0.03)
     assert named_s < ZOOM_S + 8
     assert all(off_m < s.protection_level_m for t, s, off_m in w.statuses if t > 17)
     assert max(off_m for t, _, off_m in w.statuses if t > named_s + 5) < 6.0
@@ -124,7 +203,7 @@ def test_a_false_gnss_is_no_zoom_and_a_zoom_hides_none(zooming: Any) -> None:
     w = zooming(zoom=lambda t: 1.5 if t > ZOOM_S else 1.0, pull_m=lambda t: (0.0, max(0.0, 1.0 * (t - ZOOM_S))))
     w.start()
     w.fly(70.0)
-    assert len(w.notices("camera zoomed x 1.5")) == 1
+    assert named(w) == [pytest.approx(1.5, rel=0.03)]
     assert suspected_s(w) < ZOOM_S + 20
     assert max(off_m for t, _, off_m in w.statuses if t > ZOOM_S + 25) < 6.0
 
@@ -139,9 +218,11 @@ def test_a_localiser_that_tries_none_answers_as_ever(zooming: Any) -> None:
 
 
 def test_ground_that_comes_nearer_little_by_little_is_no_zoom(zooming: Any) -> None:
-    """Woods or a hill that the map does not show: it is in the heights of the last frames that are recognised."""
-    w = zooming(zoom=lambda t: 1.0 + 0.3 * min(1.0, max(0.0, (t - ZOOM_S) / 10)))
+    """Woods or a hill that the map does not show: it is in the heights of fixes, whose places are right."""
+    w = zooming(nearer=slow(0.03, 1.3), jammed=lambda t: t > 50)
     w.start()
-    w.fly(60.0)
-    assert w.notices("zoom") == []
+    w.fly(70.0)
+    assert w.notices("zoom") == w.notices("not trusted") == []
     assert {r.try_zoom for _, r, _ in w.requests} == {None}
+    assert {r.zoom for _, r, _ in w.requests} == {1.0}
+    assert max(off_m for t, _, off_m in w.statuses if t > ZOOM_S) < 4.0

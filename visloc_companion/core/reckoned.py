@@ -1,0 +1,42 @@
+"""What the velocity that drives the filter came to, and what was known of its error: dead reckoning from a moment on, which no
+later fix changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from visloc_companion.core.belief import Belief
+from visloc_companion.core.propagation import ACCELERATION, INERTIAL_WALK_MPS_PER_SQRT_S, VELOCITY, Drive
+from visloc_companion.types import FloatArray, Vec2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reckoned:
+    """At a time: the way of the driving velocity since the filter began at `started_ns`, what is known of the errors of that
+    velocity (m/s) and of its acceleration (m/s²), north and east, their covariance (2, 2) on each axis, and what drives."""
+
+    travel_ne_m: Vec2
+    error_ne_mps: Vec2
+    error_ne_mps2: Vec2
+    cov: FloatArray
+    drive: Drive
+    started_ns: int
+
+    def carried_ne_m(self, dt_s: float) -> FloatArray:
+        """What these errors come to so much later (of an inertial velocity), metres north and east."""
+        return dt_s * np.array(self.error_ne_mps) + dt_s**2 / 2 * np.array(self.error_ne_mps2)
+
+    def carried_m2(self, dt_s: float) -> float:
+        """Variance of what they come to, on each axis."""
+        by = np.array((dt_s, dt_s**2 / 2))
+        return float(by @ self.cov @ by) + INERTIAL_WALK_MPS_PER_SQRT_S**2 * dt_s**3 / 3
+
+
+def reckoned(belief: Belief) -> Reckoned:
+    """What a belief knows of it."""
+    (v_n, v_e), (a_n, a_e) = belief.x[VELOCITY].tolist(), belief.x[ACCELERATION].tolist()
+    north, east = np.array((VELOCITY.start, ACCELERATION.start)), np.array((VELOCITY.start, ACCELERATION.start)) + 1
+    cov = (belief.P[np.ix_(north, north)] + belief.P[np.ix_(east, east)]) / 2
+    return Reckoned(belief.travel_ne_m, (v_n, v_e), (a_n, a_e), cov, belief.drive, belief.started_ns)
