@@ -30,6 +30,7 @@ class JournalSource:
     reference: PackMap | None
     pace: Pace | None = None
     latency: Literal["arrival", "computation"] = "arrival"
+    here: dict[str, str] = field(default_factory=versions)
     result: dict[str, Any] = field(default_factory=dict)
 
     def record(self) -> FlightRecord:
@@ -43,11 +44,10 @@ class JournalSource:
         found = compare(recorded_commands(entries), replayed)
         flown = [*events, *(Entry(now_ns, None, command) for now_ns, command in replayed)]
         record = from_entries(sorted(flown, key=lambda entry: entry.now_ns))
-        here = versions()
         self.result = {
             "commands": self._compared(found, damaged=bool(damages)),
             "flown_with": {
-                name: header.versions.get(name, "not stated") for name in here if header.versions.get(name) != here[name]
+                name: there for name, here in self.here.items() if (there := header.versions.get(name, "not stated")) != here
             },
             "damages": damages,
             "verdicts": record.changes(record.verdicts),
@@ -83,8 +83,7 @@ class JournalSource:
         if self.config is not None:
             words += " The configuration is not the flight's own."
         if commands["identical"] is False and self.result["flown_with"]:
-            here = versions()
-            others = (f"{name} {flown} (here {here[name]})" for name, flown in self.result["flown_with"].items())
+            others = (f"{name} {flown} (here {self.here[name]})" for name, flown in self.result["flown_with"].items())
             words += f" It was flown with {', '.join(others)}."
         return [words, *(f"Damaged: {damage}." for damage in self.result["damages"])]
 

@@ -17,8 +17,9 @@ import math
 
 import numpy as np
 
+from visloc_companion.core import kalman
 from visloc_companion.core.lasting import SHARE
-from visloc_companion.types import Command, Cov2, FloatArray, Notice, Severity, Vec2
+from visloc_companion.types import Command, Cov2, FloatArray, Notice, Rejected, Severity, Vec2
 
 AIM, DIFFERENCE, DELAY, STATES = slice(0, 2), slice(2, 4), 4, 5
 FIRST_SIGMA = np.array([0.05, 0.05, 3.0, 3.0, 0.1])
@@ -109,14 +110,10 @@ class Aim:
         H[:, DIFFERENCE] = np.eye(2)
         H[:, DELAY] = v_ne_mps
         R = 2 * LASTS_S * SHARE * cov + GNSS_SIGMA_M**2 * np.eye(2)
-        nu = np.array((off.real, off.imag)) - H @ self._x
-        S = H @ self._P @ H.T + R
-        if float(nu @ np.linalg.solve(S, nu)) > GATE_SIGMA**2:
+        outcome = kalman.update(self._x, self._P, np.array((off.real, off.imag)), R, H, gate_sigma=GATE_SIGMA)
+        if isinstance(outcome, Rejected):
             return False
-        gain = np.linalg.solve(S, H @ self._P).T
-        self._x = self._x + gain @ nu
-        left = np.eye(STATES) - gain @ H
-        self._P = left @ self._P @ left.T + gain @ R @ gain.T
+        self._x, self._P = outcome.x, outcome.P
         return True
 
     def _judge(self, height_m: float, *, timed: bool) -> None:

@@ -13,9 +13,10 @@ import math
 
 import numpy as np
 
+from visloc_companion.core import kalman
 from visloc_companion.core.remembered import remember
 from visloc_companion.geo import se3
-from visloc_companion.types import Command, Fix, FloatArray, LocaliseRequest, Notice, Quat, Severity, Vec2, Vec3
+from visloc_companion.types import Command, Fix, FloatArray, LocaliseRequest, Notice, Quat, Rejected, Severity, Vec2, Vec3
 
 TURN, DIFFERENCE, DELAY, STATES = slice(0, 3), slice(3, 5), 5, 6
 FIRST_SIGMA = np.array([math.radians(2.0)] * 2 + [math.radians(4.0), 3.0, 3.0, 0.1])
@@ -106,14 +107,10 @@ class Boresight:
         R[:2, :2] = np.array(fix.cov_ne_m2) + (GNSS_SIGMA_M**2 + tilt) * np.eye(2)
         R[2, 2] = fix.sigma_yaw_rad**2 + HEADING_SIGMA_RAD**2 * 2 * HEADING_S / every_s
         z = z + H[:, TURN] @ used
-        nu = z - H @ self._x
-        S = H @ self._P @ H.T + R
-        if float(nu @ np.linalg.solve(S, nu)) > GATE_SIGMA**2:
+        outcome = kalman.update(self._x, self._P, z, R, H, gate_sigma=GATE_SIGMA)
+        if isinstance(outcome, Rejected):
             return False
-        gain = np.linalg.solve(S, H @ self._P).T
-        self._x = self._x + gain @ nu
-        left = np.eye(STATES) - gain @ H
-        self._P = left @ self._P @ left.T + gain @ R @ gain.T
+        self._x, self._P = outcome.x, outcome.P
         return True
 
     def _taken_over(self) -> list[Command]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import cmath
-import math
 from dataclasses import replace
 
 from visloc_companion.core.attitude import AttitudeBuffer
@@ -67,7 +66,7 @@ class LeverArm:
             return motion
         swung_back = se3.plus(self._arm_ned_m(before), _back(self._arm_ned_m(after)))
         (nn, ne), (en, ee) = motion.cov_ne_m2
-        turned_rad = abs(cmath.rect(1.0, heading_rad(after)) - cmath.rect(1.0, heading_rad(before)))
+        turned_rad = abs(_heading(after) - _heading(before))
         more_m2 = (SWUNG_ALIKE * self.doubted_m * turned_rad) ** 2
         cov = ((nn + more_m2, ne), (en, ee + more_m2))
         return replace(motion, displacement_ned_m=se3.plus(motion.displacement_ned_m, swung_back), cov_ne_m2=cov)
@@ -81,7 +80,7 @@ class LeverArm:
         lever_ned_m = se3.rotate(q_ned_frd, self._lever_frd_m)
         if not self.aim_m:
             return lever_ned_m
-        aim = self.aim_m * cmath.rect(1.0, heading_rad(q_ned_frd))
+        aim = self.aim_m * _heading(q_ned_frd)
         return se3.plus(lever_ned_m, (aim.real, aim.imag, 0.0))
 
     def _attitude_at(self, t_ns: int) -> Quat | None:
@@ -89,10 +88,9 @@ class LeverArm:
         return None if t_boot_ns is None else self._attitude.at(t_boot_ns)
 
 
-def heading_rad(q_ned_frd: Quat) -> float:
-    """Heading of a vehicle's forward axis, clockwise from north."""
-    north, east, _ = se3.rotate(q_ned_frd, (1.0, 0.0, 0.0))
-    return math.atan2(east, north)
+def _heading(q_ned_frd: Quat) -> complex:
+    """Where the nose points: north + i east, of length 1."""
+    return cmath.rect(1.0, se3.euler_from_quat(q_ned_frd)[2])
 
 
 def _back(ned_m: Vec3) -> Vec3:

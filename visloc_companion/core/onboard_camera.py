@@ -22,7 +22,7 @@ from visloc_companion.core.gimbal import Gimbal
 from visloc_companion.core.gimbal_watch import GimbalWatch
 from visloc_companion.core.lens_watch import LensWatch
 from visloc_companion.core.level_watch import LevelWatch
-from visloc_companion.core.lever_arm import LeverArm, heading_rad
+from visloc_companion.core.lever_arm import LeverArm
 from visloc_companion.core.mirror_watch import MirrorWatch, shown_by_none
 from visloc_companion.core.mount_watch import MountWatch
 from visloc_companion.core.sun_memory import SunMemory
@@ -238,7 +238,8 @@ class OnboardCamera:
         retimed_s = self.retimed_s
         told = self._time.on_turn(answer.turn, self.q_carrier_cambody)
         if self.retimed_s != retimed_s:
-            self._boresight, self._tilt, self._aim = Boresight(self._configured), TiltMemory(self._mount_sigma_rad), Aim()
+            self._mount_anew()
+            self._aim = Aim()
             self._tracker.doubt_aim(0.0, 0.0)
         return told
 
@@ -289,13 +290,17 @@ class OnboardCamera:
         tracker, timed = self._tracker, self._time.sigma_s <= TIMED_S
         if self._gimbal is not None or self.zoom.factor != 1.0 or tracker.longer_share or tracker.lens_bend:
             return []
-        if fix.method == TERRAIN or fix.probability_wrong > SURE:
+        if fix.probability_wrong > SURE:
             return []
-        heading = heading_rad(se3.quat_multiply(fix.q_ned_frd, se3.quat_inverse(self.q_carrier_cambody)))
+        heading = se3.euler_from_quat(se3.quat_multiply(fix.q_ned_frd, se3.quat_inverse(self.q_carrier_cambody)))[2]
         off_ne_m = (-gnss_minus_fix_m[0], -gnss_minus_fix_m[1])
         used = self._aim.used
         told = self._aim.on_fix(fix.t_ns, off_ne_m, fix.cov_ne_m2, heading, v_ned_mps[:2], height_m, timed=timed)
         tracker.doubt_aim(max(abs(self._aim.used), self._aim.doubt), self._aim.doubt)
         if self._aim.used and not used:
-            self._boresight, self._tilt = Boresight(self._configured), TiltMemory(self._mount_sigma_rad)
+            self._mount_anew()
         return told
+
+    def _mount_anew(self) -> None:
+        """What fixes taught of mounting and tilt was of another time or place."""
+        self._boresight, self._tilt = Boresight(self._configured), TiltMemory(self._mount_sigma_rad)

@@ -231,7 +231,12 @@ class Tracker:
     def bent_m(self) -> float:
         """1-sigma, on each axis, of what fixes may be off by because the lens bends the picture: half of what a height of way
         makes of it."""
-        return self.lens_bend / 2 * abs(self.height_above_home_m or 0.0)
+        return self.lens_bend / 2 * self._flown_m
+
+    @property
+    def _flown_m(self) -> float:
+        """How far from home's height, 0 while that is not known."""
+        return abs(self.height_above_home_m or 0.0)
 
     def doubt_aim(self, share: float, open_share: float) -> None:
         """The camera may look beside where it should by so much of the height, of which so much is not taken off (aim.Aim)."""
@@ -242,11 +247,11 @@ class Tracker:
     def astray_m(self) -> float:
         """1-sigma, on each axis, of what fixes are off by beside GNSS, for a lens that bends the picture or a camera that looks
         elsewhere: half of what moves them, as of a map."""
-        return math.hypot(self.bent_m, self.aim_open / 2 * abs(self.height_above_home_m or 0.0))
+        return math.hypot(self.bent_m, self.aim_open / 2 * self._flown_m)
 
     def _widen(self) -> None:
         """What is taken off is in the level all the same: nobody can say whether it was the camera's, or a false GNSS's."""
-        alike_m = max(self._map_sigma_m, self.aim_share / 2 * abs(self.height_above_home_m or 0.0))
+        alike_m = max(self._map_sigma_m, self.aim_share / 2 * self._flown_m)
         sigma_m = math.hypot(alike_m, self.bent_m) if self.lens_bend else alike_m
         if sigma_m == self._settings.map_sigma_m:
             return

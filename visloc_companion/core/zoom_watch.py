@@ -126,8 +126,13 @@ class ZoomWatch:
 
     def asked_zoom(self, request_id: int) -> float | None:
         """Through which lens the frame of a request was looked at; None for one that is not the last."""
+        asked = self._request(request_id)
+        return None if asked is None else asked.zoom
+
+    def _request(self, request_id: int) -> LocaliseRequest | None:
+        """The last request, where that is it."""
         asked = None if self._asked is None else self._asked[0]
-        return None if asked is None or asked.request_id != request_id else asked.zoom
+        return asked if asked is not None and asked.request_id == request_id else None
 
     def follow(self, factor: float) -> None:
         """Fixes that are recognised show that the enlargement is another one by now."""
@@ -148,8 +153,8 @@ class ZoomWatch:
         if isinstance(answer, NoFix):
             if answer.reason in UNLIKE_THE_MAP:
                 self._misses = min(MOST_MISSES, self._misses + 1)
-            asked = self._asked is not None and self._asked[0].request_id == answer.request_id
-            return self._tried(answer.zoomed, self._trying) if asked and self._trying is not None else []
+            tried = self._trying if self._request(answer.request_id) is not None else None
+            return [] if tried is None else self._tried(answer.zoomed, tried)
         hit = self._hit(answer, self.factor)
         if hit is not None and self._misses == 0:
             self._heights.append(hit.as_stated)

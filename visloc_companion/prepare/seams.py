@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from visloc_companion.geo.raster import compose_affine
 from visloc_companion.prepare.heights import APART_M
 from visloc_companion.prepare.mosaic import resampled
 from visloc_companion.prepare.target import Source, TargetGrid
@@ -25,8 +26,7 @@ def seams(sources: Sequence[Source], grid: TargetGrid) -> list[str]:
     T_grid_pix = np.array(
         [[grid.cols / cols, 0.0, grid.cols / cols / 2 - 0.5], [0.0, grid.rows / rows, grid.rows / rows / 2 - 0.5]]
     )
-    T_map_pix = grid.T_map_pix[:, :2] @ T_grid_pix
-    T_map_pix[:, 2] += grid.T_map_pix[:, 2]
+    T_map_pix = compose_affine(grid.T_map_pix, T_grid_pix)
     found: list[str] = []
     above_m = np.full((rows, cols), np.nan)
     for source in sources:
