@@ -11,6 +11,8 @@ from __future__ import annotations
 import cmath
 import math
 from dataclasses import dataclass, replace
+from functools import partial
+from threading import Lock
 from typing import Protocol
 
 import numpy as np
@@ -126,7 +128,8 @@ class FramePass:
 
 
 class Resampled:
-    """Features computed at once for the middles of ranges of heading and scale, and resampled for poses within."""
+    """Features computed for the middles of ranges of heading and scale, and resampled for poses within; each middle's when a pose
+    first asks for it: a search asks for all, what refines a few of its places for one or two."""
 
     def __init__(
         self, level: FrameLevel, plan: SearchPlan, linear: FloatArray, features: Features, tolerance: tuple[float, float]
@@ -134,27 +137,33 @@ class Resampled:
         self._plan = plan
         self._headings = _middles(plan.headings_rad, tolerance[0])
         self._log_scales = _middles(np.log(plan.scales), tolerance[1])
-        self._passes = [
-            [_pass_of(level, plan, linear, features, float(h), math.exp(s)) for s in self._log_scales] for h in self._headings
-        ]
+        self._compute = partial(_pass_of, level, plan, linear, features)
+        self._passes: dict[tuple[int, int], FramePass] = {}
         self._smooth: dict[tuple[int, int], FramePass] = {}
+        self._computing = Lock()
 
     def on_plane(self, pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], ground_up_m: float) -> Seen:
         """See FrameFeatures."""
-        i, j = self._nearest(pose)
-        return self._passes[i][j].on_plane(pose, A_ne_pix, size, ground_up_m)
+        return self._pass(self._nearest(pose)).on_plane(pose, A_ne_pix, size, ground_up_m)
 
     def on_surface(self, pose: CameraPose, grid: MapGrid) -> Seen:
         """See FrameFeatures."""
-        i, j = self._nearest(pose)
-        return self._passes[i][j].on_surface(pose, grid)
+        return self._pass(self._nearest(pose)).on_surface(pose, grid)
 
     def about(self, pose: CameraPose, grid: MapGrid, stride: int) -> FramePass:
         """See DescentFeatures."""
-        i, j = self._nearest(pose)
-        if (i, j) not in self._smooth:
-            self._smooth[i, j] = smooth(self._passes[i][j])
-        return self._smooth[i, j]
+        nearest = self._nearest(pose)
+        if nearest not in self._smooth:
+            self._smooth[nearest] = smooth(self._pass(nearest))
+        return self._smooth[nearest]
+
+    def _pass(self, which: tuple[int, int]) -> FramePass:
+        """A middle's features; threads of a search that ask for the same wait for it."""
+        with self._computing:
+            if which not in self._passes:
+                heading_rad, log_scale = float(self._headings[which[0]]), float(self._log_scales[which[1]])
+                self._passes[which] = self._compute(heading_rad, math.exp(log_scale))
+            return self._passes[which]
 
     def _nearest(self, pose: CameraPose) -> tuple[int, int]:
         """Which pass, of heading and scale, is nearest a pose."""
