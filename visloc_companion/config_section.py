@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -12,14 +13,35 @@ Share = Annotated[float, Field(gt=0, lt=1)]
 
 
 class Section(BaseModel):
-    """Base of all sections: frozen, no unknown keys, no number that is none (TOML has nan and inf; true is none either)."""
+    """Base of all sections: frozen, no unknown keys, no number that is none (TOML has nan and inf; neither true nor a text that
+    looks like a number is one, and no text is true)."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
 
     @model_validator(mode="before")
     @classmethod
-    def _no_truth_for_a_number(cls, data: Any) -> Any:
-        for name, value in data.items() if isinstance(data, dict) else ():
-            if isinstance(value, bool) and name in cls.model_fields and cls.model_fields[name].annotation is not bool:
-                raise ValueError(f"{name} is {str(value).lower()}, which is no value for it")
+    def _each_of_its_kind(cls, data: Any) -> Any:
+        stated = [item for item in data.items() if item[0] in cls.model_fields] if isinstance(data, dict) else []
+        wrong = [
+            InitErrorDetails(type=PydanticCustomError("kind", "{told}", {"told": problem}), loc=(name,), input=value)
+            for name, value in stated
+            if (problem := _of_another_kind(cls.model_fields[name].annotation, value))
+        ]
+        if wrong:
+            raise ValidationError.from_exception_data(cls.__name__, wrong)
         return data
+
+
+def _of_another_kind(annotation: Any, value: Any) -> str | None:
+    """What is wrong with a value, or one of a list, that pydantic would make one of the field's type; None elsewhere."""
+    for item in value if isinstance(value, list | tuple) else (value,):
+        if isinstance(item, bool) and not _takes(annotation, bool):
+            return f"{str(item).lower()} is no value for it"
+        if isinstance(item, str) and not _takes(annotation, str):
+            return "a text is no value for it: write numbers, true and false without quotes"
+    return None
+
+
+def _takes(annotation: Any, kind: type) -> bool:
+    """Whether a field's type is `kind`, one of its values (Literal), or has it among its parts."""
+    return annotation is kind or isinstance(annotation, kind) or any(_takes(part, kind) for part in get_args(annotation))

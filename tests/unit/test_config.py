@@ -104,11 +104,30 @@ def test_providers_are_an_ordered_choice() -> None:
 
 
 def test_true_is_no_number() -> None:
-    with pytest.raises(ConfigError, match=r"link: .*system_id is true, which is no value for it"):
+    with pytest.raises(ConfigError, match=r"link\.system_id: true is no value for it"):
         parse_config({"link": {"system_id": True}})
-    with pytest.raises(ConfigError, match=r"navigator: .*output_rate_hz is true"):
+    with pytest.raises(ConfigError, match=r"navigator\.output_rate_hz: true is no value"):
         parse_config({"navigator": {"output_rate_hz": True}})
+    with pytest.raises(ConfigError, match=r"camera\.distortion: true is no value"):
+        parse_config({"camera": {"distortion": [True, 0.0, 0.0, 0.0, 0.0]}})
     assert parse_config({"localiser": {"odometry": False}}).localiser.odometry is False
+
+
+@pytest.mark.parametrize(
+    "text",
+    ['width_px = "640"', 'fx_px = "500.0"', 'lever_arm_frd_m = [0.1, "0.2", 0.0]', 'distortion = ["0", "0", "0", "0", "0"]'],
+)
+def test_a_text_is_no_number_though_it_looks_like_one(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "visloc.toml"
+    path.write_text(f"[camera]\n{text}\n")
+    with pytest.raises(ConfigError, match=rf"visloc\.toml: camera\.{text.split(maxsplit=1)[0]}: a text .* without quotes \(got "):
+        load_config(path)
+
+
+@pytest.mark.parametrize("word", ["no", "false", "0"])
+def test_a_text_is_neither_true_nor_false(word: str) -> None:
+    with pytest.raises(ConfigError, match=r"localiser\.structure: a text is no value for it"):
+        parse_config({"localiser": {"structure": word}})
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ def doctor(
     apply: Annotated[bool, typer.Option("--apply", help="Also set it in the autopilot, read back; refused while armed.")] = False,
     json: Annotated[Path | None, typer.Option("--json", help="Write the result as JSON.")] = None,
     seconds: Annotated[float, typer.Option("--seconds", min=1.0, max=120.0, help="How long rates and time are measured.")] = 5.0,
-    wait: Annotated[float, typer.Option("--wait", min=1.0, help="How long to wait for the autopilot, seconds.")] = 10.0,
+    wait: Annotated[float, typer.Option("--wait", min=1.0, max=3600.0, help="Time to wait for the autopilot, seconds.")] = 10.0,
     everything: Annotated[bool, typer.Option("--all", help="Show skipped rules, too.")] = False,
 ) -> None:
     """Judge autopilot, link, camera, map and computer. Exit codes: 0 ok, 1 a rule is red, 2 usage or configuration, 4 link."""

@@ -40,7 +40,7 @@ def image(
     map_sigma_m: Annotated[
         str | None, typer.Option(help="The map's own horizontal error, 1-sigma: of both axes, or 'north,east'.")
     ] = None,
-    map_sigma_h_m: Annotated[float | None, typer.Option(min=0, help="The same of its heights.")] = None,
+    map_sigma_h_m: Annotated[float | None, typer.Option(min=0, max=1000, help="The same of its heights.")] = None,
     report: Annotated[Path | None, typer.Option(help="Folder for report.html.")] = None,
     list_methods: Annotated[bool, typer.Option("--list-methods", help="Print the methods of this version.")] = False,
 ) -> None:

@@ -149,7 +149,7 @@ def info(pack: Pack, json_file: Json = None) -> None:
 def check(
     pack: Pack,
     route: Annotated[Path | None, typer.Option(metavar="FILE", help="CSV (lat_deg,lon_deg), .waypoints or .plan.")] = None,
-    margin_m: Annotated[float, typer.Option(min=0, help="How far around the route the map must reach.")] = 0.0,
+    margin_m: Annotated[float, typer.Option(min=0, max=100_000, help="How far around the route the map must reach.")] = 0.0,
     model: Model = "",
     json_file: Json = None,
 ) -> None:

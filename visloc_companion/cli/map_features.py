@@ -25,7 +25,9 @@ Model = Annotated[
 ]
 FinestFeatures = Annotated[
     float,
-    typer.Option(min=0, help="Store a network's features from about this GSD (metres) on; finer ones are computed in flight."),
+    typer.Option(
+        min=0, max=1000, help="Store a network's features from about this GSD (metres) on; finer ones are computed in flight."
+    ),
 ]
 
 

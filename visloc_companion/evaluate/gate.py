@@ -69,15 +69,17 @@ class Condition:
 
 
 def parse_gate(text: str) -> list[Condition]:
-    """The conditions of a gate, separated by commas; none in an empty text.
+    """The conditions of a gate, separated by commas; none in a blank text.
 
     Names are those of the summary (`hmi`, `availability`, ...), short ones (`p95_m`, `gap_max_ms`, ...) or dotted paths
     (`error_horizontal_m.p95`). Raises ConfigError naming the condition that is wrong.
     """
-    return [_condition(part) for part in text.split(",") if part.strip()]
+    return [_condition(part) for part in text.split(",")] if text.strip() else []
 
 
 def _condition(text: str) -> Condition:
+    if not text.strip():
+        raise ConfigError("has a comma without a condition beside it", where=_WHERE, remedy="write one, or leave the comma out")
     found = _CONDITION.match(text)
     if found is None:
         raise ConfigError(f"{text.strip()!r} is no condition", where=_WHERE, remedy='write NAME<=NUMBER, as in "hmi=0,p95_m<=12"')

@@ -7,10 +7,14 @@ A localiser's covariance is that of the camera against the map. In flight the fi
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, replace
 
 from visloc_companion.errors import ConfigError
 from visloc_companion.types import Fix
+
+LARGEST_M = 1000.0
+"""As `--map-sigma-h-m` takes it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +51,10 @@ def stated(horizontal: str | None, height_m: float | None) -> MapSigma:
 
 def _axes_m(text: str) -> tuple[float, float]:
     try:
-        sigmas_m = [float(part) for part in text.replace(",", " ").split()]
+        sigmas_m = [float(part) for part in re.split(r"\s*,\s*|\s+", text.strip())]
     except ValueError:
         sigmas_m = []
-    if len(sigmas_m) not in (1, 2) or not all(0 <= sigma_m < math.inf for sigma_m in sigmas_m):
+    if len(sigmas_m) not in (1, 2) or not all(0 <= sigma_m <= LARGEST_M for sigma_m in sigmas_m):
         remedy = 'give metres: 0.7 for both axes, or "0.4,0.8" for north and east'
         raise ConfigError(f"{text!r} is no 1-sigma of a map", where="--map-sigma-m", remedy=remedy)
     return sigmas_m[0], sigmas_m[-1]

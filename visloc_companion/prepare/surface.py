@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -72,13 +71,13 @@ def settled_datum(
     datum = _datum(named, stated)
     if datum == "amsl":
         return datum, None
-    if undulation_m is None or not math.isfinite(undulation_m):
+    if undulation_m is None:
         raise DatumMissing(
             "heights are ellipsoidal and the geoid undulation is not given",
             where=named[0][0],
             remedy="--geoid-undulation-m N, the geoid's height above the ellipsoid at the place",
         )
-    if abs(undulation_m) > LARGEST_UNDULATION_M:
+    if not abs(undulation_m) <= LARGEST_UNDULATION_M:
         raise DatumMissing(
             f"nowhere on earth is the geoid {undulation_m:g} m above the ellipsoid",
             where="--geoid-undulation-m",

@@ -137,6 +137,11 @@ def test_a_wrong_camera_file_is_named(flight: Path, toml: str, words: str) -> No
         ("truth.csv", "t_us;lat_deg;lon_deg;h_amsl_m\n1;47;8;9\n", "its first line is 't_us;lat_deg;lon_deg;h_amsl_m'"),
         ("truth.csv", "t_us,lat_deg,lon_deg,h_amsl_m\n1,474000000,85500000,9\n", "column lat_deg: 4.74e+08 is beyond ±90"),
         ("truth.csv", "t_us,lat_deg,lon_deg,h_amsl_m\n1,47,8,9\n1,0,0,0\n", "row 2, column lat_deg: 0, 0 is what receivers"),
+        (
+            "truth.csv",
+            "t_us,lat_deg,lon_deg,h_amsl_m\n60000000,47,8,9\n61000000,47,8,9\n60000000.0,47,8.001,9\n",
+            "row 3, column t_us: has the time of row 1 and another place",
+        ),
     ],
 )
 def test_a_wrong_table_is_named(flight: Path, name: str, text: str, words: str) -> None:
@@ -144,6 +149,12 @@ def test_a_wrong_table_is_named(flight: Path, name: str, text: str, words: str) 
     with pytest.raises(LogError, match=name.replace(".", r"\.")) as caught:
         open_folder(flight)
     assert words in str(caught.value)
+
+
+def test_a_row_of_truth_that_is_there_twice_counts_once(flight: Path) -> None:
+    rows = ["60000000,47,8,9", "61000000,47.001,8,9"]
+    (flight / "truth.csv").write_text("\n".join(["t_us,lat_deg,lon_deg,h_amsl_m", *rows, rows[0]]) + "\n")
+    assert [row.place.lat_deg for row in open_folder(flight).truth] == [47.0, 47.001]
 
 
 def test_a_frame_that_is_missing_or_damaged_is_none(flight: Path) -> None:

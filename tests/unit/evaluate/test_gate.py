@@ -34,7 +34,14 @@ def test_an_undefined_figure_fails(gate: str) -> None:
 
 
 def test_an_empty_gate_has_no_conditions() -> None:
-    assert parse_gate(" , ") == []
+    assert parse_gate("") == parse_gate("  ") == []
+
+
+@pytest.mark.parametrize("text", [",", " , ", "hmi=0,", ",hmi=0", "hmi=0,,p95_m<=12"])
+def test_a_comma_without_a_condition_is_refused(text: str) -> None:
+    """What a script left empty would pass unseen."""
+    with pytest.raises(ConfigError, match=r"--gate: has a comma without a condition beside it; remedy"):
+        parse_gate(text)
 
 
 @pytest.mark.parametrize(

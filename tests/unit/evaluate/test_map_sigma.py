@@ -36,7 +36,7 @@ def test_one_number_is_for_both_axes_and_two_are_north_and_east(horizontal, heig
     assert stated(horizontal, height_m) == expected
 
 
-@pytest.mark.parametrize("text", ["", "a", "-1", "0.4,-0.8", "1,2,3", "nan", "inf", "0.4;0.8"])
+@pytest.mark.parametrize("text", ["", "a", "-1", "0.4,-0.8", "1,2,3", "nan", "inf", "1e300", "0.4;0.8", ",", "0.4,,0.8", "0.4,"])
 def test_what_is_no_error_of_a_map_is_refused_with_the_remedy(text):
     with pytest.raises(ConfigError, match=r"--map-sigma-m: .* is no 1-sigma of a map; remedy: give metres"):
         stated(text, None)

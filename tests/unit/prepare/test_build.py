@@ -1,4 +1,5 @@
 import json
+import math
 import os
 from pathlib import Path
 
@@ -209,8 +210,9 @@ def test_an_undulation_that_would_be_passed_over_or_is_none_is_refused(tmp_path:
     for stated in (None, "amsl"):
         with pytest.raises(DatumMissing, match=r"--geoid-undulation-m: is given.*--vertical-datum ellipsoidal"):
             build_pack(*files, vertical_datum=stated, geoid_undulation_m=46.5)
-    with pytest.raises(DatumMissing, match=r"nowhere on earth.*460 m.*remedy"):
-        build_pack(*files, vertical_datum="ellipsoidal", geoid_undulation_m=460.0)
+    for undulation_m in (460.0, math.nan, math.inf):
+        with pytest.raises(DatumMissing, match=rf"nowhere on earth.*{undulation_m:g} m.*remedy"):
+            build_pack(*files, vertical_datum="ellipsoidal", geoid_undulation_m=undulation_m)
     with pytest.raises(DatumMissing, match=r"--geoid-undulation-m: is given.*remedy"):
         build_pack([tmp_path / "a.tif"], None, tmp_path / "pack", ground_h_amsl_m=430.0, geoid_undulation_m=46.5)
 

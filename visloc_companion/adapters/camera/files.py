@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 
 from visloc_companion.adapters.camera.image import decode_image, require_size, stored
-from visloc_companion.adapters.camera.table import read_table, stamped_by_autopilot
+from visloc_companion.adapters.camera.table import files_listed, stamped_by_autopilot
 from visloc_companion.errors import CameraError
 from visloc_companion.protocols import Clock, FrameSlots
 from visloc_companion.types import CameraModel, FrameRef, Image
@@ -24,7 +24,7 @@ class FilesCamera:
         self._folder, self._model, self._clock = Path(folder), model, clock
         if not self._folder.is_dir():
             raise CameraError("is not a folder", where=str(folder), remedy="name a folder with frames.csv in camera.url")
-        self._rows = read_table(self._folder / "frames.csv", files=True)
+        self._rows = files_listed(self._folder / "frames.csv")
         self._of_autopilot = stamped_by_autopilot(self._folder)
         self._closed = False
         self.unreadable = 0

@@ -1,48 +1,72 @@
-"""Times of recorded frames: `frames.csv` with the columns `t_us` and `file`, and whose clock they are of."""
+"""Times of recorded frames, for the daemon and for replays: `frames.csv` with the columns `t_us` and `file`, beside a video
+`t_us` alone, and whose clock they are of."""
 
 from __future__ import annotations
 
-import csv
 import tomllib
 from pathlib import Path
 
+from visloc_companion.adapters.camera.video_stamps import frame_count
+from visloc_companion.adapters.table import ErrorKind, read_table, refuse
 from visloc_companion.errors import CameraError
 
-_REMEDY = "write UTF-8 CSV with the columns t_us (whole microseconds, increasing) and file"
+TIME_BASES = ("autopilot_boot", "unix", "offset")
+_A_ROW_EACH = "write a row for each frame of the video, in its order"
 
 
-def read_table(path: Path, files: bool) -> list[tuple[int, str]]:
-    """Rows (t_us, file) in time order; `files` asks for file names. Raises CameraError naming row and column."""
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as opened:
-            rows = list(csv.DictReader(opened, skipinitialspace=True))
-    except (OSError, UnicodeDecodeError, csv.Error) as why:
-        raise CameraError(f"cannot be read: {why}", where=str(path), remedy=_REMEDY) from why
-    found: list[tuple[int, str]] = []
+def files_listed(table: Path, kind: ErrorKind = CameraError) -> list[tuple[int, str]]:
+    """(t_us, file) in time order. Raises an error of `kind` naming row and column."""
+    found = []
+    for number, row in enumerate(read_table(table, ("t_us", "file"), kind), start=1):
+        t_us = _time_us(table, number, row, kind)
+        if not row["file"]:
+            raise refuse(table, number, "file", "has no file name", "name the image of each row", kind)
+        found.append((t_us, row["file"]))
+    return sorted(found, key=lambda row: row[0])
+
+
+def times_of_video(table: Path, video: Path, kind: ErrorKind = CameraError) -> tuple[int, ...]:
+    """When each frame of a video was taken, microseconds. Raises an error of `kind` for a table that is not of this video: that
+    goes back, has another number of rows than the video frames, or lists image files that are there."""
+    rows = read_table(table, ("t_us",), kind)
+    times_us: list[int] = []
     for number, row in enumerate(rows, start=1):
-        clean = {str(key).strip(): value for key, value in row.items()}
-        try:
-            t_us = int(str(clean["t_us"]).strip())
-        except (KeyError, ValueError) as why:
-            raise CameraError(
-                "holds no whole number of microseconds", where=f"{path}, row {number}, column t_us", remedy=_REMEDY
-            ) from why
-        name = str(clean.get("file") or "").strip()
-        if files and not name:
-            raise CameraError("names no file", where=f"{path}, row {number}, column file", remedy=_REMEDY)
-        found.append((t_us, name))
-    if not found:
-        raise CameraError("has no rows", where=str(path), remedy=_REMEDY)
-    return sorted(found)
+        times_us.append(_time_us(table, number, row, kind))
+        if times_us[-1] < times_us[max(number - 2, 0)]:
+            raise refuse(table, number, "t_us", "goes back", _A_ROW_EACH, kind)
+    named = [row["file"] for row in rows if row.get("file") and row["file"] != video.name]
+    if pictures := [name for name in named if (table.parent / name).is_file()]:
+        raise kind(
+            f"lists {pictures[0]} beside {video.name}",
+            where=str(table),
+            remedy="leave either the video or the image files, with their table, in the folder",
+        )
+    n_frames = frame_count(video, len(rows))
+    if n_frames != len(rows):
+        raise kind(f"has {len(rows)} rows, {video.name} {n_frames} frames", where=str(table), remedy=_A_ROW_EACH)
+    return tuple(times_us)
+
+
+def _time_us(table: Path, number: int, row: dict[str, str], kind: ErrorKind) -> int:
+    try:
+        return int(float(row["t_us"]))
+    except (ValueError, OverflowError) as why:
+        raise refuse(table, number, "t_us", "has no whole number of microseconds", "write microseconds", kind) from why
 
 
 def stamped_by_autopilot(folder: Path) -> bool:
-    """Whether `camera.toml` beside the frames says `time_base = "autopilot_boot"`. Raises CameraError for a damaged file."""
+    """Whether `camera.toml` beside the frames says `time_base = "autopilot_boot"`.
+
+    Raises CameraError for a damaged file and an unknown base.
+    """
     path = folder / "camera.toml"
     if not path.exists():
         return False
     try:
-        settings = tomllib.loads(path.read_text(encoding="utf-8"))
+        settings = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as why:
         raise CameraError(f"cannot be read: {why}", where=str(path), remedy="correct the TOML file") from why
-    return settings.get("time_base") == "autopilot_boot"
+    base = settings.get("time_base")
+    if base is not None and base not in TIME_BASES:
+        raise CameraError(f"time_base: {base!r} is unknown", where=str(path), remedy=f"use one of {', '.join(TIME_BASES)}")
+    return base == TIME_BASES[0]

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from visloc_companion.adapters.camera.image import as_stored, require_size, rgb, stored
-from visloc_companion.adapters.camera.table import read_table, stamped_by_autopilot
+from visloc_companion.adapters.camera.table import stamped_by_autopilot, times_of_video
 from visloc_companion.errors import CameraError
 from visloc_companion.protocols import Clock, FrameSlots
 from visloc_companion.types import CameraModel, FrameRef
@@ -21,7 +21,8 @@ class VideoCamera:
 
     The table is `<name of the video>.csv`, or else `frames.csv`; without one the video's own stamps time the frames, for cameras
     record at a rate that varies with the light, and its frame rate where it has none.
-    `camera.toml` counts as for a folder of files. Raises CameraError for a file that cannot be decoded or without times.
+    `camera.toml` counts as for a folder of files. Raises CameraError for a file that cannot be decoded or without times, and for
+    a table that is not of it.
     """
 
     def __init__(self, path: str | Path, model: CameraModel, clock: Clock) -> None:
@@ -34,7 +35,7 @@ class VideoCamera:
         require_size(size[0], size[1], model, str(path))
         tables = [self._path.with_suffix(".csv"), self._path.parent / "frames.csv"]
         table = next((candidate for candidate in tables if candidate.exists()), None)
-        self._t_us = None if table is None else [t_us for t_us, _ in read_table(table, files=False)]
+        self._t_us = None if table is None else times_of_video(table, self._path)
         self._of_autopilot = self._t_us is not None and stamped_by_autopilot(self._path.parent)
         self._rate_hz = float(self._capture.get(cv2.CAP_PROP_FPS))
         if self._t_us is None and not 0 < self._rate_hz < 1e4:
@@ -49,7 +50,7 @@ class VideoCamera:
         return self._model
 
     async def frames(self, slots: FrameSlots) -> AsyncIterator[FrameRef]:
-        """Each frame at its time; ends with the video, or with the table where that is shorter."""
+        """Each frame at its time; ends with the video, at the latest with the table."""
         start_ns = self._clock.now_ns()
         number, t_us = 0, 0
         while self._t_us is None or number < len(self._t_us):

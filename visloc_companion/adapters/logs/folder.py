@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from visloc_companion.adapters.camera.table import TIME_BASES
 from visloc_companion.adapters.logs.frames import FrameSource, notes_on, open_frames
 from visloc_companion.adapters.logs.open import LOG_SUFFIXES, open_log
 from visloc_companion.adapters.logs.recording import NS_PER_S, NS_PER_US, Recording
@@ -28,7 +29,6 @@ from visloc_companion.config import mask_found, parse_config
 from visloc_companion.config_camera import CameraConfig
 from visloc_companion.errors import ConfigError, LogError
 
-TIME_BASES = ("autopilot_boot", "unix", "offset")
 _STATE_IT = "state boot time minus file time in seconds"
 _STATION = "The log does not state UTC: the ground station's clock was taken for it, which may err by seconds."
 _MAX_OFFSET_S = 1e10

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from visloc_companion.adapters.logs.recording import NS_PER_US
-from visloc_companion.adapters.logs.table import read_table, refuse
+from visloc_companion.adapters.table import read_table, refuse
 from visloc_companion.types import GeoPoint
 
 _COLUMNS = ("t_us", "lat_deg", "lon_deg", "h_amsl_m")
@@ -23,11 +23,20 @@ class TruthRow:
 
 
 def read_truth(path: Path, boot_from_file_ns: int) -> list[TruthRow]:
-    """Rows of truth.csv in time order; empty where there is no such file. Raises LogError naming the row and the column."""
+    """Rows of truth.csv in time order, what is there twice once; empty where there is no such file.
+
+    Raises LogError naming the row and the column, and for two places at one time.
+    """
     if not path.exists():
         return []
-    truth = [_row(path, number, row, boot_from_file_ns) for number, row in enumerate(read_table(path, _COLUMNS), start=1)]
-    return sorted(truth, key=lambda row: row.t_ns)
+    found: dict[int, tuple[int, TruthRow]] = {}
+    for number, values in enumerate(read_table(path, _COLUMNS), start=1):
+        row = _row(path, number, values, boot_from_file_ns)
+        first, known = found.setdefault(row.t_ns, (number, row))
+        if known != row:
+            what = f"has the time of row {first} and another place"
+            raise refuse(path, number, "t_us", what, "write finer times, or leave one of the places out")
+    return sorted((row for _, row in found.values()), key=lambda row: row.t_ns)
 
 
 def _row(path: Path, number: int, row: dict[str, str], boot_from_file_ns: int) -> TruthRow:

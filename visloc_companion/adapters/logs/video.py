@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from visloc_companion.adapters.camera.image import as_stored
+from visloc_companion.adapters.camera.video_stamps import stamps_us
 from visloc_companion.errors import LogError
 from visloc_companion.types import Image
 
@@ -46,12 +47,6 @@ def turn_deg(video: Path) -> int:
     return round(cv2.VideoCapture(str(video)).get(cv2.CAP_PROP_ORIENTATION_META)) % 360
 
 
-def frame_count(video: Path, expected: int) -> int:
-    """How many frames it has: counted where what it states is not what is expected."""
-    stated = round(cv2.VideoCapture(str(video)).get(cv2.CAP_PROP_FRAME_COUNT))
-    return expected if stated == expected else len(_stamps_us(video)[0])
-
-
 def own_times_us(video: Path, start_us: int | None) -> tuple[int, ...]:
     """When its frames were taken by its own stamps, the first at `start_us`. Raises LogError where neither says."""
     if start_us is None:
@@ -60,22 +55,12 @@ def own_times_us(video: Path, start_us: int | None) -> tuple[int, ...]:
             where=str(video),
             remedy=f"set video_start_us in camera.toml, or {_STAMP_THEM}",
         )
-    shown_us, rate_hz = _stamps_us(video)
+    shown_us, rate_hz = stamps_us(video)
     if not shown_us:
         raise LogError("cannot be decoded as a video", where=str(video), remedy="convert it to MP4 with H.264")
     if shown_us[0] == shown_us[-1] or any(before > after for before, after in pairwise(shown_us)):
         shown_us = _by_rate(video, shown_us, rate_hz)
     return tuple(start_us + t_us - shown_us[0] for t_us in shown_us)
-
-
-def _stamps_us(video: Path) -> tuple[list[int], float]:
-    """When each frame is shown, microseconds (cameras record at a rate that varies with the light), and the rate, Hz."""
-    capture = cv2.VideoCapture(str(video))
-    rate_hz, shown_us = float(capture.get(cv2.CAP_PROP_FPS)), []
-    while capture.grab():
-        shown_us.append(round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e3))
-    capture.release()
-    return shown_us, rate_hz
 
 
 def _by_rate(video: Path, shown_us: list[int], rate_hz: float) -> list[int]:
