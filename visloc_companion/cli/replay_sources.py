@@ -31,6 +31,7 @@ from visloc_companion.evaluate.flight import Pace, RecordedEyes, replay_recordin
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.record import MAX_TRUTH_GAP_S, FlightRecord, from_entries
 from visloc_companion.evaluate.report_map import MapImage
+from visloc_companion.evaluate.right_place import check_places
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.types import CameraModel
 
@@ -92,8 +93,11 @@ def open_source(
         folder = open_folder(flight, partial(_find_offset, flight), system_id, boot)
         if folder.camera is not None:
             settings = settings.model_copy(update={"camera": folder.camera})
-        return LogSource(folder.recording, settings, reference, pace, folder)
-    return LogSource(open_log(flight, system_id, boot), settings, reference, pace, None)
+        places = check_places(folder.recording, folder.truth, flight / "truth.csv", reference)
+        return LogSource(folder.recording, settings, reference, pace, folder, place_notes=places)
+    recording = open_log(flight, system_id, boot)
+    places = check_places(recording, [], flight, reference)
+    return LogSource(recording, settings, reference, pace, None, place_notes=places)
 
 
 def _is_journal(flight: Path) -> bool:
@@ -140,6 +144,7 @@ class LogSource:
     pace: Pace | None
     folder: FlightFolder | None
     latency: Latency = "computation"
+    place_notes: list[str] = field(default_factory=list)
     changes: dict[str, Any] = field(default_factory=dict)
     truth_share: float = 0.0
     eyes: RecordedEyes | None = None
@@ -193,7 +198,7 @@ class LogSource:
             notes.append(
                 f"The log holds no usable message of: {', '.join(missing)}. Without them little or nothing is estimated."
             )
-        notes += [*self.recording.notes, *(folder.notes if folder is not None else ())]
+        notes += [*self.recording.notes, *(folder.notes if folder is not None else ()), *self.place_notes]
         if self.eyes is not None:
             notes += [f"{n} frames that were asked for are no use: {why}." for why, n in self.eyes.unusable.items()]
         if folder is not None and folder.truth and self.truth_share < 0.95:

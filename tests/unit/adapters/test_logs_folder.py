@@ -136,6 +136,11 @@ def test_a_wrong_camera_file_is_named(flight: Path, toml: str, words: str) -> No
         ("truth.csv", "", "has no column t_us, lat_deg, lon_deg, h_amsl_m"),
         ("truth.csv", "t_us;lat_deg;lon_deg;h_amsl_m\n1;47;8;9\n", "its first line is 't_us;lat_deg;lon_deg;h_amsl_m'"),
         ("truth.csv", "t_us,lat_deg,lon_deg,h_amsl_m\n1,474000000,85500000,9\n", "column lat_deg: 4.74e+08 is beyond ±90"),
+        (
+            "truth.csv",
+            "t_us,lat_deg,lon_deg,h_amsl_m\n1,-122,47,9\n",
+            "-122 is beyond ±90; remedy: write latitudes in degrees; longitudes",
+        ),
         ("truth.csv", "t_us,lat_deg,lon_deg,h_amsl_m\n1,47,8,9\n1,0,0,0\n", "row 2, column lat_deg: 0, 0 is what receivers"),
         (
             "truth.csv",

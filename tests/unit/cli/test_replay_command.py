@@ -253,3 +253,18 @@ def test_a_cut_journal_needs_salvage(tmp_path: Path) -> None:
     code, text = run(path, "--salvage")
     assert code == 0
     assert "Damaged: " in text
+
+
+def test_a_truth_with_exchanged_columns_is_refused(log: Path, tmp_path: Path) -> None:
+    (tmp_path / "truth.csv").write_text("t_us,lat_deg,lon_deg,h_amsl_m\n60000000,8.55,47.4,540\n69000000,8.55,47.4,540\n")
+    with pytest.raises(LogError, match=r"truth\.csv: latitude and longitude are exchanged"):
+        run(log.parent)
+
+
+def test_a_truth_of_elsewhere_is_refused_beside_a_map(log: Path, tmp_path: Path, tiny_world: Any) -> None:
+    (tmp_path / "truth.csv").write_text("t_us,lat_deg,lon_deg,h_amsl_m\n60000000,-47.4,8.55,540\n69000000,-47.4,8.55,540\n")
+    with pytest.raises(LogError, match=r"truth\.csv: none of its places lies near the map"):
+        run(log.parent, "--map", tiny_world.pack)
+    code, text = run(log.parent)
+    assert code == 0
+    assert re.search(r"All places of the truth lie \d+ km and more from the log's positions: are they of one flight\?", text)

@@ -54,5 +54,8 @@ def _value(path: Path, number: int, row: dict[str, str], name: str) -> float:
     if not math.isfinite(value):
         raise refuse(path, number, name, f"is missing or no number: {row[name][:40]!r}", "leave out rows without a measurement")
     if abs(value) > _LIMITS[name]:
-        raise refuse(path, number, name, f"{value:g} is beyond ±{_LIMITS[name]:g}", "write microseconds, degrees and metres")
+        remedy = "write microseconds, degrees and metres"
+        if name == "lat_deg" and abs(value) <= _LIMITS["lon_deg"]:
+            remedy = "write latitudes in degrees; longitudes have a column of their own"
+        raise refuse(path, number, name, f"{value:g} is beyond ±{_LIMITS[name]:g}", remedy)
     return value
