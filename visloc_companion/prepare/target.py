@@ -19,6 +19,9 @@ BLOCK_PX = 256
 MAX_PIXELS = 4_000_000_000
 FINEST_M = 0.001
 """No camera over land sees as little in a pixel: coordinates in degrees that are held for metres do."""
+UTM_DEG = (-80.0, 84.0)
+"""Latitudes that UTM is for. Beyond, pixels of degrees grow so narrow that no square ones of a size that could be built show
+them; a polar projection's stay square."""
 LARGEST_M = 1_000_000.0
 """Beyond, no projection is true to scale; and a pack is for one flight."""
 
@@ -68,6 +71,7 @@ def pack_grid(sources: Sequence[Source]) -> TargetGrid:
     """
     first = sources[0]
     for source in sources:
+        _refuse_polar_degrees(source)
         if source.gsd_m < FINEST_M:
             raise MapError(
                 f"has pixels of {source.gsd_m:.2g} m in {source.crs.name}",
@@ -87,14 +91,32 @@ def pack_grid(sources: Sequence[Source]) -> TargetGrid:
 
 def pack_crs(first: Source) -> MapCrs:
     """The orthophoto's own CRS if it is projected, in metres and true to scale within 2 % there; else the place's UTM zone."""
-    rows, cols = first.layer.shapes[0]
-    middle = apply_affine(first.layer.T_map_pix, np.array([(cols - 1) / 2, (rows - 1) / 2]))
-    easting, northing = float(middle[0]), float(middle[1])
+    easting, northing = _middle(first)
     here = first.crs.linearised_at_map(easting, northing)
     stretch = np.linalg.svd(here.J_map_ne, compute_uv=False)
     if not first.crs.is_geographic and first.crs.metres_per_unit == 1.0 and float(np.abs(stretch - 1).max()) < 0.02:
         return first.crs
     return utm_at(*first.crs.to_geo(easting, northing))
+
+
+def _middle(source: Source) -> tuple[float, float]:
+    """Easting and northing (map units) of a raster's middle."""
+    rows, cols = source.layer.shapes[0]
+    middle = apply_affine(source.layer.T_map_pix, np.array([(cols - 1) / 2, (rows - 1) / 2]))
+    return float(middle[0]), float(middle[1])
+
+
+def _refuse_polar_degrees(source: Source) -> None:
+    if not source.crs.is_geographic:
+        return
+    lat_deg, _ = source.crs.to_geo(*_middle(source))
+    if not UTM_DEG[0] <= lat_deg <= UTM_DEG[1]:
+        polar = "EPSG:5041" if lat_deg > 0 else "EPSG:5042"
+        raise MapError(
+            f"lies at latitude {lat_deg:.4f} and has pixels of degrees, which hardly have a width there",
+            where=source.name,
+            remedy=f"change it to a projection of the pole: gdalwarp -t_srs {polar} FILE NEW",
+        )
 
 
 def grid_over(model: Source, crs: MapCrs, box: tuple[float, float, float, float], smallest_pixel: float = 0.0) -> TargetGrid:
