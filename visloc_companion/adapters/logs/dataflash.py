@@ -14,6 +14,7 @@ from pathlib import Path
 
 from visloc_companion.adapters.logs.attitude_rates import rates_between
 from visloc_companion.adapters.logs.dataflash_format import Fields, logs_of, messages
+from visloc_companion.adapters.logs.lone_leaps import without_lone_leaps
 from visloc_companion.adapters.logs.recording import (
     NS_PER_MS,
     NS_PER_S,
@@ -81,7 +82,8 @@ def read_dataflash(path: Path, boot: int = 0) -> Recording:
     read = boot or 1 + max(range(len(boots)), key=lambda k: len(boots[k].events))
     losses.reboots = len(boots) - 1
     one = boots[read - 1]
-    return Recording(path, _KIND, in_order(one.events), losses, one.unix_minus_boot_ns, notes=_others_noted(boots, read))
+    events, leaps = without_lone_leaps(path, in_order(one.events), losses)
+    return Recording(path, _KIND, events, losses, one.unix_minus_boot_ns, notes=(*_others_noted(boots, read), *leaps))
 
 
 def _boots(data: bytes, losses: Losses) -> list[_Reader]:

@@ -36,6 +36,7 @@ class Losses:
     garbage_bytes: int = 0
     unknown_messages: int = 0
     dropped_messages: int = 0
+    leaping_positions: int = 0
     foreign_messages: int = 0
     clock_steps: int = 0
     reboots: int = 0

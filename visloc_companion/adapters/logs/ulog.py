@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from visloc_companion.adapters.logs.attitude_rates import rates_between
+from visloc_companion.adapters.logs.lone_leaps import without_lone_leaps
 from visloc_companion.adapters.logs.recording import NS_PER_US, Losses, Recording, in_order, link_up, read_bytes
 from visloc_companion.adapters.logs.ulog_format import MAGIC, Row, read_topics
 from visloc_companion.adapters.mavlink.codec_gimbal import frame_of, has_failed
@@ -67,9 +68,9 @@ def read_ulog(path: Path) -> Recording:
     events += _global_positions(topics, losses)
     if not events:
         raise LogError("holds no attitude and no position", where=str(path), remedy="log vehicle_attitude and the positions")
-    events = in_order(events)
+    events, leaps = without_lone_leaps(path, in_order(events), losses)
     opening = (events[0][0], link_up(events[0][0], _KIND))
-    return Recording(path, _KIND, list(_changes([opening, *events])), losses, _unix_minus_boot_ns(gnss))
+    return Recording(path, _KIND, list(_changes([opening, *events])), losses, _unix_minus_boot_ns(gnss), notes=leaps)
 
 
 def _changes(events: list[tuple[int, Event]]) -> Iterator[tuple[int, Event]]:
