@@ -106,6 +106,20 @@ def test_not_finite_values_are_left_out(tmp_path: Path) -> None:
     assert sum(isinstance(e, Attitude) for _, e in recording.events) == 29
 
 
+def test_an_origin_of_one_row_alone_is_left_out_and_one_that_stays_is_taken(tmp_path: Path) -> None:
+    def local(k: int, ref_lat: float) -> bytes:
+        us = 20_000_000 + 100_000 * k
+        return packed("vehicle_local_position", us, ref_lat, 8.55, 488.0, 1.0 * k, 2.0, -30.0, 10.0, 0.5, 0.0, *(True,) * 5)
+
+    data = flight()
+    for k in (10, *range(20, 30)):
+        data = data.replace(local(k, 47.4), local(k, 49.0 if k == 10 else 47.5))
+    recording = open_log(write(tmp_path / "a.ulg", data))
+    origins = [(e.t_rx_ns, e.origin.lat_deg) for _, e in recording.events if isinstance(e, OriginChanged)]
+    assert origins == [(20_300_000_000, 47.4), (22_000_000_000, 47.5)]
+    assert recording.losses.dropped_messages == 1
+
+
 def test_truncation_and_garbage(tmp_path: Path) -> None:
     whole = flight()
     cut = open_log(write(tmp_path / "a.ulg", whole[: len(whole) * 2 // 3]))

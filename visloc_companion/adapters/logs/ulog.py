@@ -170,19 +170,25 @@ def _estimator_status(t_ns: int, row: Row) -> Event:
 
 
 def _origins(topic: Topic, losses: Losses) -> list[tuple[int, Event]]:
-    last: GeoPoint | None = None
-    made: list[tuple[int, Event]] = []
+    """Where the origin changes. Every row states it; one that is back in the next row never was (there are no checksums)."""
+    stated: list[tuple[int, GeoPoint]] = []
     for t_ns, row in _rows(topic, losses):
         if not (row.get("xy_global") and row.get("z_global")):
             continue
         try:
-            origin = _place(row["ref_lat"], row["ref_lon"], row["ref_alt"])
+            stated.append((t_ns, _place(row["ref_lat"], row["ref_lon"], row["ref_alt"])))
         except (KeyError, ValueError):
             losses.dropped_messages += 1
+    last: GeoPoint | None = None
+    made: list[tuple[int, Event]] = []
+    for number, (t_ns, origin) in enumerate(stated):
+        if origin == last:
             continue
-        if origin != last:
-            last = origin
-            made.append((t_ns, OriginChanged(t_ns, origin)))
+        if last is not None and number + 1 < len(stated) and stated[number + 1][1] == last:
+            losses.dropped_messages += 1
+            continue
+        last = origin
+        made.append((t_ns, OriginChanged(t_ns, origin)))
     return made
 
 
