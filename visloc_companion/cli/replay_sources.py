@@ -32,6 +32,7 @@ from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.record import MAX_TRUTH_GAP_S, FlightRecord, from_entries
 from visloc_companion.evaluate.report_map import MapImage
 from visloc_companion.evaluate.right_place import check_places
+from visloc_companion.evaluate.told import Told
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.types import CameraModel
 
@@ -145,6 +146,7 @@ class LogSource:
     folder: FlightFolder | None
     latency: Latency = "computation"
     place_notes: list[str] = field(default_factory=list)
+    told: Told = field(default_factory=Told)
     changes: dict[str, Any] = field(default_factory=dict)
     truth_share: float = 0.0
     eyes: RecordedEyes | None = None
@@ -163,7 +165,7 @@ class LogSource:
                 pace=self.pace,
             )
             events = self.recording.events
-            record = from_entries(entries, truth, t0_ns=events[0][0] if events else None)
+            record = from_entries(self.told.heard(entries), truth, t0_ns=events[0][0] if events else None)
         self.truth_share = float(np.mean(np.isfinite(record.truth_ned_m[:, 0]))) if len(record.t_s) else 0.0
         self.changes = {"verdicts": record.changes(record.verdicts), "modes": record.changes(record.modes)}
         return record
@@ -216,7 +218,8 @@ class LogSource:
             notes.append("Frames are there, but no --map: they were not localised.")
         if self.reference is not None and not has_frames and not self.config.localiser.terrain:
             notes.append("A map was given, but the flight has no frames: nothing was localised.")
-        return notes
+        start_ns = self.recording.events[0][0] if self.recording.events else 0
+        return [*notes, *self.told.sentences(start_ns)]
 
     def checks(self) -> list[Check]:
         """Nothing besides the gate."""

@@ -268,3 +268,19 @@ def test_a_truth_of_elsewhere_is_refused_beside_a_map(log: Path, tmp_path: Path,
     code, text = run(log.parent)
     assert code == 0
     assert re.search(r"All places of the truth lie \d+ km and more from the log's positions: are they of one flight\?", text)
+
+
+def test_what_the_operator_would_have_been_told_is_among_the_notes(log: Path) -> None:
+    mav = mavlink2.MAVLink(None, srcSystem=1, srcComponent=1)
+    pieces = []
+    for k in range(100, 160):
+        boot, lat = 60_000 + 100 * k, round((47.4 + k * 4.5e-6) * 1e7)
+        for message in (
+            mav.heartbeat_encode(2, 3, 0x81, 0, 4),
+            mav.attitude_encode(boot, 0, 0, 0, 0, 0, 0),
+            mav.gps_raw_int_encode(boot * 1000, 1, 0, 0, 0, 9999, 9999, 0, 0, 0),
+            mav.global_position_int_encode(boot, lat, 85_500_000, 540_000, 50_000, 500, 0, 0, 0),
+        ):
+            pieces.append(struct.pack(">Q", UNIX_US + 100_000 * k) + bytes(message.pack(mav)))
+    log.write_bytes(log.read_bytes() + b"".join(pieces))
+    assert re.search(r"The operator would have been told after 1[12]\.\d s: visloc: GNSS lost, no fix", run(log)[1])

@@ -141,3 +141,31 @@ def test_too_few_frames_are_named_with_the_remedy(tmp_path: Path) -> None:
     write_flight(tmp_path, attitudes(60.0, 0.6), 2.0, 4.0)
     with pytest.raises(LogError, match=r"15 pairs of frames and 1200 attitudes.*state offset_s"):
         open_source(tmp_path, None, None, False, None)
+
+
+@pytest.mark.parametrize("ahead_s", [3.0, -1.5, 0.0])
+def test_a_ground_stations_clock_that_is_not_the_cameras_is_told_by_how_much(tmp_path: Path, ahead_s: float) -> None:
+    """Taken for UTC it puts fixes so many seconds of flight off along the course."""
+    write_flight(tmp_path, attitudes(90.0, 0.6), -1.6e9 + ahead_s, 30.0)
+    toml = tmp_path / "camera.toml"
+    toml.write_text(toml.read_text().replace('"offset"', '"unix"'))
+    notes = open_source(tmp_path, None, None, False, None).notes()
+    assert any("the ground station's clock was taken for it" in note for note in notes)
+    warned = [note for note in notes if note.startswith("WARNING: by how the pictures turn, that clock was ")]
+    if ahead_s == 0.0:
+        assert not warned and any(note.startswith("The pictures turn as the log says to 0.0") for note in notes)
+        return
+    (note,) = warned
+    found_s, way = note.split("that clock was ")[1].split(" s ", 1)
+    assert float(found_s) == pytest.approx(abs(ahead_s), abs=0.03) and way.startswith("ahead" if ahead_s > 0 else "behind")
+    stated = note.split("offset_s = ")[1].split(" into")[0]
+    toml.write_text(toml.read_text().replace('time_base = "unix"', f'time_base = "offset"\noffset_s = {stated}'))
+    assert not any("that clock" in note for note in open_source(tmp_path, None, None, False, None).notes())
+
+
+def test_a_ground_stations_clock_that_pictures_tell_nothing_of_is_said_to_be_unchecked(tmp_path: Path) -> None:
+    write_flight(tmp_path, attitudes(60.0, 0.6), -1.6e9 + 3.0, 4.0)
+    toml = tmp_path / "camera.toml"
+    toml.write_text(toml.read_text().replace('"offset"', '"unix"'))
+    notes = open_source(tmp_path, None, None, False, None).notes()
+    assert "Whether it does could not be told from how the pictures turn." in notes

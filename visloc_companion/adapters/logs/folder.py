@@ -31,6 +31,8 @@ from visloc_companion.errors import ConfigError, LogError
 
 _STATE_IT = "state boot time minus file time in seconds"
 _STATION = "The log does not state UTC: the ground station's clock was taken for it, which may err by seconds."
+_CLOCKS_AGREE_S, _SIGMAS = 0.1, 5.0
+"""What a clock and the turns of pictures may differ by, at least, and in 1-sigmas of the latter: less is found in flight, too."""
 _MAX_OFFSET_S = 1e10
 _OWN_KEYS = ("time_base", "offset_s", "video_start_us")
 _LENS_KEYS = ("width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px")
@@ -63,7 +65,8 @@ class FlightFolder:
 
 
 def open_folder(folder: Path, find_offset: FindOffset | None = None, system_id: int = 0, boot: int = 0) -> FlightFolder:
-    """Open a FLIGHT folder; `find_offset` is asked where the time base is "offset" and none is stated. The rest: `open_log`.
+    """Open a FLIGHT folder; `find_offset` is asked where the time base is "offset" and none is stated, and where a ground
+    station's clock had to be taken for UTC. The rest: `open_log`.
 
     Raises LogError or ConfigError naming the file, what is wrong with it, and the remedy.
     """
@@ -90,15 +93,38 @@ def open_folder(folder: Path, find_offset: FindOffset | None = None, system_id: 
             raise LogError(why, where=str(folder / "camera.toml"), remedy=_STATE_IT)
         found = find_offset(recording, frames, camera)
         stated_ns = found.offset_ns
+    of_station = settings.get("time_base") == "unix" and recording.utc_of_station
     truth = read_truth(folder / "truth.csv", stated_ns)
     frames_ns = [t_us * NS_PER_US + stated_ns for t_us in frames.t_us] if frames is not None else []
     notes = (
-        *([_STATION] if settings.get("time_base") == "unix" and recording.utc_of_station else ()),
+        *(_station_judged(stated_ns, recording, frames, camera, find_offset) if of_station else ()),
         *of_frames,
         *_outside(folder, "frames", frames_ns, recording),
         *_outside(folder, "rows of truth.csv", [row.t_ns for row in truth], recording),
     )
     return FlightFolder(folder, recording, camera, frames, _about(truth, recording), stated_ns, found, notes)
+
+
+def _station_judged(
+    stated_ns: int, recording: Recording, frames: FrameSource | None, camera: CameraConfig | None, find_offset: FindOffset | None
+) -> list[str]:
+    """Sentences on a ground station's clock that was taken for UTC, with what the pictures' turns say of it where they do."""
+    if frames is None or camera is None or find_offset is None or camera.mount == "gimbal":
+        return [_STATION]
+    try:
+        found = find_offset(recording, frames, camera)
+    except LogError:
+        return [_STATION, "Whether it does could not be told from how the pictures turn."]
+    ahead_s = (found.offset_ns - stated_ns) / NS_PER_S
+    if abs(ahead_s) <= max(_CLOCKS_AGREE_S, _SIGMAS * found.sigma_s):
+        return [_STATION, f"The pictures turn as the log says to {abs(ahead_s):.2f} s, 1-sigma {found.sigma_s:.2f} s."]
+    way = "ahead" if ahead_s > 0 else "behind"
+    off = f"that clock was {abs(ahead_s):.2f} s {way} of theirs (1-sigma {found.sigma_s:.2f} s)"
+    write = f'write time_base = "offset" and offset_s = {found.offset_ns / NS_PER_S:.3f} into camera.toml'
+    return [
+        _STATION,
+        f"WARNING: by how the pictures turn, {off}, and fixes lie off by the way flown in that time: {write}.",
+    ]
 
 
 def _about(truth: list[TruthRow], recording: Recording) -> list[TruthRow]:
