@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -129,13 +130,16 @@ def _table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.DictReader(stream, skipinitialspace=True)
-            missing = [c for c in columns if c not in (reader.fieldnames or [])]
+            names = list(reader.fieldnames or [])
+            missing = [c for c in columns if c not in names]
             rows = [row for row in map(_row, reader) if any(text.strip() for text in row.values())]
     except (OSError, UnicodeDecodeError, csv.Error) as why:
         raise CasesError(f"cannot be read: {why}", where=str(path), remedy="name a folder with cases.csv") from why
     if missing:
         remedy = "add them" if len(missing) < len(columns) else "separate them by commas, and name them in the first line"
         raise CasesError(f"columns are missing: {', '.join(missing)}", where=str(path), remedy=remedy)
+    if twice := sorted({name for name in names if name and names.count(name) > 1}):
+        raise CasesError(f"has column {', '.join(twice)} more than once", where=str(path), remedy="leave one of them there")
     return rows
 
 
@@ -233,7 +237,8 @@ def _sigma(row: dict[str, str], column: str) -> float:
 
 def _distortion(text: str, model: DistortionModel) -> tuple[float, ...]:
     """The coefficients; of a Brown-Conrady lens those that are left out at the end are zero."""
-    values = tuple(_number({"distortion": x}, "distortion") for x in text.replace(",", " ").split())
+    parts = re.split(r"\s*,\s*|\s+", text.strip()) if text.strip() else []
+    values = tuple(_number({"distortion": x}, "distortion") for x in parts)
     names = DISTORTION_COEFFICIENTS[model]
     if model == "brown_conrady" and len(values) <= len(names):
         return values + (0.0,) * (len(names) - len(values))

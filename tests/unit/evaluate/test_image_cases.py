@@ -232,6 +232,27 @@ def test_folders_that_are_none_are_errors(tmp_path):
         read_truth(tmp_path)
 
 
+def test_a_column_that_is_there_twice_is_refused(tmp_path, folder):
+    """The last one was taken."""
+    lines = (folder / "cases.csv").read_text().splitlines()
+    (tmp_path / "cases.csv").write_text("\n".join([lines[0] + ", prior_lat_deg", lines[1] + ",46.9"]))
+    with pytest.raises(CasesError, match=r"cases\.csv: has column prior_lat_deg more than once; remedy"):
+        read_cases(tmp_path)
+    (tmp_path / "truth.csv").write_text("id,lat_deg,lon_deg,yaw_deg,yaw_deg\nc0,47,5,9,10\n")
+    with pytest.raises(CasesError, match=r"truth\.csv: has column yaw_deg more than once"):
+        read_truth(tmp_path)
+
+
+@pytest.mark.parametrize(("text", "given"), [("-0.2, 0.1 ,0 0", (-0.2, 0.1, 0.0, 0.0, 0.0)), ("-0.2,,0,0,0", None), ("0,", None)])
+def test_a_coefficient_that_is_left_out_moves_no_other(tmp_path, folder, text, given):
+    with (folder / "cases.csv").open(newline="") as stream:
+        row = next(csv.DictReader(stream))
+    write(tmp_path / "cases.csv", [row | {"distortion": text}])
+    (case,) = read_cases(tmp_path)
+    assert (case.camera.distortion if isinstance(case, Case) else None) == given
+    assert isinstance(case, Case) or "distortion is not a number" in case.why
+
+
 def test_rows_that_are_cut_short_are_bad_cases(tmp_path, folder):
     text = (folder / "cases.csv").read_text().splitlines()
     (tmp_path / "cases.csv").write_text("\n".join([text[0], text[1][:60]]))
