@@ -132,7 +132,7 @@ class GnssAiding:
                 shared = (seen.sigma_scale**2 + seen.sigma_heading_rad**2) / 2
                 by_lens_m2 = seen.sigma_focal**2 * (seen.per_focal_ne_m[0] ** 2 + seen.per_focal_ne_m[1] ** 2) / 2
                 var_m2 = own_m2 + by_lens_m2 + shared * (seen.d_ne_m[0] ** 2 + seen.d_ne_m[1] ** 2)
-                lens = Lens(abs(self._tracker.longer_share) + self._tracker.lens_bend, seen.per_focal_ne_m)
+                lens = Lens(abs(self._tracker.longer_share) + self._tracker.alike.lens_bend, seen.per_focal_ne_m)
                 self._monitor.on_displacement(seen.t_from_ns, seen.t_ns, moved, seen.d_ne_m, var_m2, lens)
                 self._watch_scale(seen, moved)
 
@@ -171,6 +171,6 @@ class GnssAiding:
         elif self._monitor.trusted:
             self._map.compared(fix.t_ns, difference, (north, east), fix.per_focal_ne_m)
         self._tracker.know_map(self._map.sigma_m)
-        if self._tracker.lens_bend or 0 < self._tracker.aim_share <= self._tracker.aim_open:
+        if self._tracker.alike.lens_bend or 0 < self._tracker.alike.aim_share <= self._tracker.alike.aim_open:
             return []
         return self._map.notices(delay_told=delay_told, longer_share=self._tracker.longer_share)

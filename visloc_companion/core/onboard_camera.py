@@ -288,7 +288,7 @@ class OnboardCamera:
     def _aimed(self, fix: Fix, gnss_minus_fix_m: Vec2, v_ned_mps: Vec3, height_m: float) -> list[Command]:
         """Learn where the camera looks beside where it should, while nothing else of the picture is in doubt."""
         tracker, timed = self._tracker, self._time.sigma_s <= TIMED_S
-        if self._gimbal is not None or self.zoom.factor != 1.0 or tracker.longer_share or tracker.lens_bend:
+        if self._gimbal is not None or self.zoom.factor != 1.0 or tracker.longer_share or tracker.alike.lens_bend:
             return []
         if fix.probability_wrong > SURE:
             return []

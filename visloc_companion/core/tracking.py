@@ -20,6 +20,7 @@ from visloc_companion.core.height_aiding import HeightAiding
 from visloc_companion.core.inertial import InertialVelocity
 from visloc_companion.core.lasting import BY_SHAPE
 from visloc_companion.core.motion import Motion
+from visloc_companion.core.moved_alike import MovedAlike
 from visloc_companion.core.odometry_aiding import OdometryAiding
 from visloc_companion.core.pitot import Airspeed, PitotLearner
 from visloc_companion.core.propagation import Drive
@@ -75,8 +76,7 @@ class Tracker:
         self.heading = HeadingPull()
         self.origin: GeoPoint | None = None
         self.height_above_home_m: float | None = None
-        self.longer_share = self.lens_bend = self.aim_share = self.aim_open = 0.0
-        self._map_sigma_m = settings.map_sigma_m
+        self.longer_share, self.alike = 0.0, MovedAlike(settings.map_sigma_m)
 
     @property
     def belief(self) -> Belief | None:
@@ -212,8 +212,7 @@ class Tracker:
 
     def know_map(self, sigma_m: float) -> None:
         """Take another 1-sigma of the map's registration, on each axis."""
-        self._map_sigma_m = sigma_m
-        self._widen()
+        self._moved_alike(replace(self.alike, map_sigma_m=sigma_m))
 
     def retimed(self, later_s: float) -> None:
         """Frames turned out to be taken so much later than was believed."""
@@ -224,35 +223,25 @@ class Tracker:
     def doubt_bend(self, bend: float) -> None:
         """The lens may bend pictures otherwise than configured (distortion_watch.DistortionWatch.bend): what a height of way
         turns them by is taken for a tilt, which shifts all fixes alike."""
-        self.lens_bend = bend
-        self._widen()
+        self._moved_alike(replace(self.alike, lens_bend=bend))
+
+    def doubt_aim(self, share: float, open_share: float) -> None:
+        """The camera may look beside where it should by so much of the height, of which so much is not taken off (aim.Aim)."""
+        self._moved_alike(replace(self.alike, aim_share=share, aim_open=open_share))
 
     @property
-    def bent_m(self) -> float:
-        """1-sigma, on each axis, of what fixes may be off by because the lens bends the picture: half of what a height of way
-        makes of it."""
-        return self.lens_bend / 2 * self._flown_m
+    def astray_m(self) -> float:
+        """1-sigma, on each axis, of what fixes are off by beside GNSS (moved_alike.MovedAlike)."""
+        return self.alike.astray_m(self._flown_m)
 
     @property
     def _flown_m(self) -> float:
         """How far from home's height, 0 while that is not known."""
         return abs(self.height_above_home_m or 0.0)
 
-    def doubt_aim(self, share: float, open_share: float) -> None:
-        """The camera may look beside where it should by so much of the height, of which so much is not taken off (aim.Aim)."""
-        self.aim_share, self.aim_open = share, open_share
-        self._widen()
-
-    @property
-    def astray_m(self) -> float:
-        """1-sigma, on each axis, of what fixes are off by beside GNSS, for a lens that bends the picture or a camera that looks
-        elsewhere: half of what moves them, as of a map."""
-        return math.hypot(self.bent_m, self.aim_open / 2 * self._flown_m)
-
-    def _widen(self) -> None:
-        """What is taken off is in the level all the same: nobody can say whether it was the camera's, or a false GNSS's."""
-        alike_m = max(self._map_sigma_m, self.aim_share / 2 * self._flown_m)
-        sigma_m = math.hypot(alike_m, self.bent_m) if self.lens_bend else alike_m
+    def _moved_alike(self, alike: MovedAlike) -> None:
+        self.alike = alike
+        sigma_m = alike.sigma_m(self._flown_m)
         if sigma_m == self._settings.map_sigma_m:
             return
         self._settings = replace(self._settings, map_sigma_m=sigma_m)
@@ -373,8 +362,8 @@ class Tracker:
         """Learn the velocity's error from what the camera saw of its own motion, unless it is doubted; the interval for the GNSS
         monitor that it completes, if it does."""
         odometry = self.heading.doubted(odometry)
-        if self.lens_bend:
-            odometry = replace(odometry, sigma_scale=math.hypot(odometry.sigma_scale, self.lens_bend))
+        if self.alike.lens_bend:
+            odometry = replace(odometry, sigma_scale=math.hypot(odometry.sigma_scale, self.alike.lens_bend))
         completed = self._odometry.on_odometry(odometry, inertial_mps2=self._sigma_a_mps2 if self._drives_itself else None)
         if not doubted:
             self._learn_motion(completed.of_filter)

@@ -172,7 +172,7 @@ class Vision:
         knew, knew_level = self._onboard.set_up_wrong, self._onboard.keeps_level
         doubted, retimed_s = self._lens_doubted, self._onboard.retimed_s
         told = self._onboard.on_answer(event)
-        self._lens_doubted |= self._tracker.lens_bend > 0
+        self._lens_doubted |= self._tracker.alike.lens_bend > 0
         if self._lens_doubted and not doubted:
             self._monitor.disown_camera()
         if self._onboard.retimed_s != retimed_s:
@@ -270,7 +270,7 @@ class Vision:
     @property
     def _doubts(self) -> tuple[bool, bool, bool]:
         """Whether the lens is in doubt, a zoom followed, or where the camera looks in doubt."""
-        return self._tracker.longer_share != 0, self._onboard.ramp.following, self._tracker.aim_open != 0
+        return self._tracker.longer_share != 0, self._onboard.ramp.following, self._tracker.alike.aim_open != 0
 
     def _on_fix(self, fix: Fix, before: Belief | None, now_ns: int) -> list[Command]:
         if self._terrain is not None and fix.method == TERRAIN and self._terrain.answered(fix) is None:

@@ -12,7 +12,7 @@ import cmath
 import math
 from dataclasses import dataclass, replace
 from functools import partial
-from threading import Lock
+from itertools import product
 from typing import Protocol
 
 import numpy as np
@@ -51,7 +51,15 @@ class FrameFeatures(Protocol):
         ...
 
 
-class DescentFeatures(FrameFeatures, Protocol):
+class SearchedFeatures(FrameFeatures, Protocol):
+    """Features that a search asks for over all of a plan."""
+
+    def compute_all(self) -> None:
+        """Compute all that is kept, for any pose of the plan: from then on threads may ask at the same time."""
+        ...
+
+
+class DescentFeatures(SearchedFeatures, Protocol):
     """Features that a descent can be given at once."""
 
     def about(self, pose: CameraPose, grid: MapGrid, stride: int) -> FramePass:
@@ -82,6 +90,9 @@ class ForEachPose:
         """See FrameFeatures."""
         values, mask = self._of(*rectify_surface(self.level, pose, grid))
         return values, sampled(mask, self.level.K, pose, grid.A_ne_pix, float(grid.surface_up_m.mean()))
+
+    def compute_all(self) -> None:
+        """See SearchedFeatures: nothing is kept."""
 
     def about(self, pose: CameraPose, grid: MapGrid, stride: int) -> FramePass:
         """See DescentFeatures."""
@@ -140,7 +151,6 @@ class Resampled:
         self._compute = partial(_pass_of, level, plan, linear, features)
         self._passes: dict[tuple[int, int], FramePass] = {}
         self._smooth: dict[tuple[int, int], FramePass] = {}
-        self._computing = Lock()
 
     def on_plane(self, pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], ground_up_m: float) -> Seen:
         """See FrameFeatures."""
@@ -157,13 +167,16 @@ class Resampled:
             self._smooth[nearest] = smooth(self._pass(nearest))
         return self._smooth[nearest]
 
+    def compute_all(self) -> None:
+        """See SearchedFeatures."""
+        for which in product(range(len(self._headings)), range(len(self._log_scales))):
+            self._pass(which)
+
     def _pass(self, which: tuple[int, int]) -> FramePass:
-        """A middle's features; threads of a search that ask for the same wait for it."""
-        with self._computing:
-            if which not in self._passes:
-                heading_rad, log_scale = float(self._headings[which[0]]), float(self._log_scales[which[1]])
-                self._passes[which] = self._compute(heading_rad, math.exp(log_scale))
-            return self._passes[which]
+        if which not in self._passes:
+            heading_rad, log_scale = float(self._headings[which[0]]), float(self._log_scales[which[1]])
+            self._passes[which] = self._compute(heading_rad, math.exp(log_scale))
+        return self._passes[which]
 
     def _nearest(self, pose: CameraPose) -> tuple[int, int]:
         """Which pass, of heading and scale, is nearest a pose."""

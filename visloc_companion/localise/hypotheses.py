@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.localise.features.base import Float32Array
-from visloc_companion.localise.frame_features import FrameFeatures, plane_raster
+from visloc_companion.localise.frame_features import FrameFeatures, SearchedFeatures, plane_raster
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import SIGMAS, SearchPlan, turned
 from visloc_companion.localise.pose import to_view
@@ -44,9 +44,10 @@ def search_box(plan: SearchPlan) -> tuple[FloatArray, FloatArray]:
 
 
 def search_window(
-    grid: MapGrid, frame: FrameFeatures, plan: SearchPlan, zero_mean: bool = False, threads: int = 1
+    grid: MapGrid, frame: SearchedFeatures, plan: SearchPlan, zero_mean: bool = False, threads: int = 1
 ) -> ScoreVolume:
     """Exhaustive search over the plan's region on a map window."""
+    frame.compute_all()
     pairs = hypotheses(plan)
     linear = grid.A_ne_pix[:, :2]
     inverse = np.linalg.inv(linear)
