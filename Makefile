@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+# As in visloc's own commands: matrices are small, and there are two processes of tests on two cores.
+export OPENBLAS_NUM_THREADS ?= 1
 
 .PHONY: install install-train demo test test-train lint bench sitl clean
 
