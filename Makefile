@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-# As in visloc's own commands: matrices are small, and there are two processes of tests on two cores.
+# As in visloc's own commands: matrices are small, and there are several processes of tests.
 export OPENBLAS_NUM_THREADS ?= 1
 
 .PHONY: install install-train demo test test-train lint bench sitl clean
@@ -26,7 +26,7 @@ demo: install
 	$(BIN)/visloc demo
 
 test: install
-	$(BIN)/pytest -n 2 --dist loadgroup
+	$(BIN)/pytest -n 3 --dist loadgroup # on two cores: some tests wait
 
 test-train: install-train
 	$(BIN)/pytest tests/unit/train
