@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import math
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 from visloc_companion.adapters.camera.image import decode_image
 from visloc_companion.errors import CasesError
 from visloc_companion.evaluate.case_ids import require_distinct
+from visloc_companion.evaluate.number_list import number_texts
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.types import DISTORTION_COEFFICIENTS, CameraModel, DistortionModel, GeoPoint, Image, PosePrior
 
@@ -237,8 +237,7 @@ def _sigma(row: dict[str, str], column: str) -> float:
 
 def _distortion(text: str, model: DistortionModel) -> tuple[float, ...]:
     """The coefficients; of a Brown-Conrady lens those that are left out at the end are zero."""
-    parts = re.split(r"\s*,\s*|\s+", text.strip()) if text.strip() else []
-    values = tuple(_number({"distortion": x}, "distortion") for x in parts)
+    values = tuple(_number({"distortion": x}, "distortion") for x in number_texts(text))
     names = DISTORTION_COEFFICIENTS[model]
     if model == "brown_conrady" and len(values) <= len(names):
         return values + (0.0,) * (len(names) - len(values))

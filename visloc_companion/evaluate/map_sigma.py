@@ -7,10 +7,10 @@ A localiser's covariance is that of the camera against the map. In flight the fi
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, replace
 
 from visloc_companion.errors import ConfigError
+from visloc_companion.evaluate.number_list import number_texts
 from visloc_companion.types import Fix
 
 LARGEST_M = 1000.0
@@ -51,7 +51,7 @@ def stated(horizontal: str | None, height_m: float | None) -> MapSigma:
 
 def _axes_m(text: str) -> tuple[float, float]:
     try:
-        sigmas_m = [float(part) for part in re.split(r"\s*,\s*|\s+", text.strip())]
+        sigmas_m = [float(part) for part in number_texts(text)]
     except ValueError:
         sigmas_m = []
     if len(sigmas_m) not in (1, 2) or not all(0 <= sigma_m <= LARGEST_M for sigma_m in sigmas_m):

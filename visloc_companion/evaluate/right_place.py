@@ -44,15 +44,13 @@ def check_places(recording: Recording, truth: Sequence[TruthRow], truth_file: Pa
     if reference is not None:
         box = reference.manifest.bounds
         of_map = Area("the map", box.south_deg, box.west_deg, box.north_deg, box.east_deg)
-        refuse_exchanged(recording.path, flown, of_map)
-        refuse_exchanged(truth_file, told, of_map)
-        refuse_far_off(truth_file, told, of_map)
-        return far_off_noted("All positions of the log", flown, of_map)
+        flown_off_m = distance_right_way_round_m(recording.path, flown, of_map)
+        refuse_far_off(truth_file, distance_right_way_round_m(truth_file, told, of_map), of_map)
+        return far_off_noted("All positions of the log", flown_off_m, of_map)
     of_log = area_about("the log's positions", flown)
     if of_log is None:
         return []
-    refuse_exchanged(truth_file, told, of_log)
-    return far_off_noted("All places of the truth", told, of_log)
+    return far_off_noted("All places of the truth", distance_right_way_round_m(truth_file, told, of_log), of_log)
 
 
 def area_about(name: str, lat_lon_deg: FloatArray) -> Area | None:
@@ -93,22 +91,11 @@ def lat_lon_deg_of(places: Sequence[GeoPoint]) -> FloatArray:
     return np.array([(place.lat_deg, place.lon_deg) for place in places], dtype=np.float64).reshape(-1, 2)
 
 
-def refuse_far_off(where: Path, places: FloatArray, area: Area) -> None:
-    """Raises LogError where places (N, 2) all lie far off."""
+def distance_right_way_round_m(where: Path, places: FloatArray, area: Area) -> float:
+    """`least_distance_m`. Raises LogError where places (N, 2) lie far off, and nearby with latitude and longitude exchanged."""
     off_m = least_distance_m(area, places)
-    if np.isfinite(off_m) and off_m > FAR_M:
-        raise LogError(
-            f"none of its places lies near {area.name}: the nearest is {off_m / 1000:.0f} km off",
-            where=str(where),
-            remedy="check signs (south and west are negative) and degrees, and that it is of this flight and the map is",
-        )
-
-
-def refuse_exchanged(where: Path, places: FloatArray, area: Area) -> None:
-    """Raises LogError where places (N, 2) lie far off, and nearby with latitude and longitude exchanged."""
-    off_m = least_distance_m(area, places)
-    if not (np.isfinite(off_m) and off_m > SWAPPED_M):
-        return
+    if not SWAPPED_M < off_m < np.inf:
+        return off_m
     exchanged_m = least_distance_m(area, places[:, ::-1])
     if exchanged_m <= SWAPPED_M:
         raise LogError(
@@ -117,14 +104,24 @@ def refuse_exchanged(where: Path, places: FloatArray, area: Area) -> None:
             where=str(where),
             remedy="write them in their own columns",
         )
+    return off_m
 
 
-def far_off_noted(what: str, places: FloatArray, area: Area) -> list[str]:
-    """A sentence where places (N, 2) all lie far off."""
-    off_m = least_distance_m(area, places)
-    if not (np.isfinite(off_m) and off_m > FAR_M):
-        return []
-    return [f"{what} lie {off_m / 1000:.0f} km and more from {area.name}: are they of one flight?"]
+def refuse_far_off(where: Path, off_m: float, area: Area) -> None:
+    """Raises LogError where the nearest of a file's places lies far off."""
+    if FAR_M < off_m < np.inf:
+        raise LogError(
+            f"none of its places lies near {area.name}: the nearest is {off_m / 1000:.0f} km off",
+            where=str(where),
+            remedy="check signs (south and west are negative) and degrees, and that it is of this flight and the map is",
+        )
+
+
+def far_off_noted(what: str, off_m: float, area: Area) -> list[str]:
+    """A sentence where the nearest of some places lies far off."""
+    if FAR_M < off_m < np.inf:
+        return [f"{what} lie {off_m / 1000:.0f} km and more from {area.name}: are they of one flight?"]
+    return []
 
 
 def _wrapped_deg(angle_deg: FloatArray) -> FloatArray:
