@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import partial
@@ -52,6 +52,9 @@ MARGIN_PX = 8
 ENOUGH_PX = 80
 """Larger footprints are aligned on every other pixel of every other row."""
 MIN_COARSE_SCORE = 0.05
+SAME_GSD = 1e-3
+"""Share by which resolutions may differ and count as one: a stored level has the metres that the map's scale gives it where it is
+read, a few parts in ten million more or less from candidate to candidate. What is made of the frame for one serves the other."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +83,7 @@ class Task:
 
     def frame(self, grid: MapGrid, features: Features) -> DescentFeatures:
         """The frame's features for a map window's resolution, made once."""
-        key = features.name, grid.gsd_m
+        key = features.name, _same_of((gsd_m for name, gsd_m in self.frames if name == features.name), grid.gsd_m)
         if key not in self.frames:
             self.frames[key] = frame_features(self.level(grid.gsd_m), self.plan, grid.A_ne_pix[:, :2], features)
         return self.frames[key]
@@ -90,10 +93,11 @@ class Task:
         return self.features if 0.95 < gsd_m / self.plan.coarse_gsd_m < 1.05 else self.fine_features
 
     def level(self, gsd_m: float) -> FrameLevel:
-        """The frame at about a ground sample distance."""
-        if gsd_m not in self.levels:
-            self.levels[gsd_m] = reduced(self.full, gsd_m / self.plan.frame_gsd_m)
-        return self.levels[gsd_m]
+        """The frame at about a ground sample distance, made once."""
+        key_m = _same_of(self.levels, gsd_m)
+        if key_m not in self.levels:
+            self.levels[key_m] = reduced(self.full, gsd_m / self.plan.frame_gsd_m)
+        return self.levels[key_m]
 
     def view_ne_m(self, pose: CameraPose) -> FloatArray:
         """(2,) the ground that the camera's axis meets: what tells places apart where the tilt is not known."""
@@ -241,6 +245,11 @@ def prior_chi2(task: Task, pose: CameraPose) -> float:
     heading, _ = heading_and_tilt(pose.R_ned_cam, task.plan.pose.R_ned_cam)
     turn = heading / max(task.prior.sigma_yaw_rad, math.radians(0.5))
     return float(offset @ np.linalg.solve(task.plan.cov_ne_m2, offset)) + turn * turn
+
+
+def _same_of(known_m: Iterable[float], gsd_m: float) -> float:
+    """The first of the known ground sample distances (m) that is the same resolution (SAME_GSD), else the one asked for."""
+    return next((known for known in known_m if abs(known - gsd_m) <= SAME_GSD * gsd_m), gsd_m)
 
 
 def _stride(plan: SearchPlan, gsd_m: float) -> int:

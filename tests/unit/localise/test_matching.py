@@ -2,12 +2,29 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import dataclass, field, replace
+from typing import Any
 
+import numpy as np
+import pytest
+
+from visloc_companion.localise.answer import Stopwatch
 from visloc_companion.localise.descent import Descended
-from visloc_companion.localise.matching import distinct
-from visloc_companion.localise.ortho_rectify import CameraPose
+from visloc_companion.localise.features.gradient import GRADIENT, GradientFeatures
+from visloc_companion.localise.frame import full_level
+from visloc_companion.localise.hypotheses import search_box
+from visloc_companion.localise.matching import SAME_GSD, Task, distinct
+from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
+from visloc_companion.localise.plan import SearchPlan, local_frame, make_plan
 from visloc_companion.localise.pose import to_view, turned_about_view
+from visloc_companion.localise.ranking import DEEP_RANK
+from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.localise.window import cropped, map_grid
+from visloc_companion.maps.pack import PackMap
+from visloc_companion.prepare.build import build_pack
+from visloc_companion.types import CameraModel, GeoPoint
+
+MODEL = CameraModel(160, 120, 140.0, 140.0, 79.5, 59.5)
 
 UP_M, GROUND_UP_M = 150.0, 30.0
 NADIR = CameraPose(np.array([5.0, -8.0, -UP_M]), np.eye(3))
@@ -34,3 +51,57 @@ def test_other_ground_from_the_same_position_is_another_place():
     both = [candidate(NADIR, 0.5), candidate(elsewhere, 0.4)]
     assert distinct(both, 2.0, view_ne_m) == both
     assert distinct(both, 50.0, view_ne_m) == both[:1]
+
+
+@dataclass(frozen=True, slots=True)
+class Counted(GradientFeatures):
+    """Gradients that may be resampled as a network's features are; notes each time that they are computed."""
+
+    tolerance: tuple[float, float] | None = (0.2, 0.1)
+    computed: list[tuple[int, ...]] = field(default_factory=list)
+
+    def __call__(self, image, valid):
+        self.computed.append(image.shape)
+        return GradientFeatures.__call__(self, image, valid)
+
+
+def task_and_grid(flat: Any, support: Any, features: Counted) -> tuple[Task, MapGrid]:
+    """A frame of noise, to be matched to the flat map, and the window that is searched."""
+    request = support.request_at((0.0, 0.0, -240.0), (0.0, 0.0, 0.0), sigma_h_m=6.0, sigma_yaw_deg=2.0)
+    plan = make_plan(request.prior, MODEL, flat, LocaliserSettings())
+    assert isinstance(plan, SearchPlan)
+    pixels = np.random.default_rng(4).integers(0, 256, (120, 160)).astype(np.uint8)
+    full = full_level(pixels, MODEL)
+    task = Task(plan, request.prior, full, flat, Stopwatch(), features, features, DEEP_RANK, 0.673)
+    return task, cropped(map_grid(flat, plan.frame, *search_box(plan), plan.coarse_gsd_m, GRADIENT))
+
+
+@pytest.mark.parametrize(("factor", "times"), [(1 + 3e-7, 1), (1 - 3e-7, 1), (2**0.5, 2)])
+def test_features_are_made_once_for_candidates_where_the_maps_scale_differs_a_little(
+    flat, support, factor: float, times: int
+) -> None:
+    features = Counted()
+    task, grid = task_and_grid(flat, support, features)
+    elsewhere = replace(grid, gsd_m=grid.gsd_m * factor)
+    for window in (grid, elsewhere, grid):
+        task.frame(window, features).on_surface(task.plan.pose, window)
+    assert len(features.computed) == times
+    assert len(task.levels) == times
+    assert (task.level(elsewhere.gsd_m) is task.level(grid.gsd_m)) == (times == 1)
+
+
+def test_features_of_another_name_are_others(flat, support) -> None:
+    first, second = Counted(), Counted(name="another")
+    task, grid = task_and_grid(flat, support, first)
+    assert task.frame(grid, first) is not task.frame(grid, second)
+    assert len(task.levels) == 1
+
+
+def test_stored_levels_differ_by_the_maps_scale_from_place_to_place(tmp_path, write_raster) -> None:
+    image = np.kron(np.random.default_rng(3).uniform(20, 235, (50, 50)), np.ones((12, 12))).astype(np.uint8)
+    write_raster(tmp_path / "a.tif", image, "EPSG:32633", (47.0, 15.3), 0.5)
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack", ground_h_amsl_m=300.0)
+    pack = PackMap.open(tmp_path / "pack", verify_hashes=False)
+    frame = local_frame(GeoPoint(47.0, 15.3, 0.0), pack)
+    west, east = (map_grid(pack, frame, at - 30.0, at + 30.0, 0.5, GRADIENT) for at in np.array([[0.0, -80.0], [0.0, 80.0]]))
+    assert 0.0 < abs(east.gsd_m / west.gsd_m - 1) < SAME_GSD / 100
