@@ -117,7 +117,8 @@ def _made(ref: ReferenceMap, light: Light, pixel: float, col: int, row: int, fea
     surface = filled(patch.dsm_amsl_m, patch.valid)
     pixels = relit(grey(patch.pixels), surface, patch.gsd_m, _in_axes(light, frame, patch.T_map_pix))
     values = features(pixels, patch.valid)[inner]
-    return _Tile(values.astype(np.float16), patch.valid[inner], np.asarray(patch.dsm_amsl_m[inner], dtype=np.float32))
+    kept = patch.valid[inner].copy(), np.array(patch.dsm_amsl_m[inner], dtype=np.float32)  # views would keep the margin, too
+    return _Tile(values.astype(np.float16), *kept)
 
 
 def _in_axes(light: Light, frame: LocalFrame, T_map_pix: FloatArray) -> Light:

@@ -105,3 +105,15 @@ def test_where_the_map_ends_the_window_is_not_valid_and_beyond_it_is_outside(for
     assert not patch.features[:, east > 351.0].any()
     with pytest.raises(OutsideMap, match="outside the map"):
         window(RelitTiles(), forest, (5.0 * SIDE_PX, 0.0))
+
+
+def test_a_kept_tile_keeps_nothing_of_its_margin(forest):
+    """Views of what was read for shadows kept 4 MB a tile at 0.1 m a pixel, 64 tiles of them."""
+    tiles = RelitTiles()
+    window(tiles, forest, (100.0, 100.0))
+    (tile,) = tiles._kept.values()
+    assert tile is not None
+    assert tile.valid.shape == tile.dsm_amsl_m.shape == tile.features.shape[:2] == (SIDE_PX, SIDE_PX)
+    for values in (tile.features, tile.valid, tile.dsm_amsl_m):
+        whole = values if values.base is None else values.base
+        assert whole.nbytes == values.nbytes
