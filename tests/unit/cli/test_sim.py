@@ -55,7 +55,7 @@ def places(tiny_world: Any) -> list[str]:
 def test_the_list_names_scenarios_and_campaigns() -> None:
     code, text = run("--list")
     assert code == 0
-    assert [line.split()[0] for line in text.splitlines()] == [*SCENARIOS, "demo", "scenarios", "vehicles"]
+    assert [line.split()[0] for line in text.splitlines()] == [*SCENARIOS, "demo", "long_jam", "scenarios", "vehicles"]
 
 
 @pytest.mark.parametrize(

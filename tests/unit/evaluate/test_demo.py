@@ -21,7 +21,7 @@ from visloc_companion.app.settings import core_settings
 from visloc_companion.config import load_config
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.errors import ConfigError, LinkError
-from visloc_companion.evaluate import demo
+from visloc_companion.evaluate import demo, demo_processes
 from visloc_companion.evaluate.closed_loop import simulated_config
 from visloc_companion.evaluate.demo import run_demo
 from visloc_companion.localise.features import onnx
@@ -43,12 +43,12 @@ def world(tiny_world: Any) -> ProceduralWorld:
 
 def test_the_daemon_is_told_what_the_autopilot_is_told(world: ProceduralWorld, tmp_path: Path) -> None:
     """Ports, camera, clock and pack of both processes fit together, in a file that the daemon accepts."""
-    plan = demo._plan(tmp_path, SETUP, world, 2.0)
+    plan = demo_processes._plan(tmp_path, SETUP, world, 2.0)
     plan.save(tmp_path / "plan.json")
     assert ServerPlan.load(tmp_path / "plan.json") == plan
     assert plan.setup() == SETUP
     path = tmp_path / "visloc.toml"
-    path.write_text(demo._config_text(SETUP, plan, world, demo._status_socket(tmp_path)), encoding="utf-8")
+    path.write_text(demo_processes._config_text(SETUP, plan, world, demo_processes._status_socket(tmp_path)), encoding="utf-8")
     config = load_config(path)
     assert config.link.url == f"udpin:127.0.0.1:{plan.mavlink_port}"
     assert config.camera.url == f"tcp:127.0.0.1:{plan.camera_port}"
@@ -66,8 +66,8 @@ def test_where_no_socket_can_be_the_demonstration_flies_without_a_dashboard(worl
     deep = tmp_path / ("a" * 100)
     deep.mkdir()
     path = deep / "visloc.toml"
-    plan = demo._plan(deep, SETUP, world, 2.0)
-    path.write_text(demo._config_text(SETUP, plan, world, demo._status_socket(deep)), encoding="utf-8")
+    plan = demo_processes._plan(deep, SETUP, world, 2.0)
+    path.write_text(demo_processes._config_text(SETUP, plan, world, demo_processes._status_socket(deep)), encoding="utf-8")
     assert load_config(path).status.socket == ""
     assert not list(tmp_path.glob("*.mcap"))
 
@@ -79,7 +79,7 @@ def processes(*codes: str) -> Iterator[list[subprocess.Popen[bytes]]]:
         yield running
     finally:
         for process in running:
-            demo._stop(process)
+            demo_processes._stop(process)
             assert process.poll() is not None
 
 
@@ -92,7 +92,7 @@ def test_a_daemon_that_ends_early_is_told_with_its_log(tmp_path: Path) -> None:
         processes(SLEEPS, "pass") as (pilot, daemon),
         pytest.raises(LinkError, match=r"ended early: error: camera: no such device"),
     ):
-        demo._wait(pilot, daemon, tmp_path, 30.0)
+        demo_processes._wait(pilot, daemon, tmp_path, 30.0)
 
 
 def test_an_autopilot_that_fails_is_told_with_its_log(tmp_path: Path) -> None:
@@ -101,24 +101,32 @@ def test_an_autopilot_that_fails_is_told_with_its_log(tmp_path: Path) -> None:
         processes("raise SystemExit(2)", SLEEPS) as (pilot, daemon),
         pytest.raises(LinkError, match=r"autopilot ended early: error"),
     ):
-        demo._wait(pilot, daemon, tmp_path, 30.0)
+        demo_processes._wait(pilot, daemon, tmp_path, 30.0)
 
 
 def test_a_flight_that_does_not_end_is_broken_off(tmp_path: Path) -> None:
     with processes(SLEEPS, SLEEPS) as (pilot, daemon), pytest.raises(LinkError, match="did not end in time"):
-        demo._wait(pilot, daemon, tmp_path, -demo.STARTUP_S)
+        demo_processes._wait(pilot, daemon, tmp_path, -demo_processes.STARTUP_S)
+
+
+def test_a_flight_may_be_disturbed_until_it_ends(tmp_path: Path) -> None:
+    seen: list[int | None] = []
+    with processes("import time; time.sleep(0.5)", SLEEPS) as (pilot, daemon):
+        demo_processes._wait(pilot, daemon, tmp_path, 30.0, lambda: seen.append(daemon.poll()))
+    assert len(seen) >= 1
+    assert set(seen) == {None}
 
 
 DEMONSTRATION = """
 import sys
 from pathlib import Path
-from visloc_companion.evaluate import demo
+from visloc_companion.evaluate import demo_processes as told
 
 def fly(pilot, daemon, *_):
     print(pilot.pid, daemon.pid, flush=True)
     pilot.wait(60)
 
-class Sleeper(demo.subprocess.Popen):
+class Sleeper(told.subprocess.Popen):
     def __init__(self, arguments, **more):
         super().__init__([sys.executable, "-c", "import time; time.sleep(60)"], **more)
 
@@ -131,8 +139,8 @@ class Setup:
     class scenario:
         duration_s = 60.0
 
-demo.subprocess.Popen, demo._wait, demo._plan, demo._config_text = Sleeper, fly, lambda *_: Plan(), lambda *_: ""
-demo._fly_processes(Path(sys.argv[1]), Setup(), None, 1.0, lambda stage: None)
+told.subprocess.Popen, told._wait, told._plan, told._config_text = Sleeper, fly, lambda *_: Plan(), lambda *_: ""
+told.fly_processes(Path(sys.argv[1]), Setup(), None, 1.0, lambda stage: None)
 """
 
 
@@ -154,19 +162,19 @@ def test_whoever_ends_the_demonstration_ends_its_processes(tmp_path: Path, numbe
 
 
 def test_a_process_that_ignores_the_signal_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(demo, "SHUTDOWN_S", 0.3)
+    monkeypatch.setattr(demo_processes, "SHUTDOWN_S", 0.3)
     stubborn = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print(flush=True); time.sleep(60)"
     process = subprocess.Popen([sys.executable, "-c", stubborn], stdout=subprocess.PIPE)
     with process:
         assert process.stdout is not None
         process.stdout.readline()
-        demo._stop(process)
+        demo_processes._stop(process)
     assert process.returncode == -9
 
 
 def test_a_daemon_without_a_journal_is_told(tmp_path: Path) -> None:
     with pytest.raises(LinkError, match=r"wrote no journal.*daemon\.log"):
-        demo._journal(tmp_path)
+        demo_processes.journal_of(tmp_path)
 
 
 def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
@@ -187,8 +195,8 @@ def test_files_of_somebody_else_are_left_alone(tmp_path: Path, name: str) -> Non
 def test_a_demonstration_takes_the_place_of_the_one_before(
     world: ProceduralWorld, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plan = demo._plan(tmp_path, SETUP, world, 2.0)
-    (tmp_path / "visloc.toml").write_text(demo._config_text(SETUP, plan, world, ""))
+    plan = demo_processes._plan(tmp_path, SETUP, world, 2.0)
+    (tmp_path / "visloc.toml").write_text(demo_processes._config_text(SETUP, plan, world, ""))
     (tmp_path / "visloc-20260401T101500Z.mcap").touch()
 
     def on(*_: object) -> None:
@@ -222,7 +230,7 @@ def fly_here(world: ProceduralWorld, monkeypatch: pytest.MonkeyPatch) -> Callabl
 
         monkeypatch.setattr(demo, "open_features_for", lambda *_: None)
         monkeypatch.setattr(demo, "procedural_world", lambda *_, **__: world)
-        monkeypatch.setattr(demo, "_fly_processes", fly)
+        monkeypatch.setattr(demo, "fly_processes", fly)
 
     return prepare
 
@@ -241,7 +249,7 @@ def test_on_a_busy_computer_the_flight_goes_slower(
     for name, stand_in in (("open_features_for", lambda *_: None), ("procedural_world", lambda *_, **__: world)):
         monkeypatch.setattr(demo, name, stand_in)
     monkeypatch.setattr(demo, "free_cores", lambda: cores)
-    monkeypatch.setattr(demo, "_fly_processes", fly)
+    monkeypatch.setattr(demo, "fly_processes", fly)
     for asked in (None, 3.0):
         with pytest.raises(LinkError, match="far enough"):
             run_demo(tmp_path / "out", AutopilotKind.PX4, asked, stages.append)

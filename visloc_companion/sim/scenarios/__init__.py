@@ -6,13 +6,13 @@ from visloc_companion.sim.scenarios.base import Course, Expectation, Scenario
 from visloc_companion.sim.scenarios.camera import CAMERA
 from visloc_companion.sim.scenarios.gimbal import GIMBAL
 from visloc_companion.sim.scenarios.onboard import ONBOARD
-from visloc_companion.sim.scenarios.satellites import DEMO, SATELLITES
+from visloc_companion.sim.scenarios.satellites import DEMO, LONG_JAM, SATELLITES
 from visloc_companion.sim.scenarios.world import SEASON_CHANGE, WORLD
 
-__all__ = ["DEMO", "FLIGHTS", "SCENARIOS", "SEASON_CHANGE", "Course", "Expectation", "Scenario"]
+__all__ = ["DEMO", "FLIGHTS", "LONG_JAM", "SCENARIOS", "SEASON_CHANGE", "Course", "Expectation", "Scenario"]
 
 SCENARIOS: dict[str, Scenario] = {**SATELLITES, **WORLD, **CAMERA, **GIMBAL, **ONBOARD}
 """The library: campaigns fly all of it."""
 
-FLIGHTS: dict[str, Scenario] = {**SCENARIOS, DEMO.name: DEMO}
-"""All by name. The last is the demonstration and no part of campaigns."""
+FLIGHTS: dict[str, Scenario] = {**SCENARIOS, DEMO.name: DEMO, LONG_JAM.name: LONG_JAM}
+"""All by name. The last two, the demonstration and a long flight, are no part of campaigns."""

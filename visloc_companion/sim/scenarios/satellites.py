@@ -65,3 +65,11 @@ DEMO = Scenario(
     faults.slow_drag(60.0, 1.0, EAST, end_s=120.0, release_s=120.0) + faults.jam(120.0),
     Expectation(verdict_within_s=30.0),
 )
+
+LONG_JAM = Scenario(
+    "long_jam",
+    "GNSS is jammed for 18 minutes and comes back right.",
+    1200.0,
+    faults.jam(60.0, 1140.0),
+    Expectation(final_verdicts=(Verdict.OK,), modes=(Mode.AIDING, Mode.SHADOW), final_modes=(Mode.SHADOW,)),
+)
