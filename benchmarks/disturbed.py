@@ -24,7 +24,7 @@ from benchmarks.disturbances import KINDS, Disturber, Taken
 from visloc_companion.app.journal import read_journal
 from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.evaluate.closed_loop import FlightWorld
-from visloc_companion.evaluate.demo_processes import fly_processes, journal_of
+from visloc_companion.evaluate.demo_processes import fly_processes, journal_of, require_ours
 from visloc_companion.evaluate.record import FlightRecord, from_entries
 from visloc_companion.localise.registry import open_features_for
 from visloc_companion.localise.runtime import NetworkChoice
@@ -58,7 +58,9 @@ def main() -> None:
 
 
 def flown(out: Path, scenario: str, dialect: AutopilotKind, seed: int, disturber: Disturber) -> FlightRecord:
-    """The flight by both processes, as its journal tells it, beside the truth. Raises LinkError where a process ended early."""
+    """The flight by both processes, as its journal tells it, beside the truth. Raises LinkError where a process ended early,
+    ConfigError where `out` holds somebody else's journals."""
+    require_ours(out)
     network = open_features_for(DEFAULT_METHOD, NetworkChoice(threads=2))
     files = procedural_world(1, networks=[network] if network else None)
     world = FlightWorld(files.pack, PackMap.open(files.pack), Scene.load(files.flight_ortho, files.flight_dsm))

@@ -12,7 +12,7 @@ from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.errors import ConfigError
 from visloc_companion.evaluate.campaign import result_of
 from visloc_companion.evaluate.closed_loop import ALERT_LIMIT_M, FlightWorld, FlownScenario, fault_intervals, fly, judged
-from visloc_companion.evaluate.demo_processes import OURS, Stage, fly_processes, journal_of
+from visloc_companion.evaluate.demo_processes import Stage, fly_processes, journal_of, require_ours
 from visloc_companion.evaluate.free_cores import affordable_speed, free_cores
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.map_image import map_image
@@ -63,7 +63,7 @@ def run_demo(out: Path, dialect: AutopilotKind, speed: float | None, on_stage: S
         out.mkdir(parents=True, exist_ok=True)
     except OSError as why:
         raise ConfigError(f"cannot be made: {why}", where=str(out), remedy="name a writable folder for --out") from why
-    _require_ours(out)
+    require_ours(out)
     network = open_features_for(DEFAULT_METHOD, NetworkChoice(threads=len(os.sched_getaffinity(0))))
     world_files = procedural_world(1, on_stage=on_stage, networks=[network] if network else None)
     reference = PackMap.open(world_files.pack, verify_hashes=True)
@@ -94,20 +94,6 @@ def run_demo(out: Path, dialect: AutopilotKind, speed: float | None, on_stage: S
         gnss_faults_s=fault_intervals(setup.scenario),
     )
     return DemoResult(flown, off_m, report)
-
-
-def _require_ours(out: Path) -> None:
-    """A demonstration replaces its own files of before; nobody else's journals and configurations."""
-    config = out / "visloc.toml"
-    if config.is_file() and config.read_text(encoding="utf-8", errors="replace").startswith(OURS):
-        return
-    others = [path.name for path in (*out.glob("*.mcap"), config) if path.exists()]
-    if others:
-        raise ConfigError(
-            f"holds {', '.join(sorted(others)[:3])}, which no demonstration wrote",
-            where=str(out),
-            remedy="name a new folder for --out: the demonstration's journal and configuration would take their place",
-        )
 
 
 def _affordable(on_stage: Stage) -> float:

@@ -34,6 +34,20 @@ Disturb = Callable[[ServerPlan, "subprocess.Popen[bytes]"], None]
 """Is given the flight's plan and the daemon."""
 
 
+def require_ours(out: Path) -> None:
+    """A demonstration replaces its own files of before; nobody else's journals and configurations. Raises ConfigError."""
+    config = out / "visloc.toml"
+    if config.is_file() and config.read_text(encoding="utf-8", errors="replace").startswith(OURS):
+        return
+    others = [path.name for path in (*out.glob("*.mcap"), config) if path.exists()]
+    if others:
+        raise ConfigError(
+            f"holds {', '.join(sorted(others)[:3])}, which no demonstration wrote",
+            where=str(out),
+            remedy="name a new folder for --out: the demonstration's journal and configuration would take their place",
+        )
+
+
 def fly_processes(
     out: Path,
     setup: FlightSetup,

@@ -16,7 +16,9 @@ import pytest
 
 from benchmarks import disturbances
 from benchmarks.disturbances import KINDS, Disturber, Taken
-from benchmarks.disturbed import beyond, figures, held
+from benchmarks.disturbed import beyond, figures, flown, held
+from visloc_companion.errors import ConfigError
+from visloc_companion.types import AutopilotKind
 
 SPAWNING = """
 import multiprocessing, time
@@ -129,3 +131,11 @@ def test_noise_comes_by_the_link() -> None:
         packets = [link.recv(2048) for _ in range(50)]
     assert {packet[0] for packet in packets} == {0xFD}
     assert len(set(packets)) == 50
+
+
+def test_journals_of_real_flights_are_left_alone(tmp_path: Any) -> None:
+    kept = tmp_path / "visloc-20260401T101500Z.mcap"
+    kept.touch()
+    with pytest.raises(ConfigError, match="which no demonstration wrote"):
+        flown(tmp_path, "demo", AutopilotKind.ARDUPILOT, 1, disturber())
+    assert kept.exists()
