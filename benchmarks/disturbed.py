@@ -25,6 +25,8 @@ from visloc_companion.app.journal import read_journal
 from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.evaluate.closed_loop import FlightWorld
 from visloc_companion.evaluate.demo_processes import fly_processes, journal_of, require_ours
+from visloc_companion.evaluate.expected import error_over_level
+from visloc_companion.evaluate.metrics import error_figures
 from visloc_companion.evaluate.record import FlightRecord, from_entries
 from visloc_companion.localise.registry import open_features_for
 from visloc_companion.localise.runtime import NetworkChoice
@@ -82,20 +84,21 @@ def beyond(record: FlightRecord) -> int:
 
 
 def silence_s(record: FlightRecord) -> float:
-    """Longest time between two positions that were sent, seconds."""
+    """Longest time between two positions that were sent, seconds. A daemon that was stopped goes on WAITING, which
+    `metrics.injection_figures` takes for a pause that was meant."""
     return float(np.diff(record.injection_t_s).max(initial=0.0))
 
 
 def figures(record: FlightRecord, disturber: Disturber) -> list[str]:
     """What is printed."""
     sent = record.injected
-    error, level = record.error_m[sent], record.protection_level_m[sent]
+    error, level_m = error_figures(record, sent), np.median(record.protection_level_m[sent])
     counts = ", ".join(f"{kind} {disturber.done.count(kind)}" for kind in KINDS if kind in disturber.done)
     return [
         f"{len(disturber.done)} disturbances: {counts}",
-        f"{sent.sum()} epochs sent: error {np.nanmedian(error):.2f} m median, {np.nanpercentile(error, 95):.2f} m (95 %), "
-        f"{np.nanmax(error):.1f} m at most; {beyond(record)} beyond the level ({np.median(level):.1f} m median), "
-        f"error over level {np.nanmax(error / level):.2f} at most",
+        f"{sent.sum()} epochs sent: error {error['median']:.2f} m median, {error['p95']:.2f} m (95 %), "
+        f"{error['max']:.1f} m at most; {beyond(record)} beyond the level ({level_m:.1f} m median), "
+        f"error over level {error_over_level(record, sent):.2f} at most",
         f"longest silence {silence_s(record):.1f} s, the daemon was stopped for {disturber.longest_stop_s:.1f} s at most",
         f"daemon: {_course(disturber.daemon)}",
         f"localising process: {_course(disturber.worker)} (killed ones begin anew)",

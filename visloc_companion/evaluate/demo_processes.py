@@ -56,7 +56,8 @@ def fly_processes(
     on_stage: Stage,
     disturb: Disturb | None = None,
 ) -> FlightLog:
-    """Fly a scenario of FLIGHTS with both processes and leave plan, configuration, logs and journal in `out`.
+    """Fly a scenario of FLIGHTS with both processes and leave plan, configuration, logs and journal in `out`, which
+    loses the journals of the flight before (`require_ours` first).
 
     `disturb` is called some five times a second while they run. Raises LinkError where one of them ended early or never.
     """

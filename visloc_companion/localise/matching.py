@@ -83,9 +83,9 @@ class Task:
 
     def frame(self, grid: MapGrid, features: Features) -> DescentFeatures:
         """The frame's features for a map window's resolution, made once."""
-        key = features.name, _same_of((gsd_m for name, gsd_m in self.frames if name == features.name), grid.gsd_m)
+        key = features.name, _same_of(self.levels, grid.gsd_m)
         if key not in self.frames:
-            self.frames[key] = frame_features(self.level(grid.gsd_m), self.plan, grid.A_ne_pix[:, :2], features)
+            self.frames[key] = frame_features(self.level(key[1]), self.plan, grid.A_ne_pix[:, :2], features)
         return self.frames[key]
 
     def refinement(self, gsd_m: float) -> Features:

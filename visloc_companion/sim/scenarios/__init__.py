@@ -9,7 +9,7 @@ from visloc_companion.sim.scenarios.onboard import ONBOARD
 from visloc_companion.sim.scenarios.satellites import DEMO, LONG_JAM, SATELLITES
 from visloc_companion.sim.scenarios.world import SEASON_CHANGE, WORLD
 
-__all__ = ["DEMO", "FLIGHTS", "LONG_JAM", "SCENARIOS", "SEASON_CHANGE", "Course", "Expectation", "Scenario"]
+__all__ = ["DEMO", "FLIGHTS", "SCENARIOS", "SEASON_CHANGE", "Course", "Expectation", "Scenario"]
 
 SCENARIOS: dict[str, Scenario] = {**SATELLITES, **WORLD, **CAMERA, **GIMBAL, **ONBOARD}
 """The library: campaigns fly all of it."""
