@@ -29,9 +29,10 @@ RENDERED_M = 120.0
 FAULT_S = 60.0
 BLIND_LIMIT_M = 25.0
 """Of a minute on accelerations and what the air tells of the velocity."""
-RENDERED, RENDERED_USUAL_DRAG = SEEN = ("rendered", "rendered_usual_drag")
+RENDERED, RENDERED_LATE, RENDERED_USUAL_DRAG = SEEN = ("rendered", "rendered_late", "rendered_usual_drag")
 BRAKES = tuple(Brake(float(at_s)) for at_s in range(18, 360, 46))
 ORACLE = OracleSettings()
+LATE = replace(ORACLE, latency_s=ORACLE.latency_s + EXTRA_LATENCY_S)
 Change = Callable[[RealScenario], RealScenario]
 
 NAMES = {
@@ -55,7 +56,8 @@ NAMES = {
     "claims_nothing": "Fixes with a sigma of 1 m claim a covariance of zero.",
     "restarts": "The daemon dies at 100 s and at 140 s and is started again 3 s later.",
     RENDERED: "Frames rendered 120 m above the procedural world, localised on its older map (image alone).",
-    RENDERED_USUAL_DRAG: "The same with the drag of a real quadrotor; PX4's simulated one leans by 45° at 9 m/s.",
+    RENDERED_LATE: "The same with answers 300 ms later (and therefore fewer).",
+    RENDERED_USUAL_DRAG: "As `rendered` with the drag of a real quadrotor; PX4's simulated one leans by 45° at 9 m/s.",
 }
 """Jammed at 60 s, with 140 s on vision, where nothing else is said."""
 
@@ -82,7 +84,7 @@ def _without_gnss(short: RealScenario) -> RealScenario:
 
 _LONG: dict[str, Change] = {
     "jam": lambda jam: jam,
-    "late": lambda jam: replace(jam, oracle=replace(ORACLE, latency_s=ORACLE.latency_s + EXTRA_LATENCY_S), lands=False),
+    "late": lambda jam: replace(jam, oracle=LATE, lands=False),
     "slow_drag": lambda jam: replace(jam, duration_s=200.0, jam_at_s=None, drag_at_s=FAULT_S, lands=False),
     "gnss_back": lambda jam: replace(jam, duration_s=260.0, gnss_back_at_s=FAULT_S + 100.0, lands=False),
     "without_daemon": lambda jam: replace(jam, duration_s=160.0, with_daemon=False, lands=False),
@@ -103,6 +105,7 @@ _SHORT: dict[str, Change] = {
     "claims_nothing": _with_fixes(sigma_m=1.0, claimed_sigma_m=0.0),
     "restarts": lambda short: replace(short, restarts=(100.0, 140.0)),
     RENDERED: _rendered,
+    RENDERED_LATE: lambda short: replace(_rendered(short), oracle=LATE),
     RENDERED_USUAL_DRAG: lambda short: replace(_rendered(short), drag_per_s=Drag().per_s),
 }
 
