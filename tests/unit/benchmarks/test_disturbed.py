@@ -21,11 +21,13 @@ from visloc_companion.errors import ConfigError
 from visloc_companion.types import AutopilotKind
 
 SPAWNING = """
-import multiprocessing, time
+import multiprocessing, os, time
+def work():
+    print(os.getpid(), flush=True)  # it is the worker only once its own program runs
+    time.sleep(60)
 if __name__ == "__main__":
-    child = multiprocessing.get_context("spawn").Process(target=time.sleep, args=(60,), daemon=True)
+    child = multiprocessing.get_context("spawn").Process(target=work, daemon=True)
     child.start()
-    print(child.pid, flush=True)
     child.join()
     print(child.exitcode, flush=True)
 """
