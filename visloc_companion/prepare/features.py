@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from visloc_companion.errors import MapError, ModelError
 from visloc_companion.geo.raster import T_map_pix_from_gdal, compose_affine
-from visloc_companion.localise.features.base import Features
+from visloc_companion.localise.features.base import Features, without_margin
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.maps.geotiff import DatasetLayer, open_ortho
 from visloc_companion.maps.layer import Layer, level_shapes
@@ -157,12 +157,12 @@ def _block(
     margin = features.context_px
     start = compose_affine(T_map_pix, np.array([[1.0, 0.0, -margin], [0.0, 1.0, -margin]]))
     image, valid = warp_affine(pixels, start, (size_px[0] + 2 * margin, size_px[1] + 2 * margin))
-    inner = slice(margin, margin + size_px[1]), slice(margin, margin + size_px[0])
-    if not valid[inner].any():
+    inner = without_margin(valid, margin)
+    if not inner.any():
         values = np.zeros((size_px[1], size_px[0], features.channels), np.float32)
     else:
-        values = features(image, valid)[inner]
-    return quantised(values, valid[inner], step)
+        values = features(image, valid, margin)
+    return quantised(values, inner, step)
 
 
 def _put(out: NDArray[np.int8], top: int, left: int, block: NDArray[np.int8]) -> None:

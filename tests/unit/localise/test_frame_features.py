@@ -31,9 +31,9 @@ class Counted(GradientFeatures):
     tolerance: tuple[float, float] | None = (TURN_RAD, LOG_SCALE)
     computed: list[tuple[int, ...]] = field(default_factory=list)
 
-    def __call__(self, image: NDArray[np.uint8] | Float32Array, valid: Mask) -> Float32Array:
+    def __call__(self, image: NDArray[np.uint8] | Float32Array, valid: Mask, margin_px: int = 0) -> Float32Array:
         self.computed.append(image.shape)
-        return GradientFeatures.__call__(self, image, valid)
+        return GradientFeatures.__call__(self, image, valid, margin_px)
 
 
 Frame = tuple[SearchPlan, MapGrid, Callable[[Counted], DescentFeatures]]

@@ -13,11 +13,13 @@ import pytest
 from visloc_companion.errors import ModelError
 from visloc_companion.localise import model_folder
 from visloc_companion.localise.features.base import Features, Float32Array
-from visloc_companion.localise.features.gradient import eroded
+from visloc_companion.localise.features.gradient import GRADIENT, eroded
+from visloc_companion.localise.features.grey import GREY
 from visloc_companion.localise.features.network_input import network_input
-from visloc_companion.localise.features.onnx import NetworkFeatures, open_features
+from visloc_companion.localise.features.onnx import INPUT_CONTEXT_PX, NetworkFeatures, open_features
 from visloc_companion.localise.model_folder import InputSpec
 from visloc_companion.localise.runtime import NetworkSession, open_session
+from visloc_companion.testing.fake_features import FakeNetwork
 
 Make = Callable[..., Path]
 
@@ -113,6 +115,25 @@ def test_tiles_see_more_than_they_answer(network: Path, features: NetworkFeature
     wrong._overlap = 0
     image = picture(150, 130)
     assert np.abs(wrong(image, all_of(image)) - features(image, all_of(image))).max() > 0.01
+
+
+@pytest.mark.parametrize("margin", [0, 3, 8, 20, 121, 127])
+@pytest.mark.parametrize("size", [(270, 290), (257, 301)])
+def test_a_margin_is_seen_and_cut_off(features: NetworkFeatures, margin: int, size: tuple[int, int]) -> None:
+    """The features are those of the whole image; what serves the network's input alone does not go through the network."""
+    session, shapes = watched(features.session)
+    image, valid = picture(*size), np.random.default_rng(2).random(size) > 0.001
+    values = NetworkFeatures(session)(image, valid, margin)
+    whole = features(image, valid)[margin : size[0] - margin, margin : size[1] - margin]
+    np.testing.assert_allclose(values, whole, atol=1e-6)
+    reach = features.context_px - INPUT_CONTEXT_PX
+    assert all(got <= want - 2 * max(0, margin - reach) + 10 for got, want in zip(shapes[0][2:], size, strict=True))
+
+
+@pytest.mark.parametrize("each", [GRADIENT, GREY, FakeNetwork()])
+def test_a_margin_is_cut_off_by_every_function(each: Features) -> None:
+    image = picture(60, 70)
+    np.testing.assert_array_equal(each(image, all_of(image), 7), each(image, all_of(image))[7:-7, 7:-7])
 
 
 def test_memory_is_bounded_by_the_tile(network: Path) -> None:

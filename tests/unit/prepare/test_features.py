@@ -34,12 +34,12 @@ features.BLOCK_PX, work_folder.SYNC_S = 256, 0.0
 calls = 0
 
 class Mortal(FakeNetwork):
-    def __call__(self, image, valid):
+    def __call__(self, image, valid, margin_px=0):
         global calls
         calls += 1
         if calls > int(sys.argv[3]):
             os.kill(os.getpid(), signal.SIGKILL)
-        return super().__call__(image, valid)
+        return super().__call__(image, valid, margin_px)
 
 folder = Path(sys.argv[1])
 if sys.argv[2] == "build":
@@ -69,9 +69,9 @@ def built_whole(folder: Path, what: str, monkeypatch: pytest.MonkeyPatch) -> int
     calls = []
 
     class Counted(FakeNetwork):
-        def __call__(self, image, valid):
+        def __call__(self, image, valid, margin_px=0):
             calls.append(image.shape)
-            return super().__call__(image, valid)
+            return super().__call__(image, valid, margin_px)
 
     monkeypatch.setattr(features, "BLOCK_PX", 256)
     if what == "build":
@@ -236,7 +236,7 @@ def test_failing_network_leaves_the_old_pack(sources: Path) -> None:
     before = digests(sources / "pack")
 
     class Broken(FakeNetwork):
-        def __call__(self, image, valid):
+        def __call__(self, image, valid, margin_px=0):
             raise ModelError("answers what is not finite")
 
     with pytest.raises(ModelError, match="not finite"):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Float32Array = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 class Features(Protocol):
@@ -46,6 +47,15 @@ class Features(Protocol):
         """
         ...
 
-    def __call__(self, image: NDArray[np.uint8] | Float32Array, valid: Mask) -> Float32Array:
-        """(H, W, channels) float32 of an (H, W) or (H, W, 3) RGB image; zero where `valid` (H, W) is not."""
+    def __call__(self, image: NDArray[np.uint8] | Float32Array, valid: Mask, margin_px: int = 0) -> Float32Array:
+        """(H, W, channels) float32 of an (H, W) or (H, W, 3) RGB image; zero where `valid` (H, W) is not.
+
+        `margin_px` around the image are only seen, and cut off: of H - 2 margin_px rows and W - 2 margin_px columns there are
+        features then, the same as without.
+        """
         ...
+
+
+def without_margin(whole: NDArray[Scalar], margin_px: int) -> NDArray[Scalar]:
+    """An (H, W, ...) array without the `margin_px` around it."""
+    return whole[margin_px : whole.shape[0] - margin_px, margin_px : whole.shape[1] - margin_px]

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.localise.features.base import Float32Array, Mask
+from visloc_companion.localise.features.base import Float32Array, Mask, without_margin
 
 LOCAL_MEAN_SIGMA_PX = 20.0
 CLIP = 2.0
@@ -34,9 +34,9 @@ class GradientFeatures:
     """Reach of the local mean: four sigmas, a multiple of the 4 px of its thinning."""
     tolerance: tuple[float, float] | None = None
 
-    def __call__(self, image: NDArray[np.uint8] | Float32Array, valid: Mask) -> Float32Array:
+    def __call__(self, image: NDArray[np.uint8] | Float32Array, valid: Mask, margin_px: int = 0) -> Float32Array:
         """See `gradient_features`."""
-        return gradient_features(image, valid)
+        return without_margin(gradient_features(image, valid), margin_px)
 
 
 def grey(image: NDArray[np.uint8] | Float32Array) -> Float32Array:

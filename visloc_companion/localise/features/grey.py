@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.localise.features.base import Float32Array, Mask
+from visloc_companion.localise.features.base import Float32Array, Mask, without_margin
 from visloc_companion.localise.features.gradient import grey
 
 
@@ -23,9 +23,9 @@ class GreyFeatures:
     context_px: int = 0
     tolerance: tuple[float, float] | None = None
 
-    def __call__(self, image: NDArray[np.uint8] | Float32Array, valid: Mask) -> Float32Array:
+    def __call__(self, image: NDArray[np.uint8] | Float32Array, valid: Mask, margin_px: int = 0) -> Float32Array:
         """The luminance."""
-        return (grey(image) * valid)[..., None].astype(np.float32)
+        return without_margin((grey(image) * valid)[..., None].astype(np.float32), margin_px)
 
 
 GREY = GreyFeatures()

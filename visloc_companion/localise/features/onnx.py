@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.errors import ModelError
-from visloc_companion.localise.features.base import Float32Array, Mask
+from visloc_companion.localise.features.base import Float32Array, Mask, without_margin
 from visloc_companion.localise.features.gradient import GRADIENT, eroded
 from visloc_companion.localise.features.network_input import CHANNELS, NORMALISE_SIGMA_PX, RECIPE, network_input
 from visloc_companion.localise.model_folder import MANIFEST, VariantName, shipped_model
@@ -47,12 +47,15 @@ class NetworkFeatures:
         self.context_px = INPUT_CONTEXT_PX + self._overlap
         self._tile_px = max(tile_px, 4 * self._overlap) // self._multiple * self._multiple
 
-    def __call__(self, image: NDArray[np.uint8] | Float32Array, valid: Mask) -> Float32Array:
+    def __call__(self, image: NDArray[np.uint8] | Float32Array, valid: Mask, margin_px: int = 0) -> Float32Array:
         """(H, W, channels) float32 of an (H, W) or (H, W, 3) RGB image; zero where `valid` (H, W) is not, and 3 px around it.
 
+        Of `margin_px` around the image only what the network itself reaches goes through it; the rest serves its input.
         Raises ModelError where the network cannot be run or answers what is not finite.
         """
-        return self._finished(self._through(network_input(image, valid)), valid)
+        spare = max(0, margin_px - self._overlap) // self._multiple * self._multiple
+        answer = self._through(_cut(network_input(image, valid), spare))
+        return self._finished(_cut(answer, margin_px - spare), without_margin(eroded(valid, BORDER_PX), margin_px))
 
     def many(self, images: Sequence[NDArray[np.uint8] | Float32Array], valids: Sequence[Mask]) -> list[Float32Array]:
         """The same of several images of one size, as many at once as are together no larger than a tile."""
@@ -65,7 +68,7 @@ class NetworkFeatures:
         for start in range(0, len(fed), at_once):
             some = fed[start : start + at_once]
             answers += list(self._run(np.stack(some))) if len(some) > 1 else [self._through(some[0])]
-        return [self._finished(answer, valid) for answer, valid in zip(answers, valids, strict=True)]
+        return [self._finished(answer, eroded(valid, BORDER_PX)) for answer, valid in zip(answers, valids, strict=True)]
 
     def _through(self, fed: Float32Array) -> Float32Array:
         """(channels, H, W) of (3, H, W), whole or in tiles."""
@@ -95,11 +98,10 @@ class NetworkFeatures:
             )
         return answer[:, :, :height, :width]
 
-    def _finished(self, answer: Float32Array, valid: Mask) -> Float32Array:
-        """(H, W, channels) of (channels, H, W), within the bound, zero where it is not valid."""
-        inside = eroded(valid, BORDER_PX)
+    def _finished(self, answer: Float32Array, inside: Float32Array) -> Float32Array:
+        """(H, W, channels) of (channels, H, W), within the bound, zero where `inside` (H, W) is."""
         planes = [np.clip(plane, -self.bound, self.bound) * inside for plane in answer]
-        return np.asarray(cv2.merge(planes), dtype=np.float32).reshape(*valid.shape, self.channels)
+        return np.asarray(cv2.merge(planes), dtype=np.float32).reshape(*inside.shape, self.channels)
 
 
 def open_features(
@@ -123,6 +125,11 @@ def open_features(
             remedy="use the model that came with this version, or train and export it again",
         )
     return NetworkFeatures(session)
+
+
+def _cut(planes: Float32Array, margin_px: int) -> Float32Array:
+    """(channels, H, W) without the margin around it."""
+    return planes[:, margin_px : planes.shape[1] - margin_px, margin_px : planes.shape[2] - margin_px]
 
 
 def _spans(length: int, tile: int, overlap: int) -> Iterator[tuple[slice, slice]]:
