@@ -1,17 +1,21 @@
-"""Shared fixtures: the folder of real data, and the check that no asyncio task outlives its test."""
+"""Shared fixtures: the folder of real data, worlds that are made once, the check that no asyncio task outlives its test."""
 
 from __future__ import annotations
 
 import asyncio
+import fcntl
 import gc
 import inspect
+import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import pytest
 from hypothesis import settings
+
+from visloc_companion.prepare.world import ProceduralWorld, procedural_world
 
 settings.register_profile("unhurried", deadline=None)  # the machines are shared: how long an example takes says nothing
 settings.load_profile("unhurried")
@@ -28,6 +32,27 @@ def shared_data() -> Path:
     if not SHARED.is_dir():
         pytest.skip("no folder ../shared/data beside the project")
     return SHARED
+
+
+@pytest.fixture(scope="session")
+def kept_world(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., ProceduralWorld]:
+    """`procedural_world` of seed 1, made once for all of pytest-xdist's workers: the others wait for the first."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "kept_worlds"
+    folder.mkdir(exist_ok=True)
+
+    def kept(size_m: float, **arguments: Any) -> ProceduralWorld:
+        with (folder / f"{size_m:g}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            return procedural_world(1, folder, size_m=size_m, **arguments)
+
+    return kept
+
+
+def pytest_collection_finish() -> None:
+    """What was imported stays: no collection of garbage, and no search for tasks, need look at it again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True)

@@ -33,6 +33,7 @@ PARAMETERS = {AutopilotKind.ARDUPILOT: "ardupilot", AutopilotKind.PX4: "px4"}
 FILE_SUFFIXES = ("toml", "mcap")
 SETTINGS = r"`((?:link|camera|map|localiser|worker|navigator|gnss|injection|journal|clock|status)\.[a-z_0-9]+)`"
 
+COMMANDS: Any = typer.main.get_command(app)
 COMMAND = re.compile(r"(?:\S*/)?visloc ((?:run|replay|sim|demo|web|doctor|here|link-key|map|evaluate|train)\b.*)$")
 
 
@@ -52,7 +53,7 @@ def commands_of(page: Path) -> Iterator[list[str]]:
 
 
 def command_and_arguments(words: list[str]) -> tuple[Any, list[str], str]:
-    command: Any = typer.main.get_command(app)
+    command: Any = COMMANDS
     path = "visloc"
     rest = list(words)
     while rest and hasattr(command, "commands") and rest[0] in command.commands:

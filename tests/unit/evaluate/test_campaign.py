@@ -99,6 +99,10 @@ def test_any_scenario_can_be_flown_with_the_camera_on_a_gimbal(
     assert simulated_config(flown.setup).camera.mount == "gimbal"
     events = [entry.event for entry in flown.log.entries]
     assert sum(isinstance(event, GimbalAttitude) for event in events) > 20 * flown.log.duration_s
+
+
+def test_without_a_gimbal_none_is_told_of(spec: FlightSpec, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(closed_loop, "eyes_over", lambda *_: oracle_eyes())
     fixed = fly_spec(spec)
     assert result_of(fixed, "gradient")["gimbal"] is False
     assert not any(isinstance(entry.event, GimbalAttitude) for entry in fixed.log.entries)

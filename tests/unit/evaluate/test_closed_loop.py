@@ -28,7 +28,7 @@ from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.build import build_pack
-from visloc_companion.prepare.world import ProceduralWorld, procedural_world, scene_on
+from visloc_companion.prepare.world import ProceduralWorld, scene_on
 from visloc_companion.sim import faults
 from visloc_companion.sim.flight import Eyes
 from visloc_companion.sim.scenarios import DEMO, SCENARIOS, SEASON_CHANGE, Expectation, Scenario
@@ -295,8 +295,8 @@ def test_a_map_without_known_registration_is_half_a_pixel_off() -> None:
 
 
 @pytest.fixture(scope="module")
-def small_world(tmp_path_factory: pytest.TempPathFactory) -> FlightWorld:
-    files = procedural_world(1, tmp_path_factory.mktemp("worlds"), size_m=600.0)
+def small_world(kept_world: Callable[..., ProceduralWorld]) -> FlightWorld:
+    files = kept_world(600.0, networks=())
     return FlightWorld(files.pack, PackMap.open(files.pack), Scene.load(files.flight_ortho, files.flight_dsm))
 
 

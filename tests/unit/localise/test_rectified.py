@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +20,7 @@ from visloc_companion.localise.rectified import rectified
 from visloc_companion.localise.registry import make_localiser
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.maps.pack import PackMap
-from visloc_companion.prepare.world import procedural_world
+from visloc_companion.prepare.world import ProceduralWorld
 from visloc_companion.sim.render import CameraSimulator
 from visloc_companion.sim.render_effects import CameraEffects
 from visloc_companion.sim.scene import Scene
@@ -66,8 +67,8 @@ class World:
 
 
 @pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory) -> World:
-    files = procedural_world(1, tmp_path_factory.mktemp("world"), size_m=500.0, networks=[])
+def world(kept_world: Callable[..., ProceduralWorld]) -> World:
+    files = kept_world(500.0, networks=())
     scene = Scene.load(files.flight_ortho, files.flight_dsm)
     width, height = scene.size_px
     lat, lon = map_crs(scene.crs).to_geo(*(scene.T_map_pix @ np.array([width / 2, height / 2, 1.0])))

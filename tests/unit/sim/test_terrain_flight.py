@@ -11,6 +11,7 @@ from visloc_companion.sim.flight import FlightLog
 from visloc_companion.types import TerrainRequest
 
 SECONDS = 160.0
+pytestmark = pytest.mark.xdist_group("terrain_flight")  # so that the flight is flown once
 
 
 @pytest.fixture(scope="module")
