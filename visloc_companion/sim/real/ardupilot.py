@@ -11,6 +11,7 @@ from visloc_companion.errors import LinkError
 from visloc_companion.geo.wgs84 import ARDUPILOT_M_PER_DEG, geo_from_ned
 from visloc_companion.sim.real.ardupilot_parameters import COPTER, PLANE
 from visloc_companion.sim.real.pilot import DAEMON_PORT, FIRST_POSITION_S, HOME, SIMULATOR_PORT, STATION_PORT, Route, Truth
+from visloc_companion.sim.real.relay import whole
 from visloc_companion.sim.real.station import MissionItem, Station
 from visloc_companion.types import AutopilotKind, GeoPoint
 
@@ -36,7 +37,6 @@ class ArduPilot:
 
     kind = AutopilotKind.ARDUPILOT
     station_url = f"tcpin:127.0.0.1:{STATION_PORT}"
-    withheld = ""
     daemon_url = f"udpin:127.0.0.1:{DAEMON_PORT}"
 
     def __init__(self, plane: bool, parameter_file: Path, home: GeoPoint = HOME) -> None:
@@ -55,6 +55,10 @@ class ArduPilot:
             "--serial2", "none", "--rc-in-port", "15501",
         )  # fmt: skip
         return told, {}
+
+    def passed(self, message: Message) -> bytes:
+        """All as they are."""
+        return whole(message)
 
     def truth(self, message: Message) -> Truth | None:
         """SIM_STATE has it."""

@@ -36,7 +36,7 @@ async def fly(pilot: Pilot, program: Path, scenario: RealScenario, folder: Path,
     station = Station(pilot.station_url, clock, recorder.hear)
     recorder.station = station
     await station.open()
-    relay = Relay(SIMULATOR_PORT, DAEMON_PORT, recorder.overhear, pilot.withheld)
+    relay = Relay(SIMULATOR_PORT, DAEMON_PORT, recorder.overhear, pilot.passed)
     await relay.open()
     command, environment = pilot.command(program, folder, speed, scenario.gnss_at_boot)
     try:

@@ -60,12 +60,11 @@ class Pilot(Protocol):
     def daemon_url(self) -> str:
         """What the daemon is told as link.url."""
 
-    @property
-    def withheld(self) -> str:
-        """A message that this simulator falsifies, which the daemon therefore does not get; empty for none."""
-
     def command(self, program: Path, folder: Path, speed: float, gnss: bool = True) -> tuple[Sequence[str], Mapping[str, str]]:
         """How to start it in a folder, with or without GNSS: the command and the environment; writes the files that it needs."""
+
+    def passed(self, message: Message) -> bytes:
+        """In which bytes a message reaches the daemon; empty for one that this simulator falsifies."""
 
     def truth(self, message: Message) -> Truth | None:
         """The truth, where the message holds it."""

@@ -10,6 +10,8 @@ from visloc_companion.adapters.mavlink.dialect import Message, mav
 from visloc_companion.errors import ConfigError, LinkError
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.sim.real.pilot import DAEMON_PORT, FIRST_POSITION_S, HOME, STATION_PORT, Route, Truth
+from visloc_companion.sim.real.pitot_tube import with_dynamic_pressure
+from visloc_companion.sim.real.relay import whole
 from visloc_companion.sim.real.station import MissionItem, Station
 from visloc_companion.types import AutopilotKind, GeoPoint
 
@@ -60,12 +62,11 @@ class Px4:
     kind = AutopilotKind.PX4
     station_url = f"udpin:127.0.0.1:{STATION_PORT}"
     daemon_url = f"udpin:127.0.0.1:{DAEMON_PORT}"
-    withheld = "SYSTEM_TIME"
-    """Its calendar is this machine's, which does not run at the speed of the simulation: GNSS time would seem to be forged."""
 
     def __init__(self, plane: bool, parameter_file: Path, home: GeoPoint = HOME, own: Mapping[str, str] | None = None) -> None:
         self._plane, self._parameter_file, self._home = plane, parameter_file, home
         self._own = _OWN | (_OWN_PLANE if plane else {}) | dict(own or {})
+        self._indicated_mps = 0.0
 
     def command(self, program: Path, folder: Path, speed: float, gnss: bool = True) -> tuple[Sequence[str], Mapping[str, str]]:
         """Links are those of PX4's start script: 14550 to the ground station, 14540 to the companion."""
@@ -87,6 +88,18 @@ class Px4:
             "PX4_PARAM_SIH_LOC_H0": f"{home.h_amsl_m}",
         }
         return (str(program), "-d", "-i", "0", "-w", str(folder), str(program.parents[1] / "etc")), environment
+
+    def passed(self, message: Message) -> bytes:
+        """All but SYSTEM_TIME, whose calendar is this machine's and does not run at the speed of the simulation: GNSS time would
+        seem to be forged. A plane's SCALED_PRESSURE gets the dynamic pressure of the airspeed that PX4 goes by."""
+        kind = message.get_type()
+        if kind == "SYSTEM_TIME":
+            return b""
+        if kind == "VFR_HUD":
+            self._indicated_mps = message.airspeed if math.isfinite(message.airspeed) else 0.0
+        return (
+            with_dynamic_pressure(message, self._indicated_mps) if self._plane and kind == "SCALED_PRESSURE" else whole(message)
+        )
 
     def truth(self, message: Message) -> Truth | None:
         """HIL_STATE_QUATERNION has it."""

@@ -16,14 +16,21 @@ from visloc_companion.adapters.mavlink.framing import Framer
 Address = tuple[Any, ...]
 
 
+def whole(message: Message) -> bytes:
+    """The message as it came."""
+    return bytes(message.get_msgbuf())
+
+
 class Relay:
     """UDP between `front_port`, where the simulator sends, and `back_port`, where the daemon listens; both on the loopback.
 
-    Messages of the type `withheld` do not reach the daemon.
+    `passed` says in which bytes a message reaches the daemon (empty: not at all).
     """
 
-    def __init__(self, front_port: int, back_port: int, on_message: Callable[[Message], None], withheld: str = "") -> None:
-        self._ports, self._on_message, self._withheld = (front_port, back_port), on_message, withheld
+    def __init__(
+        self, front_port: int, back_port: int, on_message: Callable[[Message], None], passed: Callable[[Message], bytes] = whole
+    ) -> None:
+        self._ports, self._on_message, self._passed = (front_port, back_port), on_message, passed
         self._framer = Framer()
         self._front: Any = None
         self._back: Any = None
@@ -46,8 +53,9 @@ class Relay:
         messages = self._framer.feed(data)
         for message in messages:
             self._on_message(message)
-        if any(message.get_type() == self._withheld for message in messages):
-            data = b"".join(bytes(message.get_msgbuf()) for message in messages if message.get_type() != self._withheld)
+        told = [(whole(message), self._passed(message)) for message in messages]
+        if any(said != passed for said, passed in told):
+            data = b"".join(passed for _, passed in told)
         if data:
             self._back.sendto(data)
 
