@@ -32,6 +32,9 @@ ENOUGH = 20
 """Seconds of flight before anything is said."""
 LEAST_FACTOR_PER_S, SURE_SIGMA = 0.08, 3.0
 """A plane's wings hold it up with no force along forward or right that would grow with its speed."""
+MOST_NOISE_MPS = 5.0
+"""A force that scatters by more than this much drag is not that of the air. Simulated multicopters have 0.2 to 0.8 m/s; planes,
+whose forces are those of their wings in turns, 30 and more: one seemed to have a drag, and its pitot tube went unheard."""
 GATE_SIGMA, GATED_IN_A_ROW = 5.0, 10
 """So many seconds in a row beyond the gate: it is another vehicle now (a payload dropped), and all begins anew."""
 
@@ -113,7 +116,9 @@ class _Hypothesis:
     @property
     def known(self) -> bool:
         """Whether the vehicle is one whose drag is felt, as a multicopter's is."""
-        return self.n >= ENOUGH and self._x[0] >= max(LEAST_FACTOR_PER_S, SURE_SIGMA * math.sqrt(self._P[0, 0]))
+        k1_per_s, noise_mps2 = self._x[0], math.sqrt(self._residuals.variance)
+        sure = k1_per_s >= max(LEAST_FACTOR_PER_S, SURE_SIGMA * math.sqrt(self._P[0, 0]))
+        return self.n >= ENOUGH and bool(sure and noise_mps2 <= MOST_NOISE_MPS * k1_per_s)
 
     def velocity(self, felt: Felt, v_ned_mps: Vec3) -> AirVelocity | None:
         """The velocity of a second, its part down taken for true; None where too little is known."""

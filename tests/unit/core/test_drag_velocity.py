@@ -76,6 +76,16 @@ def test_a_plane_has_no_drag_that_tells_its_velocity() -> None:
     assert learner.velocity(*second(300, 0.0, 20.0)) is None
 
 
+@pytest.mark.parametrize("noise_mps2", [2.0, 3.0, 10.0])
+def test_a_force_that_scatters_far_more_than_the_drag_tells_nothing(noise_mps2: float) -> None:
+    """A plane's: what its wings do in turns once passed for a drag, and its pitot tube was not asked."""
+    learner, rng = DragLearner(), np.random.default_rng(2)
+    for t in range(150):
+        learner.learn(*second(t, HEADINGS[t // 15 % 4], 14.0, noise=noise_mps2 * rng.standard_normal(2)), EXACT)
+        assert not learner.known
+    assert learner.velocity(*second(150, 0.0, 14.0)) is None
+
+
 def test_another_course_is_doubted_more() -> None:
     learner = DragLearner()
     taught(learner, range(70), np.random.default_rng(4))
