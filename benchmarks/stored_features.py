@@ -63,7 +63,7 @@ class Exact:
         m = self.features.context_px
         T_map_pix = compose_affine(patch.T_map_pix, np.array([[1.0, 0.0, -m], [0.0, 1.0, -m]]))
         image, valid = warp_affine(self.pack._pixels, T_map_pix, (size_px[0] + 2 * m, size_px[1] + 2 * m))
-        values = self.features(image, valid)[m : m + size_px[1], m : m + size_px[0]]
+        values = self.features(image, valid, m)
         return FeaturePatch(values, patch.valid, patch.dsm_amsl_m, patch.T_map_pix, patch.gsd_m)
 
 

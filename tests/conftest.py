@@ -10,12 +10,13 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 from hypothesis import settings
 
-from visloc_companion.prepare.world import ProceduralWorld, procedural_world
+if TYPE_CHECKING:
+    from visloc_companion.prepare.world import ProceduralWorld
 
 settings.register_profile("unhurried", deadline=None)  # the machines are shared: how long an example takes says nothing
 settings.load_profile("unhurried")
@@ -37,6 +38,8 @@ def shared_data() -> Path:
 @pytest.fixture(scope="session")
 def kept_world(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., ProceduralWorld]:
     """`procedural_world` of seed 1, made once for all of pytest-xdist's workers: the others wait for the first."""
+    from visloc_companion.prepare.world import procedural_world
+
     base = tmp_path_factory.getbasetemp()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "kept_worlds"
     folder.mkdir(exist_ok=True)

@@ -97,9 +97,9 @@ class Px4:
             return b""
         if kind == "VFR_HUD":
             self._indicated_mps = message.airspeed if math.isfinite(message.airspeed) else 0.0
-        return (
-            with_dynamic_pressure(message, self._indicated_mps) if self._plane and kind == "SCALED_PRESSURE" else whole(message)
-        )
+        if self._plane and kind == "SCALED_PRESSURE":
+            return with_dynamic_pressure(message, self._indicated_mps)
+        return whole(message)
 
     def truth(self, message: Message) -> Truth | None:
         """HIL_STATE_QUATERNION has it."""
