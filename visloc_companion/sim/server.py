@@ -17,6 +17,7 @@ from visloc_companion.adapters.camera.tcp import StreamedFrame, encode_frame
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.errors import ConfigError, VislocError
 from visloc_companion.sim.autopilot import BuiltInAutopilot
+from visloc_companion.sim.autopilot_flight import PHYSICS_DT_S
 from visloc_companion.sim.render_motion import Shot
 from visloc_companion.sim.scenarios import FLIGHTS
 from visloc_companion.sim.scene import Scene
@@ -120,10 +121,14 @@ class SimulationServer:
         self._write_result()
 
     def advance_to(self, now_ns: int) -> None:
-        """Step the autopilot to a time of the clock, up to a step of physics behind it; the first call starts the flight."""
+        """Step the autopilot to a time of the clock, up to a step of physics behind it; the first call starts the flight.
+
+        However late the call comes, the flight is at most two steps of physics longer than the scenario.
+        """
         since_ns, self._stepped_ns = self._stepped_ns, now_ns
         self._start_ns = now_ns if since_ns is None else self._start_ns
-        self.pilot.step(0.0 if since_ns is None else (now_ns - since_ns) / 1e9)
+        passed_s = 0.0 if since_ns is None else (now_ns - since_ns) / 1e9
+        self.pilot.step(min(passed_s, self._duration_s - self.pilot.t_s + PHYSICS_DT_S))
 
     async def _fly(self, transport: asyncio.DatagramTransport) -> None:
         next_truth_ns = self._clock.now_ns()

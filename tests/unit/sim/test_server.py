@@ -116,6 +116,13 @@ def test_the_autopilot_is_never_ahead_of_the_clock(plan: ServerPlan) -> None:
         now_ns += wait_ns
 
 
+def test_a_process_that_was_held_up_flies_no_longer_than_the_scenario(plan: ServerPlan) -> None:
+    server = SimulationServer(plan)
+    for now_s in (0.0, 129.0, 137.0, 140.0):
+        server.advance_to(round(now_s * 1e9))
+    assert server.pilot.t_s == pytest.approx(130.0, abs=0.021)
+
+
 def watch(port: int, frames: list[StreamedFrame]) -> None:
     """Connect as soon as somebody listens, and take frames until the other end hangs up."""
     decoder = FrameDecoder(1 << 20)
