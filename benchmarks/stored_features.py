@@ -44,7 +44,8 @@ class Exact:
     """A pack whose stored features are computed again, unrounded, where they are asked for."""
 
     pack: PackMap
-    features: Features
+    functions: dict[str, Features]
+    """The pack's functions by their names."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.pack, name)
@@ -60,10 +61,11 @@ class Exact:
         patch = self.pack.stored_patch(center_map_m, size_px, gsd_m, name, recipe)
         if patch is None:
             return None
-        m = self.features.context_px
+        features = self.functions[name]
+        m = features.context_px
         T_map_pix = compose_affine(patch.T_map_pix, np.array([[1.0, 0.0, -m], [0.0, 1.0, -m]]))
         image, valid = warp_affine(self.pack._pixels, T_map_pix, (size_px[0] + 2 * m, size_px[1] + 2 * m))
-        values = self.features(image, valid, m)
+        values = features(image, valid, m)
         return FeaturePatch(values, patch.valid, patch.dsm_amsl_m, patch.T_map_pix, patch.gsd_m)
 
 
@@ -121,7 +123,8 @@ def _maps(case: Case, folder: Path, network: Features | None) -> tuple[Any, ...]
         path.parent.mkdir(parents=True, exist_ok=True)
         build_pack([case.ortho], case.dsm, path, networks=[network] if network else [])
     pack = PackMap.open(path, verify_hashes=False)
-    return Unstored(pack), Exact(pack, network or GRADIENT), pack
+    functions = [GRADIENT] if network is None else [GRADIENT, network]
+    return Unstored(pack), Exact(pack, {each.name: each for each in functions}), pack
 
 
 def _localise(case: Case, truth: Truth, reference: Any, method: str, network: Features | None, tally: Tally) -> None:
