@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from visloc_companion.evaluate.real_flight import checks, real_figures
@@ -130,6 +131,16 @@ def test_positions_that_come_late_show_a_machine_that_is_too_busy() -> None:
     assert (calm.gap_s, calm.late_share, calm.starved) == (pytest.approx(0.1), 0.0, False)
     log.injected_s = [12.0 + k * 0.2 for k in range(400)]
     assert real_figures(log, JAM).starved
+
+
+@pytest.mark.parametrize(("late", "starved"), [(8, False), (11, True)])
+def test_a_hundredth_of_late_positions_is_the_limit(late: int, starved: bool) -> None:
+    """With 1.4 % of them late PX4's estimator once dropped what came for 9 s, and was 8 m off."""
+    log = flown()
+    gaps_s = [0.2] * late + [0.05] * (999 - late)
+    log.injected_s = [12.0, *(12.0 + np.cumsum(gaps_s)).tolist()]
+    figures = real_figures(log, JAM)
+    assert (figures.late_share, figures.starved) == (pytest.approx(late / 999), starved)
 
 
 def test_a_daemon_that_does_not_come_back_fails() -> None:
