@@ -1,8 +1,8 @@
 """The built-in autopilot on the circuits of the real simulators, with the same fixes: what stands beside them in the table.
 
-`python -m benchmarks.autopilots_built_in [--seeds S ...] [--write]` flies it for every row that has a figure, prints 95 % of its
-error for each seed, and with `--write` puts those of the rows' own seeds into the rows and docs/autopilots.md.
-`--alone arducopter/rendered` flies what has no row.
+`python -m benchmarks.autopilots_built_in [--missing] [--seeds S ...] [--write]` flies it for every row that has a figure, with
+`--missing` for those that have none, prints 95 % of its error for each seed, and with `--write` puts those of the rows' own seeds
+into the rows and docs/autopilots.md. `--alone arducopter/rendered` flies what has no row.
 """
 
 from __future__ import annotations
@@ -83,6 +83,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="*", default=[], help="further seeds, to see what is chance")
     parser.add_argument("--flights", nargs="*", help="only these")
+    parser.add_argument("--missing", action="store_true", help="for rows that have no figure yet")
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--alone", nargs="*", default=[], metavar="SIMULATOR/FLIGHT", help="these, and no row's")
     args = parser.parse_args()
@@ -93,10 +94,12 @@ def main() -> None:
     if args.alone:
         return
     for row in read_rows(ROWS):
-        if row.get("built_in_p95_m") is None or (args.flights and row["flight"] not in args.flights):
+        if (row.get("built_in_p95_m") is None) != args.missing or (args.flights and row["flight"] not in args.flights):
             continue
         figures = {seed: _figure(row, seed) for seed in dict.fromkeys([row["seed"], *args.seeds])}
         shown = ", ".join(f"{figure:.2f} (seed {seed})" for seed, figure in figures.items() if figure is not None)
+        if not shown:
+            continue
         print(f"{row['simulator']} {row['flight']}: {shown}; the real one {row['error_p95_m']:.2f}", flush=True)
         if args.write:
             path = row_path(ROWS, Simulator(row["simulator"]), row["flight"], row["seed"])

@@ -80,19 +80,30 @@ def test_a_row_of_before_has_ekf2s_own_settings(module: ModuleType, monkeypatch:
     assert pilot.flight.plan.model.imu == NOISY
 
 
-def test_figures_go_into_the_rows_that_had_one(module: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [((), {"jam": 2.5, "jump": None, "outages": None}), (("--missing",), {"jam": 1.0, "jump": None, "outages": 2.5})],
+)
+def test_figures_go_into_the_rows_that_had_one_or_into_the_others(
+    module: ModuleType,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    options: tuple[str, ...],
+    expected: dict[str, float | None],
+) -> None:
+    """What cannot be flown beside a row (`jump`) stays without one."""
     page, rows = tmp_path / "page.md", tmp_path / "rows"
     page.write_text("no table")
     rows.mkdir()
-    for flight, figure in (("jam", 1.0), ("jump", None)):
+    for flight, figure in (("jam", 1.0), ("jump", None), ("outages", None)):
         row = {"simulator": "px4", "flight": flight, "seed": 1, "built_in_p95_m": figure, "error_p95_m": 2.0}
         (rows / f"px4-{flight}-1.json").write_text(json.dumps(row))
     monkeypatch.setattr(module, "ROWS", rows)
     monkeypatch.setattr(module, "DOCS", page)
     monkeypatch.setattr(module, "written", lambda text, _rows: text + ", written")
-    monkeypatch.setattr(module, "built_in_p95_m", lambda scenario, *_, **__: 1.5 + scenario.seed)
-    monkeypatch.setattr("sys.argv", ["x", "--write", "--seeds", "2"])
+    monkeypatch.setattr(module, "built_in_p95_m", lambda flown, *_, **__: None if flown.oracle.moved else 1.5 + flown.seed)
+    monkeypatch.setattr("sys.argv", ["x", "--write", "--seeds", "2", *options])
     module.main()
-    assert json.loads((rows / "px4-jam-1.json").read_text())["built_in_p95_m"] == 2.5
-    assert json.loads((rows / "px4-jump-1.json").read_text())["built_in_p95_m"] is None
+    found = {name: json.loads((rows / f"px4-{name}-1.json").read_text())["built_in_p95_m"] for name in expected}
+    assert found == expected
     assert page.read_text() == "no table, written"
