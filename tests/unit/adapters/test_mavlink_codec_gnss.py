@@ -41,7 +41,13 @@ def test_gnss_integrity_comes_through_the_live_parser():
 
 @pytest.mark.parametrize(
     ("text", "jammed", "spoofed"),
-    [(b"GNSS signal spoofed\t", None, True), (b"GPS reports critical jamming state\t", True, None)],
+    [
+        (b"GNSS signal spoofed\t", None, True),
+        (b"Preflight Fail: GPS signal spoofed\t", None, True),
+        (b"GNSS signal jammed\t", True, None),
+        (b"Preflight Fail: GPS signal jammed\t", True, None),
+        (b"GPS reports critical jamming state\t", True, None),
+    ],
 )
 def test_texts_of_px4(text, jammed, spoofed):
     assert one(mav.MAVLink_statustext_message(2, text)) == GnssIntegrity(T, 0, jammed, spoofed, None)

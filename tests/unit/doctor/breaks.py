@@ -103,6 +103,7 @@ CAMERA = [
     ap("camera-gimbal-frame", "red", "stabilises itself", both(ON_GIMBAL, parameters(MNT1_TYPE=1, SERVO11_FUNCTION=8))),
     px4("camera-gimbal-frame", "red", '"airframe"', both(ON_GIMBAL, parameters(MNT_MODE_OUT=0, MNT_DO_STAB=3))),
     ap("camera-gimbal-measured", "amber", "mount_sigma_deg", both(ON_GIMBAL, parameters(MNT1_TYPE=7))),
+    ap("camera-gimbal-measured", "amber", "mount_sigma_deg", both(ON_GIMBAL, parameters(MNT1_TYPE=13))),
     px4("camera-gimbal-measured", "amber", "mount_sigma_deg", both(ON_GIMBAL, parameters(MNT_MODE_OUT=0))),
 ]
 MAP = [

@@ -23,7 +23,7 @@ HOME = GeoPoint(47.3977, 8.5456, 488.0)
 FILES = {AutopilotKind.ARDUPILOT: "ardupilot.parm", AutopilotKind.PX4: "px4.parm"}
 MORE = {
     AutopilotKind.ARDUPILOT: {"SERIAL1_PROTOCOL": 2.0, "SERIAL1_BAUD": 921.0},
-    AutopilotKind.PX4: {"MAV_1_CONFIG": 102.0, "SER_TEL2_BAUD": 921600.0, "UXRCE_DDS_CFG": 0.0},
+    AutopilotKind.PX4: {"MAV_1_CONFIG": 102.0, "SER_TEL2_BAUD": 921600.0, "UXRCE_DDS_CFG": 0.0, "EKF2_SENS_EN": 8191.0},
 }
 RATES = {"ATTITUDE": 50.0, "SCALED_IMU": 50.0, "GLOBAL_POSITION_INT": 10.0, "LOCAL_POSITION_NED": 10.0, "GPS_RAW_INT": 5.0}
 CAMERA = {
@@ -38,8 +38,9 @@ STATUS = {AutopilotKind.ARDUPILOT: "EKF_STATUS_REPORT", AutopilotKind.PX4: "ESTI
 
 
 def recommended(kind: AutopilotKind) -> dict[str, float]:
-    """The parameter file that users are told to load."""
-    return read_parameters(ROOT / "docs" / "parameters" / FILES[kind])
+    """The parameter file that users are told to load, as a vehicle takes it that does not know the names of later versions."""
+    file = read_parameters(ROOT / "docs" / "parameters" / FILES[kind])
+    return {name: value for name, value in file.items() if name in PREPARED[kind]}
 
 
 def good_facts(kind: AutopilotKind) -> Facts:

@@ -20,8 +20,8 @@ _MIN_UNIX_US = 1_420_070_400_000_000
 _UNKNOWN, _DETECTED = 0, 3
 _AUTHENTICATION_ERROR, _AUTHENTICATION_OK = 2, 3
 """GPS_JAMMING_STATE and GPS_SPOOFING_STATE: unknown, none, mitigated, detected; GPS_AUTHENTICATION_STATE likewise by name."""
-_SPOOFED_TEXT, _JAMMED_TEXT = "GNSS signal spoofed", "GPS reports critical jamming"
-"""What PX4 says where it has no message for it (estimatorCheck.cpp)."""
+_SPOOFED_TEXTS, _JAMMED_TEXTS = ("signal spoofed",), ("signal jammed", "GPS reports critical jamming")
+"""What PX4 says where it has no message for it (estimatorCheck.cpp): of GNSS or, on the ground and in older versions, of GPS."""
 
 
 def wrapped_ns(t_boot_us: int) -> int:
@@ -79,7 +79,7 @@ def _detected(state: int) -> bool | None:
 
 def _statustext(msg: Message, t_rx_ns: int) -> Outcome:
     text = str(msg.text)
-    spoofed, jammed = _SPOOFED_TEXT in text, _JAMMED_TEXT in text
+    spoofed, jammed = (any(words in text for words in texts) for texts in (_SPOOFED_TEXTS, _JAMMED_TEXTS))
     return GnssIntegrity(t_rx_ns, 0, jammed or None, spoofed or None, None) if spoofed or jammed else None
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from visloc_companion.doctor.facts import Facts
-from visloc_companion.doctor.finding import Finding, Level, Rule, amber, green, red, skipped
+from visloc_companion.doctor.finding import REBOOT, Finding, Level, Rule, amber, green, red, skipped
 from visloc_companion.doctor.rules.parameter import Judge, bit_clear, parameter, within
 from visloc_companion.types import AutopilotKind
 
 AP = AutopilotKind.ARDUPILOT
-NAMES = {0: "none", 3: "GPS", 4: "beacon", 5: "optical flow", 6: "ExternalNav", 8: "GSF"}
+NAMES = {0: "none", 3: "GPS", 4: "beacon", 5: "optical flow", 6: "ExternalNav", 7: "wheels", 8: "GSF"}
 HEIGHTS, YAWS = {1: "barometer", 2: "rangefinder"}, {1: "compass", 2: "GPS", 3: "GPS or compass"}
 EKF_SWITCH_OPTION = 90
 
@@ -47,9 +47,12 @@ def _compass(facts: Facts) -> Finding:
     enabled = facts.parameters.get("COMPASS_ENABLE", 1.0)
     if yaw is None or use is None:
         return skipped("no parameters of compass or source set", "give --link URL")
+    others = [n for n in (2, 3) if facts.parameters.get(f"COMPASS_USE{n}") and facts.parameters.get(f"COMPASS_PRIO{n}_ID")]
     read = f"EK3_SRC{number}_YAW = {yaw:g}, COMPASS_ENABLE = {enabled:g}, COMPASS_USE = {use:g}"
-    missing = yaw == 1 and (use == 0 or enabled == 0)
-    return red(read, parameters={"COMPASS_ENABLE": 1.0, "COMPASS_USE": 1.0}) if missing else green(read)
+    read += "".join(f", COMPASS_USE{n} = {facts.parameters[f'COMPASS_USE{n}']:g}" for n in others)
+    wanted = {} if enabled else {"COMPASS_ENABLE": 1.0}
+    wanted |= {} if use or others else {"COMPASS_USE": 1.0}
+    return red(read, parameters=wanted) if yaw == 1 and wanted else green(read)
 
 
 def _switch(facts: Facts) -> Finding:
@@ -172,7 +175,7 @@ RULES: tuple[Rule, ...] = (
         "ap-vision-set-yaw",
         AP,
         _of_vision("YAW"),
-        "6 takes the yaw that the daemon sends, which is the autopilot's own: a loop that drifts. 2 and 3 need GNSS; 0 has no "
+        "6 takes the yaw that the daemon sends, which is the autopilot's own: a loop that drifts. 2, 3 and 8 need GNSS; 0 has no "
         "yaw at all.",
         "EK3_SRC2_YAW = 1",
         _source(1.0, {8.0: Level.AMBER}, Level.RED),
@@ -196,9 +199,9 @@ RULES: tuple[Rule, ...] = (
     ),
     Rule(
         "ap-compass",
-        "EK3_SRC2_YAW COMPASS_ENABLE COMPASS_USE",
+        "EK3_SRC2_YAW COMPASS_ENABLE COMPASS_USE COMPASS_USE2 COMPASS_USE3",
         "On vision the heading comes from the compass: one must be in use.",
-        "COMPASS_ENABLE = 1, COMPASS_USE = 1, and calibrate it",
+        f"COMPASS_ENABLE = 1 and COMPASS_USE = 1 (or that of another compass), {REBOOT}, and calibrate it",
         _compass,
         AP,
     ),

@@ -6,7 +6,7 @@ import re
 
 from visloc_companion.adapters.mavlink.outputs.kinds import Output
 from visloc_companion.doctor.facts import Facts
-from visloc_companion.doctor.finding import Finding, Level, Rule, amber, green, red, skipped
+from visloc_companion.doctor.finding import REBOOT, Finding, Level, Rule, amber, green, red, skipped
 from visloc_companion.doctor.rules.parameter import own_system, parameter, within
 from visloc_companion.types import AutopilotKind
 
@@ -17,11 +17,15 @@ LEAST_LOOP_HZ, LEAST_BAUD, BUSY_HZ = 50, 115_200, 50
 _ODD_BAUDS = {1: 1200, 2: 2400, 4: 4800, 9: 9600, 19: 19_200, 38: 38_400, 57: 57_600, 111: 111_100, 115: 115_200}
 _ODD_BAUDS |= {230: 230_400, 460: 460_800, 921: 921_600}
 """What AP_SerialManager makes of a SERIALn_BAUD that is not a round number of thousands."""
+_SECOND = "put our positions on the second one: GPS2_TYPE = 14 (before 4.6 GPS_TYPE2)"
+_STREAM = re.compile(r"SR[0-9]_EXTRA1|MAV([1-9]|10)_EXTRA1")
+"""The links in the order of their ports: SR0 is MAV1 of 4.7 and later."""
 
 
 def baud_of(value: float) -> int:
-    """Bits a second of a SERIALn_BAUD: thousands, or a few names, or the number itself."""
-    return _ODD_BAUDS.get(int(value), int(value) * 1000 if value < 2000 else int(value))
+    """Bits a second of a SERIALn_BAUD: thousands, or a few names, or above 2000 the number itself; 57600 where it is none."""
+    rate = int(value) if value > 0 else 57
+    return _ODD_BAUDS.get(rate, rate * 1000 if rate <= 2000 else rate)
 
 
 def _ports(facts: Facts, protocols: tuple[int, ...]) -> list[int]:
@@ -69,7 +73,7 @@ def _baud(facts: Facts) -> Finding:
 
 
 def _stream_rates(facts: Facts) -> Finding:
-    rates = {name: value for name, value in facts.parameters.items() if re.fullmatch(r"(SR|MAV)[1-9]_EXTRA1", name)}
+    rates = {name: value for name, value in facts.parameters.items() if _STREAM.fullmatch(name)}
     if not rates:
         return skipped("no parameters of streams", "give --link URL")
     read = ", ".join(f"{name} = {value:g}" for name, value in sorted(rates.items()))
@@ -79,14 +83,17 @@ def _stream_rates(facts: Facts) -> Finding:
 
 def _station_id(name: str, value: float, facts: Facts) -> Finding:
     own = facts.parameters.get("MAV_SYSID", facts.parameters.get("SYSID_THISMAV", 1.0))
-    read = f"{name} = {value:g}, the vehicle is {own:g}"
-    return amber(read, parameters={name: 255.0}) if value == own else green(read)
+    last = facts.parameters.get("MAV_GCS_SYSID_HI", 0.0)
+    read = f"{name} = {value:g}" + (f" to {last:g}" if last > value else "") + f", the vehicle is {own:g}"
+    if not value <= own <= max(value, last):
+        return green(read)
+    return amber(read, parameters={name: 255.0})
 
 
 def _receiver(name: str, value: float, facts: Facts) -> Finding:
     read = f"{name} = {value:g}"
     if value == MAV_INPUT and facts.choice.output is Output.GPS_INPUT:
-        return amber(f"{read}: no receiver of its own to compare with", "put our positions on the second one: GPS2_TYPE = 14")
+        return amber(f"{read}: no receiver of its own to compare with", _SECOND)
     if value == MAV_INPUT:
         return red(f"{read} (positions by MAVLink)", parameters={name: 1.0})
     return amber(f"{read} (no receiver)", parameters={name: 1.0}) if value == 0 else green(read)
@@ -103,7 +110,8 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "ap-serial-protocol",
         "SERIALn_PROTOCOL",
-        "MAVLink 1 carries neither the covariance nor the reset counter of a vision position.",
+        "What it sends is then MAVLink 1: without the receiver's accuracies, gimbals and signatures. Ours it reads as MAVLink 2 "
+        "all the same.",
         "SERIALn_PROTOCOL = 2 of the companion's port, then reboot the autopilot",
         _protocol,
         AP,
@@ -112,7 +120,7 @@ RULES: tuple[Rule, ...] = (
         "ap-serial-baud",
         "SERIALn_BAUD, the link's URL",
         "57600 baud does not carry attitude and accelerations at 50 Hz.",
-        "SERIALn_BAUD = 921 of the companion's port, and the same in link.url (serial:DEVICE:921600)",
+        f"SERIALn_BAUD = 921 of the companion's port, the same in link.url (serial:DEVICE:921600), {REBOOT}",
         _baud,
         AP,
     ),
@@ -120,7 +128,7 @@ RULES: tuple[Rule, ...] = (
         "ap-stream-rates",
         "SRn_EXTRA1 or MAVn_EXTRA1",
         "The daemon asks for each message itself; fast streams beside them fill the line.",
-        "SRn_EXTRA1 (MAVn_EXTRA1) at most 10",
+        f"SRn_EXTRA1 (MAVn_EXTRA1) at most 10, {REBOOT}",
         _stream_rates,
         AP,
     ),
@@ -145,8 +153,8 @@ RULES: tuple[Rule, ...] = (
         "ap-station-id",
         AP,
         "MAV_GCS_SYSID SYSID_MYGCS",
-        "The ground station's failsafe counts heartbeats of this system: if it is the vehicle's own, the companion keeps it "
-        "quiet.",
+        "The ground station's failsafe counts heartbeats of this system (of all up to MAV_GCS_SYSID_HI, where that is more): if "
+        "the vehicle's own is among them, the companion keeps it quiet.",
         "MAV_GCS_SYSID (SYSID_MYGCS) = 255",
         _station_id,
     ),
@@ -162,7 +170,7 @@ RULES: tuple[Rule, ...] = (
     parameter(
         "ap-second-receiver",
         AP,
-        "GPS2_TYPE",
+        "GPS2_TYPE GPS_TYPE2",
         "14 waits for GPS_INPUT, which this daemon sends only where it is told to, and hides from the EKF that it is not GNSS.",
         "GPS2_TYPE = 0, then reboot the autopilot",
         _second_receiver,

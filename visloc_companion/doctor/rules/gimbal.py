@@ -10,10 +10,10 @@ from visloc_companion.types import AutopilotKind
 
 ENOUGH_HZ = 10.0
 FIXED = "the camera is fixed to the airframe"
-SERVO, BRUSHLESS_PWM, STORM32_MAVLINK = 1, 7, 4
+SERVO, SOLO, STORM32_MAVLINK, BRUSHLESS_PWM, CADDX = 1, 2, 4, 7, 13
 """MNTn_TYPE of ArduPilot."""
-TOLD_ONLY = (SERVO, BRUSHLESS_PWM, STORM32_MAVLINK)
-"""Of these ArduPilot states where they were told to point (AP_Mount_Servo.cpp, AP_Mount_SToRM32.cpp)."""
+TOLD_ONLY = (SERVO, SOLO, STORM32_MAVLINK, BRUSHLESS_PWM, CADDX)
+"""Of these ArduPilot states where they were told to point (get_attitude_quaternion of AP_Mount_Servo.cpp and its like)."""
 MOUNT1_ROLL, MOUNT2_ROLL = 8, 14
 """SERVOn_FUNCTION of a gimbal's roll servo."""
 AUX_OUTPUT, STABILISES_PITCH_ONLY = 0, 3
@@ -21,8 +21,9 @@ AUX_OUTPUT, STABILISES_PITCH_ONLY = 0, 3
 
 
 def _type_of(camera: CameraConfig, facts: Facts) -> tuple[str, int]:
-    """Name and value of ArduPilot's parameter of the gimbal's type; 0 where it has none."""
-    name = f"MNT{camera.gimbal_id if camera.gimbal_id in (1, 2) else 1}_TYPE"
+    """Name (before 4.3 that of the first had no number) and value of ArduPilot's parameter of the gimbal's type; 0: none."""
+    names = ("MNT2_TYPE",) if camera.gimbal_id == 2 else ("MNT1_TYPE", "MNT_TYPE")
+    name = next((name for name in names if name in facts.parameters), names[0])
     return name, int(facts.parameters.get(name, 0))
 
 

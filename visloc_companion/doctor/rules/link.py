@@ -74,7 +74,7 @@ def _parameters(link: LinkFacts, facts: Facts) -> Finding:
 @link_rule(
     "link-mavlink-2",
     "the first byte of messages",
-    "MAVLink 1 carries neither covariance nor reset counter.",
+    "MAVLink 1 lacks the receiver's accuracies, gimbals and signatures.",
     "ArduPilot: SERIALn_PROTOCOL = 2 of the companion's port, then reboot the autopilot. PX4: MAV_PROTO_VER = 2",
 )
 def _version(link: LinkFacts, facts: Facts) -> Finding:

@@ -10,6 +10,7 @@ from visloc_companion.types import AutopilotKind
 
 Judge = Callable[[str, float, Facts], Finding]
 """From a parameter's name and value, and all facts, to a finding."""
+ABSENT = "nothing to do where this vehicle does not need it; see that its version does not call it by another name"
 
 
 def parameter(
@@ -34,7 +35,7 @@ def parameter(
                 return judge(name, facts.parameters[name], facts)
         if not facts.parameters_complete:
             return skipped(f"{candidates[0]} was not read", "see link-parameters")
-        return skipped(f"the autopilot has no parameter {candidates[0]}", "nothing to do where this version does not need it")
+        return skipped(f"the autopilot has no parameter {' or '.join(candidates)}", ABSENT)
 
     return Rule(rule_id, reads or (names if isinstance(names, str) else "") or rule_id, why, remedy, check, only, poses)
 

@@ -11,6 +11,11 @@ from visloc_companion.types import AutopilotKind
 
 PX4 = AutopilotKind.PX4
 ONBOARD = 2
+WITH_TIMESYNC = (ONBOARD, 5, 8, 9, 11, 13)
+"""The modes with TIMESYNC at 10 Hz: onboard, config, external vision (also minimal), onboard and other low bandwidth."""
+ETHERNET = 1000
+"""The one value of MAV_n_CONFIG and its like that several may have."""
+MAVLINK2 = 2
 LEAST_RATE_BPS, LEAST_BAUD, LEAST_TIMESYNC_HZ = 10_000, 115_200, 5.0
 
 
@@ -29,17 +34,17 @@ def _mode(facts: Facts) -> Finding:
     if not instances:
         return skipped("no parameters of MAVLink instances", "give --link URL")
     read = ", ".join(f"MAV_{number}_MODE = {known.get('MODE', -1):g}" for number, known in sorted(instances.items()))
-    if any(known.get("MODE") == ONBOARD for known in instances.values()):
+    if any(known.get("MODE") in WITH_TIMESYNC for known in instances.values()):
         return green(read)
     return red(read, parameters={f"MAV_{max(instances)}_MODE": float(ONBOARD)})
 
 
 def _rate(facts: Facts) -> Finding:
-    onboard = {number: known for number, known in _instances(facts).items() if known.get("MODE") == ONBOARD and "RATE" in known}
-    if not onboard:
+    rates = {n: known["RATE"] for n, known in _instances(facts).items() if known.get("MODE") in WITH_TIMESYNC and "RATE" in known}
+    if not rates:
         return skipped("no MAVLink instance is in onboard mode", "see px4-mavlink-mode")
-    read = ", ".join(f"MAV_{number}_RATE = {known['RATE']:g} B/s" for number, known in sorted(onboard.items()))
-    slow = {f"MAV_{number}_RATE": 0.0 for number, known in onboard.items() if 0 < known["RATE"] < LEAST_RATE_BPS}
+    read = ", ".join(f"MAV_{number}_RATE = {rate:g} B/s" for number, rate in sorted(rates.items()))
+    slow = {f"MAV_{number}_RATE": 0.0 for number, rate in rates.items() if 0 < rate < LEAST_RATE_BPS}
     return amber(read, parameters=slow) if slow else green(read)
 
 
@@ -66,14 +71,24 @@ def _baud(facts: Facts) -> Finding:
 def _dds(name: str, value: float, facts: Facts) -> Finding:
     ports = [f"MAV_{number}_CONFIG" for number, known in _instances(facts).items() if known.get("CONFIG") == value]
     read = f"{name} = {value:g}" + (f" = {ports[0]}" if ports and value else "")
-    return red(read, parameters={name: 0.0}) if ports and value else green(read)
+    return red(read, parameters={name: 0.0}) if ports and value not in (0, ETHERNET) else green(read)
+
+
+def _protocol(name: str, value: float, facts: Facts) -> Finding:
+    read = f"{name} = {value:g}"
+    if value != 1:
+        return green(read)
+    if facts.link is not None and facts.link.mavlink_version == MAVLINK2:
+        return green(f"{read}, and it answers in MAVLink 2")
+    return red(read, parameters={name: float(MAVLINK2)})
 
 
 RULES: tuple[Rule, ...] = (
     Rule(
         "px4-mavlink-mode",
         "MAV_n_CONFIG MAV_n_MODE",
-        "Only an instance in onboard mode sends TIMESYNC at 10 Hz, without which time stamps are times of arrival.",
+        "Of the usual modes only onboard (2) and external vision (8) send TIMESYNC at 10 Hz, without which time stamps are times "
+        "of arrival.",
         f"MAV_n_MODE = 2 of the companion's instance (TELEM2: MAV_1_CONFIG = 102, MAV_1_MODE = 2), {REBOOT}",
         _mode,
         PX4,
@@ -98,15 +113,16 @@ RULES: tuple[Rule, ...] = (
         "px4-mavlink-version",
         PX4,
         "MAV_PROTO_VER",
-        "MAVLink 1 carries neither the covariance nor the reset counter of a vision position.",
+        "What it sends is then MAVLink 1: without the receiver's accuracies and gimbals. Old versions stay with 1, new ones "
+        "change to 2 once they hear it.",
         "MAV_PROTO_VER = 2",
-        within(lambda value: value != 1, 2.0),
+        _protocol,
     ),
     Rule(
         "px4-serial-baud",
         "SER_TELn_BAUD, the link's URL",
         "57600 baud does not carry attitude and accelerations at 50 Hz.",
-        "SER_TEL2_BAUD = 921600 (the companion's port), and the same in link.url (serial:DEVICE:921600)",
+        f"SER_TEL2_BAUD = 921600 (the companion's port), the same in link.url (serial:DEVICE:921600), {REBOOT}",
         _baud,
         PX4,
     ),
@@ -114,7 +130,7 @@ RULES: tuple[Rule, ...] = (
         "px4-dds-port",
         PX4,
         "UXRCE_DDS_CFG",
-        "The DDS client on the port of a MAVLink instance takes that port from it.",
+        "The DDS client on the serial port of a MAVLink instance takes that port from it.",
         f"UXRCE_DDS_CFG = 0, or another port, {REBOOT}",
         _dds,
     ),

@@ -7,14 +7,18 @@ import math
 from visloc_companion.adapters.mavlink.outputs.kinds import Output
 from visloc_companion.doctor.facts import Facts
 from visloc_companion.doctor.finding import REBOOT, Finding, Level, Rule, amber, green, red, skipped
+from visloc_companion.doctor.rules.firmware import version_of
 from visloc_companion.doctor.rules.parameter import bit_clear, least_quality, parameter, within
 from visloc_companion.types import AutopilotKind
 
 PX4 = AutopilotKind.PX4
 MAX_DELAY_MS, LEAST_BUFFER_MS, MAX_OFFSET_M = 50, 200, 0.3
 GPS_HEIGHT, RANGE_HEIGHT = 1, 2
-SPOOF_CHECK = 1 << 9
-MAG_NONE = 5
+SPOOF_CHECK, SPOOF_CHECKED = 1 << 9, (1, 16)
+"""Bit of EKF2_GPS_CHECK, and since which version it is there."""
+VISION_ENABLED = 1 << 3
+"""Bit of EKF2_SENS_EN (of 1.18; in the order of EstimatorFusionControl.msg)."""
+MAG_NONE, MAG_INIT = 5, 6
 
 
 def _control(name: str, value: float, facts: Facts) -> Finding:
@@ -55,6 +59,30 @@ def _gps(name: str, value: float, facts: Facts) -> Finding:
     return green(read) if value == wanted else amber(read, parameters={name: float(wanted)})
 
 
+def _enabled(name: str, value: float, facts: Facts) -> Finding:
+    del facts
+    read = f"{name} = {value:g} (bit 3, external vision, is {int(value) >> 3 & 1})"
+    return green(read) if int(value) & VISION_ENABLED else red(read, parameters={name: float(int(value) | VISION_ENABLED)})
+
+
+def _spoof_check(name: str, value: float, facts: Facts) -> Finding:
+    read, version = f"{name} = {value:g}", version_of(facts.version)
+    if int(value) & SPOOF_CHECK:
+        return green(read)
+    if version is not None and (0, 0) < version < SPOOF_CHECKED:
+        return green(f"{read}, and {facts.version} has no such check")
+    return amber(read, parameters={name: float(int(value) | SPOOF_CHECK)})
+
+
+def _compass(name: str, value: float, facts: Facts) -> Finding:
+    del facts
+    read = f"{name} = {value:g}"
+    if value not in (MAG_NONE, MAG_INIT):
+        return green(read)
+    what = "none" if value == MAG_NONE else "until the heading is found, not in flight"
+    return Finding(Level.RED if value == MAG_NONE else Level.AMBER, f"{read} ({what})", parameters={name: 0.0})
+
+
 def _offset(facts: Facts) -> Finding:
     names = [f"EKF2_EV_POS_{axis}" for axis in "XYZ"]
     if names[0] not in facts.parameters:
@@ -79,9 +107,19 @@ RULES: tuple[Rule, ...] = (
         "px4-ev-control",
         PX4,
         "EKF2_EV_CTRL",
-        "The default 0 fuses nothing: positions are sent and not used.",
+        "0, the default since 1.16, fuses nothing: positions are sent and not used.",
         "EKF2_EV_CTRL = 1",
         _control,
+        poses=True,
+    ),
+    parameter(
+        "px4-ev-enabled",
+        PX4,
+        "EKF2_SENS_EN",
+        "From 1.18 a ground station can switch a sensor off here, and it stays so: without bit 3 vision is not fused, whatever "
+        "EKF2_EV_CTRL says.",
+        "EKF2_SENS_EN with bit 3 (8)",
+        _enabled,
         poses=True,
     ),
     parameter(
@@ -192,13 +230,9 @@ RULES: tuple[Rule, ...] = (
         "px4-gnss-spoof-check",
         PX4,
         "EKF2_GPS_CHECK",
-        "Bit 9 drops samples that the receiver itself calls spoofed.",
+        "Bit 9 (from 1.16) drops samples that the receiver itself calls spoofed.",
         "EKF2_GPS_CHECK with bit 9 (512)",
-        lambda name, value, _: (
-            green(f"{name} = {value:g}")
-            if int(value) & SPOOF_CHECK
-            else amber(f"{name} = {value:g}", parameters={name: float(int(value) | SPOOF_CHECK)})
-        ),
+        _spoof_check,
     ),
     parameter(
         "px4-no-aid",
@@ -213,9 +247,9 @@ RULES: tuple[Rule, ...] = (
         "px4-compass",
         PX4,
         "EKF2_MAG_TYPE",
-        "On vision the heading comes from the compass: it must not be switched off.",
+        "On vision the heading comes from the compass: 5 uses none, 6 only to find the heading before the flight.",
         f"EKF2_MAG_TYPE = 0, {REBOOT}",
-        within(lambda value: value != MAG_NONE, 0.0),
+        _compass,
     ),
     Rule(
         "px4-ev-offset",

@@ -26,9 +26,11 @@ COPTER: dict[str, float] = {
     "MOT_BAT_VOLT_MAX": 12.8,
     "WPNAV_ACCEL": 400,
     "WPNAV_JERK": 8,
+    "WP_ACC": 4,
+    "WP_JERK": 8,
 }
-
-"""The accelerations and the jerk between waypoints make it brake briskly."""
+"""The accelerations (cm/s²; from 4.7.0 WP_ACC, m/s²) and the jerk between waypoints make it brake briskly. ArduPilot passes over
+names of another version."""
 
 PLANE: dict[str, float] = {
     **_CALIBRATED,

@@ -102,6 +102,15 @@ def test_ardupilot_is_started_with_the_users_parameters(plane: bool, tmp_path: P
     assert command[command.index("--model") + 1] == ("plane" if plane else "quad")
 
 
+def test_ardupilots_of_both_names_brake_alike(tmp_path: Path) -> None:
+    """Up to 4.6 in cm/s², from 4.7.0 in m/s²."""
+    make_pilot(Simulator.ARDUCOPTER).command(Path("/programs/one"), tmp_path, 1.0)
+    lines = (tmp_path / "vehicle.parm").read_text(encoding="ascii").splitlines()
+    told = {name: float(value) for name, value in (line.split() for line in lines)}
+    assert told["WPNAV_ACCEL"] == 100 * told["WP_ACC"]
+    assert told["WPNAV_JERK"] == told["WP_JERK"]
+
+
 def test_px4_is_started_with_the_users_parameters(tmp_path: Path) -> None:
     _, environment = make_pilot(Simulator.PX4).command(Path("/build/bin/px4"), tmp_path, 3.0)
     assert environment["PX4_PARAM_EKF2_EV_CTRL"] == "1"

@@ -130,7 +130,7 @@ REFUSALS: tuple[tuple[tuple[Output, ...], Condition, str, str], ...] = (
         (Output.GPS_INPUT,),
         lambda v: _read(v) and v.gps_instance is None,
         "no receiver is of type 14 (MAVLink)",
-        f"set GPS2_TYPE {GPS_TYPE_MAVLINK} and restart the autopilot",
+        f"set GPS2_TYPE {GPS_TYPE_MAVLINK} (before 4.6 GPS_TYPE2) and restart the autopilot",
     ),
     (
         (Output.GLOBAL_POSITION_SENSOR,),

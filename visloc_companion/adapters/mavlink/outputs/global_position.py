@@ -1,7 +1,8 @@
 """GLOBAL_POSITION_SENSOR (296): an auxiliary global position for PX4 of 2026 and later (EKF2_AGP*).
 
-PX4 reads id, lat, lon, alt, eph and epv, and nothing else: the time is that of arrival, a step cannot be announced, and values
-that mean "unknown" are not looked for (mavlink_receiver.cpp, March 2026). eph is a standard deviation, the same for both axes.
+PX4 reads id, source (for its log only), lat, lon, alt, eph and epv, and nothing else: the time is that of arrival, a step cannot
+be announced, and values that mean "unknown" are not looked for (mavlink_receiver.cpp, March 2026). eph is a standard deviation,
+the same for both axes.
 """
 
 from __future__ import annotations
