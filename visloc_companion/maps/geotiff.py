@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import rasterio
 from numpy.typing import NDArray
-from rasterio.enums import ColorInterp, MaskFlags, Resampling
+from rasterio.enums import ColorInterp, Resampling
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window
 
@@ -25,6 +25,7 @@ from visloc_companion.maps.crs import MapCrs, map_crs
 from visloc_companion.maps.fills import in_missing, missing_blocks, no_colour, undeclared_fill
 from visloc_companion.maps.layer import ArrayLayer, Layer, Validity, Values, array_layer, halved, level_shapes
 from visloc_companion.maps.manifest import require_utf8
+from visloc_companion.maps.shown import Shown, heights_shown_by, shown_by, thinned
 from visloc_companion.types import FloatArray
 
 IN_MEMORY_BYTES = 400_000_000
@@ -33,8 +34,6 @@ _READ_AGAIN = "copy or download the file again (gdalinfo -checksum FILE names th
 FOOT_M = 0.3048
 Stretch = tuple[float, float]
 """Values that become 0 and 255."""
-SHADES, LEAST_SHADES = 0.25, 16
-"""An alpha band with such a share of pixels that are neither empty nor full, and so many shades, is a colour."""
 STRIP_ROWS = 256
 HEIGHTS_M = (-1000.0, 10_000.0)
 """Nothing on land is lower or higher: what a surface model holds beyond stands for "unknown", whether or not the file says so."""
@@ -45,7 +44,7 @@ class GeoTiff:
     """An open GeoTIFF, its CRS, its grid and which bands are used.
 
     `stretch` maps other types than uint8 to 0-255. Heights are `height_unit_m` (None where the bands are no heights) times the
-    band's values, and `lift_m`. `masked`: the file says where it is empty; `missing`: where it does not,
+    band's values, and `lift_m`. `shown`: what says where it shows something; `missing`: where nothing does,
     its blocks that were never written (maps/fills.py).
     """
 
@@ -57,7 +56,7 @@ class GeoTiff:
     stretch: Stretch | None
     height_unit_m: float | None
     lift_m: float = 0.0
-    masked: bool = True
+    shown: Shown = field(default_factory=lambda: Shown((1,)))
     missing: NDArray[np.bool_] | None = None
 
     @property
@@ -103,10 +102,10 @@ def open_ortho(path: Path, stretches: Mapping[str, Stretch] | None = None) -> Ge
     meanings = _meanings(path, dataset)
     dtype, bands = dataset.dtypes[0], _colour_bands(dataset, meanings)
     if stretches is None:
-        stretches = {} if dtype == "uint8" else {dtype: _stretch(_sampled(path, dataset, bands))}
-    masked = is_masked(path, dataset, meanings)
-    missing = None if masked else missing_blocks(dataset)
-    return GeoTiff(path, dataset, crs, T_map_pix, bands, stretches.get(dtype), None, masked=masked, missing=missing)
+        stretches = {} if dtype == "uint8" else {dtype: _stretch(_sampled(path, dataset, bands, _shown(path, dataset, meanings)))}
+    shown = _shown(path, dataset, meanings)
+    missing = None if shown.is_stated else missing_blocks(dataset)
+    return GeoTiff(path, dataset, crs, T_map_pix, bands, stretches.get(dtype), None, shown=shown, missing=missing)
 
 
 def stretches_of(paths: Sequence[Path]) -> dict[str, Stretch]:
@@ -119,20 +118,23 @@ def stretches_of(paths: Sequence[Path]) -> dict[str, Stretch]:
         dataset, _, _ = _open(path)
         with dataset:
             if dataset.dtypes[0] != "uint8":
-                of_type[dataset.dtypes[0]].append(_sampled(path, dataset, _colour_bands(dataset, _meanings(path, dataset))))
+                meanings = _meanings(path, dataset)
+                bands, shown = _colour_bands(dataset, meanings), _shown(path, dataset, meanings)
+                of_type[dataset.dtypes[0]].append(_sampled(path, dataset, bands, shown))
     return {dtype: _stretch(np.concatenate(samples)) for dtype, samples in of_type.items()}
 
 
 def open_dsm(path: Path) -> GeoTiff:
     """Open a surface model: heights in the first band, metres or feet. Raises MapError, DatumMissing."""
     dataset, crs, T_map_pix = _open(path)
-    if _meanings(path, dataset)[0] in (ColorInterp.palette, ColorInterp.red):
+    meanings = _meanings(path, dataset)
+    if meanings[0] in (ColorInterp.palette, ColorInterp.red):
         raise MapError("holds colours, no heights", where=str(path), remedy="name a surface model (GeoTIFF, one band of heights)")
     unit_m = _height_unit_m(path, (dataset.units[0] or "").lower(), crs)
     scale, lift_m = unit_m * dataset.scales[0], unit_m * dataset.offsets[0]
-    masked = MaskFlags.all_valid not in dataset.mask_flag_enums[0]
-    missing = None if masked else missing_blocks(dataset)
-    return GeoTiff(path, dataset, crs, T_map_pix, (1,), None, scale, lift_m, masked=masked, missing=missing)
+    shown = heights_shown_by(dataset, meanings)
+    missing = None if shown.is_stated else missing_blocks(dataset)
+    return GeoTiff(path, dataset, crs, T_map_pix, (1,), None, scale, lift_m, shown=shown, missing=missing)
 
 
 def require_heights(tiff: GeoTiff) -> None:
@@ -142,10 +144,10 @@ def require_heights(tiff: GeoTiff) -> None:
     """
     if tiff.dataset.nodata is not None:
         return
-    shape = _thinned(tiff.dataset)
+    shape = thinned(tiff.dataset)
     with _reading(tiff.path):
         raw = tiff.dataset.read(1, out_shape=shape, resampling=Resampling.nearest).astype(np.float64)
-        mask = tiff.dataset.dataset_mask(out_shape=shape) > 0
+        mask = tiff.shown.read(tiff.dataset, shape)
     if tiff.missing is not None:
         middles = ((np.arange(n) * full + full // 2) // n for n, full in zip(shape, tiff.shape, strict=True))
         mask &= ~in_missing(tiff.dataset, tiff.missing, *middles)
@@ -184,7 +186,7 @@ def layer_of(tiff: GeoTiff, in_memory_bytes: int = IN_MEMORY_BYTES) -> Layer:
         return lazy
     raw, mask = lazy.stored(0, (0, rows), (0, cols))
     values, valid = lazy.converted(raw, mask)
-    if not tiff.masked and tiff.height_unit_m is None:
+    if not tiff.shown.is_stated and tiff.height_unit_m is None:
         valid[collar(_pixels_of(raw))] = 0  # a stretch makes dark and empty pixels the same
     layer: ArrayLayer = array_layer(tiff.T_map_pix, values, valid > 0)
     tiff.dataset.close()
@@ -231,20 +233,17 @@ class DatasetLayer:
         how = Resampling.average if level else Resampling.nearest
         with _reading(self.tiff.path):
             raw = self.tiff.dataset.read(list(self.tiff.bands), window=window, out_shape=(self.channels, *shape), resampling=how)
-            mask = np.full(shape, 255, np.uint8)
-            if self.tiff.masked:
-                mask = self.tiff.dataset.dataset_mask(window=window, out_shape=shape, resampling=Resampling.nearest)
+            mask = self.tiff.shown.read(self.tiff.dataset, shape, window)
         if self.tiff.missing is not None:
             middles = (np.arange(*span) * n + n // 2 for span in (rows, cols))
-            mask[in_missing(self.tiff.dataset, self.tiff.missing, *middles)] = 0
-        opaque = 127 if self.tiff.dataset.dtypes[-1] == "uint8" else 0  # GDAL scales a wider alpha, whatever its largest value is
-        return raw, np.where(mask > opaque, np.uint8(255), np.uint8(0))
+            mask[in_missing(self.tiff.dataset, self.tiff.missing, *middles)] = False
+        return raw, mask.astype(np.uint8) * np.uint8(255)
 
     @property
     def _says_nothing(self) -> bool:
-        """Whether values may stand for nothing that GDAL would take for such, and average with others."""
+        """Whether values may stand for nothing that GDAL would not take for such, and average with others."""
         as_they_are = self.tiff.height_unit_m is None and self.tiff.stretch is None
-        return not self.tiff.masked and not as_they_are
+        return self.tiff.shown.alpha > 0 or (not self.tiff.shown.is_stated and not as_they_are)
 
     def _averaged(self, level: int, rows: tuple[int, int], cols: tuple[int, int]) -> tuple[Values, Validity]:
         """A window of a level from that below it, known pixels alone, a strip of rows at a time."""
@@ -263,7 +262,7 @@ class DatasetLayer:
             low, high = self.tiff.stretch
             scaled = (np.where(mask > 0, raw, 0).astype(np.float64) - low) * (255 / (high - low))
             finite = np.isfinite(scaled).all(axis=0)
-            if not self.tiff.masked:
+            if not self.tiff.shown.is_stated:
                 finite &= ~no_colour(raw)
             raw = np.clip(np.nan_to_num(scaled), 0, 255).astype(np.uint8)
             mask = np.where(finite, mask, 0).astype(np.uint8)
@@ -342,20 +341,9 @@ def _colour_bands(dataset: Any, meanings: tuple[ColorInterp, ...]) -> tuple[int,
     return tuple(colours[:3]) if len(colours) >= 3 else (colours[0],)
 
 
-def is_masked(path: Path, dataset: Any, meanings: tuple[ColorInterp, ...]) -> bool:
-    """Whether the file says where it is empty. An alpha band of many shades does not: it is near infrared, and marked as alpha
-    because GDAL takes the last of four bands for that unless it is told otherwise."""
-    flags = dataset.mask_flag_enums[0]
-    if MaskFlags.alpha not in flags or dataset.dtypes[0] != "uint8":
-        return MaskFlags.all_valid not in flags
+def _shown(path: Path, dataset: Any, meanings: tuple[ColorInterp, ...]) -> Shown:
     with _reading(path):
-        alpha = dataset.read(meanings.index(ColorInterp.alpha) + 1, out_shape=_thinned(dataset))
-    return len(np.unique(alpha)) < LEAST_SHADES or float(((alpha > 0) & (alpha < 255)).mean()) < SHADES
-
-
-def _thinned(dataset: Any) -> tuple[int, int]:
-    """Shape of a read that tells enough of a raster's values."""
-    return min(512, dataset.height), min(512, dataset.width)
+        return shown_by(dataset, meanings)
 
 
 @contextmanager
@@ -368,13 +356,13 @@ def _reading(path: Path) -> Iterator[None]:
         raise MapError(f"pixels cannot be read: {said}", where=str(path), remedy=_READ_AGAIN) from why
 
 
-def _sampled(path: Path, dataset: Any, bands: tuple[int, ...]) -> FloatArray:
+def _sampled(path: Path, dataset: Any, bands: tuple[int, ...], shown: Shown) -> FloatArray:
     """Valid values of all bands, from a thinned read."""
-    shape = _thinned(dataset)
+    shape = thinned(dataset)
     with _reading(path):
         raw = dataset.read(list(bands), out_shape=(len(bands), *shape))
-        mask = dataset.dataset_mask(out_shape=shape) > 0
-    if MaskFlags.all_valid in dataset.mask_flag_enums[0]:
+        mask = shown.read(dataset, shape)
+    if not shown.is_stated:
         mask &= ~(no_colour(raw) | _of_collar(raw))
     sample = raw.astype(np.float64)
     used: FloatArray = sample[:, mask]

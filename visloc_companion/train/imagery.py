@@ -14,7 +14,7 @@ from rasterio.enums import ColorInterp
 
 from visloc_companion.errors import CasesError
 from visloc_companion.maps.collar import collar
-from visloc_companion.maps.geotiff import is_masked
+from visloc_companion.maps.shown import shown_by
 
 Bands = NDArray[np.uint8]
 SUFFIXES = (".tif", ".tiff")
@@ -61,14 +61,14 @@ def read_imagery(path: Path) -> Imagery:
 def _read(path: Path, dataset: Any) -> Imagery:
     meanings = tuple(dataset.colorinterp)
     _require_8_bits(path, dataset.dtypes, meanings)
-    masked = is_masked(path, dataset, meanings)
-    empty = ColorInterp.alpha if masked else None
+    shown = shown_by(dataset, meanings)
+    empty = ColorInterp.alpha if shown.is_stated else None
     used = [band for band, meaning in zip(dataset.indexes, meanings, strict=True) if meaning is not empty]
     bands = np.ascontiguousarray(dataset.read(used[:MOST_BANDS]).transpose(1, 2, 0))
-    valid = dataset.dataset_mask() > 127 if masked else np.ones(bands.shape[:2], np.bool_)
+    valid = shown.read(dataset, bands.shape[:2])
     a, b, c, d, e, f = tuple(dataset.transform)[:6]
     image = Imagery(path, bands, valid, dataset.crs, np.array([[a, b, c], [d, e, f]]))
-    return image if masked else replace(image, valid=~collar(colours(image)))
+    return image if shown.is_stated else replace(image, valid=~collar(colours(image)))
 
 
 def colours(image: Imagery) -> Bands:
