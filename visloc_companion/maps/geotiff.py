@@ -26,6 +26,7 @@ from visloc_companion.maps.fills import in_missing, missing_blocks, no_colour, u
 from visloc_companion.maps.layer import ArrayLayer, Layer, Validity, Values, array_layer, halved, level_shapes
 from visloc_companion.maps.manifest import require_utf8
 from visloc_companion.maps.shown import Shown, heights_shown_by, shown_by, thinned
+from visloc_companion.maps.unplaced import require_place
 from visloc_companion.types import FloatArray
 
 IN_MEMORY_BYTES = 400_000_000
@@ -280,23 +281,9 @@ def _open(path: Path) -> tuple[Any, MapCrs, FloatArray]:
             dataset = rasterio.open(path)
     except RasterioError as why:
         raise MapError(f"cannot be opened as a raster: {why}", where=where, remedy=_READ_AGAIN) from why
-    if dataset.crs is None and (dataset.gcps[0] or dataset.rpcs):
-        how = "ground control points" if dataset.gcps[0] else "a camera model (RPC)"
-        raise DatumMissing(
-            f"is georeferenced by {how} alone",
-            where=where,
-            remedy=f"rectify it: gdalwarp {'-tps' if dataset.gcps[0] else '-rpc'} -t_srs EPSG:CODE FILE OUT.tif",
-        )
-    if dataset.crs is None:
-        raise DatumMissing(
-            "has no coordinate reference system",
-            where=where,
-            remedy="gdal_edit.py -a_srs EPSG:CODE FILE, with the code of its grid",
-        )
+    require_place(path, dataset)
     crs = map_crs(dataset.crs.to_wkt(version="WKT2_2019"), where)
     a, b, c, d, e, f = tuple(dataset.transform)[:6]
-    if dataset.transform.is_identity or not abs(a * e - b * d) >= 1e-30:
-        raise DatumMissing("has no georeference", where=where, remedy="georeference it (gdal_translate -a_ullr, gdalwarp)")
     T_map_pix = T_map_pix_from_gdal((a, b, c, d, e, f))
     _check_place(where, crs, T_map_pix, (dataset.height, dataset.width))
     return dataset, crs, T_map_pix

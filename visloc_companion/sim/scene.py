@@ -134,7 +134,11 @@ def _write(path: Path, bands: NDArray[np.uint8] | NDArray[np.float32], T_map_pix
 
 def _pixels(source: rasterio.DatasetReader, path: Path) -> Image:
     if source.crs is None:
-        raise MapError("has no coordinate reference system", where=str(path), remedy="assign it (gdal_edit -a_srs EPSG:...)")
+        raise MapError(
+            "has no coordinate reference system",
+            where=str(path),
+            remedy="state it (gdal_translate -a_srs EPSG:CODE FILE NEW.tif)",
+        )
     if source.dtypes[0] != "uint8":
         raise MapError(f"has {source.dtypes[0]} bands, not uint8", where=str(path), remedy="gdal_translate -ot Byte -scale")
     bands = colour_bands(path, source)

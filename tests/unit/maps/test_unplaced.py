@@ -1,0 +1,55 @@
+"""Rasters that do not say where they lie: the command that is named must be one that works."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from rasterio import Affine
+from rasterio.crs import CRS
+
+from visloc_companion.errors import DatumMissing, MapError
+from visloc_companion.maps.geotiff import open_ortho
+
+GREY = np.random.default_rng(4).integers(1, 255, (64, 64), np.uint8)
+EAST, NORTH = 604_000.0, 5_350_000.0
+
+
+def beside_a_world_file(path: Path, driver: str) -> Path:
+    profile = {"width": 64, "height": 64, "count": 1, "dtype": "uint8"}
+    with pytest.warns(rasterio.errors.NotGeoreferencedWarning), rasterio.open(path, "w", driver, **profile) as out:
+        out.write(GREY, 1)
+    world = path.with_suffix({"GTiff": ".tfw", "PNG": ".pgw", "JPEG": ".jgw"}[driver])
+    world.write_text(f"0.5\n0\n0\n-0.5\n{EAST}\n{NORTH}\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "driver", "remedy"),
+    [
+        ("a.tif", "GTiff", r"gdal_edit\.py -a_srs EPSG:CODE FILE, with"),
+        ("a.png", "PNG", r"gdal_translate -a_srs EPSG:CODE FILE NEW\.tif, with"),
+        ("a.jpg", "JPEG", r"gdal_translate -a_srs EPSG:CODE FILE NEW\.tif, with"),
+    ],
+)
+def test_a_crs_is_stated_in_a_way_that_the_format_allows(tmp_path: Path, name: str, driver: str, remedy: str) -> None:
+    """gdal_edit.py: "The PNG driver does not support update access to existing datasets"."""
+    path = beside_a_world_file(tmp_path / name, driver)
+    with pytest.raises(DatumMissing, match=rf"{name}: has no coordinate reference system; remedy: {remedy}"):
+        open_ortho(path)
+    path.with_suffix(".prj").write_text(CRS.from_epsg(32632).to_wkt(version="WKT1_ESRI"))
+    with pytest.raises(DatumMissing, match=r"remedy: gdal_translate -a_srs 'a\.prj' FILE NEW\.tif"):
+        open_ortho(path)
+
+
+def test_a_file_of_several_rasters_names_one(tmp_path: Path) -> None:
+    path = tmp_path / "a.gpkg"
+    profile = {"width": 64, "height": 64, "count": 1, "dtype": "uint8", "crs": "EPSG:32632", "TILE_FORMAT": "PNG"}
+    for table in ("north", "south"):
+        options = profile | {"RASTER_TABLE": table, "APPEND_SUBDATASET": "YES" if path.exists() else "NO"}
+        with rasterio.open(path, "w", "GPKG", transform=Affine(0.5, 0, EAST, 0, -0.5, NORTH), **options) as out:
+            out.write(GREY, 1)
+    with pytest.raises(MapError, match=r"a\.gpkg: holds 2 rasters, such as GPKG:.*:(north|south); remedy: .*gdal_translate"):
+        open_ortho(path)
