@@ -90,8 +90,8 @@ def build_pack(
     cloud = pack_cloud(clouds, cloud_crs, grid, vertical_datum, geoid_undulation_m)
     surface = make_surface(surface_sources(dsms, clouds, cloud_crs), grid, vertical_datum, geoid_undulation_m)
     _check_undulation(geoid_undulation_m, surface, cloud)
-    if warn is not None and surface is not None and dsms:
-        for seam in seams(surface.sources, surface.grid):
+    if warn is not None and surface is not None:
+        for seam in seams(surface.sources, surface.grid, "surface models" if dsms else "clouds"):
             warn(seam)
     rasters = [file for path in (*orthos, *dsms) for file in files_of(path)]
     inputs = tuple(_inputs([*rasters, *clouds], report))

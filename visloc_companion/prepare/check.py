@@ -56,7 +56,7 @@ def check_pack(pack: PackMap, route: Path | None, margin_m: float = 0.0, network
     result["features"] = features_info(pack.manifest)
     result["cloud"] = cloud_info(pack.manifest)
     result["warnings"] = _warnings(result)
-    result["warnings"] += heights_warnings(result["cloud_above_surface_m"])
+    result["warnings"] += heights_warnings(pack)
     result["warnings"] += [why] if (why := why_off(pack.crs.name, result["crs_accuracy_m"])) else []
     result["warnings"] += [why for each in (GRADIENT, *networks) if (why := pack.why_not_stored(each.name, each.recipe))]
     result["passed"] = route is None or result["route"]["points_outside"] == 0

@@ -14,6 +14,7 @@ from visloc_companion.maps.cloud_las import LasFile, open_las
 from visloc_companion.maps.crs import MapCrs
 from visloc_companion.maps.geotiff import HEIGHTS_M, ground_gsd_m
 from visloc_companion.maps.layer import array_layer
+from visloc_companion.maps.wild import surface_mask
 from visloc_companion.prepare.target import Source
 from visloc_companion.types import FloatArray
 
@@ -21,6 +22,8 @@ POINTS_PER_CELL = 3.0
 CELL_M = (0.25, 5.0)
 MAX_CELLS = 80_000_000
 """Heights, mask and levels of as many cells take 0.8 GB."""
+WILD_BLOCK = 1024
+"""Cells on a side among which points that lie alone are looked for at once (200 MB)."""
 
 
 def cloud_surface(path: Path, crs_text: str = "") -> Source:
@@ -55,6 +58,7 @@ def _rasterised(las: LasFile, crs: MapCrs) -> Source:
         _raise_cells(top, points[on_land(points[:, 2] * las.height_unit_m)], low, high, cell, cols)
     heights = top.reshape(rows, cols)
     known = np.isfinite(heights)
+    _drop_wild(heights, known, cell * unit_m, las.height_unit_m)
     if not known.any():
         raise CloudError("holds no point that is a surface", where=str(las.path), remedy="name a cloud with content")
     T_map_pix = T_map_pix_from_gdal((cell, 0.0, float(low[0]), 0.0, -cell, float(high[1])))
@@ -84,3 +88,14 @@ def _raise_cells(top: NDArray[np.float32], points: FloatArray, low: FloatArray, 
     column = np.clip(((points[:, 0] - low[0]) / cell).astype(np.int64), 0, cols - 1)
     row = np.clip(((high[1] - points[:, 1]) / cell).astype(np.int64), 0, len(top) // cols - 1)
     np.maximum.at(top, row * cols + column, points[:, 2].astype(np.float32))
+
+
+def _drop_wild(heights: NDArray[np.float32], known: NDArray[np.bool_], cell_m: float, height_unit_m: float) -> None:
+    """Take from `known` (rows, cols) the cells whose highest point lies alone in the air or in the ground, block by block."""
+    for top in range(0, known.shape[0], WILD_BLOCK):
+        for left in range(0, known.shape[1], WILD_BLOCK):
+            block = known[top : top + WILD_BLOCK, left : left + WILD_BLOCK]
+            rows, cols = np.nonzero(block)
+            if len(rows):
+                up_m = heights[top + rows, left + cols].astype(np.float64) * height_unit_m
+                block[rows, cols] = surface_mask(np.column_stack([cols * cell_m, rows * cell_m, up_m]))

@@ -16,6 +16,10 @@ APART_M = 5.0
 """Cloud and surface model of one place: crowns that differ are seen in the median as less than that, a datum or bare ground as
 more (the geoid lies up to 107 m off the ellipsoid)."""
 
+PART_PLACES, ALIKE_M = 5, 1.0
+"""So many places where the cloud lies that far off, and nearly all by the same (median deviation): a tile of another datum. Woods
+and houses that only one of both has differ by more among themselves."""
+
 
 def surface_range(pack: PackMap) -> dict[str, float] | None:
     """1st percentile, median and 99th percentile of the surface, metres above sea level; None where the ground is a plane.
@@ -34,20 +38,27 @@ def surface_range(pack: PackMap) -> dict[str, float] | None:
 
 def cloud_above_surface_m(pack: PackMap) -> float | None:
     """Median of how far the points of a pack's cloud lie above its surface, metres; None where it lacks one of both."""
-    if pack.cloud is None or pack.manifest.heights.grid is None:
-        return None
-    above = [_above(pack, (float(x), float(y))) for row in _grid(pack, CLOUD_SIDE) for x, y in row]
-    known = np.concatenate(above)
+    above = _above_at_places(pack)
+    known = np.concatenate(above) if above else np.zeros(0)
     return round(float(np.median(known)), 2) if known.size else None
 
 
-def heights_warnings(cloud_above_m: float | None) -> list[str]:
-    """What is to be said of a cloud so far above the surface model."""
-    if cloud_above_m is None or abs(cloud_above_m) <= APART_M:
+def heights_warnings(pack: PackMap) -> list[str]:
+    """What is to be said of a cloud that lies beside the surface model, everywhere or in a part of the map.
+
+    Raises MapError for damaged pixels.
+    """
+    above_m, where = cloud_above_surface_m(pack), ""
+    if above_m is not None and abs(above_m) <= APART_M:
+        medians = np.array([np.median(above) for above in _above_at_places(pack) if above.size])
+        off = medians[np.abs(medians - above_m) > APART_M]
+        alike = off.size >= PART_PLACES and float(np.median(np.abs(off - np.median(off)))) < ALIKE_M
+        above_m, where = float(np.median(off)) if alike else None, f" on {off.size / medians.size:.0%} of the map"
+    if above_m is None:
         return []
-    side = "above" if cloud_above_m > 0 else "below"
+    side = "above" if above_m > 0 else "below"
     return [
-        f"the cloud lies {abs(cloud_above_m):.1f} m {side} the surface model: another vertical datum or unit, or a model of the "
+        f"the cloud lies {abs(above_m):.1f} m {side} the surface model{where}: another vertical datum or unit, or a model of the "
         "bare ground, without crowns and roofs; convert one of them, or build with one of them alone"
     ]
 
@@ -63,6 +74,13 @@ def _grid(pack: PackMap, side: int) -> FloatArray:
     x = box.west_map_m + share * (box.east_map_m - box.west_map_m)
     y = box.north_map_m - share * (box.north_map_m - box.south_map_m)
     return np.stack(np.meshgrid(x, y), axis=-1)
+
+
+def _above_at_places(pack: PackMap) -> list[FloatArray]:
+    """How far points of the cloud lie above the surface, metres, at each of the places that are looked at; empty without both."""
+    if pack.cloud is None or pack.manifest.heights.grid is None:
+        return []
+    return [_above(pack, (float(x), float(y))) for row in _grid(pack, CLOUD_SIDE) for x, y in row]
 
 
 def _above(pack: PackMap, center_map_m: tuple[float, float]) -> FloatArray:

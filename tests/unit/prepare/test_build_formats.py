@@ -182,6 +182,23 @@ def test_a_surface_model_in_tiles_is_put_together(tmp_path: Path) -> None:
         assert np.abs(PackMap.open(tmp_path / "pack").heights_amsl_m(places) - truth).max() < 0.01
 
 
+@pytest.mark.parametrize("raised_m", [47.5, -47.5, 3.0])
+@pytest.mark.parametrize("turn", [False, True], ids=["east", "south"])
+def test_a_step_between_tiles_that_only_touch_is_told(tmp_path: Path, turn: bool, raised_m: float) -> None:
+    """On a slope of 45 degrees, which is no step, with a gap between them."""
+    v, u = np.mgrid[:SIDE, :SIDE]
+    heights, half = (400 + GSD_M * (v if turn else u)).astype(np.float32), SIDE // 2
+    cut = (slice(half + 1, None), slice(None)) if turn else (slice(None), slice(half + 1, None))
+    first = write(tmp_path / "first.tif", heights[:half] if turn else heights[:, :half])
+    place = EDGES @ (Affine.translation(0, half + 1) if turn else Affine.translation(half + 1, 0))
+    second = write(tmp_path / "second.tif", heights[cut] + np.float32(raised_m), place)
+    said: list[str] = []
+    build_pack([write(tmp_path / "a.tif", SCENE.pixels)], [first, second], tmp_path / "pack", warn=said.append)
+    side = f"{abs(raised_m):.1f} m {'above' if raised_m > 0 else 'below'}"
+    told = [f"{second} lies {side} the surface models before it, along their border"] if abs(raised_m) > 5 else []
+    assert [words.split(":")[0] for words in said] == told
+
+
 def test_degrees_that_are_held_for_metres_are_told(tmp_path: Path) -> None:
     """The map would lie at the zone's corner on the equator, with pixels of micrometres."""
     degrees = write(tmp_path / "deg.tif", SCENE.pixels, Affine(5e-6, 0, 10.4, 0, -5e-6, 48.2))

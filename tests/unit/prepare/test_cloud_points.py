@@ -119,6 +119,41 @@ def test_a_cloud_and_a_surface_model_that_do_not_fit_are_told(
     assert f"heights          {low:.0f} to {high:.0f} m above sea level, made from amsl heights\n" in said
 
 
+def test_one_cloud_of_several_that_does_not_fit_is_told(tmp_path: Path, ortho, built: Path) -> None:
+    """In the median over all of them nothing is seen; without a surface model the map has a step where they meet."""
+    points = scene(MIDDLE)
+    east = points[:, 0] > MIDDLE[0] + 30.0
+    y, x = np.mgrid[SIZE / 2 - 0.5 : -SIZE / 2 : -1, -SIZE / 2 + 0.5 : SIZE / 2 : 1]
+    dsm = write_tif(tmp_path / "dsm.tif", ground(x, y).astype(np.float32))
+    west = write_las(tmp_path / "west.laz", points[~east], "EPSG:32633")
+    for raised_m in (0.0, 48.0):
+        other = write_las(tmp_path / "east.laz", points[east] + [0.0, 0.0, raised_m], "EPSG:32633")
+        build_pack([ortho[0]], dsm, tmp_path / "pack", clouds=[west, other])
+        result = check_pack(PackMap.open(tmp_path / "pack"), None)
+        assert abs(result["cloud_above_surface_m"]) < 1
+        parts = [said for said in result["warnings"] if said.startswith("the cloud lies 48.0 m above the surface model on 3")]
+        said: list[str] = []
+        build_pack([ortho[0]], None, tmp_path / "pack", clouds=[west, other], warn=said.append)
+        steps = [words.split(",")[0] for words in said]
+        if raised_m:
+            assert len(parts) == 1, result["warnings"]
+            assert steps == [f"{other} lies 48.0 m above the clouds before it"]
+        else:
+            assert not said and not any("the cloud lies" in words for words in result["warnings"])
+
+
+def test_points_that_lie_alone_make_no_surface(tmp_path: Path, ortho, built: Path) -> None:
+    """A bird that no class marks was a needle of 120 m in the map's heights, though not among its points."""
+    bird = np.array([[MIDDLE[0] + 40.0, MIDDLE[1] + 40.0, 420.0], [MIDDLE[0] + 40.1, MIDDLE[1] + 40.0, 420.1]])
+    path = write_las(tmp_path / "bird.laz", np.vstack([scene(MIDDLE), bird]), "EPSG:32633")
+    build_pack([ortho[0]], None, tmp_path / "pack", clouds=[path])
+    with rasterio.open(tmp_path / "pack" / "dsm.tif") as dsm:
+        heights = dsm.read(1)
+        x, y = dsm.xy(*np.nonzero(np.isfinite(heights)))
+    off = heights[np.isfinite(heights)] - ground(np.array(x) - MIDDLE[0], np.array(y) - MIDDLE[1])
+    assert np.abs(off).max() < 8.2
+
+
 def test_a_disk_that_fills_up_is_told_before_points_are_folded(
     tmp_path: Path, ortho, built: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
