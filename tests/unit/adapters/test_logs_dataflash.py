@@ -82,7 +82,7 @@ def message(table: dict[str, tuple[int, str, str]], name: str, *values: object) 
     return HEAD + bytes([kind]) + layout(code).pack(*values)
 
 
-def modern_flight(n: int = 20) -> bytes:
+def modern_flight(n: int = 20, week: int = 2200) -> bytes:
     parts = [formats(MODERN), message(MODERN, "MSG", 900_000, b"ArduCopter V4.5.7 (abc)")]
     parts += [
         message(MODERN, "ORGN", 1_000_000, 0, 474_000_000, 85_500_000, 50_000),
@@ -97,8 +97,8 @@ def modern_flight(n: int = 20) -> bytes:
             message(MODERN, "XKF1", us, 1, 99.0, 99.0, 99.0, 99.0, 99.0, 99.0),
             message(MODERN, "XKF4", us, 0, 12, 34, 5, 0x1A33F),
             message(MODERN, "POS", us, lat, 85_500_000, 540.0, 40.0, 40.0),
-            message(MODERN, "GPS", us, 0, 3, 3_600_000, 2200, 15, 80, lat, 85_500_000, 54_000, 10.0, 90.0, -0.1, 0.0),
-            message(MODERN, "GPS", us, 1, 3, 3_600_000, 2200, 5, 80, 0, 0, 0, 0.0, 0.0, 0.0, 0.0),
+            message(MODERN, "GPS", us, 0, 3, 3_600_000 + 100 * k, week, 15, 80, lat, 85_500_000, 54_000, 10.0, 90.0, -0.1, 0.0),
+            message(MODERN, "GPS", us, 1, 3, 3_600_000, week, 5, 80, 0, 0, 0, 0.0, 0.0, 0.0, 0.0),
             message(MODERN, "BARO", us, 40.0),
             message(MODERN, "RFND", us, 0, 4000, 4 if k else 3, 25),
             message(MODERN, "RFND", us, 1, 1234, 4, 0),
@@ -267,6 +267,28 @@ def test_a_first_time_that_is_wrong_does_not_cost_the_flight(tmp_path: Path) -> 
     assert recording.unix_minus_boot_ns is not None
     assert clean.unix_minus_boot_ns is not None
     assert abs(recording.unix_minus_boot_ns - clean.unix_minus_boot_ns) < 10**9, "not by the stray time"
+
+
+@pytest.mark.parametrize(("week", "ms"), [(152, 3_600_000), (2199, 3_600_000), (2200, 500_000_000)])
+def test_utc_is_what_most_messages_say(tmp_path: Path, week: int, ms: int) -> None:
+    """A bit that is turned in a log, which has no checksums, and what a receiver says before it knows its week."""
+    clean = open_log(write(tmp_path / "a.bin", modern_flight()))
+    first = message(MODERN, "GPS", 950_000, 0, 3, ms, week, 15, 80, 474_000_000, 85_500_000, 54_000, 10.0, 90.0, -0.1, 0.0)
+    head = formats(MODERN)
+    recording = open_log(write(tmp_path / "b.bin", head + first + modern_flight()[len(head) :]))
+    assert recording.unix_minus_boot_ns == clean.unix_minus_boot_ns
+
+
+def test_leap_seconds_count_from_the_day_they_were_made(tmp_path: Path) -> None:
+    """1 July 2015 was a Wednesday: four days of its GPS week have a second more than the others."""
+    told = []
+    for day in (2, 4):
+        ms = day * 86_400_000
+        gps = message(MODERN, "GPS", 1_000_000, 0, 3, ms, 1851, 15, 80, 474_000_000, 85_500_000, 54_000, 0.0, 0.0, 0.0, 0.0)
+        recording = open_log(write(tmp_path / "a.bin", formats(MODERN) + gps))
+        assert recording.unix_minus_boot_ns is not None
+        told.append(recording.unix_minus_boot_ns // 10**9 - (315_964_800 + 1851 * 604_800 + ms // 1000) + 1)
+    assert told == [-16, -17]
 
 
 def test_a_log_that_tells_nothing_is_refused(tmp_path: Path) -> None:

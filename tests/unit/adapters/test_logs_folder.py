@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 import struct
 from pathlib import Path
 
@@ -59,6 +60,31 @@ def test_a_mask_is_sought_in_the_folder(flight: Path) -> None:
     camera = open_folder(flight).camera
     assert camera is not None
     assert (camera.mask, len(camera.mask_sha256)) == (str(flight / "gear.png"), 64)
+
+
+@pytest.mark.parametrize("cycles", [1, 2])
+def test_a_receiver_that_counts_its_weeks_anew_is_told_with_the_offset(flight: Path, cycles: int) -> None:
+    """The remedy is carried out: frames and truth then lie where the autopilot's clock has them."""
+    weeks_us = cycles * 1024 * 604_800_000_000
+    for name in ("frames.csv", "truth.csv"):
+        text = (flight / name).read_text()
+        for t_us in (60_000_000, 60_100_000, 60_200_000):
+            text = text.replace(str(t_us), str(UNIX_US - 60_000_000 + t_us + weeks_us))
+        (flight / name).write_text(text)
+    (flight / "camera.toml").write_text(LENS + 'time_base = "unix"\n')
+    with pytest.raises(LogError, match=f"{1024 * cycles} weeks off, as of a receiver whose count of weeks") as caught:
+        open_folder(flight)
+    stated = re.search(r'write (time_base = "offset") and (offset_s = [-0-9.]+) into camera.toml', str(caught.value))
+    assert stated is not None
+    (flight / "camera.toml").write_text(LENS + "\n".join(stated.groups()) + "\n")
+    opened = open_folder(flight)
+    assert opened.frames is not None
+    assert [t_us * 1000 + opened.boot_from_file_ns for t_us in opened.frames.t_us] == [
+        60_000_000_000,
+        60_100_000_000,
+        60_200_000_000,
+    ]
+    assert [row.t_ns for row in opened.truth] == [60_000_000_000, 60_100_000_000]
 
 
 def test_unix_times_are_placed_by_the_log(flight: Path) -> None:

@@ -81,7 +81,7 @@ def test_a_flipped_bit_of_the_autopilots_position_is_left_out_counted_and_told(t
 
 def test_a_receivers_is_told_and_taken_as_it_is(tmp_path: Path) -> None:
     """Who judges a receiver must see what it said."""
-    gps = message(MODERN, "GPS", 1_700_000, 0, 3, 3_600_000, 2200, 15, 80, 474_000_630, 85_500_000, 54_000, 10.0, 90.0, -0.1, 0.0)
+    gps = message(MODERN, "GPS", 1_700_000, 0, 3, 3_600_700, 2200, 15, 80, 474_000_630, 85_500_000, 54_000, 10.0, 90.0, -0.1, 0.0)
     path = tmp_path / "a.bin"
     path.write_bytes(flipped(modern_flight(), gps, 474_000_630, 20))
     recording = open_log(path)

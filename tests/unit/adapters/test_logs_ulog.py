@@ -100,6 +100,15 @@ def test_a_flight_is_read(tmp_path: Path) -> None:
     assert links == [(20_000_000_000, False), (20_500_000_000, True)]
 
 
+def test_utc_is_what_most_rows_say(tmp_path: Path) -> None:
+    data = flight()
+    for wrong_us in (1_600_000_000_000_000 - 1024 * 604_800_000_000, 1):
+        first = struct.pack("<QQ", 20_000_000, 1_600_000_020_000_000)
+        damaged = data.replace(first, struct.pack("<QQ", 20_000_000, wrong_us), 1)
+        assert damaged != data
+        assert open_log(write(tmp_path / "a.ulg", damaged)).unix_minus_boot_ns == 1_600_000_000 * 10**9
+
+
 def test_not_finite_values_are_left_out(tmp_path: Path) -> None:
     recording = open_log(write(tmp_path / "a.ulg", flight(nan_at=4)))
     assert recording.losses.dropped_messages == 1

@@ -10,6 +10,7 @@ item or the first fix.
 from __future__ import annotations
 
 import math
+import statistics
 from pathlib import Path
 
 from visloc_companion.adapters.logs.attitude_rates import rates_between
@@ -98,7 +99,7 @@ def _boots(data: bytes, losses: Losses) -> list[_Reader]:
             continue
         if boots and reader.events[0][0] >= boots[-1].events[-1][0] - NS_PER_S and not _started_apart(boots[-1], reader):
             boots[-1].events += reader.events
-            boots[-1].unix_minus_boot_ns = boots[-1].unix_minus_boot_ns or reader.unix_minus_boot_ns
+            boots[-1].utc_told_ns += reader.utc_told_ns
         else:
             boots.append(reader)
     return boots
@@ -121,7 +122,7 @@ def _others_noted(boots: list[_Reader], read: int) -> tuple[str, ...]:
 class _Reader:
     def __init__(self, losses: Losses) -> None:
         self.events: list[tuple[int, Event]] = []
-        self.unix_minus_boot_ns: int | None = None
+        self.utc_told_ns: list[int] = []
         self._losses = losses
         self._t_ns = 0
         self._leap_ns: int | None = None
@@ -135,6 +136,11 @@ class _Reader:
         self._version, self._armed = "", False
         self._idle: frozenset[str] = frozenset()
         self._core = 0
+
+    @property
+    def unix_minus_boot_ns(self) -> int | None:
+        """UTC of the boot, the median of what the receiver says: one damaged week, or one before it was known, moves nothing."""
+        return round(statistics.median(self.utc_told_ns)) if self.utc_told_ns else None
 
     def take(self, name: str, fields: Fields) -> None:
         """One message; those with missing or impossible values are counted and left out."""
@@ -169,8 +175,8 @@ class _Reader:
                 raise ValueError(t_ns)
             if back:
                 self._losses.dropped_messages += len(self.events)
-                self.events, self._t_ns = [], t_ns
-                self._last_attitude = self._last_imu_ns = self.unix_minus_boot_ns = None
+                self.events, self.utc_told_ns, self._t_ns = [], [], t_ns
+                self._last_attitude = self._last_imu_ns = None
         self._t_ns = max(self._t_ns, t_ns)
         return self._t_ns
 
@@ -212,10 +218,10 @@ class _Reader:
 
     def _set_unix(self, fields: Fields, t_ns: int) -> None:
         week, ms = fields.get("GWk", fields.get("Week")), fields.get("GMS", fields.get("TimeMS"))
-        if self.unix_minus_boot_ns is None and week and ms is not None:
-            gps_s = _GPS_EPOCH_UNIX_S + week * 604_800
-            leap = next(seconds for since, seconds in _LEAP_SECONDS if gps_s >= since)
-            self.unix_minus_boot_ns = (gps_s - leap) * NS_PER_S + int(ms) * NS_PER_MS - t_ns
+        if week and ms is not None:
+            gps_ns = (_GPS_EPOCH_UNIX_S + week * 604_800) * NS_PER_S + int(ms) * NS_PER_MS
+            leap = next(seconds for since, seconds in _LEAP_SECONDS if gps_ns >= (since + seconds) * NS_PER_S)
+            self.utc_told_ns.append(gps_ns - leap * NS_PER_S - t_ns)
 
     def _orgn(self, fields: Fields) -> Event | None:
         return (

@@ -34,6 +34,8 @@ _STATION = "The log does not state UTC: the ground station's clock was taken for
 _CLOCKS_AGREE_S, _SIGMAS = 0.1, 5.0
 """What a clock and the turns of pictures may differ by, at least, and in 1-sigmas of the latter: less is found in flight, too."""
 _MAX_OFFSET_S = 1e10
+_WEEKS_NS = 1024 * 604_800 * NS_PER_S
+"""GPS counts weeks in ten bits: receivers that were not told of it lie so far, or a multiple of it, in the past."""
 _OWN_KEYS = ("time_base", "offset_s", "video_start_us")
 _LENS_KEYS = ("width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px")
 
@@ -99,8 +101,8 @@ def open_folder(folder: Path, find_offset: FindOffset | None = None, system_id: 
     notes = (
         *(_station_judged(stated_ns, recording, frames, camera, find_offset) if of_station else ()),
         *of_frames,
-        *_outside(folder, "frames", frames_ns, recording),
-        *_outside(folder, "rows of truth.csv", [row.t_ns for row in truth], recording),
+        *_outside(folder, "frames", frames_ns, recording, stated_ns),
+        *_outside(folder, "rows of truth.csv", [row.t_ns for row in truth], recording, stated_ns),
     )
     return FlightFolder(folder, recording, camera, frames, _about(truth, recording), stated_ns, found, notes)
 
@@ -134,19 +136,26 @@ def _about(truth: list[TruthRow], recording: Recording) -> list[TruthRow]:
     return truth[max(first - 1, 0) : after + 1]
 
 
-def _outside(folder: Path, what: str, times_ns: Sequence[int], recording: Recording) -> list[str]:
-    """Says how many of these times lie outside of the telemetry. Raises LogError where all do: their time base is another one."""
+def _outside(folder: Path, what: str, times_ns: Sequence[int], recording: Recording, boot_from_file_ns: int) -> list[str]:
+    """Says how many of these times lie outside of the telemetry. Raises LogError where all do: their time base is another one,
+    or the receiver counts its weeks anew.
+    """
     first_ns, last_ns = recording.events[0][0], recording.events[-1][0]
     n_outside = sum(not first_ns <= t_ns <= last_ns for t_ns in times_ns)
     if not n_outside:
         return []
     if n_outside == len(times_ns):
-        raise LogError(
+        told = (
             f"none of the {what} lies in the telemetry, which goes from {first_ns / NS_PER_S:.3f} to {last_ns / NS_PER_S:.3f} s; "
-            f"they go from {min(times_ns) / NS_PER_S:.3f} to {max(times_ns) / NS_PER_S:.3f} s on its clock",
-            where=str(folder),
-            remedy="write t_us in microseconds and state their time_base in camera.toml",
+            f"they go from {min(times_ns) / NS_PER_S:.3f} to {max(times_ns) / NS_PER_S:.3f} s on its clock"
         )
+        remedy = "write t_us in microseconds and state their time_base in camera.toml"
+        cycles = round((times_ns[len(times_ns) // 2] - (first_ns + last_ns) // 2) / _WEEKS_NS)
+        if cycles and any(first_ns <= t_ns - cycles * _WEEKS_NS <= last_ns for t_ns in times_ns):
+            told += f": {1024 * cycles} weeks off, as of a receiver whose count of weeks, which has ten bits, began anew"
+            stated = f"offset_s = {(boot_from_file_ns - cycles * _WEEKS_NS) / NS_PER_S:.3f}"
+            remedy = f'write time_base = "offset" and {stated} into camera.toml'
+        raise LogError(told, where=str(folder), remedy=remedy)
     return [f"Of {len(times_ns)} {what}, {n_outside} lie outside of the telemetry and were left out."]
 
 

@@ -5,6 +5,7 @@ vehicle_global_position, estimator_status and vehicle_status.
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -238,10 +239,12 @@ _CONVERTERS: dict[str, Callable[[int, Row], Event | None]] = {
 
 
 def _unix_minus_boot_ns(gnss: Topic | None) -> int | None:
-    for t_ns, row in _rows(gnss or []):
-        if row.get("time_utc_usec", 0) > 0 and row.get("fix_type", 0) >= 3:
-            return int(row["time_utc_usec"]) * NS_PER_US - t_ns
-    return None
+    told_ns = [
+        int(row["time_utc_usec"]) * NS_PER_US - t_ns
+        for t_ns, row in _rows(gnss or [])
+        if row.get("time_utc_usec", 0) > 0 and row.get("fix_type", 0) >= 3
+    ]
+    return round(statistics.median(told_ns)) if told_ns else None
 
 
 def _place(lat_deg: float, lon_deg: float, h_amsl_m: float) -> GeoPoint:
