@@ -163,4 +163,5 @@ def _writing(path: Path) -> Iterator[None]:
     except Exception as why:
         if not isinstance(why, (RasterioError, SystemError)) and not type(why).__name__.startswith("CPLE_"):
             raise
-        raise OSError(errno.EIO, str(why), str(path)) from why
+        said = why.__cause__ or why  # rasterio says "see previous exception"
+        raise OSError(errno.EIO, str(said), str(path)) from why

@@ -63,7 +63,7 @@ class WorkFolder:
             self.close()
         if isinstance(why, OSError):
             raise MapError(
-                f"cannot be written: {why.strerror}",
+                f"cannot be written: {why.strerror} ({_size(shutil.disk_usage(self.path.parent).free)} are free there)",
                 where=str(why.filename or self.path),
                 remedy="check the disk and its free space, then give the command again: it goes on with what is done",
             ) from why
@@ -113,7 +113,7 @@ class WorkFolder:
         free = shutil.disk_usage(self.path).free
         if free + there < need_bytes * 1.05:
             raise MapError(
-                f"needs {need_bytes / 1e9:.2f} GB of disk, {(free + there) / 1e9:.2f} GB are free",
+                f"needs {_size(need_bytes)} of disk, {_size(free + there)} are free",
                 where=str(self.target.parent),
                 remedy="free space, build elsewhere, or store features of coarser levels only (--finest-features-m)",
             )
@@ -178,6 +178,11 @@ class WorkFolder:
         self._log.truncate(0)
         self.record("key", key)
         self.sync()
+
+
+def _size(n_bytes: float) -> str:
+    """Bytes in words that tell small ones apart, too."""
+    return f"{n_bytes / 1e9:.2f} GB" if n_bytes >= 1e9 else f"{n_bytes / 1e6:.1f} MB"
 
 
 def synced(path: Path) -> None:

@@ -1,6 +1,7 @@
 import json
 import math
 import os
+import resource
 from pathlib import Path
 
 import numpy as np
@@ -327,11 +328,23 @@ def test_a_full_disk_is_told_and_the_work_is_gone_on_with(tmp_path: Path, write_
 
     with monkeypatch.context() as patched:
         patched.setattr("rasterio.shutil.copy", full)
-        with pytest.raises(MapError, match=r"ortho\.tif: cannot be written: Write error.*remedy: check the disk"):
+        with pytest.raises(MapError, match=r"cannot be written: Write error.* \([0-9.]+ [GM]B are free there\); remedy: check"):
             build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
     assert (tmp_path / ".pack.building").is_dir()
     build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
     assert PackMap.open(tmp_path / "pack").manifest.share_valid == 1.0
+
+
+def test_a_write_that_the_system_refuses_is_told_with_its_reason(tmp_path: Path, write_raster) -> None:
+    """By a limit of the size of files: rasterio says "Write failed. See previous exception for details"."""
+    write_raster(tmp_path / "a.tif", picture(300), UTM, PLACE, 1.0)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, before[1]))
+    try:
+        with pytest.raises(MapError, match=r"ortho\.tif: cannot be written: TIFF.*rror.*; remedy: check the disk"):
+            build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def test_old_pack_survives_a_failing_build(tmp_path: Path, write_raster) -> None:
@@ -352,7 +365,7 @@ def test_old_pack_survives_a_failing_build(tmp_path: Path, write_raster) -> None
 def test_disk_space_is_asked_for_first(tmp_path: Path, write_raster, monkeypatch: pytest.MonkeyPatch) -> None:
     write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
     monkeypatch.setattr("shutil.disk_usage", lambda path: type("Usage", (), {"free": 10_000})())
-    with pytest.raises(MapError, match="GB of disk"):
+    with pytest.raises(MapError, match=r"needs 0\.4 MB of disk, 0\.0 MB are free; remedy: free space"):
         build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
 
 
