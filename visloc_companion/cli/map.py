@@ -46,7 +46,7 @@ def repeated(args: Sequence[str]) -> list[str]:
     option = ""
     for arg in args:
         if arg.startswith("-"):
-            option = arg
+            option = arg.split("=", 1)[0]
         elif option in MANY and out[-1] != option:
             out.append(option)
         out.append(arg)

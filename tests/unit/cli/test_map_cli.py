@@ -183,6 +183,7 @@ def test_damaged_pack_is_found(tmp_path: Path, ortho: Path, visloc: Visloc) -> N
         (["--dsm", "a", "b", "--out", "p"], ["--dsm", "a", "--dsm", "b", "--out", "p"]),
         (["--cloud", "a", "b", "c"], ["--cloud", "a", "--cloud", "b", "--cloud", "c"]),
         (["--ortho", "a", "--ortho", "b"], ["--ortho", "a", "--ortho", "b"]),
+        (["--ortho=a", "b", "--dsm=c"], ["--ortho=a", "--ortho", "b", "--dsm=c"]),
         (["--out", "p", "q"], ["--out", "p", "q"]),
         (["--json", "-20", "--ortho"], ["--json", "-20", "--ortho"]),
     ],
