@@ -133,8 +133,10 @@ def _table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
             names = list(reader.fieldnames or [])
             missing = [c for c in columns if c not in names]
             rows = [row for row in map(_row, reader) if any(text.strip() for text in row.values())]
-    except (OSError, UnicodeDecodeError, csv.Error) as why:
+    except OSError as why:
         raise CasesError(f"cannot be read: {why}", where=str(path), remedy="name a folder with cases.csv") from why
+    except (UnicodeDecodeError, csv.Error) as why:
+        raise CasesError(f"cannot be read: {why}", where=str(path), remedy="write UTF-8 CSV, separated by commas") from why
     if missing:
         remedy = "add them" if len(missing) < len(columns) else "separate them by commas, and name them in the first line"
         raise CasesError(f"columns are missing: {', '.join(missing)}", where=str(path), remedy=remedy)

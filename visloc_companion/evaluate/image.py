@@ -20,6 +20,7 @@ from visloc_companion.adapters.camera.mask import decode_mask
 from visloc_companion.errors import ConfigError, MapError, OutsideMap, Reason, fault_text
 from visloc_companion.evaluate.batch import run_all
 from visloc_companion.evaluate.case_ids import require_truth_of
+from visloc_companion.evaluate.case_places import require_truth_near
 from visloc_companion.evaluate.cases import BadCase, Case, read_cases, read_frame, read_truth
 from visloc_companion.evaluate.image_metrics import CaseResult, summarise
 from visloc_companion.evaluate.map_sigma import MapSigma, with_map_sigma
@@ -66,6 +67,7 @@ def evaluate_image(
     """
     cases, truth = read_cases(folder), read_truth(folder)
     require_truth_of([case.case_id for case in cases], truth, folder / "truth.csv")
+    require_truth_near(cases, truth, folder / "truth.csv")
     cases = cases[:limit]
     about = environment(_features(method, network))  # first: what stands against the network is said before an hour of cases
     results = []

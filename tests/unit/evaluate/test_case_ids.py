@@ -52,12 +52,26 @@ def test_columns_may_be_set_off_by_blanks_as_the_interface_writes_them(tmp_path:
         (["a,47,8,100,0,0,0,1,1", "b,47,8,nan,0,0,0,1,1"], "row 2: h_m is not finite"),
         (["a,47,8,100,0,0,0,five,1"], "row 1: gsd_m is not a number"),
         (["a,47,8,100,0,0,0,1,maybe"], "row 1: solvable is neither 0 nor 1"),
+        (["a,8,47,100,0,0,0,1,1"], "id a: latitude and longitude are exchanged: it lies 5"),
+        (["a,-47,8,100,0,0,0,1,1"], "id a: it is the truth of another place: it lies 104"),
     ],
 )
 def test_a_wrong_truth_of_images_is_named(tmp_path: Path, truth: list[str], words: str) -> None:
     with pytest.raises(CasesError, match=r"truth\.csv") as caught:
         evaluate_image(images(tmp_path, [CASE], truth), "gradient")
     assert words in str(caught.value)
+
+
+def test_a_case_without_an_answer_may_be_of_elsewhere(tmp_path: Path) -> None:
+    document, _ = evaluate_image(images(tmp_path, [CASE], ["a,8,47,100,0,0,0,1,0"]), "gradient")
+    assert document["cases"][0]["status"] == "no_fix"
+
+
+def test_a_table_of_another_encoding_is_told_so(tmp_path: Path) -> None:
+    folder = images(tmp_path, [CASE], [])
+    (folder / "cases.csv").write_text((folder / "cases.csv").read_text(), encoding="utf-16")
+    with pytest.raises(CasesError, match=r"cases\.csv: cannot be read: .*; remedy: write UTF-8 CSV, separated by commas"):
+        read_cases(folder)
 
 
 def test_ids_of_clouds_are_distinct_as_well(tmp_path: Path) -> None:
