@@ -7,7 +7,7 @@ import warnings
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from visloc_companion.maps.crs import MapCrs, map_crs
 from visloc_companion.maps.fills import in_missing, missing_blocks, no_colour, undeclared_fill
 from visloc_companion.maps.layer import ArrayLayer, Layer, Validity, Values, array_layer, halved, level_shapes
 from visloc_companion.maps.manifest import require_utf8
+from visloc_companion.maps.overviews import overviews_are_averages
 from visloc_companion.maps.shown import Shown, heights_shown_by, shown_by, thinned
 from visloc_companion.maps.unplaced import require_place
 from visloc_companion.types import FloatArray
@@ -184,7 +185,8 @@ def layer_of(tiff: GeoTiff, in_memory_bytes: int = IN_MEMORY_BYTES) -> Layer:
     lazy = DatasetLayer(tiff, level_shapes(*tiff.shape))
     rows, cols = tiff.shape
     if rows * cols * len(tiff.bands) * lazy.dtype.itemsize > in_memory_bytes:
-        return lazy
+        with _reading(tiff.path):
+            return replace(lazy, by_overviews=overviews_are_averages(tiff.dataset, tiff.bands[0], tiff.shown))
     raw, mask = lazy.stored(0, (0, rows), (0, cols))
     values, valid = lazy.converted(raw, mask)
     if not tiff.shown.is_stated and tiff.height_unit_m is None:
@@ -201,10 +203,12 @@ def _pixels_of(raw: NDArray[Any]) -> NDArray[Any]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DatasetLayer:
-    """A layer whose windows are read from the file; levels come from its overviews, or are averaged when read."""
+    """A layer whose windows are read from the file; levels come from its overviews, or (not `by_overviews`, and where it has
+    none) are averaged when read."""
 
     tiff: GeoTiff
     shapes: tuple[tuple[int, int], ...]
+    by_overviews: bool = True
     dtype: np.dtype[Any] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -222,7 +226,7 @@ class DatasetLayer:
 
     def read(self, level: int, rows: tuple[int, int], cols: tuple[int, int]) -> tuple[Values, Validity]:
         """A window. Raises MapError where the file is damaged."""
-        if level and self._says_nothing:
+        if level and (self._says_nothing or not self.by_overviews):
             return self._averaged(level, rows, cols)
         return self.converted(*self.stored(level, rows, cols))
 
