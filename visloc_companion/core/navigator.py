@@ -246,9 +246,10 @@ class Navigator:
         state = self._tracker.at(now_ns)
         ready = self._link.up and self._telemetry.attitude_fresh(now_ns) and state is not None
         commands += self._steering.change_mode(state, ready, self._tracker.low, self._link.armed, now_ns)
-        commands = gnss_words.two_at_most([*commands, *self._steering.steer_source(self._link.armed, now_ns)])
-        mode, injecting = self._steering.mode, self._steering.injecting
         protected = self._protection.judge(state, now_ns)
+        steered = self._steering.steer_source(self._link.armed, protected.stopped, now_ns)
+        commands = gnss_words.two_at_most([*commands, *steered])
+        mode, injecting = self._steering.mode, self._steering.injecting
         relied_on = injecting and self._link.armed
         commands += self._protection.notices(relied_on=relied_on, room=gnss_words.has_room(commands))
         commands += self._vision.request(now_ns)

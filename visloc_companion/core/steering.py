@@ -92,16 +92,17 @@ class Steering:
         back = policy is not InjectionPolicy.NEVER and self._switch.leaving_vision
         return back or output.is_due(policy, self._monitor.verdict.verdict)
 
-    def steer_source(self, armed: bool, now_ns: int) -> list[Command]:
-        """Bring the autopilot to the source that fits the verdict, or to the other one where it does not use that."""
+    def steer_source(self, armed: bool, stopped: bool, now_ns: int) -> list[Command]:
+        """Bring the autopilot to the source that fits the verdict, or to the other one where it does not use that; to none that
+        gives it no positions: `stopped` says that the alert keeps them back."""
         verdict = self._monitor.verdict.verdict
-        at_hand = {EkfSource.GNSS: verdict is not Verdict.DENIED, EkfSource.VISION: self.injecting}
+        at_hand = {EkfSource.GNSS: verdict is not Verdict.DENIED, EkfSource.VISION: self.injecting and not stopped}
         other = {EkfSource.GNSS: EkfSource.VISION, EkfSource.VISION: EkfSource.GNSS}
         commands = self._switch.verify(at_hand[other[self._switch.source]], now_ns)
         if verdict is Verdict.OK:
             wish = EkfSource.GNSS if self._switch.known or self._gnss_proven(armed, now_ns) else None
         else:
-            wish = EkfSource.VISION if self.injecting else None
+            wish = EkfSource.VISION if at_hand[EkfSource.VISION] else None
         if wish is not None and self._switch.shuns(wish, now_ns) and at_hand[other[wish]]:
             wish = other[wish]
         return commands if wish is None else [*commands, *self._switch.want(wish, now_ns)]

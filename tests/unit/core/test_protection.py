@@ -10,7 +10,18 @@ import numpy as np
 import pytest
 
 from visloc_companion.core.settings import CoreSettings, InjectionSettings, NavigatorSettings
-from visloc_companion.types import AutopilotKind, BeyondLimit, Command, Injection, LinkChanged, Notice, Status
+from visloc_companion.types import (
+    AutopilotKind,
+    BeyondLimit,
+    Command,
+    EkfSource,
+    Injection,
+    LinkChanged,
+    Mode,
+    Notice,
+    Status,
+    SwitchSource,
+)
 
 World = Any
 BLIND_S = 60.0
@@ -120,3 +131,26 @@ def test_a_barometer_that_is_off_shows_in_the_vertical_level(world: type[World],
     assert last.height_offset_m == pytest.approx(15.0, abs=2.0)
     assert last.vertical_protection_level_m > 15.0
     assert len(told(w, "HEIGHT may be off")) == 1
+
+
+@pytest.mark.parametrize("may_switch", [True, False])
+def test_nobody_is_sent_to_a_vision_that_the_alert_keeps_back(world: type[World], *, may_switch: bool) -> None:
+    """The level is beyond the limit before GNSS is lost."""
+
+    def to_vision(policy: BeyondLimit) -> tuple[World, int]:
+        settings = CoreSettings(
+            navigator=replace(NavigatorSettings(), alert_limit_m=14.0),
+            injection=InjectionSettings(switch_source=may_switch, beyond_alert_limit=policy),
+        )
+        w = world(settings=settings, jammed=lambda t: t > 40, blind=lambda t: t > 20)
+        w.start()
+        w.send(LinkChanged(0, up=True, autopilot=AutopilotKind.ARDUPILOT, system_id=1, armed=True))
+        w.fly(46)
+        orders = [c for _, c in w.commands if c == SwitchSource(EkfSource.VISION)]
+        return w, len(orders) + len(told(w, "set EKF position source to VISION"))
+
+    w, asked = to_vision(BeyondLimit.STOP)
+    assert any(s.alert and s.mode is Mode.DEAD_RECKONING for s in statuses(w, 40))
+    assert not any(isinstance(c, Injection) for _, c in w.commands)
+    assert asked == 0
+    assert to_vision(BeyondLimit.INJECT)[1] == 1
