@@ -36,13 +36,16 @@ class SourceSwitch:
 
     @property
     def leaving_vision(self) -> bool:
-        """Whether the autopilot still flies on vision as far as it confirmed, or on a GNSS that it has yet to be seen to use."""
-        return self._allowed and (self._source is EkfSource.VISION or self._check.source is EkfSource.GNSS)
+        """Whether the autopilot still flies on vision as far as it confirmed, or on a GNSS that it has yet to be seen to use, be
+        it that it was seen not to and has not confirmed vision since."""
+        unseen = EkfSource.GNSS in (self._check.source, self._unused)
+        return self._allowed and (self._source is EkfSource.VISION or unseen)
 
     def restarted(self) -> None:
         """The autopilot (or we) restarted: its source is what its parameters say, most likely GNSS."""
         self._check.stop()
         self._shunned: dict[EkfSource, int] = {}
+        self._unused: EkfSource | None = None
         self._source, self._confirmed = EkfSource.GNSS, False
         self._not_before_ns: int | None = None
         self._operator_told = EkfSource.GNSS
@@ -50,9 +53,9 @@ class SourceSwitch:
     def confirmed(self, event: SourceSwitched, now_ns: int) -> list[Command]:
         """The autopilot's answer; a refusal goes to the operator and is tried again later."""
         if event.accepted:
-            if event.shows_use and event.source is not self._source:
+            if event.shows_use and (event.source is not self._source or event.source is self._unused):
                 self._check.begin(event.source, now_ns)
-            self._source, self._confirmed, self._not_before_ns = event.source, True, None
+            self._source, self._confirmed, self._not_before_ns, self._unused = event.source, True, None, None
             return [Notice(Severity.INFO, f"visloc: EKF source is {event.source.value}")]
         self._not_before_ns = now_ns + RETRY_REFUSED_NS
         text = f"visloc: EKF source {event.source.value} refused"
@@ -68,7 +71,7 @@ class SourceSwitch:
         if source is None or self._check.judged(now_ns) is not False:
             return []
         if other_at_hand:
-            self._shunned[source] = now_ns + SHUN_NS
+            self._shunned[source], self._unused = now_ns + SHUN_NS, source
         then = "switching back" if other_at_hand else "CHECK IT"
         text = f"visloc: EKF does not use {source.value.upper()}, {then}"
         return [Notice(Severity.CRITICAL, text, to_operator=True)]
@@ -82,7 +85,7 @@ class SourceSwitch:
         if not self._allowed:
             return self._ask_operator(source)
         waiting = self._not_before_ns is not None and now_ns < self._not_before_ns
-        if waiting or (self._confirmed and source is self._source):
+        if waiting or (self._confirmed and source is self._source and source is not self._unused):
             return []
         self._not_before_ns = now_ns + RETRY_NS
         return [SwitchSource(source)]

@@ -53,7 +53,8 @@ def place_of(ne_m: np.ndarray, h_amsl_m: float = ORIGIN.h_amsl_m + HEIGHT_M) -> 
 
 @dataclass
 class World:
-    """Truth and sensors. Functions of time say what goes wrong: pull (metres NE added to GNSS), jammed, blind (no fix)."""
+    """Truth and sensors. Functions of time say what goes wrong: pull (metres NE added to GNSS), jammed, blind (no fix), deaf (to
+    orders to switch the source)."""
 
     settings: CoreSettings = field(default_factory=lambda: CoreSettings(injection=InjectionSettings(switch_source=True)))
     seed: int = 1
@@ -71,6 +72,7 @@ class World:
     height_m: Callable[[float], float] = lambda t: HEIGHT_M
     false_velocity_mps: Callable[[float], tuple[float, float]] = lambda t: (0.0, 0.0)
     unused: Callable[[float, EkfSource], bool] = lambda t, source: False
+    deaf: Callable[[float], bool] = lambda t: False
     accel_bias_mps2: tuple[float, float] = (0.02, -0.02)
     map_error_m: tuple[float, float] = (0.4, -0.3)
     tilt: TiltSeen | None = None
@@ -104,7 +106,8 @@ class World:
                 case Injection():
                     self.last_injection = command
                 case SwitchSource():
-                    self.answers.append((self.t + 0.1, SourceSwitched(0, command.source, accepted=True)))
+                    heard, after_s = (False, 2.1) if self.deaf(self.t) else (True, 0.1)
+                    self.answers.append((self.t + after_s, SourceSwitched(0, command.source, accepted=heard)))
                 case LocaliseRequest():
                     self._localise(command)
                 case Status():
@@ -154,7 +157,7 @@ class World:
         due = [event for when, event in self.answers if when <= t + 1e-9]
         self.answers = [(when, event) for when, event in self.answers if when > t + 1e-9]
         for event in due:
-            if isinstance(event, SourceSwitched):
+            if isinstance(event, SourceSwitched) and event.accepted:
                 self.source = event.source
             self.send(replace(event, t_rx_ns=ns(t)))
         if self.k % round(self.fix_period_s / dt) == 0 and self.camera(t):

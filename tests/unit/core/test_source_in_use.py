@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from tests.unit.core.flown import World, started
 from visloc_companion.core.switching import SHUN_NS
 from visloc_companion.types import EkfSource, Injection, SwitchSource
@@ -43,6 +45,19 @@ def test_a_gnss_that_is_not_used_is_left_again(world: type[World]) -> None:
     assert 3.0 <= again_s - back_s <= 4.0
     sent = [t for t, c in w.commands if isinstance(c, Injection) and back_s < t < again_s]
     assert len(sent) >= 29  # positions go on until GNSS is seen to be used
+
+
+def test_positions_go_on_while_the_order_back_to_vision_is_lost(world: type[World]) -> None:
+    """GNSS is trusted and not used; three tries to come back to vision are not answered."""
+
+    faults = {"jammed": lambda t: 20 < t < 30, "unused": lambda t, source: source is G and t > 30, "deaf": lambda t: 52 < t < 60}
+    w = started(world, **faults).fly(75)
+    asked = [(t, source) for t, source in switches(w) if t > 30]
+    assert [source for _, source in asked[:3]] == [G, V, V]
+    sent = [t for t, c in w.commands if isinstance(c, Injection) and t > 30]
+    assert max(after - before for before, after in pairwise(sent)) < 0.15
+    assert sent[-1] > 74.8
+    assert w.source is V
 
 
 def test_injection_ends_when_gnss_is_seen_to_be_used(world: type[World]) -> None:

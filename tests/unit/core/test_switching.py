@@ -97,3 +97,36 @@ def test_vision_is_left_only_when_gnss_is_seen_to_be_used() -> None:
     assert switch.verify(True, 11 * JUDGE_NS) == []
     assert not switch.leaving_vision
     assert not SourceSwitch(allowed=False).leaving_vision
+
+
+def unused_gnss() -> SourceSwitch:
+    """Vision was left for a GNSS that is seen not to be used, while vision is at hand."""
+    switch = switched(G)
+    switch.confirmed(SourceSwitched(0, V, accepted=True), 0)
+    switch.confirmed(SourceSwitched(0, G, accepted=True), 0)
+    for n in range(8):
+        switch.hear(report(0.2), n * JUDGE_NS // 6)
+    assert len(switch.verify(True, JUDGE_NS)) == 1
+    return switch
+
+
+def test_positions_go_on_where_the_way_back_from_an_unused_gnss_is_not_confirmed() -> None:
+    switch = unused_gnss()
+    assert switch.leaving_vision
+    switch.want(V, JUDGE_NS)
+    switch.confirmed(SourceSwitched(0, V, accepted=False), 2 * JUDGE_NS)
+    assert switch.leaving_vision
+    switch.confirmed(SourceSwitched(0, V, accepted=True), 10 * JUDGE_NS)
+    switch.confirmed(SourceSwitched(0, G, accepted=True, shows_use=False), 20 * JUDGE_NS)
+    assert not switch.leaving_vision
+
+
+def test_a_source_that_was_not_used_is_ordered_and_judged_anew() -> None:
+    switch = unused_gnss()
+    later_ns = JUDGE_NS + SHUN_NS
+    assert switch.want(G, later_ns) == [SwitchSource(G)]
+    switch.confirmed(SourceSwitched(0, G, accepted=True), later_ns)
+    assert switch.want(G, later_ns + RETRY_NS) == []
+    for n in range(8):
+        switch.hear(report(0.2), later_ns + n * JUDGE_NS // 6)
+    assert len(switch.verify(True, later_ns + JUDGE_NS)) == 1
