@@ -247,7 +247,7 @@ class Navigator:
         ready = self._link.up and self._telemetry.attitude_fresh(now_ns) and state is not None
         commands += self._steering.change_mode(state, ready, self._tracker.low, self._link.armed, now_ns)
         protected = self._protection.judge(state, now_ns)
-        steered = self._steering.steer_source(self._link.armed, protected.stopped, now_ns)
+        steered = self._steering.steer_source(self._link.armed, protected.stopped, now_ns) if self._link.up else []
         commands = gnss_words.two_at_most([*commands, *steered])
         mode, injecting = self._steering.mode, self._steering.injecting
         relied_on = injecting and self._link.armed

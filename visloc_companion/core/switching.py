@@ -46,20 +46,25 @@ class SourceSwitch:
         self._check.stop()
         self._shunned: dict[EkfSource, int] = {}
         self._unused: EkfSource | None = None
+        self._told_unheard = False
         self._source, self._confirmed = EkfSource.GNSS, False
         self._not_before_ns: int | None = None
         self._operator_told = EkfSource.GNSS
 
     def confirmed(self, event: SourceSwitched, now_ns: int) -> list[Command]:
-        """The autopilot's answer; a refusal goes to the operator and is tried again later."""
+        """The autopilot's answer, or that there was none. Where it did not switch the operator is told, and it is ordered again:
+        soon what it may not have heard, later what it refused."""
         if event.accepted:
             if event.shows_use and (event.source is not self._source or event.source is self._unused):
                 self._check.begin(event.source, now_ns)
             self._source, self._confirmed, self._not_before_ns, self._unused = event.source, True, None, None
+            self._told_unheard = False
             return [Notice(Severity.INFO, f"visloc: EKF source is {event.source.value}")]
-        self._not_before_ns = now_ns + RETRY_REFUSED_NS
-        text = f"visloc: EKF source {event.source.value} refused"
-        return [Notice(Severity.WARNING, text, to_operator=True, data=(("detail", event.detail),))]
+        if event.answered:
+            self._not_before_ns = now_ns + RETRY_REFUSED_NS
+        text = f"visloc: EKF source {event.source.value} {'refused' if event.answered else 'not confirmed'}"
+        told, self._told_unheard = self._told_unheard and not event.answered, not event.answered
+        return [Notice(Severity.WARNING, text, to_operator=not told, data=(("detail", event.detail),))]
 
     def hear(self, status: EstimatorStatus, now_ns: int) -> None:
         """Take a report of the autopilot's estimator."""

@@ -322,7 +322,7 @@ class OperatorFix:
 
 @dataclass(frozen=True, slots=True)
 class SourceSwitched:
-    """The autopilot confirmed (or refused) a switch of its position source.
+    """The autopilot confirmed a switch of its position source, refused it, or gave no answer (`answered`).
 
     `shows_use`: whether its estimator's reports can tell that it uses the source (positions between which it dead-reckons leave
     no trace there).
@@ -333,6 +333,7 @@ class SourceSwitched:
     accepted: bool
     detail: str = ""
     shows_use: bool = True
+    answered: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -179,13 +179,13 @@ def test_px4_switches_by_an_integer_parameter():
 
 
 @pytest.mark.parametrize("kind", [AutopilotKind.ARDUPILOT, AutopilotKind.PX4])
-def test_a_switch_without_answer_is_tried_three_times_then_refused(kind):
+def test_a_switch_without_answer_is_tried_three_times_then_given_up(kind):
     talking = talk(kind)
     talking.run(2.0)
     talking.autopilot.behaviour.mute_commands = True
     talking.session.switch(SwitchSource(EkfSource.VISION), talking.now_ns)
     (event,) = switched(talking.run(8.0))
-    assert not event.accepted
+    assert (event.accepted, event.answered) == (False, False)
     assert "3 tries" in event.detail
 
 
@@ -196,6 +196,7 @@ def test_a_refused_switch_is_not_taken_for_a_confirmed_one(kind):
     talking.session.switch(SwitchSource(EkfSource.VISION), talking.now_ns)
     (event,) = switched(talking.run(8.0))
     assert not event.accepted
+    assert event.answered is (kind is AutopilotKind.ARDUPILOT), "PX4 does not say that it will not"
     assert talking.autopilot.source_set == 1
     assert talking.autopilot.params["EKF2_GPS_CTRL"] == 7
 
@@ -227,4 +228,4 @@ def test_a_newer_switch_supersedes_and_a_lost_link_ends_it():
     assert (event.source, event.accepted) == (EkfSource.VISION, False)
     talking.autopilot.behaviour.silent = True
     (event,) = switched(talking.run(5.0))
-    assert (event.source, event.accepted) == (EkfSource.GNSS, False)
+    assert (event.source, event.accepted, event.answered) == (EkfSource.GNSS, False, False)

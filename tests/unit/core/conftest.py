@@ -107,7 +107,7 @@ class World:
                     self.last_injection = command
                 case SwitchSource():
                     heard, after_s = (False, 2.1) if self.deaf(self.t) else (True, 0.1)
-                    self.answers.append((self.t + after_s, SourceSwitched(0, command.source, accepted=heard)))
+                    self.answers.append((self.t + after_s, SourceSwitched(0, command.source, accepted=heard, answered=heard)))
                 case LocaliseRequest():
                     self._localise(command)
                 case Status():

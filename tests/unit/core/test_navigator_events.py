@@ -9,7 +9,7 @@ import pytest
 from tests.unit.core.flown import ORIGIN, S, World, attitude, errors, frame, quiet, requests, started
 from visloc_companion.core.guard import RESTART_AFTER
 from visloc_companion.core.navigator import Navigator
-from visloc_companion.core.settings import CoreSettings
+from visloc_companion.core.settings import CoreSettings, InjectionSettings
 from visloc_companion.errors import Reason
 from visloc_companion.geo import se3, wgs84
 from visloc_companion.protocols import NavigatorLike
@@ -32,6 +32,7 @@ from visloc_companion.types import (
     PriorPose,
     RequestMessage,
     Status,
+    SwitchSource,
     Tick,
     TiltSeen,
     TimesyncSample,
@@ -71,6 +72,22 @@ def test_a_lost_link_waits(world: type[World]) -> None:
     w.start()
     w.fly(12)
     assert w.status_at(12)[0].mode is Mode.SHADOW
+
+
+@pytest.mark.parametrize("may_switch", [True, False])
+def test_no_source_is_asked_for_while_the_link_is_lost(world: type[World], *, may_switch: bool) -> None:
+    """GNSS is trusted again meanwhile; nobody would hear it, and the operator is asked once."""
+    settings = CoreSettings(injection=InjectionSettings(switch_source=may_switch))
+    w = started(world, settings=settings, jammed=lambda t: 20 < t < 30).fly(40)
+    w.send(LinkChanged(0, up=False))
+    w.fly(70)
+    w.send(LinkChanged(0, up=True, autopilot=AutopilotKind.ARDUPILOT, system_id=1))
+    back_s = w.t
+    w.fly(72)
+    orders = [t for t, c in w.commands if c == SwitchSource(EkfSource.GNSS) and t > 40]
+    asked = orders + [t for t in w.notices("set EKF position source to GNSS") if t > 40]
+    assert w.notices("GNSS trusted")[-1] < back_s <= asked[0] < back_s + 0.2
+    assert len(asked) == 1
 
 
 def test_time_that_goes_back_is_refused_and_at_last_starts_anew(world: type[World]) -> None:

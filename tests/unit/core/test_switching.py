@@ -38,6 +38,19 @@ def test_a_refusal_reaches_the_operator_and_is_tried_later() -> None:
     assert switch.want(V, 100 + RETRY_REFUSED_NS) == [SwitchSource(V)]
 
 
+def test_what_nobody_answered_is_ordered_again_soon() -> None:
+    """Without a position an autopilot's failsafe comes within 5 to 8 s."""
+    switch = SourceSwitch(allowed=True)
+    switch.want(V, 0)
+    (notice,) = switch.confirmed(SourceSwitched(0, V, accepted=False, answered=False), 2 * RETRY_NS // 3)
+    assert isinstance(notice, Notice)
+    assert (notice.to_operator, notice.text[-13:]) == (True, "not confirmed")
+    assert switch.want(V, RETRY_NS) == [SwitchSource(V)]
+    (again,) = switch.confirmed(SourceSwitched(0, V, accepted=False, answered=False), 2 * RETRY_NS)
+    assert isinstance(again, Notice)
+    assert not again.to_operator, "once, until it answers"
+
+
 def test_where_it_is_not_allowed_the_operator_is_asked_once() -> None:
     switch = SourceSwitch(allowed=False)
     assert switch.want(G, 0) == []

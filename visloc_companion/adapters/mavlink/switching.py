@@ -38,7 +38,7 @@ class SourceSwitcher:
         """
         ended = self.abandon("superseded by a newer switch", now_ns)
         if not link.up:
-            return [*ended, SourceSwitched(now_ns, source, False, "no link to the autopilot")]
+            return [*ended, SourceSwitched(now_ns, source, False, "no link to the autopilot", answered=False)]
         if link.autopilot is AutopilotKind.UNKNOWN:
             return [*ended, SourceSwitched(now_ns, source, False, "this kind of autopilot has no known way to switch")]
         self._under_way, self._shows_use = source, shows_use
@@ -54,14 +54,14 @@ class SourceSwitcher:
 
     def abandon(self, why: str, now_ns: int) -> list[SourceSwitched]:
         """End what is under way without success."""
-        return self._end(False, why, now_ns)
+        return self._end(False, why, now_ns, answered=False)
 
     def answered(self, answer: Answer, now_ns: int) -> list[SourceSwitched] | None:
         """Take ArduPilot's answer; None where the question was not ours."""
         if answer.question.key != _KEY:
             return None
         if answer.result is None:
-            return self._end(False, f"no answer to {_TRIES} tries", now_ns)
+            return self._end(False, f"no answer to {_TRIES} tries", now_ns, answered=False)
         accepted = answer.result == mav.MAV_RESULT_ACCEPTED
         return self._end(accepted, "" if accepted else f"refused with MAV_RESULT {answer.result}", now_ns)
 
@@ -76,15 +76,15 @@ class SourceSwitcher:
         if self._param_value is None or now_ns < self._next_ns:
             return None, []
         if self._tries >= _TRIES:
-            return None, self._end(False, f"{_PARAM} was not confirmed after {_TRIES} tries", now_ns)
+            return None, self._end(False, f"{_PARAM} was not confirmed after {_TRIES} tries", now_ns, answered=False)
         self._tries += 1
         self._next_ns = now_ns + self._retry_ns
         return param_set_int32(system_id, _PARAM, self._param_value), []
 
-    def _end(self, accepted: bool, detail: str, now_ns: int) -> list[SourceSwitched]:
+    def _end(self, accepted: bool, detail: str, now_ns: int, *, answered: bool = True) -> list[SourceSwitched]:
         if self._under_way is None:
             return []
-        ended = SourceSwitched(now_ns, self._under_way, accepted, detail, self._shows_use)
+        ended = SourceSwitched(now_ns, self._under_way, accepted, detail, self._shows_use, answered)
         self._under_way, self._param_value = None, None
         self._queue.withdraw(_KEY)
         return [ended]
