@@ -36,6 +36,8 @@ from visloc_companion.types import (
 
 MAX_SIGMA_SHARE = 2.0
 """A receiver that states a poor accuracy is believed up to this multiple of `gnss_sigma_m`: no spoofer may widen the gate."""
+FIX_3D = 3
+"""Of GPS_RAW_INT: neither autopilot takes less for a position, whatever `min_fix_type` asks for."""
 FALSE_AGAIN = 0.9
 """In a probation vision disagrees at this probability."""
 ODOMETRY = "odometry_disagrees"
@@ -80,9 +82,9 @@ class GnssMonitor:
 
     @property
     def armed_without_fix(self) -> bool:
-        """Whether the vehicle is armed and its receiver says that it has no position."""
+        """Whether the vehicle is armed and its receiver has no position that an autopilot would fly on."""
         gnss = self._reports.gnss
-        return self._armed is True and gnss is not None and gnss.fix_type < self._settings.min_fix_type
+        return self._armed is True and gnss is not None and gnss.fix_type < min(self._settings.min_fix_type, FIX_3D)
 
     @property
     def ever_trusted(self) -> bool:

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from visloc_companion.core.navigator import Navigator
+from visloc_companion.core.settings import CoreSettings, GnssSettings, InjectionSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import (
     AutopilotKind,
@@ -78,3 +79,15 @@ def test_amid_a_spoofing_gnss_is_believed_for_seconds_only_and_never_followed(
     assert w.status_at(50.0)[0].verdict is Verdict.SUSPECT
     assert max(error for t, _, error in w.statuses if t > 45) < 6.1
     assert not [c for t, c in w.commands if t > 40 and isinstance(c, SwitchSource) and c.source is EkfSource.GNSS]
+
+
+def test_a_fix_that_is_less_than_was_asked_for_is_what_the_autopilot_flies_on(world: type[World]) -> None:
+    """With RTK asked for, a spoofed receiver with a 3-D fix: its position is nobody's word but its own."""
+    settings = CoreSettings(injection=InjectionSettings(switch_source=True), gnss=GnssSettings(min_fix_type=5))
+    w = world(settings=settings, pull_m=lambda t: (300.0, 0.0))
+    w.start()
+    w.send(LinkChanged(0, up=True, autopilot=AutopilotKind.ARDUPILOT, system_id=1, armed=True))
+    w.fly(40.0)
+    assert w.notices("filter seeded") == []
+    assert len(w.notices("position found on the map")) == 1
+    assert max(error for t, s, error in w.statuses if s.place is not None) < 6.0
