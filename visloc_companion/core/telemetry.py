@@ -86,7 +86,8 @@ class Telemetry:
             self._terrain.clear()
         if self._gimbal is not None:
             self._gimbal.clear()
-        self._switch.restarted()
+        if not own:
+            self._switch.restarted()
         return [Notice(Severity.WARNING, _of_step(step, own), to_operator=True)]
 
     def on_attitude(self, event: Attitude, now_ns: int) -> list[Command]:

@@ -7,14 +7,28 @@ from typing import Any
 
 import pytest
 
+from tests.unit.core.conftest import BOOT_OFFSET_NS
 from tests.unit.core.flown import World, errors, started
 from tests.unit.core.test_estimator import fix, made, velocity
 from visloc_companion.core.estimator import PositionFilter
 from visloc_companion.core.navigator import Navigator
-from visloc_companion.types import Command, Event, Injection, Status, TooOld
+from visloc_companion.core.settings import CoreSettings, InjectionSettings, NavigatorSettings
+from visloc_companion.types import (
+    AutopilotKind,
+    Command,
+    EkfSource,
+    Event,
+    Injection,
+    LinkChanged,
+    Mode,
+    Status,
+    Tick,
+    TimesyncSample,
+    TooOld,
+)
 
 S = 1_000_000_000
-STEP_S, BACK_S = 60.0, 0.8
+STEP_S, BACK_S, LEAP_S = 60.0, 0.8, 1.5
 
 
 class SteppedBack:
@@ -79,3 +93,35 @@ def test_nothing_is_said_while_time_stands_and_the_level_covers_what_follows(wor
     assert all(s.protection_level_m is not None and e <= s.protection_level_m for s, e in after)
     assert max(e for _, e in after) < max(errors(w, 40.0, STEP_S)) + 3.0
     assert w.first(Status, since_s=STEP_S) >= STEP_S + BACK_S
+
+
+class Leapt(SteppedBack):
+    """Of a navigator whose clock leaps forward, and that asks the autopilot for its time with every Tick."""
+
+    def on(self, event: Event, now_ns: int) -> list[Command]:
+        """As Navigator's."""
+        step_ns = round(LEAP_S * S) if now_ns >= STEP_S * S else 0
+        stamps = ("t_rx_ns", "t_ns") if type(event).__name__ in ("FrameRef", "Tick") else ("t_rx_ns",)
+        moved: Any = {name: getattr(event, name) + step_ns for name in stamps if hasattr(event, name)}
+        t_ns, commands = now_ns + step_ns, self._navigator.on(replace(event, **moved), now_ns + step_ns)
+        asked = isinstance(event, Tick)
+        said = TimesyncSample(t_ns, t_ns - 2_000_000, now_ns - 1_000_000 - BOOT_OFFSET_NS + 1000 * S)
+        return [*commands, *(self._navigator.on(said, t_ns) if asked else [])]
+
+
+def test_a_leap_of_our_own_clock_is_no_restart_of_the_autopilot(world: type[World]) -> None:
+    """Lost, on vision, nothing seen any more: GNSS comes back, and the autopilot is brought back to it."""
+    settings = CoreSettings(navigator=NavigatorSettings(lost_sigma_m=10.0), injection=InjectionSettings(switch_source=True))
+    w = started(world, settings=settings, jammed=lambda t: 20 < t < 70, blind=lambda t: t > 25)
+    w.send(LinkChanged(0, up=True, autopilot=AutopilotKind.ARDUPILOT, system_id=1, armed=True))
+    w.navigator = Leapt(w.navigator)
+    w.fly(20)
+    while w.statuses[-1][1].mode is not Mode.LOST:
+        w.step()
+    w.last_injection = None  # the autopilot goes on from its accelerations
+    w.fly(STEP_S)
+    assert (w.status_at(STEP_S)[0].mode, w.source) == (Mode.LOST, EkfSource.VISION)
+    w.fly(100)
+    assert len(w.notices("companion clock stepped")) == 1
+    assert len(w.notices("GNSS trusted")) == 2
+    assert w.source is EkfSource.GNSS
