@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-Positive = Annotated[float, Field(gt=0)]
+LEAST, MOST = 1e-9, 1e9
+"""Of a number that must not be 0, and of any: squares and quotients of what lies beyond may be 0 or overflow, in flight."""
+
+
+def _no_smaller(value: float) -> float:
+    if value < LEAST:
+        raise ValueError(f"nothing can be computed with less than {LEAST:g}")
+    return value
+
+
+Positive = Annotated[float, Field(gt=0), AfterValidator(_no_smaller)]
 NonNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(gt=0, lt=1)]
 
@@ -33,12 +44,14 @@ class Section(BaseModel):
 
 
 def _of_another_kind(annotation: Any, value: Any) -> str | None:
-    """What is wrong with a value, or one of a list, that pydantic would make one of the field's type; None elsewhere."""
+    """What is wrong with a value, or one of a list, that pydantic would take for the field's type; None elsewhere."""
     for item in value if isinstance(value, list | tuple) else (value,):
         if isinstance(item, bool) and not _takes(annotation, bool):
             return f"{str(item).lower()} is no value for it"
         if isinstance(item, str) and not _takes(annotation, str):
             return "a text is no value for it: write numbers, true and false without quotes"
+        if isinstance(item, int | float) and _takes(annotation, float) and MOST < abs(item) < math.inf:
+            return f"nothing can be computed with more than {MOST:g}"
     return None
 
 

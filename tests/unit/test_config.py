@@ -124,6 +124,24 @@ def test_a_text_is_no_number_though_it_looks_like_one(tmp_path: Path, text: str)
         load_config(path)
 
 
+@pytest.mark.parametrize(
+    ("section", "key", "value", "told"),
+    [
+        ("navigator", "velocity_sigma_aiding_mps", 1e-300, "less than 1e-09"),
+        ("localiser", "max_rate_hz", 1e-300, "less than 1e-09"),
+        ("navigator", "map_sigma_m", 1e300, r"more than 1e\+09"),
+        ("injection", "min_sigma_m", 10**200, r"more than 1e\+09"),
+        ("camera", "lever_arm_frd_m", [0.0, -1e200, 0.0], r"more than 1e\+09"),
+    ],
+)
+def test_numbers_whose_squares_are_none_are_told_before_the_flight(section: str, key: str, value: object, told: str) -> None:
+    with pytest.raises(ConfigError, match=rf"{section}\.{key}: .*nothing can be computed with {told}"):
+        parse_config({section: {key: value}})
+    assert (
+        parse_config({"navigator": {"integrity_risk": 1e-12}, "camera": {"mount_roll_deg": 1e-14}, "seed": 10**12}).seed == 10**12
+    )
+
+
 @pytest.mark.parametrize("word", ["no", "false", "0"])
 def test_a_text_is_neither_true_nor_false(word: str) -> None:
     with pytest.raises(ConfigError, match=r"localiser\.structure: a text is no value for it"):
