@@ -185,9 +185,10 @@ class GnssConfig(Section):
     gnss_sigma_m: Positive = 1.5
     """1-sigma of a healthy receiver where it states none."""
     denied_after_s: Positive = 1.5
-    """A GNSS that stays SUSPECT for lack of a position becomes DENIED after so long."""
+    """A sign against GNSS counts once it has lasted so long (until then it stays trusted); the first trust of a flight needs as
+    long without any."""
     probation_s: Positive = 20.0
-    """A GNSS that comes back must agree with vision for so long before it is trusted again."""
+    """A GNSS that comes back is trusted again after so long without any sign; where there is vision it must agree with that."""
 
 
 class InjectionConfig(Section):
