@@ -9,7 +9,7 @@ from visloc_companion.core.protection import Protected
 from visloc_companion.core.requests import SIGMA_YAW_RAD
 from visloc_companion.core.settings import InjectionSettings
 from visloc_companion.core.step import step_m
-from visloc_companion.core.validate import MAX_SPEED_MPS, is_covariance
+from visloc_companion.core.validate import MAX_LOCAL_M, MAX_SPEED_MPS, is_covariance
 from visloc_companion.geo import wgs84
 from visloc_companion.types import (
     AutopilotKind,
@@ -28,7 +28,6 @@ from visloc_companion.types import (
 
 RESET_MODULUS = 256
 """reset_counter is a uint8 (VISION_POSITION_ESTIMATE)."""
-MAX_LOCAL_M = 1e6
 LEAST_SIGMA_MPS = 0.1
 """1-sigma on each axis that is claimed of a velocity, at least."""
 RECKONED_MPS2 = 0.05

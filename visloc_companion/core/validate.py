@@ -36,6 +36,7 @@ from visloc_companion.types import (
 
 NOTHING_TO_CHECK = frozenset({Tick, TimesyncSample, GnssTime, LinkChanged, WorkerState})
 MAX_SPEED_MPS = 200.0
+MAX_HEIGHT_M, MAX_LOCAL_M = 50_000.0, 1e6
 MAX_FORCE_MPS2 = 160.0
 """What accelerometers of autopilots can measure."""
 MAX_OPERATOR_SIGMA_M = 10_000.0
@@ -54,9 +55,10 @@ def fault(event: Event, now_ns: int) -> Reason | None:  # noqa: PLR0911, PLR0912
         case GimbalAttitude():
             return _unless(_finite(*event.q_frame_gimbal) and abs(math.hypot(*event.q_frame_gimbal) - 1.0) < 1e-3)
         case PriorPose():
-            return _unless(is_place(event.place) and _is_velocity(event.v_ned_mps) and _finite(event.h_rel_m))
+            return _unless(is_place(event.place) and _is_velocity(event.v_ned_mps) and _is_height(event.h_rel_m))
         case LocalPose():
-            return _unless(_finite(*event.p_ned_m) and _is_velocity(event.v_ned_mps))
+            near = _finite(*event.p_ned_m) and math.hypot(*event.p_ned_m[:2]) <= MAX_LOCAL_M
+            return _unless(near and _is_height(event.p_ned_m[2]) and _is_velocity(event.v_ned_mps))
         case Gnss():
             known = [v for v in (event.h_acc_m, event.v_acc_m, *(event.v_ned_mps or ())) if v is not None]
             place = (event.place.lat_deg, event.place.lon_deg, event.place.h_amsl_m)
@@ -129,7 +131,7 @@ def is_place(place: GeoPoint) -> bool:
     """Finite, on the globe, and not the 0, 0 that autopilots send for "unknown"."""
     if not _finite(place.lat_deg, place.lon_deg, place.h_amsl_m):
         return False
-    on_globe = abs(place.lat_deg) <= 89 and abs(place.lon_deg) <= 180 and abs(place.h_amsl_m) <= 50_000
+    on_globe = abs(place.lat_deg) <= 89 and abs(place.lon_deg) <= 180 and _is_height(place.h_amsl_m)
     return on_globe and not (place.lat_deg == 0 and place.lon_deg == 0)
 
 
@@ -164,6 +166,10 @@ def is_turn(turn: Turn) -> bool:
 
 def _is_velocity(v_mps: tuple[float, float, float]) -> bool:
     return _finite(*v_mps) and max(map(abs, v_mps)) <= MAX_SPEED_MPS
+
+
+def _is_height(h_m: float) -> bool:
+    return abs(h_m) <= MAX_HEIGHT_M  # not where it is none
 
 
 def _finite(*numbers: float) -> bool:
