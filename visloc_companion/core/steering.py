@@ -65,7 +65,7 @@ class Steering:
         self._landed = self._stranded and not armed
         situation = modes.Situation(
             ready=ready,
-            due=self._anchored and self._is_due and not self._landed,
+            due=self._anchored and self._is_due(now_ns) and not self._landed,
             recent_fix=self._fix_within(limits.dead_reckoning_after_s, now_ns),
             sigma_m=0.0 if state is None else largest_sigma_m(state.cov_ne_m2),
             lost_sigma_m=limits.lost_sigma_m,
@@ -85,11 +85,10 @@ class Steering:
         cov_v = None if state is None else state.cov_v_ne_m2ps2
         return cov_v is not None and largest_sigma_m(cov_v) > LOW_VELOCITY_SIGMA_MPS
 
-    @property
-    def _is_due(self) -> bool:
-        """By the policy; and on the way back to GNSS until the autopilot is seen to use that."""
+    def _is_due(self, now_ns: int) -> bool:
+        """By the policy; and on the way back to GNSS until the autopilot may use that."""
         policy = self._settings.injection.policy
-        back = policy is not InjectionPolicy.NEVER and self._switch.leaving_vision
+        back = policy is not InjectionPolicy.NEVER and self._switch.leaving_vision(now_ns)
         return back or output.is_due(policy, self._monitor.verdict.verdict)
 
     def steer_source(self, armed: bool, stopped: bool, now_ns: int) -> list[Command]:

@@ -10,6 +10,9 @@ RETRY_REFUSED_NS = 15_000_000_000
 SHUN_NS = 30_000_000_000
 """A source that the autopilot did not use is not wished for again so soon, where there is another."""
 
+HAND_BACK_NS = 60_000_000_000
+"""So long an operator who was asked to go back to GNSS is given positions: without them ArduPilot lands after 8 s."""
+
 
 class SourceSwitch:
     """Commands the switch where that is allowed, repeats it until it is confirmed, and else asks the operator once.
@@ -31,15 +34,16 @@ class SourceSwitch:
 
     @property
     def known(self) -> bool:
-        """Whether the autopilot ever confirmed a source since we know it."""
-        return self._confirmed
+        """Whether the autopilot ever confirmed a source since we know it. Of an operator it is known what he was asked."""
+        return self._confirmed or not self._allowed
 
-    @property
-    def leaving_vision(self) -> bool:
-        """Whether the autopilot still flies on vision as far as it confirmed, or on a GNSS that it has yet to be seen to use, be
-        it that it was seen not to and has not confirmed vision since."""
-        unseen = EkfSource.GNSS in (self._check.source, self._unused)
-        return self._allowed and (self._source is EkfSource.VISION or unseen)
+    def leaving_vision(self, now_ns: int) -> bool:
+        """Whether the autopilot may still fly on vision: as far as it confirmed, or on a GNSS that it has yet to be seen to use
+        (or was seen not to, and has not confirmed vision since); or until an operator who was asked has had the time."""
+        if not self._allowed:
+            asked_ns = self._asked_back_ns
+            return self._operator_told is EkfSource.VISION or (asked_ns is not None and now_ns - asked_ns < HAND_BACK_NS)
+        return self._source is EkfSource.VISION or EkfSource.GNSS in (self._check.source, self._unused)
 
     def restarted(self) -> None:
         """The autopilot (or we) restarted: its source is what its parameters say, most likely GNSS."""
@@ -50,6 +54,7 @@ class SourceSwitch:
         self._source, self._confirmed = EkfSource.GNSS, False
         self._not_before_ns: int | None = None
         self._operator_told = EkfSource.GNSS
+        self._asked_back_ns: int | None = None
 
     def confirmed(self, event: SourceSwitched, now_ns: int) -> list[Command]:
         """The autopilot's answer, or that there was none. Where it did not switch the operator is told, and it is ordered again:
@@ -88,15 +93,15 @@ class SourceSwitch:
     def want(self, source: EkfSource, now_ns: int) -> list[Command]:
         """Bring the autopilot to a source."""
         if not self._allowed:
-            return self._ask_operator(source)
+            return self._ask_operator(source, now_ns)
         waiting = self._not_before_ns is not None and now_ns < self._not_before_ns
         if waiting or (self._confirmed and source is self._source and source is not self._unused):
             return []
         self._not_before_ns = now_ns + RETRY_NS
         return [SwitchSource(source)]
 
-    def _ask_operator(self, source: EkfSource) -> list[Command]:
+    def _ask_operator(self, source: EkfSource, now_ns: int) -> list[Command]:
         if source is self._operator_told:
             return []
-        self._operator_told = source
+        self._operator_told, self._asked_back_ns = source, now_ns if source is EkfSource.GNSS else None
         return [Notice(Severity.CRITICAL, f"visloc: set EKF position source to {source.value.upper()}", to_operator=True)]

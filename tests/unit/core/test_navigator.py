@@ -13,6 +13,7 @@ import pytest
 from tests.unit.core.flown import ORIGIN, S, World, errors, frame, modes, requests, started, texts
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings, InjectionSettings
+from visloc_companion.core.switching import HAND_BACK_NS
 from visloc_companion.geo import wgs84
 from visloc_companion.types import (
     Attitude,
@@ -283,10 +284,13 @@ def test_policies(world: type[World]) -> None:
 
 
 def test_where_switching_is_not_allowed_the_operator_is_asked_once(world: type[World]) -> None:
-    w = started(world, settings=CoreSettings(), jammed=lambda t: 20 < t < 40).fly(80)
-    asked = [c for _, c in w.commands if isinstance(c, Notice) and "set EKF position source" in c.text]
-    assert [c.text[-6:] for c in asked] == ["VISION", "o GNSS"]
-    assert all(c.to_operator for c in asked)
+    w = started(world, settings=CoreSettings(), jammed=lambda t: 20 < t < 40).fly(135)
+    asked = [(t, c) for t, c in w.commands if isinstance(c, Notice) and "set EKF position source" in c.text]
+    assert [c.text[-6:] for _, c in asked] == ["VISION", "o GNSS"]
+    assert all(c.to_operator for _, c in asked)
+    back_s, sent_s = asked[1][0], [t for t, c in w.commands if isinstance(c, Injection)]
+    assert sent_s[-1] - back_s == pytest.approx(HAND_BACK_NS * 1e-9, abs=0.2)
+    assert max(after - before for before, after in itertools.pairwise(sent_s)) < 0.15
 
 
 def test_notices_to_the_operator_are_short_and_one_for_each_mode(world: type[World]) -> None:

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from visloc_companion.core.switching import RETRY_NS, RETRY_REFUSED_NS, SHUN_NS, SourceSwitch
+from visloc_companion.core.switching import HAND_BACK_NS, RETRY_NS, RETRY_REFUSED_NS, SHUN_NS, SourceSwitch
 from visloc_companion.core.use_check import JUDGE_NS
 from visloc_companion.types import EkfSource, EstimatorStatus, Notice, SourceSwitched, SwitchSource
 
@@ -102,14 +102,23 @@ def test_what_leaves_no_trace_is_not_judged() -> None:
 
 def test_vision_is_left_only_when_gnss_is_seen_to_be_used() -> None:
     switch = switched(V)
-    assert switch.leaving_vision
+    assert switch.leaving_vision(0)
     switch.confirmed(SourceSwitched(0, G, accepted=True), 10 * JUDGE_NS)
-    assert switch.leaving_vision
+    assert switch.leaving_vision(10 * JUDGE_NS)
     for n in range(8):
         switch.hear(report(0.2 + 0.01 * n), 10 * JUDGE_NS + n * JUDGE_NS // 6)
     assert switch.verify(True, 11 * JUDGE_NS) == []
-    assert not switch.leaving_vision
-    assert not SourceSwitch(allowed=False).leaving_vision
+    assert not switch.leaving_vision(11 * JUDGE_NS)
+
+
+def test_an_operator_has_a_minute_to_go_back_to_gnss() -> None:
+    switch = SourceSwitch(allowed=False)
+    assert not switch.leaving_vision(0)
+    switch.want(V, 0)
+    assert switch.leaving_vision(10**12)
+    switch.want(G, 10**12)
+    assert switch.leaving_vision(10**12 + HAND_BACK_NS - 1)
+    assert not switch.leaving_vision(10**12 + HAND_BACK_NS)
 
 
 def unused_gnss() -> SourceSwitch:
@@ -125,13 +134,13 @@ def unused_gnss() -> SourceSwitch:
 
 def test_positions_go_on_where_the_way_back_from_an_unused_gnss_is_not_confirmed() -> None:
     switch = unused_gnss()
-    assert switch.leaving_vision
+    assert switch.leaving_vision(JUDGE_NS)
     switch.want(V, JUDGE_NS)
     switch.confirmed(SourceSwitched(0, V, accepted=False), 2 * JUDGE_NS)
-    assert switch.leaving_vision
+    assert switch.leaving_vision(3 * JUDGE_NS)
     switch.confirmed(SourceSwitched(0, V, accepted=True), 10 * JUDGE_NS)
     switch.confirmed(SourceSwitched(0, G, accepted=True, shows_use=False), 20 * JUDGE_NS)
-    assert not switch.leaving_vision
+    assert not switch.leaving_vision(20 * JUDGE_NS)
 
 
 def test_a_source_that_was_not_used_is_ordered_and_judged_anew() -> None:
