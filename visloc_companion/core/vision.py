@@ -256,7 +256,8 @@ class Vision:
         return [Notice(Severity.WARNING, "visloc: position found on the map", to_operator=True, data=data)]
 
     def free_worker(self, event: Event, now_ns: int) -> list[Command]:
-        """After an answer, used or not: nothing is outstanding, and the next question may be asked."""
+        """After an answer, used or not: nothing is outstanding, and the next question may be asked; not of a worker that was lost
+        with this one, whose end is told next."""
         if isinstance(event, Fix | NoFix):
             lost = isinstance(event, NoFix) and event.reason in WORKER_LOST
             self._queue.answered(event.request_id, isinstance(event, Fix), lost)
@@ -264,7 +265,7 @@ class Vision:
                 self._terrain.answered(event)
             elif self._terrain is not None:
                 self._terrain.abandoned(event.request_id)
-            return self.request(now_ns)
+            return [] if lost else self.request(now_ns)
         return []
 
     @property

@@ -22,6 +22,7 @@ from visloc_companion.types import (
     OriginChanged,
     Tick,
     Vote,
+    WorkerState,
 )
 
 World = Any
@@ -130,3 +131,22 @@ def test_after_a_long_loss_it_is_found_again_with_a_new_reset_counter(world: typ
     assert status.reset_counter != before
     assert status.mode is Mode.AIDING
     assert error < 15
+
+
+def test_a_worker_that_dies_once_over_a_tile_makes_tiles_smaller_once(world: type[World]) -> None:
+    """The frame that waits is asked of a worker that is dead, before that is told: its refusal is no other death."""
+    w = blinkered(world)
+    while not w.requests:
+        w.step()
+    w.answers.clear()
+    w.fly(w.t + 3.0)
+    ((_, first, _),) = w.requests
+    told = first.frame.t_ns, first.request_id, first.frame.frame_id, "test"
+    refused = [c for c in w.send(NoFix(0, *told, Reason.WORKER_TIMEOUT, 0.0)) if isinstance(c, LocaliseRequest)]
+    w.send(WorkerState(0, up=False, restarts=1))
+    for each in refused:
+        told = each.frame.t_ns, each.request_id, each.frame.frame_id, "test"
+        w.send(NoFix(0, *told, Reason.WORKER_DIED, 0.0, "there is no worker"))
+    w.fly(w.t + 1.0)
+    (again,) = [c for c in w.send(WorkerState(0, up=True, restarts=1)) if isinstance(c, LocaliseRequest)]
+    assert again.prior.cov_ne_m2[0][0] == pytest.approx(first.prior.cov_ne_m2[0][0] / 4)
