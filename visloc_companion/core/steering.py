@@ -46,10 +46,11 @@ class Steering:
 
     def would_end_loss(self, state: NavState, *, stated: bool = False) -> bool:
         """Whether a fix that meets this state is what the way out of LOST hangs on; not where the operator `stated` the place
-        well enough for a vehicle that is not lost."""
+        well enough for a vehicle that is not lost. A link that is away, which makes LOST WAITING, ends no loss."""
         sigma_m, lost_sigma_m = largest_sigma_m(state.cov_ne_m2), self._settings.navigator.lost_sigma_m
-        known = sigma_m <= lost_sigma_m if stated else modes.recovered(sigma_m, lost_sigma_m)
-        return self.mode is Mode.LOST and not known
+        if sigma_m > lost_sigma_m:
+            return True
+        return self.mode is Mode.LOST and not stated and not modes.recovered(sigma_m, lost_sigma_m)
 
     def doubt(self) -> None:
         """The filter starts at a place that no fix has confirmed."""

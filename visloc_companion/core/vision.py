@@ -19,7 +19,7 @@ from visloc_companion.core.open_tracks import OpenTracks
 from visloc_companion.core.place_search import Found, PlaceSearch
 from visloc_companion.core.regaining import Regaining
 from visloc_companion.core.requests import FrameQueue
-from visloc_companion.core.second_opinion import SecondOpinion, doubtful
+from visloc_companion.core.second_opinion import SecondOpinion
 from visloc_companion.core.steering import Steering
 from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.core.terrain_aiding import TerrainAiding
@@ -278,9 +278,7 @@ class Vision:
             waits = Notice(Severity.INFO, "a fix of the terrain from far off waits for a second one")
             return [waits, *self.free_worker(fix, now_ns)]
         fix = self._onboard.stated(fix)
-        lost = self._steering.mode is Mode.LOST
-        far = doubtful(fix) or lost or self._camera_in_question
-        state = self._tracker.at(fix.t_ns) if fix.method == TERRAIN or far else None
+        state = self._tracker.at(fix.t_ns)
         why = None if fix.method == TERRAIN else self._why_waits(fix, state)
         if why is not None:
             return [*why, *self.free_worker(fix, now_ns)]

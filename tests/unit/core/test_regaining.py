@@ -12,7 +12,18 @@ from visloc_companion.core.regaining import FORGET_NS, Regaining, hits_needed
 from visloc_companion.core.settings import CoreSettings, InjectionSettings
 from visloc_companion.core.travel import TravelLog
 from visloc_companion.geo import wgs84
-from visloc_companion.types import Fix, GeoPoint, LocaliseRequest, Mode, NavState, OperatorFix, Vec2
+from visloc_companion.types import (
+    AutopilotKind,
+    Fix,
+    GeoPoint,
+    Injection,
+    LinkChanged,
+    LocaliseRequest,
+    Mode,
+    NavState,
+    OperatorFix,
+    Vec2,
+)
 
 World = Any
 S = 1_000_000_000
@@ -148,6 +159,23 @@ def test_one_fix_is_enough_where_the_operator_said_the_place(world: type[World])
     assert w.notices("operator's position confirmed")
     assert w.notices("a place is seen, fly on to confirm it") == []
     assert w.status_at(SEES_AGAIN_S + 1.5)[0].mode is Mode.AIDING
+
+
+def test_a_link_that_is_away_ends_no_loss(world: type[World]) -> None:
+    """WAITING is not LOST, but nothing is known better: the answer that was under way was taken, and positions were sent."""
+    w = lost(world, lambda t: SEES_AGAIN_S + 0.6 < t < 145.0, first_beside_m=100.0).fly(SEES_AGAIN_S - 0.5)
+    w.latency_s = 3.0
+    while not w.seen_again:
+        w.step()
+    hears = w._telemetry
+    w._telemetry = lambda *_: None
+    w.send(LinkChanged(0, up=False))
+    w.fly(w.t + 5.0)
+    w._telemetry = hears
+    w.send(LinkChanged(0, up=True, autopilot=AutopilotKind.ARDUPILOT, system_id=1))
+    w.fly(144.0)
+    assert not [c for t, c in w.commands if isinstance(c, Injection) and t > SEES_AGAIN_S]
+    assert w.status_at(143.9)[0].mode is Mode.LOST
 
 
 def test_fixes_that_the_filter_refuses_at_first_are_not_asked_to_agree_again() -> None:
