@@ -6,9 +6,11 @@ nothing is injected before a localiser has found the vehicle there.
 
 from __future__ import annotations
 
+import math
+
 from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.geo import wgs84
-from visloc_companion.types import GeoPoint, NavState, OperatorFix
+from visloc_companion.types import Fix, GeoPoint, NavState, OperatorFix
 
 REACH_M = 100_000.0
 MARGIN_M = 50.0
@@ -31,3 +33,11 @@ def objection(said: OperatorFix, origin: GeoPoint | None, receiver: GeoPoint | N
     place = wgs84.geo_from_ned((*held.p_ned_m[:2], 0.0), origin)
     far_m += SIGMAS * largest_sigma_m(held.cov_ne_m2)
     return "far from the fixes" if wgs84.distance_m(said.place, place) > far_m else None
+
+
+def elsewhere(said: OperatorFix, fix: Fix, held: NavState | None, origin: GeoPoint | None) -> bool:
+    """Whether a fix is not of where the operator said; `held`: the state at its time without it, which began there."""
+    if held is None or origin is None:
+        return False
+    north, east, _ = wgs84.ned_from_geo(fix.place, origin)
+    return math.dist((north, east), held.p_ned_m[:2]) > SIGMAS * said.sigma_m + MARGIN_M

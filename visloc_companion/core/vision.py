@@ -78,7 +78,8 @@ class Vision:
         self._second, self._unmatched = SecondOpinion(), UnmatchedWatch()
         self._travel = TravelLog()
         self._regaining, self._first = Regaining(self._travel), FirstFixes(self._travel)
-        self._searching = self._to_confirm = self._lens_doubted = False
+        self._searching = self._lens_doubted = False
+        self._to_confirm: OperatorFix | None = None
         self._off_map_since_ns: int | None = None
         self._max_search_radius_m = max_search_radius_m
 
@@ -215,7 +216,7 @@ class Vision:
     def _stated_off_map(self, event: NoFix) -> list[Command]:
         """Once: a frame taken after the operator's word shows that there is no map there, so nothing can confirm it."""
         since_ns = self._off_map_since_ns
-        if not self._to_confirm or since_ns is None or event.t_ns < since_ns:
+        if self._to_confirm is None or since_ns is None or event.t_ns < since_ns:
             return []
         if event.reason is not Reason.OUTSIDE_MAP or event.method == TERRAIN:
             return []
@@ -233,13 +234,15 @@ class Vision:
             return [Notice(Severity.INFO, f"{self.n_open} places are open")] if begun else []
         self._nothing_open()
         fix = self._onboard.stated(fix)
+        held, before = self._tracker.at(fix.t_ns), self._tracker.belief
         outcome = self._tracker.observe(fix)
         if isinstance(outcome, Rejected):
             return [*self._complaints.about(fix, outcome.reason, now_ns, Severity.INFO)]
         if not isinstance(outcome, Accepted):
             return []
         data = (("probability_wrong", fix.probability_wrong), *fix.evidence)
-        return [Notice(Severity.INFO, "one of the open places is left", data=data), *self._taken(fix, now_ns)]
+        told = Notice(Severity.INFO, "one of the open places is left", data=data)
+        return [told, *self._taken(fix, now_ns, held, anew=self._began_anew(before))]
 
     def _on_found(self, found: Found, now_ns: int) -> list[Command]:
         """The search of the whole map has found the vehicle: the filter starts (again) there."""
@@ -247,7 +250,7 @@ class Vision:
             return []
         self._search.clear()
         self._nothing_open()
-        self._to_confirm = False
+        self._to_confirm = None
         place = wgs84.geo_from_ned((*found.place_ne_m, 0.0), self._tracker.origin)
         if not self._tracker.seed(found.t_ns, place, found.sigma_m):
             return []
@@ -283,8 +286,7 @@ class Vision:
         if why is not None:
             return [*why, *self.free_worker(fix, now_ns)]
         outcome = self._tracker.observe(fix)
-        after = self._tracker.belief
-        origin = self._tracker.origin
+        anew, origin = self._began_anew(before), self._tracker.origin
         if self._terrain is not None and fix.method == TERRAIN and isinstance(outcome, Accepted) and state and origin:
             self._terrain.learn(fix, state, origin)
         taken, trusted = isinstance(outcome, Accepted), self._monitor.trusted
@@ -296,11 +298,11 @@ class Vision:
             self._aiding.reaimed()
             return [*commands, *self.free_worker(fix, now_ns)]
         if isinstance(outcome, Accepted):
-            commands = [*commands, *self._taken(fix, now_ns)]
+            commands = [*commands, *self._taken(fix, now_ns, state, anew=anew)]
             velocity = self._tracker.velocity
             if not self._onboard.ramp.following:
                 self._tracker.height.taken(fix, (0.0, 0.0) if velocity is None else velocity.v_ned_mps[:2])
-            if before is not None and after is not None and after.started_ns != before.started_ns:
+            if anew:
                 commands.append(Notice(Severity.WARNING, "visloc: relocalised", to_operator=True))
         elif isinstance(outcome, Rejected):
             commands += self._complaints.about(fix, outcome.reason, now_ns, Severity.INFO)
@@ -318,7 +320,7 @@ class Vision:
             beside_ne_m = self._tracker.gnss.minus(fix, state.v_ned_mps)
             if self._first.waits(fix, beside_ne_m, -state.p_ned_m[2]):
                 return [Notice(Severity.INFO, "a first fix waits: GNSS or camera, who is wrong is open")]
-        if not self._steering.would_end_loss(state, stated=self._to_confirm):
+        if not self._steering.would_end_loss(state, stated=self._to_confirm is not None):
             waits = self._second.waits(fix, state, origin)
             return [Notice(Severity.INFO, "a fix that may be wrong, from far off, waits for a second one")] if waits else None
         begun = not self._regaining.waiting
@@ -328,17 +330,25 @@ class Vision:
             return [Notice(Severity.NOTICE, "visloc: a place is seen, fly on to confirm it", to_operator=True)]
         return [Notice(Severity.INFO, "a fix after a loss waits for others over other ground")]
 
-    def _taken(self, fix: Fix, now_ns: int) -> list[Command]:
-        """The filter took a fix: no place is open any more, and GNSS is compared with it."""
+    def _began_anew(self, before: Belief | None) -> bool:
+        """Whether a fix made the filter start again."""
+        after = self._tracker.belief
+        return before is not None and after is not None and after.started_ns != before.started_ns
+
+    def _taken(self, fix: Fix, now_ns: int, held: NavState | None, *, anew: bool) -> list[Command]:
+        """The filter, which had the vehicle at `held` then, took a fix or began `anew` there: no place is open any more, and GNSS
+        is compared with it."""
         self._nothing_open()
         self._unmatched.recognised()
         self._first.taken()
         self._steering.taken(now_ns)
-        return [*self._aiding.compare(fix, delay_told=self._onboard.mistimed), *self._confirmed()]
+        return [*self._aiding.compare(fix, delay_told=self._onboard.mistimed), *self._confirmed(fix, held, anew)]
 
-    def _confirmed(self) -> list[Command]:
-        waited, self._to_confirm = self._to_confirm, False
-        return [Notice(Severity.NOTICE, "visloc: operator's position confirmed", to_operator=True)] if waited else []
+    def _confirmed(self, fix: Fix, held: NavState | None, anew: bool) -> list[Command]:
+        said, self._to_confirm = self._to_confirm, None
+        if said is None or (anew and operator_word.elsewhere(said, fix, held, self._tracker.origin)):
+            return []
+        return [Notice(Severity.NOTICE, "visloc: operator's position confirmed", to_operator=True)]
 
     def on_operator(self, event: OperatorFix, t_boot_ns: int, now_ns: int) -> list[Command]:
         """The operator says where the vehicle is; `t_boot_ns`: now, on the autopilot's clock."""
@@ -357,5 +367,5 @@ class Vision:
         self._nothing_open()
         self._regaining.clear()
         self._steering.doubt()
-        self._to_confirm, self._off_map_since_ns = True, now_ns
+        self._to_confirm, self._off_map_since_ns = event, now_ns
         return [Notice(Severity.NOTICE, "visloc: position taken, looking there", to_operator=True)]

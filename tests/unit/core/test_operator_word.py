@@ -121,3 +121,14 @@ def test_a_lost_vehicle_is_found_where_the_operator_says_and_sends_nothing_befor
     assert after.mode is Mode.AIDING
     assert error_m < 8
     assert after.reset_counter != status.reset_counter
+
+
+def test_fixes_far_from_where_the_operator_said_confirm_nothing(world: type[World]) -> None:
+    w = world(jammed=lambda t: True, blind=lambda t: t < 12)
+    w.start()
+    w.fly(5)
+    w.send(OperatorFix(0, true_place(w, 400.0), 10.0))
+    w.fly(30)
+    assert len(w.notices("visloc: relocalised")) == 1
+    assert w.notices("operator's position confirmed") == []
+    assert w.status_at(29)[1] < 8
