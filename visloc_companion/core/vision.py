@@ -366,6 +366,8 @@ class Vision:
             tracker.seed(now_ns, event.place, event.sigma_m)
         self._nothing_open()
         self._regaining.clear()
+        if self._search is not None:
+            self._search.clear()
         self._steering.doubt()
         self._to_confirm, self._off_map_since_ns = event, now_ns
         return [Notice(Severity.NOTICE, "visloc: position taken, looking there", to_operator=True)]

@@ -102,6 +102,18 @@ def test_the_operators_position_ends_the_search(world: type[World]) -> None:
     assert w.status_at(38)[1] < 8
 
 
+def test_a_word_that_leaves_much_open_is_where_the_search_begins_anew(world: type[World]) -> None:
+    """Wider than a tile: a sweep of the whole map that was under way is not finished first."""
+    w = blinkered(world, blind=lambda t: True).fly(40)
+    said = wgs84.geo_from_ned((9000.0, 1500.0, 0.0), ORIGIN)
+    w.send(OperatorFix(0, said, 350.0))
+    w.fly(50)
+    asked_m = [wgs84.distance_m(r.prior.place, said) for t, r, _ in w.requests if t > 40]
+    assert len(asked_m) >= 15
+    assert asked_m[0] < 50
+    assert max(asked_m) < 4000, "two rings of tiles about it"
+
+
 def test_an_origin_that_moves_begins_the_search_anew(world: type[World]) -> None:
     w = blinkered(world).fly(6)
     w.send(OriginChanged(0, wgs84.geo_from_ned((300.0, 0.0, 0.0), ORIGIN)))
