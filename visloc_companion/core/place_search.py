@@ -43,8 +43,11 @@ TEST_EVERY_NS = 2_000_000_000
 MOST_WRONG = 0.02
 """A fix that claims to be wrong with a larger probability tells nothing. On the training landscape 157 of 168 searches about the
 right place gave a better one, none of about 800 about another place that a tile had listed (two gave a worse one)."""
-SAYS_NOTHING = (Reason.LOW_TEXTURE, Reason.BLURRED, Reason.BAD_FRAME, Reason.FROZEN, Reason.BAD_INPUT, Reason.HORIZON_IN_VIEW)
-"""Of the frame, not of the place; as is a worker that was lost."""
+SAYS_NOTHING = (
+    *(Reason.LOW_TEXTURE, Reason.BLURRED, Reason.BAD_FRAME, Reason.FROZEN, Reason.BAD_INPUT, Reason.HORIZON_IN_VIEW),
+    Reason.SUPERSEDED,
+)
+"""Of the frame, or that nobody looked at it, not of the place; as is a worker that was lost."""
 NO_ANSWER = (Reason.WORKER_TIMEOUT, Reason.WORKER_DIED)
 
 
@@ -211,7 +214,9 @@ class PlaceSearch:
     def _listed(self, asked: _Asked, tile: Tile, answer: Fix | NoFix, origin: GeoPoint) -> None:
         """The places that the search of a tile lists become hypotheses. What is merely open was chosen for what this ground looks
         like: only other ground may count for it."""
-        if self._swept is not None:
+        if self._swept is not None and isinstance(answer, NoFix) and answer.reason in SAYS_NOTHING:
+            self._swept[1].untold(tile)
+        elif self._swept is not None:
             self._swept[1].answered(tile, not (isinstance(answer, NoFix) and answer.reason is Reason.OUTSIDE_MAP))
         sigma_m, spacing = LISTED_HEIGHTS * asked.height_m, SPACING_HEIGHTS * asked.height_m
         least = LIKELY if asked.where.share_of_sigmas < 1 else THOROUGH

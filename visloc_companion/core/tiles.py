@@ -32,6 +32,7 @@ class Tiles:
     def _begin(self) -> None:
         self._ring, self._todo = 0, [(0, 0)]
         self._inside_ring, self._met_map = False, False
+        self._again: set[Tile] = set()
 
     @property
     def row_m(self) -> float:
@@ -69,6 +70,14 @@ class Tiles:
             self._inside_ring = True
         else:
             self._outside.add(tile)
+
+    def untold(self, tile: Tile) -> None:
+        """The frame that was to tell of a tile shows nothing: another one is asked at the end of the ring, once a sweep."""
+        if tile in self._again:
+            self.answered(tile, on_map=True)
+            return
+        self._again.add(tile)
+        self._todo.append(tile)
 
     def _behind_the_edge(self, tile: Tile) -> bool:
         """Whether all that leads to a tile from the ring before lies outside, in a sweep that asks about no such tile."""

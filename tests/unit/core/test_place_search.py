@@ -179,6 +179,34 @@ def test_a_frame_that_shows_nothing_speaks_against_no_place() -> None:
     assert sorted(h.log_odds for h in search.places)[0] < before[0]
 
 
+def test_a_question_that_nobody_looked_at_speaks_against_no_place() -> None:
+    search, worker = PlaceSearch(2000.0), Worker(start=(0.0, 0.0))
+    search.answered(worker.answer(1, 1.0, search.next(1, S, HEIGHT_M, 3.0, Reach())), ORIGIN, S)
+    before = [(h.log_odds, h.misses) for h in search.places]
+    assert before
+    search.next(2, 2 * S, HEIGHT_M, 3.0, Reach())
+    search.answered(NoFix(0, 2 * S, 2, 1, "test", Reason.SUPERSEDED, 0.0), ORIGIN, 2 * S)
+    assert [(h.log_odds, h.misses) for h in search.places] == before
+
+
+@pytest.mark.parametrize("why", [Reason.HORIZON_IN_VIEW, Reason.SUPERSEDED])
+def test_a_tile_whose_frame_showed_nothing_is_asked_about_again_in_the_same_sweep(why: Reason) -> None:
+    """In a bank the camera sees the horizon while the tile that has the vehicle in it has its turn."""
+
+    class Banked(Worker):
+        def answer(self, request_id: int, t_s: float, where: Where) -> Fix | NoFix:
+            told = super().answer(request_id, t_s, where)
+            about = sum(math.dist(each.place_ne_m, where.place_ne_m) < 1.0 for each in self.asked)
+            has_it = math.dist(self.truth(t_s), where.place_ne_m) <= 3 * math.sqrt(where.cov_ne_m2[0][0])
+            return (
+                NoFix(0, round(t_s * S), request_id, 1, "test", why, 1.0) if has_it and about == 1 and asked_tile(where) else told
+            )
+
+    found, t_s = searched(Banked(), 120.0)
+    assert found is not None
+    assert t_s < 30.0
+
+
 def asked_tile(where: Where) -> bool:
     return 3 * math.sqrt(where.cov_ne_m2[0][0]) > 900.0
 

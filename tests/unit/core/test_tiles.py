@@ -61,3 +61,19 @@ def test_far_from_the_map_it_is_looked_for_within_reason() -> None:
     asked = sweep(tiles, -1e6)
     assert max(math.hypot(*middle) for middle in asked) == pytest.approx(20_000.0 * math.sqrt(2), rel=0.4)
     assert tiles.next() is None
+
+
+def test_a_tile_of_which_nothing_is_told_comes_again_once_a_sweep() -> None:
+    tiles = Tiles((0.0, 0.0), 900.0)
+    for _ in range(2):
+        asked = []
+        while (tile := tiles.next()) is not None:
+            asked.append(tile)
+            if max(map(abs, tile)) == 1:
+                tiles.untold(tile)
+            else:
+                tiles.answered(tile, tile == (0, 0))
+        ring = asked[1:17]
+        assert len(set(ring)) == 8
+        assert ring[:8] == ring[8:]
+        assert all(asked.count(tile) == 1 for tile in asked[17:])
