@@ -22,7 +22,8 @@ class Situation:
 
     `ready`: link, origin, attitude and a seeded filter are there. `due`: policy and verdict want injection. `recent_fix`:
     the last accepted fix arrived less than `dead_reckoning_after_s` ago. `sigma_m` is the largest horizontal 1-sigma.
-    `stranded`: too low for fixes, and the last one is too long ago to go on without (a landing).
+    `stranded`: too low for fixes, and the last one is too long ago to go on without (a landing). `landed`: so, and disarmed; it
+    is not lost, however unsure its place is by and by.
     """
 
     ready: bool
@@ -31,6 +32,7 @@ class Situation:
     sigma_m: float
     lost_sigma_m: float
     stranded: bool = False
+    landed: bool = False
 
     @property
     def lost(self) -> bool:
@@ -53,7 +55,7 @@ Condition = Callable[[Situation], bool]
 TRANSITIONS: tuple[tuple[Mode, Mode, Condition], ...] = (
     (Mode.WAITING, Mode.SHADOW, lambda s: s.ready),
     (Mode.SHADOW, Mode.WAITING, lambda s: not s.ready),
-    (Mode.SHADOW, Mode.LOST, lambda s: s.lost or (s.due and s.stranded and not s.recent_fix)),
+    (Mode.SHADOW, Mode.LOST, lambda s: not s.landed and (s.lost or (s.due and s.stranded and not s.recent_fix))),
     (Mode.SHADOW, Mode.AIDING, lambda s: s.due and s.recent_fix),
     (Mode.SHADOW, Mode.DEAD_RECKONING, lambda s: s.due),
     (Mode.AIDING, Mode.WAITING, lambda s: not s.ready),
@@ -65,7 +67,7 @@ TRANSITIONS: tuple[tuple[Mode, Mode, Condition], ...] = (
     (Mode.DEAD_RECKONING, Mode.SHADOW, lambda s: not s.due),
     (Mode.DEAD_RECKONING, Mode.AIDING, lambda s: s.recent_fix),
     (Mode.LOST, Mode.WAITING, lambda s: not s.ready),
-    (Mode.LOST, Mode.SHADOW, lambda s: s.recovered and not s.due),
+    (Mode.LOST, Mode.SHADOW, lambda s: s.landed or (s.recovered and not s.due)),
     (Mode.LOST, Mode.AIDING, lambda s: s.recovered and s.due and s.recent_fix),
     (Mode.LOST, Mode.DEAD_RECKONING, lambda s: s.recovered and s.due and not s.stranded),
 )

@@ -71,6 +71,7 @@ class Steering:
             sigma_m=0.0 if state is None else largest_sigma_m(state.cov_ne_m2),
             lost_sigma_m=limits.lost_sigma_m,
             stranded=self._stranded and not self._landed,
+            landed=self._landed,
         )
         before, self.mode = self.mode, modes.next_mode(self.mode, situation)
         if self.mode is before:

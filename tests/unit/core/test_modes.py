@@ -41,6 +41,8 @@ EXPECTED = [
     (L, situation(due=True, fix=True, sigma_m=29), A),
     (L, situation(due=True, sigma_m=29), D),
     (L, situation(due=True, sigma_m=61), L),
+    (S, replace(situation(sigma_m=61), landed=True), S),
+    (L, replace(situation(sigma_m=61), landed=True), S),
 ]
 
 

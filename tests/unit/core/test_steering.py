@@ -24,12 +24,15 @@ class Landing:
         self.t_s = 0.0
         self.steering.taken(0)
 
-    def until(self, end_s: float, sigma_v_mps: float | None, *, low: bool = True, armed: bool = True) -> Mode:
+    def until(
+        self, end_s: float, sigma_v_mps: float | None, *, low: bool = True, armed: bool = True, sigma_m: float = 2.0
+    ) -> Mode:
+        cov_m2 = ((sigma_m**2, 0.0), (0.0, sigma_m**2))
         variance = None if sigma_v_mps is None else ((sigma_v_mps**2, 0.0), (0.0, 0.04))
         while self.t_s < end_s:
             self.t_s += TICK_S
             now_ns = round(self.t_s * 1e9)
-            state = NavState(now_ns, (0.0, 0.0, -10.0), (1.0, 0.0, 0.5), ((4.0, 0.0), (0.0, 4.0)), 1.0, 0.0, variance)
+            state = NavState(now_ns, (0.0, 0.0, -10.0), (1.0, 0.0, 0.5), cov_m2, 1.0, 0.0, variance)
             self.steering.change_mode(state, True, low, armed, now_ns)
         return self.steering.mode
 
@@ -62,6 +65,14 @@ def test_a_vehicle_that_has_landed_is_not_lost_and_may_be_carried_away() -> None
     assert not landing.steering.believed
     assert landing.until(WINDOW_S + 3.0, 0.5) is Mode.LOST, "a take-off without positions"
     assert Landing().until(WINDOW_S + 1.0, 0.5, armed=False) is Mode.SHADOW
+
+
+def test_a_landed_vehicle_is_not_lost_however_long_it_stands() -> None:
+    landing = Landing()
+    assert landing.until(WINDOW_S + 1.0, 0.5, sigma_m=70.0) is Mode.LOST
+    assert landing.until(WINDOW_S + 2.0, 0.5, armed=False, sigma_m=70.0) is Mode.SHADOW
+    assert landing.until(WINDOW_S + 60.0, 0.5, armed=False, sigma_m=400.0) is Mode.SHADOW
+    assert landing.until(WINDOW_S + 61.0, 0.5, sigma_m=400.0) is Mode.LOST, "a take-off from nobody knows where"
 
 
 def test_higher_up_it_is_carried_on() -> None:
