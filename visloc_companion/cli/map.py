@@ -86,7 +86,7 @@ def build(
     from visloc_companion.maps.registration import registration_warnings
     from visloc_companion.prepare.build import build_pack
     from visloc_companion.prepare.check import cloud_info
-    from visloc_companion.prepare.heights import described_range, heights_warnings, surface_range
+    from visloc_companion.prepare.heights import cloud_above_at_places, described_range, heights_warnings, surface_range
 
     _check_date(capture_date)
     if not HEIGHTS_M[0] <= ground_height_m <= HEIGHTS_M[1]:
@@ -125,7 +125,7 @@ def build(
         typer.echo(f"surface {described_range(surface)}")
     if (points := cloud_info(manifest)) is not None:
         typer.echo(f"cloud {described_cloud(points)}")
-    for warning in (*registration_warnings(ortho), *seams, *heights_warnings(pack)):
+    for warning in (*registration_warnings(ortho), *seams, *heights_warnings(cloud_above_at_places(pack))):
         typer.echo(f"warning: {warning}", err=True)
     if manifest.heights.share_known < 0.9995:
         typer.echo(f"warning: {1 - manifest.heights.share_known:.1%} of it has no height and will not be used", err=True)

@@ -58,7 +58,7 @@ class GeoTiff:
     stretch: Stretch | None
     height_unit_m: float | None
     lift_m: float = 0.0
-    shown: Shown = field(default_factory=lambda: Shown((1,)))
+    shown: Shown = field(kw_only=True)
     missing: NDArray[np.bool_] | None = None
 
     @property
@@ -103,9 +103,9 @@ def open_ortho(path: Path, stretches: Mapping[str, Stretch] | None = None) -> Ge
     dataset, crs, T_map_pix = _open(path)
     meanings = _meanings(path, dataset)
     dtype, bands = dataset.dtypes[0], _colour_bands(dataset, meanings)
-    if stretches is None:
-        stretches = {} if dtype == "uint8" else {dtype: _stretch(_sampled(path, dataset, bands, _shown(path, dataset, meanings)))}
     shown = _shown(path, dataset, meanings)
+    if stretches is None:
+        stretches = {} if dtype == "uint8" else {dtype: _stretch(_sampled(path, dataset, bands, shown))}
     missing = None if shown.is_stated else missing_blocks(dataset)
     return GeoTiff(path, dataset, crs, T_map_pix, bands, stretches.get(dtype), None, shown=shown, missing=missing)
 

@@ -17,7 +17,7 @@ from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.maps.manifest import FeatureLevel, Manifest
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.registration import pack_accuracy_m, why_off
-from visloc_companion.prepare.heights import cloud_above_surface_m, heights_warnings, surface_range
+from visloc_companion.prepare.heights import cloud_above_at_places, cloud_above_surface_m, heights_warnings, surface_range
 from visloc_companion.prepare.matchability import Matchability, matchability
 from visloc_companion.prepare.route import along, read_route
 from visloc_companion.types import GeoPoint
@@ -34,6 +34,7 @@ def check_pack(pack: PackMap, route: Path | None, margin_m: float = 0.0, network
     """
     cells = matchability(pack)
     known = int(cells.known.sum())
+    above = cloud_above_at_places(pack)
     result: dict[str, Any] = {
         "schema": 1,
         "name": pack.manifest.name,
@@ -42,7 +43,7 @@ def check_pack(pack: PackMap, route: Path | None, margin_m: float = 0.0, network
         "share_with_height": pack.manifest.heights.share_known,
         "crs_accuracy_m": pack_accuracy_m(pack),
         "surface": surface_range(pack),
-        "cloud_above_surface_m": cloud_above_surface_m(pack),
+        "cloud_above_surface_m": cloud_above_surface_m(above),
         "matchability": {
             "cell_m": cells.cell_m,
             "cells": known,
@@ -56,7 +57,7 @@ def check_pack(pack: PackMap, route: Path | None, margin_m: float = 0.0, network
     result["features"] = features_info(pack.manifest)
     result["cloud"] = cloud_info(pack.manifest)
     result["warnings"] = _warnings(result)
-    result["warnings"] += heights_warnings(pack)
+    result["warnings"] += heights_warnings(above)
     result["warnings"] += [why] if (why := why_off(pack.crs.name, result["crs_accuracy_m"])) else []
     result["warnings"] += [why for each in (GRADIENT, *networks) if (why := pack.why_not_stored(each.name, each.recipe))]
     result["passed"] = route is None or result["route"]["points_outside"] == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -36,21 +37,28 @@ def surface_range(pack: PackMap) -> dict[str, float] | None:
     return {"low_m": low, "median_m": median, "high_m": high}
 
 
-def cloud_above_surface_m(pack: PackMap) -> float | None:
-    """Median of how far the points of a pack's cloud lie above its surface, metres; None where it lacks one of both."""
-    above = _above_at_places(pack)
+def cloud_above_at_places(pack: PackMap) -> list[FloatArray]:
+    """How far points of a pack's cloud lie above its surface, metres, at each of the places that are looked at, (N,) each.
+
+    Empty where it lacks one of both. Raises MapError for damaged pixels.
+    """
+    if pack.cloud is None or pack.manifest.heights.grid is None:
+        return []
+    return [_above(pack, (float(x), float(y))) for row in _grid(pack, CLOUD_SIDE) for x, y in row]
+
+
+def cloud_above_surface_m(above: Sequence[FloatArray]) -> float | None:
+    """Median of what `cloud_above_at_places` gives; None where there is no such point."""
     known = np.concatenate(above) if above else np.zeros(0)
     return round(float(np.median(known)), 2) if known.size else None
 
 
-def heights_warnings(pack: PackMap) -> list[str]:
-    """What is to be said of a cloud that lies beside the surface model, everywhere or in a part of the map.
-
-    Raises MapError for damaged pixels.
-    """
-    above_m, where = cloud_above_surface_m(pack), ""
+def heights_warnings(above: Sequence[FloatArray]) -> list[str]:
+    """What is to be said of a cloud (`cloud_above_at_places`) that lies beside the surface model, everywhere or in a part of the
+    map."""
+    above_m, where = cloud_above_surface_m(above), ""
     if above_m is not None and abs(above_m) <= APART_M:
-        medians = np.array([np.median(above) for above in _above_at_places(pack) if above.size])
+        medians = np.array([np.median(each) for each in above if each.size])
         off = medians[np.abs(medians - above_m) > APART_M]
         alike = off.size >= PART_PLACES and float(np.median(np.abs(off - np.median(off)))) < ALIKE_M
         above_m, where = float(np.median(off)) if alike else None, f" on {off.size / medians.size:.0%} of the map"
@@ -74,13 +82,6 @@ def _grid(pack: PackMap, side: int) -> FloatArray:
     x = box.west_map_m + share * (box.east_map_m - box.west_map_m)
     y = box.north_map_m - share * (box.north_map_m - box.south_map_m)
     return np.stack(np.meshgrid(x, y), axis=-1)
-
-
-def _above_at_places(pack: PackMap) -> list[FloatArray]:
-    """How far points of the cloud lie above the surface, metres, at each of the places that are looked at; empty without both."""
-    if pack.cloud is None or pack.manifest.heights.grid is None:
-        return []
-    return [_above(pack, (float(x), float(y))) for row in _grid(pack, CLOUD_SIDE) for x, y in row]
 
 
 def _above(pack: PackMap, center_map_m: tuple[float, float]) -> FloatArray:
