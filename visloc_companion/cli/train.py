@@ -34,6 +34,10 @@ def features(
         Path | None, typer.Option("--from", metavar="FILE", help="checkpoint.pt of another run whose weights to begin with.")
     ] = None,
     device: Annotated[str, typer.Option(help="cpu, cuda or cuda:N.")] = "cpu",
+    workers: Annotated[
+        int,
+        typer.Option(min=0, help="Processes that make pairs where a GPU waits for them, at most one a core; 0: a thread."),
+    ] = 0,
 ) -> None:
     """Train a network that makes dense features of map and frame."""
     from visloc_companion.train.extra import require_training
@@ -45,7 +49,7 @@ def features(
     settings = load_training_config(config)
     try:
         with _watcher() as watcher:
-            checkpoint = train(settings, data or config.parent, out, watcher, device, first)
+            checkpoint = train(settings, data or config.parent, out, watcher, device, first, workers)
     except KeyboardInterrupt:
         typer.echo(f"broken off; the same command goes on from the last checkpoint in {out}", err=True)
         raise typer.Exit(INTERRUPTED) from None

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Protocol
@@ -18,6 +17,7 @@ import torch
 from torch import nn
 
 from visloc_companion.errors import ModelError
+from visloc_companion.train.ahead import batches_ahead
 from visloc_companion.train.checkpoint import Checkpoint, save_checkpoint, write_file
 from visloc_companion.train.config import TrainingConfig
 from visloc_companion.train.curves import curves_svg
@@ -47,23 +47,37 @@ class Watcher(Protocol):
 
 
 def train(
-    config: TrainingConfig, data: Path, out: Path, watcher: Watcher, device_name: str = "cpu", first: Path | None = None
+    config: TrainingConfig,
+    data: Path,
+    out: Path,
+    watcher: Watcher,
+    device_name: str = "cpu",
+    first: Path | None = None,
+    workers: int = 0,
 ) -> Path:
     """Train, or go on where `out` holds a checkpoint of the same configuration; the path of the last checkpoint.
 
-    `data` is the folder that the sources' folders lie in; `first` a checkpoint whose weights to begin with. Writes
-    `checkpoint.pt`, `log.jsonl` and `curves.svg` as it goes.
-    Raises ConfigError (missing data, full disk, a run of another configuration or process in `out`), CasesError (images that
-    cannot be used), ModelError (damaged checkpoint, loss that is not finite).
+    `data` is the folder that the sources' folders lie in; `first` a checkpoint whose weights to begin with;
+    `workers` processes make pairs (0: a thread). Writes `checkpoint.pt`, `log.jsonl` and `curves.svg` as it goes.
+    Raises ConfigError (missing data, full disk, a run of another configuration or process in `out`, a lost process),
+    CasesError (images that cannot be used), ModelError (damaged checkpoint, loss that is not finite).
     """
     device = checked_device(device_name)
     torch.set_num_threads(config.threads)
     cv2.setNumThreads(1)
     with run_folder(out):
-        return _trained(config, data, out, watcher, device, first)
+        return _trained(config, data, out, watcher, device, first, workers)
 
 
-def _trained(config: TrainingConfig, data: Path, out: Path, watcher: Watcher, device: torch.device, first: Path | None) -> Path:
+def _trained(
+    config: TrainingConfig,
+    data: Path,
+    out: Path,
+    watcher: Watcher,
+    device: torch.device,
+    first: Path | None,
+    workers: int,
+) -> Path:
     beginning = begun(config, out / CHECKPOINT, device, first)
     start = beginning.step
     places, settings = Places(data, watcher.preparing), pair_settings(config.pairs)
@@ -77,7 +91,7 @@ def _trained(config: TrainingConfig, data: Path, out: Path, watcher: Watcher, de
     def batch_of(step: int) -> Batch:
         return make_batch([config.seed, step], sources, settings, config.schedule.batch)
 
-    for step, batch in _ahead(batch_of, start, config.schedule.steps):
+    for step, batch in batches_ahead(batch_of, start, config.schedule.steps, workers):
         run.step(step, _moved(batch, device))
     return out / CHECKPOINT
 
@@ -161,17 +175,6 @@ class _Run:
 
     def _seconds(self) -> float:
         return self._seconds_before + time.monotonic() - self._began
-
-
-def _ahead(make: Callable[[int], Batch], start: int, stop: int) -> Iterator[tuple[int, Batch]]:
-    """Batches in order, the next one made in a thread while this one is learned from."""
-    with ThreadPoolExecutor(1, "pairs") as pool:
-        pending = pool.submit(make, start) if start < stop else None
-        for step in range(start, stop):
-            assert pending is not None
-            batch = pending.result()
-            pending = pool.submit(make, step + 1) if step + 1 < stop else None
-            yield step, batch
 
 
 def _moved(batch: Batch, device: torch.device) -> Batch:

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -58,6 +60,37 @@ def test_a_run_that_is_broken_off_and_resumed_equals_an_uninterrupted_one(tmp_pa
     assert (whole.steps, parts.steps, resumed.steps) == ([1, 2, 3, 4], [1, 2, 3], [3, 4])
     assert whole.validations == [2, 4]
     assert (tmp_path / "parts" / "curves.svg").read_bytes() == (tmp_path / "whole" / "curves.svg").read_bytes()
+
+
+def test_processes_make_the_same_batches_as_a_thread_and_go_on_where_they_were(tmp_path: Path, tiny: Tiny, watcher: Any) -> None:
+    config = tiny()
+    by_a_thread = load_checkpoint(run.train(config, tmp_path, tmp_path / "thread", watcher()))
+    told = watcher()
+    by_processes = load_checkpoint(run.train(config, tmp_path, tmp_path / "processes", told, workers=3))
+    assert_same_state(by_processes, by_a_thread)
+    assert told.steps == [1, 2, 3, 4]
+    with pytest.raises(KeyboardInterrupt):
+        run.train(config, tmp_path, tmp_path / "parts", watcher(break_at=3), workers=2)
+    assert_same_state(load_checkpoint(run.train(config, tmp_path, tmp_path / "parts", watcher(), workers=2)), by_a_thread)
+
+
+def test_a_process_that_is_lost_is_told_and_what_was_learned_stays(
+    tmp_path: Path, tiny: Tiny, watcher: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = run.make_batch
+
+    def killed(seed: list[int], *given: Any) -> Any:
+        if seed[1] == 3 and len(given) == 3:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return made(seed, *given)
+
+    config, out = tiny(), tmp_path / "run"
+    with monkeypatch.context() as patch:
+        patch.setattr(run, "make_batch", killed)
+        with pytest.raises(ConfigError, match=r"--workers: a process that makes pairs was ended from outside; remedy: fewer"):
+            run.train(config, tmp_path, out, watcher(), workers=1)
+    assert load_checkpoint(out / "checkpoint.pt").step == 2
+    assert load_checkpoint(run.train(config, tmp_path, out, watcher(), workers=1)).step == 4
 
 
 def test_another_seed_gives_other_weights_and_the_run_of_another_configuration_is_not_gone_on_with(
