@@ -8,7 +8,7 @@ from collections.abc import AsyncGenerator, Callable
 from dataclasses import replace
 
 from visloc_companion.app.parts import MakeCamera, Parts
-from visloc_companion.errors import CameraError
+from visloc_companion.errors import CameraError, ConfigError
 from visloc_companion.protocols import Camera, FrameSlots
 from visloc_companion.types import FrameRef, Notice, Severity
 
@@ -19,7 +19,8 @@ OPEN_S = 60.0
 
 
 class CameraFeed:
-    """`beat` is called on every frame and every attempt; `report` gets one notice an outage. `parts.camera` is the open one."""
+    """`beat` is called on every frame and every attempt; `report` gets one notice for each reason of an outage. `parts.camera` is
+    the open one."""
 
     def __init__(
         self,
@@ -32,7 +33,7 @@ class CameraFeed:
         self._parts, self._slots, self._make_camera = parts, slots, make_camera
         self._report, self._beat = report, beat
         self._first_id = self._last_id = 0
-        self._trouble = ""
+        self._told: set[str] = set()
 
     async def frames(self) -> AsyncGenerator[FrameRef, None]:
         """Frames, numbered through. Ends with the end of a recording."""
@@ -56,14 +57,14 @@ class CameraFeed:
                         frame = await anext(frames)
                 except StopAsyncIteration:
                     return
-                self._trouble = ""
+                self._told.clear()
                 self._beat()
                 self._last_id = self._first_id + frame.frame_id  # a camera that was opened again counts from its start
                 yield replace(frame, frame_id=self._last_id)
 
     def _complain(self, trouble: str) -> None:
-        if trouble != self._trouble:
-            self._trouble = trouble
+        if trouble not in self._told:
+            self._told.add(trouble)
             self._report(Notice(Severity.WARNING, "camera is opened again", data=(("why", trouble),)))
 
     async def _open_again(self, camera: Camera) -> None:
@@ -73,8 +74,11 @@ class CameraFeed:
         while True:
             self._beat()
             await asyncio.sleep(RETRY_S)
-            with contextlib.suppress(CameraError):
+            try:
                 self._parts.camera = await self._opened()
+            except (CameraError, ConfigError) as why:  # gone, there under another name, or its mask lay on what came out with it
+                self._complain(str(why))
+            else:
                 return
 
     async def _opened(self) -> Camera:

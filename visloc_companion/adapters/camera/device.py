@@ -9,12 +9,14 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
+from visloc_companion.adapters.camera.after_stall import AfterStall
 from visloc_companion.adapters.camera.image import require_size, rgb, stored
 from visloc_companion.errors import CameraError
 from visloc_companion.protocols import Clock, FrameSlots
 from visloc_companion.types import CameraModel, FrameRef, Image
 
 MAX_FAILED_READS = 5
+RELEASE_PATIENCE_S = 1.0
 
 
 class Capture(Protocol):
@@ -28,7 +30,8 @@ class Capture(Protocol):
 
 
 class DeviceCamera:
-    """Frames are stamped on arrival less `latency_s` (mid-exposure to arrival, which the driver does not tell).
+    """Frames are stamped on arrival less `latency_s` (mid-exposure to arrival, which the driver does not tell). Those that waited
+    while the camera stalled are left out and counted in `skipped`.
 
     `capture` replaces the device in tests. Raises CameraError where the device cannot be opened.
     """
@@ -39,9 +42,9 @@ class DeviceCamera:
         self._address, self._model, self._clock = address, model, clock
         self._latency_ns = round(latency_s * 1e9)
         self._capture = _opened(address, model) if capture is None else capture
-        self._idle = asyncio.Event()
-        self._idle.set()
+        self._reading: asyncio.Future[tuple[bool, Any]] | None = None
         self._closed = False
+        self.skipped = 0
 
     def model(self) -> CameraModel:
         """The configured calibration."""
@@ -52,7 +55,7 @@ class DeviceCamera:
 
         Raises CameraError when it gives none several times running, or one of another size than the calibration's.
         """
-        frame_id, failed = 0, 0
+        frame_id, failed, after_stall = 0, 0, AfterStall()
         while True:
             pixels = await self._read()
             now_ns = self._clock.now_ns()
@@ -67,24 +70,32 @@ class DeviceCamera:
                 continue
             frame_id, failed = frame_id + 1, 0
             require_size(pixels.shape[1], pixels.shape[0], self._model, self._address)
-            yield stored(slots, pixels, frame_id, now_ns, now_ns - self._latency_ns)
+            if after_stall.is_fresh(now_ns):
+                yield stored(slots, pixels, frame_id, now_ns, now_ns - self._latency_ns)
+            else:
+                self.skipped += 1
 
     async def _read(self) -> Image | None:
-        self._idle.clear()
-        try:
-            ok, pixels = await asyncio.to_thread(self._capture.read)
-        finally:
-            self._idle.set()
+        self._reading = asyncio.get_running_loop().run_in_executor(None, self._capture.read)
+        ok, pixels = await asyncio.shield(self._reading)  # who gives up waiting does not end what the thread does
         return rgb(np.asarray(pixels)) if ok else None
 
     async def close(self) -> None:
-        """Stop, and release the device once the read in progress is over (at most a second is waited for it)."""
+        """Stop, and release the device once the read in progress is over, also where that outlasts this call: a device that is
+        held cannot be opened again, and one that is released while it is read takes the process with it."""
         self._closed = True
-        try:
-            async with asyncio.timeout(1.0):
-                await self._idle.wait()
-        except TimeoutError:
+        if self._reading is None:
+            self._capture.release()
             return
+        await asyncio.wait({self._reading}, timeout=RELEASE_PATIENCE_S)
+        if self._reading.done():
+            self._release(self._reading)
+        else:
+            self._reading.add_done_callback(self._release)
+
+    def _release(self, read: asyncio.Future[tuple[bool, Any]]) -> None:
+        if not read.cancelled():
+            read.exception()  # nobody else asks for it
         self._capture.release()
 
 
@@ -93,7 +104,10 @@ def _opened(address: str, model: CameraModel) -> Capture:
     capture = cv2.VideoCapture(source)
     if not capture.isOpened():
         raise CameraError(
-            "cannot be opened", where=address, remedy="check the name (ls /dev/video*) and the right to use it (group video)"
+            "cannot be opened",
+            where=address,
+            remedy="check the name (ls /dev/v4l/by-id /dev/video*; those of by-id stay when cameras are plugged in anew) and the "
+            "right to use it (group video)",
         )
     capture.set(cv2.CAP_PROP_FRAME_WIDTH, model.width_px)
     capture.set(cv2.CAP_PROP_FRAME_HEIGHT, model.height_px)

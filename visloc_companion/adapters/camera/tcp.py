@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator
 
+from visloc_companion.adapters.camera.after_stall import AfterStall
 from visloc_companion.adapters.camera.framing import EncodedFrame, Encoding, FrameDecoder, StreamedFrame, encode_frame
 from visloc_companion.adapters.camera.image import require_size, stored
 from visloc_companion.errors import CameraError
@@ -23,7 +24,8 @@ class TcpCamera:
     """Connects to `address` (HOST:PORT) and again, `reconnect_s` later, whenever the connection is refused or lost.
 
     A frame stamped by the autopilot's clock carries `t_boot_ns`; its `t_ns`, as that of all others, is arrival less `latency_s`.
-    Of frames that arrive together only the newest is decoded; the others count in `skipped`, undecodable ones in `damaged`.
+    Of frames that arrive together only the newest is decoded, and those of another clock that waited while the stream stalled are
+    left out; both count in `skipped`, undecodable ones in `damaged`.
     Raises CameraError for an address that is none.
     """
 
@@ -38,6 +40,7 @@ class TcpCamera:
         self._writer: asyncio.StreamWriter | None = None
         self._closed = False
         self._refusal = ""
+        self._after_stall = AfterStall()
         self._frame_id = 0
         self.connections = self.resyncs = self.damaged = self.skipped = 0
 
@@ -63,8 +66,13 @@ class TcpCamera:
                         before = decoder.resyncs
                         frame = await self._newest(decoder.feed(data))
                         self.resyncs += decoder.resyncs - before
-                        if frame is not None:
+                        if frame is None:
+                            continue
+                        self._frame_id += 1
+                        if frame.autopilot_clock or self._after_stall.is_fresh(self._clock.now_ns()):
                             yield self._stored(slots, frame)
+                        else:
+                            self.skipped += 1
                 finally:
                     self._disconnect()
                 alone_since_ns = self._clock.now_ns()
@@ -112,7 +120,6 @@ class TcpCamera:
         return decoded
 
     def _stored(self, slots: FrameSlots, frame: StreamedFrame) -> FrameRef:
-        self._frame_id += 1
         now_ns = self._clock.now_ns()
         t_boot_ns = frame.t_us * 1000 if frame.autopilot_clock else None
         return stored(slots, frame.pixels, self._frame_id, now_ns, now_ns - self._latency_ns, t_boot_ns)

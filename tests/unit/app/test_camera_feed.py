@@ -1,0 +1,56 @@
+"""What the log says of a camera that does not come back."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import cast
+
+import pytest
+
+from tests.unit.app.daemon import FakeCamera, configuration
+from visloc_companion.app import camera_feed
+from visloc_companion.app.camera_feed import CameraFeed
+from visloc_companion.app.clock import MonotonicClock
+from visloc_companion.app.parts import Parts
+from visloc_companion.app.slots import SharedFrameSlots
+from visloc_companion.config import Config
+from visloc_companion.errors import CameraError, ConfigError, VislocError
+from visloc_companion.protocols import Camera, Clock
+from visloc_companion.types import Notice
+
+GONE = CameraError("cannot be opened", where="/dev/video0", remedy="check the name")
+NO_MASK = ConfigError("cannot be read: No such file or directory", where="camera.mask = /media/card/mask.png")
+
+
+class Flown:
+    """What of a daemon's parts a feed needs."""
+
+    def __init__(self, camera: FakeCamera) -> None:
+        self.config, self.clock, self.camera = camera.config, camera.clock, camera
+
+
+@pytest.mark.parametrize("refusal", [GONE, NO_MASK])
+async def test_why_a_camera_cannot_be_opened_again_is_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refusal: VislocError
+) -> None:
+    """Plugged in anew it has another number, and its mask may have gone with it: that it broke says neither."""
+    monkeypatch.setattr(camera_feed, "RETRY_S", 0.02)
+    broken = FakeCamera(configuration(tmp_path), MonotonicClock(), n_frames=2, then="break")
+    refusals, told = [refusal] * 3, list[str]()
+
+    def make(config: Config, clock: Clock) -> Camera:
+        if refusals:
+            raise refusals.pop()
+        made: Camera = FakeCamera(config, clock, n_frames=2)
+        return made
+
+    def report(notice: Notice) -> None:
+        told.extend(str(value) for name, value in notice.data if name == "why")
+
+    with SharedFrameSlots(broken.model()) as slots:
+        feed = CameraFeed(cast("Parts", Flown(broken)), slots, make, report, lambda: None)
+        async with contextlib.aclosing(feed.frames()) as frames:
+            ids = [frame.frame_id async for frame in frames]
+    assert told == ["camera: the cable came out", str(refusal)]
+    assert ids == [0, 1, 2, 3]
