@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -12,10 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rasterio
 from numpy.typing import NDArray
 from rasterio.enums import ColorInterp, Resampling
-from rasterio.errors import NotGeoreferencedWarning, RasterioError
+from rasterio.errors import RasterioError
 from rasterio.windows import Window
 
 from visloc_companion.errors import DatumMissing, MapError, OutsideMap
@@ -28,6 +26,7 @@ from visloc_companion.maps.manifest import require_utf8
 from visloc_companion.maps.overviews import overviews_are_averages
 from visloc_companion.maps.shown import Shown, heights_shown_by, shown_by, thinned
 from visloc_companion.maps.unplaced import require_place
+from visloc_companion.maps.world_file import open_raster
 from visloc_companion.types import FloatArray
 
 IN_MEMORY_BYTES = 400_000_000
@@ -280,9 +279,7 @@ def _open(path: Path) -> tuple[Any, MapCrs, FloatArray]:
     if not path.is_file():
         raise MapError("is a folder" if path.is_dir() else "there is no such file", where=where, remedy="name a GeoTIFF")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            dataset = rasterio.open(path)
+        dataset = open_raster(path)
     except RasterioError as why:
         raise MapError(f"cannot be opened as a raster: {why}", where=where, remedy=_READ_AGAIN) from why
     require_place(path, dataset)

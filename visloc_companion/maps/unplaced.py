@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from visloc_companion.errors import DatumMissing, MapError
+from visloc_companion.maps.world_file import is_pixel_grid
 
 
 def require_place(path: Path, dataset: Any) -> None:
@@ -28,8 +29,9 @@ def require_place(path: Path, dataset: Any) -> None:
     if dataset.crs is None:
         raise DatumMissing("has no coordinate reference system", where=where, remedy=_stating(path, dataset.driver))
     a, b, _, d, e, _ = tuple(dataset.transform)[:6]
-    if dataset.transform.is_identity or not abs(a * e - b * d) >= 1e-30:
-        raise DatumMissing("has no georeference", where=where, remedy="georeference it (gdal_translate -a_ullr, gdalwarp)")
+    if is_pixel_grid(dataset) or not abs(a * e - b * d) >= 1e-30:
+        remedy = "lay its world file beside it (.tfw), or georeference it (gdal_translate -a_ullr, gdalwarp)"
+        raise DatumMissing("has no georeference", where=where, remedy=remedy)
 
 
 def _stating(path: Path, driver: str) -> str:

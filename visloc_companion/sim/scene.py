@@ -18,6 +18,7 @@ from visloc_companion.errors import MapError
 from visloc_companion.geo.raster import T_map_pix_from_gdal, apply_affine, invert_affine
 from visloc_companion.maps.crs import Linearisation, map_crs
 from visloc_companion.maps.geotiff import DatasetLayer, colour_bands, open_dsm
+from visloc_companion.maps.world_file import open_raster
 from visloc_companion.types import FloatArray, GeoPoint, Image
 
 
@@ -90,7 +91,7 @@ class Scene:
         what no land is); holes get the lowest one.
         Raises MapError naming the file, the fault and the remedy.
         """
-        with _readable(ortho), rasterio.open(ortho) as source:
+        with _readable(ortho), open_raster(ortho) as source:
             pixels, transform, crs = _pixels(source, ortho), source.transform, source.crs
         heights = np.full(pixels.shape[:2], ground_h_amsl_m, np.float32)
         if dsm is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ from rasterio import Affine
 from rasterio.crs import CRS
 
 from visloc_companion.errors import DatumMissing, MapError
-from visloc_companion.maps.geotiff import open_ortho
+from visloc_companion.maps.geotiff import files_of, open_ortho
+from visloc_companion.sim.scene import Scene
 
 GREY = np.random.default_rng(4).integers(1, 255, (64, 64), np.uint8)
 EAST, NORTH = 604_000.0, 5_350_000.0
@@ -53,3 +55,42 @@ def test_a_file_of_several_rasters_names_one(tmp_path: Path) -> None:
             out.write(GREY, 1)
     with pytest.raises(MapError, match=r"a\.gpkg: holds 2 rasters, such as GPKG:.*:(north|south); remedy: .*gdal_translate"):
         open_ortho(path)
+
+
+PIXELS = {
+    "identity": Affine.identity(),
+    "north up": Affine(1, 0, 0, 0, -1, 0),
+    "up from zero": Affine(1, 0, 0, 0, -1, 64),
+    "centres": Affine(1, 0, -0.5, 0, -1, 0.5),
+}
+
+
+@pytest.mark.parametrize("counted", PIXELS)
+def test_a_world_file_is_taken_where_the_raster_only_counts_its_pixels(tmp_path: Path, counted: str) -> None:
+    """GDAL would take the GeoTIFF's own word and put the map at 0, 0."""
+    path = tmp_path / "a.tif"
+    profile = {"width": 64, "height": 64, "count": 1, "dtype": "uint8", "crs": "EPSG:32632", "transform": PIXELS[counted]}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+        with rasterio.open(path, "w", "GTiff", **profile) as out:
+            out.write(GREY, 1)
+    with pytest.raises(DatumMissing, match=r"a\.tif: has no georeference; remedy: lay its world file beside it \(\.tfw\), or"):
+        open_ortho(path)
+    path.with_suffix(".tfw").write_text(f"0.5\n0\n0\n-0.5\n{EAST}\n{NORTH}\n")
+    tiff = open_ortho(path)
+    assert np.allclose(tiff.T_map_pix, [[0.5, 0, EAST], [0, -0.5, NORTH]])
+    tiff.dataset.close()
+    assert files_of(path) == [path, path.with_suffix(".tfw")], "what its place comes from is hashed with it"
+    scene = Scene.load(path)
+    assert np.allclose(scene.T_map_pix, tiff.T_map_pix)
+
+
+def test_a_georeference_stands_against_a_world_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    place = Affine(1, 0, EAST, 0, -1, NORTH)
+    with rasterio.open(path, "w", "GTiff", width=64, height=64, count=1, dtype="uint8", crs="EPSG:32632", transform=place) as out:
+        out.write(GREY, 1)
+    path.with_suffix(".tfw").write_text("0.5\n0\n0\n-0.5\n600000\n5000000\n")
+    tiff = open_ortho(path)
+    assert np.allclose(tiff.T_map_pix, [[1, 0, EAST + 0.5], [0, -1, NORTH - 0.5]])
+    tiff.dataset.close()
