@@ -76,7 +76,7 @@ def open_source(
     Raises LogError, JournalError, MapError or ConfigError naming what is wrong.
     """
     if not flight.exists():
-        raise ConfigError("is not there", where=str(flight), remedy="name a log, a journal or a folder")
+        raise LogError("is not there", where=str(flight), remedy="name a log, a journal or a folder")
     pace, is_journal = _pace(speed) if speed is not None else None, _is_journal(flight)
     if is_journal and (system_id or boot):
         raise ConfigError("are for logs, not for journals", where="--system-id, --boot", remedy="leave them out")

@@ -154,7 +154,7 @@ def test_a_lens_that_is_none_is_named_with_its_file(log: Path, tmp_path: Path, t
 
 
 def test_wrong_flights_are_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="is not there"):
+    with pytest.raises(LogError, match="is not there"):
         run(tmp_path / "none.tlog")
     with pytest.raises(LogError, match="needs one telemetry file"):
         run(tmp_path)

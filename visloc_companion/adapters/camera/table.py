@@ -14,15 +14,31 @@ TIME_BASES = ("autopilot_boot", "unix", "offset")
 _A_ROW_EACH = "write a row for each frame of the video, in its order"
 
 
+def require_name(path: Path, kind: ErrorKind = CameraError) -> None:
+    """Refuse a folder that has this file under a name in other letters, large for small: it would be passed over in silence.
+
+    Raises an error of `kind` naming both.
+    """
+    if path.exists() or not path.parent.is_dir():
+        return
+    if alike := [other for other in sorted(path.parent.iterdir()) if other.name.lower() == path.name.lower()]:
+        raise kind("is not read under this name", where=str(alike[0]), remedy=f"name it {path.name}")
+
+
 def files_listed(table: Path, kind: ErrorKind = CameraError) -> list[tuple[int, str]]:
-    """(t_us, file) in time order. Raises an error of `kind` naming row and column."""
-    found = []
+    """(t_us, file) in time order, what is there twice once. Raises an error of `kind` naming row and column, and for two files of
+    one time."""
+    require_name(table, kind)
+    found: dict[int, tuple[int, str]] = {}
     for number, row in enumerate(read_table(table, ("t_us", "file"), kind), start=1):
         t_us = _time_us(table, number, row, kind)
         if not row["file"]:
             raise refuse(table, number, "file", "has no file name", "name the image of each row", kind)
-        found.append((t_us, row["file"]))
-    return sorted(found, key=lambda row: row[0])
+        first, known = found.setdefault(t_us, (number, row["file"]))
+        if known != row["file"]:
+            what = f"has the time of row {first} and another file"
+            raise refuse(table, number, "t_us", what, "write finer times, and the frames of one camera only", kind)
+    return [(t_us, found[t_us][1]) for t_us in sorted(found)]
 
 
 def times_of_video(table: Path, video: Path, kind: ErrorKind = CameraError) -> tuple[int, ...]:
@@ -60,6 +76,7 @@ def stamped_by_autopilot(folder: Path) -> bool:
     Raises CameraError for a damaged file and an unknown base.
     """
     path = folder / "camera.toml"
+    require_name(path)
     if not path.exists():
         return False
     try:

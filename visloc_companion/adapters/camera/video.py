@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from visloc_companion.adapters.camera.image import as_stored, require_size, rgb, stored
-from visloc_companion.adapters.camera.table import stamped_by_autopilot, times_of_video
+from visloc_companion.adapters.camera.table import require_name, stamped_by_autopilot, times_of_video
 from visloc_companion.errors import CameraError
 from visloc_companion.protocols import Clock, FrameSlots
 from visloc_companion.types import CameraModel, FrameRef
@@ -34,6 +34,8 @@ class VideoCamera:
         size = [int(self._capture.get(prop)) for prop in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
         require_size(size[0], size[1], model, str(path))
         tables = [self._path.with_suffix(".csv"), self._path.parent / "frames.csv"]
+        for candidate in tables:
+            require_name(candidate)
         table = next((candidate for candidate in tables if candidate.exists()), None)
         self._t_us = None if table is None else times_of_video(table, self._path)
         self._of_autopilot = self._t_us is not None and stamped_by_autopilot(self._path.parent)

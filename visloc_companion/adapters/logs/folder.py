@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from visloc_companion.adapters.camera.table import TIME_BASES
+from visloc_companion.adapters.camera.table import TIME_BASES, require_name
 from visloc_companion.adapters.logs.frames import FrameSource, notes_on, open_frames
 from visloc_companion.adapters.logs.open import LOG_SUFFIXES, open_log
 from visloc_companion.adapters.logs.recording import NS_PER_S, NS_PER_US, Recording
@@ -73,6 +73,8 @@ def open_folder(folder: Path, find_offset: FindOffset | None = None, system_id: 
     Raises LogError or ConfigError naming the file, what is wrong with it, and the remedy.
     """
     recording = open_log(_telemetry(folder), system_id, boot)
+    for name in ("camera.toml", "truth.csv"):
+        require_name(folder / name, LogError)
     settings = _camera_toml(folder / "camera.toml")
     stated_ns = _boot_from_file_ns(folder / "camera.toml", settings, recording, sought=find_offset is not None)
     camera = None
@@ -100,11 +102,22 @@ def open_folder(folder: Path, find_offset: FindOffset | None = None, system_id: 
     frames_ns = [t_us * NS_PER_US + stated_ns for t_us in frames.t_us] if frames is not None else []
     notes = (
         *(_station_judged(stated_ns, recording, frames, camera, find_offset) if of_station else ()),
+        *_starts_noted(settings, recording, any_times=bool(frames_ns or truth)),
         *of_frames,
         *_outside(folder, "frames", frames_ns, recording, stated_ns),
         *_outside(folder, "rows of truth.csv", [row.t_ns for row in truth], recording, stated_ns),
     )
     return FlightFolder(folder, recording, camera, frames, _about(truth, recording), stated_ns, found, notes)
+
+
+def _starts_noted(settings: dict[str, Any], recording: Recording, *, any_times: bool) -> list[str]:
+    """A sentence where the autopilot started more than once: the clock of each start begins at zero."""
+    if not (any_times and recording.losses.reboots and settings.get("time_base", TIME_BASES[0]) == TIME_BASES[0]):
+        return []
+    return [
+        "WARNING: the autopilot started more than once in this log, and t_us counts from the first start that was read: frames "
+        'and truth that count from another lie at wrong times. Write them in UTC (time_base = "unix"), or those of one start.'
+    ]
 
 
 def _station_judged(
@@ -160,7 +173,7 @@ def _outside(folder: Path, what: str, times_ns: Sequence[int], recording: Record
 
 
 def _telemetry(folder: Path) -> Path:
-    found = sorted(path for path in folder.glob("telemetry.*") if path.suffix.lower() in LOG_SUFFIXES)
+    found = sorted(path for path in folder.iterdir() if path.stem.lower() == "telemetry" and path.suffix.lower() in LOG_SUFFIXES)
     if len(found) != 1:
         names = ", ".join(path.name for path in found) or "none"
         raise LogError(

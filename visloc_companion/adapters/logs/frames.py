@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 from visloc_companion.adapters.camera.image import decode_image
-from visloc_companion.adapters.camera.table import files_listed, times_of_video
+from visloc_companion.adapters.camera.table import files_listed, require_name, times_of_video
 from visloc_companion.adapters.logs.video import VIDEO_SUFFIXES, VideoFrames, own_times_us, turn_deg
 from visloc_companion.errors import LogError
 from visloc_companion.types import Image
@@ -47,7 +47,8 @@ def open_frames(folder: Path, start_us: int | None) -> FrameSource | None:
     there twice.
     """
     table = folder / "frames.csv"
-    videos = [path for path in sorted(folder.glob("video.*")) if path.suffix.lower() in VIDEO_SUFFIXES]
+    require_name(table, LogError)
+    videos = [path for path in sorted(folder.iterdir()) if path.stem.lower() == "video" and path.suffix.lower() in VIDEO_SUFFIXES]
     if len(videos) > 1:
         names = ", ".join(path.name for path in videos)
         raise LogError(f"may hold one video, has {names}", where=str(folder), remedy="leave that of the flight there")

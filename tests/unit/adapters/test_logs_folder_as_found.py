@@ -1,0 +1,110 @@
+"""Flight folders as they are found: names of other systems, frames there twice, frames of several starts."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink2
+
+from tests.unit.adapters.test_camera_sources import MODEL as CAMERA
+from tests.unit.adapters.test_camera_sources import JumpingClock, all_of, folder_of
+from tests.unit.adapters.test_camera_sources import Slots as KeptSlots
+from tests.unit.adapters.test_logs_folder import LENS, UNIX_US, make_video, telemetry
+from visloc_companion.adapters.camera.files import FilesCamera
+from visloc_companion.adapters.logs.folder import open_folder
+from visloc_companion.errors import CameraError, LogError
+
+
+@pytest.fixture
+def found(tmp_path: Path) -> Path:
+    telemetry(tmp_path)
+    for k in range(3):
+        cv2.imwrite(str(tmp_path / f"f{k}.png"), np.full((48, 64, 3), (10, 20, 30 + k), np.uint8))
+    (tmp_path / "frames.csv").write_text("t_us,file\n60200000,f2.png\n60000000,f0.png\n60100000,f1.png\n")
+    (tmp_path / "truth.csv").write_text("t_us,lat_deg,lon_deg,h_amsl_m\n60000000,47.3,8.55,501\n")
+    (tmp_path / "camera.toml").write_text(LENS)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("name", "other"), [("frames.csv", "Frames.CSV"), ("truth.csv", "Truth.csv"), ("camera.toml", "CAMERA.TOML")]
+)
+def test_a_file_in_other_letters_is_not_passed_over(found: Path, name: str, other: str) -> None:
+    """Windows takes either; a truth or frames that nobody read would be missed by nobody."""
+    (found / name).rename(found / other)
+    with pytest.raises(LogError, match=rf"{other}: is not read under this name; remedy: name it {name}"):
+        open_folder(found)
+
+
+async def test_nor_by_the_daemons_camera(tmp_path: Path) -> None:
+    """Without its time base each frame would bear the time of its arrival."""
+    folder = folder_of(tmp_path, ["a.png"], "0, a.png\n")
+    (folder / "Camera.toml").write_text('time_base = "autopilot_boot"\n')
+    with pytest.raises(CameraError, match=r"Camera\.toml: is not read under this name; remedy: name it camera\.toml"):
+        FilesCamera(folder, CAMERA, JumpingClock())
+    (folder / "Camera.toml").rename(folder / "camera.toml")
+    assert [frame.t_boot_ns for frame in await all_of(FilesCamera(folder, CAMERA, JumpingClock()), KeptSlots())] == [0]
+
+
+def test_log_and_video_may_be_in_other_letters(found: Path) -> None:
+    make_video(found)
+    (found / "video.avi").rename(found / "VIDEO.AVI")
+    (found / "telemetry.tlog").rename(found / "Telemetry.TLOG")
+    (found / "camera.toml").write_text(LENS + "video_start_us = 60000000\n")
+    frames = open_folder(found).frames
+    assert frames is not None
+    assert len(frames.t_us) == 6
+    assert frames.pixels(3) is not None
+
+
+@pytest.mark.parametrize("name", ["Flug über See/Bild 1.png", "写真/%05d&{x}.png", "a,b.png"])
+def test_names_may_hold_what_file_systems_allow(found: Path, name: str) -> None:
+    (found / name).parent.mkdir(exist_ok=True)
+    (found / "f0.png").rename(found / name)
+    quoted = f'"{name}"' if "," in name else name
+    (found / "frames.csv").write_text(f"t_us,file\n60000000,{quoted}\n", encoding="utf-8-sig")
+    opened = open_folder(found)
+    assert opened.frames is not None
+    assert opened.frames.pixels(0) is not None
+
+
+def test_a_frame_that_is_listed_twice_counts_once(found: Path) -> None:
+    """Lists that were put together from overlapping parts; seen twice, the camera would seem to be frozen."""
+    (found / "frames.csv").write_text("t_us,file\n60100000,f1.png\n60000000,f0.png\n60100000.0,f1.png\n")
+    frames = open_folder(found).frames
+    assert frames is not None
+    assert frames.t_us == (60_000_000, 60_100_000)
+
+
+@pytest.mark.parametrize("kind", [LogError, CameraError])
+def test_two_files_of_one_time_are_refused(found: Path, kind: type[Exception]) -> None:
+    """Of two cameras, or of times in whole seconds: which of them was taken then nobody knows."""
+    (found / "frames.csv").write_text("t_us,file\n60000000,f0.png\n61000000,f1.png\n61000000,f2.png\n")
+    words = r"frames\.csv, row 3, column t_us: has the time of row 2 and another file; remedy: write finer times, and"
+    with pytest.raises(kind, match=words):
+        open_folder(found) if kind is LogError else FilesCamera(found, CAMERA, JumpingClock())
+
+
+@pytest.mark.parametrize(
+    ("toml", "told"), [("", True), ('time_base = "unix"\n', False), ('time_base = "offset"\noffset_s = 0.0\n', False)]
+)
+def test_frames_of_several_starts_of_the_autopilot_are_told(found: Path, toml: str, told: bool) -> None:
+    """The clock of each begins at zero: frames of the second would be placed into the first flight."""
+    mav = mavlink2.MAVLink(None, srcSystem=1, srcComponent=1)
+    with (found / "telemetry.tlog").open("ab") as file:
+        for k in range(20):
+            for message in (mav.heartbeat_encode(2, 3, 0, 0, 4), mav.attitude_encode(1_000 + 100 * k, 0, 0, 0, 0, 0, 0)):
+                file.write(struct.pack(">Q", UNIX_US + 20_000_000 + 100_000 * k) + bytes(message.pack(mav)))
+    (found / "camera.toml").write_text(LENS + toml)
+    if "unix" in toml:
+        for name in ("frames.csv", "truth.csv"):
+            text = (found / name).read_text()
+            (found / name).write_text(text.replace("\n60", f"\n{(UNIX_US + 0) // 1_000_000}"))
+    opened = open_folder(found)
+    assert opened.recording.losses.reboots == 1
+    said = [note for note in opened.notes if "started more than once in this log, and t_us counts from the first start" in note]
+    assert len(said) == told
