@@ -144,7 +144,8 @@ def _as_json(result: CaseResult) -> dict[str, Any]:
 def _from_json(document: dict[str, Any]) -> CaseResult:
     fix = None if document["fix"] is None else from_dict({"type": Fix.__name__} | document["fix"])
     reason = Reason(document["reason"]) if document["reason"] is not None else None
-    return CaseResult(**document | {"fix": fix, "reason": reason})
+    size = document.get("frame_px")
+    return CaseResult(**document | {"fix": fix, "reason": reason, "frame_px": None if size is None else (size[0], size[1])})
 
 
 def _progress(what: str, done: int, total: int, started: float) -> None:

@@ -101,6 +101,8 @@ def _run(
     for result in results:
         if result.reason in (Reason.BAD_INPUT, Reason.BAD_FRAME):
             typer.echo(f"{result.case_id}: {result.detail}", err=True)
+    for warning in document.get("warnings", ()):
+        typer.echo(f"WARNING: {warning}", err=True)
     if report is not None:
         with results_into(report, "--report"):
             typer.echo(write_image_report(report, document, results, read_truth(cases), cases=read_cases(cases)[:limit]))

@@ -33,7 +33,7 @@ SOLVABLE = {"0": False, "false": False, "1": True, "true": True}
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """Calibration of a case; the size comes with the frame."""
+    """Calibration of a case; the size comes with the frame, where `size_px` (width and height) does not say whose it is."""
 
     fx_px: float
     fy_px: float
@@ -41,6 +41,7 @@ class Camera:
     cy_px: float
     distortion: tuple[float, ...]
     distortion_model: DistortionModel = "brown_conrady"
+    size_px: tuple[int, int] | None = None
 
     def model(self, frame: Image) -> CameraModel:
         """The camera model of a frame of this size."""
@@ -199,7 +200,17 @@ def _camera(row: dict[str, str]) -> Camera:
     models = {str(model): model for model in DISTORTION_COEFFICIENTS}
     if name not in models:
         raise ValueError(f"distortion_model is none of {', '.join(models)}: {name!r}")
-    return Camera(fx, fy, cx, cy, _distortion(row["distortion"], models[name]), models[name])
+    return Camera(fx, fy, cx, cy, _distortion(row["distortion"], models[name]), models[name], _size_px(row))
+
+
+def _size_px(row: dict[str, str]) -> tuple[int, int] | None:
+    """What the calibration is for; the columns may be missing or empty."""
+    if not (row.get("width_px") or row.get("height_px")):
+        return None
+    width, height = (_number({c: row.get(c) or ""}, c) for c in ("width_px", "height_px"))
+    if min(width, height) < 1 or width % 1 or height % 1:
+        raise ValueError(f"width_px and height_px are no size: {width:g} x {height:g}")
+    return int(width), int(height)
 
 
 def _truth(row: dict[str, str]) -> Truth:

@@ -22,6 +22,7 @@ from visloc_companion.evaluate.batch import run_all
 from visloc_companion.evaluate.case_ids import require_truth_of
 from visloc_companion.evaluate.case_places import require_truth_near
 from visloc_companion.evaluate.cases import BadCase, Case, read_cases, read_frame, read_truth
+from visloc_companion.evaluate.frame_sizes import mixed_sizes
 from visloc_companion.evaluate.image_metrics import CaseResult, summarise
 from visloc_companion.evaluate.map_sigma import MapSigma, with_map_sigma
 from visloc_companion.evaluate.protection import horizontal_bound_m
@@ -60,7 +61,7 @@ def evaluate_image(
     network: NetworkChoice = SHIPPED,
     map_sigma: MapSigma = UNSTATED,
 ) -> tuple[dict[str, Any], list[CaseResult]]:
-    """Localise all cases of a folder; the result as it is written to JSON, and case by case.
+    """Localise all cases of a folder; the result as it is written to JSON, with `warnings` where there are any, and case by case.
 
     Raises CasesError where the folder cannot be read, ConfigError for an unknown method, ModelError for a network that cannot be
     used. A case that cannot be read is a `no_fix` with its reason.
@@ -82,6 +83,8 @@ def evaluate_image(
         "cases": [as_json(result) for result in results],
         "summary": summarise(results, truth),
     }
+    if warnings := mixed_sizes(cases, results):
+        document["warnings"] = warnings
     return document, results
 
 
@@ -134,8 +137,8 @@ def run_case(
         threads=network.threads or default_threads(),
         looks=looks,
     )
-    channels = 1 if pixels.ndim == 2 else 3
-    frame = FrameRef(0, 0, 0, 0, model.width_px, model.height_px, channels)
+    channels, frame_px = 1 if pixels.ndim == 2 else 3, (model.width_px, model.height_px)
+    frame = FrameRef(0, 0, 0, 0, *frame_px, channels)
     try:
         answer = localiser.localise(LocaliseRequest(0, frame, case.prior, 1), pixels, reference)
     except Exception as fault:  # as above
@@ -143,8 +146,9 @@ def run_case(
     evidence = dict(answer.evidence)
     elapsed_ms = answer.elapsed_ms - evidence.get("map_ms", 0.0)
     if isinstance(answer, Fix):
-        return CaseResult(case.case_id, with_map_sigma(answer, map_sigma), None, "", elapsed_ms, evidence, reference.gsd_m)
-    return CaseResult(case.case_id, None, answer.reason, answer.detail, elapsed_ms, evidence, reference.gsd_m)
+        fix = with_map_sigma(answer, map_sigma)
+        return CaseResult(case.case_id, fix, None, "", elapsed_ms, evidence, reference.gsd_m, frame_px)
+    return CaseResult(case.case_id, None, answer.reason, answer.detail, elapsed_ms, evidence, reference.gsd_m, frame_px)
 
 
 def _without_answer(case: Case, fault: Exception) -> CaseResult:
@@ -153,10 +157,13 @@ def _without_answer(case: Case, fault: Exception) -> CaseResult:
 
 
 def _camera_model(case: Case, pixels: Image) -> CameraModel:
-    """The camera of a case and its frame, with the mask that the case names. Raises ConfigError for a rational or fisheye lens
-    that folds within the picture (a Brown-Conrady one is looked at as it is), and for a mask that is missing or none of the
-    frame."""
+    """The camera of a case and its frame, with the mask that the case names. Raises ConfigError for a frame of another size than
+    the case states, for a rational or fisheye lens that folds within the picture (a Brown-Conrady one is looked at as it is), and
+    for a mask that is missing or none of the frame."""
     model = case.camera.model(pixels)
+    if case.camera.size_px not in (None, (model.width_px, model.height_px)):
+        what = f"{model.width_px} x {model.height_px} px, calibrated for {case.camera.size_px[0]} x {case.camera.size_px[1]}"
+        raise ConfigError(what, where=f"frame = {case.frame}", remedy="give the frame as it was taken, or its own calibration")
     if model.distortion_model != "brown_conrady" and (why := why_folded(model)):
         raise ConfigError(why, where="distortion")
     if case.mask is None:

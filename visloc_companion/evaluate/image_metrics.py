@@ -26,7 +26,8 @@ FAR_PX = 10.0
 
 @dataclass(frozen=True, slots=True)
 class CaseResult:
-    """What came out of one case: a fix, or why there is none. `map_gsd_m` is 0 where the map could not be read."""
+    """What came out of one case: a fix, or why there is none. `map_gsd_m` is 0 where the map could not be read, `frame_px` (width
+    and height) None where the frame could not be."""
 
     case_id: str
     fix: Fix | None
@@ -35,6 +36,7 @@ class CaseResult:
     elapsed_ms: float = 0.0
     evidence: dict[str, float] = field(default_factory=dict)
     map_gsd_m: float = 0.0
+    frame_px: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, slots=True)
