@@ -20,6 +20,7 @@ from visloc_companion.core.gnss_receiver import Interference, Reports, Talk, aut
 from visloc_companion.core.gnss_trust import VISION_AGE_S, Trust
 from visloc_companion.core.settings import GnssSettings
 from visloc_companion.types import (
+    FIX_3D,
     AutopilotKind,
     Baro,
     Cov2,
@@ -36,8 +37,6 @@ from visloc_companion.types import (
 
 MAX_SIGMA_SHARE = 2.0
 """A receiver that states a poor accuracy is believed up to this multiple of `gnss_sigma_m`: no spoofer may widen the gate."""
-FIX_3D = 3
-"""Of GPS_RAW_INT: neither autopilot takes less for a position, whatever `min_fix_type` asks for."""
 FALSE_AGAIN = 0.9
 """In a probation vision disagrees at this probability."""
 ODOMETRY = "odometry_disagrees"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from visloc_companion.geo.wgs84 import ned_from_geo
 from visloc_companion.types import (
+    FIX_3D,
     Command,
     Event,
     Fix,
@@ -181,7 +182,7 @@ class _Collected:
         match entry.event if entry.event is not None else entry.command:
             case Status() as status:
                 self.statuses.append((entry.now_ns, status))
-            case Gnss(receiver=0, fix_type=fix_type, place=place) if fix_type >= 3:
+            case Gnss(receiver=0, fix_type=fix_type, place=place) if fix_type >= FIX_3D:
                 self.gnss.append((entry.now_ns, place))
             case Fix() | NoFix() as answer:
                 self.answers.append(answer)

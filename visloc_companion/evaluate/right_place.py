@@ -12,7 +12,7 @@ from visloc_companion.adapters.logs.recording import Recording
 from visloc_companion.adapters.logs.truth import TruthRow
 from visloc_companion.errors import LogError
 from visloc_companion.maps.pack import PackMap
-from visloc_companion.types import Event, FloatArray, GeoPoint, Gnss, PriorPose
+from visloc_companion.types import FIX_3D, Event, FloatArray, GeoPoint, Gnss, PriorPose
 
 FAR_M = 100_000.0
 """No vehicle of a map is so far from all of it."""
@@ -81,7 +81,9 @@ def least_distance_m(area: Area, lat_lon_deg: FloatArray) -> float:
 def flown_places(events: Sequence[tuple[int, Event]]) -> FloatArray:
     """(N, 2) latitudes and longitudes, degrees, of the autopilot's positions and of the receivers' with a fix; none at 0, 0,
     which is what both say before they know."""
-    known = (event for _, event in events if isinstance(event, PriorPose) or (isinstance(event, Gnss) and event.fix_type >= 3))
+    known = (
+        event for _, event in events if isinstance(event, PriorPose) or (isinstance(event, Gnss) and event.fix_type >= FIX_3D)
+    )
     places = lat_lon_deg_of([event.place for event in known])
     return np.asarray(places[np.abs(places).max(axis=1) > 1e-3])
 

@@ -8,7 +8,7 @@ from random import Random
 from visloc_companion.sim.faults import GnssEffect
 from visloc_companion.sim.faults.gnss import REGAIN_S
 from visloc_companion.sim.vehicle_noise import GaussMarkov
-from visloc_companion.types import Vec3
+from visloc_companion.types import FIX_3D, Vec3
 
 FIX_GOOD, FIX_NONE = 6, 1
 SATELLITES_GOOD, SATELLITES_NONE = 10, 3
@@ -37,7 +37,7 @@ class GnssSample:
     @property
     def has_fix(self) -> bool:
         """Whether position and velocity mean anything."""
-        return self.fix_type >= 3
+        return self.fix_type >= FIX_3D
 
 
 @dataclass(frozen=True, slots=True)

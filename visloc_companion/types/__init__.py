@@ -40,6 +40,7 @@ from visloc_companion.types.commands import (
     TiltPrior,
 )
 from visloc_companion.types.events import (
+    FIX_3D,
     Attitude,
     Baro,
     EstimatorStatus,
@@ -85,6 +86,7 @@ from visloc_companion.types.values import (
 
 __all__ = [
     "DISTORTION_COEFFICIENTS",
+    "FIX_3D",
     "Accepted",
     "Attitude",
     "AutopilotKind",

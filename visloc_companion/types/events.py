@@ -40,6 +40,10 @@ class LocalPose:
     v_ned_mps: Vec3
 
 
+FIX_3D = 3
+"""`fix_type` of GPS_RAW_INT, of ArduPilot's logs and of PX4's: neither autopilot takes less for a position."""
+
+
 @dataclass(frozen=True, slots=True)
 class Gnss:
     """The raw receiver (GPS_RAW_INT). Unknown accuracies are None. `receiver` numbers the receivers from 0 (GPS2_RAW is 1)."""

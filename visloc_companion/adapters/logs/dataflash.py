@@ -30,6 +30,7 @@ from visloc_companion.errors import LogError
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.geo.wgs84 import geo_from_autopilot_ned
 from visloc_companion.types import (
+    FIX_3D,
     Attitude,
     AutopilotKind,
     EstimatorStatus,
@@ -209,7 +210,7 @@ class _Reader:
         t_ns = self._at(fields, "T")
         place = _place(fields["Lat"], fields["Lng"], fields["Alt"])
         status, speed, course = int(fields["Status"]), _finite(fields["Spd"]), math.radians(_finite(fields["GCrs"]))
-        if status >= 3:
+        if status >= FIX_3D:
             self._h_amsl_m = place.h_amsl_m
             self._home = self._home or place
             self._set_unix(fields, t_ns)

@@ -10,6 +10,7 @@ from pathlib import Path
 from visloc_companion.errors import LogError
 from visloc_companion.geo.wgs84 import distance_m, geo_from_autopilot_ned
 from visloc_companion.types import (
+    FIX_3D,
     Attitude,
     AutopilotKind,
     Event,
@@ -159,7 +160,7 @@ def _first_position(events: list[tuple[int, Event]]) -> list[tuple[int, GeoPoint
     has_fix = False
     for t_ns, event in events:
         if isinstance(event, Gnss):
-            has_fix = event.fix_type >= 3
+            has_fix = event.fix_type >= FIX_3D
         elif isinstance(event, PriorPose) and has_fix:
             return [(t_ns, GeoPoint(event.place.lat_deg, event.place.lon_deg, event.place.h_amsl_m - event.h_rel_m))]
     return []

@@ -19,6 +19,7 @@ from visloc_companion.adapters.mavlink.codec_gimbal import frame_of, has_failed
 from visloc_companion.errors import LogError
 from visloc_companion.geo.se3 import normalised
 from visloc_companion.types import (
+    FIX_3D,
     Attitude,
     AutopilotKind,
     EstimatorStatus,
@@ -242,7 +243,7 @@ def _unix_minus_boot_ns(gnss: Topic | None) -> int | None:
     told_ns = [
         int(row["time_utc_usec"]) * NS_PER_US - t_ns
         for t_ns, row in _rows(gnss or [])
-        if row.get("time_utc_usec", 0) > 0 and row.get("fix_type", 0) >= 3
+        if row.get("time_utc_usec", 0) > 0 and row.get("fix_type", 0) >= FIX_3D
     ]
     return round(statistics.median(told_ns)) if told_ns else None
 

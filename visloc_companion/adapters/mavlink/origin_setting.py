@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from visloc_companion.adapters.mavlink.dialect import Message, mav
 from visloc_companion.adapters.mavlink.outputs.global_position import e7
-from visloc_companion.types import AutopilotKind, GeoPoint, LinkChanged
+from visloc_companion.types import FIX_3D, AutopilotKind, GeoPoint, LinkChanged
 
 _NS_PER_S = 1_000_000_000
 PATIENCE_NS, PERIOD_NS = 10 * _NS_PER_S, 5 * _NS_PER_S
 """An autopilot that hears satellites finds its own origin; one that was just heard may have one to tell."""
-_FIX_3D = 3
 
 
 class OriginSetter:
@@ -26,7 +25,7 @@ class OriginSetter:
 
     def hear(self, msg: Message, now_ns: int) -> None:
         """Take a message of the autopilot."""
-        if msg.get_type() == "GPS_RAW_INT" and msg.fix_type >= _FIX_3D:
+        if msg.get_type() == "GPS_RAW_INT" and msg.fix_type >= FIX_3D:
             self._since_ns = now_ns
 
     def restart(self, now_ns: int) -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from visloc_companion.doctor.facts import Facts, LinkFacts
 from visloc_companion.doctor.finding import Finding, Rule, amber, green, red, skipped
 from visloc_companion.doctor.rules.link import link_rule
+from visloc_companion.types import FIX_3D
 
-FIX_3D, LEAST_SATELLITES = 3, 6
+LEAST_SATELLITES = 6
 
 
 @link_rule(
