@@ -32,7 +32,7 @@ def replay(
     system_id: Annotated[
         int, typer.Option("--system-id", min=0, max=255, help="Vehicle of a telemetry log; 0: the one heard most.")
     ] = 0,
-    boot: Annotated[int, typer.Option("--boot", min=0, help="Which boot of an ArduPilot log; 0: the one that tells most.")] = 0,
+    boot: Annotated[int, typer.Option("--boot", min=0, help="Which boot of an on-board log; 0: the one that tells most.")] = 0,
 ) -> None:
     """Replay a flight: GNSS verdicts and dead reckoning, with frames and a map its fixes, of a journal also its commands.
 

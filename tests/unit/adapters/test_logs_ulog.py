@@ -198,3 +198,49 @@ def test_a_bit_in_the_instance_costs_nothing(tmp_path: Path) -> None:
     data[data.index(ATTITUDE)] ^= 4
     recording = open_log(write(tmp_path / "a.ulg", bytes(data)))
     assert sum(isinstance(event, Attitude) for _, event in recording.events) == 30
+
+
+def another(n: int, start_us: int, lat_deg: float, boot_unix_us: int) -> bytes:
+    parts = [header()]
+    for k in range(n):
+        us = start_us + 100_000 * k
+        place = (round(lat_deg * 1e7), 85_500_000, 518_000)
+        parts += [
+            packed("vehicle_attitude", us, 1.0, 0.0, 0.0, 0.0),
+            packed("vehicle_local_position", us, lat_deg, 8.55, 488.0, 1.0 * k, 2.0, -30.0, 10.0, 0.5, 0.0, *(True,) * 5),
+            packed("vehicle_global_position", us, lat_deg, 8.55, 518.0),
+            packed("vehicle_gps_position", us, boot_unix_us + us, *place, 0.9, 1.4, 10.0, 0.5, 0.1, 3, True, 17),
+        ]
+    return b"".join(parts)
+
+
+def flown(path: Path, boot: int = 0) -> tuple[set[float], list[int], tuple[str, ...]]:
+    """Latitudes, first and last time (s) of the positions, and what is told."""
+    recording = open_log(path, boot=boot)
+    poses = [(t_ns, event.place.lat_deg) for t_ns, event in recording.events if isinstance(event, PriorPose)]
+    times = sorted(t_ns // 10**9 for t_ns, _ in poses)
+    return {lat_deg for _, lat_deg in poses}, [times[0], times[-1]], recording.notes
+
+
+@pytest.mark.parametrize(("start_us", "n"), [(20_000_000, 90), (5_000_000, 90), (200_000_000, 90), (20_000_000, 40)])
+def test_of_logs_of_several_boots_in_one_file_one_is_read(tmp_path: Path, start_us: int, n: int) -> None:
+    """Read as one log, the second flight went on where the first one ended, 11 km away, or was lost."""
+    boot_us, day_us = 1_600_000_000_000_000, 86_400_000_000
+    joined = another(60, 20_000_000, 47.4, boot_us) + another(n, start_us, 47.5, boot_us + day_us)
+    path = write(tmp_path / "a.ulg", joined)
+    first, second = ({47.4}, [20, 25]), ({47.5}, [start_us // 10**6, (start_us + 100_000 * (n - 1)) // 10**6])
+    longer = 2 if n > 60 else 1
+    told = f"The log holds 2 boots of the autopilot (1 of 6 s, 2 of {n / 10:.0f} s); read was {{}}, --boot reads another."
+    assert flown(path) == (*(second if longer == 2 else first), (told.format(longer),))
+    assert flown(path, boot=1) == (*first, (told.format(1),))
+    assert flown(path, boot=2) == (*second, (told.format(2),))
+    assert open_log(path).losses.as_dict() == dict.fromkeys(open_log(path).losses.as_dict(), 0) | {"reboots": 1}
+    with pytest.raises(LogError, match=r"a\.ulg: holds no boot 3 of the autopilot; remedy: name one of 1 to 2$"):
+        open_log(path, boot=3)
+
+
+def test_logs_of_one_boot_in_one_file_are_one(tmp_path: Path) -> None:
+    """PX4 begins another log with each arming."""
+    boot_us = 1_600_000_000_000_000
+    joined = another(60, 20_000_000, 47.4, boot_us) + another(40, 90_000_000, 47.5, boot_us)
+    assert flown(write(tmp_path / "a.ulg", joined)) == ({47.4, 47.5}, [20, 93], ())

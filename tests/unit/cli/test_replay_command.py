@@ -121,7 +121,7 @@ def test_an_alert_limit_that_is_none_is_refused(log: Path, tmp_path: Path, limit
     ("suffix", "option", "kind", "words"),
     [
         ("tlog", "--system-id", LogError, r"no autopilot of system 2; remedy: name one that is there: 1"),
-        ("tlog", "--boot", LogError, r"no on-board log of ArduPilot.*leave --boot out"),
+        ("tlog", "--boot", LogError, r"is a telemetry log: its boots follow each other.*leave --boot out"),
         ("bin", "--system-id", LogError, r"no telemetry log: it is of one vehicle; remedy: leave --system-id out"),
         ("mcap", "--system-id", ConfigError, r"are for logs, not for journals"),
     ],

@@ -14,7 +14,8 @@ import statistics
 from pathlib import Path
 
 from visloc_companion.adapters.logs.attitude_rates import rates_between
-from visloc_companion.adapters.logs.dataflash_format import Fields, logs_of, messages
+from visloc_companion.adapters.logs.boots import chosen_boot, goes_on, logs_of
+from visloc_companion.adapters.logs.dataflash_format import BEGINNING, Fields, messages
 from visloc_companion.adapters.logs.lone_leaps import without_lone_leaps
 from visloc_companion.adapters.logs.recording import (
     NS_PER_MS,
@@ -62,8 +63,6 @@ _LEAP_NS, _MAX_STEP_NS = 2 * NS_PER_S, 3600 * NS_PER_S
 _CONFIRMED, _CONFIRMED_LONG = 1, 20
 """So many messages must go on from a leap of the clock, more beyond `_MAX_STEP_NS` (disarmed for hours, not logging)."""
 _FEW_EVENTS = 20
-_APART_NS = 10 * NS_PER_S
-"""No receiver's latency, and no leap second, makes so much of a difference between what two logs of one boot say of its UTC."""
 _GPS_EPOCH_UNIX_S = 315_964_800
 _LEAP_SECONDS = ((1_483_228_800, 18), (1_435_708_800, 17), (1_341_100_800, 16), (1_230_768_000, 15), (0, 14))
 """UTC instants (Unix seconds) from which GPS time is so many seconds ahead of UTC."""
@@ -79,45 +78,28 @@ def read_dataflash(path: Path, boot: int = 0) -> Recording:
     if not boots:
         what = "holds no ATT, GPS or POS message" + " as ArduPilot writes them" * bool(losses.dropped_messages)
         raise LogError(what, where=str(path), remedy="name a DataFlash log (.bin) of ArduPilot, or PX4's .ulg")
-    if boot > len(boots):
-        raise LogError(f"holds no boot {boot} of the autopilot", where=str(path), remedy=f"name one of 1 to {len(boots)}")
-    read = boot or 1 + max(range(len(boots)), key=lambda k: len(boots[k].events))
+    read, others = chosen_boot(path, [one.events for one in boots], boot)
     losses.reboots = len(boots) - 1
-    one = boots[read - 1]
+    one = boots[read]
     events, leaps = without_lone_leaps(path, in_order(one.events), losses)
-    return Recording(path, _KIND, events, losses, one.unix_minus_boot_ns, notes=(*_others_noted(boots, read), *leaps))
+    return Recording(path, _KIND, events, losses, one.unix_minus_boot_ns, notes=(*others, *leaps))
 
 
 def _boots(data: bytes, losses: Losses) -> list[_Reader]:
-    """One reader for each boot. Logs that were written one after another into one file are told apart by how each begins; one
-    whose clock goes on from the log before is of the same boot, unless GPS time says that the autopilot started in between."""
+    """One reader for each boot."""
     boots: list[_Reader] = []
-    for log in logs_of(data):
+    for log in logs_of(data, BEGINNING):
         reader = _Reader(losses)
         for name, fields in messages(log, _WANTED, losses):
             reader.take(name, fields)
         if not reader.events:
             continue
-        if boots and reader.events[0][0] >= boots[-1].events[-1][0] - NS_PER_S and not _started_apart(boots[-1], reader):
+        if boots and goes_on(boots[-1].events, reader.events, boots[-1].unix_minus_boot_ns, reader.unix_minus_boot_ns):
             boots[-1].events += reader.events
             boots[-1].utc_told_ns += reader.utc_told_ns
         else:
             boots.append(reader)
     return boots
-
-
-def _started_apart(one: _Reader, other: _Reader) -> bool:
-    """Whether both know when their autopilot started, and that is not the same."""
-    if one.unix_minus_boot_ns is None or other.unix_minus_boot_ns is None:
-        return False
-    return abs(one.unix_minus_boot_ns - other.unix_minus_boot_ns) > _APART_NS
-
-
-def _others_noted(boots: list[_Reader], read: int) -> tuple[str, ...]:
-    if len(boots) == 1:
-        return ()
-    spans = ", ".join(f"{k} of {(b.events[-1][0] - b.events[0][0]) / NS_PER_S:.0f} s" for k, b in enumerate(boots, start=1))
-    return (f"The log holds {len(boots)} boots of the autopilot ({spans}); read was {read}, --boot reads another.",)
 
 
 class _Reader:

@@ -15,7 +15,8 @@ from visloc_companion.adapters.logs.recording import Losses
 
 _HEAD = b"\xa3\x95"
 _FMT_TYPE, _FMT_LENGTH = 0x80, 89
-_BEGINNING = _HEAD + bytes((_FMT_TYPE, _FMT_TYPE, _FMT_LENGTH)) + b"FMT\0"
+BEGINNING = _HEAD + bytes((_FMT_TYPE, _FMT_TYPE, _FMT_LENGTH)) + b"FMT\0"
+"""Of each log: the format of the formats."""
 _FMT = struct.Struct("<BB4s16s64s")
 Fields = dict[str, Any]
 
@@ -27,14 +28,6 @@ class _Format:
     layout: struct.Struct
     columns: tuple[str, ...]
     multipliers: tuple[float | None, ...]
-
-
-def logs_of(data: bytes) -> list[bytes]:
-    """The logs that lie one after another in a file: each begins with the format of the formats."""
-    starts = [0]
-    while (at := data.find(_BEGINNING, max(1, starts[-1] + 1))) >= 0:
-        starts.append(at)
-    return [data[start:end] for start, end in zip(starts, [*starts[1:], len(data)], strict=True)]
 
 
 def messages(data: bytes, wanted: Collection[str], losses: Losses) -> Iterator[tuple[str, Fields]]:

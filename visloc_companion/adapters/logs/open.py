@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 from visloc_companion.adapters.logs.dataflash import read_dataflash
@@ -13,7 +12,7 @@ from visloc_companion.adapters.logs.tlog import read_tlog
 from visloc_companion.adapters.logs.ulog import read_ulog
 from visloc_companion.errors import LogError
 
-_Reader = Callable[[Path], Recording]
+_Reader = Callable[..., Recording]
 _BY_SUFFIX: dict[str, _Reader] = {".tlog": read_tlog, ".bin": read_dataflash, ".ulg": read_ulog, ".ulog": read_ulog}
 LOG_SUFFIXES = tuple(_BY_SUFFIX)
 _REMEDY = "give a .tlog, .bin or .ulg file, an .mcap journal, or a folder with telemetry.*"
@@ -23,7 +22,7 @@ def open_log(path: Path, system_id: int = 0, boot: int = 0) -> Recording:
     """The events of a telemetry log (.tlog), an ArduPilot log (.bin) or a PX4 log (.ulg), with an EKF origin.
 
     `system_id`: the vehicle of a telemetry log (0: the one whose heartbeats are most); `boot`: which of several boots in one
-    ArduPilot log, from 1 (0: the one that tells most). Raises LogError naming the file where it is missing, of another kind, or
+    on-board log, from 1 (0: the one that tells most). Raises LogError naming the file where it is missing, of another kind, or
     holds no such flight.
     """
     try:
@@ -36,15 +35,10 @@ def open_log(path: Path, system_id: int = 0, boot: int = 0) -> Recording:
         raise LogError(f"is no log that is known (it begins with {head[:8].hex(' ')})", where=str(path), remedy=_REMEDY)
     if system_id and reader is not read_tlog:
         raise LogError("is no telemetry log: it is of one vehicle", where=str(path), remedy="leave --system-id out")
-    if boot and reader is not read_dataflash:
-        raise LogError(
-            "is no on-board log of ArduPilot: its boots are not told apart", where=str(path), remedy="leave --boot out"
-        )
-    if reader is read_tlog:
-        reader = partial(read_tlog, system_id=system_id)
-    elif reader is read_dataflash:
-        reader = partial(read_dataflash, boot=boot)
-    return with_origin(reader(path))
+    if boot and reader is read_tlog:
+        raise LogError("is a telemetry log: its boots follow each other", where=str(path), remedy="leave --boot out")
+    chosen = {"system_id": system_id} if reader is read_tlog else {"boot": boot}
+    return with_origin(reader(path, **chosen))
 
 
 def _by_content(head: bytes) -> _Reader | None:

@@ -7,11 +7,13 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from visloc_companion.adapters.logs.attitude_rates import rates_between
+from visloc_companion.adapters.logs.boots import chosen_boot, goes_on, logs_of
 from visloc_companion.adapters.logs.lone_leaps import without_lone_leaps
 from visloc_companion.adapters.logs.recording import NS_PER_US, Losses, Recording, in_order, link_up, read_bytes
 from visloc_companion.adapters.logs.ulog_format import MAGIC, Row, read_topics
@@ -53,11 +55,48 @@ Topic = list[Row]
 _HOUR_US, _HALF_DAY_US = 3_600_000_000, 43_200_000_000
 
 
-def read_ulog(path: Path) -> Recording:
-    """The flight in a ULog. Raises LogError for a file that is none or that tells nothing of a flight."""
+@dataclass(slots=True)
+class _Boot:
+    """Events of one boot in time order, and its UTC (Unix minus boot time) where a receiver says so."""
+
+    events: list[tuple[int, Event]]
+    unix_minus_boot_ns: int | None
+
+
+def read_ulog(path: Path, boot: int = 0) -> Recording:
+    """The flight in a ULog; of several boots in one file, one: `boot` counts from 1, 0 is the one that tells most.
+
+    Raises LogError for a file that is none or that tells nothing of a flight, or where there are not so many boots.
+    """
     data, losses = read_bytes(path), Losses()
     if not data.startswith(MAGIC):
         raise LogError("does not start as a ULog does", where=str(path), remedy="name a .ulg file of PX4")
+    boots = _boots(data, losses)
+    if not boots:
+        raise LogError("holds no attitude and no position", where=str(path), remedy="log vehicle_attitude and the positions")
+    read, others = chosen_boot(path, [one.events for one in boots], boot)
+    losses.reboots = len(boots) - 1
+    events, leaps = without_lone_leaps(path, boots[read].events, losses)
+    opening = (events[0][0], link_up(events[0][0], _KIND))
+    changes = list(_changes([opening, *events]))
+    return Recording(path, _KIND, changes, losses, boots[read].unix_minus_boot_ns, notes=(*others, *leaps))
+
+
+def _boots(data: bytes, losses: Losses) -> list[_Boot]:
+    boots: list[_Boot] = []
+    for log in logs_of(data, MAGIC):
+        one = _read(log, losses)
+        if not one.events:
+            continue
+        if boots and goes_on(boots[-1].events, one.events, boots[-1].unix_minus_boot_ns, one.unix_minus_boot_ns):
+            boots[-1].events = in_order([*boots[-1].events, *one.events])
+        else:
+            boots.append(one)
+    return boots
+
+
+def _read(data: bytes, losses: Losses) -> _Boot:
+    """What a single log tells."""
     topics = read_topics(data, _TOPICS, losses)
     events: list[tuple[int, Event]] = []
     for name, convert in _CONVERTERS.items():
@@ -68,11 +107,7 @@ def read_ulog(path: Path) -> Recording:
     events += _attitudes(topics.get("vehicle_attitude", []), losses)
     events += _origins(topics.get("vehicle_local_position", []), losses)
     events += _global_positions(topics, losses)
-    if not events:
-        raise LogError("holds no attitude and no position", where=str(path), remedy="log vehicle_attitude and the positions")
-    events, leaps = without_lone_leaps(path, in_order(events), losses)
-    opening = (events[0][0], link_up(events[0][0], _KIND))
-    return Recording(path, _KIND, list(_changes([opening, *events])), losses, _unix_minus_boot_ns(gnss), notes=leaps)
+    return _Boot(in_order(events), _unix_minus_boot_ns(gnss))
 
 
 def _changes(events: list[tuple[int, Event]]) -> Iterator[tuple[int, Event]]:
