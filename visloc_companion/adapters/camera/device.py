@@ -10,12 +10,13 @@ import cv2
 import numpy as np
 
 from visloc_companion.adapters.camera.after_stall import AfterStall
-from visloc_companion.adapters.camera.image import require_size, rgb, stored
+from visloc_companion.adapters.camera.image import is_half_decoded, require_size, rgb, stored
 from visloc_companion.errors import CameraError
 from visloc_companion.protocols import Clock, FrameSlots
 from visloc_companion.types import CameraModel, FrameRef, Image
 
-MAX_FAILED_READS = 5
+MAX_FAILED_READS, MAX_DAMAGED = 5, 50
+"""So many one after another, and the camera is given up."""
 RELEASE_PATIENCE_S = 1.0
 
 
@@ -31,7 +32,7 @@ class Capture(Protocol):
 
 class DeviceCamera:
     """Frames are stamped on arrival less `latency_s` (mid-exposure to arrival, which the driver does not tell). Those that waited
-    while the camera stalled are left out and counted in `skipped`.
+    while the camera stalled are left out and counted in `skipped`, those whose JPEG came in part in `damaged`.
 
     `capture` replaces the device in tests. Raises CameraError where the device cannot be opened.
     """
@@ -44,7 +45,7 @@ class DeviceCamera:
         self._capture = _opened(address, model) if capture is None else capture
         self._reading: asyncio.Future[tuple[bool, Any]] | None = None
         self._closed = False
-        self.skipped = 0
+        self.skipped = self.damaged = 0
 
     def model(self) -> CameraModel:
         """The configured calibration."""
@@ -53,9 +54,10 @@ class DeviceCamera:
     async def frames(self, slots: FrameSlots) -> AsyncIterator[FrameRef]:
         """Frames as the device gives them, read in a thread.
 
-        Raises CameraError when it gives none several times running, or one of another size than the calibration's.
+        Raises CameraError when it gives none several times running, or many in part only, or one of another size than the
+        calibration's.
         """
-        frame_id, failed, after_stall = 0, 0, AfterStall()
+        frame_id, failed, in_part, after_stall = 0, 0, 0, AfterStall()
         while True:
             pixels = await self._read()
             now_ns = self._clock.now_ns()
@@ -70,7 +72,16 @@ class DeviceCamera:
                 continue
             frame_id, failed = frame_id + 1, 0
             require_size(pixels.shape[1], pixels.shape[0], self._model, self._address)
-            if after_stall.is_fresh(now_ns):
+            fresh = after_stall.is_fresh(now_ns)
+            in_part = in_part + 1 if is_half_decoded(pixels) else 0
+            if in_part >= MAX_DAMAGED:
+                remedy = (
+                    "check cable and connector, or lower the camera's rate or its JPEG quality: the line is too slow for them"
+                )
+                raise CameraError("gives frames that are half decoded", where=self._address, remedy=remedy)
+            if in_part:
+                self.damaged += 1
+            elif fresh:
                 yield stored(slots, pixels, frame_id, now_ns, now_ns - self._latency_ns)
             else:
                 self.skipped += 1

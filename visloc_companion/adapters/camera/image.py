@@ -20,10 +20,13 @@ CHECKED_ROWS = 8
 _AS_STORED = cv2.IMREAD_IGNORE_ORIENTATION | cv2.IMREAD_ANYDEPTH
 """Calibrations know nothing of the turn that EXIF proposes to viewers."""
 _JPEG, _SCAN, _END = b"\xff\xd8", 0xDA, b"\xff\xd9"
+_FILL, _CORNER_PX = 128, 4
+"""What a JPEG decoder puts where blocks are missing, and so much of the last one: a lens's rim is black, a sensor has noise."""
 
 
 def decode_image(data: bytes, *, keep_grey: bool = False) -> Image | None:
-    """(H, W, 3) RGB of an image file's bytes, (H, W) of a grey one with `keep_grey`; None where they are damaged or cut off.
+    """(H, W, 3) RGB of an image file's bytes, (H, W) of a grey one with `keep_grey`; None where they are damaged or cut off, as
+    far as a decoder tells.
 
     Values of more than 8 bits are stretched between nearly their least and greatest: a thermal camera uses few of them.
     """
@@ -34,7 +37,15 @@ def decode_image(data: bytes, *, keep_grey: bool = False) -> Image | None:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error:
         return None
-    return None if pixels is None else rgb(np.asarray(pixels))
+    if pixels is None or (data.startswith(_JPEG) and is_half_decoded(np.asarray(pixels))):
+        return None
+    return rgb(np.asarray(pixels))
+
+
+def is_half_decoded(pixels: NDArray[Any]) -> bool:
+    """Whether a picture that was a JPEG, (H, W) or (H, W, C), ends in what decoders fill in: data that were lost on the way leave
+    too few blocks, and all behind them show the ground elsewhere."""
+    return pixels.dtype == np.uint8 and bool((pixels[-_CORNER_PX:, -_CORNER_PX:] == _FILL).all())
 
 
 def as_stored(video: cv2.VideoCapture) -> cv2.VideoCapture:
