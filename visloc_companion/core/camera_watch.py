@@ -1,7 +1,8 @@
 """Tells the operator once when frames stop, and once when they come again. A picture that is repeated is no frame.
 
 Nor is one that only its compression tells from the one before (the worker sees that), nor one whose stamp says that it is old, or
-still to come: a camera process stamps with another clock than the autopilot's, or sends what has waited in a buffer.
+still to come: a camera process stamps with another clock than the autopilot's, or sends what has waited in a buffer. Nor is one
+that bears the time of the one before.
 """
 
 from __future__ import annotations
@@ -29,14 +30,21 @@ class CameraWatch:
         self._frame_rx_ns: int | None = None
         self._silent = False
         self._checksum: int | None = None
+        self._t_boot_ns: int | None = None
+        self._stamp_stands = False
         self._age_ns: int | None = None
         self._frozen_ns: int | None = None
         self._told_frozen = False
 
     def is_new(self, frame: FrameRef) -> bool:
-        """Whether a frame differs from the one before."""
+        """Whether a frame differs from the one before, and its own stamp, too: of frames that bear one time only the first may
+        have been taken then."""
         before, self._checksum = self._checksum, frame.checksum
-        return frame.checksum is None or frame.checksum != before
+        stamped_ns, self._t_boot_ns = self._t_boot_ns, frame.t_boot_ns
+        if frame.checksum is not None and frame.checksum == before:
+            return False
+        self._stamp_stands = frame.t_boot_ns is not None and frame.t_boot_ns == stamped_ns
+        return not self._stamp_stands
 
     def on_frame(self, t_rx_ns: int, t_taken_ns: int) -> list[Command] | None:
         """A new frame arrived that was taken then, both on the shell's clock; None where that makes it useless."""
@@ -76,6 +84,8 @@ class CameraWatch:
 
     @property
     def _trouble(self) -> str:
+        if self._age_ns is None and self._stamp_stands:
+            return "camera stamps stand still, unused"
         if self._age_ns is None:
             return "no new camera frames" if self._frame_rx_ns is not None else "no camera frames yet"
         seconds, way = abs(self._age_ns) * 1e-9, "old" if self._age_ns > 0 else "ahead"

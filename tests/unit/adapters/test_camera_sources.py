@@ -124,6 +124,16 @@ async def test_an_image_of_another_size_names_file_sizes_and_remedy(tmp_path: Pa
         await all_of(FilesCamera(folder, MODEL, JumpingClock()), Slots())
 
 
+async def test_an_image_of_another_size_among_others_is_left_out(tmp_path: Path) -> None:
+    """A camera that broke is opened again; a recording would begin anew each time."""
+    folder = folder_of(tmp_path, ["a.png", "b.png", "c.png"], "0, a.png\n1, b.png\n2, c.png\n")
+    write_png(folder / "b.png", picture(1, 80, 60))
+    camera, slots = FilesCamera(folder, MODEL, JumpingClock()), Slots()
+    frames = await all_of(camera, slots)
+    assert [int(slots.read(frame)[0, 0, 0]) for frame in frames] == [100, 102]
+    assert (camera.misfits, camera.unreadable) == (1, 0)
+
+
 @pytest.mark.parametrize(
     ("table", "text"),
     [

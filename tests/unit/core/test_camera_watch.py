@@ -19,6 +19,31 @@ def test_a_picture_that_is_repeated_is_not_new_unless_nobody_looked() -> None:
     assert seen == [True, False, True, True, False, True, True, True]
 
 
+def stamped(number: int, t_boot_s: float | None) -> FrameRef:
+    boot_ns = None if t_boot_s is None else round(t_boot_s * 1e9)
+    return FrameRef(number, number, number, 0, 64, 48, 3, t_boot_ns=boot_ns, checksum=number)
+
+
+def test_of_frames_that_bear_one_time_only_the_first_counts() -> None:
+    """Stamps in whole seconds: the last frame of each was taken almost a second after the time it bears."""
+    watch = CameraWatch()
+    seen = [watch.is_new(stamped(k, int(0.2 * k))) for k in range(15)]
+    assert [k for k, new in enumerate(seen) if new] == [0, 5, 10]
+    assert all(watch.is_new(stamped(k, t_s)) for k, t_s in enumerate((3.0, 2.9, 3.0, None, None, 3.0), start=20)), (
+        "but one before"
+    )
+
+
+def test_stamps_that_stand_still_are_told() -> None:
+    watch = CameraWatch()
+    for k in range(4):
+        if watch.is_new(stamped(k, 60.0)):
+            watch.on_frame(k * 10**9, k * 10**9)
+    assert texts(watch.check(4 * 10**9)) == ["visloc: camera stamps stand still, unused"]
+    assert watch.is_new(stamped(5, 65.0))
+    assert texts(watch.on_frame(5 * 10**9, 5 * 10**9) or []) == ["camera frames are back"]
+
+
 def test_a_camera_that_is_not_configured_is_not_missed() -> None:
     watch = CameraWatch()
     assert watch.check(0) == watch.check(10 * FIRST_FRAME_NS) == []
