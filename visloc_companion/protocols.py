@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from typing import Protocol, runtime_checkable
 
 from visloc_companion.types import (
@@ -86,6 +86,9 @@ class Camera(Protocol):
 
     def frames(self, slots: FrameSlots) -> AsyncIterator[FrameRef]:
         """Frames as they come, stamped mid-exposure on the shell's clock; raises CameraError where it broke for good."""
+
+    def left_out(self) -> Mapping[str, int]:
+        """How many frames were left out since it was opened, by why, in words; not those that a newer one overtook."""
 
     async def close(self) -> None:
         """Release the device."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
+from collections import Counter
 from collections.abc import AsyncGenerator, Callable
 from dataclasses import replace
 
@@ -16,11 +18,13 @@ STALL_S = 5.0
 RETRY_S = 2.0
 OPEN_S = 60.0
 """A network camera's library takes half a minute to find that nobody answers."""
+TELL_S = 60.0
+"""Between two words on frames that are left out, unless the camera breaks."""
 
 
 class CameraFeed:
-    """`beat` is called on every frame and every attempt; `report` gets one notice for each reason of an outage. `parts.camera` is
-    the open one."""
+    """`beat` is called on every frame and every attempt; `report` gets one notice for each reason of an outage, and says how many
+    frames were left out, and why. `parts.camera` is the open one."""
 
     def __init__(
         self,
@@ -34,6 +38,8 @@ class CameraFeed:
         self._report, self._beat = report, beat
         self._first_id = self._last_id = 0
         self._told: set[str] = set()
+        self._left_out, self._left_out_before = Counter[str](), Counter[str]()
+        self._tell_at_s = -math.inf
 
     async def frames(self) -> AsyncGenerator[FrameRef, None]:
         """Frames, numbered through. Ends with the end of a recording."""
@@ -45,8 +51,10 @@ class CameraFeed:
             except (CameraError, TimeoutError) as why:
                 self._complain(str(why) or f"no frame for {STALL_S:g} s")
             else:
+                self._count(self._parts.camera, at_once=True)
                 self._report(Notice(Severity.NOTICE, "the camera's recording has ended"))
                 return
+            self._count(self._parts.camera, at_once=True)
             await self._open_again(self._parts.camera)
 
     async def _until_trouble(self, camera: Camera) -> AsyncGenerator[FrameRef, None]:
@@ -59,6 +67,7 @@ class CameraFeed:
                     return
                 self._told.clear()
                 self._beat()
+                self._count(camera)
                 self._last_id = self._first_id + frame.frame_id  # a camera that was opened again counts from its start
                 yield replace(frame, frame_id=self._last_id)
 
@@ -67,8 +76,17 @@ class CameraFeed:
             self._told.add(trouble)
             self._report(Notice(Severity.WARNING, "camera is opened again", data=(("why", trouble),)))
 
+    def _count(self, camera: Camera, at_once: bool = False) -> None:
+        """Say how many frames were left out so far, where they have become more."""
+        left_out, now_s = self._left_out_before + Counter(camera.left_out()), asyncio.get_running_loop().time()
+        if left_out != self._left_out and (at_once or now_s >= self._tell_at_s):
+            self._left_out, self._tell_at_s = left_out, now_s + TELL_S
+            data = tuple((why, float(n)) for why, n in left_out.items())
+            self._report(Notice(Severity.WARNING, "camera frames were left out", data=data))
+
     async def _open_again(self, camera: Camera) -> None:
         self._first_id = self._last_id + 1
+        self._left_out_before = self._left_out
         with contextlib.suppress(CameraError):
             await camera.close()
         while True:

@@ -40,6 +40,10 @@ class FakeCamera:
         if self.breaks:
             raise CameraError("the camera is gone", where="fake camera", remedy="plug it in again")
 
+    def left_out(self) -> dict[str, int]:
+        """None of its frames is."""
+        return {}
+
     async def close(self) -> None:
         """Deliver no more frames."""
         self.closed = True

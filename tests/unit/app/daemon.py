@@ -47,9 +47,13 @@ class FakeCamera:
     n_frames: int = 10**9
     then: str = "end"
     closed: bool = False
+    lost: dict[str, int] = field(default_factory=dict)
 
     def model(self) -> CameraModel:
         return camera_model(self.config.camera)
+
+    def left_out(self) -> dict[str, int]:
+        return self.lost
 
     async def frames(self, slots: FrameSlots) -> AsyncIterator[FrameRef]:
         model = self.model()

@@ -54,3 +54,33 @@ async def test_why_a_camera_cannot_be_opened_again_is_told_once(
             ids = [frame.frame_id async for frame in frames]
     assert told == ["camera: the cable came out", str(refusal)]
     assert ids == [0, 1, 2, 3]
+
+
+async def test_frames_that_are_left_out_are_told_with_why_and_how_many(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At once, then now and then, and the rest when the camera breaks; a camera that is opened again counts on."""
+    monkeypatch.setattr(camera_feed, "RETRY_S", 0.02)
+    monkeypatch.setattr(camera_feed, "TELL_S", 0.1)
+    cameras = [FakeCamera(configuration(tmp_path), MonotonicClock(), n_frames=3, then="break", lost={"late": 2, "torn": 0})]
+    told = list[dict[str, float | str]]()
+
+    def make(config: Config, clock: Clock) -> Camera:
+        cameras.append(FakeCamera(config, clock, n_frames=20))
+        made: Camera = cameras[-1]
+        return made
+
+    def report(notice: Notice) -> None:
+        if notice.text == "camera frames were left out":
+            told.append(dict(notice.data))
+
+    with SharedFrameSlots(cameras[0].model()) as slots:
+        feed = CameraFeed(cast("Parts", Flown(cameras[0])), slots, make, report, lambda: None)
+        async with contextlib.aclosing(feed.frames()) as frames:
+            n = 0
+            async for _ in frames:
+                n += 1
+                lost = cameras[-1].lost
+                lost["torn" if len(cameras) == 1 else "late"] = n
+    assert told[0] == {"late": 2.0}
+    assert told[1] == {"late": 2.0, "torn": 3.0}
+    assert told[-1] == {"late": 2.0 + 23, "torn": 3.0}
+    assert 4 <= len(told) <= 8, "now and then, not with each of the twenty frames"

@@ -68,6 +68,9 @@ class Frames:
             slots.write(noise if self.grey is None else np.full((48, 64, 3), self.grey, np.uint8))
             yield FrameRef(k, 0, 0, 0, 64, 48, 3)
 
+    def left_out(self) -> dict[str, int]:
+        return {}
+
     async def close(self) -> None:
         self.closed = True
 

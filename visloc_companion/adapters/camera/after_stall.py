@@ -6,6 +6,7 @@ to the whole stall, and looks as if it had just been taken. A frame that had to 
 
 from __future__ import annotations
 
+WAITED = "waited in a buffer while the camera stalled"
 LEAST_STALL_S, STALL_PERIODS = 0.25, 3.0
 """A gap is a stall from so many seconds and so many periods on: shorter ones are jitter, which the frames' even clock takes out
 (core/frame_clock.py), or a lost frame or two."""

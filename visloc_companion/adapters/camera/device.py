@@ -9,8 +9,8 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
-from visloc_companion.adapters.camera.after_stall import AfterStall
-from visloc_companion.adapters.camera.image import is_half_decoded, require_size, rgb, stored
+from visloc_companion.adapters.camera.after_stall import WAITED, AfterStall
+from visloc_companion.adapters.camera.image import HALF_DECODED, is_half_decoded, require_size, rgb, stored
 from visloc_companion.errors import CameraError
 from visloc_companion.protocols import Clock, FrameSlots
 from visloc_companion.types import CameraModel, FrameRef, Image
@@ -85,6 +85,10 @@ class DeviceCamera:
                 yield stored(slots, pixels, frame_id, now_ns, now_ns - self._latency_ns)
             else:
                 self.skipped += 1
+
+    def left_out(self) -> dict[str, int]:
+        """See protocols.Camera."""
+        return {WAITED: self.skipped, HALF_DECODED: self.damaged}
 
     async def _read(self) -> Image | None:
         self._reading = asyncio.get_running_loop().run_in_executor(None, self._capture.read)

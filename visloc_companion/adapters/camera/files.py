@@ -63,6 +63,10 @@ class FilesCamera:
                 f"none of the {len(self._rows)} images can be read", where=str(self._folder), remedy="give PNG or JPEG files"
             )
 
+    def left_out(self) -> dict[str, int]:
+        """See protocols.Camera."""
+        return {"missing or damaged": self.unreadable, "of another size": self.misfits}
+
     async def close(self) -> None:
         """Stop before the next frame."""
         self._closed = True

@@ -20,6 +20,7 @@ CHECKED_ROWS = 8
 _AS_STORED = cv2.IMREAD_IGNORE_ORIENTATION | cv2.IMREAD_ANYDEPTH
 """Calibrations know nothing of the turn that EXIF proposes to viewers."""
 _JPEG, _SCAN, _END = b"\xff\xd8", 0xDA, b"\xff\xd9"
+HALF_DECODED = "data were lost on the way"
 _FILL, _CORNER_PX = 128, 4
 """What a JPEG decoder puts where blocks are missing, and so much of the last one: a lens's rim is black, a sensor has noise."""
 

@@ -6,9 +6,9 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator
 
-from visloc_companion.adapters.camera.after_stall import AfterStall
+from visloc_companion.adapters.camera.after_stall import WAITED, AfterStall
 from visloc_companion.adapters.camera.framing import EncodedFrame, Encoding, FrameDecoder, StreamedFrame, encode_frame
-from visloc_companion.adapters.camera.image import require_size, stored
+from visloc_companion.adapters.camera.image import HALF_DECODED, require_size, stored
 from visloc_companion.errors import CameraError
 from visloc_companion.protocols import Clock, FrameSlots
 from visloc_companion.types import CameraModel, FrameRef
@@ -24,8 +24,8 @@ class TcpCamera:
     """Connects to `address` (HOST:PORT) and again, `reconnect_s` later, whenever the connection is refused or lost.
 
     A frame stamped by the autopilot's clock carries `t_boot_ns`; its `t_ns`, as that of all others, is arrival less `latency_s`.
-    Of frames that arrive together only the newest is decoded, and those of another clock that waited while the stream stalled are
-    left out; both count in `skipped`, undecodable ones in `damaged`.
+    Of frames that arrive together only the newest is decoded, the others count in `skipped`; those of another
+    clock that waited while the stream stalled are left out and count in `waited`, undecodable ones in `damaged`.
     Raises CameraError for an address that is none.
     """
 
@@ -42,7 +42,7 @@ class TcpCamera:
         self._refusal = ""
         self._after_stall = AfterStall()
         self._frame_id = 0
-        self.connections = self.resyncs = self.damaged = self.skipped = 0
+        self.connections = self.resyncs = self.damaged = self.skipped = self.waited = 0
 
     def model(self) -> CameraModel:
         """The configured calibration."""
@@ -72,12 +72,16 @@ class TcpCamera:
                         if frame.autopilot_clock or self._after_stall.is_fresh(self._clock.now_ns()):
                             yield self._stored(slots, frame)
                         else:
-                            self.skipped += 1
+                            self.waited += 1
                 finally:
                     self._disconnect()
                 alone_since_ns = self._clock.now_ns()
             if not self._closed:
                 await self._clock.sleep_until(self._clock.now_ns() + self._reconnect_ns)
+
+    def left_out(self) -> dict[str, int]:
+        """See protocols.Camera."""
+        return {WAITED: self.waited, HALF_DECODED: self.damaged}
 
     async def close(self) -> None:
         """Drop the connection; `frames` ends."""

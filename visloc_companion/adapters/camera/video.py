@@ -79,6 +79,10 @@ class VideoCamera:
             return before_us + round(1e6 / self._rate_hz)
         return stamp_us - self._first_us
 
+    def left_out(self) -> dict[str, int]:
+        """See protocols.Camera."""
+        return {}
+
     async def close(self) -> None:
         """Stop before the next frame and release the file."""
         self._closed = True
