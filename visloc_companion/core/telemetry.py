@@ -10,6 +10,7 @@ from visloc_companion.core.driving import Velocity
 from visloc_companion.core.gimbal import Gimbal
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.guard import Complaints
+from visloc_companion.core.home_height import HomeHeight
 from visloc_companion.core.pitot import LEAST_MPS, true_airspeed_mps
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
@@ -63,7 +64,7 @@ class Telemetry:
         self._status: EstimatorStatus | None = None
         self._vouching = Vouching()
         self._prior: PriorPose | None = None
-        self._ground_down_m: float | None = None
+        self._home = HomeHeight()
 
     def attitude_fresh(self, now_ns: int) -> bool:
         """Whether an attitude arrived lately."""
@@ -88,6 +89,7 @@ class Telemetry:
             self._gimbal.clear()
         if not own:
             self._switch.restarted()
+            self._home.forget()
         return [Notice(Severity.WARNING, _of_step(step, own), to_operator=True)]
 
     def on_attitude(self, event: Attitude, now_ns: int) -> list[Command]:
@@ -112,16 +114,16 @@ class Telemetry:
         commands = self.on_step(self._clock.on_arrival(event.t_rx_ns, event.t_boot_ns))
         self._prior = event
         self._tracker.height_above_home_m = event.h_rel_m
+        self._home.told(event.t_rx_ns, event.h_rel_m)
         self._drive(event.t_rx_ns, event.t_boot_ns, event.v_ned_mps, event.place.h_amsl_m, feedback)
         return commands
 
     def on_local(self, event: LocalPose, feedback: bool) -> list[Command]:
-        """The same of a local position. While there is no global one (PX4 without aiding), home is the ground before arming."""
+        """The same of a local position, also while there is no global one (PX4 without aiding)."""
         commands = self.on_step(self._clock.on_arrival(event.t_rx_ns, event.t_boot_ns))
-        if self._monitor.disarmed:
-            self._ground_down_m = event.p_ned_m[2]
-        if self._prior is None and self._ground_down_m is not None:
-            self._tracker.height_above_home_m = self._ground_down_m - event.p_ned_m[2]
+        above_home_m = self._home.by_local(event.t_rx_ns, event.p_ned_m[2], disarmed=self._monitor.disarmed)
+        if above_home_m is not None:
+            self._tracker.height_above_home_m = above_home_m
         if self._tracker.origin is not None:
             h_amsl_m = self._tracker.origin.h_amsl_m - event.p_ned_m[2]
             self._drive(event.t_rx_ns, event.t_boot_ns, event.v_ned_mps, h_amsl_m, feedback)
