@@ -22,7 +22,7 @@ class Steering:
         self._settings, self._monitor, self._switch = settings, monitor, switch
         self._anchored = False
         self._fix_taken_ns: int | None = None
-        self._stranded = self._landed = False
+        self._stranded = self._put_down = False
         self.mode = Mode.WAITING
 
     @property
@@ -37,12 +37,13 @@ class Steering:
 
     def taken(self, now_ns: int) -> None:
         """A fix was accepted; it counts by its arrival, for a slow localiser must not make the mode flap."""
-        self._anchored, self._fix_taken_ns, self._stranded = True, now_ns, False
+        self._anchored, self._fix_taken_ns = True, now_ns
+        self._stranded = self._put_down = False
 
     @property
     def believed(self) -> bool:
         """Whether the filter rests on fixes, and has not lost its way since; a vehicle that landed may have been carried away."""
-        return self._anchored and not self._landed and self.mode is not Mode.LOST
+        return self._anchored and not self._put_down and self.mode is not Mode.LOST
 
     def would_end_loss(self, state: NavState, *, stated: bool = False) -> bool:
         """Whether a fix that meets this state is what the way out of LOST hangs on; not where the operator `stated` the place
@@ -59,19 +60,22 @@ class Steering:
     def change_mode(self, state: NavState | None, ready: bool, low: bool, armed: bool, now_ns: int) -> list[Command]:
         """One step of the table of modes; `ready`: link, attitude and state are there; `low`: too low to be localised.
 
-        A vehicle that is low without fixes and not `armed` has landed: it needs no positions, which is nothing to warn of.
+        A vehicle that is low without fixes and not `armed` has landed: it needs no positions, which is nothing to warn of. It may
+        have been carried elsewhere before it climbs again, so only a fix, or a GNSS that is trusted, tells where it took off.
         """
         limits = self._settings.navigator
-        self._stranded = low and (self._stranded or self._may_drift(state, now_ns))
-        self._landed = self._stranded and not armed
+        trusted = self._monitor.verdict.verdict is Verdict.OK
+        self._put_down = not trusted and (self._put_down or (low and not armed))
+        self._stranded = (low or self._put_down) and (self._stranded or self._may_drift(state, now_ns))
+        landed = self._stranded and low and not armed
         situation = modes.Situation(
             ready=ready,
-            due=self._anchored and self._is_due(now_ns) and not self._landed,
+            due=self._anchored and self._is_due(now_ns) and not landed,
             recent_fix=self._fix_within(limits.dead_reckoning_after_s, now_ns),
             sigma_m=0.0 if state is None else largest_sigma_m(state.cov_ne_m2),
             lost_sigma_m=limits.lost_sigma_m,
-            stranded=self._stranded and not self._landed,
-            landed=self._landed,
+            stranded=self._stranded and not landed,
+            landed=landed,
         )
         before, self.mode = self.mode, modes.next_mode(self.mode, situation)
         if self.mode is before:

@@ -20,6 +20,7 @@ class Landing:
 
     def __init__(self) -> None:
         monitor = SimpleNamespace(verdict=GnssVerdict(Verdict.DENIED, 0, (), ()))
+        self.monitor = monitor
         self.steering = Steering(CoreSettings(), cast(GnssMonitor, monitor), SourceSwitch(allowed=False))
         self.t_s = 0.0
         self.steering.taken(0)
@@ -82,3 +83,43 @@ def test_higher_up_it_is_carried_on() -> None:
 
 def test_a_velocity_without_a_covariance_is_judged_by_the_window_alone() -> None:
     assert Landing().until(WINDOW_S - 0.5, None) is Mode.DEAD_RECKONING
+
+
+def put_down() -> Landing:
+    """Landed, disarmed and armed again, by which the window is over."""
+    landing = Landing()
+    landing.until(4.0, 0.5, armed=False)
+    landing.until(WINDOW_S + 1.0, 0.5)
+    return landing
+
+
+def test_a_vehicle_that_was_put_down_gets_positions_from_a_fix_on_and_not_from_a_height_on() -> None:
+    landing = put_down()
+    assert landing.until(WINDOW_S + 2.0, 0.5, low=False) is Mode.LOST, "it may have been carried before it took off"
+    landing.steering.taken(round(landing.t_s * 1e9))
+    assert landing.until(WINDOW_S + 3.0, 0.5, low=False) is Mode.AIDING
+    assert landing.until(2 * WINDOW_S + 5.0, 0.5, low=False) is Mode.DEAD_RECKONING
+
+
+def test_a_vehicle_that_flew_low_is_carried_on_higher_up() -> None:
+    landing = Landing()
+    assert landing.until(WINDOW_S + 1.0, 0.5) is Mode.LOST
+    assert landing.until(WINDOW_S + 2.0, 0.5, low=False) is Mode.DEAD_RECKONING
+
+
+def test_a_gnss_that_is_trusted_tells_where_it_took_off() -> None:
+    landing = put_down()
+    landing.monitor.verdict = GnssVerdict(Verdict.OK, 0, (), ())
+    assert landing.until(WINDOW_S + 2.0, 0.5, low=False) is Mode.SHADOW
+    landing.monitor.verdict = GnssVerdict(Verdict.DENIED, 0, (), ())
+    assert landing.until(WINDOW_S + 3.0, 0.5, low=False) is Mode.DEAD_RECKONING
+
+
+def test_where_a_vehicle_was_put_down_the_operator_may_say_another_place() -> None:
+    landing = Landing()
+    landing.until(2.0, 0.5, armed=False)
+    assert not landing.steering.believed
+    landing.until(3.0, 0.5)
+    assert not landing.steering.believed
+    landing.steering.taken(round(landing.t_s * 1e9))
+    assert landing.steering.believed
