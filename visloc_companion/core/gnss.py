@@ -81,9 +81,8 @@ class GnssMonitor:
 
     @property
     def armed_without_fix(self) -> bool:
-        """Whether the vehicle is armed and its receiver has no position that an autopilot would fly on."""
-        gnss = self._reports.gnss
-        return self._armed is True and gnss is not None and gnss.fix_type < min(self._settings.min_fix_type, FIX_3D)
+        """Whether the vehicle is armed and none of its receivers has a position that an autopilot would fly on."""
+        return self._armed is True and self._reports.without_fix(min(self._settings.min_fix_type, FIX_3D))
 
     @property
     def ever_trusted(self) -> bool:

@@ -43,6 +43,14 @@ class Reports:
         if first is not None and second is not None and abs(first.t_rx_ns - second.t_rx_ns) <= RECEIVER_AGE_S * 1e9:
             self.compared = first, second
 
+    def without_fix(self, least_type: int) -> bool:
+        """Whether the first receiver says that it has no fix of a type, and the second has not said lately that it has one."""
+        first, second = self.gnss, self.second
+        if first is None or first.fix_type >= least_type:
+            return False
+        lately = second is not None and first.t_rx_ns - second.t_rx_ns <= COMPARED_S * 1e9
+        return not (second is not None and lately and second.fix_type >= least_type)
+
 
 class Interference:
     """What the receivers say of interference. Each speaks for itself, and what one does not know it has not taken back: a state

@@ -6,8 +6,10 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
+from tests.unit.core.conftest import place_of
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings, GnssSettings, InjectionSettings
 from visloc_companion.geo import wgs84
@@ -15,6 +17,7 @@ from visloc_companion.types import (
     AutopilotKind,
     EkfSource,
     GeoPoint,
+    Gnss,
     Injection,
     LinkChanged,
     OriginChanged,
@@ -25,6 +28,7 @@ from visloc_companion.types import (
 World = Any
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
 DOWN_S = 3.0
+FALSE_M = np.array([300.0, 0.0])
 
 
 def restarted(world: type[World], *, armed: bool = True, **faults: Any) -> World:
@@ -79,6 +83,24 @@ def test_amid_a_spoofing_gnss_is_believed_for_seconds_only_and_never_followed(
     assert w.status_at(50.0)[0].verdict is Verdict.SUSPECT
     assert max(error for t, _, error in w.statuses if t > 45) < 6.1
     assert not [c for t, c in w.commands if t > 40 and isinstance(c, SwitchSource) and c.source is EkfSource.GNSS]
+
+
+def test_a_position_that_a_second_receiver_may_have_given_is_not_gone_on_from(world: type[World]) -> None:
+    """The first one is jammed, the second sees a false place, on which the autopilot flies: nothing was found from there."""
+
+    class Two(world):
+        def _telemetry(self, t: float, gnss: Any, jammed: bool) -> None:
+            super()._telemetry(t, gnss, jammed)
+            if self.k % 10 == 0 and t > 40:
+                now, place = round(t * 1e9), place_of(self.p + FALSE_M)
+                self.send(Gnss(now, now + 995 * 10**9, 3, 12, place, 1.0, 1.5, None, receiver=1))
+
+    w = restarted(Two, jammed=lambda t: t > 20)
+    w.ekf_p = w.ekf_p + FALSE_M
+    w.fly(70.0)
+    assert [t for t in w.notices("filter seeded") if t > 40.0] == []
+    assert len(w.notices("position found on the map")) == 1
+    assert max(error for t, s, error in w.statuses if t > 40.0 and s.place is not None) < 6.0
 
 
 def test_a_fix_that_is_less_than_was_asked_for_is_what_the_autopilot_flies_on(world: type[World]) -> None:
