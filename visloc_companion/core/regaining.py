@@ -28,12 +28,13 @@ FORGET_NS = 20_000_000_000
 
 
 class Regaining:
-    """The places that fixes named since the loss, each with how many agree on it."""
+    """The places that fixes named since the loss, metres north and east of one origin, each with how many agree on it."""
 
     def __init__(self, travel: TravelLog) -> None:
         """`travel`: how far the vehicle came, by the velocity that the filter knows and by odometry; others keep it."""
         self._travel = travel
         self._n_born = 0
+        self._origin: GeoPoint | None = None
         self.clear()
 
     def clear(self) -> None:
@@ -48,6 +49,9 @@ class Regaining:
 
     def waits(self, fix: Fix, state: NavState, origin: GeoPoint, max_radius_m: float) -> bool:
         """Whether a fix waits for others, given the filter's state at its time; `max_radius_m`: of a search."""
+        if origin != self._origin:
+            self.clear()
+            self._origin = origin
         height_m = -state.p_ned_m[2]
         north, east, _ = wgs84.ned_from_geo(fix.place, origin)
         places = [self._travel.carried(h, fix.t_ns) for h in self._places if fix.t_ns - (h.tested_ns or 0) <= FORGET_NS]

@@ -94,7 +94,8 @@ def _fix_fault(fix: Fix, now_ns: int) -> Reason | None:
     if fix.t_ns > now_ns + MAX_LEAD_NS:
         return Reason.IMPLAUSIBLE_TIME
     sigmas = (*fix.cov_ne_m2[0], *fix.cov_ne_m2[1], fix.sigma_h_m)
-    numbers = _finite(*fix.q_ned_frd, *sigmas, fix.sigma_yaw_rad, fix.probability_wrong, *fix.per_focal_ne_m)
+    seen = (fix.above_ground_m or 0.0, *(() if fix.sun is None else (fix.sun.azimuth_deg, fix.sun.elevation_deg)))
+    numbers = _finite(*fix.q_ned_frd, *sigmas, fix.sigma_yaw_rad, fix.probability_wrong, *fix.per_focal_ne_m, *seen)
     turned = _turns_are_sound(fix) and (fix.tilt is None or is_tilt(fix.tilt))
     if not (numbers and turned and is_place(fix.place)):
         return Reason.NOT_FINITE

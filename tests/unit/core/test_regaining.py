@@ -13,7 +13,6 @@ from visloc_companion.core.settings import CoreSettings, InjectionSettings
 from visloc_companion.core.travel import TravelLog
 from visloc_companion.geo import wgs84
 from visloc_companion.types import (
-    AutopilotKind,
     Fix,
     GeoPoint,
     Injection,
@@ -172,7 +171,7 @@ def test_a_link_that_is_away_ends_no_loss(world: type[World]) -> None:
     w.send(LinkChanged(0, up=False))
     w.fly(w.t + 5.0)
     w._telemetry = hears
-    w.send(LinkChanged(0, up=True, autopilot=AutopilotKind.ARDUPILOT, system_id=1))
+    w.start()
     w.fly(144.0)
     assert not [c for t, c in w.commands if isinstance(c, Injection) and t > SEES_AGAIN_S]
     assert w.status_at(143.9)[0].mode is Mode.LOST
@@ -183,3 +182,12 @@ def test_fixes_that_the_filter_refuses_at_first_are_not_asked_to_agree_again() -
     asked = flying(70.0)
     assert seen(asked, (50.0, (300.0, 0.0)), (53.5, (335.0, 0.0)), sigma_m=150.0) == [True, False]
     assert seen(asked, (54.0, (340.0, 0.0)), sigma_m=170.0) == [False]
+
+
+def test_where_the_origin_moves_fixes_of_before_tell_nothing() -> None:
+    """Their metres are about another one: a false fix that the move alone brings to where the motion leads would end the loss."""
+    asked = flying(70.0)
+    assert seen(asked, (50.0, (300.0, 0.0))) == [True]
+    moved = wgs84.geo_from_ned((-400.0, 0.0, 0.0), ORIGIN)
+    assert asked.waits(fix(54.0, (-60.0, 0.0)), state(54.0), moved, RADIUS_M)
+    assert not asked.waits(fix(58.0, (-20.0, 0.0)), state(58.0), moved, RADIUS_M), "of one origin again"

@@ -22,6 +22,7 @@ from visloc_companion.types import (
     OperatorFix,
     OriginChanged,
     PriorPose,
+    Sun,
     Tick,
     TiltSeen,
     Turn,
@@ -87,6 +88,8 @@ BAD: list[tuple[Event, Reason]] = [
     (replace(FIX, sigma_h_m=1e9), Reason.IMPLAUSIBLE_CLAIM),
     (replace(FIX, per_focal_ne_m=(0.0, math.inf)), Reason.NOT_FINITE),
     (replace(FIX, probability_wrong=math.nan), Reason.NOT_FINITE),
+    (replace(FIX, above_ground_m=math.nan), Reason.NOT_FINITE),
+    (replace(FIX, sun=Sun(math.nan, 30.0)), Reason.NOT_FINITE),
     (FrameRef(NOW, NOW + 10**9, 1, 0, 640, 480, 1), Reason.IMPLAUSIBLE_TIME),
 ]
 
