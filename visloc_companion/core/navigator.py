@@ -132,6 +132,7 @@ class Navigator:
             settings.has_camera,
         )
         self._origin_asked_ns: int | None = None
+        self._origin_told = False
 
     def on(self, event: Event, now_ns: int) -> list[Command]:
         """Take one event at the shell's monotonic time; return what is to be done, in order."""
@@ -223,6 +224,7 @@ class Navigator:
         return self._telemetry.on_step(step, own=since_ns is not None)
 
     def _on_origin(self, event: OriginChanged) -> list[Command]:
+        self._origin_told = True
         if self._search is not None and event.origin != self._tracker.origin:
             self._search.clear()
         if self._tracker.set_origin(event.origin):
@@ -234,6 +236,7 @@ class Navigator:
         self._link = event
         self._monitor.on_vehicle(event.armed, event.autopilot)
         if not event.up:
+            self._origin_told = False  # an autopilot that was restarted has another one, or none
             return [Notice(Severity.WARNING, "autopilot link lost")]
         self._origin_asked_ns = now_ns
         return streams.requests_for(event.autopilot, self._settings)
@@ -244,7 +247,8 @@ class Navigator:
         commands = [*self._judge_gnss(now_ns), *self._watch(now_ns)]
         commands += self._telemetry.seed(now_ns, self._settings.navigator.seed_sigma_m)
         state = self._tracker.at(now_ns)
-        ready = self._link.up and self._telemetry.attitude_fresh(now_ns) and state is not None
+        heard = self._link.up and self._origin_told and self._telemetry.attitude_fresh(now_ns)
+        ready = heard and state is not None
         commands += self._steering.change_mode(state, ready, self._tracker.low, self._link.armed, now_ns)
         protected = self._protection.judge(state, now_ns)
         steered = self._steering.steer_source(self._link.armed, protected.stopped, now_ns) if self._link.up else []
@@ -275,7 +279,7 @@ class Navigator:
         asked = self._origin_asked_ns
         heard = self._link.up and asked is not None
         commands = self._vision.check(now_ns, heard)
-        if self._tracker.origin is None and heard and asked is not None and now_ns - asked >= ORIGIN_RETRY_NS:
+        if not self._origin_told and heard and asked is not None and now_ns - asked >= ORIGIN_RETRY_NS:
             self._origin_asked_ns = now_ns
             commands.append(streams.ORIGIN_REQUEST)
         return commands

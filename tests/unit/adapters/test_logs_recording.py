@@ -6,7 +6,17 @@ import pytest
 
 from visloc_companion.adapters.logs.recording import Losses, Recording, lacking, with_origin
 from visloc_companion.geo.wgs84 import distance_m, geo_from_autopilot_ned
-from visloc_companion.types import Attitude, AutopilotKind, Event, GeoPoint, LocalPose, OriginChanged, PriorPose, Vec3
+from visloc_companion.types import (
+    Attitude,
+    AutopilotKind,
+    Event,
+    GeoPoint,
+    LinkChanged,
+    LocalPose,
+    OriginChanged,
+    PriorPose,
+    Vec3,
+)
 
 KIND = AutopilotKind.ARDUPILOT
 HOME = GeoPoint(-35.208, 149.043, 585.0)
@@ -62,3 +72,17 @@ def test_what_a_log_lacks_altogether_is_named() -> None:
     attitude = Attitude(0, 0, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     assert lacking([(0, attitude)]) == ["satellite receiver", "global position"]
     assert lacking([]) == ["attitude", "satellite receiver", "global position"]
+
+
+def link(t_ms: int, *, up: bool) -> Event:
+    return LinkChanged(t_ms * 10**6, up=up, autopilot=KIND)
+
+
+def test_after_a_restart_the_origin_of_before_stands_until_there_is_another_one() -> None:
+    other = GeoPoint(-35.203, 149.043, 590.0)
+    stated = OriginChanged(50 * 10**6, HOME)
+    flight = [link(0, up=True), stated, link(100, up=False), link(200, up=True), OriginChanged(300 * 10**6, other)]
+    assert origins(*flight, link(400, up=True)) == [(50, HOME), (200, HOME), (300, other)]
+    assert origins(link(0, up=False), link(20, up=True), stated) == [(50, HOME)]
+    guessed = [place(50, (20.0, -30.0, -15.0)), local(50, (20.0, -30.0, -15.0))]
+    assert [t_ms for t_ms, _ in origins(link(0, up=True), *guessed, link(100, up=False), link(200, up=True))] == [50, 200]

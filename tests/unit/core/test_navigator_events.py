@@ -118,6 +118,24 @@ def test_an_autopilot_that_restarts(world: type[World]) -> None:
     assert w.source is EkfSource.VISION  # told again
 
 
+def test_an_autopilot_without_an_origin_is_not_aided_and_not_sent_to_vision(world: type[World]) -> None:
+    """The old origin may not be its own any more, and the link sends nothing before it has told one."""
+    w = started(world, jammed=lambda t: t > 20).fly(30)
+    armed = LinkChanged(0, up=True, autopilot=AutopilotKind.ARDUPILOT, system_id=1, armed=True)
+    w.send(LinkChanged(0, up=False))
+    w.send(Attitude(round(w.t * S), 5 * S, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    w.source = EkfSource.GNSS
+    w.send(armed)
+    w.fly(45)
+    assert w.status_at(44)[0].mode is Mode.WAITING
+    assert not [c for t, c in w.commands if isinstance(c, Injection | SwitchSource) and t > 30]
+    assert len([c for t, c in w.commands if c == RequestMessage(49, 0.0) and t > 30]) == 3
+    w.send(OriginChanged(0, ORIGIN))
+    w.fly(46)
+    assert (w.status_at(46)[0].mode, w.source) == (Mode.AIDING, EkfSource.VISION)
+    assert max(errors(w, 30)) < 6.0, "the filter went on meanwhile"
+
+
 def test_attitude_that_is_not_later_is_refused(world: type[World]) -> None:
     w = started(world).fly(5)
     now = round(w.t * S)

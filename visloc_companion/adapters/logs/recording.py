@@ -105,11 +105,12 @@ def with_origin(recording: Recording) -> Recording:
 
     The origin is where the autopilot's local position and its global position of the same moment put it, and it moves where two
     such pairs after each other put it elsewhere (a restart, another estimator); without a local position, it is the first global
-    position with a GNSS fix. A log without any position stays as it is.
+    position with a GNSS fix. A log without any position stays as it is. Of an autopilot that was restarted the origin of before
+    stands until the log has another one.
     """
     events = recording.events
     if any(isinstance(event, OriginChanged) for _, event in events):
-        return recording
+        return replace(recording, events=_told_again(events))
     found = _origins_of_pairs(events, recording.kind) or _first_position(events)
     if not found:
         return recording
@@ -117,7 +118,23 @@ def with_origin(recording: Recording) -> Recording:
     made = list(events)
     for t_ns, origin in [*reversed(found[1:]), (t_first, found[0][1])]:
         made.insert(bisect.bisect_left(events, t_ns, key=lambda item: item[0]), (t_ns, OriginChanged(t_ns, origin)))
-    return replace(recording, events=made, origin_inferred=True)
+    return replace(recording, events=_told_again(made), origin_inferred=True)
+
+
+def _told_again(events: list[tuple[int, Event]]) -> list[tuple[int, Event]]:
+    """The events, with the last origin once more wherever the link came back: asked for again, and a log cannot answer."""
+    told: list[tuple[int, Event]] = []
+    last: OriginChanged | None = None
+    was_down = False
+    for t_ns, event in events:
+        told.append((t_ns, event))
+        if isinstance(event, OriginChanged):
+            last = event
+        elif isinstance(event, LinkChanged):
+            if event.up and was_down and last is not None:
+                told.append((t_ns, replace(last, t_rx_ns=t_ns)))
+            was_down = not event.up
+    return told
 
 
 def _origins_of_pairs(events: list[tuple[int, Event]], kind: AutopilotKind) -> list[tuple[int, GeoPoint]]:
