@@ -134,13 +134,24 @@ class Navigator:
         self._origin_asked_ns: int | None = None
         self._origin_told = False
 
+    def _start_anew(self, now_ns: int) -> list[Command]:
+        """Nothing that is remembered has a time any more; who is on the link and its origin have none, and are not told again."""
+        link, origin, told, heard = self._link, self._tracker.origin, self._origin_told, self._origin_asked_ns is not None
+        self._restart()
+        self._time.check(now_ns)
+        if heard:
+            self._link, self._origin_asked_ns = link, now_ns
+            self._monitor.on_vehicle(link.armed, link.autopilot)
+        if origin is not None:
+            self._tracker.set_origin(origin)
+            self._origin_told = told
+        return [Notice(Severity.CRITICAL, "visloc: clock went back, starting anew", to_operator=True)]
+
     def on(self, event: Event, now_ns: int) -> list[Command]:
         """Take one event at the shell's monotonic time; return what is to be done, in order."""
         check = self._time.check(now_ns)
         if check is TimeCheck.RESTART:
-            self._restart()
-            self._time.check(now_ns)
-            return [Notice(Severity.CRITICAL, "visloc: clock went back, starting anew", to_operator=True)]
+            return self._start_anew(now_ns)
         if check is TimeCheck.DROP:
             last_ns = now_ns if self._time.now_ns is None else self._time.now_ns
             return [*self._complaints.about(event, Reason.IMPLAUSIBLE_TIME, last_ns)]

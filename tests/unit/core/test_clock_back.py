@@ -11,6 +11,7 @@ from tests.unit.core.conftest import BOOT_OFFSET_NS
 from tests.unit.core.flown import World, errors, started
 from tests.unit.core.test_estimator import fix, made, velocity
 from visloc_companion.core.estimator import PositionFilter
+from visloc_companion.core.guard import RESTART_AFTER
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings, InjectionSettings, NavigatorSettings
 from visloc_companion.types import (
@@ -21,6 +22,8 @@ from visloc_companion.types import (
     Injection,
     LinkChanged,
     Mode,
+    Notice,
+    RequestMessage,
     Status,
     Tick,
     TimesyncSample,
@@ -125,3 +128,37 @@ def test_a_leap_of_our_own_clock_is_no_restart_of_the_autopilot(world: type[Worl
     assert len(w.notices("companion clock stepped")) == 1
     assert len(w.notices("GNSS trusted")) == 2
     assert w.source is EkfSource.GNSS
+
+
+class SetBack(SteppedBack):
+    """Of a navigator whose clock is set back by far more than it can wait for."""
+
+    back_ns = 20 * S
+
+    def on(self, event: Event, now_ns: int) -> list[Command]:
+        """As Navigator's."""
+        step_ns = self.back_ns if now_ns >= STEP_S * S else 0
+        stamps = ("t_rx_ns", "t_ns") if type(event).__name__ in ("FrameRef", "Tick") else ("t_rx_ns",)
+        moved: Any = {name: getattr(event, name) - step_ns for name in stamps if hasattr(event, name)}
+        return self._navigator.on(replace(event, **moved), now_ns - step_ns)
+
+
+def test_after_a_clock_that_went_back_the_link_and_its_origin_are_still_known(world: type[World]) -> None:
+    """Nobody says again what has not changed: it waited for the origin for good, without asking."""
+    w = started(world, jammed=lambda t: t > 30)
+    w.send(LinkChanged(0, up=True, autopilot=AutopilotKind.ARDUPILOT, system_id=1, armed=True))
+    w.navigator = SetBack(w.navigator)
+    w.fly(70)
+    assert len(w.notices("clock went back, starting anew")) == 1
+    assert w.first(Injection, since_s=STEP_S) < STEP_S + 3.0
+    assert w.status_at(69)[0].mode is Mode.AIDING
+    assert max(errors(w, 65)) < 6.0
+
+
+def test_a_clock_that_goes_back_before_anybody_was_heard_leaves_nobody_known() -> None:
+    navigator = Navigator(CoreSettings())
+    navigator.on(Tick(30 * S), 30 * S)
+    told = [navigator.on(Tick(k), S + k) for k in range(RESTART_AFTER)][-1]
+    assert [c.text for c in told if isinstance(c, Notice)] == ["visloc: clock went back, starting anew"]
+    asked = [c for k in range(200) for c in navigator.on(Tick(k), 2 * S + k * S // 10) if isinstance(c, RequestMessage)]
+    assert asked == []
