@@ -60,6 +60,7 @@ class GnssMonitor:
         self._vision_sigma = 0.0
         self._out_of_reach = False
         self._armed: bool | None = None
+        self._aloft = False
         self._clock_follows = True
         self._talk = Talk()
         self._verdict = GnssVerdict(Verdict.DENIED, 0, ("no_data",), ())
@@ -127,6 +128,13 @@ class GnssMonitor:
     def on_vehicle(self, armed: bool, autopilot: AutopilotKind) -> None:
         """Whether the vehicle is armed: before that only the map is asked, and ArduPilot's clock follows GNSS."""
         self._armed, self._clock_follows = armed, not armed or autopilot is not AutopilotKind.ARDUPILOT
+
+    def on_height(self, *, low: bool) -> None:
+        """Whether the vehicle is as low as on the ground: one that was armed higher up flies until it is low and disarmed."""
+        if self._armed is True:
+            self._aloft |= not low
+        elif low:
+            self._aloft = False
 
     def on_reach(self, out_of_reach: bool) -> None:
         """Whether the position is further from the navigator's own than both covariances allow."""
@@ -248,7 +256,7 @@ class GnssMonitor:
             *self._interference.signs(now_ns, agrees),
             *receiver_sign(reports.compared, now_ns, self.sigma_m(gnss), limits),
             *(self._clock.signs(now_ns) if self._clock_follows else ()),
-            *self._map.signs(now_ns, gnss, self._armed is True),
+            *self._map.signs(now_ns, gnss, self._armed is True or self._aloft),
             *autopilot_signs(reports.status, now_ns, source),
         )
 

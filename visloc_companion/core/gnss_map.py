@@ -25,10 +25,10 @@ class MapCheck:
         """Take what the map says of the place where GNSS puts the vehicle."""
         self._answer = answer
 
-    def signs(self, now_ns: int, gnss: Gnss, armed: bool) -> tuple[str, ...]:
-        """`off_map` or `off_surface`, while disarmed and the answer is fresh."""
+    def signs(self, now_ns: int, gnss: Gnss, flies: bool) -> tuple[str, ...]:
+        """`off_map` or `off_surface`, while the vehicle does not fly (nor is armed for it) and the answer is fresh."""
         answer = self._answer
-        if armed or answer is None or now_ns - answer.t_rx_ns > CHECK_AGE_NS:
+        if flies or answer is None or now_ns - answer.t_rx_ns > CHECK_AGE_NS:
             return ()
         if not answer.inside:
             return ("off_map",)

@@ -274,6 +274,7 @@ class Navigator:
 
     def _judge_gnss(self, now_ns: int) -> list[Command]:
         before = self._monitor.verdict.verdict
+        self._monitor.on_height(low=self._tracker.low)
         verdict = self._monitor.update(now_ns, self._switch.source)
         self._aiding.judged(now_ns)
         if verdict.verdict is before:

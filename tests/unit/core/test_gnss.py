@@ -238,6 +238,25 @@ def test_armed_vehicles_are_not_asked_about_the_map() -> None:
     assert feed.run(4).verdict is Verdict.OK
 
 
+def test_a_vehicle_that_is_disarmed_in_the_air_is_not_asked_about_the_map_before_it_is_down() -> None:
+    """Its height over the surface made GNSS the false one, and the autopilot was sent to vision."""
+
+    def asked() -> Verdict:
+        for _ in range(4):
+            feed.monitor.on_evidence(MapAtGnss(feed.k * S // 5, HERE, True, HERE.h_amsl_m - 100.0))
+            verdict = feed.run(1).verdict
+        return verdict
+
+    feed = trusted()
+    feed.monitor.on_vehicle(True, AutopilotKind.ARDUPILOT)
+    feed.monitor.on_height(low=False)
+    feed.monitor.on_vehicle(False, AutopilotKind.ARDUPILOT)
+    feed.monitor.on_height(low=False)
+    assert asked() is Verdict.OK
+    feed.monitor.on_height(low=True)
+    assert asked() is Verdict.SUSPECT
+
+
 @pytest.mark.parametrize(("autopilot", "verdict"), [(AutopilotKind.ARDUPILOT, Verdict.OK), (AutopilotKind.PX4, Verdict.SUSPECT)])
 def test_while_armed_only_a_clock_that_follows_gnss_speaks_against_it(autopilot: AutopilotKind, verdict: Verdict) -> None:
     feed = trusted()

@@ -58,18 +58,18 @@ GNSS = Gnss(10 * S, 0, 3, 14, HERE, 1.0, 2.0, None)
 
 
 def test_before_arming_gnss_must_be_on_the_map_and_on_its_surface() -> None:
-    assert ground(1.0).signs(11 * S, GNSS, armed=False) == ()
-    assert ground(None).signs(11 * S, GNSS, armed=False) == ()
-    assert ground(None, inside=False).signs(11 * S, GNSS, armed=False) == ("off_map",)
+    assert ground(1.0).signs(11 * S, GNSS, flies=False) == ()
+    assert ground(None).signs(11 * S, GNSS, flies=False) == ()
+    assert ground(None, inside=False).signs(11 * S, GNSS, flies=False) == ("off_map",)
     high = ground(-60.0)
-    assert high.signs(11 * S, GNSS, armed=False) == ("off_surface",)
+    assert high.signs(11 * S, GNSS, flies=False) == ("off_surface",)
     assert high.height_above_surface_m == pytest.approx(-60.0)
 
 
 def test_the_map_is_not_asked_in_flight_nor_believed_for_long() -> None:
-    assert ground(100.0).signs(11 * S, GNSS, armed=True) == ()
-    assert ground(100.0).signs(20 * S, GNSS, armed=False) == ()
-    assert MapCheck().signs(11 * S, GNSS, armed=False) == ()
+    assert ground(100.0).signs(11 * S, GNSS, flies=True) == ()
+    assert ground(100.0).signs(20 * S, GNSS, flies=False) == ()
+    assert MapCheck().signs(11 * S, GNSS, flies=False) == ()
 
 
 def test_every_reason_has_words_that_fit_a_statustext() -> None:
