@@ -1,6 +1,6 @@
 """Where GNSS and the filter meet: GNSS keeps an idle filter near while it is trusted; fixes and odometry are held against it.
 
-GNSS positions enter the filter only in SHADOW (or LOST), only while the verdict is OK, and only when vision has given nothing
+GNSS positions enter the filter only while nothing is injected and the verdict is OK, and only when vision has given nothing
 for GNSS_AFTER_NS: with fixes coming GNSS would hide a drag, without them the prior would drift away from a position that is
 known. A filter that keeps refusing a trusted GNSS starts again from it.
 """
@@ -12,6 +12,7 @@ from collections import deque
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_odometry import Lens
 from visloc_companion.core.map_offset import MapOffset
+from visloc_companion.core.modes import INJECTING
 from visloc_companion.core.motion import Motion
 from visloc_companion.core.requests import dragged_m
 from visloc_companion.core.scale_watch import ScaleWatch
@@ -85,7 +86,7 @@ class GnssAiding:
 
     def _keep_near(self, event: Gnss, t_ns: int, mode: Mode) -> list[Command]:
         belief = self._tracker.belief
-        if belief is None or not self._monitor.trusted or mode not in (Mode.SHADOW, Mode.LOST):
+        if belief is None or not self._monitor.trusted or mode in INJECTING:
             return []
         vision = belief.last_fix_ns is not None and t_ns - belief.last_fix_ns < GNSS_AFTER_NS
         just_now = self._fused_ns is not None and t_ns - self._fused_ns < GNSS_INTERVAL_NS

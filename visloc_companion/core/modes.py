@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from visloc_companion.types import Mode
 
+INJECTING = (Mode.AIDING, Mode.DEAD_RECKONING)
 RECOVERED_SHARE = 0.5
 """LOST is left when sigma has fallen below this share of `lost_sigma_m`."""
 

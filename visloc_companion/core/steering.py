@@ -9,7 +9,6 @@ from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.switching import SourceSwitch
 from visloc_companion.types import Command, EkfSource, InjectionPolicy, Mode, NavState, Notice, Severity, Verdict
 
-INJECTING = (Mode.AIDING, Mode.DEAD_RECKONING)
 LOW_VELOCITY_SIGMA_MPS = 1.0
 """A vehicle too low for fixes gets no positions any more once the velocity that carries them may be off by more (1-sigma): it
 would hold that velocity down to the ground. Without positions the autopilots level the vehicle instead."""
@@ -28,7 +27,7 @@ class Steering:
     @property
     def injecting(self) -> bool:
         """Whether positions are sent."""
-        return self.mode in INJECTING
+        return self.mode in modes.INJECTING
 
     @property
     def feedback(self) -> bool:

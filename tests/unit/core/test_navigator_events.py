@@ -136,6 +136,16 @@ def test_an_autopilot_without_an_origin_is_not_aided_and_not_sent_to_vision(worl
     assert max(errors(w, 30)) < 6.0, "the filter went on meanwhile"
 
 
+def test_a_gnss_that_is_trusted_holds_the_filter_while_the_origin_is_waited_for(world: type[World]) -> None:
+    """Nothing is injected in WAITING either: the filter drifted by what the autopilot's velocity is off."""
+    w = started(world, blind=lambda t: t > 20, false_velocity_mps=lambda t: (2.0 * (t > 30), 0.0)).fly(30)
+    w.send(LinkChanged(0, up=False))
+    w.send(LinkChanged(0, up=True, autopilot=AutopilotKind.ARDUPILOT, system_id=1))
+    w.fly(70)
+    assert (w.status_at(69)[0].mode, w.status_at(69)[0].verdict) == (Mode.WAITING, Verdict.OK)
+    assert max(errors(w, 40)) < 12.0
+
+
 def test_attitude_that_is_not_later_is_refused(world: type[World]) -> None:
     w = started(world).fly(5)
     now = round(w.t * S)
