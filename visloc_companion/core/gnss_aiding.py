@@ -36,12 +36,15 @@ class GnssAiding:
         self._tracker, self._monitor = tracker, monitor
         self._fused_ns: int | None = None
         self._rejected, self._was_trusted = 0, False
+        self.began_anew = False
+        """Whether the last report made a filter that kept refusing GNSS start again from it: one of both was far off."""
         self._odometry: deque[Motion] = deque(maxlen=MOTIONS_WAITING)
         self._map, self._scale = MapOffset(settings.navigator.map_sigma_m), ScaleWatch()
         self._told: list[Command] = []
 
     def on_gnss(self, event: Gnss, t_ns: int, mode: Mode) -> list[Command]:
         """Take a receiver's report; `t_ns` is its time of validity. Only the first receiver may feed the filter."""
+        self.began_anew = False
         self._monitor.on_gnss(event)
         if event.receiver != 0:
             return []
@@ -101,7 +104,7 @@ class GnssAiding:
         if self._rejected < RESEED_AFTER_REJECTIONS:
             return []
         self._rejected = 0
-        self._tracker.seed(t_ns, event.place, sigma)
+        self.began_anew = self._tracker.seed(t_ns, event.place, sigma)
         return [Notice(Severity.NOTICE, "visloc: restarted from trusted GNSS")]
 
     def judged(self, now_ns: int) -> None:

@@ -182,7 +182,10 @@ class Navigator:
                 return self._telemetry.on_local(event, self._steering.feedback)
             case Gnss():
                 t_ns = self._telemetry.stamped_ns(event.t_rx_ns, event.t_boot_ns)
-                return self._aiding.on_gnss(event, t_ns, self._steering.mode)
+                told = self._aiding.on_gnss(event, t_ns, self._steering.mode)
+                if self._aiding.began_anew:
+                    self._steering.doubt()
+                return told
             case EstimatorStatus():
                 self._telemetry.on_status(event)
                 self._switch.hear(event, now_ns)

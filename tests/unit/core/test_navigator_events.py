@@ -146,6 +146,16 @@ def test_a_gnss_that_is_trusted_holds_the_filter_while_the_origin_is_waited_for(
     assert max(errors(w, 40)) < 12.0
 
 
+def test_after_a_start_from_gnss_that_contradicted_the_filter_a_fix_is_waited_for(world: type[World]) -> None:
+    """It jumped by 300 m while nothing was recognised, and was jammed before anything told: positions 302 m off were sent."""
+    jumps = started(world, blind=lambda t: 30 < t < 80, pull_m=lambda t: (300.0 * (t > 55), 0.0), jammed=lambda t: t > 62).fly(90)
+    assert len(jumps.notices("restarted from trusted GNSS")) == 1
+    assert 80 < jumps.first(Injection) < 85
+    assert jumps.status_at(89)[0].mode is Mode.AIDING
+    steady = started(world, blind=lambda t: 30 < t < 80, jammed=lambda t: t > 62).fly(75)
+    assert steady.status_at(74)[0].mode is Mode.DEAD_RECKONING
+
+
 def test_attitude_that_is_not_later_is_refused(world: type[World]) -> None:
     w = started(world).fly(5)
     now = round(w.t * S)
