@@ -1,7 +1,4 @@
-import json
 import math
-import os
-import resource
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +10,6 @@ from visloc_companion.geo.raster import apply_affine, invert_affine
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.raster import RasterMap
-from visloc_companion.prepare.add_features import add_features
 from visloc_companion.prepare.build import build_pack
 from visloc_companion.types import GeoPoint
 
@@ -263,110 +259,6 @@ def test_large_damaged_files_are_found_while_building(tmp_path: Path, write_rast
     with pytest.raises(MapError, match=r"cut\.tif.*remedy"):
         build_pack([tmp_path / "cut.tif"], None, tmp_path / "pack")
     assert not (tmp_path / "pack").exists() and not list(tmp_path.glob(".pack*"))
-
-
-def test_targets(tmp_path: Path, write_raster) -> None:
-    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
-    orthos = [tmp_path / "a.tif"]
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "thesis.txt").write_text("years of work")
-    (tmp_path / "file").write_text("x")
-    for target in ("mine", "file"):
-        with pytest.raises(MapError, match=f"{target}: exists"):
-            build_pack(orthos, None, tmp_path / target)
-    assert (tmp_path / "mine" / "thesis.txt").read_text() == "years of work"
-    (tmp_path / "mine" / "manifest.json").write_text(json.dumps({"kind": "something else"}))
-    with pytest.raises(MapError, match="mine: exists"):
-        build_pack(orthos, None, tmp_path / "mine")
-    (tmp_path / "empty").mkdir()
-    build_pack(orthos, None, tmp_path / "empty", name="first")
-    (tmp_path / ".empty.building").mkdir()
-    (tmp_path / ".empty.building" / "left.tif").write_text("from a build of something else that was killed")
-    build_pack(orthos, None, tmp_path / "empty", name="second")
-    assert PackMap.open(tmp_path / "empty").manifest.name == "second"
-    assert not list(tmp_path.glob(".empty*"))
-
-
-def test_what_lies_in_a_pack_without_being_part_of_it_is_not_lost(tmp_path: Path, write_raster) -> None:
-    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
-    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
-    (tmp_path / "pack" / "mission.plan").write_text("mine")
-    for rebuild in (
-        lambda: build_pack([tmp_path / "a.tif"], None, tmp_path / "pack"),
-        lambda: add_features(tmp_path / "pack", []),
-    ):
-        with pytest.raises(MapError, match=r"pack: holds 'mission\.plan'.*remedy"):
-            rebuild()
-    assert (tmp_path / "pack" / "mission.plan").read_text() == "mine"
-
-
-def test_a_link_as_target_stays_and_leads_to_the_new_pack(tmp_path: Path, write_raster) -> None:
-    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
-    (tmp_path / "disk").mkdir()
-    (tmp_path / "pack").symlink_to(tmp_path / "disk" / "pack")
-    for name in ("first", "second", "third"):
-        build_pack([tmp_path / "a.tif"], None, tmp_path / "pack", name=name)
-        assert (tmp_path / "pack").is_symlink() and PackMap.open(tmp_path / "disk" / "pack").manifest.name == name
-    assert {path.name for path in (*tmp_path.iterdir(), *(tmp_path / "disk").iterdir())} == {"a.tif", "disk", "pack"}
-
-
-def test_places_and_names_that_nothing_can_be_written_to(tmp_path: Path, write_raster) -> None:
-    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
-    with pytest.raises(MapError, match="no folder can be made there: Not a directory; remedy"):
-        build_pack([tmp_path / "a.tif"], None, tmp_path / "a.tif" / "pack")
-    with pytest.raises(MapError, match="is not written in UTF-8; remedy"):
-        build_pack([tmp_path / "a.tif"], None, tmp_path / os.fsdecode(b"pack\xff"))
-    with pytest.raises(MapError, match="is not written in UTF-8; remedy"):
-        build_pack([tmp_path / os.fsdecode(b"a\xff.tif")], None, tmp_path / "pack")
-
-
-def test_a_full_disk_is_told_and_the_work_is_gone_on_with(tmp_path: Path, write_raster, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
-
-    def full(*_: object, **__: object) -> None:
-        raise type("CPLE_AppDefinedError", (Exception,), {})("Write error at scanline 0")  # GDAL's own, as rasterio hands it on
-
-    with monkeypatch.context() as patched:
-        patched.setattr("rasterio.shutil.copy", full)
-        with pytest.raises(MapError, match=r"cannot be written: Write error.* \([0-9.]+ [GM]B are free there\); remedy: check"):
-            build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
-    assert (tmp_path / ".pack.building").is_dir()
-    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
-    assert PackMap.open(tmp_path / "pack").manifest.share_valid == 1.0
-
-
-def test_a_write_that_the_system_refuses_is_told_with_its_reason(tmp_path: Path, write_raster) -> None:
-    """By a limit of the size of files: rasterio says "Write failed. See previous exception for details"."""
-    write_raster(tmp_path / "a.tif", picture(300), UTM, PLACE, 1.0)
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, before[1]))
-    try:
-        with pytest.raises(MapError, match=r"ortho\.tif: cannot be written: TIFF.*rror.*; remedy: check the disk"):
-            build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-def test_old_pack_survives_a_failing_build(tmp_path: Path, write_raster) -> None:
-    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
-    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack", name="old")
-
-    def stop(stage: str, share: float) -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        build_pack([tmp_path / "a.tif"], None, tmp_path / "pack", name="new", progress=stop)
-    assert PackMap.open(tmp_path / "pack").manifest.name == "old"
-    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack", name="new")
-    assert PackMap.open(tmp_path / "pack").manifest.name == "new"
-    assert not list(tmp_path.glob(".pack*"))
-
-
-def test_disk_space_is_asked_for_first(tmp_path: Path, write_raster, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
-    monkeypatch.setattr("shutil.disk_usage", lambda path: type("Usage", (), {"free": 10_000})())
-    with pytest.raises(MapError, match=r"needs 0\.4 MB of disk, 0\.0 MB are free; remedy: free space"):
-        build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
 
 
 def test_orthophotos_a_continent_apart_are_refused(tmp_path: Path, write_raster) -> None:
