@@ -48,8 +48,7 @@ class Reports:
         first, second = self.gnss, self.second
         if first is None or first.fix_type >= least_type:
             return False
-        lately = second is not None and first.t_rx_ns - second.t_rx_ns <= COMPARED_S * 1e9
-        return not (second is not None and lately and second.fix_type >= least_type)
+        return second is None or second.fix_type < least_type or first.t_rx_ns - second.t_rx_ns > COMPARED_S * 1e9
 
 
 class Interference:

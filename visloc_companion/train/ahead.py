@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import fields
+from itertools import islice
 from multiprocessing import get_context
 from typing import TypeVar
 
@@ -65,16 +66,11 @@ def _start(pool: Executor) -> None:
 
 
 def _in_order(pool: Executor, make: Callable[[int], T], start: int, stop: int, ahead: int) -> Iterator[tuple[int, T]]:
-    pending = deque[Future[T]]()
-    asked = start
+    asked = iter(range(start, stop))
+    pending = deque[Future[T]](pool.submit(make, step) for step in islice(asked, ahead))
     for step in range(start, stop):
-        while asked < min(step + ahead, stop):
-            pending.append(pool.submit(make, asked))
-            asked += 1
         made = pending.popleft().result()
-        if asked < stop:
-            pending.append(pool.submit(make, asked))
-            asked += 1
+        pending.extend(pool.submit(make, later) for later in islice(asked, 1))
         yield step, made
 
 

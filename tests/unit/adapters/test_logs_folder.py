@@ -27,12 +27,16 @@ def telemetry(folder: Path) -> None:
     (folder / "telemetry.tlog").write_bytes(b"".join(pieces))
 
 
+def pictures(folder: Path) -> None:
+    for k in range(3):
+        cv2.imwrite(str(folder / f"f{k}.png"), np.full((48, 64, 3), (10, 20, 30 + k), np.uint8))
+    (folder / "frames.csv").write_text("t_us,file\n60200000,f2.png\n60000000,f0.png\n60100000,f1.png\n")
+
+
 @pytest.fixture
 def flight(tmp_path: Path) -> Path:
     telemetry(tmp_path)
-    for k in range(3):
-        cv2.imwrite(str(tmp_path / f"f{k}.png"), np.full((48, 64, 3), (10, 20, 30 + k), np.uint8))
-    (tmp_path / "frames.csv").write_text("t_us,file\n60200000,f2.png\n60000000,f0.png\n60100000,f1.png\n")
+    pictures(tmp_path)
     (tmp_path / "camera.toml").write_text(LENS + 'time_base = "autopilot_boot"\n')
     (tmp_path / "truth.csv").write_text(
         "t_us, lat_deg, lon_deg, h_amsl_m\n60100000,47.4,8.55,500\n\n  \n60000000,47.3,8.55,501\n  \n"

@@ -5,15 +5,13 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink2
 
 from tests.unit.adapters.test_camera_sources import MODEL as CAMERA
 from tests.unit.adapters.test_camera_sources import JumpingClock, all_of, folder_of
 from tests.unit.adapters.test_camera_sources import Slots as KeptSlots
-from tests.unit.adapters.test_logs_folder import LENS, UNIX_US, make_video, telemetry
+from tests.unit.adapters.test_logs_folder import LENS, UNIX_US, make_video, pictures, telemetry
 from visloc_companion.adapters.camera.files import FilesCamera
 from visloc_companion.adapters.logs.folder import open_folder
 from visloc_companion.errors import CameraError, LogError
@@ -22,9 +20,7 @@ from visloc_companion.errors import CameraError, LogError
 @pytest.fixture
 def found(tmp_path: Path) -> Path:
     telemetry(tmp_path)
-    for k in range(3):
-        cv2.imwrite(str(tmp_path / f"f{k}.png"), np.full((48, 64, 3), (10, 20, 30 + k), np.uint8))
-    (tmp_path / "frames.csv").write_text("t_us,file\n60200000,f2.png\n60000000,f0.png\n60100000,f1.png\n")
+    pictures(tmp_path)
     (tmp_path / "truth.csv").write_text("t_us,lat_deg,lon_deg,h_amsl_m\n60000000,47.3,8.55,501\n")
     (tmp_path / "camera.toml").write_text(LENS)
     return tmp_path

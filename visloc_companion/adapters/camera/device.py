@@ -32,7 +32,7 @@ class Capture(Protocol):
 
 class DeviceCamera:
     """Frames are stamped on arrival less `latency_s` (mid-exposure to arrival, which the driver does not tell). Those that waited
-    while the camera stalled are left out and counted in `skipped`, those whose JPEG came in part in `damaged`.
+    while the camera stalled are left out and counted in `waited`, those whose JPEG came in part in `damaged`.
 
     `capture` replaces the device in tests. Raises CameraError where the device cannot be opened.
     """
@@ -45,7 +45,7 @@ class DeviceCamera:
         self._capture = _opened(address, model) if capture is None else capture
         self._reading: asyncio.Future[tuple[bool, Any]] | None = None
         self._closed = False
-        self.skipped = self.damaged = 0
+        self.waited = self.damaged = 0
 
     def model(self) -> CameraModel:
         """The configured calibration."""
@@ -84,11 +84,11 @@ class DeviceCamera:
             elif fresh:
                 yield stored(slots, pixels, frame_id, now_ns, now_ns - self._latency_ns)
             else:
-                self.skipped += 1
+                self.waited += 1
 
     def left_out(self) -> dict[str, int]:
         """See protocols.Camera."""
-        return {WAITED: self.skipped, HALF_DECODED: self.damaged}
+        return {WAITED: self.waited, HALF_DECODED: self.damaged}
 
     async def _read(self) -> Image | None:
         self._reading = asyncio.get_running_loop().run_in_executor(None, self._capture.read)

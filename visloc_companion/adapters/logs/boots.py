@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 from visloc_companion.adapters.logs.recording import NS_PER_S
 from visloc_companion.errors import LogError
@@ -11,7 +12,21 @@ from visloc_companion.types import Event
 
 _APART_NS = 10 * NS_PER_S
 """No receiver's latency, and no leap second, makes so much of a difference between what two logs of one boot say of its UTC."""
-Events = Sequence[tuple[int, Event]]
+
+
+class Boot(Protocol):
+    """What a log, or all logs of one boot, tell."""
+
+    @property
+    def events(self) -> Sequence[tuple[int, Event]]:
+        """In time order."""
+
+    @property
+    def unix_minus_boot_ns(self) -> int | None:
+        """UTC at the boot's beginning (Unix minus boot time), where they say so."""
+
+
+OfBoot = TypeVar("OfBoot", bound=Boot)
 
 
 def logs_of(data: bytes, beginning: bytes) -> list[bytes]:
@@ -22,23 +37,39 @@ def logs_of(data: bytes, beginning: bytes) -> list[bytes]:
     return [data[start:end] for start, end in zip(starts, [*starts[1:], len(data)], strict=True)]
 
 
-def goes_on(before: Events, after: Events, utc_before_ns: int | None, utc_after_ns: int | None) -> bool:
+def put_together(logs: Iterable[OfBoot], join: Callable[[OfBoot, OfBoot], None]) -> list[OfBoot]:
+    """The boots that the logs of a file, in its order, are of; `join` adds a log to the boot that it goes on. One without events
+    is passed over."""
+    boots: list[OfBoot] = []
+    for log in logs:
+        if not log.events:
+            continue
+        if boots and _goes_on(boots[-1], log):
+            join(boots[-1], log)
+        else:
+            boots.append(log)
+    return boots
+
+
+def _goes_on(before: Boot, after: Boot) -> bool:
     """Whether a log is of the boot of the one before it in the file: its clock goes on from there, unless what both say of UTC
-    at the boot's beginning (Unix minus boot time) tells that the autopilot started in between."""
-    apart = None not in (utc_before_ns, utc_after_ns) and abs((utc_after_ns or 0) - (utc_before_ns or 0)) > _APART_NS
-    return after[0][0] >= before[-1][0] - NS_PER_S and not apart
+    tells that the autopilot started in between."""
+    one_ns, other_ns = before.unix_minus_boot_ns, after.unix_minus_boot_ns
+    if one_ns is not None and other_ns is not None and abs(other_ns - one_ns) > _APART_NS:
+        return False
+    return after.events[0][0] >= before.events[-1][0] - NS_PER_S
 
 
-def chosen_boot(path: Path, boots: Sequence[Events], boot: int) -> tuple[int, tuple[str, ...]]:
+def chosen_boot(path: Path, boots: Sequence[Boot], boot: int) -> tuple[int, tuple[str, ...]]:
     """Index of the boot that is read, `boot` from 1 or with 0 the one that tells most, and a sentence on the others.
 
     Raises LogError where there are not so many.
     """
     if boot > len(boots):
         raise LogError(f"holds no boot {boot} of the autopilot", where=str(path), remedy=f"name one of 1 to {len(boots)}")
-    read = boot or 1 + max(range(len(boots)), key=lambda k: len(boots[k]))
+    read = boot or 1 + max(range(len(boots)), key=lambda k: len(boots[k].events))
     if len(boots) == 1:
         return 0, ()
-    spans = ", ".join(f"{k} of {(b[-1][0] - b[0][0]) / NS_PER_S:.0f} s" for k, b in enumerate(boots, start=1))
+    spans = ", ".join(f"{k} of {(b.events[-1][0] - b.events[0][0]) / NS_PER_S:.0f} s" for k, b in enumerate(boots, start=1))
     told = f"The log holds {len(boots)} boots of the autopilot ({spans}); read was {read}, --boot reads another."
     return read - 1, (told,)

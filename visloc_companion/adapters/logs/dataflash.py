@@ -14,7 +14,7 @@ import statistics
 from pathlib import Path
 
 from visloc_companion.adapters.logs.attitude_rates import rates_between
-from visloc_companion.adapters.logs.boots import chosen_boot, goes_on, logs_of
+from visloc_companion.adapters.logs.boots import chosen_boot, logs_of, put_together
 from visloc_companion.adapters.logs.dataflash_format import BEGINNING, Fields, messages
 from visloc_companion.adapters.logs.lone_leaps import without_lone_leaps
 from visloc_companion.adapters.logs.recording import (
@@ -78,7 +78,7 @@ def read_dataflash(path: Path, boot: int = 0) -> Recording:
     if not boots:
         what = "holds no ATT, GPS or POS message" + " as ArduPilot writes them" * bool(losses.dropped_messages)
         raise LogError(what, where=str(path), remedy="name a DataFlash log (.bin) of ArduPilot, or PX4's .ulg")
-    read, others = chosen_boot(path, [one.events for one in boots], boot)
+    read, others = chosen_boot(path, boots, boot)
     losses.reboots = len(boots) - 1
     one = boots[read]
     events, leaps = without_lone_leaps(path, in_order(one.events), losses)
@@ -87,19 +87,18 @@ def read_dataflash(path: Path, boot: int = 0) -> Recording:
 
 def _boots(data: bytes, losses: Losses) -> list[_Reader]:
     """One reader for each boot."""
-    boots: list[_Reader] = []
-    for log in logs_of(data, BEGINNING):
+
+    def read(log: bytes) -> _Reader:
         reader = _Reader(losses)
         for name, fields in messages(log, _WANTED, losses):
             reader.take(name, fields)
-        if not reader.events:
-            continue
-        if boots and goes_on(boots[-1].events, reader.events, boots[-1].unix_minus_boot_ns, reader.unix_minus_boot_ns):
-            boots[-1].events += reader.events
-            boots[-1].utc_told_ns += reader.utc_told_ns
-        else:
-            boots.append(reader)
-    return boots
+        return reader
+
+    def join(boot: _Reader, log: _Reader) -> None:
+        boot.events += log.events
+        boot.utc_told_ns += log.utc_told_ns
+
+    return put_together(map(read, logs_of(data, BEGINNING)), join)
 
 
 class _Reader:

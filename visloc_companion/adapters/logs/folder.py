@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from visloc_companion.adapters.camera.table import TIME_BASES, require_name
-from visloc_companion.adapters.logs.frames import FrameSource, notes_on, open_frames
+from visloc_companion.adapters.logs.frames import FrameSource, files_named, notes_on, open_frames
 from visloc_companion.adapters.logs.open import LOG_SUFFIXES, open_log
 from visloc_companion.adapters.logs.recording import NS_PER_S, NS_PER_US, Recording
 from visloc_companion.adapters.logs.truth import TruthRow, read_truth
@@ -173,7 +173,7 @@ def _outside(folder: Path, what: str, times_ns: Sequence[int], recording: Record
 
 
 def _telemetry(folder: Path) -> Path:
-    found = sorted(path for path in folder.iterdir() if path.stem.lower() == "telemetry" and path.suffix.lower() in LOG_SUFFIXES)
+    found = files_named(folder, "telemetry", LOG_SUFFIXES)
     if len(found) != 1:
         names = ", ".join(path.name for path in found) or "none"
         raise LogError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -39,6 +40,11 @@ class FileFrames:
             return None
 
 
+def files_named(folder: Path, stem: str, suffixes: Collection[str]) -> list[Path]:
+    """The files of a folder with this name and one of these suffixes, both in letters of any size; by name."""
+    return sorted(path for path in folder.iterdir() if path.stem.lower() == stem and path.suffix.lower() in suffixes)
+
+
 def open_frames(folder: Path, start_us: int | None) -> FrameSource | None:
     """The frames of a flight's folder, or None where it has none.
 
@@ -48,7 +54,7 @@ def open_frames(folder: Path, start_us: int | None) -> FrameSource | None:
     """
     table = folder / "frames.csv"
     require_name(table, LogError)
-    videos = [path for path in sorted(folder.iterdir()) if path.stem.lower() == "video" and path.suffix.lower() in VIDEO_SUFFIXES]
+    videos = files_named(folder, "video", VIDEO_SUFFIXES)
     if len(videos) > 1:
         names = ", ".join(path.name for path in videos)
         raise LogError(f"may hold one video, has {names}", where=str(folder), remedy="leave that of the flight there")

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from visloc_companion.adapters.logs.attitude_rates import rates_between
-from visloc_companion.adapters.logs.boots import chosen_boot, goes_on, logs_of
+from visloc_companion.adapters.logs.boots import chosen_boot, logs_of, put_together
 from visloc_companion.adapters.logs.lone_leaps import without_lone_leaps
 from visloc_companion.adapters.logs.recording import NS_PER_US, Losses, Recording, in_order, link_up, read_bytes
 from visloc_companion.adapters.logs.ulog_format import MAGIC, Row, read_topics
@@ -74,7 +74,7 @@ def read_ulog(path: Path, boot: int = 0) -> Recording:
     boots = _boots(data, losses)
     if not boots:
         raise LogError("holds no attitude and no position", where=str(path), remedy="log vehicle_attitude and the positions")
-    read, others = chosen_boot(path, [one.events for one in boots], boot)
+    read, others = chosen_boot(path, boots, boot)
     losses.reboots = len(boots) - 1
     events, leaps = without_lone_leaps(path, boots[read].events, losses)
     opening = (events[0][0], link_up(events[0][0], _KIND))
@@ -83,16 +83,10 @@ def read_ulog(path: Path, boot: int = 0) -> Recording:
 
 
 def _boots(data: bytes, losses: Losses) -> list[_Boot]:
-    boots: list[_Boot] = []
-    for log in logs_of(data, MAGIC):
-        one = _read(log, losses)
-        if not one.events:
-            continue
-        if boots and goes_on(boots[-1].events, one.events, boots[-1].unix_minus_boot_ns, one.unix_minus_boot_ns):
-            boots[-1].events = in_order([*boots[-1].events, *one.events])
-        else:
-            boots.append(one)
-    return boots
+    def join(boot: _Boot, log: _Boot) -> None:
+        boot.events = in_order([*boot.events, *log.events])
+
+    return put_together((_read(log, losses) for log in logs_of(data, MAGIC)), join)
 
 
 def _read(data: bytes, losses: Losses) -> _Boot:
