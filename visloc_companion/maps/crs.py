@@ -67,7 +67,8 @@ class _Related:
 class MapCrs:
     """A horizontal CRS and its relation to WGS 84. Compare with `==`; build with `map_crs`.
 
-    `vertical_metres_per_unit` is 1 where the CRS does not state heights (`states_heights`).
+    `vertical_metres_per_unit` is 1 where the CRS does not state heights (`states_heights`). `sea_level_name` is that of a known
+    vertical CRS, all of which count from the sea's level or nearly so; empty where it has none, or one that only the file knows.
     """
 
     def __init__(self, related: _Related, vertical: CRS | None, is_ellipsoidal_3d: bool = False) -> None:
@@ -76,6 +77,7 @@ class MapCrs:
         self.vertical_name = vertical.name if vertical and not is_ellipsoidal_3d else ""
         self.vertical_metres_per_unit = float(vertical.axis_info[-1].unit_conversion_factor) if vertical else 1.0
         self.states_heights = vertical is not None
+        self.sea_level_name = self.vertical_name if self.vertical_name and vertical and vertical.to_epsg() else ""
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, MapCrs) and self._crs.equals(other._crs, ignore_axis_order=True)
@@ -232,6 +234,18 @@ def vertical_unit_m(epsg: int) -> float | None:
     except CRSError:
         return None
     return float(crs.axis_info[-1].unit_conversion_factor) if crs.is_vertical else None
+
+
+def is_ellipsoidal(epsg: int) -> bool:
+    """Whether a code, where a file names its vertical CRS, stands for heights above an ellipsoid: a three-dimensional geographic
+    CRS (GeoTIFF 1.1), or one of GeoTIFF 1.0's own codes (section 6.3.4.1: 5001 to 5033, such as 5030 of WGS 84)."""
+    if 5001 <= epsg <= 5033:
+        return True
+    try:
+        crs = CRS.from_epsg(epsg)
+    except CRSError:
+        return False
+    return bool(crs.is_geographic) and len(crs.axis_info) == 3
 
 
 def utm_at(lat_deg: float, lon_deg: float) -> MapCrs:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from visloc_companion.maps.crs import MapCrs, vertical_unit_m
+from visloc_companion.maps.crs import MapCrs, is_ellipsoidal, vertical_unit_m
 
 _MODEL, _PROJECTED, _VERTICAL_CRS, _VERTICAL_UNITS = 1024, 1, 4096, 4099
 """GeoTIFF keys and a value of the first; laspy passes over these keys where it reads the CRS."""
@@ -16,31 +16,35 @@ _EMPTY = " \n'\""
 
 
 def stated_wkt(header: Any) -> str:
-    """WKT of the CRS that a header (of laspy) states, its WKT record before its GeoTIFF keys.
+    """WKT of the CRS that a header (of laspy) states, its WKT record before its GeoTIFF keys; a three-dimensional one where the
+    keys alone say that heights are above the ellipsoid, which laspy passes over.
 
     Empty where it states none: also where the record is empty, for the CRS of a site (LOCAL_CS), which leads nowhere, and where
     the keys describe a projection without naming it (laspy then gives the geographic CRS below it).
     """
-    by_keys = ""
+    found: Any = None
+    on_ellipsoid = is_ellipsoidal(_all_keys(header).get(_VERTICAL_CRS, 0))
     for record in _records(header):
         keys = _keys(record)
         crs = record.parse_crs() if keys or record.string.strip(_EMPTY) else None
         if crs is None or crs.type_name == "Engineering CRS" or (keys.get(_MODEL) == _PROJECTED and crs.is_geographic):
             continue
+        found = crs
         if not keys:
-            return str(crs.to_wkt())
-        by_keys = str(crs.to_wkt())
-    return by_keys
+            break
+    if found is None:
+        return ""
+    return str((found.to_3d() if on_ellipsoid and len(found.axis_info) == 2 else found).to_wkt())
 
 
 def height_unit_m(header: Any, crs: MapCrs | None) -> float:
     """Metres in a unit of height: as the CRS or the GeoTIFF keys say, else that of the grid, which is the custom in LAS files."""
     if crs is None:
         return 1.0
-    if crs.states_heights:
-        return crs.vertical_metres_per_unit
-    keys = {key: value for record in _records(header) for key, value in _keys(record).items()}
+    keys = _all_keys(header)
     stated = _METRES.get(keys.get(_VERTICAL_UNITS, 0)) or vertical_unit_m(keys.get(_VERTICAL_CRS, 0))
+    if crs.states_heights and not (stated and crs.is_ellipsoidal_3d):
+        return crs.vertical_metres_per_unit
     return stated or crs.metres_per_unit
 
 
@@ -48,6 +52,10 @@ def _records(header: Any) -> list[Any]:
     """The WKT records and the GeoTIFF keys, before the points and behind them."""
     known = header.vlrs.get_by_id("LASF_Projection") + (header.evlrs.get_by_id("LASF_Projection") if header.evlrs else [])
     return [record for record in known if hasattr(record, "parse_crs")]
+
+
+def _all_keys(header: Any) -> dict[int, int]:
+    return {key: value for record in _records(header) for key, value in _keys(record).items()}
 
 
 def _keys(record: Any) -> dict[int, int]:

@@ -112,6 +112,14 @@ def _datum(named: Sequence[tuple[str, MapCrs]], stated: Datum | None) -> Datum:
         raise DatumMissing(
             "its CRS says that heights are ellipsoidal", where=ellipsoidal[0], remedy="--vertical-datum ellipsoidal"
         )
+    sea_level = [(name, crs.sea_level_name) for name, crs in named if crs.sea_level_name]
+    if stated == "ellipsoidal" and sea_level:
+        raise DatumMissing(
+            f"its CRS says that heights are above sea level ({sea_level[0][1]})",
+            where=sea_level[0][0],
+            remedy="leave --vertical-datum ellipsoidal out; where the CRS is wrong, state that of its grid alone "
+            "(gdal_edit.py -a_srs, for clouds las2las -epsg or pdal translate)",
+        )
     if 0 < len(ellipsoidal) < len(named) and stated is None:
         raise DatumMissing("heights of the files have different datums", where=ellipsoidal[0], remedy="convert them to one")
     return stated or ("ellipsoidal" if ellipsoidal else "amsl")

@@ -6,6 +6,7 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
+from pyproj import CRS
 
 from visloc_companion.errors import CloudError
 from visloc_companion.maps.cloud import read_cloud
@@ -60,13 +61,33 @@ def test_units_of_the_grid_and_of_heights(tmp_path: Path, record: laspy.VLR, gri
 
 
 def test_wkt_comes_before_keys_which_still_tell_the_unit_of_heights(tmp_path: Path) -> None:
-    from pyproj import CRS
-
     path = write(tmp_path / "a.las", keys({MODEL: 1, PROJECTED: 32617, VERTICAL_UNITS: 9001}), wkt(CRS("EPSG:2264").to_wkt()))
     with open_las(path) as las:
         assert las.crs is not None
         assert las.crs.epsg == 2264
         assert las.metres_per_unit == pytest.approx([SURVEY_FOOT_M, SURVEY_FOOT_M, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("records", "ellipsoidal", "height_m"),
+    [
+        ((keys({MODEL: 1, PROJECTED: 32632, VERTICAL: 5030}),), True, 1.0),  # GeoTIFF's own code of the ellipsoid of WGS 84
+        ((keys({MODEL: 1, PROJECTED: 25832, VERTICAL: 5019, VERTICAL_UNITS: 9001}),), True, 1.0),
+        ((keys({MODEL: 1, PROJECTED: 2264, VERTICAL: 5030, VERTICAL_UNITS: 9003}),), True, SURVEY_FOOT_M),
+        ((keys({MODEL: 1, PROJECTED: 32632, VERTICAL: 4979}),), True, 1.0),
+        ((keys({MODEL: 1, PROJECTED: 32632, VERTICAL: 5030}), wkt(CRS("EPSG:32632").to_wkt())), True, 1.0),
+        ((keys({MODEL: 1, PROJECTED: 32632, VERTICAL: 5030}), wkt(CRS("EPSG:32632+5773").to_wkt())), False, 1.0),
+        ((keys({MODEL: 1, PROJECTED: 32632, VERTICAL: 5773}),), False, 1.0),
+        ((keys({MODEL: 1, PROJECTED: 32632, VERTICAL: 32767}),), False, 1.0),
+    ],
+)
+def test_keys_say_that_heights_are_ellipsoidal(
+    tmp_path: Path, records: tuple[laspy.VLR, ...], ellipsoidal: bool, height_m: float
+) -> None:
+    """laspy reads the grid's CRS alone from them, and a map built of it lay higher by all of the geoid's height."""
+    with open_las(write(tmp_path / "a.las", *records)) as las:
+        assert las.crs is not None and las.crs.is_ellipsoidal_3d == ellipsoidal
+        assert las.height_unit_m == pytest.approx(height_m)
 
 
 def test_the_crs_that_is_given_serves_where_the_file_names_none(tmp_path: Path) -> None:

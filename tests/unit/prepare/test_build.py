@@ -222,6 +222,15 @@ def test_three_dimensional_crs_is_ellipsoidal(tmp_path: Path, write_raster) -> N
             build_pack([tmp_path / "a.tif"], tmp_path / "dsm.tif", tmp_path / "pack", vertical_datum=stated)
 
 
+def test_heights_that_the_crs_places_above_sea_level_are_not_corrected_once_more(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
+    write_raster(tmp_path / "dsm.tif", slope(100), f"{UTM}+5773", PLACE, 1.0)
+    files = [tmp_path / "a.tif"], tmp_path / "dsm.tif", tmp_path / "pack"
+    with pytest.raises(DatumMissing, match=r"dsm\.tif: its CRS says that heights are above sea level \(EGM96 height\); remedy"):
+        build_pack(*files, vertical_datum="ellipsoidal", geoid_undulation_m=46.5)
+    assert build_pack(*files, vertical_datum="amsl").heights.source_datum == "amsl"
+
+
 def test_plane_ground(tmp_path: Path, write_raster) -> None:
     write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
     build_pack([tmp_path / "a.tif"], None, tmp_path / "pack", ground_h_amsl_m=321.0)
