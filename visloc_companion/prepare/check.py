@@ -19,7 +19,7 @@ from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.registration import pack_accuracy_m, why_off
 from visloc_companion.prepare.heights import cloud_above_at_places, cloud_above_surface_m, heights_warnings, surface_range
 from visloc_companion.prepare.matchability import Matchability, matchability
-from visloc_companion.prepare.route import along, read_route
+from visloc_companion.prepare.route import Route, along, read_route
 from visloc_companion.types import GeoPoint
 
 MIN_SHARE_MATCHABLE = 0.5
@@ -52,15 +52,17 @@ def check_pack(pack: PackMap, route: Path | None, margin_m: float = 0.0, network
             "share_one_direction": float(cells.one_way.sum()) / max(1, known),
         },
     }
-    if route is not None:
-        result["route"] = _route(pack, cells, read_route(route), margin_m)
+    planned = None if route is None else read_route(route)
+    if planned is not None:
+        result["route"] = _route(pack, cells, planned.places, margin_m)
     result["features"] = features_info(pack.manifest)
     result["cloud"] = cloud_info(pack.manifest)
     result["warnings"] = _warnings(result)
+    result["warnings"] += [] if planned is None else _planned_warnings(pack, planned, margin_m)
     result["warnings"] += heights_warnings(above)
     result["warnings"] += [why] if (why := why_off(pack.crs.name, result["crs_accuracy_m"])) else []
     result["warnings"] += [why for each in (GRADIENT, *networks) if (why := pack.why_not_stored(each.name, each.recipe))]
-    result["passed"] = route is None or result["route"]["points_outside"] == 0
+    result["passed"] = planned is None or result["route"]["points_outside"] == 0
     return result
 
 
@@ -116,6 +118,18 @@ def _warnings(result: dict[str, Any]) -> list[str]:
         found.append(f"{1 - result['cloud']['share_covered']:.0%} of the map has no point of the cloud")
     if "route" in result and result["route"]["points_outside"] == 0 and result["route"]["share_matchable"] < MIN_SHARE_MATCHABLE:
         found.append(f"only {result['route']['share_matchable']:.0%} of the route can be matched")
+    return found
+
+
+def _planned_warnings(pack: PackMap, planned: Route, margin_m: float) -> list[str]:
+    """What is to be said of the places that a route may lead to besides."""
+    found = [
+        f"the rally point {place.lat_deg:.6f}, {place.lon_deg:.6f} is off the map, and a return may lead there"
+        for place in planned.rally
+        if not on_map(pack, place, margin_m)
+    ]
+    if planned.lacks_home:
+        found.append("the route names no home: its return is followed to its first place, and the way from home is not looked at")
     return found
 
 

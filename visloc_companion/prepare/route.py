@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,14 +16,26 @@ from visloc_companion.types import GeoPoint
 
 LAST_NAV_COMMAND = 95
 """MAV_CMD_NAV_LAST: commands up to here move the vehicle, those above only do something."""
-WAYPOINT, RETURN_TO_LAUNCH, LAND = 16, 20, 21
+WAYPOINT, RETURN_TO_LAUNCH, LAND, REGION_OF_INTEREST = 16, 20, 21, 80
+LONGEST_LEG_M = 1_000_000.0
+"""No map is as large (prepare/target.py); latitude and longitude that are exchanged make such legs."""
 Item = tuple[int, float, float]
 """MAV_CMD, latitude, longitude (degrees)."""
 _REMEDY = "give a CSV with the columns lat_deg,lon_deg, a .waypoints file (QGC WPL 110) or a QGroundControl .plan"
 
 
-def read_route(path: Path) -> list[GeoPoint]:
-    """The places of a route in order (heights are not used and are zero; of circles the middles).
+@dataclass(frozen=True, slots=True)
+class Route:
+    """The places of a route in order (heights are not used and are zero; of circles the middles), the rally points of a plan, to
+    which an autopilot may return instead, and whether a return to launch is followed to the first place, for want of a home."""
+
+    places: list[GeoPoint]
+    rally: list[GeoPoint]
+    lacks_home: bool = False
+
+
+def read_route(path: Path) -> Route:
+    """Read a file of any of the three kinds.
 
     Raises MapError for what is no route, with the line or the item that is wrong.
     """
@@ -34,20 +47,21 @@ def read_route(path: Path) -> list[GeoPoint]:
         raise MapError(f"cannot be read: {why}", where=str(path), remedy=_REMEDY) from why
     try:
         if text.startswith("QGC WPL"):
-            places = _waypoints(text)
+            route = _waypoints(text)
         elif path.suffix.lower() == ".plan" or text.lstrip().startswith("{"):
-            places = _plan(json.loads(text))
+            route = _plan(json.loads(text))
         else:
-            places = _table(text)
-    except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError) as why:
-        said = str(why) if isinstance(why, ValueError) else f"{type(why).__name__}: {why}"
+            route = Route(_table(text), [])
+    except (csv.Error, ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError) as why:
+        said = str(why) if isinstance(why, (csv.Error, ValueError)) else f"{type(why).__name__}: {why}"
         raise MapError(f"is no route: {said}", where=str(path), remedy=_REMEDY) from why
-    if not places:
+    if not route.places:
         raise MapError("holds no place", where=str(path), remedy=_REMEDY)
-    wrong = [p for p in places if not (abs(p.lat_deg) <= 90 and abs(p.lon_deg) <= 180)]
+    wrong = [p for p in (*route.places, *route.rally) if not (abs(p.lat_deg) <= 90 and abs(p.lon_deg) <= 180)]
     if wrong:
         raise MapError(f"{wrong[0].lat_deg}, {wrong[0].lon_deg} is no latitude, longitude", where=str(path), remedy=_REMEDY)
-    return places
+    _check_legs(route.places, path)
+    return route
 
 
 def along(places: list[GeoPoint], step_m: float) -> list[GeoPoint]:
@@ -61,6 +75,17 @@ def along(places: list[GeoPoint], step_m: float) -> list[GeoPoint]:
     return points
 
 
+def _check_legs(places: list[GeoPoint], path: Path) -> None:
+    """Refuse a leg that no map holds: its points would be millions."""
+    for start, end in pairwise(places):
+        if (leg_m := distance_m(end, start)) > LONGEST_LEG_M:
+            raise MapError(
+                f"{end.lat_deg}, {end.lon_deg} lies {leg_m / 1000:.0f} km from {start.lat_deg}, {start.lon_deg} before it",
+                where=str(path),
+                remedy="correct the one that is wrong: the latitude comes first",
+            )
+
+
 def _table(text: str) -> list[GeoPoint]:
     rows = csv.DictReader(text.splitlines(), strict=True, skipinitialspace=True)
     rows.fieldnames = [name.strip() for name in rows.fieldnames or ()]
@@ -69,7 +94,13 @@ def _table(text: str) -> list[GeoPoint]:
         raise ValueError(f"its first line names no column {' and '.join(sorted(missing))}")
     if twice := [name for name in ("lat_deg", "lon_deg") if rows.fieldnames.count(name) > 1]:
         raise ValueError(f"its first line names {' and '.join(twice)} more than once")
-    return [GeoPoint(_number(row["lat_deg"], rows.line_num), _number(row["lon_deg"], rows.line_num), 0.0) for row in rows]
+    return [_place(row, rows.line_num) for row in rows]
+
+
+def _place(row: dict[Any, Any], line: int) -> GeoPoint:
+    if any(value.strip() for value in row.get(None, ())):
+        raise ValueError(f"line {line}: has more values than the first line names columns; decimals have a point, no comma")
+    return GeoPoint(_number(row["lat_deg"], line), _number(row["lon_deg"], line), 0.0)
 
 
 def _number(text: str | None, line: int) -> float:
@@ -79,11 +110,11 @@ def _number(text: str | None, line: int) -> float:
         raise ValueError(f"line {line}: {text or 'nothing'!r} is no number of degrees") from why
 
 
-def _waypoints(text: str) -> list[GeoPoint]:
+def _waypoints(text: str) -> Route:
     lines = [(number, line.split()) for number, line in enumerate(text.splitlines(), 1) if number > 1 and line.strip()]
     items = [_waypoint(row, number) for number, row in lines]
     home = GeoPoint(items[0][1], items[0][2], 0.0) if items and (items[0][1] or items[0][2]) else None
-    return _flown(items[1:] if home else items, home)
+    return _flown(items[1:] if home else items, home, [])
 
 
 def _waypoint(row: list[str], line: int) -> Item:
@@ -93,13 +124,14 @@ def _waypoint(row: list[str], line: int) -> Item:
         raise ValueError(f"line {line}: is not twelve numbers, the 4th a command, the 9th and 10th latitude, longitude") from why
 
 
-def _plan(plan: Any) -> list[GeoPoint]:
+def _plan(plan: Any) -> Route:
     if "mission" not in plan:
         raise ValueError("it holds no mission")
     mission = plan["mission"]
     home = mission.get("plannedHomePosition")
     items = [item for n, entry in enumerate(mission["items"], 1) for item in _items(entry, n)]
-    return _flown(items, GeoPoint(float(home[0]), float(home[1]), 0.0) if home else None)
+    rally = [GeoPoint(float(at[0]), float(at[1]), 0.0) for at in (plan.get("rallyPoints") or {}).get("points") or ()]
+    return _flown(items, GeoPoint(float(home[0]), float(home[1]), 0.0) if home else None, rally)
 
 
 def _items(entry: Any, number: int) -> list[Item]:
@@ -119,11 +151,12 @@ def _items(entry: Any, number: int) -> list[Item]:
     )
 
 
-def _flown(items: list[Item], home: GeoPoint | None) -> list[GeoPoint]:
-    places = [home] if home else []
+def _flown(items: list[Item], home: GeoPoint | None, rally: list[GeoPoint]) -> Route:
+    places, lacks_home = [home] if home else [], False
     for command, lat_deg, lon_deg in items:
-        if command == RETURN_TO_LAUNCH and home:
-            places.append(home)
-        elif command <= LAST_NAV_COMMAND and (lat_deg or lon_deg):
+        if command == RETURN_TO_LAUNCH and places:
+            places.append(home or places[0])
+            lacks_home = home is None
+        elif command <= LAST_NAV_COMMAND and command != REGION_OF_INTEREST and (lat_deg or lon_deg):
             places.append(GeoPoint(lat_deg, lon_deg, 0.0))
-    return places
+    return Route(places, rally, lacks_home)

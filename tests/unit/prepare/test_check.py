@@ -12,7 +12,7 @@ from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.build import build_pack
 from visloc_companion.prepare.check import check_pack
 from visloc_companion.prepare.matchability import matchability
-from visloc_companion.prepare.route import along, read_route
+from visloc_companion.prepare.route import Route, along, read_route
 from visloc_companion.types import GeoPoint
 
 UTM, PLACE = "EPSG:32633", (47.0, 15.3)
@@ -145,8 +145,8 @@ def test_small_packs_are_judged_at_their_coarsest_level(tmp_path: Path, write_ra
 
 def test_csv(tmp_path: Path) -> None:
     path = tmp_path / "r.csv"
-    path.write_bytes(b"\xef\xbb\xbfname,lat_deg,lon_deg\na,47.1,15.2\nb,-3,170.5\n")
-    assert read_route(path) == [GeoPoint(47.1, 15.2, 0.0), GeoPoint(-3.0, 170.5, 0.0)]
+    path.write_bytes(b"\xef\xbb\xbfname,lat_deg,lon_deg\na,47.1,15.2\nb,46.3,15.9\n")
+    assert read_route(path).places == [GeoPoint(47.1, 15.2, 0.0), GeoPoint(46.3, 15.9, 0.0)]
 
 
 def test_waypoints(tmp_path: Path) -> None:
@@ -161,13 +161,17 @@ def test_waypoints(tmp_path: Path) -> None:
         "4\t0\t3\t20\t0\t0\t0\t0\t0\t0\t0\t1\n"
     )
     home = GeoPoint(-35.363, 149.165, 0.0)
-    assert read_route(path) == [home, GeoPoint(-35.36, 149.17, 0.0), home]
+    assert read_route(path).places == [home, GeoPoint(-35.36, 149.17, 0.0), home]
 
 
 def test_waypoints_without_home(tmp_path: Path) -> None:
     path = tmp_path / "r.txt"
-    path.write_text("QGC WPL 110\n0 1 0 16 0 0 0 0 0 0 0 1\n1 0 3 16 0 0 0 0 47.0 15.0 50 1\n2 0 3 20 0 0 0 0 0 0 0 1\n")
-    assert read_route(path) == [GeoPoint(47.0, 15.0, 0.0)]
+    path.write_text(
+        "QGC WPL 110\n0 1 0 16 0 0 0 0 0 0 0 1\n1 0 3 16 0 0 0 0 47.0 15.0 50 1\n2 0 3 16 0 0 0 0 47.1 15.0 50 1\n"
+        "3 0 3 20 0 0 0 0 0 0 0 1\n"
+    )
+    first, second = GeoPoint(47.0, 15.0, 0.0), GeoPoint(47.1, 15.0, 0.0)
+    assert read_route(path) == Route([first, second, first], [], lacks_home=True)
 
 
 def test_plan(tmp_path: Path) -> None:
@@ -182,7 +186,7 @@ def test_plan(tmp_path: Path) -> None:
     plan = {"fileType": "Plan", "mission": {"plannedHomePosition": [47.0, 15.0, 400], "items": [simple, survey, camera]}}
     path = tmp_path / "r.plan"
     path.write_text(json.dumps(plan))
-    assert [(p.lat_deg, p.lon_deg) for p in read_route(path)] == [(47.0, 15.0), (47.001, 15.001), (47.002, 15.002)]
+    assert [(p.lat_deg, p.lon_deg) for p in read_route(path).places] == [(47.0, 15.0), (47.001, 15.001), (47.002, 15.002)]
 
 
 @pytest.mark.parametrize("kind", ["fwLandingPattern", "vtolLandingPattern"])
@@ -196,7 +200,7 @@ def test_landing_patterns_of_plans_are_flown_to(tmp_path: Path, kind: str, appro
         "landCoordinate": [47.002, 15.002, 0],
     }
     (tmp_path / "R.PLAN").write_text(json.dumps({"mission": {"plannedHomePosition": [47.0, 15.0, 400], "items": [landing]}}))
-    places = [(p.lat_deg, p.lon_deg) for p in read_route(tmp_path / "R.PLAN")]
+    places = [(p.lat_deg, p.lon_deg) for p in read_route(tmp_path / "R.PLAN").places]
     assert places == [(47.0, 15.0), (47.001, 15.001), (47.002, 15.002)]
 
 
@@ -204,7 +208,7 @@ def test_columns_may_have_spaces_and_a_plan_another_name(tmp_path: Path) -> None
     (tmp_path / "r.csv").write_text("lat_deg, lon_deg\n47.1, 15.2\n")
     item = {"type": "SimpleItem", "command": 16, "params": [0, 0, 0, None, 47.1, 15.2, 50]}
     (tmp_path / "r.json").write_text(json.dumps({"mission": {"items": [item]}}))
-    assert read_route(tmp_path / "r.csv") == read_route(tmp_path / "r.json") == [GeoPoint(47.1, 15.2, 0.0)]
+    assert read_route(tmp_path / "r.csv") == read_route(tmp_path / "r.json") == Route([GeoPoint(47.1, 15.2, 0.0)], [])
 
 
 @pytest.mark.parametrize(
@@ -220,6 +224,10 @@ def test_columns_may_have_spaces_and_a_plan_another_name(tmp_path: Path) -> None
         ("r.csv", "lat_deg,lon_deg\nnan,15\n", "nan, 15.0 is no latitude, longitude"),
         ("r.csv", "lat_deg,lon_deg\n", "holds no place"),
         ("r.csv", "", "its first line names no column"),
+        ("r.csv", "lat_deg,lon_deg\n47,1,15,2\n", "line 2: has more values than the first line names columns; decimals"),
+        ("r.csv", 'lat_deg,lon_deg\n"47.1"x,15\n', "',' expected after"),
+        ("r.csv", 'lat_deg,lon_deg\n"47.1,15\n', "unexpected end of data"),
+        ("r.csv", "lat_deg,lon_deg\n" + "1" * 200_000 + ",15\n", "field larger than"),
         ("r.plan", "{", "line 1 column 2"),
         ("r.plan", '{"fileType": "Plan", "geoFence": {}}', "it holds no mission"),
         ("r.plan", '{"mission": {"items": [{"type": "SimpleItem"}]}}', "params"),
@@ -234,6 +242,7 @@ def test_columns_may_have_spaces_and_a_plan_another_name(tmp_path: Path) -> None
         ("r.waypoints", "QGC WPL 110\n0 1 0\n", "line 2: is not twelve numbers"),
         ("r.waypoints", "QGC WPL 110\n0\t1\t0\t16\t0\t0\t0\t0\t47,1\t15,2\t584\t1\n", "line 2: is not twelve numbers"),
         ("r.waypoints", "QGC WPL 110\n", "holds no place"),
+        ("r.plan", '{"mission": {"items": []}, "rallyPoints": {"points": [[47]]}}', "IndexError"),
     ],
 )
 def test_what_is_no_route_is_named(tmp_path: Path, name: str, text: str, what: str) -> None:
@@ -247,6 +256,34 @@ def test_unreadable_route(tmp_path: Path) -> None:
     for name, what in (("r.csv", "cannot be read"), ("absent.csv", "there is no such file")):
         with pytest.raises(MapError, match=f"{name}: {what}.*remedy"):
             read_route(tmp_path / name)
+
+
+def test_a_leg_that_no_map_holds_is_told(tmp_path: Path) -> None:
+    """Latitude and longitude exchanged in the second line: two million points were looked at."""
+    (tmp_path / "r.csv").write_text("lat_deg,lon_deg\n47.0,15.3\n15.3,47.0\n")
+    with pytest.raises(MapError, match=r"r\.csv: 15\.3, 47\.0 lies \d{4} km from 47\.0, 15\.3 before it; remedy"):
+        read_route(tmp_path / "r.csv")
+
+
+def test_where_the_vehicle_may_go_besides_is_looked_at(lake: PackMap, tmp_path: Path) -> None:
+    """Rally points, the way back where no home is named; not what the camera looks at."""
+    on, off = place(lake, -300, 0), place(lake, -300, 600)
+    at = [[p.lat_deg, p.lon_deg, 50.0] for p in (on, off)]
+    look = {"type": "SimpleItem", "command": 80, "params": [0, 0, 0, 0, off.lat_deg, off.lon_deg, 0]}
+    fly = {"type": "SimpleItem", "command": 16, "params": [0, 0, 0, 0, on.lat_deg, on.lon_deg, 50]}
+    back = {"type": "SimpleItem", "command": 20, "params": [0, 0, 0, 0, 0, 0, 0]}
+    plan = {"mission": {"items": [look, fly, back]}, "rallyPoints": {"points": at}}
+    (tmp_path / "r.plan").write_text(json.dumps(plan))
+    result = check_pack(lake, tmp_path / "r.plan")
+    assert result["passed"], "what is looked at may lie beside the map"
+    said = [warning for warning in result["warnings"] if "rally" in warning or "home" in warning]
+    assert len(said) == 2 and f"{off.lat_deg:.6f}, {off.lon_deg:.6f} is off the map" in said[0]
+    assert said[1].startswith("the route names no home")
+    plan["mission"]["plannedHomePosition"] = at[0]
+    plan["rallyPoints"]["points"] = at[:1]
+    (tmp_path / "r.plan").write_text(json.dumps(plan))
+    warnings = check_pack(lake, tmp_path / "r.plan")["warnings"]
+    assert not any("rally" in warning or "home" in warning for warning in warnings)
 
 
 def test_points_along_a_route() -> None:
