@@ -12,6 +12,7 @@ from visloc_companion.errors import MapError
 from visloc_companion.geo.raster import T_map_pix_from_gdal, apply_affine
 from visloc_companion.maps.crs import MapCrs, utm_at
 from visloc_companion.maps.layer import Layer
+from visloc_companion.maps.outlasts import outlasts_geotiff
 from visloc_companion.types import FloatArray
 
 BLOCK_PX = 256
@@ -90,11 +91,13 @@ def pack_grid(sources: Sequence[Source]) -> TargetGrid:
 
 
 def pack_crs(first: Source) -> MapCrs:
-    """The orthophoto's own CRS if it is projected, in metres and true to scale within 2 % there; else the place's UTM zone."""
+    """The orthophoto's own CRS if it is projected, in metres, true to scale within 2 % there, not mirrored (as Krovak's southings
+    and westings are: frames match no mirror image), and comes out of a GeoTIFF as it went in; else the place's UTM zone."""
     easting, northing = _middle(first)
     here = first.crs.linearised_at_map(easting, northing)
     stretch = np.linalg.svd(here.J_map_ne, compute_uv=False)
-    if not first.crs.is_geographic and first.crs.metres_per_unit == 1.0 and float(np.abs(stretch - 1).max()) < 0.02:
+    is_true = float(np.abs(stretch - 1).max()) < 0.02 and float(np.linalg.det(here.J_map_ne)) < 0
+    if not first.crs.is_geographic and first.crs.metres_per_unit == 1.0 and is_true and outlasts_geotiff(first.crs):
         return first.crs
     return utm_at(*first.crs.to_geo(easting, northing))
 
