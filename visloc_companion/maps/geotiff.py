@@ -187,12 +187,20 @@ def layer_of(tiff: GeoTiff, in_memory_bytes: int = IN_MEMORY_BYTES) -> Layer:
         with _reading(tiff.path):
             return replace(lazy, by_overviews=overviews_are_averages(tiff.dataset, tiff.bands[0], tiff.shown))
     raw, mask = lazy.stored(0, (0, rows), (0, cols))
-    values, valid = lazy.converted(raw, mask)
+    values, valid = _converted(lazy, raw, mask)
     if not tiff.shown.is_stated and tiff.height_unit_m is None:
-        valid[collar(_pixels_of(raw))] = 0  # a stretch makes dark and empty pixels the same
+        valid[collar(values if tiff.stretch is None else _pixels_of(raw))] = 0  # stretched, dark and empty pixels are the same
     layer: ArrayLayer = array_layer(tiff.T_map_pix, values, valid > 0)
     tiff.dataset.close()
     return layer
+
+
+def _converted(lazy: DatasetLayer, raw: NDArray[Any], mask: Validity) -> tuple[Values, Validity]:
+    """What `converted` makes of a whole raster, a strip of rows at a time: what it reckons with in between takes 8 bytes a value
+    and more, many times as much as the raster itself."""
+    tops = range(0, len(mask), STRIP_ROWS)
+    strips = [lazy.converted(raw[:, top : top + STRIP_ROWS], mask[top : top + STRIP_ROWS]) for top in tops]
+    return np.concatenate([values for values, _ in strips]), np.concatenate([valid for _, valid in strips])
 
 
 def _pixels_of(raw: NDArray[Any]) -> NDArray[Any]:

@@ -26,6 +26,7 @@ from visloc_companion.maps.manifest import (
     sha256_file,
     write_manifest,
 )
+from visloc_companion.maps.spilled import Spill
 from visloc_companion.prepare.cloud_points import PackCloud, pack_cloud, write_cloud
 from visloc_companion.prepare.defaults import FINEST_FEATURES_M
 from visloc_companion.prepare.features import (
@@ -35,7 +36,7 @@ from visloc_companion.prepare.features import (
     wanted_levels,
 )
 from visloc_companion.prepare.mosaic import write_ortho
-from visloc_companion.prepare.replaced import check_target
+from visloc_companion.prepare.replaced import check_target, existing_parent
 from visloc_companion.prepare.seams import seams
 from visloc_companion.prepare.surface import Datum, Surface, make_surface, surface_sources, write_surface
 from visloc_companion.prepare.target import Source, TargetGrid, pack_grid
@@ -85,10 +86,11 @@ def build_pack(
     if not orthos:
         raise MapError("no orthophoto is given", remedy="--ortho FILE")
     stretches = stretches_of(orthos)
-    sources = [_ortho_source(path, stretches) for path in orthos]
+    spill = Spill(existing_parent(out))
+    sources = [_ortho_source(path, stretches, spill) for path in orthos]
     grid = pack_grid(sources)
     cloud = pack_cloud(clouds, cloud_crs, grid, vertical_datum, geoid_undulation_m)
-    surface = make_surface(surface_sources(dsms, clouds, cloud_crs), grid, vertical_datum, geoid_undulation_m)
+    surface = make_surface(surface_sources(dsms, clouds, cloud_crs, spill), grid, vertical_datum, geoid_undulation_m)
     _check_undulation(geoid_undulation_m, surface, cloud)
     if warn is not None and surface is not None:
         for seam in seams(surface.sources, surface.grid, "surface models" if dsms else "clouds"):
@@ -155,10 +157,10 @@ def _ortho(work: WorkFolder, grid: TargetGrid, sources: Sequence[Source], report
     return share
 
 
-def _ortho_source(path: Path, stretches: Mapping[str, Stretch]) -> Source:
+def _ortho_source(path: Path, stretches: Mapping[str, Stretch], spill: Spill) -> Source:
     tiff = open_ortho(path, stretches)
     gsd_m = tiff.gsd_m
-    return Source(str(path), layer_of(tiff), tiff.crs, gsd_m)
+    return Source(str(path), spill.kept(layer_of(tiff)), tiff.crs, gsd_m)
 
 
 def _heights(work: WorkFolder, grid: TargetGrid, surface: Surface | None, plane_h_amsl_m: float, report: Progress) -> HeightEntry:

@@ -1,4 +1,4 @@
-"""The folder that a new pack replaces."""
+"""The folder that a new pack replaces, and where it lies."""
 
 from __future__ import annotations
 
@@ -31,6 +31,11 @@ def check_target(folder: Path) -> None:
             where=str(folder),
             remedy="move it out of the folder, or name another folder",
         )
+
+
+def existing_parent(folder: Path) -> Path:
+    """The folder that a folder (links followed) lies in or, where that is still to be made, will lie in."""
+    return next(parent for parent in folder.resolve().parents if parent.is_dir())
 
 
 def _foreign_files(folder: Path) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -13,6 +13,7 @@ from visloc_companion.errors import DatumMissing, MapError
 from visloc_companion.maps.crs import MapCrs
 from visloc_companion.maps.geotiff import layer_of, open_dsm, require_heights
 from visloc_companion.maps.manifest import Grid, HeightEntry
+from visloc_companion.maps.spilled import Spill
 from visloc_companion.prepare.cloud import cloud_surface
 from visloc_companion.prepare.mosaic import Step, write_heights
 from visloc_companion.prepare.target import Source, TargetGrid, grid_over, outline, outline_box
@@ -35,9 +36,10 @@ class Surface:
     grid: TargetGrid
 
 
-def surface_sources(dsms: Sequence[Path], clouds: Sequence[Path], cloud_crs: str = "") -> tuple[Source, ...]:
+def surface_sources(dsms: Sequence[Path], clouds: Sequence[Path], cloud_crs: str, spill: Spill) -> tuple[Source, ...]:
     """The surface models or, without one, the upper surfaces of the clouds. Raises MapError, DatumMissing."""
-    return tuple(map(_model, dsms)) or tuple(cloud_surface(path, cloud_crs) for path in clouds)
+    made = map(_model, dsms) if dsms else (cloud_surface(path, cloud_crs) for path in clouds)
+    return tuple(replace(source, layer=spill.kept(source.layer)) for source in made)
 
 
 def _model(dsm: Path) -> Source:
