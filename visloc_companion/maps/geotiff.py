@@ -33,6 +33,8 @@ IN_MEMORY_BYTES = 400_000_000
 """Rasters with fewer bytes than this are read whole; larger ones are read by windows."""
 _READ_AGAIN = "copy or download the file again (gdalinfo -checksum FILE names the damage)"
 FOOT_M = 0.3048
+_UNKNOWN = "not recognized as being in a supported file format"
+_MAKE_ONE = "make a GeoTIFF of it with a program that reads it (QGIS, or gdal_translate FILE NEW.tif)"
 Stretch = tuple[float, float]
 """Values that become 0 and 255."""
 STRIP_ROWS = 256
@@ -131,6 +133,12 @@ def open_dsm(path: Path) -> GeoTiff:
     meanings = _meanings(path, dataset)
     if meanings[0] in (ColorInterp.palette, ColorInterp.red):
         raise MapError("holds colours, no heights", where=str(path), remedy="name a surface model (GeoTIFF, one band of heights)")
+    if dataset.dtypes[0] == "uint8" and (dataset.scales[0], dataset.offsets[0]) == (1.0, 0.0):
+        raise MapError(
+            "holds 256 shades, as a picture or a hillshade does",
+            where=str(path),
+            remedy="name the surface model itself; where these are heights in metres: gdal_translate -ot Float32 FILE NEW.tif",
+        )
     unit_m = _height_unit_m(path, (dataset.units[0] or "").lower(), crs)
     scale, lift_m = unit_m * dataset.scales[0], unit_m * dataset.offsets[0]
     shown = heights_shown_by(dataset, meanings)
@@ -289,7 +297,8 @@ def _open(path: Path) -> tuple[Any, MapCrs, FloatArray]:
     try:
         dataset = open_raster(path)
     except RasterioError as why:
-        raise MapError(f"cannot be opened as a raster: {why}", where=where, remedy=_READ_AGAIN) from why
+        remedy = _READ_AGAIN if path.suffix.lower() in (".tif", ".tiff") or _UNKNOWN not in str(why) else _MAKE_ONE
+        raise MapError(f"cannot be opened as a raster: {why}", where=where, remedy=remedy) from why
     require_place(path, dataset)
     crs = map_crs(dataset.crs.to_wkt(version="WKT2_2019"), where)
     a, b, c, d, e, f = tuple(dataset.transform)[:6]

@@ -39,7 +39,7 @@ from visloc_companion.prepare.mosaic import write_ortho
 from visloc_companion.prepare.replaced import check_target, existing_parent
 from visloc_companion.prepare.seams import seams
 from visloc_companion.prepare.surface import Datum, Surface, make_surface, surface_sources, write_surface
-from visloc_companion.prepare.target import Source, TargetGrid, pack_grid
+from visloc_companion.prepare.target import Source, TargetGrid, finer_than_first, pack_grid
 from visloc_companion.prepare.work_folder import Progress, WorkFolder, stage, synced, work_key
 from visloc_companion.types import FloatArray
 
@@ -73,9 +73,9 @@ def build_pack(
     is the plane `ground_h_amsl_m`. `vertical_datum` is that of the surface; where heights are
     ellipsoidal, h_amsl = h_ell - `geoid_undulation_m`. The gradient's features are stored at all levels, those of `networks`
     at levels from the GSD `finest_features_m` on. An existing pack is replaced when the new one is whole; a build of the same
-    inputs that was broken off is gone on with, and ends in the same bytes. `warn` is told what of the surface models does not
-    fit together. Returns the manifest. Raises MapError and DatumMissing for files that cannot be used, too little disk space, and
-    a target that is something else than a pack, ModelError for networks whose names are no file names.
+    inputs that was broken off is gone on with, and ends in the same bytes. `warn` is told what of the orthophotos and of the
+    surface models does not fit together. Returns the manifest. Raises MapError and DatumMissing for files that cannot be used,
+    too little disk space, and a target that is something else than a pack, ModelError for networks whose names are no file names.
     """
     report = progress or _no_progress
     dsms = [dsm] if isinstance(dsm, Path) else list(dsm or ())
@@ -92,9 +92,10 @@ def build_pack(
     cloud = pack_cloud(clouds, cloud_crs, grid, vertical_datum, geoid_undulation_m)
     surface = make_surface(surface_sources(dsms, clouds, cloud_crs, spill), grid, vertical_datum, geoid_undulation_m)
     _check_undulation(geoid_undulation_m, surface, cloud)
-    if warn is not None and surface is not None:
-        for seam in seams(surface.sources, surface.grid, "surface models" if dsms else "clouds"):
-            warn(seam)
+    if warn is not None:
+        steps = seams(surface.sources, surface.grid, "surface models" if dsms else "clouds") if surface is not None else []
+        for said in (*finer_than_first(sources), *steps):
+            warn(said)
     rasters = [file for path in (*orthos, *dsms) for file in files_of(path)]
     inputs = tuple(_inputs([*rasters, *clouds], report))
     made_from: list[object] = [

@@ -23,6 +23,8 @@ FINEST_M = 0.001
 UTM_DEG = (-80.0, 84.0)
 """Latitudes that UTM is for. Beyond, pixels of degrees grow so narrow that no square ones of a size that could be built show
 them; a polar projection's stay square."""
+FINER = 1.25
+"""Orthophotos whose pixels differ by less count as equally fine."""
 LARGEST_M = 1_000_000.0
 """Beyond, no projection is true to scale; and a pack is for one flight."""
 
@@ -88,6 +90,17 @@ def pack_grid(sources: Sequence[Source]) -> TargetGrid:
             remedy="cut it to where you fly (gdalwarp -te, gdal_translate -projwin)",
         )
     return grid_over(first, crs, box)
+
+
+def finer_than_first(sources: Sequence[Source]) -> list[str]:
+    """A sentence on each orthophoto that is finer than the first, which gives the pack its pixel and hides what lies below it."""
+    first = sources[0]
+    return [
+        f"{source.name} has pixels of {source.gsd_m:.3g} m, and the pack gets those of {first.name}, {first.gsd_m:.3g} m, "
+        "which lies on top: name the finest first"
+        for source in sources[1:]
+        if source.gsd_m < first.gsd_m / FINER
+    ]
 
 
 def pack_crs(first: Source) -> MapCrs:

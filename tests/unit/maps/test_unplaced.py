@@ -94,3 +94,12 @@ def test_a_georeference_stands_against_a_world_file(tmp_path: Path) -> None:
     tiff = open_ortho(path)
     assert np.allclose(tiff.T_map_pix, [[1, 0, EAST + 0.5], [0, -1, NORTH - 0.5]])
     tiff.dataset.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "remedy"), [("a.kmz", "make a GeoTIFF of it with a program that reads it"), ("a.tif", "copy or download the file")]
+)
+def test_a_format_that_is_not_read_is_no_damaged_download(tmp_path: Path, name: str, remedy: str) -> None:
+    (tmp_path / name).write_bytes(b"PK\x03\x04" + bytes(200))
+    with pytest.raises(MapError, match=rf"{name}: cannot be opened as a raster: .*; remedy: {remedy}"):
+        open_ortho(tmp_path / name)

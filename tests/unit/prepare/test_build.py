@@ -147,6 +147,30 @@ def test_first_orthophoto_lies_on_top_and_others_fill(tmp_path: Path, write_rast
     assert (patch.pixels[20:160, 20:130] == 200).all() and (patch.pixels[20:160, 145:170] == 90).all()
 
 
+def test_a_finer_orthophoto_below_a_coarse_one_is_told(tmp_path: Path, write_raster) -> None:
+    """Of a survey of 0.5 m below a satellite's picture of 5 m nothing was left, without a word."""
+    fine, alike, coarse = (tmp_path / name for name in ("fine.tif", "alike.tif", "coarse.tif"))
+    for path, side, gsd_m in ((fine, 200, 0.5), (alike, 200, 0.45), (coarse, 60, 5.0)):
+        write_raster(path, picture(side), UTM, PLACE, gsd_m)
+    said: list[str] = []
+    assert build_pack([coarse, fine], None, tmp_path / "pack", warn=said.append).gsd_m == pytest.approx(5.0, rel=1e-3)
+    (words,) = said
+    assert words.startswith(f"{fine} has pixels of 0.5 m, and the pack gets those of {coarse}, 5 m") and "finest first" in words
+    build_pack([fine, alike, coarse], None, tmp_path / "pack", warn=said.append)
+    assert said == [words]
+
+
+def test_a_hillshade_is_no_surface_model(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
+    files = [tmp_path / "a.tif"], tmp_path / "shade.tif", tmp_path / "pack"
+    write_raster(tmp_path / "shade.tif", picture(100), UTM, PLACE, 1.0)
+    with pytest.raises(MapError, match=r"shade\.tif: holds 256 shades, .*; remedy: name the surface model itself"):
+        build_pack(*files)
+    with rasterio.open(tmp_path / "shade.tif", "r+") as heights:
+        heights.scales, heights.offsets = (2.0,), (100.0,)
+    assert build_pack(*files).heights.share_known == 1.0
+
+
 def test_small_holes_of_the_surface_are_filled_and_large_ones_are_not(tmp_path: Path, write_raster) -> None:
     heights = slope(300)
     heights[100:106, 100:106] = -9999
