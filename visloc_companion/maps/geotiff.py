@@ -343,6 +343,8 @@ def _colour_bands(dataset: Any, meanings: tuple[ColorInterp, ...]) -> tuple[int,
     if all(rgb):
         return rgb
     colours = [band for band in dataset.indexes if meanings[band - 1] is not ColorInterp.alpha]
+    if not colours:
+        raise MapError("holds no band of colours but alpha", where=str(dataset.name), remedy="name an orthophoto, not its mask")
     return tuple(colours[:3]) if len(colours) >= 3 else (colours[0],)
 
 

@@ -17,6 +17,7 @@ from visloc_companion.maps.layer import Layer, level_shapes
 from visloc_companion.maps.manifest import REBUILD, Grid, Manifest, read_manifest
 from visloc_companion.maps.stored import NEAR_OCTAVES, StoredFeatures, open_stored
 from visloc_companion.maps.verify import verify_files
+from visloc_companion.maps.world_file import as_hashed
 from visloc_companion.types import FeaturePatch, FloatArray
 
 
@@ -46,9 +47,10 @@ class PackMap(GridMap):
         manifest = read_manifest(folder)
         verify_files(folder, manifest, hashes=verify_hashes)
         crs = map_crs(manifest.crs.wkt, str(folder / "manifest.json"))
-        pixels = _layer(open_ortho(folder / manifest.ortho.file), manifest.ortho, crs)
         entry = manifest.heights
-        surface = None if entry.grid is None else _layer(open_dsm(folder / entry.grid.file), entry.grid, crs)
+        with as_hashed():
+            pixels = _layer(open_ortho(folder / manifest.ortho.file), manifest.ortho, crs)
+            surface = None if entry.grid is None else _layer(open_dsm(folder / entry.grid.file), entry.grid, crs)
         features = tuple(open_stored(folder, level) for level in manifest.features)
         cloud = None if manifest.cloud is None else open_cloud(folder, manifest.cloud)
         return cls(manifest, crs, pixels, Heights(surface, crs, entry.plane_amsl_m), features, cloud)

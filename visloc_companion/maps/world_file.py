@@ -7,6 +7,8 @@ into the GeoTIFF the grid of its pixels, one by one from (0, 0): that is no plac
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,14 @@ def open_raster(path: Path) -> Any:
             dataset.close()
             dataset = rasterio.open(path, GEOREF_SOURCES=_WORLD_FILE_FIRST)
     return dataset
+
+
+@contextmanager
+def as_hashed() -> Iterator[None]:
+    """Rasters that are opened within are what their own bytes say, whatever lies beside them: programs that show a raster write
+    .aux.xml (scale, unit, nodata value, CRS), .msk and .ovr beside it, which GDAL believes and no manifest names."""
+    with rasterio.Env(GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR", GDAL_PAM_ENABLED="NO"):
+        yield
 
 
 def is_pixel_grid(dataset: Any) -> bool:

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rasterio
+from rasterio.errors import NotGeoreferencedWarning
 
 from visloc_companion.errors import HashMismatch, MapError
 from visloc_companion.maps.manifest import DIGEST, MANIFEST, is_manifest, read_manifest
@@ -47,6 +49,36 @@ def test_whole_pack_opens(folder: Path) -> None:
     assert pack.height_amsl_m(*pack.center_map_m) == 300.0
     digest = (folder / DIGEST).read_text().split()
     assert digest == [hashlib.sha256((folder / MANIFEST).read_bytes()).hexdigest(), MANIFEST], "sha256sum -c reads it"
+
+
+@pytest.mark.parametrize(
+    ("name", "band"),
+    [
+        ("dsm.tif.aux.xml", "<UnitType>ft</UnitType>"),
+        ("dsm.tif.aux.xml", "<Scale>3</Scale>"),
+        ("dsm.tif.aux.xml", "<NoDataValue>300</NoDataValue>"),
+        ("ortho.tif.aux.xml", "<NoDataValue>77</NoDataValue>"),
+        ("ortho.tif.aux.xml", "<ColorInterp>Alpha</ColorInterp>"),
+        ("ortho.tif.msk", ""),
+    ],
+)
+def test_what_lies_beside_the_files_of_a_pack_changes_nothing(folder: Path, name: str, band: str) -> None:
+    """Programs that show rasters write such files, GDAL believes them, and no hash tells: 300 m were 91 m, in feet."""
+    pack = PackMap.open(folder)
+    want = pack.patch(pack.center_map_m, (90, 90), 1.0, 0.0)
+    if band:
+        (folder / name).write_text(f'<PAMDataset><PAMRasterBand band="1">{band}</PAMRasterBand></PAMDataset>')
+    else:
+        with (
+            pytest.warns(NotGeoreferencedWarning),
+            rasterio.open(folder / name, "w", "GTiff", width=pack.shape[1], height=pack.shape[0], count=1, dtype="uint8") as mask,
+        ):
+            mask.update_tags(INTERNAL_MASK_FLAGS_1="2")
+    pack = PackMap.open(folder)
+    got = pack.patch(pack.center_map_m, (90, 90), 1.0, 0.0)
+    np.testing.assert_array_equal(got.valid, want.valid)
+    np.testing.assert_array_equal(got.pixels, want.pixels)
+    np.testing.assert_array_equal(got.dsm_amsl_m, want.dsm_amsl_m)
 
 
 def test_flipped_byte_is_found_by_its_hash(folder: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from visloc_companion.errors import MapError
 from visloc_companion.maps.geotiff import layer_of, open_dsm, open_ortho, require_heights, stretches_of
 from visloc_companion.maps.layer import Layer
 from visloc_companion.train.imagery import read_imagery
@@ -79,3 +80,12 @@ def test_heights_that_alpha_hides_are_unknown_beside_a_nodata_value(orthophoto) 
     heights = np.where(HOLE, 0, 430 + 6 * np.sin(U / 40))
     path = orthophoto(np.dstack([heights, ALPHA]).astype(np.float32), nodata=-9999, alpha="yes")
     np.testing.assert_array_equal(shown(layer_of(open_dsm(path))), ~HOLE)
+
+
+def test_a_mask_alone_is_no_orthophoto(orthophoto) -> None:
+    path = orthophoto(ALPHA)
+    path.with_name("a.tif.aux.xml").write_text(
+        '<PAMDataset><PAMRasterBand band="1"><ColorInterp>Alpha</ColorInterp></PAMRasterBand></PAMDataset>'
+    )
+    with pytest.raises(MapError, match=r"a\.tif: holds no band of colours but alpha; remedy: name an orthophoto"):
+        open_ortho(path)
