@@ -69,6 +69,7 @@ class MapCrs:
 
     `vertical_metres_per_unit` is 1 where the CRS does not state heights (`states_heights`). `sea_level_name` is that of a known
     vertical CRS, all of which count from the sea's level or nearly so; empty where it has none, or one that only the file knows.
+    `counts_down`: it is one of depths.
     """
 
     def __init__(self, related: _Related, vertical: CRS | None, is_ellipsoidal_3d: bool = False) -> None:
@@ -77,6 +78,7 @@ class MapCrs:
         self.vertical_name = vertical.name if vertical and not is_ellipsoidal_3d else ""
         self.vertical_metres_per_unit = float(vertical.axis_info[-1].unit_conversion_factor) if vertical else 1.0
         self.states_heights = vertical is not None
+        self.counts_down = bool(vertical and vertical.axis_info[-1].direction == "down")
         self.sea_level_name = self.vertical_name if self.vertical_name and vertical and vertical.to_epsg() else ""
 
     def __eq__(self, other: object) -> bool:
@@ -224,7 +226,16 @@ def map_crs(text: str, where: str = "") -> MapCrs:
     except ProjError as why:
         raise DatumMissing(f"the relation of {full.name!r} to WGS 84 is unknown", where=where, remedy=_REMEDY) from why
     is_3d = len(parts[0].axis_info) == 3
-    return MapCrs(related, parts[0] if is_3d else vertical, is_ellipsoidal_3d=is_3d)
+    return MapCrs(related, parts[0] if is_3d else vertical, is_ellipsoidal_3d=is_3d or _names_ellipsoid(vertical))
+
+
+def _names_ellipsoid(vertical: CRS | None) -> bool:
+    """Whether a vertical CRS is none of the sea: what GDAL makes of GeoTIFF's old keys (a datum that is "Not specified (based on
+    GRS 1980 ellipsoid)") unless it knows them to be of the grid's own datum, and what programs name themselves."""
+    if vertical is None:
+        return False
+    names = vertical.name, vertical.datum.name if vertical.datum else ""
+    return any("ellipsoid" in name.lower() for name in names)
 
 
 def vertical_unit_m(epsg: int) -> float | None:

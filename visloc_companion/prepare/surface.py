@@ -109,6 +109,12 @@ def write_surface(folder: Path, surface: Surface, grid: TargetGrid, plane_h_amsl
 
 def _datum(named: Sequence[tuple[str, MapCrs]], stated: Datum | None) -> Datum:
     """What the user says, else what the CRS says (three-dimensional: ellipsoidal), else above sea level."""
+    if depths := [(name, crs.vertical_name) for name, crs in named if crs.counts_down]:
+        raise DatumMissing(
+            f"its CRS says that it holds depths ({depths[0][1]})",
+            where=depths[0][0],
+            remedy="turn them round (gdal_calc.py -A FILE --calc=-A --outfile NEW.tif), and state the CRS of its grid alone",
+        )
     ellipsoidal = [name for name, crs in named if crs.is_ellipsoidal_3d]
     if stated == "amsl" and ellipsoidal:
         raise DatumMissing(

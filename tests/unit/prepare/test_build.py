@@ -1,4 +1,5 @@
 import math
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -246,6 +247,23 @@ def test_three_dimensional_crs_is_ellipsoidal(tmp_path: Path, write_raster) -> N
             build_pack([tmp_path / "a.tif"], tmp_path / "dsm.tif", tmp_path / "pack", vertical_datum=stated)
 
 
+@pytest.mark.parametrize("key", [5019, 5030])
+def test_geotiffs_old_keys_of_ellipsoids_count(tmp_path: Path, write_raster, key: int) -> None:
+    """On a grid of another datum GDAL makes a vertical CRS without a name of them: heights counted as above sea level."""
+    write_raster(tmp_path / "a.tif", picture(100), "EPSG:26911", (37.0, -117.0), 1.0)
+    write_raster(tmp_path / "dsm.tif", slope(100), "EPSG:26911+5703", (37.0, -117.0), 1.0)
+    raw = (tmp_path / "dsm.tif").read_bytes()
+    vertical_crs = struct.pack("<4H", 4096, 0, 1, 5703)
+    assert raw.count(vertical_crs) == 1
+    (tmp_path / "dsm.tif").write_bytes(raw.replace(vertical_crs, struct.pack("<4H", 4096, 0, 1, key)))
+    files = [tmp_path / "a.tif"], tmp_path / "dsm.tif", tmp_path / "pack"
+    with pytest.raises(DatumMissing, match=r"dsm\.tif: heights are ellipsoidal and the geoid undulation is not given; remedy"):
+        build_pack(*files)
+    assert build_pack(*files, geoid_undulation_m=-30.0).heights.source_datum == "ellipsoidal"
+    pack = PackMap.open(tmp_path / "pack")
+    assert pack.height_amsl_m(*pack.center_map_m) == pytest.approx(float(np.median(slope(100))) + 30.0, abs=0.1)
+
+
 def test_heights_that_the_crs_places_above_sea_level_are_not_corrected_once_more(tmp_path: Path, write_raster) -> None:
     write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
     write_raster(tmp_path / "dsm.tif", slope(100), f"{UTM}+5773", PLACE, 1.0)
@@ -253,6 +271,13 @@ def test_heights_that_the_crs_places_above_sea_level_are_not_corrected_once_more
     with pytest.raises(DatumMissing, match=r"dsm\.tif: its CRS says that heights are above sea level \(EGM96 height\); remedy"):
         build_pack(*files, vertical_datum="ellipsoidal", geoid_undulation_m=46.5)
     assert build_pack(*files, vertical_datum="amsl").heights.source_datum == "amsl"
+
+
+def test_depths_are_no_heights(tmp_path: Path, write_raster) -> None:
+    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
+    write_raster(tmp_path / "dsm.tif", slope(100), f"{UTM}+5715", PLACE, 1.0)
+    with pytest.raises(DatumMissing, match=r"dsm\.tif: its CRS says that it holds depths \(MSL depth\); remedy"):
+        build_pack([tmp_path / "a.tif"], tmp_path / "dsm.tif", tmp_path / "pack")
 
 
 def test_plane_ground(tmp_path: Path, write_raster) -> None:
