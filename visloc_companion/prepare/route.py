@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from visloc_companion.errors import MapError
 from visloc_companion.geo.wgs84 import distance_m, geo_from_ned, ned_from_geo
@@ -19,9 +19,24 @@ LAST_NAV_COMMAND = 95
 WAYPOINT, RETURN_TO_LAUNCH, LAND, REGION_OF_INTEREST = 16, 20, 21, 80
 LONGEST_LEG_M = 1_000_000.0
 """No map is as large (prepare/target.py); latitude and longitude that are exchanged make such legs."""
-Item = tuple[int, float, float]
-"""MAV_CMD, latitude, longitude (degrees)."""
+DO_JUMP = 177
 _REMEDY = "give a CSV with the columns lat_deg,lon_deg, a .waypoints file (QGC WPL 110) or a QGroundControl .plan"
+
+
+class Item(NamedTuple):
+    """MAV_CMD, latitude, longitude (degrees), the number of the item, and that of the one to go on with after a jump."""
+
+    command: int
+    lat_deg: float
+    lon_deg: float
+    number: int = -1
+    jump_to: int = -1
+
+    @property
+    def place(self) -> GeoPoint | None:
+        """Where it leads; None where it leads nowhere."""
+        leads = self.command <= LAST_NAV_COMMAND and self.command not in (RETURN_TO_LAUNCH, REGION_OF_INTEREST)
+        return GeoPoint(self.lat_deg, self.lon_deg, 0.0) if leads and (self.lat_deg or self.lon_deg) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +134,9 @@ def _waypoints(text: str) -> Route:
 
 def _waypoint(row: list[str], line: int) -> Item:
     try:
-        return int(row[3]), float(row[8]), float(row[9])
+        command = int(row[3])
+        jump_to = int(float(row[4])) if command == DO_JUMP else -1
+        return Item(command, float(row[8]), float(row[9]), int(row[0]), jump_to)
     except (ValueError, IndexError) as why:
         raise ValueError(f"line {line}: is not twelve numbers, the 4th a command, the 9th and 10th latitude, longitude") from why
 
@@ -131,20 +148,23 @@ def _plan(plan: Any) -> Route:
     home = mission.get("plannedHomePosition")
     items = [item for n, entry in enumerate(mission["items"], 1) for item in _items(entry, n)]
     rally = [GeoPoint(float(at[0]), float(at[1]), 0.0) for at in (plan.get("rallyPoints") or {}).get("points") or ()]
-    return _flown(items, GeoPoint(float(home[0]), float(home[1]), 0.0) if home else None, rally)
+    return _flown(items, GeoPoint(float(home[0]), float(home[1]), 0.0) if home and (home[0] or home[1]) else None, rally)
 
 
 def _items(entry: Any, number: int) -> list[Item]:
     """The commands of an item of a plan; of a pattern that QGroundControl only flies, its places."""
     if entry["type"] == "SimpleItem":
         params = [0.0 if p is None else float(p) for p in entry["params"]]
-        return [(int(entry["command"]), params[4], params[5])]
+        command = int(entry["command"])
+        jump_to = int(params[0]) if command == DO_JUMP else -1
+        return [Item(command, params[4], params[5], int(entry.get("doJumpId", -1)), jump_to)]
     inner = entry.get("TransectStyleComplexItem", entry).get("Items")
     if inner is not None:
         return [item for one in inner for item in _items(one, number)]
     if "landCoordinate" in entry:  # fwLandingPattern and vtolLandingPattern
         approach = entry["landingApproachCoordinate"] if "landingApproachCoordinate" in entry else entry["loiterCoordinate"]
-        return [(command, float(at[0]), float(at[1])) for command, at in ((WAYPOINT, approach), (LAND, entry["landCoordinate"]))]
+        flown = (WAYPOINT, approach), (LAND, entry["landCoordinate"])
+        return [Item(command, float(at[0]), float(at[1])) for command, at in flown]
     kind = entry.get("complexItemType", "of an unknown kind")
     raise ValueError(
         f"item {number} ({kind}) does not say where it flies: send the plan to the vehicle, download it from there and save that"
@@ -152,11 +172,20 @@ def _items(entry: Any, number: int) -> list[Item]:
 
 
 def _flown(items: list[Item], home: GeoPoint | None, rally: list[GeoPoint]) -> Route:
+    """The places in order; a jump is followed once, there and back, for what comes after it is flown from where it began."""
     places, lacks_home = [home] if home else [], False
-    for command, lat_deg, lon_deg in items:
-        if command == RETURN_TO_LAUNCH and places:
+    for item in items:
+        if item.command == RETURN_TO_LAUNCH and places:
             places.append(home or places[0])
             lacks_home = home is None
-        elif command <= LAST_NAV_COMMAND and command != REGION_OF_INTEREST and (lat_deg or lon_deg):
-            places.append(GeoPoint(lat_deg, lon_deg, 0.0))
+        elif item.command == DO_JUMP and places and (there := _place_from(items, item.jump_to)):
+            places += [there, places[-1]]
+        elif place := item.place:
+            places.append(place)
     return Route(places, rally, lacks_home)
+
+
+def _place_from(items: list[Item], number: int) -> GeoPoint | None:
+    """Where the item of a number leads to, or the first after it that leads anywhere."""
+    start = next((k for k, item in enumerate(items) if item.number == number), len(items))
+    return next((place for item in items[start:] if (place := item.place)), None)

@@ -174,6 +174,25 @@ def test_waypoints_without_home(tmp_path: Path) -> None:
     assert read_route(path) == Route([first, second, first], [], lacks_home=True)
 
 
+@pytest.mark.parametrize("home", ["0\t0", "47.0\t15.0"])
+def test_a_jump_is_followed_there_and_back(tmp_path: Path, home: str) -> None:
+    """The leg from the last place before it to where it leads is flown, and no other item shows it."""
+    corners = [GeoPoint(47.0 + north, 15.001 + east, 0.0) for north, east in ((0.0, 0.0), (0.01, 0.0), (0.01, 0.01))]
+    lines = [f"0\t1\t0\t16\t0\t0\t0\t0\t{home}\t0\t1", "1\t0\t3\t22\t0\t0\t0\t0\t0\t0\t20\t1"]
+    lines += [f"{n}\t0\t3\t16\t0\t0\t0\t0\t{at.lat_deg}\t{at.lon_deg}\t50\t1" for n, at in enumerate(corners, 2)]
+    lines += ["5\t0\t3\t177\t2\t3\t0\t0\t0\t0\t0\t1", "6\t0\t3\t16\t0\t0\t0\t0\t47.02\t15.02\t50\t1"]
+    (tmp_path / "r.waypoints").write_text("QGC WPL 110\n" + "\n".join(lines) + "\n")
+    want = [*corners, corners[0], corners[2], GeoPoint(47.02, 15.02, 0.0)]
+    assert read_route(tmp_path / "r.waypoints").places[-6:] == want
+    items = [
+        {"type": "SimpleItem", "command": 16, "doJumpId": 2 + k, "params": [0, 0, 0, None, at.lat_deg, at.lon_deg, 50]}
+        for k, at in enumerate(corners)
+    ]
+    items.append({"type": "SimpleItem", "command": 177, "doJumpId": 5, "params": [2, 3, 0, 0, 0, 0, 0]})
+    (tmp_path / "r.plan").write_text(json.dumps({"mission": {"plannedHomePosition": [0, 0, 0], "items": items}}))
+    assert read_route(tmp_path / "r.plan") == Route(want[:-1], [])
+
+
 def test_plan(tmp_path: Path) -> None:
     simple = {"type": "SimpleItem", "command": 16, "params": [0, 0, 0, None, 47.001, 15.001, 50]}
     survey = {
