@@ -45,6 +45,10 @@ class Clock(Protocol):
 class AutopilotLink(Protocol):
     """The MAVLink connection to one autopilot (contract suite: `visloc_companion.testing.contract_link`)."""
 
+    @property
+    def rounds(self) -> int:
+        """How often the connection was seen to so far: grows while it is served, whatever the autopilot says."""
+
     def events(self) -> AsyncIterator[Event]:
         """Decoded events, stamped with arrival time, until the link is closed. Reconnects by itself (LinkChanged)."""
 

@@ -1,6 +1,6 @@
 """Health of the daemon's parts: the watchdog beat goes out only while all of them beat.
 
-A part beats when the code that serves it makes progress: the link when events or an orderly reconnection come, the camera on
+A part beats when the code that serves it makes progress: the link while its connection is seen to, the camera on
 a frame or on an orderly attempt to open it again, the worker while it answers or is being restarted, the tick on each tick. So
 an unplugged camera in flight does not restart a daemon that still dead-reckons, and a part that hangs does.
 """

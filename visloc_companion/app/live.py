@@ -250,10 +250,12 @@ class Daemon:
     async def _watch(self) -> None:
         """Beat the watchdog while all parts beat; say which do not."""
         late: list[str] = []
+        rounds = -1
         while True:
             now_ns = self._wall.now_ns()
-            if not self._link_up:
-                self.health.beat("link", now_ns)  # it says itself that it is down, and connects again
+            before, rounds = rounds, self.link.rounds
+            if not self._link_up or rounds != before:
+                self.health.beat("link", now_ns)  # it connects again, or listens to an autopilot that may say nothing of use
             if self.parts.worker is None or not self.parts.worker.overdue:
                 self.health.beat("worker", now_ns)
             was_late, late = late, self.health.late(now_ns)

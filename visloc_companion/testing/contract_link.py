@@ -130,6 +130,15 @@ class LinkContract(ABC):
         await asyncio.wait_for(listening, _PATIENCE_S)
         assert bench.ended
 
+    async def test_is_seen_to_while_nothing_is_said(self) -> None:
+        """`rounds` grows while the connection is served, also beside an autopilot that says nothing."""
+        async with self.bench() as bench:
+            listening = await self._begin(bench)
+            bench.peer.set_silent(True)
+            begun = bench.link.rounds
+            await bench.until(lambda: bench.link.rounds > begun + 2, "three rounds")
+            await self._end(bench, listening)
+
     async def test_comes_up_knowing_the_autopilot(self) -> None:
         """The first event is LinkChanged with kind and system id; `close` ends the events."""
         async with self.bench() as bench:

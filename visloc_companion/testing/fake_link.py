@@ -23,6 +23,7 @@ from visloc_companion.types import (
 )
 
 _CAPACITY = 10_000
+_ROUND_NS = 50_000_000
 
 
 @dataclass(slots=True)
@@ -31,6 +32,7 @@ class FakeLink:
 
     It comes up with the first call, with its origin where it has one. `feed` adds any event. `grants_streams` and
     `grants_switches` decide the answers. What was sent stays in the lists; an injection without origin or link is not sent.
+    While it `hangs` nobody sees to it.
     """
 
     clock: Clock
@@ -46,9 +48,15 @@ class FakeLink:
     notices: list[Notice] = field(default_factory=list)
     reports: list[Report] = field(default_factory=list)
     closed: bool = False
+    hangs: bool = False
     up: bool = False
     _begun: bool = False
     _events: Mailbox[Event | None] = field(default_factory=lambda: Mailbox(_CAPACITY, newest_wins=True))
+
+    @property
+    def rounds(self) -> int:
+        """Twenty a second by the clock."""
+        return 0 if self.hangs else self.clock.now_ns() // _ROUND_NS
 
     def feed(self, *events: Event) -> None:
         """Let the autopilot say something."""

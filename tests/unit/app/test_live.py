@@ -307,6 +307,20 @@ async def test_a_fault_in_the_core_ends_the_daemon_loudly_and_cleanly(tmp_path: 
     assert caught.value.subgroup(ZeroDivisionError) is not None
 
 
+async def test_an_autopilot_that_is_heard_and_answers_nothing_is_no_link_that_hangs(tmp_path: Path) -> None:
+    """A sending wire that is broken, or another signing key there: heartbeats come, and they make no event."""
+    config = configuration(tmp_path, camera={"url": ""}, map={"pack": ""}, journal={"folder": ""})
+    async with flight(config) as f:
+        await f.until(lambda: f.daemon._link_up, "the link")
+        f.daemon.health.limits_s["link"] = 1.5
+        await asyncio.sleep(2.5)
+        assert f.daemon.health.late(f.daemon._wall.now_ns()) == []
+        n = f.notifier.said.count("WATCHDOG=1")
+        await f.until(lambda: f.notifier.said.count("WATCHDOG=1") > n, "another beat")
+        f.link.hangs = True
+        await f.until(lambda: f.daemon.health.late(f.daemon._wall.now_ns()) == ["link"], "a link that nobody sees to")
+
+
 async def test_the_watchdog_is_silent_while_a_part_hangs(tmp_path: Path) -> None:
     config = configuration(tmp_path, camera={"url": ""}, map={"pack": ""}, journal={"folder": ""})
     async with flight(config) as f:

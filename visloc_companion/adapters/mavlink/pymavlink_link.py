@@ -45,7 +45,7 @@ class PymavlinkLink:
     ) -> None:
         self.endpoint: Endpoint = parse_endpoint(url)
         self.session = MavlinkSession(settings)
-        self.reconnects = 0
+        self.reconnects = self._rounds = 0
         self._clock = clock
         self._on_raw = on_raw
         self._on_warning = on_warning
@@ -62,6 +62,11 @@ class PymavlinkLink:
     def port(self) -> int | None:
         """The local port while the connection is open (of use where port 0 let the system choose)."""
         return None if self._channel is None else self._channel.port
+
+    @property
+    def rounds(self) -> int:
+        """How often the connection was seen to so far: about 20 times a second, whatever is heard."""
+        return self._rounds
 
     @property
     def dropped_events(self) -> int:
@@ -184,6 +189,7 @@ class PymavlinkLink:
             await self._clock.sleep_until(min(until_ns, now_ns + _POLL_NS))
 
     def _poll(self, now_ns: int) -> None:
+        self._rounds += 1
         self._emit(self.session.poll(now_ns))
         self._flush()
 
