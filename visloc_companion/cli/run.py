@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TextIO, cast
 
 import typer
 
@@ -34,8 +36,9 @@ def run(
     first = At.parsed(at, sigma) if at else None
     if check:
         _finish(_check(settings, json), config)
-    _start_logging()
-    _finish(_serve(settings, first), config)
+    with _logging():
+        problems = _serve(settings, first)
+    _finish(problems, config)
 
 
 def _serve(config: Config, at: At | None) -> list[VislocError]:
@@ -106,11 +109,15 @@ def _finish(problems: list[VislocError], config: Path) -> None:
     raise typer.Exit(min(exit_code(problem) for problem in problems))
 
 
-def _start_logging() -> None:
+@contextlib.contextmanager
+def _logging() -> Iterator[None]:
     """Lines for people on a terminal, JSON lines for journald otherwise; always on stderr."""
     import structlog
 
+    from visloc_companion.app.log_lines import LogLines
+
     terminal = sys.stderr.isatty()
+    lines = LogLines(sys.stderr.fileno())
     structlog.configure(
         processors=[
             structlog.processors.add_log_level,
@@ -118,6 +125,10 @@ def _start_logging() -> None:
             structlog.processors.format_exc_info,
             structlog.dev.ConsoleRenderer() if terminal else structlog.processors.JSONRenderer(),
         ],
-        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+        logger_factory=structlog.WriteLoggerFactory(cast(TextIO, lines)),
         cache_logger_on_first_use=True,
     )
+    try:
+        yield
+    finally:
+        lines.close()

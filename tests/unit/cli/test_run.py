@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
+import time
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -34,11 +38,11 @@ def visloc_run(path: Path, *options: str) -> subprocess.CompletedProcess[str]:
 
 
 @contextmanager
-def started(path: Path) -> Iterator[subprocess.Popen[str]]:
+def started(path: Path, stderr: int = subprocess.PIPE) -> Iterator[subprocess.Popen[str]]:
     """The daemon, which never outlives the test. Tests that run under `nohup` would hand on to it that SIGHUP is ignored."""
     listening = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     try:
-        process = subprocess.Popen([*COMMAND, str(path)], stderr=subprocess.PIPE, text=True, env=ENVIRONMENT)
+        process = subprocess.Popen([*COMMAND, str(path)], stderr=stderr, text=True, env=ENVIRONMENT)
     finally:
         signal.signal(signal.SIGHUP, listening)
     with process:
@@ -157,6 +161,40 @@ def test_a_signal_ends_it_cleanly_with_a_whole_journal(tmp_path: Path, number: s
     (journal,) = journals.glob("*.mcap")
     list(read_journal(journal, salvage=False))
     assert read_header(journal).configuration["journal"]["folder"] == str(journals)
+
+
+@pytest.mark.parametrize("log", ["on a full disk", "that nobody reads"])
+def test_a_log_that_cannot_be_written_neither_ends_nor_holds_it(tmp_path: Path, log: str) -> None:
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(writer, bytes(4096))
+    os.set_blocking(writer, True)
+    full = os.open("/dev/full", os.O_WRONLY)
+    address = tmp_path / "status.sock"
+    path = configuration(tmp_path, f'[link]\nurl = "udpin:127.0.0.1:0"\n[status]\nsocket = "{address}"\n')
+    with started(path, full if log == "on a full disk" else writer) as process:
+        answers = [answer(process, address) for _ in range(2)]
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(60) == 0
+    for descriptor in (reader, writer, full):
+        os.close(descriptor)
+    assert answers[1]["t_ns"] > answers[0]["t_ns"] and answers[1]["late"] == []
+
+
+def answer(process: subprocess.Popen[str], address: Path) -> dict[str, Any]:
+    """What the status socket says, a second after it is there."""
+    for _ in range(600):
+        if address.exists() or process.poll() is not None:
+            break
+        time.sleep(0.1)
+    time.sleep(1.0)
+    with socket.socket(socket.AF_UNIX) as asking:
+        asking.settimeout(10)
+        asking.connect(str(address))
+        said: dict[str, Any] = json.loads(asking.makefile().read())
+    return said
 
 
 def test_a_restart_begins_a_journal_of_its_own(tmp_path: Path) -> None:
