@@ -31,6 +31,8 @@ FileStamps = tuple[tuple[str, int, int, int], ...]
 _WINDOW_S = 60.0
 _PAUSE_S = 60.0
 """After more deaths than `worker.max_restarts`: what kills a worker may pass (memory, heat, a pack that is being copied)."""
+_SCARCE_S = 2.0
+"""Before the next try where the system has no memory, process or descriptor for one."""
 _START_S = 120.0
 _RESTART_S = 30.0
 _STOP_S = 1.0
@@ -144,9 +146,12 @@ class WorkerSupervisor:
         before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))  # the process inherits that
         try:
             process.start()
+        except OSError:
+            ours.close()
+            raise
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        theirs.close()
+            theirs.close()
         self._process, self._connection, self._why, self._reason = process, ours, "", Reason.WORKER_DIED
         loop = asyncio.get_running_loop()
         loop.add_reader(process.sentinel, self._died)
@@ -225,7 +230,7 @@ class WorkerSupervisor:
         elif self._started is not None and self._started.exception() is None:
             self._restart_or_give_up(why)
 
-    def _restart_or_give_up(self, why: str) -> None:
+    def _restart_or_give_up(self, why: str, after_s: float = 0.0) -> None:
         now_s = asyncio.get_running_loop().time()
         self._deaths.append(now_s)
         while now_s - self._deaths[0] > _WINDOW_S:
@@ -241,7 +246,10 @@ class WorkerSupervisor:
             return
         self._report(why)
         self._on_notice(Notice(Severity.WARNING, "localiser restarts", False, (("why", why),)))
-        self._restart()
+        if after_s:
+            self._arm(after_s, self._restart)
+        else:
+            self._restart()
 
     def _restart(self) -> None:
         """Another worker, at once: hashes are not computed again, unless a file of the pack is not the one that was verified."""
@@ -251,7 +259,10 @@ class WorkerSupervisor:
         if verify:
             self._on_notice(Notice(Severity.WARNING, "the map pack has changed since the start and is verified anew"))
         config = self._config.model_copy(update={"map": self._config.map.model_copy(update={"verify_hashes": verify})})
-        self._spawn(config, _START_S if verify else _RESTART_S)
+        try:
+            self._spawn(config, _START_S if verify else _RESTART_S)
+        except OSError as none:  # what killed the last one may be that no memory is left, nor for another
+            self._restart_or_give_up(f"no worker can be started: {none.strerror or none}", _SCARCE_S)
 
     def _detach(self) -> tuple[Any, Connection | None]:
         """Stop listening to the worker and forget it; its process and connection are the caller's to end."""

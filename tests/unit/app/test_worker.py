@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import os
 import signal
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from multiprocessing import shared_memory
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
 import numpy as np
@@ -202,6 +204,34 @@ async def test_what_was_given_up_is_tried_again_and_comes_back(monkeypatch: pyte
         assert [notice.text for notice in b.notices][-1] == "localiser is back"
         assert b.notices[-1].to_operator
         assert b.worker.alive
+        b.ask(10)
+        assert isinstance(await b.next(), Fix)
+
+
+@pytest.mark.parametrize("failures", [1, 3])
+async def test_a_system_without_memory_for_another_worker_is_asked_again(monkeypatch: pytest.MonkeyPatch, failures: int) -> None:
+    """What killed the worker, as the kernel does for want of memory, may keep the next one from being started."""
+    monkeypatch.setattr(supervisor_module, "_PAUSE_S", 0.05)
+    monkeypatch.setattr(supervisor_module, "_SCARCE_S", 0.05)
+    start, tried = SpawnProcess.start, list[int]()
+
+    def scarce(process: SpawnProcess) -> None:
+        tried.append(len(os.listdir("/proc/self/fd")))
+        if len(tried) <= failures:
+            raise OSError(errno.ENOMEM, "Cannot allocate memory")
+        start(process)
+
+    async with bench("prior_is_right", max_restarts=2) as b:
+        assert b.worker.pid is not None
+        monkeypatch.setattr(SpawnProcess, "start", scarce)
+        os.kill(b.worker.pid, signal.SIGKILL)
+        details = []
+        while not isinstance(state := await b.next(), WorkerState) or not state.up:
+            details.append(getattr(state, "detail", ""))
+        assert "no worker can be started: Cannot allocate memory" in details[-1]
+        assert len(details) == failures + 1
+        assert len(set(tried)) == 1, "no descriptor is left behind"
+        assert ("localiser failed, next try in 0 s" in [n.text for n in b.notices if n.to_operator]) is (failures == 3)
         b.ask(10)
         assert isinstance(await b.next(), Fix)
 
