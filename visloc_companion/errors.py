@@ -14,6 +14,7 @@
     └── CasesError
 """
 
+import errno
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -47,6 +48,14 @@ def fault_text(fault: BaseException) -> str:
     calls = traceback.extract_tb(fault.__traceback__)
     where = f" ({Path(calls[-1].filename).name}:{calls[-1].lineno})" if calls else ""
     return f"{type(fault).__name__}: {fault}{where}"
+
+
+_OF_THE_DISK = frozenset((errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EIO))
+
+
+def is_of_the_disk(fault: BaseException | None) -> bool:
+    """Whether a disk is full, fails, or was made read-only for its errors: no fault of the configuration."""
+    return isinstance(fault, OSError) and fault.errno in _OF_THE_DISK
 
 
 class ConfigError(VislocError):

@@ -19,7 +19,7 @@ from visloc_companion.app.versions import versions
 from visloc_companion.app.worker import WorkerSupervisor
 from visloc_companion.app.worker_process import REAL_ANSWERS
 from visloc_companion.config import Config
-from visloc_companion.errors import CameraError, ConfigError, VislocError
+from visloc_companion.errors import CameraError, ConfigError, JournalError, VislocError, is_of_the_disk
 from visloc_companion.protocols import AutopilotLink, Camera, Clock
 from visloc_companion.types import Event, Notice
 
@@ -154,9 +154,17 @@ def journal_header(config: Config, started_ns: int) -> JournalHeader:
     return JournalHeader(config.model_dump(mode="json"), versions(), digest, started_ns, time.time_ns())
 
 
-def _journal(config: Config, clock: Clock, on_problem: Callable[[str], None]) -> JournalWriter:
+def _journal(config: Config, clock: Clock, on_problem: Callable[[str], None]) -> JournalWriter | None:
+    """None where the disk fails, which may be why the daemon starts again in flight: that is told, and no reason to stay away."""
     header, folder = journal_header(config, clock.now_ns()), Path(config.journal.folder)
-    return JournalWriter.create(folder, header, max_bytes=config.journal.max_bytes, on_problem=on_problem)
+    try:
+        return JournalWriter.create(folder, header, max_bytes=config.journal.max_bytes, on_problem=on_problem)
+    except JournalError as none:
+        why = none.__cause__
+        if not is_of_the_disk(why):
+            raise
+        on_problem(f"no journal: {getattr(why, 'strerror', why)}")
+        return None
 
 
 def _discard(journal: JournalWriter) -> None:

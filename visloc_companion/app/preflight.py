@@ -41,7 +41,11 @@ def preflight(config: Config, make: Constructors = CONSTRUCTORS) -> tuple[list[V
             answer = load_factory(make.answers)(config)
             about = answer.about if isinstance(answer, OverMap) else ""
 
-    attempt(lambda: make.link(config, clock, lambda *_: None, lambda _: None))
+    def doubt(text: str) -> None:
+        """Of the link before it is opened: what a start goes on with, as in flight it must, and a check does not."""
+        problems.append(LinkError(text, where="link"))
+
+    attempt(lambda: make.link(config, clock, lambda *_: None, doubt))
     attempt(lambda: check_serial_device(config.link.url))
     if config.camera.url:
         attempt(lambda: check_calibration(config, make.camera(config, clock)))

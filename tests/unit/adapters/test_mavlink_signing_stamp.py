@@ -1,5 +1,7 @@
 """The time of signing from one start to the next."""
 
+import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -37,6 +39,24 @@ def test_it_is_kept_at_once_and_every_half_minute() -> None:
 def test_a_place_that_cannot_be_written_stands_against_the_start(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"link.signing_stamp_file.*cannot be written.*remedy"):
         StampFile(tmp_path / "absent" / "stamp", lambda _: None)
+
+
+@pytest.mark.parametrize("fault", [errno.EROFS, errno.ENOSPC, errno.EIO])
+def test_a_disk_that_fails_is_told_and_does_not_stand_against_the_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: int
+) -> None:
+    (tmp_path / "stamp").write_text("123456")
+
+    def fails(*_: object, **__: object) -> None:
+        raise OSError(fault, os.strerror(fault))
+
+    monkeypatch.setattr(Path, "touch", fails)
+    monkeypatch.setattr(Path, "write_text", fails)
+    told: list[str] = []
+    file = StampFile(tmp_path / "stamp", told.append)
+    file.keep(200000)
+    assert file.first() == 123456 + MARGIN
+    assert told == [f"the time of signing cannot be kept in {tmp_path / 'stamp'}: {os.strerror(fault)}"]
 
 
 def test_a_disk_that_fails_later_is_told_once(tmp_path: Path) -> None:

@@ -1,5 +1,7 @@
 """From the configuration to the link: what is signed, and what stands against it."""
 
+import errno
+import os
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -44,6 +46,23 @@ def test_a_key_that_others_may_read_stands_against_the_start(tmp_path: Path) -> 
         link_of(config)
     problems, _ = preflight(config)
     assert [type(problem) for problem in problems] == [ConfigError]
+
+
+def test_a_disk_that_keeps_no_time_of_signing_is_a_problem_before_the_flight_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    key = tmp_path / "key"
+    key.touch(mode=0o600)
+    key.write_text("11" * 32)
+
+    def fails(*_: object, **__: object) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    config = parse_config({"link": {"signing_key_file": str(key), "signing_stamp_file": str(tmp_path / "stamp")}})
+    monkeypatch.setattr(Path, "touch", fails)
+    assert link_of(config).session.settings.signing is not None
+    problems, _ = preflight(config)
+    assert ["cannot be kept" in problem.what for problem in problems] == [True]
 
 
 def test_positions_stay_near_the_map_and_its_middle_may_become_the_origin(monkeypatch: pytest.MonkeyPatch) -> None:

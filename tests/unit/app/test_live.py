@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import os
 import signal
 from pathlib import Path
+from typing import Any
 
 import pytest
 import structlog
@@ -27,7 +29,7 @@ from visloc_companion.app.first_position import At
 from visloc_companion.app.ground_reports import MODES
 from visloc_companion.app.journal import read_header
 from visloc_companion.app.live import Daemon, run_daemon
-from visloc_companion.app.parts import Constructors, StartFailed
+from visloc_companion.app.parts import Constructors, StartFailed, check_journal_folder
 from visloc_companion.app.replay import compare_with_recording
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.errors import ConfigError, HashMismatch, JournalError, LinkError
@@ -196,6 +198,30 @@ async def test_a_full_disk_ends_the_journal_and_not_the_flight(tmp_path: Path) -
         assert [notice.text for notice in f.link.notices if "journal" in notice.text] == [
             "visloc: journal stopped: No space left on device"
         ]
+
+
+async def test_a_disk_that_became_read_only_keeps_no_daemon_from_starting_again_in_flight(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As Linux mounts a card whose sectors fail; a folder that may not be written to is a fault of the configuration still."""
+
+    opens = Path.open
+
+    def fails(path: Path, mode: str = "r", *rest: Any, **more: Any) -> Any:
+        if "x" in mode:
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+        return opens(path, mode, *rest, **more)
+
+    with monkeypatch.context() as read_only:
+        read_only.setattr(Path, "open", fails)
+        with pytest.raises(JournalError):
+            check_journal_folder(configuration(tmp_path))
+        async with flight(configuration(tmp_path)) as f, hovering(f):
+            await f.until(lambda: f.link.injections, "an injection")
+            await f.until(lambda: f.link.notices, "the operator's notice")
+            assert f.daemon.snapshot()["journal"] is None
+            assert "visloc: no journal: Read-only file system" in [notice.text for notice in f.link.notices]
+            assert not f.daemon._condition().recording
 
 
 class LeapingClock(MonotonicClock):

@@ -11,22 +11,27 @@ from collections.abc import Callable
 from pathlib import Path
 
 from visloc_companion.adapters.mavlink.signing import UNITS_PER_S
-from visloc_companion.errors import ConfigError
+from visloc_companion.errors import ConfigError, is_of_the_disk
 
 MARGIN = 60 * UNITS_PER_S
 _MAX_DIGITS = 15
 
 
 class StampFile:
-    """One line with a whole number. Raises ConfigError where the file cannot be written to at all."""
+    """One line with a whole number. Raises ConfigError where the file cannot be written to at all.
+
+    A disk that fails or is full is told, and no reason to stay away: the daemon may be starting again in flight.
+    """
 
     def __init__(self, path: Path, warn: Callable[[str], None], field: str = "link.signing_stamp_file") -> None:
         self._path, self._warn, self._told = path, warn, False
         try:
             path.touch(mode=0o600)
         except OSError as why:
-            where, remedy = f"{field} = {path}", "name a file in a folder that the daemon may write to"
-            raise ConfigError(f"cannot be written: {why.strerror}", where=where, remedy=remedy) from why
+            if not is_of_the_disk(why):
+                where, remedy = f"{field} = {path}", "name a file in a folder that the daemon may write to"
+                raise ConfigError(f"cannot be written: {why.strerror}", where=where, remedy=remedy) from why
+            self._tell(why)
 
     def first(self) -> int:
         """The least stamp to begin with: a minute past the kept one; 0 where none was kept, or it was lost in a power cut."""
@@ -43,6 +48,9 @@ class StampFile:
             beside.write_text(f"{stamp}\n", encoding="ascii")
             beside.replace(self._path)
         except OSError as why:
-            if not self._told:
-                self._told = True
-                self._warn(f"the time of signing cannot be kept in {self._path}: {why.strerror}")
+            self._tell(why)
+
+    def _tell(self, why: OSError) -> None:
+        if not self._told:
+            self._told = True
+            self._warn(f"the time of signing cannot be kept in {self._path}: {why.strerror}")
