@@ -30,7 +30,8 @@ def test_valid_urls(url, endpoint):
 @pytest.mark.parametrize(
     "url",
     ["", "udp:1.2.3.4:5", "udpin:14550", "udpin::14550", "tcp:host:port", "tcp:host:0", "udpout:host:70000", "serial:/dev/x",
-     "serial:/dev/x:0", "serial::57600", "tcp:host:-1", "tcp:host:²"],
+     "serial:/dev/x:0", "serial::57600", "tcp:host:-1", "tcp:host:²",
+     "udpout:192.168..5:14550", f"udpin:{'x' * 64}:14550", "tcp:ho\0st:5760", "serial:/dev/\0tty:57600"],
 )  # fmt: skip
 def test_wrong_urls_are_named_with_the_valid_forms(url):
     with pytest.raises(ConfigError) as caught:

@@ -46,12 +46,23 @@ def parse_endpoint(url: str) -> Endpoint:
     if not (number.isascii() and number.isdigit()):
         raise _wrong(url, f"{number!r} is no whole number")
     value = int(number)
+    if "\0" in place or (kind is not EndpointKind.SERIAL and not _is_host(place)):
+        raise _wrong(url, f"{place!r} is no name of a {'device' if kind is EndpointKind.SERIAL else 'host'}")
     if kind is EndpointKind.SERIAL:
         if not 0 < value <= 10_000_000:
             raise _wrong(url, f"{value} is no baud rate")
     elif value > 65535 or (value == 0 and kind in (EndpointKind.UDPOUT, EndpointKind.TCP)):
         raise _wrong(url, f"{value} is no port to connect to")
     return Endpoint(kind, place, value)
+
+
+def _is_host(name: str) -> bool:
+    """Whether a name can be looked up at all: no part of it is empty, or longer than 63 characters."""
+    try:
+        name.encode("idna")
+    except UnicodeError:
+        return False
+    return True
 
 
 def _wrong(url: str, why: str) -> ConfigError:

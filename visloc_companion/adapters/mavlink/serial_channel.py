@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import termios
 
 import serial
 
@@ -23,7 +24,10 @@ class SerialChannel:
         self._listener = listener
         self._unsent = bytearray()
         self._loop = asyncio.get_running_loop()
-        self._serial = serial.Serial(endpoint.place, endpoint.number, timeout=0, exclusive=True)
+        try:
+            self._serial = serial.Serial(endpoint.place, endpoint.number, timeout=0, exclusive=True)
+        except (termios.error, ValueError) as why:  # it went while it was being set up, or has no such baud rate
+            raise OSError(f"{endpoint.place} cannot be set up: {why}") from why
         self._fd: int | None = self._serial.fileno()
         self._loop.add_reader(self._fd, self._readable)
 
