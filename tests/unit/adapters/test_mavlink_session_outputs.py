@@ -43,6 +43,22 @@ def test_parameters_stay_known_over_a_silence():
     assert talking.session.choice.output is Output.VISION_POSITION_ESTIMATE
 
 
+def test_parameters_stay_known_where_the_link_is_lost_and_their_answers_with_it():
+    """The link is back for a moment, and away for less than it takes to be called lost: all that was asked meanwhile is gone."""
+    talking = talk(kind=AutopilotKind.PX4, params={"EKF2_EV_CTRL": 1, "EKF2_EV_QMIN": 40})
+    talking.run(3.0)
+    talking.autopilot.behaviour.silent = True
+    talking.run(4.0)
+    talking.autopilot.behaviour.silent = False
+    talking.run(2.0, until=lambda: talking.session.link.up)
+    talking.autopilot.behaviour.silent = True
+    talking.run(2.8)
+    talking.autopilot.behaviour.silent = False
+    talking.run(4.0)
+    assert talking.session.link.up
+    assert talking.session.choice.output is Output.ODOMETRY
+
+
 def test_what_cannot_be_sent_is_told_to_the_operator_before_the_flight():
     talking = talk(kind=AutopilotKind.PX4, params={"EKF2_EV_CTRL": 0})
     talking.run(4.0)

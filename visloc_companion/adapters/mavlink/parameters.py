@@ -1,6 +1,7 @@
 """A handful of the autopilot's parameters, read one by one: PARAM_REQUEST_READ (20) and PARAM_VALUE (22). Sans-IO.
 
-An autopilot says nothing of a parameter that it does not have, so what is not answered after `TRIES` counts as missing.
+An autopilot says nothing of a parameter that it does not have, so what is not answered after `TRIES` counts as missing. It is
+asked for now and then all the same: question or answer may have been lost, too.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from visloc_companion.types import AutopilotKind
 AT_ONCE = 4
 """ArduPilot queues no more than five requests."""
 TIMEOUT_NS, TRIES = 400_000_000, 3
+AGAIN_NS = 5_000_000_000
 _NAME_LENGTH = 16
 
 
@@ -27,6 +29,8 @@ class ParameterReader:
         self._wanted: frozenset[str] = frozenset()
         self._waiting: deque[tuple[str, int]] = deque()
         self._asked: dict[str, tuple[int, int]] = {}
+        self._missing: deque[str] = deque()
+        self._again_ns = 0
 
     @property
     def complete(self) -> bool:
@@ -34,10 +38,13 @@ class ParameterReader:
         return not self._waiting and not self._asked
 
     def start(self, kind: AutopilotKind, names: Iterable[str]) -> None:
-        """Read these names of an autopilot; what was known is forgotten."""
+        """Read these names of an autopilot (again). What is known of one of another kind is forgotten, else it holds until it is
+        answered anew: a link that was just lost may soon lose answers, too."""
+        if kind is not self._kind:
+            self.values.clear()
         self._kind, self._wanted = kind, frozenset(names)
-        self.values.clear()
         self._asked.clear()
+        self._missing.clear()
         self._waiting = deque((name, 0) for name in names)
 
     def take(self, msg: Message) -> bool:
@@ -47,6 +54,7 @@ class ParameterReader:
             return False
         self._asked.pop(name, None)
         self._waiting = deque(entry for entry in self._waiting if entry[0] != name)
+        self._missing = deque(other for other in self._missing if other != name)
         value = parameter_value(msg, self._kind)
         new = self.values.get(name) != value
         self.values[name] = value
@@ -59,12 +67,23 @@ class ParameterReader:
                 del self._asked[name]
                 if tries < TRIES:
                     self._waiting.append((name, tries))
+                else:
+                    self._missing.append(name)
+                    self._again_ns = now_ns + AGAIN_NS
         requests = []
         while self._waiting and len(self._asked) < AT_ONCE:
             name, tries = self._waiting.popleft()
             self._asked[name] = (tries + 1, now_ns)
             requests.append(_request(system_id, name))
-        return requests
+        return requests or self._ask_again(system_id, now_ns)
+
+    def _ask_again(self, system_id: int, now_ns: int) -> list[Message]:
+        if not self.complete or now_ns < self._again_ns:
+            return []
+        self._again_ns = now_ns + AGAIN_NS
+        names = list(self._missing)[:AT_ONCE]
+        self._missing.rotate(-len(names))
+        return [_request(system_id, name) for name in names]
 
 
 def _request(system_id: int, name: str) -> Message:
