@@ -1,5 +1,6 @@
 """Which message a session sends its positions in, what it tells of the choice, and what it does not listen to."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -57,6 +58,18 @@ def test_parameters_stay_known_where_the_link_is_lost_and_their_answers_with_it(
     talking.run(4.0)
     assert talking.session.link.up
     assert talking.session.choice.output is Output.ODOMETRY
+
+
+@pytest.mark.parametrize("field", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("name", ["EKF2_EV_CTRL", "EKF2_AGP0_CTRL"])
+def test_a_parameter_that_is_no_number_is_as_if_not_answered(name: str, field: float):
+    talking = talk(kind=AutopilotKind.PX4, params={"EKF2_AGP0_ID": 1})
+    packer = mav.MAVLink(None, 1, 1)
+    for _ in range(8):
+        talking.run(0.5)
+        told = mav.MAVLink_param_value_message(name.encode(), field, mav.MAV_PARAM_TYPE_REAL32, 1, 0)
+        talking.session.receive(told.pack(packer), talking.now_ns)
+    assert talking.session.choice.output is Output.VISION_POSITION_ESTIMATE
 
 
 def test_what_cannot_be_sent_is_told_to_the_operator_before_the_flight():

@@ -6,6 +6,7 @@ asked for now and then all the same: question or answer may have been lost, too.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable
 
@@ -48,14 +49,14 @@ class ParameterReader:
         self._waiting = deque((name, 0) for name in names)
 
     def take(self, msg: Message) -> bool:
-        """Take a PARAM_VALUE; True where it says something new."""
+        """Take a PARAM_VALUE; True where it says something new. A value that is no number is no answer."""
         name = msg.param_id.rstrip("\x00")
-        if name not in self._wanted:
+        value = parameter_value(msg, self._kind)
+        if name not in self._wanted or not math.isfinite(value):
             return False
         self._asked.pop(name, None)
         self._waiting = deque(entry for entry in self._waiting if entry[0] != name)
         self._missing = deque(other for other in self._missing if other != name)
-        value = parameter_value(msg, self._kind)
         new = self.values.get(name) != value
         self.values[name] = value
         return new
