@@ -273,8 +273,40 @@ def test_texts_for_the_operator_only_long_ones_in_pieces():
     assert talking.autopilot.texts == [text[:50], text[50:]]
 
 
+def test_texts_that_nobody_heard_are_said_when_the_autopilot_is_heard():
+    """A full disk at the start, a localiser that fails while the link is away: said once, and the operator must know."""
+
+    def say(text: str) -> None:
+        talking.session.notify(Notice(Severity.WARNING, text, to_operator=True), talking.now_ns)
+
+    talking = talk()
+    say("no journal")
+    talking.session.report(Report(talking.now_ns, (("VL_PL", 3.5),)), talking.now_ns)
+    sent = mav.MAVLink(None).parse_buffer(talking.session.outgoing()) or []
+    assert {message.get_type() for message in sent} <= {"HEARTBEAT"}, "nobody knows yet whose companion this is"
+    talking.run(2.0)
+    assert talking.autopilot.texts == ["no journal"]
+    say("heard")
+    talking.run(1.0)
+    talking.autopilot.behaviour.silent = True
+    talking.run(0.5)
+    talking.session.outgoing()
+    for text in ("before the silence is noticed", "localiser failed", "localiser failed"):
+        say(text)
+        talking.session.outgoing()
+        talking.run(2.0)
+    talking.autopilot.texts.clear()
+    talking.autopilot.behaviour.silent = False
+    talking.run(2.0)
+    assert talking.autopilot.texts == ["before the silence is noticed", "localiser failed", "localiser failed"]
+    talking.session.disconnected("unplugged", talking.now_ns)
+    talking.run(2.0)
+    assert len(talking.autopilot.texts) == 3
+
+
 def test_a_critical_report_shows_in_the_heartbeat_until_the_next():
     talking = talk()
+    talking.run(1.2)
     for critical, state in ((True, mav.MAV_STATE_CRITICAL), (False, mav.MAV_STATE_STANDBY)):
         talking.session.report(Report(talking.now_ns, (("VL_PL", 3.5),), critical=critical), talking.now_ns)
         talking.run(1.2)
@@ -283,7 +315,7 @@ def test_a_critical_report_shows_in_the_heartbeat_until_the_next():
 
 
 def test_nobody_drains_and_memory_stays_bounded():
-    session = MavlinkSession(SessionSettings())
+    session = MavlinkSession(SessionSettings(system_id=1))
     for i in range(20_000):
         session.notify(Notice(Severity.INFO, f"{i:050d}", to_operator=True), i)
     assert len(session.outgoing()) <= 65_536

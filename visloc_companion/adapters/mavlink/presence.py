@@ -11,13 +11,13 @@ _STALL_NS = _NS_PER_S // 2
 
 
 class Presence:
-    """Sans-IO. `origin` is the autopilot's EKF origin, None while it is not known."""
+    """Sans-IO. `origin` is the autopilot's EKF origin, None while it is not known; `heard_ns` is when it was last heard."""
 
     def __init__(self, timeout_s: float) -> None:
         self.origin: GeoPoint | None = None
         self._link = LinkState()
         self._timeout_ns = round(timeout_s * _NS_PER_S)
-        self._heard_ns = self._polled_ns = 0
+        self.heard_ns = self._polled_ns = 0
         self._newest_ns: dict[bool, int] = {}
         """Of the clock of TIMESYNC, which need not count from the boot, and of that of telemetry, which does."""
 
@@ -28,7 +28,7 @@ class Presence:
 
     def heard(self, now_ns: int) -> None:
         """A message of the autopilot came."""
-        self._heard_ns = now_ns
+        self.heard_ns = now_ns
 
     def silent(self, now_ns: int) -> bool:
         """Whether the autopilot has been silent for too long; asked twice a second or more.
@@ -36,9 +36,9 @@ class Presence:
         A longer pause is a stall of our own: what came meanwhile is not read yet.
         """
         if now_ns - self._polled_ns > _STALL_NS:
-            self._heard_ns += now_ns - self._polled_ns
+            self.heard_ns += now_ns - self._polled_ns
         self._polled_ns = now_ns
-        return self.link.up and now_ns - self._heard_ns > self._timeout_ns
+        return self.link.up and now_ns - self.heard_ns > self._timeout_ns
 
     def take_link(self, event: LinkChanged) -> tuple[LinkChanged | None, bool]:
         """What is new of the autopilot, if anything, and whether it came up with that."""

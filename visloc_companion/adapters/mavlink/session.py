@@ -20,7 +20,7 @@ from visloc_companion.adapters.mavlink.presence import Presence
 from visloc_companion.adapters.mavlink.settings import CompanionState, SessionSettings
 from visloc_companion.adapters.mavlink.signing import Refusal, SignatureGuard, SigningTime
 from visloc_companion.adapters.mavlink.streams import StreamState
-from visloc_companion.adapters.mavlink.texts import TextSender
+from visloc_companion.adapters.mavlink.texts import BURST, TextSender
 from visloc_companion.adapters.mavlink.upkeep import Upkeep
 from visloc_companion.errors import Reason
 from visloc_companion.types import (
@@ -69,6 +69,8 @@ class MavlinkSession:
         self._upkeep = Upkeep(settings, self._outbox)
         self._sender = PositionSender(settings, self._outbox, self._warn, self._say)
         self._texts = TextSender()
+        self._told: deque[tuple[int, Notice]] = deque(maxlen=BURST)
+        self._heard_ns = -1
         self._state: CompanionState | None = None
         self._pending: list[Event] = []
         self._forbidden_told = False
@@ -197,15 +199,22 @@ class MavlinkSession:
         self._pending += self._upkeep.switcher.start(source.source, self.link, self._advance(now_ns), shows_use=shows_use)
 
     def notify(self, notice: Notice, now_ns: int) -> None:
-        """Queue a STATUSTEXT (several of a long text) where the notice is for the operator, unless it repeats or floods."""
-        self._advance(now_ns)
+        """Queue a STATUSTEXT (several of a long text) where the notice is for the operator, unless it repeats or floods.
+
+        What the autopilot may not have heard, the last few texts before it is heard (again), is said then.
+        """
+        now_ns = self._advance(now_ns)
         if notice.to_operator:
-            self._say(notice)
+            self._told.append((now_ns, notice))
+            if self._listener.pinned:
+                self._say(notice)
 
     def report(self, report: Report, now_ns: int) -> None:
         """Queue what ground stations are told of the companion; the heartbeat shows CRITICAL where the report says so."""
         self._advance(now_ns)
         self.set_state(CompanionState.CRITICAL if report.critical else None)
+        if not self._listener.pinned:
+            return
         for message in named_values(report):
             self._outbox.put(message)
         if report.load is not None:
@@ -279,10 +288,20 @@ class MavlinkSession:
         if came:
             self._upkeep.restart(now_ns)
             self._sender.restart(self.link)
+            self._say_again()
+
+    def _say_again(self) -> None:
+        """What was said since the autopilot was last heard."""
+        unheard = [notice for t_ns, notice in self._told if t_ns > self._heard_ns]
+        self._told.clear()
+        for notice in unheard:
+            self._texts.asked()
+            self._say(notice)
 
     def _lose(self, why: str, now_ns: int) -> None:
         changed = self._presence.down(now_ns)
         if changed is not None:
+            self._heard_ns = self._presence.heard_ns
             self._warn(why)
             self._pending.append(changed)
         self._pending += self._upkeep.forget(why, now_ns)
