@@ -31,7 +31,7 @@ from mcap.writer import CompressionType, Writer
 
 from visloc_companion.app.salvage import OnDamage, Record, read_records
 from visloc_companion.app.serialise import COMMAND_TYPES, EVENT_TYPES, from_dict, json_schema, to_json
-from visloc_companion.errors import JournalError
+from visloc_companion.errors import JournalError, fault_text
 from visloc_companion.types import Command, Event, FrameRef, Image, Notice
 
 CHUNK_BYTES = 240 * 1024
@@ -272,7 +272,7 @@ class JournalWriter:
                     self._flush()
                     flush_at = time.monotonic() + _FLUSH_S
             self._finish()
-        except (OSError, ValueError, _FullError) as why:  # ValueError: closed while the disk hung
+        except Exception as why:  # whatever it is, the flight goes on and the operator is told
             self._end(f"journal stopped: {getattr(why, 'strerror', None) or why}")
             self._drain()
 
@@ -285,9 +285,7 @@ class JournalWriter:
 
     def _write(self, topic: str, now_ns: int, sequence: int, thing: Any) -> None:
         try:
-            data = _payload(topic, thing)
-            if topic == _FRAME:
-                self._frames_waiting -= 1
+            data = self._encoded(topic, thing)
             if not 0 <= now_ns < 2**64:
                 raise JournalError(f"the time {now_ns} ns is outside of what MCAP can hold", where=topic)
             if not self._has_room(len(data) + _MESSAGE_OVERHEAD_BYTES):
@@ -300,6 +298,16 @@ class JournalWriter:
             if not self._drop_told:
                 self._drop_told = True
                 self._report(f"journal record dropped: {why}")
+
+    def _encoded(self, topic: str, thing: Any) -> bytes:
+        try:
+            return _payload(topic, thing)
+        except JournalError:
+            raise
+        except Exception as why:  # no memory for a picture, for one
+            raise JournalError(fault_text(why), where=topic) from why
+        finally:
+            self._frames_waiting -= topic == _FRAME
 
     def _has_room(self, n_bytes: int) -> bool:
         """Whether a record fits; ends the chunk first where it would grow too large."""

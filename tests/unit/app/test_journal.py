@@ -11,9 +11,12 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
+import zstandard
 from mcap.reader import make_reader
 
 from visloc_companion.app import journal
@@ -196,6 +199,41 @@ def test_a_record_that_cannot_be_written_costs_only_itself(tmp_path: Path) -> No
     assert len(problems) == 1
     assert "record dropped" in problems[0]
     assert [entry.event for entry in read_journal(writer.path)] == [Tick(1), Tick(4)]
+
+
+def test_a_picture_that_cannot_be_encoded_costs_only_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    problems: list[str] = []
+    encode, calls = cv2.imencode, list[int]()
+
+    def scarce(*arguments: Any) -> Any:
+        calls.append(1)
+        if len(calls) <= 2 * journal._FRAMES_QUEUED:
+            raise MemoryError
+        return encode(*arguments)
+
+    monkeypatch.setattr(cv2, "imencode", scarce)
+    writer = JournalWriter.create(tmp_path, HEADER, max_bytes=10_000_000, on_problem=problems.append)
+    for n in range(2 * journal._FRAMES_QUEUED + 1):
+        writer.frame(n, FrameRef(n, n, n, 0, 8, 6, 1), np.full((6, 8), n, np.uint8))
+        writer.wait(0)
+    writer.close()
+    assert writer.path is not None
+    assert [number for number, _ in read_frames(writer.path)] == [2 * journal._FRAMES_QUEUED]
+    assert (writer.dropped, writer.problem) == (2 * journal._FRAMES_QUEUED, "")
+    assert len(problems) == 1 and "MemoryError" in problems[0]
+
+
+def test_whatever_ends_the_journal_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    problems: list[str] = []
+    writer = JournalWriter.create(tmp_path, HEADER, max_bytes=10_000_000, on_problem=problems.append)
+
+    def fails() -> None:
+        raise zstandard.ZstdError("cannot compress: Allocation error: not enough memory")
+
+    monkeypatch.setattr(writer._writer, "flush", fails)
+    writer.event(1, Tick(1))
+    writer.close()
+    assert problems == [writer.problem] == ["journal stopped: cannot compress: Allocation error: not enough memory"]
 
 
 def test_a_full_disk_ends_the_journal_with_one_report(tmp_path: Path) -> None:
