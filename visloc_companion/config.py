@@ -276,7 +276,7 @@ class Config(Section):
 def load_config(path: Path) -> Config:
     """Read a TOML file. Raises ConfigError naming the file, every wrong field and the remedy."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as why:
         raise ConfigError(f"cannot be read: {why}", where=str(path), remedy="name a readable UTF-8 TOML file") from why
     try:

@@ -75,6 +75,13 @@ def test_unreadable_and_broken_files_are_named(tmp_path: Path) -> None:
         load_config(bad)
 
 
+def test_a_file_of_another_system_is_read(tmp_path: Path) -> None:
+    """Windows' editors put a byte order mark before the text, and end lines their way."""
+    path = tmp_path / "visloc.toml"
+    path.write_bytes(b'\xef\xbb\xbf[link]\r\nurl = "tcp:h\xc3\xb6he.local:5760"\r\n')
+    assert load_config(path).link.url == "tcp:höhe.local:5760"
+
+
 def test_configuration_is_frozen() -> None:
     with pytest.raises(ValidationError, match="frozen"):
         Config().link.url = "x"

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from visloc_companion.adapters.mavlink.channels import OpenChannel
+from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT
 from visloc_companion.adapters.mavlink.mavsdk_channel import MavsdkOpener
 from visloc_companion.adapters.mavlink.outputs.fence import Fence
 from visloc_companion.adapters.mavlink.outputs.kinds import Output
@@ -20,12 +21,16 @@ from visloc_companion.errors import ConfigError, MapError
 from visloc_companion.protocols import AutopilotLink, Clock
 from visloc_companion.types import GeoPoint
 
+PX4_GPS_POSITION = 1
+"""Bit 0 of EKF2_GPS_CTRL: longitude and latitude are fused."""
+
 
 def make_link(
     config: Config, clock: Clock, on_raw: Callable[[bytes, int, bool], None], on_warning: Callable[[str], None]
 ) -> AutopilotLink:
     """The MAVLink connection of a configuration. Raises ConfigError for a URL that is not valid or a bad key file
-    or an origin without a map, MapError for a pack that cannot be read."""
+    or an origin without a map, or what contradicts itself (`require_sense`), MapError for a pack that cannot be read."""
+    require_sense(config)
     fence, middle = map_extent(config)
     settings = SessionSettings(
         system_id=config.link.system_id,
@@ -45,6 +50,22 @@ def make_link(
     )
     opener = _through_mavsdk(config.link) if config.link.backend == "mavsdk" else None
     return PymavlinkLink(config.link.url, settings, clock, on_raw=on_raw, on_warning=on_warning, open_channel=opener)
+
+
+def require_sense(config: Config) -> None:
+    """Raises ConfigError where we would speak as the autopilot, or a switch back to GNSS would not lead to it."""
+    injection, remedy = config.injection, "leave it out: the default is right"
+    if config.link.component_id == AUTOPILOT_COMPONENT:
+        what = "1 is the autopilot's own: it passes over what seems to come from itself"
+        raise ConfigError(what, where="link.component_id", remedy=remedy)
+    if not injection.switch_source:
+        return
+    if injection.gnss_source_set == injection.vision_source_set:
+        what = f"{injection.gnss_source_set} is injection.gnss_source_set, too: to switch would do nothing"
+        raise ConfigError(what, where="injection.vision_source_set", remedy="name the EK3_SRC set of each (1 and 2)")
+    if not injection.px4_gps_ctrl & PX4_GPS_POSITION:
+        what = f"{injection.px4_gps_ctrl} has not bit 0, so PX4 would be left without position where GNSS is trusted again"
+        raise ConfigError(what, where="injection.px4_gps_ctrl", remedy=remedy)
 
 
 def _through_mavsdk(link: LinkConfig) -> OpenChannel:

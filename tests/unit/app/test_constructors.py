@@ -4,6 +4,7 @@ import errno
 import os
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -63,6 +64,28 @@ def test_a_disk_that_keeps_no_time_of_signing_is_a_problem_before_the_flight_onl
     assert link_of(config).session.settings.signing is not None
     problems, _ = preflight(config)
     assert ["cannot be kept" in problem.what for problem in problems] == [True]
+
+
+@pytest.mark.parametrize(
+    ("told", "where"),
+    [
+        ({"link": {"component_id": 1}}, "link.component_id"),
+        ({"injection": {"switch_source": True, "gnss_source_set": 2}}, "injection.vision_source_set"),
+        ({"injection": {"switch_source": True, "px4_gps_ctrl": 0}}, "injection.px4_gps_ctrl"),
+        ({"injection": {"switch_source": True, "px4_gps_ctrl": 6}}, "injection.px4_gps_ctrl"),
+    ],
+)
+def test_what_contradicts_itself_stands_against_the_start(told: dict[str, Any], where: str) -> None:
+    problems, _ = preflight(parse_config(told))
+    assert [(type(problem), problem.where) for problem in problems] == [(ConfigError, where)]
+    assert problems[0].remedy
+    with pytest.raises(ConfigError):
+        link_of(parse_config(told))
+
+
+def test_what_is_not_used_does_not() -> None:
+    assert preflight(parse_config({"injection": {"gnss_source_set": 2, "px4_gps_ctrl": 0}}))[0] == []
+    assert preflight(parse_config({"injection": {"switch_source": True}}))[0] == []
 
 
 def test_positions_stay_near_the_map_and_its_middle_may_become_the_origin(monkeypatch: pytest.MonkeyPatch) -> None:
