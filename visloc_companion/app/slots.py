@@ -8,10 +8,15 @@ reads leaves nothing locked.
 from __future__ import annotations
 
 import contextlib
+import fcntl
+import os
+import secrets
 import shutil
 import threading
+import time
 from dataclasses import dataclass
 from multiprocessing import shared_memory
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
@@ -23,6 +28,7 @@ from visloc_companion.types import CameraModel, FrameRef, Image
 N_SLOTS = 3
 _CHANNELS = 3
 _SHARED_MEMORY = "/dev/shm"
+_PREFIX = "visloc-"
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +69,40 @@ def _create(n_bytes: int) -> shared_memory.SharedMemory:
                 remedy="make /dev/shm larger or the images smaller",
             )
     try:
-        return shared_memory.SharedMemory(create=True, size=n_bytes)
+        return shared_memory.SharedMemory(_PREFIX + secrets.token_hex(6), create=True, size=n_bytes)
     except OSError as why:
         raise CameraError(f"no shared memory: {why}", where=_SHARED_MEMORY, remedy="mount /dev/shm") from why
+
+
+def _reserve(memory: shared_memory.SharedMemory) -> int | None:
+    """Have its pages now: one that is not to be had when it is written to ends the process (SIGBUS). A descriptor whose lock
+    tells other daemons that it is in use; None where the system shows no file. Raises CameraError."""
+    path = Path(_SHARED_MEMORY) / memory.name
+    if not path.exists():
+        return None
+    descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.posix_fallocate(descriptor, 0, memory.size)
+    except OSError as why:
+        os.close(descriptor)
+        remedy = "make /dev/shm larger or the images smaller"
+        raise CameraError(f"no room for three frames: {why.strerror}", where=_SHARED_MEMORY, remedy=remedy) from why
+    return descriptor
+
+
+def sweep(folder: Path = Path(_SHARED_MEMORY), older_s: float = 10.0) -> None:
+    """Remove what daemons left that were killed with all their processes: files of ours that nobody holds a lock on any more."""
+    for path in folder.glob(_PREFIX + "*"):
+        with contextlib.suppress(OSError):  # another user's, in use, or just gone
+            if time.time() - path.stat().st_mtime < older_s:
+                continue  # it may not be locked yet
+            descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                path.unlink()
+            finally:
+                os.close(descriptor)
 
 
 class SharedFrameSlots(_Slots):
@@ -73,7 +110,14 @@ class SharedFrameSlots(_Slots):
 
     def __init__(self, model: CameraModel) -> None:
         slot_bytes = model.width_px * model.height_px * _CHANNELS
+        sweep()
         super().__init__(_create(N_SLOTS * slot_bytes), slot_bytes)
+        try:
+            self._reserved = _reserve(self._memory)
+        except CameraError:
+            self._memory.close()
+            self._memory.unlink()
+            raise
         self._size = (model.height_px, model.width_px)
         self._lock = threading.Lock()  # cameras may write from a thread
         self._held: int | None = None
@@ -134,6 +178,8 @@ class SharedFrameSlots(_Slots):
         with contextlib.suppress(BufferError):
             self._memory.close()
         self._memory.unlink()
+        if self._reserved is not None:
+            os.close(self._reserved)
 
     def __enter__(self) -> Self:
         return self

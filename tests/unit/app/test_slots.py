@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
+import os
+import secrets
 import subprocess
 import sys
 from collections.abc import Iterator
 from multiprocessing import shared_memory
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from visloc_companion.app.slots import N_SLOTS, SharedFrameSlots
+from visloc_companion.app.slots import N_SLOTS, SharedFrameSlots, sweep
 from visloc_companion.errors import CameraError
 from visloc_companion.types import CameraModel, FrameRef, Image
 
@@ -104,6 +109,41 @@ def test_a_frame_that_no_slot_holds(slots: SharedFrameSlots, slot: int, width: i
 def test_too_little_shared_memory_is_told_at_the_start() -> None:
     with pytest.raises(CameraError, match=r"three frames need \d+ MB of shared memory.*remedy: make /dev/shm larger"):
         SharedFrameSlots(CameraModel(10**7, 10**6, 1.0, 1.0, 0.0, 0.0))
+
+
+def test_every_page_is_had_at_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page that is not to be had when it is written to ends the process, in flight."""
+    with SharedFrameSlots(MODEL) as slots:
+        status = Path("/dev/shm", slots.name.name).stat()
+        assert status.st_blocks * 512 >= N_SLOTS * slots.name.slot_bytes
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    monkeypatch.setattr(secrets, "token_hex", lambda _: "of-this-test")
+    with pytest.raises(CameraError, match="no room for three frames: No space left on device"):
+        SharedFrameSlots(MODEL)
+    assert not Path("/dev/shm/visloc-of-this-test").exists()
+
+
+def test_what_a_killed_daemon_left_is_removed_and_what_is_in_use_is_not(tmp_path: Path) -> None:
+    left, young, locked, other = (tmp_path / name for name in ("visloc-a", "visloc-b", "visloc-c", "psm_d"))
+    for path in (left, young, locked, other):
+        path.write_bytes(b"0")
+        os.utime(path, (0, 0) if path is not young else None)
+    with locked.open() as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        sweep(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["psm_d", "visloc-b", "visloc-c"]
+    sweep(tmp_path, older_s=0.0)
+    assert [path.name for path in tmp_path.iterdir()] == ["psm_d"]
+
+
+def test_slots_in_use_stay_whoever_sweeps() -> None:
+    with SharedFrameSlots(MODEL) as slots:
+        sweep(older_s=0.0)
+        assert Path("/dev/shm", slots.name.name).exists()
 
 
 def test_close_removes_the_memory_once() -> None:
