@@ -31,6 +31,7 @@ from visloc_companion.core.turns import Turns
 from visloc_companion.core.validate import fault
 from visloc_companion.core.vision import Vision
 from visloc_companion.errors import Reason
+from visloc_companion.geo import wgs84
 from visloc_companion.types import (
     Attitude,
     Baro,
@@ -239,7 +240,7 @@ class Navigator:
 
     def _on_origin(self, event: OriginChanged) -> list[Command]:
         self._origin_told = True
-        if self._search is not None and event.origin != self._tracker.origin:
+        if self._search is not None and not wgs84.same_spot(event.origin, self._tracker.origin):
             self._search.clear()
         if self._tracker.set_origin(event.origin):
             self._sending.jumped()

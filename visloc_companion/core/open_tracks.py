@@ -108,7 +108,7 @@ class OpenTracks:
         return None if won is None else _fix(answer, asked, *won, origin)
 
     def _expire(self, t_ns: int, origin: GeoPoint) -> None:
-        if self._tracks and (t_ns - self._counted_ns > FORGET_NS or origin != self._origin):
+        if self._tracks and (t_ns - self._counted_ns > FORGET_NS or not wgs84.same_spot(origin, self._origin)):
             self.clear()
 
     def _weighed(

@@ -49,7 +49,7 @@ class Regaining:
 
     def waits(self, fix: Fix, state: NavState, origin: GeoPoint, max_radius_m: float) -> bool:
         """Whether a fix waits for others, given the filter's state at its time; `max_radius_m`: of a search."""
-        if origin != self._origin:
+        if not wgs84.same_spot(origin, self._origin):
             self.clear()
             self._origin = origin
         height_m = -state.p_ned_m[2]

@@ -109,12 +109,15 @@ class Tracker:
         return abs(shown_m) < least_m or abs(height_m + shown_m) < least_m
 
     def set_origin(self, origin: GeoPoint) -> bool:
-        """Take the EKF origin; True when it moved a frame that was in use."""
-        moved = self._filter is not None and origin != self.origin
-        if self._filter is not None and moved:
-            self._filter.move_origin(origin)
-        self.origin = origin
-        return moved
+        """Take the EKF origin; True when it moved a frame that was in use.
+
+        In height alone it moves nothing: ArduPilot corrects that of its origin in flight, by centimetres (EK3_OGN_HGT_MASK).
+        """
+        before, self.origin = self.origin, origin
+        if self._filter is None or origin == before:
+            return False
+        self._filter.move_origin(origin)
+        return not wgs84.same_spot(origin, before)
 
     def drive(self, velocity: Velocity, t_boot_ns: int, *, alone: bool) -> bool:
         """Take the autopilot's velocity; the same sample in another message is ignored (False).

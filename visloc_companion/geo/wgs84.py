@@ -81,6 +81,11 @@ def geo_from_autopilot_ned(kind: AutopilotKind, p_ned_m: Vec3, origin: GeoPoint)
     return guess
 
 
+def same_spot(a: GeoPoint | None, b: GeoPoint | None) -> bool:
+    """Whether two places have one latitude and longitude, whatever their heights. None is nowhere."""
+    return a is not None and b is not None and (a.lat_deg, a.lon_deg) == (b.lat_deg, b.lon_deg)
+
+
 def distance_m(a: GeoPoint, b: GeoPoint) -> float:
     """Horizontal distance of two places near each other, metres."""
     north, east, _ = ned_from_geo(a, b)

@@ -84,6 +84,7 @@ PREPARED: dict[AutopilotKind, dict[str, float]] = {
         "EK3_SRC3_YAW": 0,
         "EK3_POS_I_GATE": 500,
         "EK3_GLITCH_RAD": 25,
+        "EK3_OGN_HGT_MASK": 0,
         "EK3_TAU_OUTPUT": 25,
         "FS_EKF_THRESH": 0.8,
     },

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -226,6 +227,20 @@ def test_an_origin_that_moves_in_flight_moves_no_vehicle(world: type[World]) -> 
     assert w.status_at(31)[0].reset_counter == before + 1
     place = w.last_injection.place
     assert w.last_injection.p_ned_m == pytest.approx(wgs84.autopilot_ned_from_geo(AutopilotKind.ARDUPILOT, place, moved))
+
+
+def test_an_origin_that_changes_its_height_moves_nothing(world: type[World]) -> None:
+    """As ArduPilot's does every few seconds where EK3_OGN_HGT_MASK lets GNSS correct it."""
+    w = started(world, jammed=lambda t: t > 20).fly(30)
+    before = w.status_at(30)[0].reset_counter
+    for k in range(1, 5):
+        raised = replace(ORIGIN, h_amsl_m=ORIGIN.h_amsl_m + 0.04 * k)
+        assert w.send(OriginChanged(0, raised)) == []
+        w.fly(30 + 5 * k)
+    assert w.status_at(49)[0].reset_counter == before
+    assert w.last_injection.p_ned_m == pytest.approx(
+        wgs84.autopilot_ned_from_geo(AutopilotKind.ARDUPILOT, w.last_injection.place, raised)
+    )
 
 
 def test_consistent_fixes_elsewhere_relocalise_and_count_a_reset(world: type[World]) -> None:

@@ -191,3 +191,10 @@ def test_where_the_origin_moves_fixes_of_before_tell_nothing() -> None:
     moved = wgs84.geo_from_ned((-400.0, 0.0, 0.0), ORIGIN)
     assert asked.waits(fix(54.0, (-60.0, 0.0)), state(54.0), moved, RADIUS_M)
     assert not asked.waits(fix(58.0, (-20.0, 0.0)), state(58.0), moved, RADIUS_M), "of one origin again"
+
+
+def test_where_the_origin_changes_its_height_fixes_of_before_tell_as_much() -> None:
+    asked = flying(70.0)
+    assert seen(asked, (50.0, (300.0, 0.0))) == [True]
+    raised = replace(ORIGIN, h_amsl_m=ORIGIN.h_amsl_m + 0.04)
+    assert not asked.waits(fix(54.0, (340.0, 0.0)), state(54.0), raised, RADIUS_M)

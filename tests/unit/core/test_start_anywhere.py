@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -112,6 +113,17 @@ def test_a_word_that_leaves_much_open_is_where_the_search_begins_anew(world: typ
     assert len(asked_m) >= 15
     assert asked_m[0] < 50
     assert max(asked_m) < 4000, "two rings of tiles about it"
+
+
+def test_an_origin_that_changes_its_height_does_not_begin_the_search_anew(world: type[World]) -> None:
+    asked = []
+    for raised_m in (0.0, 0.04):
+        w = blinkered(world).fly(6)
+        w.send(OriginChanged(0, replace(ORIGIN, h_amsl_m=ORIGIN.h_amsl_m + raised_m)))
+        w.fly(12)
+        asked.append([(r.prior.place.lat_deg, r.prior.place.lon_deg) for _, r, _ in w.requests])
+    assert len(asked[0]) > 8
+    assert asked[0] == asked[1]
 
 
 def test_an_origin_that_moves_begins_the_search_anew(world: type[World]) -> None:

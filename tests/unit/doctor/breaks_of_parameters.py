@@ -37,6 +37,7 @@ ARDUPILOT = [
     ap("ap-vision-set-yaw", "red", "EK3_SRC2_YAW = 1", EK3_SRC2_YAW=6),
     ap("ap-source-velocities", "red", "EK3_SRC_OPTIONS = 2", EK3_SRC_OPTIONS=3),
     ap("ap-source-per-core", "red", "EK3_SRC_OPTIONS = 0", EK3_SRC_OPTIONS=8),
+    ap("ap-origin-height", "amber", "EK3_OGN_HGT_MASK = 0", EK3_OGN_HGT_MASK=1),
     ap("ap-compass", "red", "set COMPASS_USE = 1, then reboot", COMPASS_USE=0),
     ap("ap-compass", "red", "set COMPASS_ENABLE = 1, then reboot", COMPASS_ENABLE=0),
     ap("ap-position-gate", "amber", "EK3_POS_I_GATE = 500", EK3_POS_I_GATE=100),

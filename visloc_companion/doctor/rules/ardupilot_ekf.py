@@ -197,6 +197,15 @@ RULES: tuple[Rule, ...] = (
         "EK3_SRC_OPTIONS without bit 3",
         bit_clear(3),
     ),
+    parameter(
+        "ap-origin-height",
+        AP,
+        "EK3_OGN_HGT_MASK",
+        "Lets GNSS correct the height of the EKF's origin, on vision too: a false GNSS then moves the height above sea level, by "
+        "which pictures are scaled.",
+        f"EK3_OGN_HGT_MASK = 0, {REBOOT}",
+        within(lambda value: value == 0, 0.0, Level.AMBER),
+    ),
     Rule(
         "ap-compass",
         "EK3_SRC2_YAW COMPASS_ENABLE COMPASS_USE COMPASS_USE2 COMPASS_USE3",
