@@ -136,8 +136,10 @@ class Daemon:
             self._notices.put(notice)
 
     def _order(self, command: RequestMessage | SwitchSource) -> None:
-        """The autopilot answers within seconds, so each order waits in a task of its own; there are at most 32."""
-        if self._group is None or len(self._orders) >= _ORDERS_AT_ONCE:
+        """The autopilot answers within seconds, so each order waits in a task of its own; there are at most 32 for messages,
+        which may wait long for what is not sent. One that switches the source is never dropped for them."""
+        full = isinstance(command, RequestMessage) and len(self._orders) >= _ORDERS_AT_ONCE
+        if self._group is None or full:
             self.orders_dropped += 1
             return
         task = self._group.create_task(self._carry_out(command))

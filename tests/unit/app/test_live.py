@@ -36,6 +36,7 @@ from visloc_companion.errors import ConfigError, HashMismatch, JournalError, Lin
 from visloc_companion.testing.fake_link import FakeLink
 from visloc_companion.types import (
     Attitude,
+    EkfSource,
     Fix,
     FrameRef,
     Injection,
@@ -43,7 +44,9 @@ from visloc_companion.types import (
     LocaliseRequest,
     Mode,
     NoFix,
+    RequestMessage,
     Status,
+    SwitchSource,
     Tick,
     WorkerState,
 )
@@ -345,6 +348,26 @@ async def test_an_autopilot_that_is_heard_and_answers_nothing_is_no_link_that_ha
         await f.until(lambda: f.notifier.said.count("WATCHDOG=1") > n, "another beat")
         f.link.hangs = True
         await f.until(lambda: f.daemon.health.late(f.daemon._wall.now_ns()) == ["link"], "a link that nobody sees to")
+
+
+async def test_a_switch_of_the_source_is_ordered_however_many_messages_are_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """ArduPilot grants the origin that it does not have yet: after some minutes indoors 32 requests for it wait."""
+
+    async def waits(*_: object) -> bool:
+        await asyncio.Event().wait()
+        return True
+
+    config = configuration(tmp_path, camera={"url": ""}, map={"pack": ""}, journal={"folder": ""})
+    monkeypatch.setattr(FakeLink, "request", waits)
+    async with flight(config) as f:
+        await f.until(lambda: f.daemon._link_up, "the link")
+        for _ in range(40):
+            f.daemon._dispatch(RequestMessage(49, 0.0))
+        assert f.daemon.orders_dropped > 0
+        f.daemon._dispatch(SwitchSource(EkfSource.VISION))
+        await f.until(lambda: f.link.source is EkfSource.VISION, "the switch")
 
 
 async def test_the_watchdog_is_silent_while_a_part_hangs(tmp_path: Path) -> None:
