@@ -34,12 +34,12 @@ class Notifier:
     def _send(self, message: str) -> bool:
         if self._address is None:
             return False
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender:
-            sender.setblocking(False)
-            try:
+        try:
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender:
+                sender.setblocking(False)
                 sender.sendto(message.encode(), self._address)
-            except OSError:
-                return False  # systemd is busy or gone: the next beat comes soon
+        except OSError:
+            return False  # systemd is busy or gone, or no descriptor is left: the next beat comes soon
         return True
 
 

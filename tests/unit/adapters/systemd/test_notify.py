@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
 from collections.abc import Iterator
@@ -39,6 +40,15 @@ def test_without_a_manager_nothing_is_sent(name: str) -> None:
 
 def test_a_manager_that_went_away_costs_nothing(tmp_path: Path) -> None:
     assert Notifier({"NOTIFY_SOCKET": str(tmp_path / "gone")}).watchdog() is False
+
+
+def test_without_a_descriptor_left_a_beat_is_missed_and_no_more(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def none_left(*_: object) -> socket.socket:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    notifier = Notifier({"NOTIFY_SOCKET": str(tmp_path / "notify")})
+    monkeypatch.setattr(socket, "socket", none_left)
+    assert notifier.watchdog() is False
 
 
 def test_the_environment_of_the_process_is_the_default(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
