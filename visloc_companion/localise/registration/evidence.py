@@ -29,7 +29,8 @@ LEAST_VARIANCE_M2 = 1e-6
 class Evidence:
     """`correlation` of the reliefs where both are known, `overlap`: share of the source that this is; `rival`: the best score
     (correlation times the root of the overlap) of another place, at least 6 m away;
-    `blocks`: share of the source's blocks that agree, by relief; `formal_sigma_m`: worst horizontal sigma of the refinement,
+    `blocks`: share of the source's blocks that agree, by relief; `formal_sigma_m`: worst horizontal sigma of the refinement and
+    of what agrees beside it (nearby.py),
     `deviation_m` of its height differences, `relief_m` of the reference's relief there; `bowl_m` that was taken out;
     `prior_chi2`: squared distance of place, height, heading and scale from the prior in sigmas; `handicap` (handicap.py) of that
     but the height, which a rival's score lacks as well;

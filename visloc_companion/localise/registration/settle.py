@@ -13,6 +13,7 @@ from visloc_companion.localise.registration.claims import answer
 from visloc_companion.localise.registration.consensus import consensus
 from visloc_companion.localise.registration.correlation import Scores
 from visloc_companion.localise.registration.evidence import Agreement, agreement, evidence_of
+from visloc_companion.localise.registration.nearby import spread_m2
 from visloc_companion.localise.registration.pair import Pair, make_pair
 from visloc_companion.localise.registration.polish import polish
 from visloc_companion.localise.registration.refine import Refined, refine
@@ -81,8 +82,11 @@ class Settler:
         away = [s.found.score for s in rest if np.hypot(*(moved(s.refined.T, self.pair.centre_m)[:2] - here)) >= APART_M]
         rival = max([runner_up(self.pair, scores, here), *away])
         unrefined = runner_up(self.pair, scores, np.array([here, best.start_m, *(s.start_m for s in rest)]))
-        evidence = evidence_of(self.pair, best.found, best.refined, (rival, max([unrefined, *away])), self.prior)
-        return answer(best.refined, evidence, self.prior, max_probability_wrong)
+        placed = best.refined.placed.copy()
+        placed[:2, :2] += spread_m2(self.pair, scores, here, self.prior)
+        refined = replace(best.refined, placed=placed)
+        evidence = evidence_of(self.pair, best.found, refined, (rival, max([unrefined, *away])), self.prior)
+        return answer(refined, evidence, self.prior, max_probability_wrong)
 
     def _settled(self, start: FloatArray, surface: Surface, relief: Surface, steps: int) -> Settled | None:
         refined = refine(self.cells, surface, relief, start, self.prior, steps)
