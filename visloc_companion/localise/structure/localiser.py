@@ -17,6 +17,7 @@ from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.geo.wgs84 import ned_from_geo
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
+from visloc_companion.localise.frame import check_pixels
 from visloc_companion.localise.plan import SearchPlan, planned
 from visloc_companion.localise.pose import PriorTerm
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationMethod, RegistrationPrior
@@ -56,7 +57,10 @@ class StructureLocaliser:
         self._stereo = STEREO
 
     def remember(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> None:
-        """Keep a frame for the clouds of later requests."""
+        """Keep a frame for the clouds of later requests, if it shows anything: one that does not would have all of them refused,
+        and one that does would have to give way to it."""
+        if check_pixels(pixels, self._model) is not None:
+            return
         place = request.prior.place
         surface = ref.height_amsl_m(*ref.to_map(place.lat_deg, place.lon_deg))
         height = place.h_amsl_m - surface

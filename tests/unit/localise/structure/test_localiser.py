@@ -33,6 +33,10 @@ HOUSES_M = ((-60, -40), (-25, -50), (10, -45), (50, -35), (-50, 0), (-12, -8), (
 NORTHS = (-20.0, -8.0, 4.0, 16.0)
 
 
+FLASH, NIGHT = np.full((240, 320), 255, np.uint8), np.zeros((240, 320), np.uint8)
+OF_ANOTHER_SIZE = np.random.default_rng(2).integers(60, 200, (120, 160), dtype=np.uint8)
+
+
 @pytest.fixture(scope="module")
 def village(structure):
     """A dozen houses of several heights on level ground, nowhere alike."""
@@ -100,6 +104,18 @@ def test_shape_alone_corrects_a_prior_that_is_ten_metres_off(structure, support,
     assert np.hypot(*error[:2]) < 1.0
     assert abs(error[2]) < 4.0
     assert 0.05 < math.sqrt(answer.cov_ne_m2[0][0]) < 3.0
+
+
+@pytest.mark.parametrize("spoilt", [FLASH, NIGHT, OF_ANOTHER_SIZE], ids=["bright", "dark", "another size"])
+def test_a_frame_that_shows_nothing_does_not_cost_those_about_it_their_cloud(structure, support, village, spoilt) -> None:
+    structural, reference, answer = localiser(structure), map_of(support, village), None
+    for k, (request, pixels, _) in enumerate(shots(structure, village, norths=(*NORTHS, 28.0))):
+        shown = spoilt if k == 2 else pixels
+        structural.remember(request, shown, reference)
+        answer = structural.localise(request, shown, reference)
+        assert k != 2 or isinstance(answer, NoFix)
+    assert isinstance(answer, Fix), answer
+    assert answer.frame_id == 4
 
 
 def test_attitudes_that_are_claimed_to_be_exact_are_no_fault(structure, support, village) -> None:
