@@ -60,8 +60,9 @@ class FrameHistory:
         return tuple(self._seen)
 
 
-def posed(seen: Sequence[Seen], origin: GeoPoint, height_m: float, sigma_height_m: float) -> list[PosedFrame]:
-    """Frames in east, north, up about `origin` (its height counts as zero), `height_m` above the surface."""
+def posed(seen: Sequence[Seen], origin: GeoPoint, surface_amsl_m: float, sigma_height_m: float) -> list[PosedFrame]:
+    """Frames in east, north, up about `origin` (its height counts as zero), each as high above the surface as it was then: a
+    vehicle may climb between them."""
     sigma_m = relative_sigma_m([s.prior for s in seen])
     return [
         PosedFrame(
@@ -70,7 +71,7 @@ def posed(seen: Sequence[Seen], origin: GeoPoint, height_m: float, sigma_height_
             sigma_m,
             max(s.prior.sigma_tilt_rad, LEAST_SIGMA),
             max(s.prior.sigma_yaw_rad, LEAST_SIGMA),
-            height_m,
+            s.prior.place.h_amsl_m - surface_amsl_m,
             sigma_height_m,
         )
         for s in seen

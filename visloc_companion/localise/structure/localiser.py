@@ -75,7 +75,8 @@ class StructureLocaliser:
         plan = planned(request.prior, pixels, self._model, ref, self._settings, watch)
         if not isinstance(plan, SearchPlan):
             return no_fix(request, METHOD, watch, plan)
-        seen = self._history.frames()
+        lowest_amsl_m = plan.ground_up_m + self._settings.min_height_m  # those below looked at other ground, which lies lower
+        seen = tuple(one for one in self._history.frames() if one.prior.place.h_amsl_m >= lowest_amsl_m)
         cloud = self._cloud(seen, plan, request.prior)
         if isinstance(cloud, NoCloud):
             return no_fix(request, METHOD, watch, (cloud.reason, cloud.detail), dict(cloud.evidence))
@@ -90,7 +91,7 @@ class StructureLocaliser:
         if len(seen) < FEWEST_FRAMES:
             return NoCloud(Reason.NO_PARALLAX, "too few frames yet")
         sigma = math.hypot(prior.sigma_h_m, SURFACE_SHARE * plan.agl_m)
-        return local_cloud(posed(seen, plan.frame.origin, plan.agl_m, sigma), self._model, self._stereo)
+        return local_cloud(posed(seen, plan.frame.origin, plan.ground_up_m, sigma), self._model, self._stereo)
 
     def _registered(
         self, cloud: LocalCloud, plan: SearchPlan, request: LocaliseRequest, ref: ShapeMap, watch: Stopwatch

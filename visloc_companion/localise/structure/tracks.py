@@ -1,7 +1,8 @@
 """Corners of a middle frame found again in its partners: pyramidal Lucas-Kanade there and back, on level views.
 
-Every frame is drawn as a level camera with one heading would see it (view.py), so that tilt and heading are gone and what is left
-is parallax; corners are the best of each cell (Shi & Tomasi 1994), followed by Lucas-Kanade (Bouguet 2001).
+Every frame is drawn as a level camera with one heading would see it (view.py), level ground as large as in the middle frame, so
+that tilt, heading and a climb are gone and what is left is parallax; corners are the best of each cell (Shi & Tomasi 1994),
+followed by Lucas-Kanade (Bouguet 2001).
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ RETURN_PX = 0.5
 LEAST_EIGENVALUE = 2e-4
 """Of the gradient's products (grey levels of 0..1, OpenCV's scaling): below, a corner is sensor noise."""
 BORDER_PX = 12
+LEAST_DEPTH, MOST_ENLARGED = 0.1, 2.0
+"""Of a frame's height over the hub's: less is none, and pictures are enlarged or reduced by no more, as they grow with it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +55,10 @@ def follow(
     """Tracks of the hub's corners in its partners. `greys` are these frames in grey, by number."""
     hub = frames[star.hub]
     axes = level_axes(_heading(hub.T_local_cam))
-    views = {i: view_of(model, frames[i].T_local_cam[:3, :3], axes) for i in (star.hub, *star.partners)}
+    numbers = (star.hub, *star.partners)
+    shifts = {i: axes.T @ (hub.T_local_cam[:3, 3] - frames[i].T_local_cam[:3, 3]) / hub.height_m for i in numbers}
+    enlarged = {i: min(max(_depth(shift), 1 / MOST_ENLARGED), MOST_ENLARGED) for i, shift in shifts.items()}
+    views = {i: view_of(model, frames[i].T_local_cam[:3, :3], axes, enlarged[i]) for i in shifts}
     size = (max(v.size[0] for v in views.values()), max(v.size[1] for v in views.values()))
     views = {i: replace(v, size=size) for i, v in views.items()}  # Lucas-Kanade wants pictures of one size
     view = views[star.hub]
@@ -63,9 +69,8 @@ def follow(
         other = frames[number]
         other_view = views[number]
         other_picture, other_seen = _drawn(other_view, other, greys[number], model)
-        shift = axes.T @ (hub.T_local_cam[:3, 3] - other.T_local_cam[:3, 3]) / hub.height_m
-        start = (view.rays(corners) + shift) if len(corners) else np.zeros((0, 3))
-        start_pix = other_view.pixels(np.column_stack([start[:, :2], np.ones(len(start))]))
+        start = view.rays(corners)[:, :2] + shifts[number][:2]
+        start_pix = other_view.pixels(np.column_stack([start, np.full(len(start), _depth(shifts[number]))]))
         candidates = np.flatnonzero(_within(start_pix, other_seen))
         kept, found, _ = lucas_kanade(picture, other_picture, corners[candidates], start_pix[candidates])
         number_of = candidates[kept]
@@ -86,6 +91,11 @@ def joined(parts: Sequence[Tracks], numbers: Sequence[Sequence[int]]) -> Tracks:
     point = np.concatenate([part.point + offset for part, offset in zip(parts, first[:-1], strict=True)]).astype(np.intp)
     frames = 1 + max(max(number) for number in numbers)
     return Tracks(frame, point, np.concatenate([part.xy for part in parts]), sum(part.corners for part in parts), frames)
+
+
+def _depth(shift: FloatArray) -> float:
+    """How far the hub's level ground lies below a frame, by the hub's height."""
+    return max(LEAST_DEPTH, 1.0 + float(shift[2]))
 
 
 def _heading(T_local_cam: FloatArray) -> FloatArray:

@@ -77,9 +77,9 @@ def plane_outline(model: CameraModel, R_view_cam: FloatArray, focal_px: float) -
     return np.asarray(d[:, :2] / depth[:, None] * focal_px, dtype=np.float64)
 
 
-def view_of(model: CameraModel, R_local_cam: FloatArray, R_local_view: FloatArray) -> View:
-    """The view of all that a frame shows, with the frame's own focal length."""
-    focal = float(np.sqrt(model.fx_px * model.fy_px))
+def view_of(model: CameraModel, R_local_cam: FloatArray, R_local_view: FloatArray, enlarged: float = 1.0) -> View:
+    """The view of all that a frame shows, with the frame's own focal length times a factor."""
+    focal = enlarged * float(np.sqrt(model.fx_px * model.fy_px))
     outline = plane_outline(model, R_local_view.T @ R_local_cam, focal)
     low, high = np.floor(outline.min(0)), np.ceil(outline.max(0))
     return View(R_local_view, focal, (float(low[0]), float(low[1])), (int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1))

@@ -33,6 +33,8 @@ HOUSES_M = ((-60, -40), (-25, -50), (10, -45), (50, -35), (-50, 0), (-12, -8), (
 NORTHS = (-20.0, -8.0, 4.0, 16.0)
 
 
+CLIMB = {"norths": NORTHS, "ups": (60.0, 72.0, 84.0, 96.0)}
+DESCENT = {"norths": (4.0, 16.0), "ups": (90.0, 76.0), "lost_m2": 6.0}
 FLASH, NIGHT = np.full((240, 320), 255, np.uint8), np.zeros((240, 320), np.uint8)
 OF_ANOTHER_SIZE = np.random.default_rng(2).integers(60, 200, (120, 160), dtype=np.uint8)
 
@@ -68,15 +70,16 @@ def map_of(support, world, shape=True):
     return flat
 
 
-def shots(structure, world, norths=NORTHS, off=OFF_NED_M, vote=Vote.STRUCTURE):
-    """Requests and pixels along a line, all priors off by the same."""
+def shots(structure, world, norths=NORTHS, off=OFF_NED_M, vote=Vote.STRUCTURE, ups=None, lost_m2=0.0):
+    """Requests and pixels along a line, 90 m or `ups` high, all priors off by the same; their variance grows by `lost_m2`."""
     out = []
-    for k, north in enumerate(norths):
-        T = structure.pose(2.0, north, 90.0, 1.0, -2.0, 5.0)
+    for k, (north, up) in enumerate(zip(norths, ups or [90.0] * len(norths), strict=True)):
+        T = structure.pose(2.0, north, up, 1.0, -2.0, 5.0)
         q = quat_from_R(NED_ENU @ T[:3, :3] @ R_FRD_CAM.T)
-        true = (north, 2.0, -90.0)
+        true = (north, 2.0, -up)
+        variance = 64.0 + lost_m2 * (k + 1 - len(norths))
         place = geo_from_ned(tuple(a + b for a, b in zip(true, off, strict=True)), HOME)
-        prior = PosePrior(place, q, ((64.0, 0.0), (0.0, 64.0)), 3.0, math.radians(2), math.radians(0.5))
+        prior = PosePrior(place, q, ((variance, 0.0), (0.0, variance)), 3.0, math.radians(2), math.radians(0.5))
         frame = FrameRef(0, (k + 1) * 1_000_000_000, k, 0, 320, 240, 1)
         out.append((LocaliseRequest(k, frame, prior, 1, vote), world.render(structure.MODEL, T, seed=k), true))
     return out
@@ -104,6 +107,28 @@ def test_shape_alone_corrects_a_prior_that_is_ten_metres_off(structure, support,
     assert np.hypot(*error[:2]) < 1.0
     assert abs(error[2]) < 4.0
     assert 0.05 < math.sqrt(answer.cov_ne_m2[0][0]) < 3.0
+
+
+@pytest.mark.parametrize("flown", [CLIMB, DESCENT], ids=["climb", "descent, the baseline hardly known"])
+def test_a_climb_is_no_other_scale_and_no_other_picture(structure, support, village, flown) -> None:
+    answer, _ = asked(structure, village, map_of(support, village), **flown)
+    assert isinstance(answer, Fix), answer
+    true = flown["norths"][answer.frame_id], 2.0, -flown["ups"][answer.frame_id]
+    north, east, down = np.subtract(ned_from_geo(answer.place, HOME), true)
+    assert np.hypot(north, east) < 1.0
+    assert abs(down) < min(2.0, 3 * answer.sigma_h_m)
+
+
+def test_a_frame_of_a_valley_below_the_ground_of_now_is_left_out(structure, support, village, monkeypatch) -> None:
+    structural, reference, answer = localiser(structure), map_of(support, village), None
+    (low, _, _), *others = shots(structure, village, norths=(-30.0, *NORTHS), ups=(-5.0, *[90.0] * 4))
+    with monkeypatch.context() as valley:
+        valley.setattr(reference, "height_amsl_m", lambda *_: -60.0)
+        structural.remember(low, others[0][1], reference)
+    for request, pixels, _ in others:
+        structural.remember(request, pixels, reference)
+        answer = structural.localise(request, pixels, reference)
+    assert isinstance(answer, Fix), answer
 
 
 @pytest.mark.parametrize("spoilt", [FLASH, NIGHT, OF_ANOTHER_SIZE], ids=["bright", "dark", "another size"])
