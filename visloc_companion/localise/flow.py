@@ -23,6 +23,7 @@ from visloc_companion.localise.odometry.follow import Followed, first_guess, fol
 from visloc_companion.localise.odometry.keyframe import Keyframe, attitude, keyframe_of, with_readings
 from visloc_companion.localise.odometry.picture import Picture, prepared
 from visloc_companion.localise.odometry.solve import Motion, MotionPrior, solve
+from visloc_companion.localise.seen_before import SeenBefore
 from visloc_companion.localise.working_size import reduced_model, resized
 from visloc_companion.types import CameraModel, FloatArray, Image
 
@@ -65,6 +66,7 @@ class FrameToFrame:
         self._v_ned_mps: FloatArray | None = None
         self._readings: deque[Reading] = deque(maxlen=MOST_READINGS)
         self._doubted = False
+        self._seen = SeenBefore()
 
     def step(self, sight: Sight, surface: Surface | None = None) -> Step | Blind:
         """The displacement from the keyframe to this frame, or why there is none. Never raises for what a frame may contain."""
@@ -75,8 +77,8 @@ class FrameToFrame:
         picture = prepared(resized(sight.pixels, self._worked), self._worked)
         view = _View(replace(sight, pixels=NO_PIXELS), picture, np.zeros(3))
         last = self._last
-        if last is not None and np.array_equal(view.picture.grey, last.picture.grey):
-            return Blind(sight.t_ns, Reason.FROZEN, "identical to the frame before: the camera is frozen")
+        if self._seen.another(sight.t_ns, picture.grey):
+            return Blind(sight.t_ns, Reason.FROZEN, "identical to a frame before: the camera is frozen")
         if self._key is None or last is None:
             return self._restarted(view, surface, (Reason.NO_BASELINE, "the first frame of a stretch"))
         key, last = self._at_its_height(self._key, last, view, surface)

@@ -250,6 +250,14 @@ def test_a_frozen_camera_is_not_taken_for_hovering(odo, field) -> None:
     assert frozen.reason is Reason.FROZEN
 
 
+def test_a_driver_that_hands_out_its_buffers_over_and_over_shows_no_way(odo, field) -> None:
+    points = odo.path(4, (2.0, 0.0, 0.0))
+    flow, pictures = FrameToFrame(odo.MODEL), [field.frame(p, seed=k) for k, p in enumerate(points)]
+    answers = [flow.step(odo.sight(pictures[k % 4], k, points[k % 4])) for k in range(12)]
+    assert all(isinstance(answer, Step) for answer in answers[1:4])
+    assert all(isinstance(answer, Blind) and answer.reason is Reason.FROZEN for answer in answers[4:])
+
+
 def test_pixels_may_be_overwritten_once_a_step_is_done(odo, field) -> None:
     points = odo.path(3, (5.0, 0.0, 0.0))
     slot, flow, steps = np.zeros((240, 320), np.uint8), FrameToFrame(odo.MODEL), []
