@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 
+from visloc_companion.errors import Reason
 from visloc_companion.geo.tilt import CAMERA_SIGMA, by_camera, tilt_gained
 from visloc_companion.localise.asking import Asking
 from visloc_companion.localise.odometry.below import heights_above
@@ -31,13 +32,16 @@ class WithTurn(Asking):
         self._watch, self._window = TurnWatch(model), window or SurfaceWindow()
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
-        """The other localiser's answer, with the camera's turn."""
+        """The other localiser's answer, with the camera's turn. An old picture of a frozen camera tells of none, nor does the
+        next one beside it."""
         turns = self._watch.step(pixels, request.frame.t_ns, request.prior.q_ned_frd, self._heights(request.prior, ref))
-        if turns.since_last is None:
-            return self._localiser.localise(request, pixels, ref)
-        carried_on = replace(request, prior=_carried_on(request.prior, turns.since_last))
-        found = self._localiser.localise(carried_on, pixels, ref)
-        return replace(found, turn=turns.since_last, turn_since_kept=turns.since_kept)
+        since_last = turns.since_last
+        asked = request if since_last is None else replace(request, prior=_carried_on(request.prior, since_last))
+        found = self._localiser.localise(asked, pixels, ref)
+        if isinstance(found, NoFix) and found.reason is Reason.FROZEN:
+            self._watch.forget()
+            return found
+        return found if since_last is None else replace(found, turn=since_last, turn_since_kept=turns.since_kept)
 
     def _heights(self, prior: PosePrior, ref: ReferenceMap) -> HeightsAbove | None:
         up_m = prior.place.h_amsl_m

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from visloc_companion.errors import Reason
+from visloc_companion.localise.freshness import FreshFramesOnly
 from visloc_companion.localise.with_turn import WithTurn
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Image, LocaliseRequest, NoFix, TiltBefore, TiltPrior
@@ -45,6 +46,19 @@ def test_the_answer_stays_what_it_was_and_bears_the_turn(support, flat) -> None:
     assert turn is not None
     assert turn.t_to_ns == answers[2][0].t_ns
     assert abs(2 * turn.q_from_to[3] - 0.03) < 0.003
+
+
+def test_an_old_picture_of_a_frozen_camera_tells_of_no_turn(support, flat) -> None:
+    """Of a ring of buffers: neither the one before nor the last that was new."""
+    localiser = WithTurn(FreshFramesOnly(Blind()), MODEL)
+    p, answers = (0.0, 10.0, -200.0), []
+    eulers = [(0.0, 0.02 * k, 0.03 * k) for k in range(5)]
+    pictures = [support.render(flat, MODEL, p, euler) for euler in eulers]
+    pictures[2] = pictures[0]
+    for k, pixels in enumerate(pictures):
+        answers.append(localiser.localise(of_frame(support.request_at(p, eulers[k], model=MODEL), k), pixels, flat))
+    assert [answer.reason is Reason.FROZEN for answer in answers] == [False, False, True, False, False]
+    assert [answer.turn is None for answer in answers] == [True, False, True, True, False]
 
 
 class Listening(Blind):

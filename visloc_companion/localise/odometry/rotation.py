@@ -48,6 +48,10 @@ class TurnWatch:
         self._kept: _Kept | None = None
         self._moved_ned_per_s = np.zeros(3)
 
+    def forget(self) -> None:
+        """The last frame was none of its time: what comes is not turned from it."""
+        self._last = self._kept = None
+
     def step(self, pixels: Image, t_ns: int, q_ned_cambody: Quat, heights: HeightsAbove | None = None) -> Turns:
         """The turns that end here; none where there is no frame near, or too little is found again. `heights`: of the camera
         above what rays meet, where there is a surface model."""
