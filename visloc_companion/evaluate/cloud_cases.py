@@ -28,6 +28,8 @@ LEAST_SIGMAS = {
 answer that differs by a hair is no contradiction."""
 SIGMA_FIELDS = tuple(LEAST_SIGMAS)
 TRUTH_FIELDS = ("id", "T_reference_source")
+ROUNDED = 5e-3
+"""A truth with numbers of three decimals is a similarity to this."""
 GROWTH = "sigma_growth_m"
 """A field that may be missing."""
 GivenId = str | int | float
@@ -131,11 +133,18 @@ def _text(entry: dict[str, Any], field: str) -> str:
 
 
 def _similarity(value: object, where: str) -> FloatArray:
-    """(4, 4) with the last row 0 0 0 1 and a positive determinant."""
+    """(4, 4) with the last row 0 0 0 1, of a rotation and one scale: no mirror, no shear, no other scale of heights."""
     try:
         T = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as why:
         raise CasesError(f"T_reference_source: {why}", where=where, remedy="write 4 x 4 numbers, row by row") from why
-    if T.shape != (4, 4) or not np.isfinite(T).all() or not np.array_equal(T[3], [0, 0, 0, 1]) or np.linalg.det(T[:3, :3]) <= 0:
+    if T.shape != (4, 4) or not np.isfinite(T).all() or not np.array_equal(T[3], [0, 0, 0, 1]) or _bent(T[:3, :3]):
         raise CasesError("T_reference_source: is no similarity", where=where, remedy="write 4 x 4 numbers, row by row")
     return T
+
+
+def _bent(linear: FloatArray) -> bool:
+    """Whether (3, 3) is no rotation times a scale, to what rounded numbers may differ by."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        scale = float(np.cbrt(np.linalg.det(linear)))
+        return not scale > 0 or not float(np.abs(linear @ linear.T / scale**2 - np.eye(3)).max()) <= ROUNDED

@@ -14,7 +14,7 @@ from visloc_companion.evaluate.cloud import evaluate_cloud
 from visloc_companion.evaluate.cloud_cases import BadCloudCase, CloudCase, read_cloud_cases, read_cloud_truth
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
 from visloc_companion.localise.registration.registry import DEFAULT_METHOD, METHODS
-from visloc_companion.localise.registration.similarity import from_origin
+from visloc_companion.localise.registration.similarity import about, from_origin
 
 SIGMAS = {
     "sigma_horizontal_m": 10.0,
@@ -207,6 +207,11 @@ def test_files_that_are_no_list_of_cases(tmp_path: Path, text: str) -> None:
             {"id": "a", "T_reference_source": T}
             for T in ("x", [[1, 2]], np.zeros((4, 4)).tolist(), [[None] * 4] * 4, [[10**400] * 4] * 4)
         ),
+        *(
+            {"id": "a", "T_reference_source": np.diag([*scales, 1.0]).tolist()}
+            for scales in ([1.0, 1.0, 1.1], [0.3048, 0.3048, 1.0], [1.0, -1.0, 1.0], [1e200, 1e200, 1e-300])
+        ),
+        {"id": "a", "T_reference_source": [[1, 0.1, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
     ],
 )
 def test_truth_that_is_no_similarity(tmp_path: Path, entry: object) -> None:
@@ -214,6 +219,12 @@ def test_truth_that_is_no_similarity(tmp_path: Path, entry: object) -> None:
     (tmp_path / "truth.json").write_text(json.dumps([entry]))
     with pytest.raises(CasesError, match=r"truth\.json: entry 1: .*T_reference_source.*remedy"):
         read_cloud_truth(tmp_path)
+
+
+def test_truth_may_be_rounded(tmp_path: Path) -> None:
+    T = about(np.array([20.0, 10.0, 3.0]), np.radians(23.4), 1.013, np.array([5.0, -7.0, 1.0])).round(3)
+    (tmp_path / "truth.json").write_text(json.dumps([{"id": "a", "T_reference_source": T.tolist()}]))
+    np.testing.assert_array_equal(read_cloud_truth(tmp_path)["a"], T)
 
 
 def test_priors_come_in_radians(folder: Path) -> None:
