@@ -64,8 +64,8 @@ class Belief(NamedTuple):
     before `drive`; `doubt`: what odometry says of the velocity that drives it and no second interval has confirmed;
     `claims`: by how much the fixes of each method err more than they claim (claims.py); `fed_back_over`: by what factor the
     variance of a velocity that rests on our fixes is larger than the model says (fed_back.py); `lens_share`: 1-sigma of the focal
-    length, a share, beside what is believed of every lens. A tuple, since some fifty are made
-    for a second of flight; two of them are never compared.
+    length, a share, beside what is believed of every lens; `contradicting`: fixes that were rejected since the filter agreed with
+    one of their method (contradiction.py). A tuple, since some fifty are made for a second of flight; two are never compared.
     """
 
     t_ns: int
@@ -90,6 +90,7 @@ class Belief(NamedTuple):
     claims: tuple[Claim, ...] = ()
     fed_back_over: float = 1.0
     lens_share: float = 0.0
+    contradicting: tuple[relocalise.Candidate, ...] = ()
 
     @property
     def rested_ns(self) -> int:

@@ -14,7 +14,7 @@ from typing import cast
 
 import numpy as np
 
-from visloc_companion.core import air_velocity, fusion, integrity, lasting, refused, separation
+from visloc_companion.core import air_velocity, contradiction, fusion, integrity, lasting, refused, separation
 from visloc_companion.core.air_velocity import AirError
 from visloc_companion.core.belief import Belief, Position, blurred, lens_doubted, lens_known, widened_by
 from visloc_companion.core.driving import Around, Velocity, height_at, velocity_at
@@ -22,6 +22,7 @@ from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
 from visloc_companion.core.motion import Motion, learned
 from visloc_companion.core.propagation import N_STATES, OVERDUE_S, POSITION, UNAIDED_GAP_S, VELOCITY, Drive
 from visloc_companion.core.reckoned import Reckoned, reckoned
+from visloc_companion.core.relocalise import Candidate
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Cov2, Fix, GeoPoint, NavState, Rejected, TooOld, Vec2
@@ -128,7 +129,8 @@ class PositionFilter:
     def protection_level_m(self, t_ns: int) -> float:
         """Horizontal protection level at a time (core/integrity.py)."""
         _, belief = self._belief_at(t_ns, alone=False)
-        level_m = integrity.protection_level_m(belief.x, belief.P, belief.without, self._settings)
+        others = contradiction.beside(belief, self._settings)
+        level_m = integrity.protection_level_m(belief.x, belief.P, others, self._settings)
         return integrity.aged(level_m, (t_ns - belief.rested_ns) * 1e-9)
 
     def reckoned(self, t_ns: int) -> Reckoned:
@@ -357,8 +359,11 @@ def _shifted(belief: Belief, shift: Vec2) -> Belief:
     def moved(p: Vec2) -> Vec2:
         return p[0] + shift[0], p[1] + shift[1]
 
-    rejected = tuple(replace(c, p_ne_m=moved(c.p_ne_m), anchor_ne_m=moved(c.anchor_ne_m)) for c in belief.rejected)
+    def candidates(those: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
+        return tuple(replace(c, p_ne_m=moved(c.p_ne_m), anchor_ne_m=moved(c.anchor_ne_m)) for c in those)
+
+    rejected, contradicting = candidates(belief.rejected), candidates(belief.contradicting)
     without = separation.shifted(belief.without, np.array(shift))
     x = belief.x.copy()
     x[POSITION] += shift
-    return belief._replace(x=x, rejected=rejected, without=without)
+    return belief._replace(x=x, rejected=rejected, contradicting=contradicting, without=without)

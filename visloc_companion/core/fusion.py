@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from visloc_companion.core import claims, fed_back, kalman, lasting, lean, refused, relocalise, separation
+from visloc_companion.core import claims, contradiction, fed_back, kalman, lasting, lean, refused, relocalise, separation
 from visloc_companion.core.belief import Belief, Position, driven_by, renewed, widened, widened_by
 from visloc_companion.core.propagation import (
     ACCELERATION,
@@ -129,6 +129,7 @@ def propagated(
         belief.claims,
         belief.fed_back_over,
         belief.lens_share,
+        belief.contradicting,
     )
 
 
@@ -201,14 +202,18 @@ def observed(
     if isinstance(got, kalman.Updated):
         after = _tilted(belief._replace(x=got.x, P=got.P, without=_others(belief, z, R, H, considered)), belief, max_step_m)
         after = _suspected(after, belief, z, got.nis / 2, seen_m2 + R)
-        return (_leant(_fixed(after, z), belief.lean, off_m, seen_m2 + R) if z.from_fix else after), Accepted(got.nis)
+        if not z.from_fix:
+            return after, Accepted(got.nis)
+        if got.nis <= ORDINARY_NIS:
+            after = _agreed(after, z)
+        return _leant(_fixed(after, z), belief.lean, off_m, seen_m2 + R), Accepted(got.nis)
     if not z.from_fix or got.reason is not Reason.GATED:
         return belief, got
     belief = refused.remembering(belief, z)
     restart = relocalise.restart(belief.rejected, belief.sigma_v_mps, settings)
     if restart is None:
         return refused.doubting(belief, z), got
-    return _fixed(refused.restarted(belief, z, restart, settings), z), Accepted(got.nis)
+    return _fixed(_agreed(refused.restarted(belief, z, restart, settings), z), z), Accepted(got.nis)
 
 
 def _suspected(after: Belief, before: Belief, z: Position, squared: float, S: FloatArray) -> Belief:
@@ -252,6 +257,10 @@ def _others(belief: Belief, z: Position, R: FloatArray, H: FloatArray, n_conside
     at, rests_ns = np.array(z.p_ne_m), z.t_ns if z.from_fix else None
     among = separation.updated(among, at, R, H, take=take, n_considered=n_considered, t_ns=rests_ns)
     return refused.founded(belief, z, among) if z.from_fix else among
+
+
+def _agreed(belief: Belief, z: Position) -> Belief:
+    return belief._replace(contradicting=contradiction.agreed(belief.contradicting, z.method))
 
 
 def _fixed(belief: Belief, z: Position) -> Belief:

@@ -46,8 +46,9 @@ def founded(belief: Belief, z: Position, among: separation.Solutions) -> separat
 def remembering(belief: Belief, z: Position) -> Belief:
     """With a rejected fix kept in mind."""
     anchor = (z.p_ne_m[0] - belief.moved_ne_m[0], z.p_ne_m[1] - belief.moved_ne_m[1])
-    new = relocalise.Candidate(z.t_ns, z.p_ne_m, anchor, z.cov_ne_m2)
-    return belief._replace(rejected=relocalise.remembered(belief.rejected, new))
+    new = relocalise.Candidate(z.t_ns, z.p_ne_m, anchor, z.cov_ne_m2, z.method)
+    contradicting = relocalise.remembered(belief.contradicting, new)
+    return belief._replace(rejected=relocalise.remembered(belief.rejected, new), contradicting=contradicting)
 
 
 def doubting(belief: Belief, z: Position) -> Belief:

@@ -29,12 +29,13 @@ LINE_SIGMA_MPS = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A rejected fix: `anchor_ne_m` is its position minus the travel by the velocity input until then."""
+    """A rejected fix of a method: `anchor_ne_m` is its position minus the travel by the velocity input until then."""
 
     t_ns: int
     p_ne_m: Vec2
     anchor_ne_m: Vec2
     cov_ne_m2: Cov2
+    method: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +56,7 @@ def restart(rejected: tuple[Candidate, ...], sigma_v_mps: float, settings: Navig
     n = settings.relocalise_after_rejections
     sigma_v = max(sigma_v_mps, settings.velocity_sigma_aiding_mps)
     last = rejected[-n:]
-    if len(last) == n and all(_coincide(a, b, sigma_v, settings.gate_sigma) for a, b in combinations(last, 2)):
+    if len(last) == n and all(coincide(a, b, sigma_v, settings.gate_sigma) for a, b in combinations(last, 2)):
         return Restart((0.0, 0.0), 0.0)
     line = rejected[-(n + 2) :]
     return _on_a_line(line, settings.gate_sigma) if len(line) == n + 2 and not standing(line) else None
@@ -69,7 +70,8 @@ def standing(rejected: Sequence[Candidate]) -> bool:
     return math.dist(first.p_ne_m, last.p_ne_m) <= reach_m + noise_m and math.dist(first.anchor_ne_m, last.anchor_ne_m) > reach_m
 
 
-def _coincide(a: Candidate, b: Candidate, sigma_v_mps: float, gate_sigma: float) -> bool:
+def coincide(a: Candidate, b: Candidate, sigma_v_mps: float, gate_sigma: float) -> bool:
+    """Whether two name one place, as far as the velocity input, of this 1-sigma, can have carried them apart."""
     growth = (sigma_v_mps * (b.t_ns - a.t_ns) * 1e-9) ** 2
     S = np.array(a.cov_ne_m2) + np.array(b.cov_ne_m2) + growth * np.eye(2)
     d = np.array(b.anchor_ne_m) - np.array(a.anchor_ne_m)
