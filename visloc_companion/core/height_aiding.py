@@ -64,6 +64,7 @@ class HeightAiding:
         self._last_shown: tuple[int, float] | None = None
         self._v_down_mps: float | None = None
         self._jump = NO_JUMP
+        self._before_restart_m: float | None = None
 
     def drive(self, t_ns: int, h_amsl_m: float, above_home_m: float | None, v_down_mps: float | None = None) -> None:
         """The autopilot's height at a time, and its velocity."""
@@ -71,6 +72,9 @@ class HeightAiding:
             return
         if self._heights and self._filter is not None and v_down_mps is not None and self._v_down_mps is not None:
             self._watch(self._filter, t_ns, h_amsl_m, -(v_down_mps + self._v_down_mps) / 2)
+        if self._filter is not None and self._before_restart_m is not None:
+            self._filter.jumped(t_ns, (h_amsl_m - self._before_restart_m) ** 2 + height_sigma_m(above_home_m or 0.0) ** 2)
+            self._before_restart_m = self._last_shown = self._held = None
         self._v_down_mps = v_down_mps
         self._heights.append((t_ns, h_amsl_m))
         while self._heights[0][0] < t_ns - HISTORY_NS:
@@ -95,8 +99,11 @@ class HeightAiding:
             self._held = None
         self._jump = t_ns, sum_m, max(most_m, abs(sum_m))
 
-    def forget_heights(self) -> None:
-        """The autopilot restarted; its next height may bear any time."""
+    def forget_heights(self, *, restarted: bool = True) -> None:
+        """A clock stepped, the next height may bear any time; an autopilot that `restarted` may count from another zero: what
+        fixes have taught is doubted by what lies between its last height and the next."""
+        if restarted and self._heights:
+            self._before_restart_m = self._heights[-1][1]
         self._heights.clear()
 
     def asked(self, request: LocaliseRequest | TerrainRequest) -> None:

@@ -81,7 +81,7 @@ class Telemetry:
             return []
         self._attitude.clear()
         self._tracker.forget_velocity()
-        self._tracker.height.forget_heights()
+        self._tracker.height.forget_heights(restarted=not own)
         self._vouching.forget()
         if self._terrain is not None:
             self._terrain.clear()

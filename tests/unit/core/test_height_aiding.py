@@ -155,3 +155,26 @@ def test_a_climb_that_is_told_is_no_jump() -> None:
     for k in range(100):
         still.drive(k * S // 10, 100.0 + 0.5 * k, 50.0)
     assert aiding.known(10 * S, 150.0) == still.known(10 * S, 150.0)
+
+
+@pytest.mark.parametrize("zero_m", [-30.0, 0.0, 30.0])
+def test_an_autopilot_that_was_restarted_may_count_its_height_from_another_zero(zero_m: float) -> None:
+    """Its height was known to be 3 m too low to half a metre; the next one, 5 s later at the same place, is off by another."""
+    aiding = taught([])
+    aiding.forget_heights()
+    for k in range(20):
+        aiding.drive(25 * S + k * S // 10, 100.0 + zero_m, 50.0, 0.0)
+    height, known = aiding.at(27 * S, 100.0 + zero_m), aiding.known(27 * S, 100.0 + zero_m)
+    assert height is not None
+    assert height.protection_level_m > abs(3.0 - zero_m)
+    assert abs(3.0 - zero_m - known.offset_m) < 2 * known.sigma_m, "a prior as wide finds the place again"
+    aiding.taken(fix(27.0, 103.0, 0.4, request_id=500), V_NE)
+    assert aiding.known(27 * S, 100.0 + zero_m).offset_m == pytest.approx(3.0 - zero_m, abs=0.5)
+
+
+def test_a_step_of_our_own_clock_leaves_what_is_known_of_the_height() -> None:
+    aiding, still = taught([]), taught([])
+    aiding.forget_heights(restarted=False)
+    for each in (aiding, still):
+        each.drive(25 * S, 100.0, 50.0, 0.0)
+    assert aiding.known(26 * S, 100.0) == still.known(26 * S, 100.0)
