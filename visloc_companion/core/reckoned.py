@@ -40,3 +40,12 @@ def reckoned(belief: Belief) -> Reckoned:
     north, east = np.array((VELOCITY.start, ACCELERATION.start)), np.array((VELOCITY.start, ACCELERATION.start)) + 1
     cov = (belief.P[np.ix_(north, north)] + belief.P[np.ix_(east, east)]) / 2
     return Reckoned(belief.travel_ne_m, (v_n, v_e), (a_n, a_e), cov, belief.drive, belief.started_ns)
+
+
+def way_ne_m(then: Reckoned | None, now: Reckoned | None, v_ne_mps: Vec2, since_s: float) -> Vec2:
+    """How far the vehicle came from one time to another `since_s` later, metres north and east: by the driving velocity less what
+    is known of its error, or where a filter does not go back so far by a velocity that is held."""
+    if then is None or now is None or then.started_ns != now.started_ns:
+        return v_ne_mps[0] * since_s, v_ne_mps[1] * since_s
+    north, east = (now.travel_ne_m[k] - then.travel_ne_m[k] - now.error_ne_mps[k] * since_s for k in range(2))
+    return north, east

@@ -24,7 +24,7 @@ from visloc_companion.core.moved_alike import MovedAlike
 from visloc_companion.core.odometry_aiding import OdometryAiding
 from visloc_companion.core.pitot import Airspeed, PitotLearner
 from visloc_companion.core.propagation import Drive
-from visloc_companion.core.reckoned import Reckoned
+from visloc_companion.core.reckoned import Reckoned, way_ne_m
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import (
@@ -289,12 +289,14 @@ class Tracker:
             self._filter.dragged(t_ns, sigma_m)
 
     def seed(self, t_ns: int, place: GeoPoint, sigma_m: float) -> bool:
-        """Start (or restart) the filter from a place; False while origin or velocity is missing."""
+        """Start (or restart) the filter from where the vehicle was at a time; False while origin or velocity is missing."""
         if self.origin is None or self._velocity is None:
             return False
         north, east, _ = wgs84.ned_from_geo(place, self.origin)
-        v = self._velocity
-        start = seeded(max(t_ns, v.t_ns), (north, east), sigma_m, v.sigma_mps, v.drive, self._settings)
+        v, since_s = self._velocity, max(0, self._velocity.t_ns - t_ns) * 1e-9
+        way_n, way_e = way_ne_m(self.reckoned(t_ns), self.reckoned(v.t_ns), v.v_ned_mps[:2], since_s)
+        place_ne_m, sigma_m = (north + way_n, east + way_e), math.hypot(sigma_m, v.sigma_mps * since_s)
+        start = seeded(max(t_ns, v.t_ns), place_ne_m, sigma_m, v.sigma_mps, v.drive, self._settings)
         if self.longer_share != 0:
             start = lens_doubted(start, abs(self.longer_share), (0.0, 0.0))
         self._inertial.anchor(self._velocity_boot_ns, v.v_ned_mps[:2])

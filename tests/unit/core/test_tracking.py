@@ -138,3 +138,30 @@ def test_a_late_fix_does_not_make_the_accelerations_untaught() -> None:
         assert belief is not None
         drives.append(belief.drive)
     assert drives.index(Drive.AUTOPILOT) == 100 - 11 + 1
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_place_of_some_time_ago_is_carried_to_the_start(known: bool) -> None:
+    """The answer that shows it took two seconds: by the velocities since then, or as good as it goes by the last one."""
+    tracker = ready()
+    if not known:
+        tracker.forget()
+    for k in range(1, 41):
+        tracker.drive(velocity(k / 10, north=10.0 if k <= 30 else 20.0), 0, alone=False)
+    assert tracker.seed(2 * S, at(100.0), 2.0)
+    state = tracker.at(4 * S)
+    assert state is not None
+    assert state.p_ned_m[0] == pytest.approx(130.0 if known else 140.0, abs=0.6)
+    assert state.cov_ne_m2[0][0] > 2.0**2 + 0.5**2
+
+
+def test_a_filter_that_knows_the_velocitys_error_takes_it_off_the_way() -> None:
+    """The vehicle flies 8 m/s while its autopilot says 10."""
+    tracker = ready()
+    for k in range(1, 41):
+        tracker.drive(velocity(k / 5), 0, alone=False)
+        tracker.observe(fix(k / 5, 8.0 * k / 5))
+    assert tracker.seed(6 * S, at(100.0), 2.0)
+    state = tracker.at(8 * S)
+    assert state is not None
+    assert state.p_ned_m[0] == pytest.approx(116.0, abs=1.0)

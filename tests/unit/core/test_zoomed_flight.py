@@ -167,6 +167,17 @@ def test_a_zoom_while_nothing_but_the_camera_tells_the_place(zooming: Any) -> No
     assert max(off_m for t, _, off_m in w.statuses if t > named_s + 5) < 6.0
 
 
+def test_a_fast_vehicle_is_found_where_it_is_by_the_time_of_the_answer(zooming: Any) -> None:
+    """A slow computer answers after two seconds, in which the vehicle flies 50 m."""
+    w = zooming(zoom=lambda t: 1.5 if t > ZOOM_S else 1.0, jammed=lambda t: t > 15, latency_s=2.0, speed_mps=25.0)
+    w.start()
+    w.fly(70.0)
+    (named_s,) = w.notices("camera zoomed x")
+    after = [off_m / s.protection_level_m for t, s, off_m in w.statuses if t > named_s]
+    assert len(after) > 50
+    assert max(after) < 0.6
+
+
 def test_a_zoom_that_is_taken_back_is_told_and_goes_unnamed_afterwards(zooming: Any) -> None:
     w = zooming(zoom=lambda t: 1.5 if ZOOM_S < t < 50 else 1.0)
     w.start()
