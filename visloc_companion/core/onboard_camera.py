@@ -271,7 +271,7 @@ class OnboardCamera:
         if taken and gnss_trusted and self.zoom.factor == 1.0 and gnss.newest is not None and gnss.newest_ns is not None:
             told += self._heights.on_fix(fix, gnss.newest.h_amsl_m, height_m)
             if abs(self._heights.longer_share) > abs(self._tracker.longer_share):
-                self._tracker.doubt_lens(fix, self._heights.longer_share)
+                self._tracker.doubt_lens(fix, self._heights.longer_share, lasts=True)
         difference = gnss.minus(fix, state.v_ned_mps) if gnss_trusted else None
         told += self.ramp.on_fix(fix, height_m, difference, taken=taken)
         if difference is None or self.ramp.doubting:

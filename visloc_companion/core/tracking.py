@@ -76,7 +76,7 @@ class Tracker:
         self.heading = HeadingPull()
         self.origin: GeoPoint | None = None
         self.height_above_home_m: float | None = None
-        self.longer_share, self.alike = 0.0, MovedAlike(settings.map_sigma_m)
+        self.longer_share, self._lasting_share, self.alike = 0.0, 0.0, MovedAlike(settings.map_sigma_m)
 
     @property
     def belief(self) -> Belief | None:
@@ -251,17 +251,20 @@ class Tracker:
         if self._filter is not None:
             self._filter.know_map(sigma_m)
 
-    def doubt_lens(self, fix: Fix, longer_share: float) -> None:
-        """Fixes, of which this is the last, show that the lens may be longer than calibrated by a share."""
+    def doubt_lens(self, fix: Fix, longer_share: float, *, lasts: bool = False) -> None:
+        """Fixes, of which this is the last, show that the lens may be longer than calibrated by a share, which `lasts` for the
+        flight where they show it beside GNSS."""
         self.longer_share = longer_share
+        self._lasting_share = longer_share if lasts else self._lasting_share
         if self._filter is not None:
             self._filter.doubt_lens(abs(longer_share), fix.per_focal_ne_m)
 
     def know_lens(self, share: float) -> None:
-        """Frames are looked at through another lens, which may be off by a share, or the lens is not doubted any more (0)."""
-        self.longer_share = share
+        """Frames are looked at through another lens, which may be off by a share, or the lens is doubted no more (0) beyond what
+        lasts."""
+        self.longer_share = max(self._lasting_share, share, key=abs)
         if self._filter is not None:
-            self._filter.know_lens(share)
+            self._filter.know_lens(abs(self.longer_share))
 
     def forget_velocity(self) -> None:
         """The autopilot restarted; its next velocity may bear any time."""

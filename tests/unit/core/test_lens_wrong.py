@@ -77,6 +77,16 @@ def test_a_lens_of_another_length_is_named_and_neither_gnss_is_called_false_nor_
     assert max(off_m for _, off_m in aided) < 6.0
 
 
+def test_what_heights_showed_of_a_lens_beside_gnss_outlasts_a_drift_of_scale_that_was_none(longer: Any) -> None:
+    """GNSS is jammed just before heights are taken for those of other ground, which was a doubt of the lens, too."""
+    w = longer(share=0.1, jammed=lambda t: t > 24.0)
+    w.start()
+    w.fly(80.0)
+    aided = [(s, off_m) for t, s, off_m in w.statuses if t > 26.0]
+    assert all(off_m < 0.6 * s.protection_level_m for s, off_m in aided)
+    assert max(off_m for _, off_m in aided) < 4.0
+
+
 def test_a_lens_as_calibrated_costs_nothing(longer: Any) -> None:
     w = longer(jammed=lambda t: t > JAM_S)
     w.start()
