@@ -131,8 +131,9 @@ class NavigatorConfig(Section):
     """Correlation time of that error."""
     gate_sigma: Positive = 4.0
     """Fixes further than this many sigma from the filter are rejected."""
-    relocalise_after_rejections: Annotated[int, Field(ge=2)] = 4
-    """So many consecutive rejected fixes that agree with each other restart the filter from them."""
+    relocalise_after_rejections: Annotated[int, Field(ge=2, le=10)] = 4
+    """So many consecutive rejected fixes that agree with each other restart the filter from them; two more where only a false
+    velocity explains them, and no more than the last 12 are remembered."""
     dead_reckoning_after_s: Positive = 2.0
     """Without an accepted fix for so long the mode becomes DEAD_RECKONING."""
     low_dead_reckoning_s: Positive = 10.0

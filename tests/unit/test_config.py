@@ -8,6 +8,7 @@ import pytest
 from pydantic import ValidationError
 
 from visloc_companion.config import Config, load_config, parse_config
+from visloc_companion.core.relocalise import MEMORY
 from visloc_companion.errors import ConfigError
 
 
@@ -176,3 +177,11 @@ def test_an_effective_configuration_may_state_the_defaults_of_gimbals() -> None:
     whole = parse_config({"camera": {"mount": "fixed"}}).model_dump(mode="json")
     assert parse_config(whole).camera.mount == "fixed"
     assert parse_config({"camera": {"mount": "gimbal", "gimbal_id": 154}}).camera.gimbal_id == 154
+
+
+def test_as_many_rejections_are_asked_for_as_are_remembered() -> None:
+    """A filter that waits for more than that never starts again from fixes that agree."""
+    most = MEMORY - 2  # two more where only a false velocity explains them
+    assert parse_config({"navigator": {"relocalise_after_rejections": most}}).navigator.relocalise_after_rejections == most
+    with pytest.raises(ConfigError, match="relocalise_after_rejections"):
+        parse_config({"navigator": {"relocalise_after_rejections": most + 1}})

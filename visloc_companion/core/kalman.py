@@ -49,9 +49,10 @@ def update(
     """Take a measurement z (m,) with covariance R (m, m) of H x.
 
     Beyond `gate_sigma` (Mahalanobis distance, with `gate_extra_m2` added to the diagonal for errors that R leaves out) the
-    answer is Rejected(GATED); a non-finite measurement or an R that is not positive definite is Rejected(NOT_FINITE). The
-    last `n_considered` states keep their mean and variance (Schmidt's consider filter): their uncertainty counts, but the
-    measurement does not move them. Joseph form throughout. Raises ValueError for shapes that do not fit and a broken prior.
+    answer is Rejected(GATED); a non-finite measurement, an R that is not positive definite, or one so flat beside P that rounding
+    leaves nothing positive definite is Rejected(NOT_FINITE). The last `n_considered` states keep their mean and variance
+    (Schmidt's consider filter): their uncertainty counts, but the measurement does not move them. Joseph form throughout. Raises
+    ValueError for shapes that do not fit and a broken prior.
     """
     n, m = len(x), len(z)
     if not (P.shape == (n, n) and R.shape == (m, m) and H.shape == (m, n)):
@@ -70,8 +71,11 @@ def update(
         K[n - n_considered :] = 0.0
         keep = np.eye(n) - K @ H
         x1, P1 = x + K @ innovation, keep @ P @ keep.T + K @ R @ K.T
-    x1, P1 = _checked(x1, P1, "update")
-    return Updated(x1, P1, nis)
+    P1 = (P1 + P1.T) / 2
+    if math.isfinite(np.vdot(x1, x1)) and _is_positive_definite(P1):
+        return Updated(x1, P1, nis)
+    _checked(x, P, "update")
+    return Rejected(Reason.NOT_FINITE, nis)
 
 
 def _normalised(innovation: FloatArray, S: FloatArray, extra: float) -> float:

@@ -66,11 +66,22 @@ def test_broken_measurements_are_refused(z: list[float], R: np.ndarray) -> None:
     assert kalman.update(np.zeros(4), EYE, np.array(z), R, H) == Rejected(Reason.NOT_FINITE, 0.0)
 
 
+def test_a_claim_that_rounding_makes_nothing_of_is_refused() -> None:
+    """A metre one way and a millimetre the other, by a lens that moves the place by 100 m for 1 %, beside a place known to a
+    kilometre: no program's mistake, and no reason to end."""
+    H_lens = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 1e4]])
+    R = np.array([[1.0, 0.999999e-3], [0.999999e-3, 1e-6]])
+    got = kalman.update(np.zeros(3), np.diag([1e6, 1e6, 1e-4]), np.zeros(2), R, H_lens)
+    assert got == Rejected(Reason.NOT_FINITE, 0.0)
+
+
 def test_mistakes_of_the_program_raise() -> None:
     with pytest.raises(ValueError, match="shapes"):
         kalman.predict(np.zeros(3), EYE, EYE, EYE, np.zeros(4))
     with pytest.raises(ValueError, match="shapes"):
         kalman.update(np.zeros(4), EYE, np.zeros((2, 1)), np.eye(3), H)
+    with pytest.raises(ValueError, match="prior"):
+        kalman.update(np.zeros(4), -0.5 * EYE, np.zeros(2), np.eye(2), H)
     with pytest.raises(ValueError, match="prior"):
         kalman.predict(np.zeros(4), -EYE, EYE, 0.1 * EYE, np.zeros(4))
     with pytest.raises(ValueError, match="prior"):
