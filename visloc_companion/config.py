@@ -146,7 +146,8 @@ class NavigatorConfig(Section):
     seed_sigma_m: Positive = 5.0
     """1-sigma of the autopilot's position that seeds the filter while GNSS is trusted."""
     min_height_m: NonNegative = 15.0
-    """Less than this above or below its home the vehicle counts as landing or on the ground: no localisation is asked for."""
+    """Less than this above or below its home the vehicle counts as landing or on the ground: no localisation is asked for, unless
+    a fix of the last 30 s showed it four times as high over the ground (a home on a ridge)."""
     map_sigma_m: NonNegative = 0.5
     """1-sigma of the map's own registration, added to the claimed position."""
     map_sigma_h_m: NonNegative = 1.0

@@ -26,6 +26,9 @@ right after it had none."""
 SAME_JUMP_NS = 1_000_000_000
 SHOWN_NS, SURE = 2_000_000_000, 3.0
 """What a fix that was taken shows of the height stands for so long; what all of them taught, beyond so many sigmas."""
+OVER_GROUND_NS, FAR_ABOVE = 30_000_000_000, 4.0
+"""How high a fix that was taken showed the vehicle over the ground stands for so long, and goes on with its climb; so many times
+the height of a landing no vehicle is landing, though it is no higher than its home."""
 NO_JUMP = (0, 0.0, 0.0)
 """When the height last jumped, by how much since the fix before or a second of calm, and by how much at most."""
 
@@ -65,6 +68,7 @@ class HeightAiding:
         self._v_down_mps: float | None = None
         self._jump = NO_JUMP
         self._before_restart_m: float | None = None
+        self._over_ground: tuple[int, float] | None = None
 
     def drive(self, t_ns: int, h_amsl_m: float, above_home_m: float | None, v_down_mps: float | None = None) -> None:
         """The autopilot's height at a time, and its velocity."""
@@ -96,7 +100,7 @@ class HeightAiding:
         sum_m += step_m
         if abs(sum_m) > most_m:
             heights.jumped(t_ns, sum_m**2 - most_m**2)
-            self._held = None
+            self._held = self._over_ground = None
         self._jump = t_ns, sum_m, max(most_m, abs(sum_m))
 
     def forget_heights(self, *, restarted: bool = True) -> None:
@@ -105,6 +109,7 @@ class HeightAiding:
         if restarted and self._heights:
             self._before_restart_m = self._heights[-1][1]
         self._heights.clear()
+        self._over_ground = None
 
     def asked(self, request: LocaliseRequest | TerrainRequest) -> None:
         """Remember which height the localiser was given."""
@@ -117,6 +122,8 @@ class HeightAiding:
             return
         self._taken_ns, self._jump = max(fix.t_ns, self._taken_ns or 0), NO_JUMP
         self._last_shown = fix.t_ns, fix.place.h_amsl_m - stated_m
+        if fix.above_ground_m is not None:
+            self._over_ground = fix.t_ns, fix.above_ground_m - stated_m
         prior = self._priors.get(fix.request_id)
         news = (fix.place.h_amsl_m, fix.sigma_h_m**2) if prior is None else news_of(fix.place.h_amsl_m, fix.sigma_h_m, *prior)
         if news is not None:
@@ -167,6 +174,12 @@ class HeightAiding:
             return self._last_shown[1]
         known = self.known(t_ns, h_amsl_m)
         return known.offset_m if abs(known.offset_m) > SURE * known.sigma_m else 0.0
+
+    def far_above_ground(self, t_ns: int, h_amsl_m: float, least_m: float) -> bool:
+        """Whether a height that is stated at a time is FAR_ABOVE times as much over the ground that the last fix looked at."""
+        if self._over_ground is None or abs(t_ns - self._over_ground[0]) > OVER_GROUND_NS:
+            return False
+        return h_amsl_m + self._over_ground[1] >= FAR_ABOVE * least_m
 
     def at(self, t_ns: int, h_amsl_m: float) -> Height | None:
         """What is known of a height that is stated at a time; None before the autopilot stated any."""

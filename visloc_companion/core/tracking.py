@@ -98,14 +98,17 @@ class Tracker:
         """Whether the vehicle is known to be too low to be localised. Far below its home it flies in a valley.
 
         Not where fixes show that the autopilot's height is off by more than that: ArduPilot's, without any position, says 0 m all
-        the way up.
+        the way up; nor that the ground lies far below a home on a ridge.
         """
         height_m, least_m = self.height_above_home_m, self._settings.min_height_m
         if height_m is None or abs(height_m) >= least_m:
             return False
         if self._velocity is None:
             return True
-        shown_m = self.height.shown_m(self._velocity.t_ns, self._velocity.h_amsl_m)
+        stated = self._velocity.t_ns, self._velocity.h_amsl_m
+        if self.height.far_above_ground(*stated, least_m):
+            return False
+        shown_m = self.height.shown_m(*stated)
         return abs(shown_m) < least_m or abs(height_m + shown_m) < least_m
 
     def set_origin(self, origin: GeoPoint) -> bool:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import pytest
 
@@ -10,7 +11,7 @@ from visloc_companion.core.driving import Velocity
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.core.tracking import Tracker
-from visloc_companion.types import Fix, GeoPoint
+from visloc_companion.types import Fix, GeoPoint, LocaliseRequest, Mode
 
 HOME = GeoPoint(48.0, 11.0, 500.0)
 S = 1_000_000_000
@@ -76,3 +77,52 @@ def test_a_fix_a_little_above_the_autopilots_height_does_not_keep_a_landing_goin
     climbing(tracker, 2.0, 14.0)
     tracker.height.taken(fix_at(2.0, 17.0), STILL)
     assert tracker.low
+
+
+def over_the_valley(tracker: Tracker, t_s: float, said_m: float, above_ground_m: float | None) -> None:
+    climbing(tracker, t_s, said_m)
+    tracker.height.taken(replace(fix_at(t_s, said_m), above_ground_m=above_ground_m), STILL)
+
+
+def test_a_vehicle_at_the_height_of_its_home_on_a_ridge_is_not_low_over_the_valley(tracker: Tracker) -> None:
+    over_the_valley(tracker, 10.0, 20.0, 300.0)
+    climbing(tracker, 20.0, 5.0)
+    assert not tracker.low
+    climbing(tracker, 39.0, 5.0)
+    assert not tracker.low
+    climbing(tracker, 41.0, 5.0)
+    assert tracker.low, "no fix for long"
+
+
+@pytest.mark.parametrize("above_ground_m", [None, 20.0, 60.0])
+def test_a_landing_at_home_is_low_whatever_fixes_saw_on_the_way_down(tracker: Tracker, above_ground_m: float | None) -> None:
+    """The ground that the last fix looked at may lie lower than home by 40 m."""
+    over_the_valley(tracker, 10.0, 20.0, above_ground_m)
+    climbing(tracker, 13.0, 14.0)
+    assert tracker.low
+    over_the_valley(tracker, 14.0, 12.0, 12.0)
+    assert tracker.low
+
+
+def test_over_the_valley_a_height_that_jumps_or_counts_from_another_zero_is_not_gone_by(tracker: Tracker) -> None:
+    over_the_valley(tracker, 10.0, 20.0, 300.0)
+    tracker.height.forget_heights()
+    climbing(tracker, 20.0, 5.0)
+    assert tracker.low
+
+
+def test_who_flies_out_level_from_a_ridge_without_gnss_is_aided_all_the_way(world: type[Any]) -> None:
+    """From 44 s on 5 m above home, 305 m above the valley."""
+
+    @dataclass
+    class Valley(world):  # type: ignore[misc]
+        def _localise(self, request: LocaliseRequest) -> None:
+            super()._localise(request)
+            when, answer = self.answers.pop()
+            self.answers.append((when, replace(answer, above_ground_m=300.0 + self.height_m(self.t))))
+
+    w = Valley(jammed=lambda t: t > 15, height_m=lambda t: max(5.0, min(100.0, 100.0 - 4 * (t - 20))))
+    w.start()
+    w.fly(80.0)
+    assert {s.mode for t, s, _ in w.statuses if t > 20} == {Mode.AIDING}
+    assert max(off_m for t, _, off_m in w.statuses if t > 20) < 5.0
