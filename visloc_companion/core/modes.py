@@ -7,6 +7,7 @@ to inject.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,7 +15,7 @@ from visloc_companion.types import Mode
 
 INJECTING = (Mode.AIDING, Mode.DEAD_RECKONING)
 RECOVERED_SHARE = 0.5
-"""LOST is left when sigma has fallen below this share of `lost_sigma_m`."""
+"""LOST is left when sigma has fallen below this share of `lost_sigma_m`, without what all fixes have in common."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +23,8 @@ class Situation:
     """What the transitions depend on.
 
     `ready`: link, origin, attitude and a seeded filter are there. `due`: policy and verdict want injection. `recent_fix`:
-    the last accepted fix arrived less than `dead_reckoning_after_s` ago. `sigma_m` is the largest horizontal 1-sigma.
+    the last accepted fix arrived less than `dead_reckoning_after_s` ago. `sigma_m` is the largest horizontal 1-sigma, `shared_m`
+    the part of it that no fix takes away.
     `stranded`: too low for fixes, and the last one is too long ago to go on without (a landing). `landed`: so, and disarmed; it
     is not lost, however unsure its place is by and by.
     """
@@ -34,6 +36,7 @@ class Situation:
     lost_sigma_m: float
     stranded: bool = False
     landed: bool = False
+    shared_m: float = 0.0
 
     @property
     def lost(self) -> bool:
@@ -43,12 +46,14 @@ class Situation:
     @property
     def recovered(self) -> bool:
         """Sure again, with hysteresis."""
-        return recovered(self.sigma_m, self.lost_sigma_m)
+        return recovered(self.sigma_m, self.lost_sigma_m, self.shared_m)
 
 
-def recovered(sigma_m: float, lost_sigma_m: float) -> bool:
-    """Whether a largest horizontal 1-sigma is that of a vehicle that is lost no more."""
-    return sigma_m < RECOVERED_SHARE * lost_sigma_m
+def recovered(sigma_m: float, lost_sigma_m: float, shared_m: float = 0.0) -> bool:
+    """Whether a largest horizontal 1-sigma is that of a vehicle that is lost no more: what all fixes have in common (`shared_m`)
+    may be most of it, and stays."""
+    own_m = math.sqrt(max(0.0, sigma_m**2 - shared_m**2))
+    return sigma_m < lost_sigma_m and own_m < RECOVERED_SHARE * lost_sigma_m
 
 
 Condition = Callable[[Situation], bool]

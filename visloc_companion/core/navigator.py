@@ -264,7 +264,7 @@ class Navigator:
         state = self._tracker.at(now_ns)
         heard = self._link.up and self._origin_told and self._telemetry.attitude_fresh(now_ns)
         ready = heard and state is not None
-        commands += self._steering.change_mode(state, ready, self._tracker.low, self._link.armed, now_ns)
+        commands += self._steering.change_mode(state, ready, self._tracker.low, self._link.armed, now_ns, self._tracker.shared_m)
         protected = self._protection.judge(state, now_ns)
         steered = self._steering.steer_source(self._link.armed, protected.stopped, now_ns) if self._link.up else []
         commands = gnss_words.two_at_most([*commands, *steered])

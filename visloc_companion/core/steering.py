@@ -44,20 +44,24 @@ class Steering:
         """Whether the filter rests on fixes, and has not lost its way since; a vehicle that landed may have been carried away."""
         return self._anchored and not self._put_down and self.mode is not Mode.LOST
 
-    def would_end_loss(self, state: NavState, *, stated: bool = False) -> bool:
+    def would_end_loss(self, state: NavState, *, stated: bool = False, shared_m: float = 0.0) -> bool:
         """Whether a fix that meets this state is what the way out of LOST hangs on; not where the operator `stated` the place
-        well enough for a vehicle that is not lost. A link that is away, which makes LOST WAITING, ends no loss."""
+        well enough for a vehicle that is not lost. A link that is away, which makes LOST WAITING, ends no loss. `shared_m`: of
+        the 1-sigma, what all fixes have in common."""
         sigma_m, lost_sigma_m = largest_sigma_m(state.cov_ne_m2), self._settings.navigator.lost_sigma_m
         if sigma_m > lost_sigma_m:
             return True
-        return self.mode is Mode.LOST and not stated and not modes.recovered(sigma_m, lost_sigma_m)
+        return self.mode is Mode.LOST and not stated and not modes.recovered(sigma_m, lost_sigma_m, shared_m)
 
     def doubt(self) -> None:
         """The filter starts at a place that no fix has confirmed."""
         self._anchored, self._fix_taken_ns = False, None
 
-    def change_mode(self, state: NavState | None, ready: bool, low: bool, armed: bool, now_ns: int) -> list[Command]:
-        """One step of the table of modes; `ready`: link, attitude and state are there; `low`: too low to be localised.
+    def change_mode(
+        self, state: NavState | None, ready: bool, low: bool, armed: bool, now_ns: int, shared_m: float = 0.0
+    ) -> list[Command]:
+        """One step of the table of modes; `ready`: link, attitude and state are there; `low`: too low to be localised;
+        `shared_m`: of the state's 1-sigma, what all fixes have in common.
 
         A vehicle that is low without fixes and not `armed` has landed: it needs no positions, which is nothing to warn of. It may
         have been carried elsewhere before it climbs again, so only a fix, or a GNSS that is trusted, tells where it took off.
@@ -75,6 +79,7 @@ class Steering:
             lost_sigma_m=limits.lost_sigma_m,
             stranded=self._stranded and not landed,
             landed=landed,
+            shared_m=shared_m,
         )
         before, self.mode = self.mode, modes.next_mode(self.mode, situation)
         if self.mode is before:

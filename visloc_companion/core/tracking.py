@@ -27,19 +27,7 @@ from visloc_companion.core.propagation import Drive
 from visloc_companion.core.reckoned import Reckoned, way_ne_m
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
-from visloc_companion.types import (
-    Accepted,
-    Fix,
-    FloatArray,
-    GeoPoint,
-    NavState,
-    Odometry,
-    Quat,
-    Rejected,
-    TooOld,
-    Vec2,
-    Vec3,
-)
+from visloc_companion.types import Accepted, Fix, FloatArray, GeoPoint, NavState, Odometry, Quat, Rejected, TooOld, Vec2, Vec3
 
 MIN_VELOCITY_INTERVAL_NS = 5_000_000
 TAUGHT_BY, UNTAUGHT_LOSS = 2, 1.5
@@ -239,6 +227,11 @@ class Tracker:
     def astray_m(self) -> float:
         """1-sigma, on each axis, of what fixes are off by beside GNSS (moved_alike.MovedAlike)."""
         return self.alike.astray_m(self._flown_m)
+
+    @property
+    def shared_m(self) -> float:
+        """1-sigma, on each axis, of what states have of that which is common to all fixes: none of them takes it away."""
+        return self._settings.map_sigma_m
 
     @property
     def _flown_m(self) -> float:

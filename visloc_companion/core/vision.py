@@ -320,7 +320,8 @@ class Vision:
             beside_ne_m = self._tracker.gnss.minus(fix, state.v_ned_mps)
             if self._first.waits(fix, beside_ne_m, -state.p_ned_m[2]):
                 return [Notice(Severity.INFO, "a first fix waits: GNSS or camera, who is wrong is open")]
-        if not self._steering.would_end_loss(state, stated=self._to_confirm is not None):
+        stated, shared_m = self._to_confirm is not None, self._tracker.shared_m
+        if not self._steering.would_end_loss(state, stated=stated, shared_m=shared_m):
             waits = self._second.waits(fix, state, origin)
             return [Notice(Severity.INFO, "a fix that may be wrong, from far off, waits for a second one")] if waits else None
         begun = not self._regaining.waiting

@@ -41,6 +41,9 @@ EXPECTED = [
     (L, situation(due=True, fix=True, sigma_m=29), A),
     (L, situation(due=True, sigma_m=29), D),
     (L, situation(due=True, sigma_m=61), L),
+    (L, replace(situation(due=True, fix=True, sigma_m=41), shared_m=40), A),
+    (L, replace(situation(due=True, fix=True, sigma_m=52), shared_m=40), L),
+    (L, replace(situation(due=True, fix=True, sigma_m=61), shared_m=60.5), L),
     (S, replace(situation(sigma_m=61), landed=True), S),
     (L, replace(situation(sigma_m=61), landed=True), S),
 ]

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from visloc_companion.core.regaining import FORGET_NS, Regaining, hits_needed
-from visloc_companion.core.settings import CoreSettings, InjectionSettings
+from visloc_companion.core.settings import CoreSettings, InjectionSettings, NavigatorSettings
 from visloc_companion.core.travel import TravelLog
 from visloc_companion.geo import wgs84
 from visloc_companion.types import (
@@ -198,3 +198,15 @@ def test_where_the_origin_changes_its_height_fixes_of_before_tell_as_much() -> N
     assert seen(asked, (50.0, (300.0, 0.0))) == [True]
     raised = replace(ORIGIN, h_amsl_m=ORIGIN.h_amsl_m + 0.04)
     assert not asked.waits(fix(54.0, (340.0, 0.0)), state(54.0), raised, RADIUS_M)
+
+
+def test_a_map_that_is_known_poorly_does_not_keep_a_vehicle_lost(world: type[World]) -> None:
+    """All states claim 8 m for the map, more than half of what a vehicle is lost with: however good fixes were, it stayed so."""
+    limits = NavigatorSettings(map_sigma_m=8.0, lost_sigma_m=15.0)
+    settings = CoreSettings(navigator=limits)
+    w = world(settings=settings, jammed=lambda t: t > 20, blind=lambda t: 30 < t < 60)
+    w.start()
+    w.fly(80.0)
+    assert w.status_at(59.9)[0].mode is Mode.LOST
+    assert w.status_at(79.9)[0].mode is Mode.AIDING
+    assert all(off_m < s.protection_level_m for t, s, off_m in w.statuses if t > 62)
