@@ -9,8 +9,9 @@ ground in view tells no more than its best fix; other ground, as it comes into v
 would have two fixes that claim unlike errors conclude a height beyond both.)
 
 A fix's height rests on the prior that its localiser was given, which is this height again: only what it adds is taken. A fix
-beyond the gate is wrong, or the barometer jumped: until the next one decides, the level covers both. Solutions that leave fixes
-out: separation.py; the level that they make: integrity.py.
+beyond the gate is wrong, or the barometer jumped: until the next one decides, the level covers both; where one method says so
+again and again and another decides otherwise, it goes on to. Solutions that leave fixes out: separation.py; the level that they
+make: integrity.py.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -67,7 +69,8 @@ class HeightFix:
 class HeightBelief:
     """The filter at `t_ns`: mean x (2,), covariance P (2, 2), the time of the last fix that it rests on (or of its start), each
     method with the time of its last fix, the solutions that leave fixes out, and the last fix if it was refused. `told`: the
-    information (1/m²) that image fixes of the ground in view have brought."""
+    information (1/m²) that image fixes of the ground in view have brought. `contradicting`: the last two fixes of each method
+    that were refused since the filter agreed with one of it."""
 
     t_ns: int
     x: FloatArray
@@ -77,6 +80,7 @@ class HeightBelief:
     without: Solutions = NOTHING
     refused: HeightFix | None = None
     told: float = 0.0
+    contradicting: tuple[HeightFix, ...] = ()
 
 
 def started(t_ns: int, sigma_m: float, offset_m: float = 0.0) -> HeightBelief:
@@ -103,7 +107,7 @@ def observed(belief: HeightBelief, z: HeightFix, settings: NavigatorSettings) ->
     innovation2, expected_m2 = (z.offset_m - float(H[0] @ belief.x)) ** 2, float(H[0] @ belief.P @ H[0]) + var_m2
     if innovation2 > GATE_SIGMA**2 * expected_m2:
         if belief.refused is None or not _agree(belief.refused, z):
-            return replace(belief, refused=z)
+            return replace(belief, refused=z, contradicting=_contradicting(belief, z))
         belief, added = _widened(belief, innovation2), 1 / var_m2
     elif innovation2 > ORDINARY_SIGMA**2 * expected_m2:
         belief, added = _widened(belief, innovation2 / ORDINARY_SIGMA**2 - expected_m2), 1 / var_m2
@@ -112,8 +116,20 @@ def observed(belief: HeightBelief, z: HeightFix, settings: NavigatorSettings) ->
     if isinstance(got, Rejected):
         return belief
     votes = separation.voted(belief.votes, z.method, z.t_ns)
+    others = tuple(each for each in belief.contradicting if each.method != z.method)
     without = separation.apart(_others(belief, z, offset, R, H), got.x, got.P, H)
-    return HeightBelief(z.t_ns, got.x, got.P, z.t_ns, votes, without, told=told)
+    return HeightBelief(z.t_ns, got.x, got.P, z.t_ns, votes, without, told=told, contradicting=others)
+
+
+def _contradicting(belief: HeightBelief, z: HeightFix) -> tuple[HeightFix, ...]:
+    own = [each for each in belief.contradicting if each.method == z.method]
+    return (*(each for each in belief.contradicting if each.method != z.method), *own[-1:], z)
+
+
+def _repeated(belief: HeightBelief, t_ns: int) -> list[HeightFix]:
+    """What a method has said twice lately and the filter, which takes the fixes of another, has refused both times."""
+    lately = [each for each in belief.contradicting if t_ns - each.t_ns <= separation.RECENT_NS]
+    return [b for a, b in pairwise(lately) if a.method == b.method and _agree(a, b)]
 
 
 def _news(belief: HeightBelief, z: HeightFix) -> tuple[float, float, float]:
@@ -222,8 +238,8 @@ class HeightFilter:
         belief = carried(self._doubted(t_ns), t_ns, self._settings)
         H, without = np.array([1.0, self.climbed_m(h_amsl_m)]), belief.without
         known = [(float(H @ belief.x), float(H @ belief.P @ H), 1.0)]
-        if belief.refused is not None:
-            known.append((belief.refused.offset_m, belief.refused.var_m2, JUMPED))
+        refused = [] if belief.refused is None else [belief.refused]
+        known += [(each.offset_m, each.var_m2, JUMPED) for each in (*refused, *_repeated(belief, t_ns))]
         offset_m, var_m2, probability = np.array(known).T
         offset_m = np.concatenate([offset_m, without.x @ H])
         var_m2 = np.concatenate([var_m2, (without.P @ H) @ H])

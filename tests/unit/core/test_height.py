@@ -215,3 +215,32 @@ def test_jumps_without_fixes_do_not_pile_up_and_their_doubt_does_not_depend_on_i
     for heights in (long, short):
         heights.observe(fix(501, 3.0))
     assert long.at(502 * S, 100.0) == pytest.approx(short.at(502 * S, 100.0))
+
+
+def said_in_turn(structure_m: float, until_s: float = 60.0) -> list[HeightFix]:
+    """Four fixes a second, each fourth by structure, from 5 s on."""
+    return [
+        fix(k / 4, structure_m if k % 4 == 0 and k > 20 else 0.0, method="structure" if k % 4 == 0 and k > 20 else "deep")
+        for k in range(1, round(4 * until_s) + 1)
+    ]
+
+
+@pytest.mark.parametrize("structure_m", [15.0, -40.0])
+def test_the_level_covers_what_one_method_says_again_and_again_while_another_decides(structure_m: float) -> None:
+    said = said_in_turn(structure_m)
+    heights, levels_m = fed(said[:60]), []
+    for one in said[60:]:
+        heights.observe(one)
+        levels_m.append(heights.protection_level_m(one.t_ns + S // 8, 100.0, 50.0))
+    assert abs(structure_m) < min(levels_m) <= max(levels_m) < abs(structure_m) + 10.0
+    heights.observe(fix(60.1, 0.0))
+    assert abs(heights.at(60 * S, 100.0)[0]) < 1.0
+    assert heights.protection_level_m(89 * S, 100.0, 50.0) > abs(structure_m)
+    assert heights.protection_level_m(91 * S, 100.0, 50.0) < 12.0, "silent for 30 s"
+
+
+def test_methods_that_agree_on_the_height_leave_its_level_as_it_is() -> None:
+    said = said_in_turn(15.0)
+    taken_back = fed([*said, fix(60.1, 0.0, method="structure"), fix(60.2, 0.0)])
+    assert taken_back.newest.contradicting == ()
+    assert taken_back.protection_level_m(61 * S, 100.0, 50.0) < 8.0
