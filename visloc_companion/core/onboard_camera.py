@@ -239,8 +239,8 @@ class OnboardCamera:
         told = self._time.on_turn(answer.turn, self.q_carrier_cambody)
         if self.retimed_s != retimed_s:
             self._mount_anew()
-            self._aim = Aim()
-            self._tracker.doubt_aim(0.0, 0.0)
+            doubted, self._aim = max(abs(self._aim.used), self._aim.doubt), Aim()
+            self._tracker.doubt_aim(doubted, doubted)  # until GNSS tells anew
         return told
 
     def _bent(self, turn: Turn) -> list[Command]:

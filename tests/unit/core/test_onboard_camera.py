@@ -207,6 +207,26 @@ def test_a_gimbal_that_turns_against_the_vehicle_is_no_mirror(tracker: Tracker) 
     assert [n.text for n in said if isinstance(n, Notice)] == []
 
 
+@pytest.mark.parametrize(("used", "doubt"), [(0.04j, 0.01), (0j, 0.04)])
+def test_where_the_camera_looked_stays_in_doubt_once_a_delay_is_told(
+    tracker: Tracker, monkeypatch: pytest.MonkeyPatch, used: complex, doubt: float
+) -> None:
+    """What was taken off fixes no longer is: without GNSS nothing tells how much of it was the delay's."""
+    camera = OnboardCamera(LEVEL, SIGMA_RAD, (0.0, 0.0, 0.0), ClockOffset(), AttitudeBuffer(), tracker)
+    camera._aim.used, camera._aim.doubt = used, doubt
+
+    def told(turn: Turn | None, q_frd_cambody: Quat) -> list[Notice]:
+        camera._time.told_s = -0.3
+        return []
+
+    monkeypatch.setattr(camera._time, "on_turn", told)
+    tracker.height_above_home_m = 100.0
+    camera.on_answer(fix_at(1000 * MS))
+    assert not camera.aimed
+    assert tracker.alike.aim_open == tracker.alike.aim_share == pytest.approx(0.04)
+    assert tracker.shared_m == pytest.approx(2.0, abs=0.1)
+
+
 def test_once_a_delay_is_told_what_was_seen_before_it_counts_no_more(tracker: Tracker) -> None:
     clock, attitude, late_ns = ClockOffset(), AttitudeBuffer(), 1000 * MS
     camera = OnboardCamera(LEVEL, SIGMA_RAD, (0.0, 0.0, 0.0), clock, attitude, tracker)
