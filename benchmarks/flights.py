@@ -1,10 +1,12 @@
 """Closed-loop flights: the scenarios over the procedural world, and GNSS loss over NAIP of two years, by method.
 
-    python -m benchmarks.flights [--jobs N] [--worlds procedural naip] [--methods deep gradient] [--naip-report FILE]
+    python -m benchmarks.flights [--jobs N] [--worlds procedural naip] [--methods deep gradient] [--other-years N]
+        [--naip-report FILE]
 
 Prints a markdown table of the flights, and one of what each method made of all frames of a world. The camera's date is never the
-map's; the low flight has a footprint of 64 map pixels instead of 173. `--naip-report` writes the HTML report of the first
-method's flight through spoofing and jamming over NAIP. Needs ../shared/data/naip for the second world.
+map's; the low flight has a footprint of 64 map pixels instead of 173. `--other-years` flies over a pack of so many years more,
+never the camera's. `--naip-report` writes the HTML report of the first method's flight through spoofing and jamming over NAIP.
+Needs ../shared/data/naip for the second world.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ import cv2
 import numpy as np
 
 from benchmarks.cases import SHARED
+from benchmarks.dates import dates_from
 from visloc_companion.app.with_parent import end_with_parent
 from visloc_companion.evaluate.campaign import FlightSpec, campaign_specs, find_scenario, fly_spec, result_of
 from visloc_companion.evaluate.closed_loop import ALERT_LIMIT_M, fault_intervals
@@ -71,6 +74,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--worlds", nargs="+", default=["procedural", "naip"], choices=["procedural", "naip"])
     parser.add_argument("--methods", nargs="+", default=["deep", "gradient"], choices=METHODS)
+    parser.add_argument("--other-years", type=int, default=0)
     parser.add_argument("--naip-report", type=Path)
     options = parser.parse_args()
     if "procedural" in options.worlds:
@@ -81,9 +85,9 @@ def main() -> None:
     if "naip" in options.worlds and naip.is_dir():
         with tempfile.TemporaryDirectory() as folder:
             pack = Path(folder) / "pack"
-            build_pack(
-                [naip / f"{MAP_YEAR}.tif"], None, pack, source="USDA NAIP", licence="public domain", networks=[open_features()]
-            )
+            first, *others = dates_from(naip, MAP_YEAR, CAMERA_YEAR)[: 1 + options.other_years]
+            origin = {"source": "USDA NAIP", "licence": "public domain"}
+            build_pack([first], None, pack, other_dates=others, networks=[open_features()], **origin)
             base = FlightSpec("jam", pack, naip / f"{CAMERA_YEAR}.tif", None)
             report("NAIP, 5 m/px", [replace(base, **each) for each in NAIP_FLIGHTS], options.methods, options.jobs)
             if options.naip_report:

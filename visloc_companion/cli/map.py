@@ -12,8 +12,10 @@ from typer.core import TyperCommand
 from visloc_companion.cli.map_features import (
     FinestFeatures,
     Model,
+    OtherDates,
     chosen_networks,
     described_cloud,
+    described_date,
     described_features,
     echo_features,
     features,
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
 
 map_app = typer.Typer(help="Build, describe and check map packs.", no_args_is_help=True)
 map_app.command()(features)
-MANY = ("--ortho", "--dsm", "--cloud")
+MANY = ("--ortho", "--other-dates", "--dsm", "--cloud")
 Pack = Annotated[Path, typer.Argument(metavar="PACK", help="Folder of the pack.")]
 Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the result here.")]
 
@@ -57,6 +59,7 @@ def repeated(args: Sequence[str]) -> list[str]:
 def build(
     ortho: Annotated[list[Path], typer.Option(metavar="FILE...", help="Orthophotos (GeoTIFF); the first lies on top.")],
     out: Annotated[Path, typer.Option(metavar="PACK", help="Folder to make; an existing pack is replaced.")],
+    other_dates: OtherDates = None,
     dsm: Annotated[
         list[Path] | None, typer.Option(metavar="FILE...", help="Surface models (GeoTIFF); the first lies on top.")
     ] = None,
@@ -86,6 +89,7 @@ def build(
     from visloc_companion.maps.registration import registration_warnings
     from visloc_companion.prepare.build import build_pack
     from visloc_companion.prepare.check import cloud_info
+    from visloc_companion.prepare.dates import bent_dates
     from visloc_companion.prepare.heights import cloud_above_at_places, described_range, heights_warnings, surface_range
 
     _check_date(capture_date)
@@ -99,6 +103,7 @@ def build(
             ortho,
             dsm,
             out,
+            other_dates=other_dates or (),
             clouds=cloud or (),
             cloud_crs=cloud_crs,
             name=name,
@@ -119,13 +124,20 @@ def build(
     pixels = f"{manifest.ortho.cols} x {manifest.ortho.rows} px at {manifest.gsd_m:.3g} m"
     typer.echo(f"{out}: {pixels}, {manifest.crs.name}, {size_mb:.1f} MB")
     typer.echo(f"content on {manifest.share_valid:.1%} of it")
+    for each in manifest.other_dates:
+        typer.echo(f"other date {described_date(each)}")
     echo_features(manifest)
     pack = PackMap.open(out, verify_hashes=False)
     if (surface := surface_range(pack)) is not None:
         typer.echo(f"surface {described_range(surface)}")
     if (points := cloud_info(manifest)) is not None:
         typer.echo(f"cloud {described_cloud(points)}")
-    for warning in (*registration_warnings(ortho), *seams, *heights_warnings(cloud_above_at_places(pack))):
+    for warning in (
+        *registration_warnings(ortho),
+        *seams,
+        *bent_dates(manifest.other_dates, manifest.gsd_m),
+        *heights_warnings(cloud_above_at_places(pack)),
+    ):
         typer.echo(f"warning: {warning}", err=True)
     if manifest.heights.share_known < 0.9995:
         typer.echo(f"warning: {1 - manifest.heights.share_known:.1%} of it has no height and will not be used", err=True)
@@ -225,6 +237,7 @@ def _check_date(text: str) -> None:
 
 
 def _described(result: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    from visloc_companion.maps.manifest import OtherDate
     from visloc_companion.prepare.heights import described_range
 
     manifest = result["manifest"]
@@ -253,6 +266,8 @@ def _described(result: dict[str, Any]) -> Iterator[tuple[str, str]]:
     for each in result["features"]:
         yield "features", described_features(each)
     yield "capture date", manifest["capture_date"] or "not stated"
+    for each in manifest["other_dates"]:
+        yield "other date", described_date(OtherDate.model_validate(each))
     yield "source", manifest["source"] or "not stated"
     yield "licence", manifest["licence"] or "not stated"
     yield "size", f"{result['bytes'] / 1e6:.1f} MB in {len(manifest['files'])} files"

@@ -14,7 +14,7 @@ from visloc_companion.prepare.defaults import FINEST_FEATURES_M
 
 if TYPE_CHECKING:
     from visloc_companion.localise.features.base import Features
-    from visloc_companion.maps.manifest import Manifest
+    from visloc_companion.maps.manifest import Manifest, OtherDate
 
 NO_MODEL = "none"
 Model = Annotated[
@@ -29,11 +29,18 @@ FinestFeatures = Annotated[
         min=0, max=1000, help="Store a network's features from about this GSD (metres) on; finer ones are computed in flight."
     ),
 ]
+OtherDates = Annotated[
+    list[Path] | None,
+    typer.Option(
+        metavar="FILE...", help="Orthophotos of other dates (GeoTIFF, each a date): the features are the mean over all dates."
+    ),
+]
 
 
 def features(
     pack: Annotated[Path, typer.Argument(metavar="PACK", help="Folder of the pack.")],
     model: Model = "",
+    other_dates: OtherDates = None,
     finest_features_m: FinestFeatures = FINEST_FEATURES_M,
     replace: Annotated[bool, typer.Option("--replace", help="Drop the features of other networks.")] = False,
     json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the result here.")] = None,
@@ -46,7 +53,9 @@ def features(
         raise ConfigError(f"--model {NO_MODEL} stores nothing", remedy="name a model, or drop all networks' with --replace")
     networks = () if model == NO_MODEL else (_opened(model),)
     with stages() as report:
-        manifest = add_features(pack, networks, finest_features_m=finest_features_m, replace=replace, progress=report)
+        manifest = add_features(
+            pack, networks, other_dates=other_dates or (), finest_features_m=finest_features_m, replace=replace, progress=report
+        )
     if json_file is not None:
         write_json(json_file, {"schema": 1, "folder": str(pack), "manifest": manifest.model_dump(mode="json")})
     echo_features(manifest)
@@ -80,8 +89,20 @@ def echo_features(manifest: Manifest) -> None:
 def described_features(each: dict[str, Any]) -> str:
     """Name, GSDs and size of one function's features."""
     gsds = f"{each['gsd_m'][0]:.3g} m" + (f" to {each['gsd_m'][-1]:.3g} m" if len(each["gsd_m"]) > 1 else "")
+    of = f", mean over {each['n_dates']} dates" if each["n_dates"] > 1 else ""
     size = f"{each['bytes'] / 1e6:.1f} MB, {each['bytes_per_km2'] / 1e6:.3g} MB/km²"
-    return f"{each['name']} {gsds} in {len(each['gsd_m'])} levels, {each['channels']} channels, {size}"
+    return f"{each['name']} {gsds} in {len(each['gsd_m'])} levels, {each['channels']} channels, {size}{of}"
+
+
+def described_date(each: OtherDate) -> str:
+    """Its file, and how it was moved to lie on the map's own picture."""
+    east_m, north_m = each.moved_east_m, each.moved_north_m
+    if east_m == north_m == 0.0:
+        return f"{each.inputs[0].file}, which lies on the first"
+    way = (
+        f"{abs(north_m):.2f} m {'north' if north_m >= 0 else 'south'} and {abs(east_m):.2f} m {'east' if east_m >= 0 else 'west'}"
+    )
+    return f"{each.inputs[0].file}, moved {way} to lie on the first"
 
 
 def described_cloud(each: dict[str, Any]) -> str:

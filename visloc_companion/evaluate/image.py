@@ -20,6 +20,7 @@ from visloc_companion.adapters.camera.mask import decode_mask
 from visloc_companion.errors import ConfigError, MapError, OutsideMap, Reason, fault_text
 from visloc_companion.evaluate.batch import run_all
 from visloc_companion.evaluate.case_ids import require_truth_of
+from visloc_companion.evaluate.case_map import open_case_map
 from visloc_companion.evaluate.case_places import require_truth_near
 from visloc_companion.evaluate.cases import BadCase, Case, read_cases, read_frame, read_truth
 from visloc_companion.evaluate.frame_sizes import mixed_sizes
@@ -33,6 +34,7 @@ from visloc_companion.localise.features.onnx import NetworkFeatures
 from visloc_companion.localise.registry import make_localiser, open_features_for
 from visloc_companion.localise.runtime import NetworkChoice, default_threads
 from visloc_companion.localise.settings import Looks
+from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.raster import RasterMap
 from visloc_companion.types import CameraModel, Fix, FrameRef, Image, LocaliseRequest
 
@@ -225,5 +227,5 @@ def _features(method: str, network: NetworkChoice) -> NetworkFeatures | None:
 
 
 @lru_cache(maxsize=MAPS_AT_HAND)
-def _open_map(ortho: Path, dsm: Path | None) -> RasterMap:
-    return RasterMap.open(ortho, dsm)
+def _open_map(ortho: Path, dsm: Path | None) -> RasterMap | PackMap:
+    return open_case_map(ortho, dsm)

@@ -23,6 +23,8 @@ import rasterio
 from numpy.typing import NDArray
 from rasterio.errors import RasterioError
 
+from visloc_companion.errors import MapError
+from visloc_companion.evaluate.case_map import picture_of
 from visloc_companion.evaluate.cases import BadCase, Case, Truth, read_frame
 from visloc_companion.evaluate.image_metrics import WRONG_PX, CaseResult, case_error
 from visloc_companion.geo.raster import T_map_pix_from_gdal, apply_affine, invert_affine
@@ -181,10 +183,10 @@ def _days(text: str) -> int | None:
 @lru_cache(maxsize=4)
 def _layers(ortho: Path) -> _Layers | None:
     try:
-        with rasterio.open(ortho) as source:
+        with rasterio.open(picture_of(ortho)) as source:
             bands = source.read().astype(np.float32)
             crs, transform = source.crs, source.transform
-    except RasterioError:
+    except (RasterioError, MapError):
         return None
     grey = bands[:3].mean(0)
     box = (WINDOW_PX, WINDOW_PX)

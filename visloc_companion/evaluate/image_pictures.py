@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from visloc_companion.errors import MapError, OutsideMap
+from visloc_companion.evaluate.case_map import open_case_map
 from visloc_companion.evaluate.cases import BadCase, Case, Truth, read_frame
 from visloc_companion.evaluate.image_metrics import CaseResult
 from visloc_companion.geo.camera import R_FRD_CAM
@@ -17,7 +18,6 @@ from visloc_companion.localise.frame import full_level, reduced
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, rectify_surface
 from visloc_companion.localise.plan import footprint, local_frame
 from visloc_companion.localise.rectified import rectified
-from visloc_companion.maps.raster import RasterMap
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import GeoPoint, Image, Quat
 
@@ -45,7 +45,7 @@ def case_pictures(case: Case | BadCase, truth: Truth, result: CaseResult) -> Cas
         return None
     attitude = quat_from_euler(*(math.radians(a) for a in (truth.roll_deg, truth.pitch_deg, truth.yaw_deg)))
     try:
-        ref = RasterMap.open(case.ortho, case.dsm)
+        ref = open_case_map(case.ortho, case.dsm)
         here = _laid_out(case, pixels, ref, GeoPoint(truth.lat_deg, truth.lon_deg, truth.h_m), attitude)
     except MapError:
         return None

@@ -98,6 +98,8 @@ class FeatureLevel(Grid):
     step: Positive
     gsd_m: Positive
     tile_px: Annotated[int, Field(gt=0, le=4096)]
+    n_dates: Size = 1
+    """Of how many dates they are the mean."""
 
 
 class CloudEntry(Part):
@@ -130,6 +132,16 @@ class SourceEntry(Part):
     sha256: str
 
 
+class OtherDate(Part):
+    """An orthophoto of another date that the features are the mean over as well: its files, how it was moved to lie on the pack's
+    own, and how far parts of it lie beside that then (root mean square of an axis; None where too little tells)."""
+
+    moved_east_m: Finite
+    moved_north_m: Finite
+    parts_apart_m: Finite | None
+    inputs: Annotated[tuple[SourceEntry, ...], Field(min_length=1)]
+
+
 class Manifest(Part):
     """`manifest.json`."""
 
@@ -149,6 +161,7 @@ class Manifest(Part):
     features: tuple[FeatureLevel, ...]
     cloud: CloudEntry | None = None
     inputs: tuple[SourceEntry, ...]
+    other_dates: tuple[OtherDate, ...] = ()
     files: dict[FileName, FileEntry]
 
 

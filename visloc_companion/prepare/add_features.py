@@ -13,6 +13,7 @@ from visloc_companion.maps.crs import map_crs
 from visloc_companion.maps.manifest import MANIFEST, Manifest, read_manifest, sha256_file, write_manifest
 from visloc_companion.maps.verify import verify_files
 from visloc_companion.prepare.build import SOFTWARE
+from visloc_companion.prepare.dates import named_again
 from visloc_companion.prepare.defaults import FINEST_FEATURES_M
 from visloc_companion.prepare.features import check_names, feature_levels, stored_bytes, wanted_levels
 from visloc_companion.prepare.replaced import check_target
@@ -24,14 +25,17 @@ def add_features(
     folder: Path,
     networks: Sequence[Features],
     *,
+    other_dates: Sequence[Path] = (),
     finest_features_m: float = FINEST_FEATURES_M,
     replace: bool = False,
     progress: Progress | None = None,
 ) -> Manifest:
     """Store the features of networks in a pack, in place of those of the same names; with `replace` in place of all networks'.
 
+    `other_dates` are the orthophotos that a pack of several dates was built with: what is added is the mean over these, too.
     The files of the pack are linked, or copied where the disk knows no links. Work that was broken off is gone on with. Returns
-    the new manifest. Raises MapError for what is no pack, a damaged one, and too little space, ModelError for bad names.
+    the new manifest. Raises MapError for what is no pack, a damaged one, other dates than it was built with and too little space,
+    ModelError for bad names.
     """
     report: Progress = progress or (lambda stage, share: None)
     check_names((GRADIENT, *networks))
@@ -43,11 +47,12 @@ def add_features(
     dropped = {level.file for level in old.features} - {level.file for level in kept}
     files = {name: entry for name, entry in old.files.items() if name not in dropped}
     grid = _grid(old, folder)
+    dates = named_again(other_dates, old.other_dates, folder) if networks else ()
     made_from = [sha256_file(folder / MANIFEST), replace, finest_features_m, *((each.name, each.recipe) for each in networks)]
     with WorkFolder(folder, work_key("add", SOFTWARE, made_from)) as work:
         need = sum(stored_bytes(wanted_levels(grid, each, finest_features_m), each) for each in networks)
         work.check_free(need)
-        levels = feature_levels(work, grid, folder / old.ortho.file, networks, finest_features_m, report)
+        levels = feature_levels(work, grid, folder / old.ortho.file, networks, finest_features_m, report, dates)
         for name in files:
             _link(folder / name, work.path / name)
         entries = work.hashed([*files, *(level.file for level in levels)], report, files)

@@ -28,6 +28,7 @@ from visloc_companion.maps.manifest import (
 )
 from visloc_companion.maps.spilled import Spill
 from visloc_companion.prepare.cloud_points import PackCloud, pack_cloud, write_cloud
+from visloc_companion.prepare.dates import dated_sources
 from visloc_companion.prepare.defaults import FINEST_FEATURES_M
 from visloc_companion.prepare.features import (
     check_names,
@@ -52,6 +53,7 @@ def build_pack(
     dsm: Path | Sequence[Path] | None,
     out: Path,
     *,
+    other_dates: Sequence[Path] = (),
     clouds: Sequence[Path] = (),
     cloud_crs: str = "",
     name: str = "",
@@ -68,6 +70,7 @@ def build_pack(
 ) -> Manifest:
     """Build a pack from GeoTIFFs (of orthophotos, and of surface models, the first on top) and clouds.
 
+    `other_dates` are orthophotos of other dates: the features are the mean over all dates, pixels and grid are those of `orthos`.
     `cloud_crs` is that of clouds that state none.
     The pack keeps the clouds' upper points; where there is no surface model, they make that as well. Without either the ground
     is the plane `ground_h_amsl_m`. `vertical_datum` is that of the surface; where heights are
@@ -79,7 +82,7 @@ def build_pack(
     """
     report = progress or _no_progress
     dsms = [dsm] if isinstance(dsm, Path) else list(dsm or ())
-    require_utf8(*map(str, (*orthos, *dsms, *clouds, out)), name, source, licence)
+    require_utf8(*map(str, (*orthos, *other_dates, *dsms, *clouds, out)), name, source, licence)
     check_target(out)
     functions = (GRADIENT, *networks)
     check_names(functions)
@@ -89,6 +92,7 @@ def build_pack(
     spill = Spill(existing_parent(out))
     sources = [_ortho_source(path, stretches, spill) for path in orthos]
     grid = pack_grid(sources)
+    dates = dated_sources(other_dates, sources, grid, spill)
     cloud = pack_cloud(clouds, cloud_crs, grid, vertical_datum, geoid_undulation_m)
     surface = make_surface(surface_sources(dsms, clouds, cloud_crs, spill), grid, vertical_datum, geoid_undulation_m)
     _check_undulation(geoid_undulation_m, surface, cloud)
@@ -106,6 +110,7 @@ def build_pack(
         len(orthos),
         len(dsms),
         len(clouds),
+        *(date.as_entry().model_dump(mode="json") for date in dates),
     ]
     made_from += [finest_features_m, *(entry.sha256 for entry in inputs), *((each.name, each.recipe) for each in functions)]
     with WorkFolder(out, work_key("build", SOFTWARE, made_from)) as work:
@@ -113,7 +118,7 @@ def build_pack(
         share = _ortho(work, grid, sources, report)
         heights = _heights(work, grid, surface, ground_h_amsl_m, report)
         points = write_cloud(work, cloud, report)
-        levels = feature_levels(work, grid, work.path / ORTHO, functions, finest_features_m, report)
+        levels = feature_levels(work, grid, work.path / ORTHO, functions, finest_features_m, report, dates)
         names = [ORTHO, *([heights.grid.file] if heights.grid else []), *(level.file for level in levels)]
         names += [points.points, points.tiles] if points else []
         manifest = Manifest(
@@ -133,6 +138,7 @@ def build_pack(
             features=levels,
             cloud=points,
             inputs=inputs,
+            other_dates=tuple(date.as_entry() for date in dates),
             files=work.hashed(names, report),
         )
         write_manifest(work.path, manifest)

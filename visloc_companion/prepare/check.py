@@ -179,6 +179,7 @@ def _function_info(manifest: Manifest, levels: list[FeatureLevel], area_km2: flo
         "channels": levels[0].channels,
         "oriented": levels[0].oriented,
         "gsd_m": [level.gsd_m for level in levels],
+        "n_dates": max(level.n_dates for level in levels),
         "bytes": size,
         "bytes_per_km2": size / max(area_km2, 1e-9),
     }

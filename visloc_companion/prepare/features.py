@@ -22,6 +22,7 @@ from visloc_companion.maps.layer import Layer, level_shapes
 from visloc_companion.maps.manifest import FeatureLevel
 from visloc_companion.maps.stored import LEVEL_RATIO, NEAR_OCTAVES, STEPS, TILE_PX, quantised, tiled_shape
 from visloc_companion.maps.warp import warp_affine
+from visloc_companion.prepare.dates import DatedSource, mean_features
 from visloc_companion.prepare.mosaic import Step
 from visloc_companion.prepare.target import TargetGrid
 from visloc_companion.prepare.work_folder import Progress, WorkFolder, reserved, stage
@@ -80,9 +81,16 @@ def check_names(features: Sequence[Features]) -> None:
 
 
 def feature_levels(
-    work: WorkFolder, grid: TargetGrid, ortho: Path, functions: Sequence[Features], finest_gsd_m: float, report: Progress
+    work: WorkFolder,
+    grid: TargetGrid,
+    ortho: Path,
+    functions: Sequence[Features],
+    finest_gsd_m: float,
+    report: Progress,
+    dates: Sequence[DatedSource] = (),
 ) -> tuple[FeatureLevel, ...]:
-    """Write the features of all functions, computed from the pack's own orthophoto, and return what the manifest says of them.
+    """Write the features of all functions, computed from the pack's own orthophoto and those of other dates that are fine enough,
+    and return what the manifest says of them.
 
     Goes on where the work was broken off. Raises MapError where a file cannot be written, OSError where the disk is full.
     """
@@ -91,21 +99,23 @@ def feature_levels(
     for each in functions:
         levels = wanted_levels(grid, each, finest_gsd_m)
         step = stage(report, f"features {each.name}", pixels_of(levels))
-        found.extend(_write_features(work, grid, each, levels, pixels, step))
+        found.extend(_write_level(work, level, grid, each, pixels, dates, step) for level in levels)
     return tuple(found)
 
 
-def _write_features(
-    work: WorkFolder, grid: TargetGrid, features: Features, levels: Sequence[LevelGrid], pixels: Layer, step: Step
-) -> tuple[FeatureLevel, ...]:
-    return tuple(_write_level(work, level, grid, features, pixels, step) for level in levels)
-
-
 def _write_level(
-    work: WorkFolder, level: LevelGrid, grid: TargetGrid, features: Features, pixels: Layer, step: Step
+    work: WorkFolder,
+    level: LevelGrid,
+    grid: TargetGrid,
+    features: Features,
+    pixels: Layer,
+    dates: Sequence[DatedSource],
+    step: Step,
 ) -> FeatureLevel:
     transform = (level.pixel, 0.0, grid.west, 0.0, -level.pixel, grid.north)
     T_map_pix = T_map_pix_from_gdal(transform)
+    gsd_m = level.pixel / _scale_at_middle(grid, level, T_map_pix)
+    serving = [date for date in dates if date.serves(gsd_m)]
     entry = FeatureLevel(
         file=f"{features.name}_{level.number:02d}.npy",
         rows=level.rows,
@@ -116,8 +126,9 @@ def _write_level(
         channels=features.channels,
         oriented=features.oriented,
         step=features.bound / STEPS,
-        gsd_m=level.pixel / _scale_at_middle(grid, level, T_map_pix),
+        gsd_m=gsd_m,
         tile_px=TILE_PX,
+        n_dates=1 + len(serving),
     )
     out = _opened(work, entry)
     flush = out.flush
@@ -125,7 +136,8 @@ def _write_level(
         part = f"{entry.file} {number}"
         if work.result(part) is None:
             origin = compose_affine(T_map_pix, np.array([[1.0, 0.0, left], [0.0, 1.0, top]]))
-            _put(out, top, left, _block(features, pixels, origin, (right - left, bottom - top), entry.step))
+            size_px = right - left, bottom - top
+            _put(out, top, left, _block(features, pixels, grid, serving, origin, size_px, entry.step))
             work.record(part, flush=flush)
         step((bottom - top) * (right - left))
     return entry
@@ -151,17 +163,24 @@ def _memmap(path: Path, mode: str, shape: tuple[int, ...] | None) -> np.memmap[A
 
 
 def _block(
-    features: Features, pixels: Layer, T_map_pix: NDArray[np.float64], size_px: tuple[int, int], step: float
+    features: Features,
+    pixels: Layer,
+    grid: TargetGrid,
+    dates: Sequence[DatedSource],
+    T_map_pix: NDArray[np.float64],
+    size_px: tuple[int, int],
+    step: float,
 ) -> NDArray[np.int8]:
     """(H, W, C) stored values of a (width, height) block, computed with as much of its surroundings as the features see."""
     margin = features.context_px
     start = compose_affine(T_map_pix, np.array([[1.0, 0.0, -margin], [0.0, 1.0, -margin]]))
-    image, valid = warp_affine(pixels, start, (size_px[0] + 2 * margin, size_px[1] + 2 * margin))
+    grown = size_px[0] + 2 * margin, size_px[1] + 2 * margin
+    image, valid = warp_affine(pixels, start, grown)
     inner = without_margin(valid, margin)
     if not inner.any():
         values = np.zeros((size_px[1], size_px[0], features.channels), np.float32)
     else:
-        values = features(image, valid, margin)
+        values = mean_features(features, (image, valid), [date.window(grid, start, grown) for date in dates], margin)
     return quantised(values, inner, step)
 
 

@@ -43,7 +43,7 @@ def write_ortho(path: Path, grid: TargetGrid, sources: Sequence[Source], step: S
     with _writing(path), rasterio.open(plain, "w", **_profile(grid, channels + 1, "uint8")) as out:
         out.colorinterp = [*interpretation, ColorInterp.alpha]
         for window, T_map_pix, size_px in blocks(grid, SIDE_PX):
-            pixels, valid = _merged(sources, grid, T_map_pix, size_px, channels)
+            pixels, valid = merged(sources, grid, T_map_pix, size_px, channels)
             n_valid += int(valid.sum())
             bands = pixels[None] if channels == 1 else pixels.transpose(2, 0, 1)
             out.write(np.concatenate([bands, valid[None].astype(np.uint8) * np.uint8(255)]), window=window)
@@ -63,7 +63,7 @@ def write_heights(path: Path, grid: TargetGrid, sources: Sequence[Source], lower
         for window, T_map_pix, size_px in blocks(grid, SIDE_PX):
             margin = np.array([[1.0, 0.0, -FILL_PX], [0.0, 1.0, -FILL_PX]])
             grown = size_px[0] + 2 * FILL_PX, size_px[1] + 2 * FILL_PX
-            heights, known = _merged(sources, grid, compose_affine(T_map_pix, margin), grown, 1)
+            heights, known = merged(sources, grid, compose_affine(T_map_pix, margin), grown, 1)
             filled = _filled(heights.astype(np.float32), known)
             inner = slice(FILL_PX, -FILL_PX), slice(FILL_PX, -FILL_PX)
             n_filled += int((np.isfinite(filled) & ~known)[inner].sum())
@@ -96,9 +96,10 @@ def resampled(
     return warp_places(source.layer, places, size_px)
 
 
-def _merged(
+def merged(
     sources: Sequence[Source], grid: TargetGrid, T_map_pix: FloatArray, size_px: tuple[int, int], channels: int
 ) -> tuple[Values, NDArray[np.bool_]]:
+    """A window of several sources in the grid's CRS, the first on top."""
     shape = (size_px[1], size_px[0])
     dtype = sources[0].layer.dtype
     merged: Values = np.zeros(shape if channels == 1 else (*shape, channels), dtype)

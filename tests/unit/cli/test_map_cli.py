@@ -2,6 +2,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import rasterio
@@ -68,6 +69,27 @@ def test_build_info_check(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:
     code, text = visloc("check", pack, "--json", result)
     assert code == 0 and "files are as built" in text
     assert json.loads(result.read_text())["passed"] is True
+
+
+def test_other_dates_are_stated(tmp_path: Path, visloc: Visloc) -> None:
+    rng = np.random.default_rng(5)
+    first = cv2.GaussianBlur(rng.integers(0, 255, (200, 200)).astype(np.float32), (0, 0), 2.0)
+    a = write(tmp_path / "a.tif", np.clip(8 * first - 900, 1, 254).astype(np.uint8))
+    later = [
+        write(tmp_path / f"{name}.tif", np.clip(6 * first - 640, 1, 254).astype(np.uint8), east_m)
+        for name, east_m in (("b", 4.0), ("c", 0.0))
+    ]
+    said = [
+        "other date b.tif, moved 0.00 m north and 4.00 m west to lie on the first",
+        "other date c.tif, which lies on the first",
+    ]
+    code, text = visloc("build", "--ortho", a, "--other-dates", *later, "--out", tmp_path / "pack", "--model", "none")
+    assert code == 0 and all(words in text for words in said)
+    assert ", mean over 3 dates\n" in text
+    described = visloc("info", tmp_path / "pack")[1]
+    assert "other date       b.tif, moved 0.00 m north and 4.00 m west" in described
+    with pytest.raises(MapError, match=r"--other-dates b\.tif c\.tif"):
+        visloc("features", tmp_path / "pack")
 
 
 @pytest.mark.parametrize(
