@@ -29,7 +29,7 @@ test: install
 	$(BIN)/pytest -n 3 --dist loadgroup # on two cores: some tests wait
 
 test-train: install-train
-	$(BIN)/pytest tests/unit/train
+	$(BIN)/pytest -n 2 --dist loadgroup tests/unit/train
 
 lint: install
 	$(BIN)/ruff check .
