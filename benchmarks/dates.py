@@ -16,7 +16,7 @@ import cv2
 from benchmarks import sets, training_sets
 from benchmarks.answers import UNSTATED, answers, code_digest
 from benchmarks.cases import write_tables
-from benchmarks.table import figures, share
+from benchmarks.table import figure, figures, share
 from visloc_companion.prepare.build import build_pack
 from visloc_companion.prepare.shipped import shipped_networks
 
@@ -46,7 +46,7 @@ def main() -> None:
             judged = answers(cases, args.method, args.folder / "answers", digest, args.jobs, args.n, None, UNSTATED)
             s = figures(judged, LIMIT_P)
             cells = [name, str(1 + n_others), str(s["n"]), *(share(s[f"within_{limit}px_share"]) for limit in (15, 5, 2))]
-            cells += [f"{(s['error_px'] or {}).get('mean', 0):.2f}", share(s["accepted_right_share"]), str(s["accepted_far"])]
+            cells += [figure((s["error_px"] or {}).get("mean")), share(s["accepted_right_share"]), str(s["accepted_far"])]
             cells += [share(s["inside_95_ellipse_share"]), f"{s['expected_calibration_error']:.3f}"]
             print(f"| {' | '.join(cells)} |", flush=True)
 
