@@ -68,6 +68,12 @@ def write_tables(folder: Path, cases: Sequence[Mapping[str, Any]], truths: Seque
     return folder
 
 
+def read_table(path: Path) -> list[dict[str, Any]]:
+    """Rows of a CSV, all fields as text."""
+    with path.open(newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
 def _maker_file() -> Path:
     if not MAKER.exists():
         raise SystemExit(f"{MAKER} is missing: the benchmarks need the shared folder beside the project")

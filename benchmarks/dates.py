@@ -8,14 +8,13 @@ those of `benchmarks.training_sets` (rows < 400). FOLDER keeps cases, packs and 
 from __future__ import annotations
 
 import argparse
-import csv
 from pathlib import Path
 
 import cv2
 
 from benchmarks import sets, training_sets
 from benchmarks.answers import UNSTATED, answers, code_digest
-from benchmarks.cases import write_tables
+from benchmarks.cases import read_table, write_tables
 from benchmarks.table import figure, figures, share
 from visloc_companion.prepare.build import build_pack
 from visloc_companion.prepare.shipped import shipped_networks
@@ -64,12 +63,6 @@ def over_packs(made: Path, folder: Path, n_others: int) -> Path:
         files = dates_from(of_map, first_date(of_map, frame_date, map_date), frame_date)[: 1 + n_others]
         case |= {"frame": str(made / case["frame"]), "ortho": str(pack_of(files, folder / "packs"))}
     return write_tables(out, cases, truths)
-
-
-def read_table(path: Path) -> list[dict[str, str]]:
-    """Rows of a CSV."""
-    with path.open(encoding="utf-8", newline="") as stream:
-        return list(csv.DictReader(stream))
 
 
 def first_date(folder: Path, frame_date: str, map_date: str) -> str:

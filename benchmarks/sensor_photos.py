@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from benchmarks.cases import write_tables
+from benchmarks.cases import read_table, write_tables
 from benchmarks.photos import PhotoPrior, drone_urban
 from benchmarks.sensor_variations import FRAMES, NOT_OF_THIS_CAMERA, Bands
 from visloc_companion.types import Image
@@ -50,7 +49,7 @@ def of_photos(root: Path, name: str, _n: int, _foot_px: float) -> Path:
     (folder / "frames").mkdir(parents=True, exist_ok=True)
     source = drone_urban(root / "photos", NEAR, draws=1)
     tables = []
-    for number, (case, truth) in enumerate(zip(_rows(source / "cases.csv"), _rows(source / "truth.csv"), strict=True)):
+    for number, (case, truth) in enumerate(zip(read_table(source / "cases.csv"), read_table(source / "truth.csv"), strict=True)):
         if truth["solvable"] == "0":
             continue
         photo = cv2.imread(case["frame"])[..., ::-1]
@@ -64,8 +63,3 @@ def of_photos(root: Path, name: str, _n: int, _foot_px: float) -> Path:
         solvable = int(name not in NOT_OF_THIS_CAMERA)
         tables.append((case | {"frame": file} | of_size, truth | {"solvable": solvable}))
     return write_tables(folder, *zip(*tables, strict=True))
-
-
-def _rows(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="", encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))

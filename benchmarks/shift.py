@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from visloc_companion.localise.parabola import peak_offset
+
 REACH_PX = 5
 Array = NDArray[np.float64]
 
@@ -20,14 +22,8 @@ def shift_px(a: NDArray[np.float32], b: NDArray[np.float32], centre: tuple[float
     window = np.ascontiguousarray(a[row : row + side_px, col : col + side_px])
     there = b[row - REACH_PX : row + side_px + REACH_PX, col - REACH_PX : col + side_px + REACH_PX]
     scores = cv2.matchTemplate(np.ascontiguousarray(there), window, cv2.TM_CCORR_NORMED).astype(np.float64)
-    r, c = np.unravel_index(int(scores.argmax()), scores.shape)
+    r, c = (int(k) for k in np.unravel_index(int(scores.argmax()), scores.shape))
     if not (0 < r < 2 * REACH_PX and 0 < c < 2 * REACH_PX):
         return None
-    across, down = scores[r, c - 1 : c + 2], scores[r - 1 : r + 2, c]
-    return np.array([c + _vertex(across) - REACH_PX, r + _vertex(down) - REACH_PX])
-
-
-def _vertex(three: Array) -> float:
-    """Where the parabola through three equally spaced values has its extreme, from the middle one."""
-    a, b, c = (float(x) for x in three)
-    return 0.5 * (a - c) / min(a - 2 * b + c, -1e-12)
+    right, down = peak_offset(scores, r, c)
+    return np.array([c + right - REACH_PX, r + down - REACH_PX])

@@ -7,7 +7,6 @@ there is.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import Any
 import numpy as np
 import rasterio
 
-from benchmarks.cases import write_tables
+from benchmarks.cases import read_table, write_tables
 from visloc_companion.geo.raster import T_map_pix_from_gdal, apply_affine, invert_affine
 from visloc_companion.maps.crs import map_crs
 
@@ -40,7 +39,7 @@ def untold(
         return folder
     cases: list[dict[str, Any]] = []
     truths: list[dict[str, Any]] = []
-    for told, truth in zip(_rows(source / "cases.csv"), _rows(source / "truth.csv"), strict=True):
+    for told, truth in zip(read_table(source / "cases.csv"), read_table(source / "truth.csv"), strict=True):
         if len(cases) == n or tilt_deg(truth) > largest_deg:
             continue
         case = _found_from_anywhere(told, source) | dict(prior)
@@ -55,7 +54,7 @@ def without_model(source: Path, folder: Path) -> Path:
     """The cases of a folder without their surface models."""
     if (folder / "cases.csv").exists():
         return folder
-    pairs = zip(_rows(source / "cases.csv"), _rows(source / "truth.csv"), strict=True)
+    pairs = zip(read_table(source / "cases.csv"), read_table(source / "truth.csv"), strict=True)
     cases, truths = zip(*(_on_a_plane(_found_from_anywhere(case, source), truth) for case, truth in pairs), strict=True)
     folder.mkdir(parents=True, exist_ok=True)
     return write_tables(folder, cases, truths)
@@ -82,8 +81,3 @@ def _on_a_plane(case: dict[str, Any], truth: dict[str, Any]) -> tuple[dict[str, 
     plane_m = float(surface[max(0, row - half) : row + half, max(0, col - half) : col + half].mean())
     lowered = case | {"dsm": "", "prior_h_m": float(case["prior_h_m"]) - plane_m}
     return lowered, truth | {"h_m": float(truth["h_m"]) - plane_m}
-
-
-def _rows(path: Path) -> list[dict[str, Any]]:
-    with path.open(newline="", encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))

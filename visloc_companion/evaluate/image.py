@@ -34,8 +34,6 @@ from visloc_companion.localise.features.onnx import NetworkFeatures
 from visloc_companion.localise.registry import make_localiser, open_features_for
 from visloc_companion.localise.runtime import NetworkChoice, default_threads
 from visloc_companion.localise.settings import Looks
-from visloc_companion.maps.pack import PackMap
-from visloc_companion.maps.raster import RasterMap
 from visloc_companion.types import CameraModel, Fix, FrameRef, Image, LocaliseRequest
 
 POSE_FIELDS = (
@@ -226,6 +224,4 @@ def _features(method: str, network: NetworkChoice) -> NetworkFeatures | None:
     return open_features_for(method, network)
 
 
-@lru_cache(maxsize=MAPS_AT_HAND)
-def _open_map(ortho: Path, dsm: Path | None) -> RasterMap | PackMap:
-    return open_case_map(ortho, dsm)
+_open_map = lru_cache(maxsize=MAPS_AT_HAND)(open_case_map)

@@ -174,6 +174,11 @@ def sha256_file(path: Path) -> str:
         raise MapError(f"cannot be read: {why.strerror}", where=str(path), remedy=REBUILD) from why
 
 
+def source_entry(path: Path) -> SourceEntry:
+    """What the manifest says of a file. Raises MapError where it cannot be read."""
+    return SourceEntry(file=path.name, sha256=sha256_file(path))
+
+
 def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Write `manifest.json` and its digest."""
     text = manifest.model_dump_json(indent=1) + "\n"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import visloc_companion
 from visloc_companion.errors import DatumMissing, MapError
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
-from visloc_companion.maps.geotiff import Stretch, files_of, ground_gsd_m, layer_of, open_ortho, stretches_of
+from visloc_companion.maps.geotiff import files_of, ground_gsd_m, stretches_of
 from visloc_companion.maps.manifest import (
     KIND,
     SCHEMA,
@@ -23,7 +23,7 @@ from visloc_companion.maps.manifest import (
     Manifest,
     SourceEntry,
     require_utf8,
-    sha256_file,
+    source_entry,
     write_manifest,
 )
 from visloc_companion.maps.spilled import Spill
@@ -40,7 +40,7 @@ from visloc_companion.prepare.mosaic import write_ortho
 from visloc_companion.prepare.replaced import check_target, existing_parent
 from visloc_companion.prepare.seams import seams
 from visloc_companion.prepare.surface import Datum, Surface, make_surface, surface_sources, write_surface
-from visloc_companion.prepare.target import Source, TargetGrid, finer_than_first, pack_grid
+from visloc_companion.prepare.target import Source, TargetGrid, finer_than_first, ortho_source, pack_grid
 from visloc_companion.prepare.work_folder import Progress, WorkFolder, stage, synced, work_key
 from visloc_companion.types import FloatArray
 
@@ -90,7 +90,7 @@ def build_pack(
         raise MapError("no orthophoto is given", remedy="--ortho FILE")
     stretches = stretches_of(orthos)
     spill = Spill(existing_parent(out))
-    sources = [_ortho_source(path, stretches, spill) for path in orthos]
+    sources = [ortho_source(path, stretches, spill) for path in orthos]
     grid = pack_grid(sources)
     dates = dated_sources(other_dates, sources, grid, spill)
     cloud = pack_cloud(clouds, cloud_crs, grid, vertical_datum, geoid_undulation_m)
@@ -110,7 +110,7 @@ def build_pack(
         len(orthos),
         len(dsms),
         len(clouds),
-        *(date.as_entry().model_dump(mode="json") for date in dates),
+        *(date.laid.model_dump(mode="json") for date in dates),
     ]
     made_from += [finest_features_m, *(entry.sha256 for entry in inputs), *((each.name, each.recipe) for each in functions)]
     with WorkFolder(out, work_key("build", SOFTWARE, made_from)) as work:
@@ -138,7 +138,7 @@ def build_pack(
             features=levels,
             cloud=points,
             inputs=inputs,
-            other_dates=tuple(date.as_entry() for date in dates),
+            other_dates=tuple(date.laid for date in dates),
             files=work.hashed(names, report),
         )
         write_manifest(work.path, manifest)
@@ -148,7 +148,7 @@ def build_pack(
 
 def _inputs(paths: Sequence[Path], report: Progress) -> Iterator[SourceEntry]:
     for n, path in enumerate(paths):
-        yield SourceEntry(file=path.name, sha256=sha256_file(path))
+        yield source_entry(path)
         report("inputs", (n + 1) / len(paths))
 
 
@@ -162,12 +162,6 @@ def _ortho(work: WorkFolder, grid: TargetGrid, sources: Sequence[Source], report
         raise MapError("holds no valid pixel", where=sources[0].name, remedy="name an orthophoto with content")
     work.record(ORTHO, share, partial(synced, work.path / ORTHO))
     return share
-
-
-def _ortho_source(path: Path, stretches: Mapping[str, Stretch], spill: Spill) -> Source:
-    tiff = open_ortho(path, stretches)
-    gsd_m = tiff.gsd_m
-    return Source(str(path), spill.kept(layer_of(tiff)), tiff.crs, gsd_m)
 
 
 def _heights(work: WorkFolder, grid: TargetGrid, surface: Surface | None, plane_h_amsl_m: float, report: Progress) -> HeightEntry:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from visloc_companion.localise.features.base import without_margin
 from visloc_companion.localise.features.gradient import gradient_features
+from visloc_companion.localise.parabola import peak_offset
 from visloc_companion.types import FloatArray
 
 SIDE_PX, LEAST_SIDE_PX, REACH_PX, WINDOWS = 160, 48, 24, 8
@@ -24,6 +25,7 @@ LEAST_VALID, LEAST_CONTENT = 0.5, 0.05
 PEAK_PX, LEAST_Z = 3, 8.0
 """A peak stands out by so many robust sigmas of what lies further than PEAK_PX from it."""
 FACTORS = (1, 4, 16)
+"""Pixels that a shift is looked for in, times the finest: each reaches as many times as far."""
 LEAST_PARTS = 4
 """Windows that show a shift of their own, from which on these tell whether one picture is bent against the other."""
 Window = Callable[[FloatArray, tuple[int, int]], tuple[NDArray[np.uint8], NDArray[np.bool_]]]
@@ -90,7 +92,7 @@ def _peak(surface: FloatArray) -> FloatArray | None:
     sigma = 1.4826 * float(np.median(np.abs(rest - middle)))
     if float(surface[row, col]) - middle < LEAST_Z * max(sigma, 1e-9):
         return None
-    du, dv = _vertex(surface[row, col - 1 : col + 2]), _vertex(surface[row - 1 : row + 2, col])
+    du, dv = peak_offset(surface, row, col)
     return np.array([col - REACH_PX + du, row - REACH_PX + dv])
 
 
@@ -116,10 +118,3 @@ def _features(
         return None
     features = gradient_features(pixels, valid)
     return features if float(np.sqrt(np.mean(features**2))) >= LEAST_CONTENT else None
-
-
-def _vertex(three: FloatArray) -> float:
-    """Where a parabola through three values has its top, from the middle one."""
-    a, b, c = (float(value) for value in three)
-    bend = a - 2 * b + c
-    return 0.0 if bend >= 0 else 0.5 * (a - c) / bend

@@ -7,7 +7,7 @@ shrinks. In flight nothing is added, for the pack holds the mean.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from visloc_companion.errors import MapError
 from visloc_companion.localise.features.base import Features, Float32Array, without_margin
-from visloc_companion.maps.geotiff import files_of, layer_of, open_ortho, stretches_of
-from visloc_companion.maps.manifest import OtherDate, SourceEntry, sha256_file
+from visloc_companion.maps.geotiff import files_of, stretches_of
+from visloc_companion.maps.manifest import OtherDate, SourceEntry, source_entry
 from visloc_companion.maps.spilled import Spill
 from visloc_companion.maps.stored import NEAR_OCTAVES
 from visloc_companion.prepare.date_shift import shift_between
 from visloc_companion.prepare.mosaic import merged, resampled
-from visloc_companion.prepare.target import Source, TargetGrid
+from visloc_companion.prepare.target import Source, TargetGrid, ortho_source
 from visloc_companion.types import FloatArray
 
 LEAST_MOVE_PX = 0.1
@@ -30,22 +30,15 @@ LEAST_MOVE_PX = 0.1
 MOST_MOVE_M = 50.0
 """Datums that are mixed up move a picture by more; rectification is not so far off."""
 BENT_PX = 1.0
+"""Parts of a date that lie further beside the rest, in the pack's pixels, blur what they are the mean with."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DatedSource:
-    """An orthophoto of another date, the move (map units east, north) that lays it on the first one, how far parts of it then lie
-    beside that (root mean square of an axis, None where too little tells), and its files."""
+    """An orthophoto of another date, and how it is laid on the first one."""
 
     source: Source
-    east: float
-    north: float
-    parts: float | None
-    inputs: tuple[SourceEntry, ...]
-
-    def as_entry(self) -> OtherDate:
-        """As the manifest says it."""
-        return OtherDate(moved_east_m=self.east, moved_north_m=self.north, parts_apart_m=self.parts, inputs=self.inputs)
+    laid: OtherDate
 
     def serves(self, gsd_m: float) -> bool:
         """Whether its pixels are fine enough for features of a GSD."""
@@ -55,7 +48,8 @@ class DatedSource:
         self, grid: TargetGrid, T_map_pix: FloatArray, size_px: tuple[int, int]
     ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
         """(H, W) or (H, W, 3) pixels of a (width, height) window of the pack's grid, and where there are any."""
-        return resampled(self.source, grid, T_map_pix - np.array([[0.0, 0.0, self.east], [0.0, 0.0, self.north]]), size_px)
+        moved = np.array([[0.0, 0.0, self.laid.moved_east_m], [0.0, 0.0, self.laid.moved_north_m]])
+        return resampled(self.source, grid, T_map_pix - moved, size_px)
 
 
 def dated_sources(paths: Sequence[Path], sources: Sequence[Source], grid: TargetGrid, spill: Spill) -> tuple[DatedSource, ...]:
@@ -80,10 +74,7 @@ def named_again(paths: Sequence[Path], entries: Sequence[OtherDate], folder: Pat
             where=str(folder),
             remedy=f"name the same files, in their order: --other-dates {names}" if entries else "build it again with them",
         )
-    return tuple(
-        DatedSource(source, entry.moved_east_m, entry.moved_north_m, entry.parts_apart_m, inputs)
-        for (source, inputs), entry in zip(opened, entries, strict=True)
-    )
+    return tuple(DatedSource(source, entry) for (source, _), entry in zip(opened, entries, strict=True))
 
 
 def bent_dates(dates: Sequence[OtherDate], gsd_m: float) -> list[str]:
@@ -99,7 +90,7 @@ def bent_dates(dates: Sequence[OtherDate], gsd_m: float) -> list[str]:
 def mean_features(
     features: Features,
     own: tuple[NDArray[np.uint8], NDArray[np.bool_]],
-    dates: Sequence[tuple[NDArray[np.uint8], NDArray[np.bool_]]],
+    dates: Iterable[tuple[NDArray[np.uint8], NDArray[np.bool_]]],
     margin_px: int,
 ) -> Float32Array:
     """(H, W, C) features of a window (pixels and validity, with a margin) as the mean over all dates that show a pixel."""
@@ -114,9 +105,7 @@ def mean_features(
 
 
 def _opened(path: Path, spill: Spill) -> tuple[Source, tuple[SourceEntry, ...]]:
-    tiff = open_ortho(path, stretches_of([path]))
-    inputs = tuple(SourceEntry(file=file.name, sha256=sha256_file(file)) for file in files_of(path))
-    return Source(str(path), spill.kept(layer_of(tiff)), tiff.crs, tiff.gsd_m), inputs
+    return ortho_source(path, stretches_of([path]), spill), tuple(map(source_entry, files_of(path)))
 
 
 def _laid(opened: tuple[Source, tuple[SourceEntry, ...]], sources: Sequence[Source], grid: TargetGrid) -> DatedSource:
@@ -135,5 +124,6 @@ def _laid(opened: tuple[Source, tuple[SourceEntry, ...]], sources: Sequence[Sour
     if (away := math.hypot(shift.east, shift.north)) > MOST_MOVE_M:
         raise MapError(f"lies {away:.0f} m beside {sources[0].name}", where=source.name, remedy=remedy)
     near = max(abs(shift.east), abs(shift.north)) < LEAST_MOVE_PX * pixel
-    move = (0.0, 0.0) if near else (-shift.east, -shift.north)
-    return DatedSource(source, *move, None if math.isnan(shift.parts) else shift.parts, inputs)
+    east_m, north_m = (0.0, 0.0) if near else (-shift.east, -shift.north)
+    parts_m = None if math.isnan(shift.parts) else shift.parts
+    return DatedSource(source, OtherDate(moved_east_m=east_m, moved_north_m=north_m, parts_apart_m=parts_m, inputs=inputs))

@@ -180,7 +180,7 @@ def _block(
     if not inner.any():
         values = np.zeros((size_px[1], size_px[0], features.channels), np.float32)
     else:
-        values = mean_features(features, (image, valid), [date.window(grid, start, grown) for date in dates], margin)
+        values = mean_features(features, (image, valid), (date.window(grid, start, grown) for date in dates), margin)
     return quantised(values, inner, step)
 
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from visloc_companion.errors import MapError
 from visloc_companion.geo.raster import T_map_pix_from_gdal, apply_affine
 from visloc_companion.maps.crs import MapCrs, utm_at
+from visloc_companion.maps.geotiff import Stretch, layer_of, open_ortho
 from visloc_companion.maps.layer import Layer
 from visloc_companion.maps.outlasts import outlasts_geotiff
+from visloc_companion.maps.spilled import Spill
 from visloc_companion.types import FloatArray
 
 BLOCK_PX = 256
@@ -37,6 +40,12 @@ class Source:
     layer: Layer
     crs: MapCrs
     gsd_m: float
+
+
+def ortho_source(path: Path, stretches: Mapping[str, Stretch], spill: Spill) -> Source:
+    """An orthophoto as a source. Raises MapError, DatumMissing for what is none."""
+    tiff = open_ortho(path, stretches)
+    return Source(str(path), spill.kept(layer_of(tiff)), tiff.crs, tiff.gsd_m)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,9 +15,22 @@ from visloc_companion.testing.fake_autopilot import FakeAutopilot
 from visloc_companion.types import AutopilotKind, EkfSource, Gnss, SourceSwitched, SwitchSource
 
 
-def test_the_output_fits_the_parameters_and_is_told_once():
+def asked_for_quality() -> Conversation:
+    """With a PX4 whose parameters are read: it takes ODOMETRY alone."""
     talking = talk(kind=AutopilotKind.PX4, params={"EKF2_EV_CTRL": 1, "EKF2_EV_QMIN": 40})
     talking.run(3.0)
+    return talking
+
+
+def silence(talking: Conversation, for_s: float) -> None:
+    """The autopilot says nothing for a while, and then is heard again."""
+    talking.autopilot.behaviour.silent = True
+    talking.run(for_s)
+    talking.autopilot.behaviour.silent = False
+
+
+def test_the_output_fits_the_parameters_and_is_told_once():
+    talking = asked_for_quality()
     assert talking.session.choice.output is Output.ODOMETRY
     for _ in range(3):
         talking.run(0.1)
@@ -30,11 +43,8 @@ def test_the_output_fits_the_parameters_and_is_told_once():
 
 
 def test_parameters_stay_known_over_a_silence():
-    talking = talk(kind=AutopilotKind.PX4, params={"EKF2_EV_CTRL": 1, "EKF2_EV_QMIN": 40})
-    talking.run(3.0)
-    talking.autopilot.behaviour.silent = True
-    talking.run(4.0)
-    talking.autopilot.behaviour.silent = False
+    talking = asked_for_quality()
+    silence(talking, 4.0)
     talking.run(1.2)
     assert talking.session.link.up
     assert talking.session.choice.output is Output.ODOMETRY
@@ -46,15 +56,10 @@ def test_parameters_stay_known_over_a_silence():
 
 def test_parameters_stay_known_where_the_link_is_lost_and_their_answers_with_it():
     """The link is back for a moment, and away for less than it takes to be called lost: all that was asked meanwhile is gone."""
-    talking = talk(kind=AutopilotKind.PX4, params={"EKF2_EV_CTRL": 1, "EKF2_EV_QMIN": 40})
-    talking.run(3.0)
-    talking.autopilot.behaviour.silent = True
-    talking.run(4.0)
-    talking.autopilot.behaviour.silent = False
+    talking = asked_for_quality()
+    silence(talking, 4.0)
     talking.run(2.0, until=lambda: talking.session.link.up)
-    talking.autopilot.behaviour.silent = True
-    talking.run(2.8)
-    talking.autopilot.behaviour.silent = False
+    silence(talking, 2.8)
     talking.run(4.0)
     assert talking.session.link.up
     assert talking.session.choice.output is Output.ODOMETRY
