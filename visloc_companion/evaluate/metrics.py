@@ -20,6 +20,8 @@ SCHEMA = 1
 DEFAULT_ALERT_LIMIT_M = 25.0
 GNSS_HEALTHY_M = 10.0
 """A receiver that is closer to the truth than this is healthy: a verdict against it is a false alarm."""
+_TRUSTED_WITHIN_S = 10.0
+"""A healthy receiver is called OK some two seconds after its first position; one that never is was called bad wrongly."""
 _NOT_INJECTING = (Mode.WAITING, Mode.SHADOW)
 Interval = tuple[float, float]
 
@@ -35,7 +37,7 @@ def flight_summary(
     """The JSON of a flight. Only finite numbers; None where a figure is undefined (no truth, no fixes, no injections).
 
     `gnss_faults_s` are the intervals (s since the start) in which GNSS was really bad, where the scenario knows them; without
-    them a verdict counts as false where the receiver was within 10 m of the truth. `latency` chooses what is stated: from
+    them a verdict counts as false where the receiver was near the truth (`false_alarms`). `latency` chooses what is stated: from
     exposure to the answer's arrival, or the computation alone (a replay's own). `epochs` names the CSV file beside the JSON.
     """
     reasons = Counter(refusal.reason for refusal in record.refusals)
@@ -108,6 +110,11 @@ def count_hmi(record: FlightRecord, alert_limit_m: float) -> int | None:
     return int(np.sum((error > alert_limit_m) & (record.protection_level_m <= alert_limit_m)))
 
 
+def judged_epochs(record: FlightRecord) -> int:
+    """How many epochs `count_hmi` and `count_misleading` can judge: those with an error and a protection level."""
+    return int(np.sum(np.isfinite(record.error_m) & np.isfinite(record.protection_level_m)))
+
+
 def count_misleading(record: FlightRecord) -> int | None:
     """Epochs whose error exceeds the stated protection level, whatever the alert limit. None without truth."""
     error = record.error_m
@@ -153,15 +160,33 @@ def detected_at_s(record: FlightRecord, gnss_faults_s: Sequence[Interval] | None
 
 
 def false_alarms(record: FlightRecord, gnss_faults_s: Sequence[Interval] | None = None) -> int | None:
-    """How often the verdict left OK while GNSS was healthy. None where nobody knows whether it was."""
-    alarms = alarms_s(record)
-    if gnss_faults_s is not None:
-        return sum(not any(start <= t_s <= end for start, end in gnss_faults_s) for t_s in alarms)
-    if not len(record.truth.t_s):
+    """How often GNSS was called bad while it was healthy: the verdict left OK then, or it never was OK although GNSS was healthy
+    for ten seconds at a stretch, which counts once. None where nobody knows whether it was, be it at one of the alarms."""
+    if gnss_faults_s is None and not len(record.truth.t_s):
         return None
-    times = np.array(alarms, dtype=np.float64)
-    apart = record.gnss.at(times)[:, :2] - record.truth.at(times)[:, :2]
-    return int(np.sum(np.hypot(*apart.T) < GNSS_HEALTHY_M))
+    if Verdict.OK not in record.verdicts:
+        healthy = _gnss_healthy(record, record.t_s, gnss_faults_s) == 1.0
+        return int(_longest_s(record.t_s, healthy) >= _TRUSTED_WITHIN_S)
+    healthy_then = _gnss_healthy(record, np.array(alarms_s(record), dtype=np.float64), gnss_faults_s)
+    return None if np.isnan(healthy_then).any() else int(np.sum(healthy_then))
+
+
+def _gnss_healthy(record: FlightRecord, t_s: FloatArray, gnss_faults_s: Sequence[Interval] | None) -> FloatArray:
+    """(N,) 1 at times at which GNSS was healthy, 0 where it was not or had no position, NaN where the truth is not known."""
+    if gnss_faults_s is not None:
+        return np.array([not any(start <= at_s <= end for start, end in gnss_faults_s) for at_s in t_s], dtype=np.float64)
+    truth_ne_m = record.truth.at(t_s)[:, :2]
+    near = np.hypot(*(record.gnss.at(t_s)[:, :2] - truth_ne_m).T) < GNSS_HEALTHY_M
+    return np.where(np.isnan(truth_ne_m[:, 0]), np.nan, near.astype(np.float64))
+
+
+def _longest_s(t_s: FloatArray, here: NDArray[np.bool_]) -> float:
+    """The longest stretch of times (N,), seconds, at which a mask (N,) holds."""
+    longest, began_s = 0.0, None
+    for at_s, holds in zip(t_s.tolist(), here.tolist(), strict=True):
+        began_s = (at_s if began_s is None else began_s) if holds else None
+        longest = longest if began_s is None else max(longest, at_s - began_s)
+    return longest
 
 
 def injection_figures(record: FlightRecord) -> dict[str, float | int | None]:

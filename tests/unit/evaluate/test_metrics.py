@@ -20,6 +20,7 @@ from visloc_companion.evaluate.metrics import (
     false_alarms,
     flight_summary,
     injection_figures,
+    judged_epochs,
     latency_figures,
     mean_nees,
     write_epochs,
@@ -124,6 +125,31 @@ def test_an_alarm_is_false_where_the_receiver_was_right() -> None:
     dragged = np.where(t_s >= 5, 40.0, 0.0)
     gnss = Track(t_s, np.column_stack([dragged, np.zeros((10, 2))]))
     assert false_alarms(replace(record, gnss=gnss)) == 2
+
+
+def test_an_alarm_that_nobody_can_judge_makes_no_clean_record() -> None:
+    t_s = np.arange(10.0)
+    known = t_s < 4
+    truth = Track(t_s[known], np.zeros((4, 3)))
+    record = replace(made([0.0] * 10, [9.0] * 10, ["ok"] * 6 + ["suspect"] * 4), truth=truth, gnss=Track(t_s, np.zeros((10, 3))))
+    assert false_alarms(record) is None, "the truth ends before the alarm"
+    assert false_alarms(replace(record, truth=Track(t_s, np.zeros((10, 3))), gnss=Track(t_s[:0], np.zeros((0, 3))))) == 0
+
+
+@pytest.mark.parametrize(("off_m", "n_s", "expected"), [(0.0, 30, 1), (40.0, 30, 0), (0.0, 5, 0)])
+def test_a_healthy_receiver_that_is_never_trusted_is_a_false_alarm(off_m: float, n_s: int, expected: int) -> None:
+    t_s = np.arange(float(n_s))
+    off = np.column_stack([np.full(n_s, off_m), np.zeros((n_s, 2))])
+    record = made([0.0] * n_s, [9.0] * n_s, ["denied"] * n_s)
+    assert false_alarms(replace(record, truth=Track(t_s, np.zeros((n_s, 3))), gnss=Track(t_s, off))) == expected
+    assert false_alarms(record, []) == (n_s > 10)
+    assert false_alarms(record, [(0.0, 60.0)]) == 0
+
+
+def test_only_epochs_with_truth_and_level_are_judged() -> None:
+    record = made([30.0, 1.0, np.nan, 1.0], [10.0, 40.0, 9.0, np.nan])
+    assert judged_epochs(record) == 2
+    assert judged_epochs(made([np.nan], [9.0])) == 0
 
 
 def test_a_pause_in_shadow_is_no_gap_but_one_in_lost_is() -> None:
