@@ -109,7 +109,11 @@ def _tell(source: Source, summary: dict[str, Any], checks: list[Check], out: Pat
     ]
     if error["median"] is not None:
         lines.append(f"error: median {error['median']:.2f} m, 95 % {error['p95']:.2f} m, maximum {error['max']:.2f} m")
-        lines.append(f"HMI {summary['hmi']}, misleading {summary['misleading']}, false alarms {gnss['false_alarms']}")
+        judged, false = summary["integrity"]["horizontal"], gnss["false_alarms"]
+        lines.append(
+            f"of {judged['epochs'] if judged else 0} epochs with truth: HMI {summary['hmi']}, "
+            f"misleading {summary['misleading']}; false alarms {'not known' if false is None else false}"
+        )
     lines += [*source.notes()]
     if out is not None:
         lines.append(f"report: {out / 'report.html'}")

@@ -19,6 +19,7 @@ from visloc_companion.evaluate.metrics import (
     error_figures,
     fix_errors_m,
     flight_summary,
+    judged_epochs,
     latency_ms,
 )
 from visloc_companion.evaluate.record import FixPoint, FlightRecord, Refusal, rebased
@@ -41,6 +42,7 @@ _DEFINITIONS = (
 )
 
 
+_TILE_WORDS = {"arrival": "latency", "computation": "computation of an answer"}
 _TABLE_WORDS = {"arrival": "median latency", "computation": "median computation"}
 _LATENCY_WORDS = {"arrival": "latency from exposure to answer (ms)", "computation": "computation of an answer (ms)"}
 
@@ -72,7 +74,7 @@ def write_flight_report(
         f"<h1>{escape(title)}</h1>",
         *(f'<p class="soft">{escape(note)}</p>' for note in notes),
         _headline(record, summary, checks),
-        _tiles(record, summary, alert_limit_m),
+        _tiles(record, summary, alert_limit_m, latency),
         _checks_table(checks),
         _maps(record, baseline, map_image, strayed, gnss_faults_s),
         picture_section(pictures),
@@ -107,19 +109,21 @@ def _headline(record: FlightRecord, summary: dict[str, Any], checks: Sequence[Ch
     return f'<section class="verdict {state}"><span class="badge">{word}</span><div>{escape(" ".join(sentences))}</div></section>'
 
 
-def _tiles(record: FlightRecord, summary: dict[str, Any], alert_limit_m: float) -> str:
-    error = summary["error_horizontal_m"]
+def _tiles(
+    record: FlightRecord, summary: dict[str, Any], alert_limit_m: float, latency: Literal["arrival", "computation"]
+) -> str:
+    error, n_judged = summary["error_horizontal_m"], judged_epochs(record)
     tiles = [
         (_m(error["median"]), "median horizontal error"),
         (_m(error["p95"]), "95 % of errors below"),
         (_m(error["max"]), "largest error"),
         (_count(summary["hmi"]), f"HMI epochs (alert limit {alert_limit_m:g} m)"),
-        (_count(summary["misleading"]), f"misleading of {len(record.t_s)} epochs"),
+        (_count(summary["misleading"]), f"misleading of {n_judged} epochs with truth"),
         (_share(summary["availability"]), "availability"),
         (_plain(summary["nees"], "{:.2f}"), "NEES (2 is right)"),
         (_plain(summary["gnss"]["detected_at_s"], "{:.1f} s"), "GNSS first declared bad"),
         (_plain(summary["injected"]["gap_max_ms"], "{:.0f} ms"), "longest injection gap"),
-        (_plain(summary["latency_ms"]["p95"], "{:.0f} ms"), "latency, 95 % below"),
+        (_plain(summary["latency_ms"]["p95"], "{:.0f} ms"), f"{_TILE_WORDS[latency]}, 95 % below"),
     ]
     cells = "".join(f'<div class="tile"><b>{escape(value)}</b><span>{escape(words)}</span></div>' for value, words in tiles)
     return f'<section class="tiles">{cells}</section>'

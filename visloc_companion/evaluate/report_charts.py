@@ -31,7 +31,7 @@ from visloc_companion.types import FloatArray, Verdict
 WIDTH, _LEFT, _RIGHT = 1200.0, 118.0, 1182.0
 _PLOT_TOP, _PLOT_BOTTOM = 12.0, 340.0
 _STRIP, _STRIP_GAP = 24.0, 9.0
-_FLOOR_M, _MAX_DOTS = 0.1, 1500
+_FLOOR_M = 0.1
 _RADIUS = {"dotfix": 2.2, "dotring": 3.2}
 _WORDS = {"dead_reckoning": "dead reckoning", "ok": "OK", "suspect": "SUSPECT", "denied": "DENIED", "on": "injecting", "off": ""}
 
@@ -55,8 +55,7 @@ def time_chart(record: FlightRecord, alert_limit_m: float | None, strayed: tuple
     if alert_limit_m is not None:
         parts.append(line(_LEFT, metres(alert_limit_m), _RIGHT, metres(alert_limit_m), "limit"))
     for css, fix_t_s, fix_error_m in fixes:
-        step = max(1, len(fix_t_s) // _MAX_DOTS)
-        dots = zip(fix_t_s[::step], fix_error_m[::step], strict=True)
+        dots = zip(*thinned(fix_t_s, fix_error_m), strict=True)
         parts += [circle(t(x), metres(y), _RADIUS[css], css) for x, y in dots if math.isfinite(y)]
     for times, values, css in curves:
         few_t, few = thinned(times, values)

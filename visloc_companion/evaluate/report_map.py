@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from visloc_companion.evaluate.record import FlightRecord, Track
+from visloc_companion.evaluate.record import MAX_TRUTH_GAP_S, FlightRecord, Track
 from visloc_companion.evaluate.report_svg import (
-    MAX_POINTS,
     Scale,
     circle,
     figure,
@@ -21,12 +20,15 @@ from visloc_companion.evaluate.report_svg import (
     path,
     rect,
     text,
+    thinned_track,
 )
 from visloc_companion.geo.wgs84 import ned_from_geo
 from visloc_companion.types import FloatArray, GeoPoint
 
 WIDTH, HEIGHT = 600.0, 560.0
 _MARGIN_SHARE, _LEAST_SPAN_M = 0.08, 40.0
+_SPARSE = 3.0
+"""Of a track that is sampled more seldom than truth is interpolated, a gap is so many times its usual spacing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,13 +103,24 @@ def _flown(record: FlightRecord) -> Track:
 
 
 def _line(track: Track, css: str, east: Scale, north: Scale, *, halo: bool) -> list[str]:
-    step = max(1, len(track.t_s) // MAX_POINTS)
-    p = np.concatenate([track.p_ned_m[::step], track.p_ned_m[-1:]]) if len(track.t_s) else track.p_ned_m
+    p = _drawn_ned_m(track)
     inside = (p[:, 1] >= east.low) & (p[:, 1] <= east.high) & (p[:, 0] >= north.low) & (p[:, 0] <= north.high)
     x, y = east.many(p[:, 1]), north.many(p[:, 0])
     x[~inside] = np.nan
     drawn = path(x, y, css)
     return [path(x, y, "halo"), drawn] if halo and drawn else [drawn]
+
+
+def _drawn_ned_m(track: Track) -> FloatArray:
+    """(M, 3) at most about MAX_POINTS positions of a track that keep its reach, with NaN where nothing is known in between: a
+    line would tell of a way that nobody has seen."""
+    kept = thinned_track(track.p_ned_m)
+    if not len(kept):
+        return track.p_ned_m
+    steps_s = np.diff(track.t_s, prepend=track.t_s[0])
+    apart_s = max(MAX_TRUTH_GAP_S, _SPARSE * float(np.median(steps_s[1:]))) if len(steps_s) > 1 else MAX_TRUTH_GAP_S
+    breaks = np.cumsum((steps_s > apart_s) | np.isnan(track.p_ned_m[:, 0]))[kept]
+    return np.asarray(np.insert(track.p_ned_m[kept], np.flatnonzero(np.diff(breaks)) + 1, np.nan, axis=0))
 
 
 def _markers(track: Track, east: Scale, north: Scale, lost_at_s: float | None) -> list[str]:

@@ -60,7 +60,8 @@ def _verdict(judged: list[tuple[str, Judged]]) -> str:
     for axis, one in judged:
         broken = int(np.sum(one.error_m > one.level_m))
         ratio = float(np.median(one.level_m)) / max(float(np.median(one.error_m)), 1e-9)
-        kept = "held at every tick" if not broken else f"was too small at {broken} of {len(one.region)} ticks"
+        n = len(one.region)
+        kept = f"held at every tick with truth ({n})" if not broken else f"was too small at {broken} of {n} ticks with truth"
         words = f"{ratio:.1f}" if ratio < _MANY_TIMES else f"more than {_MANY_TIMES}"
         sentences.append(f"The {axis} level {kept}; its median is {words} times the median error.")
     return " ".join(sentences)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from html import escape
 
 import numpy as np
+from numpy.typing import NDArray
 
 from visloc_companion.types import FloatArray
 
@@ -85,6 +86,19 @@ def thinned(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
             kept += [int(part[int(np.nanargmin(here))]), int(part[int(np.nanargmax(here))])]
     order = sorted(set(kept))
     return t[order], values[order]
+
+
+def thinned_track(p_ned_m: FloatArray) -> NDArray[np.int64]:
+    """Which of (N, 2+) positions to draw, at most about MAX_POINTS: the first and the last, and of each bin of neighbours those
+    furthest north, south, east and west, in order."""
+    if len(p_ned_m) <= MAX_POINTS:
+        return np.arange(len(p_ned_m))
+    kept = {0, len(p_ned_m) - 1}
+    for part in np.array_split(np.arange(len(p_ned_m)), MAX_POINTS // 4):
+        for along in (p_ned_m[part, 0], p_ned_m[part, 1]):
+            if np.isfinite(along).any():
+                kept |= {int(part[int(np.nanargmin(along))]), int(part[int(np.nanargmax(along))])}
+    return np.array(sorted(kept))
 
 
 def text(x: float, y: float, words: str, css: str = "label", anchor: str = "middle", extra: str = "") -> str:

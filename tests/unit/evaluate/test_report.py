@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from visloc_companion.evaluate.gate import Check
-from visloc_companion.evaluate.record import FlightRecord, from_entries
+from visloc_companion.evaluate.record import FlightRecord, Track, from_entries
 from visloc_companion.evaluate.report import write_flight_report
-from visloc_companion.evaluate.report_map import MapImage, view_of
+from visloc_companion.evaluate.report_charts import time_chart
+from visloc_companion.evaluate.report_map import MapImage, View, flight_map, view_of
 from visloc_companion.evaluate.report_pictures import PicturePair
 from visloc_companion.evaluate.report_svg import Scale, decades, nice_step, number, path, thinned, ticks
 
@@ -140,6 +141,49 @@ def test_a_replay_states_the_computation_alone(synthetic: ModuleType, tmp_path: 
         for which in ("arrival", "computation")
     ]
     assert medians[0] - medians[1] == pytest.approx(20, abs=1)
+    assert ">latency, 95 % below<" in page_of(record, tmp_path)
+    assert ">computation of an answer, 95 % below<" in page_of(record, tmp_path, latency="computation")
+
+
+def test_misleading_epochs_are_those_of_the_epochs_that_could_be_judged(synthetic: ModuleType, tmp_path: Path) -> None:
+    record = synthetic.make_record(60.0)
+    known = np.arange(len(record.t_s)) % 10 == 9
+    few = replace(record, truth_ned_m=np.where(known[:, None], record.truth_ned_m, np.nan))
+    assert f"of {int(np.sum(known & np.isfinite(record.protection_level_m)))} epochs with truth<" in page_of(few, tmp_path)
+
+
+def test_the_worst_fix_of_a_long_flight_is_drawn(synthetic: ModuleType, tmp_path: Path) -> None:
+    """One of 20,000 fixes is a kilometre off: among the dots it is the highest."""
+    record = synthetic.make_record(60.0)
+    n = 20_000
+    fixes = [replace(record.fixes[0], t_s=t_s, p_ned_m=(0.5, 0.0, -100.0)) for t_s in np.linspace(10, 50, n)]
+    fixes[7_777] = replace(fixes[7_777], p_ned_m=(1000.0, 0.0, -100.0))
+    still = replace(record, fixes=tuple(fixes), truth=Track(np.arange(61.0), np.zeros((61, 3))))
+    chart = time_chart(still, None, None)
+    heights = [float(y) for y in re.findall(r'<circle cx="[\d.]+" cy="([\d.]+)" r="2.2"', chart)]
+    assert len(heights) < 2_000
+    assert min(heights) < 60 < sorted(heights)[1]
+
+
+def test_no_line_is_drawn_over_what_nobody_knows(synthetic: ModuleType) -> None:
+    t_s = np.concatenate([np.arange(0.0, 20.0, 0.1), np.arange(50.0, 80.0, 0.1)])
+    p_ned_m = np.column_stack([10 * t_s, np.zeros((len(t_s), 2))])
+    record = synthetic.make_record(10.0)
+
+    def drawn(track: Track) -> str:
+        shown = replace(record, truth=track, gnss=Track(t_s[:0], p_ned_m[:0]), estimate_ned_m=record.estimate_ned_m * np.nan)
+        return re.findall(r'<path class="truth" d="([^"]*)"', flight_map(shown, view_of([p_ned_m]), "a", None))[0]
+
+    assert drawn(Track(t_s, p_ned_m)).count("M") == 2
+    assert drawn(Track(t_s[:200], p_ned_m[:200])).count("M") == 1
+    assert drawn(Track(t_s[::100], p_ned_m[::100])).count("M") == 2, "of a sample in ten seconds, thirty are a gap"
+    many = np.linspace(0, 5_000, 50_000)
+    wide = np.column_stack([np.zeros(50_000), many, many * 0])
+    wide[12_345, 0] = 777.0
+    one_off = flight_map(replace(record, truth=Track(many, wide)), View(400.0, 2500.0, 6000.0), "a", None)
+    path = re.findall(r'<path class="truth" d="([^"]*)"', one_off)[0]
+    assert path.count("L") < 2_000
+    assert len({y for _, y in re.findall(r"[ML]([\d.]+) ([\d.]+)", path)}) == 2, "the one that is aside is drawn"
 
 
 def test_scales_and_ticks() -> None:

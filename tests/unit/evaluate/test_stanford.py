@@ -77,7 +77,8 @@ def test_without_truth_there_is_nothing_to_judge(synthetic: ModuleType) -> None:
 def test_the_section_says_what_held_and_what_did_not(synthetic: ModuleType) -> None:
     record = synthetic.make_record()
     section = stanford_section(replace(record, protection_level_m=np.full(len(record.t_s), 40.0)), 25.0)
-    assert "The horizontal level held at every tick" in section
+    n_judged = int(np.isfinite(record.error_m).sum())
+    assert f"The horizontal level held at every tick with truth ({n_judged})" in section
     assert section.count('role="img"') == 2
     low = stanford_section(replace(record, protection_level_m=np.full(len(record.t_s), 0.01)), 0.02)
     n = int(np.isfinite(record.error_m).sum())
