@@ -1,9 +1,10 @@
-"""PX4's logs (.ulg): vehicle_attitude, vehicle_angular_velocity, sensor_gps or vehicle_gps_position, vehicle_local_position,
-vehicle_global_position, estimator_status and vehicle_status.
+"""PX4's logs (.ulg): vehicle_attitude, vehicle_gps_position or sensor_gps, vehicle_local_position, vehicle_global_position,
+home_position, estimator_status (and which of several flies), distance_sensor and vehicle_status.
 """
 
 from __future__ import annotations
 
+import bisect
 import math
 import statistics
 from collections.abc import Callable, Iterator
@@ -16,7 +17,8 @@ from visloc_companion.adapters.logs.attitude_rates import rates_between
 from visloc_companion.adapters.logs.boots import chosen_boot, logs_of, put_together
 from visloc_companion.adapters.logs.lone_leaps import without_lone_leaps
 from visloc_companion.adapters.logs.recording import NS_PER_US, Losses, Recording, in_order, link_up, read_bytes
-from visloc_companion.adapters.logs.ulog_format import MAGIC, Row, read_topics
+from visloc_companion.adapters.logs.ulog_format import MAGIC, Instances, Row, of_first, read_instances
+from visloc_companion.adapters.logs.ulog_interference import interference
 from visloc_companion.adapters.mavlink.codec_gimbal import frame_of, has_failed
 from visloc_companion.errors import LogError
 from visloc_companion.geo.se3 import normalised
@@ -42,7 +44,9 @@ _TOPICS = (
     *_GNSS_TOPICS,
     "vehicle_local_position",
     "vehicle_global_position",
+    "home_position",
     "estimator_status",
+    "estimator_selector_status",
     "vehicle_status",
     "distance_sensor",
     "gimbal_device_attitude_status",
@@ -91,13 +95,19 @@ def _boots(data: bytes, losses: Losses) -> list[_Boot]:
 
 def _read(data: bytes, losses: Losses) -> _Boot:
     """What a single log tells."""
-    topics = read_topics(data, _TOPICS, losses)
+    instances = read_instances(data, _TOPICS, losses)
+    topics = {name: of_first(rows) for name, rows in instances.items()}
     events: list[tuple[int, Event]] = []
     for name, convert in _CONVERTERS.items():
         if name in topics:
             events += _converted(topics[name], convert, losses)
+    for rows in instances.get("distance_sensor", {}).values():  # which of them looks down each says itself
+        events += _converted(rows, _distance, losses)
+    status = _of_primary(instances.get("estimator_status", {}), topics.get("estimator_selector_status", []), losses)
+    events += _converted(status, _estimator_status, losses)
     gnss = next((topics[name] for name in _GNSS_TOPICS if name in topics), None)
     events += _converted(gnss, _gnss, losses) if gnss else []
+    events += interference(_rows(gnss)) if gnss else []
     events += _attitudes(topics.get("vehicle_attitude", []), losses)
     events += _origins(topics.get("vehicle_local_position", []), losses)
     events += _global_positions(topics, losses)
@@ -132,6 +142,20 @@ def _rows(topic: Topic, losses: Losses | None = None) -> Iterator[tuple[int, Row
             continue
         last_us = t_us
         yield t_us * NS_PER_US, row
+
+
+def _of_primary(instances: Instances, selector: Topic, losses: Losses) -> Topic:
+    """Rows of estimator_status of whichever of several estimators flies; of the first where the log does not say."""
+    chosen = [(t_ns // NS_PER_US, row["primary_instance"]) for t_ns, row in _rows(selector) if "primary_instance" in row]
+    if not instances or not chosen or not {instance for _, instance in chosen} <= instances.keys():
+        return of_first(instances) if instances else []
+    since_us = [t_us for t_us, _ in chosen]
+
+    def primary(t_us: int) -> int:
+        return int(chosen[max(bisect.bisect_right(since_us, t_us) - 1, 0)][1])
+
+    of_each = ((instance, t_ns // NS_PER_US, row) for instance, rows in instances.items() for t_ns, row in _rows(rows, losses))
+    return [row for instance, t_us, row in sorted(of_each, key=lambda one: one[1]) if primary(t_us) == instance]
 
 
 def _converted(topic: Topic, convert: Callable[[int, Row], Event | None], losses: Losses) -> list[tuple[int, Event]]:
@@ -224,18 +248,33 @@ def _origins(topic: Topic, losses: Losses) -> list[tuple[int, Event]]:
 
 
 def _global_positions(topics: dict[str, Topic], losses: Losses) -> list[tuple[int, Event]]:
-    """vehicle_global_position with the velocity of the nearest vehicle_local_position (newer logs have none of its own)."""
-    local, places = topics.get("vehicle_local_position", []), topics.get("vehicle_global_position", [])
+    """vehicle_global_position with the velocity of the nearest vehicle_local_position (newer logs have none of its own).
+
+    PX4 since 1.16 goes on with it while it is not valid, and says so. Heights are above home as in GLOBAL_POSITION_INT, which is
+    set at arming; above the estimator's origin, set at boot, before.
+    """
+    local, places = list(_rows(topics.get("vehicle_local_position", []))), topics.get("vehicle_global_position", [])
     if not local or not places:
         return []
-    local_us = np.array([row["timestamp"] for row in local])
+    local_ns = np.array([t_ns for t_ns, _ in local])
+    homes = [(t_ns, float(row["z"])) for t_ns, row in _rows(topics.get("home_position", [])) if _states_height(row)]
+    homes_ns = [t_ns for t_ns, _ in homes]
 
-    def convert(t_ns: int, row: Row) -> Event:
-        i = min(int(np.searchsorted(local_us, row["timestamp"])), len(local_us) - 1)
-        near = local[i]
-        return PriorPose(t_ns, t_ns, _place(row["lat"], row["lon"], row["alt"]), _vec3(near, "vx", "vy", "vz"), -float(near["z"]))
+    def convert(t_ns: int, row: Row) -> Event | None:
+        if not (row.get("lat_lon_valid", True) and row.get("alt_valid", True)):
+            return None
+        after = int(np.searchsorted(local_ns, t_ns))
+        near = min(local[max(after - 1, 0) : after + 1], key=lambda one: abs(one[0] - t_ns))[1]
+        known = bisect.bisect_right(homes_ns, t_ns)
+        home_down_m = homes[known - 1][1] if known else 0.0
+        v_ned_mps, h_rel_m = _vec3(near, "vx", "vy", "vz"), home_down_m - float(near["z"])
+        return PriorPose(t_ns, t_ns, _place(row["lat"], row["lon"], row["alt"]), v_ned_mps, h_rel_m)
 
     return _converted(places, convert, losses)
+
+
+def _states_height(home: Row) -> bool:
+    return bool(home.get("valid_alt", False)) and math.isfinite(home.get("z", math.nan))
 
 
 def _vehicle_status(t_ns: int, row: Row) -> Event:
@@ -261,9 +300,7 @@ def _gimbal(t_ns: int, row: Row) -> Event | None:
 
 _CONVERTERS: dict[str, Callable[[int, Row], Event | None]] = {
     "vehicle_local_position": _local_position,
-    "estimator_status": _estimator_status,
     "vehicle_status": _vehicle_status,
-    "distance_sensor": _distance,
     "gimbal_device_attitude_status": _gimbal,
 }
 

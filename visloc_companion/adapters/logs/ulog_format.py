@@ -23,6 +23,8 @@ _CODES = {
 _LONG_BYTES, _FOLLOWING = 2048, 5
 _FIELD = re.compile(r"^(\w+?)(?:\[(\d+)\])? (\w+)$")
 Row = dict[str, Any]
+Instances = dict[int, list[Row]]
+"""Rows of one topic by its instances' numbers."""
 _Subscription = tuple[int, str]
 """Instance and topic."""
 
@@ -40,7 +42,17 @@ class _Format:
 
 
 def read_topics(data: bytes, wanted: Collection[str], losses: Losses) -> dict[str, list[Row]]:
-    """Rows of the wanted topics (first instance of each), in the order of the file. Never raises for what bytes may hold.
+    """Rows of the wanted topics, the first instance of each; the rest: `read_instances`."""
+    return {name: of_first(instances) for name, instances in read_instances(data, wanted, losses).items()}
+
+
+def of_first(instances: Instances) -> list[Row]:
+    """Rows of the instance with the least number."""
+    return instances[min(instances)]
+
+
+def read_instances(data: bytes, wanted: Collection[str], losses: Losses) -> dict[str, Instances]:
+    """Rows of the wanted topics, instance by instance, in the order of the file. Never raises for what bytes may hold.
 
     A subscription whose topic has no format that can be read, and data without a subscription, count as unknown: a bit that flips
     in either hides a whole topic.
@@ -75,8 +87,10 @@ def read_topics(data: bytes, wanted: Collection[str], losses: Losses) -> dict[st
         elif kind == ord("O"):
             losses.garbage_pieces += 1
         at = end
-    first = {name: min(key for key in found if key[1] == name) for _, name in found}
-    return {name: found[key] for name, key in first.items()}
+    topics: dict[str, Instances] = {}
+    for (instance, name), rows in found.items():
+        topics.setdefault(name, {})[instance] = rows
+    return topics
 
 
 def _plausible(data: bytes, at: int) -> bool:
