@@ -98,7 +98,7 @@ def modern_flight(n: int = 20, week: int = 2200) -> bytes:
             message(MODERN, "XKF4", us, 0, 12, 34, 5, 0x1A33F),
             message(MODERN, "POS", us, lat, 85_500_000, 540.0, 40.0, 40.0),
             message(MODERN, "GPS", us, 0, 3, 3_600_000 + 100 * k, week, 15, 80, lat, 85_500_000, 54_000, 10.0, 90.0, -0.1, 0.0),
-            message(MODERN, "GPS", us, 1, 3, 3_600_000, week, 5, 80, 0, 0, 0, 0.0, 0.0, 0.0, 0.0),
+            message(MODERN, "GPS", us, 2, 3, 3_600_000, week, 5, 80, 0, 0, 0, 0.0, 0.0, 0.0, 0.0),
             message(MODERN, "BARO", us, 40.0),
             message(MODERN, "RFND", us, 0, 4000, 4 if k else 3, 25),
             message(MODERN, "RFND", us, 1, 1234, 4, 0),

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from visloc_companion.adapters.logs.open import open_log
-from visloc_companion.types import Attitude, EstimatorStatus, Event, GnssIntegrity, PriorPose, Range
+from visloc_companion.types import Attitude, Baro, EstimatorStatus, Event, GnssIntegrity, PriorPose, Range
 
 CODES = {"uint64_t": "Q", "uint32_t": "I", "float": "f", "double": "d", "int32_t": "i", "uint8_t": "B", "bool": "?"}
 LOCAL = (
@@ -38,6 +38,8 @@ FORMATS: dict[str, list[tuple[str, str]]] = {
         ("bool", "lat_lon_valid"),
         ("bool", "alt_valid"),
     ],
+    "vehicle_air_data": [("float", "baro_pressure_pa"), ("float", "baro_temp_celcius")],
+    "differential_pressure": [("float", "differential_pressure_pa")],
     "home_position": [("float", "z"), ("bool", "valid_alt")],
     "distance_sensor": [*[("float", f"{name}_distance") for name in ("min", "max", "current")], ("uint8_t", "orientation")],
     "estimator_status": [("float", "pos_test_ratio"), ("uint32_t", "control_mode_flags"), ("uint32_t", "solution_status_flags")],
@@ -103,6 +105,14 @@ def test_the_velocity_is_that_of_the_nearest_time(tmp_path: Path) -> None:
     locals_ = [local(1.0, -30.0, 1.0), local(2.0, -30.0, 2.0)]
     events = log(tmp_path / "a.ulg", attitude(1.0), *locals_, place(1.1), place(1.9), place(5.0))
     assert [event.v_ned_mps[0] for event in events if isinstance(event, PriorPose)] == [1.0, 2.0, 2.0]
+
+
+def test_pressures_are_in_hectopascals_with_that_of_the_airspeed_sensor(tmp_path: Path) -> None:
+    air = [("vehicle_air_data", 0, t_s, (95_400.0, 21.5)) for t_s in (1.0, 2.0, 3.0, 6.0)]
+    pitot = [("differential_pressure", 0, t_s, (value,)) for t_s, value in ((1.5, 245.0), (2.5, 250.0))]
+    events = log(tmp_path / "a.ulg", attitude(1.0), *air, *pitot, ("vehicle_air_data", 0, 6.5, (float("nan"), 0.0)))
+    read = [(event.pressure_hpa, event.temperature_c, event.dynamic_hpa) for event in events if isinstance(event, Baro)]
+    assert read == [(954.0, 21.5, 0.0), (954.0, 21.5, 2.45), (954.0, 21.5, 2.5), (954.0, 21.5, 0.0)]
 
 
 def test_the_sensor_that_looks_down_is_found_behind_one_that_looks_ahead(tmp_path: Path) -> None:

@@ -1,10 +1,10 @@
 """ArduPilot's on-board logs (.bin), those of 2014 as well as today's.
 
-ATT gives the attitude, IMU the accelerations, GPS the receiver, ORGN the origin, POS with XKF1 (NKF1, EKF1) the autopilot's
-position and velocity, XKF4 (NKF4, EKF4) its innovation ratios, RFND (since 4.0) distances, EV arming, MSG the version, PARM which
-of several estimators flies (of which XKF4 names the core that does). Logs of
-before the EKF have NTUN (position and velocity over home, cm) and CTUN (height, climb) instead; home is then the first mission
-item or the first fix.
+ATT gives the attitude, IMU the accelerations, GPS and GPA (of older logs also GPS2 and GPA2) both receivers, BARO and ARSP
+pressures, ORGN the origin, POS with XKF1 (NKF1, EKF1) the autopilot's position and velocity, XKF4 (NKF4, EKF4) its innovation
+ratios, RFND (since 4.0) distances, EV arming, MSG the version, PARM which of several estimators flies (of which XKF4 names the
+core that does). Logs of before the EKF have NTUN (position and velocity over home, cm) and CTUN (height, climb) instead; home is
+then the first mission item or the first fix.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from visloc_companion.types import (
     FIX_3D,
     Attitude,
     AutopilotKind,
+    Baro,
     EstimatorStatus,
     Event,
     GeoPoint,
@@ -50,7 +51,8 @@ from visloc_companion.types import (
 
 _KIND = AutopilotKind.ARDUPILOT
 _POSITIONS = ("POS", "ORGN", "XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4", "NTUN", "CTUN")
-_WANTED = frozenset(("ATT", "MNT", "IMU", "GPS", "RFND", "EV", "MSG", "CMD", "PARM", *_POSITIONS))
+_RECEIVERS = ("GPS", "GPS2", "GPA", "GPA2")
+_WANTED = frozenset(("ATT", "MNT", "IMU", "BARO", "ARSP", "RFND", "EV", "MSG", "CMD", "PARM", *_RECEIVERS, *_POSITIONS))
 _EV_ARMED, _EV_DISARMED = (10, 15), (11,)
 _DOWN, _GOOD = 25, 4
 """MAV_SENSOR_ROTATION_PITCH_270, and RangeFinder::Status::Good."""
@@ -59,6 +61,8 @@ _HORIZ_VEL, _HORIZ_POS_ABS, _CONST_POS_MODE, _GPS_GLITCHING = 0x2, 0x10, 0x80, 0
 _ESTIMATORS = {1: "EKF", 2: "NKF", 3: "XKF"}
 """Of AHRS_EKF_TYPE: how the messages of EKF1, EKF2 and EKF3 begin; with any other value the vehicle flies on none of them."""
 _IMU_EVERY_NS = 10 * NS_PER_MS
+_BESIDE_NS = 2 * NS_PER_S
+"""What is written beside a message (accuracies, dynamic pressure) counts for those so much later."""
 _LEAP_NS, _MAX_STEP_NS = 2 * NS_PER_S, 3600 * NS_PER_S
 _CONFIRMED, _CONFIRMED_LONG = 1, 20
 """So many messages must go on from a leap of the clock, more beyond `_MAX_STEP_NS` (disarmed for hours, not logging)."""
@@ -111,6 +115,8 @@ class _Reader:
         self._n_leapt = 0
         self._last_attitude: Attitude | None = None
         self._last_imu_ns: int | None = None
+        self._accuracies_m: dict[int, tuple[int, float | None, float | None]] = {}
+        self._dynamic: tuple[int, float] | None = None
         self._v_ned_mps: Vec3 | None = None
         self._height: tuple[float, float] | None = None
         self._h_amsl_m: float | None = None
@@ -185,18 +191,46 @@ class _Reader:
         self._last_imu_ns = t_ns
         return Imu(t_ns, t_ns, (_finite(fields["AccX"]), _finite(fields["AccY"]), _finite(fields["AccZ"])))
 
-    def _gps(self, fields: Fields) -> Event | None:
-        if fields.get("I", 0) != 0:
+    def _baro(self, fields: Fields) -> Event | None:
+        """Pascals in the log; the dynamic pressure is that of the airspeed sensor, as in SCALED_PRESSURE."""
+        if fields.get("I", 0) != 0 or "Press" not in fields:
+            return None
+        t_ns = self._at(fields)
+        fresh = self._dynamic is not None and t_ns - self._dynamic[0] <= _BESIDE_NS
+        dynamic_hpa = self._dynamic[1] if self._dynamic is not None and fresh else 0.0
+        return Baro(t_ns, t_ns, _finite(fields["Press"]) / 100, _finite(fields["Temp"]), dynamic_hpa)
+
+    def _arsp(self, fields: Fields) -> None:
+        if fields.get("I", 0) == 0:
+            self._dynamic = self._at(fields), _finite(fields["DiffPress"]) / 100
+
+    def _gpa(self, fields: Fields, receiver: int = 0) -> None:
+        """What a receiver states of its accuracy; 0 is written where it states none."""
+        h_acc_m, v_acc_m = _finite(fields["HAcc"]) or None, _finite(fields["VAcc"]) or None
+        self._accuracies_m[int(fields.get("I", receiver))] = self._at(fields), h_acc_m, v_acc_m
+
+    def _gpa2(self, fields: Fields) -> None:
+        self._gpa(fields, 1)
+
+    def _gps2(self, fields: Fields) -> Event | None:
+        return self._gps(fields, 1)
+
+    def _gps(self, fields: Fields, receiver: int = 0) -> Event | None:
+        """Of the first two receivers, as GPS_RAW_INT and GPS2_RAW; older logs have the second's in a message of its own."""
+        receiver = int(fields.get("I", receiver))
+        if receiver > 1:
             return None
         t_ns = self._at(fields, "T")
         place = _place(fields["Lat"], fields["Lng"], fields["Alt"])
         status, speed, course = int(fields["Status"]), _finite(fields["Spd"]), math.radians(_finite(fields["GCrs"]))
-        if status >= FIX_3D:
+        if status >= FIX_3D and receiver == 0:
             self._h_amsl_m = place.h_amsl_m
             self._home = self._home or place
             self._set_unix(fields, t_ns)
         v_ned_mps = (speed * math.cos(course), speed * math.sin(course), _finite(fields["VZ"]))
-        return Gnss(t_ns, t_ns, status, int(fields["NSats"]), place, None, None, v_ned_mps)
+        stated_ns, h_acc_m, v_acc_m = self._accuracies_m.get(receiver, (0, None, None))
+        h_acc_m, v_acc_m = (h_acc_m, v_acc_m) if t_ns - stated_ns <= _BESIDE_NS else (None, None)
+        return Gnss(t_ns, t_ns, status, int(fields["NSats"]), place, h_acc_m, v_acc_m, v_ned_mps, receiver)
 
     def _set_unix(self, fields: Fields, t_ns: int) -> None:
         week, ms = fields.get("GWk", fields.get("Week")), fields.get("GMS", fields.get("TimeMS"))
@@ -289,7 +323,12 @@ _HANDLERS = {
     "ATT": _Reader._att,
     "MNT": _Reader._mnt,
     "IMU": _Reader._imu,
+    "BARO": _Reader._baro,
+    "ARSP": _Reader._arsp,
     "GPS": _Reader._gps,
+    "GPS2": _Reader._gps2,
+    "GPA": _Reader._gpa,
+    "GPA2": _Reader._gpa2,
     "ORGN": _Reader._orgn,
     "RFND": _Reader._rfnd,
     "POS": _Reader._pos,

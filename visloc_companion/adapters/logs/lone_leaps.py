@@ -8,6 +8,7 @@ anything, and what they said is what a replay judges: theirs are told, and taken
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ from typing import TypeVar
 
 from visloc_companion.adapters.logs.recording import NS_PER_S, Losses
 from visloc_companion.geo.wgs84 import distance_m
-from visloc_companion.types import FIX_3D, Event, Gnss, LocalPose, PriorPose, Vec3
+from visloc_companion.types import FIX_3D, Event, GeoPoint, Gnss, LocalPose, PriorPose, Vec3
 
 LEAST_M, LEAST_MPS = 10_000.0, 1_000.0
 """A leap is at least so far, and so fast, both away and back."""
@@ -55,8 +56,11 @@ def without_lone_leaps(
     numbered = [(number, t_ns, event) for number, (t_ns, event) in enumerate(events)]
     own = lone_leaps([(k, t_ns, e.place) for k, t_ns, e in numbered if isinstance(e, PriorPose)], distance_m)
     own += lone_leaps([(k, t_ns, e.p_ned_m) for k, t_ns, e in numbered if isinstance(e, LocalPose)], _level_m)
-    fixes = [(k, t_ns, e.place) for k, t_ns, e in numbered if isinstance(e, Gnss) and e.fix_type >= FIX_3D]
-    received = lone_leaps(fixes, distance_m)
+    fixes: defaultdict[int, list[tuple[int, int, GeoPoint]]] = defaultdict(list)
+    for k, t_ns, event in numbered:
+        if isinstance(event, Gnss) and event.fix_type >= FIX_3D:
+            fixes[event.receiver].append((k, t_ns, event.place))
+    received = [leap for of_one in fixes.values() for leap in lone_leaps(of_one, distance_m)]
     losses.leaping_positions += len(own)
     notes = [
         *_told(path, "positions of the autopilot", own, "left out as damaged, for the format has no checksums"),

@@ -1,5 +1,5 @@
 """PX4's logs (.ulg): vehicle_attitude, vehicle_gps_position or sensor_gps, vehicle_local_position, vehicle_global_position,
-home_position, estimator_status (and which of several flies), distance_sensor and vehicle_status.
+home_position, estimator_status (and which of several flies), distance_sensor, pressures and vehicle_status.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from visloc_companion.adapters.logs.attitude_rates import rates_between
 from visloc_companion.adapters.logs.boots import chosen_boot, logs_of, put_together
 from visloc_companion.adapters.logs.lone_leaps import without_lone_leaps
-from visloc_companion.adapters.logs.recording import NS_PER_US, Losses, Recording, in_order, link_up, read_bytes
+from visloc_companion.adapters.logs.recording import NS_PER_S, NS_PER_US, Losses, Recording, in_order, link_up, read_bytes
 from visloc_companion.adapters.logs.ulog_format import MAGIC, Instances, Row, of_first, read_instances
 from visloc_companion.adapters.logs.ulog_interference import interference
 from visloc_companion.adapters.mavlink.codec_gimbal import frame_of, has_failed
@@ -26,6 +26,7 @@ from visloc_companion.types import (
     FIX_3D,
     Attitude,
     AutopilotKind,
+    Baro,
     EstimatorStatus,
     Event,
     GeoPoint,
@@ -49,6 +50,8 @@ _TOPICS = (
     "estimator_selector_status",
     "vehicle_status",
     "distance_sensor",
+    "vehicle_air_data",
+    "differential_pressure",
     "gimbal_device_attitude_status",
 )
 _ARMED = 2
@@ -56,6 +59,8 @@ _DOWN = 25
 """distance_sensor.orientation ROTATION_DOWNWARD_FACING."""
 _KIND = AutopilotKind.PX4
 Topic = list[Row]
+_BESIDE_NS = 2 * NS_PER_S
+"""A dynamic pressure, which is logged once a second, counts for so long."""
 _HOUR_US, _HALF_DAY_US = 3_600_000_000, 43_200_000_000
 
 
@@ -108,6 +113,7 @@ def _read(data: bytes, losses: Losses) -> _Boot:
     gnss = next((topics[name] for name in _GNSS_TOPICS if name in topics), None)
     events += _converted(gnss, _gnss, losses) if gnss else []
     events += interference(_rows(gnss)) if gnss else []
+    events += _pressures(topics, losses)
     events += _attitudes(topics.get("vehicle_attitude", []), losses)
     events += _origins(topics.get("vehicle_local_position", []), losses)
     events += _global_positions(topics, losses)
@@ -271,6 +277,25 @@ def _global_positions(topics: dict[str, Topic], losses: Losses) -> list[tuple[in
         return PriorPose(t_ns, t_ns, _place(row["lat"], row["lon"], row["alt"]), v_ned_mps, h_rel_m)
 
     return _converted(places, convert, losses)
+
+
+def _pressures(topics: dict[str, Topic], losses: Losses) -> list[tuple[int, Event]]:
+    """vehicle_air_data with the newest differential_pressure, as in SCALED_PRESSURE; pascals in the log."""
+    named = ("differential_pressure_pa", "differential_pressure_filtered_pa")
+    rows = _rows(topics.get("differential_pressure", []))
+    dynamic = [(t_ns, value) for t_ns, row in rows if (value := next((row[n] for n in named if n in row), None)) is not None]
+    dynamic_ns = [t_ns for t_ns, _ in dynamic]
+
+    def convert(t_ns: int, row: Row) -> Event:
+        known = bisect.bisect_right(dynamic_ns, t_ns)
+        fresh = known > 0 and t_ns - dynamic_ns[known - 1] <= _BESIDE_NS
+        pressure_pa, dynamic_pa = float(row["baro_pressure_pa"]), float(dynamic[known - 1][1]) if fresh else 0.0
+        celsius = next((float(row[name]) for name in ("ambient_temperature", "baro_temp_celcius") if name in row), math.nan)
+        if not (math.isfinite(pressure_pa) and math.isfinite(dynamic_pa)):
+            raise ValueError(pressure_pa, dynamic_pa)
+        return Baro(t_ns, t_ns, pressure_pa / 100, celsius, dynamic_pa / 100)
+
+    return _converted(topics.get("vehicle_air_data", []), convert, losses)
 
 
 def _states_height(home: Row) -> bool:
