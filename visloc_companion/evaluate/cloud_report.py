@@ -75,7 +75,10 @@ def _tiles(summary: dict[str, Any]) -> str:
             (rounded(horizontal.get("mean"), " m"), "mean horizontal error of the fixes"),
             (rounded(horizontal.get("median"), " m"), "median horizontal error of the fixes"),
             (str(summary["far_and_accepted"]), f"accepted, but off by more than {FAR_M:g} m (MTRE)"),
-            (percent(summary["inside_95_ellipse_share"]), "of the errors inside the claimed 95 % ellipse"),
+            (
+                percent(summary["inside_95_ellipse_share"]),
+                f"of the errors up to {FAR_M:g} m (MTRE) inside the claimed 95 % ellipse",
+            ),
         ]
     if summary["elapsed_ms"]:
         shown.append((rounded(summary["elapsed_ms"]["median"], " ms", 0), "median time"))

@@ -34,6 +34,7 @@ from visloc_companion.localise.features.onnx import NetworkFeatures
 from visloc_companion.localise.registry import make_localiser, open_features_for
 from visloc_companion.localise.runtime import NetworkChoice, default_threads
 from visloc_companion.localise.settings import Looks
+from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, FrameRef, Image, LocaliseRequest
 
 POSE_FIELDS = (
@@ -143,12 +144,22 @@ def run_case(
         answer = localiser.localise(LocaliseRequest(0, frame, case.prior, 1), pixels, reference)
     except Exception as fault:  # as above
         return _without_answer(case, fault)
-    evidence = dict(answer.evidence)
+    evidence = _above_ground(case, reference) | dict(answer.evidence)
     elapsed_ms = answer.elapsed_ms - evidence.get("map_ms", 0.0)
     if isinstance(answer, Fix):
         fix = with_map_sigma(answer, map_sigma)
         return CaseResult(case.case_id, fix, None, "", elapsed_ms, evidence, reference.gsd_m, frame_px)
     return CaseResult(case.case_id, None, answer.reason, answer.detail, elapsed_ms, evidence, reference.gsd_m, frame_px)
+
+
+def _above_ground(case: Case, reference: ReferenceMap) -> dict[str, float]:
+    """How high the prior lies over the map's surface, `agl_m`, for methods that do not say; empty off the map and below it."""
+    place = case.prior.place
+    try:
+        agl_m = place.h_amsl_m - reference.height_amsl_m(*reference.to_map(place.lat_deg, place.lon_deg))
+    except OutsideMap:
+        return {}
+    return {"agl_m": agl_m} if agl_m > 0 else {}
 
 
 def _without_answer(case: Case, fault: Exception) -> CaseResult:

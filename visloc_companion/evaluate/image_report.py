@@ -10,7 +10,7 @@ from typing import Any
 
 from visloc_companion.evaluate.cases import BadCase, Case, Truth
 from visloc_companion.evaluate.image_breakdown import GroupFigures, breakdown, grounds_under
-from visloc_companion.evaluate.image_metrics import CaseResult, accepted, case_error, claims
+from visloc_companion.evaluate.image_metrics import FAR_PX, CaseResult, accepted, case_error, claims
 from visloc_companion.evaluate.image_worst import worst_section
 from visloc_companion.evaluate.reliability import reliability, reliability_diagram
 from visloc_companion.evaluate.report_parts import (
@@ -70,9 +70,9 @@ def _tiles(summary: dict[str, Any]) -> str:
             (percent(summary["within_5px_share"]), "of the solvable within 5 px"),
             (rounded(error.get("mean"), " px"), "mean error of the fixes"),
             (rounded(error.get("p95"), " px"), "95 % of the errors below"),
-            (str(summary["far_and_accepted"]), "accepted, but off by more than 10 px or without a right answer"),
+            (str(summary["far_and_accepted"]), f"accepted, but off by more than {FAR_PX:g} px or without a right answer"),
             (percent(summary["refused_of_unsolvable_share"]), "of the unsolvable refused"),
-            (percent(summary["inside_95_ellipse_share"]), "of the errors inside the claimed 95 % ellipse"),
+            (percent(summary["inside_95_ellipse_share"]), f"of the errors up to {FAR_PX:g} px inside the claimed 95 % ellipse"),
         ]
     if summary["elapsed_ms"]:
         shown.append((rounded(summary["elapsed_ms"]["median"], " ms", 0), "median time"))

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -208,8 +209,6 @@ def test_wrong_fixes_and_unsolvable_cases_count_as_wrong_and_accepted(folder):
     assert isinstance(case, Case)
     result = run_case(case, "gradient")
     truth = read_truth(folder)["c0"]
-    from dataclasses import replace
-
     error = case_error(result, truth)
     assert error is not None
     assert not error.wrong
@@ -377,3 +376,21 @@ def test_a_network_that_cannot_be_used_is_said_before_any_case(folder, tmp_path)
         evaluate_image(folder, next(iter(ON_FEATURES)), network=NetworkChoice(tmp_path / "nowhere"))
     wrong = CliRunner().invoke(evaluate_app, ["image", str(folder), "--method", "gradient", "--provider", "vulkan"])
     assert isinstance(wrong.exception, ConfigError) and "--provider: unknown provider 'vulkan'" in str(wrong.exception)
+
+
+@pytest.mark.parametrize("method", ["gradient", "keypoint", "ncc", "mi"])
+def test_errors_of_height_are_shares_of_that_above_the_ground(folder, tmp_path, method):
+    """Expected: over ground 500 m above sea level 1 m of 100 is a hundredth, whatever the method says of its search."""
+    with rasterio.open(folder / "map.tif") as ortho:
+        profile = ortho.profile | {"dtype": "float32"}
+    with rasterio.open(tmp_path / "dsm.tif", "w", **profile) as out:
+        out.write(np.full((profile["height"], profile["width"]), 500, np.float32), 1)
+    case = next(case for case in read_cases(folder) if case.case_id == "c0")
+    place = replace(case.prior.place, h_amsl_m=case.prior.place.h_amsl_m + 500)
+    raised = replace(case, dsm=tmp_path / "dsm.tif", prior=replace(case.prior, place=place))
+    result = run_case(raised, method, max_probability_wrong=1.0)
+    truth = replace(read_truth(folder)["c0"], h_m=600.0)
+    error = case_error(result, truth)
+    assert error is not None
+    assert error.h_percent == pytest.approx(error.h_m, rel=0.05)
+    assert run_case(replace(raised, frame=folder / "absent.png"), method).fix is None
