@@ -28,8 +28,6 @@ def demo(
     with spinner("demo") as tell, results_into(out, "--out"):
         result = run_demo(out, AutopilotKind(dialect), speed, tell)
     checks = result.flown.checks
-    if json_file is not None:
-        write_json(json_file, result.as_json())
     for check in checks:
         typer.echo(f"{'ok  ' if check.passed else 'FAIL'} {check.name}: {check.value} (required {check.limit})")
     typer.echo(f"report: {result.report}")
@@ -39,5 +37,7 @@ def demo(
         f"largest {figures['largest error without GNSS']}; spoof pulled {figures['pulled by false GNSS']}; "
         f"failsafe {figures['failsafe']}; without the daemon {figures['autopilot off without the daemon']} off"
     )
+    if json_file is not None:
+        write_json(json_file, result.as_json())
     if not result.passed:
         raise typer.Exit(1)

@@ -96,15 +96,17 @@ def _run(
             network=network,
             map_sigma=map_sigma,
         )
-    if json_file is not None:
-        write_json(json_file, document)
     for result in results:
         if result.reason in (Reason.BAD_INPUT, Reason.BAD_FRAME):
             typer.echo(f"{result.case_id}: {result.detail}", err=True)
     for warning in document.get("warnings", ()):
         typer.echo(f"WARNING: {warning}", err=True)
-    if report is not None:
-        with results_into(report, "--report"):
-            typer.echo(write_image_report(report, document, results, read_truth(cases), cases=read_cases(cases)[:limit]))
-    for line in figure_lines(document["summary"]):
-        typer.echo(line)
+    try:
+        if json_file is not None:
+            write_json(json_file, document)
+        if report is not None:
+            with results_into(report, "--report"):
+                typer.echo(write_image_report(report, document, results, read_truth(cases), cases=read_cases(cases)[:limit]))
+    finally:  # a full disk must not cost the figures
+        for line in figure_lines(document["summary"]):
+            typer.echo(line)

@@ -40,18 +40,20 @@ def _run(cases: Path, method: str, jobs: int, limit: int | None, json_file: Path
     require_folder(json_file, "--json")
     with bar(method, 1.0) as advance:
         document, results = evaluate_cloud(cases, method, jobs, limit, lambda done, total: advance(done / total))
-    if json_file is not None:
-        write_json(json_file, document)
     for result in results:
         if result.detail and (result.fix is not None or result.reason is Reason.BAD_INPUT):
             typer.echo(f"{result.case_id}: {result.detail}", err=True)
-    if report is not None:
-        with results_into(report, "--report"):
-            typer.echo(write_cloud_report(report, document, results, cases))
     summary = dict(document["summary"])
     places = summary.pop("by_place", {})
-    for line in (*figure_lines(summary), *(_place_line(name, figures) for name, figures in places.items())):
-        typer.echo(line)
+    try:
+        if json_file is not None:
+            write_json(json_file, document)
+        if report is not None:
+            with results_into(report, "--report"):
+                typer.echo(write_cloud_report(report, document, results, cases))
+    finally:  # a full disk must not cost the figures
+        for line in (*figure_lines(summary), *(_place_line(name, figures) for name, figures in places.items())):
+            typer.echo(line)
 
 
 def _place_line(name: str, figures: dict[str, Any]) -> str:

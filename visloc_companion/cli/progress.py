@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -61,6 +63,8 @@ def require_folder(path: Path | None, option: str) -> None:
         raise ConfigError("its folder does not exist", where=str(path), remedy=f"name a file in an existing folder for {option}")
     if path is not None and path.is_dir():
         raise ConfigError("is a folder", where=str(path), remedy=f"name a file for {option}")
+    if path is not None and not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise ConfigError("may not be written", where=str(path), remedy=f"name a writable file for {option}")
 
 
 @contextmanager
@@ -68,6 +72,8 @@ def results_into(folder: Path, option: str) -> Iterator[None]:
     """Makes the folder; raises ConfigError naming the option where it, or what is written into it meanwhile, cannot be."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
         yield
     except OSError as why:
         raise ConfigError(f"cannot be written: {why}", where=str(folder), remedy=f"name a writable folder for {option}") from why
@@ -83,7 +89,18 @@ def result_to(path: Path, option: str) -> Iterator[None]:
 
 
 def write_json(path: Path, result: dict[str, Any]) -> None:
-    """Write UTF-8 JSON. Raises ConfigError where the file cannot be written, ValueError for a number that is not finite."""
-    text = json.dumps(result, indent=1, allow_nan=False, ensure_ascii=False)
+    """Write UTF-8 JSON, whole or not at all. Raises ConfigError where the file cannot be written, ValueError for a number that is
+    not finite."""
+    text = json.dumps(result, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     with result_to(path, "--json"):
-        path.write_text(text + "\n", encoding="utf-8")
+        if path.exists() and not path.is_file():  # /dev/stdout, a pipe
+            path.write_text(text, encoding="utf-8")
+            return
+        target = path.resolve()
+        part = target.with_name(f".{target.name}.part")
+        try:
+            part.write_text(text, encoding="utf-8")
+            part.replace(target)
+        except OSError:
+            part.unlink(missing_ok=True)
+            raise

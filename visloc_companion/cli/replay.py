@@ -56,11 +56,17 @@ def replay(
     summary = flight_summary(record, alert_limit_m=alert_limit_m, latency=source.latency, epochs=epochs)
     summary |= {"flight": str(flight), **source.facts()}
     checks = [*source.checks(), *check_gate(gate, summary)]
-    if out is not None:
-        _write_results(out, flight, source, record, checks, alert_limit_m)
-    if json is not None:
-        write_json(json, summary)
-    _tell(source, summary, checks, out)
+    reported = None
+    try:
+        if out is not None:
+            _write_results(out, flight, source, record, checks, alert_limit_m)
+            reported = out
+    finally:  # a full disk must not cost an hour's figures
+        _tell(source, summary, checks, reported)
+        if json is not None:
+            write_json(json, summary if reported else summary | {"epochs": None})
+    if not all(check.passed for check in checks):
+        raise typer.Exit(1)
 
 
 def _speed(text: str) -> float | None:
@@ -119,8 +125,6 @@ def _tell(source: Source, summary: dict[str, Any], checks: list[Check], out: Pat
         lines.append(f"report: {out / 'report.html'}")
     lines += [f"{'ok' if c.passed else 'FAILED'}: {c.name} {c.limit} (is {c.value})" for c in checks]
     typer.echo("\n".join(lines))
-    if not all(check.passed for check in checks):
-        raise typer.Exit(1)
 
 
 def _verdicts(changes: list[tuple[float, str]]) -> str:

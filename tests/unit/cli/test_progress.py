@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rich.console import Console
 
 from visloc_companion.cli import progress
-from visloc_companion.cli.progress import bar, require_folder, spinner, write_json
+from visloc_companion.cli.progress import bar, require_folder, results_into, spinner, write_json
 from visloc_companion.errors import ConfigError
 
 
@@ -64,6 +66,44 @@ def test_json_is_utf8_and_finite(tmp_path: Path) -> None:
 def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"cannot be written.*--json"):
         write_json(tmp_path, {})
+
+
+def test_a_full_disk_leaves_the_result_of_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "result.json"
+    (tmp_path / "link.json").symlink_to(path)
+    write_json(tmp_path / "link.json", {"n": 1})
+    written = Path.write_text
+
+    def full(self: Path, text: str, **options: Any) -> int:
+        written(self, text[:3], **options)
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(ConfigError, match=r"result\.json: cannot be written: .*No space left.*--json"):
+        write_json(path, {"n": 2})
+    assert json.loads(path.read_text(encoding="utf-8")) == {"n": 1}
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "link.json", path]
+    assert (tmp_path / "link.json").is_symlink()
+
+
+def test_a_json_may_go_to_a_pipe(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    write_json(pipe, {"n": 1})
+    assert json.loads(os.read(reader, 100)) == {"n": 1}
+    os.close(reader)
+
+
+def test_what_may_not_be_written_is_found_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(ConfigError, match=r"result\.json: may not be written; remedy: name a writable file for --json"):
+        require_folder(tmp_path / "result.json", "--json")
+    with (
+        pytest.raises(ConfigError, match=r"cannot be written: .*Permission denied.*folder for --out"),
+        results_into(tmp_path, "--out"),
+    ):
+        raise AssertionError("the work began")
 
 
 def test_a_folder_that_is_missing_is_found_before_the_work(tmp_path: Path) -> None:

@@ -170,6 +170,25 @@ def test_results_that_cannot_be_written_are_named(log: Path, tmp_path: Path, nam
         run(log, "--out", tmp_path / "out")
 
 
+@pytest.mark.parametrize("lost", ["out", "json"])
+def test_a_full_disk_costs_no_figures(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lost: str) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    if lost == "out":
+        monkeypatch.setattr("visloc_companion.evaluate.metrics.write_epochs", full)
+    else:
+        monkeypatch.setattr(Path, "replace", full)
+    arguments = [str(log), "--out", str(tmp_path / "out"), "--json", str(tmp_path / "r.json")]
+    ended = CliRunner().invoke(app, arguments)
+    with pytest.raises(ConfigError, match=rf"cannot be written: .*No space left.*for --{lost}"):
+        raise ended.exception or AssertionError("nothing was raised")
+    assert "GNSS: denied from 0.0 s" in ended.stdout
+    assert ("report: " in ended.stdout) == (lost == "json") == (not (tmp_path / "r.json").exists())
+    if lost == "out":
+        assert json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["epochs"] is None
+
+
 def test_a_json_file_without_folder_is_refused_before_the_replay(tmp_path: Path) -> None:
     (tmp_path / "none.tlog").write_bytes(b"no log")
     with pytest.raises(ConfigError, match="its folder does not exist"):
