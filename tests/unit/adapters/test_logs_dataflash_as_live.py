@@ -10,7 +10,7 @@ from tests.unit.adapters.test_logs_dataflash import MODERN, OLD, formats, messag
 from visloc_companion.adapters.logs.open import open_log
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.evaluate.flight import replay_recording
-from visloc_companion.types import Baro, Event, Gnss, Status
+from visloc_companion.types import Baro, Event, Gnss, LinkChanged, Status
 
 TABLE = {
     "ATT": MODERN["ATT"],
@@ -93,3 +93,14 @@ def test_a_receiver_that_is_led_astray_is_told_by_the_other(tmp_path: Path) -> N
         for reason in entry.command.reasons
     }
     assert "receivers_differ" in told
+
+
+@pytest.mark.parametrize("both", [False, True])
+def test_a_plane_is_armed_by_a_message_of_its_own(tmp_path: Path, both: bool) -> None:
+    table = TABLE | {"ARM": (33, "QBI", "TimeUS,ArmState,ArmChecks"), "EV": MODERN["EV"]}
+    parts = [message(table, "ATT", us, 0, 0, 0) for us in range(1_000_000, 2_000_000, 100_000)]
+    for at, state, event in ((8, 0, 11), (4, 1, 10)):
+        parts[at:at] = [message(table, "ARM", 0, state, 1), *([message(table, "EV", 0, event)] if both else [])]
+    recording = open_log(write(tmp_path / "a.bin", formats(table) + b"".join(parts)))
+    links = [(event.t_rx_ns, event.armed) for _, event in recording.events if isinstance(event, LinkChanged)]
+    assert links == [(1_000_000_000, False), (1_300_000_000, True), (1_700_000_000, False)]

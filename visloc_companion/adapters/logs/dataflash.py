@@ -2,9 +2,9 @@
 
 ATT gives the attitude, IMU the accelerations, GPS and GPA (of older logs also GPS2 and GPA2) both receivers, BARO and ARSP
 pressures, ORGN the origin, POS with XKF1 (NKF1, EKF1) the autopilot's position and velocity, XKF4 (NKF4, EKF4) its innovation
-ratios, RFND (since 4.0) distances, EV arming, MSG the version, PARM which of several estimators flies (of which XKF4 names the
-core that does). Logs of before the EKF have NTUN (position and velocity over home, cm) and CTUN (height, climb) instead; home is
-then the first mission item or the first fix.
+ratios, RFND (since 4.0) distances, EV or ARM arming, MSG the version, PARM which of several estimators flies (of which XKF4 names
+the core that does). Logs of before the EKF have NTUN (position and velocity over home, cm) and CTUN (height, climb) instead; home
+is then the first mission item or the first fix.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ from visloc_companion.types import (
 _KIND = AutopilotKind.ARDUPILOT
 _POSITIONS = ("POS", "ORGN", "XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4", "NTUN", "CTUN")
 _RECEIVERS = ("GPS", "GPS2", "GPA", "GPA2")
-_WANTED = frozenset(("ATT", "MNT", "IMU", "BARO", "ARSP", "RFND", "EV", "MSG", "CMD", "PARM", *_RECEIVERS, *_POSITIONS))
+_WANTED = frozenset(("ATT", "MNT", "IMU", "BARO", "ARSP", "RFND", "EV", "ARM", "MSG", "CMD", "PARM", *_RECEIVERS, *_POSITIONS))
 _EV_ARMED, _EV_DISARMED = (10, 15), (11,)
 _DOWN, _GOOD = 25, 4
 """MAV_SENSOR_ROTATION_PITCH_270, and RangeFinder::Status::Good."""
@@ -301,8 +301,15 @@ class _Reader:
     def _ev(self, fields: Fields) -> Event | None:
         if fields["Id"] not in (*_EV_ARMED, *_EV_DISARMED):
             return None
-        self._armed = fields["Id"] in _EV_ARMED
-        return None if not self.events else link_up(self._t_ns, _KIND, self._version, self._armed)
+        return self._arming(armed=fields["Id"] in _EV_ARMED)
+
+    def _arm(self, fields: Fields) -> Event | None:
+        """Of planes and rovers, which wrote no EV of it before 4.1; since then both are there."""
+        return self._arming(armed=fields["ArmState"] != 0)
+
+    def _arming(self, *, armed: bool) -> Event | None:
+        changed, self._armed = armed != self._armed, armed
+        return link_up(self._t_ns, _KIND, self._version, armed) if changed and self.events else None
 
     def _msg(self, fields: Fields) -> None:
         text = fields["Message"].split(b"\0", 1)[0].decode("ascii", errors="replace")
@@ -335,6 +342,7 @@ _HANDLERS = {
     "CTUN": _Reader._ctun,
     "NTUN": _Reader._ntun,
     "EV": _Reader._ev,
+    "ARM": _Reader._arm,
     "MSG": _Reader._msg,
     "CMD": _Reader._cmd,
     "PARM": _Reader._parm,
