@@ -32,6 +32,7 @@ LEAST_GAP_US = 150_000
 MOST_PAIRS = 600
 """Those that turned most, beside as many in order: the search takes time with each."""
 MOST_FRAMES = 6000
+"""Are decoded: of a video a quarter of an hour and more, so that one that begins long before the take-off tells, too."""
 COARSE_S, FINE_S = 0.1, 0.005
 PEAKS, NEAR_S = 6, 1.0
 """So many offsets are looked at closely, each further than this from the others."""
@@ -57,12 +58,14 @@ def find_offset(recording: Recording, frames: FrameSource, model: CameraModel, q
 def seen_turns(frames: FrameSource, model: CameraModel, q_frd_cambody: Quat) -> list[Turn]:
     """How the camera turned between neighbouring frames, on the frames' own clock; the vehicle is taken to be about level."""
     shown = with_margin(model)
-    watch, turns = TurnWatch(pinhole_view(shown)), []
+    watch, turns, n_decoded = TurnWatch(pinhole_view(shown)), [], 0
     last_us: int | None = None
-    for number, t_us in enumerate(frames.t_us[:MOST_FRAMES]):
+    for number, t_us in enumerate(frames.t_us):
         if last_us is not None and t_us - last_us < LEAST_GAP_US:
             continue
-        pixels = frames.pixels(number)
+        if n_decoded == MOST_FRAMES:
+            break
+        pixels, n_decoded = frames.pixels(number), n_decoded + 1
         if pixels is None:
             continue
         last_us = t_us

@@ -16,10 +16,11 @@ from tests.unit.landing_gear import legs, with_gear
 from visloc_companion.adapters.logs.recording import Losses, Recording
 from visloc_companion.cli.replay_sources import open_source
 from visloc_companion.errors import LogError
-from visloc_companion.evaluate.camera_offset import best_offset
+from visloc_companion.evaluate import camera_offset
+from visloc_companion.evaluate.camera_offset import best_offset, seen_turns
 from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat, quat_from_euler, quat_inverse, quat_multiply
-from visloc_companion.types import Attitude, AutopilotKind, Quat, Turn
+from visloc_companion.types import Attitude, AutopilotKind, CameraModel, Image, Quat, Turn
 
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 MOUNT = quat_from_euler(0.02, math.radians(12.0), math.radians(90.0))
@@ -169,3 +170,27 @@ def test_a_ground_stations_clock_that_pictures_tell_nothing_of_is_said_to_be_unc
     toml.write_text(toml.read_text().replace('"offset"', '"unix"'))
     notes = open_source(tmp_path, None, None, False, None).notes()
     assert "Whether it does could not be told from how the pictures turn." in notes
+
+
+class Asked:
+    """Frames of one picture that remember which of them were asked for."""
+
+    def __init__(self, n: int, rate_hz: float) -> None:
+        self.t_us = tuple(round(k * 1e6 / rate_hz) for k in range(n))
+        self.numbers: list[int] = []
+
+    def pixels(self, number: int) -> Image | None:
+        self.numbers.append(number)
+        return None if number % 20 == 0 else np.full((48, 64, 3), 90, np.uint8)
+
+
+def test_a_video_is_looked_at_beyond_its_first_minutes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 30 frames a second those that are passed over counted, too: it ended after 200 s, the vehicle still on the ground."""
+    model = CameraModel(64, 48, 50.0, 50.0, 31.5, 23.5)
+    video = Asked(9000, 30.0)
+    seen_turns(video, model, LEVEL)
+    assert video.t_us[video.numbers[-1]] > 299e6
+    monkeypatch.setattr(camera_offset, "MOST_FRAMES", 50)
+    few = Asked(9000, 30.0)
+    seen_turns(few, model, LEVEL)
+    assert len(few.numbers) == 50
