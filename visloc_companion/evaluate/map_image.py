@@ -7,7 +7,7 @@ import numpy as np
 
 from visloc_companion.errors import OutsideMap
 from visloc_companion.evaluate.record import FlightRecord, rebased
-from visloc_companion.evaluate.report_map import HEIGHT, WIDTH, MapImage, view_of
+from visloc_companion.evaluate.report_map import HEIGHT, WIDTH, MapImage, flight_view
 from visloc_companion.geo.raster import apply_affine
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.protocols import ReferenceMap
@@ -21,10 +21,7 @@ def map_image(
     reference: ReferenceMap, record: FlightRecord, baseline: FlightRecord | None = None, width_px: int = 900
 ) -> MapImage | None:
     """The ground that the report of a flight (with a baseline, if it has one) shows; None where the map has nothing of it."""
-    tracks = [record.truth.p_ned_m, record.estimate_ned_m, record.gnss.p_ned_m]
-    if baseline is not None:
-        tracks.append(rebased(baseline, record.origin).truth.p_ned_m)
-    view = view_of(tracks)
+    view = flight_view(record, rebased(baseline, record.origin) if baseline is not None else None)
     size_px = (width_px, round(width_px * HEIGHT / WIDTH))
     centre = geo_from_ned((view.north_m, view.east_m, 0.0), record.origin)
     try:

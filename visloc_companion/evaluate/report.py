@@ -24,7 +24,7 @@ from visloc_companion.evaluate.metrics import (
 )
 from visloc_companion.evaluate.record import FixPoint, FlightRecord, Refusal, rebased
 from visloc_companion.evaluate.report_charts import latency_histogram, spans, time_chart, time_legend
-from visloc_companion.evaluate.report_map import MapImage, flight_map, map_legend, view_of
+from visloc_companion.evaluate.report_map import MapImage, flight_map, flight_view, map_legend
 from visloc_companion.evaluate.report_pictures import PicturePair, picture_section
 from visloc_companion.evaluate.report_stanford import stanford_section
 from visloc_companion.evaluate.report_style import CSS
@@ -151,14 +151,13 @@ def _maps(
     strayed: tuple[FloatArray, FloatArray] | None,
     faults: Sequence[tuple[float, float]] | None,
 ) -> str:
-    tracks = [record.truth.p_ned_m, record.estimate_ned_m, record.gnss.p_ned_m]
     lost_at = min((start for start, _ in faults), default=None) if faults else next(iter(alarms_s(record)), None)
     moved = rebased(baseline, record.origin) if baseline is not None else None
-    view = view_of([*tracks, *([moved.truth.p_ned_m] if moved is not None else [])])
+    view = flight_view(record, moved)
     own = _panel(
         "With the daemon" if moved is not None else "",
         flight_map(record, view, "Map of the flight", image, lost_at_s=lost_at),
-        map_legend(record, "truth", "true track"),
+        map_legend(record, view, "truth", "true track"),
     )
     if moved is None or strayed is None:
         return f"<h2>Map</h2><div class=two>{own}</div>"
@@ -167,7 +166,7 @@ def _maps(
     other = _panel(
         f"The same flight without it{end}",
         flight_map(moved, view, "Map of the flight without the daemon", image, own="baseline", lost_at_s=lost_at),
-        map_legend(moved, "baseline", "true track without the daemon"),
+        map_legend(moved, view, "baseline", "true track without the daemon"),
     )
     return f'<h2>Map</h2><div class="two">{own}{other}</div>'
 

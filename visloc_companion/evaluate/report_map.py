@@ -27,6 +27,7 @@ from visloc_companion.types import FloatArray, GeoPoint
 
 WIDTH, HEIGHT = 600.0, 560.0
 _MARGIN_SHARE, _LEAST_SPAN_M = 0.08, 40.0
+_GNSS_WIDENS = 4.0
 _SPARSE = 3.0
 """Of a track that is sampled more seldom than truth is interpolated, a gap is so many times its usual spacing."""
 
@@ -68,6 +69,15 @@ def view_of(tracks: Sequence[FloatArray]) -> View:
     return View(float(low[0] + high[0]) / 2, float(low[1] + high[1]) / 2, float(width))
 
 
+def flight_view(record: FlightRecord, baseline: FlightRecord | None = None) -> View:
+    """The window of a flight, with a baseline about the same origin if it has one: of all its tracks, but of the receiver's only
+    where that leaves the flight large enough to be seen. Spoofers put receivers on other continents."""
+    own = [record.truth.p_ned_m, record.estimate_ned_m, *([baseline.truth.p_ned_m] if baseline is not None else [])]
+    near, whole = view_of(own), view_of([*own, record.gnss.p_ned_m])
+    known = any(np.isfinite(track[:, :2]).all(axis=1).any() for track in own)
+    return near if known and whole.width_m > _GNSS_WIDENS * near.width_m else whole
+
+
 def flight_map(
     record: FlightRecord, view: View, label: str, image: MapImage | None, *, own: str = "truth", lost_at_s: float | None = None
 ) -> str:
@@ -86,11 +96,13 @@ def flight_map(
     return figure(WIDTH, HEIGHT, parts, label, "map")
 
 
-def map_legend(record: FlightRecord, own: str, own_words: str) -> str:
+def map_legend(record: FlightRecord, view: View, own: str, own_words: str) -> str:
     """What the lines of `flight_map` are; only those that are there."""
     items = [(own, own_words)] if len(record.truth.t_s) else []
     items += [("estimate", "our estimate")] if np.isfinite(record.estimate_ned_m).any() else []
-    items += [("gnss", "position that GNSS reported")] if len(record.gnss.t_s) else []
+    off_m = _off_the_map_m(record.gnss, view)
+    left = f", up to {off_m / 1000:,.1f} km off this map" if off_m > 0 else ""
+    items += [("gnss", f"position that GNSS reported{left}")] if len(record.gnss.t_s) else []
     ends = [("dotstart", "start"), ("dotend", "end")] if len(_flown(record).t_s) else []
     return legend([*items, *ends])
 
@@ -105,10 +117,19 @@ def _flown(record: FlightRecord) -> Track:
 def _line(track: Track, css: str, east: Scale, north: Scale, *, halo: bool) -> list[str]:
     p = _drawn_ned_m(track)
     inside = (p[:, 1] >= east.low) & (p[:, 1] <= east.high) & (p[:, 0] >= north.low) & (p[:, 0] <= north.high)
-    x, y = east.many(p[:, 1]), north.many(p[:, 0])
-    x[~inside] = np.nan
+    beside = np.append(inside[1:], False) | np.insert(inside[:-1], 0, False)  # leads over the edge, where the clip cuts it
+    x = (p[:, 1] - east.low) * WIDTH / (east.high - east.low)
+    y = (north.high - p[:, 0]) * HEIGHT / (north.high - north.low)
+    x[~(inside | beside)] = np.nan
     drawn = path(x, y, css)
     return [path(x, y, "halo"), drawn] if halo and drawn else [drawn]
+
+
+def _off_the_map_m(track: Track, view: View) -> float:
+    """How far beyond the window's edges a track leads, metres; 0 within."""
+    off_n = np.abs(track.p_ned_m[:, 0] - view.north_m) - view.width_m / 2 * HEIGHT / WIDTH
+    off_e = np.abs(track.p_ned_m[:, 1] - view.east_m) - view.width_m / 2
+    return float(np.max(np.hypot(np.maximum(off_n, 0), np.maximum(off_e, 0)), initial=0.0))
 
 
 def _drawn_ned_m(track: Track) -> FloatArray:

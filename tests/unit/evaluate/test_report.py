@@ -15,7 +15,7 @@ from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.record import FlightRecord, Track, from_entries
 from visloc_companion.evaluate.report import write_flight_report
 from visloc_companion.evaluate.report_charts import time_chart
-from visloc_companion.evaluate.report_map import MapImage, View, flight_map, view_of
+from visloc_companion.evaluate.report_map import MapImage, View, flight_map, flight_view, view_of
 from visloc_companion.evaluate.report_pictures import PicturePair
 from visloc_companion.evaluate.report_svg import Scale, decades, nice_step, number, path, thinned, ticks
 
@@ -244,3 +244,21 @@ def test_frames_are_shown_beside_the_map(synthetic: ModuleType, tmp_path: Path) 
     assert page.count("<img ") == 2
     assert "what the camera saw at 45 s" in page
     assert "the map there at 45 s" in page
+
+
+def test_a_receiver_on_another_continent_leaves_the_flight_to_be_seen(synthetic: ModuleType, tmp_path: Path) -> None:
+    record = synthetic.make_record(200.0)
+    p_ned_m = record.gnss.p_ned_m.copy()
+    p_ned_m[300:] += (0.0, 2_000_000.0, 0.0)
+    spoofed = replace(record, gnss=Track(record.gnss.t_s, p_ned_m))
+    assert flight_view(spoofed).width_m < 400
+    dragged = Track(record.gnss.t_s, record.gnss.p_ned_m + np.array([0.0, 500.0, 0.0]))
+    assert flight_view(replace(record, gnss=dragged)).width_m > 800, "what is so near is shown"
+    alone = replace(spoofed, truth=Track(p_ned_m[:0, 0], p_ned_m[:0]), estimate_ned_m=record.estimate_ned_m * np.nan)
+    assert flight_view(alone).width_m > 2_000_000
+    page = page_of(spoofed, tmp_path)
+    assert "position that GNSS reported, up to 2,000.0 km off this map" in page
+    track = re.findall(r'<path class="gnss" d="([^"]*)"', page)[0]
+    xs = [float(x) for x in re.findall(r"[ML](-?[\d.]+) ", track)]
+    assert max(xs) > 1e6, "the line leads over the edge, where it is cut"
+    assert sum(x > 600 for x in xs) == 1
