@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink2
 from tests.unit.adapters.test_camera_sources import MODEL as CAMERA
 from tests.unit.adapters.test_camera_sources import JumpingClock, all_of, folder_of
 from tests.unit.adapters.test_camera_sources import Slots as KeptSlots
+from tests.unit.adapters.test_logs_dataflash import MODERN, boot, message
 from tests.unit.adapters.test_logs_folder import LENS, UNIX_US, make_video, pictures, telemetry
 from visloc_companion.adapters.camera.files import FilesCamera
 from visloc_companion.adapters.logs.folder import open_folder
@@ -104,3 +105,27 @@ def test_frames_of_several_starts_of_the_autopilot_are_told(found: Path, toml: s
     assert opened.recording.losses.reboots == 1
     said = [note for note in opened.notes if "started more than once in this log, and t_us counts from the first start" in note]
     assert len(said) == told
+
+
+def test_frames_of_a_boot_that_was_not_read_are_told_of_it(found: Path) -> None:
+    """Two boots in one log, a day apart by GPS time; the frames are of the shorter one. Expected: it is named, and then read."""
+    day_ms = 86_400_000
+
+    def of_day(day: int, n: int) -> bytes:
+        place = (474_000_000, 85_500_000, 54_000, 10.0, 90.0, -0.1, 0.0)
+        stamps = [1_000_000 + 200_000 * k for k in range(n)]
+        gps = [message(MODERN, "GPS", us, 0, 3, day * day_ms + us // 1000, 2200, 15, 80, *place) for us in stamps]
+        return boot(n, 1.0) + b"".join(gps)
+
+    for old in found.glob("telemetry.*"):
+        old.unlink()
+    (found / "telemetry.bin").write_bytes(of_day(1, 20) + of_day(2, 90))
+    first_us = round((315_964_800 + 2200 * 604_800 + 86_400 - 18) * 1e6)
+    (found / "truth.csv").unlink()
+    (found / "camera.toml").write_text(LENS + 'time_base = "unix"\n')
+    (found / "frames.csv").write_text(f"t_us,file\n{first_us + 1_500_000},{next(found.glob('*.png')).name}\n")
+    with pytest.raises(LogError, match=r"none of the frames lies in .*read was 2, --boot reads another; remedy: name their boot"):
+        open_folder(found)
+    frames = open_folder(found, boot=1).frames
+    assert frames is not None
+    assert len(frames.t_us) == 1

@@ -168,6 +168,8 @@ def _outside(folder: Path, what: str, times_ns: Sequence[int], recording: Record
             told += f": {1024 * cycles} weeks off, as of a receiver whose count of weeks, which has ten bits, began anew"
             stated = f"offset_s = {(boot_from_file_ns - cycles * _WEEKS_NS) / NS_PER_S:.3f}"
             remedy = f'write time_base = "offset" and {stated} into camera.toml'
+        if others := [note.rstrip(".") for note in recording.notes if "--boot" in note]:  # they may be of another one
+            told, remedy = f"{told}. {others[0]}", f"name their boot with --boot; or {remedy}"
         raise LogError(told, where=str(folder), remedy=remedy)
     return [f"Of {len(times_ns)} {what}, {n_outside} lie outside of the telemetry and were left out."]
 
