@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from io import TextIOWrapper
 
 import typer
 
@@ -60,7 +61,12 @@ def exit_code(error: VislocError) -> int:
 
 
 def main() -> None:
-    """Run the command line; errors of this package become one clear line and an exit code."""
+    """Run the command line; errors of this package become one clear line and an exit code.
+
+    What the terminal cannot show (names of files that are no UTF-8, signs that its locale lacks) is escaped.
+    """
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         app()
     except VislocError as error:

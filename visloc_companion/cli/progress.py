@@ -17,6 +17,8 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from visloc_companion.errors import ConfigError
 
 PLAIN_STEPS = 10
+UNNAMEABLE = "backslashreplace"
+"""What becomes of bytes in a file's name that are no UTF-8: as the escape that JSON reads, never the end of an hour's work."""
 
 
 @contextmanager
@@ -94,12 +96,12 @@ def write_json(path: Path, result: dict[str, Any]) -> None:
     text = json.dumps(result, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     with result_to(path, "--json"):
         if path.exists() and not path.is_file():  # /dev/stdout, a pipe
-            path.write_text(text, encoding="utf-8")
+            path.write_text(text, encoding="utf-8", errors=UNNAMEABLE)
             return
         target = path.resolve()
         part = target.with_name(f".{target.name}.part")
         try:
-            part.write_text(text, encoding="utf-8")
+            part.write_text(text, encoding="utf-8", errors=UNNAMEABLE)
             part.replace(target)
         except OSError:
             part.unlink(missing_ok=True)

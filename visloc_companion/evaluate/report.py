@@ -92,7 +92,7 @@ def write_flight_report(
         f'<link rel="icon" href="data:,"><title>{escape(title)}</title><style>{CSS}</style></head>'
         f"<body><main>{''.join(parts)}</main></body></html>\n"
     )
-    path.write_text(page, encoding="utf-8")
+    path.write_text(page, encoding="utf-8", errors="backslashreplace")  # names of files may hold bytes that are no UTF-8
 
 
 def _headline(record: FlightRecord, summary: dict[str, Any], checks: Sequence[Check]) -> str:

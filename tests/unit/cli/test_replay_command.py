@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import re
 import struct
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -187,6 +190,20 @@ def test_a_full_disk_costs_no_figures(log: Path, tmp_path: Path, monkeypatch: py
     assert ("report: " in ended.stdout) == (lost == "json") == (not (tmp_path / "r.json").exists())
     if lost == "out":
         assert json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["epochs"] is None
+
+
+def test_a_name_that_is_no_utf8_costs_no_results(log: Path, tmp_path: Path) -> None:
+    """As an old disk or another system left it; and the terminal shows Latin 1."""
+    flight = os.fsencode(log.parent) + b"/fl\xfcg \xe2\x89\xa4.tlog"
+    log.rename(os.fsdecode(flight))
+    command = [sys.executable, "-c", "from visloc_companion.cli.main import main; main()", "replay", flight]
+    environment = os.environ | {"PYTHONIOENCODING": "latin-1"}
+    asked = [*command, "--out", tmp_path / "out", "--json", tmp_path / "r.json"]
+    ended = subprocess.run(asked, capture_output=True, env=environment, check=False)
+    assert (ended.returncode, ended.stderr.count(b"Traceback")) == (0, 0)
+    assert b"fl\\udcfcg \\u2264.tlog: " in ended.stdout
+    assert json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["flight"] == os.fsdecode(flight)
+    assert "Replay of fl\\udcfcg ≤.tlog" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
 def test_a_json_file_without_folder_is_refused_before_the_replay(tmp_path: Path) -> None:
