@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from visloc_companion import __version__
+from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.metrics import (
     DEFAULT_ALERT_LIMIT_M,
@@ -99,7 +100,10 @@ def _headline(record: FlightRecord, summary: dict[str, Any], checks: Sequence[Ch
     failed = [check for check in checks if not check.passed]
     state, word = ("open", "NO GATE") if not checks else ("fail", "FAIL") if failed else ("pass", "PASS")
     denied = error_figures(record, record.while_verdict(Verdict.DENIED, Verdict.SUSPECT))
-    sentences = [f"{summary['duration_s']:.0f} s of flight, {summary['n_fixes']} fixes from {summary['n_frames']} frames."]
+    n_terrain = sum(fix.method == TERRAIN for fix in record.fixes)
+    profiles = f" and {n_terrain} from profiles of the ground" if n_terrain else ""
+    seen = f"{summary['n_fixes'] - n_terrain} fixes from {summary['n_frames']} frames{profiles}"
+    sentences = [f"{summary['duration_s']:.0f} s of flight, {seen}."]
     if denied["max"] is not None:
         sentences.append(
             f"While GNSS was not trusted the error was {_m(denied['median'])} (median) and {_m(denied['max'])} (maximum)."
@@ -203,9 +207,11 @@ def _answers(record: FlightRecord, summary: dict[str, Any], latency: Literal["ar
         for (method, name), some in sorted(kinds.items(), key=lambda item: -len(item[1]))
     ]
     table = _table(("method", "answer", "number|n", "share|n", *(f"{_TABLE_WORDS[which]}|n" for which in measures)), rows)
+    n_terrain = sum(answer.method == TERRAIN for answer in answers)
+    profiles = f"Profiles of the ground: {n_terrain} answers. " if n_terrain else ""
     counts = (
-        f"<p>{record.n_frames} frames arrived, {record.n_requests} were asked to be localised, {len(answers)} were answered. "
-        f"{_off(record)}Injections: {summary['injected']['n']}.</p>"
+        f"<p>{record.n_frames} frames arrived, {record.n_requests} were asked to be localised, {len(answers) - n_terrain} were "
+        f"answered. {profiles}{_off(record)}Injections: {summary['injected']['n']}.</p>"
     )
     values = (latency_ms(answer, latency) for answer in answers)
     finite = np.array([value for value in values if math.isfinite(value)], dtype=np.float64)

@@ -262,3 +262,18 @@ def test_a_receiver_on_another_continent_leaves_the_flight_to_be_seen(synthetic:
     xs = [float(x) for x in re.findall(r"[ML](-?[\d.]+) ", track)]
     assert max(xs) > 1e6, "the line leads over the edge, where it is cut"
     assert sum(x > 600 for x in xs) == 1
+
+
+def test_answers_about_the_ground_below_are_none_of_frames(synthetic: ModuleType, tmp_path: Path) -> None:
+    """Of a rangefinder's profile: with them more frames were answered than had been asked for."""
+    record = synthetic.make_record(60.0)
+    profile = replace(record.fixes[0], method="terrain")
+    refused = replace(record.refusals[0], method="terrain")
+    page = page_of(replace(record, fixes=(*record.fixes, *[profile] * 3), refusals=(*record.refusals, refused)), tmp_path)
+    assert f"{len(record.fixes)} fixes from {record.n_frames} frames and 3 from profiles of the ground." in page
+    assert (
+        f"{record.n_requests} were asked to be localised, {record.n_requests} were answered. Profiles of the ground: 4 " in page
+    )
+    plain = page_of(record, tmp_path)
+    assert f"{len(record.fixes)} fixes from {record.n_frames} frames." in plain
+    assert "Profiles" not in plain
