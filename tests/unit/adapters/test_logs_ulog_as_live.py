@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from visloc_companion.adapters.logs.open import open_log
-from visloc_companion.types import Attitude, Baro, EstimatorStatus, Event, GnssIntegrity, PriorPose, Range
+from visloc_companion.types import Attitude, Baro, EstimatorStatus, Event, GnssIntegrity, Imu, PriorPose, Range
 
 CODES = {"uint64_t": "Q", "uint32_t": "I", "float": "f", "double": "d", "int32_t": "i", "uint8_t": "B", "bool": "?"}
 LOCAL = (
@@ -38,6 +38,7 @@ FORMATS: dict[str, list[tuple[str, str]]] = {
         ("bool", "lat_lon_valid"),
         ("bool", "alt_valid"),
     ],
+    "vehicle_acceleration": [("float", f"xyz{k}") for k in range(3)],
     "vehicle_air_data": [("float", "baro_pressure_pa"), ("float", "baro_temp_celcius")],
     "differential_pressure": [("float", "differential_pressure_pa")],
     "home_position": [("float", "z"), ("bool", "valid_alt")],
@@ -62,8 +63,10 @@ def log(path: Path, *messages: tuple[str, int, float, tuple[Any, ...]]) -> list[
     parts = [b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)]
     for name, fields in FORMATS.items():
         listed = "uint64_t timestamp;" + "".join(f"{kind} {field};" for kind, field in fields)
-        if name == "vehicle_attitude":
-            listed = "uint64_t timestamp;float[4] q;"
+        listed = {
+            "vehicle_attitude": "uint64_t timestamp;float[4] q;",
+            "vehicle_acceleration": "uint64_t timestamp;float[3] xyz;",
+        }.get(name, listed)
         parts.append(block(b"F", f"{name}:{listed}".encode()))
     streams = sorted({(name, instance) for name, instance, _, _ in messages})
     parts += [block(b"A", struct.pack("<BH", instance, k) + name.encode()) for k, (name, instance) in enumerate(streams)]
@@ -95,7 +98,10 @@ def test_a_position_that_px4_calls_not_valid_is_none(tmp_path: Path, valid: tupl
 
 def test_heights_are_above_home(tmp_path: Path) -> None:
     """Home was set 12 m below the origin of the estimator, and anew later; one without a height is none."""
-    homes = [("home_position", 0, t_s, (z, valid)) for t_s, z, valid in ((2.0, 12.0, True), (3.0, 99.0, False), (4.0, 5.0, True))]
+    homes = [
+        ("home_position", 0, t_s, (z, valid))
+        for t_s, z, valid in ((2.0, 12.0, True), (3.0, 99.0, False), (3.2, 1e9, True), (4.0, 5.0, True))
+    ]
     times = (1.0, 2.5, 3.5, 4.5)
     events = log(tmp_path / "a.ulg", attitude(1.0), *(local(t, -30.0) for t in times), *(place(t) for t in times), *homes)
     assert [event.h_rel_m for event in events if isinstance(event, PriorPose)] == [30.0, 42.0, 42.0, 35.0]
@@ -113,6 +119,13 @@ def test_pressures_are_in_hectopascals_with_that_of_the_airspeed_sensor(tmp_path
     events = log(tmp_path / "a.ulg", attitude(1.0), *air, *pitot, ("vehicle_air_data", 0, 6.5, (float("nan"), 0.0)))
     read = [(event.pressure_hpa, event.temperature_c, event.dynamic_hpa) for event in events if isinstance(event, Baro)]
     assert read == [(954.0, 21.5, 0.0), (954.0, 21.5, 2.45), (954.0, 21.5, 2.5), (954.0, 21.5, 0.0)]
+
+
+def test_accelerations_are_read_at_no_more_than_a_hundred_hertz(tmp_path: Path) -> None:
+    forces = [("vehicle_acceleration", 0, 1.0 + k / 250, (0.5, -0.25, -9.75 if k else float("nan"))) for k in range(250)]
+    read = [event for event in log(tmp_path / "a.ulg", attitude(1.0), *forces) if isinstance(event, Imu)]
+    assert 80 <= len(read) <= 100
+    assert {event.force_frd_mps2 for event in read} == {(0.5, -0.25, -9.75)}
 
 
 def test_the_sensor_that_looks_down_is_found_behind_one_that_looks_ahead(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """PX4's logs (.ulg): vehicle_attitude, vehicle_gps_position or sensor_gps, vehicle_local_position, vehicle_global_position,
-home_position, estimator_status (and which of several flies), distance_sensor, pressures and vehicle_status.
+home_position, estimator_status (and which of several flies), distance_sensor, vehicle_acceleration, pressures and
+vehicle_status.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from visloc_companion.types import (
     GeoPoint,
     GimbalAttitude,
     Gnss,
+    Imu,
     LinkChanged,
     LocalPose,
     OriginChanged,
@@ -50,6 +52,7 @@ _TOPICS = (
     "estimator_selector_status",
     "vehicle_status",
     "distance_sensor",
+    "vehicle_acceleration",
     "vehicle_air_data",
     "differential_pressure",
     "gimbal_device_attitude_status",
@@ -59,6 +62,8 @@ _DOWN = 25
 """distance_sensor.orientation ROTATION_DOWNWARD_FACING."""
 _KIND = AutopilotKind.PX4
 Topic = list[Row]
+_IMU_EVERY_US = 10_000
+_MAX_HOME_M = 10_000.0
 _BESIDE_NS = 2 * NS_PER_S
 """A dynamic pressure, which is logged once a second, counts for so long."""
 _HOUR_US, _HALF_DAY_US = 3_600_000_000, 43_200_000_000
@@ -114,6 +119,7 @@ def _read(data: bytes, losses: Losses) -> _Boot:
     events += _converted(gnss, _gnss, losses) if gnss else []
     events += interference(_rows(gnss)) if gnss else []
     events += _pressures(topics, losses)
+    events += _converted(_thinned(topics.get("vehicle_acceleration", [])), _imu, losses)
     events += _attitudes(topics.get("vehicle_attitude", []), losses)
     events += _origins(topics.get("vehicle_local_position", []), losses)
     events += _global_positions(topics, losses)
@@ -279,6 +285,19 @@ def _global_positions(topics: dict[str, Topic], losses: Losses) -> list[tuple[in
     return _converted(places, convert, losses)
 
 
+def _thinned(topic: Topic) -> Topic:
+    """The rows of a topic, no more than a hundred a second of those in order."""
+    kept: Topic = []
+    for row in topic:
+        if not kept or not 0 <= row["timestamp"] - kept[-1]["timestamp"] < _IMU_EVERY_US:
+            kept.append(row)
+    return kept
+
+
+def _imu(t_ns: int, row: Row) -> Event:
+    return Imu(t_ns, t_ns, _vec3(row, "xyz[0]", "xyz[1]", "xyz[2]"))
+
+
 def _pressures(topics: dict[str, Topic], losses: Losses) -> list[tuple[int, Event]]:
     """vehicle_air_data with the newest differential_pressure, as in SCALED_PRESSURE; pascals in the log."""
     named = ("differential_pressure_pa", "differential_pressure_filtered_pa")
@@ -299,7 +318,7 @@ def _pressures(topics: dict[str, Topic], losses: Losses) -> list[tuple[int, Even
 
 
 def _states_height(home: Row) -> bool:
-    return bool(home.get("valid_alt", False)) and math.isfinite(home.get("z", math.nan))
+    return bool(home.get("valid_alt", False)) and abs(home.get("z", math.nan)) < _MAX_HOME_M
 
 
 def _vehicle_status(t_ns: int, row: Row) -> Event:
