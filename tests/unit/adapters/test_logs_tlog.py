@@ -203,6 +203,20 @@ def test_a_clock_of_the_ground_station_that_is_set_moves_nothing(tmp_path: Path,
         assert max(map(abs, behind_s)) == pytest.approx(0)
 
 
+@pytest.mark.parametrize("set_at", [0, 100, 10_000])
+def test_a_clock_that_begins_in_1970_costs_nothing(tmp_path: Path, set_at: int) -> None:
+    """A companion without a clock of its own records until its time is set, or for ever; its records counted as garbage."""
+    begun_us = 30_000_000
+    records = [
+        struct.pack(">Q", begun_us + struct.unpack(">Q", record[:8])[0] - UNIX_US) + record[8:] if k < set_at else record
+        for k, record in enumerate(flight(mavlink2))
+    ]
+    recording = open_log(write(tmp_path / "a.tlog", *records))
+    assert sum(isinstance(event, Attitude) for _, event in recording.events) == 50
+    assert (recording.losses.garbage_bytes, recording.losses.reboots) == (0, 0)
+    assert recording.duration_s == pytest.approx(4.9)
+
+
 def test_a_signed_packet_is_read(tmp_path: Path) -> None:
     mav = writer(mavlink2)
     mav.signing.secret_key, mav.signing.sign_outgoing, mav.signing.timestamp = b"k" * 32, True, 1

@@ -29,7 +29,7 @@ from visloc_companion.types import Event, LinkChanged
 _STAMP = 8
 _START = re.compile(b"[\xfd\xfe]")
 _EARLIEST_US, _LATEST_US = 946_684_800_000_000, 4_102_444_800_000_000
-"""The years 2000 to 2100: what a time stamp may say."""
+"""The years 2000 to 2100: what an autopilot may say of UTC. Stamps begin in 1970, as computers without a clock do."""
 _ANCHOR_RECORDS = 5000
 _Source = tuple[int, int]
 """System and component."""
@@ -161,7 +161,7 @@ def _packet_length(data: bytes, start: int) -> int:
 
 
 def _plausible_stamp(data: bytes, at: int) -> bool:
-    return bool(_EARLIEST_US <= struct.unpack_from(">Q", data, at)[0] <= _LATEST_US)
+    return bool(0 < struct.unpack_from(">Q", data, at)[0] <= _LATEST_US)
 
 
 def _continues(data: bytes, at: int) -> bool:
