@@ -7,10 +7,12 @@ import pytest
 from visloc_companion.adapters.logs.recording import Losses, Recording, lacking, with_origin
 from visloc_companion.geo.wgs84 import distance_m, geo_from_autopilot_ned
 from visloc_companion.types import (
+    FIX_3D,
     Attitude,
     AutopilotKind,
     Event,
     GeoPoint,
+    Gnss,
     LinkChanged,
     LocalPose,
     OriginChanged,
@@ -86,3 +88,9 @@ def test_after_a_restart_the_origin_of_before_stands_until_there_is_another_one(
     assert origins(link(0, up=False), link(20, up=True), stated) == [(50, HOME)]
     guessed = [place(50, (20.0, -30.0, -15.0)), local(50, (20.0, -30.0, -15.0))]
     assert [t_ms for t_ms, _ in origins(link(0, up=True), *guessed, link(100, up=False), link(200, up=True))] == [50, 200]
+
+
+def test_a_second_receiver_without_a_fix_hides_no_first_position() -> None:
+    receivers = [Gnss(1, 1, fix_type, 9, HOME, None, None, None, receiver) for receiver, fix_type in ((0, FIX_3D), (1, 1))]
+    assert [origin for _, origin in origins(*receivers, place(100, (0.0, 0.0, 0.0)))] == [HOME]
+    assert origins(receivers[1], place(100, (0.0, 0.0, 0.0))) == []

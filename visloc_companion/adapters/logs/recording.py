@@ -174,11 +174,11 @@ def _pairs(events: list[tuple[int, Event]], kind: AutopilotKind) -> Iterator[tup
 
 
 def _first_position(events: list[tuple[int, Event]]) -> list[tuple[int, GeoPoint]]:
-    has_fix = False
+    has_fix: dict[int, bool] = {}
     for t_ns, event in events:
         if isinstance(event, Gnss):
-            has_fix = event.fix_type >= FIX_3D
-        elif isinstance(event, PriorPose) and has_fix:
+            has_fix[event.receiver] = event.fix_type >= FIX_3D
+        elif isinstance(event, PriorPose) and any(has_fix.values()):
             return [(t_ns, GeoPoint(event.place.lat_deg, event.place.lon_deg, event.place.h_amsl_m - event.h_rel_m))]
     return []
 
