@@ -25,7 +25,7 @@ from visloc_companion.evaluate.metrics import (
 )
 from visloc_companion.evaluate.record import FixPoint, FlightRecord, Refusal, rebased
 from visloc_companion.evaluate.report_charts import latency_histogram, spans, time_chart, time_legend
-from visloc_companion.evaluate.report_map import MapImage, flight_map, flight_view, map_legend
+from visloc_companion.evaluate.report_map import MapImage, Moment, flight_map, flight_view, map_legend
 from visloc_companion.evaluate.report_pictures import PicturePair, picture_section
 from visloc_companion.evaluate.report_stanford import stanford_section
 from visloc_companion.evaluate.report_style import CSS
@@ -155,12 +155,12 @@ def _maps(
     strayed: tuple[FloatArray, FloatArray] | None,
     faults: Sequence[tuple[float, float]] | None,
 ) -> str:
-    lost_at = min((start for start, _ in faults), default=None) if faults else next(iter(alarms_s(record)), None)
+    lost = _lost(record, faults)
     moved = rebased(baseline, record.origin) if baseline is not None else None
     view = flight_view(record, moved)
     own = _panel(
         "With the daemon" if moved is not None else "",
-        flight_map(record, view, "Map of the flight", image, lost_at_s=lost_at),
+        flight_map(record, view, "Map of the flight", image, lost=lost),
         map_legend(record, view, "truth", "true track"),
     )
     if moved is None or strayed is None:
@@ -169,10 +169,17 @@ def _maps(
     end = f": {last[-1]:.0f} m from the first at the end" if len(last) else ""
     other = _panel(
         f"The same flight without it{end}",
-        flight_map(moved, view, "Map of the flight without the daemon", image, own="baseline", lost_at_s=lost_at),
+        flight_map(moved, view, "Map of the flight without the daemon", image, own="baseline", lost=lost),
         map_legend(moved, view, "baseline", "true track without the daemon"),
     )
     return f'<h2>Map</h2><div class="two">{own}{other}</div>'
+
+
+def _lost(record: FlightRecord, faults: Sequence[tuple[float, float]] | None) -> Moment | None:
+    """When GNSS went bad where that is known, else when it was called so, which may have been wrong."""
+    if faults:
+        return min(start for start, _ in faults), "GNSS bad from"
+    return next(((t_s, "GNSS called bad at") for t_s in alarms_s(record)), None)
 
 
 def _panel(heading: str, drawing: str, key: str) -> str:

@@ -27,9 +27,13 @@ from visloc_companion.types import FloatArray, GeoPoint
 
 WIDTH, HEIGHT = 600.0, 560.0
 _MARGIN_SHARE, _LEAST_SPAN_M = 0.08, 40.0
-_GNSS_WIDENS = 4.0
+_GNSS_WIDENS, _ALL_BUT = 4.0, 0.9
 _SPARSE = 3.0
 """Of a track that is sampled more seldom than truth is interpolated, a gap is so many times its usual spacing."""
+
+
+Moment = tuple[float, str]
+"""Seconds since the start, and what is said before them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,9 +83,9 @@ def flight_view(record: FlightRecord, baseline: FlightRecord | None = None) -> V
 
 
 def flight_map(
-    record: FlightRecord, view: View, label: str, image: MapImage | None, *, own: str = "truth", lost_at_s: float | None = None
+    record: FlightRecord, view: View, label: str, image: MapImage | None, *, own: str = "truth", lost: Moment | None = None
 ) -> str:
-    """The drawing (SVG) of one flight in a window. `own` is the class of the true track; `lost_at_s` marks a moment on it."""
+    """The drawing (SVG) of one flight in a window. `own` is the class of the true track; `lost` marks a moment on it."""
     east, north = view.scales()
     parts = [
         f'<clipPath id="clip-{own}"><rect width="{WIDTH:g}" height="{HEIGHT:g}"/></clipPath>',
@@ -91,7 +95,7 @@ def flight_map(
     parts += [*_scale_bar(view), *_north_arrow()]
     for track, css in ((record.gnss, "gnss"), (record.truth, own), (Track(record.t_s, record.estimate_ned_m), "estimate")):
         parts += _line(track, css, east, north, halo=image is not None)
-    parts += _markers(_flown(record), east, north, lost_at_s)
+    parts += _markers(_flown(record), east, north, lost)
     parts += ["</g>", rect(0.5, 0.5, WIDTH - 1, HEIGHT - 1, "frame")]
     return figure(WIDTH, HEIGHT, parts, label, "map")
 
@@ -108,10 +112,13 @@ def map_legend(record: FlightRecord, view: View, own: str, own_words: str) -> st
 
 
 def _flown(record: FlightRecord) -> Track:
-    """The true track, or what is nearest to it."""
+    """The true track, or what is nearest to it of what lasts longer: truth may be of a part of the flight."""
     known = np.isfinite(record.estimate_ned_m[:, 0])
     estimate = Track(record.t_s[known], record.estimate_ned_m[known])
-    return next((track for track in (record.truth, estimate, record.gnss) if len(track.t_s)), record.truth)
+    tracks = [track for track in (record.truth, estimate, record.gnss) if len(track.t_s)]
+    lasts_s = [float(track.t_s[-1] - track.t_s[0]) for track in tracks]
+    most_s = max(lasts_s, default=0.0)
+    return next((track for track, s in zip(tracks, lasts_s, strict=True) if s >= _ALL_BUT * most_s), record.truth)
 
 
 def _line(track: Track, css: str, east: Scale, north: Scale, *, halo: bool) -> list[str]:
@@ -144,20 +151,19 @@ def _drawn_ned_m(track: Track) -> FloatArray:
     return np.asarray(np.insert(track.p_ned_m[kept], np.flatnonzero(np.diff(breaks)) + 1, np.nan, axis=0))
 
 
-def _markers(track: Track, east: Scale, north: Scale, lost_at_s: float | None) -> list[str]:
+def _markers(track: Track, east: Scale, north: Scale, lost: Moment | None) -> list[str]:
     if not len(track.t_s):
         return []
     first, last = track.p_ned_m[0], track.p_ned_m[-1]
     parts = [circle(east(first[1]), north(first[0]), 7, "dotstart"), circle(east(last[1]), north(last[0]), 7, "dotend")]
-    if lost_at_s is None:
+    if lost is None:
         return parts
-    x, y = _pixel(track, lost_at_s, east, north)
+    at_s, says = lost
+    x, y = _pixel(track, at_s, east, north)
     if not np.isfinite([x, y]).all():
         return parts
     left = x > WIDTH * 0.6
-    words = text(
-        x + (-12 if left else 12), y - 10, f"GNSS bad from {number(round(lost_at_s))} s", "over", "end" if left else "start"
-    )
+    words = text(x + (-12 if left else 12), y - 10, f"{says} {number(round(at_s))} s", "over", "end" if left else "start")
     return [*parts, circle(x, y, 5, "dotgnss"), words]
 
 

@@ -72,7 +72,7 @@ def test_the_page_is_whole_and_stands_alone(synthetic: ModuleType, tmp_path: Pat
     assert "Not met: p95_m." in page
     assert re.search(r"The same flight without it: \d{3} m from the first at the end", page)
     assert page.count("data:image/jpeg;base64,") == 2
-    for words in ("no fix: ambiguous", "disagrees with vision", "dead reckoning", "protection level", "GNSS bad from 85 s"):
+    for words in ("no fix: ambiguous", "disagrees with vision", "dead reckoning", "protection level", "GNSS called bad at 85 s"):
         assert words in page
 
 
@@ -277,3 +277,24 @@ def test_answers_about_the_ground_below_are_none_of_frames(synthetic: ModuleType
     plain = page_of(record, tmp_path)
     assert f"{len(record.fixes)} fixes from {record.n_frames} frames." in plain
     assert "Profiles" not in plain
+
+
+def test_the_map_says_whether_gnss_was_bad_or_called_so(synthetic: ModuleType, tmp_path: Path) -> None:
+    record = synthetic.make_record()
+    assert "GNSS bad from 60 s" in page_of(record, tmp_path, gnss_faults_s=[(60.0, 200.0)])
+    assert "GNSS called bad at 85 s" in page_of(record, tmp_path)
+
+
+def test_start_and_end_are_the_flights_and_not_those_of_its_truth(synthetic: ModuleType) -> None:
+    record = synthetic.make_record(60.0)
+    of_a_part = (record.truth.t_s > 20) & (record.truth.t_s < 40)
+    short = replace(record, truth=Track(record.truth.t_s[of_a_part], record.truth.p_ned_m[of_a_part]))
+    view = View(150.0, 150.0, 800.0)
+
+    def ends(shown: FlightRecord) -> list[tuple[float, float]]:
+        found = re.findall(r'<circle cx="([\d.]+)" cy="([\d.]+)" r="7"', flight_map(shown, view, "a", None))
+        return [(float(x), float(y)) for x, y in found]
+
+    assert np.array(ends(short)) == pytest.approx(np.array(ends(record)), abs=35), (
+        "what the estimate is off, and its first seconds"
+    )
