@@ -121,7 +121,7 @@ def checks(figures: RealFigures, scenario: RealScenario, simulator: Simulator) -
 
 
 def _at_most(name: str, value: float | None, limit: float, unit: str) -> Check:
-    shown = "none known" if value is None else f"{value:.3g} {unit}".strip()
+    shown = "none known" if value is None else "never" if value == math.inf else f"{value:.3g} {unit}".strip()
     return Check(name, shown, f"≤ {limit:.3g} {unit}".strip(), value is not None and value <= limit)
 
 
@@ -163,7 +163,8 @@ def _gaps_s(log: RealLog, on_vision: Sequence[RealSample]) -> list[float]:
 
 
 def _settled_s(samples: Sequence[RealSample], jumped_s: float) -> float:
-    near = (s.t_s - jumped_s for s in samples if s.t_s >= jumped_s + 0.5 and (_error_m(s) or math.inf) < SETTLED_M)
+    after = (s for s in samples if s.t_s >= jumped_s + 0.5)
+    near = (s.t_s - jumped_s for s in after if (error_m := _error_m(s)) is not None and error_m < SETTLED_M)
     return next(near, math.inf)
 
 

@@ -5,6 +5,7 @@ The daemon's part is read from the journals that it left, one for each of its li
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -43,10 +44,12 @@ def real_result(
 ) -> dict[str, Any]:
     """What `visloc sim --autopilot` writes: the fields of every flight, beside them those of docs/autopilots.md.
 
-    `pulled_m` is 0 where no false GNSS pulled.
+    `pulled_m` is 0 where no false GNSS pulled, `settled_s` null where the autopilot never followed (the check says so).
     """
+    settled_s = figures.settled_s if figures.settled_s is None or math.isfinite(figures.settled_s) else None
     return {
         **asdict(figures),
+        "settled_s": settled_s,
         **flight_summary(record, gnss_faults_s=_faults_s(log, scenario, record)),
         "scenario": scenario.name,
         "autopilot": "px4" if simulator.is_px4 else "ardupilot",

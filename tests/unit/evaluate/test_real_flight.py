@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from visloc_companion.evaluate.real_flight import checks, real_figures
+from visloc_companion.evaluate.real_result import real_result
+from visloc_companion.evaluate.record import from_entries
 from visloc_companion.sim.real.programs import Simulator
 from visloc_companion.sim.real.record import RealLog, RealSample
 from visloc_companion.sim.real.scenarios import real_scenario
@@ -119,9 +122,12 @@ def test_errors_are_against_where_fixes_are_put_on_purpose_and_not_judged_at_onc
     assert figures.rejected_share == 0.0
     assert all(check.passed for check in checks(figures, jump, Simulator.ARDUCOPTER))
     never = replace(figures, settled_s=float("inf"))
-    assert [check.name for check in checks(never, jump, Simulator.ARDUCOPTER) if not check.passed] == [
-        "at the new place after a jump"
-    ]
+    judged = checks(never, jump, Simulator.ARDUCOPTER)
+    assert [(check.name, check.value) for check in judged if not check.passed] == [("at the new place after a jump", "never")]
+    result = real_result(log, jump, Simulator.ARDUCOPTER, never, judged, from_entries([]))
+    json.dumps(result, allow_nan=False)
+    assert (result["settled_s"], result["passed"]) == (None, False)
+    assert real_result(log, jump, Simulator.ARDUCOPTER, figures, judged, from_entries([]))["settled_s"] == figures.settled_s
 
 
 def test_positions_that_come_late_show_a_machine_that_is_too_busy() -> None:
