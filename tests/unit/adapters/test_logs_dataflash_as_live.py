@@ -36,6 +36,16 @@ def test_both_receivers_are_read_and_no_more(tmp_path: Path) -> None:
     assert [(event.receiver, round(event.place.lat_deg * 1e7)) for event in read] == [(0, 474_000_000), (1, 474_000_001)] * 3
 
 
+@pytest.mark.parametrize(("name", "kind", "n"), [(b"GPS_TYPE2", 14, 1), (b"GPS2_TYPE", 14, 1), (b"GPS2_TYPE", 1, 2)])
+def test_what_a_companion_plays_is_no_second_receiver(tmp_path: Path, name: bytes, kind: int, n: int) -> None:
+    """visloc itself may, with injection.output = "gps_input": held against it, each spoofed receiver would be found out."""
+    table = TABLE | {"PARM": (34, "QNf", "TimeUS,Name,Value")}
+    data = formats(table) + message(table, "PARM", 900_000, name, kind)
+    data += gps(1_000_000, 0, 474_000_000) + gps(1_000_000, 1, 474_000_000)
+    recording = open_log(write(tmp_path / "a.bin", data))
+    assert [e.receiver for _, e in recording.events if isinstance(e, Gnss)] == [0, 1][:n]
+
+
 def test_the_second_receiver_of_an_older_log_has_a_message_of_its_own(tmp_path: Path) -> None:
     table = {"ATT": OLD["ATT"], "GPS": OLD["GPS"], "GPS2": (40, *OLD["GPS"][1:])}
     values = (3, 3_600_000, 2200, 15, 80, 474_000_000, 85_500_000, 0, 54_000, 1000, 9000, -0.1, 1000)

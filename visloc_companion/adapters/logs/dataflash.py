@@ -60,6 +60,8 @@ _HORIZ_VEL, _HORIZ_POS_ABS, _CONST_POS_MODE, _GPS_GLITCHING = 0x2, 0x10, 0x80, 0
 """Of nav_filter_status (AP_Nav_Common.h). Beyond 0x200 they differ from EKF_STATUS_REPORT: 0x8000 is a *good* GPS here."""
 _ESTIMATORS = {1: "EKF", 2: "NKF", 3: "XKF"}
 """Of AHRS_EKF_TYPE: how the messages of EKF1, EKF2 and EKF3 begin; with any other value the vehicle flies on none of them."""
+_SECOND_GPS_TYPE, _BY_GPS_INPUT = (b"GPS2_TYPE", b"GPS_TYPE2"), 14
+"""The parameter's names since 4.6 and before, and AP_GPS's type MAV."""
 _IMU_EVERY_NS = 10 * NS_PER_MS
 _BESIDE_NS = 2 * NS_PER_S
 """What is written beside a message (accuracies, dynamic pressure) counts for those so much later."""
@@ -117,6 +119,7 @@ class _Reader:
         self._last_imu_ns: int | None = None
         self._accuracies_m: dict[int, tuple[int, float | None, float | None]] = {}
         self._dynamic: tuple[int, float] | None = None
+        self._n_receivers = 2
         self._v_ned_mps: Vec3 | None = None
         self._height: tuple[float, float] | None = None
         self._h_amsl_m: float | None = None
@@ -216,9 +219,10 @@ class _Reader:
         return self._gps(fields, 1)
 
     def _gps(self, fields: Fields, receiver: int = 0) -> Event | None:
-        """Of the first two receivers, as GPS_RAW_INT and GPS2_RAW; older logs have the second's in a message of its own."""
+        """Of the first two receivers, as GPS_RAW_INT and GPS2_RAW; older logs have the second's in a message of its own. A second
+        one that a companion plays (GPS_INPUT) is none."""
         receiver = int(fields.get("I", receiver))
-        if receiver > 1:
+        if receiver >= self._n_receivers:
             return None
         t_ns = self._at(fields, "T")
         place = _place(fields["Lat"], fields["Lng"], fields["Alt"])
@@ -318,7 +322,10 @@ class _Reader:
             self._version = words[1][1:]
 
     def _parm(self, fields: Fields) -> None:
-        if fields["Name"].split(b"\0", 1)[0] == b"AHRS_EKF_TYPE" and fields["Value"] in _ESTIMATORS:
+        name = fields["Name"].split(b"\0", 1)[0]
+        if name in _SECOND_GPS_TYPE:
+            self._n_receivers = 1 if fields["Value"] == _BY_GPS_INPUT else 2
+        if name == b"AHRS_EKF_TYPE" and fields["Value"] in _ESTIMATORS:
             self._idle = frozenset(_ESTIMATORS.values()) - {_ESTIMATORS[int(fields["Value"])]}
 
     def _cmd(self, fields: Fields) -> None:
