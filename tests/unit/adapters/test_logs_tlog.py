@@ -284,3 +284,14 @@ def test_messages_that_tell_of_no_flight_take_little_memory(tmp_path: Path) -> N
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 3 * path.stat().st_size  # with all messages kept: 33 times
+
+
+@pytest.mark.parametrize(("name", "kind", "n"), [(b"GPS_TYPE2", 14, 0), (b"GPS2_TYPE", 14, 0), (b"GPS2_TYPE", 1, 1)])
+def test_what_a_companion_plays_is_no_second_receiver(tmp_path: Path, name: bytes, kind: int, n: int) -> None:
+    """Wherever in the log the ground station asked for the parameters."""
+    mav = writer(mavlink2)
+    second = mav.gps2_raw_encode(64_000_000, 3, round(LAT * 1e7), round(LON * 1e7), 500_000, 90, 90, 1100, 0, 12, 0, 0)
+    parameter = mav.param_value_encode(name, kind, 2, 1200, 7)
+    more = [stamped(UNIX_US + 4_950_000, message, mav) for message in (second, parameter)]
+    recording = read_tlog(write(tmp_path / "a.tlog", *flight(mavlink2), *more))
+    assert sum(event.receiver == 1 for _, event in recording.events if isinstance(event, Gnss)) == n

@@ -18,9 +18,11 @@ from visloc_companion.adapters.logs.boots import chosen_boot, logs_of, put_toget
 from visloc_companion.adapters.logs.dataflash_format import BEGINNING, Fields, messages
 from visloc_companion.adapters.logs.lone_leaps import without_lone_leaps
 from visloc_companion.adapters.logs.recording import (
+    BY_GPS_INPUT,
     NS_PER_MS,
     NS_PER_S,
     NS_PER_US,
+    SECOND_GPS_TYPE,
     Losses,
     Recording,
     in_order,
@@ -60,8 +62,6 @@ _HORIZ_VEL, _HORIZ_POS_ABS, _CONST_POS_MODE, _GPS_GLITCHING = 0x2, 0x10, 0x80, 0
 """Of nav_filter_status (AP_Nav_Common.h). Beyond 0x200 they differ from EKF_STATUS_REPORT: 0x8000 is a *good* GPS here."""
 _ESTIMATORS = {1: "EKF", 2: "NKF", 3: "XKF"}
 """Of AHRS_EKF_TYPE: how the messages of EKF1, EKF2 and EKF3 begin; with any other value the vehicle flies on none of them."""
-_SECOND_GPS_TYPE, _BY_GPS_INPUT = (b"GPS2_TYPE", b"GPS_TYPE2"), 14
-"""The parameter's names since 4.6 and before, and AP_GPS's type MAV."""
 _IMU_EVERY_NS = 10 * NS_PER_MS
 _BESIDE_NS = 2 * NS_PER_S
 """What is written beside a message (accuracies, dynamic pressure) counts for those so much later."""
@@ -322,10 +322,10 @@ class _Reader:
             self._version = words[1][1:]
 
     def _parm(self, fields: Fields) -> None:
-        name = fields["Name"].split(b"\0", 1)[0]
-        if name in _SECOND_GPS_TYPE:
-            self._n_receivers = 1 if fields["Value"] == _BY_GPS_INPUT else 2
-        if name == b"AHRS_EKF_TYPE" and fields["Value"] in _ESTIMATORS:
+        name = fields["Name"].split(b"\0", 1)[0].decode("ascii", errors="replace")
+        if name in SECOND_GPS_TYPE:
+            self._n_receivers = 1 if fields["Value"] == BY_GPS_INPUT else 2
+        if name == "AHRS_EKF_TYPE" and fields["Value"] in _ESTIMATORS:
             self._idle = frozenset(_ESTIMATORS.values()) - {_ESTIMATORS[int(fields["Value"])]}
 
     def _cmd(self, fields: Fields) -> None:

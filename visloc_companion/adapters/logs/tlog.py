@@ -18,7 +18,16 @@ from pathlib import Path
 from typing import Any
 
 from visloc_companion.adapters.logs.boot_axis import BootAxis, Instant, smallest_difference_ns
-from visloc_companion.adapters.logs.recording import NS_PER_MS, NS_PER_US, Losses, Recording, in_order, read_bytes
+from visloc_companion.adapters.logs.recording import (
+    BY_GPS_INPUT,
+    NS_PER_MS,
+    NS_PER_US,
+    SECOND_GPS_TYPE,
+    Losses,
+    Recording,
+    in_order,
+    read_bytes,
+)
 from visloc_companion.adapters.mavlink.codec import decode, is_autopilot
 from visloc_companion.adapters.mavlink.codec_gimbal import is_of_gimbal
 from visloc_companion.adapters.mavlink.dialect import Message, mav
@@ -45,20 +54,23 @@ class Record:
 
 @dataclass(slots=True)
 class _Heard:
-    """Of one source: packets, heartbeats of an autopilot, its first stamp, (stamp, boot time, ms) of the first few, and the boot
-    time (ms) of each packet that states it and is not a gimbal's."""
+    """Of one source: packets, heartbeats of an autopilot, its first stamp, (stamp, boot time, ms) of the first few, the boot time
+    (ms) of each packet that states it and is not a gimbal's, and whether its second receiver is one that a companion plays."""
 
     records: int = 0
     heartbeats: int = 0
     first_us: int = 0
     stamps: list[tuple[int, int]] = field(default_factory=list)
     boots_ms: array[int] = field(default_factory=lambda: array("q"))
+    second_is_played: bool = False
 
     def add(self, record: Record) -> None:
         """Take its next packet."""
         self.first_us = self.first_us or record.wall_us
         self.records += 1
         self.heartbeats += record.message.get_type() == "HEARTBEAT" and is_autopilot(record.message)
+        if record.message.get_type() == "PARAM_VALUE" and record.message.param_id in SECOND_GPS_TYPE:
+            self.second_is_played = record.message.param_value == BY_GPS_INPUT
         boot_ms = _boot_ms(record.message)
         if boot_ms is None:
             return
@@ -106,6 +118,8 @@ def read_tlog(path: Path, system_id: int = 0) -> Recording:
         unix_ns += _unix_minus_boot_ns(record.message, instant)
         if instant.rebooted:
             _append(events, instant, link.down(instant.t_ns))
+        if sources[heard[0]].second_is_played and record.message.get_type() == "GPS2_RAW":
+            continue
         for event in decode(record.message, instant.t_ns):
             _append(events, instant, link.heard(event) if isinstance(event, LinkChanged) else _shifted(event, instant))
     if not events:
