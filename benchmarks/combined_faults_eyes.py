@@ -86,7 +86,7 @@ class FaultyEyes(KnowingEyes):
         """Where the camera is found to be, with the 1-sigma and the probability of being wrong that are claimed; None where that
         place is not searched."""
         spell = self._spell("wrong", request.frame.t_ns)
-        off, sigma_m, claim = self._erring(request, None if spell is None else spell.off_ne_m)
+        off, sigma_m, claim = self._erring(request, place, None if spell is None else spell.off_ne_m)
         (nn, _), (_, ee) = request.prior.cov_ne_m2
         height_m = max(LEAST_HEIGHT_M, place.h_amsl_m - self.home_amsl_m)
         reach_m = 3 * math.hypot(math.sqrt(max(nn, ee)), request.prior.sigma_tilt_rad * height_m)

@@ -3,7 +3,7 @@
 A fix is off by as much as it claims and by the map's own error. LASTING_SHARE of the claimed variance is that of the ground which
 neighbouring frames look at and lasts GROUND_TAU_S. The map's error wanders along the track with the 1-sigma `map_sigma_m` and a
 correlation of MAP_TAU_S. It is a wrong match as often as it claims, anywhere in the search region, and stays wrong in the same
-way with the probability `persistence`. Odometry: odometry_model.py. Where sight comes and goes, stretches without fixes and
+way over the same ground (same_ground.py). Odometry: odometry_model.py. Where sight comes and goes, stretches without fixes and
 odometry take turns with others, each of a random length.
 """
 
@@ -15,13 +15,26 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from benchmarks.odometry_model import OdometryModel, claimed
+from benchmarks.same_ground import Match, lasts_m
 from visloc_companion.core.lasting import SHARE as LASTING_SHARE
-from visloc_companion.core.separation import CORRELATION
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.sim.render_motion import STILL, Shot
-from visloc_companion.types import CameraModel, Fix, FloatArray, GeoPoint, Image, LocaliseRequest, NoFix, Odometry, Quat, Vec2
+from visloc_companion.types import (
+    CameraModel,
+    Fix,
+    FloatArray,
+    GeoPoint,
+    Image,
+    LocaliseRequest,
+    NoFix,
+    Odometry,
+    PosePrior,
+    Quat,
+    Vec2,
+    Vec3,
+)
 
 MAP_TAU_S, GROUND_TAU_S = 15.0, 5.0
 SIGMA_M = (0.3, 1.2)
@@ -37,7 +50,6 @@ class EyesModel:
     fix_share: float = 0.9
     odometry: bool = True
     wrong: bool = True
-    persistence: float = CORRELATION
     overconfident: float = 1.0
     """Claimed sigma over true sigma is one over this."""
     seeing_s: float = math.inf
@@ -60,7 +72,8 @@ class KnowingEyes:
     _odometry: OdometryModel = field(init=False)
     _origin: GeoPoint | None = None
     _places: dict[int, tuple[GeoPoint, Quat]] = field(default_factory=dict)
-    _wrong_by_m: FloatArray | None = None
+    _match: Match = field(init=False)
+    _looked_ned_m: Vec3 = (0.0, 0.0, 0.0)
     _last_ns: int | None = None
     _sights: np.random.Generator = field(init=False)
     _sees: bool = True
@@ -71,6 +84,7 @@ class KnowingEyes:
         self._map_m = self.map_sigma_m * self._rng.standard_normal(2)
         self._ground = self._rng.standard_normal(2)
         self._odometry = OdometryModel.drawn(self._rng)
+        self._match = Match(self.method)
 
     def render(self, place: GeoPoint, q_ned_frd: Quat, frame_id: int, shot: Shot = STILL) -> Image:
         """Remembers from where the frame is."""
@@ -89,20 +103,22 @@ class KnowingEyes:
         motion = self._motion(frame.t_ns, place)
         if self._rng.random() > self.model_.fix_share:
             return NoFix(*about, Reason.NO_MATCH, 60.0, motion=motion)
-        off, sigma, claim = self._erring(request)
+        off, sigma, claim = self._erring(request, place)
         seen = wgs84.geo_from_ned((float(off[0]), float(off[1]), float(HEIGHT_SIGMA_M * self._rng.standard_normal())), place)
         var = (sigma / self.model_.overconfident) ** 2
         cov = ((var, 0.0), (0.0, var))
         return Fix(*about, seen, q_ned_frd, cov, HEIGHT_SIGMA_M, 0.02, claim, 60.0, motion=motion)
 
-    def _erring(self, request: LocaliseRequest, wrong_by_m: Vec2 | None = None) -> tuple[FloatArray, float, float]:
+    def _erring(
+        self, request: LocaliseRequest, place: GeoPoint, wrong_by_m: Vec2 | None = None
+    ) -> tuple[FloatArray, float, float]:
         """By how much (2,) a fix is off, the 1-sigma that is meant by that, and the probability of being wrong that it claims;
         `wrong_by_m`: of one that is wrong for certain."""
         claim = claimed(self._rng)
-        self._err(claim, request)
+        mistaken_m = self._mistaken(claim, request, place)
         sigma = float(self._rng.uniform(*SIGMA_M))
         matched = math.sqrt(LASTING_SHARE) * self._ground + math.sqrt(1 - LASTING_SHARE) * self._rng.standard_normal(2)
-        off = self._map_m + sigma * matched + (0.0 if self._wrong_by_m is None else self._wrong_by_m)
+        off = self._map_m + sigma * matched + (0.0 if mistaken_m is None else mistaken_m)
         return (off if wrong_by_m is None else self._map_m + sigma * matched + np.array(wrong_by_m)), sigma, claim
 
     def _sighted(self, t_ns: int) -> bool:
@@ -121,16 +137,20 @@ class KnowingEyes:
         self._map_m = _gone_on(self._map_m, self.map_sigma_m, math.exp(-dt_s / MAP_TAU_S), self._rng)
         self._ground = _gone_on(self._ground, 1.0, math.exp(-dt_s / GROUND_TAU_S), self._rng)
 
-    def _err(self, claim: float, request: LocaliseRequest) -> None:
+    def _mistaken(self, claim: float, request: LocaliseRequest, place: GeoPoint) -> FloatArray | None:
         if not self.model_.wrong:
-            return
-        if self._wrong_by_m is not None and self._rng.random() < self.model_.persistence:
-            return
-        self._wrong_by_m = None
-        if self._rng.random() < claim:
-            (nn, _), (_, ee) = request.prior.cov_ne_m2
-            angle, distance = self._rng.uniform(0, 2 * math.pi), 3 * math.sqrt(max(nn, ee) * self._rng.random())
-            self._wrong_by_m = distance * np.array([math.cos(angle), math.sin(angle)])
+            return None
+        self._origin = self._origin or place
+        before, now = self._looked_ned_m, wgs84.ned_from_geo(place, self._origin)
+        self._looked_ned_m = now
+        return self._match.look(
+            math.dist(before[:2], now[:2]), lasts_m(-now[2]), claim, self._rng, lambda: self._anywhere(request.prior)
+        )
+
+    def _anywhere(self, prior: PosePrior) -> FloatArray:
+        (nn, _), (_, ee) = prior.cov_ne_m2
+        angle, distance = self._rng.uniform(0, 2 * math.pi), 3 * math.sqrt(max(nn, ee) * self._rng.random())
+        return distance * np.array([math.cos(angle), math.sin(angle)])
 
     def _motion(self, t_ns: int, place: GeoPoint) -> Odometry | None:
         """The way since the keyframe."""

@@ -1,9 +1,10 @@
-"""Does the protection level hold? `python -m benchmarks.integrity [--flights N] [--seed N] [--votes image structure] ...`.
+"""Does the protection level hold? `python -m benchmarks.integrity [--flights N] [--seconds S] [--seed N] ...`.
 
 Flights of the filter alone, without pictures: truth, accelerations with the error that the daemon learns them to have (or the
 autopilot's velocity: its slow error, and what it learns of our own injections), and fixes with the covariance and the probability
-of being wrong that they claim. They are wrong as often as they claim, and then stay wrong in the same way with the probability
-`--persistence`. A wrong fix lies anywhere in the search region.
+of being wrong that they claim. They are wrong as often as they claim; of what is wrong half has come to an end after each way of
+`--lasts` metres (of shapes no more than half from one answer to the next), so a vehicle that stays has the same answer again. A
+wrong fix lies anywhere in the search region.
 
 Prints for each kind of flight: epochs (every fix and every second), fixes, wrong ones and those of them that the filter took,
 misleading epochs (error beyond the protection level), hazardously misleading ones (error beyond the alert limit, the level not),
@@ -24,7 +25,7 @@ import numpy as np
 
 from benchmarks.integrity_kinds import ODOMETRY, VOTES, Flight, Tally, Vote
 from benchmarks.odometry_model import OdometryModel, claimed
-from visloc_companion.core import separation
+from benchmarks.same_ground import Match, lasts_m
 from visloc_companion.core.belief import seeded
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
@@ -49,11 +50,12 @@ FRAME_STEPS = 2
 
 @dataclass(slots=True)
 class Source:
-    """A vote's state within a flight: whether it is silent, and the offset (2,) that it is wrong by, or None."""
+    """A vote's state within a flight: whether it is silent, what it makes of the ground, and when it looked last."""
 
     vote: Vote
+    match: Match
     silent_until_s: float = -1.0
-    wrong_by_m: FloatArray | None = None
+    looked_s: float = 0.0
 
 
 def flown(flight: Flight, seed: int, settings: NavigatorSettings | None = None, *, blind: bool = False) -> Tally:
@@ -66,7 +68,7 @@ def flown(flight: Flight, seed: int, settings: NavigatorSettings | None = None, 
     drive = Drive.INERTIAL if flight.inertial else Drive.FED_BACK
     map_error = settings.map_sigma_m * rng.standard_normal(2)
     autopilot_p, autopilot_dv = map_error.copy(), np.zeros(2)
-    sources = [Source(VOTES[name]) for name in flight.votes if name in VOTES]
+    sources = [Source(VOTES[name], Match(VOTES[name].method)) for name in flight.votes if name in VOTES]
     drawn, aiding = OdometryModel.drawn(rng), OdometryAiding()
     eyes = drawn if ODOMETRY in flight.votes else None
     position_filter = _started(settings, truth + map_error, rng)
@@ -142,11 +144,12 @@ def _observe(
         source.silent_until_s = t_s + 10.0
         return False
     claim = claimed(rng)
-    _err(source, claim, position_filter, t_s, flight, rng)
+    way_m, source.looked_s = flight.speed_mps * (t_s - source.looked_s), t_s
+    wrong_by_m = source.match.look(way_m, flight.lasts_m, claim, rng, lambda: _anywhere(position_filter, t_s, rng))
     sigma = float(rng.uniform(*vote.sigma_m))
-    at = seen + sigma * rng.standard_normal(2) + (0.0 if source.wrong_by_m is None else source.wrong_by_m)
+    at = seen + sigma * rng.standard_normal(2) + (0.0 if wrong_by_m is None else wrong_by_m)
     outcome = position_filter.observe(_fix(t_s, at, sigma, claim, vote.method, tally.n_fixes))
-    wrong, taken = source.wrong_by_m is not None, isinstance(outcome, Accepted)
+    wrong, taken = wrong_by_m is not None, isinstance(outcome, Accepted)
     tally.n_fixes += 1
     tally.n_wrong += wrong
     tally.n_wrong_taken += wrong and taken
@@ -154,18 +157,12 @@ def _observe(
     return True
 
 
-def _err(
-    source: Source, claim: float, position_filter: PositionFilter, t_s: float, flight: Flight, rng: np.random.Generator
-) -> None:
-    """Whether the vote's next answer is wrong: as it was with the flight's persistence, else as often as it claims."""
-    if source.wrong_by_m is not None and rng.random() < flight.persistence:
-        return
-    source.wrong_by_m = None
-    if rng.random() < claim:
-        state = position_filter.at(_ns(t_s))
-        reach = 3 * math.hypot(largest_sigma_m(state.cov_ne_m2), HEIGHT_M * TILT_RAD)
-        angle, distance = rng.uniform(0, 2 * math.pi), reach * math.sqrt(rng.random())
-        source.wrong_by_m = distance * np.array([math.cos(angle), math.sin(angle)])
+def _anywhere(position_filter: PositionFilter, t_s: float, rng: np.random.Generator) -> FloatArray:
+    """(2,) from the middle of the search region to anywhere in it."""
+    state = position_filter.at(_ns(t_s))
+    reach = 3 * math.hypot(largest_sigma_m(state.cov_ne_m2), HEIGHT_M * TILT_RAD)
+    angle, distance = rng.uniform(0, 2 * math.pi), reach * math.sqrt(rng.random())
+    return distance * np.array([math.cos(angle), math.sin(angle)])
 
 
 def _fix(t_s: float, ne_m: FloatArray, sigma_m: float, claim: float, method: str, number: int) -> Fix:
@@ -183,7 +180,7 @@ def kinds(args: argparse.Namespace) -> Iterator[tuple[str, Flight, NavigatorSett
     """The kinds of flight, by name."""
     for speed in args.speeds:
         for votes in args.votes:
-            flight = Flight(speed, tuple(votes.split("+")), args.persistence, args.velocity_sigma, inertial=not args.fed_back)
+            flight = Flight(speed, tuple(votes.split("+")), args.lasts, args.velocity_sigma, args.seconds, not args.fed_back)
             settings = replace(NavigatorSettings(), velocity_sigma_aiding_mps=args.velocity_sigma)
             yield f"{votes}, {speed:.0f} m/s", flight, settings
 
@@ -192,12 +189,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Fly, count, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--flights", type=int, default=40, help="of each kind")
+    parser.add_argument("--seconds", type=float, default=300.0)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--speeds", type=float, nargs="*", default=[10.0, 25.0])
     parser.add_argument(
         "--votes", nargs="*", default=["image", "image+odometry", "image+structure+odometry", "image+structure+terrain+odometry"]
     )
-    parser.add_argument("--persistence", type=float, default=separation.CORRELATION)
+    parser.add_argument("--lasts", type=float, default=lasts_m(HEIGHT_M), help="metres")
     parser.add_argument("--velocity-sigma", type=float, default=NavigatorSettings().velocity_sigma_aiding_mps)
     parser.add_argument("--alert-limit", type=float, default=25.0)
     parser.add_argument("--fed-back", action="store_true", help="ride on the autopilot's velocity, not on accelerations")

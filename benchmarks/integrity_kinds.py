@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from visloc_companion.core import separation
+from benchmarks.same_ground import lasts_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,8 @@ VOTES = {
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """What is flown: `speed_mps`, the votes, persistence of what is wrong, and the 1-sigma error of the velocity (m/s).
+    """What is flown: `speed_mps`, the votes, the way after which half of what is wrong has ended (m), and the velocity's 1-sigma
+    error (m/s).
 
     `inertial`: accelerations drive the filter, with the slow error that the daemon learns them to have; else the
     autopilot's velocity does, which rests on what we inject.
@@ -38,7 +39,7 @@ class Flight:
 
     speed_mps: float = 10.0
     votes: tuple[str, ...] = ("image",)
-    persistence: float = separation.CORRELATION
+    lasts_m: float = lasts_m(100.0)
     velocity_sigma_mps: float = 0.8
     duration_s: float = 300.0
     inertial: bool = True

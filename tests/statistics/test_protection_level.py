@@ -37,5 +37,5 @@ def test_on_accelerations_and_with_odometry_it_is_small() -> None:
 
 
 def test_a_level_that_believes_every_match_fails_the_same_check() -> None:
-    lasting = replace(FLIGHT, persistence=0.9)
+    lasting = replace(FLIGHT, lasts_m=100.0)
     assert flights(lasting, blind=True).figures(alert_limit_m=25.0)["misleading"] > 5

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visloc_companion.core import relocalise, separation
+from visloc_companion.core import alike, relocalise, separation
 from visloc_companion.core.claims import Claim
 from visloc_companion.core.lasting import LEAST_APART_M
 from visloc_companion.core.lean import UPRIGHT
@@ -23,6 +23,7 @@ from visloc_companion.core.propagation import (
     initial_covariance,
 )
 from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.core.votes import Votes
 from visloc_companion.types import Cov2, FloatArray, Vec2
 
 FIX_WEIGHT = 0.2
@@ -57,7 +58,7 @@ class Belief(NamedTuple):
     """The filter at `t_ns`: mean x (15,), covariance P (15, 15), and its memory.
 
     `travel_ne_m`: the integral of the driving velocity; `moved_ne_m`: how far the propagation carried the position (for an
-    inertial velocity without the error that it knows of). `votes`: each method with the time of its last fix; `without`: the
+    inertial velocity without the error that it knows of). `votes`: what each method said last (votes.py); `without`: the
     solutions that leave fixes out (separation.py); `lean`: to which side fixes have come out lately (lean.py);
     `apart_m`: the way after which fixes look at other ground; `fix_per_m2`: the mean inverse of the variance per axis that
     recent fixes claimed, `fix_every_s` that of the intervals between them (0 before the second fix); `former`: what drove it
@@ -65,7 +66,8 @@ class Belief(NamedTuple):
     `claims`: by how much the fixes of each method err more than they claim (claims.py); `fed_back_over`: by what factor the
     variance of a velocity that rests on our fixes is larger than the model says (fed_back.py); `lens_share`: 1-sigma of the focal
     length, a share, beside what is believed of every lens; `contradicting`: fixes that were rejected since the filter agreed with
-    one of their method (contradiction.py). A tuple, since some fifty are made for a second of flight; two are never compared.
+    one of their method (contradiction.py); `alike`: by what the filter may be off if fixes are wrong alike (alike.py). A tuple,
+    since some fifty are made for a second of flight; two are never compared.
     """
 
     t_ns: int
@@ -79,7 +81,7 @@ class Belief(NamedTuple):
     started_ns: int
     last_fix_ns: int | None = None
     rejected: tuple[relocalise.Candidate, ...] = ()
-    votes: separation.Votes = ()
+    votes: Votes = ()
     without: separation.Solutions = separation.NONE
     lean: Vec2 = UPRIGHT
     apart_m: float = LEAST_APART_M
@@ -91,6 +93,7 @@ class Belief(NamedTuple):
     fed_back_over: float = 1.0
     lens_share: float = 0.0
     contradicting: tuple[relocalise.Candidate, ...] = ()
+    alike: alike.Alike = alike.NONE
 
     @property
     def rested_ns(self) -> int:

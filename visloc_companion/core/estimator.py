@@ -14,7 +14,7 @@ from typing import cast
 
 import numpy as np
 
-from visloc_companion.core import air_velocity, contradiction, fusion, integrity, lasting, refused, separation
+from visloc_companion.core import air_velocity, contradiction, fusion, integrity, lasting, refused, separation, votes
 from visloc_companion.core.air_velocity import AirError
 from visloc_companion.core.belief import Belief, Position, blurred, lens_doubted, lens_known, widened_by
 from visloc_companion.core.driving import Around, Velocity, height_at, velocity_at
@@ -130,7 +130,7 @@ class PositionFilter:
         """Horizontal protection level at a time (core/integrity.py)."""
         _, belief = self._belief_at(t_ns, alone=False)
         others = contradiction.beside(belief, self._settings)
-        level_m = integrity.protection_level_m(belief.x, belief.P, others, self._settings)
+        level_m = integrity.protection_level_m(belief.x, belief.P, others, belief.alike, self._settings)
         return integrity.aged(level_m, (t_ns - belief.rested_ns) * 1e-9)
 
     def reckoned(self, t_ns: int) -> Reckoned:
@@ -366,4 +366,5 @@ def _shifted(belief: Belief, shift: Vec2) -> Belief:
     without = separation.shifted(belief.without, np.array(shift))
     x = belief.x.copy()
     x[POSITION] += shift
-    return belief._replace(x=x, rejected=rejected, contradicting=contradicting, without=without)
+    voted = votes.moved(belief.votes, shift)
+    return belief._replace(x=x, rejected=rejected, contradicting=contradicting, votes=voted, without=without)

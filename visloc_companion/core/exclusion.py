@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from visloc_companion.core import alike
 from visloc_companion.core.belief import Belief
 from visloc_companion.core.lean import UPRIGHT
 from visloc_companion.core.separation import CLAIM_FLOOR, ONE, Solutions, beside, chosen
@@ -44,9 +45,9 @@ def excluding(belief: Belief, z: FloatArray, R: FloatArray, H: FloatArray) -> Be
         return None
     until_now = max(CLAIM_FLOOR, otherwise / float(likelihood[best]))
     without = _beside(among, best, (belief.x, belief.P, belief.rested_ns), until_now)
-    return belief._replace(
-        x=among.x[best], P=among.P[best], last_fix_ns=int(among.rested_ns[best]), without=without, lean=UPRIGHT
-    )
+    rested_ns = int(among.rested_ns[best])
+    same = alike.until(belief.alike, rested_ns)
+    return belief._replace(x=among.x[best], P=among.P[best], last_fix_ns=rested_ns, without=without, lean=UPRIGHT, alike=same)
 
 
 def _seen(z: FloatArray, R: FloatArray, H: FloatArray, x: FloatArray, P: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -17,7 +17,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from visloc_companion.core import claims, contradiction, fed_back, kalman, lasting, lean, refused, relocalise, separation
+from visloc_companion.core import (
+    alike,
+    claims,
+    contradiction,
+    fed_back,
+    kalman,
+    lasting,
+    lean,
+    refused,
+    relocalise,
+    separation,
+    votes,
+)
 from visloc_companion.core.belief import Belief, Position, driven_by, renewed, widened, widened_by
 from visloc_companion.core.propagation import (
     ACCELERATION,
@@ -130,6 +142,7 @@ def propagated(
         belief.fed_back_over,
         belief.lens_share,
         belief.contradicting,
+        belief.alike,
     )
 
 
@@ -200,7 +213,8 @@ def observed(
             less = kalman.update(belief.x, belief.P, at, R, H, n_considered=considered)
             got = replace(less, nis=got.nis) if isinstance(less, kalman.Updated) else less
     if isinstance(got, kalman.Updated):
-        after = _tilted(belief._replace(x=got.x, P=got.P, without=_others(belief, z, R, H, considered)), belief, max_step_m)
+        without, same = _others(belief, z, R, H, considered), _alike(belief, z, cov, got.x)
+        after = _tilted(belief._replace(x=got.x, P=got.P, without=without, alike=same), belief, max_step_m)
         after = _suspected(after, belief, z, got.nis / 2, seen_m2 + R)
         if not z.from_fix:
             return after, Accepted(got.nis)
@@ -259,12 +273,21 @@ def _others(belief: Belief, z: Position, R: FloatArray, H: FloatArray, n_conside
     return refused.founded(belief, z, among) if z.from_fix else among
 
 
+def _alike(belief: Belief, z: Position, cov_m2: FloatArray, after_x: FloatArray) -> alike.Alike:
+    """The offsets that the filter may have from fixes that are wrong alike, after a position that it took."""
+    if z.from_fix:
+        return refused.offset(belief, z, after_x, belief.alike)
+    off_m = np.array(z.p_ne_m) - belief.x[POSITION]
+    return alike.after_other(belief.alike, off_m, belief.P[POSITION, POSITION] + cov_m2)
+
+
 def _agreed(belief: Belief, z: Position) -> Belief:
     return belief._replace(contradicting=contradiction.agreed(belief.contradicting, z.method))
 
 
 def _fixed(belief: Belief, z: Position) -> Belief:
-    votes = separation.voted(belief.votes, z.method, z.t_ns)
+    north, east = belief.x[POSITION].tolist()
+    voted = votes.voted(belief.votes, z.method, z.t_ns, (north, east), z.apart_m)
     without = separation.apart(belief.without, belief.x, belief.P)
     after = belief.after_fix(z.t_ns, (z.cov_ne_m2[0][0] + z.cov_ne_m2[1][1]) / 2)
-    return after._replace(rejected=(), votes=votes, without=without, apart_m=z.apart_m)
+    return after._replace(rejected=(), votes=voted, without=without, apart_m=z.apart_m)

@@ -23,7 +23,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from visloc_companion.core import integrity, kalman, separation
+from visloc_companion.core import integrity, kalman, separation, votes
 from visloc_companion.core.lasting import BY_SHAPE
 from visloc_companion.core.separation import Solutions
 from visloc_companion.core.settings import NavigatorSettings
@@ -76,7 +76,7 @@ class HeightBelief:
     x: FloatArray
     P: FloatArray
     rested_ns: int
-    votes: separation.Votes = ()
+    votes: votes.Votes = ()
     without: Solutions = NOTHING
     refused: HeightFix | None = None
     told: float = 0.0
@@ -115,10 +115,10 @@ def observed(belief: HeightBelief, z: HeightFix, settings: NavigatorSettings) ->
     got = kalman.update(belief.x, belief.P, offset, R, H)
     if isinstance(got, Rejected):
         return belief
-    votes = separation.voted(belief.votes, z.method, z.t_ns)
+    voted = votes.voted(belief.votes, z.method, z.t_ns)
     others = tuple(each for each in belief.contradicting if each.method != z.method)
     without = separation.apart(_others(belief, z, offset, R, H), got.x, got.P, H)
-    return HeightBelief(z.t_ns, got.x, got.P, z.t_ns, votes, without, told=told, contradicting=others)
+    return HeightBelief(z.t_ns, got.x, got.P, z.t_ns, voted, without, told=told, contradicting=others)
 
 
 def _contradicting(belief: HeightBelief, z: HeightFix) -> tuple[HeightFix, ...]:
@@ -128,7 +128,7 @@ def _contradicting(belief: HeightBelief, z: HeightFix) -> tuple[HeightFix, ...]:
 
 def _repeated(belief: HeightBelief, t_ns: int) -> list[HeightFix]:
     """What a method has said twice lately and the filter, which takes the fixes of another, has refused both times."""
-    lately = [each for each in belief.contradicting if t_ns - each.t_ns <= separation.RECENT_NS]
+    lately = [each for each in belief.contradicting if t_ns - each.t_ns <= votes.RECENT_NS]
     return [b for a, b in pairwise(lately) if a.method == b.method and _agree(a, b)]
 
 
@@ -152,7 +152,7 @@ def _others(belief: HeightBelief, z: HeightFix, offset: FloatArray, R: FloatArra
     among = belief.without
     take = ~separation.leaving_out(among, z.method)
     among = separation.updated(among, offset, R, H, take=take, n_considered=0, t_ns=z.t_ns)
-    recent = separation.recent(belief.votes, z.t_ns)
+    recent = votes.recent(belief.votes, z.t_ns)
     return separation.without_fix(among, z.method, z.probability_wrong, (belief.x, belief.P, belief.rested_ns), recent)
 
 

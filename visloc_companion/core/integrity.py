@@ -4,8 +4,9 @@ A level is the smallest radius r for which the probability that the error exceed
 
     sum over k of  p_k Q((r - d_k) / s_k)  =  risk,     Q(a) = 1 for a <= 0
 
-k = 0 is the filter itself (p_0 = 1), the others are the solutions that leave fixes out (separation.py) with their probability;
-d_k is how far a solution is from what is stated, s_k its 1-sigma, which includes what no solution can do without (the map).
+k = 0 is the filter itself (p_0 = 1), the others are the solutions that leave fixes out (separation.py) and the places where the
+vehicle is if fixes are wrong by the same offset (alike.py), with their probability; d_k is how far such a place is from what is
+stated, s_k its 1-sigma, which includes what no solution can do without (the map).
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from visloc_companion.core.alike import Alike
+from visloc_companion.core.lasting import SHARE
 from visloc_companion.core.separation import Solutions
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Cov2, FloatArray
@@ -90,14 +93,13 @@ def bound_m(
     return high
 
 
-def protection_level_m(x: FloatArray, P: FloatArray, without: Solutions, settings: NavigatorSettings) -> float:
+def protection_level_m(x: FloatArray, P: FloatArray, without: Solutions, alike: Alike, settings: NavigatorSettings) -> float:
     """Bound of the horizontal error of the filter's position; x (n,), P (n, n) begin with north and east."""
-    covs_m2 = np.empty((1 + len(without), 2, 2))
-    covs_m2[0], covs_m2[1:] = P[:2, :2], without.P[:, :2, :2]
+    covs_m2 = np.concatenate([P[None, :2, :2], without.P[:, :2, :2], (1 - SHARE) * P[:2, :2] + alike.cov_m2])
     nn, ne, ee = covs_m2[:, 0, 0], covs_m2[:, 0, 1], covs_m2[:, 1, 1]
     sigma = np.sqrt((nn + ee) / 2 + np.hypot((nn - ee) / 2, ne) + settings.map_sigma_m**2)
-    apart, probability = np.zeros(len(sigma)), np.ones(len(sigma))
-    apart[1:], probability[1:] = np.hypot(*(without.x[:, :2] - x[:2]).T), without.probability
+    apart = np.concatenate([(0.0,), np.hypot(*(without.x[:, :2] - x[:2]).T), np.hypot(*alike.off_m.T)])
+    probability = np.concatenate([(1.0,), without.probability, alike.probability])
     return bound_m(apart, sigma, probability, settings.integrity_risk, rayleigh)
 
 

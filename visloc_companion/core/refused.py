@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from visloc_companion.core import lasting, relocalise, separation
+from visloc_companion.core import alike, lasting, relocalise, separation, votes
 from visloc_companion.core.belief import Belief, Position, widened
 from visloc_companion.core.propagation import (
     FIX_LENS,
@@ -19,6 +19,7 @@ from visloc_companion.core.propagation import (
     initial_covariance,
 )
 from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.types import FloatArray
 
 DRAGGED = 0.01
 """Probability that a GNSS which alone was followed, and is trusted no more, had been dragged before: an assumption."""
@@ -39,8 +40,18 @@ def dragged(belief: Belief, sigma_m: float) -> Belief:
 
 def founded(belief: Belief, z: Position, among: separation.Solutions) -> separation.Solutions:
     """The solutions that leave fixes out, after a fix that the filter took founded new ones."""
-    recent = separation.recent(belief.votes, z.t_ns)
+    recent = votes.recent(belief.votes, z.t_ns)
     return separation.without_fix(among, z.method, z.probability_wrong, (belief.x, belief.P, belief.rested_ns), recent)
+
+
+def offset(belief: Belief, z: Position, after_x: FloatArray, among: alike.Alike) -> alike.Alike:
+    """The offsets that the filter may have from fixes that are wrong alike, after a fix that moved it to `after_x` (15,)."""
+    north, east = belief.x[POSITION].tolist()
+    again = votes.errs_again(belief.votes, z.method, (north, east), z.apart_m)
+    off_m, moved_m = np.array(z.p_ne_m) - belief.x[POSITION], (after_x - belief.x)[POSITION]
+    P = belief.P[POSITION, POSITION]
+    fix = alike.Taken(z.t_ns, z.method, z.probability_wrong, again, off_m, P + np.array(z.cov_ne_m2), moved_m, P)
+    return alike.after_fix(among, fix)
 
 
 def remembering(belief: Belief, z: Position) -> Belief:
@@ -84,4 +95,12 @@ def restarted(belief: Belief, z: Position, found: relocalise.Restart, settings: 
     P[POSITION, LASTING] = P[LASTING, POSITION] = -lasting.root_m(cov)
     P[POSITION, FIX_LENS] = P[FIX_LENS, POSITION] = -P[FIX_LENS, FIX_LENS] * by_lens_m
     without = founded(belief, z, belief.without)
-    return belief._replace(x=x, P=P, started_ns=z.t_ns, without=without)
+    north, east = (x - belief.x)[POSITION].tolist()
+    return belief._replace(
+        x=x,
+        P=P,
+        started_ns=z.t_ns,
+        votes=votes.moved(belief.votes, (north, east)),
+        without=without,
+        alike=offset(belief, z, x, alike.NONE),
+    )

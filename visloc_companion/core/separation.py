@@ -9,8 +9,8 @@ takes founds up to three solutions that do without it:
 * one takes all later fixes (`ONE`): that single fix was wrong.
 
 The first fix of a method is wrong with the probability that it claims, but no claim is believed below CLAIM_FLOOR. A later one
-of the same method is wrong in the same way with a probability of at least CORRELATION, because it looks at the same ground;
-another method fails for other reasons. integrity.py makes the protection level of it.
+of the same method is wrong, too, with a probability of at least CORRELATION; another method fails for other reasons. What is
+wrong by the same offset as long as the same ground is in view: alike.py. integrity.py makes the protection level of both.
 """
 
 from __future__ import annotations
@@ -30,26 +30,11 @@ ONE: Final = ""
 CLAIM_FLOOR = 1e-3
 """1 of 974 accepted fixes of unseen ground was a wrong match (0 of 3,115 later): claims below that are not proven."""
 CORRELATION = 0.5
-"""Probability that the next fix of a method errs with the last one: an assumption, stated in docs/safety.md."""
+"""Probability that the next fix of a method errs, too, in whatever way: an assumption, stated in docs/safety.md."""
 NEGLIGIBLE = 1e-8
 MAX_SOLUTIONS = 40
 MERGED_SIGMA, MERGED_VARIANCE = 0.1, 1.1
 """A `ONE` that is nearer to the filter than this share of its sigma, with hardly more variance, says what the filter says."""
-
-RECENT_NS = 30_000_000_000
-"""Methods whose fixes are no older than this are votes beside each other."""
-Votes = tuple[tuple[str, int], ...]
-"""Each method with the time of its last fix."""
-
-
-def voted(votes: Votes, method: str, t_ns: int) -> Votes:
-    """With a fix of a method."""
-    return (*((other, at_ns) for other, at_ns in votes if other != method), (method, t_ns))
-
-
-def recent(votes: Votes, t_ns: int) -> frozenset[str]:
-    """The methods that have given a fix lately."""
-    return frozenset(method for method, at_ns in votes if t_ns - at_ns <= RECENT_NS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

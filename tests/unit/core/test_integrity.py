@@ -8,6 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from visloc_companion.core import alike
 from visloc_companion.core.integrity import (
     HEIGHT_SHARE,
     aged,
@@ -56,21 +57,21 @@ def test_the_floor_lifts_the_eigenvalues_and_keeps_their_axes(nn: float, ee: flo
 
 
 def test_where_all_fixes_are_right_it_is_the_radius_of_a_gaussian() -> None:
-    level = protection_level_m(ORIGIN, P, NONE, SETTINGS)
+    level = protection_level_m(ORIGIN, P, NONE, alike.NONE, SETTINGS)
     assert math.exp(-(level**2) / 2) == pytest.approx(1e-5, rel=0.05)
-    assert protection_level_m(ORIGIN, P, NONE, replace(SETTINGS, integrity_risk=1e-3)) < level
+    assert protection_level_m(ORIGIN, P, NONE, alike.NONE, replace(SETTINGS, integrity_risk=1e-3)) < level
 
 
 def test_the_registration_of_the_map_is_part_of_it() -> None:
-    wider = protection_level_m(ORIGIN, P, NONE, replace(SETTINGS, map_sigma_m=1.0))
-    assert wider == pytest.approx(math.sqrt(2) * protection_level_m(ORIGIN, P, NONE, SETTINGS), rel=2e-3)
+    wider = protection_level_m(ORIGIN, P, NONE, alike.NONE, replace(SETTINGS, map_sigma_m=1.0))
+    assert wider == pytest.approx(math.sqrt(2) * protection_level_m(ORIGIN, P, NONE, alike.NONE, SETTINGS), rel=2e-3)
 
 
 def test_a_likely_wrong_match_holds_what_would_be_without_it() -> None:
-    alone = protection_level_m(ORIGIN, P, NONE, SETTINGS)
-    level = protection_level_m(ORIGIN, P, away(8.0, 1.0, 0.01), SETTINGS)
+    alone = protection_level_m(ORIGIN, P, NONE, alike.NONE, SETTINGS)
+    level = protection_level_m(ORIGIN, P, away(8.0, 1.0, 0.01), alike.NONE, SETTINGS)
     assert level > 8.0 + math.sqrt(2 * math.log(0.01 / 1e-5)) * 0.99
-    assert protection_level_m(ORIGIN, P, away(8.0, 1.0, 1e-7), SETTINGS) == pytest.approx(alone, rel=0.01)
+    assert protection_level_m(ORIGIN, P, away(8.0, 1.0, 1e-7), alike.NONE, SETTINGS) == pytest.approx(alone, rel=0.01)
 
 
 @example([], 0.0078125)
@@ -93,7 +94,7 @@ def test_the_risk_beyond_it_is_what_was_allowed(others: list[tuple[float, float,
         if many
         else NONE
     )
-    level = protection_level_m(ORIGIN, P, without, settings)
+    level = protection_level_m(ORIGIN, P, without, alike.NONE, settings)
 
     def beyond(radius_m: float) -> float:
         tails = [(1.0, 0.0, 1.0), *((p, d, s) for d, s, p in others)]

@@ -112,7 +112,9 @@ def test_what_is_sent_beyond_the_limit(world: type[World], policy: BeyondLimit) 
 def test_a_barometer_that_is_off_shows_in_the_vertical_level(world: type[World], monkeypatch: pytest.MonkeyPatch) -> None:
     """Fixes put the camera 15 m above the autopilot's height: that much is in the level, and the operator is told when low."""
     w = world(
-        settings=CoreSettings(navigator=replace(NavigatorSettings(), low_height_m=150.0, vertical_alert_limit_low_m=18.0)),
+        settings=CoreSettings(
+            navigator=replace(NavigatorSettings(), low_height_m=150.0, alert_limit_low_m=25.0, vertical_alert_limit_low_m=18.0)
+        ),
         jammed=lambda t: t > 20,
     )
     ask = w._localise

@@ -1,0 +1,125 @@
+"""Fixes that are wrong by the same offset over the same ground: the level holds until the vehicle has gone on."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from visloc_companion.core import alike
+from visloc_companion.core.alike import SETTLES, Alike, Taken
+from visloc_companion.core.belief import seeded
+from visloc_companion.core.driving import Velocity
+from visloc_companion.core.estimator import PositionFilter
+from visloc_companion.core.propagation import Drive
+from visloc_companion.core.separation import CLAIM_FLOOR
+from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.geo import wgs84
+from visloc_companion.types import Accepted, Fix, GeoPoint
+
+S = 1_000_000_000
+ORIGIN = GeoPoint(47.4, 8.5, 400.0)
+SETTINGS = NavigatorSettings()
+HEIGHT_M, SIGMA_M, CLAIM = 60.0, 1.0, 0.004
+START_SIGMA_M, WRONG_BY_M = 15.0, 25.0
+
+
+def taken(north_m: float, p: float = 0.01, again: float = 1.0, method: str = "deep", sigma_m: float = 3.0, t_s: int = 0) -> Taken:
+    P = sigma_m**2 * np.eye(2)
+    off_m = np.array([north_m, 0.0])
+    return Taken(t_s * S, method, p, again, off_m, P + np.eye(2), P @ np.linalg.inv(P + np.eye(2)) @ off_m, P)
+
+
+def after(*fixes: Taken) -> Alike:
+    found = alike.NONE
+    for fix in fixes:
+        found = alike.after_fix(found, fix)
+    return found
+
+
+def test_a_fix_founds_what_it_moved_the_filter_by_known_as_the_filter_was() -> None:
+    found = after(taken(5.0))
+    assert found.off_m[0].tolist() == pytest.approx([4.5, 0.0])
+    assert found.cov_m2[0] == pytest.approx(9.0 * np.eye(2))
+    assert found.probability.tolist() == [0.01]
+    assert after(taken(5.0, p=1e-7)).probability.tolist() == [CLAIM_FLOOR]
+
+
+def test_over_the_same_ground_it_stays_as_probable_and_follows_the_filter_until_that_has_settled() -> None:
+    found = after(taken(5.0), *[taken(1.0)] * 20)
+    assert len(found) == 1
+    assert found.probability.tolist() == [0.01]
+    assert found.off_m[0, 0] == pytest.approx(4.5 + (SETTLES - 1) * 0.9)
+
+
+def test_a_later_fix_that_claims_more_founds_its_own() -> None:
+    assert after(taken(5.0), taken(1.0, p=0.03)).probability.tolist() == [0.01, 0.03]
+
+
+def test_over_other_ground_it_is_less_probable_and_another_is_founded() -> None:
+    found = after(taken(5.0), taken(1.0, again=0.5), taken(1.0, again=0.5))
+    assert found.probability.tolist() == pytest.approx([0.0025, 0.005, 0.01])
+
+
+def test_another_method_that_lies_with_the_filter_speaks_against_an_offset_no_more_than_it_may_be_wrong() -> None:
+    found = after(taken(20.0, sigma_m=20.0), taken(0.0, method="structure", sigma_m=1.0, p=0.02))
+    assert found.probability.tolist() == pytest.approx([0.01 * 0.02, 0.02])
+    assert found.methods == ("deep", "structure")
+
+
+def test_another_method_that_lies_where_the_offset_says_does_not_speak_against_it() -> None:
+    found = after(taken(5.0, sigma_m=2.0), taken(-4.0, method="structure", sigma_m=2.0, p=0.02))
+    assert found.probability[0] == pytest.approx(0.01)
+
+
+def test_a_position_that_is_no_fix_speaks_as_another_method_does() -> None:
+    found = alike.after_other(after(taken(20.0, sigma_m=20.0)), np.zeros(2), np.eye(2))
+    assert found.probability[0] == pytest.approx(max(CLAIM_FLOOR, 1 / 401 * math.exp(-0.5 * found.off_m[0, 0] ** 2 / 401)) * 0.01)
+    assert alike.after_other(alike.NONE, np.zeros(2), np.eye(2)) is alike.NONE
+
+
+def test_what_was_founded_after_a_time_goes_with_the_fixes_that_did() -> None:
+    found = after(taken(1.0, t_s=1), taken(1.0, again=0.5, t_s=2))
+    assert alike.until(found, 1 * S).since_ns.tolist() == [1 * S]
+
+
+def fix(t_ns: int, north_m: float, east_m: float, number: int) -> Fix:
+    place = wgs84.geo_from_ned((north_m, east_m, -HEIGHT_M), ORIGIN)
+    cov = ((SIGMA_M**2, 0.0), (0.0, SIGMA_M**2))
+    return Fix(t_ns, t_ns, number, number, "deep", place, (1.0, 0.0, 0.0, 0.0), cov, 2.0, 0.1, CLAIM, 5.0)
+
+
+def flown(speed_mps: float, seconds: int, wrong_by_m: float = WRONG_BY_M, stops_s: float = math.inf) -> list[tuple[float, float]]:
+    """Error and level, twice a second, with a fix that is wrong by the same offset, from a place known to 15 m; east, until it
+    stops."""
+    rng = np.random.default_rng(3)
+    start = Velocity(0, (0.0, speed_mps, 0.0), 500.0, 0.5, Drive.FED_BACK)
+    belief = seeded(0, (0.0, 0.0), START_SIGMA_M, 0.5, Drive.FED_BACK, SETTINGS)
+    the_filter, found = PositionFilter(SETTINGS, ORIGIN, belief, start), []
+    for k in range(1, 2 * seconds + 1):
+        for tenth in range(5 * k - 4, 5 * k + 1):
+            v_east_mps = speed_mps if tenth <= 10 * stops_s else 0.0
+            the_filter.drive(Velocity(tenth * S // 10, (0.0, v_east_mps, 0.0), 500.0, 0.5, Drive.FED_BACK))
+        t_ns, true_east_m = k * S // 2, speed_mps * min(k / 2, stops_s)
+        noise_n, noise_e = rng.normal(0.0, SIGMA_M / 2, 2).tolist()
+        assert isinstance(the_filter.observe(fix(t_ns, wrong_by_m + noise_n, true_east_m + noise_e, k)), Accepted)
+        north, east, _ = the_filter.at(t_ns).p_ned_m
+        found.append((math.hypot(north, east - true_east_m), the_filter.protection_level_m(t_ns)))
+    return found
+
+
+def test_who_hovers_over_a_wrong_match_has_it_in_the_level_for_as_long_as_it_lasts() -> None:
+    for error_m, level_m in flown(0.0, 60):
+        assert 0.8 * WRONG_BY_M < error_m < level_m
+
+
+def test_who_goes_on_has_a_small_level_as_soon_as_other_ground_agrees() -> None:
+    levels = [level_m for _, level_m in flown(10.0, 40, wrong_by_m=0.0)]
+    assert levels[1] > 30.0
+    assert max(levels[-20:]) < 14.0
+
+
+def test_who_then_hovers_keeps_it() -> None:
+    levels = [level_m for _, level_m in flown(10.0, 100, wrong_by_m=0.0, stops_s=40)]
+    assert max(levels[100:]) < 14.0

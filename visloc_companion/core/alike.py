@@ -1,0 +1,124 @@
+"""What if fixes have been wrong by the same offset since one of them? Then the filter that follows them is off by that offset.
+
+Over the same ground a wrong match is found again, with the same offset (votes.py). No solution that leaves these fixes out is
+needed to say where the vehicle is then: the filter's place moves as the vehicle does, and is off by what the first few of them
+moved it. So each fix over other ground founds one offset, known as well as the filter's place was before it, with the probability
+that it was wrong. The next fixes of its method say nothing against it over the same ground, and little while the vehicle goes on.
+A fix of another method speaks for or against it by where it lies, but is itself wrong with a probability of its own. What errs
+each in its own way is left to separation.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from visloc_companion.core.separation import CLAIM_FLOOR, NEGLIGIBLE
+from visloc_companion.types import FloatArray
+
+MOST = 40
+SETTLES = 6
+"""After so many fixes over the same ground a filter has followed them; what it corrects later is its own drift."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alike:
+    """K offsets (filter minus truth): means (K, m) and covariances (K, m, m) in metres, their probabilities (K,), when they were
+    founded (K,), by how many fixes each was moved (K,), and the methods whose fixes they are."""
+
+    off_m: FloatArray
+    cov_m2: FloatArray
+    probability: FloatArray
+    since_ns: NDArray[np.int64]
+    n_fixes: NDArray[np.int64]
+    methods: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.methods)
+
+
+class Taken(NamedTuple):
+    """A fix that the filter took: its time, method, claim of being wrong, and the probability that it errs with the last one of
+    its method; how far it lay from the filter (m,) and the covariance (m, m) of that; by what it moved the filter (m,), and the
+    covariance (m, m) of the filter's place before."""
+
+    t_ns: int
+    method: str
+    claimed: float
+    again: float
+    off_m: FloatArray
+    S: FloatArray
+    moved_m: FloatArray
+    P: FloatArray
+
+
+def none(m: int) -> Alike:
+    """No offsets of m axes."""
+    return Alike(np.zeros((0, m)), np.zeros((0, m, m)), np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64))
+
+
+NONE = none(2)
+
+
+def after_fix(alike: Alike, fix: Taken) -> Alike:
+    """After a fix that the filter took."""
+    p = min(1.0, max(fix.claimed, CLAIM_FLOOR))
+    own = np.array([each == fix.method for each in alike.methods], dtype=np.bool_)
+    probability = alike.probability * np.where(own, fix.again, _spoken_for(alike, fix.off_m, fix.S, p))
+    moved = own & (alike.n_fixes < SETTLES)
+    off_m = alike.off_m + moved[:, None] * fix.moved_m
+    less = replace(alike, off_m=off_m, probability=probability, n_fixes=alike.n_fixes + moved)
+    if fix.again == 1.0 and bool((probability[own] >= p).any()):
+        return _likely(less)
+    founded = Alike(
+        np.concatenate([less.off_m, fix.moved_m[None]]),
+        np.concatenate([less.cov_m2, fix.P[None]]),
+        np.append(less.probability, p),
+        np.append(less.since_ns, np.int64(fix.t_ns)),
+        np.append(less.n_fixes, np.int64(1)),
+        (*less.methods, fix.method),
+    )
+    return _likely(founded)
+
+
+def after_other(alike: Alike, off_m: FloatArray, S: FloatArray, wrong: float = CLAIM_FLOOR) -> Alike:
+    """After a position that is no fix, which lay `off_m` (m,) from the filter, S (m, m) the covariance of that; it is wrong with
+    this probability."""
+    return _likely(replace(alike, probability=alike.probability * _spoken_for(alike, off_m, S, wrong))) if len(alike) else alike
+
+
+def until(alike: Alike, t_ns: int) -> Alike:
+    """Those that were founded by a time: what came later is not in the filter any more."""
+    return _chosen(alike, alike.since_ns <= t_ns)
+
+
+def _spoken_for(alike: Alike, off_m: FloatArray, S: FloatArray, wrong: float) -> FloatArray:
+    """(K,) by how much less likely a measurement is where the filter is off by each than where it is right: at least as its own
+    probability of being wrong, at most 1. Where the filter is off, it lies at minus that."""
+    if not len(alike):
+        return np.zeros(0)
+    among = S + alike.cov_m2
+    from_there = off_m + alike.off_m
+    there = np.einsum("ki,ki->k", from_there, np.linalg.solve(among, from_there[:, :, None])[:, :, 0])
+    here = float(off_m @ np.linalg.solve(S, off_m))
+    ratio = np.exp((here - there) / 2) * np.sqrt(np.linalg.det(S) / np.linalg.det(among))
+    return np.asarray(np.clip(ratio, wrong, 1.0))
+
+
+def _likely(alike: Alike) -> Alike:
+    keep = alike.probability >= NEGLIGIBLE
+    if int(keep.sum()) > MOST:
+        keep[np.argsort(-alike.probability, kind="stable")[MOST:]] = False
+    return _chosen(alike, keep)
+
+
+def _chosen(alike: Alike, keep: NDArray[np.bool_]) -> Alike:
+    if keep.all():
+        return alike
+    methods = tuple(each for each, kept in zip(alike.methods, keep.tolist(), strict=True) if kept)
+    return Alike(
+        alike.off_m[keep], alike.cov_m2[keep], alike.probability[keep], alike.since_ns[keep], alike.n_fixes[keep], methods
+    )
