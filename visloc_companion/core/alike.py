@@ -67,7 +67,8 @@ def after_fix(alike: Alike, fix: Taken) -> Alike:
     """After a fix that the filter took."""
     p = min(1.0, max(fix.claimed, CLAIM_FLOOR))
     own = np.array([each == fix.method for each in alike.methods], dtype=np.bool_)
-    probability = alike.probability * np.where(own, fix.again, _spoken_for(alike, fix.off_m, fix.S, p))
+    others = 1.0 if own.all() else _spoken_for(alike, fix.off_m, fix.S, p)
+    probability = alike.probability * np.where(own, fix.again, others)
     moved = own & (alike.n_fixes < SETTLES)
     off_m = alike.off_m + moved[:, None] * fix.moved_m
     less = replace(alike, off_m=off_m, probability=probability, n_fixes=alike.n_fixes + moved)
@@ -98,8 +99,6 @@ def until(alike: Alike, t_ns: int) -> Alike:
 def _spoken_for(alike: Alike, off_m: FloatArray, S: FloatArray, wrong: float) -> FloatArray:
     """(K,) by how much less likely a measurement is where the filter is off by each than where it is right: at least as its own
     probability of being wrong, at most 1. Where the filter is off, it lies at minus that."""
-    if not len(alike):
-        return np.zeros(0)
     among = S + alike.cov_m2
     from_there = off_m + alike.off_m
     there = np.einsum("ki,ki->k", from_there, np.linalg.solve(among, from_there[:, :, None])[:, :, 0])
