@@ -12,7 +12,7 @@ from visloc_companion.errors import Reason
 from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import quat_from_R
 from visloc_companion.localise.ortho_rectify import CameraPose
-from visloc_companion.localise.plan import SearchPlan
+from visloc_companion.localise.plan import SearchPlan, above_ground_m
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import Fix, FloatArray, GeoPoint, LocaliseRequest, NoFix
 
@@ -77,6 +77,8 @@ def fix(
     """A fix from a pose in the plan's frame and its covariance (6, 6) of north, east, up, rotation about n, e, d."""
     lat, lon = ref.to_geo(*plan.frame.to_map(pose.p_ned_m[:2]))
     cov = covariance[:2, :2] + np.eye(2) * map_sigma_m**2
+    with watch:
+        over_ground_m = above_ground_m(plan, pose, ref)
     frame = request.frame
     return Fix(
         t_rx_ns=frame.t_rx_ns,
@@ -92,7 +94,7 @@ def fix(
         probability_wrong=probability_wrong,
         elapsed_ms=watch.elapsed_ms,
         evidence=_evidence(evidence, watch),
-        above_ground_m=-float(pose.p_ned_m[2]) - plan.ground_up_m,
+        above_ground_m=over_ground_m,
     )
 
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from visloc_companion.errors import OutsideMap
 from visloc_companion.geo.sun import turned
 from visloc_companion.localise.features.grey import GREY
 from visloc_companion.localise.light import WORKING_M, sun_over, up_azimuth_deg
@@ -26,8 +27,8 @@ class MapSuns:
         self._found: dict[tuple[int, int, int], Sun | None] = {}
 
     def over(self, ref: ReferenceMap, frame: LocalFrame, ne_m: FloatArray) -> Sun | None:
-        """The sun over the tile that holds a place (2,), metres north and east; None where it does not show there. Raises
-        OutsideMap."""
+        """The sun over the tile that holds a place (2,), metres north and east; None where it does not show there, or the tile
+        holds no map (a camera that looks into a gap sees the map around it)."""
         if ref is not self._ref:
             self._ref, self._found = ref, {}
         octave = round(math.log2(frame.map_units_per_m))
@@ -41,6 +42,9 @@ class MapSuns:
 
 def _sun_about(ref: ReferenceMap, frame: LocalFrame, ne_m: FloatArray) -> Sun | None:
     half = TILE_M / 2 + MARGIN_M
-    grid = map_grid(ref, frame, ne_m - half, ne_m + half, max(WORKING_M, ref.gsd_m), GREY)
+    try:
+        grid = map_grid(ref, frame, ne_m - half, ne_m + half, max(WORKING_M, ref.gsd_m), GREY)
+    except OutsideMap:
+        return None
     sun = sun_over(grid.features[..., 0], grid.weight > 0, grid.surface_up_m, grid.gsd_m)
     return None if sun is None else turned(sun, up_azimuth_deg(grid.A_ne_pix))

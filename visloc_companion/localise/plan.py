@@ -38,6 +38,8 @@ SIGMAS = 3.0
 MIN_SHARE_OF_GROUND = 0.4
 HALF_WINDOW = 24
 """Half side (px) of the window that the ground's height is taken from."""
+LOWEST_LAND_M = -450.0
+"""Height of the shore of the Dead Sea, above mean sea level."""
 LEAST_SHARE_BELOW = 0.1
 """Share of the search region that must lie low enough below the vehicle where its middle does not."""
 SAMPLES = 13
@@ -198,16 +200,16 @@ def ground_near(
     sigma = math.sqrt(max(np.linalg.eigvalsh(np.array(prior.cov_ne_m2))[-1], 0.0))
     reach = min(settings.max_search_radius_m, SIGMAS * sigma)
     agl, ground, spread, searched_m2 = 100.0, 0.0, 0.0, 0.0
-    for _ in range(3):
-        side = max(20.0, agl * math.sqrt(_area(outline)))
-        at = frame.to_map(outline.mean(0) * agl)
-        try:
-            patch = _surface(ref, at, reach + side)
-        except OutsideMap:
+    for turn in range(3):
+        side = _side_m(outline, agl)
+        patch = _surface(ref, frame.to_map(outline.mean(0) * agl), reach + side)
+        while patch is None and turn == 0 and agl < prior.place.h_amsl_m - LOWEST_LAND_M:
+            agl *= 2  # who is high up sees past a gap of the map, and into it from beside it
+            side = _side_m(outline, agl)
+            patch = _surface(ref, frame.to_map(outline.mean(0) * agl), reach + side)
+        if patch is None:
             return None
         known = patch.valid & np.isfinite(patch.dsm_amsl_m)
-        if not known.any():
-            return None
         heights = np.where(known, patch.dsm_amsl_m, np.float32(np.median(patch.dsm_amsl_m[known])))
         mean = cv2.blur(heights, (max(1, round(side / patch.gsd_m)) | 1,) * 2, borderType=cv2.BORDER_REPLICATE)
         centre, around = len(mean) // 2, int(reach / patch.gsd_m)
@@ -226,20 +228,40 @@ def ground_near(
     return ground, spread, searched_m2
 
 
-def _surface(ref: ReferenceMap, centre_map_m: tuple[float, float], reach_m: float) -> ReferencePatch | FeaturePatch:
-    """Surface heights on about 49 x 49 pixels that reach so far from a place. Raises OutsideMap.
+def above_ground_m(plan: SearchPlan, pose: CameraPose, ref: ReferenceMap) -> float:
+    """How high a camera is over the mean surface of what it sees, metres; over the plan's ground where the map has none there."""
+    for _ in range(2):
+        low, high = view_box(plan, pose)
+        patch = _surface(ref, plan.frame.to_map((low + high) / 2), float((high - low).max()) / 2)
+        if patch is None:
+            break
+        heights = patch.dsm_amsl_m[patch.valid & np.isfinite(patch.dsm_amsl_m)]
+        plan = replace(plan, ground_up_m=float(heights.mean(dtype=np.float64)))
+    return -float(pose.p_ned_m[2]) - plan.ground_up_m
+
+
+def _side_m(outline: FloatArray, agl_m: float) -> float:
+    """Side of the footprint so far below, metres."""
+    return max(20.0, agl_m * math.sqrt(_area(outline)))
+
+
+def _surface(ref: ReferenceMap, centre_map_m: tuple[float, float], reach_m: float) -> ReferencePatch | FeaturePatch | None:
+    """Surface heights on about 49 x 49 pixels that reach so far from a place; None where none is known there.
 
     Stored features mark where the map holds anything: over a pack that has them no pixel is read.
     """
     gsd_m = max(ref.gsd_m, reach_m / HALF_WINDOW)
-    if isinstance(ref, FeatureMap):
-        of = (GRADIENT.name, GRADIENT.recipe)
-        stored_m = ref.stored_gsd_m(centre_map_m, gsd_m, *of)
-        side = 1 + 2 * math.ceil(HALF_WINDOW * gsd_m / (stored_m or gsd_m))
-        stored = ref.stored_patch(centre_map_m, (side, side), gsd_m, *of)
-        if stored is not None:
-            return stored
-    return ref.patch(centre_map_m, (2 * HALF_WINDOW + 1,) * 2, gsd_m, 0.0)
+    patch: ReferencePatch | FeaturePatch | None = None
+    try:
+        if isinstance(ref, FeatureMap):
+            of = (GRADIENT.name, GRADIENT.recipe)
+            stored_m = ref.stored_gsd_m(centre_map_m, gsd_m, *of)
+            side = 1 + 2 * math.ceil(HALF_WINDOW * gsd_m / (stored_m or gsd_m))
+            patch = ref.stored_patch(centre_map_m, (side, side), gsd_m, *of)
+        patch = patch or ref.patch(centre_map_m, (2 * HALF_WINDOW + 1,) * 2, gsd_m, 0.0)
+    except OutsideMap:
+        return None
+    return patch if (patch.valid & np.isfinite(patch.dsm_amsl_m)).any() else None
 
 
 def footprint(model: CameraModel, R_ned_cam: FloatArray) -> tuple[FloatArray, float]:

@@ -48,6 +48,8 @@ class FlatMap:
     surface: NDArray[np.float32]
     gsd_m: float = 1.0
     features: dict[str, NDArray[np.float32]] = field(default_factory=dict)
+    known: NDArray[np.bool_] | None = None
+    """(H, W) where there is map; None: everywhere."""
 
     def __post_init__(self) -> None:
         height, width = self.pixels.shape[:2]
@@ -61,6 +63,9 @@ class FlatMap:
         pix = apply_affine(invert_affine(self.T_map_pix), apply_affine(T, np.stack([u, v], -1).astype(float)))
         height, width = self.pixels.shape[:2]
         valid = (pix >= -0.5).all(-1) & (pix[..., 0] <= width - 0.5) & (pix[..., 1] <= height - 0.5)
+        if self.known is not None:
+            v, u = (np.clip(np.rint(pix[..., k]).astype(int), 0, n - 1) for k, n in ((1, height), (0, width)))
+            valid &= self.known[v, u]
         if not valid.any():
             raise OutsideMap("the window is outside the map")
         source = cv2.GaussianBlur(self.pixels, (0, 0), 0.5 * math.sqrt(gsd_m**2 - 1)) if gsd_m > 1.1 else self.pixels

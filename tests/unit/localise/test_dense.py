@@ -47,6 +47,29 @@ def test_pose_of_a_frame_is_found_to_a_fraction_of_a_pixel(world, euler, support
     assert (answer.request_id, answer.frame_id, answer.t_ns, answer.method) == (7, 3, 2, "gradient")
 
 
+@pytest.mark.parametrize("beside_m", [0.0, 150.0])
+def test_how_high_the_camera_is_tells_the_ground_where_it_was_found(beside_m: float, flat, support):
+    """Not that where the prior thought it was: 60 m higher up this slope."""
+    up = 100 + 0.4 * (np.arange(500, dtype=np.float32)[None, :] - 250) + np.zeros((500, 1), np.float32)
+    slope, truth = support.FlatMap(flat.pixels, up), (-20.0, 90.0 - beside_m, -300.0)
+    prior = support.request_at((0.0, 90.0, -300.0), LEVEL, sigma_m=70.0)
+    answer = gradient_localiser(MODEL, LocaliserSettings()).localise(prior, support.render(slope, MODEL, truth, LEVEL), slope)
+    assert error_m(answer, truth)[0] < 1.0
+    assert answer.above_ground_m == pytest.approx(300.0 - slope.height_amsl_m(truth[1], truth[0]), abs=3.0)
+
+
+def test_a_frame_about_a_gap_of_the_map_is_found_on_what_lies_around_it(support):
+    """The sun over the map was looked for in the gap, and what was found given up for that."""
+    pixels, known = support.texture(1, 900), np.ones((900, 900), np.bool_)
+    known[386 - 140 : 386 + 140, 514 - 140 : 514 + 140] = False  # with margin, the tile that the camera's axis meets
+    whole = support.FlatMap(pixels, (100 + 12 * np.sin(np.arange(900) / 40)[:, None] * np.ones(900)).astype(np.float32))
+    model, truth = CameraModel(320, 240, 185.0, 185.0, 159.5, 119.5), (66.0, 61.0, -450.0)
+    gap = support.FlatMap(whole.pixels, whole.surface, known=known)
+    prior = support.request_at((64.0, 64.0, -450.0), LEVEL, model=model)
+    answer = gradient_localiser(model, LocaliserSettings()).localise(prior, support.render(whole, model, truth, LEVEL), gap)
+    assert error_m(answer, truth)[0] < 0.5
+
+
 def test_lens_distortion_is_undone(flat, support):
     model = CameraModel(160, 120, 140.0, 140.0, 79.5, 59.5, (-0.15, 0.03, 0.001, -0.001, 0.0))
     truth = (5.0, 8.0, -240.0)

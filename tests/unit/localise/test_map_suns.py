@@ -61,3 +61,10 @@ def test_another_map_has_suns_of_its_own(mosaic, support):
 def test_level_ground_has_none(support):
     flat = support.FlatMap(support.texture(1, 500), np.full((500, 500), 100.0, np.float32))
     assert MapSuns().over(flat, local_frame(HOME, flat), np.zeros(2)) is None
+
+
+def test_where_there_is_no_map_there_is_no_sun(mosaic, support):
+    known = np.ones(mosaic.pixels.shape, np.bool_)
+    known[150:, 200:] = False
+    gap = support.FlatMap(mosaic.pixels, mosaic.surface, known=known)
+    assert MapSuns().over(gap, local_frame(HOME, gap), np.array([-64.0, 64.0])) is None

@@ -71,6 +71,19 @@ def test_a_prior_on_a_slope_above_the_vehicle_searches_the_valley_beside_it(flat
     assert near[0] is Reason.TOO_LOW
 
 
+def test_who_is_high_up_sees_past_a_gap_of_the_map_and_into_it_from_beside_it(flat, support):
+    """The search for the ground began 100 m up, from where nothing but the gap is seen."""
+    known = np.ones(flat.pixels.shape, np.bool_)
+    known[110:390, 110:390] = False
+    gap = support.FlatMap(flat.pixels, flat.surface, known=known)
+    assert plan_of(gap, support, (0.0, 0.0, -800.0)).agl_m == pytest.approx(700.0)
+    assert plan_of(flat, support, (0.0, 400.0, -800.0)).agl_m == pytest.approx(700.0)
+    for ref, p in ((gap, (0.0, 0.0, -200.0)), (flat, (0.0, 400.0, -200.0))):
+        why = make_plan(support.request_at(p, (0.0, 0.0, 0.0)).prior, MODEL, ref, LocaliserSettings())
+        assert isinstance(why, tuple)
+        assert why[0] is Reason.OUTSIDE_MAP
+
+
 def test_working_resolution_is_the_coarser_of_map_and_frame(flat, support):
     sharp = CameraModel(1280, 960, 1120.0, 1120.0, 639.5, 479.5)
     assert plan_of(flat, support, model=sharp).finest_gsd_m == pytest.approx(1.0)
