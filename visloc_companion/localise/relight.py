@@ -10,7 +10,7 @@ from visloc_companion.localise.light import COARSEST_M, WORKING_M, Light, sun_ov
 from visloc_companion.localise.matching import Task
 from visloc_companion.localise.ortho_rectify import CameraPose, rectify_surface
 from visloc_companion.localise.plan import view_box
-from visloc_companion.localise.relit_tiles import Lit
+from visloc_companion.localise.relit_tiles import Lit, serves
 from visloc_companion.localise.window import map_grid
 from visloc_companion.types import Sun
 
@@ -22,9 +22,9 @@ STEP_DEG = 6.0
 def under_the_frames_sun(task: Task, pose: CameraPose) -> Task | None:
     """The task with the map as under the sun that the frame was taken in: as the prior has it, else as the frame shows it.
 
-    None where that or the map's own is not to be seen, or both are alike. Raises OutsideMap.
+    None where that or the map's own is not to be seen, or both are alike; and over orthophotos in degrees. Raises OutsideMap.
     """
-    frame_sun = task.prior.sun or task.sun_seen
+    frame_sun = (task.prior.sun or task.sun_seen) if serves(task.plan.frame) else None
     map_sun = None if frame_sun is None else _sun_of_map(task, pose)
     if frame_sun is None or map_sun is None or not _apart(map_sun, frame_sun):
         return None

@@ -10,10 +10,12 @@ import math
 from collections import OrderedDict
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.errors import OutsideMap
+from visloc_companion.geo.raster import apply_affine, compose_affine, invert_affine
 from visloc_companion.geo.sun import turned
 from visloc_companion.localise.features.base import Features, Float32Array, Mask
 from visloc_companion.localise.features.gradient import grey
@@ -21,11 +23,16 @@ from visloc_companion.localise.ground import filled
 from visloc_companion.localise.light import Light, relit, up_azimuth_deg
 from visloc_companion.localise.plan import LocalFrame, local_frame
 from visloc_companion.protocols import ReferenceMap
-from visloc_companion.types import FeaturePatch, FloatArray, GeoPoint
+from visloc_companion.types import FeaturePatch, FloatArray, GeoPoint, ReferencePatch
 
 SIDE_PX, MARGIN_M = 256, 32.0
 STEPS = 64
 """Sizes of a pixel in an octave: tiles of neighbouring places have the same one."""
+LEAST_OFF_PX = 0.05
+"""What lies nearer to its place in a tile is left there, for resampling blurs."""
+MOST_UNEVEN = 1.05
+"""Scale of the map's CRS along one axis over that along the other: tiles whose pixels are longer on the ground tell nothing. Of
+equal-area CRSs it is 1.03 at most (EPSG:3035 from Portugal to Crete), of degrees 1.06 at 20 degrees of latitude."""
 MOST = 64
 """Tiles that are kept, some 0.6 MB each."""
 
@@ -93,6 +100,12 @@ class RelitTiles:
         return self._kept[key]
 
 
+def serves(frame: LocalFrame) -> bool:
+    """Whether a map's CRS is near enough to the ground's shape for tiles on its axes."""
+    stretch = np.linalg.svd(frame.J_map_ne, compute_uv=False)
+    return float(stretch[0]) <= MOST_UNEVEN * float(stretch[1])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Lit:
     """The map under one light."""
@@ -116,9 +129,26 @@ def _made(ref: ReferenceMap, light: Light, pixel: float, col: int, row: int, fea
         return None
     surface = filled(patch.dsm_amsl_m, patch.valid)
     pixels = relit(grey(patch.pixels), surface, patch.gsd_m, _in_axes(light, frame, patch.T_map_pix))
-    values = features(pixels, patch.valid)[inner]
-    kept = patch.valid[inner].copy(), np.array(patch.dsm_amsl_m[inner], dtype=np.float32)  # views would keep the margin, too
+    first = (col * SIDE_PX - margin) * pixel, -(row * SIDE_PX - margin) * pixel
+    pixels, valid, heights = _on_lattice(pixels, patch, np.array([[pixel, 0.0, first[0]], [0.0, -pixel, first[1]]]))
+    values = features(pixels, valid)[inner]
+    kept = valid[inner].copy(), np.array(heights[inner], dtype=np.float32)  # views would keep the margin, too
     return _Tile(values.astype(np.float16), *kept)
+
+
+def _on_lattice(pixels: Float32Array, patch: ReferencePatch, T_map_pix: FloatArray) -> tuple[Float32Array, Mask, Float32Array]:
+    """Brightness (H, W), validity and heights of a patch on pixels that are square in the map's CRS: themselves where that keeps
+    angles, for a patch's pixels are square on the ground."""
+    to_patch = compose_affine(invert_affine(patch.T_map_pix), T_map_pix)
+    size = pixels.shape[1], pixels.shape[0]
+    corners = np.array([[0, 0], [size[0], 0], [0, size[1]], size], dtype=np.float64)
+    if float(np.abs(apply_affine(to_patch, corners) - corners).max()) < LEAST_OFF_PX:
+        return pixels, patch.valid, patch.dsm_amsl_m
+    nearest = cv2.WARP_INVERSE_MAP | cv2.INTER_NEAREST
+    moved = cv2.warpAffine(pixels, to_patch, size, flags=cv2.WARP_INVERSE_MAP | cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    valid = cv2.warpAffine(patch.valid.astype(np.uint8), to_patch, size, flags=nearest) > 0
+    heights = cv2.warpAffine(patch.dsm_amsl_m, to_patch, size, flags=nearest, borderValue=math.nan)
+    return np.asarray(moved, dtype=np.float32), valid, np.asarray(heights, dtype=np.float32)
 
 
 def _in_axes(light: Light, frame: LocalFrame, T_map_pix: FloatArray) -> Light:

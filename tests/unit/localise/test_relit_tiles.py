@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import math
+
+import cv2
 import numpy as np
 import pytest
+import rasterio
 
 from tests.unit.localise.test_light import EVENING, MORNING, photograph, wood
 from visloc_companion.errors import OutsideMap
-from visloc_companion.geo.raster import apply_affine
+from visloc_companion.geo.raster import apply_affine, invert_affine
 from visloc_companion.localise import relit_tiles
 from visloc_companion.localise.features.gradient import GRADIENT
+from visloc_companion.localise.features.grey import GREY
 from visloc_companion.localise.light import Light, relit
 from visloc_companion.localise.plan import local_frame
-from visloc_companion.localise.relit_tiles import SIDE_PX, RelitTiles
+from visloc_companion.localise.relit_tiles import SIDE_PX, RelitTiles, serves
+from visloc_companion.maps.raster import RasterMap
 from visloc_companion.types import GeoPoint
 
 HOME = GeoPoint(47.0, 8.0, 0.0)
@@ -117,3 +123,35 @@ def test_a_kept_tile_keeps_nothing_of_its_margin(forest):
     for values in (tile.features, tile.valid, tile.dsm_amsl_m):
         whole = values if values.base is None else values.base
         assert whole.nbytes == values.nbytes
+
+
+def raster_map(folder, pixels, crs, west, north, pixel):
+    path = folder / "ortho.tif"
+    transform = rasterio.Affine(pixel[0], 0.0, west, 0.0, -pixel[1], north)
+    shape = {"height": pixels.shape[0], "width": pixels.shape[1], "count": 1}
+    with rasterio.open(path, "w", "GTiff", **shape, dtype="uint8", crs=crs, transform=transform) as file:
+        file.write(pixels, 1)
+    return RasterMap.open(path, None, 100.0)
+
+
+def test_tiles_lie_where_they_say_over_a_map_whose_scale_is_another_to_the_north_than_to_the_east(tmp_path, support):
+    """In Portugal EPSG:3035 stretches by 1.4 % one way and shrinks the other: tiles lay up to 3.5 m beside their place."""
+    pixels = support.texture(2, 900)
+    ref = raster_map(tmp_path, pixels, "EPSG:3035", 2_700_000.0, 1_950_000.0, (1.0, 1.0))
+    centre = 2_700_450.0, 1_949_550.0
+    frame = local_frame(GeoPoint(*ref.to_geo(*centre), 0.0), ref)
+    assert serves(frame)
+    patch = RelitTiles().patch(ref, frame, centre, (360, 360), 1.0, GREY, Light(MORNING, MORNING))
+    assert patch.valid.all()
+    v, u = np.mgrid[0:360, 0:360]
+    pix = apply_affine(invert_affine(ref.T_map_pix), apply_affine(patch.T_map_pix, np.stack([u, v], -1).astype(float)))
+    there = cv2.remap(pixels, *(np.float32(pix[..., k]) for k in (0, 1)), cv2.INTER_LINEAR)
+    for block in (np.s_[r : r + 60, c : c + 60] for r in range(0, 360, 60) for c in range(0, 360, 60)):
+        assert float(np.corrcoef(patch.features[block].ravel(), there[block].ravel())[0, 1]) > 0.95
+
+
+def test_degrees_serve_for_no_tiles(tmp_path, support):
+    lat_deg, step = 47.0, 1 / 111_200
+    pixel = step / math.cos(math.radians(lat_deg)), step
+    ref = raster_map(tmp_path, support.texture(2, 300), "EPSG:4326", 8.0, lat_deg, pixel)
+    assert not serves(local_frame(GeoPoint(lat_deg - 150 * step, 8.0 + 150 * pixel[0], 0.0), ref))
