@@ -63,8 +63,8 @@ def ground_of(model: CameraModel) -> NDArray[np.uint8]:
 
 def painted_over(pixels: Image, model: CameraModel) -> Image:
     """The frame (H, W[, 3]) with what is masked painted over smoothly from the ground around it; itself where nothing is masked,
-    or it is not of the size of `model`."""
-    if model.mask is None or pixels.shape[:2] != (model.height_px, model.width_px):
+    or it is not uint8 of the size of `model`."""
+    if model.mask is None or pixels.dtype != np.uint8 or pixels.shape[:2] != (model.height_px, model.width_px):
         return pixels
     ground = ground_of(model)
     every = max(1, model.width_px // SAMPLED_PX)

@@ -99,7 +99,7 @@ class SearchPlan:
 
 
 def local_frame(place: GeoPoint, ref: ReferenceMap) -> LocalFrame:
-    """Local coordinates about a place, zero height at sea level."""
+    """Local coordinates about a place, zero height at sea level. Raises OutsideMap where the map's CRS has none."""
     projection = ref.projection_at(place)
     return LocalFrame(
         GeoPoint(place.lat_deg, place.lon_deg, 0.0),
@@ -115,11 +115,14 @@ def make_plan(
     settings: LocaliserSettings,
     map_side: AbstractContextManager[object] = UNTIMED,
 ) -> SearchPlan | tuple[Reason, str]:
-    """Plan the search, or say why there is nothing to search (too low, horizon in view, outside the map).
+    """Plan the search, or say why there is nothing to search (too low, horizon in view, outside the map or its CRS).
 
     The map is read within `map_side` (answer.Stopwatch).
     """
-    frame = local_frame(prior.place, ref)
+    try:
+        frame = local_frame(prior.place, ref)
+    except OutsideMap as outside:
+        return Reason.OUTSIDE_MAP, outside.what
     pose = CameraPose(np.array([0.0, 0.0, -prior.place.h_amsl_m]), R_from_quat(prior.q_ned_frd) @ R_FRD_CAM)
     outline, share = footprint(model, pose.R_ned_cam)
     if share < MIN_SHARE_OF_GROUND:

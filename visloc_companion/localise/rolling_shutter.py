@@ -37,7 +37,7 @@ class Unrolled(Asking):
         """The other localiser's answer."""
         if request.readout is None:
             return self._localiser.localise(request, pixels, ref)
-        if pixels.shape[:2] == (self._model.height_px, self._model.width_px):
+        if pixels.dtype == np.uint8 and pixels.shape[:2] == (self._model.height_px, self._model.width_px):
             pixels = unrolled(pixels, self._model, request.prior.q_ned_frd, request.readout)
         return self._localiser.localise(replace(request, readout=None), pixels, ref)
 

@@ -13,6 +13,7 @@ from statistics import median
 
 import numpy as np
 
+from visloc_companion.errors import OutsideMap
 from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.localise.asking import Asking
 from visloc_companion.localise.flow import FrameToFrame
@@ -59,7 +60,10 @@ class WithMotion(Asking):
 
     def _motion(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Odometry | None:
         prior = request.prior
-        frame = local_frame(prior.place, ref)
+        try:
+            frame = local_frame(prior.place, ref)
+        except OutsideMap:
+            return None
         surface = self._surface(request, ref, frame)
         height_m, sigma_height_m = self._above_last_ground(request, frame) if surface is None else (math.nan, math.inf)
         if surface is None and not math.isfinite(sigma_height_m):

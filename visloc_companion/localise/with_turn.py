@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from visloc_companion.errors import Reason
+from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.geo.tilt import CAMERA_SIGMA, by_camera, tilt_gained
 from visloc_companion.localise.asking import Asking
 from visloc_companion.localise.odometry.below import heights_above
@@ -45,7 +45,10 @@ class WithTurn(Asking):
 
     def _heights(self, prior: PosePrior, ref: ReferenceMap) -> HeightsAbove | None:
         up_m = prior.place.h_amsl_m
-        surface = self._window.about(up_m, ref, local_frame(prior.place, ref))
+        try:
+            surface = self._window.about(up_m, ref, local_frame(prior.place, ref))
+        except OutsideMap:
+            return None
         return None if surface is None else partial(heights_above, camera_up_m=up_m, surface=surface)
 
 

@@ -161,6 +161,19 @@ def request_at(
     return LocaliseRequest(7, FrameRef(1, 2, 3, 0, model.width_px, model.height_px, 1), prior, 1)
 
 
+class ElsewhereOnEarth(FlatMap):
+    """A map in whose CRS no prior's place has coordinates, as in a UTM zone on the other side of the earth."""
+
+    def to_map(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
+        raise OutsideMap("no coordinates in UTM zone 32N")
+
+
+@pytest.fixture(scope="session")
+def elsewhere(flat) -> ElsewhereOnEarth:
+    """Of the flat map's pixels."""
+    return ElsewhereOnEarth(flat.pixels, flat.surface)
+
+
 @pytest.fixture(scope="session")
 def flat() -> FlatMap:
     """A textured map on level ground at 100 m above the sea."""

@@ -168,6 +168,15 @@ def test_poses_that_cannot_see_the_map_are_declined(p, euler, reason, method, fl
     assert answer.reason is reason
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_a_place_without_coordinates_in_the_maps_crs_is_outside_the_map(method, elsewhere, flat, support):
+    frame = support.render(flat, MODEL, (0.0, 0.0, -240.0), LEVEL)
+    request = support.request_at((0.0, 0.0, -240.0), LEVEL)
+    answer = make_localiser(method, MODEL, features=GRADIENT).localise(request, frame, elsewhere)
+    assert isinstance(answer, NoFix)
+    assert (answer.reason, answer.detail) == (Reason.OUTSIDE_MAP, "no coordinates in UTM zone 32N")
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_frames_of_another_place_or_of_noise_are_declined(seed, flat, support):
     if seed % 2:

@@ -20,7 +20,7 @@ from visloc_companion.localise.masked import MARGIN_RAD, behind_the_mask, ground
 from visloc_companion.localise.rectified import rectified
 from visloc_companion.localise.registry import METHODS, make_localiser, needs_features
 from visloc_companion.localise.working_size import reduced_model
-from visloc_companion.types import CameraMask, CameraModel, Fix, GeoPoint, Image, Vec3
+from visloc_companion.types import CameraMask, CameraModel, Fix, GeoPoint, Image, NoFix, Vec3
 
 MODEL = CameraModel(160, 120, 140.0, 140.0, 79.5, 59.5)
 FISHEYE = CameraModel(320, 240, 160.0, 160.0, 161.0, 118.0, (0.02, -0.01, 0.003, -0.001), "fisheye")
@@ -79,6 +79,16 @@ def test_what_is_masked_is_painted_over_with_what_lies_around(color: bool) -> No
     assert np.abs(with_gear(frame).astype(float) - before)[at & near].max() > 100
     assert painted_over(frame, MODEL) is frame
     assert painted_over(frame[:100], model).shape[0] == 100, "a frame of another size is for the localiser to refuse"
+
+
+@pytest.mark.parametrize("kind", [np.uint16, np.float32])
+def test_frames_of_other_numbers_are_refused_not_taken_modulo_256(kind, flat, support) -> None:
+    model = masked(MODEL)
+    frame = support.render(flat, MODEL, (5.0, 8.0, -240.0), (0.0, 0.0, 0.6)).astype(kind)
+    localiser = behind_the_mask(lambda shown: make_localiser("gradient", shown), model)
+    answer = localiser.localise(support.request_at((0.0, 0.0, -240.0), (0.0, 0.0, 0.6)), frame, flat)
+    assert isinstance(answer, NoFix)
+    assert answer.reason is Reason.BAD_FRAME
 
 
 def test_a_margin_around_the_gear_is_left_out() -> None:

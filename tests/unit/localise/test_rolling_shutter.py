@@ -117,3 +117,5 @@ def test_only_requests_that_say_how_the_camera_moved_change_a_frame(scene: Scene
     assert spy.request == request, "it is set right once"
     asked.localise(rolled, picture[:100], nowhere)
     assert spy.pixels.shape[0] == 100, "a frame of another size is for the localiser to refuse"
+    asked.localise(rolled, picture.astype(np.uint16) * 256, nowhere)
+    assert spy.pixels.dtype == np.uint16, "and one of other numbers, which would be taken modulo 256"

@@ -170,6 +170,12 @@ def test_off_the_map_and_without_texture_there_is_none(support, flat) -> None:
     assert all(a.motion is None for a in flown(support, blank, WithMotion(Witness(), MODEL), along(3)))
 
 
+def test_a_place_without_coordinates_in_the_maps_crs_leaves_the_answer_as_it_was(support, flat, elsewhere) -> None:
+    p, level = (0.0, 0.0, -200.0), (0.0, 0.0, 0.0)
+    asked, pixels = support.request_at(p, level, model=MODEL), support.render(flat, MODEL, p, level)
+    assert WithMotion(Witness(), MODEL).localise(asked, pixels, elsewhere) == Witness().localise(asked, pixels, elsewhere)
+
+
 def test_a_request_for_an_older_frame_is_no_motion(support, flat) -> None:
     localiser = WithMotion(Witness(), MODEL)
     flown(support, flat, localiser, along(3), first=5)

@@ -109,6 +109,15 @@ def test_a_large_turn_carries_the_tilt_no_better_than_the_lens_is_known(
     assert least_rad < told.sigma_rad < most_rad
 
 
+def test_a_place_without_coordinates_in_the_maps_crs_hides_no_turn(support, flat, elsewhere) -> None:
+    localiser, turns = WithTurn(Blind(), MODEL), []
+    for k in range(2):
+        p, euler = (4.0 * k, 10.0, -200.0), (0.0, 0.0, 0.03 * k)
+        asked = of_frame(support.request_at(p, euler, model=MODEL), k)
+        turns.append(localiser.localise(asked, support.render(flat, MODEL, p, euler), elsewhere).turn)
+    assert turns[1] is not None
+
+
 def test_a_frame_without_corners_bears_no_turn(support, flat) -> None:
     localiser = WithTurn(Blind(), MODEL)
     for k in range(2):
