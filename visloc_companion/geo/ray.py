@@ -22,8 +22,9 @@ def intersect_surface(
 ) -> FloatArray:
     """(N, 3) NED points where rays first meet a surface: marching from the highest to the lowest level, then bisection.
 
-    Heights are up-positive about the NED origin. Rays that do not descend or miss the surface give NaN. Parts of the
-    surface thinner than (highest - lowest) / steps in height may be stepped over.
+    Heights are up-positive about the NED origin. Rays that do not descend or miss the surface give NaN, and so do those that are
+    below it where it begins: they met the ground in a gap before. Parts of the surface thinner than (highest - lowest) / steps in
+    height may be stepped over.
     """
     down = np.where(ray_ned[:, 2] > 1e-6, ray_ned[:, 2], np.nan)
     top = np.maximum(p_cam_ned_m[2], -highest_up_m)
@@ -45,4 +46,6 @@ def intersect_surface(
         p = p_cam_ned_m + ray_ned * t[:, None]
         under = surface_up_m(p[:, :2]) >= -p[:, 2]
         t_high, t_low = np.where(under, t, t_high), np.where(under, t_low, t)
-    return np.asarray(p_cam_ned_m + ray_ned * ((t_low + t_high) / 2)[:, None], dtype=np.float64)
+    above = p_cam_ned_m[:2] + ray_ned[:, :2] * t_low[:, None]
+    met = np.where(np.isfinite(surface_up_m(above)), (t_low + t_high) / 2, np.nan)
+    return np.asarray(p_cam_ned_m + ray_ned * met[:, None], dtype=np.float64)

@@ -41,6 +41,26 @@ def test_rays_that_miss_the_surface() -> None:
     assert got[2] == pytest.approx([10.0, 20.0, 0.0], abs=0.01)
 
 
+def test_a_ray_into_a_gap_of_the_surface_meets_nothing_behind_it() -> None:
+    """It came out below the far shore of a lake without heights, and was said to meet the ground there, 20 m below it."""
+
+    def lake(p: np.ndarray) -> np.ndarray:
+        return np.where(p[:, 0] < 20.0, 0.0, np.where(p[:, 0] < 60.0, np.nan, 10.0))
+
+    near, into, beyond = np.array([[0.1, 0.0, 1.0], [0.5, 0.0, 1.0], [0.8, 0.0, 1.0]])
+    got = intersect_surface(np.array([0.0, 0.0, -100.0]), np.stack([near, into, beyond]), lake, 15.0, -40.0)
+    assert got[0] == pytest.approx([10.0, 0.0, 0.0], abs=0.05)
+    assert np.isnan(got[1]).all()
+    assert got[2] == pytest.approx([72.0, 0.0, -10.0], abs=0.05)
+
+
+def test_a_surface_that_begins_below_the_ray_is_met() -> None:
+    got = intersect_surface(
+        np.array([0.0, 0.0, -100.0]), np.array([[1.0, 0.0, 1.0]]), lambda p: np.where(p[:, 0] < 50.0, np.nan, 20.0), 90.0, -10.0
+    )
+    assert got[0] == pytest.approx([80.0, 0.0, -20.0], abs=0.05)
+
+
 def test_camera_below_the_highest_point() -> None:
     low = np.array([0.0, 0.0, -20.0])
     got = intersect_surface(low, np.array([[1.0, 0.0, 1.0]]), lambda p: np.zeros(len(p)), 500.0, 0.0)
