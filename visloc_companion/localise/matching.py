@@ -48,6 +48,9 @@ PEAK_SHARE, DESCENT_SHARE, FINE_SHARE = 0.55, 0.7, 0.75
 its descent ended deserves the fine level."""
 SAME_PX = 1.0
 """A descent that comes so near to where another ended leads there too."""
+ONE_PLACE_PX = 2.0
+"""Candidates that the fine level brings so near to each other, the camera and what it looks at, are one place: blocks that lie so
+near agree (blocks.AGREE_PX)."""
 MARGIN_PX = 8
 ENOUGH_PX = 80
 """Larger footprints are aligned on every other pixel of every other row."""
@@ -172,15 +175,32 @@ def best_match(task: Task, matches: list[Match]) -> tuple[Match, float]:
 
 
 def refined_candidates(task: Task, candidates: list[Descended]) -> list[Match]:
-    """The best candidates, refined at the fine level. Raises OutsideMap."""
-    matches = []
+    """The best candidates, refined at the fine level, each place once. Raises OutsideMap."""
+    matches: list[Match] = []
     for candidate in distinct(candidates, 2 * task.plan.coarse_gsd_m, task.view_ne_m)[:MAX_FINE]:
         if candidate.score < max(MIN_COARSE_SCORE, FINE_SHARE * candidates[0].score):
             break
         match = refined(task, candidate.pose, candidate.score, task.plan.fine_gsd_m)
         if match is not None:
             matches.append(match)
-    return matches
+    return _once_each(task, matches)
+
+
+def _once_each(task: Task, matches: list[Match]) -> list[Match]:
+    """The matches, in their order, without those that came to where a stronger one is: they would be its rivals otherwise."""
+    strengths = [standing(task, match).strength(task.rank) for match in matches]
+    kept: list[int] = []
+    for k in np.argsort(-np.array(strengths), kind="stable").tolist():
+        radius_m = ONE_PLACE_PX * matches[k].gsd_m
+        if all(_apart_m(task, matches[k].descended.pose, matches[other].descended.pose) > radius_m for other in kept):
+            kept.append(k)
+    return [matches[k] for k in sorted(kept)]
+
+
+def _apart_m(task: Task, a: CameraPose, b: CameraPose) -> float:
+    """How far two cameras, or what they look at, lie apart."""
+    views = task.view_ne_m(a) - task.view_ne_m(b)
+    return max(math.hypot(*views), math.hypot(*(a.p_ned_m - b.p_ned_m)[:2]))
 
 
 def standing(task: Task, match: Match) -> Standing:

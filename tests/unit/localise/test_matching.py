@@ -13,11 +13,12 @@ from visloc_companion.localise.descent import Descended
 from visloc_companion.localise.features.gradient import GRADIENT, GradientFeatures
 from visloc_companion.localise.frame import full_level
 from visloc_companion.localise.hypotheses import search_box
-from visloc_companion.localise.matching import SAME_GSD, Task, distinct
+from visloc_companion.localise.matching import SAME_GSD, Task, distinct, refined_candidates
+from visloc_companion.localise.open_places import share_of, weighed
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import SearchPlan, local_frame, make_plan
 from visloc_companion.localise.pose import to_view, turned_about_view
-from visloc_companion.localise.ranking import DEEP_RANK
+from visloc_companion.localise.ranking import DEEP_RANK, GRADIENT_RANK
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.window import cropped, map_grid
 from visloc_companion.maps.pack import PackMap
@@ -74,6 +75,25 @@ def task_and_grid(flat: Any, support: Any, features: Counted) -> tuple[Task, Map
     full = full_level(pixels, MODEL)
     task = Task(plan, request.prior, full, flat, Stopwatch(), features, features, DEEP_RANK, 0.673)
     return task, cropped(map_grid(flat, plan.frame, *search_box(plan), plan.coarse_gsd_m, GRADIENT))
+
+
+def test_candidates_that_come_to_one_place_are_no_rivals_of_each_other(flat, support):
+    """One peak had the other for a rival as strong as itself: a place that was right was "one of several"."""
+    truth, level = (5.0, 8.0, -240.0), (0.0, 0.0, 0.0)
+    request = support.request_at((0.0, 0.0, -240.0), level)
+    plan = make_plan(request.prior, MODEL, flat, LocaliserSettings())
+    assert isinstance(plan, SearchPlan)
+    full = full_level(support.render(flat, MODEL, truth, level), MODEL)
+    task = Task(plan, request.prior, full, flat, Stopwatch(), GRADIENT, GRADIENT, GRADIENT_RANK, 1.04)
+    apart = [(-2.0, 0.0), (2.0, 1.0), (40.0, -30.0)]
+    starts = [CameraPose(np.add(truth, (north, east, 0.0)), plan.pose.R_ned_cam) for north, east in apart]
+    candidates = [candidate(start, 0.9 - 0.01 * k) for k, start in enumerate(starts)]
+    assert len(distinct(candidates, 2 * plan.coarse_gsd_m, task.view_ne_m)) == 3
+    here, elsewhere = refined_candidates(task, candidates)
+    assert here.descended.pose.p_ned_m[:2] == pytest.approx(truth[:2], abs=0.3)
+    assert np.hypot(*(elsewhere.descended.pose.p_ned_m - here.descended.pose.p_ned_m)[:2]) > 20.0
+    likely = weighed(task, [here, elsewhere], here, [])
+    assert share_of(task, [here, elsewhere], here, likely) > 0.99
 
 
 @pytest.mark.parametrize(("factor", "times"), [(1 + 3e-7, 1), (1 - 3e-7, 1), (2**0.5, 2)])
