@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from visloc_companion.geo.camera import R_FRD_CAM, pinhole_matrix, scaled, unproject
 from visloc_companion.geo.se3 import quat_from_R
@@ -29,6 +30,8 @@ STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 10, 0.03)
 RETURN_PX = 0.3
 LEAST_TRACKS, LEAST_FOUND, LEAST_FITTING = 20, 0.3, 0.6
 MOST_SCATTER_PX = 1.0
+STILL_PX, MOVED_PX, LEAST_STILL, MOST_STILL = 1.0, 2.5, 0.05, 0.9
+"""Tracks that stand still beside others that move, and shares of all at which they are told from these."""
 MOST_TILT_COS = math.cos(math.radians(60.0))
 HeightsAbove = Callable[[FloatArray], FloatArray]
 """(N,) by how much the camera is higher than what rays (N, 3), north, east, down, meet; NaN where that is not known."""
@@ -83,6 +86,8 @@ class Follower:
             return None
         start = a.rays - (a.nearer * (a.rays @ a.R_ned_cam[2]))[:, None] * (a.R_ned_cam.T @ moved_ned)
         kept, found = self._followed(a, b, R_ba, start)
+        grounded = of_ground(found - a.corners[kept])
+        kept[kept], found = grounded, found[grounded]
         if kept.sum() < max(LEAST_TRACKS, LEAST_FOUND * len(kept)):
             return None
         turned = solved(a.rays[kept], unproject(self._model, found)[:, :2], R_ba, a.R_ned_cam, self._model.fx_px, a.nearer[kept])
@@ -109,6 +114,15 @@ class Follower:
         inside[inside] = self._inner[row, column]
         kept = inside & (forth.ravel() > 0) & (back.ravel() > 0) & (np.hypot(*(again - here)[:, 0].T) < RETURN_PX)
         return kept, np.asarray(found[kept], dtype=np.float64)
+
+
+def of_ground(shifts_px: FloatArray) -> NDArray[np.bool_]:
+    """(N,) which tracks may be of the ground, from their shifts (N, 2): where most of those that moved moved far, what stands
+    still is a text in the picture, dirt on the lens or the vehicle's own gear. All where all stand still, or move little."""
+    length = np.hypot(shifts_px[:, 0], shifts_px[:, 1])
+    still = length < STILL_PX
+    apart = LEAST_STILL <= float(still.mean()) <= MOST_STILL if len(still) else False
+    return ~still if apart and float(np.median(length[~still])) > MOVED_PX else np.ones(len(still), np.bool_)
 
 
 def _nearer(heights_m: FloatArray) -> FloatArray:

@@ -37,7 +37,8 @@ def test_turns_are_those_of_the_ground_not_of_the_gear(odo, field) -> None:
     told, untold = off_deg(masked(odo.MODEL), masked(odo.MODEL)), off_deg(odo.MODEL, odo.MODEL)
     assert len(told) == 3
     assert max(told) < 0.15
-    assert untold == [], "a turn of the gear does not fit the ground, and is none"
+    assert len(untold) >= 2
+    assert max(untold) < 0.15, "what stands still where the ground moves far is left out without a mask, too"
     only_left_out = off_deg(masked(odo.MODEL), odo.MODEL)
     assert len(only_left_out) == 3
     assert max(told) < max(only_left_out) < 0.4, "corners at the gear's edge see it, unless it is painted over"

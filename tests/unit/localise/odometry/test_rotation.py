@@ -11,7 +11,7 @@ import pytest
 from visloc_companion.geo.camera import R_FRD_CAM, project, scaled
 from visloc_companion.geo.se3 import R_from_quat, quat_from_euler, quat_inverse, quat_multiply
 from visloc_companion.localise.odometry.rotation import TurnWatch
-from visloc_companion.localise.odometry.turn_follow import Follower
+from visloc_companion.localise.odometry.turn_follow import Follower, of_ground
 from visloc_companion.types import CameraModel, Image, Quat, Turn
 
 MODEL = CameraModel(640, 480, 420.0, 420.0, 319.5, 239.5)
@@ -83,6 +83,40 @@ def test_a_camera_sets_its_exposure_anew_in_each_frame(ground: Image, gain: floa
             assert turns.since_last is not None
             claimed.append(np.degrees(np.sqrt(np.diag(np.array(turns.since_last.cov_rad2)))).max())
     assert max(claimed) < 0.1
+
+
+def with_text(seen: Image) -> Image:
+    """What an on-screen display writes at the borders of the picture."""
+    seen = seen.copy()
+    lines = [(5, y) for y in (24, 48, 72, 430, 454)]
+    for at in lines:
+        cv2.putText(seen, "ALT 235.1 SPD 12.3 BAT 15.2V GPS 12", at, cv2.FONT_HERSHEY_SIMPLEX, 0.8, 255, 2)
+    for at in [(x, y) for x in (10, 500) for y in range(120, 400, 40)]:
+        cv2.putText(seen, "12:34:56", at, cv2.FONT_HERSHEY_SIMPLEX, 0.7, 255, 2)
+    return seen
+
+
+def test_a_text_in_the_picture_is_not_followed(ground: Image) -> None:
+    """Turns were off by degrees, many times what they claimed, or there were none."""
+    watch, sigmas = TurnWatch(MODEL), []
+    poses = [(q_of(1.2 * math.sin(k), 0.6 * math.cos(k), 17.0), 0.025 * k) for k in range(10)]
+    for k, (q, north) in enumerate(poses):
+        turn = watch.step(with_text(picture(ground, q, north)), S + k * S // 4, q).since_last
+        if turn is not None:
+            off = np.radians(error_deg(turn, poses[k - 1][0], q))
+            sigmas.append(math.sqrt(off @ np.linalg.solve(np.array(turn.cov_rad2), off) / 3))
+    assert len(sigmas) >= 7
+    assert max(sigmas) < 3.0
+
+
+def test_what_stands_still_is_the_ground_where_all_does_or_little_moves() -> None:
+    rng = np.random.default_rng(2)
+    still, moved = rng.normal(0, 0.1, (30, 2)), np.add(rng.normal(0, 0.3, (50, 2)), (6.0, -2.0))
+    assert np.array_equal(of_ground(np.vstack([still, moved])), np.arange(80) >= 30)
+    assert of_ground(np.vstack([moved, still[:2]])).all(), "a few where the flow is zero"
+    assert of_ground(still).all()
+    assert of_ground(np.vstack([still, np.add(still, (1.2, 0.0))])).all()
+    assert of_ground(np.zeros((0, 2))).shape == (0,)
 
 
 def test_frames_that_are_late_old_identical_or_of_another_size_give_none(ground: Image) -> None:
