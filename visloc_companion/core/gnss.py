@@ -3,7 +3,8 @@
 Evidence: the receivers and the autopilot of themselves (core/gnss_receiver.py), GNSS time (core/gnss_clock.py), the map before
 arming (core/gnss_map.py), and sequential tests of GNSS against vision (core/drift.py), odometry (core/gnss_odometry.py) and
 barometer (core/gnss_height.py). Signs must last `denied_after_s`; the sequential tests have waited already. Trust that was lost
-comes back after `probation_s` without any sign in which, where there is vision, GNSS agreed with it (core/gnss_trust.py).
+comes back after `probation_s` without any sign in which, where there is vision, GNSS agreed with it (core/gnss_trust.py); so does
+a first one to a vehicle that fixes have placed already.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ class GnssMonitor:
         self._anew = False
         self._vision_ns: int | None = None
         self._vision_sigma = 0.0
-        self._out_of_reach = False
+        self._out_of_reach = self._rests_on_fixes = False
         self._armed: bool | None = None
         self._aloft = False
         self._clock_follows = True
@@ -136,9 +137,10 @@ class GnssMonitor:
         elif low:
             self._aloft = False
 
-    def on_reach(self, out_of_reach: bool) -> None:
-        """Whether the position is further from the navigator's own than both covariances allow."""
-        self._out_of_reach = out_of_reach
+    def on_reach(self, out_of_reach: bool, *, rests_on_fixes: bool = False) -> None:
+        """Whether the position is further from the navigator's own than both covariances allow, and whether that one
+        `rests_on_fixes`: then a GNSS that was not there before is no first one."""
+        self._out_of_reach, self._rests_on_fixes = out_of_reach, rests_on_fixes
 
     def on_vision(self, t_ns: int, difference_ne_m: Vec2, fix_cov_m2: Cov2, map_sigma_m: float, v_ne_mps: Vec2) -> None:
         """Take a comparison: GNSS minus an accepted fix, at the fix's image time, while the receiver has a position."""
@@ -204,14 +206,14 @@ class GnssMonitor:
         """Count the time without anything against GNSS and trust it (again) at the end of the probation."""
         trust = self._trust
         blind = self._needs_vision and not self._sees(now_ns)
-        if trust.signs or blind or (trust.ever and self._out_of_reach):
+        if trust.signs or blind or (self._returns and self._out_of_reach):
             trust.interrupt()
             self._anew = True
             return
         trust.begin(now_ns)
-        if self._anew and (trust.ever or self._disagreed):
+        if self._anew and (self._returns or self._disagreed):
             self._begin_tests()
-        if trust.earned(now_ns, gnss_odds.probability_false(*self._log_r())):
+        if trust.earned(now_ns, gnss_odds.probability_false(*self._log_r()), returns=self._returns):
             self._drift.regain()
             self._disagreed = ()
 
@@ -222,6 +224,11 @@ class GnssMonitor:
         self._drift.probation(gnss_odds.first_weight_s(prior))
         self._odometry.forget()
         self._height.forget()
+
+    @property
+    def _returns(self) -> bool:
+        """Whether GNSS comes to a vehicle that knew its place before, by a trusted GNSS or by fixes without any."""
+        return self._trust.ever or self._rests_on_fixes
 
     @property
     def _needs_vision(self) -> bool:
@@ -266,7 +273,7 @@ class GnssMonitor:
     def _reasons(self, lasting: tuple[str, ...]) -> tuple[str, ...]:
         if self._trust.trusted:
             return ()
-        reach = ("out_of_reach",) if self._out_of_reach and self._trust.ever else ()
+        reach = ("out_of_reach",) if self._out_of_reach and self._returns else ()
         return (*lasting, *self._disagreed, *reach) or ("probation",)
 
     def _evidence(self, now_ns: int, log_r: tuple[float, float, float]) -> tuple[tuple[str, float, float], ...]:

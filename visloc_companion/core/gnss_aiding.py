@@ -53,7 +53,8 @@ class GnssAiding:
             return []
         self._tracker.gnss.add(t_ns, event.place)
         self._compare_odometry()
-        self._monitor.on_reach(self._tracker.out_of_reach(t_ns, event.place, self._monitor.sigma_m(event)))
+        belief, out = self._tracker.belief, self._tracker.out_of_reach(t_ns, event.place, self._monitor.sigma_m(event))
+        self._monitor.on_reach(out, rests_on_fixes=belief is not None and belief.last_fix_ns is not None)
         told, self._told = self._told, []
         return [*told, *self._keep_near(event, t_ns, mode)]
 
