@@ -101,8 +101,11 @@ class CameraTime:
             stamp_ns, self._frame_sigma_s = even.t_ns, even.sigma_s
         if clock.jumps != jumps and self._used is not None:
             self._doubt(self._used)
-        taken_ns = stamp_ns + (0 if self._used is None else round(self._used.offset_s * 1e9))
+        offset_ns = 0 if self._used is None else round(self._used.offset_s * 1e9)
+        taken_ns = stamp_ns + offset_ns
         remember(self._stamps, taken_ns, stamp_ns, FRAMES_KEPT)
+        if frame.t_boot_ns is not None and offset_ns:
+            frame = replace(frame, t_boot_ns=frame.t_boot_ns + offset_ns)  # by which its attitude is looked up
         return frame if taken_ns == frame.t_ns else replace(frame, t_ns=taken_ns)
 
     def _doubt(self, used: Offset) -> None:

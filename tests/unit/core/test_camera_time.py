@@ -34,6 +34,7 @@ class Vehicle:
         self.errors_s: list[float] = []
         self.claimed_s: list[float] = []
         self.given_ns: list[int] = []
+        self.boot_errors_s: list[float] = []
 
     def attitude_at(self, t_s: float) -> Quat:
         a = self.rocking_rad
@@ -66,6 +67,9 @@ class Vehicle:
             self.errors_s.append((given[k].t_ns - 10 * S) / S - 0.2 * k)
             self.claimed_s.append(self.camera.sigma_s)
             self.given_ns.append(given[k].t_ns)
+            boot_ns = given[k].t_boot_ns
+            if boot_ns is not None:
+                self.boot_errors_s.append((boot_ns + BOOT_NS - 10 * S) / S - 0.2 * k)
             self.said += self.camera.on_turn(self.turn(k - 4, given), LEVEL)
 
     def turn(self, k: int, given: dict[int, FrameRef]) -> Turn | None:
@@ -133,6 +137,7 @@ def test_stamps_of_its_own_that_are_wrong_are_corrected_and_told_once(late_s: fl
     assert len(vehicle.told[0]) <= 50
     assert vehicle.errors_s[5] == pytest.approx(late_s)
     assert np.abs(vehicle.errors_s[-50:]).max() < 0.01
+    assert vehicle.boot_errors_s == pytest.approx(vehicle.errors_s, abs=1e-6)  # its attitude is that of the same moment
     (nn, ne), (_, ee) = vehicle.camera.stated(FIX, (20.0, 0.0, 0.0)).cov_ne_m2
     assert nn > 1
     assert (nn, ne, ee) == pytest.approx((1, 0.0, 1.0), abs=(20 * SURE_S) ** 2)
