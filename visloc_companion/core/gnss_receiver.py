@@ -20,7 +20,8 @@ RECEIVER_AGE_S = 1.0
 """Two receivers are compared where their reports are no further apart."""
 COMPARED_S = 3.0
 """What that showed stands for so long: a second receiver may be streamed more slowly than the first."""
-ANTENNAS_APART_M = 5.0
+ANTENNAS_APART_M, DELAY_S = 5.0, 0.5
+"""Between the antennas, and by how much one receiver may be later than the other beside its stamps."""
 APART_SIGMA = 4.0
 
 
@@ -110,20 +111,33 @@ def receiver_signs(gnss: Gnss, limits: GnssSettings) -> tuple[str, ...]:
 
 
 def receivers_apart_m(first: Gnss, second: Gnss, limits: GnssSettings) -> float | None:
-    """Horizontal distance of two receivers' positions, None where they cannot be compared."""
-    if min(first.fix_type, second.fix_type) < limits.min_fix_type or not (is_place(first.place) and is_place(second.place)):
+    """Horizontal distance of two receivers' positions at one time, as the first one moves; None where they cannot be compared:
+    one that says of itself that it is poor is no witness against the other."""
+    if receiver_signs(first, limits) or receiver_signs(second, limits):
         return None
-    return wgs84.distance_m(first.place, second.place)
+    north, east, _ = wgs84.ned_from_geo(second.place, first.place)
+    v_north, v_east, _ = first.v_ned_mps or (0.0, 0.0, 0.0)
+    later_s = _later_s(first, second)
+    return math.hypot(north - v_north * later_s, east - v_east * later_s)
+
+
+def _later_s(first: Gnss, second: Gnss) -> float:
+    """By how much the second report is of a later time than the first: by the autopilot's stamps where both have one."""
+    by_arrival_s = (second.t_rx_ns - first.t_rx_ns) * 1e-9
+    if not (first.t_boot_ns and second.t_boot_ns):
+        return by_arrival_s
+    stamped_s = (second.t_boot_ns - first.t_boot_ns) * 1e-9
+    return stamped_s if abs(stamped_s - by_arrival_s) <= RECEIVER_AGE_S else by_arrival_s
 
 
 def receiver_sign(compared: tuple[Gnss, Gnss] | None, now_ns: int, sigma_m: float, limits: GnssSettings) -> tuple[str, ...]:
-    """Two receivers that see different places; `sigma_m` is that of each. The distance covers antennas and delays."""
+    """Two receivers that see different places; `sigma_m` is that of each. What is allowed covers antennas and delays."""
     if compared is None or now_ns - min(report.t_rx_ns for report in compared) > COMPARED_S * 1e9:
         return ()
     first, second = compared
     apart_m = receivers_apart_m(first, second, limits)
     speed = 0.0 if first.v_ned_mps is None else math.hypot(first.v_ned_mps[0], first.v_ned_mps[1])
-    allowed_m = ANTENNAS_APART_M + RECEIVER_AGE_S / 2 * speed + APART_SIGMA * math.sqrt(2) * sigma_m
+    allowed_m = ANTENNAS_APART_M + DELAY_S * speed + APART_SIGMA * math.sqrt(2) * sigma_m
     return ("receivers_differ",) if apart_m is not None and apart_m > allowed_m else ()
 
 

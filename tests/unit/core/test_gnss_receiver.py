@@ -35,7 +35,15 @@ def test_two_receivers_that_see_different_places() -> None:
     assert signs(replace(FIRST, v_ned_mps=None), second(14.0)) == ("receivers_differ",)
 
 
-@pytest.mark.parametrize("other", [second(90.0, fix_type=1), second(90.0, t_rx_ns=5 * S)])
+@pytest.mark.parametrize(
+    "other",
+    [
+        second(90.0, fix_type=1),
+        second(90.0, t_rx_ns=5 * S),
+        second(90.0, n_satellites=4),  # it says itself that it is poor
+        second(90.0, h_acc_m=40.0),
+    ],
+)
 def test_receivers_that_cannot_be_compared(other: Gnss) -> None:
     assert signs(FIRST, other) == ()
 
@@ -68,6 +76,29 @@ def test_a_second_receiver_that_is_streamed_slowly_differs_all_the_time() -> Non
     assert set(seen) == {("receivers_differ",)}
     reports.on_gnss(replace(FIRST, t_rx_ns=24 * S))
     assert receiver_sign(reports.compared, 24 * S, 1.5, LIMITS) == ()  # it speaks no more
+
+
+@pytest.mark.parametrize("every", [5, 15])
+@pytest.mark.parametrize("boot_ns", [0, S])
+def test_two_good_receivers_of_a_fast_plane_agree_however_slowly_the_second_is_streamed(every: int, boot_ns: int) -> None:
+    """At 40 m/s the vehicle is 40 m further in the second by which their reports may lie apart."""
+    reports, seen = Reports(), []
+    for k in range(60):
+        t_ns = k * S // 5
+        place = wgs84.geo_from_ned((0.0, 40.0 * k / 5, 0.0), HERE)
+        now = replace(FIRST, t_rx_ns=t_ns, t_boot_ns=boot_ns and boot_ns + t_ns, place=place, v_ned_mps=(0.0, 40.0, 0.0))
+        if k % every == 0:
+            reports.on_gnss(replace(now, receiver=1))
+        reports.on_gnss(now)
+        seen.append(receiver_sign(reports.compared, t_ns, 1.5, LIMITS))
+    assert set(seen) == {()}
+
+
+def test_a_place_that_lies_as_far_across_the_way_differs_all_the_same() -> None:
+    first = replace(FIRST, t_rx_ns=10 * S + 900_000_000, v_ned_mps=(40.0, 0.0, 0.0))
+    behind = wgs84.geo_from_ned((-36.0, 0.0, 0.0), HERE)
+    assert signs(first, replace(second(0.0), place=behind)) == ()
+    assert signs(first, replace(second(0.0), place=wgs84.geo_from_ned((-36.0, 34.0, 0.0), HERE))) == ("receivers_differ",)
 
 
 def interference(*reports: GnssIntegrity, now_ns: int = 11 * S, agrees: bool = False) -> tuple[str, ...]:
