@@ -184,6 +184,19 @@ class PositionFilter:
         more[POSITION, POSITION] = np.outer(way_ne_m, way_ne_m)
         self._begin_anew(belief.t_ns, widened_by(belief, more), before)
 
+    def doubt_motion(self, autopilots_ne_mps: Vec2) -> None:
+        """What odometry has taught since the last fix was wrong: position and velocity may be off by what it makes the velocity
+        another than the autopilot's."""
+        belief = self.newest
+        before, _ = self._around(len(self._log))
+        v_north, v_east, _ = self.at(belief.t_ns).v_ned_mps
+        off_m2ps2 = math.dist((v_north, v_east), autopilots_ne_mps) ** 2 * np.eye(2)
+        for_s = max(0.0, (belief.t_ns - belief.rested_ns) * 1e-9)
+        more = np.zeros((N_STATES, N_STATES))
+        more[VELOCITY, VELOCITY], more[POSITION, POSITION] = off_m2ps2, for_s**2 * off_m2ps2
+        more[POSITION, VELOCITY] = more[VELOCITY, POSITION] = -for_s * off_m2ps2
+        self._begin_anew(belief.t_ns, widened_by(belief, more), before)
+
     def _begin_anew(self, t_ns: int, belief: Belief, velocity: Velocity) -> None:
         self._base = belief._replace(t_ns=t_ns)
         self._base_velocity = replace(velocity, t_ns=min(velocity.t_ns, t_ns))

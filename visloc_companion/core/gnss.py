@@ -55,6 +55,7 @@ class GnssMonitor:
         self._clock, self._map = GnssClock(), MapCheck()
         self._trust = Trust(settings)
         self._disagreed: tuple[str, ...] = ()
+        self._disagreed_ns, self._must_agree = 0, False
         self._decided = (-math.inf, -math.inf, -math.inf)
         self._anew = False
         self._vision_ns: int | None = None
@@ -167,12 +168,18 @@ class GnssMonitor:
         doubted."""
         self._odometry.add(t_from_ns, t_to_ns, gnss_ne_m, odometry_ne_m, var_m2, lens)
 
-    def disown_camera(self) -> bool:
-        """What the camera said was wrong all along; whether it alone spoke against GNSS, which is then on probation."""
+    def disown_camera(self, *, right_until_ns: int = 0, in_use: bool = False) -> bool:
+        """What the camera said was wrong since a time, 0: all along; whether it alone spoke against GNSS, which is then on
+        probation. Where it stays `in_use`, believed less, a GNSS that it spoke against comes back only by agreeing with it."""
         self._odometry, self._drift = OdometryTest(), DriftTest(self._settings.gnss_sigma_m)
         self._vision_ns, self._vision_sigma = None, 0.0
         said = bool(self._disagreed)
-        self._disagreed = tuple(reason for reason in self._disagreed if reason not in BY_CAMERA)
+        if said and self._disagreed_ns >= right_until_ns:
+            by_others = tuple(reason for reason in self._disagreed if reason not in BY_CAMERA)
+            self._must_agree = in_use and (self._must_agree or by_others != self._disagreed)
+            self._disagreed = by_others
+        elif not in_use and not right_until_ns:
+            self._must_agree = False
         if not self._trust.trusted:
             self._trust.interrupt()
             self._begin_tests()
@@ -189,6 +196,7 @@ class GnssMonitor:
             self._drift.lose()
             self._begin_tests()
         if against:
+            self._disagreed_ns = self._disagreed_ns if self._disagreed else now_ns
             self._disagreed = tuple(dict.fromkeys((*self._disagreed, *against)))
             self._decided = self._log_r()
             trust.interrupt()
@@ -215,7 +223,7 @@ class GnssMonitor:
             self._begin_tests()
         if trust.earned(now_ns, gnss_odds.probability_false(*self._log_r()), returns=self._returns):
             self._drift.regain()
-            self._disagreed = ()
+            self._disagreed, self._must_agree = (), False
 
     def _begin_tests(self) -> None:
         """A probation begins: the tests forget what spoke against GNSS, and weigh that it may be false from now on."""
@@ -232,7 +240,7 @@ class GnssMonitor:
 
     @property
     def _needs_vision(self) -> bool:
-        return any(reason != "height_disagrees" for reason in self._disagreed)
+        return self._must_agree or any(reason != "height_disagrees" for reason in self._disagreed)
 
     def _log_r(self) -> tuple[float, float, float]:
         return self._drift.log_r, self._odometry.log_r, self._height.log_r

@@ -70,18 +70,24 @@ class GnssAiding:
         if self._monitor.disown_camera() or (belief is not None and belief.last_fix_ns is not None):
             self._tracker.forget()
 
-    def camera_changed(self) -> None:
-        """What the camera showed lately was wrong, and right before: the filter starts anew where GNSS says the place, and goes
-        on where nothing else does."""
+    def camera_changed(self, since_ns: int, *, in_use: bool) -> None:
+        """What the camera showed since a time, or since the last fix before, was wrong, and right until then: the filter starts
+        anew where GNSS says the place, and goes on where nothing else does, or where the camera found GNSS false before.
+        `in_use`: the camera is used as it is now."""
         self._odometry.clear()
-        if self._monitor.disown_camera() or self._monitor.trusted:
+        belief = self._tracker.belief
+        fixed_ns = 0 if belief is None or belief.last_fix_ns is None else belief.last_fix_ns
+        right_until_ns = max(1, min(since_ns, fixed_ns))
+        if self._monitor.disown_camera(right_until_ns=right_until_ns, in_use=in_use) or self._monitor.trusted:
             self._tracker.forget()
+        else:
+            self._tracker.doubt_motion()
 
     def retimed(self) -> None:
         """What frames said so far, beside GNSS and against it, was of other times."""
         self._odometry.clear()
         self._map = MapOffset(self._settings.navigator.map_sigma_m)
-        self._monitor.disown_camera()
+        self._monitor.disown_camera(in_use=True)
 
     def reaimed(self) -> None:
         """What frames said so far was off by what is taken off from now on: the filter starts from GNSS anew."""

@@ -24,22 +24,27 @@ FEWEST, LEAST_RMS_RAD = 8, math.radians(0.6)
 """Turns in a row, and their size: pictures that come late are still in one turn by chance, not in so many."""
 STILL, EACH_STILL = 0.2, 0.5
 """What is seen of them, rms over rms, and of each."""
+UNSEEN_NS = 10_000_000_000
+"""Before the first of them pictures may have kept level for so long: turns that were too small, or fixes by chance, hid it."""
 FOLLOWS = 0.4
 """What a turn may be off by, as a share, where the picture follows again."""
 
 
 class LevelWatch:
-    """`on_turn` takes what answers say; `wrong`: the operator was told, and nothing of the camera is to be used."""
+    """`on_turn` takes what answers say; `wrong`: the operator was told, and nothing of the camera is to be used;
+    `right_until_ns`: until when pictures surely tilted with the vehicle, before."""
 
     def __init__(self, clock: ClockOffset, attitude: AttitudeBuffer) -> None:
         self._clock, self._attitude = clock, attitude
-        self.wrong = False
+        self.wrong, self.right_until_ns = False, 0
         self._turns: deque[FloatArray] = deque(maxlen=FEWEST)
+        self._since_ns: deque[int] = deque(maxlen=FEWEST)
 
     def recognised(self) -> None:
         """A place was found in the picture, which is seldom possible so: the oldest turn is left out."""
         if self._turns and not self.wrong:
             self._turns.popleft()
+            self._since_ns.popleft()
 
     def on_turn(self, turn: Turn, q_carrier_cambody: Quat) -> list[Command]:
         """Take a turn of the camera's body; says that the picture keeps level, and that it does so no more."""
@@ -50,19 +55,21 @@ class LevelWatch:
         if reported is None or not LEAST_TURN_RAD <= math.hypot(*reported[:2]) <= MOST_TURN_RAD:
             return []
         self._turns.append(np.array([reported[:2], se3.vector_from_quat(turn.q_from_to)[:2]]))
+        self._since_ns.append(turn.t_from_ns)
         if len(self._turns) < FEWEST:
             return []
         turns = np.array(self._turns)
         told = self._follows(turns) if self.wrong else self._keeps_level(turns)
         if told:
             self._turns.clear()
+            self._since_ns.clear()
         return told
 
     def _keeps_level(self, turns: FloatArray) -> list[Command]:
         (reported, seen), (of_reported, of_seen) = np.linalg.norm(turns, axis=2).T, np.sqrt((turns**2).sum(2).mean(0))
         if of_reported < LEAST_RMS_RAD or of_seen > STILL * of_reported or (seen > EACH_STILL * reported).any():
             return []
-        self.wrong = True
+        self.wrong, self.right_until_ns = True, self._since_ns[0] - UNSEEN_NS
         data = (("seen_of_turns", float(of_seen / of_reported)), ("rms_deg", math.degrees(of_reported)))
         return [Notice(Severity.WARNING, "visloc: picture keeps level: EIS, gimbal? unused", to_operator=True, data=data)]
 

@@ -93,6 +93,11 @@ class OnboardCamera:
         return self._level.wrong
 
     @property
+    def level_until_ns(self) -> int:
+        """Until when pictures surely tilted with the vehicle, before they were found not to."""
+        return self._level.right_until_ns
+
+    @property
     def mistimed(self) -> bool:
         """Whether the operator was told that frames come at other times than they bear."""
         return self._time.wrong

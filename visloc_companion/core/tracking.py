@@ -94,10 +94,8 @@ class Tracker:
         if self._velocity is None:
             return True
         stated = self._velocity.t_ns, self._velocity.h_amsl_m
-        if self.height.far_above_ground(*stated, least_m):
-            return False
-        shown_m = self.height.shown_m(*stated)
-        return abs(shown_m) < least_m or abs(height_m + shown_m) < least_m
+        shown_m, aloft = self.height.shown_m(*stated), self.height.far_above_ground(*stated, least_m)
+        return not aloft and (abs(shown_m) < least_m or abs(height_m + shown_m) < least_m)
 
     def set_origin(self, origin: GeoPoint) -> bool:
         """Take the EKF origin; True when it moved a frame that was in use.
@@ -261,6 +259,12 @@ class Tracker:
         self.longer_share = max(self._lasting_share, share, key=abs)
         if self._filter is not None:
             self._filter.know_lens(abs(self.longer_share))
+
+    def doubt_motion(self) -> None:
+        """What the camera showed of its motion lately was wrong."""
+        self._odometry = OdometryAiding()
+        if self._filter is not None and self._velocity is not None:
+            self._filter.doubt_motion(self._velocity.v_ned_mps[:2])
 
     def forget_velocity(self) -> None:
         """The autopilot restarted; its next velocity may bear any time."""

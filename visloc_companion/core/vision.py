@@ -175,7 +175,7 @@ class Vision:
         told = self._onboard.on_answer(event)
         self._lens_doubted |= self._tracker.alike.lens_bend > 0
         if self._lens_doubted and not doubted:
-            self._monitor.disown_camera()
+            self._monitor.disown_camera(in_use=True)
         if self._onboard.retimed_s != retimed_s:
             self._tracker.retimed(self._onboard.retimed_s - retimed_s)
             self._aiding.retimed()
@@ -183,7 +183,7 @@ class Vision:
             self._aiding.disown_camera()
             self._steering.doubt()
         if self._onboard.keeps_level and not knew_level:
-            self._aiding.camera_changed()
+            self._aiding.camera_changed(self._onboard.level_until_ns, in_use=False)
         if event.method == TERRAIN or self._onboard.keeps_level or self._onboard.set_up_wrong:
             return told
         speed_mps = 0.0 if self._tracker.velocity is None else math.hypot(*self._tracker.velocity.v_ned_mps[:2])
@@ -197,7 +197,7 @@ class Vision:
         if not told or found is None:
             return told
         self._onboard.ramp.found(found.t_ns)
-        self._aiding.camera_changed()
+        self._aiding.camera_changed(self._onboard.zoom.recognised_ns, in_use=True)
         self._nothing_open()
         self._regaining.clear()
         if not self._monitor.trusted:
@@ -293,7 +293,7 @@ class Vision:
         doubted, aimed = self._doubts, self._onboard.aimed
         commands = [] if fix.method == TERRAIN else self._onboard.on_fix(fix, taken=taken, gnss_trusted=trusted)
         if any(now and not before for now, before in zip(self._doubts, doubted, strict=True)):
-            self._monitor.disown_camera()
+            self._monitor.disown_camera(in_use=True)
         if self._onboard.aimed and not aimed:
             self._aiding.reaimed()
             return [*commands, *self.free_worker(fix, now_ns)]

@@ -82,6 +82,11 @@ class ZoomWatch:
         """The newest fix through the lens that was found to be there."""
         self._heights: deque[float] = deque(maxlen=HEIGHTS)
 
+    @property
+    def recognised_ns(self) -> int:
+        """When a frame was recognised last, through the lens that was believed then."""
+        return self._fix_ns
+
     def moved(self, seen: Motion) -> None:
         """Take an interval of odometry, which goes by the believed lens."""
         if self._misses:

@@ -338,3 +338,35 @@ def test_a_gnss_that_comes_and_goes_does_not_fill_the_screen() -> None:
     assert sum(a is not b for a, b in itertools.pairwise(verdicts)) == 1
     assert feed.run(30).verdict is Verdict.OK
     assert feed.monitor.ever_trusted
+
+
+def suspected_by_vision() -> Feed:
+    feed = trusted()
+    feed.run(30, vision=(0.5, -0.5))
+    assert feed.run(10, vision=(60.0, 0.0)).reasons == ("vision_disagrees",)
+    return feed
+
+
+def test_a_camera_that_is_believed_less_has_to_agree_before_gnss_comes_back() -> None:
+    feed = suspected_by_vision()
+    assert feed.monitor.disown_camera(in_use=True)
+    got = feed.run(90)
+    assert (got.verdict, got.reasons) == (Verdict.SUSPECT, ("probation",))
+    assert feed.monitor.disown_camera(in_use=True) is False  # it has said nothing since
+    assert feed.run(60).verdict is Verdict.SUSPECT
+    assert feed.run(60, vision=(0.5, -0.5)).verdict is Verdict.OK
+
+
+def test_a_camera_that_is_not_used_any_more_need_not() -> None:
+    feed = suspected_by_vision()
+    assert feed.monitor.disown_camera(in_use=True)
+    assert not feed.monitor.disown_camera()  # and now it is set up wrong
+    assert feed.run(25).verdict is Verdict.OK
+
+
+def test_what_a_camera_said_before_it_changed_stands() -> None:
+    feed = suspected_by_vision()
+    assert not feed.monitor.disown_camera(right_until_ns=feed.k * S // 5)
+    assert feed.run(60).reasons == ("vision_disagrees",)
+    assert feed.monitor.disown_camera(right_until_ns=30 * S)  # it had changed already then
+    assert feed.run(25).verdict is Verdict.OK

@@ -37,8 +37,9 @@ def said(
     attitude_at: Callable[[float], Quat] = swinging,
     late_s: float = 0.0,
     recognised: bool = False,
+    right_until_s: list[float] | None = None,
 ) -> list[tuple[float, str]]:
-    """Two frames a second for a minute, with when it was said."""
+    """Two frames a second for a minute, with when it was said; `right_until_s` is given the watch's word in the end."""
     clock, attitude, rng = ClockOffset(), AttitudeBuffer(), np.random.default_rng(1)
     watch, told = LevelWatch(clock, attitude), []
     for k in range(1, 60 * 30):
@@ -57,12 +58,16 @@ def said(
             watch.recognised()
         notices = watch.on_turn(Turn(first_ns, last_ns, seen, COV), LEVEL)
         told += [(last_ns * 1e-9, notice.text) for notice in notices if isinstance(notice, Notice)]
+    if right_until_s is not None:
+        right_until_s.append(watch.right_until_ns * 1e-9)
     return told
 
 
 def test_stabilisation_that_is_switched_on_is_told_within_seconds_and_its_end_too() -> None:
-    (on_s, on), (off_s, off) = said(lambda t: 20 < t < 40)
+    right_until_s: list[float] = []
+    (on_s, on), (off_s, off) = said(lambda t: 20 < t < 40, right_until_s=right_until_s)
     assert (on, off) == (UNUSED, AGAIN)
+    assert 8 < right_until_s[0] < 12
     assert 20 < on_s < 26
     assert 40 < off_s < 46
 

@@ -82,3 +82,17 @@ def test_what_is_reckoned_on_with_after_a_jam_is_within_its_level(stabilised: An
     sent = [(s, off_m) for t, s, off_m in w.statuses if t > ON_S + 18 and s.mode.value == "dead_reckoning"]
     assert sent
     assert all(off_m < s.protection_level_m for s, off_m in sent)
+
+
+def test_a_false_gnss_that_fixes_found_before_stays_found_and_the_position_goes_on(stabilised: Any) -> None:
+    """GNSS is pulled 60 m away at 8 s and the autopilot flies on fixes: what they said was right then."""
+    w = stabilised(pull_m=lambda t: (60.0 * (t > 8), 0.0))
+    w.start()
+    w.fly(OFF_S)
+    assert len(w.notices("picture keeps level")) == 1
+    assert w.notices("GNSS not trusted")[0] < ON_S - 10
+    after = [(s, off_m) for t, s, off_m in w.statuses if t > ON_S + 2]
+    assert {s.verdict.value for s, _ in after} == {"suspect"}
+    assert {s.mode.value for s, _ in after} <= {"aiding", "dead_reckoning"}
+    assert w.source.value == "vision"
+    assert all(off_m < s.protection_level_m for s, off_m in after)
