@@ -76,6 +76,19 @@ def test_an_even_camera_loses_no_frame_to_jitter(spread_s: float) -> None:
         assert all(fresh.is_fresh(round(t_s * 1e9)) for t_s in arrive)
 
 
+@pytest.mark.parametrize("stall_s", [0.7, 1.5])
+def test_a_camera_that_is_faster_after_a_stall_is_used_again_once_nothing_can_have_waited(stall_s: float) -> None:
+    """It came out of the dark, or its process was started anew: from 5 to 30 frames a second."""
+    fresh = AfterStall()
+    before_s = np.arange(40) * 0.2
+    back_s = before_s[-1] + stall_s
+    after_s = back_s + np.arange(1, 120) / 30
+    assert all(fresh.is_fresh(round(t_s * 1e9)) for t_s in before_s)
+    used_s = [t_s for t_s in (back_s, *after_s) if fresh.is_fresh(round(t_s * 1e9))]
+    assert back_s + 0.9 * stall_s < used_s[0] <= back_s + stall_s + 0.04
+    assert len(used_s) > 60, "and stays in use"
+
+
 def test_a_camera_that_becomes_slower_is_followed() -> None:
     """At dusk a camera exposes for longer: its gaps are no stalls for long."""
     arrive = np.cumsum([1 / 30] * 60 + [0.3] * 40)
