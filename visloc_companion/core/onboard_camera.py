@@ -131,7 +131,7 @@ class OnboardCamera:
         if self._gimbal is None:
             return q_ned_frd
         reason = self._gimbal.refusal(t_boot_ns, self.q_carrier_cambody)
-        self._gimbal_watch.judged(reason, now_ns)
+        self._gimbal_watch.judged(reason, now_ns, t_boot_ns)
         return None if reason is not None else self._gimbal.at(t_boot_ns)
 
     def rate_radps(self, t_boot_ns: int, span_ns: int) -> Vec3 | None:

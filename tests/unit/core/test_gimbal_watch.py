@@ -54,3 +54,48 @@ def test_a_warning_is_not_said_again_when_positions_are_needed_no_more() -> None
     assert said(watch, 9.1, needed=False) == []
     watch.judged(None, 10 * S)
     assert said(watch, 10.0) == [(Severity.NOTICE, "visloc: gimbal looks at the ground again")]
+
+
+def test_a_word_that_comes_too_rarely_for_the_frames_is_told_once_and_its_end() -> None:
+    """Once a second: of five frames one lies within 0.1 s of it."""
+    watch, told = GimbalWatch(), []
+    for k in range(150):
+        rare = k < 60
+        if k % 5 == 0 or not rare:
+            watch.heard(k * S // 5)
+        watch.judged(Reason.NO_GIMBAL_ATTITUDE if rare and k % 5 else None, k * S // 5)
+        told += [(k, *each) for each in said(watch, k / 5)]
+    assert [(severity, text) for _, severity, text in told] == [
+        (Severity.WARNING, "visloc: gimbal attitude too rare or late"),
+        (Severity.NOTICE, "visloc: gimbal attitude comes in time again"),
+    ]
+    assert told[0][0] < 25
+    assert 60 < told[1][0] < 85
+
+
+def test_of_a_gimbal_that_is_silent_only_the_silence_is_told() -> None:
+    watch, told = GimbalWatch(), []
+    for k in range(100):
+        if k < 5:
+            watch.heard(k * S // 5)
+        watch.judged(Reason.NO_GIMBAL_ATTITUDE if k >= 5 else None, k * S // 5)
+        told += [text for _, text in said(watch, k / 5)]
+    assert told == ["visloc: no gimbal attitude"]
+
+
+def test_single_frames_between_two_words_are_nothing_to_speak_of() -> None:
+    watch = GimbalWatch()
+    for k in range(100):
+        watch.heard(k * S // 5)
+        watch.judged(Reason.NO_GIMBAL_ATTITUDE if k % 4 == 0 else None, k * S // 5)
+        assert said(watch, k / 5) == []
+
+
+def test_a_frame_that_is_asked_about_again_and_again_counts_once() -> None:
+    watch = GimbalWatch()
+    for k in range(40):
+        watch.heard(k * S // 5)
+        for _ in range(9):  # its time is beyond the newest word
+            watch.judged(Reason.NO_GIMBAL_ATTITUDE, k * S // 5, frame_ns=k)
+        watch.judged(None, k * S // 5, frame_ns=k)
+        assert said(watch, k / 5) == []
