@@ -279,7 +279,7 @@ class Navigator:
     def _judge_gnss(self, now_ns: int) -> list[Command]:
         before = self._monitor.verdict.verdict
         self._monitor.on_height(low=self._tracker.low)
-        verdict = self._monitor.update(now_ns, self._switch.source)
+        verdict = self._monitor.update(now_ns, self._switch.judged_source(now_ns))
         self._aiding.judged(now_ns)
         if verdict.verdict is before:
             return []

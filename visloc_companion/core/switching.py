@@ -37,6 +37,12 @@ class SourceSwitch:
         """Whether the autopilot ever confirmed a source since we know it. Of an operator it is known what he was asked."""
         return self._confirmed or not self._allowed
 
+    def judged_source(self, now_ns: int) -> EkfSource:
+        """What the autopilot's own word on its position is of: of vision, too, while an operator who switches may be on that."""
+        if self._allowed:
+            return self._source
+        return EkfSource.VISION if self.leaving_vision(now_ns) else EkfSource.GNSS
+
     def leaving_vision(self, now_ns: int) -> bool:
         """Whether the autopilot may still fly on vision: as far as it confirmed, or on a GNSS that it has yet to be seen to use
         (or was seen not to, and has not confirmed vision since); or until an operator who was asked has had the time."""
