@@ -25,6 +25,7 @@ from visloc_companion.app.constructors import CONSTRUCTORS
 from visloc_companion.app.first_position import At, FirstPosition
 from visloc_companion.app.ground_check import GroundCheck
 from visloc_companion.app.ground_reports import Condition, GroundReports
+from visloc_companion.app.handover import Handover
 from visloc_companion.app.health import Health
 from visloc_companion.app.mailbox import Mailbox
 from visloc_companion.app.parts import Constructors, Parts, Reports, assemble
@@ -85,7 +86,7 @@ class Daemon:
         self._link_up = self._stopping = False
         self._ground = GroundCheck(parts.config, parts.clock, self.handle)
         self._reports = GroundReports(parts.config, parts.clock, self._condition, self.link.report)
-        self._first = FirstPosition(at)
+        self._first, self._handover = FirstPosition(at), Handover(parts.config.status.socket)
 
     # ------------------------------------------------------------------------------------------------- events, commands
 
@@ -102,6 +103,7 @@ class Daemon:
             if journal is not None:
                 journal.command(now_ns, command)
             self._seen.command(now_ns, command)
+            self._handover.did(command)
             self._dispatch(command)
         spent_ns = self._wall.now_ns() - begun_ns
         self.slow_steps += spent_ns > SLOW_STEP_NS
@@ -200,8 +202,9 @@ class Daemon:
                 self._link_up = event.up
             self._ground.heard(event)
             self.handle(event)
-            if (first := self._first.heard(event)) is not None:
-                self.handle(first)
+            for told in (self._handover.heard(event), self._first.heard(event)):
+                if told is not None:
+                    self.handle(told)
         if not self._stopping:
             raise LinkError("ended by itself", where=self.parts.config.link.url, remedy="this is a fault; start visloc again")
 

@@ -39,12 +39,14 @@ from visloc_companion.types import (
     EstimatorStatus,
     Event,
     Fix,
+    FoundOnVision,
     FrameRef,
     GimbalAttitude,
     Gnss,
     GnssIntegrity,
     GnssTime,
     Imu,
+    InjectionPolicy,
     LinkChanged,
     LocalPose,
     MapAtGnss,
@@ -221,6 +223,8 @@ class Navigator:
                 return self._vision.on_operator(event, self._clock.boot_ns(now_ns) or 0, now_ns)
             case SourceSwitched():
                 return self._switch.confirmed(event, now_ns)
+            case FoundOnVision():
+                return self._on_found()
             case WorkerState():
                 self._queue.worker(event.up)
                 if self._terrain is not None:
@@ -255,6 +259,12 @@ class Navigator:
             return [Notice(Severity.WARNING, "autopilot link lost")]
         self._origin_asked_ns = now_ns
         return streams.requests_for(event.autopilot, self._settings)
+
+    def _on_found(self) -> list[Command]:
+        if self._settings.injection.policy is InjectionPolicy.NEVER:
+            return []
+        self._switch.found_on_vision()
+        return [Notice(Severity.NOTICE, "visloc: restarted, EKF may be on VISION", to_operator=True)]
 
     # ---------------------------------------------------------------------------------------------------------- the Tick
 

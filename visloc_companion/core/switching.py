@@ -34,8 +34,9 @@ class SourceSwitch:
 
     @property
     def known(self) -> bool:
-        """Whether the autopilot ever confirmed a source since we know it. Of an operator it is known what he was asked."""
-        return self._confirmed or not self._allowed
+        """Whether the autopilot ever confirmed a source since we know it. Of an operator it is known what he was asked, but for
+        what a daemon before this one asked him."""
+        return self._confirmed or not (self._allowed or self._found_on_vision)
 
     def judged_source(self, now_ns: int) -> EkfSource:
         """What the autopilot's own word on its position is of: of vision, too, while an operator who switches may be on that."""
@@ -45,7 +46,10 @@ class SourceSwitch:
 
     def leaving_vision(self, now_ns: int) -> bool:
         """Whether the autopilot may still fly on vision: as far as it confirmed, or on a GNSS that it has yet to be seen to use
-        (or was seen not to, and has not confirmed vision since); or until an operator who was asked has had the time."""
+        (or was seen not to, and has not confirmed vision since); or until an operator who was asked has had the time; or as long
+        as nobody has said where one is that was sent positions before we came."""
+        if self._found_on_vision:
+            return True
         if not self._allowed:
             asked_ns = self._asked_back_ns
             return self._operator_told is EkfSource.VISION or (asked_ns is not None and now_ns - asked_ns < HAND_BACK_NS)
@@ -54,6 +58,7 @@ class SourceSwitch:
     def restarted(self) -> None:
         """The autopilot (or we) restarted: its source is what its parameters say, most likely GNSS."""
         self._check.stop()
+        self._found_on_vision = False
         self._shunned: dict[EkfSource, int] = {}
         self._unused: EkfSource | None = None
         self._told_unheard = False
@@ -62,6 +67,10 @@ class SourceSwitch:
         self._operator_told = EkfSource.GNSS
         self._asked_back_ns: int | None = None
 
+    def found_on_vision(self) -> None:
+        """A daemon before this one sent positions until a short while ago: it may have brought the autopilot to vision."""
+        self._found_on_vision = True
+
     def confirmed(self, event: SourceSwitched, now_ns: int) -> list[Command]:
         """The autopilot's answer, or that there was none. Where it did not switch the operator is told, and it is ordered again:
         soon what it may not have heard, later what it refused."""
@@ -69,6 +78,7 @@ class SourceSwitch:
             if event.shows_use and (event.source is not self._source or event.source is self._unused):
                 self._check.begin(event.source, now_ns)
             self._source, self._confirmed, self._not_before_ns, self._unused = event.source, True, None, None
+            self._found_on_vision = False
             self._told_unheard = False
             return [Notice(Severity.INFO, f"visloc: EKF source is {event.source.value}")]
         if event.answered:
@@ -107,7 +117,8 @@ class SourceSwitch:
         return [SwitchSource(source)]
 
     def _ask_operator(self, source: EkfSource, now_ns: int) -> list[Command]:
-        if source is self._operator_told:
+        if source is self._operator_told and not self._found_on_vision:
             return []
+        self._found_on_vision = False
         self._operator_told, self._asked_back_ns = source, now_ns if source is EkfSource.GNSS else None
         return [Notice(Severity.CRITICAL, f"visloc: set EKF position source to {source.value.upper()}", to_operator=True)]

@@ -50,6 +50,7 @@ class FakeLink:
     closed: bool = False
     hangs: bool = False
     up: bool = False
+    armed: bool = False
     _begun: bool = False
     _events: Mailbox[Event | None] = field(default_factory=lambda: Mailbox(_CAPACITY, newest_wins=True))
 
@@ -66,7 +67,7 @@ class FakeLink:
     def set_up(self, up: bool) -> None:
         """The autopilot is heard, or falls silent."""
         self.up = up
-        self.feed(LinkChanged(self.clock.now_ns(), up, self.kind, self.version, self.system_id))
+        self.feed(LinkChanged(self.clock.now_ns(), up, self.kind, self.version, self.system_id, self.armed))
         if up and self.origin is not None:
             self.set_origin(self.origin)
 

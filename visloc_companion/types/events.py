@@ -341,6 +341,13 @@ class SourceSwitched:
 
 
 @dataclass(frozen=True, slots=True)
+class FoundOnVision:
+    """A daemon before this one sent positions to this autopilot until a short while ago, which may still fly on them."""
+
+    t_rx_ns: int
+
+
+@dataclass(frozen=True, slots=True)
 class WorkerState:
     """The worker came up or died; `restarts` counts those of the last 60 s."""
 
@@ -379,6 +386,7 @@ Event = (
     | LinkChanged
     | OperatorFix
     | SourceSwitched
+    | FoundOnVision
     | WorkerState
     | Tick
 )

@@ -128,9 +128,11 @@ def constructors(link: FakeLink, cameras: list[Any], answers: str, opens_s: floa
 
 
 @asynccontextmanager
-async def flight(config: Config, answers: str = "prior_is_right", at: At | None = None, **camera: Any) -> AsyncIterator[Flight]:
+async def flight(
+    config: Config, answers: str = "prior_is_right", at: At | None = None, armed: bool = False, **camera: Any
+) -> AsyncIterator[Flight]:
     clock, stop, cameras = MonotonicClock(), asyncio.Event(), list[Any]()
-    link, notifier = FakeLink(clock, origin=HOME), FakeNotifier()
+    link, notifier = FakeLink(clock, origin=HOME, armed=armed), FakeNotifier()
     ready: asyncio.Future[Daemon] = asyncio.get_running_loop().create_future()
     task = asyncio.create_task(
         run_daemon(

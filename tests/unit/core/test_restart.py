@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,16 @@ import pytest
 from tests.unit.core.conftest import place_of
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings, GnssSettings, InjectionSettings
+from visloc_companion.core.switching import HAND_BACK_NS
 from visloc_companion.geo import wgs84
 from visloc_companion.types import (
     AutopilotKind,
     EkfSource,
+    FoundOnVision,
     GeoPoint,
     Gnss,
     Injection,
+    InjectionPolicy,
     LinkChanged,
     OriginChanged,
     SwitchSource,
@@ -113,3 +117,31 @@ def test_a_fix_that_is_less_than_was_asked_for_is_what_the_autopilot_flies_on(wo
     assert w.notices("filter seeded") == []
     assert len(w.notices("position found on the map")) == 1
     assert max(error for t, s, error in w.statuses if s.place is not None) < 6.0
+
+
+@pytest.mark.parametrize("switches", [True, False])
+def test_a_vehicle_on_vision_is_given_positions_until_a_good_gnss_is_proven(world: type[World], switches: bool) -> None:
+    """The jam is over and GNSS is trusted at once, but nobody has brought the autopilot back to it: without positions ArduPilot
+    lands after 8 s."""
+    settings = CoreSettings(injection=InjectionSettings(switch_source=switches))
+    w = restarted(world, settings=settings, jammed=lambda t: 20 < t < 38)
+    w.source = EkfSource.VISION
+    w.send(FoundOnVision(0))
+    w.fly(140.0)
+    sent = [t for t, c in w.commands if isinstance(c, Injection) and t > 39.5]
+    assert max(after - before for before, after in pairwise(sent)) < DOWN_S + 3.0
+    ordered = [t for t, c in w.commands if t > 43 and isinstance(c, SwitchSource)]
+    back = ordered or [t for t in w.notices("source to GNSS") if t > 43]
+    assert len(back) == 1
+    assert back[0] - 40.0 - DOWN_S > settings.gnss.probation_s
+    assert sent[-1] - back[0] == pytest.approx(0.0 if switches else HAND_BACK_NS * 1e-9, abs=4.0)
+    assert len(w.notices("restarted, EKF may be on VISION")) == 1
+
+
+def test_who_sends_no_positions_has_brought_nobody_to_vision(world: type[World]) -> None:
+    settings = CoreSettings(injection=InjectionSettings(policy=InjectionPolicy.NEVER))
+    w = restarted(world, settings=settings, jammed=lambda t: 20 < t < 38)
+    w.send(FoundOnVision(0))
+    w.fly(80.0)
+    assert not [c for _, c in w.commands if isinstance(c, Injection)]
+    assert w.notices("set EKF position source") == []

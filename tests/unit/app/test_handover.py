@@ -1,0 +1,134 @@
+"""What a daemon leaves to the one after it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import structlog
+
+from tests.unit.app.daemon import configuration, entries, events_of, flight, hovering
+from visloc_companion.app.handover import FRESH_NS, WRITE_EVERY_NS, Handover
+from visloc_companion.types import (
+    Command,
+    FoundOnVision,
+    GeoPoint,
+    Injection,
+    LinkChanged,
+    Mode,
+    Status,
+    Tick,
+    Verdict,
+)
+
+S = 1_000_000_000
+COV = ((1.0, 0.0), (0.0, 1.0))
+SENT = Injection(0, (0.0, 0.0, 0.0), GeoPoint(47.0, 8.0, 400.0), (1.0, 0.0, 0.0, 0.0), COV, 1.0, 0.02, 0)
+
+
+class BootClock:
+    def __init__(self) -> None:
+        self.ns = 50 * S
+
+    def __call__(self) -> int:
+        return self.ns
+
+
+@pytest.fixture
+def clock() -> BootClock:
+    return BootClock()
+
+
+@pytest.fixture
+def socket(tmp_path: Path) -> str:
+    return str(tmp_path / "status.sock")
+
+
+def came_up(system_id: int = 7, *, armed: bool = True, up: bool = True) -> LinkChanged:
+    return LinkChanged(3, up=up, system_id=system_id, armed=armed)
+
+
+def status(mode: Mode, *, injected: bool) -> Command:
+    return Status(0, mode, Verdict.OK, (), None, (0.0, 0.0, 0.0), COV, 0.0, None, None, injected, 0)
+
+
+def left_behind(socket: str, clock: BootClock, system_id: int = 7) -> None:
+    before = Handover(socket, clock)
+    assert before.heard(came_up(system_id)) is None
+    before.did(SENT)
+
+
+def test_the_next_daemon_hears_of_it_with_the_first_word_of_the_autopilot_and_once(socket: str, clock: BootClock) -> None:
+    left_behind(socket, clock)
+    clock.ns += 8 * S
+    after = Handover(socket, clock)
+    assert after.heard(Tick(1)) is None
+    assert after.heard(came_up(up=False)) is None
+    assert after.heard(came_up()) == FoundOnVision(3)
+    assert after.heard(came_up()) is None
+
+
+def test_not_of_another_autopilot_nor_of_one_that_has_landed(socket: str, clock: BootClock) -> None:
+    left_behind(socket, clock)
+    assert Handover(socket, clock).heard(came_up(8)) is None
+    assert Handover(socket, clock).heard(came_up(armed=False)) is None
+
+
+def test_what_is_old_or_of_another_start_of_the_computer_is_not_believed(socket: str, clock: BootClock) -> None:
+    left_behind(socket, clock)
+    file = Path(socket).with_suffix(".on-vision")
+    clock.ns += FRESH_NS + 1
+    assert Handover(socket, clock).heard(came_up()) is None
+    clock.ns -= FRESH_NS
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"boot_id": "another"}))
+    assert Handover(socket, clock).heard(came_up()) is None
+
+
+def test_it_is_noted_anew_every_other_second_and_taken_back_with_the_autopilot_on_gnss(socket: str, clock: BootClock) -> None:
+    daemon, file = Handover(socket, clock), Path(socket).with_suffix(".on-vision")
+    daemon.heard(came_up())
+    for _ in range(40):
+        daemon.did(SENT)
+        daemon.did(status(Mode.AIDING, injected=True))
+        clock.ns += WRITE_EVERY_NS // 10
+    assert clock.ns - json.loads(file.read_text())["boot_time_ns"] <= WRITE_EVERY_NS
+    daemon.did(status(Mode.LOST, injected=False))
+    assert file.exists(), "the autopilot is still on vision"
+    daemon.did(status(Mode.SHADOW, injected=False))
+    assert not file.exists()
+    assert list(file.parent.iterdir()) == []
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"boot_time_ns": "x", "system_id": 7, "boot_id": ""}', '{"boot_id": ""}'])
+def test_a_damaged_file_is_said_and_passed_over(socket: str, clock: BootClock, text: str) -> None:
+    file = Path(socket).with_suffix(".on-vision")
+    file.write_text(text)
+    with structlog.testing.capture_logs() as said:
+        assert Handover(socket, clock).heard(came_up()) is None
+    assert [entry["file"] for entry in said] == [str(file)]
+
+
+def test_a_folder_that_takes_no_file_is_said_once_and_holds_up_nothing(tmp_path: Path, clock: BootClock) -> None:
+    daemon = Handover(str(tmp_path / "gone" / "status.sock"), clock)
+    with structlog.testing.capture_logs() as said:
+        for _ in range(5):
+            daemon.did(SENT)
+            clock.ns += WRITE_EVERY_NS
+    assert len(said) == 1
+
+
+def test_without_a_status_socket_nothing_is_left(clock: BootClock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    left_behind("", clock)
+    assert Handover("", clock).heard(came_up()) is None
+    assert list(tmp_path.iterdir()) == []
+
+
+async def test_a_daemon_that_is_started_again_is_told_by_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    for name in ("first", "second"):
+        config = configuration(tmp_path, status={"socket": str(tmp_path / "s.sock")}, journal={"folder": str(tmp_path / name)})
+        async with flight(config, armed=True) as f, hovering(f):
+            await f.until(lambda link=f.link: link.injections, "an injection")
+        assert len(events_of(FoundOnVision, entries(config))) == (name == "second")

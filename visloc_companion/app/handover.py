@@ -1,0 +1,96 @@
+"""What a daemon leaves to the one after it: that the autopilot was being sent positions, in a file beside the status socket.
+
+A daemon that is started again in flight finds an autopilot that may be on vision. While GNSS is false or away it goes on by
+itself (core/telemetry.py); where GNSS is good again nothing would tell it that positions are needed until somebody has brought
+the autopilot back. No message of ArduPilot names its source. The file lies where the socket does, in memory (/run): writing it
+holds up nothing, and a start of the computer forgets it.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import structlog
+
+from visloc_companion.types import Command, Event, FoundOnVision, Injection, LinkChanged, Mode, Status
+
+log = structlog.get_logger("visloc")
+
+WRITE_EVERY_NS = 2_000_000_000
+FRESH_NS = 120_000_000_000
+"""An autopilot that was sent nothing for longer flies on something else, or has landed."""
+BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
+
+
+class Handover:
+    """Reads the file of the daemon before, and keeps this one's. Without a status socket there is none."""
+
+    def __init__(self, socket: str, now_ns: Callable[[], int] = lambda: time.clock_gettime_ns(time.CLOCK_BOOTTIME)) -> None:
+        self._file = Path(socket).with_suffix(".on-vision") if socket else None
+        self._now_ns = now_ns
+        self._system_id, self._written_ns = 0, -WRITE_EVERY_NS
+        self._left_by = self._read()
+        """The system id of the autopilot that was sent positions; None for nobody."""
+
+    def heard(self, event: Event) -> FoundOnVision | None:
+        """Take an event of the link; the first one of a flying autopilot that the daemon before sent positions to says so."""
+        if not isinstance(event, LinkChanged) or not event.up:
+            return None
+        left_by, self._left_by, self._system_id = self._left_by, None, event.system_id
+        return FoundOnVision(event.t_rx_ns) if event.armed and left_by == event.system_id else None
+
+    def did(self, command: Command) -> None:
+        """Take what the navigator commands: positions are noted, and that they are needed no more."""
+        if isinstance(command, Injection):
+            self._note()
+        elif isinstance(command, Status) and command.mode is Mode.SHADOW and not command.injected and self._written_ns >= 0:
+            self._written_ns = -WRITE_EVERY_NS
+            self._change(lambda file: file.unlink(missing_ok=True))
+
+    def _note(self) -> None:
+        now_ns = self._now_ns()
+        if now_ns - self._written_ns < WRITE_EVERY_NS:
+            return
+        self._written_ns = now_ns
+        text = json.dumps({"boot_id": _boot_id(), "boot_time_ns": now_ns, "system_id": self._system_id})
+        self._change(lambda file: _write(file, text))
+
+    def _change(self, change: Callable[[Path], None]) -> None:
+        if self._file is None:
+            return
+        try:
+            change(self._file)
+        except OSError as why:
+            log.warning("cannot note that the autopilot is sent positions", file=str(self._file), why=str(why))
+            self._file = None
+
+    def _read(self) -> int | None:
+        if self._file is None:
+            return None
+        try:
+            left = json.loads(self._file.read_text(encoding="utf-8"))
+            age_ns = self._now_ns() - int(left["boot_time_ns"])
+            same = left["boot_id"] == _boot_id() and 0 <= age_ns <= FRESH_NS
+            return int(left["system_id"]) if same else None
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, TypeError, KeyError) as why:
+            log.warning("what the daemon before left cannot be read", file=str(self._file), why=str(why))
+            return None
+
+
+def _write(file: Path, text: str) -> None:
+    """Whole or not at all: a daemon may be killed at any moment."""
+    beside = file.with_name(file.name + ".new")
+    beside.write_text(text, encoding="utf-8")
+    beside.replace(file)
+
+
+def _boot_id() -> str:
+    try:
+        return BOOT_ID.read_text(encoding="ascii").strip()
+    except OSError:
+        return ""
