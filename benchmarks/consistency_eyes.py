@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from benchmarks.odometry_model import OdometryModel, claimed
-from benchmarks.same_ground import Match, lasts_m
+from benchmarks.same_ground import Match, anywhere_m, lasts_m
 from visloc_companion.core.lasting import SHARE as LASTING_SHARE
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
@@ -149,8 +149,7 @@ class KnowingEyes:
 
     def _anywhere(self, prior: PosePrior) -> FloatArray:
         (nn, _), (_, ee) = prior.cov_ne_m2
-        angle, distance = self._rng.uniform(0, 2 * math.pi), 3 * math.sqrt(max(nn, ee) * self._rng.random())
-        return distance * np.array([math.cos(angle), math.sin(angle)])
+        return anywhere_m(3 * math.sqrt(max(nn, ee)), self._rng)
 
     def _motion(self, t_ns: int, place: GeoPoint) -> Odometry | None:
         """The way since the keyframe."""

@@ -62,11 +62,16 @@ def write_cases(folder: Path, n: int, seed: int, draw: Draw, recipe: Recipe) -> 
         if place is None:
             raise SystemExit(f"{folder.name}: no place for a case in {MAX_TRIES} draws")
         case, truth = case_rows(f"{folder.name}{len(cases):04d}", place, recipe, rng)
-        noisy = np.clip(place.frame * rng.uniform(0.8, 1.2) + rng.normal(0, 3, place.frame.shape), 0, 255).astype(np.uint8)
-        cv2.imwrite(str(folder / case["frame"]), noisy[..., ::-1])
+        write_frame(folder / case["frame"], place.frame, rng)
         cases.append(case)
         truths.append(truth)
     return write_tables(folder, cases, truths)
+
+
+def write_frame(file: Path, frame: NDArray[Any], rng: np.random.Generator) -> None:
+    """Write a frame (H, W, 3) RGB as a camera takes it: brighter or darker, with noise, as the shared tool has it."""
+    noisy = np.clip(frame * rng.uniform(0.8, 1.2) + rng.normal(0, 3, frame.shape), 0, 255).astype(np.uint8)
+    cv2.imwrite(str(file), noisy[..., ::-1])
 
 
 def nominal_height_m(foot_px: float, gsd_m: float) -> float:

@@ -25,7 +25,7 @@ import numpy as np
 
 from benchmarks.integrity_kinds import ODOMETRY, VOTES, Flight, Tally, Vote
 from benchmarks.odometry_model import OdometryModel, claimed
-from benchmarks.same_ground import Match, lasts_m
+from benchmarks.same_ground import Match, anywhere_m, lasts_m
 from visloc_companion.core.belief import seeded
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
@@ -160,9 +160,7 @@ def _observe(
 def _anywhere(position_filter: PositionFilter, t_s: float, rng: np.random.Generator) -> FloatArray:
     """(2,) from the middle of the search region to anywhere in it."""
     state = position_filter.at(_ns(t_s))
-    reach = 3 * math.hypot(largest_sigma_m(state.cov_ne_m2), HEIGHT_M * TILT_RAD)
-    angle, distance = rng.uniform(0, 2 * math.pi), reach * math.sqrt(rng.random())
-    return distance * np.array([math.cos(angle), math.sin(angle)])
+    return anywhere_m(3 * math.hypot(largest_sigma_m(state.cov_ne_m2), HEIGHT_M * TILT_RAD), rng)
 
 
 def _fix(t_s: float, ne_m: FloatArray, sigma_m: float, claim: float, method: str, number: int) -> Fix:

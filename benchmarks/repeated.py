@@ -16,17 +16,19 @@ import argparse
 import math
 from collections import Counter
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.answers import UNSTATED, Judged, answers, code_digest
 from benchmarks.cases import SHARED, TEST_ROWS, TRAINING_ROWS, CaseSet, make, maker, read_table, write_tables
-from benchmarks.frames import georeference, lon_lat, pix_of
+from benchmarks.frames import georeference, lon_lat, pix_of, write_frame
 from benchmarks.table import share
-from visloc_companion.types import FloatArray
+from visloc_companion.types import Fix, FloatArray
 
 SHARES = (0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)
 LIMITS = (0.5, 0.2, 0.05)
@@ -85,12 +87,23 @@ def again(first: Path, judged: list[Judged], foot: float, seed: int, method: str
         on = georeference(Path(case["ortho"]))
         if result.fix is None or result.fix.probability_wrong > max(LIMITS):
             continue
-        at = np.array(pix_of(on, float(truth["lat_deg"]), float(truth["lon_deg"])))
-        off = np.array(pix_of(on, result.fix.place.lat_deg, result.fix.place.lon_deg)) - at
+        at, off = off_px(on, truth, result.fix)
         if math.hypot(*off) > WRONG_PX:
             known = {"off_col": off[0], "off_row": off[1], "claimed": result.fix.probability_wrong}
             found += [each for on_by in SHARES if (each := second(out, case, truth, on, at, known, on_by, foot, rng))]
     return write_tables(out, [case for case, _ in found], [truth for _, truth in found]) if found else None
+
+
+def off_px(on: tuple[Any, Any], truth: Mapping[str, Any], fix: Fix) -> tuple[FloatArray, FloatArray]:
+    """(2,) column and row of where a camera is on the map, and by how much a fix is off."""
+    at = np.array(pix_of(on, float(truth["lat_deg"]), float(truth["lon_deg"])))
+    return at, np.array(pix_of(on, fix.place.lat_deg, fix.place.lon_deg)) - at
+
+
+@cache
+def scene_of(date: str) -> NDArray[Any]:
+    """(H, W, 3) RGB of a date."""
+    return np.asarray(maker().read(SHARED / "data" / "naip" / f"{date}.tif")[0])
 
 
 def second(
@@ -106,7 +119,7 @@ def second(
 ) -> tuple[dict[str, Any], dict[str, Any]] | None:
     """The case of a second look and its truth; None where the frame would leave the scene."""
     tool, angle = maker(), rng.uniform(0, 2 * math.pi)
-    scene = tool.read(SHARED / "data" / "naip" / f"{truth['frame_date']}.tif")[0]
+    scene = scene_of(truth["frame_date"])
     there = at + on_by * foot * np.array([math.cos(angle), math.sin(angle)])
     lon, lat = lon_lat(*on, there)
     turned, higher = rng.normal(0, YAW_DEG), float(rng.normal(1, HEIGHT_SHARE))
@@ -116,8 +129,7 @@ def second(
     if coverage < 0.97:
         return None
     name = f"{case['id']}_{on_by:g}"
-    noisy = np.clip(frame * rng.uniform(0.8, 1.2) + rng.normal(0, 3, frame.shape), 0, 255).astype(np.uint8)
-    cv2.imwrite(str(out / "frames" / f"{name}.png"), noisy[..., ::-1])
+    write_frame(out / "frames" / f"{name}.png", frame, rng)
     led_to = there + np.array([known["off_col"], known["off_row"]]) + rng.normal(0, DRAWN_PX, 2)
     prior_lon, prior_lat = lon_lat(*on, led_to)
     prior = {
@@ -141,8 +153,7 @@ def count(answered: list[Judged], folder: Path, counted: Counter[tuple[float, fl
                 continue
             kind = "none"
             if result.fix is not None and result.fix.probability_wrong <= limit:
-                at = pix_of(on, float(truth["lat_deg"]), float(truth["lon_deg"]))
-                off = np.array(pix_of(on, result.fix.place.lat_deg, result.fix.place.lon_deg)) - at
+                _, off = off_px(on, truth, result.fix)
                 led_to = off - (float(truth["off_col"]), float(truth["off_row"]))
                 kind = "same" if math.hypot(*led_to) <= SAME_PX else "right" if math.hypot(*off) <= WRONG_PX else "wrong"
             counted[limit, float(truth["on_by"]), kind] += 1

@@ -3,6 +3,7 @@ ground that it looks at, so a vehicle that stays has the same answer again, righ
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -21,6 +22,12 @@ def lasts_m(height_m: float) -> float:
 def stays(method: str, way_m: float, half_m: float) -> float:
     """Probability that a method's answer is still of what it was of, so far on; shapes are seen over more than a frame."""
     return max(CORRELATION if method in BY_SHAPE else 0.0, 0.5 ** (way_m / half_m))
+
+
+def anywhere_m(reach_m: float, rng: np.random.Generator) -> FloatArray:
+    """(2,) from the middle of a search region to anywhere in it."""
+    angle, distance = rng.uniform(0, 2 * math.pi), reach_m * math.sqrt(rng.random())
+    return distance * np.array([math.cos(angle), math.sin(angle)])
 
 
 @dataclass(slots=True)

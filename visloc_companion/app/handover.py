@@ -31,7 +31,8 @@ class Handover:
     def __init__(self, socket: str, now_ns: Callable[[], int] = lambda: time.clock_gettime_ns(time.CLOCK_BOOTTIME)) -> None:
         self._file = Path(socket).with_suffix(".on-vision") if socket else None
         self._now_ns = now_ns
-        self._system_id, self._written_ns = 0, -WRITE_EVERY_NS
+        self._system_id = 0
+        self._written_ns: int | None = None
         self._left_by = self._read()
         """The system id of the autopilot that was sent positions; None for nobody."""
 
@@ -46,13 +47,15 @@ class Handover:
         """Take what the navigator commands: positions are noted, and that they are needed no more."""
         if isinstance(command, Injection):
             self._note()
-        elif isinstance(command, Status) and command.mode is Mode.SHADOW and not command.injected and self._written_ns >= 0:
-            self._written_ns = -WRITE_EVERY_NS
+        elif (
+            isinstance(command, Status) and command.mode is Mode.SHADOW and not command.injected and self._written_ns is not None
+        ):
+            self._written_ns = None
             self._change(lambda file: file.unlink(missing_ok=True))
 
     def _note(self) -> None:
         now_ns = self._now_ns()
-        if now_ns - self._written_ns < WRITE_EVERY_NS:
+        if self._written_ns is not None and now_ns - self._written_ns < WRITE_EVERY_NS:
             return
         self._written_ns = now_ns
         text = json.dumps({"boot_id": _boot_id(), "boot_time_ns": now_ns, "system_id": self._system_id})

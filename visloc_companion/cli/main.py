@@ -14,6 +14,7 @@ from visloc_companion.cli.evaluate import evaluate_app
 from visloc_companion.cli.here import here
 from visloc_companion.cli.link_key import link_key
 from visloc_companion.cli.map import map_app
+from visloc_companion.cli.progress import UNNAMEABLE
 from visloc_companion.cli.replay import replay
 from visloc_companion.cli.run import run
 from visloc_companion.cli.sim import sim
@@ -66,7 +67,7 @@ def main() -> None:
     What the terminal cannot show (names of files that are no UTF-8, signs that its locale lacks) is escaped.
     """
     if isinstance(sys.stdout, TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")
+        sys.stdout.reconfigure(errors=UNNAMEABLE)
     try:
         app()
     except VislocError as error:

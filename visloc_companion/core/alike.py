@@ -16,10 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.core.separation import CLAIM_FLOOR, NEGLIGIBLE
+from visloc_companion.core.separation import CLAIM_FLOOR, believed, likeliest
 from visloc_companion.types import FloatArray
 
-MOST = 40
 SETTLES = 6
 """After so many fixes over the same ground a filter has followed them; what it corrects later is its own drift."""
 
@@ -55,17 +54,12 @@ class Taken(NamedTuple):
     P: FloatArray
 
 
-def none(m: int) -> Alike:
-    """No offsets of m axes."""
-    return Alike(np.zeros((0, m)), np.zeros((0, m, m)), np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64))
-
-
-NONE = none(2)
+NONE = Alike(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64))
 
 
 def after_fix(alike: Alike, fix: Taken) -> Alike:
     """After a fix that the filter took."""
-    p = min(1.0, max(fix.claimed, CLAIM_FLOOR))
+    p = believed(fix.claimed)
     own = np.array([each == fix.method for each in alike.methods], dtype=np.bool_)
     others = 1.0 if own.all() else _spoken_for(alike, fix.off_m, fix.S, p)
     probability = alike.probability * np.where(own, fix.again, others)
@@ -85,10 +79,11 @@ def after_fix(alike: Alike, fix: Taken) -> Alike:
     return _likely(founded)
 
 
-def after_other(alike: Alike, off_m: FloatArray, S: FloatArray, wrong: float = CLAIM_FLOOR) -> Alike:
-    """After a position that is no fix, which lay `off_m` (m,) from the filter, S (m, m) the covariance of that; it is wrong with
-    this probability."""
-    return _likely(replace(alike, probability=alike.probability * _spoken_for(alike, off_m, S, wrong))) if len(alike) else alike
+def after_other(alike: Alike, off_m: FloatArray, S: FloatArray) -> Alike:
+    """After a position that is no fix, which lay `off_m` (m,) from the filter, S (m, m) the covariance of that."""
+    if not len(alike):
+        return alike
+    return _likely(replace(alike, probability=alike.probability * _spoken_for(alike, off_m, S, CLAIM_FLOOR)))
 
 
 def until(alike: Alike, t_ns: int) -> Alike:
@@ -108,10 +103,7 @@ def _spoken_for(alike: Alike, off_m: FloatArray, S: FloatArray, wrong: float) ->
 
 
 def _likely(alike: Alike) -> Alike:
-    keep = alike.probability >= NEGLIGIBLE
-    if int(keep.sum()) > MOST:
-        keep[np.argsort(-alike.probability, kind="stable")[MOST:]] = False
-    return _chosen(alike, keep)
+    return _chosen(alike, likeliest(alike.probability))
 
 
 def _chosen(alike: Alike, keep: NDArray[np.bool_]) -> Alike:

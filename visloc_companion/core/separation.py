@@ -140,6 +140,11 @@ def _moved(solutions: Solutions, x: FloatArray, P: FloatArray) -> Solutions:
     return Solutions(x, P, solutions.probability, solutions.rested_ns, solutions.leaves, solutions.left)
 
 
+def believed(claimed: float) -> float:
+    """The probability of being wrong that is believed of a fix that claims one."""
+    return min(1.0, max(claimed, CLAIM_FLOOR))
+
+
 def without_fix(
     solutions: Solutions, method: str, claimed: float, before: tuple[FloatArray, FloatArray, int], among: frozenset[str]
 ) -> Solutions:
@@ -148,7 +153,7 @@ def without_fix(
     `before`: mean, covariance of the filter before the fix, and the time of the last fix that it rested on. `among`: methods of
     the filter's recent fixes; a vote of its own is left out only where there is another.
     """
-    p = min(1.0, max(claimed, CLAIM_FLOOR))
+    p = believed(claimed)
     leaving = leaving_out(solutions, method)
     factor = [
         1.0 if not leaves_it else max(p, CORRELATION) if method in left else p
@@ -188,11 +193,15 @@ def leaving_out(solutions: Solutions, method: str) -> NDArray[np.bool_]:
 
 def likely(solutions: Solutions) -> Solutions:
     """Without those of negligible probability, and never more than MAX_SOLUTIONS: the most probable ones."""
-    keep = solutions.probability >= NEGLIGIBLE
+    return chosen(solutions, likeliest(solutions.probability))
+
+
+def likeliest(probability: FloatArray) -> NDArray[np.bool_]:
+    """(K,) which of them are not negligible, at most the MAX_SOLUTIONS most probable ones."""
+    keep = probability >= NEGLIGIBLE
     if int(keep.sum()) > MAX_SOLUTIONS:
-        order = np.argsort(-solutions.probability, kind="stable")
-        keep[order[MAX_SOLUTIONS:]] = False
-    return chosen(solutions, keep)
+        keep[np.argsort(-probability, kind="stable")[MAX_SOLUTIONS:]] = False
+    return keep
 
 
 def apart(solutions: Solutions, x: FloatArray, P: FloatArray, H: FloatArray = H_POSITION) -> Solutions:

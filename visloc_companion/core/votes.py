@@ -40,9 +40,8 @@ Votes = tuple[Vote, ...]
 def voted(votes: Votes, method: str, t_ns: int, at_ne_m: Vec2 = (0.0, 0.0), apart_m: float = math.inf) -> Votes:
     """With a fix of a method, of a vehicle that is there, if that matters."""
     last = _last(votes, method)
-    counts = last is None or math.dist(at_ne_m, last.at_ne_m) >= SPACING * apart_m
-    now = Vote(method, t_ns, at_ne_m if counts or last is None else last.at_ne_m)
-    return (*(other for other in votes if other.method != method), now)
+    at = at_ne_m if last is None or math.dist(at_ne_m, last.at_ne_m) >= SPACING * apart_m else last.at_ne_m
+    return (*(other for other in votes if other.method != method), Vote(method, t_ns, at))
 
 
 def moved(votes: Votes, by_ne_m: Vec2) -> Votes:

@@ -18,6 +18,7 @@ from visloc_companion.adapters.logs.boots import chosen_boot, logs_of, put_toget
 from visloc_companion.adapters.logs.dataflash_format import BEGINNING, Fields, messages
 from visloc_companion.adapters.logs.lone_leaps import without_lone_leaps
 from visloc_companion.adapters.logs.recording import (
+    BESIDE_NS,
     BY_GPS_INPUT,
     NS_PER_MS,
     NS_PER_S,
@@ -63,8 +64,6 @@ _HORIZ_VEL, _HORIZ_POS_ABS, _CONST_POS_MODE, _GPS_GLITCHING = 0x2, 0x10, 0x80, 0
 _ESTIMATORS = {1: "EKF", 2: "NKF", 3: "XKF"}
 """Of AHRS_EKF_TYPE: how the messages of EKF1, EKF2 and EKF3 begin; with any other value the vehicle flies on none of them."""
 _IMU_EVERY_NS = 10 * NS_PER_MS
-_BESIDE_NS = 2 * NS_PER_S
-"""What is written beside a message (accuracies, dynamic pressure) counts for those so much later."""
 _LEAP_NS, _MAX_STEP_NS = 2 * NS_PER_S, 3600 * NS_PER_S
 _CONFIRMED, _CONFIRMED_LONG = 1, 20
 """So many messages must go on from a leap of the clock, more beyond `_MAX_STEP_NS` (disarmed for hours, not logging)."""
@@ -199,7 +198,7 @@ class _Reader:
         if fields.get("I", 0) != 0 or "Press" not in fields:
             return None
         t_ns = self._at(fields)
-        fresh = self._dynamic is not None and t_ns - self._dynamic[0] <= _BESIDE_NS
+        fresh = self._dynamic is not None and t_ns - self._dynamic[0] <= BESIDE_NS
         dynamic_hpa = self._dynamic[1] if self._dynamic is not None and fresh else 0.0
         return Baro(t_ns, t_ns, _finite(fields["Press"]) / 100, _finite(fields["Temp"]), dynamic_hpa)
 
@@ -233,7 +232,7 @@ class _Reader:
             self._set_unix(fields, t_ns)
         v_ned_mps = (speed * math.cos(course), speed * math.sin(course), _finite(fields["VZ"]))
         stated_ns, h_acc_m, v_acc_m = self._accuracies_m.get(receiver, (0, None, None))
-        h_acc_m, v_acc_m = (h_acc_m, v_acc_m) if t_ns - stated_ns <= _BESIDE_NS else (None, None)
+        h_acc_m, v_acc_m = (h_acc_m, v_acc_m) if t_ns - stated_ns <= BESIDE_NS else (None, None)
         return Gnss(t_ns, t_ns, status, int(fields["NSats"]), place, h_acc_m, v_acc_m, v_ned_mps, receiver)
 
     def _set_unix(self, fields: Fields, t_ns: int) -> None:

@@ -24,6 +24,8 @@ from visloc_companion.types import (
 
 NS_PER_US, NS_PER_MS, NS_PER_S = 1_000, 1_000_000, 1_000_000_000
 MAX_FILE_BYTES = 4_000_000_000
+BESIDE_NS = 2 * NS_PER_S
+"""What a log states beside its messages (accuracies, dynamic pressure) counts for those so much later."""
 SECOND_GPS_TYPE, BY_GPS_INPUT = ("GPS2_TYPE", "GPS_TYPE2"), 14
 """ArduPilot's parameter, since 4.6 and before, and its value where the second receiver is one that a companion plays by GPS_INPUT
 (AP_GPS: MAV): visloc itself, say, with injection.output = "gps_input", which in flight does not listen to its own echo."""

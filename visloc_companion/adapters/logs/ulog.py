@@ -17,7 +17,15 @@ import numpy as np
 from visloc_companion.adapters.logs.attitude_rates import rates_between
 from visloc_companion.adapters.logs.boots import chosen_boot, logs_of, put_together
 from visloc_companion.adapters.logs.lone_leaps import without_lone_leaps
-from visloc_companion.adapters.logs.recording import NS_PER_S, NS_PER_US, Losses, Recording, in_order, link_up, read_bytes
+from visloc_companion.adapters.logs.recording import (
+    BESIDE_NS,
+    NS_PER_US,
+    Losses,
+    Recording,
+    in_order,
+    link_up,
+    read_bytes,
+)
 from visloc_companion.adapters.logs.ulog_format import MAGIC, Instances, Row, of_first, read_instances
 from visloc_companion.adapters.logs.ulog_interference import interference
 from visloc_companion.adapters.mavlink.codec_gimbal import frame_of, has_failed
@@ -64,8 +72,6 @@ _KIND = AutopilotKind.PX4
 Topic = list[Row]
 _IMU_EVERY_US = 10_000
 _MAX_HOME_M = 10_000.0
-_BESIDE_NS = 2 * NS_PER_S
-"""A dynamic pressure, which is logged once a second, counts for so long."""
 _HOUR_US, _HALF_DAY_US = 3_600_000_000, 43_200_000_000
 
 
@@ -307,7 +313,7 @@ def _pressures(topics: dict[str, Topic], losses: Losses) -> list[tuple[int, Even
 
     def convert(t_ns: int, row: Row) -> Event:
         known = bisect.bisect_right(dynamic_ns, t_ns)
-        fresh = known > 0 and t_ns - dynamic_ns[known - 1] <= _BESIDE_NS
+        fresh = known > 0 and t_ns - dynamic_ns[known - 1] <= BESIDE_NS
         pressure_pa, dynamic_pa = float(row["baro_pressure_pa"]), float(dynamic[known - 1][1]) if fresh else 0.0
         celsius = next((float(row[name]) for name in ("ambient_temperature", "baro_temp_celcius") if name in row), math.nan)
         if not (math.isfinite(pressure_pa) and math.isfinite(dynamic_pa)):
