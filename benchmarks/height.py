@@ -1,15 +1,15 @@
-"""Does the vertical protection level hold? `python -m benchmarks.height [--flights N] [--seed N] [--in-common SHARE] [--blind]`.
+"""Does the vertical protection level hold? `python -m benchmarks.height [--flights N] [--seed N] [--speed MPS] [--kinds K ...]`.
 
 Flights of the filter of the autopilot's height alone (core/height.py): a barometer that is off at the start, walks, stretches
 climbs, and in half of the flights drifts away by 20 m or jumps by as much; image fixes twice a second and a structure fix every
 five seconds, whose heights have an error of the map in common and share the localiser's prior; of what image fixes get wrong
 besides a share (`--in-common`) lasts while the same ground is in view. They are wrong as often as they claim, by anything up to
-40 m, and then stay wrong in the same way with a probability of 0.5.
+40 m, and then stay wrong in the same way over the same ground (same_ground.py): at `--speed 0` for the whole flight.
 
 Prints for each kind of flight: epochs (every half second), fixes, wrong ones, misleading epochs (the stated height errs by more
 than its level), hazardously misleading ones (beyond the alert limit, the level not), availability, medians of error and level,
 and of the height that fixes correct, which localisers are told, median and 95 % of the error, and the share within two of its
-1-sigmas. `--blind` judges the level that believes every fix.
+1-sigmas.
 """
 
 from __future__ import annotations
@@ -20,11 +20,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from benchmarks.same_ground import Match, lasts_m
 from visloc_companion.core.height import OVER_CLAIM, HeightFilter, HeightFix, news_of
 from visloc_companion.core.lasting import apart_m
 from visloc_companion.core.requests import height_sigma_m, least_height_sigma_m
-from visloc_companion.core.separation import CORRELATION
 from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.core.votes import spacing_m
 
 STEP_S, DURATION_S = 0.5, 300.0
 HEIGHT_M, CLIMB_M, CLIMB_PERIOD_S = 100.0, 40.0, 150.0
@@ -34,8 +35,6 @@ REACH_M = 40.0
 FAR_M, FROM_S = 20.0, 100.0
 KINDS = ("calm", "drift", "jump", "few")
 IN_COMMON = 0.8
-GONE_BY_PER_S = 10.0 / apart_m(HEIGHT_M)
-"""At 10 m/s."""
 
 
 @dataclass(slots=True)
@@ -75,16 +74,27 @@ class Tally:
         }
 
 
-def flown(kind: str, seed: int, *, blind: bool = False, in_common: float = IN_COMMON) -> Tally:
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """What is flown, how fast to the north and how long; of what image fixes get wrong a share lasts over the same ground."""
+
+    kind: str
+    speed_mps: float = 10.0
+    in_common: float = IN_COMMON
+    duration_s: float = DURATION_S
+
+
+def flown(flight: Flight, seed: int, *, blind: bool = False) -> Tally:
     """One flight, with an epoch every half second."""
+    kind, in_common, gone_by_per_s = flight.kind, flight.in_common, flight.speed_mps / apart_m(HEIGHT_M)
     settings, rng = NavigatorSettings(), np.random.default_rng(seed)
     offset = height_sigma_m(HEIGHT_M) * rng.standard_normal()
     scale, common = SCALE_SIGMA * rng.standard_normal(), settings.map_sigma_h_m * rng.standard_normal()
     sign = rng.choice([-1.0, 1.0])
-    tally, wrong_by = Tally(), {"deep": None, "structure": None}
-    stated_m, lasting, kept = HEIGHT_M, rng.standard_normal(), math.exp(-GONE_BY_PER_S * STEP_S)
+    tally, matches = Tally(), {method: Match(method) for method in ("deep", "structure")}
+    stated_m, lasting, kept = HEIGHT_M, rng.standard_normal(), math.exp(-gone_by_per_s * STEP_S)
     heights = HeightFilter(settings, 0, stated_m, height_sigma_m(HEIGHT_M))
-    for k in range(1, round(DURATION_S / STEP_S)):
+    for k in range(1, round(flight.duration_s / STEP_S)):
         t_s = k * STEP_S
         offset += settings.height_walk_m_per_sqrt_s * math.sqrt(STEP_S) * rng.standard_normal()
         offset += _fault_m(kind, t_s) * sign
@@ -97,11 +107,14 @@ def flown(kind: str, seed: int, *, blind: bool = False, in_common: float = IN_CO
             lasts, anew = (in_common * OVER_CLAIM, (1 - in_common) * OVER_CLAIM) if method == "deep" else (0.0, 1.0)
             errs = math.sqrt(lasts) * lasting + math.sqrt(anew) * rng.standard_normal()
             at_m = true_m + common, stated_m
-            fix, wrong_by[method] = _fix(t_s, k, method, at_m, errs, wrong_by[method], heights, rng)
+            on_m = flight.speed_mps * STEP_S * every
+            fix = _fix(t_s, k, matches[method], on_m, at_m, errs, heights, rng)
             tally.n_fixes += 1
-            tally.n_wrong += wrong_by[method] is not None
+            tally.n_wrong += matches[method].wrong_by is not None
             if fix is not None:
-                heights.observe(replace(fix, climbed_m=heights.climbed_m(stated_m)))
+                at_ne_m = flight.speed_mps * t_s, 0.0
+                ground = replace(fix, gone_by_per_s=gone_by_per_s, at_ne_m=at_ne_m, spacing_m=spacing_m(None, HEIGHT_M))
+                heights.observe(replace(ground, climbed_m=heights.climbed_m(stated_m)))
         tally.errors.append(stated_m - true_m)
         tally.levels.append(_level_m(heights, round(t_s * 1e9), stated_m, settings, blind))
         offset_m, var_m2 = heights.at(round(t_s * 1e9), stated_m)
@@ -119,30 +132,28 @@ def _fault_m(kind: str, t_s: float) -> float:
 def _fix(
     t_s: float,
     tie: int,
-    method: str,
+    match: Match,
+    on_m: float,
     heights_m: tuple[float, float],
     errs: float,
-    wrong_by: float | None,
     heights: HeightFilter,
     rng: np.random.Generator,
-) -> tuple[HeightFix | None, float | None]:
-    """A fix as a localiser gives it: its own measurement, which `errs` by so many sigmas, weighed with the prior that it was
-    given; and what it is wrong by."""
+) -> HeightFix | None:
+    """A fix as a localiser gives it, so far on from the last: its own measurement, which `errs` by so many sigmas, weighed with
+    the prior that it was given."""
     seen_m, stated_m = heights_m
     claim = math.exp(rng.uniform(*np.log(CLAIMS)))
-    wrong = rng.random() < (CORRELATION if wrong_by is not None else claim)
-    wrong_by = (rng.uniform(-REACH_M, REACH_M) if wrong_by is None else wrong_by) if wrong else None
+    wrong_by = match.look(on_m, lasts_m(HEIGHT_M), claim, rng, lambda: rng.uniform(-REACH_M, REACH_M, 1))
     sigma_m = rng.uniform(0.4, 1.5)
-    measured_m = seen_m + (wrong_by or 0.0) + sigma_m * errs
+    measured_m = seen_m + (0.0 if wrong_by is None else float(wrong_by[0])) + sigma_m * errs
     offset_m, var_m2 = heights.at(round(t_s * 1e9), stated_m)
     prior_m, prior_sigma_m = stated_m + offset_m, max(math.sqrt(var_m2), least_height_sigma_m(HEIGHT_M))
     whole = sigma_m**-2 + prior_sigma_m**-2
     given_m = (measured_m / sigma_m**2 + prior_m / prior_sigma_m**2) / whole
     news = news_of(given_m, whole**-0.5, prior_m, prior_sigma_m)
     if news is None:
-        return None, wrong_by
-    said = news[0] - stated_m, news[1], 0.0, method, claim
-    return HeightFix(round(t_s * 1e9), tie, *said, GONE_BY_PER_S), wrong_by
+        return None
+    return HeightFix(round(t_s * 1e9), tie, news[0] - stated_m, news[1], 0.0, match.method, claim)
 
 
 def _level_m(heights: HeightFilter, t_ns: int, stated_m: float, settings: NavigatorSettings, blind: bool) -> float:
@@ -161,15 +172,18 @@ def main() -> None:
     parser.add_argument(
         "--in-common", type=float, default=IN_COMMON, help="of the errors of image fixes, a share of the variance that they claim"
     )
-    parser.add_argument("--blind", action="store_true")
+    parser.add_argument("--speed", type=float, default=10.0, help="m/s")
+    parser.add_argument("--seconds", type=float, default=DURATION_S)
+    parser.add_argument("--kinds", nargs="*", choices=KINDS, default=KINDS)
+    parser.add_argument("--blind", action="store_true", help="judge the level that believes every fix")
     options = parser.parse_args()
     names = ("epochs", "fixes", "wrong", "misleading", "hmi", "availability", "error_median_m", "level_median_m")
     names = (*names, "corrected_median_m", "corrected_95_m", "within_2_sigma")
     print(f"| flight | {' | '.join(names)} |\n|{'---|' * (len(names) + 1)}")
-    for kind in KINDS:
-        tally = Tally()
-        for flight in range(options.flights):
-            tally.add(flown(kind, options.seed + flight, blind=options.blind, in_common=options.in_common))
+    for kind in options.kinds:
+        flight, tally = Flight(kind, options.speed, options.in_common, options.seconds), Tally()
+        for k in range(options.flights):
+            tally.add(flown(flight, options.seed + k, blind=options.blind))
         figures = tally.figures(options.alert_limit)
         print(f"| {kind} | {' | '.join(f'{figures[name]:.4g}' for name in names)} |")
 

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from visloc_companion.core.lasting import BY_SHAPE, apart_m
-from visloc_companion.core.votes import CORRELATION, SPACING
+from visloc_companion.core.lasting import BY_SHAPE
+from visloc_companion.core.votes import CORRELATION, spacing_m
 from visloc_companion.types import FloatArray
 
 
 def lasts_m(height_m: float) -> float:
     """The way after which half of the wrong matches from a height above the ground have come to an end."""
-    return SPACING * apart_m(height_m)
+    return spacing_m(None, height_m)
 
 
 def stays(method: str, way_m: float, half_m: float) -> float:

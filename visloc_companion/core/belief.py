@@ -23,7 +23,7 @@ from visloc_companion.core.propagation import (
     initial_covariance,
 )
 from visloc_companion.core.settings import NavigatorSettings
-from visloc_companion.core.votes import Votes
+from visloc_companion.core.votes import LEAST_SPACING_M, Votes
 from visloc_companion.types import Cov2, FloatArray, Vec2
 
 FIX_WEIGHT = 0.2
@@ -121,7 +121,8 @@ class Belief(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """A horizontal position measurement. `from_fix` tells vision from GNSS; `apart_m`: after this way fixes see other ground;
+    """A horizontal position measurement. `from_fix` tells vision from GNSS; `apart_m`: after this way what fixes have in common
+    has gone by; `view_ne_m`: from there to the ground looked at, ground `spacing_m` further on is other ground (votes.py);
     `per_focal_ne_m`: what a lens that is longer than calibrated adds to it, per share of the focal length."""
 
     t_ns: int
@@ -133,6 +134,12 @@ class Position:
     tie: int = 0
     apart_m: float = LEAST_APART_M
     per_focal_ne_m: Vec2 = (0.0, 0.0)
+    view_ne_m: Vec2 = (0.0, 0.0)
+    spacing_m: float = LEAST_SPACING_M
+
+    def looks_at_ne_m(self, place_ne_m: FloatArray) -> Vec2:
+        """The ground looked at (metres north, east) by who is at a place (2,)."""
+        return float(place_ne_m[0]) + self.view_ne_m[0], float(place_ne_m[1]) + self.view_ne_m[1]
 
 
 def seeded(t_ns: int, p_ne_m: Vec2, sigma_m: float, sigma_v_mps: float, drive: Drive, settings: NavigatorSettings) -> Belief:

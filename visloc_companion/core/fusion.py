@@ -286,8 +286,8 @@ def _agreed(belief: Belief, z: Position) -> Belief:
 
 
 def _fixed(belief: Belief, z: Position) -> Belief:
-    north, east = belief.x[POSITION].tolist()
-    voted = votes.voted(belief.votes, z.method, z.t_ns, (north, east), z.apart_m)
+    looks_at_ne_m = z.looks_at_ne_m(belief.x[POSITION])
+    voted = votes.voted(belief.votes, z.method, z.t_ns, looks_at_ne_m, z.spacing_m)
     without = separation.apart(belief.without, belief.x, belief.P)
     after = belief.after_fix(z.t_ns, (z.cov_ne_m2[0][0] + z.cov_ne_m2[1][1]) / 2)
     return after._replace(rejected=(), votes=voted, without=without, apart_m=z.apart_m)

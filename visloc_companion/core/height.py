@@ -24,10 +24,11 @@ from itertools import pairwise
 import numpy as np
 
 from visloc_companion.core import integrity, kalman, separation, votes
+from visloc_companion.core.alike import Alike, Taken, after_fix
 from visloc_companion.core.lasting import BY_SHAPE
 from visloc_companion.core.separation import Solutions
 from visloc_companion.core.settings import NavigatorSettings
-from visloc_companion.types import FloatArray, Rejected
+from visloc_companion.types import FloatArray, Rejected, Vec2
 
 SCALE_SIGMA = 0.03
 """Air 9 degrees warmer or colder than the standard atmosphere's stretches heights by this share."""
@@ -45,6 +46,7 @@ OVER_CLAIM = 1.5
 """What image fixes tell of the height errs by this share of the variance that they claim, nearly all of it in common."""
 LEAST_ADDED = 0.01
 """A fix of ground that told as much before still adds this share of its information: a barometer may have drifted since."""
+NEVER_OFF = Alike(np.zeros((0, 1)), np.zeros((0, 1, 1)), np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64))
 NOTHING = Solutions(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0, np.int64))
 
 
@@ -52,7 +54,8 @@ NOTHING = Solutions(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros
 class HeightFix:
     """What a fix says of the autopilot's height: raise it by `offset_m` (variance `var_m2`). It stood `climbed_m` over the start.
 
-    `tie` orders fixes of one time. `gone_by_per_s`: the way in a second, over that after which fixes look at other ground.
+    `tie` orders fixes of one time. `gone_by_per_s`: the way in a second, over that after which fixes look at other ground;
+    `at_ne_m`: the ground looked at (metres north, east of any place), ground `spacing_m` further on is other ground (votes.py).
     """
 
     t_ns: int
@@ -63,6 +66,8 @@ class HeightFix:
     method: str
     probability_wrong: float
     gone_by_per_s: float = 0.0
+    at_ne_m: Vec2 = (0.0, 0.0)
+    spacing_m: float = votes.LEAST_SPACING_M
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +75,8 @@ class HeightBelief:
     """The filter at `t_ns`: mean x (2,), covariance P (2, 2), the time of the last fix that it rests on (or of its start), each
     method with the time of its last fix, the solutions that leave fixes out, and the last fix if it was refused. `told`: the
     information (1/m²) that image fixes of the ground in view have brought. `contradicting`: the last two fixes of each method
-    that were refused since the filter agreed with one of it."""
+    that were refused since the filter agreed with one of it. `alike`: by what the correction may be off if fixes are wrong alike
+    (alike.py)."""
 
     t_ns: int
     x: FloatArray
@@ -81,6 +87,7 @@ class HeightBelief:
     refused: HeightFix | None = None
     told: float = 0.0
     contradicting: tuple[HeightFix, ...] = ()
+    alike: Alike = NEVER_OFF
 
 
 def started(t_ns: int, sigma_m: float, offset_m: float = 0.0) -> HeightBelief:
@@ -115,10 +122,11 @@ def observed(belief: HeightBelief, z: HeightFix, settings: NavigatorSettings) ->
     got = kalman.update(belief.x, belief.P, offset, R, H)
     if isinstance(got, Rejected):
         return belief
-    voted = votes.voted(belief.votes, z.method, z.t_ns)
+    voted = votes.voted(belief.votes, z.method, z.t_ns, z.at_ne_m, z.spacing_m)
     others = tuple(each for each in belief.contradicting if each.method != z.method)
     without = separation.apart(_others(belief, z, offset, R, H), got.x, got.P, H)
-    return HeightBelief(z.t_ns, got.x, got.P, z.t_ns, voted, without, told=told, contradicting=others)
+    alike = _alike(belief, z, H, (got.x - belief.x) @ H.T)
+    return HeightBelief(z.t_ns, got.x, got.P, z.t_ns, voted, without, told=told, contradicting=others, alike=alike)
 
 
 def _contradicting(belief: HeightBelief, z: HeightFix) -> tuple[HeightFix, ...]:
@@ -154,6 +162,13 @@ def _others(belief: HeightBelief, z: HeightFix, offset: FloatArray, R: FloatArra
     among = separation.updated(among, offset, R, H, take=take, n_considered=0, t_ns=z.t_ns)
     recent = votes.recent(belief.votes, z.t_ns)
     return separation.without_fix(among, z.method, z.probability_wrong, (belief.x, belief.P, belief.rested_ns), recent)
+
+
+def _alike(belief: HeightBelief, z: HeightFix, H: FloatArray, moved_m: FloatArray) -> Alike:
+    """The offsets that the correction may have from fixes that are wrong alike, after one that moved it by (1,)."""
+    again = votes.errs_again(belief.votes, z.method, z.at_ne_m, z.spacing_m)
+    off_m, P = z.offset_m - H @ belief.x, H @ belief.P @ H.T
+    return after_fix(belief.alike, Taken(z.t_ns, z.method, z.probability_wrong, again, off_m, P + z.var_m2, moved_m, P))
 
 
 def _widened(belief: HeightBelief, more_m2: float) -> HeightBelief:
@@ -236,14 +251,15 @@ class HeightFilter:
     def protection_level_m(self, t_ns: int, h_amsl_m: float, height_above_home_m: float) -> float:
         """Bound of the error of an autopilot's height at a time (integrity.py)."""
         belief = carried(self._doubted(t_ns), t_ns, self._settings)
-        H, without = np.array([1.0, self.climbed_m(h_amsl_m)]), belief.without
-        known = [(float(H @ belief.x), float(H @ belief.P @ H), 1.0)]
+        H, without, alike = np.array([1.0, self.climbed_m(h_amsl_m)]), belief.without, belief.alike
+        ours_m, ours_m2 = float(H @ belief.x), float(H @ belief.P @ H)
+        known = [(ours_m, ours_m2, 1.0)]
         refused = [] if belief.refused is None else [belief.refused]
         known += [(each.offset_m, each.var_m2, JUMPED) for each in (*refused, *_repeated(belief, t_ns))]
         offset_m, var_m2, probability = np.array(known).T
-        offset_m = np.concatenate([offset_m, without.x @ H])
-        var_m2 = np.concatenate([var_m2, (without.P @ H) @ H])
-        probability = np.concatenate([probability, without.probability])
+        offset_m = np.concatenate([offset_m, without.x @ H, ours_m - alike.off_m[:, 0]])
+        var_m2 = np.concatenate([var_m2, (without.P @ H) @ H, ours_m2 + alike.cov_m2[:, 0, 0]])
+        probability = np.concatenate([probability, without.probability, alike.probability])
         return integrity.vertical_protection_level_m(offset_m, var_m2, probability, height_above_home_m, self._settings)
 
 

@@ -12,7 +12,9 @@ from visloc_companion.core.lasting import apart_m
 from visloc_companion.core.remembered import remember
 from visloc_companion.core.requests import UNKNOWN_HEIGHT_SIGMA_M, height_sigma_m
 from visloc_companion.core.settings import NavigatorSettings
-from visloc_companion.types import Fix, LocaliseRequest, TerrainRequest, Vec2
+from visloc_companion.core.votes import spacing_m, view_ne_m
+from visloc_companion.geo.wgs84 import ned_from_geo
+from visloc_companion.types import Fix, GeoPoint, LocaliseRequest, TerrainRequest, Vec2
 
 HISTORY_NS = 10_000_000_000
 MAX_GAP_NS = 1_500_000_000
@@ -69,6 +71,7 @@ class HeightAiding:
         self._jump = NO_JUMP
         self._before_restart_m: float | None = None
         self._over_ground: tuple[int, float] | None = None
+        self._origin: GeoPoint | None = None
 
     def drive(self, t_ns: int, h_amsl_m: float, above_home_m: float | None, v_down_mps: float | None = None) -> None:
         """The autopilot's height at a time, and its velocity."""
@@ -131,7 +134,15 @@ class HeightAiding:
             climbed_m = self._filter.climbed_m(stated_m)
             said = h_amsl_m - stated_m, var_m2, climbed_m, fix.method, fix.probability_wrong
             gone_by_per_s = math.hypot(*v_ne_mps) / apart_m(self._above_home_m)
-            self._filter.observe(HeightFix(fix.t_ns, fix.request_id, *said, gone_by_per_s))
+            self._filter.observe(HeightFix(fix.t_ns, fix.request_id, *said, gone_by_per_s, *self._ground(fix)))
+
+    def _ground(self, fix: Fix) -> tuple[Vec2, float]:
+        """The ground that a fix looks at, metres north and east of the first one's place, and how far on it is other ground."""
+        self._origin = self._origin or fix.place
+        over_ground_m = self._above_home_m if fix.above_ground_m is None else fix.above_ground_m
+        north, east, _ = ned_from_geo(fix.place, self._origin)
+        away_north, away_east = view_ne_m(fix, over_ground_m)
+        return (north + away_north, east + away_east), spacing_m(fix.footprint_m, over_ground_m)
 
     def own_m(self, fix: Fix) -> float | None:
         """By how much a fix alone, without the prior of its request, would raise the autopilot's height; None where it tells next

@@ -46,8 +46,7 @@ def founded(belief: Belief, z: Position, among: separation.Solutions) -> separat
 
 def offset(belief: Belief, z: Position, after_x: FloatArray, among: alike.Alike) -> alike.Alike:
     """The offsets that the filter may have from fixes that are wrong alike, after a fix that moved it to `after_x` (15,)."""
-    north, east = belief.x[POSITION].tolist()
-    again = votes.errs_again(belief.votes, z.method, (north, east), z.apart_m)
+    again = votes.errs_again(belief.votes, z.method, z.looks_at_ne_m(belief.x[POSITION]), z.spacing_m)
     off_m, moved_m = np.array(z.p_ne_m) - belief.x[POSITION], (after_x - belief.x)[POSITION]
     P = belief.P[POSITION, POSITION]
     fix = alike.Taken(z.t_ns, z.method, z.probability_wrong, again, off_m, P + np.array(z.cov_ne_m2), moved_m, P)

@@ -94,12 +94,14 @@ def _fix_fault(fix: Fix, now_ns: int) -> Reason | None:
     if fix.t_ns > now_ns + MAX_LEAD_NS:
         return Reason.IMPLAUSIBLE_TIME
     sigmas = (*fix.cov_ne_m2[0], *fix.cov_ne_m2[1], fix.sigma_h_m)
-    seen = (fix.above_ground_m or 0.0, *(() if fix.sun is None else (fix.sun.azimuth_deg, fix.sun.elevation_deg)))
+    ground = fix.above_ground_m or 0.0, fix.footprint_m or 0.0
+    seen = (*ground, *(() if fix.sun is None else (fix.sun.azimuth_deg, fix.sun.elevation_deg)))
     numbers = _finite(*fix.q_ned_frd, *sigmas, fix.sigma_yaw_rad, fix.probability_wrong, *fix.per_focal_ne_m, *seen)
     turned = _turns_are_sound(fix) and (fix.tilt is None or is_tilt(fix.tilt))
     if not (numbers and turned and is_place(fix.place)):
         return Reason.NOT_FINITE
     claims = MIN_SIGMA_M <= fix.sigma_h_m <= MAX_SIGMA_M and is_covariance(fix.cov_ne_m2)
+    claims = claims and (fix.footprint_m is None or fix.footprint_m > 0)
     return None if claims else Reason.IMPLAUSIBLE_CLAIM
 
 

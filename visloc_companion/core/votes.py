@@ -1,8 +1,8 @@
 """What each method said last, and the probability that its next fix errs with that one: it depends on the ground looked at.
 
 A wrong match is one of a picture of ground: over the same ground it is found again, however often one looks, and over other
-ground it is not (benchmarks/repeated.py, decision 70). So a fix counts against those before it only where the vehicle has gone
-on since the last one that counted.
+ground it is not (benchmarks/repeated.py, decision 70). So a fix counts against those before it only where the camera looks at
+other ground than at the last one that counted, be it that the vehicle has gone on or that the camera was turned (decision 72).
 """
 
 from __future__ import annotations
@@ -11,43 +11,68 @@ import math
 from typing import NamedTuple
 
 from visloc_companion.core.lasting import BY_SHAPE
-from visloc_companion.types import Vec2
+from visloc_companion.geo.se3 import R_from_quat
+from visloc_companion.types import Fix, Vec2
 
 RECENT_NS = 30_000_000_000
 """Methods whose fixes are no older than this are votes beside each other."""
 CORRELATION = 0.5
-"""Probability that a fix of a method errs with the last one where the vehicle has gone on by SPACING, halved for each ..."""
-SPACING = 0.4
-"""... which is a share of the way after which fixes look at other ground (lasting.apart_m): a fifth of what the camera sees
-across ..."""
+"""Probability that a fix of a method errs with the last one where it looks at ground that lies SPACING further on, halved for
+each ..."""
+SPACING = 0.2
+"""... which is a share of what the camera sees across, ..."""
+ACROSS = 1.2
+"""... where that is not told so many heights above the ground, as a camera of 60 degrees sees, ..."""
+LEAST_SPACING_M = 8.0
+"""... and never less than this, ..."""
 LEAST = 0.1
 """... but not less than this, for land repeats itself. A method that looks at shapes sees more of the way than a frame does: for
 it not less than CORRELATION, which is assumed."""
 
+GROUNDS = 12
+"""Ground that was looked at so many spacings ago is the same ground still: who sways or turns about a place sees nothing new."""
+FLATTEST = 3.0
+"""Tangent of the lean beyond which what a camera looks at is no longer told from its attitude."""
+
 
 class Vote(NamedTuple):
-    """A method, the time of its last fix, and where the vehicle was at the last one that counted (metres north and east; the
-    height's filter: the way so far, in ways after which fixes look at other ground)."""
+    """A method, the time of its last fix, and the ground (metres north, east) that its last fixes that counted looked at."""
 
     method: str
     t_ns: int
-    at_ne_m: Vec2
+    seen_ne_m: tuple[Vec2, ...]
 
 
 Votes = tuple[Vote, ...]
 
 
+def spacing_m(footprint_m: float | None, height_m: float) -> float:
+    """How far on ground must lie to be other ground, for a camera that sees so much across from a height above the ground."""
+    return max(LEAST_SPACING_M, SPACING * (ACROSS * height_m if footprint_m is None else footprint_m))
+
+
+def view_ne_m(fix: Fix, height_m: float) -> Vec2:
+    """(2,) metres north and east from the camera to the ground that it looks at, from a height above the ground; no further than
+    it sees under FLATTEST."""
+    north, east, down = (float(axis) for axis in R_from_quat(fix.q_ned_frd)[:, 2])
+    flat = math.hypot(north, east)
+    away_m = max(0.0, height_m) * min(FLATTEST, flat / down if down > 0 else FLATTEST)
+    return (0.0, 0.0) if flat == 0 else (away_m * north / flat, away_m * east / flat)
+
+
 def voted(votes: Votes, method: str, t_ns: int, at_ne_m: Vec2 = (0.0, 0.0), apart_m: float = math.inf) -> Votes:
-    """With a fix of a method, of a vehicle that is there, if that matters."""
+    """With a fix of a method that looks at ground there, if that matters; `apart_m`: what is so far on is other ground."""
     last = _last(votes, method)
-    at = at_ne_m if last is None or math.dist(at_ne_m, last.at_ne_m) >= SPACING * apart_m else last.at_ne_m
-    return (*(other for other in votes if other.method != method), Vote(method, t_ns, at))
+    seen = () if last is None else last.seen_ne_m
+    if not seen or _away_m(seen, at_ne_m) >= apart_m:
+        seen = (*seen[1 - GROUNDS :], at_ne_m)
+    return (*(other for other in votes if other.method != method), Vote(method, t_ns, seen))
 
 
 def moved(votes: Votes, by_ne_m: Vec2) -> Votes:
     """With all places moved, as an origin is, or a filter that starts again elsewhere."""
     north, east = by_ne_m
-    return tuple(v._replace(at_ne_m=(v.at_ne_m[0] + north, v.at_ne_m[1] + east)) for v in votes)
+    return tuple(v._replace(seen_ne_m=tuple((n + north, e + east) for n, e in v.seen_ne_m)) for v in votes)
 
 
 def recent(votes: Votes, t_ns: int) -> frozenset[str]:
@@ -56,13 +81,17 @@ def recent(votes: Votes, t_ns: int) -> frozenset[str]:
 
 
 def errs_again(votes: Votes, method: str, at_ne_m: Vec2, apart_m: float) -> float:
-    """Probability that a fix of a method, of a vehicle that is there, errs with its last one if that was wrong; 1 over the same
+    """Probability that a fix of a method that looks at ground there errs with its last one if that was wrong; 1 over the same
     ground, where it says nothing new, and where the last one is not known."""
     last = _last(votes, method)
     if last is None:
         return 1.0
-    spacings = math.dist(at_ne_m, last.at_ne_m) / (SPACING * apart_m)
+    spacings = _away_m(last.seen_ne_m, at_ne_m) / apart_m
     return 1.0 if spacings < 1 else max(CORRELATION if method in BY_SHAPE else LEAST, CORRELATION**spacings)
+
+
+def _away_m(seen_ne_m: tuple[Vec2, ...], at_ne_m: Vec2) -> float:
+    return min(math.dist(at_ne_m, each) for each in seen_ne_m)
 
 
 def _last(votes: Votes, method: str) -> Vote | None:

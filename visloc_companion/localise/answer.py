@@ -95,6 +95,7 @@ def fix(
         elapsed_ms=watch.elapsed_ms,
         evidence=_evidence(evidence, watch),
         above_ground_m=over_ground_m,
+        footprint_m=math.sqrt(plan.area_m2),
     )
 
 

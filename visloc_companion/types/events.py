@@ -222,7 +222,7 @@ class Fix:
     tilted, where that was seen. `per_focal_ne_m`: how far off the place is, metres north and east, per share of the focal length
     by which the lens is longer than calibrated (a camera that leans takes a wrong lens for a step to the side). `sun`: where the
     picture shows it to stand, where it was looked for. `above_ground_m`: how high the camera is over the ground that it looks at,
-    where that is known.
+    where that is known. `footprint_m`: side of a square as large as the ground in view, of a method that compares pictures of it.
     """
 
     t_rx_ns: int
@@ -245,6 +245,7 @@ class Fix:
     turn_since_kept: Turn | None = None
     sun: Sun | None = None
     above_ground_m: float | None = None
+    footprint_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

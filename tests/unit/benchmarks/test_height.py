@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.height import FAR_M, KINDS, flown
+from benchmarks.height import FAR_M, KINDS, Flight, flown
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_level_holds_and_is_more_than_blind_belief(kind: str) -> None:
-    tally, blind = flown(kind, 3), flown(kind, 3, blind=True)
+    flight = Flight(kind)
+    tally, blind = flown(flight, 3), flown(flight, 3, blind=True)
     figures = tally.figures(20.0)
     assert figures["misleading"] == figures["hmi"] == 0
     assert figures["epochs"] == 599

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ from visloc_companion.core.propagation import Drive
 from visloc_companion.core.separation import CLAIM_FLOOR
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
-from visloc_companion.types import Accepted, Fix, GeoPoint
+from visloc_companion.geo.se3 import quat_from_euler
+from visloc_companion.types import Accepted, Fix, GeoPoint, Quat
 
 S = 1_000_000_000
 ORIGIN = GeoPoint(47.4, 8.5, 400.0)
@@ -84,10 +86,41 @@ def test_what_was_founded_after_a_time_goes_with_the_fixes_that_did() -> None:
     assert alike.until(found, 1 * S).since_ns.tolist() == [1 * S]
 
 
-def fix(t_ns: int, north_m: float, east_m: float, number: int) -> Fix:
+LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
+
+
+def fix(t_ns: int, north_m: float, east_m: float, number: int, q_ned_frd: Quat = LEVEL, footprint_m: float | None = None) -> Fix:
     place = wgs84.geo_from_ned((north_m, east_m, -HEIGHT_M), ORIGIN)
     cov = ((SIGMA_M**2, 0.0), (0.0, SIGMA_M**2))
-    return Fix(t_ns, t_ns, number, number, "deep", place, (1.0, 0.0, 0.0, 0.0), cov, 2.0, 0.1, CLAIM, 5.0)
+    fixed = Fix(t_ns, t_ns, number, number, "deep", place, q_ned_frd, cov, 2.0, 0.1, CLAIM, 5.0)
+    return replace(fixed, above_ground_m=HEIGHT_M, footprint_m=footprint_m)
+
+
+def circled(seconds: int, leans: bool) -> list[tuple[float, float]]:
+    """Error and level of who circles about a place, a height away, at which the camera looks where it `leans`; all fixes
+    are wrong by the same offset."""
+    radius_m, turn_radps = HEIGHT_M, 0.1
+    rng, lean_rad = np.random.default_rng(3), math.radians(45.0) if leans else 0.0
+
+    def velocity(t_s: float) -> Velocity:
+        angle, speed_mps = turn_radps * t_s, turn_radps * radius_m
+        v_ned_mps = -speed_mps * math.sin(angle), speed_mps * math.cos(angle), 0.0
+        return Velocity(round(t_s * S), v_ned_mps, 500.0, 0.5, Drive.FED_BACK)
+
+    belief = seeded(0, (radius_m, 0.0), START_SIGMA_M, 0.5, Drive.FED_BACK, SETTINGS)
+    the_filter, found = PositionFilter(SETTINGS, ORIGIN, belief, velocity(0.0)), []
+    for k in range(1, 2 * seconds + 1):
+        for tenth in range(5 * k - 4, 5 * k + 1):
+            the_filter.drive(velocity(tenth / 10))
+        t_ns, angle = k * S // 2, turn_radps * k / 2
+        north_m, east_m = radius_m * math.cos(angle), radius_m * math.sin(angle)
+        noise_n, noise_e = rng.normal(0.0, SIGMA_M / 2, 2).tolist()
+        inward = quat_from_euler(0.0, lean_rad, angle + math.pi)
+        seen = fix(t_ns, north_m + WRONG_BY_M + noise_n, east_m + noise_e, k, inward)
+        assert isinstance(the_filter.observe(seen), Accepted)
+        north, east, _ = the_filter.at(t_ns).p_ned_m
+        found.append((math.hypot(north - north_m, east - east_m), the_filter.protection_level_m(t_ns)))
+    return found
 
 
 def flown(speed_mps: float, seconds: int, wrong_by_m: float = WRONG_BY_M, stops_s: float = math.inf) -> list[tuple[float, float]]:
@@ -123,3 +156,27 @@ def test_who_goes_on_has_a_small_level_as_soon_as_other_ground_agrees() -> None:
 def test_who_then_hovers_keeps_it() -> None:
     levels = [level_m for _, level_m in flown(10.0, 100, wrong_by_m=0.0, stops_s=40)]
     assert max(levels[100:]) < 14.0
+
+
+def test_who_circles_about_the_place_that_the_camera_looks_at_has_a_wrong_match_in_the_level() -> None:
+    for error_m, level_m in circled(60, leans=True):
+        assert 0.7 * WRONG_BY_M < error_m < level_m
+
+
+def test_who_circles_and_looks_down_sees_other_ground() -> None:
+    assert circled(60, leans=False)[-1][1] < WRONG_BY_M / 2
+
+
+def test_a_camera_that_sees_more_looks_at_the_same_ground_for_longer() -> None:
+    on_m = 20.0  # other ground to a camera of 60 degrees, which sees 72 m
+
+    def level_m(footprint_m: float) -> float:
+        start = Velocity(0, (0.0, on_m, 0.0), 500.0, 0.5, Drive.FED_BACK)
+        belief = seeded(0, (0.0, 0.0), START_SIGMA_M, 0.5, Drive.FED_BACK, SETTINGS)
+        the_filter = PositionFilter(SETTINGS, ORIGIN, belief, start)
+        for k in range(1, 11):
+            the_filter.drive(Velocity(k * S, (0.0, on_m, 0.0), 500.0, 0.5, Drive.FED_BACK))
+            the_filter.observe(fix(k * S, 0.0, on_m * k, k, footprint_m=footprint_m))
+        return the_filter.protection_level_m(10 * S)
+
+    assert level_m(1500.0) > 2 * level_m(72.0)

@@ -19,7 +19,9 @@ SETTINGS = NavigatorSettings()
 def fix(
     t_s: float, offset_m: float, sigma_m: float = 1.0, method: str = "deep", climbed_m: float = 0.0, gone_by_per_s: float = 1.0
 ) -> HeightFix:
-    return HeightFix(round(t_s * S), round(t_s * 1000), offset_m, sigma_m**2, climbed_m, method, 1e-3, gone_by_per_s)
+    at_ne_m = 60.0 * gone_by_per_s * t_s, 0.0  # 100 m up
+    numbers = offset_m, sigma_m**2, climbed_m
+    return HeightFix(round(t_s * S), round(t_s * 1000), *numbers, method, 1e-3, gone_by_per_s, at_ne_m, 24.0)
 
 
 def fed(fixes: list[HeightFix], sigma_m: float = 4.0) -> HeightFilter:
@@ -244,3 +246,22 @@ def test_methods_that_agree_on_the_height_leave_its_level_as_it_is() -> None:
     taken_back = fed([*said, fix(60.1, 0.0, method="structure"), fix(60.2, 0.0)])
     assert taken_back.newest.contradicting == ()
     assert taken_back.protection_level_m(61 * S, 100.0, 50.0) < 8.0
+
+
+def hovered(fixes: int, moving_m: float) -> tuple[float, float]:
+    """Error of the height stated and its level: the barometer is 10 m off, of which the first fixes, all wrong in the same way,
+    say nothing; each looks at ground so much further on."""
+    heights = HeightFilter(SETTINGS, 0, 100.0, 4.0)
+    for k in range(1, fixes + 1):
+        assert heights.observe(replace(fix(k / 2, 0.0, 0.5, gone_by_per_s=0.0), at_ne_m=(moving_m * k, 0.0), spacing_m=24.0))
+    return 10.0, heights.protection_level_m(fixes * S // 2, 100.0, 60.0)
+
+
+def test_who_hovers_over_a_wrong_match_has_its_height_in_the_level_for_as_long_as_it_lasts() -> None:
+    for fixes in (1, 10, 60):
+        error_m, level_m = hovered(fixes, 0.1)
+        assert error_m < level_m
+
+
+def test_other_ground_that_agrees_says_that_the_first_was_right() -> None:
+    assert hovered(60, 30.0)[1] < 8.0

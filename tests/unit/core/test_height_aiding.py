@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import pytest
 
 from visloc_companion.core.height_aiding import HeightAiding
 from visloc_companion.core.remembered import REQUESTS_KEPT
 from visloc_companion.core.requests import UNKNOWN_HEIGHT_SIGMA_M
 from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.types import Fix, FrameRef, GeoPoint, LocaliseRequest, PosePrior
 
 S = 1_000_000_000
@@ -19,6 +23,27 @@ V_NE = (8.0, 6.0)
 def fix(t_s: float, h_amsl_m: float, sigma_m: float = 1.0, request_id: int = 1) -> Fix:
     place, t_ns = GeoPoint(47.0, 8.0, h_amsl_m), round(t_s * S)
     return Fix(t_ns, t_ns, request_id, request_id, "deep", place, LEVEL, COV, sigma_m, 0.02, 1e-3, 100.0)
+
+
+def level_m(on_m: float, turned_deg: float, above_ground_m: float = 100.0, footprint_m: float = 100.0) -> float:
+    """After two seconds at each of ten places so far apart, the camera turned up by so much more at each."""
+    aiding = HeightAiding(NavigatorSettings())
+    for k in range(1, 41):
+        aiding.drive(k * S // 2, 100.0, 50.0)
+        place = GeoPoint(47.0 + on_m * (k // 4) / 111e3, 8.0, 100.0)
+        q = quat_from_euler(0.0, math.radians(turned_deg * (k // 4)), 0.0)
+        seen = replace(fix(k / 2, 100.0, 0.5, request_id=k), place=place, q_ned_frd=q)
+        aiding.taken(replace(seen, above_ground_m=above_ground_m, footprint_m=footprint_m), (0.0, 0.0))
+    height = aiding.at(20 * S, 100.0)
+    assert height is not None
+    return height.protection_level_m
+
+
+def test_who_stays_over_one_ground_has_its_wrong_match_in_the_level() -> None:
+    hovering_m = level_m(0.0, 0.0)
+    assert hovering_m > 1.2 * level_m(30.0, 0.0)
+    assert hovering_m > 1.2 * level_m(0.0, 6.0), "the camera was turned to other ground"
+    assert level_m(30.0, 0.0, footprint_m=3000.0) == pytest.approx(hovering_m, rel=0.05)
 
 
 def request(request_id: int, h_amsl_m: float, sigma_m: float) -> LocaliseRequest:

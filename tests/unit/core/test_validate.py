@@ -89,6 +89,8 @@ BAD: list[tuple[Event, Reason]] = [
     (replace(FIX, per_focal_ne_m=(0.0, math.inf)), Reason.NOT_FINITE),
     (replace(FIX, probability_wrong=math.nan), Reason.NOT_FINITE),
     (replace(FIX, above_ground_m=math.nan), Reason.NOT_FINITE),
+    (replace(FIX, footprint_m=math.inf), Reason.NOT_FINITE),
+    (replace(FIX, footprint_m=-1.0), Reason.IMPLAUSIBLE_CLAIM),
     (replace(FIX, sun=Sun(math.nan, 30.0)), Reason.NOT_FINITE),
     (FrameRef(NOW, NOW + 10**9, 1, 0, 640, 480, 1), Reason.IMPLAUSIBLE_TIME),
 ]

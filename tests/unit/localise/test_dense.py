@@ -212,6 +212,7 @@ def test_every_method_finds_an_easy_frame_and_keeps_the_protocol(method, flat, s
     assert horizontal < (1.5 if method == "ncc" else 0.6)
     assert vertical < 6.0
     assert answer.above_ground_m == pytest.approx(answer.place.h_amsl_m - GROUND_M, abs=0.1)
+    assert answer.footprint_m == pytest.approx(answer.above_ground_m * math.sqrt(160 * 120) / 140.0, rel=0.03)
 
 
 def test_unknown_method_is_named():
