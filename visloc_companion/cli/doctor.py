@@ -29,6 +29,7 @@ def doctor(
     """Judge autopilot, link, camera, map and computer. Exit codes: 0 ok, 1 a rule is red, 2 usage or configuration, 4 link."""
     import asyncio
 
+    from visloc_companion.cli.progress import require_folder
     from visloc_companion.config import load_config
     from visloc_companion.doctor.examine import Wishes, examine
     from visloc_companion.errors import ConfigError
@@ -37,6 +38,8 @@ def doctor(
     url = link or (settings.link.url if settings is not None else "")
     if not url:
         raise ConfigError("neither --link nor --config is given", where="doctor", remedy="name the autopilot's link, --link URL")
+    require_folder(fix, "--fix")
+    require_folder(json, "--json")
     told = _with_link(settings, url)
     report = asyncio.run(examine(Wishes(url, told, seconds, wait, apply)))
     _print(report, everything)
@@ -77,22 +80,13 @@ def _print(report: Report, everything: bool) -> None:
 
 
 def _write(report: Report, fix: Path | None, json_path: Path | None) -> None:
-    import json
-
+    from visloc_companion.cli.progress import result_to, write_json
     from visloc_companion.doctor.parameter_file import render
     from visloc_companion.doctor.report import as_json
-    from visloc_companion.errors import ConfigError
 
-    texts: dict[Path, str] = {}
+    if json_path is not None:
+        write_json(json_path, as_json(report))
     if fix is not None:
         system_id = 1 if report.facts.link is None else report.facts.link.system_id
-        texts[fix] = render(report.facts.autopilot, report.changes, system_id, report.types)
-    if json_path is not None:
-        texts[json_path] = json.dumps(as_json(report), indent=1, allow_nan=False) + "\n"
-    for path, text in texts.items():
-        try:
-            path.write_text(text, encoding="utf-8")
-        except OSError as why:
-            raise ConfigError(
-                f"cannot be written: {why.strerror}", where=str(path), remedy="name a file in a folder of yours"
-            ) from why
+        with result_to(fix, "--fix"):
+            fix.write_text(render(report.facts.autopilot, report.changes, system_id, report.types), encoding="utf-8")

@@ -30,8 +30,13 @@ def run(
 ) -> None:
     """Localise and inject until SIGTERM, SIGHUP or Ctrl-C. Exit codes: 0 ok, 2 configuration, 3 data, 4 link."""
     from visloc_companion.app.first_position import At
+    from visloc_companion.cli.progress import require_folder
     from visloc_companion.config import load_config
+    from visloc_companion.errors import ConfigError
 
+    if json is not None and not check:
+        raise ConfigError("is what --check found", where="--json", remedy="give it with --check")
+    require_folder(json, "--json")
     settings = load_config(config)
     first = At.parsed(at, sigma) if at else None
     if check:
@@ -64,9 +69,8 @@ def _serve(config: Config, at: At | None) -> list[VislocError]:
 
 
 def _check(config: Config, json_path: Path | None) -> list[VislocError]:
-    import json
-
     from visloc_companion.app.preflight import preflight
+    from visloc_companion.cli.progress import write_json
     from visloc_companion.cli.toml import to_toml
 
     problems, found = preflight(config)
@@ -78,7 +82,7 @@ def _check(config: Config, json_path: Path | None) -> list[VislocError]:
             "found": found,
             "problems": [str(p) for p in problems],
         }
-        json_path.write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        write_json(json_path, result)
     return problems
 
 

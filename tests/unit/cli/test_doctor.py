@@ -54,9 +54,18 @@ def test_red_is_exit_code_1_with_the_remedy_in_all_forms(asked: list[Wishes], tm
 
 
 def test_a_file_that_cannot_be_written_is_named(asked: list[Wishes], tmp_path: Path) -> None:
-    done = run("--link", "tcp:h:0", "--json", str(tmp_path / "missing" / "found.json"))
+    for option in ("--json", "--fix"):
+        done = run("--link", "tcp:h:0", "--apply", option, str(tmp_path / "missing" / "found"))
+        assert isinstance(done.exception, ConfigError)
+        assert "found: its folder does not exist; remedy: name a file in an existing folder for " + option in str(done.exception)
+    assert asked == []  # before anything is set
+
+
+@pytest.mark.parametrize("option", ["--json", "--fix"])
+def test_a_full_disk_is_named(asked: list[Wishes], option: str) -> None:
+    done = run("--link", "tcp:h:0", option, "/dev/full")
     assert isinstance(done.exception, ConfigError)
-    assert "found.json: cannot be written" in str(done.exception)
+    assert "/dev/full: cannot be written" in str(done.exception)
 
 
 def test_nothing_red_is_exit_code_0_and_skipped_rules_are_shown_on_demand(asked: list[Wishes]) -> None:

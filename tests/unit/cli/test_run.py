@@ -65,6 +65,14 @@ def test_check_prints_the_effective_configuration(tmp_path: Path) -> None:
     assert found["found"]["versions"]["visloc-companion"]
 
 
+def test_a_result_of_check_that_cannot_be_written_is_a_matter_of_usage(tmp_path: Path) -> None:
+    path = configuration(tmp_path, '[link]\nurl = "udpin:127.0.0.1:0"\n')
+    for options in (("--check", "--json", str(tmp_path / "missing" / "found.json")), ("--json", str(tmp_path / "found.json"))):
+        done = visloc_run(path, *options)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr.startswith("error: ") and done.stderr.count("\n") == 1 and "--json" in done.stderr
+
+
 def test_a_first_position_that_is_none_is_refused_before_anything_starts(tmp_path: Path) -> None:
     done = visloc_run(configuration(tmp_path, ""), "--at", "47.0;8.0")
     assert done.returncode == 2
