@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from visloc_companion.maps.pack import PackMap
 
 map_app = typer.Typer(help="Build, describe and check map packs.", no_args_is_help=True)
-map_app.command()(features)
 MANY = ("--ortho", "--other-dates", "--dsm", "--cloud")
 Pack = Annotated[Path, typer.Argument(metavar="PACK", help="Folder of the pack.")]
 Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the result here.")]
@@ -53,6 +52,9 @@ def repeated(args: Sequence[str]) -> list[str]:
             out.append(option)
         out.append(arg)
     return out
+
+
+map_app.command(cls=ManyFiles)(features)
 
 
 @map_app.command(cls=ManyFiles)
@@ -97,6 +99,7 @@ def build(
         raise ConfigError(f"--ground-height-m: no ground is at {ground_height_m:g} m", remedy="name its height above sea level")
     require_folder(json_file, "--json")
     networks = chosen_networks(model)
+    built = out.resolve()  # a pack that is the working folder is another folder when it is built
     seams: list[str] = []
     with stages() as report:
         manifest = build_pack(
@@ -127,7 +130,7 @@ def build(
     for each in manifest.other_dates:
         typer.echo(f"other date {described_date(each)}")
     echo_features(manifest)
-    pack = PackMap.open(out, verify_hashes=False)
+    pack = PackMap.open(built, verify_hashes=False)
     if (surface := surface_range(pack)) is not None:
         typer.echo(f"surface {described_range(surface)}")
     if (points := cloud_info(manifest)) is not None:
@@ -166,10 +169,11 @@ def check(
     json_file: Json = None,
 ) -> None:
     """Check hashes, how much can be matched, and whether a route stays on the map (exit code 1 if not)."""
-    from visloc_companion.cli.progress import write_json
+    from visloc_companion.cli.progress import require_folder, write_json
     from visloc_companion.prepare.check import check_pack
     from visloc_companion.prepare.heights import described_range
 
+    require_folder(json_file, "--json")
     result = check_pack(_verified(pack), route, margin_m, chosen_networks(model))
     if json_file is not None:
         write_json(json_file, result)

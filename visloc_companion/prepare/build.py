@@ -124,7 +124,7 @@ def build_pack(
         manifest = Manifest(
             kind=KIND,
             schema_version=SCHEMA,
-            name=name or out.name,
+            name=name or (out.resolve() if out.name in ("", "..") else out).name,
             software=SOFTWARE,
             crs=CrsEntry(name=grid.crs.name, epsg=grid.crs.epsg, wkt=grid.crs.wkt),
             gsd_m=ground_gsd_m(grid.crs, grid.T_map_pix, (grid.rows, grid.cols)),

@@ -235,6 +235,35 @@ def test_features_of_a_network(tmp_path: Path, ortho: Path, network: Path, vislo
         visloc("build", "--ortho", ortho, "--out", tmp_path / "third", "--model", tmp_path / "absent")
 
 
+def test_several_dates_are_named_again_as_the_remedy_writes_them(
+    tmp_path: Path, ortho: Path, network: Path, visloc: Visloc
+) -> None:
+    pack = tmp_path / "pack"
+    assert visloc("build", "--ortho", ortho, "--other-dates", ortho, ortho, "--out", pack, "--model", "none")[0] == 0
+    with pytest.raises(MapError, match=r"--other-dates a\.tif a\.tif$"):
+        visloc("features", pack, "--model", network)
+    code, text = visloc("features", pack, "--other-dates", ortho, ortho, "--model", network)
+    assert code == 0 and text.count("mean over 3 dates") == 2
+
+
+def test_the_folder_that_one_works_in_becomes_a_pack(
+    tmp_path: Path, ortho: Path, visloc: Visloc, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It takes the folder's place, so that what "." led to is gone: the pack was whole, and the command ended with 3."""
+    pack = tmp_path / "field"
+    pack.mkdir()
+    monkeypatch.chdir(pack)
+    assert visloc("build", "--ortho", ortho, "--out", ".", "--model", "none")[0] == 0
+    assert json.loads((pack / "manifest.json").read_text())["name"] == "field"
+
+
+def test_a_result_that_could_not_be_written_is_named_before_the_work(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:
+    nowhere = tmp_path / "missing" / "r.json"
+    for command in (("check", tmp_path / "none"), ("features", tmp_path / "none")):
+        with pytest.raises(ConfigError, match=r"its folder does not exist.*--json"):
+            visloc(*command, "--json", nowhere)
+
+
 def test_without_a_network_packs_are_built_with_a_warning(
     tmp_path: Path, ortho: Path, visloc: Visloc, monkeypatch: pytest.MonkeyPatch
 ) -> None:
