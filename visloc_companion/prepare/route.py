@@ -67,7 +67,7 @@ def read_route(path: Path) -> Route:
             route = _plan(json.loads(text))
         else:
             route = Route(_table(text), [])
-    except (csv.Error, ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError) as why:
+    except (csv.Error, ValueError, OverflowError, KeyError, IndexError, TypeError, AttributeError, RecursionError) as why:
         said = str(why) if isinstance(why, (csv.Error, ValueError)) else f"{type(why).__name__}: {why}"
         raise MapError(f"is no route: {said}", where=str(path), remedy=_REMEDY) from why
     if not route.places:

@@ -261,6 +261,8 @@ def test_columns_may_have_spaces_and_a_plan_another_name(tmp_path: Path) -> None
         ("r.waypoints", "QGC WPL 110\n0 1 0\n", "line 2: is not twelve numbers"),
         ("r.waypoints", "QGC WPL 110\n0\t1\t0\t16\t0\t0\t0\t0\t47,1\t15,2\t584\t1\n", "line 2: is not twelve numbers"),
         ("r.waypoints", "QGC WPL 110\n", "holds no place"),
+        ("r.plan", '{"mission": {"items": [{"type": "SimpleItem", "command": 177, "params": [1e999, 1]}]}}', "infinity"),
+        ("r.waypoints", "QGC WPL 110\n0\t1\t0\t177\tinf\t0\t0\t0\t0\t0\t0\t1\n", "infinity"),
         ("r.plan", '{"mission": {"items": []}, "rallyPoints": {"points": [[47]]}}', "IndexError"),
     ],
 )
