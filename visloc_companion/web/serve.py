@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 import uvicorn
 from starlette.types import ASGIApp
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from visloc_companion.errors import ConfigError
 from visloc_companion.web.feed import Feed
@@ -16,8 +17,22 @@ from visloc_companion.web.feed import Feed
 CONNECTIONS = 64
 UNREAD_MS = 15_000
 """The system drops a connection whose other end has taken nothing for so long."""
+REQUEST_S = 10.0
+"""A connection that has asked for nothing in so long is closed: browsers open some ahead, and those of one that went out of the
+radio's reach would stay for ever, and take the place of others."""
 SEND_BUFFER_BYTES = 128 * 1024
 """Of each connection: what a client that stopped reading can hold."""
+
+
+class _Connection(H11Protocol):
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self.loop.call_later(REQUEST_S, self._close_unused)
+
+    def _close_unused(self) -> None:
+        request: object = self.cycle  # typed as if there always were one
+        if request is None:
+            self.transport.close()
 
 
 class _Server(uvicorn.Server):
@@ -39,11 +54,12 @@ def listening(host: str, port: int) -> socket.socket:
         listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, UNREAD_MS)
         listener.bind(address)
         listener.listen(CONNECTIONS)
-    except OSError as why:
+    except (OSError, UnicodeError) as why:  # the latter of names that no name server could be asked for
         if listener is not None:
             listener.close()
         remedy = "name another --port, or an address of this computer for --host"
-        raise ConfigError(f"cannot be listened on: {why.strerror or why}", where=f"{host} port {port}", remedy=remedy) from why
+        said = why.strerror if isinstance(why, OSError) and why.strerror else str(why)
+        raise ConfigError(f"cannot be listened on: {said}", where=f"{host} port {port}", remedy=remedy) from why
     return listener
 
 
@@ -56,7 +72,7 @@ async def serve(
     """Ask and answer until `stop` is set. Raises what the source raises besides NoAnswer."""
     settings = uvicorn.Config(
         app,
-        http="h11",
+        http=_Connection,
         ws="none",
         loop="asyncio",
         lifespan="off",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
 from visloc_companion.errors import OutsideMap
@@ -48,7 +49,7 @@ def application(feed: Feed, pictures: MapPictures | None, names: frozenset[str],
         return Response(files[name], headers={"cache-control": "no-cache"}, media_type=MEDIA[name.rpartition(".")[2]])
 
     async def status(_: Request) -> Response:
-        return JSONResponse(feed.view(), headers=NO_STORE)
+        return _json(feed.view())
 
     async def metrics(_: Request) -> Response:
         if feed.recording:
@@ -57,7 +58,7 @@ def application(feed: Feed, pictures: MapPictures | None, names: frozenset[str],
 
     async def chart(_: Request) -> Response:
         found: dict[str, Any] | None = None if pictures is None else pictures.description()
-        return JSONResponse({"map": found, "problem": map_problem}, headers=NO_STORE)
+        return _json({"map": found, "problem": map_problem})
 
     async def tile(request: Request) -> Response:
         asked = request.path_params
@@ -75,6 +76,11 @@ def application(feed: Feed, pictures: MapPictures | None, names: frozenset[str],
         Route("/metrics", metrics),
     ]
     return Starlette(routes=routes, middleware=[Middleware(Guard, names=names)])
+
+
+def _json(data: dict[str, Any]) -> Response:
+    """As the stream writes it, in ASCII: names of files that are no UTF-8 have no other form."""
+    return Response(json.dumps(data, allow_nan=False), headers=NO_STORE, media_type="application/json")
 
 
 class _Tiles:

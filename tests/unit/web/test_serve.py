@@ -14,6 +14,7 @@ import pytest
 from tests.unit.web.asking import Said
 from tests.unit.web.snapshots import snapshot
 from visloc_companion.errors import ConfigError
+from visloc_companion.web import serve as serve_module
 from visloc_companion.web import stream
 from visloc_companion.web.feed import Feed
 from visloc_companion.web.guard import own_names
@@ -125,6 +126,24 @@ async def test_a_client_that_does_not_read_is_dropped(monkeypatch: pytest.Monkey
             await until(lambda: feed.streams == 0)
 
 
+async def test_connections_that_ask_for_nothing_take_nobodys_place_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What browsers open ahead and leave when they are out of reach: 64 of them, and nobody was answered any more."""
+    monkeypatch.setattr(serve_module, "REQUEST_S", 0.5)
+    async with running(Feed(Said(snapshot()), rate_hz=50)) as port:
+        streaming = await opened(port)
+        await event(streaming[0])
+        silent = [await asyncio.open_connection("127.0.0.1", port) for _ in range(serve_module.CONNECTIONS)]
+        reader, writer = await opened(port, b"/api/status")
+        assert b" 503 " in await reader.readline()
+        await closed(writer)
+        assert [await asyncio.wait_for(reader.read(), 5) for reader, _ in silent] == [b""] * len(silent)
+        reader, writer = await opened(port, b"/api/status")
+        assert b" 200 " in await reader.readline()
+        assert (await event(streaming[0]))[0] == "view"
+        for _, other in (*silent, streaming, (reader, writer)):
+            await closed(other)
+
+
 async def test_it_ends_at_once_though_browsers_look() -> None:
     feed = Feed(Said(snapshot()), rate_hz=50)
     clock_s = asyncio.get_running_loop().time
@@ -154,7 +173,7 @@ def test_a_port_that_is_taken_is_said() -> None:
             listening("127.0.0.1", port)
 
 
-@pytest.mark.parametrize("host", ["192.0.2.1", "no such host"])
+@pytest.mark.parametrize("host", ["192.0.2.1", "no such host", "a" * 70 + ".local"])
 def test_an_address_that_is_not_of_this_computer_is_said(host: str) -> None:
     with pytest.raises(ConfigError, match="cannot be listened on"):
         listening(host, 0)

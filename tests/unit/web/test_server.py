@@ -35,6 +35,14 @@ async def test_the_status_is_the_view_as_json() -> None:
     assert answer.json["state"] == "live"
 
 
+async def test_names_that_are_no_utf_8_are_told() -> None:
+    feed = Feed(Said("No daemon answers at /caf\udce9/s."))
+    await feed.round()
+    app = application(feed, None, NAMES, "/caf\udce9/pack: there is no such file")
+    assert (await ask(app, "/api/status")).json["says"] == "No daemon answers at /caf\udce9/s."
+    assert (await ask(app, "/api/map")).json["problem"] == "/caf\udce9/pack: there is no such file"
+
+
 async def test_every_answer_is_fenced_in() -> None:
     app = await served(snapshot())
     for path in ROUTES:
