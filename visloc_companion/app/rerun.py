@@ -1,6 +1,6 @@
 """An old flight with a new map, localiser or configuration: recorded frames are localised again and the navigator flies on that.
 
-Unlike app/replay.py this does not repeat the flight: the recorded answers of the worker are left out, the requests that the
+Unlike app/replay.py this does not repeat the flight: the worker's recorded answers and deaths are left out, the requests that the
 navigator makes now are answered now, and each answer arrives as late as the recorded ones did.
 """
 
@@ -18,7 +18,7 @@ from visloc_companion.app.worker_process import about_terrain, no_fix
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.errors import Reason
-from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix, TerrainRequest
+from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix, TerrainRequest, WorkerState
 
 Answer = Callable[[LocaliseRequest, Image], Fix | NoFix]
 _FRAMES_KEPT = 64
@@ -78,7 +78,7 @@ def rerun(
         while due and due[0][0] <= entry.now_ns:
             arrival_ns, _, found = heapq.heappop(due)
             yield from taken(found, arrival_ns)
-        if entry.event is not None and not isinstance(entry.event, (Fix, NoFix)):
+        if entry.event is not None and not isinstance(entry.event, (Fix, NoFix, WorkerState)):
             yield from taken(entry.event, entry.now_ns)
 
 

@@ -29,6 +29,7 @@ from visloc_companion.types import (
     PriorPose,
     Status,
     Tick,
+    WorkerState,
 )
 
 MS = 1_000_000
@@ -115,3 +116,14 @@ def test_frames_from_a_journal_come_in_any_recent_order(tmp_path: Path) -> None:
         else:
             assert found is not None
             assert (found == n).all()
+
+
+def test_a_worker_that_died_in_flight_answers_now() -> None:
+    old = list(flight())
+    died = [Entry(e.now_ns, WorkerState(e.now_ns, False, 4, "died"), None) for e in old if isinstance(e.event, Tick)][20]
+    at = next(k for k, entry in enumerate(old) if entry.now_ns > died.now_ns)
+    answered = [
+        sum(isinstance(entry.event, Fix) for entry in rerun(entries, RecordedFrames(frames()), right, SETTINGS))
+        for entries in (old, [*old[:at], died, *old[at:]])
+    ]
+    assert answered[1] == answered[0] > 10
