@@ -98,7 +98,8 @@ def build_pack(
     _check_undulation(geoid_undulation_m, surface, cloud)
     if warn is not None:
         steps = seams(surface.sources, surface.grid, "surface models" if dsms else "clouds") if surface is not None else []
-        for said in (*finer_than_first(sources), *steps):
+        coarse = finer_than_first(surface.sources, sources[0].gsd_m) if surface is not None and dsms else []
+        for said in (*finer_than_first(sources), *coarse, *steps):
             warn(said)
     rasters = [file for path in (*orthos, *dsms) for file in files_of(path)]
     inputs = tuple(_inputs([*rasters, *clouds], report))

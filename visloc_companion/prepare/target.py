@@ -27,7 +27,7 @@ UTM_DEG = (-80.0, 84.0)
 """Latitudes that UTM is for. Beyond, pixels of degrees grow so narrow that no square ones of a size that could be built show
 them; a polar projection's stay square."""
 FINER = 1.25
-"""Orthophotos whose pixels differ by less count as equally fine."""
+"""Rasters whose pixels differ by less count as equally fine."""
 LARGEST_M = 1_000_000.0
 """Beyond, no projection is true to scale; and a pack is for one flight."""
 
@@ -101,14 +101,15 @@ def pack_grid(sources: Sequence[Source]) -> TargetGrid:
     return grid_over(first, crs, box)
 
 
-def finer_than_first(sources: Sequence[Source]) -> list[str]:
-    """A sentence on each orthophoto that is finer than the first, which gives the pack its pixel and hides what lies below it."""
+def finer_than_first(sources: Sequence[Source], smallest_m: float = 0.0) -> list[str]:
+    """A sentence on each raster that is finer than the first of its kind, which gives the pack its pixel (`smallest_m` at least)
+    and hides what lies below it."""
     first = sources[0]
     return [
         f"{source.name} has pixels of {source.gsd_m:.3g} m, and the pack gets those of {first.name}, {first.gsd_m:.3g} m, "
         "which lies on top: name the finest first"
         for source in sources[1:]
-        if source.gsd_m < first.gsd_m / FINER
+        if max(source.gsd_m, smallest_m) < first.gsd_m / FINER
     ]
 
 

@@ -161,6 +161,20 @@ def test_a_finer_orthophoto_below_a_coarse_one_is_told(tmp_path: Path, write_ras
     assert said == [words]
 
 
+def test_a_finer_surface_model_below_a_coarse_one_is_told(tmp_path: Path, write_raster) -> None:
+    """The fine model's crowns and roofs were lost, without a word; what is finer than the orthophoto serves nobody."""
+    ortho, fine, finer, coarse = (tmp_path / f"{name}.tif" for name in ("ortho", "fine", "finer", "coarse"))
+    write_raster(ortho, picture(300), UTM, PLACE, 2.0)
+    for path, side, gsd_m in ((fine, 300, 1.5), (finer, 300, 1.0), (coarse, 30, 20.0)):
+        write_raster(path, np.full((side, side), 300, np.float32), UTM, PLACE, gsd_m)
+    said: list[str] = []
+    build_pack([ortho], [coarse, fine], tmp_path / "pack", warn=said.append)
+    (words,) = said
+    assert words.startswith(f"{fine} has pixels of 1.5 m, and the pack gets those of {coarse}, 20 m") and "finest first" in words
+    build_pack([ortho], [fine, finer, coarse], tmp_path / "pack", warn=said.append)
+    assert said == [words]
+
+
 def test_a_hillshade_is_no_surface_model(tmp_path: Path, write_raster) -> None:
     write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
     files = [tmp_path / "a.tif"], tmp_path / "shade.tif", tmp_path / "pack"
