@@ -202,6 +202,24 @@ def test_small_holes_of_the_surface_are_filled_and_large_ones_are_not(tmp_path: 
     assert np.isnan(pack.height_amsl_m(easting, northing))
 
 
+@pytest.mark.parametrize("pixel_m", [1.0, 5.0, 30.0])
+def test_heights_are_not_made_up_far_beyond_a_surface_model(tmp_path: Path, write_raster, pixel_m: float) -> None:
+    """A model of 30 m was carried on 360 m beyond its end, on a slope of 20 % 70 m wrong."""
+    T = write_raster(tmp_path / "a.tif", picture(1200), UTM, PLACE, 1.0)
+    side = round(1260 / pixel_m)
+    heights = 400 + 0.2 * pixel_m * (np.tile(np.arange(side), (side, 1)) + 0.5 - side / 2)
+    heights[:, side // 2 :] = -9999
+    heights[side // 2, side // 4] = -9999
+    write_raster(tmp_path / "dsm.tif", heights.astype(np.float32), UTM, PLACE, pixel_m, nodata=-9999)
+    build_pack([tmp_path / "a.tif"], tmp_path / "dsm.tif", tmp_path / "pack")
+    pack = PackMap.open(tmp_path / "pack")
+    right = np.arange(1200)
+    found = pack.heights_amsl_m(apply_affine(T, np.column_stack([right, np.full(1200, 600)]).astype(float)))
+    known = np.isfinite(found)
+    assert np.abs(found - 400 - 0.2 * (right - 599.5))[known].max() < 0.2 * 60
+    assert known[:560].all() and not known[600 + 46 :].any()  # the small hole at a quarter is filled
+
+
 @pytest.mark.parametrize("pixel_m", [2.0, 30.0, 500.0])
 def test_heights_at_the_orthophotos_border_lie_between_known_ones(tmp_path: Path, write_raster, pixel_m: float) -> None:
     T = write_raster(tmp_path / "a.tif", picture(300), UTM, PLACE, 1.0)
@@ -223,7 +241,7 @@ def test_a_hole_of_a_coarse_surface_model_counts(tmp_path: Path, write_raster) -
     heights[60:, 60:] = -9999
     write_raster(tmp_path / "dsm.tif", heights, UTM, PLACE, 5.0, nodata=-9999)
     share = build_pack([tmp_path / "a.tif"], tmp_path / "dsm.tif", tmp_path / "pack").heights.share_known
-    assert share == pytest.approx(1 - 18**2 / 60**2, abs=0.02), "of its 30 x 30 pixels 12 at the edge are filled"
+    assert share == pytest.approx(1 - 24**2 / 60**2, abs=0.02), "of its 30 x 30 pixels 6 at the edge, 30 m, are filled"
 
 
 def test_ellipsoidal_heights_need_and_get_the_undulation(tmp_path: Path, write_raster) -> None:
