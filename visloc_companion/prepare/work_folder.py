@@ -119,8 +119,12 @@ class WorkFolder:
             )
 
     def take_name(self) -> None:
-        """Give the finished folder its name; what had it before goes only after that. Closes the folder."""
+        """Give the finished folder its name; what had it before goes only after that, and after the disk has all of the new one.
+        Closes the folder."""
+        for path in self.path.iterdir():
+            synced(path)
         (self.path / LOG).unlink()
+        _entries_synced(self.path)
         old = self.target.with_name(f".{self.target.name}.old")
         shutil.rmtree(old, ignore_errors=True)
         if self.target.exists():
@@ -133,6 +137,7 @@ class WorkFolder:
             raise
         finally:
             self.close()
+        _entries_synced(self.target.parent)
         shutil.rmtree(old, ignore_errors=True)
 
     def remove(self) -> None:
@@ -189,6 +194,16 @@ def synced(path: Path) -> None:
     """Hand a file's data to the disk."""
     with path.open("rb") as stream:
         os.fsync(stream.fileno())
+
+
+def _entries_synced(folder: Path) -> None:
+    """Hand the names in a folder to the disk, where its file system can do that for folders."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):
+            os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def reserved(path: Path) -> None:

@@ -3,6 +3,7 @@
 import json
 import os
 import resource
+import shutil
 from pathlib import Path
 
 import pytest
@@ -116,3 +117,33 @@ def test_disk_space_is_asked_for_first(tmp_path: Path, write_raster, monkeypatch
     monkeypatch.setattr("shutil.disk_usage", lambda path: type("Usage", (), {"free": 10_000})())
     with pytest.raises(MapError, match=r"needs 0\.4 MB of disk, 0\.0 MB are free; remedy: free space"):
         build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+
+
+def test_a_new_pack_is_on_the_disk_before_the_old_one_goes(tmp_path: Path, write_raster, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A loss of power left the new name with an empty manifest, without the old pack and without the work to go on with."""
+    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
+    files = [tmp_path / "a.tif"], None, tmp_path / "pack"
+    build_pack(*files)
+    synced: set[Path] = set()
+    fsync, rename = os.fsync, Path.rename
+
+    def noted(descriptor: int) -> None:
+        fsync(descriptor)
+        synced.add(Path(f"/proc/self/fd/{descriptor}").readlink())
+
+    def renamed(path: Path, target: Path) -> Path:
+        assert {path, *path.iterdir()} <= synced or path.name == "pack"
+        return rename(path, target)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    monkeypatch.setattr(Path, "rename", renamed)
+    removed: list[Path] = []
+
+    def gone(path: Path, **_: object) -> None:
+        if path.exists():
+            assert tmp_path in synced
+            removed.append(path)
+
+    monkeypatch.setattr(shutil, "rmtree", gone)
+    build_pack(*files)
+    assert removed == [tmp_path / ".pack.old"]
