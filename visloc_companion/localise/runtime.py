@@ -119,6 +119,8 @@ def _onnxruntime() -> Any:
     try:
         import onnxruntime
     except ImportError as why:
+        if isinstance(why.__cause__, KeyboardInterrupt):  # its C++ makes an ImportError of Ctrl-C
+            raise KeyboardInterrupt from why
         raise ConfigError(f"networks need onnxruntime: {why}", where="localiser.method", remedy=INSTALL) from why
     return onnxruntime
 

@@ -155,6 +155,20 @@ def test_absent_onnxruntime_names_the_extra(network: Path, monkeypatch: pytest.M
         open_session(network)
 
 
+def test_an_import_that_is_interrupted_is_not_an_absent_package(network: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C in that moment: the map was built without the network's features, and replaced the one that had them."""
+    imported = builtins.__import__
+
+    def interrupted(name: str, *rest: Any) -> Any:
+        if name == "onnxruntime":
+            raise ImportError("initialization failed") from KeyboardInterrupt()
+        return imported(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        open_session(network, threads=1)
+
+
 def test_a_truncated_network_is_refused_by_its_hash(own: Path) -> None:
     content = (own / "model.onnx").read_bytes()
     (own / "model.onnx").write_bytes(content[: len(content) // 2])
