@@ -1,12 +1,13 @@
 // Listens to the server, keeps what it said, and says so when it falls silent.
 import { Chart } from "./chart.js";
 import { banners, labels, legend } from "./labels.js";
+import { Stream } from "./stream.js";
 import { traces } from "./traces.js";
 
 const KEPT = 1200, AGAIN_MS = 2000;
 const at = (id) => document.getElementById(id);
 const chart = new Chart(at("map"), at("follow"));
-let view = null, samples = [], began = null, heard = performance.now(), stream = null;
+let view = null, samples = [], began = null, heard = performance.now();
 
 at("closer").onclick = () => chart.zoom(1.5);
 at("wider").onclick = () => chart.zoom(1 / 1.5);
@@ -23,24 +24,15 @@ function show() {
   traces(at("traces"), samples, !stale && view.state === "live");
 }
 
-function listen() {
-  stream?.close();
-  stream = new EventSource("/api/stream");
-  stream.addEventListener("history", (event) => ({ samples, began } = JSON.parse(event.data)));
-  stream.addEventListener("view", (event) => {
-    const said = JSON.parse(event.data);
-    if (said.began !== began) samples = [];
-    began = said.began;
-    view = said.view;
-    heard = performance.now();
-    if (said.sample) samples.push(said.sample);
-    else if (view.state !== "live" && samples.at(-1)) samples.push(null);
-    samples = samples.slice(-KEPT);
-    show();
-  });
-  stream.onerror = () => {
-    if (stream.readyState === EventSource.CLOSED) setTimeout(listen, AGAIN_MS);
-  };
+function take(said) {
+  if (said.began !== began) samples = [];
+  began = said.began;
+  view = said.view;
+  heard = performance.now();
+  if (said.sample) samples.push(said.sample);
+  else if (view.state !== "live" && samples.at(-1)) samples.push(null);
+  samples = samples.slice(-KEPT);
+  show();
 }
 
 async function findMap() {
@@ -58,6 +50,9 @@ async function findMap() {
 legend();
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", legend);
 addEventListener("resize", show);
-setInterval(() => { if (performance.now() - heard > 1000) show(); }, 500);
+const stream = new Stream((said) => ({ samples, began } = said), take);
+setInterval(() => {
+  stream.look();
+  if (performance.now() - heard > 1000) show();
+}, 500);
 findMap();
-listen();

@@ -1,0 +1,57 @@
+"""The page's own stream, in Node where that is installed: what browsers do when connections end and when they break silently."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from importlib import resources
+from typing import Any
+
+import pytest
+
+NODE = shutil.which("node")
+WORLD = """
+const opened = [], waiting = [];
+let now = 0;
+globalThis.EventSource = class {
+  static CLOSED = 2;
+  constructor(path) { this.path = path; this.takes = {}; this.readyState = 1; this.closed = false; opened.push(this); }
+  addEventListener(name, take) { this.takes[name] = take; }
+  close() { this.closed = true; }
+  say(name, data) { this.takes[name]({ data: JSON.stringify(data) }); }
+  fail() { this.readyState = 2; this.onerror(); }
+};
+Object.defineProperty(globalThis, "performance", { value: { now: () => now } });
+globalThis.setTimeout = (then) => waiting.push(then);
+const views = [];
+const { Stream } = await import("%s");
+const stream = new Stream(() => 0, (said) => views.push(said));
+const pass = (ms) => { for (const end = now + ms; now < end;) { now += 500; stream.look(); } };
+const told = () => console.log(JSON.stringify([opened.map((o) => o.closed), views]));
+"""
+
+
+def page(steps: str) -> Any:
+    """[closed or not of every stream that was opened, the views that were taken] after some steps."""
+    if NODE is None:
+        pytest.skip("Node is not installed")
+    module = resources.files("visloc_companion.web") / "page" / "stream.js"
+    script = WORLD % f"file://{module}" + steps + "told();"
+    done = subprocess.run([NODE, "--input-type=module", "-e", script], capture_output=True, text=True, timeout=30, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_a_connection_that_broke_without_a_word_is_opened_anew() -> None:
+    """A phone that was out of reach for a minute showed "the server is gone" until it was loaded anew."""
+    assert page("opened[0].say('view', 1); pass(9000);") == [[False], [1]]
+    assert page("opened[0].say('view', 1); pass(12000); opened[1].say('view', 2); pass(9000);") == [[True, False], [1, 2]]
+    assert page("pass(32000);") == [[True, True, True, False], []]
+
+
+def test_a_stream_that_ended_is_opened_once_more() -> None:
+    """Refused (too many browsers look): browsers do not try again by themselves."""
+    assert page("opened[0].fail(); waiting.splice(0).map((then) => then());") == [[True, False], []]
+    late = "opened[0].fail(); pass(11000); waiting.splice(0).map((then) => then()); opened[1].say('view', 3);"
+    assert page(late) == [[True, False], [3]]
