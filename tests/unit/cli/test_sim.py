@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -14,11 +15,12 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from visloc_companion.cli.sim import sim
+from visloc_companion.cli.sim import sim, write_result
 from visloc_companion.errors import ConfigError, MapError
 from visloc_companion.evaluate import campaign, closed_loop, flight_area, metrics, report
 from visloc_companion.evaluate.campaign import FlightSpec, FlownSpec
 from visloc_companion.evaluate.closed_loop import FlightWorld
+from visloc_companion.evaluate.record import from_entries
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare import world
 from visloc_companion.sim.flight import Eyes
@@ -50,6 +52,19 @@ def flown_by_hand(number: int, spec: FlightSpec, *, passed: bool = True) -> Flow
 @pytest.fixture
 def places(tiny_world: Any) -> list[str]:
     return ["--map", str(tiny_world.pack), "--camera-ortho", str(tiny_world.ortho), "--camera-dsm", str(tiny_world.dsm)]
+
+
+def test_beside_a_pipe_there_are_no_epochs(tmp_path: Path) -> None:
+    """`--json /dev/stdout` ended with exit code 2 after the flight, or left /dev/stdout-epochs.csv."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    end = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        write_result(from_entries([]), {"passed": True}, pipe)
+        assert json.loads(os.read(end, 4096)) == {"passed": True, "epochs": None}
+    finally:
+        os.close(end)
+    assert list(tmp_path.iterdir()) == [pipe]
 
 
 def test_the_list_names_scenarios_and_campaigns() -> None:
