@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.localise.shadow import cast_shadow
+from visloc_companion.maps.crs import map_crs
+from visloc_companion.maps.geotiff import ground_gsd_m
 from visloc_companion.sim.scene import Scene
 from visloc_companion.types import FloatArray
 
@@ -53,18 +55,24 @@ def lies(change: Change, scene: Scene, way_pix: FloatArray) -> Mask:
 
 def along_way(scene: Scene, way_pix: FloatArray, begin_m: float, end_m: float, half_width_m: float) -> Mask:
     """(H, W) 255 within a band along a piece of a closed way (N, 2) of scene pix; its ends are round."""
-    gsd_m = _gsd_m(scene)
+    M_ne_pix = _metres(scene)
+    column_m, row_m = _sides_m(scene)
     closed = np.vstack([way_pix, way_pix[:1]])
-    lengths_m = np.hypot(*np.diff(closed, axis=0).T) * gsd_m
+    lengths_m = np.hypot(*(np.diff(closed, axis=0) @ M_ne_pix.T).T)
     at_m = np.concatenate([[0.0], np.cumsum(lengths_m)])
     first = begin_m + half_width_m
     last = max(first + 1.0, min(end_m - half_width_m, float(at_m[-1])))
     steps_m = np.append(np.arange(first, last, 5.0), last)
     points = np.column_stack([np.interp(steps_m, at_m, closed[:, axis]) for axis in (0, 1)])
-    mask = np.zeros(scene.dsm_amsl_m.shape, np.uint8)
-    width_px = min(max(1, round(2 * half_width_m / gsd_m)), 32767)
+    height, width = scene.dsm_amsl_m.shape
+    square_height = round(height * row_m / column_m)  # drawn with square pixels, which those of a raster in degrees are not
+    points[:, 1] = (points[:, 1] + 0.5) * square_height / height - 0.5
+    mask = np.zeros((square_height, width), np.uint8)
+    width_px = min(max(1, round(2 * half_width_m / column_m)), 32767)
     cv2.polylines(mask, [np.round(points).astype(np.int32)], isClosed=False, color=255, thickness=width_px)
-    return mask
+    if square_height == height:
+        return mask
+    return np.asarray(cv2.resize(mask, (width, height), interpolation=cv2.INTER_NEAREST), dtype=np.uint8)
 
 
 def changed(scene: Scene, change: Change, way_pix: FloatArray, seed: int) -> Scene:
@@ -98,16 +106,28 @@ def ground_below(dsm_m: Plane, gsd_m: float) -> Plane:
 
 def beyond_the_map(scene: Scene, margin_m: float) -> Scene:
     """The scene with land all around that no map has: its own, mirrored."""
-    margin = round(margin_m / _gsd_m(scene))
-    around = (margin, margin, margin, margin, cv2.BORDER_REFLECT)
+    columns, rows = (round(margin_m / side_m) for side_m in _sides_m(scene))
+    around = (rows, rows, columns, columns, cv2.BORDER_REFLECT)
     T = scene.T_map_pix.copy()
-    T[:, 2] -= T[:, :2] @ np.array([margin, margin])
+    T[:, 2] -= T[:, :2] @ np.array([columns, rows])
     pixels, dsm = cv2.copyMakeBorder(scene.pixels, *around), cv2.copyMakeBorder(scene.dsm_amsl_m, *around)
     return Scene(np.asarray(pixels, dtype=np.uint8), np.asarray(dsm, dtype=np.float32), T, scene.crs)
 
 
 def _gsd_m(scene: Scene) -> float:
-    return float(np.hypot(*scene.T_map_pix[:, 0]))
+    return ground_gsd_m(map_crs(scene.crs), scene.T_map_pix, scene.dsm_amsl_m.shape)
+
+
+def _metres(scene: Scene) -> FloatArray:
+    """(2, 2) from columns and rows to metres north and east on the ground, in the middle of the scene."""
+    J_map_ne = map_crs(scene.crs).linearised_at_map(*scene.center_map).J_map_ne
+    return np.asarray(np.linalg.inv(J_map_ne) @ scene.T_map_pix[:, :2], dtype=np.float64)
+
+
+def _sides_m(scene: Scene) -> tuple[float, float]:
+    """Of a pixel on the ground, along columns and along rows."""
+    column_m, row_m = np.hypot(*_metres(scene))
+    return float(column_m), float(row_m)
 
 
 def _where(condition: NDArray[np.bool_]) -> Mask:

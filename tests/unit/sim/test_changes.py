@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from visloc_companion.maps.crs import map_crs
 from visloc_companion.sim.changes import Change, along_way, beyond_the_map, changed, ground_below, lies
 from visloc_companion.sim.scene import Scene
+from visloc_companion.types import GeoPoint
 
 SIZE = 600
 WAY = np.array([[100.0, 300.0], [500.0, 300.0], [500.0, 500.0], [100.0, 500.0]])
@@ -96,3 +98,27 @@ def test_beyond_the_map_the_land_goes_on_mirrored_and_stays_where_it_was() -> No
     assert np.array_equal(after.pixels[inside], before.pixels)
     assert np.array_equal(after.pixels[margin - 5, margin : margin + 50], before.pixels[4, :50])
     assert after.T_map_pix @ [margin, margin, 1.0] == pytest.approx(before.T_map_pix @ [0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:3857", "EPSG:32632", "EPSG:2225"])
+def test_ways_widths_and_margins_are_metres_whatever_the_pixels_are(crs: str) -> None:
+    """A raster in degrees was taken for one of millionths of a metre a pixel (terabytes were asked for), Mercator's metres and
+    feet for metres on the ground."""
+    place = GeoPoint(39.5, -122.0, 0.0) if crs == "EPSG:2225" else GeoPoint(47.4, 8.5, 0.0)
+    here = map_crs(crs).linearised_at(place)
+    side = 0.6 * here.J_map_ne[0, 1]
+    size_m = np.array([side / here.J_map_ne[0, 1], side / here.J_map_ne[1, 0]])
+    T = np.array([[side, 0.0, here.origin_map_m[0] - 300 * side], [0.0, -side, here.origin_map_m[1] + 300 * side]])
+    before = Scene(scene().pixels, scene().dsm_amsl_m, T, crs)
+    mask = along_way(before, WAY, 50.0, 150.0, 20.0)
+    rows, cols = np.nonzero(mask)
+    east_m, north_m = (cols - 100.0) * size_m[0], (300.0 - rows) * size_m[1]
+    assert (east_m.min(), east_m.max()) == pytest.approx((50.0, 150.0), abs=2.0)
+    assert (north_m.min(), north_m.max()) == pytest.approx((-20.0, 20.0), abs=1.5)
+    after = beyond_the_map(before, 60.0)
+    more = np.array(after.size_px) - before.size_px
+    assert more / 2 * size_m == pytest.approx(60.0, abs=1.0)
+    assert after.center_map == pytest.approx(before.center_map, abs=1e-6 * side)
+    for kind in ("felled", "ploughed", "built", "water"):
+        ground = changed(before, Change(kind, half_width_m=60.0), WAY, 1)  # type: ignore[arg-type]
+        assert not np.array_equal(ground.dsm_amsl_m if kind == "water" else ground.pixels, scene().pixels)
