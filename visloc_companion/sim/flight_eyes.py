@@ -6,6 +6,7 @@ Times are the simulation's own (`t_sim_ns`); the shell's clock, which may step, 
 from __future__ import annotations
 
 import heapq
+from collections import deque
 from dataclasses import dataclass, replace
 
 from visloc_companion.app.worker_process import about_terrain, no_fix
@@ -16,6 +17,7 @@ from visloc_companion.sim.render_motion import Shot
 from visloc_companion.types import Event, Fix, FrameRef, GeoPoint, LocaliseRequest, NoFix, Quat, TerrainRequest, Vote, WorkerState
 
 VIEWS_KEPT = 50
+"""Of frames that have arrived; those under way are kept however long that takes."""
 
 
 class Every:
@@ -52,6 +54,7 @@ class FlightEyes:
         self._exposures = Every(eyes.rate_hz)
         self._frame_id = 0
         self._views: dict[int, View] = {}
+        self._arrived: deque[int] = deque()
         self._view: View | None = None
         self._under_way: list[tuple[int, int, FrameRef]] = []
         self._due: list[tuple[int, int, LocaliseRequest | TerrainRequest, Fix | NoFix]] = []
@@ -67,7 +70,11 @@ class FlightEyes:
             heapq.heappush(self._under_way, (arrives_ns, frame.frame_id, frame))
         arrived: list[Event] = []
         while self._under_way and self._under_way[0][0] <= t_sim_ns:
-            arrived.append(replace(heapq.heappop(self._under_way)[2], t_rx_ns=now_ns))
+            frame = heapq.heappop(self._under_way)[2]
+            arrived.append(replace(frame, t_rx_ns=now_ns))
+            self._arrived.append(frame.frame_id)
+            if len(self._arrived) > VIEWS_KEPT:
+                del self._views[self._arrived.popleft()]
         return arrived
 
     def _exposed(self, exposed_ns: int, now_ns: int) -> FrameRef:
@@ -81,7 +88,6 @@ class FlightEyes:
         elif pilot.faults.camera_anew(pilot.t_s):
             self._view = replace(self._view, frame_id=self._frame_id)  # which feeds the noise
         self._views[self._frame_id] = self._view
-        self._views.pop(self._frame_id - VIEWS_KEPT, None)
         model = self._eyes.camera.model
         size_px = model.width_px, model.height_px
         return FrameRef(now_ns, exposed_ns, self._frame_id, 0, *size_px, 3, pilot.t_boot_ns, checksum=self._view.frame_id)

@@ -53,6 +53,13 @@ def test_late_frames_keep_their_stamps_and_overtake_each_other(oracle_eyes: Make
     assert all(frame.t_boot_ns is not None and frame.t_ns - frame.t_boot_ns == CLOCK_OFFSET_NS for _, frame in frames)
 
 
+def test_frames_of_a_fast_camera_may_be_late_by_seconds(oracle_eyes: MakeEyes) -> None:
+    """A frame that arrived after 50 others had been exposed ended the flight: nobody knew its view any more."""
+    log = fly(faults.these(faults.FramesLate(0.0, 2.0, 1.0)), 8.0, replace(oracle_eyes(), rate_hz=30.0))
+    asked = [entry.command.frame for entry in log.entries if isinstance(entry.command, LocaliseRequest)]
+    assert [frame for frame in asked if frame.t_rx_ns - frame.t_ns > 2_500_000_000]
+
+
 def test_a_worker_that_dies_answers_nothing_and_comes_back_with_an_empty_memory(oracle_eyes: MakeEyes) -> None:
     eyes, opened = oracle_eyes(misses=0.0), []
 
