@@ -95,12 +95,15 @@ class Flight:
         self._start()
 
     def _start(self) -> None:
-        """Align: with GNSS the flight begins on its mission, without it is flown by hand until there is a position."""
+        """Align: with GNSS, right or false, the flight begins on its mission, without it by hand until there is a position."""
         b = self.body
-        self._sample_gnss()
+        sample = self._sample_gnss()
         local = self.local_from_home((b.north, b.east, b.down))
         if self._had_fix:
-            self.filter.align(local, (b.v_north, b.v_east, b.v_down))
+            false, false_v = sample.false_ned_m, sample.false_v_ned_mps
+            believed = self.local_from_home((b.north + false[0], b.east + false[1], b.down))
+            v = (b.v_north + false_v[0], b.v_east + false_v[1], b.v_down)
+            self.filter.align((believed[0], believed[1], local[2]), v, false[:2], false_v[:2])
             self.estimator.start_aided()
         else:
             self.filter.align((0.0, 0.0, local[2]), (0.0, 0.0, 0.0))
@@ -131,7 +134,7 @@ class Flight:
         origin = self.origin or self.plan.home
         return autopilot_ned_from_geo(self.plan.kind, geo_from_ned(p_ned_m, self.plan.home), origin)
 
-    def _sample_gnss(self) -> None:
+    def _sample_gnss(self) -> GnssSample:
         b = self.body
         effect = self.plan.faults.gnss(self.t_s)
         sample = self._receiver.sample(self.t_s, (b.north, b.east, b.down), (b.v_north, b.v_east, b.v_down), effect)
@@ -141,6 +144,7 @@ class Flight:
             self.set_origin(self.plan.home)
         self.estimator.on_gnss(GnssMeasurement(sample, self.local_from_home(sample.p_ned_m)))
         self._gnss_due_s += self._receiver.period_s
+        return sample
 
     def step(self) -> list[str]:
         """Advance by one step of physics; returns texts for the operator."""

@@ -16,7 +16,7 @@ from random import Random
 from visloc_companion.sim.estimator_output import Due, OutputTaus
 from visloc_companion.sim.imu import QUIET, TILT_TAU_S, Imu
 from visloc_companion.sim.vehicle_noise import GaussMarkov
-from visloc_companion.types import Vec3
+from visloc_companion.types import Vec2, Vec3
 
 GRAVITY_MPS2 = 9.81
 BARO_SIGMA_M, BARO_PERIOD_S = 2.0, 0.1
@@ -164,10 +164,12 @@ class InertialFilter:
         self.origin_above_home_m = 0.0
         """By how much the local metres begin above home: the barometer knows nothing of any origin."""
 
-    def align(self, p_ned_m: Vec3, v_ned_mps: Vec3) -> None:
-        """Start at a position and velocity, at rest in acceleration."""
+    def align(self, p_ned_m: Vec3, v_ned_mps: Vec3, false_ne_m: Vec2 = (0.0, 0.0), false_ne_mps: Vec2 = (0.0, 0.0)) -> None:
+        """Start at a position and velocity, at rest in acceleration; `false_*` is what false GNSS added to them."""
         for axis, p, v in zip((self.north, self.east, self.down), p_ned_m, v_ned_mps, strict=True):
             axis.p_now, axis.v_now, axis.v, axis.p = p, v, v, p - v * self.horizon_s
+        for axis, false_m, false_mps in zip((self.north, self.east), false_ne_m, false_ne_mps, strict=True):
+            axis.pull_p, axis.pull_v = false_m - false_mps * self.horizon_s, false_mps
 
     @property
     def tilt_ne_rad(self) -> tuple[float, float]:

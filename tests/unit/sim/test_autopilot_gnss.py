@@ -49,6 +49,21 @@ def test_a_consistent_drag_is_followed_fully_and_the_vehicle_goes_the_other_way(
     assert flight.pilot.failsafe is None
 
 
+@pytest.mark.parametrize("kind", ["ardupilot", "px4"])
+def test_a_gnss_that_is_false_from_the_start_is_what_the_autopilot_begins_with(companion, kind):
+    """It began at the true place instead, which nobody had told it, kept that against its receiver for 7 to 11 s, and spoke of a
+    glitch."""
+    schedule = faults.step_spoof(0.0, (0.0, 60.0, 0.0)) + faults.slow_drag(-10.0, 0.5, 0.0)
+    flight = companion(kind=kind, faults=schedule, sending=False, mission=[(0, 0, -40)])
+    assert flight.pilot.pulled_m == 0.0
+    seen = watched(flight, 15.0, 0.0)
+    assert len(seen) == 1
+    assert min(error_m for _, error_m in flight.error_m) > 59.0
+    north_m, east_m, _ = flight.pilot.truth().p_ned_m
+    assert (north_m, east_m) == pytest.approx((-12.5, -60.0), abs=3.0)
+    assert flight.pilot.pulled_m == pytest.approx(math.hypot(12.5, 60.0), abs=1.0)
+
+
 def test_pulled_is_zero_without_spoofing_whatever_vision_says(companion):
     flight = companion(faults=faults.jam(15.0)).fly(10.0)
     flight.command(mavlink.MAV_CMD_SET_EKF_SOURCE_SET, 2)
