@@ -257,6 +257,7 @@ class BuiltInAutopilot:
             local=flight.local_position_sent,
             gnss=flight.gnss,
             gnss_place=flight.gnss_place or GeoPoint(0.0, 0.0, 0.0),
+            dated=flight.gnss_place is not None,
             health=health,
             baro_amsl_m=plan.home.h_amsl_m - f.baro_down_m,
             external_healthy=flight.estimator.external_healthy,

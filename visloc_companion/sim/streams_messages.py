@@ -34,7 +34,10 @@ class Ranged:
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """The autopilot's state as it knows it. `place` is None where it sends no global position, `local` where no local one."""
+    """The autopilot's state as it knows it. `place` is None where it sends no global position, `local` where no local one.
+
+    `dated`: whether its receiver has ever told it the time.
+    """
 
     kind: AutopilotKind
     t_boot_ns: int
@@ -48,6 +51,7 @@ class Snapshot:
     local: bool
     gnss: GnssSample | None
     gnss_place: GeoPoint | None
+    dated: bool
     health: EstimatorHealth
     baro_amsl_m: float
     external_healthy: bool
@@ -179,8 +183,8 @@ def scaled_imu(s: Snapshot) -> Message | None:
 
 
 def system_time(s: Snapshot) -> Message:
-    """SYSTEM_TIME: calendar time, 0 before the receiver gave one."""
-    return mavlink.MAVLink_system_time_message(0 if s.gnss is None else BOOT_UNIX_US + s.t_us, s.t_ms)
+    """SYSTEM_TIME: calendar time, which goes on after the last fix; 0 before the first one gave it."""
+    return mavlink.MAVLink_system_time_message(BOOT_UNIX_US + s.t_us if s.dated else 0, s.t_ms)
 
 
 def autopilot_version(s: Snapshot) -> Message:

@@ -221,3 +221,14 @@ def test_pressure_and_gnss_time_stand_beside_the_receiver(companion, kind):
     last = flight.last["SYSTEM_TIME"]
     assert last.time_unix_usec - first.time_unix_usec == 1000 * (last.time_boot_ms - first.time_boot_ms)
     assert last.time_unix_usec > 1_700_000_000_000_000
+
+
+@pytest.mark.parametrize("kind", ["ardupilot", "px4"])
+@pytest.mark.parametrize(("jammed_s", "knows"), [((0.0, 3.0), [False, True]), ((4.0, 100.0), [True, True])])
+def test_the_time_of_day_is_known_once_there_was_a_fix(companion, kind, jammed_s, knows):
+    """An autopilot that never had a fix told the calendar time all the same."""
+    flight = companion(kind=kind, faults=faults.jam(*jammed_s), sending=False)
+    flight.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, 1e6)
+    told = [flight.fly(s).last["SYSTEM_TIME"].time_unix_usec for s in (2.0, 8.0)]
+    assert [unix_us > 1_700_000_000_000_000 for unix_us in told] == knows
+    assert told[0] == 0 or knows[0]
