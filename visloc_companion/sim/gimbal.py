@@ -11,6 +11,7 @@ from collections import deque
 from dataclasses import dataclass
 from random import Random
 
+from visloc_companion.errors import ConfigError
 from visloc_companion.geo.se3 import body_rates, quat_from_euler, quat_multiply
 from visloc_companion.sim.vehicle import Body, clamp, wrap
 from visloc_companion.sim.vehicle_noise import GaussMarkov
@@ -19,11 +20,13 @@ from visloc_companion.types import Quat, Vec3
 
 @dataclass(frozen=True, slots=True)
 class GimbalPlan:
-    """`pitches_rad`: from these times (s) on it points so far above the horizon, and turns there at `slew_radps`. Its pitch joint
-    reaches from `joint_rad[0]` to `joint_rad[1]` against the airframe; it follows the heading within `follow_s`.
+    """`pitches_rad`: from these times on (s, in order, the first no later than 0) it points so far above the horizon, and turns
+    there at `slew_radps`. Its pitch joint reaches from `joint_rad[0]` to `joint_rad[1]` against the airframe; it follows the
+    heading within `follow_s`.
 
     1-sigma and correlation times of what is left of the vehicle's motion (`shake`), of the error of the tilt that it states
-    (`tilt`) and of that of its yaw against the vehicle (`yaw`); what it states was so `late_s` ago.
+    (`tilt`) and of that of its yaw against the vehicle (`yaw`); what it states was so `late_s` ago. Raises ConfigError for
+    what no gimbal does.
     """
 
     pitches_rad: tuple[tuple[float, float], ...] = ((0.0, -math.pi / 2),)
@@ -37,6 +40,16 @@ class GimbalPlan:
     yaw_rad: float = math.radians(1.0)
     yaw_s: float = 60.0
     late_s: float = 0.04
+
+    def __post_init__(self) -> None:
+        times_s = [since_s for since_s, _ in self.pitches_rad]
+        if not times_s or times_s[0] > 0.0 or times_s != sorted(times_s):
+            what = f"pitches_rad are from {times_s} s on"
+            raise ConfigError(what, where="GimbalPlan", remedy="begin at 0 s, and go on in order")
+        taus = (self.slew_radps, self.follow_s, self.shake_s, self.tilt_s, self.yaw_s)
+        if not (min(taus) > 0.0 and self.late_s >= 0.0 and self.joint_rad[0] < self.joint_rad[1]):
+            remedy = "give times and slew_radps above 0, and joint_rad from low to high"
+            raise ConfigError("turns at no rate, or its joint reaches nowhere", where="GimbalPlan", remedy=remedy)
 
 
 class SimulatedGimbal:

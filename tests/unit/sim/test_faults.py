@@ -1,4 +1,5 @@
 import math
+from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
@@ -154,3 +155,31 @@ def test_what_is_wrong_with_the_installation_lasts_for_the_flight():
     assert schedule.focal_scale == pytest.approx(1.03)
     assert schedule.map_shift_ne_m == (8.0, -1.0)
     assert schedule.gnss_start_s is None
+
+
+@pytest.mark.parametrize(
+    ("make", "named"),
+    [
+        (lambda: faults.jam(20.0, 10.0), "Jam: end_s is 10.0"),
+        (lambda: faults.jam(math.nan), "Jam: start_s is nan"),
+        (lambda: faults.slow_drag(20.0, 1.0, 0.0, release_s=10.0), "SlowDrag: release_s is 10.0"),
+        (lambda: faults.step_spoof(20.0, (math.inf, 0.0, 0.0)), "StepSpoof: offset_ned_m"),
+        (lambda: faults.camera_freeze(5.0, 5.0), "CameraFreeze: end_s"),
+        (lambda: faults.these(faults.LinkGap(6.0, 5.0)), "LinkGap: end_s"),
+        (lambda: faults.these(faults.WorkerCrash(6.0, -4.0)), "WorkerCrash: restart_s"),
+        (lambda: faults.these(faults.FramesLate(0.0, -0.2, 0.1)), "FramesLate: delay_s"),
+        (lambda: faults.these(faults.Haze(0.0, 0.0)), "Haze: visibility_m"),
+        (lambda: faults.these(faults.Night(0.0, -0.1)), "Night: light"),
+        (lambda: faults.these(faults.Blur(0.0, -1.0, 0.1)), "Blur: focus_px"),
+        (lambda: faults.these(faults.BaroDrift(0.0, 5.0, -1.0)), "BaroDrift: ramp_s"),
+        (lambda: faults.these(faults.FocalError(-1.0)), "FocalError: share"),
+        (lambda: faults.intermittent(10.0, 0.0, 0.0, 20.0), "intermittent: 0 s on, 0 s off"),
+        (lambda: faults.intermittent(20.0, 1.0, 1.0, 10.0), "intermittent: 1 s on, 1 s off from 20 to 10 s"),
+    ],
+)
+def test_a_fault_that_cannot_be_is_refused(make: Callable[[], FaultSchedule], named: str) -> None:
+    """A flight without any fault passed where its fault ended before it began."""
+    with pytest.raises(ConfigError) as error:
+        make()
+    assert str(error.value).startswith(named)
+    assert error.value.remedy

@@ -12,6 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from visloc_companion.adapters.mavlink.codec import decode
+from visloc_companion.errors import ConfigError
 from visloc_companion.geo.se3 import R_from_quat, angle_between, euler_from_quat, quat_from_euler, quat_multiply, rotate
 from visloc_companion.sim import faults
 from visloc_companion.sim.gimbal import GimbalPlan, SimulatedGimbal
@@ -130,3 +131,20 @@ def test_a_gimbal_changes_nothing_else_of_a_flight(companion: Any) -> None:
     assert without.pilot.flight.attitude.euler(without.pilot.flight.body) == held.pilot.flight.attitude.euler(
         held.pilot.flight.body
     )
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"pitches_rad": ()},
+        {"pitches_rad": ((5.0, -1.5),)},
+        {"pitches_rad": ((0.0, -1.5), (9.0, 0.0), (5.0, -1.0))},
+        {"slew_radps": 0.0},
+        {"follow_s": 0.0},
+        {"joint_rad": (0.5, -2.0)},
+    ],
+)
+def test_a_plan_that_no_gimbal_follows_is_refused(wrong: dict[str, Any]) -> None:
+    """One that began at 5 s ended the flight at its first step."""
+    with pytest.raises(ConfigError, match="GimbalPlan"):
+        GimbalPlan(**wrong)

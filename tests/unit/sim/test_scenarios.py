@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
+from visloc_companion.errors import ConfigError
 from visloc_companion.sim.faults import FaultSchedule
 from visloc_companion.sim.scenarios import DEMO, FLIGHTS, SCENARIOS, SEASON_CHANGE, Scenario
 from visloc_companion.types import Mode, Verdict
@@ -106,3 +108,9 @@ def test_only_the_change_of_season_is_seen_under_snow_and_asks_for_structure() -
 def test_a_flight_without_faults_has_no_start_of_them() -> None:
     assert Scenario("calm", "Nothing.", 60.0, FaultSchedule()).fault_start_s == math.inf
     assert SCENARIOS["no_gnss"].fault_start_s == 0.0
+
+
+@pytest.mark.parametrize("wrong", [{"duration_s": 0.0}, {"duration_s": math.inf}, {"frame_rate_hz": 0.0}, {"height_m": -80.0}])
+def test_a_scenario_that_cannot_be_flown_is_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match=next(iter(wrong))):
+        replace(SCENARIOS["jam"], **wrong)  # type: ignore[arg-type]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 
+from visloc_companion.errors import ConfigError
 from visloc_companion.sim.faults.camera import (
     Blur,
     CameraFreeze,
@@ -114,10 +115,13 @@ def meaconed(start_s: float, return_s: float, place_ned_m: Vec3, end_s: float = 
 
 
 def intermittent(start_s: float, on_s: float, off_s: float, end_s: float) -> FaultSchedule:
-    """GNSS is jammed for `on_s`, free for `off_s`, and so on until `end_s`."""
+    """GNSS is jammed for `on_s`, free for `off_s`, and so on until `end_s`. Raises ConfigError for times that are none."""
+    if not (on_s > 0 and off_s > 0 and math.inf > end_s > start_s):
+        what = f"{on_s:g} s on, {off_s:g} s off from {start_s:g} to {end_s:g} s"
+        raise ConfigError(what, where="intermittent", remedy="let both last, and end at a finite time after the start")
     n = math.ceil((end_s - start_s) / (on_s + off_s))
     begins = [start_s + k * (on_s + off_s) for k in range(n)]
-    return FaultSchedule(tuple(Jam(begin, min(begin + on_s, end_s)) for begin in begins))
+    return FaultSchedule(tuple(Jam(begin, min(begin + on_s, end_s)) for begin in begins if begin < end_s))
 
 
 def camera_freeze(start_s: float, end_s: float = math.inf, *, anew: bool = False) -> FaultSchedule:

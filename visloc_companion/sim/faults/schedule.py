@@ -29,6 +29,7 @@ from visloc_companion.sim.faults.onboard import (
     WorkerCrash,
     ramped,
 )
+from visloc_companion.sim.faults.sound import require_sound
 
 Fault = GnssFault | CameraFault | OnboardFault | InstallationFault
 NS_PER_S = 1e9
@@ -38,13 +39,15 @@ NS_PER_S = 1e9
 class FaultSchedule:
     """Faults that act together; offsets add up, jamming wins over spoofing. Empty means a flight without faults.
 
-    Raises ConfigError where the autopilot's clock would step to before its boot, a time that no message can carry.
+    Raises ConfigError for a fault that cannot happen as it is stated (one that ends before it begins, a negative time), and where
+    the autopilot's clock would step to before its boot, a time that no message can carry.
     """
 
     faults: tuple[Fault, ...] = ()
 
     def __post_init__(self) -> None:
         for fault in self.faults:
+            require_sound(fault)
             if isinstance(fault, AutopilotClockStep) and (boot_s := self._boot_s(max(fault.at_s, 0.0))) < 0:
                 what = f"leads to {-boot_s:g} s before the autopilot's boot, which is when the flight begins"
                 remedy = "let it come later, or step back by less"

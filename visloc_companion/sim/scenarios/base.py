@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from visloc_companion.errors import ConfigError
 from visloc_companion.sim.changes import Change
 from visloc_companion.sim.faults import FaultSchedule
 from visloc_companion.sim.gimbal import GimbalPlan
@@ -62,7 +63,7 @@ class Scenario:
     `date` is that on which the procedural world is seen, `changes` what has happened to any world since the map was made.
     `course` is the way that is flown, `height_m` its height above home (None: what suits the map). The camera takes
     `frame_rate_hz` and is mounted at `mount_pitch_rad`, as configured, on the airframe or on a `gimbal`. `pictures` False:
-    nothing in it depends on what is seen.
+    nothing in it depends on what is seen. Raises ConfigError for a length, rate or height that is none.
     """
 
     name: str
@@ -79,6 +80,11 @@ class Scenario:
     mount_pitch_rad: float = 0.0
     pictures: bool = False
     gimbal: GimbalPlan | None = None
+
+    def __post_init__(self) -> None:
+        for key, value in (("duration_s", self.duration_s), ("frame_rate_hz", self.frame_rate_hz), ("height_m", self.height_m)):
+            if value is not None and not 0 < value < math.inf:
+                raise ConfigError(f"{key} is {value}", where=f"scenario {self.name}", remedy="give a number above 0")
 
     @property
     def fault_start_s(self) -> float:
