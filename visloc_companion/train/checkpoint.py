@@ -8,7 +8,7 @@ import pickle
 import zipfile
 import zlib
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,8 @@ class Checkpoint:
     hardware: str
     ancestors: tuple[Ancestor, ...]
     """The runs before this one, the first one first; empty for a run that began with fresh weights."""
+    images: dict[str, int] = field(default_factory=dict)
+    """Checksums of the images of every folder that it reads (mixture.Places); empty in checkpoints that do not say."""
 
 
 def write_file(path: Path, content: bytes) -> None:
@@ -105,7 +107,7 @@ def load_checkpoint(path: Path) -> Checkpoint:
         raise ModelError("is damaged or no checkpoint", where=str(path), remedy=START_AGAIN) from why
     if not isinstance(data, dict) or data.get("format") != FORMAT or data.get("version") != VERSION:
         raise ModelError(f"is no {FORMAT} of version {VERSION}", where=str(path), remedy=START_AGAIN)
-    fields = {name: data[name] for name in Checkpoint.__slots__ if name in data}
+    fields = {"images": {}} | {name: data[name] for name in Checkpoint.__slots__ if name in data}
     if missing := set(Checkpoint.__slots__) - set(fields):
         raise ModelError(f"lacks {', '.join(sorted(missing))}", where=str(path), remedy=START_AGAIN)
     return Checkpoint(**{**fields, "ancestors": tuple(Ancestor(**ancestor) for ancestor in fields["ancestors"])})

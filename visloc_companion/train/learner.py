@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -63,12 +63,14 @@ def learning_rate(schedule: ScheduleConfig, step: int) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Beginning:
-    """Where a run begins: the learner, the steps and seconds that are behind it, the runs that its first weights came from."""
+    """Where a run begins: the learner, the steps and seconds that are behind it, the runs that its first weights came from, and
+    the checksums of the images that it saw so far (empty where there are none, or they are not known)."""
 
     learner: Learner
     step: int = 0
     seconds: float = 0.0
     ancestors: tuple[Ancestor, ...] = ()
+    images: Mapping[str, int] = field(default_factory=dict)
 
 
 def begun(config: TrainingConfig, path: Path, device: torch.device, first: Path | None = None) -> Beginning:
@@ -102,7 +104,17 @@ def begun(config: TrainingConfig, path: Path, device: torch.device, first: Path 
         torch.set_rng_state(saved.random)
     except (RuntimeError, ValueError, KeyError, TypeError) as why:
         raise ModelError("does not fit this version's network", where=str(path), remedy="train into another folder") from why
-    return Beginning(learner, saved.step, saved.seconds, tuple(saved.ancestors))
+    return Beginning(learner, saved.step, saved.seconds, tuple(saved.ancestors), saved.images)
+
+
+def require_same_images(beginning: Beginning, images: Mapping[str, int], out: Path) -> None:
+    """Raises ConfigError where a run would go on with other images than it was begun with."""
+    if beginning.images and (differing := _differences(beginning.images, images)):
+        raise ConfigError(
+            f"holds a run on other images ({', '.join(differing)})",
+            where=str(out),
+            remedy="give the images that it was begun with (--data), or name another folder for --out",
+        )
 
 
 def _taken_over(learner: Learner, first: Path) -> tuple[Ancestor, ...]:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from visloc_companion.errors import ConfigError
 from visloc_companion.train.config import PairsConfig, TrainingConfig, ValidationConfig
@@ -20,9 +23,13 @@ MIN_SIDE_PX = 96
 
 
 class Places:
-    """Opened sources. One that is named twice (for training and for validation) is read once."""
+    """Opened sources. One that is named twice (for training and for validation) is read once.
+
+    `images`: a checksum of what was read of each folder, by its name and the part that is used.
+    """
 
     def __init__(self, data: Path, tell: Tell) -> None:
+        self.images: dict[str, int] = {}
         self._data, self._tell = data, tell
         self._landscapes: dict[tuple[int, float, float, int], StackPyramid] = {}
         self._folders: dict[tuple[str, ...], tuple[StackPyramid, ...]] = {}
@@ -62,7 +69,17 @@ class Places:
             for stack in stacks:
                 check_side(stack, folder)
             self._folders[key] = tuple(StackPyramid(stack) for stack in stacks)
+            self.images[" ".join((config.folder, *rows))] = _checksum(stacks)
         return self._folders[key]
+
+
+def _checksum(stacks: Sequence[Stack]) -> int:
+    """CRC-32 of the pixels, and of where they show land."""
+    checksum = 0
+    for stack in stacks:
+        for array in (*stack.dates, stack.valid):
+            checksum = zlib.crc32(np.ascontiguousarray(array).data, zlib.crc32(repr(array.shape).encode(), checksum))
+    return checksum
 
 
 def pairs_in(folder: Path) -> tuple[str, ...]:

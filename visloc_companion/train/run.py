@@ -21,7 +21,7 @@ from visloc_companion.train.ahead import batches_ahead
 from visloc_companion.train.checkpoint import Checkpoint, save_checkpoint, write_file
 from visloc_companion.train.config import TrainingConfig
 from visloc_companion.train.curves import curves_svg
-from visloc_companion.train.learner import Beginning, begun, checked_device, hardware, learning_rate
+from visloc_companion.train.learner import Beginning, begun, checked_device, hardware, learning_rate, require_same_images
 from visloc_companion.train.log import RunLog
 from visloc_companion.train.mixture import Places, pair_settings, training_sources, validation_batches
 from visloc_companion.train.run_folder import run_folder
@@ -59,8 +59,8 @@ def train(
 
     `data` is the folder that the sources' folders lie in; `first` a checkpoint whose weights to begin with;
     `workers` processes make pairs (0: a thread). Writes `checkpoint.pt`, `log.jsonl` and `curves.svg` as it goes.
-    Raises ConfigError (missing data, full disk, a run of another configuration or process in `out`, a lost process),
-    CasesError (images that cannot be used), ModelError (damaged checkpoint, loss that is not finite).
+    Raises ConfigError (missing data, full disk, a run of another configuration, other images or another process in `out`, a lost
+    process), CasesError (images that cannot be used), ModelError (damaged checkpoint, figures that are not finite).
     """
     device = checked_device(device_name)
     torch.set_num_threads(config.threads)
@@ -84,7 +84,8 @@ def _trained(
     sources = training_sources(config, places)
     watcher.preparing("validation pairs")
     checks = validation_batches(config.validation, settings, places)
-    run = _Run(config, beginning, checks, RunLog(out / LOG, start), out, watcher)
+    require_same_images(beginning, places.images, out)
+    run = _Run(config, beginning, places.images, checks, RunLog(out / LOG, start), out, watcher)
     if start == 0:
         run.baseline()
 
@@ -103,13 +104,14 @@ class _Run:
         self,
         config: TrainingConfig,
         beginning: Beginning,
+        images: dict[str, int],
         checks: Mapping[str, Sequence[Batch]],
         log: RunLog,
         out: Path,
         watcher: Watcher,
     ) -> None:
         self._config, self._log, self._out, self._watcher = config, log, out, watcher
-        self._learner, self._ancestors = beginning.learner, beginning.ancestors
+        self._learner, self._ancestors, self._images = beginning.learner, beginning.ancestors, images
         self._device = self._learner.log_sharpness.device
         self._checks = {name: [_moved(batch, self._device) for batch in batches] for name, batches in checks.items()}
         self._losses = list[float]()
@@ -132,7 +134,7 @@ class _Run:
         torch.autograd.backward(loss)
         nn.utils.clip_grad_norm_(learner.network.parameters(), config.schedule.max_gradient_norm)
         learner.optimiser.step()
-        self._losses.append(_finite(float(loss.detach()), step + 1, self._out))
+        self._losses.append(_finite("the loss", float(loss.detach()), step + 1, self._out))
         self._after(step + 1, rate)
 
     def _after(self, done: int, rate: float) -> None:
@@ -141,7 +143,7 @@ class _Run:
         mean = sum(self._losses) / len(self._losses)
         self._watcher.stepped(done, schedule.steps, mean, (time.monotonic() - self._began) / self._steps_done)
         if done % schedule.log_every == 0 or last:
-            sharpness = float(self._learner.log_sharpness.detach().exp())
+            sharpness = _finite("the sharpness", float(self._learner.log_sharpness.detach().exp()), done, self._out)
             self._log.add("loss", done, loss=mean, sharpness=sharpness, learning_rate=rate, seconds=round(self._seconds(), 1))
             self._losses.clear()
         if done % schedule.check_every == 0 or last:
@@ -152,6 +154,8 @@ class _Run:
         results = {name: validate(self._learner.network, batches) for name, batches in self._checks.items()}
         self._learner.network.train()
         right, margin = ({name: result[k] for name, result in results.items()} for k in (0, 1))
+        for name, value in margin.items():
+            _finite(f"the margin on {name}", value, done, self._out)
         self._log.add("validation", done, right=right, margin=margin)
         save_checkpoint(self._out / CHECKPOINT, self._checkpoint(done))
         write_file(self._out / CURVES, _drawn(self._log, self._config.schedule.steps).encode())
@@ -171,6 +175,7 @@ class _Run:
             torch.get_rng_state(),
             hardware(self._device, self._config.threads),
             self._ancestors,
+            self._images,
         )
 
     def _seconds(self) -> float:
@@ -189,11 +194,12 @@ def _drawn(log: RunLog, steps: int) -> str:
     return curves_svg([(entry["step"], entry["loss"]) for entry in log.of("loss")], wrong, gradient, steps)
 
 
-def _finite(loss: float, step: int, out: Path) -> float:
-    if not math.isfinite(loss):
+def _finite(what: str, value: float, step: int, out: Path) -> float:
+    """A figure without which nothing can be learned any more; it is told before the checkpoint would hold what made it so."""
+    if not math.isfinite(value):
         raise ModelError(
-            f"the loss is {loss} at step {step}",
+            f"{what} is {value} at step {step}",
             where=str(out),
             remedy="lower schedule.learning_rate and train into another folder",
         )
-    return loss
+    return value

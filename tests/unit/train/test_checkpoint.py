@@ -17,7 +17,8 @@ from visloc_companion.train.log import RunLog  # noqa: E402
 def checkpoint(step: int = 3) -> Checkpoint:
     weights = {"w": torch.arange(6.0).reshape(2, 3) + step}
     before = (Ancestor({"seed": 0}, 9, 2.5),)
-    return Checkpoint(step, 1.5, {"seed": 1}, weights, torch.tensor(4.0), {"state": {}}, torch.get_rng_state(), "CPU", before)
+    images, random = {"valley 0 400": 123}, torch.get_rng_state()
+    return Checkpoint(step, 1.5, {"seed": 1}, weights, torch.tensor(4.0), {"state": {}}, random, "CPU", before, images)
 
 
 def full_disk(*_: object) -> None:

@@ -202,6 +202,52 @@ def test_a_loss_that_is_not_finite_ends_the_run(
     assert not (tmp_path / "run" / "checkpoint.pt").exists()
 
 
+@pytest.mark.parametrize("rate", [1e5, 1e9])
+def test_weights_that_are_not_finite_end_the_run_before_they_are_saved(
+    tmp_path: Path, tiny: Tiny, watcher: Any, rate: float
+) -> None:
+    """The last loss was, but not what came of it: the log refused a line, with a traceback."""
+    config = tiny(schedule={"learning_rate": rate, "warm_up_steps": 1, "check_every": 1})
+    with pytest.raises(ModelError, match=r"is (nan|inf) at step \d; remedy: lower schedule.learning_rate"):
+        run.train(config, tmp_path, tmp_path / "run", watcher())
+    saved = tmp_path / "run" / "checkpoint.pt"
+    assert not saved.exists() or all(weights.isfinite().all() for weights in load_checkpoint(saved).network.values())
+
+
+def test_a_run_does_not_go_on_with_other_images(tmp_path: Path, tiny: Tiny, watcher: Any, write_raster: Any) -> None:
+    """It did, in silence, where a date had been added or changed, or --data named another folder."""
+    import numpy as np
+
+    def data(name: str, *seeds: int) -> Path:
+        (tmp_path / name / "own").mkdir(parents=True, exist_ok=True)
+        for seed in seeds:
+            pixels = np.random.default_rng(seed).integers(1, 250, (120, 130, 3)).astype(np.uint8)
+            write_raster(tmp_path / name / "own" / f"{seed}.tif", pixels, "EPSG:32632", (48.0, 9.0), 1.0)
+        return tmp_path / name
+
+    dates = {"kind": "dates", "name": "mine", "folder": "own"}
+    config, out, first = tiny(sources=[dates]), tmp_path / "run", data("first", 1, 2)
+    with pytest.raises(KeyboardInterrupt):
+        run.train(config, first, out, watcher(break_at=3))
+    before = (out / "log.jsonl").read_bytes()
+    for other in (data("more", 1, 2, 3), data("others", 1, 4)):
+        with pytest.raises(ConfigError, match=r"holds a run on other images \(own 0 1000000\); remedy: .*--data"):
+            run.train(config, other, out, watcher())
+    assert (out / "log.jsonl").read_bytes() == before
+    assert load_checkpoint(run.train(config, data("copied", 1, 2), out, watcher())).step == 4
+
+
+def test_a_checkpoint_that_does_not_say_its_images_is_gone_on_with(tmp_path: Path, tiny: Tiny, watcher: Any) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        run.train(tiny(), tmp_path, tmp_path / "run", watcher(break_at=3))
+    path = tmp_path / "run" / "checkpoint.pt"
+    saved = torch.load(path, weights_only=True)
+    del saved["images"]
+    torch.save(saved, path)
+    assert load_checkpoint(path).images == {}
+    assert load_checkpoint(run.train(tiny(), tmp_path, tmp_path / "run", watcher())).step == 4
+
+
 def test_the_rate_rises_and_falls(tiny: Tiny) -> None:
     schedule = tiny(schedule={"steps": 1000, "warm_up_steps": 100, "learning_rate": 0.01, "final_share": 0.1}).schedule
     rates = [learning_rate(schedule, step) for step in range(1000)]
