@@ -21,6 +21,9 @@ from visloc_companion.maps.geotiff import DatasetLayer, colour_bands, open_dsm
 from visloc_companion.maps.world_file import open_raster
 from visloc_companion.types import FloatArray, GeoPoint, Image
 
+MOST_SIDE_PX = 32766
+"""OpenCV's remap takes no more (SHRT_MAX - 1)."""
+
 
 @dataclass(frozen=True, eq=False)
 class Scene:
@@ -37,6 +40,7 @@ class Scene:
     def __post_init__(self) -> None:
         if self.pixels.ndim != 3 or self.pixels.shape[2] != 3 or self.pixels.dtype != np.uint8:
             raise MapError(f"pixels are {self.pixels.dtype} {self.pixels.shape}, a scene needs uint8 (H, W, 3)")
+        _require_size(*self.size_px)
         if self.dsm_amsl_m.shape != self.pixels.shape[:2]:
             raise MapError(f"surface model {self.dsm_amsl_m.shape} and pixels {self.pixels.shape[:2]} differ in size")
 
@@ -92,6 +96,7 @@ class Scene:
         Raises MapError naming the file, the fault and the remedy.
         """
         with _readable(ortho), open_raster(ortho) as source:
+            _require_size(source.width, source.height, str(ortho))
             pixels, transform, crs = _pixels(source, ortho), source.transform, source.crs
         heights = np.full(pixels.shape[:2], ground_h_amsl_m, np.float32)
         if dsm is not None:
@@ -102,6 +107,15 @@ class Scene:
                 raise MapError(what, where=str(dsm), remedy="give orthophoto and surface model of the same place")
             heights = np.where(np.isfinite(heights), heights, np.nanmin(heights))
         return cls(pixels, heights, T_map_pix_from_gdal(tuple(transform)[:6]), crs.to_string())
+
+
+def _require_size(width: int, height: int, where: str = "") -> None:
+    if max(width, height) > MOST_SIDE_PX:
+        raise MapError(
+            f"has {width} x {height} px; what a simulated camera looks at has {MOST_SIDE_PX} a side at most",
+            where=where,
+            remedy="cut out the land about the map's middle: gdal_translate -projwin LEFT TOP RIGHT BOTTOM IN.tif OUT.tif",
+        )
 
 
 @contextmanager

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from visloc_companion.errors import MapError
 from visloc_companion.geo.raster import apply_affine, invert_affine
 from visloc_companion.geo.se3 import quat_from_euler, quat_multiply
 from visloc_companion.geo.wgs84 import geo_from_ned
@@ -21,13 +22,36 @@ from visloc_companion.types import FloatArray, GeoPoint, Quat
 
 
 def simulated_camera(setup: FlightSetup, scene: Scene) -> SimulatedCamera:
-    """The camera of a flight over the scene that the map is of: with its true lens and mounting, over the ground as it is now."""
+    """The camera of a flight over the scene that the map is of: with its true lens and mounting, over the ground as it is now.
+
+    Raises MapError where the way leads into the ground.
+    """
+    require_clear_way(setup, scene)
     believed, error = setup.camera_model(), setup.scenario.faults.mount_error
     scale = setup.scenario.faults.focal_scale
     lens = replace(believed, fx_px=believed.fx_px * scale, fy_px=believed.fy_px * scale)
     ground, water = seen_ground(setup, scene)
     mounted = quat_multiply(mounting(setup), quat_from_euler(error.roll_rad, error.pitch_rad, error.yaw_rad))
     return SimulatedCamera(CameraSimulator(ground, lens, CameraEffects(), water), believed, mounted, seed=setup.seed)
+
+
+def require_clear_way(setup: FlightSetup, scene: Scene) -> None:
+    """Raises MapError where land reaches up to the way: within a hillside a camera would show a picture all the same."""
+    corners = way_pix(setup, scene)
+    width, height = scene.size_px
+    highest_m = -math.inf
+    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        steps = 1 + int(np.abs(end - start).max())
+        u, v = np.rint(np.linspace(start, end, steps)).astype(int).T
+        on = (u >= 0) & (v >= 0) & (u < width) & (v < height)
+        highest_m = max(highest_m, float(scene.dsm_amsl_m[v[on], u[on]].max(initial=-math.inf)))
+    above_m = highest_m - setup.area.home.h_amsl_m
+    if above_m >= setup.height_m:
+        raise MapError(
+            f"rises to {above_m:.0f} m above its middle below a way that is flown {setup.height_m:.0f} m above it",
+            where="what the camera is to see",
+            remedy="fly over flatter land: give a map whose middle lies higher, or a smaller one",
+        )
 
 
 def mounting(setup: FlightSetup) -> Quat:

@@ -153,3 +153,10 @@ def test_how_far_a_scene_reaches_about_a_place(turn_deg: float) -> None:
     assert scene.reach_m(geo_from_ned(across, middle)) == pytest.approx(15.0, abs=0.1)
     beyond = scene.reach_m(geo_from_ned((-400.0, 0.0, 0.0), middle))
     assert beyond == pytest.approx(-375.0 if turn_deg == 0.0 else -350.0, abs=0.3)
+
+
+def test_an_orthophoto_that_is_too_large_to_be_looked_at_is_refused(tmp_path: Path) -> None:
+    """OpenCV ended the flight at its first frame: dst.cols < SHRT_MAX."""
+    ortho = write(tmp_path / "ortho.tif", np.zeros((3, 2, 33_000), np.uint8))
+    with pytest.raises(MapError, match=r"ortho\.tif: has 33000 x 2 px; .* remedy: cut out"):
+        Scene.load(ortho)
