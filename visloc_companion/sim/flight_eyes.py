@@ -66,8 +66,8 @@ class FlightEyes:
         t_sim_ns = pilot.t_sim_ns
         if not faults.camera_silent(pilot.t_s) and self._exposures.due(t_sim_ns):
             frame = self._exposed(exposed_ns, now_ns)
-            arrives_ns = t_sim_ns + round(faults.frame_delay_s(pilot.t_s, frame.frame_id) * 1e9)
-            heapq.heappush(self._under_way, (arrives_ns, frame.frame_id, frame))
+            late_s = faults.frame_delay_s(pilot.t_s, frame.frame_id, pilot.flight.plan.seed)
+            heapq.heappush(self._under_way, (t_sim_ns + round(late_s * 1e9), frame.frame_id, frame))
         arrived: list[Event] = []
         while self._under_way and self._under_way[0][0] <= t_sim_ns:
             frame = heapq.heappop(self._under_way)[2]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from random import Random
 
+from visloc_companion.geo.se3 import plus
 from visloc_companion.sim.faults import GnssEffect
 from visloc_companion.sim.faults.gnss import REGAIN_S
 from visloc_companion.sim.vehicle_noise import GaussMarkov
@@ -94,5 +95,6 @@ def _false(p_ned_m: Vec3, v_ned_mps: Vec3, effect: GnssEffect) -> tuple[Vec3, Ve
     """What a transmitter adds to position and velocity."""
     if effect.meacon_ned_m is None:
         return effect.offset_ned_m, effect.offset_v_ned_mps
-    n, e, d = effect.meacon_ned_m
-    return (n - p_ned_m[0], e - p_ned_m[1], d - p_ned_m[2]), (-v_ned_mps[0], -v_ned_mps[1], -v_ned_mps[2])
+    n, e, d = plus(effect.meacon_ned_m, effect.offset_ned_m)
+    v_n, v_e, v_d = effect.offset_v_ned_mps
+    return (n - p_ned_m[0], e - p_ned_m[1], d - p_ned_m[2]), (v_n - v_ned_mps[0], v_e - v_ned_mps[1], v_d - v_ned_mps[2])

@@ -2,6 +2,7 @@ import math
 from collections.abc import Callable
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 from visloc_companion.errors import ConfigError
@@ -89,12 +90,28 @@ def test_intermittent_jamming_comes_and_goes_until_its_end():
 
 def test_frames_are_late_by_their_own_number_and_overtake_each_other():
     schedule = faults.these(faults.FramesLate(10.0, 0.2, 0.8, 20.0))
-    delays = [schedule.frame_delay_s(15.0, k) for k in range(200)]
+    delays = [schedule.frame_delay_s(15.0, k, 1) for k in range(200)]
     assert min(delays) >= 0.2
     assert max(delays) <= 1.0
     assert max(a - b for a, b in pairwise(delays)) > 0.5, "an older frame arrives after a newer one"
-    assert [schedule.frame_delay_s(15.0, k) for k in range(200)] == delays
-    assert schedule.frame_delay_s(9.0, 3) == schedule.frame_delay_s(20.0, 3) == 0.0
+    assert [schedule.frame_delay_s(15.0, k, 1) for k in range(200)] == delays
+    assert schedule.frame_delay_s(9.0, 3, 1) == schedule.frame_delay_s(20.0, 3, 1) == 0.0
+
+
+def test_the_lateness_of_two_flights_and_of_two_faults_has_nothing_in_common():
+    """The frames of every flight, whatever its seed, were late by the same times, and two buffers in a row by twice one time."""
+    one, two = faults.these(faults.FramesLate(0.0, 0.0, 1.0)), faults.these(*2 * [faults.FramesLate(0.0, 0.0, 0.5)])
+    a, b, c = (np.array([w.frame_delay_s(1.0, k, seed) for k in range(400)]) for w, seed in [(one, 1), (one, 2), (two, 1)])
+    assert abs(np.corrcoef(a, b)[0, 1]) < 0.15
+    assert c.std() == pytest.approx(a.std() / math.sqrt(2), rel=0.1)
+
+
+def test_what_drags_a_meacon_is_added_to_its_place(companion):
+    schedule = faults.meaconed(0.0, 2.0, (300.0, 0.0, -20.0)) + faults.slow_drag(2.0, 1.0, math.pi / 2)
+    flight = companion(faults=schedule, sending=False, mission=[(0, 0, -40)]).fly(12.1)
+    sample = flight.pilot.flight.gnss
+    assert sample.p_ned_m == pytest.approx((300.0, 10.0, -20.0), abs=3.0)
+    assert sample.v_ned_mps == pytest.approx((0.0, 1.0, 0.0), abs=0.4)
 
 
 @pytest.mark.parametrize(

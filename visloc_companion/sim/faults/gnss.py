@@ -17,8 +17,8 @@ class GnssEffect:
     """What reaches the antenna: nothing usable (`jammed`), or a position and a velocity that are off by so much.
 
     `offset_ned_m` and `offset_v_ned_mps` are added to the true position and velocity (north, east, down). Signals received
-    elsewhere and sent on (meaconing) show that antenna's place: `meacon_ned_m` stands for the true position then, and the
-    velocity is zero.
+    elsewhere and sent on (meaconing) show that antenna's place: `meacon_ned_m` stands for the true position then, and zero for
+    the true velocity.
     """
 
     jammed: bool = False

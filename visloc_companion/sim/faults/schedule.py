@@ -138,10 +138,11 @@ class FaultSchedule:
         """Whether nobody says where the camera's gimbal points."""
         return any(isinstance(f, GimbalSilence) and f.start_s <= t_s < f.end_s for f in self.faults)
 
-    def frame_delay_s(self, t_s: float, frame_id: int) -> float:
-        """How long after its exposure a frame arrives; drawn from the frame's number."""
+    def frame_delay_s(self, t_s: float, frame_id: int, seed: int) -> float:
+        """How long after its exposure a frame arrives, drawn for each fault from the flight's seed and the frame's number."""
         late = [f for f in self.faults if isinstance(f, FramesLate) and f.start_s <= t_s < f.end_s]
-        return sum((f.delay_s + f.spread_s * Random(f"late/{frame_id}").random() for f in late), 0.0)
+        drawn = Random(f"{seed}/late/{frame_id}")
+        return sum((f.delay_s + f.spread_s * drawn.random() for f in late), 0.0)
 
     def optics(self, t_s: float) -> Optics:
         """How pictures are taken at a time."""
