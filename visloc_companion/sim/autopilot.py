@@ -252,7 +252,7 @@ class BuiltInAutopilot:
             p_ned_m=(f.north.p_now, f.east.p_now, f.down.p_now),
             v_ned_mps=(f.north.v_now, f.east.v_now, f.down.v_now),
             place=flight.place if plan.kind is AutopilotKind.ARDUPILOT or health.position_ok else None,
-            home=plan.home,
+            home=GeoPoint(plan.home.lat_deg, plan.home.lon_deg, flight.zero_amsl_m),
             origin=flight.origin,
             local=flight.local_position_sent,
             gnss=flight.gnss,

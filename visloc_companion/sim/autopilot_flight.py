@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from random import Random
 from typing import Literal
 
@@ -70,6 +70,8 @@ class Flight:
         self.origin: GeoPoint | None = None
         self.gnss: GnssSample | None = None
         self.pulled_m = 0.0
+        self.zero_amsl_m = plan.home.h_amsl_m
+        """How high above the sea the autopilot takes the zero of its barometer, home's ground, to lie."""
         self._had_fix, self._position_ok = False, False
         self._rng = {name: Random(f"{plan.seed}/{name}") for name in ("wind", "imu", "gnss", "attitude")}
         plane, ardupilot = plan.vehicle == "plane", plan.kind is AutopilotKind.ARDUPILOT
@@ -109,9 +111,17 @@ class Flight:
             self.filter.align((0.0, 0.0, local[2]), (0.0, 0.0, 0.0))
 
     def set_origin(self, origin: GeoPoint) -> None:
-        """Fix the EKF origin; the mission's waypoints become local to it."""
+        """Fix the EKF origin; the mission's waypoints become local to it.
+
+        ArduPilot takes the height of its first one, right or wrong, for that of its barometer's zero (AP_NavEKF3_Control.cpp,
+        setOrigin), PX4 keeps to the barometer's own height above the sea (ekf_helper.cpp, initialiseAltitudeTo, setAltOrigin).
+        Measured in both makers' simulators: at 488 m with 100 m told they send 100 m and 488 m.
+        """
+        first = self.origin is None
         self.origin = GeoPoint(round(origin.lat_deg, 7), round(origin.lon_deg, 7), round(origin.h_amsl_m, 3))
-        self.filter.origin_above_home_m = self.origin.h_amsl_m - self.plan.home.h_amsl_m
+        if first and self.plan.kind is AutopilotKind.ARDUPILOT:
+            self.zero_amsl_m = self.origin.h_amsl_m
+        self.filter.origin_above_home_m = self.origin.h_amsl_m - self.zero_amsl_m
         self._control.path = MissionPath([self.local_from_home(p) for p in self.plan.mission_ned_m])
 
     def move_origin(self, origin: GeoPoint) -> None:
@@ -130,9 +140,10 @@ class Flight:
         return self.plan.kind is AutopilotKind.PX4 or not self.health().flags & 0x80
 
     def local_from_home(self, p_ned_m: Vec3) -> Vec3:
-        """True metres about home to the autopilot's local metres about its origin."""
+        """True metres about home to the autopilot's local metres about its origin; heights are those above home's ground."""
         origin = self.origin or self.plan.home
-        return autopilot_ned_from_geo(self.plan.kind, geo_from_ned(p_ned_m, self.plan.home), origin)
+        north, east, _ = autopilot_ned_from_geo(self.plan.kind, geo_from_ned(p_ned_m, self.plan.home), origin)
+        return north, east, p_ned_m[2] + self.filter.origin_above_home_m
 
     def _sample_gnss(self) -> GnssSample:
         b = self.body
@@ -141,7 +152,8 @@ class Flight:
         self.gnss = sample
         self._had_fix |= sample.has_fix
         if sample.has_fix and self.origin is None:
-            self.set_origin(self.plan.home)
+            home, by_gnss = self.plan.home, self.plan.kind is AutopilotKind.ARDUPILOT
+            self.set_origin(replace(home, h_amsl_m=home.h_amsl_m - sample.false_ned_m[2]) if by_gnss else home)
         self.estimator.on_gnss(GnssMeasurement(sample, self.local_from_home(sample.p_ned_m)))
         self._gnss_due_s += self._receiver.period_s
         return sample

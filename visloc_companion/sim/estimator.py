@@ -162,7 +162,7 @@ class InertialFilter:
         self.baro_down_m = 0.0
         """The barometer's last reading, as a position down of home."""
         self.origin_above_home_m = 0.0
-        """By how much the local metres begin above home: the barometer knows nothing of any origin."""
+        """By how much the local metres begin above home's ground: the barometer knows nothing of any origin."""
 
     def align(self, p_ned_m: Vec3, v_ned_mps: Vec3, false_ne_m: Vec2 = (0.0, 0.0), false_ne_mps: Vec2 = (0.0, 0.0)) -> None:
         """Start at a position and velocity, at rest in acceleration; `false_*` is what false GNSS added to them."""

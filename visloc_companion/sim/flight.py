@@ -9,6 +9,7 @@ answer arrives `latency_s` after it was asked, that of the structure vote `struc
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -152,7 +153,7 @@ class ClosedLoopFlight:
             return []
         told = geo_from_ned(operator.error_ned_m, self._autopilot.truth().place)
         if self._origin_due_ns is None:
-            self._autopilot.receive(_origin_message(told))
+            self._autopilot.receive(_origin_message(replace(told, h_amsl_m=self._autopilot.flight.plan.home.h_amsl_m)))
             self._origin_due_ns = now_ns + ORIGIN_SETTLES_NS
         if now_ns < self._origin_due_ns:
             return []
@@ -161,7 +162,7 @@ class ClosedLoopFlight:
 
 
 def _origin_message(place: GeoPoint) -> bytes:
-    """SET_GPS_GLOBAL_ORIGIN as a ground station sends it."""
+    """SET_GPS_GLOBAL_ORIGIN as a ground station sends it, with the height of the ground where the autopilot was switched on."""
     station = mavlink.MAVLink(None, srcSystem=255, srcComponent=mavlink.MAV_COMP_ID_MISSIONPLANNER)
     message = mavlink.MAVLink_set_gps_global_origin_message(
         1, round(place.lat_deg * 1e7), round(place.lon_deg * 1e7), round(place.h_amsl_m * 1e3)

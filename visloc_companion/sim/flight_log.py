@@ -42,7 +42,7 @@ class FlightLog:
 class OperatorEntry:
     """At `at_s` the operator sets the EKF origin from the ground station, and soon after tells the daemon where the vehicle is.
 
-    Both are the true place at that moment plus `error_ned_m`; `sigma_m` is what is claimed.
+    Both are the true place at that moment plus `error_ned_m`, the origin on home's ground; `sigma_m` is what is claimed.
     """
 
     at_s: float

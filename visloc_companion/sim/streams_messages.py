@@ -36,7 +36,7 @@ class Ranged:
 class Snapshot:
     """The autopilot's state as it knows it. `place` is None where it sends no global position, `local` where no local one.
 
-    `dated`: whether its receiver has ever told it the time.
+    `home` is as high as it takes the ground there to be. `dated`: whether its receiver has ever told it the time.
     """
 
     kind: AutopilotKind
@@ -137,15 +137,17 @@ def local_position_ned(s: Snapshot) -> Message | None:
 
 
 def global_position_int(s: Snapshot) -> Message | None:
-    """GLOBAL_POSITION_INT; ArduPilot sends latitude and longitude 0 before it has an origin, PX4 nothing."""
+    """GLOBAL_POSITION_INT; ArduPilot sends latitude, longitude and altitude 0 before it has an origin, PX4 nothing."""
     if s.place is None and s.kind is AutopilotKind.PX4:
         return None
-    place = s.place or GeoPoint(0.0, 0.0, s.home.h_amsl_m - s.p_ned_m[2])
+    place, above_home_m = s.place or GeoPoint(0.0, 0.0, 0.0), -s.p_ned_m[2]
+    if s.place is not None:
+        above_home_m = place.h_amsl_m - s.home.h_amsl_m
     return mavlink.MAVLink_global_position_int_message(
         s.t_ms,
         *_degrees_e7(place),
         _whole(place.h_amsl_m * 1000, 32),
-        _whole((place.h_amsl_m - s.home.h_amsl_m) * 1000, 32),
+        _whole(above_home_m * 1000, 32),
         *(_whole(v * 100, 16) for v in s.v_ned_mps),
         round(math.degrees(s.rpy_rad[2]) * 100) % 36000,
     )
@@ -183,7 +185,7 @@ def scaled_imu(s: Snapshot) -> Message | None:
 
 
 def system_time(s: Snapshot) -> Message:
-    """SYSTEM_TIME: calendar time, which goes on after the last fix; 0 before the first one gave it."""
+    """SYSTEM_TIME: calendar time, which goes on after the last fix; 0 before the first one gave it (PX4: a clock never set)."""
     return mavlink.MAVLink_system_time_message(BOOT_UNIX_US + s.t_us if s.dated else 0, s.t_ms)
 
 

@@ -121,7 +121,8 @@ def test_ardupilot_without_gnss_waits_for_an_origin_and_takes_only_the_first(com
     flight.fly(3.0)
     assert flight.last["EKF_STATUS_REPORT"].flags & 0x10  # POS_HORIZ_ABS, though it knows no origin
     position = flight.last["GLOBAL_POSITION_INT"]
-    assert (position.lat, position.lon) == (0, 0)
+    assert (position.lat, position.lon, position.alt) == (0, 0, 0)
+    assert position.relative_alt / 1e3 == pytest.approx(40.0, abs=1.5)
     assert "GPS_GLOBAL_ORIGIN" not in flight.heard
     flight.send(mavlink.MAVLink_set_gps_global_origin_message(1, 473977000, 85456000, 488000))
     flight.fly(25.0)
@@ -143,9 +144,13 @@ def test_px4_moves_its_origin_in_flight_and_stays_where_it_is(companion):
     assert flight.estimated_local()[2] == pytest.approx(468.0 - true.h_amsl_m, abs=2.0)
 
 
-@pytest.mark.parametrize(("kind", "above_m"), [("ardupilot", 40.0), ("px4", 40.0), ("px4", -300.0)])
-def test_an_origin_changes_neither_height_nor_air_pressure(companion, kind, above_m):
-    """A barometer knows nothing of origins, nor do readings that wait to be fused: the height was 28 m off for seconds."""
+@pytest.mark.parametrize("kind", ["ardupilot", "px4"])
+@pytest.mark.parametrize("above_m", [0.0, 40.0, -488.0])
+def test_a_first_origin_is_what_ardupilot_knows_of_its_height_above_the_sea(companion, kind, above_m):
+    """As in the makers' simulators: ArduPilot's is wrong by what the station told wrong (0, say), PX4's is its barometer's.
+
+    Neither flight nor air pressure change, nor do readings that wait to be fused know of it: the height was 28 m off for seconds.
+    """
     flight = companion(kind=kind, faults=faults.no_gnss(), sending=False)
     flight.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE, 1e5)
     flight.fly(3.0)
@@ -153,8 +158,24 @@ def test_an_origin_changes_neither_height_nor_air_pressure(companion, kind, abov
     flight.send(mavlink.MAVLink_set_gps_global_origin_message(1, 473977000, 85456000, round(488000 + above_m * 1e3)))
     off_m: list[float] = []
     flight.fly(3.0, lambda: off_m.append(flight.pilot.estimate().h_amsl_m - flight.pilot.truth().place.h_amsl_m))
-    assert max(map(abs, off_m)) < 1.5
+    wrong_m = above_m if kind == "ardupilot" else 0.0
+    assert (min(off_m), max(off_m)) == pytest.approx((wrong_m, wrong_m), abs=1.5)
+    assert flight.estimated_local()[2] == pytest.approx(-40.0 if kind == "ardupilot" else above_m - 40.0, abs=1.5)
+    assert -flight.pilot.truth().p_ned_m[2] == pytest.approx(40.0, abs=1.5)
     assert pressure_altitude_m(flight.last["SCALED_PRESSURE"].press_abs) == pytest.approx(altitude_m, abs=1.5)
+    if kind == "ardupilot":
+        flight.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
+        told = flight.last["GLOBAL_POSITION_INT"]
+        assert told.alt / 1e3 == pytest.approx(528.0 + above_m, abs=1.5)
+        assert told.relative_alt / 1e3 == pytest.approx(40.0, abs=1.5)
+
+
+@pytest.mark.parametrize(("kind", "wrong_m"), [("ardupilot", 50.0), ("px4", 0.0)])
+def test_a_height_that_gnss_falsifies_from_the_start_stays_that_much_wrong(companion, kind, wrong_m):
+    flight = companion(kind=kind, faults=faults.step_spoof(0.0, (0.0, 0.0, -50.0), end_s=5.0), sending=False).fly(10.0)
+    true = flight.pilot.truth()
+    assert flight.pilot.estimate().h_amsl_m - true.place.h_amsl_m == pytest.approx(wrong_m, abs=1.5)
+    assert -true.p_ned_m[2] == pytest.approx(40.0, abs=1.5)
 
 
 @pytest.mark.parametrize("kind", ["ardupilot", "px4"])
