@@ -32,7 +32,7 @@ from visloc_companion.train.checkpoint import FREE_SPACE, Checkpoint, load_check
 from visloc_companion.train.config import TrainingConfig, parse_training_config
 from visloc_companion.train.config_sources import DatesSource, LandscapeSource, PairsSource, SourceConfig, share_images
 from visloc_companion.train.judge import Difference, answer, check, compare, inputs_for_comparison, painted_input, placed_wrong
-from visloc_companion.train.learner import network_settings
+from visloc_companion.train.learner import network_settings, require_same_images
 from visloc_companion.train.mixture import Places, Tell, pair_settings, validation_batches
 from visloc_companion.train.model_card import CARD, model_card
 from visloc_companion.train.networks import BOUND, MULTIPLE_PX, ORIENTED, FeatureNetwork, NetworkSettings
@@ -45,6 +45,7 @@ GOLDEN_SEED, GOLDEN_SIZE = 3, (64, 96)
 ELSEWHERE_MAX, ELSEWHERE_RMS = 5e-3, 5e-4
 """What another provider's float32 arithmetic may add to a variant's own difference on the golden input."""
 METHOD = "deep"
+OTHER_IMAGES = "give the data of the training (--data); figures of other images are none of that network's"
 TRAINED_ON = " (trained on)"
 """Behind a figure of pairs that are cut from images of the training."""
 
@@ -76,7 +77,7 @@ def export(order: ExportOrder, tell: Tell) -> ModelManifest:
     saved = load_checkpoint(order.checkpoint)
     config = parse_training_config(saved.config, where=str(order.checkpoint))
     network = _network(saved, config, order.checkpoint)
-    batches = _batches(config, order.data, tell)
+    batches = _batches(saved, config, order, tell)
     tell("ONNX")
     contents: dict[VariantName, bytes] = {"float32": onnx_bytes(network)}
     for variant in ("float16", "int8"):
@@ -116,10 +117,14 @@ def _network(saved: Checkpoint, config: TrainingConfig, where: Path) -> FeatureN
     return network
 
 
-def _batches(config: TrainingConfig, data: Path | None, tell: Tell) -> dict[str, Sequence[Batch]]:
-    if data is None:
+def _batches(saved: Checkpoint, config: TrainingConfig, order: ExportOrder, tell: Tell) -> dict[str, Sequence[Batch]]:
+    if order.data is None:
         return {}
-    return validation_batches(config.validation, pair_settings(config.pairs), Places(data, tell))
+    places = Places(order.data, tell)
+    batches = validation_batches(config.validation, pair_settings(config.pairs), places)
+    before = {name: saved.images[name] for name in places.images if name in saved.images}
+    require_same_images(before, {name: places.images[name] for name in before}, order.checkpoint, OTHER_IMAGES)
+    return batches
 
 
 def _check_size(variant: VariantName, content: bytes) -> None:

@@ -107,14 +107,10 @@ def begun(config: TrainingConfig, path: Path, device: torch.device, first: Path 
     return Beginning(learner, saved.step, saved.seconds, tuple(saved.ancestors), saved.images)
 
 
-def require_same_images(beginning: Beginning, images: Mapping[str, int], out: Path) -> None:
-    """Raises ConfigError where a run would go on with other images than it was begun with."""
-    if beginning.images and (differing := _differences(beginning.images, images)):
-        raise ConfigError(
-            f"holds a run on other images ({', '.join(differing)})",
-            where=str(out),
-            remedy="give the images that it was begun with (--data), or name another folder for --out",
-        )
+def require_same_images(before: Mapping[str, int], now: Mapping[str, int], where: Path, remedy: str) -> None:
+    """Raises ConfigError for folders whose images are others than those of a run (empty: not known) with the same names."""
+    if before and (differing := _differences(before, now)):
+        raise ConfigError(f"holds a run on other images ({', '.join(differing)})", where=str(where), remedy=remedy)
 
 
 def _taken_over(learner: Learner, first: Path) -> tuple[Ancestor, ...]:

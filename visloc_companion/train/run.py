@@ -28,6 +28,7 @@ from visloc_companion.train.run_folder import run_folder
 from visloc_companion.train.steps import Batch, make_batch, training_loss, validate
 
 CHECKPOINT, LOG, CURVES = "checkpoint.pt", "log.jsonl", "curves.svg"
+OTHER_IMAGES = "give the images that it was begun with (--data), or name another folder for --out"
 
 
 class Watcher(Protocol):
@@ -84,7 +85,7 @@ def _trained(
     sources = training_sources(config, places)
     watcher.preparing("validation pairs")
     checks = validation_batches(config.validation, settings, places)
-    require_same_images(beginning, places.images, out)
+    require_same_images(beginning.images, places.images, out, OTHER_IMAGES)
     run = _Run(config, beginning, places.images, checks, RunLog(out / LOG, start), out, watcher)
     if start == 0:
         run.baseline()

@@ -13,7 +13,7 @@ onnx = pytest.importorskip("onnx", reason="onnx is not installed: make install-t
 pytest.importorskip("onnxscript", reason="onnxscript is not installed: make install-train")
 pytest.importorskip("onnxruntime")
 
-from visloc_companion.errors import CasesError, ModelError  # noqa: E402
+from visloc_companion.errors import CasesError, ConfigError, ModelError  # noqa: E402
 from visloc_companion.localise.model_folder import ModelManifest, read_manifest  # noqa: E402
 from visloc_companion.localise.runtime import open_session  # noqa: E402
 from visloc_companion.train import export as exporting  # noqa: E402
@@ -88,6 +88,10 @@ def test_figures_of_images_that_were_trained_on_say_so(
     figures = export(told, lambda stage: None).figures
     assert "int8: validation queries placed wrong, own (trained on)" in figures
     assert "int8: validation queries placed wrong, other" in figures
+    save_checkpoint(tmp_path / "checkpoint.pt", replace(saved, images={"own 0 120": 1, "gone 0 9": 2}))
+    with pytest.raises(ConfigError, match=r"holds a run on other images \(own 0 120\); remedy: .*--data"):
+        export(replace(told, out=tmp_path / "other"), lambda stage: None)
+    assert not (tmp_path / "other").exists()
 
 
 def test_cases_that_are_not_there_are_told_before_anything_is_written(order: ExportOrder, tmp_path: Path) -> None:
