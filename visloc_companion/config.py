@@ -222,7 +222,8 @@ class InjectionConfig(Section):
     max_outside_map_m: NonNegative = 1000.0
     """No position is ever sent that lies further outside the map than this."""
     set_origin: bool = False
-    """Give an autopilot that has no EKF origin and no GNSS the middle of the map as its origin, before take-off."""
+    """Give an autopilot that has no EKF origin and no GNSS the middle of the map, at its ground's median height, as its origin,
+    before take-off."""
     min_sigma_m: Positive = 0.5
     """Smallest 1-sigma that is ever claimed to the autopilot."""
     max_step_m: Positive = 5.0

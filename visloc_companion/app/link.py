@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 from visloc_companion.adapters.mavlink.channels import OpenChannel
 from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT
 from visloc_companion.adapters.mavlink.mavsdk_channel import MavsdkOpener
@@ -18,11 +20,14 @@ from visloc_companion.adapters.mavlink.signing_key import read_key
 from visloc_companion.adapters.mavlink.signing_stamp import StampFile
 from visloc_companion.config import Config, LinkConfig
 from visloc_companion.errors import ConfigError, MapError
+from visloc_companion.geo.raster import apply_affine
 from visloc_companion.protocols import AutopilotLink, Clock
 from visloc_companion.types import GeoPoint
 
 PX4_GPS_POSITION = 1
 """Bit 0 of EKF2_GPS_CTRL: longitude and latitude are fused."""
+LOOKS = 41
+"""Places along each side of the map at which its ground is looked at."""
 
 
 def make_link(
@@ -76,9 +81,10 @@ def _through_mavsdk(link: LinkConfig) -> OpenChannel:
 
 
 def map_extent(config: Config) -> tuple[Fence | None, GeoPoint | None]:
-    """Where positions may be sent, and the middle of the map at the height of its plane; neither without a pack.
+    """Where positions may be sent, and the middle of the map at its ground's median height; neither without a pack.
 
-    Raises MapError for a pack whose manifest cannot be read, ConfigError where an origin is to be set and there is no pack.
+    The height is read only where an origin is to be set. Raises MapError for a pack that cannot be read, ConfigError where an
+    origin is to be set and there is no pack.
     """
     if not config.map.pack:
         if config.injection.set_origin:
@@ -96,7 +102,23 @@ def map_extent(config: Config) -> tuple[Fence | None, GeoPoint | None]:
     b = manifest.bounds
     fence = Fence(b.south_deg, b.west_deg, b.north_deg, b.east_deg, config.injection.max_outside_map_m)
     lon_deg = (b.west_deg + (b.east_deg - b.west_deg) % 360 / 2 + 180) % 360 - 180
-    return fence, GeoPoint((b.south_deg + b.north_deg) / 2, lon_deg, manifest.heights.plane_amsl_m)
+    h_amsl_m = manifest.heights.plane_amsl_m
+    if config.injection.set_origin and manifest.heights.grid is not None:
+        h_amsl_m = _ground_amsl_m(Path(config.map.pack))
+    return fence, GeoPoint((b.south_deg + b.north_deg) / 2, lon_deg, h_amsl_m)
+
+
+def _ground_amsl_m(pack: Path) -> float:
+    """Median height of a pack's surface: ArduPilot takes its origin's for that of the ground where it was switched on."""
+    from visloc_companion.maps.pack import PackMap
+
+    reference = PackMap.open(pack, verify_hashes=False)
+    rows, cols = reference.shape
+    u, v = np.meshgrid(np.linspace(0, cols - 1, LOOKS), np.linspace(0, rows - 1, LOOKS))
+    heights = reference.heights_amsl_m(apply_affine(reference.T_map_pix, np.column_stack([u.ravel(), v.ravel()])))
+    if not np.isfinite(heights).any():
+        raise MapError("knows no height of its ground", where=str(pack), remedy="leave injection.set_origin off")
+    return float(np.nanmedian(heights))
 
 
 def _signing(link: LinkConfig, clock: Clock, on_warning: Callable[[str], None]) -> SigningSettings | None:

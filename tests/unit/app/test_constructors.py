@@ -90,7 +90,7 @@ def test_what_is_not_used_does_not() -> None:
 
 def test_positions_stay_near_the_map_and_its_middle_may_become_the_origin(monkeypatch: pytest.MonkeyPatch) -> None:
     bounds = SimpleNamespace(south_deg=-1.0, west_deg=179.9, north_deg=1.0, east_deg=-179.7)
-    manifest = SimpleNamespace(bounds=bounds, heights=SimpleNamespace(plane_amsl_m=12.0))
+    manifest = SimpleNamespace(bounds=bounds, heights=SimpleNamespace(plane_amsl_m=12.0, grid=None))
     monkeypatch.setattr("visloc_companion.maps.manifest.read_manifest", lambda folder: manifest)
     told = {"map": {"pack": "pack"}, "injection": {"max_outside_map_m": 300.0, "output": "odometry", "position_sensor_id": 7}}
     settings = link_of(parse_config(told)).session.settings
@@ -101,6 +101,16 @@ def test_positions_stay_near_the_map_and_its_middle_may_become_the_origin(monkey
     assert allowed.origin_to_set is not None
     assert (allowed.origin_to_set.lat_deg, allowed.origin_to_set.h_amsl_m) == (0.0, 12.0)
     assert allowed.origin_to_set.lon_deg == pytest.approx(-179.9)
+
+
+def test_an_origin_that_is_to_be_set_lies_on_the_ground_of_the_map(tiny_world: Any) -> None:
+    """It lay at --ground-height-m, 0 by default, over packs with a surface model as well: ArduPilot counts its height above the
+    sea from there, so that 300 m of it were missing."""
+    told = {"map": {"pack": str(tiny_world.pack)}}
+    assert link_of(parse_config(told)).session.settings.origin_to_set is None
+    origin = link_of(parse_config({**told, "injection": {"set_origin": True}})).session.settings.origin_to_set
+    assert origin is not None
+    assert origin.h_amsl_m == pytest.approx(300.0, abs=1.0)
 
 
 def test_without_a_map_there_is_no_fence_and_no_origin_to_set() -> None:
