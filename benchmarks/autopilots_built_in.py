@@ -33,7 +33,7 @@ from visloc_companion.sim.faults.camera import FramesLate
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes
 from visloc_companion.sim.imu import NOISY
 from visloc_companion.sim.real.lives import flight_config
-from visloc_companion.sim.real.oracle import METHOD, OracleSettings
+from visloc_companion.sim.real.oracle import HEIGHT_SIGMA_M, METHOD, OracleSettings, answered_height
 from visloc_companion.sim.real.programs import Simulator
 from visloc_companion.sim.real.rendered import opened
 from visloc_companion.sim.real.scenario import RealScenario
@@ -182,11 +182,13 @@ class _PoseReader:
         if not self._settings.sees(flight_s):
             return NoFix(0, request.frame.t_ns, request.request_id, request.frame.frame_id, METHOD, Reason.NO_MATCH, 0.0)
         sigma, claimed = self._settings.sigma_m, self._settings.claimed_sigma_m**2
-        noise = self._rng.gauss(0.0, sigma), self._rng.gauss(0.0, sigma), self._rng.gauss(0.0, 1.0)
+        noise = self._rng.gauss(0.0, sigma), self._rng.gauss(0.0, sigma), self._rng.gauss(0.0, HEIGHT_SIGMA_M)
         place, frame = geo_from_ned(noise, GeoPoint(lat, lon, height)), request.frame
+        h_m, sigma_h_m = answered_height(place.h_amsl_m, request.prior)
+        place = replace(place, h_amsl_m=h_m)
         cov = ((claimed, 0.0), (0.0, claimed))
         ids = request.request_id, frame.frame_id
-        return Fix(0, frame.t_ns, *ids, METHOD, place, (w, x, y, z), cov, 1.0, 0.01, 1e-4, 50.0)
+        return Fix(0, frame.t_ns, *ids, METHOD, place, (w, x, y, z), cov, sigma_h_m, 0.01, 1e-4, 50.0)
 
 
 if __name__ == "__main__":

@@ -43,6 +43,12 @@ def test_a_daemon_that_dies_goes_on_in_time_when_it_is_started_again(fly, simula
     assert missed(simulator, fly(simulator, "restarts", restarts=(40.0, 65.0), p95_limit_m=alone_m(simulator), **SHORT)) == []
 
 
+@pytest.mark.parametrize("simulator", [*COPTERS, Simulator.ARDUPLANE])
+def test_a_daemon_that_is_started_again_beside_a_good_gnss_goes_on_until_the_operator_is_back_on_it(fly, simulator) -> None:
+    times = {"duration_s": 150.0, "jam_at_s": 20.0, "gnss_back_at_s": 65.0, "restarts": (73.0,)}
+    assert missed(simulator, fly(simulator, "restart_after_return", **times)) == []
+
+
 @pytest.mark.parametrize("simulator", COPTERS)
 def test_fixes_that_jump_by_20_m_are_followed(fly, simulator: Simulator) -> None:
     oracle = replace(ORACLE, moved=((40.0, 65.0, 0.0, 20.0),))

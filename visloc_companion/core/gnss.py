@@ -40,7 +40,7 @@ MAX_SIGMA_SHARE = 2.0
 """A receiver that states a poor accuracy is believed up to this multiple of `gnss_sigma_m`: no spoofer may widen the gate."""
 FALSE_AGAIN = 0.9
 """In a probation vision disagrees at this probability."""
-ODOMETRY = "odometry_disagrees"
+ODOMETRY, PROBATION = "odometry_disagrees", "probation"
 BY_CAMERA = (ODOMETRY, "vision_disagrees")
 
 
@@ -91,6 +91,11 @@ class GnssMonitor:
     def ever_trusted(self) -> bool:
         """Whether it was trusted at any time of this flight."""
         return self._trust.ever
+
+    @property
+    def returned(self) -> bool:
+        """Whether it is trusted because it came through a probation."""
+        return self._trust.returned
 
     def sigma_m(self, gnss: Gnss) -> float:
         """1-sigma of a receiver's horizontal position per axis, as far as it is believed."""
@@ -282,7 +287,7 @@ class GnssMonitor:
         if self._trust.trusted:
             return ()
         reach = ("out_of_reach",) if self._out_of_reach and self._returns else ()
-        return (*lasting, *self._disagreed, *reach) or ("probation",)
+        return (*lasting, *self._disagreed, *reach) or (PROBATION,)
 
     def _evidence(self, now_ns: int, log_r: tuple[float, float, float]) -> tuple[tuple[str, float, float], ...]:
         limits, gnss = self._settings, self._reports.gnss

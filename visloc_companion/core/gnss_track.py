@@ -12,6 +12,9 @@ from visloc_companion.types import Fix, GeoPoint, Vec2, Vec3
 SPAN_NS = 15_000_000_000
 MAX_GAP_NS = 1_500_000_000
 """Positions further apart are not interpolated, and none is moved by the velocity for longer."""
+DUE_INTERVALS = 2
+"""Nor is one for longer than so many of the receiver's intervals: then it has nothing to say, and a plane in a turn is 10 m away
+from where it would have gone in 1.5 s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,21 +67,34 @@ class GnssTrack:
         return n1 - n0, e1 - e0
 
     def minus(self, fix: Fix, v_ned_mps: Vec3) -> Vec2 | None:
-        """GNSS minus a fix at the fix's image time, north and east metres; None where no position is near that time.
+        """GNSS minus a fix at the fix's image time, north and east metres; None where no position is near that time, or the
+        receiver had lost its fix then.
 
         Between two positions it interpolates; outside of them it moves the nearest one by the velocity.
         """
         k = bisect_right(self._points, fix.t_ns, key=_time)
-        about = [self._points[i] for i in (k - 1, k) if 0 <= i < len(self._points)]
-        near = [point for point in about if abs(point.t_ns - fix.t_ns) <= MAX_GAP_NS]
+        about = [i for i in (k - 1, k) if 0 <= i < len(self._points)]
+        near = [i for i in about if abs(self._points[i].t_ns - fix.t_ns) <= MAX_GAP_NS]
         if not near:
             return None
         if len(near) == 2:
-            return _between(near[0], near[1], fix.t_ns, fix.place)
-        nearest = near[0]
+            before, after = self._points[k - 1], self._points[k]
+            lost = before.stretch != after.stretch and after.t_ns - before.t_ns > MAX_GAP_NS
+            return None if lost else _between(before, after, fix.t_ns, fix.place)
+        nearest = self._points[near[0]]
+        lost = nearest.t_ns <= fix.t_ns and nearest.stretch != self._stretch
+        if lost or abs(fix.t_ns - nearest.t_ns) > self._due_ns(near[0]):
+            return None
         dt_s = (fix.t_ns - nearest.t_ns) * 1e-9
         north, east, _ = wgs84.ned_from_geo(nearest.place, fix.place)
         return north + v_ned_mps[0] * dt_s, east + v_ned_mps[1] * dt_s
+
+    def _due_ns(self, at: int) -> int:
+        """For how long about a position another one of its stretch was due."""
+        point = self._points[at]
+        beside = [self._points[i] for i in (at - 1, at + 1) if 0 <= i < len(self._points)]
+        intervals_ns = [abs(other.t_ns - point.t_ns) for other in beside if other.stretch == point.stretch]
+        return DUE_INTERVALS * min(intervals_ns, default=MAX_GAP_NS)
 
     def _around(self, t_ns: int) -> tuple[_Point, _Point] | None:
         """The positions before and after a time in one stretch and no further apart than MAX_GAP_NS (twice the same one at its

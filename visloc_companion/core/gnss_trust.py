@@ -25,7 +25,7 @@ class Trust:
         self._since_ns: dict[str, int] = {}
         self._clean_since_ns: int | None = None
         self._denying_ns: int | None = None
-        self.trusted = self.ever = False
+        self.trusted = self.ever = self.returned = False
 
     @property
     def signs(self) -> bool:
@@ -46,7 +46,7 @@ class Trust:
 
     def lose(self) -> None:
         """GNSS is trusted no longer."""
-        self.trusted = False
+        self.trusted = self.returned = False
         self.interrupt()
 
     def begin(self, now_ns: int) -> None:
@@ -61,6 +61,7 @@ class Trust:
         if self._clean_since_ns is None or clean_ns < need_s * 1e9 or probability_false >= TRUSTED_BELOW:
             return False
         self.trusted = self.ever = True
+        self.returned = returns
         return True
 
     def verdict(self, now_ns: int, reasons: tuple[str, ...]) -> Verdict:

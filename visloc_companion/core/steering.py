@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from visloc_companion.core import modes, output
-from visloc_companion.core.gnss import GnssMonitor
+from visloc_companion.core.gnss import PROBATION, GnssMonitor
 from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.switching import SourceSwitch
@@ -32,7 +32,7 @@ class Steering:
     @property
     def feedback(self) -> bool:
         """Whether what the autopilot says of itself may rest on what it was sent."""
-        return self.injecting or self._switch.source is EkfSource.VISION
+        return self.injecting or self._switch.found or self._switch.source is EkfSource.VISION
 
     def taken(self, now_ns: int) -> None:
         """A fix was accepted; it counts by its arrival, for a slow localiser must not make the mode flap."""
@@ -103,13 +103,16 @@ class Steering:
 
     def steer_source(self, armed: bool, stopped: bool, now_ns: int) -> list[Command]:
         """Bring the autopilot to the source that fits the verdict, or to the other one where it does not use that; to none that
-        gives it no positions: `stopped` says that the alert keeps them back."""
+        gives it no positions: `stopped` says that the alert keeps them back. One that was found on vision is left there while
+        nothing but its probation stands against GNSS."""
         verdict = self._monitor.verdict.verdict
         at_hand = {EkfSource.GNSS: verdict is not Verdict.DENIED, EkfSource.VISION: self.injecting and not stopped}
         other = {EkfSource.GNSS: EkfSource.VISION, EkfSource.VISION: EkfSource.GNSS}
         commands = self._switch.verify(at_hand[other[self._switch.source]], now_ns)
         if verdict is Verdict.OK:
             wish = EkfSource.GNSS if self._switch.known or self._gnss_proven(armed, now_ns) else None
+        elif self._switch.found and self._monitor.verdict.reasons == (PROBATION,):
+            wish = None
         else:
             wish = EkfSource.VISION if at_hand[EkfSource.VISION] else None
         if wish is not None and self._switch.shuns(wish, now_ns) and at_hand[other[wish]]:
@@ -119,7 +122,7 @@ class Steering:
     def _gnss_proven(self, armed: bool, now_ns: int) -> bool:
         """Whether GNSS may take over from a source that nobody confirmed: on the ground at once, in flight (we may have been
         restarted amid a spoofing) only after fixes have gone with it for the probation."""
-        if not armed:
+        if not armed or self._monitor.returned:
             return True
         recent = self._fix_within(self._settings.navigator.dead_reckoning_after_s, now_ns)
         return recent and now_ns - self._monitor.verdict.since_ns >= self._settings.gnss.probation_s * 1e9

@@ -38,9 +38,15 @@ class SourceSwitch:
         what a daemon before this one asked him."""
         return self._confirmed or not (self._allowed or self._found_on_vision)
 
+    @property
+    def found(self) -> bool:
+        """Whether the autopilot was sent positions before we came, and nobody has said since what it flies on."""
+        return self._found_on_vision
+
     def judged_source(self, now_ns: int) -> EkfSource:
-        """What the autopilot's own word on its position is of: of vision, too, while an operator who switches may be on that."""
-        if self._allowed:
+        """What the autopilot's own word on its position is of: of vision, too, while an operator who switches may be on that, or
+        where it was found there."""
+        if self._allowed and not self._found_on_vision:
             return self._source
         return EkfSource.VISION if self.leaving_vision(now_ns) else EkfSource.GNSS
 

@@ -151,8 +151,8 @@ class Telemetry:
             self._tracker.on_airspeed(event.t_boot_ns, (speed_mps * math.cos(yaw), speed_mps * math.sin(yaw)))
 
     def seed(self, now_ns: int, sigma_m: float) -> list[Command]:
-        """Start the filter from the autopilot's position, once, while GNSS is trusted; or where the autopilot has a position that
-        its receiver cannot have given it: it was sent by the daemon that flew before this one."""
+        """Start the filter from the autopilot's position, once, while GNSS is trusted; or where it goes on by what the daemon
+        before this one sent it."""
         prior, velocity, trusted = self._prior, self._tracker.velocity, self._monitor.trusted
         if self._tracker.belief is not None or prior is None or velocity is None or not (trusted or self._goes_on):
             return []
@@ -165,8 +165,10 @@ class Telemetry:
 
     @property
     def _goes_on(self) -> bool:
-        """Whether the autopilot still has a position although its receiver says that it has none."""
-        return self._status is not None and self._status.horizontal_position_ok and self._monitor.armed_without_fix
+        """Whether the autopilot has a position that its receiver cannot have given it, for it says that it has none; or need not
+        have given it: to wait until GNSS is trusted would take 1.5 s of the 4 to 5 s after which PX4's failsafe comes."""
+        vouched = self._status is not None and self._status.horizontal_position_ok
+        return vouched and (self._monitor.armed_without_fix or self._switch.found)
 
     def _drive(self, t_rx_ns: int, t_boot_ns: int, v_ned_mps: Vec3, h_amsl_m: float, feedback: bool) -> None:
         limits = self._settings

@@ -15,7 +15,7 @@ import numpy as np
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.sim.real.programs import Simulator
 from visloc_companion.sim.real.record import RealLog, RealSample
-from visloc_companion.sim.real.scenario import RealScenario
+from visloc_companion.sim.real.scenario import Operator, RealScenario
 from visloc_companion.types import Vec2, Vec3
 
 COPTER_LIMIT_M, PLANE_LIMIT_M = 3.0, 5.0
@@ -23,7 +23,8 @@ REJECTED_LIMIT, PULLED_LIMIT_M = 0.01, 15.0
 NOTICED_S = {"jam": 5.0, "drag": 30.0}
 """How long after a fault the autopilot may still fly on the bad receiver before that counts as a wrong source."""
 PROBATION_S = 40.0
-"""How long after GNSS is good again it may still fly on vision: the monitor's probation of 20 s, and as much for its evidence."""
+"""How long after GNSS is good again it may still fly on vision: the monitor's probation of 20 s, and as much for its evidence. A
+daemon that is started again begins it anew; an operator's own time comes on top."""
 ENOUGH_S = 30.0
 GRACE_S, SETTLED_M, SETTLED_LIMIT_S = 10.0, 3.0, 5.0
 """After fixes have jumped on purpose errors and rejections are not judged for so long; the estimate must be there sooner."""
@@ -77,7 +78,7 @@ def real_figures(log: RealLog, scenario: RealScenario) -> RealFigures:
     on_gnss = [s for s in flown if s.phase == "gnss" and not _is_bad(s, log)]
     jumps = [start_s + at_s for from_s, to_s, *_ in scenario.oracle.moved for at_s in (from_s, to_s)]
     judged = [s for s in on_vision if not any(0 <= s.t_s - at_s < GRACE_S for at_s in jumps)]
-    gaps = _gaps_s(log, on_vision)
+    gaps, silent_s = _gaps_s(log, on_vision)
     errors, ratios = _errors(judged), [s.ratio for s in judged if s.ratio is not None]
     velocity = [_norm(s.estimate_v_ned_mps, s.true_v_ned_mps) for s in on_vision if s.estimate_v_ned_mps is not None]
     dragged = [s for s in flown if scenario.drag_at_s is not None and s.phase == "gnss" and _is_bad(s, log)]
@@ -91,10 +92,10 @@ def real_figures(log: RealLog, scenario: RealScenario) -> RealFigures:
         velocity_rms_mps=float(np.sqrt(np.mean(np.square(velocity)))) if velocity else None,
         rejected_share=float(np.mean(np.array(ratios) > 1.0)) if ratios else None,
         failsafes=tuple(sorted({name for t_s, name in log.failsafes if start_s <= t_s <= end_s})),
-        wrong_source_s=_wrong_source_s(flown, log),
+        wrong_source_s=_wrong_source_s(flown, log, scenario),
         pulled_m=_percentile(_errors(dragged), 100) if scenario.drag_at_s is not None else None,
         touch_down_mps=_touch_down_mps(log),
-        gap_s=max(gaps) if gaps else None,
+        gap_s=max([*gaps, silent_s]) if on_vision else None,
         settled_s=max((_settled_s(on_vision, at_s) for at_s in jumps), default=None),
         late_share=float(np.mean(np.array(gaps) > LATE_S)) if gaps else None,
     )
@@ -132,15 +133,18 @@ def _is_bad(sample: RealSample, log: RealLog) -> bool:
     return bool(starts) and sample.t_s >= min(starts) and (back_s is None or sample.t_s < back_s)
 
 
-def _wrong_source_s(samples: Sequence[RealSample], log: RealLog) -> float:
+def _wrong_source_s(samples: Sequence[RealSample], log: RealLog, scenario: RealScenario) -> float:
     """Seconds on a bad receiver, or on vision with a good one, beyond what is allowed."""
+    operator = scenario.operator or Operator(0.0, 0.0)
     faults = {name: t_s for name in NOTICED_S if (t_s := log.at(name)) is not None}
     back_s = log.at("back")
+    begun_anew = [t_s + scenario.down_s for t_s, name in log.marks if name == "restart"]
+    proven_s = math.inf if back_s is None else max([back_s, *begun_anew]) + PROBATION_S + operator.to_gnss_s
     wrong_s = 0.0
     for before, sample in itertools.pairwise(samples):
-        late = any(sample.t_s > t_s + NOTICED_S[name] for name, t_s in faults.items())
+        late = any(sample.t_s > t_s + NOTICED_S[name] + operator.to_vision_s for name, t_s in faults.items())
         on_bad = sample.phase == "gnss" and _is_bad(sample, log) and late
-        overdue = sample.phase == "vision" and back_s is not None and sample.t_s > back_s + PROBATION_S
+        overdue = sample.phase == "vision" and sample.t_s > proven_s
         wrong_s += (sample.t_s - before.t_s) * (on_bad or overdue)
     return wrong_s
 
@@ -155,11 +159,13 @@ def _touch_down_mps(log: RealLog) -> float | None:
     return math.hypot(*low[0].true_v_ned_mps[:2]) if low else None
 
 
-def _gaps_s(log: RealLog, on_vision: Sequence[RealSample]) -> list[float]:
-    """Times between positions sent while the autopilot flew on vision."""
+def _gaps_s(log: RealLog, on_vision: Sequence[RealSample]) -> tuple[list[float], float]:
+    """Times between positions sent while the autopilot flew on vision, and that from the last one to the end of it."""
     if not on_vision:
-        return []
-    return [b - a for a, b in itertools.pairwise(log.injected_s) if on_vision[0].t_s <= a <= b <= on_vision[-1].t_s]
+        return [], 0.0
+    begun_s, ended_s = on_vision[0].t_s, on_vision[-1].t_s
+    sent_s = [t_s for t_s in log.injected_s if begun_s <= t_s <= ended_s]
+    return [b - a for a, b in itertools.pairwise(sent_s)], ended_s - max(sent_s, default=begun_s)
 
 
 def _settled_s(samples: Sequence[RealSample], jumped_s: float) -> float:

@@ -73,3 +73,29 @@ def test_gnss_minus_a_fix_at_image_time() -> None:
     assert got.minus(fix(9.0, 90.0), north) is None
     got.add(100 * S, at(0.0))
     assert got.minus(fix(2.0, 20.0), north) is None
+
+
+def test_a_position_is_not_carried_on_when_the_receiver_has_lost_its_fix() -> None:
+    """A plane in a turn is 10 m away from where its velocity would have led it."""
+    got = track(*((k / 5, 4.0 * k) for k in range(21)))
+    north = (20.0, 0.0, 0.0)
+    assert got.minus(fix(4.2, 84.0), north) == pytest.approx((0.0, 0.0), abs=1e-3)
+    got.interrupted()
+    assert got.minus(fix(3.9, 78.0), north) == pytest.approx((0.0, 0.0), abs=1e-3)
+    assert got.minus(fix(4.2, 84.0), north) is None
+    got.add(round(5.8 * S), at(116.0))
+    assert got.minus(fix(4.9, 98.0), north) is None
+    assert got.minus(fix(5.8, 116.0), north) == pytest.approx((0.0, 0.0), abs=1e-3)
+
+
+def test_a_position_is_not_carried_on_when_the_next_one_does_not_come() -> None:
+    got = track(*((k / 5, 4.0 * k) for k in range(21)))
+    assert got.minus(fix(4.3, 86.0), (20.0, 0.0, 0.0)) is not None
+    assert got.minus(fix(4.5, 90.0), (20.0, 0.0, 0.0)) is None
+
+
+def test_a_lost_fix_that_is_back_at_once_leaves_no_hole() -> None:
+    got = track((1.0, 20.0), (1.2, 24.0))
+    got.interrupted()
+    got.add(round(1.6 * S), at(32.0))
+    assert got.minus(fix(1.4, 28.0), (20.0, 0.0, 0.0)) == pytest.approx((0.0, 0.0), abs=1e-3)

@@ -24,6 +24,7 @@ from visloc_companion.types import (
     Injection,
     InjectionPolicy,
     LinkChanged,
+    Notice,
     OriginChanged,
     SwitchSource,
     Verdict,
@@ -129,13 +130,54 @@ def test_a_vehicle_on_vision_is_given_positions_until_a_good_gnss_is_proven(worl
     w.send(FoundOnVision(0))
     w.fly(140.0)
     sent = [t for t, c in w.commands if isinstance(c, Injection) and t > 39.5]
-    assert max(after - before for before, after in pairwise(sent)) < DOWN_S + 3.0
+    assert max(after - before for before, after in pairwise(sent)) < DOWN_S + 1.2, "PX4's failsafe comes after 4.6 s"
     ordered = [t for t, c in w.commands if t > 43 and isinstance(c, SwitchSource)]
     back = ordered or [t for t in w.notices("source to GNSS") if t > 43]
     assert len(back) == 1
+    assert not [t for t in w.notices("source to VISION") if t > 43], "it is there"
+    assert not [c for t, c in w.commands if t > 43 and isinstance(c, SwitchSource) and c.source is EkfSource.VISION]
     assert back[0] - 40.0 - DOWN_S > settings.gnss.probation_s
     assert sent[-1] - back[0] == pytest.approx(0.0 if switches else HAND_BACK_NS * 1e-9, abs=4.0)
     assert len(w.notices("restarted, EKF may be on VISION")) == 1
+
+
+def obeyed(world: type[World]) -> type[World]:
+    """With an operator who switches to vision at once when he is asked."""
+
+    class Obeyed(world):
+        def send(self, event: Any) -> Any:
+            commands = super().send(event)
+            if any(isinstance(c, Notice) and "source to VISION" in c.text for c in commands):
+                self.source = EkfSource.VISION
+            return commands
+
+    return Obeyed
+
+
+@pytest.mark.parametrize("switches", [True, False])
+def test_one_found_on_vision_amid_a_spoofing_never_gets_a_gnss_that_is_believed(world: type[World], switches: bool) -> None:
+    """Its position is the last daemon's, so fixes are there before GNSS has been trusted, which has to agree with them then."""
+    settings = CoreSettings(injection=InjectionSettings(switch_source=switches))
+    w = restarted(obeyed(world), settings=settings, pull_m=lambda t: (300.0 * (t > 20), 0.0))
+    w.send(FoundOnVision(0))
+    w.fly(80.0)
+    after = [(s, error) for t, s, error in w.statuses if t > 43 and s.place is not None]
+    assert {s.verdict for s, _ in after} == {Verdict.DENIED}
+    assert max(error for _, error in after) < 6.0
+    assert w.first(Injection, since_s=43.0) - 43.0 < 1.2
+    assert not [c for t, c in w.commands if t > 43 and isinstance(c, SwitchSource) and c.source is EkfSource.GNSS]
+
+
+def test_one_said_to_be_on_vision_that_a_false_gnss_has_led_away_comes_back(world: type[World]) -> None:
+    """The operator had not switched yet: the autopilot's position is the false one, and no fix confirms it."""
+    settings = CoreSettings(injection=InjectionSettings(switch_source=False))
+    w = restarted(world, settings=settings, pull_m=lambda t: (300.0 * (t > 20), 0.0))
+    w.send(FoundOnVision(0))
+    w.fly(100.0)
+    injected = [t for t, c in w.commands if t > 43 and isinstance(c, Injection)]
+    assert injected[0] - 43.0 < 6.0
+    assert max(error for t, s, error in w.statuses if t > injected[0] and s.place is not None) < 6.0
+    assert [t for t in w.notices("source to VISION") if t > 43]
 
 
 def test_who_sends_no_positions_has_brought_nobody_to_vision(world: type[World]) -> None:

@@ -132,7 +132,7 @@ def test_errors_are_against_where_fixes_are_put_on_purpose_and_not_judged_at_onc
 
 def test_positions_that_come_late_show_a_machine_that_is_too_busy() -> None:
     log = flown()
-    log.injected_s = [12.0 + k * 0.1 for k in range(800)]
+    log.injected_s = [12.0 + k * 0.1 for k in range(880)]
     calm = real_figures(log, JAM)
     assert (calm.gap_s, calm.late_share, calm.starved) == (pytest.approx(0.1), 0.0, False)
     log.injected_s = [12.0 + k * 0.2 for k in range(400)]
@@ -151,12 +151,34 @@ def test_a_hundredth_of_late_positions_is_the_limit(late: int, starved: bool) ->
 
 def test_a_daemon_that_does_not_come_back_fails() -> None:
     restarts, log = real_scenario("restarts", Simulator.PX4), flown()
-    log.injected_s = [13.0, 13.1, 19.0, 19.1]
+    log.injected_s = [*(12.0 + k * 0.1 for k in range(12)), *(19.0 + k * 0.1 for k in range(810))]
     figures = real_figures(log, restarts)
     assert figures.gap_s == pytest.approx(5.9)
     assert "without a position" not in [c.name for c in checks(figures, restarts, Simulator.PX4) if not c.passed]
     long = replace(figures, gap_s=7.1)
     assert "without a position" in [c.name for c in checks(long, restarts, Simulator.PX4) if not c.passed]
+
+
+def test_a_daemon_that_never_sends_again_fails_though_nothing_follows_its_silence() -> None:
+    restarts, log = real_scenario("restarts", Simulator.ARDUPLANE), flown()
+    log.injected_s = [12.0 + k * 0.1 for k in range(100)]
+    figures = real_figures(log, restarts)
+    assert figures.gap_s == pytest.approx(78.0, abs=0.2)
+    assert (figures.late_share, figures.starved) == (0.0, False)
+    assert "without a position" in [c.name for c in checks(figures, restarts, Simulator.ARDUPLANE) if not c.passed]
+
+
+def test_a_probation_that_a_restart_begins_anew_and_an_operators_time_are_allowed() -> None:
+    scenario = real_scenario("restart_after_return", Simulator.ARDUCOPTER)
+    assert scenario.operator is not None
+    vision_s = 12.0 + 40.0 + 3.0 + scenario.operator.to_gnss_s
+    log = flown(end_s=160.0, back=20.0)
+    alone_s = real_figures(log, replace(scenario, operator=None)).wrong_source_s
+    assert alone_s == pytest.approx(160.0 - 20.0 - 40.0, abs=0.2)
+    log.marks.append((40.0, "restart"))
+    assert real_figures(log, scenario).wrong_source_s == pytest.approx(160.0 - 28.0 - vision_s, abs=0.2)
+    late = flown(switch_s=10.0 + 5.0 + 4.0)
+    assert real_figures(late, scenario).wrong_source_s == pytest.approx(4.0 - scenario.operator.to_vision_s, abs=0.2)
 
 
 def failed(figures: object) -> list[str]:

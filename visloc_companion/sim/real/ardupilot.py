@@ -13,7 +13,7 @@ from visloc_companion.sim.real.ardupilot_parameters import COPTER, PLANE
 from visloc_companion.sim.real.pilot import DAEMON_PORT, FIRST_POSITION_S, HOME, SIMULATOR_PORT, STATION_PORT, Route, Truth
 from visloc_companion.sim.real.relay import whole
 from visloc_companion.sim.real.station import MissionItem, Station
-from visloc_companion.types import AutopilotKind, GeoPoint
+from visloc_companion.types import AutopilotKind, EkfSource, GeoPoint
 
 RATES_HZ = {
     mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 20.0,
@@ -27,6 +27,7 @@ RATES_HZ = {
 _BEFORE_A_POSITION = (mav.MAVLINK_MSG_ID_ATTITUDE, mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, mav.MAVLINK_MSG_ID_EKF_STATUS_REPORT)
 GUIDED, ALT_HOLD, COPTER_AUTO, COPTER_LAND, BRAKE, PLANE_AUTO, PLANE_RTL = 4, 2, 3, 9, 17, 10, 11
 _CLIMB, _HOLD, _MIDDLE, _STICKS_S = 1900, 1500, 1500, 0.2
+_GNSS_SET, _VISION_SET = 1, 2
 _HAS_ABSOLUTE_POSITION = 16
 _ARM_TRIES, _READY_S, _CLIMB_S, _LAND_S = 40, 90.0, 90.0, 180.0
 _FAILSAFES = ("failsafe", "ekf variance", "dead reckoning", "potential thrust loss", "crash")
@@ -158,6 +159,11 @@ class ArduPilot:
     async def resume(self, station: Station) -> None:
         """Mode AUTO."""
         await self._set_mode(station, PLANE_AUTO if self._plane else COPTER_AUTO)
+
+    async def set_source(self, station: Station, source: EkfSource) -> None:
+        """Set 2 of the users' parameters is vision."""
+        number = float(_VISION_SET if source is EkfSource.VISION else _GNSS_SET)
+        await station.command(mav.MAV_CMD_SET_EKF_SOURCE_SET, number)
 
     async def land(self, station: Station) -> None:
         """Copter: LAND and wait. Plane: RTL."""

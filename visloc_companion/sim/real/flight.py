@@ -13,6 +13,7 @@ from pathlib import Path
 from visloc_companion.errors import LinkError
 from visloc_companion.sim.real.clock import EPOCH_NS, SlavedClock
 from visloc_companion.sim.real.lives import DaemonLives
+from visloc_companion.sim.real.operator import OperatorsHand
 from visloc_companion.sim.real.pilot import DAEMON_PORT, SIMULATOR_PORT, Pilot
 from visloc_companion.sim.real.programs import Running, running
 from visloc_companion.sim.real.record import RealLog
@@ -53,22 +54,26 @@ async def _fly(
     pilot: Pilot, scenario: RealScenario, folder: Path, station: Station, recorder: Recorder, simulator: Running
 ) -> None:
     stop = asyncio.Event()
-    work = [asyncio.create_task(_keep_alive(station, recorder.clock, simulator))]
+    until_stopped = list[asyncio.Task[None]]()
     lives = DaemonLives(pilot, scenario, folder, recorder, simulator) if scenario.with_daemon else None
     if lives is not None:
-        work.append(asyncio.create_task(lives.run(stop)))
+        until_stopped.append(asyncio.create_task(lives.run(stop)))
+    for_ever = [asyncio.create_task(_keep_alive(station, recorder.clock, simulator))]
+    if scenario.operator is not None:
+        for_ever.append(asyncio.create_task(OperatorsHand(scenario.operator, pilot, station, recorder).serve()))
     flight = asyncio.create_task(_stages(pilot, scenario, station, recorder, lives))
+    work = [flight, *for_ever, *until_stopped]
     try:
-        await asyncio.wait({flight, *work}, return_when=asyncio.FIRST_COMPLETED)
-        for task in (flight, *work):
+        await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
+        for task in work:
             if task.done():
                 task.result()
     finally:
         stop.set()
-        flight.cancel()
-        work[0].cancel()
+        for task in (flight, *for_ever):
+            task.cancel()
         with contextlib.suppress(asyncio.CancelledError):
-            await asyncio.gather(flight, *work, return_exceptions=True)
+            await asyncio.gather(*work, return_exceptions=True)
 
 
 async def _keep_alive(station: Station, clock: SlavedClock, simulator: Running) -> None:

@@ -13,7 +13,7 @@ from visloc_companion.app.journal import JournalWriter
 from visloc_companion.app.live import Daemon
 from visloc_companion.app.parts import Parts, journal_header
 from visloc_companion.app.worker import WorkerSupervisor
-from visloc_companion.config import Config, InjectionConfig, JournalConfig, LinkConfig, LocaliserConfig
+from visloc_companion.config import Config, InjectionConfig, JournalConfig, LinkConfig, LocaliserConfig, StatusConfig
 from visloc_companion.sim.real.oracle import Oracle
 from visloc_companion.sim.real.pilot import Pilot
 from visloc_companion.sim.real.programs import Running
@@ -21,19 +21,26 @@ from visloc_companion.sim.real.recorder import Recorder
 from visloc_companion.sim.real.rendered import RenderedEyes
 from visloc_companion.sim.real.scenario import RealScenario
 
+SOCKET = "status.sock"
+
 
 def flight_config(scenario: RealScenario) -> Config:
-    """The configuration of a flight: defaults, but the daemon may switch the source, and fixes come at the oracle's rate."""
+    """The configuration of a flight: defaults, but the daemon may switch the source where no operator does, and fixes come at the
+    oracle's rate."""
     return Config(
-        injection=InjectionConfig(switch_source=True),
+        injection=InjectionConfig(switch_source=scenario.operator is None),
         localiser=LocaliserConfig(max_rate_hz=scenario.oracle.rate_hz, structure=False, threads=1),
         seed=scenario.seed,
     )
 
 
 def daemon_config(pilot: Pilot, scenario: RealScenario, folder: Path) -> Config:
-    """The same with the daemon's link and journal."""
-    parts = {"link": LinkConfig(url=pilot.daemon_url), "journal": JournalConfig(folder=str(folder))}
+    """The same with the daemon's link and journal, and a status socket, beside which it leaves word to the next one."""
+    parts = {
+        "link": LinkConfig(url=pilot.daemon_url),
+        "journal": JournalConfig(folder=str(folder)),
+        "status": StatusConfig(socket=str(folder / SOCKET)),
+    }
     return flight_config(scenario).model_copy(update=parts)
 
 

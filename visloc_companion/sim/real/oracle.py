@@ -12,11 +12,30 @@ from visloc_companion.app.mailbox import Mailbox
 from visloc_companion.errors import Reason
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.protocols import Clock
-from visloc_companion.types import Fix, FrameRef, GeoPoint, LocaliseRequest, NoFix, Quat, TerrainRequest, Vec2, WorkerState
+from visloc_companion.types import (
+    Fix,
+    FrameRef,
+    GeoPoint,
+    LocaliseRequest,
+    NoFix,
+    PosePrior,
+    Quat,
+    TerrainRequest,
+    Vec2,
+    WorkerState,
+)
 
-METHOD = "truth"
+METHOD, HEIGHT_SIGMA_M = "truth", 1.0
 _SIZE_PX = (640, 480)
 _KEPT = 60
+
+
+def answered_height(seen_amsl_m: float, prior: PosePrior) -> tuple[float, float]:
+    """Height (m above sea level) and its 1-sigma (m) of a fix that saw this one to HEIGHT_SIGMA_M: as in a localiser's, the prior
+    of the request is in them (core/height.py takes it out again)."""
+    own, known = HEIGHT_SIGMA_M**-2, prior.sigma_h_m**-2
+    whole = own + known
+    return (own * seen_amsl_m + known * prior.place.h_amsl_m) / whole, whole**-0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,11 +151,13 @@ class Oracle:
         ids = request.request_id, frame.frame_id
         north, east = settings.offset_ne_m(self.flight_s(view.t_boot_ns))
         sigma = settings.sigma_m
-        off = north + self._rng.gauss(0.0, sigma), east + self._rng.gauss(0.0, sigma), self._rng.gauss(0.0, 1.0)
+        off = north + self._rng.gauss(0.0, sigma), east + self._rng.gauss(0.0, sigma), self._rng.gauss(0.0, HEIGHT_SIGMA_M)
         variance = settings.claimed_sigma_m**2
         cov = ((variance, 0.0), (0.0, variance))
         place, took_ms = geo_from_ned(off, view.place), 1e3 * settings.latency_s
-        return Fix(0, frame.t_ns, *ids, METHOD, place, view.q_ned_frd, cov, 1.0, 0.01, 1e-4, took_ms)
+        h_m, sigma_h_m = answered_height(place.h_amsl_m, request.prior)
+        place = replace(place, h_amsl_m=h_m)
+        return Fix(0, frame.t_ns, *ids, METHOD, place, view.q_ned_frd, cov, sigma_h_m, 0.01, 1e-4, took_ms)
 
     def flight_s(self, t_boot_ns: int) -> float:
         """Seconds since the circuit was begun; before that below 0."""

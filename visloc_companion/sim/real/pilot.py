@@ -9,7 +9,7 @@ from typing import Protocol
 
 from visloc_companion.adapters.mavlink.dialect import Message
 from visloc_companion.sim.real.station import Station
-from visloc_companion.types import AutopilotKind, GeoPoint, Quat, Vec3
+from visloc_companion.types import AutopilotKind, EkfSource, GeoPoint, Quat, Vec3
 
 HOME = GeoPoint(47.3977, 8.5456, 488.0)
 STATION_PORT, SIMULATOR_PORT, DAEMON_PORT = 14550, 14540, 14541
@@ -95,6 +95,9 @@ class Pilot(Protocol):
 
     async def resume(self, station: Station) -> None:
         """Go on with the circuit."""
+
+    async def set_source(self, station: Station, source: EkfSource) -> None:
+        """Switch the autopilot's horizontal position source, as an operator does."""
 
     async def land(self, station: Station) -> None:
         """Land where it is (a plane: go home), and for a copter wait until it is disarmed."""

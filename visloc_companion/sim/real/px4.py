@@ -13,7 +13,7 @@ from visloc_companion.sim.real.pilot import DAEMON_PORT, FIRST_POSITION_S, HOME,
 from visloc_companion.sim.real.pitot_tube import with_dynamic_pressure
 from visloc_companion.sim.real.relay import whole
 from visloc_companion.sim.real.station import MissionItem, Station
-from visloc_companion.types import AutopilotKind, GeoPoint
+from visloc_companion.types import AutopilotKind, EkfSource, GeoPoint
 
 RATES_HZ = {
     mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 20.0,
@@ -35,6 +35,7 @@ _CLIMB, _HOLD, _AHEAD, _STICKS_S = 900, 500, 150, 0.1
 _HAS_ABSOLUTE_POSITION = mav.ESTIMATOR_POS_HORIZ_ABS
 _ARM_TRIES, _READY_S, _CLIMB_S, _LAND_S = 40, 120.0, 90.0, 180.0
 _SATELLITES = 10
+_GPS_CTRL = 7
 _ALTITUDE_REFERENCE_MPS, _ALTITUDE_SETTLES_S = 3.0, 7.0
 """PX4 begins the altitude that its planes follow (TECS) at 0 m above sea level when it boots without an origin, and lets it rise
 by FW_T_CLMB_R_SP: a plane that takes off sooner sinks on its first leg until that has come up to it."""
@@ -181,6 +182,10 @@ class Px4:
     async def resume(self, station: Station) -> None:
         """Mission mode."""
         await self._set_mode(station, _MISSION)
+
+    async def set_source(self, station: Station, source: EkfSource) -> None:
+        """Without GNSS there is vision only."""
+        await station.set_integer("EKF2_GPS_CTRL", 0 if source is EkfSource.VISION else _GPS_CTRL)
 
     async def land(self, station: Station) -> None:
         """Land mode, and wait."""

@@ -73,6 +73,11 @@ class Recorder:
         """Something happens now."""
         self.log.marks.append((self._t_boot_ns * 1e-9, name))
 
+    def switched(self, source: EkfSource) -> None:
+        """The autopilot has confirmed a source."""
+        self._phase = VISION if source is EkfSource.VISION else GNSS
+        self.mark(f"source {self._phase}")
+
     # ---------------------------------------------------------------------------------------------- the ground station's
 
     def hear(self, message: Message) -> None:
@@ -131,8 +136,7 @@ class Recorder:
     def event(self, now_ns: int, event: Event) -> None:
         """What the navigator is given."""
         if isinstance(event, SourceSwitched) and event.accepted:
-            self._phase = VISION if event.source is EkfSource.VISION else GNSS
-            self.mark(f"source {self._phase}")
+            self.switched(event.source)
         elif isinstance(event, OriginChanged):
             self._origin = event.origin
         elif isinstance(event, LinkChanged) and event.version:

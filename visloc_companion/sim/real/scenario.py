@@ -22,6 +22,14 @@ class Brake:
 
 
 @dataclass(frozen=True, slots=True)
+class Operator:
+    """Switches the position source as the daemon's texts ask, so long after each: he hurries to vision only."""
+
+    to_vision_s: float = 2.0
+    to_gnss_s: float = 15.0
+
+
+@dataclass(frozen=True, slots=True)
 class SeenWorld:
     """The pack of the daemon, and orthophoto and surface model of what its camera sees: another date of the same place."""
 
@@ -39,7 +47,8 @@ class RealScenario:
     there is never any GNSS: the ground station sets the origin, a pilot takes off by hand, and the circuit begins when the
     autopilot has a position. `p95_limit_m`: what is asked instead of the usual limit; infinite where nothing is. The
     vehicle stands at `home`. With `seen` frames are rendered and localised as in flight; without, fixes come from the truth.
-    `drag_per_s`: of PX4's quadrotor against the air, where it is not as its makers have it.
+    `drag_per_s`: of PX4's quadrotor against the air, where it is not as its makers have it. With an `operator` the daemon may
+    not switch the source (as by default), and asks.
     """
 
     name: str
@@ -61,6 +70,7 @@ class RealScenario:
     home: GeoPoint = HOME
     seen: SeenWorld | None = None
     drag_per_s: float | None = None
+    operator: Operator | None = None
 
 
 def timeline(scenario: RealScenario) -> Sequence[tuple[float, str]]:

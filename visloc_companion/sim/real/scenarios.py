@@ -13,7 +13,7 @@ from visloc_companion.errors import ConfigError
 from visloc_companion.sim.real.oracle import OracleSettings
 from visloc_companion.sim.real.pilot import Leg, Route
 from visloc_companion.sim.real.programs import Simulator
-from visloc_companion.sim.real.scenario import Brake, RealScenario
+from visloc_companion.sim.real.scenario import Brake, Operator, RealScenario
 from visloc_companion.sim.vehicle_model import Drag
 
 EXTRA_LATENCY_S = 0.3
@@ -26,7 +26,7 @@ PX4_PLANE_MPS = 15.0
 """Its plane weighs 0.3 kg."""
 RENDERED_M = 120.0
 """From 60 m up the procedural world, 0.5 m a pixel, is recognised at 4 of 18 places of the circuit, from here at 15."""
-FAULT_S = 60.0
+FAULT_S, RETURN_S = 60.0, 120.0
 BLIND_LIMIT_M = 25.0
 """Of a minute on accelerations and what the air tells of the velocity."""
 RENDERED, RENDERED_LATE, RENDERED_USUAL_DRAG = SEEN = ("rendered", "rendered_late", "rendered_usual_drag")
@@ -55,6 +55,10 @@ NAMES = {
     "claims_too_little": "Fixes with a sigma of 1 m claim 0.2 m.",
     "claims_nothing": "Fixes with a sigma of 1 m claim a covariance of zero.",
     "restarts": "The daemon dies at 100 s and at 140 s and is started again 3 s later.",
+    "restart_after_return": (
+        "GNSS is jammed from 60 s to 120 s, the operator switches the source; the daemon dies at 128 s, GNSS being good and the "
+        "autopilot still on vision, and is started again 3 s later."
+    ),
     RENDERED: "Frames rendered 120 m above the procedural world, localised on its older map (image alone).",
     RENDERED_LATE: "The same with answers 300 ms later (and therefore fewer).",
     RENDERED_USUAL_DRAG: "As `rendered` with the drag of a real quadrotor; PX4's simulated one leans by 45° at 9 m/s.",
@@ -104,6 +108,9 @@ _SHORT: dict[str, Change] = {
     "claims_too_little": _with_fixes(sigma_m=1.0, claimed_sigma_m=0.2),
     "claims_nothing": _with_fixes(sigma_m=1.0, claimed_sigma_m=0.0),
     "restarts": lambda short: replace(short, restarts=(100.0, 140.0)),
+    "restart_after_return": lambda short: replace(
+        short, gnss_back_at_s=RETURN_S, restarts=(RETURN_S + 8.0,), operator=Operator()
+    ),
     RENDERED: _rendered,
     RENDERED_LATE: lambda short: replace(_rendered(short), oracle=LATE),
     RENDERED_USUAL_DRAG: lambda short: replace(_rendered(short), drag_per_s=Drag().per_s),

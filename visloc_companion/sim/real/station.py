@@ -39,7 +39,8 @@ class MissionItem:
 
 
 class Station:
-    """`last` holds the newest message of each type, `texts` every STATUSTEXT with the time at which it came.
+    """`last` holds the newest message of each type, `texts` every STATUSTEXT with the time at which it came; `passed_on` those of
+    others, the daemon's among them, that the autopilot passes on.
 
     Times are those of the clock, which the autopilot's messages drive: waiting ends when simulated time has passed, or four
     times as much of the machine's. Methods that wait raise LinkError where the autopilot refuses or does not answer.
@@ -47,7 +48,9 @@ class Station:
 
     def __init__(self, url: str, clock: Clock, on_message: Callable[[Message], None]) -> None:
         self.url, self.last, self.texts = url, dict[str, Message](), list[tuple[int, str]]()
+        self.passed_on: list[tuple[int, str]] = []
         self._clock, self._on_message = clock, on_message
+        self._one_at_a_time = asyncio.Lock()
         self._framer = Framer()
         self._mav = mav.MAVLink(None, srcSystem=STATION_SYSTEM, srcComponent=STATION_COMPONENT)
         self._channel: Channel | None = None
@@ -70,6 +73,8 @@ class Station:
     def _received(self, data: bytes, source: Address | None) -> None:
         for message in self._framer.feed(data):
             if message.get_srcComponent() != AUTOPILOT_COMPONENT:
+                if message.get_type() == "STATUSTEXT":
+                    self.passed_on.append((self._clock.now_ns(), message.text.rstrip("\x00")))
                 continue
             if self._channel is not None:
                 self._channel.speak_to(source)
@@ -133,7 +138,11 @@ class Station:
     # ----------------------------------------------------------------------------------------------------------- commands
 
     async def command(self, number: int, *params: float, tries: int = _TRIES) -> None:
-        """COMMAND_LONG until it is accepted."""
+        """COMMAND_LONG until it is accepted; one waits for the other."""
+        async with self._one_at_a_time:
+            await self._command(number, params, tries)
+
+    async def _command(self, number: int, params: Sequence[float], tries: int) -> None:
         filled = (*params, *(0.0 for _ in range(7 - len(params))))
         result: int | None = None
         for _ in range(tries):

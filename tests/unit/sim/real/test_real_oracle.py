@@ -5,13 +5,15 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import statistics
+from dataclasses import replace
 
 import pytest
 
 from visloc_companion.app.clock import ManualClock
+from visloc_companion.core.height import news_of
 from visloc_companion.errors import Reason
 from visloc_companion.geo.wgs84 import ned_from_geo
-from visloc_companion.sim.real.oracle import Oracle, OracleSettings, View
+from visloc_companion.sim.real.oracle import HEIGHT_SIGMA_M, Oracle, OracleSettings, View, answered_height
 from visloc_companion.types import Fix, FrameRef, GeoPoint, LocaliseRequest, NoFix, PosePrior, Quat
 
 PLACE = GeoPoint(47.4, 8.5, 550.0)
@@ -128,3 +130,11 @@ async def test_another_answer_than_the_truth_is_as_late_and_as_blind() -> None:
     assert (first.reason, second.reason) == (Reason.NO_MATCH, Reason.AMBIGUOUS)
     assert second.t_rx_ns == 1_250_000_000
     assert [view.t_boot_ns for view in asked] == [1_000_000_000]
+
+
+def test_the_prior_of_a_request_is_in_the_height_as_of_a_localiser() -> None:
+    """Else taking it out again makes metres of noise of what was seen to one, and a lens that zooms of that."""
+    prior = PosePrior(replace(PLACE, h_amsl_m=PLACE.h_amsl_m + 5.0), LEVEL, ((1.0, 0.0), (0.0, 1.0)), 1.5, 0.1, 0.1)
+    h_m, sigma_m = answered_height(PLACE.h_amsl_m, prior)
+    news = news_of(h_m, sigma_m, prior.place.h_amsl_m, prior.sigma_h_m)
+    assert news == pytest.approx((PLACE.h_amsl_m, HEIGHT_SIGMA_M**2))

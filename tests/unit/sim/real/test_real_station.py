@@ -23,6 +23,7 @@ class Scripted:
 
     def __init__(self) -> None:
         self.armings, self.mission, self.rates = 0, list[Any](), dict[int, float]()
+        self.commands = list[int]()
         self._framer, self._mav = Framer(), mav.MAVLink(None, srcSystem=7, srcComponent=1)
         self._writer: asyncio.StreamWriter | None = None
         self._wanted = 0
@@ -44,6 +45,7 @@ class Scripted:
     def answer(self, message: Any) -> None:
         kind = message.get_type()
         if kind == "COMMAND_LONG":
+            self.commands.append(message.command)
             self.armings += message.command == mav.MAV_CMD_COMPONENT_ARM_DISARM
             refused = message.command == mav.MAV_CMD_COMPONENT_ARM_DISARM and self.armings == 1
             if message.command == mav.MAV_CMD_SET_MESSAGE_INTERVAL:
@@ -100,6 +102,23 @@ async def test_a_parameter_is_confirmed_and_an_unknown_one_is_an_error(met: tupl
     await station.set_parameter("SIM_WIND_SPD", 4.5)
     with pytest.raises(LinkError, match="SIM_NOTHING did not become 1"):
         await station.set_parameter("SIM_NOTHING", 1.0)
+
+
+async def test_what_the_autopilot_passes_on_is_kept_apart_from_its_own(met: tuple[Station, Scripted]) -> None:
+    station, autopilot = met
+    autopilot.say(mav.MAVLink_statustext_message(2, b"EKF3 IMU0 is using GPS"))
+    await station.until("own text", lambda: bool(station.texts), 100.0)
+    autopilot._mav.srcComponent = 197
+    autopilot.say(mav.MAVLink_statustext_message(2, b"visloc: GNSS lost, no fix"))
+    await station.until("text passed on", lambda: bool(station.passed_on), 100.0)
+    assert [text for _, text in station.texts] == ["EKF3 IMU0 is using GPS"]
+    assert [text for _, text in station.passed_on] == ["visloc: GNSS lost, no fix"]
+
+
+async def test_commands_at_one_time_are_each_answered(met: tuple[Station, Scripted]) -> None:
+    station, autopilot = met
+    await asyncio.gather(station.command(mav.MAV_CMD_DO_SET_MODE, 1.0), station.command(mav.MAV_CMD_SET_EKF_SOURCE_SET, 2.0))
+    assert autopilot.commands == [mav.MAV_CMD_DO_SET_MODE, mav.MAV_CMD_SET_EKF_SOURCE_SET]
 
 
 async def test_a_mission_arrives_item_by_item(met: tuple[Station, Scripted]) -> None:
