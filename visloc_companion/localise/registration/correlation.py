@@ -43,11 +43,14 @@ class Template:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scores:
-    """(rows, cols) best score over the hypotheses at each position of a box, and which; `origin` (u, v) of its first cell."""
+    """(rows, cols) best score over the hypotheses at each position of a box, and which; `origin` (u, v) of its first cell.
+
+    `unseen`: share of what was to be searched that has no score, for want of overlap."""
 
     score: Float32Array
     hypothesis: NDArray[np.int32]
     origin: tuple[int, int]
+    unseen: float = 0.0
 
 
 class HeightCorrelator:

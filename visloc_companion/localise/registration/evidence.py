@@ -35,7 +35,7 @@ class Evidence:
     `prior_chi2`: squared distance of place, height, heading and scale from the prior in sigmas; `handicap` (handicap.py) of that
     but the height, which a rival's score lacks as well;
     `refined_rival` is `rival` but of refined places by their score after that, as this one's is;
-    `source_relief_m` is `relief_m` of the source, on the same cells; `parts_lead` as parts.py."""
+    `source_relief_m` is `relief_m` of the source, on the same cells; `parts_lead` as parts.py; `unseen` as correlation.Scores."""
 
     correlation: float
     overlap: float
@@ -50,6 +50,7 @@ class Evidence:
     refined_rival: float = 0.0
     source_relief_m: float = 0.0
     parts_lead: float = 0.0
+    unseen: float = 0.0
 
     @property
     def score(self) -> float:
@@ -95,7 +96,7 @@ def agreement(pair: Pair, source: SourceCells, relief: Surface, T: FloatArray, p
 
 
 def evidence_of(
-    pair: Pair, found: Agreement, refined: Refined, rivals: tuple[float, float], prior: RegistrationPrior
+    pair: Pair, found: Agreement, refined: Refined, rivals: tuple[float, float], unseen: float, prior: RegistrationPrior
 ) -> Evidence:
     """All that is known of one registration. `rivals`: Evidence's `rival` and `refined_rival`."""
     horizontal = np.linalg.eigvalsh(refined.placed[:2, :2])
@@ -113,6 +114,7 @@ def evidence_of(
         rivals[1],
         found.source_relief_m,
         parts_lead(pair, refined.T, prior),
+        unseen,
     )
 
 

@@ -10,9 +10,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from visloc_companion.localise.features.base import Mask
 from visloc_companion.localise.registration.base import RegistrationPrior
-from visloc_companion.localise.registration.correlation import HeightCorrelator, Scores, Template, peaks, summits
-from visloc_companion.localise.registration.handicap import of_place, of_turn
+from visloc_companion.localise.registration.correlation import (
+    MIN_OVERLAP,
+    NO_SCORE,
+    HeightCorrelator,
+    Scores,
+    Template,
+    peaks,
+    summits,
+)
+from visloc_companion.localise.registration.handicap import LEAST_SIGMA, of_place, of_turn
 from visloc_companion.localise.registration.height_map import HeightMap
 from visloc_companion.localise.registration.pair import SIGMAS, Pair
 from visloc_companion.localise.registration.similarity import about
@@ -67,13 +76,14 @@ def search(pair: Pair, pairs: list[tuple[float, float]], prior: RegistrationPrio
     cell, reach = pair.reference.cell_m, reach_of(pair, pairs)
     middle, (low, high) = pair.reference.cells_of(pair.centre_m[:2]), region(pair, prior)
     if (high < low).any():
-        return Scores(np.zeros((0, 0), np.float32), np.zeros((0, 0), np.int32), (0, 0))
+        return Scores(np.zeros((0, 0), np.float32), np.zeros((0, 0), np.int32), (0, 0), 1.0)
     box = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
     correlator = HeightCorrelator(pair.reference_relief, box, (-reach, -reach, reach, reach), len(pairs))
     templates = (template(pair.source_relief, pair.centre_m, *p, cell, reach) for p in pairs)
     scores = correlator.scores(replace(t, handicap=of_turn(*p, prior)) for t, p in zip(templates, pairs, strict=True))
     off = [cell * (np.arange(low[k], high[k] + 1) - middle[k]) for k in range(2)]
-    return replace(scores, score=scores.score - of_place(off[0], off[1][:, None], prior))
+    unseen = _unseen(scores.score > NO_SCORE, off, cell, prior)
+    return replace(scores, score=scores.score - of_place(off[0], off[1][:, None], prior), unseen=unseen)
 
 
 def runner_up(pair: Pair, scores: Scores, at_m: FloatArray) -> float:
@@ -104,11 +114,34 @@ def reach_of(pair: Pair, pairs: list[tuple[float, float]]) -> int:
 
 
 def region(pair: Pair, prior: RegistrationPrior) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """First and last cell (2,) of the reference that the source's centre may lie on; none where one is before the other."""
+    """First and last cell (2,) of the reference's raster that the source's centre may lie on; none where one is before the other.
+
+    Beyond the reference's edge it may lie as far as enough of the source still lies within.
+    """
     middle, far = pair.reference.cells_of(pair.centre_m[:2]), SIGMAS * prior.sigma_horizontal_m / pair.reference.cell_m
     rows, cols = pair.reference.known.shape
-    low = np.maximum(np.floor(middle - far), 0).astype(int)
-    return low, np.minimum(np.ceil(middle + far), [cols - 1, rows - 1]).astype(int)
+    beyond = math.ceil((1 - 2 * MIN_OVERLAP) * pair.half_m / pair.reference.cell_m)
+    low = np.maximum(np.floor(middle - far), -beyond).astype(int)
+    return low, np.minimum(np.ceil(middle + far), [cols - 1 + beyond, rows - 1 + beyond]).astype(int)
+
+
+def _unseen(seen: Mask, off_m: list[FloatArray], cell_m: float, prior: RegistrationPrior) -> float:
+    """Probability, by the prior alone, of the places within 3 sigma that are not `seen` (rows, cols); its columns and rows lie
+    `off_m` from the prior's place."""
+    if not math.isfinite(prior.sigma_horizontal_m):
+        return 0.0
+    u, v = (_shares(along, cell_m, prior) for along in off_m)
+    return min(1.0, max(0.0, 1 - float(v @ seen @ u)))
+
+
+def _shares(off_m: FloatArray, cell_m: float, prior: RegistrationPrior) -> FloatArray:
+    """(N,) of the prior's probability on one axis, what cells that lie so far from its place hold."""
+    sigma = max(prior.sigma_horizontal_m, LEAST_SIGMA)
+    edges = np.append(off_m - cell_m / 2, off_m[-1] + cell_m / 2) / sigma
+    within = np.clip(edges / SIGMAS, -1, 1)
+    if prior.gaussian:
+        within = np.array([math.erf(SIGMAS * e / math.sqrt(2)) for e in within]) / math.erf(SIGMAS / math.sqrt(2))
+    return np.diff(within) / 2
 
 
 def _ladders(half_m: float, cell_m: float, prior: RegistrationPrior) -> tuple[list[float], list[float]]:

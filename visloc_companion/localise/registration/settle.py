@@ -85,7 +85,8 @@ class Settler:
         placed = best.refined.placed.copy()
         placed[:2, :2] += spread_m2(self.pair, scores, here, self.prior)
         refined = replace(best.refined, placed=placed)
-        evidence = evidence_of(self.pair, best.found, refined, (rival, max([unrefined, *away])), self.prior)
+        rivals = rival, max([unrefined, *away])
+        evidence = evidence_of(self.pair, best.found, refined, rivals, scores.unseen, self.prior)
         return answer(refined, evidence, self.prior, max_probability_wrong)
 
     def _settled(self, start: FloatArray, surface: Surface, relief: Surface, steps: int) -> Settled | None:

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered
+from visloc_companion.localise.registration.claims import in_view_of_unseen
 from visloc_companion.localise.registration.handicap import NATS
 from visloc_companion.localise.registration.refine import SIGMA_BOWL_M
 
@@ -37,7 +38,7 @@ def judged(registered: Registered, max_probability_wrong: float) -> Registered |
     evidence = dict(registered.evidence)
     lead = evidence["correlation"] * math.sqrt(evidence["overlap"]) - evidence["handicap"] - evidence["refined_rival"]
     odds = WEIGHTS[0] + WEIGHTS[1] * lead - NATS_PER_M * max(evidence["formal_sigma_m"] - HELD_M, 0.0)
-    wrong = 1 / (1 + math.exp(min(max(odds, -50.0), 50.0)))
+    wrong = in_view_of_unseen(1 / (1 + math.exp(min(max(odds, -50.0), 50.0))), evidence.get("unseen", 0.0))
     named = (*registered.evidence, ("probability_wrong", wrong))
     if evidence["overlap"] < LEAST_OVERLAP:
         return NotRegistered(Reason.OUTSIDE_MAP, f"the map knows the ground below {evidence['overlap']:.0%} of the cloud", named)

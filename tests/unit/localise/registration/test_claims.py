@@ -13,8 +13,10 @@ from visloc_companion.localise.registration.claims import (
     MOST_CHI2,
     USUAL_RELIEF,
     WEIGHTS,
+    WRONG_SHARE,
     answer,
     doubted,
+    in_view_of_unseen,
     lead,
     probability_wrong,
     regressors,
@@ -119,6 +121,18 @@ def test_a_place_without_a_lead_is_not_believed_whatever_else_speaks_for_it():
     alike = replace(GOOD, correlation=0.95, overlap=1.0, rival=0.93, refined_rival=0.93, prior_chi2=0.0)
     assert lead(alike) < LEAST_LEAD
     assert probability_wrong(alike) >= 0.5
+
+
+def test_what_could_not_be_compared_is_doubt_by_bayes_rule():
+    claims = [probability_wrong(replace(GOOD, unseen=share)) for share in (0.0, 0.2, 0.9, 1.0)]
+    assert claims == sorted(claims)
+    assert claims[0] == probability_wrong(GOOD)
+    assert claims[3] == 1.0
+    # of 1000 sources 600 belong where nothing was compared; of the others the fit's share is wrong, and looks alike
+    right, wrong = 400 * (1 - WRONG_SHARE), 600 + 400 * WRONG_SHARE
+    neither_way = 1 - WRONG_SHARE  # the fit's probability of a right answer whose evidence says nothing
+    assert in_view_of_unseen(1 - neither_way, 0.6) == pytest.approx(wrong / (right + wrong))
+    assert in_view_of_unseen(0.02, 0.0) == pytest.approx(0.02)
 
 
 def test_declines_with_the_reason_that_is_worst():

@@ -13,7 +13,7 @@ from visloc_companion.localise.registration.handicap import of_similarity
 from visloc_companion.localise.registration.height_search import HeightSearchRegistration
 from visloc_companion.localise.registration.pair import make_pair
 from visloc_companion.localise.registration.registry import make_registration
-from visloc_companion.localise.registration.search import find_places, hypotheses, runner_up, template, work
+from visloc_companion.localise.registration.search import find_places, hypotheses, runner_up, search, template, work
 from visloc_companion.localise.registration.similarity import moved, yaw_of
 
 
@@ -118,3 +118,36 @@ def test_a_thin_cloud_of_kilometres_is_declined_at_once():
     declined = make_registration("height-search")(points, points, prior)
     assert isinstance(declined, NotRegistered)
     assert declined.reason is Reason.SEARCH_TOO_WIDE
+
+
+def beside_the_edge(scene, east_m: float) -> np.ndarray:
+    """The reference without what lies west of a line."""
+    return scene.reference_m[scene.reference_m[:, 0] > east_m]
+
+
+@pytest.mark.parametrize("gaussian", [False, True])
+def test_a_place_whose_middle_lies_beyond_the_references_edge_is_found(scene, gaussian):
+    """37 % of the source lies on it, and its middle 8 m off it: places like that were not looked at, and others were believed."""
+    reference = beside_the_edge(scene, 25.0)
+    found = make_registration("height-search")(scene.source_m, reference, replace(scene.prior, gaussian=gaussian))
+    assert isinstance(found, Registered)
+    assert np.abs(scene.offset_m(found.T_reference_source).mean(0)).max() < 0.3
+    assert 0.5 < dict(found.evidence)["unseen"] < 0.8
+
+
+@pytest.mark.parametrize("gaussian", [False, True])
+def test_what_cannot_be_compared_is_counted_by_how_likely_the_prior_has_it(scene, gaussian):
+    pair = make_pair(scene.source_m, scene.reference_m, scene.prior)
+
+    def unseen(east_m: float, sigma_m: float) -> float:
+        prior = replace(scene.prior, sigma_horizontal_m=sigma_m, gaussian=gaussian)
+        cut = make_pair(scene.source_m, beside_the_edge(scene, pair.centre_m[0] + east_m), prior)
+        return search(cut, [(0.0, 1.0)], prior).unseen
+
+    assert unseen(-60.0, 5.0) == pytest.approx(0, abs=1e-6)
+    assert unseen(15.0, 5.0) == pytest.approx(0.5, abs=0.07), "a quarter of the source lies on it at the prior's place"
+    one_sigma = unseen(20.0, 5.0)
+    assert one_sigma == pytest.approx(0.84 if gaussian else (1 + 1 / 3) / 2, abs=0.05)
+    assert one_sigma < unseen(25.0, 5.0) <= 1
+    assert unseen(0.0, 1e9) > 0.999, "and no array of what lies between"
+    assert unseen(29.0, 1e-3) == 1.0

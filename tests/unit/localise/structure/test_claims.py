@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,6 +59,18 @@ def test_a_cloud_that_hangs_over_the_maps_edge_is_not_believed(overlap: float) -
     assert isinstance(found, NotRegistered) is (overlap < LEAST_OVERLAP)
     if isinstance(found, NotRegistered):
         assert (found.reason, found.detail) == (Reason.OUTSIDE_MAP, "the map knows the ground below 58% of the cloud")
+
+
+def test_a_place_beside_much_that_could_not_be_compared_has_to_lead_by_more() -> None:
+    def wrong(rival: float, unseen: float) -> float:
+        seen = registered(0.45, rival)
+        found = judged(replace(seen, evidence=(*seen.evidence, ("unseen", unseen))), 1.0)
+        assert isinstance(found, Registered)
+        return found.probability_wrong
+
+    assert wrong(0.35, 0.0) == pytest.approx(probability(0.45, 0.35))
+    assert wrong(0.35, 0.0) < 0.05 < wrong(0.35, 0.5)
+    assert wrong(0.3, 0.5) < 0.05
 
 
 def test_a_place_that_is_held_loosely_has_to_lead_by_more() -> None:
