@@ -102,9 +102,10 @@ def doubted(registered: Registered) -> NotRegistered:
     Of what a method of one's own names as evidence, no reason but that it does not match is read.
     """
     wrong, named = registered.probability_wrong, dict(registered.evidence)
-    if not {f.name for f in fields(Evidence)} <= set(named):
+    own = {f.name for f in fields(Evidence)}
+    if not own <= set(named):
         return NotRegistered(Reason.NO_MATCH, f"wrong with a probability of {wrong:.3f}", registered.evidence)
-    return _refused(Evidence(**named), wrong)
+    return _refused(Evidence(**{name: value for name, value in named.items() if name in own}), wrong)
 
 
 def _refused(e: Evidence, wrong: float) -> NotRegistered:

@@ -42,6 +42,6 @@ def middle_m(points_m: FloatArray) -> FloatArray:
 
 def within(points_m: FloatArray, low_m: FloatArray, high_m: FloatArray, margin_share: float = 0.0) -> FloatArray:
     """The points in a horizontal box, widened on each side by a share of it."""
-    margin = margin_share * (high_m - low_m)
+    margin = margin_share * (high_m - low_m) if margin_share else 0.0  # a box without bounds has no width
     inside = ((points_m[:, :2] >= low_m - margin) & (points_m[:, :2] <= high_m + margin)).all(1)
     return points_m if inside.all() else points_m[inside]

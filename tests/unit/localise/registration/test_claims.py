@@ -154,6 +154,13 @@ def test_what_was_answered_in_spite_of_doubt_has_the_refusal_that_it_would_have_
     assert doubted(asked) == answer(REFINED, evidence, PRIOR, 0.05)
 
 
+def test_a_method_of_ones_own_may_name_more_evidence():
+    asked = answer(REFINED, replace(GOOD, rival=0.87, refined_rival=0.87), PRIOR, 1.0)
+    assert isinstance(asked, Registered)
+    more = replace(asked, evidence=(*asked.evidence, ("of_its_own", 1.0)))
+    assert doubted(more).reason is doubted(asked).reason is Reason.AMBIGUOUS
+
+
 def test_growth_widens_the_height_alone():
     before = answer(REFINED, GOOD, PRIOR, 1.0)
     after = answer(REFINED, GOOD, replace(PRIOR, sigma_growth_m=2.0), 1.0)

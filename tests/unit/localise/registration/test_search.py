@@ -120,6 +120,14 @@ def test_a_thin_cloud_of_kilometres_is_declined_at_once():
     assert declined.reason is Reason.SEARCH_TOO_WIDE
 
 
+@pytest.mark.parametrize("gaussian", [False, True])
+def test_a_place_of_which_nothing_is_known_is_looked_for_on_the_whole_reference(scene, gaussian):
+    prior = replace(scene.prior, sigma_horizontal_m=math.inf, gaussian=gaussian)
+    found = make_registration("height-search")(scene.source_m, scene.reference_m, prior)
+    assert isinstance(found, Registered)
+    assert np.abs(scene.offset_m(found.T_reference_source).mean(0)).max() < 0.3
+
+
 def beside_the_edge(scene, east_m: float) -> np.ndarray:
     """The reference without what lies west of a line."""
     return scene.reference_m[scene.reference_m[:, 0] > east_m]
