@@ -13,6 +13,8 @@ from visloc_companion.types import FloatArray
 
 BAND_CELLS, BAND_SIGMA = 1.0, 3.0
 """What lies within so many cell sides plus so many sigmas below a cell's top is the same surface."""
+SPREAD = 4
+"""Cells a point up to which there are arrays of all cells: from high up most cells hold no point."""
 LEAST_DISPARITY_PX = 1.0
 """Of the whole baseline; pairs are chosen with some fifty. What has less (waves, a picture matched to itself) is no ground."""
 
@@ -46,6 +48,8 @@ def upper_surface(parts: Sequence[Points], cell_m: float) -> Points:
     origin = points[:, :2].min(0)
     at = ((points[:, :2] - origin) / cell_m).astype(np.int64)
     cell = at[:, 0] * (int(at[:, 1].max()) + 1) + at[:, 1]
+    if int(cell.max()) >= SPREAD * len(cell):
+        cell = np.unique(cell, return_inverse=True)[1]
     n = int(cell.max()) + 1
     top = np.full(n, -np.inf)
     np.maximum.at(top, cell, points[:, 2])
