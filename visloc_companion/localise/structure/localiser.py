@@ -62,7 +62,10 @@ class StructureLocaliser:
         if check_pixels(pixels, self._model) is not None:
             return
         place = request.prior.place
-        surface = ref.height_amsl_m(*ref.to_map(place.lat_deg, place.lon_deg))
+        try:
+            surface = ref.height_amsl_m(*ref.to_map(place.lat_deg, place.lon_deg))
+        except OutsideMap:  # where the map's CRS has no coordinates at all
+            return
         height = place.h_amsl_m - surface
         if math.isfinite(height) and height > self._settings.min_height_m:
             self._history.add(request, pixels, height)
@@ -105,8 +108,7 @@ class StructureLocaliser:
                 reference = ref.cloud_around(plan.frame.to_map((low + high)[::-1] / 2), radius, MOST_REFERENCE_POINTS)
         except (OutsideMap, MapError) as why:
             return NoCloud(Reason.OUTSIDE_MAP, why.what)
-        reference[:, :2] += (low + high) / 2
-        found = self._register(cloud.points_m, reference, _prior(cloud, request.prior))
+        found = self._register(cloud.points_m, reference + np.append((low + high) / 2, 0.0), _prior(cloud, request.prior))
         return judged(found, self._settings.max_probability_wrong) if isinstance(found, Registered) else found
 
     def _answer(

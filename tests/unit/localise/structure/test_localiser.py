@@ -224,6 +224,34 @@ def test_off_the_map_nothing_is_said_of_its_shape(structure, support, village) -
     assert vote.remember.call_count == len(NORTHS) - 1
 
 
+def test_a_belief_beyond_the_maps_crs_is_off_the_map_and_no_fault(structure, support, village) -> None:
+    """Where UTM has no coordinates (90 degrees off its meridian, on the equator) either vote raised."""
+    reference, structural = map_of(support, village), localiser(structure)
+    both = TwoVotes(Picture(), structural)
+    (before, pixels, _), (far, beyond, _) = shots(structure, village)[:2]
+    both.localise(replace(before, vote=Vote.IMAGE), pixels, reference)
+    reference.to_map = Mock(side_effect=OutsideMap("no coordinates"))
+    reference.projection_at = Mock(side_effect=OutsideMap("no coordinates"))
+    assert both.localise(replace(far, vote=Vote.IMAGE), beyond, reference).reason is Reason.NO_MATCH
+    answer = both.localise(far, beyond, reference)
+    assert isinstance(answer, NoFix)
+    assert answer.reason is Reason.OUTSIDE_MAP
+
+
+def test_the_points_that_the_map_hands_out_stay_as_they_are(structure, support, village) -> None:
+    reference, handed_out = map_of(support, village), []
+
+    def read_only(*where: object) -> np.ndarray:
+        points = map_of(support, village).cloud_around(*where)
+        points.setflags(write=False)
+        handed_out.append(points)
+        return points
+
+    reference.cloud_around = read_only
+    assert isinstance(asked(structure, village, reference)[0], Fix)
+    assert handed_out
+
+
 def request(north: float, t_s: float) -> LocaliseRequest:
     prior = PosePrior(geo_from_ned((north, 0.0, -90.0), HOME), quat_from_euler(0, 0, 0), ((1.0, 0.0), (0.0, 1.0)), 1, 0.1, 0.1)
     return LocaliseRequest(0, FrameRef(0, round(t_s * 1e9), round(10 * t_s), 0, 4, 3, 1), prior, 1)
