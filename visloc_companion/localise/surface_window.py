@@ -33,12 +33,12 @@ class _Window:
     half_m: float
     ground_amsl_m: float
 
-    def serves(self, at_map_m: FloatArray, h_amsl_m: float) -> bool:
-        """Whether a camera at a place and height sees this part, and not much less than it."""
+    def serves(self, frame: LocalFrame, h_amsl_m: float) -> bool:
+        """Whether a camera at the origin of a local frame and a height sees this part, and not much less than it."""
         height, width = self.up_m.shape
-        middle = self.T_map_pix @ np.array([(width - 1) / 2, (height - 1) / 2, 1.0])
+        middle_ne_m = frame.A_ne_pix(self.T_map_pix) @ np.array([(width - 1) / 2, (height - 1) / 2, 1.0])
         needed = REACH_HEIGHTS * max(LEAST_HEIGHT_M, h_amsl_m - self.ground_amsl_m) / self.half_m
-        near = float(np.abs(at_map_m - middle).max()) <= KEPT_SHARE * self.half_m
+        near = float(np.abs(middle_ne_m).max()) <= KEPT_SHARE * self.half_m
         return near and 1 / OUTGROWN <= needed <= OUTGROWN
 
 
@@ -56,7 +56,7 @@ class SurfaceWindow:
     def about(self, h_amsl_m: float, ref: ReferenceMap, frame: LocalFrame) -> Surface | None:
         """The surface about the origin of a local frame, for a camera at a height; None off the map."""
         at = np.array(frame.to_map(np.zeros(2)))
-        if self._window is None or not self._window.serves(at, h_amsl_m):
+        if self._window is None or not self._window.serves(frame, h_amsl_m):
             try:
                 self._window = _window(h_amsl_m, ref, at)
             except OutsideMap:

@@ -116,8 +116,8 @@ class WithMotion(Asking):
         """Height over the ground as it was known last, and its 1-sigma; NaN and infinity where it never was."""
         if self._ground is None:
             return math.nan, math.inf
-        place_map_m, ground_amsl_m = self._ground
-        away_m = math.dist(frame.to_map(np.zeros(2)), place_map_m)
+        place_map, ground_amsl_m = self._ground
+        away_m = float(np.linalg.norm(np.linalg.solve(frame.J_map_ne, place_map - frame.origin_map)))
         sigma_m = math.hypot(request.prior.sigma_h_m, GROUND_SIGMA_M, GROUND_SLOPE * away_m)
         return request.prior.place.h_amsl_m - ground_amsl_m, sigma_m
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,8 +15,8 @@ from visloc_companion.localise.plan import local_frame
 from visloc_companion.localise.surface_window import REACH_HEIGHTS, SurfaceWindow
 from visloc_companion.localise.with_motion import HEADINGS, WithMotion
 from visloc_companion.localise.with_turn import WithTurn
-from visloc_companion.protocols import ReferenceMap
-from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix
+from visloc_companion.protocols import LocalProjection, ReferenceMap
+from visloc_companion.types import CameraModel, Fix, GeoPoint, Image, LocaliseRequest, NoFix, ReferencePatch
 
 MS = 1_000_000
 MODEL = CameraModel(640, 480, 560.0, 560.0, 319.5, 239.5)
@@ -91,17 +92,44 @@ class EndsAt:
         return self._world.patch(center_map_m, *more)  # type: ignore[arg-type]
 
 
-def test_beyond_the_map_the_ground_goes_on_as_it_was_and_the_claim_is_wide(support, flat) -> None:
+class InDegrees:
+    """A map whose CRS has units of 100 km, about as degrees are."""
+
+    UNIT_M = 1e5
+
+    def __init__(self, world: ReferenceMap) -> None:
+        self._world = world
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._world, name)
+
+    def projection_at(self, place: GeoPoint) -> LocalProjection:
+        """As that of the map, in its units."""
+        metric = self._world.projection_at(place)
+        easting, northing = metric.origin_map_m
+        J, origin = np.asarray(metric.J_map_ne) / self.UNIT_M, (easting / self.UNIT_M, northing / self.UNIT_M)
+        return SimpleNamespace(J_map_ne=J, origin_map_m=origin)
+
+    def patch(self, center_map: tuple[float, float], *more: object) -> ReferencePatch:
+        """As that of the map, in its units."""
+        easting, northing = center_map
+        patch = self._world.patch((easting * self.UNIT_M, northing * self.UNIT_M), *more)  # type: ignore[arg-type]
+        return replace(patch, T_map_pix=patch.T_map_pix / self.UNIT_M)
+
+
+@pytest.mark.parametrize("in_degrees", [False, True])
+def test_beyond_the_map_the_ground_goes_on_as_it_was_and_the_claim_is_wide(support, flat, in_degrees: bool) -> None:
+    world = InDegrees(flat) if in_degrees else flat
     localiser, points = WithMotion(Witness(), MODEL), along(12, 25.0, -150.0)
     place = support.request_at((0.0, 0.0, -200.0), (0.0, 0.0, 0.0), sigma_m=2.0, sigma_h_m=1.0, sigma_yaw_deg=5.0).prior.place
-    east, north = local_frame(place, flat).to_map(np.zeros(2))
+    east, north = local_frame(place, world).to_map(np.zeros(2))
     middle = (float(east), float(north))
     answers = []
     for k, p in enumerate(points):
         pixels = support.render(flat, MODEL, tuple(p), (0.0, 0.0, 0.0))
         asked = support.request_at(tuple(p), (0.0, 0.0, 0.0), sigma_m=2.0, sigma_h_m=1.0, sigma_yaw_deg=5.0, model=MODEL)
         frame = replace(asked.frame, t_ns=1000 * MS + 1000 * MS * k, frame_id=k)
-        answers.append(localiser.localise(replace(asked, frame=frame), pixels, EndsAt(flat, middle)))  # type: ignore[arg-type]
+        answers.append(localiser.localise(replace(asked, frame=frame), pixels, EndsAt(world, middle)))  # type: ignore[arg-type]
     last = answers[-1].motion
     assert last is not None
     k0, k1 = (round((t / MS - 1000) / 1000) for t in (last.t_from_ns, last.t_to_ns))
@@ -110,8 +138,9 @@ def test_beyond_the_map_the_ground_goes_on_as_it_was_and_the_claim_is_wide(suppo
     on_the_map = answers[2].motion
     assert on_the_map is not None
     assert last.sigma_scale > 1.3 * on_the_map.sigma_scale
+    assert last.sigma_scale == pytest.approx(0.0538, rel=5e-3), "0.0532 where metres of slope are counted in degrees"
     alone = WithMotion(Witness(), MODEL)
-    assert alone.localise(replace(asked, frame=frame), pixels, EndsAt(flat, (0.0, -1e9))).motion is None  # type: ignore[arg-type]
+    assert alone.localise(replace(asked, frame=frame), pixels, EndsAt(world, (0.0, -1e9))).motion is None  # type: ignore[arg-type]
 
 
 def test_the_answer_stays_what_it_was(support, flat) -> None:
@@ -157,6 +186,18 @@ def test_turn_and_motion_read_the_map_once(support, flat, monkeypatch: pytest.Mo
     assert answers[-1].motion is not None
     assert answers[-1].turn is not None
     assert len(reads) == 2  # the ground's height, and the window
+
+
+def test_over_a_map_in_degrees_the_window_goes_on_with_the_camera(support, hilly) -> None:
+    metric, degrees = SurfaceWindow(), SurfaceWindow()
+    for north in (-200.0, -190.0, 0.0, 200.0):
+        place = support.request_at((north, 0.0, -200.0), (0.0, 0.0, 0.0)).prior.place
+        wanted = metric.about(200.0, hilly, local_frame(place, hilly))
+        found = degrees.about(200.0, InDegrees(hilly), local_frame(place, InDegrees(hilly)))  # type: ignore[arg-type]
+        assert wanted is not None
+        assert found is not None
+        np.testing.assert_array_equal(found.up_m, wanted.up_m)
+        np.testing.assert_allclose(found.A_ne_pix, wanted.A_ne_pix, atol=1e-6)
 
 
 def test_off_the_map_and_without_texture_there_is_none(support, flat) -> None:
