@@ -31,6 +31,8 @@ EDGE_STEP_CELLS = 1.5
 """Headings and scales are so close that the source's edge moves by this many cells between them."""
 MOST_LOG_SCALE = 5.0
 """A source of a size that is not known to a factor of 150 is not searched for: the ladder of scales would fill the memory."""
+UNIFORM_SIGMAS = math.sqrt(3)
+"""A uniform distribution reaches so many of its sigmas."""
 APART_M = 6.0
 """Two places are two where they are this far from each other."""
 
@@ -126,8 +128,8 @@ def region(pair: Pair, prior: RegistrationPrior) -> tuple[NDArray[np.int_], NDAr
 
 
 def _unseen(seen: Mask, off_m: list[FloatArray], cell_m: float, prior: RegistrationPrior) -> float:
-    """Probability, by the prior alone, of the places within 3 sigma that are not `seen` (rows, cols); its columns and rows lie
-    `off_m` from the prior's place."""
+    """Probability, by the prior alone, of the places that are not `seen` (rows, cols); its columns and rows lie `off_m` from the
+    prior's place. Of a Gaussian prior within 3 sigma, else of the uniform one of this sigma."""
     if not math.isfinite(prior.sigma_horizontal_m):
         return 0.0
     u, v = (_shares(along, cell_m, prior) for along in off_m)
@@ -136,11 +138,11 @@ def _unseen(seen: Mask, off_m: list[FloatArray], cell_m: float, prior: Registrat
 
 def _shares(off_m: FloatArray, cell_m: float, prior: RegistrationPrior) -> FloatArray:
     """(N,) of the prior's probability on one axis, what cells that lie so far from its place hold."""
-    sigma = max(prior.sigma_horizontal_m, LEAST_SIGMA)
-    edges = np.append(off_m - cell_m / 2, off_m[-1] + cell_m / 2) / sigma
-    within = np.clip(edges / SIGMAS, -1, 1)
+    reach = SIGMAS if prior.gaussian else UNIFORM_SIGMAS
+    edges = np.append(off_m - cell_m / 2, off_m[-1] + cell_m / 2) / max(prior.sigma_horizontal_m, LEAST_SIGMA)
+    within = np.clip(edges / reach, -1, 1)
     if prior.gaussian:
-        within = np.array([math.erf(SIGMAS * e / math.sqrt(2)) for e in within]) / math.erf(SIGMAS / math.sqrt(2))
+        within = np.array([math.erf(reach * e / math.sqrt(2)) for e in within]) / math.erf(reach / math.sqrt(2))
     return np.diff(within) / 2
 
 

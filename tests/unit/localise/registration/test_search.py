@@ -155,7 +155,7 @@ def test_what_cannot_be_compared_is_counted_by_how_likely_the_prior_has_it(scene
     assert unseen(-60.0, 5.0) == pytest.approx(0, abs=1e-6)
     assert unseen(15.0, 5.0) == pytest.approx(0.5, abs=0.07), "a quarter of the source lies on it at the prior's place"
     one_sigma = unseen(20.0, 5.0)
-    assert one_sigma == pytest.approx(0.84 if gaussian else (1 + 1 / 3) / 2, abs=0.05)
+    assert one_sigma == pytest.approx(0.84 if gaussian else (1 + 1 / math.sqrt(3)) / 2, abs=0.05)
     assert one_sigma < unseen(25.0, 5.0) <= 1
     assert unseen(0.0, 1e9) > 0.999, "and no array of what lies between"
     assert unseen(29.0, 1e-3) == 1.0
