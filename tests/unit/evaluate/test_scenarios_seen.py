@@ -1,6 +1,6 @@
 """The scenarios in which it matters what the camera sees, flown over rendered pictures with the localiser that flies.
 
-One small world for all of them. Those without pictures are flown in test_closed_loop.py, deep snow there too.
+One small world for all of them. Flights without pictures are in test_closed_loop.py, deep snow in test_closed_loop_pictures.py.
 """
 
 from __future__ import annotations
