@@ -71,7 +71,7 @@ class PositionFilter:
         """Take a fix at its image time."""
         north, east, _ = wgs84.ned_from_geo(fix.place, self._origin)
         height_m = fix.place.h_amsl_m - self._origin.h_amsl_m
-        over_ground_m = height_m if fix.above_ground_m is None else fix.above_ground_m
+        view_ne_m, spacing_m = votes.looked_at(fix, height_m)
         measured = Position(
             fix.t_ns,
             (north, east),
@@ -82,8 +82,8 @@ class PositionFilter:
             tie=fix.frame_id,
             apart_m=lasting.apart_m(height_m),
             per_focal_ne_m=fix.per_focal_ne_m,
-            view_ne_m=votes.view_ne_m(fix, over_ground_m),
-            spacing_m=votes.spacing_m(fix.footprint_m, over_ground_m),
+            view_ne_m=view_ne_m,
+            spacing_m=spacing_m,
         )
         return self._take(measured)
 

@@ -12,7 +12,7 @@ from visloc_companion.core.lasting import apart_m
 from visloc_companion.core.remembered import remember
 from visloc_companion.core.requests import UNKNOWN_HEIGHT_SIGMA_M, height_sigma_m
 from visloc_companion.core.settings import NavigatorSettings
-from visloc_companion.core.votes import spacing_m, view_ne_m
+from visloc_companion.core.votes import looked_at
 from visloc_companion.geo.wgs84 import ned_from_geo
 from visloc_companion.types import Fix, GeoPoint, LocaliseRequest, TerrainRequest, Vec2
 
@@ -139,10 +139,9 @@ class HeightAiding:
     def _ground(self, fix: Fix) -> tuple[Vec2, float]:
         """The ground that a fix looks at, metres north and east of the first one's place, and how far on it is other ground."""
         self._origin = self._origin or fix.place
-        over_ground_m = self._above_home_m if fix.above_ground_m is None else fix.above_ground_m
         north, east, _ = ned_from_geo(fix.place, self._origin)
-        away_north, away_east = view_ne_m(fix, over_ground_m)
-        return (north + away_north, east + away_east), spacing_m(fix.footprint_m, over_ground_m)
+        (away_north, away_east), spacing_m = looked_at(fix, self._above_home_m)
+        return (north + away_north, east + away_east), spacing_m
 
     def own_m(self, fix: Fix) -> float | None:
         """By how much a fix alone, without the prior of its request, would raise the autopilot's height; None where it tells next

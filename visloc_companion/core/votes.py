@@ -51,6 +51,13 @@ def spacing_m(footprint_m: float | None, height_m: float) -> float:
     return max(LEAST_SPACING_M, SPACING * (ACROSS * height_m if footprint_m is None else footprint_m))
 
 
+def looked_at(fix: Fix, height_m: float) -> tuple[Vec2, float]:
+    """Metres north and east from the camera of a fix to the ground that it looks at, and how far on ground is other ground;
+    `height_m`: the camera's over the ground, where the fix does not tell it."""
+    over_ground_m = height_m if fix.above_ground_m is None else fix.above_ground_m
+    return view_ne_m(fix, over_ground_m), spacing_m(fix.footprint_m, over_ground_m)
+
+
 def view_ne_m(fix: Fix, height_m: float) -> Vec2:
     """(2,) metres north and east from the camera to the ground that it looks at, from a height above the ground; no further than
     it sees under FLATTEST."""
@@ -60,11 +67,11 @@ def view_ne_m(fix: Fix, height_m: float) -> Vec2:
     return (0.0, 0.0) if flat == 0 else (away_m * north / flat, away_m * east / flat)
 
 
-def voted(votes: Votes, method: str, t_ns: int, at_ne_m: Vec2 = (0.0, 0.0), apart_m: float = math.inf) -> Votes:
-    """With a fix of a method that looks at ground there, if that matters; `apart_m`: what is so far on is other ground."""
+def voted(votes: Votes, method: str, t_ns: int, at_ne_m: Vec2, other_m: float) -> Votes:
+    """With a fix of a method that looks at ground there; what is `other_m` further on is other ground."""
     last = _last(votes, method)
     seen = () if last is None else last.seen_ne_m
-    if not seen or _away_m(seen, at_ne_m) >= apart_m:
+    if not seen or _away_m(seen, at_ne_m) >= other_m:
         seen = (*seen[1 - GROUNDS :], at_ne_m)
     return (*(other for other in votes if other.method != method), Vote(method, t_ns, seen))
 
@@ -80,13 +87,13 @@ def recent(votes: Votes, t_ns: int) -> frozenset[str]:
     return frozenset(vote.method for vote in votes if t_ns - vote.t_ns <= RECENT_NS)
 
 
-def errs_again(votes: Votes, method: str, at_ne_m: Vec2, apart_m: float) -> float:
+def errs_again(votes: Votes, method: str, at_ne_m: Vec2, other_m: float) -> float:
     """Probability that a fix of a method that looks at ground there errs with its last one if that was wrong; 1 over the same
     ground, where it says nothing new, and where the last one is not known."""
     last = _last(votes, method)
     if last is None:
         return 1.0
-    spacings = _away_m(last.seen_ne_m, at_ne_m) / apart_m
+    spacings = _away_m(last.seen_ne_m, at_ne_m) / other_m
     return 1.0 if spacings < 1 else max(CORRELATION if method in BY_SHAPE else LEAST, CORRELATION**spacings)
 
 
