@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 import struct
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -390,3 +391,16 @@ def test_the_estimator_that_flies_and_its_primary_core(tmp_path: Path, in_use: i
     assert [event.p_ned_m[0] for event in events if isinstance(event, LocalPose)] == norths_m
     ratios = [event.position_ratio for event in events if isinstance(event, EstimatorStatus)]
     assert ratios == pytest.approx([2.0] * 4 if in_use == 2 else [0.10, 0.11, 0.11, 0.11])
+
+
+def test_a_log_takes_no_memory_of_its_own_size(tmp_path: Path) -> None:
+    """A log of 2 GB is to be read on a computer of 4 GB."""
+    rate = {"RATE": (40, "QZ", "TimeUS,Text")}
+    many = formats(rate) + b"".join(message(rate, "RATE", k, b"many of them") for k in range(60_000))
+    path = write(tmp_path / "a.bin", modern_flight() + many)
+    assert len(open_log(path).events) > 100  # once before: what is imported counts, too
+    tracemalloc.start()
+    open_log(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 0.2 * path.stat().st_size

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Protocol, TypeVar
 
-from visloc_companion.adapters.logs.recording import NS_PER_S
+from visloc_companion.adapters.logs.recording import NS_PER_S, LogBytes
 from visloc_companion.errors import LogError
 from visloc_companion.types import Event
 
@@ -29,12 +29,12 @@ class Boot(Protocol):
 OfBoot = TypeVar("OfBoot", bound=Boot)
 
 
-def logs_of(data: bytes, beginning: bytes) -> list[bytes]:
-    """The logs that lie one after another in a file, each of which begins with the same bytes."""
+def logs_of(data: LogBytes, beginning: bytes) -> list[tuple[int, int]]:
+    """Where the logs begin and end that lie one after another in a file, each of which begins with the same bytes."""
     starts = [0]
     while (at := data.find(beginning, max(1, starts[-1] + 1))) >= 0:
         starts.append(at)
-    return [data[start:end] for start, end in zip(starts, [*starts[1:], len(data)], strict=True)]
+    return list(zip(starts, [*starts[1:], len(data)], strict=True))
 
 
 def put_together(logs: Iterable[OfBoot], join: Callable[[OfBoot, OfBoot], None]) -> list[OfBoot]:

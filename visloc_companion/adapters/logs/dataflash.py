@@ -24,6 +24,7 @@ from visloc_companion.adapters.logs.recording import (
     NS_PER_S,
     NS_PER_US,
     SECOND_GPS_TYPE,
+    LogBytes,
     Losses,
     Recording,
     in_order,
@@ -90,12 +91,12 @@ def read_dataflash(path: Path, boot: int = 0) -> Recording:
     return Recording(path, _KIND, events, losses, one.unix_minus_boot_ns, notes=(*others, *leaps))
 
 
-def _boots(data: bytes, losses: Losses) -> list[_Reader]:
+def _boots(data: LogBytes, losses: Losses) -> list[_Reader]:
     """One reader for each boot."""
 
-    def read(log: bytes) -> _Reader:
+    def read(log: tuple[int, int]) -> _Reader:
         reader = _Reader(losses)
-        for name, fields in messages(log, _WANTED, losses):
+        for name, fields in messages(data, _WANTED, losses, *log):
             reader.take(name, fields)
         return reader
 

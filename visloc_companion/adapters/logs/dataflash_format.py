@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from visloc_companion.adapters.logs.recording import Losses
+from visloc_companion.adapters.logs.recording import LogBytes, Losses
 
 _HEAD = b"\xa3\x95"
 _FMT_TYPE, _FMT_LENGTH = 0x80, 89
@@ -30,20 +30,21 @@ class _Format:
     multipliers: tuple[float | None, ...]
 
 
-def messages(data: bytes, wanted: Collection[str], losses: Losses) -> Iterator[tuple[str, Fields]]:
-    """Names and fields (in the units of the log's multipliers) of the wanted messages, in the order of the file.
+def messages(data: LogBytes, wanted: Collection[str], losses: Losses, begin: int, stop: int) -> Iterator[tuple[str, Fields]]:
+    """Names and fields (in the units of the log's multipliers) of the wanted messages, in the order of the file; of the log that
+    lies from byte `begin` to `stop`.
 
     Bytes that are no message are skipped and counted. Never raises for what the bytes may hold.
     """
     formats: dict[int, _Format] = {}
-    at = 0
-    while (start := data.find(_HEAD, at)) >= 0:
+    at = begin
+    while (start := data.find(_HEAD, at, stop)) >= 0:
         _count_garbage(losses, start - at)
-        length = _length_at(data, start, formats)
-        if length == 0 or not _followed(data, start + length):
+        length = _length_at(data, start, stop, formats)
+        if length == 0 or not _followed(data, start + length, stop):
             losses.garbage_pieces += 1
             losses.garbage_bytes += 2
-            losses.truncated |= length > 0 and start + length > len(data)
+            losses.truncated |= length > 0 and start + length > stop
             at = start + 2
             continue
         kind, body = data[start + 2], data[start + 3 : start + length]
@@ -52,7 +53,7 @@ def messages(data: bytes, wanted: Collection[str], losses: Losses) -> Iterator[t
         elif formats[kind].name in wanted:
             yield formats[kind].name, _fields(formats[kind], body)
         at = start + length
-    _count_garbage(losses, len(data) - at)
+    _count_garbage(losses, stop - at)
 
 
 def _count_garbage(losses: Losses, n_bytes: int) -> None:
@@ -61,8 +62,8 @@ def _count_garbage(losses: Losses, n_bytes: int) -> None:
         losses.garbage_bytes += n_bytes
 
 
-def _length_at(data: bytes, start: int, formats: dict[int, _Format]) -> int:
-    if start + 3 > len(data):
+def _length_at(data: LogBytes, start: int, stop: int, formats: dict[int, _Format]) -> int:
+    if start + 3 > stop:
         return 0
     kind = data[start + 2]
     if kind == _FMT_TYPE:
@@ -71,14 +72,15 @@ def _length_at(data: bytes, start: int, formats: dict[int, _Format]) -> int:
     return known.length if known else 0
 
 
-def _followed(data: bytes, end: int) -> bool:
-    """Whether a message may end here: the file's end or the next header (there are no checksums in this format).
+def _followed(data: LogBytes, end: int, stop: int) -> bool:
+    """Whether a message may end here: the log's end or the next header (there are no checksums in this format).
 
     Where a block of zeros follows, as cards leave it, the message must not end in one: it may have lost its end to the block.
     """
-    if end == len(data) or data[end : end + 2] in (_HEAD, _HEAD[:1]):
+    following = data[end : min(end + 64, stop)]
+    if end == stop or following[:2] in (_HEAD, _HEAD[:1]):
         return True
-    return end < len(data) and data[end - 1] != 0 and not any(data[end : end + 64])
+    return end < stop and data[end - 1] != 0 and not any(following)
 
 
 def _learn(formats: dict[int, _Format], body: bytes) -> None:

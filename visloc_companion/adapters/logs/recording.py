@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import bisect
+import mmap
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -22,6 +24,7 @@ from visloc_companion.types import (
     PriorPose,
 )
 
+LogBytes = bytes | mmap.mmap
 NS_PER_US, NS_PER_MS, NS_PER_S = 1_000, 1_000_000, 1_000_000_000
 MAX_FILE_BYTES = 4_000_000_000
 BESIDE_NS = 2 * NS_PER_S
@@ -87,17 +90,21 @@ def lacking(events: list[tuple[int, Event]]) -> list[str]:
     return [name for name, kind in _NEEDED.items() if kind not in kinds]
 
 
-def read_bytes(path: Path) -> bytes:
-    """The whole file. Raises LogError for a file that is missing, unreadable, empty or larger than 4 GB."""
+def read_bytes(path: Path) -> LogBytes:
+    """The whole file, mapped: a log of 2 GB is read on a computer of 4 GB.
+
+    Raises LogError for a file that is missing, unreadable, empty or larger than 4 GB.
+    """
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise LogError("is larger than 4 GB", where=str(path), remedy="cut the log to the flight")
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            n_bytes = os.fstat(file.fileno()).st_size
+            if n_bytes > MAX_FILE_BYTES:
+                raise LogError("is larger than 4 GB", where=str(path), remedy="cut the log to the flight")
+            if n_bytes == 0:
+                raise LogError("is empty", where=str(path), remedy="use another recording")
+            return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     except OSError as why:
         raise LogError(f"cannot be read: {why}", where=str(path), remedy="name a readable log file") from why
-    if not data:
-        raise LogError("is empty", where=str(path), remedy="use another recording")
-    return data
 
 
 def in_order(events: list[tuple[int, Event]]) -> list[tuple[int, Event]]:

@@ -23,6 +23,7 @@ from visloc_companion.adapters.logs.recording import (
     NS_PER_MS,
     NS_PER_US,
     SECOND_GPS_TYPE,
+    LogBytes,
     Losses,
     Recording,
     in_order,
@@ -128,7 +129,7 @@ def read_tlog(path: Path, system_id: int = 0) -> Recording:
     return Recording(path, link.known.autopilot, in_order(events), losses, utc_ns, not unix_ns, notes=_others_noted(heard))
 
 
-def records_of(data: bytes, losses: Losses) -> Iterator[Record]:
+def records_of(data: LogBytes, losses: Losses) -> Iterator[Record]:
     """The packets with a right checksum, in the order of the file. Never raises for what the bytes may hold."""
     parser = mav.MAVLink(None)
     at = 0
@@ -148,7 +149,7 @@ def records_of(data: bytes, losses: Losses) -> Iterator[Record]:
         at += length
 
 
-def _record_at(data: bytes, at: int, parser: Any) -> tuple[Record | None, int]:
+def _record_at(data: LogBytes, at: int, parser: Any) -> tuple[Record | None, int]:
     """The record at a place and its length; (None, 0) where there is none."""
     start = at + _STAMP
     length = _packet_length(data, start)
@@ -163,7 +164,7 @@ def _record_at(data: bytes, at: int, parser: Any) -> tuple[Record | None, int]:
     return Record(struct.unpack_from(">Q", data, at)[0], message), _STAMP + length
 
 
-def _packet_length(data: bytes, start: int) -> int:
+def _packet_length(data: LogBytes, start: int) -> int:
     """Length of the packet at a start byte, from its header; 0 where none starts."""
     if start + 3 > len(data):
         return 0
@@ -174,11 +175,11 @@ def _packet_length(data: bytes, start: int) -> int:
     return 0
 
 
-def _plausible_stamp(data: bytes, at: int) -> bool:
+def _plausible_stamp(data: LogBytes, at: int) -> bool:
     return bool(0 < struct.unpack_from(">Q", data, at)[0] <= _LATEST_US)
 
 
-def _continues(data: bytes, at: int) -> bool:
+def _continues(data: LogBytes, at: int) -> bool:
     """Whether another record may start here: an unknown message has no checksum that could be verified."""
     if at == len(data):
         return True
@@ -187,7 +188,7 @@ def _continues(data: bytes, at: int) -> bool:
     return _plausible_stamp(data, at) and data[at + _STAMP] in (mav.PROTOCOL_MARKER_V1, mav.PROTOCOL_MARKER_V2)
 
 
-def _next_record(data: bytes, at: int, parser: Any) -> int:
+def _next_record(data: LogBytes, at: int, parser: Any) -> int:
     for found in _START.finditer(data, at + _STAMP):
         if _record_at(data, found.start() - _STAMP, parser)[0] is not None:
             return found.start() - _STAMP
@@ -198,7 +199,7 @@ def _source(message: Message) -> _Source:
     return message.get_srcSystem(), message.get_srcComponent()
 
 
-def _survey(data: bytes, losses: Losses) -> dict[_Source, _Heard]:
+def _survey(data: LogBytes, losses: Losses) -> dict[_Source, _Heard]:
     """What is heard of each source; a companion beside an autopilot has a boot clock of its own.
 
     The file is gone through once for this and once more for the events: its messages, kept, would take 33 times its size.

@@ -20,6 +20,7 @@ from visloc_companion.adapters.logs.lone_leaps import without_lone_leaps
 from visloc_companion.adapters.logs.recording import (
     BESIDE_NS,
     NS_PER_US,
+    LogBytes,
     Losses,
     Recording,
     in_order,
@@ -89,7 +90,7 @@ def read_ulog(path: Path, boot: int = 0) -> Recording:
     Raises LogError for a file that is none or that tells nothing of a flight, or where there are not so many boots.
     """
     data, losses = read_bytes(path), Losses()
-    if not data.startswith(MAGIC):
+    if data[: len(MAGIC)] != MAGIC:
         raise LogError("does not start as a ULog does", where=str(path), remedy="name a .ulg file of PX4")
     boots = _boots(data, losses)
     if not boots:
@@ -102,11 +103,11 @@ def read_ulog(path: Path, boot: int = 0) -> Recording:
     return Recording(path, _KIND, changes, losses, boots[read].unix_minus_boot_ns, notes=(*others, *leaps))
 
 
-def _boots(data: bytes, losses: Losses) -> list[_Boot]:
+def _boots(data: LogBytes, losses: Losses) -> list[_Boot]:
     def join(boot: _Boot, log: _Boot) -> None:
         boot.events = in_order([*boot.events, *log.events])
 
-    return put_together((_read(log, losses) for log in logs_of(data, MAGIC)), join)
+    return put_together((_read(data[start:end], losses) for start, end in logs_of(data, MAGIC)), join)
 
 
 def _read(data: bytes, losses: Losses) -> _Boot:
