@@ -17,13 +17,14 @@ def demo(
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
 ) -> None:
     """Fly through spoofing and jamming on the embedded procedural world. Exit code 1 when a requirement is missed."""
-    from visloc_companion.cli.progress import require_folder, results_into, spinner, write_json
+    from visloc_companion.cli.progress import make_folder, require_folder, results_into, spinner, write_json
     from visloc_companion.errors import ConfigError
     from visloc_companion.evaluate.demo import run_demo
     from visloc_companion.types import AutopilotKind
 
     if dialect not in ("ardupilot", "px4"):
         raise ConfigError(f"unknown dialect {dialect!r}", remedy="ardupilot or px4")
+    make_folder(out, "--out")
     require_folder(json_file, "--json")
     with spinner("demo") as tell, results_into(out, "--out"):
         result = run_demo(out, AutopilotKind(dialect), speed, tell)

@@ -78,12 +78,13 @@ def _run(
     from rich.progress import Progress
 
     from visloc_companion.cli.figures import figure_lines
-    from visloc_companion.cli.progress import require_folder, results_into, write_json
+    from visloc_companion.cli.progress import make_folder, require_folder, results_into, write_json
     from visloc_companion.errors import Reason
     from visloc_companion.evaluate.cases import read_cases, read_truth
     from visloc_companion.evaluate.image import evaluate_image
     from visloc_companion.evaluate.image_report import write_image_report
 
+    make_folder(report, "--report")
     require_folder(json_file, "--json")
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(method, total=None)

@@ -81,6 +81,13 @@ def results_into(folder: Path, option: str) -> Iterator[None]:
         raise ConfigError(f"cannot be written: {why}", where=str(folder), remedy=f"name a writable folder for {option}") from why
 
 
+def make_folder(folder: Path | None, option: str) -> None:
+    """Make the folder of results before long work, and before a file in it is looked for. Raises as `results_into`."""
+    if folder is not None:
+        with results_into(folder, option):
+            pass
+
+
 @contextmanager
 def result_to(path: Path, option: str) -> Iterator[None]:
     """Raises ConfigError naming the option where the file that is written meanwhile cannot be."""

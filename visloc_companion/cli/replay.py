@@ -40,16 +40,14 @@ def replay(
 
     Exit codes: 0 ok, 1 the gate failed or a journal's commands differ or are gone, 2 usage or configuration, 3 bad data.
     """
-    from visloc_companion.cli.progress import require_folder, results_into, write_json
+    from visloc_companion.cli.progress import make_folder, require_folder, write_json
     from visloc_companion.cli.replay_sources import open_source
     from visloc_companion.evaluate.gate import check_gate, parse_gate
     from visloc_companion.evaluate.metrics import flight_summary
 
     parse_gate(gate)
+    make_folder(out, "--out")
     require_folder(json, "--json")
-    if out is not None:
-        with results_into(out, "--out"):
-            pass  # an hour's replay must not end with a folder that cannot be made
     source = open_source(flight, pack, config, salvage, _speed(speed), system_id, boot, rerun=rerun)
     record = source.record()
     epochs = str(out / "epochs.csv") if out is not None else None

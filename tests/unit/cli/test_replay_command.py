@@ -212,6 +212,13 @@ def test_a_json_file_without_folder_is_refused_before_the_replay(tmp_path: Path)
         run(tmp_path / "none.tlog", "--json", tmp_path / "nowhere" / "x.json")
 
 
+def test_the_json_file_may_lie_in_the_folder_of_results(log: Path, tmp_path: Path) -> None:
+    run(log, "--out", tmp_path / "a" / "out", "--json", tmp_path / "a" / "out" / "r.json")
+    assert sorted(path.name for path in (tmp_path / "a" / "out").iterdir()) == ["epochs.csv", "r.json", "report.html"]
+    with pytest.raises(ConfigError, match="is a folder; remedy: name a file for --json"):
+        run(log, "--out", tmp_path / "b", "--json", tmp_path / "b")
+
+
 def test_a_log_without_attitude_says_so(tmp_path: Path) -> None:
     mav = mavlink2.MAVLink(None, srcSystem=1, srcComponent=1)
     sent = [

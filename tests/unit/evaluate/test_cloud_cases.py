@@ -271,7 +271,8 @@ def test_what_is_given_as_exact_is_found_where_it_is(tmp_path: Path) -> None:
 
 
 def test_command_writes_json_and_report(folder: Path, tmp_path: Path) -> None:
-    out, report = tmp_path / "out.json", tmp_path / "report"
+    report = tmp_path / "report"
+    out = report / "out.json"
     command = ["cloud", str(folder), "--method", "means", "--json", str(out), "--report", str(report)]
     result = CliRunner().invoke(evaluate_app, command)
     assert result.exit_code == 0, result.output

@@ -308,7 +308,8 @@ def test_a_truth_need_not_know_height_and_attitude(folder, tmp_path, known, empt
 
 
 def test_command_writes_json_and_report(folder, tmp_path):
-    out, report = tmp_path / "out.json", tmp_path / "report"
+    report = tmp_path / "report"
+    out = report / "out.json"
     result = CliRunner().invoke(
         evaluate_app, ["image", str(folder), "--limit", "1", "--json", str(out), "--report", str(report), "--method", "ncc"]
     )
@@ -343,6 +344,13 @@ def test_a_result_that_could_not_be_written_is_refused_before_the_work(folder, t
     command = ["image", str(folder), "--method", "gradient", "--json", str(tmp_path / "none" / "out.json")]
     refused = CliRunner().invoke(evaluate_app, command)
     assert isinstance(refused.exception, ConfigError) and "its folder does not exist" in str(refused.exception)
+
+
+def test_a_report_that_could_not_be_written_is_refused_before_the_work(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("visloc_companion.evaluate.image.evaluate_image", None)
+    (tmp_path / "report").write_text("a file")
+    refused = CliRunner().invoke(evaluate_app, ["image", str(folder), "--report", str(tmp_path / "report")])
+    assert isinstance(refused.exception, ConfigError) and "writable folder for --report" in str(refused.exception)
 
 
 @pytest.mark.shared
