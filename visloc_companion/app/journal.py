@@ -42,6 +42,8 @@ _FRAMES_QUEUED = 4
 _MESSAGE_OVERHEAD_BYTES = 56
 _SUMMARY_BYTES, _SUMMARY_CHUNK_BYTES = 131_072, 640
 """Space kept for the summary at the end of the file: channels and schemas, and the index of a chunk."""
+_PNG = b"\x89PNG\r\n\x1a\n"
+"""Tells a frame whose channel was described in a chunk that was lost."""
 _parse = json.JSONDecoder().raw_decode
 _HEADER, _MAVLINK_IN, _MAVLINK_OUT, _NOTICE, _FRAME = "/header", "/mavlink/in", "/mavlink/out", "/shell/Notice", "/camera/png"
 
@@ -104,7 +106,18 @@ def read_header(path: Path) -> JournalHeader:
                 return JournalHeader(**_parsed(record, path))
             except TypeError as why:
                 raise JournalError(f"its header cannot be read: {why}", where=str(path)) from why
-    raise JournalError("holds no header", where=str(path), remedy="it was cut before its first second; use another journal")
+    remedy = "it was cut in its first second, or damaged there: give the flight's configuration with --salvage --config FILE"
+    raise JournalError("holds no header", where=str(path), remedy=remedy)
+
+
+def header_left(path: Path) -> JournalHeader:
+    """The first record, or one that says nothing where damage took it. Raises JournalError where nothing at all is left."""
+    try:
+        return read_header(path)
+    except JournalError:
+        if next(_records(path, True, None), None) is None:
+            raise
+        return JournalHeader({})
 
 
 def read_mavlink(path: Path, *, outgoing: bool) -> Iterator[tuple[int, bytes]]:
@@ -118,7 +131,7 @@ def read_frames(path: Path) -> Iterator[tuple[int, Image]]:
     import cv2
 
     for record in _records(path, True, None):
-        if record.topic == _FRAME:
+        if record.topic == _FRAME or (record.topic is None and record.data[8 : 8 + len(_PNG)] == _PNG):
             pixels = cv2.imdecode(np.frombuffer(record.data, np.uint8, offset=8), cv2.IMREAD_UNCHANGED)
             if pixels is None:
                 raise JournalError(f"the frame of record {record.sequence} cannot be decoded", where=str(path))

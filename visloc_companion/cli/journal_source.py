@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from visloc_companion.app.journal import Entry, read_header, read_journal
+from visloc_companion.app.journal import Entry, header_left, read_header, read_journal
 from visloc_companion.app.replay import Comparison, compare, recorded_commands, replay_entries
 from visloc_companion.app.rounding import ROUNDING
 from visloc_companion.app.settings import core_settings
@@ -37,7 +37,7 @@ class JournalSource:
         """Replay and compare. Raises JournalError for damage, unless it is to be salvaged."""
         damages: list[str] = []
         entries = list(read_journal(self.path, salvage=self.salvage, on_damage=damages.append))
-        header = read_header(self.path)
+        header = header_left(self.path) if self.salvage and self.config is not None else read_header(self.path)
         effective = self.config or parse_config(header.configuration, where=str(self.path))
         events = [entry for entry in entries if entry.event is not None]
         replayed = replay_entries(self._paced(events), core_settings(effective))

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from visloc_companion.adapters.camera.calibration import wrong_size
-from visloc_companion.app.journal import Entry, JournalHeader, read_frames, read_header, read_journal
+from visloc_companion.app.journal import Entry, JournalHeader, header_left, read_frames, read_header, read_journal
 from visloc_companion.app.rerun import RecordedFrames, recorded_latency_ns, rerun
 from visloc_companion.app.settings import core_settings
 from visloc_companion.app.worker_process import no_fix, open_localiser
@@ -51,7 +51,7 @@ class RerunSource:
         """Fly it. Raises JournalError where there are no frames; MapError, ModelError, ConfigError where nothing can be asked."""
         damages: list[str] = []
         entries = list(read_journal(self.path, salvage=self.salvage, on_damage=damages.append))
-        header = read_header(self.path)
+        header = header_left(self.path) if self.salvage and self.config is not None else read_header(self.path)
         config = self._effective(header)
         frames = self._frames()
         with stated_in(self.stated_in):

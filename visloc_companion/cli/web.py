@@ -81,11 +81,11 @@ def _live(status_socket: Path | None, config: Path | None) -> tuple[Source, Path
 
 def _recorded(journal: Path, speed: float) -> tuple[Source, Path | None]:
     """The flight, and the pack that it was flown with, wherever that was."""
-    from visloc_companion.app.journal import read_header
+    from visloc_companion.app.journal import header_left
     from visloc_companion.web.reading import part, text
     from visloc_companion.web.recording import Recording
 
-    pack = text(part(read_header(journal).configuration, "map").get("pack"))
+    pack = text(part(header_left(journal).configuration, "map").get("pack"))
     return Recording(journal, speed), Path(pack) if pack else None
 
 

@@ -17,10 +17,20 @@ import cv2
 import numpy as np
 import pytest
 import zstandard
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 
 from visloc_companion.app import journal
-from visloc_companion.app.journal import Entry, JournalHeader, JournalWriter, read_frames, read_header, read_journal, read_mavlink
+from visloc_companion.app.journal import (
+    Entry,
+    JournalHeader,
+    JournalWriter,
+    header_left,
+    read_frames,
+    read_header,
+    read_journal,
+    read_mavlink,
+)
 from visloc_companion.errors import JournalError
 from visloc_companion.types import Attitude, Command, Event, FrameRef, Notice, RequestMessage, Severity, Tick
 
@@ -343,3 +353,31 @@ def test_a_journal_cut_before_its_header(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:40])
     with pytest.raises(JournalError, match="holds no header"):
         read_header(path)
+
+
+def test_what_follows_a_damaged_first_chunk_is_left(tmp_path: Path) -> None:
+    """With it go the header and the names of the channels that were described there."""
+    writer = JournalWriter.create(tmp_path, HEADER, max_bytes=50_000_000)
+    pixels = np.arange(12 * 16 * 3, dtype=np.uint8).reshape(12, 16, 3)
+    for k in range(2):
+        writer.event(1 + k, Tick(1 + k))
+        writer.frame(1 + k, FrameRef(1, 1, k, 0, 16, 12, 3), pixels)
+        writer.wait(0)
+        time.sleep(0.1 if k else 1.2)  # what comes later lies in a chunk of its own
+    writer.close()
+    assert writer.path is not None
+    data = bytearray(writer.path.read_bytes())
+    at, chunks = 8, []
+    while data[at] != Opcode.DATA_END:
+        chunks += [at] if data[at] == Opcode.CHUNK else []
+        at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+    assert len(chunks) == 3
+    for at in chunks[:2]:
+        data[at + 60] ^= 1
+    writer.path.write_bytes(data)
+    assert [entry.event for entry in read_journal(writer.path)] == [Tick(2)]
+    assert [number for number, _ in read_frames(writer.path)] == [1]
+    assert header_left(writer.path) == JournalHeader({})
+    writer.path.write_bytes(data[:40])
+    with pytest.raises(JournalError, match="holds no header"):
+        header_left(writer.path)

@@ -288,6 +288,20 @@ def test_a_journal_of_which_nothing_is_left_is_not_identical(tmp_path: Path) -> 
     assert json.loads(figures.read_text())["commands"]["identical"] is None
 
 
+def test_a_journal_whose_header_is_damaged_is_salvaged_with_the_flights_configuration(tmp_path: Path) -> None:
+    path = journal(tmp_path / "a.mcap")
+    data = bytearray(path.read_bytes())
+    data[data.index(b"\x04\0\0\0zstd") + 30] ^= 1
+    path.write_bytes(data)
+    (tmp_path / "a.toml").write_text("seed = 7\n")
+    with pytest.raises(JournalError, match=r"holds no header; remedy: .*--salvage --config FILE"):
+        run(path, "--salvage")
+    code, text = run(path, "--salvage", "--config", tmp_path / "a.toml")
+    assert code == 0
+    assert re.search(r"Damaged: byte \d+: a chunk is damaged", text)
+    assert re.search(r"commands are byte for byte those of the flight\. The configuration is not the flight's own", text)
+
+
 def test_a_cut_journal_needs_salvage(tmp_path: Path) -> None:
     path = journal(tmp_path / "a.mcap")
     path.write_bytes(path.read_bytes()[:-400])
