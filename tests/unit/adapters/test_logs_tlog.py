@@ -180,6 +180,27 @@ def test_utc_is_what_the_autopilot_says_of_it(tmp_path: Path) -> None:
     assert read_tlog(write(tmp_path / "b.tlog", *flight(mavlink2))).utc_of_station
 
 
+def test_utc_is_what_the_autopilot_says_of_it_once_it_has_a_fix(tmp_path: Path) -> None:
+    """Before, PX4 takes it from a ground station, whose clock may be off, or counts from 2000."""
+    mav = writer(mavlink2)
+    ahead_us, from_2000_us = 3_000_000, 946_684_800_000_000
+    records = []
+    for k in range(50):
+        t_us = from_2000_us if k < 5 else UNIX_US + 100_000 * k + ahead_us * (k < 35)
+        records += [
+            stamped(UNIX_US + 100_000 * k, message, mav)
+            for message in (
+                heartbeat(mav, autopilot=12),
+                mav.attitude_encode(60_000 + 100 * k, 0, 0, 0, 0, 0, 0),
+                mav.gps_raw_int_encode(0, 3 if k >= 40 else 1, round(LAT * 1e7), round(LON * 1e7), 500_000, 90, 90, 0, 0, 12),
+                mav.system_time_encode(t_us, 60_000 + 100 * k),
+            )
+        ]
+    recording = read_tlog(write(tmp_path / "a.tlog", *records))
+    assert (recording.unix_minus_boot_ns, recording.utc_of_station) == (UNIX_US * 1000 - 60 * 10**9, False)
+    assert read_tlog(write(tmp_path / "b.tlog", *records[:160])).utc_of_station, "it never had one"
+
+
 def test_a_reboot_brings_the_link_down_and_continues_time(tmp_path: Path) -> None:
     before, after = flight(mavlink2), flight(mavlink2, boot0_ms=1_000, wall0_us=UNIX_US + 20_000_000)
     recording = read_tlog(write(tmp_path / "a.tlog", *before, *after))

@@ -30,7 +30,9 @@ from visloc_companion.config_camera import CameraConfig
 from visloc_companion.errors import ConfigError, LogError
 
 _STATE_IT = "state boot time minus file time in seconds"
-_STATION = "The log does not state UTC: the ground station's clock was taken for it, which may err by seconds."
+_STATION = (
+    "The log does not state UTC by a satellite receiver: the ground station's clock was taken for it, which may err by seconds."
+)
 _CLOCKS_AGREE_S, _SIGMAS = 0.1, 5.0
 """What a clock and the turns of pictures may differ by, at least, and in 1-sigmas of the latter: less is found in flight, too."""
 _MAX_OFFSET_S = 1e10

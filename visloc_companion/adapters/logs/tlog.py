@@ -34,7 +34,7 @@ from visloc_companion.adapters.mavlink.codec_gimbal import is_of_gimbal
 from visloc_companion.adapters.mavlink.dialect import Message, mav
 from visloc_companion.adapters.mavlink.link_state import LinkState
 from visloc_companion.errors import LogError
-from visloc_companion.types import Event, LinkChanged
+from visloc_companion.types import FIX_3D, Event, LinkChanged
 
 _STAMP = 8
 _START = re.compile(b"[\xfd\xfe]")
@@ -107,7 +107,8 @@ def read_tlog(path: Path, system_id: int = 0) -> Recording:
     zero_ns = sources[heard[0]].zero_ns
     axis, link = BootAxis(zero_ns, losses), LinkState()
     events: list[tuple[int, Event]] = []
-    unix_ns: list[int] = []
+    unix_ns: dict[bool, list[int]] = {True: [], False: []}
+    has_fix: bool | None = None
     boots_ms, n_stamped = sources[heard[0]].boots_ms, 0
     for record in records_of(data, Losses()):
         own_clock = _source(record.message)[0] == heard[0][0] and is_of_gimbal(record.message)
@@ -116,7 +117,9 @@ def read_tlog(path: Path, system_id: int = 0) -> Recording:
         boot_ms = None if own_clock else _boot_ms(record.message)
         instant = axis.place(record.wall_us, boot_ms, boots_ms[n_stamped] if n_stamped < len(boots_ms) else None)
         n_stamped += boot_ms is not None
-        unix_ns += _unix_minus_boot_ns(record.message, instant)
+        if record.message.get_type() == "GPS_RAW_INT":
+            has_fix = record.message.fix_type >= FIX_3D
+        unix_ns[bool(has_fix)] += _unix_minus_boot_ns(record.message, instant)
         if instant.rebooted:
             _append(events, instant, link.down(instant.t_ns))
         if sources[heard[0]].second_is_played and record.message.get_type() == "GPS2_RAW":
@@ -125,8 +128,10 @@ def read_tlog(path: Path, system_id: int = 0) -> Recording:
             _append(events, instant, link.heard(event) if isinstance(event, LinkChanged) else _shifted(event, instant))
     if not events:
         raise LogError("holds no message that tells of a flight", where=str(path), remedy="record ATTITUDE and positions")
-    utc_ns = round(statistics.median(unix_ns)) if unix_ns else zero_ns
-    return Recording(path, link.known.autopilot, in_order(events), losses, utc_ns, not unix_ns, notes=_others_noted(heard))
+    told_ns = unix_ns[True] or unix_ns[False]  # without a fix PX4 takes a ground station's clock
+    utc_ns = round(statistics.median(told_ns)) if told_ns else zero_ns
+    of_station = not told_ns or (has_fix is not None and not unix_ns[True])
+    return Recording(path, link.known.autopilot, in_order(events), losses, utc_ns, of_station, notes=_others_noted(heard))
 
 
 def records_of(data: LogBytes, losses: Losses) -> Iterator[Record]:
