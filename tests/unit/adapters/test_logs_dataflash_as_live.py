@@ -46,6 +46,16 @@ def test_what_a_companion_plays_is_no_second_receiver(tmp_path: Path, name: byte
     assert [e.receiver for _, e in recording.events if isinstance(e, Gnss)] == [0, 1][:n]
 
 
+@pytest.mark.parametrize(("name", "kind", "n"), [(b"GPS_TYPE", 14, 1), (b"GPS1_TYPE", 14, 1), (b"GPS1_TYPE", 1, 0)])
+def test_a_first_receiver_that_a_companion_plays_is_told(tmp_path: Path, name: bytes, kind: int, n: int) -> None:
+    """It may be another companion's, and is all that there is; if it was visloc's, a replay judges its own positions."""
+    table = TABLE | {"PARM": (34, "QNf", "TimeUS,Name,Value")}
+    data = formats(table) + message(table, "PARM", 900_000, name, kind) + gps(1_000_000, 0, 474_000_000)
+    recording = open_log(write(tmp_path / "a.bin", data))
+    assert [e.receiver for _, e in recording.events if isinstance(e, Gnss)] == [0]
+    assert sum("plays by GPS_INPUT" in note for note in recording.notes) == n
+
+
 def test_the_second_receiver_of_an_older_log_has_a_message_of_its_own(tmp_path: Path) -> None:
     table = {"ATT": OLD["ATT"], "GPS": OLD["GPS"], "GPS2": (40, *OLD["GPS"][1:])}
     values = (3, 3_600_000, 2200, 15, 80, 474_000_000, 85_500_000, 0, 54_000, 1000, 9000, -0.1, 1000)

@@ -316,3 +316,11 @@ def test_what_a_companion_plays_is_no_second_receiver(tmp_path: Path, name: byte
     more = [stamped(UNIX_US + 4_950_000, message, mav) for message in (second, parameter)]
     recording = read_tlog(write(tmp_path / "a.tlog", *flight(mavlink2), *more))
     assert sum(event.receiver == 1 for _, event in recording.events if isinstance(event, Gnss)) == n
+
+
+@pytest.mark.parametrize(("name", "kind", "n"), [(b"GPS_TYPE", 14, 1), (b"GPS1_TYPE", 14, 1), (b"GPS1_TYPE", 1, 0)])
+def test_a_first_receiver_that_a_companion_plays_is_told(tmp_path: Path, name: bytes, kind: int, n: int) -> None:
+    mav = writer(mavlink2)
+    parameter = stamped(UNIX_US + 4_950_000, mav.param_value_encode(name, kind, 2, 1200, 7), mav)
+    recording = read_tlog(write(tmp_path / "a.tlog", *flight(mavlink2), parameter))
+    assert sum("plays by GPS_INPUT" in note for note in recording.notes) == n

@@ -1,10 +1,11 @@
 """ArduPilot's on-board logs (.bin), those of 2014 as well as today's.
 
 ATT gives the attitude, IMU the accelerations, GPS and GPA (of older logs also GPS2 and GPA2) both receivers, BARO and ARSP
-pressures, ORGN the origin, POS with XKF1 (NKF1, EKF1) the autopilot's position and velocity, XKF4 (NKF4, EKF4) its innovation
-ratios, RFND (since 4.0) distances, EV or ARM arming, MSG the version, PARM which of several estimators flies (of which XKF4 names
-the core that does). Logs of before the EKF have NTUN (position and velocity over home, cm) and CTUN (height, climb) instead; home
-is then the first mission item or the first fix.
+pressures, ORGN the origin, POS with XKF1 (NKF1, EKF1) the autopilot's position and velocity (without an EKF, as on DCM, that
+between positions), XKF4 (NKF4, EKF4) its innovation ratios, RFND (since 4.0) distances, EV or ARM arming, MSG the version, PARM
+which of several estimators flies (of which XKF4 names the core that does; before 4.1 XKF6 and XKF9 are the second core's). Logs
+of before the EKF have NTUN (position and velocity over home, cm) and CTUN (height, climb) instead; home is then the first mission
+item or the first fix.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from visloc_companion.adapters.logs.lone_leaps import without_lone_leaps
 from visloc_companion.adapters.logs.recording import (
     BESIDE_NS,
     BY_GPS_INPUT,
+    FIRST_GPS_TYPE,
+    FIRST_IS_PLAYED,
     NS_PER_MS,
     NS_PER_S,
     NS_PER_US,
@@ -33,7 +36,7 @@ from visloc_companion.adapters.logs.recording import (
 )
 from visloc_companion.errors import LogError
 from visloc_companion.geo.se3 import quat_from_euler
-from visloc_companion.geo.wgs84 import geo_from_autopilot_ned
+from visloc_companion.geo.wgs84 import geo_from_autopilot_ned, ned_from_geo
 from visloc_companion.types import (
     FIX_3D,
     Attitude,
@@ -54,7 +57,7 @@ from visloc_companion.types import (
 )
 
 _KIND = AutopilotKind.ARDUPILOT
-_POSITIONS = ("POS", "ORGN", "XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4", "NTUN", "CTUN")
+_POSITIONS = ("POS", "ORGN", "XKF1", "NKF1", "EKF1", "XKF6", "NKF6", "XKF4", "NKF4", "EKF4", "XKF9", "NKF9", "NTUN", "CTUN")
 _RECEIVERS = ("GPS", "GPS2", "GPA", "GPA2")
 _WANTED = frozenset(("ATT", "MNT", "IMU", "BARO", "ARSP", "RFND", "EV", "ARM", "MSG", "CMD", "PARM", *_RECEIVERS, *_POSITIONS))
 _EV_ARMED, _EV_DISARMED = (10, 15), (11,)
@@ -88,7 +91,7 @@ def read_dataflash(path: Path, boot: int = 0) -> Recording:
     losses.reboots = len(boots) - 1
     one = boots[read]
     events, leaps = without_lone_leaps(path, in_order(one.events), losses)
-    return Recording(path, _KIND, events, losses, one.unix_minus_boot_ns, notes=(*others, *leaps))
+    return Recording(path, _KIND, events, losses, one.unix_minus_boot_ns, notes=(*others, *leaps, *one.notes))
 
 
 def _boots(data: LogBytes, losses: Losses) -> list[_Reader]:
@@ -103,6 +106,7 @@ def _boots(data: LogBytes, losses: Losses) -> list[_Reader]:
     def join(boot: _Reader, log: _Reader) -> None:
         boot.events += log.events
         boot.utc_told_ns += log.utc_told_ns
+        boot.notes = log.notes or boot.notes
 
     return put_together(map(read, logs_of(data, BEGINNING)), join)
 
@@ -120,7 +124,9 @@ class _Reader:
         self._accuracies_m: dict[int, tuple[int, float | None, float | None]] = {}
         self._dynamic: tuple[int, float] | None = None
         self._n_receivers = 2
+        self.notes: tuple[str, ...] = ()
         self._v_ned_mps: Vec3 | None = None
+        self._last_place: tuple[int, GeoPoint] | None = None
         self._height: tuple[float, float] | None = None
         self._h_amsl_m: float | None = None
         self._home: GeoPoint | None = None
@@ -254,18 +260,25 @@ class _Reader:
         t_ns = self._at(fields)
         return Range(t_ns, t_ns, _finite(fields["Dist"]), fields["Stat"] == _GOOD)
 
-    def _kf1(self, fields: Fields) -> Event | None:
-        if fields.get("C", self._core) != self._core:
+    def _kf1(self, fields: Fields, core: int = 0) -> Event | None:
+        """`core` is whose it is where it does not say so."""
+        if fields.get("C", core) != self._core:
             return None
         t_ns = self._at(fields)
         self._v_ned_mps = (_finite(fields["VN"]), _finite(fields["VE"]), _finite(fields["VD"]))
         return LocalPose(t_ns, t_ns, (_finite(fields["PN"]), _finite(fields["PE"]), _finite(fields["PD"])), self._v_ned_mps)
 
-    def _kf4(self, fields: Fields) -> Event | None:
+    def _kf6(self, fields: Fields) -> Event | None:
+        return self._kf1(fields, 1)
+
+    def _kf9(self, fields: Fields) -> Event | None:
+        return self._kf4(fields, 1)
+
+    def _kf4(self, fields: Fields, core: int = 0) -> Event | None:
         """What the estimator says of itself; 3.2 and older (2014) log its ratios without its status, which alone says little."""
         if (primary := fields.get("PI", -1)) >= 0:
             self._core = primary
-        if fields.get("C", self._core) != self._core or "SS" not in fields:
+        if fields.get("C", core) != self._core or "SS" not in fields:
             return None
         t_ns, flags = self._at(fields), fields["SS"]
         constant = bool(flags & _CONST_POS_MODE)
@@ -283,10 +296,11 @@ class _Reader:
     def _pos(self, fields: Fields) -> Event | None:
         t_ns = self._at(fields)
         place = _place(fields["Lat"], fields["Lng"], fields["Alt"])
-        if self._v_ned_mps is None:
+        before, self._last_place = self._last_place, (t_ns, place)
+        if (v_ned_mps := self._v_ned_mps or _velocity(before, t_ns, place)) is None:
             return None
         h_rel_m = fields.get("RelHomeAlt", fields.get("RelAlt"))
-        return PriorPose(t_ns, t_ns, place, self._v_ned_mps, _finite(h_rel_m))
+        return PriorPose(t_ns, t_ns, place, v_ned_mps, _finite(h_rel_m))
 
     def _ctun(self, fields: Fields) -> None:
         if "CRt" in fields and "TimeMS" in fields:
@@ -323,6 +337,8 @@ class _Reader:
 
     def _parm(self, fields: Fields) -> None:
         name = fields["Name"].split(b"\0", 1)[0].decode("ascii", errors="replace")
+        if name in FIRST_GPS_TYPE:
+            self.notes = (FIRST_IS_PLAYED,) if fields["Value"] == BY_GPS_INPUT else ()
         if name in SECOND_GPS_TYPE:
             self._n_receivers = 1 if fields["Value"] == BY_GPS_INPUT else 2
         if name == "AHRS_EKF_TYPE" and fields["Value"] in _ESTIMATORS:
@@ -354,7 +370,9 @@ _HANDLERS = {
     "CMD": _Reader._cmd,
     "PARM": _Reader._parm,
     **dict.fromkeys(("XKF1", "NKF1", "EKF1"), _Reader._kf1),
+    **dict.fromkeys(("XKF6", "NKF6"), _Reader._kf6),
     **dict.fromkeys(("XKF4", "NKF4", "EKF4"), _Reader._kf4),
+    **dict.fromkeys(("XKF9", "NKF9"), _Reader._kf9),
 }
 
 
@@ -362,6 +380,15 @@ def _finite(value: object) -> float:
     if not isinstance(value, int | float) or not math.isfinite(value):
         raise ValueError(value)
     return float(value)
+
+
+def _velocity(before: tuple[int, GeoPoint] | None, t_ns: int, place: GeoPoint) -> Vec3 | None:
+    """Between two positions that follow each other; None further apart than `BESIDE_NS`."""
+    if before is None or not 0 < t_ns - before[0] <= BESIDE_NS:
+        return None
+    north, east, down = ned_from_geo(place, before[1])
+    seconds = (t_ns - before[0]) / NS_PER_S
+    return north / seconds, east / seconds, down / seconds
 
 
 def _place(lat_deg: object, lon_deg: object, h_amsl_m: object) -> GeoPoint:

@@ -29,9 +29,13 @@ NS_PER_US, NS_PER_MS, NS_PER_S = 1_000, 1_000_000, 1_000_000_000
 MAX_FILE_BYTES = 4_000_000_000
 BESIDE_NS = 2 * NS_PER_S
 """What a log states beside its messages (accuracies, dynamic pressure) counts for those so much later."""
-SECOND_GPS_TYPE, BY_GPS_INPUT = ("GPS2_TYPE", "GPS_TYPE2"), 14
-"""ArduPilot's parameter, since 4.6 and before, and its value where the second receiver is one that a companion plays by GPS_INPUT
+FIRST_GPS_TYPE, SECOND_GPS_TYPE, BY_GPS_INPUT = ("GPS1_TYPE", "GPS_TYPE"), ("GPS2_TYPE", "GPS_TYPE2"), 14
+"""ArduPilot's parameters, since 4.6 and before, and their value where a receiver is one that a companion plays by GPS_INPUT
 (AP_GPS: MAV): visloc itself, say, with injection.output = "gps_input", which in flight does not listen to its own echo."""
+FIRST_IS_PLAYED = (
+    "WARNING: the first receiver is one that a companion plays by GPS_INPUT (GPS1_TYPE 14): if that was visloc, "
+    "verdict and estimate rest on its own positions."
+)
 _PAIR_NS = 60 * NS_PER_MS
 _MOVED_M = 20.0
 """An origin that is inferred scatters by metres; further off it is another one."""

@@ -20,6 +20,8 @@ from typing import Any
 from visloc_companion.adapters.logs.boot_axis import BootAxis, Instant, smallest_difference_ns
 from visloc_companion.adapters.logs.recording import (
     BY_GPS_INPUT,
+    FIRST_GPS_TYPE,
+    FIRST_IS_PLAYED,
     NS_PER_MS,
     NS_PER_US,
     SECOND_GPS_TYPE,
@@ -56,13 +58,14 @@ class Record:
 @dataclass(slots=True)
 class _Heard:
     """Of one source: packets, heartbeats of an autopilot, its first stamp, (stamp, boot time, ms) of the first few, the boot time
-    (ms) of each packet that states it and is not a gimbal's, and whether its second receiver is one that a companion plays."""
+    (ms) of each packet that states it and is not a gimbal's, and whether its receivers are ones that a companion plays."""
 
     records: int = 0
     heartbeats: int = 0
     first_us: int = 0
     stamps: list[tuple[int, int]] = field(default_factory=list)
     boots_ms: array[int] = field(default_factory=lambda: array("q"))
+    first_is_played: bool = False
     second_is_played: bool = False
 
     def add(self, record: Record) -> None:
@@ -70,8 +73,12 @@ class _Heard:
         self.first_us = self.first_us or record.wall_us
         self.records += 1
         self.heartbeats += record.message.get_type() == "HEARTBEAT" and is_autopilot(record.message)
-        if record.message.get_type() == "PARAM_VALUE" and record.message.param_id in SECOND_GPS_TYPE:
-            self.second_is_played = record.message.param_value == BY_GPS_INPUT
+        if record.message.get_type() == "PARAM_VALUE" and record.message.param_id in (*FIRST_GPS_TYPE, *SECOND_GPS_TYPE):
+            is_played = record.message.param_value == BY_GPS_INPUT
+            if record.message.param_id in SECOND_GPS_TYPE:
+                self.second_is_played = is_played
+            else:
+                self.first_is_played = is_played
         boot_ms = _boot_ms(record.message)
         if boot_ms is None:
             return
@@ -130,8 +137,9 @@ def read_tlog(path: Path, system_id: int = 0) -> Recording:
         raise LogError("holds no message that tells of a flight", where=str(path), remedy="record ATTITUDE and positions")
     told_ns = unix_ns[True] or unix_ns[False]  # without a fix PX4 takes a ground station's clock
     utc_ns = round(statistics.median(told_ns)) if told_ns else zero_ns
+    notes = (*_others_noted(heard), *([FIRST_IS_PLAYED] if sources[heard[0]].first_is_played else []))
     of_station = not told_ns or (has_fix is not None and not unix_ns[True])
-    return Recording(path, link.known.autopilot, in_order(events), losses, utc_ns, of_station, notes=_others_noted(heard))
+    return Recording(path, link.known.autopilot, in_order(events), losses, utc_ns, of_station, notes=notes)
 
 
 def records_of(data: LogBytes, losses: Losses) -> Iterator[Record]:
