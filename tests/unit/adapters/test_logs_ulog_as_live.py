@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from visloc_companion.adapters.logs.open import open_log
-from visloc_companion.types import Attitude, Baro, EstimatorStatus, Event, GnssIntegrity, Imu, PriorPose, Range
+from visloc_companion.types import Attitude, Baro, EstimatorStatus, Event, Gnss, GnssIntegrity, Imu, PriorPose, Range
 
 CODES = {"uint64_t": "Q", "uint32_t": "I", "float": "f", "double": "d", "int32_t": "i", "uint8_t": "B", "bool": "?"}
 LOCAL = (
@@ -168,3 +168,41 @@ def test_what_the_receiver_says_of_interference(
         (1.2, False, False, None), (1.6, True, spoofed, None), (2.6, True, spoofed, None), (3.0, False, True, None)
     ]  # fmt: skip
     assert any(isinstance(event, Attitude) for event in events)
+
+
+DEVICES = {
+    "one": {("vehicle_gps_position", 0): 7, ("sensor_gps", 0): 7},
+    "two": {("vehicle_gps_position", 0): 7, ("sensor_gps", 0): 7, ("sensor_gps", 1): 9},
+    "the second flies": {("vehicle_gps_position", 0): 9, ("sensor_gps", 0): 7, ("sensor_gps", 1): 9},
+    "blended": {("vehicle_gps_position", 0): 0, ("sensor_gps", 0): 7, ("sensor_gps", 1): 9},
+    "before 1.12": {("vehicle_gps_position", 0): 0, ("vehicle_gps_position", 1): 0},
+    "those alone": {("sensor_gps", 0): 7, ("sensor_gps", 1): 9},
+}
+
+
+@pytest.mark.parametrize(
+    ("which", "read"),
+    [
+        ("one", {0: 7}),
+        ("two", {0: 7, 1: 9}),
+        ("the second flies", {0: 9, 1: 7}),
+        ("blended", {0: 0}),
+        ("before 1.12", {0: 0, 1: 1}),
+        ("those alone", {0: 7, 1: 9}),
+    ],
+)
+def test_of_two_receivers_each_is_read_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, which: str, read: dict[int, int]
+) -> None:
+    """In flight PX4 sends both, and one that is led astray is told by the other: in a replay it stood alone."""
+    for topic in ("vehicle_gps_position", "sensor_gps"):
+        monkeypatch.setitem(FORMATS, topic, [*FORMATS["sensor_gps"], ("uint32_t", "device_id")])
+    messages = [
+        (topic, instance, t_s, (47.4, 8.5, 10.0 * (device or instance), 0.9, 1.4, 0.0, 0.0, 0.0, 3, 17, 1, 1, device))
+        for t_s in (1.0, 2.0)
+        for (topic, instance), device in DEVICES[which].items()
+    ]
+    events = log(tmp_path / "a.ulg", attitude(1.0), *messages)
+    found = [(e.receiver, e.place.h_amsl_m / 10) for e in events if isinstance(e, Gnss)]
+    assert (len(found), dict(found)) == (2 * len(read), read)
+    assert {e.receiver for e in events if isinstance(e, GnssIntegrity)} == set(read)

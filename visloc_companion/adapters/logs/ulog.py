@@ -1,4 +1,4 @@
-"""PX4's logs (.ulg): vehicle_attitude, vehicle_gps_position or sensor_gps, vehicle_local_position, vehicle_global_position,
+"""PX4's logs (.ulg): vehicle_attitude, vehicle_gps_position and sensor_gps, vehicle_local_position, vehicle_global_position,
 home_position, estimator_status (and which of several flies), distance_sensor, vehicle_acceleration, pressures and
 vehicle_status.
 """
@@ -10,6 +10,7 @@ import math
 import statistics
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ from visloc_companion.adapters.logs.recording import (
 )
 from visloc_companion.adapters.logs.ulog_format import MAGIC, Instances, Row, of_first, read_instances
 from visloc_companion.adapters.logs.ulog_interference import interference
+from visloc_companion.adapters.logs.ulog_receivers import GNSS_TOPICS, receivers
 from visloc_companion.adapters.mavlink.codec_gimbal import frame_of, has_failed
 from visloc_companion.errors import LogError
 from visloc_companion.geo.se3 import normalised
@@ -50,10 +52,9 @@ from visloc_companion.types import (
     Range,
 )
 
-_GNSS_TOPICS = ("vehicle_gps_position", "sensor_gps")
 _TOPICS = (
     "vehicle_attitude",
-    *_GNSS_TOPICS,
+    *GNSS_TOPICS,
     "vehicle_local_position",
     "vehicle_global_position",
     "home_position",
@@ -122,15 +123,16 @@ def _read(data: bytes, losses: Losses) -> _Boot:
         events += _converted(rows, _distance, losses)
     status = _of_primary(instances.get("estimator_status", {}), topics.get("estimator_selector_status", []), losses)
     events += _converted(status, _estimator_status, losses)
-    gnss = next((topics[name] for name in _GNSS_TOPICS if name in topics), None)
-    events += _converted(gnss, _gnss, losses) if gnss else []
-    events += interference(_rows(gnss)) if gnss else []
+    heard = receivers(instances)
+    for number, rows in enumerate(heard):
+        events += _converted(rows, partial(_gnss, receiver=number), losses)
+        events += interference(_rows(rows), number)
     events += _pressures(topics, losses)
     events += _converted(_thinned(topics.get("vehicle_acceleration", [])), _imu, losses)
     events += _attitudes(topics.get("vehicle_attitude", []), losses)
     events += _origins(topics.get("vehicle_local_position", []), losses)
     events += _global_positions(topics, losses)
-    return _Boot(in_order(events), _unix_minus_boot_ns(gnss))
+    return _Boot(in_order(events), _unix_minus_boot_ns(heard[0] if heard else None))
 
 
 def _changes(events: list[tuple[int, Event]]) -> Iterator[tuple[int, Event]]:
@@ -205,7 +207,7 @@ def _attitudes(topic: Topic, losses: Losses) -> list[tuple[int, Event]]:
     return made
 
 
-def _gnss(t_ns: int, row: Row) -> Event:
+def _gnss(t_ns: int, row: Row, receiver: int) -> Event:
     if "latitude_deg" in row:
         place = _place(row["latitude_deg"], row["longitude_deg"], row["altitude_msl_m"])
     else:
@@ -221,6 +223,7 @@ def _gnss(t_ns: int, row: Row) -> Event:
         _positive(row["eph"]),
         _positive(row["epv"]),
         velocity if known else None,
+        receiver,
     )
 
 

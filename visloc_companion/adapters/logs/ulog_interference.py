@@ -19,8 +19,8 @@ _INDICATED = 2
 _AUTHENTIC = {2: False, 3: True}
 
 
-def interference(rows: Iterable[tuple[int, Row]]) -> list[tuple[int, Event]]:
-    """Events of the receiver's (t_ns, row) in time order: at each change of what it says, and once a second while it lasts.
+def interference(rows: Iterable[tuple[int, Row]], receiver: int = 0) -> list[tuple[int, Event]]:
+    """Events of a receiver's (t_ns, row) in time order: at each change of what it says, and once a second while it lasts.
 
     Nothing of rows that do not know.
     """
@@ -32,7 +32,7 @@ def interference(rows: Iterable[tuple[int, Row]]) -> list[tuple[int, Event]]:
             continue
         last = t_ns, said
         if said != (None, None, None):
-            made.append((t_ns, GnssIntegrity(t_ns, 0, *said)))
+            made.append((t_ns, GnssIntegrity(t_ns, receiver, *said)))
     return made
 
 
