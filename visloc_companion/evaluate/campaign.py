@@ -152,7 +152,7 @@ def campaign_specs(name: str, template: FlightSpec) -> list[FlightSpec]:
 def _specs_of_file(path: Path, template: FlightSpec) -> Iterator[FlightSpec]:
     remedy = f"name one of {', '.join(CAMPAIGNS)} or a JSON file with a list of flights"
     try:
-        items = json.loads(path.read_text(encoding="utf-8"))
+        items = json.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError) as why:
         raise ConfigError(f"is no campaign: {why}", where=str(path), remedy=remedy) from why
     if not isinstance(items, list) or not items:

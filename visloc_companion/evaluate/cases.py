@@ -131,7 +131,8 @@ def _table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.DictReader(stream, skipinitialspace=True)
-            names = list(reader.fieldnames or [])
+            names = [name.strip() for name in reader.fieldnames or []]
+            reader.fieldnames = names
             missing = [c for c in columns if c not in names]
             rows = [row for row in map(_row, reader) if any(text.strip() for text in row.values())]
     except OSError as why:
@@ -147,9 +148,11 @@ def _table(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
 
 
 def _row(row: dict[str | None, Any]) -> dict[str, str]:
-    """A row's fields; what it has beyond the columns, other than blanks, under `BEYOND`."""
+    """A row's fields without blanks behind them (but the id, which is given back as it is); what it has beyond the columns, other
+    than blanks, under `BEYOND`."""
     beyond = ", ".join(text for text in row.pop(None, None) or () if text.strip())
-    return {str(column): text or "" for column, text in row.items()} | ({BEYOND: beyond} if beyond else {})
+    fields = {str(column): (text or "") if column == "id" else (text or "").rstrip() for column, text in row.items()}
+    return fields | ({BEYOND: beyond} if beyond else {})
 
 
 def _require_no_more(row: dict[str, str]) -> None:

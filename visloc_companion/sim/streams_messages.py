@@ -102,7 +102,7 @@ def gps_raw_int(s: Snapshot) -> Message | None:
     lost_px4 = s.kind is AutopilotKind.PX4 and not s.gnss.has_fix
     v_n, v_e, _ = s.gnss.v_ned_mps
     course_cdeg = round(math.degrees(math.atan2(v_e, v_n)) * 100) % 36000
-    alt_mm = round(s.gnss_place.h_amsl_m * 1000)
+    alt_mm = _whole(s.gnss_place.h_amsl_m * 1000, 32)
     return mavlink.MAVLink_gps_raw_int_message(
         s.t_us,
         s.gnss.fix_type,

@@ -143,6 +143,11 @@ def test_a_flight_that_is_none_is_refused(change: dict[str, Any], complaint: str
         FlightSpec(**{"scenario": "jam", "pack": NOWHERE, "camera_ortho": NOWHERE, "camera_dsm": None} | change)
 
 
+def test_a_byte_order_mark_before_a_campaign_is_no_fault(spec: FlightSpec, tmp_path: Path) -> None:
+    (tmp_path / "c.json").write_text('[{"scenario": "jam"}]', encoding="utf-8-sig")
+    assert [one.scenario for one in campaign_specs(str(tmp_path / "c.json"), spec)] == ["jam"]
+
+
 def test_scenarios_are_found_by_name() -> None:
     assert find_scenario("demo") is DEMO
     assert find_scenario("season_change") is SEASON_CHANGE

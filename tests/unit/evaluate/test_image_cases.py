@@ -258,6 +258,20 @@ def test_rows_that_are_cut_short_are_bad_cases(tmp_path, folder):
     assert isinstance(read_cases(tmp_path)[0], BadCase)
 
 
+def test_blanks_behind_names_and_values_mean_nothing(tmp_path, folder):
+    """Of tables that are set in columns; each frame was missing, and a `solvable` no number."""
+    for name in ("cases.csv", "truth.csv"):
+        lines = (folder / name).read_text().splitlines()
+        (tmp_path / name).write_text("\n".join(" ,".join(line.split(",")) + " " for line in lines))
+    case, known = read_cases(tmp_path)[0], read_cases(folder)[0]
+    assert isinstance(case, Case) and isinstance(known, Case)
+    assert (case.case_id, case.frame.name, case.ortho.name) == ("c0 ", known.frame.name, known.ortho.name), (
+        "ids come back as given"
+    )
+    assert case.prior == known.prior
+    assert read_truth(tmp_path)["c0 "] == read_truth(folder)["c0"]
+
+
 def test_rows_of_commas_alone_are_no_cases(tmp_path, folder):
     """Spreadsheets end a table with such rows."""
     for name in ("cases.csv", "truth.csv"):

@@ -111,6 +111,13 @@ def test_gps_raw_int_reports_the_false_place(companion):
     assert flight.pilot.gnss_reported().lon_deg == pytest.approx(raw.lon / 1e7, abs=1e-6)
 
 
+def test_a_false_height_beyond_the_field_is_held_within_it(companion):
+    """2,147 km in millimetres of 32 bits."""
+    flight = companion(faults=faults.step_spoof(1.0, (0.0, 0.0, -3e6)), sending=False)
+    flight.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, 2e5)
+    assert flight.fly(2.0).last["GPS_RAW_INT"].alt == 2**31 - 1
+
+
 def test_ardupilot_without_gnss_waits_for_an_origin_and_takes_only_the_first(companion):
     flight = companion(faults=faults.no_gnss(), latency_s=0.02).fly(3.0)
     for message_id in (mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT):
