@@ -11,12 +11,16 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from visloc_companion.config import Config
 from visloc_companion.core.validate import is_place
 from visloc_companion.errors import VislocError
 from visloc_companion.protocols import Clock, ReferenceMap
 from visloc_companion.types import Event, GeoPoint, Gnss, LinkChanged, MapAtGnss
+
+if TYPE_CHECKING:
+    from visloc_companion.maps.pack import PackMap
 
 PERIOD_S = 2.0
 
@@ -33,7 +37,11 @@ def open_pack(config: Config) -> Ground:
     """The configured pack. Raises MapError."""
     from visloc_companion.maps.pack import PackMap
 
-    pack = PackMap.open(Path(config.map.pack), verify_hashes=False)
+    return ground_of(PackMap.open(Path(config.map.pack), verify_hashes=False))
+
+
+def ground_of(pack: PackMap) -> Ground:
+    """A pack, to be asked."""
     return Ground(pack, pack.manifest.heights.grid is not None)
 
 

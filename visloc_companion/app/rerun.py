@@ -1,7 +1,8 @@
 """An old flight with a new map, localiser or configuration: recorded frames are localised again and the navigator flies on that.
 
 Unlike app/replay.py this does not repeat the flight: the worker's recorded answers and deaths are left out, the requests that the
-navigator makes now are answered now, and each answer arrives as late as the recorded ones did.
+navigator makes now are answered now, and each answer arrives as late as the recorded ones did. What the map said before arming of
+where GNSS put the vehicle is asked of the map of now, too.
 """
 
 from __future__ import annotations
@@ -12,13 +13,14 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
+from visloc_companion.app.ground_check import Ground, look
 from visloc_companion.app.journal import Entry
 from visloc_companion.app.terrain import TerrainAnswer
 from visloc_companion.app.worker_process import about_terrain, no_fix
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.errors import Reason
-from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix, TerrainRequest, WorkerState
+from visloc_companion.types import Fix, Image, LocaliseRequest, MapAtGnss, NoFix, TerrainRequest, WorkerState
 
 Answer = Callable[[LocaliseRequest, Image], Fix | NoFix]
 _FRAMES_KEPT = 64
@@ -51,10 +53,12 @@ def rerun(
     settings: CoreSettings,
     latency_ns: int = _DEFAULT_LATENCY_NS,
     terrain: TerrainAnswer | None = None,
+    ground: Ground | None = None,
 ) -> Iterator[Entry]:
     """The entries of the new flight: recorded events but the worker's, new answers, new commands.
 
-    `terrain` answers about the ground below the track.
+    `terrain` answers about the ground below the track, `ground` about the places that were asked about before arming (without it
+    the recorded answers stand).
     Deterministic where `answer` is: the answer to a request made at t arrives at t + `latency_ns`, whatever it took here.
     """
     navigator = Navigator(settings)
@@ -78,7 +82,9 @@ def rerun(
         while due and due[0][0] <= entry.now_ns:
             arrival_ns, _, found = heapq.heappop(due)
             yield from taken(found, arrival_ns)
-        if entry.event is not None and not isinstance(entry.event, (Fix, NoFix, WorkerState)):
+        if isinstance(entry.event, MapAtGnss) and ground is not None:
+            yield from taken(look(ground, entry.event.place, entry.event.t_rx_ns), entry.now_ns)
+        elif entry.event is not None and not isinstance(entry.event, (Fix, NoFix, WorkerState)):
             yield from taken(entry.event, entry.now_ns)
 
 

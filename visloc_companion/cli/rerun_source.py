@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from visloc_companion.adapters.camera.calibration import wrong_size
+from visloc_companion.app.ground_check import ground_of
 from visloc_companion.app.journal import Entry, JournalHeader, header_left, read_frames, read_header, read_journal
 from visloc_companion.app.rerun import RecordedFrames, recorded_latency_ns, rerun
 from visloc_companion.app.settings import core_settings
@@ -71,6 +72,7 @@ class RerunSource:
                     core_settings(config),
                     latency_ns=recorded_latency_ns(entries),
                     terrain=over.terrain,
+                    ground=None if self._reference is None else ground_of(self._reference),
                 )
             )
         record = from_entries(flown)

@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from io import BytesIO
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +16,17 @@ from typer.testing import CliRunner
 
 from visloc_companion.app.journal import Entry, JournalWriter, read_frames, read_header, read_journal
 from visloc_companion.cli.replay import replay
-from visloc_companion.cli.rerun_source import compared
+from visloc_companion.cli.rerun_source import RerunSource, compared
 from visloc_companion.cli.sim import sim
 from visloc_companion.errors import ConfigError, JournalError
 from visloc_companion.evaluate.closed_loop import FlightWorld, fly
+from visloc_companion.evaluate.record import FlightRecord, from_entries
 from visloc_companion.evaluate.sim_journal import JournalChoice
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.sim.scenarios import FLIGHTS
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightSetup
-from visloc_companion.types import AutopilotKind, Fix, GeoPoint, Status
+from visloc_companion.types import AutopilotKind, Fix, FrameRef, GeoPoint, Gnss, MapAtGnss, Status
 
 app = typer.Typer()
 app.command("replay")(replay)
@@ -115,6 +117,33 @@ def test_another_configuration_is_flown_with_another_map(flown: Path, tiny_world
     assert (again["method"], again["map"]) == ("ncc", str(pack))
     assert 5 < again["n_frames_of_both"] <= again["n_fixes"]
     assert 0.01 < again["apart_median_m"] < 5.0  # another method: not the same place, but within a few pixels
+
+
+def test_what_the_flights_map_said_before_arming_is_asked_of_the_map_of_now(flown: Path, tiny_world: Any, tmp_path: Path) -> None:
+    """A vehicle off its map had GNSS called false on the ground, and again where the right map was given."""
+    entries, journal = list(read_journal(flown)), tmp_path / "off.mcap"
+    place = next(entry.event.place for entry in entries if isinstance(entry.event, Gnss))
+    writer = JournalWriter(journal.open("wb"), read_header(flown))
+    said = MapAtGnss(entries[-1].now_ns, place, inside=False, surface_amsl_m=None)
+    for entry in [*entries, Entry(entries[-1].now_ns, said, None)]:
+        writer.entry(entry)
+        writer.wait(1000)
+    for number, pixels in islice(read_frames(flown), 1):
+        writer.frame(entries[-1].now_ns, FrameRef(0, 0, number, 0, pixels.shape[1], pixels.shape[0], 3), pixels)
+    writer.close()
+    source = RerunSource(journal, None, journal, tiny_world.pack, salvage=False)
+    heard: list[MapAtGnss] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("visloc_companion.cli.rerun_source.from_entries", lambda found: _kept(found, heard))
+        source.record()
+    (asked,) = heard
+    assert (asked.t_rx_ns, asked.place, asked.inside) == (said.t_rx_ns, place, True)
+    assert asked.surface_amsl_m is not None
+
+
+def _kept(entries: list[Entry], heard: list[MapAtGnss]) -> FlightRecord:
+    heard += [entry.event for entry in entries if isinstance(entry.event, MapAtGnss)]
+    return from_entries(entries)
 
 
 def test_a_journal_without_frames_and_a_log_are_refused(flown: Path, tmp_path: Path) -> None:
