@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import struct
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from visloc_companion.adapters.logs.open import open_log
+from visloc_companion.adapters.logs.recording import Losses
+from visloc_companion.adapters.logs.ulog_format import read_instances
 from visloc_companion.types import Attitude, Baro, EstimatorStatus, Event, Gnss, GnssIntegrity, Imu, PriorPose, Range
 
 CODES = {"uint64_t": "Q", "uint32_t": "I", "float": "f", "double": "d", "int32_t": "i", "uint8_t": "B", "bool": "?"}
@@ -206,3 +209,19 @@ def test_of_two_receivers_each_is_read_once(
     found = [(e.receiver, e.place.h_amsl_m / 10) for e in events if isinstance(e, Gnss)]
     assert (len(found), dict(found)) == (2 * len(read), read)
     assert {e.receiver for e in events if isinstance(e, GnssIntegrity)} == set(read)
+
+
+def test_rows_take_little_more_memory_than_the_log(tmp_path: Path) -> None:
+    """As numbers by name they took 11.5 times its size."""
+    path = tmp_path / "a.ulg"
+    moving = [local(0.1 * k, -40.0) for k in range(5_000)]
+    log(path, attitude(1.0), *moving)
+    tracemalloc.start()
+    topics = read_instances(path.read_bytes(), ("vehicle_local_position",), Losses())
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    rows = topics["vehicle_local_position"][0]
+    assert len(rows) == 5_000
+    assert dict(rows[7]).keys() == {"timestamp", *LOCAL}
+    assert (rows[7]["z"], "z" in rows[7], "w" in rows[7], rows[7].get("w", 3)) == (-40.0, True, False, 3)
+    assert peak < 5 * path.stat().st_size

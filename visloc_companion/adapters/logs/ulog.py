@@ -108,10 +108,12 @@ def _boots(data: LogBytes, losses: Losses) -> list[_Boot]:
     def join(boot: _Boot, log: _Boot) -> None:
         boot.events = in_order([*boot.events, *log.events])
 
-    return put_together((_read(data[start:end], losses) for start, end in logs_of(data, MAGIC)), join)
+    parts = logs_of(data, MAGIC)
+    logs = (data if len(parts) == 1 else data[start:end] for start, end in parts)
+    return put_together((_read(log, losses) for log in logs), join)
 
 
-def _read(data: bytes, losses: Losses) -> _Boot:
+def _read(data: LogBytes, losses: Losses) -> _Boot:
     """What a single log tells."""
     instances = read_instances(data, _TOPICS, losses)
     topics = {name: of_first(rows) for name, rows in instances.items()}
