@@ -24,6 +24,7 @@ from visloc_companion.evaluate.cloud_metrics import CloudResult, cloud_error, su
 from visloc_companion.evaluate.protection import horizontal_bound_m
 from visloc_companion.localise.registration.base import NotRegistered
 from visloc_companion.localise.registration.claims import doubted
+from visloc_companion.localise.registration.clouds import without_strays
 from visloc_companion.localise.registration.registry import DEFAULT_MAX_PROBABILITY_WRONG, make_registration
 from visloc_companion.localise.registration.similarity import from_origin, near_origin_m
 from visloc_companion.maps.cloud import read_cloud, require_same_crs
@@ -93,18 +94,25 @@ def run_case(posed: Posed, method: str, max_probability_wrong: float = DEFAULT_M
     except Exception as fault:  # one case must not cost the others their answers
         return CloudResult(case.case_id, None, Reason.BAD_INPUT, fault_text(fault), has_truth=known)
     elapsed_ms = 1000 * (time.perf_counter() - start)
-    notes = tuple(cloud.note for cloud in (source, reference) if cloud.note)
+    notes = (*(cloud.note for cloud in (source, reference) if cloud.note), *_strays(answer.evidence))
     placed, refusal, error = None, None, None
     if isinstance(answer, NotRegistered):
         refusal = answer
     else:
-        error = None if T_true is None else cloud_error(answer, from_origin(T_true, -origin), source.points_m)
+        error = None if T_true is None else cloud_error(answer, from_origin(T_true, -origin), without_strays(clouds[0]))
         placed = replace(answer, T_reference_source=from_origin(answer.T_reference_source, origin))
         if answer.probability_wrong > max_probability_wrong:
             refusal = doubted(answer)
     reason, detail = (None, "") if refusal is None else (refusal.reason, refusal.detail)
     text = "; ".join(part for part in (detail, *notes) if part)
     return CloudResult(case.case_id, placed, reason, text, elapsed_ms, answer.evidence, error, known)
+
+
+def _strays(evidence: tuple[tuple[str, float], ...]) -> list[str]:
+    """What the method left out of the clouds; empty where it left out nothing."""
+    counted = dict(evidence)
+    numbers = {what: int(counted.get(f"{what}_strays", 0)) for what in ("source", "reference")}
+    return [f"{n} points far from all others are left out of the {what}" for what, n in numbers.items() if n]
 
 
 def as_json(result: CloudResult) -> dict[str, Any]:

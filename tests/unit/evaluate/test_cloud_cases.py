@@ -295,3 +295,29 @@ def test_methods_are_listed_and_unknown_ones_refused(folder: Path) -> None:
         assert isinstance(CliRunner().invoke(evaluate_app, arguments).exception, ConfigError)
     with pytest.raises(ConfigError, match="psychic"):
         evaluate_cloud(folder, "psychic")
+
+
+def test_values_for_no_data_are_left_out_of_a_case_and_of_its_errors_and_said(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    bumps, tall = rng.uniform(-60, 60, (150, 2)), rng.uniform(2, 8, 150)
+
+    def ground(side_m: float) -> np.ndarray:
+        xy = rng.uniform(-side_m / 2, side_m / 2, (int(3 * side_m**2), 2))
+        away = ((xy[:, None] - bumps) ** 2).sum(2)
+        return np.column_stack([xy, (tall * np.exp(-away / 8)).max(1) + rng.normal(0, 0.05, len(xy))])
+
+    source, reference = ground(50) - SHIFT, ground(100)
+    source[::200], reference[::200, 2], reference[1::200, 2] = -9999.0, 9999.0, -9999.0
+    np.savez_compressed(tmp_path / "source.npz", points=source + FAR_ORIGIN * (source[:, :1] > -999))
+    np.savez_compressed(tmp_path / "reference.npz", points=reference + FAR_ORIGIN)
+    case = {"id": "a", "source": "source.npz", "reference": "reference.npz", **SIGMAS}
+    T = np.eye(4)
+    T[:3, 3] = SHIFT
+    (tmp_path / "cases.json").write_text(json.dumps([case]), encoding="utf-8")
+    (tmp_path / "truth.json").write_text(json.dumps([{"id": "a", "T_reference_source": T.tolist()}]), encoding="utf-8")
+    _, (result,) = evaluate_cloud(tmp_path, "height-search")
+    assert result.fix is not None
+    assert result.error is not None
+    assert result.error.mtre_m < 0.5
+    assert f"{len(source[::200])} points far from all others are left out of the source" in result.detail
+    assert "are left out of the reference" in result.detail

@@ -35,7 +35,8 @@ class Evidence:
     `prior_chi2`: squared distance of place, height, heading and scale from the prior in sigmas; `handicap` (handicap.py) of that
     but the height, which a rival's score lacks as well;
     `refined_rival` is `rival` but of refined places by their score after that, as this one's is;
-    `source_relief_m` is `relief_m` of the source, on the same cells; `parts_lead` as parts.py; `unseen` as correlation.Scores."""
+    `source_relief_m` is `relief_m` of the source, on the same cells; `parts_lead` as parts.py; `unseen` as correlation.Scores;
+    `source_strays` and `reference_strays`: numbers of points that were left out (pair.Pair)."""
 
     correlation: float
     overlap: float
@@ -51,6 +52,8 @@ class Evidence:
     source_relief_m: float = 0.0
     parts_lead: float = 0.0
     unseen: float = 0.0
+    source_strays: float = 0.0
+    reference_strays: float = 0.0
 
     @property
     def score(self) -> float:
@@ -115,6 +118,8 @@ def evidence_of(
         found.source_relief_m,
         parts_lead(pair, refined.T, prior),
         unseen,
+        float(pair.strays[0]),
+        float(pair.strays[1]),
     )
 
 

@@ -9,7 +9,15 @@ import numpy as np
 
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, RegistrationPrior
-from visloc_companion.localise.registration.clouds import FEWEST_POINTS, checked, density_per_m2, middle_m, within
+from visloc_companion.localise.registration.clouds import (
+    FEWEST_POINTS,
+    UP,
+    checked,
+    density_per_m2,
+    middle_m,
+    within,
+    without_strays,
+)
 from visloc_companion.localise.registration.height_map import HeightMap, high_passed, smoothed, upper_surface
 from visloc_companion.types import FloatArray
 
@@ -34,7 +42,8 @@ SIGMAS = 3.0
 class Pair:
     """Points in metres, `reference_m` only what the prior reaches; smoothed surfaces and what stands out of them (`relief`).
 
-    `centre_m` (3,) is the source's middle, about which it is turned and scaled.
+    `centre_m` (3,) is the source's middle, about which it is turned and scaled; `strays` the numbers of points of source and of
+    reference that were left out (clouds.without_strays).
     """
 
     source_m: FloatArray
@@ -44,6 +53,7 @@ class Pair:
     reference: HeightMap
     source_relief: HeightMap
     reference_relief: HeightMap
+    strays: tuple[int, int] = (0, 0)
 
     @property
     def half_m(self) -> float:
@@ -54,12 +64,19 @@ class Pair:
 def make_pair(source_m: FloatArray, reference_m: FloatArray, prior: RegistrationPrior) -> Pair | NotRegistered:
     """The pair, or why there is none. Raises ValueError as base.RegistrationMethod."""
     source, reference = checked(source_m, "source"), checked(reference_m, "reference")
+    strays = [0, 0]
     if len(source) >= FEWEST_POINTS:
+        given = len(source)
+        source = without_strays(source)
+        strays[0] = given - len(source)
         low, high = np.percentile(source[:, :2], [0.1, 99.9], axis=0)
         source = within(source, low, high, STRAY_SHARE)
         reach = SIGMAS * prior.sigma_horizontal_m + (0.5 + STRAY_SHARE) * float(np.hypot(*(high - low)))
         centre = middle_m(source)
         reference = within(reference, centre[:2] - reach, centre[:2] + reach)
+        given = len(reference)
+        reference = without_strays(reference, (UP,))
+        strays[1] = given - len(reference)
     if len(source) < FEWEST_POINTS:
         return NotRegistered(Reason.TOO_FEW_FEATURES, f"the source has {len(source)} points, fewer than {FEWEST_POINTS}")
     if len(reference) < FEWEST_POINTS:
@@ -73,4 +90,6 @@ def make_pair(source_m: FloatArray, reference_m: FloatArray, prior: Registration
     cell = max(part * parts, LEAST_CELL_M)
     surfaces = [upper_surface(source, cell, max(1, int(cell / finest))), upper_surface(reference, cell, parts)]
     smooth = [smoothed(surface, SMOOTHING_CELLS * cell) for surface in surfaces]
-    return Pair(source, reference, centre, *smooth, *(high_passed(surface) for surface in smooth))
+    of_source, of_reference = smooth
+    reliefs = high_passed(of_source), high_passed(of_reference)
+    return Pair(source, reference, centre, of_source, of_reference, *reliefs, strays=(strays[0], strays[1]))

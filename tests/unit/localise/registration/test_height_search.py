@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -81,3 +83,21 @@ def test_refuses_what_is_no_cloud(scene, name):
     few = method(scene.source_m[:10], scene.reference_m, scene.prior)
     assert isinstance(few, NotRegistered)
     assert few.reason == Reason.TOO_FEW_FEATURES
+
+
+@pytest.mark.parametrize("name", ["height-search", "gicp"])
+def test_values_for_no_data_among_the_points_change_nothing(scene, name):
+    """Half a percent of the points at ±9,999 m had it refused, and a hole of -9,999 m in both clouds had hole laid on hole."""
+    prior = replace(scene.prior, sigma_horizontal_m=10.0)
+    clean = make_registration(name, 1.0)(scene.source_m, scene.reference_m, prior)
+    source, reference = scene.source_m.copy(), scene.reference_m.copy()
+    for points in (source, reference):
+        points[::400, 2], points[7::400, 2] = 9999, -9999
+        points[(np.abs(points[:, :2] - points[:, :2].mean(0) - 5) < 3).all(1), 2] = -9999
+    found = make_registration(name, 1.0)(source, reference, prior)
+    off = scene.offset_m(found.T_reference_source) - scene.offset_m(clean.T_reference_source)
+    assert np.abs(off.mean(0)).max() < (0.15 if name == "height-search" else 1.0)
+    counted = dict(found.evidence)
+    assert counted["source_strays"] == np.count_nonzero(np.abs(source[:, 2]) > 999)
+    assert 0 < counted["reference_strays"] <= np.count_nonzero(np.abs(reference[:, 2]) > 999)
+    assert dict(clean.evidence)["source_strays"] == dict(clean.evidence)["reference_strays"] == 0
