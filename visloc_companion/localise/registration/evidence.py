@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 
 import numpy as np
@@ -28,7 +29,7 @@ LEAST_VARIANCE_M2 = 1e-6
 @dataclass(frozen=True, slots=True)
 class Evidence:
     """`correlation` of the reliefs where both are known, `overlap`: share of the source that this is; `rival`: the best score
-    (correlation times the root of the overlap) of another place, at least 6 m away;
+    (correlation times the root of the overlap) of another place, at least 6 m away, or of this one turned by as much at its edge;
     `blocks`: share of the source's blocks that agree, by relief; `formal_sigma_m`: worst horizontal sigma of the refinement and
     of what agrees beside it (nearby.py),
     `deviation_m` of its height differences, `relief_m` of the reference's relief there; `bowl_m` that was taken out;
@@ -99,9 +100,16 @@ def agreement(pair: Pair, source: SourceCells, relief: Surface, T: FloatArray, p
 
 
 def evidence_of(
-    pair: Pair, found: Agreement, refined: Refined, rivals: tuple[float, float], unseen: float, prior: RegistrationPrior
+    pair: Pair,
+    found: Agreement,
+    refined: Refined,
+    rivals: tuple[float, float],
+    turned: Sequence[FloatArray],
+    unseen: float,
+    prior: RegistrationPrior,
 ) -> Evidence:
-    """All that is known of one registration. `rivals`: Evidence's `rival` and `refined_rival`."""
+    """All that is known of one registration. `rivals`: Evidence's `rival` and `refined_rival`; `turned`: similarities (4, 4) of
+    the same place with another heading, whose parts are looked at too."""
     horizontal = np.linalg.eigvalsh(refined.placed[:2, :2])
     return Evidence(
         found.correlation,
@@ -116,7 +124,7 @@ def evidence_of(
         found.handicap,
         rivals[1],
         found.source_relief_m,
-        parts_lead(pair, refined.T, prior),
+        parts_lead(pair, refined.T, prior, turned),
         unseen,
         float(pair.strays[0]),
         float(pair.strays[1]),

@@ -42,9 +42,12 @@ class HeightSearchRegistration:
         if not settled:
             return too_little_overlap()
         found = max(settled, key=lambda s: s.found.score)
+        headings = settler.headings(found)
+        settled += settler.turned(found, headings)
+        found = max(settled, key=lambda s: s.found.score)
         best, besides = polished(settler, found, prior)
         if best.slid_m > max(SLIDE_M, SLIDE_CELLS * pair.source.cell_m):
             what = f"the refinement slid {best.slid_m:.1f} m from where the search had found it"
             return NotRegistered(Reason.REFINEMENT_DIVERGED, what)
         rest = [s for s in settled if s is not found] + besides
-        return settler.answer(best, rest, scores, self.max_probability_wrong)
+        return settler.answer(best, rest, scores, headings, self.max_probability_wrong)

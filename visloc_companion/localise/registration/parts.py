@@ -8,7 +8,7 @@ high where many agree, whatever made the place be found.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.localise.registration.correlation import LEAST_DEVIATION_M, NO_SCORE, Scores, Template, summits
-from visloc_companion.localise.registration.handicap import of_place
+from visloc_companion.localise.registration.handicap import of_place, of_similarity, of_turn
 from visloc_companion.localise.registration.pair import Pair
 from visloc_companion.localise.registration.search import APART_M, reach_of, region, template
 from visloc_companion.localise.registration.similarity import moved, scale_of, yaw_of
@@ -36,9 +36,10 @@ NEAR_CELLS = 2.0
 """The place's own value is the highest so near: it lies between cells."""
 
 
-def parts_lead(pair: Pair, T: FloatArray, prior: RegistrationPrior) -> float:
+def parts_lead(pair: Pair, T: FloatArray, prior: RegistrationPrior, turned: Sequence[FloatArray] = ()) -> float:
     """Mean z of the parts at the place to which T (4, 4) takes the source, less the highest of another place at its heading and
-    scale, each less its handicap. A part sees nothing (z of 0) beyond the reference."""
+    scale, or of some that are `turned` (4, 4) at its place, each less its handicap. A part sees nothing (z of 0) beyond the
+    reference."""
     low, high = region(pair, prior)
     if (high < low).any():
         return 0.0
@@ -50,7 +51,20 @@ def parts_lead(pair: Pair, T: FloatArray, prior: RegistrationPrior) -> float:
     cells = np.hypot(u - here[0], v - here[1])
     own = float(np.max(z, where=cells <= NEAR_CELLS, initial=NO_SCORE))
     away = summits(Scores(z, np.zeros(z.shape, np.int32), (0, 0))) & (cells >= APART_M / cell)
-    return max(own, 0.0) - float(np.max(z, where=away, initial=0.0))
+    turn = of_turn(yaw_of(T), scale_of(T), prior)
+    beside = [_near(pair, other, prior, (low, high)) + turn for other in turned]
+    return max(own, 0.0) - max([float(np.max(z, where=away, initial=0.0)), *beside])
+
+
+def _near(pair: Pair, T: FloatArray, prior: RegistrationPrior, within: tuple[Cells, Cells]) -> float:
+    """The highest mean z about a place, within the region (its first and last cell), less its handicap."""
+    here = pair.reference.cells_of(moved(T, pair.centre_m)[:2])
+    low = np.maximum(np.ceil(here - NEAR_CELLS).astype(int), within[0])
+    high = np.minimum(np.floor(here + NEAR_CELLS).astype(int), within[1])
+    if (high < low).any():
+        return 0.0
+    z = _mean_z(pair, T, low, high) - np.float32(of_similarity(T, pair.centre_m, prior))
+    return float(z.max())
 
 
 def _mean_z(pair: Pair, T: FloatArray, low: Cells, high: Cells) -> Float32Array:

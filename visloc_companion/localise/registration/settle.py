@@ -13,6 +13,15 @@ from visloc_companion.localise.registration.claims import answer
 from visloc_companion.localise.registration.consensus import consensus
 from visloc_companion.localise.registration.correlation import Scores
 from visloc_companion.localise.registration.evidence import Agreement, agreement, evidence_of
+from visloc_companion.localise.registration.headings import (
+    MOST_APART_RAD,
+    Headings,
+    apart_rad,
+    are_two,
+    headings_at,
+    is_turned,
+    starts,
+)
 from visloc_companion.localise.registration.nearby import spread_m2
 from visloc_companion.localise.registration.pair import Pair, make_pair
 from visloc_companion.localise.registration.polish import polish
@@ -34,16 +43,20 @@ ASTRAY = 0.1
 """Last steps that lose so much of the score have left the place."""
 MARGIN_M = 12.0
 """The reference is looked at this far beyond the source."""
+TURNED = 1
+"""Other headings of a place that are refined."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Settled:
-    """A refined candidate, how well it agrees, where (2,) its source's middle started, and how far that went, horizontally."""
+    """A refined candidate, how well it agrees, where (2,) its source's middle started, and how far that went, horizontally; the
+    heading that it started with."""
 
     refined: Refined
     found: Agreement
     start_m: FloatArray
     slid_m: float
+    start_yaw_rad: float
 
 
 class Settler:
@@ -67,35 +80,56 @@ class Settler:
         refined = polish(self.cells, surface, replace(settled.refined, T=T), self.prior, agreed.trust)
         if refined is None:
             return settled
-        polished = self._with_agreement(refined, relief, settled.start_m)
+        polished = self._with_agreement(refined, relief, settled.start_m, settled.start_yaw_rad)
         return settled if polished.found.score < settled.found.score - ASTRAY else polished
 
     def looked_at(self, T: FloatArray) -> Settled | None:
         """T as it is; None where hardly anything of the source lies on the reference."""
         return self._settled(T, *self._near(T), 0)
 
+    def headings(self, settled: Settled) -> Headings:
+        """How well others would do at its place."""
+        return headings_at(self.pair, settled.refined.T, self.prior)
+
+    def turned(self, settled: Settled, headings: Headings) -> list[Settled]:
+        """The best of the other headings at its place, refined; none where the prior leaves none."""
+        found = (self.settle(start) for start in starts(self.pair, settled.refined.T, headings, TURNED))
+        return [s for s in found if s is not None]
+
     def answer(
-        self, best: Settled, rest: list[Settled], scores: Scores, max_probability_wrong: float
+        self, best: Settled, rest: list[Settled], scores: Scores, headings: Headings, max_probability_wrong: float
     ) -> Registered | NotRegistered:
-        """The claim for the best of the candidates, against what else scores well and the rest of them, which are refined too."""
-        here = moved(best.refined.T, self.pair.centre_m)[:2]
-        away = [s.found.score for s in rest if np.hypot(*(moved(s.refined.T, self.pair.centre_m)[:2] - here)) >= APART_M]
-        rival = max([runner_up(self.pair, scores, here), *away])
-        unrefined = runner_up(self.pair, scores, np.array([here, best.start_m, *(s.start_m for s in rest)]))
+        """The claim for the best of the candidates, against what else scores well, also turned, and the rest of them, which are
+        refined too."""
+        T, apart = best.refined.T, apart_rad(self.pair)
+        here = moved(T, self.pair.centre_m)[:2]
+        others = [s for s in rest if are_two(self.pair, s.refined.T, T)]
+        away = [s.found.score for s in others]
+        rival = max([runner_up(self.pair, scores, here), headings.rival([yaw_of(T)], apart), *away])
+        begun_here = [s for s in (best, *rest) if np.hypot(*(s.start_m - here)) < APART_M]
+        refined_yaws = [yaw_of(T), *(s.start_yaw_rad for s in begun_here)]
+        unrefined = max(
+            runner_up(self.pair, scores, np.array([here, best.start_m, *(s.start_m for s in rest)])),
+            headings.rival(refined_yaws, apart),
+        )
         placed = best.refined.placed.copy()
         placed[:2, :2] += spread_m2(self.pair, scores, here, self.prior)
         refined = replace(best.refined, placed=placed)
         rivals = rival, max([unrefined, *away])
-        evidence = evidence_of(self.pair, best.found, refined, rivals, scores.unseen, self.prior)
+        turned = [s.refined.T for s in others if is_turned(self.pair, s.refined.T, T, MOST_APART_RAD)]
+        evidence = evidence_of(self.pair, best.found, refined, rivals, turned, scores.unseen, self.prior)
         return answer(refined, evidence, self.prior, max_probability_wrong)
 
     def _settled(self, start: FloatArray, surface: Surface, relief: Surface, steps: int) -> Settled | None:
         refined = refine(self.cells, surface, relief, start, self.prior, steps)
-        return None if refined is None else self._with_agreement(refined, relief, moved(start, self.pair.centre_m)[:2])
+        if refined is None:
+            return None
+        return self._with_agreement(refined, relief, moved(start, self.pair.centre_m)[:2], yaw_of(start))
 
-    def _with_agreement(self, refined: Refined, relief: Surface, start_m: FloatArray) -> Settled:
+    def _with_agreement(self, refined: Refined, relief: Surface, start_m: FloatArray, start_yaw_rad: float) -> Settled:
         slid = moved(refined.T, self.pair.centre_m)[:2] - start_m
-        return Settled(refined, agreement(self.pair, self.cells, relief, refined.T, self.prior), start_m, float(np.hypot(*slid)))
+        agreed = agreement(self.pair, self.cells, relief, refined.T, self.prior)
+        return Settled(refined, agreed, start_m, float(np.hypot(*slid)), start_yaw_rad)
 
     def _near(self, T: FloatArray) -> tuple[Surface, Surface]:
         """Heights and relief of the reference about where T puts the source."""
@@ -119,8 +153,8 @@ def judged(
 ) -> Registered | NotRegistered:
     """The answer of a method that finds T (4, 4) of (source, reference) points by itself.
 
-    T is taken as it is, and judged against all other places at its heading and scale. Raises ValueError as
-    base.RegistrationMethod.
+    T is taken as it is, and judged against all other places at its heading and scale, and all other headings at its place.
+    Raises ValueError as base.RegistrationMethod.
     """
     pair = make_pair(*clouds_m, prior)
     if isinstance(pair, NotRegistered):
@@ -134,7 +168,8 @@ def judged(
     if settled is None:
         return too_little_overlap()
     scores = search(pair, [(yaw_of(T), scale_of(T))], prior)
-    return settler.answer(settled, [], scores, max_probability_wrong)
+    headings = settler.headings(settled)
+    return settler.answer(settled, settler.turned(settled, headings), scores, headings, max_probability_wrong)
 
 
 def too_little_overlap() -> NotRegistered:

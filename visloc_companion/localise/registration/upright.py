@@ -13,7 +13,7 @@ import numpy as np
 
 from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.localise.registration.handicap import NATS
-from visloc_companion.localise.registration.search import APART_M
+from visloc_companion.localise.registration.headings import are_two, wrapped
 from visloc_companion.localise.registration.settle import Settled, Settler
 from visloc_companion.localise.registration.similarity import about, moved, scale_of, yaw_of
 from visloc_companion.types import FloatArray
@@ -33,9 +33,9 @@ def polished(settler: Settler, found: Settled, prior: RegistrationPrior) -> tupl
         return first, []
     second = settler.polished(second)
     best, other = (first, second) if first.found.score >= second.found.score else (second, first)
-    off = _apart(best.refined.T, other.refined.T, centre)
-    if math.hypot(off[0], off[1]) >= APART_M:
+    if are_two(settler.pair, best.refined.T, other.refined.T):
         return first, [second]
+    off = _apart(best.refined.T, other.refined.T, centre)
     share = 1 / (1 + math.exp(min(NATS * (best.found.score - other.found.score), MOST_NATS)))
     placed = best.refined.placed + share * (1 - share) * np.outer(off, off)
     return replace(best, refined=replace(best.refined, placed=placed)), []
@@ -53,4 +53,5 @@ def _upright(settled: Settled, centre_m: FloatArray) -> FloatArray:
 def _apart(T: FloatArray, other: FloatArray, centre_m: FloatArray) -> FloatArray:
     """(4,) east, north, heading, log scale of one similarity less another's, at the source's middle."""
     shift = moved(T, centre_m) - moved(other, centre_m)
-    return np.array([shift[0], shift[1], yaw_of(T) - yaw_of(other), math.log(scale_of(T) / scale_of(other))])
+    turn = float(wrapped(np.array(yaw_of(T) - yaw_of(other))))
+    return np.array([shift[0], shift[1], turn, math.log(scale_of(T) / scale_of(other))])

@@ -43,7 +43,7 @@ def test_a_refined_place_is_compared_with_others_by_their_refined_scores(scene):
     places, scores = find_places(pair, scene.prior, 3)
     settler = Settler(pair, scene.prior)
     best, *rest = [settler.settle(place.T) for place in places]
-    found = settler.answer(best, rest, scores, 1.0)
+    found = settler.answer(best, rest, scores, settler.headings(best), 1.0)
     evidence = dict(found.evidence)
     assert evidence["refined_rival"] <= evidence["rival"]
     assert evidence["refined_rival"] >= max(s.found.score for s in rest)

@@ -28,14 +28,14 @@ def place(yaw: float, score: float, shift=(0.0, 0.0, 0.0)) -> Settled:
     lever = np.array([0.0, -80.0, 1.0, 0.0])
     placed = 0.02**2 * np.outer(lever, lever) + np.diag([0.04, 0.04, 0.0, 1e-6])
     refined = Refined(T, 0.0, placed, np.eye(4), 0.1)
-    return Settled(refined, Agreement(score, 1.0, 1.0, 1.0, 1.0, 0.0), moved(T, CENTRE)[:2], 0.0)
+    return Settled(refined, Agreement(score, 1.0, 1.0, 1.0, 1.0, 0.0), moved(T, CENTRE)[:2], 0.0, yaw)
 
 
 class Fake:
     """A settler that ends where it is told and remembers where it was started."""
 
     def __init__(self, ends: Settled | None) -> None:
-        self.pair, self.ends, self.start = SimpleNamespace(centre_m=CENTRE), ends, np.eye(4)
+        self.pair, self.ends, self.start = SimpleNamespace(centre_m=CENTRE, half_m=30.0), ends, np.eye(4)
 
     def settle(self, start):
         self.start = start
@@ -78,6 +78,15 @@ def test_another_place_is_a_rival(scene):
     best, others = polished(Fake(elsewhere), found, replace(scene.prior, gaussian=True))
     assert best is found
     assert others == [elsewhere]
+
+
+def test_the_same_place_turned_is_a_rival_and_no_spread_of_one_heading(scene):
+    """As good turned by a right angle, it was taken and its heading held to 43 deg, with no word of the other."""
+    found, turned = place(0.03, 0.5), place(0.0, 0.5)
+    turned = replace(turned, refined=replace(turned.refined, T=about(CENTRE, np.pi / 2, 1.0, np.zeros(3))))
+    best, others = polished(Fake(turned), found, replace(scene.prior, gaussian=True))
+    assert best is found
+    assert others == [turned]
 
 
 def test_a_place_that_is_held_stays_and_a_uniform_prior_asks_no_second_time(scene):
