@@ -5,7 +5,8 @@ pose that the others gave, they come back.
 
 A prior may be far surer of its tilt than it should be (an accelerometer's bias, a camera knocked on its mount). That puts the
 camera beside its place by the height times what the tilt is off by, and nothing in the fix would claim it. Over a surface model
-blocks tell the tilt to half a degree by themselves; where they contradict the prior it is not believed.
+blocks tell the tilt to half a degree by themselves; where they contradict the prior it is not believed. Not so over a coarse one:
+hills between its samples look like a tilt.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.frame_features import FrameFeatures
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, freed_of_slope, solve_pose, widened
-from visloc_companion.localise.surface_error import height_covariance
+from visloc_companion.localise.surface_error import height_covariance, is_coarse
 from visloc_companion.localise.tilt import WIDEST_RAD
 from visloc_companion.localise.tilt_starts import tilt_is_known
 from visloc_companion.types import FloatArray
@@ -64,7 +65,8 @@ def block_pose(
     kept = _rounds(partial(match, widened(prior, sigma_slope_rad), tilt_known), start, 1 if tilt_known else ROUNDS)
     if kept.estimate is None:
         return kept
-    if with_surface and tilt_known and kept.estimate.tilt_sigmas > CONTRADICTED_SIGMAS:
+    told = with_surface and not is_coarse(grid)
+    if told and tilt_known and kept.estimate.tilt_sigmas > CONTRADICTED_SIGMAS:
         return _rounds(partial(match, replace(prior, sigma_tilt_rad=WIDEST_RAD), False), start, ROUNDS)
     ground_up_m = float(grid.surface_up_m.mean())
     return replace(kept, estimate=freed_of_slope(kept.estimate, prior, sigma_slope_rad, ground_up_m))

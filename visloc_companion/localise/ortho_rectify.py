@@ -36,7 +36,7 @@ class MapGrid:
     """A window of the map as the localiser uses it, at one level.
 
     `features` (H, W, C) and `weight` (H, W) float32 in 0..1; `surface_up_m` (H, W) float32, height above sea level;
-    `A_ne_pix` (2, 3) maps `pix` to metres north and east of the local origin.
+    `A_ne_pix` (2, 3) maps `pix` to metres north and east of the local origin; `dsm_gsd_m` as types.ReferencePatch.
     """
 
     features: Float32Array
@@ -44,6 +44,7 @@ class MapGrid:
     surface_up_m: Float32Array
     A_ne_pix: FloatArray
     gsd_m: float
+    dsm_gsd_m: float = 0.0
 
 
 def ground_homography(K: FloatArray, pose: CameraPose, A_ne_pix: FloatArray, ground_up_m: float) -> FloatArray:

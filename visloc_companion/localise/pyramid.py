@@ -8,7 +8,7 @@ shrunk image lose the structure that lasts for years (training rows, footprint 1
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -99,7 +99,7 @@ def window(view_: View, pose: CameraPose, level: Level, ref: ReferenceMap, local
 
 def blurred(grid: MapGrid, sigma_px: float) -> MapGrid:
     """The window with its features low-passed."""
-    return MapGrid(low_passed(grid.features, sigma_px), grid.weight, grid.surface_up_m, grid.A_ne_pix, grid.gsd_m)
+    return replace(grid, features=low_passed(grid.features, sigma_px))
 
 
 def low_passed(features: Float32Array, sigma_px: float) -> Float32Array:

@@ -46,6 +46,7 @@ class _Tile:
     features: NDArray[np.float16]
     valid: Mask
     dsm_amsl_m: Float32Array
+    dsm_gsd_m: float
 
 
 class RelitTiles:
@@ -76,6 +77,7 @@ class RelitTiles:
         first_row = round(-center_map_m[1] / pixel - (height - 1) / 2)
         values = np.zeros((height, width, features.channels), np.float32)
         valid, surface = np.zeros((height, width), np.bool_), np.full((height, width), np.nan, np.float32)
+        dsm_gsd_m = 0.0
         for row in range(first_row // SIDE_PX, (first_row + height - 1) // SIDE_PX + 1):
             for col in range(first_col // SIDE_PX, (first_col + width - 1) // SIDE_PX + 1):
                 tile = self._tile((light, features.name, features.recipe, octave, col, row), ref, features)
@@ -83,11 +85,11 @@ class RelitTiles:
                     continue
                 of_tile, of_window = zip(_overlap(row, first_row, height), _overlap(col, first_col, width), strict=True)
                 values[of_window], valid[of_window] = tile.features[of_tile], tile.valid[of_tile]
-                surface[of_window] = tile.dsm_amsl_m[of_tile]
+                surface[of_window], dsm_gsd_m = tile.dsm_amsl_m[of_tile], tile.dsm_gsd_m
         if not valid.any():
             raise OutsideMap(f"the window about {center_map_m} is outside the map", remedy="use a map that covers the flight")
         T_map_pix = np.array([[pixel, 0.0, first_col * pixel], [0.0, -pixel, -first_row * pixel]])
-        return FeaturePatch(values, valid, surface, T_map_pix, pixel / frame.map_units_per_m)
+        return FeaturePatch(values, valid, surface, T_map_pix, pixel / frame.map_units_per_m, dsm_gsd_m)
 
     def _tile(self, key: _Key, ref: ReferenceMap, features: Features) -> _Tile | None:
         if key in self._kept:
@@ -133,7 +135,7 @@ def _made(ref: ReferenceMap, light: Light, pixel: float, col: int, row: int, fea
     pixels, valid, heights = _on_lattice(pixels, patch, np.array([[pixel, 0.0, first[0]], [0.0, -pixel, first[1]]]))
     values = features(pixels, valid)[inner]
     kept = valid[inner].copy(), np.array(heights[inner], dtype=np.float32)  # views would keep the margin, too
-    return _Tile(values.astype(np.float16), *kept)
+    return _Tile(values.astype(np.float16), *kept, patch.dsm_gsd_m)
 
 
 def _on_lattice(pixels: Float32Array, patch: ReferencePatch, T_map_pix: FloatArray) -> tuple[Float32Array, Mask, Float32Array]:

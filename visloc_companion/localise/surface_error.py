@@ -28,6 +28,9 @@ GROUND_M = 0.3
 """1-sigma of the ground's height, from place to place."""
 ALIKE_M = 60.0
 """Places so far apart have exp(-1) of that in common."""
+COARSE_M, UNRESOLVED = 20.0, 3.0
+"""Between the samples of a surface model so far apart or farther the land is not known: 1-sigma so much of what its own stands
+out of a plane, times their distance over the window's side. Set on made land (fractal, 10 to 30 m) and models of 30 and 90 m."""
 
 
 def height_covariance(grid: MapGrid, at_px: FloatArray, side_px: float) -> FloatArray:
@@ -36,7 +39,26 @@ def height_covariance(grid: MapGrid, at_px: FloatArray, side_px: float) -> Float
     ne = apply_affine(grid.A_ne_pix, at_px)
     apart_m = np.hypot(*(ne[:, None] - ne[None]).transpose(2, 0, 1))
     both = np.outer(standing, standing)
-    return np.asarray(SHARE**2 * both + (GROUND_M**2 + LOCAL_SHARE**2 * both) * np.exp(-apart_m / ALIKE_M), dtype=np.float64)
+    alike = np.exp(-apart_m / max(ALIKE_M, grid.dsm_gsd_m))
+    ground_m2 = GROUND_M**2 + unresolved_m(grid) ** 2
+    return np.asarray(SHARE**2 * both + (ground_m2 + LOCAL_SHARE**2 * both) * alike, dtype=np.float64)
+
+
+def is_coarse(grid: MapGrid) -> bool:
+    """Whether the land between the surface model's samples is not known."""
+    return grid.dsm_gsd_m >= COARSE_M
+
+
+def unresolved_m(grid: MapGrid) -> float:
+    """1-sigma of the land between the samples of a coarse surface model; 0 where they are closer than COARSE_M."""
+    if not is_coarse(grid):
+        return 0.0
+    rows, cols = np.indices(grid.surface_up_m.shape)
+    design = np.column_stack([np.ones(rows.size), rows.ravel(), cols.ravel()])
+    heights = grid.surface_up_m.ravel().astype(np.float64)
+    plane = np.linalg.lstsq(design.T @ design, design.T @ heights, rcond=None)[0]
+    side_m = grid.gsd_m * math.sqrt(rows.size)
+    return float(np.std(heights - design @ plane)) * min(1.0, UNRESOLVED * grid.dsm_gsd_m / side_m)
 
 
 def standing_m(grid: MapGrid, at_px: FloatArray, side_px: float) -> FloatArray:

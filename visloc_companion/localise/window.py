@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -56,6 +57,7 @@ def map_grid(
         filled(patch.dsm_amsl_m, patch.valid),
         frame.A_ne_pix(patch.T_map_pix),
         patch.gsd_m,
+        patch.dsm_gsd_m,
     )
 
 
@@ -67,7 +69,7 @@ def _feature_patch(
         return stored
     patch = ref.patch(centre, size_px, gsd_m, 0.0)
     values = features(patch.pixels, patch.valid)
-    return FeaturePatch(values, patch.valid, patch.dsm_amsl_m, patch.T_map_pix, patch.gsd_m)
+    return FeaturePatch(values, patch.valid, patch.dsm_amsl_m, patch.T_map_pix, patch.gsd_m, patch.dsm_gsd_m)
 
 
 def cropped(grid: MapGrid) -> MapGrid:
@@ -92,7 +94,7 @@ def _part(grid: MapGrid, rows: slice, cols: slice) -> MapGrid:
     A = grid.A_ne_pix.copy()
     A[:, 2] += A[:, :2] @ np.array([cols.start, rows.start], dtype=np.float64)
     features, weight, surface = (np.ascontiguousarray(a[rows, cols]) for a in (grid.features, grid.weight, grid.surface_up_m))
-    return MapGrid(features, weight, surface, A, grid.gsd_m)
+    return MapGrid(features, weight, surface, A, grid.gsd_m, grid.dsm_gsd_m)
 
 
 def thinned(grid: MapGrid, stride: int) -> MapGrid:
@@ -102,4 +104,6 @@ def thinned(grid: MapGrid, stride: int) -> MapGrid:
     features, weight, surface = (
         np.ascontiguousarray(a[::stride, ::stride]) for a in (grid.features, grid.weight, grid.surface_up_m)
     )
-    return MapGrid(features, weight, surface, grid.A_ne_pix * np.array([stride, stride, 1.0]), grid.gsd_m)
+    return replace(
+        grid, features=features, weight=weight, surface_up_m=surface, A_ne_pix=grid.A_ne_pix * np.array([stride, stride, 1.0])
+    )

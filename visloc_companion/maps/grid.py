@@ -38,6 +38,8 @@ class GridMap:
     def __init__(self, crs: MapCrs, pixels: Layer, heights: Heights, gsd_m: float) -> None:
         self._crs, self._pixels, self._heights, self._gsd_m = crs, pixels, heights, gsd_m
         self._T_pix_map = invert_affine(pixels.T_map_pix)
+        surface = heights.layer
+        self._dsm_gsd_m = 0.0 if surface is None else ground_gsd_m(heights.crs, surface.T_map_pix, surface.shapes[0])
 
     @property
     def gsd_m(self) -> float:
@@ -84,7 +86,7 @@ class GridMap:
         valid &= np.isfinite(heights)
         if not valid.any():
             raise OutsideMap(f"the window about {center_map_m} is outside the map", remedy="use a map that covers the flight")
-        return ReferencePatch(pixels, valid, heights, T_map_pix, gsd_m, heading_rad)
+        return ReferencePatch(pixels, valid, heights, T_map_pix, gsd_m, heading_rad, self._dsm_gsd_m)
 
     def projection_at(self, place: GeoPoint) -> Linearisation:
         """The CRS linearised at a place."""
@@ -146,8 +148,7 @@ class GridMap:
         if layer is None:
             raise MapError("the map has no shape: its ground is a plane", remedy="build it with --dsm or --cloud")
         same = heights.crs == self._crs
-        gsd_m = ground_gsd_m(heights.crs, layer.T_map_pix, layer.shapes[0])
-        pixel = gsd_m * self._crs.linearised_at_map(*center_map_m).scale
+        pixel = self._dsm_gsd_m * self._crs.linearised_at_map(*center_map_m).scale
         T_map_pix = layer.T_map_pix if same else None
         return sampled_surface(self._height_window, T_map_pix, pixel, center_map_m, radius_map, max_points)
 

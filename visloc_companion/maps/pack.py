@@ -77,7 +77,7 @@ class PackMap(GridMap):
             raise OutsideMap(f"the window about {center_map_m} is outside the map", remedy="use a map that covers the flight")
         easting, northing = apply_affine(T_map_pix, half)
         gsd_m = level.pixel_map / self._crs.linearised_at_map(float(easting), float(northing)).scale
-        return FeaturePatch(features, valid, heights, T_map_pix, gsd_m)
+        return FeaturePatch(features, valid, heights, T_map_pix, gsd_m, self._dsm_gsd_m)
 
     def why_not_stored(self, name: str, recipe: str) -> str:
         """Why features are not taken from the pack but computed in flight; empty where they are taken from it."""

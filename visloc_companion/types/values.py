@@ -51,7 +51,8 @@ class ReferencePatch:
     """A window of the reference map, immutable: pixels, validity, heights and where it lies.
 
     `T_map_pix` (2, 3) maps homogeneous `pix` coordinates (u, v, 1) (centre of the top-left pixel = 0, 0) to easting and
-    northing in the map's CRS. `dsm_amsl_m` is the surface height per pixel in metres above sea level.
+    northing in the map's CRS. `dsm_amsl_m` is the surface height per pixel in metres above sea level; `dsm_gsd_m`: how far apart
+    on the ground the surface model's own samples are, metres, 0 for a plane or where that is not known.
     """
 
     pixels: Image
@@ -60,6 +61,7 @@ class ReferencePatch:
     T_map_pix: FloatArray
     gsd_m: float
     heading_rad: float
+    dsm_gsd_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,6 +73,7 @@ class FeaturePatch:
     dsm_amsl_m: NDArray[np.float32]
     T_map_pix: FloatArray
     gsd_m: float
+    dsm_gsd_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -137,6 +137,7 @@ def test_heights_of_any_grid_lie_on_the_pixels(tmp_path: Path, write_raster, crs
     patch = ref.patch(ref.center_map_m, (140, 120), 0.6, 0.9)
     assert patch.valid.all()
     assert patch.dsm_amsl_m.dtype == np.float32
+    assert patch.dsm_gsd_m == pytest.approx(gsd_m, rel=0.01)
     places = apply_affine(patch.T_map_pix, pix_grid(140, 120)).reshape(-1, 2)
     geo = map_crs(NORTH[0]).to_geo_array(places)
     pix = apply_affine(invert_affine(T), map_crs(crs).to_map_array(geo))
@@ -252,7 +253,9 @@ def test_unknown_heights_are_not_a_number_and_invalid(tmp_path: Path, write_rast
 def test_plane_where_there_is_no_surface_model(tmp_path: Path, write_raster) -> None:
     write_raster(tmp_path / "a.tif", image(100), *NORTH, 1.0)
     ref = RasterMap.open(tmp_path / "a.tif", ground_h_amsl_m=12.5)
-    assert (ref.patch(ref.center_map_m, (10, 10), 1.0, 0.0).dsm_amsl_m == 12.5).all()
+    patch = ref.patch(ref.center_map_m, (10, 10), 1.0, 0.0)
+    assert (patch.dsm_amsl_m == 12.5).all()
+    assert patch.dsm_gsd_m == 0
     easting, northing = ref.center_map_m
     assert ref.height_amsl_m(easting, northing) == 12.5
     assert math.isnan(ref.height_amsl_m(easting + 51, northing))

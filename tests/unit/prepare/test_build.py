@@ -8,6 +8,7 @@ import rasterio
 
 from visloc_companion.errors import DatumMissing, MapError
 from visloc_companion.geo.raster import apply_affine, invert_affine
+from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.raster import RasterMap
@@ -49,6 +50,7 @@ def test_pack_shows_what_the_files_show(tmp_path: Path, write_raster) -> None:
         assert both.mean() > 0.95
         assert np.abs(a.pixels[both].astype(int) - b.pixels[both]).max() <= 2
         assert np.abs(a.dsm_amsl_m[both] - b.dsm_amsl_m[both]).max() < 0.02
+        assert a.dsm_gsd_m == pytest.approx(b.dsm_gsd_m, rel=0.01)
     assert {stage for stage, _ in stages} == {"inputs", "orthophoto", "surface model", "features gradient", "hashes"}
     assert all(0 <= share <= 1 for _, share in stages) and stages[-1] == ("hashes", 1.0)
     assert not list(tmp_path.glob(".pack*"))
@@ -84,6 +86,9 @@ def test_geographic_rasters_become_utm(tmp_path: Path, write_raster) -> None:
     assert manifest.crs.epsg == 32633 and manifest.gsd_m == pytest.approx(0.5, rel=1e-3)
     pack, files = PackMap.open(tmp_path / "pack"), RasterMap.open(tmp_path / "a.tif", tmp_path / "dsm.tif")
     patch = pack.patch(pack.center_map_m, (120, 100), 0.5, 0.4)
+    stored = pack.stored_patch(pack.center_map_m, (20, 20), 2.0, "gradient", GRADIENT.recipe)
+    assert stored is not None
+    assert stored.dsm_gsd_m == patch.dsm_gsd_m == pytest.approx(2.0, rel=0.02)
     v, u = np.mgrid[:100, :120]
     places = apply_affine(patch.T_map_pix, np.stack([u, v], axis=-1).reshape(-1, 2).astype(float))
     geo = pack.crs.to_geo_array(places)
