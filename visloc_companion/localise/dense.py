@@ -37,6 +37,10 @@ LOOK_AGAIN_ABOVE, LEAST_OF_ONE_PLACE = 0.05, 0.25
 the latter or more: on training cases every right one had 0.27. Where much is searched none has it, and it would take long."""
 
 
+TOLD_UNSEARCHED = 0.02
+"""Probability of what was left out of the search from which a refusal says so."""
+
+
 @dataclass(frozen=True, slots=True)
 class Fitted:
     """What was fitted for a method's features: weights of being right at the first look and, where there is one, at a second;
@@ -87,7 +91,9 @@ class DenseLocaliser:
             )
             found = find_candidates(task)
             look = self._look(task, found)
-            return self._answer(request, look, found) if isinstance(look, Look) else no_fix(request, self.method, watch, look)
+            if isinstance(look, Look):
+                return self._answer(request, look, found)
+            return no_fix(request, self.method, watch, _and_unsearched(look, found), {"unsearched": found.unsearched})
         except OutsideMap as outside:
             return no_fix(request, self.method, watch, (Reason.OUTSIDE_MAP, outside.what))
 
@@ -133,12 +139,13 @@ class DenseLocaliser:
             "agl_m": plan.agl_m,
             "p_wrong": look.p,
             "share": look.share,
+            "unsearched": found.unsearched,
             "looks": 1.0 if task.fine_features is GRADIENT else 2.0,
             "lit": 0.0 if task.lit is None else 1.0,
             **mode_numbers(found.modes, plan.pose.p_ned_m),
         }
         if why := look.why_not(self._settings.max_probability_wrong):
-            declined = no_fix(request, self.method, task.watch, why, numbers)
+            declined = no_fix(request, self.method, task.watch, _and_unsearched(why, found), numbers)
             places = open_places(task, look.matches, look.likely, 1 - look.alone)
             return replace(declined, open_places=places, footprint_m=math.sqrt(plan.area_m2))
         final = sharpened(task, match)
@@ -149,6 +156,14 @@ class DenseLocaliser:
         answer = fix(request, self.method, task.watch, plan, task.ref, pose, covariance, look.p, sigma_m, numbers)
         north, east = estimate.per_focal[:2].tolist()
         return replace(answer, tilt=seen_tilt(estimate, request.prior), per_focal_ne_m=(north, east), sun=task.sun_seen)
+
+
+def _and_unsearched(why: Why, found: Found) -> Why:
+    """A refusal that also says how much of the prior was left out, where that may be why nothing was found."""
+    if found.unsearched < TOLD_UNSEARCHED:
+        return why
+    reason, detail = why
+    return reason, f"{detail}; {100 * found.unsearched:.0f} % of where it may be was too far to be searched"
 
 
 def _another_look_tells_more(task: Task, found: Found) -> bool:

@@ -16,6 +16,9 @@ from visloc_companion.localise.pose import to_view
 from visloc_companion.localise.search import Peak, ScoreVolume, Template, find_peaks, search
 from visloc_companion.types import FloatArray
 
+LATTICE = 61
+"""Places along each axis of the prior's ellipse by which it is told how much of it is searched."""
+
 
 def hypotheses(plan: SearchPlan) -> list[tuple[float, float]]:
     """All (heading, scale) pairs."""
@@ -97,6 +100,20 @@ def region(volume: ScoreVolume, grid: MapGrid, plan: SearchPlan) -> NDArray[np.b
     W = np.linalg.inv(plan.cov_ne_m2)
     inside = W[0, 0] * n * n + 2 * W[0, 1] * n * e + W[1, 1] * e * e <= SIGMAS**2
     return np.asarray(inside & (n * n + e * e <= plan.radius_cap_m**2), dtype=np.bool_)
+
+
+def unsearched(plan: SearchPlan, most_side_m: float) -> float:
+    """Probability by the prior, within its 3-sigma ellipse, of the places that are left out: those beyond the radius that the
+    settings allow, and whose view lies beyond a window of the map of so much a side."""
+    at = np.linspace(-SIGMAS, SIGMAS, LATTICE)
+    x, y = (a.ravel() for a in np.meshgrid(at, at))
+    squared = x * x + y * y
+    share = np.where(squared <= SIGMAS**2, np.exp(-squared / 2), 0.0)
+    variances, axes = np.linalg.eigh(plan.cov_ne_m2)
+    off_m = np.column_stack([x, y]) * np.sqrt(np.maximum(variances, 0.0)) @ axes.T
+    seen = np.hypot(off_m[:, 0], off_m[:, 1]) <= plan.radius_cap_m
+    seen &= (np.abs(off_m) <= most_side_m / 2).all(1)
+    return float(1 - share @ seen / share.sum())
 
 
 def pose_of_peak(peak: Peak, grid: MapGrid, plan: SearchPlan, footprint_up_m: Float32Array) -> CameraPose:

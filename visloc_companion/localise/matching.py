@@ -27,6 +27,7 @@ from visloc_companion.localise.hypotheses import (
     region,
     search_box,
     search_window,
+    unsearched,
 )
 from visloc_companion.localise.map_suns import MapSuns
 from visloc_companion.localise.modes import PlaceMode, place_modes
@@ -37,7 +38,7 @@ from visloc_companion.localise.ranking import RankWeights, Standing, lead
 from visloc_companion.localise.relit_tiles import Lit, RelitTiles
 from visloc_companion.localise.tilt_starts import likeliest, starts
 from visloc_companion.localise.verify import block_z
-from visloc_companion.localise.window import cropped, map_grid, part_of_box, thinned
+from visloc_companion.localise.window import MAX_SIDE_PX, cropped, map_grid, part_of_box, thinned
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import FloatArray, PosePrior, Sun
 
@@ -128,10 +129,12 @@ class Match:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """What the exhaustive search found: peaks refined at the search level, best first, and the posterior's modes."""
+    """What the exhaustive search found: peaks refined at the search level, best first, and the posterior's modes; by the prior,
+    the probability of the places that it left `unsearched`."""
 
     candidates: list[Descended]
     modes: list[PlaceMode]
+    unsearched: float = 0.0
 
 
 def find_candidates(task: Task) -> Found:
@@ -164,7 +167,7 @@ def find_candidates(task: Task) -> Found:
             found.append(likeliest(apart, plan.pose.R_ned_cam, task.prior.sigma_tilt_rad, task.rank[0] + task.rank[4]))
     temperature = task.temperature * grid.gsd_m / math.sqrt(plan.area_m2)
     modes = place_modes(volume, region(volume, grid, plan), grid, temperature, arms_to_view(plan))
-    return Found(sorted(found, key=lambda c: -c.score), modes)
+    return Found(sorted(found, key=lambda c: -c.score), modes, unsearched(plan, MAX_SIDE_PX * grid.gsd_m))
 
 
 def best_match(task: Task, matches: list[Match]) -> tuple[Match, float]:
