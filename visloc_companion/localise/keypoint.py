@@ -17,6 +17,7 @@ from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, ground_
 from visloc_companion.localise.plan import SearchPlan, planned
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, solve_pose
 from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.localise.surface_error import height_covariance, is_coarse
 from visloc_companion.localise.verify import logistic
 from visloc_companion.localise.window import cropped, map_grid
 from visloc_companion.protocols import ReferenceMap
@@ -29,6 +30,8 @@ MATCH_SIGMA_PX = 1.0
 SIGMA_FLOOR_PX = 0.4
 MOST_FRAME_PX = 400
 """Longer side of the rectified frame: what is smaller than its pixels seldom outlives the years between photograph and map."""
+MOST_OPEN = 300
+"""Matches that are used where the heights of all are open: time goes with the cube of their number."""
 Pairs = tuple[FloatArray, FloatArray]
 
 
@@ -127,6 +130,11 @@ def _consistent(frame: Pairs, there: Pairs) -> Pairs:
 def _pose(
     pairs: Pairs, plan: SearchPlan, grid: MapGrid, K: FloatArray, A_ne_pix: FloatArray, sigma_tilt_rad: float
 ) -> PoseEstimate | None:
+    heights_m2 = None
+    if is_coarse(grid):
+        every = -(-len(pairs[0]) // MOST_OPEN)
+        pairs = pairs[0][::every], pairs[1][::every]
+        heights_m2 = height_covariance(grid, pairs[1], 1.0)
     H = ground_homography(K, plan.pose, A_ne_pix, plan.ground_up_m)
     q = np.column_stack([pairs[0], np.ones(len(pairs[0]))]) @ H.T
     ground = ground_points(grid, pairs[1])
@@ -134,7 +142,7 @@ def _pose(
     start = CameraPose(plan.pose.p_ned_m + np.array([*moved_ne, 0.0]), plan.pose.R_ned_cam)
     sigma_px = np.full(len(q), MATCH_SIGMA_PX * K[0, 0] * grid.gsd_m / plan.agl_m)
     prior = PriorTerm(plan.pose.R_ned_cam, sigma_tilt_rad)
-    return solve_pose(ground, q[:, :2] / q[:, 2:3], sigma_px, K, start, prior, iterations=15)
+    return solve_pose(ground, q[:, :2] / q[:, 2:3], sigma_px, K, start, prior, iterations=15, heights_m2=heights_m2)
 
 
 def _probability_wrong(inliers: int) -> float:

@@ -14,8 +14,10 @@ from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
 from visloc_companion.geo.wgs84 import ned_from_geo
 from visloc_companion.localise.dense import gradient_localiser
+from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, solve_pose
+from visloc_companion.localise.registry import make_localiser
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.surface_error import GROUND_M, LOCAL_SHARE, SHARE, height_covariance, standing_m, unresolved_m
 from visloc_companion.types import CameraModel, Fix, FloatArray, ReferencePatch
@@ -146,9 +148,11 @@ def test_between_the_samples_of_a_coarse_model_the_land_is_not_known() -> None:
     assert np.linalg.eigvalsh(coarse).min() > 0
 
 
+@pytest.mark.parametrize(("method", "most_m"), [("gradient", 2.0), ("keypoint", 4.0)])
 @pytest.mark.parametrize("place", [(60.0, 40.0), (-20.0, -60.0), (80.0, -20.0)])
-def test_hills_between_the_samples_of_a_model_are_no_tilt(place, support) -> None:  # type: ignore[no-untyped-def]
-    """Of 90 m: the prior's tilt was given up for them, and fixes were 8 m off, 4.6 to 5.1 times what they claimed."""
+def test_hills_between_the_samples_of_a_model_are_no_tilt(place, method, most_m, support) -> None:  # type: ignore[no-untyped-def]
+    """Of 88 m: the prior's tilt was given up for them, and fixes were 8 m off, 4.6 to 5.1 times what they claimed; those of key
+    points were as surely wrong."""
     pixels = support.texture(1, 700)
     rows, cols = np.mgrid[:700, :700]
     land = (100 + 12 * np.sin(cols / 40) * np.cos(rows / 55)).astype(np.float32)
@@ -156,11 +160,12 @@ def test_hills_between_the_samples_of_a_model_are_no_tilt(place, support) -> Non
     model, truth, level = CameraModel(240, 180, 210.0, 210.0, 119.5, 89.5), (*place, -235.0), (0.02, -0.03, 0.6)
     frame = support.render(support.FlatMap(pixels, land), model, truth, level)
     request = support.request_at((place[0] + 9, place[1] - 7, -233.0), level, model=model)
-    answer = gradient_localiser(model, LocaliserSettings()).localise(request, frame, Coarse(support.FlatMap(pixels, coarse)))
+    localiser = make_localiser(method, model, features=GRADIENT)
+    answer = localiser.localise(request, frame, Coarse(support.FlatMap(pixels, coarse)))
     assert isinstance(answer, Fix)
     north, east, _ = ned_from_geo(answer.place, support.HOME)
     off = np.array([north - place[0], east - place[1]])
-    assert math.hypot(*off) < 2.0
+    assert math.hypot(*off) < most_m
     assert float(off @ np.linalg.solve(answer.cov_ne_m2, off)) < 6.0  # 95 %
 
 
