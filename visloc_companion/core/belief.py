@@ -155,7 +155,7 @@ def renewed(belief: Belief, which: slice, variance: float) -> Belief:
     """With two states of which nothing is known any more but their variance."""
     x, P = separation.renewed(belief.x, belief.P, which, variance)
     others_x, others_P = separation.renewed(belief.without.x, belief.without.P, which, variance)
-    return belief._replace(x=x, P=P, without=replace(belief.without, x=others_x, P=others_P))
+    return belief._replace(x=x, P=P, without=replace(belief.without, x=others_x, then=others_P, way=None))
 
 
 def driven_by(belief: Belief, drive: Drive, variance: float) -> Belief:

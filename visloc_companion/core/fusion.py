@@ -40,7 +40,7 @@ from visloc_companion.core.propagation import (
     POSITION,
     VELOCITY,
     Drive,
-    transition,
+    step,
 )
 from visloc_companion.core.settings import InjectionSettings, NavigatorSettings
 from visloc_companion.errors import Reason
@@ -109,13 +109,17 @@ def propagated(
     dt = (t_ns - belief.t_ns) * 1e-9
     if dt <= 0:
         return belief
-    without = separation.NONE if alone else belief.without
-    sigmas = _sigmas_mps(belief, without, settings)
     gone_by = math.hypot(*v_ne_mps) * dt / belief.apart_m
-    F, Q = transition(dt, belief.drive, sigmas, belief.sigma_a_mps2, change_ne_mps, settings, gone_by, belief.lens_share)
+    on = step(dt, belief.drive, belief.sigma_a_mps2, change_ne_mps, settings, gone_by, belief.lens_share)
     north, east = v_ne_mps[0] * dt, v_ne_mps[1] * dt
-    step = np.array((north, east, *STILL))
-    x, P = kalman.predict(belief.x, belief.P, F, Q[0], step)
+    moved = np.array((north, east, *STILL))
+    sigma_mps = _sigma_mps(belief, settings)
+    Q = on.Q if belief.drive is Drive.INERTIAL else on.Q + sigma_mps**2 * on.V
+    x = on.F.dot(belief.x) + moved
+    P = on.F.dot(belief.P).dot(on.F.T) + Q  # kalman.update checks it
+    without = separation.NONE if alone else belief.without
+    if len(without.leaves):
+        without = separation.propagated(without, on, Q, _more_m2ps2(belief, sigma_mps, settings), moved)
     inertial = belief.drive is Drive.INERTIAL
     moved_north, moved_east = (x - belief.x)[POSITION].tolist() if inertial else (north, east)
     return Belief(
@@ -131,7 +135,7 @@ def propagated(
         belief.last_fix_ns,
         belief.rejected,
         belief.votes,
-        separation.propagated(without, F, Q[1:], step),
+        without,
         belief.lean,
         belief.apart_m,
         belief.fix_per_m2,
@@ -159,24 +163,34 @@ def taken(
     return belief._replace(x=got.x, P=got.P, without=without), Accepted(got.nis)
 
 
-def _sigmas_mps(belief: Belief, without: separation.Solutions, settings: NavigatorSettings) -> FloatArray:
-    """1-sigma (K + 1,) of the velocity's error of the filter and of K solutions; an inertial velocity does without it."""
-    sigmas = np.empty(1 + len(without))
-    sigmas.fill(belief.sigma_v_mps)
+def _sigma_mps(belief: Belief, settings: NavigatorSettings) -> float:
+    """1-sigma of the velocity's error; an inertial velocity does without it."""
+    sigma_mps = belief.sigma_v_mps
     if belief.drive is Drive.INERTIAL:
-        return sigmas
+        return sigma_mps
     if belief.drive is not Drive.FED_BACK:  # a large learned error does not relax to zero as the model says: allow for that
-        sigmas[0] = max(belief.sigma_v_mps, math.hypot(*belief.x[VELOCITY].tolist()) / 2)
-        if len(without):
-            np.maximum(sigmas[1:], np.hypot(*without.x[:, VELOCITY].T) / 2, out=sigmas[1:])
-        return sigmas
-    held_s = settings.dead_reckoning_after_s
-    sigmas[0] += INERTIAL_DRIFT_MPS2 * max(0.0, (belief.t_ns - belief.rested_ns) * 1e-9 - held_s)
-    if len(without):
-        rested_s = (belief.t_ns - np.maximum(without.rested_ns, belief.started_ns)) * 1e-9
-        sigmas[1:] += INERTIAL_DRIFT_MPS2 * np.maximum(0.0, rested_s - held_s)
-    sigmas *= math.sqrt(belief.fed_back_over)
-    return sigmas
+        return max(sigma_mps, math.hypot(*belief.x[VELOCITY].tolist()) / 2)
+    unheld_s = max(0.0, (belief.t_ns - belief.rested_ns) * 1e-9 - settings.dead_reckoning_after_s)
+    return (sigma_mps + INERTIAL_DRIFT_MPS2 * unheld_s) * math.sqrt(belief.fed_back_over)
+
+
+def _more_m2ps2(belief: Belief, sigma_mps: float, settings: NavigatorSettings) -> FloatArray | None:
+    """By how much the variance (K,) of that error is larger in the solutions that leave fixes out than in the filter, which has
+    `sigma_mps`; None where it is in none."""
+    without, own_mps = belief.without, belief.sigma_v_mps
+    if belief.drive is Drive.INERTIAL:
+        return None
+    if belief.drive is not Drive.FED_BACK:
+        north_mps, east_mps = without.x[:, VELOCITY.start], without.x[:, VELOCITY.stop - 1]
+        squared = (north_mps * north_mps + east_mps * east_mps) / 4
+        return np.asarray(np.maximum(squared, own_mps**2) - sigma_mps**2)
+    held_until_ns = belief.t_ns - round(settings.dead_reckoning_after_s * 1e9)
+    unheld_ns = held_until_ns - np.maximum(without.rested_ns, belief.started_ns)
+    drift_mps = INERTIAL_DRIFT_MPS2 * 1e-9 * np.maximum(unheld_ns, 0)
+    more: FloatArray = drift_mps * (drift_mps + 2 * own_mps)  # (own + drift)^2 - own^2
+    more *= belief.fed_back_over
+    more += belief.fed_back_over * own_mps**2 - sigma_mps**2
+    return more
 
 
 def observed(

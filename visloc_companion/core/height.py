@@ -99,7 +99,7 @@ def carried(belief: HeightBelief, t_ns: int, settings: NavigatorSettings) -> Hei
     """The belief at a later time; the same for any division of the interval."""
     if t_ns <= belief.t_ns:
         return belief
-    return replace(_widened(belief, _walked_m2(belief, t_ns, settings)), t_ns=t_ns)
+    return _widened(belief, _walked_m2(belief, t_ns, settings), t_ns)
 
 
 def _walked_m2(belief: HeightBelief, t_ns: int, settings: NavigatorSettings) -> float:
@@ -171,15 +171,16 @@ def _alike(belief: HeightBelief, z: HeightFix, H: FloatArray, moved_m: FloatArra
     return after_fix(belief.alike, Taken(z.t_ns, z.method, z.probability_wrong, again, off_m, P + z.var_m2, moved_m, P))
 
 
-def _widened(belief: HeightBelief, more_m2: float) -> HeightBelief:
+def _widened(belief: HeightBelief, more_m2: float, t_ns: int | None = None) -> HeightBelief:
+    """With a variance added to the offset, at a time where that is another."""
     P = belief.P.copy()
     P[0, 0] += more_m2
     without = belief.without
     if len(without):
         others = without.P.copy()
         others[:, 0, 0] += more_m2
-        without = replace(without, P=others)
-    return replace(belief, P=P, without=without)
+        without = replace(without, then=others)
+    return replace(belief, t_ns=belief.t_ns if t_ns is None else t_ns, P=P, without=without)
 
 
 class HeightFilter:
@@ -233,6 +234,8 @@ class HeightFilter:
     def _doubted(self, t_ns: int) -> HeightBelief:
         """The newest belief with the doubt of jumps until a time; what ground in view has told was of the height before."""
         belief = self.newest
+        if not self._jumps:
+            return belief
         more_m2 = sum(var_m2 for jumped_ns, var_m2 in self._jumps if belief.t_ns < jumped_ns <= t_ns)
         return replace(_widened(belief, more_m2), told=0.0) if more_m2 else belief
 

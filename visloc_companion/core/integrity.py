@@ -95,11 +95,15 @@ def bound_m(
 
 def protection_level_m(x: FloatArray, P: FloatArray, without: Solutions, alike: Alike, settings: NavigatorSettings) -> float:
     """Bound of the horizontal error of the filter's position; x (n,), P (n, n) begin with north and east."""
-    covs_m2 = np.concatenate([P[None, :2, :2], without.P[:, :2, :2], (1 - SHARE) * P[:2, :2] + alike.cov_m2])
-    nn, ne, ee = covs_m2[:, 0, 0], covs_m2[:, 0, 1], covs_m2[:, 1, 1]
+    n, K = 1 + len(without), 1 + len(without) + len(alike)
+    own_m2, covs_m2, apart, probability = P[:2, :2].reshape(4, 1), np.empty((4, K)), np.zeros(K), np.ones(K)
+    covs_m2[:, :1], covs_m2[:, 1:n] = own_m2, without.position_m2
+    covs_m2[:, n:] = (1 - SHARE) * own_m2 + alike.cov_m2.reshape(-1, 4).T
+    off_m = without.x[:, :2] - x[:2]
+    apart[1:n], apart[n:] = np.hypot(off_m[:, 0], off_m[:, 1]), np.hypot(alike.off_m[:, 0], alike.off_m[:, 1])
+    probability[1:n], probability[n:] = without.probability, alike.probability
+    nn, ne, _, ee = covs_m2
     sigma = np.sqrt((nn + ee) / 2 + np.hypot((nn - ee) / 2, ne) + settings.map_sigma_m**2)
-    apart = np.concatenate([(0.0,), np.hypot(*(without.x[:, :2] - x[:2]).T), np.hypot(*alike.off_m.T)])
-    probability = np.concatenate([(1.0,), without.probability, alike.probability])
     return bound_m(apart, sigma, probability, settings.integrity_risk, rayleigh)
 
 

@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 from enum import Enum
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,6 +34,9 @@ N_STATES = 15
 POSITION, LASTING, VELOCITY, ACCELERATION, AIR = (slice(k, k + 2) for k in range(0, 10, 2))
 HEADING, ODOMETRY_SCALE, ODOMETRY_HEADING, ODOMETRY_LENS, FIX_LENS = 10, 11, 12, 13, 14
 PAIRS = np.array([pair.start for pair in (POSITION, VELOCITY, ACCELERATION, AIR)])
+AXES = tuple(np.ix_(PAIRS + axis, PAIRS + axis) for axis in range(2))
+LASTING_ITSELF = slice(LASTING.start * (N_STATES + 1), LASTING.stop * (N_STATES + 1), N_STATES + 1)
+"""Its diagonal in a matrix (15, 15) row by row."""
 H_POSITION: FloatArray = np.eye(N_STATES)[POSITION]
 N_CONSIDERED = N_STATES - VELOCITY.start
 """States that stay as they are where the velocity descends from our own fixes."""
@@ -78,6 +82,44 @@ def initial_covariance(position_m: float, velocity_mps: float, acceleration_mps2
     return np.diag(np.square([*pairs, *(sigma for _, sigma, _ in SLOW)]))
 
 
+class Step(NamedTuple):
+    """x -> F x and P -> F P F' + Q + s^2 V for a velocity whose error has the 1-sigma s; all (15, 15). V is of position and
+    velocity alone and the same on both axes: `own` (3, 4) carries what a solution has of it, variance of the position, covariance
+    with the velocity, variance of the velocity, followed by s^2."""
+
+    F: FloatArray
+    Q: FloatArray
+    V: FloatArray
+    own: FloatArray
+
+
+def step(
+    dt_s: float,
+    drive: Drive,
+    sigma_a_mps2: float,
+    change_ne_mps: Vec2,
+    settings: NavigatorSettings,
+    gone_by: float = 0.0,
+    lens_share: float = 0.0,
+) -> Step:
+    """How the state goes on over a time.
+
+    `change_ne_mps`: by how much the driving velocity changes meanwhile. `gone_by`: the way, over that after which fixes look at
+    other ground. `lens_share`: 1-sigma of the focal length beside what is believed of every lens.
+    """
+    bias = (sigma_a_mps2, settings.acceleration_correlation_s)
+    inertial = drive is Drive.INERTIAL
+    known = _inertial(dt_s, *bias) if inertial else _gauss_markov(dt_s, settings.velocity_correlation_s, *bias)
+    F, Q = known.F.copy(), known.Q.copy()
+    if inertial:
+        north, east = change_ne_mps
+        F[VELOCITY, HEADING] = -east, north
+        F[POSITION, HEADING] = east * dt_s / 2, -north * dt_s / 2
+    _forget(F, Q, gone_by)
+    _doubt_lens(F, Q, lens_share)
+    return Step(F, Q, known.V, known.own)
+
+
 def transition(
     dt_s: float,
     drive: Drive,
@@ -88,34 +130,16 @@ def transition(
     gone_by: float = 0.0,
     lens_share: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
-    """F (15, 15), and Q (K, 15, 15) for K sigmas of the velocity's error (which an inertial velocity does not need).
-
-    `change_ne_mps`: by how much the driving velocity changes meanwhile. `gone_by`: the way, over that after which fixes look at
-    other ground. `lens_share`: 1-sigma of the focal length beside what is believed of every lens.
-    """
-    bias = (sigma_a_mps2, settings.acceleration_correlation_s)
-    if drive is Drive.INERTIAL:
-        F, Q = (M.copy() for M in _inertial(dt_s, *bias))
-        north, east = change_ne_mps
-        F[VELOCITY, HEADING] = -east, north
-        F[POSITION, HEADING] = east * dt_s / 2, -north * dt_s / 2
-        _forget(F, Q, gone_by)
-        _doubt_lens(F, Q, lens_share)
-        return F, np.broadcast_to(Q, (len(sigma_mps), *Q.shape))
-    F, per_variance, rest = _gauss_markov(dt_s, settings.velocity_correlation_s, *bias)
-    F, rest = F.copy(), rest.copy()
-    _forget(F, rest, gone_by)
-    _doubt_lens(F, rest, lens_share)
-    Q = np.square(sigma_mps)[:, None, None] * per_variance
-    Q += rest
-    return F, Q
+    """As `step`, F (15, 15) and Q (K, 15, 15) for K sigmas of the velocity's error, which an inertial velocity does not need."""
+    F, Q, V, _ = step(dt_s, drive, sigma_a_mps2, change_ne_mps, settings, gone_by, lens_share)
+    return F, Q + np.square(sigma_mps)[:, None, None] * V
 
 
 def _forget(F: FloatArray, Q: FloatArray, gone_by: float) -> None:
     """What fixes get wrong in common goes by with the way, in place."""
     kept = math.exp(-gone_by)
-    for state in range(LASTING.start, LASTING.stop):
-        F[state, state], Q[state, state] = kept, 1 - kept * kept
+    F.reshape(-1)[LASTING_ITSELF] = kept
+    Q.reshape(-1)[LASTING_ITSELF] = 1 - kept * kept
 
 
 def _doubt_lens(F: FloatArray, Q: FloatArray, share: float) -> None:
@@ -132,7 +156,7 @@ def _wander(F: FloatArray, Q: FloatArray, dt_s: float) -> None:
 
 
 @lru_cache(maxsize=256)
-def _gauss_markov(dt_s: float, tau_s: float, sigma_a: float, tau_a_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _gauss_markov(dt_s: float, tau_s: float, sigma_a: float, tau_a_s: float) -> Step:
     a, kept = math.exp(-dt_s / tau_s), math.exp(-dt_s / tau_a_s)
     F, per_variance, rest = np.eye(len(PAIRS)), np.zeros((4, 4)), np.zeros((4, 4))
     F[0, 1], F[1, 1], F[2, 2] = -tau_s * (1 - a), a, kept
@@ -140,13 +164,11 @@ def _gauss_markov(dt_s: float, tau_s: float, sigma_a: float, tau_a_s: float) -> 
     per_variance[0, 1] = per_variance[1, 0] = -tau_s * (1 - a) ** 2
     per_variance[0, 0] = tau_s**2 * _integrated(dt_s / tau_s)
     rest[0, 0], rest[2, 2], rest[3, 3] = WALK_M_PER_SQRT_S**2 * dt_s, sigma_a**2 * (1 - kept * kept), _wind_m2ps2(dt_s)
-    whole = _both_axes(F), _both_axes(per_variance), _both_axes(rest)
-    _wander(whole[0], whole[2], dt_s)
-    return whole
+    return _wandering(F, rest, per_variance, dt_s)
 
 
 @lru_cache(maxsize=256)
-def _inertial(dt_s: float, sigma_a: float, tau_a_s: float) -> tuple[FloatArray, FloatArray]:
+def _inertial(dt_s: float, sigma_a: float, tau_a_s: float) -> Step:
     x, kept = dt_s / tau_a_s, math.exp(-dt_s / tau_a_s)
     F, Q = np.eye(4), np.zeros((4, 4))
     F[0, 1], F[0, 2] = -dt_s, -(tau_a_s**2) * float(_twice_integrated(np.array([x]))[0])
@@ -158,9 +180,19 @@ def _inertial(dt_s: float, sigma_a: float, tau_a_s: float) -> tuple[FloatArray, 
     Q[:2, :2] += noise * np.array([[dt_s**3 / 3, -(dt_s**2) / 2], [-(dt_s**2) / 2, dt_s]])
     Q[0, 0] += WALK_M_PER_SQRT_S**2 * dt_s
     Q[3, 3] = _wind_m2ps2(dt_s)
-    whole = _both_axes(F), _both_axes(Q)
-    _wander(*whole, dt_s)
+    return _wandering(F, Q, np.zeros((4, 4)), dt_s)
+
+
+def _wandering(F: FloatArray, Q: FloatArray, V: FloatArray, dt_s: float) -> Step:
+    """Of PAIRS (4, 4) the whole, with the states that wander on their own."""
+    whole = Step(_both_axes(F), _both_axes(Q), _both_axes(V), _own(F[0, 1], F[1, 1], V))
+    _wander(whole.F, whole.Q, dt_s)
     return whole
+
+
+def _own(f: float, a: float, V: FloatArray) -> FloatArray:
+    """Step.own where the position goes on by f of the velocity's error, of which a share `a` remains."""
+    return np.array([[1.0, 2 * f, f * f, V[0, 0]], [0.0, a, a * f, V[0, 1]], [0.0, 0.0, a * a, V[1, 1]]])
 
 
 def _wind_m2ps2(dt_s: float) -> float:
@@ -169,8 +201,8 @@ def _wind_m2ps2(dt_s: float) -> float:
 
 def _both_axes(block: FloatArray) -> FloatArray:
     both = np.zeros((N_STATES, N_STATES))
-    for axis in range(2):
-        both[np.ix_(PAIRS + axis, PAIRS + axis)] = block
+    for axis in AXES:
+        both[axis] = block
     return both
 
 

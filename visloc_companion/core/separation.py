@@ -17,12 +17,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import compress
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.core.propagation import H_POSITION, N_STATES, POSITION
+from visloc_companion.core.propagation import H_POSITION, N_STATES, POSITION, VELOCITY, Step
 from visloc_companion.types import FloatArray
 
 EVERY: Final = "*"
@@ -37,38 +37,112 @@ MERGED_SIGMA, MERGED_VARIANCE = 0.1, 1.1
 """A `ONE` that is nearer to the filter than this share of its sigma, with hardly more variance, says what the filter says."""
 
 
+class Way(NamedTuple):
+    """From when covariances P (K, 15, 15) were those of K solutions until now: F P F' + Q, all (15, 15), and `own` (3, K), what
+    each has beyond that by its velocity's error (propagation.Step); None where none has. `near` (K, 49): of P that of the states
+    by which the position goes on, which is asked for more often than all."""
+
+    F: FloatArray
+    Q: FloatArray
+    own: FloatArray | None
+    near: FloatArray
+
+    def on(self, step: Step, Q: FloatArray, more_m2ps2: FloatArray | None) -> Way:
+        """One step further, with noise Q (15, 15), and more variance (K,) of the velocity's error than that has."""
+        own = None if self.own is None else step.own[:, :3].dot(self.own)
+        if more_m2ps2 is not None:
+            more = step.own[:, 3:] * more_m2ps2
+            own = more if own is None else own + more
+        return Way(step.F.dot(self.F), step.F.dot(self.Q).dot(step.F.T) + Q, own, self.near)
+
+    def gone(self, P: FloatArray) -> FloatArray:
+        """The covariances now (K, 15, 15)."""
+        after = _times(self.F @ P, np.ascontiguousarray(self.F.T))  # as it lies in memory F.T would take twice the time
+        after += self.Q if self.own is None else (self.own.T.dot(OWN) + self.Q.ravel()).reshape(P.shape)
+        return after
+
+    def position_m2(self) -> FloatArray:
+        """The position's part of the covariances now (4, K), row by row."""
+        rows = self.F[POSITION].take(MOVING, 1)
+        weights = rows[:, None, :, None] * rows[:, None, :]
+        after: FloatArray = weights.reshape(4, -1).dot(self.near.T)
+        after += self.Q[POSITION, POSITION].reshape(4, 1)
+        if self.own is not None:
+            after[::3] += self.own[0]
+        return after
+
+
+def _of_own() -> FloatArray:
+    """(3, 225) where in a covariance the rows of Way.own have their places, on both axes."""
+    where = np.zeros((3, N_STATES, N_STATES))
+    for axis in range(2):
+        p, v = POSITION.start + axis, VELOCITY.start + axis
+        where[0, p, p] = where[1, p, v] = where[1, v, p] = where[2, v, v] = 1.0
+    return where.reshape(3, -1)
+
+
+OWN = _of_own()
+MOVING = np.array([0, 1, 4, 5, 6, 7, 10])
+"""States by which the position goes on: itself, the errors of velocity, acceleration and heading."""
+NEAR = (N_STATES * MOVING[:, None] + MOVING).ravel()
+ADJUGATE = np.array([[1.0, -1.0], [-1.0, 1.0]])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Solutions:
     """K solutions: means (K, n), covariances (K, n, n) of a filter's state, their probabilities (K,), and the time (K,) of the
-    last fix that each rests on. `leaves`: what each goes on to leave out; `left`: the methods of what it left out."""
+    last fix that each rests on. `leaves`: what each goes on to leave out; `left`: the methods of what it left out.
+
+    Those of the position filter are propagated far more often than their covariances are asked for: `then` are the covariances
+    from which a `way` leads to now.
+    """
 
     x: FloatArray
-    P: FloatArray
+    then: FloatArray
     probability: FloatArray
     rested_ns: NDArray[np.int64]
     leaves: tuple[str, ...] = ()
     left: tuple[frozenset[str], ...] = ()
+    way: Way | None = None
 
     def __len__(self) -> int:
         return len(self.leaves)
+
+    @property
+    def P(self) -> FloatArray:
+        """Covariances (K, n, n), computed anew each time."""
+        return self.then if self.way is None else self.way.gone(self.then)
+
+    @property
+    def position_m2(self) -> FloatArray:
+        """The covariances of the first two states, the position (4, K), row by row."""
+        if self.way is not None:
+            return self.way.position_m2()
+        return self.then[:, POSITION, POSITION].reshape(-1, 4).T
 
 
 NONE = Solutions(np.zeros((0, N_STATES)), np.zeros((0, N_STATES, N_STATES)), np.zeros(0), np.zeros(0, np.int64))
 
 
-def propagated(solutions: Solutions, F: FloatArray, Q: FloatArray, step: FloatArray) -> Solutions:
-    """All solutions through x -> F x + step with process noise Q (K, 15, 15)."""
-    if not len(solutions):
-        return solutions
-    F_T = np.ascontiguousarray(F.T)  # as it lies in memory F.T would take twice the time
-    P = _times(F @ solutions.P, F_T)
-    P += Q
-    return _moved(solutions, solutions.x @ F_T + step, P)
+def propagated(solutions: Solutions, step: Step, Q: FloatArray, more_m2ps2: FloatArray | None, moved: FloatArray) -> Solutions:
+    """All solutions through x -> F x + moved (15,), with noise Q (15, 15) and more variance (K,) of the velocity's error."""
+    x = solutions.x.dot(step.F.T)
+    x += moved
+    if solutions.way is not None:
+        return _moved(solutions, x, solutions.then, solutions.way.on(step, Q, more_m2ps2))
+    own = None if more_m2ps2 is None else step.own[:, 3:] * more_m2ps2
+    near = solutions.then.reshape(len(x), -1).take(NEAR, 1)
+    return _moved(solutions, x, solutions.then, Way(step.F, Q, own, near))
 
 
 def widened(solutions: Solutions, more: FloatArray) -> Solutions:
     """With a covariance (15, 15) added to each."""
-    return _moved(solutions, solutions.x, solutions.P + more) if len(solutions) else solutions
+    if not len(solutions):
+        return solutions
+    way = solutions.way
+    if way is None:
+        return _moved(solutions, solutions.x, solutions.then + more)
+    return _moved(solutions, solutions.x, solutions.then, way._replace(Q=way.Q + more))
 
 
 def renewed(x: FloatArray, P: FloatArray, which: slice, variance: float) -> tuple[FloatArray, FloatArray]:
@@ -106,10 +180,11 @@ def updated(
     at = take.nonzero()[0]
     if not len(at):
         return solutions
+    x, P = solutions.x, solutions.P
     if len(at) == len(take):
-        x, P = _updated(solutions.x, solutions.P, z, R, H, n_considered)
+        x, P = _updated(x, P, z, R, H, n_considered)
     else:  # those that leave a fix out are most of them
-        x, P = solutions.x.copy(), solutions.P.copy()
+        x, P = x.copy(), P.copy() if solutions.way is None else P
         x[at], P[at] = _updated(x.take(at, 0), P.take(at, 0), z, R, H, n_considered)
     rested = solutions.rested_ns if t_ns is None else np.where(take, t_ns, solutions.rested_ns)
     return Solutions(x, P, solutions.probability, rested, solutions.leaves, solutions.left)
@@ -118,26 +193,36 @@ def updated(
 def _updated(
     x: FloatArray, P: FloatArray, z: FloatArray, R: FloatArray, H: FloatArray, n_considered: int
 ) -> tuple[FloatArray, FloatArray]:
+    learned = H.shape[1] - n_considered  # what is only considered keeps its rows among themselves
     PHt = _times(P, H.T)
-    gain = PHt @ np.linalg.inv(H @ PHt + R)
-    if n_considered:
-        gain[:, H.shape[1] - n_considered :] = 0.0
-    gain_T, innovation = gain.transpose(0, 2, 1), z - x @ H.T
-    left = P - gain @ PHt.transpose(0, 2, 1)  # (I - K H) P
-    left += (gain @ R - _times(left, H.T)) @ gain_T  # times (I - K H)', and K R K'
-    symmetric = left + left.transpose(0, 2, 1)
-    symmetric /= 2
-    return x + (gain @ innovation[:, :, None])[:, :, 0], symmetric
+    gain = PHt[:, :learned] @ inverses(H @ PHt + R)
+    gain_T, innovation = gain.transpose(0, 2, 1), z - x.dot(H.T)
+    rows = P[:, :learned] - gain @ PHt.transpose(0, 2, 1)  # (I - K H) P
+    rows[:, :, :learned] += (gain @ R - _times(rows, H.T)) @ gain_T  # times (I - K H)', and K R K'
+    among = rows[:, :, :learned]
+    rows[:, :, :learned] = (among + among.transpose(0, 2, 1)) / 2
+    after_x, after_P = x.copy(), P.copy()
+    after_x[:, :learned] += (gain @ innovation[:, :, None])[:, :, 0]
+    after_P[:, :learned], after_P[:, learned:, :learned] = rows, rows[:, :, learned:].transpose(0, 2, 1)
+    return after_x, after_P
+
+
+def inverses(S: FloatArray) -> FloatArray:
+    """Of positive definite matrices (K, m, m), m of 1 or 2."""
+    if S.shape[1] == 1:
+        return np.asarray(1 / S)
+    det = S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] * S[:, 1, 0]
+    return np.asarray(S[:, ::-1, ::-1] * ADJUGATE / det[:, None, None])
 
 
 def _times(P: FloatArray, A: FloatArray) -> FloatArray:
-    """P (K, n, n) @ A (n, m) as one product of matrices: far cheaper than K small ones."""
-    n = P.shape[1]
-    return (P.reshape(-1, n) @ A).reshape(len(P), n, A.shape[1])
+    """P (K, l, n) @ A (n, m) as one product of matrices: far cheaper than K small ones."""
+    product: FloatArray = P.reshape(-1, P.shape[2]).dot(A)
+    return product.reshape(*P.shape[:2], A.shape[1])
 
 
-def _moved(solutions: Solutions, x: FloatArray, P: FloatArray) -> Solutions:
-    return Solutions(x, P, solutions.probability, solutions.rested_ns, solutions.leaves, solutions.left)
+def _moved(solutions: Solutions, x: FloatArray, then: FloatArray, way: Way | None = None) -> Solutions:
+    return Solutions(x, then, solutions.probability, solutions.rested_ns, solutions.leaves, solutions.left, way)
 
 
 def believed(claimed: float) -> float:
@@ -154,15 +239,18 @@ def without_fix(
     the filter's recent fixes; a vote of its own is left out only where there is another.
     """
     p = believed(claimed)
-    leaving = leaving_out(solutions, method)
+    leaving = leaving_out(solutions, method).tolist()
+    again, known = max(p, CORRELATION), {method}
     factor = [
-        1.0 if not leaves_it else max(p, CORRELATION) if method in left else p
-        for leaves_it, left in zip(leaving, solutions.left, strict=True)
+        1.0 if not leaves_it else again if method in left else p for leaves_it, left in zip(leaving, solutions.left, strict=True)
     ]
-    left = tuple(left | {method} if leaves_it else left for leaves_it, left in zip(leaving, solutions.left, strict=True))
-    kinds = (EVERY, method, ONE) if among - {method} else (EVERY, ONE)
+    left = tuple(
+        left | known if leaves_it and method not in left else left
+        for leaves_it, left in zip(leaving, solutions.left, strict=True)
+    )
+    kinds = (EVERY, method, ONE) if among - known else (EVERY, ONE)
     less = Solutions(solutions.x, solutions.P, solutions.probability * factor, solutions.rested_ns, solutions.leaves, left)
-    return likely(beside(less, before, kinds, p, frozenset({method})))
+    return _beside(less, before, kinds, p, frozenset(known), likely=True)
 
 
 def beside(
@@ -174,26 +262,38 @@ def beside(
 ) -> Solutions:
     """With one more for each kind (what it goes on to leave out), all with the same mean, covariance and time of the last fix
     (`state`), probability, and methods of what they left out."""
-    x, P, rested_ns = state
-    n = len(kinds)
-    return Solutions(
-        np.concatenate([solutions.x, *[x[None]] * n]),
-        np.concatenate([solutions.P, *[P[None]] * n]),
-        np.concatenate([solutions.probability, np.full(n, probability)]),
-        np.concatenate([solutions.rested_ns, np.full(n, rested_ns, np.int64)]),
-        (*solutions.leaves, *kinds),
-        (*solutions.left, *([left] * n)),
-    )
+    return _beside(solutions, state, kinds, probability, left, likely=False)
+
+
+def _beside(
+    solutions: Solutions,
+    state: tuple[FloatArray, FloatArray, int],
+    kinds: tuple[str, ...],
+    probability: float,
+    left: frozenset[str],
+    *,
+    likely: bool,
+) -> Solutions:
+    """As `beside`; of all, those before and the new ones, only the `likely` ones."""
+    (x, P, rested_ns), K = state, len(solutions)
+    all_probability = np.concatenate([solutions.probability, [probability] * len(kinds)])
+    all_rested_ns = np.concatenate([solutions.rested_ns, np.full(len(kinds), rested_ns, np.int64)])
+    all_leaves, all_left = (*solutions.leaves, *kinds), (*solutions.left, *[left] * len(kinds))
+    at = np.arange(len(all_leaves))
+    if likely:
+        at = likeliest(all_probability).nonzero()[0]
+        all_probability, all_rested_ns = all_probability.take(at), all_rested_ns.take(at)
+        all_leaves, all_left = tuple(map(all_leaves.__getitem__, at)), tuple(map(all_left.__getitem__, at))
+    old = at[at < K]
+    all_x, all_P = np.empty((len(at), *x.shape)), np.empty((len(at), *P.shape))
+    all_x[: len(old)], all_P[: len(old)] = solutions.x.take(old, 0), solutions.P.take(old, 0)
+    all_x[len(old) :], all_P[len(old) :] = x, P
+    return Solutions(all_x, all_P, all_probability, all_rested_ns, all_leaves, all_left)
 
 
 def leaving_out(solutions: Solutions, method: str) -> NDArray[np.bool_]:
     """(K,) which of them leave a fix of a method out."""
     return np.array([leaves in (EVERY, method) for leaves in solutions.leaves], dtype=np.bool_)
-
-
-def likely(solutions: Solutions) -> Solutions:
-    """Without those of negligible probability, and never more than MAX_SOLUTIONS: the most probable ones."""
-    return chosen(solutions, likeliest(solutions.probability))
 
 
 def likeliest(probability: FloatArray) -> NDArray[np.bool_]:
@@ -209,8 +309,9 @@ def apart(solutions: Solutions, x: FloatArray, P: FloatArray, H: FloatArray = H_
     ones = np.array([k for k, leaves in enumerate(solutions.leaves) if leaves == ONE], np.intp)
     if not len(ones):
         return solutions
-    variance = float((H @ P @ H.T).trace())
-    near = ones[np.square((solutions.x.take(ones, 0) - x) @ H.T).sum(1) < MERGED_SIGMA**2 * variance]
+    variance = float(H.dot(P).dot(H.T).trace())
+    off = (solutions.x.take(ones, 0) - x).dot(H.T)
+    near = ones[(off * off).sum(1) < MERGED_SIGMA**2 * variance]
     if not len(near):
         return solutions
     same = (H @ solutions.P.take(near, 0) * H).sum((1, 2)) < MERGED_VARIANCE * variance

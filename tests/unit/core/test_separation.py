@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from visloc_companion.core import fusion, separation
-from visloc_companion.core.belief import Belief, Position, seeded
-from visloc_companion.core.propagation import N_STATES, POSITION, VELOCITY, Drive
+from visloc_companion.core.belief import Belief, Position, seeded, widened_by
+from visloc_companion.core.propagation import N_STATES, POSITION, VELOCITY, Drive, transition
 from visloc_companion.core.separation import CLAIM_FLOOR, CORRELATION, EVERY, ONE
 from visloc_companion.core.settings import NavigatorSettings
-from visloc_companion.types import Accepted
+from visloc_companion.types import Accepted, FloatArray
 
 S = 1_000_000_000
 SETTINGS = NavigatorSettings()
@@ -138,3 +138,56 @@ def test_only_those_that_say_nothing_of_their_own_are_merged() -> None:
     kept = separation.apart(w, x, P)
     assert kept.leaves == (EVERY,)
     assert len(separation.apart(replace(w, x=w.x + math.sqrt(np.trace(P[:2, :2]))), x, P)) == 2
+
+
+@pytest.mark.parametrize("drive", list(Drive))
+def test_covariances_that_are_carried_on_when_asked_for_are_those_of_every_step(drive: Drive) -> None:
+    """Fixes that some solutions leave out, then steps of a second, of which one widens all, with velocities that turn."""
+    belief = start(drive)._replace(lens_share=0.01)
+    for k in range(1, 4):
+        belief = taken(belief, k, 1.0 * k, "deep" if k % 2 else "structure")
+    belief = belief._replace(without=replace(belief.without, x=belief.without.x + 0.5))
+    P, more = belief.without.P, np.diag(np.arange(1.0, N_STATES + 1))
+    for k in range(12):
+        x, change = belief.without.x, (0.3 * k, -0.2)
+        sigmas = [own_sigma_mps(belief, int(rested), mean) for rested, mean in zip(belief.without.rested_ns, x, strict=True)]
+        gone_by = math.hypot(8.0, 3.0) / belief.apart_m
+        F, Q = transition(1.0, drive, np.array(sigmas), belief.sigma_a_mps2, change, SETTINGS, gone_by, belief.lens_share)
+        P = F @ P @ F.T + Q
+        belief = fusion.propagated(belief, belief.t_ns + S, (8.0, 3.0), SETTINGS, change)
+        if k == 5:
+            P, belief = P + more, widened_by(belief, more)
+    np.testing.assert_allclose(belief.without.P, P, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(belief.without.position_m2.T.reshape(-1, 2, 2), P[:, POSITION, POSITION], rtol=1e-9)
+    later = replace(belief.without, then=belief.without.P, way=None)
+    np.testing.assert_allclose(later.position_m2, belief.without.position_m2, rtol=1e-9)
+
+
+def own_sigma_mps(belief: Belief, rested_ns: int, x: FloatArray) -> float:
+    """1-sigma of the velocity's error in a solution that rests on a fix of that time."""
+    if belief.drive is Drive.INERTIAL:
+        return 0.0
+    if belief.drive is not Drive.FED_BACK:
+        return max(belief.sigma_v_mps, math.hypot(*x[VELOCITY]) / 2)
+    unheld_s = max(0.0, (belief.t_ns - max(rested_ns, belief.started_ns)) * 1e-9 - SETTINGS.dead_reckoning_after_s)
+    return (belief.sigma_v_mps + fusion.INERTIAL_DRIFT_MPS2 * unheld_s) * math.sqrt(belief.fed_back_over)
+
+
+@pytest.mark.parametrize("n_considered", [0, 1, 11])
+@pytest.mark.parametrize("m", [1, 2])
+def test_an_update_of_solutions_is_josephs_form_of_each(m: int, n_considered: int) -> None:
+    rng = np.random.default_rng(3)
+    root, x = rng.standard_normal((4, N_STATES, N_STATES)), rng.standard_normal((4, N_STATES))
+    P = root @ root.transpose(0, 2, 1)
+    H, z, R = rng.standard_normal((m, N_STATES)), rng.standard_normal(m), 0.5 * np.eye(m)
+    before = separation.Solutions(x, P, np.full(4, 0.1), np.zeros(4, np.int64), (ONE,) * 4, (frozenset(),) * 4)
+    take = np.array([True, False, True, True])
+    after = separation.updated(before, z, R, H, take=take, n_considered=n_considered)
+    for k in range(4):
+        gain = P[k] @ H.T @ np.linalg.inv(H @ P[k] @ H.T + R)
+        gain[N_STATES - n_considered :] = 0.0
+        keep = np.eye(N_STATES) - gain @ H
+        expected = (x[k] + gain @ (z - H @ x[k]), keep @ P[k] @ keep.T + gain @ R @ gain.T) if take[k] else (x[k], P[k])
+        np.testing.assert_allclose(after.x[k], expected[0], atol=1e-9)
+        np.testing.assert_allclose(after.P[k], expected[1], atol=1e-9)
+        np.testing.assert_array_equal(after.P[k], after.P[k].T)
