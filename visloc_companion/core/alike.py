@@ -64,17 +64,16 @@ def after_fix(alike: Alike, fix: Taken) -> Alike:
     others = 1.0 if own.all() else _spoken_for(alike, fix.off_m, fix.S, p)
     probability = alike.probability * np.where(own, fix.again, others)
     moved = own & (alike.n_fixes < SETTLES)
-    off_m = alike.off_m + moved[:, None] * fix.moved_m
-    less = replace(alike, off_m=off_m, probability=probability, n_fixes=alike.n_fixes + moved)
-    if fix.again == 1.0 and bool((probability[own] >= p).any()):
-        return _likely(less)
+    off_m, n_fixes = alike.off_m + moved[:, None] * fix.moved_m, alike.n_fixes + moved
+    if fix.again == 1.0 and bool((own & (probability >= p)).any()):
+        return _likely(Alike(off_m, alike.cov_m2, probability, alike.since_ns, n_fixes, alike.methods))
     founded = Alike(
-        np.concatenate([less.off_m, fix.moved_m[None]]),
-        np.concatenate([less.cov_m2, fix.P[None]]),
-        np.append(less.probability, p),
-        np.append(less.since_ns, np.int64(fix.t_ns)),
-        np.append(less.n_fixes, np.int64(1)),
-        (*less.methods, fix.method),
+        np.concatenate([off_m, fix.moved_m[None]]),
+        np.concatenate([alike.cov_m2, fix.P[None]]),
+        np.concatenate([probability, (p,)]),
+        np.concatenate([alike.since_ns, np.array([fix.t_ns], np.int64)]),
+        np.concatenate([n_fixes, np.ones(1, np.int64)]),
+        (*alike.methods, fix.method),
     )
     return _likely(founded)
 
@@ -94,12 +93,19 @@ def until(alike: Alike, t_ns: int) -> Alike:
 def _spoken_for(alike: Alike, off_m: FloatArray, S: FloatArray, wrong: float) -> FloatArray:
     """(K,) by how much less likely a measurement is where the filter is off by each than where it is right: at least as its own
     probability of being wrong, at most 1. Where the filter is off, it lies at minus that."""
-    among = S + alike.cov_m2
-    from_there = off_m + alike.off_m
-    there = np.einsum("ki,ki->k", from_there, np.linalg.solve(among, from_there[:, :, None])[:, :, 0])
-    here = float(off_m @ np.linalg.solve(S, off_m))
-    ratio = np.exp((here - there) / 2) * np.sqrt(np.linalg.det(S) / np.linalg.det(among))
-    return np.asarray(np.clip(ratio, wrong, 1.0))
+    there, det_there = _squared(off_m + alike.off_m, S + alike.cov_m2)
+    here, det_here = _squared(off_m[None], S[None])
+    ratio = np.exp((here - there) / 2) * np.sqrt(det_here / det_there)
+    return np.asarray(np.minimum(np.maximum(ratio, wrong), 1.0))
+
+
+def _squared(off_m: FloatArray, S: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Normalised squares (K,) of offsets (K, m) with covariances S (K, m, m), m of 1 or 2, and the determinants (K,) of these."""
+    if off_m.shape[1] == 1:
+        return off_m[:, 0] ** 2 / S[:, 0, 0], S[:, 0, 0]
+    (a, b), aa, ab, bb = off_m.T, S[:, 0, 0], S[:, 0, 1], S[:, 1, 1]
+    det = aa * bb - ab * ab
+    return (bb * a * a - 2 * ab * a * b + aa * b * b) / det, det
 
 
 def _likely(alike: Alike) -> Alike:

@@ -57,22 +57,22 @@ def update(
     n, m = len(x), len(z)
     if not (P.shape == (n, n) and R.shape == (m, m) and H.shape == (m, n)):
         raise ValueError(f"update: shapes x {x.shape} P {P.shape} z {z.shape} R {R.shape} H {H.shape} do not fit")
-    if not (math.isfinite(np.vdot(z, z)) and _is_positive_definite((R + R.T) / 2)):
+    if not (math.isfinite(z.dot(z)) and _is_positive_definite((R + R.T) / 2)):
         return Rejected(Reason.NOT_FINITE, 0.0)
-    innovation, HP = z - H @ x, H @ P
-    S = HP @ H.T + R
+    innovation, HP = z - H.dot(x), H.dot(P)
+    S = HP.dot(H.T) + R
     nis = _normalised(innovation, S, gate_extra_m2)
     if not nis <= gate_sigma * gate_sigma:
         return Rejected(Reason.GATED, nis)
     if n_considered == 0:
         x1, P1 = _update(x, P, z, R, H)
     else:
-        K = np.linalg.solve(S, HP).T
+        K = _inverse(S).dot(HP).T
         K[n - n_considered :] = 0.0
-        keep = np.eye(n) - K @ H
-        x1, P1 = x + K @ innovation, keep @ P @ keep.T + K @ R @ K.T
+        keep = np.eye(n) - K.dot(H)
+        x1, P1 = x + K.dot(innovation), keep.dot(P).dot(keep.T) + K.dot(R).dot(K.T)
     P1 = (P1 + P1.T) / 2
-    if math.isfinite(np.vdot(x1, x1)) and _is_positive_definite(P1):
+    if math.isfinite(x1.dot(x1)) and _is_positive_definite(P1):
         return Updated(x1, P1, nis)
     _checked(x, P, "update")
     return Rejected(Reason.NOT_FINITE, nis)
@@ -87,6 +87,14 @@ def _normalised(innovation: FloatArray, S: FloatArray, extra: float) -> float:
     return float((bb * a * a - 2 * ab * a * b + aa * b * b) / (aa * bb - ab * ab))
 
 
+def _inverse(S: FloatArray) -> FloatArray:
+    """Of a positive definite matrix; most measurements are pairs."""
+    if len(S) != 2:
+        return np.asarray(np.linalg.inv(S), dtype=np.float64)
+    (aa, ab), (ba, bb) = S.tolist()
+    return np.asarray(np.array([[bb, -ab], [-ba, aa]]) / (aa * bb - ab * ba))
+
+
 def _checked(x: FloatArray, P: FloatArray, where: str) -> tuple[FloatArray, FloatArray]:
     P = (P + P.T) / 2
     if not (math.isfinite(np.vdot(x, x)) and _is_positive_definite(P)):
@@ -96,5 +104,8 @@ def _checked(x: FloatArray, P: FloatArray, where: str) -> tuple[FloatArray, Floa
 
 def _is_positive_definite(matrix: FloatArray) -> bool:
     """Finite, too: a NaN ends Cholesky's decomposition, an infinity stays in its factor, whose squares sum to the trace."""
+    if len(matrix) == 2:
+        (aa, ab), (_, bb) = matrix.tolist()
+        return bool(0 < aa < math.inf and 0 < bb - ab / aa * ab < math.inf)
     factor, failed_at = dpotrf(matrix, lower=True)
     return failed_at == 0 and math.isfinite(np.vdot(factor, factor))

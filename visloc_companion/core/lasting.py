@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from visloc_companion.core.propagation import FIX_LENS, LASTING, N_STATES, POSITION
+from visloc_companion.core.propagation import FIX_LENS, H_POSITION, LASTING
 from visloc_companion.types import FloatArray, Vec2
 
 SHARE = 0.6
@@ -33,17 +33,18 @@ def seen(cov_m2: FloatArray, method: str, per_focal_ne_m: Vec2 = (0.0, 0.0)) -> 
 
     `per_focal_ne_m`: what a lens that is longer than calibrated adds to it, per share of the focal length.
     """
-    H = np.zeros((2, N_STATES))
-    H[:, POSITION], H[:, LASTING], H[:, FIX_LENS] = np.eye(2), root_m(cov_m2), per_focal_ne_m
+    H = H_POSITION.copy()
+    H[:, LASTING], H[:, FIX_LENS] = root_m(cov_m2), per_focal_ne_m
     return H, cov_m2 if method in BY_SHAPE else (1 - SHARE) * cov_m2
 
 
 def known_m2(cov_m2: FloatArray, P: FloatArray, H: FloatArray) -> float:
     """By how much smaller, on an axis, a fix's innovation is for what is known of the lasting part. Other ground may begin at any
     moment, so no fix is gated for that."""
-    ours, unknown = slice(0, LASTING.stop), P[POSITION, POSITION] + SHARE * cov_m2
-    known = H[:, ours] @ P[ours, ours] @ H[:, ours].T
-    return max(0.0, float(np.trace(unknown - known)) / 2)
+    ours = slice(0, LASTING.stop)
+    seen = H[:, ours]
+    known = float(seen.dot(P[ours, ours]).dot(seen.T).trace())
+    return max(0.0, (float(P[0, 0] + P[1, 1]) + SHARE * float(cov_m2[0, 0] + cov_m2[1, 1]) - known) / 2)
 
 
 def root_m(cov_m2: FloatArray) -> FloatArray:

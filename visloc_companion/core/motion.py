@@ -138,10 +138,13 @@ def _beyond(motion: Motion) -> FloatArray:
 
 def weighed(R: FloatArray, P: FloatArray, least: FloatArray) -> FloatArray:
     """R (2, 2) raised so that a measurement of a state with covariance P (2, 2) leaves no axis a variance below `least` (2,)."""
-    before = np.diag(P)
-    alone = 1 / (1 / before + 1 / np.diag(R))
-    after = np.maximum(alone, least)
-    news = 1 / after - 1 / before
-    enough = np.where(news > NO_NEWS / before, 1 / np.maximum(news, 1e-12), UNHEARD_M2PS2)
-    raised = np.maximum(enough, np.diag(R))
+    raised = [
+        _raised(float(R[axis, axis]), float(P[axis, axis]), least_of_axis) for axis, least_of_axis in enumerate(least.tolist())
+    ]
     return np.array([[raised[0], R[0, 1]], [R[0, 1], raised[1]]])
+
+
+def _raised(alone: float, before: float, least: float) -> float:
+    """The variance of a measurement so that one of `before` is left no smaller than `least` by it; at least its own."""
+    news = 1 / max(1 / (1 / before + 1 / alone), least) - 1 / before
+    return max(1 / max(news, 1e-12) if news > NO_NEWS / before else UNHEARD_M2PS2, alone)
