@@ -296,8 +296,10 @@ class PositionFilter:
     def _predicted(self, belief: Belief, t_ns: int, around: Around, *, alone: bool = False) -> Belief:
         """The belief carried to a time, with what a velocity that is overdue claims."""
         carried, (before, after) = self._carried(belief, t_ns, around, alone=alone), around
-        from_s, to_s = ((t - before.t_ns) * 1e-9 for t in (belief.t_ns, t_ns))
-        overdue = after is None and from_s < to_s and OVERDUE_S < to_s <= UNAIDED_GAP_S
+        if after is not None:
+            return carried
+        from_s, to_s = (belief.t_ns - before.t_ns) * 1e-9, (t_ns - before.t_ns) * 1e-9
+        overdue = from_s < to_s and OVERDUE_S < to_s <= UNAIDED_GAP_S
         return blurred(carried, _held_m(from_s, to_s)) if overdue else carried
 
     def _carried(self, belief: Belief, t_ns: int, around: Around, *, alone: bool = False) -> Belief:
@@ -329,7 +331,9 @@ class PositionFilter:
             return
         if self._motions:
             self._motions = [motion for motion in self._motions if motion.t_ns > horizon_ns]
-            horizon_ns = min([horizon_ns, *[motion.t_from_ns for motion in self._motions]])
+            horizon_ns = min(horizon_ns, min((motion.t_from_ns for motion in self._motions), default=horizon_ns))
+            if self._log[0].t_ns > horizon_ns:
+                return
         n_old = bisect_right(self._log, horizon_ns, key=_time)
         if n_old:
             self._base, self._base_velocity = self._after(n_old), self._around(n_old)[0]

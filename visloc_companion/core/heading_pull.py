@@ -9,7 +9,6 @@ back; it is only known less well.
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import replace
 
 from visloc_companion.geo import se3
@@ -31,7 +30,7 @@ class HeadingPull:
     def __init__(self) -> None:
         self._last: tuple[int, float, float] | None = None
         self._pull_rad = 0.0
-        self._at_fixes_rad = deque([0.0], maxlen=FIXES)
+        self._at_fixes_rad = [0.0]
         self._told_rad2 = 0.0
 
     @property
@@ -54,7 +53,7 @@ class HeadingPull:
         pulled = yaw - before[1] - (turning_radps + before[2]) / 2 * dt_s
         kept = math.exp(-dt_s / TAU_S)
         self._pull_rad = kept * self._pull_rad + math.remainder(pulled, 2 * math.pi)
-        self._at_fixes_rad = deque((kept * then for then in self._at_fixes_rad), maxlen=FIXES)
+        self._at_fixes_rad = [kept * then for then in self._at_fixes_rad]
 
     def interrupted(self) -> None:
         """What comes next does not follow on what came before."""
@@ -62,7 +61,7 @@ class HeadingPull:
 
     def borne_out(self) -> None:
         """An image fix was taken, which found the heading, too."""
-        self._at_fixes_rad.append(self._pull_rad)
+        self._at_fixes_rad = [*self._at_fixes_rad[1 - FIXES :], self._pull_rad]
         self._told_rad2 = min(self._told_rad2, self.since_fixes_rad**2)
 
     def more_rad2(self) -> float:

@@ -15,6 +15,7 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from visloc_companion.types import Command, Notice, Severity, Vec2
 
@@ -82,27 +83,27 @@ class MapOffset:
 
     def _average(self) -> None:
         n = len(self._differences)
-        sums = (math.fsum(d.off_ne_m[axis] for d in self._differences) for axis in range(2))
-        mean_m = math.hypot(*(total / n for total in sums)) if n else 0.0
+        off = np.array([complex(*d.off_ne_m) for d in self._differences])
+        mean_m = abs(complex(off.mean())) if n else 0.0
         self._borne_out |= n >= BORNE_OUT_BY and mean_m <= self._explained_m
         enough = n >= FEWEST if self._borne_out else n >= BORNE_OUT_BY
-        self._lag_s, lag_m, self._place_fits = self._lagging() if enough else (0.0, 0.0, True)
+        self._lag_s, lag_m, self._place_fits = self._lagging(off) if enough else (0.0, 0.0, True)
         offset_m = max(mean_m, lag_m)
         self.distance_m = offset_m if enough and (self._borne_out or offset_m <= MOST_M) else 0.0
 
-    def _lagging(self) -> tuple[float, float, bool]:
+    def _lagging(self, off: NDArray[np.complex128]) -> tuple[float, float, bool]:
         """By how many seconds fixes lag behind GNSS, 0 where that is not what they do; how far that is, m; and whether an offset
-        that stays where it is explains the differences as well."""
-        off, v = (
-            np.array(pairs) @ (1.0, 1j) for pairs in zip(*((d.off_ne_m, d.v_ne_mps) for d in self._differences), strict=True)
-        )
-        speed_mps = math.sqrt(float(np.mean(np.abs(v) ** 2)))
+        that stays where it is explains the differences as well. `off` (K,) are the differences, m, north + i east."""
+        v = np.array([complex(*d.v_ne_mps) for d in self._differences])
+        speed_mps = math.sqrt(float(np.vdot(v, v).real) / len(v))
         if speed_mps < LEAST_SPEED_MPS:
             return 0.0, 0.0, True
         lag_s = float(np.vdot(v, off).real) / (len(v) * speed_mps**2)
         lag_m = abs(lag_s) * speed_mps
+        if not LEAST_LAG_S <= abs(lag_s) <= MOST_LAG_S or lag_m <= self._explained_m:
+            return 0.0, 0.0, True
         left_m, left_of_place_m = (math.sqrt(float(np.mean(np.abs(rest) ** 2))) for rest in (off - lag_s * v, off - off.mean()))
-        if not LEAST_LAG_S <= abs(lag_s) <= MOST_LAG_S or lag_m <= self._explained_m or left_m > FITS_SHARE * lag_m:
+        if left_m > FITS_SHARE * lag_m:
             return 0.0, 0.0, True
         return lag_s, lag_m, left_of_place_m <= FITS_SHARE * lag_m
 

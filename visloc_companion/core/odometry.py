@@ -19,12 +19,13 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
-
-import numpy as np
+from itertools import accumulate
+from operator import add, sub
 
 from visloc_companion.core.integrity import floored
 from visloc_companion.errors import Reason
-from visloc_companion.types import Cov2, FloatArray, Odometry, Rejected, TooOld, Vec2, Vec3
+from visloc_companion.geo.se3 import plus
+from visloc_companion.types import Cov2, Odometry, Rejected, TooOld, Vec2, Vec3
 
 MEMORY_S = 60.0
 VELOCITY_MPS = 0.5
@@ -52,14 +53,15 @@ class Travelled:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Node:
-    """A time with sums from the root of the tree: position (3,), own covariance (2, 2), and (4, 2) what adds up with its
-    sign: the errors by scale, heading and focal length, and what the latter adds for each share of it."""
+    """A time with sums from the root of the tree: position, own variances (north, north with east, east), and what adds up with
+    its sign, each north and east: the errors by scale, heading and focal length, and what the latter adds for each share of it.
+    Plain numbers: for so few arrays take longer."""
 
     t_ns: int
     parent_ns: int | None
-    p_ned_m: FloatArray
-    own_m2: FloatArray
-    shared_m: FloatArray
+    p_ned_m: Vec3
+    own_m2: Vec3
+    shared_m: tuple[float, ...]
     unseen_s: float
     path_m: float
 
@@ -109,17 +111,18 @@ class OdometryTrack:
         a, b = self._at(t_from_ns), self._at(t_to_ns)
         if a is None or b is None:
             return None
-        own = self._own_between(a, b)
-        shared = b.shared_m - a.shared_m
-        cov = own + shared[:3].T @ shared[:3]
-        focal_n, focal_e = shared[3].tolist()
-        d = b.p_ned_m - a.p_ned_m
+        nn, ne, ee = self._own_between(a, b)
+        scale_n, scale_e, heading_n, heading_e, lens_n, lens_e, focal_n, focal_e = map(sub, b.shared_m, a.shared_m)
+        shared_nn = scale_n * scale_n + heading_n * heading_n + lens_n * lens_n
+        shared_ne = scale_n * scale_e + heading_n * heading_e + lens_n * lens_e
+        shared_ee = scale_e * scale_e + heading_e * heading_e + lens_e * lens_e
+        north, east, down = map(sub, b.p_ned_m, a.p_ned_m)
         return Travelled(
-            (float(d[0]), float(d[1]), float(d[2])),
-            _cov2(cov),
-            _cov2(own),
+            (north, east, down),
+            ((nn + shared_nn, ne + shared_ne), (ne + shared_ne, ee + shared_ee)),
+            ((nn, ne), (ne, ee)),
             max(0.0, b.unseen_s - a.unseen_s),
-            max(float(np.hypot(d[0], d[1])), b.path_m - a.path_m),
+            max(math.hypot(north, east), b.path_m - a.path_m),
             (focal_n, focal_e),
         )
 
@@ -144,16 +147,18 @@ class OdometryTrack:
         last = self._nodes[self._times[-1]]
         before = self._nodes[self._times[-2]]
         seconds = (t_ns - last.t_ns) * 1e-9
-        step = (last.p_ned_m - before.p_ned_m) * (seconds / ((last.t_ns - before.t_ns) * 1e-9))
+        share = seconds / ((last.t_ns - before.t_ns) * 1e-9)
+        north, east, down = (share * moved_m for moved_m in map(sub, last.p_ned_m, before.p_ned_m))
         sigma2 = (VELOCITY_MPS * seconds) ** 2 + (ACCELERATION_MPS2 * seconds**2 / 2) ** 2
+        nn, ne, ee = last.own_m2
         return _Node(
             t_ns,
             last.t_ns,
-            last.p_ned_m + step,
-            last.own_m2 + sigma2 * np.eye(2),
+            plus(last.p_ned_m, (north, east, down)),
+            (nn + sigma2, ne, ee + sigma2),
             last.shared_m,
             last.unseen_s + seconds,
-            last.path_m + float(np.hypot(step[0], step[1])),
+            last.path_m + math.hypot(north, east),
         )
 
     def _at(self, t_ns: int) -> _Node | None:
@@ -167,18 +172,20 @@ class OdometryTrack:
         a, b = self._nodes[self._times[k - 1]], self._nodes[self._times[k]]
         share = (t_ns - a.t_ns) / (b.t_ns - a.t_ns)
         chord = ACCELERATION_MPS2 * ((b.t_ns - a.t_ns) * 1e-9) ** 2 * share * (1 - share) / 2
+        north, east, down = (x + share * (y - x) for x, y in zip(a.p_ned_m, b.p_ned_m, strict=True))
+        nn, ne, ee = (x + share**2 * more for x, more in zip(a.own_m2, self._own_between(a, b), strict=True))
         return _Node(
             t_ns,
             a.t_ns,
-            a.p_ned_m + share * (b.p_ned_m - a.p_ned_m),
-            a.own_m2 + share**2 * self._own_between(a, b) + chord**2 * np.eye(2),
-            a.shared_m + share * (b.shared_m - a.shared_m),
+            (north, east, down),
+            (nn + chord**2, ne, ee + chord**2),
+            tuple(x + share * (y - x) for x, y in zip(a.shared_m, b.shared_m, strict=True)),
             a.unseen_s + share * (b.unseen_s - a.unseen_s),
             a.path_m + share * (b.path_m - a.path_m),
         )
 
-    def _own_between(self, a: _Node, b: _Node) -> FloatArray:
-        """(2, 2) own variances on the way from one node to another, by the node where their ways to the root meet."""
+    def _own_between(self, a: _Node, b: _Node) -> Vec3:
+        """Own variances on the way from one node to another, by the node where their ways to the root meet."""
         x, y = a, b
         while x.t_ns != y.t_ns:
             later, other = (x, y) if x.t_ns > y.t_ns else (y, x)
@@ -187,7 +194,8 @@ class OdometryTrack:
                 x = y = other
             else:
                 x, y = parent, other
-        return a.own_m2 + b.own_m2 - 2 * x.own_m2
+        (a_nn, a_ne, a_ee), (b_nn, b_ne, b_ee), (nn, ne, ee) = a.own_m2, b.own_m2, x.own_m2
+        return a_nn + b_nn - 2 * nn, a_ne + b_ne - 2 * ne, a_ee + b_ee - 2 * ee
 
     def _forget(self) -> None:
         """Drop displacements older than the memory, and the nodes that no other hangs on; in portions."""
@@ -199,14 +207,10 @@ class OdometryTrack:
         n_before = self._n_before[old:]
         wanted = {item.t_from_ns for item in self._items}
         kept = [t >= horizon or t in wanted for t in self._times]
-        counts = [0, *np.cumsum(kept).tolist()]
+        counts = [0, *accumulate(kept)]
         self._n_before = [counts[n] for n in n_before]
         self._times = [t for t, keep in zip(self._times, kept, strict=True) if keep]
         self._nodes = {t: self._nodes[t] for t in self._times}
-
-
-def _cov2(matrix: FloatArray) -> Cov2:
-    return (float(matrix[0, 0]), float(matrix[0, 1])), (float(matrix[1, 0]), float(matrix[1, 1]))
 
 
 def _key(item: Odometry) -> tuple[int, int]:
@@ -229,28 +233,32 @@ def _why_refused(odometry: Odometry) -> Reason | None:
 
 
 def _root(t_ns: int) -> _Node:
-    return _Node(t_ns, None, np.zeros(3), np.zeros((2, 2)), np.zeros((4, 2)), 0.0, 0.0)
+    return _Node(t_ns, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0,) * 8, 0.0, 0.0)
 
 
 def _moved(start: _Node, item: Odometry) -> _Node:
-    (north, east, _), per_focal = item.displacement_ned_m, item.per_focal_ne_m
+    (north, east, _), (focal_n, focal_e) = item.displacement_ned_m, item.per_focal_ne_m
     scale, heading, focal = item.sigma_scale, item.sigma_heading_rad, item.sigma_focal
-    by_focal = (focal * per_focal[0], focal * per_focal[1])
-    shared = ((scale * north, scale * east), (-heading * east, heading * north), by_focal, per_focal)
+    by_scale, by_heading, by_lens = (
+        (scale * north, scale * east),
+        (-heading * east, heading * north),
+        (focal * focal_n, focal * focal_e),
+    )
     return _Node(
         item.t_to_ns,
         start.t_ns,
-        start.p_ned_m + item.displacement_ned_m,
-        start.own_m2 + _own(item.cov_ne_m2, shared[:3]),
-        start.shared_m + shared,
+        plus(start.p_ned_m, item.displacement_ned_m),
+        plus(start.own_m2, _own(item.cov_ne_m2, (by_scale, by_heading, by_lens))),
+        tuple(map(add, start.shared_m, (*by_scale, *by_heading, *by_lens, focal_n, focal_e))),
         start.unseen_s,
-        start.path_m + float(np.hypot(north, east)),
+        start.path_m + math.hypot(north, east),
     )
 
 
-def _own(cov: Cov2, shared_m: tuple[Vec2, ...]) -> Cov2:
-    """A displacement's covariance less the errors that it shares, nowhere negative."""
+def _own(cov: Cov2, shared_m: tuple[Vec2, ...]) -> Vec3:
+    """A displacement's variances (north, north with east, east) less the errors that it shares, nowhere negative."""
     (nn, ne), (_, ee) = cov
     for north, east in shared_m:
         nn, ne, ee = nn - north**2, ne - north * east, ee - east**2
-    return floored(((nn, ne), (ne, ee)), 0.0)
+    (nn, ne), (_, ee) = floored(((nn, ne), (ne, ee)), 0.0)
+    return nn, ne, ee

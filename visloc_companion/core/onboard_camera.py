@@ -259,7 +259,9 @@ class OnboardCamera:
     def stated(self, fix: Fix) -> Fix:
         """The fix with what its time may be off by in its covariance."""
         state = None if fix.method == TERRAIN else self._tracker.at(fix.t_ns)
-        fix = replace(fix, per_focal_ne_m=self.ramp.stated(fix))
+        per_focal_ne_m = self.ramp.stated(fix)
+        if per_focal_ne_m is not fix.per_focal_ne_m:
+            fix = replace(fix, per_focal_ne_m=per_focal_ne_m)
         return fix if state is None else self._time.stated(fix, state.v_ned_mps)
 
     def on_fix(self, fix: Fix, *, taken: bool, gnss_trusted: bool) -> list[Command]:
