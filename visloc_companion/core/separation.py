@@ -199,8 +199,8 @@ def _updated(
     gain_T, innovation = gain.transpose(0, 2, 1), z - x.dot(H.T)
     rows = P[:, :learned] - gain @ PHt.transpose(0, 2, 1)  # (I - K H) P
     rows[:, :, :learned] += (gain @ R - _times(rows, H.T)) @ gain_T  # times (I - K H)', and K R K'
-    among = rows[:, :, :learned]
-    rows[:, :, :learned] = (among + among.transpose(0, 2, 1)) / 2
+    twice = rows[:, :, :learned] + rows[:, :, :learned].transpose(0, 2, 1)
+    np.divide(twice, 2, out=rows[:, :, :learned])
     after_x, after_P = x.copy(), P.copy()
     after_x[:, :learned] += (gain @ innovation[:, :, None])[:, :, 0]
     after_P[:, :learned], after_P[:, learned:, :learned] = rows, rows[:, :, learned:].transpose(0, 2, 1)
@@ -277,18 +277,16 @@ def _beside(
     """As `beside`; of all, those before and the new ones, only the `likely` ones."""
     (x, P, rested_ns), K = state, len(solutions)
     all_probability = np.concatenate([solutions.probability, [probability] * len(kinds)])
-    all_rested_ns = np.concatenate([solutions.rested_ns, np.full(len(kinds), rested_ns, np.int64)])
+    all_rested_ns = np.concatenate([solutions.rested_ns, np.array([rested_ns] * len(kinds), np.int64)])
     all_leaves, all_left = (*solutions.leaves, *kinds), (*solutions.left, *[left] * len(kinds))
-    at = np.arange(len(all_leaves))
-    if likely:
-        at = likeliest(all_probability).nonzero()[0]
-        all_probability, all_rested_ns = all_probability.take(at), all_rested_ns.take(at)
-        all_leaves, all_left = tuple(map(all_leaves.__getitem__, at)), tuple(map(all_left.__getitem__, at))
-    old = at[at < K]
+    keep = likeliest(all_probability) if likely else np.ones(len(all_leaves), np.bool_)
+    at, kept = keep.nonzero()[0], keep.tolist()
+    old, n_old = at[at < K], sum(kept[:K])
     all_x, all_P = np.empty((len(at), *x.shape)), np.empty((len(at), *P.shape))
-    all_x[: len(old)], all_P[: len(old)] = solutions.x.take(old, 0), solutions.P.take(old, 0)
-    all_x[len(old) :], all_P[len(old) :] = x, P
-    return Solutions(all_x, all_P, all_probability, all_rested_ns, all_leaves, all_left)
+    all_x[:n_old], all_P[:n_old] = solutions.x.take(old, 0), solutions.P.take(old, 0)
+    all_x[n_old:], all_P[n_old:] = x, P
+    left_by_each = tuple(compress(all_left, kept))
+    return Solutions(all_x, all_P, all_probability[keep], all_rested_ns[keep], tuple(compress(all_leaves, kept)), left_by_each)
 
 
 def leaving_out(solutions: Solutions, method: str) -> NDArray[np.bool_]:
