@@ -196,7 +196,7 @@ def layer_of(tiff: GeoTiff, in_memory_bytes: int = IN_MEMORY_BYTES) -> Layer:
             return replace(lazy, by_overviews=overviews_are_averages(tiff.dataset, tiff.bands[0], tiff.shown))
     raw, mask = lazy.stored(0, (0, rows), (0, cols))
     values, valid = _converted(lazy, raw, mask)
-    if not tiff.shown.is_stated and tiff.height_unit_m is None:
+    if tiff.height_unit_m is None and not tiff.shown.tells(mask > 0):
         valid[collar(values if tiff.stretch is None else _pixels_of(raw))] = 0  # stretched, dark and empty pixels are the same
     layer: ArrayLayer = array_layer(tiff.T_map_pix, values, valid > 0)
     tiff.dataset.close()
@@ -369,7 +369,7 @@ def _sampled(path: Path, dataset: Any, bands: tuple[int, ...], shown: Shown) -> 
     with _reading(path):
         raw = dataset.read(list(bands), out_shape=(len(bands), *shape))
         mask = shown.read(dataset, shape)
-    if not shown.is_stated:
+    if not shown.tells(mask):
         mask &= ~(no_colour(raw) | _of_collar(raw))
     sample = raw.astype(np.float64)
     used: FloatArray = sample[:, mask]

@@ -27,16 +27,22 @@ HALF = 127
 class Shown:
     """What says where a raster shows something: GDAL's masks of `bands`, any of them, and the band `alpha` besides (0: none).
 
-    Without bands the file does not say it.
+    Without bands the file does not say it. `is_alpha`: the masks are those of alpha alone.
     """
 
     bands: tuple[int, ...]
     alpha: int = 0
+    is_alpha: bool = False
 
     @property
     def is_stated(self) -> bool:
         """Whether the file says where it is empty."""
         return bool(self.bands)
+
+    def tells(self, shown: NDArray[np.bool_]) -> bool:
+        """Whether the file says where it is empty, `shown` being (rows, cols) where it shows something: alpha that hides nothing
+        says nothing (tiles of JPEG have no other, nor has a map view that is saved with its background)."""
+        return self.is_stated and not (self.is_alpha and bool(shown.all()))
 
     def read(self, dataset: Any, shape: tuple[int, int], window: Window | None = None) -> NDArray[np.bool_]:
         """(rows, cols) where the dataset says that it shows something, in a window or all of it; all where it says nothing.
@@ -76,7 +82,8 @@ def thinned(dataset: Any) -> tuple[int, int]:
 
 
 def _by_mask(dataset: Any) -> Shown:
-    return Shown(() if MaskFlags.all_valid in dataset.mask_flag_enums[0] else (1,))
+    flags = dataset.mask_flag_enums[0]
+    return Shown(() if MaskFlags.all_valid in flags else (1,), is_alpha=MaskFlags.alpha in flags)
 
 
 def _alpha(dataset: Any, meanings: tuple[ColorInterp, ...]) -> int:

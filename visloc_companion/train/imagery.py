@@ -68,7 +68,7 @@ def _read(path: Path, dataset: Any) -> Imagery:
     valid = shown.read(dataset, bands.shape[:2])
     a, b, c, d, e, f = tuple(dataset.transform)[:6]
     image = Imagery(path, bands, valid, dataset.crs, np.array([[a, b, c], [d, e, f]]))
-    return image if shown.is_stated else replace(image, valid=~collar(colours(image)))
+    return image if shown.tells(valid) else replace(image, valid=~collar(colours(image)))
 
 
 def colours(image: Imagery) -> Bands:

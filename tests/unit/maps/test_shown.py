@@ -49,6 +49,22 @@ def test_alpha_hides_what_it_hides_beside_a_nodata_value(orthophoto, colours: np
     np.testing.assert_array_equal(read_imagery(path).valid, ~HOLE)
 
 
+@pytest.mark.parametrize("fill", [0, 255])
+@pytest.mark.parametrize("scale", [1, 40], ids=["8 bits", "16 bits"])
+def test_alpha_that_hides_nothing_says_nothing_of_the_fill(orthophoto, fill: int, scale: int) -> None:
+    """Tiles of JPEG (MBTiles) and map views saved with their background are opaque to their corners."""
+    full = np.iinfo(np.uint16 if scale > 1 else np.uint8).max
+    rgb = np.where(HOLE[..., None], full if fill else 0, RGB.astype(np.uint16) * scale)
+    path = orthophoto(
+        np.dstack([rgb, np.full_like(rgb[..., 0], full)]).astype(np.uint16 if scale > 1 else np.uint8),
+        alpha="yes",
+        photometric="RGB",
+    )
+    np.testing.assert_array_equal(shown(layer_of(open_ortho(path))), ~HOLE)
+    if scale == 1:
+        np.testing.assert_array_equal(read_imagery(path).valid, ~HOLE)
+
+
 def test_large_files_average_what_alpha_shows_alone(orthophoto) -> None:
     """A white fill that alpha hides, where zero is the nodata value, is no part of the averages at its border."""
     path = orthophoto(np.dstack([np.where(HOLE[..., None], 255, RGB), ALPHA]), nodata=0, alpha="yes", photometric="RGB")
