@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
-import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -17,6 +17,7 @@ from visloc_companion.app.with_parent import end_with_parent
 from visloc_companion.errors import ConfigError
 from visloc_companion.localise.features.base import Features
 from visloc_companion.prepare.build import build_pack
+from visloc_companion.prepare.kept_folders import draft_in, hold, remove_unused
 from visloc_companion.prepare.shipped import shipped_networks
 from visloc_companion.sim.landscape import build_landscape
 from visloc_companion.sim.season import Date
@@ -45,18 +46,20 @@ def procedural_world(
 ) -> ProceduralWorld:
     """The world of a seed, a square of `size_m`; kept in `folder` (by default the cache) and made only where it is missing.
 
-    The two dates are made side by side, then the pack is built, with the features of `networks` (None: of the
+    It stays while this process runs. When one is made, those that nobody has used for a week (of other versions) are removed
+    (kept_folders.py). The two dates are made side by side, then the pack is built, with the features of `networks` (None: of the
     one that came with this version, where it can be opened). Made whole or not at all. Raises ConfigError for a folder that
     cannot be written, MapError where there is no space.
     """
     networks = shipped_networks()[0] if networks is None else networks
     home = (folder or cache_folder()) / f"landscape-{seed}-{size_m:g}m-{_digest(networks)}"
     world = ProceduralWorld(home / "pack", home / "flight" / "ortho.tif", home / "flight" / "dsm.tif")
-    if home.is_dir():
+    if hold(home):
         return world
     tell = on_stage or (lambda stage: None)
-    draft = _draft(home.parent, ".landscape-")
-    try:
+    with _draft(home.parent, ".landscape-") as draft:
+        if removed := remove_unused(home.parent.glob("landscape-*")):
+            tell(f"removed what nobody has used for a week: {', '.join(sorted(each.name for each in removed))}")
         tell("making the landscape of two dates")
         with ProcessPoolExecutor(2, mp_context=get_context("spawn"), initializer=end_with_parent) as pool:
             list(pool.map(_make_date, [seed] * 2, [size_m] * 2, ["map", "flight"], [draft] * 2))
@@ -72,8 +75,7 @@ def procedural_world(
         )
         shutil.rmtree(draft / "map")
         _keep(draft, home)
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
+    hold(home)
     return world
 
 
@@ -90,22 +92,21 @@ def scene_on(
     if not home.is_dir():
         if on_stage is not None:
             on_stage(f"making the landscape's {date}")
-        draft = _draft(home.parent, f".{date}-")
-        try:
+        with _draft(home.parent, f".{date}-") as draft:
             _make_date(seed, size_m, date, draft)
             _keep(draft / date, home)
-        finally:
-            shutil.rmtree(draft, ignore_errors=True)
     return home / "ortho.tif", home / "dsm.tif"
 
 
-def _draft(folder: Path, prefix: str) -> Path:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        return Path(tempfile.mkdtemp(prefix=prefix, dir=folder))
-    except OSError as why:
-        remedy = "set XDG_CACHE_HOME to a writable folder with 1 GB of space"
-        raise ConfigError(f"the procedural world cannot be kept: {why}", where=str(folder), remedy=remedy) from why
+@contextmanager
+def _draft(folder: Path, prefix: str) -> Iterator[Path]:
+    with ExitStack() as kept:
+        try:
+            draft = kept.enter_context(draft_in(folder, prefix))
+        except OSError as why:
+            remedy = "set XDG_CACHE_HOME to a writable folder with 1 GB of space"
+            raise ConfigError(f"the procedural world cannot be kept: {why}", where=str(folder), remedy=remedy) from why
+        yield draft
 
 
 def _keep(draft: Path, home: Path) -> None:
