@@ -10,6 +10,7 @@ from visloc_companion.web.feed import Feed
 
 SEND_S = 5.0
 """A view that a client has not taken for so long ends its stream."""
+HEADERS = [(b"content-type", b"text/event-stream; charset=utf-8"), (b"cache-control", b"no-store")]
 BUSY = b"as many browsers look at this page as may; close one\n"
 
 
@@ -20,15 +21,18 @@ class EventStream:
         self._feed = feed
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve one client."""
+        """Serve one client; who asks for the head alone gets that, and takes no browser's place."""
+        if scope["method"] == "HEAD":
+            await send({"type": "http.response.start", "status": 200, "headers": HEADERS})
+            await send({"type": "http.response.body", "body": b""})
+            return
         with self._feed.stream() as admitted:
             if not admitted:
                 head = [(b"content-type", b"text/plain; charset=utf-8"), (b"retry-after", b"5")]
                 await send({"type": "http.response.start", "status": 503, "headers": head})
                 await send({"type": "http.response.body", "body": BUSY})
                 return
-            head = [(b"content-type", b"text/event-stream; charset=utf-8"), (b"cache-control", b"no-store")]
-            await send({"type": "http.response.start", "status": 200, "headers": head})
+            await send({"type": "http.response.start", "status": 200, "headers": HEADERS})
             serving = asyncio.create_task(self._serve(send))
             gone = asyncio.create_task(_disconnected(receive))
             try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 
@@ -58,6 +59,14 @@ async def test_nothing_can_be_changed() -> None:
     for path in ("/", "/page/main.js", "/api/status", "/api/stream", "/api/map", "/metrics", "/api/map/x/0/0/0.webp"):
         for method in ("POST", "PUT", "PATCH", "DELETE", "OPTIONS"):
             assert (await ask(app, path, method=method)).status == 405, (method, path)
+
+
+async def test_the_head_of_the_stream_ends_and_takes_no_browsers_place() -> None:
+    """`curl -I` hung, and sixteen of them shut all browsers out."""
+    feed = Feed(Said(snapshot()), max_streams=0)
+    answer = await asyncio.wait_for(ask(application(feed, None, NAMES), "/api/stream", method="HEAD"), 5)
+    assert (answer.status, answer.headers["content-type"], answer.body) == (200, "text/event-stream; charset=utf-8", b"")
+    assert answer.headers["cache-control"] == "no-store"
 
 
 async def test_a_foreign_name_is_refused_before_anything_is_told() -> None:

@@ -20,11 +20,18 @@ export class Chart {
     this.resize();
   }
 
+  // A map as /api/map describes it, or null
   useMap(map) {
+    if (map?.identity === this.tiles?.identity) return;
+    if (!map) {
+      this.tiles = null;
+      this.draw();
+      return;
+    }
     const middle = map.places[Math.floor(map.places.length / 2)];
     this.local = new Local(...middle);
     this.tiles = new Tiles(map, this.local, () => this.draw());
-    if (!this.placed) this.view.show(...this.tiles.bounds());
+    if (!this.placed || !this.following) this.view.show(...this.tiles.bounds());
     this.setFollow(this.following);
   }
 

@@ -35,10 +35,11 @@ function take(said) {
   show();
 }
 
+// At every stream's beginning: the server may have been started anew, over another pack, whose tiles have other addresses
 async function findMap() {
   try {
     const { map, problem } = await (await fetch("/api/map")).json();
-    if (map) chart.useMap(map);
+    chart.useMap(map);
     const note = problem ? `no map: ${problem}` : map ? "" : "no map: start visloc web with --map PACK";
     at("map-note").textContent = note;
     at("map-note").hidden = !note;
@@ -50,9 +51,11 @@ async function findMap() {
 legend();
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", legend);
 addEventListener("resize", show);
-const stream = new Stream((said) => ({ samples, began } = said), take);
+const stream = new Stream((said) => {
+  ({ samples, began } = said);
+  findMap();
+}, take);
 setInterval(() => {
   stream.look();
   if (performance.now() - heard > 1000) show();
 }, 500);
-findMap();
