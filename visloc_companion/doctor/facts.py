@@ -30,7 +30,8 @@ class LinkFacts:
     `drift_ppm` is how much faster its clock runs than ours, within `drift_sigma_ppm`. `mission` is None where the autopilot
     did not answer, and empty where it has none. `signed`: the autopilot signs, `another_key`: not with our key.
     `others` are (system, component) of further senders of HEARTBEAT, `strangers` addresses that are not listened to.
-    `lost_share`: messages lost, of all that were sent. `gimbals` said where they point, `old_gimbal`: in MOUNT_ORIENTATION.
+    `gnss_h_amsl_m` and `barometer_h_amsl_m` are heights above sea level as the receiver (with a 3D fix) and PX4's barometer have
+    them. `lost_share`: messages lost, of all that were sent. `gimbals` said where they point, `old_gimbal`: in MOUNT_ORIENTATION.
     """
 
     url: str
@@ -63,6 +64,8 @@ class LinkFacts:
     lost_share: float = 0.0
     gimbals: tuple[GimbalHeard, ...] = ()
     old_gimbal: bool = False
+    gnss_h_amsl_m: float | None = None
+    barometer_h_amsl_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

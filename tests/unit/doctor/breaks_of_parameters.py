@@ -2,6 +2,7 @@
 
 from tests.unit.doctor.changes import SLOW_LINE, ap, both, config, link, parameters, px4, without
 
+QNH = parameters(SENS_BARO_QNH=1003.25)
 AS_VISION = config("injection", output="vision_position_estimate")
 ARDUPILOT = [
     ap("ap-viso-type", "red", "VISO_TYPE = 1", VISO_TYPE=0),
@@ -82,6 +83,8 @@ PX4_RULES = [
     px4("px4-height", "red", "EKF2_HGT_REF = 0", EKF2_HGT_REF=1),
     px4("px4-height", "red", "EKF2_HGT_REF = 0", EKF2_HGT_REF=3),
     px4("px4-barometer", "red", "EKF2_BARO_CTRL = 1", EKF2_BARO_CTRL=0),
+    px4("px4-barometer-qnh", "amber", "SENS_BARO_QNH = 1013.2", both(QNH, link(barometer_h_amsl_m=405.5))),
+    px4("px4-barometer-qnh", "amber", "QNH, 1 hPa is 8 m", both(QNH, link(gnss_h_amsl_m=None))),
     px4("px4-gnss-control", "red", "EKF2_GPS_CTRL = 7", EKF2_GPS_CTRL=0),
     px4("px4-gnss-control", "amber", "EKF2_GPS_CTRL = 7", EKF2_GPS_CTRL=3),
     px4("px4-gnss-spoof-check", "amber", "EKF2_GPS_CHECK = 757", EKF2_GPS_CHECK=245),

@@ -23,7 +23,13 @@ HOME = GeoPoint(47.3977, 8.5456, 488.0)
 FILES = {AutopilotKind.ARDUPILOT: "ardupilot.parm", AutopilotKind.PX4: "px4.parm"}
 MORE = {
     AutopilotKind.ARDUPILOT: {"SERIAL1_PROTOCOL": 2.0, "SERIAL1_BAUD": 921.0},
-    AutopilotKind.PX4: {"MAV_1_CONFIG": 102.0, "SER_TEL2_BAUD": 921600.0, "UXRCE_DDS_CFG": 0.0, "EKF2_SENS_EN": 8191.0},
+    AutopilotKind.PX4: {
+        "MAV_1_CONFIG": 102.0,
+        "SER_TEL2_BAUD": 921600.0,
+        "UXRCE_DDS_CFG": 0.0,
+        "EKF2_SENS_EN": 8191.0,
+        "SENS_BARO_QNH": 1021.0,
+    },
 }
 RATES = {"ATTITUDE": 50.0, "SCALED_IMU": 50.0, "GLOBAL_POSITION_INT": 10.0, "LOCAL_POSITION_NED": 10.0, "GPS_RAW_INT": 5.0}
 CAMERA = {
@@ -79,6 +85,8 @@ def good_facts(kind: AutopilotKind) -> Facts:
         position_ratio=0.2,
         fix_type=3,
         n_satellites=14,
+        gnss_h_amsl_m=488.0,
+        barometer_h_amsl_m=483.0,
     )
     return Facts(
         autopilot=kind,

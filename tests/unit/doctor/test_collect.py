@@ -16,6 +16,7 @@ import pytest
 
 from tests.unit.doctor.conftest import good_facts
 from visloc_companion.adapters.camera.calibration import camera_model
+from visloc_companion.adapters.mavlink.dialect import mav
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.config import CameraConfig, Config, parse_config
 from visloc_companion.doctor.collect.camera import read_camera
@@ -23,6 +24,7 @@ from visloc_companion.doctor.collect.maps import read_map
 from visloc_companion.doctor.collect.model import read_model
 from visloc_companion.doctor.collect.rates import drift
 from visloc_companion.doctor.collect.system import read_system
+from visloc_companion.doctor.collect.vehicle import barometer_h_amsl_m
 from visloc_companion.doctor.finding import judge
 from visloc_companion.doctor.rules.registry import RULES
 from visloc_companion.errors import CameraError
@@ -151,6 +153,14 @@ async def test_a_camera_that_gives_nothing_or_cannot_be_used_is_a_problem() -> N
 
     assert "check the name" in (await read_camera(CAMERA, MonotonicClock(), 0.3, missing)).problem
     assert await camera_facts(Frames(None), Config()) is None
+
+
+def test_the_barometers_height_is_what_px4_states() -> None:
+    def altitude(monotonic_m: float) -> Any:
+        return mav.MAVLink_altitude_message(1, monotonic_m, *[math.nan] * 5)
+
+    assert barometer_h_amsl_m(altitude(405.5)) == 405.5
+    assert (barometer_h_amsl_m(altitude(math.nan)), barometer_h_amsl_m(None)) == (None, None)
 
 
 def test_a_pack_is_held_against_home_and_mission(tiny_world: Any) -> None:

@@ -14,6 +14,7 @@ from tests.unit.doctor.changes import Break, Change, both, config, link, paramet
 from visloc_companion.doctor.facts import Facts, GimbalHeard
 from visloc_companion.doctor.finding import Level, agree, judge
 from visloc_companion.doctor.parameter_file import changes
+from visloc_companion.doctor.rules.px4_height import qnh_hpa
 from visloc_companion.doctor.rules.registry import RULES, THEMES
 from visloc_companion.types import AutopilotKind
 
@@ -78,6 +79,18 @@ def test_the_gimbal_that_carries_the_camera_is_judged(good: Good) -> None:
     answers = {a.rule.id: a for a in judge(RULES, facts)}
     assert answers["camera-gimbal-rate"].level is Level.GREEN
     assert answers["camera-gimbal-frame"].level is Level.GREEN
+
+
+def test_the_pressure_that_mends_a_barometer_is_the_days() -> None:
+    """PX4's simulator at 488 m on a standard day, SENS_BARO_QNH 10 hPa below it: 405.5 m (docs/px4.md)."""
+    assert qnh_hpa(405.5, 488.0, 1003.25) == pytest.approx(1013.25, abs=0.1)
+    assert qnh_hpa(0.0, 0.0, 990.0) == 990.0
+
+
+def test_a_barometer_that_says_nothing_is_not_judged(good: Good) -> None:
+    (answer,) = [a for a in judge(RULES, link(barometer_h_amsl_m=None)(good(KINDS[1]))) if a.rule.id == "px4-barometer-qnh"]
+    assert (answer.level, answer.read) == (Level.SKIPPED, "the barometer's height did not come (ALTITUDE)")
+    assert "MAV_n_MODE 2" in answer.remedy
 
 
 def test_without_facts_every_rule_is_skipped_and_says_what_to_give() -> None:

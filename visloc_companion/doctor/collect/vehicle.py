@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from visloc_companion.adapters.mavlink.codec import decode
@@ -13,7 +14,7 @@ from visloc_companion.doctor.collect.parameters import Parameters
 from visloc_companion.doctor.collect.rates import measure
 from visloc_companion.doctor.facts import LinkFacts
 from visloc_companion.errors import LinkError
-from visloc_companion.types import AutopilotKind, EstimatorStatus, GeoPoint, LinkChanged
+from visloc_companion.types import FIX_3D, AutopilotKind, EstimatorStatus, GeoPoint, LinkChanged
 
 _ANSWER_S, _TRIES = 1.0, 5
 _FIXED_WING = 1
@@ -96,6 +97,8 @@ async def read_vehicle(conversation: Conversation, config: Config, seconds: floa
         lost_share=conversation.lost_share,
         gimbals=measured.gimbals,
         old_gimbal="MOUNT_ORIENTATION" in last,
+        gnss_h_amsl_m=None if gnss is None or gnss.fix_type < FIX_3D else gnss.alt * 1e-3,
+        barometer_h_amsl_m=barometer_h_amsl_m(last.get("ALTITUDE")),
     )
     return Vehicle(facts, _version(last.get("AUTOPILOT_VERSION")), parameters)
 
@@ -133,6 +136,11 @@ def _place(message: Message | None, lat: str, lon: str, height: str) -> GeoPoint
     if message is None or (getattr(message, lat) == 0 and getattr(message, lon) == 0):
         return None
     return GeoPoint(getattr(message, lat) * 1e-7, getattr(message, lon) * 1e-7, getattr(message, height) * 1e-3)
+
+
+def barometer_h_amsl_m(message: Message | None) -> float | None:
+    """What PX4 puts into ALTITUDE.altitude_monotonic (streams/ALTITUDE.hpp): the barometer's height, by SENS_BARO_QNH."""
+    return None if message is None or not math.isfinite(message.altitude_monotonic) else float(message.altitude_monotonic)
 
 
 def _vehicle(mav_type: int) -> str:

@@ -15,6 +15,7 @@ from visloc_companion.doctor.rules import (
     maps,
     model,
     position,
+    px4_height,
     px4_link,
     px4_output,
     px4_vision,
@@ -23,7 +24,7 @@ from visloc_companion.doctor.rules import (
 
 THEMES: dict[str, tuple[Rule, ...]] = {
     "ArduPilot's parameters": (*ardupilot_vision.RULES, *ardupilot_ekf.RULES, *ardupilot_link.RULES),
-    "PX4's parameters": (*px4_vision.RULES, *px4_output.RULES, *px4_link.RULES),
+    "PX4's parameters": (*px4_vision.RULES, *px4_height.RULES, *px4_output.RULES, *px4_link.RULES),
     "Firmware": firmware.RULES,
     "Link and time": link.RULES,
     "Position": position.RULES,
