@@ -16,6 +16,7 @@ from pathlib import Path
 import structlog
 
 from visloc_companion.types import Command, Event, FoundOnVision, Injection, LinkChanged, Mode, Status
+from visloc_companion.whole_file import write_whole
 
 log = structlog.get_logger("visloc")
 
@@ -59,7 +60,7 @@ class Handover:
             return
         self._written_ns = now_ns
         text = json.dumps({"boot_id": _boot_id(), "boot_time_ns": now_ns, "system_id": self._system_id})
-        self._change(lambda file: _write(file, text))
+        self._change(lambda file: write_whole(file, text.encode()))
 
     def _change(self, change: Callable[[Path], None]) -> None:
         if self._file is None:
@@ -83,13 +84,6 @@ class Handover:
         except (OSError, ValueError, TypeError, KeyError) as why:
             log.warning("what the daemon before left cannot be read", file=str(self._file), why=str(why))
             return None
-
-
-def _write(file: Path, text: str) -> None:
-    """Whole or not at all: a daemon may be killed at any moment."""
-    beside = file.with_name(file.name + ".new")
-    beside.write_text(text, encoding="utf-8")
-    beside.replace(file)
 
 
 def _boot_id() -> str:

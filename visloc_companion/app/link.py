@@ -20,7 +20,6 @@ from visloc_companion.adapters.mavlink.signing_key import read_key
 from visloc_companion.adapters.mavlink.signing_stamp import StampFile
 from visloc_companion.config import Config, LinkConfig
 from visloc_companion.errors import ConfigError, MapError
-from visloc_companion.geo.raster import apply_affine
 from visloc_companion.protocols import AutopilotLink, Clock
 from visloc_companion.types import GeoPoint
 
@@ -113,9 +112,7 @@ def _ground_amsl_m(pack: Path) -> float:
     from visloc_companion.maps.pack import PackMap
 
     reference = PackMap.open(pack, verify_hashes=False)
-    rows, cols = reference.shape
-    u, v = np.meshgrid(np.linspace(0, cols - 1, LOOKS), np.linspace(0, rows - 1, LOOKS))
-    heights = reference.heights_amsl_m(apply_affine(reference.T_map_pix, np.column_stack([u.ravel(), v.ravel()])))
+    heights = reference.heights_amsl_m(reference.spread_map_m(LOOKS).reshape(-1, 2))
     if not np.isfinite(heights).any():
         raise MapError("knows no height of its ground", where=str(pack), remedy="leave injection.set_origin off")
     return float(np.nanmedian(heights))

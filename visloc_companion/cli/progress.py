@@ -15,6 +15,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from visloc_companion.errors import ConfigError
+from visloc_companion.whole_file import write_whole
 
 PLAIN_STEPS = 10
 UNNAMEABLE = "backslashreplace"
@@ -105,11 +106,4 @@ def write_json(path: Path, result: dict[str, Any]) -> None:
         if path.exists() and not path.is_file():  # /dev/stdout, a pipe
             path.write_text(text, encoding="utf-8", errors=UNNAMEABLE)
             return
-        target = path.resolve()
-        part = target.with_name(f".{target.name}.part")
-        try:
-            part.write_text(text, encoding="utf-8", errors=UNNAMEABLE)
-            part.replace(target)
-        except OSError:
-            part.unlink(missing_ok=True)
-            raise
+        write_whole(path.resolve(), text.encode(errors=UNNAMEABLE))

@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 import visloc_companion
 from visloc_companion.errors import ModelError
+from visloc_companion.whole_file import write_whole
 
 SCHEMA: Literal[1] = 1
 KIND: Literal["visloc-feature-model"] = "visloc-feature-model"
@@ -191,10 +192,9 @@ def write_manifest(folder: Path, manifest: ModelManifest) -> None:
     for variant in manifest.variants:
         read_variant(folder, manifest, variant)
     read_golden(folder, manifest)
-    draft = folder / f".{MANIFEST}.part"
     data = json.loads(manifest.model_dump_json())
-    draft.write_text(json.dumps(data | {OWN_SHA256: _sha256_of(data)}, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    draft.replace(folder / MANIFEST)
+    text = json.dumps(data | {OWN_SHA256: _sha256_of(data)}, indent=1, ensure_ascii=False) + "\n"
+    write_whole(folder / MANIFEST, text.encode())
 
 
 def read_manifest(folder: Path) -> ModelManifest:

@@ -68,6 +68,13 @@ class GridMap:
         middle = apply_affine(self.T_map_pix, np.array([(cols - 1) / 2, (rows - 1) / 2]))
         return float(middle[0]), float(middle[1])
 
+    def spread_map_m(self, side: int) -> FloatArray:
+        """(side, side, 2) easting and northing of the middles of as many equal parts of the raster, from the first row on."""
+        rows, cols = self.shape
+        share = (np.arange(side) + 0.5) / side
+        pix = np.stack(np.meshgrid(share * cols - 0.5, share * rows - 0.5), axis=-1)
+        return apply_affine(self.T_map_pix, pix.reshape(-1, 2)).reshape(side, side, 2)
+
     def patch(
         self, center_map_m: tuple[float, float], size_px: tuple[int, int], gsd_m: float, heading_rad: float
     ) -> ReferencePatch:

@@ -29,7 +29,7 @@ def surface_range(pack: PackMap) -> dict[str, float] | None:
     """
     if pack.manifest.heights.grid is None:
         return None
-    heights = np.concatenate([pack.heights_amsl_m(row) for row in _grid(pack, SURFACE_SIDE)])
+    heights = np.concatenate([pack.heights_amsl_m(row) for row in pack.spread_map_m(SURFACE_SIDE)])
     known = heights[np.isfinite(heights)]
     if not known.size:
         return None
@@ -44,7 +44,7 @@ def cloud_above_at_places(pack: PackMap) -> list[FloatArray]:
     """
     if pack.cloud is None or pack.manifest.heights.grid is None:
         return []
-    return [_above(pack, (float(x), float(y))) for row in _grid(pack, CLOUD_SIDE) for x, y in row]
+    return [_above(pack, (float(x), float(y))) for row in pack.spread_map_m(CLOUD_SIDE) for x, y in row]
 
 
 def cloud_above_surface_m(above: Sequence[FloatArray]) -> float | None:
@@ -74,14 +74,6 @@ def heights_warnings(above: Sequence[FloatArray]) -> list[str]:
 def described_range(heights: dict[str, Any] | None) -> str:
     """Heights for people; empty where there are none."""
     return "" if heights is None else f"{heights['low_m']:.0f} to {heights['high_m']:.0f} m above sea level"
-
-
-def _grid(pack: PackMap, side: int) -> FloatArray:
-    """(side, side, 2) places in the middles of as many equal parts of the pack's rectangle, easting and northing."""
-    box, share = pack.manifest.bounds, (np.arange(side) + 0.5) / side
-    x = box.west_map_m + share * (box.east_map_m - box.west_map_m)
-    y = box.north_map_m - share * (box.north_map_m - box.south_map_m)
-    return np.stack(np.meshgrid(x, y), axis=-1)
 
 
 def _above(pack: PackMap, center_map_m: tuple[float, float]) -> FloatArray:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import io
-import os
 import pickle
 import zipfile
 import zlib
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,6 +13,7 @@ from typing import Any
 import torch
 
 from visloc_companion.errors import ConfigError, ModelError
+from visloc_companion.whole_file import write_whole
 
 FORMAT = "visloc-training-checkpoint"
 VERSION = 2
@@ -59,16 +58,9 @@ class Checkpoint:
 
 def write_file(path: Path, content: bytes) -> None:
     """Replace a file by new content, whole or not at all. Raises ConfigError where the disk is full or forbids it."""
-    draft = path.with_name(f".{path.name}.part")
     try:
-        with draft.open("wb") as out:
-            out.write(content)
-            out.flush()
-            os.fsync(out.fileno())
-        draft.replace(path)
+        write_whole(path, content, synced=True)
     except OSError as why:
-        with suppress(OSError):
-            draft.unlink()
         raise ConfigError(f"cannot be written: {why.strerror}", where=str(path), remedy=FREE_SPACE) from why
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from visloc_companion.adapters.mavlink import signing_stamp
 from visloc_companion.adapters.mavlink.signing import KEEP_EVERY_NS, SigningTime
 from visloc_companion.adapters.mavlink.signing_stamp import MARGIN, StampFile
 from visloc_companion.errors import ConfigError
@@ -51,7 +52,7 @@ def test_a_disk_that_fails_is_told_and_does_not_stand_against_the_start(
         raise OSError(fault, os.strerror(fault))
 
     monkeypatch.setattr(Path, "touch", fails)
-    monkeypatch.setattr(Path, "write_text", fails)
+    monkeypatch.setattr(signing_stamp, "write_whole", fails)
     told: list[str] = []
     file = StampFile(tmp_path / "stamp", told.append)
     file.keep(200000)

@@ -72,15 +72,18 @@ def test_a_full_disk_leaves_the_result_of_before(tmp_path: Path, monkeypatch: py
     path = tmp_path / "result.json"
     (tmp_path / "link.json").symlink_to(path)
     write_json(tmp_path / "link.json", {"n": 1})
-    written = Path.write_text
+    opened = Path.open
 
-    def full(self: Path, text: str, **options: Any) -> int:
-        written(self, text[:3], **options)
-        raise OSError(28, "No space left on device")
+    def full(self: Path, mode: str = "r", **options: Any) -> Any:
+        if "w" not in mode:
+            return opened(self, mode, **options)
+        opened(self, mode, **options).close()
+        return opened(Path("/dev/full"), mode, **options)
 
-    monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(ConfigError, match=r"result\.json: cannot be written: .*No space left.*--json"):
-        write_json(path, {"n": 2})
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "open", full)
+        with pytest.raises(ConfigError, match=r"result\.json: cannot be written: .*No space left.*--json"):
+            write_json(path, {"n": 2})
     assert json.loads(path.read_text(encoding="utf-8")) == {"n": 1}
     assert sorted(tmp_path.iterdir()) == [tmp_path / "link.json", path]
     assert (tmp_path / "link.json").is_symlink()

@@ -376,3 +376,12 @@ def test_two_dates_of_one_place_agree(shared_data: Path) -> None:
     maps = [RasterMap.open(shared_data / "naip" / f"{date}.tif") for date in ("20150926", "20160816")]
     a, b = (ref.patch(maps[0].center_map_m, (200, 200), 5.0, 0.5).pixels.mean(axis=2).ravel() for ref in maps)
     assert np.corrcoef(a, b)[0, 1] > 0.4
+
+
+def test_places_spread_over_a_map_are_the_middles_of_equal_parts(tmp_path: Path, write_raster) -> None:
+    T = write_raster(tmp_path / "a.tif", np.full((60, 90), 100, np.uint8), *NORTH, 2.0)
+    spread = RasterMap.open(tmp_path / "a.tif").spread_map_m(3)
+    assert spread.shape == (3, 3, 2)
+    for row in range(3):
+        for col in range(3):
+            np.testing.assert_allclose(spread[row, col], T @ [15 + 30 * col - 0.5, 10 + 20 * row - 0.5, 1.0])

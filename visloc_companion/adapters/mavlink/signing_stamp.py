@@ -12,6 +12,7 @@ from pathlib import Path
 
 from visloc_companion.adapters.mavlink.signing import UNITS_PER_S
 from visloc_companion.errors import ConfigError, is_of_the_disk
+from visloc_companion.whole_file import write_whole
 
 MARGIN = 60 * UNITS_PER_S
 _MAX_DIGITS = 15
@@ -43,10 +44,8 @@ class StampFile:
 
     def keep(self, stamp: int) -> None:
         """Write a stamp; a failure (a full disk) is told once and does not end anything."""
-        beside = self._path.with_name(self._path.name + ".new")
         try:
-            beside.write_text(f"{stamp}\n", encoding="ascii")
-            beside.replace(self._path)
+            write_whole(self._path, f"{stamp}\n".encode("ascii"))
         except OSError as why:
             self._tell(why)
 
