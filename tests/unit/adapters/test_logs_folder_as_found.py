@@ -37,6 +37,25 @@ def test_a_file_in_other_letters_is_not_passed_over(found: Path, name: str, othe
         open_folder(found)
 
 
+def test_frames_that_nothing_lists_are_told_of(found: Path) -> None:
+    """As cameras name them: the replay said that the flight has no frames, and not why."""
+    (found / "truth.csv").unlink()
+    make_video(found)
+    (found / "video.avi").rename(found / "DJI_0001.AVI")
+    images = sorted(path.relative_to(found) for path in found.rglob("*.png"))
+    assert open_folder(found).notes == (
+        "DJI_0001.AVI was not read: name it video.avi, in the flight's folder.",
+        f"{len(images)} images, the first being {images[0]}, were not read: list them in frames.csv with the time of each "
+        "(columns t_us,file).",
+    )
+
+
+def test_a_mask_alone_is_no_frame_that_was_forgotten(tmp_path: Path) -> None:
+    telemetry(tmp_path)
+    (tmp_path / "mask.png").touch()
+    assert open_folder(tmp_path).notes == ()
+
+
 async def test_nor_by_the_daemons_camera(tmp_path: Path) -> None:
     """Without its time base each frame would bear the time of its arrival."""
     folder = folder_of(tmp_path, ["a.png"], "0, a.png\n")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -40,6 +41,9 @@ class FileFrames:
             return None
 
 
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".dng", ".bmp", ".webp")
+
+
 def files_named(folder: Path, stem: str, suffixes: Collection[str]) -> list[Path]:
     """The files of a folder with this name and one of these suffixes, both in letters of any size; by name."""
     return sorted(path for path in folder.iterdir() if path.stem.lower() == stem and path.suffix.lower() in suffixes)
@@ -73,6 +77,8 @@ def notes_on(frames: FrameSource | None, table: Path) -> list[str]:
         asked_deg = turn_deg(frames.path)
         asked = f"{frames.path.name} asks viewers to turn it by {asked_deg} degrees: its frames were taken as they are stored."
         return [asked] if asked_deg else []
+    if frames is None:
+        return _passed_over(table)
     files = frames.files if isinstance(frames, FileFrames) else ()
     missing = [file for file in files if not file.is_file()]
     if not missing:
@@ -81,3 +87,18 @@ def notes_on(frames: FrameSource | None, table: Path) -> list[str]:
         what = f"none of the files that it lists is there, the first being {missing[0]}"
         raise LogError(what, where=str(table), remedy="write paths relative to the folder, with /")
     return [f"Of {len(files)} files of frames.csv, {len(missing)} are not there, the first being {missing[0]}."]
+
+
+def _passed_over(table: Path) -> list[str]:
+    """Sentences on files of a flight's folder, or of a folder in it, that look like frames and are not named as such."""
+    found: list[Path] = []
+    for folder in (table.parent, *sorted(path for path in table.parent.iterdir() if path.is_dir())):
+        with suppress(OSError):
+            found += sorted(path.relative_to(table.parent) for path in folder.iterdir() if path.is_file())
+    videos = [path for path in found if path.suffix.lower() in VIDEO_SUFFIXES]
+    images = [path for path in found if path.suffix.lower() in IMAGE_SUFFIXES]
+    notes = [f"{path} was not read: name it video{path.suffix.lower()}, in the flight's folder." for path in videos[:1]]
+    if len(images) > 1:  # one may be a mask
+        when = f"list them in {table.name} with the time of each (columns t_us,file)"
+        notes.append(f"{len(images)} images, the first being {images[0]}, were not read: {when}.")
+    return notes
