@@ -87,6 +87,12 @@ def test_the_pressure_that_mends_a_barometer_is_the_days() -> None:
     assert qnh_hpa(0.0, 0.0, 990.0) == 990.0
 
 
+def test_what_a_measured_height_asks_for_is_not_set_by_itself(good: Good) -> None:
+    """Judged again with the new pressure and the old height it asked for ever more: 1172 hPa in PX4's simulator."""
+    facts = both(parameters(SENS_BARO_QNH=1003.25), link(barometer_h_amsl_m=405.5))(good(KINDS[1]))
+    assert "SENS_BARO_QNH" not in changes(RULES, facts)
+
+
 def test_a_barometer_that_says_nothing_is_not_judged(good: Good) -> None:
     (answer,) = [a for a in judge(RULES, link(barometer_h_amsl_m=None)(good(KINDS[1]))) if a.rule.id == "px4-barometer-qnh"]
     assert (answer.level, answer.read) == (Level.SKIPPED, "the barometer's height did not come (ALTITUDE)")

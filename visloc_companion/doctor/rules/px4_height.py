@@ -35,7 +35,8 @@ def _qnh(facts: Facts) -> Finding:
     read += f", GNSS {link.gnss_h_amsl_m:.0f} m"
     if abs(link.barometer_h_amsl_m - link.gnss_h_amsl_m) <= OFF_M:
         return green(read)
-    return amber(read, parameters={"SENS_BARO_QNH": round(qnh_hpa(link.barometer_h_amsl_m, link.gnss_h_amsl_m, qnh), 2)})
+    wanted = qnh_hpa(link.barometer_h_amsl_m, link.gnss_h_amsl_m, qnh)
+    return amber(read, f"SENS_BARO_QNH = {wanted:.1f}, {REBOOT}")  # not by --apply: what was measured holds for the old value
 
 
 RULES: tuple[Rule, ...] = (
