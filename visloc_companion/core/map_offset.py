@@ -59,7 +59,10 @@ class MapOffset:
         """Length of the mean difference, or that of a lag; 0 while too little is known."""
 
     def compared(self, t_ns: int, gnss_minus_fix_m: Vec2, v_ne_mps: Vec2 = (0.0, 0.0), per_focal_ne_m: Vec2 = (0.0, 0.0)) -> None:
-        """Take the difference of a trusted GNSS and an accepted fix, with the velocity and what a lens adds to the fix."""
+        """Take the difference of a trusted GNSS and an accepted fix, with the velocity and what a lens adds to the fix. One of
+        more than map and lag may be off by tells of neither: it is GNSS that jumped, and nobody has said so yet."""
+        if math.hypot(*gnss_minus_fix_m) > MOST_M + MOST_LAG_S * math.hypot(*v_ne_mps):
+            return
         self._differences.append(_Difference(t_ns, gnss_minus_fix_m, v_ne_mps, per_focal_ne_m))
         while self._differences[0].t_ns < t_ns - SPAN_NS:
             self._differences.popleft()

@@ -45,6 +45,16 @@ def test_a_few_differences_tell_nothing_of_a_map_that_was_borne_out() -> None:
         assert known.sigma_m == (0.5 if k < FEWEST - 1 else 4.0)
 
 
+@pytest.mark.parametrize("jumped_m", [MOST_M + 1.0, 2000.0, 20_000.0])
+def test_a_gnss_that_jumped_further_than_maps_lie_tells_nothing_of_the_map(jumped_m: float) -> None:
+    """It is trusted for seconds still: 2 km had the map 32 m off with the first fix, and the vehicle lost with the fourth."""
+    known = after(0.0)
+    for k in range(10):
+        known.compared((60 + k) * S, (0.0, jumped_m), (0.1, 0.0))
+    assert known.sigma_m == 0.5
+    assert known.notices() == []
+
+
 def never_agreed(offset_m: float, n: int) -> MapOffset:
     """The second fix beside GNSS already has it suspect."""
     known = MapOffset(0.5)

@@ -86,6 +86,19 @@ def test_slow_drag_is_declared_early_and_the_flight_goes_on_vision(world: type[W
     assert w.status_at(130)[0].verdict is Verdict.SUSPECT
 
 
+@pytest.mark.parametrize(("jumped_m", "speed_mps"), [(2000.0, 0.2), (5000.0, 10.0), (8000.0, 0.2)])
+def test_a_gnss_that_jumps_by_kilometres_costs_no_fixes(world: type[World], jumped_m: float, speed_mps: float) -> None:
+    """Half of what it jumped by, over two minutes, counted as the map's: the vehicle was lost within seconds, fixes waited for
+    others over other ground, and one that hovers was led away by a trusted GNSS."""
+    w = world(speed_mps=speed_mps, pull_m=lambda t: (jumped_m, 0.0) if t > 31 else (0.0, 0.0))
+    w.start()
+    w.fly(60)
+    assert w.notices("GNSS not trusted, camera says elsewhere")[0] < 45
+    assert Mode.LOST not in {status.mode for _, status, _ in w.statuses}
+    assert w.status_at(60)[0].mode is Mode.AIDING
+    assert w.status_at(60)[1] < 6
+
+
 def test_a_spoofed_autopilot_does_not_move_the_prior(world: type[World]) -> None:
     """200 m step, no switching allowed: the autopilot's own position goes astray and the search stays at the truth."""
     settings = CoreSettings(injection=InjectionSettings(policy=InjectionPolicy.NEVER))
