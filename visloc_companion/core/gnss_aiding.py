@@ -2,7 +2,7 @@
 
 GNSS positions enter the filter only while nothing is injected and the verdict is OK, and only when vision has given nothing
 for GNSS_AFTER_NS: with fixes coming GNSS would hide a drag, without them the prior would drift away from a position that is
-known. A filter that keeps refusing a trusted GNSS starts again from it.
+known. A filter that keeps refusing a trusted GNSS, and takes no fix meanwhile, starts again from it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class GnssAiding:
         self._settings = settings
         self._tracker, self._monitor = tracker, monitor
         self._fused_ns: int | None = None
-        self._rejected, self._was_trusted = 0, False
+        self._rejected, self._rejected_since_ns, self._was_trusted = 0, 0, False
         self.began_anew = False
         """Whether the last report made a filter that kept refusing GNSS start again from it: one of both was far off."""
         self._odometry: deque[Motion] = deque(maxlen=MOTIONS_WAITING)
@@ -103,6 +103,8 @@ class GnssAiding:
         if vision or just_now:
             return []
         self._fused_ns = t_ns
+        if self._rejected_since_ns != belief.rested_ns:
+            self._rejected, self._rejected_since_ns = 0, belief.rested_ns  # a fix has held the filter since
         sigma = max(self._settings.navigator.seed_sigma_m, self._monitor.sigma_m(event))
         if not isinstance(self._tracker.observe_gnss(t_ns, event.place, sigma), Rejected):
             self._rejected = 0

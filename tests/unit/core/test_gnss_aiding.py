@@ -65,6 +65,19 @@ def test_not_while_fixes_come() -> None:
     assert abs(rig.north()) < 0.3
 
 
+def test_rare_fixes_hold_a_filter_that_refuses_gnss_in_between() -> None:
+    """Two refusals between two fixes, and one of the second fix: the fifth had the filter start from GNSS, 300 m beside the
+    fixes, before they could say of it that it is false."""
+    rig = Rig()
+    for _ in range(8):
+        rig.tracker.observe(fix(rig.t, 0.0))
+        rig.run(7, 300.0)
+    assert rig.notices == []
+    assert abs(rig.north()) < 1.0
+    rig.run(8, 300.0)
+    assert rig.north() > 290.0, "without fixes GNSS is right"
+
+
 def test_not_while_injecting_and_not_from_another_receiver_or_an_impossible_place() -> None:
     rig = Rig()
     rig.run(30, 6.0, mode=Mode.AIDING)
