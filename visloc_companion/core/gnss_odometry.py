@@ -60,7 +60,7 @@ class OdometryTest:
         self._restart()
 
     def _restart(self) -> None:
-        self._apart = self._path = 0j
+        self._apart = 0j
         self._v: complex | None = None
         self._place: ShiftTest | None = None
         self._clear_block()
@@ -106,13 +106,14 @@ class OdometryTest:
         rate_var = max((self._var + by_lens_m2) / span_s**2, MIN_RATE_SIGMA_MPS**2)
         self._rate.update(t_s, apart / span_s, (2 * GNSS_WHITE_M**2 + turn_var) / span_s**2, rate_var, v)
         self._apart += apart
-        self._path += self._odometry
         if self._place is None:
             self._place = ShiftTest(_place_model(rate_var))
-        self._place.update(t_s, self._apart, GNSS_WHITE_M**2 + turn_var, 0.0, self._path)
+        self._place.update(t_s, self._apart, GNSS_WHITE_M**2 + turn_var, 0.0, self._odometry)
+        self._place.summed(self._odometry)
 
 
 def _place_model(rate_var: float) -> ShiftModel:
-    """The summed difference: velocity errors of ODOMETRY_S walk, those of scale and heading grow with the path."""
+    """The summed difference: velocity errors of ODOMETRY_S walk, those of scale and heading add what each block's way makes of
+    them then."""
     walk = math.sqrt(2 * ODOMETRY_S * rate_var)
     return ShiftModel(GNSS_WHITE_M, walk, GNSS_WHITE_M, 100.0, ODOMETRY_S, STEPS_M, (), SCALE_SIGMA, SCALE_WALK_PER_SQRT_S)

@@ -104,6 +104,14 @@ class ShiftTest:
         other.forget(first_weight_s)
         return other
 
+    def summed(self, regressor: complex) -> None:
+        """What the factor has made of a regressor is in the constant from now on: for a series that is a sum, in which another
+        factor changes what comes next and not what was summed before. The next regressor begins at nothing again."""
+        F = np.eye(STATES, dtype=complex)
+        F[0, 3] = regressor
+        self._x, self._P = F @ self._x, F @ self._P @ F.conj().T
+        self._sums[..., 0] += regressor * self._sums[..., 3]
+
     def _likeliest_response(self) -> ComplexArray:
         if self._log_r < MIN_LOG_R_OF_SHIFT:
             return np.zeros_like(self._x)

@@ -19,14 +19,17 @@ LIMIT = 10.5
 class Walk:
     """A vehicle that turns; odometry with an error of scale (a share) and one of heading (degrees)."""
 
-    def __init__(self, seed: int = 1, speed: float = 12.0, scale: float = 0.01, heading_deg: float = 1.0) -> None:
+    def __init__(
+        self, seed: int = 1, speed: float = 12.0, scale: float = 0.01, heading_deg: float = 1.0, turn_rad: float = 1.3
+    ) -> None:
+        self.turn_rad = turn_rad
         self.factor = (1 + scale) * np.exp(1j * math.radians(heading_deg))
         self.rng, self.test, self.t, self.speed = np.random.default_rng(seed), OdometryTest(), 0, speed
 
     def run(self, seconds: int, drag: complex = 0j, jump: complex = 0j) -> list[float]:
         out = []
         for _ in range(seconds):
-            v = self.speed * np.exp(1j * (self.t // 40) * 1.3)
+            v = self.speed * np.exp(1j * (self.t // 40) * self.turn_rad)
             gnss = v + drag + jump + 0.2 * complex(*self.rng.standard_normal(2))
             seen = v * self.factor + 0.1 * complex(*self.rng.standard_normal(2))
             jump = 0j
@@ -59,6 +62,14 @@ def test_a_jump_is_found_although_the_velocity_is_true_again() -> None:
     walk = Walk()
     walk.run(200)
     assert max(walk.run(12, jump=80 + 0j)) > LIMIT
+
+
+@pytest.mark.parametrize(("jump", "after_s"), [(25 + 0j, 600), (50j, 1800), (-50 + 0j, 5400)])
+def test_a_jump_is_found_after_a_long_way_as_soon_as_after_a_short_one(jump: complex, after_s: int) -> None:
+    """An error of scale changes what odometry sees from then on, not the way behind it: of 7 km and more that hid the jump."""
+    walk = Walk(turn_rad=0.02)
+    assert max(walk.run(after_s)) < LIMIT - 2
+    assert max(walk.run(12, jump=jump)) > LIMIT
 
 
 def test_after_a_hole_the_sums_begin_anew_and_forgetting_keeps_the_scale() -> None:

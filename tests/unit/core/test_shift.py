@@ -73,6 +73,22 @@ def test_the_constant_is_learned_within_its_bound() -> None:
     assert 0.02 * next(creep) < 15.0  # the slowest creep cannot hide in what is learned
 
 
+def test_a_sum_is_followed_as_well_from_where_it_has_come_to_as_from_its_beginning() -> None:
+    """With a factor that is constant both say the same."""
+    model = replace(MODEL, factor=0.1, max_constant=math.inf)
+    whole, stepwise, rng = ShiftTest(model), ShiftTest(model), np.random.default_rng(6)
+    path = 0j
+    for k, (healthy, way) in enumerate(zip(series(rng, 200), rng.standard_normal((200, 2)), strict=True)):
+        gone = complex(*way)
+        path += gone
+        value = healthy + 0.07 * path + 9.0 * (k >= 150)
+        first, second = (test.update(float(k), value, WHITE, QUICK, by) for test, by in ((whole, path), (stepwise, gone)))
+        stepwise.summed(gone)
+        assert second.distance_sigma == pytest.approx(first.distance_sigma, rel=1e-6, abs=1e-6)
+        assert second.log_r == pytest.approx(first.log_r, rel=1e-6, abs=1e-6)
+    assert stepwise.log_r > 10
+
+
 def test_starts_are_thinned_with_age() -> None:
     test = ShiftTest(LINE)
     sizes = []
