@@ -101,6 +101,8 @@ class Vision:
         """What is to be said of the camera at a Tick (`heard`: the autopilot is), and that the place is searched for."""
         was_searching, self._searching = self._searching, self._search is not None and self._search.active
         begun = self._searching and not was_searching
+        if self._monitor.trusted:
+            self._to_confirm = None  # from here on GNSS says the place, and what fixes confirm is not the operator's word
         self._follow(now_ns)
         text = "visloc: searching the map, keep moving"
         told = [*self._camera.check(now_ns, heard), *self._onboard.check(now_ns, heard=heard, needed=self._steering.injecting)]

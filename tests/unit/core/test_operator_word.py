@@ -132,3 +132,16 @@ def test_fixes_far_from_where_the_operator_said_confirm_nothing(world: type[Worl
     assert len(w.notices("visloc: relocalised")) == 1
     assert w.notices("operator's position confirmed") == []
     assert w.status_at(29)[1] < 8
+
+
+def test_fixes_confirm_no_word_that_gnss_has_answered_since(world: type[World]) -> None:
+    """The word is 50 m beside the place and a GNSS that is trusted came before any fix: what they confirm is GNSS."""
+    w = world(jammed=lambda t: t < 8, blind=lambda t: t < 30)
+    w.start()
+    w.fly(5)
+    w.send(OperatorFix(0, true_place(w, 50.0), 20.0))
+    assert w.notices("position taken, looking there")
+    w.fly(45)
+    assert w.notices("GNSS trusted")
+    assert (w.status_at(44)[0].age_of_fix_s or 99.0) < 2.0
+    assert not w.notices("operator's position confirmed")
