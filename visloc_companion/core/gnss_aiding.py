@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 
+from visloc_companion.core import votes
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_odometry import Lens
 from visloc_companion.core.map_offset import MapOffset
@@ -19,7 +20,8 @@ from visloc_companion.core.scale_watch import ScaleWatch
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.core.validate import is_place
-from visloc_companion.types import Command, Cov2, Fix, Gnss, Mode, Notice, Rejected, Severity, Vec2, Verdict
+from visloc_companion.geo import wgs84
+from visloc_companion.types import Command, Cov2, Fix, GeoPoint, Gnss, Mode, Notice, Rejected, Severity, Vec2, Verdict
 
 GNSS_AFTER_NS = 5_000_000_000
 GNSS_INTERVAL_NS = 1_000_000_000
@@ -36,6 +38,7 @@ class GnssAiding:
         self._tracker, self._monitor = tracker, monitor
         self._fused_ns: int | None = None
         self._rejected, self._rejected_since_ns, self._was_trusted = 0, 0, False
+        self._refused_at: GeoPoint | None = None
         self.began_anew = False
         """Whether the last report made a filter that kept refusing GNSS start again from it: one of both was far off."""
         self._odometry: deque[Motion] = deque(maxlen=MOTIONS_WAITING)
@@ -167,17 +170,38 @@ class GnssAiding:
         nn, ee = nn + astray_m2, ee + astray_m2
         return (nn + var * north**2, ne + var * north * east), (en + var * north * east, ee + var * east**2)
 
+    def refused(self, fix: Fix) -> None:
+        """Show the monitor a fix that the filter refused while GNSS alone has held that since the last one taken: then it is GNSS
+        that the fix contradicts. Where fixes are rare every one of them would be refused, and a drag have no witness. Over the
+        same ground a wrong match is found again, so each ground speaks once."""
+        belief, origin = self._tracker.belief, self._tracker.origin
+        if belief is None or origin is None or self._fused_ns is None or not self._monitor.trusted:
+            return
+        view_ne_m, spacing_m = votes.looked_at(fix, fix.place.h_amsl_m - origin.h_amsl_m)
+        place = wgs84.geo_from_ned((*view_ne_m, 0.0), fix.place)
+        same_ground = self._refused_at is not None and wgs84.distance_m(place, self._refused_at) < spacing_m
+        if self._fused_ns > belief.rested_ns and not same_ground:
+            self._refused_at = place
+            self._shown(fix)
+
+    def _shown(self, fix: Fix) -> Vec2 | None:
+        """GNSS minus a fix that the monitor was shown, north and east metres; None where there is no GNSS beside it."""
+        velocity = self._tracker.velocity
+        difference = None if velocity is None else self._tracker.gnss.minus(fix, velocity.v_ned_mps)
+        if velocity is not None and difference is not None:
+            v_ne_mps, map_sigma_m = velocity.v_ned_mps[:2], self._settings.navigator.map_sigma_m
+            self._monitor.on_vision(fix.t_ns, difference, self._with_lens(fix), map_sigma_m, v_ne_mps)
+        return difference
+
     def compare(self, fix: Fix, *, delay_told: bool = False) -> list[Command]:
         """Show the monitor an accepted fix beside GNSS: the fix itself, for the filter rides on a velocity that may be false.
 
         While GNSS is trusted, the difference also tells how far the map is off. `delay_told`: frames are known to come late.
         """
-        velocity = self._tracker.velocity
-        difference = None if velocity is None else self._tracker.gnss.minus(fix, velocity.v_ned_mps)
+        velocity, difference = self._tracker.velocity, self._shown(fix)
         if velocity is None or difference is None:
             return []
         north, east, _ = velocity.v_ned_mps
-        self._monitor.on_vision(fix.t_ns, difference, self._with_lens(fix), self._settings.navigator.map_sigma_m, (north, east))
         verdict = self._monitor.verdict
         if verdict.verdict is Verdict.SUSPECT:
             self._map.suspected(verdict.since_ns, fix.t_ns, difference, (north, east), fix.per_focal_ne_m)

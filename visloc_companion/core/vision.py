@@ -307,6 +307,8 @@ class Vision:
             if anew:
                 commands.append(Notice(Severity.WARNING, "visloc: relocalised", to_operator=True))
         elif isinstance(outcome, Rejected):
+            if outcome.reason is Reason.GATED:
+                self._aiding.refused(fix)
             commands += self._complaints.about(fix, outcome.reason, now_ns, Severity.INFO)
         else:
             reason = Reason.NOT_SEEDED if outcome is None else Reason.TOO_OLD
