@@ -87,7 +87,7 @@ class Telemetry:
             self._terrain.clear()
         if self._gimbal is not None:
             self._gimbal.clear()
-        if not own:
+        if not own and step.of_restart:
             self._switch.restarted()
             self._home.forget()
         return [Notice(Severity.WARNING, _of_step(step, own), to_operator=True)]

@@ -32,6 +32,12 @@ class ClockStep:
     jump_ns: int
     of_autopilot: bool = False
 
+    @property
+    def of_restart(self) -> bool:
+        """Whether the autopilot may have been restarted, or another one have come: less than that is a clock that was set, or a
+        link that has become late."""
+        return self.of_autopilot or abs(self.jump_ns) > BACK_NS
+
 
 class _Smallest:
     """Entry with the smallest key over the last one to two buckets."""
