@@ -2,6 +2,8 @@
 
 import errno
 import os
+import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,7 @@ from visloc_companion.adapters.mavlink import signing_stamp
 from visloc_companion.adapters.mavlink.signing import KEEP_EVERY_NS, SigningTime
 from visloc_companion.adapters.mavlink.signing_stamp import MARGIN, StampFile
 from visloc_companion.errors import ConfigError
+from visloc_companion.whole_file import write_whole
 
 
 def test_a_start_begins_a_minute_past_what_was_kept(tmp_path: Path) -> None:
@@ -17,6 +20,7 @@ def test_a_start_begins_a_minute_past_what_was_kept(tmp_path: Path) -> None:
     file = StampFile(tmp_path / "stamp", told.append)
     assert file.first() == 0
     file.keep(123456)
+    file.wait()
     assert StampFile(tmp_path / "stamp", told.append).first() == 123456 + MARGIN
     assert [path.name for path in tmp_path.iterdir()] == ["stamp"]
     assert told == []
@@ -31,9 +35,9 @@ def test_a_file_that_a_power_cut_left_is_as_none(tmp_path: Path, content: bytes)
 
 def test_it_is_kept_at_once_and_every_half_minute() -> None:
     kept: list[int] = []
-    time = SigningTime(1000, kept.append)
+    signing = SigningTime(1000, kept.append)
     for now_ns in range(5, 2 * KEEP_EVERY_NS, KEEP_EVERY_NS // 10):
-        time.advance(now_ns)
+        signing.advance(now_ns)
     assert kept == [1000, 1000 + KEEP_EVERY_NS // 10_000]
 
 
@@ -56,6 +60,9 @@ def test_a_disk_that_fails_is_told_and_does_not_stand_against_the_start(
     told: list[str] = []
     file = StampFile(tmp_path / "stamp", told.append)
     file.keep(200000)
+    file.wait()
+    file.keep(300000)
+    file.wait()
     assert file.first() == 123456 + MARGIN
     assert told == [f"the time of signing cannot be kept in {tmp_path / 'stamp'}: {os.strerror(fault)}"]
 
@@ -69,4 +76,28 @@ def test_a_disk_that_fails_later_is_told_once(tmp_path: Path) -> None:
     folder.rmdir()
     for stamp in range(3):
         file.keep(stamp)
+        file.wait()
     assert len(told) == 1
+
+
+def test_a_card_that_is_slow_holds_nothing_up_and_is_not_written_to_twice_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The one who signs is the one who sends positions: PX4 gives vision up after 0.4 s without."""
+    written, go_on = list[bytes](), threading.Event()
+
+    def slow(path: Path, content: bytes) -> None:
+        written.append(content)
+        assert go_on.wait(30)
+        write_whole(path, content)
+
+    monkeypatch.setattr(signing_stamp, "write_whole", slow)
+    file = StampFile(tmp_path / "stamp", lambda _: None)
+    threading.Timer(2.0, go_on.set).start()
+    begun_s = time.monotonic()
+    for stamp in range(1, 4):
+        file.keep(stamp)
+    assert time.monotonic() - begun_s < 1.0
+    file.wait()
+    assert written == [b"1\n"]
+    assert file.first() == 1 + MARGIN

@@ -1,12 +1,14 @@
 """The newest time stamp of signing, kept in a file from one start to the next.
 
 A clock that is behind (no battery, no network) would otherwise let recordings of earlier flights be believed. As in ArduPilot,
-the stamp is kept every 30 s, and a start begins a minute past it.
+the stamp is kept every 30 s, and a start begins a minute past it. A thread writes, as for the journal: a card that is slow must
+not hold up positions.
 """
 
 from __future__ import annotations
 
 import contextlib
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,6 +28,8 @@ class StampFile:
 
     def __init__(self, path: Path, warn: Callable[[str], None], field: str = "link.signing_stamp_file") -> None:
         self._path, self._warn, self._told = path, warn, False
+        self._writing: threading.Thread | None = None
+        self._failure: OSError | None = None
         try:
             path.touch(mode=0o600)
         except OSError as why:
@@ -43,11 +47,26 @@ class StampFile:
         return 0
 
     def keep(self, stamp: int) -> None:
-        """Write a stamp; a failure (a full disk) is told once and does not end anything."""
+        """Have a stamp written, unless the one before still is; a failure (a full disk) is told once, by the next call, and does
+        not end anything."""
+        if self._failure is not None:
+            self._tell(self._failure)
+        if self._writing is not None and self._writing.is_alive():
+            return
+        self._writing = threading.Thread(target=self._write, args=(stamp,), name="signing stamp", daemon=True)
+        with contextlib.suppress(RuntimeError):  # the system has no thread to spare: the next one is soon
+            self._writing.start()
+
+    def wait(self) -> None:
+        """Return when the last stamp that was to be written is, or has failed."""
+        if self._writing is not None and self._writing.is_alive():
+            self._writing.join()
+
+    def _write(self, stamp: int) -> None:
         try:
             write_whole(self._path, f"{stamp}\n".encode("ascii"))
         except OSError as why:
-            self._tell(why)
+            self._failure = why
 
     def _tell(self, why: OSError) -> None:
         if not self._told:
