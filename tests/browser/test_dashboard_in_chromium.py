@@ -80,7 +80,7 @@ def daemon(path: Path, **status: Any) -> Iterator[None]:
         return snapshot(looks[0] / 4, **status)
 
     async def run() -> None:
-        async with status_server(path, look):
+        async with status_server(path, look, print):
             await stop.wait()
 
     running = thread.begin(run())

@@ -34,6 +34,7 @@ class Handover:
         self._now_ns = now_ns
         self._system_id = 0
         self._written_ns: int | None = None
+        self._failed = False
         self._left_by = self._read()
         """The system id of the autopilot that was sent positions; None for nobody."""
 
@@ -67,9 +68,10 @@ class Handover:
             return
         try:
             change(self._file)
-        except OSError as why:
-            log.warning("cannot note that the autopilot is sent positions", file=str(self._file), why=str(why))
-            self._file = None
+        except OSError as why:  # it is tried again: a file system that is full may have room soon
+            if not self._failed:
+                log.warning("cannot note that the autopilot is sent positions", file=str(self._file), why=str(why))
+            self._failed = True
 
     def _read(self) -> int | None:
         if self._file is None:
@@ -81,7 +83,7 @@ class Handover:
             return int(left["system_id"]) if same else None
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, TypeError, KeyError) as why:
+        except (OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError) as why:
             log.warning("what the daemon before left cannot be read", file=str(self._file), why=str(why))
             return None
 

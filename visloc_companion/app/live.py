@@ -321,7 +321,7 @@ async def run_daemon(
     def report(notice: Notice) -> None:
         daemons[0].report(notice) if daemons else early.append(notice)
 
-    def journal_problem(text: str) -> None:
+    def disk_problem(text: str) -> None:
         with contextlib.suppress(RuntimeError):  # the loop has ended, and with it whom to tell
             loop.call_soon_threadsafe(report, Notice(Severity.WARNING, f"visloc: {text}"[:50], True, (("problem", text),)))
 
@@ -329,7 +329,7 @@ async def run_daemon(
         report(Notice(Severity.WARNING, text))
 
     stop = asyncio.Event() if stop is None else stop
-    assembling = asyncio.create_task(assemble(config, clock, make, Reports(report, journal_problem, link_warning)))
+    assembling = asyncio.create_task(assemble(config, clock, make, Reports(report, disk_problem, link_warning)))
     importing = asyncio.create_task(asyncio.to_thread(import_module, _NAVIGATOR))
     try:
         parts = await _unless(stop, assembling)
@@ -344,7 +344,7 @@ async def run_daemon(
             daemon.report(notice)
         async with contextlib.AsyncExitStack() as stack:
             if config.status.socket:
-                await stack.enter_async_context(status_server(Path(config.status.socket), daemon.snapshot))
+                await stack.enter_async_context(status_server(Path(config.status.socket), daemon.snapshot, disk_problem))
             if on_ready is not None:
                 on_ready(daemon)
             await daemon.run(stop)

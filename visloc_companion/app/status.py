@@ -14,7 +14,7 @@ from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
-from visloc_companion.errors import ConfigError
+from visloc_companion.errors import ConfigError, is_of_the_disk
 
 _WRITE_S = 1.0
 _MODE = 0o660
@@ -22,8 +22,11 @@ _MODE = 0o660
 
 
 @contextlib.asynccontextmanager
-async def status_server(path: Path, snapshot: Callable[[], dict[str, Any]]) -> AsyncIterator[None]:
-    """Serve snapshots while the context lasts. Raises ConfigError where the socket cannot be made, or is another daemon's."""
+async def status_server(
+    path: Path, snapshot: Callable[[], dict[str, Any]], on_problem: Callable[[str], None]
+) -> AsyncIterator[None]:
+    """Serve snapshots while the context lasts. Raises ConfigError where the socket cannot be made, or is another daemon's; a disk
+    that is full or fails is told to `on_problem`, and nobody is served: the daemon may be starting again in flight."""
 
     async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with contextlib.suppress(OSError, TimeoutError):
@@ -34,23 +37,32 @@ async def status_server(path: Path, snapshot: Callable[[], dict[str, Any]]) -> A
             await writer.wait_closed()
 
     _require_nobody(path)
+    server: asyncio.Server | None = None
     try:
         _remove(path)  # left by a daemon that was killed
         server = await asyncio.start_unix_server(answer, path)
         _let_the_group_ask(path)
     except OSError as why:
-        raise _no_socket(path, why) from why
+        if not is_of_the_disk(why):
+            raise _no_socket(path, why) from why
+        on_problem(f"no status socket: {why.strerror}")
     try:
         yield
     finally:
-        server.close()
-        _remove(path)
+        if server is not None:
+            server.close()
+        with contextlib.suppress(OSError):  # of a disk that failed meanwhile
+            _remove(path)
 
 
 def require_status_socket(path: Path) -> None:
     """Before anything is opened: make the socket and remove it. Raises ConfigError as `status_server` would."""
     _require_nobody(path)
-    check_status_socket(path)
+    try:
+        check_status_socket(path)
+    except ConfigError as none:
+        if not is_of_the_disk(none.__cause__):
+            raise
 
 
 def check_status_socket(path: Path) -> None:

@@ -100,7 +100,14 @@ def test_it_is_noted_anew_every_other_second_and_taken_back_with_the_autopilot_o
     assert list(file.parent.iterdir()) == []
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"boot_time_ns": "x", "system_id": 7, "boot_id": ""}', '{"boot_id": ""}'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "{", "[]", "[" * 100_000, '{"boot_id": ""}'),
+        '{"boot_time_ns": "x", "system_id": 7, "boot_id": ""}',
+        '{"boot_time_ns": 1e999, "system_id": 7, "boot_id": ""}',
+    ],
+)
 def test_a_damaged_file_is_said_and_passed_over(socket: str, clock: BootClock, text: str) -> None:
     file = Path(socket).with_suffix(".on-vision")
     file.write_text(text)
@@ -116,6 +123,21 @@ def test_a_folder_that_takes_no_file_is_said_once_and_holds_up_nothing(tmp_path:
             daemon.did(SENT)
             clock.ns += WRITE_EVERY_NS
     assert len(said) == 1
+
+
+def test_a_file_system_that_was_full_for_a_while_is_written_to_again(socket: str, clock: BootClock) -> None:
+    daemon, file = Handover(socket, clock), Path(socket).with_suffix(".on-vision")
+    daemon.heard(came_up())
+    beside = file.with_name(f".{file.name}.part")
+    beside.mkdir()
+    with structlog.testing.capture_logs() as said:
+        for _ in range(3):
+            daemon.did(SENT)
+            clock.ns += WRITE_EVERY_NS
+        beside.rmdir()
+        daemon.did(SENT)
+    assert len(said) == 1
+    assert Handover(socket, clock).heard(came_up()) == FoundOnVision(3)
 
 
 def test_without_a_status_socket_nothing_is_left(clock: BootClock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -81,7 +81,7 @@ async def test_beside_a_daemon_that_runs_nothing_is_said_to_the_autopilot_and_no
     link = FakeLink(MonotonicClock())
     config = parse_config({"status": {"socket": str(socket)}, "journal": {"folder": str(journals)}})
     make = Constructors(lambda *_: link, constructors().camera)
-    async with status_server(socket, dict):
+    async with status_server(socket, dict, print):
         with pytest.raises(StartFailed) as raised:
             await assemble(config, MonotonicClock(), make, REPORTS)
     assert [problem.what for problem in raised.value.exceptions] == ["another visloc is running and answers here"]

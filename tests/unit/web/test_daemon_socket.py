@@ -48,7 +48,7 @@ async def test_a_daemon_is_heard_lost_and_heard_again(tmp_path: Path) -> None:
     feed = Feed(DaemonSocket(path), clock_s=lambda: now_s[0])
     await feed.round()
     assert (feed.view()["state"], feed.view()["says"]) == ("absent", f"No daemon answers at {path}: there is no such socket.")
-    async with status_server(path, snapshot):
+    async with status_server(path, snapshot, print):
         await feed.round()
         assert feed.view()["state"] == "live"
     now_s[0] = 30.0
@@ -56,7 +56,7 @@ async def test_a_daemon_is_heard_lost_and_heard_again(tmp_path: Path) -> None:
     lost = feed.view()
     assert (lost["state"], lost["heard_age_s"]) == ("stale", 30.0)
     assert "there is no such socket. Last heard 30 s ago" in lost["says"]
-    async with status_server(path, lambda: snapshot(31.0)):
+    async with status_server(path, lambda: snapshot(31.0), print):
         await feed.round()
     assert (feed.view()["state"], feed.view()["says"]) == ("live", "")
 
