@@ -46,3 +46,8 @@ class FirstPosition:
             return None
         at, self._at = self._at, None
         return OperatorFix(event.t_rx_ns, GeoPoint(at.lat_deg, at.lon_deg, 0.0), at.sigma_m)
+
+    def outdated(self) -> bool:
+        """The vehicle has flown on since: whether there was something that is not told any more."""
+        at, self._at = self._at, None
+        return at is not None

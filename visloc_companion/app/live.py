@@ -202,7 +202,10 @@ class Daemon:
                 self._link_up = event.up
             self._ground.heard(event)
             self.handle(event)
-            for told in (self._handover.heard(event), self._first.heard(event)):
+            found = self._handover.heard(event)
+            if found is not None and self._first.outdated():
+                self.report(Notice(Severity.WARNING, "visloc: restarted in flight, --at passed over", True))
+            for told in (found, self._first.heard(event)):
                 if told is not None:
                     self.handle(told)
         if not self._stopping:

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 import structlog
 
-from tests.unit.app.daemon import configuration, entries, events_of, flight, hovering
+from tests.unit.app.daemon import HOME, configuration, entries, events_of, flight, hovering
+from visloc_companion.app.first_position import At
 from visloc_companion.app.handover import FRESH_NS, WRITE_EVERY_NS, Handover
 from visloc_companion.types import (
     Command,
@@ -17,6 +18,7 @@ from visloc_companion.types import (
     Injection,
     LinkChanged,
     Mode,
+    OperatorFix,
     Status,
     Tick,
     Verdict,
@@ -154,3 +156,17 @@ async def test_a_daemon_that_is_started_again_is_told_by_the_one_before(tmp_path
         async with flight(config, armed=True) as f, hovering(f):
             await f.until(lambda link=f.link: link.injections, "an injection")
         assert len(events_of(FoundOnVision, entries(config))) == (name == "second")
+
+
+async def test_where_the_vehicle_started_is_not_told_again_of_one_that_has_flown_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The filter would start there, and not where the autopilot has been brought by what it was sent."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    for name in ("first", "second"):
+        config = configuration(tmp_path, status={"socket": str(tmp_path / "s.sock")}, journal={"folder": str(tmp_path / name)})
+        async with flight(config, at=At(HOME.lat_deg, HOME.lon_deg, 20.0), armed=True) as f, hovering(f):
+            await f.until(lambda link=f.link: link.injections, "an injection")
+            passed_over = [notice.text for notice in f.link.notices if "--at" in notice.text]
+        assert len(events_of(OperatorFix, entries(config))) == (name == "first")
+        assert passed_over == ["visloc: restarted in flight, --at passed over"] * (name == "second")
