@@ -35,32 +35,35 @@ class Handover:
         self._system_id = 0
         self._written_ns: int | None = None
         self._failed = False
-        self._left_by = self._read()
-        """The system id of the autopilot that was sent positions; None for nobody."""
+        self._left = self._read()
+        """The system id of the autopilot that was sent positions, and the reset counter that they bore; None for nobody."""
 
     def heard(self, event: Event) -> FoundOnVision | None:
         """Take an event of the link; the first one of a flying autopilot that the daemon before sent positions to says so."""
         if not isinstance(event, LinkChanged) or not event.up:
             return None
-        left_by, self._left_by, self._system_id = self._left_by, None, event.system_id
-        return FoundOnVision(event.t_rx_ns) if event.armed and left_by == event.system_id else None
+        left, self._left, self._system_id = self._left, None, event.system_id
+        if left is None or not event.armed or left[0] != event.system_id:
+            return None
+        return FoundOnVision(event.t_rx_ns, left[1])
 
     def did(self, command: Command) -> None:
         """Take what the navigator commands: positions are noted, and that they are needed no more."""
         if isinstance(command, Injection):
-            self._note()
+            self._note(command.reset_counter)
         elif (
             isinstance(command, Status) and command.mode is Mode.SHADOW and not command.injected and self._written_ns is not None
         ):
             self._written_ns = None
             self._change(lambda file: file.unlink(missing_ok=True))
 
-    def _note(self) -> None:
+    def _note(self, reset_counter: int) -> None:
         now_ns = self._now_ns()
         if self._written_ns is not None and now_ns - self._written_ns < WRITE_EVERY_NS:
             return
         self._written_ns = now_ns
-        text = json.dumps({"boot_id": _boot_id(), "boot_time_ns": now_ns, "system_id": self._system_id})
+        left = {"boot_id": _boot_id(), "boot_time_ns": now_ns, "system_id": self._system_id, "reset_counter": reset_counter}
+        text = json.dumps(left)
         self._change(lambda file: write_whole(file, text.encode()))
 
     def _change(self, change: Callable[[Path], None]) -> None:
@@ -73,14 +76,14 @@ class Handover:
                 log.warning("cannot note that the autopilot is sent positions", file=str(self._file), why=str(why))
             self._failed = True
 
-    def _read(self) -> int | None:
+    def _read(self) -> tuple[int, int] | None:
         if self._file is None:
             return None
         try:
             left = json.loads(self._file.read_text(encoding="utf-8"))
             age_ns = self._now_ns() - int(left["boot_time_ns"])
             same = left["boot_id"] == _boot_id() and 0 <= age_ns <= FRESH_NS
-            return int(left["system_id"]) if same else None
+            return (int(left["system_id"]), int(left.get("reset_counter", 0))) if same else None
         except FileNotFoundError:
             return None
         except (OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError) as why:

@@ -224,7 +224,7 @@ class Navigator:
             case SourceSwitched():
                 return self._switch.confirmed(event, now_ns)
             case FoundOnVision():
-                return self._on_found()
+                return self._on_found(event)
             case WorkerState():
                 self._queue.worker(event.up)
                 if self._terrain is not None:
@@ -260,10 +260,11 @@ class Navigator:
         self._origin_asked_ns = now_ns
         return streams.requests_for(event.autopilot, self._settings)
 
-    def _on_found(self) -> list[Command]:
+    def _on_found(self, event: FoundOnVision) -> list[Command]:
         if self._settings.injection.policy is InjectionPolicy.NEVER:
             return []
         self._switch.found_on_vision()
+        self._sending.begin_beside(event.reset_counter)
         return [Notice(Severity.NOTICE, "visloc: restarted, EKF may be on VISION", to_operator=True)]
 
     # ---------------------------------------------------------------------------------------------------------- the Tick

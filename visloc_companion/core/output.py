@@ -65,6 +65,10 @@ class ResetCounter:
         self._count = (self._count + 1) % RESET_MODULUS
         self._last = None
 
+    def begin_beside(self, count: int) -> None:
+        """Positions of another filter were sent until a while ago, with this count, or one that was raised a few times since."""
+        self._count = (count + RESET_MODULUS // 2) % RESET_MODULUS
+
     def follow(self, state: NavState, started_ns: int) -> int:
         """The counter for an output of a filter that was started (or restarted) at a time."""
         restarted = self._started_ns is not None and started_ns != self._started_ns

@@ -22,6 +22,10 @@ class Sending:
         """What is sent does not go on from what was sent before: it is about another origin, or time stood meanwhile."""
         self._resets.bump()
 
+    def begin_beside(self, reset_counter: int) -> None:
+        """What is sent does not go on from what the daemon before this one sent with about this counter."""
+        self._resets.begin_beside(reset_counter)
+
     def tick(
         self,
         state: NavState | None,

@@ -343,9 +343,11 @@ class SourceSwitched:
 
 @dataclass(frozen=True, slots=True)
 class FoundOnVision:
-    """A daemon before this one sent positions to this autopilot until a short while ago, which may still fly on them."""
+    """A daemon before this one sent positions to this autopilot until a short while ago, which may still fly on them; with
+    `reset_counter` where it last noted that."""
 
     t_rx_ns: int
+    reset_counter: int = 0
 
 
 @dataclass(frozen=True, slots=True)

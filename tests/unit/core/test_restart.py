@@ -141,6 +141,17 @@ def test_a_vehicle_on_vision_is_given_positions_until_a_good_gnss_is_proven(worl
     assert len(w.notices("restarted, EKF may be on VISION")) == 1
 
 
+@pytest.mark.parametrize("counted", [0, 1, 255])
+def test_no_position_bears_the_count_of_those_before(world: type[World], counted: int) -> None:
+    """What the autopilot made of its position in between is its own: a step to the first fix must not pass for motion."""
+    w = restarted(world)
+    w.send(FoundOnVision(0, counted))
+    w.fly(60.0)
+    sent = {c.reset_counter for t, c in w.commands if isinstance(c, Injection) and t > 40.0 + DOWN_S}
+    assert sent
+    assert min((counter - counted) % 256 for counter in sent) > 100
+
+
 def obeyed(world: type[World]) -> type[World]:
     """With an operator who switches to vision at once when he is asked."""
 
