@@ -3,7 +3,8 @@
 A daemon that is started again in flight finds an autopilot that may be on vision. While GNSS is false or away it goes on by
 itself (core/telemetry.py); where GNSS is good again nothing would tell it that positions are needed until somebody has brought
 the autopilot back. No message of ArduPilot names its source. The file lies where the socket does, in memory (/run): writing it
-holds up nothing, and a start of the computer forgets it.
+holds up nothing, and a start of the computer forgets it. With it goes which map pack was verified: hashing a large one again
+takes as long as there is until the autopilot's failsafe.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import structlog
@@ -26,26 +28,58 @@ FRESH_NS = 120_000_000_000
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
+@dataclass(frozen=True, slots=True)
+class Left:
+    """What a daemon left: which autopilot was sent positions, with which reset counter, and its `WorkerSupervisor.pack_seal`."""
+
+    system_id: int
+    reset_counter: int = 0
+    pack_seal: str = ""
+
+
+def boot_time_ns() -> int:
+    """Time since the computer's start, also while it slept."""
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+
+
+def left_behind(socket: str, now_ns: Callable[[], int] = boot_time_ns) -> Left | None:
+    """What the daemon before left a short while ago; None for nothing, and without a status socket."""
+    file = _file_of(socket)
+    if file is None:
+        return None
+    try:
+        left = json.loads(file.read_text(encoding="utf-8"))
+        age_ns = now_ns() - int(left["boot_time_ns"])
+        if left["boot_id"] != _boot_id() or not 0 <= age_ns <= FRESH_NS:
+            return None
+        return Left(int(left["system_id"]), int(left.get("reset_counter", 0)), str(left.get("pack_seal", "")))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError) as why:
+        log.warning("what the daemon before left cannot be read", file=str(file), why=str(why))
+        return None
+
+
 class Handover:
     """Reads the file of the daemon before, and keeps this one's. Without a status socket there is none."""
 
-    def __init__(self, socket: str, now_ns: Callable[[], int] = lambda: time.clock_gettime_ns(time.CLOCK_BOOTTIME)) -> None:
-        self._file = Path(socket).with_suffix(".on-vision") if socket else None
-        self._now_ns = now_ns
+    def __init__(self, socket: str, now_ns: Callable[[], int] = boot_time_ns, pack_seal: Callable[[], str] = str) -> None:
+        """`now_ns`: time since the computer's start; `pack_seal`: of the pack that this daemon has verified (worker.py)."""
+        self._file = _file_of(socket)
+        self._now_ns, self._pack_seal = now_ns, pack_seal
         self._system_id = 0
         self._written_ns: int | None = None
         self._failed = False
-        self._left = self._read()
-        """The system id of the autopilot that was sent positions, and the reset counter that they bore; None for nobody."""
+        self._left = left_behind(socket, now_ns)
 
     def heard(self, event: Event) -> FoundOnVision | None:
         """Take an event of the link; the first one of a flying autopilot that the daemon before sent positions to says so."""
         if not isinstance(event, LinkChanged) or not event.up:
             return None
         left, self._left, self._system_id = self._left, None, event.system_id
-        if left is None or not event.armed or left[0] != event.system_id:
+        if left is None or not event.armed or left.system_id != event.system_id:
             return None
-        return FoundOnVision(event.t_rx_ns, left[1])
+        return FoundOnVision(event.t_rx_ns, left.reset_counter)
 
     def did(self, command: Command) -> None:
         """Take what the navigator commands: positions are noted, and that they are needed no more."""
@@ -62,8 +96,8 @@ class Handover:
         if self._written_ns is not None and now_ns - self._written_ns < WRITE_EVERY_NS:
             return
         self._written_ns = now_ns
-        left = {"boot_id": _boot_id(), "boot_time_ns": now_ns, "system_id": self._system_id, "reset_counter": reset_counter}
-        text = json.dumps(left)
+        left = Left(self._system_id, reset_counter, self._pack_seal())
+        text = json.dumps({"boot_id": _boot_id(), "boot_time_ns": now_ns, **asdict(left)})
         self._change(lambda file: write_whole(file, text.encode()))
 
     def _change(self, change: Callable[[Path], None]) -> None:
@@ -76,19 +110,9 @@ class Handover:
                 log.warning("cannot note that the autopilot is sent positions", file=str(self._file), why=str(why))
             self._failed = True
 
-    def _read(self) -> tuple[int, int] | None:
-        if self._file is None:
-            return None
-        try:
-            left = json.loads(self._file.read_text(encoding="utf-8"))
-            age_ns = self._now_ns() - int(left["boot_time_ns"])
-            same = left["boot_id"] == _boot_id() and 0 <= age_ns <= FRESH_NS
-            return (int(left["system_id"]), int(left.get("reset_counter", 0))) if same else None
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError) as why:
-            log.warning("what the daemon before left cannot be read", file=str(self._file), why=str(why))
-            return None
+
+def _file_of(socket: str) -> Path | None:
+    return Path(socket).with_suffix(".on-vision") if socket else None
 
 
 def _boot_id() -> str:

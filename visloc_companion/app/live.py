@@ -86,7 +86,7 @@ class Daemon:
         self._link_up = self._stopping = False
         self._ground = GroundCheck(parts.config, parts.clock, self.handle)
         self._reports = GroundReports(parts.config, parts.clock, self._condition, self.link.report)
-        self._first, self._handover = FirstPosition(at), Handover(parts.config.status.socket)
+        self._first, self._handover = FirstPosition(at), Handover(parts.config.status.socket, pack_seal=self._pack_seal)
 
     # ------------------------------------------------------------------------------------------------- events, commands
 
@@ -122,6 +122,9 @@ class Daemon:
                 self._order(command)
             case Notice():
                 self._tell(command)
+
+    def _pack_seal(self) -> str:
+        return "" if self.parts.worker is None else self.parts.worker.pack_seal
 
     def report(self, notice: Notice) -> None:
         """The shell's own notice: logged, journalled apart from the navigator's, and sent where it is for the operator."""

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from visloc_companion.adapters.camera.calibration import camera_model
+from visloc_companion.app.handover import left_behind
 from visloc_companion.app.journal import JournalHeader, JournalWriter
 from visloc_companion.app.slots import SharedFrameSlots
 from visloc_companion.app.status import require_status_socket
@@ -108,7 +109,9 @@ async def _build(parts: Parts, make: Constructors, reports: Reports) -> list[Vis
         _tried(problems, lambda: require_pack(config))
         slots = parts.slots = _tried(problems, lambda: SharedFrameSlots(camera_model(config.camera)))
         if config.map.pack and slots is not None:
-            parts.worker = WorkerSupervisor(config, slots, clock, on_notice=reports.notice, factory=make.answers)
+            left = left_behind(config.status.socket)
+            known = "" if left is None else left.pack_seal
+            parts.worker = WorkerSupervisor(config, slots, clock, on_notice=reports.notice, factory=make.answers, known=known)
             parts.worker.begin()
     parts.link = _tried(problems, lambda: make.link(config, clock, _raw_tap(parts), reports.link_warning))
     if config.camera.url:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import hashlib
 import multiprocessing
 import signal
 from collections import deque
@@ -40,7 +41,10 @@ _CAPACITY = 16
 
 
 class WorkerSupervisor:
-    """One spawned worker. `events` holds its answers and states; `submit` never blocks or raises."""
+    """One spawned worker. `events` holds its answers and states; `submit` never blocks or raises.
+
+    `known`: the `pack_seal` of the daemon before, whose pack need not be verified again.
+    """
 
     def __init__(
         self,
@@ -50,13 +54,14 @@ class WorkerSupervisor:
         *,
         on_notice: Callable[[Notice], None],
         factory: str = REAL_ANSWERS,
+        known: str = "",
     ) -> None:
         self.events: Mailbox[WorkerEvent] = Mailbox(_CAPACITY, newest_wins=True)
         self.restarts = 0
         self.up = False
         self.given_up = False
         self._config, self._slots, self._clock = config, slots, clock
-        self._on_notice, self._factory = on_notice, factory
+        self._on_notice, self._factory, self._known = on_notice, factory, known
         self._context = multiprocessing.get_context("spawn")
         self._process: Any = None
         self._connection: Connection | None = None
@@ -67,6 +72,8 @@ class WorkerSupervisor:
         self._why, self._reason = "", Reason.WORKER_DIED
         self._stamps: FileStamps = ()
         self._verified: FileStamps = ()
+        self.pack_seal = ""
+        """Tells the files of the pack as they were verified from any others; empty where nothing was verified."""
 
     @property
     def pid(self) -> int | None:
@@ -87,7 +94,11 @@ class WorkerSupervisor:
         """Start the first worker's process; `start` waits for it."""
         self._started = asyncio.get_running_loop().create_future()
         self._stamps = file_stamps(self._config.map.pack)
-        self._spawn(self._config, _START_S)
+        verify = self._config.map.verify_hashes
+        if verify and self._known and seal(self._stamps) == self._known:
+            self._on_notice(Notice(Severity.INFO, "the map pack is as the daemon before this one has verified it"))
+            verify = False
+        self._spawn(self._verifying(verify), _START_S)
 
     async def start(self) -> None:
         """Wait until the first worker, begun here unless it was, has opened map and localiser.
@@ -193,6 +204,7 @@ class WorkerSupervisor:
             if self.given_up:
                 self._on_notice(Notice(Severity.NOTICE, "localiser is back", True))
             self.up, self.given_up, self._verified = True, False, self._stamps
+            self.pack_seal = seal(self._stamps) if self._config.map.verify_hashes and self._stamps else ""
             self._report(f"ready: {message.about}" if message.about else "ready")
             if self._started is not None and not self._started.done():
                 self._started.set_result(None)
@@ -258,11 +270,13 @@ class WorkerSupervisor:
         verify = self._config.map.verify_hashes and self._stamps != self._verified
         if verify:
             self._on_notice(Notice(Severity.WARNING, "the map pack has changed since the start and is verified anew"))
-        config = self._config.model_copy(update={"map": self._config.map.model_copy(update={"verify_hashes": verify})})
         try:
-            self._spawn(config, _START_S if verify else _RESTART_S)
+            self._spawn(self._verifying(verify), _START_S if verify else _RESTART_S)
         except OSError as none:  # what killed the last one may be that no memory is left, nor for another
             self._restart_or_give_up(f"no worker can be started: {none.strerror or none}", _SCARCE_S)
+
+    def _verifying(self, verify: bool) -> Config:
+        return self._config.model_copy(update={"map": self._config.map.model_copy(update={"verify_hashes": verify})})
 
     def _detach(self) -> tuple[Any, Connection | None]:
         """Stop listening to the worker and forget it; its process and connection are the caller's to end."""
@@ -291,6 +305,11 @@ def file_stamps(folder: str) -> FileStamps:
             stat = path.stat()
             stamps.append((str(path), stat.st_ino, stat.st_size, stat.st_mtime_ns))
     return tuple(stamps)
+
+
+def seal(stamps: FileStamps) -> str:
+    """A text that tells stamps from others."""
+    return hashlib.sha256(repr(stamps).encode(errors="surrogateescape")).hexdigest()
 
 
 def _exit(code: int | None) -> str:

@@ -12,6 +12,7 @@ import structlog
 from tests.unit.app.daemon import HOME, configuration, entries, events_of, flight, hovering
 from visloc_companion.app.first_position import At
 from visloc_companion.app.handover import FRESH_NS, WRITE_EVERY_NS, Handover
+from visloc_companion.app.journal import read_journal
 from visloc_companion.types import (
     Command,
     FoundOnVision,
@@ -19,6 +20,7 @@ from visloc_companion.types import (
     Injection,
     LinkChanged,
     Mode,
+    Notice,
     OperatorFix,
     Status,
     Tick,
@@ -174,3 +176,21 @@ async def test_where_the_vehicle_started_is_not_told_again_of_one_that_has_flown
             passed_over = [notice.text for notice in f.link.notices if "--at" in notice.text]
         assert len(events_of(OperatorFix, entries(config))) == (name == "first")
         assert passed_over == ["visloc: restarted in flight, --at passed over"] * (name == "second")
+
+
+async def test_a_daemon_that_is_started_again_in_flight_need_not_hash_the_pack_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    (tmp_path / "pack").mkdir()
+    (tmp_path / "pack" / "ortho.tif").write_bytes(b"as verified")
+    said = list[list[str]]()
+    for name in ("first", "second"):
+        sections = {"status": {"socket": str(tmp_path / "s.sock")}, "map": {"pack": str(tmp_path / "pack")}}
+        config = configuration(tmp_path, journal={"folder": str(tmp_path / name)}, **sections)
+        async with flight(config, armed=True) as f, hovering(f):
+            await f.until(lambda link=f.link: link.injections, "an injection")
+        (journal,) = (tmp_path / name).glob("*.mcap")
+        notices = [entry.command for entry in read_journal(journal, shell=True) if isinstance(entry.command, Notice)]
+        said.append([notice.text for notice in notices if "map pack" in notice.text])
+    assert said == [[], ["the map pack is as the daemon before this one has verified it"]]

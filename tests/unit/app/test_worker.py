@@ -67,11 +67,15 @@ def _answers_can_be_imported(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @asynccontextmanager
-async def bench(factory: str, start: bool = True, pack: str = "", **worker: float) -> AsyncIterator[Bench]:
-    config: Config = parse_config({"worker": worker, "map": {"pack": pack}})
+async def bench(
+    factory: str, start: bool = True, pack: str = "", known: str = "", verify: bool = True, **worker: float
+) -> AsyncIterator[Bench]:
+    config: Config = parse_config({"worker": worker, "map": {"pack": pack, "verify_hashes": verify}})
     notices: list[Notice] = []
     with SharedFrameSlots(MODEL) as slots:
-        supervisor = WorkerSupervisor(config, slots, MonotonicClock(), on_notice=notices.append, factory=f"answers:{factory}")
+        supervisor = WorkerSupervisor(
+            config, slots, MonotonicClock(), on_notice=notices.append, factory=f"answers:{factory}", known=known
+        )
         try:
             if start:
                 await supervisor.start()
@@ -245,6 +249,27 @@ async def test_a_pack_that_was_written_to_is_verified_anew_when_a_worker_restart
         states = [await b.next(), await b.next()]
         assert [isinstance(state, WorkerState) and state.up for state in states] == [False, True]
         assert "changed since the start" in b.notices[-1].text
+
+
+async def test_a_pack_that_the_daemon_before_has_verified_is_not_verified_again(tmp_path: Path) -> None:
+    """Hashes take seconds a gigabyte, and PX4's failsafe comes after 4.6 s; one that is another by now is not taken for it."""
+    (tmp_path / "ortho.tif").write_bytes(b"as verified")
+    async with bench("starts_once", pack=str(tmp_path)) as b:
+        known = b.worker.pack_seal
+    with pytest.raises(HashMismatch):  # the stand-in for a worker that was told not to verify
+        async with bench("starts_once", pack=str(tmp_path), known=known):
+            pass
+    (tmp_path / "ortho.tif").write_bytes(b"exchanged since")
+    async with bench("starts_once", pack=str(tmp_path), known=known) as b:
+        assert b.worker.pack_seal not in ("", known)
+
+
+async def test_a_pack_that_nobody_verified_passes_for_no_verified_one(tmp_path: Path) -> None:
+    (tmp_path / "ortho.tif").write_bytes(b"a")
+    async with bench("prior_is_right", pack=str(tmp_path), verify=False) as b:
+        assert b.worker.pack_seal == ""
+    async with bench("prior_is_right") as b:
+        assert b.worker.pack_seal == ""
 
 
 def test_a_replaced_file_has_another_stamp(tmp_path: Path) -> None:
