@@ -20,7 +20,7 @@ from visloc_companion.cli.run import run
 from visloc_companion.cli.sim import sim
 from visloc_companion.cli.train import train_app
 from visloc_companion.cli.web import web
-from visloc_companion.errors import CameraError, ConfigError, LinkError, VislocError
+from visloc_companion.errors import CameraError, ConfigError, LinkError, VislocError, is_of_the_disk
 
 app = typer.Typer(
     name="visloc",
@@ -55,8 +55,8 @@ def _root(version: bool = typer.Option(False, "--version", callback=_version, is
 
 
 def exit_code(error: VislocError) -> int:
-    """The process exit code that tells what kind of thing went wrong."""
-    if isinstance(error, ConfigError):
+    """The process exit code that tells what kind of thing went wrong: 2 is what does not get better by trying again."""
+    if isinstance(error, ConfigError) and not is_of_the_disk(error.__cause__):
         return 2
     return 4 if isinstance(error, LinkError) else 3
 

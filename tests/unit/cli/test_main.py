@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from visloc_companion import __version__, errors
 from visloc_companion.cli import main as module
+from visloc_companion.config import load_config
 from visloc_companion.errors import CameraError, ConfigError, JournalError, LinkError, MapError, VislocError, WorkerError
 
 HEAVY = {"cv2", "numpy", "rasterio", "pymavlink", "pydantic", "pyproj", "filterpy", "mcap", "structlog", "serial"}
@@ -54,6 +58,19 @@ def test_the_exit_code_tells_the_kind_of_error() -> None:
         assert module.exit_code(kind("what")) == code
     kinds = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, VislocError)]
     assert {module.exit_code(kind("what")) for kind in kinds} == {2, 3, 4}
+
+
+@pytest.mark.parametrize(("fault", "code"), [(errno.EIO, 3), (errno.EROFS, 3), (errno.ENOENT, 2), (errno.EACCES, 2)])
+def test_a_card_that_could_not_be_read_is_no_wrong_configuration(monkeypatch: pytest.MonkeyPatch, fault: int, code: int) -> None:
+    """After exit code 2 systemd starts no daemon again, however far away the vehicle is."""
+
+    def fails(*_: object, **__: object) -> str:
+        raise OSError(fault, os.strerror(fault))
+
+    monkeypatch.setattr(Path, "read_text", fails)
+    with pytest.raises(ConfigError, match="cannot be read") as refused:
+        load_config(Path("visloc.toml"))
+    assert module.exit_code(refused.value) == code
 
 
 @pytest.mark.parametrize(
