@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from visloc_companion.adapters.mavlink.channels import MAX_UNSENT_BYTES, Listener
+from visloc_companion.adapters.mavlink import serial_channel
+from visloc_companion.adapters.mavlink.channels import Listener
 from visloc_companion.adapters.mavlink.endpoint import Endpoint, EndpointKind
 from visloc_companion.adapters.mavlink.pymavlink_link import PymavlinkLink
-from visloc_companion.adapters.mavlink.serial_channel import SerialChannel
+from visloc_companion.adapters.mavlink.serial_channel import MAX_WAIT_S, SerialChannel
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.app.clock import MonotonicClock
 
@@ -28,9 +29,9 @@ def line() -> Iterator[tuple[int, str]]:
     os.close(controller)
 
 
-def open_line(name: str, lost: list[str]) -> SerialChannel:
+def open_line(name: str, lost: list[str], baud: int = 921600) -> SerialChannel:
     return SerialChannel(
-        Endpoint(EndpointKind.SERIAL, name, 921600),
+        Endpoint(EndpointKind.SERIAL, name, baud),
         Listener(lambda _data, _source: None, lost.append, lambda: False, lost.append),
     )
 
@@ -55,10 +56,63 @@ async def test_what_does_not_fit_waits_then_is_dropped_whole(line):
     numbers = [int.from_bytes(got[at : at + 4], "big") for at in range(0, len(got), 100)]
     assert bytes(got) == b"".join(packets[number] for number in numbers)
     assert numbers == sorted(set(numbers))
-    assert len(got) >= MAX_UNSENT_BYTES
+    assert len(got) >= 921600 / 10 * MAX_WAIT_S
     channel.close()
     channel.write([b"late"])
     channel.close()
+
+
+class SlowLine:
+    """A driver with 4 kB of its own, and a line of 57600 baud that carries what is in it as time goes by."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.driver, self.came = bytearray(), bytearray()
+        monkeypatch.setattr(serial_channel.os, "write", self._write)
+        monkeypatch.setattr(serial_channel.serial.Serial, "out_waiting", property(lambda _: len(self.driver)))
+
+    def _write(self, _descriptor: int, data: bytes) -> int:
+        taken = data[: 4096 - len(self.driver)]
+        if not taken:
+            raise BlockingIOError
+        self.driver += taken
+        return len(taken)
+
+    def carry(self, seconds: float) -> None:
+        n = round(5760 * seconds)
+        self.came += self.driver[:n]
+        del self.driver[:n]
+
+
+@pytest.mark.parametrize("rate_hz", [10, 20, 40])
+async def test_what_comes_over_a_line_that_cannot_follow_is_never_old(line, monkeypatch, rate_hz):
+    """ODOMETRY is 245 bytes: 20 of them a second, with the rest of the conversation 6 kB, are more than 57600 baud carry."""
+    slow, n_bytes = SlowLine(monkeypatch), 300
+    channel = open_line(line[1], [], baud=57600)
+    oldest_s = 0.0
+    for number in range(20 * rate_hz):
+        channel.write([number.to_bytes(4, "big") * (n_bytes // 4)])
+        slow.carry(1 / rate_hz)
+        channel._writable()  # as the loop does when the line is free
+        if len(slow.came) >= n_bytes:
+            at = len(slow.came) // n_bytes * n_bytes - n_bytes
+            oldest_s = max(oldest_s, (number + 1 - int.from_bytes(slow.came[at : at + 4], "big")) / rate_hz)
+    assert oldest_s <= MAX_WAIT_S + n_bytes / 5760 + 2 / rate_hz  # it waits, is carried, and time goes by in steps
+    assert (channel.dropped > 0) == (rate_hz * n_bytes > 5760)
+    assert len(slow.came) > 0.9 * min(rate_hz * n_bytes, 5760) * 20
+    channel.close()
+
+
+async def test_a_line_that_cannot_follow_is_told_once(line, monkeypatch):
+    SlowLine(monkeypatch)  # which carries nothing
+    told: list[str] = []
+    link = PymavlinkLink(f"serial:{line[1]}:1200", SessionSettings(heartbeat_s=0.05), MonotonicClock(), on_warning=told.append)
+    link.open()
+    async with asyncio.timeout(20):
+        while not told:  # noqa: ASYNC110 - heartbeats wait, one behind the other
+            await asyncio.sleep(0.02)
+    await asyncio.sleep(0.3)
+    await link.close()
+    assert told == [f"serial:{line[1]}:1200 cannot carry all that is sent, some is left out: raise the baud rate on both sides"]
 
 
 async def test_a_line_that_breaks_is_lost_once(line):

@@ -53,6 +53,7 @@ class PymavlinkLink:
         self._open_channel = open_own_channel if open_channel is None else open_channel
         self._channel: Channel | None = None
         self._lost: str | None = None
+        self._slow_told = False
         self._data_ns = 0
         self._task: asyncio.Task[None] | None = None
         self._closed = False
@@ -225,6 +226,9 @@ class PymavlinkLink:
         if self._channel is None or not packets:
             return
         self._channel.write(packets)
+        if isinstance(self._channel, SerialChannel) and self._channel.dropped and not self._slow_told:
+            self._slow_told = True
+            self._warn(f"{self.endpoint} cannot carry all that is sent, some is left out: raise the baud rate on both sides")
         if self._on_raw is not None:
             now_ns = self._clock.now_ns()
             for packet in packets:

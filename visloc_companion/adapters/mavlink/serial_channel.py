@@ -1,4 +1,8 @@
-"""Bytes over a serial line on the running asyncio loop: pyserial opens and configures it, the loop watches its descriptor."""
+"""Bytes over a serial line on the running asyncio loop: pyserial opens and configures it, the loop watches its descriptor.
+
+What waits for a line that cannot follow, here and in the driver, would each be later than the one before, up to many seconds, and
+nobody downstream can tell: ArduPilot takes what is older than its filter's horizon for younger.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +12,14 @@ import termios
 
 import serial
 
-from visloc_companion.adapters.mavlink.channels import MAX_UNSENT_BYTES, Address, Listener
+from visloc_companion.adapters.mavlink.channels import Address, Listener
 from visloc_companion.adapters.mavlink.endpoint import Endpoint
 
 _READ_BYTES = 4096
+MAX_WAIT_S = 0.2
+"""No packet is sent behind more than the line carries in this time: PX4 drops what is older (EKF2_DELAY_MAX)."""
+_BITS_A_BYTE = 10
+"""With start and stop."""
 
 
 class SerialChannel:
@@ -23,6 +31,7 @@ class SerialChannel:
         self.dropped = 0
         self._listener = listener
         self._unsent = bytearray()
+        self._most_bytes = endpoint.number / _BITS_A_BYTE * MAX_WAIT_S
         self._loop = asyncio.get_running_loop()
         try:
             self._serial = serial.Serial(endpoint.place, endpoint.number, timeout=0, exclusive=True)
@@ -34,11 +43,11 @@ class SerialChannel:
     def write(self, packets: list[bytes]) -> None:
         """Send packets, or drop them where the line cannot follow."""
         for packet in packets:
-            if self._fd is None or len(self._unsent) > MAX_UNSENT_BYTES:
+            if self._fd is None or len(self._unsent) + self._in_driver() > self._most_bytes:
                 self.dropped += 1
             else:
                 self._unsent += packet
-        self._writable()
+                self._writable()
 
     def speak_to(self, source: Address | None) -> None:
         """There is one other side only."""
@@ -64,6 +73,13 @@ class SerialChannel:
             self._listener.on_data(data, None)
         else:
             self._lost("the device is gone")
+
+    def _in_driver(self) -> int:
+        """Bytes that the driver has taken and not sent yet; 0 where it does not tell."""
+        try:
+            return int(self._serial.out_waiting)
+        except OSError:
+            return 0
 
     def _writable(self) -> None:
         if self._fd is None or not self._unsent:
