@@ -236,6 +236,33 @@ async def test_a_device_is_stamped_before_arrival_and_rides_out_single_failures(
     assert capture.released
 
 
+async def test_a_read_that_opencv_refuses_or_that_gives_nothing_is_a_failed_one() -> None:
+    """A frame of no bytes, as from a plug that comes loose: the library raises where it decodes it, or gives no picture."""
+
+    class Loose(FakeCapture):
+        n = 0
+
+        def read(self) -> tuple[bool, Image | None]:
+            self.n += 1
+            if self.n == 1:
+                cv2.imdecode(np.zeros(0, np.uint8), cv2.IMREAD_COLOR)
+            return (True, None) if self.n == 2 else super().read()
+
+    slots = Slots()
+    with pytest.raises(CameraError, match="gives no frames"):
+        await all_of(DeviceCamera("0", MODEL, JumpingClock(), capture=Loose([picture(3)[:, :, ::-1]])), slots)
+    assert [int(p[0, 0, 0]) for p in slots.pictures] == [3]
+
+
+async def test_a_device_that_opencv_cannot_set_up_is_one_that_cannot_be_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(_source: object) -> object:
+        raise cv2.error("of the backend")
+
+    monkeypatch.setattr(cv2, "VideoCapture", fails)
+    with pytest.raises(CameraError, match="cannot be opened"):
+        DeviceCamera("/dev/video9", MODEL, JumpingClock())
+
+
 async def test_a_device_of_another_size_is_an_error() -> None:
     camera = DeviceCamera("/dev/video9", MODEL, JumpingClock(), capture=FakeCapture([picture(1, 32, 24)]))
     with pytest.raises(CameraError, match=r"/dev/video9: image is 32x24"):

@@ -92,8 +92,11 @@ class DeviceCamera:
 
     async def _read(self) -> Image | None:
         self._reading = asyncio.get_running_loop().run_in_executor(None, self._capture.read)
-        ok, pixels = await asyncio.shield(self._reading)  # who gives up waiting does not end what the thread does
-        return rgb(np.asarray(pixels)) if ok else None
+        try:
+            ok, pixels = await asyncio.shield(self._reading)  # who gives up waiting does not end what the thread does
+        except cv2.error:  # as of a JPEG without a byte, from a plug that comes loose
+            return None
+        return rgb(np.asarray(pixels)) if ok and pixels is not None else None
 
     async def close(self) -> None:
         """Stop, and release the device once the read in progress is over, also where that outlasts this call: a device that is
@@ -116,15 +119,19 @@ class DeviceCamera:
 
 def _opened(address: str, model: CameraModel) -> Capture:
     source = int(address) if address.isdecimal() else address
-    capture = cv2.VideoCapture(source)
-    if not capture.isOpened():
-        raise CameraError(
-            "cannot be opened",
-            where=address,
-            remedy="check the name (ls /dev/v4l/by-id /dev/video*; those of by-id stay when cameras are plugged in anew) and the "
-            "right to use it (group video)",
-        )
-    capture.set(cv2.CAP_PROP_FRAME_WIDTH, model.width_px)
-    capture.set(cv2.CAP_PROP_FRAME_HEIGHT, model.height_px)
-    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-    return capture
+    why: cv2.error | None = None
+    try:
+        capture = cv2.VideoCapture(source)
+        if capture.isOpened():
+            capture.set(cv2.CAP_PROP_FRAME_WIDTH, model.width_px)
+            capture.set(cv2.CAP_PROP_FRAME_HEIGHT, model.height_px)
+            capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+            return capture
+    except cv2.error as fault:
+        why = fault
+    raise CameraError(
+        "cannot be opened",
+        where=address,
+        remedy="check the name (ls /dev/v4l/by-id /dev/video*; those of by-id stay when cameras are plugged in anew) and the "
+        "right to use it (group video)",
+    ) from why
