@@ -23,8 +23,8 @@ TELL_S = 60.0
 
 
 class CameraFeed:
-    """`beat` is called on every frame and every attempt; `report` gets one notice for each reason of an outage, and says how many
-    frames were left out, and why. `parts.camera` is the open one."""
+    """`beat` is called on every frame and every attempt, also on one that hangs while positions are `relied_on`; `report` gets
+    one notice for each reason of an outage, and says how many frames were left out, and why. `parts.camera` is the open one."""
 
     def __init__(
         self,
@@ -33,9 +33,10 @@ class CameraFeed:
         make_camera: MakeCamera,
         report: Callable[[Notice], None],
         beat: Callable[[], None],
+        relied_on: Callable[[], bool] = lambda: False,
     ) -> None:
         self._parts, self._slots, self._make_camera = parts, slots, make_camera
-        self._report, self._beat = report, beat
+        self._report, self._beat, self._relied_on = report, beat, relied_on
         self._first_id = self._last_id = 0
         self._told: set[str] = set()
         self._left_out, self._left_out_before = Counter[str](), Counter[str]()
@@ -100,11 +101,12 @@ class CameraFeed:
                 return
 
     async def _opened(self) -> Camera:
-        """A new camera, opened in a thread: the flight goes on meanwhile. Beats for as long as that may take."""
+        """A new camera, opened in a thread: the flight goes on meanwhile. Beats for as long as that may take, and while positions
+        are sent: a daemon that is started again waits for the camera as well, and sends none."""
         opening = asyncio.create_task(asyncio.to_thread(self._make_camera, self._parts.config, self._parts.clock))
         try:
             begun_s = asyncio.get_running_loop().time()
-            while not opening.done() and asyncio.get_running_loop().time() - begun_s < OPEN_S:
+            while not opening.done() and (asyncio.get_running_loop().time() - begun_s < OPEN_S or self._relied_on()):
                 self._beat()
                 await asyncio.wait({opening}, timeout=RETRY_S)
             return await opening

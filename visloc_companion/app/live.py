@@ -245,7 +245,12 @@ class Daemon:
 
     async def _serve_camera(self, slots: FrameSlots) -> None:
         feed = CameraFeed(
-            self.parts, slots, self._make.camera, self.report, lambda: self.health.beat("camera", self._wall.now_ns())
+            self.parts,
+            slots,
+            self._make.camera,
+            self.report,
+            lambda: self.health.beat("camera", self._wall.now_ns()),
+            lambda: self.status is not None and self.status.injected,
         )
         async for frame in feed.frames():
             self._take(frame)

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import time
+from itertools import pairwise
 from pathlib import Path
+from threading import Event, Timer
 from typing import cast
 
 import pytest
@@ -84,3 +87,29 @@ async def test_frames_that_are_left_out_are_told_with_why_and_how_many(tmp_path:
     assert told[1] == {"late": 2.0, "torn": 3.0}
     assert told[-1] == {"late": 2.0 + 23, "torn": 3.0}
     assert 4 <= len(told) <= 8, "now and then, not with each of the twenty frames"
+
+
+@pytest.mark.parametrize("relied_on", [True, False])
+async def test_an_opening_that_hangs_ends_no_positions_that_go_on_without_the_camera(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, relied_on: bool
+) -> None:
+    """The watchdog ends a daemon whose camera does not beat; the next one would wait for the same camera."""
+    monkeypatch.setattr(camera_feed, "RETRY_S", 0.02)
+    monkeypatch.setattr(camera_feed, "OPEN_S", 0.2)
+    broken, go_on, beats = FakeCamera(configuration(tmp_path), MonotonicClock(), n_frames=2, then="break"), Event(), list[float]()
+
+    def make(config: Config, clock: Clock) -> Camera:
+        assert go_on.wait(30)
+        made: Camera = FakeCamera(config, clock, n_frames=2)
+        return made
+
+    def beat() -> None:
+        beats.append(time.monotonic())
+
+    with SharedFrameSlots(broken.model()) as slots:
+        feed = CameraFeed(cast("Parts", Flown(broken)), slots, make, lambda _: None, beat, lambda: relied_on)
+        Timer(1.0, go_on.set).start()
+        async with contextlib.aclosing(feed.frames()) as frames:
+            ids = [frame.frame_id async for frame in frames]
+    assert ids == [0, 1, 2, 3]
+    assert (max(after - before for before, after in pairwise(beats)) < 0.4) == relied_on
