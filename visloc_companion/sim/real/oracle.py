@@ -89,7 +89,7 @@ class Oracle:
         self.on_frame: Callable[[FrameRef], None] = lambda _frame: None
         self.events: Mailbox[Fix | NoFix | WorkerState] = Mailbox(16, newest_wins=True)
         self.up, self.overdue, self.given_up = True, False, False
-        self.pid, self.restarts = None, 0
+        self.pid, self.restarts, self.pack_seal = None, 0, ""
         self.shows = False
         self.begun_boot_ns: int | None = None
         self._settings, self._clock = settings, clock

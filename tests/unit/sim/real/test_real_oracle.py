@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import re
 import statistics
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+from visloc_companion.app import live
 from visloc_companion.app.clock import ManualClock
 from visloc_companion.core.height import news_of
 from visloc_companion.errors import Reason
@@ -138,3 +141,12 @@ def test_the_prior_of_a_request_is_in_the_height_as_of_a_localiser() -> None:
     h_m, sigma_m = answered_height(PLACE.h_amsl_m, prior)
     news = news_of(h_m, sigma_m, prior.place.h_amsl_m, prior.sigma_h_m)
     assert news == pytest.approx((PLACE.h_amsl_m, HEIGHT_SIGMA_M**2))
+
+
+def test_it_has_all_that_the_daemon_asks_of_its_worker() -> None:
+    """It stands in for the supervisor where no file says so: what is read of `parts.worker` in app/live.py."""
+    source = Path(live.__file__).read_text(encoding="utf-8")
+    asked = set(re.findall(r"\bworker\.([a-z_]+)", source)) - {"events"}
+    assert {"pack_seal", "given_up", "overdue"} <= asked
+    oracle = Oracle(OracleSettings(), ManualClock(), 1)
+    assert [name for name in sorted(asked) if not hasattr(oracle, name)] == []
