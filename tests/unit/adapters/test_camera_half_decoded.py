@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.unit.adapters.test_camera_sources import MODEL, FakeCapture, JumpingClock, Slots, picture
+from tests.unit.adapters.test_camera_device import FakeCapture
+from tests.unit.adapters.test_camera_sources import MODEL, JumpingClock, Slots, picture
 from visloc_companion.adapters.camera import device
 from visloc_companion.adapters.camera.device import DeviceCamera
 from visloc_companion.adapters.camera.image import decode_image
