@@ -1,6 +1,6 @@
 // What lies over the map: trail, rings, vehicle, GNSS, scale bar, north, and the grid where there is no picture.
 import { niceStep } from "./project.js";
-import { TRAIL, color, plate, stroke } from "./styles.js";
+import { TRAIL, color, plate, plateBeside, stroke } from "./styles.js";
 
 export function grid(context, view) {
   const step = niceStep(160 / view.perMetre);
@@ -100,7 +100,7 @@ export function gnss(context, view, at, own, verdict) {
   const diamond = (c) => { c.moveTo(x, y - 11); c.lineTo(x + 11, y); c.lineTo(x, y + 11); c.lineTo(x - 11, y); c.closePath(); };
   stroke(context, diamond, { color: "--gnss", width: 3 });
   if (verdict !== "ok") stroke(context, (c) => { c.moveTo(x - 9, y - 9); c.lineTo(x + 9, y + 9); c.moveTo(x + 9, y - 9); c.lineTo(x - 9, y + 9); }, { color: "--gnss", width: 3 });
-  plate(context, verdict === "ok" ? "GNSS" : "GNSS, not trusted", x + 16, y);
+  plateBeside(context, verdict === "ok" ? "GNSS" : "GNSS, not trusted", x, y, 16, view.width);
 }
 
 export function scaleBar(context, view) {

@@ -28,9 +28,11 @@ export function stroke(context, path, { color: name, dash = [], width = 3 }) {
   context.restore();
 }
 
+const PLATE_FONT = "600 13px system-ui, sans-serif";
+
 export function plate(context, words, x, y, align = "left") {
   context.save();
-  context.font = "600 13px system-ui, sans-serif";
+  context.font = PLATE_FONT;
   const wide = context.measureText(words).width + 8;
   const left = align === "center" ? x - wide / 2 : align === "right" ? x - wide : x;
   context.fillStyle = color("--plate");
@@ -39,4 +41,13 @@ export function plate(context, words, x, y, align = "left") {
   context.textBaseline = "middle";
   context.fillText(words, left + 4, y + 1);
   context.restore();
+}
+
+// Words beside a place: to its right, or where they would be cut off there, to its left
+export function plateBeside(context, words, x, y, gap, right) {
+  context.save();
+  context.font = PLATE_FONT;
+  const fits = x + gap + context.measureText(words).width + 8 <= right;
+  context.restore();
+  plate(context, words, fits ? x + gap : x - gap, y, fits ? "left" : "right");
 }

@@ -1,0 +1,34 @@
+"""Labels on the page's map, in Node where that is installed, on a canvas of straw."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from importlib import resources
+
+import pytest
+
+NODE = shutil.which("node")
+LABELLED = """
+globalThis.getComputedStyle = () => ({ getPropertyValue: () => "black" });
+globalThis.document = { documentElement: {} };
+const boxes = [], nothing = () => 0;
+const own = { measureText: (words) => ({ width: 7 * words.length }), fillRect: (x, y, w) => boxes.push([x, x + w]) };
+const context = new Proxy(own, { get: (own, key) => own[key] ?? nothing, set: () => true });
+const { gnss } = await import("%s");
+for (const x of [100, 290]) gnss(context, { width: 300, pixel: () => [x, 50] }, [0, 0], null, "not_trusted");
+console.log(JSON.stringify(boxes));
+"""
+
+
+def test_the_label_of_gnss_stays_on_the_map() -> None:
+    """It is right of the diamond, and left of it near the right edge."""
+    if NODE is None:
+        pytest.skip("Node is not installed")
+    script = LABELLED % f"file://{resources.files('visloc_companion.web') / 'page' / 'overlay.js'}"
+    done = subprocess.run([NODE, "--input-type=module", "-e", script], capture_output=True, text=True, timeout=30, check=False)
+    assert done.returncode == 0, done.stderr
+    (left, _), (start, end) = json.loads(done.stdout)
+    assert left == 116
+    assert (start >= 0, end) == (True, 274)
