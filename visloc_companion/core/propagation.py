@@ -120,21 +120,6 @@ def step(
     return Step(F, Q, known.V, known.own)
 
 
-def transition(
-    dt_s: float,
-    drive: Drive,
-    sigma_mps: FloatArray,
-    sigma_a_mps2: float,
-    change_ne_mps: Vec2,
-    settings: NavigatorSettings,
-    gone_by: float = 0.0,
-    lens_share: float = 0.0,
-) -> tuple[FloatArray, FloatArray]:
-    """As `step`, F (15, 15) and Q (K, 15, 15) for K sigmas of the velocity's error, which an inertial velocity does not need."""
-    F, Q, V, _ = step(dt_s, drive, sigma_a_mps2, change_ne_mps, settings, gone_by, lens_share)
-    return F, Q + np.square(sigma_mps)[:, None, None] * V
-
-
 def _forget(F: FloatArray, Q: FloatArray, gone_by: float) -> None:
     """What fixes get wrong in common goes by with the way, in place."""
     kept = math.exp(-gone_by)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from visloc_companion.core import lasting
-from visloc_companion.core.propagation import ACCELERATION, LASTING, Drive, initial_covariance, transition
+from visloc_companion.core.propagation import ACCELERATION, LASTING, Drive, initial_covariance, step
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.localise.ortho_rectify import MAX_TAN_INCIDENCE
 from visloc_companion.types import FloatArray
@@ -236,5 +236,5 @@ def heading(flown: Flown, heading_rad: float, loop: FilterLoop) -> Term:
 
 def _step(dt_s: float, flown: Flown, settings: NavigatorSettings) -> tuple[FloatArray, FloatArray]:
     gone_by = flown.speed_mps * dt_s / lasting.apart_m(flown.height_m)
-    F, Q = transition(dt_s, Drive.INERTIAL, np.zeros(1), settings.acceleration_sigma_mps2, (0.0, 0.0), settings, gone_by)
-    return F, np.asarray(Q[0])
+    on = step(dt_s, Drive.INERTIAL, settings.acceleration_sigma_mps2, (0.0, 0.0), settings, gone_by)
+    return on.F, on.Q

@@ -94,7 +94,7 @@ def _part(grid: MapGrid, rows: slice, cols: slice) -> MapGrid:
     A = grid.A_ne_pix.copy()
     A[:, 2] += A[:, :2] @ np.array([cols.start, rows.start], dtype=np.float64)
     features, weight, surface = (np.ascontiguousarray(a[rows, cols]) for a in (grid.features, grid.weight, grid.surface_up_m))
-    return MapGrid(features, weight, surface, A, grid.gsd_m, grid.dsm_gsd_m)
+    return replace(grid, features=features, weight=weight, surface_up_m=surface, A_ne_pix=A)
 
 
 def thinned(grid: MapGrid, stride: int) -> MapGrid:

@@ -8,7 +8,7 @@ import pytest
 
 from visloc_companion.core import fusion, separation
 from visloc_companion.core.belief import Belief, Position, seeded, widened_by
-from visloc_companion.core.propagation import N_STATES, POSITION, VELOCITY, Drive, transition
+from visloc_companion.core.propagation import N_STATES, POSITION, VELOCITY, Drive, step
 from visloc_companion.core.separation import CLAIM_FLOOR, CORRELATION, EVERY, ONE
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Accepted, FloatArray
@@ -152,8 +152,8 @@ def test_covariances_that_are_carried_on_when_asked_for_are_those_of_every_step(
         x, change = belief.without.x, (0.3 * k, -0.2)
         sigmas = [own_sigma_mps(belief, int(rested), mean) for rested, mean in zip(belief.without.rested_ns, x, strict=True)]
         gone_by = math.hypot(8.0, 3.0) / belief.apart_m
-        F, Q = transition(1.0, drive, np.array(sigmas), belief.sigma_a_mps2, change, SETTINGS, gone_by, belief.lens_share)
-        P = F @ P @ F.T + Q
+        on = step(1.0, drive, belief.sigma_a_mps2, change, SETTINGS, gone_by, belief.lens_share)
+        P = on.F @ P @ on.F.T + on.Q + np.square(sigmas)[:, None, None] * on.V
         belief = fusion.propagated(belief, belief.t_ns + S, (8.0, 3.0), SETTINGS, change)
         if k == 5:
             P, belief = P + more, widened_by(belief, more)

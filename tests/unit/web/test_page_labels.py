@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import shutil
-import subprocess
-from importlib import resources
+from tests.unit.web.in_node import printed
 
-import pytest
-
-NODE = shutil.which("node")
 LABELLED = """
 globalThis.getComputedStyle = () => ({ getPropertyValue: () => "black" });
 globalThis.document = { documentElement: {} };
@@ -24,11 +18,6 @@ console.log(JSON.stringify(boxes));
 
 def test_the_label_of_gnss_stays_on_the_map() -> None:
     """It is right of the diamond, and left of it near the right edge."""
-    if NODE is None:
-        pytest.skip("Node is not installed")
-    script = LABELLED % f"file://{resources.files('visloc_companion.web') / 'page' / 'overlay.js'}"
-    done = subprocess.run([NODE, "--input-type=module", "-e", script], capture_output=True, text=True, timeout=30, check=False)
-    assert done.returncode == 0, done.stderr
-    (left, _), (start, end) = json.loads(done.stdout)
+    (left, _), (start, end) = printed(LABELLED, "overlay.js")
     assert left == 116
     assert (start >= 0, end) == (True, 274)

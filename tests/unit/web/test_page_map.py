@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import shutil
-import subprocess
-from importlib import resources
 from typing import Any
 
-import pytest
+from tests.unit.web.in_node import printed
 
-NODE = shutil.which("node")
 WORLD = """
 const straw = () => new Proxy(function () {}, {
   get: (kept, key) => key === Symbol.toPrimitive ? () => 300 : key === Symbol.iterator ? function* () {} : kept[key] ??= straw(),
@@ -48,13 +43,7 @@ await import("%s");
 
 def asked(steps: str) -> Any:
     """The tiles that were asked for, in order, after some steps."""
-    if NODE is None:
-        pytest.skip("Node is not installed")
-    module = resources.files("visloc_companion.web") / "page" / "main.js"
-    script = WORLD % f"file://{module}" + steps + "console.log(JSON.stringify(asked));"
-    done = subprocess.run([NODE, "--input-type=module", "-e", script], capture_output=True, text=True, timeout=30, check=False)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    return printed(WORLD + steps + "console.log(JSON.stringify(asked));", "main.js")
 
 
 def test_a_server_that_is_started_anew_over_another_pack_gets_its_tiles_asked_for() -> None:

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import shutil
-import subprocess
-from importlib import resources
 from typing import Any
 
-import pytest
+from tests.unit.web.in_node import printed
 
-NODE = shutil.which("node")
 WORLD = """
 const opened = [], waiting = [];
 let now = 0;
@@ -34,13 +29,7 @@ const told = () => console.log(JSON.stringify([opened.map((o) => o.closed), view
 
 def page(steps: str) -> Any:
     """[closed or not of every stream that was opened, the views that were taken] after some steps."""
-    if NODE is None:
-        pytest.skip("Node is not installed")
-    module = resources.files("visloc_companion.web") / "page" / "stream.js"
-    script = WORLD % f"file://{module}" + steps + "told();"
-    done = subprocess.run([NODE, "--input-type=module", "-e", script], capture_output=True, text=True, timeout=30, check=False)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    return printed(WORLD + steps + "told();", "stream.js")
 
 
 def test_a_connection_that_broke_without_a_word_is_opened_anew() -> None:

@@ -14,6 +14,8 @@ from visloc_companion.adapters.logs.video import VIDEO_SUFFIXES, VideoFrames, ow
 from visloc_companion.errors import LogError
 from visloc_companion.types import Image
 
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".dng", ".bmp", ".webp")
+
 
 class FrameSource(Protocol):
     """Times and pixels of recorded frames, numbered from 0 in time order."""
@@ -39,9 +41,6 @@ class FileFrames:
             return decode_image(self.files[number].read_bytes())
         except OSError:
             return None
-
-
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".dng", ".bmp", ".webp")
 
 
 def files_named(folder: Path, stem: str, suffixes: Collection[str]) -> list[Path]:

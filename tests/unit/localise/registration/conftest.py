@@ -25,17 +25,26 @@ class Scene:
 
 def terrain(seed: int, side_m: int = 160):
     """Heights at places: hills, and crowns and roofs on them."""
+    return at_places(hills(seed, side_m + 40), side_m / 2 + 20)
+
+
+def hills(seed: int, n: int) -> np.ndarray:
+    """(n, n) heights, one a metre: hills, and crowns and roofs on them."""
     rng = np.random.default_rng(seed)
-    n = side_m + 40
     grid = cv2.GaussianBlur(rng.standard_normal((n, n)), (0, 0), 15)
     grid *= 3 / grid.std()
     for _ in range(90):
         u, v = rng.integers(0, n, 2)
         w, h = rng.integers(4, 12, 2)
         grid[v : v + h, u : u + w] += rng.uniform(3, 9)
+    return grid
+
+
+def at_places(grid: np.ndarray, zero_px: float):
+    """Heights at places about zero, which lies at that row and column of a grid of a metre."""
 
     def heights(xy: np.ndarray) -> np.ndarray:
-        at = (xy + side_m / 2 + 20).astype(np.float32)
+        at = (xy + zero_px).astype(np.float32)
         return cv2.remap(grid.astype(np.float32), at[None, :, 0], at[None, :, 1], cv2.INTER_LINEAR)[0].astype(float)
 
     return heights

@@ -5,10 +5,10 @@ from __future__ import annotations
 import itertools
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
+from tests.unit.localise.registration.conftest import at_places, cloud, hills
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
 from visloc_companion.localise.registration.headings import Headings, are_two, headings_at, starts, wrapped
@@ -22,32 +22,14 @@ UNKNOWN = RegistrationPrior(20.0, 3.0, np.radians(60.0), np.radians(0.5), 0.012)
 
 def alike(seed: int, fold: int):
     """Heights at places: crowns, roofs and hills about zero that are the same after a turn by 360 deg / `fold`."""
-    rng, n = np.random.default_rng(seed), 201
-    grid = cv2.GaussianBlur(rng.standard_normal((n, n)), (0, 0), 15)
-    grid *= 3 / grid.std()
-    for _ in range(90):
-        u, v = rng.integers(0, n, 2)
-        w, h = rng.integers(4, 12, 2)
-        grid[v : v + h, u : u + w] += rng.uniform(3, 9)
-    grid = sum(np.rot90(grid, 4 // fold * k) for k in range(fold)) / np.sqrt(fold)
-
-    def heights(xy: np.ndarray) -> np.ndarray:
-        at = (xy + n // 2).astype(np.float32)
-        return cv2.remap(grid.astype(np.float32), at[None, :, 0], at[None, :, 1], cv2.INTER_LINEAR)[0].astype(float)
-
-    return heights
-
-
-def cloud(heights, rng, side_m: float, noise_m: float) -> np.ndarray:
-    xy = rng.uniform(-side_m / 2, side_m / 2, (int(3 * side_m**2), 2))
-    parts = [heights(some) for some in np.array_split(xy, max(1, len(xy) // 20_000))]
-    return np.column_stack([xy, np.concatenate(parts) + rng.normal(0, noise_m, len(xy))])
+    grid = hills(seed, 201)
+    return at_places(sum(np.rot90(grid, 4 // fold * k) for k in range(fold)) / np.sqrt(fold), 100)
 
 
 def case(seed: int, fold: int, yaw: float) -> tuple[np.ndarray, np.ndarray]:
     """Source, which is to be turned by `yaw` about zero, and reference."""
     rng, heights = np.random.default_rng(seed + 99), alike(seed, fold)
-    reference, source = cloud(heights, rng, 150, 0.05), cloud(heights, rng, 60, 0.15)
+    reference, source = cloud(heights, rng, 0.0, 150, 3, 0.05), cloud(heights, rng, 0.0, 60, 3, 0.15)
     return source @ about(np.zeros(3), yaw, 1.0, np.zeros(3))[:3, :3], reference
 
 
