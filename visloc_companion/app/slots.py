@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import mmap
 import os
 import secrets
 import shutil
 import threading
 import time
 from dataclasses import dataclass
-from multiprocessing import shared_memory
+from multiprocessing import resource_tracker, shared_memory
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Self, cast
 
 import numpy as np
 
@@ -33,20 +34,22 @@ _PREFIX = "visloc-"
 
 @dataclass(frozen=True, slots=True)
 class SlotsName:
-    """What another process needs to open the slots: the name of the memory and the largest frame in bytes."""
+    """What another process needs to open the slots: the name of the memory, the largest frame in bytes, and the file that
+    the daemon holds open (/proc/PID/fd/N; "" where the system shows none), which stays when the name is removed."""
 
     name: str
     slot_bytes: int
+    held: str = ""
 
 
 class _Slots:
     """Shared memory cut into equal slots."""
 
-    def __init__(self, memory: shared_memory.SharedMemory, slot_bytes: int) -> None:
-        self._memory, self.slot_bytes = memory, slot_bytes
+    def __init__(self, buffer: memoryview | mmap.mmap, slot_bytes: int) -> None:
+        self._buffer, self.slot_bytes = buffer, slot_bytes
 
     def _view(self, slot: int, shape: tuple[int, ...]) -> Image:
-        return np.ndarray(shape, dtype=np.uint8, buffer=self._memory.buf, offset=slot * self.slot_bytes)
+        return np.ndarray(shape, dtype=np.uint8, buffer=self._buffer, offset=slot * self.slot_bytes)
 
     def read(self, frame: FrameRef) -> Image:
         """(H, W) or (H, W, 3) uint8 pixels of a frame, a view. Raises CameraError for a frame that no slot can hold."""
@@ -72,6 +75,11 @@ def _create(n_bytes: int) -> shared_memory.SharedMemory:
         return shared_memory.SharedMemory(_PREFIX + secrets.token_hex(6), create=True, size=n_bytes)
     except OSError as why:
         raise CameraError(f"no shared memory: {why}", where=_SHARED_MEMORY, remedy="mount /dev/shm") from why
+
+
+def _buffer(memory: shared_memory.SharedMemory) -> memoryview:
+    """Of open memory; there is none only once it is closed."""
+    return cast(memoryview, memory.buf)
 
 
 def _reserve(memory: shared_memory.SharedMemory) -> int | None:
@@ -105,19 +113,28 @@ def sweep(folder: Path = Path(_SHARED_MEMORY), older_s: float = 10.0) -> None:
                 os.close(descriptor)
 
 
+def _unlink(memory: shared_memory.SharedMemory) -> None:
+    """Remove the name; one that is gone already, as with logind's RemoveIPC when the user logs out, is no fault."""
+    try:
+        memory.unlink()
+    except FileNotFoundError:
+        resource_tracker.unregister(f"/{memory.name}", "shared_memory")  # or it is warned about at the end of the process
+
+
 class SharedFrameSlots(_Slots):
     """The daemon's side (protocols.FrameSlots): creates, writes, and removes the memory on close."""
 
     def __init__(self, model: CameraModel) -> None:
         slot_bytes = model.width_px * model.height_px * _CHANNELS
         sweep()
-        super().__init__(_create(N_SLOTS * slot_bytes), slot_bytes)
+        self._memory = _create(N_SLOTS * slot_bytes)
         try:
             self._reserved = _reserve(self._memory)
         except CameraError:
             self._memory.close()
-            self._memory.unlink()
+            _unlink(self._memory)
             raise
+        super().__init__(_buffer(self._memory), slot_bytes)
         self._size = (model.height_px, model.width_px)
         self._lock = threading.Lock()  # cameras may write from a thread
         self._held: int | None = None
@@ -129,7 +146,8 @@ class SharedFrameSlots(_Slots):
     @property
     def name(self) -> SlotsName:
         """For WorkerSlots in the other process."""
-        return SlotsName(self._memory.name, self.slot_bytes)
+        held = "" if self._reserved is None else f"/proc/{os.getpid()}/fd/{self._reserved}"
+        return SlotsName(self._memory.name, self.slot_bytes, held)
 
     def write(self, pixels: Image) -> int:
         """Copy (H, W) or (H, W, 3) uint8 pixels into a slot that nobody reads; the oldest unread frame gives way.
@@ -177,7 +195,7 @@ class SharedFrameSlots(_Slots):
         self._closed = True
         with contextlib.suppress(BufferError):
             self._memory.close()
-        self._memory.unlink()
+        _unlink(self._memory)
         if self._reserved is not None:
             os.close(self._reserved)
 
@@ -192,4 +210,20 @@ class WorkerSlots(_Slots):
     """The worker's side: reads only. The memory belongs to the daemon, and is left to it."""
 
     def __init__(self, name: SlotsName) -> None:
-        super().__init__(shared_memory.SharedMemory(name=name.name), name.slot_bytes)
+        """Raises CameraError where the memory is gone."""
+        try:
+            self._memory = shared_memory.SharedMemory(name=name.name)
+        except FileNotFoundError:
+            super().__init__(_still_held(name), name.slot_bytes)
+        else:
+            super().__init__(_buffer(self._memory), name.slot_bytes)
+
+
+def _still_held(name: SlotsName) -> mmap.mmap:
+    """The memory whose name was removed while the daemon runs: it is there as long as the daemon holds it open."""
+    try:
+        with Path(name.held).open("r+b") as file:
+            return mmap.mmap(file.fileno(), N_SLOTS * name.slot_bytes)
+    except (OSError, ValueError) as why:
+        remedy = "run the daemon as a service (logind removes a user's shared memory at logout: RemoveIPC), start it again"
+        raise CameraError(f"the frames' memory {name.name} is gone: {why}", where=_SHARED_MEMORY, remedy=remedy) from why
