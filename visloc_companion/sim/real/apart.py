@@ -6,12 +6,13 @@ import asyncio
 import multiprocessing
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import structlog
 
 from visloc_companion.app.with_parent import end_with_parent
-from visloc_companion.errors import ConfigError
+from visloc_companion.errors import ConfigError, WorkerError
 from visloc_companion.sim.real.ardupilot import ArduPilot
 from visloc_companion.sim.real.flight import fly
 from visloc_companion.sim.real.network import enter_own_network
@@ -47,14 +48,19 @@ def fly_apart(simulator: Simulator, scenario: RealScenario, *, speed: float = 1.
     """Fly one scenario; what the program and the daemon write goes to the empty folder `keep`, else away with a temporary one.
 
     Raises ConfigError where the program or the system's permission is missing, or `keep` holds something: an autopilot would take
-    up the parameters that a former flight left there. Raises LinkError where the flight could not be begun.
+    up the parameters that a former flight left there. Raises LinkError where the flight could not be begun, WorkerError where its
+    process is killed.
     """
     program = find_program(simulator)
     if keep is not None and keep.exists() and any(keep.iterdir()):
         why = "holds something already: the autopilot would fly with the parameters that another flight left"
         raise ConfigError(why, where=str(keep), remedy="name a new folder, or empty it")
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        return pool.submit(_fly, simulator, program, scenario, speed, keep).result()
+    try:
+        with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+            return pool.submit(_fly, simulator, program, scenario, speed, None if keep is None else keep.absolute()).result()
+    except BrokenProcessPool as why:
+        remedy = "where memory ran out (dmesg tells): end other work, and fly again"
+        raise WorkerError("the process of the flight was killed", remedy=remedy) from why
 
 
 def _fly(simulator: Simulator, program: Path, scenario: RealScenario, speed: float, keep: Path | None) -> RealLog:

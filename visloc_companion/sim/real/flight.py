@@ -24,6 +24,10 @@ from visloc_companion.sim.real.station import Station
 
 _NS_PER_S = 1_000_000_000
 LAND_AFTER_S = 2.0
+NAP_S, NAPS = 0.02, 200
+SILENT_BEATS = 15
+"""Heartbeats of NAPS naps, a minute, for which simulated time stood still: what waits for it would wait for ever. They are
+counted, not timed: while a picture is rendered the simulator is held, and this process does nothing else."""
 
 
 async def fly(pilot: Pilot, program: Path, scenario: RealScenario, folder: Path, speed: float = 1.0) -> RealLog:
@@ -77,14 +81,20 @@ async def _fly(
 
 
 async def _keep_alive(station: Station, clock: SlavedClock, simulator: Running) -> None:
-    """The ground station's heartbeat; ends with an error when the simulator's program does."""
-    while not simulator.ended:
+    """The ground station's heartbeat; ends with an error when the simulator's program does, or goes on without a word."""
+    silent = 0
+    while not simulator.ended and silent < SILENT_BEATS:
         station.heartbeat()
-        until_ns = clock.now_ns() + _NS_PER_S
-        for _ in range(200):
-            if clock.now_ns() >= until_ns or simulator.ended:
+        since_ns = clock.now_ns()
+        for _ in range(NAPS):
+            if clock.now_ns() >= since_ns + _NS_PER_S or simulator.ended:
                 break
-            await asyncio.sleep(0.02)
+            await asyncio.sleep(NAP_S)
+        stands = clock.now_ns() == since_ns > EPOCH_NS  # before its first time it may still be asked for its messages
+        silent = silent + 1 if stands else 0
+    if not simulator.ended:
+        what = f"the simulator runs, but for a minute its time stood still: {simulator.last_words()}"
+        raise LinkError(what, remedy="fly again; if that helps nothing, run its command by hand")
     raise LinkError(f"the simulator ended by itself: {simulator.last_words()}", remedy="run its command by hand")
 
 

@@ -14,6 +14,7 @@ from visloc_companion.app.live import Daemon
 from visloc_companion.app.parts import Parts, journal_header
 from visloc_companion.app.worker import WorkerSupervisor
 from visloc_companion.config import Config, InjectionConfig, JournalConfig, LinkConfig, LocaliserConfig, StatusConfig
+from visloc_companion.protocols import Clock
 from visloc_companion.sim.real.oracle import Oracle
 from visloc_companion.sim.real.pilot import Pilot
 from visloc_companion.sim.real.programs import Running
@@ -74,7 +75,7 @@ class DaemonLives:
                         task.cancel()
                     await asyncio.gather(life, death, return_exceptions=True)
                 if self._killed.is_set():
-                    await clock.sleep_until(clock.now_ns() + round(self._scenario.down_s * 1e9))
+                    await _slept(clock, round(self._scenario.down_s * 1e9), stop)
         finally:
             answering.cancel()
             self._recorder.oracle = None
@@ -99,3 +100,14 @@ class DaemonLives:
             with contextlib.suppress(OSError):
                 await link.close()
             journal.close()
+
+
+async def _slept(clock: Clock, ns: int, stop: asyncio.Event) -> None:
+    """Return after so long, or at `stop`: where the simulator has ended its time stands still."""
+    waits = [asyncio.create_task(clock.sleep_until(clock.now_ns() + ns)), asyncio.create_task(stop.wait())]
+    try:
+        await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in waits:
+            task.cancel()
+        await asyncio.gather(*waits, return_exceptions=True)

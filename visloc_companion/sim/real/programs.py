@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import os
 import shutil
 import signal
@@ -18,6 +19,8 @@ from visloc_companion.sim.real.priority import go_first
 
 LOG = "autopilot.log"
 _END_S = 5.0
+_PR_SET_PDEATHSIG = 1
+_libc = ctypes.CDLL(None)
 _running: set[int] = set()
 
 
@@ -101,7 +104,10 @@ class Running:
 
 @contextmanager
 def running(command: Sequence[str], folder: Path, environment: Mapping[str, str]) -> Iterator[Running]:
-    """Run a program in a folder, its output in `autopilot.log` there, first in turn; it is killed at the end, children too."""
+    """Run a program in a folder, its output in `autopilot.log` there, first in turn; it is killed at the end, children too.
+
+    Where this process is killed (memory), the program is as well: it would fly on for ever, ahead of all others.
+    """
     with (folder / LOG).open("wb") as log:
         process = subprocess.Popen(
             command,
@@ -111,6 +117,7 @@ def running(command: Sequence[str], folder: Path, environment: Mapping[str, str]
             stderr=log,
             env={**os.environ, **environment},
             start_new_session=True,
+            preexec_fn=_end_with_parent,  # noqa: PLW1509 - one system call, no lock
         )
         _running.add(process.pid)
         go_first(process.pid)
@@ -120,6 +127,11 @@ def running(command: Sequence[str], folder: Path, environment: Mapping[str, str]
             _kill(process.pid)
             process.wait(_END_S)
             _running.discard(process.pid)
+
+
+def _end_with_parent() -> None:
+    """In the new process (prctl(2)): the kernel kills it when the thread that started it ends."""
+    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def kill_all() -> None:
