@@ -22,6 +22,12 @@ from visloc_companion.prepare.shipped import shipped_networks
 from visloc_companion.sim.landscape import build_landscape
 from visloc_companion.sim.season import Date
 
+MAKERS = (
+    *("sim/landscape*.py", "sim/season.py", "sim/scene.py", "prepare/*.py", "maps/*.py", "localise/features/*.py"),
+    *("localise/shadow.py", "localise/parabola.py", "geo/raster.py", "geo/wgs84.py"),
+)
+"""All code that what is in a world depends on."""
+
 
 @dataclass(frozen=True, slots=True)
 class ProceduralWorld:
@@ -120,8 +126,7 @@ def _keep(draft: Path, home: Path) -> None:
 def _digest(networks: Sequence[Features]) -> str:
     """Digest of the code and the networks that make a world, so that a kept one never outlives a change."""
     root = Path(visloc_companion.__file__).parent
-    patterns = ("sim/landscape*.py", "sim/season.py", "sim/scene.py", "prepare/*.py", "maps/*.py", "localise/features/*.py")
-    makers = [path for pattern in patterns for path in root.glob(pattern)]
+    makers = [path for pattern in MAKERS for path in root.glob(pattern)]
     digest = hashlib.blake2b(digest_size=6)
     for path in sorted(makers):
         digest.update(path.read_bytes())

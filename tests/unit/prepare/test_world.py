@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import visloc_companion
 from visloc_companion.errors import ConfigError
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare import world as module
@@ -101,13 +103,40 @@ def test_other_code_makes_another_world(monkeypatch: pytest.MonkeyPatch, tmp_pat
     """The digest of the code that makes worlds is part of the folder's name."""
     package = tmp_path / "visloc_companion"
     (package / "sim").mkdir(parents=True)
-    monkeypatch.setattr(module.visloc_companion, "__file__", str(package / "__init__.py"))
+    monkeypatch.setattr(visloc_companion, "__file__", str(package / "__init__.py"))
     digests = []
     for text in ("a = 1\n", "a = 2\n"):
         (package / "sim" / "landscape_x.py").write_text(text)
         digests.append(module._digest(()))
     (package / "sim" / "vehicle.py").write_text("b = 1\n")
     assert digests[0] != digests[1] == module._digest(())
+
+
+def test_all_code_that_makes_a_world_makes_another_one_where_it_changes() -> None:
+    """A change of localise/shadow.py left kept worlds with the shadows of before."""
+    root = Path(visloc_companion.__file__).parents[1]
+    folder = root / "visloc_companion"
+    made_by, left = set[Path](), [folder / "sim" / "landscape.py", folder / "prepare" / "build.py"]
+    while left:
+        path = left.pop()
+        if path not in made_by:
+            made_by.add(path)
+            left += imported_by(path, root)
+    makers = {path for pattern in module.MAKERS for path in folder.glob(pattern)}
+    words = {folder / "__init__.py", folder / "errors.py", *(folder / "types").glob("*.py")}
+    assert made_by <= makers | words
+
+
+def imported_by(path: Path, root: Path) -> list[Path]:
+    """Files of this package that a file imports, functions' own imports too."""
+    names = set[str]()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module is not None:
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        elif isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+    places = [root.joinpath(*name.split(".")) for name in names]
+    return [file for place in places for file in (place.with_suffix(".py"), place / "__init__.py") if file.is_file()]
 
 
 def test_a_cache_that_cannot_be_written_is_told_with_what_to_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
