@@ -11,6 +11,7 @@ import pytest
 from tests.unit.prepare.test_build import PLACE, UTM, picture
 from visloc_companion.errors import MapError
 from visloc_companion.maps.pack import PackMap
+from visloc_companion.prepare import replaced
 from visloc_companion.prepare.add_features import add_features
 from visloc_companion.prepare.build import build_pack
 
@@ -48,6 +49,23 @@ def test_what_lies_in_a_pack_without_being_part_of_it_is_not_lost(tmp_path: Path
         with pytest.raises(MapError, match=r"pack: holds 'mission\.plan'.*remedy"):
             rebuild()
     assert (tmp_path / "pack" / "mission.plan").read_text() == "mine"
+
+
+def test_a_mount_point_is_refused_before_the_work(tmp_path: Path, write_raster, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a container's volume is one: an hour of work ended in "Device or resource busy", however often it was gone on with."""
+    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "my pack")
+    told = str(tmp_path / "my pack").replace(" ", "\\040")
+    (tmp_path / "mounts").write_text(f"22 1 8:1 / / rw - ext4 /dev/sda1 rw\n23 22 8:1 /there {told} rw - ext4 /dev/sda1 rw\n")
+    monkeypatch.setattr(replaced, "MOUNTS", tmp_path / "mounts")
+    (tmp_path / "link").symlink_to(tmp_path / "my pack")
+    for rebuild in (
+        lambda: build_pack([tmp_path / "a.tif"], None, tmp_path / "link"),
+        lambda: add_features(tmp_path / "my pack", []),
+    ):
+        with pytest.raises(MapError, match=r"is a mount point.*name a folder in it"):
+            rebuild()
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "my pack 2")
 
 
 def test_a_link_as_target_stays_and_leads_to_the_new_pack(tmp_path: Path, write_raster) -> None:
