@@ -33,6 +33,8 @@ class Ancestor:
     config: dict[str, Any]
     step: int
     seconds: float
+    hardware: str = field(default="", compare=False)
+    """As of a checkpoint; empty where it came from one that does not say."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,7 @@ class Checkpoint:
     random: torch.Tensor
     """State of PyTorch's generator. Pairs follow from the seed and the step alone."""
     hardware: str
+    """What the steps so far were computed on, in words; each once, in the order of the sittings (learner.on_all)."""
     ancestors: tuple[Ancestor, ...]
     """The runs before this one, the first one first; empty for a run that began with fresh weights."""
     images: dict[str, int] = field(default_factory=dict)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from posixpath import normpath
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, Field, model_validator
@@ -79,12 +80,17 @@ SourceConfig = Annotated[DatesSource | PairsSource | LandscapeSource | ShapesSou
 def share_images(a: SourceConfig, b: SourceConfig) -> bool:
     """Whether two sources hold images of one place in common; invented shapes are new for every pair."""
     if isinstance(a, DatesSource) and isinstance(b, DatesSource):
-        return a.folder == b.folder and max(a.first_row, b.first_row) < min(a.last_row, b.last_row)
+        return _same(a.folder, b.folder) and max(a.first_row, b.first_row) < min(a.last_row, b.last_row)
     if isinstance(a, PairsSource) and isinstance(b, PairsSource):
-        return a.folder == b.folder and (not a.pairs or not b.pairs or not set(a.pairs).isdisjoint(b.pairs))
+        return _same(a.folder, b.folder) and (not a.pairs or not b.pairs or not set(a.pairs).isdisjoint(b.pairs))
     if isinstance(a, LandscapeSource) and isinstance(b, LandscapeSource):
         return not set(a.seeds).isdisjoint(b.seeds)
     return False
+
+
+def _same(folder: str, other: str) -> bool:
+    """Whether two names mean one folder of the data folder: `naip`, `naip/` and `./naip`."""
+    return normpath(folder) == normpath(other)
 
 
 SOURCE_KINDS: dict[str, type[BaseModel]] = {

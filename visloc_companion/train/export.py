@@ -32,7 +32,7 @@ from visloc_companion.train.checkpoint import FREE_SPACE, Checkpoint, load_check
 from visloc_companion.train.config import TrainingConfig, parse_training_config
 from visloc_companion.train.config_sources import DatesSource, LandscapeSource, PairsSource, SourceConfig, share_images
 from visloc_companion.train.judge import Difference, answer, check, compare, inputs_for_comparison, painted_input, placed_wrong
-from visloc_companion.train.learner import network_settings, require_same_images
+from visloc_companion.train.learner import network_settings, on_all, require_same_images
 from visloc_companion.train.mixture import Places, Tell, pair_settings, validation_batches
 from visloc_companion.train.model_card import CARD, model_card
 from visloc_companion.train.networks import BOUND, MULTIPLE_PX, ORIENTED, FeatureNetwork, NetworkSettings
@@ -243,7 +243,7 @@ def training_of(saved: Checkpoint, config: TrainingConfig) -> Training:
         seeds=tuple(run.seed for run in runs),
         steps=saved.step + sum(run.step for run in saved.ancestors),
         hours=round((saved.seconds + sum(run.seconds for run in saved.ancestors)) / 3600, 2),
-        hardware=saved.hardware,
+        hardware=on_all(*(run.hardware for run in saved.ancestors), saved.hardware),
         software=f"torch {torch.__version__}, numpy {np.__version__}, opencv {cv2.__version__}",
     )
 

@@ -18,6 +18,7 @@ from visloc_companion.train.config import NetworkConfig, ScheduleConfig, Trainin
 from visloc_companion.train.networks import FeatureNetwork, NetworkSettings
 
 FIRST_LOG_SHARPNESS = 4.0
+AND_THEN = ", then "
 SAME_WIDTHS = "give network.full_width, half_width, dilations and descriptors of that run; only a quarter resolution may be added"
 
 
@@ -63,14 +64,15 @@ def learning_rate(schedule: ScheduleConfig, step: int) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Beginning:
-    """Where a run begins: the learner, the steps and seconds that are behind it, the runs that its first weights came from, and
-    the checksums of the images that it saw so far (empty where there are none, or they are not known)."""
+    """Where a run begins: the learner, the steps and seconds that are behind it, the runs that its first weights came from, the
+    checksums of the images that it saw so far (empty: none, or not known), and what it was computed on so far."""
 
     learner: Learner
     step: int = 0
     seconds: float = 0.0
     ancestors: tuple[Ancestor, ...] = ()
     images: Mapping[str, int] = field(default_factory=dict)
+    hardware: str = ""
 
 
 def begun(config: TrainingConfig, path: Path, device: torch.device, first: Path | None = None) -> Beginning:
@@ -104,7 +106,7 @@ def begun(config: TrainingConfig, path: Path, device: torch.device, first: Path 
         torch.set_rng_state(saved.random)
     except (RuntimeError, ValueError, KeyError, TypeError) as why:
         raise ModelError("does not fit this version's network", where=str(path), remedy="train into another folder") from why
-    return Beginning(learner, saved.step, saved.seconds, tuple(saved.ancestors), saved.images)
+    return Beginning(learner, saved.step, saved.seconds, tuple(saved.ancestors), saved.images, saved.hardware)
 
 
 def require_same_images(before: Mapping[str, int], now: Mapping[str, int], where: Path, remedy: str) -> None:
@@ -124,7 +126,7 @@ def _taken_over(learner: Learner, first: Path) -> tuple[Ancestor, ...]:
         raise ModelError("does not fit the configuration's network", where=str(first), remedy=SAME_WIDTHS) from why
     if lacking.unexpected_keys or not all(key.startswith("quarter.") for key in lacking.missing_keys):
         raise ModelError("does not fit the configuration's network", where=str(first), remedy=SAME_WIDTHS)
-    return (*saved.ancestors, Ancestor(saved.config, saved.step, saved.seconds))
+    return (*saved.ancestors, Ancestor(saved.config, saved.step, saved.seconds, saved.hardware))
 
 
 def _differences(a: Mapping[str, Any], b: Mapping[str, Any], prefix: str = "") -> list[str]:
@@ -156,3 +158,8 @@ def hardware(device: torch.device, threads: int) -> str:
     if device.type == "cuda":
         return str(torch.cuda.get_device_name(device))
     return f"CPU ({platform.machine()}), {threads} threads"
+
+
+def on_all(*hardware: str) -> str:
+    """What several sittings were computed on, each once, in their order; empty ones are not known."""
+    return AND_THEN.join(dict.fromkeys(one for some in hardware for one in some.split(AND_THEN) if one))

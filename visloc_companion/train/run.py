@@ -21,7 +21,7 @@ from visloc_companion.train.ahead import batches_ahead
 from visloc_companion.train.checkpoint import Checkpoint, save_checkpoint, write_file
 from visloc_companion.train.config import TrainingConfig
 from visloc_companion.train.curves import curves_svg
-from visloc_companion.train.learner import Beginning, begun, checked_device, hardware, learning_rate, require_same_images
+from visloc_companion.train.learner import Beginning, begun, checked_device, hardware, learning_rate, on_all, require_same_images
 from visloc_companion.train.log import RunLog
 from visloc_companion.train.mixture import Places, pair_settings, training_sources, validation_batches
 from visloc_companion.train.run_folder import run_folder
@@ -117,7 +117,7 @@ class _Run:
         self._checks = {name: [_moved(batch, self._device) for batch in batches] for name, batches in checks.items()}
         self._losses = list[float]()
         self._began, self._steps_done = time.monotonic(), 0
-        self._seconds_before = beginning.seconds
+        self._seconds_before, self._hardware_before = beginning.seconds, beginning.hardware
 
     def baseline(self) -> None:
         """What gradient features alone do on the validation pairs."""
@@ -174,7 +174,7 @@ class _Run:
             learner.log_sharpness.detach(),
             learner.optimiser.state_dict(),
             torch.get_rng_state(),
-            hardware(self._device, self._config.threads),
+            on_all(self._hardware_before, hardware(self._device, self._config.threads)),
             self._ancestors,
             self._images,
         )

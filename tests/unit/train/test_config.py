@@ -46,6 +46,8 @@ LANDSCAPE: dict[str, Any] = {"kind": "landscape", "name": "l", "seeds": [1, 2]}
         (DATES | {"last_row": 400}, DATES | {"first_row": 400}, False),
         (DATES | {"last_row": 400}, DATES | {"first_row": 399}, True),
         (DATES, DATES | {"folder": "e"}, False),
+        (DATES, DATES | {"folder": "./d/"}, True),
+        (PAIRS | {"folder": "p/"}, PAIRS, True),
         (PAIRS | {"pairs": ["x"]}, PAIRS | {"pairs": ["y", "z"]}, False),
         (PAIRS | {"pairs": ["x"]}, PAIRS | {"pairs": ["y", "x"]}, True),
         (PAIRS, PAIRS | {"pairs": ["y"]}, True),

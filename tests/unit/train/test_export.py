@@ -155,7 +155,10 @@ def test_the_manifest_counts_the_runs_that_the_weights_came_from(tiny: Callable[
     config, before = tiny(seed=7), tiny(seed=6, split="before")
     saved = Checkpoint(4, 1800.0, config.plain(), {}, torch.tensor(4.0), {}, torch.get_rng_state(), "CPU", ())
     alone = training_of(saved, config)
-    stated = training_of(replace(saved, ancestors=(Ancestor(before.plain(), 6, 3600.0),)), config)
+    ancestors = Ancestor(before.plain(), 6, 3600.0, "a GPU, then CPU"), Ancestor(before.plain(), 0, 0.0)
+    stated = training_of(replace(saved, ancestors=ancestors[:1]), config)
+    assert (alone.hardware, stated.hardware) == ("CPU", "a GPU, then CPU")
+    assert training_of(replace(saved, ancestors=ancestors[1:]), config).hardware == "CPU"
     assert (stated.steps, stated.hours, stated.seeds, stated.data) == (10, 1.5, (6, 7), alone.data)
     assert stated.split == config.split
 

@@ -62,6 +62,22 @@ def test_a_run_that_is_broken_off_and_resumed_equals_an_uninterrupted_one(tmp_pa
     assert (tmp_path / "parts" / "curves.svg").read_bytes() == (tmp_path / "whole" / "curves.svg").read_bytes()
 
 
+def test_a_run_says_all_that_it_was_computed_on(
+    tmp_path: Path, tiny: Tiny, watcher: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Resumed on a CPU for its last steps, a run of a GPU was one of that CPU on the model's card."""
+    here = run.hardware(torch.device("cpu"), 1)
+    monkeypatch.setattr(run, "hardware", lambda *_: "a GPU")
+    with pytest.raises(KeyboardInterrupt):
+        run.train(tiny(), tmp_path, tmp_path / "parts", watcher(break_at=3))
+    monkeypatch.undo()
+    resumed = run.train(tiny(), tmp_path, tmp_path / "parts", watcher())
+    assert load_checkpoint(resumed).hardware == f"a GPU, then {here}"
+    after = run.train(tiny(seed=6), tmp_path, tmp_path / "after", watcher(), first=resumed)
+    assert [each.hardware for each in load_checkpoint(after).ancestors] == [f"a GPU, then {here}"]
+    assert load_checkpoint(after).hardware == here
+
+
 def test_processes_make_the_same_batches_as_a_thread_and_go_on_where_they_were(tmp_path: Path, tiny: Tiny, watcher: Any) -> None:
     config = tiny()
     by_a_thread = load_checkpoint(run.train(config, tmp_path, tmp_path / "thread", watcher()))
