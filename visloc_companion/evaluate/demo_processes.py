@@ -8,12 +8,13 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from visloc_companion.app.status import check_status_socket
+from visloc_companion.app.with_parent import end_with_starter
 from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.errors import ConfigError, LinkError
 from visloc_companion.evaluate.ended_in_order import ended_in_order
@@ -75,8 +76,8 @@ def fly_processes(
         (out / "autopilot.log").open("wb") as pilot_log,
         (out / "daemon.log").open("wb") as daemon_log,
     ):
-        pilot = subprocess.Popen([sys.executable, "-m", "visloc_companion.sim.server", str(out / "plan.json")], stderr=pilot_log)
-        daemon = subprocess.Popen(
+        pilot = _started([sys.executable, "-m", "visloc_companion.sim.server", str(out / "plan.json")], stderr=pilot_log)
+        daemon = _started(
             [sys.executable, "-m", "visloc_companion.cli.main", "run", "--config", str(config)],
             stderr=daemon_log,
             stdout=daemon_log,
@@ -87,6 +88,11 @@ def fly_processes(
             _stop(daemon)
             _stop(pilot)
     return _log_of(json.loads(Path(plan.result).read_text(encoding="utf-8")), setup.scenario.duration_s)
+
+
+def _started(command: Sequence[str], **files: IO[bytes]) -> subprocess.Popen[bytes]:
+    """A process that ends with this one, also where that is killed: the daemon would go on for ever."""
+    return subprocess.Popen(command, preexec_fn=end_with_starter, **files)  # type: ignore[call-overload,no-any-return] # noqa: PLW1509
 
 
 def _wait(

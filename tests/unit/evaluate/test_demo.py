@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -144,7 +145,7 @@ told.fly_processes(Path(sys.argv[1]), Setup(), None, 1.0, lambda stage: None)
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT, signal.SIGKILL])
 def test_whoever_ends_the_demonstration_ends_its_processes(tmp_path: Path, number: signal.Signals) -> None:
     """`timeout 60 visloc demo` left a daemon behind."""
     with subprocess.Popen(
@@ -154,7 +155,11 @@ def test_whoever_ends_the_demonstration_ends_its_processes(tmp_path: Path, numbe
         children = [int(pid) for pid in parent.stdout.readline().split()]
         parent.send_signal(number)
         parent.wait(30)
-    left = [pid for pid in children if Path(f"/proc/{pid}").exists()]
+    for _ in range(100):  # the kernel takes a moment
+        left = [pid for pid in children if Path(f"/proc/{pid}").exists()]
+        if not left:
+            break
+        time.sleep(0.05)
     for pid in left:
         os.kill(pid, signal.SIGKILL)
     assert len(children) == 2

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import os
 import shutil
 import signal
@@ -14,13 +13,12 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
+from visloc_companion.app.with_parent import end_with_starter
 from visloc_companion.errors import ConfigError
 from visloc_companion.sim.real.priority import go_first
 
 LOG = "autopilot.log"
 _END_S = 5.0
-_PR_SET_PDEATHSIG = 1
-_libc = ctypes.CDLL(None)
 _running: set[int] = set()
 
 
@@ -117,7 +115,7 @@ def running(command: Sequence[str], folder: Path, environment: Mapping[str, str]
             stderr=log,
             env={**os.environ, **environment},
             start_new_session=True,
-            preexec_fn=_end_with_parent,  # noqa: PLW1509 - one system call, no lock
+            preexec_fn=end_with_starter,  # noqa: PLW1509 - takes no lock
         )
         _running.add(process.pid)
         go_first(process.pid)
@@ -127,11 +125,6 @@ def running(command: Sequence[str], folder: Path, environment: Mapping[str, str]
             _kill(process.pid)
             process.wait(_END_S)
             _running.discard(process.pid)
-
-
-def _end_with_parent() -> None:
-    """In the new process (prctl(2)): the kernel kills it when the thread that started it ends."""
-    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def kill_all() -> None:
