@@ -28,12 +28,15 @@ def fly_real(autopilot: str, vehicle: str, name: str, seed: int, with_daemon: bo
     from visloc_companion.evaluate.real_result import real_record, real_result
     from visloc_companion.evaluate.real_world import over_its_world
     from visloc_companion.sim.real.apart import fly_apart
+    from visloc_companion.sim.real.programs import find_program
     from visloc_companion.sim.real.scenarios import real_scenario
 
     simulator = chosen_simulator(autopilot, vehicle)
-    scenario = over_its_world(real_scenario(name, simulator, seed))
-    scenario = replace(scenario, with_daemon=with_daemon and name != "without_daemon")
+    scenario = real_scenario(name, simulator, seed)
     require_folder(json_file, "--json")
+    find_program(simulator)  # before a world is made
+    scenario = over_its_world(scenario)
+    scenario = replace(scenario, with_daemon=with_daemon and name != "without_daemon")
     with tempfile.TemporaryDirectory(prefix="visloc-real-") as kept:
         log = fly_apart(simulator, scenario, speed=SPEED, keep=Path(kept))
         figures = real_figures(log, scenario)

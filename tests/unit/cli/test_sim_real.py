@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,8 @@ from typer.testing import CliRunner
 
 from visloc_companion.app.journal import JournalHeader, JournalWriter
 from visloc_companion.cli.sim import sim
+from visloc_companion.errors import ConfigError
+from visloc_companion.evaluate import real_world
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.sim.real import apart
 from visloc_companion.sim.real.clock import EPOCH_NS
@@ -97,6 +100,7 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, *options: str) -> tuple
     typed = typer.Typer()
     typed.command()(sim)
     monkeypatch.setattr(apart, "fly_apart", flown("--without-daemon" not in options))
+    monkeypatch.setenv("VISLOC_ARDUCOPTER", sys.executable)
     arguments = ["--autopilot", "ardupilot", "--scenario", "jam", "--json", str(tmp_path / "jam.json"), *options]
     done = CliRunner().invoke(typed, arguments, catch_exceptions=False)
     return done.exit_code, json.loads((tmp_path / "jam.json").read_text(encoding="utf-8"))
@@ -130,3 +134,22 @@ def test_without_the_daemon_nothing_is_expected(monkeypatch: pytest.MonkeyPatch,
     assert not {*OF_EVERY_FLIGHT, *OF_A_REAL_ONE} - set(found)
     assert found["failsafe"] == "EKF Failsafe"
     assert (found["n_frames"], found["error_horizontal_m"]["max"], found["injected"]["n"]) == (0, None, 0)
+
+
+@pytest.mark.parametrize(
+    ("options", "program", "why"),
+    [
+        (["--seed", "-1"], sys.executable, "seed is -1; remedy: give a whole number from 0 on"),
+        ([], "/nowhere/arducopter", "which is no program"),
+        (["--json", "/nowhere/result.json"], "/nowhere/arducopter", "its folder does not exist"),
+    ],
+)
+def test_what_cannot_be_flown_is_refused_before_a_world_is_made(
+    monkeypatch: pytest.MonkeyPatch, options: list[str], program: str, why: str
+) -> None:
+    typed = typer.Typer()
+    typed.command()(sim)
+    monkeypatch.setenv("VISLOC_ARDUCOPTER", program)
+    monkeypatch.setattr(real_world, "over_its_world", lambda _: pytest.fail("a world is made"))
+    with pytest.raises(ConfigError, match=why):
+        CliRunner().invoke(typed, ["--autopilot", "ardupilot", "--scenario", "rendered", *options], catch_exceptions=False)

@@ -118,7 +118,9 @@ _SHORT: dict[str, Change] = {
 
 
 def real_scenario(name: str, simulator: Simulator, seed: int = 1) -> RealScenario:
-    """A flight by its name. Raises ConfigError for one that there is not, or that this simulator cannot fly."""
+    """A flight by its name. Raises ConfigError for one that there is not or this simulator cannot fly, and for a seed < 0."""
+    if seed < 0:
+        raise ConfigError(f"seed is {seed}", remedy="give a whole number from 0 on")
     plane = simulator.is_plane
     route = PLANE_ROUTE if plane else COPTER_ROUTE
     if simulator is Simulator.PX4_PLANE:
