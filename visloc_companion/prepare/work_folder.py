@@ -9,7 +9,7 @@ import os
 import shutil
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -35,21 +35,28 @@ class WorkFolder:
     """
 
     def __init__(self, target: Path, key: str) -> None:
-        try:
-            self.target = target.resolve()
-            self.path = self.target.with_name(f".{self.target.name}.building")
-            self.path.mkdir(parents=True, exist_ok=True)
-            self._log = (self.path / LOG).open("a+", encoding="utf-8", errors="replace")
-            self._lock()
-            self._pending: dict[str, tuple[object, Callable[[], object] | None]] = {}
-            self._synced_at = time.monotonic()
-            self._done = self._read(key)
-            if not self._done:
-                self._start(key)
-        except OSError as why:
-            raise MapError(
-                f"no folder can be made there: {why.strerror}", where=str(target), remedy="name a place that can be written to"
-            ) from why
+        with ExitStack() as held:
+            try:
+                self.target = target.resolve()
+                self.path = self.target.with_name(f".{self.target.name}.building")
+                self.path.mkdir(parents=True, exist_ok=True)
+                folder = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY)
+                held.callback(os.close, folder)
+                self._lock(folder)  # it lasts until the folder has its name, the log goes before
+                self._log = held.enter_context((self.path / LOG).open("a+", encoding="utf-8", errors="replace"))
+                self._lock(self._log.fileno())  # where folders know no locks (NFS)
+                self._pending: dict[str, tuple[object, Callable[[], object] | None]] = {}
+                self._synced_at = time.monotonic()
+                self._done = self._read(key)
+                if not self._done:
+                    self._start(key)
+            except OSError as why:
+                raise MapError(
+                    f"no folder can be made there: {why.strerror}",
+                    where=str(target),
+                    remedy="name a place that can be written to",
+                ) from why
+            self._held = held.pop_all()
 
     def __enter__(self) -> Self:
         """The folder itself."""
@@ -147,16 +154,19 @@ class WorkFolder:
 
     def close(self) -> None:
         """Let go of the folder; the work can be gone on with."""
-        self._log.close()
+        self._held.close()
 
-    def _lock(self) -> None:
+    def _lock(self, descriptor: int) -> None:
+        """Raises MapError where another process holds what is open, or has given the folder its name meanwhile."""
         try:
-            fcntl.flock(self._log, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as why:
-            self._log.close()
-            raise MapError(
-                "another process is at work on it", where=str(self.target), remedy="wait until it is done, or end it"
-            ) from why
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            is_free = _is_of(descriptor, self.path) or _is_of(descriptor, self.path / LOG)
+        except BlockingIOError:
+            is_free = False
+        except OSError:
+            return  # a file system without locks
+        if not is_free:
+            raise MapError("another process is at work on it", where=str(self.target), remedy="wait until it is done, or end it")
 
     def _read(self, key: str) -> dict[str, Any]:
         """The finished parts; empty where the log is of other work. A line that was broken off ends the log."""
@@ -188,6 +198,13 @@ class WorkFolder:
 def _size(n_bytes: float) -> str:
     """Bytes in words that tell small ones apart, too."""
     return f"{n_bytes / 1e9:.2f} GB" if n_bytes >= 1e9 else f"{n_bytes / 1e6:.1f} MB"
+
+
+def _is_of(descriptor: int, path: Path) -> bool:
+    """Whether a descriptor is of what now has a name."""
+    with suppress(OSError):
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    return False
 
 
 def synced(path: Path) -> None:

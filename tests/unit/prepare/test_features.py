@@ -13,7 +13,7 @@ import rasterio
 from visloc_companion.errors import HashMismatch, MapError, ModelError
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.maps.pack import PackMap
-from visloc_companion.prepare import features
+from visloc_companion.prepare import features, work_folder
 from visloc_companion.prepare.add_features import add_features
 from visloc_companion.prepare.build import build_pack
 from visloc_companion.prepare.check import check_pack, features_info
@@ -250,6 +250,36 @@ def test_one_process_at_a_time(sources: Path) -> None:
         build_pack([sources / "a.tif"], None, sources / "pack")
     work.remove()
     build_pack([sources / "a.tif"], None, sources / "pack")
+
+
+def test_a_folder_that_is_being_named_is_not_begun_anew(sources: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Between the end of its log and its name a second build emptied it, and the empty folder took the old pack's place."""
+    told, flushed = list[str](), work_folder._entries_synced
+
+    def a_second_one(folder: Path) -> None:
+        if folder == work.path:
+            with pytest.raises(MapError) as refused:
+                WorkFolder(sources / "pack", "another key")
+            told.append(str(refused.value))
+        flushed(folder)
+
+    build_pack([sources / "a.tif"], None, sources / "pack", name="first")
+    monkeypatch.setattr(work_folder, "_entries_synced", a_second_one)
+    with WorkFolder(sources / "pack", "key") as work:
+        (work.path / "content").touch()
+        work.take_name()
+    assert (sources / "pack" / "content").exists()
+    assert "another process is at work on it" in told[0]
+
+
+def test_a_disk_that_knows_no_locks_is_built_on(sources: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """NFS without its lock daemon: "another process is at work on it"."""
+
+    def none(*_: object) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(work_folder.fcntl, "flock", none)
+    assert build_pack([sources / "a.tif"], None, sources / "pack").files
 
 
 @pytest.mark.parametrize("names", [("a/b",), ("",), ("net", "net"), ("gradient",)])
