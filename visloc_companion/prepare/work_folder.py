@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import fcntl
 import hashlib
 import json
@@ -20,6 +21,8 @@ from visloc_companion.maps.manifest import FileEntry, sha256_file
 LOG = ".work.jsonl"
 SYNC_S = 2.0
 """At most so much work, and one part, is lost where it is broken off."""
+_AT_FDCWD, _RENAME_EXCHANGE = -100, 2
+_libc = ctypes.CDLL(None)
 Progress = Callable[[str, float], None]
 """Called with the name of the stage and the share of it (0 to 1) that is done."""
 
@@ -127,25 +130,41 @@ class WorkFolder:
 
     def take_name(self) -> None:
         """Give the finished folder its name; what had it before goes only after that, and after the disk has all of the new one.
-        Closes the folder."""
+        At no moment is there none of that name, where the file system can exchange two. Closes the folder."""
         for path in self.path.iterdir():
             synced(path)
         (self.path / LOG).unlink()
         _entries_synced(self.path)
         old = self.target.with_name(f".{self.target.name}.old")
         shutil.rmtree(old, ignore_errors=True)
-        if self.target.exists():
-            self.target.rename(old)
+        try:
+            if not self.target.exists():
+                self.path.rename(self.target)
+            elif self._exchanged():
+                self.path.rename(old)
+            else:
+                self._swapped(old)
+        finally:
+            self.close()
+        _entries_synced(self.target.parent)
+        shutil.rmtree(old, ignore_errors=True)
+
+    def _exchanged(self) -> bool:
+        """Whether the folder and what had its name have changed places. That is held as well: it is no work left behind."""
+        before = os.open(self.target, os.O_RDONLY | os.O_DIRECTORY)
+        self._held.callback(os.close, before)
+        with suppress(OSError):
+            fcntl.flock(before, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return exchange(self.path, self.target)
+
+    def _swapped(self, old: Path) -> None:
+        self.target.rename(old)
         try:
             self.path.rename(self.target)
         except OSError:
             with suppress(OSError):
                 old.rename(self.target)
             raise
-        finally:
-            self.close()
-        _entries_synced(self.target.parent)
-        shutil.rmtree(old, ignore_errors=True)
 
     def remove(self) -> None:
         """Leave nothing behind, for work that cannot be gone on with."""
@@ -198,6 +217,13 @@ class WorkFolder:
 def _size(n_bytes: float) -> str:
     """Bytes in words that tell small ones apart, too."""
     return f"{n_bytes / 1e9:.2f} GB" if n_bytes >= 1e9 else f"{n_bytes / 1e6:.1f} MB"
+
+
+def exchange(one: Path, other: Path) -> bool:
+    """Exchange the names of two folders at one stroke (renameat2(2)); False where the system or the file system cannot."""
+    call = getattr(_libc, "renameat2", None)
+    names = _AT_FDCWD, os.fsencode(one), _AT_FDCWD, os.fsencode(other)
+    return call is not None and call(*names, _RENAME_EXCHANGE) == 0
 
 
 def _is_of(descriptor: int, path: Path) -> bool:

@@ -11,7 +11,7 @@ import pytest
 from tests.unit.prepare.test_build import PLACE, UTM, picture
 from visloc_companion.errors import MapError
 from visloc_companion.maps.pack import PackMap
-from visloc_companion.prepare import replaced
+from visloc_companion.prepare import replaced, work_folder
 from visloc_companion.prepare.add_features import add_features
 from visloc_companion.prepare.build import build_pack
 
@@ -137,13 +137,16 @@ def test_disk_space_is_asked_for_first(tmp_path: Path, write_raster, monkeypatch
         build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
 
 
-def test_a_new_pack_is_on_the_disk_before_the_old_one_goes(tmp_path: Path, write_raster, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("can_exchange", [True, False])
+def test_a_new_pack_is_on_the_disk_before_the_old_one_goes(
+    tmp_path: Path, write_raster, monkeypatch: pytest.MonkeyPatch, can_exchange: bool
+) -> None:
     """A loss of power left the new name with an empty manifest, without the old pack and without the work to go on with."""
     write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
     files = [tmp_path / "a.tif"], None, tmp_path / "pack"
     build_pack(*files)
     synced: set[Path] = set()
-    fsync, rename = os.fsync, Path.rename
+    fsync, rename, exchange = os.fsync, Path.rename, work_folder.exchange
 
     def noted(descriptor: int) -> None:
         fsync(descriptor)
@@ -153,8 +156,13 @@ def test_a_new_pack_is_on_the_disk_before_the_old_one_goes(tmp_path: Path, write
         assert {path, *path.iterdir()} <= synced or path.name == "pack"
         return rename(path, target)
 
+    def exchanged(one: Path, other: Path) -> bool:
+        assert {one, *one.iterdir()} <= synced
+        return exchange(one, other) if can_exchange else False
+
     monkeypatch.setattr(os, "fsync", noted)
     monkeypatch.setattr(Path, "rename", renamed)
+    monkeypatch.setattr(work_folder, "exchange", exchanged)
     removed: list[Path] = []
 
     def gone(path: Path, **_: object) -> None:
@@ -165,3 +173,23 @@ def test_a_new_pack_is_on_the_disk_before_the_old_one_goes(tmp_path: Path, write
     monkeypatch.setattr(shutil, "rmtree", gone)
     build_pack(*files)
     assert removed == [tmp_path / ".pack.old"]
+
+
+def test_there_is_a_pack_at_every_moment(tmp_path: Path, write_raster, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Killed between two renames, a build left no pack, and the next one deleted what was whole; a daemon that began then had no
+    map."""
+    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
+    files = [tmp_path / "a.tif"], None, tmp_path / "pack"
+    build_pack(*files, name="first")
+    rename, seen = Path.rename, list[str]()
+
+    def renamed(path: Path, target: Path) -> Path:
+        seen.append(PackMap.open(tmp_path / "pack").manifest.name)
+        moved = rename(path, target)
+        seen.append(PackMap.open(tmp_path / "pack").manifest.name)
+        return moved
+
+    monkeypatch.setattr(Path, "rename", renamed)
+    build_pack(*files, name="second")
+    assert seen == ["second", "second"]
+    assert {path.name for path in tmp_path.iterdir()} == {"a.tif", "pack"}
