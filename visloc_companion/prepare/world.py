@@ -19,6 +19,7 @@ from visloc_companion.localise.features.base import Features
 from visloc_companion.prepare.build import build_pack
 from visloc_companion.prepare.kept_folders import draft_in, hold, remove_unused
 from visloc_companion.prepare.shipped import shipped_networks
+from visloc_companion.prepare.work_folder import synced
 from visloc_companion.sim.landscape import build_landscape
 from visloc_companion.sim.season import Date
 
@@ -116,6 +117,10 @@ def _draft(folder: Path, prefix: str) -> Iterator[Path]:
 
 
 def _keep(draft: Path, home: Path) -> None:
+    """Give a draft its name once the disk has all of it: of a world that a loss of power emptied nobody would know."""
+    for path in draft.rglob("*"):
+        if path.is_file():
+            synced(path)
     try:
         draft.rename(home)
     except OSError:

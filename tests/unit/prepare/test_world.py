@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,28 @@ def test_who_was_faster_wins(tmp_path: Path) -> None:
     assert [path.name for path in home.iterdir()] == ["home"]
     with pytest.raises(OSError, match="missing"):
         module._keep(tmp_path / "missing", tmp_path / "other")
+
+
+def test_a_draft_is_on_the_disk_before_it_has_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a loss of power a kept world may else be one of empty files, and every flight over it fails."""
+    draft, home = tmp_path / ".draft", tmp_path / "landscape"
+    (draft / "flight").mkdir(parents=True)
+    for path in (draft / "flight" / "ortho.tif", draft / "flight" / "dsm.tif"):
+        path.write_bytes(b"pixels")
+    on_disk, fsync, rename = set[str](), os.fsync, Path.rename
+
+    def noted(descriptor: int) -> None:
+        fsync(descriptor)
+        on_disk.add(Path(f"/proc/self/fd/{descriptor}").readlink().name)
+
+    def renamed(path: Path, target: Path) -> Path:
+        assert on_disk == {"ortho.tif", "dsm.tif"}
+        return rename(path, target)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    monkeypatch.setattr(Path, "rename", renamed)
+    module._keep(draft, home)
+    assert (home / "flight" / "ortho.tif").is_file()
 
 
 def test_the_cache_is_the_users(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
