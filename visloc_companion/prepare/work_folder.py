@@ -33,7 +33,8 @@ class WorkFolder:
     `key` says what the work is made from: a folder that was left behind with the same key is gone on with, another one is
     emptied. A part is noted only after its data were handed to the disk, so that even a loss of power costs SYNC_S at most.
     One process at a time: a second one gets a MapError. As a context it is closed at the end, and removed by a VislocError: what
-    is refused once is refused again. What the disk refuses (OSError) becomes a MapError, and leaves the folder to go on with.
+    is refused once is refused again. What the disk refuses (OSError) becomes a MapError, and leaves the folder to go on with, and
+    so does too little space of it, where something is done.
     A target that is a link is followed: the work lies on the disk that will hold it.
     """
 
@@ -51,6 +52,7 @@ class WorkFolder:
                 self._pending: dict[str, tuple[object, Callable[[], object] | None]] = {}
                 self._synced_at = time.monotonic()
                 self._done = self._read(key)
+                self._is_spared = False
                 if not self._done:
                     self._start(key)
             except OSError as why:
@@ -67,7 +69,7 @@ class WorkFolder:
 
     def __exit__(self, kind: type[BaseException] | None, why: BaseException | None, trace: TracebackType | None) -> None:
         """Remove after a refusal; else only let go."""
-        if isinstance(why, VislocError):
+        if isinstance(why, VislocError) and not self._is_spared:
             self.remove()
         with suppress(OSError):  # closing writes what is left
             self.close()
@@ -122,6 +124,7 @@ class WorkFolder:
         there = sum(path.stat().st_blocks * 512 for path in self.path.iterdir())
         free = shutil.disk_usage(self.path).free
         if free + there < need_bytes * 1.05:
+            self._is_spared = len(self._done) > 1  # more than the key
             raise MapError(
                 f"needs {_size(need_bytes)} of disk, {_size(free + there)} are free",
                 where=str(self.target.parent),

@@ -1,5 +1,6 @@
 """Where a pack is written: what is there already, links, names that nothing can be written to, full disks, builds that fail."""
 
+import errno
 import json
 import os
 import resource
@@ -135,6 +136,30 @@ def test_disk_space_is_asked_for_first(tmp_path: Path, write_raster, monkeypatch
     monkeypatch.setattr("shutil.disk_usage", lambda path: type("Usage", (), {"free": 10_000})())
     with pytest.raises(MapError, match=r"needs 0\.4 MB of disk, 0\.0 MB are free; remedy: free space"):
         build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+    assert not list(tmp_path.glob(".pack*"))
+
+
+def test_what_is_done_stays_where_the_disk_lacks_the_space_for_the_rest(
+    tmp_path: Path, write_raster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A full disk broke a build off, "then give the command again: it goes on with what is done"; that deleted what was done."""
+    write_raster(tmp_path / "a.tif", picture(100), UTM, PLACE, 1.0)
+    monkeypatch.setattr(work_folder, "SYNC_S", 0.0)
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(tmp_path / "x"))
+
+    with monkeypatch.context() as patched:
+        patched.setattr("visloc_companion.prepare.build.feature_levels", full)
+        with pytest.raises(MapError, match="No space left"):
+            build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+    with monkeypatch.context() as patched:
+        patched.setattr("shutil.disk_usage", lambda path: type("Usage", (), {"free": 10_000})())
+        with pytest.raises(MapError, match=r"of disk, .* are free; remedy: free space"):
+            build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+    assert (tmp_path / ".pack.building" / "ortho.tif").is_file()
+    monkeypatch.setattr("visloc_companion.prepare.build.write_ortho", lambda *_: pytest.fail("written again"))
+    assert build_pack([tmp_path / "a.tif"], None, tmp_path / "pack").share_valid == 1.0
 
 
 @pytest.mark.parametrize("can_exchange", [True, False])
