@@ -23,6 +23,7 @@ from visloc_companion.prepare.work_folder import synced
 from visloc_companion.sim.landscape import build_landscape
 from visloc_companion.sim.season import Date
 
+CACHE_REMEDY = "set XDG_CACHE_HOME to a writable folder with 1 GB of space"
 MAKERS = (
     *("sim/landscape*.py", "sim/season.py", "sim/scene.py", "prepare/*.py", "maps/*.py", "localise/features/*.py"),
     *("localise/shadow.py", "localise/parabola.py", "geo/raster.py", "geo/wgs84.py"),
@@ -40,8 +41,12 @@ class ProceduralWorld:
 
 
 def cache_folder() -> Path:
-    """Where worlds are kept: `$XDG_CACHE_HOME/visloc` or `~/.cache/visloc`."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "visloc"
+    """Where worlds are kept: `$XDG_CACHE_HOME/visloc` or `~/.cache/visloc`. Raises ConfigError for a user without a home (a
+    container's, of a number alone)."""
+    try:
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "visloc"
+    except RuntimeError as why:
+        raise ConfigError(f"the procedural world cannot be kept: {why}", remedy=CACHE_REMEDY) from why
 
 
 def procedural_world(
@@ -111,8 +116,7 @@ def _draft(folder: Path, prefix: str) -> Iterator[Path]:
         try:
             draft = kept.enter_context(draft_in(folder, prefix))
         except OSError as why:
-            remedy = "set XDG_CACHE_HOME to a writable folder with 1 GB of space"
-            raise ConfigError(f"the procedural world cannot be kept: {why}", where=str(folder), remedy=remedy) from why
+            raise ConfigError(f"the procedural world cannot be kept: {why}", where=str(folder), remedy=CACHE_REMEDY) from why
         yield draft
 
 

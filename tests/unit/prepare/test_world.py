@@ -122,6 +122,18 @@ def test_the_cache_is_the_users(monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
     assert cache_folder() == tmp_path / ".cache" / "visloc"
 
 
+def test_a_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a container that is run as a number: a traceback of pathlib's."""
+
+    def none(_: object) -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", classmethod(none))
+    with pytest.raises(ConfigError, match=r"cannot be kept: Could not determine home.*set XDG_CACHE_HOME"):
+        cache_folder()
+
+
 def test_other_code_makes_another_world(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The digest of the code that makes worlds is part of the folder's name."""
     package = tmp_path / "visloc_companion"
