@@ -21,7 +21,8 @@ class Level(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What a check found: the level and what was read. `remedy` replaces the rule's; `parameters` are the autopilot's to set."""
+    """What a check found: the level and what was read. `parameters` are the autopilot's to set; `remedy` replaces the rule's, or
+    says what is to be done besides setting them."""
 
     level: Level
     read: str
@@ -72,16 +73,18 @@ class Rule:
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """A rule's answer for one set of facts."""
+    """A rule's answer for one set of facts. `besides`: the part of the remedy beyond setting `parameters`."""
 
     rule: Rule
     level: Level
     read: str
     remedy: str
     parameters: Mapping[str, float] = field(default_factory=dict)
+    besides: str = ""
 
 
 REBOOT = "then reboot the autopilot"
+FASTER_URL = "from then on link.url = serial:DEVICE:921600"
 _ORDER = (Level.RED, Level.AMBER, Level.GREEN, Level.SKIPPED)
 
 
@@ -98,10 +101,10 @@ def _answer(rule: Rule, facts: Facts) -> Judged:
     if rule.poses and not facts.sends_poses:
         return Judged(rule, Level.SKIPPED, str(facts.choice), "concerns positions of a vision system only")
     finding = rule.check(facts)
-    remedy = "" if finding.level is Level.GREEN else finding.remedy or rule.remedy
     if finding.parameters:
-        remedy = _to_set(rule, finding.parameters)
-    return Judged(rule, finding.level, finding.read, remedy, finding.parameters)
+        remedy = _to_set(rule, finding.parameters, finding.remedy)
+        return Judged(rule, finding.level, finding.read, remedy, finding.parameters, finding.remedy)
+    return Judged(rule, finding.level, finding.read, "" if finding.level is Level.GREEN else finding.remedy or rule.remedy)
 
 
 def agree(judged: list[Judged], agreed: Mapping[str, float]) -> list[Judged]:
@@ -111,12 +114,12 @@ def agree(judged: list[Judged], agreed: Mapping[str, float]) -> list[Judged]:
 
 def _agreeing(answer: Judged, agreed: Mapping[str, float]) -> Judged:
     parameters = {name: agreed.get(name, value) for name, value in answer.parameters.items()}
-    return replace(answer, parameters=parameters, remedy=_to_set(answer.rule, parameters))
+    return replace(answer, parameters=parameters, remedy=_to_set(answer.rule, parameters, answer.besides))
 
 
-def _to_set(rule: Rule, parameters: Mapping[str, float]) -> str:
+def _to_set(rule: Rule, parameters: Mapping[str, float], besides: str) -> str:
     values = ", ".join(f"{name} = {number(value)}" for name, value in parameters.items())
-    return f"set {values}" + (f", {REBOOT}" if REBOOT in rule.remedy else "")
+    return f"set {values}" + (f", {REBOOT}" if REBOOT in rule.remedy else "") + (f"; {besides}" if besides else "")
 
 
 def number(value: float) -> str:

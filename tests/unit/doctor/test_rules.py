@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.unit.doctor.breaks import BREAKS
-from tests.unit.doctor.changes import Break, Change, both, config, link, parameters, without
+from tests.unit.doctor.changes import SLOW_LINE, Break, Change, both, config, link, parameters, without
 from visloc_companion.doctor.facts import Facts, GimbalHeard
 from visloc_companion.doctor.finding import Level, agree, judge
 from visloc_companion.doctor.parameter_file import changes
@@ -91,6 +91,78 @@ def test_what_a_measured_height_asks_for_is_not_set_by_itself(good: Good) -> Non
     """Judged again with the new pressure and the old height it asked for ever more: 1172 hPa in PX4's simulator."""
     facts = both(parameters(SENS_BARO_QNH=1003.25), link(barometer_h_amsl_m=405.5))(good(KINDS[1]))
     assert "SENS_BARO_QNH" not in changes(RULES, facts)
+
+
+SLOW = link(url=SLOW_LINE)
+TWO_OLD = parameters(SERIAL1_PROTOCOL=1, SERIAL1_BAUD=57, SERIAL2_PROTOCOL=1, SERIAL2_BAUD=57)
+
+
+@pytest.mark.parametrize(
+    ("kind", "change", "rule", "words"),
+    [
+        (KINDS[0], both(SLOW, TWO_OLD), "ap-serial-baud", "SERIAL1_BAUD = 921 or SERIAL2_BAUD = 921, whichever"),
+        (
+            KINDS[0],
+            both(SLOW, parameters(SERIAL1_BAUD=921, SERIAL2_PROTOCOL=2, SERIAL2_BAUD=57)),
+            "ap-serial-baud",
+            "SERIAL2_BAUD",
+        ),
+        (KINDS[0], both(link(mavlink_version=1), TWO_OLD), "ap-serial-protocol", "SERIAL1_PROTOCOL = 2 or SERIAL2_PROTOCOL = 2"),
+        (KINDS[0], link(rtt_ms=(700.0,) * 9), "ap-viso-delay", "VISO_DELAY_MS = 250"),
+        (
+            KINDS[1],
+            both(SLOW, parameters(MAV_0_CONFIG=101, SER_TEL1_BAUD=57600, SER_TEL2_BAUD=57600, SER_GPS1_BAUD=57600)),
+            "px4-serial-baud",
+            "SER_TEL1_BAUD = 921600 or SER_TEL2_BAUD = 921600, whichever is the companion's port, then reboot the autopilot; ",
+        ),
+        (KINDS[1], link(rtt_ms=(1500.0,) * 9), "px4-delay-max", "a faster way (link-round-trip): EKF2_DELAY_MAX is at most 1000"),
+    ],
+)
+def test_what_only_one_of_several_ports_needs_is_told_and_not_set(
+    good: Good, kind: AutopilotKind, change: Change, rule: str, words: str
+) -> None:
+    """What was measured stays as parameters change: each round set the next port, the pilot's radio and the receiver's, too."""
+    facts = change(good(kind))
+    (answer,) = [a for a in judge(RULES, facts) if a.rule.id == rule]
+    assert (answer.level in (Level.RED, Level.AMBER), words in answer.remedy, answer.parameters) == (True, True, {})
+    assert changes(RULES, facts) == {}
+
+
+def test_the_port_of_the_only_mavlink_instance_is_set(good: Good) -> None:
+    """A receiver's port with the same speed is none of it; the URL must follow."""
+    facts = both(SLOW, parameters(SER_TEL2_BAUD=57600, SER_GPS1_BAUD=57600))(good(KINDS[1]))
+    (answer,) = [a for a in agree(judge(RULES, facts), changes(RULES, facts)) if a.parameters]
+    assert changes(RULES, facts) == {"SER_TEL2_BAUD": 921600.0}
+    reboot = "set SER_TEL2_BAUD = 921600, then reboot the autopilot"
+    assert answer.remedy == f"{reboot}; from then on link.url = serial:DEVICE:921600"
+
+
+def test_mavlink_2_on_a_port_that_is_not_counted_sets_no_other(good: Good) -> None:
+    """USB is SERIAL0; SERIAL1 may be the radio control's."""
+    facts = parameters(SERIAL1_PROTOCOL=23)(good(KINDS[0]))
+    (answer,) = [a for a in judge(RULES, facts) if a.rule.id == "ap-serial-protocol"]
+    assert answer.level is Level.GREEN
+
+
+@pytest.mark.parametrize("least_ms", [2.0, 49.0, 60.4, 60.6, 80.6, 120.4, 260.0, 320.0])
+@pytest.mark.parametrize("value", [0, 10, 60, 90, 200, 251])
+def test_a_delay_that_was_set_as_told_stands(good: Good, value: float, least_ms: float) -> None:
+    """81 ms were told at 80.6, and then 10, and then 81."""
+    facts = both(link(rtt_ms=(2 * least_ms,) * 9), parameters(VISO_DELAY_MS=value))(good(KINDS[0]))
+    set_to = parameters(**changes(RULES, facts))(facts)
+    (answer,) = [a for a in judge(RULES, set_to) if a.rule.id == "ap-viso-delay"]
+    told = re.search(r"VISO_DELAY_MS = (\d+)", answer.remedy)
+    if told is not None:
+        set_to = parameters(VISO_DELAY_MS=float(told.group(1)))(set_to)
+        (answer,) = [a for a in judge(RULES, set_to) if a.rule.id == "ap-viso-delay"]
+    assert "VISO_DELAY_MS" not in answer.remedy
+    assert (answer.level is Level.GREEN) == (least_ms <= 300)
+
+
+@pytest.mark.parametrize(("url", "instance"), [("udpin:0.0.0.0:14540", 2), ("serial:/dev/ttyAMA0:921600", 1)])
+def test_the_mavlink_instance_of_the_links_kind_is_set(good: Good, url: str, instance: int) -> None:
+    facts = both(parameters(MAV_1_MODE=0, MAV_2_CONFIG=1000, MAV_2_MODE=0), link(url=url))(good(KINDS[1]))
+    assert changes(RULES, facts) == {f"MAV_{instance}_MODE": 2.0}
 
 
 def test_a_barometer_that_says_nothing_is_not_judged(good: Good) -> None:

@@ -6,8 +6,8 @@ import re
 
 from visloc_companion.adapters.mavlink.outputs.kinds import Output
 from visloc_companion.doctor.facts import Facts
-from visloc_companion.doctor.finding import REBOOT, Finding, Level, Rule, amber, green, red, skipped
-from visloc_companion.doctor.rules.parameter import own_system, parameter, within
+from visloc_companion.doctor.finding import FASTER_URL, REBOOT, Finding, Level, Rule, amber, green, red, skipped
+from visloc_companion.doctor.rules.parameter import one_to_set, own_system, parameter, within
 from visloc_companion.types import AutopilotKind
 
 AP = AutopilotKind.ARDUPILOT
@@ -48,10 +48,10 @@ def _protocol(facts: Facts) -> Finding:
     if ports and (spoken == MAVLINK2 or not old):
         return green(read)
     if old:
-        return red(read, parameters={f"SERIAL{old[0]}_PROTOCOL": float(MAVLINK2)})
+        return one_to_set(read, {f"SERIAL{number}_PROTOCOL": float(MAVLINK2) for number in old}, of=len(ports) + len(old))
     if _serial_baud_of_link(facts) is None:
         return green(f"{read}; the link is no serial line")
-    return red(read, parameters={"SERIAL1_PROTOCOL": float(MAVLINK2)})
+    return green(f"{read}; the link is on another") if facts.link is not None and spoken == MAVLINK2 else red(read)
 
 
 def _names(ports: list[int]) -> str:
@@ -68,8 +68,7 @@ def _baud(facts: Facts) -> Finding:
     same = [name for name, value in bauds.items() if baud_of(value) == wanted]
     if not same:
         return amber(read)
-    slow = wanted < LEAST_BAUD
-    return red(read, parameters=dict.fromkeys(same[:1], 921.0)) if slow else green(read)
+    return one_to_set(read, dict.fromkeys(same, 921.0), len(ports), FASTER_URL) if wanted < LEAST_BAUD else green(read)
 
 
 def _stream_rates(facts: Facts) -> Finding:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 from visloc_companion.doctor.facts import Facts
-from visloc_companion.doctor.finding import REBOOT, Finding, Level, Rule, amber, green, red, skipped
+from visloc_companion.doctor.finding import REBOOT, Finding, Level, Rule, amber, green, number, red, skipped
 from visloc_companion.doctor.rules.parameter import least_quality, parameter, within
 from visloc_companion.types import AutopilotKind
 
 AP = AutopilotKind.ARDUPILOT
-MAX_DELAY_MS, LINK_DELAY_MS = 250, 50
+MAX_DELAY_MS, LINK_DELAY_MS, WIRE_MS = 250, 50, 10.0
 VISION_CHECK = 1 << 18
 ALL_CHECKS, ALL_BUT_VISION = 1, 786430
 MAX_OFFSET_M = 0.3
@@ -28,12 +28,14 @@ def _delay(name: str, value: float, facts: Facts) -> Finding:
     rtt_ms = facts.link.rtt_ms if facts.link is not None else ()
     latency = f", shortest way here {min(rtt_ms) / 2:.1f} ms" if rtt_ms else ""
     read = f"{name} = {value:g} ms{latency}"
-    if value > MAX_DELAY_MS or value < 0:
-        return red(f"{read}: beyond what the EKF buffers", parameters={name: 10.0})
     least = min(rtt_ms) / 2 if rtt_ms else 0.0
+    wanted = float(min(MAX_DELAY_MS, round(least))) if least > WIRE_MS + LINK_DELAY_MS else WIRE_MS
+    if value > MAX_DELAY_MS or value < 0:
+        return red(f"{read}: beyond what the EKF buffers", parameters={name: wanted})
     if least > value + LINK_DELAY_MS:
-        return amber(read, f"a faster way (link-round-trip); or {name} = {min(MAX_DELAY_MS, round(least))}, {REBOOT}")
-    return green(read) if value <= max(LINK_DELAY_MS, least) else amber(read, parameters={name: 10.0})
+        slower = "" if value == wanted else f"; or {name} = {number(wanted)}, {REBOOT}"
+        return amber(read, f"a faster way (link-round-trip){slower}")
+    return green(read) if value <= least + LINK_DELAY_MS else amber(read, parameters={name: wanted})
 
 
 def _noise(name: str, value: float, facts: Facts) -> Finding:

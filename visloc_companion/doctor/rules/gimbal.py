@@ -133,7 +133,7 @@ def _measured(camera: CameraConfig, facts: Facts) -> Finding:
     if camera.mount == "fixed":
         return green(FIXED)
     if not facts.parameters:
-        return skipped("no parameters were read", "connect the autopilot, or give --parameters FILE")
+        return skipped("no parameters were read", "connect the autopilot, and name it in link.url")
     if facts.autopilot is AutopilotKind.PX4:
         output = facts.parameters.get("MNT_MODE_OUT")
         told_only = output == AUX_OUTPUT

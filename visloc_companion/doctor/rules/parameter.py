@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from visloc_companion.doctor.facts import Facts
-from visloc_companion.doctor.finding import Finding, Level, Rule, green, number, red, skipped
+from visloc_companion.doctor.finding import REBOOT, Finding, Level, Rule, green, number, red, skipped
 from visloc_companion.types import AutopilotKind
 
 Judge = Callable[[str, float, Facts], Finding]
@@ -73,6 +73,15 @@ def least_quality(name: str, value: float, facts: Facts) -> Finding:
         return green(f"{read}, and ODOMETRY carries a quality")
     level = Level.AMBER if facts.config is not None and output == "auto" else Level.RED
     return Finding(level, read + (": the daemon sends ODOMETRY for it" if level is Level.AMBER else ""), parameters={name: 0.0})
+
+
+def one_to_set(read: str, values: dict[str, float], of: int, besides: str = "") -> Finding:
+    """Red; set by itself only where the vehicle has one MAVLink port. Which of several is ours nobody says: one that was set
+    and not rebooted still shows its old self on the link, and the next in turn may be the pilot's radio."""
+    if of == 1:
+        return red(read, besides, values)
+    asked = " or ".join(f"{name} = {number(value)}" for name, value in values.items())
+    return red(read, f"{asked}, whichever is the companion's port, {REBOOT}" + (f"; {besides}" if besides else ""))
 
 
 def own_system(name: str, value: float, facts: Facts) -> Finding:

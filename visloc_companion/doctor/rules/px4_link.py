@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 
 from visloc_companion.doctor.facts import Facts
-from visloc_companion.doctor.finding import REBOOT, Finding, Level, Rule, amber, green, red, skipped
-from visloc_companion.doctor.rules.parameter import own_system, parameter, within
+from visloc_companion.doctor.finding import FASTER_URL, REBOOT, Finding, Level, Rule, amber, green, red, skipped
+from visloc_companion.doctor.rules.parameter import one_to_set, own_system, parameter, within
 from visloc_companion.types import AutopilotKind
 
 PX4 = AutopilotKind.PX4
@@ -15,6 +15,9 @@ WITH_TIMESYNC = (ONBOARD, 5, 8, 9, 11, 13)
 """The modes with TIMESYNC at 10 Hz: onboard, config, external vision (also minimal), onboard and other low bandwidth."""
 ETHERNET = 1000
 """The one value of MAV_n_CONFIG and its like that several may have."""
+PORTS = {6: "URT6", 101: "TEL1", 102: "TEL2", 103: "TEL3", 104: "TEL4", 201: "GPS1", 202: "GPS2", 203: "GPS3", 300: "RC"}
+PORTS |= {301: "WIFI", 401: "PPB"}
+"""Serial ports by the value of MAV_n_CONFIG (Tools/serial/generate_config.py)."""
 MAVLINK2 = 2
 LEAST_RATE_BPS, LEAST_BAUD, LEAST_TIMESYNC_HZ = 10_000, 115_200, 5.0
 
@@ -36,7 +39,9 @@ def _mode(facts: Facts) -> Finding:
     read = ", ".join(f"MAV_{number}_MODE = {known.get('MODE', -1):g}" for number, known in sorted(instances.items()))
     if any(known.get("MODE") in WITH_TIMESYNC for known in instances.values()):
         return green(read)
-    return red(read, parameters={f"MAV_{max(instances)}_MODE": float(ONBOARD)})
+    serial = facts.link is None or facts.link.url.startswith("serial:")
+    here = [number for number, known in instances.items() if (known.get("CONFIG") == ETHERNET) != serial]
+    return red(read, parameters={f"MAV_{max(here or instances)}_MODE": float(ONBOARD)})
 
 
 def _rate(facts: Facts) -> Finding:
@@ -62,10 +67,17 @@ def _baud(facts: Facts) -> Finding:
     bauds = {name: value for name, value in facts.parameters.items() if re.fullmatch(r"SER_\w+_BAUD", name)}
     wanted = int(url.rpartition(":")[2])
     read = f"the link has {wanted}; " + ", ".join(f"{name} = {value:g}" for name, value in sorted(bauds.items()))
-    same = sorted(name for name, value in bauds.items() if value == wanted)
+    ports = _mavlink_ports(facts) & bauds.keys() or set(bauds)
+    same = sorted(name for name in ports if bauds[name] == wanted)
     if not same:
         return amber(read)
-    return green(read) if wanted >= LEAST_BAUD else red(read, parameters=dict.fromkeys(same[:1], 921600.0))
+    return green(read) if wanted >= LEAST_BAUD else one_to_set(read, dict.fromkeys(same, 921600.0), len(ports), FASTER_URL)
+
+
+def _mavlink_ports(facts: Facts) -> set[str]:
+    """SER_*_BAUD of the ports that MAVLink instances have."""
+    configs = (int(known.get("CONFIG", 0.0)) for known in _instances(facts).values())
+    return {f"SER_{PORTS[config]}_BAUD" for config in configs if config in PORTS}
 
 
 def _dds(name: str, value: float, facts: Facts) -> Finding:

@@ -12,7 +12,7 @@ from visloc_companion.doctor.rules.parameter import bit_clear, least_quality, pa
 from visloc_companion.types import AutopilotKind
 
 PX4 = AutopilotKind.PX4
-MAX_DELAY_MS, LEAST_BUFFER_MS, MAX_OFFSET_M = 50, 200, 0.3
+MAX_DELAY_MS, LEAST_BUFFER_MS, MOST_BUFFER_MS, MAX_OFFSET_M = 50, 200, 1000, 0.3
 GPS_HEIGHT, RANGE_HEIGHT = 1, 2
 SPOOF_CHECK, SPOOF_CHECKED = 1 << 9, (1, 16)
 """Bit of EKF2_GPS_CHECK, and since which version it is there."""
@@ -36,8 +36,10 @@ def _noise(name: str, value: float, facts: Facts) -> Finding:
 def _delay_max(name: str, value: float, facts: Facts) -> Finding:
     worst_ms = max(facts.link.rtt_ms, default=0.0) if facts.link is not None else 0.0
     read = f"{name} = {value:g} ms" + (f", worst round trip {worst_ms:.0f} ms" if worst_ms else "")
+    if worst_ms > MOST_BUFFER_MS:
+        return red(read, f"a faster way (link-round-trip): {name} is at most {MOST_BUFFER_MS}")
     if value < worst_ms:
-        return red(read, parameters={name: float(min(1000, 100 * math.ceil(2 * worst_ms / 100)))})
+        return red(read, parameters={name: float(min(MOST_BUFFER_MS, 100 * math.ceil(2 * worst_ms / 100)))})
     return green(read) if value >= LEAST_BUFFER_MS else amber(read, parameters={name: float(LEAST_BUFFER_MS)})
 
 
