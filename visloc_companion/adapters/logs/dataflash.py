@@ -11,12 +11,12 @@ item or the first fix.
 from __future__ import annotations
 
 import math
-import statistics
 from pathlib import Path
 
 from visloc_companion.adapters.logs.attitude_rates import rates_between
 from visloc_companion.adapters.logs.boots import chosen_boot, logs_of, put_together
 from visloc_companion.adapters.logs.dataflash_format import BEGINNING, Fields, messages
+from visloc_companion.adapters.logs.gnss_times import Told, gnss_times, unix_minus_boot_ns
 from visloc_companion.adapters.logs.lone_leaps import without_lone_leaps
 from visloc_companion.adapters.logs.recording import (
     BESIDE_NS,
@@ -90,7 +90,7 @@ def read_dataflash(path: Path, boot: int = 0) -> Recording:
     read, others = chosen_boot(path, boots, boot)
     losses.reboots = len(boots) - 1
     one = boots[read]
-    events, leaps = without_lone_leaps(path, in_order(one.events), losses)
+    events, leaps = without_lone_leaps(path, in_order([*one.events, *gnss_times(one.utc_told)]), losses)
     return Recording(path, _KIND, events, losses, one.unix_minus_boot_ns, notes=(*others, *leaps, *one.notes))
 
 
@@ -105,7 +105,7 @@ def _boots(data: LogBytes, losses: Losses) -> list[_Reader]:
 
     def join(boot: _Reader, log: _Reader) -> None:
         boot.events += log.events
-        boot.utc_told_ns += log.utc_told_ns
+        boot.utc_told += log.utc_told
         boot.notes = log.notes or boot.notes
 
     return put_together(map(read, logs_of(data, BEGINNING)), join)
@@ -114,7 +114,7 @@ def _boots(data: LogBytes, losses: Losses) -> list[_Reader]:
 class _Reader:
     def __init__(self, losses: Losses) -> None:
         self.events: list[tuple[int, Event]] = []
-        self.utc_told_ns: list[int] = []
+        self.utc_told: list[Told] = []
         self._losses = losses
         self._t_ns = 0
         self._leap_ns: int | None = None
@@ -136,8 +136,8 @@ class _Reader:
 
     @property
     def unix_minus_boot_ns(self) -> int | None:
-        """UTC of the boot, the median of what the receiver says: one damaged week, or one before it was known, moves nothing."""
-        return round(statistics.median(self.utc_told_ns)) if self.utc_told_ns else None
+        """UTC of the boot."""
+        return unix_minus_boot_ns(self.utc_told)
 
     def take(self, name: str, fields: Fields) -> None:
         """One message; those with missing or impossible values are counted and left out."""
@@ -172,7 +172,7 @@ class _Reader:
                 raise ValueError(t_ns)
             if back:
                 self._losses.dropped_messages += len(self.events)
-                self.events, self.utc_told_ns, self._t_ns = [], [], t_ns
+                self.events, self.utc_told, self._t_ns = [], [], t_ns
                 self._last_attitude = self._last_imu_ns = None
         self._t_ns = max(self._t_ns, t_ns)
         return self._t_ns
@@ -247,7 +247,7 @@ class _Reader:
         if week and ms is not None:
             gps_ns = (_GPS_EPOCH_UNIX_S + week * 604_800) * NS_PER_S + int(ms) * NS_PER_MS
             leap = next(seconds for since, seconds in _LEAP_SECONDS if gps_ns >= (since + seconds) * NS_PER_S)
-            self.utc_told_ns.append(gps_ns - leap * NS_PER_S - t_ns)
+            self.utc_told.append((t_ns, gps_ns - leap * NS_PER_S - t_ns))
 
     def _orgn(self, fields: Fields) -> Event | None:
         return (

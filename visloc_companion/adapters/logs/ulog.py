@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import bisect
 import math
-import statistics
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -17,6 +16,7 @@ import numpy as np
 
 from visloc_companion.adapters.logs.attitude_rates import rates_between
 from visloc_companion.adapters.logs.boots import chosen_boot, logs_of, put_together
+from visloc_companion.adapters.logs.gnss_times import Told, gnss_times, unix_minus_boot_ns
 from visloc_companion.adapters.logs.lone_leaps import without_lone_leaps
 from visloc_companion.adapters.logs.recording import (
     BESIDE_NS,
@@ -134,7 +134,8 @@ def _read(data: LogBytes, losses: Losses) -> _Boot:
     events += _attitudes(topics.get("vehicle_attitude", []), losses)
     events += _origins(topics.get("vehicle_local_position", []), losses)
     events += _global_positions(topics, losses)
-    return _Boot(in_order(events), _unix_minus_boot_ns(heard[0] if heard else None))
+    utc_told = _utc_told(heard[0]) if heard else []
+    return _Boot(in_order([*events, *gnss_times(utc_told)]), unix_minus_boot_ns(utc_told))
 
 
 def _changes(events: list[tuple[int, Event]]) -> Iterator[tuple[int, Event]]:
@@ -361,13 +362,12 @@ _CONVERTERS: dict[str, Callable[[int, Row], Event | None]] = {
 }
 
 
-def _unix_minus_boot_ns(gnss: Topic | None) -> int | None:
-    told_ns = [
-        int(row["time_utc_usec"]) * NS_PER_US - t_ns
-        for t_ns, row in _rows(gnss or [])
+def _utc_told(gnss: Topic) -> list[Told]:
+    return [
+        (t_ns, int(row["time_utc_usec"]) * NS_PER_US - t_ns)
+        for t_ns, row in _rows(gnss)
         if row.get("time_utc_usec", 0) > 0 and row.get("fix_type", 0) >= FIX_3D
     ]
-    return round(statistics.median(told_ns)) if told_ns else None
 
 
 def _place(lat_deg: float, lon_deg: float, h_amsl_m: float) -> GeoPoint:
