@@ -23,16 +23,21 @@ from visloc_companion.errors import Reason
 from visloc_companion.types import Fix, Image, LocaliseRequest, MapAtGnss, NoFix, TerrainRequest, WorkerState
 
 Answer = Callable[[LocaliseRequest, Image], Fix | NoFix]
-_FRAMES_KEPT = 64
+_FRAMES_KEPT, _LEAST_KEPT, _BYTES_KEPT = 64, 8, 512 * 2**20
+"""64 frames of 12 MP in colour would take 2.3 GB."""
 _DEFAULT_LATENCY_NS = 200_000_000
 
 
 class RecordedFrames:
-    """Frames by number from a stream in the order of recording; the last 64 are kept, for requests ask for recent ones."""
+    """Frames by number from a stream in the order of recording.
+
+    Requests ask for recent ones: the last 64 are kept, fewer (but 8) where they take more than 512 MiB.
+    """
 
     def __init__(self, frames: Iterator[tuple[int, Image]]) -> None:
         self._frames = frames
         self._kept: OrderedDict[int, Image] = OrderedDict()
+        self._n_bytes = 0
 
     def get(self, frame_id: int) -> Image | None:
         """Pixels of a frame, None where it was not recorded."""
@@ -40,10 +45,15 @@ class RecordedFrames:
             following = next(self._frames, None)
             if following is None:
                 return None
-            self._kept[following[0]] = following[1]
-            if len(self._kept) > _FRAMES_KEPT:
-                self._kept.popitem(last=False)
+            self._keep(*following)
         return self._kept.get(frame_id)
+
+    def _keep(self, frame_id: int, pixels: Image) -> None:
+        again = self._kept.get(frame_id)
+        self._kept[frame_id] = pixels
+        self._n_bytes += pixels.nbytes - (0 if again is None else again.nbytes)
+        while len(self._kept) > _FRAMES_KEPT or (self._n_bytes > _BYTES_KEPT and len(self._kept) > _LEAST_KEPT):
+            self._n_bytes -= self._kept.popitem(last=False)[1].nbytes
 
 
 def rerun(

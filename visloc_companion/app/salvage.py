@@ -2,7 +2,7 @@
 
 The library's readers stop at the first damage and check no chunk unless asked. This one walks the records in file order,
 checks every chunk's CRC, and after damage searches for the next whole chunk, so a killed writer costs the last chunk and a
-flipped byte costs one. Format: https://mcap.dev/spec.
+flipped byte costs one. Of two journals that were joined the first is read: the second's times are of another boot. Format: https://mcap.dev/spec.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from mcap.records import Channel
 from visloc_companion.errors import JournalError
 
 MAGIC = b"\x89MCAP0\r\n"
+_BEGINNING = MAGIC + bytes([int(Opcode.HEADER)])
 _RECORD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQI")
 _MESSAGE = struct.Struct("<HIQ8x")
@@ -63,14 +64,24 @@ def read_records(data: bytes | mmap, where: str, on_damage: OnDamage) -> Iterato
         except _DamageError as why:
             on_damage(f"byte {position}: {why}")
             following = _next_chunk(data, position + 1)
-            if following is None:
+            if following is None or _another_begins(data, position, following, on_damage):
                 return
             position = following
             continue
         yield from messages
-        if opcode == Opcode.FOOTER:
+        # a record that was cut may span the beginning of the next file
+        until = len(data) if opcode == Opcode.FOOTER else end + len(_BEGINNING)
+        if opcode != Opcode.CHUNK and (_another_begins(data, position, until, on_damage) or opcode == Opcode.FOOTER):
             return
         position = end
+
+
+def _another_begins(data: bytes | mmap, start: int, end: int, on_damage: OnDamage) -> bool:
+    """Whether a second file begins between two bytes; told."""
+    at = data.find(_BEGINNING, start, end)
+    if at >= 0:
+        on_damage(f"another journal begins at byte {at} and is not read (tail -c +{at + 1} makes a file of it)")
+    return at >= 0
 
 
 def _frame(data: bytes | mmap, position: int) -> tuple[int, int]:

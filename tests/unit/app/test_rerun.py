@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -127,3 +128,28 @@ def test_a_worker_that_died_in_flight_answers_now() -> None:
         for entries in (old, [*old[:at], died, *old[at:]])
     ]
     assert answered[1] == answered[0] > 10
+
+
+def test_large_frames_are_kept_in_bounded_memory() -> None:
+    """64 of 12 MP in colour were 2.3 GB."""
+    shape, alive = (3000, 4000, 3), list[weakref.ref[Image]]()
+
+    def large() -> Iterator[tuple[int, Image]]:
+        for n in range(1, 41):
+            pixels = np.zeros(shape, np.uint8)
+            alive.append(weakref.ref(pixels))
+            yield n, pixels
+
+    store = RecordedFrames(large())
+    assert store.get(40) is not None
+    kept = sum(ref() is not None for ref in alive)
+    assert 8 <= kept <= 2**29 // (3000 * 4000 * 3) + 1
+    assert store.get(40 - 8) is not None
+    assert store.get(1) is None
+
+
+def test_frames_beyond_the_bound_are_kept_where_they_are_few() -> None:
+    shape = (12_000, 12_000)
+    store = RecordedFrames((n, np.zeros(shape, np.uint8)) for n in range(1, 11))
+    assert store.get(10) is not None
+    assert [store.get(n) is not None for n in (2, 3, 10)] == [False, True, True]
