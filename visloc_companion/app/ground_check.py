@@ -54,6 +54,28 @@ def look(ground: Ground, place: GeoPoint, t_rx_ns: int) -> MapAtGnss:
     return MapAtGnss(t_rx_ns, place, inside, surface if math.isfinite(surface) else None)
 
 
+class Standing:
+    """Of the link's events: where GNSS puts the vehicle while it is disarmed."""
+
+    def __init__(self, min_fix_type: int) -> None:
+        self._min_fix_type = min_fix_type
+        self._place: GeoPoint | None = None
+        self.grounded = False
+
+    def heard(self, event: Event) -> None:
+        """Take an event of the link."""
+        if isinstance(event, LinkChanged):
+            self.grounded = event.up and not event.armed
+        elif isinstance(event, Gnss) and event.receiver == 0:
+            usable = event.fix_type >= self._min_fix_type and is_place(event.place)
+            self._place = event.place if usable else None
+
+    @property
+    def place(self) -> GeoPoint | None:
+        """The place to ask about; None without a usable fix, and while armed or without a link."""
+        return self._place if self.grounded else None
+
+
 class GroundCheck:
     """Watches the link's events and tells the navigator what the map says."""
 
@@ -61,32 +83,27 @@ class GroundCheck:
         self, config: Config, clock: Clock, tell: Callable[[Event], None], open_map: Callable[[Config], Ground] = open_pack
     ) -> None:
         self._config, self._clock, self._tell, self._open = config, clock, tell, open_map
-        self._place: GeoPoint | None = None
-        self._grounded = False
+        self._standing = Standing(config.gnss.min_fix_type)
         self._map: Ground | None = None
 
     def heard(self, event: Event) -> None:
         """Take an event of the link."""
-        if isinstance(event, LinkChanged):
-            self._grounded = event.up and not event.armed
-        elif isinstance(event, Gnss) and event.receiver == 0:
-            usable = event.fix_type >= self._config.gnss.min_fix_type and is_place(event.place)
-            self._place = event.place if usable else None
+        self._standing.heard(event)
 
     async def serve(self) -> None:
         """Until cancelled, or until the map cannot be opened (the worker says why)."""
         while True:
             await asyncio.sleep(PERIOD_S)
-            place = self._place
-            if not self._grounded:
+            place = self._standing.place
+            if not self._standing.grounded:
                 self._map = None
-            if not self._grounded or place is None:
+            if place is None:
                 continue
             try:
                 answer = await asyncio.to_thread(self._ask, place)
             except (VislocError, OSError):
                 return
-            if self._grounded:
+            if self._standing.grounded:
                 self._tell(answer)
 
     def _ask(self, place: GeoPoint) -> MapAtGnss:

@@ -17,6 +17,7 @@ from visloc_companion.adapters.logs.frames import FrameSource
 from visloc_companion.adapters.logs.open import open_log
 from visloc_companion.adapters.logs.recording import Recording, lacking
 from visloc_companion.adapters.logs.truth import TruthRow
+from visloc_companion.app.ground_check import ground_of
 from visloc_companion.app.journal import Entry
 from visloc_companion.app.salvage import MAGIC
 from visloc_companion.app.settings import core_settings, mounting
@@ -161,6 +162,7 @@ class LogSource:
                 core_settings(self.config),
                 eyes=self.eyes,
                 terrain=self._terrain(),
+                ground=None if self.reference is None else ground_of(self.reference),
                 on_progress=advance,
                 pace=self.pace,
             )

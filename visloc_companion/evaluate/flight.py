@@ -11,6 +11,7 @@ from itertools import count
 
 from visloc_companion.adapters.camera.calibration import wrong_size
 from visloc_companion.adapters.logs.frames import FrameSource
+from visloc_companion.app.ground_check import PERIOD_S, Ground, Standing, look
 from visloc_companion.app.journal import Entry
 from visloc_companion.app.terrain import TerrainAnswer
 from visloc_companion.app.worker_process import about_terrain, no_fix
@@ -18,7 +19,7 @@ from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.errors import Reason
 from visloc_companion.protocols import Localiser, ReferenceMap
-from visloc_companion.types import CameraModel, Event, Fix, FrameRef, LocaliseRequest, NoFix, TerrainRequest, Tick
+from visloc_companion.types import CameraModel, Event, Fix, FrameRef, LinkChanged, LocaliseRequest, NoFix, TerrainRequest, Tick
 
 NS_PER_S = 1_000_000_000
 ANSWER_DELAY_S = 0.15
@@ -64,12 +65,13 @@ def replay_recording(
     *,
     eyes: RecordedEyes | None = None,
     terrain: TerrainAnswer | None = None,
+    ground: Ground | None = None,
     on_progress: Callable[[float], None] | None = None,
     pace: Pace | None = None,
 ) -> Iterator[Entry]:
     """The entries (events and commands, as a journal holds them) of a recording that is flown through a new navigator.
 
-    `terrain` answers about the ground below the track.
+    `terrain` answers about the ground below the track, `ground` about where GNSS puts the vehicle while it is disarmed.
     `events` are in time order on the recording's clock, which is the navigator's. `pace(t_ns)` is called before each event, to
     replay in real time. `on_progress` is told the seconds that are done.
     """
@@ -77,7 +79,7 @@ def replay_recording(
     due: list[tuple[int, int, Event]] = []
     order = count()
     start_ns = events[0][0] if events else 0
-    stream = _with_ticks(_merged(events, eyes), settings.navigator.output_rate_hz)
+    stream = _with_ticks(_merged(_with_ground(events, settings, ground), eyes), settings.navigator.output_rate_hz)
     told_s = -math.inf
     for t_ns, event in _with_answers(stream, due):
         if pace is not None:
@@ -95,6 +97,21 @@ def replay_recording(
         if on_progress is not None and done_s - told_s >= 1:
             told_s = done_s
             on_progress(done_s)
+
+
+def _with_ground(events: Sequence[_Timed], settings: CoreSettings, ground: Ground | None) -> Sequence[_Timed]:
+    """What the map says on the ground, as the daemon would have been told. A log that never arms may be one of a flight without
+    its arming, whose heights are no mistake: there nothing is asked."""
+    if ground is None or not any(isinstance(event, LinkChanged) and event.armed for _, event in events):
+        return events
+    standing, due_ns, told = Standing(settings.gnss.min_fix_type), events[0][0], list[_Timed]()
+    for t_ns, event in events:
+        standing.heard(event)
+        told.append((t_ns, event))
+        if t_ns >= due_ns and standing.place is not None:
+            told.append((t_ns, look(ground, standing.place, t_ns)))
+            due_ns = t_ns + round(PERIOD_S * NS_PER_S)
+    return told
 
 
 def _merged(events: Sequence[_Timed], eyes: RecordedEyes | None) -> Iterator[_Timed]:

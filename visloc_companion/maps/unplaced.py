@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,7 @@ def _stating(path: Path, driver: str) -> str:
     """How to state the CRS. GDAL reads no .prj beside a raster, and writes into no PNG or JPEG: a GeoTIFF can always be made."""
     beside = path.with_suffix(".prj")
     if beside.is_file():
-        return f"gdal_translate -a_srs '{beside.name}' FILE NEW.tif, if the .prj beside it is that of its grid"
+        return f"gdal_translate -a_srs {shlex.quote(str(beside))} FILE NEW.tif, if the .prj beside it is that of its grid"
     if driver == "GTiff":
         return "gdal_edit.py -a_srs EPSG:CODE FILE, with the code of its grid"
     return "gdal_translate -a_srs EPSG:CODE FILE NEW.tif, with the code of its grid"

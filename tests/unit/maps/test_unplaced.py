@@ -42,7 +42,7 @@ def test_a_crs_is_stated_in_a_way_that_the_format_allows(tmp_path: Path, name: s
     with pytest.raises(DatumMissing, match=rf"{name}: has no coordinate reference system; remedy: {remedy}"):
         open_ortho(path)
     path.with_suffix(".prj").write_text(CRS.from_epsg(32632).to_wkt(version="WKT1_ESRI"))
-    with pytest.raises(DatumMissing, match=r"remedy: gdal_translate -a_srs 'a\.prj' FILE NEW\.tif"):
+    with pytest.raises(DatumMissing, match=rf"remedy: gdal_translate -a_srs {tmp_path}/a\.prj FILE NEW\.tif"):
         open_ortho(path)
 
 

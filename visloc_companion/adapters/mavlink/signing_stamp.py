@@ -57,11 +57,6 @@ class StampFile:
         with contextlib.suppress(RuntimeError):  # the system has no thread to spare: the next one is soon
             self._writing.start()
 
-    def wait(self) -> None:
-        """Return when the last stamp that was to be written is, or has failed."""
-        if self._writing is not None and self._writing.is_alive():
-            self._writing.join()
-
     def _write(self, stamp: int) -> None:
         try:
             write_whole(self._path, f"{stamp}\n".encode("ascii"))
