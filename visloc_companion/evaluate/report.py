@@ -145,7 +145,8 @@ def _checks_table(checks: Sequence[Check]) -> str:
         )
         for check in checks
     ]
-    return f"<h2>What was required</h2>{_table(('requirement', 'measured|n', 'limit|n', ''), rows)}"
+    table = _table(("requirement", "measured|n", "limit|n", ""), rows)
+    return f'<h2>What was required</h2><div class="scroll checks">{table}</div>'
 
 
 def _maps(

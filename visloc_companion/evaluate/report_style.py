@@ -11,7 +11,7 @@ CSS = """
 --waiting-fill:#3a424c;--shadow-fill:#1f4c78;--aiding-fill:#215c38;--dead-fill:#74500f;--lost-fill:#7a2b29;--on-fill:#eceff3}}
 *{box-sizing:border-box}
 body{margin:0;background:var(--bg);color:var(--ink);
-font:16px/1.45 system-ui,-apple-system,"Segoe UI",Roboto,"DejaVu Sans",sans-serif}
+font:16px/1.45 system-ui,-apple-system,"Segoe UI",Roboto,"DejaVu Sans",sans-serif;overflow-wrap:anywhere}
 main{max-width:1280px;margin:0 auto;padding:24px 20px 48px}
 h1{font-size:26px;line-height:1.2;margin:0 0 4px}h2{font-size:20px;margin:36px 0 6px}h3{font-size:16px;margin:0 0 4px}
 p{margin:4px 0 12px;max-width:78ch}.soft{color:var(--soft)}
@@ -23,7 +23,7 @@ background:var(--panel);border-left:8px solid var(--good)}
 .tiles{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(210px,46%),1fr));gap:10px;margin:14px 0}
 .tile{background:var(--panel);border-radius:8px;padding:10px 12px}.tile b{display:block;font-size:22px;line-height:1.25;
 font-variant-numeric:tabular-nums}.tile span{color:var(--soft);font-size:14px}
-table{border-collapse:collapse;width:100%;font-size:15px;font-variant-numeric:tabular-nums}
+table{overflow-wrap:normal;border-collapse:collapse;width:100%;font-size:15px;font-variant-numeric:tabular-nums}
 th,td{text-align:left;padding:6px 10px;border-bottom:1px solid var(--rule);vertical-align:top}
 th{color:var(--soft);font-weight:600}td.n,th.n{text-align:right}td.n{white-space:nowrap}.yes{color:var(--good);font-weight:650}.no{color:var(--bad);font-weight:650}
 .scroll{overflow-x:auto}.two{display:grid;grid-template-columns:repeat(2,minmax(0,1fr));gap:20px 28px}.two>*{min-width:0}
@@ -57,6 +57,7 @@ text{fill:var(--ink);font-size:14px;font-family:inherit}.label{fill:var(--soft);
 .s-on{fill:var(--on-fill)}.s-off{fill:var(--waiting-fill)}
 @media (max-width:760px){main{padding:14px 12px 36px}.two{grid-template-columns:minmax(0,1fr)}h1{font-size:22px}
 .map text{font-size:21px}.half text{font-size:19px}td,th{padding:5px 6px;font-size:14px}td.wrap{white-space:normal}
+.checks td{overflow-wrap:anywhere}.checks td:last-child{overflow-wrap:normal}
 dl{grid-template-columns:1fr}dd{margin-bottom:6px}}
 @media print{main{max-width:none}h2{break-after:avoid}svg,table{break-inside:avoid}}
 """
