@@ -60,15 +60,16 @@ class Feed:
             self._heard = Heard(snapshot, self._clock_s())
         except NoAnswer as why:
             self._heard = Heard(self._heard.snapshot, self._heard.at_s, str(why))
-        view = self.view()
+        now_s = self._clock_s()
+        view = view_of(self._heard, self._source.origin, now_s)
         sample = self._history.take(view)
-        self._message = _event("view", {"view": view, "sample": sample, "began": self._history.began})
+        self._message = _event("view", {"view": view, "sample": sample, "began": self._history.began, "at_s": now_s})
         self._wake()
 
     def history_message(self) -> bytes:
         """What a browser is given first: all that is kept, as an event of the stream."""
         samples: list[Sample | None] = self._history.samples()
-        return _event("history", {"samples": samples, "began": self._history.began})
+        return _event("history", {"samples": samples, "began": self._history.began, "at_s": self._clock_s()})
 
     async def next_message(self) -> bytes | None:
         """Wait for the next view, as an event of the stream; None when the server ends."""

@@ -10,7 +10,12 @@ from visloc_companion.web.feed import Feed
 
 SEND_S = 5.0
 """A view that a client has not taken for so long ends its stream."""
-HEADERS = [(b"content-type", b"text/event-stream; charset=utf-8"), (b"cache-control", b"no-store")]
+HEADERS = [
+    (b"content-type", b"text/event-stream; charset=utf-8"),
+    (b"cache-control", b"no-store"),
+    (b"x-accel-buffering", b"no"),
+]
+"""A proxy that collects some pages of views would show the past: nginx reads the last one."""
 BUSY = b"as many browsers look at this page as may; close one\n"
 
 

@@ -21,7 +21,8 @@ Object.defineProperty(globalThis, "performance", { value: { now: () => now } });
 globalThis.setTimeout = (then) => waiting.push(then);
 const views = [];
 const { Stream } = await import("%s");
-const stream = new Stream(() => 0, (said) => views.push(said));
+const lates = [];
+const stream = new Stream(() => 0, (said, late) => { views.push(said); lates.push(late); });
 const pass = (ms) => { for (const end = now + ms; now < end;) { now += 500; stream.look(); } };
 const told = () => console.log(JSON.stringify([opened.map((o) => o.closed), views]));
 """
@@ -44,3 +45,26 @@ def test_a_stream_that_ended_is_opened_once_more() -> None:
     assert page("opened[0].fail(); waiting.splice(0).map((then) => then());") == [[True, False], []]
     late = "opened[0].fail(); pass(11000); waiting.splice(0).map((then) => then()); opened[1].say('view', 3);"
     assert page(late) == [[True, False], [3]]
+
+
+def test_a_slow_line_may_take_long_for_the_history() -> None:
+    """100 kB at 50 kbit/s take 16 s; the page asked for it anew every ten, for ever."""
+    slow = "opened[0].onopen(); pass(40000); opened[0].say('history', 1); pass(9000); opened[0].say('view', 2);"
+    assert page(slow) == [[False], [2]]
+    assert page("opened[0].onopen(); pass(61000);") == [[True, False], []]
+    assert page("opened[0].onopen(); opened[0].say('history', 1); pass(11000);") == [[True, False], []]
+
+
+def test_what_a_line_brings_late_counts_as_old() -> None:
+    """Views that waited in the buffers of a slow line were shown as those of now."""
+    steps = """
+    now = 5000; opened[0].onopen();
+    now = 8000; opened[0].say('history', { at_s: 700 });
+    now = 8100; opened[0].say('view', { at_s: 703 });
+    now = 30000; opened[0].say('view', { at_s: 705 });
+    now = 30100; opened[0].say('view', { at_s: 725.2 });
+    now = 60000; opened[0].say('view', { at_s: 756 });
+    now = 61000; opened[0].say('view', { at_s: 756.5 });
+    console.log(JSON.stringify(lates.map((late) => Math.round(late * 10) / 10)));
+    """
+    assert printed(WORLD + steps, "stream.js") == [0.1, 20.0, 0.0, 0.0, 0.5]

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import socket
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
@@ -70,15 +71,19 @@ async def test_a_browser_gets_the_history_and_then_every_view() -> None:
         reader, writer = await opened(port)
         head = await reader.readuntil(b"\r\n\r\n")
         assert b"text/event-stream" in head
+        assert b"x-accel-buffering: no" in head
         name, first = await event(reader)
         assert name == "history"
         assert len(first["samples"]) > 3  # type: ignore[arg-type]
-        times = []
+        times, clocks = [], [first["at_s"]]
         for _ in range(3):
             name, said = await event(reader)
             assert name == "view"
+            clocks.append(said["at_s"])
             times.append(said["view"]["t_s"])  # type: ignore[index]
         assert times == sorted(set(times))
+        assert clocks == sorted(clocks)  # type: ignore[type-var]
+        assert 0 <= time.monotonic() - clocks[-1] < 5  # type: ignore[operator]
         await closed(writer)
         await until(lambda: feed.streams == 0)
 

@@ -24,11 +24,11 @@ function show() {
   traces(at("traces"), samples, !stale && view.state === "live");
 }
 
-function take(said) {
+function take(said, late_s) {
   if (said.began !== began) samples = [];
   began = said.began;
   view = said.view;
-  heard = performance.now();
+  heard = performance.now() - 1000 * late_s;
   if (said.sample) samples.push(said.sample);
   else if (view.state !== "live" && samples.at(-1)) samples.push(null);
   samples = samples.slice(-KEPT);
