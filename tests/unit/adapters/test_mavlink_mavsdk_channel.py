@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import threading
 from types import SimpleNamespace
 
 import pytest
@@ -168,6 +169,32 @@ async def test_a_connection_that_cannot_be_made():
     bench.library.refuse_url = True
     with pytest.raises(OSError, match="no such device"):
         await bench.open()
+    assert bench.library.destroyed == 1
+
+
+@pytest.mark.parametrize("refused", [False, True])
+async def test_a_connection_that_is_given_up_is_let_go_when_mavsdk_has_done_with_it(refused):
+    """A daemon that is stopped while a host does not answer: destroyed under its own thread MAVSDK may crash."""
+    bench, begun, go_on = Bench(), threading.Event(), threading.Event()
+
+    def connect(_self, url):
+        begun.set()
+        assert go_on.wait(30)
+        if refused:
+            raise FakeLibrary.MavsdkError("no answer")
+
+    bench.library.Mavsdk.add_any_connection_with_handle = connect
+    opening = asyncio.create_task(bench.open())
+    assert await asyncio.to_thread(begun.wait, 30)
+    opening.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await opening
+    assert bench.library.destroyed == 0
+    go_on.set()
+    for _ in range(500):
+        if bench.library.destroyed:
+            break
+        await asyncio.sleep(0.01)
     assert bench.library.destroyed == 1
 
 

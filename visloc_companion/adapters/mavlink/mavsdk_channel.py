@@ -14,6 +14,7 @@ import contextlib
 import threading
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from visloc_companion.adapters.mavlink.channels import Address, Channel, Listener
@@ -166,12 +167,23 @@ class MavsdkOpener:
         if self._latest is not None:
             self._system_id = self._latest.asked_system_id
         channel = self._latest = MavsdkChannel(self._library, self._system_id, self._component_id, listener)
+        connecting = asyncio.get_running_loop().run_in_executor(None, channel.connect, endpoint)
         try:
-            await asyncio.to_thread(channel.connect, endpoint)
+            await asyncio.shield(connecting)
+        except asyncio.CancelledError:
+            connecting.add_done_callback(partial(_close_after, channel))
+            raise
         except BaseException:
             channel.close()
             raise
         return channel
+
+
+def _close_after(channel: MavsdkChannel, connecting: asyncio.Future[None]) -> None:
+    """What MAVSDK still works on in a thread may not be destroyed under it."""
+    if not connecting.cancelled():
+        connecting.exception()
+    channel.close()
 
 
 def load_library() -> Any:
