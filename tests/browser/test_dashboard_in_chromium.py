@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from tests.browser.devtools import Page, chromium_page
-from tests.unit.web.snapshots import snapshot
+from tests.unit.web.snapshots import SNAPSHOT, snapshot
 from visloc_companion.app.status import status_server
 from visloc_companion.web.daemon_socket import DaemonSocket
 from visloc_companion.web.feed import Feed
@@ -285,3 +285,35 @@ def test_a_recording_says_on_the_page_that_it_is_one(quiet: Page, tmp_path: Path
         quiet.until(f"{TEXT}.includes('RECORDING of flight.mcap, 2 × real time: not what happens now')")
         quiet.until(f"{TEXT}.includes('AIDING')")
         assert quiet.value("document.title").startswith("recording · ")
+
+
+def test_names_without_blanks_are_not_wider_than_the_window(quiet: Page, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A path, a build's version and an operator's notice as long as they may be: at 320 px the page was 607 wide."""
+    problem = "/var/lib/visloc/visloc-20260714T103000Z.mcap/cannot/be/written"
+    monkeypatch.setitem(SNAPSHOT, "journal", {"dropped": 0, "problem": problem})
+    monkeypatch.setitem(SNAPSHOT, "notices", [{"severity": "critical", "text": f"visloc:{'x' * 43}", "age_s": 3.0}])
+    monkeypatch.setitem(SNAPSHOT, "autopilot", {"kind": "px4", "version": f"1.17.0-{'x' * 30}", "armed": True})
+    path = tmp_path / ("s" * 40)
+    with daemon(path), dashboard(DaemonSocket(path)) as url:
+        for width in (320, 768, 1440):
+            quiet.open(url, width=width)
+            quiet.until(f"{STATE} == 'live' && {TEXT}.includes('cannot/be/written')")
+            assert quiet.value("document.documentElement.scrollWidth") == width
+
+
+def test_a_screen_reader_is_told_once_and_not_every_second(quiet: Page, path: Path) -> None:
+    spoken = "document.getElementById('spoken').textContent"
+    with dashboard(DaemonSocket(path)) as url:
+        with daemon(path):
+            quiet.open(url)
+            quiet.until(f"{STATE} == 'live'")
+            assert quiet.value(spoken) == ""
+        quiet.until(f"{STATE} == 'stale'")
+        quiet.value(
+            "window.told = 0; new MutationObserver(() => window.told++).observe(document.getElementById('spoken'),"
+            "{ childList: true, characterData: true, subtree: true }); 0"
+        )
+        first = quiet.value("document.getElementById('problem').textContent")
+        quiet.until(f"document.getElementById('problem').textContent != {first!r}")
+        assert "Last heard a while ago" in quiet.value(spoken)
+        assert quiet.value("window.told") == 0

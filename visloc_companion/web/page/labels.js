@@ -3,6 +3,7 @@ import { TRAIL, color } from "./styles.js";
 
 const TONE = { aiding: "calm", shadow: "good", dead_reckoning: "warn", lost: "bad", waiting: "warn", ok: "good", suspect: "warn", denied: "bad" };
 const MARK = { true: "✓", false: "✗", null: "–" };
+const TIMES = /[\d.]+ (s|min|h)( \d+ (s|min))?(?![a-z])/g;
 const at = (id) => document.getElementById(id);
 const put = (id, words) => { if (at(id).textContent !== words) at(id).textContent = words; };
 const metres = (value) => (value === null ? "none" : `${value.toFixed(value < 10 ? 1 : 0)} m`);
@@ -76,6 +77,7 @@ export function banners(view, silent_s) {
   const says = !view ? "The page's server does not answer." : lost ? `The page's server has not answered for ${span(silent_s)}: what is shown is what was known then.` : view.says;
   document.body.dataset.state = !view ? "absent" : lost ? "stale" : view.state;
   put("problem", says);
+  put("spoken", says.replace(TIMES, "a while")); // else a screen reader would speak with every second
   at("problem").hidden = !says;
   const recording = view?.source.recording;
   at("recording").hidden = !recording;
