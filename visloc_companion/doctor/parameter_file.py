@@ -1,15 +1,13 @@
-"""Parameter files: ArduPilot's `NAME,VALUE` and QGroundControl's table, read and written."""
+"""Parameter files: ArduPilot's `NAME,VALUE` and QGroundControl's table, written."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
 from visloc_companion.adapters.mavlink.dialect import mav
 from visloc_companion.doctor.facts import Facts
 from visloc_companion.doctor.finding import Level, Rule, judge, number
-from visloc_companion.errors import ConfigError
 from visloc_companion.types import AutopilotKind
 
 _ROUNDS = 8
@@ -44,27 +42,6 @@ def render(kind: AutopilotKind, new: Mapping[str, float], system_id: int, types:
         rows = [f"{system_id}\t1\t{name}\t{number(value)}\t{types.get(name, _type(value))}\n" for name, value in new.items()]
         return _HEAD + "# Vehicle-Id Component-Id Name Value Type\n" + "".join(rows)
     return _HEAD + "".join(f"{name},{number(value)}\n" for name, value in new.items())
-
-
-def read_parameters(path: Path) -> dict[str, float]:
-    """The parameters of a file of either format. Raises ConfigError naming the line."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as why:
-        raise ConfigError(f"cannot be read: {why}", where=str(path), remedy="name a parameter file") from why
-    found: dict[str, float] = {}
-    for at, line in enumerate(lines, 1):
-        text = line.partition("#")[0].strip()
-        if not text:
-            continue
-        words = text.split("\t")[2:4] if "\t" in text else text.replace(",", " ").split()
-        try:
-            name, value = words
-            found[name] = float(value)
-        except ValueError as why:
-            remedy = "NAME,VALUE (ArduPilot), or vehicle, component, name, value, type with tabs (QGroundControl)"
-            raise ConfigError(f"line {at} is no parameter: {line!r}", where=str(path), remedy=remedy) from why
-    return found
 
 
 def _type(value: float) -> int:

@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
+from tests.unit.doctor.parameter_files import read_parameters
 from visloc_companion.config import parse_config
 from visloc_companion.doctor.facts import CameraFacts, Facts, LinkFacts, MapFacts, ModelFacts, SystemFacts
-from visloc_companion.doctor.parameter_file import read_parameters
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.autopilot_parameters import PREPARED, TOLD
 from visloc_companion.types import AutopilotKind, GeoPoint

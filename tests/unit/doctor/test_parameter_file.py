@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from tests.unit.doctor.conftest import good_facts
-from visloc_companion.doctor.parameter_file import changes, diff, read_parameters, render
+from tests.unit.doctor.parameter_files import read_parameters
+from visloc_companion.doctor.parameter_file import changes, diff, render
 from visloc_companion.doctor.rules.registry import RULES
-from visloc_companion.errors import ConfigError
 from visloc_companion.types import AutopilotKind
 
 AP, PX4 = AutopilotKind.ARDUPILOT, AutopilotKind.PX4
@@ -61,12 +61,3 @@ def test_what_is_written_is_read_back(kind: AutopilotKind, tmp_path: Path) -> No
     assert read_parameters(path) == new
     lines = [line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
     assert lines[0] == ("3\t1\tEKF2_EV_CTRL\t1\t6" if kind is PX4 else "EKF2_EV_CTRL,1")
-
-
-def test_a_line_that_is_none_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "wrong.param"
-    path.write_text("VISO_TYPE,1\nVISO_DELAY_MS,soon\n", encoding="utf-8")
-    with pytest.raises(ConfigError, match=r"wrong.param: line 2 is no parameter"):
-        read_parameters(path)
-    with pytest.raises(ConfigError, match="cannot be read"):
-        read_parameters(tmp_path / "none.param")
