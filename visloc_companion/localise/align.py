@@ -7,6 +7,9 @@ step only multiplies the frame's features with them and adds up under the weight
 products are kept for each pixel, the limit of keeping their sums by blocks (Baker, Gross & Matthews 2003, section 3.4).
 rho, the gain between two dates, is solved for with delta, as in the enhanced correlation coefficient (Evangelidis & Psarakis
 2008): without it a faint likeness shrinks the picture.
+
+Where the surface model is coarse, D has columns for the heights of the ground's cells as well (open_ground.py): ground that is
+higher is seen as from a camera that much lower.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ import cv2
 import numpy as np
 
 from visloc_companion.localise.features.base import Float32Array
+from visloc_companion.localise.open_ground import OpenGround
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, nadir_offsets
 from visloc_companion.types import FloatArray
 
@@ -27,6 +31,10 @@ DENSE_PIXELS = 20000
 RUN_PX = 512
 """Pixels that are added up in single precision."""
 _UPPER = np.triu_indices(7)
+_UP = 2
+"""The camera's height among the six unknowns."""
+_OF_UP = np.array([k for k, pair in enumerate(zip(*_UPPER, strict=True)) if _UP in pair])
+"""Its products with them and with the template."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,12 +80,14 @@ class MapSums:
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
     """One Gauss-Newton step: `delta` (6,) metres north, east, up and radians about north, east, down; its normal equations'
-    matrix scaled to information (6, 6); correlation before the step; number of pixels used."""
+    matrix scaled to information (6, 6); correlation before the step; number of pixels used; the ground after the step, where it
+    is open."""
 
     delta: FloatArray
     information: FloatArray
     score: float
     n_pixels: float
+    ground: OpenGround | None = None
 
 
 def prepare(grid: MapGrid, stride: int = 1) -> Descent:
@@ -127,11 +137,13 @@ def gauss_newton_step(
     prior_information: FloatArray,
     prior_pull: FloatArray,
     correlated_px: float,
+    ground: OpenGround | None = None,
 ) -> Step:
     """One step from the rectified frame's smoothed features (H, W, C) and the weight (H, W) of both masks.
 
     `prior_information` (6, 6) and `prior_pull` (6,) are a Gaussian prior's normal equations at this pose.
-    `correlated_px`: neighbouring pixels that carry one independent measurement.
+    `correlated_px`: neighbouring pixels that carry one independent measurement. `ground`: heights that are solved for as well,
+    by which the surface that `sums` and the frame were made with is raised.
     """
     stride, channels, map_side = sums.stride, frame.shape[2], sums.descent
     w, F = weight[::stride, ::stride].ravel(), _planes(frame[::stride, ::stride])
@@ -141,17 +153,60 @@ def gauss_newton_step(
     M = M + np.triu(M, 1).T
     pull = _summed(sums.north, f_n) + _summed(sums.east, f_e)
     ft, ff, n_pixels = (float(a.sum(dtype=np.float64)) for a in (f_t, f_f, w))
-    g_t, tt = M[:6, 6], float(M[6, 6])
+    tt = float(M[6, 6])
     rho = max(ft / max(tt, 1e-9), 0.05)
     residual_2, residual_t = max(0.0, ff / rho**2 - 2 * ft / rho + tt), ft / rho - tt
-    H = M[:6, :6] - np.outer(g_t, g_t) / max(tt, 1e-9)
-    b = pull / rho - g_t - g_t * (residual_t / max(tt, 1e-9))
     noise = max(residual_2 / max(n_pixels * channels, 1.0), 1e-6) * correlated_px / map_side.stride**2
-    information = H / noise
+    if ground is not None:
+        M, pull = _with_heights(ground, sums, w, (f_n, f_e), M, pull)
+    g_t = M[:-1, -1]
+    information = (M[:-1, :-1] - np.outer(g_t, g_t) / max(tt, 1e-9)) / noise
+    b = (pull / rho - g_t - g_t * (residual_t / max(tt, 1e-9))) / noise
+    by_pose_m, raised_m = np.zeros((0, 6)), np.zeros(0)
+    if ground is not None:
+        information, b, by_pose_m, raised_m = _heights_solved(ground, information, b)
     total = information + prior_information
     damping = np.diag(np.diag(total)) * 1e-6 + np.eye(6) * 1e-9
-    delta = np.linalg.solve(total + damping, b / noise + prior_pull)
-    return Step(delta, information, ft / max(math.sqrt(tt * ff), 1e-9), n_pixels)
+    delta = np.linalg.solve(total + damping, b + prior_pull)
+    after = None if ground is None else ground.raised(raised_m - by_pose_m @ delta)
+    return Step(delta, information, ft / max(math.sqrt(tt * ff), 1e-9), n_pixels, after)
+
+
+def _with_heights(
+    ground: OpenGround,
+    sums: MapSums,
+    weight: Float32Array,
+    by_frame: tuple[Float32Array, Float32Array],
+    M: FloatArray,
+    pull: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Products (7 + N, 7 + N) and pull (6 + N,) with N heights between the pose's six and the template, from those without.
+
+    `by_frame`: gradients north and east times the frame, under the weight (P,) each.
+    """
+    own = -ground.summed(sums.products[_OF_UP], weight, sums.stride)  # (N, 7): with the six and the template
+    by_height = np.stack([sums.north[_UP] * by_frame[0] + sums.east[_UP] * by_frame[1]])
+    seen = ground.summed(by_height, np.ones_like(weight), sums.stride)
+    n = len(own)
+    of_pose, heights = np.r_[0:6, 6 + n], slice(6, 6 + n)
+    joined = np.zeros((7 + n, 7 + n))
+    joined[np.ix_(of_pose, of_pose)] = M
+    joined[heights, of_pose], joined[of_pose, heights] = own, own.T
+    joined[heights, heights] = np.diag(-own[:, _UP])
+    return joined, np.concatenate([pull, -seen[:, 0]])
+
+
+def _heights_solved(
+    ground: OpenGround, information: FloatArray, b: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Information (6, 6) and right side (6,) of the pose alone, by how much (N, 6) the heights are lower for each unit of its
+    step, and the heights (N,) without one."""
+    own, shared = information[6:, 6:] + ground.information, information[6:, :6]
+    towards = b[6:] - ground.information @ ground.raised_m
+    solved = np.asarray(np.linalg.solve(own, np.column_stack([shared, towards])), dtype=np.float64)
+    by_pose_m, step_m = solved[:, :6], solved[:, 6]
+    alone = np.asarray(information[:6, :6] - shared.T @ by_pose_m, dtype=np.float64)
+    return alone, b[:6] - shared.T @ step_m, by_pose_m, ground.raised_m + step_m
 
 
 def moved(pose: CameraPose, delta: FloatArray) -> CameraPose:

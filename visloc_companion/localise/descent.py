@@ -11,6 +11,7 @@ import numpy as np
 from visloc_companion.localise import align
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.frame_features import FrameFeatures, FramePass, Seen, shown
+from visloc_companion.localise.open_ground import OpenGround
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, hidden
 from visloc_companion.localise.pose import PriorTerm
 from visloc_companion.types import FloatArray
@@ -87,6 +88,34 @@ def descend(
     return _descended(look, start, grid, descent, prior, steps, NO_RIVALS)[0]
 
 
+def descend_open(
+    frame: FrameFeatures,
+    start: CameraPose,
+    grid: MapGrid,
+    descent: align.Descent,
+    prior: PriorTerm,
+    steps: int,
+    ground: OpenGround,
+) -> tuple[Descended, OpenGround]:
+    """The same with the ground's heights solved for as well, beginning with those of `ground`; and those where it ended."""
+    pose, best, there = start, Descended(start, -1.0, np.zeros((6, 6))), ground
+    for k in range(steps + 1):
+        raised = ground.on(grid)
+        seen = rectified(frame, pose, raised)
+        if seen.weight.sum() * descent.stride**2 < MIN_PIXELS:
+            break
+        information, pull = prior.at(pose)
+        sums = align.map_sums(descent, raised, pose)
+        step = align.gauss_newton_step(sums, seen.smooth, seen.weight, information, pull, CORRELATED_PX, ground)
+        if step.score > best.score:
+            best, there = Descended(pose, step.score, step.information + information), ground
+        moved_px = float(np.abs(step.delta[:3]).max()) / grid.gsd_m
+        if k == steps or step.ground is None or not _goes_on(step, best, moved_px):
+            break
+        pose, ground = align.moved(pose, step.delta), step.ground
+    return best, there
+
+
 def descend_resampled(
     smooth: FramePass,
     start: CameraPose,
@@ -127,7 +156,7 @@ def _descended(
         if step.score > best.score:
             best = Descended(pose, step.score, step.information + information)
         moved_px = float(np.abs(step.delta[:3]).max()) / grid.gsd_m
-        if k == steps or moved_px > MAX_STEP_PX or step.score < best.score - 0.1 or rivals.hopeless(best.score, k):
+        if k == steps or not _goes_on(step, best, moved_px) or rivals.hopeless(best.score, k):
             break
         pose = align.moved(pose, step.delta)
         if rivals.reached(pose):
@@ -135,3 +164,8 @@ def _descended(
         if moved_px < CONVERGED_PX:
             break
     return best, False
+
+
+def _goes_on(step: align.Step, best: Descended, moved_px: float) -> bool:
+    """Whether a step is no leap, and its start not clearly worse than the best pose."""
+    return moved_px <= MAX_STEP_PX and step.score >= best.score - 0.1

@@ -2,8 +2,8 @@
 
 After Sabel, Maki, Westin & Åsvärn 2022 and Goforth & Lucey 2019. The map is the template (align.py precomputes its gradients);
 instead of eight free numbers of a homography the camera's pose is solved for, which over level ground is the homography of a
-calibrated camera and over a surface model more than that. Where the prior is too far off, this localiser cannot start: it
-declines.
+calibrated camera and over a surface model more than that. Over a coarse surface model the heights between its samples are solved
+for as well (open_ground.py). Where the prior is too far off, this localiser cannot start: it declines.
 """
 
 from __future__ import annotations
@@ -16,13 +16,15 @@ import numpy as np
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise import align
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
-from visloc_companion.localise.descent import Descended, descend
+from visloc_companion.localise.descent import Descended, descend, descend_open
 from visloc_companion.localise.features.base import Features
+from visloc_companion.localise.open_ground import open_ground
 from visloc_companion.localise.ortho_rectify import CameraPose
 from visloc_companion.localise.plan import SearchPlan, planned
 from visloc_companion.localise.pose import heading_and_tilt
 from visloc_companion.localise.pyramid import LEVELS, LowPassed, View, blurred, view, window
 from visloc_companion.localise.settings import LocaliserSettings
+from visloc_companion.localise.surface_error import is_coarse
 from visloc_companion.localise.verify import log_odds, logistic
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix, PosePrior
@@ -83,11 +85,16 @@ def aligned(start: View, ref: ReferenceMap, features: Features, watch: Stopwatch
         with watch:
             grid = window(start, pose, level, ref, start.plan.frame, features)
         frame = start.on(grid, features)
+        ground = open_ground(grid) if is_coarse(grid) else None
         for sigma_px, steps in level.passes:
             with watch:
                 smooth = blurred(grid, sigma_px)
                 descent = align.prepare(smooth)
-            end = descend(LowPassed(frame, sigma_px), pose, smooth, descent, start.prior, steps)
+            low = LowPassed(frame, sigma_px)
+            if ground is None:
+                end = descend(low, pose, smooth, descent, start.prior, steps)
+            else:
+                end, ground = descend_open(low, pose, smooth, descent, start.prior, steps, ground)
             if end.score <= -1:
                 return None
             moved_px = float(np.abs(end.pose.p_ned_m - pose.p_ned_m).max()) / grid.gsd_m

@@ -148,7 +148,7 @@ def test_between_the_samples_of_a_coarse_model_the_land_is_not_known() -> None:
     assert np.linalg.eigvalsh(coarse).min() > 0
 
 
-@pytest.mark.parametrize(("method", "most_m"), [("gradient", 2.0), ("keypoint", 4.0)])
+@pytest.mark.parametrize(("method", "most_m"), [("gradient", 2.0), ("keypoint", 4.0), ("iclk", 3.0)])
 @pytest.mark.parametrize("place", [(60.0, 40.0), (-20.0, -60.0), (80.0, -20.0)])
 def test_hills_between_the_samples_of_a_model_are_no_tilt(place, method, most_m, support) -> None:  # type: ignore[no-untyped-def]
     """Of 88 m: the prior's tilt was given up for them, and fixes were 8 m off, 4.6 to 5.1 times what they claimed; those of key
