@@ -40,8 +40,8 @@ def answer_terrain(
     soundings, prior = _soundings(request), _prior(request, max_search_radius_m)
     if not len(soundings.points_m):
         return _no_fix(request, NoTerrainFix(request.t_ns, Reason.TOO_FEW_FEATURES, "no soundings"), watch)
-    frame = local_frame(request.prior.place, ref)
     try:
+        frame = local_frame(request.prior.place, ref)  # OutsideMap where the map's CRS has no coordinates
         elevation = _elevation(ref, frame, soundings, prior, sigma_m)
     except (OutsideMap, MapError) as why:
         return _no_fix(request, NoTerrainFix(request.t_ns, Reason.OUTSIDE_MAP, why.what), watch)

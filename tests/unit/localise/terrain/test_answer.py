@@ -11,6 +11,7 @@ from visloc_companion.core.terrain_aiding import METHOD
 from visloc_companion.errors import Reason
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
 from visloc_companion.localise.terrain.answer import answer_terrain
+from visloc_companion.protocols import ReferenceMap
 from visloc_companion.testing.fake_map import AnalyticMap
 from visloc_companion.testing.hills import HillyMap
 from visloc_companion.types import Fix, GeoPoint, NoFix, PosePrior, Sounding, TerrainRequest
@@ -33,7 +34,7 @@ def question(ref: AnalyticMap, length_m: float = 2000.0, drift_mps: float = 0.3,
     return TerrainRequest(7, 99, prior, 0.5, 0.005, 0.0, tuple(rows), final)
 
 
-def asked(request: TerrainRequest, ref: AnalyticMap) -> Fix | NoFix:
+def asked(request: TerrainRequest, ref: ReferenceMap) -> Fix | NoFix:
     return answer_terrain(request, ref, 1.0, 0.05, 2000.0)
 
 
@@ -72,6 +73,11 @@ def test_off_the_map_is_said() -> None:
     assert reason_of(asked(request, small)) is Reason.OUTSIDE_MAP
     away = replace(request, prior=replace(request.prior, place=geo_from_ned((50_000.0, 0.0, 0.0), TRUTH)))
     assert reason_of(asked(away, small)) is Reason.OUTSIDE_MAP
+
+
+def test_a_prior_without_coordinates_in_the_map_is_off_it(elsewhere: ReferenceMap) -> None:
+    """It was `bad_input` with the text of an exception."""
+    assert reason_of(asked(question(HillyMap(ORIGIN, 5000.0, 60.0)), elsewhere)) is Reason.OUTSIDE_MAP
 
 
 @pytest.mark.parametrize("n", [0, 5])
