@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from visloc_companion.geo.raster import apply_affine
 from visloc_companion.localise.ortho_rectify import MapGrid
+from visloc_companion.localise.plane_fit import design_of, plane_through
 from visloc_companion.types import FloatArray
 
 OPENED_M = 60.0
@@ -53,12 +54,11 @@ def unresolved_m(grid: MapGrid) -> float:
     """1-sigma of the land between the samples of a coarse surface model; 0 where they are closer than COARSE_M."""
     if not is_coarse(grid):
         return 0.0
-    rows, cols = np.indices(grid.surface_up_m.shape)
-    design = np.column_stack([np.ones(rows.size), rows.ravel(), cols.ravel()])
+    rows, cols = np.indices(grid.surface_up_m.shape).reshape(2, -1)
     heights = grid.surface_up_m.ravel().astype(np.float64)
-    plane = np.linalg.lstsq(design.T @ design, design.T @ heights, rcond=None)[0]
+    rest = heights - design_of(rows, cols) @ plane_through(rows, cols, heights)
     side_m = grid.gsd_m * math.sqrt(rows.size)
-    return float(np.std(heights - design @ plane)) * min(1.0, UNRESOLVED * grid.dsm_gsd_m / side_m)
+    return float(np.std(rest)) * min(1.0, UNRESOLVED * grid.dsm_gsd_m / side_m)
 
 
 def standing_m(grid: MapGrid, at_px: FloatArray, side_px: float) -> FloatArray:

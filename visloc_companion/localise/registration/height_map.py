@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from visloc_companion.localise.features.base import Float32Array, Mask
+from visloc_companion.localise.plane_fit import plane_through
 from visloc_companion.types import FloatArray
 
 SPIKE_M = 2.5
@@ -84,9 +85,7 @@ def _without_plane(heights: HeightMap) -> HeightMap:
     rows, cols = np.nonzero(heights.known)
     if len(rows) < 3:
         return heights
-    design = np.column_stack([np.ones(len(rows)), rows, cols]).astype(np.float64)
-    z = heights.height_m[rows, cols].astype(np.float64)
-    plane = np.linalg.lstsq(design.T @ design, design.T @ z, rcond=None)[0]
+    plane = plane_through(rows, cols, heights.height_m[rows, cols])
     u, v = np.arange(heights.known.shape[1]), np.arange(heights.known.shape[0])[:, None]
     flat = heights.height_m - (plane[0] + plane[1] * v + plane[2] * u)
     return HeightMap(flat.astype(np.float32), heights.known, heights.corner_m, heights.cell_m)
