@@ -164,7 +164,10 @@ class FrameToFrame:
             return no_ground
         sigmas = (settings.sigma_turn_rad, key.sight.sigma_tilt_rad, settings.sigma_climb_m)
         prior = MotionPrior(R, start, start[2], *sigmas, key.R_ned_cam[:, 2])
-        motion = solve(key.ground_of(followed.number), followed.xy, prior, float(np.sqrt(np.linalg.det(view.picture.K))))
+        ground, focal_px = key.ground_of(followed.number), float(np.sqrt(np.linalg.det(view.picture.K)))
+        motion = solve(ground, followed.xy, prior, focal_px)
+        if motion is not None and ground.coarse and motion.roughness > 1:  # what the points show of the land is all that is known
+            motion = solve(ground.rougher(motion.roughness), followed.xy, prior, focal_px)
         if motion is None:
             return Reason.TOO_FEW_FEATURES, "the tracks leave the motion undetermined"
         why = why_unsure(motion, view.sight, view.picture, key.height_m, settings)

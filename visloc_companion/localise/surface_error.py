@@ -33,6 +33,9 @@ COARSE_M, UNRESOLVED = 20.0, 3.0
 """Between the samples of a surface model so far apart or farther the land is not known: 1-sigma so much of what its own stands
 out of a plane, times their distance over the window's side. Set on made land (fractal, 10 to 30 m) and models of 30 and 90 m."""
 
+MOST_PLACES = 60
+"""Of a set of them, by which its level and slope are judged."""
+
 
 def height_covariance(grid: MapGrid, at_px: FloatArray, side_px: float) -> FloatArray:
     """(N, N) covariance (m²) of the surface model's errors over squares of a side about pixels (N, 2)."""
@@ -52,13 +55,35 @@ def is_coarse(grid: MapGrid) -> bool:
 
 def unresolved_m(grid: MapGrid) -> float:
     """1-sigma of the land between the samples of a coarse surface model; 0 where they are closer than COARSE_M."""
-    if not is_coarse(grid):
+    return unresolved_of(grid.surface_up_m, grid.gsd_m, grid.dsm_gsd_m) if is_coarse(grid) else 0.0
+
+
+def unresolved_of(surface_up_m: NDArray[np.float32], gsd_m: float, dsm_gsd_m: float) -> float:
+    """The same of a window's heights (H, W), whose pixels are so large, by a surface model with samples so far apart."""
+    if dsm_gsd_m < COARSE_M:
         return 0.0
-    rows, cols = np.indices(grid.surface_up_m.shape).reshape(2, -1)
-    heights = grid.surface_up_m.ravel().astype(np.float64)
+    rows, cols = np.indices(surface_up_m.shape).reshape(2, -1)
+    heights = surface_up_m.ravel().astype(np.float64)
     rest = heights - design_of(rows, cols) @ plane_through(rows, cols, heights)
-    side_m = grid.gsd_m * math.sqrt(rows.size)
-    return float(np.std(rest)) * min(1.0, UNRESOLVED * grid.dsm_gsd_m / side_m)
+    return float(np.std(rest)) * min(1.0, UNRESOLVED * dsm_gsd_m / (gsd_m * math.sqrt(rows.size)))
+
+
+def unresolved_parts(at_ne_m: FloatArray, sigma_m: float, dsm_gsd_m: float) -> tuple[float, float, float]:
+    """1-sigma of the level (m), of the slope on its worse axis (rad) and of what is left (m) that such land has at (N, 2) places.
+
+    N of three or more, not on one line; fewer and those have all of it in the level.
+    """
+    some = at_ne_m[:: -(-len(at_ne_m) // MOST_PLACES)] if len(at_ne_m) else at_ne_m
+    off = some - some.mean(0) if len(some) else some
+    design = np.column_stack([np.ones(len(off)), off])
+    if sigma_m <= 0 or len(some) < 3 or np.linalg.cond(design.T @ design) > 1e9:
+        return sigma_m, 0.0, 0.0
+    apart_m = np.hypot(*(some[:, None] - some[None]).transpose(2, 0, 1))
+    C = sigma_m**2 * np.exp(-apart_m / max(ALIKE_M, dsm_gsd_m))
+    fit = np.linalg.pinv(design)
+    plane, rest = fit @ C @ fit.T, np.eye(len(some)) - design @ fit
+    slope = math.sqrt(float(np.linalg.eigvalsh(plane[1:, 1:])[-1]))
+    return math.sqrt(float(plane[0, 0])), slope, math.sqrt(float(np.trace(rest @ C @ rest.T)) / len(some))
 
 
 def standing_m(grid: MapGrid, at_px: FloatArray, side_px: float) -> FloatArray:

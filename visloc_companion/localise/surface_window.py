@@ -26,12 +26,14 @@ LEAST_HEIGHT_M = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Window:
-    """A part of the map's surface (H, W), NaN where unknown, where it lies, half its side in metres, the height at its middle."""
+    """A part of the map's surface (H, W), NaN where unknown, where it lies, half its side in metres, the height at its middle,
+    and how far apart the surface model's own samples are."""
 
     up_m: NDArray[np.float32]
     T_map_pix: FloatArray
     half_m: float
     ground_amsl_m: float
+    dsm_gsd_m: float
 
     def serves(self, frame: LocalFrame, h_amsl_m: float) -> bool:
         """Whether a camera at the origin of a local frame and a height sees this part, and not much less than it."""
@@ -63,7 +65,7 @@ class SurfaceWindow:
                 self._window = None
         if self._window is None:
             return None
-        return Surface(self._window.up_m, frame.A_ne_pix(self._window.T_map_pix))
+        return Surface(self._window.up_m, frame.A_ne_pix(self._window.T_map_pix), self._window.dsm_gsd_m)
 
 
 def _window(h_amsl_m: float, ref: ReferenceMap, at_map_m: FloatArray) -> _Window | None:
@@ -79,4 +81,4 @@ def _window(h_amsl_m: float, ref: ReferenceMap, at_map_m: FloatArray) -> _Window
     side = math.ceil(2 * half_m / gsd_m) + 1
     patch = ref.patch(centre, (side, side), gsd_m, 0.0)
     up_m = np.where(patch.valid & np.isfinite(patch.dsm_amsl_m), patch.dsm_amsl_m, np.nan).astype(np.float32)
-    return _Window(up_m, patch.T_map_pix, half_m, ground_amsl_m)
+    return _Window(up_m, patch.T_map_pix, half_m, ground_amsl_m, patch.dsm_gsd_m)

@@ -44,10 +44,11 @@ class Sight:
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
     """A window of the map's surface model: `up_m` (H, W) float32, NaN where unknown, and `A_ne_pix` (2, 3) from its pixels to
-    metres north and east about the origin of `Sight.place_ne_m`."""
+    metres north and east about the origin of `Sight.place_ne_m`; `dsm_gsd_m` as types.ReferencePatch."""
 
     up_m: NDArray[np.float32]
     A_ne_pix: FloatArray
+    dsm_gsd_m: float = 0.0
 
     @property
     def pixel_m(self) -> float:

@@ -14,7 +14,7 @@ from visloc_companion.geo.raster import apply_affine, invert_affine
 from visloc_companion.geo.ray import intersect_surface
 from visloc_companion.localise.odometry.base import FlowSettings, Sight, Surface
 from visloc_companion.localise.odometry.solve import Ground
-from visloc_companion.localise.surface_error import LOCAL_SHARE, above_opening
+from visloc_companion.localise.surface_error import LOCAL_SHARE, above_opening, unresolved_of, unresolved_parts
 from visloc_companion.types import FloatArray, Vec2
 
 STEEPEST = math.cos(math.radians(72.0))
@@ -64,10 +64,13 @@ def on_surface(rays_ned: FloatArray, sight: Sight, surface: Surface, settings: F
     if not known.any():
         return Ground(met - camera, spread, ~known, math.inf, math.inf, sight.sigma_up_m)
     moved = _rms_when_moved(lookup, met[known], sight.sigma_place_m)
-    level = math.hypot(settings.surface_m, settings.surface_share * float(np.median(spread[known])), moved)
-    slope = math.hypot(settings.surface_slope_rad, moved / (sight.up_m + float(np.median(met[known, 2]))))
-    spread = np.hypot(spread, LOCAL_SHARE * lookup.standing(met[:, :2]))
-    return Ground(met - camera, spread, np.zeros(len(met), np.bool_), level, slope, sight.sigma_up_m)
+    between_m = unresolved_of(surface.filled_up_m, surface.pixel_m, surface.dsm_gsd_m)
+    shared_m, leans_rad, own_m = unresolved_parts(met[known, :2], between_m, surface.dsm_gsd_m)
+    level = math.hypot(settings.surface_m, settings.surface_share * float(np.median(spread[known])), moved, shared_m)
+    slope = math.hypot(settings.surface_slope_rad, moved / (sight.up_m + float(np.median(met[known, 2]))), leans_rad)
+    spread = np.hypot(np.hypot(spread, LOCAL_SHARE * lookup.standing(met[:, :2])), own_m)
+    none = np.zeros(len(met), np.bool_)
+    return Ground(met - camera, spread, none, level, slope, sight.sigma_up_m, coarse=between_m > 0)
 
 
 def heights_above(rays_ned: FloatArray, camera_up_m: float, surface: Surface) -> FloatArray:

@@ -41,7 +41,7 @@ class Ground:
     1-sigma `spread_m` (N,) of each one's own height; those that a rangefinder measured are `ranged` (N,). `level_m` and
     `slope_rad` are the 1-sigma of what the others share here, `sigma_up_m` of what they share everywhere, `sigma_range_m` of the
     rangefinder's. `readings` (M, 3): north, east, and how far below the believed ground a height that was read has it, each with
-    `reading_m`."""
+    `reading_m`. `coarse`: of a surface model that does not know the land between its samples, as nor do the sigmas."""
 
     at_ned_m: FloatArray
     spread_m: FloatArray
@@ -53,10 +53,15 @@ class Ground:
     readings: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     reading_m: float = 1.0
     readings_ranged: bool = False
+    coarse: bool = False
 
     def at(self, number: NDArray[np.intp]) -> Ground:
         """The ground at some of its points."""
         return replace(self, at_ned_m=self.at_ned_m[number], spread_m=self.spread_m[number], ranged=self.ranged[number])
+
+    def rougher(self, by: float) -> Ground:
+        """The ground with the sigmas of what its points depart by, each and together, larger by a factor."""
+        return replace(self, spread_m=self.spread_m * by, level_m=self.level_m * by, slope_rad=self.slope_rad * by)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
