@@ -35,6 +35,11 @@ class Left:
     system_id: int
     reset_counter: int = 0
     pack_seal: str = ""
+    boot_time_ns: int = 0
+
+    def is_fresh(self, now_ns: int) -> bool:
+        """Whether it was left a short while ago, at a time since the computer's start."""
+        return 0 <= now_ns - self.boot_time_ns <= FRESH_NS
 
 
 def boot_time_ns() -> int:
@@ -42,21 +47,22 @@ def boot_time_ns() -> int:
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
 
-def left_behind(socket: str, now_ns: Callable[[], int] = boot_time_ns) -> Left | None:
-    """What the daemon before left a short while ago; None for nothing, and without a status socket."""
+def left_behind(socket: str, now_ns: Callable[[], int] = boot_time_ns, *, tell: bool = False) -> Left | None:
+    """What the daemon before left a short while ago; None for nothing, and without a status socket. `tell`: warn of a file that
+    cannot be read; of several that ask at a start, one does."""
     file = _file_of(socket)
     if file is None:
         return None
     try:
         left = json.loads(file.read_text(encoding="utf-8"))
-        age_ns = now_ns() - int(left["boot_time_ns"])
-        if left["boot_id"] != _boot_id() or not 0 <= age_ns <= FRESH_NS:
-            return None
-        return Left(int(left["system_id"]), int(left.get("reset_counter", 0)), str(left.get("pack_seal", "")))
+        known = int(left["system_id"]), int(left.get("reset_counter", 0)), str(left.get("pack_seal", ""))
+        found = Left(*known, int(left["boot_time_ns"]))
+        return found if left["boot_id"] == _boot_id() and found.is_fresh(now_ns()) else None
     except FileNotFoundError:
         return None
     except (OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError) as why:
-        log.warning("what the daemon before left cannot be read", file=str(file), why=str(why))
+        if tell:
+            log.warning("what the daemon before left cannot be read", file=str(file), why=str(why))
         return None
 
 
@@ -70,14 +76,14 @@ class Handover:
         self._system_id = 0
         self._written_ns: int | None = None
         self._failed = False
-        self._left = left_behind(socket, now_ns)
+        self._left = left_behind(socket, now_ns, tell=True)
 
     def heard(self, event: Event) -> FoundOnVision | None:
         """Take an event of the link; the first one of a flying autopilot that the daemon before sent positions to says so."""
         if not isinstance(event, LinkChanged) or not event.up:
             return None
         left, self._left, self._system_id = self._left, None, event.system_id
-        if left is None or not event.armed or left.system_id != event.system_id:
+        if left is None or not event.armed or left.system_id != event.system_id or not left.is_fresh(self._now_ns()):
             return None
         return FoundOnVision(event.t_rx_ns, left.reset_counter)
 
@@ -96,8 +102,8 @@ class Handover:
         if self._written_ns is not None and now_ns - self._written_ns < WRITE_EVERY_NS:
             return
         self._written_ns = now_ns
-        left = Left(self._system_id, reset_counter, self._pack_seal())
-        text = json.dumps({"boot_id": _boot_id(), "boot_time_ns": now_ns, **asdict(left)})
+        left = Left(self._system_id, reset_counter, self._pack_seal(), now_ns)
+        text = json.dumps({"boot_id": _boot_id(), **asdict(left)})
         self._change(lambda file: write_whole(file, text.encode()))
 
     def _change(self, change: Callable[[Path], None]) -> None:

@@ -18,6 +18,7 @@ from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.adapters.mavlink.signing import SigningSettings, at_zero_of, stamp_at_zero
 from visloc_companion.adapters.mavlink.signing_key import read_key
 from visloc_companion.adapters.mavlink.signing_stamp import StampFile
+from visloc_companion.app.handover import left_behind
 from visloc_companion.config import Config, LinkConfig
 from visloc_companion.errors import ConfigError, MapError
 from visloc_companion.protocols import AutopilotLink, Clock
@@ -25,6 +26,7 @@ from visloc_companion.types import GeoPoint
 
 PX4_GPS_POSITION = 1
 """Bit 0 of EKF2_GPS_CTRL: longitude and latitude are fused."""
+MAX_SYSTEM_ID = 255
 LOOKS = 41
 """Places along each side of the map at which its ground is looked at."""
 
@@ -36,8 +38,10 @@ def make_link(
     or an origin without a map, or what contradicts itself (`require_sense`), MapError for a pack that cannot be read."""
     require_sense(config)
     fence, middle = map_extent(config)
+    left = left_behind(config.status.socket)
     settings = SessionSettings(
         system_id=config.link.system_id,
+        left_system_id=left.system_id if left is not None and 0 < left.system_id <= MAX_SYSTEM_ID else 0,
         component_id=config.link.component_id,
         operator_systems=config.link.operator_systems,
         gnss_source_set=config.injection.gnss_source_set,

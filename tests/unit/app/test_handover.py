@@ -10,9 +10,14 @@ import pytest
 import structlog
 
 from tests.unit.app.daemon import HOME, configuration, entries, events_of, flight, hovering
+from visloc_companion.adapters.mavlink.pymavlink_link import PymavlinkLink
+from visloc_companion.app.clock import ManualClock
 from visloc_companion.app.first_position import At
 from visloc_companion.app.handover import FRESH_NS, WRITE_EVERY_NS, Handover
+from visloc_companion.app.handover import left_behind as read_left
 from visloc_companion.app.journal import read_journal
+from visloc_companion.app.link import make_link
+from visloc_companion.config import parse_config
 from visloc_companion.types import (
     Command,
     FoundOnVision,
@@ -72,6 +77,35 @@ def test_the_next_daemon_hears_of_it_with_the_first_word_of_the_autopilot_and_on
     assert after.heard(came_up(up=False)) is None
     assert after.heard(came_up()) == FoundOnVision(3, 41)
     assert after.heard(came_up()) is None
+
+
+def test_not_of_an_autopilot_that_is_heard_only_when_it_was_sent_nothing_for_long(socket: str, clock: BootClock) -> None:
+    """Its radio was away, or it had no power: the daemon that waits for it was started in time, and is too late all the same."""
+    left_behind(socket, clock)
+    clock.ns += 8 * S
+    after = Handover(socket, clock)
+    clock.ns += FRESH_NS
+    assert after.heard(came_up()) is None
+
+
+@pytest.mark.parametrize(("system_id", "expected"), [(7, 7), (0, 0), (999, 0)])
+def test_the_link_is_told_which_autopilot_to_ask_for_its_heartbeat(tmp_path: Path, system_id: int, expected: int) -> None:
+    socket = str(tmp_path / "status.sock")
+    config = parse_config({"link": {"url": "udpin:127.0.0.1:0"}, "status": {"socket": socket}})
+    before = Handover(socket)
+    before.heard(came_up(system_id))
+    before.did(SENT)
+    link = make_link(config, ManualClock(), lambda *_: None, lambda _: None)
+    assert isinstance(link, PymavlinkLink)
+    assert link.session.settings.left_system_id == expected
+
+
+def test_a_damaged_file_is_told_of_once_however_many_read_it(socket: str) -> None:
+    Path(socket).with_suffix(".on-vision").write_bytes(b"{\xff")
+    with structlog.testing.capture_logs() as logs:
+        assert read_left(socket) is None
+        Handover(socket)
+    assert [line["event"] for line in logs] == ["what the daemon before left cannot be read"]
 
 
 def test_not_of_another_autopilot_nor_of_one_that_has_landed(socket: str, clock: BootClock) -> None:

@@ -22,7 +22,8 @@ class Listener:
 
     What another system says is passed over, but for what the systems `operators` say to us, which `ordered` is given, and what
     other components of the vehicle say, but for how its gimbals point, which `pointed` is given; a second autopilot is warned of
-    once. `pinned` is 0 before any was heard, and `pin` is told. With a `guard` only what it admits counts as said at all; without
+    once. `pinned` is 0 before any was heard, and `pin` is told; until then `expected`, a system id, is given what that system's
+    autopilot says before its HEARTBEAT. With a `guard` only what it admits counts as said at all; without
     one signatures are not checked, and an autopilot that signs is warned of: it may not believe us.
     """
 
@@ -35,11 +36,13 @@ class Listener:
         operators: tuple[int, ...] = (),
         ordered: Callable[[Message], None] = lambda _message: None,
         pointed: Callable[[Message], None] = lambda _message: None,
+        expected: tuple[int, Callable[[], None]] = (0, lambda: None),
     ) -> None:
         self.pinned = system_id
+        self._expected, self._expected_speaks = expected
         self._operators, self._ordered, self._pointed = operators, ordered, pointed
         self._pin = pin
-        self.n_heard = 0
+        self.n_heard = self.n_expected = 0
         self._warn = warn
         self._framer = Framer(self._note_signature if guard is None else guard.admits)
         self._signature_told = False
@@ -59,6 +62,9 @@ class Listener:
             if msg.get_srcComponent() == AUTOPILOT_COMPONENT and self._is_pinned(msg):
                 self.n_heard += 1
                 yield msg
+            elif self._is_expected(msg):
+                self.n_expected += 1
+                self._expected_speaks()
             elif self.pinned and msg.get_srcSystem() in self._operators:
                 self._ordered(msg)
             elif self.pinned and msg.get_srcSystem() == self.pinned and is_of_gimbal(msg):
@@ -67,6 +73,10 @@ class Listener:
         if not self._garbage_told and counts.garbage_bytes >= _GARBAGE_BYTES + counts.messages:
             self._garbage_told = True
             self._warn("bytes on the link are not MAVLink (wrong baud rate, noise, or another protocol?); they are skipped")
+
+    def _is_expected(self, msg: Message) -> bool:
+        sender = msg.get_srcSystem(), msg.get_srcComponent()
+        return not self.pinned and self._expected != 0 and sender == (self._expected, AUTOPILOT_COMPONENT)
 
     def _note_signature(self, frame: bytearray, _message_id: int) -> bool:
         if not self._signature_told and is_signed(frame):

@@ -38,6 +38,8 @@ from visloc_companion.types import (
 )
 
 _MAX_WARNINGS = 50
+_ANSWERS = ("COMMAND_ACK", "PARAM_VALUE")
+"""After which the next question need not wait for the next `poll`."""
 
 
 class MavlinkSession:
@@ -63,7 +65,10 @@ class MavlinkSession:
             settings.operator_systems,
             self._take_order,
             self._take_pointed,
+            (settings.left_system_id, self._expected_speaks),
         )
+        if settings.left_system_id and not settings.system_id:
+            self._outbox.speak_as(settings.left_system_id)
         self._decoder = Decoder()
         self._presence = Presence(settings.timeout_s)
         self._upkeep = Upkeep(settings, self._outbox)
@@ -73,7 +78,7 @@ class MavlinkSession:
         self._heard_ns = -1
         self._state: CompanionState | None = None
         self._pending: list[Event] = []
-        self._forbidden_told = False
+        self._forbidden_told = self._ask_on = False
         self._now_ns = 0
 
     # ------------------------------------------------------------------------------------------------------------ what is known
@@ -95,8 +100,9 @@ class MavlinkSession:
 
     @property
     def n_vouched(self) -> int:
-        """The same and, with signing, what a holder of the key said with an old time: such a one may learn the time from us."""
-        return self.n_heard + self.unbelieved[Refusal.STALE]
+        """The same and what one says that is expected, before its HEARTBEAT; with signing, what a holder of the key said with an
+        old time, too: such a one may learn the time from us."""
+        return self.n_heard + self._listener.n_expected + self.unbelieved[Refusal.STALE]
 
     @property
     def counts(self) -> FrameCounts:
@@ -151,6 +157,8 @@ class MavlinkSession:
         for msg in self._listener.messages(data):
             self._presence.heard(now_ns)
             self._take(msg, now_ns)
+        if self._ask_on and self.link.up:
+            self._ask(now_ns)
         return self._drain_events()
 
     def poll(self, now_ns: int) -> list[Event]:
@@ -161,8 +169,7 @@ class MavlinkSession:
         flowing = CompanionState.ACTIVE if self._sender.active(now_ns) else CompanionState.STANDBY
         self._upkeep.heartbeat(self._state or flowing, now_ns)
         if self.link.up:
-            self._sender.poll(self.link, now_ns)
-            self._pending += self._upkeep.ask_what_is_due(self.link, self.origin is not None, now_ns)
+            self._ask(now_ns)
         return self._drain_events()
 
     # ------------------------------------------------------------------------------------------------------------ out
@@ -243,9 +250,19 @@ class MavlinkSession:
     def _warn(self, text: str) -> None:
         self._warnings.append(text)
 
+    def _ask(self, now_ns: int) -> None:
+        self._ask_on = False
+        self._sender.poll(self.link, now_ns)
+        self._pending += self._upkeep.ask_what_is_due(self.link, self.origin is not None, now_ns)
+
+    def _expected_speaks(self) -> None:
+        self._upkeep.ask_for_heartbeat(self.settings.left_system_id, self._now_ns)
+
     def _take(self, msg: Message, now_ns: int) -> None:
         if not self.link.up and msg.get_type() != "HEARTBEAT":
+            self._upkeep.ask_for_heartbeat(self._listener.pinned, now_ns)
             return
+        self._ask_on |= msg.get_type() in _ANSWERS
         self._upkeep.streams.arrived(msg.get_msgId())
         if self._sender.hear(msg, now_ns):
             return
@@ -286,6 +303,7 @@ class MavlinkSession:
         if changed is not None:
             self._pending.append(changed)
         if came:
+            self._ask_on = True
             self._upkeep.restart(now_ns)
             self._sender.restart(self.link)
             self._say_again()

@@ -28,11 +28,13 @@ class SessionSettings:
     those of section `injection` of the configuration. `timeout_s` of silence is a lost link; `reconnect_s` is the first pause
     between tries to open the connection anew. A stream is judged over `window_s` after its request was acknowledged.
     `output` None chooses by the autopilot (outputs/choice.py); `fence` None lets positions go anywhere.
-    `operator_systems` are the ground stations whose word on the position is heard.
+    `left_system_id` is the autopilot that a daemon before this one sent positions to, 0 where there was none: it is asked for its
+    HEARTBEAT as soon as it says anything. `operator_systems` are the ground stations whose word on the position is heard.
     `origin_to_set` is given to an autopilot without an origin and without GNSS, None is not.
     """
 
     system_id: int = 0
+    left_system_id: int = 0
     component_id: int = 197
     operator_systems: tuple[int, ...] = (255,)
     gnss_source_set: int = 1

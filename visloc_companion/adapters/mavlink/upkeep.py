@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from visloc_companion.adapters.mavlink.commands import Answer, CommandQueue, Question
 from visloc_companion.adapters.mavlink.dialect import Message, mav
-from visloc_companion.adapters.mavlink.encode import heartbeat
+from visloc_companion.adapters.mavlink.encode import command_long, heartbeat
 from visloc_companion.adapters.mavlink.origin_setting import OriginSetter
 from visloc_companion.adapters.mavlink.outbox import Outbox
 from visloc_companion.adapters.mavlink.settings import CompanionState, SessionSettings
 from visloc_companion.adapters.mavlink.streams import StreamKeeper
 from visloc_companion.adapters.mavlink.switching import SourceSwitcher
 from visloc_companion.adapters.mavlink.timesync import Timesync
-from visloc_companion.types import Event, LinkChanged, SourceSwitched
+from visloc_companion.types import AutopilotKind, Event, LinkChanged, SourceSwitched
 
 _NS_PER_S = 1_000_000_000
 _VERSION_TRIES = 5
+_HEARTBEAT_AGAIN_NS = _NS_PER_S // 5
+_STATUS_MESSAGES = {
+    AutopilotKind.ARDUPILOT: mav.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+    AutopilotKind.PX4: mav.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+}
 
 
 class Upkeep:
@@ -32,11 +37,14 @@ class Upkeep:
         self._next_timesync_ns = 0
         self._next_origin_ns = 0
         self._next_version_ns = 0
+        self._ask_heartbeat_ns = 0
         self._version_tries = 0
+        self._status_due = False
 
     def restart(self, now_ns: int) -> None:
         """The autopilot came (back): everything is asked anew."""
         self._version_tries = 0
+        self._status_due = True
         self._next_origin_ns = self._next_version_ns = self._next_timesync_ns = now_ns
         self._origin.restart(now_ns)
         self.streams.restart(now_ns)
@@ -54,19 +62,32 @@ class Upkeep:
         self._next_heartbeat_ns = now_ns + round(self._settings.heartbeat_s * _NS_PER_S)
         self._outbox.put(heartbeat(int(state)))
 
+    def ask_for_heartbeat(self, system_id: int, now_ns: int) -> None:
+        """Ask an autopilot that speaks, and is not known to be there yet, for the HEARTBEAT that it sends once a second only.
+
+        Not through the queue: it is answered by the HEARTBEAT, and what comes before that, as ArduPilot's ACK, is not heard.
+        """
+        if now_ns >= self._ask_heartbeat_ns:
+            self._ask_heartbeat_ns = now_ns + _HEARTBEAT_AGAIN_NS
+            asked = float(mav.MAVLINK_MSG_ID_HEARTBEAT)
+            self._outbox.put(command_long(system_id, mav.MAV_CMD_REQUEST_MESSAGE, asked))
+
     def ask_what_is_due(self, link: LinkChanged, has_origin: bool, now_ns: int) -> list[SourceSwitched]:
         """Send what is due while the link is up; switches that ended for want of an answer."""
         if now_ns >= self._next_timesync_ns:
             self._next_timesync_ns = now_ns + round(self._settings.timesync_s * _NS_PER_S)
             self._outbox.put(self._timesync.ask(now_ns))
-        if now_ns >= self._next_version_ns and not link.version and self._version_tries < _VERSION_TRIES:
-            self._version_tries += 1
-            self._next_version_ns = now_ns + 2**self._version_tries * _NS_PER_S
-            self._ask_once("version", mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
         if now_ns >= self._next_origin_ns:
             pause_s = self._settings.origin_known_s if has_origin else self._settings.origin_unknown_s
             self._next_origin_ns = now_ns + round(pause_s * _NS_PER_S)
             self._ask_once("origin", mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
+        if self._status_due and link.autopilot in _STATUS_MESSAGES:
+            self._status_due = False  # its stream comes twice a second, and the navigator may wait for nothing else
+            self._ask_once("status", _STATUS_MESSAGES[link.autopilot])
+        if now_ns >= self._next_version_ns and not link.version and self._version_tries < _VERSION_TRIES:
+            self._version_tries += 1
+            self._next_version_ns = now_ns + 2**self._version_tries * _NS_PER_S
+            self._ask_once("version", mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
         self.streams.has_origin = has_origin
         self.streams.poll(now_ns)
         param_set, ended = self.switcher.poll(link.system_id, now_ns)
