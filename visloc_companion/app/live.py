@@ -34,6 +34,7 @@ from visloc_companion.app.serialise import to_json
 from visloc_companion.app.settings import core_settings
 from visloc_companion.app.status import status_server
 from visloc_companion.app.ticker import time_grid
+from visloc_companion.app.worker_ahead import WorkerAhead
 from visloc_companion.config import Config
 from visloc_companion.errors import LinkError
 from visloc_companion.protocols import Clock, FrameSlots
@@ -60,7 +61,7 @@ LIMITS_S = {"link": 10.0, "camera": 15.0, "worker": 10.0, "tick": 3.0}
 _ORDERS_AT_ONCE = 32
 _WATCH_S = 0.5
 _NAVIGATOR = "visloc_companion.core.navigator"
-"""Imported while the worker starts: with SciPy it takes most of a second."""
+"""Imported while the worker starts: with SciPy it takes a quarter of a second."""
 
 
 class Daemon:
@@ -319,8 +320,9 @@ async def run_daemon(
     notifier: Notifier | None = None,
     on_ready: Callable[[Daemon], None] | None = None,
     at: At | None = None,
+    ahead: WorkerAhead | None = None,
 ) -> None:
-    """Assemble and serve until `stop` is set; `at`: where the vehicle is, as the operator says.
+    """Assemble and serve until `stop` is set; `at`: where the vehicle is, as the operator says; `ahead` waits to be the worker.
 
     Raises StartFailed with all that stands against the start.
     """
@@ -340,7 +342,7 @@ async def run_daemon(
         report(Notice(Severity.WARNING, text))
 
     stop = asyncio.Event() if stop is None else stop
-    assembling = asyncio.create_task(assemble(config, clock, make, Reports(report, disk_problem, link_warning)))
+    assembling = asyncio.create_task(assemble(config, clock, make, Reports(report, disk_problem, link_warning), ahead))
     importing = asyncio.create_task(asyncio.to_thread(import_module, _NAVIGATOR))
     try:
         parts = await _unless(stop, assembling)

@@ -18,6 +18,7 @@ from visloc_companion.app.slots import SharedFrameSlots
 from visloc_companion.app.status import require_status_socket
 from visloc_companion.app.versions import versions
 from visloc_companion.app.worker import WorkerSupervisor
+from visloc_companion.app.worker_ahead import WorkerAhead
 from visloc_companion.app.worker_process import REAL_ANSWERS
 from visloc_companion.config import Config
 from visloc_companion.errors import CameraError, ConfigError, JournalError, VislocError, is_of_the_disk
@@ -80,11 +81,12 @@ class Reports:
     link_warning: Callable[[str], None]
 
 
-async def assemble(config: Config, clock: Clock, make: Constructors, reports: Reports) -> Parts:
-    """Build and start all parts. Raises StartFailed with everything that is wrong, and leaves nothing open then."""
+async def assemble(config: Config, clock: Clock, make: Constructors, reports: Reports, ahead: WorkerAhead | None = None) -> Parts:
+    """Build and start all parts; `ahead` waits to be the worker. Raises StartFailed with everything that is wrong, and leaves
+    nothing open then."""
     parts = Parts(config, clock)
     try:
-        problems = await _build(parts, make, reports)
+        problems = await _build(parts, make, reports, ahead)
         if problems:
             raise StartFailed("visloc cannot start", problems)
     except BaseException:
@@ -95,7 +97,7 @@ async def assemble(config: Config, clock: Clock, make: Constructors, reports: Re
     return parts
 
 
-async def _build(parts: Parts, make: Constructors, reports: Reports) -> list[VislocError]:
+async def _build(parts: Parts, make: Constructors, reports: Reports, ahead: WorkerAhead | None) -> list[VislocError]:
     """Fill in the parts; what stands against them.
 
     What takes long goes side by side, since a start in flight is time without positions: the worker's process is begun first,
@@ -111,7 +113,9 @@ async def _build(parts: Parts, make: Constructors, reports: Reports) -> list[Vis
         if config.map.pack and slots is not None:
             left = left_behind(config.status.socket)
             known = "" if left is None else left.pack_seal
-            parts.worker = WorkerSupervisor(config, slots, clock, on_notice=reports.notice, factory=make.answers, known=known)
+            parts.worker = WorkerSupervisor(
+                config, slots, clock, on_notice=reports.notice, factory=make.answers, known=known, ahead=ahead
+            )
             parts.worker.begin()
     parts.link = _tried(problems, lambda: make.link(config, clock, _raw_tap(parts), reports.link_warning))
     if config.camera.url:

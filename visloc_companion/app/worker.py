@@ -10,7 +10,6 @@ import asyncio
 import contextlib
 import hashlib
 import multiprocessing
-import signal
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,6 +20,7 @@ from typing import Any
 from visloc_companion.app.mailbox import Mailbox
 from visloc_companion.app.patience import Patience
 from visloc_companion.app.slots import SharedFrameSlots
+from visloc_companion.app.worker_ahead import WorkerAhead, spawned
 from visloc_companion.app.worker_process import REAL_ANSWERS, Failed, Ready, WorkerJob, WorkerRequest, no_fix, run_worker
 from visloc_companion.config import Config
 from visloc_companion.errors import Reason, VislocError, WorkerError
@@ -43,7 +43,8 @@ _CAPACITY = 16
 class WorkerSupervisor:
     """One spawned worker. `events` holds its answers and states; `submit` never blocks or raises.
 
-    `known`: the `pack_seal` of the daemon before, whose pack need not be verified again.
+    `known`: the `pack_seal` of the daemon before, whose pack need not be verified again. `ahead`: a process that waits to be the
+    first worker.
     """
 
     def __init__(
@@ -55,6 +56,7 @@ class WorkerSupervisor:
         on_notice: Callable[[Notice], None],
         factory: str = REAL_ANSWERS,
         known: str = "",
+        ahead: WorkerAhead | None = None,
     ) -> None:
         self.events: Mailbox[WorkerEvent] = Mailbox(_CAPACITY, newest_wins=True)
         self.restarts = 0
@@ -62,7 +64,7 @@ class WorkerSupervisor:
         self.given_up = False
         self._config, self._slots, self._clock = config, slots, clock
         self._on_notice, self._factory, self._known = on_notice, factory, known
-        self._context = multiprocessing.get_context("spawn")
+        self._ahead = ahead
         self._process: Any = None
         self._connection: Connection | None = None
         self._in_flight: WorkerRequest | None = None
@@ -151,18 +153,9 @@ class WorkerSupervisor:
     # ------------------------------------------------------------------------------------------------------------ inside
 
     def _spawn(self, config: Config, patience_s: float) -> None:
-        ours, theirs = self._context.Pipe(duplex=True)
         job = WorkerJob(config, self._slots.name, self._factory)
-        process = self._context.Process(target=run_worker, args=(job, theirs), name="visloc-worker", daemon=True)
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))  # the process inherits that
-        try:
-            process.start()
-        except OSError:
-            ours.close()
-            raise
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-            theirs.close()
+        taken = None if self._ahead is None else self._ahead.take(job)
+        process, ours = taken or begun_with(job)
         self._process, self._connection, self._why, self._reason = process, ours, "", Reason.WORKER_DIED
         loop = asyncio.get_running_loop()
         loop.add_reader(process.sentinel, self._died)
@@ -295,6 +288,18 @@ class WorkerSupervisor:
 
     def _decline(self, request: WorkerRequest, reason: Reason, detail: str) -> None:
         self.events.put(no_fix(request, self._config.localiser.method, reason, detail, self._clock.now_ns()))
+
+
+def begun_with(job: WorkerJob) -> tuple[Any, Connection]:
+    """A worker's process and our end of its connection. Raises OSError."""
+    ours, theirs = multiprocessing.get_context("spawn").Pipe(duplex=True)
+    try:
+        return spawned(run_worker, job, theirs), ours
+    except OSError:
+        ours.close()
+        raise
+    finally:
+        theirs.close()
 
 
 def file_stamps(folder: str) -> FileStamps:

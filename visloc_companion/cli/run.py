@@ -12,6 +12,7 @@ import typer
 
 if TYPE_CHECKING:
     from visloc_companion.app.first_position import At
+    from visloc_companion.app.worker_ahead import WorkerAhead
     from visloc_companion.config import Config
     from visloc_companion.errors import VislocError
 
@@ -29,6 +30,17 @@ def run(
     json: Annotated[Path | None, typer.Option("--json", help="Write what --check found as JSON.")] = None,
 ) -> None:
     """Localise and inject until SIGTERM, SIGHUP or Ctrl-C. Exit codes: 0 ok, 2 configuration, 3 data, 4 link."""
+    from visloc_companion.app.worker_ahead import ahead_for
+
+    ahead = None if check else ahead_for(config)  # before anything that takes long to import
+    try:
+        _run(config, check, at, sigma, json, ahead)
+    finally:
+        if ahead is not None:
+            ahead.close()
+
+
+def _run(config: Path, check: bool, at: str, sigma: float, json: Path | None, ahead: WorkerAhead | None) -> None:
     from visloc_companion.app.first_position import At
     from visloc_companion.cli.progress import require_folder
     from visloc_companion.config import load_config
@@ -42,11 +54,11 @@ def run(
     if check:
         _finish(_check(settings, json), config)
     with _logging():
-        problems = _serve(settings, first)
+        problems = _serve(settings, first, ahead)
     _finish(problems, config)
 
 
-def _serve(config: Config, at: At | None) -> list[VislocError]:
+def _serve(config: Config, at: At | None, ahead: WorkerAhead | None = None) -> list[VislocError]:
     import asyncio
     import signal
 
@@ -58,7 +70,7 @@ def _serve(config: Config, at: At | None) -> list[VislocError]:
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):  # the last when the terminal that started it is gone
             if signal.getsignal(number) is not signal.SIG_IGN:  # nohup
                 asyncio.get_running_loop().add_signal_handler(number, stop.set)
-        await run_daemon(config, stop=stop, at=at)
+        await run_daemon(config, stop=stop, at=at, ahead=ahead)
 
     problems: list[VislocError] = []
     try:
