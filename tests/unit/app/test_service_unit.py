@@ -46,6 +46,12 @@ def test_it_starts_the_daemon_and_waits_for_its_word(directives: dict[str, list[
     assert float(directives["TimeoutStartSec"][0]) > _START_S
 
 
+def test_in_flight_it_is_started_again_at_once_however_often_it_fails(directives: dict[str, list[str]]) -> None:
+    """PX4's failsafe comes 4.5 s after the last position, and a start takes most of that."""
+    assert float(directives["RestartSec"][0]) <= 0.1
+    assert directives["StartLimitIntervalSec"] == ["0"]
+
+
 def test_the_watchdog_waits_for_several_beats(directives: dict[str, list[str]]) -> None:
     assert float(directives["WatchdogSec"][0]) >= 4 * live._WATCH_S
 
