@@ -217,6 +217,7 @@ class Daemon:
 
     async def _serve_ticks(self) -> None:
         rate_hz = self.parts.config.navigator.output_rate_hz
+        self.handle(Tick(self.parts.clock.now_ns()))  # what was heard while the worker started need not wait for the grid
         async for now_ns, slipped in time_grid(self.parts.clock, rate_hz):
             self.health.tick(self._wall.now_ns(), slipped)
             self.handle(Tick(now_ns))
