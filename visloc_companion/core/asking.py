@@ -1,7 +1,7 @@
 """What the worker is asked next, and the prior that goes with it: the filter's own state, never the autopilot's position.
 
 Where there is no state, or one that says hardly more than that the vehicle is on the map, the place is searched for
-(core/place_search.py).
+(core/place_search.py); in turns also where no frame is recognised about a GNSS that is trusted (core/beside_gnss.py).
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from visloc_companion.core import requests
+from visloc_companion.core import beside_gnss, place_search, requests
 from visloc_companion.core.attitude import AttitudeBuffer
+from visloc_companion.core.beside_gnss import BesideGnss
 from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.onboard_camera import OnboardCamera
 from visloc_companion.core.place_search import PlaceSearch, Reach, tile_radius_m
@@ -21,7 +22,18 @@ from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.terrain_aiding import TerrainAiding
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
-from visloc_companion.types import FrameRef, GeoPoint, LocaliseRequest, NavState, PosePrior, Quat, Readout, TerrainRequest, Vec3
+from visloc_companion.types import (
+    FrameRef,
+    GeoPoint,
+    LocaliseRequest,
+    NavState,
+    NoFix,
+    PosePrior,
+    Quat,
+    Readout,
+    TerrainRequest,
+    Vec3,
+)
 
 Request = LocaliseRequest | TerrainRequest
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
@@ -53,6 +65,7 @@ class Asking:
         self._settings, self._queue, self._tracker = settings, queue, tracker
         self._clock, self._attitude, self._camera = clock, attitude, camera
         self._terrain, self._search = terrain, search
+        self._beside = BesideGnss()
         self._untrusted_ns: int | None = None
 
     def next(self, now_ns: int, *, injecting: bool, gnss_trusted: bool) -> list[Request]:
@@ -62,6 +75,14 @@ class Asking:
         elif self._untrusted_ns is None:
             self._untrusted_ns = now_ns
         return self._about_terrain(now_ns, injecting, gnss_trusted) or self._about_frame(now_ns, injecting)
+
+    def refused(self, answer: NoFix, *, gnss_trusted: bool) -> None:
+        """Take an answer without a fix to a question that was not the search's for the place."""
+        self._beside.refused(answer, self._tracker.belief, gnss_trusted=gnss_trusted)
+
+    def beside_gnss(self, now_ns: int) -> bool:
+        """Whether the map is searched in turns because no frame is recognised about a GNSS that is, or was, trusted."""
+        return self._search is not None and self._beside.due(self._tracker.belief, now_ns)
 
     def attitude_now(self, now_ns: int) -> Quat | None:
         """The vehicle's attitude at a shell time, the newest one known where that is ahead of it."""
@@ -95,10 +116,9 @@ class Asking:
             return []
         q_ned_frd, q_ned_carrier = poses
         state = self._tracker.at(frame.t_ns)
-        if self._search is not None and self._anywhere(state, now_ns):
-            return self._about_place(self._search, state, frame, poses, now_ns)
-        if self._search is not None and self._search.active:
-            self._search.clear()
+        searching = self._about_search(state, frame, poses, now_ns)
+        if searching is not None:
+            return searching
         if state is None or not self._tracker.takes(frame.t_ns):
             return []
         state = self._of_camera(self._wide(state) if injecting else state, q_ned_frd)
@@ -143,17 +163,33 @@ class Asking:
         radius_m = tile_radius_m(velocity.h_amsl_m - origin.h_amsl_m, self._settings.max_search_radius_m)
         return state is None or 3 * largest_sigma_m(state.cov_ne_m2) > radius_m
 
+    def _about_search(
+        self, state: NavState | None, frame: FrameRef, poses: tuple[Quat, Quat], now_ns: int
+    ) -> list[Request] | None:
+        """A question of the search for the vehicle's place, where there is a search and its turn; else it ends, or waits."""
+        search = self._search
+        if search is None:
+            return None
+        if self._anywhere(state, now_ns):
+            about = Reach() if state is None else Reach(state.p_ned_m[:2], REACH_SIGMA * largest_sigma_m(state.cov_ne_m2))
+            return self._about_place(search, about, frame, poses, now_ns, place_search.RISK)
+        if state is not None and self.beside_gnss(now_ns):
+            turn, about = self._beside.takes_turn(), Reach(state.p_ned_m[:2])
+            return self._about_place(search, about, frame, poses, now_ns, beside_gnss.RISK) if turn else None
+        if search.active:
+            search.clear()
+        return None
+
     def _about_place(
-        self, search: PlaceSearch, state: NavState | None, frame: FrameRef, poses: tuple[Quat, Quat], now_ns: int
+        self, search: PlaceSearch, about: Reach, frame: FrameRef, poses: tuple[Quat, Quat], now_ns: int, risk: float
     ) -> list[Request]:
-        """The next question of the search for the vehicle's place."""
+        """The next question of the search for the vehicle's place, which is found where it is false with less than a risk."""
         q_ned_frd, q_ned_carrier = poses
         velocity, origin = self._tracker.velocity, self._tracker.origin
         if velocity is None or origin is None:
             return []
         height_m = velocity.h_amsl_m - origin.h_amsl_m
-        about = Reach() if state is None else Reach(state.p_ned_m[:2], REACH_SIGMA * largest_sigma_m(state.cov_ne_m2))
-        where = search.next(self._queue.next_id, frame.t_ns, height_m, velocity.sigma_mps, about)
+        where = search.next(self._queue.next_id, frame.t_ns, height_m, velocity.sigma_mps, about, risk)
         asked = NavState(
             frame.t_ns, (*where.place_ne_m, -height_m), velocity.v_ned_mps, where.cov_ne_m2, SEARCH_SIGMA_H_M, math.inf
         )

@@ -92,6 +92,7 @@ class _Asked:
     sigma_v_mps: float
     tile: Tile | None
     number: int | None
+    risk: float
 
 
 def tile_radius_m(height_m: float, max_radius_m: float) -> float:
@@ -146,8 +147,9 @@ class PlaceSearch:
         """Take what the camera saw of its own motion."""
         self._travel.odometry(seen)
 
-    def next(self, request_id: int, t_ns: int, height_m: float, sigma_v_mps: float, about: Reach) -> Where:
-        """What to ask of a frame of `t_ns`, taken `height_m` above the origin; `sigma_v_mps`: 1-sigma of the velocity input."""
+    def next(self, request_id: int, t_ns: int, height_m: float, sigma_v_mps: float, about: Reach, risk: float = RISK) -> Where:
+        """What to ask of a frame of `t_ns`, taken `height_m` above the origin; `sigma_v_mps`: 1-sigma of the velocity input. A
+        place is found where it is false with a probability of at most `risk`."""
         height_m = max(height_m, LEAST_HEIGHT_M)
         self._carry(t_ns)
         due, tile = self._due(t_ns), None
@@ -164,7 +166,7 @@ class PlaceSearch:
             where = Where(due.place_ne_m, ((nn + least, ne), (ne, ee + least)))
         self._tile_next = tile is None
         number = due.number if tile is None and due is not None else None
-        self._asked = _Asked(request_id, t_ns, where, height_m, sigma_v_mps, tile, number)
+        self._asked = _Asked(request_id, t_ns, where, height_m, sigma_v_mps, tile, number, risk)
         return where
 
     def is_asked(self, request_id: int) -> bool:
@@ -189,7 +191,7 @@ class PlaceSearch:
         if asked.number is None:
             return None
         self._places = hypotheses.kept([self._tested(h, asked, answer, origin) for h in self._places])
-        best = hypotheses.winner(self._places, RISK)
+        best = hypotheses.winner(self._places, asked.risk)
         if best is None or best.number != asked.number or not isinstance(answer, Fix):
             return None
         now = self._travel.carried(best, now_ns)

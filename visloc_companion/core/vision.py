@@ -35,6 +35,7 @@ from visloc_companion.types import (
     Event,
     Fix,
     FrameRef,
+    GeoPoint,
     LocaliseRequest,
     Mode,
     NavState,
@@ -48,6 +49,8 @@ from visloc_companion.types import (
 
 SEED_SIGMA_M = 5.0
 """1-sigma of a place by fixes through a lens whose length they told."""
+BESIDE_GNSS_M = 50.0
+"""A place that is found is said to lie elsewhere than a trusted GNSS from so far on."""
 WORKER_LOST = (Reason.WORKER_TIMEOUT, Reason.WORKER_DIED)
 
 
@@ -104,7 +107,8 @@ class Vision:
         if self._monitor.trusted:
             self._to_confirm = None  # from here on GNSS says the place, and what fixes confirm is not the operator's word
         self._follow(now_ns)
-        text = "visloc: searching the map, keep moving"
+        beside = self._asking.beside_gnss(now_ns)
+        text = "visloc: no fix near GNSS, searching the map" if beside else "visloc: searching the map, keep moving"
         told = [*self._camera.check(now_ns, heard), *self._onboard.check(now_ns, heard=heard, needed=self._steering.injecting)]
         return [*told, *([Notice(Severity.NOTICE, text, to_operator=True)] if begun else [])]
 
@@ -212,6 +216,8 @@ class Vision:
             return [*([] if found is None else self._on_found(found, now_ns)), *self.free_worker(event, now_ns)]
         if isinstance(event, Fix):
             return self._on_fix(event, before, now_ns)
+        if event.method != TERRAIN:
+            self._asking.refused(event, gnss_trusted=self._monitor.trusted)
         told = [*self._stated_off_map(event), *self._unmatched.on_refusal(event, now_ns)]
         return [*told, *self._on_open(event, now_ns), *self.free_worker(event, now_ns)]
 
@@ -258,7 +264,13 @@ class Vision:
             return []
         self._steering.taken(now_ns)
         data = (("probability_wrong", found.probability_wrong), ("answers", float(found.hits)))
-        return [Notice(Severity.WARNING, "visloc: position found on the map", to_operator=True, data=data)]
+        return [Notice(Severity.WARNING, f"visloc: position found {self._where(place)}", to_operator=True, data=data)]
+
+    def _where(self, place: GeoPoint) -> str:
+        """In words, where a place lies that was found on the map."""
+        newest = self._tracker.gnss.newest if self._monitor.trusted else None
+        off_m = 0.0 if newest is None else wgs84.distance_m(newest, place)
+        return "on the map" if off_m < BESIDE_GNSS_M else f"{off_m:.0f} m from GNSS"
 
     def free_worker(self, event: Event, now_ns: int) -> list[Command]:
         """After an answer, used or not: nothing is outstanding, and the next question may be asked; not of a worker that was lost

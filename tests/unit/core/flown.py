@@ -5,13 +5,18 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from visloc_companion.core.settings import CoreSettings, InjectionSettings
+from visloc_companion.errors import Reason
+from visloc_companion.geo import wgs84
 from visloc_companion.types import (
     Attitude,
     FrameRef,
     GeoPoint,
     LocaliseRequest,
     Mode,
+    NoFix,
     Notice,
+    OpenPlace,
 )
 
 S = 1_000_000_000
@@ -23,6 +28,29 @@ def started(world: type[World], **faults: Any) -> World:
     made = world(**faults)
     made.start()
     return made
+
+
+def blinkered(world: type[World], settings: CoreSettings | None = None, **faults: Any) -> World:
+    """A worker that finds the vehicle only within the region that it is asked about, and merely lists it where that is large."""
+
+    class Blinkered(world):  # type: ignore[misc]
+        def _localise(self, request: LocaliseRequest) -> None:
+            super()._localise(request)
+            when, fix = self.answers[-1]
+            if isinstance(fix, NoFix):
+                return
+            north, east, _ = wgs84.ned_from_geo(fix.place, request.prior.place)
+            sigma_m = math.sqrt(request.prior.cov_ne_m2[0][0])
+            within = math.hypot(north, east) <= 3 * sigma_m
+            listed = (OpenPlace(fix.place, fix.cov_ne_m2, math.log(0.5)),) if within else ()
+            told = fix.request_id, fix.frame_id, "test"
+            none = NoFix(0, fix.t_ns, *told, Reason.AMBIGUOUS, 5.0, open_places=listed, footprint_m=100.0)
+            self.answers[-1] = (when, fix if within and sigma_m < 150 else none)
+
+    usual = {"settings": settings or CoreSettings(injection=InjectionSettings(switch_source=True)), "jammed": lambda t: True}
+    w = Blinkered(**(usual | faults))
+    w.start()
+    return w
 
 
 def texts(w: World) -> list[str]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.unit.core.flown import blinkered
 from visloc_companion.core.settings import CoreSettings, InjectionSettings, NavigatorSettings
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
@@ -18,7 +19,6 @@ from visloc_companion.types import (
     LocaliseRequest,
     Mode,
     NoFix,
-    OpenPlace,
     OperatorFix,
     OriginChanged,
     Tick,
@@ -29,28 +29,6 @@ from visloc_companion.types import (
 World = Any
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
 INJECTION = InjectionSettings(switch_source=True)
-
-
-def blinkered(world: type[World], settings: CoreSettings | None = None, **faults: Any) -> World:
-    """A worker that finds the vehicle only within the region that it is asked about, and merely lists it where that is large."""
-
-    class Blinkered(world):  # type: ignore[misc]
-        def _localise(self, request: LocaliseRequest) -> None:
-            super()._localise(request)
-            when, fix = self.answers[-1]
-            if isinstance(fix, NoFix):
-                return
-            north, east, _ = wgs84.ned_from_geo(fix.place, request.prior.place)
-            sigma_m = math.sqrt(request.prior.cov_ne_m2[0][0])
-            within = math.hypot(north, east) <= 3 * sigma_m
-            listed = (OpenPlace(fix.place, fix.cov_ne_m2, math.log(0.5)),) if within else ()
-            told = fix.request_id, fix.frame_id, "test"
-            none = NoFix(0, fix.t_ns, *told, Reason.AMBIGUOUS, 5.0, open_places=listed, footprint_m=100.0)
-            self.answers[-1] = (when, fix if within and sigma_m < 150 else none)
-
-    w = Blinkered(**({"settings": settings or CoreSettings(injection=INJECTION), "jammed": lambda t: True} | faults))
-    w.start()
-    return w
 
 
 def test_a_daemon_that_starts_while_gnss_is_lost_finds_its_place_and_injects(world: type[World]) -> None:
