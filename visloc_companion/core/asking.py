@@ -172,17 +172,21 @@ class Asking:
             return None
         if self._anywhere(state, now_ns):
             about = Reach() if state is None else Reach(state.p_ned_m[:2], REACH_SIGMA * largest_sigma_m(state.cov_ne_m2))
-            return self._about_place(search, about, frame, poses, now_ns, place_search.RISK)
+            return [*self._about_place(search, about, frame, poses, now_ns, place_search.RISK)]
         if state is not None and self.beside_gnss(now_ns):
-            turn, about = self._beside.takes_turn(), Reach(state.p_ned_m[:2])
-            return self._about_place(search, about, frame, poses, now_ns, beside_gnss.RISK) if turn else None
+            if not self._beside.takes_turn():
+                return None
+            asked = self._about_place(search, Reach(state.p_ned_m[:2]), frame, poses, now_ns, beside_gnss.RISK)
+            believed = self._of_camera(state, poses[0])
+            ground = self._prior(believed, poses[1], self._camera.q_carrier_cambody, injecting=False)
+            return [replace(each, motion_prior=ground) for each in asked]
         if search.active:
             search.clear()
         return None
 
     def _about_place(
         self, search: PlaceSearch, about: Reach, frame: FrameRef, poses: tuple[Quat, Quat], now_ns: int, risk: float
-    ) -> list[Request]:
+    ) -> list[LocaliseRequest]:
         """The next question of the search for the vehicle's place, which is found where it is false with less than a risk."""
         q_ned_frd, q_ned_carrier = poses
         velocity, origin = self._tracker.velocity, self._tracker.origin

@@ -163,7 +163,7 @@ class Vision:
                 self._aiding.on_motion(interval)
             self._open.moved(motion)
             self._travel.odometry(motion)
-            if self._search is not None:
+            if self._search is not None and not self._asking.beside_gnss(now_ns):  # else by the ground where GNSS has the vehicle
                 self._search.moved(motion)
 
     def on_answer(self, event: Fix | NoFix, now_ns: int) -> list[Command]:

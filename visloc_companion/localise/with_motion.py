@@ -22,7 +22,7 @@ from visloc_companion.localise.plan import LocalFrame, local_frame
 from visloc_companion.localise.pose import heading_and_tilt
 from visloc_companion.localise.surface_window import SurfaceWindow
 from visloc_companion.protocols import Localiser, ReferenceMap
-from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix, Odometry
+from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix, Odometry, PosePrior
 
 GROUND_SIGMA_M, GROUND_SLOPE = 5.0, 0.03
 """1-sigma of the ground's height where the map ends or has none: relief, and how it goes on from where it was known last."""
@@ -59,13 +59,13 @@ class WithMotion(Asking):
         return found if motion is None else replace(found, motion=motion)
 
     def _motion(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Odometry | None:
-        prior = request.prior
+        prior = request.prior if request.motion_prior is None else request.motion_prior
         try:
             frame = local_frame(prior.place, ref)
         except OutsideMap:
             return None
-        surface = self._surface(request, ref, frame)
-        height_m, sigma_height_m = self._above_last_ground(request, frame) if surface is None else (math.nan, math.inf)
+        surface = self._surface(prior, ref, frame)
+        height_m, sigma_height_m = self._above_last_ground(prior, frame) if surface is None else (math.nan, math.inf)
         if surface is None and not math.isfinite(sigma_height_m):
             return None
         (nn, ne), (_, ee) = prior.cov_ne_m2
@@ -112,18 +112,18 @@ class WithMotion(Asking):
             per_focal_ne_m=(focal_n, focal_e),
         )
 
-    def _above_last_ground(self, request: LocaliseRequest, frame: LocalFrame) -> tuple[float, float]:
+    def _above_last_ground(self, prior: PosePrior, frame: LocalFrame) -> tuple[float, float]:
         """Height over the ground as it was known last, and its 1-sigma; NaN and infinity where it never was."""
         if self._ground is None:
             return math.nan, math.inf
         place_map, ground_amsl_m = self._ground
         away_m = float(np.linalg.norm(np.linalg.solve(frame.J_map_ne, place_map - frame.origin_map)))
-        sigma_m = math.hypot(request.prior.sigma_h_m, GROUND_SIGMA_M, GROUND_SLOPE * away_m)
-        return request.prior.place.h_amsl_m - ground_amsl_m, sigma_m
+        sigma_m = math.hypot(prior.sigma_h_m, GROUND_SIGMA_M, GROUND_SLOPE * away_m)
+        return prior.place.h_amsl_m - ground_amsl_m, sigma_m
 
-    def _surface(self, request: LocaliseRequest, ref: ReferenceMap, frame: LocalFrame) -> Surface | None:
+    def _surface(self, prior: PosePrior, ref: ReferenceMap, frame: LocalFrame) -> Surface | None:
         """The surface about the camera, about its believed place; None off the map."""
-        surface = self._window.about(request.prior.place.h_amsl_m, ref, frame)
+        surface = self._window.about(prior.place.h_amsl_m, ref, frame)
         if surface is not None:
             self._ground = np.array(frame.to_map(np.zeros(2))), self._window.ground_amsl_m
         return surface

@@ -63,7 +63,8 @@ class Readout:
 class LocaliseRequest:
     """Ask the worker to localise the frame in `frame.slot`. `seed` feeds what is random; `readout` is of a rolling shutter;
     `zoom` is by how much the picture is believed to be enlarged beyond the calibrated lens, `try_zoom` how it is to be looked at
-    as well where it is not recognised so."""
+    as well where it is not recognised so. `motion_prior`: where the vehicle is believed to be, in a request that searches for it
+    elsewhere: the camera's motion is measured over the ground there, as in those before and after."""
 
     request_id: int
     frame: FrameRef
@@ -73,6 +74,7 @@ class LocaliseRequest:
     readout: Readout | None = None
     zoom: float = 1.0
     try_zoom: float | None = None
+    motion_prior: PosePrior | None = None
 
 
 Sounding = tuple[float, float, float, float, float, float, float]

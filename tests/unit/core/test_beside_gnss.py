@@ -61,6 +61,10 @@ def test_a_good_gnss_over_ground_that_nothing_recognises_stays_trusted(world: ty
     wide = [t for t, request, _ in w.requests if request.prior.cov_ne_m2[0][0] > 150**2]
     assert 30 <= min(wide) < 33
     assert max(wide) < 103
+    for t, request, _ in w.requests:
+        ground = request.motion_prior
+        assert (ground is not None) == (t in wide), "only while another place is looked at"
+        assert ground is None or ground.cov_ne_m2[0][0] < 150**2
     about_gnss = [t for t, request, _ in w.requests if 40 < t < 100 and request.prior.cov_ne_m2[0][0] < 150**2]
     assert len(about_gnss) >= len([t for t in wide if 40 < t < 100]), "every other question is about GNSS all the while"
 

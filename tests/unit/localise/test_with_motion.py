@@ -11,6 +11,8 @@ import pytest
 
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.geo.se3 import quat_from_euler
+from visloc_companion.geo.wgs84 import geo_from_ned
+from visloc_companion.localise.asking import Asking
 from visloc_companion.localise.plan import local_frame
 from visloc_companion.localise.surface_window import REACH_HEIGHTS, SurfaceWindow
 from visloc_companion.localise.with_motion import HEADINGS, WithMotion
@@ -74,6 +76,27 @@ def test_the_motion_is_that_of_the_camera(support, request, ground: str) -> None
         error = np.array(motion.displacement_ned_m)[:2] - truth[:2]
         assert math.hypot(*error) < 0.05 * math.hypot(*truth[:2]) + 0.3
         assert error @ np.linalg.solve(np.array(motion.cov_ne_m2), error) < 16
+
+
+def test_a_search_elsewhere_leaves_the_motion_as_it_is(support, hilly) -> None:
+    """While the vehicle is searched for where it is not, every other request has another place's ground below its prior."""
+
+    class Elsewhere(Asking):
+        def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
+            place, n = request.prior.place, request.frame.frame_id
+            away = replace(request.prior, place=geo_from_ned((150.0, -120.0, 0.0), place), cov_ne_m2=((9e4, 0.0), (0.0, 9e4)))
+            searched = replace(request, prior=away, motion_prior=request.prior if self.told else None)
+            return self._localiser.localise(request if n % 2 else searched, pixels, ref)
+
+        told = True
+
+    points = along(6)
+    usual = [answer.motion for answer in flown(support, hilly, WithMotion(Witness(), MODEL), points)]
+    searching = Elsewhere(WithMotion(Witness(), MODEL))
+    assert [answer.motion for answer in flown(support, hilly, searching, points)] == usual
+    untold = Elsewhere(WithMotion(Witness(), MODEL))
+    untold.told = False
+    assert [answer.motion for answer in flown(support, hilly, untold, points)] != usual
 
 
 class EndsAt:
