@@ -9,7 +9,7 @@ from visloc_companion.errors import MapError, OutsideMap
 from visloc_companion.localise.asking import Asking
 from visloc_companion.localise.with_motion import GROUND_SIGMA_M
 from visloc_companion.protocols import Localiser, ReferenceMap, ShapeMap
-from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix
+from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix, PosePrior
 
 PROBE_M, PROBE_POINTS = 20.0, 100
 
@@ -49,6 +49,10 @@ class OverPlane(Asking):
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The other localiser's answer."""
         if self._shape.known(request, ref) is False:
-            sigma_h_m = math.hypot(request.prior.sigma_h_m, GROUND_SIGMA_M)
-            request = replace(request, prior=replace(request.prior, sigma_h_m=sigma_h_m))
+            believed = None if request.motion_prior is None else _over_plane(request.motion_prior)
+            request = replace(request, prior=_over_plane(request.prior), motion_prior=believed)
         return self._localiser.localise(request, pixels, ref)
+
+
+def _over_plane(prior: PosePrior) -> PosePrior:
+    return replace(prior, sigma_h_m=math.hypot(prior.sigma_h_m, GROUND_SIGMA_M))

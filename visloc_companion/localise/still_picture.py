@@ -86,7 +86,7 @@ class MovingFramesOnly(Asking):
         return refused(request, self.method, Reason.FROZEN, why)
 
     def _stands(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> bool:
-        seen, now_ns, prior = small(pixels), request.frame.t_ns, request.prior
+        seen, now_ns, prior = small(pixels), request.frame.t_ns, request.believed
         stretch, begun = self._stretch, _Stretch(seen, prior, now_ns, prior, prior, now_ns)
         if stretch is None or not is_same(stretch.first, seen):
             self._stretch = begun

@@ -59,7 +59,7 @@ class WithMotion(Asking):
         return found if motion is None else replace(found, motion=motion)
 
     def _motion(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Odometry | None:
-        prior = request.prior if request.motion_prior is None else request.motion_prior
+        prior = request.believed
         try:
             frame = local_frame(prior.place, ref)
         except OutsideMap:

@@ -34,7 +34,7 @@ class WithTurn(Asking):
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The other localiser's answer, with the camera's turn. An old picture of a frozen camera tells of none, nor does the
         next one beside it."""
-        turns = self._watch.step(pixels, request.frame.t_ns, request.prior.q_ned_frd, self._heights(request.prior, ref))
+        turns = self._watch.step(pixels, request.frame.t_ns, request.prior.q_ned_frd, self._heights(request.believed, ref))
         since_last = turns.since_last
         asked = request if since_last is None else replace(request, prior=_carried_on(request.prior, since_last))
         found = self._localiser.localise(asked, pixels, ref)

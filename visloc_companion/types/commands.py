@@ -76,6 +76,11 @@ class LocaliseRequest:
     try_zoom: float | None = None
     motion_prior: PosePrior | None = None
 
+    @property
+    def believed(self) -> PosePrior:
+        """Where the vehicle is believed to be, wherever it is searched for."""
+        return self.prior if self.motion_prior is None else self.motion_prior
+
 
 Sounding = tuple[float, float, float, float, float, float, float]
 """One distance measured downwards: age (s), place of the vehicle then from its place now by dead reckoning, and the beam's end

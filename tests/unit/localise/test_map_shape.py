@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -42,9 +42,11 @@ class Asked(Witness):
     def __init__(self) -> None:
         super().__init__()
         self.sigma_h_m: list[float] = []
+        self.believed_sigma_h_m: list[float] = []
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         self.sigma_h_m.append(request.prior.sigma_h_m)
+        self.believed_sigma_h_m.append(request.believed.sigma_h_m)
         return super().localise(request, pixels, ref)
 
 
@@ -55,9 +57,10 @@ def test_relief_is_a_part_of_what_is_unknown_of_the_height_over_a_plane_alone(fl
         asked = Asked()
         localiser = OverPlane(asked)
         assert localiser.method == "witness"
-        for request in (beyond, within):
+        for request in (beyond, replace(within, motion_prior=beyond.prior), within):
             localiser.localise(request, pixels, ref(flat.pixels, flat.surface))
         assert asked.sigma_h_m[-1] == pytest.approx(expected)
+        assert asked.believed_sigma_h_m[-2] == pytest.approx(expected), "of what motion is measured over, as well"
 
 
 class Elsewhere(Asking):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import cast
 
 import cv2
@@ -41,7 +42,13 @@ class Flight:
         self.localiser = MovingFramesOnly(self.witness, MODEL)
 
     def ask(
-        self, pixels: Image, at_ned_m: Vec3 = (0.0, 0.0, 0.0), roll_deg: float = 0.0, place: GeoPoint = HOME, again: bool = False
+        self,
+        pixels: Image,
+        at_ned_m: Vec3 = (0.0, 0.0, 0.0),
+        roll_deg: float = 0.0,
+        place: GeoPoint = HOME,
+        again: bool = False,
+        searched_ned_m: Vec3 | None = None,
     ) -> Reason:
         self.n += not again
         half = math.radians(roll_deg) / 2
@@ -49,6 +56,8 @@ class Flight:
         prior = PosePrior(geo_from_ned(at_ned_m, place), attitude, ((1.0, 0.0), (0.0, 1.0)), 1.0, 0.1, 0.1)
         t_ns = round(self.n * self.every_s * 1e9)
         request = LocaliseRequest(self.n, FrameRef(t_ns, t_ns, self.n, 0, 640, 480, 3), prior, 1)
+        if searched_ned_m is not None:
+            request = replace(request, prior=replace(prior, place=geo_from_ned(searched_ned_m, place)), motion_prior=prior)
         answer = self.localiser.localise(request, pixels, cast("ReferenceMap", Ground()))
         assert isinstance(answer, NoFix)
         assert answer.frame_id == self.n
@@ -147,6 +156,13 @@ def test_a_hover_is_no_frozen_camera() -> None:
     for n in range(200):
         north, east, roll = rng.normal(0.0, 1.0, 3) * np.array([0.15, 0.15, 0.05])
         assert flight.ask(compressed(still, n), (north, east, 0.0), roll) is Reason.NO_MATCH
+
+
+def test_a_search_of_other_places_does_not_freeze_a_hover() -> None:
+    flight, still = Flight(), ground(1)
+    for n in range(12):
+        elsewhere = (1000.0 * n, -500.0, 0.0) if n % 2 else None
+        assert flight.ask(compressed(still, n), searched_ned_m=elsewhere) is Reason.NO_MATCH
 
 
 def test_a_place_that_leaps_costs_one_picture() -> None:
