@@ -2,7 +2,8 @@
 
 `python -m benchmarks.autopilots_built_in [--missing] [--seeds S ...] [--write]` flies it for every row that has a figure, with
 `--missing` for those that have none, prints 95 % of its error for each seed, and with `--write` puts those of the rows' own seeds
-into the rows and docs/autopilots.md. `--alone arducopter/rendered` flies what has no row.
+into the rows and docs/autopilots.md. `--alone arducopter/rendered` flies what has no row, with `--odometry` so that answers from
+the truth bring the camera's motion, too (benchmarks/odometry_model.py), as the localiser's do.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import cast
 import numpy as np
 
 from benchmarks.autopilots_table import DOCS, ROWS, Row, read_rows, row_path, written
+from benchmarks.odometry_model import OdometryModel
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.app.settings import core_settings
@@ -23,7 +25,7 @@ from visloc_companion.config import Config
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.errors import Reason
 from visloc_companion.evaluate.real_world import over_its_world
-from visloc_companion.geo.wgs84 import geo_from_ned
+from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.sim import faults
 from visloc_companion.sim.autopilot import BuiltInAutopilot
@@ -43,14 +45,18 @@ from visloc_companion.types import AutopilotKind, EkfSource, Fix, GeoPoint, Imag
 
 WIND_NED_MPS, CALM = (2.0, -4.0, 0.0), (0.0, 0.0, 0.0)
 BOOT_AGE_S = 60.0
+ODOMETRY_SEED = 5
 EKF2_DEFAULT_TAUS = {"EKF2_TAU_POS": 0.25, "EKF2_TAU_VEL": 0.25}
 
 
-def built_in_p95_m(scenario: RealScenario, simulator: Simulator, *, ekf2_defaults: bool = False) -> float | None:
+def built_in_p95_m(
+    scenario: RealScenario, simulator: Simulator, *, ekf2_defaults: bool = False, odometry: bool = False
+) -> float | None:
     """95 % of the built-in autopilot's own error while it flies on vision, metres.
 
     None where it never does, and for flights that it cannot fly: with restarts, jumps, or no GNSS at boot.
     `ekf2_defaults`: with EKF2's own time constants and noise of the accelerometers, as before decision 25.
+    `odometry`: answers from the truth bring the camera's motion.
     """
     if scenario.restarts or scenario.oracle.moved or not scenario.gnss_at_boot:
         return None
@@ -71,7 +77,7 @@ def built_in_p95_m(scenario: RealScenario, simulator: Simulator, *, ekf2_default
     )
     config = flight_config(scenario)
     log = ClosedLoopFlight(
-        pilot, Navigator(core_settings(config)), MavlinkSession(SessionSettings()), _eyes(scenario, config)
+        pilot, Navigator(core_settings(config)), MavlinkSession(SessionSettings()), _eyes(scenario, config, odometry)
     ).run(scenario.duration_s)
     switches = [(e.now_ns, e.event.source) for e in log.entries if isinstance(e.event, SourceSwitched) and e.event.accepted]
     errors = [sample.off_m for sample in log.truth if _on_vision(switches, sample.t_ns) and sample.off_m is not None]
@@ -86,11 +92,14 @@ def main() -> None:
     parser.add_argument("--missing", action="store_true", help="for rows that have no figure yet")
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--alone", nargs="*", default=[], metavar="SIMULATOR/FLIGHT", help="these, and no row's")
+    parser.add_argument("--odometry", action="store_true", help="with --alone: answers from the truth bring odometry")
     args = parser.parse_args()
+    if args.odometry and not args.alone:
+        parser.error("--odometry is for flights of --alone: rows are flown without")
     for simulator, _, flight in (name.partition("/") for name in args.alone):
         for seed in args.seeds or [1]:
             row = {"simulator": simulator, "flight": flight}
-            print(f"{simulator} {flight}, seed {seed}: {_figure(row, seed)}", flush=True)
+            print(f"{simulator} {flight}, seed {seed}: {_figure(row, seed, odometry=args.odometry)}", flush=True)
     if args.alone:
         return
     for row in read_rows(ROWS):
@@ -115,19 +124,19 @@ def _model(scenario: RealScenario, simulator: Simulator, ekf2_defaults: bool) ->
     return model if scenario.drag_per_s is None else replace(model, drag=Drag(scenario.drag_per_s))
 
 
-def _figure(row: Row, seed: int) -> float | None:
+def _figure(row: Row, seed: int, *, odometry: bool = False) -> float | None:
     simulator = Simulator(row["simulator"])
     scenario = over_its_world(real_scenario(row["flight"], simulator, seed))
-    return built_in_p95_m(scenario, simulator, ekf2_defaults=row.get("ekf2_defaults", False))
+    return built_in_p95_m(scenario, simulator, ekf2_defaults=row.get("ekf2_defaults", False), odometry=odometry)
 
 
-def _eyes(scenario: RealScenario, config: Config) -> Eyes:
+def _eyes(scenario: RealScenario, config: Config, odometry: bool) -> Eyes:
     oracle = scenario.oracle
     latency_s = oracle.latency_s + oracle.jitter_s / 2
     if scenario.seen is not None:
         camera, localiser, reference = opened(scenario.seen, config)
         return Eyes(camera, localiser, reference, oracle.rate_hz, latency_s)
-    poses = cast(SimulatedCamera, _PoseCamera()), _PoseReader(oracle, scenario.seed), cast(ReferenceMap, None)
+    poses = cast(SimulatedCamera, _PoseCamera()), _PoseReader(oracle, scenario.seed, odometry), cast(ReferenceMap, None)
     return Eyes(*poses, oracle.rate_hz, latency_s)
 
 
@@ -173,8 +182,11 @@ class _PoseReader:
 
     method = METHOD
 
-    def __init__(self, settings: OracleSettings, seed: int) -> None:
+    def __init__(self, settings: OracleSettings, seed: int, odometry: bool = False) -> None:
         self._settings, self._rng = settings, Random(f"{seed}/oracle")
+        self._moves = np.random.default_rng(ODOMETRY_SEED)
+        self._odometry = OdometryModel.drawn(self._moves) if odometry else None
+        self._begun: GeoPoint | None = None
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         lat, lon, height, w, x, y, z = np.frombuffer(pixels.tobytes(), np.float64).tolist()
@@ -188,7 +200,13 @@ class _PoseReader:
         place = replace(place, h_amsl_m=h_m)
         cov = ((claimed, 0.0), (0.0, claimed))
         ids = request.request_id, frame.frame_id
-        return Fix(0, frame.t_ns, *ids, METHOD, place, (w, x, y, z), cov, sigma_h_m, 0.01, 1e-4, 50.0)
+        fix = Fix(0, frame.t_ns, *ids, METHOD, place, (w, x, y, z), cov, sigma_h_m, 0.01, 1e-4, 50.0)
+        if self._odometry is None:
+            return fix
+        true = GeoPoint(lat, lon, height)
+        self._begun = self._begun or true
+        at_ne_m = np.array(ned_from_geo(true, self._begun)[:2])
+        return replace(fix, motion=self._odometry.look(frame.t_ns, at_ne_m, self._moves))
 
 
 if __name__ == "__main__":

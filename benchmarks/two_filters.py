@@ -61,7 +61,13 @@ SENSORS = {
     "medium": Sensors((0.5, 0.5), (0.03, 0.03), 0.1),
     "quiet": Sensors((0.16, 0.16), (0.005, 0.005), 0.05),
 }
-FLIGHTS = {"jam": Fixes(0.25, 0.25), "late": Fixes(0.6, 0.55), "late_pictures": Fixes(0.25, 0.55), "fixes_1_hz": Fixes(1.0, 0.25)}
+FLIGHTS = {
+    "jam": Fixes(0.25, 0.25),
+    "late": Fixes(0.6, 0.55),
+    "late_pictures": Fixes(0.25, 0.55),
+    "fewer, no later": Fixes(0.6, 0.25),
+    "fixes_1_hz": Fixes(1.0, 0.25),
+}
 SETTINGS = {
     "as it was": Ekf2(),
     "EKF2_TAU_* 0.1": Ekf2(tau_s=0.1),

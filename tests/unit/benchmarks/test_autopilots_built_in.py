@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from visloc_companion.evaluate import real_world
+from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.world import ProceduralWorld, procedural_world
 from visloc_companion.sim.flight import Eyes
@@ -20,6 +21,7 @@ from visloc_companion.sim.real.programs import Simulator
 from visloc_companion.sim.real.scenario import RealScenario
 from visloc_companion.sim.real.scenarios import real_scenario
 from visloc_companion.sim.vehicle_model import ARDUPILOT_SITL, PX4_SIH, Drag
+from visloc_companion.types import FrameRef, GeoPoint, LocaliseRequest, PosePrior
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -107,3 +109,23 @@ def test_figures_go_into_the_rows_that_had_one_or_into_the_others(
     found = {name: json.loads((rows / f"px4-{name}-1.json").read_text())["built_in_p95_m"] for name in expected}
     assert found == expected
     assert page.read_text() == "no table, written"
+
+
+@pytest.mark.parametrize("odometry", [False, True])
+def test_answers_from_the_truth_bring_the_motion_where_that_is_asked_for(
+    module: ModuleType, monkeypatch: pytest.MonkeyPatch, odometry: bool
+) -> None:
+    _, eyes = beside(module, monkeypatch, Simulator.ARDUCOPTER, odometry=odometry)
+    home, level = GeoPoint(59.3, 18.1, 140.0), (1.0, 0.0, 0.0, 0.0)
+    motions = []
+    for k in range(4):
+        place = geo_from_ned((2.5 * k, 0.0, 0.0), home)
+        frame = FrameRef(0, k * 250_000_000, k, 0, 640, 480, 3, t_boot_ns=k * 250_000_000)
+        request = LocaliseRequest(k, frame, PosePrior(place, level, ((4.0, 0.0), (0.0, 4.0)), 3.0, 0.1, 0.1), 1)
+        pixels = eyes.camera.render(place, level, k)
+        motions.append(eyes.localiser.localise(request, pixels, eyes.reference).motion)
+    if not odometry:
+        assert motions == [None] * 4
+        return
+    assert motions[0] is None
+    assert [motion.displacement_ned_m[0] for motion in motions[1:]] == pytest.approx([2.5, 5.0, 7.5], abs=0.5)
