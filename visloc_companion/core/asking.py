@@ -80,9 +80,9 @@ class Asking:
         """Take an answer without a fix to a question that was not the search's for the place."""
         self._beside.refused(answer, self._tracker.belief, gnss_trusted=gnss_trusted)
 
-    def beside_gnss(self, now_ns: int) -> bool:
+    def beside_gnss(self) -> bool:
         """Whether the map is searched in turns because no frame is recognised about a GNSS that is, or was, trusted."""
-        return self._search is not None and self._beside.due(self._tracker.belief, now_ns)
+        return self._search is not None and self._beside.due(self._tracker.belief)
 
     def attitude_now(self, now_ns: int) -> Quat | None:
         """The vehicle's attitude at a shell time, the newest one known where that is ahead of it."""
@@ -173,7 +173,7 @@ class Asking:
         if self._anywhere(state, now_ns):
             about = Reach() if state is None else Reach(state.p_ned_m[:2], REACH_SIGMA * largest_sigma_m(state.cov_ne_m2))
             return [*self._about_place(search, about, frame, poses, now_ns, place_search.RISK)]
-        if state is not None and self.beside_gnss(now_ns):
+        if state is not None and self.beside_gnss():
             if not self._beside.takes_turn():
                 return None
             asked = self._about_place(search, Reach(state.p_ned_m[:2]), frame, poses, now_ns, beside_gnss.RISK)

@@ -31,7 +31,7 @@ class BesideGnss:
 
     def __init__(self) -> None:
         self._started_ns: int | None = None
-        self._since_ns, self._refused = 0, 0
+        self._since_ns, self._refused, self._begun = 0, 0, False
         self._search_next = True
 
     def refused(self, answer: NoFix, belief: Belief | None, *, gnss_trusted: bool) -> None:
@@ -39,14 +39,15 @@ class BesideGnss:
         if belief is None or belief.last_fix_ns is not None or not gnss_trusted or answer.reason not in NOT_THERE:
             return
         if belief.started_ns != self._started_ns:
-            self._started_ns, self._since_ns, self._refused = belief.started_ns, answer.t_ns, 0
+            self._started_ns, self._since_ns, self._refused, self._begun = belief.started_ns, answer.t_ns, 0, False
         self._refused += 1
+        self._begun |= self._refused >= FEWEST and answer.t_ns - self._since_ns >= AFTER_NS
 
-    def due(self, belief: Belief | None, now_ns: int) -> bool:
+    def due(self, belief: Belief | None) -> bool:
         """Whether the map is searched; once so, also where GNSS is trusted no more, until a fix is taken or the filter starts
-        anew."""
+        anew. One that was found false before is not far from where the vehicle is: what contradicts it saw it move away."""
         held = belief is not None and belief.last_fix_ns is None and belief.started_ns == self._started_ns
-        return held and self._refused >= FEWEST and now_ns - self._since_ns >= AFTER_NS
+        return held and self._begun
 
     def takes_turn(self) -> bool:
         """Whether the next question is one of the search; every other one is."""

@@ -107,7 +107,7 @@ class Vision:
         if self._monitor.trusted:
             self._to_confirm = None  # from here on GNSS says the place, and what fixes confirm is not the operator's word
         self._follow(now_ns)
-        beside = self._asking.beside_gnss(now_ns)
+        beside = self._asking.beside_gnss()
         text = "visloc: no fix near GNSS, searching the map" if beside else "visloc: searching the map, keep moving"
         told = [*self._camera.check(now_ns, heard), *self._onboard.check(now_ns, heard=heard, needed=self._steering.injecting)]
         return [*told, *([Notice(Severity.NOTICE, text, to_operator=True)] if begun else [])]
@@ -163,7 +163,7 @@ class Vision:
                 self._aiding.on_motion(interval)
             self._open.moved(motion)
             self._travel.odometry(motion)
-            if self._search is not None and not self._asking.beside_gnss(now_ns):  # else by the ground where GNSS has the vehicle
+            if self._search is not None and not self._asking.beside_gnss():  # else by the ground where GNSS has the vehicle
                 self._search.moved(motion)
 
     def on_answer(self, event: Fix | NoFix, now_ns: int) -> list[Command]:
