@@ -61,7 +61,7 @@ LIMITS_S = {"link": 10.0, "camera": 15.0, "worker": 10.0, "tick": 3.0}
 _ORDERS_AT_ONCE = 32
 _WATCH_S = 0.5
 _NAVIGATOR = "visloc_companion.core.navigator"
-"""Imported while the worker starts: with SciPy it takes a quarter of a second."""
+"""Imported while the worker starts: with SciPy it takes most of a second."""
 
 
 class Daemon:

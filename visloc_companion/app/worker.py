@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import hashlib
-import multiprocessing
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,7 +19,7 @@ from typing import Any
 from visloc_companion.app.mailbox import Mailbox
 from visloc_companion.app.patience import Patience
 from visloc_companion.app.slots import SharedFrameSlots
-from visloc_companion.app.worker_ahead import WorkerAhead, spawned
+from visloc_companion.app.worker_ahead import WorkerAhead, begun
 from visloc_companion.app.worker_process import REAL_ANSWERS, Failed, Ready, WorkerJob, WorkerRequest, no_fix, run_worker
 from visloc_companion.config import Config
 from visloc_companion.errors import Reason, VislocError, WorkerError
@@ -155,7 +154,7 @@ class WorkerSupervisor:
     def _spawn(self, config: Config, patience_s: float) -> None:
         job = WorkerJob(config, self._slots.name, self._factory)
         taken = None if self._ahead is None else self._ahead.take(job)
-        process, ours = taken or begun_with(job)
+        process, ours = taken or begun(run_worker, job)
         self._process, self._connection, self._why, self._reason = process, ours, "", Reason.WORKER_DIED
         loop = asyncio.get_running_loop()
         loop.add_reader(process.sentinel, self._died)
@@ -288,18 +287,6 @@ class WorkerSupervisor:
 
     def _decline(self, request: WorkerRequest, reason: Reason, detail: str) -> None:
         self.events.put(no_fix(request, self._config.localiser.method, reason, detail, self._clock.now_ns()))
-
-
-def begun_with(job: WorkerJob) -> tuple[Any, Connection]:
-    """A worker's process and our end of its connection. Raises OSError."""
-    ours, theirs = multiprocessing.get_context("spawn").Pipe(duplex=True)
-    try:
-        return spawned(run_worker, job, theirs), ours
-    except OSError:
-        ours.close()
-        raise
-    finally:
-        theirs.close()
 
 
 def file_stamps(folder: str) -> FileStamps:

@@ -10,6 +10,7 @@ import contextlib
 import multiprocessing
 import signal
 import tomllib
+from collections.abc import Callable
 from importlib import import_module
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
@@ -29,10 +30,8 @@ class WorkerAhead:
 
     def __init__(self) -> None:
         """Raises OSError where the system has no process for it."""
-        ours, theirs = multiprocessing.get_context("spawn").Pipe(duplex=True)
-        with closing_after(theirs):
-            self._process = spawned(wait_for_job, theirs)
-        self._connection: Connection | None = ours
+        self._connection: Connection | None
+        self._process, self._connection = begun(wait_for_job)
 
     def take(self, job: object) -> tuple[Any, Connection] | None:
         """The process and our end of its connection, once, with the job sent; None where it is there no more."""
@@ -69,25 +68,25 @@ def ahead_for(config: Path) -> WorkerAhead | None:
         return None
 
 
-def spawned(target: Any, *args: object) -> Any:
-    """A process of `target`, begun with SIGINT and SIGTERM blocked, which it inherits: the daemon ends it. Raises OSError."""
-    process = multiprocessing.get_context("spawn").Process(target=target, args=args, name="visloc-worker", daemon=True)
+def begun(target: Callable[..., None], *args: object) -> tuple[Any, Connection]:
+    """A process of `target`, given `args` and its end of a connection, and our end.
+
+    It begins with SIGINT and SIGTERM blocked, which it inherits: the daemon ends it. Raises OSError.
+    """
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe(duplex=True)
+    process = context.Process(target=target, args=(*args, theirs), name="visloc-worker", daemon=True)
     resource_tracker.ensure_running()  # begun by `start`, it would unblock the signals before the process is there
     before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
     try:
         process.start()
+    except OSError:
+        ours.close()
+        raise
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    return process
-
-
-@contextlib.contextmanager
-def closing_after(connection: Connection) -> Any:
-    """Close our copy of the other side's end."""
-    try:
-        yield
-    finally:
-        connection.close()
+        theirs.close()
+    return process, ours
 
 
 def wait_for_job(connection: Connection) -> None:

@@ -102,13 +102,11 @@ def descend_open(
     for k in range(steps + 1):
         raised = ground.on(grid)
         seen = rectified(frame, pose, raised)
-        if seen.weight.sum() * descent.stride**2 < MIN_PIXELS:
+        if _shows_too_little(seen.weight, descent):
             break
-        information, pull = prior.at(pose)
-        sums = align.map_sums(descent, raised, pose)
-        step = align.gauss_newton_step(sums, seen.smooth, seen.weight, information, pull, CORRELATED_PX, ground)
+        step, here = _stepped(align.map_sums(descent, raised, pose), (seen.smooth, seen.weight), pose, prior, ground)
         if step.score > best.score:
-            best, there = Descended(pose, step.score, step.information + information), ground
+            best, there = here, ground
         moved_px = float(np.abs(step.delta[:3]).max()) / grid.gsd_m
         if k == steps or step.ground is None or not _goes_on(step, best, moved_px):
             break
@@ -148,13 +146,12 @@ def _descended(
     pose, best = start, Descended(start, -1.0, np.zeros((6, 6)))
     sums = align.map_sums(descent, grid, start)
     for k in range(steps + 1):
-        smooth, weight = look(pose)
-        if weight.sum() * descent.stride**2 < MIN_PIXELS:
+        seen = look(pose)
+        if _shows_too_little(seen[1], descent):
             break
-        information, pull = prior.at(pose)
-        step = align.gauss_newton_step(sums, smooth, weight, information, pull, CORRELATED_PX)
+        step, here = _stepped(sums, seen, pose, prior)
         if step.score > best.score:
-            best = Descended(pose, step.score, step.information + information)
+            best = here
         moved_px = float(np.abs(step.delta[:3]).max()) / grid.gsd_m
         if k == steps or not _goes_on(step, best, moved_px) or rivals.hopeless(best.score, k):
             break
@@ -164,6 +161,20 @@ def _descended(
         if moved_px < CONVERGED_PX:
             break
     return best, False
+
+
+def _shows_too_little(weight: Float32Array, descent: align.Descent) -> bool:
+    """Whether a rectified frame of such a weight (H, W) shows too little of the map to be aligned."""
+    return bool(weight.sum() * descent.stride**2 < MIN_PIXELS)
+
+
+def _stepped(
+    sums: align.MapSums, seen: Seen, pose: CameraPose, prior: PriorTerm, ground: OpenGround | None = None
+) -> tuple[align.Step, Descended]:
+    """The Gauss-Newton step from a pose, and what is known of that pose."""
+    information, pull = prior.at(pose)
+    step = align.gauss_newton_step(sums, *seen, information, pull, CORRELATED_PX, ground)
+    return step, Descended(pose, step.score, step.information + information)
 
 
 def _goes_on(step: align.Step, best: Descended, moved_px: float) -> bool:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from visloc_companion.types import FloatArray
 
 
-def plane_through(rows: NDArray[np.intp], cols: NDArray[np.intp], heights: NDArray[Any]) -> FloatArray:
-    """(3,) height at row and column 0, and its rise a row and a column, by least squares through (N,) cells."""
-    z, design = heights.astype(np.float64), design_of(rows, cols)
+def plane_through(design: FloatArray, heights: NDArray[Any]) -> FloatArray:
+    """(3,) height at row and column 0, and its rise a row and a column, by least squares through the (N,) heights of cells."""
+    z = heights.astype(np.float64)
     return np.asarray(np.linalg.lstsq(design.T @ design, design.T @ z, rcond=None)[0], dtype=np.float64)
 
 

@@ -63,8 +63,8 @@ def unresolved_of(surface_up_m: NDArray[np.float32], gsd_m: float, dsm_gsd_m: fl
     if dsm_gsd_m < COARSE_M:
         return 0.0
     rows, cols = np.indices(surface_up_m.shape).reshape(2, -1)
-    heights = surface_up_m.ravel().astype(np.float64)
-    rest = heights - design_of(rows, cols) @ plane_through(rows, cols, heights)
+    design, heights = design_of(rows, cols), surface_up_m.ravel().astype(np.float64)
+    rest = heights - design @ plane_through(design, heights)
     return float(np.std(rest)) * min(1.0, UNRESOLVED * dsm_gsd_m / (gsd_m * math.sqrt(rows.size)))
 
 

@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 
+from tests.unit.processes import gone
 from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.adapters.camera.framing import StreamedFrame, encode_frame
 from visloc_companion.adapters.mavlink.dialect import mav
@@ -134,14 +135,6 @@ async def until(happened: Callable[[], Awaitable[object]], why: str) -> None:
                 await asyncio.sleep(0.1)
     except TimeoutError:
         pytest.fail(f"did not happen: {why}")
-
-
-def gone(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return True
-    return False
 
 
 @pytest.mark.slow

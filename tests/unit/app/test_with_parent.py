@@ -14,6 +14,7 @@ from typing import NoReturn
 
 import pytest
 
+from tests.unit.processes import is_alive
 from visloc_companion.app.with_parent import end_with_parent
 from visloc_companion.evaluate import campaign
 from visloc_companion.evaluate.batch import run_all
@@ -61,14 +62,6 @@ def as_main(what: str, folder: Path) -> None:
     apart.enter_own_network = lambda: None
     if what:
         {"do_all": do_all, "fly_all": fly_all, "fly_beside_a_simulator": fly_beside_a_simulator}[what](folder)
-
-
-def is_alive(pid: int) -> bool:
-    try:
-        stat = Path(f"/proc/{pid}/stat").read_text(encoding="ascii")
-    except OSError:
-        return False
-    return stat.rpartition(")")[2].split()[0] != "Z"
 
 
 def within(limit_s: float, what: Callable[[], bool]) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.unit.processes import gone
 from visloc_companion.app import worker_ahead
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.slots import SharedFrameSlots
@@ -24,14 +24,6 @@ MODEL = CameraModel(64, 48, 50.0, 50.0, 31.5, 23.5)
 @pytest.fixture(autouse=True)
 def answers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(Path(__file__).parent)
-
-
-def gone(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return True
-    return False
 
 
 async def started(ahead: WorkerAhead) -> tuple[int, list[str]]:

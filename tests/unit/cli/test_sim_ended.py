@@ -14,6 +14,8 @@ from typing import Any
 
 import pytest
 
+from tests.unit.processes import is_alive
+
 CAMPAIGN = """
 import os, signal, sys, time
 import numpy as np
@@ -50,13 +52,8 @@ def second_of_three_flights(folder: Path) -> Iterator[tuple[subprocess.Popen[str
             yield parent, worker
         finally:
             parent.kill()
-            if runs(worker):
+            if is_alive(worker):
                 os.kill(worker, signal.SIGKILL)
-
-
-def runs(pid: int) -> bool:
-    stat = Path(f"/proc/{pid}/stat")
-    return stat.exists() and stat.read_text(encoding="utf-8").rsplit(")", 1)[1].split()[0] != "Z"
 
 
 def written(folder: Path) -> dict[str, Any]:
@@ -70,7 +67,7 @@ def test_whoever_ends_a_campaign_ends_its_flights(tmp_path: Path, number: signal
     with second_of_three_flights(tmp_path) as (parent, worker):
         parent.send_signal(number)
         assert parent.wait(30) == 128 + number
-        assert not runs(worker)
+        assert not is_alive(worker)
     outcome = written(tmp_path)
     assert (outcome["complete"], outcome["asked"], outcome["totals"]["flights"]) == (False, 3, 1)
 

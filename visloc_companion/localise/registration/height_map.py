@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from visloc_companion.localise.features.base import Float32Array, Mask
-from visloc_companion.localise.plane_fit import plane_through
+from visloc_companion.localise.plane_fit import design_of, plane_through
 from visloc_companion.types import FloatArray
 
 SPIKE_M = 2.5
@@ -85,7 +85,7 @@ def _without_plane(heights: HeightMap) -> HeightMap:
     rows, cols = np.nonzero(heights.known)
     if len(rows) < 3:
         return heights
-    plane = plane_through(rows, cols, heights.height_m[rows, cols])
+    plane = plane_through(design_of(rows, cols), heights.height_m[rows, cols])
     u, v = np.arange(heights.known.shape[1]), np.arange(heights.known.shape[0])[:, None]
     flat = heights.height_m - (plane[0] + plane[1] * v + plane[2] * u)
     return HeightMap(flat.astype(np.float32), heights.known, heights.corner_m, heights.cell_m)

@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 
 import pytest
 
+from tests.unit.processes import is_alive
 from visloc_companion.errors import ConfigError, LinkError, WorkerError
 from visloc_companion.sim.real import apart, flight
 from visloc_companion.sim.real.apart import fly_apart, make_pilot
@@ -81,14 +82,6 @@ def test_a_daemon_that_is_down_does_not_come_back_where_time_stands_still(
         await asyncio.wait_for(run, 5.0)
 
     asyncio.run(fly())
-
-
-def is_alive(pid: int) -> bool:
-    try:
-        stat = Path(f"/proc/{pid}/stat").read_text(encoding="ascii")
-    except OSError:
-        return False
-    return stat.rpartition(")")[2].split()[0] != "Z"
 
 
 def test_a_program_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
