@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import IO, Any
@@ -27,6 +28,7 @@ from visloc_companion.types import GeoPoint
 FRAME_RATE_HZ = 2.5
 STARTUP_S = 60.0
 SHUTDOWN_S = 15.0
+KILLED_S = 5.0
 
 OURS = "# Written by the demonstration"
 
@@ -122,7 +124,8 @@ def _stop(process: subprocess.Popen[bytes]) -> None:
             process.wait(SHUTDOWN_S)
         except subprocess.TimeoutExpired:
             process.kill()
-            process.wait()
+            with suppress(subprocess.TimeoutExpired):  # a signal may have left Popen's lock held, and the wait would have no end
+                process.wait(KILLED_S)
 
 
 def _plan(out: Path, setup: FlightSetup, world: ProceduralWorld, speed: float) -> ServerPlan:

@@ -166,6 +166,17 @@ def test_whoever_ends_the_demonstration_ends_its_processes(tmp_path: Path, numbe
     assert not left
 
 
+def test_a_wait_that_a_signal_broke_off_is_not_waited_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A handler that raises just when Popen has taken its lock leaves it held: from then on no wait of it ever ends."""
+    monkeypatch.setattr(demo_processes, "SHUTDOWN_S", 0.2)
+    monkeypatch.setattr(demo_processes, "KILLED_S", 0.2)
+    with subprocess.Popen([sys.executable, "-c", SLEEPS]) as process:
+        lock: Any = vars(process)["_waitpid_lock"]
+        with lock:
+            demo_processes._stop(process)
+        assert process.wait() in (-signal.SIGTERM, -signal.SIGKILL)
+
+
 def test_a_process_that_ignores_the_signal_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(demo_processes, "SHUTDOWN_S", 0.3)
     stubborn = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print(flush=True); time.sleep(60)"
