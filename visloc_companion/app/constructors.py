@@ -7,18 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from visloc_companion.app.handover import Left
 from visloc_companion.app.parts import Constructors
 from visloc_companion.config import Config
 from visloc_companion.protocols import AutopilotLink, Camera, Clock
 
 
 def make_link(
-    config: Config, clock: Clock, on_raw: Callable[[bytes, int, bool], None], on_warning: Callable[[str], None]
+    config: Config,
+    clock: Clock,
+    on_raw: Callable[[bytes, int, bool], None],
+    on_warning: Callable[[str], None],
+    left: Left | None = None,
 ) -> AutopilotLink:
     """The MAVLink connection of a configuration. Raises ConfigError or MapError (app/link.py)."""
     from visloc_companion.app.link import make_link as make
 
-    return make(config, clock, on_raw, on_warning)
+    return make(config, clock, on_raw, on_warning, left)
 
 
 def make_camera(config: Config, clock: Clock) -> Camera:

@@ -47,36 +47,35 @@ def boot_time_ns() -> int:
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
 
-def left_behind(socket: str, now_ns: Callable[[], int] = boot_time_ns, *, tell: bool = False) -> Left | None:
-    """What the daemon before left a short while ago; None for nothing, and without a status socket. `tell`: warn of a file that
-    cannot be read; of several that ask at a start, one does."""
-    file = _file_of(socket)
+def _left_behind(file: Path | None, now_ns: int) -> Left | None:
     if file is None:
         return None
     try:
         left = json.loads(file.read_text(encoding="utf-8"))
         known = int(left["system_id"]), int(left.get("reset_counter", 0)), str(left.get("pack_seal", ""))
         found = Left(*known, int(left["boot_time_ns"]))
-        return found if left["boot_id"] == _boot_id() and found.is_fresh(now_ns()) else None
+        return found if left["boot_id"] == _boot_id() and found.is_fresh(now_ns) else None
     except FileNotFoundError:
         return None
     except (OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError) as why:
-        if tell:
-            log.warning("what the daemon before left cannot be read", file=str(file), why=str(why))
+        log.warning("what the daemon before left cannot be read", file=str(file), why=str(why))
         return None
 
 
 class Handover:
-    """Reads the file of the daemon before, and keeps this one's. Without a status socket there is none."""
+    """Reads the file of the daemon before, and keeps this one's. Without a status socket there is none.
 
-    def __init__(self, socket: str, now_ns: Callable[[], int] = boot_time_ns, pack_seal: Callable[[], str] = str) -> None:
-        """`now_ns`: time since the computer's start; `pack_seal`: of the pack that this daemon has verified (worker.py)."""
+    `left` is what the daemon before left a short while ago; None for nothing, and for a file that cannot be read, which is told.
+    """
+
+    def __init__(self, socket: str, now_ns: Callable[[], int] = boot_time_ns) -> None:
+        """`now_ns`: time since the computer's start."""
         self._file = _file_of(socket)
-        self._now_ns, self._pack_seal = now_ns, pack_seal
+        self._now_ns = now_ns
         self._system_id = 0
         self._written_ns: int | None = None
         self._failed = False
-        self._left = left_behind(socket, now_ns, tell=True)
+        self._left = self.left = _left_behind(self._file, now_ns())
 
     def heard(self, event: Event) -> FoundOnVision | None:
         """Take an event of the link; the first one of a flying autopilot that the daemon before sent positions to says so."""
@@ -87,22 +86,23 @@ class Handover:
             return None
         return FoundOnVision(event.t_rx_ns, left.reset_counter)
 
-    def did(self, command: Command) -> None:
-        """Take what the navigator commands: positions are noted, and that they are needed no more."""
+    def did(self, command: Command, pack_seal: str = "") -> None:
+        """Take what the navigator commands: positions are noted, and that they are needed no more. `pack_seal`: of the pack that
+        this daemon has verified (worker.py)."""
         if isinstance(command, Injection):
-            self._note(command.reset_counter)
+            self._note(command.reset_counter, pack_seal)
         elif (
             isinstance(command, Status) and command.mode is Mode.SHADOW and not command.injected and self._written_ns is not None
         ):
             self._written_ns = None
             self._change(lambda file: file.unlink(missing_ok=True))
 
-    def _note(self, reset_counter: int) -> None:
+    def _note(self, reset_counter: int, pack_seal: str) -> None:
         now_ns = self._now_ns()
         if self._written_ns is not None and now_ns - self._written_ns < WRITE_EVERY_NS:
             return
         self._written_ns = now_ns
-        left = Left(self._system_id, reset_counter, self._pack_seal(), now_ns)
+        left = Left(self._system_id, reset_counter, pack_seal, now_ns)
         text = json.dumps({"boot_id": _boot_id(), **asdict(left)})
         self._change(lambda file: write_whole(file, text.encode()))
 

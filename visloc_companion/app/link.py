@@ -18,7 +18,7 @@ from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.adapters.mavlink.signing import SigningSettings, at_zero_of, stamp_at_zero
 from visloc_companion.adapters.mavlink.signing_key import read_key
 from visloc_companion.adapters.mavlink.signing_stamp import StampFile
-from visloc_companion.app.handover import left_behind
+from visloc_companion.app.handover import Left
 from visloc_companion.config import Config, LinkConfig
 from visloc_companion.errors import ConfigError, MapError
 from visloc_companion.protocols import AutopilotLink, Clock
@@ -32,13 +32,19 @@ LOOKS = 41
 
 
 def make_link(
-    config: Config, clock: Clock, on_raw: Callable[[bytes, int, bool], None], on_warning: Callable[[str], None]
+    config: Config,
+    clock: Clock,
+    on_raw: Callable[[bytes, int, bool], None],
+    on_warning: Callable[[str], None],
+    left: Left | None = None,
 ) -> AutopilotLink:
-    """The MAVLink connection of a configuration. Raises ConfigError for a URL that is not valid or a bad key file
-    or an origin without a map, or what contradicts itself (`require_sense`), MapError for a pack that cannot be read."""
+    """The MAVLink connection of a configuration; `left` by the daemon before it.
+
+    Raises ConfigError for a URL that is not valid or a bad key file or an origin without a map, or what contradicts itself
+    (`require_sense`), MapError for a pack that cannot be read.
+    """
     require_sense(config)
     fence, middle = map_extent(config)
-    left = left_behind(config.status.socket)
     settings = SessionSettings(
         system_id=config.link.system_id,
         left_system_id=left.system_id if left is not None and 0 < left.system_id <= MAX_SYSTEM_ID else 0,

@@ -25,7 +25,6 @@ from visloc_companion.app.constructors import CONSTRUCTORS
 from visloc_companion.app.first_position import At, FirstPosition
 from visloc_companion.app.ground_check import GroundCheck
 from visloc_companion.app.ground_reports import Condition, GroundReports
-from visloc_companion.app.handover import Handover
 from visloc_companion.app.health import Health
 from visloc_companion.app.mailbox import Mailbox
 from visloc_companion.app.parts import Constructors, Parts, Reports, assemble
@@ -87,7 +86,7 @@ class Daemon:
         self._link_up = self._stopping = False
         self._ground = GroundCheck(parts.config, parts.clock, self.handle)
         self._reports = GroundReports(parts.config, parts.clock, self._condition, self.link.report)
-        self._first, self._handover = FirstPosition(at), Handover(parts.config.status.socket, pack_seal=self._pack_seal)
+        self._first = FirstPosition(at)
 
     # ------------------------------------------------------------------------------------------------- events, commands
 
@@ -104,7 +103,7 @@ class Daemon:
             if journal is not None:
                 journal.command(now_ns, command)
             self._seen.command(now_ns, command)
-            self._handover.did(command)
+            self.parts.handover.did(command, self._pack_seal())
             self._dispatch(command)
         spent_ns = self._wall.now_ns() - begun_ns
         self.slow_steps += spent_ns > SLOW_STEP_NS
@@ -206,7 +205,7 @@ class Daemon:
                 self._link_up = event.up
             self._ground.heard(event)
             self.handle(event)
-            found = self._handover.heard(event)
+            found = self.parts.handover.heard(event)
             if found is not None and self._first.outdated():
                 self.report(Notice(Severity.WARNING, "visloc: restarted in flight, --at passed over", True))
             for told in (found, self._first.heard(event)):

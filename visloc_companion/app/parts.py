@@ -7,12 +7,12 @@ import contextlib
 import hashlib
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
 from visloc_companion.adapters.camera.calibration import camera_model
-from visloc_companion.app.handover import left_behind
+from visloc_companion.app.handover import Handover, Left
 from visloc_companion.app.journal import JournalHeader, JournalWriter
 from visloc_companion.app.slots import SharedFrameSlots
 from visloc_companion.app.status import require_status_socket
@@ -26,7 +26,7 @@ from visloc_companion.protocols import AutopilotLink, Camera, Clock
 from visloc_companion.types import Event, Notice
 
 T = TypeVar("T")
-MakeLink = Callable[[Config, Clock, Callable[[bytes, int, bool], None], Callable[[str], None]], AutopilotLink]
+MakeLink = Callable[[Config, Clock, Callable[[bytes, int, bool], None], Callable[[str], None], Left | None], AutopilotLink]
 MakeCamera = Callable[[Config, Clock], Camera]
 
 
@@ -52,6 +52,10 @@ class Parts:
     camera: Camera | None = None
     worker: WorkerSupervisor | None = None
     journal: JournalWriter | None = None
+    handover: Handover = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.handover = Handover(self.config.status.socket)
 
     async def close(self) -> None:
         """Close whatever there is: the link first, so that nothing is sent any more, the journal last."""
@@ -103,7 +107,7 @@ async def _build(parts: Parts, make: Constructors, reports: Reports, ahead: Work
     What takes long goes side by side, since a start in flight is time without positions: the worker's process is begun first,
     and while it opens map and network this one imports the link's libraries and is already heard by the autopilot.
     """
-    config, clock = parts.config, parts.clock
+    config, clock, left = parts.config, parts.clock, parts.handover.left
     problems: list[VislocError] = []
     if config.status.socket:
         _tried(problems, lambda: require_status_socket(Path(config.status.socket)))
@@ -111,13 +115,12 @@ async def _build(parts: Parts, make: Constructors, reports: Reports, ahead: Work
         _tried(problems, lambda: require_pack(config))
         slots = parts.slots = _tried(problems, lambda: SharedFrameSlots(camera_model(config.camera)))
         if config.map.pack and slots is not None:
-            left = left_behind(config.status.socket)
             known = "" if left is None else left.pack_seal
             parts.worker = WorkerSupervisor(
                 config, slots, clock, on_notice=reports.notice, factory=make.answers, known=known, ahead=ahead
             )
             parts.worker.begin()
-    parts.link = _tried(problems, lambda: make.link(config, clock, _raw_tap(parts), reports.link_warning))
+    parts.link = _tried(problems, lambda: make.link(config, clock, _raw_tap(parts), reports.link_warning, left))
     if config.camera.url:
         parts.camera = await _tried_later(problems, asyncio.to_thread(make.camera, config, clock))
         _tried(problems, lambda: check_calibration(config, parts.camera))

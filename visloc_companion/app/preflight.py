@@ -45,7 +45,7 @@ def preflight(config: Config, make: Constructors = CONSTRUCTORS) -> tuple[list[V
         """Of the link before it is opened: what a start goes on with, as in flight it must, and a check does not."""
         problems.append(LinkError(text, where="link"))
 
-    attempt(lambda: make.link(config, clock, lambda *_: None, doubt))
+    attempt(lambda: make.link(config, clock, lambda *_: None, doubt, None))
     attempt(lambda: check_serial_device(config.link.url))
     if config.camera.url:
         attempt(lambda: check_calibration(config, make.camera(config, clock)))

@@ -14,7 +14,6 @@ from visloc_companion.adapters.mavlink.pymavlink_link import PymavlinkLink
 from visloc_companion.app.clock import ManualClock
 from visloc_companion.app.first_position import At
 from visloc_companion.app.handover import FRESH_NS, WRITE_EVERY_NS, Handover
-from visloc_companion.app.handover import left_behind as read_left
 from visloc_companion.app.journal import read_journal
 from visloc_companion.app.link import make_link
 from visloc_companion.config import parse_config
@@ -95,17 +94,21 @@ def test_the_link_is_told_which_autopilot_to_ask_for_its_heartbeat(tmp_path: Pat
     before = Handover(socket)
     before.heard(came_up(system_id))
     before.did(SENT)
-    link = make_link(config, ManualClock(), lambda *_: None, lambda _: None)
+    link = make_link(config, ManualClock(), lambda *_: None, lambda _: None, Handover(socket).left)
     assert isinstance(link, PymavlinkLink)
     assert link.session.settings.left_system_id == expected
 
 
-def test_a_damaged_file_is_told_of_once_however_many_read_it(socket: str) -> None:
-    Path(socket).with_suffix(".on-vision").write_bytes(b"{\xff")
+async def test_the_file_is_read_once_at_a_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A damaged one is told of once, though worker, link and daemon want to know what it says."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    (tmp_path / "s.on-vision").write_bytes(b"{\xff")
+    (tmp_path / "pack").mkdir()
+    sections = {"status": {"socket": str(tmp_path / "s.sock")}, "map": {"pack": str(tmp_path / "pack")}}
     with structlog.testing.capture_logs() as logs:
-        assert read_left(socket) is None
-        Handover(socket)
-    assert [line["event"] for line in logs] == ["what the daemon before left cannot be read"]
+        async with flight(configuration(tmp_path, **sections)):
+            pass
+    assert [line["event"] for line in logs].count("what the daemon before left cannot be read") == 1
 
 
 def test_not_of_another_autopilot_nor_of_one_that_has_landed(socket: str, clock: BootClock) -> None:

@@ -87,8 +87,9 @@ class DaemonLives:
             self._folder, journal_header(config, recorder.clock.now_ns()), max_bytes=config.journal.max_bytes
         )
         recorder.journal = journal
-        link = CONSTRUCTORS.link(config, recorder.clock, recorder.raw, recorder.log.warnings.append)
-        parts = Parts(config, recorder.clock, link, journal=cast(JournalWriter, recorder))
+        parts = Parts(config, recorder.clock, journal=cast(JournalWriter, recorder))
+        warned, left = recorder.log.warnings.append, parts.handover.left
+        link = parts.link = CONSTRUCTORS.link(config, recorder.clock, recorder.raw, warned, left)
         parts.worker = cast(WorkerSupervisor, oracle)
         daemon = Daemon(parts, CONSTRUCTORS, Notifier({}))
         oracle.on_frame = daemon.handle
