@@ -78,7 +78,8 @@ class LocaliserConfig(Section):
     model_variant: Literal["float32", "float16", "int8"] = "float32"
     """Which of the network's files is used."""
     providers: Annotated[tuple[Literal["tensorrt", "cuda", "openvino", "qnn", "cpu"], ...], Field(min_length=1)] = ("cpu",)
-    """What the network may compute on, in order: the first that is really there is taken; `cpu` always is."""
+    """What the network may compute on, in order: the first that is really there is taken, and one that fails later gives way
+    to the next; `cpu` is always there."""
     threads: Annotated[int, Field(ge=0, le=256)] = 0
     """Threads of the network and of the search; 0 takes one less than the cores."""
     max_probability_wrong: Share = 0.05

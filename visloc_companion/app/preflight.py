@@ -18,7 +18,7 @@ from visloc_companion.app.parts import (
 )
 from visloc_companion.app.status import check_status_socket
 from visloc_companion.app.versions import versions
-from visloc_companion.app.worker_process import OverMap, load_factory
+from visloc_companion.app.worker_process import about_of, load_factory
 from visloc_companion.config import Config
 from visloc_companion.errors import LinkError, VislocError
 
@@ -38,8 +38,7 @@ def preflight(config: Config, make: Constructors = CONSTRUCTORS) -> tuple[list[V
     def open_worker() -> None:
         nonlocal about
         if require_pack(config):
-            answer = load_factory(make.answers)(config)
-            about = answer.about if isinstance(answer, OverMap) else ""
+            about = about_of(load_factory(make.answers)(config))
 
     def doubt(text: str) -> None:
         """Of the link before it is opened: what a start goes on with, as in flight it must, and a check does not."""

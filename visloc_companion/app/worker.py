@@ -20,7 +20,7 @@ from visloc_companion.app.mailbox import Mailbox
 from visloc_companion.app.patience import Patience
 from visloc_companion.app.slots import SharedFrameSlots
 from visloc_companion.app.worker_ahead import WorkerAhead, begun
-from visloc_companion.app.worker_process import REAL_ANSWERS, Failed, Ready, WorkerJob, WorkerRequest, no_fix, run_worker
+from visloc_companion.app.worker_process import REAL_ANSWERS, Changed, Failed, Ready, WorkerJob, WorkerRequest, no_fix, run_worker
 from visloc_companion.config import Config
 from visloc_companion.errors import Reason, VislocError, WorkerError
 from visloc_companion.protocols import Clock
@@ -202,6 +202,8 @@ class WorkerSupervisor:
                 self._started.set_result(None)
         elif isinstance(message, Failed):
             self._failed(message.error)
+        elif isinstance(message, Changed):
+            self._on_notice(Notice(Severity.WARNING, "localiser: network on another provider", True, (("now", message.about),)))
         elif self._in_flight is not None and message.request_id == self._in_flight.request_id:
             self._disarm()
             self._in_flight = None

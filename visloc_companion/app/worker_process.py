@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.app.slots import SlotsName, WorkerSlots
@@ -19,6 +19,9 @@ from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.errors import Reason, VislocError, WorkerError, fault_text
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix, TerrainRequest
+
+if TYPE_CHECKING:
+    from visloc_companion.localise.runtime import NetworkSession
 
 WorkerRequest = LocaliseRequest | TerrainRequest
 Answer = Callable[[LocaliseRequest, Image], Fix | NoFix]
@@ -56,13 +59,27 @@ class Failed:
 
 
 @dataclass(frozen=True, slots=True)
+class Changed:
+    """Another provider computes than before: what computes now, and what was left and why."""
+
+    about: str
+
+
+@dataclass(frozen=True, slots=True)
 class OverMap:
-    """An `Answer`: a localiser over a map, and who answers about the ground below the track; `about` goes to the log."""
+    """An `Answer`: a localiser over a map, and who answers about the ground below the track."""
 
     localiser: Localiser
     reference: ReferenceMap
-    about: str = ""
+    network: NetworkSession | None = None
+    unstored: str = ""
+    """Why the network's features of the map are computed in flight, where they are."""
     terrain: TerrainAnswer | None = None
+
+    @property
+    def about(self) -> str:
+        """What computes now, for the log; empty without a network."""
+        return "; ".join(part for part in (self.network.about, self.unstored) if part) if self.network is not None else ""
 
     def __call__(self, request: LocaliseRequest, pixels: Image) -> Fix | NoFix:
         """Localise a frame."""
@@ -80,9 +97,9 @@ def open_localiser(config: Config) -> OverMap:
 
     reference = PackMap.open(Path(config.map.pack), verify_hashes=config.map.verify_hashes)
     localiser, features = configured_localiser(config.localiser, camera_model(config.camera))
-    about = [features.session.about, reference.why_not_stored(features.name, features.recipe)] if features else []
+    unstored = reference.why_not_stored(features.name, features.recipe) if features else ""
     terrain = configured_terrain(config.localiser, reference)
-    return OverMap(localiser, reference, "; ".join(part for part in about if part), terrain)
+    return OverMap(localiser, reference, features.session if features else None, unstored, terrain)
 
 
 def load_factory(name: str) -> AnswerFactory:
@@ -124,9 +141,13 @@ def run_worker(job: WorkerJob, connection: Connection) -> None:
         connection.send(Failed(WorkerError(f"cannot start: {type(error).__name__}: {error}", where="worker")))
         return
     try:
-        connection.send(Ready(answer.about if isinstance(answer, OverMap) else ""))
+        about = about_of(answer)
+        connection.send(Ready(about))
         while (request := connection.recv()) is not None:
-            connection.send(_answered(answer, request, slots, job.config.localiser.method))
+            answered = _answered(answer, request, slots, job.config.localiser.method)
+            if about != (about := about_of(answer)):
+                connection.send(Changed(about))
+            connection.send(answered)
     except (EOFError, BrokenPipeError, ConnectionResetError):
         return  # the daemon is gone
 
@@ -144,6 +165,11 @@ def about_terrain(terrain: TerrainAnswer | None, request: TerrainRequest) -> Fix
     if terrain is None:
         return no_fix(request, TERRAIN, Reason.OUTSIDE_MAP, "there is no map to compare the ground with", request.t_ns)
     return terrain(request)
+
+
+def about_of(answer: Answer) -> str:
+    """What computes, for the log; empty where that is no question."""
+    return answer.about if isinstance(answer, OverMap) else ""
 
 
 def _answered(answer: Answer, request: WorkerRequest, slots: WorkerSlots, method: str) -> Fix | NoFix:

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from visloc_companion.errors import ConfigError, ModelError
+from visloc_companion.errors import ConfigError, ModelError, VislocError
 from visloc_companion.localise.model_folder import (
     COPY_AGAIN,
     Float32Array,
@@ -51,16 +51,19 @@ class NetworkChoice:
     variant: VariantName = "float32"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class NetworkSession:
-    """A network that passed its self-test. Belongs to the process that opened it."""
+    """A network that passed its self-test. Belongs to the process that opened it.
+
+    An accelerator that fails later is left for the next provider of the ladder: `provider`, `skipped` and `about` change then.
+    """
 
     manifest: ModelManifest
     variant: VariantName
     provider: ProviderName
     """What really computes."""
     skipped: tuple[str, ...]
-    """The providers that were asked for before it, each with why it was passed over."""
+    """The providers that were asked for before it, each with why it was passed over or left."""
     threads: int
     run: Callable[[Float32Array], Float32Array]
     """(N, channels, H, W) float32 in, (N, output channels, H, W) float32 out; H and W multiples of `output.multiple_px`."""
@@ -94,10 +97,16 @@ def open_session(
     golden = read_golden(folder, manifest)
     where = str(folder / manifest.variants[variant].file)
     threads = threads or default_threads()
-    session, provider, skipped = _climb(content, providers, threads, where)
-    _check_graph(session, manifest, where)
-    opened = NetworkSession(manifest, variant, provider, skipped, threads, _runner(session, manifest.output.name, where))
-    _self_test(opened, *golden, where)
+
+    def open_on(wanted: Sequence[ProviderName]) -> NetworkSession:
+        session, provider, skipped = _climb(content, wanted, threads, where)
+        _check_graph(session, manifest, where)
+        opened = NetworkSession(manifest, variant, provider, skipped, threads, _runner(session, manifest.output.name, where))
+        _self_test(opened, *golden, where)
+        return opened
+
+    opened = open_on(providers)
+    opened.run = _leaving_what_fails(opened, open_on, providers)
     return opened
 
 
@@ -184,6 +193,35 @@ def _runner(session: Any, output: str, where: str) -> Callable[[Float32Array], F
         return np.asarray(answer, dtype=np.float32)
 
     return run
+
+
+def _leaving_what_fails(
+    session: NetworkSession, open_on: Callable[[Sequence[ProviderName]], NetworkSession], ladder: Sequence[ProviderName]
+) -> Callable[[Float32Array], Float32Array]:
+    """`session.run`, which goes on with the next provider of the ladder where an accelerator fails on what that one can compute.
+
+    A device that is lost, or has no memory left, fails every frame from then on. What no provider takes is the input's fault.
+    """
+    run, spares = session.run, dict[ProviderName, NetworkSession]()
+
+    def run_on_what_works(batch: Float32Array) -> Float32Array:
+        nonlocal run
+        try:
+            return run(batch)
+        except ModelError as why:
+            left = [f"{session.provider}: {why.what}"]
+            for name in ladder[ladder.index(session.provider) + 1 :]:
+                try:
+                    spares[name] = spares.get(name) or open_on((name,))
+                    answer = spares[name].run(batch)
+                except VislocError as also:
+                    left.append(f"{name}: {also.what}")
+                    continue
+                session.provider, session.skipped, run = name, (*session.skipped, *left), spares[name].run
+                return answer
+            raise
+
+    return run_on_what_works
 
 
 def _check_graph(session: Any, manifest: ModelManifest, where: str) -> None:

@@ -6,7 +6,10 @@ import os
 import signal
 import time
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any, cast
 
+from visloc_companion.app.worker_process import OverMap
 from visloc_companion.config import Config
 from visloc_companion.errors import HashMismatch, Reason
 from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix
@@ -94,3 +97,18 @@ def starts_once(config: Config) -> Answer:
     if not config.map.verify_hashes:
         raise HashMismatch("is gone", where="pack")
     return by_request_id(config)
+
+
+class _Leaving(OverMap):
+    """Over a network whose accelerator is lost with the second request."""
+
+    def __call__(self, request: LocaliseRequest, pixels: Image) -> Fix | NoFix:
+        network = cast(Any, self.network)
+        network.about = "on cuda" if request.request_id < 20 else "on cpu; passed over cuda: lost"
+        return _fix(request, pixels)
+
+
+def leaving(config: Config) -> Answer:
+    """Says which provider computes."""
+    nothing = cast(Any, None)
+    return _Leaving(nothing, nothing, cast(Any, SimpleNamespace(about="on cuda")))

@@ -104,6 +104,17 @@ async def test_a_request_is_answered_from_the_pixels_with_the_arrival_time() -> 
         assert evidence["nice"] == min(19, os.nice(0) + 5)
 
 
+async def test_a_network_that_another_provider_took_over_is_told_before_its_first_answer() -> None:
+    async with bench("leaving") as b:
+        for request_id in (10, 20, 30):
+            b.ask(request_id)
+            assert isinstance(await b.next(), Fix)
+            assert len(b.notices) == (request_id > 10)
+    (notice,) = b.notices
+    assert (notice.text, notice.to_operator) == ("localiser: network on another provider", True)
+    assert notice.data == (("now", "on cpu; passed over cuda: lost"),)
+
+
 async def test_a_frame_that_was_overwritten_is_superseded() -> None:
     async with bench("prior_is_right") as b:
         old = b.ask(10)

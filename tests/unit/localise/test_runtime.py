@@ -137,6 +137,84 @@ def test_a_provider_that_cannot_start_is_passed_over(network: Path, monkeypatch:
     assert session.skipped == ("cuda: cannot be loaded: CUDA failure 100: no CUDA-capable device is detected",)
 
 
+class Lost:
+    """A session on an accelerator whose device is lost at will; what it computes is the CPU's."""
+
+    fails = False
+
+    def __init__(self, content: bytes, options: Any, providers: Any, **more: Any) -> None:
+        self.name = providers[0][0]
+        self.session = onnxruntime_session(content, options, providers=["CPUExecutionProvider"], **more)
+
+    def get_providers(self) -> list[str]:
+        return [self.name]
+
+    def run(self, *args: Any) -> Any:
+        if Lost.fails and self.name != "CPUExecutionProvider":
+            raise RuntimeError("CUDA failure 719: unspecified launch failure")
+        return self.session.run(*args)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.session, name)
+
+
+onnxruntime_session = onnxruntime.InferenceSession
+
+
+@pytest.fixture
+def losable(monkeypatch: pytest.MonkeyPatch) -> type[Lost]:
+    names = ["TensorrtExecutionProvider", "CUDAExecutionProvider", "CPUExecutionProvider"]
+    monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: names)
+    monkeypatch.setattr(onnxruntime, "InferenceSession", Lost)
+    monkeypatch.setattr(Lost, "fails", False)
+    return Lost
+
+
+def test_an_accelerator_that_is_lost_in_flight_is_left_for_the_next(network: Path, losable: type[Lost]) -> None:
+    batch = np.random.default_rng(3).random((1, 3, 16, 24), np.float32)
+    session = open_session(network, ("cuda", "cpu"), threads=1)
+    right = session.run(batch)
+    assert (session.provider, session.skipped) == ("cuda", ())
+    losable.fails = True
+    np.testing.assert_array_equal(session.run(batch), right)
+    assert session.provider == "cpu"
+    assert session.about.endswith(
+        "on cpu, 1 thread; passed over cuda: does not run on (1, 3, 16, 24): CUDA failure 719: unspecified launch failure"
+    )
+    losable.fails = False
+    session.run(batch)
+    assert session.provider == "cpu", "a device that was lost is not asked again by this process"
+
+
+def test_two_accelerators_that_are_lost_are_both_left(network: Path, losable: type[Lost]) -> None:
+    session = open_session(network, ("tensorrt", "cuda", "cpu"), threads=1)
+    assert session.provider == "tensorrt"
+    losable.fails = True
+    session.run(np.zeros((1, 3, 8, 8), np.float32))
+    assert session.provider == "cpu"
+    assert [why.split(":")[0] for why in session.skipped] == ["tensorrt", "cuda"]
+
+
+def test_an_input_that_no_provider_takes_costs_no_accelerator(
+    network: Path, losable: type[Lost], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = open_session(network, ("cuda", "cpu"), threads=1)
+    opened: list[str] = []
+    start = runtime._start
+    monkeypatch.setattr(runtime, "_start", lambda content, name, *rest: opened.append(name) or start(content, name, *rest))
+    for _ in range(3):
+        with pytest.raises(ModelError, match=r"model.onnx: does not run on \(1, 3, 5, 8\)"):
+            session.run(np.zeros((1, 3, 5, 8), np.float32))
+    assert (session.provider, session.skipped, opened) == ("cuda", (), ["cpu"])
+
+
+def test_an_accelerator_that_is_the_only_one_asked_for_fails_aloud(network: Path, losable: type[Lost]) -> None:
+    session = open_session(network, ("cuda",), threads=1)
+    losable.fails = True
+    with pytest.raises(ModelError, match=r"CUDA failure 719"):
+        session.run(np.zeros((1, 3, 8, 8), np.float32))
+
+
 def test_no_provider_at_all(network: Path) -> None:
     with pytest.raises(ConfigError, match=r'localiser.providers: no provider can be used \(qnn: .*remedy: add "cpu"'):
         open_session(network, ("qnn",))
