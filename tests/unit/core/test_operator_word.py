@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from visloc_companion.core.operator_word import MARGIN_M, objection
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
-from visloc_companion.types import GeoPoint, Injection, Mode, NavState, OperatorFix
+from visloc_companion.types import Fix, GeoPoint, Injection, LocaliseRequest, Mode, NavState, NoFix, Odometry, OperatorFix
 
 World = Any
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
+SEES_S = 20.0
 
 
 def at(north_m: float) -> GeoPoint:
@@ -145,3 +148,34 @@ def test_fixes_confirm_no_word_that_gnss_has_answered_since(world: type[World]) 
     assert w.notices("GNSS trusted")
     assert (w.status_at(44)[0].age_of_fix_s or 99.0) < 2.0
     assert not w.notices("operator's position confirmed")
+
+
+def test_rare_doubtful_fixes_confirm_an_operators_word_with_odometry_between_them(world: type[World]) -> None:
+    """The word is good to 50 m; every twelfth second a fix that may be wrong with 4 %, and odometry all the time."""
+
+    class Rare(world):  # type: ignore[misc]
+        found_s = 0.0
+
+        def _localise(self, request: LocaliseRequest) -> None:
+            super()._localise(request)
+            when, found = self.answers[-1]
+            t_ns, period_s = request.frame.t_ns, self.fix_period_s
+            north, east = np.array(self.velocity(t_ns * 1e-9 - period_s / 2)) * period_s
+            cov = ((0.01, 0.0), (0.0, 0.01))
+            motion = Odometry(0, t_ns - round(period_s * 1e9), t_ns, (float(north), float(east), 0.0), cov, 0.01, 0.02)
+            if isinstance(found, Fix) and self.t - self.found_s >= 12.0:
+                self.found_s = self.t
+                self.answers[-1] = (when, replace(found, probability_wrong=0.04, motion=motion))
+            else:
+                none = NoFix(found.t_rx_ns, t_ns, found.request_id, found.frame_id, "deep", Reason.AMBIGUOUS, 0.0)
+                self.answers[-1] = (when, replace(none, motion=motion))
+
+    w = Rare(jammed=lambda t: True, blind=lambda t: t < SEES_S, speed_mps=5.0)
+    w.start()
+    w.fly(5)
+    w.send(OperatorFix(0, true_place(w, 30.0), 50.0))
+    w.fly(80)
+    assert len(w.notices("waits for a second one")) == 1
+    (confirmed_s,) = w.notices("operator's position confirmed")
+    assert SEES_S < confirmed_s < SEES_S + 30.0
+    assert w.status_at(79)[1] < 8.0

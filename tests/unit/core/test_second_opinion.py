@@ -55,6 +55,26 @@ def test_what_waited_is_forgotten() -> None:
     assert asked.waits(fix(71.0, (13.0, 0.0)), state(71.0), ORIGIN), "a fix was taken in between"
 
 
+def about(t_s: float, sigma_m: float, at_ne_m: Vec2 = (0.0, 0.0)) -> NavState:
+    """As unsure to the north as to the east."""
+    return replace(state(t_s, at_ne_m), cov_ne_m2=((sigma_m**2, 0.0), (0.0, sigma_m**2)))
+
+
+def test_rare_fixes_confirm_each_other_where_the_filter_hardly_grew_and_chance_is_small() -> None:
+    """After an operator's word the filter is 40 m wide, and odometry keeps it so: every doubtful fix waited for ever."""
+    asked = SecondOpinion()
+    assert asked.waits(fix(60.0, (30.0, 0.0)), about(60.0, 40.0), ORIGIN)
+    assert asked.waits(fix(72.0, (20.0, 9.0)), about(72.0, 40.1), ORIGIN), "another place"
+    assert not asked.waits(fix(84.0, (21.0, 10.0)), about(84.0, 40.2), ORIGIN)
+
+
+@pytest.mark.parametrize(("before_m", "now_m"), [(40.0, 60.0), (10.0, 10.0)])
+def test_but_not_where_it_grew_or_two_places_are_as_near_by_chance(before_m: float, now_m: float) -> None:
+    asked = SecondOpinion()
+    assert asked.waits(fix(60.0, (9.0, 0.0)), about(60.0, before_m), ORIGIN)
+    assert asked.waits(fix(72.0, (9.0, 0.0)), about(72.0, now_m), ORIGIN)
+
+
 def test_one_answer_does_not_confirm_itself() -> None:
     asked = SecondOpinion()
     assert asked.waits(fix(60.0, (13.0, 0.0)), state(60.0), ORIGIN)
