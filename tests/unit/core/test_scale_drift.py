@@ -32,6 +32,7 @@ def seen(
     per_focal_ne_m: Vec2 = (5.0, -45.0),
     gnss: bool = True,
     drive: Drive = Drive.INERTIAL,
+    claims_m: float = 0.4,
 ) -> ScaleDrift:
     """Fixes of a vehicle that flies north by 10 m/s; what enlarges the ground is the lens, or ground that is nearer."""
     drift, rng = ScaleDrift(), np.random.default_rng(3)
@@ -43,7 +44,7 @@ def seen(
         reckoned = Reckoned((10.0 * t_s, 0.0), (0.0, 0.0), (0.0, 0.0), KNOWN, drive, 1)
         minus = (float(-off[0]), float(-off[1])) if gnss else None
         sight = Sight(round(t_s * 1e9), (float(place[0]), float(place[1])), COV, per_focal_ne_m, minus, reckoned)
-        drift.on_fix(sight, HEIGHT_M / (1 + share) - HEIGHT_M + 0.4 * rng.standard_normal(), HEIGHT_M)
+        drift.on_fix(sight, HEIGHT_M / (1 + share) - HEIGHT_M + 0.4 * rng.standard_normal(), claims_m, HEIGHT_M)
     if drift.begun:
         drift.tell_apart()
     return drift
@@ -62,6 +63,25 @@ def test_a_picture_that_becomes_smaller_begins_it_as_well() -> None:
 @pytest.mark.parametrize("share", [lambda t: 1.0, lambda t: 1 + 0.008 * math.sin(t / 3)], ids=["still", "trees come and go"])
 def test_heights_that_stay_begin_nothing(share: Callable[[float], float]) -> None:
     assert not seen(60.0, share).begun
+
+
+def test_heights_that_are_known_to_metres_begin_nothing() -> None:
+    """The first fixes over a wood said 4 m too high, claimed 3 m, and all after them were held for a drift."""
+
+    def stepped(t_s: float) -> float:
+        return 1.0 if t_s < 15.0 else 1.04
+
+    assert seen(25.0, stepped).begun
+    assert not seen(25.0, stepped, claims_m=3.0).begun
+
+
+def test_heights_that_stay_where_they_went_are_steady() -> None:
+    def hill(t_s: float) -> float:
+        return 1 + 0.1 * min(1.0, max(0.0, (t_s - BEGIN_S) / 3))
+
+    drifting, stayed = seen(BEGIN_S + 10.0, hill), seen(BEGIN_S + 16.0, hill)
+    assert (drifting.begun, drifting.steady(HEIGHT_M)) == (True, False)
+    assert (stayed.begun, stayed.steady(HEIGHT_M)) == (True, True)
 
 
 def test_it_is_over_when_heights_are_back() -> None:
