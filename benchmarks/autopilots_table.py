@@ -57,7 +57,8 @@ def written(page: str, rows: list[Row]) -> str:
 def _line(row: Row) -> str:
     called = CALLED[Simulator(row["simulator"])]
     if "error" in row:
-        return f"| {called} | `{row['flight']}` | not flown: {row['error']} |" + " |" * (HEADER.count("|") - 4)
+        why = " ".join(row["error"].split())
+        return f"| {called} | `{row['flight']}` | not flown: {why} |" + " |" * (HEADER.count("|") - 4)
     cells = (
         called,
         f"`{row['flight']}`",

@@ -57,7 +57,7 @@ def test_what_was_missed_and_what_never_came_is_said(module) -> None:
     assert "| never |" in line
     assert "| **no** |" in line
     assert len(line.split("|")) == len(module.HEADER.split("|"))
-    failed = module.table([{"simulator": "px4", "flight": "jam", "error": "no heartbeat"}]).splitlines()[2]
+    failed = module.table([{"simulator": "px4", "flight": "jam", "error": "no\nheartbeat\n"}]).splitlines()[2]
     assert "not flown: no heartbeat" in failed
     assert len(failed.split("|")) == len(module.HEADER.split("|"))
 
