@@ -32,8 +32,9 @@ LEAST_SHARE, BEGUN_SHARE, LEAST_SPREADS, LEAST_CLAIMS = 0.02, 0.01, 4.0, 1.2
 """Of the height flown: what the newest fix and all of the last ones must be off by; and so many times the median of what those
 before are off by, and what both claim (1-sigma)."""
 TOLD, SILENT, LOOSE_NS = 6, 2, 2_000_000_000
-"""So many fixes in a row told the height and then so many did not, or were refused: heights may be held too tightly for any to
-explain the picture, and are let loose for so long."""
+"""So many fixes in a row told the height, the last of them another one (BEGUN_SHARE), and then so many did not, or were refused:
+heights may be held too tightly for any to explain the picture, and are let loose for so long. Where they had stayed it is the
+ground that tells little: a wood would have its crowns taken for a height then."""
 BACK_NS, STEADY = 4_000_000_000, 10
 """The drift is over where the height is back for so long, or has stayed through so many fixes where it went."""
 BANDS_NS = ((3_000_000_000, 8_000_000_000), (8_000_000_000, 14_000_000_000), (14_000_000_000, KEPT_NS))
@@ -70,6 +71,7 @@ class ScaleDrift:
         self._sights: deque[Sight] = deque()
         self._told: deque[bool] = deque(maxlen=TOLD + SILENT)
         self._away_ns = self._loose_ns = 0
+        self._shifted = False
         self.begun = False
         self.before_m = self.nearer = self.odds = 0.0
 
@@ -79,6 +81,8 @@ class ScaleDrift:
         self._above.append((sight.t_ns, above_m, sigma_m))
         while self._above[0][0] < sight.t_ns - BEFORE_NS:
             self._above.popleft()
+        before = [above for t, above, _ in self._above if t < sight.t_ns - RECENT_NS]
+        self._shifted = bool(before) and abs(above_m - median(before)) > BEGUN_SHARE * height_m
         self._drifts(sight.t_ns, height_m)
         off_m = above_m - self.before_m
         self.nearer = height_m / max(height_m / 3, height_m + off_m) - 1 if self.begun else 0.0
@@ -96,7 +100,7 @@ class ScaleDrift:
     def told(self, t_ns: int, *, height: bool) -> None:
         """Take that a fix told of the height, or did not."""
         self._told.append(height)
-        if list(self._told) == TOLD * [True] + SILENT * [False]:
+        if self._shifted and list(self._told) == TOLD * [True] + SILENT * [False]:
             self._loose_ns = t_ns + LOOSE_NS
 
     def loose(self, t_ns: int) -> bool:

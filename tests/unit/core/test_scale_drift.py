@@ -100,15 +100,29 @@ def test_the_side_of_the_lean_tells_a_lens_from_ground(gnss: bool) -> None:
     assert seen(until_s, gnss=gnss, lens=False).odds < -SURE
 
 
-def test_heights_are_let_loose_where_fixes_cease_to_tell_them() -> None:
+def silent_after(last_m: float) -> ScaleDrift:
+    """Heights of 0 m, a last one, and two fixes that tell none, one a second until 8 s."""
     drift = ScaleDrift()
-    for k in range(8):
-        drift.told(k * 10**9, height=k < 6)
-    assert drift.loose(8 * 10**9)
-    assert not drift.loose(10 * 10**9)
-    drift.told(8 * 10**9, height=False)
-    drift.told(9 * 10**9, height=True)
+    for k in range(9):
+        if k < 7:
+            sight = Sight(k * 10**9, (10.0 * k, 0.0), COV, (0.0, 0.0), None, None)
+            drift.on_fix(sight, last_m if k == 6 else 0.0, 0.4, HEIGHT_M)
+        drift.told(k * 10**9, height=k < 7)
+    return drift
+
+
+def test_heights_are_let_loose_where_fixes_cease_to_tell_them() -> None:
+    drift = silent_after(-1.5)
+    assert drift.loose(9 * 10**9)
     assert not drift.loose(11 * 10**9)
+    drift.told(9 * 10**9, height=False)
+    drift.told(10 * 10**9, height=True)
+    assert not drift.loose(12 * 10**9)
+
+
+def test_heights_that_stayed_are_held_where_the_ground_tells_little() -> None:
+    """A copter that came over a wood had its height let loose there, and crowns 4 m above the map taken for it."""
+    assert not silent_after(-0.4).loose(9 * 10**9)
 
 
 def test_who_looks_straight_down_cannot_tell() -> None:
