@@ -4,6 +4,7 @@ Needs the programs (`VISLOC_ARDUCOPTER`, `VISLOC_ARDUPLANE`, `VISLOC_PX4`, or on
 named. Every flight runs in a process and a network namespace of its own, at `--speed` times real time; the daemon lives by the
 simulator's time. Fixes are the simulator's truth with white noise of 0.7 m per axis, 4 a second, 250 ms late, where the flight
 says nothing else: tested are autopilot, link, encoder and filter, not the matching of images, which is flown in `rendered`.
+Fixes come without odometry but in `rendered` flights and those whose name says it; each row says which (`odometry`).
 
 Each flight becomes one row, a JSON file in `--rows`; rows that are there are not flown again (`--again` does), so the table may
 be made little by little. A flight that the machine was too busy for is flown once more at half the speed. At the end the table
@@ -84,6 +85,7 @@ def _flown(simulator: Simulator, name: str, args: argparse.Namespace, speed: flo
         "built_in_p95_m": built_in_m,
         "missed": [f"{check.name}: {check.value}, asked {check.limit}" for check in judged if not check.passed],
         "judged": bool(judged),
+        "odometry": scenario.with_daemon and scenario.with_odometry,
         "starved": figures.starved,
         **asdict(figures),
         "marks": log.marks,

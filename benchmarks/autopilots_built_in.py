@@ -2,8 +2,7 @@
 
 `python -m benchmarks.autopilots_built_in [--missing] [--seeds S ...] [--write]` flies it for every row that has a figure, with
 `--missing` for those that have none, prints 95 % of its error for each seed, and with `--write` puts those of the rows' own seeds
-into the rows and docs/autopilots.md. `--alone arducopter/rendered` flies what has no row, with `--odometry` so that answers from
-the truth bring the camera's motion, too (benchmarks/odometry_model.py), as the localiser's do.
+into the rows and docs/autopilots.md. `--alone arducopter/rendered` flies what has no row.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ from typing import cast
 import numpy as np
 
 from benchmarks.autopilots_table import DOCS, ROWS, Row, read_rows, row_path, written
-from benchmarks.odometry_model import OdometryModel
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.app.settings import core_settings
@@ -25,7 +23,7 @@ from visloc_companion.config import Config
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.errors import Reason
 from visloc_companion.evaluate.real_world import over_its_world
-from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
+from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.sim import faults
 from visloc_companion.sim.autopilot import BuiltInAutopilot
@@ -35,7 +33,7 @@ from visloc_companion.sim.faults.camera import FramesLate
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes
 from visloc_companion.sim.imu import NOISY
 from visloc_companion.sim.real.lives import flight_config
-from visloc_companion.sim.real.oracle import HEIGHT_SIGMA_M, METHOD, OracleSettings, answered_height
+from visloc_companion.sim.real.oracle import HEIGHT_SIGMA_M, METHOD, MotionSeen, OracleSettings, answered_height
 from visloc_companion.sim.real.programs import Simulator
 from visloc_companion.sim.real.rendered import opened
 from visloc_companion.sim.real.scenario import RealScenario
@@ -45,18 +43,14 @@ from visloc_companion.types import AutopilotKind, EkfSource, Fix, GeoPoint, Imag
 
 WIND_NED_MPS, CALM = (2.0, -4.0, 0.0), (0.0, 0.0, 0.0)
 BOOT_AGE_S = 60.0
-ODOMETRY_SEED = 5
 EKF2_DEFAULT_TAUS = {"EKF2_TAU_POS": 0.25, "EKF2_TAU_VEL": 0.25}
 
 
-def built_in_p95_m(
-    scenario: RealScenario, simulator: Simulator, *, ekf2_defaults: bool = False, odometry: bool = False
-) -> float | None:
+def built_in_p95_m(scenario: RealScenario, simulator: Simulator, *, ekf2_defaults: bool = False) -> float | None:
     """95 % of the built-in autopilot's own error while it flies on vision, metres.
 
     None where it never does, and for flights that it cannot fly: with restarts, jumps, or no GNSS at boot.
     `ekf2_defaults`: with EKF2's own time constants and noise of the accelerometers, as before decision 25.
-    `odometry`: answers from the truth bring the camera's motion.
     """
     if scenario.restarts or scenario.oracle.moved or not scenario.gnss_at_boot:
         return None
@@ -77,7 +71,7 @@ def built_in_p95_m(
     )
     config = flight_config(scenario)
     log = ClosedLoopFlight(
-        pilot, Navigator(core_settings(config)), MavlinkSession(SessionSettings()), _eyes(scenario, config, odometry)
+        pilot, Navigator(core_settings(config)), MavlinkSession(SessionSettings()), _eyes(scenario, config)
     ).run(scenario.duration_s)
     switches = [(e.now_ns, e.event.source) for e in log.entries if isinstance(e.event, SourceSwitched) and e.event.accepted]
     errors = [sample.off_m for sample in log.truth if _on_vision(switches, sample.t_ns) and sample.off_m is not None]
@@ -92,14 +86,11 @@ def main() -> None:
     parser.add_argument("--missing", action="store_true", help="for rows that have no figure yet")
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--alone", nargs="*", default=[], metavar="SIMULATOR/FLIGHT", help="these, and no row's")
-    parser.add_argument("--odometry", action="store_true", help="with --alone: answers from the truth bring odometry")
     args = parser.parse_args()
-    if args.odometry and not args.alone:
-        parser.error("--odometry is for flights of --alone: rows are flown without")
     for simulator, _, flight in (name.partition("/") for name in args.alone):
         for seed in args.seeds or [1]:
             row = {"simulator": simulator, "flight": flight}
-            print(f"{simulator} {flight}, seed {seed}: {_figure(row, seed, odometry=args.odometry)}", flush=True)
+            print(f"{simulator} {flight}, seed {seed}: {_figure(row, seed)}", flush=True)
     if args.alone:
         return
     for row in read_rows(ROWS):
@@ -124,19 +115,23 @@ def _model(scenario: RealScenario, simulator: Simulator, ekf2_defaults: bool) ->
     return model if scenario.drag_per_s is None else replace(model, drag=Drag(scenario.drag_per_s))
 
 
-def _figure(row: Row, seed: int, *, odometry: bool = False) -> float | None:
+def _figure(row: Row, seed: int) -> float | None:
     simulator = Simulator(row["simulator"])
     scenario = over_its_world(real_scenario(row["flight"], simulator, seed))
-    return built_in_p95_m(scenario, simulator, ekf2_defaults=row.get("ekf2_defaults", False), odometry=odometry)
+    return built_in_p95_m(scenario, simulator, ekf2_defaults=row.get("ekf2_defaults", False))
 
 
-def _eyes(scenario: RealScenario, config: Config, odometry: bool) -> Eyes:
+def _eyes(scenario: RealScenario, config: Config) -> Eyes:
     oracle = scenario.oracle
     latency_s = oracle.latency_s + oracle.jitter_s / 2
     if scenario.seen is not None:
         camera, localiser, reference = opened(scenario.seen, config)
         return Eyes(camera, localiser, reference, oracle.rate_hz, latency_s)
-    poses = cast(SimulatedCamera, _PoseCamera()), _PoseReader(oracle, scenario.seed, odometry), cast(ReferenceMap, None)
+    poses = (
+        cast(SimulatedCamera, _PoseCamera()),
+        _PoseReader(oracle, scenario.seed, scenario.home.h_amsl_m),
+        cast(ReferenceMap, None),
+    )
     return Eyes(*poses, oracle.rate_hz, latency_s)
 
 
@@ -182,16 +177,16 @@ class _PoseReader:
 
     method = METHOD
 
-    def __init__(self, settings: OracleSettings, seed: int, odometry: bool = False) -> None:
+    def __init__(self, settings: OracleSettings, seed: int, ground_amsl_m: float) -> None:
         self._settings, self._rng = settings, Random(f"{seed}/oracle")
-        self._moves = np.random.default_rng(ODOMETRY_SEED)
-        self._odometry = OdometryModel.drawn(self._moves) if odometry else None
-        self._begun: GeoPoint | None = None
+        self._motion = MotionSeen(seed, ground_amsl_m) if settings.odometry else None
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         lat, lon, height, w, x, y, z = np.frombuffer(pixels.tobytes(), np.float64).tolist()
         flight_s = (request.frame.t_boot_ns or 0) * 1e-9 - BOOT_AGE_S
         if not self._settings.sees(flight_s):
+            if self._motion is not None:
+                self._motion.lose()
             return NoFix(0, request.frame.t_ns, request.request_id, request.frame.frame_id, METHOD, Reason.NO_MATCH, 0.0)
         sigma, claimed = self._settings.sigma_m, self._settings.claimed_sigma_m**2
         noise = self._rng.gauss(0.0, sigma), self._rng.gauss(0.0, sigma), self._rng.gauss(0.0, HEIGHT_SIGMA_M)
@@ -200,13 +195,8 @@ class _PoseReader:
         place = replace(place, h_amsl_m=h_m)
         cov = ((claimed, 0.0), (0.0, claimed))
         ids = request.request_id, frame.frame_id
-        fix = Fix(0, frame.t_ns, *ids, METHOD, place, (w, x, y, z), cov, sigma_h_m, 0.01, 1e-4, 50.0)
-        if self._odometry is None:
-            return fix
-        true = GeoPoint(lat, lon, height)
-        self._begun = self._begun or true
-        at_ne_m = np.array(ned_from_geo(true, self._begun)[:2])
-        return replace(fix, motion=self._odometry.look(frame.t_ns, at_ne_m, self._moves))
+        motion = None if self._motion is None else self._motion.look(frame.t_ns, GeoPoint(lat, lon, height), request.believed)
+        return Fix(0, frame.t_ns, *ids, METHOD, place, (w, x, y, z), cov, sigma_h_m, 0.01, 1e-4, 50.0, motion=motion)
 
 
 if __name__ == "__main__":

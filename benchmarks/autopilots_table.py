@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from visloc_companion.sim.real.programs import Simulator
-from visloc_companion.sim.real.scenarios import NAMES
+from visloc_companion.sim.real.scenarios import NAMES, SEEN
 
 Row = dict[str, Any]
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "autopilots.md"
@@ -16,7 +16,7 @@ ROWS = DOCS.parent / "reports" / "autopilots"
 BEGIN, END = "<!-- table of benchmarks.autopilots: begin -->", "<!-- end -->"
 TOO_FAR = 1 / 3
 HEADER = (
-    "| autopilot | flight | on vision s | 95 % m | largest m | on GNSS 95 % m | velocity rms m/s | rejected | "
+    "| autopilot | flight | odometry | on vision s | 95 % m | largest m | on GNSS 95 % m | velocity rms m/s | rejected | "
     "failsafes in the air | wrong source s | pulled m | longest silence s | at the new place after s | built-in 95 % m | "
     "kept | commit |"
 )
@@ -57,10 +57,12 @@ def written(page: str, rows: list[Row]) -> str:
 def _line(row: Row) -> str:
     called = CALLED[Simulator(row["simulator"])]
     if "error" in row:
-        return f"| {called} | `{row['flight']}` | not flown: {row['error']} |" + " |" * (HEADER.count("|") - 4)
+        why = " ".join(row["error"].split())
+        return f"| {called} | `{row['flight']}` | not flown: {why} |" + " |" * (HEADER.count("|") - 4)
     cells = (
         called,
         f"`{row['flight']}`",
+        _odometry(row),
         _number(row["vision_s"], 0),
         _number(row["error_p95_m"]),
         _number(row["error_max_m"]),
@@ -77,6 +79,13 @@ def _line(row: Row) -> str:
         row["commit"],
     )
     return f"| {' | '.join(cells)} |"
+
+
+def _odometry(row: Row) -> str:
+    """Whether its answers brought the camera's motion; rows of before that was said did with rendered frames only."""
+    if not row["judged"]:
+        return ""
+    return "yes" if row.get("odometry", row["flight"] in SEEN) else "no"
 
 
 def _built_in(built_in_m: float | None, real_m: float | None) -> str:

@@ -16,10 +16,10 @@ from typing import Literal
 import numpy as np
 
 from benchmarks.consistency_eyes import BLANK, HEIGHT_SIGMA_M, KnowingEyes
-from benchmarks.odometry_model import LEG_SIGMA_M, SCALE_SIGMA
 from visloc_companion.errors import Reason
 from visloc_companion.geo import se3, wgs84
 from visloc_companion.protocols import ReferenceMap
+from visloc_companion.sim.odometry_model import LEG_SIGMA_M, SCALE_SIGMA
 from visloc_companion.sim.render_motion import STILL, Shot
 from visloc_companion.types import Fix, GeoPoint, Image, LocaliseRequest, NoFix, Odometry, PosePrior, Quat, Vec2
 

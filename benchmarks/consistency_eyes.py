@@ -3,8 +3,8 @@
 A fix is off by as much as it claims and by the map's own error. LASTING_SHARE of the claimed variance is that of the ground which
 neighbouring frames look at and lasts GROUND_TAU_S. The map's error wanders along the track with the 1-sigma `map_sigma_m` and a
 correlation of MAP_TAU_S. It is a wrong match as often as it claims, anywhere in the search region, and stays wrong in the same
-way over the same ground (same_ground.py). Odometry: odometry_model.py. Where sight comes and goes, stretches without fixes and
-odometry take turns with others, each of a random length.
+way over the same ground (same_ground.py). Odometry: sim/odometry_model.py. Where sight comes and goes, stretches without fixes
+and odometry take turns with others, each of a random length.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from benchmarks.odometry_model import OdometryModel, claimed
+from benchmarks.claims import claimed
 from benchmarks.same_ground import Match, anywhere_m, lasts_m
 from visloc_companion.core.lasting import SHARE as LASTING_SHARE
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.protocols import ReferenceMap
+from visloc_companion.sim.odometry_model import OdometryModel
 from visloc_companion.sim.render_motion import STILL, Shot
 from visloc_companion.types import (
     CameraModel,

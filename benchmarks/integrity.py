@@ -23,8 +23,8 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.claims import claimed
 from benchmarks.integrity_kinds import ODOMETRY, VOTES, Flight, Tally, Vote
-from benchmarks.odometry_model import OdometryModel, claimed
 from benchmarks.same_ground import Match, anywhere_m, lasts_m
 from visloc_companion.core.belief import seeded
 from visloc_companion.core.driving import Velocity
@@ -34,6 +34,7 @@ from visloc_companion.core.odometry_aiding import OdometryAiding
 from visloc_companion.core.propagation import INERTIAL_WALK_MPS_PER_SQRT_S, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
+from visloc_companion.sim.odometry_model import OdometryModel
 from visloc_companion.types import Accepted, Fix, FloatArray, GeoPoint
 
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)

@@ -26,6 +26,9 @@ JUMP_M, JUMP_MPS = 0.2, 1.0
 """A height that changes by so much more than its climb is another one: an autopilot turns from one source to another, or comes
 right after it had none."""
 SAME_JUMP_NS = 1_000_000_000
+OTHER_ZERO = 4.0
+"""Before any fix a jump beyond so many sigmas of a height is one to another zero, and the height as good as a first one: PX4
+begins with an origin at sea level, and has the right one a second later."""
 SHOWN_NS, SURE = 2_000_000_000, 3.0
 """What a fix that was taken shows of the height stands for so long; what all of them taught, beyond so many sigmas."""
 OVER_GROUND_NS, FAR_ABOVE = 30_000_000_000, 4.0
@@ -93,11 +96,15 @@ class HeightAiding:
 
     def _watch(self, heights: HeightFilter, t_ns: int, h_amsl_m: float, climb_mps: float) -> None:
         """Doubt what fixes have taught where the height changes by more than its climb; what goes there and back before the next
-        fix counts once."""
+        fix counts once. Where none has taught anything, heights may begin anew."""
         before_ns, before_m = self._heights[-1]
         dt_s = (t_ns - before_ns) * 1e-9
         step_m = h_amsl_m - before_m - climb_mps * dt_s
         if abs(step_m) < JUMP_M + JUMP_MPS * dt_s:
+            return
+        if self._taken_ns is None and abs(step_m) > OTHER_ZERO * height_sigma_m(self._above_home_m):
+            self._filter = HeightFilter(self._settings, t_ns, h_amsl_m, height_sigma_m(self._above_home_m))
+            self._held, self._jump = None, NO_JUMP
             return
         _, sum_m, most_m = self._jump if t_ns - self._jump[0] < SAME_JUMP_NS else NO_JUMP
         sum_m += step_m
@@ -143,14 +150,14 @@ class HeightAiding:
         (away_north, away_east), spacing_m = looked_at(fix, self._above_home_m)
         return (north + away_north, east + away_east), spacing_m
 
-    def own_m(self, fix: Fix) -> float | None:
-        """By how much a fix alone, without the prior of its request, would raise the autopilot's height; None where it tells next
-        to nothing of it."""
+    def own_m(self, fix: Fix) -> tuple[float, float] | None:
+        """By how much a fix alone, without the prior of its request, would raise the autopilot's height, and the 1-sigma of that;
+        None where it tells next to nothing of it."""
         stated_m, prior = self._at(fix.t_ns), self._priors.get(fix.request_id)
         if stated_m is None or prior is None:
             return None
         news = news_of(fix.place.h_amsl_m, fix.sigma_h_m, *prior)
-        return None if news is None else news[0] - stated_m
+        return None if news is None else (news[0] - stated_m, math.sqrt(news[1]))
 
     def learned_m(self, t_ns: int) -> float:
         """By how much fixes have taught to raise the autopilot's height at a time."""

@@ -12,6 +12,7 @@ A height of the autopilot that drifts (barometer) looks as ground does.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from statistics import fmean, median
 from typing import NamedTuple
@@ -27,14 +28,15 @@ KEPT_NS, BEFORE_NS, RECENT_NS = 25_000_000_000, 12_000_000_000, 1_500_000_000
 FEWEST, NEWEST, LAST_NS, LAST = 5, 2, 2_600_000_000, 3
 """So many fixes before, and so many within so short a time after, where a drift begins; the last ones that are held against
 earlier ones."""
-LEAST_SHARE, BEGUN_SHARE, LEAST_SPREADS = 0.02, 0.01, 4.0
+LEAST_SHARE, BEGUN_SHARE, LEAST_SPREADS, LEAST_CLAIMS = 0.02, 0.01, 4.0, 1.2
 """Of the height flown: what the newest fix and all of the last ones must be off by; and so many times the median of what those
-before are off by."""
+before are off by, and what both claim (1-sigma)."""
 TOLD, SILENT, LOOSE_NS = 6, 2, 2_000_000_000
-"""So many fixes in a row told the height and then so many did not, or were refused: heights may be held too tightly for any to
-explain the picture, and are let loose for so long."""
-BACK_NS = 4_000_000_000
-"""The drift is over where the height is back for so long."""
+"""So many fixes in a row told the height, the last of them another one (BEGUN_SHARE), and then so many did not, or were refused:
+heights may be held too tightly for any to explain the picture, and are let loose for so long. Where they had stayed it is the
+ground that tells little: a wood would have its crowns taken for a height then."""
+BACK_NS, STEADY = 4_000_000_000, 10
+"""The drift is over where the height is back for so long, or has stayed through so many fixes where it went."""
 BANDS_NS = ((3_000_000_000, 8_000_000_000), (8_000_000_000, 14_000_000_000), (14_000_000_000, KEPT_NS))
 """How long ago the fixes were that those of now are compared with."""
 SURE, WORTH, MOST_LEFT = 5.0, 2.0, 5.0
@@ -65,19 +67,22 @@ class ScaleDrift:
     the odds of a lens against ground, as far as that can be told."""
 
     def __init__(self) -> None:
-        self._above: deque[tuple[int, float]] = deque()
+        self._above: deque[tuple[int, float, float]] = deque()
         self._sights: deque[Sight] = deque()
         self._told: deque[bool] = deque(maxlen=TOLD + SILENT)
         self._away_ns = self._loose_ns = 0
+        self._shifted = False
         self.begun = False
         self.before_m = self.nearer = self.odds = 0.0
 
-    def on_fix(self, sight: Sight, above_m: float, height_m: float) -> None:
+    def on_fix(self, sight: Sight, above_m: float, sigma_m: float, height_m: float) -> None:
         """Take a fix (its `nearer` is found here), that puts the vehicle so far above the autopilot's height, without what was
-        known before, and the height flown."""
-        self._above.append((sight.t_ns, above_m))
+        known before, and its 1-sigma; and the height flown."""
+        self._above.append((sight.t_ns, above_m, sigma_m))
         while self._above[0][0] < sight.t_ns - BEFORE_NS:
             self._above.popleft()
+        before = [above for t, above, _ in self._above if t < sight.t_ns - RECENT_NS]
+        self._shifted = bool(before) and abs(above_m - median(before)) > BEGUN_SHARE * height_m
         self._drifts(sight.t_ns, height_m)
         off_m = above_m - self.before_m
         self.nearer = height_m / max(height_m / 3, height_m + off_m) - 1 if self.begun else 0.0
@@ -85,10 +90,17 @@ class ScaleDrift:
         while self._sights[0].t_ns < sight.t_ns - KEPT_NS:
             self._sights.popleft()
 
+    def steady(self, height_m: float) -> bool:
+        """Whether heights have stayed for as long as shows the height before a drift: it has ended, elsewhere than it began."""
+        heights = [above for _, above, _ in self._above]
+        if self._above[-1][0] - self._above[0][0] < BEFORE_NS - RECENT_NS or len(heights) < STEADY:
+            return False
+        return max(heights) - min(heights) < LEAST_SHARE * height_m
+
     def told(self, t_ns: int, *, height: bool) -> None:
         """Take that a fix told of the height, or did not."""
         self._told.append(height)
-        if list(self._told) == TOLD * [True] + SILENT * [False]:
+        if self._shifted and list(self._told) == TOLD * [True] + SILENT * [False]:
             self._loose_ns = t_ns + LOOSE_NS
 
     def loose(self, t_ns: int) -> bool:
@@ -96,21 +108,22 @@ class ScaleDrift:
         return self.begun or t_ns < self._loose_ns
 
     def _drifts(self, t_ns: int, height_m: float) -> None:
-        recent = [above for t, above in list(self._above)[-NEWEST:] if t >= t_ns - LAST_NS]
+        recent = [(above, sigma) for t, above, sigma in list(self._above)[-NEWEST:] if t >= t_ns - LAST_NS]
         if self.begun:
-            if abs(median(recent) - self.before_m) > LEAST_SHARE * height_m:
+            if abs(median(above for above, _ in recent) - self.before_m) > LEAST_SHARE * height_m:
                 self._away_ns = t_ns
             self.begun = t_ns - self._away_ns < BACK_NS
             if not self.begun:
-                self._above = deque((t, above) for t, above in self._above if t > self._away_ns)
+                self._above = deque(each for each in self._above if each[0] > self._away_ns)
             return
-        before = [above for t, above in self._above if t < t_ns - RECENT_NS]
+        before = [(above, sigma) for t, above, sigma in self._above if t < t_ns - RECENT_NS]
         if len(before) < FEWEST or len(recent) < NEWEST:
             return
-        middle_m = median(before)
-        least = max(BEGUN_SHARE, LEAST_SPREADS * median(abs(above - middle_m) for above in before) / height_m)
-        off = [(above - middle_m) / height_m for above in recent]
-        same_way = min(off) > least or max(off) < -least
+        middle_m, known_m = median(above for above, _ in before), median(sigma for _, sigma in before)
+        least = max(BEGUN_SHARE, LEAST_SPREADS * median(abs(above - middle_m) for above, _ in before) / height_m)
+        off = [(above - middle_m) / height_m for above, _ in recent]
+        claimed = all(abs(above - middle_m) > LEAST_CLAIMS * math.hypot(sigma, known_m) for above, sigma in recent)
+        same_way = claimed and (min(off) > least or max(off) < -least)
         if same_way and abs(off[-1]) > max(LEAST_SHARE, least):
             self.begun, self.before_m, self._away_ns = True, middle_m, t_ns
             self._sights = deque(s._replace(before=s.t_ns < t_ns - RECENT_NS) for s in self._sights)

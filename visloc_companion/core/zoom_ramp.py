@@ -62,25 +62,23 @@ class ZoomRamp:
         now."""
         if height_m <= 0 or fix.method in BY_SHAPE:
             return []
-        own_m = self._tracker.height.own_m(fix) if taken else None
+        own = self._tracker.height.own_m(fix) if taken else None
         told: list[Command] = []
-        if own_m is not None:
+        if own is not None:
             self._per_focal_ne_m = fix.per_focal_ne_m
-            told = (
-                self._followed(fix, own_m, height_m) if self.following else self._watched(fix, own_m, height_m, gnss_minus_ne_m)
-            )
-        self._drift.told(fix.t_ns, height=own_m is not None)
+            told = self._followed(fix, own[0], height_m) if self.following else self._watched(fix, own, height_m, gnss_minus_ne_m)
+        self._drift.told(fix.t_ns, height=own is not None)
         if not self.following and self._drift.loose(fix.t_ns):
             self._tracker.height.loosen(fix.t_ns + 1, LOOSE_SHARE * height_m)
         return told
 
-    def _watched(self, fix: Fix, own_m: float, height_m: float, gnss_minus_ne_m: Vec2 | None) -> list[Command]:
+    def _watched(self, fix: Fix, own_m: tuple[float, float], height_m: float, gnss_minus_ne_m: Vec2 | None) -> list[Command]:
         drift, tracker = self._drift, self._tracker
         self._origin = fix.place if self._origin is None else self._origin
         north, east, _ = wgs84.ned_from_geo(fix.place, self._origin)
         begun = drift.begun
         sight = Sight(fix.t_ns, (north, east), fix.cov_ne_m2, fix.per_focal_ne_m, gnss_minus_ne_m, tracker.reckoned(fix.t_ns))
-        drift.on_fix(sight, own_m, height_m)
+        drift.on_fix(sight, *own_m, height_m)
         if not drift.begun:
             if begun:
                 self._over()
@@ -89,6 +87,9 @@ class ZoomRamp:
         if drift.odds < -SURE and not self._ground:
             self._ground = True
             tracker.know_lens(0.0)
+        if self._ground and drift.steady(height_m):
+            self._drift, self._ground = ScaleDrift(), False
+            return []
         if drift.odds > SURE and abs(drift.nearer) > NAMED_SHARE:
             return self._begin(fix, height_m)
         self._ground &= drift.odds < SURE

@@ -111,11 +111,12 @@ def test_figures_go_into_the_rows_that_had_one_or_into_the_others(
     assert page.read_text() == "no table, written"
 
 
-@pytest.mark.parametrize("odometry", [False, True])
-def test_answers_from_the_truth_bring_the_motion_where_that_is_asked_for(
-    module: ModuleType, monkeypatch: pytest.MonkeyPatch, odometry: bool
+@pytest.mark.parametrize("flight", ["late", "late_odometry"])
+def test_answers_from_the_truth_bring_the_motion_where_the_flights_do(
+    module: ModuleType, monkeypatch: pytest.MonkeyPatch, flight: str
 ) -> None:
-    _, eyes = beside(module, monkeypatch, Simulator.ARDUCOPTER, odometry=odometry)
+    scenario = real_scenario(flight, Simulator.ARDUCOPTER)
+    _, eyes = beside(module, monkeypatch, Simulator.ARDUCOPTER, scenario)
     home, level = GeoPoint(59.3, 18.1, 140.0), (1.0, 0.0, 0.0, 0.0)
     motions = []
     for k in range(4):
@@ -124,7 +125,7 @@ def test_answers_from_the_truth_bring_the_motion_where_that_is_asked_for(
         request = LocaliseRequest(k, frame, PosePrior(place, level, ((4.0, 0.0), (0.0, 4.0)), 3.0, 0.1, 0.1), 1)
         pixels = eyes.camera.render(place, level, k)
         motions.append(eyes.localiser.localise(request, pixels, eyes.reference).motion)
-    if not odometry:
+    if flight == "late":
         assert motions == [None] * 4
         return
     assert motions[0] is None

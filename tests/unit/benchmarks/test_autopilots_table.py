@@ -37,12 +37,27 @@ def test_a_built_in_figure_more_than_a_third_off_is_bold(module) -> None:
     assert "| 2.0 |" in module.table([{**ROW, "built_in_p95_m": 2.0}])
 
 
+@pytest.mark.parametrize(
+    ("changed", "shown"),
+    [
+        ({"odometry": True}, "yes"),
+        ({"odometry": False}, "no"),
+        ({}, "no"),
+        ({"flight": "rendered"}, "yes"),
+        ({"flight": "without_daemon", "judged": False}, ""),
+    ],
+)
+def test_a_row_says_whether_its_answers_brought_odometry(module, changed: dict[str, object], shown: str) -> None:
+    line = module.table([{**ROW, **changed}]).splitlines()[2]
+    assert line.split("|")[3].strip() == shown
+
+
 def test_what_was_missed_and_what_never_came_is_said(module) -> None:
     line = module.table([{**ROW, "missed": ["95 %"]}]).splitlines()[2]
     assert "| never |" in line
     assert "| **no** |" in line
     assert len(line.split("|")) == len(module.HEADER.split("|"))
-    failed = module.table([{"simulator": "px4", "flight": "jam", "error": "no heartbeat"}]).splitlines()[2]
+    failed = module.table([{"simulator": "px4", "flight": "jam", "error": "no\nheartbeat\n"}]).splitlines()[2]
     assert "not flown: no heartbeat" in failed
     assert len(failed.split("|")) == len(module.HEADER.split("|"))
 

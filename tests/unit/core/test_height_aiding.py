@@ -164,6 +164,16 @@ def test_a_height_that_jumps_is_doubted_by_its_jump(steps_m: list[float], sigma_
     assert known.sigma_m**2 - before.sigma_m**2 == pytest.approx(sigma_m**2, rel=0.05, abs=0.01)
 
 
+@pytest.mark.parametrize(("zero_m", "sigma_m"), [(453.8, 3.0), (-453.8, 3.0), (8.0, math.hypot(3.0, 8.0))])
+def test_before_any_fix_a_height_over_another_zero_is_as_good_as_a_first_one(zero_m: float, sigma_m: float) -> None:
+    """PX4 has an origin at sea level for its first second."""
+    aiding = HeightAiding(NavigatorSettings())
+    aiding.drive(S, 0.8, 0.0, 0.0)
+    aiding.drive(S + S // 10, 0.8 + zero_m, 0.0, 0.0)
+    known = aiding.known(2 * S, 0.8 + zero_m)
+    assert (known.offset_m, known.sigma_m) == (0.0, pytest.approx(sigma_m, rel=0.02))
+
+
 def test_after_a_jump_the_next_fix_tells_the_height() -> None:
     aiding = taught([8.0] * 10)
     aiding.taken(fix(21.0, 103.0, 0.4, request_id=500), V_NE)

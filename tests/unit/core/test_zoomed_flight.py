@@ -237,3 +237,13 @@ def test_ground_that_comes_nearer_little_by_little_is_no_zoom(zooming: Any) -> N
     assert {r.try_zoom for _, r, _ in w.requests} == {None}
     assert {r.zoom for _, r, _ in w.requests} == {1.0}
     assert max(off_m for t, _, off_m in w.statuses if t > ZOOM_S) < 4.0
+
+
+def test_heights_are_held_again_where_nearer_ground_has_stayed(zooming: Any) -> None:
+    """They never come back to those before: until the end of a flight they were let loose, to 2.5 m here."""
+    w = zooming(nearer=slow(0.03, 1.1))
+    w.start()
+    w.fly(75.0)
+    sigmas_m = [(t, r.prior.sigma_h_m) for t, r, _ in w.requests]
+    assert max(sigma_m for t, sigma_m in sigmas_m if ZOOM_S < t < ZOOM_S + 10) > 2.4
+    assert max(sigma_m for t, sigma_m in sigmas_m if t > 70.0) < 1.5

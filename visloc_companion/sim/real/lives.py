@@ -51,7 +51,7 @@ class DaemonLives:
     def __init__(self, pilot: Pilot, scenario: RealScenario, folder: Path, recorder: Recorder, simulator: Running) -> None:
         self._pilot, self._scenario, self._folder, self._recorder = pilot, scenario, folder, recorder
         eyes = None if scenario.seen is None else RenderedEyes(scenario.seen, flight_config(scenario), simulator)
-        self._oracle = Oracle(scenario.oracle, recorder.clock, scenario.seed, eyes)
+        self._oracle = Oracle(scenario.oracle, recorder.clock, scenario.seed, eyes, scenario.home.h_amsl_m)
         recorder.oracle = self._oracle
         self._killed = asyncio.Event()
 

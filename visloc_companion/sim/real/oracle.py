@@ -8,16 +8,20 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from visloc_companion.app.mailbox import Mailbox
 from visloc_companion.errors import Reason
-from visloc_companion.geo.wgs84 import geo_from_ned
+from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
 from visloc_companion.protocols import Clock
+from visloc_companion.sim.odometry_model import drawn_for, stretched
 from visloc_companion.types import (
     Fix,
     FrameRef,
     GeoPoint,
     LocaliseRequest,
     NoFix,
+    Odometry,
     PosePrior,
     Quat,
     TerrainRequest,
@@ -28,6 +32,9 @@ from visloc_companion.types import (
 METHOD, HEIGHT_SIGMA_M = "truth", 1.0
 _SIZE_PX = (640, 480)
 _KEPT = 60
+LEAST_HEIGHT_M = 10.0
+FOLLOWED_NS = 2_000_000_000
+"""Over a longer time between two frames the ground is not followed."""
 
 
 def answered_height(seen_amsl_m: float, prior: PosePrior) -> tuple[float, float]:
@@ -44,7 +51,8 @@ class OracleSettings:
 
     `frame_delay_s`: how long a picture travels before the daemon has it (its time is known); `jitter_s`: what an answer takes
     longer at most (uniform). In seconds since the circuit was begun: `blind` are spans in which nothing is recognised, in
-    `moved` (from, to, north and east m) fixes are off by so much.
+    `moved` (from, to, north and east m) fixes are off by so much. `odometry`: answers bring the camera's motion, too
+    (sim/odometry_model.py), as those of the daemon's localiser do.
     """
 
     rate_hz: float = 4.0
@@ -55,6 +63,7 @@ class OracleSettings:
     jitter_s: float = 0.0
     blind: tuple[tuple[float, float], ...] = ()
     moved: tuple[tuple[float, float, float, float], ...] = ()
+    odometry: bool = False
 
     def sees(self, at_s: float) -> bool:
         """Whether a picture of that time is recognised."""
@@ -64,6 +73,34 @@ class OracleSettings:
         """What fixes from pictures of that time are off by, beside their noise."""
         spans = [span for span in self.moved if span[0] <= at_s < span[1]]
         return sum(span[2] for span in spans), sum(span[3] for span in spans)
+
+
+class MotionSeen:
+    """The camera's motion from the true places of the frames that are asked about, one after the other."""
+
+    def __init__(self, seed: int, ground_amsl_m: float) -> None:
+        self._model, self._rng = drawn_for(seed)
+        self._ground_amsl_m = ground_amsl_m
+        self._origin: GeoPoint | None = None
+        self._seen_ns: int | None = None
+
+    def lose(self) -> None:
+        """The ground was not seen."""
+        self._model.lose()
+
+    def look(self, t_ns: int, place: GeoPoint, prior: PosePrior) -> Odometry | None:
+        """The displacement that a frame from this place shows; None of the first one, and of one too long after the last.
+
+        It comes out too long by as much as the height of the request is too great over the ground, and claims that.
+        """
+        self._origin = self._origin or place
+        if self._seen_ns is not None and t_ns - self._seen_ns > FOLLOWED_NS:
+            self.lose()
+        self._seen_ns = t_ns
+        seen = self._model.look(t_ns, np.array(ned_from_geo(place, self._origin)[:2]), self._rng)
+        height_m = max(LEAST_HEIGHT_M, place.h_amsl_m - self._ground_amsl_m)
+        up_m = prior.place.h_amsl_m - place.h_amsl_m
+        return None if seen is None else stretched(seen, up_m / height_m, prior.sigma_h_m / height_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,9 +120,12 @@ class Oracle:
 
     It stands where the daemon's worker stands (`submit`, `events` and the states that the daemon shows). Frames go to
     `on_frame` once `shows` is set. `begun_boot_ns` is when the circuit was begun. With `localise` that answers, not the truth.
+    The ground lies at `ground_amsl_m`.
     """
 
-    def __init__(self, settings: OracleSettings, clock: Clock, seed: int, localise: Localise | None = None) -> None:
+    def __init__(
+        self, settings: OracleSettings, clock: Clock, seed: int, localise: Localise | None = None, ground_amsl_m: float = 0.0
+    ) -> None:
         self.on_frame: Callable[[FrameRef], None] = lambda _frame: None
         self.events: Mailbox[Fix | NoFix | WorkerState] = Mailbox(16, newest_wins=True)
         self.up, self.overdue, self.given_up = True, False, False
@@ -95,6 +135,7 @@ class Oracle:
         self._settings, self._clock = settings, clock
         self._localise = localise or self._from_truth
         self._rng = random.Random(f"{seed}/oracle")
+        self._motion = MotionSeen(seed, ground_amsl_m) if settings.odometry else None
         self._views: dict[int, View] = {}
         self._due: list[tuple[int, int, Fix | NoFix]] = []
         self._travelling: list[tuple[int, int, int]] = []
@@ -133,6 +174,8 @@ class Oracle:
     def forget(self) -> None:
         """The daemon died, and its worker with it: what it was asked is never answered."""
         self._due.clear()
+        if self._motion is not None:
+            self._motion.lose()
         self.on_frame = lambda _frame: None
         self.events = Mailbox(16, newest_wins=True)
 
@@ -143,6 +186,8 @@ class Oracle:
         if view is None:
             return NoFix(due_ns, frame.t_ns, *ids, METHOD, Reason.BAD_FRAME, 0.0)
         if not settings.sees(self.flight_s(view.t_boot_ns)):
+            if self._motion is not None:
+                self._motion.lose()
             return NoFix(due_ns, frame.t_ns, *ids, METHOD, Reason.NO_MATCH, 0.0)
         return replace(self._localise(request, view), t_rx_ns=due_ns)
 
@@ -157,7 +202,8 @@ class Oracle:
         place, took_ms = geo_from_ned(off, view.place), 1e3 * settings.latency_s
         h_m, sigma_h_m = answered_height(place.h_amsl_m, request.prior)
         place = replace(place, h_amsl_m=h_m)
-        return Fix(0, frame.t_ns, *ids, METHOD, place, view.q_ned_frd, cov, sigma_h_m, 0.01, 1e-4, took_ms)
+        motion = None if self._motion is None else self._motion.look(frame.t_ns, view.place, request.believed)
+        return Fix(0, frame.t_ns, *ids, METHOD, place, view.q_ned_frd, cov, sigma_h_m, 0.01, 1e-4, took_ms, motion=motion)
 
     def flight_s(self, t_boot_ns: int) -> float:
         """Seconds since the circuit was begun; before that below 0."""

@@ -72,6 +72,11 @@ class RealScenario:
     drag_per_s: float | None = None
     operator: Operator | None = None
 
+    @property
+    def with_odometry(self) -> bool:
+        """Whether answers bring the camera's motion."""
+        return self.seen is not None or self.oracle.odometry
+
 
 def timeline(scenario: RealScenario) -> Sequence[tuple[float, str]]:
     """What is done when, in order."""

@@ -38,6 +38,8 @@ Change = Callable[[RealScenario], RealScenario]
 NAMES = {
     "jam": "GNSS is jammed at 60 s for good; 300 s on vision, then landing.",
     "late": "The same with answers 300 ms later (and therefore fewer).",
+    "jam_odometry": "As `jam`, and answers bring the camera's motion, as the daemon's localiser's do.",
+    "late_odometry": "The same with answers 300 ms later (and therefore fewer).",
     "late_pictures": "Pictures come 300 ms later, as many as ever.",
     "slow_drag": "The receiver's position (not its velocity) is dragged at 1 m/s from 60 s.",
     "gnss_back": "GNSS is jammed from 60 s to 160 s and then good again.",
@@ -89,6 +91,8 @@ def _without_gnss(short: RealScenario) -> RealScenario:
 _LONG: dict[str, Change] = {
     "jam": lambda jam: jam,
     "late": lambda jam: replace(jam, oracle=LATE, lands=False),
+    "jam_odometry": lambda jam: replace(jam, oracle=replace(ORACLE, odometry=True)),
+    "late_odometry": lambda jam: replace(jam, oracle=replace(LATE, odometry=True), lands=False),
     "slow_drag": lambda jam: replace(jam, duration_s=200.0, jam_at_s=None, drag_at_s=FAULT_S, lands=False),
     "gnss_back": lambda jam: replace(jam, duration_s=260.0, gnss_back_at_s=FAULT_S + 100.0, lands=False),
     "without_daemon": lambda jam: replace(jam, duration_s=160.0, with_daemon=False, lands=False),

@@ -15,9 +15,9 @@ from visloc_companion.app import live
 from visloc_companion.app.clock import ManualClock
 from visloc_companion.core.height import news_of
 from visloc_companion.errors import Reason
-from visloc_companion.geo.wgs84 import ned_from_geo
+from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
 from visloc_companion.sim.real.oracle import HEIGHT_SIGMA_M, Oracle, OracleSettings, View, answered_height
-from visloc_companion.types import Fix, FrameRef, GeoPoint, LocaliseRequest, NoFix, PosePrior, Quat
+from visloc_companion.types import Fix, FrameRef, GeoPoint, LocaliseRequest, NoFix, Odometry, PosePrior, Quat
 
 PLACE = GeoPoint(47.4, 8.5, 550.0)
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
@@ -95,6 +95,46 @@ async def test_it_is_blind_and_moved_when_the_scenario_says() -> None:
     assert offs[2] == pytest.approx((5.0, 20.0), abs=1e-3)
     assert offs[0] == offs[3] == pytest.approx((0.0, 0.0), abs=1e-3)
     assert oracle.offset_ne_m(3_500_000_000) == (5.0, 20.0)
+
+
+async def motions(oracle: Oracle, clock: ManualClock, steps_s: list[float], t_s: float = 0.0) -> list[Odometry | None]:
+    """What answers say of the camera's motion, to frames so long after each other from a time on; 10 m/s north."""
+    frames: list[FrameRef] = []
+    oracle.on_frame, oracle.shows = frames.append, True
+    answers: list[object] = []
+    for number, step_s in enumerate(steps_s, 1):
+        t_s += step_s
+        clock.advance(step_s)
+        oracle.see(round(t_s * 1e9), geo_from_ned((10.0 * t_s, 0.0, 0.0), PLACE), LEVEL)
+        oracle.submit(request_about(frames[-1], number))
+        answers += await answered(oracle, clock, 0.0)
+    return [answer.motion for answer in answers if isinstance(answer, Fix | NoFix)]
+
+
+async def test_answers_bring_the_cameras_motion_where_the_flight_says_so() -> None:
+    settings = OracleSettings(rate_hz=2.0, latency_s=0.0, odometry=True)
+    clock = ManualClock(1_000_000_000)
+    first, *seen = await motions(Oracle(settings, clock, 1), clock, [0.5] * 40)
+    assert first is None
+    assert all(motion is not None for motion in seen)
+    moved = [(m.displacement_ned_m[0] - 1e-8 * (m.t_to_ns - m.t_from_ns), m) for m in seen if m is not None]
+    assert all(abs(off_m) < 4 * m.cov_ne_m2[0][0] ** 0.5 for off_m, m in moved)
+    assert 0.05 < statistics.pstdev(off_m for off_m, _ in moved) < 0.3
+    assert max(m.t_to_ns - m.t_from_ns for _, m in moved) == 2_000_000_000
+    without = ManualClock(1_000_000_000)
+    assert await motions(Oracle(replace(settings, odometry=False), without, 1), without, [0.5] * 3) == [None] * 3
+
+
+async def test_motion_begins_anew_where_the_ground_was_not_followed() -> None:
+    """Blind, after a time without frames, and of a daemon that began anew."""
+    settings = OracleSettings(rate_hz=2.0, latency_s=0.0, odometry=True, blind=((1.4, 1.6),))
+    clock = ManualClock(1_000_000_000)
+    oracle = Oracle(settings, clock, 1)
+    oracle.begun_boot_ns = 0
+    seen = await motions(oracle, clock, [0.5, 0.5, 0.5, 0.5, 0.5, 3.0, 0.5])
+    assert [motion is not None for motion in seen] == [False, True, False, False, True, False, True]
+    oracle.forget()
+    assert [motion is not None for motion in await motions(oracle, clock, [0.5, 0.5], t_s=6.0)] == [False, True]
 
 
 async def test_a_daemon_that_died_is_answered_nothing() -> None:

@@ -67,6 +67,14 @@ def test_rendered_frames_are_answered_late_as_all_others_are() -> None:
     assert replace(late_rendered, name=rendered.name, oracle=rendered.oracle) == rendered
 
 
+def test_flights_with_odometry_are_those_without_but_for_it() -> None:
+    for name in ("jam", "late"):
+        without, with_it = (real_scenario(each, Simulator.ARDUPLANE) for each in (name, f"{name}_odometry"))
+        assert (without.with_odometry, with_it.with_odometry) == (False, True)
+        oracle = replace(with_it.oracle, odometry=False)
+        assert replace(with_it, name=name, oracle=oracle) == without
+
+
 def test_px4s_copter_flies_over_its_world_with_a_real_ones_drag_as_well(tmp_path: Path) -> None:
     usual, rendered = (real_scenario(name, Simulator.PX4) for name in ("rendered_usual_drag", "rendered"))
     assert usual.route == rendered.route and {usual.name, rendered.name, "rendered_late"} == set(SEEN)

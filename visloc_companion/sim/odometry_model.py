@@ -1,12 +1,9 @@
-"""Odometry of flights without pictures: it errs on its own, in scale and in heading, as it claims; the latter two last.
-
-Fixes of such flights claim to be wrong with a probability between CLAIMS, whose logarithm is uniform.
-"""
+"""Odometry of flights without pictures: it errs on its own, in scale and in heading, as it claims; the latter two last."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,13 +11,7 @@ from visloc_companion.types import FloatArray, Odometry
 
 KEYFRAME_S = 2.0
 LEG_SIGMA_M, SCALE_SIGMA, HEADING_SIGMA_RAD = 0.1, 0.01, math.radians(1.0)
-CLAIMS = (1e-4, 0.05)
-"""Least and greatest claim of an accepted fix."""
-
-
-def claimed(rng: np.random.Generator) -> float:
-    """The probability of being wrong that a fix claims."""
-    return float(np.exp(rng.uniform(*np.log(CLAIMS))))
+_SALT = 5
 
 
 @dataclass(slots=True)
@@ -56,3 +47,19 @@ class OdometryModel:
             self._keyframe = (t_ns, p_ne_m)
         moved, cov = (float(seen[0]), float(seen[1]), 0.0), ((float(var[0]), 0.0), (0.0, float(var[1])))
         return Odometry(t_ns, from_ns, t_ns, moved, cov, SCALE_SIGMA, HEADING_SIGMA_RAD)
+
+
+def drawn_for(seed: int) -> tuple[OdometryModel, np.random.Generator]:
+    """The odometry of a flight with this seed, and the random numbers of its looks."""
+    rng = np.random.default_rng([seed, _SALT])
+    return OdometryModel.drawn(rng), rng
+
+
+def stretched(seen: Odometry, share: float, sigma_share: float) -> Odometry:
+    """A displacement that comes out longer by a share, because the height over the ground is wrong by it, and claims that."""
+    north, east = ((1 + share) * d for d in seen.displacement_ned_m[:2])
+    (nn, ne), (_, ee) = seen.cov_ne_m2
+    var = sigma_share**2
+    cov = ((nn + var * north * north, ne + var * north * east), (ne + var * north * east, ee + var * east * east))
+    moved = (north, east, seen.displacement_ned_m[2])
+    return replace(seen, displacement_ned_m=moved, cov_ne_m2=cov, sigma_scale=math.hypot(seen.sigma_scale, sigma_share))
