@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,11 +18,17 @@ SIDE_PX, LEAST_PLACES = 512, 20
 LEAST_STEPS, GAP_PX, BASE_PX = 50, 2, 4
 """Tiles that only touch are compared at so many places over their border (crowns scatter), over such a gap at most; the slope of
 the ground is that of so many places on either side."""
+STEP_M, ALIKE = 1.0, 0.5
+"""Less than 5 m is told from here on, where the models differ by nearly the same everywhere (half of the differences lie within
+such a share of their median of it): no crowns or crops do, ..."""
+STEP_SIGMAS, SIGMA_OF_MEDIAN = 6.0, 1.4826 * math.sqrt(math.pi / 2)
+"""... and along a border, where heights beside each other scatter more, from so many standard errors on. That of a median, of
+normal errors, is so many times half of the quartiles' distance over the square root of their number."""
 
 
 def seams(sources: Sequence[Source], grid: TargetGrid, kind: str) -> list[str]:
-    """A sentence on each surface model (their `kind` in words) that lies more than 5 m (median) beside those before it:
-    where both have heights or, if that is hardly anywhere, along their border.
+    """A sentence on each surface model (their `kind` in words) that lies more than 5 m (median) beside those before it, or more
+    than STEP_M by nearly the same everywhere: where both have heights or, if that is hardly anywhere, along their border.
 
     Raises MapError for damaged pixels.
     """
@@ -38,18 +45,37 @@ def seams(sources: Sequence[Source], grid: TargetGrid, kind: str) -> list[str]:
         values, known = resampled(source, grid, T_map_pix, (cols, rows))
         heights_m = np.where(known, values, np.nan)
         apart, where = (heights_m - above_m)[np.isfinite(heights_m) & np.isfinite(above_m)], "where both have heights"
-        least = LEAST_PLACES
-        if apart.size < least:
+        touch = apart.size < LEAST_PLACES
+        if touch:
             apart, where = _steps(above_m, np.where(np.isfinite(above_m), np.nan, heights_m)), "along their border"
-            least = LEAST_STEPS
-        if apart.size >= least and abs(median_m := float(np.median(apart))) > APART_M:
-            side = "above" if median_m > 0 else "below"
-            found.append(
-                f"{source.name} lies {abs(median_m):.1f} m {side} the {kind} before it, {where}: another "
-                "vertical datum or unit, or a model of the bare ground; where one ends, the map has a step: convert one of them"
-            )
+        if (off_m := _off(apart, touch)) is not None:
+            side = "above" if off_m > 0 else "below"
+            found.append(f"{source.name} lies {abs(off_m):.1f} m {side} the {kind} before it, {where}: {_why(off_m)}")
         above_m = np.where(np.isfinite(above_m), above_m, heights_m)
     return found
+
+
+def _off(apart_m: FloatArray, touch: bool) -> float | None:
+    """Median of differences (N,), taken along a border where models only `touch`; None where it is nothing to speak of."""
+    if apart_m.size < (LEAST_STEPS if touch else LEAST_PLACES):
+        return None
+    median_m = float(np.median(apart_m))
+    spread_m = float(np.median(np.abs(apart_m - median_m)))
+    least_m = max(STEP_M, STEP_SIGMAS * SIGMA_OF_MEDIAN * spread_m / math.sqrt(apart_m.size) if touch else spread_m / ALIKE)
+    return median_m if abs(median_m) > min(APART_M, least_m) else None
+
+
+def _why(off_m: float) -> str:
+    """What a model that lies so far off may be, and what to do."""
+    if abs(off_m) > APART_M:
+        return (
+            "another vertical datum or unit, or a model of the bare ground; "
+            "where one ends, the map has a step: convert one of them"
+        )
+    return (
+        "another vertical datum or date; where one ends, the map has a step, and fixes beside it are off by about as much: "
+        f"raise or lower one of them (gdal_calc.py -A FILE --calc=A{-off_m:+.1f} --outfile NEW.tif)"
+    )
 
 
 def _steps(before_m: FloatArray, beside_m: FloatArray) -> FloatArray:

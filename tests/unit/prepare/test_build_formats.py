@@ -182,7 +182,7 @@ def test_a_surface_model_in_tiles_is_put_together(tmp_path: Path) -> None:
         assert np.abs(PackMap.open(tmp_path / "pack").heights_amsl_m(places) - truth).max() < 0.01
 
 
-@pytest.mark.parametrize("raised_m", [47.5, -47.5, 3.0])
+@pytest.mark.parametrize("raised_m", [47.5, -47.5, 2.0, -1.5, 0.8])
 @pytest.mark.parametrize("turn", [False, True], ids=["east", "south"])
 def test_a_step_between_tiles_that_only_touch_is_told(tmp_path: Path, turn: bool, raised_m: float) -> None:
     """On a slope of 45 degrees, which is no step, with a gap between them."""
@@ -195,8 +195,24 @@ def test_a_step_between_tiles_that_only_touch_is_told(tmp_path: Path, turn: bool
     said: list[str] = []
     build_pack([write(tmp_path / "a.tif", SCENE.pixels)], [first, second], tmp_path / "pack", warn=said.append)
     side = f"{abs(raised_m):.1f} m {'above' if raised_m > 0 else 'below'}"
-    told = [f"{second} lies {side} the surface models before it, along their border"] if abs(raised_m) > 5 else []
+    told = [f"{second} lies {side} the surface models before it, along their border"] if abs(raised_m) > 1 else []
     assert [words.split(":")[0] for words in said] == told
+    mended = f"gdal_calc.py -A FILE --calc=A{-raised_m:+.1f} --outfile NEW.tif"
+    assert all((mended in words) == (abs(raised_m) < 5) for words in said), said
+
+
+@pytest.mark.parametrize(("over_px", "grown_m", "raised_m"), [(40, 2.0, 0.0), (40, 0.0, 2.0), (0, 0.3, 0.0)])
+def test_a_step_of_metres_is_told_apart_from_crowns(tmp_path: Path, over_px: int, grown_m: float, raised_m: float) -> None:
+    """Where crowns differ by 2 m in the median, or those at the ends of two tiles by chance, none is told."""
+    rng, first = np.random.default_rng(4), SIDE // 2 - over_px
+    woods, grown = (cv2.resize(rng.normal(0, 3, (SIDE // 5,) * 2), (SIDE, SIDE)) for _ in range(2))
+    west = write(tmp_path / "west.tif", (SCENE.dsm_amsl_m + woods)[:, : SIDE // 2].astype(np.float32))
+    heights = SCENE.dsm_amsl_m + (grown + grown_m if grown_m else woods + raised_m)
+    east = write(tmp_path / "east.tif", heights[:, first:].astype(np.float32), EDGES @ Affine.translation(first, 0))
+    said: list[str] = []
+    build_pack([write(tmp_path / "a.tif", SCENE.pixels)], [west, east], tmp_path / "pack", warn=said.append)
+    told = [f"{east} lies 2.0 m above the surface models before it"] if raised_m else []
+    assert [words.split(",")[0] for words in said] == told
 
 
 def test_degrees_that_are_held_for_metres_are_told(tmp_path: Path) -> None:
