@@ -86,7 +86,7 @@ def build(
 ) -> None:
     """Make a pack from orthophotos, a surface model and point clouds."""
     from visloc_companion.cli.progress import require_folder, write_json
-    from visloc_companion.maps.geotiff import HEIGHTS_M
+    from visloc_companion.maps.fills import HEIGHTS_M
     from visloc_companion.maps.pack import PackMap
     from visloc_companion.maps.registration import registration_warnings
     from visloc_companion.prepare.build import build_pack

@@ -8,29 +8,47 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 NO_COLOURS = (-9999.0, -32767.0, -32768.0, float(np.finfo(np.float32).min))
 """What programs write into bands of signed or real numbers where they have nothing."""
+HEIGHTS_M = (-1000.0, 10_000.0)
+"""Nothing on land is lower or higher: what a surface model holds beyond stands for "unknown", whether or not the file says so."""
 LEAST_PX, LEAST_SHARE = 16, 1e-4
 """A value that fewer pixels have, or a smaller share of them, may be anything."""
 BELOW_M, ABOVE_M, HIGH_M = 30.0, 1000.0, 5000.0
 """A fill lies at or below 0 m and so far below all heights, or above the last and so far above them ..."""
-BETWEEN_SHARE = 0.01
-"""... with at most such a share of its own pixels in between (a resampled border): ground and sea have slopes there."""
+BETWEEN_SHARE, RIM_PX = 0.01, 4
+"""... with at most such a share of its own pixels in between: ground and sea have slopes there. Pixels so near to a fill are not
+counted, for resampling has mixed it into them."""
+SAME_M, OVERSHOT = 1e-3, 0.2
+"""Kernels keep a fill to so much, and cubic ones make more of the step beside it than it is, by no such share of it."""
 
 
-def undeclared_fill(heights_m: NDArray[Any]) -> float | None:
-    """The height, of a sample (N,), that is none: the same in many pixels, and far from all others; None where there is none."""
-    for fill, gap_m in ((float(heights_m.min()), BELOW_M), (float(heights_m.max()), ABOVE_M)):
+def undeclared_fill(heights_m: NDArray[Any], used: NDArray[np.bool_], rim: int) -> float | None:
+    """The height, of a sample (rows, cols) where it is `used`, that is none: the same in many pixels, and far from all others but
+    those up to `rim` samples beside it; None where there is none."""
+    known = heights_m[used]
+    low, middle, high = float(known.min()), float(np.median(known)), float(known.max())
+    lowest = known[known <= low + OVERSHOT * (middle - low)]
+    highest = known[known >= high - OVERSHOT * (high - middle)]
+    for fill, gap_m in ((_commonest(lowest), BELOW_M), (_commonest(highest), ABOVE_M)):
         if 0 < fill < HIGH_M:
             continue
-        n_fill = int((heights_m == fill).sum())
-        n_near = int((np.abs(heights_m - fill) <= gap_m).sum()) - n_fill
-        if max(LEAST_PX, LEAST_SHARE * heights_m.size) <= n_fill < heights_m.size and n_near <= BETWEEN_SHARE * n_fill:
+        filled = used & (np.abs(heights_m - fill) <= SAME_M)
+        beside = cv2.dilate(filled.astype(np.uint8), np.ones((2 * rim + 1,) * 2, np.uint8)) > 0
+        n_fill = int(filled.sum())
+        n_near = int((used & ~beside & (np.abs(heights_m - fill) <= gap_m)).sum())
+        if max(LEAST_PX, LEAST_SHARE * known.size) <= n_fill < known.size and n_near <= BETWEEN_SHARE * n_fill:
             return fill
     return None
+
+
+def _commonest(heights_m: NDArray[Any]) -> float:
+    values, counts = np.unique(heights_m, return_counts=True)
+    return float(values[np.argmax(counts)])
 
 
 def no_colour(raw: NDArray[Any]) -> NDArray[np.bool_]:

@@ -18,9 +18,10 @@ from rasterio.windows import Window
 
 from visloc_companion.errors import DatumMissing, MapError, OutsideMap
 from visloc_companion.geo.raster import T_map_pix_from_gdal
+from visloc_companion.maps.averaged import averaged_holes
 from visloc_companion.maps.collar import collar
 from visloc_companion.maps.crs import MapCrs, map_crs
-from visloc_companion.maps.fills import in_missing, missing_blocks, no_colour, undeclared_fill
+from visloc_companion.maps.fills import HEIGHTS_M, RIM_PX, SAME_M, in_missing, missing_blocks, no_colour, undeclared_fill
 from visloc_companion.maps.layer import ArrayLayer, Layer, Validity, Values, array_layer, halved, level_shapes
 from visloc_companion.maps.manifest import require_utf8
 from visloc_companion.maps.overviews import overviews_are_averages
@@ -38,8 +39,6 @@ _MAKE_ONE = "make a GeoTIFF of it with a program that reads it (QGIS, or gdal_tr
 Stretch = tuple[float, float]
 """Values that become 0 and 255."""
 STRIP_ROWS = 256
-HEIGHTS_M = (-1000.0, 10_000.0)
-"""Nothing on land is lower or higher: what a surface model holds beyond stands for "unknown", whether or not the file says so."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,10 +146,14 @@ def open_dsm(path: Path) -> GeoTiff:
 
 
 def require_heights(tiff: GeoTiff) -> None:
-    """Refuse a surface model whose holes look like ground: a value that is none, where the file declares none at all.
+    """Refuse a surface model whose holes look like ground: averaged with it, or a value that is none and that nothing declares.
 
     Raises MapError with the command that declares it.
     """
+    with _reading(tiff.path):
+        averaged = averaged_holes(tiff.dataset, tiff.shown, tiff.height_unit_m or 1.0, tiff.lift_m, tiff.gsd_m)
+    if averaged is not None:
+        raise MapError(averaged[0], where=str(tiff.path), remedy=averaged[1])
     if tiff.dataset.nodata is not None:
         return
     shape = thinned(tiff.dataset)
@@ -162,9 +165,10 @@ def require_heights(tiff: GeoTiff) -> None:
         mask &= ~in_missing(tiff.dataset, tiff.missing, *middles)
     heights = raw * (tiff.height_unit_m or 1.0) + tiff.lift_m
     used = mask & (heights >= HEIGHTS_M[0]) & (heights <= HEIGHTS_M[1])
-    fill_m = undeclared_fill(heights[used]) if used.any() else None
+    rim = math.ceil(RIM_PX * shape[0] / tiff.shape[0])
+    fill_m = undeclared_fill(heights, used, rim) if used.any() else None
     if fill_m is not None:
-        share = float((heights[used] == fill_m).mean())
+        share = float((np.abs(heights[used] - fill_m) <= SAME_M).mean())
         value = float(raw[used][heights[used] == fill_m][0])
         raise MapError(
             f"{100 * share:.2g} % of its pixels are {value:.9g}, far from all other heights: holes that it does not declare",

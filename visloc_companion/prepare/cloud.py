@@ -12,7 +12,8 @@ from visloc_companion.errors import CloudError, DatumMissing
 from visloc_companion.geo.raster import T_map_pix_from_gdal
 from visloc_companion.maps.cloud_las import LasFile, open_las
 from visloc_companion.maps.crs import MapCrs
-from visloc_companion.maps.geotiff import HEIGHTS_M, ground_gsd_m
+from visloc_companion.maps.fills import HEIGHTS_M
+from visloc_companion.maps.geotiff import ground_gsd_m
 from visloc_companion.maps.layer import array_layer
 from visloc_companion.maps.wild import surface_mask
 from visloc_companion.prepare.target import Source

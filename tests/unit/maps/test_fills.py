@@ -76,6 +76,61 @@ def test_ground_is_no_hole(tmp_path: Path, write_raster, heights: np.ndarray) ->
     require_heights(open_dsm(tmp_path / "dsm.tif"))
 
 
+def resampled(heights: np.ndarray, scale: float, kernel: int) -> np.ndarray:
+    """As by a program that takes holes for ground, between the pixels."""
+    size = round(SIDE * scale)
+    grid = np.float32([[1 / scale, 0, 0.3], [0, 1 / scale, 0.4]])
+    return cv2.warpAffine(heights, grid, (size, size), flags=kernel | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE)
+
+
+@pytest.mark.parametrize(
+    ("fill", "declared"), [(-9999.0, False), (-32768.0, False), (32767.0, False), (-9999.0, True), (32767.0, True), (0.0, True)]
+)
+@pytest.mark.parametrize(("scale", "kernel"), [(0.7, cv2.INTER_LINEAR), (1.0, cv2.INTER_CUBIC), (2.5, cv2.INTER_LINEAR)])
+def test_holes_that_were_averaged_with_the_ground_are_an_error(
+    tmp_path: Path, write_raster, scale: float, kernel: int, fill: float, declared: bool
+) -> None:
+    """What of their rims could be heights (-999 m to the ground) stays: of ten frames from 80 m 3 instead of 8 are placed."""
+    heights = np.where(HOLE | CORNER, np.float32(fill), hills())
+    path = tmp_path / "dsm.tif"
+    write_raster(path, resampled(heights, scale, kernel), *NORTH, 1.0, nodata=fill if declared else None)
+    side = ("A<LOWEST" if fill <= 0 else "A>HIGHEST") + ".* heights is 4[2-3]"
+    with pytest.raises(MapError, match=rf"dsm\.tif: holes were averaged with the ground .* -srcnodata .*{side}"):
+        require_heights(open_dsm(path))
+    write_raster(path, heights, *NORTH, 1.0, nodata=fill if declared else None)
+    require_heights(open_dsm(path))
+
+
+@pytest.mark.parametrize("fill", [0.0, -1.0, -999.0])
+@pytest.mark.parametrize(("scale", "kernel"), [(0.7, cv2.INTER_LINEAR), (1.0, cv2.INTER_CUBIC), (2.5, cv2.INTER_LINEAR)])
+def test_rims_of_holes_hide_no_hole(tmp_path: Path, write_raster, scale: float, kernel: int, fill: float) -> None:
+    """Of small holes over low ground a large part of the rim lies within 30 m of the fill."""
+    holes = ((U % 100 < 12) & (V % 50 < 12)).astype(bool)
+    heights = resampled(np.where(holes, np.float32(fill), hills() - 330), scale, kernel)
+    write_raster(tmp_path / "dsm.tif", heights, *NORTH, 1.0)
+    with pytest.raises(MapError, match=r"far from all other heights: holes that it does not declare|holes were averaged"):
+        require_heights(open_dsm(tmp_path / "dsm.tif"))
+
+
+@pytest.mark.parametrize("wild", ["floor", "outliers", "overviews"])
+def test_what_no_land_has_is_no_average(tmp_path: Path, write_raster, wild: str) -> None:
+    """The floor of a deep sea, single wrong matches, and overviews that were averaged though the file is not."""
+    path, heights = tmp_path / "dsm.tif", hills()
+    if wild == "floor":
+        heights = np.where(U < 200, -1500 + 9 * U, heights).astype(np.float32)
+    elif wild == "outliers":
+        at = np.random.default_rng(1).random((SIDE, SIDE)) < 1e-3
+        heights = np.where(at, np.random.default_rng(2).uniform(-5e3, 5e4, (SIDE, SIDE)), heights).astype(np.float32)
+    else:
+        heights = np.where(HOLE, np.float32(-9999), heights)
+    gsd_m, nodata = 100.0 if wild == "floor" else 1.0, None if wild == "overviews" else -9999
+    write_raster(path, heights, *NORTH, gsd_m, nodata=nodata)
+    if wild == "overviews":
+        with rasterio.open(path, "r+") as dsm:
+            dsm.build_overviews([2, 4], rasterio.enums.Resampling.average)
+    require_heights(open_dsm(path))
+
+
 def test_levels_of_a_large_surface_model_keep_what_it_does_not_declare_apart(
     tmp_path: Path, write_raster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
