@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 settings.register_profile("unhurried", deadline=None)  # the machines are shared: how long an example takes says nothing
 settings.load_profile("unhurried")
 
+os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # as localise/runtime.py does; some tests import onnxruntime before it
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # begun in the background of a script: programs under test would inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -37,6 +37,9 @@ _OPTIONS: dict[ProviderName, dict[str, str]] = {"cuda": {"use_tf32": "0"}}
 """TF32 rounds float32 to 10 bits: wrong by more than a golden vector forgives."""
 INSTALL = "pip install 'visloc-companion[cpu]' (or [gpu]), or choose a method that needs no network (gradient)"
 _ERRORS_ONLY = 3
+_NO_TELEMETRY = "ORT_DISABLE_TELEMETRY"
+"""Read once, when it is imported. Builds since 1.31 otherwise keep each session in a database in the home folder, with a number
+that names the computer, and send them to their maker whenever there is a network; in flight that may be a modem."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +128,7 @@ def run_onnx(content: bytes, batch: Float32Array) -> Float32Array:
 
 
 def _onnxruntime() -> Any:
+    os.environ[_NO_TELEMETRY] = "1"
     try:
         import onnxruntime
     except ImportError as why:

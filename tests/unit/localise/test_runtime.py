@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import builtins
 import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -323,3 +325,20 @@ def test_a_size_that_the_network_cannot_take(network: Path) -> None:
 
 def test_onnxruntime_is_loaded_only_where_a_session_is_opened() -> None:
     assert not hasattr(runtime, "onnxruntime")
+
+
+def test_no_computer_tells_anyone_which_networks_it_runs(network: Path, tmp_path: Path) -> None:
+    """What onnxruntime notes of each session in the home folder is sent to its maker when there is a network."""
+    home = tmp_path / "home"
+    home.mkdir()
+    program = f"from visloc_companion.localise.runtime import open_session, Path; open_session(Path({str(network)!r}))"
+    unset = {name: value for name, value in os.environ.items() if not name.startswith(("ORT_", "XDG_"))}
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**unset, "HOME": str(home)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert sorted(home.rglob("*")) == []
