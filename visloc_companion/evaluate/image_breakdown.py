@@ -19,16 +19,17 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import rasterio
 from numpy.typing import NDArray
 from rasterio.errors import RasterioError
+from rasterio.windows import Window
 
-from visloc_companion.errors import MapError
+from visloc_companion.errors import MapError, OutsideMap
 from visloc_companion.evaluate.case_map import picture_of
 from visloc_companion.evaluate.cases import BadCase, Case, Truth, read_frame
 from visloc_companion.evaluate.image_metrics import WRONG_PX, CaseResult, case_error
 from visloc_companion.geo.raster import T_map_pix_from_gdal, apply_affine, invert_affine
-from visloc_companion.maps.crs import map_crs
+from visloc_companion.maps.geotiff import crs_of, ground_gsd_m
+from visloc_companion.maps.world_file import open_raster
 
 WATER_NDWI, WATER_GREY, WATER_DEVIATION, ROUGH_DEVIATION = 0.15, 90.0, 3.0, 8.0
 WINDOW_PX = 7
@@ -59,11 +60,14 @@ class GroupFigures:
     far: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Layers:
-    water: NDArray[np.bool_]
-    deviation: NDArray[np.float16]
+@dataclass(frozen=True, slots=True)
+class _Picture:
+    """The file that shows a map, and where places lie in it."""
+
+    path: Path
     to_pix: Callable[[float, float], tuple[float, float]]
+    shape: tuple[int, int]
+    """(rows, cols)."""
     gsd_m: float
 
 
@@ -89,16 +93,22 @@ def ground_under(case: Case | BadCase, truth: Truth, agl_m: float) -> Ground | N
     """The map within the square about the camera that the frame covers from `agl_m` above the ground; None where unreadable."""
     if isinstance(case, BadCase):
         return None
-    frame, layers = read_frame(case.frame), _layers(case.ortho)
-    if frame is None or layers is None:
+    frame, picture = read_frame(case.frame), _picture(case.ortho)
+    if frame is None or picture is None:
         return None
-    u, v = layers.to_pix(truth.lat_deg, truth.lon_deg)
-    half = max(4.0, min(frame.shape[:2]) / 2 * agl_m / case.camera.fx_px / layers.gsd_m)
-    rows = slice(max(0, int(v - half)), max(0, int(v + half) + 1))
-    cols = slice(max(0, int(u - half)), max(0, int(u + half) + 1))
-    water, deviation = layers.water[rows, cols], layers.deviation[rows, cols]
-    if not water.size:
+    try:
+        u, v = picture.to_pix(truth.lat_deg, truth.lon_deg)
+    except OutsideMap:
         return None
+    half = max(4.0, min(frame.shape[:2]) / 2 * agl_m / case.camera.fx_px / picture.gsd_m)
+    rows, cols = (
+        (min(size, max(0, int(at - half))), min(size, max(0, int(at + half) + 1)))
+        for at, size in zip((v, u), picture.shape, strict=True)
+    )
+    layers = _layers(picture.path, rows, cols) if rows[0] < rows[1] and cols[0] < cols[1] else None
+    if layers is None:
+        return None
+    water, deviation = layers
     share, rough = float(water.mean()), float((deviation > ROUGH_DEVIATION).mean())
     cover = "water" if share > 0.5 else "shore" if share > 0.15 else "rough" if rough > 0.5 else "smooth"
     return Ground(cover, float(deviation.mean(dtype=np.float64)))
@@ -181,12 +191,32 @@ def _days(text: str) -> int | None:
 
 
 @lru_cache(maxsize=4)
-def _layers(ortho: Path) -> _Layers | None:
+def _picture(ortho: Path) -> _Picture | None:
     try:
-        with rasterio.open(picture_of(ortho)) as source:
-            bands = source.read().astype(np.float32)
-            crs, transform = source.crs, source.transform
+        path = picture_of(ortho)
+        where, _ = crs_of(path)
+        with open_raster(path) as source:
+            shape, transform = (int(source.height), int(source.width)), source.transform
     except (RasterioError, MapError):
+        return None
+    T_map_pix = T_map_pix_from_gdal(tuple(transform)[:6])
+    T_pix_map = invert_affine(T_map_pix)
+
+    def to_pix(lat_deg: float, lon_deg: float) -> tuple[float, float]:
+        u, v = apply_affine(T_pix_map, np.array(where.to_map(lat_deg, lon_deg)))
+        return float(u), float(v)
+
+    return _Picture(path, to_pix, shape, ground_gsd_m(where, T_map_pix, shape))
+
+
+def _layers(path: Path, rows: tuple[int, int], cols: tuple[int, int]) -> tuple[NDArray[np.bool_], NDArray[np.float32]] | None:
+    """Water, and the deviation of grey over small windows, on a part of a picture: whole ones may be larger than the memory."""
+    top, left = max(0, rows[0] - WINDOW_PX // 2), max(0, cols[0] - WINDOW_PX // 2)
+    part = ((top, rows[1] + WINDOW_PX // 2), (left, cols[1] + WINDOW_PX // 2))
+    try:
+        with open_raster(path) as source:
+            bands = source.read(window=Window.from_slices(*part, height=source.height, width=source.width)).astype(np.float32)
+    except RasterioError:
         return None
     grey = bands[:3].mean(0)
     box = (WINDOW_PX, WINDOW_PX)
@@ -196,14 +226,5 @@ def _layers(ortho: Path) -> _Layers | None:
         water = (bands[1] - bands[3]) / (bands[1] + bands[3] + 1) > WATER_NDWI
     else:
         water = (mean < WATER_GREY) & (deviation < WATER_DEVIATION)
-    where, T_map_pix = map_crs(crs.to_wkt()), T_map_pix_from_gdal(tuple(transform)[:6])
-    T_pix_map = invert_affine(T_map_pix)
-
-    def to_pix(lat_deg: float, lon_deg: float) -> tuple[float, float]:
-        u, v = apply_affine(T_pix_map, np.array(where.to_map(lat_deg, lon_deg)))
-        return float(u), float(v)
-
-    rows, cols = grey.shape
-    J = where.linearised_at_map(*(float(x) for x in T_map_pix @ np.array([cols / 2, rows / 2, 1.0]))).J_map_ne
-    gsd_m = math.sqrt(abs(float(np.linalg.det(T_map_pix[:, :2]) / np.linalg.det(J))))
-    return _Layers(np.asarray(water, dtype=np.bool_), deviation.astype(np.float16), to_pix, gsd_m)
+    inside = np.s_[rows[0] - top : rows[1] - top, cols[0] - left : cols[1] - left]
+    return np.asarray(water, dtype=np.bool_)[inside], np.asarray(deviation[inside], dtype=np.float32)

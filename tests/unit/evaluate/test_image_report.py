@@ -7,6 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import rasterio
+from rasterio.windows import Window
 
 from visloc_companion.evaluate.cases import BadCase, Camera, Case, Truth
 from visloc_companion.evaluate.image_breakdown import Ground, breakdown, ground_under, season_days_apart, years_apart
@@ -69,6 +71,31 @@ def test_no_ground_is_known_off_the_map_or_without_files(world):
     assert ground_under(BadCase("a", "why"), truth, 40.0) is None
     assert ground_under(replace(case, ortho=world / "absent.tif"), truth, 40.0) is None
     assert ground_under(case, replace(truth, lat_deg=48.0), 40.0) is None
+
+
+@pytest.mark.parametrize("crs", [None, "EPSG:4978", "EPSG:4326"])
+def test_no_ground_is_known_where_the_map_states_no_place(world, crs):
+    """Such cases have no fix; the report of the others comes all the same."""
+    case, truth = case_at(world, "a", 0, 0)
+    with rasterio.open(case.ortho) as source, rasterio.open(world / "bare.tif", "w", **{**source.profile, "crs": crs}) as bare:
+        bare.write(source.read())
+    assert ground_under(replace(case, ortho=world / "bare.tif"), truth, 40.0) is None
+    assert ground_under(replace(case, ortho=world / "\udcff.tif"), truth, 40.0) is None
+
+
+def test_only_the_part_of_the_map_under_the_frame_is_read(world):
+    """Whole orthophotos may be larger than the memory; what is beside the part counts for its edges as in the whole."""
+    case, truth = case_at(world, "a", 0, -30)
+    whole = ground_under(case, truth, 40.0)
+    with rasterio.open(case.ortho) as source:
+        profile, bands = source.profile, source.read()
+    vast = {"width": 90_000, "height": 90_000, "tiled": True, "blockxsize": 512, "blockysize": 512}
+    vast |= {"sparse_ok": True, "compress": "deflate", "bigtiff": "yes"}
+    with rasterio.open(world / "vast.tif", "w", **{**profile, **vast}) as target:  # 130 GB as float32, were all of it read
+        target.write(bands, window=Window(0, 0, SIZE, SIZE))
+    found = ground_under(replace(case, ortho=world / "vast.tif"), truth, 40.0)
+    assert found is not None and whole is not None
+    assert (found.cover, found.texture) == (whole.cover, pytest.approx(whole.texture, rel=0.05))
 
 
 def test_dates_are_apart_by_years_and_by_season():
