@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from io import TextIOWrapper
 
 import typer
 
@@ -14,10 +13,10 @@ from visloc_companion.cli.evaluate import evaluate_app
 from visloc_companion.cli.here import here
 from visloc_companion.cli.link_key import link_key
 from visloc_companion.cli.map import map_app
-from visloc_companion.cli.progress import UNNAMEABLE
 from visloc_companion.cli.replay import replay
 from visloc_companion.cli.run import run
 from visloc_companion.cli.sim import sim
+from visloc_companion.cli.streams import open_streams, standard_output
 from visloc_companion.cli.train import train_app
 from visloc_companion.cli.web import web
 from visloc_companion.errors import CameraError, ConfigError, LinkError, VislocError, is_of_the_disk
@@ -62,18 +61,15 @@ def exit_code(error: VislocError) -> int:
 
 
 def main() -> None:
-    """Run the command line; errors of this package become one clear line and an exit code.
-
-    What the terminal cannot show (names of files that are no UTF-8, signs that its locale lacks) is escaped.
-    """
-    if isinstance(sys.stdout, TextIOWrapper):
-        sys.stdout.reconfigure(errors=UNNAMEABLE)
-    try:
-        app()
-    except VislocError as error:
-        kind = "camera error" if isinstance(error, CameraError) else "error"
-        sys.stderr.write(f"{kind}: {error}\n")
-        sys.exit(exit_code(error))
+    """Run the command line; errors of this package become one clear line and an exit code."""
+    open_streams()
+    with standard_output():
+        try:
+            app()
+        except VislocError as error:
+            kind = "camera error" if isinstance(error, CameraError) else "error"
+            sys.stderr.write(f"{kind}: {error}\n")
+            sys.exit(exit_code(error))
 
 
 if __name__ == "__main__":

@@ -60,9 +60,11 @@ def replay(
             _write_results(out, flight, source, record, checks, alert_limit_m)
             reported = out
     finally:  # a full disk must not cost an hour's figures
-        _tell(source, summary, checks, reported)
-        if json is not None:
-            write_json(json, summary if reported else summary | {"epochs": None})
+        try:
+            _tell(source, summary, checks, reported)
+        finally:  # nor a reader of the words that went away
+            if json is not None:
+                write_json(json, summary if reported else summary | {"epochs": None})
     if not all(check.passed for check in checks):
         raise typer.Exit(1)
 

@@ -163,13 +163,15 @@ def _single(spec: FlightSpec, json_file: Path | None, report: Path | None, kept:
     with bar(f"flying {spec.scenario}", find_scenario(spec.scenario).duration_s) as advance:
         flown = fly_spec(spec, advance, kept)
     result = result_of(flown, spec.method, spec.with_daemon, spec.camera_ortho is None)
-    typer.echo(_line(result))
-    for check in flown.checks:
-        typer.echo(f"  {'ok  ' if check.passed else 'FAIL'} {check.name}: {check.value} (limit {check.limit})")
-    if json_file is not None:
-        write_result(flown.record, result, json_file)
-    if report is not None:
-        _report(spec, flown, report)
+    try:
+        typer.echo(_line(result))
+        for check in flown.checks:
+            typer.echo(f"  {'ok  ' if check.passed else 'FAIL'} {check.name}: {check.value} (limit {check.limit})")
+    finally:  # a reader of the words that went away must not cost the flight
+        if json_file is not None:
+            write_result(flown.record, result, json_file)
+        if report is not None:
+            _report(spec, flown, report)
     if not flown.passed:
         raise typer.Exit(1)
 
@@ -237,9 +239,11 @@ def _campaign(specs: list[FlightSpec], jobs: int, json_file: Path | None) -> Non
         if flown:
             outcome = campaign_outcome(flown, len(specs))
             totals = " ".join(f"{name}={value}" for name, value in outcome["totals"].items())
-            typer.echo(totals if outcome["complete"] else f"INCOMPLETE, of {len(specs)} flights: {totals}")
-            if json_file is not None:
-                write_json(json_file, outcome)
+            try:
+                typer.echo(totals if outcome["complete"] else f"INCOMPLETE, of {len(specs)} flights: {totals}")
+            finally:
+                if json_file is not None:
+                    write_json(json_file, outcome)
     if not all(one.result["passed"] for one in flown):
         raise typer.Exit(1)
 

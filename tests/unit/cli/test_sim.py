@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
 import os
 from collections.abc import Callable, Iterator
@@ -239,6 +240,26 @@ def test_a_campaign_that_ends_early_writes_what_was_flown(
     assert (written["complete"], written["asked"], written["totals"]["flights"]) == (False, 3, 2)
     assert [flight["seed"] for flight in written["flights"]] == [1, 2]
     assert "INCOMPLETE, of 3 flights: flights=2 " in ended.stdout
+
+
+def test_flights_are_kept_when_their_words_find_no_reader(
+    places: list[str], tmp_path: Path, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`visloc sim ... --json FILE | head -1`."""
+
+    def gone(*_: object, **__: object) -> None:
+        raise BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE))
+
+    monkeypatch.setattr("typer.echo", gone)
+    monkeypatch.setattr(closed_loop, "eyes_over", lambda *_: oracle_eyes())
+    monkeypatch.setattr(campaign, "fly_campaign", lambda specs, jobs: iter([flown_by_hand(0, specs[0])]))
+    (tmp_path / "one.json").write_text(json.dumps([{"scenario": "jam"}]), encoding="utf-8")
+    for asked in (["--scenario", "jam", "--report", tmp_path / "jam.html"], ["--campaign", tmp_path / "one.json"]):
+        out = tmp_path / f"{asked[0]}.json"
+        ended = CliRunner().invoke(app, [*map(str, asked), *places, "--json", str(out)])
+        assert ended.exit_code == 1
+        assert json.loads(out.read_text(encoding="utf-8"))
+    assert (tmp_path / "jam.html").exists()
 
 
 @pytest.mark.parametrize(
