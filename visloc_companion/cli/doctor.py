@@ -38,8 +38,8 @@ def doctor(
     url = link or (settings.link.url if settings is not None else "")
     if not url:
         raise ConfigError("neither --link nor --config is given", where="doctor", remedy="name the autopilot's link, --link URL")
-    require_folder(fix, "--fix")
-    require_folder(json, "--json")
+    require_folder(fix, "--fix", config)
+    require_folder(json, "--json", config, fix)
     told = _with_link(settings, url)
     report = asyncio.run(examine(Wishes(url, told, seconds, wait, apply)))
     _print(report, everything)

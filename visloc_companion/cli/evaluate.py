@@ -85,7 +85,7 @@ def _run(
     from visloc_companion.evaluate.image_report import write_image_report
 
     make_folder(report, "--report")
-    require_folder(json_file, "--json")
+    require_folder(json_file, "--json", cases / "cases.csv", cases / "truth.csv")
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(method, total=None)
         document, results = evaluate_image(

@@ -38,7 +38,7 @@ def _run(cases: Path, method: str, jobs: int, limit: int | None, json_file: Path
     from visloc_companion.evaluate.cloud_report import write_cloud_report
 
     make_folder(report, "--report")
-    require_folder(json_file, "--json")
+    require_folder(json_file, "--json", cases / "cases.json", cases / "truth.json")
     with bar(method, 1.0) as advance:
         document, results = evaluate_cloud(cases, method, jobs, limit, lambda done, total: advance(done / total))
     for result in results:

@@ -87,6 +87,7 @@ def build(
     """Make a pack from orthophotos, a surface model and point clouds."""
     from visloc_companion.cli.progress import require_folder, write_json
     from visloc_companion.maps.fills import HEIGHTS_M
+    from visloc_companion.maps.manifest import MANIFEST
     from visloc_companion.maps.pack import PackMap
     from visloc_companion.maps.registration import registration_warnings
     from visloc_companion.prepare.build import build_pack
@@ -97,7 +98,7 @@ def build(
     _check_date(capture_date)
     if not HEIGHTS_M[0] <= ground_height_m <= HEIGHTS_M[1]:
         raise ConfigError(f"--ground-height-m: no ground is at {ground_height_m:g} m", remedy="name its height above sea level")
-    require_folder(json_file, "--json")
+    require_folder(json_file, "--json", *ortho, *(other_dates or ()), *(dsm or ()), *(cloud or ()), out / MANIFEST)
     networks = chosen_networks(model)
     built = out.resolve()  # a pack that is the working folder is another folder when it is built
     seams: list[str] = []
@@ -149,10 +150,12 @@ def build(
 @map_app.command()
 def info(pack: Pack, json_file: Json = None) -> None:
     """Say what a pack holds; hashes are not checked."""
-    from visloc_companion.cli.progress import write_json
+    from visloc_companion.cli.progress import require_folder, write_json
+    from visloc_companion.maps.manifest import MANIFEST
     from visloc_companion.maps.pack import PackMap
     from visloc_companion.prepare.check import pack_info
 
+    require_folder(json_file, "--json", pack / MANIFEST)
     result = pack_info(PackMap.open(pack, verify_hashes=False), pack)
     if json_file is not None:
         write_json(json_file, result)
@@ -170,10 +173,11 @@ def check(
 ) -> None:
     """Check hashes, how much can be matched, and whether a route stays on the map (exit code 1 if not)."""
     from visloc_companion.cli.progress import require_folder, write_json
+    from visloc_companion.maps.manifest import MANIFEST
     from visloc_companion.prepare.check import check_pack
     from visloc_companion.prepare.heights import described_range
 
-    require_folder(json_file, "--json")
+    require_folder(json_file, "--json", route, pack / MANIFEST)
     result = check_pack(_verified(pack), route, margin_m, chosen_networks(model))
     if json_file is not None:
         write_json(json_file, result)

@@ -47,11 +47,12 @@ def features(
 ) -> None:
     """Store a network's features in a pack that exists; the old one stays as it is until the new one is whole."""
     from visloc_companion.cli.progress import require_folder, write_json
+    from visloc_companion.maps.manifest import MANIFEST
     from visloc_companion.prepare.add_features import add_features
 
     if model == NO_MODEL and not replace:
         raise ConfigError(f"--model {NO_MODEL} stores nothing", remedy="name a model, or drop all networks' with --replace")
-    require_folder(json_file, "--json")
+    require_folder(json_file, "--json", pack / MANIFEST, *(other_dates or ()))
     networks = () if model == NO_MODEL else (_opened(model),)
     with stages() as report:
         manifest = add_features(

@@ -47,7 +47,7 @@ def replay(
 
     parse_gate(gate)
     make_folder(out, "--out")
-    require_folder(json, "--json")
+    require_folder(json, "--json", flight, config, *(out / name for name in ("epochs.csv", "report.html") if out is not None))
     source = open_source(flight, pack, config, salvage, _speed(speed), system_id, boot, rerun=rerun)
     record = source.record()
     epochs = str(out / "epochs.csv") if out is not None else None

@@ -48,7 +48,7 @@ def _run(config: Path, check: bool, at: str, sigma: float, json: Path | None, ah
 
     if json is not None and not check:
         raise ConfigError("is what --check found", where="--json", remedy="give it with --check")
-    require_folder(json, "--json")
+    require_folder(json, "--json", config)
     settings = load_config(config)
     first = At.parsed(at, sigma) if at else None
     if check:

@@ -63,6 +63,7 @@ def sim(
     from visloc_companion.cli.progress import require_folder
     from visloc_companion.evaluate.campaign import CAMPAIGNS, FlightSpec, campaign_specs
     from visloc_companion.evaluate.sim_journal import JournalChoice
+    from visloc_companion.maps.manifest import MANIFEST
 
     if list_all:
         _list() if autopilot == "built-in" else _list_real(autopilot, vehicle)
@@ -80,9 +81,10 @@ def sim(
     _check_journal(journal, record_frames, campaign, without_daemon)
     if campaign in CAMPAIGNS:
         _refuse(ctx, _OF_CAMPAIGN, f"is settled by the campaign {campaign}", "name a JSON file with a list of flights")
-    require_folder(json_file, "--json")
-    require_folder(report, "--report")
-    require_folder(journal, "--journal")
+    read = (map_pack and map_pack / MANIFEST, camera_ortho, camera_dsm, Path(campaign) if campaign else None)
+    require_folder(json_file, "--json", *read)
+    require_folder(report, "--report", *read, json_file)
+    require_folder(journal, "--journal", *read, json_file, report)
     nowhere = Path()
     spec = FlightSpec(scenario or "demo", nowhere, nowhere, None, dialect, vehicle, seed, method, not without_daemon)
     spec = replace(spec, structure=not without_structure, gimbal=gimbal)

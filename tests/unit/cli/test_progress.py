@@ -10,8 +10,10 @@ from typing import Any
 
 import pytest
 from rich.console import Console
+from typer.testing import CliRunner
 
 from visloc_companion.cli import progress
+from visloc_companion.cli.main import app
 from visloc_companion.cli.progress import bar, require_folder, results_into, spinner, write_json
 from visloc_companion.errors import ConfigError
 
@@ -114,3 +116,49 @@ def test_a_folder_that_is_missing_is_found_before_the_work(tmp_path: Path) -> No
     require_folder(tmp_path / "result.json", "--json")
     with pytest.raises(ConfigError, match=r"its folder does not exist.*--report"):
         require_folder(tmp_path / "none" / "report.html", "--report")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        "replay FILE --json FILE",
+        "replay other.tlog --config FILE --json FILE",
+        "replay other.tlog --out . --json report.html",
+        "map check . --route FILE --json FILE",
+        "map check . --json manifest.json",
+        "map info . --json ./manifest.json",
+        "map features . --json manifest.json",
+        "map build --ortho a.tif FILE --out PACK --json FILE",
+        "map build --ortho a.tif --dsm FILE --out PACK --json FILE",
+        "sim --campaign FILE --json FILE",
+        "sim --scenario jam --json FILE --report link",
+        "sim --scenario jam --report FILE --journal FILE",
+        "sim --scenario jam --map . --json manifest.json",
+        "evaluate image . --json cases.csv",
+        "evaluate cloud . --json truth.json",
+        "run --check --config FILE --json FILE",
+        "doctor --config config.toml --json config.toml",
+        "doctor --link udpin:127.0.0.1:14999 --fix FILE --json link",
+        "doctor --link udpin:127.0.0.1:14999 --config config.toml --fix config.toml",
+    ],
+)
+def test_no_result_replaces_what_is_read_or_written_besides(
+    arguments: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A flight's log and a campaign's list were gone after a slip."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("FILE", "manifest.json", "cases.csv", "truth.json", "report.html"):
+        Path(name).write_text("kept", encoding="utf-8")
+    Path("config.toml").touch()
+    Path("link").symlink_to("FILE")
+    ended = CliRunner().invoke(app, arguments.split())
+    assert isinstance(ended.exception, ConfigError)
+    assert "is named twice, and would be overwritten; remedy: name another file for --" in str(ended.exception)
+    assert Path("FILE").read_text(encoding="utf-8") == "kept"
+
+
+def test_results_may_share_a_pipe_and_replace_older_ones(tmp_path: Path) -> None:
+    older = tmp_path / "result.json"
+    older.touch()
+    require_folder(older, "--json", tmp_path / "flight.tlog", None)
+    require_folder(Path("/dev/null"), "--json", Path("/dev/null"))
