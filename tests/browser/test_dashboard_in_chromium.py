@@ -7,7 +7,8 @@ import math
 import tempfile
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from concurrent.futures import Future
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -319,3 +320,58 @@ def test_a_screen_reader_is_told_once_and_not_every_second(quiet: Page, path: Pa
         quiet.until(f"document.getElementById('problem').textContent != {first!r}")
         assert "Last heard a while ago" in quiet.value(spoken)
         assert quiet.value("window.told") == 0
+
+
+@contextmanager
+def under_a_prefix(url: str, prefix: bytes) -> Iterator[str]:
+    """A reverse proxy as nginx's `location PREFIX/ { proxy_pass URL/; }`; what is asked for beside the prefix is 404."""
+    thread, stop = InThread(), asyncio.Event()
+    host, port = url.removeprefix("http://").rstrip("/").split(":")
+    serving = set[asyncio.Task[None] | None]()
+
+    async def passed_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        serving.add(asyncio.current_task())
+        with closing(writer), suppress(OSError, asyncio.IncompleteReadError, asyncio.CancelledError):  # the browser left
+            method, path, rest = (await reader.readuntil(b"\r\n\r\n")).split(b" ", 2)
+            if not path.startswith(prefix + b"/"):
+                writer.write(b"HTTP/1.1 404 Not Found\r\ncontent-length: 0\r\nconnection: close\r\n\r\n")
+                return
+            version, *lines = rest.split(b"\r\n")
+            lines = [version, b"connection: close", *(line for line in lines if not line.lower().startswith(b"connection:"))]
+            answer, asked = await asyncio.open_connection(host, int(port))
+            with closing(asked):
+                asked.write(b" ".join([method, path.removeprefix(prefix), b"\r\n".join(lines)]))
+                while part := await answer.read(65536):
+                    writer.write(part)
+                    await writer.drain()
+
+    async def run(ready: Future[int]) -> None:
+        async with await asyncio.start_server(passed_on, "127.0.0.1", 0) as server:
+            ready.set_result(server.sockets[0].getsockname()[1])
+            await stop.wait()
+        for task in serving - {None}:
+            task.cancel()
+        await asyncio.gather(*serving, return_exceptions=True)
+
+    ready = Future[int]()
+    running = thread.begin(run(ready))
+    try:
+        yield f"http://127.0.0.1:{ready.result(10)}{prefix.decode()}/"
+    finally:
+        thread._loop.call_soon_threadsafe(stop.set)
+        running.result(10)
+        thread.end()
+
+
+def test_behind_a_proxys_prefix_it_is_whole(quiet: Page, tmp_path: Path) -> None:
+    """Several vehicles under one address: style, stream, map and links are those below the prefix."""
+    with daemon(tmp_path / "s"), dashboard(DaemonSocket(tmp_path / "s")) as url, under_a_prefix(url, b"/drone1") as outside:
+        quiet.open(outside)
+        quiet.until(f"{STATE} === 'live'")
+        assert quiet.value("getComputedStyle(document.querySelector('main')).display") == "grid"
+        links = quiet.value(
+            "[...document.querySelectorAll('a, link, script')].map(one => one.href ?? one.src).filter(one => one)"
+        )
+        assert [link for link in links if not link.startswith(outside)] == []
+        quiet.open("about:blank")  # a proxy that ends breaks the stream off
+        quiet.until("location.href === 'about:blank'")

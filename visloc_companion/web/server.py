@@ -44,7 +44,7 @@ def application(feed: Feed, pictures: MapPictures | None, names: frozenset[str],
 
     async def page(request: Request) -> Response:
         name = request.path_params.get("name", INDEX)
-        if name not in files:
+        if name not in files or request.path_params.get("name") == INDEX:  # its addresses are relative to "/"
             return PlainTextResponse("there is no such file\n", 404)
         return Response(files[name], headers={"cache-control": "no-cache"}, media_type=MEDIA[name.rpartition(".")[2]])
 

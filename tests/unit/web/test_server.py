@@ -101,6 +101,7 @@ async def test_only_the_pages_own_files_are_served() -> None:
         "/page/",
         "/server.py",
         "/page/__init__.py",
+        "/page/index.html",
     ):
         assert (await ask(app, path)).status == 404, path
 
@@ -111,11 +112,17 @@ def test_the_page_asks_for_nothing_from_elsewhere_and_holds_no_script_of_its_own
     for name, text in files.items():
         assert not re.findall(r"(?:https?:)?//[a-z]", text.replace("http://www.w3.org/2000/svg", "")), name
     assert not re.findall(r"<script(?![^>]*src=)|<style|style=|\son\w+=", files["index.html"])
-    named = re.findall(r'(?:src|href)="/page/([\w.]+)"', files["index.html"]) + [
+    named = re.findall(r'(?:src|href)="page/([\w.]+)"', files["index.html"]) + [
         part for name, text in files.items() if name.endswith(".js") for part in re.findall(r'from "\./([\w.]+)"', text)
     ]
     assert set(named) <= set(files)
     assert {name for name in files if name != "index.html"} == set(named)
+
+
+def test_all_that_the_page_asks_for_is_relative() -> None:
+    """Behind a proxy's prefix "/" is another place than the page's."""
+    for name, data in page_files().items():
+        assert not re.findall(r"""(?:["'`]|url\()/\w+""", data.decode()), name
 
 
 async def test_metrics_are_what_prometheus_reads() -> None:

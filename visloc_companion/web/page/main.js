@@ -38,7 +38,7 @@ function take(said, late_s) {
 // At every stream's beginning: the server may have been started anew, over another pack, whose tiles have other addresses
 async function findMap() {
   try {
-    const { map, problem } = await (await fetch("/api/map")).json();
+    const { map, problem } = await (await fetch("api/map")).json();
     chart.useMap(map);
     const note = problem ? `no map: ${problem}` : map ? "" : "no map: start visloc web with --map PACK";
     at("map-note").textContent = note;

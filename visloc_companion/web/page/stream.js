@@ -12,7 +12,7 @@ export class Stream {
   open() {
     this.source?.close();
     this.heard = performance.now();
-    const source = this.source = new EventSource("/api/stream");
+    const source = this.source = new EventSource("api/stream");
     this.patience = SILENT_MS;
     const said = (name, take) => source.addEventListener(name, (event) => {
       this.heard = performance.now();

@@ -78,7 +78,7 @@ export class Tiles {
       };
       picture.onload = () => done(true);
       picture.onerror = () => done(false);
-      picture.src = `/api/map/${this.identity}/${key}.webp`;
+      picture.src = `api/map/${this.identity}/${key}.webp`;
       if (this.images.size > MOST) this.images.delete([...this.images.keys()].find((k) => !k.startsWith("0/")));
     }
   }
