@@ -101,7 +101,7 @@ def _places_table(places: dict[str, dict[str, Any]]) -> str:
             *(rounded(spread.get(key)) for spread in (mtre, horizontal) for key in ("mean", "median")),
             str(figures["far_and_accepted"]),
         )
-        body += f"<tr><td>{escape(name)}</td>{''.join(f'<td class=n>{cell}</td>' for cell in cells)}</tr>"
+        body += f"<tr><td class=name>{escape(name)}</td>{''.join(f'<td class=n>{cell}</td>' for cell in cells)}</tr>"
     return (
         "<h2>By place</h2><p class=soft>Shares are of all cases, by MTRE; what is refused is not within. Errors are those of the "
         f"fixes, metres.</p><div class=scroll><table><tr><th></th>{head}</tr>{body}</table></div>"
@@ -170,6 +170,7 @@ def _case_row(result: CloudResult) -> str:
     claim = f"{answer.probability_wrong:.2g}" if answer else ""
     cells = "".join(f"<td class=n>{cell}</td>" for cell in (*errors, sigma, claim, f"{result.elapsed_ms:.0f}"))
     if result.fix is None:
-        return f'<tr class=soft title="{escape(result.detail, quote=True)}"><td>{name}</td><td>{result.reason}</td>{cells}</tr>'
+        title = escape(result.detail, quote=True)
+        return f'<tr class=soft title="{title}"><td class=name>{name}</td><td>{result.reason}</td>{cells}</tr>'
     status = '<td class="no">wrong</td>' if error and error.wrong else "<td>fix</td>"
-    return f"<tr><td>{name}</td>{status}{cells}</tr>"
+    return f"<tr><td class=name>{name}</td>{status}{cells}</tr>"

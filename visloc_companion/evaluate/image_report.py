@@ -130,11 +130,13 @@ def _case_row(result: CaseResult, truth: Truth | None) -> str:
     name, fix = escape(result.case_id), result.fix
     if fix is None:
         blank = "<td></td>" * 4
-        refusal = f"<td>{name}</td><td>{escape(str(result.reason))}</td>{blank}<td class=n>{result.elapsed_ms:.0f}</td>"
+        refusal = (
+            f"<td class=name>{name}</td><td>{escape(str(result.reason))}</td>{blank}<td class=n>{result.elapsed_ms:.0f}</td>"
+        )
         return f"<tr class=soft>{refusal}</tr>"
     error = case_error(result, truth) if truth else None
     errors = [f"{error.horizontal_px:.2f}", f"{error.horizontal_m:.2f}"] if error else ["", ""]
     sigma = max(fix.cov_ne_m2[0][0], fix.cov_ne_m2[1][1]) ** 0.5
     cells = [*errors, f"{sigma:.2f}", f"{fix.probability_wrong:.2g}", f"{result.elapsed_ms:.0f}"]
     status = '<td class="no">wrong</td>' if error and error.wrong else "<td>fix</td>"
-    return f"<tr><td>{name}</td>{status}{''.join(f'<td class=n>{cell}</td>' for cell in cells)}</tr>"
+    return f"<tr><td class=name>{name}</td>{status}{''.join(f'<td class=n>{cell}</td>' for cell in cells)}</tr>"

@@ -54,7 +54,7 @@ def claims_words(figures: dict[str, Any], wrong_means: str) -> str:
     return (
         f"{figures['n']} answers, {figures['n_wrong']} of them wrong ({wrong_means}), by their claims "
         f"{figures['claimed_wrong']:.1f}. Expected calibration error {figures['expected_calibration_error']:.4f}, "
-        f"excess of wrong ones {figures['excess_sigmas']:+.1f} standard deviations of chance"
+        f"excess of wrong ones {round(figures['excess_sigmas'], 1) + 0.0:+.1f} standard deviations of chance"
         + ("." if separation is None else f", area under the ROC curve {separation:.4f}.")
     )
 
@@ -65,6 +65,7 @@ def sigma_scatter(errors: Sequence[tuple[float, float, bool]]) -> str:
     for east, north, wrong in errors:
         x, y = (max(-_RIM, min(_RIM, value)) for value in (east, north))
         parts.append(circle(300 + 60 * x, 300 - 60 * y, 3.2, "dotgnss" if wrong else "dotfix"))
+    parts += [text(303, 296 - 60 * k, f"{k} sigma", "label over", "start") for k in (1, 2, 3)]
     parts += [text(300, 592, "east, over sigma"), text(60, 24, "north")]
     return figure(600, 600, parts, "Errors over sigma", "half")
 

@@ -25,7 +25,7 @@ background:var(--panel);border-left:8px solid var(--good)}
 font-variant-numeric:tabular-nums}.tile span{color:var(--soft);font-size:14px}
 table{overflow-wrap:normal;border-collapse:collapse;width:100%;font-size:15px;font-variant-numeric:tabular-nums}
 th,td{text-align:left;padding:6px 10px;border-bottom:1px solid var(--rule);vertical-align:top}
-th{color:var(--soft);font-weight:600}td.n,th.n{text-align:right}td.n{white-space:nowrap}.yes{color:var(--good);font-weight:650}.no{color:var(--bad);font-weight:650}
+th{color:var(--soft);font-weight:600}td.n,th.n{text-align:right}td.n{white-space:nowrap}td.name{overflow-wrap:anywhere;min-width:10ch}.yes{color:var(--good);font-weight:650}.no{color:var(--bad);font-weight:650}
 .scroll{overflow-x:auto}.two{display:grid;grid-template-columns:repeat(2,minmax(0,1fr));gap:20px 28px}.two>*{min-width:0}
 .pairs{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(480px,100%),1fr));gap:10px 14px}figure{margin:0}
 .pair{display:grid;grid-template-columns:repeat(2,minmax(0,1fr));gap:14px}
@@ -57,7 +57,7 @@ text{fill:var(--ink);font-size:14px;font-family:inherit}.label{fill:var(--soft);
 .s-on{fill:var(--on-fill)}.s-off{fill:var(--waiting-fill)}
 @media (max-width:760px){main{padding:14px 12px 36px}.two{grid-template-columns:minmax(0,1fr)}h1{font-size:22px}
 .map text{font-size:21px}.half text{font-size:19px}td,th{padding:5px 6px;font-size:14px}td.wrap{white-space:normal}
-.checks td{overflow-wrap:anywhere}.checks td:last-child{overflow-wrap:normal}
+.checks td,.checks th{padding:5px 3px}.checks td{overflow-wrap:anywhere}.checks td:nth-child(n+3){overflow-wrap:normal}
 dl{grid-template-columns:1fr}dd{margin-bottom:6px}}
 @media print{main{max-width:none}h2{break-after:avoid}svg,table{break-inside:avoid}}
 """
