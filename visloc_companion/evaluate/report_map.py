@@ -142,12 +142,13 @@ def _off_the_map_m(track: Track, view: View) -> float:
 def _drawn_ned_m(track: Track) -> FloatArray:
     """(M, 3) at most about MAX_POINTS positions of a track that keep its reach, with NaN where nothing is known in between: a
     line would tell of a way that nobody has seen."""
-    kept = thinned_track(track.p_ned_m)
-    if not len(kept):
+    if not len(track.p_ned_m):
         return track.p_ned_m
     steps_s = np.diff(track.t_s, prepend=track.t_s[0])
     apart_s = max(MAX_TRUTH_GAP_S, _SPARSE * float(np.median(steps_s[1:]))) if len(steps_s) > 1 else MAX_TRUTH_GAP_S
-    breaks = np.cumsum((steps_s > apart_s) | np.isnan(track.p_ned_m[:, 0]))[kept]
+    broken = np.asarray((steps_s > apart_s) | np.isnan(track.p_ned_m[:, 0]))
+    kept = thinned_track(track.p_ned_m, broken)
+    breaks = np.cumsum(broken)[kept]
     return np.asarray(np.insert(track.p_ned_m[kept], np.flatnonzero(np.diff(breaks)) + 1, np.nan, axis=0))
 
 

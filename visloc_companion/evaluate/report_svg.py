@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from heapq import heapify, heappop, heappush
 from html import escape
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,17 +90,47 @@ def thinned(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     return t[order], values[order]
 
 
-def thinned_track(p_ned_m: FloatArray) -> NDArray[np.int64]:
-    """Which of (N, 2+) positions to draw, at most about MAX_POINTS: the first and the last, and of each bin of neighbours those
-    furthest north, south, east and west, in order."""
+def thinned_track(p_ned_m: FloatArray, broken: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
+    """Which of (N, 2+) positions to draw, at most about MAX_POINTS, in order.
+
+    The first and the last, those beside gaps (NaN, or `broken` (N,): no line leads to it), those furthest to each side of the
+    compass, then always the one furthest from the line drawn so far (Douglas and Peucker 1973): all corners, before noise.
+    """
     if len(p_ned_m) <= MAX_POINTS:
         return np.arange(len(p_ned_m))
+    finite = np.isfinite(p_ned_m[:, :2]).all(axis=1)
+    known = np.flatnonzero(finite)
     kept = {0, len(p_ned_m) - 1}
-    for part in np.array_split(np.arange(len(p_ned_m)), MAX_POINTS // 4):
-        for along in (p_ned_m[part, 0], p_ned_m[part, 1]):
-            if np.isfinite(along).any():
-                kept |= {int(part[int(np.nanargmin(along))]), int(part[int(np.nanargmax(along))])}
-    return np.array(sorted(kept))
+    if not len(known):
+        return np.array(sorted(kept))
+    xy = np.asarray(p_ned_m[known, :2], dtype=np.float64)
+    gaps = np.cumsum(~finite if broken is None else ~finite | broken)[known]
+    after = np.flatnonzero(np.diff(gaps)) + 1
+    beside = np.concatenate([after - 1, after]) if len(after) < MAX_POINTS // 4 else after[:0]
+    ends = {0, len(known) - 1, *(int(k) for k in (*xy.argmin(axis=0), *xy.argmax(axis=0), *beside))}
+    order = sorted(ends)
+    open_parts = [_furthest(xy, a, b) for a, b in pairwise(order)]
+    heapify(open_parts)
+    while open_parts and len(ends) < MAX_POINTS:
+        _, a, middle, b = heappop(open_parts)
+        if middle <= a:
+            continue
+        ends.add(middle)
+        heappush(open_parts, _furthest(xy, a, middle))
+        heappush(open_parts, _furthest(xy, middle, b))
+    return np.array(sorted(kept | set(known[sorted(ends)].tolist())))
+
+
+def _furthest(xy: FloatArray, a: int, b: int) -> tuple[float, int, int, int]:
+    """Minus the distance of the position between two that is furthest from the line between them, and the three; `a` twice where
+    nothing lies between."""
+    if b - a < 2:
+        return 0.0, a, a, b
+    way, there = xy[b] - xy[a], xy[a + 1 : b] - xy[a]
+    along = np.clip(there @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
+    off = np.hypot(*(there - along[:, None] * way).T)
+    k = int(off.argmax())
+    return -float(off[k]), a, a + 1 + k, b
 
 
 def text(x: float, y: float, words: str, css: str = "label", anchor: str = "middle", extra: str = "") -> str:

@@ -17,7 +17,7 @@ from visloc_companion.evaluate.report import write_flight_report
 from visloc_companion.evaluate.report_charts import time_chart
 from visloc_companion.evaluate.report_map import MapImage, View, flight_map, flight_view, view_of
 from visloc_companion.evaluate.report_pictures import PicturePair
-from visloc_companion.evaluate.report_svg import Scale, decades, nice_step, number, path, thinned, ticks
+from visloc_companion.evaluate.report_svg import Scale, decades, nice_step, number, path, thinned, thinned_track, ticks
 
 VOID = {"meta", "link", "line", "circle", "path", "image", "img"}
 
@@ -211,6 +211,25 @@ def test_thinning_keeps_peaks_and_gaps() -> None:
     assert few_t[np.nanargmax(few)] == 54_321
     assert np.isnan(few).any()
     assert (np.diff(few_t) > 0).all()
+
+
+def test_a_thinned_track_keeps_the_corners_of_all_rounds() -> None:
+    """75 rounds of a square, with noise: drawn from corner to corner, not across the middle."""
+    side_m, along = 300.0, np.arange(90_000) % 1200.0
+    leg, s = along // side_m, along % side_m
+    north = np.choose(leg.astype(int), [s, side_m, side_m - s, 0.0])
+    east = np.choose(leg.astype(int), [0.0, s, side_m, side_m - s])
+    track = np.column_stack([north, east, np.zeros(90_000)]) + np.random.default_rng(0).normal(0, 0.3, (90_000, 3))
+    track[40_000:40_100] = np.nan
+    kept = thinned_track(track)
+    assert kept[0] == 0 and kept[-1] == 89_999 and len(kept) <= 1610 and (np.diff(kept) > 0).all()
+    drawn = track[kept]
+    middle = (drawn[1:, :2] + drawn[:-1, :2]) / 2
+    off = np.minimum(np.abs(middle), np.abs(middle - side_m)).min(axis=1)
+    gap = int(np.searchsorted(kept, 40_000))
+    assert (kept[gap - 1], kept[gap]) == (39_999, 40_100)
+    assert np.delete(off, [gap - 1]).max() < 3.0
+    assert len(thinned_track(np.full((5000, 3), np.nan))) == 2
 
 
 def test_a_view_holds_every_track_and_survives_none() -> None:
