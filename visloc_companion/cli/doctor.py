@@ -42,8 +42,10 @@ def doctor(
     require_folder(json, "--json", config, fix)
     told = _with_link(settings, url)
     report = asyncio.run(examine(Wishes(url, told, seconds, wait, apply)))
-    _print(report, everything)
-    _write(report, fix, json)
+    try:
+        _print(report, everything)
+    finally:  # a reader of the table that went away must not cost the files
+        _write(report, fix, json)
     if report.problem is not None:
         raise report.problem
     from visloc_companion.doctor.report import is_red
@@ -63,10 +65,14 @@ def _print(report: Report, everything: bool) -> None:
 
     from visloc_companion.doctor.finding import number
     from visloc_companion.doctor.parameter_file import diff
-    from visloc_companion.doctor.report import summary, table
+    from visloc_companion.doctor.report import NARROW, listed, summary, table
 
     console = Console(soft_wrap=False)
-    console.print(table(report, everything))
+    if console.width < NARROW:
+        for answer in listed(report, everything):
+            console.print(answer)
+    else:
+        console.print(table(report, everything))
     if report.changes:
         console.print("To change in the autopilot:", highlight=False)
         for line in diff(report.facts.parameters, report.changes):
@@ -80,7 +86,7 @@ def _print(report: Report, everything: bool) -> None:
 
 
 def _write(report: Report, fix: Path | None, json_path: Path | None) -> None:
-    from visloc_companion.cli.progress import result_to, write_json
+    from visloc_companion.cli.progress import write_json, write_text
     from visloc_companion.doctor.parameter_file import render
     from visloc_companion.doctor.report import as_json
 
@@ -88,5 +94,4 @@ def _write(report: Report, fix: Path | None, json_path: Path | None) -> None:
         write_json(json_path, as_json(report))
     if fix is not None:
         system_id = 1 if report.facts.link is None else report.facts.link.system_id
-        with result_to(fix, "--fix"):
-            fix.write_text(render(report.facts.autopilot, report.changes, system_id, report.types), encoding="utf-8")
+        write_text(fix, render(report.facts.autopilot, report.changes, system_id, report.types), "--fix")

@@ -111,7 +111,12 @@ def write_json(path: Path, result: dict[str, Any]) -> None:
     """Write UTF-8 JSON, whole or not at all. Raises ConfigError where the file cannot be written, ValueError for a number that is
     not finite."""
     text = json.dumps(result, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-    with result_to(path, "--json"):
+    write_text(path, text, "--json")
+
+
+def write_text(path: Path, text: str, option: str) -> None:
+    """Write a text in UTF-8, whole or not at all. Raises ConfigError naming the option where the file cannot be written."""
+    with result_to(path, option):
         if path.exists() and not path.is_file():  # /dev/stdout, a pipe
             path.write_text(text, encoding="utf-8", errors=UNNAMEABLE)
             return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from typing import Any
 
 from rich import box
@@ -14,6 +15,8 @@ from visloc_companion.doctor.finding import Judged, Level
 from visloc_companion.types import AutopilotKind
 
 SCHEMA = 1
+NARROW = 72
+"""Columns below which the answers are listed."""
 STYLES = {Level.RED: "bold red", Level.AMBER: "yellow", Level.GREEN: "green", Level.SKIPPED: "dim"}
 
 
@@ -34,13 +37,30 @@ def table(report: Report, everything: bool) -> Table:
     rows = Table(box=box.SIMPLE_HEAD, show_lines=False, pad_edge=False)
     for title in ("", "rule", "read", "remedy"):
         rows.add_column(title, overflow="fold")
-    for answer in report.judged:
-        if answer.level is Level.SKIPPED and (not everything or _of_another(answer, report)):
-            continue
-        bad = answer.level in (Level.RED, Level.AMBER)
-        more = f"{answer.remedy}\n{answer.rule.why}" if bad else answer.remedy
+    for answer in _shown(report, everything):
+        more = "\n".join(_advice(answer))
         rows.add_row(Text(str(answer.level), style=STYLES[answer.level]), Text(answer.rule.id), Text(answer.read), Text(more))
     return rows
+
+
+def listed(report: Report, everything: bool) -> Iterator[Text]:
+    """The same for narrow terminals, in which a table's columns would break every word."""
+    for answer in _shown(report, everything):
+        yield Text.assemble((str(answer.level), STYLES[answer.level]), f" {answer.rule.id}: {answer.read}")
+        for words in _advice(answer):
+            yield Text(f"- {words}")
+
+
+def _shown(report: Report, everything: bool) -> Iterator[Judged]:
+    for answer in report.judged:
+        if answer.level is not Level.SKIPPED or (everything and not _of_another(answer, report)):
+            yield answer
+
+
+def _advice(answer: Judged) -> list[str]:
+    """The remedy, and of what is bad why it matters."""
+    why = [answer.rule.why] if answer.level in (Level.RED, Level.AMBER) else []
+    return [words for words in (answer.remedy, *why) if words]
 
 
 def summary(report: Report) -> str:

@@ -108,3 +108,25 @@ def test_what_cannot_be_asked_has_its_exit_code(
 
 def test_the_command_says_what_its_exit_codes_mean() -> None:
     assert "1 a rule is red" in (command.doctor.__doc__ or "")
+
+
+def test_on_a_narrow_terminal_the_answers_are_listed(asked: list[Wishes]) -> None:
+    """The columns of a table of 40 broke every word."""
+    done = CliRunner().invoke(app, ["doctor", "--link", "tcp:h:50"], env={"COLUMNS": "40"})
+    lines = done.output.splitlines()
+    assert lines[0].startswith("red ap-viso-quality: VISO_QUAL_MIN = 50")
+    assert "- set VISO_QUAL_MIN = 0" in lines
+    assert max(map(len, lines)) <= 40
+
+
+def test_the_files_are_written_though_nobody_reads_the_table(
+    asked: list[Wishes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def gone(*_: object) -> None:
+        raise BrokenPipeError
+
+    monkeypatch.setattr(command, "_print", gone)
+    found, fix = tmp_path / "found.json", tmp_path / "fix.param"
+    assert run("--link", "tcp:h:50", "--json", str(found), "--fix", str(fix)).exit_code != 0
+    assert json.loads(found.read_text(encoding="utf-8"))["rules"]
+    assert fix.read_text(encoding="utf-8").splitlines()[-1] == "VISO_QUAL_MIN,0"
