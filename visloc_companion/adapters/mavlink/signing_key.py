@@ -59,8 +59,14 @@ def write_key(path: Path) -> str:
     except OSError as why:
         remedy = "name a file that does not exist yet, in a folder that you may write to"
         raise ConfigError(f"cannot be made: {why.strerror}", where=str(path), remedy=remedy) from why
-    with os.fdopen(descriptor, "w", encoding="ascii") as file:
-        file.write(passphrase + "\n")
+    try:
+        with os.fdopen(descriptor, "w", encoding="ascii") as file:
+            file.write(passphrase + "\n")
+    except OSError as why:  # a file without a key would stand in the way of the next try
+        path.unlink(missing_ok=True)
+        raise ConfigError(
+            f"cannot be written: {why.strerror}", where=str(path), remedy="make room, or name another disk"
+        ) from why
     return passphrase
 
 
