@@ -38,8 +38,8 @@ _OPTIONS: dict[ProviderName, dict[str, str]] = {"cuda": {"use_tf32": "0"}}
 INSTALL = "pip install 'visloc-companion[cpu]' (or [gpu]), or choose a method that needs no network (gradient)"
 _ERRORS_ONLY = 3
 _NO_TELEMETRY = "ORT_DISABLE_TELEMETRY"
-"""Read once, when it is imported. Builds since 1.31 otherwise keep each session in a database in the home folder, with a number
-that names the computer, and send them to their maker whenever there is a network; in flight that may be a modem."""
+"""Read once, when it is imported. Otherwise the build of 1.31.1 keeps each session in a database of the home folder, with a
+number that names the computer and an address of its maker; in flight the network that it would use may be a modem."""
 
 
 @dataclass(frozen=True, slots=True)
