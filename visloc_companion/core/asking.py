@@ -78,11 +78,11 @@ class Asking:
 
     def refused(self, answer: NoFix, *, gnss_trusted: bool) -> None:
         """Take an answer without a fix to a question that was not the search's for the place."""
-        self._beside.refused(answer, self._tracker.belief, gnss_trusted=gnss_trusted)
+        self._beside.refused(answer, self._tracker.rests, gnss_trusted=gnss_trusted)
 
     def beside_gnss(self) -> bool:
         """Whether the map is searched in turns because no frame is recognised about a GNSS that is, or was, trusted."""
-        return self._search is not None and self._beside.due(self._tracker.belief)
+        return self._search is not None and self._beside.due(self._tracker.rests)
 
     def attitude_now(self, now_ns: int) -> Quat | None:
         """The vehicle's attitude at a shell time, the newest one known where that is ahead of it."""

@@ -63,6 +63,15 @@ class PositionFilter:
         return self._after(len(self._log))
 
     @property
+    def rests(self) -> Belief:
+        """A belief that rests on the same start and fixes as the newest: velocities after the last measurement change nothing of
+        that, and need not be folded for it only to be folded again after a late fix."""
+        n = len(self._log)
+        while n > len(self._beliefs) and isinstance(self._log[n - 1], Velocity):
+            n -= 1
+        return self._after(n)
+
+    @property
     def earliest_ns(self) -> int:
         """What was seen before this time can no longer be taken, or not yet: the filter began later."""
         return self._base.t_ns

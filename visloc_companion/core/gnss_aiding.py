@@ -56,8 +56,8 @@ class GnssAiding:
             return []
         self._tracker.gnss.add(t_ns, event.place)
         self._compare_odometry()
-        belief, out = self._tracker.belief, self._tracker.out_of_reach(t_ns, event.place, self._monitor.sigma_m(event))
-        self._monitor.on_reach(out, rests_on_fixes=belief is not None and belief.last_fix_ns is not None)
+        rests, out = self._tracker.rests, self._tracker.out_of_reach(t_ns, event.place, self._monitor.sigma_m(event))
+        self._monitor.on_reach(out, rests_on_fixes=rests is not None and rests.last_fix_ns is not None)
         told, self._told = self._told, []
         return [*told, *self._keep_near(event, t_ns, mode)]
 
@@ -69,7 +69,7 @@ class GnssAiding:
     def disown_camera(self) -> None:
         """What the camera showed was wrong; where that alone spoke against GNSS, or gave fixes, the filter has to start anew."""
         self._odometry.clear()
-        belief = self._tracker.belief
+        belief = self._tracker.rests
         if self._monitor.disown_camera() or (belief is not None and belief.last_fix_ns is not None):
             self._tracker.forget()
 
@@ -78,7 +78,7 @@ class GnssAiding:
         anew where GNSS says the place, and goes on where nothing else does, or where the camera found GNSS false before.
         `in_use`: the camera is used as it is now."""
         self._odometry.clear()
-        belief = self._tracker.belief
+        belief = self._tracker.rests
         fixed_ns = 0 if belief is None or belief.last_fix_ns is None else belief.last_fix_ns
         right_until_ns = max(1, min(since_ns, fixed_ns))
         if self._monitor.disown_camera(right_until_ns=right_until_ns, in_use=in_use) or self._monitor.trusted:
@@ -98,7 +98,7 @@ class GnssAiding:
         self._tracker.forget()
 
     def _keep_near(self, event: Gnss, t_ns: int, mode: Mode) -> list[Command]:
-        belief = self._tracker.belief
+        belief = self._tracker.rests
         if belief is None or not self._monitor.trusted or mode in INJECTING:
             return []
         vision = belief.last_fix_ns is not None and t_ns - belief.last_fix_ns < GNSS_AFTER_NS
@@ -123,7 +123,7 @@ class GnssAiding:
         """The verdict was passed. Where GNSS is trusted no more and alone has held the filter since the last fix, it may have
         dragged it away."""
         was_trusted, self._was_trusted = self._was_trusted, self._monitor.trusted
-        belief = self._tracker.belief
+        belief = self._tracker.rests
         if not was_trusted or self._was_trusted or belief is None or self._fused_ns is None:
             return
         if self._fused_ns > belief.rested_ns:
@@ -154,8 +154,8 @@ class GnssAiding:
 
     def _watch_scale(self, seen: Motion, moved_ne_m: Vec2) -> None:
         """Until a first fix shows that the camera is set up right."""
-        belief, height_m = self._tracker.belief, self._tracker.height_above_home_m
-        if belief is None or belief.last_fix_ns is not None or height_m is None:
+        rests, height_m = self._tracker.rests, self._tracker.height_above_home_m
+        if rests is None or rests.last_fix_ns is not None or height_m is None:
             self._scale.clear()
             return
         told = self._scale.on_motion(seen, moved_ne_m, height_m)
@@ -174,7 +174,7 @@ class GnssAiding:
         """Show the monitor a fix that the filter refused while GNSS alone has held that since the last one taken: then it is GNSS
         that the fix contradicts. Where fixes are rare every one of them would be refused, and a drag have no witness. Over the
         same ground a wrong match is found again, so each ground speaks once."""
-        belief, origin = self._tracker.belief, self._tracker.origin
+        belief, origin = self._tracker.rests, self._tracker.origin
         if belief is None or origin is None or self._fused_ns is None or not self._monitor.trusted:
             return
         view_ne_m, spacing_m = votes.looked_at(fix, fix.place.h_amsl_m - origin.h_amsl_m)

@@ -295,7 +295,7 @@ class Navigator:
         if verdict.verdict is before:
             return []
         told: list[Command] = [gnss_words.notice(verdict, self._monitor.ever_trusted)]
-        belief = self._tracker.belief
+        belief = self._tracker.rests
         alone = verdict.verdict is Verdict.SUSPECT and verdict.reasons[0] == ODOMETRY
         if alone and belief is not None and belief.last_fix_ns is None:
             told.append(Notice(Severity.NOTICE, gnss_words.OR_CAMERA, to_operator=True))

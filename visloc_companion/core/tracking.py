@@ -24,24 +24,18 @@ from visloc_companion.core.moved_alike import MovedAlike
 from visloc_companion.core.odometry_aiding import OdometryAiding
 from visloc_companion.core.pitot import Airspeed, PitotLearner
 from visloc_companion.core.propagation import Drive
+from visloc_companion.core.reach import out_of_reach
 from visloc_companion.core.reckoned import Reckoned, way_ne_m
 from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.core.teaching import Teaching
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Fix, FloatArray, GeoPoint, NavState, Odometry, Quat, Rejected, TooOld, Vec2, Vec3
 
 MIN_VELOCITY_INTERVAL_NS = 5_000_000
-TAUGHT_BY, UNTAUGHT_LOSS = 2, 1.5
-"""Accelerations drive the filter while the fix or interval of odometry before the last is no older than the time in which their
-error would lose so many times the 1-sigma of the autopilot's own velocity."""
 LEAST_ACCELERATION_SIGMA_MPS2 = 0.05
 """A tilt of 0.3 degrees, which no autopilot without GNSS is free of."""
-SETTLED_BY = 20
-"""An autopilot that never had a trusted GNSS takes seconds to find its velocity from what we send: so many fixes or intervals
-come before accelerations go on from it."""
-SEEN_NS, TEACHES_MPS = 2_500_000_000, 0.5
-"""The air tells the velocity when nothing was recognised for so long; until then a velocity that is known as well teaches it."""
-GNSS_BIAS_SIGMA_M = 3.0
-"""1-sigma of the constant difference between GNSS and map, for the question whether GNSS can be true at all."""
+TEACHES_MPS = 0.5
+"""Until the air tells the velocity, one that is known as well teaches it."""
 
 
 class Tracker:
@@ -56,9 +50,8 @@ class Tracker:
         self._odometry = OdometryAiding()
         self._inertial, self._velocity_boot_ns = InertialVelocity(), 0
         self._forces, self._drag, self._pitot = Forces(), DragLearner(), PitotLearner()
-        self._alone, self._drives_itself, self._sigma_a_mps2, self._seen_ns = False, False, 0.0, 0
-        self._taught_ns: list[int] = []
-        self._velocity_known, self._n_taught = False, 0
+        self._alone, self._drives_itself, self._sigma_a_mps2 = False, False, 0.0
+        self._teaching = Teaching()
         self.gnss = GnssTrack()
         self.height = HeightAiding(settings)
         self.heading = HeadingPull()
@@ -72,6 +65,11 @@ class Tracker:
         return None if self._filter is None else self._filter.newest
 
     @property
+    def rests(self) -> Belief | None:
+        """As `belief`, of which only what it rests on is asked (estimator.PositionFilter.rests)."""
+        return None if self._filter is None else self._filter.rests
+
+    @property
     def velocity(self) -> Velocity | None:
         """The last velocity sample."""
         return self._velocity
@@ -79,7 +77,7 @@ class Tracker:
     @property
     def settled(self) -> bool:
         """Whether the autopilot's velocity was known without us, or has had the time to come right by what we send."""
-        return self._velocity_known or self._n_taught >= SETTLED_BY
+        return self._teaching.settled
 
     @property
     def low(self) -> bool:
@@ -122,8 +120,9 @@ class Tracker:
         self._alone = alone
         unknown, tau_s = self._settings.acceleration_sigma_mps2, self._settings.acceleration_correlation_s
         sigma_a = self._inertial.bias.sigma_mps2(unknown, LEAST_ACCELERATION_SIGMA_MPS2, tau_s)
-        self._velocity_known |= not alone
-        v_ne_mps = self._inertial.at(t_boot_ns) if alone and self._taught(velocity.t_ns, min(unknown, sigma_a)) else None
+        self._teaching.velocity_known |= not alone
+        taught = self._teaching.lasts(velocity.t_ns, self._settings.velocity_sigma_aiding_mps, min(unknown, sigma_a))
+        v_ne_mps = self._inertial.at(t_boot_ns) if alone and taught else None
         self._drives_itself, self._sigma_a_mps2 = v_ne_mps is not None, sigma_a
         if v_ne_mps is None:
             self._inertial.anchor(t_boot_ns, velocity.v_ned_mps[:2], teaches=not alone)
@@ -139,12 +138,6 @@ class Tracker:
         if self._filter is not None:
             self._filter.drive(velocity)
         return True
-
-    def _taught(self, t_ns: int, sigma_a_mps2: float) -> bool:
-        """Whether accelerations of this error may drive the filter at a time."""
-        within_s = UNTAUGHT_LOSS * self._settings.velocity_sigma_aiding_mps / sigma_a_mps2
-        lately = len(self._taught_ns) == TAUGHT_BY and t_ns - self._taught_ns[0] <= within_s * 1e9
-        return lately and self.settled
 
     def on_force(self, t_boot_ns: int, force_frd_mps2: Vec3, q_ned_frd: Quat) -> None:
         """Take what the accelerometers measured, with the attitude of that time."""
@@ -177,7 +170,7 @@ class Tracker:
 
     def _blind(self, t_boot_ns: int) -> bool:
         """Whether nothing was recognised for a while."""
-        return self._shell_ns(t_boot_ns) - self._seen_ns > SEEN_NS
+        return self._teaching.blind(self._shell_ns(t_boot_ns))
 
     def _known(self, t_boot_ns: int, autopilots_ned_mps: Vec3, *, alone: bool) -> tuple[Vec3, FloatArray] | None:
         """The velocity at a time and the covariance of its error (2, 2), where it is known well without what the air tells."""
@@ -195,7 +188,7 @@ class Tracker:
             return
         t_ns, v_ne_mps = self._shell_ns(t_boot_ns), self._inertial.at(told.t_boot_ns)
         if told.holds:
-            self._taught_by(t_ns)
+            self._teaching.told(t_ns)
         if self._filter is None or v_ne_mps is None or not self._drives_itself:
             by.filter_restarted()
             return
@@ -303,7 +296,7 @@ class Tracker:
         if self.longer_share != 0:
             start = lens_doubted(start, abs(self.longer_share), (0.0, 0.0))
         self._inertial.anchor(self._velocity_boot_ns, v.v_ned_mps[:2])
-        self._n_taught = 0
+        self._teaching.restarted()
         self._drag.filter_restarted()
         self._pitot.filter_restarted()
         self._filter = PositionFilter(self._settings, self.origin, start, v, self._max_step_m)
@@ -322,7 +315,7 @@ class Tracker:
         still = Velocity(t_ns, (0.0, 0.0, 0.0), place.h_amsl_m, UNAIDED_SIGMA_MPS, Drive.AUTOPILOT)
         self.drive(still, t_boot_ns, alone=False)
         self.height.drive(t_ns, place.h_amsl_m, None)
-        self._velocity_known = False
+        self._teaching.velocity_known = False
         self.seed(t_ns, place, sigma_m)
         self._inertial.release()
 
@@ -358,13 +351,8 @@ class Tracker:
 
     def _teach(self, t_ns: int, outcome: Accepted | Rejected | TooOld) -> Accepted | Rejected | TooOld:
         if isinstance(outcome, Accepted):
-            self._taught_by(t_ns)
-            self._n_taught += 1
-            self._seen_ns = max(self._seen_ns, t_ns)
+            self._teaching.recognised(t_ns)
         return outcome
-
-    def _taught_by(self, t_ns: int) -> None:
-        self._taught_ns = sorted([*self._taught_ns, t_ns])[-TAUGHT_BY:]  # a late fix takes no place from later intervals
 
     def observe_odometry(self, odometry: Odometry, *, doubted: bool = False) -> Motion | None:
         """Learn the velocity's error from what the camera saw of its own motion, unless it is doubted; the interval for the GNSS
@@ -395,6 +383,5 @@ class Tracker:
         if state is None or self.origin is None:
             return False
         north, east, _ = wgs84.ned_from_geo(place, self.origin)
-        d = np.array([north - state.p_ned_m[0], east - state.p_ned_m[1]])
-        S = np.array(state.cov_ne_m2) + (sigma_m**2 + GNSS_BIAS_SIGMA_M**2) * np.eye(2)
-        return float(d @ np.linalg.solve(S, d)) > self._settings.gate_sigma**2
+        off_ne_m = north - state.p_ned_m[0], east - state.p_ned_m[1]
+        return out_of_reach(off_ne_m, state.cov_ne_m2, sigma_m, self._settings.gate_sigma)

@@ -169,7 +169,7 @@ class Vision:
     def on_answer(self, event: Fix | NoFix, now_ns: int) -> list[Command]:
         """The worker answered."""
         event = self._onboard.of_vehicle(event)
-        before = self._tracker.belief  # not between motion and fix: the inputs after them would be folded twice
+        before = self._tracker.rests
         self.moved(event.motion, now_ns, recognised=isinstance(event, Fix))
         told = [*self._camera.on_answer(event), *self._computer.on_answer(event), *self._learned(event)]
         return [*told, *self._localised(event, before, now_ns)]
@@ -242,7 +242,7 @@ class Vision:
             return [Notice(Severity.INFO, f"{self.n_open} places are open")] if begun else []
         self._nothing_open()
         fix = self._onboard.stated(fix)
-        held, before = self._tracker.at(fix.t_ns), self._tracker.belief
+        held, before = self._tracker.at(fix.t_ns), self._tracker.rests
         outcome = self._tracker.observe(fix)
         if isinstance(outcome, Rejected):
             return [*self._complaints.about(fix, outcome.reason, now_ns, Severity.INFO)]
@@ -349,7 +349,7 @@ class Vision:
 
     def _began_anew(self, before: Belief | None) -> bool:
         """Whether a fix made the filter start again."""
-        after = self._tracker.belief
+        after = self._tracker.rests
         return before is not None and after is not None and after.started_ns != before.started_ns
 
     def _taken(self, fix: Fix, now_ns: int, held: NavState | None, *, anew: bool) -> list[Command]:

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
+from visloc_companion.core import fusion
 from visloc_companion.core.belief import seeded
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
@@ -57,6 +58,19 @@ def test_asking_in_between_changes_nothing() -> None:
         asked.at(round(0.25 * k * S)), asked.protection_level_m(round((0.25 * k - 0.3) * S))
     np.testing.assert_array_equal(states(asked), states(left_alone))
     assert asked.protection_level_m(5 * S) == left_alone.protection_level_m(5 * S)
+
+
+def test_what_a_belief_rests_on_is_known_before_velocities_are_folded(monkeypatch: pytest.MonkeyPatch) -> None:
+    kalman_filter = made()
+    for k in range(1, 5):
+        kalman_filter.drive(velocity(0.25 * k))
+    assert isinstance(kalman_filter.observe(fix(0.3, 3.0, 0.0)), Accepted)
+    with monkeypatch.context() as nothing_folded:
+        nothing_folded.delattr(fusion, "propagated")
+        rests = kalman_filter.rests
+    newest = kalman_filter.newest
+    assert (rests.last_fix_ns, rests.started_ns) == (newest.last_fix_ns, newest.started_ns) == (round(0.3 * S), 0)
+    assert kalman_filter.rests is newest, "where it is folded already"
 
 
 def test_is_an_estimator() -> None:
