@@ -92,11 +92,11 @@ class Asking:
         return self._attitude.at(t_boot_ns) or self._attitude.at(newest)
 
     def _about_terrain(self, now_ns: int, injecting: bool, gnss_trusted: bool) -> list[Request]:
-        terrain, belief = self._terrain, self._tracker.belief
-        if terrain is None or belief is None or not self._queue.free or not terrain.due(now_ns):
+        terrain = self._terrain
+        if terrain is None or not self._queue.free or not terrain.due(now_ns):
             return []
-        state, q_ned_frd = self._tracker.at(now_ns), self.attitude_now(now_ns)
-        if state is None or q_ned_frd is None:
+        belief, state, q_ned_frd = self._tracker.belief, self._tracker.at(now_ns), self.attitude_now(now_ns)
+        if belief is None or state is None or q_ned_frd is None:
             return []
         prior = self._prior(state, q_ned_frd, LEVEL, injecting)
         steady = gnss_trusted and belief.drive is Drive.AUTOPILOT

@@ -113,10 +113,13 @@ def propagated(
     on = step(dt, belief.drive, belief.sigma_a_mps2, change_ne_mps, settings, gone_by, belief.lens_share)
     north, east = v_ne_mps[0] * dt, v_ne_mps[1] * dt
     moved = np.array((north, east, *STILL))
-    sigma_mps = _sigma_mps(belief, settings)
-    Q = on.Q if belief.drive is Drive.INERTIAL else on.Q + sigma_mps**2 * on.V
-    x = on.F.dot(belief.x) + moved
-    P = on.F.dot(belief.P).dot(on.F.T) + Q  # kalman.update checks it
+    sigma_mps, Q = _sigma_mps(belief, settings), on.Q
+    if belief.drive is not Drive.INERTIAL:
+        Q += sigma_mps**2 * on.V  # the step is this belief's own
+    x = on.F.dot(belief.x)
+    x += moved
+    P = on.F.dot(belief.P).dot(on.F.T)
+    P += Q  # kalman.update checks it
     without = separation.NONE if alone else belief.without
     if len(without.leaves):
         without = separation.propagated(without, on, Q, _more_m2ps2(belief, sigma_mps, settings), moved)

@@ -39,6 +39,7 @@ from visloc_companion.types import (
     FrameRef,
     GimbalAttitude,
     LocaliseRequest,
+    NavState,
     NoFix,
     Odometry,
     Quat,
@@ -256,13 +257,12 @@ class OnboardCamera:
         self._tracker.doubt_bend(self._distortion.bend)
         return told
 
-    def stated(self, fix: Fix) -> Fix:
-        """The fix with what its time may be off by in its covariance."""
-        state = None if fix.method == TERRAIN else self._tracker.at(fix.t_ns)
+    def stated(self, fix: Fix, state: NavState | None) -> Fix:
+        """The fix with what its time may be off by in its covariance; `state`: the filter's at that time."""
         per_focal_ne_m = self.ramp.stated(fix)
         if per_focal_ne_m is not fix.per_focal_ne_m:
             fix = replace(fix, per_focal_ne_m=per_focal_ne_m)
-        return fix if state is None else self._time.stated(fix, state.v_ned_mps)
+        return fix if state is None or fix.method == TERRAIN else self._time.stated(fix, state.v_ned_mps)
 
     def on_fix(self, fix: Fix, *, taken: bool, gnss_trusted: bool) -> list[Command]:
         """Learn from a fix, of the tilt where the filter took it, of the mounting beside a GNSS that is good."""

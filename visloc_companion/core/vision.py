@@ -241,8 +241,8 @@ class Vision:
             begun = self.n_open > 1 >= had
             return [Notice(Severity.INFO, f"{self.n_open} places are open")] if begun else []
         self._nothing_open()
-        fix = self._onboard.stated(fix)
         held, before = self._tracker.at(fix.t_ns), self._tracker.rests
+        fix = self._onboard.stated(fix, held)
         outcome = self._tracker.observe(fix)
         if isinstance(outcome, Rejected):
             return [*self._complaints.about(fix, outcome.reason, now_ns, Severity.INFO)]
@@ -294,8 +294,8 @@ class Vision:
         if self._terrain is not None and fix.method == TERRAIN and self._terrain.answered(fix) is None:
             waits = Notice(Severity.INFO, "a fix of the terrain from far off waits for a second one")
             return [waits, *self.free_worker(fix, now_ns)]
-        fix = self._onboard.stated(fix)
         state = self._tracker.at(fix.t_ns)
+        fix = self._onboard.stated(fix, state)
         why = None if fix.method == TERRAIN else self._why_waits(fix, state)
         if why is not None:
             return [*why, *self.free_worker(fix, now_ns)]

@@ -78,14 +78,16 @@ def test_fixes_of_frames_by_arrival_are_wider_along_the_track(tracker: Tracker) 
     fix = fix_at(200 * MS)
     for k in range(3):
         camera.on_frame(frame(k, k * 200 * MS))
-    assert camera.stated(fix) == fix
+    state = tracker.at(fix.t_ns)
+    assert camera.stated(fix, state) == fix
     for k in range(3, 6):
         assert camera.on_frame(frame(k, None)) == frame(k, None)
-    (nn, _), (_, ee) = camera.stated(fix).cov_ne_m2
+    (nn, _), (_, ee) = camera.stated(fix, state).cov_ne_m2
     assert nn == pytest.approx(0.5 + (10 * UNKNOWN_S) ** 2, rel=0.1)
     assert ee == pytest.approx(0.5)
     ground = replace(fix, method=TERRAIN)
-    assert camera.stated(ground) == ground
+    assert camera.stated(ground, state) == ground
+    assert camera.stated(fix, None) == fix
 
 
 def test_a_tilted_mount_is_learned_beside_a_good_gnss_only(tracker: Tracker) -> None:
