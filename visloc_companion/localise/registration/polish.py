@@ -8,6 +8,11 @@ so that the step is that of generalised least squares under differences that are
 A difference counts in their robust deviation by its slope: on a lawn with a few trees that of all cells is the lawn's, beside
 which every edge of a crown, which alone says where things are, would look like a change.
 
+The edges of what stands may all lie farther out in one cloud than in the other: stereo smears roofs over its window, a cell
+beside ground that is hidden is all roof, crowns grow. A camera sees the edges that look towards it and not the ground behind the
+others, and then such edges look like another scale. So how much farther out they lie, everywhere and beside holes, are unknowns
+as well.
+
 A cell counts by its trust (consensus.py): where nothing resembles the reference, nothing is measured; the deviation is that of
 the cells that count.
 
@@ -38,8 +43,12 @@ from visloc_companion.types import FloatArray
 
 STEPS = 8
 CLUSTER_M = 8.0
-FITTED = 4
-"""Parameters."""
+FITTED = 6
+"""Parameters: east, north, heading, scale; how much farther out edges lie in the reference, everywhere and beside holes."""
+SIGMA_EDGE_M = 0.5
+"""1-sigma of each of these two. With 0.2 m such edges still look like scale in part, 2 m are hardly better (ray-cast houses)."""
+HOLE_CELLS = 2
+"""Cells up to so far from an unknown one have a share of their smoothing there."""
 
 
 def polish(
@@ -47,14 +56,15 @@ def polish(
 ) -> Refined | None:
     """Refined on the differences' relief; None where too few cells lie on the reference. `trust` (N,) of each cell, 0 to 1."""
     T, bowl_m = refined.T, refined.bowl_m
-    weight = np.ones(len(source.points_m))
+    weight, holes = np.ones(len(source.points_m)), _beside_holes(source)
     for left in range(STEPS, -1, -1):
         level = levelled(source, surface, T, bowl_m, prior, left > 0)
         if level is None:
             return None
         T, bowl_m = level.T, level.bowl_m
         used, residual, jacobian = differences(source, surface, T, bowl_m)
-        values = np.column_stack([residual, jacobian])
+        edges = -np.hypot(jacobian[:, 0], jacobian[:, 1])
+        values = np.column_stack([residual, jacobian, edges, edges * holes[used]])
         values -= _local_mean(source, values, used, weight[used], surface.heights.cell_m)
         residual, jacobian = values[:, 0], values[:, 1:]
         counts = np.hypot(jacobian[:, 0], jacobian[:, 1]) * trust[used]
@@ -62,12 +72,14 @@ def polish(
         usual = max(float(counts @ trust[used]) / max(float(counts.sum()), TINY), TINY)
         weighted = jacobian * (weight[used] * trust[used] / (ALIKE * usual * sigma**2))[:, None]
         precision, wish = prior_of_placing(T, prior)
+        precision, wish = np.append(precision, [SIGMA_EDGE_M**-2] * 2), np.append(wish, [0.0] * 2)
         bread = np.linalg.inv(weighted.T @ jacobian + np.diag(precision + TINY))
         step = bread @ (precision * wish - weighted.T @ residual)
         if not left or max(abs(step[0]), abs(step[1]), abs(level.up_m)) < SMALL_STEP_M:
-            placed = bread + bread @ _meat(source, used, weighted * residual[:, None], weighted * jacobian) @ bread
+            unexplained = residual + jacobian[:, 4:] @ step[4:]
+            placed = bread + bread @ _meat(source, used, weighted * unexplained[:, None], weighted * jacobian) @ bread
             raised = level.raised
-            return Refined(T, bowl_m, np.asarray(placed, dtype=np.float64), raised.covariance(), raised.sigma_m)
+            return Refined(T, bowl_m, np.asarray(placed[:4, :4], dtype=np.float64), raised.covariance(), raised.sigma_m)
         T = stepped(T, source.centre_m, np.array([step[0], step[1], 0]), (0.0, 0.0, float(step[2])), float(step[3]))
     return None
 
@@ -82,10 +94,18 @@ def _local_mean(source: SourceCells, values: FloatArray, used: Mask, weight: Flo
     return np.asarray(blurred[:, 1:] / np.maximum(blurred[:, :1], 1e-6), dtype=np.float64)
 
 
-def _meat(source: SourceCells, used: Mask, pulls: FloatArray, informs: FloatArray) -> FloatArray:
-    """(4, 4) sum over blocks of the square of what their cells pull (n, 4), enlarged for few blocks.
+def _beside_holes(source: SourceCells) -> FloatArray:
+    """(N,) 1 for cells within HOLE_CELLS of one that is not known, else 0."""
+    known = np.zeros(source.shape, np.uint8)
+    known[source.rows, source.cols] = 1
+    inner = cv2.erode(known, np.ones((2 * HOLE_CELLS + 1,) * 2, np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    return np.asarray(1 - inner[source.rows, source.cols], dtype=np.float64)
 
-    Few are those that hold most of what the cells inform (n, 4) of the place (Kish's effective number): they fit themselves.
+
+def _meat(source: SourceCells, used: Mask, pulls: FloatArray, informs: FloatArray) -> FloatArray:
+    """(K, K) sum over blocks of the square of what their cells pull (n, K), enlarged for few blocks.
+
+    Few are those that hold most of what the cells inform (n, K) of the place (Kish's effective number): they fit themselves.
     """
     block = np.floor(source.points_m[used, :2] / CLUSTER_M).astype(np.int64)
     block -= block.min(0)
