@@ -6,7 +6,7 @@ import asyncio
 import math
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from concurrent.futures import Future
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
@@ -36,62 +36,50 @@ INK = (17, 17, 17)
 GRID_ONLY = "no map: start visloc web with --map PACK"
 
 
-class InThread:
-    """Something asynchronous that lives in a thread of its own until it is told to stop."""
-
-    def __init__(self) -> None:
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._loop.run_forever)
-        self._thread.start()
-
-    def begin(self, work: Any) -> Any:
-        return asyncio.run_coroutine_threadsafe(work, self._loop)
-
-    def end(self) -> None:
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(10)
-        self._loop.close()
+@contextmanager
+def in_thread(served: Callable[[asyncio.Event], Coroutine[Any, Any, None]]) -> Iterator[None]:
+    """Something that is served in a thread of its own, until the event that it is given is set."""
+    loop, stop = asyncio.new_event_loop(), asyncio.Event()
+    thread = threading.Thread(target=loop.run_forever)
+    thread.start()
+    running = asyncio.run_coroutine_threadsafe(served(stop), loop)
+    try:
+        yield
+    finally:
+        loop.call_soon_threadsafe(stop.set)
+        running.result(10)
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join(10)
+        loop.close()
 
 
 @contextmanager
 def dashboard(source: Source, pictures: MapPictures | None = None) -> Iterator[str]:
-    thread = InThread()
     with listening("127.0.0.1", 0) as listener:
-        stop = asyncio.Event()
 
-        async def run() -> None:
+        async def run(stop: asyncio.Event) -> None:
             feed = Feed(source)
             await serve(feed, application(feed, pictures, own_names("127.0.0.1")), listener, stop)
 
-        serving = thread.begin(run())
-        try:
+        with in_thread(run):
             yield f"http://127.0.0.1:{listener.getsockname()[1]}/"
-        finally:
-            thread._loop.call_soon_threadsafe(stop.set)
-            serving.result(10)
-            thread.end()
 
 
 @contextmanager
 def daemon(path: Path, **status: Any) -> Iterator[None]:
     """A daemon's status socket: the flight goes on with every look, a quarter of a second each."""
-    thread, looks, stop = InThread(), [0], asyncio.Event()
+    looks = [0]
 
     def look() -> dict[str, Any]:
         looks[0] += 1
         return snapshot(looks[0] / 4, **status)
 
-    async def run() -> None:
+    async def run(stop: asyncio.Event) -> None:
         async with status_server(path, look, print):
             await stop.wait()
 
-    running = thread.begin(run())
-    try:
+    with in_thread(run):
         yield
-    finally:
-        thread._loop.call_soon_threadsafe(stop.set)
-        running.result(10)
-        thread.end()
 
 
 @pytest.fixture(scope="module")
@@ -325,7 +313,6 @@ def test_a_screen_reader_is_told_once_and_not_every_second(quiet: Page, path: Pa
 @contextmanager
 def under_a_prefix(url: str, prefix: bytes) -> Iterator[str]:
     """A reverse proxy as nginx's `location PREFIX/ { proxy_pass URL/; }`; what is asked for beside the prefix is 404."""
-    thread, stop = InThread(), asyncio.Event()
     host, port = url.removeprefix("http://").rstrip("/").split(":")
     serving = set[asyncio.Task[None] | None]()
 
@@ -345,7 +332,9 @@ def under_a_prefix(url: str, prefix: bytes) -> Iterator[str]:
                     writer.write(part)
                     await writer.drain()
 
-    async def run(ready: Future[int]) -> None:
+    ready = Future[int]()
+
+    async def run(stop: asyncio.Event) -> None:
         async with await asyncio.start_server(passed_on, "127.0.0.1", 0) as server:
             ready.set_result(server.sockets[0].getsockname()[1])
             await stop.wait()
@@ -353,14 +342,8 @@ def under_a_prefix(url: str, prefix: bytes) -> Iterator[str]:
             task.cancel()
         await asyncio.gather(*serving, return_exceptions=True)
 
-    ready = Future[int]()
-    running = thread.begin(run(ready))
-    try:
+    with in_thread(run):
         yield f"http://127.0.0.1:{ready.result(10)}{prefix.decode()}/"
-    finally:
-        thread._loop.call_soon_threadsafe(stop.set)
-        running.result(10)
-        thread.end()
 
 
 def test_behind_a_proxys_prefix_it_is_whole(quiet: Page, tmp_path: Path) -> None:

@@ -29,14 +29,12 @@ HARDLY_CHANCE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class _Waiting:
-    """By how much a fix would have moved the filter, metres north and east, the 1-sigmas of both then, and the square root of
-    the determinant of the filter's covariance."""
+    """By how much a fix would have moved the filter, metres north and east, and the 1-sigmas of both then."""
 
     t_ns: int
     off_ne_m: Vec2
     sigma_m: float
     filter_sigma_m: float
-    filter_area_m2: float
 
 
 def doubtful(fix: Fix) -> bool:
@@ -64,17 +62,18 @@ class SecondOpinion:
         north, east, _ = wgs84.ned_from_geo(fix.place, origin)
         off_ne_m = (north - state.p_ned_m[0], east - state.p_ned_m[1])
         area_m2 = math.sqrt(max(0.0, float(np.linalg.det(state.cov_ne_m2))))
-        now, before = _Waiting(fix.t_ns, off_ne_m, sigma_m, known_m, area_m2), self._waiting
+        now, before = _Waiting(fix.t_ns, off_ne_m, sigma_m, known_m), self._waiting
         self._waiting = now
-        return before is None or not _agree(before, now)
+        return before is None or not _agree(before, now, area_m2)
 
 
-def _agree(before: _Waiting, now: _Waiting) -> bool:
-    """Whether two fixes say the same of the filter, up to their errors and to what it has moved wrongly in between."""
+def _agree(before: _Waiting, now: _Waiting, area_m2: float) -> bool:
+    """Whether two fixes say the same of the filter, up to their errors and to what it has moved wrongly in between; `area_m2`:
+    square root of the determinant of its covariance now."""
     age_ns = now.t_ns - before.t_ns
     moved_m2 = max(0.0, now.filter_sigma_m**2 - before.filter_sigma_m**2)
     near_m2 = AGREES_SIGMA**2 * (before.sigma_m**2 + now.sigma_m**2 + moved_m2)
     # two places drawn from the filter's own distribution are so near with about near_m2 / (4 area): Rayleigh, twice the variance
-    if age_ns <= 0 or (age_ns > FORGET_NS and near_m2 > 4 * HARDLY_CHANCE * now.filter_area_m2):
+    if age_ns <= 0 or (age_ns > FORGET_NS and near_m2 > 4 * HARDLY_CHANCE * area_m2):
         return False
     return math.dist(before.off_ne_m, now.off_ne_m) ** 2 <= near_m2
