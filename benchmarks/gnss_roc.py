@@ -39,8 +39,8 @@ DEAD_S = 60.0
 SUITES = {"vision": World(odometry=False), "vision and odometry": World()}
 
 
-def watch(flight: Flight, settings: GnssSettings) -> Iterator[tuple[Moment, GnssMonitor, GnssVerdict]]:
-    """The monitor over a flight, with a verdict at every moment."""
+def watch(flight: Flight, settings: GnssSettings, *, grounds: bool = True) -> Iterator[tuple[Moment, GnssMonitor, GnssVerdict]]:
+    """The monitor over a flight, with a verdict at every moment; without `grounds` each fix is a witness of its own."""
     monitor = GnssMonitor(settings)
     for m in flight.moments():
         now = round(m.t_s * 1e9) + SECOND_NS
@@ -50,7 +50,9 @@ def watch(flight: Flight, settings: GnssSettings) -> Iterator[tuple[Moment, Gnss
         monitor.on_gnss(Gnss(now, now, 3 if m.has_fix else 1, 12, place, 1.0, 1.5, m.v_ned_mps))
         if m.difference_ne_m is not None:
             var = m.claimed_var_m2
-            monitor.on_vision(now, m.difference_ne_m, ((var, 0.0), (0.0, var)), MAP_SIGMA_M, m.v_ned_mps[:2])
+            monitor.on_vision(
+                now, m.difference_ne_m, ((var, 0.0), (0.0, var)), MAP_SIGMA_M, m.v_ned_mps[:2], m.ground if grounds else None
+            )
         if m.gnss_moved_ne_m is not None:
             monitor.on_displacement(now - SECOND_NS, now, m.gnss_moved_ne_m, m.odometry_moved_ne_m, m.odometry_var_m2)
         yield m, monitor, monitor.update(now, EkfSource.GNSS)
@@ -71,11 +73,11 @@ class Series:
     false_m: np.ndarray
 
 
-def statistics_of(flight: Flight) -> Series:
+def statistics_of(flight: Flight, *, grounds: bool = True) -> Series:
     """One flight for both suites: tests that never decide do not touch each other."""
     verdicts = (
         (m, v)
-        for k, (m, _, v) in enumerate(watch(flight, GnssSettings(drift_threshold=NEVER)))
+        for k, (m, _, v) in enumerate(watch(flight, GnssSettings(drift_threshold=NEVER), grounds=grounds))
         if k % round(FIX_S / PERIOD_S) == 0
     )
     values = np.array([(*log_r(v), m.false_m) for m, v in verdicts])

@@ -4,15 +4,18 @@ Differences (GNSS minus vision, NED metres) are averaged over blocks of one seco
 is healthy: a constant (registration of the map, orbits), the receiver's wander over a minute or two, and what lasts for some
 seconds (fixes from overlapping frames err alike; delays act along the track). While GNSS is trusted the test learns the healthy
 difference. When trust is lost it is kept, less what the shift put into it; the probation is a test that begins anew from there,
-with a large weight on "false since it came back", which only agreement takes away.
+with a large weight on "false since it came back", which only agreement takes away. That the fixes over some ground
+are wrong alike explains differences, too (core/gnss_witness.py).
 """
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 
-from visloc_companion.core.shift import ShiftModel, ShiftTest
+from visloc_companion.core.gnss_witness import REACH_M, SIZES_M, Ground, Grounds, Place
+from visloc_companion.core.shift import FIRST_WEIGHT_S, ShiftModel, ShiftTest
 from visloc_companion.types import Vec2
 
 BLOCK_S = 1.0
@@ -45,7 +48,10 @@ class BlockResult:
 class DriftTest:
     """The test while GNSS is trusted, and in its probation; `add` answers when a block is finished."""
 
-    def __init__(self, gnss_sigma_m: float) -> None:
+    def __init__(self, gnss_sigma_m: float, grounds: Grounds | None = None, first_weight_s: float = FIRST_WEIGHT_S) -> None:
+        """`first_weight_s` weighs "false before the first comparison"."""
+        self.grounds = Grounds() if grounds is None else grounds
+        """What fixes looked at, and how the first of each ground lay: that outlives a test."""
         model = ShiftModel(
             constant=BIAS_SIGMA_M,
             constant_walk_per_sqrt_s=BIAS_WALK_M_PER_SQRT_S,
@@ -57,8 +63,9 @@ class DriftTest:
             factor=DELAY_SIGMA_S,
             factor_walk_per_sqrt_s=DELAY_WALK_S_PER_SQRT_S,
             max_constant=MAX_BIAS_M,
+            causes=SIZES_M,
         )
-        self._home = ShiftTest(model)
+        self._home = ShiftTest(model, first_weight_s)
         self._trial: ShiftTest | None = None
         self._finished_ns: int | None = None
         self._clear_block()
@@ -92,17 +99,27 @@ class DriftTest:
         self._trial = self._home.fork(first_weight_s)
 
     def regain(self) -> None:
-        """GNSS is trusted again, as it was in the probation."""
-        self._home, self._trial = self._running.fork(), None
+        """GNSS is trusted (again), as it was found in the probation; where nothing was compared, no agreement has taken away that
+        it may have been false from the beginning."""
+        running = self._running
+        self._home, self._trial = running.fork() if running.log_r > -math.inf else running, None
 
     def _clear_block(self) -> None:
         self._n = 0
         self._north, self._east, self._fix_var = 0.0, 0.0, 0.0
+        self._looked_at: Counter[Place] = Counter()
 
     def add(
-        self, t_ns: int, difference_ne_m: Vec2, fix_var_m2: float, common_var_m2: float, v_ne_mps: Vec2 = (0.0, 0.0)
+        self,
+        t_ns: int,
+        difference_ne_m: Vec2,
+        fix_var_m2: float,
+        common_var_m2: float,
+        v_ne_mps: Vec2 = (0.0, 0.0),
+        ground: Ground | None = None,
     ) -> BlockResult | None:
-        """Take one comparison: variance per axis that the fix claims, and that of the map, which lasts a while; the velocity."""
+        """Take one comparison: variance per axis that the fix claims, and that of the map, which lasts a while; the velocity;
+        what the fix looked at."""
         since_s = math.inf if self._finished_ns is None else (t_ns - self._finished_ns) * 1e-9
         if since_s > STALE_S:
             self._clear_block()
@@ -110,12 +127,15 @@ class DriftTest:
         self._north += difference_ne_m[0]
         self._east += difference_ne_m[1]
         self._fix_var += fix_var_m2
+        if ground is not None:
+            self._looked_at[self.grounds.see(t_ns, ground)] += 1
         if since_s < ALMOST * BLOCK_S:
             return None
         n, fix_var = self._n, self._fix_var / self._n
         mean = complex(self._north, self._east) / n
+        causes = self.grounds.causes({place: k / n for place, k in self._looked_at.items()}) if abs(mean) <= REACH_M else []
         self._clear_block()
         self._finished_ns = t_ns
         white, quick = (1 - QUICK_SHARE) * fix_var / n, QUICK_SHARE * fix_var + common_var_m2
-        result = self._running.update(t_ns * 1e-9, mean, white, quick, complex(*v_ne_mps))
+        result = self._running.update(t_ns * 1e-9, mean, white, quick, complex(*v_ne_mps), causes)
         return BlockResult(t_ns, result.distance_sigma, result.log_r)

@@ -19,6 +19,7 @@ from visloc_companion.core.gnss_map import MapCheck
 from visloc_companion.core.gnss_odometry import RIGHT, Lens, OdometryTest
 from visloc_companion.core.gnss_receiver import Interference, Reports, Talk, autopilot_signs, receiver_sign, receiver_signs
 from visloc_companion.core.gnss_trust import VISION_AGE_S, Trust
+from visloc_companion.core.gnss_witness import Ground
 from visloc_companion.core.settings import GnssSettings
 from visloc_companion.types import (
     FIX_3D,
@@ -50,7 +51,8 @@ class GnssMonitor:
     def __init__(self, settings: GnssSettings) -> None:
         self._settings = settings
         self._reports, self._interference = Reports(), Interference()
-        self._drift = DriftTest(settings.gnss_sigma_m)
+        self._first_weight_s = gnss_odds.BEFORE_S
+        self._drift = DriftTest(settings.gnss_sigma_m, first_weight_s=self._first_weight_s)
         self._odometry, self._height = OdometryTest(), HeightTest()
         self._clock, self._map = GnssClock(), MapCheck()
         self._trust = Trust(settings)
@@ -133,7 +135,11 @@ class GnssMonitor:
                 self._height.on_baro(event)
 
     def on_vehicle(self, armed: bool, autopilot: AutopilotKind) -> None:
-        """Whether the vehicle is armed: before that only the map is asked, and ArduPilot's clock follows GNSS."""
+        """Whether the vehicle is armed: before that only the map is asked, and ArduPilot's clock follows GNSS. One that is so
+        when it is first heard of may fly beside a GNSS that has been false for long."""
+        if self._armed is None and armed:
+            self._first_weight_s = gnss_odds.first_weight_s(gnss_odds.FALSE_FOUND_IN_FLIGHT)
+            self._drift = DriftTest(self._settings.gnss_sigma_m, self._drift.grounds, self._first_weight_s)
         self._armed, self._clock_follows = armed, not armed or autopilot is not AutopilotKind.ARDUPILOT
 
     def on_height(self, *, low: bool) -> None:
@@ -148,12 +154,21 @@ class GnssMonitor:
         `rests_on_fixes`: then a GNSS that was not there before is no first one."""
         self._out_of_reach, self._rests_on_fixes = out_of_reach, rests_on_fixes
 
-    def on_vision(self, t_ns: int, difference_ne_m: Vec2, fix_cov_m2: Cov2, map_sigma_m: float, v_ne_mps: Vec2) -> None:
-        """Take a comparison: GNSS minus an accepted fix, at the fix's image time, while the receiver has a position."""
+    def on_vision(
+        self,
+        t_ns: int,
+        difference_ne_m: Vec2,
+        fix_cov_m2: Cov2,
+        map_sigma_m: float,
+        v_ne_mps: Vec2,
+        ground: Ground | None = None,
+    ) -> None:
+        """Take a comparison: GNSS minus an accepted fix, at the fix's image time, while the receiver has a position; the ground
+        that the fix looked at, all of whose fixes are one witness."""
         fix_var = (fix_cov_m2[0][0] + fix_cov_m2[1][1]) / 2
         gnss, own_var = self._reports.gnss, self._settings.gnss_sigma_m**2
         poor_var = 0.0 if gnss is None else self.sigma_m(gnss) ** 2 - own_var
-        block = self._drift.add(t_ns, difference_ne_m, fix_var, map_sigma_m**2 + poor_var, v_ne_mps)
+        block = self._drift.add(t_ns, difference_ne_m, fix_var, map_sigma_m**2 + poor_var, v_ne_mps, ground)
         if block is None:
             return
         self._vision_ns, self._vision_sigma = t_ns, block.distance_sigma
@@ -176,7 +191,8 @@ class GnssMonitor:
     def disown_camera(self, *, right_until_ns: int = 0, in_use: bool = False) -> bool:
         """What the camera said was wrong since a time, 0: all along; whether it alone spoke against GNSS, which is then on
         probation. Where it stays `in_use`, believed less, a GNSS that it spoke against comes back only by agreeing with it."""
-        self._odometry, self._drift = OdometryTest(), DriftTest(self._settings.gnss_sigma_m)
+        self._odometry = OdometryTest()
+        self._drift = DriftTest(self._settings.gnss_sigma_m, self._drift.grounds, self._first_weight_s)
         self._vision_ns, self._vision_sigma = None, 0.0
         said = bool(self._disagreed)
         if said and self._disagreed_ns >= right_until_ns:

@@ -12,6 +12,7 @@ from collections import deque
 from visloc_companion.core import votes
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_odometry import Lens
+from visloc_companion.core.gnss_witness import Ground
 from visloc_companion.core.map_offset import MapOffset
 from visloc_companion.core.modes import INJECTING
 from visloc_companion.core.motion import Motion
@@ -21,11 +22,12 @@ from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.core.validate import is_place
 from visloc_companion.geo import wgs84
-from visloc_companion.types import Command, Cov2, Fix, GeoPoint, Gnss, Mode, Notice, Rejected, Severity, Vec2, Verdict
+from visloc_companion.types import Command, Cov2, Fix, GeoPoint, Gnss, Mode, NavState, Notice, Rejected, Severity, Vec2, Verdict
 
 GNSS_AFTER_NS = 5_000_000_000
 GNSS_INTERVAL_NS = 1_000_000_000
 RESEED_AFTER_REJECTIONS = 5
+ROUNDED_NS = 1000
 MOTIONS_WAITING = 64
 """Intervals wait for the receiver's position after them; more than these are dropped."""
 
@@ -38,7 +40,10 @@ class GnssAiding:
         self._tracker, self._monitor = tracker, monitor
         self._fused_ns: int | None = None
         self._rejected, self._rejected_since_ns, self._was_trusted = 0, 0, False
-        self._refused_at: GeoPoint | None = None
+        self._by_fixes_ns: int | None = None
+        self._by_gnss_ns: int | None = None
+        """When fixes, and when GNSS, last had a part in where the filter is."""
+        self._reference: GeoPoint | None = None
         self.began_anew = False
         """Whether the last report made a filter that kept refusing GNSS start again from it: one of both was far off."""
         self._odometry: deque[Motion] = deque(maxlen=MOTIONS_WAITING)
@@ -110,7 +115,7 @@ class GnssAiding:
             self._rejected, self._rejected_since_ns = 0, belief.rested_ns  # a fix has held the filter since
         sigma = max(self._settings.navigator.seed_sigma_m, self._monitor.sigma_m(event))
         if not isinstance(self._tracker.observe_gnss(t_ns, event.place, sigma), Rejected):
-            self._rejected = 0
+            self._rejected, self._by_gnss_ns = 0, t_ns
             return []
         self._rejected += 1
         if self._rejected < RESEED_AFTER_REJECTIONS:
@@ -172,33 +177,60 @@ class GnssAiding:
 
     def refused(self, fix: Fix) -> None:
         """Show the monitor a fix that the filter refused while GNSS alone has held that since the last one taken: then it is GNSS
-        that the fix contradicts. Where fixes are rare every one of them would be refused, and a drag have no witness. Over the
-        same ground a wrong match is found again, so each ground speaks once."""
-        belief, origin = self._tracker.rests, self._tracker.origin
-        if belief is None or origin is None or self._fused_ns is None or not self._monitor.trusted:
+        that the fix contradicts. Where fixes are rare every one of them would be refused, and a drag have no witness."""
+        belief = self._tracker.rests
+        if belief is None or self._fused_ns is None or not self._monitor.trusted:
             return
-        view_ne_m, spacing_m = votes.looked_at(fix, fix.place.h_amsl_m - origin.h_amsl_m)
-        place = wgs84.geo_from_ned((*view_ne_m, 0.0), fix.place)
-        same_ground = self._refused_at is not None and wgs84.distance_m(place, self._refused_at) < spacing_m
-        if self._fused_ns > belief.rested_ns and not same_ground:
-            self._refused_at = place
-            self._shown(fix)
+        if self._fused_ns > belief.rested_ns:
+            self._shown(fix, None)
 
-    def _shown(self, fix: Fix) -> Vec2 | None:
+    def _ground(self, fix: Fix, held: NavState | None) -> Ground | None:
+        """What a fix looked at, by its own place, and how far it lay from where the filter `held` the vehicle, if by fixes."""
+        origin = self._tracker.origin
+        if origin is None:
+            return None
+        self._reference = self._reference or fix.place
+        (view_n, view_e), spacing_m = votes.looked_at(fix, fix.place.h_amsl_m - origin.h_amsl_m)
+        north, east, _ = wgs84.ned_from_geo(fix.place, self._reference)
+        ground = Ground(fix.method, (north + view_n, east + view_e), spacing_m, fix.probability_wrong)
+        if held is None or not self._held_by_fixes(fix.t_ns - round(held.age_of_fix_s * 1e9)):
+            return ground
+        (nn, _), (_, ee) = held.cov_ne_m2
+        (fix_nn, _), (_, fix_ee) = fix.cov_ne_m2
+        # fixes lie alike by what all have in common; that may have grown by this very fix (a lens that comes into doubt)
+        own_m2 = max(0.0, (nn + ee) / 2 - self._tracker.shared_m**2)
+        north, east, _ = wgs84.ned_from_geo(fix.place, origin)
+        off_ne_m = north - held.p_ned_m[0], east - held.p_ned_m[1]
+        return ground._replace(off_ne_m=off_ne_m, off_var_m2=own_m2 + (fix_nn + fix_ee) / 2)
+
+    def _held_by_fixes(self, rested_ns: int) -> bool:
+        """Whether a filter that rests on a fix of a time, or on where it was seeded then, owes nothing to GNSS."""
+        if self._by_fixes_ns is None or rested_ns > self._by_fixes_ns + ROUNDED_NS:
+            return False
+        return self._by_gnss_ns is None or self._by_gnss_ns <= rested_ns
+
+    def placed(self) -> None:
+        """The filter started where answers over several grounds, which agree, have the vehicle: GNSS had no part in that."""
+        belief = self._tracker.rests
+        self._by_fixes_ns = None if belief is None else belief.rested_ns
+
+    def _shown(self, fix: Fix, held: NavState | None) -> Vec2 | None:
         """GNSS minus a fix that the monitor was shown, north and east metres; None where there is no GNSS beside it."""
         velocity = self._tracker.velocity
         difference = None if velocity is None else self._tracker.gnss.minus(fix, velocity.v_ned_mps)
         if velocity is not None and difference is not None:
             v_ne_mps, map_sigma_m = velocity.v_ned_mps[:2], self._settings.navigator.map_sigma_m
-            self._monitor.on_vision(fix.t_ns, difference, self._with_lens(fix), map_sigma_m, v_ne_mps)
+            self._monitor.on_vision(fix.t_ns, difference, self._with_lens(fix), map_sigma_m, v_ne_mps, self._ground(fix, held))
         return difference
 
-    def compare(self, fix: Fix, *, delay_told: bool = False) -> list[Command]:
-        """Show the monitor an accepted fix beside GNSS: the fix itself, for the filter rides on a velocity that may be false.
+    def compare(self, fix: Fix, held: NavState | None = None, *, delay_told: bool = False) -> list[Command]:
+        """Show the monitor an accepted fix beside GNSS: the fix itself, for the filter rides on a velocity that may be false. The
+        filter `held` the vehicle there before it took the fix.
 
         While GNSS is trusted, the difference also tells how far the map is off. `delay_told`: frames are known to come late.
         """
-        velocity, difference = self._tracker.velocity, self._shown(fix)
+        velocity, difference = self._tracker.velocity, self._shown(fix, held)
+        self._by_fixes_ns = fix.t_ns
         if velocity is None or difference is None:
             return []
         north, east, _ = velocity.v_ned_mps

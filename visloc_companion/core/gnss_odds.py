@@ -1,8 +1,10 @@
 """From the sequential tests to one probability that the reported position is false.
 
-Prior: attacks begin at ATTACKS_PER_H while nothing is known; a GNSS that was lost comes back false with FALSE_RETURN, and after
-a disagreement with FALSE_AFTER_DISAGREEMENT. These are assumptions, not measurements: see docs/gnss-verdict.md. The tests look
-for different shifts, so their statistics R (seconds) add up, and the posterior odds are the rate times their sum.
+Prior: attacks begin at ATTACKS_PER_H while nothing is known, and may have done so for BEFORE_S when GNSS is first compared; one
+that was lost comes back false with FALSE_RETURN, and after a disagreement with FALSE_AFTER_DISAGREEMENT; what a daemon finds that
+is started in flight, where something ended the one before, is false with FALSE_FOUND_IN_FLIGHT. These are assumptions, not
+measurements: see docs/gnss-verdict.md. The tests look for different shifts, so their statistics R (seconds) add up, and the
+posterior odds are the rate times their sum.
 """
 
 from __future__ import annotations
@@ -13,6 +15,8 @@ ATTACKS_PER_H = 0.1
 RATE_PER_S = ATTACKS_PER_H / 3600.0
 FALSE_RETURN = 0.1
 FALSE_AFTER_DISAGREEMENT = 0.5
+FALSE_FOUND_IN_FLIGHT = FALSE_RETURN
+BEFORE_S = 30.0
 
 
 def first_weight_s(probability: float) -> float:

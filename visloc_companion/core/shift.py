@@ -10,17 +10,21 @@ needs two sums only: A = sum |s|^2/S and b = sum s* nu/S, where s is the innovat
 prior of 1-sigma w per component the likelihood ratio in closed form is (1 + A w^2)^(-d/2) exp(|b|^2 w^2 / (2 (1 + A w^2))) in d
 components. Its average over sizes, summed over the starts (weighted by their seconds), is the Shiryaev-Roberts statistic R
 (Roberts 1966; Pollak 1985): under the model the mean time between false alarms at R > exp(h) is at least exp(h) seconds, and R
-times the rate of attacks a second is the posterior odds of one.
+times the rate of attacks a second is the posterior odds of one. What else may explain the series:
+other_causes.py.
 """
 
 from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from visloc_companion.core.other_causes import Cause, OtherCauses
 
 ComplexArray = NDArray[np.complex128]
 
@@ -42,7 +46,8 @@ class ShiftModel:
 
     The constant and its random walk; the slow part and its correlation time; the correlation time of the quick part (whose
     variance comes with each difference); the factor and its random walk; steps (unit of the series) and ramps (unit a
-    second). `max_constant` bounds the constant that is ever learned (infinity: unbounded); `components` is 1 or 2.
+    second). `max_constant` bounds the constant that is ever learned (infinity: unbounded); `components` is 1 or 2; `causes` are
+    the sizes of what else may explain the series.
     """
 
     constant: float
@@ -56,6 +61,7 @@ class ShiftModel:
     factor_walk_per_sqrt_s: float = 0.0
     max_constant: float = math.inf
     components: int = 2
+    causes: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +75,7 @@ class ShiftResult:
 class ShiftTest:
     """The test of one series."""
 
-    def __init__(self, model: ShiftModel) -> None:
+    def __init__(self, model: ShiftModel, first_weight_s: float = FIRST_WEIGHT_S) -> None:
         self._model = model
         self._is_step = np.array([True] * bool(model.steps) + [False] * bool(model.ramps))[:, None]
         sizes = [s for s in (model.steps, model.ramps) if s]
@@ -79,7 +85,7 @@ class ShiftTest:
         self._x: ComplexArray = np.zeros(STATES, dtype=complex)
         self._P: ComplexArray = np.diag([model.constant**2, model.slow**2, 0.0, model.factor**2]).astype(complex)
         self._t_s: float | None = None
-        self.forget()
+        self.forget(first_weight_s)
 
     @property
     def healthy(self) -> complex:
@@ -96,6 +102,7 @@ class ShiftTest:
         self._starts = np.zeros((3, 0))  # time, number, log of the weight
         self._sums: ComplexArray = np.zeros((len(self._is_step), 0, STATES + 2), dtype=complex)  # response of the states, A, b
         self._n, self._log_r, self._first_weight_s = 0, -math.inf, first_weight_s
+        self._causes = OtherCauses(STATES, self._model.causes, self._model.components)
 
     def fork(self, first_weight_s: float = FIRST_WEIGHT_S) -> ShiftTest:
         """A test that begins anew from what was learned here, less what the likeliest shift has put into it."""
@@ -120,8 +127,17 @@ class ShiftTest:
         at = np.unravel_index(int(np.argmax(np.abs(shift) ** 2 * weight)), shift.shape)
         return np.asarray(self._sums[at][:STATES] * shift[at])
 
-    def update(self, t_s: float, difference: complex, white_var: float, quick_var: float, regressor: complex = 0j) -> ShiftResult:
-        """Take a difference at a time: variances per component of its white and its quick error; what the factor multiplies."""
+    def update(
+        self,
+        t_s: float,
+        difference: complex,
+        white_var: float,
+        quick_var: float,
+        regressor: complex = 0j,
+        causes: Sequence[Cause] = (),
+    ) -> ShiftResult:
+        """Take a difference at a time: variances per component of its white and its quick error; what the factor multiplies; what
+        else may be in it."""
         dt_s = 0.0 if self._t_s is None else max(0.0, t_s - self._t_s)
         self._predict(dt_s, quick_var)
         self._add_start(t_s if self._t_s is None else self._t_s, dt_s)
@@ -134,8 +150,9 @@ class ShiftTest:
         if distance > CLIP_SIGMA:
             s_var *= (distance / CLIP_SIGMA) ** 2
         self._sum_up(t_s, nu, h, p_h / s_var, s_var)
+        self._causes.sum_up(causes, nu, h, p_h / s_var, s_var)
         self._learn(nu, p_h, s_var)
-        self._log_r = self._statistic()
+        self._log_r = self._statistic() - self._causes.log_explained()
         return ShiftResult(distance, self._log_r)
 
     def _predict(self, dt_s: float, quick_var: float) -> None:
@@ -144,6 +161,7 @@ class ShiftTest:
         decay = np.array([1.0, slow, quick, 1.0])
         self._x = self._x * decay
         self._sums[..., :STATES] *= decay
+        self._causes.decay(decay)
         self._P = self._P * decay * decay[:, None]
         self._P[0, 0] += model.constant_walk_per_sqrt_s**2 * dt_s
         self._P[1, 1] += model.slow**2 * (1 - slow**2)

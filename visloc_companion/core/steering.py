@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from visloc_companion.core import modes, output
 from visloc_companion.core.gnss import PROBATION, GnssMonitor
+from visloc_companion.core.gnss_trust import TRUSTED_BELOW
 from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.switching import SourceSwitch
@@ -121,11 +122,13 @@ class Steering:
 
     def _gnss_proven(self, armed: bool, now_ns: int) -> bool:
         """Whether GNSS may take over from a source that nobody confirmed: on the ground at once, in flight (we may have been
-        restarted amid a spoofing) only after fixes have gone with it for the probation."""
+        restarted amid a spoofing) only after fixes have gone with it for the probation, and show that it is not false."""
         if not armed or self._monitor.returned:
             return True
+        verdict = self._monitor.verdict
         recent = self._fix_within(self._settings.navigator.dead_reckoning_after_s, now_ns)
-        return recent and now_ns - self._monitor.verdict.since_ns >= self._settings.gnss.probation_s * 1e9
+        shown = recent and verdict.probability_false < TRUSTED_BELOW
+        return shown and now_ns - verdict.since_ns >= self._settings.gnss.probation_s * 1e9
 
     def _fix_within(self, limit_s: float, now_ns: int) -> bool:
         return self._fix_taken_ns is not None and now_ns - self._fix_taken_ns <= limit_s * 1e9

@@ -262,6 +262,7 @@ class Vision:
         place = wgs84.geo_from_ned((*found.place_ne_m, 0.0), self._tracker.origin)
         if not self._tracker.seed(found.t_ns, place, found.sigma_m):
             return []
+        self._aiding.placed()
         self._steering.taken(now_ns)
         data = (("probability_wrong", found.probability_wrong), ("answers", float(found.hits)))
         return [Notice(Severity.WARNING, f"visloc: position found {self._where(place)}", to_operator=True, data=data)]
@@ -359,7 +360,7 @@ class Vision:
         self._unmatched.recognised()
         self._first.taken()
         self._steering.taken(now_ns)
-        return [*self._aiding.compare(fix, delay_told=self._onboard.mistimed), *self._confirmed(fix, held, anew)]
+        return [*self._aiding.compare(fix, held, delay_told=self._onboard.mistimed), *self._confirmed(fix, held, anew)]
 
     def _confirmed(self, fix: Fix, held: NavState | None, anew: bool) -> list[Command]:
         said, self._to_confirm = self._to_confirm, None

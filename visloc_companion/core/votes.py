@@ -87,14 +87,16 @@ def recent(votes: Votes, t_ns: int) -> frozenset[str]:
     return frozenset(vote.method for vote in votes if t_ns - vote.t_ns <= RECENT_NS)
 
 
-def errs_again(votes: Votes, method: str, at_ne_m: Vec2, other_m: float) -> float:
+def errs_again(
+    votes: Votes, method: str, at_ne_m: Vec2, other_m: float, least: float = LEAST, further_on: float = CORRELATION
+) -> float:
     """Probability that a fix of a method that looks at ground there errs with its last one if that was wrong; 1 over the same
-    ground, where it says nothing new, and where the last one is not known."""
+    ground, where it says nothing new, and where the last one is not known; `further_on` a spacing on, never less than `least`."""
     last = _last(votes, method)
     if last is None:
         return 1.0
     spacings = _away_m(last.seen_ne_m, at_ne_m) / other_m
-    return 1.0 if spacings < 1 else max(CORRELATION if method in BY_SHAPE else LEAST, CORRELATION**spacings)
+    return 1.0 if spacings < 1 else max(CORRELATION if method in BY_SHAPE else least, further_on**spacings)
 
 
 def _away_m(seen_ne_m: tuple[Vec2, ...], at_ne_m: Vec2) -> float:

@@ -6,6 +6,7 @@ import importlib
 import json
 import math
 import xml.etree.ElementTree as ET
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,57 @@ def test_outages_and_lost_fixes_leave_nothing_to_compare(load):
     assert all(m.difference_ne_m is None and m.gnss_moved_ne_m is None and not m.has_fix for m in jammed)
     rare = [m for m in flights.Flight(1, FaultSchedule(), 200.0, world).moments() if m.difference_ne_m is not None]
     assert len(rare) < 100
+
+
+def test_a_fix_tells_what_it_looked_at_and_how_far_it_lay_from_where_fixes_had_the_vehicle(load):
+    flights = load("gnss_flights")
+    world = flights.World(outage_every_s=1e9, odometry=False)
+    moments = list(flights.Flight(2, FaultSchedule(), 300.0, world).moments())
+    assert all((m.ground is None) == (m.difference_ne_m is None) for m in moments)
+    grounds = [m.ground for m in moments if m.ground is not None]
+    assert all(ground.claimed == flights.WRONG_SHARE and 14.0 < ground.spacing_m < 75.0 for ground in grounds)
+    speeds = [math.dist(a.at_ne_m, b.at_ne_m) for a, b in pairwise(grounds)]
+    assert 5.0 < np.median(speeds) < 21.0
+    assert grounds[0].off_ne_m is None
+    sigmas = [math.hypot(*ground.off_ne_m) / math.sqrt(ground.off_var_m2) for ground in grounds[1:]]
+    assert 0.7 < np.median(sigmas) / math.sqrt(2 * math.log(2)) < 1.4  # claims are up to a quarter off
+    dragged = list(flights.Flight(2, faults.slow_drag(100.0, 1.0, 0.3), 300.0, world).moments())
+    late = [m.ground for m in dragged if m.ground is not None and m.t_s > 160.0]
+    assert np.mean([math.hypot(*ground.off_ne_m) for ground in late]) < 5.0, "the filter learns that the velocity is false"
+
+
+def test_a_filter_on_fixes_refuses_starts_anew_and_gives_way_to_gnss(load):
+    held = load("gnss_held").Held()
+
+    def take(north_m):
+        held.carry((0.0, 0.0), 0.1, 1.0)
+        return held.take((north_m, 0.0), 4.0, 0.1, 100.0, 0.01)
+
+    assert take(0.0)[0].off_ne_m is None
+    ground, taken = take(1.0)
+    assert ground.off_ne_m == (1.0, 0.0) and taken and 4.0 < ground.off_var_m2 < 9.0
+    assert [take(40.0)[1] for _ in range(5)] == [False] * 4 + [True]
+    assert abs(take(40.0)[0].off_ne_m[0]) < 0.1
+    held.carry((0.0, 0.0), 0.1, 6.0)
+    assert take(40.0)[0].off_ne_m is None
+
+
+def test_wrong_matches_that_are_of_the_ground_last(load):
+    flights = load("gnss_flights")
+    world = flights.World(lasting_wrong=True, wrong_share=0.05, wrong_m=(5.0, 6.0), speed_mps=(2.0, 2.0), outage_every_s=1e9)
+    right = flights.World(lasting_wrong=True, wrong_share=0.0, speed_mps=(2.0, 2.0), outage_every_s=1e9)
+    pair = [list(flights.Flight(3, FaultSchedule(), 600.0, w).moments()) for w in (world, right)]
+    off = {
+        m.t_s: round(math.dist(m.difference_ne_m, other.difference_ne_m), 3)
+        for m, other in zip(*pair, strict=True)
+        if m.difference_ne_m is not None and other.difference_ne_m is not None
+    }
+    wrong = [t_s for t_s, by_m in off.items() if by_m > 0.1]
+    assert all(5.0 <= off[t_s] <= 6.0 for t_s in wrong)
+    again = [off.get(t_s + 1.0) == off[t_s] for t_s in wrong if t_s + 1.0 in off]
+    assert len(wrong) > 10
+    assert np.mean(again) > 0.8
+    assert all(m.ground is None or m.ground.claimed == 0.05 for m in pair[0])
 
 
 def test_alarms_close_together_are_one(load):

@@ -155,15 +155,15 @@ def test_a_filter_that_keeps_refusing_starts_again_from_it() -> None:
 
 def test_comparison_needs_velocity_and_gnss() -> None:
     rig = Rig()
-    for k in range(10):
-        rig.run(1, 0.0)
-        rig.aiding.compare(fix(rig.t, -40.0))
-        if k == 5:
+    for k in range(20):
+        rig.run(1, 40.0 if k >= 10 else 0.0)
+        rig.aiding.compare(fix(rig.t, 0.0))
+        if k == 15:
             assert rig.monitor.verdict.verdict is Verdict.SUSPECT
     rig.aiding.compare(fix(rig.t + 60, 0.0))
     rig.tracker.forget_velocity()
     rig.aiding.compare(fix(rig.t, 0.0))
-    assert rig.monitor.verdict.reasons == ("vision_disagrees",)
+    assert rig.monitor.verdict.reasons == ("vision_disagrees", "out_of_reach")
 
 
 def test_odometry_is_held_against_the_receiver_once_its_position_is_there() -> None:
@@ -189,14 +189,41 @@ def test_odometry_across_a_lost_fix_is_not_compared() -> None:
     assert rig.monitor.trusted
 
 
+def test_fixes_over_one_ground_are_one_witness() -> None:
+    """Of two minutes, all 14 m beside from the first on: GNSS was called false after 6 s."""
+    rig = Rig()
+    for _ in range(200):
+        rig.run(0.6, 0.0)
+        seen = fix(rig.t, -14.0)
+        rig.tracker.observe(seen)
+        rig.aiding.compare(seen)
+    assert rig.monitor.trusted
+
+
+def test_what_fixes_have_in_common_may_grow_between_the_filters_state_and_the_comparison() -> None:
+    """A lens that comes into doubt by a fix: the variance of how far that one lay from the filter came out below nothing."""
+    rig = Rig()
+    for k in range(4):
+        rig.run(1, 0.0)
+        seen = fix(rig.t, 0.0)
+        held = rig.tracker.at(seen.t_ns)
+        rig.tracker.observe(seen)
+        if k == 2:
+            rig.tracker.know_map(20.0)
+        rig.aiding.compare(seen, held)
+    assert rig.monitor.trusted
+
+
 def test_the_claim_reckons_with_a_map_that_gnss_never_agreed_with() -> None:
     rig = Rig()
-    rig.tracker.seed(round(rig.t * S), at(-30.0), 2.0)  # fixes that agree among themselves: relocalised
+    rig.tracker.seed(round(rig.t * S), at(-30.0), 2.0)  # fixes over several grounds that agree among themselves
+    rig.aiding.placed()
     for _ in range(20):
         rig.run(0.6, 0.0, mode=Mode.AIDING)
         seen = fix(rig.t, -30.0)
+        held = rig.tracker.at(seen.t_ns)
         rig.tracker.observe(seen)
-        rig.notices += rig.aiding.compare(seen)
+        rig.notices += rig.aiding.compare(seen, held)
     assert rig.monitor.verdict.verdict is Verdict.SUSPECT
     assert [n.text for n in rig.notices if isinstance(n, Notice)] == ["visloc: map is 30 m off GNSS"]
     state = rig.tracker.at(round(rig.t * S))
