@@ -43,6 +43,9 @@ def moved(truth: Truth, dt_s: float) -> Truth:
 class Recorder:
     """Samples are of the instants of the autopilot's own local position.
 
+    Truth and estimate come on the ground station's link, in order, and are dated by the times on it: where the process was
+    held up, the daemon's link may be read to its end before.
+
     Stands where the daemon's journal stands and hands everything on to the real one.
 
     The phase is `vision` from the autopilot's confirmation of that source to that of the other.
@@ -56,7 +59,7 @@ class Recorder:
         self.failed = False
         self.dropped, self.problem = 0, ""
         self._pilot = pilot
-        self._t_boot_ns = self._truth_ns = self._sampled_ns = 0
+        self._t_boot_ns = self._station_ns = self._truth_ns = self._sampled_ns = 0
         self._truth: Truth | None = None
         self._phase = GNSS
         self._origin: GeoPoint | None = None
@@ -84,6 +87,8 @@ class Recorder:
         """Take a message of the autopilot to the ground station."""
         self.overhear(message)
         kind = message.get_type()
+        if kind in _TIMED:
+            self._station_ns = max(self._station_ns, message.time_boot_ms * _NS_PER_MS)
         if kind == "STATUSTEXT" and self._pilot.failsafe(message.text) and self.log.at("begun") is not None:
             self.failed = True
             self.log.failsafes.append((self._t_boot_ns * 1e-9, message.text.rstrip("\x00\t ")))
@@ -91,13 +96,13 @@ class Recorder:
             self._origin = GeoPoint(message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
         truth = self._pilot.truth(message)
         if truth is not None:
-            self._truth, self._truth_ns = truth, self._t_boot_ns
+            self._truth, self._truth_ns = truth, self._station_ns
             if self.oracle is not None:
-                self.oracle.see(self._t_boot_ns, truth.place, truth.q_ned_frd)
-            if self._t_boot_ns - self._sampled_ns > SILENCE_NS:
+                self.oracle.see(self._station_ns, truth.place, truth.q_ned_frd)
+            if self._station_ns - self._sampled_ns > SILENCE_NS:
                 self._sample(truth, None)
         elif kind == "LOCAL_POSITION_NED" and self._truth is not None:
-            self._sample(moved(self._truth, (self._t_boot_ns - self._truth_ns) * 1e-9), message)
+            self._sample(moved(self._truth, (self._station_ns - self._truth_ns) * 1e-9), message)
 
     def overhear(self, message: Message) -> None:
         """Take the time from a message, on whichever link it comes."""
@@ -109,11 +114,11 @@ class Recorder:
         station, origin = self.station, self._origin
         if station is None or origin is None:
             return
-        self._sampled_ns = self._t_boot_ns
+        self._sampled_ns = self._station_ns
         world, heartbeat = station.last.get("GLOBAL_POSITION_INT"), station.last.get("HEARTBEAT")
         self.log.samples.append(
             RealSample(
-                self._t_boot_ns * 1e-9,
+                self._station_ns * 1e-9,
                 self._phase,
                 truth.place,
                 autopilot_ned_from_geo(self._pilot.kind, truth.place, origin),
@@ -123,7 +128,7 @@ class Recorder:
                 None if local is None else (local.vx, local.vy, local.vz),
                 None if world is None else (world.vx * 0.01, world.vy * 0.01, world.vz * 0.01),
                 self._injected,
-                (0.0, 0.0) if self.oracle is None else self.oracle.offset_ne_m(self._t_boot_ns),
+                (0.0, 0.0) if self.oracle is None else self.oracle.offset_ne_m(self._station_ns),
                 self._pilot.position_ratio(station),
                 self._pilot.position_ok(station),
                 0 if heartbeat is None else int(heartbeat.custom_mode),

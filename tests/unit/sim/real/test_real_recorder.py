@@ -57,6 +57,16 @@ def test_truth_and_estimate_are_of_the_same_instant(recorder: Recorder) -> None:
     assert recorder.clock.now_ns() == EPOCH_NS + 1_020_000_000
 
 
+def test_what_is_read_late_is_judged_at_its_own_time(recorder: Recorder) -> None:
+    recorder.overhear(mav.MAVLink_attitude_quaternion_message(2200, *LEVEL, 0, 0, 0))  # the daemon's link, read first
+    tell(recorder, mav.MAVLink_attitude_quaternion_message(1000, *LEVEL, 0, 0, 0))
+    tell(recorder, sim_state(100.0, 15.0))
+    tell(recorder, local(1020, 100.0))
+    sample = recorder.log.samples[-1]
+    assert sample.t_s == pytest.approx(1.02)
+    assert sample.true_p_ned_m[0] == pytest.approx(100.3, abs=0.3)  # not 18 m on, where the vehicle is by now
+
+
 def test_an_autopilot_that_falls_silent_has_no_estimate(recorder: Recorder) -> None:
     tell(recorder, sim_state(0.0, 0.0))
     tell(recorder, local(1000, 0.0))
