@@ -74,7 +74,8 @@ class LocalCloud:
     `points_m` (N, 3) in `local`; `sigma_m` (N,) 1-sigma of each height by disparity alone; `pix` (N, 2) where the reference frame
     shows the point (pixels as delivered, with the lens's distortion). `frames` are the numbers of the frames used, `T_local_cam`
     (F, 4, 4) their refined poses, `reference` the number of the latest of them. What all points share: `sigma_scale` (relative),
-    `sigma_tilt_rad` and `sigma_yaw_rad` about the cloud's middle, which registration has to find.
+    `sigma_tilt_rad` and `sigma_yaw_rad` about the cloud's middle, which registration has to find. `scale_per_height`: by how much
+    (relative) the cloud is too large for each metre that the frames' heights are too great by, part of `sigma_scale`.
     """
 
     points_m: FloatArray
@@ -87,6 +88,7 @@ class LocalCloud:
     sigma_tilt_rad: float
     sigma_yaw_rad: float
     evidence: tuple[tuple[str, float], ...]
+    scale_per_height: float = 0.0
 
     def pose_of(self, frame: int) -> FloatArray:
         """(4, 4) T_local_cam of a frame by its number. Raises ValueError for a frame that was not used."""

@@ -139,6 +139,7 @@ def _cloud(
         sigma_tilt_rad=float(tilt),
         sigma_yaw_rad=float(yaw),
         evidence=tuple(evidence.items()),
+        scale_per_height=scale.per_height,
     )
 
 

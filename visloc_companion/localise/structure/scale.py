@@ -21,12 +21,13 @@ TINY = 1e-8
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """Factor on the distances from the cameras' middle, its relative 1-sigma, and by how many sigmas the heights differ from the
-    baselines."""
+    """Factor on the distances from the cameras' middle, its relative 1-sigma, by how many sigmas the heights differ from the
+    baselines, and by how much the factor is greater for each metre that all heights are too great by."""
 
     factor: float
     sigma: float
     apart_sigmas: float
+    per_height: float = 0.0
 
 
 def baseline_sigma(bundle: Bundle) -> float:
@@ -48,7 +49,7 @@ def from_heights(frames: Sequence[PosedFrame], T_local_cam: FloatArray, points_m
     A beam among crowns meets anything between the lowest and the highest of what is below. What a frame claims to be wrong by,
     all of them are: one barometer and one map gave all the heights.
     """
-    ratios, scatter, shared = [], [], []
+    ratios, scatter, heights, shared = [], [], [], []
     for frame, T in zip(frames, T_local_cam, strict=True):
         near = np.hypot(*(points_m[:, :2] - T[:2, 3]).T) < max(LEAST_BEAM_M, BEAM_SHARE * frame.height_m)
         if not math.isfinite(frame.sigma_height_m) or int(near.sum()) < LEAST_BELOW:
@@ -56,6 +57,7 @@ def from_heights(frames: Sequence[PosedFrame], T_local_cam: FloatArray, points_m
         below = points_m[near, 2]
         height = float(T[2, 3] - np.median(below))
         low, high = np.percentile(below, (2, 98))
+        heights.append(height)
         ratios.append(frame.height_m / height - 1)
         scatter.append((float(high - low) / UNIFORM / height) ** 2)
         shared.append((frame.sigma_height_m / height) ** 2)
@@ -65,4 +67,6 @@ def from_heights(frames: Sequence[PosedFrame], T_local_cam: FloatArray, points_m
     ratio, variance = float(np.average(ratios, weights=weight)), float(1 / weight.sum() + np.mean(shared))
     information = 1 / sigma**2 + 1 / variance
     apart = abs(ratio) / math.sqrt(variance + sigma**2)
-    return Scale(1 + ratio / variance / information, math.sqrt(1 / information), apart)
+    share = 1 / variance / information
+    per_height = share * float(np.average(1 / np.array(heights), weights=weight))
+    return Scale(1 + share * ratio, math.sqrt(1 / information), apart, per_height)

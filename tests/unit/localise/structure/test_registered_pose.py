@@ -103,3 +103,38 @@ def test_a_frame_that_shows_nothing_of_the_cloud_is_refused(cloud, structure):
     found = pose_from_registration(blind, registered(np.eye(4)), structure.WIDE, PriorTerm(np.eye(3), 0.01))
     assert isinstance(found, NoCloud)
     assert found.reason is Reason.TOO_FEW_FEATURES
+
+
+@pytest.mark.parametrize("of_heights", [0.0, 0.6, 1.0])
+def test_a_height_that_gave_the_cloud_its_scale_already_is_not_counted_twice(cloud, structure, of_heights):
+    """By the errors themselves: scale (2 % of it the baselines', the rest the height's), and the height that is stated again."""
+    rng = np.random.default_rng(3)
+    true, sigma_up, above = NED_ENU @ cloud.pose_of(1)[:3, 3], 2.0, 82.5  # of the camera above the cloud's middle
+    per_height = of_heights / above
+    sigma_scale = math.hypot(0.02, per_height * sigma_up)
+    scaled = replace(cloud, sigma_scale=sigma_scale, scale_per_height=per_height)
+    middle = np.array([*(cloud.points_m[:, :2].min(0) + cloud.points_m[:, :2].max(0)) / 2, cloud.points_m[:, 2].mean()])
+    off, claimed = [], set()
+    for _ in range(60):
+        higher = rng.normal(0, sigma_up)
+        T = np.eye(4)
+        T[:3, :3] *= 1 + rng.normal(0, 0.02) + per_height * higher
+        T[:3, 3] = middle - T[:3, :3] @ middle
+        held = replace(registered(T, sigma_up=0.05, sigma=0.05, deviation=0.0), sigma_scale=sigma_scale)
+        prior = PriorTerm(NED_ENU @ cloud.pose_of(1)[:3, :3], 0.001, 0.001, -true[2] + higher, sigma_up)
+        found = pose_from_registration(scaled, held, structure.WIDE, prior)
+        off.append(-found.pose.p_ned_m[2] + true[2])
+        claimed.add(round(math.sqrt(found.covariance[2, 2]), 2))
+    sigma = max(claimed)
+    assert sigma - min(claimed) < 0.1
+    assert 0.85 < np.sqrt(np.mean(np.square(off))) / sigma < 1.15
+    assert sigma < min(sigma_up, math.hypot(sigma_scale, SIGMA_SCALE) * above) + 0.01  # two witnesses tell no less than one
+
+
+def test_of_heights_the_cloud_s_scale_keeps_what_the_reliefs_leave_to_its_prior(cloud, structure):
+    """Where the reliefs tell the scale, the height is news: its information adds up with theirs."""
+    scaled = replace(cloud, sigma_scale=0.04, scale_per_height=0.01)
+    none = PriorTerm(NED_ENU @ cloud.pose_of(1)[:3, :3], math.inf)
+    told = replace(none, up_m=90.0, sigma_up_m=0.5)
+    free, both = (pose_from_registration(scaled, registered(np.eye(4)), structure.WIDE, p).covariance[2, 2] for p in (none, told))
+    assert both == pytest.approx(1 / (1 / free + 1 / 0.25), rel=0.03)

@@ -32,6 +32,16 @@ def test_heights_and_baselines_are_weighed_by_their_sigmas(flat):
         assert found.apart_sigmas == pytest.approx(math.sqrt(2), rel=1e-2)
 
 
+def test_by_how_much_heights_that_are_all_off_make_the_cloud_too_large(flat):
+    frames, T, points = flat
+    low, high = (
+        from_heights([replace(f, height_m=h, sigma_height_m=0.9) for f in frames], T, points, 0.02) for h in (89.0, 91.0)
+    )
+    assert low.per_height == pytest.approx((high.factor - low.factor) / 2, rel=1e-6)
+    assert 0.5 / 90 < low.per_height < 1 / 90
+    assert from_heights(frames, T, points, 0.02).per_height == 0.0
+
+
 def test_a_beam_among_crowns_says_little(flat):
     frames, T, points = flat
     forest = points.copy()
