@@ -16,6 +16,8 @@ class RegistrationPrior:
     `sigma_scale` is relative, the angles are radians about the source's middle: `sigma_yaw_rad` about up, `sigma_tilt_rad` about
     each horizontal axis. `sigma_growth_m`: how much the surface may have risen since the reference was captured; it
     widens what is claimed of the height and what counts as a change, and moves nothing.
+    `sigma_far_edge_m`: how much farther out edges that look away from the source's middle may lie than others, as in a cloud made
+    from pictures taken there, which do not show the ground behind them; 0 for clouds that see all sides.
     `gaussian`: places, headings and scales are likelier the nearer they are to the prior's own, as a filter's are; otherwise all
     within 3 sigma are alike. Raises ValueError for a sigma that is negative or not a number.
     """
@@ -27,6 +29,7 @@ class RegistrationPrior:
     sigma_scale: float
     sigma_growth_m: float = 0.0
     gaussian: bool = False
+    sigma_far_edge_m: float = 0.0
 
     def __post_init__(self) -> None:
         sigmas = [getattr(self, field.name) for field in fields(self) if field.name.startswith("sigma_")]

@@ -10,8 +10,11 @@ which every edge of a crown, which alone says where things are, would look like 
 
 The edges of what stands may all lie farther out in one cloud than in the other: stereo smears roofs over its window, a cell
 beside ground that is hidden is all roof, crowns grow. A camera sees the edges that look towards it and not the ground behind the
-others, and then such edges look like another scale. So how much farther out they lie, everywhere and beside holes, are unknowns
-as well.
+others, and then such edges look like another scale. So how much farther out they lie, everywhere, beside holes, and in a cloud
+made from pictures where they look away from the middle, are unknowns as well.
+
+A step's weights come from its differences: what a wrong scale puts beside its place would count as changed, and the scale stay.
+So the first steps give weight to larger differences (graduated non-convexity: Blake and Zisserman 1987).
 
 A cell counts by its trust (consensus.py): where nothing resembles the reference, nothing is measured; the deviation is that of
 the cells that count.
@@ -43,8 +46,11 @@ from visloc_companion.types import FloatArray
 
 STEPS = 8
 CLUSTER_M = 8.0
+WIDE = (3.0, 2.5, 2.0, 1.5)
+"""By how much wider the weights of the first steps are."""
 FITTED = 6
-"""Parameters: east, north, heading, scale; how much farther out edges lie in the reference, everywhere and beside holes."""
+"""Parameters: east, north, heading, scale; how much farther out edges lie in the reference, everywhere and beside holes. One more
+where the prior says that edges which look away from the middle may."""
 SIGMA_EDGE_M = 0.5
 """1-sigma of each of these two. With 0.2 m such edges still look like scale in part, 2 m are hardly better (ray-cast houses)."""
 HOLE_CELLS = 2
@@ -57,25 +63,30 @@ def polish(
     """Refined on the differences' relief; None where too few cells lie on the reference. `trust` (N,) of each cell, 0 to 1."""
     T, bowl_m = refined.T, refined.bowl_m
     weight, holes = np.ones(len(source.points_m)), _beside_holes(source)
-    for left in range(STEPS, -1, -1):
-        level = levelled(source, surface, T, bowl_m, prior, left > 0)
+    edge_sigmas_m = [SIGMA_EDGE_M, SIGMA_EDGE_M] + [prior.sigma_far_edge_m] * (prior.sigma_far_edge_m > 0)
+    for step_number in range(STEPS + 1):
+        last, wide = step_number == STEPS, WIDE[step_number] if step_number < len(WIDE) else 1.0
+        level = levelled(source, surface, T, bowl_m, prior, not last)
         if level is None:
             return None
         T, bowl_m = level.T, level.bowl_m
         used, residual, jacobian = differences(source, surface, T, bowl_m)
         edges = -np.hypot(jacobian[:, 0], jacobian[:, 1])
-        values = np.column_stack([residual, jacobian, edges, edges * holes[used]])
+        away = np.minimum((jacobian[:, :2] * _outwards(source, used, T)).sum(1), 0.0)
+        farther = np.column_stack([edges, edges * holes[used], away])[:, : len(edge_sigmas_m)]
+        values = np.column_stack([residual, jacobian, farther])
         values -= _local_mean(source, values, used, weight[used], surface.heights.cell_m)
         residual, jacobian = values[:, 0], values[:, 1:]
         counts = np.hypot(jacobian[:, 0], jacobian[:, 1]) * trust[used]
-        sigma, weight[used] = robust(residual, prior.sigma_growth_m, counts)
+        sigma, weight[used] = robust(residual, prior.sigma_growth_m, counts, wide)
         usual = max(float(counts @ trust[used]) / max(float(counts.sum()), TINY), TINY)
         weighted = jacobian * (weight[used] * trust[used] / (ALIKE * usual * sigma**2))[:, None]
         precision, wish = prior_of_placing(T, prior)
-        precision, wish = np.append(precision, [SIGMA_EDGE_M**-2] * 2), np.append(wish, [0.0] * 2)
+        precision, wish = np.append(precision, np.power(edge_sigmas_m, -2.0)), np.append(wish, np.zeros(len(edge_sigmas_m)))
         bread = np.linalg.inv(weighted.T @ jacobian + np.diag(precision + TINY))
         step = bread @ (precision * wish - weighted.T @ residual)
-        if not left or max(abs(step[0]), abs(step[1]), abs(level.up_m)) < SMALL_STEP_M:
+        small = max(abs(step[0]), abs(step[1]), abs(level.up_m)) < SMALL_STEP_M
+        if last or (small and wide == 1):
             unexplained = residual + jacobian[:, 4:] @ step[4:]
             placed = bread + bread @ _meat(source, used, weighted * unexplained[:, None], weighted * jacobian) @ bread
             raised = level.raised
@@ -92,6 +103,12 @@ def _local_mean(source: SourceCells, values: FloatArray, used: Mask, weight: Flo
     image[rows, cols, 1:] = values * weight[:, None]
     blurred = cv2.GaussianBlur(image, (0, 0), HIGH_PASS_M / cell_m, borderType=cv2.BORDER_CONSTANT)[rows, cols]
     return np.asarray(blurred[:, 1:] / np.maximum(blurred[:, :1], 1e-6), dtype=np.float64)
+
+
+def _outwards(source: SourceCells, used: Mask, T: FloatArray) -> FloatArray:
+    """(n, 2) direction of the cells used from the source's middle, after T; nearly nothing beside it."""
+    out = (source.points_m[used, :2] - source.centre_m[:2]) @ T[:2, :2].T
+    return np.asarray(out / np.maximum(np.hypot(out[:, 0], out[:, 1]), 1.0)[:, None], dtype=np.float64)
 
 
 def _beside_holes(source: SourceCells) -> FloatArray:
@@ -113,4 +130,4 @@ def _meat(source: SourceCells, used: Mask, pulls: FloatArray, informs: FloatArra
     pulled = np.column_stack([np.bincount(index, pull) for pull in pulls.T])
     informed = np.bincount(index, informs[:, 0] + informs[:, 1])
     number = float(informed.sum() ** 2 / max(float(informed @ informed), 1e-30))
-    return np.asarray(pulled.T @ pulled * (number / max(number - FITTED, 1.0)), dtype=np.float64)
+    return np.asarray(pulled.T @ pulled * (number / max(number - FITTED - (pulls.shape[1] > FITTED), 1.0)), dtype=np.float64)

@@ -128,15 +128,16 @@ def prior_of_placing(T: FloatArray, prior: RegistrationPrior) -> tuple[FloatArra
     return precision, -np.array([0.0, 0.0, yaw_of(T), np.log(scale_of(T))])
 
 
-def robust(residual: FloatArray, least_m: float, counts: FloatArray | None = None) -> tuple[float, FloatArray]:
+def robust(residual: FloatArray, least_m: float, counts: FloatArray | None = None, wide: float = 1.0) -> tuple[float, FloatArray]:
     """Robust deviation of the residuals (N,), and their weights (N,) of Geman and McClure about their median.
 
-    `counts` (N,): how much each residual counts in the deviation, alike where it is missing.
+    `counts` (N,): how much each residual counts in the deviation, alike where it is missing. `wide`: how much wider the weights
+    are than usual.
     """
     off = np.abs(residual - float(np.median(residual)))
     middle = float(np.median(off)) if counts is None else _weighted_median(off, counts)
     sigma = max(LEAST_SIGMA_M, least_m, 1.4826 * middle)
-    return sigma, np.asarray(1 / np.square(1 + np.square(off / (WEIGHT_SIGMAS * sigma))))
+    return sigma, np.asarray(1 / np.square(1 + np.square(off / (WEIGHT_SIGMAS * wide * sigma))))
 
 
 def _weighted_median(values: FloatArray, weight: FloatArray) -> float:

@@ -36,6 +36,9 @@ REACH_SIGMAS = 3.0
 MARGIN_M = 10.0
 MOST_REFERENCE_POINTS = 800_000
 """All of a circle of 160 m: a plantation that was thinned to two thirds comes out 1.5 m lower on the mean (maps/cloud_tiles)."""
+SIGMA_FAR_EDGE_M = 0.5
+"""Roofs reach 0.5 to 0.8 m farther out in stereo clouds where the camera does not see the ground behind them, and hardly where it
+sees the wall (ray-cast houses, pixels of 0.4 m)."""
 SURFACE_SHARE = 0.04
 """The surface below the camera is known to this share of the height above it: where the prior's error puts it, in another season
 (seeds below 100 of benchmarks/structure_chain.py)."""
@@ -140,6 +143,7 @@ def _prior(cloud: LocalCloud, prior: PosePrior) -> RegistrationPrior:
         math.hypot(cloud.sigma_tilt_rad, prior.sigma_tilt_rad),
         cloud.sigma_scale,
         gaussian=True,
+        sigma_far_edge_m=SIGMA_FAR_EDGE_M,
     )
 
 

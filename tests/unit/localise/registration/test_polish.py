@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.localise.registration.pair import Pair, make_pair
+from visloc_companion.localise.registration.polish import polish
 from visloc_companion.localise.registration.settle import Settler
-from visloc_companion.localise.registration.similarity import moved, scale_of
+from visloc_companion.localise.registration.similarity import about, moved, scale_of
+from visloc_companion.localise.registration.surfaces import surface_of
 
 UP_M, ALONG_RAYS = 90.0, 25
-PRIOR = RegistrationPrior(3.0, 1.0, 0.02, 0.01, 0.03, gaussian=True)
+PRIOR = RegistrationPrior(3.0, 1.0, 0.02, 0.01, 0.03, gaussian=True, sigma_far_edge_m=0.5)
 
 
 def town(rng: np.random.Generator) -> np.ndarray:
@@ -47,11 +51,18 @@ def seen(houses: np.ndarray, points: np.ndarray) -> np.ndarray:
     return points[free]
 
 
-def flown_over(seed: int, wider_m: float) -> Pair:
+def farther_out(houses: np.ndarray, by_m: float) -> np.ndarray:
+    """The houses with those sides that look away from the middle farther out."""
+    sign = np.sign(houses[:, :4] @ np.array([[1.0, 0], [1, 0], [0, 1], [0, 1]]))
+    west, east, south, north = (sign[:, 0] < 0, sign[:, 0] > 0, sign[:, 1] < 0, sign[:, 1] > 0)
+    return houses + by_m * np.column_stack([-1.0 * west, east, -1.0 * south, north, np.zeros(len(houses))])
+
+
+def flown_over(seed: int, wider_m: float, away_m: float = 0.0) -> Pair:
     rng = np.random.default_rng([seed, 3])
     houses = town(rng)
     reference = surface(houses, rng.uniform(-100, 100, (90_000, 2)))
-    source = seen(houses, surface(houses, rng.uniform(-60, 60, (30_000, 2)), wider_m))
+    source = seen(houses, surface(farther_out(houses, away_m), rng.uniform(-60, 60, (30_000, 2)), wider_m))
     reference[:, 2] += rng.normal(0, 0.03, len(reference))
     source[:, 2] += rng.normal(0, 0.15, len(source))
     pair = make_pair(source, reference, PRIOR)
@@ -75,3 +86,22 @@ def test_edges_that_stereo_smears_are_no_other_scale_and_no_other_place() -> Non
     assert np.abs(scales).max() < 0.008
     assert np.sqrt(np.mean(np.square(np.divide(scales, sigmas)))) < 1.5
     assert np.sqrt(np.mean(np.square(shifts))) < 0.08
+
+
+@pytest.mark.parametrize("seed", [1, 2, 4])
+def test_the_last_steps_end_at_one_scale_from_whichever_they_began(seed: int) -> None:
+    """Edges beside hidden ground lie 0.8 m farther out. Where weights were narrow from the first step, and these edges no unknown
+    of their own, the clouds came out 1.0 to 1.6 % too small from a start 4 % too small, 0.6 to 0.7 % from one 4 % too large."""
+    pair = flown_over(seed, 0.0, 0.8)
+    settler = Settler(pair, PRIOR)
+    begun = settler.settle(np.eye(4))
+    assert begun is not None
+    scales, sigmas = [], []
+    for scale in (0.96, 1.04):
+        start = replace(begun.refined, T=about(pair.centre_m, 0.0, scale, np.zeros(3)))
+        found = polish(settler.cells, surface_of(pair.reference), start, PRIOR, np.ones(len(settler.cells.points_m)))
+        assert found is not None
+        scales.append(scale_of(found.T) - 1)
+        sigmas.append(math.sqrt(found.placed[3, 3]))
+    assert abs(scales[1] - scales[0]) < 0.001
+    assert max(np.abs(scales)) < min(0.005, 1.5 * min(sigmas))
