@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rasterio.enums import ColorInterp, Resampling
+from rasterio.enums import ColorInterp, MaskFlags, Resampling
 from rasterio.errors import RasterioError
 from rasterio.windows import Window
 
@@ -81,6 +81,13 @@ def files_of(path: Path) -> list[Path]:
     with dataset:
         others = sorted({Path(name) for name in dataset.files} - {path})
     return [path, *(other for other in others if other.is_file())]
+
+
+def nodata_of(path: Path) -> float | None:
+    """The nodata value that says where a raster is empty; None where none does (a mask counts before it). Raises MapError."""
+    dataset, _, _ = _open(path)
+    with dataset:
+        return float(dataset.nodata) if MaskFlags.nodata in dataset.mask_flag_enums[0] else None
 
 
 def crs_of(path: Path) -> tuple[MapCrs, tuple[float, float]]:

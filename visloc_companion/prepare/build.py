@@ -39,6 +39,7 @@ from visloc_companion.prepare.features import (
 from visloc_companion.prepare.mosaic import write_ortho
 from visloc_companion.prepare.replaced import check_target, existing_parent
 from visloc_companion.prepare.seams import seams
+from visloc_companion.prepare.specks import specks
 from visloc_companion.prepare.surface import Datum, Surface, make_surface, surface_sources, write_surface
 from visloc_companion.prepare.target import Source, TargetGrid, finer_than_first, ortho_source, pack_grid
 from visloc_companion.prepare.work_folder import Progress, WorkFolder, stage, synced, work_key
@@ -99,7 +100,7 @@ def build_pack(
     if warn is not None:
         steps = seams(surface.sources, surface.grid, "surface models" if dsms else "clouds") if surface is not None else []
         coarse = finer_than_first(surface.sources, sources[0].gsd_m) if surface is not None and dsms else []
-        for said in (*finer_than_first(sources), *coarse, *steps):
+        for said in (*finer_than_first(sources), *specks(sources, orthos), *coarse, *steps):
             warn(said)
     rasters = [file for path in (*orthos, *dsms) for file in files_of(path)]
     inputs = tuple(_inputs([*rasters, *clouds], report))
