@@ -10,6 +10,7 @@ from pathlib import Path
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.maps.crs import map_crs
+from visloc_companion.maps.geotiff import files_of
 from visloc_companion.maps.manifest import MANIFEST, Manifest, read_manifest, sha256_file, write_manifest
 from visloc_companion.maps.verify import verify_files
 from visloc_companion.prepare.build import SOFTWARE
@@ -18,6 +19,7 @@ from visloc_companion.prepare.defaults import FINEST_FEATURES_M
 from visloc_companion.prepare.features import check_names, feature_levels, stored_bytes, wanted_levels
 from visloc_companion.prepare.replaced import check_target
 from visloc_companion.prepare.target import TargetGrid
+from visloc_companion.prepare.unchanged import Unchanged
 from visloc_companion.prepare.work_folder import Progress, WorkFolder, work_key
 
 
@@ -34,11 +36,12 @@ def add_features(
 
     `other_dates` are the orthophotos that a pack of several dates was built with: what is added is the mean over these, too.
     The files of the pack are linked, or copied where the disk knows no links. Work that was broken off is gone on with. Returns
-    the new manifest. Raises MapError for what is no pack, a damaged one, other dates than it was built with and too little space,
-    ModelError for bad names.
+    the new manifest. Raises MapError for what is no pack, a damaged one, other dates than it was built with, a pack or dates
+    that change meanwhile, and too little space, ModelError for bad names.
     """
     report: Progress = progress or (lambda stage, share: None)
     check_names((GRADIENT, *networks))
+    used = Unchanged([folder / MANIFEST, *(file for path in other_dates for file in files_of(path))])
     old = read_manifest(folder)
     check_target(folder)
     verify_files(folder, old)
@@ -49,10 +52,12 @@ def add_features(
     grid = _grid(old, folder)
     dates = named_again(other_dates, old.other_dates, folder) if networks else ()
     made_from = [sha256_file(folder / MANIFEST), replace, finest_features_m, *((each.name, each.recipe) for each in networks)]
-    with WorkFolder(folder, work_key("add", SOFTWARE, made_from)) as work:
+    used.require()
+    with used, WorkFolder(folder, work_key("add", SOFTWARE, made_from)) as work:
         need = sum(stored_bytes(wanted_levels(grid, each, finest_features_m), each) for each in networks)
         work.check_free(need)
         levels = feature_levels(work, grid, folder / old.ortho.file, networks, finest_features_m, report, dates)
+        used.require()
         for name in files:
             _link(folder / name, work.path / name)
         entries = work.hashed([*files, *(level.file for level in levels)], report, files)

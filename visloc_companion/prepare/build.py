@@ -42,6 +42,7 @@ from visloc_companion.prepare.seams import seams
 from visloc_companion.prepare.specks import specks
 from visloc_companion.prepare.surface import Datum, Surface, make_surface, surface_sources, write_surface
 from visloc_companion.prepare.target import Source, TargetGrid, finer_than_first, ortho_source, pack_grid
+from visloc_companion.prepare.unchanged import Unchanged
 from visloc_companion.prepare.work_folder import Progress, WorkFolder, stage, synced, work_key
 from visloc_companion.types import FloatArray
 
@@ -78,8 +79,9 @@ def build_pack(
     ellipsoidal, h_amsl = h_ell - `geoid_undulation_m`. The gradient's features are stored at all levels, those of `networks`
     at levels from the GSD `finest_features_m` on. An existing pack is replaced when the new one is whole; a build of the same
     inputs that was broken off is gone on with, and ends in the same bytes. `warn` is told what of the orthophotos and of the
-    surface models does not fit together. Returns the manifest. Raises MapError and DatumMissing for files that cannot be used,
-    too little disk space, and a target that is something else than a pack, ModelError for networks whose names are no file names.
+    surface models does not fit together. Returns the manifest. Raises MapError and DatumMissing for files that cannot be used or
+    that change meanwhile, too little disk space, and a target that is something else than a pack, ModelError for networks whose
+    names are no file names.
     """
     report = progress or _no_progress
     dsms = [dsm] if isinstance(dsm, Path) else list(dsm or ())
@@ -89,6 +91,8 @@ def build_pack(
     check_names(functions)
     if not orthos:
         raise MapError("no orthophoto is given", remedy="--ortho FILE")
+    rasters = [file for path in (*orthos, *dsms) for file in files_of(path)]
+    used, dated = Unchanged([*rasters, *clouds]), Unchanged(file for path in other_dates for file in files_of(path))
     stretches = stretches_of(orthos)
     spill = Spill(existing_parent(out))
     sources = [ortho_source(path, stretches, spill) for path in orthos]
@@ -102,7 +106,6 @@ def build_pack(
         coarse = finer_than_first(surface.sources, sources[0].gsd_m) if surface is not None and dsms else []
         for said in (*finer_than_first(sources), *specks(sources, orthos), *coarse, *steps):
             warn(said)
-    rasters = [file for path in (*orthos, *dsms) for file in files_of(path)]
     inputs = tuple(_inputs([*rasters, *clouds], report))
     made_from: list[object] = [
         cloud_crs,
@@ -115,12 +118,15 @@ def build_pack(
         *(date.laid.model_dump(mode="json") for date in dates),
     ]
     made_from += [finest_features_m, *(entry.sha256 for entry in inputs), *((each.name, each.recipe) for each in functions)]
-    with WorkFolder(out, work_key("build", SOFTWARE, made_from)) as work:
+    used.require()  # what was hashed is what was opened
+    with used, dated, WorkFolder(out, work_key("build", SOFTWARE, made_from)) as work:
         _check_space(work, grid, surface, cloud, max(each.layer.channels for each in sources), functions, finest_features_m)
         share = _ortho(work, grid, sources, report)
         heights = _heights(work, grid, surface, ground_h_amsl_m, report)
         points = write_cloud(work, cloud, report)
+        used.require()
         levels = feature_levels(work, grid, work.path / ORTHO, functions, finest_features_m, report, dates)
+        dated.require()
         names = [ORTHO, *([heights.grid.file] if heights.grid else []), *(level.file for level in levels)]
         names += [points.points, points.tiles] if points else []
         manifest = Manifest(
