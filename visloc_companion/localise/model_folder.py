@@ -33,6 +33,9 @@ OWN_SHA256 = "manifest_sha256"
 MAX_BYTES = 64 * 1024 * 1024
 """Larger files are refused unread: no network of this project comes near."""
 
+EXCHANGES = 3
+"""So often a model may be replaced while it is read."""
+
 VariantName = Literal["float32", "float16", "int8"]
 VARIANT_FILES: dict[VariantName, str] = {"float32": "model.onnx", "float16": "model_fp16.onnx", "int8": "model_int8.onnx"}
 """Usual file names; the manifest's are what counts."""
@@ -226,6 +229,21 @@ def read_manifest(folder: Path) -> ModelManifest:
             remedy=f"{COPY_AGAIN}; who changed it on purpose removes the line {OWN_SHA256}",
         )
     return manifest
+
+
+def read_model(folder: Path, variant: VariantName) -> tuple[ModelManifest, bytes, tuple[Float32Array, Float32Array]]:
+    """Manifest, ONNX file and golden input and output of one model, though another takes its place meanwhile.
+
+    Raises as `read_manifest`, `read_variant` and `read_golden` do.
+    """
+    for _ in range(EXCHANGES):
+        manifest = read_manifest(folder)
+        try:
+            return manifest, read_variant(folder, manifest, variant), read_golden(folder, manifest)
+        except ModelError:
+            if read_manifest(folder) == manifest:
+                raise
+    raise ModelError("is replaced again and again", where=str(folder), remedy="wait until nothing writes it any more")
 
 
 def _sha256_of(data: object) -> str:

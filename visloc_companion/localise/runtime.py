@@ -20,9 +20,7 @@ from visloc_companion.localise.model_folder import (
     Float32Array,
     ModelManifest,
     VariantName,
-    read_golden,
-    read_manifest,
-    read_variant,
+    read_model,
 )
 
 ProviderName = Literal["tensorrt", "cuda", "openvino", "qnn", "cpu"]
@@ -95,9 +93,7 @@ def open_session(
     Raises ConfigError where onnxruntime is not installed or has none of the providers, ModelError where a file is missing,
     changed or no such network, or where the answer is wrong.
     """
-    manifest = read_manifest(folder)
-    content = read_variant(folder, manifest, variant)
-    golden = read_golden(folder, manifest)
+    manifest, content, golden = read_model(folder, variant)
     where = str(folder / manifest.variants[variant].file)
     threads = threads or default_threads()
 

@@ -1,4 +1,5 @@
-"""From a checkpoint to `models/NAME/`: ONNX in three precisions, golden vector, manifest and card; nothing where one is wrong."""
+"""From a checkpoint to `models/NAME/`: ONNX in three precisions, golden vector, manifest and card; nothing where one is wrong,
+and what had the name stays until all is written."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ import cv2
 import numpy as np
 import torch
 
-from visloc_companion.errors import ConfigError, ModelError
+from visloc_companion.errors import ModelError
 from visloc_companion.evaluate.cases import read_cases
 from visloc_companion.evaluate.image import evaluate_image
 from visloc_companion.localise.features.network_input import CHANNELS, RECIPE
@@ -28,13 +29,14 @@ from visloc_companion.localise.model_folder import (
     write_manifest,
 )
 from visloc_companion.localise.runtime import NetworkChoice
-from visloc_companion.train.checkpoint import FREE_SPACE, Checkpoint, load_checkpoint, write_file
+from visloc_companion.train.checkpoint import Checkpoint, load_checkpoint, write_file
 from visloc_companion.train.config import TrainingConfig, parse_training_config
 from visloc_companion.train.config_sources import DatesSource, LandscapeSource, PairsSource, SourceConfig, share_images
 from visloc_companion.train.judge import Difference, answer, check, compare, inputs_for_comparison, painted_input, placed_wrong
 from visloc_companion.train.learner import network_settings, on_all, require_same_images
 from visloc_companion.train.mixture import Places, Tell, pair_settings, validation_batches
 from visloc_companion.train.model_card import CARD, model_card
+from visloc_companion.train.model_swap import replacing
 from visloc_companion.train.networks import BOUND, MULTIPLE_PX, ORIENTED, FeatureNetwork, NetworkSettings
 from visloc_companion.train.onnx_file import INPUT, OPSET, OUTPUT, onnx_bytes, reduced
 from visloc_companion.train.steps import Batch
@@ -90,12 +92,13 @@ def export(order: ExportOrder, tell: Tell) -> ModelManifest:
         differences[variant] = compare(network, content, inputs)
         check(variant, differences[variant])
     figures = _figures(contents, differences, batches, trained_on(saved, config), tell)
-    manifest = _written(order, saved, config, network, contents, figures)
-    if order.cases is not None:
-        figures |= _localisation(order, order.cases, contents, tell)
-        manifest = manifest.model_copy(update={"figures": figures})
-        write_manifest(order.out, manifest)
-    write_file(order.out / CARD, model_card(manifest).encode())
+    with replacing(order.out) as folder:
+        manifest = _written(folder, order, saved, config, network, contents, figures)
+        if order.cases is not None:
+            figures |= _localisation(order, folder, order.cases, contents, tell)
+            manifest = manifest.model_copy(update={"figures": figures})
+            write_manifest(folder, manifest)
+        write_file(folder / CARD, model_card(manifest).encode())
     return manifest
 
 
@@ -166,12 +169,14 @@ def _runs(saved: Checkpoint, config: TrainingConfig) -> tuple[TrainingConfig, ..
     return (*(parse_training_config(run.config, where="ancestor") for run in saved.ancestors), config)
 
 
-def _localisation(order: ExportOrder, cases: Path, contents: Mapping[VariantName, bytes], tell: Tell) -> dict[str, float | str]:
+def _localisation(
+    order: ExportOrder, folder: Path, cases: Path, contents: Mapping[VariantName, bytes], tell: Tell
+) -> dict[str, float | str]:
     """Figures of `visloc evaluate image` with each variant."""
     figures: dict[str, float | str] = {}
     for variant in contents:
         tell(f"cases: {variant}")
-        document, _ = evaluate_image(cases, METHOD, limit=order.limit, network=NetworkChoice(order.out, variant=variant))
+        document, _ = evaluate_image(cases, METHOD, limit=order.limit, network=NetworkChoice(folder, variant=variant))
         summary: dict[str, Any] = document["summary"]
         found = {
             "cases": summary["n"],
@@ -186,6 +191,7 @@ def _localisation(order: ExportOrder, cases: Path, contents: Mapping[VariantName
 
 
 def _written(
+    folder: Path,
     order: ExportOrder,
     saved: Checkpoint,
     config: TrainingConfig,
@@ -196,17 +202,13 @@ def _written(
     """Files, golden vector and manifest on disk."""
     given = painted_input(GOLDEN_SEED, *GOLDEN_SIZE)
     expected = answer(network, given)
-    try:
-        order.out.mkdir(parents=True, exist_ok=True)
-        for variant, content in contents.items():
-            write_file(order.out / VARIANT_FILES[variant], content)
-        golden = write_golden(order.out, given, expected)
-    except OSError as why:
-        raise ConfigError(f"cannot be written: {why.strerror}", where=str(order.out), remedy=FREE_SPACE) from why
+    for variant, content in contents.items():
+        write_file(folder / VARIANT_FILES[variant], content)
+    golden = write_golden(folder, given, expected)
     own = {variant: compare(network, content, [given]) for variant, content in contents.items()}
     entries = {
         variant: variant_entry(
-            order.out / VARIANT_FILES[variant],
+            folder / VARIANT_FILES[variant],
             _rounded(2 * own[variant].largest + ELSEWHERE_MAX),
             _rounded(2 * own[variant].rms + ELSEWHERE_RMS),
         )
@@ -230,7 +232,7 @@ def _written(
         figures=figures,
         golden=golden,
     )
-    write_manifest(order.out, manifest)
+    write_manifest(folder, manifest)
     return manifest
 
 

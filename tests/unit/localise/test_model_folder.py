@@ -1,5 +1,6 @@
 """A model's folder: written and read back, and every way in which it can be broken."""
 
+import itertools
 import json
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from visloc_companion.errors import ModelError
+from visloc_companion.localise import model_folder
 from visloc_companion.localise.model_folder import (
     GOLDEN,
     MANIFEST,
@@ -18,6 +20,7 @@ from visloc_companion.localise.model_folder import (
     file_entry,
     read_golden,
     read_manifest,
+    read_model,
     read_variant,
     variant_entry,
     write_golden,
@@ -170,3 +173,32 @@ def test_a_golden_file_that_is_no_archive_is_refused(tmp_path: Path) -> None:
         np.save(stream, np.zeros(3))
     with pytest.raises(ModelError, match=r"golden.npz: holds no golden vector"):
         read_golden(tmp_path, manifest.model_copy(update={"golden": file_entry(tmp_path / GOLDEN)}))
+
+
+def test_a_model_that_is_replaced_while_it_is_read_is_read_as_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The manifest of the old one and the files of the new one "have SHA-256 ...", and a daemon that began then did not start."""
+    folders = [tmp_path / name for name in ("model", "new", "newer", "newest")]
+    for number, folder in enumerate(folders):
+        folder.mkdir()
+        manifest = made(folder)
+        (folder / "model.onnx").write_bytes(b"%d" % number)
+        entry = variant_entry(folder / "model.onnx", 1e-3, 1e-4)
+        write_manifest(folder, manifest.model_copy(update={"variants": {"float32": entry}}))
+    left = folders[1:2]
+    reading, count = model_folder.read_variant, itertools.count()
+
+    def replaced(folder: Path, manifest: ModelManifest, variant: str) -> bytes:
+        if left:
+            folder.rename(tmp_path / f"old{next(count)}")
+            left.pop(0).rename(folder)
+        return reading(folder, manifest, variant)
+
+    monkeypatch.setattr(model_folder, "read_variant", replaced)
+    manifest, content, _ = read_model(tmp_path / "model", "float32")
+    assert content == b"1" and manifest == read_manifest(tmp_path / "model")
+    left += [*folders[2:], tmp_path / "old0"]
+    with pytest.raises(ModelError, match=r"model: is replaced again and again; remedy"):
+        read_model(tmp_path / "model", "float32")
+    (tmp_path / "model" / "model.onnx").write_bytes(b"broken")
+    with pytest.raises(ModelError, match=r"model\.onnx: has 6 bytes and SHA-256"):
+        read_model(tmp_path / "model", "float32")

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -149,6 +150,24 @@ def test_nothing_is_written_where_a_file_is_wrong(
     with pytest.raises(ModelError, match=expected):
         export(replace(order, out=out, data=None), lambda stage: None)
     assert not out.exists()
+
+
+def test_an_export_that_breaks_off_leaves_the_model_that_it_goes_over(
+    order: ExportOrder, exported: ModelManifest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The files of the new one lay beside the manifest of the old one, which did not fit them."""
+    out = tmp_path / "model"
+    shutil.copytree(order.out, out)
+
+    def killed(folder: Path, *_: object) -> None:
+        assert (folder / "model.onnx").is_file()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(exporting, "write_golden", killed)
+    with pytest.raises(KeyboardInterrupt):
+        export(replace(order, name="other", out=out, data=None), lambda stage: None)
+    assert all(path.read_bytes() == (out / path.name).read_bytes() for path in order.out.iterdir())
+    assert list(tmp_path.iterdir()) == [out] and open_session(out, threads=1).manifest == exported
 
 
 def test_the_manifest_counts_the_runs_that_the_weights_came_from(tiny: Callable[..., TrainingConfig]) -> None:
