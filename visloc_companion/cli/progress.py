@@ -15,7 +15,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from visloc_companion.errors import ConfigError
-from visloc_companion.whole_file import write_whole
+from visloc_companion.whole_file import write_result
 
 PLAIN_STEPS = 10
 UNNAMEABLE = "backslashreplace"
@@ -117,7 +117,4 @@ def write_json(path: Path, result: dict[str, Any]) -> None:
 def write_text(path: Path, text: str, option: str) -> None:
     """Write a text in UTF-8, whole or not at all. Raises ConfigError naming the option where the file cannot be written."""
     with result_to(path, option):
-        if path.exists() and not path.is_file():  # /dev/stdout, a pipe
-            path.write_text(text, encoding="utf-8", errors=UNNAMEABLE)
-            return
-        write_whole(path.resolve(), text.encode(errors=UNNAMEABLE))
+        write_result(path, text.encode(errors=UNNAMEABLE))

@@ -27,6 +27,7 @@ from visloc_companion.evaluate.report_parts import (
 )
 from visloc_companion.evaluate.report_svg import legend
 from visloc_companion.types import FloatArray
+from visloc_companion.whole_file import write_result
 
 LISTED = 400
 WORST = 10
@@ -38,7 +39,7 @@ def write_cloud_report(folder: Path, document: dict[str, Any], results: Sequence
     The clouds of the worst cases are read again for their pictures.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "result.json").write_text(json.dumps(document, indent=1, allow_nan=False), encoding="utf-8")
+    write_result(folder / "result.json", json.dumps(document, indent=1, allow_nan=False).encode())
     summary = dict(document["summary"])
     places = summary.pop("by_place", {})
     title = f"Cloud evaluation, method {document['method']}"
@@ -53,7 +54,7 @@ def write_cloud_report(folder: Path, document: dict[str, Any], results: Sequence
     ]
     footnote = "MTRE: mean distance of the source's points under the found and the true transform."
     path = folder / "report.html"
-    path.write_text(html_page(title, parts, footnote), encoding="utf-8")
+    write_result(path, html_page(title, parts, footnote).encode())
     return path
 
 

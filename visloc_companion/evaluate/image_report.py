@@ -23,6 +23,7 @@ from visloc_companion.evaluate.report_parts import (
     tiles,
 )
 from visloc_companion.evaluate.report_svg import legend
+from visloc_companion.whole_file import write_result
 
 LISTED = 400
 Judged = tuple[CaseResult, Truth]
@@ -43,7 +44,7 @@ def write_image_report(
     reliability diagram and among the worst. With `cases` the page shows land cover and pictures of the worst.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "result.json").write_text(json.dumps(document, indent=1, allow_nan=False), encoding="utf-8")
+    write_result(folder / "result.json", json.dumps(document, indent=1, allow_nan=False).encode())
     judged = [(r, truth[r.case_id]) for r in results if r.case_id in truth]
     by_id = {case.case_id: case for case in cases}
     grounds = grounds_under(judged, by_id)
@@ -58,7 +59,7 @@ def write_image_report(
         figures_table(document["summary"]),
     ]
     path = folder / "report.html"
-    path.write_text(html_page(title, parts, "Errors in pixels are those of the map."), encoding="utf-8")
+    write_result(path, html_page(title, parts, "Errors in pixels are those of the map.").encode())
     return path
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections import Counter
 from collections.abc import Sequence
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from visloc_companion.evaluate import stanford
 from visloc_companion.evaluate.record import FixPoint, FlightRecord, Refusal
 from visloc_companion.types import FloatArray, Mode, Verdict
+from visloc_companion.whole_file import write_result
 
 SCHEMA = 1
 DEFAULT_ALERT_LIMIT_M = 25.0
@@ -235,13 +237,14 @@ def write_epochs(record: FlightRecord, path: Path) -> None:
     held = [record.error_m, record.sigma_m, record.protection_level_m]
     vertical = [record.vertical_error_m, record.vertical_protection_level_m]
     numbers = np.column_stack([record.estimate_ned_m, record.truth_ned_m, *held, *vertical])
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(EPOCH_COLUMNS)
-        for i, t_s in enumerate(record.t_s):
-            values = [f"{value:.3f}" if math.isfinite(value) else "" for value in numbers[i]]
-            names = (record.modes[i], record.verdicts[i], " ".join(record.reasons[i]))
-            writer.writerow([f"{t_s:.3f}", *names, *values, int(record.injected[i])])
+    file = io.StringIO(newline="")
+    writer = csv.writer(file)
+    writer.writerow(EPOCH_COLUMNS)
+    for i, t_s in enumerate(record.t_s):
+        values = [f"{value:.3f}" if math.isfinite(value) else "" for value in numbers[i]]
+        names = (record.modes[i], record.verdicts[i], " ".join(record.reasons[i]))
+        writer.writerow([f"{t_s:.3f}", *names, *values, int(record.injected[i])])
+    write_result(path, file.getvalue().encode())
 
 
 def _rounded(value: Any) -> float:

@@ -30,6 +30,7 @@ from visloc_companion.evaluate.report_pictures import PicturePair, picture_secti
 from visloc_companion.evaluate.report_stanford import stanford_section
 from visloc_companion.evaluate.report_style import CSS
 from visloc_companion.types import FloatArray, Verdict
+from visloc_companion.whole_file import write_result
 
 _DEFINITIONS = (
     ("Horizontal error", "distance between our estimate and the truth at one output tick."),
@@ -93,7 +94,7 @@ def write_flight_report(
         f'<link rel="icon" href="data:,"><title>{escape(title)}</title><style>{CSS}</style></head>'
         f"<body><main>{''.join(parts)}</main></body></html>\n"
     )
-    path.write_text(page, encoding="utf-8", errors="backslashreplace")  # names of files may hold bytes that are no UTF-8
+    write_result(path, page.encode(errors="backslashreplace"))  # names of files may hold bytes that are no UTF-8
 
 
 def _headline(record: FlightRecord, summary: dict[str, Any], checks: Sequence[Check]) -> str:

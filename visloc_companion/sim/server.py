@@ -24,6 +24,7 @@ from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.seen import simulated_camera
 from visloc_companion.sim.setup import FlightArea, FlightSetup, VehicleKind
 from visloc_companion.types import AutopilotKind, GeoPoint, Image
+from visloc_companion.whole_file import write_result
 
 WAKE_S = 0.005
 TRUTH_NS = 100_000_000
@@ -188,7 +189,7 @@ class SimulationServer:
 
     def _write_result(self) -> None:
         result = {"truth": self._truth, "failsafe": self.pilot.failsafe, "pulled_m": self.pilot.pulled_m}
-        Path(self._plan.result).write_text(json.dumps(result), encoding="utf-8")
+        write_result(Path(self._plan.result), json.dumps(result).encode())
 
 
 def _datagrams(data: bytes, limit: int = 1200) -> list[bytes]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from visloc_companion.types import GeoPoint, Quat, Vec2, Vec3
+from visloc_companion.whole_file import write_result
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,15 +73,16 @@ COLUMNS = (
 def write_csv(samples: Sequence[RealSample], path: Path) -> None:
     """One row a sample; what is not known is empty."""
     nothing = ("", "", "")
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(COLUMNS)
-        for s in samples:
-            injected = nothing if s.injected_p_ned_m is None else s.injected_p_ned_m
-            row = (
-                *s.true_p_ned_m, *s.true_v_ned_mps, *(s.estimate_p_ned_m or nothing), *(s.estimate_v_ned_mps or nothing),
-                *(s.global_v_ned_mps or nothing), *injected[:2], *s.q_ned_frd,
-            )  # fmt: skip
-            ratio = "" if s.ratio is None else f"{s.ratio:.4f}"
-            numbers = (value if value == "" else f"{value:.4f}" for value in row)
-            writer.writerow((f"{s.t_s:.3f}", s.phase, *numbers, ratio, s.mode))
+    file = io.StringIO(newline="")
+    writer = csv.writer(file)
+    writer.writerow(COLUMNS)
+    for s in samples:
+        injected = nothing if s.injected_p_ned_m is None else s.injected_p_ned_m
+        row = (
+            *s.true_p_ned_m, *s.true_v_ned_mps, *(s.estimate_p_ned_m or nothing), *(s.estimate_v_ned_mps or nothing),
+            *(s.global_v_ned_mps or nothing), *injected[:2], *s.q_ned_frd,
+        )  # fmt: skip
+        ratio = "" if s.ratio is None else f"{s.ratio:.4f}"
+        numbers = (value if value == "" else f"{value:.4f}" for value in row)
+        writer.writerow((f"{s.t_s:.3f}", s.phase, *numbers, ratio, s.mode))
+    write_result(path, file.getvalue().encode())
