@@ -18,6 +18,7 @@ from visloc_companion.core import hypotheses
 from visloc_companion.core.hypotheses import Hypothesis
 from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.listed_places import LIKELY, THOROUGH, places_of
+from visloc_companion.core.tile_size import TileSize
 from visloc_companion.core.tiles import FARTHEST_M, Tile, Tiles
 from visloc_companion.core.travel import TravelLog
 from visloc_companion.core.vouching import velocity_sigma_mps
@@ -110,7 +111,7 @@ class PlaceSearch:
     """Asks and judges; the navigator carries its questions to the worker. All places are about one origin."""
 
     def __init__(self, max_radius_m: float) -> None:
-        self._max_radius_m = max_radius_m
+        self._size = TileSize(max_radius_m, LEAST_RADIUS_M)
         self._travel = TravelLog()
         self._n_born = 0
         self._asked: _Asked | None = None
@@ -120,6 +121,7 @@ class PlaceSearch:
         """Forget all places: the vehicle is found. What is asked of the worker stays asked, and its answer is thrown away."""
         self._places: tuple[Hypothesis, ...] = ()
         self._swept: tuple[Reach, Tiles] | None = None
+        self._before: tuple[Reach, Tiles] | None = None
         self._tile_next = True
         self._n_swept = 0
         if self._asked is not None:
@@ -156,7 +158,7 @@ class PlaceSearch:
         if due is None or due.log_odds < hypotheses.FIRST_LOG_ODDS:
             due = self._likely() or due
         if due is None or (self._tile_next and due.log_odds < hypotheses.FIRST_LOG_ODDS):
-            tile, tiles = self._next_tile(height_m, about)
+            tile, tiles = self._next_tile(t_ns, height_m, about)
             variance = (tiles.radius_m / 3) ** 2
             share = 1.0 if self._thorough else QUICK_SHARE
             where = Where(tiles.place_ne_m(tile), ((variance, 0.0), (0.0, variance)), share)
@@ -183,7 +185,7 @@ class PlaceSearch:
         if asked is None:
             return None
         if isinstance(answer, NoFix) and answer.reason in NO_ANSWER:
-            self._spare_worker(asked)
+            self._spare_worker(asked, now_ns)
             return None
         if asked.tile is not None:
             self._listed(asked, asked.tile, answer, origin)
@@ -198,11 +200,12 @@ class PlaceSearch:
         wrong = hypotheses.probability_wrong(best, self._places)
         return Found(now.t_ns, now.place_ne_m, largest_sigma_m(now.cov_ne_m2), wrong, now.hits)
 
-    def _spare_worker(self, asked: _Asked) -> None:
-        """A tile that cost the worker its life (too slow a computer) is not asked for again: smaller ones are."""
+    def _spare_worker(self, asked: _Asked, now_ns: int) -> None:
+        """A tile that cost the worker its life is not asked for again at once: smaller ones are. Where it was the first of
+        a larger size, the sweep of before goes on."""
         if asked.tile is not None and self._swept is not None:
-            self._max_radius_m = max(LEAST_RADIUS_M, self._swept[1].radius_m / 2)
-            self._swept = None
+            self._size.lost(self._swept[1].radius_m, now_ns)
+            self._swept, self._before = self._before, None
 
     def _tested(self, h: Hypothesis, asked: _Asked, answer: Fix | NoFix, origin: GeoPoint) -> Hypothesis:
         if h.number != asked.number:
@@ -216,10 +219,12 @@ class PlaceSearch:
     def _listed(self, asked: _Asked, tile: Tile, answer: Fix | NoFix, origin: GeoPoint) -> None:
         """The places that the search of a tile lists become hypotheses. What is merely open was chosen for what this ground looks
         like: only other ground may count for it."""
+        outside = isinstance(answer, NoFix) and answer.reason is Reason.OUTSIDE_MAP
         if self._swept is not None and isinstance(answer, NoFix) and answer.reason in SAYS_NOTHING:
             self._swept[1].untold(tile)
         elif self._swept is not None:
-            self._swept[1].answered(tile, not (isinstance(answer, NoFix) and answer.reason is Reason.OUTSIDE_MAP))
+            self._swept[1].answered(tile, not outside)
+            self._before = self._before if outside else None  # tiles outside of the map cost nothing
         sigma_m, spacing = LISTED_HEIGHTS * asked.height_m, SPACING_HEIGHTS * asked.height_m
         least = LIKELY if asked.where.share_of_sigmas < 1 else THOROUGH
         new = []
@@ -230,9 +235,13 @@ class PlaceSearch:
             new.append(h if isinstance(answer, Fix) else replace(h, counted_ne_m=place, spacing_m=spacing))
         self._places = hypotheses.kept([*self._places, *new])
 
-    def _next_tile(self, height_m: float, about: Reach) -> tuple[Tile, Tiles]:
-        radius_m = tile_radius_m(height_m, self._max_radius_m)
+    def _next_tile(self, t_ns: int, height_m: float, about: Reach) -> tuple[Tile, Tiles]:
+        grows = self._size.may_grow(t_ns)
+        if grows:
+            self._size.grow(t_ns)
+        radius_m = tile_radius_m(height_m, self._size.radius_m)
         if self._swept is None or radius_m > CLIMBED * self._swept[1].radius_m:
+            self._before = self._swept if grows else None
             self._swept = about, Tiles(about.centre_ne_m, radius_m, about.radius_m)
         tile = self._swept[1].next()
         self._n_swept += tile is None

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
 import pytest
 
 from visloc_companion.core import hypotheses
@@ -152,6 +153,38 @@ def test_a_worker_that_is_too_slow_is_asked_for_smaller_tiles() -> None:
         search.answered(NoFix(0, k * S, k, 1, "test", Reason.WORKER_TIMEOUT, 1.0), ORIGIN, k * S)
         radius_m.append(3 * math.sqrt(where.cov_ne_m2[0][0]))
     assert radius_m == pytest.approx([960.0, 480.0, 300.0, 300.0])
+
+
+def test_tiles_are_as_large_as_before_some_time_after_a_worker_was_lost() -> None:
+    """Somebody ended it (the kernel's OOM killer): the tiles stayed halved to the end of the flight, four for one."""
+    asked_at, _ = tiles_asked(300, killed={1})
+    assert asked_at[0] == pytest.approx(960.0)
+    assert set(np.round(list(asked_at.values())[2:58])) == {480.0}
+    assert {round(radius_m) for k, radius_m in asked_at.items() if k > 65} == {960}
+
+
+def test_a_size_that_costs_the_worker_each_time_is_tried_ever_more_seldom() -> None:
+    """And what was swept with smaller tiles meanwhile is not swept again."""
+    asked_at, where = tiles_asked(2600, too_large_m=900.0)
+    tried = [k for k, radius_m in asked_at.items() if radius_m > 900.0]
+    gaps = np.diff(tried)
+    assert tried[0] == 0 and list(np.round(gaps / 60)) == [1, 2, 4, 8, 16]
+    small = [place for k, place in where.items() if tried[1] - 30 < k < tried[1] + 30 and asked_at[k] < 900.0]
+    assert len(set(small)) == len(small), "the sweep goes on where it was"
+
+
+def tiles_asked(
+    seconds: int, killed: Collection[int] = (), too_large_m: float = math.inf
+) -> tuple[dict[int, float], dict[int, Vec2]]:
+    """Radius and middle of the tile that each frame was asked about; `killed`: frames whose worker is ended from outside."""
+    search, radius_m, place = PlaceSearch(2000.0), {}, {}
+    for k in range(seconds):
+        where = search.next(k, k * S, HEIGHT_M, 3.0, Reach())
+        radius_m[k], place[k] = 3 * math.sqrt(where.cov_ne_m2[0][0]), where.place_ne_m
+        lost = k in killed or radius_m[k] > too_large_m
+        reason = Reason.WORKER_DIED if lost else Reason.NO_MATCH
+        search.answered(NoFix(0, k * S, k, 1, "test", reason, 1.0), ORIGIN, k * S)
+    return radius_m, place
 
 
 def test_answers_that_are_thrown_away() -> None:
