@@ -78,6 +78,16 @@ def test_flipped_bytes_cost_their_chunks_only(flips: list[tuple[float, int]], tm
     assert len(kept) == len(entries) or damage
 
 
+def test_zeros_at_the_end_are_told_as_a_cut(tmp_path: Path) -> None:
+    """Blocks that the file system had promised when the power went; "record of unknown type 0" sounds like another fault."""
+    data, entries = whole()
+    third = [match.start() for match in re.finditer(re.escape(b"\x04\x00\x00\x00zstd"), data)][2] - 37
+    for cut, told in ((third, "the file ends in zeros (the power was cut)"), (third + 500, "a chunk is damaged (")):
+        kept, damage = entries_of(tmp_path / "cut.mcap", data[:cut] + bytes(100_000))
+        assert kept and tuple(kept) == entries[: len(kept)] and len(kept) < len(entries)
+        assert damage[0].startswith(f"byte {third}: {told}") and len(damage) == 1
+
+
 def test_a_flipped_length_costs_one_chunk_and_is_told(tmp_path: Path) -> None:
     data, entries = whole()
     mark = b"\x04\x00\x00\x00zstd"

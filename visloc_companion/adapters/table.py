@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import io
+from contextlib import suppress
 from pathlib import Path
 
 from visloc_companion.errors import LogError, VislocError
@@ -18,8 +20,7 @@ def read_table(path: Path, columns: tuple[str, ...], kind: ErrorKind = LogError)
     """
     remedy = f"write UTF-8 CSV, separated by commas, with the columns {','.join(columns)}"
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            lines = [line for line in csv.reader(file, skipinitialspace=True) if any(value.strip() for value in line)]
+        lines, _ = _whole_lines(path)
     except (OSError, UnicodeDecodeError, csv.Error) as why:
         raise kind(f"cannot be read: {why}", where=str(path), remedy=remedy) from why
     names = [name.strip() for name in lines[0]] if lines else []
@@ -31,6 +32,27 @@ def read_table(path: Path, columns: tuple[str, ...], kind: ErrorKind = LogError)
         raise kind("has no rows", where=str(path), remedy=remedy)
     empty = dict.fromkeys(names, "")
     return [empty | dict(zip(names, (value.strip() for value in line), strict=False)) for line in lines[1:]]
+
+
+def torn(path: Path) -> list[str]:
+    """A sentence on a table that ends in the middle of a row, as a loss of power leaves it; what is whole of it is read."""
+    with suppress(OSError, UnicodeDecodeError, csv.Error):
+        if _whole_lines(path)[1]:
+            what = f"{path.name} ends in the middle of a row or in zeros, as a loss of power leaves it"
+            return [f"{what}: the rows before were read."]
+    return []
+
+
+def _whole_lines(path: Path) -> tuple[list[list[str]], bool]:
+    """Lines with anything in them by their values, and whether one more was cut off: it lacks its end, and values of the line
+    before, or zeros follow it (blocks of a disk that was promised more)."""
+    text = path.read_bytes().decode("utf-8-sig")
+    whole = text.rstrip("\0")
+    rows = csv.reader(io.StringIO(whole, newline=""), skipinitialspace=True)
+    lines = [line for line in rows if any(value.strip() for value in line)]
+    has_end = whole.endswith(("\n", "\r"))
+    cut = not has_end and len(lines) > 2 and (whole != text or len(lines[-1]) < len(lines[-2]))
+    return (lines[:-1] if cut else lines), cut or whole != text
 
 
 def refuse(path: Path, number: int, column: str, what: str, remedy: str, kind: ErrorKind = LogError) -> VislocError:

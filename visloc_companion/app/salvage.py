@@ -7,6 +7,7 @@ flipped byte costs one. Of two journals that were joined the first is read: the 
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 from collections.abc import Callable, Iterator
@@ -35,6 +36,7 @@ _MARK_OFFSET = _RECORD.size + _CHUNK.size
 _MAX_CHUNK_BYTES = 512 * 2**20
 _LAST_OPCODE = int(Opcode.DATA_END)
 
+_SOMETHING = re.compile(rb"[^\0]")
 OnDamage = Callable[[str], None]
 
 
@@ -89,6 +91,8 @@ def _frame(data: bytes | mmap, position: int) -> tuple[int, int]:
     if position + _RECORD.size > len(data):
         raise _DamageError("the file ends before its end was written (the writer was killed)")
     opcode, length = _RECORD.unpack_from(data, position)
+    if opcode == 0 and _SOMETHING.search(data, position) is None:
+        raise _DamageError("the file ends in zeros (the power was cut)")
     if not 0 < opcode <= _LAST_OPCODE:
         raise _DamageError(f"record of unknown type {opcode}")
     end = position + _RECORD.size + length

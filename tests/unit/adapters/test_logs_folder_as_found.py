@@ -148,3 +148,24 @@ def test_frames_of_a_boot_that_was_not_read_are_told_of_it(found: Path) -> None:
     frames = open_folder(found, boot=1).frames
     assert frames is not None
     assert len(frames.t_us) == 1
+
+
+@pytest.mark.parametrize("tail", ["6500", "65000000,47.3,8.5", "65000000,47.3,8.5" + "\0" * 4000, "\0" * 4000])
+def test_a_table_that_the_power_was_cut_from_is_read_up_to_there(found: Path, tail: str) -> None:
+    """A recorder on board is switched off with the battery: a row is half written, and the disk may have promised zeros."""
+    truth, table = (found / name for name in ("truth.csv", "frames.csv"))
+    whole = open_folder(found)
+    assert not whole.notes and whole.frames is not None
+    rows = "60000000,47.3,8.55,501\n61000000,47.3,8.55,502\n"
+    truth.write_text("t_us,lat_deg,lon_deg,h_amsl_m\n" + rows + tail)
+    listed = table.read_text().rstrip("\n") + "\n"
+    table.write_text(listed + (tail if tail.startswith("\0") else "65000000"))
+    cut = open_folder(found)
+    assert cut.frames is not None and cut.frames.t_us == whole.frames.t_us
+    assert cut.notes == tuple(
+        f"{name} ends in the middle of a row or in zeros, as a loss of power leaves it: the rows before were read."
+        for name in ("frames.csv", "truth.csv")
+    )
+    truth.write_text("t_us,lat_deg,lon_deg,h_amsl_m\n" + rows.rstrip("\n"))
+    table.write_text(listed.rstrip("\n"))
+    assert not open_folder(found).notes, "a last row without its end is whole"

@@ -25,6 +25,7 @@ from visloc_companion.adapters.logs.frames import FrameSource, files_named, note
 from visloc_companion.adapters.logs.open import LOG_SUFFIXES, open_log
 from visloc_companion.adapters.logs.recording import NS_PER_S, NS_PER_US, Recording
 from visloc_companion.adapters.logs.truth import TruthRow, read_truth
+from visloc_companion.adapters.table import torn
 from visloc_companion.config import mask_found, parse_config
 from visloc_companion.config_camera import CameraConfig
 from visloc_companion.errors import ConfigError, LogError
@@ -106,6 +107,8 @@ def open_folder(folder: Path, find_offset: FindOffset | None = None, system_id: 
         *(_station_judged(stated_ns, recording, frames, camera, find_offset) if of_station else ()),
         *_starts_noted(settings, recording, any_times=bool(frames_ns or truth)),
         *of_frames,
+        *torn(folder / "frames.csv"),
+        *torn(folder / "truth.csv"),
         *_outside(folder, "frames", frames_ns, recording, stated_ns),
         *_outside(folder, "rows of truth.csv", [row.t_ns for row in truth], recording, stated_ns),
     )

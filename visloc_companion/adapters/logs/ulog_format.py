@@ -17,6 +17,7 @@ from visloc_companion.adapters.logs.recording import LogBytes, Losses
 MAGIC = b"ULog\x01\x12\x35"
 _HEADER_BYTES = 16
 _TYPES = frozenset(b"BFIMPQALRCDSO")
+_TYPE = re.compile(b"[BFIMPQALRCDSO]")
 _CODES = {
     **{"int8_t": "b", "uint8_t": "B", "int16_t": "h", "uint16_t": "H", "int32_t": "i", "uint32_t": "I"},
     **{"int64_t": "q", "uint64_t": "Q", "float": "f", "double": "d", "bool": "?", "char": "c"},
@@ -137,13 +138,12 @@ def _plausible(data: LogBytes, at: int) -> bool:
 
 
 def _resynchronised(data: LogBytes, at: int, losses: Losses) -> int:
-    start = at + 1
-    while start + 3 <= len(data):
-        if _plausible(data, start) and start + 3 + struct.unpack_from("<H", data, start)[0] + 3 <= len(data):
+    start = len(data)
+    for kind in _TYPE.finditer(data, at + 3):  # a tail of zeros, which a loss of power leaves, may be megabytes
+        begins = kind.start() - 2
+        if _plausible(data, begins) and begins + 3 + struct.unpack_from("<H", data, begins)[0] + 3 <= len(data):
+            start = begins
             break
-        start += 1
-    else:
-        start = len(data)
     losses.garbage_pieces += 1
     losses.garbage_bytes += start - at
     return start
