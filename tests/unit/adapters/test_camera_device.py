@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import cast
 
@@ -105,3 +108,37 @@ async def test_a_device_of_16_bits_is_stretched() -> None:
 def test_a_device_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(CameraError, match="cannot be opened"):
         DeviceCamera(str(tmp_path / "video9"), MODEL, JumpingClock())
+
+
+@contextmanager
+def held(path: Path) -> Iterator[int]:
+    """The number of another process that has a file open."""
+    with path.open("rb") as file, subprocess.Popen(["sleep", "60"], stdin=file) as other:
+        try:
+            yield other.pid
+        finally:
+            other.kill()
+
+
+def test_a_device_that_another_program_uses_is_told_with_its_process(tmp_path: Path) -> None:
+    """The system says of a busy camera only that it cannot be opened, and the remedy named cable and rights."""
+    device = tmp_path / "video9"
+    device.write_bytes(b"no video")
+    link = tmp_path / "by-id"
+    link.symlink_to(device)
+    with held(device) as process:
+        for name in (device, link):
+            told = rf"{name.name}: is used by another program: process {process} \(sleep\); remedy: end it"
+            with pytest.raises(CameraError, match=told):
+                DeviceCamera(str(name), MODEL, JumpingClock())
+    with pytest.raises(CameraError, match=r"cannot be opened.*nothing else uses it"):
+        DeviceCamera(str(device), MODEL, JumpingClock())
+
+
+async def test_a_device_whose_frames_another_program_gets_is_told_so(tmp_path: Path) -> None:
+    device = tmp_path / "video9"
+    device.touch()
+    with held(device) as process, pytest.raises(CameraError, match=rf"is used by another program: process {process} "):
+        await all_of(DeviceCamera(str(device), MODEL, JumpingClock(), capture=FakeCapture([])), Slots())
+    with pytest.raises(CameraError, match="gives no frames"):
+        await all_of(DeviceCamera(str(device), MODEL, JumpingClock(), capture=FakeCapture([])), Slots())

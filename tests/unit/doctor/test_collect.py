@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import re
+import subprocess
 from collections.abc import AsyncIterator
 from dataclasses import replace
 from pathlib import Path
@@ -153,6 +154,16 @@ async def test_a_camera_that_gives_nothing_or_cannot_be_used_is_a_problem() -> N
 
     assert "check the name" in (await read_camera(CAMERA, MonotonicClock(), 0.3, missing)).problem
     assert await camera_facts(Frames(None), Config()) is None
+
+
+def test_a_camera_that_another_program_uses_is_a_finding_with_its_process(tmp_path: Path) -> None:
+    device = tmp_path / "video0"
+    device.write_bytes(b"no video")
+    config = parse_config({"camera": {"url": f"device:{device}"}})
+    with device.open("rb") as file, subprocess.Popen(["sleep", "60"], stdin=file) as other:
+        facts = asyncio.run(read_camera(config, MonotonicClock(), 0.3))
+        other.kill()
+    assert facts is not None and f"is used by another program: process {other.pid} (sleep)" in facts.problem
 
 
 def test_the_barometers_height_is_what_px4_states() -> None:

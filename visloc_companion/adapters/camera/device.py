@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from visloc_companion.adapters.camera.after_stall import WAITED, AfterStall
+from visloc_companion.adapters.camera.held import held_by
 from visloc_companion.adapters.camera.image import HALF_DECODED, is_half_decoded, require_size, rgb, stored
 from visloc_companion.errors import CameraError
 from visloc_companion.protocols import Clock, FrameSlots
@@ -66,6 +67,7 @@ class DeviceCamera:
             if pixels is None:
                 failed += 1
                 if failed >= MAX_FAILED_READS:
+                    _require_free(self._address)
                     raise CameraError(
                         "gives no frames", where=self._address, remedy="check the cable and that nothing else uses it"
                     )
@@ -117,6 +119,16 @@ class DeviceCamera:
         self._capture.release()
 
 
+def _require_free(address: str, why: Exception | None = None) -> None:
+    """Raise CameraError where other processes hold the device, which gives its frames to one."""
+    if who := held_by(address):
+        raise CameraError(
+            f"is used by another program: process {who}",
+            where=address,
+            remedy="end it (the daemon: systemctl stop visloc), or name another camera",
+        ) from why
+
+
 def _opened(address: str, model: CameraModel) -> Capture:
     source = int(address) if address.isdecimal() else address
     why: cv2.error | None = None
@@ -129,9 +141,10 @@ def _opened(address: str, model: CameraModel) -> Capture:
             return capture
     except cv2.error as fault:
         why = fault
+    _require_free(address, why)
     raise CameraError(
         "cannot be opened",
         where=address,
-        remedy="check the name (ls /dev/v4l/by-id /dev/video*; those of by-id stay when cameras are plugged in anew) and the "
-        "right to use it (group video)",
+        remedy="check the name (ls /dev/v4l/by-id /dev/video*; those of by-id stay when cameras are plugged in anew), the "
+        "right to use it (group video), and that nothing else uses it (sudo fuser -v /dev/video*)",
     ) from why
