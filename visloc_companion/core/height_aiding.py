@@ -59,7 +59,8 @@ class Height:
 
 
 class HeightAiding:
-    """Height of the autopilot against that of fixes. `drive` starts it."""
+    """Height of the autopilot against that of fixes. `drive` starts it. `zeros`: how often it was restarted and then counted from
+    another zero."""
 
     def __init__(self, settings: NavigatorSettings) -> None:
         self._settings = settings
@@ -73,6 +74,7 @@ class HeightAiding:
         self._v_down_mps: float | None = None
         self._jump = NO_JUMP
         self._before_restart_m: float | None = None
+        self.zeros = 0
         self._over_ground: tuple[int, float] | None = None
         self._origin: GeoPoint | None = None
 
@@ -83,7 +85,12 @@ class HeightAiding:
         if self._heights and self._filter is not None and v_down_mps is not None and self._v_down_mps is not None:
             self._watch(self._filter, t_ns, h_amsl_m, -(v_down_mps + self._v_down_mps) / 2)
         if self._filter is not None and self._before_restart_m is not None:
-            self._filter.jumped(t_ns, (h_amsl_m - self._before_restart_m) ** 2 + height_sigma_m(above_home_m or 0.0) ** 2)
+            sigma_m, step_m = height_sigma_m(above_home_m or 0.0), h_amsl_m - self._before_restart_m
+            self._filter.jumped(t_ns, step_m**2 + sigma_m**2)
+            self.zeros += abs(step_m) > sigma_m
+            if self._over_ground is not None:
+                shown_ns, above_m = self._over_ground
+                self._over_ground = shown_ns, above_m - step_m
             self._before_restart_m = self._last_shown = self._held = None
         self._v_down_mps = v_down_mps
         self._heights.append((t_ns, h_amsl_m))
@@ -118,8 +125,9 @@ class HeightAiding:
         fixes have taught is doubted by what lies between its last height and the next."""
         if restarted and self._heights:
             self._before_restart_m = self._heights[-1][1]
+        elif not restarted:
+            self._over_ground = None
         self._heights.clear()
-        self._over_ground = None
 
     def asked(self, request: LocaliseRequest | TerrainRequest) -> None:
         """Remember which height the localiser was given."""

@@ -47,6 +47,7 @@ class ZoomRamp:
         self._ratios: deque[tuple[int, float]] = deque(maxlen=RATES)
         self._changed_ns = self._seen_ns = 0
         self._per_focal_ne_m: Vec2 = (0.0, 0.0)
+        self._zeros = tracker.height.zeros
 
     @property
     def doubting(self) -> bool:
@@ -62,6 +63,8 @@ class ZoomRamp:
         now."""
         if height_m <= 0 or fix.method in BY_SHAPE:
             return []
+        if self._tracker.height.zeros != self._zeros:
+            self._begin_anew()
         own = self._tracker.height.own_m(fix) if taken else None
         told: list[Command] = []
         if own is not None:
@@ -71,6 +74,13 @@ class ZoomRamp:
         if not self.following and self._drift.loose(fix.t_ns):
             self._tracker.height.loosen(fix.t_ns + 1, LOOSE_SHARE * height_m)
         return told
+
+    def _begin_anew(self) -> None:
+        """The autopilot was restarted: its height from another zero is no change of the picture's scale, nor are those of before
+        any to be held to. A lens that was followed stays as long as it was."""
+        self._zeros, self.following = self._tracker.height.zeros, False
+        self._drift = ScaleDrift()
+        self._over()
 
     def _watched(self, fix: Fix, own_m: tuple[float, float], height_m: float, gnss_minus_ne_m: Vec2 | None) -> list[Command]:
         drift, tracker = self._drift, self._tracker
