@@ -18,12 +18,13 @@ from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.errors import ConfigError, VislocError
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.autopilot_flight import PHYSICS_DT_S
+from visloc_companion.sim.faults import CompanionClockStep, FaultSchedule, WorkerCrash
 from visloc_companion.sim.render_motion import Shot
 from visloc_companion.sim.scenarios import FLIGHTS
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.seen import simulated_camera
 from visloc_companion.sim.setup import FlightArea, FlightSetup, VehicleKind
-from visloc_companion.types import AutopilotKind, GeoPoint, Image
+from visloc_companion.types import AutopilotKind, GeoPoint, Image, Quat
 from visloc_companion.whole_file import write_result
 
 WAKE_S = 0.005
@@ -81,17 +82,20 @@ class _Datagrams(asyncio.DatagramProtocol):
         self._pilot = pilot
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-        self._pilot.receive(data)
+        if not self._pilot.faults.link_down(self._pilot.t_s):
+            self._pilot.receive(data)
 
     def error_received(self, exc: Exception) -> None:
         """The daemon is not listening yet; it will be sent the next packet all the same."""
 
 
 class SimulationServer:
-    """Steps the autopilot (`pilot`) with the clock and serves whoever connects. Raises MapError for a scene that is none."""
+    """Steps the autopilot (`pilot`) with the clock and serves whoever connects. Raises MapError for a scene that is none,
+    ConfigError for a scenario with faults of the companion itself, which this process cannot act out."""
 
     def __init__(self, plan: ServerPlan) -> None:
         setup = plan.setup()
+        _require_faults_of_ours(plan.scenario, setup.scenario.faults)
         self._plan, self._duration_s = plan, setup.scenario.duration_s
         self._clock = MonotonicClock(plan.speed)
         self.pilot = setup.autopilot(boot_age_s=3.0)
@@ -136,7 +140,8 @@ class SimulationServer:
         while self.pilot.t_s < self._duration_s:
             now_ns = self._clock.now_ns()
             self.advance_to(now_ns)
-            for packet in _datagrams(self.pilot.outgoing()):
+            outgoing = self.pilot.outgoing()
+            for packet in [] if self.pilot.faults.link_down(self.pilot.t_s) else _datagrams(outgoing):
                 transport.sendto(packet)
             if now_ns >= next_truth_ns:
                 next_truth_ns += TRUTH_NS
@@ -147,6 +152,7 @@ class SimulationServer:
         period_ns = round(1e9 / self._plan.frame_rate_hz)
         due_ns = self._clock.now_ns()
         pixels: Image | None = None
+        view: tuple[GeoPoint, Quat, Shot] | None = None
         while True:
             await self._clock.sleep_until(due_ns)
             due_ns = max(due_ns + period_ns, self._clock.now_ns())
@@ -155,14 +161,24 @@ class SimulationServer:
                 continue
             truth, t_boot_ns, optics = pilot.truth(), pilot.t_boot_ns, pilot.faults.optics(pilot.t_s)
             self._frame_id += 1
-            if pixels is None or not pilot.faults.camera_frozen(pilot.t_s):
+            late_s = pilot.faults.frame_delay_s(pilot.t_s, self._frame_id, self._plan.seed)
+            if view is None or not pilot.faults.camera_frozen(pilot.t_s):
                 q_ned_carrier, rate_radps = pilot.camera_carrier()
                 shot = Shot(truth.v_ned_mps, rate_radps, optics.readout_s, optics.exposure_s, optics.effects)
-                pixels = await asyncio.to_thread(self._camera.render, truth.place, q_ned_carrier, self._frame_id, shot)
+                view, pixels = (truth.place, q_ned_carrier, shot), None
+            if pixels is None or pilot.faults.camera_anew(pilot.t_s):
+                place, q_ned_carrier, shot = view
+                pixels = await asyncio.to_thread(self._camera.render, place, q_ned_carrier, self._frame_id, shot)
             data = encode_frame(StreamedFrame(pixels=pixels, t_us=t_boot_ns // 1000, autopilot_clock=True))
-            for viewer in self._viewers.values():
-                if viewer.transport.get_write_buffer_size() == 0:
-                    viewer.write(data)
+            if late_s:
+                asyncio.get_running_loop().call_later(late_s / self._plan.speed, self._deliver, data)
+            else:
+                self._deliver(data)
+
+    def _deliver(self, data: bytes) -> None:
+        for viewer in self._viewers.values():
+            if viewer.transport.get_write_buffer_size() == 0:
+                viewer.write(data)
 
     async def _view(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """A viewer stays until it hangs up; one that has not taken its last frame yet is not given the next."""
@@ -190,6 +206,17 @@ class SimulationServer:
     def _write_result(self) -> None:
         result = {"truth": self._truth, "failsafe": self.pilot.failsafe, "pulled_m": self.pilot.pulled_m}
         write_result(Path(self._plan.result), json.dumps(result).encode())
+
+
+def _require_faults_of_ours(scenario: str, faults: FaultSchedule) -> None:
+    """Raise ConfigError for faults of the companion's own clock and processes: the daemon beside this one would know of none."""
+    own = sorted({type(fault).__name__ for fault in faults.faults if isinstance(fault, CompanionClockStep | WorkerCrash)})
+    if own:
+        raise ConfigError(
+            f"scenario: {scenario!r} holds {', '.join(own)}, faults of the companion, which is another process here",
+            where="sim.server",
+            remedy=f"fly it in one process: visloc sim --scenario {scenario}",
+        )
 
 
 def _datagrams(data: bytes, limit: int = 1200) -> list[bytes]:

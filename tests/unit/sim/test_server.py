@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import socket
 import subprocess
 import sys
 import threading
+import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,7 +23,7 @@ from visloc_companion.errors import ConfigError, MapError
 from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.sim.scene import Scene
-from visloc_companion.sim.server import ServerPlan, SimulationServer, main
+from visloc_companion.sim.server import ServerPlan, SimulationServer, _Datagrams, main
 from visloc_companion.testing.loopback import free_port
 from visloc_companion.types import AutopilotKind, GeoPoint
 
@@ -170,3 +173,87 @@ def test_it_flies_serves_and_ends_without_a_word(plan: ServerPlan, tmp_path: Pat
     assert times_s == sorted(times_s)
     for one, two, t_s in zip(frames, frames[1:], times_s[1:], strict=False):
         assert np.array_equal(one.pixels, two.pixels) == (60.0 <= t_s < 72.0), f"at {t_s:.1f} s"
+
+
+@pytest.mark.parametrize(("scenario", "fault"), [("worker_crash", "WorkerCrash"), ("companion_clock_step", "CompanionClockStep")])
+def test_faults_of_the_companion_itself_are_refused(plan: ServerPlan, scenario: str, fault: str) -> None:
+    """They were passed over without a word: the daemon flew without a fault."""
+    with pytest.raises(ConfigError, match=rf"{scenario!r} holds {fault}, .*remedy: .*visloc sim --scenario {scenario}"):
+        SimulationServer(replace(plan, scenario=scenario))
+
+
+async def test_nothing_passes_while_the_link_is_down(plan: ServerPlan) -> None:
+    """The scenario has gaps from 45, 60 and 75 s on; what is sent meanwhile is lost, either way."""
+    plan = replace(plan, scenario="link_gaps", speed=200.0)
+    server, sent, heard = SimulationServer(plan), [], []
+    server.pilot.receive = lambda data: heard.append(server.pilot.t_s)  # type: ignore[method-assign]
+
+    class Recorder:
+        """Takes what is sent, and answers each packet at once."""
+
+        def sendto(self, data: bytes) -> None:
+            sent.append(server.pilot.t_s)
+
+    async def answers() -> None:
+        while True:
+            _Datagrams(server.pilot).datagram_received(b"x", ("", 0))
+            await asyncio.sleep(0.001)
+
+    answering = asyncio.create_task(answers())
+    await server._fly(Recorder())  # type: ignore[arg-type]
+    answering.cancel()
+    for times_s in (sent, heard):
+        assert not [t_s for t_s in times_s if 45 <= t_s < 46 or 60 <= t_s < 62 or 75 <= t_s < 79]
+        assert [t_s for t_s in times_s if t_s < 45] and [t_s for t_s in times_s if t_s >= 79]
+
+
+async def test_frames_that_are_late_overtake_each_other(plan: ServerPlan, monkeypatch: pytest.MonkeyPatch) -> None:
+    """0.2 to 1 s after their exposure from 40 s on, as the scenario has it; their stamps stay those of the exposure."""
+    server = SimulationServer(replace(plan, scenario="frames_late", speed=1.0, frame_rate_hz=20.0))
+    server.advance_to(0)
+    server.advance_to(50_000_000_000)
+    server._viewers = {None: None}  # type: ignore[dict-item]
+    exposed_s: dict[int, float] = {}
+    arrived: list[tuple[int, float]] = []
+
+    def render(*_: object) -> np.ndarray:
+        exposed_s[len(exposed_s) + 1] = time.monotonic()
+        return np.full((2, 2, 3), len(exposed_s), np.uint8)
+
+    def deliver(data: bytes) -> None:
+        (frame,) = FrameDecoder(1 << 20).feed(data)
+        decoded = frame.decoded()
+        assert decoded is not None
+        arrived.append((int(decoded.pixels[0, 0, 0]), time.monotonic()))
+
+    monkeypatch.setattr(server, "_camera", SimpleNamespace(render=render))
+    monkeypatch.setattr(server, "_deliver", deliver)
+    flying = asyncio.create_task(server._frames())
+    await asyncio.sleep(2.5)
+    flying.cancel()
+    numbers = [number for number, _ in arrived]
+    assert len(numbers) > 5 and numbers != sorted(numbers)
+    assert min(t_s - exposed_s[number] for number, t_s in arrived) >= 0.19
+
+
+async def test_a_picture_that_is_repeated_with_other_noise_is_rendered_anew(
+    plan: ServerPlan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server = SimulationServer(replace(plan, scenario="camera_stuck", speed=1.0, frame_rate_hz=20.0))
+    server.advance_to(0)
+    server.advance_to(30_000_000_000)
+    server._viewers = {None: None}  # type: ignore[dict-item]
+    seen: list[tuple[object, int]] = []
+
+    def render(place: object, q: object, frame_id: int, shot: object) -> np.ndarray:
+        seen.append((place, frame_id))
+        server.advance_to(server._stepped_ns + 100_000_000)  # type: ignore[operator]
+        return np.zeros((2, 2, 3), np.uint8)
+
+    monkeypatch.setattr(server, "_camera", SimpleNamespace(render=render))
+    monkeypatch.setattr(server, "_deliver", lambda data: None)
+    flying = asyncio.create_task(server._frames())
+    await asyncio.sleep(1.0)
+    flying.cancel()
+    assert len(seen) > 2
+    assert len({place for place, _ in seen}) == 1 and len({frame_id for _, frame_id in seen}) == len(seen)
