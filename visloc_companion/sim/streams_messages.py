@@ -13,7 +13,7 @@ from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.sim.estimator_status import EstimatorHealth
 from visloc_companion.sim.gnss import HDOP, SPEED_ACC_MPS, GnssSample
 from visloc_companion.sim.streams import STATUS_MESSAGE
-from visloc_companion.sim.vehicle import GRAVITY_MPS2
+from visloc_companion.sim.vehicle import GRAVITY_MPS2, wrap
 from visloc_companion.types import AutopilotKind, GeoPoint, Quat, Vec3
 
 FIRMWARE_VERSION = {AutopilotKind.ARDUPILOT: (4, 7, 0, 0), AutopilotKind.PX4: (1, 17, 0, 0)}
@@ -122,7 +122,7 @@ def gps_raw_int(s: Snapshot) -> Message | None:
 
 def attitude(s: Snapshot) -> Message:
     """ATTITUDE."""
-    roll, pitch, yaw = (_wrapped(angle) for angle in s.rpy_rad)
+    roll, pitch, yaw = (wrap(angle) for angle in s.rpy_rad)
     return mavlink.MAVLink_attitude_message(s.t_ms, roll, pitch, yaw, *s.rates_radps)
 
 
@@ -274,7 +274,3 @@ def _whole(value: float, bits: int) -> int:
     """Rounded and held within a signed field (an estimate that follows nonsense must not break the link)."""
     limit = float(2 ** (bits - 1) - 1)
     return round(min(max(value, -limit), limit))
-
-
-def _wrapped(angle_rad: float) -> float:
-    return (angle_rad + math.pi) % (2 * math.pi) - math.pi

@@ -58,7 +58,7 @@ class Body:
     def turn(self, roll: float, pitch: float, yaw: float, dt_s: float) -> None:
         """Take a new attitude; the body rates follow from the change (Euler rates to body rates)."""
         d_roll, d_pitch = (roll - self.roll) / dt_s, (pitch - self.pitch) / dt_s
-        d_yaw = ((yaw - self.yaw + math.pi) % (2 * math.pi) - math.pi) / dt_s
+        d_yaw = wrap(yaw - self.yaw) / dt_s
         sr, cr, sp, cp = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
         self.rate_x = d_roll - d_yaw * sp
         self.rate_y = d_pitch * cr + d_yaw * sr * cp
