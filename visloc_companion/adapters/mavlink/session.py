@@ -13,6 +13,7 @@ from visloc_companion.adapters.mavlink.companion_status import computer_status, 
 from visloc_companion.adapters.mavlink.dialect import Message
 from visloc_companion.adapters.mavlink.framing import FrameCounts
 from visloc_companion.adapters.mavlink.incoming import Decoder, Listener
+from visloc_companion.adapters.mavlink.origin_check import OriginCheck
 from visloc_companion.adapters.mavlink.outbox import Outbox
 from visloc_companion.adapters.mavlink.outgoing import PositionSender
 from visloc_companion.adapters.mavlink.outputs.choice import Choice
@@ -70,7 +71,7 @@ class MavlinkSession:
         if settings.left_system_id and not settings.system_id:
             self._outbox.speak_as(settings.left_system_id)
         self._decoder = Decoder()
-        self._presence = Presence(settings.timeout_s)
+        self._presence, self._origin_check = Presence(settings.timeout_s), OriginCheck()
         self._upkeep = Upkeep(settings, self._outbox)
         self._sender = PositionSender(settings, self._outbox, self._warn, self._say)
         self._texts = TextSender()
@@ -184,7 +185,8 @@ class MavlinkSession:
 
     def send(self, injection: Injection, now_ns: int) -> bool:
         """Queue the position; False, with a count and one warning a reason, where it must not be sent, or not so soon."""
-        return self._sender.send(injection, self.link, self.origin, self._advance(now_ns))
+        origin = None if self._origin_check.doubted else self.origin
+        return self._sender.send(injection, self.link, origin, self._advance(now_ns))
 
     def disconnected(self, why: str, now_ns: int) -> list[Event]:
         """The connection is gone: the link is down at once, not after its silence."""
@@ -253,7 +255,8 @@ class MavlinkSession:
     def _ask(self, now_ns: int) -> None:
         self._ask_on = False
         self._sender.poll(self.link, now_ns)
-        self._pending += self._upkeep.ask_what_is_due(self.link, self.origin is not None, now_ns)
+        sure = not self._origin_check.doubted
+        self._pending += self._upkeep.ask_what_is_due(self.link, self.origin is not None, now_ns, sure_of_origin=sure)
 
     def _expected_speaks(self) -> None:
         self._upkeep.ask_for_heartbeat(self.settings.left_system_id, self._now_ns)
@@ -272,6 +275,8 @@ class MavlinkSession:
                 self._pass_on(event, now_ns)
             return
         decoded = self._decoder.event(msg, now_ns)
+        if isinstance(decoded, OriginChanged):
+            self._origin_check.told()
         if isinstance(decoded, LinkChanged):
             self._take_link(decoded, now_ns)
         elif decoded is not None and (not isinstance(decoded, OriginChanged) or self._presence.take_origin(decoded)):
@@ -280,6 +285,9 @@ class MavlinkSession:
     def _pass_on(self, event: Event, now_ns: int) -> None:
         if self._presence.restarted(event):
             self._lose("the autopilot's clock went back: it was restarted", now_ns)
+        if self._origin_check.hear(event, self.link.autopilot, self.origin):
+            self._ask_on = True
+            self._upkeep.doubt_origin(now_ns)
         self._pending.append(event)
 
     def _take_order(self, msg: Message) -> None:
@@ -318,6 +326,7 @@ class MavlinkSession:
 
     def _lose(self, why: str, now_ns: int) -> None:
         changed = self._presence.down(now_ns)
+        self._origin_check.forget()
         if changed is not None:
             self._heard_ns = self._presence.heard_ns
             self._warn(why)

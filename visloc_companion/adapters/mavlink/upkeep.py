@@ -72,13 +72,20 @@ class Upkeep:
             asked = float(mav.MAVLINK_MSG_ID_HEARTBEAT)
             self._outbox.put(command_long(system_id, mav.MAV_CMD_REQUEST_MESSAGE, asked))
 
-    def ask_what_is_due(self, link: LinkChanged, has_origin: bool, now_ns: int) -> list[SourceSwitched]:
+    def doubt_origin(self, now_ns: int) -> None:
+        """The autopilot seems to have another origin than it told: it is asked at once, even where it just was."""
+        self._queue.withdraw("origin")
+        self._next_origin_ns = now_ns
+
+    def ask_what_is_due(
+        self, link: LinkChanged, has_origin: bool, now_ns: int, *, sure_of_origin: bool = True
+    ) -> list[SourceSwitched]:
         """Send what is due while the link is up; switches that ended for want of an answer."""
         if now_ns >= self._next_timesync_ns:
             self._next_timesync_ns = now_ns + round(self._settings.timesync_s * _NS_PER_S)
             self._outbox.put(self._timesync.ask(now_ns))
         if now_ns >= self._next_origin_ns:
-            pause_s = self._settings.origin_known_s if has_origin else self._settings.origin_unknown_s
+            pause_s = self._settings.origin_known_s if has_origin and sure_of_origin else self._settings.origin_unknown_s
             self._next_origin_ns = now_ns + round(pause_s * _NS_PER_S)
             self._ask_once("origin", mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
         if self._status_due and link.autopilot in _STATUS_MESSAGES:
