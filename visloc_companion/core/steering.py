@@ -13,6 +13,8 @@ from visloc_companion.types import Command, EkfSource, InjectionPolicy, Mode, Na
 LOW_VELOCITY_SIGMA_MPS = 1.0
 """A vehicle too low for fixes gets no positions any more once the velocity that carries them may be off by more (1-sigma): it
 would hold that velocity down to the ground. Without positions the autopilots level the vehicle instead."""
+SERIES_GAP_NS, SERIES_LEAST = 10_000_000_000, 5
+"""Fixes further apart do not bear each other out; and fewer have not told a false GNSS from a good one."""
 
 
 class Steering:
@@ -22,6 +24,7 @@ class Steering:
         self._settings, self._monitor, self._switch = settings, monitor, switch
         self._anchored = False
         self._fix_taken_ns: int | None = None
+        self._series_ns = self._series_n = 0
         self._stranded = self._put_down = False
         self.mode = Mode.WAITING
 
@@ -35,8 +38,13 @@ class Steering:
         """Whether what the autopilot says of itself may rest on what it was sent."""
         return self.injecting or self._switch.found or self._switch.source is EkfSource.VISION
 
-    def taken(self, now_ns: int) -> None:
-        """A fix was accepted; it counts by its arrival, for a slow localiser must not make the mode flap."""
+    def taken(self, now_ns: int, *, anew: bool) -> None:
+        """A fix was accepted, or the filter began `anew` there; it counts by its arrival, for a slow localiser must not make the
+        mode flap."""
+        last_ns = self._fix_taken_ns
+        if anew or last_ns is None or now_ns - last_ns > SERIES_GAP_NS:
+            self._series_ns, self._series_n = now_ns, 0
+        self._series_n += 1
         self._anchored, self._fix_taken_ns = True, now_ns
         self._stranded = self._put_down = False
 
@@ -127,8 +135,9 @@ class Steering:
             return True
         verdict = self._monitor.verdict
         recent = self._fix_within(self._settings.navigator.dead_reckoning_after_s, now_ns)
-        shown = recent and verdict.probability_false < TRUSTED_BELOW
-        return shown and now_ns - verdict.since_ns >= self._settings.gnss.probation_s * 1e9
+        shown = recent and self._series_n >= SERIES_LEAST and verdict.probability_false < TRUSTED_BELOW
+        since_ns = max(verdict.since_ns, self._series_ns)
+        return shown and now_ns - since_ns >= self._settings.gnss.probation_s * 1e9
 
     def _fix_within(self, limit_s: float, now_ns: int) -> bool:
         return self._fix_taken_ns is not None and now_ns - self._fix_taken_ns <= limit_s * 1e9

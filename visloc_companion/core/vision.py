@@ -263,7 +263,7 @@ class Vision:
         if not self._tracker.seed(found.t_ns, place, found.sigma_m):
             return []
         self._aiding.placed()
-        self._steering.taken(now_ns)
+        self._steering.taken(now_ns, anew=True)
         data = (("probability_wrong", found.probability_wrong), ("answers", float(found.hits)))
         return [Notice(Severity.WARNING, f"visloc: position found {self._where(place)}", to_operator=True, data=data)]
 
@@ -359,7 +359,7 @@ class Vision:
         self._nothing_open()
         self._unmatched.recognised()
         self._first.taken()
-        self._steering.taken(now_ns)
+        self._steering.taken(now_ns, anew=anew)
         return [*self._aiding.compare(fix, held, delay_told=self._onboard.mistimed), *self._confirmed(fix, held, anew)]
 
     def _confirmed(self, fix: Fix, held: NavState | None, anew: bool) -> list[Command]:

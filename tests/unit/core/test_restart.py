@@ -198,3 +198,13 @@ def test_who_sends_no_positions_has_brought_nobody_to_vision(world: type[World])
     w.fly(80.0)
     assert not [c for _, c in w.commands if isinstance(c, Injection)]
     assert w.notices("set EKF position source") == []
+
+
+def test_one_fix_after_a_long_blindness_does_not_prove_a_gnss_that_it_contradicts(world: type[World]) -> None:
+    """Restarted amid a spoofing, over land that is not recognised for half a minute: until then nothing contradicts GNSS."""
+    w = restarted(world, pull_m=lambda t: (80.0 * (t > 20), 0.0), blind=lambda t: 43.0 < t < 72.0)
+    w.send(FoundOnVision(0))
+    w.fly(95.0)
+    assert w.status_at(70.0)[0].verdict is Verdict.OK, "nobody has told it otherwise"
+    assert w.status_at(80.0)[0].verdict is Verdict.SUSPECT
+    assert not [t for t, c in w.commands if t > 40 and isinstance(c, SwitchSource) and c.source is EkfSource.GNSS]

@@ -23,7 +23,7 @@ class Landing:
         self.monitor = monitor
         self.steering = Steering(CoreSettings(), cast(GnssMonitor, monitor), SourceSwitch(allowed=False))
         self.t_s = 0.0
-        self.steering.taken(0)
+        self.steering.taken(0, anew=True)
 
     def until(
         self, end_s: float, sigma_v_mps: float | None, *, low: bool = True, armed: bool = True, sigma_m: float = 2.0
@@ -55,7 +55,7 @@ def test_a_smaller_claim_without_a_fix_changes_nothing() -> None:
     landing = Landing()
     landing.until(3.5, LOW_VELOCITY_SIGMA_MPS + 0.1)
     assert landing.until(6.0, 0.5) is Mode.LOST
-    landing.steering.taken(round(landing.t_s * 1e9))
+    landing.steering.taken(round(landing.t_s * 1e9), anew=False)
     assert landing.until(7.0, 0.5) is Mode.AIDING
 
 
@@ -96,7 +96,7 @@ def put_down() -> Landing:
 def test_a_vehicle_that_was_put_down_gets_positions_from_a_fix_on_and_not_from_a_height_on() -> None:
     landing = put_down()
     assert landing.until(WINDOW_S + 2.0, 0.5, low=False) is Mode.LOST, "it may have been carried before it took off"
-    landing.steering.taken(round(landing.t_s * 1e9))
+    landing.steering.taken(round(landing.t_s * 1e9), anew=False)
     assert landing.until(WINDOW_S + 3.0, 0.5, low=False) is Mode.AIDING
     assert landing.until(2 * WINDOW_S + 5.0, 0.5, low=False) is Mode.DEAD_RECKONING
 
@@ -121,5 +121,5 @@ def test_where_a_vehicle_was_put_down_the_operator_may_say_another_place() -> No
     assert not landing.steering.believed
     landing.until(3.0, 0.5)
     assert not landing.steering.believed
-    landing.steering.taken(round(landing.t_s * 1e9))
+    landing.steering.taken(round(landing.t_s * 1e9), anew=False)
     assert landing.steering.believed
