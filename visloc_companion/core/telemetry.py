@@ -15,6 +15,7 @@ from visloc_companion.core.pitot import LEAST_MPS, true_airspeed_mps
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.core.switching import SourceSwitch
+from visloc_companion.core.takeoff_height import TakeoffHeight
 from visloc_companion.core.terrain_aiding import TerrainAiding
 from visloc_companion.core.timesync import ClockOffset, ClockStep
 from visloc_companion.core.tracking import Tracker
@@ -64,7 +65,7 @@ class Telemetry:
         self._status: EstimatorStatus | None = None
         self._vouching = Vouching()
         self._prior: PriorPose | None = None
-        self._home = HomeHeight()
+        self._home, self._takeoff = HomeHeight(), TakeoffHeight()
 
     def attitude_fresh(self, now_ns: int) -> bool:
         """Whether an attitude arrived lately."""
@@ -90,6 +91,7 @@ class Telemetry:
         if not own and step.of_restart:
             self._switch.restarted()
             self._home.forget()
+            self._takeoff = TakeoffHeight()
         return [Notice(Severity.WARNING, _of_step(step, own), to_operator=True)]
 
     def on_attitude(self, event: Attitude, now_ns: int) -> list[Command]:
@@ -113,8 +115,9 @@ class Telemetry:
         """Take velocity and height; `feedback`: they rest on what we inject."""
         commands = self.on_step(self._clock.on_arrival(event.t_rx_ns, event.t_boot_ns))
         self._prior = event
-        self._tracker.height_above_home_m = event.h_rel_m
-        self._home.told(event.t_rx_ns, event.h_rel_m)
+        above_m = self._takeoff.above_m(event, disarmed=self._monitor.disarmed)
+        self._tracker.height_above_home_m = above_m
+        self._home.told(event.t_rx_ns, above_m)
         self._drive(event.t_rx_ns, event.t_boot_ns, event.v_ned_mps, event.place.h_amsl_m, feedback)
         return commands
 
