@@ -200,11 +200,21 @@ class HeightAiding:
         known = self.known(t_ns, h_amsl_m)
         return known.offset_m if abs(known.offset_m) > SURE * known.sigma_m else 0.0
 
+    @property
+    def ground_seen(self) -> bool:
+        """Whether any fix has shown how far the ground lies below."""
+        return self._over_ground is not None
+
     def far_above_ground(self, t_ns: int, h_amsl_m: float, least_m: float) -> bool:
         """Whether a height that is stated at a time is FAR_ABOVE times as much over the ground that the last fix looked at."""
+        above_m = self.above_ground_m(t_ns, h_amsl_m)
+        return above_m is not None and above_m >= FAR_ABOVE * least_m
+
+    def above_ground_m(self, t_ns: int, h_amsl_m: float) -> float | None:
+        """How high a height that is stated at a time is over the ground that the last fix looked at; None some time later."""
         if self._over_ground is None or abs(t_ns - self._over_ground[0]) > OVER_GROUND_NS:
-            return False
-        return h_amsl_m + self._over_ground[1] >= FAR_ABOVE * least_m
+            return None
+        return h_amsl_m + self._over_ground[1]
 
     def at(self, t_ns: int, h_amsl_m: float) -> Height | None:
         """What is known of a height that is stated at a time; None before the autopilot stated any."""

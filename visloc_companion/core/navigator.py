@@ -264,6 +264,7 @@ class Navigator:
         if self._settings.injection.policy is InjectionPolicy.NEVER:
             return []
         self._switch.found_on_vision()
+        self._telemetry.found_flying()
         self._sending.begin_beside(event.reset_counter)
         return [Notice(Severity.NOTICE, "visloc: restarted, EKF may be on VISION", to_operator=True)]
 

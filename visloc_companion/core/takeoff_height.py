@@ -2,7 +2,8 @@
 
 Whoever sets the home of a flying vehicle to where it is (MAV_CMD_DO_SET_HOME with param1 = 1; ArduPilot takes the height, too)
 makes its height above home nothing. It would count as too low for its camera, and as landing, over whatever height it flies. Such
-a step is of the height above home alone: the height above the sea goes on as before.
+a step is of the height above home alone: the height above the sea goes on as before. Of a vehicle that was found flying on
+vision nobody has seen the take-off, or such a step: there a fix tells how far the ground lies below.
 """
 
 from __future__ import annotations
@@ -17,9 +18,10 @@ SETTLES_NS = 5_000_000_000
 
 class TakeoffHeight:
     """Keeps by how much home was moved since the vehicle was armed. An autopilot without a home counts from the sea: the first
-    one that it has is none that was moved."""
+    one that it has is none that was moved. `unseen`: the vehicle was found flying."""
 
     def __init__(self) -> None:
+        self.unseen = False
         self._last: PriorPose | None = None
         self._armed_ns: int | None = None
         self._moved_m = 0.0
@@ -28,12 +30,18 @@ class TakeoffHeight:
         """Height above the take-off by the autopilot's word, m."""
         last, self._last = self._last, prior
         if disarmed:
-            self._armed_ns, self._moved_m = None, 0.0
+            self.unseen, self._armed_ns, self._moved_m = False, None, 0.0
             return prior.h_rel_m
         self._armed_ns = prior.t_rx_ns if self._armed_ns is None else self._armed_ns
         if last is not None and prior.t_rx_ns - self._armed_ns >= SETTLES_NS:
             self._moved_m += _home_moved_m(last, prior)
         return prior.h_rel_m + self._moved_m
+
+    def found_m(self, above_ground_m: float) -> float:
+        """The same where the vehicle is known to be so high over the ground, although the autopilot's last word is another."""
+        if self._last is not None:
+            self._moved_m = above_ground_m - self._last.h_rel_m
+        return above_ground_m
 
 
 def _home_moved_m(last: PriorPose, now: PriorPose) -> float:

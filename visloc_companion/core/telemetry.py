@@ -115,11 +115,25 @@ class Telemetry:
         """Take velocity and height; `feedback`: they rest on what we inject."""
         commands = self.on_step(self._clock.on_arrival(event.t_rx_ns, event.t_boot_ns))
         self._prior = event
-        above_m = self._takeoff.above_m(event, disarmed=self._monitor.disarmed)
-        self._tracker.height_above_home_m = above_m
+        above_m = self._above_takeoff_m(event)
+        self._tracker.height_above_home_m, self._tracker.takeoff_unseen = above_m, self._takeoff.unseen
         self._home.told(event.t_rx_ns, above_m)
         self._drive(event.t_rx_ns, event.t_boot_ns, event.v_ned_mps, event.place.h_amsl_m, feedback)
         return commands
+
+    def found_flying(self) -> None:
+        """The daemon before this one sent the autopilot positions: the vehicle took off in its time."""
+        self._takeoff.unseen = True
+
+    def _above_takeoff_m(self, event: PriorPose) -> float:
+        """By the autopilot's word; of a vehicle that was found flying by the last fix where that shows the ground far below."""
+        above_m = self._takeoff.above_m(event, disarmed=self._monitor.disarmed)
+        t_ns, h_amsl_m, least_m = event.t_rx_ns, event.place.h_amsl_m, self._settings.min_height_m
+        over_ground_m = self._tracker.height.above_ground_m(t_ns, h_amsl_m)
+        if not self._takeoff.unseen or over_ground_m is None or abs(above_m) >= least_m:
+            return above_m
+        far = self._tracker.height.far_above_ground(t_ns, h_amsl_m, least_m)
+        return self._takeoff.found_m(over_ground_m) if far else above_m
 
     def on_local(self, event: LocalPose, feedback: bool) -> list[Command]:
         """The same of a local position, also while there is no global one (PX4 without aiding)."""

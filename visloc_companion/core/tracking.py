@@ -36,6 +36,8 @@ LEAST_ACCELERATION_SIGMA_MPS2 = 0.05
 """A tilt of 0.3 degrees, which no autopilot without GNSS is free of."""
 TEACHES_MPS = 0.5
 """Until the air tells the velocity, one that is known as well teaches it."""
+FLIES_MPS = 5.0
+"""What moves as fast over the ground does not stand there."""
 
 
 class Tracker:
@@ -57,6 +59,7 @@ class Tracker:
         self.heading = HeadingPull()
         self.origin: GeoPoint | None = None
         self.height_above_home_m: float | None = None
+        self.takeoff_unseen = False
         self.longer_share, self._lasting_share, self.alike = 0.0, 0.0, MovedAlike(settings.map_sigma_m)
 
     @property
@@ -84,13 +87,16 @@ class Tracker:
         """Whether the vehicle is known to be too low to be localised. Far below its home it flies in a valley.
 
         Not where fixes show that the autopilot's height is off by more than that: ArduPilot's, without any position, says 0 m all
-        the way up; nor that the ground lies far below a home on a ridge.
+        the way up; nor that the ground lies far below a home on a ridge. A vehicle that was found flying on
+        vision may have had its home set to where it was: until a fix tells it is not taken to be low while it moves.
         """
         height_m, least_m = self.height_above_home_m, self._settings.min_height_m
         if height_m is None or abs(height_m) >= least_m:
             return False
         if self._velocity is None:
             return True
+        if self.takeoff_unseen and not self.height.ground_seen and math.hypot(*self._velocity.v_ned_mps[:2]) > FLIES_MPS:
+            return False
         stated = self._velocity.t_ns, self._velocity.h_amsl_m
         shown_m, aloft = self.height.shown_m(*stated), self.height.far_above_ground(*stated, least_m)
         return not aloft and (abs(shown_m) < least_m or abs(height_m + shown_m) < least_m)

@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from tests.unit.core.conftest import World
+from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.takeoff_height import TakeoffHeight
-from visloc_companion.types import AutopilotKind, Command, Event, GeoPoint, LinkChanged, Mode, PriorPose
+from visloc_companion.types import (
+    AutopilotKind,
+    Command,
+    Event,
+    Fix,
+    FoundOnVision,
+    GeoPoint,
+    Injection,
+    LinkChanged,
+    Mode,
+    OriginChanged,
+    PriorPose,
+)
 
 S = 1_000_000_000
+ORIGIN = GeoPoint(59.3, 18.1, 40.0)
 FIELD_AMSL_M = 40.0
 
 
@@ -68,16 +84,24 @@ def test_the_first_home_of_an_autopilot_that_had_none_is_not_one_that_was_moved(
 
 
 class SetHome(World):
-    """At 30 s home is set to where the vehicle is, 100 m up."""
+    """At 30 s home is set to where the vehicle is, 100 m up. From 50 s on it hovers."""
+
+    def velocity(self, t_s: float) -> tuple[float, float]:
+        return super().velocity(t_s) if t_s < 50 else (0.0, 0.0)
 
     def send(self, event: Event) -> list[Command]:
-        if isinstance(event, PriorPose):
-            event = said_of(event, 100.0 if self.t > 30 else 0.0)
+        if isinstance(event, PriorPose) and self.t > 30:
+            event = replace(event, h_rel_m=event.h_rel_m - 100.0)
+        elif isinstance(event, Fix):
+            event = replace(event, above_ground_m=100.0)
         return super().send(event)
 
-
-def said_of(prior: PriorPose, home_up_m: float) -> PriorPose:
-    return PriorPose(prior.t_rx_ns, prior.t_boot_ns, prior.place, prior.v_ned_mps, prior.h_rel_m - home_up_m)
+    def restart(self) -> None:
+        """Another daemon finds it flying on vision."""
+        self.navigator, self.answers = Navigator(self.settings), []
+        self.send(LinkChanged(0, up=True, autopilot=AutopilotKind.ARDUPILOT, system_id=1, armed=True))
+        self.send(FoundOnVision(0))
+        self.send(OriginChanged(0, ORIGIN))
 
 
 def test_a_vehicle_that_nothing_was_recognised_from_for_a_while_is_looked_for_again() -> None:
@@ -88,3 +112,16 @@ def test_a_vehicle_that_nothing_was_recognised_from_for_a_while_is_looked_for_ag
     w.fly(80.0)
     assert len([t for t, _, _ in w.requests if 66 < t < 80]) > 20
     assert w.status_at(79.9)[0].mode is Mode.AIDING
+
+
+def test_a_daemon_that_is_restarted_after_that_does_not_take_the_vehicle_for_landed() -> None:
+    """What moves is looked for; a fix shows the ground far below, and then so is what hovers, also when that was long ago."""
+    w = SetHome(jammed=lambda t: t > 20, blind=lambda t: 52 < t < 88)
+    w.start()
+    w.send(LinkChanged(0, up=True, autopilot=AutopilotKind.ARDUPILOT, system_id=1, armed=True))
+    w.fly(40.0)
+    w.restart()
+    w.fly(95.0)
+    assert w.first(Injection, since_s=40.0) < 43.0
+    assert len([t for t, _, _ in w.requests if 86 < t < 95]) > 10
+    assert w.status_at(94.9)[0].mode is Mode.AIDING
