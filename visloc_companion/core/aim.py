@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from visloc_companion.core import kalman
-from visloc_companion.core.lasting import SHARE
+from visloc_companion.core.lasting import SHARE, apart_m
 from visloc_companion.types import Command, Cov2, FloatArray, Notice, Rejected, Severity, Vec2
 
 AIM, DIFFERENCE, DELAY, STATES = slice(0, 2), slice(2, 4), 4, 5
@@ -41,6 +41,9 @@ USE_M, USE_SIGMAS, USE_SIGMA_M = 2.0, 4.0, 1.2
 """It is taken off once it moves fixes by as much, and by so many 1-sigmas, each of them no more than that."""
 TELL_M = 6.0
 """On one heading the operator is told from here on: GNSS and a map are often as far apart as less."""
+AGAIN_NS, AGAIN = 20_000_000_000, 5
+"""And where so many fixes show it after so long, over other ground (lasting.apart_m): an autopilot's tilt errs for some 20 s
+(boresight.TILT_S), and over one ground a wrong match stays wrong, so all fixes until then are no more than one."""
 FOLLOW_M = 0.5
 LARGEST = 0.1
 """A share of the height: 10 % of the width of a picture over 53 degrees."""
@@ -60,6 +63,8 @@ class Aim:
         self._t_ns: int | None = None
         self._n, self._turned, self._squares, self._heights, self._claimed_m2 = 0, 0j, 0.0, 0.0, 0.0
         self._agreed_to_m = 0.0
+        self._first_ns, self._way_m = 0, 0.0
+        self._later, self._again_turned, self._again_heights = 0, 0j, 0.0
         self._told: set[str] = set()
         self.used, self.doubt = 0j, 0.0
 
@@ -96,10 +101,16 @@ class Aim:
         off = complex(*off_ne_m) + self.used * ahead
         if not self._learned(off, ahead, np.array(cov_ne_m2), v_ne_mps):
             return []
+        self._first_ns = t_ns if self._n == 0 else self._first_ns
+        self._way_m += math.hypot(*v_ne_mps) * min(dt_s, LASTS_S)
         self._n += 1
         self._turned += off * ahead.conjugate()
         self._squares += abs(off) ** 2
         self._heights += height_m**2
+        if t_ns - self._first_ns >= AGAIN_NS and self._way_m >= apart_m(height_m):
+            self._later += 1
+            self._again_turned += off * ahead.conjugate()
+            self._again_heights += height_m**2
         self._claimed_m2 += cov_ne_m2[0][0] + cov_ne_m2[1][1]
         self._judge(height_m, timed=timed)
         return self._notices(height_m)
@@ -151,10 +162,18 @@ class Aim:
         claimed_m2 = min(self._claimed_m2 / n, MOST_NOISE**2 * fits_m2)
         return math.sqrt(fits_m2), math.sqrt(max(0.0, self._squares / n - fits_m2 - claimed_m2))
 
+    @property
+    def _shown_again(self) -> bool:
+        """Whether fixes of a later time, over other ground, show most of it, too."""
+        if self._later < AGAIN:
+            return False
+        all_of_it, later = self._turned / self._heights, self._again_turned / self._again_heights
+        return (later * all_of_it.conjugate()).real >= (1 - STEADY_SHARE) * abs(all_of_it) ** 2
+
     def _notices(self, height_m: float) -> list[Command]:
         kind, share = ("known", self.used) if self.used else ("doubted", self.estimate)
         off_m = abs(share) * height_m if self.used else self._steady()[0]
-        if self.doubt == 0 or kind in self._told or (kind == "doubted" and off_m < TELL_M):
+        if self.doubt == 0 or kind in self._told or (kind == "doubted" and not (off_m >= TELL_M and self._shown_again)):
             return []
         self._told |= {kind, "doubted"}
         along = abs(share.real) >= abs(share.imag)

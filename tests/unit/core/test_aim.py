@@ -77,6 +77,29 @@ def test_on_one_heading_it_is_doubted_and_the_operator_told_what_it_may_be() -> 
         assert flown.texts == [text]
 
 
+def test_over_one_ground_the_operator_is_told_of_no_aim() -> None:
+    """A wrong match, or a tilt that the autopilot errs by, lasts: all fixes of a hover are no more than one."""
+    flown = Flown()
+    assert flown.fly(60, 0.058j, speed_mps=0.0).doubt > 0
+    assert flown.texts == []
+
+
+@pytest.mark.parametrize("hovers", [0, 10, 20])
+def test_nor_where_other_ground_does_not_show_it_again(hovers: int) -> None:
+    flown = Flown()
+    flown.fly(hovers, apart_m=lambda k: 7j, speed_mps=0.0)
+    flown.fly(8, apart_m=lambda k: 7j)
+    flown.fly(40, apart_m=lambda k: 1j)
+    assert flown.texts == []
+
+
+def test_after_a_hover_it_is_told_once_other_ground_shows_it() -> None:
+    flown = Flown()
+    flown.fly(20, 0.058j, speed_mps=0.0)
+    flown.fly(20, 0.058j)
+    assert flown.texts == ["visloc: fixes 7 m right: camera's aim, or map?"]
+
+
 def test_of_less_than_gnss_and_map_are_often_apart_the_operator_hears_once_headings_tell() -> None:
     flown = Flown()
     aim = flown.fly(60, 0.04j)
