@@ -105,7 +105,7 @@ def judged_anew(result: CaseResult, method: str) -> CaseResult:
         return result
     weights = AGAIN_WEIGHTS if result.evidence["looks"] > 1 else WEIGHTS[method]
     alone = probability_wrong(Evidence.from_numbers(result.evidence), weights)
-    p = beside_others(alone, result.evidence["share"])
+    p = beside_others(alone, result.evidence["share"] * result.evidence["votes"])
     return replace(result, fix=replace(result.fix, probability_wrong=p), evidence=result.evidence | {"p_wrong": p})
 
 

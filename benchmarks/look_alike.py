@@ -140,7 +140,8 @@ def _judge(
             flown.note(name, t_s, distance_m(answer.place, truth))
         return
     told, (request, pixels, ground) = dict(answer.evidence), asked
-    looks_right = told.get("share", 0.0) > 0 and (1 - told["p_wrong"]) / told["share"] >= 1 - MAX_WRONG
+    of_place = told.get("share", 0.0) * told.get("votes", 0.0)
+    looks_right = of_place > 0 and (1 - told["p_wrong"]) / of_place >= 1 - MAX_WRONG
     if looks_right and "looks" not in flown.first:
         best = lenient.localise(request, pixels, ground.pack)
         if isinstance(best, Fix):

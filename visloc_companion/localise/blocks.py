@@ -47,8 +47,8 @@ def match_blocks(grid: MapGrid, frame: Float32Array, weight: Float32Array) -> Bl
     template = cv2.copyMakeBorder(grid.features * grid.weight[..., None], *(REACH_PX,) * 4, cv2.BORDER_CONSTANT, value=0)
     masked = frame * weight[..., None]
     found = []
-    for top in _starts(rows[0], rows[-1] + 1, side):
-        for left in _starts(cols[0], cols[-1] + 1, side):
+    for top in starts_along(rows[0], rows[-1] + 1, side):
+        for left in starts_along(cols[0], cols[-1] + 1, side):
             inside = weight[top : top + side, left : left + side]
             if inside.mean() < MIN_COVER:
                 continue
@@ -117,7 +117,8 @@ def correspondences(
     return ground, pix, K[0, 0] * grid.gsd_m / np.maximum(q[:, 2], 1.0)
 
 
-def _starts(first: int, last: int, side: int) -> list[int]:
+def starts_along(first: int, last: int, side: int) -> list[int]:
+    """Where blocks of a side begin that cover the pixels from `first` to before `last`, two at the least."""
     count = max(2, round((last - first) / side))
     return [round(float(x)) for x in np.linspace(first, last - side, count)]
 

@@ -139,6 +139,7 @@ class DenseLocaliser:
             "agl_m": plan.agl_m,
             "p_wrong": look.p,
             "share": look.share,
+            "votes": look.votes,
             "unsearched": found.unsearched,
             "looks": 1.0 if task.fine_features is GRADIENT else 2.0,
             "lit": 0.0 if task.lit is None else 1.0,

@@ -15,12 +15,15 @@ from typing import TypeGuard
 import numpy as np
 
 from visloc_companion.errors import Reason
+from visloc_companion.localise.block_votes import REACH_PX, share_here, votes
 from visloc_companion.localise.claims import claimed_covariance, horizontal_sigma
 from visloc_companion.localise.matching import Found, Match, Task, best_match, refined_candidates
 from visloc_companion.localise.modes import MODE_RADIUS, mass_near
 from visloc_companion.localise.open_places import Weighed, share_of, weighed
+from visloc_companion.localise.plan import view_box
 from visloc_companion.localise.pose import PoseEstimate, heading_and_tilt
-from visloc_companion.localise.verify import Evidence, Weights, beside_others, crowded, probability_wrong, refusal
+from visloc_companion.localise.verify import Evidence, Weights, beside_others, crowded, outvoted, probability_wrong, refusal
+from visloc_companion.localise.window import part_of_box
 
 Why = tuple[Reason, str]
 
@@ -30,7 +33,8 @@ class Look:
     """The strongest of the refined candidates, with its pose and evidence.
 
     `likely`: how likely each candidate and each open mode of the search is, `share` what that leaves of the best under the prior;
-    `alone`: probability that the best is wrong by its own looks, `p` beside the others.
+    `votes` what the frame's blocks on their own leave of it; `alone`: probability that the best is wrong by its own looks, `p`
+    beside the others and by the blocks.
     """
 
     task: Task
@@ -40,12 +44,16 @@ class Look:
     evidence: Evidence
     likely: Weighed
     share: float
+    votes: float
     alone: float
     p: float
 
     def why_not(self, limit: float) -> Why | None:
         """Why it is declined at a limit of the probability of being wrong, or None."""
-        return refusal(self.evidence, self.alone, limit) or crowded(self.p, self.share, limit)
+        beside = beside_others(self.alone, self.share)
+        return (
+            refusal(self.evidence, self.alone, limit) or crowded(beside, self.share, limit) or outvoted(self.p, self.votes, limit)
+        )
 
 
 def looked(task: Task, found: Found, weights: Weights) -> Look | Why:
@@ -59,7 +67,9 @@ def looked(task: Task, found: Found, weights: Weights) -> Look | Why:
     evidence = _evidence(task, match, match.estimate, lead, found)
     likely = weighed(task, matches, match, found.modes)
     share, alone = share_of(task, matches, match, likely), probability_wrong(evidence, weights)
-    return Look(task, matches, match, match.estimate, evidence, likely, share, alone, beside_others(alone, share))
+    voted = _voted(task, match, found)
+    p = beside_others(alone, share * voted)
+    return Look(task, matches, match, match.estimate, evidence, likely, share, voted, alone, p)
 
 
 def accepted(look: Look | Why | None, limit: float) -> TypeGuard[Look]:
@@ -75,6 +85,14 @@ def surer(first: Look | Why, second: Look | Why, limit: float) -> Look | Why:
         return second
     declined = first.why_not(limit) is not None, second.why_not(limit) is not None
     return second if (declined[1], second.p) < (declined[0], first.p) else first
+
+
+def _voted(task: Task, best: Match, found: Found) -> float:
+    """The share that the frame's blocks on their own give the best match, through the features of the search."""
+    pose = best.descended.pose
+    part = part_of_box(found.grid, *view_box(task.plan, pose), REACH_PX)
+    values, mask = task.frame(part, task.features).on_surface(pose, part)
+    return share_here(votes(part, values, mask * part.weight, task.temperature))
 
 
 def _evidence(task: Task, best: Match, estimate: PoseEstimate, lead: float, found: Found) -> Evidence:

@@ -130,11 +130,12 @@ class Match:
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
     """What the exhaustive search found: peaks refined at the search level, best first, and the posterior's modes; by the prior,
-    the probability of the places that it left `unsearched`."""
+    the probability of the places that it left `unsearched`; the window of the map that it searched."""
 
     candidates: list[Descended]
     modes: list[PlaceMode]
-    unsearched: float = 0.0
+    unsearched: float
+    grid: MapGrid
 
 
 def find_candidates(task: Task) -> Found:
@@ -167,7 +168,7 @@ def find_candidates(task: Task) -> Found:
             found.append(likeliest(apart, plan.pose.R_ned_cam, task.prior.sigma_tilt_rad, task.rank[0] + task.rank[4]))
     temperature = task.temperature * grid.gsd_m / math.sqrt(plan.area_m2)
     modes = place_modes(volume, region(volume, grid, plan), grid, temperature, arms_to_view(plan))
-    return Found(sorted(found, key=lambda c: -c.score), modes, unsearched(plan, MAX_SIDE_PX * grid.gsd_m))
+    return Found(sorted(found, key=lambda c: -c.score), modes, unsearched(plan, MAX_SIDE_PX * grid.gsd_m), grid)
 
 
 def best_match(task: Task, matches: list[Match]) -> tuple[Match, float]:

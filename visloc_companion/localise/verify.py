@@ -154,6 +154,14 @@ def crowded(p: float, share: float, max_probability_wrong: float) -> tuple[Reaso
     return Reason.AMBIGUOUS, f"one of several places, {100 * (1 - share):.0f} % for the others"
 
 
+def outvoted(p: float, votes: float, max_probability_wrong: float) -> tuple[Reason, str] | None:
+    """Why a match is declined that is wrong with p because the blocks of the frame, each by itself, give it no larger share
+    (block_votes.py), or None."""
+    if p <= max_probability_wrong:
+        return None
+    return Reason.BLOCKS_DISAGREE, f"one structure or another place, {100 * (1 - votes):.0f} % by what single blocks show"
+
+
 def refusal(evidence: Evidence, p: float, max_probability_wrong: float) -> tuple[Reason, str] | None:
     """Why the match is declined, or None."""
     worst = max(evidence.height_sigmas, evidence.yaw_sigmas, evidence.position_sigmas, evidence.tilt_sigmas)

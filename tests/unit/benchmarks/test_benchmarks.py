@@ -193,16 +193,17 @@ def test_claims_follow_the_coefficients_without_a_new_run(load, monkeypatch):
     answers = load("answers")
     numbers = Evidence(0.5, 0.5, 0.6, 2.0, 0.9, 30.0, 25.0, 90.0, 0.8, 0.2, 0.2, 0.5, 0.5, 0.8, 0.6).numbers() | {
         "share": 0.9,
+        "votes": 0.8,
         "p_wrong": 0.7,
         "looks": 1.0,
     }
     stored = CaseResult("c0", FIX, None, "", 3.5, numbers, 0.5)
     now = answers.judged_anew(stored, "deep")
     alone = probability_wrong(Evidence.from_numbers(numbers), DEEP_WEIGHTS)
-    assert now.fix.probability_wrong == now.evidence["p_wrong"] == pytest.approx(1 - 0.9 * (1 - alone))
+    assert now.fix.probability_wrong == now.evidence["p_wrong"] == pytest.approx(1 - 0.9 * 0.8 * (1 - alone))
     again = answers.judged_anew(replace(stored, evidence=numbers | {"looks": 2.0}), "deep")
     alone = probability_wrong(Evidence.from_numbers(numbers), AGAIN_WEIGHTS)
-    assert again.fix.probability_wrong == pytest.approx(1 - 0.9 * (1 - alone))
+    assert again.fix.probability_wrong == pytest.approx(1 - 0.9 * 0.8 * (1 - alone))
     monkeypatch.setitem(answers.WEIGHTS, "deep", (-50.0, *DEEP_WEIGHTS[1:]))
     assert answers.judged_anew(stored, "deep").fix.probability_wrong > 0.999
     assert answers.judged_anew(stored, "ncc") is stored

@@ -113,9 +113,10 @@ GOOD = Evidence(0.6, 0.6, 0.5, 6.0, 0.9, 36.0, 30.0, 170.0, 0.8, 0.5, 0.5, 0.5, 
 NOTHING = (Reason.NO_MATCH, "no likeness within the search region")
 
 
-def look(p: float, position_sigmas: float = 0.5) -> Look:
+def look(p: float, position_sigmas: float = 0.5, votes: float = 1.0) -> Look:
     nothing: Any = None
-    return Look(nothing, (), nothing, nothing, replace(GOOD, position_sigmas=position_sigmas), nothing, 1.0, p, p)
+    evidence = replace(GOOD, position_sigmas=position_sigmas)
+    return Look(nothing, (), nothing, nothing, evidence, nothing, 1.0, votes, p, 1 - (1 - p) * votes)
 
 
 def test_the_surer_look_decides():
@@ -134,3 +135,12 @@ def test_one_that_contradicts_the_prior_is_declined_however_sure_it_is():
     assert far.why_not(0.05) == (Reason.INCONSISTENT_WITH_PRIOR, "5.0 sigma from the prior")
     assert surer(far, good, 0.05) is good
     assert surer(good, far, 0.05) is good
+
+
+def test_one_that_its_blocks_do_not_confirm_is_declined_however_sure_it_is():
+    outvoted, good = look(0.001, votes=0.6), look(0.04)
+    why = outvoted.why_not(0.05)
+    assert why is not None
+    assert why[0] is Reason.BLOCKS_DISAGREE
+    assert surer(outvoted, good, 0.05) is good
+    assert look(0.001, votes=0.98).why_not(0.05) is None
