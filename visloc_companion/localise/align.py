@@ -31,9 +31,9 @@ DENSE_PIXELS = 20000
 RUN_PX = 512
 """Pixels that are added up in single precision."""
 _UPPER = np.triu_indices(7)
-_UP = 2
+UP = 2
 """The camera's height among the six unknowns."""
-_OF_UP = np.array([k for k, pair in enumerate(zip(*_UPPER, strict=True)) if _UP in pair])
+_OF_UP = np.array([k for k, pair in enumerate(zip(*_UPPER, strict=True)) if UP in pair])
 """Its products with them and with the template."""
 
 
@@ -81,13 +81,17 @@ class MapSums:
 class Step:
     """One Gauss-Newton step: `delta` (6,) metres north, east, up and radians about north, east, down; its normal equations'
     matrix scaled to information (6, 6); correlation before the step; number of pixels used; the ground after the step, where it
-    is open."""
+    is open, and by how much (N, 6) its heights are lower for each unit of the pose. `gain` and `noise`: the frame's features over
+    the map's, and the variance of one independent measurement of them, with which the information was scaled."""
 
     delta: FloatArray
     information: FloatArray
     score: float
     n_pixels: float
+    gain: float
+    noise: float
     ground: OpenGround | None = None
+    by_pose_m: FloatArray | None = None
 
 
 def prepare(grid: MapGrid, stride: int = 1) -> Descent:
@@ -126,7 +130,7 @@ def map_sums(descent: Descent, grid: MapGrid, pose: CameraPose) -> MapSums:
     stride = 2 if grid.weight.size > DENSE_PIXELS else 1
     thin = descent.every(stride)
     north, east = (a.reshape(6, -1) for a in displacements(grid, pose, stride))
-    d_north, d_east, template = (_planes(a) for a in (thin.d_north, thin.d_east, thin.template))
+    d_north, d_east, template = (planes(a) for a in (thin.d_north, thin.d_east, thin.template))
     return MapSums(thin, north, east, d_north, d_east, template, _products(north, east, thin.products.reshape(6, -1)), stride)
 
 
@@ -146,7 +150,7 @@ def gauss_newton_step(
     by which the surface that `sums` and the frame were made with is raised.
     """
     stride, channels, map_side = sums.stride, frame.shape[2], sums.descent
-    w, F = weight[::stride, ::stride].ravel(), _planes(frame[::stride, ::stride])
+    w, F = weight[::stride, ::stride].ravel(), planes(frame[::stride, ::stride])
     f_n, f_e, f_t, f_f = (np.einsum("cp,cp->p", F, a) * w for a in (sums.d_north, sums.d_east, sums.template, F))
     M = np.zeros((7, 7))
     M[_UPPER] = _summed(sums.products, w)
@@ -169,7 +173,8 @@ def gauss_newton_step(
     damping = np.diag(np.diag(total)) * 1e-6 + np.eye(6) * 1e-9
     delta = np.linalg.solve(total + damping, b + prior_pull)
     after = None if ground is None else ground.raised(raised_m - by_pose_m @ delta)
-    return Step(delta, information, ft / max(math.sqrt(tt * ff), 1e-9), n_pixels, after)
+    score, heights = ft / max(math.sqrt(tt * ff), 1e-9), None if ground is None else by_pose_m
+    return Step(delta, information, score, n_pixels, rho, noise, after, heights)
 
 
 def _with_heights(
@@ -185,14 +190,14 @@ def _with_heights(
     `by_frame`: gradients north and east times the frame, under the weight (P,) each.
     """
     own = -ground.summed(sums.products[_OF_UP], weight, sums.stride)  # (N, 7): with the six and the template
-    by_height = np.stack([sums.north[_UP] * by_frame[0] + sums.east[_UP] * by_frame[1]])
+    by_height = np.stack([sums.north[UP] * by_frame[0] + sums.east[UP] * by_frame[1]])
     seen = ground.summed(by_height, np.ones_like(weight), sums.stride)
     n = len(own)
     of_pose, heights = np.r_[0:6, 6 + n], slice(6, 6 + n)
     joined = np.zeros((7 + n, 7 + n))
     joined[np.ix_(of_pose, of_pose)] = M
     joined[heights, of_pose], joined[of_pose, heights] = own, own.T
-    joined[heights, heights] = np.diag(-own[:, _UP])
+    joined[heights, heights] = np.diag(-own[:, UP])
     return joined, np.concatenate([pull, -seen[:, 0]])
 
 
@@ -239,7 +244,7 @@ def _products(north: Float32Array, east: Float32Array, sums: Float32Array) -> Fl
     return found
 
 
-def _planes(image: Float32Array) -> Float32Array:
+def planes(image: Float32Array) -> Float32Array:
     """(C, P) pixels row by row, a plane for each channel, of an image (H, W, C)."""
     return np.ascontiguousarray(cv2.split(np.ascontiguousarray(image)), dtype=np.float32).reshape(image.shape[2], -1)
 

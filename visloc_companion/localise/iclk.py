@@ -16,6 +16,7 @@ import numpy as np
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise import align
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
+from visloc_companion.localise.clustered import excess_variance
 from visloc_companion.localise.descent import Descended, descend, descend_open
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.open_ground import open_ground
@@ -40,11 +41,13 @@ MIN_SCORE = 0.12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
-    """Where the descent through all levels ended, how far (working px) the last pass still moved it, and the last GSD."""
+    """Where the descent through all levels ended, how far (working px) the last pass still moved it, the last GSD, and by
+    how much more pulls at the pose there than its information says (6, 6; clustered.py)."""
 
     end: Descended
     settled_px: float
     gsd_m: float
+    excess: FloatArray
 
 
 class IclkLocaliser:
@@ -80,7 +83,7 @@ class IclkLocaliser:
 
 def aligned(start: View, ref: ReferenceMap, features: Features, watch: Stopwatch) -> Alignment | None:
     """Lucas-Kanade through the levels; None where frame and map do not overlap. Raises OutsideMap."""
-    pose, found = start.start, None
+    pose = start.start
     for level in LEVELS:
         with watch:
             grid = window(start, pose, level, ref, start.plan.frame, features)
@@ -98,8 +101,9 @@ def aligned(start: View, ref: ReferenceMap, features: Features, watch: Stopwatch
             if end.score <= -1:
                 return None
             moved_px = float(np.abs(end.pose.p_ned_m - pose.p_ned_m).max()) / grid.gsd_m
-            pose, found = end.pose, Alignment(end, moved_px, grid.gsd_m)
-    return found
+            pose = end.pose
+    excess = excess_variance(low, pose, smooth, descent, start.prior, ground)
+    return Alignment(end, moved_px, grid.gsd_m, excess)
 
 
 def evidence(found: Alignment, plan: SearchPlan, prior: PosePrior) -> dict[str, float]:
@@ -134,10 +138,12 @@ def probability_wrong(values: tuple[float, ...]) -> float:
 
 
 def claimed_covariance(found: Alignment) -> FloatArray | None:
-    """(6, 6) of north, east, up and rotation: the alignment's, scaled and with a floor; None where it is undetermined."""
+    """(6, 6) of north, east, up and rotation: the alignment's, wider where parts of the frame pull it to and fro, scaled and with
+    a floor; None where it is undetermined."""
     information = found.end.information
     if not np.all(np.diag(information) > 0) or np.linalg.cond(information) > 1e14:
         return None
-    covariance = np.linalg.inv(information) * COVARIANCE_FACTOR**2
+    formal = np.linalg.inv(information)
+    covariance = (formal + formal @ found.excess @ formal) * COVARIANCE_FACTOR**2
     covariance[:2, :2] += np.eye(2) * (SIGMA_FLOOR_PX * found.gsd_m) ** 2
     return np.asarray(covariance, dtype=np.float64)
