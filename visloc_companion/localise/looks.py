@@ -23,7 +23,7 @@ from visloc_companion.localise.open_places import Weighed, share_of, weighed
 from visloc_companion.localise.plan import view_box
 from visloc_companion.localise.pose import PoseEstimate, heading_and_tilt
 from visloc_companion.localise.verify import Evidence, Weights, beside_others, crowded, outvoted, probability_wrong, refusal
-from visloc_companion.localise.window import part_of_box
+from visloc_companion.localise.window import map_grid, part_of_box
 
 Why = tuple[Reason, str]
 
@@ -88,9 +88,16 @@ def surer(first: Look | Why, second: Look | Why, limit: float) -> Look | Why:
 
 
 def _voted(task: Task, best: Match, found: Found) -> float:
-    """The share that the frame's blocks on their own give the best match, through the features of the search."""
+    """The share that the frame's blocks on their own give the best match, through the features of the search, on the map under
+    the frame's sun where that is looked at."""
     pose = best.descended.pose
-    part = part_of_box(found.grid, *view_box(task.plan, pose), REACH_PX)
+    low, high = view_box(task.plan, pose)
+    if task.lit is None:
+        part = part_of_box(found.grid, low, high, REACH_PX)
+    else:
+        gsd_m = found.grid.gsd_m
+        margin_m = REACH_PX * gsd_m
+        part = map_grid(task.ref, task.plan.frame, low - margin_m, high + margin_m, gsd_m, task.features, task.lit)
     values, mask = task.frame(part, task.features).on_surface(pose, part)
     return share_here(votes(part, values, mask * part.weight, task.temperature))
 
