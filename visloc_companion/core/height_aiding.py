@@ -88,9 +88,6 @@ class HeightAiding:
             sigma_m, step_m = height_sigma_m(above_home_m or 0.0), h_amsl_m - self._before_restart_m
             self._filter.jumped(t_ns, step_m**2 + sigma_m**2)
             self.zeros += abs(step_m) > sigma_m
-            if self._over_ground is not None:
-                shown_ns, above_m = self._over_ground
-                self._over_ground = shown_ns, above_m - step_m
             self._before_restart_m = self._last_shown = self._held = None
         self._v_down_mps = v_down_mps
         self._heights.append((t_ns, h_amsl_m))
@@ -125,9 +122,8 @@ class HeightAiding:
         fixes have taught is doubted by what lies between its last height and the next."""
         if restarted and self._heights:
             self._before_restart_m = self._heights[-1][1]
-        elif not restarted:
-            self._over_ground = None
         self._heights.clear()
+        self._over_ground = None
 
     def asked(self, request: LocaliseRequest | TerrainRequest) -> None:
         """Remember which height the localiser was given."""

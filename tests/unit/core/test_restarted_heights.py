@@ -13,10 +13,8 @@ from visloc_companion.types import (
     Event,
     Fix,
     FrameRef,
-    Injection,
     LinkChanged,
     LocaliseRequest,
-    Mode,
     OriginChanged,
     PriorPose,
 )
@@ -73,11 +71,3 @@ def test_what_fixes_teach_of_the_new_height_counts(zero_m: float) -> None:
     sigmas_m = [request.prior.sigma_h_m for request in others]
     assert all(later <= before + 1e-9 for before, later in pairwise(sigmas_m))
     assert sigmas_m[-1] < 1.5
-
-
-def test_a_height_of_nothing_above_home_is_not_believed_right_after_a_fix_far_above_ground() -> None:
-    """Restarted, it counts from where it was then: on the ground as it says, and no frame was looked at any more."""
-    world = flown(-100.0, -100.0)
-    assert len(world.asked_since(RESTART_S)) > 50
-    assert world.status_at(59.0)[0].mode is Mode.AIDING
-    assert [t for t, command in world.commands if isinstance(command, Injection) and t > 55.0]
