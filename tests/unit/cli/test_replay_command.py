@@ -181,7 +181,8 @@ def test_a_full_disk_costs_no_figures(log: Path, tmp_path: Path, monkeypatch: py
     if lost == "out":
         monkeypatch.setattr("visloc_companion.evaluate.metrics.write_epochs", full)
     else:
-        monkeypatch.setattr(Path, "replace", full)
+        put = Path.replace
+        monkeypatch.setattr(Path, "replace", lambda at, to: full() if Path(to).name == "r.json" else put(at, to))
     arguments = [str(log), "--out", str(tmp_path / "out"), "--json", str(tmp_path / "r.json")]
     ended = CliRunner().invoke(app, arguments)
     with pytest.raises(ConfigError, match=rf"cannot be written: .*No space left.*for --{lost}"):
