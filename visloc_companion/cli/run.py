@@ -60,6 +60,7 @@ def _run(config: Path, check: bool, at: str, sigma: float, json: Path | None, ah
 
 def _serve(config: Config, at: At | None, ahead: WorkerAhead | None = None) -> list[VislocError]:
     import asyncio
+    import gc
     import signal
 
     from visloc_companion.app.live import run_daemon
@@ -70,6 +71,7 @@ def _serve(config: Config, at: At | None, ahead: WorkerAhead | None = None) -> l
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):  # the last when the terminal that started it is gone
             if signal.getsignal(number) is not signal.SIG_IGN:  # nohup
                 asyncio.get_running_loop().add_signal_handler(number, stop.set)
+        gc.freeze()  # looking for garbage among all that was imported holds positions up in flight
         await run_daemon(config, stop=stop, at=at, ahead=ahead)
 
     problems: list[VislocError] = []

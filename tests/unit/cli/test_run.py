@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import json
 import os
 import signal
@@ -14,12 +15,13 @@ import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 from visloc_companion.app.journal import read_header, read_journal
-from visloc_companion.config import parse_config
+from visloc_companion.cli import run
+from visloc_companion.config import Config, parse_config
 
 COMMAND = [sys.executable, "-m", "visloc_companion.cli.main", "run", "--config"]
 ENVIRONMENT = {**os.environ, "COLUMNS": "200", "NO_COLOR": "1"}
@@ -215,3 +217,17 @@ def test_a_restart_begins_a_journal_of_its_own(tmp_path: Path) -> None:
             process.send_signal(number)
             process.stderr.read()
     assert len(list(journals.glob("*.mcap"))) == 2
+
+
+def test_a_flight_looks_for_no_garbage_among_what_was_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+    frozen: list[int] = []
+
+    async def daemon(*_: object, **__: object) -> None:
+        frozen.append(gc.get_freeze_count())
+
+    monkeypatch.setattr("visloc_companion.app.live.run_daemon", daemon)
+    try:
+        assert run._serve(cast(Config, None), None) == []
+    finally:
+        gc.unfreeze()
+    assert frozen[0] > 10_000
