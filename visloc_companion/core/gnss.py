@@ -139,8 +139,11 @@ class GnssMonitor:
         when it is first heard of may fly beside a GNSS that has been false for long."""
         if self._armed is None and armed:
             self._first_weight_s = gnss_odds.first_weight_s(gnss_odds.FALSE_FOUND_IN_FLIGHT)
-            self._drift = DriftTest(self._settings.gnss_sigma_m, self._drift.grounds, self._first_weight_s)
+            self._drift = self._drift_anew()
         self._armed, self._clock_follows = armed, not armed or autopilot is not AutopilotKind.ARDUPILOT
+
+    def _drift_anew(self) -> DriftTest:
+        return DriftTest(self._settings.gnss_sigma_m, self._drift.grounds, self._first_weight_s)
 
     def on_height(self, *, low: bool) -> None:
         """Whether the vehicle is as low as on the ground: one that was armed higher up flies until it is low and disarmed."""
@@ -191,8 +194,7 @@ class GnssMonitor:
     def disown_camera(self, *, right_until_ns: int = 0, in_use: bool = False) -> bool:
         """What the camera said was wrong since a time, 0: all along; whether it alone spoke against GNSS, which is then on
         probation. Where it stays `in_use`, believed less, a GNSS that it spoke against comes back only by agreeing with it."""
-        self._odometry = OdometryTest()
-        self._drift = DriftTest(self._settings.gnss_sigma_m, self._drift.grounds, self._first_weight_s)
+        self._odometry, self._drift = OdometryTest(), self._drift_anew()
         self._vision_ns, self._vision_sigma = None, 0.0
         said = bool(self._disagreed)
         if said and self._disagreed_ns >= right_until_ns:

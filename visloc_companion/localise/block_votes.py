@@ -15,7 +15,7 @@ import math
 import cv2
 import numpy as np
 
-from visloc_companion.localise.blocks import MIN_COVER, normalised_correlation, starts_along
+from visloc_companion.localise.blocks import correlated
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.ortho_rectify import MapGrid
 from visloc_companion.types import FloatArray
@@ -43,18 +43,15 @@ def votes(grid: MapGrid, frame: Float32Array, weight: Float32Array, temperature:
     """
     size = 2 * REACH_PX + 1
     side = max(LEAST_SIDE_PX, round(math.sqrt(float(weight.sum())) / BLOCKS_ACROSS))
-    at = _blocks(weight, side)
+    at, of_blocks = [], []
+    for left, top, scores in correlated(grid, frame, weight, side, REACH_PX):
+        score = scores.astype(np.float64).ravel()
+        likely = np.exp((score - score.max()) * (side / temperature))
+        at.append((left, top))
+        of_blocks.append(np.log(MISSED + (1 - MISSED) * likely / likely.mean()))
     if not at:
         return np.zeros((size, size))
-    template = cv2.copyMakeBorder(grid.features * grid.weight[..., None], *(REACH_PX,) * 4, cv2.BORDER_CONSTANT, value=0)
-    masked = frame * weight[..., None]
-    nats = np.empty((len(at), size * size))
-    for k, (left, top) in enumerate(at):
-        block = np.ascontiguousarray(masked[top : top + side, left : left + side])
-        window = template[top : top + side + 2 * REACH_PX, left : left + side + 2 * REACH_PX]
-        score = normalised_correlation(np.asarray(window, dtype=np.float32), block).astype(np.float64).ravel()
-        likely = np.exp((score - score.max()) * (side / temperature))
-        nats[k] = np.log(MISSED + (1 - MISSED) * likely / likely.mean())
+    nats = np.array(of_blocks)
     along_lines = strips(np.array(at, dtype=np.float64), side, *structure(grid.features, at, side))
     too_much = np.maximum(along_lines @ nats - MOST_NATS, 0.0).max(axis=0)
     return np.asarray((nats.sum(axis=0) - too_much).reshape(size, size), dtype=np.float64)
@@ -93,22 +90,3 @@ def structure(features: Float32Array, at: list[tuple[int, int]], side: int) -> t
     uu, uv, vv = (np.array([p[v : v + side, u : u + side].sum(dtype=np.float64) for u, v in at]) for p in products)
     across = 0.5 * np.arctan2(2 * uv, uu - vv)
     return across, np.hypot(uu - vv, 2 * uv) / np.maximum(uu + vv, 1e-12)
-
-
-def _blocks(weight: Float32Array, side: int) -> list[tuple[int, int]]:
-    """Left and top of the blocks of which enough is seen."""
-    rows, cols = _ends(weight, 1), _ends(weight, 0)
-    if min(rows[1] - rows[0], cols[1] - cols[0]) <= side:
-        return []
-    return [
-        (left, top)
-        for top in starts_along(*rows, side)
-        for left in starts_along(*cols, side)
-        if weight[top : top + side, left : left + side].mean() >= MIN_COVER
-    ]
-
-
-def _ends(weight: Float32Array, axis: int) -> tuple[int, int]:
-    """The first index across an axis at which something is seen and the one after the last; both 0 where nothing is."""
-    at = np.flatnonzero(weight.any(axis))
-    return (int(at[0]), int(at[-1]) + 1) if len(at) else (0, 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -40,25 +41,32 @@ class BlockMatches:
 def match_blocks(grid: MapGrid, frame: Float32Array, weight: Float32Array) -> BlockMatches:
     """Match blocks of the rectified frame's features (H, W, C) within ±REACH_PX of where the pose puts them."""
     side = int(np.clip(round(np.sqrt(float(weight.sum())) / 6), 14, 40))
-    rows, cols = np.flatnonzero(weight.any(1)), np.flatnonzero(weight.any(0))
-    if not len(rows) or rows[-1] - rows[0] < side or cols[-1] - cols[0] < side:
-        empty = np.zeros((0, 2))
-        return BlockMatches(empty, empty, np.zeros(0), np.zeros(0), side)
-    template = cv2.copyMakeBorder(grid.features * grid.weight[..., None], *(REACH_PX,) * 4, cv2.BORDER_CONSTANT, value=0)
-    masked = frame * weight[..., None]
-    found = []
-    for top in starts_along(rows[0], rows[-1] + 1, side):
-        for left in starts_along(cols[0], cols[-1] + 1, side):
-            inside = weight[top : top + side, left : left + side]
-            if inside.mean() < MIN_COVER:
-                continue
-            block = np.ascontiguousarray(masked[top : top + side, left : left + side])
-            window = template[top : top + side + 2 * REACH_PX, left : left + side + 2 * REACH_PX]
-            u, v, peak = _peak(normalised_correlation(np.asarray(window, dtype=np.float32), block))
-            found.append((left + (side - 1) / 2, top + (side - 1) / 2, u, v, peak))
+    found = [
+        (left + (side - 1) / 2, top + (side - 1) / 2, *_peak(score))
+        for left, top, score in correlated(grid, frame, weight, side, REACH_PX)
+    ]
     table = np.array(found, dtype=np.float64).reshape(-1, 5)
     agrees = (np.hypot(table[:, 2], table[:, 3]) < AGREE_PX).astype(np.float64)
     return BlockMatches(table[:, :2], table[:, 2:4], table[:, 4], agrees, side)
+
+
+def correlated(
+    grid: MapGrid, frame: Float32Array, weight: Float32Array, side_px: int, reach_px: int
+) -> Iterator[tuple[int, int, Float32Array]]:
+    """Left and top of each block of a side of which enough is seen, in the rectified frame's features (H, W, C) with `weight`
+    (H, W), and its normalised correlation (2 reach + 1, 2 reach + 1) with the map about where the pose puts it."""
+    rows, cols = np.flatnonzero(weight.any(1)), np.flatnonzero(weight.any(0))
+    if not len(rows) or rows[-1] - rows[0] < side_px or cols[-1] - cols[0] < side_px:
+        return
+    template = cv2.copyMakeBorder(grid.features * grid.weight[..., None], *(reach_px,) * 4, cv2.BORDER_CONSTANT, value=0)
+    masked, reached_px = frame * weight[..., None], side_px + 2 * reach_px
+    for top in _starts(rows[0], rows[-1] + 1, side_px):
+        for left in _starts(cols[0], cols[-1] + 1, side_px):
+            if weight[top : top + side_px, left : left + side_px].mean() < MIN_COVER:
+                continue
+            block = np.ascontiguousarray(masked[top : top + side_px, left : left + side_px])
+            window = np.asarray(template[top : top + reached_px, left : left + reached_px], dtype=np.float32)
+            yield left, top, normalised_correlation(window, block)
 
 
 def worth(matches: BlockMatches, tilt_known: bool = True) -> FloatArray:
@@ -117,8 +125,7 @@ def correspondences(
     return ground, pix, K[0, 0] * grid.gsd_m / np.maximum(q[:, 2], 1.0)
 
 
-def starts_along(first: int, last: int, side: int) -> list[int]:
-    """Where blocks of a side begin that cover the pixels from `first` to before `last`, two at the least."""
+def _starts(first: int, last: int, side: int) -> list[int]:
     count = max(2, round((last - first) / side))
     return [round(float(x)) for x in np.linspace(first, last - side, count)]
 
