@@ -126,13 +126,13 @@ def _eyes(scenario: RealScenario, config: Config) -> Eyes:
     latency_s = oracle.latency_s + oracle.jitter_s / 2
     if scenario.seen is not None:
         camera, localiser, reference = opened(scenario.seen, config)
-        return Eyes(camera, localiser, reference, oracle.rate_hz, latency_s)
+        return Eyes(camera, localiser, reference, oracle.frames_hz, latency_s)
     poses = (
         cast(SimulatedCamera, _PoseCamera()),
         _PoseReader(oracle, scenario.seed, scenario.home.h_amsl_m),
         cast(ReferenceMap, None),
     )
-    return Eyes(*poses, oracle.rate_hz, latency_s)
+    return Eyes(*poses, oracle.frames_hz, latency_s)
 
 
 def _on_vision(switches: list[tuple[int, EkfSource]], t_ns: int) -> bool:
@@ -180,22 +180,26 @@ class _PoseReader:
     def __init__(self, settings: OracleSettings, seed: int, ground_amsl_m: float) -> None:
         self._settings, self._rng = settings, Random(f"{seed}/oracle")
         self._motion = MotionSeen(seed, ground_amsl_m) if settings.odometry else None
+        self._asked = 0
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         lat, lon, height, w, x, y, z = np.frombuffer(pixels.tobytes(), np.float64).tolist()
-        flight_s = (request.frame.t_boot_ns or 0) * 1e-9 - BOOT_AGE_S
+        flight_s, frame = (request.frame.t_boot_ns or 0) * 1e-9 - BOOT_AGE_S, request.frame
+        ids = request.request_id, frame.frame_id
         if not self._settings.sees(flight_s):
             if self._motion is not None:
                 self._motion.lose()
-            return NoFix(0, request.frame.t_ns, request.request_id, request.frame.frame_id, METHOD, Reason.NO_MATCH, 0.0)
+            return NoFix(0, frame.t_ns, *ids, METHOD, Reason.NO_MATCH, 0.0)
+        motion = None if self._motion is None else self._motion.look(frame.t_ns, GeoPoint(lat, lon, height), request.believed)
+        self._asked += 1
+        if self._asked % self._settings.recognised_of:
+            return NoFix(0, frame.t_ns, *ids, METHOD, Reason.NO_MATCH, 0.0, motion=motion)
         sigma, claimed = self._settings.sigma_m, self._settings.claimed_sigma_m**2
         noise = self._rng.gauss(0.0, sigma), self._rng.gauss(0.0, sigma), self._rng.gauss(0.0, HEIGHT_SIGMA_M)
-        place, frame = geo_from_ned(noise, GeoPoint(lat, lon, height)), request.frame
+        place = geo_from_ned(noise, GeoPoint(lat, lon, height))
         h_m, sigma_h_m = answered_height(place.h_amsl_m, request.prior)
         place = replace(place, h_amsl_m=h_m)
         cov = ((claimed, 0.0), (0.0, claimed))
-        ids = request.request_id, frame.frame_id
-        motion = None if self._motion is None else self._motion.look(frame.t_ns, GeoPoint(lat, lon, height), request.believed)
         return Fix(0, frame.t_ns, *ids, METHOD, place, (w, x, y, z), cov, sigma_h_m, 0.01, 1e-4, 50.0, motion=motion)
 
 

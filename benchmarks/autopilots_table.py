@@ -65,7 +65,7 @@ def _line(row: Row) -> str:
         _odometry(row),
         _number(row["vision_s"], 0),
         _number(row["error_p95_m"]),
-        _number(row["error_max_m"]),
+        _number(row["error_max_m"] if row["judged"] else row.get("strayed_m")),
         _number(row["gnss_p95_m"]),
         _number(row["velocity_rms_mps"], 2),
         "" if row["rejected_share"] is None else f"{row['rejected_share']:.1%}",

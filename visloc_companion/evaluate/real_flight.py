@@ -28,6 +28,8 @@ daemon that is started again begins it anew; an operator's own time comes on top
 ENOUGH_S = 30.0
 GRACE_S, SETTLED_M, SETTLED_LIMIT_S = 10.0, 3.0, 5.0
 """After fixes have jumped on purpose errors and rejections are not judged for so long; the estimate must be there sooner."""
+ON_GROUND_M = 0.4
+"""Less above where it stood before take-off, a vehicle stands."""
 BACK_S = 4.0
 """A daemon that is started again must send a position within so long."""
 LATE_S, STARVED = 0.15, 0.01
@@ -45,7 +47,8 @@ class RealFigures:
     `NOTICED_S` and `PROBATION_S` allow. `pulled_m`: how far the estimate, and with it the vehicle, was off while a dragged
     receiver was flown on. `touch_down_mps`: the sideways speed at which a copter touched the ground. `gap_s`: the longest time
     without a position sent, on vision. `settled_s`: the longest time from a deliberate jump of the fixes until the autopilot was
-    within 3 m of them again. `late_share`: see STARVED.
+    within 3 m of them again. `late_share`: see STARVED. `strayed_m`: how far the estimate was off at most after the jam, in the
+    air, where no daemon helped.
     """
 
     vision_s: float
@@ -62,6 +65,7 @@ class RealFigures:
     gap_s: float | None
     settled_s: float | None
     late_share: float | None
+    strayed_m: float | None = None
 
     @property
     def starved(self) -> bool:
@@ -98,6 +102,7 @@ def real_figures(log: RealLog, scenario: RealScenario) -> RealFigures:
         gap_s=max([*gaps, silent_s]) if on_vision else None,
         settled_s=max((_settled_s(on_vision, at_s) for at_s in jumps), default=None),
         late_share=float(np.mean(np.array(gaps) > LATE_S)) if gaps else None,
+        strayed_m=None if scenario.with_daemon else _percentile(_errors(_unaided(flown, log)), 100),
     )
 
 
@@ -154,9 +159,17 @@ def _touch_down_mps(log: RealLog) -> float | None:
     over_s = log.at("over")
     if over_s is None or log.at("landed") is None:
         return None
-    ground_m = log.samples[0].true_place.h_amsl_m
-    low = [s for s in log.samples if s.t_s > over_s and s.true_place.h_amsl_m < ground_m + 0.4]
+    low = [s for s in log.samples if s.t_s > over_s and not _in_the_air(s, log)]
     return math.hypot(*low[0].true_v_ned_mps[:2]) if low else None
+
+
+def _in_the_air(sample: RealSample, log: RealLog) -> bool:
+    return sample.true_place.h_amsl_m >= log.samples[0].true_place.h_amsl_m + ON_GROUND_M
+
+
+def _unaided(flown: Sequence[RealSample], log: RealLog) -> list[RealSample]:
+    """On a bad receiver, until the ground was reached."""
+    return list(itertools.takewhile(lambda s: _in_the_air(s, log), (s for s in flown if _is_bad(s, log))))
 
 
 def _gaps_s(log: RealLog, on_vision: Sequence[RealSample]) -> tuple[list[float], float]:

@@ -52,6 +52,11 @@ def test_a_row_says_whether_its_answers_brought_odometry(module, changed: dict[s
     assert line.split("|")[3].strip() == shown
 
 
+def test_a_flight_that_nobody_helped_shows_how_far_it_strayed(module) -> None:
+    alone = {**ROW, "flight": "without_daemon", "judged": False, "error_max_m": None, "error_p95_m": None, "strayed_m": 123.4}
+    assert module.table([alone]).splitlines()[2].split("|")[6].strip() == "123.4"
+
+
 def test_what_was_missed_and_what_never_came_is_said(module) -> None:
     line = module.table([{**ROW, "missed": ["95 %"]}]).splitlines()[2]
     assert "| never |" in line

@@ -184,3 +184,12 @@ def test_a_probation_that_a_restart_begins_anew_and_an_operators_time_are_allowe
 def failed(figures: object) -> list[str]:
     scenario = real_scenario("slow_drag", Simulator.ARDUCOPTER) if getattr(figures, "pulled_m", None) else JAM
     return [check.name for check in checks(figures, scenario, Simulator.ARDUCOPTER) if not check.passed]  # type: ignore[arg-type]
+
+
+def test_a_flight_that_nobody_helps_tells_how_far_it_strayed_before_it_was_down() -> None:
+    samples = [sample(0.0, "ground", 0.1, 0.0), *(sample(0.1 * k, "gnss", 0.05 * k) for k in range(1, 600))]
+    landed = [sample(60.0 + 0.1 * k, "gnss", 400.0, 0.1) for k in range(100)]
+    log = RealLog(samples=[*samples, *landed], marks=[(1.0, "begun"), (10.0, "jam"), (69.9, "over")])
+    alone = real_scenario("without_daemon", Simulator.ARDUCOPTER)
+    assert real_figures(log, alone).strayed_m == pytest.approx(0.05 * 599)
+    assert real_figures(log, JAM).strayed_m is None

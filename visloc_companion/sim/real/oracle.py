@@ -47,15 +47,18 @@ def answered_height(seen_amsl_m: float, prior: PosePrior) -> tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class OracleSettings:
-    """Frames a second, 1-sigma of the fixes per axis (white), how long an answer takes, and what it claims of itself.
+    """How many frames a second are asked about at most, 1-sigma of the fixes per axis (white), how long an answer takes, and what
+    it claims of itself. `camera_hz`: how many the camera takes, where that are more; the newest is asked about.
 
     `frame_delay_s`: how long a picture travels before the daemon has it (its time is known); `jitter_s`: what an answer takes
     longer at most (uniform). In seconds since the circuit was begun: `blind` are spans in which nothing is recognised, in
     `moved` (from, to, north and east m) fixes are off by so much. `odometry`: answers bring the camera's motion, too
-    (sim/odometry_model.py), as those of the daemon's localiser do.
+    (sim/odometry_model.py), as those of the daemon's localiser do. `recognised_of`: of so many pictures that are asked about one
+    is recognised; the others show the motion alone.
     """
 
     rate_hz: float = 4.0
+    camera_hz: float | None = None
     sigma_m: float = 0.7
     latency_s: float = 0.25
     claimed_sigma_m: float = 0.7
@@ -64,6 +67,12 @@ class OracleSettings:
     blind: tuple[tuple[float, float], ...] = ()
     moved: tuple[tuple[float, float, float, float], ...] = ()
     odometry: bool = False
+    recognised_of: int = 1
+
+    @property
+    def frames_hz(self) -> float:
+        """Frames a second."""
+        return self.rate_hz if self.camera_hz is None else self.camera_hz
 
     def sees(self, at_s: float) -> bool:
         """Whether a picture of that time is recognised."""
@@ -139,13 +148,13 @@ class Oracle:
         self._views: dict[int, View] = {}
         self._due: list[tuple[int, int, Fix | NoFix]] = []
         self._travelling: list[tuple[int, int, int]] = []
-        self._frame_id, self._next_ns = 0, 0
+        self._frame_id, self._next_ns, self._asked = 0, 0, 0
 
     def see(self, t_boot_ns: int, place: GeoPoint, q_ned_frd: Quat) -> None:
         """The truth at an instant of the autopilot's clock; every so often it is a frame."""
         if t_boot_ns < self._next_ns or not self.shows:
             return
-        period_ns = round(1e9 / self._settings.rate_hz)
+        period_ns = round(1e9 / self._settings.frames_hz)
         self._next_ns = max(self._next_ns + period_ns, t_boot_ns + period_ns // 2)
         self._frame_id += 1
         self._views[self._frame_id] = View(t_boot_ns, place, q_ned_frd)
@@ -189,6 +198,10 @@ class Oracle:
             if self._motion is not None:
                 self._motion.lose()
             return NoFix(due_ns, frame.t_ns, *ids, METHOD, Reason.NO_MATCH, 0.0)
+        self._asked += 1
+        if self._asked % settings.recognised_of:
+            motion = None if self._motion is None else self._motion.look(frame.t_ns, view.place, request.believed)
+            return NoFix(due_ns, frame.t_ns, *ids, METHOD, Reason.NO_MATCH, 0.0, motion=motion)
         return replace(self._localise(request, view), t_rx_ns=due_ns)
 
     def _from_truth(self, request: LocaliseRequest, view: View) -> Fix | NoFix:

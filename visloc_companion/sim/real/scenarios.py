@@ -33,18 +33,21 @@ RENDERED, RENDERED_LATE, RENDERED_USUAL_DRAG = SEEN = ("rendered", "rendered_lat
 BRAKES = tuple(Brake(float(at_s)) for at_s in range(18, 360, 46))
 ORACLE = OracleSettings()
 LATE = replace(ORACLE, latency_s=ORACLE.latency_s + EXTRA_LATENCY_S)
+CAMERA_HZ = 15.0
+"""Of a usual camera; the daemon asks about the newest of its frames when an answer has come."""
 Change = Callable[[RealScenario], RealScenario]
 
 NAMES = {
     "jam": "GNSS is jammed at 60 s for good; 300 s on vision, then landing.",
     "late": "The same with answers 300 ms later (and therefore fewer).",
-    "jam_odometry": "As `jam`, and answers bring the camera's motion, as the daemon's localiser's do.",
+    "jam_odometry": "As `jam` with a camera of 15 frames a second, and answers bring its motion, as the daemon's localiser's do.",
     "late_odometry": "The same with answers 300 ms later (and therefore fewer).",
     "late_pictures": "Pictures come 300 ms later, as many as ever.",
     "slow_drag": "The receiver's position (not its velocity) is dragged at 1 m/s from 60 s.",
     "gnss_back": "GNSS is jammed from 60 s to 160 s and then good again.",
     "without_daemon": "GNSS is jammed at 60 s for good, and nobody helps.",
     "fixes_0_5_hz": "One fix in 2 s.",
+    "fixes_0_5_hz_odometry": "One picture in eight is recognised, about one in 2 s; the others bring the camera's motion.",
     "fixes_1_hz": "One fix a second.",
     "fixes_2_hz": "Two fixes a second.",
     "fixes_5_hz": "Five fixes a second, 150 ms late.",
@@ -80,6 +83,10 @@ def _with_fixes(**changed: object) -> Change:
     return lambda flight: replace(flight, oracle=replace(ORACLE, **changed))  # type: ignore[arg-type]
 
 
+def _as_the_daemon(fixes: OracleSettings) -> OracleSettings:
+    return replace(fixes, odometry=True, camera_hz=CAMERA_HZ)
+
+
 def _rendered(short: RealScenario) -> RealScenario:
     return replace(short, route=replace(short.route, height_m=RENDERED_M))
 
@@ -91,15 +98,16 @@ def _without_gnss(short: RealScenario) -> RealScenario:
 _LONG: dict[str, Change] = {
     "jam": lambda jam: jam,
     "late": lambda jam: replace(jam, oracle=LATE, lands=False),
-    "jam_odometry": lambda jam: replace(jam, oracle=replace(ORACLE, odometry=True)),
-    "late_odometry": lambda jam: replace(jam, oracle=replace(LATE, odometry=True), lands=False),
+    "jam_odometry": lambda jam: replace(jam, oracle=_as_the_daemon(ORACLE)),
+    "late_odometry": lambda jam: replace(jam, oracle=_as_the_daemon(LATE), lands=False),
     "slow_drag": lambda jam: replace(jam, duration_s=200.0, jam_at_s=None, drag_at_s=FAULT_S, lands=False),
     "gnss_back": lambda jam: replace(jam, duration_s=260.0, gnss_back_at_s=FAULT_S + 100.0, lands=False),
-    "without_daemon": lambda jam: replace(jam, duration_s=160.0, with_daemon=False, lands=False),
+    "without_daemon": lambda jam: replace(jam, with_daemon=False, lands=False),
 }
 _SHORT: dict[str, Change] = {
     "late_pictures": _with_fixes(frame_delay_s=EXTRA_LATENCY_S),
     "fixes_0_5_hz": _fixes(0.5, (8.0, 10.0)),
+    "fixes_0_5_hz_odometry": lambda short: replace(short, oracle=replace(_as_the_daemon(ORACLE), recognised_of=8)),
     "fixes_1_hz": _fixes(1.0, (5.0, 7.0)),
     "fixes_2_hz": _fixes(2.0, (4.0, 5.0)),
     "fixes_5_hz": _fixes(5.0, latency_s=0.15),

@@ -47,6 +47,11 @@ def test_nothing_is_shown_before_it_is_told_to() -> None:
     oracle.see(0, PLACE, LEVEL)
 
 
+def test_a_camera_may_take_more_frames_than_are_asked_about() -> None:
+    frames = shown(Oracle(OracleSettings(rate_hz=4.0, camera_hz=10.0), ManualClock(7), 1), 101)
+    assert len(frames) == 51
+
+
 async def answered(oracle: Oracle, clock: ManualClock, after_s: float) -> list[object]:
     serving = asyncio.create_task(oracle.serve())
     clock.advance(after_s)
@@ -173,6 +178,22 @@ async def test_another_answer_than_the_truth_is_as_late_and_as_blind() -> None:
     assert (first.reason, second.reason) == (Reason.NO_MATCH, Reason.AMBIGUOUS)
     assert second.t_rx_ns == 1_250_000_000
     assert [view.t_boot_ns for view in asked] == [1_000_000_000]
+
+
+async def test_one_picture_of_several_is_recognised_and_all_show_the_motion() -> None:
+    clock = ManualClock(1_000_000_000)
+    oracle = Oracle(OracleSettings(rate_hz=4.0, latency_s=0.0, odometry=True, recognised_of=4), clock, 1)
+    frames: list[FrameRef] = []
+    oracle.on_frame, oracle.shows = frames.append, True
+    answers: list[object] = []
+    for number in range(1, 13):
+        oracle.see(250_000_000 * number, PLACE, LEVEL)
+        oracle.submit(request_about(frames[-1], number))
+        answers += await answered(oracle, clock, 0.25)
+    assert [number for number, answer in enumerate(answers, 1) if isinstance(answer, Fix)] == [4, 8, 12]
+    declined = [answer for answer in answers if isinstance(answer, NoFix)]
+    assert {answer.reason for answer in declined} == {Reason.NO_MATCH}
+    assert [number for number, answer in enumerate(answers, 1) if answer.motion is None] == [1]  # type: ignore[attr-defined]
 
 
 def test_the_prior_of_a_request_is_in_the_height_as_of_a_localiser() -> None:

@@ -71,8 +71,20 @@ def test_flights_with_odometry_are_those_without_but_for_it() -> None:
     for name in ("jam", "late"):
         without, with_it = (real_scenario(each, Simulator.ARDUPLANE) for each in (name, f"{name}_odometry"))
         assert (without.with_odometry, with_it.with_odometry) == (False, True)
-        oracle = replace(with_it.oracle, odometry=False)
+        assert with_it.oracle.frames_hz > with_it.oracle.rate_hz == without.oracle.frames_hz
+        oracle = replace(with_it.oracle, odometry=False, camera_hz=None)
         assert replace(with_it, name=name, oracle=oracle) == without
+
+
+def test_what_nobody_helps_is_the_same_flight() -> None:
+    jam, alone = (real_scenario(name, Simulator.ARDUPLANE) for name in ("jam", "without_daemon"))
+    assert replace(alone, name="jam", with_daemon=True) == jam
+
+
+def test_rare_fixes_with_odometry_have_no_limits_of_their_own() -> None:
+    rare = real_scenario("fixes_0_5_hz_odometry", Simulator.PX4)
+    assert rare.p95_limit_m is None and rare.with_odometry
+    assert rare.oracle.rate_hz / rare.oracle.recognised_of == 0.5
 
 
 def test_px4s_copter_flies_over_its_world_with_a_real_ones_drag_as_well(tmp_path: Path) -> None:
