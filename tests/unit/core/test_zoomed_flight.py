@@ -13,7 +13,7 @@ import pytest
 
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
-from visloc_companion.types import Fix, Injection, LocaliseRequest, NoFix, Notice, Odometry
+from visloc_companion.types import Fix, Injection, LocaliseRequest, NoFix, Notice, Odometry, OpenPlace
 
 COV = ((0.01, 0.0), (0.0, 0.01))
 HEIGHT_M, ORIGIN_AMSL_M, ZOOM_S = 100.0, 40.0, 30.0
@@ -237,6 +237,50 @@ def test_ground_that_comes_nearer_little_by_little_is_no_zoom(zooming: Any) -> N
     assert {r.try_zoom for _, r, _ in w.requests} == {None}
     assert {r.zoom for _, r, _ in w.requests} == {1.0}
     assert max(off_m for t, _, off_m in w.statuses if t > ZOOM_S) < 4.0
+
+
+@pytest.fixture
+def faint(zooming: type[Any]) -> type[Any]:
+    """While the ground is `faint` its place is found and declined, as right with `right`, and looks through any lens fit with
+    `tried_right`: so it was over a map of 5 m per pixel, 277 m up, where looks of 0.81 to 0.91 were followed by one of 0.98."""
+
+    @dataclass
+    class Faint(zooming):  # type: ignore[misc]
+        faint: Callable[[float], bool] = lambda t: False
+        right: float = 0.87
+        tried_right: float = 0.98
+        why: Reason = Reason.BLOCKS_DISAGREE
+
+        def _localise(self, request: LocaliseRequest) -> None:
+            super()._localise(request)
+            when, answer = self.answers[-1]
+            if not self.faint(self.t) or not isinstance(answer, Fix):
+                return
+            tried = None if request.try_zoom is None else replace(answer, probability_wrong=1 - self.tried_right)
+            ids = request.request_id, request.frame.frame_id, "test"
+            places = (OpenPlace(answer.place, answer.cov_ne_m2, math.log(self.right)),)
+            declined = NoFix(0, answer.t_ns, *ids, self.why, 5.0, motion=answer.motion, open_places=places, zoomed=tried)
+            self.answers[-1] = when, declined
+
+    return Faint
+
+
+@pytest.mark.parametrize(
+    ("right", "why", "names"),
+    [
+        (0.87, Reason.BLOCKS_DISAGREE, 0),
+        (0.8, Reason.AMBIGUOUS, 0),
+        (0.05, Reason.NO_MATCH, 1),
+        (0.999, Reason.INCONSISTENT_WITH_PRIOR, 1),
+    ],
+)
+def test_a_lens_that_fits_hardly_better_than_the_believed_one_is_none(faint: Any, right: float, why: Reason, names: int) -> None:
+    """It was named and reckoned with: odometry and heights were off by as much for the rest of a flight, which had 54 m."""
+    w = faint(faint=lambda t: ZOOM_S < t < ZOOM_S + 6, right=right, why=why, jammed=lambda t: t > 15)
+    w.start()
+    w.fly(60.0)
+    assert any(r.try_zoom is not None for _, r, _ in w.requests)
+    assert len(w.notices("camera zoomed x")) == names
 
 
 def test_heights_are_held_again_where_nearer_ground_has_stayed(zooming: Any) -> None:
