@@ -138,8 +138,11 @@ class Navigator:
         self._origin_told = False
 
     def _start_anew(self, now_ns: int) -> list[Command]:
-        """Nothing that is remembered has a time any more; who is on the link and its origin have none, and are not told again."""
+        """Nothing that is remembered has a time any more; who is on the link, its origin, and that it may fly on vision have none,
+        and are not told again."""
         link, origin, told, heard = self._link, self._tracker.origin, self._origin_told, self._origin_asked_ns is not None
+        last_ns, counter = self._time.now_ns or 0, self._sending.reset_counter
+        on_vision = link.armed and (self._steering.injecting or self._switch.leaving_vision(last_ns))
         self._restart()
         self._time.check(now_ns)
         if heard:
@@ -148,6 +151,8 @@ class Navigator:
         if origin is not None:
             self._tracker.set_origin(origin)
             self._origin_told = told
+        if on_vision:
+            self._begin_on_vision(counter)
         return [Notice(Severity.CRITICAL, "visloc: clock went back, starting anew", to_operator=True)]
 
     def on(self, event: Event, now_ns: int) -> list[Command]:
@@ -263,10 +268,13 @@ class Navigator:
     def _on_found(self, event: FoundOnVision) -> list[Command]:
         if self._settings.injection.policy is InjectionPolicy.NEVER:
             return []
+        self._begin_on_vision(event.reset_counter)
+        return [Notice(Severity.NOTICE, "visloc: restarted, EKF may be on VISION", to_operator=True)]
+
+    def _begin_on_vision(self, reset_counter: int) -> None:
         self._switch.found_on_vision()
         self._telemetry.found_flying()
-        self._sending.begin_beside(event.reset_counter)
-        return [Notice(Severity.NOTICE, "visloc: restarted, EKF may be on VISION", to_operator=True)]
+        self._sending.begin_beside(reset_counter)
 
     # ---------------------------------------------------------------------------------------------------------- the Tick
 

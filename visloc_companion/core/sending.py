@@ -18,6 +18,11 @@ class Sending:
         self._settings, self._tracker, self._asking, self._rate_hz = settings, tracker, asking, rate_hz
         self._resets = output.ResetCounter(settings.max_step_m)
 
+    @property
+    def reset_counter(self) -> int:
+        """Of what was sent last."""
+        return self._resets.count
+
     def jumped(self) -> None:
         """What is sent does not go on from what was sent before: it is about another origin, or time stood meanwhile."""
         self._resets.bump()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -25,6 +26,7 @@ from visloc_companion.types import (
     Notice,
     RequestMessage,
     Status,
+    SwitchSource,
     Tick,
     TimesyncSample,
     TooOld,
@@ -153,6 +155,36 @@ def test_after_a_clock_that_went_back_the_link_and_its_origin_are_still_known(wo
     assert w.first(Injection, since_s=STEP_S) < STEP_S + 3.0
     assert w.status_at(69)[0].mode is Mode.AIDING
     assert max(errors(w, 65)) < 6.0
+
+
+@pytest.mark.parametrize("switches", [True, False])
+def test_one_on_vision_stays_there_when_a_clock_went_back_until_a_good_gnss_is_proven(world: type[World], switches: bool) -> None:
+    """GNSS has just come back, and nobody has brought the autopilot back to it: without positions it lands after 8 s."""
+    settings = CoreSettings(injection=InjectionSettings(switch_source=switches))
+    w = started(world, settings=settings, jammed=lambda t: 30 < t < STEP_S - 2)
+    w.send(LinkChanged(0, up=True, autopilot=AutopilotKind.ARDUPILOT, system_id=1, armed=True))
+    w.navigator = SetBack(w.navigator)
+    w.fly(STEP_S)
+    w.source = EkfSource.VISION
+    w.fly(140)
+    sent = [(t, c) for t, c in w.commands if isinstance(c, Injection) and t > STEP_S - 1]
+    assert max(after - before for (before, _), (after, _) in pairwise(sent)) < 4.0, "PX4's failsafe comes after 4.6 s"
+    counters = [{c.reset_counter for t, c in sent if (t < STEP_S) is first} for first in (True, False)]
+    assert not counters[0] & counters[1], "its first step is no motion"
+    back = [t for t, c in w.commands if t > STEP_S and isinstance(c, SwitchSource) and c.source is EkfSource.GNSS]
+    back = back or [t for t in w.notices("source to GNSS") if t > STEP_S]
+    assert len(back) == 1
+    assert back[0] - STEP_S > settings.gnss.probation_s
+    assert sent[-1][0] > back[0] - 1.0, "positions go on until then"
+
+
+def test_a_clock_that_goes_back_beside_a_good_gnss_sends_nothing(world: type[World]) -> None:
+    w = started(world)
+    w.send(LinkChanged(0, up=True, autopilot=AutopilotKind.ARDUPILOT, system_id=1, armed=True))
+    w.navigator = SetBack(w.navigator)
+    w.fly(90)
+    assert len(w.notices("clock went back, starting anew")) == 1
+    assert not [c for _, c in w.commands if isinstance(c, Injection)]
 
 
 def test_a_clock_that_goes_back_before_anybody_was_heard_leaves_nobody_known() -> None:
