@@ -138,7 +138,7 @@ class Navigator:
         self._origin_told = False
 
     def _start_anew(self, now_ns: int) -> list[Command]:
-        """Nothing that is remembered has a time any more; who is on the link, its origin, and that it may fly on vision have none,
+        """Nothing that is remembered has a time any more; who is on the link, its origin and that it may fly on vision have none,
         and are not told again."""
         link, origin, told, heard = self._link, self._tracker.origin, self._origin_told, self._origin_asked_ns is not None
         last_ns, counter = self._time.now_ns or 0, self._sending.reset_counter

@@ -276,9 +276,7 @@ class OnboardCamera:
         told = [*self._lens.after(belief), *self._claims.after(belief)]
         gnss = self._tracker.gnss
         if taken and gnss_trusted and self.zoom.factor == 1.0 and gnss.newest is not None and gnss.newest_ns is not None:
-            told += self._heights.on_fix(fix, gnss.newest.h_amsl_m, height_m)
-            if abs(self._heights.longer_share) > abs(self._tracker.longer_share):
-                self._tracker.doubt_lens(fix, self._heights.longer_share, lasts=True)
+            told += self._heights_beside(fix, gnss.newest.h_amsl_m, height_m)
         difference = gnss.minus(fix, state.v_ned_mps) if gnss_trusted else None
         told += self.ramp.on_fix(fix, height_m, difference, taken=taken)
         if difference is None or self.ramp.doubting:
@@ -291,6 +289,15 @@ class OnboardCamera:
         commands = self._boresight.on_fix(fix, difference, state.v_ned_mps, height_m)
         self._tilt.remounted(self._boresight.used_rad - used_rad)
         return [*told, *commands]
+
+    def _heights_beside(self, fix: Fix, gnss_amsl_m: float, height_m: float) -> list[Command]:
+        """Doubt the lens for as long as heights of fixes beside those of GNSS show that."""
+        told, tracker = self._heights.on_fix(fix, gnss_amsl_m, height_m), self._tracker
+        if abs(self._heights.longer_share) > abs(tracker.longer_share):
+            tracker.doubt_lens(fix, self._heights.longer_share, lasts=True)
+        elif self._heights.longer_share == 0 and tracker.lens_doubt_lasts and not self.ramp.doubting:
+            tracker.know_lens(0.0, lasts=False)
+        return told
 
     def _aimed(self, fix: Fix, gnss_minus_fix_m: Vec2, v_ned_mps: Vec3, height_m: float) -> list[Command]:
         """Learn where the camera looks beside where it should, while nothing else of the picture is in doubt."""

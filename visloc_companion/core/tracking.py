@@ -221,6 +221,11 @@ class Tracker:
         self._moved_alike(replace(self.alike, aim_share=share, aim_open=open_share))
 
     @property
+    def lens_doubt_lasts(self) -> bool:
+        """Whether the lens is doubted for the flight."""
+        return self._lasting_share != 0
+
+    @property
     def astray_m(self) -> float:
         """1-sigma, on each axis, of what fixes are off by beside GNSS (moved_alike.MovedAlike)."""
         return self.alike.astray_m(self._flown_m)
@@ -252,9 +257,10 @@ class Tracker:
         if self._filter is not None:
             self._filter.doubt_lens(abs(longer_share), fix.per_focal_ne_m)
 
-    def know_lens(self, share: float) -> None:
+    def know_lens(self, share: float, *, lasts: bool = True) -> None:
         """Frames are looked at through another lens, which may be off by a share, or the lens is doubted no more (0) beyond what
-        lasts."""
+        lasts, or (`lasts` no more) for that, too."""
+        self._lasting_share = self._lasting_share if lasts else 0.0
         self.longer_share = max(self._lasting_share, share, key=abs)
         if self._filter is not None:
             self._filter.know_lens(abs(self.longer_share))

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from visloc_companion.core.fix_height_watch import FEWEST, LEAST_M, FixHeightWatch
+from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.types import Fix, GeoPoint, Notice, Quat
 
 MS = 1_000_000
@@ -55,6 +57,52 @@ def test_it_takes_fixes_and_time_without_a_pause() -> None:
     assert said(lambda k: -12.0, n=FEWEST - 1) == []
     assert said(lambda k: -12.0, every_ms=100, n=50) == []
     assert said(lambda k: -12.0, every_ms=6000) == []
+
+
+def along(
+    above_m: Callable[[float], float], seconds: float, speed_mps: float = 10.0
+) -> tuple[list[float], list[tuple[float, float]]]:
+    """When it was told, and by how much longer than calibrated the lens was taken to be after each fix: north at 120 m."""
+    watch, told, shares, rng = FixHeightWatch(), [], [], np.random.default_rng(4)
+    for k in range(round(2 * seconds)):
+        t_s = k / 2
+        above = GNSS_AMSL_M + above_m(t_s) + float(rng.normal(0.0, 1.0))
+        place = geo_from_ned((speed_mps * t_s, 0.0, 0.0), GeoPoint(48.0, 11.0, above))
+        fix = Fix(0, round(t_s * 1000) * MS, k, k, "image", place, LEVEL, COV, 1.0, 0.005, 1e-4, 1.0)
+        told += [t_s for _ in watch.on_fix(fix, GNSS_AMSL_M, 120.0)]
+        shares.append((t_s, watch.longer_share))
+    return told, shares
+
+
+def test_ground_that_the_map_has_too_low_is_doubted_until_other_ground_shows_the_lens_right() -> None:
+    told, shares = along(lambda t_s: 8.0 if t_s < 8 else 0.0, 60.0)
+    assert told == []
+    assert any(share == pytest.approx(-8 / 128, abs=0.01) for t_s, share in shares if t_s < 8)
+    assert all(share == 0 for t_s, share in shares if t_s > 30)
+
+
+def test_over_such_ground_for_good_it_stays_in_doubt() -> None:
+    """A vehicle that hovers learns nothing of other ground."""
+    told, shares = along(lambda t_s: 8.0 if t_s < 3 else 0.0, 60.0, speed_mps=0.5)
+    assert told == []
+    assert all(share < -0.05 for t_s, share in shares if t_s > 3)
+
+
+def test_it_is_doubted_again_for_no_less_than_is_told() -> None:
+    """Once other ground showed the lens right, some seconds of ground after a pause are that."""
+    told, shares = along(lambda t_s: 8.0 if t_s < 3 or 40 < t_s < 43 else 0.0, 60.0)
+    assert told == []
+    assert all(share == 0 for t_s, share in shares if t_s > 25)
+    told, shares = along(lambda t_s: 8.0 if t_s < 3 or t_s > 40 else 0.0, 100.0)
+    assert len(told) == 1
+    assert shares[-1][1] < -0.05
+
+
+def test_a_lens_that_is_shorter_stays_in_doubt_over_ground_that_hides_it() -> None:
+    told, shares = along(lambda t_s: 0.0 if 30 < t_s < 36 else 10.0, 60.0)
+    assert len(told) == 1
+    assert told[0] < 15
+    assert all(share < -0.05 for t_s, share in shares if t_s > 3)
 
 
 def test_the_text_fits_the_screen() -> None:

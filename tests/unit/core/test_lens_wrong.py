@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,6 +32,8 @@ def longer(world: Any) -> type[Any]:
     class Longer(world):  # type: ignore[misc]
         share: float = 0.0
         fix_sigma_m: float = 0.7
+        ground_m: Callable[[float], float] = lambda t: 0.0
+        """How much higher the ground is than on the map."""
 
         def leans_m(self, t_s: float) -> np.ndarray:
             """What a lens that is twice as long would add to a fix."""
@@ -41,7 +44,7 @@ def longer(world: Any) -> type[Any]:
             when, fix = self.answers.pop()
             t1_s, t0_s = fix.t_ns * 1e-9, fix.t_ns * 1e-9 - self.fix_period_s
             leans, swung = self.leans_m(t1_s), self.leans_m(t1_s) - self.leans_m(t0_s)
-            low_m = HEIGHT_M * (1 - 1 / (1 + self.share))
+            low_m = HEIGHT_M * (1 - 1 / (1 + self.share)) - self.ground_m(t1_s)
             north, east, down = wgs84.ned_from_geo(fix.place, request.prior.place)
             off = self.share * leans
             place = wgs84.geo_from_ned((north + off[0], east + off[1], down + low_m), request.prior.place)
@@ -93,6 +96,18 @@ def test_a_lens_as_calibrated_costs_nothing(longer: Any) -> None:
     w.fly(90.0)
     assert w.notices("fx_px x") == []
     assert max(s.protection_level_m for t, s, _ in w.statuses if t > JAM_S + 2) < 8.0
+
+
+def test_ground_higher_than_on_the_map_for_some_seconds_is_no_lens_for_the_flight(longer: Any) -> None:
+    """It was in level and gates ten minutes later, with GNSS good and fixes right all the time."""
+    levels = {}
+    for high_m in (0.0, 8.0):
+        w = longer(jammed=lambda t: t > JAM_S, ground_m=lambda t, high_m=high_m: high_m * (t < 5))
+        w.start()
+        w.fly(90.0)
+        assert w.notices("fx_px x") == []
+        levels[high_m] = [s.protection_level_m for t, s, _ in w.statuses if t > JAM_S + 2]
+    assert np.mean(levels[8.0]) < 1.05 * np.mean(levels[0.0])
 
 
 @pytest.fixture
