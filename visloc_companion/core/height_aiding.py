@@ -73,6 +73,8 @@ class HeightAiding:
         self._last_shown: tuple[int, float] | None = None
         self._v_down_mps: float | None = None
         self._jump = NO_JUMP
+        self._steps: deque[tuple[int, int, float]] = deque()
+        self._stepped_m = 0.0
         self._before_restart_m: float | None = None
         self.zeros = 0
         self._over_ground: tuple[int, float] | None = None
@@ -106,6 +108,9 @@ class HeightAiding:
         step_m = h_amsl_m - before_m - climb_mps * dt_s
         if abs(step_m) < JUMP_M + JUMP_MPS * dt_s:
             return
+        self._steps.append((before_ns, t_ns, step_m))
+        if self._steps[0][1] < t_ns - HISTORY_NS:
+            self._stepped_m += self._steps.popleft()[2]
         if self._taken_ns is None and abs(step_m) > OTHER_ZERO * height_sigma_m(self._above_home_m):
             self._filter = HeightFilter(self._settings, t_ns, h_amsl_m, height_sigma_m(self._above_home_m))
             self._held, self._jump = None, NO_JUMP
@@ -167,6 +172,12 @@ class HeightAiding:
         """By how much fixes have taught to raise the autopilot's height at a time."""
         stated_m = self._at(t_ns)
         return 0.0 if stated_m is None else self.known(t_ns, stated_m).offset_m
+
+    def stepped_m(self, t_ns: int) -> float:
+        """What the autopilot's height has changed by until a time beyond its climbs: another sensor states it, and fixes are as
+        high as before."""
+        since = ((step_m, (t_ns - before_ns) / (after_ns - before_ns)) for before_ns, after_ns, step_m in self._steps)
+        return self._stepped_m + sum(step_m * min(1.0, max(0.0, share)) for step_m, share in since)
 
     def loosen(self, t_ns: int, sigma_m: float) -> None:
         """What fixes taught of the height until a time holds for the next one within this 1-sigma only."""

@@ -77,7 +77,7 @@ class ScaleDrift:
 
     def on_fix(self, sight: Sight, above_m: float, sigma_m: float, height_m: float) -> None:
         """Take a fix (its `nearer` is found here), that puts the vehicle so far above the autopilot's height, without what was
-        known before, and its 1-sigma; and the height flown."""
+        known before and the steps that this has made, and its 1-sigma; and the height flown."""
         self._above.append((sight.t_ns, above_m, sigma_m))
         while self._above[0][0] < sight.t_ns - BEFORE_NS:
             self._above.popleft()

@@ -65,7 +65,7 @@ class ZoomRamp:
             return []
         if self._tracker.height.zeros != self._zeros:
             self._begin_anew()
-        own = self._tracker.height.own_m(fix) if taken else None
+        own = self._own_m(fix) if taken else None
         told: list[Command] = []
         if own is not None:
             self._per_focal_ne_m = fix.per_focal_ne_m
@@ -74,6 +74,11 @@ class ZoomRamp:
         if not self.following and self._drift.loose(fix.t_ns):
             self._tracker.height.loosen(fix.t_ns + 1, LOOSE_SHARE * height_m)
         return told
+
+    def _own_m(self, fix: Fix) -> tuple[float, float] | None:
+        """By how much a fix alone would raise the autopilot's height if that had made no steps, and its 1-sigma."""
+        own = self._tracker.height.own_m(fix)
+        return None if own is None else (own[0] + self._tracker.height.stepped_m(fix.t_ns), own[1])
 
     def _begin_anew(self) -> None:
         """The autopilot was restarted: its height from another zero is no change of the picture's scale, nor are those of before
@@ -123,7 +128,8 @@ class ZoomRamp:
     def found(self, t_ns: int) -> None:
         """Frames are recognised through a lens that was tried: it may go on."""
         height = self._tracker.height
-        before_m = self._before_m if self.following else self._drift.before_m if self._drift.begun else height.learned_m(t_ns)
+        learned_m = height.learned_m(t_ns) + height.stepped_m(t_ns)
+        before_m = self._before_m if self.following else self._drift.before_m if self._drift.begun else learned_m
         self._follow(t_ns, [(t_ns, self._zoom.factor)], before_m, self._tracker.height_above_home_m or 0.0)
 
     def _follow(self, t_ns: int, ratios: list[tuple[int, float]], before_m: float, height_m: float) -> None:
@@ -132,7 +138,8 @@ class ZoomRamp:
         self._ratios.clear()
         self._ratios.extend(ratios)
         self._drift = ScaleDrift()
-        self._tracker.height.hold(t_ns, before_m, LOOSE_SHARE * abs(height_m))
+        height = self._tracker.height
+        height.hold(t_ns, before_m - height.stepped_m(t_ns), LOOSE_SHARE * abs(height_m))
         self._tracker.know_lens(FOLLOWED_SHARE)
 
     def _followed(self, fix: Fix, own_m: float, height_m: float) -> list[Command]:

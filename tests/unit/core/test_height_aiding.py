@@ -213,3 +213,16 @@ def test_a_step_of_our_own_clock_leaves_what_is_known_of_the_height() -> None:
     for each in (aiding, still):
         each.drive(25 * S, 100.0, 50.0, 0.0)
     assert aiding.known(26 * S, 100.0) == still.known(26 * S, 100.0)
+
+
+def test_steps_of_a_height_are_told_from_its_climbs() -> None:
+    """Between the two reports about a step it is as far as the height is, and it is remembered when these are forgotten."""
+    aiding = HeightAiding(NavigatorSettings())
+    for k in range(400):
+        t_s = k / 10
+        aiding.drive(k * S // 10, 500.0 + 2.0 * t_s + 8.0 * (t_s >= 5) - 3.0 * (t_s >= 9), 100.0 + 2.0 * t_s, v_down_mps=-2.0)
+    assert aiding.stepped_m(39 * S) == pytest.approx(5.0)
+    early = HeightAiding(NavigatorSettings())
+    for k in range(100):
+        early.drive(k * S // 10, 500.0 + 8.0 * (k >= 50), 100.0, v_down_mps=0.0)
+    assert [early.stepped_m(t_ns) for t_ns in (4 * S, 4_950_000_000, 5 * S, 9 * S)] == pytest.approx([0.0, 4.0, 8.0, 8.0])
