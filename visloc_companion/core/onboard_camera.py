@@ -20,7 +20,7 @@ from visloc_companion.core.distortion_watch import DistortionWatch
 from visloc_companion.core.fix_height_watch import FixHeightWatch
 from visloc_companion.core.gimbal import Gimbal
 from visloc_companion.core.gimbal_watch import GimbalWatch
-from visloc_companion.core.lens_watch import LensWatch
+from visloc_companion.core.lens_watch import LensSwings, LensWatch
 from visloc_companion.core.level_watch import LevelWatch
 from visloc_companion.core.lever_arm import LeverArm
 from visloc_companion.core.mirror_watch import MirrorWatch, shown_by_none
@@ -74,6 +74,7 @@ class OnboardCamera:
         self._lever, self._mirror = LeverArm(lever_frd_m, clock, attitude), MirrorWatch(clock, gimbal or attitude)
         self._mount = MountWatch(clock, gimbal or attitude, q_frd_cambody)
         self._lens, self._claims, self._sun, self._tracker = LensWatch(), ClaimWatch(), SunMemory(), tracker
+        self._swings = LensSwings()
         self._heights, self._distortion = FixHeightWatch(), DistortionWatch(clock, gimbal or attitude)
         self._level, self.zoom, self._aim = LevelWatch(clock, attitude), ZoomWatch(), Aim()
         self.ramp = ZoomRamp(tracker, self.zoom)
@@ -271,9 +272,11 @@ class OnboardCamera:
             return []
         if taken:
             self._tilt.taken(fix, state.v_ned_mps[:2], height_m)
+            if fix.per_focal_ne_m != (0.0, 0.0):
+                self._swings.on_fix(fix.t_ns, fix.per_focal_ne_m, self._heading_rad(fix), height_m)
             if fix.sun is not None:
                 self._sun.seen(fix.t_ns, fix.sun)
-        told = [*self._lens.after(belief), *self._claims.after(belief)]
+        told = [*self._lens.after(belief, self._swings.sigma_share), *self._claims.after(belief)]
         gnss = self._tracker.gnss
         if taken and gnss_trusted and self.zoom.factor == 1.0 and gnss.newest is not None and gnss.newest_ns is not None:
             told += self._heights_beside(fix, gnss.newest.h_amsl_m, height_m)
@@ -306,7 +309,7 @@ class OnboardCamera:
             return []
         if fix.probability_wrong > SURE:
             return []
-        heading = se3.euler_from_quat(se3.quat_multiply(fix.q_ned_frd, se3.quat_inverse(self.q_carrier_cambody)))[2]
+        heading = self._heading_rad(fix)
         off_ne_m = (-gnss_minus_fix_m[0], -gnss_minus_fix_m[1])
         used = self._aim.used
         told = self._aim.on_fix(fix.t_ns, off_ne_m, fix.cov_ne_m2, heading, v_ned_mps[:2], height_m, timed=timed)
@@ -314,6 +317,10 @@ class OnboardCamera:
         if self._aim.used and not used:
             self._mount_anew()
         return told
+
+    def _heading_rad(self, fix: Fix) -> float:
+        """Of what carries the camera."""
+        return se3.euler_from_quat(se3.quat_multiply(fix.q_ned_frd, se3.quat_inverse(self.q_carrier_cambody)))[2]
 
     def _mount_anew(self) -> None:
         """What fixes taught of mounting and tilt was of another time or place."""
