@@ -43,6 +43,7 @@ class FixHeightWatch:
         self._told = self._was_ground = False
         self.longer_share = 0.0
         self._above: deque[Seen] = deque(maxlen=4 * FEWEST)
+        self._since: Seen | None = None
         self._doubted_at: GeoPoint | None = None
         self._elsewhere: deque[Seen] = deque(maxlen=FEWEST)
 
@@ -57,8 +58,12 @@ class FixHeightWatch:
         self._ground_or_lens(seen, height_m)
         n, seen_ns = len(self._above), fix.t_ns - self._above[0][0]
         mean_m = _shown_m(self._above, height_m)
-        lasts = n >= FEWEST and seen_ns >= LEAST_NS and self._is_no_ground(height_m)
-        if mean_m == 0 or n < FIRST_FEW or seen_ns < FIRST_NS or (self._was_ground and not lasts):
+        if mean_m == 0 or n < FIRST_FEW or seen_ns < FIRST_NS:
+            self._since = None
+            return []
+        self._since = self._since or self._above[0]
+        lasts = n >= FEWEST and seen_ns >= LEAST_NS and self._is_no_ground(self._since, height_m)
+        if self._was_ground and not lasts:
             return []
         longer = height_m / (height_m + mean_m)
         if self.longer_share == 0:
@@ -72,12 +77,11 @@ class FixHeightWatch:
         data = (("above_m", mean_m), ("longer", longer), ("fixes", float(n)))
         return [Notice(Severity.WARNING, text, to_operator=True, data=data)]
 
-    def _is_no_ground(self, height_m: float) -> bool:
+    def _is_no_ground(self, since: Seen, height_m: float) -> bool:
         """Whether the last fixes show it over other ground than the first one, or have shown it for long."""
-        (first_ns, _, first), (last_ns, _, _) = self._above[0], self._above[-1]
         last = list(self._above)[-ELSEWHERE:]
-        away = all(wgs84.distance_m(place, first) >= apart_m(height_m) for _, _, place in last)
-        return last_ns - first_ns >= STAYS_NS or (away and _shown_m(last, height_m) != 0)
+        away = all(wgs84.distance_m(place, since[2]) >= apart_m(height_m) for _, _, place in last)
+        return last[-1][0] - since[0] >= STAYS_NS or (away and _shown_m(last, height_m) != 0)
 
     def _ground_or_lens(self, seen: Seen, height_m: float) -> None:
         """Doubt the lens no more where other ground shows it right."""

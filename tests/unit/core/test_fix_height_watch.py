@@ -60,12 +60,12 @@ def test_it_takes_fixes_and_time_without_a_pause() -> None:
 
 
 def along(
-    above_m: Callable[[float], float], seconds: float, speed_mps: float = 10.0
+    above_m: Callable[[float], float], seconds: float, speed_mps: float = 10.0, every_s: float = 0.5
 ) -> tuple[list[float], list[tuple[float, float]]]:
     """When it was told, and by how much longer than calibrated the lens was taken to be after each fix: north at 120 m."""
     watch, told, shares, rng = FixHeightWatch(), [], [], np.random.default_rng(4)
-    for k in range(round(2 * seconds)):
-        t_s = k / 2
+    for k in range(round(seconds / every_s)):
+        t_s = k * every_s
         above = GNSS_AMSL_M + above_m(t_s) + float(rng.normal(0.0, 1.0))
         place = geo_from_ned((speed_mps * t_s, 0.0, 0.0), GeoPoint(48.0, 11.0, above))
         fix = Fix(0, round(t_s * 1000) * MS, k, k, "image", place, LEVEL, COV, 1.0, 0.005, 1e-4, 1.0)
@@ -103,6 +103,14 @@ def test_a_lens_that_is_shorter_stays_in_doubt_over_ground_that_hides_it() -> No
     assert len(told) == 1
     assert told[0] < 15
     assert all(share < -0.05 for t_s, share in shares if t_s > 3)
+
+
+@pytest.mark.parametrize("speed_mps", [0.0, 2.0, 10.0])
+@pytest.mark.parametrize("every_s", [0.125, 0.25, 1.0])
+def test_a_lens_that_is_shorter_is_told_however_slow_the_flight_and_fast_the_fixes(speed_mps: float, every_s: float) -> None:
+    told, _ = along(lambda t_s: 12.0, 40.0, speed_mps, every_s)
+    assert len(told) == 1
+    assert told[0] < (16 if speed_mps == 10 else 23)
 
 
 def test_the_text_fits_the_screen() -> None:
