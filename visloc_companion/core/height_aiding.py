@@ -108,8 +108,9 @@ class HeightAiding:
         step_m = h_amsl_m - before_m - climb_mps * dt_s
         if abs(step_m) < JUMP_M + JUMP_MPS * dt_s:
             return
-        self._steps.append((before_ns, t_ns, step_m))
-        if self._steps[0][1] < t_ns - HISTORY_NS:
+        if t_ns - before_ns <= MAX_GAP_NS:  # over a longer one the climb is known too little
+            self._steps.append((before_ns, t_ns, step_m))
+        if self._steps and self._steps[0][1] < t_ns - HISTORY_NS:
             self._stepped_m += self._steps.popleft()[2]
         if self._taken_ns is None and abs(step_m) > OTHER_ZERO * height_sigma_m(self._above_home_m):
             self._filter = HeightFilter(self._settings, t_ns, h_amsl_m, height_sigma_m(self._above_home_m))

@@ -226,3 +226,10 @@ def test_steps_of_a_height_are_told_from_its_climbs() -> None:
     for k in range(100):
         early.drive(k * S // 10, 500.0 + 8.0 * (k >= 50), 100.0, v_down_mps=0.0)
     assert [early.stepped_m(t_ns) for t_ns in (4 * S, 4_950_000_000, 5 * S, 9 * S)] == pytest.approx([0.0, 4.0, 8.0, 8.0])
+
+
+def test_what_a_height_does_while_none_is_heard_is_no_step() -> None:
+    aiding = HeightAiding(NavigatorSettings())
+    for t_s, h_amsl_m in ((0, 500.0), (1, 500.0), (6, 512.0), (7, 512.0)):
+        aiding.drive(t_s * S, h_amsl_m, 100.0, v_down_mps=0.0)
+    assert aiding.stepped_m(7 * S) == 0.0
