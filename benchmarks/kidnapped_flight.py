@@ -42,13 +42,14 @@ from visloc_companion.types import (
     Status,
     Tick,
     Vec2,
+    Vec3,
 )
 
 STEP_S, FRAME_EVERY, TICK_EVERY = 0.05, 4, 2
 BOOT_NS = 1_000_000_000_000
 LEAST_LATENCY_S, TRANSFER_S = 0.02, 0.03
 SIGMA_V_MPS, SIGMA_H_M, SIGMA_TILT_RAD, SIGMA_YAW_RAD = 1.0, 3.0, math.radians(0.5), math.radians(3.0)
-SWAY_RAD = math.radians(2.0)
+SWAY_RAD, SWAY_S = math.radians(2.0), 1.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,8 +146,17 @@ class KidnappedFlight:
 
     def _attitude(self, t_s: float, course_rad: float) -> tuple[float, float, float]:
         """True roll, pitch, yaw."""
-        roll, pitch = (SWAY_RAD * math.sin(t_s / 1.7 + phase) for phase in self._sway)
+        roll, pitch = (SWAY_RAD * math.sin(t_s / SWAY_S + phase) for phase in self._sway)
         return roll, pitch, course_rad
+
+    def _rates(self, t_s: float, course_rad: float) -> Vec3:
+        """True body rates, radians a second: without them the autopilot's own turning would look like a pull on its compass."""
+        roll, pitch, _ = self._attitude(t_s, course_rad)
+        rolling, pitching = (SWAY_RAD / SWAY_S * math.cos(t_s / SWAY_S + phase) for phase in self._sway)
+        turning = self._way.turn_radps
+        x = rolling - turning * math.sin(pitch)
+        y = pitching * math.cos(roll) + turning * math.sin(roll) * math.cos(pitch)
+        return x, y, turning * math.cos(roll) * math.cos(pitch) - pitching * math.sin(roll)
 
     def _believed(self, t_s: float, course_rad: float) -> Quat:
         roll, pitch, yaw = self._attitude(t_s, course_rad)
@@ -155,7 +165,7 @@ class KidnappedFlight:
     def _telemetry(self, k: int) -> None:
         now, boot = _ns(self._t_s), _ns(self._t_s) + BOOT_NS
         place, course, (north, east) = self._way.at(self._t_s)
-        self._send(Attitude(now, boot, self._believed(self._t_s, course), (0.0, 0.0, 0.0)))
+        self._send(Attitude(now, boot, self._believed(self._t_s, course), self._rates(self._t_s, course)))
         if k % TICK_EVERY == 0:
             v = (north + float(self._v_off[0]), east + float(self._v_off[1]), 0.0)
             h_m = place.h_amsl_m + self._h_off

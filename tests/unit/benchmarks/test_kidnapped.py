@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from benchmarks.kidnapped import HEADER, Kept, main, row, summary
-from benchmarks.kidnapped_flight import Outcome, Way
+from benchmarks.kidnapped_flight import STEP_S, KidnappedFlight, Outcome, Way
+from benchmarks.kidnapped_worlds import MODEL
+from visloc_companion.core.heading_pull import HeadingPull
 from visloc_companion.geo.wgs84 import distance_m, ned_from_geo
-from visloc_companion.types import GeoPoint
+from visloc_companion.types import Attitude, Event, GeoPoint
 
 HOME = GeoPoint(47.0, 8.0, 600.0)
 
@@ -80,3 +83,21 @@ def test_what_is_kept_is_shown_without_a_flight(tmp_path: Path, capsys: pytest.C
         Kept(rows, 101).add("procedural", number, Outcome(12.0, 14.0 + 2 * number))
     main(["--worlds", "procedural=2", "--rows", str(rows)])
     assert "| procedural | 2 | 1 | 1 | 0 | 1 |" in capsys.readouterr().out
+
+
+def test_the_autopilot_tells_how_the_vehicle_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else its turning is taken for a pull on its compass, and ever more headings are searched."""
+    nothing: Any = None
+    way = Way(HOME, 0.3, 10.0, 0.05, HOME)
+    flight = KidnappedFlight(way, nothing, MODEL, nothing, nothing, 3, 120.0, nothing)
+    told: list[Event] = []
+    monkeypatch.setattr(flight, "_send", told.append)
+    pull = HeadingPull()
+    for k in range(1, round(30.0 / STEP_S)):
+        flight._t_s = k * STEP_S
+        flight._telemetry(k)
+    attitudes = [event for event in told if isinstance(event, Attitude)]
+    for attitude in attitudes:
+        pull.on_attitude(attitude.t_boot_ns, attitude.q_ned_frd, attitude.rate_frd_radps)
+    assert len(attitudes) == 599
+    assert math.degrees(pull.since_fixes_rad) < 1.0
