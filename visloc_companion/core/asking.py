@@ -22,6 +22,7 @@ from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.terrain_aiding import TerrainAiding
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
+from visloc_companion.core.without_position import LOOK_SIGMA_M, WithoutPosition
 from visloc_companion.types import (
     FrameRef,
     GeoPoint,
@@ -61,16 +62,17 @@ class Asking:
         camera: OnboardCamera,
         terrain: TerrainAiding | None,
         search: PlaceSearch | None = None,
+        without: WithoutPosition | None = None,
     ) -> None:
         self._settings, self._queue, self._tracker = settings, queue, tracker
         self._clock, self._attitude, self._camera = clock, attitude, camera
         self._terrain, self._search = terrain, search
-        self._beside = BesideGnss()
+        self._without, self._beside = without, BesideGnss()
         self._untrusted_ns: int | None = None
 
     def next(self, now_ns: int, *, injecting: bool, gnss_trusted: bool) -> list[Request]:
         """The worker's next question: about the ground below the track where that is due, else about a frame."""
-        if gnss_trusted or self._tracker.velocity is None or self._tracker.origin is None:
+        if (gnss_trusted and not self._looks) or self._tracker.velocity is None or self._tracker.origin is None:
             self._untrusted_ns = None
         elif self._untrusted_ns is None:
             self._untrusted_ns = now_ns
@@ -116,9 +118,10 @@ class Asking:
             return []
         q_ned_frd, q_ned_carrier = poses
         state = self._tracker.at(frame.t_ns)
-        searching = self._about_search(state, frame, poses, now_ns)
-        if searching is not None:
-            return searching
+        unplaced = self._about_receiver(frame, poses, now_ns)
+        unplaced = self._about_search(state, frame, poses, now_ns) if unplaced is None else unplaced
+        if unplaced is not None:
+            return unplaced
         if state is None or not self._tracker.takes(frame.t_ns):
             return []
         state = self._of_camera(self._wide(state) if injecting else state, q_ned_frd)
@@ -184,16 +187,39 @@ class Asking:
             search.clear()
         return None
 
+    @property
+    def _looks(self) -> bool:
+        return self._without is not None and self._without.looks
+
+    def _about_receiver(self, frame: FrameRef, poses: tuple[Quat, Quat], now_ns: int) -> list[Request] | None:
+        """A question about where a receiver has a vehicle that nothing else places, in turns with the search of the map."""
+        about = self._without.about_ne_m(frame.t_ns) if self._without is not None and self._looks else None
+        searches = self._search is not None and self._anywhere(None, now_ns)
+        if about is None or (searches and self._beside.takes_turn()):
+            return None
+        where = place_search.Where(about, ((LOOK_SIGMA_M**2, 0.0), (0.0, LOOK_SIGMA_M**2)))
+        return [*self._about_where(where, frame, poses, now_ns)]
+
     def _about_place(
         self, search: PlaceSearch, about: Reach, frame: FrameRef, poses: tuple[Quat, Quat], now_ns: int, risk: float
     ) -> list[LocaliseRequest]:
         """The next question of the search for the vehicle's place, which is found where it is false with less than a risk."""
-        q_ned_frd, q_ned_carrier = poses
         velocity, origin = self._tracker.velocity, self._tracker.origin
         if velocity is None or origin is None:
             return []
         height_m = velocity.h_amsl_m - origin.h_amsl_m
         where = search.next(self._queue.next_id, frame.t_ns, height_m, velocity.sigma_mps, about, risk)
+        return self._about_where(where, frame, poses, now_ns)
+
+    def _about_where(
+        self, where: place_search.Where, frame: FrameRef, poses: tuple[Quat, Quat], now_ns: int
+    ) -> list[LocaliseRequest]:
+        """A question about a place at which no filter has the vehicle."""
+        q_ned_frd, q_ned_carrier = poses
+        velocity, origin = self._tracker.velocity, self._tracker.origin
+        if velocity is None or origin is None:
+            return []
+        height_m = velocity.h_amsl_m - origin.h_amsl_m
         asked = NavState(
             frame.t_ns, (*where.place_ne_m, -height_m), velocity.v_ned_mps, where.cov_ne_m2, SEARCH_SIGMA_H_M, math.inf
         )

@@ -64,6 +64,8 @@ class GnssMonitor:
         self._vision_sigma = 0.0
         self._out_of_reach = self._rests_on_fixes = False
         self._armed: bool | None = None
+        self.found_in_flight = False
+        """Whether the vehicle was armed when it was first heard of."""
         self._aloft = False
         self._clock_follows = True
         self._talk = Talk()
@@ -138,6 +140,7 @@ class GnssMonitor:
         """Whether the vehicle is armed: before that only the map is asked, and ArduPilot's clock follows GNSS. One that is so
         when it is first heard of may fly beside a GNSS that has been false for long."""
         if self._armed is None and armed:
+            self.found_in_flight = True
             self._first_weight_s = gnss_odds.first_weight_s(gnss_odds.FALSE_FOUND_IN_FLIGHT)
             self._drift = self._drift_anew()
         self._armed, self._clock_follows = armed, not armed or autopilot is not AutopilotKind.ARDUPILOT

@@ -184,6 +184,10 @@ class GnssAiding:
         if self._fused_ns > belief.rested_ns:
             self._shown(fix, None)
 
+    def shown(self, fix: Fix) -> Vec2 | None:
+        """Show the monitor a fix of a vehicle that no filter has placed yet; GNSS minus it, north and east metres."""
+        return self._shown(fix, None)
+
     def _ground(self, fix: Fix, held: NavState | None) -> Ground | None:
         """What a fix looked at, by its own place, and how far it lay from where the filter `held` the vehicle, if by fixes."""
         origin = self._tracker.origin

@@ -30,6 +30,7 @@ from visloc_companion.core.tracking import Tracker
 from visloc_companion.core.turns import Turns
 from visloc_companion.core.validate import fault
 from visloc_companion.core.vision import Vision
+from visloc_companion.core.without_position import WithoutPosition
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.types import (
@@ -84,6 +85,7 @@ class Navigator:
         self._tracker = Tracker(settings.navigator, settings.injection.max_step_m)
         self._monitor = GnssMonitor(settings.gnss)
         self._aiding = GnssAiding(settings, self._tracker, self._monitor)
+        self._without = WithoutPosition(self._tracker, self._monitor, self._aiding)
         self._queue = requests.FrameQueue(
             settings.max_rate_hz, settings.seed, Turns(settings.structure, settings.structure_every)
         )
@@ -100,7 +102,15 @@ class Navigator:
             gimbal,
         )
         self._asking = Asking(
-            settings, self._queue, self._tracker, self._clock, self._attitude, onboard, self._terrain, self._search
+            settings,
+            self._queue,
+            self._tracker,
+            self._clock,
+            self._attitude,
+            onboard,
+            self._terrain,
+            self._search,
+            self._without,
         )
         self._switch = SourceSwitch(settings.injection.switch_source)
         self._protection = Protection(settings, self._tracker)
@@ -125,6 +135,7 @@ class Navigator:
             onboard,
             self._tracker,
             self._aiding,
+            self._without,
             self._monitor,
             self._steering,
             self._terrain,
@@ -196,6 +207,7 @@ class Navigator:
                 return told
             case EstimatorStatus():
                 self._telemetry.on_status(event)
+                self._without.on_status(event)
                 self._switch.hear(event, now_ns)
                 return []
             case Imu():
@@ -280,13 +292,14 @@ class Navigator:
 
     def _on_tick(self, now_ns: int) -> list[Command]:
         commands = [*self._judge_gnss(now_ns), *self._watch(now_ns)]
-        commands += self._telemetry.seed(now_ns, self._settings.navigator.seed_sigma_m)
+        if not self._without.looks:
+            commands += self._telemetry.seed(now_ns, self._settings.navigator.seed_sigma_m)
         state = self._tracker.at(now_ns)
         heard = self._link.up and self._origin_told and self._telemetry.attitude_fresh(now_ns)
         ready = heard and state is not None
         commands += self._steering.change_mode(state, ready, self._tracker.low, self._link.armed, now_ns, self._tracker.shared_m)
         protected = self._protection.judge(state, now_ns)
-        steered = self._steering.steer_source(self._link.armed, protected.stopped, now_ns) if self._link.up else []
+        steered = self._steer(protected.stopped, now_ns) if self._link.up else []
         commands = gnss_words.two_at_most([*commands, *steered])
         mode, injecting = self._steering.mode, self._steering.injecting
         relied_on = injecting and self._link.armed
@@ -295,6 +308,10 @@ class Navigator:
         verdict, autopilot, n_open = self._monitor.verdict, self._link.autopilot, self._vision.n_open
         sent = self._sending.tick(state, protected, mode, injecting, verdict, autopilot, n_open, now_ns)
         return [*commands, *sent]
+
+    def _steer(self, stopped: bool, now_ns: int) -> list[Command]:
+        only_gnss = self._without.only_gnss(now_ns)
+        return self._steering.steer_source(self._link.armed, stopped, now_ns, only_gnss=only_gnss)
 
     def _judge_gnss(self, now_ns: int) -> list[Command]:
         before = self._monitor.verdict.verdict

@@ -16,6 +16,11 @@ would hold that velocity down to the ground. Without positions the autopilots le
 SERIES_GAP_NS, SERIES_LEAST = 10_000_000_000, 5
 """Fixes further apart do not bear each other out; and fewer have not told a false GNSS from a good one."""
 
+UNSEEN_S = 40.0
+"""So long nothing is recognised before an autopilot without a position is given to a GNSS that nobody has shown right: of 206
+flights over aerial photos the search of the map found none later than after 30 s (docs/start-anywhere.md)."""
+UNPROVEN = "visloc: NO POSITION but GNSS, which is NOT PROVEN"
+
 
 class Steering:
     """Nothing is injected before a first fix has anchored the filter."""
@@ -25,7 +30,7 @@ class Steering:
         self._anchored = False
         self._fix_taken_ns: int | None = None
         self._series_ns = self._series_n = 0
-        self._stranded = self._put_down = False
+        self._stranded = self._put_down = self._told_unproven = False
         self.mode = Mode.WAITING
 
     @property
@@ -110,23 +115,31 @@ class Steering:
         back = policy is not InjectionPolicy.NEVER and self._switch.leaving_vision(now_ns)
         return back or output.is_due(policy, self._monitor.verdict.verdict)
 
-    def steer_source(self, armed: bool, stopped: bool, now_ns: int) -> list[Command]:
+    def steer_source(self, armed: bool, stopped: bool, now_ns: int, *, only_gnss: bool = False) -> list[Command]:
         """Bring the autopilot to the source that fits the verdict, or to the other one where it does not use that; to none that
         gives it no positions: `stopped` says that the alert keeps them back. One that was found on vision is left there while
-        nothing but its probation stands against GNSS."""
+        nothing but its probation stands against GNSS. `only_gnss`: there is nothing else, proven or not."""
         verdict = self._monitor.verdict.verdict
+        only_gnss = only_gnss and not self._fix_within(UNSEEN_S, now_ns)
         at_hand = {EkfSource.GNSS: verdict is not Verdict.DENIED, EkfSource.VISION: self.injecting and not stopped}
         other = {EkfSource.GNSS: EkfSource.VISION, EkfSource.VISION: EkfSource.GNSS}
+        unproven = False
         commands = self._switch.verify(at_hand[other[self._switch.source]], now_ns)
         if verdict is Verdict.OK:
-            wish = EkfSource.GNSS if self._switch.known or self._gnss_proven(armed, now_ns) else None
+            known = self._switch.known or self._gnss_proven(armed, now_ns)
+            unproven = only_gnss and not known
+            wish = EkfSource.GNSS if known or only_gnss else None
         elif self._switch.found and self._monitor.verdict.reasons == (PROBATION,):
             wish = None
         else:
             wish = EkfSource.VISION if at_hand[EkfSource.VISION] else None
         if wish is not None and self._switch.shuns(wish, now_ns) and at_hand[other[wish]]:
             wish = other[wish]
-        return commands if wish is None else [*commands, *self._switch.want(wish, now_ns)]
+        wanted = [] if wish is None else self._switch.want(wish, now_ns)
+        if wanted and unproven and not self._told_unproven:
+            self._told_unproven = True
+            commands.append(Notice(Severity.CRITICAL, UNPROVEN, to_operator=True))
+        return [*commands, *wanted]
 
     def _gnss_proven(self, armed: bool, now_ns: int) -> bool:
         """Whether GNSS may take over from a source that nobody confirmed: on the ground at once, in flight (we may have been

@@ -27,6 +27,7 @@ from visloc_companion.core.tracking import Tracker
 from visloc_companion.core.travel import TravelLog
 from visloc_companion.core.unmatched_watch import UnmatchedWatch
 from visloc_companion.core.validate import fault
+from visloc_companion.core.without_position import WithoutPosition
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.types import (
@@ -64,6 +65,7 @@ class Vision:
         onboard: OnboardCamera,
         tracker: Tracker,
         aiding: GnssAiding,
+        without: WithoutPosition,
         monitor: GnssMonitor,
         steering: Steering,
         terrain: TerrainAiding | None,
@@ -74,7 +76,8 @@ class Vision:
         has_camera: bool,
     ) -> None:
         self._queue, self._asking, self._onboard = queue, asking, onboard
-        self._tracker, self._aiding, self._monitor, self._steering = tracker, aiding, monitor, steering
+        self._tracker, self._aiding, self._without = tracker, aiding, without
+        self._monitor, self._steering = monitor, steering
         self._terrain, self._search, self._complaints = terrain, search, complaints
         self._camera, self._computer = CameraWatch(has_camera), ComputerWatch()
         self._open = OpenTracks(max_probability_wrong)
@@ -295,6 +298,8 @@ class Vision:
         if self._terrain is not None and fix.method == TERRAIN and self._terrain.answered(fix) is None:
             waits = Notice(Severity.INFO, "a fix of the terrain from far off waits for a second one")
             return [waits, *self.free_worker(fix, now_ns)]
+        if self._without.looks:
+            return [*self._without.on_fix(self._onboard.stated(fix, None), now_ns), *self.free_worker(fix, now_ns)]
         state = self._tracker.at(fix.t_ns)
         fix = self._onboard.stated(fix, state)
         why = None if fix.method == TERRAIN else self._why_waits(fix, state)

@@ -1,0 +1,82 @@
+"""A vehicle that is found flying, whose autopilot has no position, beside a receiver that has one.
+
+Something ended the daemon before this one, and PX4 on vision gives its position up 4.6 s later. That GNSS is trusted within
+seconds, for nothing contradicts it, but nobody has shown it right: the daemon before may have found it false. So it says no more
+than where to look first, as far about it as an attack may lie that a trusted one hides; the filter never starts from it. A fix
+that lies where the receiver is starts the filter, at the fix. One that lies elsewhere is evidence against GNSS, and the map is
+searched as without any (core/place_search.py). Where nothing is recognised for UNSEEN_S, and nothing speaks against GNSS, it is
+all there is: an autopilot without any position lands where it drifts.
+"""
+
+from __future__ import annotations
+
+import math
+
+from visloc_companion.core.first_fixes import GNSS_SIGMA_M, LIES_THERE_SIGMA
+from visloc_companion.core.gnss import GnssMonitor
+from visloc_companion.core.gnss_aiding import GnssAiding
+from visloc_companion.core.gnss_track import MAX_GAP_NS
+from visloc_companion.core.gnss_trust import TRUSTED_BELOW
+from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.requests import MAX_DRAG_M
+from visloc_companion.core.steering import UNSEEN_S
+from visloc_companion.core.tracking import Tracker
+from visloc_companion.geo import wgs84
+from visloc_companion.types import Command, EstimatorStatus, Fix, Notice, Severity, Vec2, Verdict
+
+LOOK_SIGMA_M = MAX_DRAG_M
+"""1-sigma, on each axis, of where frames are looked for about the receiver: three of it are what a trusted one may hide."""
+SEED_SIGMA_M = 5.0
+"""1-sigma of a place by one fix that a receiver bears out."""
+
+
+class WithoutPosition:
+    """Whether that is so, and since when. Distances are metres north and east, times the shell's."""
+
+    def __init__(self, tracker: Tracker, monitor: GnssMonitor, aiding: GnssAiding) -> None:
+        self._tracker, self._monitor, self._aiding = tracker, monitor, aiding
+        self._lacks_since_ns: int | None = None
+        self._seen_ns = 0
+
+    def on_status(self, status: EstimatorStatus) -> None:
+        """Take what the autopilot's estimator says of its position."""
+        if status.horizontal_position_ok:
+            self._lacks_since_ns = None
+        elif self._lacks_since_ns is None:
+            self._lacks_since_ns = status.t_rx_ns
+
+    @property
+    def lacks(self) -> bool:
+        """Whether the autopilot of a vehicle that was found flying says that it has no position."""
+        return self._lacks_since_ns is not None and self._monitor.found_in_flight and not self._monitor.disarmed
+
+    @property
+    def looks(self) -> bool:
+        """Whether frames are looked for about the receiver: there is no filter, and nothing speaks against GNSS."""
+        return self.lacks and self._tracker.belief is None and self._monitor.trusted
+
+    def about_ne_m(self, t_ns: int) -> Vec2 | None:
+        """Where the receiver had the vehicle about a time; None where it has not told lately."""
+        place, told_ns, origin = self._tracker.gnss.newest, self._tracker.gnss.newest_ns, self._tracker.origin
+        if place is None or told_ns is None or origin is None or abs(t_ns - told_ns) > MAX_GAP_NS:
+            return None
+        north, east, _ = wgs84.ned_from_geo(place, origin)
+        return north, east
+
+    def on_fix(self, fix: Fix, now_ns: int) -> list[Command]:
+        """Take a fix: the filter starts there, if the receiver bears it out; nothing is sent before it takes another one."""
+        self._seen_ns = now_ns
+        beside_ne_m = self._aiding.shown(fix)
+        var_m2 = (fix.cov_ne_m2[0][0] + fix.cov_ne_m2[1][1]) / 2 + GNSS_SIGMA_M**2
+        agrees = beside_ne_m is not None and math.hypot(*beside_ne_m) <= LIES_THERE_SIGMA * math.sqrt(var_m2)
+        if agrees and self._tracker.seed(fix.t_ns, fix.place, max(SEED_SIGMA_M, largest_sigma_m(fix.cov_ne_m2))):
+            return [Notice(Severity.INFO, "a fix lies where an unproven GNSS does: the filter starts at the fix")]
+        return [Notice(Severity.INFO, "a fix lies elsewhere than an unproven GNSS")]
+
+    def only_gnss(self, now_ns: int) -> bool:
+        """Whether an unproven GNSS is all there is for the autopilot, and has been for UNSEEN_S."""
+        verdict, since_ns = self._monitor.verdict, self._lacks_since_ns
+        if not self.lacks or since_ns is None or verdict.verdict is not Verdict.OK:
+            return False
+        alone_ns = now_ns - max(since_ns, verdict.since_ns, self._seen_ns)
+        return alone_ns >= UNSEEN_S * 1e9 and verdict.probability_false < TRUSTED_BELOW
