@@ -88,7 +88,12 @@ class HeightAiding:
             self._watch(self._filter, t_ns, h_amsl_m, -(v_down_mps + self._v_down_mps) / 2)
         if self._filter is not None and self._before_restart_m is not None:
             sigma_m, step_m = height_sigma_m(above_home_m or 0.0), h_amsl_m - self._before_restart_m
-            self._filter.jumped(t_ns, step_m**2 + sigma_m**2)
+            if abs(step_m) > UNKNOWN_HEIGHT_SIGMA_M:
+                offset_m, _ = self._filter.at(t_ns, self._before_restart_m)
+                unsure_m = max(UNKNOWN_HEIGHT_SIGMA_M, abs(step_m) / 2)
+                self._filter = HeightFilter(self._settings, t_ns, h_amsl_m, unsure_m, offset_m - step_m)
+            else:
+                self._filter.jumped(t_ns, step_m**2 + sigma_m**2)
             self.zeros += abs(step_m) > sigma_m
             self._before_restart_m = self._last_shown = self._held = None
         self._v_down_mps = v_down_mps
@@ -125,7 +130,8 @@ class HeightAiding:
 
     def forget_heights(self, *, restarted: bool = True) -> None:
         """A clock stepped, the next height may bear any time; an autopilot that `restarted` may count from another zero: what
-        fixes have taught is doubted by what lies between its last height and the next."""
+        fixes have taught is doubted by what lies between its last height and the next. No prior is wide enough for a large step:
+        then the vehicle is looked for at the height that it had."""
         if restarted and self._heights:
             self._before_restart_m = self._heights[-1][1]
         self._heights.clear()

@@ -15,6 +15,9 @@ MOVED_M = 5.0
 SETTLES_NS = 5_000_000_000
 """An autopilot sets its home when it is armed: of that time the new one is the ground."""
 
+GLIDES_NS = 120_000_000_000
+"""Longer than a plane with a glide ratio of ten at 15 m/s takes from 150 m down."""
+
 
 class TakeoffHeight:
     """Keeps by how much home was moved since the vehicle was armed. An autopilot without a home counts from the sea: the first
@@ -42,6 +45,25 @@ class TakeoffHeight:
         if self._last is not None:
             self._moved_m = above_ground_m - self._last.h_rel_m
         return above_ground_m
+
+
+class RestartedAloft:
+    """Whether a vehicle flies on although its autopilot restarted in flight, and calls where that was the ground."""
+
+    def __init__(self) -> None:
+        self._flew = False
+        self._since_ns: int | None = None
+
+    def restarted(self, *, flew: bool) -> None:
+        """The autopilot restarted; `flew`: it was not low then."""
+        self._flew, self._since_ns = self._flew or flew, None
+
+    def flies(self, t_rx_ns: int, *, disarmed: bool, ground_seen: bool) -> bool:
+        """Whether its height above home says nothing; until a fix has shown the ground, or whom nothing drives is down."""
+        self._since_ns = t_rx_ns if self._since_ns is None else self._since_ns
+        down = disarmed and t_rx_ns - self._since_ns >= GLIDES_NS
+        self._flew = self._flew and not (ground_seen or down)
+        return self._flew
 
 
 def _home_moved_m(last: PriorPose, now: PriorPose) -> float:

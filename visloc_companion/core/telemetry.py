@@ -15,7 +15,7 @@ from visloc_companion.core.pitot import LEAST_MPS, true_airspeed_mps
 from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.core.switching import SourceSwitch
-from visloc_companion.core.takeoff_height import TakeoffHeight
+from visloc_companion.core.takeoff_height import RestartedAloft, TakeoffHeight
 from visloc_companion.core.terrain_aiding import TerrainAiding
 from visloc_companion.core.timesync import ClockOffset, ClockStep
 from visloc_companion.core.tracking import Tracker
@@ -65,7 +65,7 @@ class Telemetry:
         self._status: EstimatorStatus | None = None
         self._vouching = Vouching()
         self._prior: PriorPose | None = None
-        self._home, self._takeoff = HomeHeight(), TakeoffHeight()
+        self._home, self._takeoff, self._aloft = HomeHeight(), TakeoffHeight(), RestartedAloft()
 
     def attitude_fresh(self, now_ns: int) -> bool:
         """Whether an attitude arrived lately."""
@@ -80,6 +80,7 @@ class Telemetry:
         """Forget what is older than a step of the autopilot's clock or (`own`) of this one, if there was one."""
         if step is None:
             return []
+        flew = self._tracker.height_above_home_m is not None and not self._tracker.low
         self._attitude.clear()
         self._tracker.forget_velocity()
         self._tracker.height.forget_heights(restarted=not own)
@@ -92,6 +93,8 @@ class Telemetry:
             self._switch.restarted()
             self._home.forget()
             self._takeoff = TakeoffHeight()
+            self._takeoff.unseen = flew
+            self._aloft.restarted(flew=flew)
         return [Notice(Severity.WARNING, _of_step(step, own), to_operator=True)]
 
     def on_attitude(self, event: Attitude, now_ns: int) -> list[Command]:
@@ -188,7 +191,9 @@ class Telemetry:
         return vouched and (self._monitor.armed_without_fix or self._switch.found)
 
     def _drive(self, t_rx_ns: int, t_boot_ns: int, v_ned_mps: Vec3, h_amsl_m: float, feedback: bool) -> None:
-        limits = self._settings
+        limits, disarmed = self._settings, self._monitor.disarmed
+        ground_seen = self._tracker.height.ground_seen
+        self._tracker.restarted_aloft = self._aloft.flies(t_rx_ns, disarmed=disarmed, ground_seen=ground_seen)
         sigma = limits.velocity_sigma_mps if self._monitor.trusted and not feedback else limits.velocity_sigma_aiding_mps
         drive = Drive.FED_BACK if feedback else Drive.AUTOPILOT
         believed = self._vouching.judged(v_ned_mps, t_rx_ns, sigma, drive, settled=self._tracker.settled)

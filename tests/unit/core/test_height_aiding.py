@@ -207,6 +207,18 @@ def test_an_autopilot_that_was_restarted_may_count_its_height_from_another_zero(
     assert aiding.known(27 * S, 100.0 + zero_m).offset_m == pytest.approx(3.0 - zero_m, abs=0.5)
 
 
+@pytest.mark.parametrize("zero_m", [-90.0, -40.0, 250.0])
+def test_beyond_the_widest_prior_it_is_looked_for_at_the_height_that_it_had(zero_m: float) -> None:
+    aiding = taught([])
+    aiding.forget_heights()
+    aiding.drive(25 * S, 100.0 + zero_m, 0.0, 0.0)
+    height, known = aiding.at(25 * S, 100.0 + zero_m), aiding.known(25 * S, 100.0 + zero_m)
+    assert height is not None
+    assert known.offset_m == pytest.approx(3.0 - zero_m, abs=0.5)
+    assert known.sigma_m >= 20.0
+    assert height.protection_level_m > abs(zero_m) + 20.0, "it may have climbed by as much, too"
+
+
 def test_a_step_of_our_own_clock_leaves_what_is_known_of_the_height() -> None:
     aiding, still = taught([]), taught([])
     aiding.forget_heights(restarted=False)

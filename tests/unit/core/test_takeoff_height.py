@@ -8,7 +8,7 @@ import pytest
 
 from tests.unit.core.conftest import World
 from visloc_companion.core.navigator import Navigator
-from visloc_companion.core.takeoff_height import TakeoffHeight
+from visloc_companion.core.takeoff_height import GLIDES_NS, RestartedAloft, TakeoffHeight
 from visloc_companion.types import (
     AutopilotKind,
     Command,
@@ -125,3 +125,25 @@ def test_a_daemon_that_is_restarted_after_that_does_not_take_the_vehicle_for_lan
     assert w.first(Injection, since_s=40.0) < 43.0
     assert len([t for t, _, _ in w.requests if 86 < t < 95]) > 10
     assert w.status_at(94.9)[0].mode is Mode.AIDING
+
+
+def test_whose_autopilot_restarts_in_flight_flies_on_until_a_fix_shows_the_ground() -> None:
+    aloft = RestartedAloft()
+    assert not aloft.flies(0, disarmed=False, ground_seen=False)
+    aloft.restarted(flew=True)
+    assert aloft.flies(S, disarmed=False, ground_seen=False)
+    aloft.restarted(flew=False)  # again, while it counts from where it was
+    assert aloft.flies(2 * S, disarmed=False, ground_seen=False)
+    assert aloft.flies(2 * S + GLIDES_NS, disarmed=False, ground_seen=False), "something drives it"
+    assert not aloft.flies(600 * S, disarmed=False, ground_seen=True)
+    assert not aloft.flies(601 * S, disarmed=False, ground_seen=False)
+
+
+def test_what_nothing_drives_is_down_after_a_while_and_what_stood_does_not_fly() -> None:
+    flew, stood = RestartedAloft(), RestartedAloft()
+    flew.restarted(flew=True)
+    stood.restarted(flew=False)
+    assert flew.flies(S, disarmed=True, ground_seen=False)
+    assert flew.flies(GLIDES_NS, disarmed=True, ground_seen=False)
+    assert not flew.flies(S + GLIDES_NS, disarmed=True, ground_seen=False)
+    assert not stood.flies(S, disarmed=True, ground_seen=False)
