@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import BeyondLimit, Notice, Severity
@@ -14,16 +14,14 @@ CLEAR_SHARE = 0.8
 """It must stay below this share of the limit for CLEAR_NS before all is well again."""
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
+class Limits(NamedTuple):
     """The alert limits of a phase of flight, metres."""
 
     horizontal_m: float
     vertical_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class Levels:
+class Levels(NamedTuple):
     """Protection levels, None where none can be stated, which is beyond any limit."""
 
     horizontal_m: float | None

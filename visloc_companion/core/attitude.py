@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from collections import deque
-from itertools import islice
+from itertools import chain, islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,8 +75,8 @@ class AttitudeBuffer:
     def between(self, from_ns: int, to_ns: int) -> tuple[NDArray[np.int64], FloatArray]:
         """Times (N,) and attitudes (N, 4) of the samples of an interval; neighbours have the same sign."""
         first, end = bisect_left(self._t_ns, from_ns), bisect_right(self._t_ns, to_ns)
-        t_ns = np.array(list(islice(self._t_ns, first, end)), dtype=np.int64)
-        q = np.array(list(islice(self._q, first, end))).reshape(-1, 4)
+        t_ns = np.fromiter(islice(self._t_ns, first, end), np.int64, end - first)
+        q = np.fromiter(chain.from_iterable(islice(self._q, first, end)), np.float64, 4 * (end - first)).reshape(-1, 4)
         if len(q) > 1:
             q[1:] *= np.cumprod(np.where((q[1:] * q[:-1]).sum(1) < 0, -1.0, 1.0))[:, None]
         return t_ns, q

@@ -149,11 +149,13 @@ def _solved(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     weight: FloatArray = np.ones(len(A))
     x: FloatArray = np.zeros(6)
     normal, scatter = information, 1.0
+    flat, flat_off = A.reshape(-1, 6), off.ravel()
     for _ in range(STEPS):
         weighted = (A * weight[:, None, None]).reshape(-1, 6)
-        normal = weighted.T @ A.reshape(-1, 6) / scatter**2 + information
-        x = np.asarray(np.linalg.solve(normal, weighted.T @ off.ravel() / scatter**2), dtype=np.float64)
-        size = np.linalg.norm(off - A @ x, axis=1)
+        normal = weighted.T @ flat / scatter**2 + information
+        x = np.asarray(np.linalg.solve(normal, weighted.T @ flat_off / scatter**2), dtype=np.float64)
+        left = off - A @ x
+        size = np.sqrt(np.add.reduce(left * left, 1))
         scatter = max(LEAST_SCATTER, fitted * float(np.median(size)) / 1.1774)
         weight = 1 / (1 + (size / (CAUCHY * scatter)) ** 2)
     inverse = np.linalg.inv(normal)

@@ -48,7 +48,6 @@ from visloc_companion.types import Accepted, FloatArray, Rejected, Vec2
 
 CONSIDERED = {Drive.AUTOPILOT: 0, Drive.NONE: 1, Drive.INERTIAL: 1, Drive.FED_BACK: N_CONSIDERED}
 """So many of the last states are not learned from positions; the lens of fixes is the very last."""
-STILL = (0.0,) * (N_STATES - POSITION.stop)
 UNAIDED_SIGMA_MPS = 3.0
 """1-sigma of the velocity error where no velocity arrived for UNAIDED_GAP_S, or the autopilot itself does not trust it."""
 INERTIAL_DRIFT_MPS2 = 0.03
@@ -112,13 +111,15 @@ def propagated(
     gone_by = math.hypot(*v_ne_mps) * dt / belief.apart_m
     on = step(dt, belief.drive, belief.sigma_a_mps2, change_ne_mps, settings, gone_by, belief.lens_share)
     north, east = v_ne_mps[0] * dt, v_ne_mps[1] * dt
-    moved = np.array((north, east, *STILL))
+    moved = np.zeros(N_STATES)
+    moved[0], moved[1] = north, east
     sigma_mps, Q = _sigma_mps(belief, settings), on.Q
     if belief.drive is not Drive.INERTIAL:
         Q += sigma_mps**2 * on.V  # the step is this belief's own
-    x = on.F.dot(belief.x)
+    F = on.F
+    x = F.dot(belief.x)
     x += moved
-    P = on.F.dot(belief.P).dot(on.F.T)
+    P = F.dot(belief.P).dot(F.T)
     P += Q  # kalman.update checks it
     without = separation.NONE if alone else belief.without
     if len(without.leaves):

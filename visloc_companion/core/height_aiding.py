@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections import deque
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from visloc_companion.core.height import HeightBelief, HeightFilter, HeightFix, news_of
 from visloc_companion.core.lasting import apart_m
@@ -38,8 +38,7 @@ NO_JUMP = (0, 0.0, 0.0)
 """When the height last jumped, by how much since the fix before or a second of calm, and by how much at most."""
 
 
-@dataclass(frozen=True, slots=True)
-class Known:
+class Known(NamedTuple):
     """Of a stated height: what fixes would add to it, the 1-sigma of the sum, and how long no fix has been taken."""
 
     offset_m: float
@@ -50,8 +49,7 @@ class Known:
 UNKNOWN = Known(0.0, UNKNOWN_HEIGHT_SIGMA_M)
 
 
-@dataclass(frozen=True, slots=True)
-class Height:
+class Height(NamedTuple):
     """Of a stated height: what fixes would add to it, and the bound of its error."""
 
     offset_m: float

@@ -28,6 +28,8 @@ HEIGHT_SHARE = 0.005
 """1-sigma, as a share of the height flown, of what heights from images have in common: focal length, surface model."""
 GRID = 33
 SHARES = np.linspace(0.0, 1.0, GRID)
+CERTAIN = np.ones(1)
+"""Probability of the filter itself."""
 ROUNDING = 1e-6
 """So that the largest radius tried is certainly enough."""
 
@@ -82,7 +84,7 @@ def bound_m(
     """The radius of the module's equation for d, s, p (K,); `tail` is at most exp(-a^2 / 2). At most a thousandth of the largest
     radius tried too large."""
     sigmas = math.sqrt(2 * math.log(len(sigma_m) / risk)) + ROUNDING
-    low, high = 0.0, float((apart_m + sigma_m * sigmas).max())
+    low, high = 0.0, float(np.maximum.reduce(apart_m + sigma_m * sigmas))
     for _ in range(2):
         radii = low + (high - low) * SHARES
         beyond = radii[:, None] - apart_m
@@ -96,15 +98,17 @@ def bound_m(
 def protection_level_m(x: FloatArray, P: FloatArray, without: Solutions, alike: Alike, settings: NavigatorSettings) -> float:
     """Bound of the horizontal error of the filter's position; x (n,), P (n, n) begin with north and east."""
     n, K = 1 + len(without), 1 + len(without) + len(alike)
-    own_m2, covs_m2, apart, probability = P[:2, :2].reshape(4, 1), np.empty((4, K)), np.zeros(K), np.ones(K)
+    own_m2, covs_m2, off_m = P[:2, :2].reshape(4, 1), np.empty((4, K)), np.zeros((K, 2))
     covs_m2[:, :1], covs_m2[:, 1:n] = own_m2, without.position_m2
     covs_m2[:, n:] = (1 - SHARE) * own_m2 + alike.cov_m2.reshape(-1, 4).T
-    off_m = without.x[:, :2] - x[:2]
-    apart[1:n], apart[n:] = np.hypot(off_m[:, 0], off_m[:, 1]), np.hypot(alike.off_m[:, 0], alike.off_m[:, 1])
-    probability[1:n], probability[n:] = without.probability, alike.probability
+    off_m[1:n], off_m[n:] = without.x[:, :2] - x[:2], alike.off_m
+    probability = np.concatenate([CERTAIN, without.probability, alike.probability])
     nn, ne, _, ee = covs_m2
-    sigma = np.sqrt((nn + ee) / 2 + np.hypot((nn - ee) / 2, ne) + settings.map_sigma_m**2)
-    return bound_m(apart, sigma, probability, settings.integrity_risk, rayleigh)
+    larger_m2 = (nn + ee) / 2
+    larger_m2 += np.hypot((nn - ee) / 2, ne)
+    larger_m2 += settings.map_sigma_m**2
+    apart_m, sigma_m = np.hypot(off_m[:, 0], off_m[:, 1]), np.sqrt(larger_m2)
+    return bound_m(apart_m, sigma_m, probability, settings.integrity_risk, rayleigh)
 
 
 def vertical_protection_level_m(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from filterpy.kalman import update as _update
@@ -57,7 +58,7 @@ def update(
     n, m = len(x), len(z)
     if not (P.shape == (n, n) and R.shape == (m, m) and H.shape == (m, n)):
         raise ValueError(f"update: shapes x {x.shape} P {P.shape} z {z.shape} R {R.shape} H {H.shape} do not fit")
-    if not (math.isfinite(z.dot(z)) and _is_positive_definite((R + R.T) / 2)):
+    if not (math.isfinite(z.dot(z)) and _is_positive_definite(R if m == 2 else (R + R.T) / 2)):
         return Rejected(Reason.NOT_FINITE, 0.0)
     innovation, HP = z - H.dot(x), H.dot(P)
     S = HP.dot(H.T) + R
@@ -69,9 +70,11 @@ def update(
     else:
         K = _inverse(S).dot(HP).T
         K[n - n_considered :] = 0.0
-        keep = np.eye(n) - K.dot(H)
-        x1, P1 = x + K.dot(innovation), keep.dot(P).dot(keep.T) + K.dot(R).dot(K.T)
-    P1 = (P1 + P1.T) / 2
+        keep = _identity(n) - K.dot(H)
+        x1, P1 = x + K.dot(innovation), keep.dot(P).dot(keep.T)
+        P1 += K.dot(R).dot(K.T)
+    P1 = P1 + P1.T
+    P1 /= 2
     if math.isfinite(x1.dot(x1)) and _is_positive_definite(P1):
         return Updated(x1, P1, nis)
     _checked(x, P, "update")
@@ -85,6 +88,11 @@ def _normalised(innovation: FloatArray, S: FloatArray, extra: float) -> float:
     (a, b), ((aa, ab), (_, bb)) = innovation.tolist(), S.tolist()
     aa, bb = aa + extra, bb + extra
     return float((bb * a * a - 2 * ab * a * b + aa * b * b) / (aa * bb - ab * ab))
+
+
+@lru_cache(maxsize=8)
+def _identity(n: int) -> FloatArray:
+    return np.eye(n)
 
 
 def _inverse(S: FloatArray) -> FloatArray:
@@ -103,9 +111,11 @@ def _checked(x: FloatArray, P: FloatArray, where: str) -> tuple[FloatArray, Floa
 
 
 def _is_positive_definite(matrix: FloatArray) -> bool:
-    """Finite, too: a NaN ends Cholesky's decomposition, an infinity stays in its factor, whose squares sum to the trace."""
+    """Of a symmetric matrix, or of a pair's symmetric part. Finite, too: a NaN ends Cholesky's decomposition, an infinity stays
+    in its factor, whose squares sum to the trace."""
     if len(matrix) == 2:
-        (aa, ab), (_, bb) = matrix.tolist()
+        (aa, ab), (ba, bb) = matrix.tolist()
+        ab = (ab + ba) / 2
         return bool(0 < aa < math.inf and 0 < bb - ab / aa * ab < math.inf)
     factor, failed_at = dpotrf(matrix, lower=True)
     return failed_at == 0 and math.isfinite(np.vdot(factor, factor))

@@ -34,9 +34,8 @@ N_STATES = 15
 POSITION, LASTING, VELOCITY, ACCELERATION, AIR = (slice(k, k + 2) for k in range(0, 10, 2))
 HEADING, ODOMETRY_SCALE, ODOMETRY_HEADING, ODOMETRY_LENS, FIX_LENS = 10, 11, 12, 13, 14
 PAIRS = np.array([pair.start for pair in (POSITION, VELOCITY, ACCELERATION, AIR)])
-AXES = tuple(np.ix_(PAIRS + axis, PAIRS + axis) for axis in range(2))
-LASTING_ITSELF = slice(LASTING.start * (N_STATES + 1), LASTING.stop * (N_STATES + 1), N_STATES + 1)
-"""Its diagonal in a matrix (15, 15) row by row."""
+AXES = tuple((N_STATES * (PAIRS + axis)[:, None] + PAIRS + axis).ravel() for axis in range(2))
+"""Where PAIRS of each axis stand in a matrix (15, 15) row by row."""
 H_POSITION: FloatArray = np.eye(N_STATES)[POSITION]
 N_CONSIDERED = N_STATES - VELOCITY.start
 """States that stay as they are where the velocity descends from our own fixes."""
@@ -84,13 +83,14 @@ def initial_covariance(position_m: float, velocity_mps: float, acceleration_mps2
 
 class Step(NamedTuple):
     """x -> F x and P -> F P F' + Q + s^2 V for a velocity whose error has the 1-sigma s; all (15, 15). V is of position and
-    velocity alone and the same on both axes: `own` (3, 4) carries what a solution has of it, variance of the position, covariance
-    with the velocity, variance of the velocity, followed by s^2."""
+    velocity alone and the same on both axes. `own` (3, 3) carries on what a solution has of it: variance of the position,
+    covariance with the velocity, variance of the velocity; `own_more` (3, 1) is what a larger s^2 adds to these."""
 
     F: FloatArray
     Q: FloatArray
     V: FloatArray
     own: FloatArray
+    own_more: FloatArray
 
 
 def step(
@@ -116,22 +116,23 @@ def step(
         F[VELOCITY, HEADING] = -east, north
         F[POSITION, HEADING] = east * dt_s / 2, -north * dt_s / 2
     _forget(F, Q, gone_by)
-    _doubt_lens(F, Q, lens_share)
-    return Step(F, Q, known.V, known.own)
+    if lens_share > 0:
+        _doubt_lens(F, Q, lens_share)
+    return Step(F, Q, known.V, known.own, known.own_more)
 
 
 def _forget(F: FloatArray, Q: FloatArray, gone_by: float) -> None:
     """What fixes get wrong in common goes by with the way, in place."""
     kept = math.exp(-gone_by)
-    F.reshape(-1)[LASTING_ITSELF] = kept
-    Q.reshape(-1)[LASTING_ITSELF] = 1 - kept * kept
+    north, east = LASTING.start, LASTING.stop - 1
+    F[north, north] = F[east, east] = kept
+    Q[north, north] = Q[east, east] = 1 - kept * kept
 
 
 def _doubt_lens(F: FloatArray, Q: FloatArray, share: float) -> None:
     """A lens that is off by so much stays so, in place."""
-    if share > 0:
-        for state in (ODOMETRY_LENS, FIX_LENS):
-            Q[state, state] += share**2 * (1 - F[state, state] ** 2)
+    for state in (ODOMETRY_LENS, FIX_LENS):
+        Q[state, state] += share**2 * (1 - F[state, state] ** 2)
 
 
 def _wander(F: FloatArray, Q: FloatArray, dt_s: float) -> None:
@@ -170,13 +171,14 @@ def _inertial(dt_s: float, sigma_a: float, tau_a_s: float) -> Step:
 
 def _wandering(F: FloatArray, Q: FloatArray, V: FloatArray, dt_s: float) -> Step:
     """Of PAIRS (4, 4) the whole, with the states that wander on their own."""
-    whole = Step(_both_axes(F), _both_axes(Q), _both_axes(V), _own(F[0, 1], F[1, 1], V))
+    own = _own(F[0, 1], F[1, 1], V)
+    whole = Step(_both_axes(F), _both_axes(Q), _both_axes(V), own[:, :3], own[:, 3:])
     _wander(whole.F, whole.Q, dt_s)
     return whole
 
 
 def _own(f: float, a: float, V: FloatArray) -> FloatArray:
-    """Step.own where the position goes on by f of the velocity's error, of which a share `a` remains."""
+    """(3, 4) Step.own and Step.own_more where the position goes on by f of the velocity's error, of which a share `a` remains."""
     return np.array([[1.0, 2 * f, f * f, V[0, 0]], [0.0, a, a * f, V[0, 1]], [0.0, 0.0, a * a, V[1, 1]]])
 
 
@@ -185,10 +187,10 @@ def _wind_m2ps2(dt_s: float) -> float:
 
 
 def _both_axes(block: FloatArray) -> FloatArray:
-    both = np.zeros((N_STATES, N_STATES))
+    both, flat = np.zeros(N_STATES * N_STATES), block.ravel()
     for axis in AXES:
-        both[axis] = block
-    return both
+        both[axis] = flat
+    return both.reshape(N_STATES, N_STATES)
 
 
 def _twice_integrated(x: FloatArray) -> FloatArray:

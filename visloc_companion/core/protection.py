@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from visloc_companion.core.alert import AlertWatch, Levels, Limits, limits_at
 from visloc_companion.core.settings import CoreSettings
@@ -11,8 +11,7 @@ from visloc_companion.core.tracking import Tracker
 from visloc_companion.types import NavState, Notice
 
 
-@dataclass(frozen=True, slots=True)
-class Protected:
+class Protected(NamedTuple):
     """What a stated position is worth: its levels, their limits, what fixes would add to its height, and what follows.
 
     `alert`: a level counts as beyond its limit. `stopped`: nothing is to be sent. `least_sigma_m`: the least to be claimed.

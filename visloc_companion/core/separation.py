@@ -49,11 +49,16 @@ class Way(NamedTuple):
 
     def on(self, step: Step, Q: FloatArray, more_m2ps2: FloatArray | None) -> Way:
         """One step further, with noise Q (15, 15), and more variance (K,) of the velocity's error than that has."""
-        own = None if self.own is None else step.own[:, :3].dot(self.own)
+        own = None if self.own is None else step.own.dot(self.own)
         if more_m2ps2 is not None:
-            more = step.own[:, 3:] * more_m2ps2
-            own = more if own is None else own + more
-        return Way(step.F.dot(self.F), step.F.dot(self.Q).dot(step.F.T) + Q, own, self.near)
+            more = step.own_more * more_m2ps2
+            if own is not None:
+                more += own
+            own = more
+        F = step.F
+        noise = F.dot(self.Q).dot(F.T)
+        noise += Q
+        return Way(F.dot(self.F), noise, own, self.near)
 
     def gone(self, P: FloatArray) -> FloatArray:
         """The covariances now (K, 15, 15)."""
@@ -130,7 +135,7 @@ def propagated(solutions: Solutions, step: Step, Q: FloatArray, more_m2ps2: Floa
     x += moved
     if solutions.way is not None:
         return _moved(solutions, x, solutions.then, solutions.way.on(step, Q, more_m2ps2))
-    own = None if more_m2ps2 is None else step.own[:, 3:] * more_m2ps2
+    own = None if more_m2ps2 is None else step.own_more * more_m2ps2
     near = solutions.then.reshape(len(x), -1).take(NEAR, 1)
     return _moved(solutions, x, solutions.then, Way(step.F, Q, own, near))
 
@@ -199,8 +204,8 @@ def _updated(
     gain_T, innovation = gain.transpose(0, 2, 1), z - x.dot(H.T)
     rows = P[:, :learned] - gain @ PHt.transpose(0, 2, 1)  # (I - K H) P
     rows[:, :, :learned] += (gain @ R - _times(rows, H.T)) @ gain_T  # times (I - K H)', and K R K'
-    twice = rows[:, :, :learned] + rows[:, :, :learned].transpose(0, 2, 1)
-    np.divide(twice, 2, out=rows[:, :, :learned])
+    square = rows[:, :, :learned]
+    np.divide(square + square.transpose(0, 2, 1), 2, out=square)
     after_x, after_P = x.copy(), P.copy()
     after_x[:, :learned] += (gain @ innovation[:, :, None])[:, :, 0]
     after_P[:, :learned], after_P[:, learned:, :learned] = rows, rows[:, :, learned:].transpose(0, 2, 1)
@@ -277,13 +282,14 @@ def _beside(
     """As `beside`; of all, those before and the new ones, only the `likely` ones."""
     (x, P, rested_ns), K = state, len(solutions)
     all_probability = np.concatenate([solutions.probability, [probability] * len(kinds)])
-    all_rested_ns = np.concatenate([solutions.rested_ns, np.array([rested_ns] * len(kinds), np.int64)])
+    all_rested_ns = np.concatenate([solutions.rested_ns, np.full(len(kinds), rested_ns, np.int64)])
     all_leaves, all_left = (*solutions.leaves, *kinds), (*solutions.left, *[left] * len(kinds))
     keep = likeliest(all_probability) if likely else np.ones(len(all_leaves), np.bool_)
     at, kept = keep.nonzero()[0], keep.tolist()
     old, n_old = at[at < K], sum(kept[:K])
     all_x, all_P = np.empty((len(at), *x.shape)), np.empty((len(at), *P.shape))
-    all_x[:n_old], all_P[:n_old] = solutions.x.take(old, 0), solutions.P.take(old, 0)
+    solutions.x.take(old, 0, all_x[:n_old], "clip")  # straight to its place; none is out of range
+    solutions.P.take(old, 0, all_P[:n_old], "clip")
     all_x[n_old:], all_P[n_old:] = x, P
     left_by_each = tuple(compress(all_left, kept))
     return Solutions(all_x, all_P, all_probability[keep], all_rested_ns[keep], tuple(compress(all_leaves, kept)), left_by_each)
@@ -297,7 +303,7 @@ def leaving_out(solutions: Solutions, method: str) -> NDArray[np.bool_]:
 def likeliest(probability: FloatArray) -> NDArray[np.bool_]:
     """(K,) which of them are not negligible, at most the MAX_SOLUTIONS most probable ones."""
     keep = probability >= NEGLIGIBLE
-    if int(keep.sum()) > MAX_SOLUTIONS:
+    if np.count_nonzero(keep) > MAX_SOLUTIONS:
         keep[np.argsort(-probability, kind="stable")[MAX_SOLUTIONS:]] = False
     return keep
 
@@ -309,7 +315,7 @@ def apart(solutions: Solutions, x: FloatArray, P: FloatArray, H: FloatArray = H_
         return solutions
     variance = float(H.dot(P).dot(H.T).trace())
     off = (solutions.x.take(ones, 0) - x).dot(H.T)
-    near = ones[(off * off).sum(1) < MERGED_SIGMA**2 * variance]
+    near = ones[np.add.reduce(off * off, 1) < MERGED_SIGMA**2 * variance]
     if not len(near):
         return solutions
     same = (H @ solutions.P.take(near, 0) * H).sum((1, 2)) < MERGED_VARIANCE * variance
@@ -320,9 +326,9 @@ def apart(solutions: Solutions, x: FloatArray, P: FloatArray, H: FloatArray = H_
 
 def chosen(solutions: Solutions, keep: NDArray[np.bool_]) -> Solutions:
     """Some of them (K,)."""
-    if keep.all():
+    at, kept = keep.nonzero()[0], keep.tolist()
+    if len(at) == len(kept):
         return solutions
-    at, kept = np.flatnonzero(keep), keep.tolist()
     return Solutions(
         solutions.x.take(at, 0),
         solutions.P.take(at, 0),

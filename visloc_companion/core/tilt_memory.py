@@ -234,7 +234,7 @@ class TiltMemory:
     @property
     def _wander_rad2(self) -> float:
         """Variance of the attitude's error on each axis: what its rate comes to in ATTITUDE_S."""
-        return float(np.clip(self._rate * ATTITUDE_S / 2, self._attitude_rad**2, WIDEST_RAD**2))
+        return min(max(self._rate * ATTITUDE_S / 2, self._attitude_rad**2), WIDEST_RAD**2)
 
     def _kept(self, t_ns: int) -> float:
         """The share of the attitude's error that is left at a time."""
@@ -247,7 +247,8 @@ def _forget(x: FloatArray, P: FloatArray, pair: slice, kept: float, variance: fl
     x[pair] *= kept
     P[pair, :] *= kept
     P[:, pair] *= kept
-    P[pair, pair] += (1 - kept**2) * variance * np.eye(2)
+    for axis in range(pair.start, pair.stop):
+        P[axis, axis] += (1 - kept**2) * variance
 
 
 def _weight(S: FloatArray, C: FloatArray) -> FloatArray:

@@ -131,10 +131,13 @@ def log_likelihood(size2: FloatArray) -> FloatArray:
 
 def _at(t_s: FloatArray, q: FloatArray, wanted_s: FloatArray) -> FloatArray:
     """(M, 4) unit quaternions at times, linear between samples."""
-    k = np.clip(np.searchsorted(t_s, wanted_s) - 1, 0, len(t_s) - 2)
-    share = ((wanted_s - t_s[k]) / (t_s[k + 1] - t_s[k]))[:, None]
-    found = q[k] * (1 - share) + q[k + 1] * share
-    return np.asarray(found / np.sqrt((found**2).sum(1))[:, None])
+    k = np.minimum(np.maximum(t_s.searchsorted(wanted_s) - 1, 0), len(t_s) - 2)
+    before_s = t_s.take(k)
+    share = ((wanted_s - before_s) / (t_s.take(k + 1) - before_s))[:, None]
+    found: FloatArray = q.take(k, 0) * (1 - share)
+    found += q.take(k + 1, 0) * share
+    found /= np.sqrt(np.add.reduce(found * found, 1))[:, None]
+    return found
 
 
 def _difference(start: FloatArray, end: FloatArray, turn: Quat) -> FloatArray:
@@ -144,10 +147,8 @@ def _difference(start: FloatArray, end: FloatArray, turn: Quat) -> FloatArray:
     aw, ax, ay, az = end.T
     bw, bx, by, bz = ahead.T
     sign = 2 * np.sign(aw * bw + ax * bx + ay * by + az * bz)
-    return np.column_stack(
-        [
-            sign * (aw * bx - bw * ax - ay * bz + az * by),
-            sign * (aw * by - bw * ay - az * bx + ax * bz),
-            sign * (aw * bz - bw * az - ax * by + ay * bx),
-        ]
-    )
+    turned: FloatArray = np.empty((len(start), 3))
+    turned[:, 0] = sign * (aw * bx - bw * ax - ay * bz + az * by)
+    turned[:, 1] = sign * (aw * by - bw * ay - az * bx + ax * bz)
+    turned[:, 2] = sign * (aw * bz - bw * az - ax * by + ay * bx)
+    return turned

@@ -53,9 +53,10 @@ class _Smallest:
             expired = t_ns - self._start_ns > 2 * BUCKET_NS
             self._previous = None if expired else self._current
             self._current, self._start_ns = (key, value), t_ns
-        self._current = min(self._current, (key, value))
-        smallest = self._current if self._previous is None else min(self._current, self._previous)
-        self.value = smallest[1]
+        elif key <= self._current[0]:
+            self._current = min(self._current, (key, value))
+        smallest, previous = self._current, self._previous
+        self.value = smallest[1] if previous is None or smallest <= previous else previous[1]
 
 
 class ClockOffset:

@@ -10,7 +10,7 @@ it takes seconds to find its velocity from them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
 from visloc_companion.core.propagation import Drive
@@ -29,8 +29,7 @@ def velocity_sigma_mps(stated_mps: float) -> float:
     return stated_mps if stated_mps <= UNTRUSTED_MPS else MOST_MPS
 
 
-@dataclass(frozen=True, slots=True)
-class Believed:
+class Believed(NamedTuple):
     """A velocity (NED, m/s) with the 1-sigma of its horizontal part, and what it is; without one that part is zero."""
 
     v_ned_mps: Vec3

@@ -41,10 +41,10 @@ def ned_from_geo(place: GeoPoint, origin: GeoPoint) -> Vec3:
 
 def geo_from_ned(p_ned_m: Vec3, origin: GeoPoint) -> GeoPoint:
     """The inverse of `ned_from_geo`."""
-    lat = origin.lat_deg
+    lat0 = lat = origin.lat_deg
     for _ in range(3):
-        lat = origin.lat_deg + math.degrees(p_ned_m[0] / radii_m((lat + origin.lat_deg) / 2)[0])
-    mid = (lat + origin.lat_deg) / 2
+        lat = lat0 + math.degrees(p_ned_m[0] / radii_m((lat + lat0) / 2)[0])
+    mid = (lat + lat0) / 2
     lon = origin.lon_deg + math.degrees(p_ned_m[1] / (radii_m(mid)[1] * math.cos(math.radians(mid))))
     return GeoPoint(lat, (lon + 180) % 360 - 180, origin.h_amsl_m - p_ned_m[2])
 
