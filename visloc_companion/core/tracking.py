@@ -87,17 +87,14 @@ class Tracker:
         """Whether the vehicle is known to be too low to be localised. Far below its home it flies in a valley.
 
         Not where fixes show that the autopilot's height is off by more than that: ArduPilot's, without any position, says 0 m all
-        the way up; nor that the ground lies far below a home on a ridge. A vehicle that was found flying on
-        vision may have had its home set to where it was: until a fix tells it is not taken to be low while it moves. Nor is one
-        whose autopilot restarted in flight.
+        the way up; nor that the ground lies far below a home on a ridge. A vehicle that was found flying on vision may have had
+        its home set there: until a fix tells it is not low while it moves. Nor is one whose autopilot restarted in flight.
         """
         height_m, least_m = self.height_above_home_m, self._settings.min_height_m
         if height_m is None or abs(height_m) >= least_m:
             return False
-        if self._velocity is None:
-            return True
-        if self.restarted_aloft:
-            return False
+        if self._velocity is None or self.restarted_aloft:
+            return self._velocity is None
         if self.takeoff_unseen and not self.height.ground_seen and math.hypot(*self._velocity.v_ned_mps[:2]) > FLIES_MPS:
             return False
         stated = self._velocity.t_ns, self._velocity.h_amsl_m
