@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.odometry import Flown, figures, flown, table
+from benchmarks.odometry import Flown, figures, flown, mean_turn, table
 from benchmarks.odometry_blind import CASES
 from benchmarks.odometry_world import FRAMES, MODEL, PERIOD_S, Errors, Flight, path_of, sights
 from visloc_companion.localise.odometry.base import Surface
@@ -45,6 +45,15 @@ def test_what_is_known_is_what_is_given(flight: Flight) -> None:
     assert (ranged.height_m, ranged.ranged, math.isinf(ranged.sigma_up_m)) == (100.0, True, True)
     assert (home.height_m, home.ranged, home.sigma_height_m) == (100.0, False, EXACT.home_m)
     assert ranged.t_ns == round(2 * PERIOD_S * 1e9)
+
+
+def test_an_error_of_roll_is_one_of_heading_where_the_body_leans(flight: Flight) -> None:
+    """One degree about an axis that points down by 30 degrees is half a degree about the vertical, though no yaw shows it."""
+    euler = flight.euler_rad.copy()
+    euler[:, 1] = math.radians(-30.0)
+    rolled = euler + np.array([math.radians(1.0), 0.0, 0.0])
+    given = sights(replace(flight, euler_rad=rolled), EXACT, np.random.default_rng(0), "map")
+    assert mean_turn(given, replace(flight, euler_rad=euler)) == pytest.approx(math.radians(0.5), rel=0.01)
 
 
 def test_a_flight_without_texture_has_no_legs_and_a_reason(flight: Flight) -> None:
