@@ -22,7 +22,8 @@ STEEPEST = math.cos(math.radians(72.0))
 READING_APART_M = 10.0
 """Heights read closer to each other than this see the same tree or roof."""
 REACH = 0.7
-"""Heights read further away than this share of the height say nothing of the ground in view."""
+"""Heights read further from the camera's foot, and from the middle of what it sees, than this share of the height say nothing of
+the ground in view."""
 ROW = 8192
 SMOOTHED, LEAST_ABOVE_M = 0.13, 1.0
 """1-sigma of a Gaussian, as a share of the height: whether a point lies on a wood or on the field beside it is known, on which
@@ -89,12 +90,16 @@ def heights_above(rays_ned: FloatArray, camera_up_m: float, surface: Surface) ->
     return np.asarray(met[:, 2] + camera_up_m, dtype=np.float64)
 
 
-def read_near(readings: Sequence[Reading], place_ne_m: FloatArray, up_m: float, height_m: float) -> FloatArray:
-    """(M, 3) where heights that were read near a keyframe found the surface: north, east, down from its camera."""
+def read_near(
+    readings: Sequence[Reading], place_ne_m: FloatArray, up_m: float, height_m: float, seen_ne_m: FloatArray
+) -> FloatArray:
+    """(M, 3) where heights that were read near a keyframe, or near the middle (2,) of what it sees from there (one that leans
+    looks at ground that it is not above), found the surface: north, east, down from its camera."""
     found: list[tuple[float, float, float]] = []
     for reading in readings:
         north, east = reading.place_ne_m[0] - place_ne_m[0], reading.place_ne_m[1] - place_ne_m[1]
-        if math.hypot(north, east) <= REACH * height_m:
+        away_m = min(math.hypot(north, east), math.hypot(north - seen_ne_m[0], east - seen_ne_m[1]))
+        if away_m <= REACH * height_m:
             found.append((north, east, reading.height_m - (reading.up_m - up_m)))
     return np.array(found).reshape(-1, 3)
 

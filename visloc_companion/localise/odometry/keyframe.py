@@ -72,7 +72,8 @@ def keyframe_of(
 def with_readings(key: Keyframe, readings: Sequence[Reading], settings: FlowSettings) -> Keyframe:
     """The keyframe with what heights read near it say of the ground: its plane, and of a rangefinder the very points."""
     sight, plain = key.sight, ~key.ground.ranged
-    at = read_near(readings, key.place_ne_m, sight.up_m, key.height_m)
+    seen_ne_m = np.median(key.ground.at_ned_m[plain, :2], axis=0) if sight.ranged else np.zeros(2)
+    at = read_near(readings, key.place_ne_m, sight.up_m, key.height_m, seen_ne_m)
     g = replace(key.ground_of(np.flatnonzero(plain)), sigma_range_m=sight.sigma_height_m if sight.ranged else 0.0)
     if not key.mapped:
         below_plane = np.column_stack([at[:, :2], at[:, 2] - sight.height_m])

@@ -90,9 +90,17 @@ def test_outside_and_below_there_is_no_surface(odo) -> None:
 
 def test_readings_count_from_the_keyframe_and_only_near_it() -> None:
     readings = [Reading((10.0, 0.0), 102.0, 95.0), Reading((0.0, 400.0), 100.0, 90.0)]
-    got = read_near(readings, np.array([4.0, 0.0]), 100.0, 90.0)
+    got = read_near(readings, np.array([4.0, 0.0]), 100.0, 90.0, np.zeros(2))
     assert got.tolist() == [[6.0, 0.0, 93.0]]
-    assert read_near([], np.zeros(2), 0.0, 90.0).shape == (0, 3)
+    assert read_near([], np.zeros(2), 0.0, 90.0, np.zeros(2)).shape == (0, 3)
+
+
+def test_readings_count_where_a_leaning_camera_looks() -> None:
+    """100 m above ground: 70 m about its foot, and 70 m about what it sees 80 m behind."""
+    readings = [Reading((-20.0 * k, 0.0), 100.0, 90.0 + k) for k in range(10)]
+    behind = read_near(readings, np.zeros(2), 100.0, 100.0, np.array([-80.0, 0.0]))
+    assert behind.tolist() == [[-20.0 * k, 0.0, 90.0 + k] for k in range(8)]
+    assert len(read_near(readings, np.zeros(2), 100.0, 100.0, np.zeros(2))) == 4
 
 
 def test_flat_rays_do_not_descend() -> None:
