@@ -94,11 +94,14 @@ def read_near(
     readings: Sequence[Reading], place_ne_m: FloatArray, up_m: float, height_m: float, seen_ne_m: FloatArray
 ) -> FloatArray:
     """(M, 3) where heights that were read near a keyframe, or near the middle (2,) of what it sees from there (one that leans
-    looks at ground that it is not above), found the surface: north, east, down from its camera."""
+    by 20 degrees and more looks at ground that it is not above), found the surface: north, east, down from its camera."""
     found: list[tuple[float, float, float]] = []
+    elsewhere = math.hypot(*seen_ne_m) > REACH / 2 * height_m
     for reading in readings:
         north, east = reading.place_ne_m[0] - place_ne_m[0], reading.place_ne_m[1] - place_ne_m[1]
-        away_m = min(math.hypot(north, east), math.hypot(north - seen_ne_m[0], east - seen_ne_m[1]))
+        away_m = math.hypot(north, east)
+        if elsewhere:
+            away_m = min(away_m, math.hypot(north - seen_ne_m[0], east - seen_ne_m[1]))
         if away_m <= REACH * height_m:
             found.append((north, east, reading.height_m - (reading.up_m - up_m)))
     return np.array(found).reshape(-1, 3)

@@ -100,7 +100,7 @@ def test_readings_count_where_a_leaning_camera_looks() -> None:
     readings = [Reading((-20.0 * k, 0.0), 100.0, 90.0 + k) for k in range(10)]
     behind = read_near(readings, np.zeros(2), 100.0, 100.0, np.array([-80.0, 0.0]))
     assert behind.tolist() == [[-20.0 * k, 0.0, 90.0 + k] for k in range(8)]
-    assert len(read_near(readings, np.zeros(2), 100.0, 100.0, np.zeros(2))) == 4
+    assert len(read_near(readings, np.zeros(2), 100.0, 100.0, np.array([-20.0, 0.0]))) == 4
 
 
 def test_flat_rays_do_not_descend() -> None:
