@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 import zstandard
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 
@@ -65,6 +65,7 @@ def test_cut_at_every_byte_of_the_first_and_last_records(tmp_path: Path) -> None
 
 
 @given(flips=st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(1, 255)), min_size=1, max_size=4))
+@example(flips=[(0.0, 3)]).via("the type of the first record becomes that of the last, behind which nothing is read")
 @settings(max_examples=40)
 def test_flipped_bytes_cost_their_chunks_only(flips: list[tuple[float, int]], tmp_path_factory: pytest.TempPathFactory) -> None:
     data, entries = whole()

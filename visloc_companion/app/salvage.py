@@ -35,6 +35,7 @@ _MARK = struct.pack("<I", 4) + b"zstd"
 _MARK_OFFSET = _RECORD.size + _CHUNK.size
 _MAX_CHUNK_BYTES = 512 * 2**20
 _LAST_OPCODE = int(Opcode.DATA_END)
+_FOOTER_BYTES = 20
 
 _SOMETHING = re.compile(rb"[^\0]")
 OnDamage = Callable[[str], None]
@@ -95,6 +96,8 @@ def _frame(data: bytes | mmap, position: int) -> tuple[int, int]:
         raise _DamageError("the file ends in zeros (the power was cut)")
     if not 0 < opcode <= _LAST_OPCODE:
         raise _DamageError(f"record of unknown type {opcode}")
+    if opcode == Opcode.FOOTER and length != _FOOTER_BYTES:
+        raise _DamageError(f"an end of {length} bytes, where {_FOOTER_BYTES} are right")
     end = position + _RECORD.size + length
     if end > len(data):
         raise _DamageError("the file ends in the middle of a record (the writer was killed)")

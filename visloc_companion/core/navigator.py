@@ -196,6 +196,7 @@ class Navigator:
                 self._onboard.on_gimbal(event, now_ns)
                 return []
             case PriorPose():
+                self._without.on_prior(event)
                 return self._telemetry.on_prior(event, self._steering.feedback)
             case LocalPose():
                 return self._telemetry.on_local(event, self._steering.feedback)

@@ -22,12 +22,15 @@ from visloc_companion.core.requests import MAX_DRAG_M
 from visloc_companion.core.steering import UNSEEN_S
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.geo import wgs84
-from visloc_companion.types import Command, EstimatorStatus, Fix, Notice, Severity, Vec2, Verdict
+from visloc_companion.types import Command, EstimatorStatus, Fix, Notice, PriorPose, Severity, Vec2, Verdict
 
 LOOK_SIGMA_M = MAX_DRAG_M
 """1-sigma, on each axis, of where frames are looked for about the receiver: three of it are what a trusted one may hide."""
 SEED_SIGMA_M = 5.0
 """1-sigma of a place by one fix that a receiver bears out."""
+TOLD_M = 10.0
+"""An autopilot that tells a global position so near its receiver's has one, whatever its estimator's status says: ArduPilot that
+flies on its attitude filter (DCM) reports no flags at all. PX4 tells none while it has none."""
 
 
 class WithoutPosition:
@@ -36,6 +39,7 @@ class WithoutPosition:
     def __init__(self, tracker: Tracker, monitor: GnssMonitor, aiding: GnssAiding) -> None:
         self._tracker, self._monitor, self._aiding = tracker, monitor, aiding
         self._lacks_since_ns: int | None = None
+        self._prior: PriorPose | None = None
         self._seen_ns = 0
 
     def on_status(self, status: EstimatorStatus) -> None:
@@ -45,10 +49,23 @@ class WithoutPosition:
         elif self._lacks_since_ns is None:
             self._lacks_since_ns = status.t_rx_ns
 
+    def on_prior(self, prior: PriorPose) -> None:
+        """Take a global position that the autopilot tells."""
+        self._prior = prior
+
     @property
     def lacks(self) -> bool:
-        """Whether the autopilot of a vehicle that was found flying says that it has no position."""
-        return self._lacks_since_ns is not None and self._monitor.found_in_flight and not self._monitor.disarmed
+        """Whether the autopilot of a vehicle that was found flying says that it has no position, and tells none."""
+        found = self._monitor.found_in_flight and not self._monitor.disarmed
+        return self._lacks_since_ns is not None and found and not self._tells_the_receivers
+
+    @property
+    def _tells_the_receivers(self) -> bool:
+        prior, place, told_ns = self._prior, self._tracker.gnss.newest, self._tracker.gnss.newest_ns
+        if prior is None or place is None or told_ns is None or abs(told_ns - prior.t_rx_ns) > MAX_GAP_NS:
+            return False
+        flown_m = math.hypot(*prior.v_ned_mps[:2]) * abs(told_ns - prior.t_rx_ns) * 1e-9
+        return wgs84.distance_m(place, prior.place) <= TOLD_M + flown_m
 
     @property
     def looks(self) -> bool:

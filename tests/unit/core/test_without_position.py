@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -183,3 +184,13 @@ def test_one_fix_after_half_a_minute_is_enough_to_keep_it_from_a_false_gnss(worl
     w.fly(60.0)
     assert ordered(w, EkfSource.GNSS) == []
     assert sent(w)[0][1] < WITHIN_M
+
+
+def test_an_autopilot_that_tells_its_receivers_position_has_one_whatever_its_flags_say(world: type[World]) -> None:
+    """ArduPilot on its attitude filter reports no flags at all; a filter that waits there has nothing when GNSS goes."""
+    w = without_position(world, blind=lambda t: True)
+    w.source, told = EkfSource.GNSS, w.send
+    w.send = lambda e: told(replace(e, horizontal_position_ok=False) if isinstance(e, EstimatorStatus) else e)
+    w.fly(18.0)
+    assert w.statuses[-1][2] < WITHIN_M
+    assert w.notices(UNPROVEN) == []
