@@ -18,7 +18,7 @@ from benchmarks.pace import Pace
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.place_search import MOST_WRONG
 from visloc_companion.core.settings import CoreSettings
-from visloc_companion.geo.se3 import quat_from_euler
+from visloc_companion.geo.se3 import body_rates, quat_from_euler
 from visloc_companion.geo.wgs84 import distance_m, geo_from_ned
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.sim.render import CameraSimulator
@@ -49,7 +49,7 @@ STEP_S, FRAME_EVERY, TICK_EVERY = 0.05, 4, 2
 BOOT_NS = 1_000_000_000_000
 LEAST_LATENCY_S, TRANSFER_S = 0.02, 0.03
 SIGMA_V_MPS, SIGMA_H_M, SIGMA_TILT_RAD, SIGMA_YAW_RAD = 1.0, 3.0, math.radians(0.5), math.radians(3.0)
-SWAY_RAD, SWAY_S = math.radians(2.0), 1.7
+SWAY_RAD = math.radians(2.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,17 +146,15 @@ class KidnappedFlight:
 
     def _attitude(self, t_s: float, course_rad: float) -> tuple[float, float, float]:
         """True roll, pitch, yaw."""
-        roll, pitch = (SWAY_RAD * math.sin(t_s / SWAY_S + phase) for phase in self._sway)
+        roll, pitch = (SWAY_RAD * math.sin(t_s / 1.7 + phase) for phase in self._sway)
         return roll, pitch, course_rad
 
     def _rates(self, t_s: float, course_rad: float) -> Vec3:
         """True body rates, radians a second: without them the autopilot's own turning would look like a pull on its compass."""
-        roll, pitch, _ = self._attitude(t_s, course_rad)
-        rolling, pitching = (SWAY_RAD / SWAY_S * math.cos(t_s / SWAY_S + phase) for phase in self._sway)
-        turning = self._way.turn_radps
-        x = rolling - turning * math.sin(pitch)
-        y = pitching * math.cos(roll) + turning * math.sin(roll) * math.cos(pitch)
-        return x, y, turning * math.cos(roll) * math.cos(pitch) - pitching * math.sin(roll)
+        turned = self._way.turn_radps * STEP_S / 2
+        before = quat_from_euler(*self._attitude(t_s - STEP_S / 2, course_rad - turned))
+        after = quat_from_euler(*self._attitude(t_s + STEP_S / 2, course_rad + turned))
+        return body_rates(before, after, STEP_S)
 
     def _believed(self, t_s: float, course_rad: float) -> Quat:
         roll, pitch, yaw = self._attitude(t_s, course_rad)

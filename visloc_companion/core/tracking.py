@@ -93,9 +93,10 @@ class Tracker:
         height_m, least_m = self.height_above_home_m, self._settings.min_height_m
         if height_m is None or abs(height_m) >= least_m:
             return False
-        if self._velocity is None or self.restarted_aloft:
-            return self._velocity is None
-        if self.takeoff_unseen and not self.height.ground_seen and math.hypot(*self._velocity.v_ned_mps[:2]) > FLIES_MPS:
+        if self._velocity is None:
+            return True
+        moves = math.hypot(*self._velocity.v_ned_mps[:2]) > FLIES_MPS
+        if self.restarted_aloft or (self.takeoff_unseen and moves and not self.height.ground_seen):
             return False
         stated = self._velocity.t_ns, self._velocity.h_amsl_m
         shown_m, aloft = self.height.shown_m(*stated), self.height.far_above_ground(*stated, least_m)

@@ -51,6 +51,13 @@ def place_of(ne_m: np.ndarray, h_amsl_m: float = ORIGIN.h_amsl_m + HEIGHT_M) -> 
     return wgs84.geo_from_ned((float(ne_m[0]), float(ne_m[1]), ORIGIN.h_amsl_m - h_amsl_m), ORIGIN)
 
 
+class Nobody:
+    """In the place of a navigator while no daemon runs."""
+
+    def on(self, *_: object) -> list[object]:
+        return []
+
+
 @dataclass
 class World:
     """Truth and sensors. Functions of time say what goes wrong: pull (metres NE added to GNSS), jammed, blind (no fix), deaf (to

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.unit.core.conftest import place_of
+from tests.unit.core.conftest import Nobody, place_of
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings, GnssSettings, InjectionSettings
 from visloc_companion.core.switching import HAND_BACK_NS
@@ -41,11 +41,6 @@ def restarted(world: type[World], *, armed: bool = True, **faults: Any) -> World
     w = world(**(faults or {"jammed": lambda t: t > 20}))
     w.start()
     w.fly(40.0)
-
-    class Nobody:
-        def on(self, *_: object) -> list[object]:
-            return []
-
     w.navigator, w.last_injection = Nobody(), None
     w.fly(40.0 + DOWN_S)
     w.navigator, w.answers = Navigator(w.settings), []

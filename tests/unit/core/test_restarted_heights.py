@@ -10,6 +10,7 @@ import pytest
 
 from tests.unit.core.conftest import ORIGIN, World, ns
 from visloc_companion.errors import Reason
+from visloc_companion.sim.real.oracle import answered_height
 from visloc_companion.types import (
     AutopilotKind,
     Event,
@@ -35,10 +36,9 @@ class Restarting(World):
     def send(self, event: Event) -> list[object]:
         if isinstance(event, Fix):
             prior = next(request.prior for _, request, _ in self.requests if request.request_id == event.request_id)
-            own, known = SIGMA_M**-2, prior.sigma_h_m**-2
-            h_amsl_m = (own * event.place.h_amsl_m + known * prior.place.h_amsl_m) / (own + known)
+            h_amsl_m, sigma_h_m = answered_height(event.place.h_amsl_m, prior, SIGMA_M)
             place = replace(event.place, h_amsl_m=h_amsl_m)
-            event = replace(event, place=place, sigma_h_m=(own + known) ** -0.5, above_ground_m=100.0)
+            event = replace(event, place=place, sigma_h_m=sigma_h_m, above_ground_m=100.0)
         if self.t >= RESTART_S and not isinstance(event, FrameRef):
             if any(field.name == "t_boot_ns" for field in fields(event)):
                 event = replace(event, t_boot_ns=event.t_boot_ns - ns(1020))

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from tests.unit.core.conftest import World
+from visloc_companion.sim.real.oracle import answered_height
 from visloc_companion.types import Event, Fix, Mode, PriorPose
 
 STEP_S, SIGMA_M = 40.0, 2.0
@@ -21,10 +22,9 @@ class Stepping(World):
     def send(self, event: Event) -> list[object]:
         if isinstance(event, Fix):
             prior = next(request.prior for _, request, _ in self.requests if request.request_id == event.request_id)
-            own, known = SIGMA_M**-2, prior.sigma_h_m**-2
-            h_amsl_m = (own * event.place.h_amsl_m + known * prior.place.h_amsl_m) / (own + known)
+            h_amsl_m, sigma_h_m = answered_height(event.place.h_amsl_m, prior, SIGMA_M)
             place = replace(event.place, h_amsl_m=h_amsl_m)
-            more = {"sigma_h_m": (own + known) ** -0.5, "above_ground_m": 100.0, "per_focal_ne_m": (30.0, 20.0)}
+            more = {"sigma_h_m": sigma_h_m, "above_ground_m": 100.0, "per_focal_ne_m": (30.0, 20.0)}
             event = replace(event, place=place, **more)
         if isinstance(event, PriorPose) and self.t >= STEP_S:
             place = replace(event.place, h_amsl_m=event.place.h_amsl_m + self.step_m)

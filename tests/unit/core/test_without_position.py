@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.unit.core.conftest import BOOT_OFFSET_NS, HEIGHT_M, ORIGIN, ns, place_of
+from tests.unit.core.conftest import BOOT_OFFSET_NS, HEIGHT_M, ORIGIN, Nobody, ns, place_of
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings, InjectionSettings
 from visloc_companion.core.steering import UNPROVEN, UNSEEN_S
@@ -39,11 +39,6 @@ SETTLES_S, SETTLED_M = 10.0, 8.0
 """Until this autopilot, whose velocity nobody knew, has found it from what it is sent; how far positions are off then."""
 BACK_S, COASTS_S, WITHIN_M, MAP_M = 2.0, 4.6, 5.0, 2000.0
 """When the daemon comes back, beside an autopilot that has had no position for long."""
-
-
-class Nobody:
-    def on(self, *_: object) -> list[object]:
-        return []
 
 
 def without_position(world: type[World], **faults: Any) -> World:

@@ -13,6 +13,7 @@ import pytest
 
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
+from visloc_companion.sim.real.oracle import answered_height
 from visloc_companion.types import Fix, Injection, LocaliseRequest, NoFix, Notice, Odometry, OpenPlace
 
 COV = ((0.01, 0.0), (0.0, 0.01))
@@ -80,10 +81,8 @@ def zooming(world: Any) -> type[Any]:
             place = wgs84.geo_from_ned((0.0, east_m, 0.0), answer.place)
             if held:
                 return replace(answer, place=replace(place, h_amsl_m=prior.place.h_amsl_m), sigma_h_m=prior.sigma_h_m)
-            known, own = prior.sigma_h_m**-2, SIGMA_H_M**-2
-            h_amsl_m = (known * prior.place.h_amsl_m + own * h_amsl_m) / (known + own)
-            place, sigma_h_m = replace(place, h_amsl_m=h_amsl_m), (known + own) ** -0.5
-            return replace(answer, place=place, sigma_h_m=sigma_h_m, per_focal_ne_m=(0.0, LEAN_M))
+            h_amsl_m, sigma_h_m = answered_height(h_amsl_m, prior, SIGMA_H_M)
+            return replace(answer, place=replace(place, h_amsl_m=h_amsl_m), sigma_h_m=sigma_h_m, per_focal_ne_m=(0.0, LEAN_M))
 
     return Zooming
 

@@ -37,10 +37,10 @@ FOLLOWED_NS = 2_000_000_000
 """Over a longer time between two frames the ground is not followed."""
 
 
-def answered_height(seen_amsl_m: float, prior: PosePrior) -> tuple[float, float]:
-    """Height (m above sea level) and its 1-sigma (m) of a fix that saw this one to HEIGHT_SIGMA_M: as in a localiser's, the prior
-    of the request is in them (core/height.py takes it out again)."""
-    own, known = HEIGHT_SIGMA_M**-2, prior.sigma_h_m**-2
+def answered_height(seen_amsl_m: float, prior: PosePrior, seen_sigma_m: float = HEIGHT_SIGMA_M) -> tuple[float, float]:
+    """Height (m above sea level) and its 1-sigma (m) of a fix that saw this one to a 1-sigma: as in a localiser's, the prior of
+    the request is in them (core/height.py takes it out again)."""
+    own, known = seen_sigma_m**-2, prior.sigma_h_m**-2
     whole = own + known
     return (own * seen_amsl_m + known * prior.place.h_amsl_m) / whole, whole**-0.5
 
@@ -200,9 +200,11 @@ class Oracle:
             return NoFix(due_ns, frame.t_ns, *ids, METHOD, Reason.NO_MATCH, 0.0)
         self._asked += 1
         if self._asked % settings.recognised_of:
-            motion = None if self._motion is None else self._motion.look(frame.t_ns, view.place, request.believed)
-            return NoFix(due_ns, frame.t_ns, *ids, METHOD, Reason.NO_MATCH, 0.0, motion=motion)
+            return NoFix(due_ns, frame.t_ns, *ids, METHOD, Reason.NO_MATCH, 0.0, motion=self._motion_seen(request, view))
         return replace(self._localise(request, view), t_rx_ns=due_ns)
+
+    def _motion_seen(self, request: LocaliseRequest, view: View) -> Odometry | None:
+        return None if self._motion is None else self._motion.look(request.frame.t_ns, view.place, request.believed)
 
     def _from_truth(self, request: LocaliseRequest, view: View) -> Fix | NoFix:
         frame, settings = request.frame, self._settings
@@ -215,7 +217,7 @@ class Oracle:
         place, took_ms = geo_from_ned(off, view.place), 1e3 * settings.latency_s
         h_m, sigma_h_m = answered_height(place.h_amsl_m, request.prior)
         place = replace(place, h_amsl_m=h_m)
-        motion = None if self._motion is None else self._motion.look(frame.t_ns, view.place, request.believed)
+        motion = self._motion_seen(request, view)
         return Fix(0, frame.t_ns, *ids, METHOD, place, view.q_ned_frd, cov, sigma_h_m, 0.01, 1e-4, took_ms, motion=motion)
 
     def flight_s(self, t_boot_ns: int) -> float:
