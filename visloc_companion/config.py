@@ -92,6 +92,8 @@ class LocaliserConfig(Section):
     """Ask for it in turn as well, after so many image fixes; 0 asks only when the image is not recognised."""
     odometry: bool = True
     """Follow the ground from frame to frame: corrects the velocity between fixes and while there are none."""
+    rangefinder: bool = False
+    """Ask the autopilot for DISTANCE_SENSOR, and let odometry take heights above ground from it where they can be believed."""
     terrain: bool = False
     """Ask the autopilot for DISTANCE_SENSOR, and match the profile of the ground below the track with the map's surface model."""
     terrain_sigma_m: Positive = 2.0

@@ -38,6 +38,7 @@ def core_settings(config: Config) -> CoreSettings:
         structure=config.localiser.structure,
         structure_every=config.localiser.structure_every,
         terrain=config.localiser.terrain,
+        rangefinder=config.localiser.rangefinder,
         max_search_radius_m=config.localiser.max_search_radius_m,
         max_probability_wrong=config.localiser.max_probability_wrong,
         attitude_rate_hz=config.link.attitude_rate_hz,

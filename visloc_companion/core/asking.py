@@ -18,12 +18,15 @@ from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.onboard_camera import OnboardCamera
 from visloc_companion.core.place_search import PlaceSearch, Reach, tile_radius_m
 from visloc_companion.core.propagation import VELOCITY, Drive
+from visloc_companion.core.ranges import Ranges
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.terrain_aiding import TerrainAiding
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.core.without_position import LOOK_SIGMA_M, WithoutPosition
+from visloc_companion.geo import se3
 from visloc_companion.types import (
+    Beam,
     FrameRef,
     GeoPoint,
     LocaliseRequest,
@@ -31,6 +34,7 @@ from visloc_companion.types import (
     NoFix,
     PosePrior,
     Quat,
+    Range,
     Readout,
     TerrainRequest,
     Vec3,
@@ -67,7 +71,7 @@ class Asking:
         self._settings, self._queue, self._tracker = settings, queue, tracker
         self._clock, self._attitude, self._camera = clock, attitude, camera
         self._terrain, self._search = terrain, search
-        self._without, self._beside = without, BesideGnss()
+        self._without, self._beside, self._ranges = without, BesideGnss(), Ranges()
         self._untrusted_ns: int | None = None
 
     def next(self, now_ns: int, *, injecting: bool, gnss_trusted: bool) -> list[Request]:
@@ -92,6 +96,14 @@ class Asking:
         if t_boot_ns is None or newest is None:
             return None
         return self._attitude.at(t_boot_ns) or self._attitude.at(newest)
+
+    def on_range(self, event: Range, t_ns: int) -> None:
+        """Keep a distance to the ground, measured at a time."""
+        self._ranges.on_range(event, t_ns)
+
+    def forget_ranges(self) -> None:
+        """A clock stepped."""
+        self._ranges.clear()
 
     def _about_terrain(self, now_ns: int, injecting: bool, gnss_trusted: bool) -> list[Request]:
         terrain = self._terrain
@@ -131,7 +143,7 @@ class Asking:
         prior = replace(prior, tilt=self._camera.tilt(frame.t_ns, q_ned_carrier), sun=self._camera.sun(frame.t_ns))
         asked = self._queue.taken(frame, prior, now_ns)
         asked = replace(asked, zoom=self._camera.zoom.factor, try_zoom=self._camera.zoom.next(now_ns, self._tracker.gnss))
-        return [self._read_out(asked, state.v_ned_mps)]
+        return [self._with_beam(self._read_out(asked, state.v_ned_mps), q_ned_frd, state.v_ned_mps)]
 
     def _read_out(self, request: LocaliseRequest, v_ned_mps: Vec3) -> LocaliseRequest:
         """The request with how the camera moves while a rolling shutter reads the frame, as far as that is known."""
@@ -145,6 +157,27 @@ class Asking:
         if rate_cambody is None:
             return request
         return replace(request, readout=Readout(span_s, rate_cambody, v_ned_mps, height_m))
+
+    def _with_beam(self, request: LocaliseRequest, q_ned_frd: Quat, v_ned_mps: Vec3) -> LocaliseRequest:
+        """The request with what a rangefinder met, which looks down the vehicle's body whatever carries the camera, and by the
+        1-sigma of a mounting beside where it should."""
+        t_ns = request.frame.t_ns
+        measured = self._ranges.near(t_ns, math.hypot(*v_ned_mps)) if self._settings.rangefinder else None
+        t_boot_ns = None if measured is None else self._clock.boot_ns(measured.t_ns)
+        q_then = None if t_boot_ns is None else self._attitude.at(t_boot_ns)
+        if measured is None or q_then is None:
+            return request
+        along = se3.rotate(q_then, (0.0, 0.0, measured.distance_m))
+        dt_s = (measured.t_ns - t_ns) * 1e-9
+        camera = self._camera.camera_ned_m((0.0, 0.0, 0.0), q_ned_frd)
+        north, east, down = (a + dt_s * v - c for a, v, c in zip(along, v_ned_mps, camera, strict=True))
+        sigma_m = math.hypot(measured.sigma_m, self._settings.mount_sigma_rad * math.hypot(*along[:2]))
+        if self._terrain is not None:  # whose fixes may have taught the altitude, from the same distances
+            news = sigma_m**-2 - request.believed.sigma_h_m**-2
+            if news <= 0:
+                return request
+            sigma_m = news**-0.5
+        return replace(request, beam=Beam((north, east, down), sigma_m))
 
     def _of_camera(self, state: NavState, q_ned_frd: Quat) -> NavState:
         return replace(state, p_ned_m=self._camera.camera_ned_m(state.p_ned_m, q_ned_frd))
@@ -227,7 +260,7 @@ class Asking:
         share = where.share_of_sigmas
         prior = replace(prior, sigma_h_m=share * prior.sigma_h_m, sigma_yaw_rad=share * prior.sigma_yaw_rad)
         request = replace(self._queue.taken(frame, prior, now_ns, aside=True), zoom=self._camera.zoom.factor)
-        return [self._read_out(request, velocity.v_ned_mps)]
+        return [self._with_beam(self._read_out(request, velocity.v_ned_mps), q_ned_frd, velocity.v_ned_mps)]
 
     def _prior(self, state: NavState, q_ned_carrier: Quat, q_carrier_body: Quat, injecting: bool) -> PosePrior | None:
         """The prior of a state for the camera's body on what carries it, or for another one that is mounted so on another."""

@@ -87,7 +87,7 @@ class CoreSettings:
     to the last, `has_camera` whether one is configured.
     `max_rate_hz` bounds the requests to the localiser, `max_search_radius_m` the 3-sigma radius of their search,
     `max_probability_wrong` what a fix may claim. For `structure`, `structure_every` see core/turns.py, for `terrain`
-    core/terrain_aiding.py. The link rates go into RequestMessage.
+    core/terrain_aiding.py, for `rangefinder` core/ranges.py. The link rates go into RequestMessage.
     """
 
     navigator: NavigatorSettings = NavigatorSettings()
@@ -102,6 +102,7 @@ class CoreSettings:
     structure: bool = True
     structure_every: int = 0
     terrain: bool = False
+    rangefinder: bool = False
     max_search_radius_m: float = 2000.0
     max_probability_wrong: float = 0.05
     attitude_rate_hz: float = 50.0

@@ -29,7 +29,7 @@ def requests_for(autopilot: AutopilotKind, settings: CoreSettings) -> list[Comma
         RequestMessage(GPS_RAW_INT, settings.gnss_rate_hz),
         RequestMessage(SCALED_IMU, settings.attitude_rate_hz),
         *([RequestMessage(GIMBAL_DEVICE_ATTITUDE_STATUS, settings.gimbal.rate_hz)] if settings.gimbal else []),
-        *([RequestMessage(DISTANCE_SENSOR, RANGE_RATE_HZ)] if settings.terrain else []),
+        *([RequestMessage(DISTANCE_SENSOR, RANGE_RATE_HZ)] if settings.terrain or settings.rangefinder else []),
         *(RequestMessage(message_id, settings.status_rate_hz) for message_id in STATUS_MESSAGES[autopilot]),
         RequestMessage(SCALED_PRESSURE, EVIDENCE_RATE_HZ),
         RequestMessage(SYSTEM_TIME, EVIDENCE_RATE_HZ),

@@ -85,6 +85,7 @@ class Telemetry:
         self._tracker.forget_velocity()
         self._tracker.height.forget_heights(restarted=not own)
         self._vouching.forget()
+        self._asking.forget_ranges()
         if self._terrain is not None:
             self._terrain.clear()
         if self._gimbal is not None:
@@ -150,8 +151,9 @@ class Telemetry:
         return commands
 
     def on_range(self, event: Range) -> None:
-        """Take a distance to the ground where the vehicle's attitude is known."""
+        """Take a distance to the ground, for frames, and for its profile where the vehicle's attitude is known."""
         t_ns = self.stamped_ns(event.t_rx_ns, event.t_boot_ns)
+        self._asking.on_range(event, t_ns)
         q_ned_frd = self._asking.attitude_now(t_ns)
         if self._terrain is not None and q_ned_frd is not None:
             self._terrain.on_range(event, t_ns, q_ned_frd)

@@ -73,7 +73,7 @@ def fault(event: Event, now_ns: int) -> Reason | None:  # noqa: PLR0911, PLR0912
         case Baro():
             return _unless(_finite(event.pressure_hpa, event.dynamic_hpa))
         case Range():
-            return _unless(_finite(event.distance_m))
+            return _unless(_finite(event.distance_m, event.sigma_m or 0.0))
         case OriginChanged():
             return _unless(is_place(event.origin))
         case OperatorFix():

@@ -155,7 +155,11 @@ def simulated_config(setup: FlightSetup) -> Config:
         ),
         injection=InjectionConfig(switch_source=True),
         navigator=NavigatorConfig(map_sigma_m=map_sigma_m(setup.area.gsd_m)),
-        localiser=LocaliserConfig(max_rate_hz=max(1.0, setup.scenario.frame_rate_hz), structure=setup.structure),
+        localiser=LocaliserConfig(
+            max_rate_hz=max(1.0, setup.scenario.frame_rate_hz),
+            structure=setup.structure,
+            rangefinder=setup.rangefinder is not None,
+        ),
         seed=setup.seed,
     )
 

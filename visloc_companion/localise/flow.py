@@ -218,15 +218,18 @@ class FrameToFrame:
         return Blind(view.sight.t_ns, *why, anchored=True)
 
     def _note(self, sight: Sight, place_ne_m: FloatArray) -> None:
-        """Keep a height above the surface, unless the last one is near."""
+        """Keep a height above the surface, unless the last one of its kind is near."""
         if not math.isfinite(sight.height_m):
             return
-        north, east = float(place_ne_m[0]), float(place_ne_m[1])
+        beam_north, beam_east = sight.beam_ne_m
+        north, east = float(place_ne_m[0]) + beam_north, float(place_ne_m[1]) + beam_east
         if self._readings:
-            last = self._readings[-1].place_ne_m
-            if math.hypot(north - last[0], east - last[1]) < READING_APART_M:
+            last = self._readings[-1]
+            near = math.hypot(north - last.place_ne_m[0], east - last.place_ne_m[1]) < READING_APART_M
+            if near and sight.ranged == (last.sigma_range_m is not None):
                 return
-        self._readings.append(Reading((north, east), sight.up_m, sight.height_m))
+        added_m, sigma_range_m = (sight.up_added_m, sight.sigma_height_m) if sight.ranged else (0.0, None)
+        self._readings.append(Reading((north, east), sight.up_m - added_m, sight.height_m, sigma_range_m))
 
 
 def _with_added(sight: Sight, up_added_m: float) -> Sight:

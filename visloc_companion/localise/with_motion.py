@@ -20,6 +20,7 @@ from visloc_companion.localise.flow import FrameToFrame
 from visloc_companion.localise.odometry.base import FlowSettings, Sight, Step, Surface
 from visloc_companion.localise.plan import LocalFrame, local_frame
 from visloc_companion.localise.pose import heading_and_tilt
+from visloc_companion.localise.ranged import fits, fits_height, is_plane
 from visloc_companion.localise.surface_window import SurfaceWindow
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix, Odometry, PosePrior
@@ -65,10 +66,22 @@ class WithMotion(Asking):
         except OutsideMap:
             return None
         surface = self._surface(prior, ref, frame)
+        (nn, ne), (_, ee) = prior.cov_ne_m2
+        sigma_place_m = math.sqrt((nn + ee) / 2 + math.hypot((nn - ee) / 2, ne))
+        beam = request.beam
+        if beam is not None and surface is not None:
+            about = prior.place.h_amsl_m, prior.sigma_h_m, sigma_place_m, prior.sigma_tilt_rad
+            beam = beam if fits(beam, *about, surface) else None
+            surface = None if beam is not None and is_plane(surface) else surface
         height_m, sigma_height_m = self._above_last_ground(prior, frame) if surface is None else (math.nan, math.inf)
+        beam_ne_m = (0.0, 0.0)
+        if beam is not None and not fits_height(beam, height_m, sigma_height_m):
+            beam = None
+        if beam is not None:
+            north, east, height_m = beam.end_ned_m
+            sigma_height_m, beam_ne_m = beam.sigma_m, (north, east)
         if surface is None and not math.isfinite(sigma_height_m):
             return None
-        (nn, ne), (_, ee) = prior.cov_ne_m2
         sight = Sight(
             pixels,
             request.frame.t_ns,
@@ -78,9 +91,11 @@ class WithMotion(Asking):
             prior.place.h_amsl_m,
             prior.sigma_h_m,
             (0.0, 0.0),
-            math.sqrt((nn + ee) / 2 + math.hypot((nn - ee) / 2, ne)),
+            sigma_place_m,
             height_m,
             sigma_height_m,
+            beam is not None,
+            beam_ne_m,
             up_added_m=prior.height_offset_m,
         )
         step = self._flow.step(sight, surface)

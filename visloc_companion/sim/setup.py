@@ -10,6 +10,7 @@ from typing import Literal
 from visloc_companion.errors import MapError
 from visloc_companion.geo.pinhole_view import pinhole_view
 from visloc_companion.sim.autopilot import BuiltInAutopilot
+from visloc_companion.sim.rangefinder import Rangefinder
 from visloc_companion.sim.scenarios import Course, Scenario
 from visloc_companion.types import AutopilotKind, CameraModel, GeoPoint, Vec3
 
@@ -87,6 +88,7 @@ class FlightSetup:
     """Everything that makes a flight repeatable. `structure`: whether that vote is asked for where the image fails.
 
     `width_px`: the columns of a pinhole camera; a coarse one is rendered sooner. `camera`: another one in its place.
+    `rangefinder`: one that odometry is to use. `speed_mps`: another one than the vehicle's usual (SPEED_MPS).
     """
 
     scenario: Scenario
@@ -98,6 +100,8 @@ class FlightSetup:
     structure: bool = True
     width_px: int = 640
     camera: CameraModel | None = None
+    rangefinder: Rangefinder | None = None
+    speed_mps: float | None = None
 
     @property
     def height_m(self) -> float:
@@ -145,10 +149,11 @@ class FlightSetup:
             self.vehicle,
             self.area.home,
             self.mission_ned_m(),
-            SPEED_MPS[self.vehicle],
+            self.speed_mps or SPEED_MPS[self.vehicle],
             self.seed,
             self.scenario.faults,
             WIND_NED_MPS,
             boot_age_s=boot_age_s,
+            rangefinder=self.rangefinder,
             gimbal=self.scenario.gimbal,
         )

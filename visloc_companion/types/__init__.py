@@ -25,6 +25,7 @@ from visloc_companion.types.basic import (
     Vote,
 )
 from visloc_companion.types.commands import (
+    Beam,
     Command,
     Injection,
     LocaliseRequest,
@@ -92,6 +93,7 @@ __all__ = [
     "Attitude",
     "AutopilotKind",
     "Baro",
+    "Beam",
     "BeyondLimit",
     "CameraMask",
     "CameraModel",

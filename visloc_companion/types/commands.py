@@ -60,11 +60,21 @@ class Readout:
 
 
 @dataclass(frozen=True, slots=True)
+class Beam:
+    """What a rangefinder met: north, east, down from the camera when the frame was taken (m), and the 1-sigma of how far down it
+    is (m), most of which stays wrong for minutes."""
+
+    end_ned_m: Vec3
+    sigma_m: float
+
+
+@dataclass(frozen=True, slots=True)
 class LocaliseRequest:
     """Ask the worker to localise the frame in `frame.slot`. `seed` feeds what is random; `readout` is of a rolling shutter;
     `zoom` is by how much the picture is believed to be enlarged beyond the calibrated lens, `try_zoom` how it is to be looked at
     as well where it is not recognised so. `motion_prior`: where the vehicle is believed to be, in a request that searches for it
-    elsewhere: the camera's motion is measured over the ground there, as in those before and after."""
+    elsewhere: the camera's motion is measured over the ground there, as in those before and after. `beam`: of a rangefinder, near
+    the frame's time."""
 
     request_id: int
     frame: FrameRef
@@ -75,6 +85,7 @@ class LocaliseRequest:
     zoom: float = 1.0
     try_zoom: float | None = None
     motion_prior: PosePrior | None = None
+    beam: Beam | None = None
 
     @property
     def believed(self) -> PosePrior:

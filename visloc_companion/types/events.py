@@ -116,12 +116,15 @@ class EstimatorStatus:
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Distance along a body axis to the surface (DISTANCE_SENSOR, RANGEFINDER), metres; down-looking unless stated."""
+    """Distance along a body axis to the surface (DISTANCE_SENSOR, RANGEFINDER), metres; down-looking unless stated. `sensor`: its
+    number, of a message without a time (RANGEFINDER, `t_boot_ns` 0) none. `sigma_m`: 1-sigma of its noise where that is told."""
 
     t_rx_ns: int
     t_boot_ns: int
     distance_m: float
     valid: bool
+    sensor: int = 0
+    sigma_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

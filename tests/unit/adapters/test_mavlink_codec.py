@@ -145,6 +145,13 @@ def test_only_a_rangefinder_that_looks_down_counts():
     assert not one(lost).valid
 
 
+def test_a_rangefinder_says_which_it_is_and_how_it_scatters():
+    down = mav.MAVLink_distance_sensor_message(1000, 20, 5000, 1234, 0, 3, mav.MAV_SENSOR_ROTATION_PITCH_270, 25)
+    assert one(down) == Range(T, 1_000_000_000, 12.34, True, 3, sigma_m=0.05)
+    unknown = mav.MAVLink_distance_sensor_message(1000, 20, 5000, 1234, 0, 3, mav.MAV_SENSOR_ROTATION_PITCH_270, 0)
+    assert one(unknown).sigma_m is None, "ArduPilot sends 0"
+
+
 def test_rangefinder_and_pressure():
     assert one(mav.MAVLink_rangefinder_message(7.5, 0.0)) == Range(T, 0, 7.5, True)
     assert not one(mav.MAVLink_rangefinder_message(0.0, 0.0)).valid

@@ -22,3 +22,8 @@ def test_asks_for_what_each_autopilot_sends(kind: AutopilotKind, status: set[int
 def test_distances_to_the_ground_are_asked_for_only_where_they_are_used(terrain: bool) -> None:
     wanted = requests_for(AutopilotKind.ARDUPILOT, CoreSettings(terrain=terrain))
     assert any(isinstance(w, RequestMessage) and w.message_id == 132 for w in wanted) is terrain
+
+
+def test_odometry_asks_for_distances_to_the_ground_too() -> None:
+    wanted = requests_for(AutopilotKind.PX4, CoreSettings(rangefinder=True))
+    assert RequestMessage(132, 10.0) in wanted

@@ -258,7 +258,7 @@ class _Reader:
         if fields.get("Instance") is None or fields["Orient"] != _DOWN:
             return None
         t_ns = self._at(fields)
-        return Range(t_ns, t_ns, _finite(fields["Dist"]), fields["Stat"] == _GOOD)
+        return Range(t_ns, t_ns, _finite(fields["Dist"]), fields["Stat"] == _GOOD, int(fields["Instance"]))
 
     def _kf1(self, fields: Fields, core: int = 0) -> Event | None:
         """`core` is whose it is where it does not say so."""

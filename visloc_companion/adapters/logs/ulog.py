@@ -343,7 +343,8 @@ def _distance(t_ns: int, row: Row) -> Event | None:
         return None
     distance_m = float(row["current_distance"])
     known = math.isfinite(distance_m) and row["min_distance"] <= distance_m <= row["max_distance"]
-    return Range(t_ns, t_ns, distance_m if known else 0.0, known and row.get("signal_quality", -1) != 0)
+    valid = known and row.get("signal_quality", -1) != 0
+    return Range(t_ns, t_ns, distance_m if known else 0.0, valid, int(row.get("device_id", 0)))
 
 
 def _gimbal(t_ns: int, row: Row) -> Event | None:

@@ -30,6 +30,7 @@ from visloc_companion.types import (
 )
 
 _NS_PER_MS = 1_000_000
+_UNKNOWN_VARIANCE = 255
 _MILLI_G_MPS2 = 9.80665e-3
 _VERSION_TYPES = ((255, ""), (192, "-rc"), (128, "-beta"), (64, "-alpha"), (0, "-dev"))
 _KINDS = {mav.MAV_AUTOPILOT_ARDUPILOTMEGA: AutopilotKind.ARDUPILOT, mav.MAV_AUTOPILOT_PX4: AutopilotKind.PX4}
@@ -136,7 +137,9 @@ def _distance_sensor(msg: Message, t_rx_ns: int) -> Outcome:
         return None
     in_range = msg.min_distance <= msg.current_distance <= msg.max_distance
     invalid_signal = getattr(msg, "signal_quality", 0) == 1
-    return Range(t_rx_ns, msg.time_boot_ms * _NS_PER_MS, msg.current_distance / 100.0, in_range and not invalid_signal)
+    sigma_m = math.sqrt(msg.covariance) / 100.0 if 0 < msg.covariance < _UNKNOWN_VARIANCE else None  # cm²
+    valid = in_range and not invalid_signal
+    return Range(t_rx_ns, msg.time_boot_ms * _NS_PER_MS, msg.current_distance / 100.0, valid, msg.id, sigma_m)
 
 
 def _rangefinder(msg: Message, t_rx_ns: int) -> Outcome:

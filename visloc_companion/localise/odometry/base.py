@@ -23,7 +23,7 @@ class Sight:
     was added to the instrument's, which alone tells the climb from frame to frame. `place_ne_m` is where
     on the surface the camera is believed to be, `sigma_place_m` how far off on each axis. `height_m` is the height above what is
     straight below, needed where no surface is given: of a rangefinder (`ranged`, which sees trees and roofs), or altitude less
-    elevation; `sigma_height_m` is what stays wrong with it.
+    elevation; `sigma_height_m` is what stays wrong with it. What a rangefinder met lies at `beam_ne_m` from the camera.
     """
 
     pixels: Image
@@ -38,6 +38,7 @@ class Sight:
     height_m: float = math.nan
     sigma_height_m: float = math.inf
     ranged: bool = False
+    beam_ne_m: Vec2 = (0.0, 0.0)
     up_added_m: float = 0.0
 
 

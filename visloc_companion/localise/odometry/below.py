@@ -32,11 +32,14 @@ side of a crown is not, where attitude and place are off by metres."""
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """A height above the surface read at a place (north, east of any origin) at an altitude."""
+    """A height above the surface read at a place (north, east of any origin) from an altitude. `sigma_range_m`: a rangefinder's,
+    of what stays wrong with it; the altitude is as the instrument has it then, for nothing is added to a distance. None: it is of
+    what the keyframe's sight says."""
 
     place_ne_m: Vec2
     up_m: float
     height_m: float
+    sigma_range_m: float | None = None
 
 
 def descends(rays_ned: FloatArray) -> NDArray[np.bool_]:

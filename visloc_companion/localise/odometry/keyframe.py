@@ -70,22 +70,30 @@ def keyframe_of(
 
 
 def with_readings(key: Keyframe, readings: Sequence[Reading], settings: FlowSettings) -> Keyframe:
-    """The keyframe with what heights read near it say of the ground: its plane, and of a rangefinder the very points."""
+    """The keyframe with what heights read near it say of the ground: its plane, and of a rangefinder the very points. Where one
+    measured anything near, nothing else counts."""
     sight, plain = key.sight, ~key.ground.ranged
-    seen_ne_m = np.median(key.ground.at_ned_m[plain, :2], axis=0) if sight.ranged else np.zeros(2)
-    at = read_near(readings, key.place_ne_m, sight.up_m, key.height_m, seen_ne_m)
-    g = replace(key.ground_of(np.flatnonzero(plain)), sigma_range_m=sight.sigma_height_m if sight.ranged else 0.0)
+    middle_ne_m = np.median(key.ground.at_ned_m[plain, :2], axis=0)
+    of_range = [reading for reading in readings if reading.sigma_range_m is not None] or [*readings] * sight.ranged
+    at = read_near(of_range, key.place_ne_m, sight.up_m - sight.up_added_m, key.height_m, middle_ne_m)
+    ranged = bool(len(at)) or sight.ranged
+    sigmas_m = [sight.sigma_height_m if reading.sigma_range_m is None else reading.sigma_range_m for reading in of_range]
+    sigma_range_m = max(sigmas_m, default=0.0) if ranged else 0.0
+    if not ranged:
+        others = [reading for reading in readings if reading.sigma_range_m is None]
+        at = read_near(others, key.place_ne_m, sight.up_m, key.height_m, np.zeros(2))
+    g = replace(key.ground_of(np.flatnonzero(plain)), sigma_range_m=sigma_range_m)
     if not key.mapped:
         below_plane = np.column_stack([at[:, :2], at[:, 2] - sight.height_m])
-        sigma = settings.relief_m * (RANGED_APART if sight.ranged else 1.0)
-        g = replace(g, readings=below_plane, reading_m=sigma, readings_ranged=sight.ranged)
+        sigma = settings.relief_m * (RANGED_APART if ranged else 1.0)
+        g = replace(g, readings=below_plane, reading_m=sigma, readings_ranged=ranged)
     corners = key.corners[plain]
-    if sight.ranged and len(at):
+    if ranged and len(at):
         pix, seen = _pixels(key, at)
         at, pix = at[seen], pix[seen]
-        ranged = np.concatenate([np.zeros(len(corners), np.bool_), np.ones(len(at), np.bool_)])
+        measured = np.concatenate([np.zeros(len(corners), np.bool_), np.ones(len(at), np.bool_)])
         spread = np.concatenate([g.spread_m, np.full(len(at), settings.range_m)])
-        g = replace(g, at_ned_m=np.vstack([g.at_ned_m, at]), spread_m=spread, ranged=ranged)
+        g = replace(g, at_ned_m=np.vstack([g.at_ned_m, at]), spread_m=spread, ranged=measured)
         corners = np.vstack([corners, pix])
     return replace(key, corners=corners, ground=g)
 

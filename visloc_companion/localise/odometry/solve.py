@@ -195,6 +195,7 @@ def _add_terms(normal: FloatArray, right: FloatArray, ground: Ground, prior: Mot
     for north, east, lower in ground.readings:
         row = np.zeros(UNKNOWNS)
         row[LEVEL], row[SLOPE], row[RANGE] = 1.0, (north, east), -1.0 * ground.readings_ranged
+        row[UP] = 1.0 * ground.readings_ranged
         _add(normal, right, row, lower - float(row @ x), ground.reading_m)
 
 

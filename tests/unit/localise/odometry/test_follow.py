@@ -88,3 +88,20 @@ def test_what_a_rangefinder_read_becomes_points_that_are_followed(odo, field) ->
     height = key_at(odo, field, (0.0, 0.0, -100.0), ranged=False, sigma_height_m=5.0)
     assert with_readings(height, readings, SETTINGS).ground.ranged.sum() == 0
     assert math.isclose(with_readings(height, readings, SETTINGS).ground.reading_m, SETTINGS.relief_m)
+
+
+def test_a_correction_of_the_altitude_moves_nothing_that_a_rangefinder_read(odo, field) -> None:
+    """Of the keyframe's altitude 6 m were added after the distance was read; the instrument stood at 100 m then as now."""
+    key = key_at(odo, field, (0.0, 0.0, -100.0), up_m=106.0, up_added_m=6.0)
+    got = with_readings(key, [Reading((5.0, 0.0), 100.0, 100.0, 0.3)], SETTINGS)
+    assert got.ground.at_ned_m[got.ground.ranged].tolist() == [[5.0, 0.0, 100.0]]
+    assert got.ground.sigma_range_m == 0.3
+
+
+def test_what_a_rangefinder_read_counts_at_a_keyframe_at_which_it_is_silent(odo, field) -> None:
+    silent = key_at(odo, field, (0.0, 0.0, -100.0), ranged=False, sigma_height_m=5.0)
+    by_altitude = Reading((5.0, 5.0), 100.0, 105.0)
+    got = with_readings(silent, [Reading((5.0, 0.0), 100.0, 97.0, 0.3), by_altitude], SETTINGS)
+    assert got.ground.at_ned_m[got.ground.ranged].tolist() == [[5.0, 0.0, 97.0]], "a height that was computed is none"
+    assert (got.ground.sigma_range_m, got.ground.readings_ranged) == (0.3, True)
+    assert got.ground.sigma_up_m == 5.0
