@@ -14,6 +14,14 @@ from visloc_companion.types import Vec2, Vec3
 
 MAX_CLIMB_HELD_S = 1.0
 """A vertical velocity is held no longer than this beyond its sample."""
+JUMP_M, JUMP_MPS = 0.2, 1.0
+"""A height that changes by so much more than its climb is another one: an autopilot turns from one source to another, or comes
+right after it had none."""
+
+
+def jumped_m(step_m: float, dt_s: float) -> float:
+    """What a height that changed by so much more than its climb over a time has jumped by; 0 where it need not have."""
+    return step_m if abs(step_m) >= JUMP_M + JUMP_MPS * dt_s else 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,11 +7,13 @@ from bisect import bisect_right
 from collections import deque
 from typing import NamedTuple
 
+from visloc_companion.core.driving import jumped_m
 from visloc_companion.core.height import HeightBelief, HeightFilter, HeightFix, news_of
 from visloc_companion.core.lasting import apart_m
 from visloc_companion.core.remembered import remember
 from visloc_companion.core.requests import UNKNOWN_HEIGHT_SIGMA_M, height_sigma_m
 from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.core.votes import looked_at
 from visloc_companion.geo.wgs84 import ned_from_geo
 from visloc_companion.types import Fix, GeoPoint, LocaliseRequest, TerrainRequest, Vec2
@@ -22,9 +24,6 @@ MAX_GAP_NS = 1_500_000_000
 LASTS_NS, LASTS_M = 500_000_000, 1.0
 """Without a new fix an answer stands for so long, and over so much of a climb: the barometer walks 0.07 m meanwhile."""
 
-JUMP_M, JUMP_MPS = 0.2, 1.0
-"""A height that changes by so much more than its climb is another one: an autopilot turns from one source to another, or comes
-right after it had none."""
 SAME_JUMP_NS = 1_000_000_000
 OTHER_ZERO = 4.0
 """Before any fix a jump beyond so many sigmas of a height is one to another zero, and the height as good as a first one: PX4
@@ -108,8 +107,8 @@ class HeightAiding:
         fix counts once. Where none has taught anything, heights may begin anew."""
         before_ns, before_m = self._heights[-1]
         dt_s = (t_ns - before_ns) * 1e-9
-        step_m = h_amsl_m - before_m - climb_mps * dt_s
-        if abs(step_m) < JUMP_M + JUMP_MPS * dt_s:
+        step_m = jumped_m(h_amsl_m - before_m - climb_mps * dt_s, dt_s)
+        if not step_m:
             return
         if t_ns - before_ns <= MAX_GAP_NS:  # over a longer one the climb is known too little
             self._steps.append((before_ns, t_ns, step_m))
@@ -148,14 +147,20 @@ class HeightAiding:
         self._last_shown = fix.t_ns, fix.place.h_amsl_m - stated_m
         if fix.above_ground_m is not None:
             self._over_ground = fix.t_ns, fix.above_ground_m - stated_m
-        prior = self._priors.get(fix.request_id)
-        news = (fix.place.h_amsl_m, fix.sigma_h_m**2) if prior is None else news_of(fix.place.h_amsl_m, fix.sigma_h_m, *prior)
+        news = self._news(fix)
         if news is not None:
             h_amsl_m, var_m2 = news
             climbed_m = self._filter.climbed_m(stated_m)
             said = h_amsl_m - stated_m, var_m2, climbed_m, fix.method, fix.probability_wrong
             gone_by_per_s = math.hypot(*v_ne_mps) / apart_m(self._above_home_m)
             self._filter.observe(HeightFix(fix.t_ns, fix.request_id, *said, gone_by_per_s, *self._ground(fix)))
+
+    def _news(self, fix: Fix) -> tuple[float, float] | None:
+        """Height and variance that a fix adds to the prior of its request. Terrain's is of the soundings alone (`TerrainFix`)."""
+        prior = self._priors.get(fix.request_id)
+        if prior is None or fix.method == TERRAIN:
+            return fix.place.h_amsl_m, fix.sigma_h_m**2
+        return news_of(fix.place.h_amsl_m, fix.sigma_h_m, *prior)
 
     def _ground(self, fix: Fix) -> tuple[Vec2, float]:
         """The ground that a fix looks at, metres north and east of the first one's place, and how far on it is other ground."""
@@ -167,10 +172,10 @@ class HeightAiding:
     def own_m(self, fix: Fix) -> tuple[float, float] | None:
         """By how much a fix alone, without the prior of its request, would raise the autopilot's height, and the 1-sigma of that;
         None where it tells next to nothing of it."""
-        stated_m, prior = self._at(fix.t_ns), self._priors.get(fix.request_id)
-        if stated_m is None or prior is None:
+        stated_m = self._at(fix.t_ns)
+        if stated_m is None or fix.request_id not in self._priors:
             return None
-        news = news_of(fix.place.h_amsl_m, fix.sigma_h_m, *prior)
+        news = self._news(fix)
         return None if news is None else (news[0] - stated_m, math.sqrt(news[1]))
 
     def learned_m(self, t_ns: int) -> float:

@@ -1,7 +1,8 @@
 """Dead reckoning for soundings: where the vehicle was against where it is, by the autopilot's velocity alone.
 
 Fixes never correct it: a correction amid a profile of the ground would bend the profile. It begins anew where the velocity had a
-hole, or became another velocity with another error.
+hole, or became another velocity with another error. What the autopilot's height jumps by is taken out: amid a profile a jump of
+5 m would be a step of the ground, which fits tens of metres aside.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from visloc_companion.core.driving import Velocity
+from visloc_companion.core.driving import Velocity, jumped_m
 from visloc_companion.types import Vec2
 
 MAX_GAP_NS = 1_000_000_000
@@ -18,7 +19,8 @@ MAX_GAP_NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """Dead reckoning at a time: metres north and east of where it began, of track flown, and the height above sea level."""
+    """Dead reckoning at a time: metres north and east of where it began, of track flown, and the height above sea level by the
+    autopilot's reckoning when it began."""
 
     t_ns: int
     north_m: float
@@ -40,6 +42,7 @@ class Track:
     def __init__(self) -> None:
         self._velocity: Velocity | None = None
         self._now: Node | None = None
+        self._jumped_m = 0.0
 
     def clear(self) -> None:
         """The track is interrupted."""
@@ -50,10 +53,12 @@ class Track:
         last, now, self._velocity = self._velocity, self._now, velocity
         gap_ns = 0 if last is None else velocity.t_ns - last.t_ns
         if last is None or now is None or last.drive is not velocity.drive or not 0 < gap_ns <= MAX_GAP_NS:
-            self._now = Node(velocity.t_ns, 0.0, 0.0, 0.0, velocity.h_amsl_m)
+            self._now, self._jumped_m = Node(velocity.t_ns, 0.0, 0.0, 0.0, velocity.h_amsl_m), 0.0
             return False
-        (n0, e0, _), (n1, e1, _) = last.v_ned_mps, velocity.v_ned_mps
-        self._now = now.carried(gap_ns, ((n0 + n1) / 2, (e0 + e1) / 2), velocity.h_amsl_m)
+        (n0, e0, d0), (n1, e1, d1) = last.v_ned_mps, velocity.v_ned_mps
+        dt_s = gap_ns * 1e-9
+        self._jumped_m += jumped_m(velocity.h_amsl_m - last.h_amsl_m + (d0 + d1) / 2 * dt_s, dt_s)
+        self._now = now.carried(gap_ns, ((n0 + n1) / 2, (e0 + e1) / 2), velocity.h_amsl_m - self._jumped_m)
         return True
 
     def at(self, t_ns: int) -> Node | None:

@@ -75,6 +75,20 @@ def test_a_fix_is_held_against_the_height_at_its_own_time() -> None:
     assert height.protection_level_m > 3.0
 
 
+def test_terrain_has_no_prior_in_its_height() -> None:
+    """The prior only says where it looks: a fix that knows no more than its prior tells as much as it claims, and one that
+    knows more is not held to lie beyond itself."""
+    for prior_sigma_m in (1.4, 2.0):
+        aiding = climbing()
+        aiding.asked(request(1, 110.0, prior_sigma_m))
+        told = replace(fix(5.0, 113.0, 1.4), method="terrain", footprint_m=None)
+        assert aiding.own_m(told) == pytest.approx((3.0, 1.4))
+        aiding.taken(told, V_NE)
+        offset_m, sigma_m, _ = aiding.known(5 * S, 110.0)
+        assert offset_m == pytest.approx(2.6, abs=0.1), "between 0 at 3.5 m and 3 at 1.4 m"
+        assert sigma_m == pytest.approx(1.3, abs=0.2)
+
+
 def test_priors_rest_on_what_fixes_found() -> None:
     """Offset and 1-sigma of the sum, which grows again where no fix comes."""
     aiding = climbing()

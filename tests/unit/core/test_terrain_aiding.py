@@ -86,6 +86,16 @@ def test_a_tilted_beam_meets_the_ground_aside_and_a_steep_one_is_left_out() -> N
     assert not steep.due(ns(59.9))
 
 
+def test_a_jump_of_the_autopilots_height_does_not_bend_the_stretch() -> None:
+    aiding, enough_s = TerrainAiding(), SHORTEST_M / SPEED_MPS + 10
+    for k in range(round(enough_s / STEP_S)):
+        t = ns(k * STEP_S)
+        aiding.drive(Velocity(t, (SPEED_MPS, 0.0, 0.0), 500.0 if k * STEP_S < enough_s / 2 else 510.0, 0.3, Drive.AUTOPILOT))
+        aiding.on_range(Range(t, t, AGL_M, True), t, LEVEL)
+    rows = asked(aiding, enough_s - STEP_S).soundings
+    assert {row[3] for row in rows} == {0.0}
+
+
 def test_what_did_not_come_back_is_no_sounding() -> None:
     aiding = TerrainAiding()
     flown(aiding, 0.0, 60.0, valid=False)

@@ -27,6 +27,22 @@ def test_it_is_carried_by_the_mean_of_two_velocities_and_held_after_the_last() -
     assert track.at(S + MAX_GAP_NS + 1) is None
 
 
+@pytest.mark.parametrize("jump_m", [5.0, -20.0])
+def test_a_jump_of_the_autopilots_height_is_no_step_of_the_ground(jump_m: float) -> None:
+    """It climbs at 1 m/s throughout; at 10 s another sensor states the height."""
+    track = Track()
+    for k in range(200):
+        h_amsl_m = 500.0 + k / 10 + (jump_m if k >= 100 else 0.0)
+        track.drive(Velocity(k * S // 10, (10.0, 0.0, -1.0), h_amsl_m, 0.3, Drive.AUTOPILOT))
+    node = track.at(round(19.9 * S))
+    assert node is not None
+    assert node.h_amsl_m == pytest.approx(519.9)
+    track.drive(Velocity(30 * S, (10.0, 0.0, -1.0), 530.0 + jump_m, 0.3, Drive.AUTOPILOT))
+    node = track.at(30 * S)
+    assert node is not None
+    assert node.h_amsl_m == pytest.approx(530.0 + jump_m), "it has begun anew"
+
+
 def test_it_begins_anew_after_a_hole_with_another_velocity_and_when_time_goes_back() -> None:
     track = Track()
     track.drive(velocity(0.0, 10.0))
