@@ -3,6 +3,10 @@
 State (7,): error of position (m), velocity (m/s) and acceleration (m/s^2) to the north and east, and of the height (m); each is
 what the dead reckoning says minus the truth. Inertial: the acceleration error (tilt and accelerometer bias) walks, and a turn
 sets the accelerometers' bias free. Odometry: the velocity error is first-order Gauss-Markov and turns with the vehicle.
+
+The barometer walks a metre over a stretch, so a fix tells its error in the middle of the stretch: the update is of that state
+(the walk since is subtracted from its variance), and what it says of the error now follows by their covariance. `then` is that
+state after the update, with its variance: the height with a lag of half a stretch.
 """
 
 from __future__ import annotations
@@ -17,8 +21,9 @@ from visloc_companion.core import kalman
 from visloc_companion.localise.terrain.base import TerrainFix
 from visloc_companion.types import Accepted, FloatArray, Rejected
 
-H = np.zeros((3, 7))
-H[0, 0] = H[1, 1] = H[2, 6] = 1.0
+H = np.zeros((3, 8))
+H[0, 0] = H[1, 1] = H[2, 7] = 1.0
+WALK_M2PS = 2 * facts.BARO_M**2 / facts.BARO_S
 GATE_SIGMA = 5.0
 START_SIGMA_H_M = 10.0
 TURN = 2.0
@@ -33,6 +38,7 @@ class ErrorFilter:
         speed = 0.1 if drift.inertial else math.hypot(facts.SCALE, drift.heading_rad) * facts.SPEED_MPS
         acceleration = 1e-3 if drift.inertial else 1e-6
         self.sigma_v_mps = speed
+        self.then = 0.0, START_SIGMA_H_M**2
         self.x: FloatArray = np.zeros(7)
         self.P: FloatArray = np.diag([sigma_m**2] * 2 + [speed**2] * 2 + [acceleration**2] * 2 + [START_SIGMA_H_M**2])
 
@@ -61,7 +67,7 @@ class ErrorFilter:
             Q[:2, 2:4] += eye * kept * dt_s / 2
             Q[2:4, :2] += eye * kept * dt_s / 2
             Q[4:6, 4:6] += 1e-12 * eye
-        Q[6, 6] = facts.BARO_M**2 * 2 * dt_s / facts.BARO_S
+        Q[6, 6] = WALK_M2PS * dt_s
         self.x, self.P = kalman.predict(self.x, self.P, F, Q, np.zeros(7))
 
     def doubt(self) -> None:
@@ -74,10 +80,15 @@ class ErrorFilter:
         """Take a fix at the time that the filter stands at; `common_m` is the part of its 1-sigma that all fixes share, which the
         states do not hold."""
         R = np.zeros((3, 3))
-        R[:2, :2], R[2, 2] = np.array(fix.cov_ne_m2) - np.eye(2) * common_m**2, fix.sigma_h_m**2 + facts.BARO_NOISE_M**2
+        R[:2, :2], R[2, 2] = np.array(fix.cov_ne_m2) - np.eye(2) * common_m**2, fix.sigma_h_then_m**2
         z = np.array([*(p_dead_reckoned_m - np.array(fix.p_ne_m)), h_indicated_m - fix.h_amsl_m])
-        got = kalman.update(self.x, self.P, z, R, H, gate_sigma=GATE_SIGMA)
+        x, P = np.append(self.x, self.x[6]), np.zeros((8, 8))
+        P[:7, :7] = self.P
+        P[7], P[:, 7] = P[6], P[6]
+        P[6, 7] = P[7, 6] = P[7, 7] = max(float(P[6, 6]) - WALK_M2PS * fix.height_age_s, 1e-6)
+        got = kalman.update(x, P, z, R, H, gate_sigma=GATE_SIGMA)
         if isinstance(got, Rejected):
+            self.then = float(x[7]), float(P[7, 7])
             return got
-        self.x, self.P = got.x, got.P
+        self.x, self.P, self.then = got.x[:7], got.P[:7, :7], (float(got.x[7]), float(got.P[7, 7]))
         return Accepted(got.nis)

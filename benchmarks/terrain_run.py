@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from benchmarks import terrain_flight as facts
-from benchmarks.terrain_filter import ErrorFilter
+from benchmarks.terrain_filter import WALK_M2PS, ErrorFilter
 from benchmarks.terrain_flight import SCAN_S, SPEED_MPS, STEP_S, Flight, beam, scan
 from benchmarks.terrain_world import World
 from visloc_companion.errors import Reason
@@ -35,6 +35,8 @@ SHORTEST_M = {Kind.PATCH: 900.0, Kind.PROFILE: 1500.0}
 LONG_M = {Kind.PATCH: 3000.0, Kind.PROFILE: 6000.0}
 LONGEST_M = {Kind.PATCH: 6000.0, Kind.PROFILE: 12000.0}
 ENOUGH_M = {Kind.PATCH: 4.0, Kind.PROFILE: 6.0}
+AVERAGED = 21
+"""Steps over which the barometer's noise is averaged where a height is told of a time that has passed."""
 CONTENT = 1.6
 """A stretch is matched when the model promises ENOUGH_M as 1-sigma of its worse axis (CONTENT times that from LONG_M on), and at
 LONGEST_M in any case; it ends when a match is accepted. What is refused is joined with what comes."""
@@ -42,11 +44,13 @@ LONGEST_M in any case; it ends when a match is accepted. What is refused is join
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """An answer, the errors of its position (north, east) and height where it has one, where it was and what it cost."""
+    """An answer, the errors of its position (north, east) and height where it has one, where it was and what it cost; `then`: of
+    the height in the middle of its stretch."""
 
     answer: TerrainFix | NoTerrainFix
     error_ne_m: FloatArray
     error_h_m: float
+    error_h_then_m: float
     region: str
     length_m: float
     cpu_ms: float
@@ -54,7 +58,8 @@ class Judged:
 
 @dataclass(slots=True)
 class Outcome:
-    """All stretches of a flight; the filter's errors and sigmas (north, east, height) after each; fixes that it refused."""
+    """All stretches of a flight; the filter's errors and sigmas (north, east, height, height in the middle of the stretch) after
+    each; fixes that it refused."""
 
     judged: list[Judged] = field(default_factory=list)
     filter_error: list[FloatArray] = field(default_factory=list)
@@ -122,7 +127,8 @@ class Run:
         h = float(self.flight.h_indicated_m[step] - x[6])
         sigma_h = math.hypot(math.sqrt(float(P[6, 6])), facts.BARO_NOISE_M)
         return TerrainPrior(
-            (float(place[0]), float(place[1])), cov, h, sigma_h, heading, drift.tilt_rad, sigma_v, sigma_a, wander
+            *((float(place[0]), float(place[1])), cov, h, sigma_h, heading, drift.tilt_rad, sigma_v, sigma_a, wander),
+            math.sqrt(WALK_M2PS),
         )
 
     def stretch(self, measured: list[tuple[FloatArray, FloatArray]], end: int) -> Soundings | None:
@@ -172,19 +178,29 @@ class Run:
         start = time.process_time()
         answer = locate(stretch, prior, self.elevation, settings)
         took = 1e3 * (time.process_time() - start)
-        error, error_h = np.full(2, np.nan), math.nan
+        error, error_h, then_h = np.full(2, np.nan), math.nan, math.nan
+        self.filter.then = float(self.filter.x[6]), float(self.filter.P[6, 6])
+        off_then = self._indicated_off(at - round(float(stretch.age_s.mean()) / STEP_S))
         if isinstance(answer, TerrainFix):
             error = np.array(answer.p_ne_m) - flight.p_ne_m[at]
             error_h = answer.h_amsl_m - float(flight.h_amsl_m[at])
+            off_then = self._indicated_off(at - round(answer.height_age_s / STEP_S))
+            then_h = off_then - float(flight.h_indicated_m[at]) + answer.h_amsl_m
             common = self.elevation.sigma_ne_m
             got = self.filter.observe(answer, self.dead_reckoned[at], float(flight.h_indicated_m[at]), common)
             outcome.gated += isinstance(got, Rejected)
         elif answer.reason is Reason.INCONSISTENT_WITH_PRIOR:
             self.filter.doubt()
-        judged = Judged(answer, error, error_h, region, length, took)
+        judged = Judged(answer, error, error_h, then_h, region, length, took)
         now = self.dead_reckoned[at] - self.filter.x[:2] - flight.p_ne_m[at]
         high = flight.h_indicated_m[at] - self.filter.x[6] - flight.h_amsl_m[at]
-        outcome.filter_error.append(np.array([*now, high]))
-        model = np.array([self.elevation.sigma_ne_m, self.elevation.sigma_ne_m, 0.0])  # which no number of fixes averages away
-        outcome.filter_sigma.append(np.sqrt(np.diag(self.filter.P)[[0, 1, 6]] + np.square(model)))
+        outcome.filter_error.append(np.array([*now, high, off_then - self.filter.then[0]]))
+        common_m2 = self.elevation.sigma_ne_m**2  # which no number of fixes averages away
+        more_m2 = np.array([common_m2, common_m2, facts.BARO_NOISE_M**2, facts.BARO_NOISE_M**2 / AVERAGED])
+        outcome.filter_sigma.append(np.sqrt(np.append(np.diag(self.filter.P)[[0, 1, 6]], self.filter.then[1]) + more_m2))
         return judged
+
+    def _indicated_off(self, step: int) -> float:
+        """By how much the indicated height, averaged over two seconds about a step, is too high."""
+        about = slice(max(step - AVERAGED // 2, 0), step + AVERAGED // 2 + 1)
+        return float(np.mean(self.flight.h_indicated_m[about] - self.flight.h_amsl_m[about]))

@@ -34,6 +34,7 @@ HURST = 0.8
 LONGEST_M, N_OCTAVES = 10_000.0, 9
 FOREST = (0.5, 0.5, 0.35, 0.2)
 """Share of forest by class."""
+MOST_FOREST = 0.95
 TALLEST_M = 25.0
 SIGMA_M = {10.0: 1.0, 20.0: 1.5, 30.0: 2.5}
 SHIFT_M = 1.0
@@ -77,8 +78,8 @@ class World:
         return [CLASSES[k] for k in self.region[rows, cols]]
 
 
-def make_world(seed: int, dem: Path | None = None) -> World:
-    """The world of a seed, over a real elevation model where one is given."""
+def make_world(seed: int, dem: Path | None = None, forest: float = 1.0) -> World:
+    """The world of a seed, over a real elevation model where one is given; `forest` times as much of it is wooded."""
     rng = np.random.default_rng([seed, 1])
     if dem is None:
         n = round(SIDE_M / GRID_M)
@@ -87,14 +88,14 @@ def make_world(seed: int, dem: Path | None = None) -> World:
         ground = _real(dem)
         region, water = _classified(ground), np.zeros(ground.shape, np.bool_)
     shape = ground.shape
-    forest_share = np.array(FOREST, np.float32)[region]
+    forest_share = np.minimum(np.array(FOREST, np.float32) * np.float32(forest), MOST_FOREST)[region]
     rank = _ranked(smooth(rng, shape, 350.0) + 0.5 * smooth(rng, shape, 90.0))
-    forest = (rank < forest_share) & ~water
+    wooded = (rank < forest_share) & ~water
     tall = np.clip(13 + 6 * smooth(rng, shape, 600.0) + 2 * smooth(rng, shape, 40.0), 3, TALLEST_M)
-    through = np.where(forest, np.clip(0.15 + 0.1 * smooth(rng, shape, 250.0), 0.01, 0.4), 1.0)
+    through = np.where(wooded, np.clip(0.15 + 0.1 * smooth(rng, shape, 250.0), 0.01, 0.4), 1.0)
     roughness = np.where(water, 0, np.array([0.8, 0.6, 0.4, 0.3], np.float32)[region])
     detail = smooth(rng, (DETAIL_PX, DETAIL_PX), 15.0, DETAIL_M)
-    canopy = np.where(forest, tall, 0).astype(np.float32)
+    canopy = np.where(wooded, tall, 0).astype(np.float32)
     return World(ground, region, water, canopy, through.astype(np.float32), detail, roughness.astype(np.float32))
 
 

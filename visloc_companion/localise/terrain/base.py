@@ -63,7 +63,7 @@ class TerrainPrior:
 
     `h_amsl_m` is the navigation height (barometer), `sigma_tilt_rad` of roll and pitch each; over the stretch and per axis,
     `sigma_drift_mps` and `sigma_drift_mps2` are of the error of velocity and acceleration, `sigma_wander_m` of what remains
-    of the track's error beside these.
+    of the track's error beside these. `sigma_h_walk` (m/sqrt(s)): the navigation height's error is a random walk of this.
     """
 
     p_ne_m: Vec2
@@ -75,6 +75,7 @@ class TerrainPrior:
     sigma_drift_mps: float = 0.1
     sigma_drift_mps2: float = 0.0
     sigma_wander_m: float = 0.0
+    sigma_h_walk: float = 0.1
 
     def __post_init__(self) -> None:
         numbers = (*self.p_ne_m, *self.cov_ne_m2[0], *self.cov_ne_m2[1], self.h_amsl_m, self.sigma_h_m)
@@ -86,6 +87,8 @@ class TerrainPrior:
 class TerrainFix:
     """Position of the vehicle at `t_ns` from the terrain alone: the prior chose where to look and is not part of the covariance.
 
+    What the soundings tell is by how much the navigation height was off in their mean, `height_age_s` before `t_ns`, with
+    `sigma_h_then_m`; `h_amsl_m` carries that on to `t_ns`, and `sigma_h_m` has what the navigation height walked since.
     `probability_wrong` is the calibrated probability that the place is another one: off by more than `verify.RIGHT_M` and than
     the covariance explains.
     """
@@ -96,6 +99,8 @@ class TerrainFix:
     h_amsl_m: float
     sigma_h_m: float
     probability_wrong: float
+    height_age_s: float
+    sigma_h_then_m: float
     evidence: tuple[tuple[str, float], ...] = ()
 
 

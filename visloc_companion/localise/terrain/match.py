@@ -215,12 +215,15 @@ def _judged(
         return NoTerrainFix(t_ns, *declined, numbers)
     north, east, up = (float(v) for v in best.unknowns[:3])
     (nn, ne), (_, ee) = cov
+    mean_m2, walk_m2 = float(best.covariance[2, 2]) * COVARIANCE_SCALE[1], prior.sigma_h_walk**2
     return TerrainFix(
         t_ns,
         (prior.p_ne_m[0] + north, prior.p_ne_m[1] + east),
         ((float(nn), float(ne)), (float(ne), float(ee))),
         prior.h_amsl_m + up,
-        math.sqrt(best.covariance[2, 2] * COVARIANCE_SCALE[1]),
+        math.sqrt(mean_m2 + walk_m2 * best.walked.now_m2),
         p,
+        best.walked.age_s,
+        math.sqrt(mean_m2 + walk_m2 * best.walked.then_m2),
         numbers,
     )

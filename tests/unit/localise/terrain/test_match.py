@@ -37,6 +37,24 @@ def test_an_offset_of_the_barometer_is_found(world: SimpleNamespace, h_off_m: fl
     assert abs(error(fix, world)[2]) < 0.5
 
 
+def test_a_height_that_drifts_over_the_stretch_is_told_of_its_middle(world: SimpleNamespace) -> None:
+    """The barometer falls by 4 m in 12 s: its mean error over the stretch is that of the middle, 2 m from that of the end."""
+    ground = world.waves(60.0)
+    seen = world.patch(ground)
+    drifting = np.column_stack([seen.points_m[:, :2], seen.points_m[:, 2] + 4.0 * seen.age_s / 12])
+    walking = replace(world.prior(), sigma_h_walk=0.5)
+    fix = locate(replace(seen, points_m=drifting), walking, world.elevation(ground), SETTINGS)
+    assert isinstance(fix, TerrainFix)
+    middle = float(seen.age_s.mean())
+    assert fix.height_age_s == pytest.approx(middle, abs=0.5)
+    assert fix.h_amsl_m + 4.0 * middle / 12 == pytest.approx(world.true_h, abs=0.3)
+    still = locate(seen, replace(walking, sigma_h_walk=0.0), world.elevation(ground), SETTINGS)
+    assert isinstance(still, TerrainFix)
+    assert still.sigma_h_m == still.sigma_h_then_m < fix.sigma_h_then_m
+    assert fix.sigma_h_m**2 - still.sigma_h_m**2 == pytest.approx(0.5**2 * 12 / 3, rel=0.15)
+    assert fix.sigma_h_then_m**2 - still.sigma_h_m**2 < 0.4
+
+
 def test_an_error_of_heading_and_tilt_is_borne(world: SimpleNamespace) -> None:
     ground = world.waves(30)
     seen, angle, tilt = world.patch(ground), 0.03, 0.004
@@ -104,6 +122,19 @@ def test_trees_hardly_lift_the_height(world: SimpleNamespace) -> None:
     off = error(locate(world.patch(ground, trees=0.3, tree_m=22.0), world.prior(), world.elevation(ground), SETTINGS), world)
     assert np.hypot(off[0], off[1]) < 3.0
     assert abs(off[2]) < 1.0
+
+
+def test_low_crowns_that_are_taken_for_ground_are_in_the_sigma_of_the_height(world: SimpleNamespace) -> None:
+    ground = world.waves(30)
+    model = world.elevation(ground)
+    bare = locate(world.patch(ground), world.prior(), model, SETTINGS)
+    bushes = locate(world.patch(ground, trees=0.9, tree_m=5.0), world.prior(), model, SETTINGS)
+    assert isinstance(bare, TerrainFix)
+    assert isinstance(bushes, TerrainFix)
+    lifted_m = world.true_h - bushes.h_amsl_m
+    assert lifted_m > 1.0
+    assert lifted_m < 1.5 * bushes.sigma_h_m
+    assert lifted_m > 2 * bare.sigma_h_m
 
 
 def test_voids_are_left_out(world: SimpleNamespace) -> None:
