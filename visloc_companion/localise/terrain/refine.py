@@ -140,7 +140,7 @@ def _result(fitting: Fitting, unknowns: FloatArray, noise: HeightNoise, weight: 
 PRIOR_BLOCKS = 36.0
 """How many blocks the expected errors are worth against the blocks of this stretch."""
 STANDS = 0.5
-"""Share of the residuals' variance beyond the expected one that is the height's: low crowns that are taken for ground widen it and
+"""Share of the residuals' variance beyond the expected one that is the height's: low crowns taken for ground widen it and
 lift the height by as much (training seeds 100 to 102 over real ground: error over sigma 1.3 without it, from 1 m² on)."""
 NULL_ROUNDS = 12
 SURE = 1e-6
