@@ -74,8 +74,8 @@ def build(
     licence: Annotated[str, typer.Option(help="Licence of the imagery.")] = "",
     capture_date: Annotated[str, typer.Option(metavar="YYYY-MM-DD", help="When it was taken.")] = "",
     ground_height_m: Annotated[
-        float, typer.Option(help="Height of the ground above sea level where there is no surface model.")
-    ] = 0.0,
+        float | None, typer.Option(help="Height of the ground above sea level where there is no surface model; else 0.")
+    ] = None,
     vertical_datum: Annotated[str, typer.Option(metavar="amsl|ellipsoidal", help="What the surface's heights are above.")] = "",
     geoid_undulation_m: Annotated[
         float | None, typer.Option(help="Geoid above the ellipsoid there, for ellipsoidal heights.")
@@ -93,11 +93,18 @@ def build(
     from visloc_companion.prepare.build import build_pack
     from visloc_companion.prepare.check import cloud_info
     from visloc_companion.prepare.dates import bent_dates
-    from visloc_companion.prepare.heights import cloud_above_at_places, described_range, heights_warnings, surface_range
+    from visloc_companion.prepare.heights import (
+        cloud_above_at_places,
+        described_plane,
+        described_range,
+        heights_warnings,
+        surface_range,
+    )
 
     _check_date(capture_date)
-    if not HEIGHTS_M[0] <= ground_height_m <= HEIGHTS_M[1]:
-        raise ConfigError(f"--ground-height-m: no ground is at {ground_height_m:g} m", remedy="name its height above sea level")
+    ground_h_amsl_m = 0.0 if ground_height_m is None else ground_height_m
+    if not HEIGHTS_M[0] <= ground_h_amsl_m <= HEIGHTS_M[1]:
+        raise ConfigError(f"--ground-height-m: no ground is at {ground_h_amsl_m:g} m", remedy="name its height above sea level")
     require_folder(json_file, "--json", *ortho, *(other_dates or ()), *(dsm or ()), *(cloud or ()), out / MANIFEST)
     networks = chosen_networks(model)
     built = out.resolve()  # a pack that is the working folder is another folder when it is built
@@ -114,7 +121,7 @@ def build(
             source=source,
             licence=licence,
             capture_date=capture_date,
-            ground_h_amsl_m=ground_height_m,
+            ground_h_amsl_m=ground_h_amsl_m,
             vertical_datum=_datum(vertical_datum),
             geoid_undulation_m=geoid_undulation_m,
             networks=networks,
@@ -134,6 +141,11 @@ def build(
     pack = PackMap.open(built, verify_hashes=False)
     if (surface := surface_range(pack)) is not None:
         typer.echo(f"surface {described_range(surface)}")
+    if manifest.heights.grid is None:
+        unstated = (
+            ", for want of --dsm, --cloud and --ground-height-m: frames are scaled by it" if ground_height_m is None else ""
+        )
+        typer.echo(f"ground {described_plane(manifest.heights)}{unstated}")
     if (points := cloud_info(manifest)) is not None:
         typer.echo(f"cloud {described_cloud(points)}")
     for warning in (
@@ -175,16 +187,19 @@ def check(
     from visloc_companion.cli.progress import require_folder, write_json
     from visloc_companion.maps.manifest import MANIFEST
     from visloc_companion.prepare.check import check_pack
-    from visloc_companion.prepare.heights import described_range
+    from visloc_companion.prepare.heights import described_plane, described_range
 
     require_folder(json_file, "--json", route, pack / MANIFEST)
-    result = check_pack(_verified(pack), route, margin_m, chosen_networks(model))
+    verified = _verified(pack)
+    result = check_pack(verified, route, margin_m, chosen_networks(model))
     if json_file is not None:
         write_json(json_file, result)
     cells = result["matchability"]
     typer.echo(f"{result['files']} files are as built, content on {result['share_valid']:.1%} of the map")
     if result["surface"] is not None:
         typer.echo(f"surface {described_range(result['surface'])}")
+    if verified.manifest.heights.grid is None:
+        typer.echo(f"ground {described_plane(verified.manifest.heights)}")
     typer.echo(f"{cells['share_matchable']:.0%} of {cells['cells']} cells of {cells['cell_m']:.0f} m can be matched")
     if "route" in result:
         leg = result["route"]
@@ -245,8 +260,8 @@ def _check_date(text: str) -> None:
 
 
 def _described(result: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    from visloc_companion.maps.manifest import OtherDate
-    from visloc_companion.prepare.heights import described_range
+    from visloc_companion.maps.manifest import HeightEntry, OtherDate
+    from visloc_companion.prepare.heights import described_plane, described_range
 
     manifest = result["manifest"]
     bounds, heights = manifest["bounds"], manifest["heights"]
@@ -262,7 +277,7 @@ def _described(result: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "longitude", f"{bounds['west_deg']:.6f} to {bounds['east_deg']:.6f}"
     yield "with content", f"{manifest['share_valid']:.1%}"
     if heights["grid"] is None:
-        yield "heights", f"plane at {heights['plane_amsl_m']:g} m above sea level"
+        yield "heights", described_plane(HeightEntry.model_validate(heights))
     else:
         grid = heights["grid"]
         made = f"made from {heights['source_datum']} heights"

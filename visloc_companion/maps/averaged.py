@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rasterio.windows import Window
 
-from visloc_companion.maps.fills import BELOW_M, HEIGHTS_M, LEAST_PX, RIM_PX
+from visloc_companion.maps.fills import BELOW_M, HEIGHTS_M, LEAST_PX, RIM_PX, no_metres
 from visloc_companion.maps.shown import Shown
 from visloc_companion.types import FloatArray
 
@@ -27,7 +27,7 @@ RIM_SHARE = 0.25
 
 def averaged_holes(dataset: Any, shown: Shown, unit_m: float, lift_m: float, gsd_m: float) -> tuple[str, str] | None:
     """What is wrong, and the remedy, where holes of an open surface model, whose heights are `unit_m` times its values and
-    `lift_m`, were averaged with the ground; None where they were not, or there are hardly any.
+    `lift_m`, were averaged with the ground, or hardly any of these is a height; None where they were not, or few holes are there.
 
     Raises rasterio's errors for damaged pixels.
     """
@@ -35,6 +35,8 @@ def averaged_holes(dataset: Any, shown: Shown, unit_m: float, lift_m: float, gsd
     holes = ~mask | ~np.isfinite(raw)
     values, counts = np.unique(raw[~holes], return_counts=True)
     heights = values * unit_m + lift_m
+    if (said := no_metres(heights, counts)) is not None:
+        return said
     no_land = (heights < HEIGHTS_M[0]) | (heights > HEIGHTS_M[1])
     holes |= np.isin(raw, values[no_land & (counts >= LEAST_PX)])
     ends = [_ends(raw[:, ::sign], holes[:, ::sign]) for sign in (1, -1)]

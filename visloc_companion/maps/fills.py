@@ -23,6 +23,8 @@ BELOW_M, ABOVE_M, HIGH_M = 30.0, 1000.0, 5000.0
 BETWEEN_SHARE, RIM_PX = 0.01, 4
 """... with at most such a share of its own pixels in between: ground and sea have slopes there. Pixels so near to a fill are not
 counted, for resampling has mixed it into them."""
+FILL_SHARE = 0.01
+"""A value above all land that such a share of the pixels has is one that stands for "unknown"."""
 SAME_M, OVERSHOT = 1e-3, 0.2
 """Kernels keep a fill to so much, and cubic ones make more of the step beside it than it is, by no such share of it."""
 
@@ -44,6 +46,21 @@ def undeclared_fill(heights_m: NDArray[Any], used: NDArray[np.bool_], rim: int) 
         if max(LEAST_PX, LEAST_SHARE * known.size) <= n_fill < known.size and n_near <= BETWEEN_SHARE * n_fill:
             return fill
     return None
+
+
+def no_metres(heights_m: NDArray[Any], counts: NDArray[Any]) -> tuple[str, str] | None:
+    """What is wrong, and the remedy, where most of a surface model's heights, each (N,) once and with how many pixels have it, lie
+    above all land: they are in another unit. Single values that many pixels have stand for "unknown" and are left out; below all
+    land lies the floor of the sea."""
+    too_high = heights_m > HEIGHTS_M[1]
+    spread = ~too_high | (counts < FILL_SHARE * counts.sum())
+    if not counts[too_high & spread].sum() > counts[spread].sum() / 2:
+        return None
+    middle = float(np.median(np.repeat(heights_m[spread], counts[spread])))
+    return (
+        f"its heights would be {middle:.0f} m in the median, as no land's are: they are in another unit",
+        "state it: gdal_edit.py -scale 0.01 FILE for centimetres (0.1 for decimetres, 0.001 for millimetres)",
+    )
 
 
 def _commonest(heights_m: NDArray[Any]) -> float:

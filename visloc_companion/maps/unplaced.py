@@ -11,7 +11,7 @@ from visloc_companion.maps.world_file import is_pixel_grid
 
 
 def require_place(path: Path, dataset: Any) -> None:
-    """Refuse an open raster without pixels of its own, a CRS or a georeference. Raises MapError, DatumMissing."""
+    """Refuse an open raster without pixels of its own that are real numbers, a CRS or a georeference. Raises MapError, DatumMissing."""
     where = str(path)
     if not dataset.count:
         inside = list(dataset.subdatasets)
@@ -19,6 +19,12 @@ def require_place(path: Path, dataset: Any) -> None:
             f"holds {len(inside)} rasters, such as {inside[0]}" if inside else "holds no raster",
             where=where,
             remedy=f"take out the one that is meant: gdal_translate '{inside[0]}' NEW.tif" if inside else "name a GeoTIFF",
+        )
+    if any(dtype.startswith("complex") for dtype in dataset.dtypes):
+        raise MapError(
+            "holds complex numbers, as radar's raw pictures do",
+            where=where,
+            remedy="make a picture of them: gdal_calc.py -A FILE --calc='abs(A)' --type=Float32 --outfile NEW.tif",
         )
     if dataset.crs is None and (dataset.gcps[0] or dataset.rpcs):
         how = "ground control points" if dataset.gcps[0] else "a camera model (RPC)"

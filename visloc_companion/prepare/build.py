@@ -101,6 +101,12 @@ def build_pack(
     cloud = pack_cloud(clouds, cloud_crs, grid, vertical_datum, geoid_undulation_m)
     surface = make_surface(surface_sources(dsms, clouds, cloud_crs, spill), grid, vertical_datum, geoid_undulation_m)
     _check_undulation(geoid_undulation_m, surface, cloud)
+    if vertical_datum == "ellipsoidal" and surface is None and cloud is None:
+        raise DatumMissing(
+            "there are no heights but that of the ground, which counts above sea level",
+            where="--vertical-datum ellipsoidal",
+            remedy="--ground-height-m: the ground's height above sea level; or --dsm, --cloud",
+        )
     if warn is not None:
         steps = seams(surface.sources, surface.grid, "surface models" if dsms else "clouds") if surface is not None else []
         coarse = finer_than_first(surface.sources, sources[0].gsd_m) if surface is not None and dsms else []

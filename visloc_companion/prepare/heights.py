@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from visloc_companion.maps.manifest import HeightEntry
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.types import FloatArray
 
@@ -74,6 +75,11 @@ def heights_warnings(above: Sequence[FloatArray]) -> list[str]:
 def described_range(heights: dict[str, Any] | None) -> str:
     """Heights for people; empty where there are none."""
     return "" if heights is None else f"{heights['low_m']:.0f} to {heights['high_m']:.0f} m above sea level"
+
+
+def described_plane(heights: HeightEntry) -> str:
+    """The plane that is the ground of a pack without a surface, for people."""
+    return f"plane at {heights.plane_amsl_m:g} m above sea level"
 
 
 def _above(pack: PackMap, center_map_m: tuple[float, float]) -> FloatArray:

@@ -167,6 +167,27 @@ def test_ellipsoidal_heights_through_the_options(tmp_path: Path, ortho: Path, vi
     assert json.loads((tmp_path / "r.json").read_text())["manifest"]["heights"]["geoid_undulation_m"] == -20.5
 
 
+def test_a_ground_that_nobody_stated_is_told(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:
+    """Without --dsm, --cloud and --ground-height-m the ground lay at 0 m, 430 m below the place, without a word."""
+    base = ("build", "--ortho", ortho, "--out", tmp_path / "pack", "--model", "none")
+    want = "of --dsm, --cloud and --ground-height-m: frames are scaled by it\n"
+    assert f"ground plane at 0 m above sea level, for want {want}" in visloc(*base)[1]
+    assert "ground plane at 0 m above sea level\n" in visloc("check", tmp_path / "pack", "--model", "none")[1]
+    assert "ground plane at 0 m above sea level\n" in visloc(*base, "--ground-height-m", 0)[1]
+    assert "ground plane at 430 m above sea level\n" in visloc(*base, "--ground-height-m", 430)[1]
+    dsm = write(tmp_path / "dsm.tif", np.full((200, 200), 300, np.float32))
+    for command in ((*base, "--dsm", dsm), ("check", tmp_path / "pack", "--model", "none")):
+        assert "plane at" not in visloc(*command)[1]
+
+
+def test_a_datum_of_heights_that_are_not_there_is_refused(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:
+    """The ground's height counts above sea level whatever is said: whoever gave an ellipsoidal one got it 47 m too high."""
+    base = ("build", "--ortho", ortho, "--out", tmp_path / "pack", "--model", "none", "--ground-height-m", 477)
+    with pytest.raises(DatumMissing, match=r"--vertical-datum ellipsoidal: .*; remedy: --ground-height-m"):
+        visloc(*base, "--vertical-datum", "ellipsoidal")
+    assert visloc(*base, "--vertical-datum", "amsl")[0] == 0
+
+
 def test_wrong_options_are_named(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:
     base = ("build", "--ortho", ortho, "--out", tmp_path / "pack")
     with pytest.raises(ConfigError, match=r"--vertical-datum.*amsl or ellipsoidal"):

@@ -112,6 +112,23 @@ def test_rims_of_holes_hide_no_hole(tmp_path: Path, write_raster, scale: float, 
         require_heights(open_dsm(tmp_path / "dsm.tif"))
 
 
+@pytest.mark.parametrize(("per_metre", "dtype"), [(100, np.int32), (1000, np.int32), (100, np.float32)])
+@pytest.mark.parametrize("fill", [None, 99999.0, -9999.0])
+def test_heights_of_another_unit_are_no_holes(
+    tmp_path: Path, write_raster, per_metre: int, dtype: type, fill: float | None
+) -> None:
+    """Centimetres of ground at 430 m were said to be holes that somebody averaged, millimetres to be of another place."""
+    path = tmp_path / "dsm.tif"
+    heights = hills() * per_metre
+    write_raster(path, (heights if fill is None else np.where(HOLE, fill, heights)).astype(dtype), *NORTH, 1.0)
+    with pytest.raises(MapError, match=rf"dsm.tif: its heights would be {per_metre * 0.43:.0f}\d+ m .*; remedy: .* -scale 0.01"):
+        require_heights(open_dsm(path))
+    with rasterio.open(path, "r+") as dsm:
+        dsm.scales = (1 / per_metre,)
+        dsm.nodata = fill
+    require_heights(open_dsm(path))
+
+
 @pytest.mark.parametrize("wild", ["floor", "outliers", "overviews"])
 def test_what_no_land_has_is_no_average(tmp_path: Path, write_raster, wild: str) -> None:
     """The floor of a deep sea, single wrong matches, and overviews that were averaged though the file is not."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from rasterio import Affine
 from rasterio.crs import CRS
 
 from visloc_companion.errors import DatumMissing, MapError
-from visloc_companion.maps.geotiff import files_of, open_ortho
+from visloc_companion.maps.geotiff import files_of, open_dsm, open_ortho
 from visloc_companion.sim.scene import Scene
 
 GREY = np.random.default_rng(4).integers(1, 255, (64, 64), np.uint8)
@@ -55,6 +56,17 @@ def test_a_file_of_several_rasters_names_one(tmp_path: Path) -> None:
             out.write(GREY, 1)
     with pytest.raises(MapError, match=r"a\.gpkg: holds 2 rasters, such as GPKG:.*:(north|south); remedy: .*gdal_translate"):
         open_ortho(path)
+
+
+@pytest.mark.parametrize("open_one", [open_ortho, open_dsm])
+def test_complex_numbers_are_no_picture(tmp_path: Path, open_one: Callable[[Path], object]) -> None:
+    """Their real part was taken for the picture, or for heights, with no more than a ComplexWarning of numpy's."""
+    path = tmp_path / "a.tif"
+    profile = {"width": 64, "height": 64, "count": 1, "dtype": "complex64", "crs": "EPSG:32632"}
+    with rasterio.open(path, "w", "GTiff", transform=Affine(0.5, 0, EAST, 0, -0.5, NORTH), **profile) as out:
+        out.write(GREY.astype(np.complex64), 1)
+    with pytest.raises(MapError, match=r"a\.tif: holds complex numbers, .*; remedy: .*gdal_calc\.py"):
+        open_one(path)
 
 
 PIXELS = {
