@@ -30,11 +30,13 @@ export function stroke(context, path, { color: name, dash = [], width = 3 }) {
 
 const PLATE_FONT = "600 13px system-ui, sans-serif";
 
+// Words beside (x, y), moved in where they would be cut off at a side of the map that (x, y) lies on
 export function plate(context, words, x, y, align = "left") {
   context.save();
   context.font = PLATE_FONT;
-  const wide = context.measureText(words).width + 8;
-  const left = align === "center" ? x - wide / 2 : align === "right" ? x - wide : x;
+  const wide = context.measureText(words).width + 8, most = context.canvas.clientWidth;
+  const wished = align === "center" ? x - wide / 2 : align === "right" ? x - wide : x;
+  const left = x < 0 || x > most ? wished : Math.max(0, Math.min(wished, most - wide));
   context.fillStyle = color("--plate");
   context.fillRect(left, y - 10, wide, 20);
   context.fillStyle = color("--text");
