@@ -152,8 +152,12 @@ def require_pack(config: Config) -> bool:
 
 
 def check_journal_folder(config: Config) -> None:
-    """Make a file in the journal's folder and remove it. Raises JournalError."""
-    _discard(JournalWriter.create(Path(config.journal.folder), JournalHeader({}), max_bytes=config.journal.max_bytes))
+    """Make a journal in the journal's folder and remove it. Raises JournalError, also where the disk is full."""
+    folder = config.journal.folder
+    journal = JournalWriter.create(Path(folder), JournalHeader({}), max_bytes=config.journal.max_bytes)
+    _discard(journal)
+    if journal.problem:
+        raise JournalError(journal.problem, where=folder, remedy="make room, or name another journal.folder")
 
 
 def journal_header(config: Config, started_ns: int) -> JournalHeader:

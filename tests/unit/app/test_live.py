@@ -227,6 +227,19 @@ async def test_a_disk_that_became_read_only_keeps_no_daemon_from_starting_again_
             assert not f.daemon._condition().recording
 
 
+def test_a_disk_without_room_is_found_by_the_check(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A full disk lets a file be made and nothing be written into it: `run --check` and the doctor took it for good."""
+    check_journal_folder(configuration(tmp_path))
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("visloc_companion.app.journal.os.fsync", full)
+    with pytest.raises(JournalError, match=r"journal stopped: No space left on device; remedy: make room"):
+        check_journal_folder(configuration(tmp_path))
+    assert not list(tmp_path.rglob("*.mcap"))
+
+
 class LeapingClock(MonotonicClock):
     """A clock that a fault sets back."""
 
