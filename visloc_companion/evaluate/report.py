@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
@@ -85,8 +85,7 @@ def write_flight_report(
         _answers(record, summary, latency),
         _events(record),
         _definitions(),
-        f"<footer>visloc-companion {escape(__version__)}. Positions are metres north and east of "
-        f"{record.origin.lat_deg:.6f}°, {record.origin.lon_deg:.6f}°; times are seconds of the flight.</footer>",
+        f"<footer>visloc-companion {escape(__version__)}. {_origin(record)}Times are seconds of the flight.</footer>",
     ]
     page = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
@@ -157,6 +156,8 @@ def _maps(
     strayed: tuple[FloatArray, FloatArray] | None,
     faults: Sequence[tuple[float, float]] | None,
 ) -> str:
+    if not _is_anywhere(record) and baseline is None:
+        return "<h2>Map</h2><p>Nobody knew a position in this flight.</p>"
     lost = _lost(record, faults)
     moved = rebased(baseline, record.origin) if baseline is not None else None
     view = flight_view(record, moved)
@@ -175,6 +176,16 @@ def _maps(
         map_legend(moved, view, "baseline", "true track without the daemon"),
     )
     return f'<h2>Map</h2><div class="two">{own}{other}</div>'
+
+
+def _origin(record: FlightRecord) -> str:
+    place = f"{record.origin.lat_deg:.6f}°, {record.origin.lon_deg:.6f}°"
+    return f"Positions are metres north and east of {place}. " if _is_anywhere(record) else ""
+
+
+def _is_anywhere(record: FlightRecord) -> bool:
+    tracks = (record.truth.p_ned_m, record.estimate_ned_m, record.gnss.p_ned_m)
+    return any(bool(np.isfinite(track).all(axis=1).any()) for track in tracks)
 
 
 def _lost(record: FlightRecord, faults: Sequence[tuple[float, float]] | None) -> Moment | None:
@@ -239,9 +250,8 @@ def _off(record: FlightRecord) -> str:
 
 
 def _events(record: FlightRecord) -> str:
-    reasons = {float(t): names for t, names in zip(record.t_s, record.reasons, strict=True)}
     verdicts = [
-        (_n(f"{start:.1f}"), escape(name), _n(f"{stop - start:.1f}"), escape(", ".join(reasons.get(start, ()))))
+        (_n(f"{start:.1f}"), escape(name), _n(f"{stop - start:.1f}"), escape(", ".join(_reasons(record, start, stop, name))))
         for start, stop, name in spans(record, record.verdicts)
     ]
     modes = [
@@ -253,6 +263,15 @@ def _events(record: FlightRecord) -> str:
     left = _titled("GNSS verdict", _table(("from s|n", "verdict", "for s|n", "reasons"), verdicts))
     right = _titled("Mode", _table(("from s|n", "mode", "for s|n"), modes))
     return f'<h2>Verdicts and modes</h2><div class="two">{left}{right}</div>'
+
+
+def _reasons(record: FlightRecord, start_s: float, stop_s: float, verdict: str) -> list[str]:
+    """Of the epochs of a verdict that lasted from one time to another all reasons, those that most epochs had first."""
+    lasted = Counter[str]()
+    for n in np.flatnonzero((record.t_s >= start_s) & (record.t_s <= stop_s)):
+        if record.verdicts[n] == verdict:
+            lasted.update(record.reasons[n])
+    return [name for name, _ in lasted.most_common()]
 
 
 def _titled(heading: str, table: str) -> str:

@@ -117,6 +117,25 @@ def test_a_flight_without_anything_is_still_a_page(synthetic: ModuleType, tmp_pa
     assert "true track" in page_of(synthetic.make_baseline(), tmp_path)
 
 
+def test_a_verdict_has_all_its_reasons(synthetic: ModuleType, tmp_path: Path) -> None:
+    """That of its first epoch stood for all: a receiver that had no fix for 86 s was "probation"."""
+    record = synthetic.make_record(20.0)
+    n = len(record.t_s)
+    bad = (("probation",),) * 2 + (("no_fix", "few_satellites"),) * (n - 12) + (("few_satellites",),) * 9 + ((),)
+    page = page_of(replace(record, verdicts=("denied",) * (n - 1) + ("ok",), reasons=bad), tmp_path)
+    assert re.search(r"<td>denied</td><td[^>]*>\d+\.\d</td><td>few_satellites, no_fix, probation</td>", page)
+    assert re.search(r"<td>ok</td><td[^>]*>0\.0</td><td></td>", page)
+
+
+def test_a_flight_whose_place_nobody_knew_has_no_map_of_one(synthetic: ModuleType, tmp_path: Path) -> None:
+    """It had a blank grid, and positions were said to be metres from 0° N 0° E."""
+    record = synthetic.make_record(20.0)
+    none = Track(np.zeros(0), np.zeros((0, 3)))
+    nowhere = np.full_like(record.estimate_ned_m, np.nan)
+    page = page_of(replace(record, estimate_ned_m=nowhere, truth_ned_m=nowhere, truth=none, gnss=none, fixes=()), tmp_path)
+    assert "Nobody knew a position" in page and "north and east of" not in page and 'aria-label="Map' not in page
+
+
 def test_the_error_curve_is_where_the_error_is(synthetic: ModuleType, tmp_path: Path) -> None:
     """The highest point of the error's path is the largest error, on the chart's log axis."""
     record = synthetic.make_record()
