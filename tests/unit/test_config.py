@@ -64,6 +64,15 @@ def test_coefficients_that_do_not_fit_the_lens_are_told(camera: dict[str, object
         parse_config({"camera": camera})
 
 
+def test_a_delay_in_milliseconds_is_refused(tmp_path: Path) -> None:
+    """No fix that is 6 s old is of use: with 50 for 50 ms none was ever taken, and `run --check` had nothing against it."""
+    path = tmp_path / "visloc.toml"
+    path.write_text("[camera]\nlatency_s = 50\n")
+    with pytest.raises(ConfigError, match=r"visloc\.toml: camera\.latency_s: .*less than or equal to 5 \(got 50\)"):
+        load_config(path)
+    assert parse_config({"camera": {"latency_s": 2.5}}).camera.latency_s == 2.5
+
+
 def test_unreadable_and_broken_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"absent.toml: cannot be read"):
         load_config(tmp_path / "absent.toml")

@@ -33,11 +33,11 @@ class Ground:
     has_surface: bool
 
 
-def open_pack(config: Config) -> Ground:
+def open_pack(config: Config, *, verify_hashes: bool = False) -> Ground:
     """The configured pack. Raises MapError."""
     from visloc_companion.maps.pack import PackMap
 
-    return ground_of(PackMap.open(Path(config.map.pack), verify_hashes=False))
+    return ground_of(PackMap.open(Path(config.map.pack), verify_hashes=verify_hashes))
 
 
 def ground_of(pack: PackMap) -> Ground:

@@ -9,6 +9,7 @@ from typing import Any
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.computer import serial_device, serial_problem
 from visloc_companion.app.constructors import CONSTRUCTORS
+from visloc_companion.app.ground_check import open_pack
 from visloc_companion.app.parts import (
     Constructors,
     check_calibration,
@@ -33,7 +34,8 @@ def preflight(config: Config, make: Constructors = CONSTRUCTORS) -> tuple[list[V
         try:
             check()
         except VislocError as problem:
-            problems.append(problem)
+            if str(problem) not in map(str, problems):  # a lens that cannot be is found by camera and localiser
+                problems.append(problem)
 
     def open_worker() -> None:
         nonlocal about
@@ -50,6 +52,8 @@ def preflight(config: Config, make: Constructors = CONSTRUCTORS) -> tuple[list[V
         attempt(lambda: check_calibration(config, make.camera(config, clock)))
     if config.camera.url or config.localiser.terrain:
         attempt(open_worker)
+    elif config.map.pack:  # held against GNSS on the ground
+        attempt(lambda: open_pack(config, verify_hashes=config.map.verify_hashes))
     if config.journal.folder:
         attempt(lambda: check_journal_folder(config))
     if config.status.socket:

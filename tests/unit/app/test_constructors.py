@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +16,7 @@ from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.constructors import make_link
 from visloc_companion.app.preflight import preflight
 from visloc_companion.config import Config, parse_config
-from visloc_companion.errors import ConfigError
+from visloc_companion.errors import ConfigError, HashMismatch
 
 
 def link_of(config: Config) -> PymavlinkLink:
@@ -86,6 +87,29 @@ def test_what_contradicts_itself_stands_against_the_start(told: dict[str, Any], 
 def test_what_is_not_used_does_not() -> None:
     assert preflight(parse_config({"injection": {"gnss_source_set": 2, "px4_gps_ctrl": 0}}))[0] == []
     assert preflight(parse_config({"injection": {"switch_source": True}}))[0] == []
+
+
+def test_a_map_is_looked_at_without_a_camera_too(tmp_path: Path, tiny_world: Any) -> None:
+    """GNSS is held against it on the ground; a pack that lacked a file, or had another's pixels, passed the check."""
+    pack = tmp_path / "pack"
+    shutil.copytree(tiny_world.pack, pack)
+    settings = {"map": {"pack": str(pack)}}
+    assert preflight(parse_config(settings))[0] == []
+    whole = (pack / "ortho.tif").read_bytes()
+    (pack / "ortho.tif").write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+    (problem,) = preflight(parse_config(settings))[0]
+    assert isinstance(problem, HashMismatch) and "ortho.tif" in str(problem)
+    assert preflight(parse_config({"map": settings["map"] | {"verify_hashes": False}}))[0] == []
+    (pack / "ortho.tif").unlink()
+    assert "ortho.tif: the pack lacks this file" in str(preflight(parse_config(settings))[0][0])
+
+
+def test_a_problem_is_told_once(tiny_world: Any) -> None:
+    """A focal length in millimetres stood there twice, as the camera's and the localiser's."""
+    camera = {"url": "tcp:127.0.0.1:5600", "fx_px": 3.6, "fy_px": 3.6}
+    told = {"map": {"pack": str(tiny_world.pack)}, "camera": camera, "localiser": {"method": "gradient"}}
+    (problem,) = preflight(parse_config(told))[0]
+    assert "camera.fx_px: 3.6 px are a view of 179°" in str(problem)
 
 
 def test_positions_stay_near_the_map_and_its_middle_may_become_the_origin(monkeypatch: pytest.MonkeyPatch) -> None:

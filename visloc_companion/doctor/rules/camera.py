@@ -239,7 +239,7 @@ def _latency(camera: CameraConfig, facts: Facts) -> Finding:
     read = f"camera.latency_s = {camera.latency_s:g}"
     unstated = _is_device(camera) and camera.latency_s == 0
     if camera.latency_s > 0.5:
-        return red(f"{read}: too old to be used")
+        return red(f"{read}: send the newest frame, not what waits in a buffer")
     return amber(read) if unstated else green(read)
 
 
