@@ -66,7 +66,7 @@ class CameraConfig(Section):
     mask_sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
     """SHA-256 of that file; where it is not stated, that of the file as it is at the start, which journals keep."""
     latency_s: Annotated[float, Field(ge=0, le=5)] = 0.0
-    """Time from mid-exposure to arrival, where the camera gives no time stamp: seconds. What is 6 s old is of no use to the filter."""
+    """Seconds from mid-exposure to arrival, where the camera gives no time stamp. What is 6 s old is of no use to the filter."""
     readout_ms: Annotated[float, Field(ge=-200, le=200)] = 0.0
     """Time from the first row of an image to the last where the shutter rolls (often 10 to 40 ms; the sensor's data sheet says);
     negative where the image is turned upside down after it was read. Frames count from their middle row."""

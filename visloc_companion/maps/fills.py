@@ -49,9 +49,9 @@ def undeclared_fill(heights_m: NDArray[Any], used: NDArray[np.bool_], rim: int) 
 
 
 def no_metres(heights_m: NDArray[Any], counts: NDArray[Any]) -> tuple[str, str] | None:
-    """What is wrong, and the remedy, where most of a surface model's heights, each (N,) once and with how many pixels have it, lie
-    above all land: they are in another unit. Single values that many pixels have stand for "unknown" and are left out; below all
-    land lies the floor of the sea."""
+    """What is wrong, and the remedy, where most of a surface model's heights, each (N,) once and how many pixels have it, lie
+    above all land: they are in another unit. Single values that many pixels have stand for "unknown" and are left out; below
+    all land lies the floor of the sea."""
     too_high = heights_m > HEIGHTS_M[1]
     spread = ~too_high | (counts < FILL_SHARE * counts.sum())
     if not counts[too_high & spread].sum() > counts[spread].sum() / 2:

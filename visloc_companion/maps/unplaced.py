@@ -11,7 +11,7 @@ from visloc_companion.maps.world_file import is_pixel_grid
 
 
 def require_place(path: Path, dataset: Any) -> None:
-    """Refuse an open raster without pixels of its own that are real numbers, a CRS or a georeference. Raises MapError, DatumMissing."""
+    """Refuse an open raster without pixels of its own and real, a CRS or a georeference. Raises MapError, DatumMissing."""
     where = str(path)
     if not dataset.count:
         inside = list(dataset.subdatasets)
