@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 # As in visloc's own commands: matrices are small, and there are several processes of tests.
 export OPENBLAS_NUM_THREADS ?= 1
+# What is compiled is kept: else every process of tests, and all those that tests start, compiles the package anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: install install-train demo test test-train lint bench sitl clean
 
@@ -26,10 +28,10 @@ demo: install
 	$(BIN)/visloc demo
 
 test: install
-	$(BIN)/pytest -n 3 --dist loadgroup # on two cores: some tests wait
+	$(BIN)/pytest -n 3 --dist loadfile # on two cores: some tests wait; tests/distribution.py
 
 test-train: install-train
-	$(BIN)/pytest -n 2 --dist loadgroup tests/unit/train
+	$(BIN)/pytest -n 2 --dist loadfile tests/unit/train
 
 lint: install
 	$(BIN)/ruff check .
