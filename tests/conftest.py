@@ -12,10 +12,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+import cv2
 import pytest
 from hypothesis import settings
 
 if TYPE_CHECKING:
+    from xdist.remote import Producer
+
+    from tests.distribution import FilesTogether
     from visloc_companion.prepare.world import ProceduralWorld
 
 settings.register_profile("unhurried", deadline=None)  # the machines are shared: how long an example takes says nothing
@@ -53,10 +57,32 @@ def kept_world(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Proced
     return kept
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> FilesTogether | None:
+    """Instead of pytest-xdist's own `--dist loadfile`."""
+    from tests.distribution import FilesTogether
+
+    return FilesTogether(config, log) if config.getvalue("dist") == "loadfile" else None
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """In the order in which they are dealt out; one process alone runs them as pytest-randomly has them."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        from tests.distribution import long_ones_first
+
+        long_ones_first(items)
+
+
 def pytest_collection_finish() -> None:
-    """What was imported stays: no collection of garbage, and no search for tasks, need look at it again."""
+    """What was imported stays: no collection of garbage, and no search for tasks, need look at it again.
+
+    What a flight notes is no garbage either: it was gone through some six hundred times in two minutes of flight. OpenCV has one
+    thread, as in the worker that flies: there are several processes of tests.
+    """
     gc.collect()
     gc.freeze()
+    gc.set_threshold(20_000, 50, 50)
+    cv2.setNumThreads(1)
 
 
 @pytest.fixture(autouse=True)

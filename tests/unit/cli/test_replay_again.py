@@ -32,7 +32,6 @@ app = typer.Typer()
 app.command("replay")(replay)
 app.command("sim")(sim)
 PLACE = GeoPoint(47.0, 8.0, 500.0)
-pytestmark = pytest.mark.xdist_group("replay_again")  # so that the flight is flown once
 
 
 def run(*arguments: str | Path) -> tuple[int, str]:

@@ -11,7 +11,6 @@ from visloc_companion.sim.flight import FlightLog
 from visloc_companion.types import TerrainRequest
 
 SECONDS = 160.0
-pytestmark = pytest.mark.xdist_group("terrain_flight")  # so that the flight is flown once
 
 
 @pytest.fixture(scope="module")
