@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from random import Random
-from typing import Literal
+from typing import Any, Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -90,7 +89,7 @@ class BuiltInAutopilot:
 
     def receive(self, data: bytes) -> None:
         """Take bytes of the companion; garbage is skipped. Answers are in `outgoing()`."""
-        for message in self._mav.parse_buffer(data) or []:
+        for message in (self._mav.parse_buffer(data) or []) if data else []:
             for answer in self._receiver.take(message, self.t_boot_ns):
                 self._send(answer)
         self._send_requested()
@@ -135,19 +134,27 @@ class BuiltInAutopilot:
         if not self._receiver.requested:
             return
         wanted, self._receiver.requested = self._receiver.requested, []
-        snapshot = self._snapshot()
-        if mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR in wanted:
-            snapshot = replace(snapshot, range=self._ranged())
-        if mavlink.MAVLINK_MSG_ID_SCALED_IMU in wanted:
-            snapshot = replace(snapshot, force_frd_mps2=self._accelerometer.measured(self.flight.body, self.t_s))
-        if mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE in wanted and self.flight.plan.vehicle == "plane":
-            snapshot = replace(snapshot, airspeed_mps=self._pitot.measured_mps(self.flight.body, self.flight.wind_ned_mps))
-        if self._gimbal is not None and not self.faults.gimbal_silent(self.t_s):
-            snapshot = replace(snapshot, q_heading_gimbal=self._gimbal.said)
+        snapshot = self._snapshot(wanted)
         for message_id in wanted:
             message = BUILDERS[message_id](snapshot)
             if message is not None:
                 self._send(message)
+
+    def _asked_for(self, wanted: Sequence[int]) -> dict[str, Any]:
+        """The fields of a snapshot that take work, or of which a sensor keeps count, where one of these messages tells them."""
+        flight, fields = self.flight, dict[str, Any]()
+        if mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT in wanted:
+            told = self.kind is AutopilotKind.ARDUPILOT or flight.health().position_ok
+            fields["place"] = flight.place if told else None
+        if mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR in wanted:
+            fields["range"] = self._ranged()
+        if mavlink.MAVLINK_MSG_ID_SCALED_IMU in wanted:
+            fields["force_frd_mps2"] = self._accelerometer.measured(flight.body, self.t_s)
+        if mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE in wanted and flight.plan.vehicle == "plane":
+            fields["airspeed_mps"] = self._pitot.measured_mps(flight.body, flight.wind_ned_mps)
+        if self._gimbal is not None and not self.faults.gimbal_silent(self.t_s):
+            fields["q_heading_gimbal"] = self._gimbal.said
+        return fields
 
     def _send(self, message: Message) -> None:
         self._out += message.pack(self._mav)
@@ -241,7 +248,8 @@ class BuiltInAutopilot:
             return None
         return Ranged(sensor.measured_m(truth.place, truth.q_ned_frd, self._range_rng), sensor.min_m, sensor.max_m)
 
-    def _snapshot(self) -> Snapshot:
+    def _snapshot(self, wanted: Sequence[int] = ()) -> Snapshot:
+        """The state, with all that these messages tell of it."""
         flight, plan = self.flight, self.flight.plan
         f, health = flight.filter, flight.health()
         return Snapshot(
@@ -251,7 +259,6 @@ class BuiltInAutopilot:
             rates_radps=flight.attitude.rates(flight.body),
             p_ned_m=(f.north.p_now, f.east.p_now, f.down.p_now),
             v_ned_mps=(f.north.v_now, f.east.v_now, f.down.v_now),
-            place=flight.place if plan.kind is AutopilotKind.ARDUPILOT or health.position_ok else None,
             home=GeoPoint(plan.home.lat_deg, plan.home.lon_deg, flight.zero_amsl_m),
             origin=flight.origin,
             local=flight.local_position_sent,
@@ -265,4 +272,5 @@ class BuiltInAutopilot:
             custom_mode=custom_mode(plan.kind, plan.vehicle, flight.phase),
             armed=flight.phase != "landed" and not (flight.phase == "by_hand" and flight.body.landed),
             failsafe=self._failsafe.text is not None,
+            **self._asked_for(wanted),
         )

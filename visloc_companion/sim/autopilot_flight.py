@@ -69,6 +69,8 @@ class Flight:
         self.phase: Phase = "by_hand"
         self.origin: GeoPoint | None = None
         self.gnss: GnssSample | None = None
+        self.gnss_place: GeoPoint | None = None
+        """The place that the receiver reports (its last one without a fix), None before the first fix."""
         self.pulled_m = 0.0
         self.zero_amsl_m = plan.home.h_amsl_m
         """How high above the sea the autopilot takes the zero of its barometer, home's ground, to lie."""
@@ -151,6 +153,7 @@ class Flight:
         sample = self._receiver.sample(self.t_s, (b.north, b.east, b.down), (b.v_north, b.v_east, b.v_down), effect)
         self.gnss = sample
         self._had_fix |= sample.has_fix
+        self.gnss_place = geo_from_ned(sample.p_ned_m, self.plan.home) if self._had_fix else None
         if sample.has_fix and self.origin is None:
             home, by_gnss = self.plan.home, self.plan.kind is AutopilotKind.ARDUPILOT
             self.set_origin(replace(home, h_amsl_m=home.h_amsl_m - sample.false_ned_m[2]) if by_gnss else home)
@@ -222,13 +225,6 @@ class Flight:
             return None
         p = (self.filter.north.p_now, self.filter.east.p_now, self.filter.down.p_now)
         return geo_from_autopilot_ned(self.plan.kind, p, self.origin)
-
-    @property
-    def gnss_place(self) -> GeoPoint | None:
-        """The place that the receiver reports (its last one without a fix), None before the first fix."""
-        if self.gnss is None or not self._had_fix:
-            return None
-        return geo_from_ned(self.gnss.p_ned_m, self.plan.home)
 
     def truth(self, t_boot_ns: int) -> Truth:
         """The true state."""

@@ -36,7 +36,8 @@ class Ranged:
 class Snapshot:
     """The autopilot's state as it knows it. `place` is None where it sends no global position, `local` where no local one.
 
-    `home` is as high as it takes the ground there to be. `dated`: whether its receiver has ever told it the time.
+    `home` is as high as it takes the ground there to be. `dated`: whether its receiver has ever told it the time. From `place` on
+    a field is as it is only where a message that tells it is to be sent.
     """
 
     kind: AutopilotKind
@@ -45,7 +46,6 @@ class Snapshot:
     rates_radps: Vec3
     p_ned_m: Vec3
     v_ned_mps: Vec3
-    place: GeoPoint | None
     home: GeoPoint
     origin: GeoPoint | None
     local: bool
@@ -59,6 +59,7 @@ class Snapshot:
     custom_mode: int
     armed: bool
     failsafe: bool
+    place: GeoPoint | None = None
     range: Ranged | None = None
     force_frd_mps2: Vec3 | None = None
     airspeed_mps: float = 0.0
