@@ -191,7 +191,10 @@ def _finish(out: Values, share: Values, chunk: _Chunk, values: Values, valid: ND
         size = chunk.shape[::-1]
         out, share = cv2.resize(out, size, interpolation=cv2.INTER_AREA), cv2.resize(share, size, interpolation=cv2.INTER_AREA)
     np.greater(share, 127, out=valid)
-    values[valid] = out[valid]
+    if valid.all():
+        values[...] = out
+    else:
+        values[valid] = out[valid]
 
 
 def _source(layer: Layer, level: int, pix: FloatArray) -> tuple[Values, Validity, FloatArray] | None:
