@@ -6,7 +6,8 @@ of 30 m.
 
 from __future__ import annotations
 
-import sys
+import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib.cbook
@@ -20,8 +21,11 @@ WHOLE = 0.9
 """Rows and columns of which so much is known are kept: the corners are turned away."""
 
 
-def main() -> None:
+def main(argv: Sequence[str] | None = None) -> None:
     """Read, project, write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("file", type=Path, metavar="FILE")
+    path = parser.parse_args(argv).file
     sample = matplotlib.cbook.get_sample_data("jacksboro_fault_dem.npz")
     heights = sample["elevation"].astype(np.float32)
     west, east, *parallels = (float(sample[name]) for name in ("xmin", "xmax", "ymin", "ymax"))
@@ -46,7 +50,7 @@ def main() -> None:
     kept = projected[first_row:last_row, first:last]
     at = from_origin(transform.c + first * CELL_M, transform.f - first_row * CELL_M, CELL_M, CELL_M)
     shape = {"height": kept.shape[0], "width": kept.shape[1], "count": 1, "dtype": "float32"}
-    with rasterio.open(Path(sys.argv[1]), "w", driver="GTiff", crs=CRS, transform=at, nodata=np.nan, **shape) as out:
+    with rasterio.open(path, "w", driver="GTiff", crs=CRS, transform=at, nodata=np.nan, **shape) as out:
         out.write(kept, 1)
 
 

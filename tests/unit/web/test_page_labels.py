@@ -8,7 +8,8 @@ LABELLED = """
 globalThis.getComputedStyle = () => ({ getPropertyValue: () => "black" });
 globalThis.document = { documentElement: {} };
 const boxes = [], nothing = () => 0;
-const own = { measureText: (words) => ({ width: 7 * words.length }), fillRect: (x, y, w) => boxes.push([x, x + w]) };
+const canvas = { clientWidth: 300 }, measureText = (words) => ({ width: 7 * words.length });
+const own = { canvas, measureText, fillRect: (x, y, w) => boxes.push([x, x + w]) };
 const context = new Proxy(own, { get: (own, key) => own[key] ?? nothing, set: () => true });
 const { gnss } = await import("%s");
 for (const x of [100, 290]) gnss(context, { width: 300, pixel: () => [x, 50] }, [0, 0], null, "not_trusted");
